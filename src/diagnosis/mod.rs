@@ -1,0 +1,307 @@
+//! The diagnosis of one loop, pure: `gate -> region -> denoise -> search over f (friction + armax) ->
+//! evidence -> verdict`. No clock, no files, no randomness: the same record gives the same diagnosis.
+
+use crate::signal::{Record, Window};
+use std::fmt;
+
+/// Thresholds and sizes of a diagnosis; the defaults are what every published result uses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Least f that counts as stiction [% of OP span].
+    pub f_threshold: f64,
+    /// Least evidence `delta_aic` that counts as stiction [-].
+    pub evidence_threshold: f64,
+    /// Samples taken from the most regular stretch.
+    pub window_samples: usize,
+    /// Fewest samples a diagnosis is tried on.
+    pub min_samples: usize,
+    /// Largest share of samples that may be missing or bad [0..1].
+    pub max_gap_share: f64,
+    /// Sample period to resample to [s]; `None` takes the median of the stamps.
+    pub ts: Option<f64>,
+    /// Longest process delay searched [samples].
+    pub max_delay: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            f_threshold: 0.05,
+            evidence_threshold: 20.0,
+            window_samples: 1000,
+            min_samples: 200,
+            max_gap_share: 0.2,
+            ts: None,
+            max_delay: 10,
+        }
+    }
+}
+
+/// Why nothing can be said about the valve.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NotIdentifiable {
+    /// Fewer usable samples than the settings ask for.
+    TooShort {
+        /// Usable samples.
+        n: usize,
+        /// Samples needed.
+        need: usize,
+    },
+    /// The stamps give no sampling period (all equal, or not finite).
+    NoTimeBase,
+    /// More missing or bad samples than allowed.
+    Gaps {
+        /// Share missing [0..1].
+        share: f64,
+    },
+    /// OP does not move.
+    FlatOp,
+    /// PV does not move.
+    FlatPv,
+    /// OP sits at a limit for too much of the window.
+    Saturated {
+        /// Share at a limit [0..1].
+        share: f64,
+    },
+    /// The loop is not in automatic for enough of the window.
+    Manual {
+        /// Share in automatic [0..1].
+        share_auto: f64,
+    },
+    /// OP reverses too seldom or by too little to say anything about friction.
+    NotExcited {
+        /// Reversals of OP larger than its noise.
+        reversals: usize,
+    },
+    /// OP moves but PV shows no response to it at any friction: stuck throughout, or not this loop's valve.
+    NoResponse,
+    /// Values too large or too small to compute with.
+    OutOfScale,
+    /// The run's deadline passed or it was asked to stop.
+    DeadlineExceeded,
+}
+
+impl NotIdentifiable {
+    /// The stable, machine-readable name of the reason.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::TooShort { .. } => "too_short",
+            Self::NoTimeBase => "no_time_base",
+            Self::Gaps { .. } => "gaps",
+            Self::FlatOp => "flat_op",
+            Self::FlatPv => "flat_pv",
+            Self::Saturated { .. } => "saturated",
+            Self::Manual { .. } => "manual",
+            Self::NotExcited { .. } => "not_excited",
+            Self::NoResponse => "no_response",
+            Self::OutOfScale => "out_of_scale",
+            Self::DeadlineExceeded => "deadline_exceeded",
+        }
+    }
+}
+
+impl fmt::Display for NotIdentifiable {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooShort { n, need } => write!(out, "too short: {n} usable samples, {need} needed"),
+            Self::NoTimeBase => write!(out, "no time base: the stamps give no sampling period"),
+            Self::Gaps { share } => write!(
+                out,
+                "gaps: {:.0} % of the samples are missing or bad",
+                share * 100.0
+            ),
+            Self::FlatOp => write!(out, "flat OP: the controller output does not move"),
+            Self::FlatPv => write!(out, "flat PV: the process variable does not move"),
+            Self::Saturated { share } => {
+                write!(
+                    out,
+                    "saturated: OP at a limit for {:.0} % of the window",
+                    share * 100.0
+                )
+            }
+            Self::Manual { share_auto } => {
+                write!(
+                    out,
+                    "manual: in automatic for only {:.0} % of the window",
+                    share_auto * 100.0
+                )
+            }
+            Self::NotExcited { reversals } => {
+                write!(
+                    out,
+                    "not excited: OP reverses {reversals} times by more than its noise"
+                )
+            }
+            Self::NoResponse => write!(out, "no response: PV does not follow OP at any friction"),
+            Self::OutOfScale => write!(out, "out of scale: values too large or too small to compute with"),
+            Self::DeadlineExceeded => write!(out, "deadline exceeded before the fit was done"),
+        }
+    }
+}
+
+/// What the data says about the valve.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// f above the threshold, with enough evidence.
+    Stiction,
+    /// The model without friction explains the data as well.
+    NoStiction,
+    /// The data cannot tell, and why: never the same as healthy.
+    NotIdentifiable(NotIdentifiable),
+}
+
+impl Verdict {
+    /// The verdict as the report writes it.
+    pub fn as_str(&self) -> &'static str {
+        match self {
+            Self::Stiction => "stiction",
+            Self::NoStiction => "no_stiction",
+            Self::NotIdentifiable(_) => "not_identifiable",
+        }
+    }
+}
+
+/// How the record became the window that was fitted.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Preparation {
+    /// Time of the first fitted sample [s].
+    pub start: f64,
+    /// Time of the last fitted sample [s].
+    pub end: f64,
+    /// Samples fitted.
+    pub n: usize,
+    /// Sample period of the fitted window [s].
+    pub ts: f64,
+    /// Share of grid points that were missing or bad and interpolated [0..1].
+    pub gap_share: f64,
+    /// Worst time between an OP sample and the PV sample it is paired with [s].
+    pub worst_skew: f64,
+    /// Samples dropped because their stamp repeats an earlier one.
+    pub duplicates: usize,
+    /// Samples that arrived out of order and were sorted in.
+    pub out_of_order: usize,
+    /// Low-pass decimation factor (1: none).
+    pub decimation: usize,
+    /// Whether wavelet denoising was applied, and to how much noise.
+    pub denoise: Denoise,
+}
+
+/// What the denoising stage did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Denoise {
+    /// True when the soft threshold was applied.
+    pub applied: bool,
+    /// Noise sd of OP as a share of its sd [-].
+    pub noise_share: f64,
+}
+
+/// The most regular oscillation found in OP.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Oscillation {
+    /// Mean period [s].
+    pub period: f64,
+    /// `r = mean(T) / (3 sd(T))` [-]; above 1 is regular.
+    pub regularity_r: f64,
+    /// Half the mean peak-to-trough height of OP [OP unit].
+    pub op_amplitude: f64,
+}
+
+/// The linear part `A(q) y = B(q) x + C(q) e` at the estimate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    /// Order of A.
+    pub na: usize,
+    /// Number of coefficients in B.
+    pub nb: usize,
+    /// Order of C.
+    pub nc: usize,
+    /// Delay [samples]: `B(q) = b1 q^-nk + … + b_nb q^-(nk+nb-1)`.
+    pub nk: usize,
+    /// `a1..a_na`.
+    pub a: Vec<f64>,
+    /// `b1..b_nb`.
+    pub b: Vec<f64>,
+    /// `c1..c_nc`.
+    pub c: Vec<f64>,
+    /// Root mean square of the prediction error [PV unit].
+    pub rmse: f64,
+}
+
+/// One point of the profile over f.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CurvePoint {
+    /// Friction [OP unit].
+    pub f: f64,
+    /// AIC at that f, less the AIC at the estimate [-].
+    pub aic: f64,
+}
+
+/// f and how sure it is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimate {
+    /// Friction parameter, S/2 [OP unit].
+    pub f: f64,
+    /// 95 % profile-likelihood interval of f [OP unit].
+    pub f_ci95: [f64; 2],
+    /// f as a share of OP's range in the window [-].
+    pub f_of_op_range: f64,
+    /// Evidence against f = 0 [-].
+    pub delta_aic: f64,
+    /// Largest f tried [OP unit].
+    pub f_max: f64,
+    /// Srinivasan's d of the same window, for comparison [OP unit].
+    pub d: f64,
+    /// AIC over f, by increasing f.
+    pub curve: Vec<CurvePoint>,
+    /// The linear part at f.
+    pub model: Model,
+    /// The valve position that f implies, one value per window sample [OP unit].
+    pub mv: Vec<f64>,
+}
+
+/// The residual of the declared model, judged on the last 30 % of the window [PV unit].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Residual {
+    /// Ljung–Box does not reject whiteness.
+    pub white: bool,
+    /// Root mean square one-step-ahead error on held-out data.
+    pub one_step_rmse: f64,
+    /// Root mean square free-run (simulation) error on held-out data.
+    pub free_run_rmse: f64,
+}
+
+/// Everything a diagnosis found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Diagnosis {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// The verdict in one line, with the numbers it rests on.
+    pub reason: String,
+    /// How the record was prepared; default when it never became a window.
+    pub preparation: Preparation,
+    /// The oscillation of OP, where one was found.
+    pub oscillation: Option<Oscillation>,
+    /// f and its evidence; `None` only when not identifiable.
+    pub estimate: Option<Estimate>,
+    /// The residual of the model; `None` when not identifiable.
+    pub residual: Option<Residual>,
+    /// The window that was fitted; `None` when the record never became one.
+    pub window: Option<Window>,
+}
+
+/// Diagnoses one loop's record. Never panics on any input; what cannot be judged is a verdict, not an error.
+pub fn diagnose(_record: &Record, _settings: &Settings) -> Diagnosis {
+    unimplemented_diagnosis()
+}
+
+fn unimplemented_diagnosis() -> Diagnosis {
+    Diagnosis {
+        verdict: Verdict::NotIdentifiable(NotIdentifiable::NoTimeBase),
+        reason: String::new(),
+        preparation: Preparation::default(),
+        oscillation: None,
+        estimate: None,
+        residual: None,
+        window: None,
+    }
+}

@@ -1,0 +1,21 @@
+//! `stictiond`: which control valves stick, by how much, and how sure that is.
+//!
+//! The code map, in reading order; data walks one way:
+//! `collect -> history -> schedule -> diagnosis -> results -> serve`.
+
+pub mod signal;
+
+pub mod diagnosis;
+pub mod sim;
+
+pub mod alarm;
+pub mod collect;
+pub mod history;
+pub mod results;
+pub mod schedule;
+pub mod serve;
+
+pub mod config;
+
+pub mod app;
+pub mod demo;

@@ -1,0 +1,179 @@
+//! The values that walk through the house: samples with a quality, the raw record of one loop, and the
+//! equally sampled window that the diagnosis works on. Imports nothing internal.
+
+use std::fmt;
+use std::sync::Arc;
+
+/// The name of a control loop, as the plant writes it (`FIC101`); cheap to clone.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct LoopId(Arc<str>);
+
+impl LoopId {
+    /// Takes any text as the loop's name; `config` decides which names a plant may use.
+    pub fn new(name: impl Into<Arc<str>>) -> Self {
+        Self(name.into())
+    }
+
+    /// The name as text.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl fmt::Display for LoopId {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(&self.0)
+    }
+}
+
+/// What a loop's tag is to the loop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Role {
+    /// Controller output [% of span, or the unit the plant uses].
+    Op,
+    /// Process variable.
+    Pv,
+    /// Set point.
+    Sp,
+    /// 1 in automatic, 0 otherwise (decoded by the collector).
+    Mode,
+    /// The valve's true, measured position.
+    Mv,
+}
+
+/// Why a sample cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum BadReason {
+    /// The device answered with an exception: it is alive and refuses this address.
+    DeviceException,
+    /// No answer in time.
+    Timeout,
+    /// No connection to the device.
+    LinkDown,
+    /// The value left the range the configuration allows.
+    OutOfRange,
+    /// The bit pattern is no number (NaN, infinity) or the text was none.
+    NotANumber,
+}
+
+/// Whether a sample may be believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Quality {
+    /// Read from the device just now.
+    Good,
+    /// The device repeats an old value (frozen, or marked so by its source).
+    Stale,
+    /// Not usable, and why.
+    Bad(BadReason),
+}
+
+impl Quality {
+    /// True when the diagnosis may use the sample.
+    pub fn is_good(self) -> bool {
+        self == Quality::Good
+    }
+
+    /// The quality as the API writes it: `good`, `stale`, `bad:timeout`, ….
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Quality::Good => "good",
+            Quality::Stale => "stale",
+            Quality::Bad(BadReason::DeviceException) => "bad:device_exception",
+            Quality::Bad(BadReason::Timeout) => "bad:timeout",
+            Quality::Bad(BadReason::LinkDown) => "bad:link_down",
+            Quality::Bad(BadReason::OutOfRange) => "bad:out_of_range",
+            Quality::Bad(BadReason::NotANumber) => "bad:not_a_number",
+        }
+    }
+}
+
+/// One value of one tag.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Seconds; since the Unix epoch in the daemon, since anything in a file.
+    pub t: f64,
+    /// The value in the tag's unit; NaN when `quality` is bad and no value exists.
+    pub value: f64,
+    /// Whether to believe it.
+    pub quality: Quality,
+}
+
+impl Sample {
+    /// A good sample.
+    pub fn good(t: f64, value: f64) -> Self {
+        Self {
+            t,
+            value,
+            quality: Quality::Good,
+        }
+    }
+}
+
+/// Samples of one tag, in the order they arrived.
+pub type Series = Vec<Sample>;
+
+/// What was recorded of one loop: raw, each tag with its own stamps. The gate makes a [`Window`] of it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Record {
+    /// Controller output.
+    pub op: Series,
+    /// Process variable.
+    pub pv: Series,
+    /// Set point, where recorded.
+    pub sp: Option<Series>,
+    /// Automatic (1) or not (0), where recorded.
+    pub mode: Option<Series>,
+    /// Measured stem position, where there is one.
+    pub mv: Option<Series>,
+    /// Other tags by name.
+    pub tags: Vec<(String, Series)>,
+    /// The controller's output limits [OP unit], where known: saturation is judged against them.
+    pub op_limits: Option<(f64, f64)>,
+    /// The span of OP in its own unit (100 for per cent), where known.
+    pub op_span: Option<f64>,
+}
+
+/// One loop's data on an equal grid, every value finite.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Window {
+    /// Time of the first sample [s].
+    pub t0: f64,
+    /// Sample period [s].
+    pub ts: f64,
+    /// Controller output, N values.
+    pub op: Vec<f64>,
+    /// Process variable, N values.
+    pub pv: Vec<f64>,
+    /// Set point, N values, where recorded.
+    pub sp: Option<Vec<f64>>,
+    /// Measured stem position, N values, where there is one.
+    pub mv: Option<Vec<f64>>,
+    /// Other tags by name, N values each.
+    pub tags: Vec<(String, Vec<f64>)>,
+}
+
+impl Window {
+    /// Number of samples N.
+    pub fn len(&self) -> usize {
+        self.op.len()
+    }
+
+    /// True when there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.op.is_empty()
+    }
+
+    /// The samples `from..to` as a window of their own.
+    pub fn slice(&self, from: usize, to: usize) -> Window {
+        let cut = |v: &Vec<f64>| v[from..to].to_vec();
+        Window {
+            t0: self.t0 + from as f64 * self.ts,
+            ts: self.ts,
+            op: cut(&self.op),
+            pv: cut(&self.pv),
+            sp: self.sp.as_ref().map(cut),
+            mv: self.mv.as_ref().map(cut),
+            tags: self.tags.iter().map(|(name, v)| (name.clone(), cut(v))).collect(),
+        }
+    }
+}
