@@ -4,6 +4,7 @@
 pub mod armax;
 pub mod denoise;
 pub mod friction;
+pub mod gate;
 pub mod linalg;
 pub mod region;
 pub mod screen;
