@@ -6,6 +6,7 @@ pub mod controller;
 pub mod load;
 pub mod plant;
 pub mod process;
+pub mod scenarios;
 pub mod sensor;
 pub mod valve;
 
@@ -13,5 +14,6 @@ pub use controller::{Controller, ControllerSpec, Mode};
 pub use load::{At, Load, LoadKind};
 pub use plant::{LoopSim, LoopSpec, Point, Recording, Run, SpecError, simulate};
 pub use process::{Process, ProcessKind, ProcessSpec};
+pub use scenarios::{Scenario, Truth, reverses_beyond};
 pub use sensor::{Freeze, Outliers, Sensor, SensorSpec};
 pub use valve::{Characteristic, Friction, Valve, ValveSpec};

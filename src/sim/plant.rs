@@ -343,3 +343,95 @@ fn check(spec: &LoopSpec) -> Result<(), SpecError> {
     limits("OP limits", spec.controller.op_limits)?;
     limits("valve travel", spec.valve.travel)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::process::ProcessKind;
+    use crate::sim::valve::{Characteristic, Friction};
+
+    fn flow_loop() -> LoopSpec {
+        LoopSpec {
+            process: ProcessSpec {
+                kind: ProcessKind::FirstOrder {
+                    gain: 2.0,
+                    tau_s: 5.0,
+                },
+                dead_time_s: 0.0,
+            },
+            controller: ControllerSpec::pi(0.5, 5.0),
+            valve: ValveSpec::linear(Friction::Ideal),
+            loads: Vec::new(),
+            sensor: SensorSpec::default(),
+            sp: 40.0,
+            sp_schedule: Vec::new(),
+            ts_s: 1.0,
+            op0: 50.0,
+            pv0: 40.0,
+        }
+    }
+
+    #[test]
+    fn a_loop_at_rest_rests() {
+        for characteristic in [
+            Characteristic::Linear,
+            Characteristic::QuickOpening,
+            Characteristic::EqualPercentage { rangeability: 30.0 },
+        ] {
+            let mut spec = flow_loop();
+            spec.valve.characteristic = characteristic;
+            let run = simulate(&spec, 50, 1).expect("valid");
+            assert!(run.pv.iter().all(|&y| y == 40.0) && run.op.iter().all(|&u| u == 50.0));
+        }
+    }
+
+    #[test]
+    fn a_set_point_step_settles_where_the_gain_says() {
+        let mut spec = flow_loop();
+        spec.sp_schedule = vec![(10.0, 46.0)];
+        let run = simulate(&spec, 300, 1).expect("valid");
+        assert_eq!((run.sp[9], run.sp[10]), (40.0, 46.0));
+        // The closed loop's slowest time constant is some 5 samples: after 290 only roundings are left.
+        assert!((run.pv[299] - 46.0).abs() < 1e-9 && (run.op[299] - 53.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn in_manual_the_stem_follows_op_and_the_added_term_and_pv_follows_the_stem() {
+        let mut spec = flow_loop();
+        spec.controller.mode = Mode::Manual(55.0);
+        let mut sim = LoopSim::new(&spec, 1).expect("valid");
+        let first = sim.step_with(2.0);
+        assert_eq!((first.op, first.mv, first.pv), (55.0, 57.0, 40.0));
+        // One period of 7 % more flow through 2/(5 s + 1).
+        let second = sim.step_by(|op| 60.0 - op);
+        assert!((second.pv - (40.0 + 14.0 * (1.0 - (-0.2f64).exp()))).abs() < 1e-12);
+        assert_eq!(second.mv, 60.0);
+    }
+
+    #[test]
+    fn a_historian_keeps_means_or_samples() {
+        let mut spec = flow_loop();
+        spec.sensor = SensorSpec::noisy(0.5);
+        let all = simulate(&spec, 60, 5).expect("valid");
+        let mean = record(&spec, 6, 5, Recording::Mean { every: 10 }).expect("valid");
+        let some = record(&spec, 6, 5, Recording::Sample { every: 10 }).expect("valid");
+        assert_eq!((mean.ts, some.ts, mean.t[3]), (10.0, 10.0, 30.0));
+        assert_eq!(some.pv[3], all.pv[30]);
+        assert!((mean.op[3] - all.op[30..40].iter().sum::<f64>() / 10.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        let bad = |change: fn(&mut LoopSpec)| {
+            let mut spec = flow_loop();
+            change(&mut spec);
+            LoopSim::new(&spec, 1).err().map(|e| e.to_string())
+        };
+        assert!(bad(|s| s.ts_s = 0.0).is_some_and(|e| e.contains("sample period")));
+        assert!(bad(|s| s.process.dead_time_s = f64::NAN).is_some_and(|e| e.contains("dead time")));
+        assert!(bad(|s| s.process.dead_time_s = 1e9).is_some_and(|e| e.contains("dead time")));
+        assert!(bad(|s| s.controller.op_limits = (1.0, 0.0)).is_some_and(|e| e.contains("OP limits")));
+        assert!(bad(|s| s.controller.ti_s = -1.0).is_some_and(|e| e.contains("integral time")));
+        assert_eq!(bad(|_| ()), None);
+    }
+}

@@ -7,8 +7,9 @@ pub enum Friction {
     Ideal,
     /// Choudhury, Thornhill and Shah (Control Eng. Practice 2005), the published flow chart: after a reversal OP
     /// must move by S, after a stop without one by J; the moving stem is at `op - sign(Δop) (S - J)/2`.
-    /// The chart takes the stuck point anew at every reversal of OP, even while the stem is stuck: a noisy OP
-    /// therefore holds the valve longer than S says. [`Friction::Kano`] does not have that trait.
+    /// The chart takes the stuck point anew at every reversal of OP, even while the stem is stuck: ripple in OP
+    /// holds the valve longer than S says, and PV noise of 0.01 % is enough to hold the paper's flow loop for good.
+    /// Without noise it moves as [`Friction::Kano`], which does not have that trait: use that one with noise.
     Choudhury {
         /// Dead band plus stick band S.
         s: f64,
@@ -160,17 +161,14 @@ impl Valve {
 
     fn choudhury(&mut self, op: f64, s: f64, j: f64, resolution: f64) {
         let change = op - self.op;
-        if change.abs() <= resolution {
-            // A stop is one only for a moving stem: a stuck one keeps its threshold.
-            if self.moving {
-                self.moving = false;
-                self.stopped = true;
-                self.held = self.op;
-            }
-            return;
+        // Only a moving stem stops: a stuck one keeps its threshold, however slowly OP creeps towards it.
+        if self.moving && change.abs() <= resolution {
+            self.moving = false;
+            self.stopped = true;
+            self.held = self.op;
         }
-        if change.signum() != self.direction {
-            self.direction = change.signum();
+        if change * self.direction < 0.0 {
+            self.direction = -self.direction;
             self.moving = false;
             self.stopped = false;
             self.held = self.op;
