@@ -198,9 +198,11 @@ mod tests {
                 let e = (-zeta * t / tau_s).exp();
                 gain * (1.0 - e * ((w * t / tau_s).cos() + zeta / w * (w * t / tau_s).sin()))
             }
-            ProcessKind::SecondOrder { gain, tau_s, zeta } if zeta == 1.0 => {
-                gain * (1.0 - (1.0 + t / tau_s) * (-t / tau_s).exp())
-            }
+            ProcessKind::SecondOrder {
+                gain,
+                tau_s,
+                zeta: 1.0,
+            } => gain * (1.0 - (1.0 + t / tau_s) * (-t / tau_s).exp()),
             ProcessKind::SecondOrder { gain, tau_s, zeta } => {
                 let w = (zeta * zeta - 1.0).sqrt();
                 let (t1, t2) = (tau_s / (zeta - w), tau_s / (zeta + w));
