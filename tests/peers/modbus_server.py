@@ -6,6 +6,7 @@ Prints "port N" once it listens. Reads commands from stdin, one a line, and answ
   hang A       requests that touch holding register A are never answered
   short        answers carry one register fewer than asked for
   gateway      every request is refused as by a gateway whose unit is silent
+  sync         nothing: what was printed before has been read
   heal         all faults end
 
 Holding and input registers hold every type in every byte order: order k (ABCD CDAB BADC DCBA) from
@@ -20,6 +21,7 @@ where the epoch tells one run of this program from another and the counter count
 
 import argparse
 import asyncio
+import logging
 import struct
 import sys
 
@@ -30,7 +32,8 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 HOLDING = [54321, -12345, 4000000123, -2000000321, -123.456, -98.7654321]
 INPUT = [1, -1, 65537, -65537, 0.0015, 3.141592653589793]
-TYPES = [DataType.UINT16, DataType.INT16, DataType.UINT32, DataType.INT32, DataType.FLOAT32, DataType.FLOAT64]
+kinds = ModbusClientMixin.DATATYPE
+TYPES = [kinds.UINT16, kinds.INT16, kinds.UINT32, kinds.INT32, kinds.FLOAT32, kinds.FLOAT64]
 TRUTH = range(2000, 2100)
 
 
@@ -93,6 +96,8 @@ class Device:
                 self.is_short = True
             case ["gateway"]:
                 self.is_gateway = True
+            case ["sync"]:
+                pass
             case ["heal"]:
                 self.heal()
             case _:
@@ -108,6 +113,7 @@ async def main():
     parser.add_argument("--port", type=int, default=0)
     parser.add_argument("--epoch", type=int, default=1)
     arguments = parser.parse_args()
+    logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
     device = Device(arguments.epoch)
     truths = SimData(address=TRUTH.start, count=len(TRUTH), datatype=DataType.REGISTERS)
     holes = [SimData(address=a, values=[a, a + 1], datatype=DataType.REGISTERS) for a in (2100, 2104)]

@@ -3,6 +3,7 @@
 use crate::signal::Role;
 use serde::Deserialize;
 use std::fmt;
+use std::str::FromStr;
 
 /// Most registers that one answer can carry (Modbus application protocol V1.1b3, 6.3).
 pub(super) const MAX_REGISTERS: u16 = 125;
@@ -140,6 +141,22 @@ impl Register {
             Register::Coil => "coil",
             Register::Discrete => "discrete",
         }
+    }
+}
+
+impl FromStr for Register {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        [
+            Register::Holding,
+            Register::Input,
+            Register::Coil,
+            Register::Discrete,
+        ]
+        .into_iter()
+        .find(|register| register.as_str() == text)
+        .ok_or_else(|| format!("'{text}' is none of holding, input, coil, discrete"))
     }
 }
 
@@ -392,19 +409,21 @@ impl TagConfig {
                 format!("[{least}, {greatest}] must be the least, then the greatest value")
             });
         }
-        match &self.auto_values {
-            Some(values) => {
-                issues.unless(mode, "auto_values", || "only a mode tag has them".into());
-                issues.unless(!values.is_empty(), "auto_values", || {
-                    "name at least one value".into()
-                });
-            }
-            None => {}
+        if let Some(values) = &self.auto_values {
+            issues.unless(mode, "auto_values", || "only a mode tag has them".into());
+            issues.unless(!values.is_empty(), "auto_values", || {
+                "name at least one value".into()
+            });
         }
-        let plain = self.scale == 1.0 && self.offset == 0.0 && self.range.is_none();
-        issues.unless(!mode || plain, "auto_values", || {
-            "a mode is compared raw: scale, offset and range do not apply".into()
-        });
+        for (field, plain) in [
+            ("scale", self.scale == 1.0),
+            ("offset", self.offset == 0.0),
+            ("range", self.range.is_none()),
+        ] {
+            issues.unless(!mode || plain, field, || {
+                "a mode is compared raw; write the raw auto_values".into()
+            });
+        }
     }
 }
 

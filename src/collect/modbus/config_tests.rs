@@ -152,10 +152,17 @@ fn a_mode_is_compared_raw() {
     let empty = tag("register='holding'\naddress=1\ntype='u16'\nauto_values=[]");
     assert_eq!(fields(empty.validate(&device, Some(Role::Mode))), ["auto_values"]);
     let scaled = tag("register='holding'\naddress=1\ntype='u16'\nscale=2.0");
-    assert_eq!(
-        fields(scaled.validate(&device, Some(Role::Mode))),
-        ["auto_values"]
-    );
+    assert_eq!(fields(scaled.validate(&device, Some(Role::Mode))), ["scale"]);
+}
+
+#[test]
+fn the_tables_are_named_as_the_file_names_them() {
+    for name in ["holding", "input", "coil", "discrete"] {
+        let parsed: Register = name.parse().unwrap();
+        assert_eq!(parsed.to_string(), name);
+        assert_eq!(tag(&format!("register='{name}'\naddress=1")).register, parsed);
+    }
+    assert!("Holding".parse::<Register>().is_err());
 }
 
 #[test]
