@@ -1,14 +1,14 @@
 //! The Modbus collector against pymodbus: a peer that was not written here, with real faults.
 
+#[cfg(test)]
 mod peers;
 
-use peers::{Proxy, Server, Watch, device, patient, plan};
+use peers::{Proxy, Server, Watch, checked, device, hostile, patient, plan, truth_tag};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use stictiond::collect::modbus::{ProbeError, ProbeTarget, Register, probe};
 use stictiond::signal::{BadReason, Quality, Sample};
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpListener;
 use tokio::time::Instant;
 
@@ -22,55 +22,6 @@ const VALUES: [(i64, &str, f64, f64); 6] = [
     (6, "f32", -123.456_f32 as f64, 0.0015_f32 as f64),
     (8, "f64", -98.7654321, std::f64::consts::PI),
 ];
-
-fn truth_tag(address: u16) -> String {
-    format!("register = 'holding'\naddress = {address}\ntype = 'f64'")
-}
-
-/// The truth that a register pair of the server tells of itself.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Truth {
-    address: u64,
-    epoch: u64,
-    counter: u64,
-}
-
-fn truth(sample: &Sample) -> Truth {
-    let whole = sample.value as u64;
-    assert_eq!(whole as f64, sample.value, "torn: {sample:?}");
-    Truth {
-        address: whole / 1_000_000_000_000,
-        epoch: whole / 1_000_000_000 % 1000,
-        counter: whole % 1_000_000_000,
-    }
-}
-
-/// Checks every good sample of the polls against what it says of itself; returns (poll, tag, truth) of each.
-/// A sample that is not good carries no value at all.
-fn checked(polls: &[Vec<Sample>], addresses: &[u16]) -> Vec<(usize, usize, Truth)> {
-    let mut found: Vec<(usize, usize, Truth)> = Vec::new();
-    for (number, poll) in polls.iter().enumerate() {
-        for (tag, sample) in poll.iter().enumerate() {
-            if sample.quality.is_good() {
-                let truth = truth(sample);
-                assert_eq!(
-                    truth.address,
-                    u64::from(addresses[tag]),
-                    "another register's value"
-                );
-                let before = found.iter().rev().find(|(_, t, _)| *t == tag);
-                if let Some((_, _, before)) = before {
-                    let newer = (truth.epoch, truth.counter) > (before.epoch, before.counter);
-                    assert!(newer, "an old answer came again: {truth:?} after {before:?}");
-                }
-                found.push((number, tag, truth));
-            } else {
-                assert!(sample.value.is_nan(), "invented: {sample:?}");
-            }
-        }
-    }
-    found
-}
 
 fn all_good(poll: &[Sample]) -> bool {
     poll.iter().all(|s| s.quality.is_good())
@@ -426,21 +377,6 @@ async fn a_frozen_value_turns_stale_and_a_live_one_does_not() {
             .all(|poll| poll[0].quality != Quality::Stale)
     );
     watch.stop().await;
-}
-
-/// Answers every request on every connection with what `reply` makes of it, then hangs up.
-async fn hostile(reply: impl Fn(&[u8]) -> Vec<u8> + Send + 'static) -> u16 {
-    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let port = listener.local_addr().unwrap().port();
-    tokio::spawn(async move {
-        while let Ok((mut client, _)) = listener.accept().await {
-            let mut request = [0u8; 12];
-            if client.read_exact(&mut request).await.is_ok() {
-                let _ = client.write_all(&reply(&request)).await;
-            }
-        }
-    });
-    port
 }
 
 /// An answer of two registers to the request, which asks for two: the right one, to be spoilt.

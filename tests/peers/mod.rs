@@ -260,3 +260,68 @@ pub fn plan(config: &Config, tags: &[String]) -> Plan {
     });
     Plan::new(0, config, specs.collect()).unwrap()
 }
+
+/// The tag of a register that tells the truth of itself, see modbus_server.py.
+pub fn truth_tag(address: u16) -> String {
+    format!("register = 'holding'\naddress = {address}\ntype = 'f64'")
+}
+
+/// The truth that a register pair of the server tells of itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Truth {
+    pub address: u64,
+    pub epoch: u64,
+    pub counter: u64,
+}
+
+fn truth(sample: &Sample) -> Truth {
+    let whole = sample.value as u64;
+    assert_eq!(whole as f64, sample.value, "torn: {sample:?}");
+    Truth {
+        address: whole / 1_000_000_000_000,
+        epoch: whole / 1_000_000_000 % 1000,
+        counter: whole % 1_000_000_000,
+    }
+}
+
+/// Checks every good sample of the polls against what it says of itself; returns (poll, tag, truth) of each.
+/// A sample that is not good carries no value at all.
+pub fn checked(polls: &[Vec<Sample>], addresses: &[u16]) -> Vec<(usize, usize, Truth)> {
+    let mut found: Vec<(usize, usize, Truth)> = Vec::new();
+    for (number, poll) in polls.iter().enumerate() {
+        for (tag, sample) in poll.iter().enumerate() {
+            if sample.quality.is_good() {
+                let truth = truth(sample);
+                assert_eq!(
+                    truth.address,
+                    u64::from(addresses[tag]),
+                    "another register's value"
+                );
+                let before = found.iter().rev().find(|(_, t, _)| *t == tag);
+                if let Some((_, _, before)) = before {
+                    let newer = (truth.epoch, truth.counter) > (before.epoch, before.counter);
+                    assert!(newer, "an old answer came again: {truth:?} after {before:?}");
+                }
+                found.push((number, tag, truth));
+            } else {
+                assert!(sample.value.is_nan(), "invented: {sample:?}");
+            }
+        }
+    }
+    found
+}
+
+/// Answers every request on every connection with what `reply` makes of it, then hangs up.
+pub async fn hostile(reply: impl Fn(&[u8]) -> Vec<u8> + Send + 'static) -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = listener.local_addr().unwrap().port();
+    tokio::spawn(async move {
+        while let Ok((mut client, _)) = listener.accept().await {
+            let mut request = [0u8; 12];
+            if client.read_exact(&mut request).await.is_ok() {
+                let _ = client.write_all(&reply(&request)).await;
+            }
+        }
+    });
+    port
+}

@@ -196,7 +196,20 @@ impl ValueType {
         }
     }
 
-    fn is_integer(self) -> bool {
+    /// The name as the configuration writes it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            ValueType::U16 => "u16",
+            ValueType::I16 => "i16",
+            ValueType::U32 => "u32",
+            ValueType::I32 => "i32",
+            ValueType::F32 => "f32",
+            ValueType::F64 => "f64",
+            ValueType::Bit => "bit",
+        }
+    }
+
+    pub(super) fn is_integer(self) -> bool {
         matches!(
             self,
             ValueType::U16 | ValueType::I16 | ValueType::U32 | ValueType::I32
@@ -253,17 +266,6 @@ pub struct Issue {
     /// The field, as the file writes it (`poll_ms`, `range`).
     pub field: &'static str,
     /// What is wrong and what would be right.
-    pub message: String,
-}
-
-/// Two tags that read the same registers as different things.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Contradiction {
-    /// Position of one in the list given.
-    pub first: usize,
-    /// Position of the other, later one.
-    pub second: usize,
-    /// What contradicts.
     pub message: String,
 }
 
@@ -424,69 +426,6 @@ impl TagConfig {
                 "a mode is compared raw; write the raw auto_values".into()
             });
         }
-    }
-}
-
-/// The pairs of tags of one device that read overlapping registers as different things: one of the two
-/// must be wrong. Allowed: the same value read twice, and bits of an integer that is also read whole.
-pub fn contradictions(device: &Config, tags: &[&TagConfig]) -> Vec<Contradiction> {
-    let mut order: Vec<(Register, u16, u16, usize)> = Vec::new();
-    for (position, tag) in tags.iter().enumerate() {
-        if let (Some(start), Some(value_type)) = (tag.wire_address(device), tag.effective_type()) {
-            order.push((tag.register, start, value_type.width(), position));
-        }
-    }
-    order.sort();
-    let mut found = Vec::new();
-    for (at, &(register, start, width, a)) in order.iter().enumerate() {
-        let end = u32::from(start) + u32::from(width);
-        let overlapping = order[at + 1..]
-            .iter()
-            .take_while(|(other, from, _, _)| *other == register && u32::from(*from) < end);
-        for &(_, from, _, b) in overlapping {
-            if !agree(device, tags[a], tags[b], start == from) {
-                let (first, second) = (a.min(b), a.max(b));
-                found.push(Contradiction {
-                    first,
-                    second,
-                    message: format!(
-                        "{} on {} register {} overlaps {} at {}: one register cannot be both",
-                        type_name(tags[second]),
-                        register,
-                        tags[second].address,
-                        type_name(tags[first]),
-                        tags[first].address
-                    ),
-                });
-            }
-        }
-    }
-    found.sort_by_key(|pair| (pair.second, pair.first));
-    found
-}
-
-fn agree(device: &Config, a: &TagConfig, b: &TagConfig, same_start: bool) -> bool {
-    let (Some(ta), Some(tb)) = (a.effective_type(), b.effective_type()) else {
-        return true;
-    };
-    let order = |tag: &TagConfig| tag.byte_order.unwrap_or(device.byte_order);
-    match (ta, tb) {
-        (ValueType::Bit, ValueType::Bit) => true,
-        (ValueType::Bit, other) | (other, ValueType::Bit) => other.is_integer(),
-        _ => same_start && ta == tb && order(a) == order(b),
-    }
-}
-
-fn type_name(tag: &TagConfig) -> &'static str {
-    match tag.effective_type() {
-        Some(ValueType::U16) => "u16",
-        Some(ValueType::I16) => "i16",
-        Some(ValueType::U32) => "u32",
-        Some(ValueType::I32) => "i32",
-        Some(ValueType::F32) => "f32",
-        Some(ValueType::F64) => "f64",
-        Some(ValueType::Bit) => "bit",
-        None => "a value without type",
     }
 }
 

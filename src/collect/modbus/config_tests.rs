@@ -173,29 +173,3 @@ fn a_value_wider_than_a_request_is_refused() {
     assert_eq!(fields(wide.validate(&device, None)), ["type"]);
     assert_eq!(tag("register='coil'\naddress=1").validate(&device, None), []);
 }
-
-#[test]
-fn overlapping_registers_of_contradicting_types_are_found() {
-    let device = plain_device();
-    let tags: Vec<TagConfig> = [
-        "register='holding'\naddress=99\ntype='f32'",  // 0: 99..100
-        "register='holding'\naddress=100\ntype='u16'", // 1: inside 0
-        "register='input'\naddress=100\ntype='u16'",   // 2: another table
-        "register='holding'\naddress=99\ntype='f32'",  // 3: 0 again
-        "register='holding'\naddress=99\ntype='f32'\nbyte_order='CDAB'", // 4: 0 in another order
-        "register='holding'\naddress=200\ntype='bit'\nbit=1", // 5
-        "register='holding'\naddress=200\ntype='u16'", // 6: the word of 5
-        "register='holding'\naddress=99\ntype='bit'\nbit=1", // 7: a bit of a float
-        "register='holding'\naddress=101\ntype='u16'", // 8: next to 0
-    ]
-    .map(tag)
-    .into();
-    let pairs: Vec<(usize, usize)> = contradictions(&device, &tags.iter().collect::<Vec<_>>())
-        .iter()
-        .map(|c| (c.first, c.second))
-        .collect();
-    assert_eq!(
-        pairs,
-        [(0, 1), (1, 3), (0, 4), (1, 4), (3, 4), (0, 7), (3, 7), (4, 7)]
-    );
-}

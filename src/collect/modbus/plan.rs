@@ -1,7 +1,8 @@
 //! What to ask a device, decided once and without I/O: neighbouring registers go into one request.
 
-use super::config::{Config, Issue, Register, TagConfig, ValueType, contradictions};
+use super::config::{Config, Issue, Register, TagConfig, ValueType};
 use super::decode::Decoder;
+use super::overlap::contradictions;
 use crate::signal::Role;
 use std::time::Duration;
 

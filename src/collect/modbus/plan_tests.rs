@@ -147,3 +147,44 @@ fn every_fault_is_reported_with_the_tags_name() {
     assert!(lines[1].starts_with("address: A.op, A.sp: "));
     assert!(lines[2].starts_with("address: A.pv: 65536 must be 0 to 65535"));
 }
+
+#[test]
+fn the_role_and_the_devices_byte_order_reach_the_decoder() {
+    let device: Config =
+        toml::from_str("name='d'\naddress='h:502'\naddress_base=1\nbyte_order='DCBA'").unwrap();
+    let spec = |index, role, text: &str| TagSpec {
+        index,
+        name: "A".into(),
+        role,
+        config: toml::from_str(&format!("device='d'\n{text}")).unwrap(),
+        frozen_after_s: None,
+    };
+    let specs = vec![
+        spec(
+            7,
+            Some(Role::Mode),
+            "register='holding'\naddress=1\ntype='u16'\nauto_values=[2]",
+        ),
+        spec(8, Some(Role::Pv), "register='holding'\naddress=2\ntype='u32'"),
+        spec(
+            9,
+            None,
+            "register='holding'\naddress=4\ntype='u32'\nbyte_order='ABCD'",
+        ),
+        spec(10, None, "register='coil'\naddress=1"),
+    ];
+    let plan = Plan::new(3, &device, specs).unwrap();
+    let value = |tag: usize, words: &[u16]| plan.tags[tag].decoder.decode(words).unwrap().value;
+    assert_eq!((value(0, &[0x0200]), value(0, &[0x0002])), (1.0, 0.0));
+    assert_eq!(value(1, &[0x0100, 0x0000]), 1.0);
+    assert_eq!(value(2, &[0x0000, 0x0001]), 1.0);
+    assert_eq!(value(3, &[1]), 1.0, "a coil has no bytes to swap");
+    assert_eq!(
+        plan.tags.iter().map(|tag| tag.index).collect::<Vec<_>>(),
+        [7, 8, 9, 10]
+    );
+    assert_eq!(
+        (plan.device, plan.requests.len(), plan.requests[0].span.start),
+        (3, 2, 0)
+    );
+}
