@@ -26,12 +26,12 @@ struct Held {
 }
 
 impl Frozen {
-    /// Flags a value that stayed the same for longer than `limit_s` [s].
+    /// Flags a value that stayed the same for longer than `limit_s` (s).
     pub fn new(limit_s: f64) -> Self {
         Self { limit_s, held: None }
     }
 
-    /// Takes the value read at time `t` [s]; true when it has not changed for longer than the limit.
+    /// Takes the value read at time `t` (s); true when it has not changed for longer than the limit.
     ///
     /// The period counts only while the tag is watched: after a silence longer than the limit, or a clock
     /// set back, it starts anew, because nobody knows what the value did meanwhile.

@@ -39,14 +39,14 @@ pub struct HealthSnapshot {
     pub good_samples: u64,
     /// Samples without.
     pub bad_samples: u64,
-    /// When the last good sample came [s]; none yet when `None`.
+    /// When the last good sample came (s); none yet when `None`.
     pub last_good: Option<f64>,
     /// Whether a connection is open. It says little: judge a device by [`HealthSnapshot::age_s`].
     pub connected: bool,
 }
 
 impl HealthSnapshot {
-    /// Time since the last good sample [s] at time `now` [s]: the measure of liveness.
+    /// Time since the last good sample (s) at time `now` (s): the measure of liveness.
     pub fn age_s(&self, now: f64) -> Option<f64> {
         self.last_good.map(|t| now - t)
     }
@@ -119,7 +119,7 @@ impl DeviceHealth {
         self.connected.store(false, Relaxed);
     }
 
-    /// A usable value, at time `t` [s] when it is good.
+    /// A usable value, at time `t` (s) when it is good.
     pub(super) fn usable(&self, good_at: Option<f64>) {
         self.good_samples.fetch_add(1, Relaxed);
         if let Some(t) = good_at {

@@ -28,7 +28,7 @@ pub trait Sink: Send + Sync + 'static {
 /// What one poll of one device brought.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Poll {
-    /// When it ended [s], by the same clock as the samples.
+    /// When it ended (s), by the same clock as the samples.
     pub t: f64,
     /// Tags read well (good or stale).
     pub good: usize,
@@ -40,7 +40,7 @@ pub struct Poll {
 
 /// The time that samples are stamped with [s since the Unix epoch].
 pub trait Clock: Send + Sync + 'static {
-    /// Now [s].
+    /// Now (s).
     fn now(&self) -> f64;
 }
 

@@ -22,13 +22,13 @@ pub struct Config {
     /// Unit identifier; 1 for most devices, the slave's number behind a gateway.
     #[serde(default = "default_unit_id")]
     pub unit_id: u8,
-    /// Poll period [ms].
+    /// Poll period (ms).
     #[serde(default = "default_poll_ms")]
     pub poll_ms: u64,
-    /// Longest wait for a connection and for each answer [ms]; at most `poll_ms`.
+    /// Longest wait for a connection and for each answer (ms); at most `poll_ms`.
     #[serde(default = "default_timeout_ms")]
     pub timeout_ms: u64,
-    /// Longest pause between attempts to reconnect [ms].
+    /// Longest pause between attempts to reconnect (ms).
     #[serde(default = "default_reconnect_max_ms")]
     pub reconnect_max_ms: u64,
     /// 0 when the device's documentation counts registers from 0 (as on the wire), 1 when from 1. Required,

@@ -144,12 +144,13 @@ impl Collector {
         round
     }
 
-    /// Asks what is due. A lost link is opened again once a poll; when it is lost again, the rest waits for
-    /// the next poll, so that a dead device costs two time-outs, not one a request.
+    /// Asks what is due. A lost link is opened again once a poll and within its period; when it is lost again,
+    /// the rest waits for the next poll, so that a dead device costs two time-outs, not one a request.
     async fn ask_all(&mut self, mut due: VecDeque<usize>, round: &mut Round, sink: &dyn Sink) {
         while let Some(slot) = due.pop_front() {
             let Some(link) = self.link.take() else {
-                return;
+                due.push_front(slot);
+                return self.give_up(&mut due, BadReason::LinkDown, round, sink);
             };
             let lost = match link.read(self.slots.request(slot).span).await {
                 Ok((link, answer)) => {
@@ -179,14 +180,14 @@ impl Collector {
             if due.is_empty() {
                 return;
             }
-            if !may_reconnect || !self.connect(round).await {
-                let reason = if may_reconnect {
-                    BadReason::LinkDown
-                } else {
-                    reason
-                };
-                self.give_up(&mut due, reason, round, sink);
-            }
+            let rest = if !may_reconnect || Instant::now() >= round.deadline {
+                reason
+            } else if self.connect(round).await {
+                continue;
+            } else {
+                BadReason::LinkDown
+            };
+            self.give_up(&mut due, rest, round, sink);
         }
     }
 

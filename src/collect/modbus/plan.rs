@@ -17,7 +17,7 @@ pub struct TagSpec {
     pub role: Option<Role>,
     /// Where it lives.
     pub config: TagConfig,
-    /// Flag it as stale when its value has not changed for longer than this [s].
+    /// Flag it as stale when its value has not changed for longer than this (s).
     pub frozen_after_s: Option<f64>,
 }
 
