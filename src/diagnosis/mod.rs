@@ -8,6 +8,7 @@ pub mod gate;
 pub mod linalg;
 pub mod region;
 pub mod screen;
+pub mod search;
 pub mod stats;
 
 use crate::signal::{Record, Window};
