@@ -68,7 +68,7 @@ pub struct Screen {
 impl Screen {
     /// Buffers for records of `n` samples and delays `1..=max_delay`, with y's own products computed.
     pub fn new(y: &[f64], first: usize, max_delay: usize) -> Self {
-        let nx = max_delay + ORDER - 2;
+        let nx = Self::input_lags(max_delay);
         let size = 1 + LONG_Y + nx + E_LAGS;
         let mut screen = Self {
             max_delay,
@@ -91,22 +91,43 @@ impl Screen {
             solution: vec![0.0; MOST_COLUMNS],
             e: vec![0.0; y.len()],
         };
-        let columns = Lags { v: y, from: 0, count: LONG_Y + 1 };
+        let columns = Lags {
+            v: y,
+            from: 0,
+            count: LONG_Y + 1,
+        };
         sums(columns, first, &mut screen.sums);
         products(columns, columns, first, true, &mut screen.gram, size);
         screen
     }
 
+    /// Lags of the stem position: the longest delay and the longest B behind it.
+    pub fn input_lags(max_delay: usize) -> usize {
+        max_delay + ORDER - 2
+    }
+
     /// Samples before the first that counts: the longest lag, and the lags of ê behind it.
     pub fn lead(max_delay: usize) -> usize {
-        LONG_Y.max(max_delay + ORDER - 2) + E_LAGS + 1
+        LONG_Y.max(Self::input_lags(max_delay)) + E_LAGS + 1
     }
 
     /// Computes the products of a new stem position; those of its direction too when `with_dir`.
     pub fn load(&mut self, s: &Signals<'_>, with_dir: bool) {
-        let y = Lags { v: s.y, from: 0, count: LONG_Y + 1 };
-        let x = Lags { v: s.x, from: 1, count: self.nx };
-        let d = Lags { v: s.dir, from: 1, count: self.nx };
+        let y = Lags {
+            v: s.y,
+            from: 0,
+            count: LONG_Y + 1,
+        };
+        let x = Lags {
+            v: s.x,
+            from: 1,
+            count: self.nx,
+        };
+        let d = Lags {
+            v: s.dir,
+            from: 1,
+            count: self.nx,
+        };
         products(x, y, s.first, false, &mut self.xy, LONG_Y + 1);
         products(x, x, s.first, true, &mut self.xx, self.nx);
         sums(x, s.first, &mut self.x_sums);
@@ -124,7 +145,10 @@ impl Screen {
     /// is left at that lag. `start` is where the lag is tried first.
     pub fn fit_lag(&mut self, start: f64, max: f64) -> LongFit {
         self.set_lag(0.0);
-        let mut best = LongFit { loss: self.long_arx(), lag: 0.0 };
+        let mut best = LongFit {
+            loss: self.long_arx(),
+            lag: 0.0,
+        };
         if !self.has_dir || max <= 0.0 {
             return best;
         }
@@ -156,15 +180,45 @@ impl Screen {
         self.long_residual(s, lag);
         let (first, at) = (s.first, 1 + LONG_Y + self.nx);
         let e = std::mem::take(&mut self.e);
-        let columns = Lags { v: &e, from: 1, count: E_LAGS };
+        let columns = Lags {
+            v: &e,
+            from: 1,
+            count: E_LAGS,
+        };
         let size = self.size;
-        products(columns, columns, first, true, &mut self.gram[at * size + at..], size);
-        let y = Lags { v: s.y, from: 0, count: LONG_Y + 1 };
+        products(
+            columns,
+            columns,
+            first,
+            true,
+            &mut self.gram[at * size + at..],
+            size,
+        );
+        let y = Lags {
+            v: s.y,
+            from: 0,
+            count: LONG_Y + 1,
+        };
         products(columns, y, first, false, &mut self.gram[at * size..], size);
-        let x = Lags { v: s.x, from: 1, count: self.nx };
-        products(columns, x, first, false, &mut self.gram[at * size + 1 + LONG_Y..], size);
+        let x = Lags {
+            v: s.x,
+            from: 1,
+            count: self.nx,
+        };
+        products(
+            columns,
+            x,
+            first,
+            false,
+            &mut self.gram[at * size + 1 + LONG_Y..],
+            size,
+        );
         if lag != 0.0 {
-            let d = Lags { v: s.dir, from: 1, count: self.nx };
+            let d = Lags {
+                v: s.dir,
+                from: 1,
+                count: self.nx,
+            };
             let mut ed = [0.0; E_LAGS * MOST_COLUMNS];
             products(columns, d, first, false, &mut ed, self.nx);
             for i in 0..E_LAGS {
@@ -247,6 +301,12 @@ impl Screen {
         self.solve(&columns[..count])
     }
 
+    /// Regresses y on its own lags alone; returns the mean square of the residual.
+    pub fn without_input(&mut self) -> f64 {
+        let columns: [usize; LONG_Y] = std::array::from_fn(|i| i + 1);
+        self.solve(&columns)
+    }
+
     /// The Gauss–Newton step of the lag from the last long ARX solution: least squares of the residual on the
     /// column `-B(q) dir`, made orthogonal to the regressors.
     fn lag_step(&mut self) -> f64 {
@@ -268,18 +328,35 @@ impl Screen {
                 with_y(k + 1)
             } else {
                 let i = k - LONG_Y;
-                (0..nx).map(|j| b[j] * (self.xd[i * nx + j] - lag * symmetric(i, j))).sum()
+                (0..nx)
+                    .map(|j| b[j] * (self.xd[i * nx + j] - lag * symmetric(i, j)))
+                    .sum()
             };
             *r = product - d_sum * self.sums[k + 1] * per_row;
         }
-        let vv: f64 = (0..nx).map(|i| b[i] * (0..nx).map(|j| b[j] * symmetric(i, j)).sum::<f64>()).sum::<f64>()
+        let vv: f64 = (0..nx)
+            .map(|i| b[i] * (0..nx).map(|j| b[j] * symmetric(i, j)).sum::<f64>())
+            .sum::<f64>()
             - d_sum * d_sum * per_row;
-        let residual_product: f64 =
-            vy - self.solution[..count].iter().zip(&right).map(|(t, r)| t * r).sum::<f64>();
+        let residual_product: f64 = vy
+            - self.solution[..count]
+                .iter()
+                .zip(&right)
+                .map(|(t, r)| t * r)
+                .sum::<f64>();
         let mut projected = right;
         substitute(&self.scratch, MOST_COLUMNS, &self.live, &mut projected[..count]);
-        let remaining = vv - right[..count].iter().zip(&projected).map(|(a, b)| a * b).sum::<f64>();
-        if remaining > 1e-9 * vv && vv > 0.0 { -residual_product / remaining } else { 0.0 }
+        let remaining = vv
+            - right[..count]
+                .iter()
+                .zip(&projected)
+                .map(|(a, b)| a * b)
+                .sum::<f64>();
+        if remaining > 1e-9 * vv && vv > 0.0 {
+            -residual_product / remaining
+        } else {
+            0.0
+        }
     }
 
     fn long_residual(&mut self, s: &Signals<'_>, lag: f64) {
@@ -287,7 +364,11 @@ impl Screen {
         let count = LONG_Y + self.nx;
         let solution = &self.solution;
         let mean = (self.sums[0]
-            - solution[..count].iter().zip(&self.sums[1..=count]).map(|(c, sum)| c * sum).sum::<f64>())
+            - solution[..count]
+                .iter()
+                .zip(&self.sums[1..=count])
+                .map(|(c, sum)| c * sum)
+                .sum::<f64>())
             / self.rows as f64;
         let begin = s.first - E_LAGS;
         let e = &mut self.e[begin..n];
