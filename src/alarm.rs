@@ -60,6 +60,41 @@ impl Default for Config {
 }
 
 impl Config {
+    /// Everything wrong with it, by field; empty when it can be used.
+    pub fn validate(&self) -> Vec<(&'static str, String)> {
+        let mut wrong = Vec::new();
+        let mut unless = |ok: bool, field, message: String| {
+            if !ok {
+                wrong.push((field, message));
+            }
+        };
+        let counts = [
+            ("n", self.n, "k", self.k),
+            ("clear_n", self.clear_n, "clear_k", self.clear_k),
+        ];
+        for (of, n, field, k) in counts {
+            unless((1..=100).contains(&n), of, format!("{n} must be 1 to 100"));
+            unless(k >= 1 && k <= n, field, format!("{k} must be 1 to {of} = {n}"));
+        }
+        let (f, evidence, shelve) = (self.clear_f_percent, self.clear_evidence, self.max_shelve_s);
+        unless(
+            (0.0..=100.0).contains(&f),
+            "clear_f_percent",
+            format!("{f} must be 0 to 100"),
+        );
+        unless(
+            evidence.is_finite(),
+            "clear_evidence",
+            format!("{evidence} must be a number"),
+        );
+        unless(
+            (1.0..=365.0 * 86_400.0).contains(&shelve),
+            "max_shelve_s",
+            format!("{shelve} must be 1 to 31536000"),
+        );
+        wrong
+    }
+
     /// What a diagnosis says to the alarm: `sticky` is its verdict, `f` in % of OP span, `delta_aic` its evidence.
     pub fn judge(&self, sticky: bool, f_percent: f64, delta_aic: f64) -> Observation {
         if sticky {

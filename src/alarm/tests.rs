@@ -91,6 +91,19 @@ fn impossible_actions_are_refused_with_the_reason() {
     assert_eq!(alarm.state(), State::Normal);
 }
 
+#[test]
+fn impossible_settings_are_named() {
+    assert_eq!(Config::default().validate(), vec![]);
+    let bad = Config {
+        k: 4,
+        clear_n: 0,
+        clear_f_percent: f64::NAN,
+        ..Config::default()
+    };
+    let fields: Vec<&str> = bad.validate().iter().map(|(field, _)| *field).collect();
+    assert_eq!(fields, vec!["k", "clear_n", "clear_k", "clear_f_percent"]);
+}
+
 #[derive(Clone, Copy, Debug)]
 enum Action {
     Observe(Observation),

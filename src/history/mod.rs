@@ -30,6 +30,16 @@ impl Default for Config {
     }
 }
 
+impl Config {
+    /// Everything wrong with it, by field; empty when it can be used.
+    pub fn validate(&self) -> Vec<(&'static str, String)> {
+        let n = self.samples_per_tag;
+        let ok = (200..=10_000_000).contains(&n);
+        let problem = ("samples_per_tag", format!("{n} must be 200 to 10000000"));
+        if ok { Vec::new() } else { vec![problem] }
+    }
+}
+
 /// What a tag is to its loop: one of the roles, or another measurement by name.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum TagKind {

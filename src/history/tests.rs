@@ -112,3 +112,9 @@ fn the_memory_is_what_the_configuration_asks_for() {
     // Above the bare samples only the spare slot and the ring's own fields.
     assert!(history.memory_bytes() >= samples && history.memory_bytes() < samples + 6 * 256);
 }
+
+#[test]
+fn impossible_settings_are_named() {
+    assert_eq!(Config::default().validate(), vec![]);
+    assert_eq!(Config { samples_per_tag: 0 }.validate()[0].0, "samples_per_tag");
+}
