@@ -94,11 +94,24 @@ impl Run {
                 Outcome::DeadlineExceeded => "the run was not done before its deadline".to_string(),
                 Outcome::Panicked(_) => "the diagnosis failed; the log says why".to_string(),
             },
+            f_in_percent: self.diagnosis().is_none_or(|d| op_in_percent(self.op_span, d)),
             f: estimate.map(|e| e.f * percent),
             f_ci95: estimate.map(|e| e.f_ci95.map(|limit| limit * percent)),
             delta_aic: estimate.map(|e| e.delta_aic),
         }
     }
+}
+
+/// Whether friction along OP can be told in per cent of its span: the span is configured, or OP's values could be per
+/// cent, all within 0..100 and not all within 0..1 (which would be a share of the span).
+pub fn op_in_percent(op_span: Option<f64>, diagnosis: &Diagnosis) -> bool {
+    if op_span.is_some_and(|span| span.is_finite() && span > 0.0) {
+        return true;
+    }
+    let op = diagnosis.window.as_ref().map_or(&[][..], |window| &window.op);
+    let least = op.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = op.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    least >= 0.0 && most <= 100.0 && most > 1.0
 }
 
 /// A run in a few numbers.
@@ -116,10 +129,12 @@ pub struct Summary {
     pub reason_code: Option<&'static str>,
     /// The verdict in one line.
     pub reason: String,
-    /// Friction [% of OP span].
+    /// Friction [% of OP span, see `f_in_percent`].
     pub f: Option<f64>,
-    /// Its 95 % interval [% of OP span].
+    /// Its 95 % interval, in the same unit.
     pub f_ci95: Option<[f64; 2]>,
+    /// Whether f is in per cent of OP's span; else in OP's own units, whose span is not known.
+    pub f_in_percent: bool,
     /// Evidence [-].
     pub delta_aic: Option<f64>,
 }

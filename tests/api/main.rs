@@ -1,0 +1,6 @@
+//! The API over real sockets.
+
+mod edges;
+mod http;
+mod resources;
+mod rig;
