@@ -1,1 +1,63 @@
-//! placeholder
+//! Where samples come from: one source per kind of plant interface, each yielding [`Sample`]s with a quality.
+//!
+//! A source is planned without I/O (`modbus::Plan`), then run as one task per device. It hands every
+//! sample to a [`Sink`], keeps its counters in a [`DeviceHealth`] that anyone may read, and takes the time
+//! from a [`Clock`], so a simulated plant may run faster than the wall.
+
+pub mod modbus;
+
+mod frozen;
+mod health;
+
+pub use frozen::Frozen;
+pub use health::{DeviceHealth, HealthSnapshot};
+
+use crate::signal::Sample;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// Where samples go. Called from the polling task: an implementation must not block.
+pub trait Sink: Send + Sync + 'static {
+    /// One sample of the tag that `app` numbered `tag`. Every poll yields exactly one sample of every tag
+    /// of the device, bad ones included, so that a consumer sees data age.
+    fn sample(&self, tag: usize, sample: Sample);
+
+    /// One poll of the device that `app` numbered `device` has ended; its samples came before.
+    fn poll(&self, device: usize, poll: Poll);
+}
+
+/// What one poll of one device brought.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Poll {
+    /// When it ended (s), by the same clock as the samples.
+    pub t: f64,
+    /// Tags read well (good or stale).
+    pub good: usize,
+    /// Tags without a usable value.
+    pub bad: usize,
+    /// How long it took on the wall clock.
+    pub took: Duration,
+}
+
+/// The time that samples are stamped with [s since the Unix epoch].
+pub trait Clock: Send + Sync + 'static {
+    /// Now (s).
+    fn now(&self) -> f64;
+}
+
+impl<F: Fn() -> f64 + Send + Sync + 'static> Clock for F {
+    fn now(&self) -> f64 {
+        self()
+    }
+}
+
+/// The wall clock.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SystemClock;
+
+impl Clock for SystemClock {
+    fn now(&self) -> f64 {
+        SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .map_or(0.0, |since| since.as_secs_f64())
+    }
+}

@@ -1,6 +1,15 @@
 //! The diagnosis of one loop, pure: `gate -> region -> denoise -> search over f (friction + armax) ->
 //! evidence -> verdict`. No clock, no files, no randomness: the same record gives the same diagnosis.
 
+pub mod armax;
+pub mod denoise;
+pub mod friction;
+pub mod gate;
+pub mod linalg;
+pub mod region;
+pub mod screen;
+pub mod stats;
+
 use crate::signal::{Record, Window};
 use std::fmt;
 

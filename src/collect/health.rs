@@ -1,0 +1,133 @@
+//! The counters of one device, written by its polling task and read by metrics, readiness and logs.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+
+/// Live counters of one device; lock-free, so that reading them never delays a poll.
+#[derive(Debug)]
+pub struct DeviceHealth {
+    polls: AtomicU64,
+    missed_polls: AtomicU64,
+    overruns: AtomicU64,
+    timeouts: AtomicU64,
+    exceptions: AtomicU64,
+    link_errors: AtomicU64,
+    connects: AtomicU64,
+    good_samples: AtomicU64,
+    bad_samples: AtomicU64,
+    last_good: AtomicU64,
+    connected: AtomicBool,
+}
+
+/// [`DeviceHealth`] at one moment.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HealthSnapshot {
+    /// Polls done.
+    pub polls: u64,
+    /// Polls that never began because the one before took too long.
+    pub missed_polls: u64,
+    /// Polls that took longer than the poll period.
+    pub overruns: u64,
+    /// Requests without an answer in time.
+    pub timeouts: u64,
+    /// Requests that the device refused or answered with the wrong number of values.
+    pub exceptions: u64,
+    /// Connections that could not be made, broke, or carried something that is not Modbus.
+    pub link_errors: u64,
+    /// Connections made again after the first.
+    pub reconnects: u64,
+    /// Samples with a usable value (good or stale).
+    pub good_samples: u64,
+    /// Samples without.
+    pub bad_samples: u64,
+    /// When the last good sample came (s); none yet when `None`.
+    pub last_good: Option<f64>,
+    /// Whether a connection is open. It says little: judge a device by [`HealthSnapshot::age_s`].
+    pub connected: bool,
+}
+
+impl HealthSnapshot {
+    /// Time since the last good sample (s) at time `now` (s): the measure of liveness.
+    pub fn age_s(&self, now: f64) -> Option<f64> {
+        self.last_good.map(|t| now - t)
+    }
+}
+
+impl Default for DeviceHealth {
+    fn default() -> Self {
+        Self {
+            polls: AtomicU64::new(0),
+            missed_polls: AtomicU64::new(0),
+            overruns: AtomicU64::new(0),
+            timeouts: AtomicU64::new(0),
+            exceptions: AtomicU64::new(0),
+            link_errors: AtomicU64::new(0),
+            connects: AtomicU64::new(0),
+            good_samples: AtomicU64::new(0),
+            bad_samples: AtomicU64::new(0),
+            last_good: AtomicU64::new(f64::NAN.to_bits()),
+            connected: AtomicBool::new(false),
+        }
+    }
+}
+
+impl DeviceHealth {
+    /// The counters now. Each is exact; together they may straddle a poll in progress.
+    pub fn snapshot(&self) -> HealthSnapshot {
+        let last_good = f64::from_bits(self.last_good.load(Relaxed));
+        HealthSnapshot {
+            polls: self.polls.load(Relaxed),
+            missed_polls: self.missed_polls.load(Relaxed),
+            overruns: self.overruns.load(Relaxed),
+            timeouts: self.timeouts.load(Relaxed),
+            exceptions: self.exceptions.load(Relaxed),
+            link_errors: self.link_errors.load(Relaxed),
+            reconnects: self.connects.load(Relaxed).saturating_sub(1),
+            good_samples: self.good_samples.load(Relaxed),
+            bad_samples: self.bad_samples.load(Relaxed),
+            last_good: (!last_good.is_nan()).then_some(last_good),
+            connected: self.connected.load(Relaxed),
+        }
+    }
+
+    pub(super) fn poll_done(&self, overran: bool) {
+        self.polls.fetch_add(1, Relaxed);
+        self.overruns.fetch_add(u64::from(overran), Relaxed);
+    }
+
+    pub(super) fn missed(&self, polls: u64) {
+        self.missed_polls.fetch_add(polls, Relaxed);
+    }
+
+    pub(super) fn timed_out(&self) {
+        self.timeouts.fetch_add(1, Relaxed);
+    }
+
+    pub(super) fn refused(&self) {
+        self.exceptions.fetch_add(1, Relaxed);
+    }
+
+    pub(super) fn link_failed(&self) {
+        self.link_errors.fetch_add(1, Relaxed);
+    }
+
+    pub(super) fn connected(&self) {
+        self.connects.fetch_add(1, Relaxed);
+        self.connected.store(true, Relaxed);
+    }
+
+    pub(super) fn disconnected(&self) {
+        self.connected.store(false, Relaxed);
+    }
+
+    /// A usable value, at time `t` (s) when it is good.
+    pub(super) fn usable(&self, good_at: Option<f64>) {
+        self.good_samples.fetch_add(1, Relaxed);
+        if let Some(t) = good_at {
+            self.last_good.store(t.to_bits(), Relaxed);
+        }
+    }
+
+    pub(super) fn unusable(&self) {
+        self.bad_samples.fetch_add(1, Relaxed);
+    }
+}

@@ -1,0 +1,443 @@
+//! What the configuration file says about a Modbus device and about a tag's place in it.
+
+use crate::signal::Role;
+use serde::Deserialize;
+use std::fmt;
+use std::str::FromStr;
+
+/// Most registers that one answer can carry (Modbus application protocol V1.1b3, 6.3).
+pub(super) const MAX_REGISTERS: u16 = 125;
+/// Most coils or discrete inputs that one answer can carry (6.1).
+pub(super) const MAX_BITS: u16 = 2000;
+
+/// One Modbus/TCP device, `[[modbus]]`. Every entry has a connection and a task of its own, so several
+/// units behind one gateway are several entries with the same address, and a dead unit delays no other.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Name that tags refer to.
+    pub name: String,
+    /// `host:port`, `10.0.0.5:502` or `[fd00::5]:502`.
+    pub address: String,
+    /// Unit identifier; 1 for most devices, the slave's number behind a gateway.
+    #[serde(default = "default_unit_id")]
+    pub unit_id: u8,
+    /// Poll period (ms).
+    #[serde(default = "default_poll_ms")]
+    pub poll_ms: u64,
+    /// Longest wait for a connection and for each answer (ms); at most `poll_ms`.
+    #[serde(default = "default_timeout_ms")]
+    pub timeout_ms: u64,
+    /// Longest pause between attempts to reconnect (ms).
+    #[serde(default = "default_reconnect_max_ms")]
+    pub reconnect_max_ms: u64,
+    /// 0 when the device's documentation counts registers from 0 (as on the wire), 1 when from 1. Required,
+    /// because a wrong guess reads the neighbour's value. Leave out the leading 3 or 4 of `40001` notation.
+    pub address_base: u8,
+    /// Most registers asked for at once, 1 to 125.
+    #[serde(default = "default_max_registers")]
+    pub max_registers_per_request: u16,
+    /// Most coils or discrete inputs asked for at once, 1 to 2000.
+    #[serde(default = "default_max_bits")]
+    pub max_bits_per_request: u16,
+    /// Registers nobody asked for that may be read along, to save a request.
+    #[serde(default = "default_max_gap")]
+    pub max_gap: u16,
+    /// Byte order of the device's tags that name none.
+    #[serde(default)]
+    pub byte_order: ByteOrder,
+}
+
+fn default_unit_id() -> u8 {
+    1
+}
+fn default_poll_ms() -> u64 {
+    1000
+}
+fn default_timeout_ms() -> u64 {
+    500
+}
+fn default_reconnect_max_ms() -> u64 {
+    30_000
+}
+fn default_max_registers() -> u16 {
+    MAX_REGISTERS
+}
+fn default_max_bits() -> u16 {
+    MAX_BITS
+}
+fn default_max_gap() -> u16 {
+    8
+}
+
+/// Where a tag lives in a Modbus device and how its value is made: `[loop.op]`, `[[loop.tag]]`, ….
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TagConfig {
+    /// Name of an extra tag; the five roles of a loop have none.
+    #[serde(default)]
+    pub name: Option<String>,
+    /// Name of the device.
+    pub device: String,
+    /// Which of the device's four tables.
+    pub register: Register,
+    /// Address of the (first) register, counted from the device's `address_base`.
+    pub address: i64,
+    /// How registers become a number; left out for coils and discrete inputs, which are bits.
+    #[serde(default, rename = "type")]
+    pub value_type: Option<ValueType>,
+    /// Byte order, where it differs from the device's.
+    #[serde(default)]
+    pub byte_order: Option<ByteOrder>,
+    /// Which bit of the register, 0 the least significant; for `type = "bit"` only.
+    #[serde(default)]
+    pub bit: Option<u8>,
+    /// value = scale * raw + offset.
+    #[serde(default = "default_scale")]
+    pub scale: f64,
+    /// See `scale`.
+    #[serde(default)]
+    pub offset: f64,
+    /// Least and greatest believable value, after scaling.
+    #[serde(default)]
+    pub range: Option<[f64; 2]>,
+    /// Engineering unit, for people.
+    #[serde(default)]
+    pub unit: Option<String>,
+    /// Of a mode tag: the raw values that mean automatic. Without it, anything but 0 does.
+    #[serde(default)]
+    pub auto_values: Option<Vec<i64>>,
+}
+
+fn default_scale() -> f64 {
+    1.0
+}
+
+/// The four tables of a Modbus device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Register {
+    /// Holding registers, function 3.
+    Holding,
+    /// Input registers, function 4.
+    Input,
+    /// Coils, function 1.
+    Coil,
+    /// Discrete inputs, function 2.
+    Discrete,
+}
+
+impl Register {
+    /// True for the tables of single bits.
+    pub fn is_bits(self) -> bool {
+        matches!(self, Register::Coil | Register::Discrete)
+    }
+
+    /// The name as the configuration writes it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Register::Holding => "holding",
+            Register::Input => "input",
+            Register::Coil => "coil",
+            Register::Discrete => "discrete",
+        }
+    }
+}
+
+impl FromStr for Register {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        [
+            Register::Holding,
+            Register::Input,
+            Register::Coil,
+            Register::Discrete,
+        ]
+        .into_iter()
+        .find(|register| register.as_str() == text)
+        .ok_or_else(|| format!("'{text}' is none of holding, input, coil, discrete"))
+    }
+}
+
+impl fmt::Display for Register {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(self.as_str())
+    }
+}
+
+/// How registers become a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ValueType {
+    /// Unsigned, one register.
+    U16,
+    /// Two's complement, one register.
+    I16,
+    /// Unsigned, two registers.
+    U32,
+    /// Two's complement, two registers.
+    I32,
+    /// IEEE 754 single precision, two registers.
+    F32,
+    /// IEEE 754 double precision, four registers.
+    F64,
+    /// One bit of a register, or a coil or discrete input.
+    Bit,
+}
+
+impl ValueType {
+    /// Registers (or, for a coil, bits) that a value takes.
+    pub fn width(self) -> u16 {
+        match self {
+            ValueType::U16 | ValueType::I16 | ValueType::Bit => 1,
+            ValueType::U32 | ValueType::I32 | ValueType::F32 => 2,
+            ValueType::F64 => 4,
+        }
+    }
+
+    /// The name as the configuration writes it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            ValueType::U16 => "u16",
+            ValueType::I16 => "i16",
+            ValueType::U32 => "u32",
+            ValueType::I32 => "i32",
+            ValueType::F32 => "f32",
+            ValueType::F64 => "f64",
+            ValueType::Bit => "bit",
+        }
+    }
+
+    pub(super) fn is_integer(self) -> bool {
+        matches!(
+            self,
+            ValueType::U16 | ValueType::I16 | ValueType::U32 | ValueType::I32
+        )
+    }
+}
+
+/// The order in which the bytes of a value lie in ascending registers, each register's high byte first.
+/// A is the most significant byte.
+///
+/// | order | 16 bits (AB) | 32 bits (ABCD) | 64 bits (ABCDEFGH) | in words |
+/// |---|---|---|---|---|
+/// | `ABCD` | AB | AB CD | AB CD EF GH | most significant register first |
+/// | `CDAB` | AB | CD AB | GH EF CD AB | least significant register first |
+/// | `BADC` | BA | BA DC | BA DC FE HG | as ABCD, the bytes of each register swapped |
+/// | `DCBA` | BA | DC BA | HG FE DC BA | as CDAB, the bytes of each register swapped |
+///
+/// The bit of `type = "bit"` counts in the register as a `u16` of the same order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Deserialize)]
+pub enum ByteOrder {
+    /// Big-endian, as the protocol's own numbers.
+    #[default]
+    #[serde(rename = "ABCD")]
+    Abcd,
+    /// Words swapped.
+    #[serde(rename = "CDAB")]
+    Cdab,
+    /// Bytes swapped in each word.
+    #[serde(rename = "BADC")]
+    Badc,
+    /// Little-endian.
+    #[serde(rename = "DCBA")]
+    Dcba,
+}
+
+impl ByteOrder {
+    /// All four.
+    pub const ALL: [ByteOrder; 4] = [ByteOrder::Abcd, ByteOrder::Cdab, ByteOrder::Badc, ByteOrder::Dcba];
+
+    /// The name as the configuration writes it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            ByteOrder::Abcd => "ABCD",
+            ByteOrder::Cdab => "CDAB",
+            ByteOrder::Badc => "BADC",
+            ByteOrder::Dcba => "DCBA",
+        }
+    }
+}
+
+/// Something wrong in one field; the caller knows where the field stands in the file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Issue {
+    /// The field, as the file writes it (`poll_ms`, `range`).
+    pub field: &'static str,
+    /// What is wrong and what would be right.
+    pub message: String,
+}
+
+/// Collects issues.
+struct Issues(Vec<Issue>);
+
+impl Issues {
+    fn unless(&mut self, ok: bool, field: &'static str, message: impl FnOnce() -> String) {
+        if !ok {
+            self.0.push(Issue {
+                field,
+                message: message(),
+            });
+        }
+    }
+}
+
+impl Config {
+    /// Everything wrong with the device's own fields; empty when it can be polled.
+    pub fn validate(&self) -> Vec<Issue> {
+        let mut issues = Issues(Vec::new());
+        issues.unless(!self.name.trim().is_empty(), "name", || {
+            "a device needs a name".into()
+        });
+        issues.unless(is_host_and_port(&self.address), "address", || {
+            format!("'{}' is not host:port, such as 10.0.0.5:502", self.address)
+        });
+        issues.unless(self.poll_ms >= 1, "poll_ms", || "must be at least 1".into());
+        issues.unless(self.poll_ms <= 86_400_000, "poll_ms", || {
+            "must be at most a day, 86400000".into()
+        });
+        issues.unless(self.timeout_ms >= 1, "timeout_ms", || "must be at least 1".into());
+        issues.unless(self.timeout_ms <= self.poll_ms.max(1), "timeout_ms", || {
+            format!(
+                "{} is longer than poll_ms = {}: one lost answer would cost the next poll",
+                self.timeout_ms, self.poll_ms
+            )
+        });
+        issues.unless(
+            (1..=86_400_000).contains(&self.reconnect_max_ms),
+            "reconnect_max_ms",
+            || "must be 1 to 86400000".into(),
+        );
+        issues.unless(self.address_base <= 1, "address_base", || {
+            format!("{} must be 0 or 1", self.address_base)
+        });
+        let registers = self.max_registers_per_request;
+        issues.unless(
+            (1..=MAX_REGISTERS).contains(&registers),
+            "max_registers_per_request",
+            || format!("{registers} must be 1 to {MAX_REGISTERS}, the most one answer can carry"),
+        );
+        let bits = self.max_bits_per_request;
+        issues.unless((1..=MAX_BITS).contains(&bits), "max_bits_per_request", || {
+            format!("{bits} must be 1 to {MAX_BITS}, the most one answer can carry")
+        });
+        issues.unless(self.max_gap <= MAX_REGISTERS, "max_gap", || {
+            format!("{} must be at most {MAX_REGISTERS}", self.max_gap)
+        });
+        issues.0
+    }
+}
+
+impl TagConfig {
+    /// The type, with the default of bits for tables of bits.
+    pub fn effective_type(&self) -> Option<ValueType> {
+        self.value_type
+            .or(self.register.is_bits().then_some(ValueType::Bit))
+    }
+
+    /// Address on the wire, counted from 0, when the whole value lies inside the device's 65536 addresses.
+    pub fn wire_address(&self, device: &Config) -> Option<u16> {
+        let start = self.address.checked_sub(i64::from(device.address_base))?;
+        let last = start.checked_add(i64::from(self.effective_type()?.width()) - 1)?;
+        u16::try_from(last).ok()?;
+        u16::try_from(start).ok()
+    }
+
+    /// Everything wrong with the tag, on this device and in this role (`None` for an extra tag).
+    pub fn validate(&self, device: &Config, role: Option<Role>) -> Vec<Issue> {
+        let mut issues = Issues(Vec::new());
+        self.validate_type(device, &mut issues);
+        self.validate_value(role, &mut issues);
+        issues.0
+    }
+
+    fn validate_type(&self, device: &Config, issues: &mut Issues) {
+        let bits = self.register.is_bits();
+        let Some(value_type) = self.effective_type() else {
+            issues.unless(false, "type", || {
+                format!(
+                    "a {} register needs a type: u16 i16 u32 i32 f32 f64 bit",
+                    self.register
+                )
+            });
+            return;
+        };
+        issues.unless(!bits || value_type == ValueType::Bit, "type", || {
+            format!(
+                "a {} is a single bit; leave the type out or write \"bit\"",
+                self.register
+            )
+        });
+        let base = i64::from(device.address_base);
+        let width = value_type.width();
+        issues.unless(self.wire_address(device).is_some(), "address", || {
+            let last = 65536 - i64::from(width) + base;
+            format!(
+                "{} must be {base} to {last} (address_base = {base})",
+                self.address
+            )
+        });
+        let most = device.max_registers_per_request;
+        issues.unless(bits || width <= most, "type", || {
+            format!("takes {width} registers, but max_registers_per_request = {most}")
+        });
+        let needs_bit = !bits && value_type == ValueType::Bit;
+        match self.bit {
+            None => issues.unless(!needs_bit, "bit", || "which bit of the register, 0 to 15?".into()),
+            Some(bit) => {
+                issues.unless(needs_bit, "bit", || {
+                    "only for type = \"bit\" in a holding or input register".into()
+                });
+                issues.unless(bit <= 15, "bit", || format!("{bit} must be 0 to 15"));
+            }
+        }
+        issues.unless(!bits || self.byte_order.is_none(), "byte_order", || {
+            format!("a {} has no bytes to order", self.register)
+        });
+    }
+
+    fn validate_value(&self, role: Option<Role>, issues: &mut Issues) {
+        let mode = role == Some(Role::Mode);
+        issues.unless(self.scale.is_finite() && self.scale != 0.0, "scale", || {
+            format!("{} must be a number other than 0", self.scale)
+        });
+        issues.unless(self.offset.is_finite(), "offset", || {
+            format!("{} must be a number", self.offset)
+        });
+        if let Some([least, greatest]) = self.range {
+            let ordered = least.is_finite() && greatest.is_finite() && least < greatest;
+            issues.unless(ordered, "range", || {
+                format!("[{least}, {greatest}] must be the least, then the greatest value")
+            });
+        }
+        if let Some(values) = &self.auto_values {
+            issues.unless(mode, "auto_values", || "only a mode tag has them".into());
+            issues.unless(!values.is_empty(), "auto_values", || {
+                "name at least one value".into()
+            });
+        }
+        for (field, plain) in [
+            ("scale", self.scale == 1.0),
+            ("offset", self.offset == 0.0),
+            ("range", self.range.is_none()),
+        ] {
+            issues.unless(!mode || plain, field, || {
+                "a mode is compared raw; write the raw auto_values".into()
+            });
+        }
+    }
+}
+
+fn is_host_and_port(address: &str) -> bool {
+    address.rsplit_once(':').is_some_and(|(host, port)| {
+        let bare = !host.is_empty() && !host.contains(|c: char| c.is_whitespace() || c == ':' || c == '/');
+        let bracketed = host.strip_prefix('[').and_then(|h| h.strip_suffix(']'));
+        let host_ok = bracketed.map_or(bare, |h| h.parse::<std::net::Ipv6Addr>().is_ok());
+        host_ok && port.parse::<u16>().is_ok_and(|p| p > 0)
+    })
+}
+
+#[cfg(test)]
+#[path = "config_tests.rs"]
+mod tests;

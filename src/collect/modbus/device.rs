@@ -1,0 +1,337 @@
+//! The poll loop of one device: a fixed rate, one connection, and for every tag one sample a poll.
+
+use super::backoff::Backoff;
+use super::decode::Reading;
+use super::link::{Link, Lost, Refusal};
+use super::plan::{Plan, Tag};
+use super::slots::Slots;
+use crate::collect::{Clock, DeviceHealth, Frozen, Poll, Sink};
+use crate::signal::{BadReason, Quality, Sample};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg32;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::{Instant, MissedTickBehavior, interval_at};
+use tokio_util::sync::CancellationToken;
+use tracing::{debug, info, warn};
+
+/// First polls of the devices spread over at most this long.
+const LONGEST_STAGGER: Duration = Duration::from_secs(1);
+
+/// Polls one device until it is told to stop.
+pub struct Collector {
+    plan: Plan,
+    clock: Arc<dyn Clock>,
+    health: Arc<DeviceHealth>,
+    slots: Slots,
+    frozen: Vec<Option<Frozen>>,
+    link: Option<Link>,
+    backoff: Backoff,
+    random: Pcg32,
+    down: bool,
+}
+
+/// What one poll has brought so far.
+struct Round {
+    deadline: Instant,
+    good: usize,
+    bad: usize,
+    any_answer: bool,
+    unanswered: Vec<(usize, BadReason)>,
+    may_reconnect: bool,
+    unreachable: bool,
+}
+
+impl Collector {
+    /// A collector for the plan. `seed` decides the jitter only: give each device another.
+    pub fn new(plan: Plan, clock: Arc<dyn Clock>, seed: u64) -> Self {
+        let mut random = Pcg32::seed_from_u64(seed);
+        // Half a period, so that the first new attempt is due at the very next poll.
+        let backoff = Backoff::new(
+            plan.period / 2,
+            plan.reconnect_max,
+            Pcg32::seed_from_u64(random.random()),
+        );
+        Self {
+            clock,
+            health: Arc::default(),
+            slots: Slots::new(plan.requests.clone()),
+            frozen: plan
+                .tags
+                .iter()
+                .map(|tag| tag.frozen_after_s.map(Frozen::new))
+                .collect(),
+            link: None,
+            backoff,
+            random,
+            down: false,
+            plan,
+        }
+    }
+
+    /// The device's counters, live.
+    pub fn health(&self) -> Arc<DeviceHealth> {
+        Arc::clone(&self.health)
+    }
+
+    /// Polls at the plan's period until `shutdown` is cancelled. Every poll hands each tag's sample to the
+    /// sink exactly once. Stopping drops the connection and any answer still under way.
+    pub async fn run(mut self, sink: Arc<dyn Sink>, shutdown: CancellationToken) {
+        let health = self.health();
+        shutdown.run_until_cancelled(self.poll_for_ever(&*sink)).await;
+        health.disconnected();
+    }
+
+    async fn poll_for_ever(&mut self, sink: &dyn Sink) {
+        let period = self.plan.period;
+        let stagger = period
+            .min(LONGEST_STAGGER)
+            .mul_f64(self.random.random_range(0.0..1.0));
+        let anchor = Instant::now() + stagger;
+        let mut ticks = interval_at(anchor, period);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        let mut next = 0;
+        loop {
+            let tick = ticks.tick().await;
+            let number = tick_number(tick.saturating_duration_since(anchor), period);
+            self.health.missed(number.saturating_sub(next));
+            next = number + 1;
+            let began = Instant::now();
+            let round = self.poll(number, tick + period, sink).await;
+            let took = began.elapsed();
+            self.health.poll_done(took > period);
+            let (good, bad) = (round.good, round.bad);
+            sink.poll(
+                self.plan.device,
+                Poll {
+                    t: self.clock.now(),
+                    good,
+                    bad,
+                    took,
+                },
+            );
+        }
+    }
+
+    async fn poll(&mut self, number: u64, deadline: Instant, sink: &dyn Sink) -> Round {
+        let mut round = Round {
+            deadline,
+            good: 0,
+            bad: 0,
+            any_answer: false,
+            unanswered: Vec::new(),
+            may_reconnect: true,
+            unreachable: false,
+        };
+        let order = self.slots.order(number);
+        let mut due = order.due;
+        if self.link.is_none() && !(self.backoff.due(Instant::now()) && self.connect(&mut round).await) {
+            due.extend(order.resting.into_iter().map(|(slot, _)| slot));
+            self.give_up(&mut due, BadReason::LinkDown, &mut round, sink);
+        } else {
+            for (slot, reason) in order.resting {
+                self.emit_bad(slot, reason, &mut round, sink);
+            }
+            self.ask_all(due, &mut round, sink).await;
+        }
+        self.slots.poll_ended(number, &round.unanswered, round.any_answer);
+        if round.any_answer && !round.unreachable {
+            self.backoff.reset();
+        } else if round.unreachable || !round.unanswered.is_empty() {
+            self.backoff.failed(Instant::now());
+        }
+        round
+    }
+
+    /// Asks what is due. A lost link is opened again once a poll and within its period; when it is lost again,
+    /// the rest waits for the next poll, so that a dead device costs two time-outs, not one a request.
+    async fn ask_all(&mut self, mut due: VecDeque<usize>, round: &mut Round, sink: &dyn Sink) {
+        while let Some(slot) = due.pop_front() {
+            let Some(link) = self.link.take() else {
+                due.push_front(slot);
+                return self.give_up(&mut due, BadReason::LinkDown, round, sink);
+            };
+            let lost = match link.read(self.slots.request(slot).span).await {
+                Ok((link, answer)) => {
+                    self.link = Some(link);
+                    round.any_answer = true;
+                    match answer {
+                        Ok(words) => self.emit(slot, &words, round, sink),
+                        Err(refusal) => self.refused(slot, refusal, &mut due, round, sink),
+                    }
+                    continue;
+                }
+                Err(lost) => lost,
+            };
+            self.lost(&lost);
+            let reason = match lost {
+                Lost::Timeout => BadReason::Timeout,
+                Lost::Broken(_) => BadReason::LinkDown,
+            };
+            let may_reconnect = std::mem::take(&mut round.may_reconnect);
+            // A device may close a connection that idled between two polls: that costs no sample.
+            if may_reconnect && matches!(lost, Lost::Broken(_)) {
+                due.push_front(slot);
+            } else {
+                round.unanswered.push((slot, reason));
+                self.emit_bad(slot, reason, round, sink);
+            }
+            if due.is_empty() {
+                return;
+            }
+            let rest = if !may_reconnect || Instant::now() >= round.deadline {
+                reason
+            } else if self.connect(round).await {
+                continue;
+            } else {
+                BadReason::LinkDown
+            };
+            self.give_up(&mut due, rest, round, sink);
+        }
+    }
+
+    async fn connect(&mut self, round: &mut Round) -> bool {
+        let plan = &self.plan;
+        match Link::open(&plan.address, plan.unit_id, plan.timeout).await {
+            Ok(link) => {
+                debug!(device = %plan.name, address = %plan.address, "connected");
+                self.health.connected();
+                self.link = Some(link);
+                true
+            }
+            Err(lost) => {
+                self.lost(&lost);
+                round.unreachable = true;
+                false
+            }
+        }
+    }
+
+    /// Counts and reports the loss of the link; only the first since the last answer is a warning.
+    fn lost(&mut self, lost: &Lost) {
+        self.health.disconnected();
+        match lost {
+            Lost::Timeout => self.health.timed_out(),
+            Lost::Broken(_) => self.health.link_failed(),
+        }
+        if std::mem::replace(&mut self.down, true) {
+            debug!(device = %self.plan.name, "{lost}");
+        } else {
+            warn!(device = %self.plan.name, "{lost}");
+        }
+    }
+
+    /// The device is alive and refuses this request. It is divided for good when tags can be saved so.
+    fn refused(
+        &mut self,
+        slot: usize,
+        refusal: Refusal,
+        due: &mut VecDeque<usize>,
+        round: &mut Round,
+        sink: &dyn Sink,
+    ) {
+        self.health.refused();
+        let span = self.slots.request(slot).span;
+        let upper = if refusal.may_be_a_hole() {
+            self.slots.split(slot, &self.plan.tags)
+        } else {
+            None
+        };
+        if let Some(upper) = upper {
+            info!(device = %self.plan.name, register = %span.register, start = span.start, count = span.count,
+                "request refused and divided: {refusal}");
+            if Instant::now() < round.deadline {
+                due.push_front(upper);
+                due.push_front(slot);
+            } else {
+                self.emit_bad(slot, BadReason::DeviceException, round, sink);
+                self.emit_bad(upper, BadReason::DeviceException, round, sink);
+            }
+            return;
+        }
+        if self.slots.refused(slot) {
+            warn!(device = %self.plan.name, register = %span.register, start = span.start, count = span.count,
+                "request refused: {refusal}");
+        }
+        self.emit_bad(slot, BadReason::DeviceException, round, sink);
+        if refusal.is_gateway() {
+            self.give_up(due, BadReason::DeviceException, round, sink);
+        }
+    }
+
+    fn emit(&mut self, slot: usize, words: &[u16], round: &mut Round, sink: &dyn Sink) {
+        self.slots.answered(slot);
+        if std::mem::take(&mut self.down) {
+            info!(device = %self.plan.name, "answers again");
+        }
+        let t = self.clock.now();
+        let request = self.slots.request(slot);
+        for &at in &request.tags {
+            let tag = &self.plan.tags[at];
+            let from = usize::from(tag.span.start - request.span.start);
+            let reading = words.get(from..).and_then(|words| tag.decoder.decode(words));
+            let mut reading = reading.unwrap_or(Reading::bad(BadReason::DeviceException));
+            if let (Quality::Good, Some(frozen)) = (reading.quality, &mut self.frozen[at])
+                && frozen.update(t, reading.value)
+            {
+                reading.quality = Quality::Stale;
+            }
+            hand_over(&self.health, tag, t, reading, round, sink);
+        }
+    }
+
+    fn emit_bad(&self, slot: usize, reason: BadReason, round: &mut Round, sink: &dyn Sink) {
+        let t = self.clock.now();
+        for &at in &self.slots.request(slot).tags {
+            hand_over(
+                &self.health,
+                &self.plan.tags[at],
+                t,
+                Reading::bad(reason),
+                round,
+                sink,
+            );
+        }
+    }
+
+    fn give_up(&self, due: &mut VecDeque<usize>, reason: BadReason, round: &mut Round, sink: &dyn Sink) {
+        for slot in due.drain(..) {
+            self.emit_bad(slot, reason, round, sink);
+        }
+    }
+}
+
+fn hand_over(health: &DeviceHealth, tag: &Tag, t: f64, reading: Reading, round: &mut Round, sink: &dyn Sink) {
+    let Reading { value, quality } = reading;
+    if let Quality::Bad(_) = quality {
+        round.bad += 1;
+        health.unusable();
+    } else {
+        round.good += 1;
+        health.usable(quality.is_good().then_some(t));
+    }
+    sink.sample(tag.index, Sample { t, value, quality });
+}
+
+/// Which tick of the schedule this is, to the nearest: timers fire up to a millisecond late.
+fn tick_number(since_anchor: Duration, period: Duration) -> u64 {
+    let (since, period) = (since_anchor.as_nanos(), period.as_nanos().max(1));
+    u64::try_from((since + period / 2) / period).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_numbered_to_the_nearest() {
+        let ms = Duration::from_millis;
+        let number = |since| tick_number(ms(since), ms(100));
+        assert_eq!(
+            [0, 1, 49, 99, 100, 101, 249, 251].map(number),
+            [0, 0, 0, 1, 1, 1, 2, 3]
+        );
+        assert_eq!(tick_number(ms(5), Duration::ZERO), 5_000_000);
+    }
+}

@@ -1,0 +1,170 @@
+//! One connection to one device, and the only place that talks to a socket. It can only read.
+
+use super::config::Register;
+use super::plan::Span;
+use std::fmt;
+use std::io;
+use std::time::Duration;
+use tokio::net::{TcpSocket, TcpStream, lookup_host};
+use tokio::time::timeout;
+use tokio_modbus::client::{Client, Context, tcp};
+use tokio_modbus::{ExceptionCode, Request, Response, Slave};
+
+/// An open connection on which no question is unanswered.
+///
+/// [`Link::read`] takes the link and gives it back only after a whole, matching answer: after a time-out or
+/// a broken answer there is nothing left to read a late answer from.
+pub(super) struct Link {
+    context: Context,
+    timeout: Duration,
+}
+
+/// Why there is no link any more.
+#[derive(Debug)]
+pub(super) enum Lost {
+    /// No answer in time.
+    Timeout,
+    /// The connection broke, or carried something that does not answer the question.
+    Broken(String),
+}
+
+impl fmt::Display for Lost {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Lost::Timeout => out.write_str("no answer in time"),
+            Lost::Broken(why) => write!(out, "link: {why}"),
+        }
+    }
+}
+
+/// The device answered, but not with the values asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Refusal {
+    /// A Modbus exception.
+    Exception(ExceptionCode),
+    /// More or fewer values than asked for: nobody knows which they are.
+    WrongCount {
+        /// Values asked for.
+        asked: u16,
+        /// Values that came.
+        came: usize,
+    },
+}
+
+impl Refusal {
+    /// True when a smaller request may succeed: the address or the length was refused.
+    pub(super) fn may_be_a_hole(self) -> bool {
+        use ExceptionCode::{IllegalDataAddress, IllegalDataValue};
+        matches!(
+            self,
+            Refusal::WrongCount { .. } | Refusal::Exception(IllegalDataAddress | IllegalDataValue)
+        )
+    }
+
+    /// True when a gateway speaks for a unit it cannot reach: asking on would only cost its time-outs.
+    pub(super) fn is_gateway(self) -> bool {
+        use ExceptionCode::{GatewayPathUnavailable, GatewayTargetDevice};
+        matches!(
+            self,
+            Refusal::Exception(GatewayPathUnavailable | GatewayTargetDevice)
+        )
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Refusal::Exception(code) => write!(out, "{code} (exception {})", u8::from(*code)),
+            Refusal::WrongCount { asked, came } => write!(out, "answered {came} values, not {asked}"),
+        }
+    }
+}
+
+/// What a device said: one word per address (0 or 1 for coils and discrete inputs), or a refusal.
+pub(super) type Answer = Result<Vec<u16>, Refusal>;
+
+impl Link {
+    /// Connects to `host:port`, within the time-out that later holds for every answer.
+    pub(super) async fn open(address: &str, unit_id: u8, limit: Duration) -> Result<Link, Lost> {
+        match timeout(limit, connect(address)).await {
+            Err(_) => Err(Lost::Broken(format!(
+                "no connection to {address} within {} ms",
+                limit.as_millis()
+            ))),
+            Ok(Err(error)) => Err(Lost::Broken(format!("cannot connect to {address}: {error}"))),
+            Ok(Ok(stream)) => Ok(Link {
+                context: tcp::attach_slave(stream, Slave(unit_id)),
+                timeout: limit,
+            }),
+        }
+    }
+
+    /// Asks for `span`. Gives the link back with the answer, or tells why it is lost.
+    pub(super) async fn read(mut self, span: Span) -> Result<(Link, Answer), Lost> {
+        // The request is sent as such, because the client's read methods assert the length of the answer.
+        let request = match span.register {
+            Register::Holding => Request::ReadHoldingRegisters(span.start, span.count),
+            Register::Input => Request::ReadInputRegisters(span.start, span.count),
+            Register::Coil => Request::ReadCoils(span.start, span.count),
+            Register::Discrete => Request::ReadDiscreteInputs(span.start, span.count),
+        };
+        let answer = match timeout(self.timeout, self.context.call(request)).await {
+            Err(_) => return Err(Lost::Timeout),
+            Ok(Err(error)) => return Err(Lost::Broken(readable(&error))),
+            Ok(Ok(answer)) => answer,
+        };
+        let answer = match answer {
+            Err(code) => Err(Refusal::Exception(code)),
+            Ok(Response::ReadHoldingRegisters(words) | Response::ReadInputRegisters(words)) => {
+                counted(words.len(), usize::from(span.count), span.count).map(|()| words)
+            }
+            Ok(Response::ReadCoils(bits) | Response::ReadDiscreteInputs(bits)) => {
+                // Bits come in whole bytes; which of the last byte are filling, the answer does not say.
+                let whole = usize::from(span.count).div_ceil(8) * 8;
+                counted(bits.len(), whole, span.count).map(|()| {
+                    bits[..usize::from(span.count)]
+                        .iter()
+                        .map(|bit| u16::from(*bit))
+                        .collect()
+                })
+            }
+            Ok(_) => return Err(Lost::Broken("the answer is of another function".into())),
+        };
+        Ok((self, answer))
+    }
+}
+
+fn counted(came: usize, due: usize, asked: u16) -> Result<(), Refusal> {
+    if came == due {
+        Ok(())
+    } else {
+        Err(Refusal::WrongCount { asked, came })
+    }
+}
+
+/// The client reports a connection closed by the peer as the operating system's last error, whatever that was.
+fn readable(error: &tokio_modbus::Error) -> String {
+    match error {
+        tokio_modbus::Error::Transport(io) if io.raw_os_error() == Some(0) => "closed by the device".into(),
+        other => other.to_string(),
+    }
+}
+
+async fn connect(address: &str) -> io::Result<TcpStream> {
+    let mut last = io::Error::new(io::ErrorKind::NotFound, "the name has no address");
+    for socket_address in lookup_host(address).await? {
+        let socket = if socket_address.is_ipv4() {
+            TcpSocket::new_v4()?
+        } else {
+            TcpSocket::new_v6()?
+        };
+        // A request is one small segment; waiting for more to send would only delay it.
+        socket.set_nodelay(true)?;
+        socket.set_keepalive(true)?;
+        match socket.connect(socket_address).await {
+            Ok(stream) => return Ok(stream),
+            Err(error) => last = error,
+        }
+    }
+    Err(last)
+}

@@ -1,0 +1,239 @@
+//! Which request is asked when, so that one that never answers cannot starve the others. Pure.
+//!
+//! ```text
+//!            answered                      unanswered, others answered
+//!   +-----> healthy ---------------------------------> suspect(1)
+//!   |          ^  refused: asked last from now on         |  | unanswered again, others answered
+//!   |          |                                          |  v
+//!   |          +------------------ answered --------------+ suspect(n): rests 2^(n-1) - 1 polls, 31 at most
+//! ```
+//! A poll that no request answers says nothing about any one of them (the device is gone): no suspicion,
+//! but the next poll begins behind the last request asked, so that a bad one at the head blocks nobody.
+
+use super::plan::{Request, Tag};
+use crate::signal::BadReason;
+use std::collections::VecDeque;
+
+const LONGEST_REST: u64 = 31;
+
+/// The requests of a device with what is known of each; a slot's number never changes.
+#[derive(Debug)]
+pub(super) struct Slots {
+    slots: Vec<Slot>,
+    first: usize,
+}
+
+#[derive(Debug)]
+struct Slot {
+    request: Request,
+    failures: u32,
+    rest_until: u64,
+    reason: BadReason,
+}
+
+impl Slot {
+    fn new(request: Request) -> Self {
+        Self {
+            request,
+            failures: 0,
+            rest_until: 0,
+            reason: BadReason::Timeout,
+        }
+    }
+}
+
+/// What to do in one poll.
+#[derive(Debug, PartialEq)]
+pub(super) struct Order {
+    /// Slots to ask, in this order.
+    pub(super) due: VecDeque<usize>,
+    /// Slots to leave alone this time, with the reason their tags are bad.
+    pub(super) resting: Vec<(usize, BadReason)>,
+}
+
+impl Slots {
+    pub(super) fn new(requests: Vec<Request>) -> Self {
+        Self {
+            slots: requests.into_iter().map(Slot::new).collect(),
+            first: 0,
+        }
+    }
+
+    pub(super) fn request(&self, slot: usize) -> &Request {
+        &self.slots[slot].request
+    }
+
+    /// The healthy ones first, then those that failed and are due again.
+    pub(super) fn order(&self, poll: u64) -> Order {
+        let count = self.slots.len();
+        let rotated = || (0..count).map(|k| (self.first + k) % count);
+        let resting = |slot: usize| poll < self.slots[slot].rest_until;
+        let healthy = |slot: usize| self.slots[slot].failures == 0;
+        let due = rotated().filter(|&slot| healthy(slot) && !resting(slot));
+        let suspect = rotated().filter(|&slot| !healthy(slot) && !resting(slot));
+        Order {
+            due: due.chain(suspect).collect(),
+            resting: rotated()
+                .filter(|&slot| resting(slot))
+                .map(|slot| (slot, self.slots[slot].reason))
+                .collect(),
+        }
+    }
+
+    /// The slot's request was answered with values.
+    pub(super) fn answered(&mut self, slot: usize) {
+        self.slots[slot].failures = 0;
+        self.slots[slot].rest_until = 0;
+    }
+
+    /// The device refused the request: it is asked last from now on. True when that is news.
+    pub(super) fn refused(&mut self, slot: usize) -> bool {
+        let news = self.slots[slot].failures == 0;
+        self.slots[slot].failures = 1;
+        self.slots[slot].rest_until = 0;
+        news
+    }
+
+    /// Divides a request for good, because the device refused it. The slot keeps the lower part; the new
+    /// slot with the upper part is returned.
+    pub(super) fn split(&mut self, slot: usize, tags: &[Tag]) -> Option<usize> {
+        let (lower, upper) = self.slots[slot].request.split(tags)?;
+        self.slots[slot] = Slot::new(lower);
+        self.slots.push(Slot::new(upper));
+        Some(self.slots.len() - 1)
+    }
+
+    /// Ends a poll: `unanswered` are the slots that got no answer at all, in the order asked, each with the
+    /// reason; `any_answer` tells whether some other did.
+    pub(super) fn poll_ended(&mut self, poll: u64, unanswered: &[(usize, BadReason)], any_answer: bool) {
+        if any_answer {
+            for &(slot, reason) in unanswered {
+                let slot = &mut self.slots[slot];
+                slot.failures = slot.failures.saturating_add(1);
+                let rest = (1u64 << (slot.failures - 1).min(5)) - 1;
+                slot.rest_until = poll + 1 + rest.min(LONGEST_REST);
+                slot.reason = reason;
+            }
+        } else if let Some((last, _)) = unanswered.last() {
+            self.first = (last + 1) % self.slots.len();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collect::modbus::{Limits, Register, Span, group};
+    use proptest::prelude::*;
+
+    fn slots(count: u16) -> Slots {
+        let spans: Vec<Span> = (0..count)
+            .map(|k| Span {
+                register: Register::Holding,
+                start: 100 * k,
+                count: 1,
+            })
+            .collect();
+        Slots::new(group(
+            &spans,
+            &Limits {
+                registers: 125,
+                bits: 2000,
+                gap: 0,
+            },
+        ))
+    }
+
+    /// Polls as the device loop does: at most two requests without an answer, then the poll is given up.
+    fn poll(slots: &mut Slots, number: u64, answers: impl Fn(usize) -> bool) -> Vec<usize> {
+        let mut order = slots.order(number);
+        let (mut read, mut failed) = (Vec::new(), Vec::new());
+        while let Some(slot) = order.due.pop_front() {
+            if answers(slot) {
+                slots.answered(slot);
+                read.push(slot);
+            } else {
+                failed.push((slot, BadReason::Timeout));
+                if failed.len() == 2 {
+                    break;
+                }
+            }
+        }
+        slots.poll_ended(number, &failed, !read.is_empty());
+        read
+    }
+
+    #[test]
+    fn a_request_that_never_answers_moves_last_and_rests_longer_and_longer() {
+        let mut slots = slots(3);
+        let mut asked = Vec::new();
+        for number in 0..80 {
+            if slots.order(number).due.contains(&0) {
+                asked.push(number);
+            }
+            assert_eq!(poll(&mut slots, number, |slot| slot != 0), [1, 2]);
+        }
+        assert_eq!(asked, [0, 1, 3, 7, 15, 31, 63]);
+        assert_eq!(slots.order(63).resting, [(0, BadReason::Timeout)]);
+    }
+
+    #[test]
+    fn one_answer_makes_it_healthy_again() {
+        let mut slots = slots(2);
+        for number in 0..10 {
+            poll(&mut slots, number, |slot| slot != 0);
+        }
+        poll(&mut slots, 15, |_| true);
+        assert_eq!(slots.order(16).due, [0, 1]);
+    }
+
+    #[test]
+    fn a_dead_device_makes_no_request_suspect() {
+        let mut slots = slots(3);
+        for number in 0..20 {
+            poll(&mut slots, number, |_| false);
+        }
+        let mut read = poll(&mut slots, 20, |_| true);
+        read.sort_unstable();
+        assert_eq!(read, [0, 1, 2]);
+    }
+
+    #[test]
+    fn a_refused_request_is_asked_last_but_every_time() {
+        let mut slots = slots(3);
+        assert!(slots.refused(0));
+        assert!(!slots.refused(0));
+        assert_eq!(slots.order(5).due, [1, 2, 0]);
+    }
+
+    proptest! {
+        /// Whatever requests never answer, after a few polls every other one is read in every poll.
+        #[test]
+        fn the_good_are_never_starved(bad in prop::collection::vec(any::<bool>(), 1..20)) {
+            let mut slots = slots(bad.len() as u16);
+            let good = bad.iter().filter(|b| !**b).count();
+            // Two bad ones are found out per poll, so n polls find them all wherever they stand.
+            for number in 0..bad.len() as u64 {
+                poll(&mut slots, number, |slot| !bad[slot]);
+            }
+            for number in 0..100 {
+                let read = poll(&mut slots, bad.len() as u64 + number, |slot| !bad[slot]);
+                prop_assert_eq!(read.len(), good);
+            }
+        }
+
+        /// Every slot is either due or resting, once.
+        #[test]
+        fn every_slot_is_accounted_for(outcomes in prop::collection::vec(any::<u8>(), 1..60)) {
+            let mut slots = slots(6);
+            for (number, mask) in outcomes.iter().enumerate() {
+                let order = slots.order(number as u64);
+                let mut all: Vec<usize> = order.due.iter().copied().collect();
+                all.extend(order.resting.iter().map(|(slot, _)| *slot));
+                all.sort_unstable();
+                prop_assert_eq!(all, (0..6).collect::<Vec<_>>());
+                poll(&mut slots, number as u64, |slot| mask >> slot & 1 == 1);
+            }
+        }
+    }
+}

@@ -1,0 +1,508 @@
+//! The linear part: `A(q) y[k] = B(q) z[k] + c0 + C(q) e[k]` fitted by prediction error.
+//!
+//! ```text
+//! A(q) = 1 + a1 q^-1 + … + a_na q^-na
+//! B(q) = b1 q^-nk + … + b_nb q^-(nk+nb-1)
+//! C(q) = 1 + c1 q^-1 + … + c_nc q^-nc        zeros inside |q| = RHO
+//! z[k] = x[k] - lag dir[k]                    stem position; lag = 0 is the paper's element
+//! ```
+//!
+//! `e` is the prediction error, `V = mean e²` the loss, minimised by Levenberg–Marquardt from a
+//! Hannan–Rissanen start ([`super::screen`]). The gradient signals are lags of y, z and e filtered by 1/C, so
+//! one pass of filters and one Gram matrix of lagged products serve a whole iteration.
+//!
+//! Source: Ljung, System Identification, 2nd ed., section 10.3 and 7.4.
+
+use super::linalg::{cholesky_solve, dot};
+
+/// Largest modulus a zero of C may have; beyond it the start of the record is never forgotten.
+pub const RHO: f64 = 0.98;
+/// Most coefficients in one fit: six of A, B, C, then c0 and the lag.
+pub const MAX_PARAMETERS: usize = 8;
+/// `na + nb + nc` of every model, the paper's choice.
+pub const ORDER: usize = 6;
+/// Smallest loss relative to var(y): below it rounding decides, not the data.
+pub const LOSS_FLOOR: f64 = 1e-13;
+
+/// The orders of one ARMAX model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Orders {
+    /// Order of A.
+    pub na: usize,
+    /// Number of coefficients of B.
+    pub nb: usize,
+    /// Order of C.
+    pub nc: usize,
+    /// Delay [samples], at least 1.
+    pub nk: usize,
+}
+
+/// Every split `na + nb + nc = 6` with `na, nb >= 1`, for one delay: fifteen of them.
+pub fn splits(nk: usize) -> impl Iterator<Item = Orders> {
+    (1..ORDER).flat_map(move |na| {
+        (1..=ORDER - na).map(move |nb| Orders {
+            na,
+            nb,
+            nc: ORDER - na - nb,
+            nk,
+        })
+    })
+}
+
+/// The signals one fit works on, all of one length.
+#[derive(Clone, Copy, Debug)]
+pub struct Signals<'a> {
+    /// Process variable.
+    pub y: &'a [f64],
+    /// Stem position of the one-parameter element.
+    pub x: &'a [f64],
+    /// Direction of the last stem movement, +1 or -1.
+    pub dir: &'a [f64],
+    /// First index where `x` is valid.
+    pub start: usize,
+    /// First index that counts in the loss; at least `start + 1 +` the longest lag.
+    pub first: usize,
+}
+
+/// Coefficients of one model; unused places are 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Theta {
+    /// `a1..`.
+    pub a: [f64; ORDER],
+    /// `b1..`.
+    pub b: [f64; ORDER],
+    /// `c1..`.
+    pub c: [f64; ORDER],
+    /// Constant.
+    pub c0: f64,
+    /// Kinetic lag (S - J)/2 of the stem behind OP [OP unit].
+    pub lag: f64,
+}
+
+/// The result of a fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fit {
+    /// Orders.
+    pub orders: Orders,
+    /// Coefficients at the minimum.
+    pub theta: Theta,
+    /// Loss `V = mean e²` [PV unit²].
+    pub loss: f64,
+    /// Iterations used.
+    pub iterations: usize,
+}
+
+/// Whether the lag is estimated too, and within what bound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lag {
+    /// Held at its start value.
+    Fixed,
+    /// Estimated in `0..=max` [OP unit].
+    Free {
+        /// Upper bound, f.
+        max: f64,
+    },
+}
+
+/// Buffers of the prediction-error minimisation, planned once for a record and reused by every fit.
+#[derive(Clone, Debug, Default)]
+pub struct Workspace {
+    z: Vec<f64>,
+    w: Vec<f64>,
+    e: Vec<f64>,
+    filtered: [Vec<f64>; 4],
+    dir_filtered: Vec<f64>,
+    lag_column: Vec<f64>,
+}
+
+impl Workspace {
+    /// Buffers for records of `n` samples.
+    pub fn new(n: usize) -> Self {
+        let buffer = || vec![0.0; n];
+        Self {
+            z: buffer(),
+            w: buffer(),
+            e: buffer(),
+            filtered: std::array::from_fn(|_| buffer()),
+            dir_filtered: buffer(),
+            lag_column: buffer(),
+        }
+    }
+
+    /// The prediction errors of the last evaluation, one per sample; 0 before the recursion starts.
+    pub fn errors(&self) -> &[f64] {
+        &self.e
+    }
+
+    /// The loss of `theta`, leaving the prediction errors in [`Workspace::errors`].
+    ///
+    /// Infinite when the recursion overflows, so that a bad step is refused like any other.
+    pub fn evaluate(&mut self, s: &Signals<'_>, orders: Orders, theta: &Theta) -> f64 {
+        let n = s.y.len();
+        let begin = s.start + 1 + orders.na.max(orders.nk + orders.nb - 1);
+        for ((z, &x), &dir) in self.z[..n].iter_mut().zip(s.x).zip(s.dir) {
+            *z = x - theta.lag * dir;
+        }
+        let rows = n - begin;
+        let w = &mut self.w[begin..n];
+        for (w, y) in w.iter_mut().zip(&s.y[begin..n]) {
+            *w = y - theta.c0;
+        }
+        for (i, &a) in theta.a[..orders.na].iter().enumerate() {
+            add_scaled(w, a, &s.y[begin - i - 1..][..rows]);
+        }
+        for (j, &b) in theta.b[..orders.nb].iter().enumerate() {
+            add_scaled(w, -b, &self.z[begin - orders.nk - j..][..rows]);
+        }
+        self.e[..begin].fill(0.0);
+        let c = &theta.c[..orders.nc];
+        match *c {
+            [] => self.e[begin..n].copy_from_slice(&self.w[begin..n]),
+            [c1] => whiten([c1], &self.w[begin..n], &mut self.e[begin..n]),
+            [c1, c2] => whiten([c1, c2], &self.w[begin..n], &mut self.e[begin..n]),
+            [c1, c2, c3] => whiten([c1, c2, c3], &self.w[begin..n], &mut self.e[begin..n]),
+            [c1, c2, c3, c4, ..] => whiten([c1, c2, c3, c4], &self.w[begin..n], &mut self.e[begin..n]),
+        }
+        let counted = &self.e[s.first..n];
+        let loss = dot(counted, counted) / counted.len() as f64;
+        if loss.is_finite() { loss } else { f64::INFINITY }
+    }
+
+    /// Minimises the loss from `start` by Levenberg–Marquardt.
+    ///
+    /// Stops when the step promises less than `tolerance` of relative decrease, after `most` iterations, or
+    /// when no damping finds a decrease.
+    pub fn minimise(
+        &mut self,
+        s: &Signals<'_>,
+        orders: Orders,
+        start: Theta,
+        lag: Lag,
+        tolerance: f64,
+        most: usize,
+    ) -> Fit {
+        let mut theta = start;
+        stabilise(&mut theta.c[..orders.nc]);
+        let mut loss = self.evaluate(s, orders, &theta);
+        let mut damping = 1e-4;
+        let mut iterations = 0;
+        while iterations < most {
+            iterations += 1;
+            let normal = self.normal_equations(s, orders, &theta, lag);
+            let mut improved = false;
+            for _ in 0..8 {
+                let (step, promised) = normal.step(damping);
+                if promised <= tolerance * loss {
+                    return Fit {
+                        orders,
+                        theta,
+                        loss,
+                        iterations,
+                    };
+                }
+                let candidate = normal.apply(&theta, &step, orders, lag);
+                let tried = self.evaluate(s, orders, &candidate);
+                if tried < loss {
+                    let gain = loss - tried;
+                    theta = candidate;
+                    loss = tried;
+                    damping = if gain > 0.5 * promised {
+                        damping * 0.1
+                    } else {
+                        damping
+                    };
+                    improved = gain > tolerance * loss;
+                    break;
+                }
+                damping = (damping * 10.0).max(1e-6);
+            }
+            if !improved {
+                break;
+            }
+        }
+        Fit {
+            orders,
+            theta,
+            loss,
+            iterations,
+        }
+    }
+
+    /// `JᵀJ` and `Jᵀe` at `theta`, which must be the one evaluated last.
+    fn normal_equations(&mut self, s: &Signals<'_>, orders: Orders, theta: &Theta, lag: Lag) -> Normal {
+        self.filter_all(s, &theta.c[..orders.nc]);
+        let free_lag = matches!(lag, Lag::Free { .. });
+        if free_lag {
+            self.lag_gradient(s, orders, theta);
+        }
+        let n = s.y.len();
+        let mut normal = Normal::new(orders, free_lag, n - s.first);
+        let [yf, zf, ef, onef] = &self.filtered;
+        let columns = normal.columns;
+        for i in 0..normal.size {
+            let (signal_i, lag_i) = columns[i];
+            let at_i = |signal: usize| -> &[f64] {
+                match signal {
+                    0 => yf,
+                    1 => zf,
+                    2 => ef,
+                    3 => onef,
+                    _ => &self.lag_column,
+                }
+            };
+            let ci = at_i(signal_i);
+            for j in 0..=i {
+                let (signal_j, lag_j) = columns[j];
+                let cj = at_i(signal_j);
+                // Two columns one lag further on share all but two products with their predecessors.
+                let shifted = i > 0
+                    && j > 0
+                    && columns[i - 1] == (signal_i, lag_i.wrapping_sub(1))
+                    && columns[j - 1] == (signal_j, lag_j.wrapping_sub(1));
+                normal.jtj[i][j] = if shifted {
+                    normal.jtj[i - 1][j - 1] + ci[s.first - lag_i] * cj[s.first - lag_j]
+                        - ci[n - lag_i] * cj[n - lag_j]
+                } else {
+                    dot(&ci[s.first - lag_i..n - lag_i], &cj[s.first - lag_j..n - lag_j])
+                };
+            }
+            normal.jte[i] = dot(&ci[s.first - lag_i..n - lag_i], &self.e[s.first..n]);
+        }
+        normal.apply_signs();
+        normal
+    }
+
+    /// y, z, e and 1, each divided by C.
+    fn filter_all(&mut self, s: &Signals<'_>, c: &[f64]) {
+        let n = s.y.len();
+        let from = s.start;
+        let [yf, zf, ef, onef] = &mut self.filtered;
+        let inputs = [&s.y[from..n], &self.z[from..n], &self.e[from..n]];
+        let outputs = [
+            &mut yf[from..n],
+            &mut zf[from..n],
+            &mut ef[from..n],
+            &mut onef[from..n],
+        ];
+        match *c {
+            [] => filter4([], inputs, outputs),
+            [c1] => filter4([c1], inputs, outputs),
+            [c1, c2] => filter4([c1, c2], inputs, outputs),
+            [c1, c2, c3] => filter4([c1, c2, c3], inputs, outputs),
+            [c1, c2, c3, c4, ..] => filter4([c1, c2, c3, c4], inputs, outputs),
+        }
+    }
+
+    /// The derivative of e by the lag: `B(q)/C(q) dir`.
+    fn lag_gradient(&mut self, s: &Signals<'_>, orders: Orders, theta: &Theta) {
+        let n = s.y.len();
+        let (input, output) = (&s.dir[s.start..n], &mut self.dir_filtered[s.start..n]);
+        match theta.c[..orders.nc] {
+            [] => output.copy_from_slice(input),
+            [c1] => whiten([c1], input, output),
+            [c1, c2] => whiten([c1, c2], input, output),
+            [c1, c2, c3] => whiten([c1, c2, c3], input, output),
+            [c1, c2, c3, c4, ..] => whiten([c1, c2, c3, c4], input, output),
+        }
+        self.lag_column[..n].fill(0.0);
+        let begin = s.first;
+        for (j, &b) in theta.b[..orders.nb].iter().enumerate() {
+            add_scaled(
+                &mut self.lag_column[begin..n],
+                b,
+                &self.dir_filtered[begin - orders.nk - j..n],
+            );
+        }
+    }
+}
+
+/// The normal equations of one iteration.
+struct Normal {
+    jtj: [[f64; MAX_PARAMETERS]; MAX_PARAMETERS],
+    jte: [f64; MAX_PARAMETERS],
+    /// (signal, lag) of each column; signals are y, z, e, 1, lag.
+    columns: [(usize, usize); MAX_PARAMETERS],
+    size: usize,
+    rows: f64,
+}
+
+impl Normal {
+    fn new(orders: Orders, free_lag: bool, rows: usize) -> Self {
+        let mut columns = [(0, 0); MAX_PARAMETERS];
+        let wanted = (1..=orders.na)
+            .map(|i| (0, i))
+            .chain((0..orders.nb).map(|j| (1, orders.nk + j)))
+            .chain((1..=orders.nc).map(|l| (2, l)))
+            .chain([(3, 0)])
+            .chain(free_lag.then_some((4, 0)));
+        let mut size = 0;
+        for (slot, column) in columns.iter_mut().zip(wanted) {
+            *slot = column;
+            size += 1;
+        }
+        Self {
+            jtj: [[0.0; MAX_PARAMETERS]; MAX_PARAMETERS],
+            jte: [0.0; MAX_PARAMETERS],
+            columns,
+            size,
+            rows: rows as f64,
+        }
+    }
+
+    /// e falls with b, c and c0 and grows with a and the lag.
+    fn apply_signs(&mut self) {
+        let sign = |signal: usize| if matches!(signal, 1..=3) { -1.0 } else { 1.0 };
+        for i in 0..self.size {
+            let si = sign(self.columns[i].0);
+            self.jte[i] *= si;
+            for j in 0..=i {
+                self.jtj[i][j] *= si * sign(self.columns[j].0);
+            }
+        }
+    }
+
+    /// The damped step d and the decrease of V that the quadratic model promises for it, at least `-gᵀd/N`.
+    fn step(&self, damping: f64) -> ([f64; MAX_PARAMETERS], f64) {
+        let n = self.size;
+        let mut g = [0.0; MAX_PARAMETERS * MAX_PARAMETERS];
+        let mut r = [0.0; MAX_PARAMETERS];
+        for i in 0..n {
+            for j in 0..=i {
+                g[i * MAX_PARAMETERS + j] = self.jtj[i][j];
+            }
+            g[i * MAX_PARAMETERS + i] *= 1.0 + damping;
+            r[i] = -self.jte[i];
+        }
+        cholesky_solve(&mut g, MAX_PARAMETERS, n, &mut r);
+        let linear: f64 = (0..n).map(|i| -self.jte[i] * r[i]).sum();
+        (r, linear.max(0.0) / self.rows)
+    }
+
+    fn apply(&self, theta: &Theta, step: &[f64; MAX_PARAMETERS], orders: Orders, lag: Lag) -> Theta {
+        let mut next = *theta;
+        for (i, &(signal, _)) in self.columns[..self.size].iter().enumerate() {
+            match signal {
+                0 => next.a[i] += step[i],
+                1 => next.b[i - orders.na] += step[i],
+                2 => next.c[i - orders.na - orders.nb] += step[i],
+                3 => next.c0 += step[i],
+                _ => {
+                    if let Lag::Free { max } = lag {
+                        next.lag = (next.lag + step[i]).clamp(0.0, max);
+                    }
+                }
+            }
+        }
+        stabilise(&mut next.c[..orders.nc]);
+        next
+    }
+}
+
+/// `w += gain * v`.
+#[inline]
+fn add_scaled(w: &mut [f64], gain: f64, v: &[f64]) {
+    for (w, v) in w.iter_mut().zip(v) {
+        *w += gain * v;
+    }
+}
+
+/// `out = w / C` from rest.
+#[inline]
+fn whiten<const P: usize>(c: [f64; P], w: &[f64], out: &mut [f64]) {
+    let mut past = [0.0; P];
+    for (w, out) in w.iter().zip(out) {
+        let mut value = *w;
+        // The newest error comes last so that the chain from one sample to the next is a single operation.
+        for l in (0..P).rev() {
+            value -= c[l] * past[l];
+        }
+        for l in (1..P).rev() {
+            past[l] = past[l - 1];
+        }
+        if P > 0 {
+            past[0] = value;
+        }
+        *out = value;
+    }
+}
+
+/// Three signals and the constant 1, each divided by C from rest, side by side: four independent chains.
+fn filter4<const P: usize>(c: [f64; P], inputs: [&[f64]; 3], outputs: [&mut [f64]; 4]) {
+    let n = inputs[0].len();
+    let [i0, i1, i2] = inputs.map(|v| &v[..n]);
+    let [o0, o1, o2, o3] = outputs.map(|v| &mut v[..n]);
+    let mut past = [[0.0; 4]; P];
+    for k in 0..n {
+        let mut value = [i0[k], i1[k], i2[k], 1.0];
+        for l in (0..P).rev() {
+            for (value, past) in value.iter_mut().zip(&past[l]) {
+                *value -= c[l] * past;
+            }
+        }
+        for l in (1..P).rev() {
+            past[l] = past[l - 1];
+        }
+        if P > 0 {
+            past[0] = value;
+        }
+        o0[k] = value[0];
+        o1[k] = value[1];
+        o2[k] = value[2];
+        o3[k] = value[3];
+    }
+}
+
+/// True when every zero of `1 + c1 q^-1 + …` lies inside `|q| < RHO` (Schur–Cohn by step-down).
+pub fn is_stable(c: &[f64]) -> bool {
+    let mut poly = [0.0; ORDER];
+    let mut scale = 1.0;
+    for (slot, &c) in poly.iter_mut().zip(c) {
+        scale /= RHO;
+        *slot = c * scale;
+    }
+    let mut n = c.len().min(ORDER);
+    while n > 0 {
+        let k = poly[n - 1];
+        if k.is_nan() || k.abs() >= 1.0 {
+            return false;
+        }
+        let previous = poly;
+        for i in 0..n - 1 {
+            poly[i] = (previous[i] - k * previous[n - 2 - i]) / (1.0 - k * k);
+        }
+        n -= 1;
+    }
+    true
+}
+
+/// Draws the zeros of C straight towards 0 until all lie inside `|q| < RHO`.
+pub fn stabilise(c: &mut [f64]) {
+    if is_stable(c) {
+        return;
+    }
+    if c.iter().any(|c| !c.is_finite()) {
+        c.fill(0.0);
+        return;
+    }
+    let contracted = |shrink: f64| -> [f64; ORDER] {
+        let mut out = [0.0; ORDER];
+        let mut power = 1.0;
+        for (out, &c) in out.iter_mut().zip(c.iter()) {
+            power *= shrink;
+            *out = c * power;
+        }
+        out
+    };
+    let (mut stable, mut unstable) = (0.0, 1.0);
+    for _ in 0..20 {
+        let middle = 0.5 * (stable + unstable);
+        if is_stable(&contracted(middle)[..c.len()]) {
+            stable = middle
+        } else {
+            unstable = middle
+        }
+    }
+    let n = c.len();
+    let inside = contracted(stable);
+    c.copy_from_slice(&inside[..n]);
+}

@@ -1,0 +1,196 @@
+//! The friction elements that turn OP into a valve position: the paper's one-parameter element and
+//! Srinivasan's d element.
+//!
+//! Source: Ivan & Lakshminarayanan, Ind. Eng. Chem. Res. 2009, 48, 3474, section 3.2 and figure 3;
+//! Srinivasan et al., Ind. Eng. Chem. Res. 2005, 44, 6719, equation 1.
+
+/// The extremum of OP that a one-parameter element starts from: there the residual force is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// Index of the first large extremum of OP.
+    pub index: usize,
+    /// True for a maximum (residual force `+f`), false for a minimum (`-f`).
+    pub is_max: bool,
+}
+
+/// The half-open range of f, `[lo, hi)`, over which the element gives the very same stem position.
+///
+/// Sampled data cannot tell the frictions of one cell apart: this is the resolution of f.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cell {
+    /// Least f of the cell [OP unit].
+    pub lo: f64,
+    /// First f beyond the cell [OP unit]; infinite when the valve never slips back.
+    pub hi: f64,
+}
+
+/// Runs OP through the one-parameter element.
+///
+/// ```text
+/// cum = u_r + (u[k] - u[k-1])
+/// |cum| > f :  x[k] = u[k],    u_r = sign(cum) f
+/// otherwise :  x[k] = x[k-1],  u_r = cum
+/// ```
+///
+/// It is computed from the equivalent statement "once slipping, x follows u without lag; after a reversal x
+/// stays until u has come back by more than 2f", which also yields the [`Cell`] of f.
+///
+/// * `u`: OP, N values [OP unit]; `f`: friction, S/2 [OP unit].
+/// * `x`: receives the stem position, N values [OP unit]; before `start` the stem follows OP.
+/// * `dir`: receives the direction of the last stem movement, N values, +1 or -1 [-].
+///
+/// Slices must have the same length, which bounds every index.
+pub fn one_parameter(u: &[f64], f: f64, start: Start, x: &mut [f64], dir: &mut [f64]) -> Cell {
+    let n = u.len().min(x.len()).min(dir.len());
+    let mut cell = Cell {
+        lo: 0.0,
+        hi: f64::INFINITY,
+    };
+    if start.index >= n {
+        x[..n].copy_from_slice(&u[..n]);
+        dir[..n].fill(1.0);
+        return cell;
+    }
+    let mut direction = if start.is_max { 1.0 } else { -1.0 };
+    x[..=start.index].copy_from_slice(&u[..=start.index]);
+    dir[..=start.index].fill(direction);
+    let mut stem = u[start.index];
+    let band = 2.0 * f;
+    for k in start.index + 1..n {
+        let onward = direction * (u[k] - stem);
+        if onward > 0.0 {
+            stem = u[k];
+        } else if -onward > band {
+            cell.hi = cell.hi.min(-0.5 * onward);
+            stem = u[k];
+            direction = -direction;
+        } else {
+            cell.lo = cell.lo.max(-0.5 * onward);
+        }
+        x[k] = stem;
+        dir[k] = direction;
+    }
+    cell
+}
+
+/// Runs OP through Srinivasan's element: the stem jumps to OP whenever OP is more than `d` away.
+///
+/// ```text
+/// x[k] = x[k-1]  if |u[k] - x[k-1]| <= d,   u[k] otherwise
+/// ```
+///
+/// * `u`: OP, N values [OP unit]; `d`: stick band [OP unit]; `x`: receives the stem position, N values.
+pub fn srinivasan(u: &[f64], d: f64, x: &mut [f64]) {
+    let Some(&first) = u.first() else { return };
+    let mut stem = first;
+    for (x, &u) in x.iter_mut().zip(u) {
+        if (u - stem).abs() > d {
+            stem = u;
+        }
+        *x = stem;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// The element exactly as the paper's figure 3 states it: the oracle.
+    fn paper(u: &[f64], f: f64, start: Start) -> Vec<f64> {
+        let mut x = u.to_vec();
+        let mut residual = if start.is_max { f } else { -f };
+        for k in start.index + 1..u.len() {
+            let cum = residual + (u[k] - u[k - 1]);
+            if cum.abs() > f {
+                x[k] = u[k];
+                residual = cum.signum() * f;
+            } else {
+                x[k] = x[k - 1];
+                residual = cum;
+            }
+        }
+        x
+    }
+
+    fn run(u: &[f64], f: f64, start: Start) -> (Vec<f64>, Vec<f64>, Cell) {
+        let (mut x, mut dir) = (vec![0.0; u.len()], vec![0.0; u.len()]);
+        let cell = one_parameter(u, f, start, &mut x, &mut dir);
+        (x, dir, cell)
+    }
+
+    #[test]
+    fn sticks_for_2f_on_a_reversal_and_then_follows_without_lag() {
+        let u = [0.0, 3.0, 2.0, 1.0, 0.5, 0.0, -1.0, -0.5, 0.0, 1.0, 1.5, 2.0];
+        let (x, dir, cell) = run(
+            &u,
+            1.0,
+            Start {
+                index: 1,
+                is_max: true,
+            },
+        );
+        assert_eq!(
+            x,
+            [0.0, 3.0, 3.0, 3.0, 0.5, 0.0, -1.0, -1.0, -1.0, -1.0, 1.5, 2.0]
+        );
+        assert_eq!(
+            dir,
+            [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0, 1.0, 1.0]
+        );
+        // Stuck at an excursion of 2, slipped at 2.5: any f in [1, 1.25) gives this very stem.
+        assert_eq!(cell, Cell { lo: 1.0, hi: 1.25 });
+    }
+
+    #[test]
+    fn no_friction_is_no_element() {
+        let u = [0.0, 1.0, 0.5, 0.5, 2.0, -1.0];
+        assert_eq!(
+            run(
+                &u,
+                0.0,
+                Start {
+                    index: 1,
+                    is_max: true
+                }
+            )
+            .0,
+            u
+        );
+    }
+
+    #[test]
+    fn srinivasan_jumps_when_further_than_d() {
+        let mut x = [0.0; 6];
+        srinivasan(&[0.0, 0.5, 1.0, 1.1, 1.5, -1.0], 1.0, &mut x);
+        assert_eq!(x, [0.0, 0.0, 0.0, 1.1, 1.1, -1.0]);
+    }
+
+    proptest! {
+        // Steps of 1/8 keep both statements exact in floating point, so they must agree to the bit.
+        #[test]
+        fn agrees_with_the_paper(steps in prop::collection::vec(-16i32..=16, 2..200), f in 0i32..40, max: bool) {
+            let u: Vec<f64> = steps.iter().scan(0, |s, d| { *s += d; Some(f64::from(*s) / 8.0) }).collect();
+            let start = Start { index: 0, is_max: max };
+            let f = f64::from(f) / 8.0;
+            prop_assert_eq!(run(&u, f, start).0, paper(&u, f, start));
+        }
+
+        #[test]
+        fn one_cell_is_one_stem(steps in prop::collection::vec(-16i32..=16, 2..200), f in 0.0..4.0f64) {
+            let u: Vec<f64> = steps.iter().scan(0, |s, d| { *s += d; Some(f64::from(*s) / 8.0) }).collect();
+            let start = Start { index: 0, is_max: true };
+            let (x, _, cell) = run(&u, f, start);
+            prop_assert!(cell.lo <= f && f < cell.hi);
+            let top = if cell.hi.is_finite() { cell.hi } else { cell.lo + 1.0 };
+            let (low, _, low_cell) = run(&u, cell.lo, start);
+            prop_assert_eq!(low, x.clone());
+            prop_assert_eq!(low_cell, cell);
+            let (high, _, _) = run(&u, 0.5 * (cell.lo + top), start);
+            prop_assert_eq!(high, x.clone());
+            if cell.hi.is_finite() {
+                prop_assert_ne!(run(&u, cell.hi, start).0, x);
+            }
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! Small statistics over slices: means, spreads, quantiles. Empty input gives 0.
+
+/// Arithmetic mean.
+pub fn mean(v: &[f64]) -> f64 {
+    if v.is_empty() {
+        0.0
+    } else {
+        v.iter().sum::<f64>() / v.len() as f64
+    }
+}
+
+/// Mean square about the mean (divided by N).
+pub fn variance(v: &[f64]) -> f64 {
+    let m = mean(v);
+    if v.is_empty() {
+        0.0
+    } else {
+        v.iter().map(|x| (x - m) * (x - m)).sum::<f64>() / v.len() as f64
+    }
+}
+
+/// Standard deviation (divided by N).
+pub fn sd(v: &[f64]) -> f64 {
+    variance(v).sqrt()
+}
+
+/// The q-quantile (0..1), interpolated between order statistics.
+pub fn quantile(v: &[f64], q: f64) -> f64 {
+    if v.is_empty() {
+        return 0.0;
+    }
+    let mut sorted = v.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let at = q.clamp(0.0, 1.0) * (sorted.len() - 1) as f64;
+    let (low, part) = (at.floor() as usize, at.fract());
+    let high = (low + 1).min(sorted.len() - 1);
+    sorted[low] + part * (sorted[high] - sorted[low])
+}
+
+/// The median.
+pub fn median(v: &[f64]) -> f64 {
+    quantile(v, 0.5)
+}
+
+/// Least and largest value; `(0, 0)` for an empty slice.
+pub fn range(v: &[f64]) -> (f64, f64) {
+    if v.is_empty() {
+        return (0.0, 0.0);
+    }
+    v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), &x| {
+        (lo.min(x), hi.max(x))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hand_values() {
+        let v = [4.0, 1.0, 3.0, 2.0];
+        assert_eq!(mean(&v), 2.5);
+        assert_eq!(variance(&v), 1.25);
+        assert_eq!(median(&v), 2.5);
+        assert_eq!(quantile(&v, 1.0), 4.0);
+        assert_eq!(range(&v), (1.0, 4.0));
+        assert_eq!(
+            (mean(&[]), sd(&[]), median(&[]), range(&[])),
+            (0.0, 0.0, 0.0, (0.0, 0.0))
+        );
+    }
+}
