@@ -1,0 +1,77 @@
+//! The command line: `stictiond diagnose | …`.
+//!
+//! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every failure is one clear
+//! line on stderr.
+
+mod diagnose;
+mod text;
+
+use clap::{Parser, Subcommand};
+use std::fmt::Display;
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+/// Finds sticking control valves from OP and PV, online, beside the DCS.
+#[derive(Parser)]
+#[command(name = "stictiond", version, about, arg_required_else_help = true)]
+struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Diagnose one record: columns t,op,pv[,sp][,other tags…]
+    Diagnose(diagnose::Args),
+}
+
+/// Why a command ended without doing its work.
+pub enum Failure {
+    /// Something outside failed: exit code 1.
+    Failed(String),
+    /// Bad arguments, config or input: exit code 2.
+    BadInput(String),
+}
+
+impl Failure {
+    /// A bad input named by its file.
+    pub fn in_file(path: &std::path::Path, error: impl Display) -> Self {
+        Self::BadInput(format!("{}: {error}", path.display()))
+    }
+}
+
+/// Parses the arguments and runs the command.
+pub fn main() -> ExitCode {
+    let args = match Args::try_parse() {
+        Ok(args) => args,
+        Err(error) => {
+            // Help into a closed pipe is still help.
+            let _ = error.print();
+            return ExitCode::from(error.exit_code().clamp(0, 255) as u8);
+        }
+    };
+    let done = match args.command {
+        Command::Diagnose(args) => diagnose::run(&args),
+    };
+    let (message, code) = match done {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Failure::Failed(message)) => (message, 1),
+        Err(Failure::BadInput(message)) => (message, 2),
+    };
+    // One line, whatever a file is called.
+    let message = message.replace(['\n', '\r'], " ");
+    // Nobody is left to tell when stderr is closed.
+    let _ = writeln!(io::stderr().lock(), "stictiond: {message}");
+    ExitCode::from(code)
+}
+
+/// Writes to stdout; a reader that stops early (`| head`) is no failure.
+pub fn print(text: &str) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Failure::Failed(format!("cannot write to stdout: {error}")))
+        }
+        _ => Ok(()),
+    }
+}
