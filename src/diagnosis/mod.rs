@@ -2,6 +2,7 @@
 //! evidence -> verdict`. No clock, no files, no randomness: the same record gives the same diagnosis.
 
 pub mod armax;
+mod config;
 pub mod denoise;
 pub mod friction;
 pub mod gate;
@@ -9,6 +10,8 @@ pub mod linalg;
 pub mod region;
 pub mod screen;
 pub mod stats;
+
+pub use config::Config;
 
 use crate::signal::{Record, Window};
 use std::fmt;
