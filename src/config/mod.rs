@@ -3,9 +3,11 @@
 
 mod diagnostic;
 mod plant;
+
 mod rules;
 mod section;
 mod source;
+
 mod wording;
 
 pub use diagnostic::Diagnostic;
