@@ -185,6 +185,11 @@ impl History {
         Some(self.first[at] + within)
     }
 
+    /// The ring of the tag with this number, for its one writer.
+    pub fn ring(&self, tag: usize) -> Option<&Arc<Ring>> {
+        self.rings.get(tag)
+    }
+
     /// Everything remembered of a loop, for the diagnosis; `None` for a loop that is not there.
     pub fn snapshot(&self, id: &LoopId) -> Option<Record> {
         let control_loop = &self.loops[*self.by_id.get(id)?];

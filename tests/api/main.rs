@@ -1,5 +1,6 @@
 //! The API over real sockets.
 
+mod app;
 mod edges;
 mod http;
 mod resources;

@@ -21,7 +21,7 @@ use tokio_util::sync::CancellationToken;
 pub const START: f64 = 1_767_225_600.0;
 pub const NASTY: &str = "<b>a/b & \"c\" ü";
 
-fn verdict_of(verdict: Verdict, f: f64, delta_aic: f64) -> Diagnosis {
+pub fn verdict_of(verdict: Verdict, f: f64, delta_aic: f64) -> Diagnosis {
     let model = Model {
         na: 2,
         nb: 2,
