@@ -1,11 +1,13 @@
-//! The command line: `stictiond diagnose | check | probe`.
+//! The command line: `stictiond run | diagnose | check | probe`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
 
 mod check;
 mod diagnose;
+mod logging;
 mod probe;
+mod run;
 mod text;
 
 use clap::{Parser, Subcommand};
@@ -24,6 +26,8 @@ struct Args {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Poll the plant, diagnose its loops, serve the results; SIGHUP reads the configuration again
+    Run(run::Args),
     /// Diagnose one record: columns t,op,pv[,sp][,other tags…]
     Diagnose(diagnose::Args),
     /// Validate a configuration: every error with line and column
@@ -60,6 +64,7 @@ pub fn main() -> ExitCode {
         }
     };
     let done = match args.command {
+        Command::Run(args) => run::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Probe(args) => probe::run(&args),
@@ -86,5 +91,16 @@ pub fn print(text: &str) -> Result<(), Failure> {
             Err(Failure::Failed(format!("cannot write to stdout: {error}")))
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_arguments_do_not_contradict_each_other() {
+        Args::command().debug_assert();
     }
 }
