@@ -9,6 +9,7 @@ pub mod gate;
 pub mod linalg;
 pub mod region;
 pub mod screen;
+pub mod search;
 pub mod stats;
 
 pub use config::Config;

@@ -3,6 +3,7 @@
 //! same specification and seed give the same record. Everything is in % of span; times in seconds.
 
 pub mod controller;
+pub mod demo_plant;
 pub mod load;
 pub mod plant;
 pub mod process;
@@ -11,6 +12,7 @@ pub mod sensor;
 pub mod valve;
 
 pub use controller::{Controller, ControllerSpec, Mode};
+pub use demo_plant::{Class, DemoLoop, Expected, demo_plant};
 pub use load::{At, Load, LoadKind};
 pub use plant::{LoopSim, LoopSpec, Point, Recording, Run, SpecError, simulate};
 pub use process::{Process, ProcessKind, ProcessSpec};

@@ -5,11 +5,11 @@
 pub enum Friction {
     /// The stem follows at once.
     Ideal,
-    /// Choudhury, Thornhill and Shah (Control Eng. Practice 2005), the published flow chart: after a reversal OP
-    /// must move by S, after a stop without one by J; the moving stem is at `op - sign(Δop) (S - J)/2`.
-    /// The chart takes the stuck point anew at every reversal of OP, even while the stem is stuck: ripple in OP
-    /// holds the valve longer than S says, and PV noise of 0.01 % is enough to hold the paper's flow loop for good.
-    /// Without noise it moves as [`Friction::Kano`], which does not have that trait: use that one with noise.
+    /// Choudhury, Thornhill and Shah (Control Eng. Practice 2005, 13, 641). The stem sticks where OP stops or
+    /// reverses; from the OP value where it stuck, OP must move by S against the last motion of the stem, or by J
+    /// along it; the moving stem is at `op - sign(Δop) (S - J)/2`.
+    /// A chart that took the stuck point anew at every reversal of OP would let ripple hold the stem longer than S
+    /// says, and PV noise for good; here it is taken once, when the stem sticks.
     Choudhury {
         /// Dead band plus stick band S.
         s: f64,
@@ -18,7 +18,8 @@ pub enum Friction {
         /// |Δop| up to this counts as stopped.
         resolution: f64,
     },
-    /// Kano et al. (DYCOPS 2004): the same S and J, the stuck point kept until the stem moves.
+    /// Kano et al. (DYCOPS 2004), told by forces: with the same S, J and resolution the stem moves as in
+    /// [`Friction::Choudhury`].
     Kano {
         /// Dead band plus stick band S.
         s: f64,
@@ -99,11 +100,9 @@ pub struct Valve {
     spec: ValveSpec,
     op: f64,
     mv: f64,
-    /// Direction of the last motion (of OP in Choudhury's chart, of the stem in Kano's).
+    /// Direction of the stem's last motion.
     direction: f64,
     moving: bool,
-    /// Choudhury's flag I: the stem stopped without a reversal, so J is the threshold, not S.
-    stopped: bool,
     /// OP where the stem stuck; for He and the one-parameter element the residual force.
     held: f64,
 }
@@ -122,7 +121,6 @@ impl Valve {
             mv: op0,
             direction: 1.0,
             moving: false,
-            stopped: true,
             held,
         }
     }
@@ -131,8 +129,9 @@ impl Valve {
     pub fn step(&mut self, op: f64) -> f64 {
         match self.spec.friction {
             Friction::Ideal => self.mv = op,
-            Friction::Choudhury { s, j, resolution } => self.choudhury(op, s, j, resolution),
-            Friction::Kano { s, j, resolution } => self.kano(op, s, j, resolution),
+            Friction::Choudhury { s, j, resolution } | Friction::Kano { s, j, resolution } => {
+                self.stick_slip(op, s, j, resolution);
+            }
             Friction::He { fs, fd } => {
                 let force = self.held + (op - self.op);
                 if force.abs() > fs {
@@ -159,29 +158,9 @@ impl Valve {
         self.mv.max(self.spec.travel.0).min(self.spec.travel.1)
     }
 
-    fn choudhury(&mut self, op: f64, s: f64, j: f64, resolution: f64) {
+    fn stick_slip(&mut self, op: f64, s: f64, j: f64, resolution: f64) {
         let change = op - self.op;
-        // Only a moving stem stops: a stuck one keeps its threshold, however slowly OP creeps towards it.
-        if self.moving && change.abs() <= resolution {
-            self.moving = false;
-            self.stopped = true;
-            self.held = self.op;
-        }
-        if change * self.direction < 0.0 {
-            self.direction = -self.direction;
-            self.moving = false;
-            self.stopped = false;
-            self.held = self.op;
-        }
-        let threshold = if self.stopped { j } else { s };
-        if self.moving || (op - self.held) * self.direction > threshold {
-            self.moving = true;
-            self.mv = op - self.direction * 0.5 * (s - j);
-        }
-    }
-
-    fn kano(&mut self, op: f64, s: f64, j: f64, resolution: f64) {
-        let change = op - self.op;
+        // Only a moving stem sticks: a stuck one keeps its stuck point, however OP ripples or creeps.
         if self.moving && change * self.direction <= resolution {
             self.moving = false;
             self.held = self.op;
@@ -267,29 +246,41 @@ mod tests {
     }
 
     #[test]
-    fn reversals_while_stuck_move_choudhurys_stuck_point_but_not_kanos() {
-        // Up to 60, then down by 4, up by 1, down by 3: 6 below the peak, but only 3 below the last reversal.
-        let ops = [60.0, 56.0, 57.0, 54.0];
-        let c = drive(
+    fn ripple_while_stuck_does_not_move_the_stuck_point() {
+        // Up to 60 (stem 58), then down by 4, up by 1, down by 3: 6 below where it stuck, though only 3 below the
+        // last turn of OP. Back up to 57 it sticks at OP 54 and needs S = 5 again: 58.9 holds, 59.1 moves.
+        let ops = [60.0, 56.0, 57.0, 54.0, 57.0, 58.9, 58.8, 59.1];
+        for friction in [
             Friction::Choudhury {
                 s: S,
                 j: J,
                 resolution: 0.005,
             },
-            50.0,
-            &ops,
-        );
-        let k = drive(
             Friction::Kano {
                 s: S,
                 j: J,
                 resolution: 0.005,
             },
-            50.0,
-            &ops,
-        );
-        assert_eq!(c, [58.0, 58.0, 58.0, 58.0]);
-        assert_eq!(k, [58.0, 58.0, 58.0, 56.0]);
+        ] {
+            let mv = drive(friction, 50.0, &ops);
+            assert_eq!(
+                mv,
+                [58.0, 58.0, 58.0, 56.0, 56.0, 56.0, 56.0, 57.1],
+                "{friction:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn back_along_the_last_motion_the_slip_jump_is_enough() {
+        // Sticks at 60 moving up; falls to 56 and returns: 60.9 is not J beyond 60, 61.1 is.
+        let friction = Friction::Choudhury {
+            s: S,
+            j: J,
+            resolution: 0.005,
+        };
+        let mv = drive(friction, 50.0, &[60.0, 56.0, 60.9, 61.1]);
+        assert_eq!(mv, [58.0, 58.0, 58.0, 59.1]);
     }
 
     #[test]

@@ -1,8 +1,11 @@
-//! Loops with a known truth: the paper's six cases and a wide random family.
+//! Loops with a known truth: the paper's six cases a wide random family, and one for calibration.
 
+mod calibration;
+mod draw;
 mod paper;
 mod random;
 
+pub use calibration::calibration;
 pub use paper::{SineUnit, level_sinusoidal, table2, table2_loop};
 pub use random::{SOUND_KINDS, random_sound, random_sticky};
 

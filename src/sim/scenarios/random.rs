@@ -1,25 +1,23 @@
 //! Random loops, wide on purpose: what a diagnosis may meet in a plant.
 
+use super::draw::{
+    Base, HALF_CYCLE, LAST, N, REVERSALS, WARM_UP, chance, draw_loop, generator, inside_limits, log_uniform,
+    sd, uniform,
+};
 use super::{Scenario, Truth, reverses_beyond};
-use crate::sim::controller::ControllerSpec;
 use crate::sim::load::{Load, LoadKind};
-use crate::sim::plant::{LoopSpec, Run, simulate};
-use crate::sim::process::{ProcessKind, ProcessSpec};
+use crate::sim::plant::{LoopSpec, simulate};
 use crate::sim::sensor::SensorSpec;
-use crate::sim::valve::{Characteristic, Friction, ValveSpec};
+use crate::sim::valve::{Friction, ValveSpec};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
 
-/// Samples run, and how many of them are the transient.
-const N: usize = 2000;
-const WARM_UP: usize = 500;
-/// Fewest reversals beyond S in the last [`LAST`] samples, so that any usual window holds four.
-const REVERSALS: usize = 6;
-const LAST: usize = 1000;
-/// Shortest mean half cycle [samples]: a faster one is not seen at that sample period.
-const HALF_CYCLE: usize = 4;
 const ATTEMPTS: usize = 400;
+/// Longest dead time [samples].
+const MAX_DEAD: f64 = 8.0;
+/// Share of the noisy loops whose noise is heavy: as large as a third of the cycle and more.
+const HEAVY: f64 = 0.15;
 
 /// The kinds of [`random_sound`], in turn by seed.
 pub const SOUND_KINDS: [&str; 11] = [
@@ -40,8 +38,7 @@ pub const SOUND_KINDS: [&str; 11] = [
 /// the last 1,000 samples; draws until that is so.
 ///
 /// Flow, pressure, level or temperature; dead time 0 to 8 samples; S 0.3 to 8 %, J from 0 to S; sluggish to tight
-/// PI; PV noise from none to 0.3 of the cycle's sd; quiet or with a load; constant or changing set point.
-/// Choudhury's chart is used only without noise, see [`Friction::Choudhury`].
+/// PI; PV noise from none to 0.6 of the cycle's sd; quiet or with a load; constant or changing set point.
 pub fn random_sticky(seed: u64) -> Scenario {
     let mut rng = generator(seed, 1);
     let mut best: Option<(usize, Scenario)> = None;
@@ -67,7 +64,7 @@ pub fn random_sticky(seed: u64) -> Scenario {
 pub fn random_sound(seed: u64) -> Scenario {
     let mut rng = generator(seed, 2);
     let kind = SOUND_KINDS[(seed % SOUND_KINDS.len() as u64) as usize];
-    let base = draw_loop(&mut rng, Friction::Ideal);
+    let base = draw_loop(&mut rng, Friction::Ideal, MAX_DEAD);
     let name = base.name;
     let spec = sound_spec(&mut rng, base, kind);
     let truth = Truth {
@@ -85,127 +82,6 @@ pub fn random_sound(seed: u64) -> Scenario {
     }
 }
 
-fn generator(seed: u64, stream: u128) -> Pcg64Mcg {
-    Pcg64Mcg::new((u128::from(seed) << 8 | stream).wrapping_mul(0x9E37_79B9_7F4A_7C15_F39C_C060_5CED_C835))
-}
-
-fn uniform(rng: &mut Pcg64Mcg, low: f64, high: f64) -> f64 {
-    low + (high - low) * rng.random::<f64>()
-}
-
-fn log_uniform(rng: &mut Pcg64Mcg, low: f64, high: f64) -> f64 {
-    uniform(rng, low.ln(), high.ln()).exp()
-}
-
-fn chance(rng: &mut Pcg64Mcg, p: f64) -> bool {
-    rng.random::<f64>() < p
-}
-
-/// A loop at rest and what later draws need to know of it.
-struct Base {
-    name: &'static str,
-    spec: LoopSpec,
-    /// A time the closed loop answers in [samples].
-    pace: f64,
-}
-
-/// Process and PI by the SIMC rules, the closed-loop time constant 0.7 (tight) to 4 (sluggish) times the
-/// effective dead time.
-fn draw_loop(rng: &mut Pcg64Mcg, friction: Friction) -> Base {
-    let class = rng.random_range(0..4);
-    let dead = if chance(rng, 0.3) {
-        0.0
-    } else {
-        uniform(rng, 0.0, 8.0)
-    };
-    let (name, ts_s, kind, gain, lag) = match class {
-        0 => {
-            let ts = log_uniform(rng, 0.5, 2.0);
-            let (gain, tau) = (log_uniform(rng, 0.5, 2.0), ts * log_uniform(rng, 1.0, 12.0));
-            (
-                "flow",
-                ts,
-                ProcessKind::FirstOrder { gain, tau_s: tau },
-                gain,
-                tau / ts,
-            )
-        }
-        1 => {
-            let ts = log_uniform(rng, 1.0, 5.0);
-            let (gain, tau) = (log_uniform(rng, 0.4, 2.5), ts * log_uniform(rng, 4.0, 25.0));
-            let second = tau * uniform(rng, 0.1, 0.5);
-            (
-                "pressure",
-                ts,
-                ProcessKind::two_lags(gain, tau, second),
-                gain,
-                (tau + 0.5 * second) / ts,
-            )
-        }
-        2 => {
-            let ts = log_uniform(rng, 5.0, 60.0);
-            let rate = log_uniform(rng, 0.01, 0.15) / ts;
-            let kind = if chance(rng, 0.5) {
-                ProcessKind::Integrating { rate }
-            } else {
-                let tau_s = ts * log_uniform(rng, 0.5, 4.0);
-                ProcessKind::IntegratingLag { rate, tau_s }
-            };
-            ("level", ts, kind, rate * ts, f64::INFINITY)
-        }
-        _ => {
-            let ts = log_uniform(rng, 5.0, 30.0);
-            let (gain, tau) = (log_uniform(rng, 0.5, 2.0), ts * log_uniform(rng, 8.0, 40.0));
-            let second = tau * uniform(rng, 0.2, 0.9);
-            (
-                "temperature",
-                ts,
-                ProcessKind::two_lags(gain, tau, second),
-                gain,
-                (tau + 0.5 * second) / ts,
-            )
-        }
-    };
-    // The held input adds half a sample, a second lag half of itself.
-    let extra = match kind {
-        ProcessKind::SecondOrder { .. } => 0.25 * lag.min(20.0),
-        ProcessKind::IntegratingLag { tau_s, .. } => tau_s / ts_s,
-        _ => 0.0,
-    };
-    let effective = dead + 0.5 + extra;
-    let closed = effective * log_uniform(rng, 0.7, 4.0);
-    let pace = closed + effective;
-    let (kc, ti) = if lag.is_infinite() {
-        (1.0 / (gain * pace), 4.0 * pace * uniform(rng, 0.7, 2.0))
-    } else {
-        (lag / (gain * pace), lag.min(4.0 * pace) * uniform(rng, 0.5, 1.2))
-    };
-    let op0 = uniform(rng, 35.0, 65.0);
-    let pv0 = uniform(rng, 30.0, 70.0);
-    let mut valve = ValveSpec::linear(friction);
-    if chance(rng, 0.15) {
-        valve.characteristic = Characteristic::EqualPercentage {
-            rangeability: uniform(rng, 20.0, 50.0),
-        };
-    }
-    let spec = LoopSpec {
-        process: ProcessSpec {
-            kind,
-            dead_time_s: dead * ts_s,
-        },
-        controller: ControllerSpec::pi(kc, ti * ts_s),
-        valve,
-        loads: Vec::new(),
-        sensor: SensorSpec::default(),
-        sp: pv0,
-        sp_schedule: Vec::new(),
-        ts_s,
-        op0,
-        pv0,
-    };
-    Base { name, spec, pace }
-}
-
 fn draw_sticky(rng: &mut Pcg64Mcg, seed: u64) -> Scenario {
     let (strength, s) = match rng.random_range(0..3) {
         0 => ("weak", log_uniform(rng, 0.3, 1.0)),
@@ -218,18 +94,14 @@ fn draw_sticky(rng: &mut Pcg64Mcg, seed: u64) -> Scenario {
     } else {
         s * uniform(rng, 0.02, 1.0)
     };
-    let noise_share = if chance(rng, 0.35) {
-        0.0
-    } else {
-        log_uniform(rng, 0.003, 0.3)
-    };
+    let noise_share = if chance(rng, 0.35) { 0.0 } else { noise_share(rng) };
     let resolution = uniform(rng, 0.003, 0.01);
-    let (model, friction) = if noise_share == 0.0 && chance(rng, 0.7) {
+    let (model, friction) = if chance(rng, 0.5) {
         ("Choudhury", Friction::Choudhury { s, j, resolution })
     } else {
         ("Kano", Friction::Kano { s, j, resolution })
     };
-    let Base { name, mut spec, pace } = draw_loop(rng, friction);
+    let Base { name, mut spec, pace } = draw_loop(rng, friction, MAX_DEAD);
     // A step of at least S gets the valve off its first stuck point.
     spec.sp = spec.pv0 + uniform(rng, 1.0, 2.0) * s * if chance(rng, 0.5) { 1.0 } else { -1.0 };
     let load = sticky_load(rng, &mut spec, s, pace, deadband_only);
@@ -260,6 +132,15 @@ fn draw_sticky(rng: &mut Pcg64Mcg, seed: u64) -> Scenario {
         seed,
         n: N,
         warm_up: WARM_UP,
+    }
+}
+
+/// PV noise sd as a share of the cycle's.
+fn noise_share(rng: &mut Pcg64Mcg) -> f64 {
+    if chance(rng, HEAVY) {
+        uniform(rng, 0.3, 0.6)
+    } else {
+        log_uniform(rng, 0.003, 0.3)
     }
 }
 
@@ -317,11 +198,7 @@ fn sound_spec(rng: &mut Pcg64Mcg, base: Base, kind: &str) -> LoopSpec {
     } else {
         Load::input
     };
-    let noise = if chance(rng, 0.25) {
-        0.0
-    } else {
-        log_uniform(rng, 0.005, 0.3)
-    };
+    let noise = if chance(rng, 0.25) { 0.0 } else { noise_share(rng) };
     // Some colour under every kind: no real loop has none.
     let background = LoadKind::Coloured {
         sd: 0.05 * amplitude,
@@ -421,20 +298,11 @@ fn ultimate(spec: &LoopSpec) -> f64 {
     stable
 }
 
-fn inside_limits(spec: &LoopSpec, run: &Run) -> bool {
-    let (low, high) = spec.controller.op_limits;
-    run.op.iter().all(|&u| u > low && u < high)
-}
-
-fn sd(v: &[f64]) -> f64 {
-    let n = v.len().max(1) as f64;
-    let mean = v.iter().sum::<f64>() / n;
-    (v.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sim::controller::ControllerSpec;
+    use crate::sim::process::{ProcessKind, ProcessSpec};
     use std::collections::BTreeMap;
 
     #[test]
@@ -454,8 +322,10 @@ mod tests {
             {
                 *kinds.entry(word.to_owned()).or_default() += 1;
             }
-            let noise = scenario.spec.sensor.noise_sd > 0.0;
-            *kinds.entry(format!("noise {noise}")).or_default() += 1;
+            let noise = scenario.spec.sensor.noise_sd;
+            *kinds.entry(format!("noise {}", noise > 0.0)).or_default() += 1;
+            let dead = (scenario.spec.process.dead_time_s / scenario.spec.ts_s).ceil();
+            *kinds.entry(format!("dead time {dead}")).or_default() += 1;
             assert!(run.pv.iter().chain(&run.op).all(|x| x.is_finite()));
         }
         println!("{cycling} of 200 reverse beyond S at least 4 times in 1000 samples; {kinds:?}");
@@ -480,6 +350,8 @@ mod tests {
             "coloured load",
             "random walk load",
             "set-point changes",
+            "dead time 0",
+            "dead time 8",
         ] {
             assert!(kinds.get(word).is_some_and(|&n| n >= 10), "{word}: {kinds:?}");
         }
@@ -513,7 +385,7 @@ mod tests {
     #[test]
     fn ultimate_gain_of_a_sampled_integrator() {
         // y[k+1] = y[k] + 0.1 u[k-1] under P control: stable up to Kc 0.1 = 1 (double root on the unit circle at ±60°).
-        let mut base = draw_loop(&mut generator(3, 3), Friction::Ideal).spec;
+        let mut base = draw_loop(&mut generator(3, 3), Friction::Ideal, MAX_DEAD).spec;
         base.ts_s = 1.0;
         base.process = ProcessSpec {
             kind: ProcessKind::Integrating { rate: 0.1 },
