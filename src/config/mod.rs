@@ -3,11 +3,9 @@
 
 mod diagnostic;
 mod plant;
-
 mod rules;
 mod section;
 mod source;
-
 mod wording;
 
 pub use diagnostic::Diagnostic;
