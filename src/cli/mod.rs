@@ -1,15 +1,20 @@
-//! The command line: `stictiond diagnose | …`.
+//! The command line: `stictiond run | diagnose | check | probe`.
 //!
-//! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every failure is one clear
+//! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
 
+mod check;
 mod diagnose;
+mod logging;
+mod probe;
+mod run;
 mod text;
 
 use clap::{Parser, Subcommand};
 use std::fmt::Display;
 use std::io::{self, Write};
 use std::process::ExitCode;
+use stictiond::config::Diagnostic;
 
 /// Finds sticking control valves from OP and PV, online, beside the DCS.
 #[derive(Parser)]
@@ -21,8 +26,14 @@ struct Args {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Poll the plant, diagnose its loops, serve the results; SIGHUP reads the configuration again
+    Run(run::Args),
     /// Diagnose one record: columns t,op,pv[,sp][,other tags…]
     Diagnose(diagnose::Args),
+    /// Validate a configuration: every error with line and column
+    Check(check::Args),
+    /// Read registers of a device once and show them in every type and byte order
+    Probe(probe::Args),
 }
 
 /// Why a command ended without doing its work.
@@ -31,6 +42,8 @@ pub enum Failure {
     Failed(String),
     /// Bad arguments, config or input: exit code 2.
     BadInput(String),
+    /// A configuration with errors: exit code 2.
+    BadConfig(Vec<Diagnostic>),
 }
 
 impl Failure {
@@ -51,17 +64,22 @@ pub fn main() -> ExitCode {
         }
     };
     let done = match args.command {
+        Command::Run(args) => run::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
+        Command::Check(args) => check::run(&args),
+        Command::Probe(args) => probe::run(&args),
     };
-    let (message, code) = match done {
+    let (messages, code) = match done {
         Ok(()) => return ExitCode::SUCCESS,
-        Err(Failure::Failed(message)) => (message, 1),
-        Err(Failure::BadInput(message)) => (message, 2),
+        Err(Failure::Failed(message)) => (vec![format!("stictiond: {message}")], 1),
+        Err(Failure::BadInput(message)) => (vec![format!("stictiond: {message}")], 2),
+        Err(Failure::BadConfig(errors)) => (errors.iter().map(Diagnostic::to_string).collect(), 2),
     };
-    // One line, whatever a file is called.
-    let message = message.replace(['\n', '\r'], " ");
-    // Nobody is left to tell when stderr is closed.
-    let _ = writeln!(io::stderr().lock(), "stictiond: {message}");
+    let mut stderr = io::stderr().lock();
+    for message in messages {
+        // One line each, whatever a file is called; nobody is left to tell when stderr is closed.
+        let _ = writeln!(stderr, "{}", message.replace(['\n', '\r'], " "));
+    }
     ExitCode::from(code)
 }
 
@@ -73,5 +91,16 @@ pub fn print(text: &str) -> Result<(), Failure> {
             Err(Failure::Failed(format!("cannot write to stdout: {error}")))
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_arguments_do_not_contradict_each_other() {
+        Args::command().debug_assert();
     }
 }

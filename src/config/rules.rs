@@ -69,6 +69,7 @@ impl Rules<'_, '_, '_> {
     }
 
     fn sections(&mut self, parts: &Parts) {
+        self.section("server", parts.server.as_ref().map(|c| c.validate()));
         self.section("history", parts.history.as_ref().map(|c| c.validate()));
         self.section("schedule", parts.schedule.as_ref().map(|c| c.validate()));
         self.section("diagnosis", parts.diagnosis.as_ref().map(|c| c.validate()));

@@ -46,8 +46,8 @@ fn the_example_shows_the_defaults() {
     assert_eq!(config.diagnosis, defaults.diagnosis);
     assert_eq!(config.alarm, defaults.alarm);
     assert_eq!((config.modbus.len(), config.loops.len()), (2, 2));
-    assert_eq!(config.period_s(&config.loops[0]), 1800.0);
-    assert_eq!(config.period_s(&config.loops[1]), 3600.0);
+    let periods: Vec<f64> = config.loops.iter().map(|own| config.period_s(own)).collect();
+    assert_eq!(periods, [1800.0, 3600.0]);
 }
 
 #[test]
