@@ -18,7 +18,7 @@ use tokio_modbus::server::tcp::{Server, accept_tcp_connection};
 
 /// A device whose register r holds r, or r plus the number of requests so far for r >= 100; it counts connections.
 #[derive(Clone, Default)]
-struct Registers {
+pub struct Registers {
     requests: Arc<AtomicU64>,
     connections: Arc<AtomicU64>,
 }
@@ -43,7 +43,7 @@ impl tokio_modbus::server::Service for Registers {
     }
 }
 
-async fn device() -> (SocketAddr, Registers) {
+pub async fn device() -> (SocketAddr, Registers) {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("bound");
     let registers = Registers::default();
@@ -60,7 +60,7 @@ async fn device() -> (SocketAddr, Registers) {
 }
 
 /// Loops by name, device and first register; OP at the register, PV at the next.
-fn config(devices: &[SocketAddr], loops: &[(&str, usize, u16)]) -> Config {
+pub fn text(devices: &[SocketAddr], loops: &[(&str, usize, u16)]) -> String {
     let mut text = "[schedule]\nperiod_s = 10\n[history]\nsamples_per_tag = 1000\n".to_string();
     for (at, address) in devices.iter().enumerate() {
         text += &format!(
@@ -75,6 +75,11 @@ fn config(devices: &[SocketAddr], loops: &[(&str, usize, u16)]) -> Config {
             );
         }
     }
+    text
+}
+
+fn config(devices: &[SocketAddr], loops: &[(&str, usize, u16)]) -> Config {
+    let text = text(devices, loops);
     config::parse("test.toml", &text).unwrap_or_else(|wrong| panic!("{wrong:?}\n{text}"))
 }
 
