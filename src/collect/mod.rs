@@ -4,6 +4,7 @@
 //! sample to a [`Sink`], keeps its counters in a [`DeviceHealth`] that anyone may read, and takes the time
 //! from a [`Clock`], so a simulated plant may run faster than the wall.
 
+pub mod csv;
 pub mod modbus;
 
 mod frozen;
@@ -56,8 +57,6 @@ pub struct SystemClock;
 
 impl Clock for SystemClock {
     fn now(&self) -> f64 {
-        SystemTime::now()
-            .duration_since(UNIX_EPOCH)
-            .map_or(0.0, |since| since.as_secs_f64())
+        SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
     }
 }

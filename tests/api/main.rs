@@ -1,0 +1,8 @@
+//! The API over real sockets.
+
+mod app;
+mod daemon;
+mod edges;
+mod http;
+mod resources;
+mod rig;
