@@ -111,14 +111,24 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
 
 /// How the window was normalised: subtract the mean, divide by the sd.
 #[derive(Clone, Copy, Debug)]
-struct Scale {
-    u0: f64,
-    u: f64,
-    y: f64,
+pub struct Scale {
+    /// Mean of OP [OP unit].
+    pub u0: f64,
+    /// Standard deviation of OP [OP unit].
+    pub u: f64,
+    /// Standard deviation of PV [PV unit].
+    pub y: f64,
 }
 
-/// The search problem of a window.
-fn pose(window: &Window, region: &Region, settings: &Settings) -> Result<(Problem, Scale), NotIdentifiable> {
+/// The search problem of a prepared window.
+///
+/// # Errors
+/// Too few reversals of OP, or values that no sum can hold.
+pub fn pose(
+    window: &Window,
+    region: &Region,
+    settings: &Settings,
+) -> Result<(Problem, Scale), NotIdentifiable> {
     let n = window.len();
     let extrema = region.reversals(0, n);
     let not_excited = NotIdentifiable::NotExcited { reversals: extrema };

@@ -1,0 +1,15 @@
+//! Simulated runs as records.
+
+use stictiond::signal::{Record, Sample, Series};
+use stictiond::sim::{Run, Scenario};
+
+/// The run as a collector would have recorded it: OP and PV, in % of span.
+pub fn record(run: &Run) -> Record {
+    let series = |v: &[f64]| -> Series { run.t.iter().zip(v).map(|(&t, &x)| Sample::good(t, x)).collect() };
+    Record { op: series(&run.op), pv: series(&run.pv), op_span: Some(100.0), ..Record::default() }
+}
+
+/// The scenario's record after its transient.
+pub fn simulated(scenario: &Scenario) -> Record {
+    record(&scenario.run().expect("the scenarios are valid loops"))
+}
