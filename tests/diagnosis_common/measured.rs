@@ -8,19 +8,10 @@ use stictiond::signal::Record;
 /// From the package root, where cargo runs the tests.
 const FOLDER: &str = "../shared/data";
 
-/// A measured loop and what its owners say of it.
-pub struct Measured {
-    /// The set it belongs to: `isdb` or `plant`.
-    pub set: String,
-    /// The loop.
-    pub name: String,
-    /// `stiction` or `no stiction`.
-    pub label: String,
-    /// OP, PV, SP.
-    pub record: Record,
-}
+/// A measured loop: its row of the index (`set,loop,file,type,Ts_s,n,label,…`) and its OP, PV and SP.
+pub type Measured = (Vec<String>, Record);
 
-/// Every record of the index in its order; none, and a line that says so, where the folder is missing.
+/// Every record of the sets `isdb` and `plant` in the index's order; none, and a line that says so, where the folder is missing.
 pub fn measured() -> Vec<Measured> {
     let index = Path::new(FOLDER).join("index.csv");
     let Ok(text) = fs::read_to_string(&index) else {
@@ -28,17 +19,11 @@ pub fn measured() -> Vec<Measured> {
         return Vec::new();
     };
     text.lines()
-        .skip(1)
+        .filter(|line| line.starts_with("isdb,") || line.starts_with("plant,"))
         .map(|line| {
-            let cells: Vec<&str> = line.split(',').collect();
-            let [set, name, file, _, _, _, label, ..] = cells[..] else {
-                panic!("{}: too few cells in {line:?}", index.display());
-            };
-            let path = Path::new(FOLDER).join(file);
-            let open = File::open(&path).expect("the index names files that exist");
-            let record = csv::read(open).expect("the measured records are readable");
-            Measured { set: set.into(), name: name.into(), label: label.into(), record }
+            let row: Vec<String> = line.split(',').map(str::to_owned).collect();
+            let open = File::open(Path::new(FOLDER).join(&row[2])).expect("the index names files that exist");
+            (row, csv::read(open).expect("the measured records are readable"))
         })
-        .filter(|m| m.set == "isdb" || m.set == "plant")
         .collect()
 }
