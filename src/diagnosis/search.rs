@@ -24,7 +24,7 @@ const FINE_CELLS: usize = 60;
 /// Coarse steps to each side of the best that the fine pass covers.
 const FINE_REACH: f64 = 3.0;
 /// Fewest stem reversals in a window that say anything about f.
-pub const LEAST_REVERSALS: usize = 3;
+pub const LEAST_REVERSALS: usize = 4;
 /// Structures fitted by prediction error at one f.
 const FITTED: usize = 3;
 /// Structures fitted where the result decides: at f = 0 and in the refinement.
