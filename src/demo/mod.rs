@@ -1,0 +1,4 @@
+//! `stictiond demo`: a simulated plant behind a real Modbus/TCP server, and the daemon watching it.
+
+mod registers;
+mod server;
