@@ -1,1 +1,471 @@
-//! placeholder
+//! The table of contents: the only place that knows every part and wires them together.
+//!
+//! ```text
+//! collectors --sample--> history --snapshot--> scheduler --run--> results (alarms) --event--> API
+//! ```
+
+use crate::collect::modbus::{Collector, Issue, Plan};
+use crate::collect::{self, DeviceHealth, Poll};
+use crate::config::{self, Config, Diagnostic};
+use crate::diagnosis::{self, Settings};
+use crate::history::{History, Ring};
+use crate::results::Results;
+use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
+use crate::serve::{self, Context, DeviceState, LoopInfo, ServeError};
+use crate::signal::{LoopId, Sample};
+use std::collections::HashMap;
+use std::io;
+use std::net::SocketAddr;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::sync::{Mutex, watch};
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+/// How often a shelving is looked at that may have run out.
+const ALARM_TICK: Duration = Duration::from_secs(1);
+
+/// Why the daemon does not run.
+#[derive(Debug, thiserror::Error)]
+pub enum AppError {
+    /// The configuration cannot be used; everything wrong with it.
+    #[error("{}", lines(.0))]
+    Config(Vec<Diagnostic>),
+    /// A device cannot be polled as configured.
+    #[error("{}", .0.iter().map(|issue| format!("{}: {}", issue.field, issue.message)).collect::<Vec<_>>().join("\n"))]
+    Plan(Vec<Issue>),
+    /// The address is taken, or not this machine's.
+    #[error("cannot listen on {address}: {source}")]
+    Bind {
+        /// The address.
+        address: SocketAddr,
+        /// Why.
+        source: io::Error,
+    },
+    /// The API failed.
+    #[error(transparent)]
+    Serve(#[from] ServeError),
+    /// Signals cannot be received.
+    #[error("cannot listen to signals: {0}")]
+    Signal(io::Error),
+}
+
+fn lines(diagnostics: &[Diagnostic]) -> String {
+    diagnostics
+        .iter()
+        .map(Diagnostic::to_string)
+        .collect::<Vec<_>>()
+        .join("\n")
+}
+
+/// The daemon, built and not yet running.
+pub struct App {
+    clock: Clock,
+    results: Arc<Results>,
+    scheduler: Arc<Scheduler>,
+    plant: watch::Sender<Arc<serve::Plant>>,
+    context: Arc<Context>,
+    /// Cancelled when the daemon stops.
+    stop: CancellationToken,
+    state: Mutex<Running>,
+}
+
+/// What a reload replaces.
+struct Running {
+    config: Config,
+    history: Arc<History>,
+    devices: Vec<Device>,
+    collecting: bool,
+}
+
+/// One device and, once the daemon runs, the task that polls it.
+struct Device {
+    plan: Plan,
+    rings: Arc<Rings>,
+    health: Arc<DeviceHealth>,
+    collector: Option<Collector>,
+    task: Option<(CancellationToken, JoinHandle<()>)>,
+}
+
+impl App {
+    /// Builds every part; nothing runs, connects or listens yet. `diagnose` is [`diagnosis`]'s own outside of tests.
+    ///
+    /// # Errors
+    /// [`AppError::Plan`].
+    pub fn build(config: Config, clock: Clock, diagnose: Diagnose) -> Result<Self, AppError> {
+        let stop = CancellationToken::new();
+        let wired = config.plant().map_err(AppError::Plan)?;
+        let history = Arc::new(History::new(&wired.loops, &config.history));
+        let results = Arc::new(Results::new(
+            &ids(&config),
+            config.schedule.keep_results,
+            &config.alarm,
+        ));
+        let plan = schedule_plan(&config, &history);
+        let scheduler = Arc::new(Scheduler::new(
+            config.schedule.clone(),
+            clock,
+            diagnose,
+            results.clone(),
+            plan,
+        ));
+        let devices: Vec<Device> = wired
+            .plans
+            .into_iter()
+            .map(|plan| Device::new(plan, clock, &history))
+            .collect();
+        let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices)));
+        let context = Arc::new(Context::new(
+            config.server.clone(),
+            clock,
+            results.clone(),
+            scheduler.clone(),
+            watched,
+            stop.clone(),
+        ));
+        tracing::info!(
+            loops = history.loops().len(),
+            tags = history.tag_count(),
+            samples_per_tag = config.history.samples_per_tag,
+            bytes_per_sample = history.bytes_per_sample(),
+            total_bytes = history.memory_bytes(),
+            "history: memory taken"
+        );
+        let state = Mutex::new(Running {
+            config,
+            history,
+            devices,
+            collecting: false,
+        });
+        Ok(Self {
+            clock,
+            results,
+            scheduler,
+            plant,
+            context,
+            stop,
+            state,
+        })
+    }
+
+    /// The diagnosis that the daemon runs.
+    pub fn diagnosis() -> Diagnose {
+        Arc::new(diagnosis::diagnose)
+    }
+
+    /// What the diagnoses said.
+    pub fn results(&self) -> &Arc<Results> {
+        &self.results
+    }
+
+    /// Cancel it to stop the daemon.
+    pub fn stop(&self) -> CancellationToken {
+        self.stop.clone()
+    }
+
+    /// Polls, diagnoses and serves on `listener` until [`App::stop`] is cancelled.
+    ///
+    /// # Errors
+    /// [`AppError::Serve`]; the rest is stopped first.
+    pub async fn run(&self, listener: TcpListener) -> Result<(), AppError> {
+        {
+            let mut state = self.state.lock().await;
+            state.collecting = true;
+            state
+                .devices
+                .iter_mut()
+                .for_each(|device| device.start(&self.stop));
+        }
+        let serving = async {
+            let served = serve::serve(listener, self.context.clone()).await;
+            self.stop.cancel();
+            served
+        };
+        let (served, (), ()) =
+            tokio::join!(serving, self.scheduler.run(self.stop.clone()), self.tick_alarms());
+        let mut state = self.state.lock().await;
+        state.collecting = false;
+        for device in &mut state.devices {
+            device.end().await;
+        }
+        Ok(served?)
+    }
+
+    async fn tick_alarms(&self) {
+        while self
+            .stop
+            .run_until_cancelled(tokio::time::sleep(ALARM_TICK))
+            .await
+            .is_some()
+        {
+            self.results.tick(self.clock.now());
+        }
+    }
+
+    /// Takes another configuration. Loops that are unchanged keep their data, results and alarms; devices whose tags
+    /// are unchanged go on being polled. `[server]` and the sizes in `[schedule]` need a restart, and the log says so.
+    ///
+    /// # Errors
+    /// [`AppError::Plan`]; then everything stays as it was.
+    pub async fn reload(&self, config: Config) -> Result<(), AppError> {
+        let wired = config.plant().map_err(AppError::Plan)?;
+        let mut state = self.state.lock().await;
+        warn_of_what_needs_a_restart(&state.config, &config);
+        let history = Arc::new(state.history.successor(&wired.loops, &config.history));
+        let (mut before, mut devices) = (std::mem::take(&mut state.devices), Vec::new());
+        for plan in wired.plans {
+            let same = before
+                .iter()
+                .position(|device| device.carries_on(&plan, &history));
+            devices.push(match same {
+                Some(at) => before.swap_remove(at),
+                None => Device::new(plan, self.clock, &history),
+            });
+        }
+        // A ring has one writer: the old ones end before the new ones begin.
+        for mut device in before {
+            device.end().await;
+        }
+        self.results.reload(&ids(&config), &config.alarm);
+        self.scheduler.replace(schedule_plan(&config, &history));
+        self.plant
+            .send_replace(Arc::new(shown(&config, &history, &devices)));
+        if state.collecting {
+            devices.iter_mut().for_each(|device| device.start(&self.stop));
+        }
+        tracing::info!(
+            loops = history.loops().len(),
+            total_bytes = history.memory_bytes(),
+            "another configuration is in force"
+        );
+        (state.config, state.history, state.devices) = (config, history, devices);
+        Ok(())
+    }
+}
+
+impl Device {
+    fn new(plan: Plan, clock: Clock, history: &Arc<History>) -> Self {
+        let now: Arc<dyn collect::Clock> = Arc::new(move || clock.now());
+        let collector = Collector::new(plan.clone(), now, plan.device as u64);
+        let ring = |tag: usize| Some((tag, history.ring(tag)?.clone()));
+        let rings = Arc::new(Rings(
+            plan.tags.iter().filter_map(|tag| ring(tag.index)).collect(),
+        ));
+        let health = collector.health();
+        Self {
+            plan,
+            rings,
+            health,
+            collector: Some(collector),
+            task: None,
+        }
+    }
+
+    fn start(&mut self, stop: &CancellationToken) {
+        if let Some(collector) = self.collector.take() {
+            let stop = stop.child_token();
+            let task = tokio::spawn(collector.run(self.rings.clone(), stop.clone()));
+            self.task = Some((stop, task));
+        }
+    }
+
+    async fn end(&mut self) {
+        if let Some((stop, task)) = self.task.take() {
+            stop.cancel();
+            if let Err(error) = task.await {
+                tracing::error!(device = self.plan.name, %error, "a collector failed");
+            }
+        }
+    }
+
+    /// Whether this device would be polled the same under a new plan, into the same rings: then its collector need
+    /// not notice.
+    fn carries_on(&self, plan: &Plan, history: &History) -> bool {
+        let old = &self.plan;
+        let alive = self.task.as_ref().is_none_or(|(_, task)| !task.is_finished());
+        let head = |p: &Plan| {
+            (
+                p.name.clone(),
+                p.address.clone(),
+                p.unit_id,
+                p.period,
+                p.timeout,
+                p.reconnect_max,
+            )
+        };
+        alive
+            && head(old) == head(plan)
+            && old.requests == plan.requests
+            && old.tags.len() == plan.tags.len()
+            && old.tags.iter().zip(&plan.tags).all(|(a, b)| {
+                (&a.name, a.span, &a.decoder, a.frozen_after_s)
+                    == (&b.name, b.span, &b.decoder, b.frozen_after_s)
+                    && same_ring(self.rings.0.get(&a.index), history.ring(b.index))
+            })
+    }
+
+    fn state(name: &str, health: &DeviceHealth) -> DeviceState {
+        let h = health.snapshot();
+        let counters = vec![
+            ("polls", h.polls),
+            ("missed_polls", h.missed_polls),
+            ("overruns", h.overruns),
+            ("timeouts", h.timeouts),
+            ("exceptions", h.exceptions),
+            ("link_errors", h.link_errors),
+            ("reconnects", h.reconnects),
+            ("good_samples", h.good_samples),
+            ("bad_samples", h.bad_samples),
+        ];
+        DeviceState {
+            name: name.to_string(),
+            connected: h.connected,
+            last_good: h.last_good,
+            counters,
+        }
+    }
+}
+
+fn same_ring(a: Option<&Arc<Ring>>, b: Option<&Arc<Ring>>) -> bool {
+    a.zip(b).is_some_and(|(a, b)| Arc::ptr_eq(a, b))
+}
+
+/// Where one device's samples go. It holds that device's rings only, so that a device that outlives a reload keeps no
+/// memory of loops that are gone.
+struct Rings(HashMap<usize, Arc<Ring>>);
+
+impl collect::Sink for Rings {
+    fn sample(&self, tag: usize, sample: Sample) {
+        if let Some(ring) = self.0.get(&tag) {
+            ring.push(sample);
+        }
+    }
+
+    fn poll(&self, _device: usize, _poll: Poll) {}
+}
+
+fn ids(config: &Config) -> Vec<LoopId> {
+    config
+        .loops
+        .iter()
+        .map(|control_loop| LoopId::new(control_loop.id.as_str()))
+        .collect()
+}
+
+fn schedule_plan(config: &Config, history: &Arc<History>) -> schedule::Plan {
+    let history = history.clone();
+    let job = |control_loop| {
+        let period_s = config.period_s(control_loop);
+        Job {
+            id: LoopId::new(control_loop.id.as_str()),
+            period_s,
+        }
+    };
+    schedule::Plan {
+        jobs: config.loops.iter().map(job).collect(),
+        snapshot: Arc::new(move |id| history.snapshot(id)),
+        settings: Settings::from(&config.diagnosis),
+    }
+}
+
+fn shown(config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::Plant {
+    let info = |control_loop: &config::LoopConfig| LoopInfo {
+        id: LoopId::new(control_loop.id.as_str()),
+        description: control_loop.description.clone(),
+        group: control_loop.group.clone(),
+        period_s: config.period_s(control_loop),
+    };
+    let healths: Vec<(String, Arc<DeviceHealth>)> = devices
+        .iter()
+        .map(|device| (device.plan.name.clone(), device.health.clone()))
+        .collect();
+    let states = move || {
+        healths
+            .iter()
+            .map(|(name, health)| Device::state(name, health))
+            .collect()
+    };
+    serve::Plant::new(
+        config.loops.iter().map(info).collect(),
+        history.clone(),
+        Arc::new(states),
+    )
+}
+
+fn warn_of_what_needs_a_restart(old: &Config, new: &Config) {
+    if old.server != new.server {
+        tracing::warn!("[server] has changed: that takes effect at the next start");
+    }
+    let sizes = |c: &schedule::Config| (c.parallelism, c.deadline_s.to_bits(), c.queue, c.keep_results);
+    if sizes(&old.schedule) != sizes(&new.schedule) {
+        tracing::warn!("sizes in [schedule] have changed: they take effect at the next start");
+    }
+}
+
+/// Listens where the configuration says.
+///
+/// # Errors
+/// [`AppError::Bind`].
+pub async fn listen(config: &Config) -> Result<TcpListener, AppError> {
+    let address = config.server.listen;
+    TcpListener::bind(address)
+        .await
+        .map_err(|source| AppError::Bind { address, source })
+}
+
+/// The daemon as a command: loads the file, runs until SIGTERM or SIGINT, reloads the file on SIGHUP. A file that
+/// cannot be used is refused at a reload, with everything wrong with it in the log, and the old one stays in force.
+///
+/// # Errors
+/// [`AppError`], when it cannot start or the API fails.
+pub async fn daemon(path: &Path) -> Result<(), AppError> {
+    let config = config::load(path).map_err(AppError::Config)?;
+    let listener = listen(&config).await?;
+    let app = App::build(config, Clock::wall(), App::diagnosis())?;
+    let on = |kind| signal(kind).map_err(AppError::Signal);
+    let (hup, term, int) = (
+        on(SignalKind::hangup())?,
+        on(SignalKind::terminate())?,
+        on(SignalKind::interrupt())?,
+    );
+    if let Ok(address) = listener.local_addr() {
+        tracing::info!(%address, "serving");
+    }
+    let stop = app.stop();
+    let (ran, ()) = tokio::join!(app.run(listener), obey(&app, path, hup, term, int, stop));
+    ran
+}
+
+async fn obey(
+    app: &App,
+    path: &Path,
+    mut hup: Signal,
+    mut term: Signal,
+    mut int: Signal,
+    stop: CancellationToken,
+) {
+    loop {
+        tokio::select! {
+            () = stop.cancelled() => return,
+            _ = term.recv() => break,
+            _ = int.recv() => break,
+            _ = hup.recv() => reload(app, path).await,
+        }
+    }
+    tracing::info!("stopping");
+    stop.cancel();
+}
+
+async fn reload(app: &App, path: &Path) {
+    let loaded = config::load(path).map_err(AppError::Config);
+    let taken = match loaded {
+        Ok(config) => app.reload(config).await,
+        Err(error) => Err(error),
+    };
+    if let Err(error) = taken {
+        tracing::error!(%error, "the configuration is refused, the old one stays in force");
+    }
+}

@@ -1,2 +1,9 @@
-//! The thin binary: arguments, tracing, `App::build`, run until a signal.
-fn main() {}
+//! The thin binary: arguments, one line per error, exit codes; what is done lives in the library.
+
+mod cli;
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::main()
+}

@@ -1,1 +1,430 @@
-//! placeholder
+//! What the diagnoses said: per loop the latest in full, the ones before as summaries, and the alarm that follows from
+//! them. Everything is bounded; whoever wants to hear of news subscribes to a bounded channel.
+
+use crate::alarm::{self, Alarm, Observation, Refusal, State, Transition};
+use crate::diagnosis::{Diagnosis, Verdict};
+use crate::signal::LoopId;
+use std::collections::{HashMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+use tokio::sync::broadcast;
+
+/// Events kept for a subscriber that is slow to take them.
+const EVENT_BACKLOG: usize = 1024;
+
+/// Who asked for a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trigger {
+    /// The loop's period.
+    Periodic,
+    /// Somebody, by API.
+    OnDemand,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug)]
+pub enum Outcome {
+    /// With a diagnosis, whatever its verdict.
+    Diagnosed(Box<Diagnosis>),
+    /// Not before its deadline.
+    DeadlineExceeded,
+    /// With a panic, and what it said.
+    Panicked(String),
+}
+
+impl Outcome {
+    /// The stable, machine-readable name: a verdict or a failure.
+    pub fn as_str(&self) -> &'static str {
+        match self {
+            Outcome::Diagnosed(diagnosis) => diagnosis.verdict.as_str(),
+            Outcome::DeadlineExceeded => "deadline_exceeded",
+            Outcome::Panicked(_) => "panicked",
+        }
+    }
+}
+
+/// One run of the diagnosis on one loop.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Which loop.
+    pub id: LoopId,
+    /// When it began [s].
+    pub started: f64,
+    /// When it ended [s].
+    pub finished: f64,
+    /// How long it took on the wall clock [s].
+    pub took_s: f64,
+    /// Who asked.
+    pub trigger: Trigger,
+    /// The span of OP in the record it worked on [OP unit].
+    pub op_span: Option<f64>,
+    /// What came of it.
+    pub outcome: Outcome,
+}
+
+impl Run {
+    /// The diagnosis, if there is one.
+    pub fn diagnosis(&self) -> Option<&Diagnosis> {
+        match &self.outcome {
+            Outcome::Diagnosed(diagnosis) => Some(diagnosis),
+            _ => None,
+        }
+    }
+
+    /// What turns OP units into % of OP span; a span that is not known is taken for 100.
+    fn percent(&self) -> f64 {
+        self.op_span
+            .filter(|span| *span > 0.0)
+            .map_or(1.0, |span| 100.0 / span)
+    }
+
+    fn summary(&self) -> Summary {
+        let estimate = self.diagnosis().and_then(|d| d.estimate.as_ref());
+        let percent = self.percent();
+        Summary {
+            time: self.finished,
+            took_s: self.took_s,
+            trigger: self.trigger,
+            outcome: self.outcome.as_str(),
+            reason_code: match self.diagnosis().map(|d| &d.verdict) {
+                Some(Verdict::NotIdentifiable(why)) => Some(why.code()),
+                _ => None,
+            },
+            reason: match &self.outcome {
+                Outcome::Diagnosed(diagnosis) => diagnosis.reason.clone(),
+                Outcome::DeadlineExceeded => "the run was not done before its deadline".to_string(),
+                Outcome::Panicked(_) => "the diagnosis failed; the log says why".to_string(),
+            },
+            f_in_percent: self.diagnosis().is_none_or(|d| op_in_percent(self.op_span, d)),
+            f: estimate.map(|e| e.f * percent),
+            f_ci95: estimate.map(|e| e.f_ci95.map(|limit| limit * percent)),
+            delta_aic: estimate.map(|e| e.delta_aic),
+        }
+    }
+}
+
+/// Whether friction along OP can be told in per cent of its span: the span is configured, or OP's values could be per
+/// cent, all within 0..100 and not all within 0..1 (which would be a share of the span).
+pub fn op_in_percent(op_span: Option<f64>, diagnosis: &Diagnosis) -> bool {
+    if op_span.is_some_and(|span| span.is_finite() && span > 0.0) {
+        return true;
+    }
+    let op = diagnosis.window.as_ref().map_or(&[][..], |window| &window.op);
+    let least = op.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = op.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    least >= 0.0 && most <= 100.0 && most > 1.0
+}
+
+/// A run in a few numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    /// When it ended [s].
+    pub time: f64,
+    /// How long it took on the wall clock [s].
+    pub took_s: f64,
+    /// Who asked.
+    pub trigger: Trigger,
+    /// A verdict, `deadline_exceeded` or `panicked`.
+    pub outcome: &'static str,
+    /// Why nothing could be said, where nothing could.
+    pub reason_code: Option<&'static str>,
+    /// The verdict in one line.
+    pub reason: String,
+    /// Friction [% of OP span, see `f_in_percent`].
+    pub f: Option<f64>,
+    /// Its 95 % interval, in the same unit.
+    pub f_ci95: Option<[f64; 2]>,
+    /// Whether f is in per cent of OP's span; else in OP's own units, whose span is not known.
+    pub f_in_percent: bool,
+    /// Evidence [-].
+    pub delta_aic: Option<f64>,
+}
+
+/// A loop's alarm at one moment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AlarmView {
+    /// Which loop.
+    pub id: LoopId,
+    /// What the operator sees.
+    pub state: State,
+    /// Whether the condition holds, shelved or not.
+    pub active: bool,
+    /// When the state last changed [s].
+    pub since: Option<f64>,
+    /// When the condition was last raised [s].
+    pub raised_at: Option<f64>,
+    /// Until when it is shelved [s].
+    pub shelved_until: Option<f64>,
+    /// Who acted last.
+    pub by: Option<String>,
+    /// What they said.
+    pub comment: Option<String>,
+}
+
+/// What is known of one loop.
+#[derive(Clone, Debug)]
+pub struct Known {
+    /// The latest run that gave a diagnosis.
+    pub diagnosed: Option<Arc<Run>>,
+    /// The latest run of any kind.
+    pub last: Option<Summary>,
+    /// The latest summary of `diagnosed`.
+    pub summary: Option<Summary>,
+    /// The alarm.
+    pub alarm: AlarmView,
+}
+
+/// News.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// A run has ended.
+    Run(LoopId, Summary),
+    /// An alarm has changed its state.
+    Alarm(LoopId, Transition),
+    /// Another configuration is in force.
+    Reloaded {
+        /// Loops now watched.
+        loops: usize,
+    },
+}
+
+/// An operator's action on an alarm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Action {
+    /// Seen.
+    Acknowledge,
+    /// Silence for this long [s].
+    Shelve(f64),
+    /// End the silence.
+    Unshelve,
+}
+
+#[derive(Debug)]
+struct Entry {
+    diagnosed: Option<(Arc<Run>, Summary)>,
+    summaries: VecDeque<Summary>,
+    alarm: Alarm,
+    by: Option<String>,
+    comment: Option<String>,
+}
+
+/// The results of all loops.
+#[derive(Debug)]
+pub struct Results {
+    entries: RwLock<HashMap<LoopId, Arc<Mutex<Entry>>>>,
+    alarm_config: RwLock<alarm::Config>,
+    keep: usize,
+    events: broadcast::Sender<Event>,
+}
+
+impl Results {
+    /// Room for these loops, `keep` summaries each.
+    pub fn new(loops: &[LoopId], keep: usize, alarm_config: &alarm::Config) -> Self {
+        let results = Self {
+            entries: RwLock::default(),
+            alarm_config: RwLock::new(alarm_config.clone()),
+            keep: keep.max(1),
+            events: broadcast::channel(EVENT_BACKLOG).0,
+        };
+        results.place(loops, alarm_config);
+        results
+    }
+
+    /// Takes another set of loops: known ones keep their results and alarms, the others are forgotten.
+    pub fn reload(&self, loops: &[LoopId], alarm_config: &alarm::Config) {
+        self.place(loops, alarm_config);
+        self.tell(Event::Reloaded { loops: loops.len() });
+    }
+
+    fn place(&self, loops: &[LoopId], alarm_config: &alarm::Config) {
+        let mut entries = self.entries.write().unwrap_or_else(PoisonError::into_inner);
+        *self.alarm_config.write().unwrap_or_else(PoisonError::into_inner) = alarm_config.clone();
+        let mut old = std::mem::take(&mut *entries);
+        for id in loops {
+            let entry = old.remove(id).unwrap_or_else(|| {
+                Arc::new(Mutex::new(Entry {
+                    diagnosed: None,
+                    summaries: VecDeque::new(),
+                    alarm: Alarm::new(alarm_config.clone()),
+                    by: None,
+                    comment: None,
+                }))
+            });
+            lock(&entry).alarm.reconfigure(alarm_config.clone());
+            entries.insert(id.clone(), entry);
+        }
+    }
+
+    /// Hears of every event from now on. A subscriber that lags behind by more than the backlog is told how many it lost.
+    pub fn subscribe(&self) -> broadcast::Receiver<Event> {
+        self.events.subscribe()
+    }
+
+    /// Takes the end of a run, lets the alarm see it and tells everybody. A run of a loop that is no longer there is
+    /// handed back and otherwise ignored.
+    pub fn record(&self, run: Run) -> Arc<Run> {
+        let run = Arc::new(run);
+        let Some(entry) = self.entry(&run.id) else {
+            return run;
+        };
+        let summary = run.summary();
+        let observation = self.observation(&run, &summary);
+        let transitions = {
+            let mut entry = lock(&entry);
+            if entry.summaries.len() == self.keep {
+                entry.summaries.pop_front();
+            }
+            entry.summaries.push_back(summary.clone());
+            if run.diagnosis().is_some() {
+                entry.diagnosed = Some((run.clone(), summary.clone()));
+            }
+            entry.alarm.observe(observation, run.finished)
+        };
+        self.tell(Event::Run(run.id.clone(), summary));
+        self.tell_all(&run.id, transitions);
+        run
+    }
+
+    fn observation(&self, run: &Run, summary: &Summary) -> Observation {
+        let verdict = run.diagnosis().map(|d| &d.verdict);
+        let (Some(f), Some(evidence)) = (summary.f, summary.delta_aic) else {
+            return Observation::Unknown;
+        };
+        match verdict {
+            None | Some(Verdict::NotIdentifiable(_)) => Observation::Unknown,
+            Some(verdict) => {
+                let config = self.alarm_config.read().unwrap_or_else(PoisonError::into_inner);
+                config.judge(*verdict == Verdict::Stiction, f, evidence)
+            }
+        }
+    }
+
+    /// What is known of a loop at `now`.
+    pub fn get(&self, id: &LoopId, now: f64) -> Option<Known> {
+        let entry = self.entry(id)?;
+        self.let_pass(id, &entry, now);
+        let entry = lock(&entry);
+        Some(Known {
+            diagnosed: entry.diagnosed.as_ref().map(|(run, _)| run.clone()),
+            last: entry.summaries.back().cloned(),
+            summary: entry.diagnosed.as_ref().map(|(_, summary)| summary.clone()),
+            alarm: view(id, &entry),
+        })
+    }
+
+    /// Summaries of a loop's runs, oldest first.
+    pub fn summaries(&self, id: &LoopId) -> Option<Vec<Summary>> {
+        let entry = self.entry(id)?;
+        let summaries = lock(&entry).summaries.iter().cloned().collect();
+        Some(summaries)
+    }
+
+    /// How many loops have been run at least once, and how many there are.
+    pub fn coverage(&self) -> (usize, usize) {
+        let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
+        let run = entries
+            .values()
+            .filter(|entry| !lock(entry).summaries.is_empty())
+            .count();
+        (run, entries.len())
+    }
+
+    /// All alarms at `now`, by loop.
+    pub fn alarms(&self, now: f64) -> Vec<AlarmView> {
+        self.tick(now);
+        let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
+        let mut alarms: Vec<AlarmView> = entries.iter().map(|(id, entry)| view(id, &lock(entry))).collect();
+        alarms.sort_by(|a, b| a.id.cmp(&b.id));
+        alarms
+    }
+
+    /// An operator acts on a loop's alarm at `now`; `None` for a loop that is not there.
+    ///
+    /// # Errors
+    /// The alarm's [`Refusal`] when its state does not allow the action.
+    pub fn act(
+        &self,
+        id: &LoopId,
+        action: Action,
+        by: Option<String>,
+        comment: Option<String>,
+        now: f64,
+    ) -> Option<Result<AlarmView, Refusal>> {
+        let entry = self.entry(id)?;
+        self.let_pass(id, &entry, now);
+        let acted = {
+            let mut entry = lock(&entry);
+            let acted = match action {
+                Action::Acknowledge => entry.alarm.acknowledge(now),
+                Action::Shelve(duration) => entry.alarm.shelve(duration, now),
+                Action::Unshelve => entry.alarm.unshelve(now),
+            };
+            acted.map(|transitions| {
+                (entry.by, entry.comment) = (by, comment);
+                (transitions, view(id, &entry))
+            })
+        };
+        Some(acted.map(|(transitions, view)| {
+            self.tell_all(id, transitions);
+            view
+        }))
+    }
+
+    /// Lets time pass for all alarms: shelvings that have run out end, and everybody hears of it.
+    pub fn tick(&self, now: f64) {
+        let shelved: Vec<_> = {
+            let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
+            let shelved = entries
+                .iter()
+                .filter(|(_, entry)| lock(entry).alarm.state() == State::Shelved);
+            shelved.map(|(id, entry)| (id.clone(), entry.clone())).collect()
+        };
+        for (id, entry) in shelved {
+            self.let_pass(&id, &entry, now);
+        }
+    }
+
+    fn let_pass(&self, id: &LoopId, entry: &Mutex<Entry>, now: f64) {
+        let transitions = lock(entry).alarm.tick(now);
+        self.tell_all(id, transitions);
+    }
+
+    fn entry(&self, id: &LoopId) -> Option<Arc<Mutex<Entry>>> {
+        self.entries
+            .read()
+            .unwrap_or_else(PoisonError::into_inner)
+            .get(id)
+            .cloned()
+    }
+
+    fn tell_all(&self, id: &LoopId, transitions: Vec<Transition>) {
+        for transition in transitions {
+            self.tell(Event::Alarm(id.clone(), transition));
+        }
+    }
+
+    fn tell(&self, event: Event) {
+        // An error here only means that nobody listens.
+        let _ = self.events.send(event);
+    }
+}
+
+/// A panic elsewhere leaves an entry whole: every change to it is one assignment.
+fn lock(entry: &Mutex<Entry>) -> MutexGuard<'_, Entry> {
+    entry.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn view(id: &LoopId, entry: &Entry) -> AlarmView {
+    AlarmView {
+        id: id.clone(),
+        state: entry.alarm.state(),
+        active: entry.alarm.is_active(),
+        since: entry.alarm.since(),
+        raised_at: entry.alarm.raised_at(),
+        shelved_until: entry.alarm.shelved_until(),
+        by: entry.by.clone(),
+        comment: entry.comment.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,1 +1,495 @@
-//! placeholder
+//! When and where a diagnosis runs.
+//!
+//! Every loop has a period; within it the loops are spread evenly by position, so that 2,000 loops are a steady trickle
+//! and never a burst. Runs go through one bounded queue to `parallelism` slots, each of which runs one diagnosis at a
+//! time on a blocking thread. A loop is in the queue or running at most once: what is due meanwhile is skipped and counted.
+//!
+//! A diagnosis cannot be interrupted. One past its deadline is reported as failed and its late result dropped, but its slot
+//! and its loop count as busy until it returns: otherwise a diagnosis that hangs would take thread after thread.
+//! A panic ends one run, is counted, and harms nothing else.
+
+mod clock;
+
+pub use clock::Clock;
+
+use crate::diagnosis::{Diagnosis, Settings};
+use crate::results::{Outcome, Results, Run, Trigger};
+use crate::signal::{LoopId, Record};
+use serde::Deserialize;
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, HashMap};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio_util::sync::CancellationToken;
+
+/// Callers that may wait for one run.
+const MAX_WAITERS: usize = 16;
+
+/// `[schedule]`: how often, how many at once, how long.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Time between two diagnoses of a loop [s]; a loop may have its own.
+    pub period_s: f64,
+    /// Diagnoses that run at the same time.
+    pub parallelism: usize,
+    /// Longest time a diagnosis may take [s], on the wall clock.
+    pub deadline_s: f64,
+    /// Runs that may wait for a free slot.
+    pub queue: usize,
+    /// Diagnoses remembered of each loop, as summaries.
+    pub keep_results: usize,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            period_s: 3600.0,
+            parallelism: 1,
+            deadline_s: 30.0,
+            queue: 256,
+            keep_results: 200,
+        }
+    }
+}
+
+impl Config {
+    /// Everything wrong with it, by field; empty when it can be used.
+    pub fn validate(&self) -> Vec<(&'static str, String)> {
+        let mut wrong = Vec::new();
+        let mut unless = |ok: bool, field, message: String| {
+            if !ok {
+                wrong.push((field, message));
+            }
+        };
+        let (period, deadline) = (self.period_s, self.deadline_s);
+        unless(
+            (1.0..=31.0 * 86_400.0).contains(&period),
+            "period_s",
+            format!("{period} must be 1 to 2678400"),
+        );
+        unless(
+            (0.1..=3600.0).contains(&deadline),
+            "deadline_s",
+            format!("{deadline} must be 0.1 to 3600"),
+        );
+        let (slots, queue, keep) = (self.parallelism, self.queue, self.keep_results);
+        unless(
+            (1..=256).contains(&slots),
+            "parallelism",
+            format!("{slots} must be 1 to 256"),
+        );
+        unless(
+            (1..=100_000).contains(&queue),
+            "queue",
+            format!("{queue} must be 1 to 100000"),
+        );
+        unless(
+            (1..=10_000).contains(&keep),
+            "keep_results",
+            format!("{keep} must be 1 to 10000"),
+        );
+        wrong
+    }
+}
+
+/// The function that judges a record.
+pub type Diagnose = Arc<dyn Fn(&Record, &Settings) -> Diagnosis + Send + Sync>;
+
+/// Copies what is remembered of a loop.
+pub type Snapshot = Arc<dyn Fn(&LoopId) -> Option<Record> + Send + Sync>;
+
+/// A loop and how often it is due.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Job {
+    /// Which loop.
+    pub id: LoopId,
+    /// Time between two runs [s of plant time].
+    pub period_s: f64,
+}
+
+/// What to run, on what, and how to judge it; replaced as a whole on reload.
+#[derive(Clone)]
+pub struct Plan {
+    /// The loops, in the order that spreads them.
+    pub jobs: Vec<Job>,
+    /// Where the records come from.
+    pub snapshot: Snapshot,
+    /// Settings of the diagnosis.
+    pub settings: Settings,
+}
+
+/// Counters since the start, and what is going on now.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Counters {
+    /// Runs that ended with a diagnosis.
+    pub diagnosed: u64,
+    /// Runs that passed their deadline.
+    pub deadline_exceeded: u64,
+    /// Runs that panicked.
+    pub panicked: u64,
+    /// Due, but the loop's previous run was not done.
+    pub skipped_running: u64,
+    /// Due, but the queue was full.
+    pub skipped_queue_full: u64,
+    /// Due while the scheduler itself was held up (a suspended machine).
+    pub skipped_late: u64,
+    /// Runs waiting for a slot, now.
+    pub queued: u64,
+    /// Runs in a slot, now.
+    pub running: u64,
+    /// Time spent in diagnoses [s on the wall clock].
+    pub busy_s: f64,
+}
+
+/// Why a diagnosis on demand is not begun.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Refused {
+    /// The loop is not there.
+    #[error("there is no such loop")]
+    UnknownLoop,
+    /// The queue is full, or too many wait for this loop already.
+    #[error("too many diagnoses are waiting; try again later")]
+    Busy,
+    /// The previous run passed its deadline and has not returned.
+    #[error("the previous diagnosis of this loop passed its deadline and still runs")]
+    Overrunning,
+    /// The daemon is shutting down.
+    #[error("the daemon is shutting down")]
+    Stopping,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    Idle,
+    Queued(Trigger),
+    Running,
+    Overrunning,
+}
+
+/// One loop in the scheduler; outlives reloads.
+#[derive(Debug)]
+struct Seat {
+    id: LoopId,
+    inner: Mutex<(Phase, Vec<oneshot::Sender<Arc<Run>>>)>,
+}
+
+impl Seat {
+    fn lock(&self) -> MutexGuard<'_, (Phase, Vec<oneshot::Sender<Arc<Run>>>)> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Enters a phase; leaving the run behind, its waiters are taken along.
+    fn enter(&self, phase: Phase) -> Vec<oneshot::Sender<Arc<Run>>> {
+        let mut inner = self.lock();
+        inner.0 = phase;
+        match phase {
+            Phase::Idle | Phase::Overrunning => std::mem::take(&mut inner.1),
+            _ => Vec::new(),
+        }
+    }
+}
+
+struct Table {
+    plan: Plan,
+    seats: Vec<Arc<Seat>>,
+    by_id: HashMap<LoopId, usize>,
+}
+
+#[derive(Default)]
+struct Counts {
+    diagnosed: AtomicU64,
+    deadline_exceeded: AtomicU64,
+    panicked: AtomicU64,
+    skipped_running: AtomicU64,
+    skipped_queue_full: AtomicU64,
+    skipped_late: AtomicU64,
+    queued: AtomicU64,
+    running: AtomicU64,
+    busy_us: AtomicU64,
+}
+
+/// Runs diagnoses by period and on demand.
+pub struct Scheduler {
+    config: Config,
+    clock: Clock,
+    diagnose: Diagnose,
+    results: Arc<Results>,
+    table: watch::Sender<Arc<Table>>,
+    queue: mpsc::Sender<Arc<Seat>>,
+    waiting: tokio::sync::Mutex<mpsc::Receiver<Arc<Seat>>>,
+    counts: Counts,
+}
+
+impl Scheduler {
+    /// A scheduler that does nothing until [`Scheduler::run`].
+    pub fn new(config: Config, clock: Clock, diagnose: Diagnose, results: Arc<Results>, plan: Plan) -> Self {
+        let (queue, waiting) = mpsc::channel(config.queue.max(1));
+        Self {
+            table: watch::Sender::new(Arc::new(Table::new(plan, None))),
+            config,
+            clock,
+            diagnose,
+            results,
+            queue,
+            waiting: tokio::sync::Mutex::new(waiting),
+            counts: Counts::default(),
+        }
+    }
+
+    /// Takes another plan; runs in progress end as they would have. `parallelism`, `deadline_s` and `queue` stay as they
+    /// were at the start.
+    pub fn replace(&self, plan: Plan) {
+        self.table
+            .send_modify(|table| *table = Arc::new(Table::new(plan, Some(table))));
+    }
+
+    /// What happened so far.
+    pub fn counters(&self) -> Counters {
+        let count = |counter: &AtomicU64| counter.load(Relaxed);
+        Counters {
+            diagnosed: count(&self.counts.diagnosed),
+            deadline_exceeded: count(&self.counts.deadline_exceeded),
+            panicked: count(&self.counts.panicked),
+            skipped_running: count(&self.counts.skipped_running),
+            skipped_queue_full: count(&self.counts.skipped_queue_full),
+            skipped_late: count(&self.counts.skipped_late),
+            queued: count(&self.counts.queued),
+            running: count(&self.counts.running),
+            busy_s: count(&self.counts.busy_us) as f64 * 1e-6,
+        }
+    }
+
+    /// Asks for a diagnosis now. If the loop is already queued or running the caller waits for that run. The run goes on
+    /// when the receiver is dropped.
+    ///
+    /// # Errors
+    /// [`Refused`], when nothing was begun.
+    pub fn request(&self, id: &LoopId) -> Result<oneshot::Receiver<Arc<Run>>, Refused> {
+        let table = self.table.borrow().clone();
+        let seat = &table.seats[*table.by_id.get(id).ok_or(Refused::UnknownLoop)?];
+        let (done, receiver) = oneshot::channel();
+        let mut inner = seat.lock();
+        inner.1.retain(|waiter| !waiter.is_closed());
+        match inner.0 {
+            Phase::Overrunning => return Err(Refused::Overrunning),
+            _ if inner.1.len() >= MAX_WAITERS => return Err(Refused::Busy),
+            Phase::Queued(_) | Phase::Running => {}
+            Phase::Idle => self.enqueue(seat, &mut inner.0, Trigger::OnDemand)?,
+        }
+        inner.1.push(done);
+        Ok(receiver)
+    }
+
+    /// Runs until the token is cancelled. A diagnosis still running then is left to its thread.
+    pub async fn run(&self, token: CancellationToken) {
+        let slots = (0..self.config.parallelism.max(1)).map(|_| self.slot(&token));
+        tokio::join!(self.tick(&token), futures::future::join_all(slots));
+    }
+
+    /// Begins what is due, when it is due.
+    async fn tick(&self, token: &CancellationToken) {
+        let mut changes = self.table.subscribe();
+        while !token.is_cancelled() {
+            let table = changes.borrow_and_update().clone();
+            tokio::select! {
+                () = token.cancelled() => return,
+                changed = changes.changed() => if changed.is_err() { return },
+                () = self.follow(&table) => {}
+            }
+        }
+    }
+
+    async fn follow(&self, table: &Table) {
+        let schedule = stagger(&table.plan.jobs);
+        let now = self.clock.elapsed();
+        let mut due: BinaryHeap<_> = schedule
+            .iter()
+            .enumerate()
+            .map(|(at, &(offset, period))| Reverse((next_due(offset, period, now).0, at)))
+            .collect();
+        while let Some(Reverse((when, at))) = due.pop() {
+            self.clock.sleep_until(when).await;
+            let (offset, period) = schedule[at];
+            let (next, passed) = next_due(offset, period, self.clock.elapsed().max(when));
+            let late = passed.saturating_sub(next_due(offset, period, when).1);
+            self.counts.skipped_late.fetch_add(late, Relaxed);
+            self.begin(&table.seats[at]);
+            due.push(Reverse((next, at)));
+        }
+        std::future::pending::<()>().await;
+    }
+
+    fn begin(&self, seat: &Arc<Seat>) {
+        let mut inner = seat.lock();
+        if inner.0 == Phase::Idle {
+            if self.enqueue(seat, &mut inner.0, Trigger::Periodic).is_err() {
+                self.counts.skipped_queue_full.fetch_add(1, Relaxed);
+            }
+        } else {
+            self.counts.skipped_running.fetch_add(1, Relaxed);
+        }
+    }
+
+    fn enqueue(&self, seat: &Arc<Seat>, phase: &mut Phase, trigger: Trigger) -> Result<(), Refused> {
+        // Counted before it can be taken out, so that the gauge never goes below zero.
+        self.counts.queued.fetch_add(1, Relaxed);
+        self.queue.try_send(seat.clone()).map_err(|refused| {
+            self.counts.queued.fetch_sub(1, Relaxed);
+            match refused {
+                mpsc::error::TrySendError::Full(_) => Refused::Busy,
+                mpsc::error::TrySendError::Closed(_) => Refused::Stopping,
+            }
+        })?;
+        *phase = Phase::Queued(trigger);
+        Ok(())
+    }
+
+    async fn slot(&self, token: &CancellationToken) {
+        loop {
+            let next = async { self.waiting.lock().await.recv().await };
+            let seat = tokio::select! {
+                () = token.cancelled() => return,
+                seat = next => match seat {
+                    Some(seat) => seat,
+                    None => return,
+                },
+            };
+            self.counts.queued.fetch_sub(1, Relaxed);
+            self.counts.running.fetch_add(1, Relaxed);
+            tokio::select! {
+                () = token.cancelled() => return,
+                () = self.run_one(&seat) => {}
+            }
+            self.counts.running.fetch_sub(1, Relaxed);
+        }
+    }
+
+    async fn run_one(&self, seat: &Arc<Seat>) {
+        let trigger = match std::mem::replace(&mut seat.lock().0, Phase::Running) {
+            Phase::Queued(trigger) => trigger,
+            _ => Trigger::Periodic,
+        };
+        let table = self.table.borrow().clone();
+        let (started, began) = (self.clock.now(), tokio::time::Instant::now());
+        let (diagnose, id) = (self.diagnose.clone(), seat.id.clone());
+        let mut work = tokio::task::spawn_blocking(move || {
+            let Some(record) = (table.plan.snapshot)(&id) else {
+                return (None, None);
+            };
+            let judged = catch_unwind(AssertUnwindSafe(|| diagnose(&record, &table.plan.settings)));
+            (record.op_span, Some(judged.map_err(|panic| said(panic.as_ref()))))
+        });
+        let finish = |op_span, outcome, phase| {
+            let run = Run {
+                id: seat.id.clone(),
+                started,
+                finished: self.clock.now(),
+                took_s: began.elapsed().as_secs_f64(),
+                trigger,
+                op_span,
+                outcome,
+            };
+            let run = self.results.record(run);
+            for waiter in seat.enter(phase) {
+                // An error here only means that the caller did not wait.
+                let _ = waiter.send(run.clone());
+            }
+        };
+        let deadline = Duration::try_from_secs_f64(self.config.deadline_s).unwrap_or(Duration::MAX);
+        match tokio::time::timeout(deadline, &mut work).await {
+            Ok(Ok((op_span, Some(Ok(diagnosis))))) => {
+                self.counts.diagnosed.fetch_add(1, Relaxed);
+                finish(op_span, Outcome::Diagnosed(Box::new(diagnosis)), Phase::Idle);
+            }
+            Ok(Ok((op_span, Some(Err(message))))) => {
+                self.counts.panicked.fetch_add(1, Relaxed);
+                tracing::error!(control_loop = %seat.id, message, "a diagnosis panicked");
+                finish(op_span, Outcome::Panicked(message), Phase::Idle);
+            }
+            // The loop went away between being due and being run, or the runtime is going down.
+            Ok(Ok((_, None)) | Err(_)) => drop(seat.enter(Phase::Idle)),
+            Err(_) => {
+                self.counts.deadline_exceeded.fetch_add(1, Relaxed);
+                tracing::warn!(control_loop = %seat.id, deadline_s = self.config.deadline_s, "a diagnosis passed its deadline");
+                finish(None, Outcome::DeadlineExceeded, Phase::Overrunning);
+                // Its result, whatever it is, comes too late to be told.
+                let _ = work.await;
+                seat.enter(Phase::Idle);
+            }
+        }
+        self.counts
+            .busy_us
+            .fetch_add(began.elapsed().as_micros() as u64, Relaxed);
+    }
+}
+
+impl Table {
+    fn new(plan: Plan, before: Option<&Arc<Table>>) -> Self {
+        let seat = |job: &Job| {
+            let known = before.and_then(|table| Some(table.seats[*table.by_id.get(&job.id)?].clone()));
+            known.unwrap_or_else(|| {
+                Arc::new(Seat {
+                    id: job.id.clone(),
+                    inner: Mutex::new((Phase::Idle, Vec::new())),
+                })
+            })
+        };
+        let seats = plan.jobs.iter().map(seat).collect();
+        let by_id = plan
+            .jobs
+            .iter()
+            .enumerate()
+            .map(|(at, job)| (job.id.clone(), at))
+            .collect();
+        Self { seats, by_id, plan }
+    }
+}
+
+/// First due time and period of each job: of m jobs with the same period P the i-th is due at (i + 1/2) P / m, then every
+/// P. A period that is not a positive number counts as a day.
+fn stagger(jobs: &[Job]) -> Vec<(Duration, Duration)> {
+    let period = |job: &Job| {
+        let period = Duration::try_from_secs_f64(job.period_s).unwrap_or(Duration::from_secs(86_400));
+        period.max(Duration::from_millis(1))
+    };
+    let mut sizes: HashMap<Duration, u32> = HashMap::new();
+    let places: Vec<(Duration, u32)> = jobs
+        .iter()
+        .map(|job| {
+            let size = sizes.entry(period(job)).or_default();
+            *size += 1;
+            (period(job), *size - 1)
+        })
+        .collect();
+    places
+        .into_iter()
+        .map(|(period, place)| {
+            let share = (f64::from(place) + 0.5) / f64::from(sizes[&period]);
+            (period.mul_f64(share), period)
+        })
+        .collect()
+}
+
+/// The first of `offset + k period` that is later than `now`, and that k.
+fn next_due(offset: Duration, period: Duration, now: Duration) -> (Duration, u64) {
+    let Some(since) = now.checked_sub(offset) else {
+        return (offset, 0);
+    };
+    let k = (since.as_nanos() / period.as_nanos().max(1)) as u64 + 1;
+    let ahead = Duration::from_nanos((period.as_nanos() - since.as_nanos() % period.as_nanos()) as u64);
+    (now + ahead, k)
+}
+
+/// What a panic said.
+fn said(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_string());
+    text.or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "no message".to_string())
+}
+
+#[cfg(test)]
+mod tests;

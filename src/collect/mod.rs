@@ -4,6 +4,7 @@
 //! sample to a [`Sink`], keeps its counters in a [`DeviceHealth`] that anyone may read, and takes the time
 //! from a [`Clock`], so a simulated plant may run faster than the wall.
 
+pub mod csv;
 pub mod modbus;
 
 mod frozen;

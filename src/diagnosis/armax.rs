@@ -13,7 +13,7 @@
 //!
 //! Source: Ljung, System Identification, 2nd ed., section 10.3 and 7.4.
 
-use super::linalg::{cholesky_solve, dot};
+use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Largest modulus a zero of C may have; beyond it the start of the record is never forgotten.
 pub const RHO: f64 = 0.98;
@@ -373,7 +373,9 @@ impl Normal {
             g[i * MAX_PARAMETERS + i] *= 1.0 + damping;
             r[i] = -self.jte[i];
         }
-        cholesky_solve(&mut g, MAX_PARAMETERS, n, &mut r);
+        let mut live = [true; MOST_COLUMNS];
+        factor(&mut g, MAX_PARAMETERS, n, &mut live);
+        substitute(&g, MAX_PARAMETERS, &live, &mut r[..n]);
         let linear: f64 = (0..n).map(|i| -self.jte[i] * r[i]).sum();
         (r, linear.max(0.0) / self.rows)
     }

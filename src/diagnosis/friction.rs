@@ -1,5 +1,5 @@
-//! The friction elements that turn OP into a valve position: the paper's one-parameter element and
-//! Srinivasan's d element.
+//! The friction elements that turn OP into a valve position: the paper's one-parameter element, its extension
+//! by a slip jump, and Srinivasan's d element.
 //!
 //! Source: Ivan & Lakshminarayanan, Ind. Eng. Chem. Res. 2009, 48, 3474, section 3.2 and figure 3;
 //! Srinivasan et al., Ind. Eng. Chem. Res. 2005, 44, 6719, equation 1.
@@ -24,7 +24,7 @@ pub struct Cell {
     pub hi: f64,
 }
 
-/// Runs OP through the one-parameter element.
+/// Runs OP through the one-parameter element, or its extension by a resume threshold.
 ///
 /// ```text
 /// cum = u_r + (u[k] - u[k-1])
@@ -33,19 +33,18 @@ pub struct Cell {
 /// ```
 ///
 /// It is computed from the equivalent statement "once slipping, x follows u without lag; after a reversal x
-/// stays until u has come back by more than 2f", which also yields the [`Cell`] of f.
+/// stays until u has come back by more than 2f", which also yields the [`Cell`] of f. A stem that stopped
+/// without a reversal goes on, in the same direction, once u is `resume * 2f` ahead: 0 is the paper's element;
+/// `J/S` is what the two-parameter models of Choudhury and Kano do, where noise on OP stops the stem often.
 ///
-/// * `u`: OP, N values [OP unit]; `f`: friction, S/2 [OP unit].
-/// * `x`: receives the stem position, N values [OP unit]; before `start` the stem follows OP.
-/// * `dir`: receives the direction of the last stem movement, N values, +1 or -1 [-].
+/// * `u`: OP, N values [OP unit]; `f`: friction, S/2 [OP unit]; `resume`: J/S, 0..=1.
+/// * `x`: receives the OP at which the stem last moved, N values [OP unit]; before `start` the stem follows OP.
+/// * `dir`: receives the direction of the last stem movement, N values, +1 or -1.
 ///
-/// Slices must have the same length, which bounds every index.
-pub fn one_parameter(u: &[f64], f: f64, start: Start, x: &mut [f64], dir: &mut [f64]) -> Cell {
+/// The true stem of a valve with a slip jump J is `x - dir (S - J)/2`.
+pub fn stick_slip(u: &[f64], f: f64, resume: f64, start: Start, x: &mut [f64], dir: &mut [f64]) -> Cell {
     let n = u.len().min(x.len()).min(dir.len());
-    let mut cell = Cell {
-        lo: 0.0,
-        hi: f64::INFINITY,
-    };
+    let mut cell = Cell { lo: 0.0, hi: f64::INFINITY };
     if start.index >= n {
         x[..n].copy_from_slice(&u[..n]);
         dir[..n].fill(1.0);
@@ -55,22 +54,52 @@ pub fn one_parameter(u: &[f64], f: f64, start: Start, x: &mut [f64], dir: &mut [
     x[..=start.index].copy_from_slice(&u[..=start.index]);
     dir[..=start.index].fill(direction);
     let mut stem = u[start.index];
-    let band = 2.0 * f;
+    let mut moving = resume == 0.0;
+    let per_resume = if resume > 0.0 { 0.5 / resume } else { f64::INFINITY };
+    let (band, ahead) = (2.0 * f, 2.0 * f * resume);
     for k in start.index + 1..n {
         let onward = direction * (u[k] - stem);
         if onward > 0.0 {
-            stem = u[k];
+            if moving || onward > ahead {
+                if !moving {
+                    cell.hi = cell.hi.min(onward * per_resume);
+                }
+                stem = u[k];
+                moving = true;
+            } else {
+                cell.lo = cell.lo.max(onward * per_resume);
+            }
         } else if -onward > band {
             cell.hi = cell.hi.min(-0.5 * onward);
             stem = u[k];
             direction = -direction;
+            moving = true;
         } else {
             cell.lo = cell.lo.max(-0.5 * onward);
+            moving = resume == 0.0;
         }
         x[k] = stem;
         dir[k] = direction;
     }
     cell
+}
+
+/// Half the largest fall of OP from a maximum, or rise from a minimum, after `start` [OP unit]: with more
+/// friction than this the stem never reverses.
+pub fn largest_reversal(u: &[f64], start: Start) -> f64 {
+    let Some(after) = u.get(start.index..) else { return 0.0 };
+    let sign = if start.is_max { 1.0 } else { -1.0 };
+    let (mut top, mut fall) = (f64::NEG_INFINITY, 0.0_f64);
+    for u in after {
+        top = top.max(sign * u);
+        fall = fall.max(top - sign * u);
+    }
+    0.5 * fall
+}
+
+/// How often the stem reverses.
+pub fn reversals(dir: &[f64]) -> usize {
+    dir.windows(2).filter(|w| w[0] != w[1]).count()
 }
 
 /// Runs OP through Srinivasan's element: the stem jumps to OP whenever OP is more than `d` away.
@@ -115,7 +144,7 @@ mod tests {
 
     fn run(u: &[f64], f: f64, start: Start) -> (Vec<f64>, Vec<f64>, Cell) {
         let (mut x, mut dir) = (vec![0.0; u.len()], vec![0.0; u.len()]);
-        let cell = one_parameter(u, f, start, &mut x, &mut dir);
+        let cell = stick_slip(u, f, 0.0, start, &mut x, &mut dir);
         (x, dir, cell)
     }
 
@@ -160,6 +189,26 @@ mod tests {
     }
 
     #[test]
+    fn a_stopped_stem_resumes_beyond_its_slip_jump() {
+        // S = 2, J = 1: stops at 3, is 0.5 ahead at 3.5, goes on at 4.5.
+        let u = [0.0, 3.0, 2.5, 3.5, 4.5, 5.0, 2.5];
+        let (mut x, mut dir) = ([0.0; 7], [0.0; 7]);
+        let cell = stick_slip(&u, 1.0, 0.5, Start { index: 1, is_max: true }, &mut x, &mut dir);
+        assert_eq!(x, [0.0, 3.0, 3.0, 3.0, 4.5, 5.0, 2.5]);
+        assert_eq!(reversals(&dir), 1);
+        // Stuck 0.5 ahead (f >= 0.5), resumed 1.5 ahead (f < 1.5), reversed at 2.5 (f < 1.25).
+        assert_eq!(cell, Cell { lo: 0.5, hi: 1.25 });
+    }
+
+    #[test]
+    fn the_largest_reversal_ends_the_search() {
+        let u = [0.0, 3.0, 1.0, 4.0, 1.5, 2.0];
+        assert_eq!(largest_reversal(&u, Start { index: 1, is_max: true }), 1.25);
+        assert_eq!(largest_reversal(&u, Start { index: 2, is_max: false }), 1.5);
+        assert_eq!(largest_reversal(&u, Start { index: 9, is_max: true }), 0.0);
+    }
+
+    #[test]
     fn srinivasan_jumps_when_further_than_d() {
         let mut x = [0.0; 6];
         srinivasan(&[0.0, 0.5, 1.0, 1.1, 1.5, -1.0], 1.0, &mut x);
@@ -177,7 +226,15 @@ mod tests {
         }
 
         #[test]
-        fn one_cell_is_one_stem(steps in prop::collection::vec(-16i32..=16, 2..200), f in 0.0..4.0f64) {
+        fn one_cell_is_one_stem(
+            steps in prop::collection::vec(-16i32..=16, 2..200), f in 0.0..4.0f64, resume in 0usize..3,
+        ) {
+            let resume = [0.0, 0.5, 1.0][resume];
+            let run = |u: &[f64], f: f64, start: Start| {
+                let (mut x, mut dir) = (vec![0.0; u.len()], vec![0.0; u.len()]);
+                let cell = stick_slip(u, f, resume, start, &mut x, &mut dir);
+                (x, dir, cell)
+            };
             let u: Vec<f64> = steps.iter().scan(0, |s, d| { *s += d; Some(f64::from(*s) / 8.0) }).collect();
             let start = Start { index: 0, is_max: true };
             let (x, _, cell) = run(&u, f, start);

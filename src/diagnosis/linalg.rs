@@ -17,54 +17,48 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     ((acc[0] + acc[4]) + (acc[1] + acc[5])) + ((acc[2] + acc[6]) + (acc[3] + acc[7])) + rest
 }
 
-/// Solves `G theta = r` for a symmetric positive semi-definite `G` of order `n` by Cholesky.
+/// Most columns of a system.
+pub const MOST_COLUMNS: usize = 64;
+
+/// Factors a symmetric positive semi-definite `G` of order `n` into `L Lᵀ` in place.
 ///
-/// `g` is row-major with row length `stride`, lower triangle used and overwritten with the factor; `r` is
-/// overwritten with the solution. A pivot below `1e-13` of its diagonal is a dependent column: its coefficient
-/// is set to 0, which is what a pseudo-inverse would do to it.
-pub fn cholesky_solve(g: &mut [f64], stride: usize, n: usize, r: &mut [f64]) {
-    let mut live = [true; 64];
+/// `g` is row-major with row length `stride`, lower triangle used and overwritten. A pivot below `1e-13` of its
+/// diagonal is a dependent column: `live` is false there and [`substitute`] gives it the coefficient 0, so that
+/// the others solve the problem without it.
+pub fn factor(g: &mut [f64], stride: usize, n: usize, live: &mut [bool; MOST_COLUMNS]) {
     for i in 0..n {
-        let diagonal = g[i * stride + i];
-        for j in 0..=i {
-            let (head, tail) = g.split_at_mut(i * stride);
-            let row_i = &mut tail[..=i];
-            let partial = if j == i {
-                row_i[..j].iter().map(|x| x * x).sum::<f64>()
-            } else {
-                row_i[..j]
-                    .iter()
-                    .zip(&head[j * stride..j * stride + j])
-                    .map(|(x, y)| x * y)
-                    .sum::<f64>()
-            };
-            let rest = row_i[j] - partial;
-            if j == i {
-                live[i] = rest > 1e-13 * diagonal && rest > 0.0;
-                row_i[i] = if live[i] { rest.sqrt() } else { 1.0 };
-                if !live[i] {
-                    row_i[..i].fill(0.0);
-                }
-            } else {
-                row_i[j] = if live[j] { rest / head[j * stride + j] } else { 0.0 };
-            }
+        let (head, tail) = g.split_at_mut(i * stride);
+        let row = &mut tail[..=i];
+        for j in 0..i {
+            let above = &head[j * stride..=j * stride + j];
+            let partial: f64 = row[..j].iter().zip(above).map(|(x, y)| x * y).sum();
+            row[j] = if live[j] { (row[j] - partial) / above[j] } else { 0.0 };
         }
+        let rest = row[i] - row[..i].iter().map(|x| x * x).sum::<f64>();
+        live[i] = rest > 1e-13 * row[i] && rest > 0.0;
+        row[i] = if live[i] { rest.sqrt() } else { 1.0 };
     }
+}
+
+/// Solves `L Lᵀ theta = r` in place; the order is `r`'s length.
+pub fn substitute(g: &[f64], stride: usize, live: &[bool; MOST_COLUMNS], r: &mut [f64]) {
+    let n = r.len();
     for i in 0..n {
-        let partial: f64 = (0..i).map(|j| g[i * stride + j] * r[j]).sum();
-        r[i] = if live[i] {
-            (r[i] - partial) / g[i * stride + i]
-        } else {
-            0.0
-        };
+        let row = &g[i * stride..=i * stride + i];
+        let partial: f64 = row[..i].iter().zip(&r[..i]).map(|(x, y)| x * y).sum();
+        r[i] = if live[i] { (r[i] - partial) / row[i] } else { 0.0 };
     }
     for i in (0..n).rev() {
-        let partial: f64 = (i + 1..n).map(|j| g[j * stride + i] * r[j]).sum();
-        r[i] = if live[i] {
-            (r[i] - partial) / g[i * stride + i]
-        } else {
-            0.0
-        };
+        if !live[i] {
+            r[i] = 0.0;
+            continue;
+        }
+        let row = &g[i * stride..=i * stride + i];
+        let value = r[i] / row[i];
+        r[i] = value;
+        for (r, l) in r[..i].iter_mut().zip(row) {
+            *r -= l * value;
+        }
     }
 }
 
@@ -82,14 +76,17 @@ mod tests {
 
     #[test]
     fn solves_by_hand_and_drops_a_dependent_column() {
+        let mut live = [true; MOST_COLUMNS];
         let mut g = [4.0, 0.0, 2.0, 3.0];
         let mut r = [10.0, 8.0];
-        cholesky_solve(&mut g, 2, 2, &mut r);
+        factor(&mut g, 2, 2, &mut live);
+        substitute(&g, 2, &live, &mut r);
         assert!((r[0] - 1.75).abs() < 1e-15 && (r[1] - 1.5).abs() < 1e-15);
 
         let mut g = [1.0, 0.0, 2.0, 4.0];
         let mut r = [3.0, 6.0];
-        cholesky_solve(&mut g, 2, 2, &mut r);
-        assert_eq!(r, [3.0, 0.0]);
+        factor(&mut g, 2, 2, &mut live);
+        substitute(&g, 2, &live, &mut r);
+        assert_eq!((r, live[..2].to_vec()), ([3.0, 0.0], vec![true, false]));
     }
 }

@@ -2,13 +2,17 @@
 //! evidence -> verdict`. No clock, no files, no randomness: the same record gives the same diagnosis.
 
 pub mod armax;
+mod config;
 pub mod denoise;
 pub mod friction;
 pub mod gate;
 pub mod linalg;
 pub mod region;
 pub mod screen;
+pub mod search;
 pub mod stats;
+
+pub use config::Config;
 
 use crate::signal::{Record, Window};
 use std::fmt;

@@ -1,17 +1,18 @@
-//! Screening: the Hannan–Rissanen fit of every split and every delay from one Gram matrix.
+//! Screening: one Gram matrix of lagged columns that serves every structure at one stem position.
 //!
-//! A long ARX of y on its own and the stem's lags gives an estimate ê of the innovations; then, for each
-//! structure, ordinary least squares of y on `[y lags, x lags, ê lags, 1]`. All structures share the same lagged
-//! columns, so one Gram matrix holds every normal equation as a sub-block; lagged columns of one signal differ
-//! by two products, so a row of dot products fills it.
+//! Three fits read it. The *long ARX* regresses y on its own lags and the lags of `z = x - lag dir`; it needs no
+//! choice of structure, so it is the yardstick along f. Its residual ê estimates the innovations. The
+//! *Hannan–Rissanen* fit of a structure regresses y on `[y lags, z lags, ê lags, 1]` and starts the
+//! prediction-error minimum. All structures share the same columns, so each fit is a sub-block; the columns of
+//! one signal differ by two products, so a row of dot products fills a block.
 //!
 //! Source: Hannan & Rissanen, Biometrika 1982, 69, 81; Ljung, System Identification, 2nd ed., section 10.6.
 
 use super::armax::{ORDER, Orders, Signals, Theta, splits};
-use super::linalg::{cholesky_solve, dot};
+use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Lags of y in the long ARX.
-const LONG_Y: usize = 8;
+pub const LONG_Y: usize = 8;
 /// Lags of ê: as many as the longest C.
 const E_LAGS: usize = ORDER - 2;
 
@@ -26,146 +27,268 @@ pub struct Candidate {
     pub loss: f64,
 }
 
+/// The long ARX at the lag that fits best.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LongFit {
+    /// Mean square of the residual [PV unit²].
+    pub loss: f64,
+    /// Kinetic lag (S - J)/2 [OP unit].
+    pub lag: f64,
+}
+
 /// The Gram matrix of the lagged columns, planned once for a record.
+///
+/// Columns: y lag 0..=LONG_Y, z lag 1..=nx, ê lag 1..=E_LAGS; beside them the products with dir.
 #[derive(Clone, Debug)]
 pub struct Screen {
     max_delay: usize,
-    /// Lagged products; columns are y lag 0..=LONG_Y, x lag 1..=x_lags, ê lag 1..=E_LAGS.
+    nx: usize,
+    size: usize,
+    /// Lagged products of y and z (lower triangle), then of ê.
     gram: Vec<f64>,
     sums: Vec<f64>,
+    /// Products of x and dir with y (nx × (LONG_Y + 1)), x with x, x with dir, dir with dir (nx × nx each).
+    xy: Vec<f64>,
+    dy: Vec<f64>,
+    xx: Vec<f64>,
+    xd: Vec<f64>,
+    dd: Vec<f64>,
+    x_sums: Vec<f64>,
+    d_sums: Vec<f64>,
+    has_dir: bool,
+    /// The lag that z is at now [OP unit].
+    lag: f64,
+    live: [bool; MOST_COLUMNS],
+    rows: usize,
     scratch: Vec<f64>,
     solution: Vec<f64>,
     e: Vec<f64>,
-    y_done: bool,
 }
 
 impl Screen {
-    /// Buffers for records of `n` samples and delays `1..=max_delay`.
-    pub fn new(n: usize, max_delay: usize) -> Self {
-        let size = 1 + LONG_Y + x_lags(max_delay) + E_LAGS;
-        Self {
+    /// Buffers for records of `n` samples and delays `1..=max_delay`, with y's own products computed.
+    pub fn new(y: &[f64], first: usize, max_delay: usize) -> Self {
+        let nx = max_delay + ORDER - 2;
+        let size = 1 + LONG_Y + nx + E_LAGS;
+        let mut screen = Self {
             max_delay,
+            nx,
+            size,
             gram: vec![0.0; size * size],
             sums: vec![0.0; size],
-            scratch: vec![0.0; size * size],
-            solution: vec![0.0; size],
-            e: vec![0.0; n],
-            y_done: false,
-        }
+            xy: vec![0.0; nx * (LONG_Y + 1)],
+            dy: vec![0.0; nx * (LONG_Y + 1)],
+            xx: vec![0.0; nx * nx],
+            xd: vec![0.0; nx * nx],
+            dd: vec![0.0; nx * nx],
+            x_sums: vec![0.0; nx],
+            d_sums: vec![0.0; nx],
+            has_dir: false,
+            lag: 0.0,
+            live: [true; MOST_COLUMNS],
+            rows: y.len() - first,
+            scratch: vec![0.0; MOST_COLUMNS * MOST_COLUMNS],
+            solution: vec![0.0; MOST_COLUMNS],
+            e: vec![0.0; y.len()],
+        };
+        let columns = Lags { v: y, from: 0, count: LONG_Y + 1 };
+        sums(columns, first, &mut screen.sums);
+        products(columns, columns, first, true, &mut screen.gram, size);
+        screen
     }
 
-    /// Samples before the first that counts: the longest lag plus the lags of ê.
+    /// Samples before the first that counts: the longest lag, and the lags of ê behind it.
     pub fn lead(max_delay: usize) -> usize {
-        LONG_Y.max(x_lags(max_delay)) + E_LAGS + 1
+        LONG_Y.max(max_delay + ORDER - 2) + E_LAGS + 1
     }
 
-    /// Fills the Gram matrix for a stem position `s.x`; y's own block is kept from call to call, so `s.y`,
-    /// `s.start` and `s.first` must not change between calls.
-    ///
-    /// Returns the loss of the long ARX [PV unit²].
-    pub fn load(&mut self, s: &Signals<'_>) -> f64 {
-        let ny = LONG_Y + 1;
-        let nx = x_lags(self.max_delay);
-        if !self.y_done {
-            self.fill(s, (s.y, 0, 0, ny), (s.y, 0, 0, ny));
-            self.y_done = true;
+    /// Computes the products of a new stem position; those of its direction too when `with_dir`.
+    pub fn load(&mut self, s: &Signals<'_>, with_dir: bool) {
+        let y = Lags { v: s.y, from: 0, count: LONG_Y + 1 };
+        let x = Lags { v: s.x, from: 1, count: self.nx };
+        let d = Lags { v: s.dir, from: 1, count: self.nx };
+        products(x, y, s.first, false, &mut self.xy, LONG_Y + 1);
+        products(x, x, s.first, true, &mut self.xx, self.nx);
+        sums(x, s.first, &mut self.x_sums);
+        self.has_dir = with_dir;
+        if with_dir {
+            products(d, y, s.first, false, &mut self.dy, LONG_Y + 1);
+            products(x, d, s.first, false, &mut self.xd, self.nx);
+            products(d, d, s.first, true, &mut self.dd, self.nx);
+            sums(d, s.first, &mut self.d_sums);
         }
-        self.fill(s, (s.x, ny, 1, nx), (s.x, ny, 1, nx));
-        self.fill(s, (s.x, ny, 1, nx), (s.y, 0, 0, ny));
-        let loss = self.long_arx(s);
-        let e = std::mem::take(&mut self.e);
-        let at = ny + nx;
-        self.fill(s, (&e, at, 1, E_LAGS), (&e, at, 1, E_LAGS));
-        self.fill(s, (&e, at, 1, E_LAGS), (s.y, 0, 0, ny));
-        self.fill(s, (&e, at, 1, E_LAGS), (s.x, ny, 1, nx));
-        self.e = e;
-        loss
+        self.set_lag(0.0);
     }
 
-    /// The fit of one structure from the loaded Gram matrix.
-    pub fn fit(&mut self, orders: Orders, rows: usize) -> Candidate {
+    /// The long ARX with the lag in `0..=max` that fits best, by Gauss–Newton on the lag alone; the Gram matrix
+    /// is left at that lag. `start` is where the lag is tried first.
+    pub fn fit_lag(&mut self, start: f64, max: f64) -> LongFit {
+        self.set_lag(0.0);
+        let mut best = LongFit { loss: self.long_arx(), lag: 0.0 };
+        if !self.has_dir || max <= 0.0 {
+            return best;
+        }
+        let mut lag = start.clamp(0.0, max);
+        for _ in 0..4 {
+            if lag != 0.0 {
+                self.set_lag(lag);
+                let loss = self.long_arx();
+                if loss < best.loss {
+                    best = LongFit { loss, lag };
+                } else if lag != start {
+                    break;
+                }
+            }
+            let next = (lag + self.lag_step()).clamp(0.0, max);
+            if (next - lag).abs() <= 1e-3 * max {
+                break;
+            }
+            lag = next;
+        }
+        self.set_lag(best.lag);
+        best
+    }
+
+    /// The long ARX's residual ê at the present lag, and its lagged products: what the Hannan–Rissanen fits need.
+    pub fn load_errors(&mut self, s: &Signals<'_>, lag: f64) {
+        self.set_lag(lag);
+        self.long_arx();
+        self.long_residual(s, lag);
+        let (first, at) = (s.first, 1 + LONG_Y + self.nx);
+        let e = std::mem::take(&mut self.e);
+        let columns = Lags { v: &e, from: 1, count: E_LAGS };
+        let size = self.size;
+        products(columns, columns, first, true, &mut self.gram[at * size + at..], size);
+        let y = Lags { v: s.y, from: 0, count: LONG_Y + 1 };
+        products(columns, y, first, false, &mut self.gram[at * size..], size);
+        let x = Lags { v: s.x, from: 1, count: self.nx };
+        products(columns, x, first, false, &mut self.gram[at * size + 1 + LONG_Y..], size);
+        if lag != 0.0 {
+            let d = Lags { v: s.dir, from: 1, count: self.nx };
+            let mut ed = [0.0; E_LAGS * MOST_COLUMNS];
+            products(columns, d, first, false, &mut ed, self.nx);
+            for i in 0..E_LAGS {
+                for j in 0..self.nx {
+                    self.gram[(at + i) * size + 1 + LONG_Y + j] -= lag * ed[i * self.nx + j];
+                }
+            }
+        }
+        sums(columns, first, &mut self.sums[at..]);
+        self.e = e;
+    }
+
+    /// The Hannan–Rissanen fit of one structure; [`Screen::load_errors`] comes first.
+    pub fn fit(&mut self, orders: Orders) -> Candidate {
         let mut columns = [0; ORDER];
         let x_at = LONG_Y + 1;
-        let e_at = x_at + x_lags(self.max_delay);
+        let e_at = x_at + self.nx;
         let wanted = (1..=orders.na)
             .chain((0..orders.nb).map(|j| x_at + orders.nk - 1 + j))
             .chain((0..orders.nc).map(|l| e_at + l));
         for (slot, column) in columns.iter_mut().zip(wanted) {
             *slot = column;
         }
+        let loss = self.solve(&columns);
+        let solution = &self.solution;
         let mut theta = Theta::default();
-        let mut solution = [0.0; ORDER];
-        let loss = self.solve(&columns, rows, &mut solution);
         for (a, s) in theta.a.iter_mut().zip(&solution[..orders.na]) {
             *a = -s;
         }
         theta.b[..orders.nb].copy_from_slice(&solution[orders.na..orders.na + orders.nb]);
-        theta.c[..orders.nc].copy_from_slice(&solution[orders.na + orders.nb..]);
+        theta.c[..orders.nc].copy_from_slice(&solution[orders.na + orders.nb..ORDER]);
         theta.c0 = self.sums[0];
-        for (column, s) in columns.iter().zip(&solution) {
+        for (column, s) in columns.iter().zip(solution) {
             theta.c0 -= s * self.sums[*column];
         }
-        theta.c0 /= rows as f64;
+        theta.c0 /= self.rows as f64;
         Candidate { orders, theta, loss }
     }
 
     /// Fits every split at every delay and hands each to `each`.
-    pub fn fit_all(&mut self, rows: usize, mut each: impl FnMut(Candidate)) {
+    pub fn fit_all(&mut self, mut each: impl FnMut(Candidate)) {
         for nk in 1..=self.max_delay {
             for orders in splits(nk) {
-                let candidate = self.fit(orders, rows);
+                let candidate = self.fit(orders);
                 each(candidate);
             }
         }
     }
 
-    /// Lagged products of two runs of columns `(signal, first column, first lag, count)` into the lower triangle.
-    fn fill(
-        &mut self,
-        s: &Signals<'_>,
-        rows: (&[f64], usize, usize, usize),
-        cols: (&[f64], usize, usize, usize),
-    ) {
-        let size = self.sums.len();
-        let n = s.y.len();
-        let (a, row0, lag_a, count_a) = rows;
-        let (b, col0, lag_b, count_b) = cols;
-        let same = row0 == col0;
-        for i in 0..count_a {
-            let li = lag_a + i;
-            let ai = &a[s.first - li..n - li];
-            if same {
-                self.sums[row0 + i] = ai.iter().sum();
+    /// Puts the products of `z = x - lag dir` in place.
+    fn set_lag(&mut self, lag: f64) {
+        let (nx, ny, size, at) = (self.nx, LONG_Y + 1, self.size, LONG_Y + 1);
+        self.lag = lag;
+        for i in 0..nx {
+            let row = &mut self.gram[(at + i) * size..(at + i) * size + at + i + 1];
+            row[..ny].copy_from_slice(&self.xy[i * ny..(i + 1) * ny]);
+            row[at..].copy_from_slice(&self.xx[i * nx..i * nx + i + 1]);
+            self.sums[at + i] = self.x_sums[i];
+            if lag == 0.0 {
+                continue;
             }
-            let last = if same { i + 1 } else { count_b };
-            for j in 0..last {
-                let lj = lag_b + j;
-                let at = (row0 + i) * size + col0 + j;
-                self.gram[at] = if i > 0 && j > 0 {
-                    self.gram[at - size - 1] + a[s.first - li] * b[s.first - lj] - a[n - li] * b[n - lj]
-                } else {
-                    dot(ai, &b[s.first - lj..n - lj])
-                };
+            self.sums[at + i] -= lag * self.d_sums[i];
+            for (g, d) in row[..ny].iter_mut().zip(&self.dy[i * ny..]) {
+                *g -= lag * d;
+            }
+            for j in 0..=i {
+                let cross = self.xd[i * nx + j] + self.xd[j * nx + i];
+                row[at + j] += lag * (lag * self.dd[i * nx + j] - cross);
             }
         }
     }
 
-    /// Regresses y on all y and x lags, leaves the residual in `self.e`, returns its mean square.
-    fn long_arx(&mut self, s: &Signals<'_>) -> f64 {
-        let nx = x_lags(self.max_delay);
+    /// Regresses y on all its lags and those of z; returns the mean square of the residual.
+    fn long_arx(&mut self) -> f64 {
+        let mut columns = [0; MOST_COLUMNS];
+        let count = LONG_Y + self.nx;
+        for (i, c) in columns[..count].iter_mut().enumerate() {
+            *c = i + 1;
+        }
+        self.solve(&columns[..count])
+    }
+
+    /// The Gauss–Newton step of the lag from the last long ARX solution: least squares of the residual on the
+    /// column `-B(q) dir`, made orthogonal to the regressors.
+    fn lag_step(&mut self) -> f64 {
+        let (nx, ny) = (self.nx, LONG_Y + 1);
         let count = LONG_Y + nx;
-        let columns: Vec<usize> = (1..=count).collect();
+        let mut b = [0.0; MOST_COLUMNS];
+        b[..nx].copy_from_slice(&self.solution[LONG_Y..count]);
+        let b = &b[..nx];
+        let per_row = 1.0 / self.rows as f64;
+        let d_sum = dot(b, &self.d_sums);
+        // Products of v = B(q) dir with y, with every regressor, and with itself.
+        let with_y = |lag: usize| -> f64 { (0..nx).map(|j| b[j] * self.dy[j * ny + lag]).sum() };
+        let symmetric = |i: usize, j: usize| self.dd[i.max(j) * nx + i.min(j)];
+        let lag = self.lag;
+        let mut right = [0.0; MOST_COLUMNS];
+        let vy = with_y(0) - d_sum * self.sums[0] * per_row;
+        for (k, r) in right[..count].iter_mut().enumerate() {
+            let product: f64 = if k < LONG_Y {
+                with_y(k + 1)
+            } else {
+                let i = k - LONG_Y;
+                (0..nx).map(|j| b[j] * (self.xd[i * nx + j] - lag * symmetric(i, j))).sum()
+            };
+            *r = product - d_sum * self.sums[k + 1] * per_row;
+        }
+        let vv: f64 = (0..nx).map(|i| b[i] * (0..nx).map(|j| b[j] * symmetric(i, j)).sum::<f64>()).sum::<f64>()
+            - d_sum * d_sum * per_row;
+        let residual_product: f64 =
+            vy - self.solution[..count].iter().zip(&right).map(|(t, r)| t * r).sum::<f64>();
+        let mut projected = right;
+        substitute(&self.scratch, MOST_COLUMNS, &self.live, &mut projected[..count]);
+        let remaining = vv - right[..count].iter().zip(&projected).map(|(a, b)| a * b).sum::<f64>();
+        if remaining > 1e-9 * vv && vv > 0.0 { -residual_product / remaining } else { 0.0 }
+    }
+
+    fn long_residual(&mut self, s: &Signals<'_>, lag: f64) {
         let n = s.y.len();
-        let rows = n - s.first;
-        let mut solution = std::mem::take(&mut self.solution);
-        let loss = self.solve(&columns, rows, &mut solution);
+        let count = LONG_Y + self.nx;
+        let solution = &self.solution;
         let mean = (self.sums[0]
-            - solution
-                .iter()
-                .zip(&self.sums[1..=count])
-                .map(|(c, sum)| c * sum)
-                .sum::<f64>())
-            / rows as f64;
+            - solution[..count].iter().zip(&self.sums[1..=count]).map(|(c, sum)| c * sum).sum::<f64>())
+            / self.rows as f64;
         let begin = s.first - E_LAGS;
         let e = &mut self.e[begin..n];
         for (e, y) in e.iter_mut().zip(&s.y[begin..]) {
@@ -177,37 +300,70 @@ impl Screen {
             }
         }
         for (j, &c) in solution[LONG_Y..count].iter().enumerate() {
-            for (e, x) in e.iter_mut().zip(&s.x[begin - 1 - j..]) {
-                *e -= c * x;
+            let at = begin - 1 - j;
+            for ((e, x), d) in e.iter_mut().zip(&s.x[at..]).zip(&s.dir[at..]) {
+                *e -= c * (x - lag * d);
             }
         }
-        self.solution = solution;
-        loss
     }
 
-    /// Least squares of column 0 on `columns`, all centred (which is what a free constant does).
-    fn solve(&mut self, columns: &[usize], rows: usize, solution: &mut [f64]) -> f64 {
-        let size = self.sums.len();
+    /// Least squares of column 0 on `columns`, all centred (which is what a free constant does); the solution
+    /// is left in `self.solution`, the factor in `self.scratch`. Returns the mean square of the residual.
+    fn solve(&mut self, columns: &[usize]) -> f64 {
         let n = columns.len();
-        let per_row = 1.0 / rows as f64;
+        let per_row = 1.0 / self.rows as f64;
+        let mut right = [0.0; MOST_COLUMNS];
         for (i, &ci) in columns.iter().enumerate() {
-            for (j, &cj) in columns[..=i].iter().enumerate() {
-                let (hi, lo) = if ci >= cj { (ci, cj) } else { (cj, ci) };
-                self.scratch[i * size + j] =
-                    self.gram[hi * size + lo] - self.sums[ci] * self.sums[cj] * per_row;
+            let row = &mut self.scratch[i * MOST_COLUMNS..i * MOST_COLUMNS + i + 1];
+            let gram = &self.gram[ci * self.size..ci * self.size + ci + 1];
+            let centre = self.sums[ci] * per_row;
+            for (g, &cj) in row.iter_mut().zip(columns) {
+                *g = gram[cj] - centre * self.sums[cj];
             }
-            solution[i] = self.gram[ci * size] - self.sums[ci] * self.sums[0] * per_row;
+            right[i] = gram[0] - centre * self.sums[0];
         }
-        let mut right = [0.0; 64];
-        right[..n].copy_from_slice(&solution[..n]);
-        cholesky_solve(&mut self.scratch, size, n, &mut solution[..n]);
+        self.solution[..n].copy_from_slice(&right[..n]);
+        factor(&mut self.scratch, MOST_COLUMNS, n, &mut self.live);
+        substitute(&self.scratch, MOST_COLUMNS, &self.live, &mut self.solution[..n]);
         let total = self.gram[0] - self.sums[0] * self.sums[0] * per_row;
-        let explained: f64 = solution[..n].iter().zip(&right).map(|(c, r)| c * r).sum();
-        (total - explained).max(0.0) * per_row
+        (total - dot(&self.solution[..n], &right[..n])).max(0.0) * per_row
     }
 }
 
-/// Lags of the stem position in the Gram matrix: the longest delay and the longest B behind it.
-fn x_lags(max_delay: usize) -> usize {
-    max_delay + ORDER - 2
+/// A run of lagged columns of one signal: lags `from..from + count`.
+#[derive(Clone, Copy)]
+struct Lags<'a> {
+    v: &'a [f64],
+    from: usize,
+    count: usize,
+}
+
+/// `out[i][j] = sum over k >= first of a[k - lag_i] b[k - lag_j]`, the lower triangle only when `same`.
+fn products(a: Lags<'_>, b: Lags<'_>, first: usize, same: bool, out: &mut [f64], stride: usize) {
+    let n = a.v.len();
+    for i in 0..a.count {
+        let li = a.from + i;
+        let ai = &a.v[first - li..n - li];
+        for j in 0..if same { i + 1 } else { b.count } {
+            let lj = b.from + j;
+            out[i * stride + j] = if i > 0 && j > 0 {
+                out[(i - 1) * stride + j - 1] + a.v[first - li] * b.v[first - lj] - a.v[n - li] * b.v[n - lj]
+            } else {
+                dot(ai, &b.v[first - lj..n - lj])
+            };
+        }
+    }
+}
+
+/// The sum of each lagged column.
+fn sums(a: Lags<'_>, first: usize, out: &mut [f64]) {
+    let n = a.v.len();
+    let mut sum: f64 = a.v[first - a.from..n - a.from].iter().sum();
+    for (lag, out) in (a.from..a.from + a.count).zip(out) {
+        *out = sum;
+        // One lag further on the run starts one sample earlier.
+        if first > lag {
+            sum += a.v[first - lag - 1] - a.v[n - lag - 1];
+        }
+    }
 }

@@ -1,1 +1,251 @@
-//! placeholder
+//! What the daemon shows: REST, events, metrics, an overview page. Reads the plant, never writes to it.
+
+mod api;
+pub mod dto;
+mod extract;
+mod layers;
+mod listen;
+mod metrics;
+mod page;
+mod problem;
+
+pub use api::openapi;
+
+use crate::history::History;
+use crate::results::Results;
+use crate::schedule::{Clock, Scheduler};
+use crate::signal::LoopId;
+use serde::Deserialize;
+use std::collections::HashMap;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::sync::{Semaphore, watch};
+use tokio_util::sync::CancellationToken;
+
+/// `[server]`: where to listen, and bounds.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Address and port. There is no log-in, so anything but loopback needs `allow_unauthenticated_network`.
+    pub listen: SocketAddr,
+    /// True to let everybody who reaches the address read everything and acknowledge alarms.
+    pub allow_unauthenticated_network: bool,
+    /// Requests worked on at the same time.
+    pub max_requests: usize,
+    /// Connections open at the same time.
+    pub max_connections: usize,
+    /// Clients that may listen to events at the same time.
+    pub max_event_clients: usize,
+    /// Longest time until a response begins [s].
+    pub request_timeout_s: f64,
+    /// Largest request body [bytes].
+    pub max_body_bytes: usize,
+    /// Longest time that open requests may take to end at shutdown [s].
+    pub shutdown_s: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 8080)),
+            allow_unauthenticated_network: false,
+            max_requests: 64,
+            max_connections: 256,
+            max_event_clients: 64,
+            request_timeout_s: 65.0,
+            max_body_bytes: 16 * 1024,
+            shutdown_s: 5.0,
+        }
+    }
+}
+
+impl Config {
+    /// Everything wrong with it, by field; empty when it can be used.
+    pub fn validate(&self) -> Vec<(&'static str, String)> {
+        let mut wrong = Vec::new();
+        let mut unless = |ok: bool, field, message: String| {
+            if !ok {
+                wrong.push((field, message));
+            }
+        };
+        if let Err(error) = self.permits(self.listen) {
+            unless(false, "listen", error.to_string());
+        }
+        let counts = [
+            ("max_requests", self.max_requests, 1..=10_000),
+            ("max_connections", self.max_connections, 1..=100_000),
+            ("max_event_clients", self.max_event_clients, 0..=10_000),
+            ("max_body_bytes", self.max_body_bytes, 256..=10_000_000),
+        ];
+        for (field, value, range) in counts {
+            let message = format!("{value} must be {} to {}", range.start(), range.end());
+            unless(range.contains(&value), field, message);
+        }
+        for (field, value) in [
+            ("request_timeout_s", self.request_timeout_s),
+            ("shutdown_s", self.shutdown_s),
+        ] {
+            unless(
+                (0.1..=600.0).contains(&value),
+                field,
+                format!("{value} must be 0.1 to 600"),
+            );
+        }
+        wrong
+    }
+
+    fn permits(&self, address: SocketAddr) -> Result<(), ServeError> {
+        if address.ip().to_canonical().is_loopback() || self.allow_unauthenticated_network {
+            return Ok(());
+        }
+        Err(ServeError::NotLoopback(address))
+    }
+}
+
+/// Why nothing is shown.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The network could reach a daemon that has no log-in.
+    #[error(
+        "{0} is not loopback, and there is no log-in: whoever reaches it reads everything and may acknowledge alarms; \
+         listen on 127.0.0.1 or set allow_unauthenticated_network = true"
+    )]
+    NotLoopback(SocketAddr),
+    /// The listener failed.
+    #[error("the listener for the API failed: {0}")]
+    Listener(#[from] std::io::Error),
+}
+
+/// A loop, for people.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoopInfo {
+    /// Its name.
+    pub id: LoopId,
+    /// What it controls.
+    pub description: String,
+    /// Which part of the plant.
+    pub group: String,
+    /// Time between two diagnoses [s].
+    pub period_s: f64,
+}
+
+/// A device that data comes from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DeviceState {
+    /// Its name.
+    pub name: String,
+    /// Whether a connection is open.
+    pub connected: bool,
+    /// When the last good sample came [s].
+    pub last_good: Option<f64>,
+    /// Counters since the start, by name (`polls`, `timeouts`, …).
+    pub counters: Vec<(&'static str, u64)>,
+}
+
+/// What is watched now; replaced as a whole on reload.
+pub struct Plant {
+    loops: Vec<LoopInfo>,
+    by_id: HashMap<LoopId, usize>,
+    /// Where the samples are.
+    pub history: Arc<History>,
+    /// How the devices are.
+    pub devices: Arc<dyn Fn() -> Vec<DeviceState> + Send + Sync>,
+}
+
+impl Plant {
+    /// What is watched.
+    pub fn new(
+        loops: Vec<LoopInfo>,
+        history: Arc<History>,
+        devices: Arc<dyn Fn() -> Vec<DeviceState> + Send + Sync>,
+    ) -> Self {
+        let by_id = loops
+            .iter()
+            .enumerate()
+            .map(|(at, info)| (info.id.clone(), at))
+            .collect();
+        Self {
+            loops,
+            by_id,
+            history,
+            devices,
+        }
+    }
+
+    /// The loops.
+    pub fn loops(&self) -> &[LoopInfo] {
+        &self.loops
+    }
+
+    /// A loop by name.
+    pub fn info(&self, id: &LoopId) -> Option<&LoopInfo> {
+        self.by_id.get(id).map(|&at| &self.loops[at])
+    }
+}
+
+/// Everything a request may look at.
+pub struct Context {
+    config: Config,
+    clock: Clock,
+    started: f64,
+    results: Arc<Results>,
+    scheduler: Arc<Scheduler>,
+    plant: watch::Receiver<Arc<Plant>>,
+    event_clients: Arc<Semaphore>,
+    stop: CancellationToken,
+}
+
+impl Context {
+    /// Everything a request may look at; when `stop` is cancelled open streams end.
+    pub fn new(
+        config: Config,
+        clock: Clock,
+        results: Arc<Results>,
+        scheduler: Arc<Scheduler>,
+        plant: watch::Receiver<Arc<Plant>>,
+        stop: CancellationToken,
+    ) -> Self {
+        Self {
+            event_clients: Arc::new(Semaphore::new(config.max_event_clients)),
+            started: clock.now(),
+            config,
+            clock,
+            results,
+            scheduler,
+            plant,
+            stop,
+        }
+    }
+
+    fn plant(&self) -> Arc<Plant> {
+        self.plant.borrow().clone()
+    }
+}
+
+/// All routes, wrapped in the bounds every request passes.
+pub fn router(context: Arc<Context>) -> axum::Router {
+    let config = context.config.clone();
+    layers::wrap(page::routes().merge(api::routes(context)), &config)
+}
+
+/// Serves on a listener until `stop` is cancelled, then lets open requests end within `shutdown_s`.
+///
+/// # Errors
+/// [`ServeError::NotLoopback`] before anything is served, [`ServeError::Listener`] when the listener fails.
+pub async fn serve(listener: TcpListener, context: Arc<Context>) -> Result<(), ServeError> {
+    context.config.permits(listener.local_addr()?)?;
+    let (stop, config) = (context.stop.clone(), context.config.clone());
+    let listener = listen::Bounded::new(listener, config.max_connections, Duration::from_secs(90));
+    let serving =
+        axum::serve(listener, router(context)).with_graceful_shutdown(stop.clone().cancelled_owned());
+    let patience = async {
+        stop.cancelled().await;
+        tokio::time::sleep(Duration::try_from_secs_f64(config.shutdown_s).unwrap_or_default()).await;
+    };
+    tokio::select! {
+        served = serving.into_future() => Ok(served?),
+        () = patience => Ok(()),
+    }
+}

@@ -1,0 +1,106 @@
+//! The command line: `stictiond run | diagnose | check | probe`.
+//!
+//! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
+//! line on stderr.
+
+mod check;
+mod diagnose;
+mod logging;
+mod probe;
+mod run;
+mod text;
+
+use clap::{Parser, Subcommand};
+use std::fmt::Display;
+use std::io::{self, Write};
+use std::process::ExitCode;
+use stictiond::config::Diagnostic;
+
+/// Finds sticking control valves from OP and PV, online, beside the DCS.
+#[derive(Parser)]
+#[command(name = "stictiond", version, about, arg_required_else_help = true)]
+struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Poll the plant, diagnose its loops, serve the results; SIGHUP reads the configuration again
+    Run(run::Args),
+    /// Diagnose one record: columns t,op,pv[,sp][,other tags…]
+    Diagnose(diagnose::Args),
+    /// Validate a configuration: every error with line and column
+    Check(check::Args),
+    /// Read registers of a device once and show them in every type and byte order
+    Probe(probe::Args),
+}
+
+/// Why a command ended without doing its work.
+pub enum Failure {
+    /// Something outside failed: exit code 1.
+    Failed(String),
+    /// Bad arguments, config or input: exit code 2.
+    BadInput(String),
+    /// A configuration with errors: exit code 2.
+    BadConfig(Vec<Diagnostic>),
+}
+
+impl Failure {
+    /// A bad input named by its file.
+    pub fn in_file(path: &std::path::Path, error: impl Display) -> Self {
+        Self::BadInput(format!("{}: {error}", path.display()))
+    }
+}
+
+/// Parses the arguments and runs the command.
+pub fn main() -> ExitCode {
+    let args = match Args::try_parse() {
+        Ok(args) => args,
+        Err(error) => {
+            // Help into a closed pipe is still help.
+            let _ = error.print();
+            return ExitCode::from(error.exit_code().clamp(0, 255) as u8);
+        }
+    };
+    let done = match args.command {
+        Command::Run(args) => run::run(&args),
+        Command::Diagnose(args) => diagnose::run(&args),
+        Command::Check(args) => check::run(&args),
+        Command::Probe(args) => probe::run(&args),
+    };
+    let (messages, code) = match done {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Failure::Failed(message)) => (vec![format!("stictiond: {message}")], 1),
+        Err(Failure::BadInput(message)) => (vec![format!("stictiond: {message}")], 2),
+        Err(Failure::BadConfig(errors)) => (errors.iter().map(Diagnostic::to_string).collect(), 2),
+    };
+    let mut stderr = io::stderr().lock();
+    for message in messages {
+        // One line each, whatever a file is called; nobody is left to tell when stderr is closed.
+        let _ = writeln!(stderr, "{}", message.replace(['\n', '\r'], " "));
+    }
+    ExitCode::from(code)
+}
+
+/// Writes to stdout; a reader that stops early (`| head`) is no failure.
+pub fn print(text: &str) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Failure::Failed(format!("cannot write to stdout: {error}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_arguments_do_not_contradict_each_other() {
+        Args::command().debug_assert();
+    }
+}

@@ -1,0 +1,222 @@
+//! The report as a page for a person: the verdict first, then what it rests on.
+
+use std::fmt::Write;
+use stictiond::serve::dto::report::{Report, ReportCurve, ReportVerdict};
+
+/// Columns of the plot.
+const WIDTH: usize = 60;
+const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+
+/// The page, ending in a newline.
+pub fn page(report: &Report) -> String {
+    let mut out = String::new();
+    let verdict = match report.verdict {
+        ReportVerdict::Stiction => "STICTION",
+        ReportVerdict::NoStiction => "no stiction",
+        ReportVerdict::NotIdentifiable => "not identifiable",
+    };
+    let mut line = |name: &str, text: String| {
+        // Writing into a String cannot fail.
+        let _ = writeln!(out, "{name:<12}{text}");
+    };
+    line("loop", report.r#loop.clone());
+    line("verdict", verdict.into());
+    line("reason", report.reason.clone());
+    let unit = &report.f_unit;
+    if let Some(f) = report.f {
+        let mut text = format!("{} {unit}", number(Some(f)));
+        if let Some([low, high]) = report.f_ci95 {
+            text += &format!("   95 %: {} … {}", number(Some(low)), number(Some(high)));
+        }
+        if let Some(share) = report.f_of_op_range {
+            text += &format!("   {} % of OP's range", number(Some(share * 100.0)));
+        }
+        line("f", text);
+        if report.f_unit_assumed {
+            line(
+                "",
+                format!("unit {unit} judged from OP's values: its span is not known"),
+            );
+        }
+        let evidence = number(report.delta_aic);
+        line("evidence", format!("dAIC {evidence} against no friction"));
+        let d = number(report.d_srinivasan);
+        line("compare", format!("Srinivasan's d {d} {unit}"));
+    }
+    let w = &report.window;
+    if w.n > 0 {
+        line(
+            "window",
+            format!(
+                "{} samples of {} s, from {} to {} s, quality {}",
+                w.n,
+                number(w.ts_s),
+                stamp(w.start),
+                stamp(w.end),
+                w.quality.as_str()
+            ),
+        );
+    }
+    if let Some(p) = &report.preparation {
+        line(
+            "",
+            format!(
+                "{} % interpolated, worst OP-PV skew {} s, {} duplicates, {} out of order, decimation {}",
+                number(p.gap_share.map(|share| share * 100.0)),
+                number(p.worst_skew_s),
+                p.duplicates,
+                p.out_of_order,
+                p.decimation
+            ),
+        );
+    }
+    if let Some(denoise) = &report.denoise {
+        let share = number(denoise.noise_share.map(|share| share * 100.0));
+        let done = if denoise.applied {
+            "denoised"
+        } else {
+            "not denoised"
+        };
+        line("", format!("{done}, OP noise {share} % of its sd"));
+    }
+    if let Some(o) = &report.oscillation {
+        line(
+            "oscillation",
+            format!(
+                "period {} s, regularity r {}, OP amplitude {} {unit}",
+                number(o.period_s),
+                number(o.regularity_r),
+                number(o.op_amplitude)
+            ),
+        );
+    }
+    if let Some(m) = &report.model {
+        line(
+            "model",
+            format!(
+                "ARMAX na {} nb {} nc {}, delay {}, RMSE {} [PV]",
+                m.na,
+                m.nb,
+                m.nc,
+                m.nk,
+                number(m.rmse)
+            ),
+        );
+    }
+    if let Some(white) = report.residual.white_after {
+        line(
+            "residual",
+            format!(
+                "{}, one-step RMSE {}, free-run RMSE {} [PV, held out]",
+                if white { "white" } else { "not white" },
+                number(report.residual.one_step_rmse_after),
+                number(report.residual.free_run_rmse_after)
+            ),
+        );
+    }
+    if let Some(bars) = report.aic_curve.as_ref().and_then(sparkline) {
+        line("AIC over f", bars);
+        let ends = format!("0 … {} {unit}, lowest at the estimate", number(report.f_max));
+        line("", ends);
+    }
+    out
+}
+
+/// Four significant digits, without trailing zeros; `-` when there is no number.
+fn number(value: Option<f64>) -> String {
+    let Some(value) = value else { return "-".into() };
+    if value != 0.0 && !(1e-4..1e9).contains(&value.abs()) {
+        return format!("{value:.3e}");
+    }
+    let digits = if value == 0.0 {
+        0
+    } else {
+        3 - value.abs().log10().floor() as i32
+    };
+    let decimals = digits.clamp(0, 8) as usize;
+    trimmed(format!("{value:.decimals$}"))
+}
+
+/// A time to the millisecond, however many seconds since the epoch it is.
+fn stamp(value: Option<f64>) -> String {
+    match value {
+        Some(value) if value.abs() < 1e12 => trimmed(format!("{value:.3}")),
+        other => number(other),
+    }
+}
+
+fn trimmed(text: String) -> String {
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_string(),
+        false => text,
+    }
+}
+
+/// The curve as bars over an equal grid of f: each the least AIC of its stretch, on a square-root scale so that the
+/// valley around the estimate shows beside a high evidence.
+fn sparkline(curve: &ReportCurve) -> Option<String> {
+    let points: Vec<(f64, f64)> = curve
+        .f
+        .iter()
+        .zip(&curve.aic)
+        .filter_map(|(f, aic)| Some(((*f)?, (*aic)?)))
+        .collect();
+    let (first, last) = (points.first()?.0, points.last()?.0);
+    let least = points.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
+    let most = points.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
+    if !(last > first && most > least) {
+        return None;
+    }
+    let mut cells = [None::<f64>; WIDTH];
+    for (f, aic) in points {
+        let at = ((f - first) / (last - first) * (WIDTH - 1) as f64).round() as usize;
+        let cell = &mut cells[at.min(WIDTH - 1)];
+        *cell = Some(cell.map_or(aic, |other| other.min(aic)));
+    }
+    let mut before = None;
+    let bars = cells.iter().map(|cell| {
+        before = cell.or(before);
+        let height = ((before.unwrap_or(most) - least) / (most - least)).sqrt();
+        BARS[((height * BARS.len() as f64) as usize).min(BARS.len() - 1)]
+    });
+    Some(bars.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_four_digits() {
+        let cases = [
+            (0.0, "0"),
+            (2.5, "2.5"),
+            (0.01024, "0.01024"),
+            (446.0, "446"),
+            (49950.0, "49950"),
+            (1_700_000_000.0, "1.700e9"),
+            (-12.3456, "-12.35"),
+            (1e-9, "1.000e-9"),
+            (1e308, "1.000e308"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(number(Some(value)), text);
+        }
+        assert_eq!(number(None), "-");
+        assert_eq!(stamp(Some(1_700_000_000.25)), "1700000000.25");
+    }
+
+    #[test]
+    fn sparkline_is_lowest_at_the_estimate() {
+        let f: Vec<Option<f64>> = (0..=59).map(|k| Some(f64::from(k))).collect();
+        let aic = f.iter().map(|f| f.map(|f| (f - 20.0).powi(2))).collect();
+        let bars: Vec<char> = sparkline(&ReportCurve { f, aic }).unwrap().chars().collect();
+        assert_eq!(bars.len(), WIDTH);
+        assert_eq!((bars[20], bars[59]), ('▁', '█'));
+        let flat = ReportCurve {
+            f: vec![Some(0.0), Some(1.0)],
+            aic: vec![Some(1.0), None],
+        };
+        assert_eq!(sparkline(&flat), None);
+    }
+}

@@ -1,0 +1,138 @@
+//! The configuration file: composes the components' own `Config` structs, and reports everything wrong with a file at
+//! once, each error with its line and column.
+
+mod diagnostic;
+mod plant;
+
+mod rules;
+mod section;
+mod source;
+
+mod wording;
+
+pub use diagnostic::Diagnostic;
+pub use plant::Plant;
+
+use crate::collect::modbus;
+use crate::{alarm, diagnosis, history, schedule, serve};
+use diagnostic::Report;
+use serde::Deserialize;
+use source::Source;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// Largest configuration file read [bytes]: 2,000 loops take about 2 MB.
+const MAX_BYTES: u64 = 1 << 24;
+
+/// Everything the daemon is told.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Config {
+    /// `[server]`.
+    pub server: serve::Config,
+    /// `[history]`.
+    pub history: history::Config,
+    /// `[schedule]`.
+    pub schedule: schedule::Config,
+    /// `[diagnosis]`.
+    pub diagnosis: diagnosis::Config,
+    /// `[alarm]`.
+    pub alarm: alarm::Config,
+    /// `[[modbus]]`, one per device.
+    pub modbus: Vec<modbus::Config>,
+    /// `[[loop]]`, one per control loop.
+    pub loops: Vec<LoopConfig>,
+}
+
+/// One control loop, `[[loop]]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LoopConfig {
+    /// The loop's name, as the plant writes it.
+    pub id: String,
+    /// What it controls, for people.
+    #[serde(default)]
+    pub description: String,
+    /// What it belongs to (unit, area), for people.
+    #[serde(default)]
+    pub group: String,
+    /// Time between two diagnoses [s], where it differs from `[schedule]`.
+    #[serde(default)]
+    pub period_s: Option<f64>,
+    /// Span of OP [OP unit], 100 for per cent. Without it f is reported in OP units.
+    #[serde(default)]
+    pub op_span: Option<f64>,
+    /// The controller's output limits [OP unit]: saturation is judged against them.
+    #[serde(default)]
+    pub op_limits: Option<[f64; 2]>,
+    /// A PV that has not changed for longer is flagged as stale [s].
+    #[serde(default)]
+    pub frozen_pv_s: Option<f64>,
+    /// Controller output.
+    pub op: modbus::TagConfig,
+    /// Process variable.
+    pub pv: modbus::TagConfig,
+    /// Set point.
+    #[serde(default)]
+    pub sp: Option<modbus::TagConfig>,
+    /// Automatic or not.
+    #[serde(default)]
+    pub mode: Option<modbus::TagConfig>,
+    /// The valve's measured position.
+    #[serde(default)]
+    pub mv: Option<modbus::TagConfig>,
+    /// Other measurements, `[[loop.tag]]`.
+    #[serde(default)]
+    pub tag: Vec<modbus::TagConfig>,
+}
+
+/// Reads a file.
+///
+/// # Errors
+/// Everything wrong with it, in the order of the file.
+pub fn load(path: &Path) -> Result<Config, Vec<Diagnostic>> {
+    let file = path.display().to_string();
+    let unreadable =
+        |why: &dyn std::fmt::Display| vec![Diagnostic::of_file(&file, format!("cannot read: {why}"))];
+    let mut bytes = Vec::new();
+    let opened = File::open(path).map_err(|error| unreadable(&error))?;
+    opened
+        .take(MAX_BYTES + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|error| unreadable(&error))?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(unreadable(&format!("larger than {MAX_BYTES} bytes")));
+    }
+    match std::str::from_utf8(&bytes) {
+        Ok(text) => parse(&file, text),
+        Err(error) => {
+            let good = String::from_utf8_lossy(&bytes[..error.valid_up_to()]);
+            let mut report = Report::new(&file, &good);
+            report.at(good.len(), "not UTF-8 text".into());
+            Err(report.finish())
+        }
+    }
+}
+
+/// Reads the text of a file that is called `file` in the errors.
+///
+/// # Errors
+/// As [`load`].
+pub fn parse(file: &str, text: &str) -> Result<Config, Vec<Diagnostic>> {
+    let mut report = Report::new(file, text);
+    let source = Source::parse(text, &mut report);
+    let whole = report.is_clean();
+    let parts = section::parts(&source, &mut report);
+    if whole {
+        // Rules across sections would blame the wrong line in a file whose structure had to be guessed.
+        rules::check(&source, &parts, &mut report);
+    }
+    let diagnostics = report.finish();
+    match (parts.whole(), diagnostics.is_empty()) {
+        (Some(config), true) => Ok(config),
+        _ => Err(diagnostics),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,273 @@
+//! What no single field can be wrong about: ranges, names that refer to each other, registers that contradict.
+
+use super::diagnostic::Report;
+use super::section::{Parts, ROLES};
+use super::source::{Source, Step};
+use super::{LoopConfig, plant};
+use crate::collect::modbus;
+use crate::schedule;
+use crate::signal::Role;
+use std::collections::{HashMap, HashSet};
+
+/// Longest name of a loop, device or tag [characters].
+const MAX_NAME: usize = 100;
+
+/// A path into the file.
+macro_rules! path {
+    ($($step:expr),+) => { [$(Step::from($step)),+] };
+}
+
+/// Checks everything that could be read.
+pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
+    let mut devices = HashMap::new();
+    for at in 0..parts.modbus.len() {
+        if let Some(name) = source.text(&path!["modbus", at, "name"]) {
+            devices.entry(name).or_insert(at);
+        }
+    }
+    let blamed = report.places();
+    let mut rules = Rules {
+        source,
+        report,
+        devices,
+        blamed,
+    };
+    rules.sections(parts);
+    rules.devices(parts);
+    rules.loops(parts);
+    rules.registers(parts);
+}
+
+struct Rules<'r, 'a, 't> {
+    source: &'r Source<'a>,
+    report: &'r mut Report<'t>,
+    /// Positions of the devices by name, also of those that could not be read: what is wrong with a device is no
+    /// fault of its tags.
+    devices: HashMap<&'r str, usize>,
+    /// Values that could not be read: what stands in for them is not the file's fault.
+    blamed: HashSet<usize>,
+}
+
+impl Rules<'_, '_, '_> {
+    fn wrong(&mut self, path: &[Step], message: String) {
+        let place = self.source.place(path);
+        if !self.blamed.contains(&place) {
+            self.report.at(place, message);
+        }
+    }
+
+    fn unless(&mut self, ok: bool, path: &[Step], message: impl FnOnce() -> String) {
+        if !ok {
+            self.wrong(path, message());
+        }
+    }
+
+    fn section(&mut self, section: &str, issues: Option<Vec<(&'static str, String)>>) {
+        for (field, message) in issues.into_iter().flatten() {
+            self.wrong(&path![section, field], format!("{field}: {message}"));
+        }
+    }
+
+    fn sections(&mut self, parts: &Parts) {
+        self.section("server", parts.server.as_ref().map(|c| c.validate()));
+        self.section("history", parts.history.as_ref().map(|c| c.validate()));
+        self.section("schedule", parts.schedule.as_ref().map(|c| c.validate()));
+        self.section("diagnosis", parts.diagnosis.as_ref().map(|c| c.validate()));
+        self.section("alarm", parts.alarm.as_ref().map(|c| c.validate()));
+        if let (Some(history), Some(diagnosis)) = (&parts.history, &parts.diagnosis) {
+            let (kept, needed) = (history.samples_per_tag, diagnosis.min_samples);
+            self.unless(kept >= needed, &path!["history", "samples_per_tag"], || {
+                format!("samples_per_tag: {kept} is fewer than [diagnosis] min_samples = {needed}")
+            });
+        }
+    }
+
+    fn devices(&mut self, parts: &Parts) {
+        let mut seen = HashMap::new();
+        for (at, device) in parts.modbus.iter().enumerate() {
+            let here = path!["modbus", at, "name"];
+            if let Some(name) = self.source.text(&here) {
+                if !name.is_empty() {
+                    self.name(name, &here, "name");
+                }
+                self.first(&mut seen, name, &here, "device");
+            }
+            let Some(device) = device else { continue };
+            for issue in device.validate() {
+                let message = format!("{}: {}", issue.field, issue.message);
+                self.wrong(&path!["modbus", at, issue.field], message);
+            }
+        }
+    }
+
+    /// Refuses a name that was seen before.
+    fn first<'n>(&mut self, seen: &mut HashMap<&'n str, usize>, name: &'n str, path: &[Step], what: &str) {
+        let line = self.report.line(self.source.place(path));
+        if let Some(first) = seen.get(name) {
+            let message =
+                format!("{what} {name:?} is already on line {first}; every {what} needs a name of its own");
+            self.wrong(path, message);
+        } else {
+            seen.insert(name, line);
+        }
+    }
+
+    fn loops(&mut self, parts: &Parts) {
+        if self.source.root().get("loop").is_none() {
+            self.report
+                .at(0, "no [[loop]]: name at least one control loop to watch".into());
+        }
+        let mut seen = HashMap::new();
+        for (at, control_loop) in parts.loops.iter().enumerate() {
+            let here = path!["loop", at, "id"];
+            if let Some(id) = self.source.text(&here) {
+                self.name(id, &here, "id");
+                self.first(&mut seen, id, &here, "loop");
+            }
+            if let Some(control_loop) = control_loop {
+                self.numbers(at, control_loop);
+                self.tags(at, control_loop, parts);
+            }
+        }
+    }
+
+    /// Names stand in addresses of the API and in labels of metrics.
+    fn name(&mut self, name: &str, path: &[Step], field: &str) {
+        let fits = (1..=MAX_NAME).contains(&name.chars().count());
+        let plain = !name.contains(|c: char| c.is_control() || "/\\?#%\"".contains(c));
+        let ok = fits && plain && name.trim() == name && name != "." && name != "..";
+        self.unless(ok, path, || {
+            format!(
+                "{field}: {name:?} must be 1 to {MAX_NAME} characters, none of them / \\ ? # % \" or control, \
+                 no blanks around it"
+            )
+        });
+    }
+
+    fn numbers(&mut self, at: usize, control_loop: &LoopConfig) {
+        if let Some(period_s) = control_loop.period_s {
+            let own = schedule::Config {
+                period_s,
+                ..schedule::Config::default()
+            };
+            for (_, message) in own
+                .validate()
+                .into_iter()
+                .filter(|(field, _)| *field == "period_s")
+            {
+                self.wrong(&path!["loop", at, "period_s"], format!("period_s: {message}"));
+            }
+        }
+        let positive = [
+            ("op_span", control_loop.op_span),
+            ("frozen_pv_s", control_loop.frozen_pv_s),
+        ];
+        for (field, value) in positive {
+            let ok = value.is_none_or(|value| value.is_finite() && value > 0.0);
+            self.unless(ok, &path!["loop", at, field], || {
+                format!("{field}: {} must be a number above 0", value.unwrap_or_default())
+            });
+        }
+        if let Some([low, high]) = control_loop.op_limits {
+            let ok = low.is_finite() && high.is_finite() && low < high;
+            self.unless(ok, &path!["loop", at, "op_limits"], || {
+                format!("op_limits: [{low}, {high}] must be the lower, then the upper limit")
+            });
+        }
+    }
+
+    fn tags(&mut self, at: usize, control_loop: &LoopConfig, parts: &Parts) {
+        let mut seen = HashMap::new();
+        let tags: Vec<_> = plant::tags(control_loop).collect();
+        for (tag_at, (role, tag)) in tags.iter().enumerate() {
+            let here = tag_path(at, tag_at, &tags);
+            let field = |name: &str| [&here[..], &path![name]].concat();
+            match (role, &tag.name) {
+                (Some(role), Some(_)) => {
+                    let role = plant::role_name(*role);
+                    self.wrong(
+                        &field("name"),
+                        format!("name: only a [[loop.tag]] has one, this is {role}"),
+                    );
+                }
+                (None, None) => self.wrong(&here, "missing key \"name\" in [[loop.tag]]".into()),
+                (None, Some(name)) => {
+                    self.name(name, &field("name"), "name");
+                    let taken = ROLES.contains(&name.as_str());
+                    self.unless(!taken, &field("name"), || {
+                        format!("name: write it as [loop.{name}], or give the tag another name")
+                    });
+                    self.first(&mut seen, name, &field("name"), "tag");
+                }
+                (Some(_), None) => {}
+            }
+            self.tag(*role, tag, &here, parts);
+            let same = tags[..tag_at]
+                .iter()
+                .find(|(other, earlier)| other.is_some() && same_source(earlier, tag));
+            if let (Some(role), Some((Some(other), _))) = (role, same) {
+                let (role, other) = (plant::role_name(*role), plant::role_name(*other));
+                self.wrong(
+                    &field("address"),
+                    format!("address: {role} reads the same register as {other}"),
+                );
+            }
+        }
+    }
+
+    fn tag(&mut self, role: Option<Role>, tag: &modbus::TagConfig, here: &[Step], parts: &Parts) {
+        let field = |name: &str| [here, &path![name]].concat();
+        let Some(&device) = self.devices.get(tag.device.as_str()) else {
+            let mut names: Vec<&str> = self.devices.keys().copied().collect();
+            names.sort_unstable();
+            let hint = super::wording::hint(&tag.device, &names);
+            self.wrong(
+                &field("device"),
+                format!("device: no [[modbus]] is called {:?}{hint}", tag.device),
+            );
+            return;
+        };
+        let Some(device) = &parts.modbus[device] else {
+            return;
+        };
+        for issue in tag.validate(device, role) {
+            self.wrong(&field(issue.field), format!("{}: {}", issue.field, issue.message));
+        }
+    }
+
+    /// Registers read as two different things, over all loops of a device.
+    fn registers(&mut self, parts: &Parts) {
+        let mut by_device: HashMap<&str, (Vec<Vec<Step>>, Vec<&modbus::TagConfig>)> = HashMap::new();
+        for (at, control_loop) in parts.loops.iter().enumerate() {
+            let tags: Vec<_> = control_loop.iter().flat_map(plant::tags).collect();
+            for (tag_at, (_, tag)) in tags.iter().enumerate() {
+                let (places, configs) = by_device.entry(&tag.device).or_default();
+                places.push([&tag_path(at, tag_at, &tags)[..], &path!["address"]].concat());
+                configs.push(*tag);
+            }
+        }
+        for device in parts.modbus.iter().flatten() {
+            let Some((places, configs)) = by_device.remove(device.name.as_str()) else {
+                continue;
+            };
+            for pair in modbus::contradictions(device, &configs) {
+                let first = self.report.line(self.source.place(&places[pair.first]));
+                let message = format!("address: {} (the other is on line {first})", pair.message);
+                self.wrong(&places[pair.second], message);
+            }
+        }
+    }
+}
+
+/// The path of the `tag_at`-th of a loop's tags.
+fn tag_path(at: usize, tag_at: usize, tags: &[(Option<Role>, &modbus::TagConfig)]) -> Vec<Step> {
+    let roles = tags.iter().filter(|(role, _)| role.is_some()).count();
+    match tags[tag_at].0 {
+        Some(role) => path!["loop", at, plant::role_name(role)].to_vec(),
+        None => path!["loop", at, "tag", tag_at - roles].to_vec(),
+    }
+}
+
+fn same_source(a: &modbus::TagConfig, b: &modbus::TagConfig) -> bool {
+    (&a.device, a.register, a.address, a.bit) == (&b.device, b.register, b.address, b.bit)
+}

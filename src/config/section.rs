@@ -1,0 +1,243 @@
+//! Text to structs, section by section. Serde stops at the first error; here the offending entry is taken out and the
+//! section read again until nothing is left to complain of.
+
+use super::diagnostic::Report;
+use super::source::{Source, Step, entry_at, table_mut, tables_at};
+use super::wording;
+use super::{Config, LoopConfig};
+use crate::collect::modbus;
+use crate::{alarm, diagnosis, history, schedule, serve};
+use serde::de::DeserializeOwned;
+use std::borrow::Cow;
+use toml::Spanned;
+use toml::de::{DeValue, ValueDeserializer};
+
+/// Sections of the file.
+const SECTIONS: [&str; 7] = [
+    "server",
+    "history",
+    "schedule",
+    "diagnosis",
+    "alarm",
+    "modbus",
+    "loop",
+];
+/// Tags that a loop has once.
+pub const ROLES: [&str; 5] = ["op", "pv", "sp", "mode", "mv"];
+/// Errors looked for in one section; each costs one more reading of it.
+const MAX_ERRORS: usize = 500;
+/// Where entries stand that are not in the text.
+const NOWHERE: usize = usize::MAX / 2;
+
+/// What could be read; `None` where a needed key is missing or wrong.
+pub struct Parts {
+    pub server: Option<serve::Config>,
+    pub history: Option<history::Config>,
+    pub schedule: Option<schedule::Config>,
+    pub diagnosis: Option<diagnosis::Config>,
+    pub alarm: Option<alarm::Config>,
+    pub modbus: Vec<Option<modbus::Config>>,
+    pub loops: Vec<Option<LoopConfig>>,
+}
+
+impl Parts {
+    /// The configuration, when every part of it could be read.
+    pub fn whole(self) -> Option<Config> {
+        Some(Config {
+            server: self.server?,
+            history: self.history?,
+            schedule: self.schedule?,
+            diagnosis: self.diagnosis?,
+            alarm: self.alarm?,
+            modbus: self.modbus.into_iter().collect::<Option<_>>()?,
+            loops: self.loops.into_iter().collect::<Option<_>>()?,
+        })
+    }
+}
+
+/// Reads every section.
+pub fn parts(source: &Source, report: &mut Report) -> Parts {
+    for key in source.root().keys() {
+        let name = key.get_ref();
+        if !SECTIONS.contains(&name.as_ref()) {
+            let hint = wording::hint(name, &SECTIONS);
+            report.at(key.span().start, format!("unknown section {name:?}{hint}"));
+        }
+    }
+    Parts {
+        server: table(source, "server", report),
+        history: table(source, "history", report),
+        schedule: table(source, "schedule", report),
+        diagnosis: table(source, "diagnosis", report),
+        alarm: table(source, "alarm", report),
+        modbus: tables(source, "modbus", report),
+        loops: tables(source, "loop", report),
+    }
+}
+
+/// `[name]`; its defaults when it is left out.
+fn table<T: DeserializeOwned + Default>(source: &Source, name: &str, report: &mut Report) -> Option<T> {
+    match source.root().get(name) {
+        None => Some(T::default()),
+        Some(value) if value.get_ref().is_table() => read(&[name.into()], value, report),
+        Some(value) => {
+            report.at(
+                value.span().start,
+                format!("{name}: write it as a section, [{name}]"),
+            );
+            None
+        }
+    }
+}
+
+/// Every `[[name]]`.
+fn tables<T: DeserializeOwned>(source: &Source, name: &str, report: &mut Report) -> Vec<Option<T>> {
+    let Some(value) = source.root().get(name) else {
+        return Vec::new();
+    };
+    let wrong = format!("{name}: there may be several, write each as [[{name}]]");
+    let Some(items) = value.get_ref().as_array() else {
+        report.at(value.span().start, wrong);
+        return vec![None];
+    };
+    let item = |(at, item): (usize, &Spanned<DeValue>)| {
+        if item.get_ref().is_table() {
+            return read(&[name.into(), at.into()], item, report);
+        }
+        report.at(item.span().start, wrong.clone());
+        None
+    };
+    items.iter().enumerate().map(item).collect()
+}
+
+/// Reads one section at `path`, every error to the report.
+fn read<T: DeserializeOwned>(path: &[Step], value: &Spanned<DeValue>, report: &mut Report) -> Option<T> {
+    let mut rest = value.clone();
+    if path.first() == Some(&Step::from("loop")) {
+        refuse_lists(&mut rest, report);
+    }
+    let mut inserted = 0;
+    for _ in 0..MAX_ERRORS {
+        let error = match T::deserialize(ValueDeserializer::from(rest.clone())) {
+            // Without the entries that were wrong it is still good for the rules: a default stands in their place.
+            Ok(read) if inserted == 0 => return Some(read),
+            Ok(_) => return None,
+            Err(error) => error,
+        };
+        let span = error.span().unwrap_or(value.span());
+        let message = error.message();
+        let went_on = match wording::missing(message) {
+            Some(key) => missing(path, value, &mut rest, (key, span.clone()), &mut inserted, report),
+            None => offending(path, &mut rest, (message, span.clone()), report),
+        };
+        if !went_on {
+            report.at(span.start.min(value.span().end), wording::plain(message));
+            return None;
+        }
+    }
+    report.at(
+        value.span().start,
+        format!("{}: and more errors", wording::section(path)),
+    );
+    None
+}
+
+/// Serde would take a list for a table, its items for the fields in order; nobody means that in a loop.
+fn refuse_lists(control_loop: &mut Spanned<DeValue>, report: &mut Report) {
+    let DeValue::Table(table) = control_loop.get_mut() else {
+        return;
+    };
+    for role in ROLES {
+        if let Some(list) = table.get(role).filter(|value| value.get_ref().is_array()) {
+            let message = format!("{role}: a loop has one, write it as [loop.{role}]");
+            report.at(list.span().start, message);
+            table.remove(role);
+        }
+    }
+    let items = table.get("tag").and_then(|value| value.get_ref().as_array());
+    if let Some(list) = items.and_then(|items| items.iter().find(|item| item.get_ref().is_array())) {
+        report.at(list.span().start, "tag: write each as [[loop.tag]]".into());
+        table.remove("tag");
+    }
+}
+
+/// A key that a table needs: reported unless it was there and was taken out, and filled in so that reading goes on.
+fn missing(
+    path: &[Step],
+    value: &Spanned<DeValue>,
+    rest: &mut Spanned<DeValue>,
+    (key, span): (&str, std::ops::Range<usize>),
+    inserted: &mut usize,
+    report: &mut Report,
+) -> bool {
+    let lacking = tables_at(rest, &span);
+    let found = lacking
+        .into_iter()
+        .find(|path| table_mut(rest.get_mut(), path).is_some_and(|t| !t.contains_key(key)));
+    let Some(below) = found else { return false };
+    let was_there = table_mut(value.clone().get_mut(), &below).is_some_and(|table| table.contains_key(key));
+    if !was_there && span.start < NOWHERE && !report.is_broken() {
+        let section = wording::section(&[path, &below].concat());
+        report.at(span.start, format!("missing key {key:?} in {section}"));
+    }
+    let Some(table) = table_mut(rest.get_mut(), &below) else {
+        return false;
+    };
+    fill(table, key, 0, None, inserted)
+}
+
+/// Values for a missing key, tried in turn until one has the right type.
+const FILLERS: [&str; 6] = ["''", "{}", "0", "0.0", "false", "[]"];
+
+/// Fills in the `filler`-th value, or the word that serde asked for.
+fn fill(
+    table: &mut toml::de::DeTable,
+    key: &str,
+    filler: usize,
+    word: Option<String>,
+    inserted: &mut usize,
+) -> bool {
+    let value = match (word, FILLERS.get(filler)) {
+        (Some(word), _) => DeValue::String(Cow::Owned(word)),
+        (None, Some(text)) => match DeValue::parse(text) {
+            Ok(value) => value.into_inner(),
+            Err(_) => return false,
+        },
+        (None, None) => return false,
+    };
+    // The place says which value was tried, so that the next error about it can try the next.
+    let place = NOWHERE + *inserted * (FILLERS.len() + 1) + filler;
+    *inserted += 1;
+    table.remove(key);
+    let key = Spanned::new(NOWHERE..NOWHERE, Cow::Owned(key.to_string()));
+    table.insert(key, Spanned::new(place..place + 1, value));
+    true
+}
+
+/// An entry that cannot be used: reported and taken out, or, when it was filled in here, filled in otherwise.
+fn offending(
+    path: &[Step],
+    rest: &mut Spanned<DeValue>,
+    (message, span): (&str, std::ops::Range<usize>),
+    report: &mut Report,
+) -> bool {
+    let Some(mut below) = entry_at(rest.get_ref(), &span) else {
+        return false;
+    };
+    let Some(Step::Key(key)) = below.pop() else {
+        return false;
+    };
+    let Some(table) = table_mut(rest.get_mut(), &below) else {
+        return false;
+    };
+    if span.start >= NOWHERE {
+        let step = FILLERS.len() + 1;
+        let (before, filler) = ((span.start - NOWHERE) / step, (span.start - NOWHERE) % step);
+        let word = wording::choices(message).first().map(|word| word.to_string());
+        return fill(table, &key, filler + 1, word, &mut { before });
+    }
+    table.remove(key.as_str());
+    let section = wording::section(&[path, &below].concat());
+    report.at(span.start, wording::of_entry(message, &key, &section));
+    true
+}

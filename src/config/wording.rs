@@ -1,0 +1,137 @@
+//! What serde says, as a person at a text file needs it.
+
+use super::source::Step;
+
+/// The key of `missing field`.
+pub fn missing(message: &str) -> Option<&str> {
+    message.strip_prefix("missing field `")?.split('`').next()
+}
+
+/// The path of a table as the file writes it: `[alarm]`, `[[modbus]]`, `[loop.op]`.
+pub fn section(path: &[Step]) -> String {
+    let keys: Vec<&str> = path
+        .iter()
+        .filter_map(|step| match step {
+            Step::Key(key) => Some(key.as_str()),
+            Step::Item(_) => None,
+        })
+        .collect();
+    match path.last() {
+        Some(Step::Item(_)) => format!("[[{}]]", keys.join(".")),
+        _ => format!("[{}]", keys.join(".")),
+    }
+}
+
+/// The message about an entry that cannot be used.
+pub fn of_entry(message: &str, key: &str, section: &str) -> String {
+    if message.starts_with("unknown field") {
+        return format!("unknown key {key:?} in {section}{}", hint(key, &choices(message)));
+    }
+    if let Some(word) = message
+        .strip_prefix("unknown variant `")
+        .and_then(|rest| rest.split('`').next())
+    {
+        return format!("{key}: unknown value {word:?}{}", hint(word, &choices(message)));
+    }
+    format!("{key}: {}", plain(message))
+}
+
+/// Rust's names of types in plain words.
+pub fn plain(message: &str) -> String {
+    if message.contains("socket address") {
+        return "not an address and port such as 127.0.0.1:8080".into();
+    }
+    let (head, expected) = match message.rsplit_once("expected ") {
+        Some(parts) => parts,
+        None => return message.into(),
+    };
+    let expected = match expected {
+        "u8" => "a whole number from 0 to 255",
+        "u16" => "a whole number from 0 to 65535",
+        "u32" | "u64" | "usize" => "a whole number from 0",
+        "i64" => "a whole number",
+        "f64" => "a number",
+        "a string" => "text in quotes",
+        "a boolean" => "true or false",
+        "a sequence" => "several, each in [[double brackets]]",
+        "an array of length 2" => "two numbers in brackets",
+        other if other.starts_with("struct ") => "a table",
+        other => other,
+    };
+    format!("{head}expected {expected}")
+}
+
+/// The names that serde lists after `expected`.
+pub fn choices(message: &str) -> Vec<&str> {
+    let Some((_, list)) = message.split_once(", expected ") else {
+        return Vec::new();
+    };
+    list.split('`').skip(1).step_by(2).collect()
+}
+
+/// `, did you mean "…"?` when a choice is close, else all of them.
+pub fn hint(word: &str, choices: &[&str]) -> String {
+    let allowed = 1 + word.chars().count().min(12) / 4;
+    let nearest = choices
+        .iter()
+        .map(|choice| (distance(word, choice), choice))
+        .min();
+    match nearest {
+        Some((distance, choice)) if distance <= allowed => format!(", did you mean {choice:?}?"),
+        Some(_) => format!("; known are {}", choices.join(", ")),
+        None => String::new(),
+    }
+}
+
+/// Levenshtein's distance of the first 64 characters.
+fn distance(a: &str, b: &str) -> usize {
+    const LONGEST: usize = 64;
+    let b: Vec<char> = b.chars().take(LONGEST).flat_map(char::to_lowercase).collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().take(LONGEST).flat_map(char::to_lowercase).enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(x != *y);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_by_hand() {
+        let cases = [
+            ("", "abc", 3),
+            ("poll_ms", "poll_ms", 0),
+            ("polll_ms", "poll_ms", 1),
+            ("kitten", "sitting", 3),
+        ];
+        for (a, b, expected) in cases {
+            assert_eq!((distance(a, b), distance(b, a)), (expected, expected), "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn a_hint_is_the_nearest_or_the_list() {
+        assert_eq!(
+            hint("polll_ms", &["name", "poll_ms"]),
+            ", did you mean \"poll_ms\"?"
+        );
+        assert_eq!(hint("colour", &["name", "poll_ms"]), "; known are name, poll_ms");
+        assert_eq!(hint("x", &[]), "");
+    }
+
+    #[test]
+    fn choices_of_serde() {
+        assert_eq!(choices("unknown field `x`, expected one of `a`, `b`"), ["a", "b"]);
+        assert_eq!(choices("unknown field `x`, expected `a` or `b`"), ["a", "b"]);
+        assert_eq!(choices("unknown field `x`, expected `a`"), ["a"]);
+        assert!(choices("unknown field `x`, there are no fields").is_empty());
+    }
+}

@@ -1,0 +1,276 @@
+//! The ring of one tag: fixed memory, one writer, any number of readers, nobody waits.
+//!
+//! # Why a reader never returns a torn sample
+//!
+//! `head` is the number of samples written so far; sample `i` lives in slot `i % slots`. The writer of
+//! sample `k` does, in this order,
+//!
+//! 1. `fence(Release)`, which puts the earlier store `head = k` before everything that follows,
+//! 2. relaxed stores of the slot's stamp, value and quality,
+//! 3. `head.store(k + 1, Release)`.
+//!
+//! A reader loads `head` as `h1` (Acquire), copies the slots of samples `h1 - capacity .. h1` with relaxed
+//! loads, does `fence(Acquire)` and loads `head` again as `h2`.
+//!
+//! - *No sample is half old:* `h1` was read with Acquire from a Release store, so every sample `< h1` is seen whole.
+//! - *No sample is half new:* suppose a load of sample `i`'s slot saw a store made for a later sample `k`, `k = i +
+//!   m * slots`, `m >= 1`. The writer's release fence precedes that store and the reader's acquire fence follows
+//!   the load, so the fences synchronise and the reader's `h2` is at least `k`. The reader keeps only `i` with
+//!   `i + slots > h2`; here `i + slots <= k <= h2`, so that sample is dropped.
+//!
+//! One slot more than the capacity is kept, so that a full ring at rest is returned whole. The argument needs one
+//! writer at a time; `writing` enforces it without a lock: a second writer that arrives during a push is refused
+//! and its sample counted, never mixed in.
+
+use crate::signal::{BadReason, Quality, Sample};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering, fence};
+
+/// Bytes that one sample takes: stamp, value, quality.
+pub const BYTES_PER_SAMPLE: usize = 8 + 8 + 1;
+
+/// The last samples of one tag.
+#[derive(Debug)]
+pub struct Ring {
+    t: Box<[AtomicU64]>,
+    value: Box<[AtomicU64]>,
+    quality: Box<[AtomicU8]>,
+    head: AtomicU64,
+    writing: AtomicBool,
+    refused: AtomicU64,
+}
+
+impl Ring {
+    /// A ring that keeps the last `capacity` samples (at least one); its memory is taken, and touched, here.
+    pub fn new(capacity: usize) -> Self {
+        let slots = capacity.max(1) + 1;
+        Self {
+            t: (0..slots).map(|_| AtomicU64::new(0)).collect(),
+            value: (0..slots).map(|_| AtomicU64::new(0)).collect(),
+            quality: (0..slots).map(|_| AtomicU8::new(0)).collect(),
+            head: AtomicU64::new(0),
+            writing: AtomicBool::new(false),
+            refused: AtomicU64::new(0),
+        }
+    }
+
+    /// Samples kept at most.
+    pub fn capacity(&self) -> usize {
+        self.t.len() - 1
+    }
+
+    /// Bytes held, whatever was pushed.
+    pub fn memory_bytes(&self) -> usize {
+        self.t.len() * BYTES_PER_SAMPLE + size_of::<Self>()
+    }
+
+    /// Samples ever pushed.
+    pub fn pushed(&self) -> u64 {
+        self.head.load(Ordering::Acquire)
+    }
+
+    /// Samples refused because another writer was in the middle of a push: not zero only by a wiring fault.
+    pub fn refused(&self) -> u64 {
+        self.refused.load(Ordering::Relaxed)
+    }
+
+    /// Appends a sample over the oldest one. Wait-free.
+    pub fn push(&self, sample: Sample) {
+        if self.writing.swap(true, Ordering::Acquire) {
+            self.refused.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        let head = self.head.load(Ordering::Relaxed);
+        let slot = (head % self.t.len() as u64) as usize;
+        fence(Ordering::Release);
+        self.t[slot].store(sample.t.to_bits(), Ordering::Relaxed);
+        self.value[slot].store(sample.value.to_bits(), Ordering::Relaxed);
+        self.quality[slot].store(encode(sample.quality), Ordering::Relaxed);
+        self.head.store(head + 1, Ordering::Release);
+        self.writing.store(false, Ordering::Release);
+    }
+
+    /// A copy of what is there, oldest first, in order of arrival. Never delays the writer: samples overwritten
+    /// during the copy are left out.
+    pub fn snapshot(&self) -> Vec<Sample> {
+        self.last(self.capacity())
+    }
+
+    /// The newest sample; `None` when nothing was pushed (or the writer lapped the whole ring four times during this).
+    pub fn latest(&self) -> Option<Sample> {
+        (0..4).find_map(|_| self.last(1).pop())
+    }
+
+    fn last(&self, count: usize) -> Vec<Sample> {
+        let slots = self.t.len() as u64;
+        let before = self.head.load(Ordering::Acquire);
+        let from = before.saturating_sub(count.min(self.capacity()) as u64);
+        let mut copy: Vec<Sample> = (from..before)
+            .map(|i| {
+                let slot = (i % slots) as usize;
+                Sample {
+                    t: f64::from_bits(self.t[slot].load(Ordering::Relaxed)),
+                    value: f64::from_bits(self.value[slot].load(Ordering::Relaxed)),
+                    quality: decode(self.quality[slot].load(Ordering::Relaxed)),
+                }
+            })
+            .collect();
+        fence(Ordering::Acquire);
+        let after = self.head.load(Ordering::Relaxed);
+        let oldest_whole = (after + 1).saturating_sub(slots);
+        let lost = oldest_whole.saturating_sub(from).min(copy.len() as u64);
+        copy.drain(..lost as usize);
+        copy
+    }
+}
+
+fn encode(quality: Quality) -> u8 {
+    match quality {
+        Quality::Good => 0,
+        Quality::Stale => 1,
+        Quality::Bad(BadReason::DeviceException) => 2,
+        Quality::Bad(BadReason::Timeout) => 3,
+        Quality::Bad(BadReason::LinkDown) => 4,
+        Quality::Bad(BadReason::OutOfRange) => 5,
+        Quality::Bad(BadReason::NotANumber) => 6,
+    }
+}
+
+fn decode(code: u8) -> Quality {
+    match code {
+        0 => Quality::Good,
+        1 => Quality::Stale,
+        2 => Quality::Bad(BadReason::DeviceException),
+        3 => Quality::Bad(BadReason::Timeout),
+        4 => Quality::Bad(BadReason::LinkDown),
+        5 => Quality::Bad(BadReason::OutOfRange),
+        _ => Quality::Bad(BadReason::NotANumber),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const QUALITIES: [Quality; 7] = [
+        Quality::Good,
+        Quality::Stale,
+        Quality::Bad(BadReason::DeviceException),
+        Quality::Bad(BadReason::Timeout),
+        Quality::Bad(BadReason::LinkDown),
+        Quality::Bad(BadReason::OutOfRange),
+        Quality::Bad(BadReason::NotANumber),
+    ];
+
+    #[test]
+    fn keeps_the_last_samples_in_order_of_arrival() {
+        let ring = Ring::new(3);
+        assert_eq!(ring.snapshot(), vec![]);
+        assert_eq!(ring.latest(), None);
+        for t in [1.0, 5.0, 5.0, 4.0] {
+            ring.push(Sample::good(t, 10.0 * t));
+        }
+        let kept: Vec<f64> = ring.snapshot().iter().map(|s| s.t).collect();
+        assert_eq!(kept, vec![5.0, 5.0, 4.0]);
+        assert_eq!(ring.latest(), Some(Sample::good(4.0, 40.0)));
+        assert_eq!(ring.pushed(), 4);
+    }
+
+    #[test]
+    fn every_quality_and_bit_pattern_comes_back() {
+        for quality in QUALITIES {
+            let ring = Ring::new(1);
+            ring.push(Sample {
+                t: -0.0,
+                value: f64::NAN,
+                quality,
+            });
+            let back = ring.snapshot()[0];
+            assert_eq!(back.t.to_bits(), (-0.0f64).to_bits());
+            assert!(back.value.is_nan());
+            assert_eq!(back.quality, quality);
+        }
+    }
+
+    #[test]
+    fn memory_is_fixed_at_the_start() {
+        let ring = Ring::new(100);
+        let before = ring.memory_bytes();
+        (0..1000).for_each(|i| ring.push(Sample::good(f64::from(i), 0.0)));
+        assert_eq!(ring.memory_bytes(), before);
+        assert!(before >= 100 * BYTES_PER_SAMPLE);
+    }
+
+    /// The i-th sample of the hammer: every part is a function of i, so that a mixture shows.
+    fn made(i: u64) -> Sample {
+        Sample {
+            t: i as f64,
+            value: -(i as f64) * 0.5,
+            quality: QUALITIES[(i % 7) as usize],
+        }
+    }
+
+    #[test]
+    fn no_torn_sample_is_ever_seen_under_a_hammering_writer() {
+        // A tiny ring is lapped thousands of times during the copies; a reader preempted between two loads
+        // meets every interleaving. Two sizes: one coprime with the 7 qualities, one not.
+        for capacity in [3usize, 6] {
+            let ring = Ring::new(capacity);
+            let done = AtomicBool::new(false);
+            let total = 2_000_000u64;
+            let seen = std::thread::scope(|threads| {
+                let readers: Vec<_> = (0..2)
+                    .map(|_| {
+                        threads.spawn(|| {
+                            let mut seen = 0u64;
+                            while !done.load(Ordering::Acquire) {
+                                let copy = ring.snapshot();
+                                for pair in copy.windows(2) {
+                                    assert_eq!(pair[1].t, pair[0].t + 1.0, "samples left out in the middle");
+                                }
+                                for sample in &copy {
+                                    assert_eq!(*sample, made(sample.t as u64), "torn sample");
+                                    seen += 1;
+                                }
+                            }
+                            seen
+                        })
+                    })
+                    .collect();
+                (0..total).for_each(|i| ring.push(made(i)));
+                done.store(true, Ordering::Release);
+                readers
+                    .into_iter()
+                    .map(|r| r.join().expect("a reader failed"))
+                    .sum::<u64>()
+            });
+            assert!(
+                seen > 1000,
+                "the readers saw only {seen} samples: the test proved nothing"
+            );
+            assert_eq!(ring.refused(), 0);
+            assert_eq!(ring.snapshot().len(), capacity);
+        }
+    }
+
+    #[test]
+    fn two_writers_never_mix_a_sample() {
+        let ring = Ring::new(8);
+        let per_writer = 300_000u64;
+        std::thread::scope(|threads| {
+            for writer in 0..2 {
+                let ring = &ring;
+                threads.spawn(move || (0..per_writer).for_each(|i| ring.push(made(2 * i + writer))));
+            }
+            for _ in 0..10_000 {
+                ring.snapshot()
+                    .iter()
+                    .for_each(|s| assert_eq!(*s, made(s.t as u64)));
+            }
+        });
+        assert_eq!(
+            ring.pushed() + ring.refused(),
+            2 * per_writer,
+            "a sample is stored or counted"
+        );
+    }
+}

@@ -1,0 +1,327 @@
+use super::*;
+use crate::alarm;
+use crate::diagnosis::{NotIdentifiable, Preparation, Verdict};
+use crate::results::Event;
+use tokio::sync::broadcast;
+
+fn nothing_to_say() -> Diagnosis {
+    Diagnosis {
+        verdict: Verdict::NotIdentifiable(NotIdentifiable::FlatPv),
+        reason: String::new(),
+        preparation: Preparation::default(),
+        oscillation: None,
+        estimate: None,
+        residual: None,
+        window: None,
+    }
+}
+
+fn jobs(names: &[&str], period_s: f64) -> Vec<Job> {
+    names
+        .iter()
+        .map(|name| Job {
+            id: LoopId::new(*name),
+            period_s,
+        })
+        .collect()
+}
+
+/// A scheduler over named loops; the record of a loop carries its name as the name of a tag, so that an injected
+/// diagnosis knows whose turn it is.
+struct Rig {
+    scheduler: Arc<Scheduler>,
+    events: broadcast::Receiver<Event>,
+    results: Arc<Results>,
+    token: CancellationToken,
+    task: tokio::task::JoinHandle<()>,
+}
+
+fn plan(jobs: Vec<Job>) -> Plan {
+    let snapshot: Snapshot = Arc::new(|id| {
+        Some(Record {
+            tags: vec![(id.to_string(), vec![])],
+            ..Record::default()
+        })
+    });
+    Plan {
+        jobs,
+        snapshot,
+        settings: Settings::default(),
+    }
+}
+
+fn rig(config: Config, jobs: Vec<Job>, diagnose: impl Fn(&str) + Send + Sync + 'static) -> Rig {
+    let ids: Vec<LoopId> = jobs.iter().map(|job| job.id.clone()).collect();
+    let results = Arc::new(Results::new(&ids, 10, &alarm::Config::default()));
+    let judge: Diagnose = Arc::new(move |record, _| {
+        diagnose(&record.tags[0].0);
+        nothing_to_say()
+    });
+    let clock = Clock::plant(0.0, 1.0);
+    let scheduler = Arc::new(Scheduler::new(config, clock, judge, results.clone(), plan(jobs)));
+    let token = CancellationToken::new();
+    let (events, running) = (results.subscribe(), (scheduler.clone(), token.clone()));
+    let task = tokio::spawn(async move { running.0.run(running.1).await });
+    Rig {
+        scheduler,
+        events,
+        results,
+        token,
+        task,
+    }
+}
+
+impl Rig {
+    async fn next_run(&mut self) -> (String, f64, &'static str) {
+        loop {
+            if let Event::Run(id, summary) = self.events.recv().await.expect("the channel stays open") {
+                return (id.to_string(), summary.time, summary.outcome);
+            }
+        }
+    }
+
+    async fn stop(self) {
+        self.token.cancel();
+        self.task.await.expect("the scheduler ends by itself");
+    }
+}
+
+/// A diagnosis that waits for the test before it returns.
+fn gate() -> (std::sync::mpsc::Sender<()>, impl Fn() + Send + Sync + 'static) {
+    let (open, closed) = std::sync::mpsc::channel::<()>();
+    let closed = Mutex::new(closed);
+    // A sender dropped by a failing test opens the gate too, so that the runtime can end.
+    (open, move || {
+        let _ = closed.lock().unwrap_or_else(PoisonError::into_inner).recv();
+    })
+}
+
+#[test]
+fn two_thousand_loops_spread_evenly_over_the_period() {
+    let jobs: Vec<Job> = (0..2000)
+        .map(|i| Job {
+            id: LoopId::new(format!("L{i}")),
+            period_s: 3600.0,
+        })
+        .collect();
+    let mut offsets: Vec<f64> = stagger(&jobs)
+        .iter()
+        .map(|(offset, _)| offset.as_secs_f64())
+        .collect();
+    offsets.sort_by(f64::total_cmp);
+    assert!(offsets[0] > 0.0 && offsets[1999] < 3600.0);
+    // Durations are whole nanoseconds: the gaps differ from 1.8 s by rounding only.
+    assert!(offsets.windows(2).all(|w| (w[1] - w[0] - 1.8).abs() < 1e-8));
+}
+
+#[test]
+fn loops_with_another_period_are_spread_among_themselves() {
+    let mut mixed = jobs(&["a", "b"], 10.0);
+    mixed.extend(jobs(&["c", "d"], 100.0));
+    let offsets: Vec<f64> = stagger(&mixed)
+        .iter()
+        .map(|(offset, _)| offset.as_secs_f64())
+        .collect();
+    assert_eq!(offsets, vec![2.5, 7.5, 25.0, 75.0]);
+    let silly = [f64::NAN, -1.0, f64::INFINITY, 0.0];
+    for period_s in silly {
+        let one = stagger(&[Job {
+            id: LoopId::new("x"),
+            period_s,
+        }]);
+        assert!(one[0].1 >= Duration::from_millis(1), "{period_s}");
+    }
+}
+
+#[test]
+fn the_next_due_time_is_always_later_than_now() {
+    let s = Duration::from_secs;
+    assert_eq!(next_due(s(5), s(10), s(0)), (s(5), 0));
+    assert_eq!(next_due(s(5), s(10), s(5)), (s(15), 1));
+    assert_eq!(next_due(s(5), s(10), s(14)), (s(15), 1));
+    assert_eq!(next_due(s(5), s(10), s(1000)), (s(1005), 100));
+}
+
+#[tokio::test(start_paused = true)]
+async fn every_loop_runs_once_a_period_at_its_own_time() {
+    let mut rig = rig(Config::default(), jobs(&["a", "b", "c", "d"], 100.0), |_| {});
+    let mut seen = Vec::new();
+    for _ in 0..8 {
+        let (id, time, outcome) = rig.next_run().await;
+        assert_eq!(outcome, "not_identifiable");
+        seen.push((id, time.round()));
+    }
+    let expected = [12.0, 37.0, 62.0, 87.0, 112.0, 137.0, 162.0, 187.0];
+    for (at, (id, time)) in seen.iter().enumerate() {
+        assert_eq!(id, ["a", "b", "c", "d"][at % 4]);
+        // Offsets end in .5, and a timer may be up to 1 ms late.
+        assert!((time - expected[at]).abs() <= 1.0, "{seen:?}");
+    }
+    assert_eq!(rig.scheduler.counters().diagnosed, 8);
+    rig.stop().await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_panic_is_counted_and_harms_no_other_loop() {
+    let mut rig = rig(Config::default(), jobs(&["bad", "good"], 10.0), |id| {
+        assert_ne!(id, "bad", "boom");
+    });
+    for _ in 0..3 {
+        assert_eq!(rig.next_run().await.2, "panicked");
+        assert_eq!(rig.next_run().await.2, "not_identifiable");
+    }
+    let counters = rig.scheduler.counters();
+    assert_eq!((counters.panicked, counters.diagnosed), (3, 3));
+    rig.stop().await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn past_its_deadline_a_run_is_reported_and_its_late_result_dropped() {
+    let (open, wait) = gate();
+    let config = Config {
+        parallelism: 2,
+        deadline_s: 30.0,
+        ..Config::default()
+    };
+    let mut rig = rig(config, jobs(&["slow", "quick"], 100.0), move |id| {
+        if id == "slow" {
+            wait();
+        }
+    });
+    // Paused time stands still while a blocking thread runs, so the test moves it.
+    let slow = rig.scheduler.request(&LoopId::new("slow")).expect("idle");
+    while rig.scheduler.counters().running == 0 {
+        tokio::task::yield_now().await;
+    }
+    tokio::time::advance(Duration::from_secs(31)).await;
+    assert_eq!(
+        slow.await.expect("answered at the deadline").outcome.as_str(),
+        "deadline_exceeded"
+    );
+    assert_eq!(rig.next_run().await.2, "deadline_exceeded");
+    // Its loop counts as busy; another one runs beside it.
+    assert_eq!(
+        rig.scheduler.request(&LoopId::new("slow")).err(),
+        Some(Refused::Overrunning)
+    );
+    let quick = rig.scheduler.request(&LoopId::new("quick")).expect("idle");
+    assert_eq!(quick.await.expect("runs").outcome.as_str(), "not_identifiable");
+    assert_eq!(rig.next_run().await.0, "quick");
+    tokio::time::advance(Duration::from_secs(100)).await;
+    while rig.scheduler.counters().skipped_running == 0 {
+        tokio::task::yield_now().await;
+    }
+    drop(open);
+    while rig.scheduler.request(&LoopId::new("slow")).is_err() {
+        tokio::task::yield_now().await;
+    }
+    let slow = rig.results.summaries(&LoopId::new("slow")).expect("known");
+    assert_eq!(slow[0].outcome, "deadline_exceeded");
+    assert_eq!(rig.scheduler.counters().deadline_exceeded, 1);
+    rig.stop().await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_full_queue_skips_and_counts_and_refuses_callers() {
+    let (open, wait) = gate();
+    let config = Config {
+        queue: 1,
+        deadline_s: 1e6,
+        ..Config::default()
+    };
+    let rig = rig(config, jobs(&["a", "b", "c"], 1e6), move |_| wait());
+    let first = rig.scheduler.request(&LoopId::new("a")).expect("idle");
+    while rig.scheduler.counters().running == 0 {
+        tokio::task::yield_now().await;
+    }
+    let second = rig.scheduler.request(&LoopId::new("b")).expect("one may wait");
+    assert_eq!(
+        rig.scheduler.request(&LoopId::new("c")).err(),
+        Some(Refused::Busy)
+    );
+    rig.scheduler
+        .begin(&rig.scheduler.table.borrow().seats[2].clone());
+    let counters = rig.scheduler.counters();
+    assert_eq!(
+        (counters.queued, counters.running, counters.skipped_queue_full),
+        (1, 1, 1)
+    );
+    // A second caller for a running loop shares the run.
+    let shared = rig.scheduler.request(&LoopId::new("a")).expect("joins");
+    drop(open);
+    let (first, shared) = (first.await.expect("done"), shared.await.expect("done"));
+    assert!(Arc::ptr_eq(&first, &shared));
+    assert_eq!(first.trigger, Trigger::OnDemand);
+    second.await.expect("done");
+    assert_eq!(
+        rig.scheduler.request(&LoopId::new("nobody")).err(),
+        Some(Refused::UnknownLoop)
+    );
+    rig.stop().await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn at_most_parallelism_diagnoses_run_at_once() {
+    let now = Arc::new((AtomicU64::new(0), AtomicU64::new(0)));
+    let seen = now.clone();
+    let names: Vec<String> = (0..20).map(|i| format!("L{i}")).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let config = Config {
+        parallelism: 3,
+        ..Config::default()
+    };
+    let rig = rig(config, jobs(&names, 1e6), move |_| {
+        let running = seen.0.fetch_add(1, Relaxed) + 1;
+        seen.1.fetch_max(running, Relaxed);
+        std::thread::yield_now();
+        seen.0.fetch_sub(1, Relaxed);
+    });
+    let all: Vec<_> = names
+        .iter()
+        .map(|n| rig.scheduler.request(&LoopId::new(*n)).expect("idle"))
+        .collect();
+    for run in all {
+        run.await.expect("done");
+    }
+    assert!(now.1.load(Relaxed) <= 3);
+    rig.stop().await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_new_plan_takes_effect_at_once_and_running_loops_keep_their_seats() {
+    let mut rig = rig(Config::default(), jobs(&["a"], 1e6), |_| {});
+    rig.results
+        .reload(&[LoopId::new("a"), LoopId::new("b")], &alarm::Config::default());
+    let before = rig.scheduler.table.borrow().seats[0].clone();
+    rig.scheduler.replace(plan(jobs(&["b", "a"], 10.0)));
+    assert!(Arc::ptr_eq(&before, &rig.scheduler.table.borrow().seats[1]));
+    assert_eq!(rig.next_run().await.0, "b");
+    assert_eq!(rig.next_run().await.0, "a");
+    rig.stop().await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_plant_that_runs_faster_is_diagnosed_more_often() {
+    let clock = Clock::plant(1000.0, 60.0);
+    clock.sleep(Duration::from_secs(600)).await;
+    // 600 s of plant time are 10 s on the wall; timers tick in milliseconds, which are 0.06 s here.
+    assert!((clock.now() - 1600.0).abs() < 0.1);
+    assert!((clock.elapsed().as_secs_f64() - 600.0).abs() < 0.1);
+}
+
+#[test]
+fn impossible_settings_are_named() {
+    assert_eq!(Config::default().validate(), vec![]);
+    let bad = Config {
+        period_s: f64::NAN,
+        parallelism: 0,
+        deadline_s: -1.0,
+        queue: 0,
+        keep_results: 0,
+    };
+    let fields: Vec<&str> = bad.validate().iter().map(|(field, _)| *field).collect();
+    assert_eq!(
+        fields,
+        vec!["period_s", "deadline_s", "parallelism", "queue", "keep_results"]
+    );
+}

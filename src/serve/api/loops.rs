@@ -1,0 +1,364 @@
+//! Loops, their diagnoses, samples and models.
+
+use super::super::dto::loops::{
+    Begun, LoopDetail, LoopDiagnosis, LoopItem, LoopList, LoopModel, Quantity, RunItem, RunList,
+};
+use super::super::dto::params::{LimitQuery, LoopsQuery, NoQuery, Order, RunQuery, SamplesQuery, Sort};
+use super::super::dto::samples::{Samples, TagSamples};
+use super::super::dto::{finite, parse_time, rfc3339};
+use super::super::extract::{OfLoop, Params, within};
+use super::super::problem::Problem;
+use super::super::{Context, Plant};
+use super::off_thread;
+use crate::results::Known;
+use crate::schedule::Refused;
+use crate::signal::LoopId;
+use axum::Json;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use std::sync::Arc;
+use std::time::Duration;
+
+type Shared = State<Arc<Context>>;
+
+/// The loops, by severity unless asked otherwise.
+#[utoipa::path(get, path = "/loops", tag = "loops", params(LoopsQuery),
+    responses((status = 200, body = LoopList), (status = 400, description = "problem: the field is named")))]
+pub async fn list(State(context): Shared, Params(query): Params<LoopsQuery>) -> Result<Response, Problem> {
+    off_thread(move || page_of_loops(&context, &query)).await
+}
+
+fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Problem> {
+    let limit = within("limit", query.limit.unwrap_or(100), 1..=1000)?;
+    let after = query.after.as_deref().map(decode_cursor).transpose()?;
+    let now = context.clock.now();
+    let plant = context.plant();
+    let items = plant.loops().iter().filter_map(|info| {
+        let known = context.results.get(&info.id, now)?;
+        Some(LoopItem::new(info, &known, now))
+    });
+    let needle = query.q.as_deref().map(str::to_lowercase);
+    let passes = |item: &LoopItem| {
+        query
+            .verdict
+            .is_none_or(|wanted| wanted.passes(item.verdict.as_deref()))
+            && query.alarm.is_none_or(|wanted| wanted == item.alarm)
+            && query.group.as_ref().is_none_or(|wanted| *wanted == item.group)
+            && needle.as_ref().is_none_or(|needle| {
+                item.id.to_lowercase().contains(needle) || item.description.to_lowercase().contains(needle)
+            })
+    };
+    let mut sorted: Vec<((String, String), LoopItem)> = items
+        .filter(passes)
+        .map(|item| ((sort_key(query.sort, &item), item.id.clone()), item))
+        .collect();
+    let textual = matches!(query.sort, Sort::Id | Sort::Group);
+    let ascending = query
+        .order
+        .unwrap_or(if textual { Order::Asc } else { Order::Desc })
+        == Order::Asc;
+    // By key in the order asked for, equal keys always by id: a total order, on which a cursor is a cut.
+    let compare = |a: &(String, String), b: &(String, String)| {
+        let by_key = a.0.cmp(&b.0);
+        (if ascending { by_key } else { by_key.reverse() }).then_with(|| a.1.cmp(&b.1))
+    };
+    sorted.sort_by(|a, b| compare(&a.0, &b.0));
+    let total = sorted.len();
+    if let Some(after) = &after {
+        sorted.retain(|(key, _)| compare(key, after).is_gt());
+    }
+    let more = sorted.len() > limit;
+    sorted.truncate(limit);
+    let next = sorted.last().filter(|_| more).map(|(key, _)| encode_cursor(key));
+    let items = sorted.into_iter().map(|(_, item)| item).collect();
+    Ok(LoopList {
+        time: rfc3339(now),
+        total,
+        items,
+        next,
+    })
+}
+
+/// The sort key as text whose order is the key's own.
+fn sort_key(sort: Sort, item: &LoopItem) -> String {
+    let number = |value: Option<f64>| ordered(value.unwrap_or(f64::NEG_INFINITY));
+    match sort {
+        Sort::Severity => format!("{}{}", item.severity, number(item.f)),
+        Sort::Id => item.id.clone(),
+        Sort::Group => item.group.clone(),
+        Sort::F => number(item.f),
+        Sort::DeltaAic => number(item.delta_aic),
+        Sort::Age => number(item.age_s.map(|_| 0.0)) + &older_first(item),
+    }
+}
+
+/// By age means by time of diagnosis, which unlike the age does not change between two pages.
+fn older_first(item: &LoopItem) -> String {
+    let time = item.time.as_deref().and_then(parse_time);
+    ordered(time.map_or(f64::NEG_INFINITY, |t| -t))
+}
+
+/// A number as 16 hexadecimal digits that sort as the numbers do.
+fn ordered(value: f64) -> String {
+    let bits = value.to_bits();
+    let flipped = if bits >> 63 == 1 { !bits } else { bits | 1 << 63 };
+    format!("{flipped:016x}")
+}
+
+fn encode_cursor((key, id): &(String, String)) -> String {
+    format!("{key}\0{id}")
+        .bytes()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
+}
+
+fn decode_cursor(text: &str) -> Result<(String, String), Problem> {
+    let byte = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
+    let bytes: Option<Vec<u8>> = text.as_bytes().chunks(2).map(byte).collect();
+    let decoded = bytes.and_then(|bytes| String::from_utf8(bytes).ok());
+    let parts = decoded.as_deref().and_then(|decoded| decoded.rsplit_once('\0'));
+    let parts = parts.map(|(key, id)| (key.to_string(), id.to_string()));
+    parts.ok_or_else(|| Problem::field("after", "after: not a `next` of a page before"))
+}
+
+fn known(context: &Context, id: &LoopId, now: f64) -> Result<Known, Problem> {
+    context
+        .results
+        .get(id, now)
+        .ok_or_else(|| Problem::unknown_loop(id.as_str()))
+}
+
+/// One loop with its newest values.
+#[utoipa::path(get, path = "/loops/{id}", tag = "loops", params(("id" = String, Path, description = "the loop's name")),
+    responses((status = 200, body = LoopDetail), (status = 404, description = "problem: no such loop")))]
+pub async fn detail(
+    State(context): Shared,
+    OfLoop(id): OfLoop,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Json<LoopDetail>, Problem> {
+    let now = context.clock.now();
+    let plant = context.plant();
+    let known = known(&context, &id, now)?;
+    let info = plant
+        .info(&id)
+        .ok_or_else(|| Problem::unknown_loop(id.as_str()))?;
+    let tags = plant.history.loops().iter().find(|tags| tags.id == id);
+    Ok(Json(LoopDetail {
+        item: LoopItem::new(info, &known, now),
+        period_s: info.period_s,
+        op_span: tags.and_then(|tags| tags.op_span).and_then(finite),
+        op_limits: tags
+            .and_then(|tags| tags.op_limits)
+            .and_then(|(a, b)| Some([finite(a)?, finite(b)?])),
+        values: values(&plant, &id),
+        last_run: known.last.as_ref().map(RunItem::from),
+    }))
+}
+
+fn values(plant: &Plant, id: &LoopId) -> Vec<Quantity> {
+    plant
+        .history
+        .latest(id)
+        .into_iter()
+        .map(|(tag, sample)| Quantity::new(tag, sample))
+        .collect()
+}
+
+/// The latest diagnosis in full.
+#[utoipa::path(get, path = "/loops/{id}/diagnosis", tag = "loops",
+    params(("id" = String, Path, description = "the loop's name")),
+    responses((status = 200, body = LoopDiagnosis), (status = 404, description = "problem: no such loop, or no diagnosis yet")))]
+pub async fn diagnosis(
+    State(context): Shared,
+    OfLoop(id): OfLoop,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Json<LoopDiagnosis>, Problem> {
+    let now = context.clock.now();
+    let known = known(&context, &id, now)?;
+    let report = known
+        .diagnosed
+        .as_ref()
+        .and_then(|run| LoopDiagnosis::new(run, now));
+    report.map(Json).ok_or_else(|| not_yet(&id, &known))
+}
+
+fn not_yet(id: &LoopId, known: &Known) -> Problem {
+    Problem::not_diagnosed_yet(id.as_str(), known.last.as_ref().map(|last| last.outcome))
+}
+
+/// Diagnoses the loop now.
+#[utoipa::path(post, path = "/loops/{id}/diagnosis", tag = "loops",
+    params(("id" = String, Path, description = "the loop's name"), RunQuery),
+    responses((status = 200, body = LoopDiagnosis, description = "done"),
+        (status = 202, body = Begun, description = "begun; Location says where the result will be"),
+        (status = 404, description = "problem: no such loop"),
+        (status = 500, description = "problem: the run failed"),
+        (status = 503, description = "problem: too much is waiting already")))]
+pub async fn diagnose_now(
+    State(context): Shared,
+    OfLoop(id): OfLoop,
+    Params(query): Params<RunQuery>,
+) -> Result<Response, Problem> {
+    let wait = Duration::from_secs_f64(within("wait_s", query.wait_s.unwrap_or(5.0), 0.0..=60.0)?);
+    let run = context.scheduler.request(&id).map_err(|refused| match refused {
+        Refused::UnknownLoop => Problem::unknown_loop(id.as_str()),
+        Refused::Busy => Problem::busy("diagnoses_waiting", refused.to_string()),
+        Refused::Overrunning => Problem::busy("diagnosis_overrunning", refused.to_string()),
+        Refused::Stopping => Problem::busy("stopping", refused.to_string()),
+    })?;
+    match tokio::time::timeout(wait, run).await {
+        Ok(Ok(run)) => match LoopDiagnosis::new(&run, context.clock.now()) {
+            Some(report) => Ok(Json(report).into_response()),
+            None => {
+                let outcome = run.outcome.as_str();
+                let detail = format!("the diagnosis of loop '{id}' ended as {outcome}");
+                Err(
+                    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "diagnosis_failed", detail)
+                        .with("loop", id.as_str())
+                        .with("outcome", outcome),
+                )
+            }
+        },
+        Ok(Err(_)) => Err(Problem::busy(
+            "stopping",
+            "the run was given up: the loop or the daemon goes away",
+        )),
+        Err(_) => {
+            let plant = context.plant();
+            let begun = Begun {
+                r#loop: id.to_string(),
+                state: "running",
+            };
+            let name = plant
+                .info(&id)
+                .map(|info| percent_encoded(info.id.as_str()))
+                .unwrap_or_default();
+            let location = [(header::LOCATION, format!("/api/v1/loops/{name}/diagnosis"))];
+            Ok((StatusCode::ACCEPTED, location, Json(begun)).into_response())
+        }
+    }
+}
+
+/// A name as one segment of a path.
+fn percent_encoded(name: &str) -> String {
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~".contains(&byte);
+    name.bytes()
+        .map(|byte| {
+            if plain(byte) {
+                char::from(byte).to_string()
+            } else {
+                format!("%{byte:02X}")
+            }
+        })
+        .collect()
+}
+
+/// The runs that are remembered, newest first.
+#[utoipa::path(get, path = "/loops/{id}/diagnoses", tag = "loops",
+    params(("id" = String, Path, description = "the loop's name"), LimitQuery),
+    responses((status = 200, body = RunList), (status = 404, description = "problem: no such loop")))]
+pub async fn diagnoses(
+    State(context): Shared,
+    OfLoop(id): OfLoop,
+    Params(query): Params<LimitQuery>,
+) -> Result<Response, Problem> {
+    let limit = within("limit", query.limit.unwrap_or(100), 1..=10_000)?;
+    off_thread(move || {
+        let summaries = context
+            .results
+            .summaries(&id)
+            .ok_or_else(|| Problem::unknown_loop(id.as_str()))?;
+        let items = summaries.iter().rev().take(limit).map(RunItem::from).collect();
+        Ok(RunList {
+            r#loop: id.to_string(),
+            items,
+        })
+    })
+    .await
+}
+
+/// The trends of all tags.
+#[utoipa::path(get, path = "/loops/{id}/samples", tag = "loops",
+    params(("id" = String, Path, description = "the loop's name"), SamplesQuery),
+    responses((status = 200, body = Samples), (status = 400, description = "problem: the field is named"),
+        (status = 404, description = "problem: no such loop")))]
+pub async fn samples(
+    State(context): Shared,
+    OfLoop(id): OfLoop,
+    Params(query): Params<SamplesQuery>,
+) -> Result<Response, Problem> {
+    let points = within("points", query.points.unwrap_or(1000), 3..=20_000)?;
+    let from = time("from", query.from.as_deref())?;
+    let to = time("to", query.to.as_deref())?;
+    if let (Some(from), Some(to)) = (from, to)
+        && from > to
+    {
+        return Err(Problem::field("from", "from: later than to"));
+    }
+    off_thread(move || {
+        let history = context.plant().history.clone();
+        let (first, last) = (from.unwrap_or(f64::NEG_INFINITY), to.unwrap_or(f64::INFINITY));
+        let trends = history.samples(&id, first, last, points);
+        let trends = trends.ok_or_else(|| Problem::unknown_loop(id.as_str()))?;
+        Ok(Samples {
+            r#loop: id.to_string(),
+            from: from.and_then(rfc3339),
+            to: to.and_then(rfc3339),
+            tags: trends.iter().map(TagSamples::from).collect(),
+        })
+    })
+    .await
+}
+
+fn time(field: &str, text: Option<&str>) -> Result<Option<f64>, Problem> {
+    let Some(text) = text else { return Ok(None) };
+    let wrong = || {
+        Problem::field(
+            field,
+            format!("{field}: neither RFC 3339 nor seconds since the Unix epoch"),
+        )
+    };
+    parse_time(text).map(Some).ok_or_else(wrong)
+}
+
+/// The model behind the latest diagnosis.
+#[utoipa::path(get, path = "/loops/{id}/model", tag = "loops",
+    params(("id" = String, Path, description = "the loop's name")),
+    responses((status = 200, body = LoopModel), (status = 404, description = "problem: no such loop, or no diagnosis yet")))]
+pub async fn model(
+    State(context): Shared,
+    OfLoop(id): OfLoop,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Json<LoopModel>, Problem> {
+    let known = known(&context, &id, context.clock.now())?;
+    let model = known.diagnosed.as_ref().and_then(|run| LoopModel::new(run));
+    model.map(Json).ok_or_else(|| not_yet(&id, &known))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn keys_sort_as_the_numbers_do(a in proptest::num::f64::NORMAL, b in proptest::num::f64::NORMAL) {
+            prop_assert_eq!(ordered(a).cmp(&ordered(b)), a.total_cmp(&b));
+        }
+
+        #[test]
+        fn cursors_come_back_and_anything_else_is_refused(key in "[0-9a-f]{0,20}", id in "\\PC{0,20}", junk in "\\PC{0,40}") {
+            let cut = (key, id);
+            prop_assert_eq!(decode_cursor(&encode_cursor(&cut)).ok(), Some(cut));
+            // Whatever it is, it is an answer and no panic.
+            let _ = decode_cursor(&junk);
+        }
+    }
+
+    #[test]
+    fn names_become_one_segment() {
+        assert_eq!(percent_encoded("FIC-101"), "FIC-101");
+        assert_eq!(percent_encoded("a/b ü"), "a%2Fb%20%C3%BC");
+    }
+}

@@ -1,0 +1,81 @@
+//! The routes, and their description made from them.
+
+mod alarms;
+mod events;
+mod health;
+mod loops;
+
+use super::Context;
+use super::problem::Problem;
+use axum::Router;
+use axum::response::{IntoResponse, Response};
+use axum::{Json, http::header};
+use serde::Serialize;
+use std::sync::Arc;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+#[derive(OpenApi)]
+#[openapi(info(
+    title = "stictiond",
+    description = "Which control valves stick, by how much, and how sure that is. Times are RFC 3339 in UTC; a number that \
+                   does not exist is null; errors are RFC 9457 problem details."
+))]
+struct Description;
+
+/// The API under `/api/v1`; health, metrics and the description at the root too, where their readers expect them.
+pub fn routes(context: Arc<Context>) -> Router {
+    let (router, description) = described().split_for_parts();
+    let text = serde_json::to_string(&description).unwrap_or_default();
+    let text: Arc<str> = text.into();
+    let document = axum::routing::get(move || {
+        let text = text.to_string();
+        async move { ([(header::CONTENT_TYPE, "application/json")], text) }
+    });
+    router
+        .route("/openapi.json", document.clone())
+        .route("/api/v1/openapi.json", document)
+        .with_state(context)
+}
+
+/// The description of the API, OpenAPI.
+pub fn openapi() -> utoipa::openapi::OpenApi {
+    described().into_openapi()
+}
+
+fn described() -> OpenApiRouter<Arc<Context>> {
+    let common = || {
+        OpenApiRouter::new()
+            .routes(routes!(health::healthz))
+            .routes(routes!(health::readyz))
+            .routes(routes!(health::metrics))
+    };
+    let api = OpenApiRouter::new()
+        .routes(routes!(loops::list))
+        .routes(routes!(loops::detail))
+        .routes(routes!(loops::diagnosis, loops::diagnose_now))
+        .routes(routes!(loops::diagnoses))
+        .routes(routes!(loops::samples))
+        .routes(routes!(loops::model))
+        .routes(routes!(alarms::list))
+        .routes(routes!(alarms::acknowledge))
+        .routes(routes!(alarms::shelve))
+        .routes(routes!(alarms::unshelve))
+        .routes(routes!(events::stream))
+        .merge(common());
+    OpenApiRouter::with_openapi(Description::openapi())
+        .merge(common())
+        .nest("/api/v1", api)
+}
+
+/// Computes an answer off the async threads, its text included.
+async fn off_thread<T: Serialize>(
+    compute: impl FnOnce() -> Result<T, Problem> + Send + 'static,
+) -> Result<Response, Problem> {
+    let answer = tokio::task::spawn_blocking(move || compute().map(|value| Json(value).into_response()));
+    answer.await.unwrap_or_else(|error| {
+        tracing::error!(%error, "a request failed inside");
+        Err(Problem::internal())
+    })
+}

@@ -1,0 +1,87 @@
+//! Events as JSON, one kind per SSE event name.
+
+use super::loops::RunItem;
+use super::params::AlarmState;
+use super::rfc3339;
+use crate::results::Event;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// What an SSE event carries.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+#[serde(untagged)]
+pub enum EventData {
+    /// `hello`: the stream is open.
+    Hello {
+        /// Plant time.
+        time: Option<String>,
+    },
+    /// `diagnosis`: a run has ended.
+    Diagnosis {
+        /// Which loop.
+        #[serde(rename = "loop")]
+        control_loop: String,
+        /// In a few numbers.
+        #[serde(flatten)]
+        run: RunItem,
+    },
+    /// `alarm`: an alarm has changed its state.
+    Alarm {
+        /// Which loop.
+        #[serde(rename = "loop")]
+        control_loop: String,
+        /// Before.
+        from: AlarmState,
+        /// After.
+        to: AlarmState,
+        /// When.
+        time: Option<String>,
+        /// Why.
+        cause: String,
+    },
+    /// `reloaded`: another configuration is in force; fetch the loops again.
+    Reloaded {
+        /// Loops now watched.
+        loops: usize,
+    },
+    /// `lagged`: this client was too slow and lost events; fetch the loops again.
+    Lagged {
+        /// How many.
+        lost: u64,
+    },
+    /// `bye`: the daemon stops.
+    Bye {},
+}
+
+impl EventData {
+    /// The SSE event name.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Hello { .. } => "hello",
+            Self::Diagnosis { .. } => "diagnosis",
+            Self::Alarm { .. } => "alarm",
+            Self::Reloaded { .. } => "reloaded",
+            Self::Lagged { .. } => "lagged",
+            Self::Bye {} => "bye",
+        }
+    }
+}
+
+impl From<Event> for EventData {
+    fn from(event: Event) -> Self {
+        match event {
+            Event::Run(id, summary) => Self::Diagnosis {
+                control_loop: id.to_string(),
+                run: RunItem::from(&summary),
+            },
+            Event::Alarm(id, transition) => Self::Alarm {
+                control_loop: id.to_string(),
+                from: transition.from.into(),
+                to: transition.to.into(),
+                time: rfc3339(transition.at),
+                cause: transition.cause.as_str().to_string(),
+            },
+            Event::Reloaded { loops } => Self::Reloaded { loops },
+        }
+    }
+}

@@ -1,0 +1,286 @@
+//! Loops and their diagnoses as JSON.
+
+use super::params::AlarmState;
+use super::report::{Report, ReportModel};
+use super::{finite, rfc3339};
+use crate::history::TagSpec;
+use crate::results::{Known, Run, Summary, Trigger};
+use crate::serve::LoopInfo;
+use crate::signal::{Quality, Sample};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// A number with what it takes to believe it.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct Quantity {
+    /// `op`, `pv`, `sp`, `mode`, `mv` or the name of an extra tag.
+    pub tag: String,
+    /// The value; null where there is none.
+    pub value: Option<f64>,
+    /// Engineering unit; empty when none is configured.
+    pub unit: String,
+    /// When it was measured.
+    pub time: Option<String>,
+    /// `good`, `stale`, `bad:…`, or `none` when nothing has arrived.
+    pub quality: &'static str,
+}
+
+impl Quantity {
+    /// The newest sample of a tag.
+    pub fn new(tag: &TagSpec, sample: Option<Sample>) -> Self {
+        let usable = sample.filter(|s| !matches!(s.quality, Quality::Bad(_)));
+        Self {
+            tag: tag.kind.name().to_string(),
+            value: usable.and_then(|s| finite(s.value)),
+            unit: tag.unit.clone(),
+            time: sample.and_then(|s| rfc3339(s.t)),
+            quality: sample.map_or("none", |s| s.quality.as_str()),
+        }
+    }
+}
+
+/// A run in a few numbers.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct RunItem {
+    /// When it ended.
+    pub time: Option<String>,
+    /// A verdict, `deadline_exceeded` or `panicked`.
+    pub outcome: String,
+    /// The outcome in one line.
+    pub reason: String,
+    /// Why nothing could be said, for machines; null otherwise.
+    pub reason_code: Option<String>,
+    /// Friction [`f_unit`].
+    pub f: Option<f64>,
+    /// Its 95 % interval [`f_unit`].
+    pub f_ci95: Option<[f64; 2]>,
+    /// `% OP`, or `OP units` where the span is not known.
+    pub f_unit: String,
+    /// Evidence against f = 0 [-].
+    pub delta_aic: Option<f64>,
+    /// How long it took on the wall clock [s].
+    pub took_s: Option<f64>,
+    /// `periodic` or `on_demand`.
+    pub trigger: &'static str,
+}
+
+impl From<&Summary> for RunItem {
+    fn from(summary: &Summary) -> Self {
+        Self {
+            time: rfc3339(summary.time),
+            outcome: summary.outcome.to_string(),
+            reason: summary.reason.clone(),
+            reason_code: summary.reason_code.map(str::to_string),
+            f: summary.f.and_then(finite),
+            f_ci95: summary
+                .f_ci95
+                .and_then(|[low, high]| Some([finite(low)?, finite(high)?])),
+            f_unit: if summary.f_in_percent { "% OP" } else { "OP units" }.to_string(),
+            delta_aic: summary.delta_aic.and_then(finite),
+            took_s: finite(summary.took_s),
+            trigger: match summary.trigger {
+                Trigger::Periodic => "periodic",
+                Trigger::OnDemand => "on_demand",
+            },
+        }
+    }
+}
+
+/// A loop in the list.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct LoopItem {
+    /// The loop's name.
+    pub id: String,
+    /// What it controls.
+    pub description: String,
+    /// Which part of the plant.
+    pub group: String,
+    /// The latest verdict: `stiction`, `no_stiction`, `not_identifiable`; null before the first diagnosis.
+    pub verdict: Option<String>,
+    /// The verdict in one line.
+    pub reason: Option<String>,
+    /// Why nothing can be said, for machines.
+    pub reason_code: Option<String>,
+    /// Friction [`f_unit`]; null when not identifiable.
+    pub f: Option<f64>,
+    /// Its 95 % interval [`f_unit`].
+    pub f_ci95: Option<[f64; 2]>,
+    /// `% OP`, or `OP units` where the span is not known; null before the first diagnosis.
+    pub f_unit: Option<String>,
+    /// Evidence against f = 0 [-].
+    pub delta_aic: Option<f64>,
+    /// When it was diagnosed.
+    pub time: Option<String>,
+    /// How long ago that is [s of plant time].
+    pub age_s: Option<f64>,
+    /// How good the data behind it was: `good`, `fair`, `poor`.
+    pub quality: Option<String>,
+    /// The latest run, when it failed (`deadline_exceeded`, `panicked`) after that; null otherwise.
+    pub failure: Option<String>,
+    /// The state of its alarm.
+    pub alarm: AlarmState,
+    /// What needs looking at: 5 unacknowledged, 4 acknowledged, 3 stiction without alarm yet, 2 returned unacknowledged,
+    /// 1 cannot be told, 0 nothing; a shelved alarm counts as 1.
+    pub severity: u8,
+}
+
+impl LoopItem {
+    /// A loop as it is known at `now` [s].
+    pub fn new(info: &LoopInfo, known: &Known, now: f64) -> Self {
+        let summary = known.summary.as_ref();
+        let item = summary.map(RunItem::from);
+        let verdict = summary.map(|s| s.outcome);
+        let diagnosis = known.diagnosed.as_ref().and_then(|run| run.diagnosis());
+        let failed = known.last.as_ref().filter(|last| Some(last.outcome) != verdict);
+        Self {
+            id: info.id.to_string(),
+            description: info.description.clone(),
+            group: info.group.clone(),
+            verdict: verdict.map(str::to_string),
+            reason: summary.map(|s| s.reason.clone()),
+            reason_code: summary.and_then(|s| s.reason_code).map(str::to_string),
+            f: item.as_ref().and_then(|i| i.f),
+            f_ci95: item.as_ref().and_then(|i| i.f_ci95),
+            f_unit: item.as_ref().map(|i| i.f_unit.clone()),
+            delta_aic: item.as_ref().and_then(|i| i.delta_aic),
+            time: summary.and_then(|s| rfc3339(s.time)),
+            age_s: summary.and_then(|s| finite(now - s.time)),
+            quality: diagnosis.map(|d| super::report::quality(d).as_str().to_string()),
+            failure: failed.map(|last| last.outcome.to_string()),
+            alarm: known.alarm.state.into(),
+            severity: severity(known.alarm.state.into(), verdict),
+        }
+    }
+}
+
+fn severity(alarm: AlarmState, verdict: Option<&str>) -> u8 {
+    match (alarm, verdict) {
+        (AlarmState::Unacknowledged, _) => 5,
+        (AlarmState::Acknowledged, _) => 4,
+        (AlarmState::Shelved, _) => 1,
+        (_, Some("stiction")) => 3,
+        (AlarmState::ReturnedUnacknowledged, _) => 2,
+        (_, None | Some("not_identifiable")) => 1,
+        _ => 0,
+    }
+}
+
+/// One page of loops.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct LoopList {
+    /// When.
+    pub time: Option<String>,
+    /// Loops that pass the filters, on all pages.
+    pub total: usize,
+    /// The loops of this page.
+    pub items: Vec<LoopItem>,
+    /// `after` of the next page; null on the last.
+    pub next: Option<String>,
+}
+
+/// One loop.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct LoopDetail {
+    /// As in the list.
+    #[serde(flatten)]
+    pub item: LoopItem,
+    /// Time between two diagnoses [s of plant time].
+    pub period_s: f64,
+    /// Span of OP [OP unit], where known.
+    pub op_span: Option<f64>,
+    /// Limits of OP [OP unit], where known.
+    pub op_limits: Option<[f64; 2]>,
+    /// The newest sample of each tag.
+    pub values: Vec<Quantity>,
+    /// The latest run of any kind.
+    pub last_run: Option<RunItem>,
+}
+
+/// The latest diagnosis of a loop in full.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct LoopDiagnosis {
+    /// The report, as `diagnose --format json` writes it; its times are seconds since the Unix epoch.
+    #[serde(flatten)]
+    pub report: Report,
+    /// When it was made.
+    pub time: Option<String>,
+    /// How long ago that is [s of plant time].
+    pub age_s: Option<f64>,
+    /// First time of the window.
+    pub window_start: Option<String>,
+    /// Last time of the window.
+    pub window_end: Option<String>,
+    /// How long it took on the wall clock [s].
+    pub took_s: Option<f64>,
+}
+
+impl LoopDiagnosis {
+    /// The diagnosis of a run at `now` [s]; `None` for a run that failed.
+    pub fn new(run: &Run, now: f64) -> Option<Self> {
+        let report = Report::new(run.id.as_str(), run.op_span, run.diagnosis()?);
+        Some(Self {
+            time: rfc3339(run.finished),
+            age_s: finite(now - run.finished),
+            window_start: report.window.start.and_then(rfc3339),
+            window_end: report.window.end.and_then(rfc3339),
+            took_s: finite(run.took_s),
+            report,
+        })
+    }
+}
+
+/// The runs of a loop, newest first.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct RunList {
+    /// The loop's name.
+    pub r#loop: String,
+    /// Its runs.
+    pub items: Vec<RunItem>,
+}
+
+/// The fitted model of a loop.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct LoopModel {
+    /// The loop's name.
+    pub r#loop: String,
+    /// When it was fitted.
+    pub time: Option<String>,
+    /// The verdict it belongs to.
+    pub verdict: String,
+    /// Why, in one line.
+    pub reason: String,
+    /// Friction [`f_unit`].
+    pub f: Option<f64>,
+    /// Unit of f.
+    pub f_unit: String,
+    /// Sample period of the model [s].
+    pub ts_s: Option<f64>,
+    /// The linear part; null when not identifiable.
+    pub model: Option<ReportModel>,
+}
+
+impl LoopModel {
+    /// The model of a run; `None` for a run that failed.
+    pub fn new(run: &Run) -> Option<Self> {
+        let report = Report::new(run.id.as_str(), run.op_span, run.diagnosis()?);
+        Some(Self {
+            r#loop: report.r#loop,
+            time: rfc3339(run.finished),
+            verdict: run.outcome.as_str().to_string(),
+            reason: report.reason,
+            f: report.f,
+            f_unit: report.f_unit,
+            ts_s: report.window.ts_s,
+            model: report.model,
+        })
+    }
+}
+
+/// A diagnosis that was begun and is not done.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct Begun {
+    /// The loop's name.
+    pub r#loop: String,
+    /// `running`: fetch the diagnosis later, or listen to the events.
+    pub state: &'static str,
+}

@@ -1,0 +1,61 @@
+//! What leaves the house as JSON. A transfer object is converted from a domain type in one place, here.
+
+pub mod alarms;
+pub mod events;
+pub mod health;
+pub mod loops;
+pub mod params;
+pub mod report;
+pub mod samples;
+
+pub use report::Report;
+
+use jiff::Timestamp;
+
+/// A number as JSON can carry it: `None` (null) for NaN and the infinities, zero without a sign.
+pub fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value + 0.0)
+}
+
+/// Seconds since the Unix epoch as RFC 3339 in UTC, to the microsecond; `None` for what no calendar holds.
+pub fn rfc3339(t: f64) -> Option<String> {
+    if !t.is_finite() || t.abs() > 4e11 {
+        return None;
+    }
+    Timestamp::from_microsecond((t * 1e6).round() as i64)
+        .ok()
+        .map(|stamp| stamp.to_string())
+}
+
+/// A time as a caller may write it: RFC 3339 with offset, or seconds since the Unix epoch.
+pub fn parse_time(text: &str) -> Option<f64> {
+    let seconds = text.parse::<f64>().ok().filter(|t| t.is_finite());
+    seconds.or_else(|| {
+        text.parse::<Timestamp>()
+            .ok()
+            .map(|stamp| stamp.as_microsecond() as f64 * 1e-6)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_written_in_utc_and_read_back() {
+        assert_eq!(rfc3339(0.0).as_deref(), Some("1970-01-01T00:00:00Z"));
+        assert_eq!(
+            rfc3339(1_700_000_000.25).as_deref(),
+            Some("2023-11-14T22:13:20.25Z")
+        );
+        for silly in [f64::NAN, f64::INFINITY, 1e300, -1e300] {
+            assert_eq!(rfc3339(silly), None);
+        }
+        assert_eq!(parse_time("2023-11-14T22:13:20.25Z"), Some(1_700_000_000.25));
+        assert_eq!(parse_time("2023-11-14T23:13:20+01:00"), Some(1_700_000_000.0));
+        assert_eq!(parse_time("1700000000.5"), Some(1_700_000_000.5));
+        for silly in ["", "yesterday", "NaN", "inf", "2023-11-14"] {
+            assert_eq!(parse_time(silly), None, "{silly}");
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! What a caller may ask for: query strings and bodies. Unknown names are refused.
+
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+/// Query of the list of loops.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields, default)]
+#[into_params(parameter_in = Query)]
+pub struct LoopsQuery {
+    /// What to sort by; equal keys by id. Default `severity`.
+    #[param(inline)]
+    pub sort: Sort,
+    /// `asc` or `desc`; default `asc` for `id` and `group`, else `desc`.
+    #[param(inline)]
+    pub order: Option<Order>,
+    /// Only loops whose latest diagnosis says this.
+    #[param(inline)]
+    pub verdict: Option<VerdictFilter>,
+    /// Only loops whose alarm is in this state.
+    #[param(inline)]
+    pub alarm: Option<AlarmState>,
+    /// Only loops of this group.
+    pub group: Option<String>,
+    /// Only loops whose id or description contains this, whatever the case.
+    pub q: Option<String>,
+    /// Loops a page, 1 to 1000; default 100.
+    pub limit: Option<usize>,
+    /// `next` of the page before. Pages stay stable: a loop whose key does not change is neither repeated nor lost.
+    pub after: Option<String>,
+}
+
+/// What to sort loops by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Sort {
+    /// What needs looking at first.
+    #[default]
+    Severity,
+    /// Name.
+    Id,
+    /// Group, then name.
+    Group,
+    /// Friction.
+    F,
+    /// Evidence.
+    DeltaAic,
+    /// Age of the latest diagnosis.
+    Age,
+}
+
+/// Direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Order {
+    /// Least first.
+    Asc,
+    /// Greatest first.
+    Desc,
+}
+
+/// A verdict, or none yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum VerdictFilter {
+    /// Sticks.
+    Stiction,
+    /// Does not.
+    NoStiction,
+    /// Cannot be told.
+    NotIdentifiable,
+    /// Not diagnosed yet.
+    None,
+}
+
+impl VerdictFilter {
+    /// Whether a verdict passes.
+    pub fn passes(self, verdict: Option<&str>) -> bool {
+        verdict
+            == match self {
+                Self::Stiction => Some("stiction"),
+                Self::NoStiction => Some("no_stiction"),
+                Self::NotIdentifiable => Some("not_identifiable"),
+                Self::None => None,
+            }
+    }
+}
+
+/// The state of an alarm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum AlarmState {
+    /// No condition, nothing to do.
+    Normal,
+    /// The condition holds and nobody has seen it.
+    Unacknowledged,
+    /// The condition holds and somebody has seen it.
+    Acknowledged,
+    /// The condition went away before anybody saw it.
+    ReturnedUnacknowledged,
+    /// Silenced until a time.
+    Shelved,
+}
+
+/// Query of a loop's samples.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields, default)]
+#[into_params(parameter_in = Query)]
+pub struct SamplesQuery {
+    /// From this time on: RFC 3339, or seconds since the Unix epoch. Default: the oldest there is.
+    pub from: Option<String>,
+    /// Up to this time. Default: the newest there is.
+    pub to: Option<String>,
+    /// Samples per tag at most, 3 to 20000; default 1000. Thinned so that peaks and gaps survive.
+    pub points: Option<usize>,
+}
+
+/// Query of a diagnosis on demand.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields, default)]
+#[into_params(parameter_in = Query)]
+pub struct RunQuery {
+    /// How long to wait for the result [s], 0 to 60; default 5. Afterwards the answer is 202 and the run goes on.
+    pub wait_s: Option<f64>,
+}
+
+/// Query of a list that has only a length.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields, default)]
+#[into_params(parameter_in = Query)]
+pub struct LimitQuery {
+    /// Entries at most, 1 to 10000; default 100.
+    pub limit: Option<usize>,
+}
+
+/// Query of the alarms.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields, default)]
+#[into_params(parameter_in = Query)]
+pub struct AlarmsQuery {
+    /// Only this state. Default: every state but `normal`.
+    #[param(inline)]
+    pub state: Option<AlarmState>,
+}
+
+/// Query of what takes none.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct NoQuery {}
+
+/// Body of an acknowledgement or the end of a shelving; may be left out.
+#[derive(Debug, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ActBody {
+    /// Who acts, at most 100 characters; believed as it is.
+    pub by: Option<String>,
+    /// What they say, at most 1000 characters.
+    pub comment: Option<String>,
+}
+
+/// Body of a shelving.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ShelveBody {
+    /// How long [s].
+    pub duration_s: f64,
+    /// Who acts, at most 100 characters; believed as it is.
+    #[serde(default)]
+    pub by: Option<String>,
+    /// What they say, at most 1000 characters.
+    #[serde(default)]
+    pub comment: Option<String>,
+}

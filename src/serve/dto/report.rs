@@ -1,0 +1,366 @@
+//! The report of one loop: `diagnose --format json` and `GET /api/v1/loops/{id}/diagnosis`.
+//!
+//! Numbers have full precision; one that does not exist is null.
+
+use super::finite;
+use crate::diagnosis::{self, Diagnosis, Verdict};
+use crate::results::op_in_percent;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// What a diagnosis found, loop by loop.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Report {
+    /// The loop's name.
+    pub r#loop: String,
+    /// `stiction`, `no_stiction` or `not_identifiable`.
+    pub verdict: ReportVerdict,
+    /// The verdict in one line, with the numbers it rests on.
+    pub reason: String,
+    /// Why nothing can be said, for machines (`flat_pv`, `gaps`, …); null otherwise.
+    pub reason_code: Option<String>,
+    /// Friction parameter, S/2 [`f_unit`]; null only when not identifiable.
+    pub f: Option<f64>,
+    /// 95 % profile-likelihood interval of f [`f_unit`].
+    pub f_ci95: Option<[f64; 2]>,
+    /// Unit of everything that is measured along OP: `% OP`, or `OP units` where the span is not known.
+    pub f_unit: String,
+    /// True when OP's span is not configured and `f_unit` was judged from OP's values.
+    pub f_unit_assumed: bool,
+    /// f as a share of OP's range in the window [-].
+    pub f_of_op_range: Option<f64>,
+    /// Evidence against f = 0 [-].
+    pub delta_aic: Option<f64>,
+    /// Largest f tried [`f_unit`].
+    pub f_max: Option<f64>,
+    /// Srinivasan's d of the same window, for comparison [`f_unit`].
+    pub d_srinivasan: Option<f64>,
+    /// The samples the verdict rests on.
+    pub window: ReportWindow,
+    /// How the record became that window; null when it never did.
+    pub preparation: Option<ReportPreparation>,
+    /// What the denoising stage did; null when there is no window.
+    pub denoise: Option<ReportDenoise>,
+    /// The oscillation of OP; null when none was found.
+    pub oscillation: Option<ReportOscillation>,
+    /// The linear part at f; null when not identifiable.
+    pub model: Option<ReportModel>,
+    /// What the model leaves unexplained.
+    pub residual: ReportResidual,
+    /// AIC over f, for plotting; null when not identifiable.
+    pub aic_curve: Option<ReportCurve>,
+}
+
+/// What the data says about the valve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ReportVerdict {
+    /// f above the threshold, with enough evidence.
+    Stiction,
+    /// The model without friction explains the data as well.
+    NoStiction,
+    /// The data cannot tell: never the same as healthy.
+    NotIdentifiable,
+}
+
+/// The window that was fitted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportWindow {
+    /// Time of the first sample [s].
+    pub start: Option<f64>,
+    /// Time of the last sample [s].
+    pub end: Option<f64>,
+    /// Samples.
+    pub n: usize,
+    /// Sample period [s].
+    pub ts_s: Option<f64>,
+    /// `good`, `fair` or `poor`, see [`WindowQuality`].
+    pub quality: WindowQuality,
+}
+
+/// How far the window is measured rather than filled in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum WindowQuality {
+    /// At most 2 % of the grid interpolated, OP and PV at most half a sample period apart.
+    Good,
+    /// At most 10 % interpolated, OP and PV at most one sample period apart.
+    Fair,
+    /// Anything worse, and a record that never became a window.
+    Poor,
+}
+
+impl WindowQuality {
+    /// The grade as the report writes it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Fair => "fair",
+            Self::Poor => "poor",
+        }
+    }
+
+    /// The grade of a window, by the share of interpolated grid points [0..1] and the worst time between an OP and
+    /// its PV sample as a multiple of the sample period.
+    fn of(gap_share: f64, skew_of_ts: f64) -> Self {
+        if gap_share <= 0.02 && skew_of_ts <= 0.5 {
+            Self::Good
+        } else if gap_share <= 0.1 && skew_of_ts <= 1.0 {
+            Self::Fair
+        } else {
+            Self::Poor
+        }
+    }
+}
+
+/// How the record became the window.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportPreparation {
+    /// Share of grid points that were missing or bad and interpolated [0..1].
+    pub gap_share: Option<f64>,
+    /// Worst time between an OP sample and the PV sample it is paired with [s].
+    pub worst_skew_s: Option<f64>,
+    /// Samples dropped because their stamp repeats an earlier one.
+    pub duplicates: usize,
+    /// Samples that arrived out of order and were sorted in.
+    pub out_of_order: usize,
+    /// Low-pass decimation factor (1: none).
+    pub decimation: usize,
+}
+
+/// What the denoising stage did.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportDenoise {
+    /// True when the soft threshold was applied.
+    pub applied: bool,
+    /// Noise sd of OP as a share of its sd [-].
+    pub noise_share: Option<f64>,
+}
+
+/// The most regular oscillation of OP.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportOscillation {
+    /// Mean period [s].
+    pub period_s: Option<f64>,
+    /// `r = mean(T) / (3 sd(T))` [-]; above 1 is regular.
+    pub regularity_r: Option<f64>,
+    /// Half the mean peak-to-trough height of OP [`f_unit`].
+    pub op_amplitude: Option<f64>,
+}
+
+/// The linear part `A(q) y = B(q) x + C(q) e` at f.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportModel {
+    /// Order of A.
+    pub na: usize,
+    /// Number of coefficients in B.
+    pub nb: usize,
+    /// Order of C.
+    pub nc: usize,
+    /// Delay [samples].
+    pub nk: usize,
+    /// Root mean square of the prediction error [PV unit].
+    pub rmse: Option<f64>,
+    /// `a1..a_na`.
+    pub a: Vec<Option<f64>>,
+    /// `b1..b_nb` [PV unit per OP unit].
+    pub b: Vec<Option<f64>>,
+    /// `c1..c_nc`.
+    pub c: Vec<Option<f64>>,
+}
+
+/// The residual before and after effects were added to the declared model, on the last 30 % of the window.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportResidual {
+    /// White under the declared model; null when not identifiable.
+    pub white_before: Option<bool>,
+    /// White with the effects.
+    pub white_after: Option<bool>,
+    /// One-step-ahead error under the declared model [PV unit].
+    pub one_step_rmse_before: Option<f64>,
+    /// One-step-ahead error with the effects [PV unit].
+    pub one_step_rmse_after: Option<f64>,
+    /// Free-run error under the declared model [PV unit].
+    pub free_run_rmse_before: Option<f64>,
+    /// Free-run error with the effects [PV unit].
+    pub free_run_rmse_after: Option<f64>,
+    /// What was added to the declared model, in that order; empty when it suffices.
+    pub effects: Vec<ReportEffect>,
+    /// The residual is not white and no effect explains it.
+    pub unexplained: bool,
+}
+
+/// One effect beside friction and the linear process.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportEffect {
+    /// Which effect: `oscillating_load`, `measured_disturbance`, ….
+    pub kind: String,
+    /// Evidence for it [-].
+    pub delta_aic: Option<f64>,
+    /// The tag it comes from, where it is measured.
+    pub tag: Option<String>,
+    /// Its numbers, by name with unit.
+    pub parameters: std::collections::BTreeMap<String, Option<f64>>,
+    /// In one sentence.
+    pub explanation: String,
+}
+
+/// AIC over f, by increasing f.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportCurve {
+    /// Friction [`f_unit`].
+    pub f: Vec<Option<f64>>,
+    /// AIC at that f, less the AIC at the estimate [-].
+    pub aic: Vec<Option<f64>>,
+}
+
+/// The unit along OP, and what turns OP units into it.
+///
+/// Whether OP is in per cent is [`op_in_percent`]'s to say; without a span it is an assumption and is marked.
+struct OpUnit {
+    name: &'static str,
+    assumed: bool,
+    /// `f_unit` per OP unit.
+    factor: f64,
+}
+
+impl OpUnit {
+    fn new(op_span: Option<f64>, diagnosis: &Diagnosis) -> Self {
+        if let Some(span) = op_span.filter(|span| span.is_finite() && *span > 0.0) {
+            let factor = 100.0 / span;
+            return Self {
+                name: "% OP",
+                assumed: false,
+                factor,
+            };
+        }
+        let per_cent = op_in_percent(op_span, diagnosis);
+        Self {
+            name: if per_cent { "% OP" } else { "OP units" },
+            assumed: true,
+            factor: 1.0,
+        }
+    }
+
+    fn scale(&self, value: f64) -> Option<f64> {
+        finite(value * self.factor)
+    }
+}
+
+/// A loop and its diagnosis, where OP's span is not known.
+impl From<(&str, &Diagnosis)> for Report {
+    fn from((name, diagnosis): (&str, &Diagnosis)) -> Self {
+        Self::new(name, None, diagnosis)
+    }
+}
+
+impl Report {
+    /// The report of a loop; `op_span` [OP unit] as in the record that was diagnosed.
+    pub fn new(name: &str, op_span: Option<f64>, diagnosis: &Diagnosis) -> Self {
+        let unit = OpUnit::new(op_span, diagnosis);
+        let estimate = diagnosis.estimate.as_ref();
+        let prepared = Some(&diagnosis.preparation).filter(|preparation| preparation.n > 0);
+        let (verdict, reason_code) = match &diagnosis.verdict {
+            Verdict::Stiction => (ReportVerdict::Stiction, None),
+            Verdict::NoStiction => (ReportVerdict::NoStiction, None),
+            Verdict::NotIdentifiable(why) => (ReportVerdict::NotIdentifiable, Some(why.code().to_string())),
+        };
+        Self {
+            r#loop: name.to_string(),
+            verdict,
+            reason: diagnosis.reason.clone(),
+            reason_code,
+            f: estimate.and_then(|e| unit.scale(e.f)),
+            f_ci95: estimate.and_then(|e| Some([unit.scale(e.f_ci95[0])?, unit.scale(e.f_ci95[1])?])),
+            f_unit: unit.name.to_string(),
+            f_unit_assumed: unit.assumed,
+            f_of_op_range: estimate.and_then(|e| finite(e.f_of_op_range)),
+            delta_aic: estimate.and_then(|e| finite(e.delta_aic)),
+            f_max: estimate.and_then(|e| unit.scale(e.f_max)),
+            d_srinivasan: estimate.and_then(|e| unit.scale(e.d)),
+            window: window(prepared),
+            preparation: prepared.map(preparation),
+            denoise: prepared.map(|p| ReportDenoise {
+                applied: p.denoise.applied,
+                noise_share: finite(p.denoise.noise_share),
+            }),
+            oscillation: diagnosis.oscillation.map(|o| ReportOscillation {
+                period_s: finite(o.period),
+                regularity_r: finite(o.regularity_r),
+                op_amplitude: unit.scale(o.op_amplitude),
+            }),
+            model: estimate.map(|e| model(&e.model)),
+            residual: residual(diagnosis.residual.as_ref()),
+            aic_curve: estimate.map(|e| ReportCurve {
+                f: e.curve.iter().map(|point| unit.scale(point.f)).collect(),
+                aic: e.curve.iter().map(|point| finite(point.aic)).collect(),
+            }),
+        }
+    }
+}
+
+/// How far the window of a diagnosis is measured rather than filled in.
+pub fn quality(diagnosis: &Diagnosis) -> WindowQuality {
+    let p = &diagnosis.preparation;
+    if p.n > 0 {
+        WindowQuality::of(p.gap_share, p.worst_skew / p.ts)
+    } else {
+        WindowQuality::Poor
+    }
+}
+
+fn window(prepared: Option<&diagnosis::Preparation>) -> ReportWindow {
+    ReportWindow {
+        start: prepared.and_then(|p| finite(p.start)),
+        end: prepared.and_then(|p| finite(p.end)),
+        n: prepared.map_or(0, |p| p.n),
+        ts_s: prepared.and_then(|p| finite(p.ts)),
+        quality: prepared.map_or(WindowQuality::Poor, |p| {
+            WindowQuality::of(p.gap_share, p.worst_skew / p.ts)
+        }),
+    }
+}
+
+fn preparation(p: &diagnosis::Preparation) -> ReportPreparation {
+    ReportPreparation {
+        gap_share: finite(p.gap_share),
+        worst_skew_s: finite(p.worst_skew),
+        duplicates: p.duplicates,
+        out_of_order: p.out_of_order,
+        decimation: p.decimation,
+    }
+}
+
+fn model(m: &diagnosis::Model) -> ReportModel {
+    let all = |values: &[f64]| values.iter().map(|value| finite(*value)).collect();
+    ReportModel {
+        na: m.na,
+        nb: m.nb,
+        nc: m.nc,
+        nk: m.nk,
+        rmse: finite(m.rmse),
+        a: all(&m.a),
+        b: all(&m.b),
+        c: all(&m.c),
+    }
+}
+
+/// No effects are traced, so the declared model stands before and after.
+fn residual(residual: Option<&diagnosis::Residual>) -> ReportResidual {
+    let white = residual.map(|r| r.white);
+    let one_step = residual.and_then(|r| finite(r.one_step_rmse));
+    let free_run = residual.and_then(|r| finite(r.free_run_rmse));
+    ReportResidual {
+        white_before: white,
+        white_after: white,
+        one_step_rmse_before: one_step,
+        one_step_rmse_after: one_step,
+        free_run_rmse_before: free_run,
+        free_run_rmse_after: free_run,
+        effects: Vec::new(),
+        unexplained: white == Some(false),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,158 @@
+use super::*;
+use crate::diagnosis::{
+    CurvePoint, Denoise, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Residual,
+};
+use crate::signal::Window;
+
+fn sticky(op: Vec<f64>) -> Diagnosis {
+    Diagnosis {
+        verdict: Verdict::Stiction,
+        reason: "f = 2.50 % OP, evidence 446".into(),
+        preparation: Preparation {
+            start: -0.0,
+            end: 49950.0,
+            n: 1000,
+            ts: 50.0,
+            gap_share: 0.0,
+            worst_skew: 0.0,
+            duplicates: 0,
+            out_of_order: 0,
+            decimation: 1,
+            denoise: Denoise::default(),
+        },
+        oscillation: Some(Oscillation {
+            period: 1480.0,
+            regularity_r: f64::INFINITY,
+            op_amplitude: 2.75,
+        }),
+        estimate: Some(Estimate {
+            f: 2.5,
+            f_ci95: [2.25, 2.75],
+            f_of_op_range: 0.41,
+            delta_aic: 446.0,
+            f_max: 6.0,
+            d: 4.0,
+            curve: vec![
+                CurvePoint { f: 0.0, aic: 446.0 },
+                CurvePoint { f: 2.5, aic: -0.0 },
+                CurvePoint {
+                    f: 6.0,
+                    aic: f64::NAN,
+                },
+            ],
+            model: Model {
+                na: 2,
+                nb: 2,
+                nc: 2,
+                nk: 1,
+                a: vec![-1.0, 0.25],
+                b: vec![0.5, 0.125],
+                c: vec![f64::NAN, 0.0],
+                rmse: 0.0102,
+            },
+            mv: vec![],
+        }),
+        residual: Some(Residual {
+            white: false,
+            one_step_rmse: 0.031,
+            free_run_rmse: 0.4,
+        }),
+        window: Some(Window {
+            op,
+            ..Window::default()
+        }),
+    }
+}
+
+#[test]
+fn contract_fields_have_their_names_and_values() {
+    let report = Report::from(("FIC101", &sticky(vec![40.0, 46.0])));
+    let json = serde_json::to_value(&report).unwrap();
+    let expected = serde_json::json!({
+        "loop": "FIC101", "verdict": "stiction", "reason": "f = 2.50 % OP, evidence 446", "reason_code": null,
+        "f": 2.5, "f_ci95": [2.25, 2.75], "f_unit": "% OP", "f_unit_assumed": true, "f_of_op_range": 0.41,
+        "delta_aic": 446.0, "f_max": 6.0, "d_srinivasan": 4.0,
+        "window": {"start": 0.0, "end": 49950.0, "n": 1000, "ts_s": 50.0, "quality": "good"},
+        "preparation": {"gap_share": 0.0, "worst_skew_s": 0.0, "duplicates": 0, "out_of_order": 0, "decimation": 1},
+        "denoise": {"applied": false, "noise_share": 0.0},
+        "oscillation": {"period_s": 1480.0, "regularity_r": null, "op_amplitude": 2.75},
+        "model": {"na": 2, "nb": 2, "nc": 2, "nk": 1, "rmse": 0.0102,
+                  "a": [-1.0, 0.25], "b": [0.5, 0.125], "c": [null, 0.0]},
+        "residual": {
+            "white_before": false, "white_after": false,
+            "one_step_rmse_before": 0.031, "one_step_rmse_after": 0.031,
+            "free_run_rmse_before": 0.4, "free_run_rmse_after": 0.4,
+            "effects": [], "unexplained": true
+        },
+        "aic_curve": {"f": [0.0, 2.5, 6.0], "aic": [446.0, 0.0, null]}
+    });
+    assert_eq!(json, expected);
+    let text = serde_json::to_string(&report).unwrap();
+    assert!(!text.contains("-0.0"), "{text}");
+    assert_eq!(serde_json::from_str::<Report>(&text).unwrap(), report);
+}
+
+#[test]
+fn nothing_known_is_null() {
+    let diagnosis = Diagnosis {
+        verdict: Verdict::NotIdentifiable(NotIdentifiable::FlatPv),
+        reason: "flat PV".into(),
+        preparation: Preparation::default(),
+        oscillation: None,
+        estimate: None,
+        residual: None,
+        window: None,
+    };
+    let json = serde_json::to_value(Report::from(("x", &diagnosis))).unwrap();
+    assert_eq!(json["verdict"], "not_identifiable");
+    assert_eq!(json["reason_code"], "flat_pv");
+    assert_eq!(json["f_unit"], "OP units");
+    for null in [
+        "f",
+        "f_ci95",
+        "delta_aic",
+        "oscillation",
+        "model",
+        "preparation",
+        "aic_curve",
+    ] {
+        assert!(json[null].is_null(), "{null}");
+    }
+    assert_eq!(json["window"]["n"], 0);
+    assert!(json["window"]["ts_s"].is_null());
+    assert_eq!(json["residual"]["effects"], serde_json::json!([]));
+    assert_eq!(json["residual"]["unexplained"], false);
+}
+
+#[test]
+fn unit_of_f() {
+    let unit = |span: Option<f64>, op: &[f64]| {
+        let report = Report::new("x", span, &sticky(op.to_vec()));
+        (report.f_unit, report.f_unit_assumed, report.f)
+    };
+    // A configured span decides and converts: 2.5 of 0..16 mA is 15.625 %.
+    assert_eq!(unit(Some(100.0), &[-1.0, 1.0]), ("% OP".into(), false, Some(2.5)));
+    assert_eq!(
+        unit(Some(16.0), &[4.0, 20.0]),
+        ("% OP".into(), false, Some(15.625))
+    );
+    // Without one the values decide: per cent, below zero, above a hundred, a share of the span.
+    assert_eq!(unit(None, &[17.0, 21.0]), ("% OP".into(), true, Some(2.5)));
+    assert_eq!(unit(None, &[-1.0, 0.99]), ("OP units".into(), true, Some(2.5)));
+    assert_eq!(unit(None, &[389.0, 395.0]), ("OP units".into(), true, Some(2.5)));
+    assert_eq!(unit(None, &[0.2, 0.9]), ("OP units".into(), true, Some(2.5)));
+    // A span that is no span counts as unknown.
+    assert!(unit(Some(f64::NAN), &[17.0, 21.0]).1);
+    assert!(unit(Some(0.0), &[17.0, 21.0]).1);
+}
+
+#[test]
+fn window_quality_rule() {
+    assert_eq!(WindowQuality::of(0.02, 0.5), WindowQuality::Good);
+    assert_eq!(WindowQuality::of(0.021, 0.0), WindowQuality::Fair);
+    assert_eq!(WindowQuality::of(0.0, 0.51), WindowQuality::Fair);
+    assert_eq!(WindowQuality::of(0.11, 0.0), WindowQuality::Poor);
+    assert_eq!(WindowQuality::of(0.0, 1.1), WindowQuality::Poor);
+    assert_eq!(WindowQuality::of(f64::NAN, 0.0), WindowQuality::Poor);
+    assert_eq!(WindowQuality::of(0.0, f64::NAN), WindowQuality::Poor);
+}

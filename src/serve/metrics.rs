@@ -1,0 +1,256 @@
+//! Metrics for Prometheus, made anew at each scrape from what is known: no series outlives its loop.
+
+use super::{Context, DeviceState, Plant};
+use crate::results::Known;
+use prometheus_client::encoding::text::encode;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::registry::Registry;
+use std::sync::atomic::AtomicU64;
+
+type Labels = Vec<(&'static str, String)>;
+type Gauges = Family<Labels, Gauge<f64, AtomicU64>>;
+type Counts = Family<Labels, Counter<f64, AtomicU64>>;
+
+/// The exposition text.
+pub fn text(context: &Context) -> String {
+    let mut registry = Registry::with_prefix("stictiond");
+    let plant = context.plant();
+    let now = context.clock.now();
+    loops(&mut registry, context, &plant, now);
+    runs(&mut registry, context);
+    devices(&mut registry, &(plant.devices)(), now);
+    gauge(
+        &mut registry,
+        "history_memory_bytes",
+        "Bytes held by the sample rings",
+        plant.history.memory_bytes() as f64,
+    );
+    gauge(
+        &mut registry,
+        "history_refused_samples",
+        "Samples refused for want of a single writer",
+        plant.history.refused() as f64,
+    );
+    process(&mut registry);
+    let mut text = String::new();
+    // Writing to a String cannot fail.
+    let _ = encode(&mut text, &registry);
+    text
+}
+
+fn gauges(registry: &mut Registry, name: &str, help: &str) -> Gauges {
+    let family = Gauges::default();
+    registry.register(name, help, family.clone());
+    family
+}
+
+fn counts(registry: &mut Registry, name: &str, help: &str) -> Counts {
+    let family = Counts::default();
+    registry.register(name, help, family.clone());
+    family
+}
+
+/// A gauge without labels.
+fn gauge(registry: &mut Registry, name: &str, help: &str, value: f64) {
+    let gauge = Gauge::<f64, AtomicU64>::default();
+    gauge.set(value);
+    registry.register(name, help, gauge);
+}
+
+/// A counter without labels.
+fn counter(registry: &mut Registry, name: &str, help: &str, value: f64) {
+    let counter = Counter::<f64, AtomicU64>::default();
+    counter.inc_by(value);
+    registry.register(name, help, counter);
+}
+
+fn labels(pairs: &[(&'static str, &str)]) -> Labels {
+    pairs
+        .iter()
+        .map(|(name, value)| (*name, (*value).to_string()))
+        .collect()
+}
+
+fn set(family: &Gauges, pairs: &[(&'static str, &str)], value: f64) {
+    family.get_or_create(&labels(pairs)).set(value);
+}
+
+fn count(family: &Counts, pairs: &[(&'static str, &str)], value: f64) {
+    family.get_or_create(&labels(pairs)).inc_by(value);
+}
+
+fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
+    gauge(registry, "loops", "Loops watched", plant.loops().len() as f64);
+    let f = gauges(
+        registry,
+        "loop_friction",
+        "Friction parameter f; absent when not identifiable; see f_unit",
+    );
+    let bound = gauges(registry, "loop_friction_ci95", "Bounds of the 95 % interval of f");
+    let evidence = gauges(
+        registry,
+        "loop_evidence",
+        "Evidence against f = 0, difference of AIC",
+    );
+    let verdict = gauges(
+        registry,
+        "loop_verdict",
+        "1 for the latest verdict; no series before the first diagnosis",
+    );
+    let valid = gauges(
+        registry,
+        "loop_identifiable",
+        "1 when the latest diagnosis could tell, 0 when not",
+    );
+    let age = gauges(
+        registry,
+        "loop_diagnosis_age_seconds",
+        "Plant time since the latest diagnosis",
+    );
+    let alarm = gauges(
+        registry,
+        "loop_alarm_state",
+        "1 for the state of the loop's alarm",
+    );
+    for info in plant.loops() {
+        let Some(Known {
+            summary, alarm: view, ..
+        }) = context.results.get(&info.id, now)
+        else {
+            continue;
+        };
+        let id = info.id.as_str();
+        set(&alarm, &[("loop", id), ("state", view.state.as_str())], 1.0);
+        let Some(summary) = summary else { continue };
+        let unit = if summary.f_in_percent { "% OP" } else { "OP units" };
+        set(&verdict, &[("loop", id), ("verdict", summary.outcome)], 1.0);
+        set(&valid, &[("loop", id)], f64::from(u8::from(summary.f.is_some())));
+        set(&age, &[("loop", id)], now - summary.time);
+        if let Some(value) = summary.f {
+            set(&f, &[("loop", id), ("f_unit", unit)], value);
+        }
+        if let Some([low, high]) = summary.f_ci95 {
+            set(&bound, &[("loop", id), ("f_unit", unit), ("bound", "low")], low);
+            set(&bound, &[("loop", id), ("f_unit", unit), ("bound", "high")], high);
+        }
+        if let Some(value) = summary.delta_aic {
+            set(&evidence, &[("loop", id)], value);
+        }
+    }
+}
+
+fn runs(registry: &mut Registry, context: &Context) {
+    let counters = context.scheduler.counters();
+    let ended = counts(registry, "runs", "Diagnoses by how they ended");
+    count(&ended, &[("outcome", "diagnosed")], counters.diagnosed as f64);
+    count(
+        &ended,
+        &[("outcome", "deadline_exceeded")],
+        counters.deadline_exceeded as f64,
+    );
+    count(&ended, &[("outcome", "panicked")], counters.panicked as f64);
+    let skipped = counts(registry, "runs_skipped", "Diagnoses that were due and not begun");
+    count(
+        &skipped,
+        &[("reason", "still_running")],
+        counters.skipped_running as f64,
+    );
+    count(
+        &skipped,
+        &[("reason", "queue_full")],
+        counters.skipped_queue_full as f64,
+    );
+    count(&skipped, &[("reason", "late")], counters.skipped_late as f64);
+    gauge(
+        registry,
+        "runs_running",
+        "Diagnoses that run now",
+        counters.running as f64,
+    );
+    gauge(
+        registry,
+        "runs_queued",
+        "Diagnoses that wait for a slot now",
+        counters.queued as f64,
+    );
+    counter(
+        registry,
+        "runs_busy_seconds",
+        "Time spent in diagnoses, on the wall clock",
+        counters.busy_s,
+    );
+}
+
+fn devices(registry: &mut Registry, devices: &[DeviceState], now: f64) {
+    let connected = gauges(
+        registry,
+        "device_connected",
+        "1 while a connection is open; judge by the age instead",
+    );
+    let age = gauges(
+        registry,
+        "device_last_good_age_seconds",
+        "Time since the last good sample",
+    );
+    let events = counts(
+        registry,
+        "device_events",
+        "What happened on a device: polls, timeouts, exceptions, ...",
+    );
+    for device in devices {
+        let name = device.name.as_str();
+        set(
+            &connected,
+            &[("device", name)],
+            f64::from(u8::from(device.connected)),
+        );
+        if let Some(t) = device.last_good {
+            set(&age, &[("device", name)], now - t);
+        }
+        for &(event, value) in &device.counters {
+            count(&events, &[("device", name), ("event", event)], value as f64);
+        }
+    }
+}
+
+/// What the kernel says of the process; nothing where it says nothing.
+fn process(registry: &mut Registry) {
+    if let Some(kib) = status_kib("VmRSS:") {
+        gauge(
+            registry,
+            "process_resident_memory_bytes",
+            "Resident memory",
+            kib * 1024.0,
+        );
+    }
+    if let Some(seconds) = cpu_seconds() {
+        counter(
+            registry,
+            "process_cpu_seconds",
+            "CPU time, user and system",
+            seconds,
+        );
+    }
+}
+
+fn status_kib(field: &str) -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    status
+        .lines()
+        .find_map(|line| line.strip_prefix(field))?
+        .split_whitespace()
+        .next()?
+        .parse()
+        .ok()
+}
+
+/// User and system time: fields 14 and 15 of `stat`, in ticks of 10 ms on every Linux this runs on.
+fn cpu_seconds() -> Option<f64> {
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The name in parentheses may hold anything; the fields after it are plain. The first of them is the third.
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
+    let ticks = fields.next()?.parse::<f64>().ok()? + fields.next()?.parse::<f64>().ok()?;
+    Some(ticks / 100.0)
+}

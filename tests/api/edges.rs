@@ -1,0 +1,252 @@
+//! The API over real sockets: what it refuses, what it bounds, and its streams.
+
+use crate::http::{Events, get, post, send};
+use crate::rig::{FOUR, assert_problem, judge, rig, start};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use stictiond::alarm;
+use stictiond::schedule::Diagnose;
+use stictiond::serve;
+use stictiond::signal::LoopId;
+
+#[tokio::test]
+async fn every_error_is_a_problem() {
+    let rig = rig(&FOUR).await;
+    let to = rig.address;
+    for path in [
+        "/api/v1/loops/XX",
+        "/api/v1/loops/XX/samples",
+        "/api/v1/loops/XX/model",
+        "/api/v1/loops/XX/diagnoses",
+    ] {
+        let problem = assert_problem(&get(to, path).await, 404);
+        assert_eq!(problem["loop"], "XX");
+    }
+    assert_problem(&post(to, "/api/v1/alarms/XX/ack", "").await, 404);
+    assert_problem(&get(to, "/api/v2/loops").await, 404);
+    assert_problem(&get(to, "/../../etc/passwd").await, 404);
+    assert_problem(&get(to, "/api/v1/loops/%FF").await, 400);
+    let wrong = send(to, "DELETE", "/api/v1/loops", &[], "").await;
+    assert_problem(&wrong, 405);
+    assert!(wrong.header("allow").is_some_and(|allow| allow.contains("GET")));
+    let large = "x".repeat(20_000);
+    assert_problem(&post(to, "/api/v1/alarms/FIC1/ack", &large).await, 413);
+    for (query, field) in [
+        ("limit=0", "limit"),
+        ("limit=ten", "limit"),
+        ("sort=size", "sort"),
+        ("order=up", "order"),
+        ("after=zz", "after"),
+        ("verdict=maybe", "verdict"),
+        ("alarm=red", "alarm"),
+        ("colour=red", "colour"),
+        ("limit=1&limit=2", "limit"),
+    ] {
+        let problem = assert_problem(&get(to, &format!("/api/v1/loops?{query}")).await, 400);
+        assert_eq!(problem["field"], field, "{query}: {problem}");
+    }
+}
+
+#[tokio::test]
+async fn other_sites_may_not_act_through_a_browser() {
+    let rig = rig(&FOUR).await;
+    let act = |origin: String| async move {
+        let line = format!("origin: {origin}");
+        send(
+            rig.address,
+            "POST",
+            "/api/v1/loops/FIC1/diagnosis",
+            &[line.as_str()],
+            "",
+        )
+        .await
+    };
+    assert_problem(&act("https://example.org".into()).await, 403);
+    assert_problem(&act("null".into()).await, 403);
+    assert_eq!(act(format!("http://{}", rig.address)).await.status, 200);
+}
+
+#[tokio::test]
+async fn answers_carry_the_headers_that_keep_a_browser_safe_and_are_compressed() {
+    let rig = rig(&FOUR).await;
+    for path in ["/", "/api/v1/loops", "/nothing"] {
+        let answer = get(rig.address, path).await;
+        assert_eq!(answer.header("x-content-type-options"), Some("nosniff"), "{path}");
+        assert!(
+            answer
+                .header("content-security-policy")
+                .is_some_and(|p| p.contains("default-src 'none'"))
+        );
+    }
+    let packed = send(
+        rig.address,
+        "GET",
+        "/openapi.json",
+        &["accept-encoding: gzip"],
+        "",
+    )
+    .await;
+    assert_eq!(packed.header("content-encoding"), Some("gzip"));
+    assert_eq!(packed.body[..2], [0x1f, 0x8b]);
+}
+
+#[tokio::test]
+async fn the_page_is_whole_and_needs_nothing_from_elsewhere() {
+    let rig = rig(&FOUR).await;
+    let page = get(rig.address, "/").await;
+    assert!(
+        page.header("content-type")
+            .is_some_and(|kind| kind.starts_with("text/html"))
+    );
+    let text = page.text();
+    assert!(text.contains("page.css") && text.contains("page.js"));
+    for asset in ["page.css", "page.js", "plot.js"] {
+        let file = get(rig.address, &format!("/{asset}")).await;
+        assert_eq!(file.status, 200);
+        let body = file.text();
+        assert!(
+            !body.contains("innerHTML"),
+            "names from the plant are never markup"
+        );
+        let elsewhere = body.replace("http://www.w3.org/2000/svg", "");
+        assert!(
+            !elsewhere.contains("http://") && !elsewhere.contains("https://"),
+            "{asset}"
+        );
+    }
+}
+
+#[tokio::test]
+async fn events_are_heard_as_they_happen_and_end_at_shutdown() {
+    let rig = rig(&FOUR).await;
+    let mut events = Events::open(rig.address).await;
+    assert_eq!(events.next().await.expect("open").0, "hello");
+    rig.diagnose("FIC1").await;
+    rig.diagnose("FIC1").await;
+    let (name, data) = events.next().await.expect("news");
+    assert_eq!(
+        (name.as_str(), data["loop"].as_str(), data["f"].as_f64()),
+        ("diagnosis", Some("FIC1"), Some(2.5))
+    );
+    assert_eq!(events.next().await.expect("news").0, "diagnosis");
+    let (name, data) = events.next().await.expect("news");
+    assert_eq!(
+        (name.as_str(), data["to"].as_str(), data["cause"].as_str()),
+        ("alarm", Some("unacknowledged"), Some("raised"))
+    );
+    rig.stop.cancel();
+    assert_eq!(events.next().await.expect("a farewell").0, "bye");
+    assert!(events.next().await.is_none());
+    // An open stream does not hold the shutdown: well below the 5 s after which it would be cut.
+    let ended = tokio::time::timeout(Duration::from_secs(4), rig.serving).await;
+    assert!(ended.expect("ends in time").expect("no panic").is_ok());
+}
+
+#[tokio::test]
+async fn clients_of_events_are_bounded_and_a_place_comes_free() {
+    let config = serve::Config {
+        max_event_clients: 1,
+        ..serve::Config::default()
+    };
+    let rig = start(&FOUR, config, Arc::new(|record, _| judge(record))).await;
+    let mut first = Events::open(rig.address).await;
+    assert_eq!(first.next().await.expect("open").0, "hello");
+    let problem = assert_problem(&get(rig.address, "/api/v1/events").await, 503);
+    assert_eq!(problem["type"], "urn:stictiond:problem:too_many_event_clients");
+    drop(first);
+    // The server notices that the client has gone when it reads the end of the connection.
+    let deadline = tokio::time::Instant::now() + Duration::from_secs(10);
+    loop {
+        let mut again = Events::open(rig.address).await;
+        if again.next().await.is_some_and(|(name, _)| name == "hello") {
+            break;
+        }
+        assert!(
+            tokio::time::Instant::now() < deadline,
+            "the place never came free"
+        );
+    }
+}
+
+#[tokio::test]
+async fn a_client_that_lags_is_told_how_much_it_lost() {
+    let rig = rig(&FOUR).await;
+    let mut events = Events::open(rig.address).await;
+    assert_eq!(events.next().await.expect("open").0, "hello");
+    // No await in between: the only thread of this runtime cannot serve the stream meanwhile.
+    let ids: Vec<LoopId> = FOUR.iter().map(|(id, _)| LoopId::new(*id)).collect();
+    (0..3000).for_each(|_| rig.results.reload(&ids, &alarm::Config::default()));
+    let (name, data) = events.next().await.expect("news");
+    assert_eq!(name, "lagged");
+    assert!(
+        data["lost"]
+            .as_u64()
+            .is_some_and(|lost| (1000..3000).contains(&lost)),
+        "{data}"
+    );
+    assert_eq!(events.next().await.expect("news").0, "reloaded");
+}
+
+#[tokio::test]
+async fn requests_are_bounded_in_number_and_time() {
+    let (open, closed) = std::sync::mpsc::channel::<()>();
+    let closed = Mutex::new(closed);
+    let diagnose: Diagnose = Arc::new(move |record, _| {
+        let _ = closed.lock().expect("one at a time").recv();
+        judge(record)
+    });
+    let config = serve::Config {
+        max_requests: 1,
+        request_timeout_s: 0.3,
+        ..serve::Config::default()
+    };
+    let rig = start(&FOUR, config, diagnose).await;
+    let slow = tokio::spawn(post(rig.address, "/api/v1/loops/FIC1/diagnosis?wait_s=60", ""));
+    let deadline = tokio::time::Instant::now() + Duration::from_secs(10);
+    while rig.scheduler.counters().running == 0 {
+        assert!(
+            tokio::time::Instant::now() < deadline,
+            "the request never arrived"
+        );
+        tokio::task::yield_now().await;
+    }
+    let refused = get(rig.address, "/healthz").await;
+    assert_eq!(
+        assert_problem(&refused, 503)["type"],
+        "urn:stictiond:problem:too_many_requests"
+    );
+    assert_eq!(refused.header("retry-after"), Some("1"));
+    let late = slow.await.expect("answered");
+    assert_eq!(
+        assert_problem(&late, 503)["type"],
+        "urn:stictiond:problem:timeout"
+    );
+    drop(open);
+    assert_eq!(get(rig.address, "/healthz").await.status, 200);
+}
+
+#[tokio::test]
+async fn the_network_is_refused_unless_the_configuration_says_so_in_plain_words() {
+    let open = serve::Config {
+        listen: "0.0.0.0:8080".parse().expect("an address"),
+        ..serve::Config::default()
+    };
+    assert_eq!(open.validate()[0].0, "listen");
+    assert!(
+        open.validate()[0]
+            .1
+            .contains("allow_unauthenticated_network = true")
+    );
+    let allowed = serve::Config {
+        allow_unauthenticated_network: true,
+        ..open
+    };
+    assert_eq!(allowed.validate(), vec![]);
+    for loopback in ["127.0.0.1:1", "127.8.9.1:1", "[::1]:1", "[::ffff:127.0.0.1]:1"] {
+        let config = serve::Config {
+            listen: loopback.parse().expect("an address"),
+            ..serve::Config::default()
+        };
+        assert_eq!(config.validate(), vec![], "{loopback}");
+    }
+}

@@ -1,0 +1,150 @@
+//! `stictiond check` and `stictiond probe` as a user meets them: exit codes and what is printed where.
+
+use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpListener;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn stictiond(args: &[&str]) -> (Option<i32>, String, String) {
+    let Output {
+        status,
+        stdout,
+        stderr,
+    } = Command::new(env!("CARGO_BIN_EXE_stictiond"))
+        .args(args)
+        .output()
+        .expect("the binary starts");
+    let (stdout, stderr) = (
+        String::from_utf8_lossy(&stdout).into_owned(),
+        String::from_utf8_lossy(&stderr).into_owned(),
+    );
+    assert!(!stderr.contains("panicked"), "{args:?}: {stderr}");
+    (status.code(), stdout, stderr)
+}
+
+#[test]
+fn a_good_file_is_summed_up() {
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/stictiond.toml");
+    let example = example.to_str().unwrap();
+    let (code, stdout, stderr) = stictiond(&["check", "--config", example]);
+    assert_eq!((code, stderr.as_str()), (Some(0), ""));
+    let expected = format!(
+        "{example}: good\n\
+         loops    2, diagnosed every 1800 s to 3600 s\n\
+         devices  2, 4 requests a round\n         \
+         dcs1: 10.0.0.5:502 unit 1, 5 tags in 2 requests every 1000 ms\n         \
+         boiler plc: plc-7.example:502 unit 3, 4 tags in 2 requests every 5000 ms\n\
+         memory   0.6 MB for 9 tags, 4096 samples each, 17 bytes a sample\n\
+         listen   127.0.0.1:8080\n"
+    );
+    assert_eq!(stdout, expected);
+}
+
+#[test]
+fn every_error_is_a_line_with_its_place() {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("broken.toml");
+    fs::write(
+        &path,
+        "[alarm]\nkk = 2\nn = 'x'\n[server]\nlisten = '0.0.0.0:80'\n",
+    )
+    .unwrap();
+    let path = path.to_str().unwrap();
+    let (code, stdout, stderr) = stictiond(&["check", "--config", path]);
+    assert_eq!((code, stdout.as_str()), (Some(2), ""));
+    let lines: Vec<&str> = stderr.lines().collect();
+    assert_eq!(lines.len(), 4, "{stderr}");
+    assert!(
+        lines[0].starts_with(&format!("{path}:1:1: no [[loop]]")),
+        "{stderr}"
+    );
+    assert_eq!(
+        lines[1],
+        format!("{path}:2:1: unknown key \"kk\" in [alarm], did you mean \"k\"?")
+    );
+    assert!(lines[2].starts_with(&format!("{path}:3:5: n: ")), "{stderr}");
+    assert!(
+        lines[3].starts_with(&format!("{path}:5:10: listen: 0.0.0.0:80 is not loopback")),
+        "{stderr}"
+    );
+}
+
+#[test]
+fn a_file_that_is_not_there() {
+    let (code, _, stderr) = stictiond(&["check", "--config", "none/such.toml"]);
+    assert_eq!(code, Some(2));
+    assert_eq!(
+        stderr,
+        "none/such.toml: cannot read: No such file or directory (os error 2)\n"
+    );
+    assert_eq!(stictiond(&["check"]).0, Some(2));
+}
+
+#[test]
+fn probe_shows_what_the_device_answers() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let device = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let mut request = [0; 12];
+        stream.read_exact(&mut request).unwrap();
+        // Unit 7, function 3, from 100 on the wire, two registers.
+        assert_eq!(request[6..], [7, 3, 0, 100, 0, 2]);
+        // 2.5 as an f32 in ABCD.
+        let answer = [request[0], request[1], 0, 0, 0, 7, 7, 3, 4, 0x40, 0x20, 0, 0];
+        stream.write_all(&answer).unwrap();
+    });
+    let args = [
+        "probe",
+        &address,
+        "--unit-id",
+        "7",
+        "--start",
+        "101",
+        "--count",
+        "2",
+        "--address-base",
+        "1",
+    ];
+    let (code, stdout, stderr) = stictiond(&args);
+    device.join().unwrap();
+    assert_eq!((code, stderr.as_str()), (Some(0), ""));
+    assert!(stdout.contains("2.5") && stdout.contains("101"), "{stdout}");
+}
+
+#[test]
+fn probe_fails_in_one_line() {
+    // Bound and dropped: nobody listens there.
+    let closed = TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .to_string();
+    let (code, stdout, stderr) = stictiond(&["probe", &closed, "--start", "0"]);
+    assert_eq!(
+        (code, stdout.as_str(), stderr.lines().count()),
+        (Some(1), "", 1),
+        "{stderr}"
+    );
+    assert!(stderr.contains(&closed), "{stderr}");
+    for arguments in [
+        &["--start", "0", "--count", "126"][..],
+        &["--start", "0", "--count", "0"],
+        &["--start", "65535", "--count", "2"],
+    ] {
+        let (code, _, stderr) = stictiond(&[&["probe", &closed], arguments].concat());
+        assert_eq!((code, stderr.lines().count()), (Some(2), 1), "{stderr}");
+    }
+    for arguments in [
+        &[][..],
+        &["--start", "65536"],
+        &["--start", "0", "--register", "rod"],
+        &["--start", "0", "--address-base", "2"],
+    ] {
+        assert_eq!(
+            stictiond(&[&["probe", &closed], arguments].concat()).0,
+            Some(2),
+            "{arguments:?}"
+        );
+    }
+}

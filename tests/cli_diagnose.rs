@@ -1,0 +1,243 @@
+//! `stictiond diagnose` as a user meets it: exit codes, one line on stderr, JSON on stdout, on any input.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+fn stictiond(args: &[&str]) -> Output {
+    let output = Command::new(env!("CARGO_BIN_EXE_stictiond"))
+        .args(args)
+        .output()
+        .expect("the binary starts");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(!stderr.contains("panicked"), "{args:?}: {stderr}");
+    output
+}
+
+/// A file of its own for each case, in the directory cargo keeps for this test binary.
+fn file(name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    fs::write(&path, content).expect("the test directory is writable");
+    path
+}
+
+/// Exit 2, nothing on stdout, one line on stderr that names the file and says what is wrong.
+fn refused(path: &Path, says: &str) {
+    let path = path.to_str().expect("a text path");
+    let output = stictiond(&["diagnose", path]);
+    let stderr = String::from_utf8(output.stderr).expect("text");
+    assert_eq!(output.status.code(), Some(2), "{path}: {stderr}");
+    assert!(output.stdout.is_empty(), "{path}");
+    assert_eq!(stderr.lines().count(), 1, "{path}: {stderr}");
+    assert!(stderr.starts_with(&format!("stictiond: {path}: ")), "{stderr}");
+    assert!(stderr.contains(says), "{path}: {stderr}");
+}
+
+/// Exit 0 and a report whose verdict is `not_identifiable`.
+fn not_identifiable(path: &Path) {
+    let report = report(path);
+    assert_eq!(report["verdict"], "not_identifiable", "{}", path.display());
+    assert!(
+        report["f"].is_null() && report["reason_code"].is_string(),
+        "{report}"
+    );
+}
+
+fn report(path: &Path) -> serde_json::Value {
+    let output = stictiond(&["diagnose", path.to_str().expect("a text path")]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{}: {stderr}", path.display());
+    assert!(stderr.is_empty(), "{stderr}");
+    // serde_json refuses NaN and Infinity, so parsing shows that there is none.
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+fn rows(n: usize, mut row: impl FnMut(usize) -> String) -> String {
+    let mut text = String::from("t,op,pv\n");
+    for k in 0..n {
+        let _ = writeln!(text, "{}", row(k));
+    }
+    text
+}
+
+#[test]
+fn what_is_no_record_is_refused_in_one_line() {
+    refused(&file("empty.csv", ""), "empty file");
+    refused(&file("one_column.csv", "pv\n1\n2\n"), "only one column");
+    refused(
+        &file("wrong_delimiter.csv", "t|op|pv\n0|1|2\n"),
+        "only one column",
+    );
+    refused(
+        &file("no_header.csv", "0,1,2\n1,2,3\n"),
+        "numbers where the header should be",
+    );
+    refused(&file("no_op.csv", "t,pv\n0,1\n"), "no column op");
+    refused(&file("header_only.csv", "t,op,pv\n"), "no samples");
+    refused(
+        &file("text_time.csv", "t,op,pv\n0,1,2\nnoon,1,2\n"),
+        "line 3, column 1 (t): \"noon\"",
+    );
+    refused(
+        &file("text_column.csv", rows(300, |k| format!("{k},shut,{k}"))),
+        "line 2, column 2 (op)",
+    );
+    refused(
+        &file("nan_column.csv", rows(300, |k| format!("{k},{k},NaN"))),
+        "line 2, column 3 (pv)",
+    );
+    refused(
+        &file("decimal_comma.csv", "t,op,pv\n0,1,5,2,5\n"),
+        "5 cells where the header has 3",
+    );
+    let garbage: Vec<u8> = (0..100_000u32)
+        .map(|k| (k.wrapping_mul(2_654_435_761) >> 13) as u8)
+        .collect();
+    refused(&file("garbage.csv", garbage), "line 1");
+    refused(
+        &file("utf16.csv", [0xff, 0xfe, b't', 0, b',', 0, b'\n', 0]),
+        "UTF-16",
+    );
+    refused(
+        &Path::new(env!("CARGO_TARGET_TMPDIR")).join("missing.csv"),
+        "No such file",
+    );
+    refused(Path::new(env!("CARGO_TARGET_TMPDIR")), "directory");
+}
+
+#[test]
+fn what_cannot_be_judged_is_a_verdict() {
+    not_identifiable(&file("two_samples.csv", rows(2, |k| format!("{k},{k},{k}"))));
+    not_identifiable(&file("constant.csv", rows(600, |k| format!("{k},50,20"))));
+    not_identifiable(&file("flat_pv.csv", rows(600, |k| format!("{k},{},20", k % 50))));
+    not_identifiable(&file("flat_op.csv", rows(600, |k| format!("{k},20,{}", k % 50))));
+    not_identifiable(&file(
+        "same_time.csv",
+        rows(600, |k| format!("7,{},{}", k % 50, k % 40)),
+    ));
+    not_identifiable(&file(
+        "mostly_text.csv",
+        rows(600, |k| {
+            if k % 2 == 0 {
+                format!("{k},{},x", k % 50)
+            } else {
+                format!("{k},NaN,inf")
+            }
+        })
+        .replacen("0,0,x", "0,0,1", 1),
+    ));
+}
+
+#[test]
+fn odd_numbers_never_reach_the_report() {
+    let wave = |k: usize| ((k as f64) * 0.2).sin();
+    for (name, text) in [
+        (
+            "huge.csv",
+            rows(600, |k| format!("{k},{}e308,{}e308", wave(k), wave(k + 5))),
+        ),
+        (
+            "huge_time.csv",
+            rows(600, |k| format!("{}e305,{},{}", k, wave(k), wave(k + 5))),
+        ),
+        (
+            "tiny.csv",
+            rows(600, |k| format!("{k},{}e-308,{}e-308", wave(k), wave(k + 5))),
+        ),
+        (
+            "one_spike.csv",
+            rows(600, |k| {
+                format!("{k},{},{}", if k == 300 { 1e308 } else { wave(k) }, wave(k + 5))
+            }),
+        ),
+        (
+            "some_nan.csv",
+            rows(600, |k| {
+                if k % 97 == 3 {
+                    format!("{k},NaN,x")
+                } else {
+                    format!("{k},{},{}", wave(k), wave(k + 5))
+                }
+            }),
+        ),
+        (
+            "backwards.csv",
+            rows(600, |k| format!("{},{},{}", 600 - k, wave(k), wave(k + 5))),
+        ),
+        (
+            "shuffled.csv",
+            rows(601, |k| {
+                format!("{},{},{}", k * 7 % 601, wave(k * 7 % 601), wave(k * 7 % 601 + 5))
+            }),
+        ),
+    ] {
+        let report = report(&file(name, text));
+        let known = ["stiction", "no_stiction", "not_identifiable"];
+        assert!(
+            known.iter().any(|verdict| report["verdict"] == **verdict),
+            "{name}: {report}"
+        );
+    }
+}
+
+#[test]
+fn a_million_samples() {
+    let text = rows(1_000_000, |k| {
+        format!(
+            "{k},{:.4},{:.4}",
+            50.0 + (k % 100) as f64 / 10.0,
+            (k % 90) as f64 / 9.0
+        )
+    });
+    let report = report(&file("million.csv", text));
+    assert_eq!(report["loop"], "million");
+}
+
+#[test]
+fn formats_and_arguments() {
+    let path = file("formats.csv", rows(600, |k| format!("{k},50,20")));
+    let path = path.to_str().unwrap();
+    let text = stictiond(&["diagnose", path, "--format", "text"]);
+    assert_eq!(text.status.code(), Some(0));
+    let text = String::from_utf8(text.stdout).unwrap();
+    assert!(
+        text.starts_with("loop        formats\nverdict     not identifiable\n"),
+        "{text}"
+    );
+    assert_eq!(
+        stictiond(&["diagnose", path, "--ts", "2.5"]).status.code(),
+        Some(0)
+    );
+    for args in [
+        &["diagnose"][..],
+        &[],
+        &["diagnose", path, "--format", "xml"],
+        &["diagnose", path, "--ts", "0"],
+        &["diagnose", path, "--ts", "-1"],
+        &["diagnose", path, "--ts", "nan"],
+        &["diagnose", path, "--ts", "soon"],
+        &["diagnos"],
+    ] {
+        let output = stictiond(args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        assert!(output.stdout.is_empty() && !output.stderr.is_empty(), "{args:?}");
+    }
+    assert_eq!(stictiond(&["--help"]).status.code(), Some(0));
+    assert_eq!(stictiond(&["--version"]).status.code(), Some(0));
+}
+
+#[test]
+fn a_reader_that_stops_early_is_no_failure() {
+    let path = file("pipe.csv", rows(600, |k| format!("{k},50,20")));
+    let mut child = Command::new(env!("CARGO_BIN_EXE_stictiond"))
+        .args(["diagnose", path.to_str().unwrap()])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+    assert_eq!(output.status.code(), Some(0));
+}

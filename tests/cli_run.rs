@@ -1,0 +1,117 @@
+//! `stictiond run` as an operating system meets it: signals, exit codes, the log.
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStderr, Command, Stdio};
+
+/// A configuration that listens on `listen` and polls a port where nobody answers.
+fn config(name: &str, listen: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let text = format!(
+        "[server]\nlisten = '{listen}'\n[[modbus]]\nname = 'd'\naddress = '127.0.0.1:9'\naddress_base = 0\n\
+         [[loop]]\nid = 'A'\n[loop.op]\ndevice = 'd'\nregister = 'input'\naddress = 0\ntype = 'f32'\n\
+         [loop.pv]\ndevice = 'd'\nregister = 'input'\naddress = 2\ntype = 'f32'\n"
+    );
+    fs::write(&path, text).expect("the test directory is writable");
+    path
+}
+
+fn run(path: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_stictiond"));
+    command
+        .args(["run", "--log-format", "json", "--config"])
+        .arg(path)
+        .env_remove("RUST_LOG");
+    command.stderr(Stdio::piped()).stdout(Stdio::piped());
+    command
+}
+
+/// Reads the log up to the line that says `what`; every line before it is JSON too.
+fn wait_for(log: &mut BufReader<ChildStderr>, what: &str) -> serde_json::Value {
+    let mut line = String::new();
+    loop {
+        line.clear();
+        let read = log.read_line(&mut line).expect("a log of text");
+        assert!(read > 0, "the log ended before it said {what:?}");
+        let entry: serde_json::Value = serde_json::from_str(&line).expect("a log of JSON");
+        if entry["message"]
+            .as_str()
+            .is_some_and(|message| message.contains(what))
+        {
+            return entry;
+        }
+    }
+}
+
+fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill")
+        .args([name, &child.id().to_string()])
+        .status();
+    assert!(sent.expect("kill is there").success());
+}
+
+#[test]
+fn serves_until_told_to_stop_and_refuses_a_bad_reload() {
+    let path = config("run.toml", "127.0.0.1:0");
+    let mut child = run(&path).spawn().unwrap();
+    let mut log = BufReader::new(child.stderr.take().unwrap());
+    wait_for(&mut log, "serving");
+    fs::write(&path, "[server]\nlisten = 1\n").unwrap();
+    signal(&child, "-HUP");
+    let refused = wait_for(&mut log, "refused");
+    assert_eq!(refused["level"], "ERROR");
+    assert!(
+        refused["error"]
+            .as_str()
+            .unwrap()
+            .contains("run.toml:2:10: listen: "),
+        "{refused}"
+    );
+    signal(&child, "-TERM");
+    wait_for(&mut log, "stopping");
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn a_bad_configuration_ends_with_2_and_a_taken_address_with_1() {
+    let bad = config("run_bad.toml", "here");
+    let output = run(&bad).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert_eq!(
+        stderr,
+        format!(
+            "{}:2:10: listen: not an address and port such as 127.0.0.1:8080\n",
+            bad.display()
+        )
+    );
+
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let output = run(&config("run_taken.toml", &address)).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    let last = stderr.lines().last().unwrap();
+    assert!(
+        last.starts_with(&format!("stictiond: cannot listen on {address}: ")),
+        "{stderr}"
+    );
+}
+
+#[test]
+fn a_log_filter_that_is_none_is_refused() {
+    let path = config("run_filter.toml", "127.0.0.1:0");
+    let output = run(&path).env("RUST_LOG", "stictiond=loud").output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(
+        (output.status.code(), stderr.lines().count()),
+        (Some(2), 1),
+        "{stderr}"
+    );
+    assert!(
+        stderr.starts_with("stictiond: RUST_LOG=\"stictiond=loud\": "),
+        "{stderr}"
+    );
+}
