@@ -27,7 +27,6 @@ const STATUS_BIT: u8 = 3;
 /// One device: a unit behind the plant's listener.
 #[derive(Clone, Debug)]
 pub(super) struct Device {
-    class: Class,
     name: &'static str,
     /// Its unit identifier.
     pub(super) unit_id: u8,
@@ -45,7 +44,6 @@ pub(super) struct Device {
 /// The four devices, one per class, each with other habits.
 pub(super) fn devices(plant: &[DemoLoop]) -> Vec<Device> {
     let device = |class, name, unit_id, table, value_type, order, address_base, mode| Device {
-        class,
         name,
         unit_id,
         table,
@@ -158,8 +156,9 @@ pub(super) struct Pace {
 /// The configuration file that `run` would need to watch the plant at `address`.
 pub(super) fn config(plant: &[DemoLoop], listen: SocketAddr, address: SocketAddr, pace: Pace) -> String {
     let Pace { poll_ms, period_s } = pace;
-    let mut text =
-        format!("[server]\nlisten = \"{listen}\"\n\n[schedule]\nperiod_s = {period_s:?}\nparallelism = 1\n");
+    let mut text = format!(
+        "[server]\nlisten = \"{listen}\"\nshutdown_s = 0.5\n\n[schedule]\nperiod_s = {period_s:?}\nparallelism = 1\n"
+    );
     // Writing to a String cannot fail.
     for device in devices(plant) {
         let _ = write!(
