@@ -182,7 +182,7 @@ impl Workspace {
         most: usize,
     ) -> Fit {
         let mut theta = start;
-        stabilise(&mut theta.c[..orders.nc]);
+        draw_inside(&mut theta.c[..orders.nc], RHO);
         let mut loss = self.evaluate(s, orders, &theta);
         let mut damping = 1e-4;
         let mut iterations = 0;
@@ -395,7 +395,7 @@ impl Normal {
                 }
             }
         }
-        stabilise(&mut next.c[..orders.nc]);
+        draw_inside(&mut next.c[..orders.nc], RHO);
         next
     }
 }
@@ -454,12 +454,12 @@ fn filter4<const P: usize>(c: [f64; P], inputs: [&[f64]; 3], outputs: [&mut [f64
     }
 }
 
-/// True when every zero of `1 + c1 q^-1 + …` lies inside `|q| < RHO` (Schur–Cohn by step-down).
-pub fn is_stable(c: &[f64]) -> bool {
+/// True when every zero of `1 + c1 q^-1 + …` lies inside `|q| < radius` (Schur–Cohn by step-down).
+pub fn is_inside(c: &[f64], radius: f64) -> bool {
     let mut poly = [0.0; ORDER];
     let mut scale = 1.0;
     for (slot, &c) in poly.iter_mut().zip(c) {
-        scale /= RHO;
+        scale /= radius;
         *slot = c * scale;
     }
     let mut n = c.len().min(ORDER);
@@ -477,9 +477,9 @@ pub fn is_stable(c: &[f64]) -> bool {
     true
 }
 
-/// Draws the zeros of C straight towards 0 until all lie inside `|q| < RHO`.
-pub fn stabilise(c: &mut [f64]) {
-    if is_stable(c) {
+/// Draws the zeros of `1 + c1 q^-1 + …` straight towards 0 until all lie inside `|q| < radius`.
+pub fn draw_inside(c: &mut [f64], radius: f64) {
+    if is_inside(c, radius) {
         return;
     }
     if c.iter().any(|c| !c.is_finite()) {
@@ -498,7 +498,7 @@ pub fn stabilise(c: &mut [f64]) {
     let (mut stable, mut unstable) = (0.0, 1.0);
     for _ in 0..20 {
         let middle = 0.5 * (stable + unstable);
-        if is_stable(&contracted(middle)[..c.len()]) {
+        if is_inside(&contracted(middle)[..c.len()], radius) {
             stable = middle
         } else {
             unstable = middle

@@ -4,17 +4,24 @@
 pub mod armax;
 mod config;
 pub mod denoise;
+pub mod evidence;
 pub mod friction;
 pub mod gate;
 pub mod linalg;
+pub mod prepare;
 pub mod region;
+pub mod rivals;
 pub mod screen;
 pub mod search;
 pub mod stats;
+pub mod validation;
+pub mod verdict;
 
 pub use config::Config;
+pub use verdict::diagnose;
 
-use crate::signal::{Record, Window};
+use crate::signal::Window;
+use rivals::Rival;
 use std::fmt;
 
 /// Thresholds and sizes of a diagnosis; the defaults are what every published result uses.
@@ -258,8 +265,12 @@ pub struct Estimate {
     pub f_ci95: [f64; 2],
     /// f as a share of OP's range in the window [-].
     pub f_of_op_range: f64,
-    /// Evidence against f = 0 [-].
+    /// Evidence against the best explanation without friction [-].
     pub delta_aic: f64,
+    /// That explanation.
+    pub rival: Rival,
+    /// How evenly the record shares the gain: its block mean in standard errors [-].
+    pub steadiness: f64,
     /// Largest f tried [OP unit].
     pub f_max: f64,
     /// Srinivasan's d of the same window, for comparison [OP unit].
@@ -300,21 +311,4 @@ pub struct Diagnosis {
     pub residual: Option<Residual>,
     /// The window that was fitted; `None` when the record never became one.
     pub window: Option<Window>,
-}
-
-/// Diagnoses one loop's record. Never panics on any input; what cannot be judged is a verdict, not an error.
-pub fn diagnose(_record: &Record, _settings: &Settings) -> Diagnosis {
-    unimplemented_diagnosis()
-}
-
-fn unimplemented_diagnosis() -> Diagnosis {
-    Diagnosis {
-        verdict: Verdict::NotIdentifiable(NotIdentifiable::NoTimeBase),
-        reason: String::new(),
-        preparation: Preparation::default(),
-        oscillation: None,
-        estimate: None,
-        residual: None,
-        window: None,
-    }
 }

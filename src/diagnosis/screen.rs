@@ -68,7 +68,7 @@ pub struct Screen {
 impl Screen {
     /// Buffers for records of `n` samples and delays `1..=max_delay`, with y's own products computed.
     pub fn new(y: &[f64], first: usize, max_delay: usize) -> Self {
-        let nx = max_delay + ORDER - 2;
+        let nx = Self::input_lags(max_delay);
         let size = 1 + LONG_Y + nx + E_LAGS;
         let mut screen = Self {
             max_delay,
@@ -101,9 +101,14 @@ impl Screen {
         screen
     }
 
+    /// Lags of the stem position: the longest delay and the longest B behind it.
+    pub fn input_lags(max_delay: usize) -> usize {
+        max_delay + ORDER - 2
+    }
+
     /// Samples before the first that counts: the longest lag, and the lags of ê behind it.
     pub fn lead(max_delay: usize) -> usize {
-        LONG_Y.max(max_delay + ORDER - 2) + E_LAGS + 1
+        LONG_Y.max(Self::input_lags(max_delay)) + E_LAGS + 1
     }
 
     /// Computes the products of a new stem position; those of its direction too when `with_dir`.
@@ -294,6 +299,12 @@ impl Screen {
             *c = i + 1;
         }
         self.solve(&columns[..count])
+    }
+
+    /// Regresses y on its own lags alone; returns the mean square of the residual.
+    pub fn without_input(&mut self) -> f64 {
+        let columns: [usize; LONG_Y] = std::array::from_fn(|i| i + 1);
+        self.solve(&columns)
     }
 
     /// The Gauss–Newton step of the lag from the last long ARX solution: least squares of the residual on the

@@ -58,7 +58,8 @@ impl Problem {
         (self.y.len() - self.first) as f64
     }
 
-    fn signals<'s>(&'s self, x: &'s [f64], dir: &'s [f64]) -> Signals<'s> {
+    /// The signals of a fit with the given stem position.
+    pub fn signals<'s>(&'s self, x: &'s [f64], dir: &'s [f64]) -> Signals<'s> {
         Signals {
             y: &self.y,
             x,

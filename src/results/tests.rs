@@ -17,6 +17,8 @@ fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Diagnosis> {
         f_ci95: [f - 0.1, f + 0.1],
         f_of_op_range: 0.1,
         delta_aic,
+        rival: crate::diagnosis::rivals::Rival::Linear,
+        steadiness: 5.0,
         f_max: 10.0,
         d: f,
         curve: vec![],

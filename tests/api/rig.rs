@@ -37,6 +37,8 @@ pub fn verdict_of(verdict: Verdict, f: f64, delta_aic: f64) -> Diagnosis {
         f_ci95: [f - 0.06, f + 0.05],
         f_of_op_range: 0.41,
         delta_aic,
+        rival: stictiond::diagnosis::rivals::Rival::Linear,
+        steadiness: 5.0,
         f_max: 5.0,
         d: 2.0 * f,
         curve: (0..10)

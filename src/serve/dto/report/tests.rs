@@ -30,6 +30,8 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
             f_ci95: [2.25, 2.75],
             f_of_op_range: 0.41,
             delta_aic: 446.0,
+            rival: crate::diagnosis::rivals::Rival::Linear,
+            steadiness: 5.0,
             f_max: 6.0,
             d: 4.0,
             curve: vec![

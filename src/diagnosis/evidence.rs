@@ -1,0 +1,119 @@
+//! How sure f is: evidence against every frictionless explanation, its steadiness over the record, and the
+//! interval of f.
+//!
+//! ```text
+//! delta_aic = min over explanations without friction of  AIC(explanation) - AIC(sticky)
+//! LR(f)     = N ln(V(f) / V(f_hat));  the interval is the hull of {LR <= 7.35}, widened by OP's median step
+//! ```
+//!
+//! The rule `dAIC > 20` alone is won by chance or by one transient where the model is wrong anyway; so the gain
+//! must also be shared by the record: with the log-likelihood ratio summed over ten blocks, its mean must be
+//! [`STEADY`] standard errors above 0 (Vuong's test with blocks for the autocorrelation).
+//!
+//! f moves the instants at which the stem slips, so its likelihood is that of a threshold, not of a smooth
+//! parameter: 7.35 is the 95 % point of its likelihood ratio where chi-squared would say 3.84. A slip lies
+//! somewhere between two samples, which no likelihood knows: hence the step of OP.
+//!
+//! Source: Hansen, Econometrica 2000, 68, 575; Vuong, Econometrica 1989, 57, 307.
+
+use super::armax::LOSS_FLOOR;
+use super::rivals::{Rated, Rival, rate};
+use super::search::{CellPoint, Problem, Refined};
+use super::stats::{mean, median, sd};
+
+/// 95 % point of the likelihood ratio of a threshold (Hansen, table 1).
+const THRESHOLD_95: f64 = 7.35;
+/// Blocks over which the gain must be shared.
+const BLOCKS: usize = 10;
+/// Least steadiness [-] of a believed gain.
+pub const STEADY: f64 = 1.3;
+
+/// The evidence for the sticky model against the best explanation without friction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evidence {
+    /// `AIC(best explanation) - AIC(sticky)`.
+    pub delta_aic: f64,
+    /// Against the linear loop alone, as the paper would have it.
+    pub delta_aic_linear: f64,
+    /// The best explanation without friction.
+    pub rival: Rival,
+    /// Mean gain of a block in standard errors.
+    pub steadiness: f64,
+}
+
+/// Weighs the sticky model against the frictionless ones.
+///
+/// * `sound`, `sticky`: the refined models at f = 0 and at f.
+/// * `errors`: their prediction errors.
+/// * `period`: period of OP's oscillation [samples].
+/// * `worth`: evidence below which the costly rivals are not asked.
+pub fn weigh(
+    p: &Problem,
+    sound: &Refined,
+    sticky: &Refined,
+    errors: [&[f64]; 2],
+    period: Option<f64>,
+    worth: f64,
+) -> Evidence {
+    let n = p.rows();
+    let gain = |v0: f64, v1: f64| n * ((v0 + LOSS_FLOOR) / (v1 + LOSS_FLOOR)).ln();
+    // f and the kinetic lag are two parameters more, the resume threshold a third.
+    let paid = 2.0
+        * (1.0 + f64::from(u8::from(sticky.fit.theta.lag > 0.0)) + f64::from(u8::from(sticky.resume > 0.0)));
+    let by_armax = gain(sound.fit.loss, sticky.fit.loss) - paid;
+    let by_long = gain(sound.long_loss, sticky.long_loss) - paid;
+    let linear = by_armax.min(by_long);
+    let mut evidence = Evidence {
+        delta_aic: linear,
+        delta_aic_linear: by_armax,
+        rival: Rival::Linear,
+        steadiness: steadiness(errors[0], errors[1]),
+    };
+    if linear < worth {
+        return evidence;
+    }
+    let own = n * (sticky.long_loss + LOSS_FLOOR).ln() + paid;
+    for Rated { rival, aic } in rate(p, period) {
+        if aic - own < evidence.delta_aic {
+            evidence.delta_aic = aic - own;
+            evidence.rival = rival;
+        }
+    }
+    evidence
+}
+
+/// Mean over blocks of the log-likelihood gain, in its standard errors; bounded for noise-free records.
+fn steadiness(sound: &[f64], sticky: &[f64]) -> f64 {
+    let length = sound.len().min(sticky.len()).div_ceil(BLOCKS).max(1);
+    let sums: Vec<f64> = sound
+        .chunks(length)
+        .zip(sticky.chunks(length))
+        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a * a - b * b).sum())
+        .collect();
+    let spread = sd(&sums) * (sums.len() as f64 / (sums.len() as f64 - 1.0).max(1.0)).sqrt();
+    let error = spread / (sums.len() as f64).sqrt();
+    let m = mean(&sums);
+    if error > 0.0 {
+        (m / error).clamp(-100.0, 100.0)
+    } else {
+        0.0
+    }
+}
+
+/// The 95 % interval of f from the profile [unit of u].
+pub fn interval(p: &Problem, cells: &[CellPoint], sticky: &Refined) -> [f64; 2] {
+    let n = p.rows();
+    let reference = sticky.long_loss + LOSS_FLOOR;
+    let hi_of = |hi: f64, lo: f64| if hi.is_finite() { hi } else { lo };
+    let mut bounds = [sticky.cell.lo, hi_of(sticky.cell.hi, sticky.cell.lo)];
+    for c in cells
+        .iter()
+        .filter(|c| n * (c.loss / reference).ln() <= THRESHOLD_95)
+    {
+        bounds[0] = bounds[0].min(c.cell.lo);
+        bounds[1] = bounds[1].max(hi_of(c.cell.hi, c.cell.lo));
+    }
+    let steps: Vec<f64> = p.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+    let step = median(&steps);
+    [(bounds[0] - step).max(0.0), bounds[1] + step]
+}

@@ -1,0 +1,324 @@
+//! Explanations without friction that a sticky one has to beat: each is the long ARX at f = 0 with something
+//! more, fitted to the same samples as the sticky model.
+//!
+//! * *oscillating load*: a periodic disturbance, `sum over h of s_h sin(h w k) + c_h cos(h w k)`, its period taken
+//!   from the comb of lines in the residual (a square or triangular load in a sound loop cries wolf otherwise);
+//! * *recurring load*: what happened one period ago, as lags of y and u about a period: periodic, but with a
+//!   shape or period that drifts;
+//! * *clipped valve*: `z = clip(u)` at the level that fits best.
+//!
+//! A rival's loss is compared by AIC, every parameter and the search over its grid paid for.
+
+use super::armax::{LOSS_FLOOR, Signals};
+use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
+use super::screen::{LONG_Y, Screen};
+use super::search::Problem;
+use super::stats::range;
+use realfft::RealFftPlanner;
+use std::f64::consts::TAU;
+
+/// Harmonic counts tried for a periodic load.
+const HARMONICS: [usize; 6] = [1, 2, 3, 5, 8, 18];
+/// Lags to each side of one period in the recurring load.
+const REACH: usize = 3;
+/// Clip levels tried on each side and pass.
+const LEVELS: usize = 16;
+
+/// One frictionless explanation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rival {
+    /// A linear loop with nothing added.
+    Linear,
+    /// A periodic load of so many harmonics.
+    OscillatingLoad {
+        /// Period [samples].
+        period: f64,
+        /// Harmonics.
+        harmonics: usize,
+    },
+    /// A load that repeats after about a period.
+    RecurringLoad {
+        /// Period [samples].
+        period: usize,
+    },
+    /// A valve that is clipped.
+    ClippedValve,
+}
+
+impl Rival {
+    /// The rival in words.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Rival::Linear => "a linear loop",
+            Rival::OscillatingLoad { .. } => "an oscillating load",
+            Rival::RecurringLoad { .. } => "a recurring load",
+            Rival::ClippedValve => "a clipped valve",
+        }
+    }
+}
+
+/// A rival and its AIC per the common count of samples: `N ln V + 2 k`, k the parameters beyond the long ARX.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rated {
+    /// The rival.
+    pub rival: Rival,
+    /// Its AIC, up to what all models share.
+    pub aic: f64,
+}
+
+/// The AIC of the best frictionless explanation of each kind.
+pub fn rate(p: &Problem, period_hint: Option<f64>) -> Vec<Rated> {
+    let mut fitter = Fitter::new(p);
+    let n = fitter.rows as f64;
+    let aic = |loss: f64, parameters: usize| n * (loss + LOSS_FLOOR).ln() + 2.0 * parameters as f64;
+    let mut rated = vec![Rated {
+        rival: Rival::Linear,
+        aic: aic(fitter.loss(&[]), 0),
+    }];
+    let residual = fitter.residual();
+    let mut best: Option<Rated> = None;
+    for (period, harmonics) in combs(&residual, period_hint) {
+        for step in [-0.5, -0.25, 0.0, 0.25, 0.5] {
+            // Half a resolution cell to each side: what the comb's grid leaves open.
+            let w = TAU / period + step * TAU / n;
+            let loss = fitter.loss(&harmonic_columns(p, w, harmonics));
+            let this = Rated {
+                rival: Rival::OscillatingLoad {
+                    period: TAU / w,
+                    harmonics,
+                },
+                aic: aic(loss, 2 * harmonics + 1),
+            };
+            if best.is_none_or(|b| this.aic < b.aic) {
+                best = Some(this);
+            }
+        }
+    }
+    rated.extend(best);
+    let mut periods: Vec<usize> = period_hint.into_iter().map(|t| t.round() as usize).collect();
+    if let Some(Rated {
+        rival: Rival::OscillatingLoad { period, .. },
+        ..
+    }) = best
+    {
+        periods.push(period.round() as usize);
+    }
+    for period in periods {
+        if period > LONG_Y + REACH && period + REACH < p.y.len() / 3 {
+            let columns = recurring_columns(p, period);
+            let aic = aic(fitter.loss(&columns), columns.len());
+            rated.push(Rated {
+                rival: Rival::RecurringLoad { period },
+                aic,
+            });
+        }
+    }
+    rated.push(Rated {
+        rival: Rival::ClippedValve,
+        aic: aic(clipped(p), 2),
+    });
+    rated
+}
+
+/// The long ARX at f = 0 with further columns, by one Cholesky each.
+struct Fitter<'a> {
+    p: &'a Problem,
+    rows: usize,
+    base: Vec<&'a [f64]>,
+    base_gram: Vec<f64>,
+    gram: Vec<f64>,
+    right: [f64; MOST_COLUMNS],
+}
+
+impl<'a> Fitter<'a> {
+    fn new(p: &'a Problem) -> Self {
+        let n = p.y.len();
+        let nx = Screen::input_lags(p.max_delay);
+        let lagged = |v: &'a [f64], lag: usize| &v[p.first - lag..n - lag];
+        let base: Vec<&[f64]> = (1..=LONG_Y)
+            .map(|l| lagged(&p.y, l))
+            .chain((1..=nx).map(|l| lagged(&p.u, l)))
+            .collect();
+        let mut base_gram = vec![0.0; MOST_COLUMNS * MOST_COLUMNS];
+        let rows = n - p.first;
+        // The constant comes first.
+        base_gram[0] = rows as f64;
+        for (i, a) in base.iter().enumerate() {
+            base_gram[(i + 1) * MOST_COLUMNS] = a.iter().sum();
+            for (j, b) in base[..=i].iter().enumerate() {
+                base_gram[(i + 1) * MOST_COLUMNS + j + 1] = dot(a, b);
+            }
+        }
+        Self {
+            p,
+            rows,
+            base,
+            base_gram,
+            gram: vec![0.0; MOST_COLUMNS * MOST_COLUMNS],
+            right: [0.0; MOST_COLUMNS],
+        }
+    }
+
+    /// Mean square of the residual with `extra` columns (each as long as the counted samples).
+    fn loss(&mut self, extra: &[Vec<f64>]) -> f64 {
+        let y = &self.p.y[self.p.first..];
+        let count = 1 + self.base.len();
+        let size = (count + extra.len()).min(MOST_COLUMNS);
+        let extra = &extra[..size - count];
+        self.gram[..count * MOST_COLUMNS].copy_from_slice(&self.base_gram[..count * MOST_COLUMNS]);
+        self.right[0] = y.iter().sum();
+        for (r, a) in self.right[1..].iter_mut().zip(&self.base) {
+            *r = dot(a, y);
+        }
+        for (i, a) in extra.iter().enumerate() {
+            let row = &mut self.gram[(count + i) * MOST_COLUMNS..(count + i + 1) * MOST_COLUMNS];
+            row[0] = a.iter().sum();
+            for (g, b) in row[1..].iter_mut().zip(&self.base) {
+                *g = dot(a, b);
+            }
+            for (g, b) in row[count..].iter_mut().zip(&extra[..=i]) {
+                *g = dot(a, b);
+            }
+            self.right[count + i] = dot(a, y);
+        }
+        let mut live = [true; MOST_COLUMNS];
+        factor(&mut self.gram, MOST_COLUMNS, size, &mut live);
+        let right = self.right;
+        substitute(&self.gram, MOST_COLUMNS, &live, &mut self.right[..size]);
+        ((dot(y, y) - dot(&right[..size], &self.right[..size])) / self.rows as f64).max(0.0)
+    }
+
+    /// The residual of the plain long ARX.
+    fn residual(&mut self) -> Vec<f64> {
+        self.loss(&[]);
+        let mut e: Vec<f64> = self.p.y[self.p.first..]
+            .iter()
+            .map(|y| y - self.right[0])
+            .collect();
+        for (a, c) in self.base.iter().zip(&self.right[1..]) {
+            for (e, a) in e.iter_mut().zip(*a) {
+                *e -= c * a;
+            }
+        }
+        e
+    }
+}
+
+/// Candidate combs (period [samples], harmonics) in the residual's spectrum, the best two for each count.
+fn combs(residual: &[f64], hint: Option<f64>) -> Vec<(f64, usize)> {
+    let n = residual.len();
+    let size = (4 * n).next_power_of_two();
+    let mut padded = vec![0.0; size];
+    padded[..n].copy_from_slice(residual);
+    let mut planner = RealFftPlanner::<f64>::new();
+    let forward = planner.plan_fft_forward(size);
+    let mut spectrum = forward.make_output_vec();
+    if forward.process(&mut padded, &mut spectrum).is_err() {
+        return Vec::new();
+    }
+    let power: Vec<f64> = spectrum.iter().map(|c| c.norm_sqr()).collect();
+    let floor = power.iter().sum::<f64>() / power.len() as f64;
+    // Four periods in the record at least, two samples a half-period at most.
+    let (low, high) = (4 * size / n, size / 4);
+    let mut found = Vec::new();
+    for harmonics in HARMONICS {
+        let score = |i: usize| -> f64 {
+            (1..=harmonics)
+                .map(|h| h * i)
+                .take_while(|at| *at < power.len())
+                .map(|at| power[at] - floor)
+                .sum()
+        };
+        let fits = |i: usize| harmonics == 1 || harmonics * i < size / 2 + i;
+        let mut best: Vec<(f64, usize)> = (low..high).filter(|&i| fits(i)).map(|i| (score(i), i)).collect();
+        best.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut kept: Vec<usize> = Vec::new();
+        for (_, i) in best {
+            // Two bins of the padded transform are the same line.
+            if kept.iter().all(|k| k.abs_diff(i) > size / n) {
+                kept.push(i);
+            }
+            if kept.len() == 2 {
+                break;
+            }
+        }
+        found.extend(kept.into_iter().map(|i| (size as f64 / i as f64, harmonics)));
+        if let Some(period) = hint.filter(|p| *p > 2.0 * harmonics as f64) {
+            found.push((period, harmonics));
+        }
+    }
+    found
+}
+
+fn harmonic_columns(p: &Problem, w: f64, harmonics: usize) -> Vec<Vec<f64>> {
+    let (first, n) = (p.first, p.y.len());
+    (1..=harmonics)
+        .flat_map(|h| {
+            let w = w * h as f64;
+            [
+                (first..n).map(|k| (w * k as f64).sin()).collect(),
+                (first..n).map(|k| (w * k as f64).cos()).collect::<Vec<f64>>(),
+            ]
+        })
+        .collect()
+}
+
+/// Lags of y and u about one period; before the record begins they are 0, its mean.
+fn recurring_columns(p: &Problem, period: usize) -> Vec<Vec<f64>> {
+    let lagged = |v: &[f64], lag: usize| -> Vec<f64> {
+        (p.first..v.len())
+            .map(|k| k.checked_sub(lag).map_or(0.0, |at| v[at]))
+            .collect()
+    };
+    (period - REACH..=period + REACH)
+        .flat_map(|lag| [lagged(&p.y, lag), lagged(&p.u, lag)])
+        .collect()
+}
+
+/// The least long-ARX loss over a lower and an upper clip level of OP, each in turn, on finer and finer grids.
+fn clipped(p: &Problem) -> f64 {
+    let (low, high) = range(&p.u);
+    let mut screen = Screen::new(&p.y, p.first, p.max_delay);
+    let still = vec![1.0; p.u.len()];
+    let mut z = vec![0.0; p.u.len()];
+    let mut loss_at = |bounds: [f64; 2]| -> f64 {
+        for (z, u) in z.iter_mut().zip(&p.u) {
+            *z = u.max(bounds[0]).min(bounds[1]);
+        }
+        screen.load(
+            &Signals {
+                y: &p.y,
+                x: &z,
+                dir: &still,
+                start: 0,
+                first: p.first,
+            },
+            false,
+        );
+        screen.fit_lag(0.0, 0.0).loss
+    };
+    let mut best = (f64::INFINITY, [low, high]);
+    let mut reach = high - low;
+    for pass in 0..4 {
+        for side in [1, 0, 1, 0] {
+            let centre = best.1;
+            for level in 0..=LEVELS {
+                let share = level as f64 / LEVELS as f64;
+                let mut bounds = centre;
+                bounds[side] = if pass == 0 {
+                    low + reach * share
+                } else {
+                    centre[side] + reach * (share - 0.5)
+                };
+                if bounds[0] < bounds[1] {
+                    let loss = loss_at(bounds);
+                    if loss < best.0 {
+                        best = (loss, bounds);
+                    }
+                }
+            }
+        }
+        reach *= 2.0 / LEVELS as f64;
+    }
+    best.0
+}

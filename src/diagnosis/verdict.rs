@@ -1,0 +1,273 @@
+//! The verdict, and the whole way to it.
+//!
+//! *stiction*: f above the threshold **and** `delta_aic` above its own **and** a gain shared by the record.
+//! *no stiction*: the loop was excited, PV answers OP, and no friction explains it better.
+//! *not identifiable*: anything else.
+
+use super::evidence::{Evidence, STEADY, interval, weigh};
+use super::friction::{largest_reversal, reversals, srinivasan, stick_slip};
+use super::prepare::prepare;
+use super::region::{self, Region};
+use super::rivals::Rival;
+use super::screen::Screen;
+use super::search::{GRID, GridPoint, LEAST_REVERSALS, Problem, Refined, Searcher};
+use super::stats::{mean, range, sd};
+use super::{
+    CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Settings, Verdict,
+};
+use super::{armax, gate, validation};
+use crate::signal::{Record, Window};
+
+/// Fewest large extrema of OP in the window.
+const LEAST_EXTREMA: usize = 4;
+/// Fewest samples that may be left to count after the friction element's start.
+const LEAST_ROWS: usize = 120;
+/// Loss relative to var(PV) below which PV is taken as fully explained.
+const EXPLAINED: f64 = 1e-6;
+/// Values of Srinivasan's d tried.
+const D_GRID: usize = 60;
+
+/// Diagnoses one loop's record. Never panics on any input; what cannot be judged is a verdict, not an error.
+pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
+    let (window, mut preparation) = match gate::gate(record, settings) {
+        Ok(passed) => passed,
+        Err((reason, preparation)) => return refused(reason, preparation, None, None),
+    };
+    let (window, region) = prepare(window, settings, &mut preparation);
+    let n = window.len();
+    let oscillation = region.oscillation(0, n, window.ts);
+    let (problem, scale) = match pose(&window, &region, settings) {
+        Ok(posed) => posed,
+        Err(reason) => return refused(reason, preparation, oscillation, Some(window)),
+    };
+    let mut searcher = Searcher::new(&problem);
+    let grid = searcher.grid(GRID);
+    let cells = searcher.full_profile();
+    let (sound, sticky) = searcher.refine(&grid, &cells);
+    let period = region.typical_period();
+    let (sound_errors, _) = searcher.errors(&sound);
+    let weighed = sticky.map(|sticky| {
+        let (errors, _) = searcher.errors(&sticky);
+        let worth = 0.5 * settings.evidence_threshold;
+        let evidence = weigh(&problem, &sound, &sticky, [&sound_errors, &errors], period, worth);
+        (sticky, evidence)
+    });
+    let percent = 100.0
+        / record
+            .op_span
+            .filter(|s| s.is_finite() && *s > 0.0)
+            .unwrap_or(100.0);
+    let believed = |(sticky, evidence): &(Refined, Evidence)| {
+        sticky.f * scale.u * percent > settings.f_threshold
+            && evidence.delta_aic > settings.evidence_threshold
+            && evidence.steadiness > STEADY
+    };
+    let verdict = match &weighed {
+        Some(found) if believed(found) => Verdict::Stiction,
+        _ => match unanswered(&problem, &region) {
+            Some(reason) => Verdict::NotIdentifiable(reason),
+            None => Verdict::NoStiction,
+        },
+    };
+    if let Verdict::NotIdentifiable(reason) = verdict {
+        return refused(reason, preparation, oscillation, Some(window));
+    }
+    // A healthy verdict publishes f = 0 with what the data could have hidden as the upper end.
+    let chosen = match (&verdict, weighed) {
+        (Verdict::Stiction, Some((sticky, _))) => sticky,
+        _ => sound,
+    };
+    let bounds = match weighed {
+        Some((sticky, _)) if verdict == Verdict::Stiction => interval(&problem, &cells, &sticky),
+        Some((sticky, _)) => [
+            0.0,
+            interval(&problem, &cells, &sound)[1].min(sticky.f.max(0.0) + problem.f_top),
+        ],
+        None => [0.0, problem.f_top],
+    };
+    let (low, high) = range(&window.op);
+    let (_, stem) = searcher.errors(&chosen);
+    let estimate = Estimate {
+        f: chosen.f * scale.u,
+        f_ci95: bounds.map(|b| b * scale.u),
+        f_of_op_range: chosen.f * scale.u / (high - low),
+        delta_aic: weighed.map_or(0.0, |(_, e)| e.delta_aic.max(0.0)),
+        rival: weighed.map_or(Rival::Linear, |(_, e)| e.rival),
+        steadiness: weighed.map_or(0.0, |(_, e)| e.steadiness),
+        f_max: region.f_max(0, n),
+        d: best_d(&problem) * scale.u,
+        curve: curve(&grid, &problem, scale.u),
+        model: model(&chosen, &scale),
+        mv: stem.iter().map(|x| x * scale.u + scale.u0).collect(),
+    };
+    let reason = explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e));
+    let residual = Some(validation::validate(&problem, &chosen, scale.y));
+    Diagnosis {
+        verdict,
+        reason,
+        preparation,
+        oscillation,
+        estimate: Some(estimate),
+        residual,
+        window: Some(window),
+    }
+}
+
+/// How the window was normalised: subtract the mean, divide by the sd.
+#[derive(Clone, Copy, Debug)]
+struct Scale {
+    u0: f64,
+    u: f64,
+    y: f64,
+}
+
+/// The search problem of a window.
+fn pose(window: &Window, region: &Region, settings: &Settings) -> Result<(Problem, Scale), NotIdentifiable> {
+    let n = window.len();
+    let extrema = region.reversals(0, n);
+    let not_excited = NotIdentifiable::NotExcited { reversals: extrema };
+    if extrema < LEAST_EXTREMA {
+        return Err(not_excited);
+    }
+    let Some(start) = region::start_of(region, &window.op, 0, n) else {
+        return Err(not_excited);
+    };
+    let max_delay = settings.max_delay.clamp(1, 30);
+    let first = start.index + Screen::lead(max_delay);
+    if first + LEAST_ROWS > n {
+        return Err(not_excited);
+    }
+    let scale = Scale {
+        u0: mean(&window.op),
+        u: sd(&window.op),
+        y: sd(&window.pv),
+    };
+    if !(scale.u.is_finite() && scale.y.is_finite() && scale.u > 0.0 && scale.y > 0.0) {
+        return Err(NotIdentifiable::OutOfScale);
+    }
+    let normal = |v: &[f64], sd: f64| -> Vec<f64> {
+        let m = mean(v);
+        v.iter().map(|x| (x - m) / sd).collect()
+    };
+    let u = normal(&window.op, scale.u);
+    let f_top = largest_reversal(&u, start);
+    Ok((
+        Problem {
+            y: normal(&window.pv, scale.y),
+            u,
+            start,
+            first,
+            max_delay,
+            f_top,
+        },
+        scale,
+    ))
+}
+
+/// Why a record without evidence for friction says nothing against it either.
+fn unanswered(p: &Problem, region: &Region) -> Option<NotIdentifiable> {
+    let (mut x, mut dir) = (p.u.clone(), vec![0.0; p.u.len()]);
+    stick_slip(&p.u, 0.5 * p.f_top, 0.0, p.start, &mut x, &mut dir);
+    if reversals(&dir) < LEAST_REVERSALS - 1 {
+        return Some(NotIdentifiable::NotExcited {
+            reversals: region.reversals(0, p.u.len()),
+        });
+    }
+    let s = p.signals(&p.u, &dir);
+    let mut screen = Screen::new(&p.y, p.first, p.max_delay);
+    screen.load(&s, false);
+    let with_op = screen.fit_lag(0.0, 0.0).loss;
+    let without = screen.without_input();
+    let inputs = Screen::input_lags(p.max_delay) as f64;
+    // A record without noise is explained to the last digit by either; that is no lack of response.
+    if without < EXPLAINED {
+        return None;
+    }
+    let gain = p.rows() * ((without + armax::LOSS_FLOOR) / (with_op + armax::LOSS_FLOOR)).ln() - 2.0 * inputs;
+    (gain <= 0.0).then_some(NotIdentifiable::NoResponse)
+}
+
+/// Srinivasan's d: the least long-ARX loss over a grid.
+fn best_d(p: &Problem) -> f64 {
+    let mut screen = Screen::new(&p.y, p.first, p.max_delay);
+    let (mut x, dir) = (vec![0.0; p.u.len()], vec![1.0; p.u.len()]);
+    let mut best = (f64::INFINITY, 0.0);
+    for i in 0..D_GRID {
+        let d = 2.0 * p.f_top * i as f64 / D_GRID as f64;
+        srinivasan(&p.u, d, &mut x);
+        screen.load(&p.signals(&x, &dir), false);
+        let loss = screen.fit_lag(0.0, 0.0).loss;
+        if loss < best.0 {
+            best = (loss, d);
+        }
+    }
+    best.1
+}
+
+fn curve(grid: &[GridPoint], p: &Problem, unit: f64) -> Vec<CurvePoint> {
+    let least = grid.iter().map(|g| g.loss).fold(f64::INFINITY, f64::min);
+    grid.iter()
+        .map(|g| CurvePoint {
+            f: g.f * unit,
+            aic: p.rows() * (g.loss / least).ln(),
+        })
+        .collect()
+}
+
+fn model(chosen: &Refined, scale: &Scale) -> Model {
+    let (o, t) = (chosen.fit.orders, chosen.fit.theta);
+    Model {
+        na: o.na,
+        nb: o.nb,
+        nc: o.nc,
+        nk: o.nk,
+        a: t.a[..o.na].to_vec(),
+        b: t.b[..o.nb].iter().map(|b| b * scale.y / scale.u).collect(),
+        c: t.c[..o.nc].to_vec(),
+        rmse: chosen.fit.loss.sqrt() * scale.y,
+    }
+}
+
+fn explain(verdict: &Verdict, e: &Estimate, evidence: Option<&Evidence>) -> String {
+    let Some(w) = evidence else {
+        return "no reversal of OP that friction could have held".into();
+    };
+    match verdict {
+        Verdict::Stiction => format!(
+            "f = {:.3} [{:.3}, {:.3}], evidence {:.0} against {}",
+            e.f,
+            e.f_ci95[0],
+            e.f_ci95[1],
+            w.delta_aic,
+            w.rival.name()
+        ),
+        _ if w.delta_aic_linear > w.delta_aic.max(0.0) + 20.0 => {
+            format!(
+                "{} explains the record as well as friction (evidence {:.0})",
+                w.rival.name(),
+                w.delta_aic
+            )
+        }
+        _ => format!(
+            "no friction needed: evidence {:.0}, steadiness {:.1}",
+            w.delta_aic, w.steadiness
+        ),
+    }
+}
+
+fn refused(
+    reason: NotIdentifiable,
+    preparation: Preparation,
+    oscillation: Option<Oscillation>,
+    window: Option<Window>,
+) -> Diagnosis {
+    Diagnosis {
+        reason: reason.to_string(),
+        verdict: Verdict::NotIdentifiable(reason),
+        preparation,
+        oscillation,
+        estimate: None,
+        residual: None,
+        window,
+    }
+}
