@@ -5,8 +5,10 @@ use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::time::Duration;
 use stictiond::demo::{DEFAULT_SPEED, Demo, DemoError, Options, Screen};
+use stictiond::diagnosis::{Settings, diagnose};
 use stictiond::results::Event;
-use stictiond::sim::DemoLoop;
+use stictiond::signal::{Record, Sample};
+use stictiond::sim::{DemoLoop, Recording, demo_plant, plant::record};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::broadcast::{Receiver, error::RecvError};
@@ -81,8 +83,7 @@ async fn a_minute_after_the_start_every_loop_has_its_right_verdict() {
     let demo = Demo::build(&options()).await.expect("builds on port 0");
     let (address, loops, stop) = (demo.address(), demo.loops().to_vec(), demo.stop());
     let mut events = demo.results().subscribe();
-    let (writer, screen) = (Vec::new(), Screen::new);
-    let running = tokio::spawn(demo.run(screen(writer, false)));
+    let running = tokio::spawn(demo.run(Screen::new(Vec::new(), false)));
     let mut left = BTreeMap::new();
     let judged = timeout(A_MINUTE, async {
         loop {
@@ -121,6 +122,44 @@ async fn a_minute_after_the_start_every_loop_has_its_right_verdict() {
         .expect("ends within a second")
         .expect("does not panic")
         .expect("ends well");
+}
+
+/// Without sockets and clocks: the plant of other seeds, as it is polled, gives the same verdicts.
+#[test]
+fn the_verdicts_do_not_hang_on_the_seed() {
+    for seed in 2..5 {
+        for demo in demo_plant(seed) {
+            // Every fourth sample, the first 2,000 s left out, 1,000 samples: 25 s of the demo.
+            let run = record(&demo.spec, 2000, demo.seed, Recording::Sample { every: 4 })
+                .expect("the plant is valid")
+                .after(1000);
+            let series = |values: &[f64]| {
+                let samples = run.t.iter().zip(values);
+                samples.map(|(&t, &value)| Sample::good(t, value)).collect()
+            };
+            let mode = vec![f64::from(u8::from(demo.in_automatic())); run.t.len()];
+            let diagnosis = diagnose(
+                &Record {
+                    op: series(&run.op),
+                    pv: series(&run.pv),
+                    sp: Some(series(&run.sp)),
+                    mode: Some(series(&mode)),
+                    op_limits: Some((0.0, 100.0)),
+                    op_span: Some(100.0),
+                    ..Record::default()
+                },
+                &Settings::default(),
+            );
+            assert_eq!(
+                diagnosis.verdict.as_str(),
+                demo.expected.as_str(),
+                "seed {seed}, {} {}: {}",
+                demo.id,
+                demo.truth.kind,
+                diagnosis.reason
+            );
+        }
+    }
 }
 
 #[tokio::test]
