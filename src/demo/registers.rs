@@ -108,8 +108,10 @@ impl Device {
                     image.extend(self.words(value));
                 }
                 match self.mode {
-                    ModeAs::Word => image.push(u16::from(demo.in_automatic())),
-                    ModeAs::StatusBit => image.push(u16::from(demo.in_automatic()) << STATUS_BIT),
+                    ModeAs::Word => image.extend(self.ordered(&[0, u8::from(demo.in_automatic())])),
+                    ModeAs::StatusBit => {
+                        image.extend(self.ordered(&[0, u8::from(demo.in_automatic()) << STATUS_BIT]));
+                    }
                     ModeAs::Bit(_) => {}
                 }
             }
@@ -124,13 +126,17 @@ impl Device {
 
     /// A value as the device stores it.
     fn words(&self, value: f64) -> Vec<u16> {
-        let bytes = match self.value_type {
-            ValueType::F64 => value.to_be_bytes().to_vec(),
-            ValueType::F32 => (value as f32).to_be_bytes().to_vec(),
+        match self.value_type {
+            ValueType::F64 => self.ordered(&value.to_be_bytes()),
+            ValueType::F32 => self.ordered(&(value as f32).to_be_bytes()),
             // A float-to-integer cast saturates: what does not fit becomes the limit.
-            _ => ((value / self.scale).round() as i32).to_be_bytes().to_vec(),
-        };
-        let mut words: Vec<u16> = bytes
+            _ => self.ordered(&((value / self.scale).round() as i32).to_be_bytes()),
+        }
+    }
+
+    /// A value of one or more words in the device's order; one that swaps bytes swaps them in every word it holds.
+    fn ordered(&self, big_endian: &[u8]) -> Vec<u16> {
+        let mut words: Vec<u16> = big_endian
             .chunks(2)
             .map(|pair| u16::from_be_bytes([pair[0], pair[1]]))
             .collect();
@@ -255,6 +261,11 @@ mod tests {
         assert_eq!(flow[109..111], [(first >> 16) as u16, first as u16]);
         assert_eq!(flow[113], 1);
         assert_eq!(devices[0].image(Register::Input, &plant, &points), None);
+        // The first pressure loop's status word follows three integers; bit 3, its bytes swapped.
+        let pressure = devices[2]
+            .image(Register::Holding, &plant, &points)
+            .expect("has it");
+        assert_eq!(pressure[106], 0x0800);
         // The fourth level loop is in manual.
         let modes = devices[1]
             .image(Register::Discrete, &plant, &points)
