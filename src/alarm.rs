@@ -68,25 +68,14 @@ impl Config {
                 wrong.push((field, message));
             }
         };
-        let counts = [
-            ("n", self.n, "k", self.k),
-            ("clear_n", self.clear_n, "clear_k", self.clear_k),
-        ];
+        let counts = [("n", self.n, "k", self.k), ("clear_n", self.clear_n, "clear_k", self.clear_k)];
         for (of, n, field, k) in counts {
             unless((1..=100).contains(&n), of, format!("{n} must be 1 to 100"));
             unless(k >= 1 && k <= n, field, format!("{k} must be 1 to {of} = {n}"));
         }
         let (f, evidence, shelve) = (self.clear_f_percent, self.clear_evidence, self.max_shelve_s);
-        unless(
-            (0.0..=100.0).contains(&f),
-            "clear_f_percent",
-            format!("{f} must be 0 to 100"),
-        );
-        unless(
-            evidence.is_finite(),
-            "clear_evidence",
-            format!("{evidence} must be a number"),
-        );
+        unless((0.0..=100.0).contains(&f), "clear_f_percent", format!("{f} must be 0 to 100"));
+        unless(evidence.is_finite(), "clear_evidence", format!("{evidence} must be a number"));
         unless(
             (1.0..=365.0 * 86_400.0).contains(&shelve),
             "max_shelve_s",
@@ -305,13 +294,7 @@ impl Alarm {
         } else {
             (Observation::Sticky, self.config.k, self.config.n)
         };
-        let votes = self
-            .votes
-            .iter()
-            .rev()
-            .take(of)
-            .filter(|&&vote| vote == wanted)
-            .count();
+        let votes = self.votes.iter().rev().take(of).filter(|&&vote| vote == wanted).count();
         if votes >= enough.max(1) {
             taken.extend(self.flip(now));
         }
@@ -358,11 +341,7 @@ impl Alarm {
     pub fn unshelve(&mut self, now: f64) -> Result<Vec<Transition>, Refusal> {
         let taken = self.tick(now);
         if self.shelved_until.is_none() {
-            return if taken.is_empty() {
-                Err(Refusal::NotShelved(self.state()))
-            } else {
-                Ok(taken)
-            };
+            return if taken.is_empty() { Err(Refusal::NotShelved(self.state())) } else { Ok(taken) };
         }
         Ok(vec![self.end_shelving(now, Cause::Unshelved)])
     }
@@ -373,11 +352,7 @@ impl Alarm {
         self.active = !self.active;
         // Counting starts afresh, so that the votes that raised an alarm cannot help to raise it again.
         self.votes.clear();
-        let cause = if self.active {
-            Cause::Raised
-        } else {
-            Cause::Cleared
-        };
+        let cause = if self.active { Cause::Raised } else { Cause::Cleared };
         if self.active {
             self.acknowledged = false;
             self.raised_at = Some(now);
@@ -393,12 +368,7 @@ impl Alarm {
 
     fn moved(&mut self, from: State, at: f64, cause: Cause) -> Transition {
         self.since = Some(at);
-        Transition {
-            from,
-            to: self.state(),
-            at,
-            cause,
-        }
+        Transition { from, to: self.state(), at, cause }
     }
 }
 

@@ -54,11 +54,7 @@ pub enum AppError {
 }
 
 fn lines(diagnostics: &[Diagnostic]) -> String {
-    diagnostics
-        .iter()
-        .map(Diagnostic::to_string)
-        .collect::<Vec<_>>()
-        .join("\n")
+    diagnostics.iter().map(Diagnostic::to_string).collect::<Vec<_>>().join("\n")
 }
 
 /// The daemon, built and not yet running.
@@ -99,24 +95,12 @@ impl App {
         let stop = CancellationToken::new();
         let wired = config.plant().map_err(AppError::Plan)?;
         let history = Arc::new(History::new(&wired.loops, &config.history));
-        let results = Arc::new(Results::new(
-            &ids(&config),
-            config.schedule.keep_results,
-            &config.alarm,
-        ));
+        let results = Arc::new(Results::new(&ids(&config), config.schedule.keep_results, &config.alarm));
         let plan = schedule_plan(&config, &history);
-        let scheduler = Arc::new(Scheduler::new(
-            config.schedule.clone(),
-            clock,
-            diagnose,
-            results.clone(),
-            plan,
-        ));
-        let devices: Vec<Device> = wired
-            .plans
-            .into_iter()
-            .map(|plan| Device::new(plan, clock, &history))
-            .collect();
+        let scheduler =
+            Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
+        let devices: Vec<Device> =
+            wired.plans.into_iter().map(|plan| Device::new(plan, clock, &history)).collect();
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices)));
         let context = Arc::new(Context::new(
             config.server.clone(),
@@ -134,21 +118,8 @@ impl App {
             total_bytes = history.memory_bytes(),
             "history: memory taken"
         );
-        let state = Mutex::new(Running {
-            config,
-            history,
-            devices,
-            collecting: false,
-        });
-        Ok(Self {
-            clock,
-            results,
-            scheduler,
-            plant,
-            context,
-            stop,
-            state,
-        })
+        let state = Mutex::new(Running { config, history, devices, collecting: false });
+        Ok(Self { clock, results, scheduler, plant, context, stop, state })
     }
 
     /// The diagnosis that the daemon runs.
@@ -174,10 +145,7 @@ impl App {
         {
             let mut state = self.state.lock().await;
             state.collecting = true;
-            state
-                .devices
-                .iter_mut()
-                .for_each(|device| device.start(&self.stop));
+            state.devices.iter_mut().for_each(|device| device.start(&self.stop));
         }
         let serving = async {
             let served = serve::serve(listener, self.context.clone()).await;
@@ -195,12 +163,7 @@ impl App {
     }
 
     async fn tick_alarms(&self) {
-        while self
-            .stop
-            .run_until_cancelled(tokio::time::sleep(ALARM_TICK))
-            .await
-            .is_some()
-        {
+        while self.stop.run_until_cancelled(tokio::time::sleep(ALARM_TICK)).await.is_some() {
             self.results.tick(self.clock.now());
         }
     }
@@ -217,9 +180,7 @@ impl App {
         let history = Arc::new(state.history.successor(&wired.loops, &config.history));
         let (mut before, mut devices) = (std::mem::take(&mut state.devices), Vec::new());
         for plan in wired.plans {
-            let same = before
-                .iter()
-                .position(|device| device.carries_on(&plan, &history));
+            let same = before.iter().position(|device| device.carries_on(&plan, &history));
             devices.push(match same {
                 Some(at) => before.swap_remove(at),
                 None => Device::new(plan, self.clock, &history),
@@ -231,8 +192,7 @@ impl App {
         }
         self.results.reload(&ids(&config), &config.alarm);
         self.scheduler.replace(schedule_plan(&config, &history));
-        self.plant
-            .send_replace(Arc::new(shown(&config, &history, &devices)));
+        self.plant.send_replace(Arc::new(shown(&config, &history, &devices)));
         if state.collecting {
             devices.iter_mut().for_each(|device| device.start(&self.stop));
         }
@@ -251,17 +211,9 @@ impl Device {
         let now: Arc<dyn collect::Clock> = Arc::new(move || clock.now());
         let collector = Collector::new(plan.clone(), now, plan.device as u64);
         let ring = |tag: usize| Some((tag, history.ring(tag)?.clone()));
-        let rings = Arc::new(Rings(
-            plan.tags.iter().filter_map(|tag| ring(tag.index)).collect(),
-        ));
+        let rings = Arc::new(Rings(plan.tags.iter().filter_map(|tag| ring(tag.index)).collect()));
         let health = collector.health();
-        Self {
-            plan,
-            rings,
-            health,
-            collector: Some(collector),
-            task: None,
-        }
+        Self { plan, rings, health, collector: Some(collector), task: None }
     }
 
     fn start(&mut self, stop: &CancellationToken) {
@@ -286,16 +238,8 @@ impl Device {
     fn carries_on(&self, plan: &Plan, history: &History) -> bool {
         let old = &self.plan;
         let alive = self.task.as_ref().is_none_or(|(_, task)| !task.is_finished());
-        let head = |p: &Plan| {
-            (
-                p.name.clone(),
-                p.address.clone(),
-                p.unit_id,
-                p.period,
-                p.timeout,
-                p.reconnect_max,
-            )
-        };
+        let head =
+            |p: &Plan| (p.name.clone(), p.address.clone(), p.unit_id, p.period, p.timeout, p.reconnect_max);
         alive
             && head(old) == head(plan)
             && old.requests == plan.requests
@@ -320,12 +264,7 @@ impl Device {
             ("good_samples", h.good_samples),
             ("bad_samples", h.bad_samples),
         ];
-        DeviceState {
-            name: name.to_string(),
-            connected: h.connected,
-            last_good: h.last_good,
-            counters,
-        }
+        DeviceState { name: name.to_string(), connected: h.connected, last_good: h.last_good, counters }
     }
 }
 
@@ -348,21 +287,14 @@ impl collect::Sink for Rings {
 }
 
 fn ids(config: &Config) -> Vec<LoopId> {
-    config
-        .loops
-        .iter()
-        .map(|control_loop| LoopId::new(control_loop.id.as_str()))
-        .collect()
+    config.loops.iter().map(|control_loop| LoopId::new(control_loop.id.as_str())).collect()
 }
 
 fn schedule_plan(config: &Config, history: &Arc<History>) -> schedule::Plan {
     let history = history.clone();
     let job = |control_loop| {
         let period_s = config.period_s(control_loop);
-        Job {
-            id: LoopId::new(control_loop.id.as_str()),
-            period_s,
-        }
+        Job { id: LoopId::new(control_loop.id.as_str()), period_s }
     };
     schedule::Plan {
         jobs: config.loops.iter().map(job).collect(),
@@ -378,21 +310,10 @@ fn shown(config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::
         group: control_loop.group.clone(),
         period_s: config.period_s(control_loop),
     };
-    let healths: Vec<(String, Arc<DeviceHealth>)> = devices
-        .iter()
-        .map(|device| (device.plan.name.clone(), device.health.clone()))
-        .collect();
-    let states = move || {
-        healths
-            .iter()
-            .map(|(name, health)| Device::state(name, health))
-            .collect()
-    };
-    serve::Plant::new(
-        config.loops.iter().map(info).collect(),
-        history.clone(),
-        Arc::new(states),
-    )
+    let healths: Vec<(String, Arc<DeviceHealth>)> =
+        devices.iter().map(|device| (device.plan.name.clone(), device.health.clone())).collect();
+    let states = move || healths.iter().map(|(name, health)| Device::state(name, health)).collect();
+    serve::Plant::new(config.loops.iter().map(info).collect(), history.clone(), Arc::new(states))
 }
 
 fn warn_of_what_needs_a_restart(old: &Config, new: &Config) {
@@ -411,9 +332,7 @@ fn warn_of_what_needs_a_restart(old: &Config, new: &Config) {
 /// [`AppError::Bind`].
 pub async fn listen(config: &Config) -> Result<TcpListener, AppError> {
     let address = config.server.listen;
-    TcpListener::bind(address)
-        .await
-        .map_err(|source| AppError::Bind { address, source })
+    TcpListener::bind(address).await.map_err(|source| AppError::Bind { address, source })
 }
 
 /// The daemon as a command: loads the file, runs until SIGTERM or SIGINT, reloads the file on SIGHUP. A file that
@@ -426,11 +345,8 @@ pub async fn daemon(path: &Path) -> Result<(), AppError> {
     let listener = listen(&config).await?;
     let app = App::build(config, Clock::wall(), App::diagnosis())?;
     let on = |kind| signal(kind).map_err(AppError::Signal);
-    let (hup, term, int) = (
-        on(SignalKind::hangup())?,
-        on(SignalKind::terminate())?,
-        on(SignalKind::interrupt())?,
-    );
+    let (hup, term, int) =
+        (on(SignalKind::hangup())?, on(SignalKind::terminate())?, on(SignalKind::interrupt())?);
     if let Ok(address) = listener.local_addr() {
         tracing::info!(%address, "serving");
     }

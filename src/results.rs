@@ -72,9 +72,7 @@ impl Run {
 
     /// What turns OP units into % of OP span; a span that is not known is taken for 100.
     fn percent(&self) -> f64 {
-        self.op_span
-            .filter(|span| *span > 0.0)
-            .map_or(1.0, |span| 100.0 / span)
+        self.op_span.filter(|span| *span > 0.0).map_or(1.0, |span| 100.0 / span)
     }
 
     fn summary(&self) -> Summary {
@@ -321,10 +319,7 @@ impl Results {
     /// How many loops have been run at least once, and how many there are.
     pub fn coverage(&self) -> (usize, usize) {
         let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
-        let run = entries
-            .values()
-            .filter(|entry| !lock(entry).summaries.is_empty())
-            .count();
+        let run = entries.values().filter(|entry| !lock(entry).summaries.is_empty()).count();
         (run, entries.len())
     }
 
@@ -373,9 +368,7 @@ impl Results {
     pub fn tick(&self, now: f64) {
         let shelved: Vec<_> = {
             let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
-            let shelved = entries
-                .iter()
-                .filter(|(_, entry)| lock(entry).alarm.state() == State::Shelved);
+            let shelved = entries.iter().filter(|(_, entry)| lock(entry).alarm.state() == State::Shelved);
             shelved.map(|(id, entry)| (id.clone(), entry.clone())).collect()
         };
         for (id, entry) in shelved {
@@ -389,11 +382,7 @@ impl Results {
     }
 
     fn entry(&self, id: &LoopId) -> Option<Arc<Mutex<Entry>>> {
-        self.entries
-            .read()
-            .unwrap_or_else(PoisonError::into_inner)
-            .get(id)
-            .cloned()
+        self.entries.read().unwrap_or_else(PoisonError::into_inner).get(id).cloned()
     }
 
     fn tell_all(&self, id: &LoopId, transitions: Vec<Transition>) {

@@ -46,13 +46,7 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self {
-            period_s: 3600.0,
-            parallelism: 1,
-            deadline_s: 30.0,
-            queue: 256,
-            keep_results: 200,
-        }
+        Self { period_s: 3600.0, parallelism: 1, deadline_s: 30.0, queue: 256, keep_results: 200 }
     }
 }
 
@@ -71,27 +65,11 @@ impl Config {
             "period_s",
             format!("{period} must be 1 to 2678400"),
         );
-        unless(
-            (0.1..=3600.0).contains(&deadline),
-            "deadline_s",
-            format!("{deadline} must be 0.1 to 3600"),
-        );
+        unless((0.1..=3600.0).contains(&deadline), "deadline_s", format!("{deadline} must be 0.1 to 3600"));
         let (slots, queue, keep) = (self.parallelism, self.queue, self.keep_results);
-        unless(
-            (1..=256).contains(&slots),
-            "parallelism",
-            format!("{slots} must be 1 to 256"),
-        );
-        unless(
-            (1..=100_000).contains(&queue),
-            "queue",
-            format!("{queue} must be 1 to 100000"),
-        );
-        unless(
-            (1..=10_000).contains(&keep),
-            "keep_results",
-            format!("{keep} must be 1 to 10000"),
-        );
+        unless((1..=256).contains(&slots), "parallelism", format!("{slots} must be 1 to 256"));
+        unless((1..=100_000).contains(&queue), "queue", format!("{queue} must be 1 to 100000"));
+        unless((1..=10_000).contains(&keep), "keep_results", format!("{keep} must be 1 to 10000"));
         wrong
     }
 }
@@ -243,8 +221,7 @@ impl Scheduler {
     /// Takes another plan; runs in progress end as they would have. `parallelism`, `deadline_s` and `queue` stay as they
     /// were at the start.
     pub fn replace(&self, plan: Plan) {
-        self.table
-            .send_modify(|table| *table = Arc::new(Table::new(plan, Some(table))));
+        self.table.send_modify(|table| *table = Arc::new(Table::new(plan, Some(table))));
     }
 
     /// What happened so far.
@@ -421,9 +398,7 @@ impl Scheduler {
                 seat.enter(Phase::Idle);
             }
         }
-        self.counts
-            .busy_us
-            .fetch_add(began.elapsed().as_micros() as u64, Relaxed);
+        self.counts.busy_us.fetch_add(began.elapsed().as_micros() as u64, Relaxed);
     }
 }
 
@@ -432,19 +407,11 @@ impl Table {
         let seat = |job: &Job| {
             let known = before.and_then(|table| Some(table.seats[*table.by_id.get(&job.id)?].clone()));
             known.unwrap_or_else(|| {
-                Arc::new(Seat {
-                    id: job.id.clone(),
-                    inner: Mutex::new((Phase::Idle, Vec::new())),
-                })
+                Arc::new(Seat { id: job.id.clone(), inner: Mutex::new((Phase::Idle, Vec::new())) })
             })
         };
         let seats = plan.jobs.iter().map(seat).collect();
-        let by_id = plan
-            .jobs
-            .iter()
-            .enumerate()
-            .map(|(at, job)| (job.id.clone(), at))
-            .collect();
+        let by_id = plan.jobs.iter().enumerate().map(|(at, job)| (job.id.clone(), at)).collect();
         Self { seats, by_id, plan }
     }
 }
@@ -487,8 +454,7 @@ fn next_due(offset: Duration, period: Duration, now: Duration) -> (Duration, u64
 /// What a panic said.
 fn said(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_string());
-    text.or_else(|| panic.downcast_ref::<String>().cloned())
-        .unwrap_or_else(|| "no message".to_string())
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "no message".to_string())
 }
 
 #[cfg(test)]

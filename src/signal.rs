@@ -101,11 +101,7 @@ pub struct Sample {
 impl Sample {
     /// A good sample.
     pub fn good(t: f64, value: f64) -> Self {
-        Self {
-            t,
-            value,
-            quality: Quality::Good,
-        }
+        Self { t, value, quality: Quality::Good }
     }
 }
 

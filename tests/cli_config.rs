@@ -7,18 +7,10 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 fn stictiond(args: &[&str]) -> (Option<i32>, String, String) {
-    let Output {
-        status,
-        stdout,
-        stderr,
-    } = Command::new(env!("CARGO_BIN_EXE_stictiond"))
-        .args(args)
-        .output()
-        .expect("the binary starts");
-    let (stdout, stderr) = (
-        String::from_utf8_lossy(&stdout).into_owned(),
-        String::from_utf8_lossy(&stderr).into_owned(),
-    );
+    let Output { status, stdout, stderr } =
+        Command::new(env!("CARGO_BIN_EXE_stictiond")).args(args).output().expect("the binary starts");
+    let (stdout, stderr) =
+        (String::from_utf8_lossy(&stdout).into_owned(), String::from_utf8_lossy(&stderr).into_owned());
     assert!(!stderr.contains("panicked"), "{args:?}: {stderr}");
     (status.code(), stdout, stderr)
 }
@@ -44,39 +36,23 @@ fn a_good_file_is_summed_up() {
 #[test]
 fn every_error_is_a_line_with_its_place() {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("broken.toml");
-    fs::write(
-        &path,
-        "[alarm]\nkk = 2\nn = 'x'\n[server]\nlisten = '0.0.0.0:80'\n",
-    )
-    .unwrap();
+    fs::write(&path, "[alarm]\nkk = 2\nn = 'x'\n[server]\nlisten = '0.0.0.0:80'\n").unwrap();
     let path = path.to_str().unwrap();
     let (code, stdout, stderr) = stictiond(&["check", "--config", path]);
     assert_eq!((code, stdout.as_str()), (Some(2), ""));
     let lines: Vec<&str> = stderr.lines().collect();
     assert_eq!(lines.len(), 4, "{stderr}");
-    assert!(
-        lines[0].starts_with(&format!("{path}:1:1: no [[loop]]")),
-        "{stderr}"
-    );
-    assert_eq!(
-        lines[1],
-        format!("{path}:2:1: unknown key \"kk\" in [alarm], did you mean \"k\"?")
-    );
+    assert!(lines[0].starts_with(&format!("{path}:1:1: no [[loop]]")), "{stderr}");
+    assert_eq!(lines[1], format!("{path}:2:1: unknown key \"kk\" in [alarm], did you mean \"k\"?"));
     assert!(lines[2].starts_with(&format!("{path}:3:5: n: ")), "{stderr}");
-    assert!(
-        lines[3].starts_with(&format!("{path}:5:10: listen: 0.0.0.0:80 is not loopback")),
-        "{stderr}"
-    );
+    assert!(lines[3].starts_with(&format!("{path}:5:10: listen: 0.0.0.0:80 is not loopback")), "{stderr}");
 }
 
 #[test]
 fn a_file_that_is_not_there() {
     let (code, _, stderr) = stictiond(&["check", "--config", "none/such.toml"]);
     assert_eq!(code, Some(2));
-    assert_eq!(
-        stderr,
-        "none/such.toml: cannot read: No such file or directory (os error 2)\n"
-    );
+    assert_eq!(stderr, "none/such.toml: cannot read: No such file or directory (os error 2)\n");
     assert_eq!(stictiond(&["check"]).0, Some(2));
 }
 
@@ -94,18 +70,7 @@ fn probe_shows_what_the_device_answers() {
         let answer = [request[0], request[1], 0, 0, 0, 7, 7, 3, 4, 0x40, 0x20, 0, 0];
         stream.write_all(&answer).unwrap();
     });
-    let args = [
-        "probe",
-        &address,
-        "--unit-id",
-        "7",
-        "--start",
-        "101",
-        "--count",
-        "2",
-        "--address-base",
-        "1",
-    ];
+    let args = ["probe", &address, "--unit-id", "7", "--start", "101", "--count", "2", "--address-base", "1"];
     let (code, stdout, stderr) = stictiond(&args);
     device.join().unwrap();
     assert_eq!((code, stderr.as_str()), (Some(0), ""));
@@ -115,17 +80,9 @@ fn probe_shows_what_the_device_answers() {
 #[test]
 fn probe_fails_in_one_line() {
     // Bound and dropped: nobody listens there.
-    let closed = TcpListener::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .to_string();
+    let closed = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
     let (code, stdout, stderr) = stictiond(&["probe", &closed, "--start", "0"]);
-    assert_eq!(
-        (code, stdout.as_str(), stderr.lines().count()),
-        (Some(1), "", 1),
-        "{stderr}"
-    );
+    assert_eq!((code, stdout.as_str(), stderr.lines().count()), (Some(1), "", 1), "{stderr}");
     assert!(stderr.contains(&closed), "{stderr}");
     for arguments in [
         &["--start", "0", "--count", "126"][..],
@@ -141,10 +98,6 @@ fn probe_fails_in_one_line() {
         &["--start", "0", "--register", "rod"],
         &["--start", "0", "--address-base", "2"],
     ] {
-        assert_eq!(
-            stictiond(&[&["probe", &closed], arguments].concat()).0,
-            Some(2),
-            "{arguments:?}"
-        );
+        assert_eq!(stictiond(&[&["probe", &closed], arguments].concat()).0, Some(2), "{arguments:?}");
     }
 }

@@ -6,10 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 fn stictiond(args: &[&str]) -> Output {
-    let output = Command::new(env!("CARGO_BIN_EXE_stictiond"))
-        .args(args)
-        .output()
-        .expect("the binary starts");
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_stictiond")).args(args).output().expect("the binary starts");
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(!stderr.contains("panicked"), "{args:?}: {stderr}");
     output
@@ -38,10 +36,7 @@ fn refused(path: &Path, says: &str) {
 fn not_identifiable(path: &Path) {
     let report = report(path);
     assert_eq!(report["verdict"], "not_identifiable", "{}", path.display());
-    assert!(
-        report["f"].is_null() && report["reason_code"].is_string(),
-        "{report}"
-    );
+    assert!(report["f"].is_null() && report["reason_code"].is_string(), "{report}");
 }
 
 fn report(path: &Path) -> serde_json::Value {
@@ -65,44 +60,18 @@ fn rows(n: usize, mut row: impl FnMut(usize) -> String) -> String {
 fn what_is_no_record_is_refused_in_one_line() {
     refused(&file("empty.csv", ""), "empty file");
     refused(&file("one_column.csv", "pv\n1\n2\n"), "only one column");
-    refused(
-        &file("wrong_delimiter.csv", "t|op|pv\n0|1|2\n"),
-        "only one column",
-    );
-    refused(
-        &file("no_header.csv", "0,1,2\n1,2,3\n"),
-        "numbers where the header should be",
-    );
+    refused(&file("wrong_delimiter.csv", "t|op|pv\n0|1|2\n"), "only one column");
+    refused(&file("no_header.csv", "0,1,2\n1,2,3\n"), "numbers where the header should be");
     refused(&file("no_op.csv", "t,pv\n0,1\n"), "no column op");
     refused(&file("header_only.csv", "t,op,pv\n"), "no samples");
-    refused(
-        &file("text_time.csv", "t,op,pv\n0,1,2\nnoon,1,2\n"),
-        "line 3, column 1 (t): \"noon\"",
-    );
-    refused(
-        &file("text_column.csv", rows(300, |k| format!("{k},shut,{k}"))),
-        "line 2, column 2 (op)",
-    );
-    refused(
-        &file("nan_column.csv", rows(300, |k| format!("{k},{k},NaN"))),
-        "line 2, column 3 (pv)",
-    );
-    refused(
-        &file("decimal_comma.csv", "t,op,pv\n0,1,5,2,5\n"),
-        "5 cells where the header has 3",
-    );
-    let garbage: Vec<u8> = (0..100_000u32)
-        .map(|k| (k.wrapping_mul(2_654_435_761) >> 13) as u8)
-        .collect();
+    refused(&file("text_time.csv", "t,op,pv\n0,1,2\nnoon,1,2\n"), "line 3, column 1 (t): \"noon\"");
+    refused(&file("text_column.csv", rows(300, |k| format!("{k},shut,{k}"))), "line 2, column 2 (op)");
+    refused(&file("nan_column.csv", rows(300, |k| format!("{k},{k},NaN"))), "line 2, column 3 (pv)");
+    refused(&file("decimal_comma.csv", "t,op,pv\n0,1,5,2,5\n"), "5 cells where the header has 3");
+    let garbage: Vec<u8> = (0..100_000u32).map(|k| (k.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
     refused(&file("garbage.csv", garbage), "line 1");
-    refused(
-        &file("utf16.csv", [0xff, 0xfe, b't', 0, b',', 0, b'\n', 0]),
-        "UTF-16",
-    );
-    refused(
-        &Path::new(env!("CARGO_TARGET_TMPDIR")).join("missing.csv"),
-        "No such file",
-    );
+    refused(&file("utf16.csv", [0xff, 0xfe, b't', 0, b',', 0, b'\n', 0]), "UTF-16");
+    refused(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("missing.csv"), "No such file");
     refused(Path::new(env!("CARGO_TARGET_TMPDIR")), "directory");
 }
 
@@ -112,20 +81,11 @@ fn what_cannot_be_judged_is_a_verdict() {
     not_identifiable(&file("constant.csv", rows(600, |k| format!("{k},50,20"))));
     not_identifiable(&file("flat_pv.csv", rows(600, |k| format!("{k},{},20", k % 50))));
     not_identifiable(&file("flat_op.csv", rows(600, |k| format!("{k},20,{}", k % 50))));
-    not_identifiable(&file(
-        "same_time.csv",
-        rows(600, |k| format!("7,{},{}", k % 50, k % 40)),
-    ));
+    not_identifiable(&file("same_time.csv", rows(600, |k| format!("7,{},{}", k % 50, k % 40))));
     not_identifiable(&file(
         "mostly_text.csv",
-        rows(600, |k| {
-            if k % 2 == 0 {
-                format!("{k},{},x", k % 50)
-            } else {
-                format!("{k},NaN,inf")
-            }
-        })
-        .replacen("0,0,x", "0,0,1", 1),
+        rows(600, |k| if k % 2 == 0 { format!("{k},{},x", k % 50) } else { format!("{k},NaN,inf") })
+            .replacen("0,0,x", "0,0,1", 1),
     ));
 }
 
@@ -133,62 +93,35 @@ fn what_cannot_be_judged_is_a_verdict() {
 fn odd_numbers_never_reach_the_report() {
     let wave = |k: usize| ((k as f64) * 0.2).sin();
     for (name, text) in [
-        (
-            "huge.csv",
-            rows(600, |k| format!("{k},{}e308,{}e308", wave(k), wave(k + 5))),
-        ),
-        (
-            "huge_time.csv",
-            rows(600, |k| format!("{}e305,{},{}", k, wave(k), wave(k + 5))),
-        ),
-        (
-            "tiny.csv",
-            rows(600, |k| format!("{k},{}e-308,{}e-308", wave(k), wave(k + 5))),
-        ),
+        ("huge.csv", rows(600, |k| format!("{k},{}e308,{}e308", wave(k), wave(k + 5)))),
+        ("huge_time.csv", rows(600, |k| format!("{}e305,{},{}", k, wave(k), wave(k + 5)))),
+        ("tiny.csv", rows(600, |k| format!("{k},{}e-308,{}e-308", wave(k), wave(k + 5)))),
         (
             "one_spike.csv",
-            rows(600, |k| {
-                format!("{k},{},{}", if k == 300 { 1e308 } else { wave(k) }, wave(k + 5))
-            }),
+            rows(600, |k| format!("{k},{},{}", if k == 300 { 1e308 } else { wave(k) }, wave(k + 5))),
         ),
         (
             "some_nan.csv",
             rows(600, |k| {
-                if k % 97 == 3 {
-                    format!("{k},NaN,x")
-                } else {
-                    format!("{k},{},{}", wave(k), wave(k + 5))
-                }
+                if k % 97 == 3 { format!("{k},NaN,x") } else { format!("{k},{},{}", wave(k), wave(k + 5)) }
             }),
         ),
-        (
-            "backwards.csv",
-            rows(600, |k| format!("{},{},{}", 600 - k, wave(k), wave(k + 5))),
-        ),
+        ("backwards.csv", rows(600, |k| format!("{},{},{}", 600 - k, wave(k), wave(k + 5)))),
         (
             "shuffled.csv",
-            rows(601, |k| {
-                format!("{},{},{}", k * 7 % 601, wave(k * 7 % 601), wave(k * 7 % 601 + 5))
-            }),
+            rows(601, |k| format!("{},{},{}", k * 7 % 601, wave(k * 7 % 601), wave(k * 7 % 601 + 5))),
         ),
     ] {
         let report = report(&file(name, text));
         let known = ["stiction", "no_stiction", "not_identifiable"];
-        assert!(
-            known.iter().any(|verdict| report["verdict"] == **verdict),
-            "{name}: {report}"
-        );
+        assert!(known.iter().any(|verdict| report["verdict"] == **verdict), "{name}: {report}");
     }
 }
 
 #[test]
 fn a_million_samples() {
     let text = rows(1_000_000, |k| {
-        format!(
-            "{k},{:.4},{:.4}",
-            50.0 + (k % 100) as f64 / 10.0,
-            (k % 90) as f64 / 9.0
-        )
+        format!("{k},{:.4},{:.4}", 50.0 + (k % 100) as f64 / 10.0, (k % 90) as f64 / 9.0)
     });
     let report = report(&file("million.csv", text));
     assert_eq!(report["loop"], "million");
@@ -201,14 +134,8 @@ fn formats_and_arguments() {
     let text = stictiond(&["diagnose", path, "--format", "text"]);
     assert_eq!(text.status.code(), Some(0));
     let text = String::from_utf8(text.stdout).unwrap();
-    assert!(
-        text.starts_with("loop        formats\nverdict     not identifiable\n"),
-        "{text}"
-    );
-    assert_eq!(
-        stictiond(&["diagnose", path, "--ts", "2.5"]).status.code(),
-        Some(0)
-    );
+    assert!(text.starts_with("loop        formats\nverdict     not identifiable\n"), "{text}");
+    assert_eq!(stictiond(&["diagnose", path, "--ts", "2.5"]).status.code(), Some(0));
     for args in [
         &["diagnose"][..],
         &[],

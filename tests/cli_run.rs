@@ -20,10 +20,7 @@ fn config(name: &str, listen: &str) -> PathBuf {
 
 fn run(path: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_stictiond"));
-    command
-        .args(["run", "--log-format", "json", "--config"])
-        .arg(path)
-        .env_remove("RUST_LOG");
+    command.args(["run", "--log-format", "json", "--config"]).arg(path).env_remove("RUST_LOG");
     command.stderr(Stdio::piped()).stdout(Stdio::piped());
     command
 }
@@ -36,19 +33,14 @@ fn wait_for(log: &mut BufReader<ChildStderr>, what: &str) -> serde_json::Value {
         let read = log.read_line(&mut line).expect("a log of text");
         assert!(read > 0, "the log ended before it said {what:?}");
         let entry: serde_json::Value = serde_json::from_str(&line).expect("a log of JSON");
-        if entry["message"]
-            .as_str()
-            .is_some_and(|message| message.contains(what))
-        {
+        if entry["message"].as_str().is_some_and(|message| message.contains(what)) {
             return entry;
         }
     }
 }
 
 fn signal(child: &Child, name: &str) {
-    let sent = Command::new("kill")
-        .args([name, &child.id().to_string()])
-        .status();
+    let sent = Command::new("kill").args([name, &child.id().to_string()]).status();
     assert!(sent.expect("kill is there").success());
 }
 
@@ -62,13 +54,7 @@ fn serves_until_told_to_stop_and_refuses_a_bad_reload() {
     signal(&child, "-HUP");
     let refused = wait_for(&mut log, "refused");
     assert_eq!(refused["level"], "ERROR");
-    assert!(
-        refused["error"]
-            .as_str()
-            .unwrap()
-            .contains("run.toml:2:10: listen: "),
-        "{refused}"
-    );
+    assert!(refused["error"].as_str().unwrap().contains("run.toml:2:10: listen: "), "{refused}");
     signal(&child, "-TERM");
     wait_for(&mut log, "stopping");
     assert_eq!(child.wait().unwrap().code(), Some(0));
@@ -82,10 +68,7 @@ fn a_bad_configuration_ends_with_2_and_a_taken_address_with_1() {
     assert_eq!(output.status.code(), Some(2), "{stderr}");
     assert_eq!(
         stderr,
-        format!(
-            "{}:2:10: listen: not an address and port such as 127.0.0.1:8080\n",
-            bad.display()
-        )
+        format!("{}:2:10: listen: not an address and port such as 127.0.0.1:8080\n", bad.display())
     );
 
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -94,10 +77,7 @@ fn a_bad_configuration_ends_with_2_and_a_taken_address_with_1() {
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{stderr}");
     let last = stderr.lines().last().unwrap();
-    assert!(
-        last.starts_with(&format!("stictiond: cannot listen on {address}: ")),
-        "{stderr}"
-    );
+    assert!(last.starts_with(&format!("stictiond: cannot listen on {address}: ")), "{stderr}");
 }
 
 #[test]
@@ -105,13 +85,6 @@ fn a_log_filter_that_is_none_is_refused() {
     let path = config("run_filter.toml", "127.0.0.1:0");
     let output = run(&path).env("RUST_LOG", "stictiond=loud").output().unwrap();
     let stderr = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(
-        (output.status.code(), stderr.lines().count()),
-        (Some(2), 1),
-        "{stderr}"
-    );
-    assert!(
-        stderr.starts_with("stictiond: RUST_LOG=\"stictiond=loud\": "),
-        "{stderr}"
-    );
+    assert_eq!((output.status.code(), stderr.lines().count()), (Some(2), 1), "{stderr}");
+    assert!(stderr.starts_with("stictiond: RUST_LOG=\"stictiond=loud\": "), "{stderr}");
 }

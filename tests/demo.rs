@@ -18,25 +18,15 @@ use tokio::time::timeout;
 const A_MINUTE: Duration = Duration::from_secs(60);
 
 fn options() -> Options {
-    Options {
-        listen: SocketAddr::from(([127, 0, 0, 1], 0)),
-        speed: DEFAULT_SPEED,
-        seed: 1,
-    }
+    Options { listen: SocketAddr::from(([127, 0, 0, 1], 0)), speed: DEFAULT_SPEED, seed: 1 }
 }
 
 async fn get(address: SocketAddr, path: &str) -> Value {
     let mut stream = TcpStream::connect(address).await.expect("the API listens");
     let request = format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
-    stream
-        .write_all(request.as_bytes())
-        .await
-        .expect("the API takes a request");
+    stream.write_all(request.as_bytes()).await.expect("the API takes a request");
     let mut answer = String::new();
-    stream
-        .read_to_string(&mut answer)
-        .await
-        .expect("the API answers in UTF-8");
+    stream.read_to_string(&mut answer).await.expect("the API answers in UTF-8");
     let (head, body) = answer.split_once("\r\n\r\n").expect("an HTTP answer");
     assert!(head.starts_with("HTTP/1.1 200"), "{path}: {head}");
     serde_json::from_str(body).expect("the API answers in JSON")
@@ -50,10 +40,7 @@ async fn wrong(address: SocketAddr, loops: &[DemoLoop]) -> BTreeMap<String, Stri
     loops
         .iter()
         .filter_map(|demo| {
-            let item = items
-                .iter()
-                .find(|item| item["id"] == demo.id.as_str())
-                .expect("listed");
+            let item = items.iter().find(|item| item["id"] == demo.id.as_str()).expect("listed");
             let right = item["verdict"] == demo.expected.as_str();
             let what = format!(
                 "{}: wants {}, has {} ({})",
@@ -164,14 +151,9 @@ fn the_verdicts_do_not_hang_on_the_seed() {
 
 #[tokio::test]
 async fn a_taken_address_is_named() {
-    let taken = TcpListener::bind((std::net::Ipv4Addr::LOCALHOST, 0))
-        .await
-        .expect("port 0");
+    let taken = TcpListener::bind((std::net::Ipv4Addr::LOCALHOST, 0)).await.expect("port 0");
     let listen = taken.local_addr().expect("bound");
-    let error = Demo::build(&Options { listen, ..options() })
-        .await
-        .err()
-        .expect("taken");
+    let error = Demo::build(&Options { listen, ..options() }).await.err().expect("taken");
     let text = error.to_string();
     assert!(text.contains(&listen.to_string()), "{text}");
     assert_eq!(text.lines().count(), 1);

@@ -58,10 +58,8 @@ async fn every_type_in_every_byte_order_from_every_table_with_both_address_bases
             tags.push(format!("register = 'discrete'\naddress = {}", at + base));
             expected.push(f64::from(u8::from(at % 5 == 0)));
         }
-        let config = device(
-            server.port,
-            &format!("address_base = {base}\nmax_gap = 30\nbyte_order = 'ABCD'"),
-        );
+        let config =
+            device(server.port, &format!("address_base = {base}\nmax_gap = 30\nbyte_order = 'ABCD'"));
         let mut planned = patient(plan(&config, &tags));
         // A name may have several addresses, of which the server listens on one.
         planned.address = planned.address.replace("127.0.0.1", "localhost");
@@ -79,30 +77,17 @@ async fn a_server_killed_and_restarted_leaves_a_gap_and_no_invented_value() {
     let addresses = [2000, 2004, 2040];
     let server = Server::start(0, 1).await;
     let port = server.port;
-    let config = device(
-        port,
-        "poll_ms = 50\ntimeout_ms = 50\nmax_gap = 0\nreconnect_max_ms = 200",
-    );
+    let config = device(port, "poll_ms = 50\ntimeout_ms = 50\nmax_gap = 0\nreconnect_max_ms = 200");
     let mut watch = Watch::start(patient(plan(&config, &addresses.map(truth_tag))));
     let mut polls = watch.until("good", all_good).await;
 
     server.kill().await;
-    polls.extend(
-        watch
-            .until("down", |poll| all_bad(poll, BadReason::LinkDown))
-            .await,
-    );
+    polls.extend(watch.until("down", |poll| all_bad(poll, BadReason::LinkDown)).await);
     let down = polls.len();
     for _ in 0..10 {
         polls.push(watch.poll().await);
     }
-    assert!(
-        polls[down..]
-            .iter()
-            .all(|poll| all_bad(poll, BadReason::LinkDown)),
-        "{:?}",
-        &polls[down..]
-    );
+    assert!(polls[down..].iter().all(|poll| all_bad(poll, BadReason::LinkDown)), "{:?}", &polls[down..]);
     assert!(!watch.health.snapshot().connected);
 
     let _server = Server::start(port, 2).await;
@@ -111,10 +96,7 @@ async fn a_server_killed_and_restarted_leaves_a_gap_and_no_invented_value() {
         assert_eq!(truth.epoch, if number < down { 1 } else { 2 });
     }
     let health = watch.health.snapshot();
-    assert!(
-        health.connected && health.reconnects >= 1 && health.link_errors >= 1,
-        "{health:?}"
-    );
+    assert!(health.connected && health.reconnects >= 1 && health.link_errors >= 1, "{health:?}");
     watch.stop().await;
 }
 
@@ -122,21 +104,14 @@ async fn a_server_killed_and_restarted_leaves_a_gap_and_no_invented_value() {
 async fn a_late_answer_is_never_taken_for_the_next_one() {
     let addresses = [2000, 2040, 2080];
     let mut server = Server::start(0, 1).await;
-    let config = device(
-        server.port,
-        "poll_ms = 400\ntimeout_ms = 300\nmax_gap = 0\nreconnect_max_ms = 100",
-    );
+    let config = device(server.port, "poll_ms = 400\ntimeout_ms = 300\nmax_gap = 0\nreconnect_max_ms = 100");
     let mut watch = Watch::start(plan(&config, &addresses.map(truth_tag)));
     let mut polls = watch.until("good", all_good).await;
     // Twice: one late answer while the others are asked on, then several in a row with nothing in between.
     for late in [1, 5] {
         server.tell(&format!("delay {late} 0.45")).await;
         polls.extend(
-            watch
-                .until("late", |p| {
-                    p.iter().any(|s| s.quality == Quality::Bad(BadReason::Timeout))
-                })
-                .await,
+            watch.until("late", |p| p.iter().any(|s| s.quality == Quality::Bad(BadReason::Timeout))).await,
         );
         polls.extend(watch.until("good again", all_good).await);
     }
@@ -146,10 +121,7 @@ async fn a_late_answer_is_never_taken_for_the_next_one() {
     server.tell("heal").await;
     assert!(server.late.len() >= 3, "{:?}", server.late);
     for (_, _, truth) in checked(&polls, &addresses) {
-        assert!(
-            !server.late.contains(&truth.counter),
-            "a late answer was taken: {truth:?}"
-        );
+        assert!(!server.late.contains(&truth.counter), "a late answer was taken: {truth:?}");
     }
     let timeouts = watch.health.snapshot().timeouts;
     assert!(timeouts >= server.late.len() as u64, "each late answer timed out");
@@ -189,27 +161,16 @@ async fn a_refused_address_costs_only_its_own_tag() {
     for number in 0..5 {
         let poll = watch.poll().await;
         for (tag, value) in [(0, 2100.0), (1, 2101.0), (3, 2104.0), (4, 2105.0)] {
-            assert_eq!(
-                (poll[tag].value, poll[tag].quality),
-                (value, Quality::Good),
-                "poll {number}"
-            );
+            assert_eq!((poll[tag].value, poll[tag].quality), (value, Quality::Good), "poll {number}");
         }
         assert_eq!(poll[2].quality, Quality::Bad(BadReason::DeviceException));
         assert!(poll[2].value.is_nan());
         let now = watch.health.snapshot().exceptions;
         // The division is remembered: after the first poll only the bad address itself is refused.
-        assert!(
-            number == 0 || now - exceptions <= 1,
-            "poll {number}: {exceptions} then {now}"
-        );
+        assert!(number == 0 || now - exceptions <= 1, "poll {number}: {exceptions} then {now}");
         exceptions = now;
     }
-    assert_eq!(
-        watch.health.snapshot().reconnects,
-        0,
-        "a refusal is no reason to hang up"
-    );
+    assert_eq!(watch.health.snapshot().reconnects, 0, "a refusal is no reason to hang up");
     watch.stop().await;
 }
 
@@ -220,9 +181,7 @@ async fn a_silent_unit_behind_a_gateway_is_asked_once_a_poll() {
     let mut watch = Watch::start(patient(plan(&config, &[2000, 2040, 2080].map(truth_tag))));
     watch.until("good", all_good).await;
     server.tell("gateway").await;
-    watch
-        .until("refused", |poll| all_bad(poll, BadReason::DeviceException))
-        .await;
+    watch.until("refused", |poll| all_bad(poll, BadReason::DeviceException)).await;
     let before = watch.health.snapshot();
     for _ in 0..4 {
         watch.poll().await;
@@ -250,11 +209,7 @@ async fn a_connection_cut_at_any_byte_of_an_answer_leaves_nothing_wrong() {
         let before = watch.health.snapshot().link_errors;
         proxy.cut_after(bytes);
         let health = Arc::clone(&watch.health);
-        polls.extend(
-            watch
-                .until("cut", |_| health.snapshot().link_errors > before)
-                .await,
-        );
+        polls.extend(watch.until("cut", |_| health.snapshot().link_errors > before).await);
         polls.extend(watch.until("good again", all_good).await);
     }
     checked(&polls, &addresses);
@@ -272,11 +227,7 @@ async fn an_answer_with_the_wrong_register_count_is_no_value() {
     let mut watch = Watch::start(patient(plan(&config, &addresses.map(truth_tag))));
     let mut polls = watch.until("good", all_good).await;
     server.tell("short").await;
-    polls.extend(
-        watch
-            .until("short", |poll| all_bad(poll, BadReason::DeviceException))
-            .await,
-    );
+    polls.extend(watch.until("short", |poll| all_bad(poll, BadReason::DeviceException)).await);
     polls.push(watch.poll().await);
     server.tell("heal").await;
     polls.extend(watch.until("good again", all_good).await);
@@ -288,10 +239,7 @@ async fn an_answer_with_the_wrong_register_count_is_no_value() {
 async fn a_register_that_never_answers_costs_the_others_nothing_after_it_is_known() {
     let addresses = [2000, 2040, 2080];
     let mut server = Server::start(0, 1).await;
-    let config = device(
-        server.port,
-        "poll_ms = 200\ntimeout_ms = 150\nmax_gap = 0\nreconnect_max_ms = 100",
-    );
+    let config = device(server.port, "poll_ms = 200\ntimeout_ms = 150\nmax_gap = 0\nreconnect_max_ms = 100");
     let mut watch = Watch::start(plan(&config, &addresses.map(truth_tag)));
     let mut polls = watch.until("good", all_good).await;
     server.tell("hang 2000").await;
@@ -302,10 +250,7 @@ async fn a_register_that_never_answers_costs_the_others_nothing_after_it_is_know
         polls.push(watch.poll().await);
     }
     for poll in &polls[known..] {
-        assert!(
-            silent(poll) && poll[1].quality.is_good() && poll[2].quality.is_good(),
-            "{poll:?}"
-        );
+        assert!(silent(poll) && poll[1].quality.is_good() && poll[2].quality.is_good(), "{poll:?}");
     }
     assert!(
         watch.health.snapshot().timeouts <= 8,
@@ -357,28 +302,17 @@ async fn a_frozen_value_turns_stale_and_a_live_one_does_not() {
     let config = device(server.port, "poll_ms = 20\ntimeout_ms = 20");
     let constant = "register = 'holding'\naddress = 0\ntype = 'u16'".to_string();
     let mut planned = patient(plan(&config, &[constant, truth_tag(2000)]));
-    planned
-        .tags
-        .iter_mut()
-        .for_each(|tag| tag.frozen_after_s = Some(10.0));
+    planned.tags.iter_mut().for_each(|tag| tag.frozen_after_s = Some(10.0));
     // One second of plant time goes by each time the clock is read, which is once or more a poll.
     let seconds = AtomicU64::new(1_000_000);
     let clock = move || seconds.fetch_add(1, Ordering::SeqCst) as f64;
     let mut watch = Watch::with_clock(planned, Arc::new(clock));
-    let polls = watch
-        .until("stale", |poll| poll[0].quality == Quality::Stale)
-        .await;
+    let polls = watch.until("stale", |poll| poll[0].quality == Quality::Stale).await;
     let last = polls.last().unwrap();
     assert_eq!((last[0].value, last[1].quality), (54321.0, Quality::Good));
     let first_good = polls.iter().find(|poll| all_good(poll)).unwrap();
     assert!(last[0].t - first_good[0].t > 10.0);
-    assert!(
-        polls
-            .iter()
-            .rev()
-            .skip(1)
-            .all(|poll| poll[0].quality != Quality::Stale)
-    );
+    assert!(polls.iter().rev().skip(1).all(|poll| poll[0].quality != Quality::Stale));
     watch.stop().await;
 }
 
@@ -417,11 +351,7 @@ async fn answers_that_do_not_answer_the_question_are_no_values() {
     let tag = ["register = 'holding'\naddress = 7\ntype = 'f32'".to_string()];
     let settings = "poll_ms = 20\ntimeout_ms = 20\nreconnect_max_ms = 20";
     let mut good = Watch::start(patient(plan(&device(hostile(right).await, settings), &tag)));
-    assert_eq!(
-        good.poll().await[0].value,
-        f64::from(123.456_f32),
-        "unspoilt it is a value"
-    );
+    assert_eq!(good.poll().await[0].value, f64::from(123.456_f32), "unspoilt it is a value");
     good.stop().await;
     for (name, spoil) in spoils {
         let port = hostile(move |request| {
@@ -432,10 +362,7 @@ async fn answers_that_do_not_answer_the_question_are_no_values() {
         let mut watch = Watch::start(patient(plan(&device(port.await, settings), &tag)));
         for _ in 0..3 {
             let poll = watch.poll().await;
-            assert!(
-                matches!(poll[0].quality, Quality::Bad(_)) && poll[0].value.is_nan(),
-                "{name}: {poll:?}"
-            );
+            assert!(matches!(poll[0].quality, Quality::Bad(_)) && poll[0].value.is_nan(), "{name}: {poll:?}");
         }
         watch.stop().await;
     }
@@ -458,23 +385,11 @@ async fn probe_shows_what_the_device_holds() {
     // 106..107 is -123.456 in CDAB, 108..111 is -98.7654321 in CDAB.
     let row = |order_row: usize| text.lines().nth(order_row).unwrap().to_string();
     assert!(row(2).contains("CDAB") && row(2).contains("-123.456"), "{text}");
-    assert!(
-        row(2 + 8).contains("CDAB") && row(2 + 8).contains("-98.7654321"),
-        "{text}"
-    );
-    assert_eq!(
-        probe(&target(Register::Coil, 0, 10)).await.unwrap().words,
-        [1, 0, 0, 1, 0, 0, 1, 0, 0, 1]
-    );
+    assert!(row(2 + 8).contains("CDAB") && row(2 + 8).contains("-98.7654321"), "{text}");
+    assert_eq!(probe(&target(Register::Coil, 0, 10)).await.unwrap().words, [1, 0, 0, 1, 0, 0, 1, 0, 0, 1]);
 
     let refused = probe(&target(Register::Holding, 2100, 4)).await.unwrap_err();
     assert!(matches!(refused, ProbeError::Device { .. }), "{refused}");
-    let nobody = ProbeTarget {
-        address: "127.0.0.1:1".into(),
-        ..target(Register::Holding, 0, 1)
-    };
-    assert!(matches!(
-        probe(&nobody).await.unwrap_err(),
-        ProbeError::Link { .. }
-    ));
+    let nobody = ProbeTarget { address: "127.0.0.1:1".into(), ..target(Register::Holding, 0, 1) };
+    assert!(matches!(probe(&nobody).await.unwrap_err(), ProbeError::Link { .. }));
 }

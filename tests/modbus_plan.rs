@@ -25,10 +25,7 @@ struct Expected {
 #[test]
 fn requests_are_planned_as_the_cases_expect() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cases/modbus_plan");
-    let mut paths: Vec<_> = std::fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .collect();
+    let mut paths: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.sort();
     assert!(paths.len() >= 8, "the cases are gone: {paths:?}");
     for path in paths {
@@ -46,21 +43,10 @@ fn requests_are_planned_as_the_cases_expect() {
         let expected: Vec<Request> = case
             .request
             .into_iter()
-            .map(
-                |Expected {
-                     register,
-                     start,
-                     count,
-                     tags,
-                 }| Request {
-                    span: Span {
-                        register,
-                        start,
-                        count,
-                    },
-                    tags,
-                },
-            )
+            .map(|Expected { register, start, count, tags }| Request {
+                span: Span { register, start, count },
+                tags,
+            })
             .collect();
         assert_eq!(plan.requests, expected, "{}: {}", path.display(), case.about);
     }

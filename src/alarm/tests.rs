@@ -16,10 +16,7 @@ fn two_of_three_raise_and_three_of_four_clear() {
     assert_eq!(fed(&[Sticky, Clean, Sticky]).state(), State::Unacknowledged);
     assert_eq!(fed(&[Sticky, Clean, Clean, Sticky]).state(), State::Normal);
     let raised = [Sticky, Sticky];
-    assert_eq!(
-        fed(&[&raised[..], &[Clean, Clean]].concat()).state(),
-        State::Unacknowledged
-    );
+    assert_eq!(fed(&[&raised[..], &[Clean, Clean]].concat()).state(), State::Unacknowledged);
     assert_eq!(
         fed(&[&raised[..], &[Clean, Sticky, Clean, Clean]].concat()).state(),
         State::ReturnedUnacknowledged
@@ -29,10 +26,7 @@ fn two_of_three_raise_and_three_of_four_clear() {
 #[test]
 fn not_identifiable_neither_raises_nor_clears_nor_counts() {
     assert_eq!(fed(&[Unknown; 50]).state(), State::Normal);
-    assert_eq!(
-        fed(&[Sticky, Unknown, Unknown, Unknown, Sticky]).state(),
-        State::Unacknowledged
-    );
+    assert_eq!(fed(&[Sticky, Unknown, Unknown, Unknown, Sticky]).state(), State::Unacknowledged);
     let mut long = vec![Sticky, Sticky];
     long.extend([Unknown; 50]);
     assert_eq!(fed(&long).state(), State::Unacknowledged);
@@ -67,26 +61,17 @@ fn shelving_ends_by_itself_and_tells_what_held_meanwhile() {
     assert_eq!(alarm.observe(Sticky, 2.0), vec![]);
     assert_eq!(alarm.tick(99.9), vec![]);
     let ended = alarm.tick(100.0);
-    assert_eq!(
-        (ended[0].to, ended[0].cause),
-        (State::Unacknowledged, Cause::Expired)
-    );
+    assert_eq!((ended[0].to, ended[0].cause), (State::Unacknowledged, Cause::Expired));
     assert_eq!(alarm.raised_at(), Some(2.0));
 }
 
 #[test]
 fn impossible_actions_are_refused_with_the_reason() {
     let mut alarm = Alarm::new(Config::default());
-    assert_eq!(
-        alarm.acknowledge(0.0),
-        Err(Refusal::NothingToAcknowledge(State::Normal))
-    );
+    assert_eq!(alarm.acknowledge(0.0), Err(Refusal::NothingToAcknowledge(State::Normal)));
     assert_eq!(alarm.unshelve(0.0), Err(Refusal::NotShelved(State::Normal)));
     for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e9] {
-        assert!(
-            matches!(alarm.shelve(bad, 0.0), Err(Refusal::BadDuration { .. })),
-            "{bad}"
-        );
+        assert!(matches!(alarm.shelve(bad, 0.0), Err(Refusal::BadDuration { .. })), "{bad}");
     }
     assert_eq!(alarm.state(), State::Normal);
 }
@@ -94,12 +79,7 @@ fn impossible_actions_are_refused_with_the_reason() {
 #[test]
 fn impossible_settings_are_named() {
     assert_eq!(Config::default().validate(), vec![]);
-    let bad = Config {
-        k: 4,
-        clear_n: 0,
-        clear_f_percent: f64::NAN,
-        ..Config::default()
-    };
+    let bad = Config { k: 4, clear_n: 0, clear_f_percent: f64::NAN, ..Config::default() };
     let fields: Vec<&str> = bad.validate().iter().map(|(field, _)| *field).collect();
     assert_eq!(fields, vec!["k", "clear_n", "clear_k", "clear_f_percent"]);
 }
@@ -182,11 +162,7 @@ impl Oracle {
     }
 
     fn unshelve(&mut self, config: &Config) {
-        self.state = if self.condition(config) {
-            State::Unacknowledged
-        } else {
-            State::Normal
-        };
+        self.state = if self.condition(config) { State::Unacknowledged } else { State::Normal };
     }
 }
 

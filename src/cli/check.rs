@@ -17,36 +17,23 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config::load(&args.config).map_err(Failure::BadConfig)?;
     let plant = config.plant().map_err(|issues| {
-        let issues: Vec<String> = issues
-            .into_iter()
-            .map(|issue| format!("{}: {}", issue.field, issue.message))
-            .collect();
+        let issues: Vec<String> =
+            issues.into_iter().map(|issue| format!("{}: {}", issue.field, issue.message)).collect();
         Failure::in_file(&args.config, issues.join("; "))
     })?;
-    print(&format!(
-        "{}: good\n{}",
-        args.config.display(),
-        summary(&config, &plant)
-    ))
+    print(&format!("{}: good\n{}", args.config.display(), summary(&config, &plant)))
 }
 
 fn summary(config: &Config, plant: &Plant) -> String {
     let periods = || config.loops.iter().map(|own| config.period_s(own));
-    let (shortest, longest) = (
-        periods().fold(f64::INFINITY, f64::min),
-        periods().fold(0.0, f64::max),
-    );
+    let (shortest, longest) = (periods().fold(f64::INFINITY, f64::min), periods().fold(0.0, f64::max));
     let mut out = String::new();
     // Writing into a String cannot fail.
     let _ = writeln!(
         out,
         "loops    {}, diagnosed every {shortest} s{}",
         plant.loops.len(),
-        if longest > shortest {
-            format!(" to {longest} s")
-        } else {
-            String::new()
-        }
+        if longest > shortest { format!(" to {longest} s") } else { String::new() }
     );
     let requests: usize = plant.plans.iter().map(|plan| plan.requests.len()).sum();
     let tags: usize = plant.plans.iter().map(|plan| plan.tags.len()).sum();

@@ -26,22 +26,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if std::env::var_os("RUST_LOG").is_some() {
         logging::start(&args.log)?;
     }
-    let options = Options {
-        listen: args.listen,
-        speed: args.speed,
-        seed: args.seed,
-    };
+    let options = Options { listen: args.listen, speed: args.speed, seed: args.seed };
     demo::command(&options).map_err(|error| match error {
         DemoError::Speed(_) => Failure::BadInput(error.to_string()),
         // The only line of the demo's configuration that comes from outside.
         DemoError::App(AppError::Config(errors)) => Failure::BadInput(format!(
             "--listen {}: {}",
             args.listen,
-            errors
-                .iter()
-                .map(|error| error.message.as_str())
-                .collect::<Vec<_>>()
-                .join("; ")
+            errors.iter().map(|error| error.message.as_str()).collect::<Vec<_>>().join("; ")
         )),
         _ => Failure::Failed(error.to_string()),
     })

@@ -38,10 +38,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let bad = |error: &dyn std::fmt::Display| Failure::in_file(&args.file, error);
     let file = File::open(&args.file).map_err(|error| bad(&error))?;
     let record = csv::read(file).map_err(|error| bad(&error))?;
-    let settings = Settings {
-        ts: args.ts,
-        ..Settings::default()
-    };
+    let settings = Settings { ts: args.ts, ..Settings::default() };
     let diagnosis = diagnose(&record, &settings);
     let name = args.file.file_stem().unwrap_or(args.file.as_os_str());
     let report = Report::new(&name.to_string_lossy(), record.op_span, &diagnosis);

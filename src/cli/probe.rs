@@ -57,11 +57,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         .enable_all()
         .build()
         .map_err(|error| Failure::Failed(format!("cannot start: {error}")))?;
-    let table = runtime
-        .block_on(modbus::probe(&target))
-        .map_err(|error| match error {
-            ProbeError::Arguments(_) => Failure::BadInput(error.to_string()),
-            _ => Failure::Failed(error.to_string()),
-        })?;
+    let table = runtime.block_on(modbus::probe(&target)).map_err(|error| match error {
+        ProbeError::Arguments(_) => Failure::BadInput(error.to_string()),
+        _ => Failure::Failed(error.to_string()),
+    })?;
     print(&table.to_string())
 }

@@ -18,11 +18,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     logging::start(&args.log)?;
     let runtime =
         tokio::runtime::Runtime::new().map_err(|error| Failure::Failed(format!("cannot start: {error}")))?;
-    runtime
-        .block_on(app::daemon(&args.config))
-        .map_err(|error| match error {
-            AppError::Config(errors) => Failure::BadConfig(errors),
-            AppError::Plan(_) => Failure::in_file(&args.config, error),
-            _ => Failure::Failed(error.to_string()),
-        })
+    runtime.block_on(app::daemon(&args.config)).map_err(|error| match error {
+        AppError::Config(errors) => Failure::BadConfig(errors),
+        AppError::Plan(_) => Failure::in_file(&args.config, error),
+        _ => Failure::Failed(error.to_string()),
+    })
 }

@@ -33,10 +33,7 @@ pub fn page(report: &Report) -> String {
         }
         line("f", text);
         if report.f_unit_assumed {
-            line(
-                "",
-                format!("unit {unit} judged from OP's values: its span is not known"),
-            );
+            line("", format!("unit {unit} judged from OP's values: its span is not known"));
         }
         let evidence = number(report.delta_aic);
         line("evidence", format!("dAIC {evidence} against no friction"));
@@ -72,11 +69,7 @@ pub fn page(report: &Report) -> String {
     }
     if let Some(denoise) = &report.denoise {
         let share = number(denoise.noise_share.map(|share| share * 100.0));
-        let done = if denoise.applied {
-            "denoised"
-        } else {
-            "not denoised"
-        };
+        let done = if denoise.applied { "denoised" } else { "not denoised" };
         line("", format!("{done}, OP noise {share} % of its sd"));
     }
     if let Some(o) = &report.oscillation {
@@ -128,11 +121,7 @@ fn number(value: Option<f64>) -> String {
     if value != 0.0 && !(1e-4..1e9).contains(&value.abs()) {
         return format!("{value:.3e}");
     }
-    let digits = if value == 0.0 {
-        0
-    } else {
-        3 - value.abs().log10().floor() as i32
-    };
+    let digits = if value == 0.0 { 0 } else { 3 - value.abs().log10().floor() as i32 };
     let decimals = digits.clamp(0, 8) as usize;
     trimmed(format!("{value:.decimals$}"))
 }
@@ -155,12 +144,8 @@ fn trimmed(text: String) -> String {
 /// The curve as bars over an equal grid of f: each the least AIC of its stretch, on a square-root scale so that the
 /// valley around the estimate shows beside a high evidence.
 fn sparkline(curve: &ReportCurve) -> Option<String> {
-    let points: Vec<(f64, f64)> = curve
-        .f
-        .iter()
-        .zip(&curve.aic)
-        .filter_map(|(f, aic)| Some(((*f)?, (*aic)?)))
-        .collect();
+    let points: Vec<(f64, f64)> =
+        curve.f.iter().zip(&curve.aic).filter_map(|(f, aic)| Some(((*f)?, (*aic)?))).collect();
     let (first, last) = (points.first()?.0, points.last()?.0);
     let least = points.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
     let most = points.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
@@ -213,10 +198,7 @@ mod tests {
         let bars: Vec<char> = sparkline(&ReportCurve { f, aic }).unwrap().chars().collect();
         assert_eq!(bars.len(), WIDTH);
         assert_eq!((bars[20], bars[59]), ('▁', '█'));
-        let flat = ReportCurve {
-            f: vec![Some(0.0), Some(1.0)],
-            aic: vec![Some(1.0), None],
-        };
+        let flat = ReportCurve { f: vec![Some(0.0), Some(1.0)], aic: vec![Some(1.0), None] };
         assert_eq!(sparkline(&flat), None);
     }
 }

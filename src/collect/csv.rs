@@ -161,9 +161,7 @@ pub enum CsvError {
 /// [`CsvError`] for what is no record of `t`, `op` and `pv`. Unordered or repeated times and bad value cells are none.
 pub fn read(reader: impl Read) -> Result<Record, CsvError> {
     let (head, reader) = header::sniff(reader)?;
-    let cells = Cells {
-        decimal_comma: head.delimiter != b',',
-    };
+    let cells = Cells { decimal_comma: head.delimiter != b',' };
     let mut rows = csv::ReaderBuilder::new()
         .delimiter(head.delimiter)
         .has_headers(false)
@@ -181,11 +179,7 @@ pub fn read(reader: impl Read) -> Result<Record, CsvError> {
         let line = || rows.position().line().saturating_sub(1);
         if row.len() > columns.len() && row.iter().skip(columns.len()).any(|cell| !cell::is_blank(cell)) {
             let (got, want) = (row.len(), columns.len());
-            return Err(CsvError::TooManyCells {
-                line: line(),
-                got,
-                want,
-            });
+            return Err(CsvError::TooManyCells { line: line(), got, want });
         }
         if row.iter().all(cell::is_blank) {
             continue;
@@ -264,12 +258,7 @@ fn assemble(header: &Header, line: u64, taken: Vec<Taken>) -> Result<Record, Csv
         let text_only = taken.numbers == 0 && !taken.series.is_empty();
         if matches!(role, Column::Role(_)) && (text_only || (needed && taken.series.is_empty())) {
             let (line, cell) = taken.first_bad.unwrap_or((line, String::new()));
-            return Err(CsvError::NoNumber {
-                line,
-                column: at + 1,
-                name: column.name.clone(),
-                cell,
-            });
+            return Err(CsvError::NoNumber { line, column: at + 1, name: column.name.clone(), cell });
         }
         // A tag of text only (an operator's remark) or a column that is blank throughout was not recorded.
         if taken.numbers == 0 {
@@ -301,12 +290,7 @@ struct Guard<R> {
 
 impl<R> Guard<R> {
     fn new(inner: R) -> Self {
-        Self {
-            inner,
-            since_line: 0,
-            tripped: false,
-            ended: true,
-        }
+        Self { inner, since_line: 0, tripped: false, ended: true }
     }
 }
 

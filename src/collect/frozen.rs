@@ -42,11 +42,7 @@ impl Frozen {
                 t - held.since > self.limit_s
             }
             _ => {
-                self.held = Some(Held {
-                    value,
-                    since: t,
-                    seen: t,
-                });
+                self.held = Some(Held { value, since: t, seen: t });
                 false
             }
         }

@@ -19,12 +19,7 @@ pub struct Diagnostic {
 impl Diagnostic {
     /// About the file as a whole.
     pub fn of_file(file: &str, message: String) -> Self {
-        Self {
-            file: file.into(),
-            line: 0,
-            column: 0,
-            message,
-        }
+        Self { file: file.into(), line: 0, column: 0, message }
     }
 }
 
@@ -104,12 +99,7 @@ impl<'a> Report<'a> {
         };
         let diagnostic = |(byte, message): &(usize, String)| {
             let (line, column) = place(*byte);
-            Diagnostic {
-                file: self.file.into(),
-                line,
-                column,
-                message: message.clone(),
-            }
+            Diagnostic { file: self.file.into(), line, column, message: message.clone() }
         };
         self.found.iter().map(diagnostic).collect()
     }

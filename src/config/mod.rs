@@ -3,11 +3,9 @@
 
 mod diagnostic;
 mod plant;
-
 mod rules;
 mod section;
 mod source;
-
 mod wording;
 
 pub use diagnostic::Diagnostic;
@@ -96,10 +94,7 @@ pub fn load(path: &Path) -> Result<Config, Vec<Diagnostic>> {
         |why: &dyn std::fmt::Display| vec![Diagnostic::of_file(&file, format!("cannot read: {why}"))];
     let mut bytes = Vec::new();
     let opened = File::open(path).map_err(|error| unreadable(&error))?;
-    opened
-        .take(MAX_BYTES + 1)
-        .read_to_end(&mut bytes)
-        .map_err(|error| unreadable(&error))?;
+    opened.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|error| unreadable(&error))?;
     if bytes.len() as u64 > MAX_BYTES {
         return Err(unreadable(&format!("larger than {MAX_BYTES} bytes")));
     }

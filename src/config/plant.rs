@@ -22,12 +22,8 @@ impl Config {
     /// What [`Plan::new`] finds; nothing for a configuration that [`load`](super::load) accepted.
     pub fn plant(&self) -> Result<Plant, Vec<Issue>> {
         let mut specs: Vec<Vec<modbus::TagSpec>> = vec![Vec::new(); self.modbus.len()];
-        let devices: HashMap<&str, usize> = self
-            .modbus
-            .iter()
-            .enumerate()
-            .map(|(at, device)| (device.name.as_str(), at))
-            .collect();
+        let devices: HashMap<&str, usize> =
+            self.modbus.iter().enumerate().map(|(at, device)| (device.name.as_str(), at)).collect();
         let mut loops = Vec::with_capacity(self.loops.len());
         let mut index = 0;
         for control_loop in &self.loops {
@@ -58,11 +54,7 @@ impl Config {
             });
         }
         let plan = |(at, specs)| Plan::new(at, &self.modbus[at], specs);
-        let plans = specs
-            .into_iter()
-            .enumerate()
-            .map(plan)
-            .collect::<Result<_, _>>()?;
+        let plans = specs.into_iter().enumerate().map(plan).collect::<Result<_, _>>()?;
         Ok(Plant { loops, plans })
     }
 
@@ -81,9 +73,7 @@ pub fn tags(control_loop: &LoopConfig) -> impl Iterator<Item = (Option<Role>, &m
         (Role::Mode, control_loop.mode.as_ref()),
         (Role::Mv, control_loop.mv.as_ref()),
     ];
-    let roles = roles
-        .into_iter()
-        .filter_map(|(role, tag)| Some((Some(role), tag?)));
+    let roles = roles.into_iter().filter_map(|(role, tag)| Some((Some(role), tag?)));
     roles.chain(control_loop.tag.iter().map(|tag| (None, tag)))
 }
 

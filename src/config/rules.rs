@@ -26,12 +26,7 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
         }
     }
     let blamed = report.places();
-    let mut rules = Rules {
-        source,
-        report,
-        devices,
-        blamed,
-    };
+    let mut rules = Rules { source, report, devices, blamed };
     rules.sections(parts);
     rules.devices(parts);
     rules.loops(parts);
@@ -114,8 +109,7 @@ impl Rules<'_, '_, '_> {
 
     fn loops(&mut self, parts: &Parts) {
         if self.source.root().get("loop").is_none() {
-            self.report
-                .at(0, "no [[loop]]: name at least one control loop to watch".into());
+            self.report.at(0, "no [[loop]]: name at least one control loop to watch".into());
         }
         let mut seen = HashMap::new();
         for (at, control_loop) in parts.loops.iter().enumerate() {
@@ -146,22 +140,12 @@ impl Rules<'_, '_, '_> {
 
     fn numbers(&mut self, at: usize, control_loop: &LoopConfig) {
         if let Some(period_s) = control_loop.period_s {
-            let own = schedule::Config {
-                period_s,
-                ..schedule::Config::default()
-            };
-            for (_, message) in own
-                .validate()
-                .into_iter()
-                .filter(|(field, _)| *field == "period_s")
-            {
+            let own = schedule::Config { period_s, ..schedule::Config::default() };
+            for (_, message) in own.validate().into_iter().filter(|(field, _)| *field == "period_s") {
                 self.wrong(&path!["loop", at, "period_s"], format!("period_s: {message}"));
             }
         }
-        let positive = [
-            ("op_span", control_loop.op_span),
-            ("frozen_pv_s", control_loop.frozen_pv_s),
-        ];
+        let positive = [("op_span", control_loop.op_span), ("frozen_pv_s", control_loop.frozen_pv_s)];
         for (field, value) in positive {
             let ok = value.is_none_or(|value| value.is_finite() && value > 0.0);
             self.unless(ok, &path!["loop", at, field], || {
@@ -185,10 +169,7 @@ impl Rules<'_, '_, '_> {
             match (role, &tag.name) {
                 (Some(role), Some(_)) => {
                     let role = plant::role_name(*role);
-                    self.wrong(
-                        &field("name"),
-                        format!("name: only a [[loop.tag]] has one, this is {role}"),
-                    );
+                    self.wrong(&field("name"), format!("name: only a [[loop.tag]] has one, this is {role}"));
                 }
                 (None, None) => self.wrong(&here, "missing key \"name\" in [[loop.tag]]".into()),
                 (None, Some(name)) => {
@@ -202,15 +183,11 @@ impl Rules<'_, '_, '_> {
                 (Some(_), None) => {}
             }
             self.tag(*role, tag, &here, parts);
-            let same = tags[..tag_at]
-                .iter()
-                .find(|(other, earlier)| other.is_some() && same_source(earlier, tag));
+            let same =
+                tags[..tag_at].iter().find(|(other, earlier)| other.is_some() && same_source(earlier, tag));
             if let (Some(role), Some((Some(other), _))) = (role, same) {
                 let (role, other) = (plant::role_name(*role), plant::role_name(*other));
-                self.wrong(
-                    &field("address"),
-                    format!("address: {role} reads the same register as {other}"),
-                );
+                self.wrong(&field("address"), format!("address: {role} reads the same register as {other}"));
             }
         }
     }
@@ -221,10 +198,7 @@ impl Rules<'_, '_, '_> {
             let mut names: Vec<&str> = self.devices.keys().copied().collect();
             names.sort_unstable();
             let hint = super::wording::hint(&tag.device, &names);
-            self.wrong(
-                &field("device"),
-                format!("device: no [[modbus]] is called {:?}{hint}", tag.device),
-            );
+            self.wrong(&field("device"), format!("device: no [[modbus]] is called {:?}{hint}", tag.device));
             return;
         };
         let Some(device) = &parts.modbus[device] else {

@@ -13,15 +13,7 @@ use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 7] = [
-    "server",
-    "history",
-    "schedule",
-    "diagnosis",
-    "alarm",
-    "modbus",
-    "loop",
-];
+const SECTIONS: [&str; 7] = ["server", "history", "schedule", "diagnosis", "alarm", "modbus", "loop"];
 /// Tags that a loop has once.
 pub const ROLES: [&str; 5] = ["op", "pv", "sp", "mode", "mv"];
 /// Errors looked for in one section; each costs one more reading of it.
@@ -81,10 +73,7 @@ fn table<T: DeserializeOwned + Default>(source: &Source, name: &str, report: &mu
         None => Some(T::default()),
         Some(value) if value.get_ref().is_table() => read(&[name.into()], value, report),
         Some(value) => {
-            report.at(
-                value.span().start,
-                format!("{name}: write it as a section, [{name}]"),
-            );
+            report.at(value.span().start, format!("{name}: write it as a section, [{name}]"));
             None
         }
     }
@@ -135,10 +124,7 @@ fn read<T: DeserializeOwned>(path: &[Step], value: &Spanned<DeValue>, report: &m
             return None;
         }
     }
-    report.at(
-        value.span().start,
-        format!("{}: and more errors", wording::section(path)),
-    );
+    report.at(value.span().start, format!("{}: and more errors", wording::section(path)));
     None
 }
 

@@ -37,9 +37,7 @@ impl<'a> Source<'a> {
             let at = error.span().map_or(text.len(), |span| span.start);
             report.broken(at, error.message().into());
         }
-        Self {
-            root: root.into_inner(),
-        }
+        Self { root: root.into_inner() }
     }
 
     /// The top-level sections.
@@ -51,18 +49,15 @@ impl<'a> Source<'a> {
         let (Step::Key(first), rest) = path.split_first()? else {
             return None;
         };
-        rest.iter()
-            .try_fold(self.root.get(first.as_str())?, |value, step| match step {
-                Step::Key(key) => value.get_ref().as_table()?.get(key.as_str()),
-                Step::Item(at) => value.get_ref().as_array()?.get(*at),
-            })
+        rest.iter().try_fold(self.root.get(first.as_str())?, |value, step| match step {
+            Step::Key(key) => value.get_ref().as_table()?.get(key.as_str()),
+            Step::Item(at) => value.get_ref().as_array()?.get(*at),
+        })
     }
 
     /// Byte at which the value at a path stands; when it is left out, that of the nearest table that would hold it.
     pub fn place(&self, path: &[Step]) -> usize {
-        let known = (1..=path.len())
-            .rev()
-            .find_map(|length| self.get(&path[..length]));
+        let known = (1..=path.len()).rev().find_map(|length| self.get(&path[..length]));
         known.map_or(0, |value| value.span().start)
     }
 
@@ -110,18 +105,13 @@ pub fn tables_at(value: &Spanned<DeValue>, span: &Range<usize>) -> Vec<Vec<Step>
     };
     match value.get_ref() {
         DeValue::Table(table) => {
-            table
-                .iter()
-                .for_each(|(key, value)| below(Step::Key(key.get_ref().to_string()), value));
+            table.iter().for_each(|(key, value)| below(Step::Key(key.get_ref().to_string()), value));
             if value.span() == *span {
                 found.push(Vec::new());
             }
         }
         DeValue::Array(items) => {
-            items
-                .iter()
-                .enumerate()
-                .for_each(|(at, item)| below(Step::Item(at), item));
+            items.iter().enumerate().for_each(|(at, item)| below(Step::Item(at), item));
         }
         _ => {}
     }

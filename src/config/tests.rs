@@ -14,11 +14,7 @@ fn minimal(more: &str) -> String {
 }
 
 fn errors(text: &str) -> Vec<String> {
-    parse("f", text)
-        .unwrap_err()
-        .iter()
-        .map(Diagnostic::to_string)
-        .collect()
+    parse("f", text).unwrap_err().iter().map(Diagnostic::to_string).collect()
 }
 
 #[test]
@@ -53,24 +49,11 @@ fn the_example_shows_the_defaults() {
 #[test]
 fn tags_are_numbered_through_the_loops() {
     let plant = parse("f", EXAMPLE).unwrap().plant().unwrap();
-    let names: Vec<Vec<&str>> = plant
-        .loops
-        .iter()
-        .map(|l| l.tags.iter().map(|tag| tag.kind.name()).collect())
-        .collect();
-    assert_eq!(
-        names,
-        [
-            vec!["op", "pv", "sp", "mode", "upstream pressure"],
-            vec!["op", "pv", "mode", "mv"]
-        ]
-    );
-    let mut numbered: Vec<(usize, &str)> = plant
-        .plans
-        .iter()
-        .flat_map(|plan| &plan.tags)
-        .map(|tag| (tag.index, tag.name.as_str()))
-        .collect();
+    let names: Vec<Vec<&str>> =
+        plant.loops.iter().map(|l| l.tags.iter().map(|tag| tag.kind.name()).collect()).collect();
+    assert_eq!(names, [vec!["op", "pv", "sp", "mode", "upstream pressure"], vec!["op", "pv", "mode", "mv"]]);
+    let mut numbered: Vec<(usize, &str)> =
+        plant.plans.iter().flat_map(|plan| &plan.tags).map(|tag| (tag.index, tag.name.as_str())).collect();
     numbered.sort_unstable();
     let expected = [
         "FIC101.op",
@@ -85,18 +68,8 @@ fn tags_are_numbered_through_the_loops() {
     ];
     assert_eq!(numbered, expected.into_iter().enumerate().collect::<Vec<_>>());
     // 100..=106 in one request and the input register in another; holding 1..=2 and input 1..=4.
-    assert_eq!(
-        plant
-            .plans
-            .iter()
-            .map(|plan| plan.requests.len())
-            .collect::<Vec<_>>(),
-        [2, 2]
-    );
-    assert_eq!(
-        plant.loops[1].tags[1].source,
-        "modbus plc-7.example:502 unit 3 input 1 from 1 f32 CDAB"
-    );
+    assert_eq!(plant.plans.iter().map(|plan| plan.requests.len()).collect::<Vec<_>>(), [2, 2]);
+    assert_eq!(plant.loops[1].tags[1].source, "modbus plc-7.example:502 unit 3 input 1 from 1 f32 CDAB");
     assert_eq!(
         plant.plans[0]
             .tags
@@ -177,10 +150,7 @@ description = 'größer'; colour = 1
         "f:53:23: unexpected key or value, expected newline, `#`",
         "{broken:#?}"
     );
-    let text = text.replace(
-        "'größer'; colour = 1",
-        "'größer'\nframe = { 'größe' = 'ü', x = 1 }",
-    );
+    let text = text.replace("'größer'; colour = 1", "'größer'\nframe = { 'größe' = 'ü', x = 1 }");
     let expected = [
         "f:2:10: listen: not an address and port such as 127.0.0.1:8080",
         "f:3:2: unknown section \"histroy\", did you mean \"history\"?",
@@ -244,26 +214,14 @@ fn structure_is_judged_tag_by_tag() {
             "[loop.sp]\ndevice = 'd'\nregister = 'holding'\naddress = 65535\ntype = 'f32'\n",
             "f:20:11: address: 65535 must be 0 to 65534 (address_base = 0)",
         ),
-        (
-            "[[loop.sp]]\ndevice = 'd'\n",
-            "f:17:1: sp: a loop has one, write it as [loop.sp]",
-        ),
+        ("[[loop.sp]]\ndevice = 'd'\n", "f:17:1: sp: a loop has one, write it as [loop.sp]"),
         (
             "[loop.tag]\ndevice = 'd'\n",
             "f:17:1: tag: invalid type: map, expected several, each in [[double brackets]]",
         ),
-        (
-            "range = [1.0]\n",
-            "f:17:9: range: invalid length 1, expected two numbers in brackets",
-        ),
-        (
-            "range = [1.0, 'x']\n",
-            "f:17:15: range: invalid type: string \"x\", expected a number",
-        ),
-        (
-            "range = [9.0, 1.0]\n",
-            "f:17:9: range: [9, 1] must be the least, then the greatest value",
-        ),
+        ("range = [1.0]\n", "f:17:9: range: invalid length 1, expected two numbers in brackets"),
+        ("range = [1.0, 'x']\n", "f:17:15: range: invalid type: string \"x\", expected a number"),
+        ("range = [9.0, 1.0]\n", "f:17:9: range: [9, 1] must be the least, then the greatest value"),
         (
             "[[loop]]\nid = 'a/b'\nop = 1\n[loop.pv]\ndevice = 'd'\n",
             "f:19:6: op: invalid type: integer `1`, expected a table",
@@ -271,14 +229,8 @@ fn structure_is_judged_tag_by_tag() {
     ];
     for (more, expected) in cases {
         let found = errors(&minimal(more));
-        assert!(
-            found.contains(&expected.to_string()),
-            "{more}\n{expected}\n{found:#?}"
-        );
-        assert!(
-            found.iter().all(|error| !error.contains("missing key \"op\"")),
-            "{found:#?}"
-        );
+        assert!(found.contains(&expected.to_string()), "{more}\n{expected}\n{found:#?}");
+        assert!(found.iter().all(|error| !error.contains("missing key \"op\"")), "{found:#?}");
     }
 }
 
@@ -293,10 +245,7 @@ fn sections_of_the_wrong_shape() {
             "f:3:1: loop: there may be several, write each as [[loop]]",
         ]
     );
-    assert_eq!(
-        errors(""),
-        ["f:1:1: no [[loop]]: name at least one control loop to watch"]
-    );
+    assert_eq!(errors(""), ["f:1:1: no [[loop]]: name at least one control loop to watch"]);
 }
 
 #[test]
@@ -327,31 +276,16 @@ fn files_that_cannot_be_read() {
     let missing = load(&folder.join("none.toml")).unwrap_err();
     let directory = load(&folder).unwrap_err();
     std::fs::remove_dir_all(&folder).unwrap();
-    assert_eq!(
-        (utf8[0].line, utf8[0].column, utf8[0].message.as_str()),
-        (2, 11, "not UTF-8 text")
-    );
-    assert!(
-        missing[0].message.starts_with("cannot read: No such file"),
-        "{}",
-        missing[0]
-    );
-    assert!(
-        directory[0].to_string().contains("Is a directory"),
-        "{}",
-        directory[0]
-    );
+    assert_eq!((utf8[0].line, utf8[0].column, utf8[0].message.as_str()), (2, 11, "not UTF-8 text"));
+    assert!(missing[0].message.starts_with("cannot read: No such file"), "{}", missing[0]);
+    assert!(directory[0].to_string().contains("Is a directory"), "{}", directory[0]);
 }
 
 #[test]
 fn thousands_of_errors_are_bounded() {
     let junk: String = (0..3000).map(|k| format!("x{k} = 1\n")).collect();
     let found = errors(&format!("[alarm]\n{junk}"));
-    assert_eq!(
-        found.len(),
-        502,
-        "500 of the section, one line that says so, and the missing loop"
-    );
+    assert_eq!(found.len(), 502, "500 of the section, one line that says so, and the missing loop");
 }
 
 proptest! {

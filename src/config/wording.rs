@@ -27,10 +27,7 @@ pub fn of_entry(message: &str, key: &str, section: &str) -> String {
     if message.starts_with("unknown field") {
         return format!("unknown key {key:?} in {section}{}", hint(key, &choices(message)));
     }
-    if let Some(word) = message
-        .strip_prefix("unknown variant `")
-        .and_then(|rest| rest.split('`').next())
-    {
+    if let Some(word) = message.strip_prefix("unknown variant `").and_then(|rest| rest.split('`').next()) {
         return format!("{key}: unknown value {word:?}{}", hint(word, &choices(message)));
     }
     format!("{key}: {}", plain(message))
@@ -72,10 +69,7 @@ pub fn choices(message: &str) -> Vec<&str> {
 /// `, did you mean "…"?` when a choice is close, else all of them.
 pub fn hint(word: &str, choices: &[&str]) -> String {
     let allowed = 1 + word.chars().count().min(12) / 4;
-    let nearest = choices
-        .iter()
-        .map(|choice| (distance(word, choice), choice))
-        .min();
+    let nearest = choices.iter().map(|choice| (distance(word, choice), choice)).min();
     match nearest {
         Some((distance, choice)) if distance <= allowed => format!(", did you mean {choice:?}?"),
         Some(_) => format!("; known are {}", choices.join(", ")),
@@ -106,12 +100,8 @@ mod tests {
 
     #[test]
     fn distances_by_hand() {
-        let cases = [
-            ("", "abc", 3),
-            ("poll_ms", "poll_ms", 0),
-            ("polll_ms", "poll_ms", 1),
-            ("kitten", "sitting", 3),
-        ];
+        let cases =
+            [("", "abc", 3), ("poll_ms", "poll_ms", 0), ("polll_ms", "poll_ms", 1), ("kitten", "sitting", 3)];
         for (a, b, expected) in cases {
             assert_eq!((distance(a, b), distance(b, a)), (expected, expected), "{a} {b}");
         }
@@ -119,10 +109,7 @@ mod tests {
 
     #[test]
     fn a_hint_is_the_nearest_or_the_list() {
-        assert_eq!(
-            hint("polll_ms", &["name", "poll_ms"]),
-            ", did you mean \"poll_ms\"?"
-        );
+        assert_eq!(hint("polll_ms", &["name", "poll_ms"]), ", did you mean \"poll_ms\"?");
         assert_eq!(hint("colour", &["name", "poll_ms"]), "; known are name, poll_ms");
         assert_eq!(hint("x", &[]), "");
     }

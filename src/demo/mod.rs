@@ -98,13 +98,9 @@ impl Demo {
         let loops = demo_plant(seed);
         let modbus = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await;
         let modbus = modbus.map_err(DemoError::io("cannot listen for the simulated plant"))?;
-        let at = modbus
-            .local_addr()
-            .map_err(DemoError::io("cannot listen for the simulated plant"))?;
-        let pace = Pace {
-            poll_ms: (1000.0 * POLL_S / speed).round() as u64,
-            period_s: DIAGNOSE_EVERY_S * speed,
-        };
+        let at = modbus.local_addr().map_err(DemoError::io("cannot listen for the simulated plant"))?;
+        let pace =
+            Pace { poll_ms: (1000.0 * POLL_S / speed).round() as u64, period_s: DIAGNOSE_EVERY_S * speed };
         let text = registers::config(&loops, listen, at, pace);
         let config = config::parse("demo", &text).map_err(AppError::Config)?;
         let api = app::listen(&config).await?;
@@ -154,12 +150,8 @@ impl Demo {
     /// [`DemoError`] when a server or the screen fails; the rest is stopped first.
     pub async fn run(self, mut screen: Screen<impl Write>) -> Result<(), DemoError> {
         let stop = self.app.stop();
-        let drawing = View {
-            results: self.results(),
-            loops: &self.loops,
-            clock: self.clock,
-            address: self.address,
-        };
+        let drawing =
+            View { results: self.results(), loops: &self.loops, clock: self.clock, address: self.address };
         let drawing = async {
             let drawn = drawing.draw(&mut screen, &stop).await;
             stop.cancel();
@@ -193,14 +185,8 @@ impl<W: Write> Screen<W> {
     }
 
     fn show(&mut self, lines: &[String]) -> io::Result<()> {
-        let text = if self.in_place {
-            table::redrawn(lines)
-        } else {
-            lines.join("\n") + "\n\n"
-        };
-        self.out
-            .write_all(text.as_bytes())
-            .and_then(|()| self.out.flush())
+        let text = if self.in_place { table::redrawn(lines) } else { lines.join("\n") + "\n\n" };
+        self.out.write_all(text.as_bytes()).and_then(|()| self.out.flush())
     }
 }
 
@@ -248,19 +234,9 @@ impl View<'_> {
             .iter()
             .map(|demo| self.results.get(&LoopId::new(demo.id.as_str()), now)?.summary)
             .collect();
-        let rows: Vec<Row<'_>> = self
-            .loops
-            .iter()
-            .zip(&said)
-            .map(|(demo, said)| Row {
-                demo,
-                said: said.as_ref(),
-            })
-            .collect();
-        let mut lines = vec![
-            self.title(),
-            format!("plant time {:.0} s", self.clock.elapsed().as_secs_f64()),
-        ];
+        let rows: Vec<Row<'_>> =
+            self.loops.iter().zip(&said).map(|(demo, said)| Row { demo, said: said.as_ref() }).collect();
+        let mut lines = vec![self.title(), format!("plant time {:.0} s", self.clock.elapsed().as_secs_f64())];
         lines.extend(table::lines(&rows));
         let verdicts = said.iter().map(|said| said.as_ref().map(|said| said.outcome));
         (lines, verdicts.collect())

@@ -59,36 +59,9 @@ pub(super) fn devices(plant: &[DemoLoop]) -> Vec<Device> {
     use ValueType::{F32, F64, I32};
     vec![
         device(Class::Flow, "flow-dcs", 1, Holding, F32, Abcd, 0, ModeAs::Word),
-        device(
-            Class::Level,
-            "level-plc",
-            2,
-            Input,
-            F32,
-            Cdab,
-            1,
-            ModeAs::Bit(Discrete),
-        ),
-        device(
-            Class::Pressure,
-            "pressure-rtu",
-            3,
-            Holding,
-            I32,
-            Badc,
-            0,
-            ModeAs::StatusBit,
-        ),
-        device(
-            Class::Temperature,
-            "temperature-plc",
-            4,
-            Input,
-            F64,
-            Dcba,
-            1,
-            ModeAs::Bit(Coil),
-        ),
+        device(Class::Level, "level-plc", 2, Input, F32, Cdab, 1, ModeAs::Bit(Discrete)),
+        device(Class::Pressure, "pressure-rtu", 3, Holding, I32, Badc, 0, ModeAs::StatusBit),
+        device(Class::Temperature, "temperature-plc", 4, Input, F64, Dcba, 1, ModeAs::Bit(Coil)),
     ]
 }
 
@@ -136,10 +109,8 @@ impl Device {
 
     /// A value of one or more words in the device's order; one that swaps bytes swaps them in every word it holds.
     fn ordered(&self, big_endian: &[u8]) -> Vec<u16> {
-        let mut words: Vec<u16> = big_endian
-            .chunks(2)
-            .map(|pair| u16::from_be_bytes([pair[0], pair[1]]))
-            .collect();
+        let mut words: Vec<u16> =
+            big_endian.chunks(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]])).collect();
         if matches!(self.order, ByteOrder::Cdab | ByteOrder::Dcba) {
             words.reverse();
         }
@@ -202,16 +173,12 @@ fn loop_text(device: &Device, row: u16, demo: &DemoLoop) -> String {
         tag
     };
     let (table, address, how) = match device.mode {
-        ModeAs::Word => (
-            device.table,
-            first + 3 * width,
-            "  type = \"u16\"\n  auto_values = [1]\n".to_owned(),
-        ),
-        ModeAs::StatusBit => (
-            device.table,
-            first + 3 * width,
-            format!("  type = \"bit\"\n  bit = {STATUS_BIT}\n"),
-        ),
+        ModeAs::Word => {
+            (device.table, first + 3 * width, "  type = \"u16\"\n  auto_values = [1]\n".to_owned())
+        }
+        ModeAs::StatusBit => {
+            (device.table, first + 3 * width, format!("  type = \"bit\"\n  bit = {STATUS_BIT}\n"))
+        }
         ModeAs::Bit(table) => (table, FIRST + device.address_base + row, String::new()),
     };
     format!(
@@ -246,30 +213,20 @@ mod tests {
     #[test]
     fn values_and_modes_lie_where_the_configuration_says() {
         let plant = demo_plant(1);
-        let points: Vec<Point> = (0..plant.len())
-            .map(|at| Point {
-                pv: at as f64,
-                ..Point::default()
-            })
-            .collect();
+        let points: Vec<Point> =
+            (0..plant.len()).map(|at| Point { pv: at as f64, ..Point::default() }).collect();
         let devices = devices(&plant);
         // The second flow loop's PV: 100 + 7 (three floats and a mode) + 2; its mode word 4 later.
-        let flow = devices[0]
-            .image(Register::Holding, &plant, &points)
-            .expect("has it");
+        let flow = devices[0].image(Register::Holding, &plant, &points).expect("has it");
         let first = (1.0_f32).to_bits();
         assert_eq!(flow[109..111], [(first >> 16) as u16, first as u16]);
         assert_eq!(flow[113], 1);
         assert_eq!(devices[0].image(Register::Input, &plant, &points), None);
         // The first pressure loop's status word follows three integers; bit 3, its bytes swapped.
-        let pressure = devices[2]
-            .image(Register::Holding, &plant, &points)
-            .expect("has it");
+        let pressure = devices[2].image(Register::Holding, &plant, &points).expect("has it");
         assert_eq!(pressure[106], 0x0800);
         // The fourth level loop is in manual.
-        let modes = devices[1]
-            .image(Register::Discrete, &plant, &points)
-            .expect("has it");
+        let modes = devices[1].image(Register::Discrete, &plant, &points).expect("has it");
         assert_eq!(modes[100..104], [1, 1, 1, 0]);
     }
 }

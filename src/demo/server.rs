@@ -42,25 +42,13 @@ impl Station {
     /// # Errors
     /// [`SpecError`] where a loop makes no sense.
     pub(super) fn new(loops: Vec<DemoLoop>, ts_s: f64, elapsed: Elapsed) -> Result<Self, SpecError> {
-        let sims = loops
-            .iter()
-            .map(|demo| LoopSim::new(&demo.spec, demo.seed))
-            .collect::<Result<Vec<_>, _>>()?;
-        let mut state = State {
-            points: vec![Point::default(); sims.len()],
-            sims,
-            steps: 0,
-        };
+        let sims =
+            loops.iter().map(|demo| LoopSim::new(&demo.spec, demo.seed)).collect::<Result<Vec<_>, _>>()?;
+        let mut state = State { points: vec![Point::default(); sims.len()], sims, steps: 0 };
         state.run((WARM_UP_S / ts_s) as u64);
         state.steps = 0;
         let devices = devices(&loops);
-        Ok(Self {
-            loops,
-            devices,
-            elapsed,
-            ts_s,
-            state: Mutex::new(state),
-        })
+        Ok(Self { loops, devices, elapsed, ts_s, state: Mutex::new(state) })
     }
 
     /// Answers requests until `stop` is cancelled.
@@ -81,9 +69,7 @@ impl Station {
             }
         };
         let failed = |error: io::Error| tracing::debug!(%error, "a connection to the simulated plant ended");
-        Server::new(listener)
-            .serve_until(&connected, failed, stop.cancelled_owned())
-            .await?;
+        Server::new(listener).serve_until(&connected, failed, stop.cancelled_owned()).await?;
         Ok(())
     }
 
@@ -158,10 +144,7 @@ mod tests {
         let now = Arc::new(AtomicU64::new(0));
         let clock = Arc::clone(&now);
         let elapsed: Elapsed = Arc::new(move || Duration::from_millis(clock.load(Ordering::Relaxed)));
-        (
-            Station::new(demo_plant(1), 0.5, elapsed).expect("the plant is valid"),
-            now,
-        )
+        (Station::new(demo_plant(1), 0.5, elapsed).expect("the plant is valid"), now)
     }
 
     fn flow_pv(station: &Station) -> f32 {
@@ -190,22 +173,10 @@ mod tests {
         let (station, _) = station();
         let refused = |unit, table, start| station.read(unit, table, start, 1).err();
         assert_eq!(refused(1, Register::Holding, 0), None);
-        assert_eq!(
-            refused(1, Register::Holding, 5000),
-            Some(ExceptionCode::IllegalDataAddress)
-        );
-        assert_eq!(
-            refused(1, Register::Coil, 0),
-            Some(ExceptionCode::IllegalFunction)
-        );
-        assert_eq!(
-            refused(9, Register::Holding, 0),
-            Some(ExceptionCode::GatewayTargetDevice)
-        );
-        let write = SlaveRequest {
-            slave: 1,
-            request: Request::WriteSingleRegister(100, 7),
-        };
+        assert_eq!(refused(1, Register::Holding, 5000), Some(ExceptionCode::IllegalDataAddress));
+        assert_eq!(refused(1, Register::Coil, 0), Some(ExceptionCode::IllegalFunction));
+        assert_eq!(refused(9, Register::Holding, 0), Some(ExceptionCode::GatewayTargetDevice));
+        let write = SlaveRequest { slave: 1, request: Request::WriteSingleRegister(100, 7) };
         assert_eq!(station.answer(&write), Err(ExceptionCode::IllegalFunction));
     }
 }

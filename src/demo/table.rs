@@ -18,8 +18,7 @@ pub(super) struct Row<'a> {
 impl Row<'_> {
     /// Whether the latest verdict is the one to expect.
     pub(super) fn is_right(&self) -> bool {
-        self.said
-            .is_some_and(|said| said.outcome == self.demo.expected.as_str())
+        self.said.is_some_and(|said| said.outcome == self.demo.expected.as_str())
     }
 
     fn line(&self) -> String {
@@ -93,10 +92,7 @@ mod tests {
             f_in_percent: true,
             delta_aic: Some(446.2),
         };
-        let row = |at: usize, said| Row {
-            demo: &plant[at],
-            said,
-        };
+        let row = |at: usize, said| Row { demo: &plant[at], said };
         let lines = lines(&[row(0, None), row(1, Some(&said)), row(5, Some(&said))]);
         assert_eq!(
             lines[1..],

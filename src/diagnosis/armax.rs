@@ -39,14 +39,7 @@ pub struct Orders {
 
 /// Every split `na + nb + nc = 6` with `na, nb >= 1`, for one delay: fifteen of them.
 pub fn splits(nk: usize) -> impl Iterator<Item = Orders> {
-    (1..ORDER).flat_map(move |na| {
-        (1..=ORDER - na).map(move |nb| Orders {
-            na,
-            nb,
-            nc: ORDER - na - nb,
-            nk,
-        })
-    })
+    (1..ORDER).flat_map(move |na| (1..=ORDER - na).map(move |nb| Orders { na, nb, nc: ORDER - na - nb, nk }))
 }
 
 /// The signals one fit works on, all of one length.
@@ -193,12 +186,7 @@ impl Workspace {
             for _ in 0..8 {
                 let (step, promised) = normal.step(damping);
                 if promised <= tolerance * loss {
-                    return Fit {
-                        orders,
-                        theta,
-                        loss,
-                        iterations,
-                    };
+                    return Fit { orders, theta, loss, iterations };
                 }
                 let candidate = normal.apply(&theta, &step, orders, lag);
                 let tried = self.evaluate(s, orders, &candidate);
@@ -206,11 +194,7 @@ impl Workspace {
                     let gain = loss - tried;
                     theta = candidate;
                     loss = tried;
-                    damping = if gain > 0.5 * promised {
-                        damping * 0.1
-                    } else {
-                        damping
-                    };
+                    damping = if gain > 0.5 * promised { damping * 0.1 } else { damping };
                     improved = gain > tolerance * loss;
                     break;
                 }
@@ -220,12 +204,7 @@ impl Workspace {
                 break;
             }
         }
-        Fit {
-            orders,
-            theta,
-            loss,
-            iterations,
-        }
+        Fit { orders, theta, loss, iterations }
     }
 
     /// `JᵀJ` and `Jᵀe` at `theta`, which must be the one evaluated last.
@@ -278,12 +257,7 @@ impl Workspace {
         let from = s.start;
         let [yf, zf, ef, onef] = &mut self.filtered;
         let inputs = [&s.y[from..n], &self.z[from..n], &self.e[from..n]];
-        let outputs = [
-            &mut yf[from..n],
-            &mut zf[from..n],
-            &mut ef[from..n],
-            &mut onef[from..n],
-        ];
+        let outputs = [&mut yf[from..n], &mut zf[from..n], &mut ef[from..n], &mut onef[from..n]];
         match *c {
             [] => filter4([], inputs, outputs),
             [c1] => filter4([c1], inputs, outputs),
@@ -307,11 +281,7 @@ impl Workspace {
         self.lag_column[..n].fill(0.0);
         let begin = s.first;
         for (j, &b) in theta.b[..orders.nb].iter().enumerate() {
-            add_scaled(
-                &mut self.lag_column[begin..n],
-                b,
-                &self.dir_filtered[begin - orders.nk - j..n],
-            );
+            add_scaled(&mut self.lag_column[begin..n], b, &self.dir_filtered[begin - orders.nk - j..n]);
         }
     }
 }
@@ -498,11 +468,7 @@ pub fn draw_inside(c: &mut [f64], radius: f64) {
     let (mut stable, mut unstable) = (0.0, 1.0);
     for _ in 0..20 {
         let middle = 0.5 * (stable + unstable);
-        if is_inside(&contracted(middle)[..c.len()], radius) {
-            stable = middle
-        } else {
-            unstable = middle
-        }
+        if is_inside(&contracted(middle)[..c.len()], radius) { stable = middle } else { unstable = middle }
     }
     let n = c.len();
     let inside = contracted(stable);

@@ -48,24 +48,12 @@ impl Config {
             }
         };
         let f = self.f_threshold_percent;
-        unless(
-            (0.0..=100.0).contains(&f),
-            "f_threshold_percent",
-            format!("{f} must be 0 to 100"),
-        );
+        unless((0.0..=100.0).contains(&f), "f_threshold_percent", format!("{f} must be 0 to 100"));
         let evidence = self.evidence_threshold;
         let ok = evidence.is_finite() && evidence >= 0.0;
-        unless(
-            ok,
-            "evidence_threshold",
-            format!("{evidence} must be a number from 0"),
-        );
+        unless(ok, "evidence_threshold", format!("{evidence} must be a number from 0"));
         let (least, most) = (self.min_samples, self.window_samples);
-        unless(
-            (50..=20_000).contains(&most),
-            "window_samples",
-            format!("{most} must be 50 to 20000"),
-        );
+        unless((50..=20_000).contains(&most), "window_samples", format!("{most} must be 50 to 20000"));
         unless(least >= 50, "min_samples", format!("{least} must be at least 50"));
         unless(
             least <= most,
@@ -73,21 +61,13 @@ impl Config {
             format!("{least} is more than window_samples = {most}: no window could be long enough"),
         );
         let share = self.max_gap_share;
-        unless(
-            (0.0..=0.9).contains(&share),
-            "max_gap_share",
-            format!("{share} must be 0 to 0.9"),
-        );
+        unless((0.0..=0.9).contains(&share), "max_gap_share", format!("{share} must be 0 to 0.9"));
         if let Some(ts) = self.ts_s {
             let ok = ts.is_finite() && ts > 0.0;
             unless(ok, "ts_s", format!("{ts} must be a number of seconds above 0"));
         }
         let delay = self.max_delay_samples;
-        unless(
-            (1..=100).contains(&delay),
-            "max_delay_samples",
-            format!("{delay} must be 1 to 100"),
-        );
+        unless((1..=100).contains(&delay), "max_delay_samples", format!("{delay} must be 1 to 100"));
         issues
     }
 }

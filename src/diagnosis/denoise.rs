@@ -32,10 +32,7 @@ pub fn noise_sd(v: &[f64]) -> f64 {
     let even = &v[..v.len() & !1];
     let (_, detail) = analyse(even);
     // The wrap-around of the periodised transform touches the last coefficients only.
-    let inner: Vec<f64> = detail[..detail.len() - LOW.len() / 2]
-        .iter()
-        .map(|d| d.abs())
-        .collect();
+    let inner: Vec<f64> = detail[..detail.len() - LOW.len() / 2].iter().map(|d| d.abs()).collect();
     median(&inner) / 0.6745
 }
 
@@ -120,10 +117,7 @@ mod tests {
             let low: f64 = (2 * shift..8).map(|j| LOW[j] * LOW[j - 2 * shift]).sum();
             let cross: f64 = (2 * shift..8).map(|j| LOW[j] * high_pass(j - 2 * shift)).sum();
             // Published taps carry 16 digits.
-            assert!(
-                (low - if shift == 0 { 1.0 } else { 0.0 }).abs() < 1e-11,
-                "{shift}: {low}"
-            );
+            assert!((low - if shift == 0 { 1.0 } else { 0.0 }).abs() < 1e-11, "{shift}: {low}");
             assert!(cross.abs() < 1e-11);
         }
     }

@@ -17,6 +17,7 @@
 //! Source: Hansen, Econometrica 2000, 68, 575; Vuong, Econometrica 1989, 57, 307.
 
 use super::armax::LOSS_FLOOR;
+use super::friction::stick_slip;
 use super::rivals::{Rated, Rival, rate};
 use super::search::{CellPoint, Problem, Refined};
 use super::stats::{mean, median, sd};
@@ -25,8 +26,10 @@ use super::stats::{mean, median, sd};
 const THRESHOLD_95: f64 = 7.35;
 /// Blocks over which the gain must be shared.
 const BLOCKS: usize = 10;
+/// Degrees of freedom of the heavy-tailed likelihood behind the steadiness.
+const TAILS: f64 = 4.0;
 /// Least steadiness [-] of a believed gain.
-pub const STEADY: f64 = 1.3;
+pub const STEADY: f64 = 0.5;
 
 /// The evidence for the sticky model against the best explanation without friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,10 +75,15 @@ pub fn weigh(
     if linear < worth {
         return evidence;
     }
-    let own = n * (sticky.long_loss + LOSS_FLOOR).ln() + paid;
-    for Rated { rival, aic } in rate(p, period) {
-        if aic - own < evidence.delta_aic {
-            evidence.delta_aic = aic - own;
+    let lag = sticky.long_lag;
+    let element = |u: &[f64]| -> Vec<f64> {
+        let (mut x, mut dir) = (vec![0.0; u.len()], vec![0.0; u.len()]);
+        stick_slip(u, sticky.f, sticky.resume, p.start, &mut x, &mut dir);
+        x.iter().zip(&dir).map(|(x, d)| x - lag * d).collect()
+    };
+    for Rated { rival, gain } in rate(p, &element, period) {
+        if gain - paid < evidence.delta_aic {
+            evidence.delta_aic = gain - paid;
             evidence.rival = rival;
         }
     }
@@ -83,21 +91,23 @@ pub fn weigh(
 }
 
 /// Mean over blocks of the log-likelihood gain, in its standard errors; bounded for noise-free records.
+///
+/// The likelihood is Student's t with [`TAILS`] degrees of freedom about the sticky model's own spread, so that
+/// a few large errors at the slips, or one transient, do not speak for the whole record.
 fn steadiness(sound: &[f64], sticky: &[f64]) -> f64 {
+    let sizes: Vec<f64> = sticky.iter().map(|e| e.abs()).collect();
+    let scale = (median(&sizes) / 0.6745).powi(2).max(LOSS_FLOOR);
+    let surprise = |e: f64| 0.5 * (TAILS + 1.0) * (e * e / (TAILS * scale)).ln_1p();
     let length = sound.len().min(sticky.len()).div_ceil(BLOCKS).max(1);
     let sums: Vec<f64> = sound
         .chunks(length)
         .zip(sticky.chunks(length))
-        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a * a - b * b).sum())
+        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| surprise(*a) - surprise(*b)).sum())
         .collect();
     let spread = sd(&sums) * (sums.len() as f64 / (sums.len() as f64 - 1.0).max(1.0)).sqrt();
     let error = spread / (sums.len() as f64).sqrt();
     let m = mean(&sums);
-    if error > 0.0 {
-        (m / error).clamp(-100.0, 100.0)
-    } else {
-        0.0
-    }
+    if error > 0.0 { (m / error).clamp(-100.0, 100.0) } else { 0.0 }
 }
 
 /// The 95 % interval of f from the profile [unit of u].
@@ -106,10 +116,7 @@ pub fn interval(p: &Problem, cells: &[CellPoint], sticky: &Refined) -> [f64; 2] 
     let reference = sticky.long_loss + LOSS_FLOOR;
     let hi_of = |hi: f64, lo: f64| if hi.is_finite() { hi } else { lo };
     let mut bounds = [sticky.cell.lo, hi_of(sticky.cell.hi, sticky.cell.lo)];
-    for c in cells
-        .iter()
-        .filter(|c| n * (c.loss / reference).ln() <= THRESHOLD_95)
-    {
+    for c in cells.iter().filter(|c| n * (c.loss / reference).ln() <= THRESHOLD_95) {
         bounds[0] = bounds[0].min(c.cell.lo);
         bounds[1] = bounds[1].max(hi_of(c.cell.hi, c.cell.lo));
     }

@@ -44,10 +44,7 @@ pub struct Cell {
 /// The true stem of a valve with a slip jump J is `x - dir (S - J)/2`.
 pub fn stick_slip(u: &[f64], f: f64, resume: f64, start: Start, x: &mut [f64], dir: &mut [f64]) -> Cell {
     let n = u.len().min(x.len()).min(dir.len());
-    let mut cell = Cell {
-        lo: 0.0,
-        hi: f64::INFINITY,
-    };
+    let mut cell = Cell { lo: 0.0, hi: f64::INFINITY };
     if start.index >= n {
         x[..n].copy_from_slice(&u[..n]);
         dir[..n].fill(1.0);
@@ -156,22 +153,9 @@ mod tests {
     #[test]
     fn sticks_for_2f_on_a_reversal_and_then_follows_without_lag() {
         let u = [0.0, 3.0, 2.0, 1.0, 0.5, 0.0, -1.0, -0.5, 0.0, 1.0, 1.5, 2.0];
-        let (x, dir, cell) = run(
-            &u,
-            1.0,
-            Start {
-                index: 1,
-                is_max: true,
-            },
-        );
-        assert_eq!(
-            x,
-            [0.0, 3.0, 3.0, 3.0, 0.5, 0.0, -1.0, -1.0, -1.0, -1.0, 1.5, 2.0]
-        );
-        assert_eq!(
-            dir,
-            [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0, 1.0, 1.0]
-        );
+        let (x, dir, cell) = run(&u, 1.0, Start { index: 1, is_max: true });
+        assert_eq!(x, [0.0, 3.0, 3.0, 3.0, 0.5, 0.0, -1.0, -1.0, -1.0, -1.0, 1.5, 2.0]);
+        assert_eq!(dir, [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0, 1.0, 1.0]);
         // Stuck at an excursion of 2, slipped at 2.5: any f in [1, 1.25) gives this very stem.
         assert_eq!(cell, Cell { lo: 1.0, hi: 1.25 });
     }
@@ -179,18 +163,7 @@ mod tests {
     #[test]
     fn no_friction_is_no_element() {
         let u = [0.0, 1.0, 0.5, 0.5, 2.0, -1.0];
-        assert_eq!(
-            run(
-                &u,
-                0.0,
-                Start {
-                    index: 1,
-                    is_max: true
-                }
-            )
-            .0,
-            u
-        );
+        assert_eq!(run(&u, 0.0, Start { index: 1, is_max: true }).0, u);
     }
 
     #[test]
@@ -198,17 +171,7 @@ mod tests {
         // S = 2, J = 1: stops at 3, is 0.5 ahead at 3.5, goes on at 4.5.
         let u = [0.0, 3.0, 2.5, 3.5, 4.5, 5.0, 2.5];
         let (mut x, mut dir) = ([0.0; 7], [0.0; 7]);
-        let cell = stick_slip(
-            &u,
-            1.0,
-            0.5,
-            Start {
-                index: 1,
-                is_max: true,
-            },
-            &mut x,
-            &mut dir,
-        );
+        let cell = stick_slip(&u, 1.0, 0.5, Start { index: 1, is_max: true }, &mut x, &mut dir);
         assert_eq!(x, [0.0, 3.0, 3.0, 3.0, 4.5, 5.0, 2.5]);
         assert_eq!(reversals(&dir), 1);
         // Stuck 0.5 ahead (f >= 0.5), resumed 1.5 ahead (f < 1.5), reversed at 2.5 (f < 1.25).
@@ -218,36 +181,9 @@ mod tests {
     #[test]
     fn the_largest_reversal_ends_the_search() {
         let u = [0.0, 3.0, 1.0, 4.0, 1.5, 2.0];
-        assert_eq!(
-            largest_reversal(
-                &u,
-                Start {
-                    index: 1,
-                    is_max: true
-                }
-            ),
-            1.25
-        );
-        assert_eq!(
-            largest_reversal(
-                &u,
-                Start {
-                    index: 2,
-                    is_max: false
-                }
-            ),
-            1.5
-        );
-        assert_eq!(
-            largest_reversal(
-                &u,
-                Start {
-                    index: 9,
-                    is_max: true
-                }
-            ),
-            0.0
-        );
+        assert_eq!(largest_reversal(&u, Start { index: 1, is_max: true }), 1.25);
+        assert_eq!(largest_reversal(&u, Start { index: 2, is_max: false }), 1.5);
+        assert_eq!(largest_reversal(&u, Start { index: 9, is_max: true }), 0.0);
     }
 
     #[test]

@@ -27,10 +27,7 @@ pub type Gated = Result<(Window, Preparation), (NotIdentifiable, Preparation)>;
 /// # Errors
 /// The reason why the record says nothing about the valve, with what was learned of it on the way.
 pub fn gate(record: &Record, settings: &Settings) -> Gated {
-    let mut preparation = Preparation {
-        decimation: 1,
-        ..Preparation::default()
-    };
+    let mut preparation = Preparation { decimation: 1, ..Preparation::default() };
     let op = clean(&record.op, &mut preparation);
     let pv = clean(&record.pv, &mut preparation);
     let need = settings.min_samples;
@@ -57,11 +54,7 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
             return stop(NotIdentifiable::Manual { share_auto }, &preparation);
         }
     }
-    let Some(&(from, to)) = stretches
-        .iter()
-        .rev()
-        .max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0)))
-    else {
+    let Some(&(from, to)) = stretches.iter().rev().max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0))) else {
         return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
     };
     let n = ((to - from) / ts * (1.0 + 1e-9)).floor() as usize + 1;
@@ -77,11 +70,7 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     }
     let (op_grid, op_missing) = resample(&op.kept, from, ts, n, op_ts);
     let (pv_grid, pv_missing) = resample(&pv.kept, from, ts, n, ts);
-    let missing = op_missing
-        .iter()
-        .zip(&pv_missing)
-        .filter(|(a, b)| **a || **b)
-        .count();
+    let missing = op_missing.iter().zip(&pv_missing).filter(|(a, b)| **a || **b).count();
     preparation.gap_share = missing as f64 / n as f64;
     preparation.worst_skew = worst_skew(&op.kept, &pv.kept, from, to);
     let other = |series: &Option<Vec<Sample>>| -> Option<Vec<f64>> {
@@ -157,10 +146,7 @@ fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
         kept,
         offered: series.len(),
         stale: series.iter().filter(|s| s.quality == Quality::Stale).count(),
-        too_large: series
-            .iter()
-            .filter(|s| !(s.value.abs() <= LARGEST_VALUE))
-            .count(),
+        too_large: series.iter().filter(|s| s.value.abs() > LARGEST_VALUE).count(),
     }
 }
 
@@ -194,33 +180,20 @@ fn shortage(op: &Clean, pv: &Clean, n: usize, need: usize) -> NotIdentifiable {
     if worst.kept.len() <= 1 {
         return NotIdentifiable::NoTimeBase;
     }
-    NotIdentifiable::Gaps {
-        share: 1.0 - worst.kept.len() as f64 / worst.offered as f64,
-    }
+    NotIdentifiable::Gaps { share: 1.0 - worst.kept.len() as f64 / worst.offered as f64 }
 }
 
 /// The sampling period: the mean of the steps near the median step [s].
 fn sample_period(kept: &[Sample]) -> Option<f64> {
-    let steps: Vec<f64> = kept
-        .windows(2)
-        .map(|w| w[1].t - w[0].t)
-        .filter(|d| *d > 0.0)
-        .collect();
+    let steps: Vec<f64> = kept.windows(2).map(|w| w[1].t - w[0].t).filter(|d| *d > 0.0).collect();
     if steps.is_empty() {
         return None;
     }
     let middle = median(&steps);
-    let near: Vec<f64> = steps
-        .into_iter()
-        .filter(|d| (d - middle).abs() <= 0.5 * middle)
-        .collect();
+    let near: Vec<f64> = steps.into_iter().filter(|d| (d - middle).abs() <= 0.5 * middle).collect();
     let ts = mean(&near);
     // Equal stamps keep their exact period; the mean of many differs from it by rounding.
-    let ts = if (ts - middle).abs() <= 1e-6 * middle {
-        middle
-    } else {
-        ts
-    };
+    let ts = if (ts - middle).abs() <= 1e-6 * middle { middle } else { ts };
     (ts.is_finite() && ts > 0.0).then_some(ts)
 }
 
@@ -238,11 +211,8 @@ fn runs(kept: &[Sample], ts: f64) -> Vec<(f64, f64)> {
 
 /// Stretches in automatic, and the share of samples in automatic. A change of mode takes effect at its stamp.
 fn automatic(mode: &[Sample], ts: f64) -> (Vec<(f64, f64)>, f64) {
-    let mut samples: Vec<Sample> = mode
-        .iter()
-        .filter(|s| s.t.is_finite() && s.value.is_finite())
-        .copied()
-        .collect();
+    let mut samples: Vec<Sample> =
+        mode.iter().filter(|s| s.t.is_finite() && s.value.is_finite()).copied().collect();
     samples.sort_by(|a, b| a.t.total_cmp(&b.t));
     let is_auto = |s: &Sample| s.quality.is_good() && s.value >= 0.5;
     let mut found = Vec::new();
@@ -291,11 +261,7 @@ fn resample(kept: &[Sample], from: f64, ts: f64, n: usize, own_ts: f64) -> (Vec<
         }
         let (a, b) = (kept[i], kept[(i + 1).min(kept.len() - 1)]);
         let width = b.t - a.t;
-        let part = if width > 0.0 {
-            ((t - a.t) / width).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
+        let part = if width > 0.0 { ((t - a.t) / width).clamp(0.0, 1.0) } else { 0.0 };
         // Stamps off the grid by rounding alone must give the recorded value itself.
         let part = if part < 1e-6 {
             0.0
@@ -347,19 +313,13 @@ fn saturated_share(op: &[f64], limits: Option<(f64, f64)>) -> f64 {
     let n = op.len().max(1) as f64;
     if let Some((low, high)) = limits {
         let margin = 1e-3 * (high - low).abs();
-        return op
-            .iter()
-            .filter(|u| **u <= low + margin || **u >= high - margin)
-            .count() as f64
-            / n;
+        return op.iter().filter(|u| **u <= low + margin || **u >= high - margin).count() as f64 / n;
     }
     let (low, high) = range(op);
     let margin = 1e-6 * (high - low);
     let at = |u: f64| u <= low + margin || u >= high - margin;
     // A coarse recording resolution repeats its extremes too, but not for five samples on end.
-    let held = op
-        .chunk_by(|a, b| at(*a) && at(*b) && (a - b).abs() <= margin)
-        .map(<[f64]>::len);
+    let held = op.chunk_by(|a, b| at(*a) && at(*b) && (a - b).abs() <= margin).map(<[f64]>::len);
     held.filter(|len| *len >= 5).sum::<usize>() as f64 / n
 }
 
@@ -456,25 +416,13 @@ mod tests {
             change(&mut r);
             reason(&r)
         };
-        assert_eq!(
-            reason(&wave(50, 1.0)),
-            NotIdentifiable::TooShort { n: 50, need: 200 }
-        );
-        assert_eq!(
-            reason(&Record::default()),
-            NotIdentifiable::TooShort { n: 0, need: 200 }
-        );
+        assert_eq!(reason(&wave(50, 1.0)), NotIdentifiable::TooShort { n: 50, need: 200 });
+        assert_eq!(reason(&Record::default()), NotIdentifiable::TooShort { n: 0, need: 200 });
         let flat = |series: &mut Vec<Sample>| series.iter_mut().for_each(|s| s.value = 7.0);
         assert_eq!(settings(&|r| flat(&mut r.op)), NotIdentifiable::FlatOp);
         assert_eq!(settings(&|r| flat(&mut r.pv)), NotIdentifiable::FlatPv);
-        assert_eq!(
-            settings(&|r| r.pv.iter_mut().for_each(|s| s.t = 5.0)),
-            NotIdentifiable::NoTimeBase
-        );
-        assert_eq!(
-            settings(&|r| r.pv.iter_mut().for_each(|s| s.value = 1e308)),
-            NotIdentifiable::OutOfScale
-        );
+        assert_eq!(settings(&|r| r.pv.iter_mut().for_each(|s| s.t = 5.0)), NotIdentifiable::NoTimeBase);
+        assert_eq!(settings(&|r| r.pv.iter_mut().for_each(|s| s.value = 1e308)), NotIdentifiable::OutOfScale);
         assert_eq!(
             settings(&|r| r.pv.iter_mut().for_each(|s| s.quality = Quality::Stale)),
             NotIdentifiable::FlatPv
@@ -482,11 +430,7 @@ mod tests {
         let top = |r: &mut Record| r.op.iter_mut().for_each(|s| s.value = s.value.min(50.3));
         assert!(matches!(settings(&top), NotIdentifiable::Saturated { share } if share > 0.3));
         let manual = |r: &mut Record| {
-            r.mode = Some(
-                r.op.iter()
-                    .map(|s| Sample::good(s.t, f64::from(u8::from(s.t < 60.0))))
-                    .collect(),
-            );
+            r.mode = Some(r.op.iter().map(|s| Sample::good(s.t, f64::from(u8::from(s.t < 60.0)))).collect());
         };
         assert!(
             matches!(settings(&manual), NotIdentifiable::Manual { share_auto } if (share_auto - 0.2).abs() < 1e-9)

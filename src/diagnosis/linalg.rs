@@ -18,7 +18,7 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Most columns of a system.
-pub const MOST_COLUMNS: usize = 64;
+pub const MOST_COLUMNS: usize = 128;
 
 /// Factors a symmetric positive semi-definite `G` of order `n` into `L Lᵀ` in place.
 ///
@@ -32,11 +32,7 @@ pub fn factor(g: &mut [f64], stride: usize, n: usize, live: &mut [bool; MOST_COL
         for j in 0..i {
             let above = &head[j * stride..=j * stride + j];
             let partial: f64 = row[..j].iter().zip(above).map(|(x, y)| x * y).sum();
-            row[j] = if live[j] {
-                (row[j] - partial) / above[j]
-            } else {
-                0.0
-            };
+            row[j] = if live[j] { (row[j] - partial) / above[j] } else { 0.0 };
         }
         let rest = row[i] - row[..i].iter().map(|x| x * x).sum::<f64>();
         live[i] = rest > 1e-13 * row[i] && rest > 0.0;

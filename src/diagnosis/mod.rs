@@ -125,32 +125,19 @@ impl fmt::Display for NotIdentifiable {
         match self {
             Self::TooShort { n, need } => write!(out, "too short: {n} usable samples, {need} needed"),
             Self::NoTimeBase => write!(out, "no time base: the stamps give no sampling period"),
-            Self::Gaps { share } => write!(
-                out,
-                "gaps: {:.0} % of the samples are missing or bad",
-                share * 100.0
-            ),
+            Self::Gaps { share } => {
+                write!(out, "gaps: {:.0} % of the samples are missing or bad", share * 100.0)
+            }
             Self::FlatOp => write!(out, "flat OP: the controller output does not move"),
             Self::FlatPv => write!(out, "flat PV: the process variable does not move"),
             Self::Saturated { share } => {
-                write!(
-                    out,
-                    "saturated: OP at a limit for {:.0} % of the window",
-                    share * 100.0
-                )
+                write!(out, "saturated: OP at a limit for {:.0} % of the window", share * 100.0)
             }
             Self::Manual { share_auto } => {
-                write!(
-                    out,
-                    "manual: in automatic for only {:.0} % of the window",
-                    share_auto * 100.0
-                )
+                write!(out, "manual: in automatic for only {:.0} % of the window", share_auto * 100.0)
             }
             Self::NotExcited { reversals } => {
-                write!(
-                    out,
-                    "not excited: OP reverses {reversals} times by more than its noise"
-                )
+                write!(out, "not excited: OP reverses {reversals} times by more than its noise")
             }
             Self::NoResponse => write!(out, "no response: PV does not follow OP at any friction"),
             Self::OutOfScale => write!(out, "out of scale: values too large or too small to compute with"),

@@ -20,11 +20,7 @@ const HALF_WIDTH: usize = 4;
 /// Decimates and cuts the window; returns it with its oscillation analysis.
 pub fn prepare(window: Window, settings: &Settings, preparation: &mut Preparation) -> (Window, Region) {
     let n = window.len();
-    let mut window = if n > MOST_SAMPLES {
-        window.slice(n - MOST_SAMPLES, n)
-    } else {
-        window
-    };
+    let mut window = if n > MOST_SAMPLES { window.slice(n - MOST_SAMPLES, n) } else { window };
     let mut region = region::analyse(&window.op);
     let by_period = region.typical_period().map_or(1.0, |p| p / SAMPLES_PER_PERIOD);
     let longest = LONGEST * settings.window_samples.max(1);
@@ -37,18 +33,13 @@ pub fn prepare(window: Window, settings: &Settings, preparation: &mut Preparatio
         preparation.decimation = factor;
     }
     let wanted = region.typical_period().map_or(0.0, |p| PERIODS * p).ceil() as usize;
-    let length = wanted
-        .clamp(settings.window_samples, LONGEST * settings.window_samples)
-        .min(window.len());
+    let length = wanted.clamp(settings.window_samples, LONGEST * settings.window_samples).min(window.len());
     let from = region.most_regular(window.len(), length);
     if length < window.len() {
         window = window.slice(from, from + length);
         region = region::analyse(&window.op);
     }
-    preparation.denoise = super::Denoise {
-        applied: region.denoised,
-        noise_share: region.noise_share,
-    };
+    preparation.denoise = super::Denoise { applied: region.denoised, noise_share: region.noise_share };
     gate::describe(&window, preparation);
     (window, region)
 }
@@ -74,11 +65,7 @@ fn decimate(w: &Window, factor: usize) -> Window {
         pv: filtered(&w.pv),
         sp: w.sp.as_ref().map(filtered),
         mv: w.mv.as_ref().map(filtered),
-        tags: w
-            .tags
-            .iter()
-            .map(|(name, v)| (name.clone(), filtered(v)))
-            .collect(),
+        tags: w.tags.iter().map(|(name, v)| (name.clone(), filtered(v))).collect(),
     }
 }
 
@@ -89,11 +76,7 @@ fn low_pass(factor: usize) -> Vec<f64> {
     let taps: Vec<f64> = (-reach..=reach)
         .map(|j| {
             let t = j as f64;
-            let sinc = if j == 0 {
-                2.0 * cutoff
-            } else {
-                (2.0 * PI * cutoff * t).sin() / (PI * t)
-            };
+            let sinc = if j == 0 { 2.0 * cutoff } else { (2.0 * PI * cutoff * t).sin() / (PI * t) };
             sinc * (0.54 + 0.46 * (PI * t / reach as f64).cos())
         })
         .collect();
@@ -114,12 +97,7 @@ mod tests {
     fn decimation_keeps_the_slow_and_removes_what_would_fold() {
         let slow = sine(4000, 200.0);
         let fast = sine(4000, 7.0);
-        let w = Window {
-            ts: 1.0,
-            op: slow.clone(),
-            pv: fast,
-            ..Window::default()
-        };
+        let w = Window { ts: 1.0, op: slow.clone(), pv: fast, ..Window::default() };
         let d = decimate(&w, 5);
         assert_eq!((d.len(), d.ts), (800, 5.0));
         for k in 20..780 {
@@ -132,16 +110,8 @@ mod tests {
     #[test]
     fn only_over_sampled_long_records_are_decimated() {
         let prepare_sine = |n: usize, period: f64| {
-            let w = Window {
-                ts: 1.0,
-                op: sine(n, period),
-                pv: sine(n, period),
-                ..Window::default()
-            };
-            let mut p = Preparation {
-                decimation: 1,
-                ..Preparation::default()
-            };
+            let w = Window { ts: 1.0, op: sine(n, period), pv: sine(n, period), ..Window::default() };
+            let mut p = Preparation { decimation: 1, ..Preparation::default() };
             let (w, _) = prepare(w, &Settings::default(), &mut p);
             (p.decimation, w.len(), w.ts)
         };

@@ -15,8 +15,13 @@ use super::stats::{mean, median, quantile, sd};
 
 /// Noise sd of OP, as a share of its sd, above which OP is denoised before its extrema are sought.
 const NOISY: f64 = 0.05;
-/// Least swing of a large extremum, as a share of the 5..95 % range of OP.
-const LARGE_SWING: f64 = 0.25;
+/// Least swings of a large extremum tried, as shares of the 5..95 % range of OP: a set-point change or a drift
+/// widens that range beyond the oscillation.
+const LARGE_SWINGS: [f64; 4] = [0.25, 0.12, 0.06, 0.03];
+/// Extrema that settle the choice of the least swing.
+const ENOUGH_EXTREMA: usize = 12;
+/// Least swing in noise standard deviations.
+const OVER_NOISE: f64 = 4.0;
 
 /// One large extremum of OP.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,15 +54,9 @@ pub fn analyse(op: &[f64]) -> Region {
     let noise_share = if spread > 0.0 { noise / spread } else { 0.0 };
     let denoised = noise_share > NOISY;
     let smooth = if denoised { denoise(op) } else { op.to_vec() };
-    let swing = LARGE_SWING * (quantile(&smooth, 0.95) - quantile(&smooth, 0.05));
-    let extrema = large_extrema(&smooth, swing.max(3.0 * noise));
+    let extrema = select_extrema(&smooth, quantile(&smooth, 0.95) - quantile(&smooth, 0.05), noise);
     let crossings = crossings(&mean_shift(&smooth, &extrema));
-    Region {
-        extrema,
-        crossings,
-        noise_share,
-        denoised,
-    }
+    Region { extrema, crossings, noise_share, denoised }
 }
 
 impl Region {
@@ -76,10 +75,10 @@ impl Region {
         })
     }
 
-    /// Typical period over the whole record [samples], or `None` with fewer than three.
+    /// Typical period over the whole record [samples], or `None` with fewer than two.
     pub fn typical_period(&self) -> Option<f64> {
         let periods: Vec<f64> = self.crossings.windows(3).map(|w| w[2] - w[0]).collect();
-        (periods.len() >= 5).then(|| median(&periods))
+        (periods.len() >= 2).then(|| median(&periods))
     }
 
     /// Mean of the large maxima less mean of the large minima between `from` and `to`; 0 without both.
@@ -89,19 +88,12 @@ impl Region {
             self.extrema.iter().filter(wanted).map(|e| e.value).collect()
         };
         let (maxima, minima) = (of(true), of(false));
-        if maxima.is_empty() || minima.is_empty() {
-            0.0
-        } else {
-            (mean(&maxima) - mean(&minima)).max(0.0)
-        }
+        if maxima.is_empty() || minima.is_empty() { 0.0 } else { (mean(&maxima) - mean(&minima)).max(0.0) }
     }
 
     /// Number of large extrema between `from` and `to`: the reversals of OP.
     pub fn reversals(&self, from: usize, to: usize) -> usize {
-        self.extrema
-            .iter()
-            .filter(|e| e.index >= from && e.index < to)
-            .count()
+        self.extrema.iter().filter(|e| e.index >= from && e.index < to).count()
     }
 
     /// The first sample of the stretch of `length` samples with the largest r; 0 when nothing oscillates.
@@ -117,11 +109,7 @@ impl Region {
             }
             let end = self.crossings.partition_point(|&t| t < (start + length) as f64);
             let periods: Vec<f64> = self.crossings[i..end].windows(3).map(|w| w[2] - w[0]).collect();
-            let r = if periods.len() < 5 {
-                0.0
-            } else {
-                regularity(&periods)
-            };
+            let r = if periods.len() < 5 { 0.0 } else { regularity(&periods) };
             if r > best.0 {
                 best = (r, start);
             }
@@ -139,16 +127,32 @@ pub fn start_of(region: &Region, op: &[f64], from: usize, to: usize) -> Option<S
     let high = (first.index + reach + 1).min(to);
     let sign = if first.is_max { 1.0 } else { -1.0 };
     let index = (low..high).max_by(|&a, &b| (sign * op[a]).total_cmp(&(sign * op[b])))?;
-    Some(Start {
-        index,
-        is_max: first.is_max,
-    })
+    Some(Start { index, is_max: first.is_max })
 }
 
 /// `r = mean(T) / (3 sd(T))`, bounded so that a perfectly regular record stays a number.
 fn regularity(periods: &[f64]) -> f64 {
     let m = mean(periods);
     m / (3.0 * sd(periods)).max(1e-3 * m)
+}
+
+/// The extrema at the largest least swing that finds enough of them; else the most that stand out of the noise.
+fn select_extrema(smooth: &[f64], range: f64, noise: f64) -> Vec<Extremum> {
+    let mut most = Vec::new();
+    for share in LARGE_SWINGS {
+        let swing = share * range;
+        if !most.is_empty() && swing < OVER_NOISE * noise {
+            break;
+        }
+        let found = large_extrema(smooth, swing.max(OVER_NOISE * noise));
+        if found.len() > most.len() {
+            most = found;
+        }
+        if most.len() >= ENOUGH_EXTREMA {
+            break;
+        }
+    }
+    most
 }
 
 /// Alternating extrema whose swing from one to the next is at least `swing`; flat tops count once.
@@ -170,22 +174,14 @@ pub fn large_extrema(v: &[f64], swing: f64) -> Vec<Extremum> {
         if rising != Some(false) && high.1 - value >= swing {
             // The very first half-swing starts at the record's edge, which is no extremum.
             if rising.is_some() || high.0 > 0 {
-                found.push(Extremum {
-                    index: high.0,
-                    value: high.1,
-                    is_max: true,
-                });
+                found.push(Extremum { index: high.0, value: high.1, is_max: true });
             }
             rising = Some(false);
             low = (index, value);
             high = (index, value);
         } else if rising != Some(true) && value - low.1 >= swing {
             if rising.is_some() || low.0 > 0 {
-                found.push(Extremum {
-                    index: low.0,
-                    value: low.1,
-                    is_max: false,
-                });
+                found.push(Extremum { index: low.0, value: low.1, is_max: false });
             }
             rising = Some(true);
             high = (index, value);
@@ -198,11 +194,7 @@ pub fn large_extrema(v: &[f64], swing: f64) -> Vec<Extremum> {
 /// OP less the mean of its two envelopes (adaptive mean shift); less its mean with too few extrema.
 fn mean_shift(v: &[f64], extrema: &[Extremum]) -> Vec<f64> {
     let knots = |is_max: bool| -> Vec<(f64, f64)> {
-        extrema
-            .iter()
-            .filter(|e| e.is_max == is_max)
-            .map(|e| (e.index as f64, e.value))
-            .collect()
+        extrema.iter().filter(|e| e.is_max == is_max).map(|e| (e.index as f64, e.value)).collect()
     };
     let (upper, lower) = (knots(true), knots(false));
     if upper.len() < 2 || lower.len() < 2 {
@@ -210,10 +202,7 @@ fn mean_shift(v: &[f64], extrema: &[Extremum]) -> Vec<f64> {
         return v.iter().map(|x| x - m).collect();
     }
     let (upper, lower) = (spline(&upper, v.len()), spline(&lower, v.len()));
-    v.iter()
-        .zip(upper.iter().zip(&lower))
-        .map(|(x, (u, l))| x - 0.5 * (u + l))
-        .collect()
+    v.iter().zip(upper.iter().zip(&lower)).map(|(x, (u, l))| x - 0.5 * (u + l)).collect()
 }
 
 /// Zero crossings, linearly interpolated [samples].
@@ -310,23 +299,14 @@ mod tests {
 
     #[test]
     fn a_ramp_does_not_hide_the_oscillation() {
-        let op: Vec<f64> = sine(600, 50.0)
-            .iter()
-            .enumerate()
-            .map(|(k, x)| x + 0.01 * k as f64)
-            .collect();
+        let op: Vec<f64> = sine(600, 50.0).iter().enumerate().map(|(k, x)| x + 0.01 * k as f64).collect();
         let period = analyse(&op).typical_period().expect("oscillates");
         assert!((period - 50.0).abs() < 1.0, "{period}");
     }
 
     #[test]
     fn nothing_to_find_is_no_panic() {
-        for v in [
-            vec![],
-            vec![1.0],
-            vec![1.0; 50],
-            (0..50).map(f64::from).collect::<Vec<_>>(),
-        ] {
+        for v in [vec![], vec![1.0], vec![1.0; 50], (0..50).map(f64::from).collect::<Vec<_>>()] {
             let region = analyse(&v);
             assert!(region.oscillation(0, v.len(), 1.0).is_none());
             assert_eq!(region.most_regular(v.len(), 10), v.len().saturating_sub(10));

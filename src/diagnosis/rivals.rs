@@ -7,7 +7,7 @@
 //!   shape or period that drifts;
 //! * *clipped valve*: `z = clip(u)` at the level that fits best.
 //!
-//! A rival's loss is compared by AIC, every parameter and the search over its grid paid for.
+//! The sticky model has to be better than each by AIC, every parameter of the rival paid for.
 
 use super::armax::{LOSS_FLOOR, Signals};
 use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
@@ -18,11 +18,11 @@ use realfft::RealFftPlanner;
 use std::f64::consts::TAU;
 
 /// Harmonic counts tried for a periodic load.
-const HARMONICS: [usize; 6] = [1, 2, 3, 5, 8, 18];
+const HARMONICS: [usize; 8] = [1, 2, 3, 5, 8, 14, 24, 40];
 /// Lags to each side of one period in the recurring load.
 const REACH: usize = 3;
 /// Clip levels tried on each side and pass.
-const LEVELS: usize = 16;
+const LEVELS: usize = 12;
 
 /// One frictionless explanation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,70 +57,94 @@ impl Rival {
     }
 }
 
-/// A rival and its AIC per the common count of samples: `N ln V + 2 k`, k the parameters beyond the long ARX.
+/// A rival against the sticky model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rated {
     /// The rival.
     pub rival: Rival,
-    /// Its AIC, up to what all models share.
-    pub aic: f64,
+    /// `AIC(rival) - AIC(sticky)`, friction's own parameters not yet paid for.
+    pub gain: f64,
 }
 
-/// The AIC of the best frictionless explanation of each kind.
-pub fn rate(p: &Problem, period_hint: Option<f64>) -> Vec<Rated> {
-    let mut fitter = Fitter::new(p);
-    let n = fitter.rows as f64;
-    let aic = |loss: f64, parameters: usize| n * (loss + LOSS_FLOOR).ln() + 2.0 * parameters as f64;
-    let mut rated = vec![Rated {
-        rival: Rival::Linear,
-        aic: aic(fitter.loss(&[]), 0),
-    }];
-    let residual = fitter.residual();
-    let mut best: Option<Rated> = None;
-    for (period, harmonics) in combs(&residual, period_hint) {
-        for step in [-0.5, -0.25, 0.0, 0.25, 0.5] {
-            // Half a resolution cell to each side: what the comb's grid leaves open.
-            let w = TAU / period + step * TAU / n;
-            let loss = fitter.loss(&harmonic_columns(p, w, harmonics));
-            let this = Rated {
-                rival: Rival::OscillatingLoad {
-                    period: TAU / w,
-                    harmonics,
-                },
-                aic: aic(loss, 2 * harmonics + 1),
-            };
-            if best.is_none_or(|b| this.aic < b.aic) {
-                best = Some(this);
-            }
-        }
+/// The sticky model against the best frictionless explanation of each kind.
+///
+/// * `element`: the sticky model's friction element, from OP to stem position.
+/// * `period_hint`: period of OP's oscillation [samples].
+pub fn rate(p: &Problem, element: &dyn Fn(&[f64]) -> Vec<f64>, period_hint: Option<f64>) -> Vec<Rated> {
+    let stem = element(&p.u);
+    let n = p.rows();
+    let sticky = Fitter::new(p, &stem).loss(&[]);
+    let mut sound = Fitter::new(p, &p.u);
+    let gain = |loss: f64, parameters: usize| {
+        n * ((loss + LOSS_FLOOR) / (sticky + LOSS_FLOOR)).ln() + 2.0 * parameters as f64
+    };
+    let mut rated = vec![Rated { rival: Rival::Linear, gain: gain(sound.loss(&[]), 0) }];
+    let found = combs(&sound.residual(), period_hint);
+    let mut at = |(period, harmonics): (f64, usize)| -> Comb {
+        let loss = sound.loss(&harmonic_columns(p, TAU / period, harmonics));
+        Comb { period, harmonics, gain: gain(loss, 2 * harmonics + 1) }
+    };
+    let mut combs: Vec<Comb> = found.iter().map(|&comb| at(comb)).collect();
+    combs.sort_by(|a, b| a.gain.total_cmp(&b.gain));
+    let sharpened = combs.into_iter().take(2).map(|start| sharpen(start, &mut at, n));
+    if let Some(best) = sharpened.min_by(|a, b| a.gain.total_cmp(&b.gain)) {
+        let rival = Rival::OscillatingLoad { period: best.period, harmonics: best.harmonics };
+        rated.push(Rated { rival, gain: best.gain });
     }
-    rated.extend(best);
-    let mut periods: Vec<usize> = period_hint.into_iter().map(|t| t.round() as usize).collect();
-    if let Some(Rated {
-        rival: Rival::OscillatingLoad { period, .. },
-        ..
-    }) = best
-    {
-        periods.push(period.round() as usize);
-    }
-    for period in periods {
-        if period > LONG_Y + REACH && period + REACH < p.y.len() / 3 {
-            let columns = recurring_columns(p, period);
-            let aic = aic(fitter.loss(&columns), columns.len());
-            rated.push(Rated {
-                rival: Rival::RecurringLoad { period },
-                aic,
-            });
-        }
-    }
-    rated.push(Rated {
-        rival: Rival::ClippedValve,
-        aic: aic(clipped(p), 2),
-    });
+    let mut periods: Vec<usize> = found.iter().map(|(period, _)| period.round() as usize).collect();
+    periods.sort_unstable();
+    periods.dedup();
+    periods.retain(|period| *period > LONG_Y + REACH && period + REACH < p.y.len() / 3);
+    rated.extend(periods.into_iter().map(|period| {
+        let columns = recurring_columns(p, period);
+        Rated { rival: Rival::RecurringLoad { period }, gain: gain(sound.loss(&columns), columns.len()) }
+    }));
+    let (loss, bounds) = clipped(p);
+    let clipped_op: Vec<f64> = p.u.iter().map(|u| u.max(bounds[0]).min(bounds[1])).collect();
+    // Friction behind the same clip is the fair opponent: a valve may stick and run into its stop.
+    let both = Fitter::new(p, &element(&clipped_op)).loss(&[]);
+    rated.push(Rated { rival: Rival::ClippedValve, gain: gain(loss, 2).max(gain(loss, 0) - gain(both, 0)) });
     rated
 }
 
-/// The long ARX at f = 0 with further columns, by one Cholesky each.
+/// A periodic load of the sound model.
+#[derive(Clone, Copy)]
+struct Comb {
+    period: f64,
+    harmonics: usize,
+    gain: f64,
+}
+
+/// Golden section on the frequency, within what the comb's grid leaves open: the comb of a nearly noise-free
+/// record is far sharper than its spectrum.
+fn sharpen(start: Comb, at: &mut impl FnMut((f64, usize)) -> Comb, n: f64) -> Comb {
+    const GOLDEN: f64 = 0.618_033_988_75;
+    let w = TAU / start.period;
+    let mut at = |w: f64| at((TAU / w, start.harmonics));
+    let (mut low, mut high) = (w - 0.3 * TAU / n, w + 0.3 * TAU / n);
+    let mut inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
+    let mut rated = inner.map(&mut at);
+    let mut best = start;
+    for _ in 0..14 {
+        for r in rated {
+            if r.gain < best.gain {
+                best = r;
+            }
+        }
+        if rated[0].gain < rated[1].gain {
+            high = inner[1];
+            inner = [high - GOLDEN * (high - low), inner[0]];
+            rated = [at(inner[0]), rated[0]];
+        } else {
+            low = inner[0];
+            inner = [inner[1], low + GOLDEN * (high - low)];
+            rated = [rated[1], at(inner[1])];
+        }
+    }
+    best
+}
+
+/// The long ARX of one stem position with further columns, by one Cholesky each.
 struct Fitter<'a> {
     p: &'a Problem,
     rows: usize,
@@ -131,14 +155,12 @@ struct Fitter<'a> {
 }
 
 impl<'a> Fitter<'a> {
-    fn new(p: &'a Problem) -> Self {
+    fn new(p: &'a Problem, stem: &'a [f64]) -> Self {
         let n = p.y.len();
         let nx = Screen::input_lags(p.max_delay);
         let lagged = |v: &'a [f64], lag: usize| &v[p.first - lag..n - lag];
-        let base: Vec<&[f64]> = (1..=LONG_Y)
-            .map(|l| lagged(&p.y, l))
-            .chain((1..=nx).map(|l| lagged(&p.u, l)))
-            .collect();
+        let base: Vec<&[f64]> =
+            (1..=LONG_Y).map(|l| lagged(&p.y, l)).chain((1..=nx).map(|l| lagged(stem, l))).collect();
         let mut base_gram = vec![0.0; MOST_COLUMNS * MOST_COLUMNS];
         let rows = n - p.first;
         // The constant comes first.
@@ -191,10 +213,7 @@ impl<'a> Fitter<'a> {
     /// The residual of the plain long ARX.
     fn residual(&mut self) -> Vec<f64> {
         self.loss(&[]);
-        let mut e: Vec<f64> = self.p.y[self.p.first..]
-            .iter()
-            .map(|y| y - self.right[0])
-            .collect();
+        let mut e: Vec<f64> = self.p.y[self.p.first..].iter().map(|y| y - self.right[0]).collect();
         for (a, c) in self.base.iter().zip(&self.right[1..]) {
             for (e, a) in e.iter_mut().zip(*a) {
                 *e -= c * a;
@@ -266,17 +285,13 @@ fn harmonic_columns(p: &Problem, w: f64, harmonics: usize) -> Vec<Vec<f64>> {
 /// Lags of y and u about one period; before the record begins they are 0, its mean.
 fn recurring_columns(p: &Problem, period: usize) -> Vec<Vec<f64>> {
     let lagged = |v: &[f64], lag: usize| -> Vec<f64> {
-        (p.first..v.len())
-            .map(|k| k.checked_sub(lag).map_or(0.0, |at| v[at]))
-            .collect()
+        (p.first..v.len()).map(|k| k.checked_sub(lag).map_or(0.0, |at| v[at])).collect()
     };
-    (period - REACH..=period + REACH)
-        .flat_map(|lag| [lagged(&p.y, lag), lagged(&p.u, lag)])
-        .collect()
+    (period - REACH..=period + REACH).flat_map(|lag| [lagged(&p.y, lag), lagged(&p.u, lag)]).collect()
 }
 
 /// The least long-ARX loss over a lower and an upper clip level of OP, each in turn, on finer and finer grids.
-fn clipped(p: &Problem) -> f64 {
+fn clipped(p: &Problem) -> (f64, [f64; 2]) {
     let (low, high) = range(&p.u);
     let mut screen = Screen::new(&p.y, p.first, p.max_delay);
     let still = vec![1.0; p.u.len()];
@@ -285,31 +300,29 @@ fn clipped(p: &Problem) -> f64 {
         for (z, u) in z.iter_mut().zip(&p.u) {
             *z = u.max(bounds[0]).min(bounds[1]);
         }
-        screen.load(
-            &Signals {
-                y: &p.y,
-                x: &z,
-                dir: &still,
-                start: 0,
-                first: p.first,
-            },
-            false,
-        );
+        screen.load(&Signals { y: &p.y, x: &z, dir: &still, start: 0, first: p.first }, false);
         screen.fit_lag(0.0, 0.0).loss
     };
     let mut best = (f64::INFINITY, [low, high]);
     let mut reach = high - low;
-    for pass in 0..4 {
+    // Both levels together first: with one side wrong the other shows no gain.
+    for lower in 0..LEVELS {
+        for upper in 0..LEVELS - 1 {
+            let share = |i: usize| 0.5 * i as f64 / LEVELS as f64;
+            let bounds = [low + reach * share(lower), high - reach * share(upper)];
+            let loss = loss_at(bounds);
+            if loss < best.0 {
+                best = (loss, bounds);
+            }
+        }
+    }
+    reach /= LEVELS as f64;
+    for _ in 0..3 {
         for side in [1, 0, 1, 0] {
             let centre = best.1;
             for level in 0..=LEVELS {
-                let share = level as f64 / LEVELS as f64;
                 let mut bounds = centre;
-                bounds[side] = if pass == 0 {
-                    low + reach * share
-                } else {
-                    centre[side] + reach * (share - 0.5)
-                };
+                bounds[side] += reach * (level as f64 / LEVELS as f64 - 0.5);
                 if bounds[0] < bounds[1] {
                     let loss = loss_at(bounds);
                     if loss < best.0 {
@@ -320,5 +333,5 @@ fn clipped(p: &Problem) -> f64 {
         }
         reach *= 2.0 / LEVELS as f64;
     }
-    best.0
+    best
 }

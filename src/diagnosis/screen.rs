@@ -91,11 +91,7 @@ impl Screen {
             solution: vec![0.0; MOST_COLUMNS],
             e: vec![0.0; y.len()],
         };
-        let columns = Lags {
-            v: y,
-            from: 0,
-            count: LONG_Y + 1,
-        };
+        let columns = Lags { v: y, from: 0, count: LONG_Y + 1 };
         sums(columns, first, &mut screen.sums);
         products(columns, columns, first, true, &mut screen.gram, size);
         screen
@@ -113,21 +109,9 @@ impl Screen {
 
     /// Computes the products of a new stem position; those of its direction too when `with_dir`.
     pub fn load(&mut self, s: &Signals<'_>, with_dir: bool) {
-        let y = Lags {
-            v: s.y,
-            from: 0,
-            count: LONG_Y + 1,
-        };
-        let x = Lags {
-            v: s.x,
-            from: 1,
-            count: self.nx,
-        };
-        let d = Lags {
-            v: s.dir,
-            from: 1,
-            count: self.nx,
-        };
+        let y = Lags { v: s.y, from: 0, count: LONG_Y + 1 };
+        let x = Lags { v: s.x, from: 1, count: self.nx };
+        let d = Lags { v: s.dir, from: 1, count: self.nx };
         products(x, y, s.first, false, &mut self.xy, LONG_Y + 1);
         products(x, x, s.first, true, &mut self.xx, self.nx);
         sums(x, s.first, &mut self.x_sums);
@@ -145,10 +129,7 @@ impl Screen {
     /// is left at that lag. `start` is where the lag is tried first.
     pub fn fit_lag(&mut self, start: f64, max: f64) -> LongFit {
         self.set_lag(0.0);
-        let mut best = LongFit {
-            loss: self.long_arx(),
-            lag: 0.0,
-        };
+        let mut best = LongFit { loss: self.long_arx(), lag: 0.0 };
         if !self.has_dir || max <= 0.0 {
             return best;
         }
@@ -180,45 +161,15 @@ impl Screen {
         self.long_residual(s, lag);
         let (first, at) = (s.first, 1 + LONG_Y + self.nx);
         let e = std::mem::take(&mut self.e);
-        let columns = Lags {
-            v: &e,
-            from: 1,
-            count: E_LAGS,
-        };
+        let columns = Lags { v: &e, from: 1, count: E_LAGS };
         let size = self.size;
-        products(
-            columns,
-            columns,
-            first,
-            true,
-            &mut self.gram[at * size + at..],
-            size,
-        );
-        let y = Lags {
-            v: s.y,
-            from: 0,
-            count: LONG_Y + 1,
-        };
+        products(columns, columns, first, true, &mut self.gram[at * size + at..], size);
+        let y = Lags { v: s.y, from: 0, count: LONG_Y + 1 };
         products(columns, y, first, false, &mut self.gram[at * size..], size);
-        let x = Lags {
-            v: s.x,
-            from: 1,
-            count: self.nx,
-        };
-        products(
-            columns,
-            x,
-            first,
-            false,
-            &mut self.gram[at * size + 1 + LONG_Y..],
-            size,
-        );
+        let x = Lags { v: s.x, from: 1, count: self.nx };
+        products(columns, x, first, false, &mut self.gram[at * size + 1 + LONG_Y..], size);
         if lag != 0.0 {
-            let d = Lags {
-                v: s.dir,
-                from: 1,
-                count: self.nx,
-            };
+            let d = Lags { v: s.dir, from: 1, count: self.nx };
             let mut ed = [0.0; E_LAGS * MOST_COLUMNS];
             products(columns, d, first, false, &mut ed, self.nx);
             for i in 0..E_LAGS {
@@ -328,35 +279,19 @@ impl Screen {
                 with_y(k + 1)
             } else {
                 let i = k - LONG_Y;
-                (0..nx)
-                    .map(|j| b[j] * (self.xd[i * nx + j] - lag * symmetric(i, j)))
-                    .sum()
+                (0..nx).map(|j| b[j] * (self.xd[i * nx + j] - lag * symmetric(i, j))).sum()
             };
             *r = product - d_sum * self.sums[k + 1] * per_row;
         }
-        let vv: f64 = (0..nx)
-            .map(|i| b[i] * (0..nx).map(|j| b[j] * symmetric(i, j)).sum::<f64>())
-            .sum::<f64>()
-            - d_sum * d_sum * per_row;
-        let residual_product: f64 = vy
-            - self.solution[..count]
-                .iter()
-                .zip(&right)
-                .map(|(t, r)| t * r)
-                .sum::<f64>();
+        let vv: f64 =
+            (0..nx).map(|i| b[i] * (0..nx).map(|j| b[j] * symmetric(i, j)).sum::<f64>()).sum::<f64>()
+                - d_sum * d_sum * per_row;
+        let residual_product: f64 =
+            vy - self.solution[..count].iter().zip(&right).map(|(t, r)| t * r).sum::<f64>();
         let mut projected = right;
         substitute(&self.scratch, MOST_COLUMNS, &self.live, &mut projected[..count]);
-        let remaining = vv
-            - right[..count]
-                .iter()
-                .zip(&projected)
-                .map(|(a, b)| a * b)
-                .sum::<f64>();
-        if remaining > 1e-9 * vv && vv > 0.0 {
-            -residual_product / remaining
-        } else {
-            0.0
-        }
+        let remaining = vv - right[..count].iter().zip(&projected).map(|(a, b)| a * b).sum::<f64>();
+        if remaining > 1e-9 * vv && vv > 0.0 { -residual_product / remaining } else { 0.0 }
     }
 
     fn long_residual(&mut self, s: &Signals<'_>, lag: f64) {
@@ -364,11 +299,7 @@ impl Screen {
         let count = LONG_Y + self.nx;
         let solution = &self.solution;
         let mean = (self.sums[0]
-            - solution[..count]
-                .iter()
-                .zip(&self.sums[1..=count])
-                .map(|(c, sum)| c * sum)
-                .sum::<f64>())
+            - solution[..count].iter().zip(&self.sums[1..=count]).map(|(c, sum)| c * sum).sum::<f64>())
             / self.rows as f64;
         let begin = s.first - E_LAGS;
         let e = &mut self.e[begin..n];

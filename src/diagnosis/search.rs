@@ -60,13 +60,7 @@ impl Problem {
 
     /// The signals of a fit with the given stem position.
     pub fn signals<'s>(&'s self, x: &'s [f64], dir: &'s [f64]) -> Signals<'s> {
-        Signals {
-            y: &self.y,
-            x,
-            dir,
-            start: self.start.index,
-            first: self.first,
-        }
+        Signals { y: &self.y, x, dir, start: self.start.index, first: self.first }
     }
 }
 
@@ -95,11 +89,7 @@ pub struct CellPoint {
 impl CellPoint {
     /// The f that stands for the cell: its middle, or its lower end when it has no upper one.
     pub fn f(&self) -> f64 {
-        if self.cell.hi.is_finite() {
-            0.5 * (self.cell.lo + self.cell.hi)
-        } else {
-            self.cell.lo
-        }
+        if self.cell.hi.is_finite() { 0.5 * (self.cell.lo + self.cell.hi) } else { self.cell.lo }
     }
 }
 
@@ -157,12 +147,8 @@ impl<'a> Searcher<'a> {
     /// The paper's pass: the least ARMAX loss at `values` points of f from 0 to `f_top`.
     pub fn grid(&mut self, values: usize) -> Vec<GridPoint> {
         let step = self.p.f_top / (values.max(2) - 1) as f64;
-        let mut points: Vec<GridPoint> = (0..values)
-            .map(|i| GridPoint {
-                f: step * i as f64,
-                loss: f64::INFINITY,
-            })
-            .collect();
+        let mut points: Vec<GridPoint> =
+            (0..values).map(|i| GridPoint { f: step * i as f64, loss: f64::INFINITY }).collect();
         // A coarse pass first, so that the fine one knows what is hopeless.
         let coarse = (0..values).step_by(10);
         let fine = (0..values).filter(|i| i % 10 != 0);
@@ -195,21 +181,12 @@ impl<'a> Searcher<'a> {
                 break;
             }
             self.screen.load(&self.p.signals(&self.x, &self.dir), f > 0.0);
-            let middle = if cell.hi.is_finite() {
-                0.5 * (cell.lo + cell.hi)
-            } else {
-                cell.lo
-            };
+            let middle = if cell.hi.is_finite() { 0.5 * (cell.lo + cell.hi) } else { cell.lo };
             let long = self.screen.fit_lag(ratio * middle, middle);
             if long.lag > 0.0 && middle > 0.0 {
                 ratio = long.lag / middle;
             }
-            points.push(CellPoint {
-                cell,
-                resume,
-                loss: long.loss + LOSS_FLOOR,
-                lag: long.lag,
-            });
+            points.push(CellPoint { cell, resume, loss: long.loss + LOSS_FLOOR, lag: long.lag });
             if !cell.hi.is_finite() {
                 break;
             }
@@ -226,16 +203,10 @@ impl<'a> Searcher<'a> {
         let step = top / COARSE_CELLS as f64;
         for resume in RESUMES {
             let coarse = self.profile(resume, step, top, COARSE_CELLS);
-            let least = coarse
-                .iter()
-                .min_by(|a, b| a.loss.total_cmp(&b.loss))
-                .map(CellPoint::f);
+            let least = coarse.iter().min_by(|a, b| a.loss.total_cmp(&b.loss)).map(CellPoint::f);
             points.extend(coarse);
             if let Some(f) = least {
-                let (from, to) = (
-                    (f - FINE_REACH * step).max(0.1 * step),
-                    (f + FINE_REACH * step).min(top),
-                );
+                let (from, to) = ((f - FINE_REACH * step).max(0.1 * step), (f + FINE_REACH * step).min(top));
                 points.extend(self.profile(resume, from, to, FINE_CELLS));
             }
         }
@@ -252,12 +223,7 @@ impl<'a> Searcher<'a> {
         by_grid.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         for point in by_grid.iter().take(REFINED / 2) {
             let plain = cells.iter().take_while(|c| c.resume == 0.0);
-            chosen.push(
-                plain
-                    .take_while(|c| c.cell.lo <= point.f)
-                    .count()
-                    .saturating_sub(1),
-            );
+            chosen.push(plain.take_while(|c| c.cell.lo <= point.f).count().saturating_sub(1));
         }
         chosen.sort_unstable();
         chosen.dedup();
@@ -295,10 +261,7 @@ impl<'a> Searcher<'a> {
             }
             for c in &candidates[..most] {
                 let lag_mode = if f > 0.0 { Lag::Free { max: f } } else { Lag::Fixed };
-                let theta = Theta {
-                    lag: start,
-                    ..c.theta
-                };
+                let theta = Theta { lag: start, ..c.theta };
                 let fit = self.work.minimise(&s, c.orders, theta, lag_mode, 1e-6, 30);
                 self.fits += 1;
                 if best.is_none_or(|b| fit.loss < b.loss) {
@@ -307,24 +270,12 @@ impl<'a> Searcher<'a> {
             }
         }
         let fit = best.unwrap_or(Fit {
-            orders: Orders {
-                na: 1,
-                nb: 1,
-                nc: 0,
-                nk: 1,
-            },
+            orders: Orders { na: 1, nb: 1, nc: 0, nk: 1 },
             theta: Theta::default(),
             loss: f64::INFINITY,
             iterations: 0,
         });
-        Refined {
-            cell,
-            resume,
-            f,
-            fit,
-            long_loss: long.loss,
-            long_lag: long.lag,
-        }
+        Refined { cell, resume, f, fit, long_loss: long.loss, long_lag: long.lag }
     }
 
     /// The prediction errors of a refined model, from its first counted sample on, and its stem position.
@@ -332,12 +283,7 @@ impl<'a> Searcher<'a> {
         self.run_element(refined.f, refined.resume);
         let s = self.p.signals(&self.x, &self.dir);
         self.work.evaluate(&s, refined.fit.orders, &refined.fit.theta);
-        let stem = self
-            .x
-            .iter()
-            .zip(&self.dir)
-            .map(|(x, d)| x - refined.fit.theta.lag * d)
-            .collect();
+        let stem = self.x.iter().zip(&self.dir).map(|(x, d)| x - refined.fit.theta.lag * d).collect();
         (self.work.errors()[self.p.first..].to_vec(), stem)
     }
 
@@ -352,10 +298,7 @@ impl<'a> Searcher<'a> {
         self.screened += candidates.len();
         let most = FITTED.min(candidates.len());
         candidates.select_nth_unstable_by(most - 1, |a, b| a.loss.total_cmp(&b.loss));
-        let screened = candidates[..most]
-            .iter()
-            .map(|c| c.loss)
-            .fold(f64::INFINITY, f64::min);
+        let screened = candidates[..most].iter().map(|c| c.loss).fold(f64::INFINITY, f64::min);
         if screened > hopeless {
             return screened + LOSS_FLOOR;
         }
@@ -391,9 +334,8 @@ fn best_cells(cells: &[CellPoint], most: usize) -> Vec<usize> {
             .and_then(|o| cells.get(o))
             .is_none_or(|o| o.resume != cells[i].resume || o.loss >= cells[i].loss)
     };
-    let mut minima: Vec<usize> = (1..cells.len())
-        .filter(|&i| beats(i, i.checked_sub(1)) && beats(i, Some(i + 1)))
-        .collect();
+    let mut minima: Vec<usize> =
+        (1..cells.len()).filter(|&i| beats(i, i.checked_sub(1)) && beats(i, Some(i + 1))).collect();
     minima.sort_by(|&a, &b| cells[a].loss.total_cmp(&cells[b].loss));
     minima.truncate(most);
     minima

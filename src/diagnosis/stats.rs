@@ -2,21 +2,13 @@
 
 /// Arithmetic mean.
 pub fn mean(v: &[f64]) -> f64 {
-    if v.is_empty() {
-        0.0
-    } else {
-        v.iter().sum::<f64>() / v.len() as f64
-    }
+    if v.is_empty() { 0.0 } else { v.iter().sum::<f64>() / v.len() as f64 }
 }
 
 /// Mean square about the mean (divided by N).
 pub fn variance(v: &[f64]) -> f64 {
     let m = mean(v);
-    if v.is_empty() {
-        0.0
-    } else {
-        v.iter().map(|x| (x - m) * (x - m)).sum::<f64>() / v.len() as f64
-    }
+    if v.is_empty() { 0.0 } else { v.iter().map(|x| (x - m) * (x - m)).sum::<f64>() / v.len() as f64 }
 }
 
 /// Standard deviation (divided by N).
@@ -47,9 +39,7 @@ pub fn range(v: &[f64]) -> (f64, f64) {
     if v.is_empty() {
         return (0.0, 0.0);
     }
-    v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), &x| {
-        (lo.min(x), hi.max(x))
-    })
+    v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), &x| (lo.min(x), hi.max(x)))
 }
 
 #[cfg(test)]
@@ -64,9 +54,6 @@ mod tests {
         assert_eq!(median(&v), 2.5);
         assert_eq!(quantile(&v, 1.0), 4.0);
         assert_eq!(range(&v), (1.0, 4.0));
-        assert_eq!(
-            (mean(&[]), sd(&[]), median(&[]), range(&[])),
-            (0.0, 0.0, 0.0, (0.0, 0.0))
-        );
+        assert_eq!((mean(&[]), sd(&[]), median(&[]), range(&[])), (0.0, 0.0, 0.0, (0.0, 0.0)));
     }
 }

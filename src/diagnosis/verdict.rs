@@ -52,15 +52,12 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
         let evidence = weigh(&problem, &sound, &sticky, [&sound_errors, &errors], period, worth);
         (sticky, evidence)
     });
-    let percent = 100.0
-        / record
-            .op_span
-            .filter(|s| s.is_finite() && *s > 0.0)
-            .unwrap_or(100.0);
+    let percent = 100.0 / record.op_span.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(100.0);
     let believed = |(sticky, evidence): &(Refined, Evidence)| {
         sticky.f * scale.u * percent > settings.f_threshold
             && evidence.delta_aic > settings.evidence_threshold
             && evidence.steadiness > STEADY
+            && interval(&problem, &cells, sticky)[0] > 0.0
     };
     let verdict = match &weighed {
         Some(found) if believed(found) => Verdict::Stiction,
@@ -79,10 +76,9 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
     };
     let bounds = match weighed {
         Some((sticky, _)) if verdict == Verdict::Stiction => interval(&problem, &cells, &sticky),
-        Some((sticky, _)) => [
-            0.0,
-            interval(&problem, &cells, &sound)[1].min(sticky.f.max(0.0) + problem.f_top),
-        ],
+        Some((sticky, _)) => {
+            [0.0, interval(&problem, &cells, &sound)[1].min(sticky.f.max(0.0) + problem.f_top)]
+        }
         None => [0.0, problem.f_top],
     };
     let (low, high) = range(&window.op);
@@ -100,7 +96,8 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
         model: model(&chosen, &scale),
         mv: stem.iter().map(|x| x * scale.u + scale.u0).collect(),
     };
-    let reason = explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e));
+    let unit = record.op_span.map(|_| percent);
+    let reason = explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), unit);
     let residual = Some(validation::validate(&problem, &chosen, scale.y));
     Diagnosis {
         verdict,
@@ -137,11 +134,7 @@ fn pose(window: &Window, region: &Region, settings: &Settings) -> Result<(Proble
     if first + LEAST_ROWS > n {
         return Err(not_excited);
     }
-    let scale = Scale {
-        u0: mean(&window.op),
-        u: sd(&window.op),
-        y: sd(&window.pv),
-    };
+    let scale = Scale { u0: mean(&window.op), u: sd(&window.op), y: sd(&window.pv) };
     if !(scale.u.is_finite() && scale.y.is_finite() && scale.u > 0.0 && scale.y > 0.0) {
         return Err(NotIdentifiable::OutOfScale);
     }
@@ -151,17 +144,7 @@ fn pose(window: &Window, region: &Region, settings: &Settings) -> Result<(Proble
     };
     let u = normal(&window.op, scale.u);
     let f_top = largest_reversal(&u, start);
-    Ok((
-        Problem {
-            y: normal(&window.pv, scale.y),
-            u,
-            start,
-            first,
-            max_delay,
-            f_top,
-        },
-        scale,
-    ))
+    Ok((Problem { y: normal(&window.pv, scale.y), u, start, first, max_delay, f_top }, scale))
 }
 
 /// Why a record without evidence for friction says nothing against it either.
@@ -169,9 +152,7 @@ fn unanswered(p: &Problem, region: &Region) -> Option<NotIdentifiable> {
     let (mut x, mut dir) = (p.u.clone(), vec![0.0; p.u.len()]);
     stick_slip(&p.u, 0.5 * p.f_top, 0.0, p.start, &mut x, &mut dir);
     if reversals(&dir) < LEAST_REVERSALS - 1 {
-        return Some(NotIdentifiable::NotExcited {
-            reversals: region.reversals(0, p.u.len()),
-        });
+        return Some(NotIdentifiable::NotExcited { reversals: region.reversals(0, p.u.len()) });
     }
     let s = p.signals(&p.u, &dir);
     let mut screen = Screen::new(&p.y, p.first, p.max_delay);
@@ -206,12 +187,7 @@ fn best_d(p: &Problem) -> f64 {
 
 fn curve(grid: &[GridPoint], p: &Problem, unit: f64) -> Vec<CurvePoint> {
     let least = grid.iter().map(|g| g.loss).fold(f64::INFINITY, f64::min);
-    grid.iter()
-        .map(|g| CurvePoint {
-            f: g.f * unit,
-            aic: p.rows() * (g.loss / least).ln(),
-        })
-        .collect()
+    grid.iter().map(|g| CurvePoint { f: g.f * unit, aic: p.rows() * (g.loss / least).ln() }).collect()
 }
 
 fn model(chosen: &Refined, scale: &Scale) -> Model {
@@ -228,30 +204,29 @@ fn model(chosen: &Refined, scale: &Scale) -> Model {
     }
 }
 
-fn explain(verdict: &Verdict, e: &Estimate, evidence: Option<&Evidence>) -> String {
-    let Some(w) = evidence else {
-        return "no reversal of OP that friction could have held".into();
-    };
+/// The verdict in one line; `percent` turns f into % of OP span where the span is known.
+fn explain(verdict: &Verdict, e: &Estimate, evidence: Option<&Evidence>, percent: Option<f64>) -> String {
+    let Some(w) = evidence else { return "OP never reverses by enough for friction to hold the stem".into() };
+    let (per, unit) = percent.map_or((1.0, ""), |p| (p, " % OP"));
     match verdict {
         Verdict::Stiction => format!(
-            "f = {:.3} [{:.3}, {:.3}], evidence {:.0} against {}",
-            e.f,
-            e.f_ci95[0],
-            e.f_ci95[1],
+            "f = {:.3}{unit} [{:.3}, {:.3}], evidence {:.0} against {}",
+            e.f * per,
+            e.f_ci95[0] * per,
+            e.f_ci95[1] * per,
             w.delta_aic,
             w.rival.name()
         ),
-        _ if w.delta_aic_linear > w.delta_aic.max(0.0) + 20.0 => {
-            format!(
-                "{} explains the record as well as friction (evidence {:.0})",
-                w.rival.name(),
-                w.delta_aic
-            )
-        }
-        _ => format!(
-            "no friction needed: evidence {:.0}, steadiness {:.1}",
+        _ if w.rival != Rival::Linear => format!(
+            "{} explains the record nearly as well as friction (evidence {:.0})",
+            w.rival.name(),
+            w.delta_aic
+        ),
+        _ if w.steadiness <= STEADY => format!(
+            "no steady gain from friction: evidence {:.0}, steadiness {:.1}",
             w.delta_aic, w.steadiness
         ),
+        _ => format!("no friction needed: evidence {:.0}", w.delta_aic),
     }
 }
 

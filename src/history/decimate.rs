@@ -52,11 +52,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn bad(t: f64) -> Sample {
-        Sample {
-            t,
-            value: f64::NAN,
-            quality: Quality::Bad(BadReason::Timeout),
-        }
+        Sample { t, value: f64::NAN, quality: Quality::Bad(BadReason::Timeout) }
     }
 
     #[test]

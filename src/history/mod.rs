@@ -24,9 +24,7 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self {
-            samples_per_tag: 4096,
-        }
+        Self { samples_per_tag: 4096 }
     }
 }
 
@@ -139,17 +137,8 @@ impl History {
                     .unwrap_or_else(|| Arc::new(Ring::new(config.samples_per_tag)))
             }));
         }
-        let by_id = loops
-            .iter()
-            .enumerate()
-            .map(|(at, l)| (l.id.clone(), at))
-            .collect();
-        Self {
-            loops: loops.to_vec(),
-            first,
-            rings,
-            by_id,
-        }
+        let by_id = loops.iter().enumerate().map(|(at, l)| (l.id.clone(), at)).collect();
+        Self { loops: loops.to_vec(), first, rings, by_id }
     }
 
     /// The loops, in the order that numbers their tags.
@@ -193,11 +182,8 @@ impl History {
     /// Everything remembered of a loop, for the diagnosis; `None` for a loop that is not there.
     pub fn snapshot(&self, id: &LoopId) -> Option<Record> {
         let control_loop = &self.loops[*self.by_id.get(id)?];
-        let mut record = Record {
-            op_limits: control_loop.op_limits,
-            op_span: control_loop.op_span,
-            ..Record::default()
-        };
+        let mut record =
+            Record { op_limits: control_loop.op_limits, op_span: control_loop.op_span, ..Record::default() };
         for (tag, ring) in self.tags(id) {
             let series = ring.snapshot();
             match &tag.kind {
@@ -225,11 +211,7 @@ impl History {
             let mut samples = ring.snapshot();
             samples.retain(|s| s.t >= from && s.t <= to);
             samples.sort_by(|a, b| a.t.total_cmp(&b.t));
-            Trend {
-                tag: tag.clone(),
-                found: samples.len(),
-                samples: decimate(&samples, points),
-            }
+            Trend { tag: tag.clone(), found: samples.len(), samples: decimate(&samples, points) }
         };
         Some(self.tags(id).map(trend).collect())
     }
@@ -248,8 +230,7 @@ impl History {
         let at = self.by_id.get(id).copied();
         at.into_iter().flat_map(|at| {
             let tags = &self.loops[at].tags;
-            tags.iter()
-                .zip(&self.rings[self.first[at]..self.first[at] + tags.len()])
+            tags.iter().zip(&self.rings[self.first[at]..self.first[at] + tags.len()])
         })
     }
 }

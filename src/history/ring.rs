@@ -179,11 +179,7 @@ mod tests {
     fn every_quality_and_bit_pattern_comes_back() {
         for quality in QUALITIES {
             let ring = Ring::new(1);
-            ring.push(Sample {
-                t: -0.0,
-                value: f64::NAN,
-                quality,
-            });
+            ring.push(Sample { t: -0.0, value: f64::NAN, quality });
             let back = ring.snapshot()[0];
             assert_eq!(back.t.to_bits(), (-0.0f64).to_bits());
             assert!(back.value.is_nan());
@@ -202,11 +198,7 @@ mod tests {
 
     /// The i-th sample of the hammer: every part is a function of i, so that a mixture shows.
     fn made(i: u64) -> Sample {
-        Sample {
-            t: i as f64,
-            value: -(i as f64) * 0.5,
-            quality: QUALITIES[(i % 7) as usize],
-        }
+        Sample { t: i as f64, value: -(i as f64) * 0.5, quality: QUALITIES[(i % 7) as usize] }
     }
 
     #[test]
@@ -238,15 +230,9 @@ mod tests {
                     .collect();
                 (0..total).for_each(|i| ring.push(made(i)));
                 done.store(true, Ordering::Release);
-                readers
-                    .into_iter()
-                    .map(|r| r.join().expect("a reader failed"))
-                    .sum::<u64>()
+                readers.into_iter().map(|r| r.join().expect("a reader failed")).sum::<u64>()
             });
-            assert!(
-                seen > 1000,
-                "the readers saw only {seen} samples: the test proved nothing"
-            );
+            assert!(seen > 1000, "the readers saw only {seen} samples: the test proved nothing");
             assert_eq!(ring.refused(), 0);
             assert_eq!(ring.snapshot().len(), capacity);
         }
@@ -262,15 +248,9 @@ mod tests {
                 threads.spawn(move || (0..per_writer).for_each(|i| ring.push(made(2 * i + writer))));
             }
             for _ in 0..10_000 {
-                ring.snapshot()
-                    .iter()
-                    .for_each(|s| assert_eq!(*s, made(s.t as u64)));
+                ring.snapshot().iter().for_each(|s| assert_eq!(*s, made(s.t as u64)));
             }
         });
-        assert_eq!(
-            ring.pushed() + ring.refused(),
-            2 * per_writer,
-            "a sample is stored or counted"
-        );
+        assert_eq!(ring.pushed() + ring.refused(), 2 * per_writer, "a sample is stored or counted");
     }
 }

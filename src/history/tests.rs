@@ -1,36 +1,21 @@
 use super::*;
 
 fn tag(role: Role, source: &str) -> TagSpec {
-    TagSpec {
-        kind: TagKind::Role(role),
-        unit: "%".into(),
-        source: source.into(),
-    }
+    TagSpec { kind: TagKind::Role(role), unit: "%".into(), source: source.into() }
 }
 
 fn control_loop(name: &str, tags: Vec<TagSpec>) -> LoopTags {
-    LoopTags {
-        id: LoopId::new(name),
-        tags,
-        op_limits: Some((0.0, 100.0)),
-        op_span: None,
-    }
+    LoopTags { id: LoopId::new(name), tags, op_limits: Some((0.0, 100.0)), op_span: None }
 }
 
 fn two_loops() -> Vec<LoopTags> {
-    let mut flow = control_loop(
-        "FIC1",
-        vec![tag(Role::Op, "a"), tag(Role::Pv, "b"), tag(Role::Sp, "c")],
-    );
+    let mut flow = control_loop("FIC1", vec![tag(Role::Op, "a"), tag(Role::Pv, "b"), tag(Role::Sp, "c")]);
     flow.tags.push(TagSpec {
         kind: TagKind::Extra("upstream".into()),
         unit: "bar".into(),
         source: "d".into(),
     });
-    vec![
-        flow,
-        control_loop("LIC2", vec![tag(Role::Op, "e"), tag(Role::Pv, "f")]),
-    ]
+    vec![flow, control_loop("LIC2", vec![tag(Role::Op, "e"), tag(Role::Pv, "f")])]
 }
 
 #[test]
@@ -44,10 +29,7 @@ fn tags_are_numbered_through_the_loops_and_land_in_their_series() {
     let flow = history.snapshot(&LoopId::new("FIC1")).expect("FIC1 is there");
     assert_eq!((flow.op[0].value, flow.pv[0].value), (0.0, 1.0));
     assert_eq!(flow.sp.as_ref().expect("has SP")[0].value, 2.0);
-    assert_eq!(
-        flow.tags,
-        vec![("upstream".to_string(), vec![Sample::good(1.0, 3.0)])]
-    );
+    assert_eq!(flow.tags, vec![("upstream".to_string(), vec![Sample::good(1.0, 3.0)])]);
     assert_eq!(flow.op_limits, Some((0.0, 100.0)));
     let level = history.snapshot(&LoopId::new("LIC2")).expect("LIC2 is there");
     assert_eq!((level.op[0].value, level.pv[0].value), (4.0, 5.0));
@@ -73,10 +55,7 @@ fn a_successor_keeps_what_is_unchanged_and_only_that() {
     assert_eq!(new.snapshot(&LoopId::new("new")).expect("new").op.len(), 0);
     // A sample pushed under the new number arrives where the old history sees it: the ring is the same.
     assert!(new.push(0, Sample::good(2.0, 8.0)));
-    assert_eq!(
-        old.snapshot(&LoopId::new("LIC2")).expect("still there").op.len(),
-        2
-    );
+    assert_eq!(old.snapshot(&LoopId::new("LIC2")).expect("still there").op.len(), 2);
     let larger = old.successor(&two_loops(), &Config { samples_per_tag: 16 });
     assert_eq!(larger.pushed(), 0);
 }
@@ -88,9 +67,7 @@ fn trends_are_cut_by_time_sorted_and_thinned() {
         history.push(0, Sample::good(f64::from(i), f64::from(10 * i)));
     }
     history.push(0, Sample::good(f64::NAN, 1.0));
-    let trends = history
-        .samples(&LoopId::new("FIC1"), 1.0, 3.0, 100)
-        .expect("there");
+    let trends = history.samples(&LoopId::new("FIC1"), 1.0, 3.0, 100).expect("there");
     let times: Vec<f64> = trends[0].samples.iter().map(|s| s.t).collect();
     assert_eq!(times, vec![1.0, 2.0, 2.0, 3.0]);
     assert_eq!(trends.len(), 4);
@@ -102,12 +79,7 @@ fn trends_are_cut_by_time_sorted_and_thinned() {
 
 #[test]
 fn the_memory_is_what_the_configuration_asks_for() {
-    let history = History::new(
-        &two_loops(),
-        &Config {
-            samples_per_tag: 4096,
-        },
-    );
+    let history = History::new(&two_loops(), &Config { samples_per_tag: 4096 });
     let samples = 6 * 4096 * history.bytes_per_sample();
     // Above the bare samples only the spare slot and the ring's own fields.
     assert!(history.memory_bytes() >= samples && history.memory_bytes() < samples + 6 * 256);

@@ -2,23 +2,14 @@ use super::*;
 use crate::diagnosis::{Estimate, Model, NotIdentifiable, Preparation};
 
 fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Diagnosis> {
-    let model = Model {
-        na: 1,
-        nb: 1,
-        nc: 1,
-        nk: 1,
-        a: vec![0.0],
-        b: vec![0.0],
-        c: vec![0.0],
-        rmse: 1.0,
-    };
+    let model = Model { na: 1, nb: 1, nc: 1, nk: 1, a: vec![0.0], b: vec![0.0], c: vec![0.0], rmse: 1.0 };
     let estimate = Estimate {
         f,
         f_ci95: [f - 0.1, f + 0.1],
         f_of_op_range: 0.1,
         delta_aic,
         rival: crate::diagnosis::rivals::Rival::Linear,
-        steadiness: 5.0,
+        steadiness: 9.0,
         f_max: 10.0,
         d: f,
         curve: vec![],
@@ -54,11 +45,7 @@ fn sticky(time: f64) -> Run {
 }
 
 fn results(keep: usize) -> Results {
-    Results::new(
-        &[LoopId::new("A"), LoopId::new("B")],
-        keep,
-        &alarm::Config::default(),
-    )
+    Results::new(&[LoopId::new("A"), LoopId::new("B")], keep, &alarm::Config::default())
 }
 
 fn id() -> LoopId {
@@ -70,12 +57,7 @@ fn keeps_the_latest_in_full_and_a_bounded_number_of_summaries() {
     let results = results(3);
     assert_eq!(results.coverage(), (0, 2));
     (0..5).for_each(|time| drop(results.record(sticky(f64::from(time)))));
-    let times: Vec<f64> = results
-        .summaries(&id())
-        .expect("A is there")
-        .iter()
-        .map(|s| s.time)
-        .collect();
+    let times: Vec<f64> = results.summaries(&id()).expect("A is there").iter().map(|s| s.time).collect();
     assert_eq!(times, vec![2.0, 3.0, 4.0]);
     let known = results.get(&id(), 5.0).expect("A is there");
     assert_eq!(known.diagnosed.expect("diagnosed").finished, 4.0);
@@ -113,28 +95,18 @@ fn diagnoses_raise_the_alarm_and_everybody_hears_it_in_order() {
             Event::Reloaded { .. } => "reloaded",
         });
     }
-    assert_eq!(
-        heard,
-        vec!["stiction", "not_identifiable", "stiction", "unacknowledged"]
-    );
+    assert_eq!(heard, vec!["stiction", "not_identifiable", "stiction", "unacknowledged"]);
 }
 
 #[test]
 fn operators_act_and_a_shelving_that_runs_out_is_told() {
     let results = results(3);
-    let act = |action, now| {
-        results
-            .act(&id(), action, Some("kim".into()), None, now)
-            .expect("A is there")
-    };
+    let act = |action, now| results.act(&id(), action, Some("kim".into()), None, now).expect("A is there");
     assert!(act(Action::Acknowledge, 0.0).is_err());
     results.record(sticky(1.0));
     results.record(sticky(2.0));
     let seen = act(Action::Acknowledge, 3.0).expect("it waits for that");
-    assert_eq!(
-        (seen.state, seen.by.as_deref()),
-        (State::Acknowledged, Some("kim"))
-    );
+    assert_eq!((seen.state, seen.by.as_deref()), (State::Acknowledged, Some("kim")));
     act(Action::Shelve(10.0), 4.0).expect("a sound duration");
     let mut events = results.subscribe();
     results.tick(13.9);
@@ -143,11 +115,7 @@ fn operators_act_and_a_shelving_that_runs_out_is_told() {
     assert!(act(Action::Unshelve, 14.0).is_err());
     assert!(matches!(events.try_recv(), Ok(Event::Alarm(_, t)) if t.cause == alarm::Cause::Expired));
     assert_eq!(results.alarms(15.0)[0].state, State::Unacknowledged);
-    assert!(
-        results
-            .act(&LoopId::new("C"), Action::Unshelve, None, None, 0.0)
-            .is_none()
-    );
+    assert!(results.act(&LoopId::new("C"), Action::Unshelve, None, None, 0.0).is_none());
 }
 
 #[test]
@@ -157,15 +125,9 @@ fn a_reload_keeps_known_loops_and_forgets_the_others() {
     results.record(sticky(2.0));
     results.reload(&[id(), LoopId::new("C")], &alarm::Config::default());
     assert_eq!(results.alarms(3.0).len(), 2);
-    assert_eq!(
-        results.get(&id(), 3.0).expect("kept").alarm.state,
-        State::Unacknowledged
-    );
+    assert_eq!(results.get(&id(), 3.0).expect("kept").alarm.state, State::Unacknowledged);
     assert!(results.get(&LoopId::new("B"), 3.0).is_none());
-    let late = Run {
-        id: LoopId::new("B"),
-        ..sticky(4.0)
-    };
+    let late = Run { id: LoopId::new("B"), ..sticky(4.0) };
     results.record(late);
     assert_eq!(results.coverage(), (1, 2));
 }

@@ -17,13 +17,7 @@ fn nothing_to_say() -> Diagnosis {
 }
 
 fn jobs(names: &[&str], period_s: f64) -> Vec<Job> {
-    names
-        .iter()
-        .map(|name| Job {
-            id: LoopId::new(*name),
-            period_s,
-        })
-        .collect()
+    names.iter().map(|name| Job { id: LoopId::new(*name), period_s }).collect()
 }
 
 /// A scheduler over named loops; the record of a loop carries its name as the name of a tag, so that an injected
@@ -37,17 +31,9 @@ struct Rig {
 }
 
 fn plan(jobs: Vec<Job>) -> Plan {
-    let snapshot: Snapshot = Arc::new(|id| {
-        Some(Record {
-            tags: vec![(id.to_string(), vec![])],
-            ..Record::default()
-        })
-    });
-    Plan {
-        jobs,
-        snapshot,
-        settings: Settings::default(),
-    }
+    let snapshot: Snapshot =
+        Arc::new(|id| Some(Record { tags: vec![(id.to_string(), vec![])], ..Record::default() }));
+    Plan { jobs, snapshot, settings: Settings::default() }
 }
 
 fn rig(config: Config, jobs: Vec<Job>, diagnose: impl Fn(&str) + Send + Sync + 'static) -> Rig {
@@ -62,13 +48,7 @@ fn rig(config: Config, jobs: Vec<Job>, diagnose: impl Fn(&str) + Send + Sync + '
     let token = CancellationToken::new();
     let (events, running) = (results.subscribe(), (scheduler.clone(), token.clone()));
     let task = tokio::spawn(async move { running.0.run(running.1).await });
-    Rig {
-        scheduler,
-        events,
-        results,
-        token,
-        task,
-    }
+    Rig { scheduler, events, results, token, task }
 }
 
 impl Rig {
@@ -98,16 +78,9 @@ fn gate() -> (std::sync::mpsc::Sender<()>, impl Fn() + Send + Sync + 'static) {
 
 #[test]
 fn two_thousand_loops_spread_evenly_over_the_period() {
-    let jobs: Vec<Job> = (0..2000)
-        .map(|i| Job {
-            id: LoopId::new(format!("L{i}")),
-            period_s: 3600.0,
-        })
-        .collect();
-    let mut offsets: Vec<f64> = stagger(&jobs)
-        .iter()
-        .map(|(offset, _)| offset.as_secs_f64())
-        .collect();
+    let jobs: Vec<Job> =
+        (0..2000).map(|i| Job { id: LoopId::new(format!("L{i}")), period_s: 3600.0 }).collect();
+    let mut offsets: Vec<f64> = stagger(&jobs).iter().map(|(offset, _)| offset.as_secs_f64()).collect();
     offsets.sort_by(f64::total_cmp);
     assert!(offsets[0] > 0.0 && offsets[1999] < 3600.0);
     // Durations are whole nanoseconds: the gaps differ from 1.8 s by rounding only.
@@ -118,17 +91,11 @@ fn two_thousand_loops_spread_evenly_over_the_period() {
 fn loops_with_another_period_are_spread_among_themselves() {
     let mut mixed = jobs(&["a", "b"], 10.0);
     mixed.extend(jobs(&["c", "d"], 100.0));
-    let offsets: Vec<f64> = stagger(&mixed)
-        .iter()
-        .map(|(offset, _)| offset.as_secs_f64())
-        .collect();
+    let offsets: Vec<f64> = stagger(&mixed).iter().map(|(offset, _)| offset.as_secs_f64()).collect();
     assert_eq!(offsets, vec![2.5, 7.5, 25.0, 75.0]);
     let silly = [f64::NAN, -1.0, f64::INFINITY, 0.0];
     for period_s in silly {
-        let one = stagger(&[Job {
-            id: LoopId::new("x"),
-            period_s,
-        }]);
+        let one = stagger(&[Job { id: LoopId::new("x"), period_s }]);
         assert!(one[0].1 >= Duration::from_millis(1), "{period_s}");
     }
 }
@@ -178,11 +145,7 @@ async fn a_panic_is_counted_and_harms_no_other_loop() {
 #[tokio::test(start_paused = true)]
 async fn past_its_deadline_a_run_is_reported_and_its_late_result_dropped() {
     let (open, wait) = gate();
-    let config = Config {
-        parallelism: 2,
-        deadline_s: 30.0,
-        ..Config::default()
-    };
+    let config = Config { parallelism: 2, deadline_s: 30.0, ..Config::default() };
     let mut rig = rig(config, jobs(&["slow", "quick"], 100.0), move |id| {
         if id == "slow" {
             wait();
@@ -194,16 +157,10 @@ async fn past_its_deadline_a_run_is_reported_and_its_late_result_dropped() {
         tokio::task::yield_now().await;
     }
     tokio::time::advance(Duration::from_secs(31)).await;
-    assert_eq!(
-        slow.await.expect("answered at the deadline").outcome.as_str(),
-        "deadline_exceeded"
-    );
+    assert_eq!(slow.await.expect("answered at the deadline").outcome.as_str(), "deadline_exceeded");
     assert_eq!(rig.next_run().await.2, "deadline_exceeded");
     // Its loop counts as busy; another one runs beside it.
-    assert_eq!(
-        rig.scheduler.request(&LoopId::new("slow")).err(),
-        Some(Refused::Overrunning)
-    );
+    assert_eq!(rig.scheduler.request(&LoopId::new("slow")).err(), Some(Refused::Overrunning));
     let quick = rig.scheduler.request(&LoopId::new("quick")).expect("idle");
     assert_eq!(quick.await.expect("runs").outcome.as_str(), "not_identifiable");
     assert_eq!(rig.next_run().await.0, "quick");
@@ -224,28 +181,17 @@ async fn past_its_deadline_a_run_is_reported_and_its_late_result_dropped() {
 #[tokio::test(start_paused = true)]
 async fn a_full_queue_skips_and_counts_and_refuses_callers() {
     let (open, wait) = gate();
-    let config = Config {
-        queue: 1,
-        deadline_s: 1e6,
-        ..Config::default()
-    };
+    let config = Config { queue: 1, deadline_s: 1e6, ..Config::default() };
     let rig = rig(config, jobs(&["a", "b", "c"], 1e6), move |_| wait());
     let first = rig.scheduler.request(&LoopId::new("a")).expect("idle");
     while rig.scheduler.counters().running == 0 {
         tokio::task::yield_now().await;
     }
     let second = rig.scheduler.request(&LoopId::new("b")).expect("one may wait");
-    assert_eq!(
-        rig.scheduler.request(&LoopId::new("c")).err(),
-        Some(Refused::Busy)
-    );
-    rig.scheduler
-        .begin(&rig.scheduler.table.borrow().seats[2].clone());
+    assert_eq!(rig.scheduler.request(&LoopId::new("c")).err(), Some(Refused::Busy));
+    rig.scheduler.begin(&rig.scheduler.table.borrow().seats[2].clone());
     let counters = rig.scheduler.counters();
-    assert_eq!(
-        (counters.queued, counters.running, counters.skipped_queue_full),
-        (1, 1, 1)
-    );
+    assert_eq!((counters.queued, counters.running, counters.skipped_queue_full), (1, 1, 1));
     // A second caller for a running loop shares the run.
     let shared = rig.scheduler.request(&LoopId::new("a")).expect("joins");
     drop(open);
@@ -253,10 +199,7 @@ async fn a_full_queue_skips_and_counts_and_refuses_callers() {
     assert!(Arc::ptr_eq(&first, &shared));
     assert_eq!(first.trigger, Trigger::OnDemand);
     second.await.expect("done");
-    assert_eq!(
-        rig.scheduler.request(&LoopId::new("nobody")).err(),
-        Some(Refused::UnknownLoop)
-    );
+    assert_eq!(rig.scheduler.request(&LoopId::new("nobody")).err(), Some(Refused::UnknownLoop));
     rig.stop().await;
 }
 
@@ -266,20 +209,14 @@ async fn at_most_parallelism_diagnoses_run_at_once() {
     let seen = now.clone();
     let names: Vec<String> = (0..20).map(|i| format!("L{i}")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let config = Config {
-        parallelism: 3,
-        ..Config::default()
-    };
+    let config = Config { parallelism: 3, ..Config::default() };
     let rig = rig(config, jobs(&names, 1e6), move |_| {
         let running = seen.0.fetch_add(1, Relaxed) + 1;
         seen.1.fetch_max(running, Relaxed);
         std::thread::yield_now();
         seen.0.fetch_sub(1, Relaxed);
     });
-    let all: Vec<_> = names
-        .iter()
-        .map(|n| rig.scheduler.request(&LoopId::new(*n)).expect("idle"))
-        .collect();
+    let all: Vec<_> = names.iter().map(|n| rig.scheduler.request(&LoopId::new(*n)).expect("idle")).collect();
     for run in all {
         run.await.expect("done");
     }
@@ -290,8 +227,7 @@ async fn at_most_parallelism_diagnoses_run_at_once() {
 #[tokio::test(start_paused = true)]
 async fn a_new_plan_takes_effect_at_once_and_running_loops_keep_their_seats() {
     let mut rig = rig(Config::default(), jobs(&["a"], 1e6), |_| {});
-    rig.results
-        .reload(&[LoopId::new("a"), LoopId::new("b")], &alarm::Config::default());
+    rig.results.reload(&[LoopId::new("a"), LoopId::new("b")], &alarm::Config::default());
     let before = rig.scheduler.table.borrow().seats[0].clone();
     rig.scheduler.replace(plan(jobs(&["b", "a"], 10.0)));
     assert!(Arc::ptr_eq(&before, &rig.scheduler.table.borrow().seats[1]));
@@ -312,16 +248,7 @@ async fn a_plant_that_runs_faster_is_diagnosed_more_often() {
 #[test]
 fn impossible_settings_are_named() {
     assert_eq!(Config::default().validate(), vec![]);
-    let bad = Config {
-        period_s: f64::NAN,
-        parallelism: 0,
-        deadline_s: -1.0,
-        queue: 0,
-        keep_results: 0,
-    };
+    let bad = Config { period_s: f64::NAN, parallelism: 0, deadline_s: -1.0, queue: 0, keep_results: 0 };
     let fields: Vec<&str> = bad.validate().iter().map(|(field, _)| *field).collect();
-    assert_eq!(
-        fields,
-        vec!["period_s", "deadline_s", "parallelism", "queue", "keep_results"]
-    );
+    assert_eq!(fields, vec!["period_s", "deadline_s", "parallelism", "queue", "keep_results"]);
 }

@@ -18,15 +18,11 @@ impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Params<T> {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Self, Problem> {
-        Query::<T>::try_from_uri(&parts.uri)
-            .map(|Query(params)| Self(params))
-            .map_err(|rejection| {
-                let text = rejection.body_text();
-                let text = text
-                    .strip_prefix("Failed to deserialize query string: ")
-                    .unwrap_or(&text);
-                refused(text)
-            })
+        Query::<T>::try_from_uri(&parts.uri).map(|Query(params)| Self(params)).map_err(|rejection| {
+            let text = rejection.body_text();
+            let text = text.strip_prefix("Failed to deserialize query string: ").unwrap_or(&text);
+            refused(text)
+        })
     }
 }
 
@@ -38,11 +34,7 @@ impl<T: DeserializeOwned + Default, S: Send + Sync> FromRequest<S> for Body<T> {
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
         let bytes = body(request, state).await?;
-        if bytes.is_empty() {
-            Ok(Self(T::default()))
-        } else {
-            from_json(&bytes).map(Self)
-        }
+        if bytes.is_empty() { Ok(Self(T::default())) } else { from_json(&bytes).map(Self) }
     }
 }
 
@@ -58,9 +50,7 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Required<T> {
 }
 
 async fn body<S: Send + Sync>(request: Request, state: &S) -> Result<Bytes, Problem> {
-    Bytes::from_request(request, state)
-        .await
-        .map_err(|rejection| Problem::of_status(rejection.status()))
+    Bytes::from_request(request, state).await.map_err(|rejection| Problem::of_status(rejection.status()))
 }
 
 fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
@@ -70,9 +60,7 @@ fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
 /// A problem of serde's message, which is `field: what` or names the field between backticks.
 fn refused(text: &str) -> Problem {
     let quoted = text.split('`').nth(1).filter(|_| text.contains("field `"));
-    let field = quoted
-        .or_else(|| text.split_once(": ").map(|(field, _)| field))
-        .unwrap_or("query");
+    let field = quoted.or_else(|| text.split_once(": ").map(|(field, _)| field)).unwrap_or("query");
     Problem::field(field, text)
 }
 
@@ -83,22 +71,12 @@ impl FromRequestParts<Arc<Context>> for OfLoop {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &Arc<Context>) -> Result<Self, Problem> {
-        let Path(name) = Path::<String>::from_request_parts(parts, state)
-            .await
-            .map_err(|_| {
-                Problem::new(
-                    StatusCode::BAD_REQUEST,
-                    "bad_path",
-                    "the path is not percent-encoded UTF-8",
-                )
-            })?;
+        let Path(name) = Path::<String>::from_request_parts(parts, state).await.map_err(|_| {
+            Problem::new(StatusCode::BAD_REQUEST, "bad_path", "the path is not percent-encoded UTF-8")
+        })?;
         let id = LoopId::new(name);
         let known = state.plant.borrow().info(&id).is_some();
-        if known {
-            Ok(Self(id))
-        } else {
-            Err(Problem::unknown_loop(id.as_str()))
-        }
+        if known { Ok(Self(id)) } else { Err(Problem::unknown_loop(id.as_str())) }
     }
 }
 
@@ -111,19 +89,15 @@ pub fn within<T: PartialOrd + std::fmt::Display>(
     if range.contains(&value) {
         return Ok(value);
     }
-    Err(Problem::field(
-        field,
-        format!("{field}: {value} must be {} to {}", range.start(), range.end()),
-    ))
+    Err(Problem::field(field, format!("{field}: {value} must be {} to {}", range.start(), range.end())))
 }
 
 /// A text that must not be longer than `most` characters or carry control characters.
 pub fn short(field: &str, text: Option<String>, most: usize) -> Result<Option<String>, Problem> {
     match &text {
-        Some(t) if t.chars().count() > most => Err(Problem::field(
-            field,
-            format!("{field}: at most {most} characters"),
-        )),
+        Some(t) if t.chars().count() > most => {
+            Err(Problem::field(field, format!("{field}: at most {most} characters")))
+        }
         Some(t) if t.chars().any(char::is_control) => {
             Err(Problem::field(field, format!("{field}: no control characters")))
         }

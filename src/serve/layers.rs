@@ -20,9 +20,7 @@ pub fn wrap(routes: Router, config: &Config) -> Router {
     routes
         .layer(DefaultBodyLimit::max(config.max_body_bytes))
         .layer(RequestBodyLimitLayer::new(config.max_body_bytes))
-        .layer(from_fn(move |request, next| {
-            bounded(slots.clone(), timeout, request, next)
-        }))
+        .layer(from_fn(move |request, next| bounded(slots.clone(), timeout, request, next)))
         .layer(from_fn(same_origin))
         .layer(map_response(as_problem))
         .layer(CompressionLayer::new())
@@ -59,10 +57,7 @@ async fn same_origin(request: Request, next: Next) -> Response {
 /// Gives every error that is not a problem yet the shape of one; keeps its headers that matter (`Allow`).
 async fn as_problem(response: Response) -> Response {
     let status = response.status();
-    let shaped = response
-        .headers()
-        .get(header::CONTENT_TYPE)
-        .is_some_and(|kind| kind == PROBLEM_JSON);
+    let shaped = response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == PROBLEM_JSON);
     if shaped || !(status.is_client_error() || status.is_server_error()) {
         return response;
     }
@@ -83,17 +78,11 @@ async fn with_headers(mut response: Response) -> Response {
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (header::X_FRAME_OPTIONS, "DENY"),
         (header::REFERRER_POLICY, "no-referrer"),
-        (
-            HeaderName::from_static("cross-origin-resource-policy"),
-            "same-origin",
-        ),
+        (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
         (header::CACHE_CONTROL, "no-store"),
     ];
     for (name, value) in HEADERS {
-        response
-            .headers_mut()
-            .entry(name)
-            .or_insert(HeaderValue::from_static(value));
+        response.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
     }
     response
 }

@@ -21,11 +21,7 @@ pub struct Bounded {
 impl Bounded {
     /// At most `connections` open at once, each closed when nothing went either way for `idle`.
     pub fn new(listener: TcpListener, connections: usize, idle: Duration) -> Self {
-        Self {
-            listener,
-            room: Arc::new(Semaphore::new(connections.max(1))),
-            idle,
-        }
+        Self { listener, room: Arc::new(Semaphore::new(connections.max(1))), idle }
     }
 }
 

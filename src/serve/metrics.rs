@@ -67,10 +67,7 @@ fn counter(registry: &mut Registry, name: &str, help: &str, value: f64) {
 }
 
 fn labels(pairs: &[(&'static str, &str)]) -> Labels {
-    pairs
-        .iter()
-        .map(|(name, value)| (*name, (*value).to_string()))
-        .collect()
+    pairs.iter().map(|(name, value)| (*name, (*value).to_string())).collect()
 }
 
 fn set(family: &Gauges, pairs: &[(&'static str, &str)], value: f64) {
@@ -83,42 +80,17 @@ fn count(family: &Counts, pairs: &[(&'static str, &str)], value: f64) {
 
 fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
     gauge(registry, "loops", "Loops watched", plant.loops().len() as f64);
-    let f = gauges(
-        registry,
-        "loop_friction",
-        "Friction parameter f; absent when not identifiable; see f_unit",
-    );
+    let f =
+        gauges(registry, "loop_friction", "Friction parameter f; absent when not identifiable; see f_unit");
     let bound = gauges(registry, "loop_friction_ci95", "Bounds of the 95 % interval of f");
-    let evidence = gauges(
-        registry,
-        "loop_evidence",
-        "Evidence against f = 0, difference of AIC",
-    );
-    let verdict = gauges(
-        registry,
-        "loop_verdict",
-        "1 for the latest verdict; no series before the first diagnosis",
-    );
-    let valid = gauges(
-        registry,
-        "loop_identifiable",
-        "1 when the latest diagnosis could tell, 0 when not",
-    );
-    let age = gauges(
-        registry,
-        "loop_diagnosis_age_seconds",
-        "Plant time since the latest diagnosis",
-    );
-    let alarm = gauges(
-        registry,
-        "loop_alarm_state",
-        "1 for the state of the loop's alarm",
-    );
+    let evidence = gauges(registry, "loop_evidence", "Evidence against f = 0, difference of AIC");
+    let verdict =
+        gauges(registry, "loop_verdict", "1 for the latest verdict; no series before the first diagnosis");
+    let valid = gauges(registry, "loop_identifiable", "1 when the latest diagnosis could tell, 0 when not");
+    let age = gauges(registry, "loop_diagnosis_age_seconds", "Plant time since the latest diagnosis");
+    let alarm = gauges(registry, "loop_alarm_state", "1 for the state of the loop's alarm");
     for info in plant.loops() {
-        let Some(Known {
-            summary, alarm: view, ..
-        }) = context.results.get(&info.id, now)
-        else {
+        let Some(Known { summary, alarm: view, .. }) = context.results.get(&info.id, now) else {
             continue;
         };
         let id = info.id.as_str();
@@ -145,67 +117,26 @@ fn runs(registry: &mut Registry, context: &Context) {
     let counters = context.scheduler.counters();
     let ended = counts(registry, "runs", "Diagnoses by how they ended");
     count(&ended, &[("outcome", "diagnosed")], counters.diagnosed as f64);
-    count(
-        &ended,
-        &[("outcome", "deadline_exceeded")],
-        counters.deadline_exceeded as f64,
-    );
+    count(&ended, &[("outcome", "deadline_exceeded")], counters.deadline_exceeded as f64);
     count(&ended, &[("outcome", "panicked")], counters.panicked as f64);
     let skipped = counts(registry, "runs_skipped", "Diagnoses that were due and not begun");
-    count(
-        &skipped,
-        &[("reason", "still_running")],
-        counters.skipped_running as f64,
-    );
-    count(
-        &skipped,
-        &[("reason", "queue_full")],
-        counters.skipped_queue_full as f64,
-    );
+    count(&skipped, &[("reason", "still_running")], counters.skipped_running as f64);
+    count(&skipped, &[("reason", "queue_full")], counters.skipped_queue_full as f64);
     count(&skipped, &[("reason", "late")], counters.skipped_late as f64);
-    gauge(
-        registry,
-        "runs_running",
-        "Diagnoses that run now",
-        counters.running as f64,
-    );
-    gauge(
-        registry,
-        "runs_queued",
-        "Diagnoses that wait for a slot now",
-        counters.queued as f64,
-    );
-    counter(
-        registry,
-        "runs_busy_seconds",
-        "Time spent in diagnoses, on the wall clock",
-        counters.busy_s,
-    );
+    gauge(registry, "runs_running", "Diagnoses that run now", counters.running as f64);
+    gauge(registry, "runs_queued", "Diagnoses that wait for a slot now", counters.queued as f64);
+    counter(registry, "runs_busy_seconds", "Time spent in diagnoses, on the wall clock", counters.busy_s);
 }
 
 fn devices(registry: &mut Registry, devices: &[DeviceState], now: f64) {
-    let connected = gauges(
-        registry,
-        "device_connected",
-        "1 while a connection is open; judge by the age instead",
-    );
-    let age = gauges(
-        registry,
-        "device_last_good_age_seconds",
-        "Time since the last good sample",
-    );
-    let events = counts(
-        registry,
-        "device_events",
-        "What happened on a device: polls, timeouts, exceptions, ...",
-    );
+    let connected =
+        gauges(registry, "device_connected", "1 while a connection is open; judge by the age instead");
+    let age = gauges(registry, "device_last_good_age_seconds", "Time since the last good sample");
+    let events =
+        counts(registry, "device_events", "What happened on a device: polls, timeouts, exceptions, ...");
     for device in devices {
         let name = device.name.as_str();
-        set(
-            &connected,
-            &[("device", name)],
-            f64::from(u8::from(device.connected)),
-        );
+        set(&connected, &[("device", name)], f64::from(u8::from(device.connected)));
         if let Some(t) = device.last_good {
             set(&age, &[("device", name)], now - t);
         }
@@ -218,32 +149,16 @@ fn devices(registry: &mut Registry, devices: &[DeviceState], now: f64) {
 /// What the kernel says of the process; nothing where it says nothing.
 fn process(registry: &mut Registry) {
     if let Some(kib) = status_kib("VmRSS:") {
-        gauge(
-            registry,
-            "process_resident_memory_bytes",
-            "Resident memory",
-            kib * 1024.0,
-        );
+        gauge(registry, "process_resident_memory_bytes", "Resident memory", kib * 1024.0);
     }
     if let Some(seconds) = cpu_seconds() {
-        counter(
-            registry,
-            "process_cpu_seconds",
-            "CPU time, user and system",
-            seconds,
-        );
+        counter(registry, "process_cpu_seconds", "CPU time, user and system", seconds);
     }
 }
 
 fn status_kib(field: &str) -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    status
-        .lines()
-        .find_map(|line| line.strip_prefix(field))?
-        .split_whitespace()
-        .next()?
-        .parse()
-        .ok()
+    status.lines().find_map(|line| line.strip_prefix(field))?.split_whitespace().next()?.parse().ok()
 }
 
 /// User and system time: fields 14 and 15 of `stat`, in ticks of 10 ms on every Linux this runs on.

@@ -83,15 +83,9 @@ impl Config {
             let message = format!("{value} must be {} to {}", range.start(), range.end());
             unless(range.contains(&value), field, message);
         }
-        for (field, value) in [
-            ("request_timeout_s", self.request_timeout_s),
-            ("shutdown_s", self.shutdown_s),
-        ] {
-            unless(
-                (0.1..=600.0).contains(&value),
-                field,
-                format!("{value} must be 0.1 to 600"),
-            );
+        for (field, value) in [("request_timeout_s", self.request_timeout_s), ("shutdown_s", self.shutdown_s)]
+        {
+            unless((0.1..=600.0).contains(&value), field, format!("{value} must be 0.1 to 600"));
         }
         wrong
     }
@@ -161,17 +155,8 @@ impl Plant {
         history: Arc<History>,
         devices: Arc<dyn Fn() -> Vec<DeviceState> + Send + Sync>,
     ) -> Self {
-        let by_id = loops
-            .iter()
-            .enumerate()
-            .map(|(at, info)| (info.id.clone(), at))
-            .collect();
-        Self {
-            loops,
-            by_id,
-            history,
-            devices,
-        }
+        let by_id = loops.iter().enumerate().map(|(at, info)| (info.id.clone(), at)).collect();
+        Self { loops, by_id, history, devices }
     }
 
     /// The loops.

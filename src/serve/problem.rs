@@ -17,12 +17,7 @@ pub struct Problem {
 impl Problem {
     /// A problem of a kind (the last part of its `type` URI).
     pub fn new(status: StatusCode, kind: &'static str, detail: impl Into<String>) -> Self {
-        Self {
-            status,
-            kind,
-            detail: detail.into(),
-            more: Map::new(),
-        }
+        Self { status, kind, detail: detail.into(), more: Map::new() }
     }
 
     /// 400: a field of the query or body is wrong.
@@ -32,12 +27,7 @@ impl Problem {
 
     /// 404: no such loop.
     pub fn unknown_loop(id: &str) -> Self {
-        Self::new(
-            StatusCode::NOT_FOUND,
-            "unknown_loop",
-            format!("there is no loop '{id}'"),
-        )
-        .with("loop", id)
+        Self::new(StatusCode::NOT_FOUND, "unknown_loop", format!("there is no loop '{id}'")).with("loop", id)
     }
 
     /// 404: the loop is there, but has never been diagnosed.
@@ -56,11 +46,7 @@ impl Problem {
 
     /// 500: the log says more.
     pub fn internal() -> Self {
-        Self::new(
-            StatusCode::INTERNAL_SERVER_ERROR,
-            "internal",
-            "the daemon failed; its log says why",
-        )
+        Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", "the daemon failed; its log says why")
     }
 
     /// Adds a member.
@@ -72,23 +58,18 @@ impl Problem {
     /// The problem that a bare status stands for.
     pub fn of_status(status: StatusCode) -> Self {
         let (kind, detail) = match status {
-            StatusCode::NOT_FOUND => (
-                "not_found",
-                "there is nothing here; /openapi.json lists what there is",
-            ),
-            StatusCode::METHOD_NOT_ALLOWED => (
-                "method_not_allowed",
-                "this resource does not take that method; see Allow",
-            ),
+            StatusCode::NOT_FOUND => {
+                ("not_found", "there is nothing here; /openapi.json lists what there is")
+            }
+            StatusCode::METHOD_NOT_ALLOWED => {
+                ("method_not_allowed", "this resource does not take that method; see Allow")
+            }
             StatusCode::PAYLOAD_TOO_LARGE => {
                 ("too_large", "the request body is larger than the daemon takes")
             }
             StatusCode::REQUEST_TIMEOUT | StatusCode::SERVICE_UNAVAILABLE => ("timeout", "no answer in time"),
             _ if status.is_server_error() => {
-                return Self {
-                    status,
-                    ..Self::internal()
-                };
+                return Self { status, ..Self::internal() };
             }
             _ => ("bad_request", "the request cannot be understood"),
         };
@@ -99,14 +80,8 @@ impl Problem {
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let mut body = self.more;
-        body.insert(
-            "type".into(),
-            format!("urn:stictiond:problem:{}", self.kind).into(),
-        );
-        body.insert(
-            "title".into(),
-            self.status.canonical_reason().unwrap_or("Error").into(),
-        );
+        body.insert("type".into(), format!("urn:stictiond:problem:{}", self.kind).into());
+        body.insert("title".into(), self.status.canonical_reason().unwrap_or("Error").into());
         body.insert("status".into(), self.status.as_u16().into());
         body.insert("detail".into(), self.detail.into());
         let mut response = (self.status, Json(Value::Object(body))).into_response();

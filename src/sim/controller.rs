@@ -27,13 +27,7 @@ pub struct ControllerSpec {
 impl ControllerSpec {
     /// A PI controller in automatic with OP between 0 and 100 %.
     pub fn pi(gain: f64, ti_s: f64) -> Self {
-        Self {
-            gain,
-            ti_s,
-            td_s: 0.0,
-            op_limits: (0.0, 100.0),
-            mode: Mode::Automatic,
-        }
+        Self { gain, ti_s, td_s: 0.0, op_limits: (0.0, 100.0), mode: Mode::Automatic }
     }
 }
 
@@ -103,11 +97,7 @@ mod tests {
 
     #[test]
     fn derivative_acts_on_pv_only() {
-        let spec = ControllerSpec {
-            ti_s: f64::INFINITY,
-            td_s: 3.0,
-            ..ControllerSpec::pi(1.0, 1.0)
-        };
+        let spec = ControllerSpec { ti_s: f64::INFINITY, td_s: 3.0, ..ControllerSpec::pi(1.0, 1.0) };
         let mut c = Controller::new(&spec, 1.0, 50.0, 0.0);
         // SP step: proportional only. Then PV moves by 1: -1 proportional, -3 derivative; then the -3 is taken back.
         assert_eq!(c.step(2.0, 0.0), 52.0);

@@ -76,29 +76,12 @@ impl Class {
     /// The loop at rest, with a PI tuned by the SIMC rules.
     fn at_rest(self) -> LoopSpec {
         let (kind, dead_time_s, controller) = match self {
-            Class::Flow => (
-                ProcessKind::FirstOrder {
-                    gain: 1.2,
-                    tau_s: 6.0,
-                },
-                2.0,
-                ControllerSpec::pi(1.1, 6.0),
-            ),
-            Class::Level => (
-                ProcessKind::Integrating { rate: 0.05 },
-                2.0,
-                ControllerSpec::pi(4.0, 25.0),
-            ),
-            Class::Pressure => (
-                ProcessKind::two_lags(1.5, 12.0, 3.0),
-                1.0,
-                ControllerSpec::pi(1.5, 10.0),
-            ),
-            Class::Temperature => (
-                ProcessKind::two_lags(0.9, 25.0, 6.0),
-                2.0,
-                ControllerSpec::pi(2.0, 18.0),
-            ),
+            Class::Flow => {
+                (ProcessKind::FirstOrder { gain: 1.2, tau_s: 6.0 }, 2.0, ControllerSpec::pi(1.1, 6.0))
+            }
+            Class::Level => (ProcessKind::Integrating { rate: 0.05 }, 2.0, ControllerSpec::pi(4.0, 25.0)),
+            Class::Pressure => (ProcessKind::two_lags(1.5, 12.0, 3.0), 1.0, ControllerSpec::pi(1.5, 10.0)),
+            Class::Temperature => (ProcessKind::two_lags(0.9, 25.0, 6.0), 2.0, ControllerSpec::pi(2.0, 18.0)),
         };
         LoopSpec {
             process: ProcessSpec { kind, dead_time_s },
@@ -142,10 +125,7 @@ impl DemoLoop {
 /// The twenty loops; `seed` decides their noise and loads.
 pub fn demo_plant(seed: u64) -> Vec<DemoLoop> {
     use Class::{Flow, Level, Pressure, Temperature};
-    let mut plant = Builder {
-        seed,
-        loops: Vec::new(),
-    };
+    let mut plant = Builder { seed, loops: Vec::new() };
     plant.sound(Flow, "sound", disturbed);
     plant.sticky(Flow, "strong stiction", choudhury(5.0, 1.0), |_| ());
     plant.sticky(Flow, "weak stiction", choudhury(1.0, 0.4), |_| ());
@@ -153,10 +133,7 @@ pub fn demo_plant(seed: u64) -> Vec<DemoLoop> {
     plant.sound(Flow, "tight tuning", |spec| tight(spec, 2.55));
     plant.mute(Flow, "saturated", |spec| spec.sp = 130.0);
     plant.sticky(Flow, "dead band only", kano(4.0, 0.0), |spec| {
-        spec.loads.push(Load::input(LoadKind::Coloured {
-            sd: 2.0,
-            tau_s: 200.0,
-        }));
+        spec.loads.push(Load::input(LoadKind::Coloured { sd: 2.0, tau_s: 200.0 }));
     });
     plant.sticky(Flow, "stiction, noisy", choudhury(6.0, 2.0), |spec| {
         spec.sensor = SensorSpec::noisy(0.15);
@@ -177,60 +154,39 @@ pub fn demo_plant(seed: u64) -> Vec<DemoLoop> {
     plant.sound(Pressure, "tight tuning", |spec| tight(spec, 2.1));
 
     plant.sticky(Temperature, "stiction", kano(5.0, 2.0), |_| ());
-    plant.sound(Temperature, "oscillating load", |spec| {
-        oscillating(spec, 3.0, 240.0)
-    });
+    plant.sound(Temperature, "oscillating load", |spec| oscillating(spec, 3.0, 240.0));
     plant.mute(Temperature, "saturated", |spec| spec.sp = -10.0);
     plant.loops
 }
 
 fn choudhury(s: f64, j: f64) -> Friction {
-    Friction::Choudhury {
-        s,
-        j,
-        resolution: RESOLUTION,
-    }
+    Friction::Choudhury { s, j, resolution: RESOLUTION }
 }
 
 fn kano(s: f64, j: f64) -> Friction {
-    Friction::Kano {
-        s,
-        j,
-        resolution: RESOLUTION,
-    }
+    Friction::Kano { s, j, resolution: RESOLUTION }
 }
 
 /// Coloured disturbance of the flow through the valve, as any loop in a plant has.
 fn disturbed(spec: &mut LoopSpec) {
-    spec.loads
-        .push(Load::input(LoadKind::Coloured { sd: 2.0, tau_s: 40.0 }));
+    spec.loads.push(Load::input(LoadKind::Coloured { sd: 2.0, tau_s: 40.0 }));
 }
 
 fn oscillating(spec: &mut LoopSpec, amplitude: f64, period_s: f64) {
-    spec.loads.push(Load::input(LoadKind::Sine {
-        amplitude,
-        period_s,
-        phase: 0.0,
-        growth_per_s: 0.0,
-    }));
-    spec.loads
-        .push(Load::input(LoadKind::Coloured { sd: 0.3, tau_s: 40.0 }));
+    spec.loads.push(Load::input(LoadKind::Sine { amplitude, period_s, phase: 0.0, growth_per_s: 0.0 }));
+    spec.loads.push(Load::input(LoadKind::Coloured { sd: 0.3, tau_s: 40.0 }));
 }
 
 /// More gain than is good: the loop rings on every disturbance.
 fn tight(spec: &mut LoopSpec, factor: f64) {
     spec.controller.gain *= factor;
-    spec.loads
-        .push(Load::input(LoadKind::Coloured { sd: 0.5, tau_s: 20.0 }));
+    spec.loads.push(Load::input(LoadKind::Coloured { sd: 0.5, tau_s: 20.0 }));
 }
 
 /// A transmitter that stopped before anyone looked.
 fn freeze(spec: &mut LoopSpec) {
     disturbed(spec);
-    spec.sensor.freeze = Some(Freeze {
-        from_s: 60.0,
-        to_s: f64::INFINITY,
-    });
+    spec.sensor.freeze = Some(Freeze { from_s: 60.0, to_s: f64::INFINITY });
 }
 
 struct Builder {
@@ -274,12 +230,7 @@ impl Builder {
             id: format!("{}{number:02}", class.prefix()),
             class,
             spec,
-            truth: Truth {
-                sticky: s > 0.0,
-                s,
-                j,
-                kind: kind.to_owned(),
-            },
+            truth: Truth { sticky: s > 0.0, s, j, kind: kind.to_owned() },
             expected,
             // Every loop its own noise, whatever the plant's seed.
             seed: self.seed.wrapping_mul(1000).wrapping_add(self.loops.len() as u64),
@@ -305,15 +256,9 @@ mod tests {
         for seed in 0..5 {
             for demo in demo_plant(seed) {
                 let run = polled(&demo, 600);
-                let (low, high) = run
-                    .op
-                    .iter()
-                    .fold((f64::MAX, f64::MIN), |(l, h), &u| (l.min(u), h.max(u)));
+                let (low, high) = run.op.iter().fold((f64::MAX, f64::MIN), |(l, h), &u| (l.min(u), h.max(u)));
                 let reversals = reverses_beyond(&run.op, demo.truth.s);
-                println!(
-                    "{} {:18} reversals {reversals:4} OP {low:.2}..{high:.2}",
-                    demo.id, demo.truth.kind
-                );
+                println!("{} {:18} reversals {reversals:4} OP {low:.2}..{high:.2}", demo.id, demo.truth.kind);
                 match demo.expected {
                     Expected::Stiction => assert!(reversals >= 8, "{}: {reversals}", demo.id),
                     Expected::NoStiction => assert!(high - low > 0.2, "{}: OP rests", demo.id),

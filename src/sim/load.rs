@@ -83,18 +83,12 @@ pub struct Load {
 impl Load {
     /// A load at the process input.
     pub fn input(kind: LoadKind) -> Self {
-        Self {
-            kind,
-            at: At::ProcessInput,
-        }
+        Self { kind, at: At::ProcessInput }
     }
 
     /// A load at the process output.
     pub fn output(kind: LoadKind) -> Self {
-        Self {
-            kind,
-            at: At::ProcessOutput,
-        }
+        Self { kind, at: At::ProcessOutput }
     }
 }
 
@@ -119,12 +113,7 @@ impl LoadState {
             LoadKind::RandomWalk { sd_per_root_s } => (1.0, sd_per_root_s * ts_s.sqrt(), 0.0),
             _ => (0.0, 0.0, 0.0),
         };
-        Self {
-            load: *load,
-            keep,
-            fresh,
-            value,
-        }
+        Self { load: *load, keep, fresh, value }
     }
 
     /// Where it enters.
@@ -135,12 +124,9 @@ impl LoadState {
     /// The load at time `t` [s]; call once a sample.
     pub fn step(&mut self, t: f64, rng: &mut Pcg64Mcg) -> f64 {
         match self.load.kind {
-            LoadKind::Sine {
-                amplitude,
-                period_s,
-                phase,
-                growth_per_s,
-            } => amplitude * (1.0 + growth_per_s * t).max(0.0) * (TAU * t / period_s + phase).sin(),
+            LoadKind::Sine { amplitude, period_s, phase, growth_per_s } => {
+                amplitude * (1.0 + growth_per_s * t).max(0.0) * (TAU * t / period_s + phase).sin()
+            }
             LoadKind::Square { amplitude, period_s } => {
                 if (t / period_s).rem_euclid(1.0) < 0.5 {
                     amplitude
@@ -159,11 +145,7 @@ impl LoadState {
                     0.0
                 }
             }
-            LoadKind::Ramp {
-                from_s,
-                to_s,
-                rate_per_s,
-            } => rate_per_s * (t.min(to_s) - from_s).max(0.0),
+            LoadKind::Ramp { from_s, to_s, rate_per_s } => rate_per_s * (t.min(to_s) - from_s).max(0.0),
             LoadKind::Coloured { .. } | LoadKind::RandomWalk { .. } => {
                 let e: f64 = StandardNormal.sample(rng);
                 self.value = self.keep * self.value + self.fresh * e;
@@ -185,30 +167,15 @@ mod tests {
 
     #[test]
     fn deterministic_shapes_by_hand() {
-        let square = LoadKind::Square {
-            amplitude: 2.0,
-            period_s: 4.0,
-        };
+        let square = LoadKind::Square { amplitude: 2.0, period_s: 4.0 };
         assert_eq!(series(square, 1.0, 5), [2.0, 2.0, -2.0, -2.0, 2.0]);
-        let triangle = LoadKind::Triangle {
-            amplitude: 2.0,
-            period_s: 4.0,
-        };
+        let triangle = LoadKind::Triangle { amplitude: 2.0, period_s: 4.0 };
         assert_eq!(series(triangle, 1.0, 5), [-2.0, 0.0, 2.0, 0.0, -2.0]);
         let step = LoadKind::Step { at_s: 2.0, size: 3.0 };
         assert_eq!(series(step, 1.0, 4), [0.0, 0.0, 3.0, 3.0]);
-        let ramp = LoadKind::Ramp {
-            from_s: 1.0,
-            to_s: 3.0,
-            rate_per_s: 0.5,
-        };
+        let ramp = LoadKind::Ramp { from_s: 1.0, to_s: 3.0, rate_per_s: 0.5 };
         assert_eq!(series(ramp, 1.0, 5), [0.0, 0.0, 0.5, 1.0, 1.0]);
-        let sine = LoadKind::Sine {
-            amplitude: 3.0,
-            period_s: 4.0,
-            phase: 0.0,
-            growth_per_s: 1.0,
-        };
+        let sine = LoadKind::Sine { amplitude: 3.0, period_s: 4.0, phase: 0.0, growth_per_s: 1.0 };
         // sin at quarters of a period: 0, 1, 0, -1; the amplitude is 3 (1 + t).
         for (got, want) in series(sine, 1.0, 4).iter().zip([0.0, 6.0, 0.0, -12.0]) {
             assert!((got - want).abs() < 1e-12);

@@ -111,11 +111,7 @@ impl LoopSim {
         check(spec)?;
         // The multiplier spreads neighbouring seeds over the generator's state.
         let mut rng = Pcg64Mcg::new(u128::from(seed).wrapping_mul(0x9E37_79B9_7F4A_7C15_F39C_C060_5CED_C835));
-        let loads = spec
-            .loads
-            .iter()
-            .map(|load| LoadState::new(load, spec.ts_s, &mut rng))
-            .collect();
+        let loads = spec.loads.iter().map(|load| LoadState::new(load, spec.ts_s, &mut rng)).collect();
         let rest = spec.op0.max(spec.valve.travel.0).min(spec.valve.travel.1);
         Ok(Self {
             process: Process::new(&spec.process, spec.ts_s),
@@ -167,16 +163,9 @@ impl LoopSim {
         let pv = self.sensor.step(t, y, &mut self.rng);
         let op = self.controller.step(self.sp, pv);
         let mv = self.valve.step(op + extra(op));
-        self.process
-            .step(self.valve_spec.flow(mv) - self.flow0 + at_input);
+        self.process.step(self.valve_spec.flow(mv) - self.flow0 + at_input);
         self.k += 1;
-        Point {
-            t,
-            op,
-            pv,
-            sp: self.sp,
-            mv,
-        }
+        Point { t, op, pv, sp: self.sp, mv }
     }
 
     /// Changes the set point from the next sample on [%].
@@ -290,13 +279,7 @@ pub fn record(spec: &LoopSpec, n: usize, seed: u64, recording: Recording) -> Res
         }
         let m = every as f64;
         run.push(if mean {
-            Point {
-                t: first.t,
-                op: sum.op / m,
-                pv: sum.pv / m,
-                sp: sum.sp / m,
-                mv: sum.mv / m,
-            }
+            Point { t: first.t, op: sum.op / m, pv: sum.pv / m, sp: sum.sp / m, mv: sum.mv / m }
         } else {
             first
         });
@@ -307,18 +290,10 @@ pub fn record(spec: &LoopSpec, n: usize, seed: u64, recording: Recording) -> Res
 fn check(spec: &LoopSpec) -> Result<(), SpecError> {
     use super::process::ProcessKind::{FirstOrder, Integrating, IntegratingLag, SecondOrder};
     let positive = |name, value: f64| {
-        if value > 0.0 && value.is_finite() {
-            Ok(())
-        } else {
-            Err(SpecError::NotPositive { name, value })
-        }
+        if value > 0.0 && value.is_finite() { Ok(()) } else { Err(SpecError::NotPositive { name, value }) }
     };
     let limits = |name, (low, high): (f64, f64)| {
-        if low <= high {
-            Ok(())
-        } else {
-            Err(SpecError::Limits { name, low, high })
-        }
+        if low <= high { Ok(()) } else { Err(SpecError::Limits { name, low, high }) }
     };
     positive("sample period", spec.ts_s)?;
     match spec.process.kind {
@@ -331,10 +306,7 @@ fn check(spec: &LoopSpec) -> Result<(), SpecError> {
     }
     let samples = spec.process.dead_time_s / spec.ts_s;
     if !(0.0..=MAX_DEAD_TIME_SAMPLES).contains(&samples) {
-        return Err(SpecError::DeadTime {
-            dead_time_s: spec.process.dead_time_s,
-            ts_s: spec.ts_s,
-        });
+        return Err(SpecError::DeadTime { dead_time_s: spec.process.dead_time_s, ts_s: spec.ts_s });
     }
     // An infinite integral time is a controller without one.
     if spec.controller.ti_s != f64::INFINITY {
@@ -353,10 +325,7 @@ mod tests {
     fn flow_loop() -> LoopSpec {
         LoopSpec {
             process: ProcessSpec {
-                kind: ProcessKind::FirstOrder {
-                    gain: 2.0,
-                    tau_s: 5.0,
-                },
+                kind: ProcessKind::FirstOrder { gain: 2.0, tau_s: 5.0 },
                 dead_time_s: 0.0,
             },
             controller: ControllerSpec::pi(0.5, 5.0),

@@ -37,11 +37,7 @@ impl ProcessKind {
     /// Two real poles: `K / ((τ1 s + 1)(τ2 s + 1))`.
     pub fn two_lags(gain: f64, tau1_s: f64, tau2_s: f64) -> Self {
         let tau_s = (tau1_s * tau2_s).sqrt();
-        Self::SecondOrder {
-            gain,
-            tau_s,
-            zeta: (tau1_s + tau2_s) / (2.0 * tau_s),
-        }
+        Self::SecondOrder { gain, tau_s, zeta: (tau1_s + tau2_s) / (2.0 * tau_s) }
     }
 
     /// True when the process holds its level instead of returning to one.
@@ -71,23 +67,16 @@ impl Advance {
         match kind {
             ProcessKind::FirstOrder { gain, tau_s } => {
                 let a = (-h / tau_s).exp();
-                Self {
-                    phi: [[a, 0.0], [0.0, 0.0]],
-                    gamma: [-gain * (-h / tau_s).exp_m1(), 0.0],
-                }
+                Self { phi: [[a, 0.0], [0.0, 0.0]], gamma: [-gain * (-h / tau_s).exp_m1(), 0.0] }
             }
             ProcessKind::SecondOrder { gain, tau_s, zeta } => second_order(gain, tau_s, zeta, h),
-            ProcessKind::Integrating { rate } => Self {
-                phi: [[1.0, 0.0], [0.0, 0.0]],
-                gamma: [rate * h, 0.0],
-            },
+            ProcessKind::Integrating { rate } => {
+                Self { phi: [[1.0, 0.0], [0.0, 0.0]], gamma: [rate * h, 0.0] }
+            }
             ProcessKind::IntegratingLag { rate, tau_s } => {
                 let e = (-h / tau_s).exp();
                 let rise = -(-h / tau_s).exp_m1();
-                Self {
-                    phi: [[1.0, tau_s * rise], [0.0, e]],
-                    gamma: [rate * (h - tau_s * rise), rate * rise],
-                }
+                Self { phi: [[1.0, tau_s * rise], [0.0, e]], gamma: [rate * (h - tau_s * rise), rate * rise] }
             }
         }
     }
@@ -120,10 +109,7 @@ fn second_order(gain: f64, tau: f64, zeta: f64, h: f64) -> Advance {
         (0.5 * (slow + fast), 0.5 * (slow - fast) / delta)
     };
     let phi = [[c + alpha * s, s], [-s / (tau * tau), c - alpha * s]];
-    Advance {
-        phi,
-        gamma: [gain * (1.0 - phi[0][0]), -gain * phi[1][0]],
-    }
+    Advance { phi, gamma: [gain * (1.0 - phi[0][0]), -gain * phi[1][0]] }
 }
 
 /// A process at work: its state and the inputs still on their way through the dead time.
@@ -198,11 +184,9 @@ mod tests {
                 let e = (-zeta * t / tau_s).exp();
                 gain * (1.0 - e * ((w * t / tau_s).cos() + zeta / w * (w * t / tau_s).sin()))
             }
-            ProcessKind::SecondOrder {
-                gain,
-                tau_s,
-                zeta: 1.0,
-            } => gain * (1.0 - (1.0 + t / tau_s) * (-t / tau_s).exp()),
+            ProcessKind::SecondOrder { gain, tau_s, zeta: 1.0 } => {
+                gain * (1.0 - (1.0 + t / tau_s) * (-t / tau_s).exp())
+            }
             ProcessKind::SecondOrder { gain, tau_s, zeta } => {
                 let w = (zeta * zeta - 1.0).sqrt();
                 let (t1, t2) = (tau_s / (zeta - w), tau_s / (zeta + w));
@@ -216,26 +200,12 @@ mod tests {
     #[test]
     fn step_responses_are_the_closed_form_at_every_sample() {
         let kinds = [
-            ProcessKind::FirstOrder {
-                gain: 1.5,
-                tau_s: 7.0,
-            },
-            ProcessKind::SecondOrder {
-                gain: 2.0,
-                tau_s: 5.0,
-                zeta: 0.3,
-            },
-            ProcessKind::SecondOrder {
-                gain: 2.0,
-                tau_s: 5.0,
-                zeta: 1.0,
-            },
+            ProcessKind::FirstOrder { gain: 1.5, tau_s: 7.0 },
+            ProcessKind::SecondOrder { gain: 2.0, tau_s: 5.0, zeta: 0.3 },
+            ProcessKind::SecondOrder { gain: 2.0, tau_s: 5.0, zeta: 1.0 },
             ProcessKind::two_lags(0.8, 20.0, 0.5),
             ProcessKind::Integrating { rate: 0.01 },
-            ProcessKind::IntegratingLag {
-                rate: 0.01,
-                tau_s: 4.0,
-            },
+            ProcessKind::IntegratingLag { rate: 0.01, tau_s: 4.0 },
         ];
         for kind in kinds {
             for dead_time_s in [0.0, 0.7, 2.0, 5.3, 6.0] {
@@ -259,13 +229,7 @@ mod tests {
     fn a_fractional_dead_time_splits_a_changing_input_exactly() {
         // A pulse of one period is the step response less the step response one period later.
         let kind = ProcessKind::two_lags(1.0, 3.0, 2.0);
-        let mut process = Process::new(
-            &ProcessSpec {
-                kind,
-                dead_time_s: 1.25,
-            },
-            1.0,
-        );
+        let mut process = Process::new(&ProcessSpec { kind, dead_time_s: 1.25 }, 1.0);
         for k in 1..50 {
             process.step(if k == 1 { 1.0 } else { 0.0 });
             let t = k as f64 - 1.25;
@@ -278,13 +242,7 @@ mod tests {
     fn a_dead_time_of_whole_samples_is_not_split_by_rounding() {
         // 0.3 / 0.1 is 2.9999999999999996: three samples all the same.
         let kind = ProcessKind::Integrating { rate: 1.0 };
-        let mut process = Process::new(
-            &ProcessSpec {
-                kind,
-                dead_time_s: 0.3,
-            },
-            0.1,
-        );
+        let mut process = Process::new(&ProcessSpec { kind, dead_time_s: 0.3 }, 0.1);
         let mut seen = Vec::new();
         for _ in 0..5 {
             process.step(1.0);

@@ -52,10 +52,7 @@ pub struct SensorSpec {
 impl SensorSpec {
     /// White noise of the given standard deviation [%], nothing else.
     pub fn noisy(noise_sd: f64) -> Self {
-        Self {
-            noise_sd,
-            ..Self::default()
-        }
+        Self { noise_sd, ..Self::default() }
     }
 }
 
@@ -74,9 +71,7 @@ impl Sensor {
     pub fn new(spec: &SensorSpec, pv0: f64) -> Self {
         Self {
             spec: *spec,
-            held_sd: spec
-                .band_limited
-                .map_or(0.0, |b| (b.power / b.sample_time_s).sqrt()),
+            held_sd: spec.band_limited.map_or(0.0, |b| (b.power / b.sample_time_s).sqrt()),
             held: 0.0,
             next_s: 0.0,
             last: pv0,
@@ -103,11 +98,7 @@ impl Sensor {
         if let Some(outliers) = spec.outliers
             && rng.random::<f64>() < outliers.probability
         {
-            pv += if rng.random::<bool>() {
-                outliers.size
-            } else {
-                -outliers.size
-            };
+            pv += if rng.random::<bool>() { outliers.size } else { -outliers.size };
         }
         if spec.quantum > 0.0 {
             pv = (pv / spec.quantum).round() * spec.quantum;
@@ -126,9 +117,7 @@ mod tests {
     fn series(spec: SensorSpec, ts: f64, n: usize, y: impl Fn(f64) -> f64) -> Vec<f64> {
         let mut rng = Pcg64Mcg::new(11);
         let mut sensor = Sensor::new(&spec, 0.0);
-        (0..n)
-            .map(|k| sensor.step(k as f64 * ts, y(k as f64 * ts), &mut rng))
-            .collect()
+        (0..n).map(|k| sensor.step(k as f64 * ts, y(k as f64 * ts), &mut rng)).collect()
     }
 
     #[test]
@@ -136,10 +125,7 @@ mod tests {
         let spec = SensorSpec {
             drift_per_s: 0.1,
             quantum: 0.5,
-            freeze: Some(Freeze {
-                from_s: 3.0,
-                to_s: 5.0,
-            }),
+            freeze: Some(Freeze { from_s: 3.0, to_s: 5.0 }),
             ..SensorSpec::default()
         };
         // y = t, with drift 1.1 t, to the nearest half.
@@ -148,14 +134,8 @@ mod tests {
 
     #[test]
     fn band_limited_noise_has_simulinks_variance_and_is_held() {
-        let band = BandLimited {
-            power: 2.0,
-            sample_time_s: 5.0,
-        };
-        let spec = SensorSpec {
-            band_limited: Some(band),
-            ..SensorSpec::default()
-        };
+        let band = BandLimited { power: 2.0, sample_time_s: 5.0 };
+        let spec = SensorSpec { band_limited: Some(band), ..SensorSpec::default() };
         let v = series(spec, 1.0, 100_000, |_| 0.0);
         assert!(v.chunks(5).all(|c| c.iter().all(|x| x == &c[0])));
         let var = v.iter().map(|x| x * x).sum::<f64>() / v.len() as f64;
@@ -165,14 +145,8 @@ mod tests {
 
     #[test]
     fn outliers_come_as_often_as_asked() {
-        let outliers = Outliers {
-            probability: 0.02,
-            size: 7.0,
-        };
-        let spec = SensorSpec {
-            outliers: Some(outliers),
-            ..SensorSpec::default()
-        };
+        let outliers = Outliers { probability: 0.02, size: 7.0 };
+        let spec = SensorSpec { outliers: Some(outliers), ..SensorSpec::default() };
         let v = series(spec, 1.0, 50_000, |_| 0.0);
         let hit = v.iter().filter(|x| x.abs() == 7.0).count();
         // 1,000 expected, sd 31.

@@ -76,11 +76,7 @@ pub struct ValveSpec {
 impl ValveSpec {
     /// A linear valve with full travel.
     pub fn linear(friction: Friction) -> Self {
-        Self {
-            friction,
-            travel: (0.0, 100.0),
-            characteristic: Characteristic::Linear,
-        }
+        Self { friction, travel: (0.0, 100.0), characteristic: Characteristic::Linear }
     }
 
     /// Flow [%] at stem position `mv` [%].
@@ -115,14 +111,7 @@ impl Valve {
             Friction::Choudhury { s, j, .. } | Friction::Kano { s, j, .. } => op0 + 0.5 * (s - j),
             _ => 0.0,
         };
-        Self {
-            spec: *spec,
-            op: op0,
-            mv: op0,
-            direction: 1.0,
-            moving: false,
-            held,
-        }
+        Self { spec: *spec, op: op0, mv: op0, direction: 1.0, moving: false, held }
     }
 
     /// Stem position [%] for this sample's OP [%].
@@ -198,46 +187,26 @@ mod tests {
         let mv = drive(friction, 50.0, &up);
         assert_eq!(mv, [50.0, 50.0, 50.0, 52.0, 53.0, 54.0, 55.0, 56.0, 57.0, 58.0]);
         // Back down from 60 (stem 58): stuck for 5, so still at 58 at OP 55, then jumps by J + the step to 54 + 2.
-        let down: Vec<f64> = up
-            .iter()
-            .copied()
-            .chain((1..=8).map(|k| 60.0 - k as f64))
-            .collect();
+        let down: Vec<f64> = up.iter().copied().chain((1..=8).map(|k| 60.0 - k as f64)).collect();
         let mv = drive(friction, 50.0, &down);
         assert_eq!(&mv[10..], [58.0, 58.0, 58.0, 58.0, 58.0, 56.0, 55.0, 54.0]);
     }
 
     #[test]
     fn choudhury_stickband_jump_and_ramp() {
-        signature(Friction::Choudhury {
-            s: S,
-            j: J,
-            resolution: 0.005,
-        });
+        signature(Friction::Choudhury { s: S, j: J, resolution: 0.005 });
     }
 
     #[test]
     fn kano_stickband_jump_and_ramp() {
-        signature(Friction::Kano {
-            s: S,
-            j: J,
-            resolution: 0.005,
-        });
+        signature(Friction::Kano { s: S, j: J, resolution: 0.005 });
     }
 
     #[test]
     fn a_stop_must_be_crossed_by_the_slip_jump() {
         for friction in [
-            Friction::Choudhury {
-                s: S,
-                j: J,
-                resolution: 0.005,
-            },
-            Friction::Kano {
-                s: S,
-                j: J,
-                resolution: 0.005,
-            },
+            Friction::Choudhury { s: S, j: J, resolution: 0.005 },
+            Friction::Kano { s: S, j: J, resolution: 0.005 },
         ] {
             // Moving at 56 (stem 54); creeps by less than the resolution; then 0.9 more is not J, 1.1 is.
             let mv = drive(friction, 50.0, &[56.0, 56.004, 56.9, 57.104]);
@@ -251,52 +220,27 @@ mod tests {
         // last turn of OP. Back up to 57 it sticks at OP 54 and needs S = 5 again: 58.9 holds, 59.1 moves.
         let ops = [60.0, 56.0, 57.0, 54.0, 57.0, 58.9, 58.8, 59.1];
         for friction in [
-            Friction::Choudhury {
-                s: S,
-                j: J,
-                resolution: 0.005,
-            },
-            Friction::Kano {
-                s: S,
-                j: J,
-                resolution: 0.005,
-            },
+            Friction::Choudhury { s: S, j: J, resolution: 0.005 },
+            Friction::Kano { s: S, j: J, resolution: 0.005 },
         ] {
             let mv = drive(friction, 50.0, &ops);
-            assert_eq!(
-                mv,
-                [58.0, 58.0, 58.0, 56.0, 56.0, 56.0, 56.0, 57.1],
-                "{friction:?}"
-            );
+            assert_eq!(mv, [58.0, 58.0, 58.0, 56.0, 56.0, 56.0, 56.0, 57.1], "{friction:?}");
         }
     }
 
     #[test]
     fn back_along_the_last_motion_the_slip_jump_is_enough() {
         // Sticks at 60 moving up; falls to 56 and returns: 60.9 is not J beyond 60, 61.1 is.
-        let friction = Friction::Choudhury {
-            s: S,
-            j: J,
-            resolution: 0.005,
-        };
+        let friction = Friction::Choudhury { s: S, j: J, resolution: 0.005 };
         let mv = drive(friction, 50.0, &[60.0, 56.0, 60.9, 61.1]);
         assert_eq!(mv, [58.0, 58.0, 58.0, 59.1]);
     }
 
     #[test]
     fn without_slip_jump_kano_is_backlash() {
-        let ops: Vec<f64> = (0..400)
-            .map(|k| 50.0 + 8.0 * (k as f64 * 0.1).sin() + 3.0 * (k as f64 * 0.37).sin())
-            .collect();
-        let kano = drive(
-            Friction::Kano {
-                s: 4.0,
-                j: 0.0,
-                resolution: 0.0,
-            },
-            50.0,
-            &ops,
-        );
+        let ops: Vec<f64> =
+            (0..400).map(|k| 50.0 + 8.0 * (k as f64 * 0.1).sin() + 3.0 * (k as f64 * 0.37).sin()).collect();
+        let kano = drive(Friction::Kano { s: 4.0, j: 0.0, resolution: 0.0 }, 50.0, &ops);
         let gap = drive(Friction::Backlash { deadband: 4.0 }, 50.0, &ops);
         for (a, b) in kano.iter().zip(&gap) {
             // Both compute op ± 2; only roundings of 50-sized numbers differ.
@@ -307,45 +251,24 @@ mod tests {
     #[test]
     fn he_by_hand() {
         // fs 3, fd 2: forces 2, 4 > 3: slips by 2, 2 stays; +1 makes 3, not beyond; -4 makes -1; -3 makes -4: slips by -2.
-        let mv = drive(
-            Friction::He { fs: 3.0, fd: 2.0 },
-            50.0,
-            &[52.0, 54.0, 55.0, 51.0, 48.0],
-        );
+        let mv = drive(Friction::He { fs: 3.0, fd: 2.0 }, 50.0, &[52.0, 54.0, 55.0, 51.0, 48.0]);
         assert_eq!(mv, [50.0, 52.0, 52.0, 52.0, 50.0]);
     }
 
     #[test]
     fn one_parameter_by_hand() {
         // f 2: 51 holds (1), 53 slips and lets f stay; on the reversal the band is 2 f = 4: 49 holds at -2, 48.9 slips.
-        let mv = drive(
-            Friction::OneParameter { f: 2.0 },
-            50.0,
-            &[51.0, 53.0, 54.0, 50.0, 49.9],
-        );
+        let mv = drive(Friction::OneParameter { f: 2.0 }, 50.0, &[51.0, 53.0, 54.0, 50.0, 49.9]);
         assert_eq!(mv, [50.0, 53.0, 54.0, 54.0, 49.9]);
     }
 
     #[test]
     fn travel_and_characteristic() {
-        let mut valve = Valve::new(
-            &ValveSpec {
-                travel: (20.0, 80.0),
-                ..ValveSpec::linear(Friction::Ideal)
-            },
-            50.0,
-        );
-        assert_eq!(
-            [valve.step(95.0), valve.step(60.0), valve.step(-3.0)],
-            [80.0, 60.0, 20.0]
-        );
-        let flow = |characteristic, mv| {
-            ValveSpec {
-                characteristic,
-                ..ValveSpec::linear(Friction::Ideal)
-            }
-            .flow(mv)
-        };
+        let mut valve =
+            Valve::new(&ValveSpec { travel: (20.0, 80.0), ..ValveSpec::linear(Friction::Ideal) }, 50.0);
+        assert_eq!([valve.step(95.0), valve.step(60.0), valve.step(-3.0)], [80.0, 60.0, 20.0]);
+        let flow =
+            |characteristic, mv| ValveSpec { characteristic, ..ValveSpec::linear(Friction::Ideal) }.flow(mv);
         assert_eq!(flow(Characteristic::Linear, 25.0), 25.0);
         assert_eq!(flow(Characteristic::QuickOpening, 25.0), 50.0);
         // R = 100: half travel is a tenth of full flow; powf is exact to a rounding.

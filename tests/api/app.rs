@@ -18,7 +18,7 @@ use tokio_modbus::server::tcp::{Server, accept_tcp_connection};
 
 /// A device whose register r holds r, or r plus the number of requests so far for r >= 100; it counts connections.
 #[derive(Clone, Default)]
-struct Registers {
+pub struct Registers {
     requests: Arc<AtomicU64>,
     connections: Arc<AtomicU64>,
 }
@@ -34,16 +34,14 @@ impl tokio_modbus::server::Service for Registers {
         future::ready(match request {
             Request::ReadHoldingRegisters(start, count) => {
                 let value = |r: u16| if r >= 100 { r.wrapping_add(turn) } else { r };
-                Ok(Response::ReadHoldingRegisters(
-                    (start..start + count).map(value).collect(),
-                ))
+                Ok(Response::ReadHoldingRegisters((start..start + count).map(value).collect()))
             }
             _ => Err(ExceptionCode::IllegalFunction),
         })
     }
 }
 
-async fn device() -> (SocketAddr, Registers) {
+pub async fn device() -> (SocketAddr, Registers) {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("bound");
     let registers = Registers::default();
@@ -60,7 +58,7 @@ async fn device() -> (SocketAddr, Registers) {
 }
 
 /// Loops by name, device and first register; OP at the register, PV at the next.
-fn config(devices: &[SocketAddr], loops: &[(&str, usize, u16)]) -> Config {
+pub fn text(devices: &[SocketAddr], loops: &[(&str, usize, u16)]) -> String {
     let mut text = "[schedule]\nperiod_s = 10\n[history]\nsamples_per_tag = 1000\n".to_string();
     for (at, address) in devices.iter().enumerate() {
         text += &format!(
@@ -75,6 +73,11 @@ fn config(devices: &[SocketAddr], loops: &[(&str, usize, u16)]) -> Config {
             );
         }
     }
+    text
+}
+
+fn config(devices: &[SocketAddr], loops: &[(&str, usize, u16)]) -> Config {
+    let text = text(devices, loops);
     config::parse("test.toml", &text).unwrap_or_else(|wrong| panic!("{wrong:?}\n{text}"))
 }
 
@@ -86,22 +89,16 @@ struct Daemon {
 
 /// Plant time runs 20 times as fast, so a period of 10 s is half a second. Sticky is what has an OP of 10.
 async fn start(config: Config) -> Daemon {
-    let diagnose = Arc::new(
-        |record: &stictiond::signal::Record, _: &_| match record.op.last() {
-            Some(sample) if sample.value == 10.0 => verdict_of(Verdict::Stiction, 2.5, 446.0),
-            _ => verdict_of(Verdict::NoStiction, 0.0, -2.0),
-        },
-    );
+    let diagnose = Arc::new(|record: &stictiond::signal::Record, _: &_| match record.op.last() {
+        Some(sample) if sample.value == 10.0 => verdict_of(Verdict::Stiction, 2.5, 446.0),
+        _ => verdict_of(Verdict::NoStiction, 0.0, -2.0),
+    });
     let clock = Clock::plant(1_767_225_600.0, 20.0);
     let app = Arc::new(App::build(config, clock, diagnose).expect("a sound configuration"));
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("bound");
     let running = app.clone();
-    Daemon {
-        app,
-        address,
-        task: tokio::spawn(async move { running.run(listener).await }),
-    }
+    Daemon { app, address, task: tokio::spawn(async move { running.run(listener).await }) }
 }
 
 impl Daemon {
@@ -120,10 +117,7 @@ impl Daemon {
             let device = series.split('"').nth(1)?.to_string();
             Some((device, value.parse().ok()?))
         };
-        text.lines()
-            .filter(|l| l.starts_with("stictiond_device_events_total"))
-            .filter_map(parse)
-            .collect()
+        text.lines().filter(|l| l.starts_with("stictiond_device_events_total")).filter_map(parse).collect()
     }
 }
 
@@ -149,10 +143,7 @@ async fn from_a_register_to_an_alarm_and_through_a_reload() {
     assert_eq!(daemon.json("/readyz").await["loops_diagnosed"], 2);
     let detail = daemon.json("/api/v1/loops/A").await;
     assert_eq!(
-        (
-            detail["values"][0]["value"].as_f64(),
-            detail["values"][1]["value"].as_f64()
-        ),
+        (detail["values"][0]["value"].as_f64(), detail["values"][1]["value"].as_f64()),
         (Some(10.0), Some(11.0))
     );
     let samples = daemon.json("/api/v1/loops/A/samples").await;
@@ -176,15 +167,8 @@ async fn from_a_register_to_an_alarm_and_through_a_reload() {
     assert!(after["tags"][0]["found"].as_u64() > kept, "{after}");
     let ops = after["tags"][0]["value"].as_array().expect("a column");
     assert!(ops.iter().all(|op| op.is_null() || *op == 10.0), "{after}");
-    assert!(
-        daemon.counters("polls").await["d0"] >= polls["d0"],
-        "its counters go on"
-    );
-    assert_eq!(
-        registers.connections.load(Ordering::Relaxed),
-        1,
-        "its connection was never dropped"
-    );
+    assert!(daemon.counters("polls").await["d0"] >= polls["d0"], "its counters go on");
+    assert_eq!(registers.connections.load(Ordering::Relaxed), 1, "its connection was never dropped");
     daemon.app.stop().cancel();
     let ended = tokio::time::timeout(std::time::Duration::from_secs(4), daemon.task).await;
     assert!(ended.expect("ends in time").expect("no panic").is_ok());
@@ -196,19 +180,12 @@ async fn a_tag_that_reads_something_else_starts_empty() {
     let daemon = start(config(&[address], &[("A", 0, 10)])).await;
     let mut events = Events::open(daemon.address).await;
     heard(&mut events, "diagnosis", "A").await;
-    daemon
-        .app
-        .reload(config(&[address], &[("A", 0, 50)]))
-        .await
-        .expect("a sound configuration");
+    daemon.app.reload(config(&[address], &[("A", 0, 50)])).await.expect("a sound configuration");
     heard(&mut events, "reloaded", "").await;
     heard(&mut events, "diagnosis", "A").await;
     let samples = daemon.json("/api/v1/loops/A/samples").await;
     let ops = samples["tags"][0]["value"].as_array().expect("a column");
-    assert!(
-        !ops.is_empty() && ops.iter().all(|op| op.is_null() || *op == 50.0),
-        "{samples}"
-    );
+    assert!(!ops.is_empty() && ops.iter().all(|op| op.is_null() || *op == 50.0), "{samples}");
     assert_eq!(registers.connections.load(Ordering::Relaxed), 2);
     daemon.app.stop().cancel();
     daemon.task.await.expect("no panic").expect("ends well");
@@ -221,10 +198,7 @@ async fn an_address_that_the_network_reaches_is_refused_before_anything_is_serve
     let app = App::build(config(&[address], &[("A", 0, 10)]), clock, App::diagnosis()).expect("sound");
     let listener = TcpListener::bind("0.0.0.0:0").await.expect("a free port");
     let refused = app.run(listener).await;
-    assert!(
-        matches!(refused, Err(AppError::Serve(serve::ServeError::NotLoopback(_)))),
-        "{refused:?}"
-    );
+    assert!(matches!(refused, Err(AppError::Serve(serve::ServeError::NotLoopback(_)))), "{refused:?}");
 }
 
 #[tokio::test]

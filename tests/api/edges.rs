@@ -52,14 +52,7 @@ async fn other_sites_may_not_act_through_a_browser() {
     let rig = rig(&FOUR).await;
     let act = |origin: String| async move {
         let line = format!("origin: {origin}");
-        send(
-            rig.address,
-            "POST",
-            "/api/v1/loops/FIC1/diagnosis",
-            &[line.as_str()],
-            "",
-        )
-        .await
+        send(rig.address, "POST", "/api/v1/loops/FIC1/diagnosis", &[line.as_str()], "").await
     };
     assert_problem(&act("https://example.org".into()).await, 403);
     assert_problem(&act("null".into()).await, 403);
@@ -72,20 +65,9 @@ async fn answers_carry_the_headers_that_keep_a_browser_safe_and_are_compressed()
     for path in ["/", "/api/v1/loops", "/nothing"] {
         let answer = get(rig.address, path).await;
         assert_eq!(answer.header("x-content-type-options"), Some("nosniff"), "{path}");
-        assert!(
-            answer
-                .header("content-security-policy")
-                .is_some_and(|p| p.contains("default-src 'none'"))
-        );
+        assert!(answer.header("content-security-policy").is_some_and(|p| p.contains("default-src 'none'")));
     }
-    let packed = send(
-        rig.address,
-        "GET",
-        "/openapi.json",
-        &["accept-encoding: gzip"],
-        "",
-    )
-    .await;
+    let packed = send(rig.address, "GET", "/openapi.json", &["accept-encoding: gzip"], "").await;
     assert_eq!(packed.header("content-encoding"), Some("gzip"));
     assert_eq!(packed.body[..2], [0x1f, 0x8b]);
 }
@@ -94,25 +76,16 @@ async fn answers_carry_the_headers_that_keep_a_browser_safe_and_are_compressed()
 async fn the_page_is_whole_and_needs_nothing_from_elsewhere() {
     let rig = rig(&FOUR).await;
     let page = get(rig.address, "/").await;
-    assert!(
-        page.header("content-type")
-            .is_some_and(|kind| kind.starts_with("text/html"))
-    );
+    assert!(page.header("content-type").is_some_and(|kind| kind.starts_with("text/html")));
     let text = page.text();
     assert!(text.contains("page.css") && text.contains("page.js"));
     for asset in ["page.css", "page.js", "plot.js"] {
         let file = get(rig.address, &format!("/{asset}")).await;
         assert_eq!(file.status, 200);
         let body = file.text();
-        assert!(
-            !body.contains("innerHTML"),
-            "names from the plant are never markup"
-        );
+        assert!(!body.contains("innerHTML"), "names from the plant are never markup");
         let elsewhere = body.replace("http://www.w3.org/2000/svg", "");
-        assert!(
-            !elsewhere.contains("http://") && !elsewhere.contains("https://"),
-            "{asset}"
-        );
+        assert!(!elsewhere.contains("http://") && !elsewhere.contains("https://"), "{asset}");
     }
 }
 
@@ -144,10 +117,7 @@ async fn events_are_heard_as_they_happen_and_end_at_shutdown() {
 
 #[tokio::test]
 async fn clients_of_events_are_bounded_and_a_place_comes_free() {
-    let config = serve::Config {
-        max_event_clients: 1,
-        ..serve::Config::default()
-    };
+    let config = serve::Config { max_event_clients: 1, ..serve::Config::default() };
     let rig = start(&FOUR, config, Arc::new(|record, _| judge(record))).await;
     let mut first = Events::open(rig.address).await;
     assert_eq!(first.next().await.expect("open").0, "hello");
@@ -161,10 +131,7 @@ async fn clients_of_events_are_bounded_and_a_place_comes_free() {
         if again.next().await.is_some_and(|(name, _)| name == "hello") {
             break;
         }
-        assert!(
-            tokio::time::Instant::now() < deadline,
-            "the place never came free"
-        );
+        assert!(tokio::time::Instant::now() < deadline, "the place never came free");
     }
 }
 
@@ -178,12 +145,7 @@ async fn a_client_that_lags_is_told_how_much_it_lost() {
     (0..3000).for_each(|_| rig.results.reload(&ids, &alarm::Config::default()));
     let (name, data) = events.next().await.expect("news");
     assert_eq!(name, "lagged");
-    assert!(
-        data["lost"]
-            .as_u64()
-            .is_some_and(|lost| (1000..3000).contains(&lost)),
-        "{data}"
-    );
+    assert!(data["lost"].as_u64().is_some_and(|lost| (1000..3000).contains(&lost)), "{data}");
     assert_eq!(events.next().await.expect("news").0, "reloaded");
 }
 
@@ -195,58 +157,34 @@ async fn requests_are_bounded_in_number_and_time() {
         let _ = closed.lock().expect("one at a time").recv();
         judge(record)
     });
-    let config = serve::Config {
-        max_requests: 1,
-        request_timeout_s: 0.3,
-        ..serve::Config::default()
-    };
+    let config = serve::Config { max_requests: 1, request_timeout_s: 0.3, ..serve::Config::default() };
     let rig = start(&FOUR, config, diagnose).await;
     let slow = tokio::spawn(post(rig.address, "/api/v1/loops/FIC1/diagnosis?wait_s=60", ""));
     let deadline = tokio::time::Instant::now() + Duration::from_secs(10);
     while rig.scheduler.counters().running == 0 {
-        assert!(
-            tokio::time::Instant::now() < deadline,
-            "the request never arrived"
-        );
+        assert!(tokio::time::Instant::now() < deadline, "the request never arrived");
         tokio::task::yield_now().await;
     }
     let refused = get(rig.address, "/healthz").await;
-    assert_eq!(
-        assert_problem(&refused, 503)["type"],
-        "urn:stictiond:problem:too_many_requests"
-    );
+    assert_eq!(assert_problem(&refused, 503)["type"], "urn:stictiond:problem:too_many_requests");
     assert_eq!(refused.header("retry-after"), Some("1"));
     let late = slow.await.expect("answered");
-    assert_eq!(
-        assert_problem(&late, 503)["type"],
-        "urn:stictiond:problem:timeout"
-    );
+    assert_eq!(assert_problem(&late, 503)["type"], "urn:stictiond:problem:timeout");
     drop(open);
     assert_eq!(get(rig.address, "/healthz").await.status, 200);
 }
 
 #[tokio::test]
 async fn the_network_is_refused_unless_the_configuration_says_so_in_plain_words() {
-    let open = serve::Config {
-        listen: "0.0.0.0:8080".parse().expect("an address"),
-        ..serve::Config::default()
-    };
+    let open =
+        serve::Config { listen: "0.0.0.0:8080".parse().expect("an address"), ..serve::Config::default() };
     assert_eq!(open.validate()[0].0, "listen");
-    assert!(
-        open.validate()[0]
-            .1
-            .contains("allow_unauthenticated_network = true")
-    );
-    let allowed = serve::Config {
-        allow_unauthenticated_network: true,
-        ..open
-    };
+    assert!(open.validate()[0].1.contains("allow_unauthenticated_network = true"));
+    let allowed = serve::Config { allow_unauthenticated_network: true, ..open };
     assert_eq!(allowed.validate(), vec![]);
     for loopback in ["127.0.0.1:1", "127.8.9.1:1", "[::1]:1", "[::ffff:127.0.0.1]:1"] {
-        let config = serve::Config {
-            listen: loopback.parse().expect("an address"),
-            ..serve::Config::default()
-        };
+        let config =
+            serve::Config { listen: loopback.parse().expect("an address"), ..serve::Config::default() };
         assert_eq!(config.validate(), vec![], "{loopback}");
     }
 }

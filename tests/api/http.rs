@@ -18,10 +18,7 @@ pub struct Answer {
 
 impl Answer {
     pub fn header(&self, name: &str) -> Option<&str> {
-        self.headers
-            .iter()
-            .find(|(n, _)| n == name)
-            .map(|(_, value)| value.as_str())
+        self.headers.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
     }
 
     pub fn text(&self) -> String {
@@ -60,26 +57,16 @@ pub async fn post(to: SocketAddr, path: &str, body: &str) -> Answer {
 }
 
 fn parse(all: &[u8]) -> Answer {
-    let end = all
-        .windows(4)
-        .position(|w| w == b"\r\n\r\n")
-        .expect("an answer has a head");
+    let end = all.windows(4).position(|w| w == b"\r\n\r\n").expect("an answer has a head");
     let head = String::from_utf8_lossy(&all[..end]).to_string();
     let mut lines = head.lines();
-    let status = lines
-        .next()
-        .and_then(|l| l.split(' ').nth(1))
-        .and_then(|s| s.parse().ok())
-        .expect("a status");
+    let status =
+        lines.next().and_then(|l| l.split(' ').nth(1)).and_then(|s| s.parse().ok()).expect("a status");
     let headers: Vec<(String, String)> = lines
         .filter_map(|line| line.split_once(": "))
         .map(|(name, value)| (name.to_ascii_lowercase(), value.to_string()))
         .collect();
-    let mut answer = Answer {
-        status,
-        headers,
-        body: all[end + 4..].to_vec(),
-    };
+    let mut answer = Answer { status, headers, body: all[end + 4..].to_vec() };
     if answer.header("transfer-encoding") == Some("chunked") {
         answer.body = unchunked(&answer.body);
     }
@@ -113,9 +100,8 @@ impl Events {
         let mut name = String::new();
         loop {
             let mut line = String::new();
-            let read = tokio::time::timeout(PATIENCE, self.0.read_line(&mut line))
-                .await
-                .expect("an event in time");
+            let read =
+                tokio::time::timeout(PATIENCE, self.0.read_line(&mut line)).await.expect("an event in time");
             if !matches!(read, Ok(n) if n > 0) {
                 return None;
             }

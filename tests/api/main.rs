@@ -1,6 +1,7 @@
 //! The API over real sockets.
 
 mod app;
+mod daemon;
 mod edges;
 mod http;
 mod resources;

@@ -12,62 +12,28 @@ use stictiond::signal::{BadReason, Quality, Sample};
 async fn loops_are_listed_worst_first_with_what_is_known() {
     let rig = rig(&FOUR).await;
     let fresh = rig.json("/api/v1/loops").await;
-    assert_eq!(
-        (fresh["total"].as_u64(), &fresh["items"][0]["verdict"]),
-        (Some(4), &Value::Null)
-    );
+    assert_eq!((fresh["total"].as_u64(), &fresh["items"][0]["verdict"]), (Some(4), &Value::Null));
     for id in ["FIC1", "FIC1", "LIC2", "PIC3", "TIC4"] {
         rig.diagnose(id).await;
     }
     let list = rig.json("/api/v1/loops").await;
     assert_eq!(Rig::ids(&list), ["FIC1", "PIC3", "TIC4", "LIC2"]);
     let worst = &list["items"][0];
-    assert_eq!(
-        (worst["verdict"].as_str(), worst["f"].as_f64()),
-        (Some("stiction"), Some(2.5))
-    );
-    assert_eq!(
-        (worst["f_unit"].as_str(), worst["alarm"].as_str()),
-        (Some("% OP"), Some("unacknowledged"))
-    );
-    assert!(
-        worst["time"]
-            .as_str()
-            .is_some_and(|t| t.starts_with("2026-01-01T") && t.ends_with('Z'))
-    );
+    assert_eq!((worst["verdict"].as_str(), worst["f"].as_f64()), (Some("stiction"), Some(2.5)));
+    assert_eq!((worst["f_unit"].as_str(), worst["alarm"].as_str()), (Some("% OP"), Some("unacknowledged")));
+    assert!(worst["time"].as_str().is_some_and(|t| t.starts_with("2026-01-01T") && t.ends_with('Z')));
     assert_eq!(worst["quality"], "good");
     let flat = &list["items"][1];
-    assert_eq!(
-        (flat["reason_code"].as_str(), &flat["f"]),
-        (Some("flat_pv"), &Value::Null)
-    );
+    assert_eq!((flat["reason_code"].as_str(), &flat["f"]), (Some("flat_pv"), &Value::Null));
     let broken = &list["items"][2];
-    assert_eq!(
-        (broken["failure"].as_str(), &broken["verdict"]),
-        (Some("panicked"), &Value::Null)
-    );
-    assert_eq!(
-        Rig::ids(&rig.json("/api/v1/loops?verdict=stiction").await),
-        ["FIC1"]
-    );
+    assert_eq!((broken["failure"].as_str(), &broken["verdict"]), (Some("panicked"), &Value::Null));
+    assert_eq!(Rig::ids(&rig.json("/api/v1/loops?verdict=stiction").await), ["FIC1"]);
     assert_eq!(Rig::ids(&rig.json("/api/v1/loops?verdict=none").await), ["TIC4"]);
-    assert_eq!(
-        Rig::ids(&rig.json("/api/v1/loops?alarm=unacknowledged").await),
-        ["FIC1"]
-    );
-    assert_eq!(
-        Rig::ids(&rig.json("/api/v1/loops?group=unit%201&sort=id").await),
-        ["LIC2", "TIC4"]
-    );
+    assert_eq!(Rig::ids(&rig.json("/api/v1/loops?alarm=unacknowledged").await), ["FIC1"]);
+    assert_eq!(Rig::ids(&rig.json("/api/v1/loops?group=unit%201&sort=id").await), ["LIC2", "TIC4"]);
     assert_eq!(Rig::ids(&rig.json("/api/v1/loops?q=SOUND").await), ["LIC2"]);
-    assert_eq!(
-        Rig::ids(&rig.json("/api/v1/loops?sort=f&order=asc").await)[3],
-        "FIC1"
-    );
-    assert_eq!(
-        Rig::ids(&rig.json("/api/v1/loops?sort=id&order=desc").await)[0],
-        "TIC4"
-    );
+    assert_eq!(Rig::ids(&rig.json("/api/v1/loops?sort=f&order=asc").await)[3], "FIC1");
+    assert_eq!(Rig::ids(&rig.json("/api/v1/loops?sort=id&order=desc").await)[0], "TIC4");
     assert_eq!(Rig::ids(&rig.json("/api/v1/loops?sort=age").await)[3], "TIC4");
 }
 
@@ -75,11 +41,8 @@ async fn loops_are_listed_worst_first_with_what_is_known() {
 async fn pages_join_to_the_whole_list_in_every_order() {
     let names: Vec<String> = (0..25).map(|i| format!("L{i:02}")).collect();
     let kinds = ["sticky", "sound", "flat"];
-    let loops: Vec<(&str, &str)> = names
-        .iter()
-        .enumerate()
-        .map(|(i, n)| (n.as_str(), kinds[i % 3]))
-        .collect();
+    let loops: Vec<(&str, &str)> =
+        names.iter().enumerate().map(|(i, n)| (n.as_str(), kinds[i % 3])).collect();
     let rig = rig(&loops).await;
     for id in &names[..20] {
         rig.diagnose(id).await;
@@ -105,14 +68,8 @@ async fn pages_join_to_the_whole_list_in_every_order() {
 async fn one_loop_its_diagnosis_its_runs_and_its_model() {
     let rig = rig(&FOUR).await;
     rig.history.push(0, Sample::good(START + 1.0, 42.0));
-    rig.history.push(
-        1,
-        Sample {
-            t: START + 1.0,
-            value: f64::NAN,
-            quality: Quality::Bad(BadReason::Timeout),
-        },
-    );
+    rig.history
+        .push(1, Sample { t: START + 1.0, value: f64::NAN, quality: Quality::Bad(BadReason::Timeout) });
     let problem = assert_problem(&get(rig.address, "/api/v1/loops/FIC1/diagnosis").await, 404);
     assert_eq!(problem["type"], "urn:stictiond:problem:not_diagnosed_yet");
     for id in ["FIC1", "PIC3", "TIC4"] {
@@ -124,58 +81,32 @@ async fn one_loop_its_diagnosis_its_runs_and_its_model() {
         (op["tag"].as_str(), op["value"].as_f64(), op["unit"].as_str()),
         (Some("op"), Some(42.0), Some("%"))
     );
-    assert_eq!(
-        (op["time"].as_str(), op["quality"].as_str()),
-        (Some("2026-01-01T00:00:01Z"), Some("good"))
-    );
-    assert_eq!(
-        (&pv["value"], pv["quality"].as_str()),
-        (&Value::Null, Some("bad:timeout"))
-    );
+    assert_eq!((op["time"].as_str(), op["quality"].as_str()), (Some("2026-01-01T00:00:01Z"), Some("good")));
+    assert_eq!((&pv["value"], pv["quality"].as_str()), (&Value::Null, Some("bad:timeout")));
     assert_eq!(detail["values"][2]["quality"], "none");
     let report = rig.json("/api/v1/loops/FIC1/diagnosis").await;
-    assert_eq!(
-        (report["loop"].as_str(), report["verdict"].as_str()),
-        (Some("FIC1"), Some("stiction"))
-    );
-    assert_eq!(
-        report["f_ci95"][0].as_f64().map(|f| (f * 100.0).round()),
-        Some(244.0)
-    );
+    assert_eq!((report["loop"].as_str(), report["verdict"].as_str()), (Some("FIC1"), Some("stiction")));
+    assert_eq!(report["f_ci95"][0].as_f64().map(|f| (f * 100.0).round()), Some(244.0));
     assert_eq!(report["window"]["n"], 1000);
     assert_eq!(report["window_start"], "2026-01-01T00:00:00Z");
     // What is not finite is null, wherever it stands.
     assert_eq!(report["model"]["b"][1], Value::Null);
     let flat = rig.json("/api/v1/loops/PIC3/diagnosis").await;
-    assert_eq!(
-        (flat["verdict"].as_str(), &flat["f"]),
-        (Some("not_identifiable"), &Value::Null)
-    );
+    assert_eq!((flat["verdict"].as_str(), &flat["f"]), (Some("not_identifiable"), &Value::Null));
     let broken = get(rig.address, "/api/v1/loops/TIC4/diagnosis").await;
     assert_problem(&broken, 404);
     assert!(!broken.text().contains("secret"));
     let model = rig.json("/api/v1/loops/FIC1/model").await;
-    assert_eq!(
-        (model["model"]["na"].as_u64(), model["ts_s"].as_f64()),
-        (Some(2), Some(1.0))
-    );
+    assert_eq!((model["model"]["na"].as_u64(), model["ts_s"].as_f64()), (Some(2), Some(1.0)));
     for _ in 0..6 {
         rig.diagnose("FIC1").await;
     }
     let runs = rig.json("/api/v1/loops/FIC1/diagnoses?limit=3").await;
     assert_eq!(runs["items"].as_array().map(Vec::len), Some(3));
     let all = rig.json("/api/v1/loops/FIC1/diagnoses").await;
-    assert_eq!(
-        all["items"].as_array().map(Vec::len),
-        Some(5),
-        "as many as are kept"
-    );
-    let times: Vec<&str> = all["items"]
-        .as_array()
-        .expect("items")
-        .iter()
-        .filter_map(|i| i["time"].as_str())
-        .collect();
+    assert_eq!(all["items"].as_array().map(Vec::len), Some(5), "as many as are kept");
+    let times: Vec<&str> =
+        all["items"].as_array().expect("items").iter().filter_map(|i| i["time"].as_str()).collect();
     assert!(times.windows(2).all(|w| w[0] >= w[1]), "newest first: {times:?}");
 }
 
@@ -185,38 +116,19 @@ async fn samples_are_cut_by_time_and_thinned_so_that_peaks_and_gaps_survive() {
     for i in 0..4000 {
         let value = if i == 1234 { 99.0 } else { 50.0 };
         let bad = i == 3000;
-        let quality = if bad {
-            Quality::Bad(BadReason::LinkDown)
-        } else {
-            Quality::Good
-        };
-        rig.history.push(
-            0,
-            Sample {
-                t: START + f64::from(i),
-                value,
-                quality,
-            },
-        );
+        let quality = if bad { Quality::Bad(BadReason::LinkDown) } else { Quality::Good };
+        rig.history.push(0, Sample { t: START + f64::from(i), value, quality });
     }
     let samples = rig.json("/api/v1/loops/FIC1/samples?points=90").await;
     let op = &samples["tags"][0];
     let column = |name: &str| op[name].as_array().expect("a column").clone();
-    assert_eq!(
-        (op["tag"].as_str(), op["found"].as_u64()),
-        (Some("op"), Some(4000))
-    );
+    assert_eq!((op["tag"].as_str(), op["found"].as_u64()), (Some("op"), Some(4000)));
     assert!(column("value").len() <= 90);
     assert!(column("value").contains(&99.0.into()), "the peak survives");
-    let gap = column("quality")
-        .iter()
-        .position(|q| q == "bad:link_down")
-        .expect("the gap survives");
+    let gap = column("quality").iter().position(|q| q == "bad:link_down").expect("the gap survives");
     assert_eq!(column("value")[gap], Value::Null);
     assert_eq!(column("time")[gap], "2026-01-01T00:50:00Z");
-    let few = rig
-        .json("/api/v1/loops/FIC1/samples?from=2026-01-01T00:00:10Z&to=1767225612")
-        .await;
+    let few = rig.json("/api/v1/loops/FIC1/samples?from=2026-01-01T00:00:10Z&to=1767225612").await;
     assert_eq!(few["tags"][0]["time"].as_array().map(Vec::len), Some(3));
     for (query, field) in [
         ("points=2", "points"),
@@ -227,10 +139,8 @@ async fn samples_are_cut_by_time_and_thinned_so_that_peaks_and_gaps_survive() {
         ("from=20&to=10", "from"),
         ("form=10", "form"),
     ] {
-        let problem = assert_problem(
-            &get(rig.address, &format!("/api/v1/loops/FIC1/samples?{query}")).await,
-            400,
-        );
+        let problem =
+            assert_problem(&get(rig.address, &format!("/api/v1/loops/FIC1/samples?{query}")).await, 400);
         assert_eq!(problem["field"], field, "{query}: {problem}");
     }
 }
@@ -247,29 +157,18 @@ async fn a_diagnosis_on_demand_answers_when_done_or_says_where_it_will_be() {
     });
     let rig = start(&FOUR, serve::Config::default(), diagnose).await;
     let done = post(rig.address, "/api/v1/loops/FIC1/diagnosis", "").await;
-    assert_eq!(
-        (done.status, done.json()["verdict"].as_str()),
-        (200, Some("stiction"))
-    );
+    assert_eq!((done.status, done.json()["verdict"].as_str()), (200, Some("stiction")));
     let failed = assert_problem(&post(rig.address, "/api/v1/loops/TIC4/diagnosis", "").await, 500);
     assert_eq!(failed["outcome"], "panicked");
     let begun = post(rig.address, "/api/v1/loops/LIC2/diagnosis?wait_s=0", "").await;
-    assert_eq!(
-        (begun.status, begun.header("location")),
-        (202, Some("/api/v1/loops/LIC2/diagnosis"))
-    );
-    let problem = assert_problem(
-        &post(rig.address, "/api/v1/loops/LIC2/diagnosis?wait_s=1e9", "").await,
-        400,
-    );
+    assert_eq!((begun.status, begun.header("location")), (202, Some("/api/v1/loops/LIC2/diagnosis")));
+    let problem =
+        assert_problem(&post(rig.address, "/api/v1/loops/LIC2/diagnosis?wait_s=1e9", "").await, 400);
     assert_eq!(problem["field"], "wait_s");
     let mut events = rig.results.subscribe();
     open.send(()).expect("the run waits");
     events.recv().await.expect("the run ends");
-    assert_eq!(
-        rig.json("/api/v1/loops/LIC2/diagnosis").await["verdict"],
-        "no_stiction"
-    );
+    assert_eq!(rig.json("/api/v1/loops/LIC2/diagnosis").await["verdict"], "no_stiction");
 }
 
 #[tokio::test]
@@ -284,32 +183,18 @@ async fn alarms_are_acknowledged_shelved_and_unshelved() {
         (vec!["FIC1".into()], Some("unacknowledged"))
     );
     let act = |what: &str, body: &str| {
-        let (address, path, body) = (
-            rig.address,
-            format!("/api/v1/alarms/FIC1/{what}"),
-            body.to_string(),
-        );
+        let (address, path, body) = (rig.address, format!("/api/v1/alarms/FIC1/{what}"), body.to_string());
         async move { post(address, &path, &body).await }
     };
     let seen = act("ack", r#"{"by": "kim", "comment": "on my way"}"#).await;
-    assert_eq!(
-        (seen.status, seen.json()["state"].as_str()),
-        (200, Some("acknowledged"))
-    );
+    assert_eq!((seen.status, seen.json()["state"].as_str()), (200, Some("acknowledged")));
     assert_eq!(seen.json()["by"], "kim");
     assert_problem(&act("ack", "").await, 409);
     assert_problem(&act("unshelve", "").await, 409);
     let shelved = act("shelve", r#"{"duration_s": 3600}"#).await.json();
     assert_eq!(shelved["state"], "shelved");
-    assert!(
-        shelved["shelved_until"]
-            .as_str()
-            .is_some_and(|t| t.starts_with("2026-01-01T01:0"))
-    );
-    assert_eq!(
-        Rig::ids(&rig.json("/api/v1/alarms?state=shelved").await),
-        ["FIC1"]
-    );
+    assert!(shelved["shelved_until"].as_str().is_some_and(|t| t.starts_with("2026-01-01T01:0")));
+    assert_eq!(Rig::ids(&rig.json("/api/v1/alarms?state=shelved").await), ["FIC1"]);
     assert_eq!(act("unshelve", "{}").await.json()["state"], "unacknowledged");
     for (body, field) in [
         (r#"{"duration_s": -1}"#, "duration_s"),
@@ -338,37 +223,23 @@ async fn ready_only_when_data_and_diagnoses_are_there() {
     rig.history.push(1, Sample::good(START, 1.0));
     let problem = assert_problem(&get(rig.address, "/readyz").await, 503);
     assert_eq!(
-        (
-            problem["loops_with_data"].as_u64(),
-            problem["loops_diagnosed"].as_u64()
-        ),
+        (problem["loops_with_data"].as_u64(), problem["loops_diagnosed"].as_u64()),
         (Some(1), Some(0))
     );
     rig.diagnose("FIC1").await;
     let ready = rig.json("/api/v1/readyz").await;
-    assert_eq!(
-        (ready["ready"].as_bool(), ready["loops"].as_u64()),
-        (Some(true), Some(4))
-    );
+    assert_eq!((ready["ready"].as_bool(), ready["loops"].as_u64()), (Some(true), Some(4)));
 }
 
 #[tokio::test]
 async fn metrics_name_every_loop_and_device_once() {
-    let rig = rig(&[
-        ("FIC1", "sticky"),
-        (NASTY, "sound"),
-        ("PIC3", "flat"),
-        ("TIC4", "broken"),
-    ])
-    .await;
+    let rig = rig(&[("FIC1", "sticky"), (NASTY, "sound"), ("PIC3", "flat"), ("TIC4", "broken")]).await;
     for id in ["FIC1", "FIC1", NASTY, "PIC3", "TIC4"] {
         rig.diagnose(id).await;
     }
     let answer = get(rig.address, "/metrics").await;
     assert!(
-        answer
-            .header("content-type")
-            .is_some_and(|kind| kind.starts_with("application/openmetrics-text"))
+        answer.header("content-type").is_some_and(|kind| kind.starts_with("application/openmetrics-text"))
     );
     let text = answer.text();
     let has = |line: &str| assert!(text.lines().any(|l| l.starts_with(line)), "{line} in\n{text}");
@@ -381,10 +252,7 @@ async fn metrics_name_every_loop_and_device_once() {
     has(r#"stictiond_device_events_total{device="dcs1",event="polls"} 7"#);
     has("stictiond_process_resident_memory_bytes ");
     has("stictiond_process_cpu_seconds_total ");
-    assert!(
-        !text.contains(r#"stictiond_loop_friction{loop="PIC3""#),
-        "no f when not identifiable"
-    );
+    assert!(!text.contains(r#"stictiond_loop_friction{loop="PIC3""#), "no f when not identifiable");
     assert!(text.trim_end().ends_with("# EOF"));
     let mut series: Vec<&str> = text
         .lines()
@@ -425,15 +293,8 @@ async fn the_description_names_every_route_of_the_contract() {
     assert!(document["paths"]["/api/v1/loops/{id}/diagnosis"]["post"].is_object());
     // Every reference leads somewhere.
     let text = document.to_string();
-    for reference in text
-        .split("#/components/schemas/")
-        .skip(1)
-        .filter_map(|rest| rest.split('"').next())
-    {
-        assert!(
-            document["components"]["schemas"][reference].is_object(),
-            "{reference}"
-        );
+    for reference in text.split("#/components/schemas/").skip(1).filter_map(|rest| rest.split('"').next()) {
+        assert!(document["components"]["schemas"][reference].is_object(), "{reference}");
     }
 }
 

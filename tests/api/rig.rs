@@ -38,15 +38,10 @@ pub fn verdict_of(verdict: Verdict, f: f64, delta_aic: f64) -> Diagnosis {
         f_of_op_range: 0.41,
         delta_aic,
         rival: stictiond::diagnosis::rivals::Rival::Linear,
-        steadiness: 5.0,
+        steadiness: 9.0,
         f_max: 5.0,
         d: 2.0 * f,
-        curve: (0..10)
-            .map(|i| CurvePoint {
-                f: f64::from(i),
-                aic: f64::INFINITY,
-            })
-            .collect(),
+        curve: (0..10).map(|i| CurvePoint { f: f64::from(i), aic: f64::INFINITY }).collect(),
         model,
         mv: vec![],
     };
@@ -88,11 +83,7 @@ pub struct Rig {
 }
 
 fn tags(id: &str, kind: &str) -> LoopTags {
-    let tag = |kind: TagKind, unit: &str| TagSpec {
-        kind,
-        unit: unit.into(),
-        source: String::new(),
-    };
+    let tag = |kind: TagKind, unit: &str| TagSpec { kind, unit: unit.into(), source: String::new() };
     let extra = TagKind::Extra(kind.to_string());
     LoopTags {
         id: LoopId::new(id),
@@ -109,33 +100,17 @@ fn tags(id: &str, kind: &str) -> LoopTags {
 pub async fn start(loops: &[(&str, &str)], config: serve::Config, diagnose: Diagnose) -> Rig {
     let tags: Vec<LoopTags> = loops.iter().map(|(id, kind)| tags(id, kind)).collect();
     let ids: Vec<LoopId> = tags.iter().map(|t| t.id.clone()).collect();
-    let history = Arc::new(History::new(
-        &tags,
-        &history::Config {
-            samples_per_tag: 5000,
-        },
-    ));
+    let history = Arc::new(History::new(&tags, &history::Config { samples_per_tag: 5000 }));
     let results = Arc::new(Results::new(&ids, 5, &alarm::Config::default()));
     let clock = Clock::plant(START, 1.0);
     let records = history.clone();
     let plan = Plan {
-        jobs: ids
-            .iter()
-            .map(|id| Job {
-                id: id.clone(),
-                period_s: 1e6,
-            })
-            .collect(),
+        jobs: ids.iter().map(|id| Job { id: id.clone(), period_s: 1e6 }).collect(),
         snapshot: Arc::new(move |id| records.snapshot(id)),
         settings: Settings::default(),
     };
-    let scheduler = Arc::new(Scheduler::new(
-        schedule::Config::default(),
-        clock,
-        diagnose,
-        results.clone(),
-        plan,
-    ));
+    let scheduler =
+        Arc::new(Scheduler::new(schedule::Config::default(), clock, diagnose, results.clone(), plan));
     let infos = loops.iter().enumerate().map(|(at, (id, kind))| LoopInfo {
         id: LoopId::new(*id),
         description: format!("a {kind} one"),
@@ -148,43 +123,21 @@ pub async fn start(loops: &[(&str, &str)], config: serve::Config, diagnose: Diag
         last_good: Some(START),
         counters: vec![("polls", 7)],
     };
-    let plant = Plant::new(
-        infos.collect(),
-        history.clone(),
-        Arc::new(move || vec![device.clone()]),
-    );
+    let plant = Plant::new(infos.collect(), history.clone(), Arc::new(move || vec![device.clone()]));
     let (_keep, plant) = watch::channel(Arc::new(plant));
     let stop = CancellationToken::new();
-    let context = Arc::new(Context::new(
-        config,
-        clock,
-        results.clone(),
-        scheduler.clone(),
-        plant,
-        stop.clone(),
-    ));
+    let context =
+        Arc::new(Context::new(config, clock, results.clone(), scheduler.clone(), plant, stop.clone()));
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("bound");
     let serving = tokio::spawn(serve::serve(listener, context));
     let (runner, token) = (scheduler.clone(), stop.clone());
     tokio::spawn(async move { runner.run(token).await });
-    Rig {
-        address,
-        history,
-        scheduler,
-        results,
-        stop,
-        serving,
-    }
+    Rig { address, history, scheduler, results, stop, serving }
 }
 
 pub async fn rig(loops: &[(&str, &str)]) -> Rig {
-    start(
-        loops,
-        serve::Config::default(),
-        Arc::new(|record, _| judge(record)),
-    )
-    .await
+    start(loops, serve::Config::default(), Arc::new(|record, _| judge(record))).await
 }
 
 impl Rig {
@@ -201,10 +154,7 @@ impl Rig {
 
     pub fn ids(list: &Value) -> Vec<String> {
         let items = list["items"].as_array().expect("a list");
-        items
-            .iter()
-            .map(|item| item["id"].as_str().expect("an id").to_string())
-            .collect()
+        items.iter().map(|item| item["id"].as_str().expect("an id").to_string()).collect()
     }
 }
 
@@ -214,17 +164,10 @@ pub fn assert_problem(answer: &Answer, status: u16) -> Value {
     let problem = answer.json();
     assert_eq!(problem["status"], status);
     for member in ["type", "title", "detail"] {
-        assert!(
-            problem[member].as_str().is_some_and(|text| !text.is_empty()),
-            "{problem}"
-        );
+        assert!(problem[member].as_str().is_some_and(|text| !text.is_empty()), "{problem}");
     }
     problem
 }
 
-pub const FOUR: [(&str, &str); 4] = [
-    ("FIC1", "sticky"),
-    ("LIC2", "sound"),
-    ("PIC3", "flat"),
-    ("TIC4", "broken"),
-];
+pub const FOUR: [(&str, &str); 4] =
+    [("FIC1", "sticky"), ("LIC2", "sound"), ("PIC3", "flat"), ("TIC4", "broken")];

@@ -34,10 +34,7 @@ impl Server {
     pub async fn start(port: u16, epoch: u32) -> Self {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
         let python = root.join("target/peers-venv/bin/python");
-        assert!(
-            python.exists(),
-            "pymodbus is not installed: run scripts/peers once, then the tests again"
-        );
+        assert!(python.exists(), "pymodbus is not installed: run scripts/peers once, then the tests again");
         let mut child = Command::new(python)
             .arg(root.join("tests/peers/modbus_server.py"))
             .args(["--port", &port.to_string(), "--epoch", &epoch.to_string()])
@@ -48,13 +45,7 @@ impl Server {
             .unwrap();
         let commands = child.stdin.take().unwrap();
         let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        let mut server = Self {
-            child,
-            commands,
-            lines,
-            port: 0,
-            late: Vec::new(),
-        };
+        let mut server = Self { child, commands, lines, port: 0, late: Vec::new() };
         let line = server.line().await;
         server.port = line.strip_prefix("port ").unwrap().parse().unwrap();
         server
@@ -62,10 +53,7 @@ impl Server {
 
     async fn line(&mut self) -> String {
         let line = timeout_at(Instant::now() + PATIENCE, self.lines.next_line()).await;
-        let line = line
-            .expect("the server says nothing")
-            .unwrap()
-            .expect("the server ended");
+        let line = line.expect("the server says nothing").unwrap().expect("the server ended");
         assert_ne!(line, "written", "the collector wrote to the device");
         if let Some(counter) = line.strip_prefix("late ") {
             self.late.push(counter.parse().unwrap());
@@ -75,10 +63,7 @@ impl Server {
 
     /// Gives a command and waits until it holds.
     pub async fn tell(&mut self, command: &str) {
-        self.commands
-            .write_all(format!("{command}\n").as_bytes())
-            .await
-            .unwrap();
+        self.commands.write_all(format!("{command}\n").as_bytes()).await.unwrap();
         while self.line().await != "ok" {}
     }
 
@@ -173,32 +158,20 @@ impl Watch {
         let collector = Collector::new(plan, clock, 7);
         let health = collector.health();
         let task = tokio::spawn(collector.run(Arc::new(Recorder(sender)), stop.clone()));
-        Self {
-            events,
-            health,
-            stop,
-            task,
-            tags,
-        }
+        Self { events, health, stop, task, tags }
     }
 
     /// The samples of the next whole poll, by tag. Every poll must bring every tag exactly once.
     pub async fn poll(&mut self) -> Vec<Sample> {
         let mut samples: Vec<Option<Sample>> = vec![None; self.tags];
         loop {
-            match timeout_at(Instant::now() + PATIENCE, self.events.recv())
-                .await
-                .expect("no poll")
-                .unwrap()
-            {
+            match timeout_at(Instant::now() + PATIENCE, self.events.recv()).await.expect("no poll").unwrap() {
                 Event::Sample(tag, sample) => {
                     assert_eq!(samples[tag].replace(sample), None, "tag {tag} twice in one poll");
                 }
                 Event::Poll(poll) => {
-                    let samples: Vec<Sample> = samples
-                        .into_iter()
-                        .map(|s| s.expect("a tag without a sample"))
-                        .collect();
+                    let samples: Vec<Sample> =
+                        samples.into_iter().map(|s| s.expect("a tag without a sample")).collect();
                     assert_eq!(poll.good + poll.bad, samples.len());
                     return samples;
                 }
@@ -223,24 +196,14 @@ impl Watch {
 
     pub async fn stop(self) {
         self.stop.cancel();
-        timeout_at(Instant::now() + PATIENCE, self.task)
-            .await
-            .expect("does not stop")
-            .unwrap();
+        timeout_at(Instant::now() + PATIENCE, self.task).await.expect("does not stop").unwrap();
     }
 }
 
 /// A device at `port` with further lines of configuration.
 pub fn device(port: u16, more: &str) -> Config {
-    let defaults = if more.contains("address_base") {
-        ""
-    } else {
-        "address_base = 0\n"
-    };
-    toml::from_str(&format!(
-        "name = 'dut'\naddress = '127.0.0.1:{port}'\n{defaults}{more}"
-    ))
-    .unwrap()
+    let defaults = if more.contains("address_base") { "" } else { "address_base = 0\n" };
+    toml::from_str(&format!("name = 'dut'\naddress = '127.0.0.1:{port}'\n{defaults}{more}")).unwrap()
 }
 
 /// The plan with a time-out that only a dead peer reaches, for tests of anything but time-outs.
@@ -292,11 +255,7 @@ pub fn checked(polls: &[Vec<Sample>], addresses: &[u16]) -> Vec<(usize, usize, T
         for (tag, sample) in poll.iter().enumerate() {
             if sample.quality.is_good() {
                 let truth = truth(sample);
-                assert_eq!(
-                    truth.address,
-                    u64::from(addresses[tag]),
-                    "another register's value"
-                );
+                assert_eq!(truth.address, u64::from(addresses[tag]), "another register's value");
                 let before = found.iter().rev().find(|(_, t, _)| *t == tag);
                 if let Some((_, _, before)) = before {
                     let newer = (truth.epoch, truth.counter) > (before.epoch, before.counter);

@@ -54,10 +54,7 @@ pub fn sniff<R: Read>(mut reader: R) -> Result<(Head, impl Read), CsvError> {
     }
     start.truncate(filled);
     if start.starts_with(&[0xff, 0xfe]) || start.starts_with(&[0xfe, 0xff]) {
-        return Err(CsvError::NotText {
-            line: 1,
-            what: "it looks like UTF-16",
-        });
+        return Err(CsvError::NotText { line: 1, what: "it looks like UTF-16" });
     }
     let text = start.strip_prefix(&[0xef, 0xbb, 0xbf]).unwrap_or(&start);
     let (at, line) = text
@@ -67,26 +64,17 @@ pub fn sniff<R: Read>(mut reader: R) -> Result<(Head, impl Read), CsvError> {
         .ok_or(CsvError::Empty)?;
     let number = at as u64 + 1;
     if line.contains(&0) {
-        return Err(CsvError::NotText {
-            line: number,
-            what: "it holds zero bytes",
-        });
+        return Err(CsvError::NotText { line: number, what: "it holds zero bytes" });
     }
     let Some(delimiter) = delimiter_of(line) else {
         let cells = Cells { decimal_comma: true };
         return Err(if cells.number(line).is_some() {
             CsvError::NoHeader { line: number }
         } else {
-            CsvError::OneColumn {
-                line: number,
-                text: shown(line),
-            }
+            CsvError::OneColumn { line: number, text: shown(line) }
         });
     };
-    let head = Head {
-        line: number,
-        delimiter,
-    };
+    let head = Head { line: number, delimiter };
     Ok((head, Cursor::new(start).chain(reader)))
 }
 
@@ -166,10 +154,7 @@ impl Header {
     /// Reads the header row.
     pub fn new(row: &csv::ByteRecord, line: u64, cells: &Cells) -> Result<Self, CsvError> {
         if row.len() > MAX_COLUMNS {
-            return Err(CsvError::TooManyColumns {
-                line,
-                columns: row.len(),
-            });
+            return Err(CsvError::TooManyColumns { line, columns: row.len() });
         }
         let mut columns: Vec<Named> = Vec::with_capacity(row.len());
         let mut found: Vec<(Meaning, usize)> = Vec::new();
@@ -205,28 +190,18 @@ impl Header {
             .collect();
         if missing.is_empty() {
             let time = found.iter().find(|(meaning, _)| *meaning == Meaning::Time);
-            return Ok(Self {
-                columns,
-                time: time.map_or(0, |(_, at)| *at),
-            });
+            return Ok(Self { columns, time: time.map_or(0, |(_, at)| *at) });
         }
         if found.is_empty() && row.iter().any(|cell| cells.number(cell).is_some()) {
             return Err(CsvError::NoHeader { line });
         }
         const NAMED: usize = 8;
-        let mut names: Vec<String> = row
-            .iter()
-            .take(NAMED)
-            .map(|cell| format!("{:?}", shown(cell)))
-            .collect();
+        let mut names: Vec<String> =
+            row.iter().take(NAMED).map(|cell| format!("{:?}", shown(cell))).collect();
         if row.len() > NAMED {
             names.push("…".into());
         }
-        Err(CsvError::MissingColumn {
-            line,
-            missing: missing.join(", "),
-            found: names.join(", "),
-        })
+        Err(CsvError::MissingColumn { line, missing: missing.join(", "), found: names.join(", ") })
     }
 }
 

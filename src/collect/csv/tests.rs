@@ -53,17 +53,9 @@ fn modes_are_decoded() {
         "t,op,pv,mode,mv_stem\n0,1,1,AUTO,9\n1,1,1,man,8\n2,1,1,1,7\n3,1,1,0,6\n4,1,1,4,5\n5,1,1,,4\n",
     );
     let mode = record.mode.unwrap();
-    let good: Vec<_> = mode
-        .iter()
-        .filter(|s| s.quality.is_good())
-        .map(|s| (s.t, s.value))
-        .collect();
+    let good: Vec<_> = mode.iter().filter(|s| s.quality.is_good()).map(|s| (s.t, s.value)).collect();
     assert_eq!(good, [(0.0, 1.0), (1.0, 0.0), (2.0, 1.0), (3.0, 0.0)]);
-    assert_eq!(
-        mode.len(),
-        5,
-        "the undecidable mode is bad, the blank one is none"
-    );
+    assert_eq!(mode.len(), 5, "the undecidable mode is bad, the blank one is none");
     assert_eq!(record.mv.unwrap().len(), 6);
 }
 
@@ -94,25 +86,15 @@ fn bad_cells_are_bad_samples_and_blank_ones_are_none() {
 #[test]
 fn tags_of_text_are_left_out() {
     let record = record("t,op,pv,remark,flow\n0,1,2,started,5\n1,1,2,,x\n");
-    let names: Vec<_> = record
-        .tags
-        .iter()
-        .map(|(name, series)| (name.as_str(), series.len()))
-        .collect();
+    let names: Vec<_> = record.tags.iter().map(|(name, series)| (name.as_str(), series.len())).collect();
     assert_eq!(names, [("flow", 2)]);
 }
 
 #[test]
 fn refusals_say_where() {
     let cases: [(&str, &str); 20] = [
-        (
-            "",
-            "line 1: empty file; a header such as t,op,pv and one line per sample are needed",
-        ),
-        (
-            "\n \r\n",
-            "line 1: empty file; a header such as t,op,pv and one line per sample are needed",
-        ),
+        ("", "line 1: empty file; a header such as t,op,pv and one line per sample are needed"),
+        ("\n \r\n", "line 1: empty file; a header such as t,op,pv and one line per sample are needed"),
         (
             "pv\n1\n",
             "line 1: only one column, \"pv\"; t, op and pv must be separated by comma, semicolon or tab",
@@ -121,28 +103,16 @@ fn refusals_say_where() {
             "t|op|pv\n0|1|2\n",
             "line 1: only one column, \"t|op|pv\"; t, op and pv must be separated by comma, semicolon or tab",
         ),
-        (
-            "1\n2\n",
-            "line 1: numbers where the header should be; put a line such as t,op,pv above them",
-        ),
+        ("1\n2\n", "line 1: numbers where the header should be; put a line such as t,op,pv above them"),
         (
             "\n0,1,2\n1,1,2\n",
             "line 2: numbers where the header should be; put a line such as t,op,pv above them",
         ),
-        (
-            "t,op,flow\n0,1,2\n",
-            "line 1: no column pv; the header has \"t\", \"op\", \"flow\"",
-        ),
-        (
-            "a,b\n0,1\n",
-            "line 1: no column t, op, pv; the header has \"a\", \"b\"",
-        ),
+        ("t,op,flow\n0,1,2\n", "line 1: no column pv; the header has \"t\", \"op\", \"flow\""),
+        ("a,b\n0,1\n", "line 1: no column t, op, pv; the header has \"a\", \"b\""),
         ("t,op,pv\n", "line 1: no samples below the header"),
         ("t,op,pv\n,,\n", "line 1: no samples below the header"),
-        (
-            "t,op,pv,OP\n0,1,2,3\n",
-            "line 1, column 4: \"OP\" is the second column for op (after column 2)",
-        ),
+        ("t,op,pv,OP\n0,1,2,3\n", "line 1, column 4: \"OP\" is the second column for op (after column 2)"),
         (
             "date,time,op,pv\n0,1,2,3\n",
             "line 1, column 2: \"time\" is the second column for t (after column 1)",

@@ -19,13 +19,7 @@ pub(super) struct Backoff {
 
 impl Backoff {
     pub(super) fn new(base: Duration, longest: Duration, random: Pcg32) -> Self {
-        Self {
-            base,
-            longest,
-            failures: 0,
-            until: None,
-            random,
-        }
+        Self { base, longest, failures: 0, until: None, random }
     }
 
     /// Whether an attempt may be made at `now`.
@@ -37,11 +31,8 @@ impl Backoff {
     pub(super) fn failed(&mut self, now: Instant) -> Duration {
         let factor = 1u32.checked_shl(self.failures).unwrap_or(u32::MAX);
         self.failures = self.failures.saturating_add(1);
-        let pause = self
-            .base
-            .saturating_mul(factor)
-            .min(self.longest)
-            .mul_f64(self.random.random_range(0.5..1.0));
+        let pause =
+            self.base.saturating_mul(factor).min(self.longest).mul_f64(self.random.random_range(0.5..1.0));
         self.until = Some(now + pause);
         pause
     }

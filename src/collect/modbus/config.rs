@@ -148,15 +148,10 @@ impl FromStr for Register {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        [
-            Register::Holding,
-            Register::Input,
-            Register::Coil,
-            Register::Discrete,
-        ]
-        .into_iter()
-        .find(|register| register.as_str() == text)
-        .ok_or_else(|| format!("'{text}' is none of holding, input, coil, discrete"))
+        [Register::Holding, Register::Input, Register::Coil, Register::Discrete]
+            .into_iter()
+            .find(|register| register.as_str() == text)
+            .ok_or_else(|| format!("'{text}' is none of holding, input, coil, discrete"))
     }
 }
 
@@ -210,10 +205,7 @@ impl ValueType {
     }
 
     pub(super) fn is_integer(self) -> bool {
-        matches!(
-            self,
-            ValueType::U16 | ValueType::I16 | ValueType::U32 | ValueType::I32
-        )
+        matches!(self, ValueType::U16 | ValueType::I16 | ValueType::U32 | ValueType::I32)
     }
 }
 
@@ -275,10 +267,7 @@ struct Issues(Vec<Issue>);
 impl Issues {
     fn unless(&mut self, ok: bool, field: &'static str, message: impl FnOnce() -> String) {
         if !ok {
-            self.0.push(Issue {
-                field,
-                message: message(),
-            });
+            self.0.push(Issue { field, message: message() });
         }
     }
 }
@@ -287,16 +276,12 @@ impl Config {
     /// Everything wrong with the device's own fields; empty when it can be polled.
     pub fn validate(&self) -> Vec<Issue> {
         let mut issues = Issues(Vec::new());
-        issues.unless(!self.name.trim().is_empty(), "name", || {
-            "a device needs a name".into()
-        });
+        issues.unless(!self.name.trim().is_empty(), "name", || "a device needs a name".into());
         issues.unless(is_host_and_port(&self.address), "address", || {
             format!("'{}' is not host:port, such as 10.0.0.5:502", self.address)
         });
         issues.unless(self.poll_ms >= 1, "poll_ms", || "must be at least 1".into());
-        issues.unless(self.poll_ms <= 86_400_000, "poll_ms", || {
-            "must be at most a day, 86400000".into()
-        });
+        issues.unless(self.poll_ms <= 86_400_000, "poll_ms", || "must be at most a day, 86400000".into());
         issues.unless(self.timeout_ms >= 1, "timeout_ms", || "must be at least 1".into());
         issues.unless(self.timeout_ms <= self.poll_ms.max(1), "timeout_ms", || {
             format!(
@@ -304,20 +289,16 @@ impl Config {
                 self.timeout_ms, self.poll_ms
             )
         });
-        issues.unless(
-            (1..=86_400_000).contains(&self.reconnect_max_ms),
-            "reconnect_max_ms",
-            || "must be 1 to 86400000".into(),
-        );
+        issues.unless((1..=86_400_000).contains(&self.reconnect_max_ms), "reconnect_max_ms", || {
+            "must be 1 to 86400000".into()
+        });
         issues.unless(self.address_base <= 1, "address_base", || {
             format!("{} must be 0 or 1", self.address_base)
         });
         let registers = self.max_registers_per_request;
-        issues.unless(
-            (1..=MAX_REGISTERS).contains(&registers),
-            "max_registers_per_request",
-            || format!("{registers} must be 1 to {MAX_REGISTERS}, the most one answer can carry"),
-        );
+        issues.unless((1..=MAX_REGISTERS).contains(&registers), "max_registers_per_request", || {
+            format!("{registers} must be 1 to {MAX_REGISTERS}, the most one answer can carry")
+        });
         let bits = self.max_bits_per_request;
         issues.unless((1..=MAX_BITS).contains(&bits), "max_bits_per_request", || {
             format!("{bits} must be 1 to {MAX_BITS}, the most one answer can carry")
@@ -332,8 +313,7 @@ impl Config {
 impl TagConfig {
     /// The type, with the default of bits for tables of bits.
     pub fn effective_type(&self) -> Option<ValueType> {
-        self.value_type
-            .or(self.register.is_bits().then_some(ValueType::Bit))
+        self.value_type.or(self.register.is_bits().then_some(ValueType::Bit))
     }
 
     /// Address on the wire, counted from 0, when the whole value lies inside the device's 65536 addresses.
@@ -356,27 +336,18 @@ impl TagConfig {
         let bits = self.register.is_bits();
         let Some(value_type) = self.effective_type() else {
             issues.unless(false, "type", || {
-                format!(
-                    "a {} register needs a type: u16 i16 u32 i32 f32 f64 bit",
-                    self.register
-                )
+                format!("a {} register needs a type: u16 i16 u32 i32 f32 f64 bit", self.register)
             });
             return;
         };
         issues.unless(!bits || value_type == ValueType::Bit, "type", || {
-            format!(
-                "a {} is a single bit; leave the type out or write \"bit\"",
-                self.register
-            )
+            format!("a {} is a single bit; leave the type out or write \"bit\"", self.register)
         });
         let base = i64::from(device.address_base);
         let width = value_type.width();
         issues.unless(self.wire_address(device).is_some(), "address", || {
             let last = 65536 - i64::from(width) + base;
-            format!(
-                "{} must be {base} to {last} (address_base = {base})",
-                self.address
-            )
+            format!("{} must be {base} to {last} (address_base = {base})", self.address)
         });
         let most = device.max_registers_per_request;
         issues.unless(bits || width <= most, "type", || {
@@ -402,9 +373,7 @@ impl TagConfig {
         issues.unless(self.scale.is_finite() && self.scale != 0.0, "scale", || {
             format!("{} must be a number other than 0", self.scale)
         });
-        issues.unless(self.offset.is_finite(), "offset", || {
-            format!("{} must be a number", self.offset)
-        });
+        issues.unless(self.offset.is_finite(), "offset", || format!("{} must be a number", self.offset));
         if let Some([least, greatest]) = self.range {
             let ordered = least.is_finite() && greatest.is_finite() && least < greatest;
             issues.unless(ordered, "range", || {
@@ -413,18 +382,13 @@ impl TagConfig {
         }
         if let Some(values) = &self.auto_values {
             issues.unless(mode, "auto_values", || "only a mode tag has them".into());
-            issues.unless(!values.is_empty(), "auto_values", || {
-                "name at least one value".into()
-            });
+            issues.unless(!values.is_empty(), "auto_values", || "name at least one value".into());
         }
-        for (field, plain) in [
-            ("scale", self.scale == 1.0),
-            ("offset", self.offset == 0.0),
-            ("range", self.range.is_none()),
-        ] {
-            issues.unless(!mode || plain, field, || {
-                "a mode is compared raw; write the raw auto_values".into()
-            });
+        for (field, plain) in
+            [("scale", self.scale == 1.0), ("offset", self.offset == 0.0), ("range", self.range.is_none())]
+        {
+            issues
+                .unless(!mode || plain, field, || "a mode is compared raw; write the raw auto_values".into());
         }
     }
 }

@@ -20,10 +20,7 @@ fn fields(issues: Vec<Issue>) -> Vec<&'static str> {
 fn the_smallest_device_is_accepted_with_the_defaults() {
     let device = plain_device();
     assert_eq!(device.validate(), []);
-    assert_eq!(
-        (device.unit_id, device.poll_ms, device.timeout_ms),
-        (1, 1000, 500)
-    );
+    assert_eq!((device.unit_id, device.poll_ms, device.timeout_ms), (1, 1000, 500));
     assert_eq!((device.max_registers_per_request, device.max_gap), (125, 8));
     assert_eq!(device.byte_order, ByteOrder::Abcd);
 }
@@ -62,26 +59,12 @@ fn every_bad_device_field_is_named_at_once() {
 
 #[test]
 fn addresses_of_devices() {
-    for good in [
-        "10.0.0.5:502",
-        "plc-1.site:1502",
-        "[fd00::5]:502",
-        "localhost:65535",
-    ] {
+    for good in ["10.0.0.5:502", "plc-1.site:1502", "[fd00::5]:502", "localhost:65535"] {
         assert!(is_host_and_port(good), "{good}");
     }
-    for bad in [
-        "",
-        ":502",
-        "h:",
-        "h:0",
-        "h:65536",
-        "fd00::5:502",
-        "[fd00::5]",
-        "[h]:502",
-        "tcp://h:502",
-        "a b:1",
-    ] {
+    for bad in
+        ["", ":502", "h:", "h:0", "h:65536", "fd00::5:502", "[fd00::5]", "[h]:502", "tcp://h:502", "a b:1"]
+    {
         assert!(!is_host_and_port(bad), "{bad}");
     }
 }
@@ -118,29 +101,13 @@ fn bad_tags_are_named_field_by_field() {
         ("register='holding'\naddress=1\ntype='bit'\nbit=16", &["bit"]),
         ("register='holding'\naddress=1\ntype='u16'\nbit=3", &["bit"]),
         ("register='coil'\naddress=1\nbyte_order='CDAB'", &["byte_order"]),
-        (
-            "register='input'\naddress=1\ntype='f32'\nscale=0.0\noffset=nan",
-            &["scale", "offset"],
-        ),
-        (
-            "register='input'\naddress=1\ntype='f32'\nrange=[5.0, 5.0]",
-            &["range"],
-        ),
-        (
-            "register='input'\naddress=1\ntype='f32'\nrange=[0.0, inf]",
-            &["range"],
-        ),
-        (
-            "register='input'\naddress=1\ntype='u16'\nauto_values=[1]",
-            &["auto_values"],
-        ),
+        ("register='input'\naddress=1\ntype='f32'\nscale=0.0\noffset=nan", &["scale", "offset"]),
+        ("register='input'\naddress=1\ntype='f32'\nrange=[5.0, 5.0]", &["range"]),
+        ("register='input'\naddress=1\ntype='f32'\nrange=[0.0, inf]", &["range"]),
+        ("register='input'\naddress=1\ntype='u16'\nauto_values=[1]", &["auto_values"]),
     ];
     for (text, expected) in cases {
-        assert_eq!(
-            fields(tag(text).validate(&device, Some(Role::Op))),
-            expected,
-            "{text}"
-        );
+        assert_eq!(fields(tag(text).validate(&device, Some(Role::Op))), expected, "{text}");
     }
 }
 

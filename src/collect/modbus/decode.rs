@@ -15,10 +15,7 @@ pub struct Reading {
 impl Reading {
     /// No value, and why.
     pub fn bad(reason: BadReason) -> Self {
-        Self {
-            value: f64::NAN,
-            quality: Quality::Bad(reason),
-        }
+        Self { value: f64::NAN, quality: Quality::Bad(reason) }
     }
 }
 
@@ -62,14 +59,8 @@ impl Decoder {
         if !value.is_finite() {
             return Some(Reading::bad(BadReason::NotANumber));
         }
-        let outside = self
-            .range
-            .is_some_and(|[least, greatest]| value < least || value > greatest);
-        let quality = if outside {
-            Quality::Bad(BadReason::OutOfRange)
-        } else {
-            Quality::Good
-        };
+        let outside = self.range.is_some_and(|[least, greatest]| value < least || value > greatest);
+        let quality = if outside { Quality::Bad(BadReason::OutOfRange) } else { Quality::Good };
         Some(Reading { value, quality })
     }
 
@@ -95,10 +86,7 @@ fn mode(raw: f64, auto_values: &[i64]) -> Reading {
         [] => raw != 0.0,
         values => values.iter().any(|value| *value as f64 == raw),
     };
-    Reading {
-        value: f64::from(u8::from(auto)),
-        quality: Quality::Good,
-    }
+    Reading { value: f64::from(u8::from(auto)), quality: Quality::Good }
 }
 
 /// The first N bytes of a value, most significant first, from registers in the given order.
@@ -123,15 +111,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn decoder(value_type: ValueType, order: ByteOrder) -> Decoder {
-        Decoder {
-            value_type,
-            order,
-            bit: 0,
-            scale: 1.0,
-            offset: 0.0,
-            range: None,
-            mode: None,
-        }
+        Decoder { value_type, order, bit: 0, scale: 1.0, offset: 0.0, range: None, mode: None }
     }
 
     fn value(value_type: ValueType, order: ByteOrder, words: &[u16]) -> f64 {
@@ -143,38 +123,14 @@ mod tests {
     fn byte_orders_are_those_of_the_documented_table() {
         let word = |text: &str| u16::from_str_radix(text, 16).unwrap();
         let cases = [
-            (
-                ByteOrder::Abcd,
-                "0A0B",
-                ["0A0B", "0C0D"],
-                ["0A0B", "0C0D", "0E0F", "1A1F"],
-            ),
-            (
-                ByteOrder::Cdab,
-                "0A0B",
-                ["0C0D", "0A0B"],
-                ["1A1F", "0E0F", "0C0D", "0A0B"],
-            ),
-            (
-                ByteOrder::Badc,
-                "0B0A",
-                ["0B0A", "0D0C"],
-                ["0B0A", "0D0C", "0F0E", "1F1A"],
-            ),
-            (
-                ByteOrder::Dcba,
-                "0B0A",
-                ["0D0C", "0B0A"],
-                ["1F1A", "0F0E", "0D0C", "0B0A"],
-            ),
+            (ByteOrder::Abcd, "0A0B", ["0A0B", "0C0D"], ["0A0B", "0C0D", "0E0F", "1A1F"]),
+            (ByteOrder::Cdab, "0A0B", ["0C0D", "0A0B"], ["1A1F", "0E0F", "0C0D", "0A0B"]),
+            (ByteOrder::Badc, "0B0A", ["0B0A", "0D0C"], ["0B0A", "0D0C", "0F0E", "1F1A"]),
+            (ByteOrder::Dcba, "0B0A", ["0D0C", "0B0A"], ["1F1A", "0F0E", "0D0C", "0B0A"]),
         ];
         for (order, one, two, four) in cases {
             assert_eq!(bytes(&[word(one)], order), Some([0x0A, 0x0B]), "{order:?}");
-            assert_eq!(
-                bytes(&two.map(word), order),
-                Some([0x0A, 0x0B, 0x0C, 0x0D]),
-                "{order:?}"
-            );
+            assert_eq!(bytes(&two.map(word), order), Some([0x0A, 0x0B, 0x0C, 0x0D]), "{order:?}");
             let eight = [0x0A, 0x0B, 0x0C, 0x0D, 0x0E, 0x0F, 0x1A, 0x1F];
             assert_eq!(bytes(&four.map(word), order), Some(eight), "{order:?}");
         }
@@ -187,10 +143,7 @@ mod tests {
         assert_eq!(value(I16, ByteOrder::Abcd, &[0xFFFF]), -1.0);
         assert_eq!(value(U32, ByteOrder::Abcd, &[0x0001, 0x0000]), 65536.0);
         assert_eq!(value(I32, ByteOrder::Cdab, &[0xFFFE, 0xFFFF]), -2.0);
-        assert_eq!(
-            value(F32, ByteOrder::Abcd, &[0x42F6, 0xE979]),
-            f64::from(123.456_f32)
-        );
+        assert_eq!(value(F32, ByteOrder::Abcd, &[0x42F6, 0xE979]), f64::from(123.456_f32));
         assert_eq!(value(F64, ByteOrder::Abcd, &[0x3FF8, 0, 0, 0]), 1.5);
     }
 
@@ -202,10 +155,7 @@ mod tests {
             assert_eq!(reading.quality, Quality::Bad(BadReason::NotANumber));
             assert!(reading.value.is_nan());
         }
-        let overflow = Decoder {
-            scale: 10.0,
-            ..decoder(ValueType::F64, ByteOrder::Abcd)
-        };
+        let overflow = Decoder { scale: 10.0, ..decoder(ValueType::F64, ByteOrder::Abcd) };
         let reading = overflow.decode(&[0x7FEF, 0xFFFF, 0xFFFF, 0xFFFF]).unwrap();
         assert_eq!(reading.quality, Quality::Bad(BadReason::NotANumber));
     }
@@ -228,22 +178,13 @@ mod tests {
 
     #[test]
     fn bits_and_modes() {
-        let bit = Decoder {
-            bit: 9,
-            ..decoder(ValueType::Bit, ByteOrder::Abcd)
-        };
+        let bit = Decoder { bit: 9, ..decoder(ValueType::Bit, ByteOrder::Abcd) };
         assert_eq!(bit.decode(&[0x0200]).unwrap().value, 1.0);
         assert_eq!(bit.decode(&[0xFDFF]).unwrap().value, 0.0);
-        let swapped = Decoder {
-            order: ByteOrder::Badc,
-            ..bit
-        };
+        let swapped = Decoder { order: ByteOrder::Badc, ..bit };
         assert_eq!(swapped.decode(&[0x0002]).unwrap().value, 1.0);
         let mode = |auto: &[i64], raw| {
-            let with = Decoder {
-                mode: Some(auto.to_vec()),
-                ..decoder(ValueType::U16, ByteOrder::Abcd)
-            };
+            let with = Decoder { mode: Some(auto.to_vec()), ..decoder(ValueType::U16, ByteOrder::Abcd) };
             with.decode(&[raw]).unwrap().value
         };
         assert_eq!([0, 1, 2, 3].map(|raw| mode(&[1, 2], raw)), [0.0, 1.0, 1.0, 0.0]);
@@ -268,9 +209,7 @@ mod tests {
         if matches!(order, ByteOrder::Badc | ByteOrder::Cdab) {
             laid.chunks_exact_mut(2).for_each(|pair| pair.swap(0, 1));
         }
-        laid.chunks_exact(2)
-            .map(|pair| u16::from_be_bytes([pair[0], pair[1]]))
-            .collect()
+        laid.chunks_exact(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]])).collect()
     }
 
     proptest! {

@@ -48,20 +48,13 @@ impl Collector {
     pub fn new(plan: Plan, clock: Arc<dyn Clock>, seed: u64) -> Self {
         let mut random = Pcg32::seed_from_u64(seed);
         // Half a period, so that the first new attempt is due at the very next poll.
-        let backoff = Backoff::new(
-            plan.period / 2,
-            plan.reconnect_max,
-            Pcg32::seed_from_u64(random.random()),
-        );
+        let backoff =
+            Backoff::new(plan.period / 2, plan.reconnect_max, Pcg32::seed_from_u64(random.random()));
         Self {
             clock,
             health: Arc::default(),
             slots: Slots::new(plan.requests.clone()),
-            frozen: plan
-                .tags
-                .iter()
-                .map(|tag| tag.frozen_after_s.map(Frozen::new))
-                .collect(),
+            frozen: plan.tags.iter().map(|tag| tag.frozen_after_s.map(Frozen::new)).collect(),
             link: None,
             backoff,
             random,
@@ -85,9 +78,7 @@ impl Collector {
 
     async fn poll_for_ever(&mut self, sink: &dyn Sink) {
         let period = self.plan.period;
-        let stagger = period
-            .min(LONGEST_STAGGER)
-            .mul_f64(self.random.random_range(0.0..1.0));
+        let stagger = period.min(LONGEST_STAGGER).mul_f64(self.random.random_range(0.0..1.0));
         let anchor = Instant::now() + stagger;
         let mut ticks = interval_at(anchor, period);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
@@ -102,15 +93,7 @@ impl Collector {
             let took = began.elapsed();
             self.health.poll_done(took > period);
             let (good, bad) = (round.good, round.bad);
-            sink.poll(
-                self.plan.device,
-                Poll {
-                    t: self.clock.now(),
-                    good,
-                    bad,
-                    took,
-                },
-            );
+            sink.poll(self.plan.device, Poll { t: self.clock.now(), good, bad, took });
         }
     }
 
@@ -233,11 +216,7 @@ impl Collector {
     ) {
         self.health.refused();
         let span = self.slots.request(slot).span;
-        let upper = if refusal.may_be_a_hole() {
-            self.slots.split(slot, &self.plan.tags)
-        } else {
-            None
-        };
+        let upper = if refusal.may_be_a_hole() { self.slots.split(slot, &self.plan.tags) } else { None };
         if let Some(upper) = upper {
             info!(device = %self.plan.name, register = %span.register, start = span.start, count = span.count,
                 "request refused and divided: {refusal}");
@@ -284,14 +263,7 @@ impl Collector {
     fn emit_bad(&self, slot: usize, reason: BadReason, round: &mut Round, sink: &dyn Sink) {
         let t = self.clock.now();
         for &at in &self.slots.request(slot).tags {
-            hand_over(
-                &self.health,
-                &self.plan.tags[at],
-                t,
-                Reading::bad(reason),
-                round,
-                sink,
-            );
+            hand_over(&self.health, &self.plan.tags[at], t, Reading::bad(reason), round, sink);
         }
     }
 
@@ -328,10 +300,7 @@ mod tests {
     fn ticks_are_numbered_to_the_nearest() {
         let ms = Duration::from_millis;
         let number = |since| tick_number(ms(since), ms(100));
-        assert_eq!(
-            [0, 1, 49, 99, 100, 101, 249, 251].map(number),
-            [0, 0, 0, 1, 1, 1, 2, 3]
-        );
+        assert_eq!([0, 1, 49, 99, 100, 101, 249, 251].map(number), [0, 0, 0, 1, 1, 1, 2, 3]);
         assert_eq!(tick_number(ms(5), Duration::ZERO), 5_000_000);
     }
 }

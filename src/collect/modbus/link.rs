@@ -55,19 +55,13 @@ impl Refusal {
     /// True when a smaller request may succeed: the address or the length was refused.
     pub(super) fn may_be_a_hole(self) -> bool {
         use ExceptionCode::{IllegalDataAddress, IllegalDataValue};
-        matches!(
-            self,
-            Refusal::WrongCount { .. } | Refusal::Exception(IllegalDataAddress | IllegalDataValue)
-        )
+        matches!(self, Refusal::WrongCount { .. } | Refusal::Exception(IllegalDataAddress | IllegalDataValue))
     }
 
     /// True when a gateway speaks for a unit it cannot reach: asking on would only cost its time-outs.
     pub(super) fn is_gateway(self) -> bool {
         use ExceptionCode::{GatewayPathUnavailable, GatewayTargetDevice};
-        matches!(
-            self,
-            Refusal::Exception(GatewayPathUnavailable | GatewayTargetDevice)
-        )
+        matches!(self, Refusal::Exception(GatewayPathUnavailable | GatewayTargetDevice))
     }
 }
 
@@ -87,15 +81,11 @@ impl Link {
     /// Connects to `host:port`, within the time-out that later holds for every answer.
     pub(super) async fn open(address: &str, unit_id: u8, limit: Duration) -> Result<Link, Lost> {
         match timeout(limit, connect(address)).await {
-            Err(_) => Err(Lost::Broken(format!(
-                "no connection to {address} within {} ms",
-                limit.as_millis()
-            ))),
+            Err(_) => {
+                Err(Lost::Broken(format!("no connection to {address} within {} ms", limit.as_millis())))
+            }
             Ok(Err(error)) => Err(Lost::Broken(format!("cannot connect to {address}: {error}"))),
-            Ok(Ok(stream)) => Ok(Link {
-                context: tcp::attach_slave(stream, Slave(unit_id)),
-                timeout: limit,
-            }),
+            Ok(Ok(stream)) => Ok(Link { context: tcp::attach_slave(stream, Slave(unit_id)), timeout: limit }),
         }
     }
 
@@ -121,12 +111,8 @@ impl Link {
             Ok(Response::ReadCoils(bits) | Response::ReadDiscreteInputs(bits)) => {
                 // Bits come in whole bytes; which of the last byte are filling, the answer does not say.
                 let whole = usize::from(span.count).div_ceil(8) * 8;
-                counted(bits.len(), whole, span.count).map(|()| {
-                    bits[..usize::from(span.count)]
-                        .iter()
-                        .map(|bit| u16::from(*bit))
-                        .collect()
-                })
+                counted(bits.len(), whole, span.count)
+                    .map(|()| bits[..usize::from(span.count)].iter().map(|bit| u16::from(*bit)).collect())
             }
             Ok(_) => return Err(Lost::Broken("the answer is of another function".into())),
         };
@@ -135,11 +121,7 @@ impl Link {
 }
 
 fn counted(came: usize, due: usize, asked: u16) -> Result<(), Refusal> {
-    if came == due {
-        Ok(())
-    } else {
-        Err(Refusal::WrongCount { asked, came })
-    }
+    if came == due { Ok(()) } else { Err(Refusal::WrongCount { asked, came }) }
 }
 
 /// The client reports a connection closed by the peer as the operating system's last error, whatever that was.
@@ -153,11 +135,7 @@ fn readable(error: &tokio_modbus::Error) -> String {
 async fn connect(address: &str) -> io::Result<TcpStream> {
     let mut last = io::Error::new(io::ErrorKind::NotFound, "the name has no address");
     for socket_address in lookup_host(address).await? {
-        let socket = if socket_address.is_ipv4() {
-            TcpSocket::new_v4()?
-        } else {
-            TcpSocket::new_v6()?
-        };
+        let socket = if socket_address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
         // A request is one small segment; waiting for more to send would only delay it.
         socket.set_nodelay(true)?;
         socket.set_keepalive(true)?;

@@ -64,8 +64,7 @@ fn agree(device: &Config, a: &TagConfig, b: &TagConfig, same_start: bool) -> boo
 }
 
 fn type_name(tag: &TagConfig) -> &'static str {
-    tag.effective_type()
-        .map_or("a value without type", ValueType::as_str)
+    tag.effective_type().map_or("a value without type", ValueType::as_str)
 }
 
 #[cfg(test)]
@@ -100,9 +99,6 @@ mod tests {
             .iter()
             .map(|c| (c.first, c.second))
             .collect();
-        assert_eq!(
-            pairs,
-            [(0, 1), (1, 3), (0, 4), (1, 4), (3, 4), (0, 7), (3, 7), (4, 7)]
-        );
+        assert_eq!(pairs, [(0, 1), (1, 3), (0, 4), (1, 4), (3, 4), (0, 7), (3, 7), (4, 7)]);
     }
 }

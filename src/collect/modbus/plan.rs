@@ -110,10 +110,7 @@ impl Plan {
         for pair in contradictions(config, &configs) {
             issues.push(Issue {
                 field: "address",
-                message: format!(
-                    "{}, {}: {}",
-                    specs[pair.first].name, specs[pair.second].name, pair.message
-                ),
+                message: format!("{}, {}: {}", specs[pair.first].name, specs[pair.second].name, pair.message),
             });
         }
         for spec in specs {
@@ -123,10 +120,11 @@ impl Plan {
                 Some((start, value_type)) if found.is_empty() => {
                     tags.push(ready(config, spec, start, value_type));
                 }
-                _ => issues.extend(found.into_iter().map(|issue| Issue {
-                    message: format!("{}: {}", spec.name, issue.message),
-                    ..issue
-                })),
+                _ => issues.extend(
+                    found
+                        .into_iter()
+                        .map(|issue| Issue { message: format!("{}: {}", spec.name, issue.message), ..issue }),
+                ),
             }
         }
         if !issues.is_empty() {
@@ -153,21 +151,14 @@ impl Plan {
 }
 
 fn ready(config: &Config, spec: TagSpec, start: u16, value_type: ValueType) -> Tag {
-    let order = spec
-        .config
-        .byte_order
-        .unwrap_or_else(|| match spec.config.register.is_bits() {
-            true => Default::default(),
-            false => config.byte_order,
-        });
+    let order = spec.config.byte_order.unwrap_or_else(|| match spec.config.register.is_bits() {
+        true => Default::default(),
+        false => config.byte_order,
+    });
     Tag {
         index: spec.index,
         name: spec.name,
-        span: Span {
-            register: spec.config.register,
-            start,
-            count: value_type.width(),
-        },
+        span: Span { register: spec.config.register, start, count: value_type.width() },
         decoder: Decoder::new(&spec.config, value_type, order, spec.role),
         frozen_after_s: spec.frozen_after_s,
     }
@@ -195,11 +186,7 @@ pub fn group(spans: &[Span], limits: &Limits) -> Vec<Request> {
 }
 
 fn join(a: Span, b: Span, limits: &Limits) -> Option<Span> {
-    let most = if a.register.is_bits() {
-        limits.bits
-    } else {
-        limits.registers
-    };
+    let most = if a.register.is_bits() { limits.bits } else { limits.registers };
     let near = u32::from(b.start) <= a.end() + u32::from(limits.gap);
     let count = u16::try_from(a.end().max(b.end()) - u32::from(a.start)).ok()?;
     (a.register == b.register && near && count <= most).then_some(Span { count, ..a })
@@ -232,10 +219,7 @@ fn covering(tags: &[usize], spans: &[Span]) -> Option<Request> {
     let first = spans.first()?;
     let end = spans.iter().map(|span| span.end()).max()?;
     Some(Request {
-        span: Span {
-            count: u16::try_from(end - u32::from(first.start)).ok()?,
-            ..*first
-        },
+        span: Span { count: u16::try_from(end - u32::from(first.start)).ok()?, ..*first },
         tags: tags.to_vec(),
     })
 }

@@ -2,12 +2,8 @@ use super::*;
 use proptest::prelude::*;
 
 fn any_span() -> impl Strategy<Value = Span> {
-    let register = prop::sample::select(vec![
-        Register::Holding,
-        Register::Input,
-        Register::Coil,
-        Register::Discrete,
-    ]);
+    let register =
+        prop::sample::select(vec![Register::Holding, Register::Input, Register::Coil, Register::Discrete]);
     let start = prop_oneof![0u16..300, 65400u16..=65535, any::<u16>()];
     (register, start, prop::sample::select(vec![1u16, 2, 4])).prop_map(|(register, start, count)| Span {
         register,
@@ -99,21 +95,10 @@ proptest! {
 
 #[test]
 fn a_refused_request_is_divided_at_its_widest_hole() {
-    let at = |start, count| Span {
-        register: Register::Holding,
-        start,
-        count,
-    };
+    let at = |start, count| Span { register: Register::Holding, start, count };
     let spans = [at(10, 2), at(12, 1), at(20, 2), at(23, 1)];
     let tags: Vec<Tag> = spans.into_iter().map(tag).collect();
-    let all = &group(
-        &spans,
-        &Limits {
-            registers: 125,
-            bits: 2000,
-            gap: 8,
-        },
-    )[0];
+    let all = &group(&spans, &Limits { registers: 125, bits: 2000, gap: 8 })[0];
     let (left, right) = all.split(&tags).unwrap();
     assert_eq!((left.span, &left.tags[..]), (at(10, 3), &[0, 1][..]));
     assert_eq!((right.span, &right.tags[..]), (at(20, 4), &[2, 3][..]));
@@ -138,10 +123,7 @@ fn every_fault_is_reported_with_the_tags_name() {
         spec("A.sp", "address=10\ntype='u16'"),
     ];
     let issues = Plan::new(0, &device, specs).unwrap_err();
-    let lines: Vec<String> = issues
-        .iter()
-        .map(|i| format!("{}: {}", i.field, i.message))
-        .collect();
+    let lines: Vec<String> = issues.iter().map(|i| format!("{}: {}", i.field, i.message)).collect();
     assert_eq!(lines.len(), 3, "{lines:?}");
     assert!(lines[0].starts_with("address: 'nowhere'"));
     assert!(lines[1].starts_with("address: A.op, A.sp: "));
@@ -160,17 +142,9 @@ fn the_role_and_the_devices_byte_order_reach_the_decoder() {
         frozen_after_s: None,
     };
     let specs = vec![
-        spec(
-            7,
-            Some(Role::Mode),
-            "register='holding'\naddress=1\ntype='u16'\nauto_values=[2]",
-        ),
+        spec(7, Some(Role::Mode), "register='holding'\naddress=1\ntype='u16'\nauto_values=[2]"),
         spec(8, Some(Role::Pv), "register='holding'\naddress=2\ntype='u32'"),
-        spec(
-            9,
-            None,
-            "register='holding'\naddress=4\ntype='u32'\nbyte_order='ABCD'",
-        ),
+        spec(9, None, "register='holding'\naddress=4\ntype='u32'\nbyte_order='ABCD'"),
         spec(10, None, "register='coil'\naddress=1"),
     ];
     let plan = Plan::new(3, &device, specs).unwrap();
@@ -179,12 +153,6 @@ fn the_role_and_the_devices_byte_order_reach_the_decoder() {
     assert_eq!(value(1, &[0x0100, 0x0000]), 1.0);
     assert_eq!(value(2, &[0x0000, 0x0001]), 1.0);
     assert_eq!(value(3, &[1]), 1.0, "a coil has no bytes to swap");
-    assert_eq!(
-        plan.tags.iter().map(|tag| tag.index).collect::<Vec<_>>(),
-        [7, 8, 9, 10]
-    );
-    assert_eq!(
-        (plan.device, plan.requests.len(), plan.requests[0].span.start),
-        (3, 2, 0)
-    );
+    assert_eq!(plan.tags.iter().map(|tag| tag.index).collect::<Vec<_>>(), [7, 8, 9, 10]);
+    assert_eq!((plan.device, plan.requests.len(), plan.requests[0].span.start), (3, 2, 0));
 }

@@ -75,10 +75,7 @@ pub struct Table {
 /// [`ProbeError`]: impossible arguments, no link, or a device that refuses.
 pub async fn probe(target: &ProbeTarget) -> Result<Table, ProbeError> {
     let span = span(target)?;
-    let lost = |why: String| ProbeError::Link {
-        address: target.address.clone(),
-        why,
-    };
+    let lost = |why: String| ProbeError::Link { address: target.address.clone(), why };
     let link = Link::open(&target.address, target.unit_id, target.timeout);
     let link = link.await.map_err(|why| lost(why.to_string()))?;
     let (_, answer) = link.read(span).await.map_err(|why| lost(why.to_string()))?;
@@ -89,19 +86,11 @@ pub async fn probe(target: &ProbeTarget) -> Result<Table, ProbeError> {
         count: target.count,
         why: refusal.to_string(),
     })?;
-    Ok(Table {
-        register: target.register,
-        start: target.start,
-        words,
-    })
+    Ok(Table { register: target.register, start: target.start, words })
 }
 
 fn span(target: &ProbeTarget) -> Result<Span, ProbeError> {
-    let most = if target.register.is_bits() {
-        MAX_BITS
-    } else {
-        MAX_REGISTERS
-    };
+    let most = if target.register.is_bits() { MAX_BITS } else { MAX_REGISTERS };
     if target.address_base > 1 {
         return Err(ProbeError::Arguments("the address base must be 0 or 1".into()));
     }
@@ -111,11 +100,7 @@ fn span(target: &ProbeTarget) -> Result<Span, ProbeError> {
     }
     let start = target.start.checked_sub(u16::from(target.address_base));
     match start.filter(|start| start.checked_add(target.count - 1).is_some()) {
-        Some(start) => Ok(Span {
-            register: target.register,
-            start,
-            count: target.count,
-        }),
+        Some(start) => Ok(Span { register: target.register, start, count: target.count }),
         None => Err(ProbeError::Arguments(format!(
             "{} addresses from {} do not lie within the device's 65536",
             target.count, target.start
@@ -153,10 +138,7 @@ fn write_row(out: &mut fmt::Formatter<'_>, address: usize, words: &[u16], order:
     let two = bytes::<4>(words, order);
     let four = bytes::<8>(words, order);
     let (label, hex) = match order {
-        ByteOrder::Abcd => (
-            address.to_string(),
-            words.first().map(|word| format!("0x{word:04X}")),
-        ),
+        ByteOrder::Abcd => (address.to_string(), words.first().map(|word| format!("0x{word:04X}"))),
         _ => (String::new(), Some(String::new())),
     };
     writeln!(
@@ -168,10 +150,7 @@ fn write_row(out: &mut fmt::Formatter<'_>, address: usize, words: &[u16], order:
         text(one.map(|b| i16::from_be_bytes(b).to_string())),
         text(two.map(|b| u32::from_be_bytes(b).to_string())),
         text(two.map(|b| i32::from_be_bytes(b).to_string())),
-        text(two.map(|b| shortest(
-            f64::from(f32::from_be_bytes(b)),
-            f32::from_be_bytes(b).to_string()
-        ))),
+        text(two.map(|b| shortest(f64::from(f32::from_be_bytes(b)), f32::from_be_bytes(b).to_string()))),
         text(four.map(|b| shortest(f64::from_be_bytes(b), f64::from_be_bytes(b).to_string()))),
     )
 }
@@ -218,51 +197,24 @@ mod tests {
 
     #[test]
     fn the_table_shows_every_type_in_every_order() {
-        let table = Table {
-            register: Register::Holding,
-            start: 100,
-            words: vec![0x42F6, 0xE979],
-        };
+        let table = Table { register: Register::Holding, start: 100, words: vec![0x42F6, 0xE979] };
         let text = table.to_string();
-        let lines: Vec<Vec<&str>> = text
-            .lines()
-            .map(|line| line.split_whitespace().collect())
-            .collect();
+        let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split_whitespace().collect()).collect();
         assert_eq!(lines.len(), 1 + 2 * 4);
         assert_eq!(
             lines[1],
-            [
-                "100",
-                "0x42F6",
-                "ABCD",
-                "17142",
-                "17142",
-                "1123477881",
-                "1123477881",
-                "123.456",
-                "-"
-            ]
+            ["100", "0x42F6", "ABCD", "17142", "17142", "1123477881", "1123477881", "123.456", "-"]
         );
         assert_eq!(lines[2][0], "CDAB");
         assert_eq!(lines[2][3], "3917038326");
-        assert_eq!(
-            lines[5],
-            ["101", "0xE979", "ABCD", "59769", "-5767", "-", "-", "-", "-"]
-        );
+        assert_eq!(lines[5], ["101", "0xE979", "ABCD", "59769", "-5767", "-", "-", "-", "-"]);
         let width = text.lines().map(str::len).max();
-        assert!(
-            text.lines().all(|line| Some(line.len()) == width),
-            "columns are straight:\n{text}"
-        );
+        assert!(text.lines().all(|line| Some(line.len()) == width), "columns are straight:\n{text}");
     }
 
     #[test]
     fn coils_are_shown_as_bits() {
-        let table = Table {
-            register: Register::Coil,
-            start: 7,
-            words: vec![1, 0],
-        };
+        let table = Table { register: Register::Coil, start: 7, words: vec![1, 0] };
         let lines: Vec<String> = table.to_string().lines().map(|l| l.trim().to_string()).collect();
         assert_eq!(lines, ["address  coil", "7  1", "8  0"]);
     }

@@ -33,12 +33,7 @@ struct Slot {
 
 impl Slot {
     fn new(request: Request) -> Self {
-        Self {
-            request,
-            failures: 0,
-            rest_until: 0,
-            reason: BadReason::Timeout,
-        }
+        Self { request, failures: 0, rest_until: 0, reason: BadReason::Timeout }
     }
 }
 
@@ -53,10 +48,7 @@ pub(super) struct Order {
 
 impl Slots {
     pub(super) fn new(requests: Vec<Request>) -> Self {
-        Self {
-            slots: requests.into_iter().map(Slot::new).collect(),
-            first: 0,
-        }
+        Self { slots: requests.into_iter().map(Slot::new).collect(), first: 0 }
     }
 
     pub(super) fn request(&self, slot: usize) -> &Request {
@@ -127,21 +119,9 @@ mod tests {
     use proptest::prelude::*;
 
     fn slots(count: u16) -> Slots {
-        let spans: Vec<Span> = (0..count)
-            .map(|k| Span {
-                register: Register::Holding,
-                start: 100 * k,
-                count: 1,
-            })
-            .collect();
-        Slots::new(group(
-            &spans,
-            &Limits {
-                registers: 125,
-                bits: 2000,
-                gap: 0,
-            },
-        ))
+        let spans: Vec<Span> =
+            (0..count).map(|k| Span { register: Register::Holding, start: 100 * k, count: 1 }).collect();
+        Slots::new(group(&spans, &Limits { registers: 125, bits: 2000, gap: 0 }))
     }
 
     /// Polls as the device loop does: at most two requests without an answer, then the poll is given up.

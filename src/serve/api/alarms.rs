@@ -23,20 +23,12 @@ type Shared = State<Arc<Context>>;
 pub async fn list(State(context): Shared, Params(query): Params<AlarmsQuery>) -> Result<Response, Problem> {
     off_thread(move || {
         let now = context.clock.now();
-        let items = context
-            .results
-            .alarms(now)
-            .iter()
-            .map(AlarmItem::from)
-            .collect::<Vec<_>>();
+        let items = context.results.alarms(now).iter().map(AlarmItem::from).collect::<Vec<_>>();
         let wanted = |item: &AlarmItem| match query.state {
             Some(state) => item.state == state,
             None => item.state != AlarmState::Normal,
         };
-        Ok(AlarmList {
-            time: rfc3339(now),
-            items: items.into_iter().filter(wanted).collect(),
-        })
+        Ok(AlarmList { time: rfc3339(now), items: items.into_iter().filter(wanted).collect() })
     })
     .await
 }
@@ -64,13 +56,7 @@ pub async fn shelve(
     OfLoop(id): OfLoop,
     Required(body): Required<ShelveBody>,
 ) -> Result<Json<AlarmItem>, Problem> {
-    act(
-        &context,
-        &id,
-        Action::Shelve(body.duration_s),
-        body.by,
-        body.comment,
-    )
+    act(&context, &id, Action::Shelve(body.duration_s), body.by, body.comment)
 }
 
 /// An operator ends the silence.
@@ -100,10 +86,6 @@ fn act(
         Err(refusal @ Refusal::BadDuration { .. }) => {
             Err(Problem::field("duration_s", format!("duration_s: {refusal}")))
         }
-        Err(refusal) => Err(Problem::new(
-            StatusCode::CONFLICT,
-            "alarm_state",
-            refusal.to_string(),
-        )),
+        Err(refusal) => Err(Problem::new(StatusCode::CONFLICT, "alarm_state", refusal.to_string())),
     }
 }

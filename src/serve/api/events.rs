@@ -26,18 +26,14 @@ pub async fn stream(
     State(context): State<Arc<Context>>,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Sse<impl Stream<Item = Result<Frame, Infallible>>>, Problem> {
-    let permit = context.event_clients.clone().try_acquire_owned().map_err(|_| {
-        Problem::busy(
-            "too_many_event_clients",
-            "too many clients listen to events already",
-        )
-    })?;
+    let permit =
+        context.event_clients.clone().try_acquire_owned().map_err(|_| {
+            Problem::busy("too_many_event_clients", "too many clients listen to events already")
+        })?;
     let client = Client {
         events: context.results.subscribe(),
         stop: context.stop.clone(),
-        next: Some(EventData::Hello {
-            time: rfc3339(context.clock.now()),
-        }),
+        next: Some(EventData::Hello { time: rfc3339(context.clock.now()) }),
         done: false,
         _permit: permit,
     };

@@ -56,9 +56,7 @@ fn readiness(context: &Context) -> Readiness {
     let has_data = |role| {
         let kind = TagKind::Role(role);
         move |values: &[(&crate::history::TagSpec, Option<crate::signal::Sample>)]| {
-            values
-                .iter()
-                .any(|(tag, s)| tag.kind == kind && s.is_some_and(|s| s.quality.is_good()))
+            values.iter().any(|(tag, s)| tag.kind == kind && s.is_some_and(|s| s.quality.is_good()))
         }
     };
     let (op, pv) = (has_data(Role::Op), has_data(Role::Pv));
@@ -79,13 +77,7 @@ fn readiness(context: &Context) -> Readiness {
     if loops > 0 && loops_diagnosed == 0 {
         missing.push("no loop has been diagnosed yet".to_string());
     }
-    Readiness {
-        ready: missing.is_empty(),
-        missing,
-        loops,
-        loops_with_data,
-        loops_diagnosed,
-    }
+    Readiness { ready: missing.is_empty(), missing, loops, loops_with_data, loops_diagnosed }
 }
 
 /// Metrics for Prometheus.

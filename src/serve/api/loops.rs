@@ -40,24 +40,17 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
     });
     let needle = query.q.as_deref().map(str::to_lowercase);
     let passes = |item: &LoopItem| {
-        query
-            .verdict
-            .is_none_or(|wanted| wanted.passes(item.verdict.as_deref()))
+        query.verdict.is_none_or(|wanted| wanted.passes(item.verdict.as_deref()))
             && query.alarm.is_none_or(|wanted| wanted == item.alarm)
             && query.group.as_ref().is_none_or(|wanted| *wanted == item.group)
             && needle.as_ref().is_none_or(|needle| {
                 item.id.to_lowercase().contains(needle) || item.description.to_lowercase().contains(needle)
             })
     };
-    let mut sorted: Vec<((String, String), LoopItem)> = items
-        .filter(passes)
-        .map(|item| ((sort_key(query.sort, &item), item.id.clone()), item))
-        .collect();
+    let mut sorted: Vec<((String, String), LoopItem)> =
+        items.filter(passes).map(|item| ((sort_key(query.sort, &item), item.id.clone()), item)).collect();
     let textual = matches!(query.sort, Sort::Id | Sort::Group);
-    let ascending = query
-        .order
-        .unwrap_or(if textual { Order::Asc } else { Order::Desc })
-        == Order::Asc;
+    let ascending = query.order.unwrap_or(if textual { Order::Asc } else { Order::Desc }) == Order::Asc;
     // By key in the order asked for, equal keys always by id: a total order, on which a cursor is a cut.
     let compare = |a: &(String, String), b: &(String, String)| {
         let by_key = a.0.cmp(&b.0);
@@ -72,12 +65,7 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
     sorted.truncate(limit);
     let next = sorted.last().filter(|_| more).map(|(key, _)| encode_cursor(key));
     let items = sorted.into_iter().map(|(_, item)| item).collect();
-    Ok(LoopList {
-        time: rfc3339(now),
-        total,
-        items,
-        next,
-    })
+    Ok(LoopList { time: rfc3339(now), total, items, next })
 }
 
 /// The sort key as text whose order is the key's own.
@@ -107,10 +95,7 @@ fn ordered(value: f64) -> String {
 }
 
 fn encode_cursor((key, id): &(String, String)) -> String {
-    format!("{key}\0{id}")
-        .bytes()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    format!("{key}\0{id}").bytes().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn decode_cursor(text: &str) -> Result<(String, String), Problem> {
@@ -123,10 +108,7 @@ fn decode_cursor(text: &str) -> Result<(String, String), Problem> {
 }
 
 fn known(context: &Context, id: &LoopId, now: f64) -> Result<Known, Problem> {
-    context
-        .results
-        .get(id, now)
-        .ok_or_else(|| Problem::unknown_loop(id.as_str()))
+    context.results.get(id, now).ok_or_else(|| Problem::unknown_loop(id.as_str()))
 }
 
 /// One loop with its newest values.
@@ -140,29 +122,20 @@ pub async fn detail(
     let now = context.clock.now();
     let plant = context.plant();
     let known = known(&context, &id, now)?;
-    let info = plant
-        .info(&id)
-        .ok_or_else(|| Problem::unknown_loop(id.as_str()))?;
+    let info = plant.info(&id).ok_or_else(|| Problem::unknown_loop(id.as_str()))?;
     let tags = plant.history.loops().iter().find(|tags| tags.id == id);
     Ok(Json(LoopDetail {
         item: LoopItem::new(info, &known, now),
         period_s: info.period_s,
         op_span: tags.and_then(|tags| tags.op_span).and_then(finite),
-        op_limits: tags
-            .and_then(|tags| tags.op_limits)
-            .and_then(|(a, b)| Some([finite(a)?, finite(b)?])),
+        op_limits: tags.and_then(|tags| tags.op_limits).and_then(|(a, b)| Some([finite(a)?, finite(b)?])),
         values: values(&plant, &id),
         last_run: known.last.as_ref().map(RunItem::from),
     }))
 }
 
 fn values(plant: &Plant, id: &LoopId) -> Vec<Quantity> {
-    plant
-        .history
-        .latest(id)
-        .into_iter()
-        .map(|(tag, sample)| Quantity::new(tag, sample))
-        .collect()
+    plant.history.latest(id).into_iter().map(|(tag, sample)| Quantity::new(tag, sample)).collect()
 }
 
 /// The latest diagnosis in full.
@@ -176,10 +149,7 @@ pub async fn diagnosis(
 ) -> Result<Json<LoopDiagnosis>, Problem> {
     let now = context.clock.now();
     let known = known(&context, &id, now)?;
-    let report = known
-        .diagnosed
-        .as_ref()
-        .and_then(|run| LoopDiagnosis::new(run, now));
+    let report = known.diagnosed.as_ref().and_then(|run| LoopDiagnosis::new(run, now));
     report.map(Json).ok_or_else(|| not_yet(&id, &known))
 }
 
@@ -213,27 +183,18 @@ pub async fn diagnose_now(
             None => {
                 let outcome = run.outcome.as_str();
                 let detail = format!("the diagnosis of loop '{id}' ended as {outcome}");
-                Err(
-                    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "diagnosis_failed", detail)
-                        .with("loop", id.as_str())
-                        .with("outcome", outcome),
-                )
+                Err(Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "diagnosis_failed", detail)
+                    .with("loop", id.as_str())
+                    .with("outcome", outcome))
             }
         },
-        Ok(Err(_)) => Err(Problem::busy(
-            "stopping",
-            "the run was given up: the loop or the daemon goes away",
-        )),
+        Ok(Err(_)) => {
+            Err(Problem::busy("stopping", "the run was given up: the loop or the daemon goes away"))
+        }
         Err(_) => {
             let plant = context.plant();
-            let begun = Begun {
-                r#loop: id.to_string(),
-                state: "running",
-            };
-            let name = plant
-                .info(&id)
-                .map(|info| percent_encoded(info.id.as_str()))
-                .unwrap_or_default();
+            let begun = Begun { r#loop: id.to_string(), state: "running" };
+            let name = plant.info(&id).map(|info| percent_encoded(info.id.as_str())).unwrap_or_default();
             let location = [(header::LOCATION, format!("/api/v1/loops/{name}/diagnosis"))];
             Ok((StatusCode::ACCEPTED, location, Json(begun)).into_response())
         }
@@ -244,13 +205,7 @@ pub async fn diagnose_now(
 fn percent_encoded(name: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~".contains(&byte);
     name.bytes()
-        .map(|byte| {
-            if plain(byte) {
-                char::from(byte).to_string()
-            } else {
-                format!("%{byte:02X}")
-            }
-        })
+        .map(|byte| if plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") })
         .collect()
 }
 
@@ -265,15 +220,9 @@ pub async fn diagnoses(
 ) -> Result<Response, Problem> {
     let limit = within("limit", query.limit.unwrap_or(100), 1..=10_000)?;
     off_thread(move || {
-        let summaries = context
-            .results
-            .summaries(&id)
-            .ok_or_else(|| Problem::unknown_loop(id.as_str()))?;
+        let summaries = context.results.summaries(&id).ok_or_else(|| Problem::unknown_loop(id.as_str()))?;
         let items = summaries.iter().rev().take(limit).map(RunItem::from).collect();
-        Ok(RunList {
-            r#loop: id.to_string(),
-            items,
-        })
+        Ok(RunList { r#loop: id.to_string(), items })
     })
     .await
 }
@@ -313,12 +262,8 @@ pub async fn samples(
 
 fn time(field: &str, text: Option<&str>) -> Result<Option<f64>, Problem> {
     let Some(text) = text else { return Ok(None) };
-    let wrong = || {
-        Problem::field(
-            field,
-            format!("{field}: neither RFC 3339 nor seconds since the Unix epoch"),
-        )
-    };
+    let wrong =
+        || Problem::field(field, format!("{field}: neither RFC 3339 nor seconds since the Unix epoch"));
     parse_time(text).map(Some).ok_or_else(wrong)
 }
 

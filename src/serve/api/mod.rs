@@ -64,9 +64,7 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(alarms::unshelve))
         .routes(routes!(events::stream))
         .merge(common());
-    OpenApiRouter::with_openapi(Description::openapi())
-        .merge(common())
-        .nest("/api/v1", api)
+    OpenApiRouter::with_openapi(Description::openapi()).merge(common()).nest("/api/v1", api)
 }
 
 /// Computes an answer off the async threads, its text included.

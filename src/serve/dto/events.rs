@@ -70,10 +70,9 @@ impl EventData {
 impl From<Event> for EventData {
     fn from(event: Event) -> Self {
         match event {
-            Event::Run(id, summary) => Self::Diagnosis {
-                control_loop: id.to_string(),
-                run: RunItem::from(&summary),
-            },
+            Event::Run(id, summary) => {
+                Self::Diagnosis { control_loop: id.to_string(), run: RunItem::from(&summary) }
+            }
             Event::Alarm(id, transition) => Self::Alarm {
                 control_loop: id.to_string(),
                 from: transition.from.into(),

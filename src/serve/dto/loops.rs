@@ -72,9 +72,7 @@ impl From<&Summary> for RunItem {
             reason: summary.reason.clone(),
             reason_code: summary.reason_code.map(str::to_string),
             f: summary.f.and_then(finite),
-            f_ci95: summary
-                .f_ci95
-                .and_then(|[low, high]| Some([finite(low)?, finite(high)?])),
+            f_ci95: summary.f_ci95.and_then(|[low, high]| Some([finite(low)?, finite(high)?])),
             f_unit: if summary.f_in_percent { "% OP" } else { "OP units" }.to_string(),
             delta_aic: summary.delta_aic.and_then(finite),
             took_s: finite(summary.took_s),

@@ -22,19 +22,13 @@ pub fn rfc3339(t: f64) -> Option<String> {
     if !t.is_finite() || t.abs() > 4e11 {
         return None;
     }
-    Timestamp::from_microsecond((t * 1e6).round() as i64)
-        .ok()
-        .map(|stamp| stamp.to_string())
+    Timestamp::from_microsecond((t * 1e6).round() as i64).ok().map(|stamp| stamp.to_string())
 }
 
 /// A time as a caller may write it: RFC 3339 with offset, or seconds since the Unix epoch.
 pub fn parse_time(text: &str) -> Option<f64> {
     let seconds = text.parse::<f64>().ok().filter(|t| t.is_finite());
-    seconds.or_else(|| {
-        text.parse::<Timestamp>()
-            .ok()
-            .map(|stamp| stamp.as_microsecond() as f64 * 1e-6)
-    })
+    seconds.or_else(|| text.parse::<Timestamp>().ok().map(|stamp| stamp.as_microsecond() as f64 * 1e-6))
 }
 
 #[cfg(test)]
@@ -44,10 +38,7 @@ mod tests {
     #[test]
     fn times_are_written_in_utc_and_read_back() {
         assert_eq!(rfc3339(0.0).as_deref(), Some("1970-01-01T00:00:00Z"));
-        assert_eq!(
-            rfc3339(1_700_000_000.25).as_deref(),
-            Some("2023-11-14T22:13:20.25Z")
-        );
+        assert_eq!(rfc3339(1_700_000_000.25).as_deref(), Some("2023-11-14T22:13:20.25Z"));
         for silly in [f64::NAN, f64::INFINITY, 1e300, -1e300] {
             assert_eq!(rfc3339(silly), None);
         }

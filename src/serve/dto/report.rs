@@ -29,8 +29,12 @@ pub struct Report {
     pub f_unit_assumed: bool,
     /// f as a share of OP's range in the window [-].
     pub f_of_op_range: Option<f64>,
-    /// Evidence against f = 0 [-].
+    /// Evidence for friction against the best explanation without it [-].
     pub delta_aic: Option<f64>,
+    /// That explanation, in words.
+    pub rival: Option<String>,
+    /// How evenly the record shares the evidence: its block mean in standard errors [-].
+    pub steadiness: Option<f64>,
     /// Largest f tried [`f_unit`].
     pub f_max: Option<f64>,
     /// Srinivasan's d of the same window, for comparison [`f_unit`].
@@ -228,18 +232,10 @@ impl OpUnit {
     fn new(op_span: Option<f64>, diagnosis: &Diagnosis) -> Self {
         if let Some(span) = op_span.filter(|span| span.is_finite() && *span > 0.0) {
             let factor = 100.0 / span;
-            return Self {
-                name: "% OP",
-                assumed: false,
-                factor,
-            };
+            return Self { name: "% OP", assumed: false, factor };
         }
         let per_cent = op_in_percent(op_span, diagnosis);
-        Self {
-            name: if per_cent { "% OP" } else { "OP units" },
-            assumed: true,
-            factor: 1.0,
-        }
+        Self { name: if per_cent { "% OP" } else { "OP units" }, assumed: true, factor: 1.0 }
     }
 
     fn scale(&self, value: f64) -> Option<f64> {
@@ -276,6 +272,8 @@ impl Report {
             f_unit_assumed: unit.assumed,
             f_of_op_range: estimate.and_then(|e| finite(e.f_of_op_range)),
             delta_aic: estimate.and_then(|e| finite(e.delta_aic)),
+            rival: estimate.map(|e| e.rival.name().to_string()),
+            steadiness: estimate.and_then(|e| finite(e.steadiness)),
             f_max: estimate.and_then(|e| unit.scale(e.f_max)),
             d_srinivasan: estimate.and_then(|e| unit.scale(e.d)),
             window: window(prepared),
@@ -302,11 +300,7 @@ impl Report {
 /// How far the window of a diagnosis is measured rather than filled in.
 pub fn quality(diagnosis: &Diagnosis) -> WindowQuality {
     let p = &diagnosis.preparation;
-    if p.n > 0 {
-        WindowQuality::of(p.gap_share, p.worst_skew / p.ts)
-    } else {
-        WindowQuality::Poor
-    }
+    if p.n > 0 { WindowQuality::of(p.gap_share, p.worst_skew / p.ts) } else { WindowQuality::Poor }
 }
 
 fn window(prepared: Option<&diagnosis::Preparation>) -> ReportWindow {
@@ -315,9 +309,8 @@ fn window(prepared: Option<&diagnosis::Preparation>) -> ReportWindow {
         end: prepared.and_then(|p| finite(p.end)),
         n: prepared.map_or(0, |p| p.n),
         ts_s: prepared.and_then(|p| finite(p.ts)),
-        quality: prepared.map_or(WindowQuality::Poor, |p| {
-            WindowQuality::of(p.gap_share, p.worst_skew / p.ts)
-        }),
+        quality: prepared
+            .map_or(WindowQuality::Poor, |p| WindowQuality::of(p.gap_share, p.worst_skew / p.ts)),
     }
 }
 

@@ -44,11 +44,7 @@ impl From<&Trend> for TagSamples {
             unit: trend.tag.unit.clone(),
             found: trend.found,
             time: trend.samples.iter().map(|s| rfc3339(s.t)).collect(),
-            value: trend
-                .samples
-                .iter()
-                .map(|s| finite(s.value).filter(|_| usable(s.quality)))
-                .collect(),
+            value: trend.samples.iter().map(|s| finite(s.value).filter(|_| usable(s.quality))).collect(),
             quality: trend.samples.iter().map(|s| s.quality.as_str()).collect(),
         }
     }

@@ -11,16 +11,7 @@ pub fn routes() -> Router {
     };
     Router::new()
         .route("/", file("text/html; charset=utf-8", include_str!("index.html")))
-        .route(
-            "/page.css",
-            file("text/css; charset=utf-8", include_str!("page.css")),
-        )
-        .route(
-            "/page.js",
-            file("text/javascript; charset=utf-8", include_str!("page.js")),
-        )
-        .route(
-            "/plot.js",
-            file("text/javascript; charset=utf-8", include_str!("plot.js")),
-        )
+        .route("/page.css", file("text/css; charset=utf-8", include_str!("page.css")))
+        .route("/page.js", file("text/javascript; charset=utf-8", include_str!("page.js")))
+        .route("/plot.js", file("text/javascript; charset=utf-8", include_str!("plot.js")))
 }

@@ -1,6 +1,6 @@
 // The overview: loops by severity, one loop in detail, live by server-sent events. Data only ever becomes textContent.
 
-import { plot, short } from "./plot.js";
+import { plot, short, timeTicks } from "./plot.js";
 
 const api = "/api/v1";
 const $ = (id) => document.getElementById(id);
@@ -71,6 +71,7 @@ function refresh() {
 
 async function choose(id) {
   chosen = id;
+  history.replaceState(null, "", `#${encodeURIComponent(id)}`);
   for (const row of $("loops").rows) row.classList.toggle("chosen", row.cells[0].textContent === id);
   $("detail").hidden = false;
   $("done").textContent = "";
@@ -133,7 +134,7 @@ function showTrend(samples) {
     s.bad = s.x.filter((_, i) => s.y[i] === null);
     if (s.kind === "op") s.side = "right";
   }
-  plot($("trend"), series, { xLabel: "time (red marks: bad samples)", xText: clock, height: 280 });
+  plot($("trend"), series, { xLabel: "time (red marks: bad samples)", xText: clock, xTicks: timeTicks });
 }
 
 async function showWindow(id, report, samples) {
@@ -153,7 +154,7 @@ async function showWindow(id, report, samples) {
     x.push(op.y[at] ?? NaN);
     y.push(pv.y[i]);
   }
-  plot($("ellipse"), [{ x, y, name: "PV", unit: pv.unit, kind: "line" }], { xLabel: `OP [${op.unit || "–"}]`, height: 320 });
+  plot($("ellipse"), [{ x, y, name: "PV", unit: pv.unit, kind: "line" }], { xLabel: `OP [${op.unit || "–"}]`, width: 560, height: 320 });
 }
 
 function showCurve(report) {
@@ -163,7 +164,7 @@ function showCurve(report) {
     return;
   }
   const series = [{ x: curve.f, y: curve.aic, name: "AIC", unit: "", kind: "line" }];
-  plot($("aic"), series, { xLabel: `f [${report.f_unit}]`, band: report.f_ci95, mark: report.f, height: 320 });
+  plot($("aic"), series, { xLabel: `f [${report.f_unit}]`, band: report.f_ci95, mark: report.f, width: 560, height: 320 });
 }
 
 async function act(path, message) {
@@ -206,3 +207,4 @@ $("run").addEventListener("click", () => act(`${path(chosen)}/diagnosis`, "done"
 $("ack").addEventListener("click", () => act(`/alarms/${encodeURIComponent(chosen)}/ack`, "acknowledged"));
 showLoops();
 listen();
+if (location.hash.length > 1) choose(decodeURIComponent(location.hash.slice(1)));

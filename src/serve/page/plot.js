@@ -2,7 +2,7 @@
 // textContent, so names from the plant are text and never markup.
 
 const SVG = "http://www.w3.org/2000/svg";
-const W = 760, LEFT = 58, RIGHT = 58, TOP = 22, BOTTOM = 40;
+const LEFT = 58, RIGHT = 58, TOP = 22, BOTTOM = 40;
 
 function add(parent, name, attributes, text) {
   const node = document.createElementNS(SVG, name);
@@ -41,9 +41,20 @@ function path(xs, ys, x, y) {
   return d;
 }
 
-// series: [{x, y, name, unit, kind, side}], side "right" for the second axis. options: height, xLabel, xText, band, mark.
+// Times [ms] at round local clock times: about six of them.
+export function timeTicks([low, high]) {
+  const seconds = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 21600, 43200, 86400];
+  const days = Math.ceil((high - low) / 6 / 864e5) * 86400;
+  const step = 1000 * (seconds.find((s) => s * 1000 >= (high - low) / 6) ?? days);
+  const zone = new Date(low).getTimezoneOffset() * 60000, found = [];
+  for (let t = Math.ceil((low - zone) / step) * step + zone; t <= high; t += step) found.push(t);
+  return found;
+}
+
+// series: [{x, y, name, unit, kind, side}], side "right" for the second axis; options: width, height, xLabel, xText,
+// xTicks, band, mark.
 export function plot(box, series, options) {
-  const H = options.height ?? 260, right = W - RIGHT, bottom = H - BOTTOM;
+  const W = options.width ?? 1100, H = options.height ?? 280, right = W - RIGHT, bottom = H - BOTTOM;
   box.replaceChildren();
   const xr = range(series.flatMap((s) => s.x), 0);
   const axes = { left: series.filter((s) => s.side !== "right"), right: series.filter((s) => s.side === "right") };

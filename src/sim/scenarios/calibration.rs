@@ -64,19 +64,8 @@ fn draw(rng: &mut Pcg64Mcg, seed: u64, jump: f64) -> (Scenario, bool) {
     spec.sensor = SensorSpec::noisy(noise_share * cycle_sd);
     at_work(&spec);
     let kind = format!("{name}, {model}, J = {jump} S, noise {noise_share:.3} of the cycle");
-    let truth = Truth {
-        sticky: true,
-        s,
-        j,
-        kind,
-    };
-    let scenario = Scenario {
-        spec,
-        truth,
-        seed,
-        n: N,
-        warm_up: WARM_UP,
-    };
+    let truth = Truth { sticky: true, s, j, kind };
+    let scenario = Scenario { spec, truth, seed, n: N, warm_up: WARM_UP };
     (scenario, cycles && cycle_sd > 0.0)
 }
 
@@ -109,11 +98,7 @@ mod tests {
         for word in ["flow", "pressure", "level", "temperature", "Kano", "Choudhury"] {
             assert!(kinds.get(word).is_some_and(|&n| n >= 10), "{word}: {kinds:?}");
         }
-        assert!(
-            JUMPS
-                .iter()
-                .all(|j| kinds.get(&format!("J = {j} S")) == Some(&50))
-        );
+        assert!(JUMPS.iter().all(|j| kinds.get(&format!("J = {j} S")) == Some(&50)));
     }
 
     #[test]

@@ -47,34 +47,18 @@ pub(super) struct Base {
 /// effective dead time, which is up to `max_dead` samples of dead time and what sampling and a second lag add.
 pub(super) fn draw_loop(rng: &mut Pcg64Mcg, friction: Friction, max_dead: f64) -> Base {
     let class = rng.random_range(0..4);
-    let dead = if chance(rng, 0.3) {
-        0.0
-    } else {
-        uniform(rng, 0.0, max_dead)
-    };
+    let dead = if chance(rng, 0.3) { 0.0 } else { uniform(rng, 0.0, max_dead) };
     let (name, ts_s, kind, gain, lag) = match class {
         0 => {
             let ts = log_uniform(rng, 0.5, 2.0);
             let (gain, tau) = (log_uniform(rng, 0.5, 2.0), ts * log_uniform(rng, 1.0, 12.0));
-            (
-                "flow",
-                ts,
-                ProcessKind::FirstOrder { gain, tau_s: tau },
-                gain,
-                tau / ts,
-            )
+            ("flow", ts, ProcessKind::FirstOrder { gain, tau_s: tau }, gain, tau / ts)
         }
         1 => {
             let ts = log_uniform(rng, 1.0, 5.0);
             let (gain, tau) = (log_uniform(rng, 0.4, 2.5), ts * log_uniform(rng, 4.0, 25.0));
             let second = tau * uniform(rng, 0.1, 0.5);
-            (
-                "pressure",
-                ts,
-                ProcessKind::two_lags(gain, tau, second),
-                gain,
-                (tau + 0.5 * second) / ts,
-            )
+            ("pressure", ts, ProcessKind::two_lags(gain, tau, second), gain, (tau + 0.5 * second) / ts)
         }
         2 => {
             let ts = log_uniform(rng, 5.0, 60.0);
@@ -91,13 +75,7 @@ pub(super) fn draw_loop(rng: &mut Pcg64Mcg, friction: Friction, max_dead: f64) -
             let ts = log_uniform(rng, 5.0, 30.0);
             let (gain, tau) = (log_uniform(rng, 0.5, 2.0), ts * log_uniform(rng, 8.0, 40.0));
             let second = tau * uniform(rng, 0.2, 0.9);
-            (
-                "temperature",
-                ts,
-                ProcessKind::two_lags(gain, tau, second),
-                gain,
-                (tau + 0.5 * second) / ts,
-            )
+            ("temperature", ts, ProcessKind::two_lags(gain, tau, second), gain, (tau + 0.5 * second) / ts)
         }
     };
     // The held input adds half a sample, a second lag half of itself.
@@ -118,15 +96,10 @@ pub(super) fn draw_loop(rng: &mut Pcg64Mcg, friction: Friction, max_dead: f64) -
     let pv0 = uniform(rng, 30.0, 70.0);
     let mut valve = ValveSpec::linear(friction);
     if chance(rng, 0.15) {
-        valve.characteristic = Characteristic::EqualPercentage {
-            rangeability: uniform(rng, 20.0, 50.0),
-        };
+        valve.characteristic = Characteristic::EqualPercentage { rangeability: uniform(rng, 20.0, 50.0) };
     }
     let spec = LoopSpec {
-        process: ProcessSpec {
-            kind,
-            dead_time_s: dead * ts_s,
-        },
+        process: ProcessSpec { kind, dead_time_s: dead * ts_s },
         controller: ControllerSpec::pi(kc, ti * ts_s),
         valve,
         loads: Vec::new(),

@@ -32,21 +32,12 @@ pub enum SineUnit {
 /// The paper's flow (`level` false) or level loop with the given friction, started by a set-point step.
 pub fn table2_loop(level: bool, friction: Friction) -> LoopSpec {
     let (process, controller, ts_s) = if level {
-        let process = ProcessSpec {
-            kind: ProcessKind::Integrating {
-                rate: 1.0 / (15.0 * 60.0),
-            },
-            dead_time_s: 60.0,
-        };
+        let process =
+            ProcessSpec { kind: ProcessKind::Integrating { rate: 1.0 / (15.0 * 60.0) }, dead_time_s: 60.0 };
         (process, ControllerSpec::pi(3.0, 30.0 * 60.0), 50.0)
     } else {
-        let process = ProcessSpec {
-            kind: ProcessKind::FirstOrder {
-                gain: 1.0,
-                tau_s: 12.0,
-            },
-            dead_time_s: 0.0,
-        };
+        let process =
+            ProcessSpec { kind: ProcessKind::FirstOrder { gain: 1.0, tau_s: 12.0 }, dead_time_s: 0.0 };
         (process, ControllerSpec::pi(0.5, 18.0), 1.0)
     };
     LoopSpec {
@@ -71,12 +62,7 @@ pub fn level_sinusoidal(unit: SineUnit) -> LoopSpec {
             SineUnit::Degrees => 360.0 / 30.0,
         };
     LoopSpec {
-        loads: vec![Load::output(LoadKind::Sine {
-            amplitude: 5.0,
-            period_s,
-            phase: 0.0,
-            growth_per_s: 0.0,
-        })],
+        loads: vec![Load::output(LoadKind::Sine { amplitude: 5.0, period_s, phase: 0.0, growth_per_s: 0.0 })],
         sp: OPERATING_POINT,
         ..table2_loop(true, Friction::Ideal)
     }
@@ -87,11 +73,7 @@ pub fn level_sinusoidal(unit: SineUnit) -> LoopSpec {
 pub fn table2() -> Vec<Scenario> {
     let sticky = |name: &str, level, fs: f64, fd: f64| {
         let (s, j) = (fs + fd, fs - fd);
-        let friction = Friction::Choudhury {
-            s,
-            j,
-            resolution: RESOLUTION,
-        };
+        let friction = Friction::Choudhury { s, j, resolution: RESOLUTION };
         scenario(name, table2_loop(level, friction), s, j)
     };
     vec![
@@ -99,12 +81,7 @@ pub fn table2() -> Vec<Scenario> {
         sticky("flow control (strong stiction)", false, 3.0, 2.0),
         sticky("level control (weak stiction)", true, 0.65, 0.35),
         sticky("level control (strong stiction)", true, 3.0, 2.0),
-        scenario(
-            "level control (sinusoidal disturbance)",
-            level_sinusoidal(SineUnit::Radians),
-            0.0,
-            0.0,
-        ),
+        scenario("level control (sinusoidal disturbance)", level_sinusoidal(SineUnit::Radians), 0.0, 0.0),
         scenario("valve saturation", saturation(), 0.0, 0.0),
     ]
 }
@@ -114,14 +91,8 @@ pub fn table2() -> Vec<Scenario> {
 fn saturation() -> LoopSpec {
     let level = table2_loop(true, Friction::Ideal);
     LoopSpec {
-        controller: ControllerSpec {
-            gain: 18.0,
-            ..level.controller
-        },
-        valve: ValveSpec {
-            travel: (40.0, 60.0),
-            ..level.valve
-        },
+        controller: ControllerSpec { gain: 18.0, ..level.controller },
+        valve: ValveSpec { travel: (40.0, 60.0), ..level.valve },
         sp: OPERATING_POINT + 0.1,
         ..level
     }
@@ -130,12 +101,7 @@ fn saturation() -> LoopSpec {
 fn scenario(name: &str, spec: LoopSpec, s: f64, j: f64) -> Scenario {
     Scenario {
         spec,
-        truth: Truth {
-            sticky: s > 0.0,
-            s,
-            j,
-            kind: name.to_owned(),
-        },
+        truth: Truth { sticky: s > 0.0, s, j, kind: name.to_owned() },
         seed: 1,
         n: 4000,
         warm_up: 1000,
@@ -148,9 +114,8 @@ mod tests {
     use crate::sim::reverses_beyond;
 
     fn half_range(v: &[f64]) -> f64 {
-        let (low, high) = v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &x| {
-            (l.min(x), h.max(x))
-        });
+        let (low, high) =
+            v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &x| (l.min(x), h.max(x)));
         0.5 * (high - low)
     }
 

@@ -67,19 +67,8 @@ pub fn random_sound(seed: u64) -> Scenario {
     let base = draw_loop(&mut rng, Friction::Ideal, MAX_DEAD);
     let name = base.name;
     let spec = sound_spec(&mut rng, base, kind);
-    let truth = Truth {
-        sticky: false,
-        s: 0.0,
-        j: 0.0,
-        kind: format!("{name}, {kind}"),
-    };
-    Scenario {
-        spec,
-        truth,
-        seed,
-        n: N,
-        warm_up: WARM_UP,
-    }
+    let truth = Truth { sticky: false, s: 0.0, j: 0.0, kind: format!("{name}, {kind}") };
+    Scenario { spec, truth, seed, n: N, warm_up: WARM_UP }
 }
 
 fn draw_sticky(rng: &mut Pcg64Mcg, seed: u64) -> Scenario {
@@ -89,11 +78,7 @@ fn draw_sticky(rng: &mut Pcg64Mcg, seed: u64) -> Scenario {
         _ => ("strong", log_uniform(rng, 3.0, 8.0)),
     };
     let deadband_only = chance(rng, 0.2);
-    let j = if deadband_only {
-        0.0
-    } else {
-        s * uniform(rng, 0.02, 1.0)
-    };
+    let j = if deadband_only { 0.0 } else { s * uniform(rng, 0.02, 1.0) };
     let noise_share = if chance(rng, 0.35) { 0.0 } else { noise_share(rng) };
     let resolution = uniform(rng, 0.003, 0.01);
     let (model, friction) = if chance(rng, 0.5) {
@@ -121,27 +106,12 @@ fn draw_sticky(rng: &mut Pcg64Mcg, seed: u64) -> Scenario {
         if deadband_only { "dead band only, " } else { "" },
         if sp_changes { ", set-point changes" } else { "" },
     );
-    Scenario {
-        spec,
-        truth: Truth {
-            sticky: true,
-            s,
-            j,
-            kind,
-        },
-        seed,
-        n: N,
-        warm_up: WARM_UP,
-    }
+    Scenario { spec, truth: Truth { sticky: true, s, j, kind }, seed, n: N, warm_up: WARM_UP }
 }
 
 /// PV noise sd as a share of the cycle's.
 fn noise_share(rng: &mut Pcg64Mcg) -> f64 {
-    if chance(rng, HEAVY) {
-        uniform(rng, 0.3, 0.6)
-    } else {
-        log_uniform(rng, 0.003, 0.3)
-    }
+    if chance(rng, HEAVY) { uniform(rng, 0.3, 0.6) } else { log_uniform(rng, 0.003, 0.3) }
 }
 
 /// None, or noise at the process input; a dead band in a self-regulating loop needs one large enough to make OP
@@ -155,22 +125,16 @@ fn sticky_load(
 ) -> &'static str {
     let driven = deadband_only && !spec.process.kind.is_integrating();
     let tau_s = spec.ts_s * pace * log_uniform(rng, 1.0, 10.0);
-    let size = if driven {
-        uniform(rng, 1.0, 3.0)
-    } else {
-        log_uniform(rng, 0.03, 0.5)
-    };
+    let size = if driven { uniform(rng, 1.0, 3.0) } else { log_uniform(rng, 0.03, 0.5) };
     match rng.random_range(0..6) {
         0..=2 if !driven => "no load",
         3 if !driven => {
             let sd_per_root_s = 0.2 * size * s / (100.0 * spec.ts_s).sqrt();
-            spec.loads
-                .push(Load::input(LoadKind::RandomWalk { sd_per_root_s }));
+            spec.loads.push(Load::input(LoadKind::RandomWalk { sd_per_root_s }));
             "random walk load"
         }
         _ => {
-            spec.loads
-                .push(Load::input(LoadKind::Coloured { sd: size * s, tau_s }));
+            spec.loads.push(Load::input(LoadKind::Coloured { sd: size * s, tau_s }));
             "coloured load"
         }
     }
@@ -193,42 +157,27 @@ fn sound_spec(rng: &mut Pcg64Mcg, base: Base, kind: &str) -> LoopSpec {
     let period_s = ts * pace * log_uniform(rng, 4.0, 40.0).max(12.0 / pace);
     let phase = uniform(rng, 0.0, TAU);
     // An integrating level under a lasting input load swings far: there the load enters at the output.
-    let enter = if spec.process.kind.is_integrating() || chance(rng, 0.5) {
-        Load::output
-    } else {
-        Load::input
-    };
+    let enter =
+        if spec.process.kind.is_integrating() || chance(rng, 0.5) { Load::output } else { Load::input };
     let noise = if chance(rng, 0.25) { 0.0 } else { noise_share(rng) };
     // Some colour under every kind: no real loop has none.
-    let background = LoadKind::Coloured {
-        sd: 0.05 * amplitude,
-        tau_s: ts * pace * log_uniform(rng, 1.0, 10.0),
-    };
+    let background =
+        LoadKind::Coloured { sd: 0.05 * amplitude, tau_s: ts * pace * log_uniform(rng, 1.0, 10.0) };
     let mut noise_sd = noise * amplitude;
     match kind {
         "noise only" => noise_sd = log_uniform(rng, 0.02, 2.0),
         "coloured load" => {
             let tau_s = ts * pace * log_uniform(rng, 1.0, 20.0);
-            spec.loads
-                .push(Load::input(LoadKind::Coloured { sd: amplitude, tau_s }));
+            spec.loads.push(Load::input(LoadKind::Coloured { sd: amplitude, tau_s }));
         }
         "random walk load" => {
             let sd_per_root_s = 0.2 * amplitude / (100.0 * ts).sqrt();
-            spec.loads
-                .push(Load::input(LoadKind::RandomWalk { sd_per_root_s }));
+            spec.loads.push(Load::input(LoadKind::RandomWalk { sd_per_root_s }));
         }
         "sinusoidal load" | "drifting oscillating load" => {
-            let growth_per_s = if kind.starts_with("drifting") {
-                uniform(rng, -0.45, 2.0) / (N as f64 * ts)
-            } else {
-                0.0
-            };
-            spec.loads.push(enter(LoadKind::Sine {
-                amplitude,
-                period_s,
-                phase,
-                growth_per_s,
-            }));
+            let growth_per_s =
+                if kind.starts_with("drifting") { uniform(rng, -0.45, 2.0) / (N as f64 * ts) } else { 0.0 };
+            spec.loads.push(enter(LoadKind::Sine { amplitude, period_s, phase, growth_per_s }));
         }
         "square load" => spec.loads.push(enter(LoadKind::Square { amplitude, period_s })),
         "triangular load" => spec.loads.push(enter(LoadKind::Triangle { amplitude, period_s })),
@@ -275,10 +224,8 @@ fn ultimate(spec: &LoopSpec) -> f64 {
         linear.loads.clear();
         linear.controller.gain *= factor;
         linear.controller.op_limits = (f64::NEG_INFINITY, f64::INFINITY);
-        linear.valve = ValveSpec {
-            travel: (f64::NEG_INFINITY, f64::INFINITY),
-            ..ValveSpec::linear(Friction::Ideal)
-        };
+        linear.valve =
+            ValveSpec { travel: (f64::NEG_INFINITY, f64::INFINITY), ..ValveSpec::linear(Friction::Ideal) };
         linear.sp = linear.pv0 + 1.0;
         simulate(&linear, 1200, 0).is_ok_and(|run| {
             let swing = |part: &[f64]| part.iter().map(|y| (y - linear.sp).abs()).fold(0.0, f64::max);
@@ -314,12 +261,7 @@ mod tests {
             let run = scenario.run().expect("random loops are valid");
             let reversals = reverses_beyond(&run.op[500..], scenario.truth.s);
             cycling += usize::from(reversals >= 4);
-            for word in scenario
-                .truth
-                .kind
-                .split(", ")
-                .filter(|w| !w.starts_with("noise"))
-            {
+            for word in scenario.truth.kind.split(", ").filter(|w| !w.starts_with("noise")) {
                 *kinds.entry(word.to_owned()).or_default() += 1;
             }
             let noise = scenario.spec.sensor.noise_sd;
@@ -331,17 +273,9 @@ mod tests {
         println!("{cycling} of 200 reverse beyond S at least 4 times in 1000 samples; {kinds:?}");
         assert_eq!(cycling, 200);
         // Every loop class, valve model, strength and load is met at least ten times in 200.
-        for word in [
-            "flow",
-            "pressure",
-            "level",
-            "temperature",
-            "Kano",
-            "Choudhury",
-            "weak",
-            "medium",
-            "strong",
-        ] {
+        for word in
+            ["flow", "pressure", "level", "temperature", "Kano", "Choudhury", "weak", "medium", "strong"]
+        {
             assert!(kinds.get(word).is_some_and(|&n| n >= 10), "{word}: {kinds:?}");
         }
         for word in [
@@ -364,12 +298,7 @@ mod tests {
             let run = scenario.run().expect("random loops are valid");
             assert!(run.pv.iter().all(|x| x.abs() < 1e3), "{}", scenario.truth.kind);
             let (low, high) = scenario.spec.valve.travel;
-            assert!(
-                run.op
-                    .iter()
-                    .zip(&run.mv)
-                    .all(|(op, mv)| *mv == op.max(low).min(high))
-            );
+            assert!(run.op.iter().zip(&run.mv).all(|(op, mv)| *mv == op.max(low).min(high)));
             assert!(sd(&run.op) > 0.0, "{}", scenario.truth.kind);
         }
     }
@@ -387,10 +316,7 @@ mod tests {
         // y[k+1] = y[k] + 0.1 u[k-1] under P control: stable up to Kc 0.1 = 1 (double root on the unit circle at ±60°).
         let mut base = draw_loop(&mut generator(3, 3), Friction::Ideal, MAX_DEAD).spec;
         base.ts_s = 1.0;
-        base.process = ProcessSpec {
-            kind: ProcessKind::Integrating { rate: 0.1 },
-            dead_time_s: 1.0,
-        };
+        base.process = ProcessSpec { kind: ProcessKind::Integrating { rate: 0.1 }, dead_time_s: 1.0 };
         base.controller = ControllerSpec::pi(1.0, f64::INFINITY);
         // 1 %: at the bound the swings of both stretches hardly differ.
         assert!((ultimate(&base) / 10.0 - 1.0).abs() < 0.01);

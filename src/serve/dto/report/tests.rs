@@ -20,27 +20,20 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
             decimation: 1,
             denoise: Denoise::default(),
         },
-        oscillation: Some(Oscillation {
-            period: 1480.0,
-            regularity_r: f64::INFINITY,
-            op_amplitude: 2.75,
-        }),
+        oscillation: Some(Oscillation { period: 1480.0, regularity_r: f64::INFINITY, op_amplitude: 2.75 }),
         estimate: Some(Estimate {
             f: 2.5,
             f_ci95: [2.25, 2.75],
             f_of_op_range: 0.41,
             delta_aic: 446.0,
             rival: crate::diagnosis::rivals::Rival::Linear,
-            steadiness: 5.0,
+            steadiness: 9.0,
             f_max: 6.0,
             d: 4.0,
             curve: vec![
                 CurvePoint { f: 0.0, aic: 446.0 },
                 CurvePoint { f: 2.5, aic: -0.0 },
-                CurvePoint {
-                    f: 6.0,
-                    aic: f64::NAN,
-                },
+                CurvePoint { f: 6.0, aic: f64::NAN },
             ],
             model: Model {
                 na: 2,
@@ -54,15 +47,8 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
             },
             mv: vec![],
         }),
-        residual: Some(Residual {
-            white: false,
-            one_step_rmse: 0.031,
-            free_run_rmse: 0.4,
-        }),
-        window: Some(Window {
-            op,
-            ..Window::default()
-        }),
+        residual: Some(Residual { white: false, one_step_rmse: 0.031, free_run_rmse: 0.4 }),
+        window: Some(Window { op, ..Window::default() }),
     }
 }
 
@@ -109,15 +95,7 @@ fn nothing_known_is_null() {
     assert_eq!(json["verdict"], "not_identifiable");
     assert_eq!(json["reason_code"], "flat_pv");
     assert_eq!(json["f_unit"], "OP units");
-    for null in [
-        "f",
-        "f_ci95",
-        "delta_aic",
-        "oscillation",
-        "model",
-        "preparation",
-        "aic_curve",
-    ] {
+    for null in ["f", "f_ci95", "delta_aic", "oscillation", "model", "preparation", "aic_curve"] {
         assert!(json[null].is_null(), "{null}");
     }
     assert_eq!(json["window"]["n"], 0);
@@ -134,10 +112,7 @@ fn unit_of_f() {
     };
     // A configured span decides and converts: 2.5 of 0..16 mA is 15.625 %.
     assert_eq!(unit(Some(100.0), &[-1.0, 1.0]), ("% OP".into(), false, Some(2.5)));
-    assert_eq!(
-        unit(Some(16.0), &[4.0, 20.0]),
-        ("% OP".into(), false, Some(15.625))
-    );
+    assert_eq!(unit(Some(16.0), &[4.0, 20.0]), ("% OP".into(), false, Some(15.625)));
     // Without one the values decide: per cent, below zero, above a hundred, a share of the span.
     assert_eq!(unit(None, &[17.0, 21.0]), ("% OP".into(), true, Some(2.5)));
     assert_eq!(unit(None, &[-1.0, 0.99]), ("OP units".into(), true, Some(2.5)));

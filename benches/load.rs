@@ -1,0 +1,229 @@
+//! A plant of 2,000 loops at 1 Hz for ten minutes of plant time, over Modbus/TCP from a server in another process, through
+//! the real collectors, history, scheduler, diagnosis and API. Prints CPU, memory and what was missed.
+//!
+//! `cargo bench --bench load -- [--speed 10] [--loops 2000] [--plant-s 600] [--period-s 300]`; with `--speed 1` it takes
+//! ten minutes, with the default one, and the polls come ten times as fast.
+
+use std::future;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use stictiond::app::App;
+use stictiond::config::{self, Config};
+use stictiond::schedule::Clock;
+use stictiond::sim::Run;
+use stictiond::sim::scenarios::{random_sound, random_sticky};
+use tokio::net::TcpListener;
+use tokio_modbus::prelude::*;
+use tokio_modbus::server::tcp::{Server, accept_tcp_connection};
+
+const DEVICES: usize = 8;
+/// Records that the loops replay, half of sticking valves.
+const RECORDS: u64 = 32;
+
+type Failed = Box<dyn std::error::Error + Send + Sync>;
+
+fn main() -> Result<(), Failed> {
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    if std::env::args().any(|argument| argument == "--server") {
+        return runtime.block_on(serve_plant(option("--speed", 10.0)));
+    }
+    let done = runtime.block_on(drive());
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    done
+}
+
+/// The number after `name` among the arguments.
+fn option(name: &str, default: f64) -> f64 {
+    let mut arguments = std::env::args().skip_while(|argument| argument != name);
+    arguments.nth(1).and_then(|text| text.parse().ok()).unwrap_or(default)
+}
+
+async fn drive() -> Result<(), Failed> {
+    let (loops, speed) = (option("--loops", 2000.0) as usize, option("--speed", 10.0));
+    let (plant_s, period_s) = (option("--plant-s", 600.0), option("--period-s", 300.0));
+    let mut server = Command::new(std::env::current_exe()?)
+        .args(["--server", "--speed", &speed.to_string()])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()?;
+    let output = server.stdout.take().ok_or("the server has no output")?;
+    let mut lines = BufReader::new(output).lines();
+    let mut addresses = Vec::new();
+    for _ in 0..DEVICES {
+        addresses.push(lines.next().ok_or("the server ended")??);
+    }
+    let app = Arc::new(App::build(
+        configuration(&addresses, loops, speed, period_s)?,
+        Clock::plant(1_767_225_600.0, speed),
+        App::diagnosis(),
+    )?);
+    let listener = TcpListener::bind("127.0.0.1:0").await?;
+    let address = listener.local_addr()?;
+    let idle_rss = kib("VmRSS:");
+    let (began, cpu) = (Instant::now(), cpu_s());
+    let running = app.clone();
+    let daemon = tokio::spawn(async move { running.run(listener).await });
+    tokio::time::sleep(Duration::from_secs_f64(plant_s / speed)).await;
+    let (wall, used) = (began.elapsed().as_secs_f64(), cpu_s() - cpu);
+    let asked = Instant::now();
+    let metrics = tokio::task::spawn_blocking(move || get(address, "/metrics")).await??;
+    let scrape = asked.elapsed();
+    let asked = Instant::now();
+    tokio::task::spawn_blocking(move || get(address, "/api/v1/loops?limit=1000")).await??;
+    let list = asked.elapsed();
+    app.stop().cancel();
+    daemon.await??;
+    drop(server.stdin.take());
+    server.wait()?;
+    let device = |event: &str| sum(&metrics, "stictiond_device_events_total", &format!("event=\"{event}\""));
+    let ended = |outcome: &str| sum(&metrics, "stictiond_runs_total", &format!("outcome=\"{outcome}\""));
+    let skipped = sum(&metrics, "stictiond_runs_skipped_total", "");
+    let diagnosed = ended("diagnosed");
+    println!("{loops} loops x 2 tags, {plant_s} s of plant time at {speed} x in {wall:.1} s");
+    println!("cpu            {used:.1} s = {:.1} % of one core in plant time", 100.0 * used / plant_s);
+    println!("  diagnoses    {:.1} s", sum(&metrics, "stictiond_runs_busy_seconds_total", ""));
+    println!(
+        "memory         {:.0} MiB resident, {:.0} MiB at most, {:.0} MiB before the first poll",
+        kib("VmRSS:") / 1024.0,
+        kib("VmHWM:") / 1024.0,
+        idle_rss / 1024.0
+    );
+    println!("  history      {:.0} MiB", sum(&metrics, "stictiond_history_memory_bytes", "") / 1_048_576.0);
+    println!(
+        "polls          {} done, {} missed, {} overran",
+        device("polls"),
+        device("missed_polls"),
+        device("overruns")
+    );
+    println!("samples        {} good, {} bad", device("good_samples"), device("bad_samples"));
+    println!(
+        "diagnoses      {diagnosed} done, {} late, {} panicked, {skipped} skipped",
+        ended("deadline_exceeded"),
+        ended("panicked")
+    );
+    println!(
+        "verdicts       {}",
+        ["stiction", "no_stiction", "not_identifiable"]
+            .map(|v| format!("{} {v}", sum(&metrics, "stictiond_loop_verdict", &format!("verdict=\"{v}\""))))
+            .join(", ")
+    );
+    println!(
+        "API            scrape {:.1} ms, page of 1000 loops {:.1} ms",
+        scrape.as_secs_f64() * 1e3,
+        list.as_secs_f64() * 1e3
+    );
+    Ok(())
+}
+
+fn configuration(addresses: &[String], loops: usize, speed: f64, period_s: f64) -> Result<Config, Failed> {
+    let poll_ms = (1000.0 / speed).round();
+    let mut text =
+        format!("[schedule]\nperiod_s = {period_s:.1}\nparallelism = 1\n[history]\nsamples_per_tag = 4096\n");
+    for (at, address) in addresses.iter().enumerate() {
+        text += &format!(
+            "[[modbus]]\nname = \"d{at}\"\naddress = \"{address}\"\npoll_ms = {poll_ms}\ntimeout_ms = {poll_ms}\naddress_base = 0\n"
+        );
+    }
+    for at in 0..loops {
+        let (device, register) = (at % DEVICES, at / DEVICES * 4);
+        text += &format!("[[loop]]\nid = \"L{at:04}\"\nop_span = 100.0\n");
+        for (role, address) in [("op", register), ("pv", register + 2)] {
+            text += &format!(
+                "[loop.{role}]\ndevice = \"d{device}\"\nregister = \"holding\"\naddress = {address}\ntype = \"f32\"\n"
+            );
+        }
+    }
+    config::parse("load.toml", &text)
+        .map_err(|wrong| wrong.iter().map(|d| d.to_string() + "\n").collect::<String>().into())
+}
+
+/// Loop l of a device has OP in registers 4l and 4l + 1, PV in the next two, and replays one of the records.
+#[derive(Clone)]
+struct Plant {
+    records: Arc<Vec<Run>>,
+    start: Instant,
+    speed: f64,
+    device: usize,
+}
+
+impl Plant {
+    fn register(&self, register: u16, now: usize) -> u16 {
+        let at = usize::from(register / 4) * DEVICES + self.device;
+        let record = &self.records[at % self.records.len()];
+        let values = if register % 4 < 2 { &record.op } else { &record.pv };
+        let bits = (values[(now + 7 * at) % values.len()] as f32).to_bits();
+        if register.is_multiple_of(2) { (bits >> 16) as u16 } else { bits as u16 }
+    }
+}
+
+impl tokio_modbus::server::Service for Plant {
+    type Request = Request<'static>;
+    type Response = Response;
+    type Exception = ExceptionCode;
+    type Future = future::Ready<Result<Response, ExceptionCode>>;
+
+    fn call(&self, request: Self::Request) -> Self::Future {
+        let now = (self.start.elapsed().as_secs_f64() * self.speed) as usize;
+        future::ready(match request {
+            Request::ReadHoldingRegisters(start, count) => Ok(Response::ReadHoldingRegisters(
+                (start..start + count).map(|r| self.register(r, now)).collect(),
+            )),
+            _ => Err(ExceptionCode::IllegalFunction),
+        })
+    }
+}
+
+/// The other process: serves until its standard input is closed.
+async fn serve_plant(speed: f64) -> Result<(), Failed> {
+    let scenario = |seed| {
+        if seed % 2 == 0 { random_sticky(seed) } else { random_sound(seed) }
+    };
+    let records: Result<Vec<Run>, _> = (0..RECORDS).map(|seed| scenario(seed).run()).collect();
+    let plant = Plant { records: Arc::new(records?), start: Instant::now(), speed, device: 0 };
+    for device in 0..DEVICES {
+        let listener = TcpListener::bind("127.0.0.1:0").await?;
+        println!("{}", listener.local_addr()?);
+        let plant = Plant { device, ..plant.clone() };
+        tokio::spawn(async move {
+            let connected = |stream, peer| {
+                let plant = plant.clone();
+                async move { accept_tcp_connection(stream, peer, move |_| Ok(Some(plant.clone()))) }
+            };
+            Server::new(listener).serve(&connected, |_| {}).await
+        });
+    }
+    std::io::stdout().flush()?;
+    tokio::task::spawn_blocking(|| std::io::stdin().read(&mut [0])).await??;
+    Ok(())
+}
+
+fn get(to: SocketAddr, path: &str) -> std::io::Result<String> {
+    let mut stream = TcpStream::connect(to)?;
+    write!(stream, "GET {path} HTTP/1.1\r\nhost: {to}\r\nconnection: close\r\n\r\n")?;
+    let mut text = String::new();
+    stream.read_to_string(&mut text)?;
+    Ok(text)
+}
+
+/// The sum of the series of a metric whose labels contain a text.
+fn sum(metrics: &str, name: &str, label: &str) -> f64 {
+    let value = |line: &str| line.rsplit_once(' ').and_then(|(_, value)| value.parse::<f64>().ok());
+    metrics.lines().filter(|l| l.starts_with(name) && l.contains(label)).filter_map(value).sum()
+}
+
+fn kib(field: &str) -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix(field)).unwrap_or_default();
+    line.split_whitespace().next().and_then(|text| text.parse().ok()).unwrap_or(f64::NAN)
+}
+
+/// User and system time of this process, fields 14 and 15 in ticks of 10 ms.
+fn cpu_s() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let after_name = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
+    after_name.split_whitespace().skip(11).take(2).filter_map(|text| text.parse::<f64>().ok()).sum::<f64>()
+        / 100.0
+}
