@@ -66,7 +66,7 @@ pub(super) fn redrawn(lines: &[String]) -> String {
     let mut text = String::from("\x1b[H");
     for line in lines {
         // Writing to a String cannot fail.
-        let _ = write!(text, "{line}\x1b[K\n");
+        let _ = writeln!(text, "{line}\x1b[K");
     }
     text + "\x1b[J"
 }
