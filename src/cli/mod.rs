@@ -1,9 +1,10 @@
-//! The command line: `stictiond run | diagnose | check | probe`.
+//! The command line: `stictiond run | demo | diagnose | check | probe`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
 
 mod check;
+mod demo;
 mod diagnose;
 mod logging;
 mod probe;
@@ -28,6 +29,8 @@ struct Args {
 enum Command {
     /// Poll the plant, diagnose its loops, serve the results; SIGHUP reads the configuration again
     Run(run::Args),
+    /// Watch a simulated plant of twenty loops: no configuration, no plant
+    Demo(demo::Args),
     /// Diagnose one record: columns t,op,pv[,sp][,other tags…]
     Diagnose(diagnose::Args),
     /// Validate a configuration: every error with line and column
@@ -65,6 +68,7 @@ pub fn main() -> ExitCode {
     };
     let done = match args.command {
         Command::Run(args) => run::run(&args),
+        Command::Demo(args) => demo::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Probe(args) => probe::run(&args),

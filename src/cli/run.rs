@@ -18,7 +18,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     logging::start(&args.log)?;
     let runtime =
         tokio::runtime::Runtime::new().map_err(|error| Failure::Failed(format!("cannot start: {error}")))?;
-    runtime.block_on(app::daemon(&args.config)).map_err(|error| match error {
+    let ended = runtime.block_on(app::daemon(&args.config));
+    // A diagnosis under way has nothing to save; waiting for it would hold up a restart.
+    runtime.shutdown_background();
+    ended.map_err(|error| match error {
         AppError::Config(errors) => Failure::BadConfig(errors),
         AppError::Plan(_) => Failure::in_file(&args.config, error),
         _ => Failure::Failed(error.to_string()),

@@ -69,7 +69,7 @@ fn tags_are_numbered_through_the_loops() {
     assert_eq!(numbered, expected.into_iter().enumerate().collect::<Vec<_>>());
     // 100..=106 in one request and the input register in another; holding 1..=2 and input 1..=4.
     assert_eq!(plant.plans.iter().map(|plan| plan.requests.len()).collect::<Vec<_>>(), [2, 2]);
-    assert_eq!(plant.loops[1].tags[1].source, "modbus plc-7.example:502 unit 3 input 1 from 1 f32 CDAB");
+    assert_eq!(plant.loops[1].tags[1].source, "modbus localhost:5021 unit 3 input 1 from 1 f32 CDAB");
     assert_eq!(
         plant.plans[0]
             .tags

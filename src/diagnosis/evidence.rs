@@ -26,8 +26,10 @@ use super::stats::{mean, median, sd};
 const THRESHOLD_95: f64 = 7.35;
 /// Blocks over which the gain must be shared.
 const BLOCKS: usize = 10;
+/// Degrees of freedom of the heavy-tailed likelihood behind the steadiness.
+const TAILS: f64 = 4.0;
 /// Least steadiness [-] of a believed gain.
-pub const STEADY: f64 = 1.8;
+pub const STEADY: f64 = 0.5;
 
 /// The evidence for the sticky model against the best explanation without friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,12 +91,18 @@ pub fn weigh(
 }
 
 /// Mean over blocks of the log-likelihood gain, in its standard errors; bounded for noise-free records.
+///
+/// The likelihood is Student's t with [`TAILS`] degrees of freedom about the sticky model's own spread, so that
+/// a few large errors at the slips, or one transient, do not speak for the whole record.
 fn steadiness(sound: &[f64], sticky: &[f64]) -> f64 {
+    let sizes: Vec<f64> = sticky.iter().map(|e| e.abs()).collect();
+    let scale = (median(&sizes) / 0.6745).powi(2).max(LOSS_FLOOR);
+    let surprise = |e: f64| 0.5 * (TAILS + 1.0) * (e * e / (TAILS * scale)).ln_1p();
     let length = sound.len().min(sticky.len()).div_ceil(BLOCKS).max(1);
     let sums: Vec<f64> = sound
         .chunks(length)
         .zip(sticky.chunks(length))
-        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a * a - b * b).sum())
+        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| surprise(*a) - surprise(*b)).sum())
         .collect();
     let spread = sd(&sums) * (sums.len() as f64 / (sums.len() as f64 - 1.0).max(1.0)).sqrt();
     let error = spread / (sums.len() as f64).sqrt();

@@ -146,7 +146,7 @@ fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
         kept,
         offered: series.len(),
         stale: series.iter().filter(|s| s.quality == Quality::Stale).count(),
-        too_large: series.iter().filter(|s| !(s.value.abs() <= LARGEST_VALUE)).count(),
+        too_large: series.iter().filter(|s| s.value.abs() > LARGEST_VALUE).count(),
     }
 }
 

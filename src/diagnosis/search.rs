@@ -24,11 +24,15 @@ const FINE_CELLS: usize = 60;
 /// Coarse steps to each side of the best that the fine pass covers.
 const FINE_REACH: f64 = 3.0;
 /// Fewest stem reversals in a window that say anything about f.
-pub const LEAST_REVERSALS: usize = 3;
+pub const LEAST_REVERSALS: usize = 4;
 /// Structures fitted by prediction error at one f.
 const FITTED: usize = 3;
 /// Structures fitted where the result decides: at f = 0 and in the refinement.
 const FITTED_WELL: usize = 12;
+/// Iterations each start gets before the leaders are known, leaders that go on, and iterations they get.
+const HEAT: usize = 2;
+const FINALISTS: usize = 3;
+const FINAL: usize = 40;
 /// Distance in N ln V above the best at which a value of f is not worth a prediction-error fit: the
 /// Hannan–Rissanen loss overstates the minimum by less than this on every record tried.
 const HOPELESS: f64 = 45.0;
@@ -119,6 +123,8 @@ pub struct Searcher<'a> {
     x: Vec<f64>,
     dir: Vec<f64>,
     candidates: Vec<Candidate>,
+    starts: Vec<(Orders, Theta)>,
+    running: Vec<Fit>,
     /// Last winning coefficients of each structure that has won: warm starts.
     winners: BTreeMap<Orders, Theta>,
     /// Prediction-error minimisations so far.
@@ -138,6 +144,8 @@ impl<'a> Searcher<'a> {
             x: vec![0.0; n],
             dir: vec![0.0; n],
             candidates: Vec::with_capacity(15 * p.max_delay),
+            starts: Vec::new(),
+            running: Vec::new(),
             winners: BTreeMap::new(),
             fits: 0,
             screened: 0,
@@ -244,10 +252,11 @@ impl<'a> Searcher<'a> {
         let s = self.p.signals(&self.x, &self.dir);
         self.screen.load(&s, f > 0.0);
         let long = self.screen.fit_lag(lag, f);
-        let mut best: Option<Fit> = None;
+        let lag_mode = if f > 0.0 { Lag::Free { max: f } } else { Lag::Fixed };
+        self.starts.clear();
         // Starts without and with the lag: the loss is not convex in it.
         for start in [0.0, long.lag] {
-            if start == 0.0 && best.is_some() {
+            if start == 0.0 && !self.starts.is_empty() {
                 continue;
             }
             self.screen.load_errors(&s, start);
@@ -256,25 +265,12 @@ impl<'a> Searcher<'a> {
             self.screen.fit_all(|c| candidates.push(c));
             self.screened += candidates.len();
             let most = FITTED_WELL.min(candidates.len());
-            if candidates.len() > most {
-                candidates.select_nth_unstable_by(most - 1, |a, b| a.loss.total_cmp(&b.loss));
-            }
-            for c in &candidates[..most] {
-                let lag_mode = if f > 0.0 { Lag::Free { max: f } } else { Lag::Fixed };
-                let theta = Theta { lag: start, ..c.theta };
-                let fit = self.work.minimise(&s, c.orders, theta, lag_mode, 1e-6, 30);
-                self.fits += 1;
-                if best.is_none_or(|b| fit.loss < b.loss) {
-                    best = Some(fit);
-                }
-            }
+            candidates.select_nth_unstable_by(most - 1, |a, b| a.loss.total_cmp(&b.loss));
+            self.starts
+                .extend(candidates[..most].iter().map(|c| (c.orders, Theta { lag: start, ..c.theta })));
         }
-        let fit = best.unwrap_or(Fit {
-            orders: Orders { na: 1, nb: 1, nc: 0, nk: 1 },
-            theta: Theta::default(),
-            loss: f64::INFINITY,
-            iterations: 0,
-        });
+        self.fits += self.starts.len();
+        let fit = race(&mut self.work, &s, &self.starts, lag_mode, &mut self.running);
         Refined { cell, resume, f, fit, long_loss: long.loss, long_lag: long.lag }
     }
 
@@ -302,19 +298,11 @@ impl<'a> Searcher<'a> {
         if screened > hopeless {
             return screened + LOSS_FLOOR;
         }
-        let mut best: Option<Fit> = None;
-        let warm: Vec<(Orders, Theta)> = self.winners.iter().map(|(o, t)| (*o, *t)).collect();
-        let cold = candidates[..most].iter().map(|c| (c.orders, c.theta));
-        for (orders, theta) in cold.chain(warm) {
-            let fit = self.work.minimise(&s, orders, theta, Lag::Fixed, 1e-5, 12);
-            self.fits += 1;
-            if best.is_none_or(|b| fit.loss < b.loss) {
-                best = Some(fit);
-            }
-        }
-        let Some(best) = best else {
-            return screened + LOSS_FLOOR;
-        };
+        self.starts.clear();
+        self.starts.extend(candidates[..most].iter().map(|c| (c.orders, c.theta)));
+        self.starts.extend(self.winners.iter().map(|(orders, theta)| (*orders, *theta)));
+        self.fits += self.starts.len();
+        let best = race(&mut self.work, &s, &self.starts, Lag::Fixed, &mut self.running);
         if self.winners.len() >= 2 * FITTED && !self.winners.contains_key(&best.orders) {
             self.winners.pop_first();
         }
@@ -325,6 +313,28 @@ impl<'a> Searcher<'a> {
     fn run_element(&mut self, f: f64, resume: f64) -> Cell {
         stick_slip(&self.p.u, f, resume, self.p.start, &mut self.x, &mut self.dir)
     }
+}
+
+/// The best minimum from several starts: a few iterations for each, then only the leaders to the end.
+fn race(
+    work: &mut Workspace,
+    s: &Signals<'_>,
+    starts: &[(Orders, Theta)],
+    lag: Lag,
+    running: &mut Vec<Fit>,
+) -> Fit {
+    running.clear();
+    running.extend(starts.iter().map(|(orders, theta)| work.minimise(s, *orders, *theta, lag, 1e-4, HEAT)));
+    running.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+    running.truncate(FINALISTS);
+    let finals = running.iter().map(|fit| work.minimise(s, fit.orders, fit.theta, lag, 1e-6, FINAL));
+    let nobody = Fit {
+        orders: Orders { na: 1, nb: 1, nc: 0, nk: 1 },
+        theta: Theta::default(),
+        loss: f64::INFINITY,
+        iterations: 0,
+    };
+    finals.min_by(|a, b| a.loss.total_cmp(&b.loss)).unwrap_or(nobody)
 }
 
 /// The `most` best cells that are local minima of the profile, and their neighbours.

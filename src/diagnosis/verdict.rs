@@ -96,7 +96,8 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
         model: model(&chosen, &scale),
         mv: stem.iter().map(|x| x * scale.u + scale.u0).collect(),
     };
-    let reason = explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e));
+    let unit = record.op_span.map(|_| percent);
+    let reason = explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), unit);
     let residual = Some(validation::validate(&problem, &chosen, scale.y));
     Diagnosis {
         verdict,
@@ -213,27 +214,29 @@ fn model(chosen: &Refined, scale: &Scale) -> Model {
     }
 }
 
-fn explain(verdict: &Verdict, e: &Estimate, evidence: Option<&Evidence>) -> String {
-    let Some(w) = evidence else {
-        return "no reversal of OP that friction could have held".into();
-    };
+/// The verdict in one line; `percent` turns f into % of OP span where the span is known.
+fn explain(verdict: &Verdict, e: &Estimate, evidence: Option<&Evidence>, percent: Option<f64>) -> String {
+    let Some(w) = evidence else { return "OP never reverses by enough for friction to hold the stem".into() };
+    let (per, unit) = percent.map_or((1.0, ""), |p| (p, " % OP"));
     match verdict {
         Verdict::Stiction => format!(
-            "f = {:.3} [{:.3}, {:.3}], evidence {:.0} against {}",
-            e.f,
-            e.f_ci95[0],
-            e.f_ci95[1],
+            "f = {:.3}{unit} [{:.3}, {:.3}], evidence {:.0} against {}",
+            e.f * per,
+            e.f_ci95[0] * per,
+            e.f_ci95[1] * per,
             w.delta_aic,
             w.rival.name()
         ),
-        _ if w.delta_aic_linear > w.delta_aic.max(0.0) + 20.0 => {
-            format!(
-                "{} explains the record as well as friction (evidence {:.0})",
-                w.rival.name(),
-                w.delta_aic
-            )
-        }
-        _ => format!("no friction needed: evidence {:.0}, steadiness {:.1}", w.delta_aic, w.steadiness),
+        _ if w.rival != Rival::Linear => format!(
+            "{} explains the record nearly as well as friction (evidence {:.0})",
+            w.rival.name(),
+            w.delta_aic
+        ),
+        _ if w.steadiness <= STEADY => format!(
+            "no steady gain from friction: evidence {:.0}, steadiness {:.1}",
+            w.delta_aic, w.steadiness
+        ),
+        _ => format!("no friction needed: evidence {:.0}", w.delta_aic),
     }
 }
 

@@ -81,7 +81,7 @@ impl Class {
             }
             Class::Level => (ProcessKind::Integrating { rate: 0.05 }, 2.0, ControllerSpec::pi(4.0, 25.0)),
             Class::Pressure => (ProcessKind::two_lags(1.5, 12.0, 3.0), 1.0, ControllerSpec::pi(1.5, 10.0)),
-            Class::Temperature => (ProcessKind::two_lags(0.9, 25.0, 6.0), 4.0, ControllerSpec::pi(2.0, 18.0)),
+            Class::Temperature => (ProcessKind::two_lags(0.9, 25.0, 6.0), 2.0, ControllerSpec::pi(2.0, 18.0)),
         };
         LoopSpec {
             process: ProcessSpec { kind, dead_time_s },
@@ -132,28 +132,28 @@ pub fn demo_plant(seed: u64) -> Vec<DemoLoop> {
     plant.sound(Flow, "oscillating load", |spec| oscillating(spec, 3.0, 70.0));
     plant.sound(Flow, "tight tuning", |spec| tight(spec, 2.55));
     plant.mute(Flow, "saturated", |spec| spec.sp = 130.0);
+    plant.sticky(Flow, "dead band only", kano(4.0, 0.0), |spec| {
+        spec.loads.push(Load::input(LoadKind::Coloured { sd: 2.0, tau_s: 200.0 }));
+    });
+    plant.sticky(Flow, "stiction, noisy", choudhury(6.0, 2.0), |spec| {
+        spec.sensor = SensorSpec::noisy(0.15);
+    });
 
     plant.sticky(Level, "strong stiction", kano(5.0, 1.0), |_| ());
     plant.sticky(Level, "dead band only", kano(3.0, 0.0), |_| ());
     plant.sound(Level, "oscillating load", |spec| oscillating(spec, 4.0, 160.0));
     plant.mute(Level, "manual", |spec| spec.controller.mode = Mode::Manual(50.0));
-    plant.sound(Level, "sound", disturbed);
 
     plant.sticky(Pressure, "weak stiction", choudhury(1.2, 0.5), |_| ());
     plant.mute(Pressure, "frozen PV", freeze);
-    plant.sticky(Pressure, "stiction, noisy", kano(4.0, 1.5), |spec| {
-        spec.sensor = SensorSpec::noisy(0.3);
-    });
+    plant.sticky(Pressure, "strong stiction", kano(4.0, 1.5), |_| ());
     plant.sound(Pressure, "sound, noisy", |spec| {
         disturbed(spec);
         spec.sensor = SensorSpec::noisy(0.4);
     });
     plant.sound(Pressure, "tight tuning", |spec| tight(spec, 2.1));
 
-    plant.sticky(Temperature, "stiction", kano(3.0, 2.0), |_| ());
-    plant.sticky(Temperature, "dead band only", kano(2.0, 0.0), |spec| {
-        spec.loads.push(Load::input(LoadKind::Coloured { sd: 4.0, tau_s: 60.0 }));
-    });
+    plant.sticky(Temperature, "stiction", kano(5.0, 2.0), |_| ());
     plant.sound(Temperature, "oscillating load", |spec| oscillating(spec, 3.0, 240.0));
     plant.mute(Temperature, "saturated", |spec| spec.sp = -10.0);
     plant.loops

@@ -29,8 +29,12 @@ pub struct Report {
     pub f_unit_assumed: bool,
     /// f as a share of OP's range in the window [-].
     pub f_of_op_range: Option<f64>,
-    /// Evidence against f = 0 [-].
+    /// Evidence for friction against the best explanation without it [-].
     pub delta_aic: Option<f64>,
+    /// That explanation, in words.
+    pub rival: Option<String>,
+    /// How evenly the record shares the evidence: its block mean in standard errors [-].
+    pub steadiness: Option<f64>,
     /// Largest f tried [`f_unit`].
     pub f_max: Option<f64>,
     /// Srinivasan's d of the same window, for comparison [`f_unit`].
@@ -268,6 +272,8 @@ impl Report {
             f_unit_assumed: unit.assumed,
             f_of_op_range: estimate.and_then(|e| finite(e.f_of_op_range)),
             delta_aic: estimate.and_then(|e| finite(e.delta_aic)),
+            rival: estimate.map(|e| e.rival.name().to_string()),
+            steadiness: estimate.and_then(|e| finite(e.steadiness)),
             f_max: estimate.and_then(|e| unit.scale(e.f_max)),
             d_srinivasan: estimate.and_then(|e| unit.scale(e.d)),
             window: window(prepared),

@@ -24,7 +24,7 @@ function cell(row, text, kind) {
 
 const interval = (item) => (item.f_ci95 ? ` (${short(item.f_ci95[0])} … ${short(item.f_ci95[1])})` : "");
 const friction = (item) => (item.f === null ? "–" : `${short(item.f)}${interval(item)} ${item.f_unit}`);
-const when = (text) => (text ? new Date(text).toLocaleString() : "–");
+const when = (text) => (text ? new Date(text).toLocaleString("sv-SE") : "–");
 
 function rowOf(item) {
   const row = document.createElement("tr");
@@ -126,7 +126,7 @@ function columns(samples, tag) {
   return found && { name: tag.toUpperCase(), unit: found.unit, kind: tag, x: found.time.map(Date.parse), y: found.value };
 }
 
-const clock = (t) => new Date(t).toLocaleTimeString();
+const clock = (t) => new Date(t).toLocaleTimeString("sv-SE");
 
 function showTrend(samples) {
   const series = ["pv", "sp", "op"].map((tag) => columns(samples, tag)).filter(Boolean);

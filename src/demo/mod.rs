@@ -1,0 +1,276 @@
+//! `stictiond demo`: a simulated plant behind a real Modbus/TCP server on loopback, and the daemon watching it as it
+//! would watch any plant, from a configuration. Plant time runs `speed` times as fast as the wall clock.
+
+mod registers;
+mod server;
+mod table;
+
+use crate::app::{self, App, AppError};
+use crate::config;
+use crate::results::Results;
+use crate::schedule::Clock;
+use crate::signal::LoopId;
+use crate::sim::demo_plant::TS_S;
+use crate::sim::{DemoLoop, SpecError, demo_plant};
+use registers::Pace;
+use server::Station;
+use std::io::{self, IsTerminal, Write};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::Arc;
+use std::time::Duration;
+use table::Row;
+use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
+
+/// How many times faster than the wall clock plant time runs, where nobody says.
+pub const DEFAULT_SPEED: f64 = 80.0;
+/// Speeds that the polls can follow.
+pub const SPEEDS: std::ops::RangeInclusive<f64> = 1.0..=200.0;
+/// Plant time between two polls [s]: four samples of the controllers, as a historian sees them.
+const POLL_S: f64 = 2.0;
+/// Time between two diagnoses of a loop [s on the wall clock].
+const DIAGNOSE_EVERY_S: f64 = 10.0;
+/// How often the table is drawn again on a terminal, and at most printed elsewhere.
+const REDRAW: Duration = Duration::from_millis(500);
+const PRINT: Duration = Duration::from_secs(5);
+
+/// What the command line says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Where API and dashboard are shown.
+    pub listen: SocketAddr,
+    /// Plant time over wall time, within [`SPEEDS`].
+    pub speed: f64,
+    /// Seed of the plant's noise and loads.
+    pub seed: u64,
+}
+
+/// Why the demo does not run.
+#[derive(Debug, thiserror::Error)]
+pub enum DemoError {
+    /// The speed cannot be followed.
+    #[error("--speed {0} must be 1 to 200")]
+    Speed(f64),
+    /// The plant makes no sense.
+    #[error(transparent)]
+    Plant(#[from] SpecError),
+    /// The daemon does not run.
+    #[error(transparent)]
+    App(#[from] AppError),
+    /// The plant's server, the terminal or the runtime failed.
+    #[error("{what}: {source}")]
+    Io {
+        /// Which.
+        what: &'static str,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+impl DemoError {
+    fn io(what: &'static str) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::Io { what, source }
+    }
+}
+
+/// The plant and the daemon, listening and not yet running.
+pub struct Demo {
+    app: App,
+    clock: Clock,
+    loops: Vec<DemoLoop>,
+    station: Arc<Station>,
+    modbus: TcpListener,
+    api: TcpListener,
+    address: SocketAddr,
+    config: String,
+}
+
+impl Demo {
+    /// Binds both servers and builds the daemon.
+    ///
+    /// # Errors
+    /// [`DemoError`]; a taken address is [`AppError::Bind`].
+    pub async fn build(options: &Options) -> Result<Self, DemoError> {
+        let Options { listen, speed, seed } = *options;
+        if !SPEEDS.contains(&speed) {
+            return Err(DemoError::Speed(speed));
+        }
+        let loops = demo_plant(seed);
+        let modbus = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await;
+        let modbus = modbus.map_err(DemoError::io("cannot listen for the simulated plant"))?;
+        let at = modbus.local_addr().map_err(DemoError::io("cannot listen for the simulated plant"))?;
+        let pace =
+            Pace { poll_ms: (1000.0 * POLL_S / speed).round() as u64, period_s: DIAGNOSE_EVERY_S * speed };
+        let text = registers::config(&loops, listen, at, pace);
+        let config = config::parse("demo", &text).map_err(AppError::Config)?;
+        let api = app::listen(&config).await?;
+        let address = api.local_addr().map_err(DemoError::io("cannot listen"))?;
+        let clock = Clock::plant(Clock::wall().now(), speed);
+        let station = Station::new(loops.clone(), TS_S, Arc::new(move || clock.elapsed()))?;
+        Ok(Self {
+            app: App::build(config, clock, App::diagnosis())?,
+            clock,
+            loops,
+            station: Arc::new(station),
+            modbus,
+            api,
+            address,
+            config: text,
+        })
+    }
+
+    /// Where API and dashboard are shown.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The plant's loops and what is true of them.
+    pub fn loops(&self) -> &[DemoLoop] {
+        &self.loops
+    }
+
+    /// The configuration file that `stictiond run` would need to watch the same plant.
+    pub fn config(&self) -> &str {
+        &self.config
+    }
+
+    /// What the diagnoses said.
+    pub fn results(&self) -> Arc<Results> {
+        Arc::clone(self.app.results())
+    }
+
+    /// Cancel it to stop the demo.
+    pub fn stop(&self) -> CancellationToken {
+        self.app.stop()
+    }
+
+    /// Runs plant and daemon until [`Demo::stop`] is cancelled, and draws the table on `screen`.
+    ///
+    /// # Errors
+    /// [`DemoError`] when a server or the screen fails; the rest is stopped first.
+    pub async fn run(self, mut screen: Screen<impl Write>) -> Result<(), DemoError> {
+        let stop = self.app.stop();
+        let drawing =
+            View { results: self.results(), loops: &self.loops, clock: self.clock, address: self.address };
+        let drawing = async {
+            let drawn = drawing.draw(&mut screen, &stop).await;
+            stop.cancel();
+            drawn.map_err(DemoError::io("cannot write to the terminal"))
+        };
+        let plant = async {
+            let served = self.station.serve(self.modbus, stop.clone()).await;
+            stop.cancel();
+            served.map_err(DemoError::io("the simulated plant's server failed"))
+        };
+        let daemon = async {
+            let ran = self.app.run(self.api).await;
+            stop.cancel();
+            ran.map_err(DemoError::from)
+        };
+        let (drawn, served, ran) = tokio::join!(drawing, plant, daemon);
+        ran.and(served).and(drawn)
+    }
+}
+
+/// Where the table is drawn.
+pub struct Screen<W> {
+    out: W,
+    in_place: bool,
+}
+
+impl<W: Write> Screen<W> {
+    /// `in_place`: a terminal, on which the table is drawn over itself. Elsewhere it is printed when a verdict changes.
+    pub fn new(out: W, in_place: bool) -> Self {
+        Self { out, in_place }
+    }
+
+    fn show(&mut self, lines: &[String]) -> io::Result<()> {
+        let text = if self.in_place { table::redrawn(lines) } else { lines.join("\n") + "\n\n" };
+        self.out.write_all(text.as_bytes()).and_then(|()| self.out.flush())
+    }
+}
+
+/// What the screen is drawn from.
+struct View<'a> {
+    results: Arc<Results>,
+    loops: &'a [DemoLoop],
+    clock: Clock,
+    address: SocketAddr,
+}
+
+impl View<'_> {
+    async fn draw(&self, screen: &mut Screen<impl Write>, stop: &CancellationToken) -> io::Result<()> {
+        let mut ticks = tokio::time::interval(if screen.in_place { REDRAW } else { PRINT });
+        if screen.in_place {
+            screen.out.write_all(b"\x1b[2J")?;
+        } else {
+            screen.show(&[self.title()])?;
+        }
+        let mut before = None;
+        while stop.run_until_cancelled(ticks.tick()).await.is_some() {
+            let (lines, verdicts) = self.lines();
+            if screen.in_place || (before.as_ref() != Some(&verdicts) && verdicts.iter().any(Option::is_some))
+            {
+                screen.show(&lines)?;
+                before = Some(verdicts);
+            }
+        }
+        Ok(())
+    }
+
+    fn title(&self) -> String {
+        let address = self.address;
+        format!(
+            "simulated plant of {} loops; dashboard http://{address}/, API http://{address}/api/v1/loops, Ctrl-C ends it",
+            self.loops.len()
+        )
+    }
+
+    /// The table, and the verdicts in it.
+    fn lines(&self) -> (Vec<String>, Vec<Option<&'static str>>) {
+        let now = self.clock.now();
+        let said: Vec<_> = self
+            .loops
+            .iter()
+            .map(|demo| self.results.get(&LoopId::new(demo.id.as_str()), now)?.summary)
+            .collect();
+        let rows: Vec<Row<'_>> =
+            self.loops.iter().zip(&said).map(|(demo, said)| Row { demo, said: said.as_ref() }).collect();
+        let mut lines = vec![self.title(), format!("plant time {:.0} s", self.clock.elapsed().as_secs_f64())];
+        lines.extend(table::lines(&rows));
+        let verdicts = said.iter().map(|said| said.as_ref().map(|said| said.outcome));
+        (lines, verdicts.collect())
+    }
+}
+
+/// The command: runs until Ctrl-C, SIGTERM or a failure.
+///
+/// # Errors
+/// [`DemoError`].
+pub fn command(options: &Options) -> Result<(), DemoError> {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(DemoError::io("cannot start the runtime"))?;
+    let done = runtime.block_on(async {
+        let demo = Demo::build(options).await?;
+        let stop = demo.stop();
+        let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())
+            .map_err(DemoError::io("cannot listen to signals"))?;
+        let signals = async {
+            tokio::select! {
+                _ = tokio::signal::ctrl_c() => {}
+                _ = terminate.recv() => {}
+                () = stop.cancelled() => {}
+            }
+            stop.cancel();
+        };
+        let out = io::stdout();
+        let screen = Screen::new(out.lock(), out.is_terminal());
+        let (done, ()) = tokio::join!(demo.run(screen), signals);
+        done
+    });
+    // A diagnosis under way is not waited for: Ctrl-C ends the demo at once.
+    runtime.shutdown_background();
+    done
+}
