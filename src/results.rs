@@ -47,11 +47,11 @@ impl Outcome {
 pub struct Run {
     /// Which loop.
     pub id: LoopId,
-    /// When it began [s].
+    /// When it began (s).
     pub started: f64,
-    /// When it ended [s].
+    /// When it ended (s).
     pub finished: f64,
-    /// How long it took on the wall clock [s].
+    /// How long it took on the wall clock (s).
     pub took_s: f64,
     /// Who asked.
     pub trigger: Trigger,
@@ -115,9 +115,9 @@ pub fn op_in_percent(op_span: Option<f64>, diagnosis: &Diagnosis) -> bool {
 /// A run in a few numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// When it ended [s].
+    /// When it ended (s).
     pub time: f64,
-    /// How long it took on the wall clock [s].
+    /// How long it took on the wall clock (s).
     pub took_s: f64,
     /// Who asked.
     pub trigger: Trigger,
@@ -146,11 +146,11 @@ pub struct AlarmView {
     pub state: State,
     /// Whether the condition holds, shelved or not.
     pub active: bool,
-    /// When the state last changed [s].
+    /// When the state last changed (s).
     pub since: Option<f64>,
-    /// When the condition was last raised [s].
+    /// When the condition was last raised (s).
     pub raised_at: Option<f64>,
-    /// Until when it is shelved [s].
+    /// Until when it is shelved (s).
     pub shelved_until: Option<f64>,
     /// Who acted last.
     pub by: Option<String>,
@@ -190,7 +190,7 @@ pub enum Event {
 pub enum Action {
     /// Seen.
     Acknowledge,
-    /// Silence for this long [s].
+    /// Silence for this long (s).
     Shelve(f64),
     /// End the silence.
     Unshelve,
