@@ -37,9 +37,9 @@ pub struct Config {
     pub clear_k: usize,
     /// Identifiable diagnoses looked back on to clear.
     pub clear_n: usize,
-    /// A diagnosis without stiction is clean when f is at most this [% of OP span] …
+    /// A diagnosis without stiction is clean when f is at most this (% of OP span) …
     pub clear_f_percent: f64,
-    /// … or when its evidence `delta_aic` is at most this [-].
+    /// … or when its evidence `delta_aic` is at most this (-).
     pub clear_evidence: f64,
     /// Longest time an alarm may be shelved (s).
     pub max_shelve_s: f64,

@@ -55,7 +55,7 @@ pub struct Run {
     pub took_s: f64,
     /// Who asked.
     pub trigger: Trigger,
-    /// The span of OP in the record it worked on [OP unit].
+    /// The span of OP in the record it worked on (OP unit).
     pub op_span: Option<f64>,
     /// What came of it.
     pub outcome: Outcome,
@@ -133,7 +133,7 @@ pub struct Summary {
     pub f_ci95: Option<[f64; 2]>,
     /// Whether f is in per cent of OP's span; else in OP's own units, whose span is not known.
     pub f_in_percent: bool,
-    /// Evidence [-].
+    /// Evidence (-).
     pub delta_aic: Option<f64>,
 }
 

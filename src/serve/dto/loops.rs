@@ -56,7 +56,7 @@ pub struct RunItem {
     pub f_ci95: Option<[f64; 2]>,
     /// `% OP`, or `OP units` where the span is not known.
     pub f_unit: String,
-    /// Evidence against f = 0 [-].
+    /// Evidence against f = 0 (-).
     pub delta_aic: Option<f64>,
     /// How long it took on the wall clock (s).
     pub took_s: Option<f64>,
@@ -105,7 +105,7 @@ pub struct LoopItem {
     pub f_ci95: Option<[f64; 2]>,
     /// `% OP`, or `OP units` where the span is not known; null before the first diagnosis.
     pub f_unit: Option<String>,
-    /// Evidence against f = 0 [-].
+    /// Evidence against f = 0 (-).
     pub delta_aic: Option<f64>,
     /// When it was diagnosed.
     pub time: Option<String>,
@@ -184,9 +184,9 @@ pub struct LoopDetail {
     pub item: LoopItem,
     /// Time between two diagnoses (s of plant time).
     pub period_s: f64,
-    /// Span of OP [OP unit], where known.
+    /// Span of OP (OP unit), where known.
     pub op_span: Option<f64>,
-    /// Limits of OP [OP unit], where known.
+    /// Limits of OP (OP unit), where known.
     pub op_limits: Option<[f64; 2]>,
     /// The newest sample of each tag.
     pub values: Vec<Quantity>,
