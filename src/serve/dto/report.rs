@@ -19,9 +19,9 @@ pub struct Report {
     pub reason: String,
     /// Why nothing can be said, for machines (`flat_pv`, `gaps`, …); null otherwise.
     pub reason_code: Option<String>,
-    /// Friction parameter, S/2 [`f_unit`]; null only when not identifiable.
+    /// Friction parameter, S/2 (`f_unit`); null only when not identifiable.
     pub f: Option<f64>,
-    /// 95 % profile-likelihood interval of f [`f_unit`].
+    /// 95 % profile-likelihood interval of f (`f_unit`).
     pub f_ci95: Option<[f64; 2]>,
     /// Unit of everything that is measured along OP: `% OP`, or `OP units` where the span is not known.
     pub f_unit: String,
@@ -29,15 +29,15 @@ pub struct Report {
     pub f_unit_assumed: bool,
     /// f as a share of OP's range in the window (-).
     pub f_of_op_range: Option<f64>,
-    /// Evidence for friction against the best explanation without it [-].
+    /// Evidence for friction against the best explanation without it (-).
     pub delta_aic: Option<f64>,
     /// That explanation, in words.
     pub rival: Option<String>,
-    /// How evenly the record shares the evidence: its block mean in standard errors [-].
+    /// How evenly the record shares the evidence: its block mean in standard errors (-).
     pub steadiness: Option<f64>,
-    /// Largest f tried [`f_unit`].
+    /// Largest f tried (`f_unit`).
     pub f_max: Option<f64>,
-    /// Srinivasan's d of the same window, for comparison [`f_unit`].
+    /// Srinivasan's d of the same window, for comparison (`f_unit`).
     pub d_srinivasan: Option<f64>,
     /// The samples the verdict rests on.
     pub window: ReportWindow,
@@ -148,7 +148,7 @@ pub struct ReportOscillation {
     pub period_s: Option<f64>,
     /// `r = mean(T) / (3 sd(T))` (-); above 1 is regular.
     pub regularity_r: Option<f64>,
-    /// Half the mean peak-to-trough height of OP [`f_unit`].
+    /// Half the mean peak-to-trough height of OP (`f_unit`).
     pub op_amplitude: Option<f64>,
 }
 
@@ -212,7 +212,7 @@ pub struct ReportEffect {
 /// AIC over f, by increasing f.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ReportCurve {
-    /// Friction [`f_unit`].
+    /// Friction (`f_unit`).
     pub f: Vec<Option<f64>>,
     /// AIC at that f, less the AIC at the estimate (-).
     pub aic: Vec<Option<f64>>,
