@@ -111,7 +111,7 @@ fn the_grid_pass_ends_where_the_full_grid_does() {
 const RESUMES: [f64; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0];
 /// Distance in N ln V(long ARX) above the least beyond which a cell is not refined: the ARMAX loss there would have
 /// to be as much better than everywhere else.
-const REACH: f64 = 40.0;
+const REACH: f64 = 10.0;
 
 /// What the search minimises: both views of the noise together [N ln V].
 fn score(p: &Problem, r: &Refined) -> f64 {

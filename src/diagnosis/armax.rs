@@ -474,3 +474,6 @@ pub fn draw_inside(c: &mut [f64], radius: f64) {
     let inside = contracted(stable);
     c.copy_from_slice(&inside[..n]);
 }
+
+#[cfg(test)]
+mod tests;
