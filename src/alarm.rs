@@ -37,11 +37,11 @@ pub struct Config {
     pub clear_k: usize,
     /// Identifiable diagnoses looked back on to clear.
     pub clear_n: usize,
-    /// A diagnosis without stiction is clean when f is at most this [% of OP span] …
+    /// A diagnosis without stiction is clean when f is at most this (% of OP span) …
     pub clear_f_percent: f64,
-    /// … or when its evidence `delta_aic` is at most this [-].
+    /// … or when its evidence `delta_aic` is at most this (-).
     pub clear_evidence: f64,
-    /// Longest time an alarm may be shelved [s].
+    /// Longest time an alarm may be shelved (s).
     pub max_shelve_s: f64,
 }
 
@@ -184,7 +184,7 @@ pub struct Transition {
     pub from: State,
     /// State after.
     pub to: State,
-    /// When [s].
+    /// When (s).
     pub at: f64,
     /// Why.
     pub cause: Cause,
@@ -202,7 +202,7 @@ pub enum Refusal {
     /// Shelving needs a positive, bounded time.
     #[error("an alarm can be shelved for more than 0 s and at most {max_s} s")]
     BadDuration {
-        /// The longest time allowed [s].
+        /// The longest time allowed (s).
         max_s: f64,
     },
 }
@@ -256,17 +256,17 @@ impl Alarm {
         self.active
     }
 
-    /// When the state last changed [s]; `None` when it never did.
+    /// When the state last changed (s); `None` when it never did.
     pub fn since(&self) -> Option<f64> {
         self.since
     }
 
-    /// When the condition was last raised [s].
+    /// When the condition was last raised (s).
     pub fn raised_at(&self) -> Option<f64> {
         self.raised_at
     }
 
-    /// Until when it is shelved [s].
+    /// Until when it is shelved (s).
     pub fn shelved_until(&self) -> Option<f64> {
         self.shelved_until
     }

@@ -47,15 +47,15 @@ impl Outcome {
 pub struct Run {
     /// Which loop.
     pub id: LoopId,
-    /// When it began [s].
+    /// When it began (s).
     pub started: f64,
-    /// When it ended [s].
+    /// When it ended (s).
     pub finished: f64,
-    /// How long it took on the wall clock [s].
+    /// How long it took on the wall clock (s).
     pub took_s: f64,
     /// Who asked.
     pub trigger: Trigger,
-    /// The span of OP in the record it worked on [OP unit].
+    /// The span of OP in the record it worked on (OP unit).
     pub op_span: Option<f64>,
     /// What came of it.
     pub outcome: Outcome,
@@ -115,9 +115,9 @@ pub fn op_in_percent(op_span: Option<f64>, diagnosis: &Diagnosis) -> bool {
 /// A run in a few numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// When it ended [s].
+    /// When it ended (s).
     pub time: f64,
-    /// How long it took on the wall clock [s].
+    /// How long it took on the wall clock (s).
     pub took_s: f64,
     /// Who asked.
     pub trigger: Trigger,
@@ -133,7 +133,7 @@ pub struct Summary {
     pub f_ci95: Option<[f64; 2]>,
     /// Whether f is in per cent of OP's span; else in OP's own units, whose span is not known.
     pub f_in_percent: bool,
-    /// Evidence [-].
+    /// Evidence (-).
     pub delta_aic: Option<f64>,
 }
 
@@ -146,11 +146,11 @@ pub struct AlarmView {
     pub state: State,
     /// Whether the condition holds, shelved or not.
     pub active: bool,
-    /// When the state last changed [s].
+    /// When the state last changed (s).
     pub since: Option<f64>,
-    /// When the condition was last raised [s].
+    /// When the condition was last raised (s).
     pub raised_at: Option<f64>,
-    /// Until when it is shelved [s].
+    /// Until when it is shelved (s).
     pub shelved_until: Option<f64>,
     /// Who acted last.
     pub by: Option<String>,
@@ -190,7 +190,7 @@ pub enum Event {
 pub enum Action {
     /// Seen.
     Acknowledge,
-    /// Silence for this long [s].
+    /// Silence for this long (s).
     Shelve(f64),
     /// End the silence.
     Unshelve,

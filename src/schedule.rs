@@ -32,11 +32,11 @@ const MAX_WAITERS: usize = 16;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Time between two diagnoses of a loop [s]; a loop may have its own.
+    /// Time between two diagnoses of a loop (s); a loop may have its own.
     pub period_s: f64,
     /// Diagnoses that run at the same time.
     pub parallelism: usize,
-    /// Longest time a diagnosis may take [s], on the wall clock.
+    /// Longest time a diagnosis may take (s), on the wall clock.
     pub deadline_s: f64,
     /// Runs that may wait for a free slot.
     pub queue: usize,
@@ -85,7 +85,7 @@ pub type Snapshot = Arc<dyn Fn(&LoopId) -> Option<Record> + Send + Sync>;
 pub struct Job {
     /// Which loop.
     pub id: LoopId,
-    /// Time between two runs [s of plant time].
+    /// Time between two runs (s of plant time).
     pub period_s: f64,
 }
 
@@ -119,7 +119,7 @@ pub struct Counters {
     pub queued: u64,
     /// Runs in a slot, now.
     pub running: u64,
-    /// Time spent in diagnoses [s on the wall clock].
+    /// Time spent in diagnoses (s on the wall clock).
     pub busy_s: f64,
 }
 

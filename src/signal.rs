@@ -29,7 +29,7 @@ impl fmt::Display for LoopId {
 /// What a loop's tag is to the loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Role {
-    /// Controller output [% of span, or the unit the plant uses].
+    /// Controller output (% of span, or the unit the plant uses).
     Op,
     /// Process variable.
     Pv,
@@ -123,7 +123,7 @@ pub struct Record {
     pub mv: Option<Series>,
     /// Other tags by name.
     pub tags: Vec<(String, Series)>,
-    /// The controller's output limits [OP unit], where known: saturation is judged against them.
+    /// The controller's output limits (OP unit), where known: saturation is judged against them.
     pub op_limits: Option<(f64, f64)>,
     /// The span of OP in its own unit (100 for per cent), where known.
     pub op_span: Option<f64>,
@@ -132,9 +132,9 @@ pub struct Record {
 /// One loop's data on an equal grid, every value finite.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Window {
-    /// Time of the first sample [s].
+    /// Time of the first sample (s).
     pub t0: f64,
-    /// Sample period [s].
+    /// Sample period (s).
     pub ts: f64,
     /// Controller output, N values.
     pub op: Vec<f64>,

@@ -15,7 +15,7 @@ pub struct Args {
     /// How to print the report
     #[arg(long, value_enum, default_value_t = Format::Json)]
     format: Format,
-    /// Sample period to resample to [s]; the median of the stamps when left out
+    /// Sample period to resample to (s); the median of the stamps when left out
     #[arg(long, value_name = "SECONDS", value_parser = period)]
     ts: Option<f64>,
 }

@@ -24,7 +24,7 @@ pub struct Args {
     /// 0 when the device's documentation counts from 0, 1 when from 1
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=1))]
     address_base: u8,
-    /// Longest wait for the connection and for the answer [ms]
+    /// Longest wait for the connection and for the answer (ms)
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=60_000))]
     timeout_ms: u64,
 }

@@ -22,7 +22,7 @@ use std::io::{self, Read};
 
 /// Most values (rows times columns) taken from one file: 1.6 GB of samples.
 pub const MAX_VALUES: usize = 1 << 26;
-/// Longest line accepted [bytes]; an unclosed quote must not swallow the file into memory.
+/// Longest line accepted (bytes); an unclosed quote must not swallow the file into memory.
 const MAX_LINE: usize = 1 << 20;
 /// Most columns accepted.
 const MAX_COLUMNS: usize = 1 << 12;

@@ -39,7 +39,7 @@ pub struct Poll {
     pub took: Duration,
 }
 
-/// The time that samples are stamped with [s since the Unix epoch].
+/// The time that samples are stamped with (s since the Unix epoch).
 pub trait Clock: Send + Sync + 'static {
     /// Now (s).
     fn now(&self) -> f64;

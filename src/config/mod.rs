@@ -20,7 +20,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// Largest configuration file read [bytes]: 2,000 loops take about 2 MB.
+/// Largest configuration file read (bytes): 2,000 loops take about 2 MB.
 const MAX_BYTES: u64 = 1 << 24;
 
 /// Everything the daemon is told.
@@ -54,16 +54,16 @@ pub struct LoopConfig {
     /// What it belongs to (unit, area), for people.
     #[serde(default)]
     pub group: String,
-    /// Time between two diagnoses [s], where it differs from `[schedule]`.
+    /// Time between two diagnoses (s), where it differs from `[schedule]`.
     #[serde(default)]
     pub period_s: Option<f64>,
-    /// Span of OP [OP unit], 100 for per cent. Without it f is reported in OP units.
+    /// Span of OP (OP unit), 100 for per cent. Without it f is reported in OP units.
     #[serde(default)]
     pub op_span: Option<f64>,
-    /// The controller's output limits [OP unit]: saturation is judged against them.
+    /// The controller's output limits (OP unit): saturation is judged against them.
     #[serde(default)]
     pub op_limits: Option<[f64; 2]>,
-    /// A PV that has not changed for longer is flagged as stale [s].
+    /// A PV that has not changed for longer is flagged as stale (s).
     #[serde(default)]
     pub frozen_pv_s: Option<f64>,
     /// Controller output.

@@ -58,7 +58,7 @@ impl Config {
         Ok(Plant { loops, plans })
     }
 
-    /// Time between two diagnoses of a loop [s].
+    /// Time between two diagnoses of a loop (s).
     pub fn period_s(&self, control_loop: &LoopConfig) -> f64 {
         control_loop.period_s.unwrap_or(self.schedule.period_s)
     }

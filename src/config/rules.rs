@@ -9,7 +9,7 @@ use crate::schedule;
 use crate::signal::Role;
 use std::collections::{HashMap, HashSet};
 
-/// Longest name of a loop, device or tag [characters].
+/// Longest name of a loop, device or tag (characters).
 const MAX_NAME: usize = 100;
 
 /// A path into the file.

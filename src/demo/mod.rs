@@ -26,9 +26,9 @@ use tokio_util::sync::CancellationToken;
 pub const DEFAULT_SPEED: f64 = 80.0;
 /// Speeds that the polls can follow.
 pub const SPEEDS: std::ops::RangeInclusive<f64> = 1.0..=200.0;
-/// Plant time between two polls [s]: four samples of the controllers, as a historian sees them.
+/// Plant time between two polls (s): four samples of the controllers, as a historian sees them.
 const POLL_S: f64 = 2.0;
-/// Time between two diagnoses of a loop [s on the wall clock].
+/// Time between two diagnoses of a loop (s on the wall clock).
 const DIAGNOSE_EVERY_S: f64 = 10.0;
 /// How often the table is drawn again on a terminal, and at most printed elsewhere.
 const REDRAW: Duration = Duration::from_millis(500);

@@ -126,7 +126,7 @@ impl Device {
 pub(super) struct Pace {
     /// Poll period [ms on the wall clock].
     pub(super) poll_ms: u64,
-    /// Time between two diagnoses of a loop [s of plant time].
+    /// Time between two diagnoses of a loop (s of plant time).
     pub(super) period_s: f64,
 }
 

@@ -13,7 +13,7 @@ use tokio_modbus::server::{Service, tcp::Server};
 use tokio_modbus::{ExceptionCode, Request, Response, SlaveRequest};
 use tokio_util::sync::CancellationToken;
 
-/// Plant time simulated before anybody looks [s]: the set-point steps that start the loops are long over.
+/// Plant time simulated before anybody looks (s): the set-point steps that start the loops are long over.
 const WARM_UP_S: f64 = 2000.0;
 /// Most samples simulated for one request; a plant left alone for longer goes on from where it was.
 const MAX_STEPS: u64 = 100_000;

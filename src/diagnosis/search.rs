@@ -7,10 +7,9 @@
 //! a kinetic lag in the best cells of both and keeps the f with the least `AIC(ARMAX) + AIC(long ARX)`: two
 //! views of the noise err in different places.
 
-use super::armax::{Fit, LOSS_FLOOR, Lag, Orders, Signals, Theta, Workspace};
+use super::armax::{Fit, LOSS_FLOOR, Lag, Orders, Signals, Theta, Workspace, splits};
 use super::friction::{Cell, Start, reversals, stick_slip};
 use super::screen::{Candidate, Screen};
-use std::collections::BTreeMap;
 
 /// Values of f in the paper's grid.
 pub const GRID: usize = 101;
@@ -27,6 +26,10 @@ const FINE_REACH: f64 = 3.0;
 pub const LEAST_REVERSALS: usize = 4;
 /// Structures fitted by prediction error at one f.
 const FITTED: usize = 3;
+/// Structures remembered from one f to the next.
+const WINNERS: usize = 5;
+/// Most second looks at the best point of the grid.
+const SETTLING: usize = 8;
 /// Structures fitted where the result decides: at f = 0 and in the refinement.
 const FITTED_WELL: usize = 12;
 /// Iterations each start gets before the leaders are known, leaders that go on, and iterations they get.
@@ -125,8 +128,8 @@ pub struct Searcher<'a> {
     candidates: Vec<Candidate>,
     starts: Vec<(Orders, Theta)>,
     running: Vec<Fit>,
-    /// Last winning coefficients of each structure that has won: warm starts.
-    winners: BTreeMap<Orders, Theta>,
+    /// The structures that won last, with their coefficients, the latest last: warm starts.
+    winners: Vec<(Orders, Theta)>,
     /// Prediction-error minimisations so far.
     pub fits: usize,
     /// Structures screened so far.
@@ -146,7 +149,7 @@ impl<'a> Searcher<'a> {
             candidates: Vec::with_capacity(15 * p.max_delay),
             starts: Vec::new(),
             running: Vec::new(),
-            winners: BTreeMap::new(),
+            winners: Vec::with_capacity(WINNERS),
             fits: 0,
             screened: 0,
         }
@@ -163,17 +166,38 @@ impl<'a> Searcher<'a> {
         let mut best = f64::INFINITY;
         let mut last: Option<(Cell, f64)> = None;
         for i in coarse.chain(fine) {
-            let f = points[i].f;
-            let cell = self.run_element(f, 0.0);
+            let cell = self.run_element(points[i].f, 0.0);
             let loss = match last {
                 Some((known, loss)) if known == cell => loss,
-                _ => self.armax(best * (HOPELESS / self.p.rows()).exp()),
+                _ => self.armax(best * (HOPELESS / self.p.rows()).exp(), i % 10 == 0),
             };
             last = Some((cell, loss));
             best = best.min(loss);
             points[i].loss = loss;
         }
+        self.settle(&mut points);
         points
+    }
+
+    /// Looks again, with every kind of structure, at the best point until it stays the best.
+    fn settle(&mut self, points: &mut [GridPoint]) {
+        let mut settled = vec![false; points.len()];
+        for _ in 0..SETTLING {
+            let Some(at) = (0..points.len()).min_by(|&a, &b| points[a].loss.total_cmp(&points[b].loss))
+            else {
+                return;
+            };
+            for near in at.saturating_sub(1)..(at + 2).min(points.len()) {
+                if !settled[near] {
+                    settled[near] = true;
+                    self.run_element(points[near].f, 0.0);
+                    points[near].loss = points[near].loss.min(self.armax(f64::INFINITY, true));
+                }
+            }
+            if (0..points.len()).all(|i| points[i].loss >= points[at].loss) {
+                return;
+            }
+        }
     }
 
     /// The exact pass: the long ARX with its best kinetic lag in the cells of f between `from` and `to`, at
@@ -284,7 +308,10 @@ impl<'a> Searcher<'a> {
     }
 
     /// The least ARMAX loss at the present stem position; the screening value when that exceeds `hopeless`.
-    fn armax(&mut self, hopeless: f64) -> f64 {
+    ///
+    /// `wide` races the best delay of every split beside the best of all: where the screening ranks the true
+    /// winner low, its split still starts.
+    fn armax(&mut self, hopeless: f64, wide: bool) -> f64 {
         let s = self.p.signals(&self.x, &self.dir);
         self.screen.load(&s, false);
         self.screen.load_errors(&s, 0.0);
@@ -295,18 +322,26 @@ impl<'a> Searcher<'a> {
         let most = FITTED.min(candidates.len());
         candidates.select_nth_unstable_by(most - 1, |a, b| a.loss.total_cmp(&b.loss));
         let screened = candidates[..most].iter().map(|c| c.loss).fold(f64::INFINITY, f64::min);
-        if screened > hopeless {
+        if screened > hopeless && !wide {
             return screened + LOSS_FLOOR;
         }
         self.starts.clear();
         self.starts.extend(candidates[..most].iter().map(|c| (c.orders, c.theta)));
-        self.starts.extend(self.winners.iter().map(|(orders, theta)| (*orders, *theta)));
+        if wide {
+            for split in splits(1) {
+                let of_split = candidates.iter().filter(|c| Orders { nk: 1, ..c.orders } == split);
+                let best = of_split.min_by(|a, b| a.loss.total_cmp(&b.loss));
+                self.starts.extend(best.map(|c| (c.orders, c.theta)));
+            }
+        }
+        self.starts.extend(self.winners.iter().copied());
         self.fits += self.starts.len();
         let best = race(&mut self.work, &s, &self.starts, Lag::Fixed, &mut self.running);
-        if self.winners.len() >= 2 * FITTED && !self.winners.contains_key(&best.orders) {
-            self.winners.pop_first();
+        self.winners.retain(|(orders, _)| *orders != best.orders);
+        if self.winners.len() == WINNERS {
+            self.winners.remove(0);
         }
-        self.winners.insert(best.orders, best.theta);
+        self.winners.push((best.orders, best.theta));
         best.loss + LOSS_FLOOR
     }
 

@@ -80,9 +80,9 @@ pub struct LoopTags {
     pub id: LoopId,
     /// Its tags.
     pub tags: Vec<TagSpec>,
-    /// Controller output limits [OP unit].
+    /// Controller output limits (OP unit).
     pub op_limits: Option<(f64, f64)>,
-    /// Span of OP [OP unit].
+    /// Span of OP (OP unit).
     pub op_span: Option<f64>,
 }
 
@@ -203,7 +203,7 @@ impl History {
         self.tags(id).map(|(tag, ring)| (tag, ring.latest())).collect()
     }
 
-    /// The trends of a loop between two times [s, inclusive], each thinned to `points` so that peaks and gaps survive;
+    /// The trends of a loop between two times (s, inclusive), each thinned to `points` so that peaks and gaps survive;
     /// `None` for a loop that is not there.
     pub fn samples(&self, id: &LoopId, from: f64, to: f64, points: usize) -> Option<Vec<Trend>> {
         self.by_id.get(id)?;

@@ -18,14 +18,14 @@ impl Clock {
         Self { start: Instant::now(), epoch: None, speed: 1.0 }
     }
 
-    /// A clock that shows `epoch` [s since the Unix epoch] now and runs `speed` times as fast as the wall. A speed that is
+    /// A clock that shows `epoch` (s since the Unix epoch) now and runs `speed` times as fast as the wall. A speed that is
     /// not a positive number counts as 1.
     pub fn plant(epoch: f64, speed: f64) -> Self {
         let speed = if speed.is_finite() && speed > 0.0 { speed } else { 1.0 };
         Self { start: Instant::now(), epoch: Some(epoch), speed }
     }
 
-    /// Now [s since the Unix epoch].
+    /// Now (s since the Unix epoch).
     pub fn now(&self) -> f64 {
         match self.epoch {
             Some(epoch) => epoch + self.elapsed().as_secs_f64(),

@@ -38,11 +38,11 @@ pub struct Config {
     pub max_connections: usize,
     /// Clients that may listen to events at the same time.
     pub max_event_clients: usize,
-    /// Longest time until a response begins [s].
+    /// Longest time until a response begins (s).
     pub request_timeout_s: f64,
-    /// Largest request body [bytes].
+    /// Largest request body (bytes).
     pub max_body_bytes: usize,
-    /// Longest time that open requests may take to end at shutdown [s].
+    /// Longest time that open requests may take to end at shutdown (s).
     pub shutdown_s: f64,
 }
 
@@ -121,7 +121,7 @@ pub struct LoopInfo {
     pub description: String,
     /// Which part of the plant.
     pub group: String,
-    /// Time between two diagnoses [s].
+    /// Time between two diagnoses (s).
     pub period_s: f64,
 }
 
@@ -132,7 +132,7 @@ pub struct DeviceState {
     pub name: String,
     /// Whether a connection is open.
     pub connected: bool,
-    /// When the last good sample came [s].
+    /// When the last good sample came (s).
     pub last_good: Option<f64>,
     /// Counters since the start, by name (`polls`, `timeouts`, …).
     pub counters: Vec<(&'static str, u64)>,

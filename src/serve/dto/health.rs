@@ -12,7 +12,7 @@ pub struct Health {
     pub version: &'static str,
     /// Plant time.
     pub time: Option<String>,
-    /// Plant time since the start [s].
+    /// Plant time since the start (s).
     pub uptime_s: f64,
 }
 

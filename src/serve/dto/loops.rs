@@ -50,15 +50,15 @@ pub struct RunItem {
     pub reason: String,
     /// Why nothing could be said, for machines; null otherwise.
     pub reason_code: Option<String>,
-    /// Friction [`f_unit`].
+    /// Friction (`f_unit`).
     pub f: Option<f64>,
-    /// Its 95 % interval [`f_unit`].
+    /// Its 95 % interval (`f_unit`).
     pub f_ci95: Option<[f64; 2]>,
     /// `% OP`, or `OP units` where the span is not known.
     pub f_unit: String,
-    /// Evidence against f = 0 [-].
+    /// Evidence against f = 0 (-).
     pub delta_aic: Option<f64>,
-    /// How long it took on the wall clock [s].
+    /// How long it took on the wall clock (s).
     pub took_s: Option<f64>,
     /// `periodic` or `on_demand`.
     pub trigger: &'static str,
@@ -99,17 +99,17 @@ pub struct LoopItem {
     pub reason: Option<String>,
     /// Why nothing can be said, for machines.
     pub reason_code: Option<String>,
-    /// Friction [`f_unit`]; null when not identifiable.
+    /// Friction (`f_unit`); null when not identifiable.
     pub f: Option<f64>,
-    /// Its 95 % interval [`f_unit`].
+    /// Its 95 % interval (`f_unit`).
     pub f_ci95: Option<[f64; 2]>,
     /// `% OP`, or `OP units` where the span is not known; null before the first diagnosis.
     pub f_unit: Option<String>,
-    /// Evidence against f = 0 [-].
+    /// Evidence against f = 0 (-).
     pub delta_aic: Option<f64>,
     /// When it was diagnosed.
     pub time: Option<String>,
-    /// How long ago that is [s of plant time].
+    /// How long ago that is (s of plant time).
     pub age_s: Option<f64>,
     /// How good the data behind it was: `good`, `fair`, `poor`.
     pub quality: Option<String>,
@@ -123,7 +123,7 @@ pub struct LoopItem {
 }
 
 impl LoopItem {
-    /// A loop as it is known at `now` [s].
+    /// A loop as it is known at `now` (s).
     pub fn new(info: &LoopInfo, known: &Known, now: f64) -> Self {
         let summary = known.summary.as_ref();
         let item = summary.map(RunItem::from);
@@ -182,11 +182,11 @@ pub struct LoopDetail {
     /// As in the list.
     #[serde(flatten)]
     pub item: LoopItem,
-    /// Time between two diagnoses [s of plant time].
+    /// Time between two diagnoses (s of plant time).
     pub period_s: f64,
-    /// Span of OP [OP unit], where known.
+    /// Span of OP (OP unit), where known.
     pub op_span: Option<f64>,
-    /// Limits of OP [OP unit], where known.
+    /// Limits of OP (OP unit), where known.
     pub op_limits: Option<[f64; 2]>,
     /// The newest sample of each tag.
     pub values: Vec<Quantity>,
@@ -202,18 +202,18 @@ pub struct LoopDiagnosis {
     pub report: Report,
     /// When it was made.
     pub time: Option<String>,
-    /// How long ago that is [s of plant time].
+    /// How long ago that is (s of plant time).
     pub age_s: Option<f64>,
     /// First time of the window.
     pub window_start: Option<String>,
     /// Last time of the window.
     pub window_end: Option<String>,
-    /// How long it took on the wall clock [s].
+    /// How long it took on the wall clock (s).
     pub took_s: Option<f64>,
 }
 
 impl LoopDiagnosis {
-    /// The diagnosis of a run at `now` [s]; `None` for a run that failed.
+    /// The diagnosis of a run at `now` (s); `None` for a run that failed.
     pub fn new(run: &Run, now: f64) -> Option<Self> {
         let report = Report::new(run.id.as_str(), run.op_span, run.diagnosis()?);
         Some(Self {
@@ -247,11 +247,11 @@ pub struct LoopModel {
     pub verdict: String,
     /// Why, in one line.
     pub reason: String,
-    /// Friction [`f_unit`].
+    /// Friction (`f_unit`).
     pub f: Option<f64>,
     /// Unit of f.
     pub f_unit: String,
-    /// Sample period of the model [s].
+    /// Sample period of the model (s).
     pub ts_s: Option<f64>,
     /// The linear part; null when not identifiable.
     pub model: Option<ReportModel>,

@@ -120,7 +120,7 @@ pub struct SamplesQuery {
 #[serde(deny_unknown_fields, default)]
 #[into_params(parameter_in = Query)]
 pub struct RunQuery {
-    /// How long to wait for the result [s], 0 to 60; default 5. Afterwards the answer is 202 and the run goes on.
+    /// How long to wait for the result (s), 0 to 60; default 5. Afterwards the answer is 202 and the run goes on.
     pub wait_s: Option<f64>,
 }
 
@@ -162,7 +162,7 @@ pub struct ActBody {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ShelveBody {
-    /// How long [s].
+    /// How long (s).
     pub duration_s: f64,
     /// Who acts, at most 100 characters; believed as it is.
     #[serde(default)]

@@ -19,25 +19,25 @@ pub struct Report {
     pub reason: String,
     /// Why nothing can be said, for machines (`flat_pv`, `gaps`, …); null otherwise.
     pub reason_code: Option<String>,
-    /// Friction parameter, S/2 [`f_unit`]; null only when not identifiable.
+    /// Friction parameter, S/2 (`f_unit`); null only when not identifiable.
     pub f: Option<f64>,
-    /// 95 % profile-likelihood interval of f [`f_unit`].
+    /// 95 % profile-likelihood interval of f (`f_unit`).
     pub f_ci95: Option<[f64; 2]>,
     /// Unit of everything that is measured along OP: `% OP`, or `OP units` where the span is not known.
     pub f_unit: String,
     /// True when OP's span is not configured and `f_unit` was judged from OP's values.
     pub f_unit_assumed: bool,
-    /// f as a share of OP's range in the window [-].
+    /// f as a share of OP's range in the window (-).
     pub f_of_op_range: Option<f64>,
-    /// Evidence for friction against the best explanation without it [-].
+    /// Evidence for friction against the best explanation without it (-).
     pub delta_aic: Option<f64>,
     /// That explanation, in words.
     pub rival: Option<String>,
-    /// How evenly the record shares the evidence: its block mean in standard errors [-].
+    /// How evenly the record shares the evidence: its block mean in standard errors (-).
     pub steadiness: Option<f64>,
-    /// Largest f tried [`f_unit`].
+    /// Largest f tried (`f_unit`).
     pub f_max: Option<f64>,
-    /// Srinivasan's d of the same window, for comparison [`f_unit`].
+    /// Srinivasan's d of the same window, for comparison (`f_unit`).
     pub d_srinivasan: Option<f64>,
     /// The samples the verdict rests on.
     pub window: ReportWindow,
@@ -70,13 +70,13 @@ pub enum ReportVerdict {
 /// The window that was fitted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ReportWindow {
-    /// Time of the first sample [s].
+    /// Time of the first sample (s).
     pub start: Option<f64>,
-    /// Time of the last sample [s].
+    /// Time of the last sample (s).
     pub end: Option<f64>,
     /// Samples.
     pub n: usize,
-    /// Sample period [s].
+    /// Sample period (s).
     pub ts_s: Option<f64>,
     /// `good`, `fair` or `poor`, see [`WindowQuality`].
     pub quality: WindowQuality,
@@ -104,7 +104,7 @@ impl WindowQuality {
         }
     }
 
-    /// The grade of a window, by the share of interpolated grid points [0..1] and the worst time between an OP and
+    /// The grade of a window, by the share of interpolated grid points (0..1) and the worst time between an OP and
     /// its PV sample as a multiple of the sample period.
     fn of(gap_share: f64, skew_of_ts: f64) -> Self {
         if gap_share <= 0.02 && skew_of_ts <= 0.5 {
@@ -120,9 +120,9 @@ impl WindowQuality {
 /// How the record became the window.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ReportPreparation {
-    /// Share of grid points that were missing or bad and interpolated [0..1].
+    /// Share of grid points that were missing or bad and interpolated (0..1).
     pub gap_share: Option<f64>,
-    /// Worst time between an OP sample and the PV sample it is paired with [s].
+    /// Worst time between an OP sample and the PV sample it is paired with (s).
     pub worst_skew_s: Option<f64>,
     /// Samples dropped because their stamp repeats an earlier one.
     pub duplicates: usize,
@@ -137,18 +137,18 @@ pub struct ReportPreparation {
 pub struct ReportDenoise {
     /// True when the soft threshold was applied.
     pub applied: bool,
-    /// Noise sd of OP as a share of its sd [-].
+    /// Noise sd of OP as a share of its sd (-).
     pub noise_share: Option<f64>,
 }
 
 /// The most regular oscillation of OP.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ReportOscillation {
-    /// Mean period [s].
+    /// Mean period (s).
     pub period_s: Option<f64>,
-    /// `r = mean(T) / (3 sd(T))` [-]; above 1 is regular.
+    /// `r = mean(T) / (3 sd(T))` (-); above 1 is regular.
     pub regularity_r: Option<f64>,
-    /// Half the mean peak-to-trough height of OP [`f_unit`].
+    /// Half the mean peak-to-trough height of OP (`f_unit`).
     pub op_amplitude: Option<f64>,
 }
 
@@ -161,13 +161,13 @@ pub struct ReportModel {
     pub nb: usize,
     /// Order of C.
     pub nc: usize,
-    /// Delay [samples].
+    /// Delay (samples).
     pub nk: usize,
-    /// Root mean square of the prediction error [PV unit].
+    /// Root mean square of the prediction error (PV unit).
     pub rmse: Option<f64>,
     /// `a1..a_na`.
     pub a: Vec<Option<f64>>,
-    /// `b1..b_nb` [PV unit per OP unit].
+    /// `b1..b_nb` (PV unit per OP unit).
     pub b: Vec<Option<f64>>,
     /// `c1..c_nc`.
     pub c: Vec<Option<f64>>,
@@ -180,13 +180,13 @@ pub struct ReportResidual {
     pub white_before: Option<bool>,
     /// White with the effects.
     pub white_after: Option<bool>,
-    /// One-step-ahead error under the declared model [PV unit].
+    /// One-step-ahead error under the declared model (PV unit).
     pub one_step_rmse_before: Option<f64>,
-    /// One-step-ahead error with the effects [PV unit].
+    /// One-step-ahead error with the effects (PV unit).
     pub one_step_rmse_after: Option<f64>,
-    /// Free-run error under the declared model [PV unit].
+    /// Free-run error under the declared model (PV unit).
     pub free_run_rmse_before: Option<f64>,
-    /// Free-run error with the effects [PV unit].
+    /// Free-run error with the effects (PV unit).
     pub free_run_rmse_after: Option<f64>,
     /// What was added to the declared model, in that order; empty when it suffices.
     pub effects: Vec<ReportEffect>,
@@ -199,7 +199,7 @@ pub struct ReportResidual {
 pub struct ReportEffect {
     /// Which effect: `oscillating_load`, `measured_disturbance`, ….
     pub kind: String,
-    /// Evidence for it [-].
+    /// Evidence for it (-).
     pub delta_aic: Option<f64>,
     /// The tag it comes from, where it is measured.
     pub tag: Option<String>,
@@ -212,9 +212,9 @@ pub struct ReportEffect {
 /// AIC over f, by increasing f.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ReportCurve {
-    /// Friction [`f_unit`].
+    /// Friction (`f_unit`).
     pub f: Vec<Option<f64>>,
-    /// AIC at that f, less the AIC at the estimate [-].
+    /// AIC at that f, less the AIC at the estimate (-).
     pub aic: Vec<Option<f64>>,
 }
 
@@ -251,7 +251,7 @@ impl From<(&str, &Diagnosis)> for Report {
 }
 
 impl Report {
-    /// The report of a loop; `op_span` [OP unit] as in the record that was diagnosed.
+    /// The report of a loop; `op_span` (OP unit) as in the record that was diagnosed.
     pub fn new(name: &str, op_span: Option<f64>, diagnosis: &Diagnosis) -> Self {
         let unit = OpUnit::new(op_span, diagnosis);
         let estimate = diagnosis.estimate.as_ref();

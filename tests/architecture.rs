@@ -1,0 +1,344 @@
+//! Who may import whom. The sources are read as text, so that a rule broken behind a `use` group, a `super::super`
+//! or a path in the middle of a line is found all the same; test code is free to import what it needs.
+//!
+//! Each rule is shown to fail on a small source that breaks it: a check that cannot fail checks nothing.
+
+#[path = "architecture/source.rs"]
+mod source;
+
+use source::Source;
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Top modules and what each may import of the others. A module that is not listed is refused: say here who may see it.
+const MAY_IMPORT: &[(&str, &[&str])] = &[
+    ("signal", &[]),
+    ("diagnosis", &["signal"]),
+    ("sim", &["signal"]),
+    ("alarm", &["signal"]),
+    ("collect", &["signal"]),
+    ("history", &["signal"]),
+    ("results", &["signal", "alarm", "diagnosis"]),
+    ("schedule", &["signal", "diagnosis", "results"]),
+    ("serve", &["signal", "alarm", "diagnosis", "history", "results", "schedule"]),
+    ("config", &["signal", "alarm", "diagnosis", "collect", "history", "schedule", "serve"]),
+    (
+        "app",
+        &["signal", "alarm", "diagnosis", "collect", "history", "results", "schedule", "serve", "config"],
+    ),
+    ("demo", &["signal", "sim", "collect", "results", "schedule", "config", "app"]),
+    ("cli", &["signal", "diagnosis", "collect", "history", "serve", "config", "app", "demo"]),
+    ("lib", &[]),
+    ("main", &["cli"]),
+];
+
+/// No clock, file, socket, task, log or unseeded number: the same input gives the same answer.
+const PURE: &[&str] = &["signal", "diagnosis", "sim", "alarm"];
+/// What PURE modules may use from outside.
+const NUMERICS: &[&str] = &["nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];
+/// What of std PURE modules may use.
+const PURE_STD: &[&str] = &[
+    "array",
+    "borrow",
+    "cell",
+    "cmp",
+    "collections",
+    "convert",
+    "error",
+    "f64",
+    "fmt",
+    "hash",
+    "iter",
+    "mem",
+    "num",
+    "ops",
+    "rc",
+    "result",
+    "slice",
+    "str",
+    "string",
+    "sync",
+    "vec",
+];
+/// Names that draw random numbers from the machine.
+const UNSEEDED: &[&str] = &["rng", "thread_rng", "random", "OsRng", "SysRng", "from_os_rng", "ThreadRng"];
+
+/// Files that hold a `Config` of their component: they may read it, and write nothing.
+const CONFIG_FILES: &[&str] = &[
+    "src/alarm.rs",
+    "src/collect/modbus/config.rs",
+    "src/diagnosis/config.rs",
+    "src/history/mod.rs",
+    "src/schedule.rs",
+    "src/serve/mod.rs",
+];
+/// Other places that may name serde: the loader of the file, the DTOs, and where those are turned from and into text.
+const SERDE_PLACES: &[&str] = &[
+    "src/config/",
+    "src/serve/dto/",
+    "src/serve/api/",
+    "src/serve/extract.rs",
+    "src/serve/problem.rs",
+    "src/cli/diagnose.rs",
+];
+
+/// Who may name the function that diagnoses: its own module, the wiring (which hands it to the scheduler), the command line.
+const MAY_DIAGNOSE: &[&str] = &["diagnosis", "app", "cli"];
+
+/// Longest file (lines).
+const MOST_LINES: usize = 520;
+
+/// Rule 1 to 4: which of our modules a file may import.
+fn imports(source: &Source) -> Vec<String> {
+    let top = source.top();
+    let Some((_, allowed)) = MAY_IMPORT.iter().find(|(name, _)| *name == top) else {
+        return vec![format!("{}: module {top} is not in MAY_IMPORT", source.path)];
+    };
+    let strangers = |path: &Vec<String>| {
+        let other = path.get(1).filter(|_| path[0] == "crate")?;
+        let known = MAY_IMPORT.iter().any(|(name, _)| name == other);
+        (known && *other != top && !allowed.contains(&other.as_str())).then(|| other.clone())
+    };
+    let found: BTreeSet<String> = source.paths().iter().filter_map(strangers).collect();
+    found.into_iter().map(|other| format!("{}: {top} must not import {other}", source.path)).collect()
+}
+
+/// Rule 1: what PURE modules may use from outside. `crates` are the names of all dependencies.
+fn purity(source: &Source, crates: &[String]) -> Vec<String> {
+    if !PURE.contains(&source.top().as_str()) {
+        return Vec::new();
+    }
+    let impure = |path: &Vec<String>| -> bool {
+        let (first, second) = (path[0].as_str(), path.get(1).map(String::as_str));
+        match first {
+            "std" | "core" | "alloc" => second.is_some_and(|part| !PURE_STD.contains(&part)),
+            "rand" => path[1..].iter().any(|part| UNSEEDED.contains(&part.as_str())),
+            "serde" => false,
+            _ if NUMERICS.contains(&first) => false,
+            _ => crates.iter().any(|name| name == first) && path.len() > 1,
+        }
+    };
+    let found: BTreeSet<String> =
+        source.paths().iter().filter(|p| impure(p)).map(|path| path.join("::")).collect();
+    found.into_iter().map(|path| format!("{}: a pure module uses {path}", source.path)).collect()
+}
+
+/// Rule 2: the daemon diagnoses by way of the scheduler only.
+fn diagnosing(source: &Source) -> Vec<String> {
+    let calls = |path: &Vec<String>| {
+        let ours = path[0] == "crate" && path.get(1).is_some_and(|top| top == "diagnosis");
+        (ours || path[0] == "diagnosis") && path.last().is_some_and(|name| name == "diagnose" || name == "*")
+    };
+    if MAY_DIAGNOSE.contains(&source.top().as_str()) || !source.paths().iter().any(calls) {
+        return Vec::new();
+    }
+    vec![format!("{}: only the scheduler diagnoses, with the function that app gives it", source.path)]
+}
+
+/// Rule 3: serde in Config structs and DTOs.
+fn serde(source: &Source) -> Vec<String> {
+    let names_serde = |path: &Vec<String>| path[0] == "serde" || path[0] == "serde_json";
+    let paths = source.paths();
+    if !paths.iter().any(names_serde) || SERDE_PLACES.iter().any(|place| source.path.starts_with(place)) {
+        return Vec::new();
+    }
+    if !CONFIG_FILES.contains(&source.path.as_str()) {
+        return vec![format!("{}: serde belongs in Config structs and in serve::dto", source.path)];
+    }
+    let writes = paths.iter().any(|path| path[0] == "serde_json" || path.iter().any(|p| p == "Serialize"));
+    if writes { vec![format!("{}: a Config is read, never written", source.path)] } else { Vec::new() }
+}
+
+/// No code that writes to a plant exists: the demo's own plant may refuse such a request by name.
+fn writing(source: &Source) -> Vec<String> {
+    let writes = |name: &String| {
+        let plain = name.to_lowercase().replace('_', "");
+        ["writesingle", "writemultiple", "maskedwrite", "maskwrite", "readwritemultiple"]
+            .iter()
+            .any(|function| plain.starts_with(function))
+    };
+    if source.top() == "demo" || !source.paths().iter().flatten().any(writes) {
+        return Vec::new();
+    }
+    vec![format!("{}: names a Modbus function that writes", source.path)]
+}
+
+/// Size, and a head that says what the module is for.
+fn shape(source: &Source) -> Vec<String> {
+    let mut wrong = Vec::new();
+    let lines = source.text.lines().count();
+    if lines > MOST_LINES {
+        wrong.push(format!("{}: {lines} lines, more than {MOST_LINES}", source.path));
+    }
+    let first = source.text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
+    let says_something = first.strip_prefix("//!").is_some_and(|doc| doc.trim().len() > 10);
+    if !source.is_test() && !says_something {
+        wrong.push(format!("{}: begin with //! and what the module is for", source.path));
+    }
+    wrong
+}
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn sources() -> Vec<Source> {
+    fn walk(folder: &Path, out: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).expect("src can be read").flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                walk(&path, out);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                out.push(path);
+            }
+        }
+    }
+    let mut files = Vec::new();
+    walk(&root().join("src"), &mut files);
+    files.sort();
+    assert!(files.len() > 20, "only {} sources found", files.len());
+    let read = |path: &PathBuf| {
+        let name = path.strip_prefix(root()).expect("below the root").to_string_lossy().replace('\\', "/");
+        Source { path: name, text: fs::read_to_string(path).expect("a source can be read") }
+    };
+    files.iter().map(read).collect()
+}
+
+/// The names of all dependencies, as code writes them.
+fn crates() -> Vec<String> {
+    let text = fs::read_to_string(root().join("Cargo.toml")).expect("Cargo.toml can be read");
+    let manifest: toml::Table = text.parse().expect("Cargo.toml is TOML");
+    let names = manifest["dependencies"].as_table().expect("a table").keys();
+    names.map(|name| name.replace('-', "_")).collect()
+}
+
+fn everywhere(rule: impl Fn(&Source) -> Vec<String>) {
+    let broken: Vec<String> = sources().iter().flat_map(rule).collect();
+    assert!(broken.is_empty(), "\n{}\n", broken.join("\n"));
+}
+
+#[test]
+fn every_module_imports_only_what_it_may() {
+    everywhere(imports);
+}
+
+#[test]
+fn pure_modules_are_pure() {
+    let crates = crates();
+    everywhere(|source| purity(source, &crates));
+}
+
+#[test]
+fn only_the_scheduler_diagnoses() {
+    everywhere(diagnosing);
+}
+
+#[test]
+fn serde_lives_in_configs_and_dtos() {
+    everywhere(serde);
+}
+
+#[test]
+fn nothing_writes_to_a_plant() {
+    everywhere(writing);
+}
+
+#[test]
+fn files_are_short_and_say_what_they_are_for() {
+    everywhere(shape);
+}
+
+#[test]
+fn a_forbidden_import_is_found_however_it_is_written() {
+    let refused = |path: &str, text: &str| imports(&Source::new(path, text));
+    for text in [
+        "use crate::serve::Config;",
+        "use crate::{history, serve::{self, dto::Report}};",
+        "use super::super::serve;",
+        "fn f() -> crate::serve::Config { todo() }",
+        "use stictiond::serve;",
+        "pub use crate::serve::Config as Other;",
+        "/* a \" quote */ const S: &str = r#\"\"#; use crate::serve;",
+    ] {
+        let found = refused("src/collect/csv.rs", text);
+        assert!(
+            found.contains(&"src/collect/csv.rs: collect must not import serve".into()),
+            "{text}: {found:?}"
+        );
+    }
+    assert_eq!(refused("src/schedule.rs", "use crate::app::App;").len(), 1);
+    assert_eq!(refused("src/signal.rs", "use crate::sim;").len(), 1);
+    assert_eq!(refused("src/news/mod.rs", "").len(), 1, "a module nobody has placed");
+}
+
+#[test]
+fn what_only_looks_like_an_import_is_let_through() {
+    for text in [
+        "// use crate::serve;",
+        "/// [`crate::serve`]",
+        "const TEXT: &str = \"use crate::serve;\";",
+        "const TEXT: &str = r#\"a \" crate::serve \"#;",
+        "#[cfg(test)] mod tests { use crate::serve; fn f() { { } } }",
+        "use crate::signal::Sample; const Q: char = '\"'; fn f<'a>(x: &'a str) {}",
+        "use super::csv; use self::serve;",
+    ] {
+        assert_eq!(imports(&Source::new("src/collect/modbus.rs", text)), [""; 0], "{text}");
+    }
+}
+
+#[test]
+fn a_clock_a_file_a_task_or_chance_in_a_pure_module_is_found() {
+    let crates = ["tokio", "tracing", "rand", "nalgebra"].map(String::from);
+    let refused = |text: &str| purity(&Source::new("src/diagnosis/armax.rs", text), &crates);
+    for text in [
+        "use std::time::Instant;",
+        "use std::{fmt, fs};",
+        "fn f() { std::thread::yield_now() }",
+        "use std::net::TcpStream;",
+        "fn f() { tracing::info!(n) }",
+        "use tokio::sync::watch;",
+        "use rand::rng;",
+        "fn f() -> f64 { rand::random() }",
+    ] {
+        assert_eq!(refused(text).len(), 1, "{text}");
+    }
+    assert_eq!(
+        refused("use std::fmt; use nalgebra::DMatrix; use rand::RngExt; use std::f64::consts::PI;"),
+        [""; 0]
+    );
+}
+
+#[test]
+fn a_call_around_the_scheduler_is_found() {
+    let refused = |text: &str| diagnosing(&Source::new("src/serve/api/loops.rs", text)).len();
+    assert_eq!(refused("use crate::diagnosis::{Settings, diagnose};"), 1);
+    assert_eq!(refused("fn f() { crate::diagnosis::verdict::diagnose(r, s); }"), 1);
+    assert_eq!(refused("use crate::diagnosis::*;"), 1);
+    assert_eq!(refused("use crate::diagnosis::Settings; fn f() { scheduler.diagnose(id) }"), 0);
+}
+
+#[test]
+fn serde_in_another_place_and_a_config_that_is_written_are_found() {
+    assert_eq!(serde(&Source::new("src/results.rs", "use serde::Serialize;")).len(), 1);
+    assert_eq!(serde(&Source::new("src/results.rs", "#[derive(serde::Serialize)] struct A;")).len(), 1);
+    assert_eq!(serde(&Source::new("src/alarm.rs", "use serde::{Deserialize, Serialize};")).len(), 1);
+    assert_eq!(serde(&Source::new("src/alarm.rs", "use serde::Deserialize;")).len(), 0);
+}
+
+#[test]
+fn a_function_that_writes_to_a_plant_is_found() {
+    let refused = |text: &str| writing(&Source::new("src/collect/modbus/link.rs", text)).len();
+    assert_eq!(refused("fn f() { context.write_single_register(1, 2) }"), 1);
+    assert_eq!(refused("fn f() { Request::WriteMultipleRegisters(a, b) }"), 1);
+    assert_eq!(refused("fn f() { context.read_holding_registers(1, 2) }"), 0);
+}
+
+#[test]
+fn a_long_file_and_one_without_a_head_are_found() {
+    let head = "//! What this module is for.\n";
+    assert_eq!(shape(&Source::new("src/a.rs", head)).len(), 0);
+    assert_eq!(shape(&Source::new("src/a.rs", "use std::fmt;")).len(), 1);
+    assert_eq!(shape(&Source::new("src/a.rs", "//! todo")).len(), 1);
+    assert_eq!(shape(&Source::new("src/a.rs", &(head.to_string() + &"\n".repeat(MOST_LINES)))).len(), 1);
+}

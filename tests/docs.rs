@@ -1,0 +1,209 @@
+//! What the documents say, held against the program: keys and defaults of the configuration, excerpts that must load,
+//! the routes of the API, the constants of the method, the metrics in alert rules, and links that lead somewhere.
+
+use serde::de::DeserializeOwned;
+use std::collections::BTreeSet;
+use std::fmt::Debug;
+use std::fs;
+use std::path::{Path, PathBuf};
+use stictiond::collect::modbus;
+use stictiond::config::{self, LoopConfig};
+use stictiond::{alarm, diagnosis, history, schedule, serve};
+
+const DOCUMENTS: &[&str] = &[
+    "README.md",
+    "ARCHITECTURE.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+    "docs/configuration.md",
+    "docs/diagnosis.md",
+    "deploy/README.md",
+];
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn read(path: &str) -> String {
+    fs::read_to_string(root().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+/// The cells of every table row below `heading`, up to the next heading, without the head of the table.
+fn rows(document: &str, heading: &str) -> Vec<Vec<String>> {
+    let text = read(document);
+    let below = text.split_once(&format!("\n## {heading}\n"));
+    let (_, below) = below.unwrap_or_else(|| panic!("{document} has no section {heading}"));
+    let section = below.split("\n## ").next().unwrap_or_default();
+    let cells = |line: &str| line.trim_matches('|').split(" | ").map(|c| c.trim().to_string()).collect();
+    let rows: Vec<Vec<String>> = section.lines().filter(|line| line.starts_with('|')).map(cells).collect();
+    assert!(rows.len() > 2, "{document}, {heading}: no table");
+    rows[2..].to_vec()
+}
+
+/// The keys that a struct knows, in serde's own words.
+fn known<T: DeserializeOwned + Debug>() -> BTreeSet<String> {
+    let error = toml::from_str::<T>("no_such_key = 0").expect_err("an unknown key is refused").to_string();
+    let (_, expected) = error.split_once("expected").expect("serde lists what it expects");
+    expected.split('`').skip(1).step_by(2).map(str::to_string).collect()
+}
+
+/// Key and default of every row of a section, both out of their back-ticks.
+fn documented(heading: &str) -> Vec<(String, String)> {
+    let plain = |cell: &str| cell.trim_matches('`').to_string();
+    rows("docs/configuration.md", heading).iter().map(|row| (plain(&row[0]), plain(&row[1]))).collect()
+}
+
+/// Every key is documented, no other is, and the defaults are the program's: written out they change nothing.
+fn agrees<T: DeserializeOwned + Debug + PartialEq>(heading: &str, required: &str) {
+    let documented = documented(heading);
+    let keys: BTreeSet<String> = documented.iter().map(|(key, _)| key.clone()).collect();
+    assert_eq!(keys, known::<T>(), "the keys of {heading}");
+    let needed: toml::Table = required.parse().expect("TOML");
+    for (key, default) in &documented {
+        assert_eq!(default == "required", needed.contains_key(key), "{heading}: is {key} required?");
+    }
+    let defaults: String = documented
+        .iter()
+        .filter(|(_, default)| default != "required" && default != "–")
+        .map(|(key, default)| format!("{key} = {default}\n"))
+        .collect();
+    // Values before tables, as TOML wants it.
+    let written: T = toml::from_str(&(defaults + required)).unwrap_or_else(|e| panic!("{heading}: {e}"));
+    let left_out: T = toml::from_str(required).unwrap_or_else(|e| panic!("{heading}: {e}"));
+    assert_eq!(written, left_out, "the defaults of {heading}");
+}
+
+const TAG: &str = "device = 'd'\nregister = 'coil'\naddress = 1\n";
+
+#[test]
+fn the_reference_of_the_configuration_is_the_configuration() {
+    agrees::<serve::Config>("`[server]`", "");
+    agrees::<history::Config>("`[history]`", "");
+    agrees::<schedule::Config>("`[schedule]`", "");
+    agrees::<diagnosis::Config>("`[diagnosis]`", "");
+    agrees::<alarm::Config>("`[alarm]`", "");
+    agrees::<modbus::Config>("`[[modbus]]`", "name = 'd'\naddress = 'd:502'\naddress_base = 0\n");
+    agrees::<LoopConfig>("`[[loop]]`", &format!("id = 'A'\n[op]\n{TAG}[pv]\n{TAG}"));
+    agrees::<modbus::TagConfig>("A tag", TAG);
+}
+
+/// A wrong default and a forgotten key are what the test above is for.
+#[test]
+fn a_default_that_differs_is_noticed() {
+    #[derive(Debug, PartialEq, serde::Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Other {
+        samples_per_tag: usize,
+    }
+    impl Default for Other {
+        fn default() -> Self {
+            Self { samples_per_tag: 1 }
+        }
+    }
+    #[derive(Debug, PartialEq, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct More {
+        #[serde(default)]
+        samples_per_tag: usize,
+        #[serde(default)]
+        forgotten: usize,
+    }
+    assert!(std::panic::catch_unwind(|| agrees::<Other>("`[history]`", "")).is_err());
+    assert!(std::panic::catch_unwind(|| agrees::<More>("`[history]`", "")).is_err());
+}
+
+/// The text of every fenced block of a language.
+fn blocks(document: &str, language: &str) -> Vec<String> {
+    let text = read(document);
+    let fence = format!("```{language}\n");
+    text.split(&fence).skip(1).filter_map(|rest| Some(rest.split_once("```")?.0.to_string())).collect()
+}
+
+#[test]
+fn every_configuration_in_the_documents_is_accepted() {
+    let found: Vec<(&str, String)> =
+        DOCUMENTS.iter().flat_map(|name| blocks(name, "toml").into_iter().map(move |b| (*name, b))).collect();
+    assert!(found.iter().any(|(name, _)| *name == "README.md"), "the README shows no configuration");
+    for (name, text) in found {
+        if let Err(errors) = config::parse(name, &text) {
+            panic!("{}", errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"));
+        }
+    }
+    for entry in fs::read_dir(root().join("config")).expect("config can be read").flatten() {
+        let loaded = config::load(&entry.path());
+        assert!(loaded.is_ok(), "{:?}", loaded.err());
+    }
+}
+
+#[test]
+fn the_readme_lists_every_route_and_no_other() {
+    let api = serde_json::to_value(serve::openapi()).expect("the description is JSON");
+    let paths = api["paths"].as_object().expect("paths");
+    // What is at the root too is said once.
+    let shown = |path: &String| path.starts_with("/api/v1/") && !paths.contains_key(&path["/api/v1".len()..]);
+    let routes: BTreeSet<String> = paths
+        .iter()
+        .filter(|(path, _)| shown(path) || !path.starts_with("/api/v1/"))
+        .flat_map(|(path, methods)| {
+            let methods = methods.as_object().expect("methods");
+            methods.keys().map(move |method| format!("{} {path}", method.to_uppercase()))
+        })
+        .chain(["GET /openapi.json".to_string()])
+        .collect();
+    let listed: BTreeSet<String> =
+        rows("README.md", "REST").iter().map(|row| row[0].trim_matches('`').to_string()).collect();
+    assert_eq!(listed, routes);
+}
+
+/// `NAME` in a file of the diagnosis, as its source writes the value.
+fn constant(file: &str, name: &str) -> Option<String> {
+    let text = read(&format!("src/diagnosis/{file}"));
+    let line = text
+        .lines()
+        .find(|line| line.trim_start().trim_start_matches("pub ").starts_with(&format!("const {name}:")))?;
+    let value = line.split_once(" = ")?.1.trim_end_matches(';');
+    Some(value.to_string())
+}
+
+#[test]
+fn the_constants_of_the_method_are_those_of_the_source() {
+    let rows = rows("docs/diagnosis.md", "Constants");
+    for row in &rows {
+        let plain = |cell: &str| cell.trim_matches('`').to_string();
+        let (file, name) = (plain(&row[0]), plain(&row[1]));
+        assert_eq!(constant(&file, &name), Some(plain(&row[2])), "docs/diagnosis.md: {name} in {file}");
+    }
+    assert_eq!(constant("evidence.rs", "NO_SUCH_NAME"), None);
+}
+
+#[test]
+fn every_metric_that_a_rule_reads_exists() {
+    let metrics = read("src/serve/metrics.rs");
+    let rules = read("deploy/prometheus/rules.yml");
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let used: BTreeSet<&str> =
+        rules.split(|c| !is_part(c)).filter_map(|word| word.strip_prefix("stictiond_")).collect();
+    assert!(used.len() > 4, "{used:?}");
+    for name in used {
+        let base = name.strip_suffix("_total").unwrap_or(name);
+        assert!(metrics.contains(&format!("\"{base}\"")), "no metric stictiond_{name}");
+    }
+}
+
+#[test]
+fn every_link_to_a_file_leads_somewhere() {
+    let mut checked = 0;
+    for name in DOCUMENTS {
+        let text = read(name);
+        let folder = root().join(name).parent().map(Path::to_path_buf).unwrap_or_default();
+        for target in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            if target.contains("://") || target.starts_with('#') {
+                continue;
+            }
+            let file = target.split('#').next().unwrap_or_default();
+            assert!(folder.join(file).exists(), "{name}: {target} does not exist");
+            checked += 1;
+        }
+    }
+    assert!(checked > 5, "only {checked} links found");
+}
