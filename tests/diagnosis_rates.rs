@@ -15,11 +15,14 @@ use stictiond::sim::Scenario;
 use stictiond::sim::reverses_beyond;
 use stictiond::sim::scenarios::{calibration, random_sound, random_sticky};
 
-/// Least relative error of f that counts as wrong.
+/// Largest relative error of an f that counts as right.
 const CLOSE: f64 = 0.10;
 
-/// What the prototype says of a loop: f where it believes in friction.
-fn prototype(scenario: &Scenario) -> Option<f64> {
+/// Evidence at which the prototype believes in friction.
+const PROTOTYPE: f64 = 20.0;
+
+/// What the prototype says of a loop: the f of least AIC and what it gains over f = 0; none where it cannot look.
+fn prototype(scenario: &Scenario) -> Option<(f64, f64)> {
     let settings = Settings { max_delay: 1, ..Settings::default() };
     let record = simulated(scenario);
     let (window, mut preparation) = gate::gate(&record, &settings).ok()?;
@@ -36,7 +39,7 @@ fn prototype(scenario: &Scenario) -> Option<f64> {
 struct Judged {
     scenario: Scenario,
     diagnosis: Diagnosis,
-    floor: Option<f64>,
+    prototype: Option<(f64, f64)>,
 }
 
 impl Judged {
@@ -44,8 +47,8 @@ impl Judged {
         parallel::each(seeds, |seed| {
             let scenario = draw(seed);
             let diagnosis = diagnose(&simulated(&scenario), &Settings::default());
-            let floor = prototype(&scenario);
-            Judged { scenario, diagnosis, floor }
+            let prototype = prototype(&scenario);
+            Judged { scenario, diagnosis, prototype }
         })
     }
 
@@ -56,6 +59,11 @@ impl Judged {
     /// f as the diagnosis has it, where it says stiction.
     fn f(&self) -> Option<f64> {
         self.diagnosis.estimate.as_ref().filter(|_| self.sticky()).map(|e| e.f)
+    }
+
+    /// f as the prototype has it, where it gains more than `evidence`.
+    fn floor(&self, evidence: f64) -> Option<f64> {
+        self.prototype.filter(|(_, gain)| *gain > evidence).map(|(f, _)| f)
     }
 
     fn truth(&self) -> f64 {
@@ -99,7 +107,7 @@ fn count(judged: &[Judged], is: impl Fn(&Judged) -> bool) -> usize {
 
 /// Verdicts by kind, the kind being what `of` makes of the scenario's words.
 fn confusion(judged: &[Judged], of: impl Fn(&str) -> Vec<String>) {
-    let mut table: BTreeMap<String, [usize; 3]> = BTreeMap::new();
+    let mut table: BTreeMap<String, [usize; 4]> = BTreeMap::new();
     for j in judged {
         let column = match j.diagnosis.verdict {
             Verdict::Stiction => 0,
@@ -107,54 +115,61 @@ fn confusion(judged: &[Judged], of: impl Fn(&str) -> Vec<String>) {
             Verdict::NotIdentifiable(_) => 2,
         };
         for kind in of(&j.scenario.truth.kind) {
-            table.entry(kind).or_default()[column] += 1;
+            let row = table.entry(kind).or_default();
+            row[column] += 1;
+            row[3] += usize::from(j.floor(PROTOTYPE).is_some());
         }
     }
-    println!("{:34} {:>9} {:>12} {:>17}", "kind", "stiction", "no stiction", "not identifiable");
-    for (kind, [sticky, sound, neither]) in table {
-        println!("{kind:34} {sticky:>9} {sound:>12} {neither:>17}");
+    println!("{:28} {:>9} {:>12} {:>17} {:>20}", "kind", "stiction", "no stiction", "not identifiable", "prototype: stiction");
+    for (kind, [sticky, sound, neither, floor]) in table {
+        println!("{kind:28} {sticky:>9} {sound:>12} {neither:>17} {floor:>20}");
     }
 }
 
+/// The words of a sticky scenario that make groups: noise in three sizes.
+fn sticky_kinds(kind: &str) -> Vec<String> {
+    let noise = |words: &str| -> Option<f64> { words.strip_prefix("noise ")?.split(' ').next()?.parse().ok() };
+    let group = |words: &str| match noise(words) {
+        Some(share) if share == 0.0 => "no noise".to_owned(),
+        Some(share) if share < 0.3 => "some noise".to_owned(),
+        Some(_) => "heavy noise".to_owned(),
+        None => words.to_owned(),
+    };
+    kind.split(", ").map(group).collect()
+}
+
 #[test]
-fn sound_loops_are_not_accused() {
-    let judged = Judged::all(0..100, random_sound);
-    confusion(&judged, |kind| kind.split(", ").skip(1).map(str::to_owned).collect());
-    let accused = count(&judged, Judged::sticky);
-    let floor = count(&judged, |j| j.floor.is_some());
-    println!("sound loops accused: {accused} of {}, by the prototype {floor}", judged.len());
-    for j in judged.iter().filter(|j| j.sticky()) {
+fn sticky_and_sound_loops_are_told_apart() {
+    let sound = Judged::all(0..100, random_sound);
+    let sticky = Judged::all(0..100, random_sticky);
+    confusion(&sound, |kind| kind.split(", ").skip(1).map(str::to_owned).collect());
+    confusion(&sticky, sticky_kinds);
+    let (accused, found) = (count(&sound, Judged::sticky), count(&sticky, Judged::sticky));
+    let close = count(&sticky, |j| j.close(j.f()));
+    for j in sound.iter().filter(|j| j.sticky()) {
         println!("ACCUSED {}", j.line());
     }
-    // The project promises 2 % of 100 seeds.
-    assert!(accused <= 2, "{accused}");
-    assert!(accused <= floor, "no better than the prototype: {accused} against {floor}");
-}
-
-#[test]
-fn sticky_loops_are_found_with_the_right_f() {
-    let judged = Judged::all(0..100, random_sticky);
-    confusion(&judged, |kind| {
-        let words: Vec<&str> = kind.split(", ").collect();
-        words.iter().map(|w| w.split_whitespace().take(2).collect::<Vec<_>>().join(" ")).collect()
-    });
-    let found = count(&judged, Judged::sticky);
-    let close = count(&judged, |j| j.close(j.f()));
-    let (floor_found, floor_close) =
-        (count(&judged, |j| j.floor.is_some()), count(&judged, |j| j.close(j.floor)));
-    println!(
-        "sticky loops of {}: found {found}, f within 10 % on {close}; prototype {floor_found} and {floor_close}",
-        judged.len()
-    );
-    let reversing = |j: &Judged| {
-        let op = j.diagnosis.window.as_ref().map_or(&[][..], |w| &w.op);
-        reverses_beyond(op, j.scenario.truth.s) >= 4
-    };
-    println!("OP reverses by more than S four times in the window: {}", count(&judged, reversing));
-    for j in judged.iter().filter(|j| !j.close(j.f())) {
-        println!("{} {}", if j.sticky() { "OFF   " } else { "MISSED" }, j.line());
+    for j in sticky.iter().filter(|j| !j.close(j.f())) {
+        println!("{} {}", if j.sticky() { "OFF    " } else { "MISSED " }, j.line());
     }
-    assert!(found > floor_found && close > floor_close, "no better than the prototype");
+    println!("of 100 each: sound accused {accused}; sticky found {found}, f within 10 % on {close}");
+    // The prototype as it is, and with the evidence that it would need to accuse no more sound loops than we do.
+    let mut gains: Vec<f64> = sound.iter().filter_map(|j| j.prototype).map(|(_, gain)| gain).collect();
+    gains.sort_by(|a, b| b.total_cmp(a));
+    let careful = gains.get(accused).copied().unwrap_or(0.0).max(PROTOTYPE);
+    let [as_it_is, as_careful] = [PROTOTYPE, careful].map(|evidence| {
+        let accused = count(&sound, |j| j.floor(evidence).is_some());
+        let found = count(&sticky, |j| j.floor(evidence).is_some());
+        let close = count(&sticky, |j| j.close(j.floor(evidence)));
+        println!("prototype, dAIC > {evidence:.0}: sound accused {accused}; sticky found {found}, close {close}");
+        (accused, found, close)
+    });
+    // The project promises 2 % of 100 seeds.
+    assert!(accused <= 2, "{accused} sound loops accused");
+    // The floor is to be left far behind: right more often as it is, by a quarter, and found twice as often at
+    // the same rate of false alarms.
+    assert!(4 * close >= 5 * as_it_is.2, "{close} close, the prototype {}", as_it_is.2);
+    assert!(found >= 2 * as_careful.1, "{found} found, the prototype {}", as_careful.1);
 }
 
 #[test]
@@ -163,7 +178,7 @@ fn the_interval_of_f_covers_the_truth_as_often_as_it_says() {
     let found = count(&judged, Judged::sticky);
     let close = count(&judged, |j| j.close(j.f()));
     let covered = count(&judged, |j| j.covered() == Some(true));
-    let floor_close = count(&judged, |j| j.close(j.floor));
+    let floor_close = count(&judged, |j| j.close(j.floor(PROTOTYPE)));
     for j in judged.iter().filter(|j| j.covered() != Some(true)) {
         println!("{} {}", if j.sticky() { "OUTSIDE" } else { "MISSED " }, j.line());
     }

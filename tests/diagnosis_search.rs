@@ -123,9 +123,12 @@ fn the_grid_pass_ends_where_the_full_grid_does() {
 
 /// The elements of the search: the paper's and those that resume beyond a share of S.
 const RESUMES: [f64; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0];
-/// Distance in N ln V(long ARX) above the least beyond which a cell is not refined: the ARMAX loss there would have
-/// to be as much better than everywhere else.
-const REACH: f64 = 10.0;
+/// Cells wider than the range of f by this are all visited: there are far fewer than samples squared.
+const EVERY: usize = 1_000_000_000;
+/// Cells are refined within this distance in N ln V(long ARX) of the least, where the ARMAX loss would have to be
+/// as much better than everywhere else, and so many of the best in any case: without noise the views lie far apart.
+const REACH: f64 = 40.0;
+const LEAST_REFINED: usize = 300;
 
 /// What the search minimises: both views of the noise together [N ln V].
 fn score(p: &Problem, r: &Refined) -> f64 {
@@ -135,13 +138,14 @@ fn score(p: &Problem, r: &Refined) -> f64 {
 /// The best of refining every cell of every element that the long ARX does not rule out, and how many.
 fn exhaustive(p: &Problem) -> (Refined, usize, usize) {
     let mut searcher = Searcher::new(p);
-    let cells: Vec<CellPoint> = RESUMES
+    let mut cells: Vec<CellPoint> = RESUMES
         .iter()
-        .flat_map(|&resume| searcher.profile(resume, 0.0, p.f_top, usize::MAX))
+        .flat_map(|&resume| searcher.profile(resume, 0.0, p.f_top, EVERY))
         .filter(|c| c.f() > 0.0)
         .collect();
-    let least = cells.iter().map(|c| c.loss).fold(f64::INFINITY, f64::min);
-    let near: Vec<&CellPoint> = cells.iter().filter(|c| p.rows() * (c.loss / least).ln() <= REACH).collect();
+    cells.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+    let within = cells.partition_point(|c| p.rows() * (c.loss / cells[0].loss).ln() <= REACH);
+    let near = &cells[..within.max(LEAST_REFINED).min(cells.len())];
     let best = near
         .iter()
         .map(|c| searcher.refine_at(c.f(), c.resume, c.lag))
@@ -152,15 +156,13 @@ fn exhaustive(p: &Problem) -> (Refined, usize, usize) {
 
 #[test]
 fn the_refined_profile_ends_where_refining_every_cell_does() {
-    // The sticky ones: elsewhere the best f is whatever the noise likes, and no verdict rests on it.
+    // A dozen sticky ones of about 1,000 samples: elsewhere the best f is whatever the noise likes, and no verdict
+    // rests on it; on longer windows every cell takes minutes.
+    let known =
+        ["level control (weak stiction)", "level control (strong stiction)", "CHEM1", "CHEM10", "PAP2"];
     let problems: Vec<Named> = problems()
         .into_iter()
-        .filter(|(name, _)| {
-            name.contains("stiction")
-                || name.contains("Kano")
-                || name.contains("Choudhury")
-                || ["CHEM1", "CHEM10", "CHEM23", "PAP2"].contains(&name.as_str())
-        })
+        .filter(|(name, _)| known.contains(&name.as_str()) || name.contains("J ="))
         .collect();
     let compared = parallel::each(&problems, |(_, p)| {
         let mut searcher = Searcher::new(p);

@@ -335,3 +335,6 @@ fn clipped(p: &Problem) -> (f64, [f64; 2]) {
     }
     best
 }
+
+#[cfg(test)]
+mod tests;

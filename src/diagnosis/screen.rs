@@ -391,3 +391,6 @@ fn sums(a: Lags<'_>, first: usize, out: &mut [f64]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
