@@ -95,12 +95,16 @@ impl Case {
             median(|| drop(black_box(pose(&window, &preparation, settings)))),
             median(|| drop(black_box(Searcher::new(p).grid(GRID)))),
             median(|| drop(black_box(Searcher::new(p).full_profile()))),
-            median(|| drop(black_box(Searcher::new(p).refine(&grid, &cells)))),
+            median(|| {
+                black_box(Searcher::new(p).refine(&grid, &cells));
+            }),
             // Without a least worth, so that the rivals are asked of a sound loop too.
             median(|| {
-                drop(black_box(evidence::weigh(p, &sound, &sticky, [&a, &b], None, f64::NEG_INFINITY)))
+                black_box(evidence::weigh(p, &sound, &sticky, [&a, &b], None, f64::NEG_INFINITY));
             }),
-            median(|| drop(black_box(validation::validate(p, &sticky, 1.0)))),
+            median(|| {
+                black_box(validation::validate(p, &sticky, 1.0));
+            }),
             median(|| drop(black_box(diagnose(&self.record, settings)))),
         ];
         let name: String = self.name.chars().take(56).collect();

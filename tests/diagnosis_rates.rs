@@ -120,7 +120,10 @@ fn confusion(judged: &[Judged], of: impl Fn(&str) -> Vec<String>) {
             row[3] += usize::from(j.floor(PROTOTYPE).is_some());
         }
     }
-    println!("{:28} {:>9} {:>12} {:>17} {:>20}", "kind", "stiction", "no stiction", "not identifiable", "prototype: stiction");
+    println!(
+        "{:28} {:>9} {:>12} {:>17} {:>20}",
+        "kind", "stiction", "no stiction", "not identifiable", "prototype: stiction"
+    );
     for (kind, [sticky, sound, neither, floor]) in table {
         println!("{kind:28} {sticky:>9} {sound:>12} {neither:>17} {floor:>20}");
     }
@@ -128,7 +131,8 @@ fn confusion(judged: &[Judged], of: impl Fn(&str) -> Vec<String>) {
 
 /// The words of a sticky scenario that make groups: noise in three sizes.
 fn sticky_kinds(kind: &str) -> Vec<String> {
-    let noise = |words: &str| -> Option<f64> { words.strip_prefix("noise ")?.split(' ').next()?.parse().ok() };
+    let noise =
+        |words: &str| -> Option<f64> { words.strip_prefix("noise ")?.split(' ').next()?.parse().ok() };
     let group = |words: &str| match noise(words) {
         Some(share) if share == 0.0 => "no noise".to_owned(),
         Some(share) if share < 0.3 => "some noise".to_owned(),
@@ -161,7 +165,9 @@ fn sticky_and_sound_loops_are_told_apart() {
         let accused = count(&sound, |j| j.floor(evidence).is_some());
         let found = count(&sticky, |j| j.floor(evidence).is_some());
         let close = count(&sticky, |j| j.close(j.floor(evidence)));
-        println!("prototype, dAIC > {evidence:.0}: sound accused {accused}; sticky found {found}, close {close}");
+        println!(
+            "prototype, dAIC > {evidence:.0}: sound accused {accused}; sticky found {found}, close {close}"
+        );
         (accused, found, close)
     });
     // The project promises 2 % of 100 seeds.

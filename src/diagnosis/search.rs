@@ -42,6 +42,7 @@ const FITTED_WELL: usize = 12;
 /// Iterations each start gets before the leaders are known, leaders that go on, and iterations they get.
 const HEAT: usize = 2;
 const FINALISTS: usize = 2;
+const MANY_FINALISTS: usize = 4;
 const FINAL: usize = 40;
 /// Distance in N ln V above the best at which a value of f is not worth a prediction-error fit: the
 /// Hannan–Rissanen loss overstates the minimum by less than this on every record tried.
@@ -380,7 +381,7 @@ fn race(
     running.clear();
     running.extend(starts.iter().map(|(orders, theta)| work.minimise(s, *orders, *theta, lag, ROUGH, HEAT)));
     running.sort_by(|a, b| a.loss.total_cmp(&b.loss));
-    running.truncate(FINALISTS);
+    running.truncate(if tolerance < ROUGH { MANY_FINALISTS } else { FINALISTS });
     let finals = running.iter().map(|fit| work.minimise(s, fit.orders, fit.theta, lag, tolerance, FINAL));
     let nobody = Fit {
         orders: Orders { na: 1, nb: 1, nc: 0, nk: 1 },
