@@ -88,3 +88,24 @@ fn a_log_filter_that_is_none_is_refused() {
     assert_eq!((output.status.code(), stderr.lines().count()), (Some(2), 1), "{stderr}");
     assert!(stderr.starts_with("stictiond: RUST_LOG=\"stictiond=loud\": "), "{stderr}");
 }
+
+#[test]
+fn health_says_whether_a_daemon_answers() {
+    let health = |address: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_stictiond"));
+        command.args(["health", address]).output().unwrap()
+    };
+    let mut child = run(&config("health.toml", "127.0.0.1:0")).spawn().unwrap();
+    let mut log = BufReader::new(child.stderr.take().unwrap());
+    let address = wait_for(&mut log, "serving")["address"].as_str().unwrap().to_string();
+    let output = health(&address);
+    assert_eq!((output.status.code(), output.stdout.as_slice()), (Some(0), b"ok\n".as_slice()));
+    signal(&child, "-TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+
+    let gone = health(&address);
+    let stderr = String::from_utf8(gone.stderr).unwrap();
+    assert_eq!((gone.status.code(), stderr.lines().count()), (Some(1), 1), "{stderr}");
+    assert!(stderr.starts_with(&format!("stictiond: {address}: ")), "{stderr}");
+    assert_eq!(health("here").status.code(), Some(2));
+}

@@ -136,6 +136,17 @@ fn every_configuration_in_the_documents_is_accepted() {
 }
 
 #[test]
+fn the_record_that_the_readme_diagnoses_is_what_it_says() {
+    let file = fs::File::open(root().join("docs/example.csv")).expect("the example can be read");
+    let record = stictiond::collect::csv::read(file).expect("the example is a record");
+    let found = diagnosis::diagnose(&record, &diagnosis::Settings::default());
+    assert_eq!(found.verdict, diagnosis::Verdict::Stiction, "{}", found.reason);
+    // Made with the demo's loop FIC103: S/2 = 0.5 % OP.
+    let estimate = found.estimate.expect("a verdict has an estimate");
+    assert!(estimate.f_ci95[0] < 0.5 && 0.5 < estimate.f_ci95[1], "{:?}", estimate.f_ci95);
+}
+
+#[test]
 fn the_readme_lists_every_route_and_no_other() {
     let api = serde_json::to_value(serve::openapi()).expect("the description is JSON");
     let paths = api["paths"].as_object().expect("paths");
