@@ -12,7 +12,6 @@ use std::collections::BTreeMap;
 use stictiond::diagnosis::search::{GRID, Searcher};
 use stictiond::diagnosis::{Diagnosis, Settings, Verdict, diagnose, gate, prepare, verdict};
 use stictiond::sim::Scenario;
-use stictiond::sim::reverses_beyond;
 use stictiond::sim::scenarios::{calibration, random_sound, random_sticky};
 
 /// Largest relative error of an f that counts as right.
@@ -31,8 +30,7 @@ fn prototype(scenario: &Scenario) -> Option<(f64, f64)> {
     let grid = Searcher::new(&problem).grid(GRID);
     let best = grid.iter().min_by(|a, b| a.loss.total_cmp(&b.loss))?;
     let gain = problem.rows() * (grid[0].loss / best.loss).ln();
-    (best.f * scale.u > settings.f_threshold && gain > settings.evidence_threshold)
-        .then_some(best.f * scale.u)
+    Some((best.f * scale.u, gain)).filter(|(f, _)| *f > settings.f_threshold)
 }
 
 /// A scenario with what both say of it.
@@ -120,7 +118,10 @@ fn confusion(judged: &[Judged], of: impl Fn(&str) -> Vec<String>) {
             row[3] += usize::from(j.floor(PROTOTYPE).is_some());
         }
     }
-    println!("{:28} {:>9} {:>12} {:>17} {:>20}", "kind", "stiction", "no stiction", "not identifiable", "prototype: stiction");
+    println!(
+        "{:28} {:>9} {:>12} {:>17} {:>20}",
+        "kind", "stiction", "no stiction", "not identifiable", "prototype: stiction"
+    );
     for (kind, [sticky, sound, neither, floor]) in table {
         println!("{kind:28} {sticky:>9} {sound:>12} {neither:>17} {floor:>20}");
     }
@@ -128,7 +129,8 @@ fn confusion(judged: &[Judged], of: impl Fn(&str) -> Vec<String>) {
 
 /// The words of a sticky scenario that make groups: noise in three sizes.
 fn sticky_kinds(kind: &str) -> Vec<String> {
-    let noise = |words: &str| -> Option<f64> { words.strip_prefix("noise ")?.split(' ').next()?.parse().ok() };
+    let noise =
+        |words: &str| -> Option<f64> { words.strip_prefix("noise ")?.split(' ').next()?.parse().ok() };
     let group = |words: &str| match noise(words) {
         Some(share) if share == 0.0 => "no noise".to_owned(),
         Some(share) if share < 0.3 => "some noise".to_owned(),
@@ -161,7 +163,9 @@ fn sticky_and_sound_loops_are_told_apart() {
         let accused = count(&sound, |j| j.floor(evidence).is_some());
         let found = count(&sticky, |j| j.floor(evidence).is_some());
         let close = count(&sticky, |j| j.close(j.floor(evidence)));
-        println!("prototype, dAIC > {evidence:.0}: sound accused {accused}; sticky found {found}, close {close}");
+        println!(
+            "prototype, dAIC > {evidence:.0}: sound accused {accused}; sticky found {found}, close {close}"
+        );
         (accused, found, close)
     });
     // The project promises 2 % of 100 seeds.
