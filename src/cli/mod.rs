@@ -1,4 +1,4 @@
-//! The command line: `stictiond run | demo | diagnose | check | probe`.
+//! The command line: `stictiond run | demo | diagnose | check | health | probe`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
@@ -6,6 +6,7 @@
 mod check;
 mod demo;
 mod diagnose;
+mod health;
 mod logging;
 mod probe;
 mod run;
@@ -35,6 +36,8 @@ enum Command {
     Diagnose(diagnose::Args),
     /// Validate a configuration: every error with line and column
     Check(check::Args),
+    /// Ask a running daemon whether it answers: exit code 0 or 1
+    Health(health::Args),
     /// Read registers of a device once and show them in every type and byte order
     Probe(probe::Args),
 }
@@ -71,6 +74,7 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Health(args) => health::run(&args),
         Command::Probe(args) => probe::run(&args),
     };
     let (messages, code) = match done {

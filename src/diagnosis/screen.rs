@@ -154,11 +154,23 @@ impl Screen {
         best
     }
 
-    /// The long ARX's residual ê at the present lag, and its lagged products: what the Hannan–Rissanen fits need.
+    /// Takes the long ARX's residual at `lag` as ê: what the first Hannan–Rissanen fits need.
     pub fn load_errors(&mut self, s: &Signals<'_>, lag: f64) {
         self.set_lag(lag);
         self.long_arx();
         self.long_residual(s, lag);
+        self.multiply_errors(s, lag);
+    }
+
+    /// Takes the prediction errors of a fitted model as ê: a long ARX cannot follow a zero of C near the unit
+    /// circle, and ranks the structures that have one too low.
+    pub fn reload_errors(&mut self, s: &Signals<'_>, errors: &[f64]) {
+        self.e.copy_from_slice(errors);
+        self.multiply_errors(s, self.lag);
+    }
+
+    /// The lagged products of ê with every column.
+    fn multiply_errors(&mut self, s: &Signals<'_>, lag: f64) {
         let (first, at) = (s.first, 1 + LONG_Y + self.nx);
         let e = std::mem::take(&mut self.e);
         let columns = Lags { v: &e, from: 1, count: E_LAGS };

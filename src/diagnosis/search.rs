@@ -27,18 +27,25 @@ pub const LEAST_REVERSALS: usize = 4;
 /// Structures fitted by prediction error at one f.
 const FITTED: usize = 3;
 /// Structures remembered from one f to the next.
-const WINNERS: usize = 5;
+const WINNERS: usize = 4;
+/// Relative decrease of the loss at which a minimisation ends: 0.1 and 0.001 in N ln V of 1,000 samples.
+const ROUGH: f64 = 1e-4;
+const PRECISE: f64 = 1e-6;
+/// Most screenings with better and better errors.
+const RESCREENS: usize = 4;
+/// Grid steps to each side of the best point that get a second look too.
+const NEIGHBOURS: usize = 6;
 /// Most second looks at the best point of the grid.
 const SETTLING: usize = 8;
 /// Structures fitted where the result decides: at f = 0 and in the refinement.
 const FITTED_WELL: usize = 12;
 /// Iterations each start gets before the leaders are known, leaders that go on, and iterations they get.
 const HEAT: usize = 2;
-const FINALISTS: usize = 3;
+const FINALISTS: usize = 2;
 const FINAL: usize = 40;
 /// Distance in N ln V above the best at which a value of f is not worth a prediction-error fit: the
 /// Hannan–Rissanen loss overstates the minimum by less than this on every record tried.
-const HOPELESS: f64 = 45.0;
+const HOPELESS: f64 = 150.0;
 /// Cells of each pass that the refinement looks at.
 const REFINED: usize = 10;
 
@@ -169,7 +176,7 @@ impl<'a> Searcher<'a> {
             let cell = self.run_element(points[i].f, 0.0);
             let loss = match last {
                 Some((known, loss)) if known == cell => loss,
-                _ => self.armax(best * (HOPELESS / self.p.rows()).exp(), i % 10 == 0),
+                _ => self.armax(best * (HOPELESS / self.p.rows()).exp(), false),
             };
             last = Some((cell, loss));
             best = best.min(loss);
@@ -187,11 +194,13 @@ impl<'a> Searcher<'a> {
             else {
                 return;
             };
-            for near in at.saturating_sub(1)..(at + 2).min(points.len()) {
-                if !settled[near] {
+            // The best itself first: what wins there is then tried on its neighbours.
+            let neighbours = (at.saturating_sub(NEIGHBOURS)..=at + NEIGHBOURS).filter(|near| *near != at);
+            for near in std::iter::once(at).chain(neighbours) {
+                if near < points.len() && !settled[near] {
                     settled[near] = true;
                     self.run_element(points[near].f, 0.0);
-                    points[near].loss = points[near].loss.min(self.armax(f64::INFINITY, true));
+                    points[near].loss = points[near].loss.min(self.armax(f64::INFINITY, near == at));
                 }
             }
             if (0..points.len()).all(|i| points[i].loss >= points[at].loss) {
@@ -294,7 +303,7 @@ impl<'a> Searcher<'a> {
                 .extend(candidates[..most].iter().map(|c| (c.orders, Theta { lag: start, ..c.theta })));
         }
         self.fits += self.starts.len();
-        let fit = race(&mut self.work, &s, &self.starts, lag_mode, &mut self.running);
+        let fit = race(&mut self.work, &s, &self.starts, lag_mode, PRECISE, &mut self.running);
         Refined { cell, resume, f, fit, long_loss: long.loss, long_lag: long.lag }
     }
 
@@ -336,7 +345,16 @@ impl<'a> Searcher<'a> {
         }
         self.starts.extend(self.winners.iter().copied());
         self.fits += self.starts.len();
-        let best = race(&mut self.work, &s, &self.starts, Lag::Fixed, &mut self.running);
+        let (tolerance, rescreens) = if wide { (PRECISE, RESCREENS) } else { (ROUGH, 1) };
+        let mut best = race(&mut self.work, &s, &self.starts, Lag::Fixed, tolerance, &mut self.running);
+        for _ in 0..rescreens {
+            let before = best.loss;
+            best = rescreen(&mut self.screen, &mut self.work, &s, best, tolerance, &mut self.candidates);
+            self.fits += FITTED;
+            if best.loss > before * (1.0 - 1e-4) {
+                break;
+            }
+        }
         self.winners.retain(|(orders, _)| *orders != best.orders);
         if self.winners.len() == WINNERS {
             self.winners.remove(0);
@@ -356,13 +374,14 @@ fn race(
     s: &Signals<'_>,
     starts: &[(Orders, Theta)],
     lag: Lag,
+    tolerance: f64,
     running: &mut Vec<Fit>,
 ) -> Fit {
     running.clear();
-    running.extend(starts.iter().map(|(orders, theta)| work.minimise(s, *orders, *theta, lag, 1e-4, HEAT)));
+    running.extend(starts.iter().map(|(orders, theta)| work.minimise(s, *orders, *theta, lag, ROUGH, HEAT)));
     running.sort_by(|a, b| a.loss.total_cmp(&b.loss));
     running.truncate(FINALISTS);
-    let finals = running.iter().map(|fit| work.minimise(s, fit.orders, fit.theta, lag, 1e-6, FINAL));
+    let finals = running.iter().map(|fit| work.minimise(s, fit.orders, fit.theta, lag, tolerance, FINAL));
     let nobody = Fit {
         orders: Orders { na: 1, nb: 1, nc: 0, nk: 1 },
         theta: Theta::default(),
@@ -370,6 +389,27 @@ fn race(
         iterations: 0,
     };
     finals.min_by(|a, b| a.loss.total_cmp(&b.loss)).unwrap_or(nobody)
+}
+
+/// Screens every structure again with the errors of the best model so far, and fits the best of that screening.
+fn rescreen(
+    screen: &mut Screen,
+    work: &mut Workspace,
+    s: &Signals<'_>,
+    best: Fit,
+    tolerance: f64,
+    candidates: &mut Vec<Candidate>,
+) -> Fit {
+    work.evaluate(s, best.orders, &best.theta);
+    screen.reload_errors(s, work.errors());
+    candidates.clear();
+    screen.fit_all(|c| candidates.push(c));
+    candidates.select_nth_unstable_by(FITTED - 1, |a, b| a.loss.total_cmp(&b.loss));
+    let fits = candidates[..FITTED].iter().filter(|c| c.orders != best.orders).map(|c| {
+        let theta = Theta { lag: best.theta.lag, ..c.theta };
+        work.minimise(s, c.orders, theta, Lag::Fixed, tolerance, FINAL)
+    });
+    fits.chain([best]).min_by(|a, b| a.loss.total_cmp(&b.loss)).unwrap_or(best)
 }
 
 /// The `most` best cells that are local minima of the profile, and their neighbours.

@@ -1,0 +1,18 @@
+# syntax=docker/dockerfile:1
+FROM rust:1-slim-bookworm AS build
+WORKDIR /src
+COPY Cargo.toml Cargo.lock ./
+# The dependencies alone first, so that a change of the sources does not build them again.
+RUN mkdir -p src benches && echo 'fn main() {}' > src/main.rs && touch src/lib.rs benches/sim.rs benches/load.rs \
+    && cargo build --release --locked && rm -rf src benches
+COPY src src
+COPY benches benches
+RUN touch src/main.rs src/lib.rs && cargo build --release --locked --bin stictiond
+
+FROM debian:bookworm-slim
+COPY --from=build /src/target/release/stictiond /usr/local/bin/stictiond
+COPY LICENSE-MIT LICENSE-APACHE /usr/share/doc/stictiond/
+USER 65532:65532
+ENTRYPOINT ["/usr/local/bin/stictiond"]
+CMD ["run", "--config", "/etc/stictiond/stictiond.toml"]
+HEALTHCHECK --interval=30s --timeout=5s --start-period=10s CMD ["/usr/local/bin/stictiond", "health"]
