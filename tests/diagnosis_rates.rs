@@ -12,7 +12,6 @@ use std::collections::BTreeMap;
 use stictiond::diagnosis::search::{GRID, Searcher};
 use stictiond::diagnosis::{Diagnosis, Settings, Verdict, diagnose, gate, prepare, verdict};
 use stictiond::sim::Scenario;
-use stictiond::sim::reverses_beyond;
 use stictiond::sim::scenarios::{calibration, random_sound, random_sticky};
 
 /// Largest relative error of an f that counts as right.
@@ -31,8 +30,7 @@ fn prototype(scenario: &Scenario) -> Option<(f64, f64)> {
     let grid = Searcher::new(&problem).grid(GRID);
     let best = grid.iter().min_by(|a, b| a.loss.total_cmp(&b.loss))?;
     let gain = problem.rows() * (grid[0].loss / best.loss).ln();
-    (best.f * scale.u > settings.f_threshold && gain > settings.evidence_threshold)
-        .then_some(best.f * scale.u)
+    Some((best.f * scale.u, gain)).filter(|(f, _)| *f > settings.f_threshold)
 }
 
 /// A scenario with what both say of it.

@@ -132,10 +132,9 @@ fn the_grid_pass_ends_where_the_full_grid_does() {
 const RESUMES: [f64; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0];
 /// Cells wider than the range of f by this are all visited: there are far fewer than samples squared.
 const EVERY: usize = 1_000_000_000;
-/// Cells are refined within this distance in N ln V(long ARX) of the least, where the ARMAX loss would have to be
-/// as much better than everywhere else, and so many of the best in any case: without noise the views lie far apart.
+/// Cells of the extended elements are refined within this distance in N ln V(long ARX) of the least, where the ARMAX
+/// loss would have to be as much better than everywhere else; those of the paper's element all are.
 const REACH: f64 = 40.0;
-const LEAST_REFINED: usize = 300;
 
 /// What the search minimises: both views of the noise together [N ln V].
 fn score(p: &Problem, r: &Refined) -> f64 {
@@ -145,14 +144,14 @@ fn score(p: &Problem, r: &Refined) -> f64 {
 /// The best of refining every cell of every element that the long ARX does not rule out, and how many.
 fn exhaustive(p: &Problem) -> (Refined, usize, usize) {
     let mut searcher = Searcher::new(p);
-    let mut cells: Vec<CellPoint> = RESUMES
+    let cells: Vec<CellPoint> = RESUMES
         .iter()
         .flat_map(|&resume| searcher.profile(resume, 0.0, p.f_top, EVERY))
         .filter(|c| c.f() > 0.0)
         .collect();
-    cells.sort_by(|a, b| a.loss.total_cmp(&b.loss));
-    let within = cells.partition_point(|c| p.rows() * (c.loss / cells[0].loss).ln() <= REACH);
-    let near = &cells[..within.max(LEAST_REFINED).min(cells.len())];
+    let least = cells.iter().map(|c| c.loss).fold(f64::INFINITY, f64::min);
+    let is_near = |c: &&CellPoint| c.resume == 0.0 || p.rows() * (c.loss / least).ln() <= REACH;
+    let near: Vec<&CellPoint> = cells.iter().filter(is_near).collect();
     let best = near
         .iter()
         .map(|c| searcher.refine_at(c.f(), c.resume, c.lag))

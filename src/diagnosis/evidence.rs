@@ -124,3 +124,6 @@ pub fn interval(p: &Problem, cells: &[CellPoint], sticky: &Refined) -> [f64; 2] 
     let step = median(&steps);
     [(bounds[0] - step).max(0.0), bounds[1] + step]
 }
+
+#[cfg(test)]
+mod tests;

@@ -426,3 +426,6 @@ fn best_cells(cells: &[CellPoint], most: usize) -> Vec<usize> {
     minima.truncate(most);
     minima
 }
+
+#[cfg(test)]
+mod tests;
