@@ -5,7 +5,9 @@ use crate::diagnosis::friction::{Cell, Start};
 #[test]
 fn a_gain_in_one_block_is_not_steady_and_one_in_all_is() {
     let sticky: Vec<f64> = (0..1000).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
-    let scaled = |by: &dyn Fn(usize) -> f64| -> Vec<f64> { sticky.iter().enumerate().map(|(k, e)| e * by(k)).collect() };
+    let scaled = |by: &dyn Fn(usize) -> f64| -> Vec<f64> {
+        sticky.iter().enumerate().map(|(k, e)| e * by(k)).collect()
+    };
     // All in one of ten blocks: mean m/10, standard error m/10, so exactly 1.
     let once = scaled(&|k| if k < 100 { 3.0 } else { 1.0 });
     assert!((steadiness(&once, &sticky) - 1.0).abs() < 1e-9);
@@ -24,8 +26,20 @@ fn the_interval_is_the_hull_of_the_likely_cells_and_a_step() {
     let p = Problem { u: u.clone(), y: u, start, first: 100, max_delay: 1, f_top: 4.0 };
     // 100 rows: LR = 100 ln V/V0, 7.35 at a loss 7.6 % above.
     let at = |lo: f64, hi: f64, loss: f64| CellPoint { cell: Cell { lo, hi }, resume: 0.0, loss, lag: 0.0 };
-    let cells = [at(0.0, 0.5, 9.0), at(0.5, 1.0, 1.07), at(1.0, 1.5, 1.0), at(1.5, 2.0, 1.5), at(2.0, 3.0, 1.05), at(3.0, f64::INFINITY, 1.08)];
-    let fit = Fit { orders: Orders { na: 1, nb: 1, nc: 4, nk: 1 }, theta: Theta::default(), loss: 1.0, iterations: 1 };
+    let cells = [
+        at(0.0, 0.5, 9.0),
+        at(0.5, 1.0, 1.07),
+        at(1.0, 1.5, 1.0),
+        at(1.5, 2.0, 1.5),
+        at(2.0, 3.0, 1.05),
+        at(3.0, f64::INFINITY, 1.08),
+    ];
+    let fit = Fit {
+        orders: Orders { na: 1, nb: 1, nc: 4, nk: 1 },
+        theta: Theta::default(),
+        loss: 1.0,
+        iterations: 1,
+    };
     let sticky = Refined { cell: cells[2].cell, resume: 0.0, f: 1.25, fit, long_loss: 1.0, long_lag: 0.0 };
     let [low, high] = interval(&p, &cells, &sticky);
     assert!((low - 0.25).abs() < 1e-12 && (high - 3.25).abs() < 1e-12, "{low} {high}");

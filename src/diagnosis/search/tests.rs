@@ -8,8 +8,9 @@ fn problem(seed: u64, noise: f64) -> Problem {
     let n = 500;
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let mut uniform = move || rng.random::<f64>() - 0.5;
-    let u: Vec<f64> =
-        (0..n).map(|k| 3.0 * (2.0 * ((k as f64 / 50.0).fract() - 0.5).abs() - 0.5) + 0.3 * uniform()).collect();
+    let u: Vec<f64> = (0..n)
+        .map(|k| 3.0 * (2.0 * ((k as f64 / 50.0).fract() - 0.5).abs() - 0.5) + 0.3 * uniform())
+        .collect();
     let start = Start { index: 0, is_max: true };
     let (mut x, mut dir) = (vec![0.0; n], vec![0.0; n]);
     stick_slip(&u, 0.6, 0.0, start, &mut x, &mut dir);
@@ -54,7 +55,7 @@ fn the_least_of_the_profile_is_the_least_of_a_dense_grid() {
         }
         // Both fit the lag from different starts, to a thousandth of f; the loss is flat there.
         assert!(best.loss <= dense.0 * 1.001 + LOSS_FLOOR, "{seed}: {} {dense:?}", best.loss);
-        assert!((best.f() - dense.1).abs() <= 1e-3 * p.f_top, "{seed}: {} {dense:?}", best.f());
+        assert!((best.cell.lo..best.cell.hi).contains(&dense.1), "{seed}: {best:?} {dense:?}");
     }
 }
 
@@ -77,7 +78,8 @@ fn the_whole_search_finds_the_friction() {
 
 #[test]
 fn best_cells_are_the_local_minima_of_each_element() {
-    let point = |resume: f64, loss: f64| CellPoint { cell: Cell { lo: 0.0, hi: 1.0 }, resume, loss, lag: 0.0 };
+    let point =
+        |resume: f64, loss: f64| CellPoint { cell: Cell { lo: 0.0, hi: 1.0 }, resume, loss, lag: 0.0 };
     let cells: Vec<CellPoint> = [5.0, 3.0, 4.0, 1.0, 2.0]
         .map(|loss| point(0.0, loss))
         .into_iter()
