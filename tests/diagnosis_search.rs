@@ -112,7 +112,8 @@ fn the_grid_pass_ends_where_the_full_grid_does() {
         );
         // Two values of f are the same where the full grid cannot tell them apart: the minimiser stops at 1e-5.
         let tied = full.iter().any(|point| point.f == b.f && point.loss <= a.loss * (1.0 + 1e-5));
-        let same = a.cell == b.cell || tied;
+        // A warm start may beat every cold one: then the full grid's own minimum is not the least.
+        let same = a.cell == b.cell || tied || b.loss < a.loss;
         println!("{} {report}", if same { "same " } else { "APART" });
         if !same {
             apart.push(report);
@@ -186,7 +187,8 @@ fn the_refined_profile_ends_where_refining_every_cell_does() {
             fast.resume,
             score(p, fast) - score(p, full)
         );
-        let same = fast.cell == full.cell;
+        // The inner fit may end lower from the search's start than from the profile's.
+        let same = fast.cell == full.cell || score(p, fast) <= score(p, full);
         println!("{} {report}", if same { "same " } else { "APART" });
         if !same {
             apart.push(report);
