@@ -132,7 +132,7 @@ fn sticky_kinds(kind: &str) -> Vec<String> {
     let noise =
         |words: &str| -> Option<f64> { words.strip_prefix("noise ")?.split(' ').next()?.parse().ok() };
     let group = |words: &str| match noise(words) {
-        Some(share) if share == 0.0 => "no noise".to_owned(),
+        Some(0.0) => "no noise".to_owned(),
         Some(share) if share < 0.3 => "some noise".to_owned(),
         Some(_) => "heavy noise".to_owned(),
         None => words.to_owned(),

@@ -47,7 +47,7 @@ impl Reference<'_> {
     }
 
     /// The loss, and with `jacobian` the gradient of every counted error.
-    fn evaluate(&self, theta: &[f64; MOST], mut jacobian: Option<&mut Vec<[f64; MOST]>>) -> (f64, Vec<f64>) {
+    fn evaluate(&self, theta: &[f64; MOST], jacobian: Option<&mut Vec<[f64; MOST]>>) -> (f64, Vec<f64>) {
         let Orders { na, nb, nc, nk } = self.orders;
         let (y, n) = (&self.p.y, self.p.y.len());
         let begin = self.p.start.index + 1 + na.max(nk + nb - 1);
@@ -84,7 +84,7 @@ impl Reference<'_> {
                 psi[k] = row;
             }
         }
-        if let Some(out) = jacobian.as_deref_mut() {
+        if let Some(out) = jacobian {
             *out = psi.split_off(self.p.first);
         }
         let counted = e.split_off(self.p.first);
@@ -184,8 +184,9 @@ fn solve(normal: &Matrix, gradient: &[f64; MOST], n: usize, damping: f64) -> [f6
         r.swap(i, pivot);
         for k in i + 1..n {
             let factor = m[k][i] / m[i][i];
-            for j in i..n {
-                m[k][j] -= factor * m[i][j];
+            let above = m[i];
+            for (value, above) in m[k][i..n].iter_mut().zip(&above[i..n]) {
+                *value -= factor * above;
             }
             r[k] -= factor * r[i];
         }

@@ -117,7 +117,8 @@ fn the_grid_pass_ends_where_the_full_grid_does() {
         );
         // Two values of f are the same where the full grid cannot tell them apart: the minimiser stops at 1e-5.
         let tied = full.iter().any(|point| point.f == b.f && point.loss <= a.loss * (1.0 + 1e-5));
-        let same = a.cell == b.cell || tied;
+        // A warm start may beat every cold one: then the full grid's own minimum is not the least.
+        let same = a.cell == b.cell || tied || b.loss < a.loss;
         println!("{} {report}", if same { "same " } else { "APART" });
         // Where it ends elsewhere, the full grid itself can hardly tell: 3.8 in N ln V at the most so far.
         assert!(same || distance < NEARLY, "{report}");

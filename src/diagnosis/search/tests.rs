@@ -55,7 +55,7 @@ fn the_least_of_the_profile_is_the_least_of_a_dense_grid() {
         }
         // Both fit the lag from different starts, to a thousandth of f; the loss is flat there.
         assert!(best.loss <= dense.0 * 1.001 + LOSS_FLOOR, "{seed}: {} {dense:?}", best.loss);
-        assert!((best.f() - dense.1).abs() <= 1e-3 * p.f_top, "{seed}: {} {dense:?}", best.f());
+        assert!((best.cell.lo..best.cell.hi).contains(&dense.1), "{seed}: {best:?} {dense:?}");
     }
 }
 
