@@ -2,11 +2,11 @@
 FROM rust:1-slim-bookworm AS build
 WORKDIR /src
 COPY Cargo.toml Cargo.lock ./
-# The dependencies alone first, so that a change of the sources does not build them again.
-RUN mkdir -p src benches && echo 'fn main() {}' > src/main.rs && touch src/lib.rs benches/sim.rs benches/load.rs \
-    && cargo build --release --locked && rm -rf src benches
-COPY src src
+# The manifest names the benches.
 COPY benches benches
+# The dependencies alone first, so that a change of the sources does not build them again.
+RUN mkdir src && echo 'fn main() {}' > src/main.rs && touch src/lib.rs && cargo build --release --locked && rm -r src
+COPY src src
 RUN touch src/main.rs src/lib.rs && cargo build --release --locked --bin stictiond
 
 FROM debian:bookworm-slim

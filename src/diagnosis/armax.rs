@@ -33,7 +33,7 @@ pub struct Orders {
     pub nb: usize,
     /// Order of C.
     pub nc: usize,
-    /// Delay [samples], at least 1.
+    /// Delay (samples), at least 1.
     pub nk: usize,
 }
 
@@ -68,7 +68,7 @@ pub struct Theta {
     pub c: [f64; ORDER],
     /// Constant.
     pub c0: f64,
-    /// Kinetic lag (S - J)/2 of the stem behind OP [OP unit].
+    /// Kinetic lag (S - J)/2 of the stem behind OP (OP unit).
     pub lag: f64,
 }
 
@@ -79,7 +79,7 @@ pub struct Fit {
     pub orders: Orders,
     /// Coefficients at the minimum.
     pub theta: Theta,
-    /// Loss `V = mean e²` [PV unit²].
+    /// Loss `V = mean e²` (PV unit²).
     pub loss: f64,
     /// Iterations used.
     pub iterations: usize,
@@ -90,7 +90,7 @@ pub struct Fit {
 pub enum Lag {
     /// Held at its start value.
     Fixed,
-    /// Estimated in `0..=max` [OP unit].
+    /// Estimated in `0..=max` (OP unit).
     Free {
         /// Upper bound, f.
         max: f64,

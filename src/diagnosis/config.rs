@@ -7,19 +7,19 @@ use serde::Deserialize;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Least f that counts as stiction [% of OP span].
+    /// Least f that counts as stiction (% of OP span).
     pub f_threshold_percent: f64,
-    /// Least evidence `delta_aic` that counts as stiction [-].
+    /// Least evidence `delta_aic` that counts as stiction (-).
     pub evidence_threshold: f64,
     /// Samples taken from the most regular stretch.
     pub window_samples: usize,
     /// Fewest samples a diagnosis is tried on.
     pub min_samples: usize,
-    /// Largest share of samples that may be missing or bad [0..1].
+    /// Largest share of samples that may be missing or bad (0..1).
     pub max_gap_share: f64,
-    /// Sample period to resample to [s]; left out, the median of the stamps.
+    /// Sample period to resample to (s); left out, the median of the stamps.
     pub ts_s: Option<f64>,
-    /// Longest process delay searched [samples].
+    /// Longest process delay searched (samples).
     pub max_delay_samples: usize,
 }
 

@@ -24,7 +24,7 @@ const LOW: [f64; 8] = [
 /// Levels of the decomposition that are thresholded.
 const LEVELS: usize = 4;
 
-/// Standard deviation of the white noise in `v`, from its finest detail coefficients [unit of v].
+/// Standard deviation of the white noise in `v`, from its finest detail coefficients (unit of v).
 pub fn noise_sd(v: &[f64]) -> f64 {
     if v.len() < 16 {
         return 0.0;

@@ -28,7 +28,7 @@ const THRESHOLD_95: f64 = 7.35;
 const BLOCKS: usize = 10;
 /// Degrees of freedom of the heavy-tailed likelihood behind the steadiness.
 const TAILS: f64 = 4.0;
-/// Least steadiness [-] of a believed gain.
+/// Least steadiness (-) of a believed gain.
 pub const STEADY: f64 = 0.5;
 
 /// The evidence for the sticky model against the best explanation without friction.
@@ -48,7 +48,7 @@ pub struct Evidence {
 ///
 /// * `sound`, `sticky`: the refined models at f = 0 and at f.
 /// * `errors`: their prediction errors.
-/// * `period`: period of OP's oscillation [samples].
+/// * `period`: period of OP's oscillation (samples).
 /// * `worth`: evidence below which the costly rivals are not asked.
 pub fn weigh(
     p: &Problem,
@@ -110,7 +110,7 @@ fn steadiness(sound: &[f64], sticky: &[f64]) -> f64 {
     if error > 0.0 { (m / error).clamp(-100.0, 100.0) } else { 0.0 }
 }
 
-/// The 95 % interval of f from the profile [unit of u].
+/// The 95 % interval of f from the profile (unit of u).
 pub fn interval(p: &Problem, cells: &[CellPoint], sticky: &Refined) -> [f64; 2] {
     let n = p.rows();
     let reference = sticky.long_loss + LOSS_FLOOR;

@@ -18,9 +18,9 @@ pub struct Start {
 /// Sampled data cannot tell the frictions of one cell apart: this is the resolution of f.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
-    /// Least f of the cell [OP unit].
+    /// Least f of the cell (OP unit).
     pub lo: f64,
-    /// First f beyond the cell [OP unit]; infinite when the valve never slips back.
+    /// First f beyond the cell (OP unit); infinite when the valve never slips back.
     pub hi: f64,
 }
 
@@ -38,7 +38,7 @@ pub struct Cell {
 /// `J/S` is what the two-parameter models of Choudhury and Kano do, where noise on OP stops the stem often.
 ///
 /// * `u`: OP, N values [OP unit]; `f`: friction, S/2 [OP unit]; `resume`: J/S, 0..=1.
-/// * `x`: receives the OP at which the stem last moved, N values [OP unit]; before `start` the stem follows OP.
+/// * `x`: receives the OP at which the stem last moved, N values (OP unit); before `start` the stem follows OP.
 /// * `dir`: receives the direction of the last stem movement, N values, +1 or -1.
 ///
 /// The true stem of a valve with a slip jump J is `x - dir (S - J)/2`.
@@ -84,7 +84,7 @@ pub fn stick_slip(u: &[f64], f: f64, resume: f64, start: Start, x: &mut [f64], d
     cell
 }
 
-/// Half the largest fall of OP from a maximum, or rise from a minimum, after `start` [OP unit]: with more
+/// Half the largest fall of OP from a maximum, or rise from a minimum, after `start` (OP unit): with more
 /// friction than this the stem never reverses.
 pub fn largest_reversal(u: &[f64], start: Start) -> f64 {
     let Some(after) = u.get(start.index..) else {

@@ -183,7 +183,7 @@ fn shortage(op: &Clean, pv: &Clean, n: usize, need: usize) -> NotIdentifiable {
     NotIdentifiable::Gaps { share: 1.0 - worst.kept.len() as f64 / worst.offered as f64 }
 }
 
-/// The sampling period: the mean of the steps near the median step [s].
+/// The sampling period: the mean of the steps near the median step (s).
 fn sample_period(kept: &[Sample]) -> Option<f64> {
     let steps: Vec<f64> = kept.windows(2).map(|w| w[1].t - w[0].t).filter(|d| *d > 0.0).collect();
     if steps.is_empty() {
@@ -197,7 +197,7 @@ fn sample_period(kept: &[Sample]) -> Option<f64> {
     (ts.is_finite() && ts > 0.0).then_some(ts)
 }
 
-/// Stretches `[from, to]` of samples without a long hole [s].
+/// Stretches `[from, to]` of samples without a long hole (s).
 fn runs(kept: &[Sample], ts: f64) -> Vec<(f64, f64)> {
     let mut found: Vec<(f64, f64)> = Vec::new();
     for s in kept {
@@ -284,7 +284,7 @@ fn covering(series: &[Sample], from: f64, ts: f64, n: usize) -> Option<Vec<f64>>
     overlaps.then(|| resample(&kept, from, ts, n, ts).0)
 }
 
-/// Worst distance between a PV stamp and its nearest OP stamp [s].
+/// Worst distance between a PV stamp and its nearest OP stamp (s).
 fn worst_skew(op: &[Sample], pv: &[Sample], from: f64, to: f64) -> f64 {
     let mut worst = 0.0_f64;
     let mut i = 0;

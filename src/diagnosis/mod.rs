@@ -27,19 +27,19 @@ use std::fmt;
 /// Thresholds and sizes of a diagnosis; the defaults are what every published result uses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Least f that counts as stiction [% of OP span].
+    /// Least f that counts as stiction (% of OP span).
     pub f_threshold: f64,
-    /// Least evidence `delta_aic` that counts as stiction [-].
+    /// Least evidence `delta_aic` that counts as stiction (-).
     pub evidence_threshold: f64,
     /// Samples taken from the most regular stretch.
     pub window_samples: usize,
     /// Fewest samples a diagnosis is tried on.
     pub min_samples: usize,
-    /// Largest share of samples that may be missing or bad [0..1].
+    /// Largest share of samples that may be missing or bad (0..1).
     pub max_gap_share: f64,
-    /// Sample period to resample to [s]; `None` takes the median of the stamps.
+    /// Sample period to resample to (s); `None` takes the median of the stamps.
     pub ts: Option<f64>,
-    /// Longest process delay searched [samples].
+    /// Longest process delay searched (samples).
     pub max_delay: usize,
 }
 
@@ -71,7 +71,7 @@ pub enum NotIdentifiable {
     NoTimeBase,
     /// More missing or bad samples than allowed.
     Gaps {
-        /// Share missing [0..1].
+        /// Share missing (0..1).
         share: f64,
     },
     /// OP does not move.
@@ -80,12 +80,12 @@ pub enum NotIdentifiable {
     FlatPv,
     /// OP sits at a limit for too much of the window.
     Saturated {
-        /// Share at a limit [0..1].
+        /// Share at a limit (0..1).
         share: f64,
     },
     /// The loop is not in automatic for enough of the window.
     Manual {
-        /// Share in automatic [0..1].
+        /// Share in automatic (0..1).
         share_auto: f64,
     },
     /// OP reverses too seldom or by too little to say anything about friction.
@@ -171,17 +171,17 @@ impl Verdict {
 /// How the record became the window that was fitted.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Preparation {
-    /// Time of the first fitted sample [s].
+    /// Time of the first fitted sample (s).
     pub start: f64,
-    /// Time of the last fitted sample [s].
+    /// Time of the last fitted sample (s).
     pub end: f64,
     /// Samples fitted.
     pub n: usize,
-    /// Sample period of the fitted window [s].
+    /// Sample period of the fitted window (s).
     pub ts: f64,
-    /// Share of grid points that were missing or bad and interpolated [0..1].
+    /// Share of grid points that were missing or bad and interpolated (0..1).
     pub gap_share: f64,
-    /// Worst time between an OP sample and the PV sample it is paired with [s].
+    /// Worst time between an OP sample and the PV sample it is paired with (s).
     pub worst_skew: f64,
     /// Samples dropped because their stamp repeats an earlier one.
     pub duplicates: usize,
@@ -198,18 +198,18 @@ pub struct Preparation {
 pub struct Denoise {
     /// True when the soft threshold was applied.
     pub applied: bool,
-    /// Noise sd of OP as a share of its sd [-].
+    /// Noise sd of OP as a share of its sd (-).
     pub noise_share: f64,
 }
 
 /// The most regular oscillation found in OP.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Oscillation {
-    /// Mean period [s].
+    /// Mean period (s).
     pub period: f64,
-    /// `r = mean(T) / (3 sd(T))` [-]; above 1 is regular.
+    /// `r = mean(T) / (3 sd(T))` (-); above 1 is regular.
     pub regularity_r: f64,
-    /// Half the mean peak-to-trough height of OP [OP unit].
+    /// Half the mean peak-to-trough height of OP (OP unit).
     pub op_amplitude: f64,
 }
 
@@ -222,7 +222,7 @@ pub struct Model {
     pub nb: usize,
     /// Order of C.
     pub nc: usize,
-    /// Delay [samples]: `B(q) = b1 q^-nk + … + b_nb q^-(nk+nb-1)`.
+    /// Delay (samples): `B(q) = b1 q^-nk + … + b_nb q^-(nk+nb-1)`.
     pub nk: usize,
     /// `a1..a_na`.
     pub a: Vec<f64>,
@@ -230,47 +230,47 @@ pub struct Model {
     pub b: Vec<f64>,
     /// `c1..c_nc`.
     pub c: Vec<f64>,
-    /// Root mean square of the prediction error [PV unit].
+    /// Root mean square of the prediction error (PV unit).
     pub rmse: f64,
 }
 
 /// One point of the profile over f.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurvePoint {
-    /// Friction [OP unit].
+    /// Friction (OP unit).
     pub f: f64,
-    /// AIC at that f, less the AIC at the estimate [-].
+    /// AIC at that f, less the AIC at the estimate (-).
     pub aic: f64,
 }
 
 /// f and how sure it is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {
-    /// Friction parameter, S/2 [OP unit].
+    /// Friction parameter, S/2 (OP unit).
     pub f: f64,
-    /// 95 % profile-likelihood interval of f [OP unit].
+    /// 95 % profile-likelihood interval of f (OP unit).
     pub f_ci95: [f64; 2],
-    /// f as a share of OP's range in the window [-].
+    /// f as a share of OP's range in the window (-).
     pub f_of_op_range: f64,
-    /// Evidence against the best explanation without friction [-].
+    /// Evidence against the best explanation without friction (-).
     pub delta_aic: f64,
     /// That explanation.
     pub rival: Rival,
-    /// How evenly the record shares the gain: its block mean in standard errors [-].
+    /// How evenly the record shares the gain: its block mean in standard errors (-).
     pub steadiness: f64,
-    /// Largest f tried [OP unit].
+    /// Largest f tried (OP unit).
     pub f_max: f64,
-    /// Srinivasan's d of the same window, for comparison [OP unit].
+    /// Srinivasan's d of the same window, for comparison (OP unit).
     pub d: f64,
     /// AIC over f, by increasing f.
     pub curve: Vec<CurvePoint>,
     /// The linear part at f.
     pub model: Model,
-    /// The valve position that f implies, one value per window sample [OP unit].
+    /// The valve position that f implies, one value per window sample (OP unit).
     pub mv: Vec<f64>,
 }
 
-/// The residual of the declared model, judged on the last 30 % of the window [PV unit].
+/// The residual of the declared model, judged on the last 30 % of the window (PV unit).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
     /// Ljung–Box does not reject whiteness.

@@ -39,7 +39,7 @@ pub struct Extremum {
 pub struct Region {
     /// The large extrema, alternating.
     pub extrema: Vec<Extremum>,
-    /// Times of the zero crossings of the mean-shifted OP [samples].
+    /// Times of the zero crossings of the mean-shifted OP (samples).
     pub crossings: Vec<f64>,
     /// Noise sd of OP as a share of its sd.
     pub noise_share: f64,
@@ -60,7 +60,7 @@ pub fn analyse(op: &[f64]) -> Region {
 }
 
 impl Region {
-    /// The oscillation between `from` and `to` [samples], or `None` with fewer than three periods.
+    /// The oscillation between `from` and `to` (samples), or `None` with fewer than three periods.
     pub fn oscillation(&self, from: usize, to: usize, ts: f64) -> Option<Oscillation> {
         let inside = |t: &&f64| **t >= from as f64 && **t < to as f64;
         let times: Vec<f64> = self.crossings.iter().filter(inside).copied().collect();
@@ -75,7 +75,7 @@ impl Region {
         })
     }
 
-    /// Typical period over the whole record [samples], or `None` with fewer than two.
+    /// Typical period over the whole record (samples), or `None` with fewer than two.
     pub fn typical_period(&self) -> Option<f64> {
         let periods: Vec<f64> = self.crossings.windows(3).map(|w| w[2] - w[0]).collect();
         (periods.len() >= 2).then(|| median(&periods))
@@ -205,7 +205,7 @@ fn mean_shift(v: &[f64], extrema: &[Extremum]) -> Vec<f64> {
     v.iter().zip(upper.iter().zip(&lower)).map(|(x, (u, l))| x - 0.5 * (u + l)).collect()
 }
 
-/// Zero crossings, linearly interpolated [samples].
+/// Zero crossings, linearly interpolated (samples).
 fn crossings(v: &[f64]) -> Vec<f64> {
     let mut times = Vec::new();
     let mut last: Option<(usize, f64)> = None;

@@ -31,14 +31,14 @@ pub enum Rival {
     Linear,
     /// A periodic load of so many harmonics.
     OscillatingLoad {
-        /// Period [samples].
+        /// Period (samples).
         period: f64,
         /// Harmonics.
         harmonics: usize,
     },
     /// A load that repeats after about a period.
     RecurringLoad {
-        /// Period [samples].
+        /// Period (samples).
         period: usize,
     },
     /// A valve that is clipped.
@@ -69,7 +69,7 @@ pub struct Rated {
 /// The sticky model against the best frictionless explanation of each kind.
 ///
 /// * `element`: the sticky model's friction element, from OP to stem position.
-/// * `period_hint`: period of OP's oscillation [samples].
+/// * `period_hint`: period of OP's oscillation (samples).
 pub fn rate(p: &Problem, element: &dyn Fn(&[f64]) -> Vec<f64>, period_hint: Option<f64>) -> Vec<Rated> {
     let stem = element(&p.u);
     let n = p.rows();
@@ -223,7 +223,7 @@ impl<'a> Fitter<'a> {
     }
 }
 
-/// Candidate combs (period [samples], harmonics) in the residual's spectrum, the best two for each count.
+/// Candidate combs (period in samples, harmonics) in the residual's spectrum, the best two for each count.
 fn combs(residual: &[f64], hint: Option<f64>) -> Vec<(f64, usize)> {
     let n = residual.len();
     let size = (4 * n).next_power_of_two();

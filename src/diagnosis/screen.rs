@@ -23,16 +23,16 @@ pub struct Candidate {
     pub orders: Orders,
     /// Coefficients of the Hannan–Rissanen fit: the start of the prediction-error minimum.
     pub theta: Theta,
-    /// Mean square of the least-squares residual, close to the loss at the minimum [PV unit²].
+    /// Mean square of the least-squares residual, close to the loss at the minimum (PV unit²).
     pub loss: f64,
 }
 
 /// The long ARX at the lag that fits best.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LongFit {
-    /// Mean square of the residual [PV unit²].
+    /// Mean square of the residual (PV unit²).
     pub loss: f64,
-    /// Kinetic lag (S - J)/2 [OP unit].
+    /// Kinetic lag (S - J)/2 (OP unit).
     pub lag: f64,
 }
 
@@ -56,7 +56,7 @@ pub struct Screen {
     x_sums: Vec<f64>,
     d_sums: Vec<f64>,
     has_dir: bool,
-    /// The lag that z is at now [OP unit].
+    /// The lag that z is at now (OP unit).
     lag: f64,
     live: [bool; MOST_COLUMNS],
     rows: usize,

@@ -61,7 +61,7 @@ pub struct Problem {
     pub start: Start,
     /// First sample that counts in the loss.
     pub first: usize,
-    /// Longest delay [samples].
+    /// Longest delay (samples).
     pub max_delay: usize,
     /// Largest f at which the stem still reverses.
     pub f_top: f64,

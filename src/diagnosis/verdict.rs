@@ -113,11 +113,11 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
 /// How the window was normalised: subtract the mean, divide by the sd.
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
-    /// Mean of OP [OP unit].
+    /// Mean of OP (OP unit).
     pub u0: f64,
-    /// Standard deviation of OP [OP unit].
+    /// Standard deviation of OP (OP unit).
     pub u: f64,
-    /// Standard deviation of PV [PV unit].
+    /// Standard deviation of PV (PV unit).
     pub y: f64,
 }
 

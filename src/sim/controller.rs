@@ -5,20 +5,20 @@
 pub enum Mode {
     /// The controller computes OP.
     Automatic,
-    /// OP is held at this value [%].
+    /// OP is held at this value (%).
     Manual(f64),
 }
 
 /// Tuning of a PI(D) controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControllerSpec {
-    /// Proportional gain Kc [%/%]; negative for a process whose gain is negative.
+    /// Proportional gain Kc (%/%); negative for a process whose gain is negative.
     pub gain: f64,
-    /// Integral time Ti [s]; infinite for none.
+    /// Integral time Ti (s); infinite for none.
     pub ti_s: f64,
-    /// Derivative time Td [s], on PV; 0 for PI.
+    /// Derivative time Td (s), on PV; 0 for PI.
     pub td_s: f64,
-    /// Output limits [%].
+    /// Output limits (%).
     pub op_limits: (f64, f64),
     /// Automatic or manual.
     pub mode: Mode,
@@ -63,7 +63,7 @@ impl Controller {
         self.spec.mode = mode;
     }
 
-    /// One execution: the new OP [%].
+    /// One execution: the new OP (%).
     pub fn step(&mut self, sp: f64, pv: f64) -> f64 {
         let error = sp - pv;
         match self.spec.mode {

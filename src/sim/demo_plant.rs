@@ -9,9 +9,9 @@ use super::scenarios::Truth;
 use super::sensor::{Freeze, SensorSpec};
 use super::valve::{Friction, ValveSpec};
 
-/// Sample period of the controllers [s].
+/// Sample period of the controllers (s).
 pub const TS_S: f64 = 0.5;
-/// |Δop| up to this stops a stem [%].
+/// |Δop| up to this stops a stem (%).
 const RESOLUTION: f64 = 0.005;
 
 /// What a diagnosis ought to say about a loop.

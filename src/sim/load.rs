@@ -7,9 +7,9 @@ use std::f64::consts::TAU;
 /// Where a load enters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum At {
-    /// Added to the flow before the process and its dead time [% of flow].
+    /// Added to the flow before the process and its dead time (% of flow).
     ProcessInput,
-    /// Added to the process output before the sensor [% of PV].
+    /// Added to the process output before the sensor (% of PV).
     ProcessOutput,
 }
 
@@ -18,55 +18,55 @@ pub enum At {
 pub enum LoadKind {
     /// `A (1 + g t) sin(2 π t / P + φ)`, the amplitude never below 0.
     Sine {
-        /// Amplitude A [%].
+        /// Amplitude A (%).
         amplitude: f64,
-        /// Period P [s].
+        /// Period P (s).
         period_s: f64,
-        /// Phase φ [rad].
+        /// Phase φ (rad).
         phase: f64,
-        /// Growth g of the amplitude [1/s]; 0 for a steady sine.
+        /// Growth g of the amplitude (1/s); 0 for a steady sine.
         growth_per_s: f64,
     },
     /// +A for the first half of each period, -A for the second.
     Square {
-        /// Amplitude A [%].
+        /// Amplitude A (%).
         amplitude: f64,
-        /// Period P [s].
+        /// Period P (s).
         period_s: f64,
     },
     /// Straight lines between -A and +A.
     Triangle {
-        /// Amplitude A [%].
+        /// Amplitude A (%).
         amplitude: f64,
-        /// Period P [s].
+        /// Period P (s).
         period_s: f64,
     },
     /// `size` from `at_s` on.
     Step {
-        /// Time of the step [s].
+        /// Time of the step (s).
         at_s: f64,
-        /// Size [%].
+        /// Size (%).
         size: f64,
     },
     /// Grows by `rate` from `from_s` to `to_s`, then stays.
     Ramp {
-        /// Start [s].
+        /// Start (s).
         from_s: f64,
-        /// End [s].
+        /// End (s).
         to_s: f64,
-        /// Rate [%/s].
+        /// Rate (%/s).
         rate_per_s: f64,
     },
     /// First-order coloured noise: stationary sd and correlation time, `w[k] = φ w[k-1] + √(1 - φ²) sd e[k]`.
     Coloured {
-        /// Standard deviation [%].
+        /// Standard deviation (%).
         sd: f64,
-        /// Correlation time [s], `φ = exp(-ts / tau)`.
+        /// Correlation time (s), `φ = exp(-ts / tau)`.
         tau_s: f64,
     },
     /// `w[k] = w[k-1] + sd √ts e[k]`.
     RandomWalk {
-        /// Standard deviation after one second [%].
+        /// Standard deviation after one second (%).
         sd_per_root_s: f64,
     },
 }
@@ -121,7 +121,7 @@ impl LoadState {
         self.load.at
     }
 
-    /// The load at time `t` [s]; call once a sample.
+    /// The load at time `t` (s); call once a sample.
     pub fn step(&mut self, t: f64, rng: &mut Pcg64Mcg) -> f64 {
         match self.load.kind {
             LoadKind::Sine { amplitude, period_s, phase, growth_per_s } => {

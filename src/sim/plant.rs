@@ -23,15 +23,15 @@ pub struct LoopSpec {
     pub loads: Vec<Load>,
     /// The transmitter; the controller sees what it measures.
     pub sensor: SensorSpec,
-    /// Set point from the start [%].
+    /// Set point from the start (%).
     pub sp: f64,
-    /// Later set points, (time [s], set point [%]) by increasing time.
+    /// Later set points, (time (s), set point (%)) by increasing time.
     pub sp_schedule: Vec<(f64, f64)>,
-    /// Sample period of the controller and the valve [s].
+    /// Sample period of the controller and the valve (s).
     pub ts_s: f64,
-    /// OP at rest [%].
+    /// OP at rest (%).
     pub op0: f64,
-    /// PV at rest [%].
+    /// PV at rest (%).
     pub pv0: f64,
 }
 
@@ -51,9 +51,9 @@ pub enum SpecError {
         "simulated loop: dead time {dead_time_s} s must be between 0 and 100000 sample periods of {ts_s} s"
     )]
     DeadTime {
-        /// Dead time [s].
+        /// Dead time (s).
         dead_time_s: f64,
-        /// Sample period [s].
+        /// Sample period (s).
         ts_s: f64,
     },
     /// Limits that are reversed or no numbers.
@@ -71,15 +71,15 @@ pub enum SpecError {
 /// The loop at one sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Point {
-    /// Time [s].
+    /// Time (s).
     pub t: f64,
-    /// Controller output, without any term added after it [%].
+    /// Controller output, without any term added after it (%).
     pub op: f64,
-    /// Process variable as measured [%].
+    /// Process variable as measured (%).
     pub pv: f64,
-    /// Set point [%].
+    /// Set point (%).
     pub sp: f64,
-    /// True stem position [%].
+    /// True stem position (%).
     pub mv: f64,
 }
 
@@ -136,7 +136,7 @@ impl LoopSim {
         self.step_with(0.0)
     }
 
-    /// As [`LoopSim::step`], with `extra` [%] added to the valve's input after the controller.
+    /// As [`LoopSim::step`], with `extra` (%) added to the valve's input after the controller.
     pub fn step_with(&mut self, extra: f64) -> Point {
         self.step_by(|_| extra)
     }
@@ -168,7 +168,7 @@ impl LoopSim {
         Point { t, op, pv, sp: self.sp, mv }
     }
 
-    /// Changes the set point from the next sample on [%].
+    /// Changes the set point from the next sample on (%).
     pub fn set_sp(&mut self, sp: f64) {
         self.sp = sp;
     }
@@ -199,17 +199,17 @@ pub enum Recording {
 /// A record of a loop: equally long columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Run {
-    /// Period of the record [s].
+    /// Period of the record (s).
     pub ts: f64,
-    /// Time [s].
+    /// Time (s).
     pub t: Vec<f64>,
-    /// Controller output [%].
+    /// Controller output (%).
     pub op: Vec<f64>,
-    /// Measured process variable [%].
+    /// Measured process variable (%).
     pub pv: Vec<f64>,
-    /// Set point [%].
+    /// Set point (%).
     pub sp: Vec<f64>,
-    /// True stem position [%].
+    /// True stem position (%).
     pub mv: Vec<f64>,
 }
 

@@ -5,30 +5,30 @@
 pub enum ProcessKind {
     /// `K / (τ s + 1)`.
     FirstOrder {
-        /// Gain K [%/%].
+        /// Gain K (%/%).
         gain: f64,
-        /// Time constant τ [s].
+        /// Time constant τ (s).
         tau_s: f64,
     },
     /// `K / (τ² s² + 2 ζ τ s + 1)`; ζ < 1 oscillates, ζ >= 1 has two real poles.
     SecondOrder {
-        /// Gain K [%/%].
+        /// Gain K (%/%).
         gain: f64,
-        /// Natural period over 2 π, τ [s].
+        /// Natural period over 2 π, τ (s).
         tau_s: f64,
-        /// Damping ratio ζ [-].
+        /// Damping ratio ζ (-).
         zeta: f64,
     },
     /// `K / s`.
     Integrating {
-        /// Rate K [%/s per %].
+        /// Rate K (%/s per %).
         rate: f64,
     },
     /// `K / (s (τ s + 1))`.
     IntegratingLag {
-        /// Rate K [%/s per %].
+        /// Rate K (%/s per %).
         rate: f64,
-        /// Lag τ [s].
+        /// Lag τ (s).
         tau_s: f64,
     },
 }
@@ -51,7 +51,7 @@ impl ProcessKind {
 pub struct ProcessSpec {
     /// The dynamics.
     pub kind: ProcessKind,
-    /// Dead time [s]; need not be a multiple of the sample period.
+    /// Dead time (s); need not be a multiple of the sample period.
     pub dead_time_s: f64,
 }
 

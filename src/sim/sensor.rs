@@ -7,18 +7,18 @@ use rand_pcg::Pcg64Mcg;
 /// A time in which the measured value does not change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Freeze {
-    /// First frozen time [s].
+    /// First frozen time (s).
     pub from_s: f64,
-    /// End [s], exclusive.
+    /// End (s), exclusive.
     pub to_s: f64,
 }
 
 /// Single wrong values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outliers {
-    /// Chance a sample [0..1].
+    /// Chance a sample (0..1).
     pub probability: f64,
-    /// Size, of either sign [%].
+    /// Size, of either sign (%).
     pub size: f64,
 }
 
@@ -26,31 +26,31 @@ pub struct Outliers {
 /// every sample time, held in between.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BandLimited {
-    /// Height of the power spectral density [%² s].
+    /// Height of the power spectral density (%² s).
     pub power: f64,
-    /// Sample time of the noise [s].
+    /// Sample time of the noise (s).
     pub sample_time_s: f64,
 }
 
 /// A transmitter; the default is perfect.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorSpec {
-    /// White noise, standard deviation [%].
+    /// White noise, standard deviation (%).
     pub noise_sd: f64,
     /// Band-limited white noise.
     pub band_limited: Option<BandLimited>,
-    /// Drift [%/s].
+    /// Drift (%/s).
     pub drift_per_s: f64,
     /// Wrong values.
     pub outliers: Option<Outliers>,
-    /// Resolution [%]; 0 for none.
+    /// Resolution (%); 0 for none.
     pub quantum: f64,
     /// Frozen value.
     pub freeze: Option<Freeze>,
 }
 
 impl SensorSpec {
-    /// White noise of the given standard deviation [%], nothing else.
+    /// White noise of the given standard deviation (%), nothing else.
     pub fn noisy(noise_sd: f64) -> Self {
         Self { noise_sd, ..Self::default() }
     }
@@ -78,7 +78,7 @@ impl Sensor {
         }
     }
 
-    /// The measured value of `y` at time `t` [s].
+    /// The measured value of `y` at time `t` (s).
     pub fn step(&mut self, t: f64, y: f64, rng: &mut Pcg64Mcg) -> f64 {
         let spec = &self.spec;
         let mut pv = y + spec.drift_per_s * t;

@@ -55,7 +55,7 @@ pub enum Characteristic {
     Linear,
     /// `R^(x - 1)`.
     EqualPercentage {
-        /// Rangeability R [-].
+        /// Rangeability R (-).
         rangeability: f64,
     },
     /// `√x`.
@@ -67,7 +67,7 @@ pub enum Characteristic {
 pub struct ValveSpec {
     /// Friction.
     pub friction: Friction,
-    /// Travel limits of the stem [%]; OP beyond them moves nothing.
+    /// Travel limits of the stem (%); OP beyond them moves nothing.
     pub travel: (f64, f64),
     /// Installed characteristic.
     pub characteristic: Characteristic,
@@ -79,7 +79,7 @@ impl ValveSpec {
         Self { friction, travel: (0.0, 100.0), characteristic: Characteristic::Linear }
     }
 
-    /// Flow [%] at stem position `mv` [%].
+    /// Flow (%) at stem position `mv` (%).
     pub fn flow(&self, mv: f64) -> f64 {
         let x = (mv / 100.0).max(0.0);
         match self.characteristic {
@@ -114,7 +114,7 @@ impl Valve {
         Self { spec: *spec, op: op0, mv: op0, direction: 1.0, moving: false, held }
     }
 
-    /// Stem position [%] for this sample's OP [%].
+    /// Stem position (%) for this sample's OP (%).
     pub fn step(&mut self, op: f64) -> f64 {
         match self.spec.friction {
             Friction::Ideal => self.mv = op,

@@ -13,7 +13,7 @@ use rand_pcg::Pcg64Mcg;
 
 /// J as a share of S, in turn by seed.
 const JUMPS: [f64; 4] = [0.0, 0.2, 0.5, 1.0];
-/// Longest dead time [samples].
+/// Longest dead time (samples).
 const MAX_DEAD: f64 = 4.0;
 const ATTEMPTS: usize = 2000;
 

@@ -14,7 +14,7 @@ pub(super) const WARM_UP: usize = 500;
 /// Fewest reversals beyond S in the last [`LAST`] samples, so that any usual window holds four.
 pub(super) const REVERSALS: usize = 6;
 pub(super) const LAST: usize = 1000;
-/// Shortest mean half cycle [samples]: a faster one is not seen at that sample period.
+/// Shortest mean half cycle (samples): a faster one is not seen at that sample period.
 pub(super) const HALF_CYCLE: usize = 4;
 
 pub(super) fn generator(seed: u64, stream: u128) -> Pcg64Mcg {
@@ -39,7 +39,7 @@ pub(super) struct Base {
     pub(super) name: &'static str,
     /// The loop.
     pub(super) spec: LoopSpec,
-    /// A time the closed loop answers in [samples].
+    /// A time the closed loop answers in (samples).
     pub(super) pace: f64,
 }
 

@@ -16,9 +16,9 @@ use super::plant::{LoopSpec, Run, SpecError, simulate};
 pub struct Truth {
     /// Whether the valve sticks (or has a dead band).
     pub sticky: bool,
-    /// Dead band plus stick band S [% of OP]; 0 for a sound valve.
+    /// Dead band plus stick band S (% of OP); 0 for a sound valve.
     pub s: f64,
-    /// Slip jump J [% of OP]; 0 for a dead band only.
+    /// Slip jump J (% of OP); 0 for a dead band only.
     pub j: f64,
     /// The scenario in words.
     pub kind: String,

@@ -14,7 +14,7 @@ use crate::sim::sensor::SensorSpec;
 use crate::sim::valve::{Friction, ValveSpec};
 use std::f64::consts::TAU;
 
-/// |Δop| up to this stops the stem [%]: without it the noise-free flow loop slides to its set point and rests.
+/// |Δop| up to this stops the stem (%): without it the noise-free flow loop slides to its set point and rests.
 const RESOLUTION: f64 = 0.005;
 
 const OPERATING_POINT: f64 = 50.0;

@@ -14,7 +14,7 @@ use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
 
 const ATTEMPTS: usize = 400;
-/// Longest dead time [samples].
+/// Longest dead time (samples).
 const MAX_DEAD: f64 = 8.0;
 /// Share of the noisy loops whose noise is heavy: as large as a third of the cycle and more.
 const HEAVY: f64 = 0.15;
