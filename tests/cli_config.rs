@@ -25,8 +25,8 @@ fn a_good_file_is_summed_up() {
         "{example}: good\n\
          loops    2, diagnosed every 1800 s to 3600 s\n\
          devices  2, 4 requests a round\n         \
-         dcs1: 10.0.0.5:502 unit 1, 5 tags in 2 requests every 1000 ms\n         \
-         boiler plc: plc-7.example:502 unit 3, 4 tags in 2 requests every 5000 ms\n\
+         dcs1: 127.0.0.1:5020 unit 1, 5 tags in 2 requests every 1000 ms\n         \
+         boiler plc: localhost:5021 unit 3, 4 tags in 2 requests every 5000 ms\n\
          memory   0.6 MB for 9 tags, 4096 samples each, 17 bytes a sample\n\
          listen   127.0.0.1:8080\n"
     );
