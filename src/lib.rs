@@ -8,6 +8,8 @@ pub mod signal;
 pub mod diagnosis;
 pub mod sim;
 
+pub mod compensation;
+
 pub mod alarm;
 pub mod collect;
 pub mod history;
