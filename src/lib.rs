@@ -9,6 +9,7 @@ pub mod diagnosis;
 pub mod sim;
 
 pub mod compensation;
+pub mod reproduce;
 
 pub mod alarm;
 pub mod collect;

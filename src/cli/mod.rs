@@ -1,4 +1,4 @@
-//! The command line: `stictiond run | demo | diagnose | check | health | probe`.
+//! The command line: `stictiond run | demo | diagnose | check | health | probe | reproduce`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
@@ -9,6 +9,7 @@ mod diagnose;
 mod health;
 mod logging;
 mod probe;
+mod reproduce;
 mod run;
 mod text;
 
@@ -40,6 +41,8 @@ enum Command {
     Health(health::Args),
     /// Read registers of a device once and show them in every type and byte order
     Probe(probe::Args),
+    /// Reproduce the paper's tables and figures, ours beside theirs, as HTML and JSON
+    Reproduce(reproduce::Args),
 }
 
 /// Why a command ended without doing its work.
@@ -76,6 +79,7 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check::run(&args),
         Command::Health(args) => health::run(&args),
         Command::Probe(args) => probe::run(&args),
+        Command::Reproduce(args) => reproduce::run(&args),
     };
     let (messages, code) = match done {
         Ok(()) => return ExitCode::SUCCESS,
