@@ -16,6 +16,9 @@ pub const WARM_UP: usize = 1000;
 pub const SETTLED_FROM: usize = 4000;
 /// ... to this many.
 pub const SETTLED_TO: usize = 8000;
+/// Switch-on instants a ratio is the median of: a noise-free flow loop may by accident come to rest on its set point, and
+/// then says nothing of the compensator.
+pub const INSTANTS: usize = 5;
 
 /// One of the paper's four sticky loops.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -234,13 +237,30 @@ pub struct Original {
 }
 
 impl Original {
-    /// Runs to the end of the settled span.
+    /// Runs to the end of the settled span of the last switch-on instant.
     ///
     /// # Errors
     /// [`SpecError`] where a number of the loop makes no sense.
     pub fn new(spec: LoopSpec, seed: u64) -> Result<Self, SpecError> {
-        let trace = run(&spec, WARM_UP + SETTLED_TO, seed, 0, &mut Idle)?;
+        let n = WARM_UP + INSTANTS * stride(&spec) + SETTLED_TO;
+        let trace = run(&spec, n, seed, 0, &mut Idle)?;
         Ok(Self { spec, seed, trace })
+    }
+
+    /// The ISE ratio of constant reinforcement by the paper's rule over the settled span, one for each of several
+    /// switch-on instants; none where the loop does not cycle on its own.
+    ///
+    /// # Errors
+    /// [`SpecError`] where a number of the loop makes no sense.
+    pub fn ratios(&self, a: f64) -> Result<Vec<f64>, SpecError> {
+        let mut ratios = Vec::with_capacity(INSTANTS);
+        for instant in 0..INSTANTS {
+            let switch = WARM_UP + instant * stride(&self.spec);
+            let n = switch + SETTLED_TO;
+            let with = run(&self.spec, n, self.seed, switch, &mut *reinforcement(a, 0.0))?;
+            ratios.extend(self.ratio(&with, switch));
+        }
+        Ok(ratios)
     }
 
     /// The same loop, loads and noise with a compensator from the end of the warm-up on.
@@ -253,7 +273,11 @@ impl Original {
 
     /// ISE ratio over the settled span; none where the loop does not cycle on its own: that would divide by nothing.
     pub fn settled_ratio(&self, trace: &Trace) -> Option<f64> {
-        let span = |t: &Trace| t.ise(WARM_UP + SETTLED_FROM, WARM_UP + SETTLED_TO);
+        self.ratio(trace, WARM_UP)
+    }
+
+    fn ratio(&self, trace: &Trace, switch: usize) -> Option<f64> {
+        let span = |t: &Trace| t.ise(switch + SETTLED_FROM, switch + SETTLED_TO);
         let own = span(&self.trace);
         // The weakest cycle here has a mean square of 0.003 %²; a loop at rest is left with roundings.
         (own > 1e-9).then(|| span(trace) / own)
@@ -263,6 +287,12 @@ impl Original {
     pub fn diagnose(&self, n: usize) -> Diagnosis {
         diagnose(&self.trace.record(WARM_UP, WARM_UP + n), &Settings::default())
     }
+}
+
+/// Samples between two switch-on instants: a fraction of a cycle, which is 500 to 1,000 samples long in the flow
+/// loops and about 30 in the level loops.
+pub fn stride(spec: &LoopSpec) -> usize {
+    if spec.process.kind.is_integrating() { 7 } else { 83 }
 }
 
 /// f as the diagnosis publishes it: none where the valve is not identifiable.

@@ -3,13 +3,13 @@
 use super::bench::{
     CASES, Case, Original, RESOLUTION, SETTLED_FROM, SETTLED_TO, WARM_UP, f_of, parallel, reinforcement, run,
 };
-use super::report::{Cell, Panel, Plot, Section, Series, Style, Table, thin};
+use super::report::{Cell, Panel, Plot, Section, Series, Style, Table, spread, thin};
 use super::tables::{DIAGNOSED, NOISE_SAMPLE_TIME, noisy};
 use crate::sim::scenarios::table2_loop;
 use crate::sim::{Friction, LoopSpec, SpecError};
 
-/// Amplitudes tried, in f: steps of 0.02 up to 2.
-const STEPS: usize = 100;
+/// Amplitudes tried, in f: steps of 0.05 up to 2.
+const STEPS: usize = 40;
 /// Points a curve keeps, twice.
 const POINTS: usize = 400;
 
@@ -29,15 +29,16 @@ pub fn figure_7() -> Result<Section, SpecError> {
         let mut curve = Vec::with_capacity(STEPS + 1);
         for step in 0..=STEPS {
             let a = f * 2.0 * step as f64 / STEPS as f64;
-            let with = original.with(&mut *reinforcement(a, 0.0))?;
-            curve.push((a, original.settled_ratio(&with).unwrap_or(f64::NAN)));
+            curve.push((a, spread(&original.ratios(a)?).unwrap_or([f64::NAN; 3])));
         }
         Ok((f, curve))
     });
-    let found = found.into_iter().collect::<Result<Vec<(f64, Vec<(f64, f64)>)>, SpecError>>()?;
+    let found = found.into_iter().collect::<Result<Vec<(f64, Vec<(f64, [f64; 3])>)>, SpecError>>()?;
     let mut rows = Vec::new();
     let mut plots = Vec::new();
     for ((name, _), (f, curve)) in loops.iter().zip(found) {
+        let column = |of: usize| -> Vec<(f64, f64)> { curve.iter().map(|p| (p.0, p.1[of])).collect() };
+        let [low, curve, high] = [0, 1, 2].map(column);
         let least = curve.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
         let at = |share: f64| curve.get((share * 0.5 * STEPS as f64).round() as usize).map(|p| p.1);
         rows.push(vec![
@@ -57,7 +58,11 @@ pub fn figure_7() -> Result<Section, SpecError> {
             panels: vec![Panel {
                 y: "ISE / ISE without [-]",
                 log: true,
-                series: vec![Series { name: "settled".into(), class: "op", points: curve }],
+                series: vec![
+                    Series { name: "median".into(), class: "op", points: curve },
+                    Series { name: "least, largest".into(), class: "sp", points: low },
+                    Series { name: String::new(), class: "sp", points: high },
+                ],
             }],
             marks: vec![(f, "f")],
         });
@@ -66,8 +71,14 @@ pub fn figure_7() -> Result<Section, SpecError> {
         id: "figure7",
         title: "Figure 7: ISE ratio against the amplitude".into(),
         text: vec![
-            "The least ratio lies at a = f = S/2 in every loop: below it a reversal of 2a plus Δu does not cross S and the valve \
+            "The least ratio lies at a = f = S/2 in every loop: below it a reversal of 2a plus Δu does \
+             not cross S and the valve \
              sticks on; above it every reversal overshoots by 2 (a - f). f comes from the diagnosis of the same loop."
+                .into(),
+            "Median, least and largest over 5 switch-on instants, in steps of 0.05 f: a noise-free flow \
+             loop sometimes comes to rest on its set \
+             point by accident, at any amplitude, and its ratio is then almost 0; the median shows what \
+             the amplitude does."
                 .into(),
         ],
         table: Some(Table {
@@ -116,8 +127,8 @@ impl Picture {
                     y: "valve input [%]",
                     log: false,
                     series: vec![
-                        series("valve input", "op", &trace.input),
                         series("stem", "other", &trace.mv),
+                        series("valve input", "op", &trace.input),
                     ],
                 },
                 Panel {
@@ -147,7 +158,8 @@ fn picture(case: &Case, title: String, spec: LoopSpec) -> Picture {
 /// [`SpecError`] where a loop's number makes no sense.
 pub fn figure_8() -> Result<Section, SpecError> {
     let of: Vec<Picture> = CASES.iter().map(|c| picture(c, c.name.into(), c.choudhury())).collect();
-    let text = "Time counts from 1,000 samples after the start, the cycle established. a = f; the flow loops are switched on at \
+    let text = "Time counts from 1,000 samples after the start, the cycle established. a = f; the flow \
+    loops are switched on at \
                 600 s, the level loops at 5,000 s, as in the paper. PV's swing collapses, the stem moves far more often: see \
                 the comparison below for how much.";
     pictures("figure8", "Figure 8: valve input and PV before and with constant reinforcement", text, &of)
@@ -181,7 +193,8 @@ pub fn figure_10() -> Result<Section, SpecError> {
             noisy(case, power, NOISE_SAMPLE_TIME),
         )
     });
-    let text = "Band-limited white noise in the transmitter, sample time 0.1 s; the paper's rule, no dead band; switched on at \
+    let text = "Band-limited white noise in the transmitter, sample time 0.1 s; the paper's rule, no dead \
+    band; switched on at \
                 10,000 s.";
     pictures("figure10", "Figure 10: measurement noise", text, &of)
 }
@@ -192,7 +205,8 @@ pub fn figure_10() -> Result<Section, SpecError> {
 /// [`SpecError`] where a loop's number makes no sense.
 pub fn figure_11() -> Result<Section, SpecError> {
     let of = [&CASES[0], &CASES[3]].map(|c| picture(c, format!("{}, Kano's valve", c.name), c.kano()));
-    let text = "With the same S, J and resolution Kano's forces move the stem as Choudhury's chart does, so these are figure 8's \
+    let text = "With the same S, J and resolution Kano's forces move the stem as Choudhury's chart does, \
+    so these are figure 8's \
                 curves: the comparison is one of two descriptions, not of two valves.";
     pictures("figure11", "Figure 11: Kano's valve", text, &of)
 }
@@ -232,8 +246,8 @@ pub fn choices() -> Result<Section, SpecError> {
         let original = Original::new(options[o].2(&CASES[c]), 1)?;
         let f = f_of(&original.diagnose(DIAGNOSED));
         // Without an f the ratio at S/2 still says what the choice does to the compensation.
-        let with = original.with(&mut *reinforcement(f.unwrap_or(0.5 * CASES[c].s), 0.0))?;
-        Ok([f, original.settled_ratio(&with)])
+        let ratios = original.ratios(f.unwrap_or(0.5 * CASES[c].s))?;
+        Ok([f, spread(&ratios).map(|s| s[1])])
     });
     let found = found.into_iter().collect::<Result<Vec<_>, SpecError>>()?;
     let mut rows = Vec::new();
@@ -248,12 +262,15 @@ pub fn choices() -> Result<Section, SpecError> {
         title: "What the paper leaves open, and how far it moves the numbers".into(),
         text: vec![
             format!(
-                "f and the ISE ratio at a = f over the settled span (samples {SETTLED_FROM} to {SETTLED_TO} after the switch-on) of \
-                 each loop, one choice changed at a time. \"–\": not identifiable, or a loop that does not cycle, whose ratio \
+                "f and the ISE ratio at a = f over the settled span (samples {SETTLED_FROM} to \
+                 {SETTLED_TO} after the switch-on) of \
+                 each loop, one choice changed at a time. \"–\": not identifiable, or a loop that does \
+                 not cycle, whose ratio \
                  would divide by nothing. Where f is missing the ratio is that at S/2."
             ),
             format!(
-                "Span of the ISE: see Table 3. Sine in radians or degrees: see Table 2, f is 0 in both. Noise sample time: below; it moves \
+                "Span of the ISE: see Table 3. Sine in radians or degrees: see Table 2, f is 0 in both. \
+                 Noise sample time: below; it moves \
                  the noise sd from 0.004 to 0.032 %. Fixed here and not varied: the operating point (50 %), the stuck point of \
                  the valve taken once when the stem sticks, the resolution of {RESOLUTION} % where not varied."
             ),

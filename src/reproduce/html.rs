@@ -163,7 +163,7 @@ table { border-collapse: collapse; margin: .6rem 0; }
 th, td { text-align: left; padding: .2rem .6rem; border-top: 1px solid var(--rule); vertical-align: baseline; }
 th { color: var(--faint); font-weight: normal; border-top: 0; vertical-align: bottom; }
 .n { text-align: right; font-variant-numeric: tabular-nums; } td.n { white-space: nowrap; }
-td.ours { font-weight: 600; } td.far { color: var(--look); } small { color: var(--faint); }
+td:first-child { min-width: 7rem; } td.ours { font-weight: 600; } td.far { color: var(--look); } small { color: var(--faint); }
 tr.same td { border-top-color: transparent; } tr.same td:first-child { color: transparent; }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(26rem, 1fr)); gap: 1rem; }
 figure { margin: 0; min-width: 0; } figcaption { color: var(--faint); margin: .4rem 0 .2rem; }

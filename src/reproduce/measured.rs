@@ -37,7 +37,8 @@ pub fn measured(records: &[Measured]) -> Section {
         id: "table6",
         title: "In place of Table 6: measured loops".into(),
         text: vec![
-            "The paper's six industrial records are not public; this is the same analysis on the records given. f in OP units, which are \
+            "The paper's six industrial records are not public; this is the same analysis on the records \
+             given. f in OP units, which are \
              per cent of span where the record says so."
                 .into(),
         ],
