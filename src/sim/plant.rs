@@ -4,7 +4,7 @@ use super::controller::{Controller, ControllerSpec, Mode};
 use super::load::{At, Load, LoadState};
 use super::process::{Process, ProcessSpec};
 use super::sensor::{Sensor, SensorSpec};
-use super::valve::{Valve, ValveSpec};
+use super::valve::{Characteristic, Friction, Valve, ValveSpec};
 use rand_pcg::Pcg64Mcg;
 
 /// Longest dead time in samples that a loop may have: bounds the delay line's memory.
@@ -41,6 +41,14 @@ pub enum SpecError {
     /// A number that must be positive is not, or is not finite.
     #[error("simulated loop: {name} must be a positive, finite number, not {value}")]
     NotPositive {
+        /// Which.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A number that must not be negative is, or is not finite.
+    #[error("simulated loop: {name} must be a finite number from 0, not {value}")]
+    Negative {
         /// Which.
         name: &'static str,
         /// Its value.
@@ -313,14 +321,41 @@ fn check(spec: &LoopSpec) -> Result<(), SpecError> {
         positive("integral time", spec.controller.ti_s)?;
     }
     limits("OP limits", spec.controller.op_limits)?;
-    limits("valve travel", spec.valve.travel)
+    limits("valve travel", spec.valve.travel)?;
+    if let Characteristic::EqualPercentage { rangeability } = spec.valve.characteristic {
+        positive("rangeability", rangeability)?;
+    }
+    let from_zero = |(name, value): (&'static str, f64)| {
+        if value >= 0.0 && value.is_finite() { Ok(()) } else { Err(SpecError::Negative { name, value }) }
+    };
+    friction_numbers(spec.valve.friction).into_iter().try_for_each(from_zero)?;
+    if let Some(band) = spec.sensor.band_limited {
+        positive("noise sample time", band.sample_time_s)?;
+        from_zero(("noise power", band.power))?;
+    }
+    from_zero(("noise sd", spec.sensor.noise_sd))?;
+    from_zero(("quantum", spec.sensor.quantum))
+}
+
+/// What must not be negative in a friction.
+fn friction_numbers(friction: Friction) -> Vec<(&'static str, f64)> {
+    match friction {
+        Friction::Ideal => Vec::new(),
+        Friction::Choudhury { s, j, resolution }
+        | Friction::ChoudhuryChart { s, j, resolution }
+        | Friction::Kano { s, j, resolution } => vec![("S", s), ("J", j), ("resolution", resolution)],
+        // A kinetic friction above the static one would be thrown back at each slip.
+        Friction::He { fs, fd } => vec![("fd", fd), ("fs - fd", fs - fd)],
+        Friction::OneParameter { f } => vec![("f", f)],
+        Friction::Backlash { deadband } => vec![("dead band", deadband)],
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::sim::process::ProcessKind;
-    use crate::sim::valve::{Characteristic, Friction};
+    use crate::sim::sensor::BandLimited;
 
     fn flow_loop() -> LoopSpec {
         LoopSpec {
@@ -401,6 +436,21 @@ mod tests {
         assert!(bad(|s| s.process.dead_time_s = 1e9).is_some_and(|e| e.contains("dead time")));
         assert!(bad(|s| s.controller.op_limits = (1.0, 0.0)).is_some_and(|e| e.contains("OP limits")));
         assert!(bad(|s| s.controller.ti_s = -1.0).is_some_and(|e| e.contains("integral time")));
+        assert!(
+            bad(|s| s.valve.friction = Friction::Kano { s: -1.0, j: 0.0, resolution: 0.0 })
+                .is_some_and(|e| e.contains("S must"))
+        );
+        assert!(
+            bad(|s| s.valve.friction = Friction::He { fs: 1.0, fd: 2.0 })
+                .is_some_and(|e| e.contains("fs - fd"))
+        );
+        assert!(bad(|s| s.sensor.quantum = f64::NAN).is_some_and(|e| e.contains("quantum")));
+        let band = |sample_time_s| Some(BandLimited { power: 1.0, sample_time_s });
+        for (spec, bad) in [(band(0.0), true), (band(1.0), false)] {
+            let mut of = flow_loop();
+            of.sensor.band_limited = spec;
+            assert_eq!(LoopSim::new(&of, 1).is_err(), bad);
+        }
         assert_eq!(bad(|_| ()), None);
     }
 }

@@ -8,9 +8,19 @@ pub enum Friction {
     /// Choudhury, Thornhill and Shah (Control Eng. Practice 2005, 13, 641). The stem sticks where OP stops or
     /// reverses; from the OP value where it stuck, OP must move by S against the last motion of the stem, or by J
     /// along it; the moving stem is at `op - sign(Δop) (S - J)/2`.
-    /// A chart that took the stuck point anew at every reversal of OP would let ripple hold the stem longer than S
-    /// says, and PV noise for good; here it is taken once, when the stem sticks.
+    /// The stuck point is taken once, when the stem sticks; [`Friction::ChoudhuryChart`] takes it anew.
     Choudhury {
+        /// Dead band plus stick band S.
+        s: f64,
+        /// Slip jump J.
+        j: f64,
+        /// |Δop| up to this counts as stopped.
+        resolution: f64,
+    },
+    /// Choudhury's chart read to the letter: the stuck point is taken anew at every stop and every reversal of OP, and
+    /// once OP has turned back while the stem is stuck, S counts either way. Ripple then holds the stem for longer
+    /// than S says, and PV noise for good.
+    ChoudhuryChart {
         /// Dead band plus stick band S.
         s: f64,
         /// Slip jump J.
@@ -99,6 +109,10 @@ pub struct Valve {
     /// Direction of the stem's last motion.
     direction: f64,
     moving: bool,
+    /// Where OP was going in the last sample: -1, 0 or 1.
+    heading: f64,
+    /// Whether OP has turned back since the stem stuck.
+    turned: bool,
     /// OP where the stem stuck; for He and the one-parameter element the residual force.
     held: f64,
 }
@@ -109,9 +123,12 @@ impl Valve {
         let held = match spec.friction {
             // Stopped on the way up at op0 + (S - J)/2: both thresholds are then (S + J)/2 away from the stem.
             Friction::Choudhury { s, j, .. } | Friction::Kano { s, j, .. } => op0 + 0.5 * (s - j),
+            // Its stuck point is a value that OP had.
+            Friction::ChoudhuryChart { .. } => op0,
             _ => 0.0,
         };
-        Self { spec: *spec, op: op0, mv: op0, direction: 1.0, moving: false, held }
+        let (direction, moving, heading, turned) = (1.0, false, 0.0, false);
+        Self { spec: *spec, op: op0, mv: op0, direction, moving, heading, turned, held }
     }
 
     /// Stem position (%) for this sample's OP (%).
@@ -121,6 +138,7 @@ impl Valve {
             Friction::Choudhury { s, j, resolution } | Friction::Kano { s, j, resolution } => {
                 self.stick_slip(op, s, j, resolution);
             }
+            Friction::ChoudhuryChart { s, j, resolution } => self.chart(op, s, j, resolution),
             Friction::He { fs, fd } => {
                 let force = self.held + (op - self.op);
                 if force.abs() > fs {
@@ -167,6 +185,28 @@ impl Valve {
             self.mv = op - self.direction * 0.5 * (s - j);
         }
     }
+
+    fn chart(&mut self, op: f64, s: f64, j: f64, resolution: f64) {
+        let change = op - self.op;
+        let heading = if change.abs() > resolution { change.signum() } else { 0.0 };
+        if heading != self.heading {
+            self.turned = !self.moving && self.turned || heading * self.direction < 0.0;
+            self.moving = false;
+            self.held = self.op;
+        }
+        self.heading = heading;
+        if !self.moving {
+            let ahead = op - self.held;
+            let along = ahead * self.direction > 0.0;
+            if ahead.abs() > if along && !self.turned { j } else { s } {
+                self.direction = ahead.signum();
+                self.moving = true;
+            }
+        }
+        if self.moving {
+            self.mv = op - self.direction * 0.5 * (s - j);
+        }
+    }
 }
 
 #[cfg(test)]
@@ -200,6 +240,121 @@ mod tests {
     #[test]
     fn kano_stickband_jump_and_ramp() {
         signature(Friction::Kano { s: S, j: J, resolution: 0.005 });
+    }
+
+    /// OP up and down in a triangle of ±12 in steps of 0.01, after one round of it: what the stem shows on the way up.
+    struct Signature {
+        /// How far OP came up from its lowest before the stem moved.
+        stickband: f64,
+        /// The stem's first move.
+        jump: f64,
+        /// Stem over OP from there to the top.
+        slope: f64,
+        /// OP less stem at the top.
+        lag: f64,
+    }
+
+    fn on_a_triangle(friction: Friction) -> Signature {
+        const STEPS: usize = 2400;
+        let at = |k: usize| {
+            let k = k % (2 * STEPS);
+            38.0 + 0.01 * if k < STEPS { k as f64 } else { (2 * STEPS - k) as f64 }
+        };
+        let ops: Vec<f64> = (0..=3 * STEPS).map(at).collect();
+        let mv = drive(friction, 38.0, &ops);
+        let (bottom, top) = (2 * STEPS, 3 * STEPS);
+        let first = (bottom + 1..=top).find(|&k| mv[k] != mv[bottom]).expect("the stem moves on the way up");
+        Signature {
+            stickband: ops[first] - ops[bottom],
+            jump: mv[first] - mv[bottom],
+            slope: (mv[top] - mv[first]) / (ops[top] - ops[first]),
+            lag: ops[top] - mv[top],
+        }
+    }
+
+    #[test]
+    fn every_valve_shows_its_stickband_jump_and_ramp() {
+        let resolution = 0.005;
+        // S, J, and the lag of the ramp behind OP.
+        let two_parameters = |name, friction| (name, friction, S, J, 0.5 * (S - J));
+        for (name, friction, stickband, jump, lag) in [
+            two_parameters("Choudhury", Friction::Choudhury { s: S, j: J, resolution }),
+            two_parameters("chart", Friction::ChoudhuryChart { s: S, j: J, resolution }),
+            two_parameters("Kano", Friction::Kano { s: S, j: J, resolution }),
+            ("one parameter", Friction::OneParameter { f: 2.5 }, 5.0, 5.0, 0.0),
+            ("backlash", Friction::Backlash { deadband: 4.0 }, 4.0, 0.0, 2.0),
+        ] {
+            let found = on_a_triangle(friction);
+            // One step of OP, 0.01, is what a triangle in steps resolves.
+            assert!((found.stickband - stickband).abs() < 0.0101, "{name}: {}", found.stickband);
+            assert!((found.jump - jump).abs() < 0.0101, "{name}: {}", found.jump);
+            assert!((found.lag - lag).abs() < 0.0101, "{name}: {}", found.lag);
+            // Both ends of the ramp are off by less than a step over a ramp of 19 or more.
+            assert!((found.slope - 1.0).abs() < 2e-3, "{name}: {}", found.slope);
+        }
+    }
+
+    #[test]
+    fn he_sticks_anew_after_every_slip() {
+        // fs 3, fd 2: S = fs + fd and J = fs - fd as in the others, but each slip leaves fd and needs J again: no
+        // ramp, a staircase of steps J (Garcia 2008 holds that against it).
+        let found = on_a_triangle(Friction::He { fs: 3.0, fd: 2.0 });
+        // The force left at a turn is anything from fd to fs, so the stick band is fs more than that.
+        assert!((S..=6.0 + 0.0101).contains(&found.stickband), "{}", found.stickband);
+        assert!((found.jump - J).abs() < 0.0101 && (found.slope - 1.0).abs() < 0.1);
+        // Within a step of the staircase of fd.
+        assert!((2.0..=3.0 + 1e-9).contains(&found.lag), "{}", found.lag);
+        let ops: Vec<f64> = (0..2000).map(|k| 50.0 + 0.01 * f64::from(k)).collect();
+        let mv = drive(Friction::He { fs: 3.0, fd: 2.0 }, 50.0, &ops);
+        let moves = mv.windows(2).filter(|w| w[0] != w[1]).count();
+        // From 3 to 20 in steps of a little more than J: the first at 3, then one every 1.01.
+        assert!((16..=17).contains(&moves), "{moves}");
+    }
+
+    #[test]
+    fn the_stop_rule_of_each_valve() {
+        let resolution = 0.005;
+        // Up to 60, a stop, then on in steps of 0.3: what the stem does after the stop.
+        let after_a_stop = |friction| {
+            let up = (1..=100).map(|k| 50.0 + 0.1 * f64::from(k));
+            let ops: Vec<f64> = up.chain([60.0, 60.0, 60.3, 60.6, 60.9, 61.2]).collect();
+            let mv = drive(friction, 50.0, &ops);
+            mv[101..].iter().map(|m| ((m - mv[101]) * 10.0).round() / 10.0).collect::<Vec<_>>()
+        };
+        // J = 1 has to be crossed once more; the two elements without a stop rule go on at once.
+        for friction in [
+            Friction::Choudhury { s: S, j: J, resolution },
+            Friction::ChoudhuryChart { s: S, j: J, resolution },
+            Friction::Kano { s: S, j: J, resolution },
+        ] {
+            assert_eq!(after_a_stop(friction), [0.0, 0.0, 0.0, 0.0, 1.2], "{friction:?}");
+        }
+        for friction in [Friction::OneParameter { f: 2.5 }, Friction::Backlash { deadband: 4.0 }] {
+            assert_eq!(after_a_stop(friction), [0.0, 0.3, 0.6, 0.9, 1.2], "{friction:?}");
+        }
+    }
+
+    #[test]
+    fn the_chart_to_the_letter_lets_ripple_hold_the_stem() {
+        // Moves up to 60, turns, and comes down in a ripple of 2 down and 1 up: never S in one go.
+        let friction = |anew: bool| {
+            let (s, j, resolution) = (S, J, 0.005);
+            if anew {
+                Friction::ChoudhuryChart { s, j, resolution }
+            } else {
+                Friction::Choudhury { s, j, resolution }
+            }
+        };
+        let mut ops = vec![60.0];
+        for _ in 0..10 {
+            let last = ops[ops.len() - 1];
+            ops.extend([last - 2.0, last - 1.0]);
+        }
+        let held = |anew| {
+            let mv = drive(friction(anew), 50.0, &ops);
+            mv[mv.len() - 1] == mv[0]
+        };
+        assert!(held(true) && !held(false));
     }
 
     #[test]
