@@ -16,6 +16,8 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("signal", &[]),
     ("diagnosis", &["signal"]),
     ("sim", &["signal"]),
+    ("compensation", &["signal"]),
+    ("reproduce", &["signal", "diagnosis", "sim", "compensation"]),
     ("alarm", &["signal"]),
     ("collect", &["signal"]),
     ("history", &["signal"]),
@@ -28,13 +30,13 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
         &["signal", "alarm", "diagnosis", "collect", "history", "results", "schedule", "serve", "config"],
     ),
     ("demo", &["signal", "sim", "collect", "results", "schedule", "config", "app"]),
-    ("cli", &["signal", "diagnosis", "collect", "history", "serve", "config", "app", "demo"]),
+    ("cli", &["signal", "diagnosis", "collect", "history", "serve", "config", "app", "demo", "reproduce"]),
     ("lib", &[]),
     ("main", &["cli"]),
 ];
 
 /// No clock, file, socket, task, log or unseeded number: the same input gives the same answer.
-const PURE: &[&str] = &["signal", "diagnosis", "sim", "alarm"];
+const PURE: &[&str] = &["signal", "diagnosis", "sim", "compensation", "alarm"];
 /// What PURE modules may use from outside.
 const NUMERICS: &[&str] = &["nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];
 /// What of std PURE modules may use.
@@ -81,10 +83,13 @@ const SERDE_PLACES: &[&str] = &[
     "src/serve/extract.rs",
     "src/serve/problem.rs",
     "src/cli/diagnose.rs",
+    "src/reproduce/json.rs",
+    "src/cli/reproduce.rs",
 ];
 
-/// Who may name the function that diagnoses: its own module, the wiring (which hands it to the scheduler), the command line.
-const MAY_DIAGNOSE: &[&str] = &["diagnosis", "app", "cli"];
+/// Who may name the function that diagnoses: its own module, the wiring (which hands it to the scheduler), the command line,
+/// and the report, which is no part of the daemon.
+const MAY_DIAGNOSE: &[&str] = &["diagnosis", "app", "cli", "reproduce"];
 
 /// Longest file (lines).
 const MOST_LINES: usize = 520;

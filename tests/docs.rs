@@ -17,6 +17,7 @@ const DOCUMENTS: &[&str] = &[
     "CHANGELOG.md",
     "docs/configuration.md",
     "docs/diagnosis.md",
+    "docs/reproduce.md",
     "deploy/README.md",
 ];
 

@@ -4,7 +4,8 @@ use super::bench::{
     CASES, Case, Idle, Original, SETTLED_FROM, SETTLED_TO, Trace, WARM_UP, f_of, parallel, reinforcement,
 };
 use super::report::{Cell, Section, Style, Table};
-use super::tables::{DEAD_BAND, DIAGNOSED, NOISE_SAMPLE_TIME, noisy, op_noise};
+use super::srinivasan::best_d;
+use super::tables::{D_WINDOW, DEAD_BAND, DIAGNOSED, NOISE_SAMPLE_TIME, noisy, op_noise};
 use crate::compensation::{BacklashInverse, Compensator, Knocker};
 use crate::sim::SpecError;
 
@@ -34,18 +35,24 @@ pub fn contest(noise: bool) -> Result<Section, SpecError> {
             if noise { " and four sd of the noise" } else { "" }
         ),
         "What it costs: the stem of a cycling loop jumps twice a cycle; with constant reinforcement it \
-         moves every few samples. Nothing \
+         moves every sample or two. Nothing \
          here is a cure, and a valve that cycles at every controller execution wears out accordingly."
             .into(),
     ];
     if noise {
         text.push(format!(
             "Band-limited noise of power {POWER:.0e}, sample time {NOISE_SAMPLE_TIME} s, in PV as \
-             measured. The dead band is \
-             {DEAD_BAND} sd of OP's noise from sample to sample. The weakly sticky loops show where reinforcement ends: once \
-             noise alone moves OP by f, the valve is dithered by its own controller and little is left to gain. The weak flow loop is not \
-             identifiable under this noise: its rivals get a = S/2 and no d."
+             measured; the ISE cannot fall below the noise's own. The dead band is {DEAD_BAND} sd of OP's noise from \
+             sample to sample. \"no f\": not identifiable under this noise, so that a is S/2. The weakly sticky \
+             loops show where reinforcement ends: once noise alone moves OP by f, the valve is dithered by its \
+             own controller and little is left to gain, and a method with a travel of 0 has only met a loop at rest."
         ));
+        text.push(
+            "An amplitude a little below S/2 costs far more than one a little above (figure 7: a cliff on \
+             one side, a slope on the other). The upper end of f's interval in place of f gains where f came out short, \
+             and costs travel where it did not."
+                .into(),
+        );
     } else {
         text.push(
             "Knocker: width 2 and period 5 samples, the upper ends of Hägglund's ranges, with \
@@ -91,17 +98,28 @@ fn one_loop(case: &Case, noise: bool) -> Result<Vec<Vec<Cell>>, SpecError> {
     let original = Original::new(spec, 1)?;
     let diagnosis = original.diagnose(DIAGNOSED);
     // Noise can hide the cycle and with it f; the comparison then takes what is true of the valve.
-    let f = f_of(&diagnosis).filter(|f| *f > 0.0).unwrap_or(0.5 * case.s);
-    let d = diagnosis.estimate.as_ref().map(|e| e.d).filter(|d| *d > 0.0);
+    let found = f_of(&diagnosis).filter(|f| *f > 0.0);
+    let f = found.unwrap_or(0.5 * case.s);
+    let named = if found.is_some() { "CR, a = f" } else { "CR, a = S/2 (no f)" };
+    let window = WARM_UP..WARM_UP + D_WINDOW;
+    let d = best_d(&original.trace.op[window.clone()], &original.trace.pv[window]).filter(|d| *d > 0.0);
     let ts = original.spec.ts_s;
     let mut arena = Arena { case, original: &original, rows: Vec::new() };
     arena.enter("none", String::new(), &mut Idle)?;
-    arena.enter("CR, a = f", format!("a {f:.2}"), &mut *reinforcement(f, 0.0))?;
+    arena.enter(named, format!("a {f:.2}"), &mut *reinforcement(f, 0.0))?;
     if noise {
         let band = DEAD_BAND * op_noise(&original.spec);
         let settings = format!("a {f:.2}, dead band {band:.2}");
-        arena.enter("CR, a = f, dead band", settings, &mut *reinforcement(f, band))?;
+        arena.enter(&format!("{named}, dead band"), settings, &mut *reinforcement(f, band))?;
+        let upper = diagnosis.estimate.as_ref().map(|e| e.f_ci95[1]).filter(|_| found.is_some());
+        if let Some(upper) = upper {
+            let settings = format!("a {upper:.2}");
+            arena.enter("CR, a = upper end of f_ci95", settings, &mut *reinforcement(upper, 0.0))?;
+        }
     }
+    let amplitudes = AMPLITUDES.map(|share| share * f);
+    let a = best(&original, &amplitudes, |a| reinforcement(*a, 0.0))?;
+    arena.enter("CR, own best", format!("a {a:.2}"), &mut *reinforcement(a, 0.0))?;
     for (name, a) in d.map_or(Vec::new(), |d| vec![("knocker, d", d), ("knocker, d/2", 0.5 * d)]) {
         arena.enter(name, knock(a, 2.0, 5.0), &mut Knocker::new(a, 2.0 * ts, 5.0 * ts))?;
     }
@@ -118,7 +136,6 @@ fn one_loop(case: &Case, noise: bool) -> Result<Vec<Vec<Cell>>, SpecError> {
     arena.enter("knocker, own best", knock(a, width, period), &mut *build(&(a, width, period)))?;
     let half = 0.5 * (case.s - case.j);
     arena.enter("backlash inverse", format!("a {half:.2}"), &mut BacklashInverse::new(half))?;
-    let amplitudes = AMPLITUDES.map(|share| share * f);
     let a = best(&original, &amplitudes, |a| Box::new(BacklashInverse::new(*a)))?;
     arena.enter("backlash inverse, own best", format!("a {a:.2}"), &mut BacklashInverse::new(a))?;
     Ok(arena.rows)

@@ -1,12 +1,9 @@
 //! Figures 7 to 11.
 
-use super::bench::{
-    CASES, Case, Original, RESOLUTION, SETTLED_FROM, SETTLED_TO, WARM_UP, f_of, parallel, reinforcement, run,
-};
+use super::bench::{CASES, Case, Original, WARM_UP, f_of, parallel, reinforcement, run};
 use super::report::{Cell, Panel, Plot, Section, Series, Style, Table, spread, thin};
 use super::tables::{DIAGNOSED, NOISE_SAMPLE_TIME, noisy};
-use crate::sim::scenarios::table2_loop;
-use crate::sim::{Friction, LoopSpec, SpecError};
+use crate::sim::{LoopSpec, SpecError};
 
 /// Amplitudes tried, in f: steps of 0.05 up to 2.
 const STEPS: usize = 40;
@@ -207,105 +204,7 @@ pub fn figure_11() -> Result<Section, SpecError> {
     let of = [&CASES[0], &CASES[3]].map(|c| picture(c, format!("{}, Kano's valve", c.name), c.kano()));
     let text = "With the same S, J and resolution Kano's forces move the stem as Choudhury's chart does, \
     so these are figure 8's \
-                curves: the comparison is one of two descriptions, not of two valves.";
+                curves: the comparison is one of two descriptions, not of two valves. Choudhury's chart read \
+                to the letter does differ: see the open choices.";
     pictures("figure11", "Figure 11: Kano's valve", text, &of)
-}
-
-/// What the paper leaves open, and how far each choice moves f and the settled ISE ratio of the four loops.
-///
-/// # Errors
-/// [`SpecError`] where a loop's number makes no sense.
-pub fn choices() -> Result<Section, SpecError> {
-    let stop = |resolution: f64| {
-        move |c: &Case| table2_loop(c.level, Friction::Choudhury { s: c.s, j: c.j, resolution })
-    };
-    let sp = |step: f64| move |c: &Case| LoopSpec { sp: 50.0 + step, ..c.choudhury() };
-    let he = |c: &Case| {
-        let friction = Friction::He { fs: 0.5 * (c.s + c.j), fd: 0.5 * (c.s - c.j) };
-        table2_loop(c.level, friction)
-    };
-    let noise = |sample_time: f64| move |c: &Case| noisy(c, 1e-4, sample_time);
-    type Build = Box<dyn Fn(&Case) -> LoopSpec + Sync>;
-    let options: Vec<(&str, &str, Build)> = vec![
-        ("as used", "stop at 0.005 %, SP step 10 %, backward Euler PI, no noise", Box::new(Case::choudhury)),
-        ("stop rule", "Δu = 0 exactly", Box::new(stop(0.0))),
-        ("stop rule", "|Δu| up to 0.003 %", Box::new(stop(0.003))),
-        ("stop rule", "|Δu| up to 0.01 %", Box::new(stop(0.01))),
-        ("set point", "step of 1 %", Box::new(sp(1.0))),
-        ("set point", "step of 0.1 %", Box::new(sp(0.1))),
-        ("controller", "forward Euler PI", Box::new(forward_euler)),
-        ("controller", "parallel form, Kc + 1/(Ti s)", Box::new(parallel_form)),
-        ("valve", "Kano", Box::new(Case::kano)),
-        ("valve", "He, fs and fd", Box::new(he)),
-        ("noise", "power 1e-4, sample time 0.1 s", Box::new(noise(0.1))),
-        ("noise", "power 1e-4, sample time 1 s", Box::new(noise(1.0))),
-        ("noise", "power 1e-4, sample time 6 s (0.1 min)", Box::new(noise(6.0))),
-    ];
-    let jobs: Vec<(usize, usize)> = (0..options.len()).flat_map(|o| (0..4).map(move |c| (o, c))).collect();
-    let found = parallel(&jobs, |&(o, c)| {
-        let original = Original::new(options[o].2(&CASES[c]), 1)?;
-        let f = f_of(&original.diagnose(DIAGNOSED));
-        // Without an f the ratio at S/2 still says what the choice does to the compensation.
-        let ratios = original.ratios(f.unwrap_or(0.5 * CASES[c].s))?;
-        Ok([f, spread(&ratios).map(|s| s[1])])
-    });
-    let found = found.into_iter().collect::<Result<Vec<_>, SpecError>>()?;
-    let mut rows = Vec::new();
-    for ((choice, option, _), loops) in options.iter().zip(found.chunks(4)) {
-        let mut row = vec![Cell::text(*choice), Cell::text(*option)];
-        row.extend(loops.iter().map(|l| Cell::Number(l[0], Style::Fixed(3))));
-        row.extend(loops.iter().map(|l| Cell::Number(l[1], Style::Power)));
-        rows.push(row);
-    }
-    Ok(Section {
-        id: "choices",
-        title: "What the paper leaves open, and how far it moves the numbers".into(),
-        text: vec![
-            format!(
-                "f and the ISE ratio at a = f over the settled span (samples {SETTLED_FROM} to \
-                 {SETTLED_TO} after the switch-on) of \
-                 each loop, one choice changed at a time. \"–\": not identifiable, or a loop that does \
-                 not cycle, whose ratio \
-                 would divide by nothing. Where f is missing the ratio is that at S/2."
-            ),
-            format!(
-                "Span of the ISE: see Table 3. Sine in radians or degrees: see Table 2, f is 0 in both. \
-                 Noise sample time: below; it moves \
-                 the noise sd from 0.004 to 0.032 %. Fixed here and not varied: the operating point (50 %), the stuck point of \
-                 the valve taken once when the stem sticks, the resolution of {RESOLUTION} % where not varied."
-            ),
-        ],
-        table: Some(Table {
-            columns: vec![
-                ("choice", "choice"),
-                ("option", "option"),
-                ("f_flow_weak", "f, flow weak"),
-                ("f_flow_strong", "f, flow strong"),
-                ("f_level_weak", "f, level weak"),
-                ("f_level_strong", "f, level strong"),
-                ("ratio_flow_weak", "ratio, flow weak"),
-                ("ratio_flow_strong", "ratio, flow strong"),
-                ("ratio_level_weak", "ratio, level weak"),
-                ("ratio_level_strong", "ratio, level strong"),
-            ],
-            rows,
-        }),
-        ..Section::default()
-    })
-}
-
-/// `Δu = Kc (e[k] - (1 - h) e[k-1])`, h = ts/Ti: the velocity form here with `Kc (1 - h)` and `h / (1 - h)`.
-fn forward_euler(case: &Case) -> LoopSpec {
-    let mut spec = case.choudhury();
-    let h = spec.ts_s / spec.controller.ti_s;
-    spec.controller.gain *= 1.0 - h;
-    spec.controller.ti_s = spec.ts_s * (1.0 - h) / h;
-    spec
-}
-
-/// `Kc + 1/(Ti s)` is `Kc (1 + 1/(Kc Ti s))`.
-fn parallel_form(case: &Case) -> LoopSpec {
-    let mut spec = case.choudhury();
-    spec.controller.ti_s *= spec.controller.gain;
-    spec
 }

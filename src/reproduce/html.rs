@@ -98,7 +98,7 @@ fn put_cell(out: &mut String, cell: &Cell) {
                     number(*ours, *style),
                     number(*paper, *style),
                     if far { " far" } else { "" },
-                    difference.map_or("–".into(), |d| format!("{:+.1} %", 100.0 * d)),
+                    difference.map_or("–".into(), percent),
                 ),
             );
         }
@@ -115,6 +115,12 @@ fn put_cell(out: &mut String, cell: &Cell) {
             None => out.push_str("<td class=\"n\">–</td>"),
         },
     }
+}
+
+/// A relative difference; what rounds to nothing has no sign.
+fn percent(difference: f64) -> String {
+    let text = format!("{:+.1} %", 100.0 * difference);
+    if text.trim_start_matches(['+', '-']) == "0.0 %" { "0.0 %".into() } else { text.replace('-', "−") }
 }
 
 /// A number as the tables write it.
@@ -164,6 +170,7 @@ th, td { text-align: left; padding: .2rem .6rem; border-top: 1px solid var(--rul
 th { color: var(--faint); font-weight: normal; border-top: 0; vertical-align: bottom; }
 .n { text-align: right; font-variant-numeric: tabular-nums; } td.n { white-space: nowrap; }
 td:first-child { min-width: 7rem; } td.ours { font-weight: 600; } td.far { color: var(--look); } small { color: var(--faint); }
+sup { line-height: 0; }
 tr.same td { border-top-color: transparent; } tr.same td:first-child { color: transparent; }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(26rem, 1fr)); gap: 1rem; }
 figure { margin: 0; min-width: 0; } figcaption { color: var(--faint); margin: .4rem 0 .2rem; }
@@ -189,6 +196,7 @@ mod tests {
         assert_eq!(number(Some(0.0341), Style::Power), "0.034");
         assert_eq!(number(Some(2.498), Style::Fixed(2)), "2.50");
         assert_eq!(number(Some(f64::NAN), Style::Power), "–");
+        assert_eq!([percent(-1e-4), percent(-0.52), percent(8.8)], ["0.0 %", "−52.0 %", "+880.0 %"]);
     }
 
     #[test]

@@ -446,10 +446,10 @@ mod tests {
         );
         assert!(bad(|s| s.sensor.quantum = f64::NAN).is_some_and(|e| e.contains("quantum")));
         let band = |sample_time_s| Some(BandLimited { power: 1.0, sample_time_s });
-        for (spec, bad) in [(band(0.0), true), (band(1.0), false)] {
+        for (noise, refused) in [(band(0.0), true), (band(1.0), false)] {
             let mut of = flow_loop();
-            of.sensor.band_limited = spec;
-            assert_eq!(LoopSim::new(&of, 1).is_err(), bad);
+            of.sensor.band_limited = noise;
+            assert_eq!(LoopSim::new(&of, 1).is_err(), refused);
         }
         assert_eq!(bad(|_| ()), None);
     }
