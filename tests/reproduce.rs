@@ -221,6 +221,54 @@ fn every_open_choice_has_its_row() {
     assert!(text.contains("Sine in radians or degrees"), "{text}");
 }
 
+/// The cells of the document's table below `heading`, without its head.
+fn documented(heading: &str) -> Vec<Vec<String>> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reproduce.md");
+    let text = fs::read_to_string(path).expect("the document can be read");
+    let (_, below) = text.split_once(&format!("\n## {heading}\n")).expect("the section is there");
+    let section = below.split("\n## ").next().unwrap_or_default();
+    let cells = |line: &str| line.trim_matches('|').split(" | ").map(|cell| cell.trim().to_owned()).collect();
+    section.lines().filter(|line| line.starts_with('|')).skip(2).map(cells).collect()
+}
+
+/// 10 %: a change that a reader would act on, and not the last digit of f.
+fn agree(documented: &str, found: &Value) {
+    let (written, found) = (documented.trim_end_matches(" %").parse::<f64>(), found.as_f64());
+    match (written, found) {
+        (Ok(written), Some(found)) => {
+            // Half of the last digit written, where that is more.
+            assert!((written - found).abs() <= (0.1 * found.abs()).max(0.051), "{written} for {found}");
+        }
+        (written, found) => assert_eq!((written.is_ok(), found.is_some()), (false, false), "{documented}"),
+    }
+}
+
+#[test]
+fn the_document_says_what_the_report_says() {
+    let of_document = documented("What it costs, and the rivals");
+    assert_eq!(of_document.len(), rows("rivals").len());
+    for (cells, row) in of_document.iter().zip(rows("rivals")) {
+        assert_eq!(row["case"], cells[0].as_str());
+        assert!(cells[1].starts_with(row["method"].as_str().expect("a name")), "{cells:?}");
+        let ratio = number(&row["ratio"]);
+        let written: f64 = cells[2].parse().expect("a number");
+        assert!((written / ratio - 1.0).abs() < 0.1, "{cells:?}: {ratio}");
+        for (cell, key) in
+            cells[3..].iter().zip(["travel_per_h", "travel_ratio", "reversals_per_h", "settled_s"])
+        {
+            agree(cell, &row[key]);
+        }
+    }
+    let choices = &rows("choices")[1..];
+    let of_document = documented("What the paper leaves open");
+    assert_eq!(of_document.len(), choices.len());
+    for (cells, row) in of_document.iter().zip(choices) {
+        assert_eq!(row["choice"], cells[0].as_str());
+        agree(&cells[2], &row["f_moved_percent"]);
+        agree(&cells[3], &row["ratio_moved_times"]);
+    }
+}
+
 #[test]
 fn table_6_is_our_records_where_some_are_given() {
     let without = &report()["sections"]["table6"];
