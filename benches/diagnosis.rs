@@ -4,7 +4,8 @@
 
 use std::hint::black_box;
 use std::time::Instant;
-use stictiond::diagnosis::search::{GRID, Problem, Searcher};
+use stictiond::diagnosis::grid::GRID;
+use stictiond::diagnosis::search::{Problem, Searcher};
 use stictiond::diagnosis::{Preparation, Settings, diagnose, evidence, gate, prepare, validation, verdict};
 use stictiond::signal::{Record, Sample, Window};
 use stictiond::sim::Scenario;

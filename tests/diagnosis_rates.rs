@@ -9,7 +9,8 @@ mod diagnosis_common {
 use diagnosis_common::parallel;
 use diagnosis_common::records::simulated;
 use std::collections::BTreeMap;
-use stictiond::diagnosis::search::{GRID, Searcher};
+use stictiond::diagnosis::grid::GRID;
+use stictiond::diagnosis::search::Searcher;
 use stictiond::diagnosis::{Diagnosis, Settings, Verdict, diagnose, gate, prepare, verdict};
 use stictiond::sim::Scenario;
 use stictiond::sim::scenarios::{calibration, random_sound, random_sticky};

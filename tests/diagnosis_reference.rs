@@ -16,7 +16,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use stictiond::diagnosis::armax::{LOSS_FLOOR, Orders, RHO, draw_inside, splits};
 use stictiond::diagnosis::friction::stick_slip;
-use stictiond::diagnosis::search::{GRID, Problem, Refined, Searcher};
+use stictiond::diagnosis::grid::GRID;
+use stictiond::diagnosis::search::{Problem, Refined, Searcher};
 use stictiond::sim::scenarios::{calibration, random_sound, random_sticky};
 
 /// Random starts of each structure.

@@ -14,8 +14,9 @@ use diagnosis_common::pose::pose;
 use diagnosis_common::records::simulated;
 use stictiond::diagnosis::armax::{LOSS_FLOOR, Lag, Workspace};
 use stictiond::diagnosis::friction::{Cell, stick_slip};
+use stictiond::diagnosis::grid::GRID;
 use stictiond::diagnosis::screen::Screen;
-use stictiond::diagnosis::search::{CellPoint, GRID, Problem, Refined, Searcher};
+use stictiond::diagnosis::search::{CellPoint, Problem, Refined, Searcher};
 use stictiond::sim::scenarios::{calibration, random_sound, random_sticky, table2};
 
 /// A search problem with its name.

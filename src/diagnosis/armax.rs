@@ -14,6 +14,8 @@
 //! Source: Ljung, System Identification, 2nd ed., section 10.3 and 7.4.
 
 use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
+use nalgebra::Complex;
+use std::f64::consts::TAU;
 
 /// Largest modulus a zero of C may have; beyond it the start of the record is never forgotten.
 pub const RHO: f64 = 0.98;
@@ -127,15 +129,27 @@ impl Workspace {
         &self.e
     }
 
+    /// Takes `z = x - lag dir` for the stem position.
+    pub(super) fn load_stem(&mut self, s: &Signals<'_>, lag: f64) {
+        for ((z, &x), &dir) in self.z.iter_mut().zip(s.x).zip(s.dir) {
+            *z = x - lag * dir;
+        }
+    }
+
+    /// y and the loaded z, each divided by C.
+    pub(super) fn divide(&mut self, s: &Signals<'_>, c: &[f64]) -> [&[f64]; 2] {
+        self.filter_all(s, c);
+        let [y, z, ..] = &self.filtered;
+        [y, z]
+    }
+
     /// The loss of `theta`, leaving the prediction errors in [`Workspace::errors`].
     ///
     /// Infinite when the recursion overflows, so that a bad step is refused like any other.
     pub fn evaluate(&mut self, s: &Signals<'_>, orders: Orders, theta: &Theta) -> f64 {
         let n = s.y.len();
         let begin = s.start + 1 + orders.na.max(orders.nk + orders.nb - 1);
-        for ((z, &x), &dir) in self.z[..n].iter_mut().zip(s.x).zip(s.dir) {
-            *z = x - theta.lag * dir;
-        }
+        self.load_stem(s, theta.lag);
         let rows = n - begin;
         let w = &mut self.w[begin..n];
         for (w, y) in w.iter_mut().zip(&s.y[begin..n]) {
@@ -153,7 +167,8 @@ impl Workspace {
             [] => self.e[begin..n].copy_from_slice(&self.w[begin..n]),
             [c1] => whiten([c1], &self.w[begin..n], &mut self.e[begin..n]),
             [c1, c2] => whiten([c1, c2], &self.w[begin..n], &mut self.e[begin..n]),
-            [c1, c2, c3] => whiten([c1, c2, c3], &self.w[begin..n], &mut self.e[begin..n]),
+            // Four places, the last 0: the compiler's code for three is far slower.
+            [c1, c2, c3] => whiten([c1, c2, c3, 0.0], &self.w[begin..n], &mut self.e[begin..n]),
             [c1, c2, c3, c4, ..] => whiten([c1, c2, c3, c4], &self.w[begin..n], &mut self.e[begin..n]),
         }
         let counted = &self.e[s.first..n];
@@ -275,7 +290,7 @@ impl Workspace {
             [] => output.copy_from_slice(input),
             [c1] => whiten([c1], input, output),
             [c1, c2] => whiten([c1, c2], input, output),
-            [c1, c2, c3] => whiten([c1, c2, c3], input, output),
+            [c1, c2, c3] => whiten([c1, c2, c3, 0.0], input, output),
             [c1, c2, c3, c4, ..] => whiten([c1, c2, c3, c4], input, output),
         }
         self.lag_column[..n].fill(0.0);
@@ -447,32 +462,66 @@ pub fn is_inside(c: &[f64], radius: f64) -> bool {
     true
 }
 
-/// Draws the zeros of `1 + c1 q^-1 + …` straight towards 0 until all lie inside `|q| < radius`.
+/// Draws every zero of `1 + c1 q^-1 + …` that lies outside `|q| = radius` straight towards 0 onto it; the others stay.
 pub fn draw_inside(c: &mut [f64], radius: f64) {
     if is_inside(c, radius) {
         return;
     }
-    if c.iter().any(|c| !c.is_finite()) {
+    let zeros = c.iter().all(|c| c.is_finite()).then(|| zeros(c)).flatten();
+    let Some(zeros) = zeros else {
         c.fill(0.0);
         return;
-    }
-    let contracted = |shrink: f64| -> [f64; ORDER] {
-        let mut out = [0.0; ORDER];
-        let mut power = 1.0;
-        for (out, &c) in out.iter_mut().zip(c.iter()) {
-            power *= shrink;
-            *out = c * power;
-        }
-        out
     };
-    let (mut stable, mut unstable) = (0.0, 1.0);
-    for _ in 0..20 {
-        let middle = 0.5 * (stable + unstable);
-        if is_inside(&contracted(middle)[..c.len()], radius) { stable = middle } else { unstable = middle }
+    let mut poly = [Complex::new(0.0, 0.0); ORDER + 1];
+    poly[0] = Complex::new(1.0, 0.0);
+    let inside = radius * (1.0 - 1e-6);
+    for (i, zero) in zeros[..c.len()].iter().enumerate() {
+        let zero = if zero.norm() > inside { zero * (inside / zero.norm()) } else { *zero };
+        for j in (0..=i).rev() {
+            let low = poly[j];
+            poly[j + 1] -= low * zero;
+        }
     }
-    let n = c.len();
-    let inside = contracted(stable);
-    c.copy_from_slice(&inside[..n]);
+    for (c, p) in c.iter_mut().zip(&poly[1..]) {
+        *c = p.re;
+    }
+    // Rounding may leave a multiple zero outside: then all are drawn in together.
+    while !is_inside(c, radius) {
+        let mut power = 1.0;
+        for c in c.iter_mut() {
+            power *= 1.0 - 1e-4;
+            *c *= power;
+        }
+    }
+}
+
+/// The zeros of `1 + c1 q^-1 + …` by the Durand–Kerner iteration; none when it does not settle.
+fn zeros(c: &[f64]) -> Option<[Complex<f64>; ORDER]> {
+    let n = c.len().min(ORDER);
+    // Cauchy's bound, so that the starts surround the zeros.
+    let bound = 1.0 + c.iter().fold(0.0f64, |most, c| most.max(c.abs()));
+    let mut zeros: [Complex<f64>; ORDER] =
+        std::array::from_fn(|i| Complex::from_polar(0.5 * bound, 0.4 + i as f64 * TAU / n.max(1) as f64));
+    for _ in 0..200 {
+        let mut moved = 0.0f64;
+        for i in 0..n {
+            let z = zeros[i];
+            let value = c[..n].iter().fold(Complex::new(1.0, 0.0), |value, c| value * z + c);
+            let others = (0..n).filter(|&j| j != i);
+            let product = others.fold(Complex::new(1.0, 0.0), |product, j| product * (z - zeros[j]));
+            let step = value / product;
+            if !step.re.is_finite() || !step.im.is_finite() {
+                return None;
+            }
+            zeros[i] -= step;
+            moved = moved.max(step.norm());
+        }
+        if moved < 1e-13 * bound {
+            return Some(zeros);
+        }
+    }
+    // A double zero converges slowly; what is left then is far below what a step of the minimisation moves.
+    Some(zeros)
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@
 //!
 //! Source: Hannan & Rissanen, Biometrika 1982, 69, 81; Ljung, System Identification, 2nd ed., section 10.6.
 
-use super::armax::{ORDER, Orders, Signals, Theta, splits};
+use super::armax::{Fit, ORDER, Orders, Signals, Theta, splits};
 use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Lags of y in the long ARX.
@@ -25,6 +25,13 @@ pub struct Candidate {
     pub theta: Theta,
     /// Mean square of the least-squares residual, close to the loss at the minimum (PV unit²).
     pub loss: f64,
+}
+
+impl Candidate {
+    /// The start of a minimisation, with a lag.
+    pub fn start(&self, lag: f64) -> Fit {
+        Fit { orders: self.orders, theta: Theta { lag, ..self.theta }, loss: self.loss, iterations: 0 }
+    }
 }
 
 /// The long ARX at the lag that fits best.
@@ -164,9 +171,10 @@ impl Screen {
 
     /// Takes the prediction errors of a fitted model as ê: a long ARX cannot follow a zero of C near the unit
     /// circle, and ranks the structures that have one too low.
-    pub fn reload_errors(&mut self, s: &Signals<'_>, errors: &[f64]) {
+    pub fn reload_errors(&mut self, s: &Signals<'_>, lag: f64, errors: &[f64]) {
+        self.set_lag(lag);
         self.e.copy_from_slice(errors);
-        self.multiply_errors(s, self.lag);
+        self.multiply_errors(s, lag);
     }
 
     /// The lagged products of ê with every column.
@@ -219,6 +227,31 @@ impl Screen {
         }
         theta.c0 /= self.rows as f64;
         Candidate { orders, theta, loss }
+    }
+
+    /// The loss of every split at every delay, to `each`; [`Screen::fit`] gives the coefficients of those wanted.
+    ///
+    /// Structures that begin with the same columns share the rows of their Cholesky factor, and the loss needs the
+    /// forward substitution alone.
+    pub fn rank_all(&self, mut each: impl FnMut(Orders, f64)) {
+        let (x_at, e_at) = (LONG_Y + 1, LONG_Y + 1 + self.nx);
+        let per_row = 1.0 / self.rows as f64;
+        let total = self.gram[0] - self.sums[0] * self.sums[0] * per_row;
+        let mut rows = Rows::default();
+        for na in 1..ORDER {
+            rows.append(self, na - 1, na);
+            for nk in 1..=self.max_delay {
+                for nb in 1..=ORDER - na {
+                    rows.append(self, na + nb - 1, x_at + nk + nb - 2);
+                    let nc = ORDER - na - nb;
+                    for l in 0..nc {
+                        rows.append(self, na + nb + l, e_at + l);
+                    }
+                    let explained: f64 = rows.right.iter().map(|r| r * r).sum();
+                    each(Orders { na, nb, nc, nk }, (total - explained).max(0.0) * per_row);
+                }
+            }
+        }
     }
 
     /// Fits every split at every delay and hands each to `each`.
@@ -354,16 +387,52 @@ impl Screen {
     }
 }
 
+/// The rows of a Cholesky factor of centred columns, and the forward substitution beside them.
+#[derive(Default)]
+struct Rows {
+    columns: [usize; ORDER],
+    l: [[f64; ORDER]; ORDER],
+    right: [f64; ORDER],
+    live: [bool; ORDER],
+}
+
+impl Rows {
+    /// Puts `column` in row `i`, behind those that stand there.
+    #[inline]
+    fn append(&mut self, screen: &Screen, i: usize, column: usize) {
+        self.columns[i] = column;
+        let gram = &screen.gram[column * screen.size..=column * screen.size + column];
+        let centre = screen.sums[column] / screen.rows as f64;
+        let (above, rest) = self.l.split_at_mut(i);
+        let row = &mut rest[0];
+        let mut right = gram[0] - centre * screen.sums[0];
+        let diagonal = gram[column] - centre * screen.sums[column];
+        let mut pivot = diagonal;
+        for (j, above) in above.iter().enumerate() {
+            let mut value = gram[self.columns[j]] - centre * screen.sums[self.columns[j]];
+            for (a, b) in row[..j].iter().zip(above) {
+                value -= a * b;
+            }
+            row[j] = if self.live[j] { value / above[j] } else { 0.0 };
+            pivot -= row[j] * row[j];
+            right -= row[j] * self.right[j];
+        }
+        self.live[i] = pivot > 1e-13 * diagonal && pivot > 0.0;
+        row[i] = if self.live[i] { pivot.sqrt() } else { 1.0 };
+        self.right[i] = if self.live[i] { right / row[i] } else { 0.0 };
+    }
+}
+
 /// A run of lagged columns of one signal: lags `from..from + count`.
 #[derive(Clone, Copy)]
-struct Lags<'a> {
-    v: &'a [f64],
-    from: usize,
-    count: usize,
+pub(super) struct Lags<'a> {
+    pub(super) v: &'a [f64],
+    pub(super) from: usize,
+    pub(super) count: usize,
 }
 
 /// `out[i][j] = sum over k >= first of a[k - lag_i] b[k - lag_j]`, the lower triangle only when `same`.
-fn products(a: Lags<'_>, b: Lags<'_>, first: usize, same: bool, out: &mut [f64], stride: usize) {
+pub(super) fn products(a: Lags<'_>, b: Lags<'_>, first: usize, same: bool, out: &mut [f64], stride: usize) {
     let n = a.v.len();
     for i in 0..a.count {
         let li = a.from + i;
@@ -380,7 +449,7 @@ fn products(a: Lags<'_>, b: Lags<'_>, first: usize, same: bool, out: &mut [f64],
 }
 
 /// The sum of each lagged column.
-fn sums(a: Lags<'_>, first: usize, out: &mut [f64]) {
+pub(super) fn sums(a: Lags<'_>, first: usize, out: &mut [f64]) {
     let n = a.v.len();
     let mut sum: f64 = a.v[first - a.from..n - a.from].iter().sum();
     for (lag, out) in (a.from..a.from + a.count).zip(out) {

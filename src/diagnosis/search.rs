@@ -7,7 +7,8 @@
 //! a kinetic lag in the best cells of both and keeps the f with the least `AIC(ARMAX) + AIC(long ARX)`: two
 //! views of the noise err in different places.
 
-use super::armax::{Fit, LOSS_FLOOR, Lag, Orders, Signals, Theta, Workspace, splits};
+use super::armax::{Fit, LOSS_FLOOR, Lag, Orders, Signals, Theta, Workspace};
+use super::explore::Explorer;
 use super::friction::{Cell, Start, reversals, stick_slip};
 use super::screen::{Candidate, Screen};
 
@@ -24,31 +25,24 @@ const FINE_CELLS: usize = 60;
 const FINE_REACH: f64 = 3.0;
 /// Fewest stem reversals in a window that say anything about f.
 pub const LEAST_REVERSALS: usize = 4;
-/// Structures fitted by prediction error at one f.
-const FITTED: usize = 3;
-/// Structures remembered from one f to the next.
-const WINNERS: usize = 4;
+/// Structures fitted at each cell of the refinement.
+const FITTED: usize = 12;
 /// Relative decrease of the loss at which a minimisation ends: 0.1 and 0.001 in N ln V of 1,000 samples.
-const ROUGH: f64 = 1e-4;
-const PRECISE: f64 = 1e-6;
-/// Most screenings with better and better errors.
-const RESCREENS: usize = 4;
-/// Grid steps to each side of the best point that get a second look too.
-const NEIGHBOURS: usize = 6;
-/// Most second looks at the best point of the grid.
-const SETTLING: usize = 8;
-/// Structures fitted where the result decides: at f = 0 and in the refinement.
-const FITTED_WELL: usize = 12;
-/// Iterations each start gets before the leaders are known, leaders that go on, and iterations they get.
-const HEAT: usize = 2;
-const FINALISTS: usize = 2;
-const MANY_FINALISTS: usize = 4;
-const FINAL: usize = 40;
-/// Distance in N ln V above the best at which a value of f gets no prediction-error fit: the Hannan–Rissanen loss
-/// seldom overstates the minimum by more, though up to 400 has been seen.
-const HOPELESS: f64 = 150.0;
-/// Cells of each pass that the refinement looks at.
+pub(super) const ROUGH: f64 = 1e-4;
+pub(super) const PRECISE: f64 = 1e-6;
+/// Most iterations of a minimisation that is to reach the end.
+pub(super) const FINAL: usize = 40;
+/// Rounds of a race: iterations in it, and how many go on.
+pub(super) type Rounds = [(usize, usize)];
+const SHORT_RACE: [(usize, usize); 1] = [(2, 4)];
+const LONG_RACE: [(usize, usize); 2] = [(2, 60), (3, 16)];
+const RESCREEN_RACE: [(usize, usize); 1] = [(2, 6)];
+/// Structures that start from the best model's errors, and how often the best may change that way.
+const RESCREENED: usize = 40;
+const RESCREENS: usize = 3;
+/// Cells of each pass that the refinement looks at, and those among them that are settled.
 const REFINED: usize = 10;
+const SETTLED: usize = 2;
 
 /// One window, normalised to zero mean and unit variance, ready for the search.
 #[derive(Clone, Debug)]
@@ -125,19 +119,25 @@ pub struct Refined {
     pub long_lag: f64,
 }
 
+impl Refined {
+    /// What the search minimises: both views of the noise together (ln V).
+    pub fn score(&self) -> f64 {
+        (self.fit.loss + LOSS_FLOOR).ln() + (self.long_loss + LOSS_FLOOR).ln()
+    }
+}
+
 /// Buffers of a search, planned once for a window.
 #[derive(Clone, Debug)]
 pub struct Searcher<'a> {
-    p: &'a Problem,
-    screen: Screen,
-    work: Workspace,
-    x: Vec<f64>,
-    dir: Vec<f64>,
-    candidates: Vec<Candidate>,
-    starts: Vec<(Orders, Theta)>,
-    running: Vec<Fit>,
-    /// The structures that won last, with their coefficients, the latest last: warm starts.
-    winners: Vec<(Orders, Theta)>,
+    pub(super) p: &'a Problem,
+    pub(super) screen: Screen,
+    pub(super) work: Workspace,
+    explorer: Explorer,
+    pub(super) x: Vec<f64>,
+    pub(super) dir: Vec<f64>,
+    pub(super) candidates: Vec<Candidate>,
+    pub(super) ranked: Vec<(f64, Orders)>,
+    pub(super) running: Vec<Fit>,
     /// Prediction-error minimisations so far.
     pub fits: usize,
     /// Structures screened so far.
@@ -152,61 +152,14 @@ impl<'a> Searcher<'a> {
             p,
             screen: Screen::new(&p.y, p.first, p.max_delay),
             work: Workspace::new(n),
+            explorer: Explorer::new(p.max_delay),
             x: vec![0.0; n],
             dir: vec![0.0; n],
-            candidates: Vec::with_capacity(15 * p.max_delay),
-            starts: Vec::new(),
-            running: Vec::new(),
-            winners: Vec::with_capacity(WINNERS),
+            candidates: Vec::with_capacity(25 * p.max_delay),
+            ranked: Vec::with_capacity(15 * p.max_delay),
+            running: Vec::with_capacity(50 * p.max_delay),
             fits: 0,
             screened: 0,
-        }
-    }
-
-    /// The paper's pass: the least ARMAX loss at `values` points of f from 0 to `f_top`.
-    pub fn grid(&mut self, values: usize) -> Vec<GridPoint> {
-        let step = self.p.f_top / (values.max(2) - 1) as f64;
-        let mut points: Vec<GridPoint> =
-            (0..values).map(|i| GridPoint { f: step * i as f64, loss: f64::INFINITY }).collect();
-        // A coarse pass first, so that the fine one knows what is hopeless.
-        let coarse = (0..values).step_by(10);
-        let fine = (0..values).filter(|i| i % 10 != 0);
-        let mut best = f64::INFINITY;
-        let mut last: Option<(Cell, f64)> = None;
-        for i in coarse.chain(fine) {
-            let cell = self.run_element(points[i].f, 0.0);
-            let loss = match last {
-                Some((known, loss)) if known == cell => loss,
-                _ => self.armax(best * (HOPELESS / self.p.rows()).exp(), false),
-            };
-            last = Some((cell, loss));
-            best = best.min(loss);
-            points[i].loss = loss;
-        }
-        self.settle(&mut points);
-        points
-    }
-
-    /// Looks again, with every kind of structure, at the best point until it stays the best.
-    fn settle(&mut self, points: &mut [GridPoint]) {
-        let mut settled = vec![false; points.len()];
-        for _ in 0..SETTLING {
-            let Some(at) = (0..points.len()).min_by(|&a, &b| points[a].loss.total_cmp(&points[b].loss))
-            else {
-                return;
-            };
-            // The best itself first: what wins there is then tried on its neighbours.
-            let neighbours = (at.saturating_sub(NEIGHBOURS)..=at + NEIGHBOURS).filter(|near| *near != at);
-            for near in std::iter::once(at).chain(neighbours) {
-                if near < points.len() && !settled[near] {
-                    settled[near] = true;
-                    self.run_element(points[near].f, 0.0);
-                    points[near].loss = points[near].loss.min(self.armax(f64::INFINITY, near == at));
-                }
-            }
-            if (0..points.len()).all(|i| points[i].loss >= points[at].loss) {
-                return;
-            }
         }
     }
 
@@ -259,7 +212,7 @@ impl<'a> Searcher<'a> {
     ///
     /// Returns the frictionless model and the best sticky one, if there is any cell beyond 0.
     pub fn refine(&mut self, grid: &[GridPoint], cells: &[CellPoint]) -> (Refined, Option<Refined>) {
-        let sound = self.refine_at(0.0, 0.0, 0.0);
+        let sound = self.settle_at(0.0, 0.0, 0.0);
         let mut chosen = best_cells(cells, REFINED);
         let mut by_grid: Vec<&GridPoint> = grid.iter().filter(|g| g.f > 0.0).collect();
         by_grid.sort_by(|a, b| a.loss.total_cmp(&b.loss));
@@ -269,28 +222,37 @@ impl<'a> Searcher<'a> {
         }
         chosen.sort_unstable();
         chosen.dedup();
-        let score = |r: &Refined| (r.fit.loss + LOSS_FLOOR).ln() + (r.long_loss + LOSS_FLOOR).ln();
-        let mut best: Option<Refined> = None;
-        for at in chosen.into_iter().filter(|&at| at > 0) {
-            let refined = self.refine_at(cells[at].f(), cells[at].resume, cells[at].lag);
-            if best.as_ref().is_none_or(|b| score(&refined) < score(b)) {
-                best = Some(refined);
-            }
-        }
-        (sound, best)
+        let mut refined: Vec<Refined> = chosen
+            .into_iter()
+            .filter(|&at| at > 0)
+            .map(|at| self.refine_at(cells[at].f(), cells[at].resume, cells[at].lag))
+            .collect();
+        refined.sort_by(|a, b| a.score().total_cmp(&b.score()));
+        refined.truncate(SETTLED);
+        let settled = refined.into_iter().map(|r| self.settle_at(r.f, r.resume, r.long_lag));
+        (sound, settled.min_by(|a, b| a.score().total_cmp(&b.score())))
     }
 
-    /// Both fits at one f, the lag of the long ARX tried from `lag`.
+    /// Both fits at one f, the lag of the long ARX tried from `lag`; the structures that the screening ranks first.
     pub fn refine_at(&mut self, f: f64, resume: f64, lag: f64) -> Refined {
+        self.fit_at(f, resume, lag, false)
+    }
+
+    /// Both fits at one f with every structure started from every view of the noise.
+    pub fn settle_at(&mut self, f: f64, resume: f64, lag: f64) -> Refined {
+        self.fit_at(f, resume, lag, true)
+    }
+
+    fn fit_at(&mut self, f: f64, resume: f64, lag: f64, thorough: bool) -> Refined {
         let cell = self.run_element(f, resume);
         let s = self.p.signals(&self.x, &self.dir);
         self.screen.load(&s, f > 0.0);
         let long = self.screen.fit_lag(lag, f);
-        let lag_mode = if f > 0.0 { Lag::Free { max: f } } else { Lag::Fixed };
-        self.starts.clear();
+        let mode = if f > 0.0 { Lag::Free { max: f } } else { Lag::Fixed };
+        self.running.clear();
         // Starts without and with the lag: the loss is not convex in it.
         for start in [0.0, long.lag] {
-            if start == 0.0 && !self.starts.is_empty() {
+            if start == 0.0 && !self.running.is_empty() {
                 continue;
             }
             self.screen.load_errors(&s, start);
@@ -298,13 +260,29 @@ impl<'a> Searcher<'a> {
             let candidates = &mut self.candidates;
             self.screen.fit_all(|c| candidates.push(c));
             self.screened += candidates.len();
-            let most = FITTED_WELL.min(candidates.len());
-            candidates.select_nth_unstable_by(most - 1, |a, b| a.loss.total_cmp(&b.loss));
-            self.starts
-                .extend(candidates[..most].iter().map(|c| (c.orders, Theta { lag: start, ..c.theta })));
+            if thorough {
+                candidates.extend(self.explorer.explore(&mut self.work, &s, start));
+            } else {
+                candidates.select_nth_unstable_by(FITTED - 1, |a, b| a.loss.total_cmp(&b.loss));
+                candidates.truncate(FITTED);
+            }
+            self.running.extend(candidates.iter().map(|c| c.start(start)));
         }
-        self.fits += self.starts.len();
-        let fit = race(&mut self.work, &s, &self.starts, lag_mode, PRECISE, &mut self.running);
+        self.fits += self.running.len();
+        let rounds: &Rounds = if thorough { &LONG_RACE } else { &SHORT_RACE };
+        let mut fit = race(&mut self.work, &s, &mut self.running, mode, rounds, PRECISE);
+        for _ in 0..if thorough { RESCREENS } else { 0 } {
+            let before = fit.loss;
+            self.running.clear();
+            rescreen(&mut self.screen, &mut self.work, &s, &fit, &mut self.candidates);
+            self.running.extend(self.candidates.iter().map(|c| c.start(fit.theta.lag)));
+            self.running.push(fit);
+            self.fits += self.running.len();
+            fit = race(&mut self.work, &s, &mut self.running, mode, &RESCREEN_RACE, PRECISE);
+            if fit.loss > before * (1.0 - 10.0 * PRECISE) {
+                break;
+            }
+        }
         Refined { cell, resume, f, fit, long_loss: long.loss, long_lag: long.lag }
     }
 
@@ -317,100 +295,60 @@ impl<'a> Searcher<'a> {
         (self.work.errors()[self.p.first..].to_vec(), stem)
     }
 
-    /// The least ARMAX loss at the present stem position; the screening value when that exceeds `hopeless`.
-    ///
-    /// `wide` races the best delay of every split beside the best of all: where the screening ranks the true
-    /// winner low, its split still starts.
-    fn armax(&mut self, hopeless: f64, wide: bool) -> f64 {
-        let s = self.p.signals(&self.x, &self.dir);
-        self.screen.load(&s, false);
-        self.screen.load_errors(&s, 0.0);
-        self.candidates.clear();
-        let candidates = &mut self.candidates;
-        self.screen.fit_all(|c| candidates.push(c));
-        self.screened += candidates.len();
-        let most = FITTED.min(candidates.len());
-        candidates.select_nth_unstable_by(most - 1, |a, b| a.loss.total_cmp(&b.loss));
-        let screened = candidates[..most].iter().map(|c| c.loss).fold(f64::INFINITY, f64::min);
-        if screened > hopeless && !wide {
-            return screened + LOSS_FLOOR;
-        }
-        self.starts.clear();
-        self.starts.extend(candidates[..most].iter().map(|c| (c.orders, c.theta)));
-        if wide {
-            for split in splits(1) {
-                let of_split = candidates.iter().filter(|c| Orders { nk: 1, ..c.orders } == split);
-                let best = of_split.min_by(|a, b| a.loss.total_cmp(&b.loss));
-                self.starts.extend(best.map(|c| (c.orders, c.theta)));
-            }
-        }
-        self.starts.extend(self.winners.iter().copied());
-        self.fits += self.starts.len();
-        let (tolerance, rescreens) = if wide { (PRECISE, RESCREENS) } else { (ROUGH, 1) };
-        let mut best = race(&mut self.work, &s, &self.starts, Lag::Fixed, tolerance, &mut self.running);
-        for _ in 0..rescreens {
-            let before = best.loss;
-            best = rescreen(&mut self.screen, &mut self.work, &s, best, tolerance, &mut self.candidates);
-            self.fits += FITTED;
-            if best.loss > before * (1.0 - 1e-4) {
-                break;
-            }
-        }
-        self.winners.retain(|(orders, _)| *orders != best.orders);
-        if self.winners.len() == WINNERS {
-            self.winners.remove(0);
-        }
-        self.winners.push((best.orders, best.theta));
-        best.loss + LOSS_FLOOR
-    }
-
-    fn run_element(&mut self, f: f64, resume: f64) -> Cell {
+    /// Runs the friction element over OP.
+    pub(super) fn run_element(&mut self, f: f64, resume: f64) -> Cell {
         stick_slip(&self.p.u, f, resume, self.p.start, &mut self.x, &mut self.dir)
     }
 }
 
-/// The best minimum from several starts: a few iterations for each, then only the leaders to the end.
-fn race(
+/// The best minimum from several starts, in `running`: a few iterations for each in every round, then only the
+/// leaders to the end; these are left in `running`, the best first.
+pub(super) fn race(
     work: &mut Workspace,
     s: &Signals<'_>,
-    starts: &[(Orders, Theta)],
-    lag: Lag,
-    tolerance: f64,
     running: &mut Vec<Fit>,
+    lag: Lag,
+    rounds: &Rounds,
+    tolerance: f64,
 ) -> Fit {
-    running.clear();
-    running.extend(starts.iter().map(|(orders, theta)| work.minimise(s, *orders, *theta, lag, ROUGH, HEAT)));
-    running.sort_by(|a, b| a.loss.total_cmp(&b.loss));
-    running.truncate(if tolerance < ROUGH { MANY_FINALISTS } else { FINALISTS });
-    let finals = running.iter().map(|fit| work.minimise(s, fit.orders, fit.theta, lag, tolerance, FINAL));
-    let nobody = Fit {
+    for &(iterations, leaders) in rounds {
+        advance(work, s, running, lag, ROUGH, iterations);
+        running.truncate(leaders);
+    }
+    advance(work, s, running, lag, tolerance, FINAL);
+    running.first().copied().unwrap_or(Fit {
         orders: Orders { na: 1, nb: 1, nc: 0, nk: 1 },
         theta: Theta::default(),
         loss: f64::INFINITY,
         iterations: 0,
-    };
-    finals.min_by(|a, b| a.loss.total_cmp(&b.loss)).unwrap_or(nobody)
+    })
 }
 
-/// Screens every structure again with the errors of the best model so far, and fits the best of that screening.
-fn rescreen(
+/// The structures that fit best with the errors of `best`, in `candidates`: a long ARX cannot follow a zero of C near
+/// the unit circle, and ranks the structures that have one too low.
+pub(super) fn rescreen(
     screen: &mut Screen,
     work: &mut Workspace,
     s: &Signals<'_>,
-    best: Fit,
-    tolerance: f64,
+    best: &Fit,
     candidates: &mut Vec<Candidate>,
-) -> Fit {
+) {
     work.evaluate(s, best.orders, &best.theta);
-    screen.reload_errors(s, work.errors());
+    screen.reload_errors(s, best.theta.lag, work.errors());
     candidates.clear();
     screen.fit_all(|c| candidates.push(c));
-    candidates.select_nth_unstable_by(FITTED - 1, |a, b| a.loss.total_cmp(&b.loss));
-    let fits = candidates[..FITTED].iter().filter(|c| c.orders != best.orders).map(|c| {
-        let theta = Theta { lag: best.theta.lag, ..c.theta };
-        work.minimise(s, c.orders, theta, Lag::Fixed, tolerance, FINAL)
-    });
-    fits.chain([best]).min_by(|a, b| a.loss.total_cmp(&b.loss)).unwrap_or(best)
+    let most = RESCREENED.min(candidates.len());
+    candidates.select_nth_unstable_by(most - 1, |a, b| a.loss.total_cmp(&b.loss));
+    candidates.truncate(most);
+    candidates.sort_unstable_by(|a, b| a.loss.total_cmp(&b.loss));
+}
+
+/// Iterates every fit and sorts them by loss.
+fn advance(work: &mut Workspace, s: &Signals<'_>, fits: &mut [Fit], lag: Lag, tolerance: f64, most: usize) {
+    for fit in fits.iter_mut() {
+        *fit = work.minimise(s, fit.orders, fit.theta, lag, tolerance, most);
+    }
+    fits.sort_by(|a, b| a.loss.total_cmp(&b.loss));
 }
 
 /// The `most` best cells that are local minima of the profile, and their neighbours.

@@ -6,11 +6,12 @@
 
 use super::evidence::{Evidence, STEADY, interval, weigh};
 use super::friction::{largest_reversal, reversals, srinivasan, stick_slip};
+use super::grid::GRID;
 use super::prepare::prepare;
 use super::region::{self, Region};
 use super::rivals::Rival;
 use super::screen::Screen;
-use super::search::{GRID, GridPoint, LEAST_REVERSALS, Problem, Refined, Searcher};
+use super::search::{GridPoint, LEAST_REVERSALS, Problem, Refined, Searcher};
 use super::stats::{mean, range, sd};
 use super::{
     CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Settings, Verdict,

@@ -212,3 +212,23 @@ fn the_lag_stays_within_its_bounds() {
     screen.load(&case.signals(), false);
     assert_eq!(screen.fit_lag(0.5, 1.0).lag, 0.0);
 }
+
+#[test]
+fn ranking_gives_the_losses_of_the_fits() {
+    let case = Case::new(5, 0.05);
+    let s = case.signals();
+    let mut screen = Screen::new(&case.y, s.first, MAX_DELAY);
+    screen.load(&s, true);
+    screen.load_errors(&s, LAG);
+    let mut fitted = Vec::new();
+    screen.fit_all(|c| fitted.push((c.orders, c.loss)));
+    let mut ranked = Vec::new();
+    screen.rank_all(|orders, loss| ranked.push((orders, loss)));
+    fitted.sort_by_key(|(orders, _)| *orders);
+    ranked.sort_by_key(|(orders, _)| *orders);
+    assert_eq!(fitted.len(), ranked.len());
+    for ((a, fit), (b, rank)) in fitted.iter().zip(&ranked) {
+        // The same Cholesky factor in another order of operations.
+        assert!(a == b && (fit - rank).abs() < 1e-9 * fit, "{a:?} {fit} {rank}");
+    }
+}

@@ -1,5 +1,6 @@
 use super::*;
 use crate::diagnosis::friction::largest_reversal;
+use crate::diagnosis::grid::GRID;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
