@@ -98,6 +98,8 @@ fn health_says_whether_a_daemon_answers() {
     let mut child = run(&config("health.toml", "127.0.0.1:0")).spawn().unwrap();
     let mut log = BufReader::new(child.stderr.take().unwrap());
     let address = wait_for(&mut log, "serving")["address"].as_str().unwrap().to_string();
+    let by_name = address.replace("127.0.0.1", "localhost");
+    assert_eq!(health(&by_name).status.code(), Some(0), "{by_name}");
     let output = health(&address);
     assert_eq!((output.status.code(), output.stdout.as_slice()), (Some(0), b"ok\n".as_slice()));
     signal(&child, "-TERM");
