@@ -220,23 +220,25 @@ fn explain(verdict: &Verdict, e: &Estimate, evidence: Option<&Evidence>, percent
     let (per, unit) = percent.map_or((1.0, ""), |p| (p, " % OP"));
     match verdict {
         Verdict::Stiction => format!(
-            "f = {:.3}{unit} [{:.3}, {:.3}], evidence {:.0} against {}",
+            "f = {:.3}{unit} [{:.3}, {:.3}], evidence {:.0}; next best explanation: {}",
             e.f * per,
             e.f_ci95[0] * per,
             e.f_ci95[1] * per,
             w.delta_aic,
             w.rival.name()
         ),
-        _ if w.rival != Rival::Linear => format!(
-            "{} explains the record nearly as well as friction (evidence {:.0})",
-            w.rival.name(),
-            w.delta_aic
-        ),
-        _ if w.steadiness <= STEADY => format!(
-            "no steady gain from friction: evidence {:.0}, steadiness {:.1}",
-            w.delta_aic, w.steadiness
-        ),
-        _ => format!("no friction needed: evidence {:.0}", w.delta_aic),
+        _ => {
+            // As published: evidence below 0 is none.
+            let evidence = format!("evidence {:.0}", e.delta_aic);
+            let why = if w.rival != Rival::Linear {
+                format!("{} explains the record about as well as friction, {evidence}", w.rival.name())
+            } else if w.steadiness <= STEADY {
+                format!("no steady gain from friction, {evidence}, steadiness {:.1}", w.steadiness)
+            } else {
+                format!("no friction needed, {evidence}")
+            };
+            format!("{why}; f up to {:.3}{unit} could be hidden", e.f_ci95[1] * per)
+        }
     }
 }
 
