@@ -392,6 +392,9 @@ async fn reload(app: &App, path: &Path) {
         Err(error) => Err(error),
     };
     if let Err(error) = taken {
-        tracing::error!(%error, "the configuration is refused, the old one stays in force");
+        // One entry for each error: an entry of many lines is hard to find and harder to parse.
+        for error in error.to_string().lines() {
+            tracing::error!(error, "the configuration is refused, the old one stays in force");
+        }
     }
 }
