@@ -1,7 +1,7 @@
 //! Metrics for Prometheus, made anew at each scrape from what is known: no series outlives its loop.
 
 use super::{Context, DeviceState, Plant};
-use crate::results::Known;
+use crate::results::{Known, f_unit};
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
@@ -96,7 +96,7 @@ fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
         let id = info.id.as_str();
         set(&alarm, &[("loop", id), ("state", view.state.as_str())], 1.0);
         let Some(summary) = summary else { continue };
-        let unit = if summary.f_in_percent { "% OP" } else { "OP units" };
+        let unit = f_unit(summary.f_in_percent);
         set(&verdict, &[("loop", id), ("verdict", summary.outcome)], 1.0);
         set(&valid, &[("loop", id)], f64::from(u8::from(summary.f.is_some())));
         set(&age, &[("loop", id)], now - summary.time);
