@@ -27,6 +27,9 @@ const EXPLAINED: f64 = 1e-6;
 /// Values of Srinivasan's d tried.
 const D_GRID: usize = 60;
 
+/// Spans of OP that are believed; beyond them nothing can be told in per cent.
+const SPANS: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
+
 /// Diagnoses one loop's record. Never panics on any input; what cannot be judged is a verdict, not an error.
 pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
     let (window, mut preparation) = match gate::gate(record, settings) {
@@ -52,7 +55,8 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
         let evidence = weigh(&problem, &sound, &sticky, [&sound_errors, &errors], period, worth);
         (sticky, evidence)
     });
-    let percent = 100.0 / record.op_span.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(100.0);
+    let known_percent = record.op_span.filter(|span| SPANS.contains(span)).map(|span| 100.0 / span);
+    let percent = known_percent.unwrap_or(1.0);
     let believed = |(sticky, evidence): &(Refined, Evidence)| {
         sticky.f * scale.u * percent > settings.f_threshold
             && evidence.delta_aic > settings.evidence_threshold
@@ -96,8 +100,7 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
         model: model(&chosen, &scale),
         mv: stem.iter().map(|x| x * scale.u + scale.u0).collect(),
     };
-    let unit = record.op_span.map(|_| percent);
-    let reason = explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), unit);
+    let reason = explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), known_percent);
     let residual = Some(validation::validate(&problem, &chosen, scale.y));
     Diagnosis {
         verdict,
