@@ -83,7 +83,11 @@ fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
     let f =
         gauges(registry, "loop_friction", "Friction parameter f; absent when not identifiable; see f_unit");
     let bound = gauges(registry, "loop_friction_ci95", "Bounds of the 95 % interval of f");
-    let evidence = gauges(registry, "loop_evidence", "Evidence against f = 0, difference of AIC");
+    let evidence = gauges(
+        registry,
+        "loop_evidence",
+        "Evidence for friction against the best explanation without it, difference of AIC",
+    );
     let verdict =
         gauges(registry, "loop_verdict", "1 for the latest verdict; no series before the first diagnosis");
     let valid = gauges(registry, "loop_identifiable", "1 when the latest diagnosis could tell, 0 when not");

@@ -56,7 +56,7 @@ pub struct RunItem {
     pub f_ci95: Option<[f64; 2]>,
     /// `% OP`, or `OP units` where the span is not known.
     pub f_unit: String,
-    /// Evidence against f = 0 (-).
+    /// Evidence for friction against the best explanation without it (-).
     pub delta_aic: Option<f64>,
     /// How long it took on the wall clock (s).
     pub took_s: Option<f64>,
@@ -105,7 +105,7 @@ pub struct LoopItem {
     pub f_ci95: Option<[f64; 2]>,
     /// `% OP`, or `OP units` where the span is not known; null before the first diagnosis.
     pub f_unit: Option<String>,
-    /// Evidence against f = 0 (-).
+    /// Evidence for friction against the best explanation without it (-).
     pub delta_aic: Option<f64>,
     /// When it was diagnosed.
     pub time: Option<String>,
