@@ -38,7 +38,7 @@ pub enum AppError {
     #[error("{}", .0.iter().map(|issue| format!("{}: {}", issue.field, issue.message)).collect::<Vec<_>>().join("\n"))]
     Plan(Vec<Issue>),
     /// The address is taken, or not this machine's.
-    #[error("cannot listen on {address}: {source}")]
+    #[error("cannot listen on {address}: {source}{}", hint(source))]
     Bind {
         /// The address.
         address: SocketAddr,
@@ -51,6 +51,15 @@ pub enum AppError {
     /// Signals cannot be received.
     #[error("cannot listen to signals: {0}")]
     Signal(io::Error),
+}
+
+fn hint(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::AddrInUse => {
+            "; another program, perhaps another stictiond, listens there: choose another port"
+        }
+        _ => "",
+    }
 }
 
 fn lines(diagnostics: &[Diagnostic]) -> String {
@@ -341,12 +350,13 @@ pub async fn listen(config: &Config) -> Result<TcpListener, AppError> {
 /// # Errors
 /// [`AppError`], when it cannot start or the API fails.
 pub async fn daemon(path: &Path) -> Result<(), AppError> {
-    let config = config::load(path).map_err(AppError::Config)?;
-    let listener = listen(&config).await?;
-    let app = App::build(config, Clock::wall(), App::diagnosis())?;
+    // Before anything that takes time: a SIGHUP that nobody listens to ends the process.
     let on = |kind| signal(kind).map_err(AppError::Signal);
     let (hup, term, int) =
         (on(SignalKind::hangup())?, on(SignalKind::terminate())?, on(SignalKind::interrupt())?);
+    let config = config::load(path).map_err(AppError::Config)?;
+    let listener = listen(&config).await?;
+    let app = App::build(config, Clock::wall(), App::diagnosis())?;
     if let Ok(address) = listener.local_addr() {
         tracing::info!(%address, "serving");
     }
@@ -382,6 +392,9 @@ async fn reload(app: &App, path: &Path) {
         Err(error) => Err(error),
     };
     if let Err(error) = taken {
-        tracing::error!(%error, "the configuration is refused, the old one stays in force");
+        // One entry for each error: an entry of many lines is hard to find and harder to parse.
+        for error in error.to_string().lines() {
+            tracing::error!(error, "the configuration is refused, the old one stays in force");
+        }
     }
 }

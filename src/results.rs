@@ -112,6 +112,11 @@ pub fn op_in_percent(op_span: Option<f64>, diagnosis: &Diagnosis) -> bool {
     least >= 0.0 && most <= 100.0 && most > 1.0
 }
 
+/// The unit along OP as everything that is shown writes it.
+pub fn f_unit(in_percent: bool) -> &'static str {
+    if in_percent { "% OP" } else { "OP units" }
+}
+
 /// A run in a few numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {

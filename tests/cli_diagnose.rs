@@ -144,6 +144,9 @@ fn formats_and_arguments() {
         &["diagnose", path, "--ts", "-1"],
         &["diagnose", path, "--ts", "nan"],
         &["diagnose", path, "--ts", "soon"],
+        &["diagnose", path, "--op-span", "0"],
+        &["diagnose", path, "--op-limits", "100,0"],
+        &["diagnose", path, "--op-limits", "100"],
         &["diagnos"],
     ] {
         let output = stictiond(args);
@@ -152,6 +155,25 @@ fn formats_and_arguments() {
     }
     assert_eq!(stictiond(&["--help"]).status.code(), Some(0));
     assert_eq!(stictiond(&["--version"]).status.code(), Some(0));
+}
+
+#[test]
+fn span_and_limits_of_op_can_be_told() {
+    let report = |args: &[&str]| -> serde_json::Value {
+        let example = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/example.csv");
+        let output = stictiond(&[&["diagnose", example], args].concat());
+        serde_json::from_slice(&output.stdout).expect("JSON")
+    };
+    let f = |report: &serde_json::Value| report["f"].as_f64().expect("a number");
+    let (plain, spanned) = (report(&[]), report(&["--op-span", "50"]));
+    assert_eq!((&plain["f_unit_assumed"], &spanned["f_unit_assumed"]), (&true.into(), &false.into()));
+    // The same f, told in another unit: equal but for one rounding.
+    assert!((f(&spanned) - 2.0 * f(&plain)).abs() < 1e-12, "{} {}", f(&spanned), f(&plain));
+    let stopped = file("stopped.csv", rows(600, |k| format!("{k},-5,{}", k % 50)));
+    let stopped = stopped.to_str().expect("a text path");
+    let output = stictiond(&["diagnose", stopped, "--op-limits", "-5,100"]);
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(report["reason_code"], "saturated", "{report}");
 }
 
 #[test]

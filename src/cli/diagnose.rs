@@ -3,6 +3,7 @@
 use super::{Failure, print, text};
 use clap::ValueEnum;
 use std::fs::File;
+use std::io::{self, IsTerminal};
 use std::path::PathBuf;
 use stictiond::collect::csv;
 use stictiond::diagnosis::{Settings, diagnose};
@@ -12,12 +13,18 @@ use stictiond::serve::dto::Report;
 pub struct Args {
     /// The record; comma, semicolon or tab, columns by name
     file: PathBuf,
-    /// How to print the report
-    #[arg(long, value_enum, default_value_t = Format::Json)]
-    format: Format,
+    /// How to print the report [default: text on a terminal, else json]
+    #[arg(long, value_enum)]
+    format: Option<Format>,
     /// Sample period to resample to (s); the median of the stamps when left out
-    #[arg(long, value_name = "SECONDS", value_parser = period)]
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero)]
     ts: Option<f64>,
+    /// Span of OP in its own unit, 100 for per cent: f is then told in % of it
+    #[arg(long, value_name = "SPAN", value_parser = above_zero)]
+    op_span: Option<f64>,
+    /// The controller's output limits (OP unit): saturation is judged against them
+    #[arg(long, value_name = "LOW,HIGH", value_parser = limits, allow_hyphen_values = true)]
+    op_limits: Option<(f64, f64)>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -26,23 +33,29 @@ enum Format {
     Text,
 }
 
-fn period(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(ts) if ts.is_finite() && ts > 0.0 => Ok(ts),
-        _ => Err("a sample period is a number of seconds above 0".into()),
-    }
+fn above_zero(text: &str) -> Result<f64, String> {
+    text.parse::<f64>().ok().filter(|x| x.is_finite() && *x > 0.0).ok_or("not a number above 0".into())
+}
+
+fn limits(text: &str) -> Result<(f64, f64), String> {
+    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
+    let pair = text.split_once(',').and_then(|(low, high)| Some((number(low)?, number(high)?)));
+    pair.filter(|(low, high)| low < high).ok_or("the lower, a comma, the upper limit: 0,100".into())
 }
 
 /// Reads, diagnoses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let bad = |error: &dyn std::fmt::Display| Failure::in_file(&args.file, error);
     let file = File::open(&args.file).map_err(|error| bad(&error))?;
-    let record = csv::read(file).map_err(|error| bad(&error))?;
+    let mut record = csv::read(file).map_err(|error| bad(&error))?;
+    record.op_span = args.op_span.or(record.op_span);
+    record.op_limits = args.op_limits;
     let settings = Settings { ts: args.ts, ..Settings::default() };
     let diagnosis = diagnose(&record, &settings);
     let name = args.file.file_stem().unwrap_or(args.file.as_os_str());
     let report = Report::new(&name.to_string_lossy(), record.op_span, &diagnosis);
-    match args.format {
+    let usual = if io::stdout().is_terminal() { Format::Text } else { Format::Json };
+    match args.format.unwrap_or(usual) {
         Format::Text => print(&text::page(&report)),
         Format::Json => {
             let mut json = serde_json::to_string_pretty(&report)

@@ -32,11 +32,15 @@ pub fn page(report: &Report) -> String {
             text += &format!("   {} % of OP's range", number(Some(share * 100.0)));
         }
         line("f", text);
+        if let (ReportVerdict::NoStiction, Some([_, high])) = (report.verdict, report.f_ci95) {
+            line("", format!("friction up to {} {unit} could be hidden in this record", number(Some(high))));
+        }
         if report.f_unit_assumed {
             line("", format!("unit {unit} judged from OP's values: its span is not known"));
         }
         let evidence = number(report.delta_aic);
-        line("evidence", format!("dAIC {evidence} against no friction"));
+        let rival = report.rival.as_deref().unwrap_or("a linear loop");
+        line("evidence", format!("dAIC {evidence} over the next best explanation, {rival}"));
         let d = number(report.d_srinivasan);
         line("compare", format!("Srinivasan's d {d} {unit}"));
     }
@@ -109,8 +113,10 @@ pub fn page(report: &Report) -> String {
     }
     if let Some(bars) = report.aic_curve.as_ref().and_then(sparkline) {
         line("AIC over f", bars);
-        let ends = format!("0 … {} {unit}, lowest at the estimate", number(report.f_max));
-        line("", ends);
+        if let Some(marks) = report.aic_curve.as_ref().and_then(|curve| marks(curve, report)) {
+            line("", marks);
+        }
+        line("", format!("0 … {} {unit}; ▲ the estimate, ─ its interval", number(report.f_max)));
     }
     out
 }
@@ -141,6 +147,25 @@ fn trimmed(text: String) -> String {
     }
 }
 
+/// Below the bars: where the interval and the estimate lie.
+fn marks(curve: &ReportCurve, report: &Report) -> Option<String> {
+    let (first, last) = ((*curve.f.first()?)?, (*curve.f.last()?)?);
+    let [low, high] = report.f_ci95?.map(|f| column(f, first, last));
+    let estimate = column(report.f?, first, last);
+    let mark = |at| match at {
+        _ if at == estimate => '▲',
+        _ if (low..=high).contains(&at) => '─',
+        _ => ' ',
+    };
+    Some((0..WIDTH).map(mark).collect::<String>().trim_end().to_string())
+}
+
+/// The column of a value of f between the curve's ends.
+fn column(f: f64, first: f64, last: f64) -> usize {
+    let share = if last > first { (f - first) / (last - first) } else { 0.0 };
+    ((share * (WIDTH - 1) as f64).round() as usize).min(WIDTH - 1)
+}
+
 /// The curve as bars over an equal grid of f: each the least AIC of its stretch, on a square-root scale so that the
 /// valley around the estimate shows beside a high evidence.
 fn sparkline(curve: &ReportCurve) -> Option<String> {
@@ -154,8 +179,7 @@ fn sparkline(curve: &ReportCurve) -> Option<String> {
     }
     let mut cells = [None::<f64>; WIDTH];
     for (f, aic) in points {
-        let at = ((f - first) / (last - first) * (WIDTH - 1) as f64).round() as usize;
-        let cell = &mut cells[at.min(WIDTH - 1)];
+        let cell = &mut cells[column(f, first, last)];
         *cell = Some(cell.map_or(aic, |other| other.min(aic)));
     }
     let mut before = None;
@@ -198,6 +222,7 @@ mod tests {
         let bars: Vec<char> = sparkline(&ReportCurve { f, aic }).unwrap().chars().collect();
         assert_eq!(bars.len(), WIDTH);
         assert_eq!((bars[20], bars[59]), ('▁', '█'));
+        assert_eq!([-1.0, 0.0, 20.0, 59.0, 99.0].map(|f| column(f, 0.0, 59.0)), [0, 0, 20, 59, 59]);
         let flat = ReportCurve { f: vec![Some(0.0), Some(1.0)], aic: vec![Some(1.0), None] };
         assert_eq!(sparkline(&flat), None);
     }

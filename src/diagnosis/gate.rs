@@ -109,14 +109,17 @@ fn refuse(w: &Window, record: &Record, settings: &Settings, p: &Preparation) -> 
     if p.gap_share > settings.max_gap_share {
         return Some(NotIdentifiable::Gaps { share: p.gap_share });
     }
+    let share = saturated_share(&w.op, record.op_limits);
+    let saturated = NotIdentifiable::Saturated { share };
+    // At a limit all the time OP is flat too; that it is at its stop says more.
     if is_flat(&w.op) {
-        return Some(NotIdentifiable::FlatOp);
+        let at_limit = record.op_limits.is_some() && share > SATURATED_SHARE;
+        return Some(if at_limit { saturated } else { NotIdentifiable::FlatOp });
     }
     if is_flat(&w.pv) || longest_constant_run(&w.pv) as f64 > FROZEN_SHARE * w.len() as f64 {
         return Some(NotIdentifiable::FlatPv);
     }
-    let share = saturated_share(&w.op, record.op_limits);
-    (share > SATURATED_SHARE).then_some(NotIdentifiable::Saturated { share })
+    (share > SATURATED_SHARE).then_some(saturated)
 }
 
 /// One tag's good samples in order of time.
@@ -209,30 +212,38 @@ fn runs(kept: &[Sample], ts: f64) -> Vec<(f64, f64)> {
     found
 }
 
-/// Stretches in automatic, and the share of samples in automatic. A change of mode takes effect at its stamp.
+/// Stretches in automatic, and the share of samples in automatic. A change of mode takes effect at its stamp; a mode that
+/// cannot be read is the last known one for no longer than a hole may be.
 fn automatic(mode: &[Sample], ts: f64) -> (Vec<(f64, f64)>, f64) {
-    let mut samples: Vec<Sample> =
-        mode.iter().filter(|s| s.t.is_finite() && s.value.is_finite()).copied().collect();
+    let mut samples: Vec<Sample> = mode.iter().filter(|s| s.t.is_finite()).copied().collect();
     samples.sort_by(|a, b| a.t.total_cmp(&b.t));
-    let is_auto = |s: &Sample| s.quality.is_good() && s.value >= 0.5;
+    let known = |s: &Sample| s.quality.is_good() && s.value.is_finite();
     let mut found = Vec::new();
     let mut open: Option<f64> = None;
+    let mut lost: Option<f64> = None;
     for s in &samples {
-        match (is_auto(s), open) {
-            (true, None) => open = Some(s.t),
-            (false, Some(from)) => {
-                found.push((from, s.t - 1e-3 * ts));
-                open = None;
+        if !known(s) {
+            lost.get_or_insert(s.t);
+        }
+        let overdue = lost.filter(|since| s.t - since > LONGEST_HOLE * ts);
+        let until = if known(s) && s.value < 0.5 { Some(overdue.unwrap_or(s.t)) } else { overdue };
+        if let (Some(from), Some(until)) = (open, until) {
+            found.push((from, until - 1e-3 * ts));
+            open = None;
+        }
+        if known(s) {
+            lost = None;
+            if s.value >= 0.5 {
+                open = open.or(Some(s.t));
             }
-            _ => {}
         }
     }
     if let Some(from) = open {
         // The last known mode holds until something else is known.
         found.push((from, f64::INFINITY));
     }
-    let share = samples.iter().filter(|s| is_auto(s)).count() as f64 / samples.len().max(1) as f64;
-    (found, share)
+    let in_automatic = samples.iter().filter(|s| known(s) && s.value >= 0.5).count();
+    (found, in_automatic as f64 / samples.len().max(1) as f64)
 }
 
 /// The overlaps of two ordered lists of stretches.
@@ -435,6 +446,38 @@ mod tests {
         assert!(
             matches!(settings(&manual), NotIdentifiable::Manual { share_auto } if (share_auto - 0.2).abs() < 1e-9)
         );
+    }
+
+    #[test]
+    fn a_valve_at_its_stop_is_saturated_and_not_merely_flat() {
+        let mut record = wave(300, 1.0);
+        record.op.iter_mut().for_each(|s| s.value = 100.0);
+        record.op_limits = Some((0.0, 100.0));
+        assert_eq!(reason(&record), NotIdentifiable::Saturated { share: 1.0 });
+        record.op_limits = Some((0.0, 120.0));
+        assert_eq!(reason(&record), NotIdentifiable::FlatOp);
+    }
+
+    #[test]
+    fn a_mode_that_is_lost_for_a_moment_cuts_no_stretch() {
+        let unknown = |at: &[usize]| {
+            let mut record = wave(600, 1.0);
+            let mut mode: Vec<Sample> = record.op.iter().map(|s| Sample::good(s.t, 1.0)).collect();
+            for &k in at {
+                mode[k] = Sample { value: f64::NAN, quality: Quality::Bad(BadReason::Timeout), ..mode[k] };
+            }
+            record.mode = Some(mode);
+            record
+        };
+        // One poll in fifty without an answer, as OP and PV may be.
+        let lost: Vec<usize> = (25..600).step_by(50).collect();
+        assert_eq!(gate(&unknown(&lost), &Settings::default()).expect("passes").0.len(), 600);
+        // Unknown for longer than a hole may be, it is no longer known to be automatic.
+        let lost: Vec<usize> = (300..310).collect();
+        let (w, _) = gate(&unknown(&lost), &Settings::default()).expect("passes");
+        assert_eq!((w.t0, w.len()), (0.0, 300));
+        let lost: Vec<usize> = (300..600).collect();
+        assert_eq!(gate(&unknown(&lost), &Settings::default()).expect("passes").0.len(), 300);
     }
 
     #[test]

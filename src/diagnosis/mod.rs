@@ -135,6 +135,7 @@ impl fmt::Display for NotIdentifiable {
             Self::Saturated { share } => {
                 write!(out, "saturated: OP at a limit for {:.0} % of the window", share * 100.0)
             }
+            Self::Manual { share_auto } if *share_auto == 0.0 => write!(out, "manual: never in automatic"),
             Self::Manual { share_auto } => {
                 write!(out, "manual: in automatic for only {:.0} % of the window", share_auto * 100.0)
             }

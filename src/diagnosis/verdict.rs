@@ -28,6 +28,9 @@ const EXPLAINED: f64 = 1e-6;
 /// Values of Srinivasan's d tried.
 const D_GRID: usize = 60;
 
+/// Spans of OP that are believed; beyond them nothing can be told in per cent.
+const SPANS: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
+
 /// Diagnoses one loop's record. Never panics on any input; what cannot be judged is a verdict, not an error.
 pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
     let (window, mut preparation) = match gate::gate(record, settings) {
@@ -53,7 +56,8 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
         let evidence = weigh(&problem, &sound, &sticky, [&sound_errors, &errors], period, worth);
         (sticky, evidence)
     });
-    let percent = 100.0 / record.op_span.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(100.0);
+    let known_percent = record.op_span.filter(|span| SPANS.contains(span)).map(|span| 100.0 / span);
+    let percent = known_percent.unwrap_or(1.0);
     let believed = |(sticky, evidence): &(Refined, Evidence)| {
         sticky.f * scale.u * percent > settings.f_threshold
             && evidence.delta_aic > settings.evidence_threshold
@@ -97,8 +101,7 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
         model: model(&chosen, &scale),
         mv: stem.iter().map(|x| x * scale.u + scale.u0).collect(),
     };
-    let unit = record.op_span.map(|_| percent);
-    let reason = explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), unit);
+    let reason = explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), known_percent);
     let residual = Some(validation::validate(&problem, &chosen, scale.y));
     Diagnosis {
         verdict,
@@ -221,23 +224,25 @@ fn explain(verdict: &Verdict, e: &Estimate, evidence: Option<&Evidence>, percent
     let (per, unit) = percent.map_or((1.0, ""), |p| (p, " % OP"));
     match verdict {
         Verdict::Stiction => format!(
-            "f = {:.3}{unit} [{:.3}, {:.3}], evidence {:.0} against {}",
+            "f = {:.3}{unit} [{:.3}, {:.3}], evidence {:.0}; next best explanation: {}",
             e.f * per,
             e.f_ci95[0] * per,
             e.f_ci95[1] * per,
             w.delta_aic,
             w.rival.name()
         ),
-        _ if w.rival != Rival::Linear => format!(
-            "{} explains the record nearly as well as friction (evidence {:.0})",
-            w.rival.name(),
-            w.delta_aic
-        ),
-        _ if w.steadiness <= STEADY => format!(
-            "no steady gain from friction: evidence {:.0}, steadiness {:.1}",
-            w.delta_aic, w.steadiness
-        ),
-        _ => format!("no friction needed: evidence {:.0}", w.delta_aic),
+        _ => {
+            // As published: evidence below 0 is none.
+            let evidence = format!("evidence {:.0}", e.delta_aic);
+            let why = if w.rival != Rival::Linear {
+                format!("{} explains the record about as well as friction, {evidence}", w.rival.name())
+            } else if w.steadiness <= STEADY {
+                format!("no steady gain from friction, {evidence}, steadiness {:.1}", w.steadiness)
+            } else {
+                format!("no friction needed, {evidence}")
+            };
+            format!("{why}; f up to {:.3}{unit} could be hidden", e.f_ci95[1] * per)
+        }
     }
 }
 

@@ -185,7 +185,7 @@ impl History {
         let mut record =
             Record { op_limits: control_loop.op_limits, op_span: control_loop.op_span, ..Record::default() };
         for (tag, ring) in self.tags(id) {
-            let series = ring.snapshot();
+            let series = since_set_back(ring.snapshot());
             match &tag.kind {
                 TagKind::Role(Role::Op) => record.op = series,
                 TagKind::Role(Role::Pv) => record.pv = series,
@@ -208,9 +208,8 @@ impl History {
     pub fn samples(&self, id: &LoopId, from: f64, to: f64, points: usize) -> Option<Vec<Trend>> {
         self.by_id.get(id)?;
         let trend = |(tag, ring): (&TagSpec, &Arc<Ring>)| {
-            let mut samples = ring.snapshot();
+            let mut samples = since_set_back(ring.snapshot());
             samples.retain(|s| s.t >= from && s.t <= to);
-            samples.sort_by(|a, b| a.t.total_cmp(&b.t));
             Trend { tag: tag.clone(), found: samples.len(), samples: decimate(&samples, points) }
         };
         Some(self.tags(id).map(trend).collect())
@@ -233,6 +232,14 @@ impl History {
             tags.iter().zip(&self.rings[self.first[at]..self.first[at] + tags.len()])
         })
     }
+}
+
+/// The samples, in order of arrival, since the clock was last set back: nobody knows how the stamps before and after
+/// belong together, and sorted into each other they would be a record of something that never happened.
+fn since_set_back(mut samples: Vec<Sample>) -> Vec<Sample> {
+    let last = samples.windows(2).rposition(|pair| pair[1].t < pair[0].t);
+    samples.drain(..last.map_or(0, |at| at + 1));
+    samples
 }
 
 #[cfg(test)]

@@ -61,9 +61,22 @@ fn a_successor_keeps_what_is_unchanged_and_only_that() {
 }
 
 #[test]
-fn trends_are_cut_by_time_sorted_and_thinned() {
+fn a_clock_that_is_set_back_begins_a_new_record() {
     let history = History::new(&two_loops(), &Config { samples_per_tag: 100 });
-    for i in [3, 1, 2, 0, 2] {
+    let id = LoopId::new("FIC1");
+    for t in [100.0, 101.0, 102.0, 50.0, 51.0, 51.0] {
+        history.push(0, Sample::good(t, t));
+    }
+    let stamps = |samples: &[Sample]| samples.iter().map(|s| s.t).collect::<Vec<_>>();
+    assert_eq!(stamps(&history.snapshot(&id).expect("there").op), [50.0, 51.0, 51.0]);
+    let trends = history.samples(&id, 0.0, 200.0, 100).expect("there");
+    assert_eq!(stamps(&trends[0].samples), [50.0, 51.0, 51.0]);
+}
+
+#[test]
+fn trends_are_cut_by_time_and_thinned() {
+    let history = History::new(&two_loops(), &Config { samples_per_tag: 100 });
+    for i in [0, 1, 2, 2, 3] {
         history.push(0, Sample::good(f64::from(i), f64::from(10 * i)));
     }
     history.push(0, Sample::good(f64::NAN, 1.0));

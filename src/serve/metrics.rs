@@ -1,7 +1,7 @@
 //! Metrics for Prometheus, made anew at each scrape from what is known: no series outlives its loop.
 
 use super::{Context, DeviceState, Plant};
-use crate::results::Known;
+use crate::results::{Known, f_unit};
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
@@ -83,7 +83,11 @@ fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
     let f =
         gauges(registry, "loop_friction", "Friction parameter f; absent when not identifiable; see f_unit");
     let bound = gauges(registry, "loop_friction_ci95", "Bounds of the 95 % interval of f");
-    let evidence = gauges(registry, "loop_evidence", "Evidence against f = 0, difference of AIC");
+    let evidence = gauges(
+        registry,
+        "loop_evidence",
+        "Evidence for friction against the best explanation without it, difference of AIC",
+    );
     let verdict =
         gauges(registry, "loop_verdict", "1 for the latest verdict; no series before the first diagnosis");
     let valid = gauges(registry, "loop_identifiable", "1 when the latest diagnosis could tell, 0 when not");
@@ -96,7 +100,7 @@ fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
         let id = info.id.as_str();
         set(&alarm, &[("loop", id), ("state", view.state.as_str())], 1.0);
         let Some(summary) = summary else { continue };
-        let unit = if summary.f_in_percent { "% OP" } else { "OP units" };
+        let unit = f_unit(summary.f_in_percent);
         set(&verdict, &[("loop", id), ("verdict", summary.outcome)], 1.0);
         set(&valid, &[("loop", id)], f64::from(u8::from(summary.f.is_some())));
         set(&age, &[("loop", id)], now - summary.time);

@@ -393,7 +393,8 @@ impl TagConfig {
     }
 }
 
-fn is_host_and_port(address: &str) -> bool {
+/// Whether it reads as `host:port`.
+pub(super) fn is_host_and_port(address: &str) -> bool {
     address.rsplit_once(':').is_some_and(|(host, port)| {
         let bare = !host.is_empty() && !host.contains(|c: char| c.is_whitespace() || c == ':' || c == '/');
         let bracketed = host.strip_prefix('[').and_then(|h| h.strip_suffix(']'));

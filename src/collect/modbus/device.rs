@@ -205,7 +205,7 @@ impl Collector {
         }
     }
 
-    /// The device is alive and refuses this request. It is divided for good when tags can be saved so.
+    /// The device is alive and refuses this request. It is divided when tags can be saved so.
     fn refused(
         &mut self,
         slot: usize,

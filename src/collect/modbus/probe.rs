@@ -1,7 +1,7 @@
 //! `probe`: shows registers in every type and byte order, for the day the addresses are checked against
 //! the plant's screens. Reads only.
 
-use super::config::{ByteOrder, MAX_BITS, MAX_REGISTERS, Register};
+use super::config::{ByteOrder, MAX_BITS, MAX_REGISTERS, Register, is_host_and_port};
 use super::decode::bytes;
 use super::link::Link;
 use super::plan::Span;
@@ -91,6 +91,10 @@ pub async fn probe(target: &ProbeTarget) -> Result<Table, ProbeError> {
 
 fn span(target: &ProbeTarget) -> Result<Span, ProbeError> {
     let most = if target.register.is_bits() { MAX_BITS } else { MAX_REGISTERS };
+    if !is_host_and_port(&target.address) {
+        let message = format!("'{}' is not host:port, such as 10.0.0.5:502", target.address);
+        return Err(ProbeError::Arguments(message));
+    }
     if target.address_base > 1 {
         return Err(ProbeError::Arguments("the address base must be 0 or 1".into()));
     }
@@ -193,6 +197,7 @@ mod tests {
         assert!(!ok(target(Register::Holding, 0, 1, 1)));
         assert!(!ok(target(Register::Holding, 1, 1, 2)));
         assert!(!ok(target(Register::Discrete, 0, 2001, 0)));
+        assert!(!ok(ProbeTarget { address: "localhost".into(), ..target(Register::Holding, 0, 1, 0) }));
     }
 
     #[test]

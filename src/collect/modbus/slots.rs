@@ -9,18 +9,29 @@
 //! ```
 //! A poll that no request answers says nothing about any one of them (the device is gone): no suspicion,
 //! but the next poll begins behind the last request asked, so that a bad one at the head blocks nobody.
+//!
+//! A request that the device refuses is divided. When all parts have been answered for a while the requests are tried
+//! undivided again, later and later: a device that refused everything while it was started must not be asked for every
+//! tag by itself from then on.
 
 use super::plan::{Request, Tag};
 use crate::signal::BadReason;
 use std::collections::VecDeque;
 
 const LONGEST_REST: u64 = 31;
+/// Polls answered in full after which divided requests are tried whole again; doubled each time, up to the second.
+const PATIENCE: u64 = 60;
+const LONGEST_PATIENCE: u64 = 1 << 14;
 
-/// The requests of a device with what is known of each; a slot's number never changes.
+/// The requests of a device with what is known of each; a slot's number changes between polls only.
 #[derive(Debug)]
 pub(super) struct Slots {
     slots: Vec<Slot>,
     first: usize,
+    planned: Vec<Request>,
+    /// Polls in a row that every part of what was divided has answered.
+    answered_in_full: u64,
+    patience: u64,
 }
 
 #[derive(Debug)]
@@ -48,7 +59,8 @@ pub(super) struct Order {
 
 impl Slots {
     pub(super) fn new(requests: Vec<Request>) -> Self {
-        Self { slots: requests.into_iter().map(Slot::new).collect(), first: 0 }
+        let slots = requests.iter().cloned().map(Slot::new).collect();
+        Self { slots, first: 0, planned: requests, answered_in_full: 0, patience: PATIENCE }
     }
 
     pub(super) fn request(&self, slot: usize) -> &Request {
@@ -86,7 +98,7 @@ impl Slots {
         news
     }
 
-    /// Divides a request for good, because the device refused it. The slot keeps the lower part; the new
+    /// Divides a request that the device refused, until all is answered for a while. The slot keeps the lower part; the new
     /// slot with the upper part is returned.
     pub(super) fn split(&mut self, slot: usize, tags: &[Tag]) -> Option<usize> {
         let (lower, upper) = self.slots[slot].request.split(tags)?;
@@ -109,13 +121,21 @@ impl Slots {
         } else if let Some((last, _)) = unanswered.last() {
             self.first = (last + 1) % self.slots.len();
         }
+        let divided = self.slots.len() > self.planned.len();
+        let full = any_answer && unanswered.is_empty() && self.slots.iter().all(|slot| slot.failures == 0);
+        self.answered_in_full = if divided && full { self.answered_in_full + 1 } else { 0 };
+        if self.answered_in_full >= self.patience {
+            self.slots = self.planned.iter().cloned().map(Slot::new).collect();
+            (self.first, self.answered_in_full) = (0, 0);
+            self.patience = (2 * self.patience).min(LONGEST_PATIENCE);
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::collect::modbus::{Limits, Register, Span, group};
+    use crate::collect::modbus::{Limits, Plan, Register, Span, TagSpec, group};
     use proptest::prelude::*;
 
     fn slots(count: u16) -> Slots {
@@ -184,6 +204,38 @@ mod tests {
         assert!(slots.refused(0));
         assert!(!slots.refused(0));
         assert_eq!(slots.order(5).due, [1, 2, 0]);
+    }
+
+    #[test]
+    fn what_was_divided_is_tried_whole_again_later_and_later() {
+        let config = toml::from_str("name = 'd'\naddress = 'd:502'\naddress_base = 0").unwrap();
+        let spec = |address: usize| TagSpec {
+            index: address,
+            name: String::new(),
+            role: None,
+            config: toml::from_str(&format!(
+                "device = 'd'\nregister = 'holding'\naddress = {address}\ntype = 'u16'"
+            ))
+            .unwrap(),
+            frozen_after_s: None,
+        };
+        let plan = Plan::new(0, &config, (0..4).map(spec).collect()).unwrap();
+        let mut slots = Slots::new(plan.requests);
+        let mut number = 0;
+        let mut polls = |slots: &mut Slots, count: u64, answers: bool| {
+            for _ in 0..count {
+                poll(slots, number, |slot| answers || slot > 0);
+                number += 1;
+            }
+        };
+        for patience in [PATIENCE, 2 * PATIENCE] {
+            assert_eq!(slots.split(0, &plan.tags), Some(1));
+            polls(&mut slots, patience - 1, true);
+            // One poll that is not answered in full, and the counting begins anew.
+            polls(&mut slots, 1, false);
+            polls(&mut slots, patience, true);
+            assert_eq!(slots.order(u64::MAX).due, [0], "whole again after {patience} polls");
+        }
     }
 
     proptest! {

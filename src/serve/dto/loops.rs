@@ -4,7 +4,7 @@ use super::params::AlarmState;
 use super::report::{Report, ReportModel};
 use super::{finite, rfc3339};
 use crate::history::TagSpec;
-use crate::results::{Known, Run, Summary, Trigger};
+use crate::results::{Known, Run, Summary, Trigger, f_unit};
 use crate::serve::LoopInfo;
 use crate::signal::{Quality, Sample};
 use serde::Serialize;
@@ -56,7 +56,7 @@ pub struct RunItem {
     pub f_ci95: Option<[f64; 2]>,
     /// `% OP`, or `OP units` where the span is not known.
     pub f_unit: String,
-    /// Evidence against f = 0 (-).
+    /// Evidence for friction against the best explanation without it (-).
     pub delta_aic: Option<f64>,
     /// How long it took on the wall clock (s).
     pub took_s: Option<f64>,
@@ -73,7 +73,7 @@ impl From<&Summary> for RunItem {
             reason_code: summary.reason_code.map(str::to_string),
             f: summary.f.and_then(finite),
             f_ci95: summary.f_ci95.and_then(|[low, high]| Some([finite(low)?, finite(high)?])),
-            f_unit: if summary.f_in_percent { "% OP" } else { "OP units" }.to_string(),
+            f_unit: f_unit(summary.f_in_percent).to_string(),
             delta_aic: summary.delta_aic.and_then(finite),
             took_s: finite(summary.took_s),
             trigger: match summary.trigger {
@@ -105,7 +105,7 @@ pub struct LoopItem {
     pub f_ci95: Option<[f64; 2]>,
     /// `% OP`, or `OP units` where the span is not known; null before the first diagnosis.
     pub f_unit: Option<String>,
-    /// Evidence against f = 0 (-).
+    /// Evidence for friction against the best explanation without it (-).
     pub delta_aic: Option<f64>,
     /// When it was diagnosed.
     pub time: Option<String>,

@@ -28,7 +28,9 @@ pub fn rfc3339(t: f64) -> Option<String> {
 /// A time as a caller may write it: RFC 3339 with offset, or seconds since the Unix epoch.
 pub fn parse_time(text: &str) -> Option<f64> {
     let seconds = text.parse::<f64>().ok().filter(|t| t.is_finite());
-    seconds.or_else(|| text.parse::<Timestamp>().ok().map(|stamp| stamp.as_microsecond() as f64 * 1e-6))
+    // A query string reads the + of an offset as a blank unless it was encoded.
+    let stamp = || text.parse::<Timestamp>().or_else(|_| text.replace(' ', "+").parse());
+    seconds.or_else(|| stamp().ok().map(|stamp| stamp.as_microsecond() as f64 * 1e-6))
 }
 
 #[cfg(test)]
@@ -44,6 +46,7 @@ mod tests {
         }
         assert_eq!(parse_time("2023-11-14T22:13:20.25Z"), Some(1_700_000_000.25));
         assert_eq!(parse_time("2023-11-14T23:13:20+01:00"), Some(1_700_000_000.0));
+        assert_eq!(parse_time("2023-11-14T23:13:20 01:00"), Some(1_700_000_000.0));
         assert_eq!(parse_time("1700000000.5"), Some(1_700_000_000.5));
         for silly in ["", "yesterday", "NaN", "inf", "2023-11-14"] {
             assert_eq!(parse_time(silly), None, "{silly}");

@@ -4,7 +4,7 @@
 
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
-use crate::results::op_in_percent;
+use crate::results::{f_unit, op_in_percent};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -230,12 +230,9 @@ struct OpUnit {
 
 impl OpUnit {
     fn new(op_span: Option<f64>, diagnosis: &Diagnosis) -> Self {
-        if let Some(span) = op_span.filter(|span| span.is_finite() && *span > 0.0) {
-            let factor = 100.0 / span;
-            return Self { name: "% OP", assumed: false, factor };
-        }
-        let per_cent = op_in_percent(op_span, diagnosis);
-        Self { name: if per_cent { "% OP" } else { "OP units" }, assumed: true, factor: 1.0 }
+        let known = op_span.filter(|span| span.is_finite() && *span > 0.0);
+        let name = f_unit(op_in_percent(op_span, diagnosis));
+        Self { name, assumed: known.is_none(), factor: known.map_or(1.0, |span| 100.0 / span) }
     }
 
     fn scale(&self, value: f64) -> Option<f64> {

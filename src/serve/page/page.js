@@ -23,7 +23,12 @@ function cell(row, text, kind) {
 }
 
 const interval = (item) => (item.f_ci95 ? ` (${short(item.f_ci95[0])} … ${short(item.f_ci95[1])})` : "");
-const friction = (item) => (item.f === null ? "–" : `${short(item.f)}${interval(item)} ${item.f_unit}`);
+// Without stiction f is 0 and the upper end says what the record could have hidden.
+const friction = (item) => {
+  if (item.f === null) return "–";
+  if (item.verdict === "no_stiction" && item.f_ci95) return `0, hides up to ${short(item.f_ci95[1])} ${item.f_unit}`;
+  return `${short(item.f)}${interval(item)} ${item.f_unit}`;
+};
 const when = (text) => (text ? new Date(text).toLocaleString("sv-SE") : "–");
 
 function rowOf(item) {
@@ -40,8 +45,8 @@ function rowOf(item) {
   cell(row, friction(item), "number");
   cell(row, short(item.delta_aic), "number");
   cell(row, item.alarm === "normal" ? "" : item.alarm, "mark");
-  cell(row, item.failure ? `latest run: ${item.failure}` : item.reason ?? "");
-  cell(row, when(item.time));
+  cell(row, item.failure ? `latest run: ${item.failure}` : item.reason ?? "", "why");
+  cell(row, when(item.time), "time");
   return row;
 }
 
@@ -93,7 +98,8 @@ async function showDetail() {
     $("reason").textContent = report ? `${WORDS[report.verdict]}: ${report.reason}` : "not diagnosed yet";
     $("ack").hidden = !["unacknowledged", "returned-unacknowledged"].includes(detail.alarm);
     showFacts(detail, report);
-    showTrend(samples);
+    await showTrend(id, report, samples);
+    if (id !== chosen) return;
     await showWindow(id, report, samples);
     showCurve(report);
   } catch (error) {
@@ -128,7 +134,20 @@ function columns(samples, tag) {
 
 const clock = (t) => new Date(t).toLocaleTimeString("sv-SE");
 
-function showTrend(samples) {
+// The latest oscillations, which all that is remembered would hide.
+const OSCILLATIONS = 20;
+
+async function showTrend(id, report, all) {
+  let samples = all;
+  const period = report?.oscillation?.period_s, times = all.tags.find((t) => t.tag === "pv")?.time ?? [];
+  if (period && times.length) {
+    const from = Date.parse(times[times.length - 1]) - 1000 * OSCILLATIONS * period;
+    if (from > Date.parse(times[0])) {
+      const query = new URLSearchParams({ from: new Date(from).toISOString(), points: "3000" });
+      samples = await fetched(`${path(id)}/samples?${query}`);
+      if (id !== chosen) return;
+    }
+  }
   const series = ["pv", "sp", "op"].map((tag) => columns(samples, tag)).filter(Boolean);
   for (const s of series) {
     s.bad = s.x.filter((_, i) => s.y[i] === null);

@@ -23,6 +23,13 @@ export function ticks(low, high, count) {
 
 export const short = (value) => (value === null || value === undefined ? "–" : String(Number(Number(value).toPrecision(4))));
 
+// Ticks as text with as many decimals as their step needs.
+function labels(found) {
+  const step = Math.abs(found[1] - found[0]), decimals = Math.ceil(-Math.log10(step) - 1e-9);
+  const plain = step > 1e-7 && Math.abs(found[0]) < 1e7;
+  return found.map((t) => (plain ? t.toFixed(Math.max(0, decimals)) : short(t)));
+}
+
 function range(values, margin) {
   let low = Infinity, high = -Infinity;
   for (const v of values) if (v !== null && Number.isFinite(v)) { low = Math.min(low, v); high = Math.max(high, v); }
@@ -54,7 +61,8 @@ export function timeTicks([low, high]) {
 // series: [{x, y, name, unit, kind, side}], side "right" for the second axis; options: width, height, xLabel, xText,
 // xTicks, band, mark.
 export function plot(box, series, options) {
-  const W = options.width ?? 1100, H = options.height ?? 280, right = W - RIGHT, bottom = H - BOTTOM;
+  // On a narrow screen the plot is as narrow, so that its text stays as large.
+  const W = Math.max(320, Math.min(options.width ?? 1100, box.clientWidth || Infinity)), H = options.height ?? 280, right = W - RIGHT, bottom = H - BOTTOM;
   box.replaceChildren();
   const xr = range(series.flatMap((s) => s.x), 0);
   const axes = { left: series.filter((s) => s.side !== "right"), right: series.filter((s) => s.side === "right") };
@@ -69,9 +77,11 @@ export function plot(box, series, options) {
     add(svg, "rect", { x: from, y: TOP, width: Math.max(to - from, 1), height: bottom - TOP, class: "band" });
   }
   add(svg, "path", { d: `M${LEFT} ${TOP}V${bottom}H${right}V${TOP}`, class: "axis" });
-  for (const t of options.xTicks?.(xr) ?? ticks(xr[0], xr[1], 6)) {
+  const xTicks = options.xTicks?.(xr) ?? ticks(xr[0], xr[1], 6), xTexts = options.xText ? xTicks.map(options.xText) : labels(xTicks);
+  for (const [i, t] of xTicks.entries()) {
+    if (W < 500 && i % 2) continue;
     add(svg, "path", { d: `M${x(t)} ${bottom}v4`, class: "axis" });
-    add(svg, "text", { x: x(t), y: bottom + 16, "text-anchor": "middle" }, (options.xText ?? short)(t));
+    add(svg, "text", { x: x(t), y: bottom + 16, "text-anchor": "middle" }, xTexts[i]);
   }
   add(svg, "text", { x: (LEFT + right) / 2, y: H - 6, "text-anchor": "middle" }, options.xLabel);
   let legend = LEFT;
@@ -79,9 +89,10 @@ export function plot(box, series, options) {
     const yr = range(members.flatMap((s) => s.y), 0.05);
     if (!yr) continue;
     const y = (v) => bottom - ((v - yr[0]) / (yr[1] - yr[0])) * (bottom - TOP);
-    for (const t of ticks(yr[0], yr[1], 5)) {
+    const yTicks = ticks(yr[0], yr[1], 5), yTexts = labels(yTicks);
+    for (const [i, t] of yTicks.entries()) {
       const at = side === "left" ? { x: LEFT - 6, "text-anchor": "end" } : { x: right + 6, "text-anchor": "start" };
-      add(svg, "text", { ...at, y: y(t) + 4 }, short(t));
+      add(svg, "text", { ...at, y: y(t) + 4 }, yTexts[i]);
     }
     for (const s of members) {
       if (s.bad) for (const t of s.bad) add(svg, "path", { d: `M${x(t)} ${bottom}v-6`, class: "gap" });
