@@ -223,10 +223,10 @@ fn reference(p: &Problem, refined: &Refined) -> (f64, Orders, f64) {
     best
 }
 
-/// Models over 0.1 % above the reference today, and the worst ratio: nearly always another split or delay that the
-/// screening ranks too low, not the minimiser. The goal is none.
-const MISSED: usize = 25;
-const WORST: f64 = 1.08;
+/// Models over 0.1 % above the reference today, and the worst ratio: a sinusoidal load whose zeros lie on the bound of C,
+/// where the drawn steps stop short. The goal is none.
+const MISSED: usize = 1;
+const WORST: f64 = 1.03;
 
 #[test]
 fn no_random_start_finds_a_model_that_is_better() {

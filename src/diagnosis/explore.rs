@@ -38,6 +38,19 @@ const PAIRS: [(f64, f64); 18] = [
     (0.5, 1.3),
     (0.5, 2.2),
 ];
+/// Pairs almost on the circle, where a sinusoidal load puts them: alone, as C of order 2.
+const SHARP: [(f64, f64); 10] = [
+    (0.975, 0.04),
+    (0.975, 0.08),
+    (0.975, 0.12),
+    (0.975, 0.17),
+    (0.975, 0.23),
+    (0.975, 0.3),
+    (0.975, 0.4),
+    (0.975, 0.55),
+    (0.975, 0.75),
+    (0.975, 1.0),
+];
 /// Every which real zero and pair goes into C of order 4, which serves a single split.
 const THINNED: usize = 2;
 
@@ -172,6 +185,7 @@ fn library() -> Vec<NoiseModel> {
     let few: Vec<Vec<f64>> = pairs.iter().skip(1).step_by(THINNED).cloned().collect();
     let mut polynomials: Vec<Vec<f64>> = REAL.map(real).into();
     polynomials.extend(doubles.iter().chain(&pairs).cloned());
+    polynomials.extend(SHARP.iter().map(pair));
     polynomials.extend(multisets(&together, 3));
     polynomials.extend(products_of(&together, &pairs));
     polynomials.extend(multisets(&few, 2));
