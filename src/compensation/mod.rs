@@ -11,6 +11,8 @@
 //! ```
 
 mod cr;
+pub mod gate;
+pub mod measure;
 mod rivals;
 
 pub use cr::{ConstantReinforcement, CrError, CrSettings, Followed};
