@@ -12,6 +12,7 @@ pub mod compensation;
 pub mod reproduce;
 
 pub mod alarm;
+pub mod audit;
 pub mod collect;
 pub mod history;
 pub mod results;

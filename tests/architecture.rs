@@ -19,6 +19,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("compensation", &["signal"]),
     ("reproduce", &["signal", "diagnosis", "sim", "compensation"]),
     ("alarm", &["signal"]),
+    ("audit", &[]),
     ("collect", &["signal"]),
     ("history", &["signal"]),
     ("results", &["signal", "alarm", "diagnosis"]),
@@ -30,7 +31,12 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
         &["signal", "alarm", "diagnosis", "collect", "history", "results", "schedule", "serve", "config"],
     ),
     ("demo", &["signal", "sim", "collect", "results", "schedule", "config", "app"]),
-    ("cli", &["signal", "diagnosis", "collect", "history", "serve", "config", "app", "demo", "reproduce"]),
+    (
+        "cli",
+        &[
+            "signal", "audit", "diagnosis", "collect", "history", "serve", "config", "app", "demo", "reproduce",
+        ],
+    ),
     ("lib", &[]),
     ("main", &["cli"]),
 ];
