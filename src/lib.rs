@@ -18,6 +18,7 @@ pub mod history;
 pub mod results;
 pub mod schedule;
 pub mod serve;
+pub mod writeback;
 
 pub mod config;
 

@@ -2,6 +2,7 @@
 //! them. Everything is bounded; whoever wants to hear of news subscribes to a bounded channel.
 
 use crate::alarm::{self, Alarm, Observation, Refusal, State, Transition};
+use crate::compensation::gate::News;
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::signal::LoopId;
 use std::collections::{HashMap, VecDeque};
@@ -183,6 +184,8 @@ pub enum Event {
     Run(LoopId, Summary),
     /// An alarm has changed its state.
     Alarm(LoopId, Transition),
+    /// Something happened to a loop's write-back.
+    Writeback(LoopId, News),
     /// Another configuration is in force.
     Reloaded {
         /// Loops now watched.
@@ -260,6 +263,11 @@ impl Results {
     /// Hears of every event from now on. A subscriber that lags behind by more than the backlog is told how many it lost.
     pub fn subscribe(&self) -> broadcast::Receiver<Event> {
         self.events.subscribe()
+    }
+
+    /// Tells everybody what happened to a loop's write-back.
+    pub fn tell_writeback(&self, id: &LoopId, news: &News) {
+        self.tell(Event::Writeback(id.clone(), news.clone()));
     }
 
     /// Takes the end of a run, lets the alarm see it and tells everybody. A run of a loop that is no longer there is

@@ -22,13 +22,27 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("audit", &[]),
     ("collect", &["signal"]),
     ("history", &["signal"]),
-    ("results", &["signal", "alarm", "diagnosis"]),
+    ("results", &["signal", "compensation", "alarm", "diagnosis"]),
     ("schedule", &["signal", "diagnosis", "results"]),
-    ("serve", &["signal", "alarm", "diagnosis", "history", "results", "schedule"]),
-    ("config", &["signal", "alarm", "diagnosis", "collect", "history", "schedule", "serve"]),
+    ("writeback", &["signal", "compensation", "audit"]),
+    ("serve", &["signal", "compensation", "alarm", "diagnosis", "history", "results", "schedule"]),
+    ("config", &["signal", "alarm", "diagnosis", "collect", "history", "schedule", "serve", "writeback"]),
     (
         "app",
-        &["signal", "alarm", "diagnosis", "collect", "history", "results", "schedule", "serve", "config"],
+        &[
+            "signal",
+            "compensation",
+            "alarm",
+            "audit",
+            "diagnosis",
+            "collect",
+            "history",
+            "results",
+            "schedule",
+            "serve",
+            "writeback",
+            "config",
+        ],
     ),
     ("demo", &["signal", "sim", "collect", "results", "schedule", "config", "app"]),
     (
@@ -80,6 +94,7 @@ const CONFIG_FILES: &[&str] = &[
     "src/history/mod.rs",
     "src/schedule.rs",
     "src/serve/mod.rs",
+    "src/writeback/config.rs",
 ];
 /// Other places that may name serde: the loader of the file, the DTOs, and where those are turned from and into text.
 const SERDE_PLACES: &[&str] = &[

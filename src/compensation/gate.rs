@@ -38,7 +38,7 @@ mod conditions;
 mod words;
 
 pub use conditions::{Denial, Evidence, Inputs, Limits, Time};
-pub use words::{Cause, Event, Grant, News, Order, Refusal, State, Status, WriteFault};
+pub use words::{Action, Cause, Event, Grant, News, Order, Refusal, State, Status, WriteFault};
 
 use super::measure::{Baseline, Point, Trial};
 use super::{Compensator, ConstantReinforcement, CrSettings, Followed};

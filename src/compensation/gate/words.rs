@@ -173,6 +173,19 @@ pub enum WriteFault {
     Audit,
 }
 
+/// What an operator does.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    /// Allows it for this long (s).
+    Grant(f64),
+    /// Agrees, as a second person.
+    Approve,
+    /// Takes it back.
+    Withdraw,
+    /// Resets a trip.
+    Reset,
+}
+
 /// Why an action was refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Refusal {
