@@ -151,6 +151,11 @@ impl App {
         &self.results
     }
 
+    /// Write-back, as the API sees it.
+    pub fn desk(&self) -> Arc<dyn serve::Desk> {
+        self.writing.clone()
+    }
+
     /// Cancel it to stop the daemon.
     pub fn stop(&self) -> CancellationToken {
         self.stop.clone()
@@ -220,7 +225,7 @@ impl App {
         self.results.reload(&ids(&config), &config.alarm);
         self.scheduler.replace(schedule_plan(&config, &history, &self.writing));
         self.plant.send_replace(Arc::new(shown(&config, &history, &devices)));
-        if state.collecting {
+        if state.collecting && !self.stop.is_cancelled() {
             devices.iter_mut().for_each(|device| device.start(&self.stop));
             self.writing.begin(&config, &history, &devices);
         }

@@ -44,7 +44,10 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
             "config",
         ],
     ),
-    ("demo", &["signal", "sim", "collect", "results", "schedule", "config", "app"]),
+    (
+        "demo",
+        &["signal", "sim", "compensation", "collect", "results", "schedule", "serve", "writeback", "config", "app"],
+    ),
     (
         "cli",
         &[

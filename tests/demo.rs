@@ -18,7 +18,7 @@ use tokio::time::timeout;
 const A_MINUTE: Duration = Duration::from_secs(60);
 
 fn options() -> Options {
-    Options { listen: SocketAddr::from(([127, 0, 0, 1], 0)), speed: DEFAULT_SPEED, seed: 1 }
+    Options { listen: SocketAddr::from(([127, 0, 0, 1], 0)), speed: DEFAULT_SPEED, seed: 1, writeback: false }
 }
 
 async fn get(address: SocketAddr, path: &str) -> Value {
