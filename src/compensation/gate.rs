@@ -366,7 +366,8 @@ impl Gate {
             self.sp_last = Some((sp.t, sp.value));
         }
         // Also while it was never seen.
-        !(now.mono - self.sp_fast_at >= self.limits.sp_settle_s)
+        let settled = now.mono - self.sp_fast_at >= self.limits.sp_settle_s;
+        !settled
     }
 
     /// Feeds the measurement: the time before while not active, the trial while active.
@@ -460,8 +461,9 @@ impl Gate {
 
     fn withdrawing(&mut self, now: Time) {
         let Some(leaving) = self.leaving else { return };
-        let passed = now.mono - leaving.since;
-        if !(passed <= self.limits.withdraw_limit_s) {
+        // False for what is no number, too.
+        let in_time = now.mono - leaving.since <= self.limits.withdraw_limit_s;
+        if !in_time {
             let to = if leaving.to == State::Disabled { leaving.to } else { State::Tripped };
             self.tripped_by = self.tripped_by.or(Some(Denial::WriteFailed));
             self.go(to, Cause::NotAtZero, None, now);

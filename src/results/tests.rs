@@ -92,6 +92,7 @@ fn diagnoses_raise_the_alarm_and_everybody_hears_it_in_order() {
         heard.push(match event {
             Event::Run(_, summary) => summary.outcome,
             Event::Alarm(_, transition) => transition.to.as_str(),
+            Event::Writeback(..) => "writeback",
             Event::Reloaded { .. } => "reloaded",
         });
     }

@@ -51,10 +51,17 @@ impl Recorder {
         self.send(Entry { at: stamp(at), event, fields, done: None })
     }
 
-    /// Puts an entry in line and waits until it, and everything before it, is on disk; false when that failed.
-    pub async fn safe(&self, at: f64, event: &'static str, fields: Vec<(&'static str, String)>) -> bool {
+    /// Puts an entry in line; what comes back hears when it, and everything before it, is on disk, or an error where it
+    /// cannot be recorded.
+    pub fn follow(
+        &self,
+        at: f64,
+        event: &'static str,
+        fields: Vec<(&'static str, String)>,
+    ) -> oneshot::Receiver<()> {
         let (sender, receiver) = oneshot::channel();
-        self.send(Entry { at: stamp(at), event, fields, done: Some(sender) }) && receiver.await.is_ok()
+        self.send(Entry { at: stamp(at), event, fields, done: Some(sender) });
+        receiver
     }
 
     fn send(&self, entry: Entry) -> bool {

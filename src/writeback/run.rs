@@ -10,7 +10,7 @@ use crate::signal::{LoopId, Record};
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use tokio::sync::{Notify, watch};
+use tokio::sync::{Notify, oneshot, watch};
 use tokio::task::JoinHandle;
 
 /// Changes of the term that are remembered, for the diagnosis of what the valve was told.
@@ -99,7 +99,7 @@ impl Writeback {
     pub async fn act(&self, id: &LoopId, action: Action, by: &str) -> Option<Result<Status, Refusal>> {
         let slot = self.slots.get(id)?;
         let now = (slot.clocks)();
-        let (acted, news) = {
+        let (acted, recorded) = {
             let mut gate = slot.gate();
             let acted = match action {
                 Action::Grant(duration_s) => gate.grant(by, duration_s, now),
@@ -107,10 +107,11 @@ impl Writeback {
                 Action::Withdraw => gate.withdraw(by, now),
                 Action::Reset => gate.reset(by, now),
             };
-            (acted.map(|()| gate.status()), gate.take_news())
+            (acted.map(|()| gate.status()), slot.record(&mut gate))
         };
         slot.wake.notify_one();
-        slot.put_on_record(news).await;
+        // Where it cannot be recorded the gate sees that at its next step, and does not open.
+        recorded.wait().await;
         Some(acted)
     }
 
@@ -132,7 +133,9 @@ impl Writeback {
     pub async fn end(&self) {
         for slot in self.slots.values() {
             let now = (slot.clocks)();
-            slot.gate().stop(now);
+            let mut gate = slot.gate();
+            gate.stop(now);
+            slot.record(&mut gate);
             slot.wake.notify_one();
         }
         let tasks = std::mem::take(&mut *self.tasks.lock().unwrap_or_else(PoisonError::into_inner));
@@ -156,23 +159,14 @@ impl Slot {
         self.gate.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Tells everybody, and waits until it is on disk; false when that failed.
-    async fn put_on_record(&self, news: Vec<News>) -> bool {
-        let mut recorded = true;
-        for one in news {
-            let (event, fields) = self.told(&one);
-            recorded &= self.recorder.safe(one.at, event, fields).await;
-        }
-        recorded
-    }
-
-    /// Tells everybody and waits for nothing: on the way to zero the plant comes before the record.
-    fn put_in_line(&self, news: Vec<News>) -> bool {
-        let put = |one: &News| {
+    /// Tells everybody and puts it on record, while the gate is held: so the order on record is the order it happened
+    /// in. What comes back is to be waited for where nothing is in force yet; on the way to zero the plant comes first.
+    fn record(&self, gate: &mut Gate) -> OnRecord {
+        let follow = |one: &News| {
             let (event, fields) = self.told(one);
-            self.recorder.put(one.at, event, fields)
+            self.recorder.follow(one.at, event, fields)
         };
-        news.iter().fold(true, |recorded, one| put(one) && recorded)
+        OnRecord(gate.take_news().iter().map(follow).collect())
     }
 
     fn told(&self, news: &News) -> (&'static str, Vec<(&'static str, String)>) {
@@ -202,6 +196,21 @@ impl Slot {
             }
             terms.push_back((at, value));
         }
+    }
+}
+
+/// Entries on their way to the disk.
+struct OnRecord(Vec<oneshot::Receiver<()>>);
+
+impl OnRecord {
+    /// Waits for the disk; false when it failed.
+    async fn wait(self) -> bool {
+        for entry in self.0 {
+            if entry.await.is_err() {
+                return false;
+            }
+        }
+        true
     }
 }
 
@@ -235,12 +244,12 @@ struct Task {
 impl Task {
     async fn run(mut self) {
         let now = (self.slot.clocks)();
-        let news = {
+        let recorded = {
             let mut gate = self.slot.gate();
             gate.enable(now);
-            gate.take_news()
+            self.slot.record(&mut gate)
         };
-        self.slot.put_on_record(news).await;
+        recorded.wait().await;
         while self.slot.gate().state() != State::Disabled {
             self.wait().await;
             self.step().await;
@@ -265,14 +274,13 @@ impl Task {
     async fn step(&mut self) {
         let inputs = Inputs { audited: self.slot.recorder.works(), ..(self.look)() };
         let now = (self.slot.clocks)();
-        let (order, news, state) = {
+        let (order, recorded, state) = {
             let mut gate = self.slot.gate();
             let order = gate.step(now, &inputs);
-            (order, gate.take_news(), gate.state())
+            (order, self.slot.record(&mut gate), gate.state())
         };
         let leaving = state == State::Withdrawing;
-        let recorded =
-            if leaving { self.slot.put_in_line(news) } else { self.slot.put_on_record(news).await };
+        let recorded = leaving || recorded.wait().await;
         let Some(order) = order else {
             // Whatever could not be written, the DCS has dropped, or will once the heart has stood still for long enough.
             self.slot.remember(now.wall, 0.0);
@@ -296,11 +304,8 @@ impl Task {
                 self.slot.recorder.put(now.wall, "write_failed", vec![("loop", id), ("why", why)]);
             }
         }
-        let news = {
-            let mut gate = self.slot.gate();
-            gate.report(order, outcome, now);
-            gate.take_news()
-        };
-        self.slot.put_in_line(news);
+        let mut gate = self.slot.gate();
+        gate.report(order, outcome, now);
+        self.slot.record(&mut gate);
     }
 }
