@@ -84,7 +84,7 @@ fn a_configuration_that_needs_the_writer_is_refused_where_there_is_none() {
         assert_eq!((code, errors.as_str()), (Some(0), ""));
     } else {
         assert_eq!((code, errors.lines().count()), (Some(2), 1), "{errors}");
-        assert!(errors.contains(":35:11: enabled: this stictiond cannot write"), "{errors}");
+        assert!(errors.contains(":33:11: enabled: this stictiond cannot write"), "{errors}");
     }
     assert_eq!(check("off.toml", &config(false)).0, Some(0), "off it means the same to every binary");
 }
@@ -99,7 +99,7 @@ fn registers_that_another_uses_are_refused() {
     };
     // OP's second register, PV's first, the last of SP with the first of the mode; the heartbeat on the term, on OP.
     for (from, to, what) in [
-        ("term_address = 100", "term_address = 1", ":37:16: term_address: overlaps op of loop A (line "),
+        ("term_address = 100", "term_address = 1", ":35:16: term_address: overlaps op of loop A (line "),
         ("term_address = 100", "term_address = 2", "overlaps pv of loop A"),
         ("term_address = 100", "term_address = 5", "overlaps sp of loop A"),
         (

@@ -35,6 +35,7 @@
 //! heartbeat, so that the DCS drops the term even where zero could not be written. A grant is good for one activation.
 
 mod conditions;
+mod watch;
 mod words;
 
 pub use conditions::{Denial, Evidence, Inputs, Limits, Time};
@@ -43,9 +44,7 @@ pub use words::{Action, Cause, Event, Grant, News, Order, Refusal, State, Status
 use super::measure::{Baseline, Point, Trial};
 use super::{Compensator, ConstantReinforcement, CrSettings, Followed};
 use conditions::believed;
-
-/// Missed polls are counted over this long (s).
-const POLLS_OVER_S: f64 = 60.0;
+use watch::{Polls, SetPoint};
 
 /// The gate of one loop.
 #[derive(Clone, Debug)]
@@ -57,10 +56,8 @@ pub struct Gate {
     news: Vec<News>,
     denials: Vec<Denial>,
     clock: Option<Time>,
-    /// When SP was last seen to move fast (mono, s), and its last sample.
-    sp_fast_at: f64,
-    sp_last: Option<(f64, f64)>,
-    polls: Option<(f64, u64)>,
+    set_point: SetPoint,
+    polls: Polls,
     baseline: Baseline,
     cr: Option<Reinforcer>,
     trial: Option<Trial>,
@@ -101,9 +98,8 @@ impl Gate {
             news: Vec::new(),
             denials: Vec::new(),
             clock: None,
-            sp_fast_at: f64::NAN,
-            sp_last: None,
-            polls: None,
+            set_point: SetPoint::default(),
+            polls: Polls::default(),
             baseline: Baseline::new(limits.criteria.length_s, limits.max_sample_age_s),
             cr: None,
             trial: None,
@@ -246,8 +242,8 @@ impl Gate {
         self.expire(now);
         let mut denials = passed.denial.into_iter().collect::<Vec<_>>();
         conditions::data(inputs, now.wall, &self.limits, &mut denials);
-        denials.extend(self.missed(inputs, now));
-        let moving = self.sp_moves(inputs, now);
+        denials.extend(self.polls.missed(inputs, now, &self.limits));
+        let moving = self.set_point.moves(inputs, now, &self.limits);
         let failure = self.measure(inputs, now);
         self.reinforce(inputs, now);
         denials.extend(failure);
@@ -339,35 +335,6 @@ impl Gate {
             None => Some(Denial::NotGranted),
             Some(grant) => grant.approved_by.is_none().then_some(Denial::NotApproved),
         }
-    }
-
-    fn missed(&mut self, inputs: &Inputs, now: Time) -> Option<Denial> {
-        let (since, base) = *self.polls.get_or_insert((now.mono, inputs.missed_polls));
-        let too_many = inputs.missed_polls.saturating_sub(base) > self.limits.max_missed_polls;
-        if now.mono - since >= POLLS_OVER_S {
-            self.polls = Some((now.mono, inputs.missed_polls));
-        }
-        too_many.then_some(Denial::PollOverrun)
-    }
-
-    fn sp_moves(&mut self, inputs: &Inputs, now: Time) -> bool {
-        if let Some(sp) = inputs.sp.filter(|sp| sp.quality.is_good() && sp.value.is_finite()) {
-            let fast = match self.sp_last {
-                None => true,
-                Some((t, _)) if t == sp.t => false,
-                Some((t, value)) => {
-                    let slow = (sp.value - value).abs() <= self.limits.sp_rate * (sp.t - t).abs();
-                    !slow
-                }
-            };
-            if fast {
-                self.sp_fast_at = now.mono;
-            }
-            self.sp_last = Some((sp.t, sp.value));
-        }
-        // Also while it was never seen.
-        let settled = now.mono - self.sp_fast_at >= self.limits.sp_settle_s;
-        !settled
     }
 
     /// Feeds the measurement: the time before while not active, the trial while active.

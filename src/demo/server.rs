@@ -238,7 +238,7 @@ mod tests {
             moved.answer(&SlaveRequest { slave: 1, request }).expect("writable");
         }
         let stems = |station: &Station| {
-            let mut state = station.state.lock().expect("whole");
+            let mut state = station.now();
             // 2 s of heartbeat and one step more.
             let first = {
                 state.run(1);
