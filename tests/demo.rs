@@ -189,11 +189,11 @@ async fn with_write_back_ise_falls_tenfold_on_the_strongly_sticky_loops() {
     let deadline = Instant::now() + 4 * A_MINUTE;
     // The first stretch holds the way out of the old oscillation: the one after it counts.
     let mut first = BTreeMap::new();
-    let mut later = |own: &&DemoLoop| {
+    let mut later = |own: &&&DemoLoop| {
         let with = status(own).and_then(|s| s.with);
         with.is_some_and(|with| *first.entry(own.id.clone()).or_insert(with) != with)
     };
-    while !strong.iter().map(&mut later).fold(true, |all, one| all && one) {
+    while strong.iter().filter(&mut later).count() < strong.len() {
         let state = |own: &&DemoLoop| status(own).map(|s| (s.state, s.denials, s.tripped_by));
         assert!(Instant::now() < deadline, "{:?}", strong.iter().map(state).collect::<Vec<_>>());
         // The desk has no events of its own; the API's are for those who may miss some.

@@ -20,7 +20,7 @@ pub use rivals::{BacklashInverse, Knocker};
 
 /// Something that adds a term to OP.
 pub trait Compensator {
-    /// The term [% of OP span] for this sample's `op` [%], `dt_s` [s] after the sample before.
+    /// The term [% of OP span] for this sample's `op` [%], `dt_s` (s) after the sample before.
     fn step(&mut self, op: f64, dt_s: f64) -> f64;
 }
 

@@ -89,6 +89,15 @@ async fn every_fault_brings_the_term_to_zero_in_time() {
 
     daemon.open().await;
     in_force(&plant).await;
+    daemon.signal("-HUP");
+    let bound_s = STEP_S + RAMP_S;
+    let taken = to_zero(&plant, "SIGHUP", bound_s).await;
+    assert!(taken.1);
+    assert_eq!(daemon.state("shadow").await["grant"], serde_json::Value::Null, "granted was the old file");
+    row("SIGHUP, the same file again", "stopped", taken, bound_s);
+
+    daemon.open().await;
+    in_force(&plant).await;
     daemon.signal("-TERM");
     let bound_s = STEP_S + RAMP_S;
     let taken = to_zero(&plant, "SIGTERM", bound_s).await;
