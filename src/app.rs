@@ -3,7 +3,16 @@
 //! ```text
 //! collectors --sample--> history --snapshot--> scheduler --run--> results (alarms) --event--> API
 //! ```
+//!
+//! With the cargo feature `writeback`, and only then, a loop that enables it has a gate between results and plant.
 
+#[cfg(not(feature = "writeback"))]
+#[path = "app/reading.rs"]
+mod writing;
+#[cfg(feature = "writeback")]
+mod writing;
+
+use crate::audit::AuditError;
 use crate::collect::modbus::{Collector, Issue, Plan};
 use crate::collect::{self, DeviceHealth, Poll};
 use crate::config::{self, Config, Diagnostic};
@@ -24,6 +33,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{Mutex, watch};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
+use writing::Writing;
 
 /// How often a shelving is looked at that may have run out.
 const ALARM_TICK: Duration = Duration::from_secs(1);
@@ -45,6 +55,9 @@ pub enum AppError {
         /// Why.
         source: io::Error,
     },
+    /// Write-back cannot be put on record.
+    #[error(transparent)]
+    Audit(#[from] AuditError),
     /// The API failed.
     #[error(transparent)]
     Serve(#[from] ServeError),
@@ -73,6 +86,7 @@ pub struct App {
     scheduler: Arc<Scheduler>,
     plant: watch::Sender<Arc<serve::Plant>>,
     context: Arc<Context>,
+    writing: Arc<Writing>,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
     state: Mutex<Running>,
@@ -99,26 +113,22 @@ impl App {
     /// Builds every part; nothing runs, connects or listens yet. `diagnose` is [`diagnosis`]'s own outside of tests.
     ///
     /// # Errors
-    /// [`AppError::Plan`].
+    /// [`AppError::Plan`], [`AppError::Audit`].
     pub fn build(config: Config, clock: Clock, diagnose: Diagnose) -> Result<Self, AppError> {
         let stop = CancellationToken::new();
         let wired = config.plant().map_err(AppError::Plan)?;
         let history = Arc::new(History::new(&wired.loops, &config.history));
         let results = Arc::new(Results::new(&ids(&config), config.schedule.keep_results, &config.alarm));
-        let plan = schedule_plan(&config, &history);
+        let writing = Writing::new(&config, clock, &results)?;
+        let plan = schedule_plan(&config, &history, &writing);
         let scheduler =
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
         let devices: Vec<Device> =
             wired.plans.into_iter().map(|plan| Device::new(plan, clock, &history)).collect();
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices)));
-        let context = Arc::new(Context::new(
-            config.server.clone(),
-            clock,
-            results.clone(),
-            scheduler.clone(),
-            watched,
-            stop.clone(),
-        ));
+        let (served, ended) = (config.server.clone(), stop.clone());
+        let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
+        let context = Arc::new(context.with_desk(writing.clone()));
         tracing::info!(
             loops = history.loops().len(),
             tags = history.tag_count(),
@@ -128,7 +138,7 @@ impl App {
             "history: memory taken"
         );
         let state = Mutex::new(Running { config, history, devices, collecting: false });
-        Ok(Self { clock, results, scheduler, plant, context, stop, state })
+        Ok(Self { clock, results, scheduler, plant, context, writing, stop, state })
     }
 
     /// The diagnosis that the daemon runs.
@@ -139,6 +149,11 @@ impl App {
     /// What the diagnoses said.
     pub fn results(&self) -> &Arc<Results> {
         &self.results
+    }
+
+    /// Write-back, as the API sees it.
+    pub fn desk(&self) -> Arc<dyn serve::Desk> {
+        self.writing.clone()
     }
 
     /// Cancel it to stop the daemon.
@@ -155,14 +170,20 @@ impl App {
             let mut state = self.state.lock().await;
             state.collecting = true;
             state.devices.iter_mut().for_each(|device| device.start(&self.stop));
+            self.writing.begin(&state.config, &state.history, &state.devices);
         }
         let serving = async {
             let served = serve::serve(listener, self.context.clone()).await;
             self.stop.cancel();
             served
         };
-        let (served, (), ()) =
-            tokio::join!(serving, self.scheduler.run(self.stop.clone()), self.tick_alarms());
+        // Terms go to zero as soon as the daemon is told to stop, whatever else takes its time.
+        let withdrawing = async {
+            self.stop.cancelled().await;
+            self.writing.end().await;
+        };
+        let (served, (), (), ()) =
+            tokio::join!(serving, self.scheduler.run(self.stop.clone()), self.tick_alarms(), withdrawing);
         let mut state = self.state.lock().await;
         state.collecting = false;
         for device in &mut state.devices {
@@ -185,6 +206,8 @@ impl App {
     pub async fn reload(&self, config: Config) -> Result<(), AppError> {
         let wired = config.plant().map_err(AppError::Plan)?;
         let mut state = self.state.lock().await;
+        // Granted was what the old configuration says: every term goes to zero first.
+        self.writing.end().await;
         warn_of_what_needs_a_restart(&state.config, &config);
         let history = Arc::new(state.history.successor(&wired.loops, &config.history));
         let (mut before, mut devices) = (std::mem::take(&mut state.devices), Vec::new());
@@ -200,10 +223,11 @@ impl App {
             device.end().await;
         }
         self.results.reload(&ids(&config), &config.alarm);
-        self.scheduler.replace(schedule_plan(&config, &history));
+        self.scheduler.replace(schedule_plan(&config, &history, &self.writing));
         self.plant.send_replace(Arc::new(shown(&config, &history, &devices)));
-        if state.collecting {
+        if state.collecting && !self.stop.is_cancelled() {
             devices.iter_mut().for_each(|device| device.start(&self.stop));
+            self.writing.begin(&config, &history, &devices);
         }
         tracing::info!(
             loops = history.loops().len(),
@@ -220,7 +244,8 @@ impl Device {
         let now: Arc<dyn collect::Clock> = Arc::new(move || clock.now());
         let collector = Collector::new(plan.clone(), now, plan.device as u64);
         let ring = |tag: usize| Some((tag, history.ring(tag)?.clone()));
-        let rings = Arc::new(Rings(plan.tags.iter().filter_map(|tag| ring(tag.index)).collect()));
+        let by_tag = plan.tags.iter().filter_map(|tag| ring(tag.index)).collect();
+        let rings = Arc::new(Rings { by_tag, polled: watch::Sender::new(0) });
         let health = collector.health();
         Self { plan, rings, health, collector: Some(collector), task: None }
     }
@@ -256,7 +281,7 @@ impl Device {
             && old.tags.iter().zip(&plan.tags).all(|(a, b)| {
                 (&a.name, a.span, &a.decoder, a.frozen_after_s)
                     == (&b.name, b.span, &b.decoder, b.frozen_after_s)
-                    && same_ring(self.rings.0.get(&a.index), history.ring(b.index))
+                    && same_ring(self.rings.by_tag.get(&a.index), history.ring(b.index))
             })
     }
 
@@ -283,31 +308,41 @@ fn same_ring(a: Option<&Arc<Ring>>, b: Option<&Arc<Ring>>) -> bool {
 
 /// Where one device's samples go. It holds that device's rings only, so that a device that outlives a reload keeps no
 /// memory of loops that are gone.
-struct Rings(HashMap<usize, Arc<Ring>>);
+struct Rings {
+    by_tag: HashMap<usize, Arc<Ring>>,
+    /// Polls that have ended; tells write-back that there is news.
+    polled: watch::Sender<u64>,
+}
 
 impl collect::Sink for Rings {
     fn sample(&self, tag: usize, sample: Sample) {
-        if let Some(ring) = self.0.get(&tag) {
+        if let Some(ring) = self.by_tag.get(&tag) {
             ring.push(sample);
         }
     }
 
-    fn poll(&self, _device: usize, _poll: Poll) {}
+    fn poll(&self, _device: usize, _poll: Poll) {
+        self.polled.send_modify(|polls| *polls = polls.wrapping_add(1));
+    }
 }
 
 fn ids(config: &Config) -> Vec<LoopId> {
     config.loops.iter().map(|control_loop| LoopId::new(control_loop.id.as_str())).collect()
 }
 
-fn schedule_plan(config: &Config, history: &Arc<History>) -> schedule::Plan {
-    let history = history.clone();
+fn schedule_plan(config: &Config, history: &Arc<History>, writing: &Arc<Writing>) -> schedule::Plan {
+    let (history, writing) = (history.clone(), writing.clone());
     let job = |control_loop| {
         let period_s = config.period_s(control_loop);
         Job { id: LoopId::new(control_loop.id.as_str()), period_s }
     };
     schedule::Plan {
         jobs: config.loops.iter().map(job).collect(),
-        snapshot: Arc::new(move |id| history.snapshot(id)),
+        snapshot: Arc::new(move |id| {
+            let mut record = history.snapshot(id)?;
+            writing.add_terms(id, &mut record);
+            Some(record)
+        }),
         settings: Settings::from(&config.diagnosis),
     }
 }

@@ -12,11 +12,13 @@ pub mod compensation;
 pub mod reproduce;
 
 pub mod alarm;
+pub mod audit;
 pub mod collect;
 pub mod history;
 pub mod results;
 pub mod schedule;
 pub mod serve;
+pub mod writeback;
 
 pub mod config;
 

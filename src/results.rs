@@ -2,9 +2,10 @@
 //! them. Everything is bounded; whoever wants to hear of news subscribes to a bounded channel.
 
 use crate::alarm::{self, Alarm, Observation, Refusal, State, Transition};
+use crate::compensation::gate::{self, News};
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::signal::LoopId;
-use std::collections::{HashMap, VecDeque};
+use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use tokio::sync::broadcast;
 
@@ -183,6 +184,8 @@ pub enum Event {
     Run(LoopId, Summary),
     /// An alarm has changed its state.
     Alarm(LoopId, Transition),
+    /// Something happened to a loop's write-back.
+    Writeback(LoopId, News),
     /// Another configuration is in force.
     Reloaded {
         /// Loops now watched.
@@ -216,6 +219,8 @@ pub struct Results {
     entries: RwLock<HashMap<LoopId, Arc<Mutex<Entry>>>>,
     alarm_config: RwLock<alarm::Config>,
     keep: usize,
+    /// Loops with a term in force.
+    reinforced: RwLock<HashSet<LoopId>>,
     events: broadcast::Sender<Event>,
 }
 
@@ -226,6 +231,7 @@ impl Results {
             entries: RwLock::default(),
             alarm_config: RwLock::new(alarm_config.clone()),
             keep: keep.max(1),
+            reinforced: RwLock::default(),
             events: broadcast::channel(EVENT_BACKLOG).0,
         };
         results.place(loops, alarm_config);
@@ -262,6 +268,20 @@ impl Results {
         self.events.subscribe()
     }
 
+    /// Tells everybody what happened to a loop's write-back. While a term is in force it hides the friction: only a
+    /// diagnosis that finds it all the same has a vote on the alarm.
+    pub fn tell_writeback(&self, id: &LoopId, news: &News) {
+        if let gate::Event::Moved { to, .. } = news.event {
+            let mut reinforced = self.reinforced.write().unwrap_or_else(PoisonError::into_inner);
+            if to.writes() {
+                reinforced.insert(id.clone())
+            } else {
+                reinforced.remove(id)
+            };
+        }
+        self.tell(Event::Writeback(id.clone(), news.clone()));
+    }
+
     /// Takes the end of a run, lets the alarm see it and tells everybody. A run of a loop that is no longer there is
     /// handed back and otherwise ignored.
     pub fn record(&self, run: Run) -> Arc<Run> {
@@ -294,11 +314,16 @@ impl Results {
         };
         match verdict {
             None | Some(Verdict::NotIdentifiable(_)) => Observation::Unknown,
+            Some(Verdict::NoStiction) if self.is_reinforced(&run.id) => Observation::Unknown,
             Some(verdict) => {
                 let config = self.alarm_config.read().unwrap_or_else(PoisonError::into_inner);
                 config.judge(*verdict == Verdict::Stiction, f, evidence)
             }
         }
+    }
+
+    fn is_reinforced(&self, id: &LoopId) -> bool {
+        self.reinforced.read().unwrap_or_else(PoisonError::into_inner).contains(id)
     }
 
     /// What is known of a loop at `now`.

@@ -18,7 +18,7 @@ use tokio::time::timeout;
 const A_MINUTE: Duration = Duration::from_secs(60);
 
 fn options() -> Options {
-    Options { listen: SocketAddr::from(([127, 0, 0, 1], 0)), speed: DEFAULT_SPEED, seed: 1 }
+    Options { listen: SocketAddr::from(([127, 0, 0, 1], 0)), speed: DEFAULT_SPEED, seed: 1, writeback: false }
 }
 
 async fn get(address: SocketAddr, path: &str) -> Value {
@@ -164,5 +164,77 @@ async fn a_speed_that_polls_cannot_follow_is_refused() {
     for speed in [0.0, -1.0, 1e4, f64::NAN] {
         let refused = Demo::build(&Options { speed, ..options() }).await.err();
         assert!(matches!(refused, Some(DemoError::Speed(_))), "{speed}");
+    }
+}
+
+/// The closed loop over Modbus: the daemon polls the plant, finds the valves, two persons grant and approve, and the DCS side
+/// adds what the daemon writes. On the strongly sticky loops ISE falls at least tenfold.
+#[cfg(feature = "writeback")]
+#[tokio::test(flavor = "multi_thread")]
+async fn with_write_back_ise_falls_tenfold_on_the_strongly_sticky_loops() {
+    use stictiond::compensation::gate::State;
+    use stictiond::demo::WRITEBACK_SPEED;
+    use stictiond::signal::LoopId;
+    use tokio::time::{Instant, sleep};
+
+    let demo =
+        Demo::build(&Options { speed: WRITEBACK_SPEED, writeback: true, ..options() }).await.expect("builds");
+    let (desk, stop, loops) = (demo.desk(), demo.stop(), demo.loops().to_vec());
+    let audit = demo.audit().expect("on record").to_path_buf();
+    let running = tokio::spawn(demo.run(Screen::new(Vec::new(), false)));
+    let status = |own: &DemoLoop| desk.status(&LoopId::new(own.id.as_str()));
+    let strong: Vec<&DemoLoop> = loops.iter().filter(|own| own.truth.kind == "strong stiction").collect();
+    assert_eq!(strong.len(), 3);
+    // Data for a verdict, the stretch before and the stretch with the term: twice that with the term: a minute.
+    let deadline = Instant::now() + 4 * A_MINUTE;
+    // The first stretch holds the way out of the old oscillation: the one after it counts.
+    let mut first = BTreeMap::new();
+    let mut later = |own: &&&DemoLoop| {
+        let with = status(own).and_then(|s| s.with);
+        with.is_some_and(|with| *first.entry(own.id.clone()).or_insert(with) != with)
+    };
+    while strong.iter().filter(&mut later).count() < strong.len() {
+        let state = |own: &&DemoLoop| status(own).map(|s| (s.state, s.denials, s.tripped_by));
+        assert!(Instant::now() < deadline, "{:?}", strong.iter().map(state).collect::<Vec<_>>());
+        // The desk has no events of its own; the API's are for those who may miss some.
+        sleep(Duration::from_millis(50)).await;
+    }
+    for own in &loops {
+        let Some(s) = status(own) else { continue };
+        let Some((before, with)) = s.before.zip(s.with) else { continue };
+        println!(
+            "{} {:18} ISE {:8.2} -> {:6.2}, {:5.1} times less; travel {:6.1} -> {:6.1} %, {:4.1} times; turns an hour {:4.0} -> {:5.0}",
+            own.id,
+            own.truth.kind,
+            before.ise,
+            with.ise,
+            before.ise / with.ise,
+            before.travel,
+            with.travel,
+            with.travel / before.travel,
+            3600.0 * before.reversals as f64 / before.length_s,
+            3600.0 * with.reversals as f64 / with.length_s,
+        );
+    }
+    for own in strong {
+        let s = status(own).expect("enabled");
+        let (before, with) = s.before.zip(s.with).expect("measured");
+        assert_eq!(s.state, State::Active, "{}: {:?}", own.id, s.tripped_by);
+        assert!(s.proven && with.ise * 10.0 <= before.ise, "{}: {} to {}", own.id, before.ise, with.ise);
+    }
+
+    stop.cancel();
+    // The ramp at 2 % a second of plant time, and the answers under way.
+    timeout(Duration::from_secs(10), running)
+        .await
+        .expect("ends")
+        .expect("does not panic")
+        .expect("ends well");
+    let record = stictiond::audit::verify(&audit).expect("whole");
+    let text = std::fs::read_to_string(&audit).expect("text");
+    let left = |to: &str| text.matches(&format!("from=\"{to}\"")).count();
+    assert!(record.has_head && left("active") > 0 && left("active") == left("withdrawing"));
+    for suffix in ["", ".head"] {
+        let _ = std::fs::remove_file(format!("{}{suffix}", audit.display()));
     }
 }

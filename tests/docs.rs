@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use stictiond::collect::modbus;
 use stictiond::config::{self, LoopConfig};
-use stictiond::{alarm, diagnosis, history, schedule, serve};
+use stictiond::{alarm, diagnosis, history, schedule, serve, writeback};
 
 const DOCUMENTS: &[&str] = &[
     "README.md",
@@ -18,6 +18,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/configuration.md",
     "docs/diagnosis.md",
     "docs/reproduce.md",
+    "docs/writeback.md",
     "deploy/README.md",
 ];
 
@@ -86,6 +87,10 @@ fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<modbus::Config>("`[[modbus]]`", "name = 'd'\naddress = 'd:502'\naddress_base = 0\n");
     agrees::<LoopConfig>("`[[loop]]`", &format!("id = 'A'\n[op]\n{TAG}[pv]\n{TAG}"));
     agrees::<modbus::TagConfig>("A tag", TAG);
+    agrees::<writeback::Config>("`[writeback]`", "");
+    let example = blocks("docs/writeback.md", "toml").concat();
+    let (_, own) = example.split_once("[loop.writeback]\nenabled = false\n").expect("an example");
+    agrees::<writeback::LoopConfig>("`[loop.writeback]`", own);
 }
 
 /// A wrong default and a forgotten key are what the test above is for.
@@ -147,6 +152,11 @@ fn the_record_that_the_readme_diagnoses_is_what_it_says() {
     assert!(estimate.f_ci95[0] < 0.5 && 0.5 < estimate.f_ci95[1], "{:?}", estimate.f_ci95);
 }
 
+/// Whether a route is one of this build.
+fn built_in(row: &[String]) -> bool {
+    writeback::BUILT_IN || !row[1].contains("feature `writeback`")
+}
+
 #[test]
 fn the_readme_lists_every_route_and_no_other() {
     let api = serde_json::to_value(serve::openapi()).expect("the description is JSON");
@@ -162,8 +172,11 @@ fn the_readme_lists_every_route_and_no_other() {
         })
         .chain(["GET /openapi.json".to_string()])
         .collect();
-    let listed: BTreeSet<String> =
-        rows("README.md", "REST").iter().map(|row| row[0].trim_matches('`').to_string()).collect();
+    let listed: BTreeSet<String> = rows("README.md", "REST")
+        .iter()
+        .filter(|row| built_in(row))
+        .map(|row| row[0].trim_matches('`').into())
+        .collect();
     assert_eq!(listed, routes);
 }
 

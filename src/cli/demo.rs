@@ -3,19 +3,22 @@
 use super::{Failure, logging};
 use std::net::SocketAddr;
 use stictiond::app::AppError;
-use stictiond::demo::{self, DEFAULT_SPEED, DemoError, Options};
+use stictiond::demo::{self, DEFAULT_SPEED, DemoError, Options, WRITEBACK_SPEED};
 
 #[derive(clap::Args)]
 pub struct Args {
     /// Where to show API and dashboard
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8080")]
     listen: SocketAddr,
-    /// How many times faster than the wall clock plant time runs, 1 to 200
-    #[arg(long, value_name = "N", default_value_t = DEFAULT_SPEED)]
-    speed: f64,
+    /// How many times faster than the wall clock plant time runs, 1 to 200; 80, with --writeback 20
+    #[arg(long, value_name = "N")]
+    speed: Option<f64>,
     /// Seed of the plant's noise and loads
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    /// Reinforce the sticky loops: two demo operators grant and approve, the simulated DCS adds the terms
+    #[arg(long)]
+    writeback: bool,
     #[command(flatten)]
     log: logging::LogArgs,
 }
@@ -26,9 +29,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if std::env::var_os("RUST_LOG").is_some() {
         logging::start(&args.log)?;
     }
-    let options = Options { listen: args.listen, speed: args.speed, seed: args.seed };
+    let usual = if args.writeback { WRITEBACK_SPEED } else { DEFAULT_SPEED };
+    let speed = args.speed.unwrap_or(usual);
+    let options = Options { listen: args.listen, speed, seed: args.seed, writeback: args.writeback };
     demo::command(&options).map_err(|error| match error {
-        DemoError::Speed(_) => Failure::BadInput(error.to_string()),
+        DemoError::Speed(_) | DemoError::NotBuiltIn => Failure::BadInput(error.to_string()),
         // The only line of the demo's configuration that comes from outside.
         DemoError::App(AppError::Config(errors)) => Failure::BadInput(format!(
             "--listen {}: {}",

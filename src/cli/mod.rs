@@ -1,8 +1,9 @@
-//! The command line: `stictiond run | demo | diagnose | check | health | probe | reproduce`.
+//! The command line: `stictiond run | demo | diagnose | check | health | audit | probe | reproduce`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
 
+mod audit;
 mod check;
 mod demo;
 mod diagnose;
@@ -39,6 +40,8 @@ enum Command {
     Check(check::Args),
     /// Ask a running daemon whether it answers: exit code 0 or 1
     Health(health::Args),
+    /// Work on the audit log of write-back
+    Audit(audit::Args),
     /// Read registers of a device once and show them in every type and byte order
     Probe(probe::Args),
     /// Reproduce the paper's tables and figures, ours beside theirs, as HTML and JSON
@@ -78,6 +81,7 @@ pub fn main() -> ExitCode {
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Health(args) => health::run(&args),
+        Command::Audit(args) => audit::run(&args),
         Command::Probe(args) => probe::run(&args),
         Command::Reproduce(args) => reproduce::run(&args),
     };

@@ -11,6 +11,8 @@
 //! ```
 
 mod cr;
+pub mod gate;
+pub mod measure;
 mod rivals;
 
 pub use cr::{ConstantReinforcement, CrError, CrSettings, Followed};
@@ -18,7 +20,7 @@ pub use rivals::{BacklashInverse, Knocker};
 
 /// Something that adds a term to OP.
 pub trait Compensator {
-    /// The term [% of OP span] for this sample's `op` [%], `dt_s` [s] after the sample before.
+    /// The term [% of OP span] for this sample's `op` [%], `dt_s` (s) after the sample before.
     fn step(&mut self, op: f64, dt_s: f64) -> f64;
 }
 

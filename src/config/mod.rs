@@ -12,7 +12,7 @@ pub use diagnostic::Diagnostic;
 pub use plant::Plant;
 
 use crate::collect::modbus;
-use crate::{alarm, diagnosis, history, schedule, serve};
+use crate::{alarm, diagnosis, history, schedule, serve, writeback};
 use diagnostic::Report;
 use serde::Deserialize;
 use source::Source;
@@ -36,6 +36,8 @@ pub struct Config {
     pub diagnosis: diagnosis::Config,
     /// `[alarm]`.
     pub alarm: alarm::Config,
+    /// `[writeback]`.
+    pub writeback: writeback::Config,
     /// `[[modbus]]`, one per device.
     pub modbus: Vec<modbus::Config>,
     /// `[[loop]]`, one per control loop.
@@ -82,6 +84,9 @@ pub struct LoopConfig {
     /// Other measurements, `[[loop.tag]]`.
     #[serde(default)]
     pub tag: Vec<modbus::TagConfig>,
+    /// Write-back, `[loop.writeback]`; off where it is left out.
+    #[serde(default)]
+    pub writeback: Option<writeback::LoopConfig>,
 }
 
 /// Reads a file.

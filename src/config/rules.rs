@@ -17,6 +17,8 @@ macro_rules! path {
     ($($step:expr),+) => { [$(Step::from($step)),+] };
 }
 
+mod writing;
+
 /// Checks everything that could be read.
 pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
     let mut devices = HashMap::new();
@@ -31,6 +33,7 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
     rules.devices(parts);
     rules.loops(parts);
     rules.registers(parts);
+    rules.writing(parts);
 }
 
 struct Rules<'r, 'a, 't> {
@@ -69,6 +72,7 @@ impl Rules<'_, '_, '_> {
         self.section("schedule", parts.schedule.as_ref().map(|c| c.validate()));
         self.section("diagnosis", parts.diagnosis.as_ref().map(|c| c.validate()));
         self.section("alarm", parts.alarm.as_ref().map(|c| c.validate()));
+        self.section("writeback", parts.writeback.as_ref().map(|c| c.validate()));
         if let (Some(history), Some(diagnosis)) = (&parts.history, &parts.diagnosis) {
             let (kept, needed) = (history.samples_per_tag, diagnosis.min_samples);
             self.unless(kept >= needed, &path!["history", "samples_per_tag"], || {

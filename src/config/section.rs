@@ -6,14 +6,15 @@ use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig};
 use crate::collect::modbus;
-use crate::{alarm, diagnosis, history, schedule, serve};
+use crate::{alarm, diagnosis, history, schedule, serve, writeback};
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 7] = ["server", "history", "schedule", "diagnosis", "alarm", "modbus", "loop"];
+const SECTIONS: [&str; 8] =
+    ["server", "history", "schedule", "diagnosis", "alarm", "writeback", "modbus", "loop"];
 /// Tags that a loop has once.
 pub const ROLES: [&str; 5] = ["op", "pv", "sp", "mode", "mv"];
 /// Errors looked for in one section; each costs one more reading of it.
@@ -28,6 +29,7 @@ pub struct Parts {
     pub schedule: Option<schedule::Config>,
     pub diagnosis: Option<diagnosis::Config>,
     pub alarm: Option<alarm::Config>,
+    pub writeback: Option<writeback::Config>,
     pub modbus: Vec<Option<modbus::Config>>,
     pub loops: Vec<Option<LoopConfig>>,
 }
@@ -41,6 +43,7 @@ impl Parts {
             schedule: self.schedule?,
             diagnosis: self.diagnosis?,
             alarm: self.alarm?,
+            writeback: self.writeback?,
             modbus: self.modbus.into_iter().collect::<Option<_>>()?,
             loops: self.loops.into_iter().collect::<Option<_>>()?,
         })
@@ -62,6 +65,7 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
         schedule: table(source, "schedule", report),
         diagnosis: table(source, "diagnosis", report),
         alarm: table(source, "alarm", report),
+        writeback: table(source, "writeback", report),
         modbus: tables(source, "modbus", report),
         loops: tables(source, "loop", report),
     }
@@ -133,7 +137,7 @@ fn refuse_lists(control_loop: &mut Spanned<DeValue>, report: &mut Report) {
     let DeValue::Table(table) = control_loop.get_mut() else {
         return;
     };
-    for role in ROLES {
+    for role in ROLES.into_iter().chain(["writeback"]) {
         if let Some(list) = table.get(role).filter(|value| value.get_ref().is_array()) {
             let message = format!("{role}: a loop has one, write it as [loop.{role}]");
             report.at(list.span().start, message);

@@ -1,6 +1,8 @@
 //! `stictiond demo`: a simulated plant behind a real Modbus/TCP server on loopback, and the daemon watching it as it
 //! would watch any plant, from a configuration. Plant time runs `speed` times as fast as the wall clock.
 
+pub mod dcs;
+mod operators;
 mod registers;
 mod server;
 mod table;
@@ -9,6 +11,7 @@ use crate::app::{self, App, AppError};
 use crate::config;
 use crate::results::Results;
 use crate::schedule::Clock;
+use crate::serve::Desk;
 use crate::signal::LoopId;
 use crate::sim::demo_plant::TS_S;
 use crate::sim::{DemoLoop, SpecError, demo_plant};
@@ -16,6 +19,7 @@ use registers::Pace;
 use server::Station;
 use std::io::{self, IsTerminal, Write};
 use std::net::{Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use table::Row;
@@ -24,10 +28,14 @@ use tokio_util::sync::CancellationToken;
 
 /// How many times faster than the wall clock plant time runs, where nobody says.
 pub const DEFAULT_SPEED: f64 = 80.0;
+/// … and with write-back, where every sample of the controllers is polled and answered.
+pub const WRITEBACK_SPEED: f64 = 20.0;
 /// Speeds that the polls can follow.
 pub const SPEEDS: std::ops::RangeInclusive<f64> = 1.0..=200.0;
 /// Plant time between two polls (s): four samples of the controllers, as a historian sees them.
 const POLL_S: f64 = 2.0;
+/// … with write-back: every sample, because a term that comes late is a term for another OP.
+const WRITEBACK_POLL_S: f64 = TS_S;
 /// Time between two diagnoses of a loop (s on the wall clock).
 const DIAGNOSE_EVERY_S: f64 = 10.0;
 /// How often the table is drawn again on a terminal, and at most printed elsewhere.
@@ -43,6 +51,8 @@ pub struct Options {
     pub speed: f64,
     /// Seed of the plant's noise and loads.
     pub seed: u64,
+    /// Whether the sticky loops are reinforced.
+    pub writeback: bool,
 }
 
 /// Why the demo does not run.
@@ -51,6 +61,9 @@ pub enum DemoError {
     /// The speed cannot be followed.
     #[error("--speed {0} must be 1 to 200")]
     Speed(f64),
+    /// The binary only reads.
+    #[error("--writeback: this stictiond was built without the cargo feature \"writeback\"")]
+    NotBuiltIn,
     /// The plant makes no sense.
     #[error(transparent)]
     Plant(#[from] SpecError),
@@ -83,6 +96,7 @@ pub struct Demo {
     api: TcpListener,
     address: SocketAddr,
     config: String,
+    audit: Option<PathBuf>,
 }
 
 impl Demo {
@@ -91,7 +105,10 @@ impl Demo {
     /// # Errors
     /// [`DemoError`]; a taken address is [`AppError::Bind`].
     pub async fn build(options: &Options) -> Result<Self, DemoError> {
-        let Options { listen, speed, seed } = *options;
+        let Options { listen, speed, seed, writeback } = *options;
+        if writeback && !crate::writeback::BUILT_IN {
+            return Err(DemoError::NotBuiltIn);
+        }
         if !SPEEDS.contains(&speed) {
             return Err(DemoError::Speed(speed));
         }
@@ -99,14 +116,19 @@ impl Demo {
         let modbus = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await;
         let modbus = modbus.map_err(DemoError::io("cannot listen for the simulated plant"))?;
         let at = modbus.local_addr().map_err(DemoError::io("cannot listen for the simulated plant"))?;
-        let pace =
-            Pace { poll_ms: (1000.0 * POLL_S / speed).round() as u64, period_s: DIAGNOSE_EVERY_S * speed };
-        let text = registers::config(&loops, listen, at, pace);
+        let poll_s = if writeback { WRITEBACK_POLL_S } else { POLL_S };
+        let audit = writeback.then(|| {
+            std::env::temp_dir().join(format!("stictiond-demo-{}-{}.log", std::process::id(), at.port()))
+        });
+        let poll_ms = ((1000.0 * poll_s / speed).round() as u64).max(1);
+        let pace = Pace { poll_ms, period_s: DIAGNOSE_EVERY_S * speed, audit };
+        let text = registers::config(&loops, listen, at, &pace);
         let config = config::parse("demo", &text).map_err(AppError::Config)?;
         let api = app::listen(&config).await?;
         let address = api.local_addr().map_err(DemoError::io("cannot listen"))?;
         let clock = Clock::plant(Clock::wall().now(), speed);
-        let station = Station::new(loops.clone(), TS_S, Arc::new(move || clock.elapsed()))?;
+        let heartbeat = writeback.then_some(registers::HEARTBEAT_S);
+        let station = Station::new(loops.clone(), TS_S, Arc::new(move || clock.elapsed()), heartbeat)?;
         Ok(Self {
             app: App::build(config, clock, App::diagnosis())?,
             clock,
@@ -116,6 +138,7 @@ impl Demo {
             api,
             address,
             config: text,
+            audit: pace.audit,
         })
     }
 
@@ -134,6 +157,16 @@ impl Demo {
         &self.config
     }
 
+    /// Where write-back is put on record.
+    pub fn audit(&self) -> Option<&Path> {
+        self.audit.as_deref()
+    }
+
+    /// Write-back, as the API sees it.
+    pub fn desk(&self) -> Arc<dyn Desk> {
+        self.app.desk()
+    }
+
     /// What the diagnoses said.
     pub fn results(&self) -> Arc<Results> {
         Arc::clone(self.app.results())
@@ -150,24 +183,34 @@ impl Demo {
     /// [`DemoError`] when a server or the screen fails; the rest is stopped first.
     pub async fn run(self, mut screen: Screen<impl Write>) -> Result<(), DemoError> {
         let stop = self.app.stop();
-        let drawing =
-            View { results: self.results(), loops: &self.loops, clock: self.clock, address: self.address };
+        let drawing = View {
+            results: self.results(),
+            desk: self.app.desk(),
+            loops: &self.loops,
+            clock: self.clock,
+            address: self.address,
+            audit: self.audit.as_deref(),
+        };
         let drawing = async {
             let drawn = drawing.draw(&mut screen, &stop).await;
             stop.cancel();
             drawn.map_err(DemoError::io("cannot write to the terminal"))
         };
+        // The plant outlives the daemon, which still has terms to take back.
+        let plant_stop = CancellationToken::new();
         let plant = async {
-            let served = self.station.serve(self.modbus, stop.clone()).await;
+            let served = self.station.serve(self.modbus, plant_stop.clone()).await;
             stop.cancel();
             served.map_err(DemoError::io("the simulated plant's server failed"))
         };
         let daemon = async {
             let ran = self.app.run(self.api).await;
             stop.cancel();
+            plant_stop.cancel();
             ran.map_err(DemoError::from)
         };
-        let (drawn, served, ran) = tokio::join!(drawing, plant, daemon);
+        let operators = operators::work(self.app.desk(), &self.loops, &stop);
+        let (drawn, served, ran, ()) = tokio::join!(drawing, plant, daemon, operators);
         ran.and(served).and(drawn)
     }
 }
@@ -193,9 +236,11 @@ impl<W: Write> Screen<W> {
 /// What the screen is drawn from.
 struct View<'a> {
     results: Arc<Results>,
+    desk: Arc<dyn Desk>,
     loops: &'a [DemoLoop],
     clock: Clock,
     address: SocketAddr,
+    audit: Option<&'a Path>,
 }
 
 impl View<'_> {
@@ -209,13 +254,20 @@ impl View<'_> {
         let mut before = None;
         while stop.run_until_cancelled(ticks.tick()).await.is_some() {
             let (lines, verdicts) = self.lines();
-            if screen.in_place || (before.as_ref() != Some(&verdicts) && verdicts.iter().any(Option::is_some))
-            {
+            let said = verdicts.iter().any(Option::is_some);
+            let news = (verdicts, self.writing());
+            if screen.in_place || (said && before.as_ref() != Some(&news)) {
                 screen.show(&lines)?;
-                before = Some(verdicts);
+                before = Some(news);
             }
         }
         Ok(())
+    }
+
+    /// Per loop the state of write-back, and whether a whole stretch with the term has been measured.
+    fn writing(&self) -> Vec<Option<(&'static str, bool)>> {
+        let status = |demo: &DemoLoop| self.desk.status(&LoopId::new(demo.id.as_str()));
+        self.loops.iter().map(|demo| status(demo).map(|s| (s.state.as_str(), s.with.is_some()))).collect()
     }
 
     fn title(&self) -> String {
@@ -238,6 +290,8 @@ impl View<'_> {
             self.loops.iter().zip(&said).map(|(demo, said)| Row { demo, said: said.as_ref() }).collect();
         let mut lines = vec![self.title(), format!("plant time {:.0} s", self.clock.elapsed().as_secs_f64())];
         lines.extend(table::lines(&rows));
+        lines.extend(operators::lines(&*self.desk, self.loops));
+        lines.extend(self.audit.map(|audit| format!("on record in {}", audit.display())));
         let verdicts = said.iter().map(|said| said.as_ref().map(|said| said.outcome));
         (lines, verdicts.collect())
     }

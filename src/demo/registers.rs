@@ -1,10 +1,12 @@
 //! Where the plant's loops lie in its four devices: the register map, the values in it, and the configuration that
 //! reads them. The encoding here is written from the protocol, not from the collector, so that one checks the other.
 
+use super::dcs;
 use crate::collect::modbus::{ByteOrder, Register, ValueType};
 use crate::sim::{Class, DemoLoop, Point};
 use std::fmt::Write as _;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 
 /// First address of the first loop, counted from 0.
 const FIRST: u16 = 100;
@@ -121,18 +123,52 @@ impl Device {
     }
 }
 
+/// Bounds of write-back in the demo. Plant time, but for `write_ms` and `timeout_ms`, which pass on the wall.
+const WRITEBACK: &str = "  term_type = \"f32\"
+  term_byte_order = \"ABCD\"
+  term_scale_percent = 1.0
+  write_ms = 25
+  timeout_ms = 400
+  clamp_percent = 4.0
+  rate_percent_per_s = 20.0
+  withdraw_percent_per_s = 2.0
+  withdraw_limit_s = 30.0
+  dead_band_percent = 0.05
+  rest_ms = 1200
+  max_step_ms = 10000
+  clock_tolerance_ms = 1000
+  max_sample_age_ms = 10000
+  max_missed_polls_per_minute = 60
+  op_margin_percent = 5.0
+  sp_rate_per_s = 0.1
+  sp_settle_s = 10.0
+  evidence_max_age_s = 3600.0
+  f_margin_percent = 0.5
+  grant_max_s = 36000.0
+  measure_s = 240.0
+  prove_s = 720.0
+  ise_gain = 1.5
+  ise_limit = 3.0
+  travel_limit = 40.0
+  reversal_band_percent = 0.2
+";
+/// A heartbeat that stands still for longer drops the term (s of plant time).
+pub(super) const HEARTBEAT_S: f64 = 20.0;
+
 /// How fast the demo goes, for the configuration that polls it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Pace {
     /// Poll period [ms on the wall clock].
     pub(super) poll_ms: u64,
     /// Time between two diagnoses of a loop (s of plant time).
     pub(super) period_s: f64,
+    /// Where write-back is put on record; `None` without it.
+    pub(super) audit: Option<PathBuf>,
 }
 
 /// The configuration file that `run` would need to watch the plant at `address`.
-pub(super) fn config(plant: &[DemoLoop], listen: SocketAddr, address: SocketAddr, pace: Pace) -> String {
-    let Pace { poll_ms, period_s } = pace;
+pub(super) fn config(plant: &[DemoLoop], listen: SocketAddr, address: SocketAddr, pace: &Pace) -> String {
+    let Pace { poll_ms, period_s, audit } = pace;
     let mut text = format!(
         "[server]\nlisten = \"{listen}\"\nshutdown_s = 0.5\n\n[schedule]\nperiod_s = {period_s:?}\nparallelism = 1\n"
     );
@@ -148,9 +184,15 @@ pub(super) fn config(plant: &[DemoLoop], listen: SocketAddr, address: SocketAddr
             device.order.as_str(),
         );
     }
+    if let Some(audit) = audit {
+        let _ = write!(text, "\n[writeback]\naudit_file = {:?}\n", audit.display().to_string());
+    }
     for device in devices(plant) {
         for (row, &at) in device.loops.iter().enumerate() {
             let _ = write!(text, "\n{}", loop_text(&device, row as u16, &plant[at]));
+            if audit.is_some() && plant[at].truth.sticky {
+                text += &writeback_text(&device, at as u16);
+            }
         }
     }
     text
@@ -192,6 +234,17 @@ fn loop_text(device: &Device, row: u16, demo: &DemoLoop) -> String {
         tag("pv", 1),
         tag("sp", 2),
         device.name,
+    )
+}
+
+fn writeback_text(device: &Device, at: u16) -> String {
+    let first = dcs::FIRST + dcs::STRIDE * at + device.address_base;
+    format!(
+        "  [loop.writeback]\n  enabled = true\n  device = \"{}\"\n  term_address = {first}\n  heartbeat_address = {}\n\
+         \x20 heartbeat_timeout_ms = {:.0}\n{WRITEBACK}",
+        device.name,
+        first + 2,
+        1000.0 * HEARTBEAT_S,
     )
 }
 

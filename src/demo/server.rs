@@ -1,12 +1,14 @@
-//! The plant's Modbus/TCP server: four units behind one listener on loopback, read only.
+//! The plant's Modbus/TCP server: four units behind one listener on loopback. It takes writes only where the demo shows
+//! write-back, into the registers of the terms.
 
+use super::dcs::{self, Dcs};
 use super::registers::{Device, devices};
 use crate::collect::modbus::Register;
 use crate::sim::{DemoLoop, LoopSim, Point, SpecError};
 use std::future::{Ready, ready};
 use std::io;
 use std::net::SocketAddr;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio_modbus::server::{Service, tcp::Server};
@@ -27,6 +29,8 @@ pub(super) struct Station {
     devices: Vec<Device>,
     elapsed: Elapsed,
     ts_s: f64,
+    /// Whether there are registers to write to.
+    writable: bool,
     state: Mutex<State>,
 }
 
@@ -34,6 +38,9 @@ struct State {
     sims: Vec<LoopSim>,
     points: Vec<Point>,
     steps: u64,
+    ts_s: f64,
+    automatic: Vec<bool>,
+    dcs: Dcs,
 }
 
 impl Station {
@@ -41,14 +48,26 @@ impl Station {
     ///
     /// # Errors
     /// [`SpecError`] where a loop makes no sense.
-    pub(super) fn new(loops: Vec<DemoLoop>, ts_s: f64, elapsed: Elapsed) -> Result<Self, SpecError> {
+    pub(super) fn new(
+        loops: Vec<DemoLoop>,
+        ts_s: f64,
+        elapsed: Elapsed,
+        heartbeat_s: Option<f64>,
+    ) -> Result<Self, SpecError> {
         let sims =
             loops.iter().map(|demo| LoopSim::new(&demo.spec, demo.seed)).collect::<Result<Vec<_>, _>>()?;
-        let mut state = State { points: vec![Point::default(); sims.len()], sims, steps: 0 };
+        let mut state = State {
+            points: vec![Point::default(); sims.len()],
+            steps: 0,
+            ts_s,
+            automatic: loops.iter().map(DemoLoop::in_automatic).collect(),
+            dcs: Dcs::new(sims.len(), heartbeat_s.unwrap_or(0.0)),
+            sims,
+        };
         state.run((WARM_UP_S / ts_s) as u64);
         state.steps = 0;
         let devices = devices(&loops);
-        Ok(Self { loops, devices, elapsed, ts_s, state: Mutex::new(state) })
+        Ok(Self { loops, devices, elapsed, ts_s, writable: heartbeat_s.is_some(), state: Mutex::new(state) })
     }
 
     /// Answers requests until `stop` is cancelled.
@@ -77,18 +96,38 @@ impl Station {
     fn read(&self, unit_id: u8, table: Register, start: u16, count: u16) -> Result<Vec<u16>, ExceptionCode> {
         let device = self.devices.iter().find(|device| device.unit_id == unit_id);
         let device = device.ok_or(ExceptionCode::GatewayTargetDevice)?;
-        let image = {
-            let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-            let due = ((self.elapsed)().as_secs_f64() / self.ts_s) as u64 + 1;
-            let behind = due.saturating_sub(state.steps);
-            state.run(behind.min(MAX_STEPS));
-            state.steps = state.steps.max(due);
-            device.image(table, &self.loops, &state.points)
-        };
+        let state = self.now();
+        if self.writable && table == Register::Holding && start >= dcs::FIRST {
+            let image: Vec<u16> = state.dcs.image().collect();
+            let start = usize::from(start - dcs::FIRST);
+            let words = image.get(start..start + usize::from(count));
+            return Ok(words.ok_or(ExceptionCode::IllegalDataAddress)?.to_vec());
+        }
+        let image = device.image(table, &self.loops, &state.points);
+        drop(state);
         let image = image.ok_or(ExceptionCode::IllegalFunction)?;
         let start = usize::from(start);
         let words = image.get(start..start + usize::from(count));
         Ok(words.ok_or(ExceptionCode::IllegalDataAddress)?.to_vec())
+    }
+
+    /// The plant, run on to this moment.
+    fn now(&self) -> MutexGuard<'_, State> {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let due = ((self.elapsed)().as_secs_f64() / self.ts_s) as u64 + 1;
+        let behind = due.saturating_sub(state.steps);
+        state.run(behind.min(MAX_STEPS));
+        state.steps = state.steps.max(due);
+        state
+    }
+
+    fn write(&self, start: u16, words: &[u16]) -> Result<(), ExceptionCode> {
+        if !self.writable {
+            return Err(ExceptionCode::IllegalFunction);
+        }
+        let mut state = self.now();
+        let now = state.steps as f64 * self.ts_s;
+        if state.dcs.write(start, words, now) { Ok(()) } else { Err(ExceptionCode::IllegalDataAddress) }
     }
 
     fn answer(&self, request: &SlaveRequest<'_>) -> Result<Response, ExceptionCode> {
@@ -107,6 +146,10 @@ impl Station {
             Request::ReadDiscreteInputs(start, count) => {
                 Response::ReadDiscreteInputs(bits(Register::Discrete, start, count)?)
             }
+            Request::WriteMultipleRegisters(start, ref words) => {
+                self.write(start, words)?;
+                Response::WriteMultipleRegisters(start, words.len() as u16)
+            }
             _ => return Err(ExceptionCode::IllegalFunction),
         })
     }
@@ -114,12 +157,13 @@ impl Station {
 
 impl State {
     fn run(&mut self, steps: u64) {
-        self.steps += steps;
-        for (sim, point) in self.sims.iter_mut().zip(&mut self.points) {
-            for _ in 0..steps {
-                *point = sim.step();
+        for at in 0..self.sims.len() {
+            for step in self.steps..self.steps + steps {
+                let term = self.dcs.term(at, step as f64 * self.ts_s, self.automatic[at]);
+                self.points[at] = self.sims[at].step_with(term);
             }
         }
+        self.steps += steps;
     }
 }
 
@@ -144,7 +188,7 @@ mod tests {
         let now = Arc::new(AtomicU64::new(0));
         let clock = Arc::clone(&now);
         let elapsed: Elapsed = Arc::new(move || Duration::from_millis(clock.load(Ordering::Relaxed)));
-        (Station::new(demo_plant(1), 0.5, elapsed).expect("the plant is valid"), now)
+        (Station::new(demo_plant(1), 0.5, elapsed, None).expect("the plant is valid"), now)
     }
 
     fn flow_pv(station: &Station) -> f32 {
@@ -178,5 +222,38 @@ mod tests {
         assert_eq!(refused(9, Register::Holding, 0), Some(ExceptionCode::GatewayTargetDevice));
         let write = SlaveRequest { slave: 1, request: Request::WriteSingleRegister(100, 7) };
         assert_eq!(station.answer(&write), Err(ExceptionCode::IllegalFunction));
+        let write =
+            SlaveRequest { slave: 1, request: Request::WriteMultipleRegisters(1000, vec![0, 0].into()) };
+        assert_eq!(station.answer(&write), Err(ExceptionCode::IllegalFunction), "without write-back");
+    }
+
+    #[test]
+    fn a_term_moves_the_valve_of_its_loop_and_no_other() {
+        let elapsed: Elapsed = Arc::new(|| Duration::from_secs(5));
+        let still = Station::new(demo_plant(1), 0.5, elapsed.clone(), Some(2.0)).expect("valid");
+        let moved = Station::new(demo_plant(1), 0.5, elapsed, Some(2.0)).expect("valid");
+        for start in [1000 + 4 * 3, 1002 + 4 * 3] {
+            let words = if start % 4 == 0 { vec![0x4000, 0] } else { vec![7] };
+            let request = Request::WriteMultipleRegisters(start, words.into());
+            moved.answer(&SlaveRequest { slave: 1, request }).expect("writable");
+        }
+        let stems = |station: &Station| {
+            let mut state = station.now();
+            // 2 s of heartbeat and one step more.
+            let first = {
+                state.run(1);
+                state.points.clone()
+            };
+            state.run(4);
+            let term = state.dcs.term(3, state.steps as f64 * 0.5, true);
+            (first, term)
+        };
+        let ((still, _), (moved, late)) = (stems(&still), stems(&moved));
+        for at in 0..still.len() {
+            // 2 % is 4000_0000; the fourth loop's valve is sound.
+            let by = moved[at].mv - still[at].mv;
+            assert!((by - if at == 3 { 2.0 } else { 0.0 }).abs() < 1e-9, "{at}: {by}");
+        }
+        assert_eq!(late, 0.0, "the heart stands still");
     }
 }

@@ -92,6 +92,7 @@ fn diagnoses_raise_the_alarm_and_everybody_hears_it_in_order() {
         heard.push(match event {
             Event::Run(_, summary) => summary.outcome,
             Event::Alarm(_, transition) => transition.to.as_str(),
+            Event::Writeback(..) => "writeback",
             Event::Reloaded { .. } => "reloaded",
         });
     }
@@ -130,4 +131,22 @@ fn a_reload_keeps_known_loops_and_forgets_the_others() {
     let late = Run { id: LoopId::new("B"), ..sticky(4.0) };
     results.record(late);
     assert_eq!(results.coverage(), (1, 2));
+}
+
+#[test]
+fn a_term_in_force_hides_the_friction_and_clears_no_alarm() {
+    let results = results(3);
+    let moved = |to| gate::News {
+        at: 0.0,
+        event: gate::Event::Moved { from: gate::State::Armed, to, cause: gate::Cause::Opened, by: None },
+    };
+    let clean = |time| run(time, Outcome::Diagnosed(diagnosis(Verdict::NoStiction, 0.0, -2.0)));
+    let alarm = |now| results.get(&id(), now).expect("A is there").alarm.active;
+    (1..3).for_each(|k| drop(results.record(sticky(f64::from(k)))));
+    results.tell_writeback(&id(), &moved(gate::State::Active));
+    (3..13).for_each(|k| drop(results.record(clean(f64::from(k)))));
+    assert!(alarm(13.0));
+    results.tell_writeback(&id(), &moved(gate::State::Shadow));
+    (13..16).for_each(|k| drop(results.record(clean(f64::from(k)))));
+    assert!(!alarm(16.0), "the alarm never clears");
 }

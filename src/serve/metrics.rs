@@ -33,6 +33,7 @@ pub fn text(context: &Context) -> String {
         "Samples refused for want of a single writer",
         plant.history.refused() as f64,
     );
+    writeback(&mut registry, context, &plant);
     process(&mut registry);
     let mut text = String::new();
     // Writing to a String cannot fail.
@@ -146,6 +147,24 @@ fn devices(registry: &mut Registry, devices: &[DeviceState], now: f64) {
         }
         for &(event, value) in &device.counters {
             count(&events, &[("device", name), ("event", event)], value as f64);
+        }
+    }
+}
+
+fn writeback(registry: &mut Registry, context: &Context, plant: &Plant) {
+    let Some(desk) = &context.desk else { return };
+    let state = gauges(registry, "writeback_state", "1 for the state of the loop's write-back");
+    let term = gauges(registry, "writeback_term_percent", "The term in force, in % of OP's span");
+    let ise = gauges(registry, "writeback_ise_gain", "ISE before over ISE with the term");
+    let travel = gauges(registry, "writeback_travel_ratio", "Valve travel with the term over travel before");
+    for info in plant.loops() {
+        let Some(status) = desk.status(&info.id) else { continue };
+        let id = info.id.as_str();
+        set(&state, &[("loop", id), ("state", status.state.as_str())], 1.0);
+        set(&term, &[("loop", id)], status.in_force);
+        if let (Some(before), Some(with)) = (status.before, status.with) {
+            set(&ise, &[("loop", id)], before.ise / with.ise);
+            set(&travel, &[("loop", id)], with.travel / before.travel);
         }
     }
 }

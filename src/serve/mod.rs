@@ -1,6 +1,8 @@
-//! What the daemon shows: REST, events, metrics, an overview page. Reads the plant, never writes to it.
+//! What the daemon shows: REST, events, metrics, an overview page. Reads the plant; what an operator asks of
+//! write-back it hands on to the [`Desk`].
 
 mod api;
+mod desk;
 pub mod dto;
 mod extract;
 mod layers;
@@ -10,6 +12,9 @@ mod page;
 mod problem;
 
 pub use api::openapi;
+#[cfg(feature = "writeback")]
+pub use desk::Acted;
+pub use desk::Desk;
 
 use crate::history::History;
 use crate::results::Results;
@@ -18,7 +23,7 @@ use crate::signal::LoopId;
 use serde::Deserialize;
 use std::collections::HashMap;
 use std::net::SocketAddr;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, watch};
@@ -179,6 +184,9 @@ pub struct Context {
     scheduler: Arc<Scheduler>,
     plant: watch::Receiver<Arc<Plant>>,
     event_clients: Arc<Semaphore>,
+    desk: Option<Arc<dyn Desk>>,
+    /// Whether it is served on loopback, known once it is served.
+    loopback: OnceLock<bool>,
     stop: CancellationToken,
 }
 
@@ -201,7 +209,20 @@ impl Context {
             scheduler,
             plant,
             stop,
+            desk: None,
+            loopback: OnceLock::new(),
         }
+    }
+
+    /// Shows write-back as `desk` knows it.
+    pub fn with_desk(self, desk: Arc<dyn Desk>) -> Self {
+        Self { desk: Some(desk), ..self }
+    }
+
+    /// Whether nobody but this machine can ask.
+    #[cfg(feature = "writeback")]
+    fn on_loopback(&self) -> bool {
+        self.loopback.get() == Some(&true)
     }
 
     fn plant(&self) -> Arc<Plant> {
@@ -220,7 +241,10 @@ pub fn router(context: Arc<Context>) -> axum::Router {
 /// # Errors
 /// [`ServeError::NotLoopback`] before anything is served, [`ServeError::Listener`] when the listener fails.
 pub async fn serve(listener: TcpListener, context: Arc<Context>) -> Result<(), ServeError> {
-    context.config.permits(listener.local_addr()?)?;
+    let address = listener.local_addr()?;
+    context.config.permits(address)?;
+    // Set once: a context is served by one listener, and the first decides.
+    let _ = context.loopback.set(address.ip().to_canonical().is_loopback());
     let (stop, config) = (context.stop.clone(), context.config.clone());
     let listener = listen::Bounded::new(listener, config.max_connections, Duration::from_secs(90));
     let serving =

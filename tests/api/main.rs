@@ -6,3 +6,5 @@ mod edges;
 mod http;
 mod resources;
 mod rig;
+#[cfg(feature = "writeback")]
+mod writeback;

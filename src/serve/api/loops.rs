@@ -5,6 +5,7 @@ use super::super::dto::loops::{
 };
 use super::super::dto::params::{LimitQuery, LoopsQuery, NoQuery, Order, RunQuery, SamplesQuery, Sort};
 use super::super::dto::samples::{Samples, TagSamples};
+use super::super::dto::writeback::WritebackView;
 use super::super::dto::{finite, parse_time, rfc3339};
 use super::super::extract::{OfLoop, Params, within};
 use super::super::problem::Problem;
@@ -130,6 +131,7 @@ pub async fn detail(
         op_span: tags.and_then(|tags| tags.op_span).and_then(finite),
         op_limits: tags.and_then(|tags| tags.op_limits).and_then(|(a, b)| Some([finite(a)?, finite(b)?])),
         values: values(&plant, &id),
+        writeback: context.desk.as_ref().and_then(|desk| desk.status(&id)).as_ref().map(WritebackView::from),
         last_run: known.last.as_ref().map(RunItem::from),
     }))
 }

@@ -4,6 +4,7 @@ mod alarms;
 mod events;
 mod health;
 mod loops;
+mod writeback;
 
 use super::Context;
 use super::problem::Problem;
@@ -58,12 +59,19 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(loops::diagnoses))
         .routes(routes!(loops::samples))
         .routes(routes!(loops::model))
+        .routes(routes!(writeback::state))
         .routes(routes!(alarms::list))
         .routes(routes!(alarms::acknowledge))
         .routes(routes!(alarms::shelve))
         .routes(routes!(alarms::unshelve))
         .routes(routes!(events::stream))
         .merge(common());
+    #[cfg(feature = "writeback")]
+    let api = api
+        .routes(routes!(writeback::grant))
+        .routes(routes!(writeback::approve))
+        .routes(routes!(writeback::withdraw))
+        .routes(routes!(writeback::reset));
     OpenApiRouter::with_openapi(Description::openapi()).merge(common()).nest("/api/v1", api)
 }
 

@@ -3,6 +3,7 @@
 use super::loops::RunItem;
 use super::params::AlarmState;
 use super::rfc3339;
+use super::writeback::WritebackNews;
 use crate::results::Event;
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -39,6 +40,15 @@ pub enum EventData {
         /// Why.
         cause: String,
     },
+    /// `writeback`: something happened to a loop's write-back.
+    Writeback {
+        /// Which loop.
+        #[serde(rename = "loop")]
+        control_loop: String,
+        /// What.
+        #[serde(flatten)]
+        news: WritebackNews,
+    },
     /// `reloaded`: another configuration is in force; fetch the loops again.
     Reloaded {
         /// Loops now watched.
@@ -60,6 +70,7 @@ impl EventData {
             Self::Hello { .. } => "hello",
             Self::Diagnosis { .. } => "diagnosis",
             Self::Alarm { .. } => "alarm",
+            Self::Writeback { .. } => "writeback",
             Self::Reloaded { .. } => "reloaded",
             Self::Lagged { .. } => "lagged",
             Self::Bye {} => "bye",
@@ -80,6 +91,9 @@ impl From<Event> for EventData {
                 time: rfc3339(transition.at),
                 cause: transition.cause.as_str().to_string(),
             },
+            Event::Writeback(id, news) => {
+                Self::Writeback { control_loop: id.to_string(), news: WritebackNews::from(&news) }
+            }
             Event::Reloaded { loops } => Self::Reloaded { loops },
         }
     }

@@ -2,6 +2,7 @@
 
 use super::params::AlarmState;
 use super::report::{Report, ReportModel};
+use super::writeback::WritebackView;
 use super::{finite, rfc3339};
 use crate::history::TagSpec;
 use crate::results::{Known, Run, Summary, Trigger, f_unit};
@@ -190,6 +191,8 @@ pub struct LoopDetail {
     pub op_limits: Option<[f64; 2]>,
     /// The newest sample of each tag.
     pub values: Vec<Quantity>,
+    /// Write-back; null where it is not enabled, or not built in.
+    pub writeback: Option<WritebackView>,
     /// The latest run of any kind.
     pub last_run: Option<RunItem>,
 }

@@ -7,6 +7,7 @@ pub mod loops;
 pub mod params;
 pub mod report;
 pub mod samples;
+pub mod writeback;
 
 pub use report::Report;
 

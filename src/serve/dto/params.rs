@@ -158,6 +158,26 @@ pub struct ActBody {
     pub comment: Option<String>,
 }
 
+/// Body of a grant of write-back.
+#[cfg(feature = "writeback")]
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct GrantBody {
+    /// Who grants, at most 100 characters; believed as it is.
+    pub by: String,
+    /// How long (s).
+    pub duration_s: f64,
+}
+
+/// Body of what an operator does about write-back.
+#[cfg(feature = "writeback")]
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NameBody {
+    /// Who acts, at most 100 characters; believed as it is.
+    pub by: String,
+}
+
 /// Body of a shelving.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]

@@ -1,0 +1,210 @@
+//! An append-only log whose every line carries a hash over itself and the line before: what was changed, dropped or
+//! swapped afterwards is found, and named by its line.
+//!
+//! ```text
+//! 7 2026-11-21T06:00:00.250Z write loop="FIC101" term="1.5" heartbeat="12" #<sha256 of the hash before and of this line>
+//! ```
+//!
+//! The first line of a file, `file previous="…"`, carries the last hash of the file before, so that rotation keeps the
+//! chain. `FILE.head` holds number and hash of the last entry: lines dropped from the end are missed there.
+//! Who can rewrite file and head together can forge both; the daemon's own log repeats the hash at every transition, for
+//! a place that is out of reach.
+
+mod verify;
+
+pub use verify::{Broken, Verified, verify};
+
+use sha2::{Digest, Sha256};
+use std::fmt::Write as _;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+/// The hash before the very first line.
+const GENESIS: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+
+/// Why the log cannot be kept.
+#[derive(Debug, thiserror::Error)]
+pub enum AuditError {
+    /// A file cannot be opened, written or synchronised.
+    #[error("audit log {}: {source}", path.display())]
+    Io {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// What is there is no unbroken log.
+    #[error("{0}; move the file away and keep it, then start again")]
+    Broken(Broken),
+}
+
+/// How large a log may grow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bounds {
+    /// A file is rotated once it is larger (bytes).
+    pub max_bytes: u64,
+    /// Rotated files kept, `FILE.1` the youngest.
+    pub keep_files: usize,
+}
+
+/// A log being written.
+#[derive(Debug)]
+pub struct Log {
+    path: PathBuf,
+    bounds: Bounds,
+    file: File,
+    head: File,
+    size: u64,
+    last: Entry,
+}
+
+/// Number and hash of a line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Entry {
+    /// Number, from 1, through all files.
+    pub n: u64,
+    /// SHA-256, 64 hexadecimal digits.
+    pub hash: String,
+}
+
+impl Log {
+    /// Opens a log and goes on with it, or begins one. A last line that was cut off by a crash was never acknowledged: it
+    /// is taken out, and an entry says so.
+    ///
+    /// # Errors
+    /// [`AuditError::Broken`] when what is there has been changed: nothing is written behind a broken chain.
+    pub fn open(path: &Path, bounds: Bounds, now: &str) -> Result<Self, AuditError> {
+        let io = |source| AuditError::Io { path: path.to_path_buf(), source };
+        let torn = cut_torn_line(path).map_err(io)?;
+        let there = [path.to_path_buf(), rotated(path, 1)].into_iter().find(|file| has_lines(file));
+        let last = match &there {
+            None => Entry { n: 0, hash: GENESIS.to_string() },
+            Some(_) => verify::last(path).map_err(AuditError::Broken)?,
+        };
+        let begins = !has_lines(path);
+        let file = OpenOptions::new().append(true).create(true).open(path).map_err(io)?;
+        let head_path = head_path(path);
+        let head = OpenOptions::new().write(true).create(true).truncate(false).open(&head_path);
+        let head = head.map_err(|source| AuditError::Io { path: head_path, source })?;
+        let size = file.metadata().map_err(io)?.len();
+        let mut log = Self { path: path.to_path_buf(), bounds, file, head, size, last };
+        if begins {
+            log.begin_file(now)?;
+        }
+        if torn > 0 {
+            log.append(now, "recovered", &[("torn_bytes", torn.to_string())])?;
+        }
+        log.sync()?;
+        Ok(log)
+    }
+
+    /// The last entry.
+    pub fn last(&self) -> &Entry {
+        &self.last
+    }
+
+    /// Adds an entry; it is safe on disk after [`Log::sync`].
+    ///
+    /// # Errors
+    /// [`AuditError::Io`].
+    pub fn append(&mut self, at: &str, event: &str, fields: &[(&str, String)]) -> Result<(), AuditError> {
+        if self.size > self.bounds.max_bytes {
+            self.rotate(at)?;
+        }
+        self.line(at, event, fields)
+    }
+
+    /// Waits until everything is on disk, then moves the head.
+    ///
+    /// # Errors
+    /// [`AuditError::Io`].
+    pub fn sync(&mut self) -> Result<(), AuditError> {
+        let head = format!("{:020} {}\n", self.last.n, self.last.hash);
+        let written = self.file.sync_data().and_then(|()| {
+            self.head.seek(SeekFrom::Start(0))?;
+            self.head.write_all(head.as_bytes())?;
+            self.head.sync_data()
+        });
+        written.map_err(|source| AuditError::Io { path: self.path.clone(), source })
+    }
+
+    fn line(&mut self, at: &str, event: &str, fields: &[(&str, String)]) -> Result<(), AuditError> {
+        let n = self.last.n + 1;
+        let mut body = format!("{n} {at} {event}");
+        for (key, value) in fields {
+            // Debug quotes and escapes, so that no value ends a line; writing to a String cannot fail.
+            let _ = write!(body, " {key}={value:?}");
+        }
+        let hash = hash(&self.last.hash, &body);
+        let line = format!("{body} #{hash}\n");
+        let written = self.file.write_all(line.as_bytes());
+        written.map_err(|source| AuditError::Io { path: self.path.clone(), source })?;
+        self.size += line.len() as u64;
+        self.last = Entry { n, hash };
+        Ok(())
+    }
+
+    fn begin_file(&mut self, at: &str) -> Result<(), AuditError> {
+        let previous = self.last.hash.clone();
+        self.line(at, "file", &[("previous", previous)])
+    }
+
+    fn rotate(&mut self, at: &str) -> Result<(), AuditError> {
+        self.sync()?;
+        let moved = (1..=self.bounds.keep_files).rev().try_for_each(|k| {
+            let from = if k == 1 { self.path.clone() } else { rotated(&self.path, k - 1) };
+            if from.exists() { fs::rename(from, rotated(&self.path, k)) } else { Ok(()) }
+        });
+        let begun = moved.and_then(|()| {
+            if self.bounds.keep_files == 0 {
+                fs::remove_file(&self.path)?;
+            }
+            OpenOptions::new().append(true).create_new(true).open(&self.path)
+        });
+        self.file = begun.map_err(|source| AuditError::Io { path: self.path.clone(), source })?;
+        self.size = 0;
+        self.begin_file(at)
+    }
+}
+
+fn hash(before: &str, body: &str) -> String {
+    let digest = Sha256::new().chain_update(before).chain_update(body).finalize();
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn rotated(path: &Path, k: usize) -> PathBuf {
+    with_suffix(path, &format!(".{k}"))
+}
+
+fn head_path(path: &Path) -> PathBuf {
+    with_suffix(path, ".head")
+}
+
+fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(suffix);
+    name.into()
+}
+
+fn has_lines(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|meta| meta.len() > 0)
+}
+
+/// Takes a last line without its end out of the file; how many bytes that were.
+fn cut_torn_line(path: &Path) -> io::Result<u64> {
+    let bytes = match fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(0),
+        Err(error) => return Err(error),
+    };
+    let whole = bytes.iter().rposition(|&byte| byte == b'\n').map_or(0, |at| at + 1);
+    let torn = (bytes.len() - whole) as u64;
+    if torn > 0 {
+        OpenOptions::new().write(true).open(path)?.set_len(whole as u64)?;
+    }
+    Ok(torn)
+}
+
+#[cfg(test)]
+mod tests;

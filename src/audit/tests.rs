@@ -1,0 +1,164 @@
+use super::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+const NOW: &str = "2026-11-21T06:00:00Z";
+const WIDE: Bounds = Bounds { max_bytes: 1 << 20, keep_files: 3 };
+
+/// A folder of its own for each test, gone afterwards.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Self {
+        static NEXT: AtomicUsize = AtomicUsize::new(0);
+        let name = format!("stictiond-audit-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
+        let path = std::env::temp_dir().join(name);
+        fs::create_dir_all(&path).expect("the temporary folder is writable");
+        Self(path)
+    }
+
+    fn log(&self) -> PathBuf {
+        self.0.join("audit.log")
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+fn write(path: &Path, bounds: Bounds, entries: usize) {
+    let mut log = Log::open(path, bounds, NOW).expect("opens");
+    for k in 0..entries {
+        let fields = [("loop", "FIC101".to_string()), ("by", format!("Ann \"{k}\"\n"))];
+        log.append(NOW, "write", &fields).expect("appends");
+    }
+    log.sync().expect("synchronises");
+}
+
+fn broken(path: &Path) -> (usize, String) {
+    let broken = verify(path).expect_err("broken");
+    (broken.line, broken.what)
+}
+
+#[test]
+fn a_log_goes_on_where_it_was() {
+    let folder = Folder::new();
+    write(&folder.log(), WIDE, 3);
+    write(&folder.log(), WIDE, 2);
+    let verified = verify(&folder.log()).expect("whole");
+    assert_eq!((verified.files, verified.entries, verified.first, verified.has_head), (1, 6, 1, true));
+    let text = fs::read_to_string(folder.log()).expect("text");
+    assert_eq!(text.lines().count(), 6, "a line break in a value ends no line");
+    // sha256 of 64 zeros and the first line, by hand with sha256sum.
+    let first = "1 2026-11-21T06:00:00Z file previous=\"0000000000000000000000000000000000000000000000000000000000000000\"";
+    assert_eq!(text.lines().next(), Some(format!("{first} #{}", hash(GENESIS, first)).as_str()));
+    assert_eq!(hash("", "abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+}
+
+#[test]
+fn any_byte_changed_is_found_in_its_line() {
+    let folder = Folder::new();
+    write(&folder.log(), WIDE, 4);
+    let good = fs::read(folder.log()).expect("there");
+    let mut line = 1;
+    for at in 0..good.len() {
+        for flip in [1u8, 0x20, 0x80] {
+            let mut bad = good.clone();
+            bad[at] ^= flip;
+            fs::write(folder.log(), &bad).expect("written");
+            let (found, what) = broken(&folder.log());
+            // A byte that becomes a line break cuts its line: that is still the line.
+            assert_eq!(found, line, "byte {at} of {}: {what}", good.len());
+        }
+        line += usize::from(good[at] == b'\n');
+    }
+}
+
+#[test]
+fn lines_dropped_swapped_repeated_or_put_in_are_found() {
+    let folder = Folder::new();
+    write(&folder.log(), WIDE, 6);
+    let text = fs::read_to_string(folder.log()).expect("text");
+    let lines: Vec<&str> = text.lines().collect();
+    let found = |lines: &[&str]| {
+        fs::write(folder.log(), lines.iter().map(|line| format!("{line}\n")).collect::<String>())
+            .expect("written");
+        broken(&folder.log()).0
+    };
+    for k in 0..lines.len() {
+        let mut dropped = lines.clone();
+        dropped.remove(k);
+        // Without its first line a file begins with another: that is line 1 too.
+        assert_eq!(found(&dropped), k + 1, "dropped {k}");
+        assert_eq!(found(&lines[..k]), k + 1, "cut off after {k}");
+        let mut twice = lines.clone();
+        twice.insert(k, lines[k]);
+        assert_eq!(found(&twice), k + 2, "repeated {k}");
+        for other in k + 1..lines.len() {
+            let mut swapped = lines.clone();
+            swapped.swap(k, other);
+            assert_eq!(found(&swapped), k + 1, "swapped {k} and {other}");
+        }
+    }
+    let mut forged = lines.clone();
+    let line = format!("4 {NOW} write loop=\"FIC101\" #{}", hash("", "anything"));
+    forged[3] = &line;
+    assert_eq!(found(&forged), 4);
+}
+
+/// A chain computed anew by somebody who has no access to the head.
+#[test]
+fn a_chain_computed_anew_meets_the_head() {
+    let (folder, forged) = (Folder::new(), Folder::new());
+    write(&folder.log(), WIDE, 3);
+    let mut log = Log::open(&forged.log(), WIDE, NOW).expect("opens");
+    (0..3).for_each(|_| log.append(NOW, "write", &[]).expect("appends"));
+    fs::copy(forged.log(), folder.log()).expect("copied");
+    assert_eq!(broken(&folder.log()).0, 4);
+}
+
+#[test]
+fn rotation_is_bounded_and_keeps_the_chain() {
+    let folder = Folder::new();
+    let bounds = Bounds { max_bytes: 1000, keep_files: 2 };
+    write(&folder.log(), bounds, 100);
+    write(&folder.log(), bounds, 30);
+    let verified = verify(&folder.log()).expect("whole");
+    assert_eq!(verified.files, 3);
+    assert!(verified.first > 1 && verified.last.n > 130);
+    assert!(!rotated(&folder.log(), 3).exists());
+    for k in 1..=2 {
+        // One line beyond the bound, none longer than 200 bytes.
+        assert!(fs::metadata(rotated(&folder.log(), k)).expect("there").len() <= 1200);
+    }
+    // A file between two others is gone, or another's.
+    fs::rename(rotated(&folder.log(), 2), rotated(&folder.log(), 1)).expect("renamed");
+    assert_eq!(broken(&folder.log()), (1, "it does not follow the last line of the file before".into()));
+}
+
+#[test]
+fn a_crash_in_the_middle_costs_nothing_acknowledged() {
+    let folder = Folder::new();
+    write(&folder.log(), WIDE, 3);
+    let mut file = OpenOptions::new().append(true).open(folder.log()).expect("there");
+    file.write_all(b"5 2026-11-21T06:0").expect("written");
+    write(&folder.log(), WIDE, 1);
+    verify(&folder.log()).expect("whole again");
+    let text = fs::read_to_string(folder.log()).expect("text");
+    assert!(text.contains("recovered torn_bytes=\"17\""), "{text}");
+    // Between the renaming and the first line of the new file.
+    fs::rename(folder.log(), rotated(&folder.log(), 1)).expect("renamed");
+    write(&folder.log(), WIDE, 1);
+    assert_eq!(verify(&folder.log()).expect("whole").files, 2);
+}
+
+#[test]
+fn nothing_is_written_behind_a_broken_chain() {
+    let folder = Folder::new();
+    write(&folder.log(), WIDE, 3);
+    let text = fs::read_to_string(folder.log()).expect("text").replace("FIC101", "FIC102");
+    fs::write(folder.log(), text).expect("written");
+    let error = Log::open(&folder.log(), WIDE, NOW).expect_err("broken").to_string();
+    assert!(error.contains("line 2: changed"), "{error}");
+}

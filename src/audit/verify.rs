@@ -1,0 +1,159 @@
+//! Reads a log again and finds the first line that cannot be what was written.
+
+use super::{Entry, GENESIS, hash, head_path, rotated};
+use std::fmt;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A log that is whole.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Verified {
+    /// Files read, rotated ones included.
+    pub files: usize,
+    /// Entries in them.
+    pub entries: u64,
+    /// The first entry's number: above 1 where older files are no longer kept.
+    pub first: u64,
+    /// The last entry.
+    pub last: Entry,
+    /// False when there is no `FILE.head`: then lines dropped from the end would not be missed.
+    pub has_head: bool,
+}
+
+/// The first thing that is wrong with a log.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Broken {
+    /// In which file.
+    pub path: PathBuf,
+    /// In which line, from 1; 0 for the file as a whole.
+    pub line: usize,
+    /// What.
+    pub what: String,
+}
+
+impl fmt::Display for Broken {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.line {
+            0 => write!(out, "audit log {}: {}", self.path.display(), self.what),
+            line => write!(out, "audit log {}: line {line}: {}", self.path.display(), self.what),
+        }
+    }
+}
+
+/// Reads `path` and the rotated files beside it, oldest first.
+///
+/// # Errors
+/// [`Broken`], the first that is found.
+pub fn verify(path: &Path) -> Result<Verified, Broken> {
+    let older: Vec<PathBuf> = (1..).map(|k| rotated(path, k)).take_while(|file| file.exists()).collect();
+    let mut files: Vec<&Path> = older.iter().rev().map(PathBuf::as_path).collect();
+    if path.exists() || files.is_empty() {
+        files.push(path);
+    }
+    let mut head = Head::read(path)?;
+    let (mut before, mut first, mut entries, mut lines) = (None, None, 0, 0);
+    for file in &files {
+        let (from, last, count) = file_of(file, before.as_ref(), head.as_mut())?;
+        first.get_or_insert(from);
+        entries += count as u64;
+        (before, lines) = (Some(last), count);
+    }
+    let last = before.unwrap_or(Entry { n: 0, hash: GENESIS.to_string() });
+    if let Some(head) = head.as_ref().filter(|head| head.entry.n > last.n) {
+        let what = format!(
+            "missing: entries {} to {} were written and are no longer there",
+            last.n + 1,
+            head.entry.n
+        );
+        let path = files.last().map_or(path, |file| *file).to_path_buf();
+        return Err(Broken { path, line: lines + 1, what });
+    }
+    Ok(Verified { files: files.len(), entries, first: first.unwrap_or(0), last, has_head: head.is_some() })
+}
+
+/// The last entry of the newest file with entries, all of which is verified.
+pub(super) fn last(path: &Path) -> Result<Entry, Broken> {
+    verify(path).map(|verified| verified.last)
+}
+
+struct Head {
+    entry: Entry,
+}
+
+impl Head {
+    fn read(path: &Path) -> Result<Option<Self>, Broken> {
+        let head = head_path(path);
+        let broken = |what: String| Broken { path: head.clone(), line: 1, what };
+        let text = match fs::read_to_string(&head) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(broken(error.to_string())),
+        };
+        // Empty: begun and never synchronised.
+        if text.is_empty() {
+            return Ok(None);
+        }
+        let parts = text.strip_suffix('\n').and_then(|line| line.split_once(' '));
+        let entry = parts.and_then(|(n, hash)| Some(Entry { n: n.parse().ok()?, hash: hash.to_string() }));
+        let entry = entry.ok_or_else(|| broken("neither a number nor a hash".into()))?;
+        Ok(Some(Self { entry }))
+    }
+}
+
+/// One file: its first number, its last entry, its lines.
+fn file_of(
+    path: &Path,
+    before: Option<&Entry>,
+    mut head: Option<&mut Head>,
+) -> Result<(u64, Entry, usize), Broken> {
+    let broken = |line: usize, what: &str| Broken { path: path.to_path_buf(), line, what: what.to_string() };
+    let bytes = fs::read(path).map_err(|error| broken(0, &error.to_string()))?;
+    let mut entry: Option<Entry> = None;
+    let (mut first, mut count) = (0, 0);
+    for (at, line) in bytes.split_inclusive(|&byte| byte == b'\n').enumerate() {
+        let number = at + 1;
+        let wrong = |what: &str| broken(number, what);
+        let text = std::str::from_utf8(line).ok().and_then(|line| line.strip_suffix('\n'));
+        let text = text.ok_or_else(|| wrong("not a whole line of text"))?;
+        let parts = text.rsplit_once(" #");
+        let (body, said) = parts.ok_or_else(|| wrong("no entry: it has no hash"))?;
+        let n = body.split(' ').next().and_then(|n| n.parse::<u64>().ok());
+        let n = n.ok_or_else(|| wrong("no entry: it has no number"))?;
+        let previous = match &entry {
+            Some(entry) => entry.clone(),
+            None => {
+                let header = previous(body).ok_or_else(|| wrong("a file begins with the hash before it"))?;
+                first = n;
+                let previous = Entry { n: n.saturating_sub(1), hash: header };
+                if before.is_some_and(|before| *before != previous) {
+                    return Err(wrong("it does not follow the last line of the file before"));
+                }
+                if n == 1 && previous.hash != GENESIS {
+                    return Err(wrong("the first entry of all follows nothing"));
+                }
+                previous
+            }
+        };
+        if n != previous.n + 1 {
+            let what = format!("entry {n} where {} belongs: lines are missing or swapped", previous.n + 1);
+            return Err(wrong(&what));
+        }
+        if hash(&previous.hash, body) != said {
+            return Err(wrong("changed: its hash is another"));
+        }
+        if let Some(head) = head.as_mut().filter(|head| head.entry.n == n)
+            && head.entry.hash != said
+        {
+            return Err(wrong("not the line that was written: the head has another hash for it"));
+        }
+        entry = Some(Entry { n, hash: said.to_string() });
+        count = number;
+    }
+    let last = entry.ok_or_else(|| broken(1, "missing: the file is empty"))?;
+    Ok((first, last, count))
+}
+
+fn previous(body: &str) -> Option<String> {
+    let (_, value) = body.split_once(" file previous=\"")?;
+    value.strip_suffix('"').map(str::to_string)
+}

@@ -1,0 +1,138 @@
+//! Rules of write-back: registers of its own that nothing else uses, everything there that the gate has to see.
+
+use super::super::LoopConfig;
+use super::super::plant;
+use super::super::section::Parts;
+use super::super::source::Step;
+use super::{Rules, tag_path};
+use crate::collect::modbus::{self, Register};
+use crate::writeback;
+
+/// Holding registers in use, and by what.
+struct Taken {
+    /// Address and unit of the device: two entries may be one device.
+    device: (String, u8),
+    from: u32,
+    to: u32,
+    what: String,
+    line: usize,
+}
+
+impl Rules<'_, '_, '_> {
+    pub(super) fn writing(&mut self, parts: &Parts) {
+        let mut taken = self.registers_read(parts);
+        for (at, control_loop) in parts.loops.iter().enumerate() {
+            let Some(control_loop) = control_loop else { continue };
+            let Some(own) = &control_loop.writeback else { continue };
+            for (field, message) in own.validate() {
+                self.wrong(&path!["loop", at, "writeback", field], format!("{field}: {message}"));
+            }
+            self.needed(at, control_loop, own, parts);
+            self.registers_written(at, control_loop, own, parts, &mut taken);
+        }
+    }
+
+    /// What the gate cannot do without.
+    fn needed(&mut self, at: usize, control_loop: &LoopConfig, own: &writeback::LoopConfig, parts: &Parts) {
+        let here = |field: &str| path!["loop", at, "writeback", field].to_vec();
+        let there = [
+            ("[loop.mode]", control_loop.mode.is_some()),
+            ("[loop.sp]", control_loop.sp.is_some()),
+            ("op_span", control_loop.op_span.is_some()),
+            ("op_limits", control_loop.op_limits.is_some()),
+            ("frozen_pv_s", control_loop.frozen_pv_s.is_some()),
+        ];
+        for (what, _) in there.iter().filter(|(_, there)| !there) {
+            let message = format!("enabled: write-back needs {what}, which the loop does not have");
+            self.unless(!own.enabled, &here("enabled"), || message.clone());
+        }
+        self.unless(!own.enabled || writeback::BUILT_IN, &here("enabled"), || {
+            "enabled: this stictiond cannot write: it was built without the cargo feature \"writeback\"; use a build \
+             that has it, or set enabled = false"
+                .into()
+        });
+        let audited = parts.writeback.as_ref().is_none_or(|c| c.audit_file.is_some());
+        self.unless(!own.enabled || audited, &here("enabled"), || {
+            "enabled: write-back needs an audit log: set [writeback] audit_file".into()
+        });
+    }
+
+    /// Every holding register that some tag reads.
+    fn registers_read(&self, parts: &Parts) -> Vec<Taken> {
+        let mut taken = Vec::new();
+        for (at, control_loop) in parts.loops.iter().enumerate() {
+            let Some(control_loop) = control_loop else { continue };
+            let tags: Vec<_> = plant::tags(control_loop).collect();
+            for (tag_at, (role, tag)) in tags.iter().enumerate() {
+                let device = self.device(&tag.device, parts);
+                let Some((device, width)) = device.zip(tag.effective_type().map(|t| t.width())) else {
+                    continue;
+                };
+                let Some(start) = tag.wire_address(device).filter(|_| tag.register == Register::Holding)
+                else {
+                    continue;
+                };
+                let name =
+                    role.map_or_else(|| tag.name.clone().unwrap_or_default(), |r| plant::role_name(r).into());
+                let path = [&tag_path(at, tag_at, &tags)[..], &path!["address"]].concat();
+                taken.push(Taken {
+                    device: (device.address.clone(), device.unit_id),
+                    from: u32::from(start),
+                    to: u32::from(start) + u32::from(width),
+                    what: format!("{name} of loop {}", control_loop.id),
+                    line: self.report.line(self.source.place(&path)),
+                });
+            }
+        }
+        taken
+    }
+
+    fn registers_written(
+        &mut self,
+        at: usize,
+        control_loop: &LoopConfig,
+        own: &writeback::LoopConfig,
+        parts: &Parts,
+        taken: &mut Vec<Taken>,
+    ) {
+        let here = |field: &str| path!["loop", at, "writeback", field].to_vec();
+        let Some(device) = self.device(&own.device, parts) else {
+            if !self.devices.contains_key(own.device.as_str()) {
+                let message = format!("device: no [[modbus]] is called {:?}", own.device);
+                self.wrong(&here("device"), message);
+            }
+            return;
+        };
+        let unit = (device.address.clone(), device.unit_id);
+        for (field, start, width) in own.registers(device.address_base) {
+            let Some(start) = start.map(u32::from) else {
+                let base = i64::from(device.address_base);
+                let last = 65_536 - i64::from(width) + base;
+                let message = format!("{field}: must be {base} to {last} (address_base = {base})");
+                self.wrong(&here(field), message);
+                continue;
+            };
+            let end = start + u32::from(width);
+            let meets = |other: &&Taken| other.device == unit && other.from < end && start < other.to;
+            if let Some(other) = taken.iter().find(meets) {
+                let message = format!(
+                    "{field}: overlaps {} (line {}); write-back needs registers of its own and never writes what \
+                     another uses",
+                    other.what, other.line
+                );
+                self.wrong(&here(field), message);
+            }
+            taken.push(Taken {
+                device: unit.clone(),
+                from: start,
+                to: end,
+                what: format!("{field} of loop {}", control_loop.id),
+                line: self.report.line(self.source.place(&here(field))),
+            });
+        }
+    }
+
+    fn device<'p>(&self, name: &str, parts: &'p Parts) -> Option<&'p modbus::Config> {
+        parts.modbus[*self.devices.get(name)?].as_ref()
+    }
+}

@@ -1,0 +1,74 @@
+//! The two persons of the demo: one grants write-back where the gate waits for nothing else, the other approves. And
+//! what the screen says of it.
+
+use crate::serve::Desk;
+use crate::signal::LoopId;
+use crate::sim::DemoLoop;
+use std::sync::Arc;
+use tokio_util::sync::CancellationToken;
+
+#[cfg(feature = "writeback")]
+use crate::compensation::gate::{Action, Denial, State};
+
+/// How often they look (ms).
+#[cfg(feature = "writeback")]
+const LOOK_MS: u64 = 200;
+/// How long a grant lasts (s of plant time).
+#[cfg(feature = "writeback")]
+const GRANT_S: f64 = 36_000.0;
+
+/// Grants and approves each sticky loop once, as soon as nothing else is missing.
+#[cfg(feature = "writeback")]
+pub(super) async fn work(desk: Arc<dyn Desk>, loops: &[DemoLoop], stop: &CancellationToken) {
+    let mut waiting: Vec<LoopId> =
+        loops.iter().filter(|own| own.truth.sticky).map(|own| LoopId::new(own.id.as_str())).collect();
+    let mut ticks = tokio::time::interval(std::time::Duration::from_millis(LOOK_MS));
+    while stop.run_until_cancelled(ticks.tick()).await.is_some() && !waiting.is_empty() {
+        let mut left = Vec::new();
+        for id in waiting {
+            let ready = desk
+                .status(&id)
+                .is_some_and(|own| own.state == State::Shadow && own.denials == [Denial::NotGranted]);
+            let granted = ready
+                && matches!(desk.act(&id, Action::Grant(GRANT_S), "demo operator").await, Some(Ok(_)))
+                && matches!(desk.act(&id, Action::Approve, "demo supervisor").await, Some(Ok(_)));
+            if !granted {
+                left.push(id);
+            }
+        }
+        waiting = left;
+    }
+}
+
+/// Nobody can act in a binary that only reads.
+#[cfg(not(feature = "writeback"))]
+pub(super) async fn work(_: Arc<dyn Desk>, _: &[DemoLoop], _: &CancellationToken) {}
+
+const HEADER: &str = "loop    what it is                     write-back   term %  ISE before  ISE with    gain  travel x  turns/h  why";
+
+/// What write-back does, a line per sticky loop; empty where there is none.
+pub(super) fn lines(desk: &dyn Desk, loops: &[DemoLoop]) -> Vec<String> {
+    let line = |demo: &DemoLoop| {
+        let status = desk.status(&LoopId::new(demo.id.as_str()))?;
+        let number = |value: Option<f64>, digits: usize| {
+            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+        };
+        let (before, with) = (status.before, status.with);
+        let both = before.zip(with);
+        let why = status.tripped_by.or(status.denials.first().copied()).map_or("", |denial| denial.code());
+        Some(format!(
+            "{:7} {:30} {:11} {:>7}  {:>10}  {:>8}  {:>6}  {:>8}  {:>7}  {why}",
+            demo.id,
+            format!("{}, {}", demo.class.as_str(), demo.truth.kind),
+            status.state.as_str(),
+            number(Some(status.term), 2),
+            number(before.map(|m| m.ise), 1),
+            number(with.map(|m| m.ise), 1),
+            number(both.map(|(before, with)| before.ise / with.ise), 1),
+            number(both.map(|(before, with)| with.travel / before.travel), 1),
+            number(with.map(|m| 3600.0 * m.reversals as f64 / m.length_s), 0),
+        ))
+    };
+    let lines: Vec<String> = loops.iter().filter_map(line).collect();
+    if lines.is_empty() { lines } else { [vec![String::new(), HEADER.to_owned()], lines].concat() }
+}

@@ -1,0 +1,124 @@
+//! Write-back: its state, and in a binary that can write what an operator may do. There is no log-in yet and names are
+//! believed, so what acts is served on loopback only.
+
+use super::super::Context;
+use super::super::dto::params::NoQuery;
+use super::super::dto::writeback::WritebackView;
+use super::super::extract::{OfLoop, Params};
+use super::super::problem::Problem;
+use crate::signal::LoopId;
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use std::sync::Arc;
+
+type Shared = State<Arc<Context>>;
+
+/// A loop's write-back: its state, what speaks against it, and what it did to ISE and travel.
+#[utoipa::path(get, path = "/loops/{id}/writeback", tag = "writeback",
+    params(("id" = String, Path, description = "the loop's name")),
+    responses((status = 200, body = WritebackView),
+        (status = 404, description = "problem: no such loop, or write-back is not enabled for it")))]
+pub async fn state(
+    State(context): Shared,
+    OfLoop(id): OfLoop,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Json<WritebackView>, Problem> {
+    let status = context.desk.as_ref().and_then(|desk| desk.status(&id));
+    status.map(|status| Json(WritebackView::from(&status))).ok_or_else(|| not_enabled(&id))
+}
+
+fn not_enabled(id: &LoopId) -> Problem {
+    let detail = format!("write-back is not enabled for loop '{id}', or not built into this daemon");
+    Problem::new(StatusCode::NOT_FOUND, "writeback_not_enabled", detail).with("loop", id.as_str())
+}
+
+#[cfg(feature = "writeback")]
+pub use acting::*;
+
+#[cfg(feature = "writeback")]
+mod acting {
+    use super::super::super::dto::params::{GrantBody, NameBody};
+    use super::super::super::extract::{Required, short};
+    use super::*;
+    use crate::compensation::gate::{Action, Refusal};
+
+    /// An operator allows write-back for a time; a second person has to approve. Loopback only, names are believed.
+    #[utoipa::path(post, path = "/loops/{id}/writeback/grant", tag = "writeback", request_body = GrantBody,
+        params(("id" = String, Path, description = "the loop's name")),
+        responses((status = 200, body = WritebackView), (status = 400, description = "problem: the field is named"),
+            (status = 403, description = "problem: not on a loopback listener"),
+            (status = 404, description = "problem: no such loop, or not enabled"),
+            (status = 409, description = "problem: the state does not allow it")))]
+    pub async fn grant(
+        State(context): Shared,
+        OfLoop(id): OfLoop,
+        Required(body): Required<GrantBody>,
+    ) -> Result<Json<WritebackView>, Problem> {
+        act(&context, &id, Action::Grant(body.duration_s), body.by).await
+    }
+
+    /// A second person agrees to the grant.
+    #[utoipa::path(post, path = "/loops/{id}/writeback/approve", tag = "writeback", request_body = NameBody,
+        params(("id" = String, Path, description = "the loop's name")),
+        responses((status = 200, body = WritebackView), (status = 403, description = "problem: not on a loopback listener"),
+            (status = 404, description = "problem: no such loop, or not enabled"),
+            (status = 409, description = "problem: nothing to approve, or the same person")))]
+    pub async fn approve(
+        State(context): Shared,
+        OfLoop(id): OfLoop,
+        Required(body): Required<NameBody>,
+    ) -> Result<Json<WritebackView>, Problem> {
+        act(&context, &id, Action::Approve, body.by).await
+    }
+
+    /// Takes the term back by a ramp to zero, or the grant before it was used.
+    #[utoipa::path(post, path = "/loops/{id}/writeback/withdraw", tag = "writeback", request_body = NameBody,
+        params(("id" = String, Path, description = "the loop's name")),
+        responses((status = 200, body = WritebackView), (status = 403, description = "problem: not on a loopback listener"),
+            (status = 404, description = "problem: no such loop, or not enabled"),
+            (status = 409, description = "problem: nothing to withdraw")))]
+    pub async fn withdraw(
+        State(context): Shared,
+        OfLoop(id): OfLoop,
+        Required(body): Required<NameBody>,
+    ) -> Result<Json<WritebackView>, Problem> {
+        act(&context, &id, Action::Withdraw, body.by).await
+    }
+
+    /// An operator resets a trip; a new grant is needed afterwards.
+    #[utoipa::path(post, path = "/loops/{id}/writeback/reset", tag = "writeback", request_body = NameBody,
+        params(("id" = String, Path, description = "the loop's name")),
+        responses((status = 200, body = WritebackView), (status = 403, description = "problem: not on a loopback listener"),
+            (status = 404, description = "problem: no such loop, or not enabled"),
+            (status = 409, description = "problem: it is not tripped")))]
+    pub async fn reset(
+        State(context): Shared,
+        OfLoop(id): OfLoop,
+        Required(body): Required<NameBody>,
+    ) -> Result<Json<WritebackView>, Problem> {
+        act(&context, &id, Action::Reset, body.by).await
+    }
+
+    async fn act(
+        context: &Context,
+        id: &LoopId,
+        action: Action,
+        by: String,
+    ) -> Result<Json<WritebackView>, Problem> {
+        if !context.on_loopback() {
+            let detail = "there is no log-in yet: write-back is acted on from a loopback listener only";
+            return Err(Problem::new(StatusCode::FORBIDDEN, "loopback_only", detail));
+        }
+        let by = short("by", Some(by), 100)?.unwrap_or_default();
+        let desk = context.desk.as_ref().ok_or_else(|| not_enabled(id))?;
+        match desk.act(id, action, &by).await.ok_or_else(|| not_enabled(id))? {
+            Ok(status) => Ok(Json(WritebackView::from(&status))),
+            Err(refusal @ Refusal::BadDuration { .. }) => {
+                Err(Problem::field("duration_s", format!("duration_s: {refusal}")))
+            }
+            Err(Refusal::Nameless) => Err(Problem::field("by", format!("by: {}", Refusal::Nameless))),
+            Err(refusal) => Err(Problem::new(StatusCode::CONFLICT, "writeback_state", refusal.to_string())),
+        }
+    }
+}

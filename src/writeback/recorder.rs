@@ -1,0 +1,121 @@
+//! Puts everything on record: one thread that owns the audit log, so that waiting for the disk delays no timer.
+
+use crate::audit::{AuditError, Bounds, Log};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use tokio::sync::oneshot;
+
+/// Entries that may wait for the disk.
+const QUEUE: usize = 4096;
+/// Entries that share one wait for the disk.
+const BATCH: usize = 512;
+
+/// Hands entries to the thread that writes them.
+pub struct Recorder {
+    entries: Mutex<Option<SyncSender<Entry>>>,
+    failed: Arc<AtomicBool>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+struct Entry {
+    at: String,
+    event: &'static str,
+    fields: Vec<(&'static str, String)>,
+    done: Option<oneshot::Sender<()>>,
+}
+
+impl Recorder {
+    /// Opens the log and begins.
+    ///
+    /// # Errors
+    /// [`AuditError`] when the log cannot be opened or is broken.
+    pub fn start(path: &Path, bounds: Bounds, now: f64) -> Result<Self, AuditError> {
+        let log = Log::open(path, bounds, &stamp(now))?;
+        let (sender, receiver) = sync_channel(QUEUE);
+        let failed = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&failed);
+        let thread = std::thread::spawn(move || keep(log, &receiver, &flag));
+        Ok(Self { entries: Mutex::new(Some(sender)), failed, thread: Mutex::new(Some(thread)) })
+    }
+
+    /// False from the first entry on that could not be put on record.
+    pub fn works(&self) -> bool {
+        !self.failed.load(Relaxed)
+    }
+
+    /// Puts an entry in line; false when it cannot be recorded.
+    pub fn put(&self, at: f64, event: &'static str, fields: Vec<(&'static str, String)>) -> bool {
+        self.send(Entry { at: stamp(at), event, fields, done: None })
+    }
+
+    /// Puts an entry in line; what comes back hears when it, and everything before it, is on disk, or an error where it
+    /// cannot be recorded.
+    pub fn follow(
+        &self,
+        at: f64,
+        event: &'static str,
+        fields: Vec<(&'static str, String)>,
+    ) -> oneshot::Receiver<()> {
+        let (sender, receiver) = oneshot::channel();
+        self.send(Entry { at: stamp(at), event, fields, done: Some(sender) });
+        receiver
+    }
+
+    fn send(&self, entry: Entry) -> bool {
+        let entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        // A full queue means a disk that hangs: that is a failure, not a reason to wait with it.
+        let sent = entries.as_ref().is_some_and(|entries| entries.try_send(entry).is_ok());
+        if !sent {
+            self.failed.store(true, Relaxed);
+        }
+        sent && self.works()
+    }
+}
+
+impl Drop for Recorder {
+    /// Everything in line is written first.
+    fn drop(&mut self) {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(thread) = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread of the audit log failed");
+        }
+    }
+}
+
+fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool) {
+    while let Ok(first) = entries.recv() {
+        let mut batch = vec![first];
+        batch.extend(entries.try_iter().take(BATCH));
+        let written = batch
+            .iter()
+            .try_for_each(|entry| log.append(&entry.at, entry.event, &entry.fields))
+            .and_then(|()| log.sync());
+        if let Err(error) = written {
+            // What stands in the file now may end in half a line: nothing more is written behind it.
+            failed.store(true, Relaxed);
+            tracing::error!(%error, "the audit log cannot be written: write-back withdraws");
+            return;
+        }
+        for entry in batch {
+            if let Some(done) = entry.done {
+                let last = log.last();
+                // The hash in a log elsewhere is what a forger of the file cannot reach.
+                tracing::info!(event = entry.event, n = last.n, hash = last.hash, "on record");
+                // Whoever waited may have gone.
+                let _ = done.send(());
+            }
+        }
+    }
+}
+
+/// RFC 3339 in UTC; a time that is none is recorded as the number it is.
+fn stamp(t: f64) -> String {
+    let nanos = (t * 1e9).round();
+    let stamp = jiff::Timestamp::from_nanosecond(nanos as i128).ok().filter(|_| t.is_finite());
+    stamp.map_or_else(|| t.to_string(), |stamp| stamp.to_string())
+}

@@ -1,0 +1,311 @@
+//! One task per loop: it shows the loop to the gate, puts on record what the gate says, and writes what it orders.
+
+use super::config::Target;
+use super::link::Writer;
+use super::recorder::Recorder;
+use crate::compensation::gate::{
+    Action, Event, Gate, Inputs, Limits, News, Order, Refusal, State, Status, Time, WriteFault,
+};
+use crate::signal::{LoopId, Record};
+use std::collections::{HashMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::{Notify, oneshot, watch};
+use tokio::task::JoinHandle;
+
+/// Changes of the term that are remembered, for the diagnosis of what the valve was told.
+const TERMS: usize = 65_536;
+/// What the ramp to zero may take longer than its limit, for the last answers to come.
+const GRACE: Duration = Duration::from_secs(2);
+
+/// Looks at a loop: the newest samples, the latest diagnosis, missed polls.
+pub type Look = Arc<dyn Fn() -> Inputs + Send + Sync>;
+/// Both clocks.
+pub type Clocks = Arc<dyn Fn() -> Time + Send + Sync>;
+/// Told of everything that happens.
+pub type Tell = Arc<dyn Fn(&LoopId, &News) + Send + Sync>;
+
+/// One loop's write-back, before it runs.
+pub struct LoopSetup {
+    /// Which loop.
+    pub id: LoopId,
+    /// Its bounds.
+    pub limits: Limits,
+    /// Where it writes.
+    pub target: Target,
+    /// Longest pause between two steps.
+    pub pause: Duration,
+    /// Changes when the loop's OP has been polled.
+    pub polled: watch::Receiver<u64>,
+    /// How it sees its loop.
+    pub look: Look,
+}
+
+/// Write-back of all loops that enable it.
+pub struct Writeback {
+    slots: HashMap<LoopId, Arc<Slot>>,
+    tasks: Mutex<Vec<JoinHandle<()>>>,
+    longest: Duration,
+}
+
+/// What the task of a loop shares with those who ask.
+struct Slot {
+    id: LoopId,
+    gate: Mutex<Gate>,
+    wake: Notify,
+    /// When the term in force changed (s, wall), and to what (OP unit).
+    terms: Mutex<VecDeque<(f64, f64)>>,
+    percent: f64,
+    clocks: Clocks,
+    recorder: Arc<Recorder>,
+    tell: Tell,
+}
+
+impl Writeback {
+    /// Starts a task for each loop, in shadow.
+    pub fn start(loops: Vec<LoopSetup>, clocks: Clocks, recorder: Arc<Recorder>, tell: Tell) -> Self {
+        let limit = loops.iter().map(|own| own.limits.withdraw_limit_s + own.limits.max_step_s);
+        let limit = Duration::try_from_secs_f64(limit.fold(0.0, f64::max)).unwrap_or_default();
+        let (mut slots, mut tasks) = (HashMap::new(), Vec::new());
+        for own in loops {
+            let slot = Arc::new(Slot {
+                id: own.id.clone(),
+                gate: Mutex::new(Gate::new(own.limits)),
+                wake: Notify::new(),
+                terms: Mutex::default(),
+                percent: 0.01 * own.limits.op_span,
+                clocks: clocks.clone(),
+                recorder: recorder.clone(),
+                tell: tell.clone(),
+            });
+            let writer = Writer::new(own.target);
+            let task =
+                Task { slot: slot.clone(), writer, look: own.look, polled: own.polled, pause: own.pause };
+            tasks.push(tokio::spawn(task.run()));
+            slots.insert(own.id, slot);
+        }
+        Self { slots, tasks: Mutex::new(tasks), longest: limit + GRACE }
+    }
+
+    /// A loop's write-back; `None` where it is not enabled.
+    pub fn status(&self, id: &LoopId) -> Option<Status> {
+        self.slots.get(id).map(|slot| slot.gate().status())
+    }
+
+    /// An operator acts; `None` where write-back is not enabled. It is on record when this returns.
+    ///
+    /// # Errors
+    /// The gate's [`Refusal`].
+    pub async fn act(&self, id: &LoopId, action: Action, by: &str) -> Option<Result<Status, Refusal>> {
+        let slot = self.slots.get(id)?;
+        let now = (slot.clocks)();
+        let (acted, recorded) = {
+            let mut gate = slot.gate();
+            let acted = match action {
+                Action::Grant(duration_s) => gate.grant(by, duration_s, now),
+                Action::Approve => gate.approve(by, now),
+                Action::Withdraw => gate.withdraw(by, now),
+                Action::Reset => gate.reset(by, now),
+            };
+            (acted.map(|()| gate.status()), slot.record(&mut gate))
+        };
+        slot.wake.notify_one();
+        // Where it cannot be recorded the gate sees that at its next step, and does not open.
+        recorded.wait().await;
+        Some(acted)
+    }
+
+    /// What the valve was told: adds to each OP of a record the term that was in force. f is that of the valve, so the
+    /// diagnosis has to see the valve's input.
+    pub fn add_terms(&self, id: &LoopId, record: &mut Record) {
+        let Some(slot) = self.slots.get(id) else { return };
+        let terms = slot.terms.lock().unwrap_or_else(PoisonError::into_inner);
+        for sample in &mut record.op {
+            let after = terms.partition_point(|&(t, _)| t <= sample.t);
+            if let Some(&(_, term)) = after.checked_sub(1).and_then(|at| terms.get(at)) {
+                sample.value += term;
+            }
+        }
+    }
+
+    /// Ramps every term to zero and ends; it takes at most the longest `withdraw_limit_s`, one step and two seconds. What is not at
+    /// zero by then is dropped by the DCS, because the heart has stopped.
+    pub async fn end(&self) {
+        for slot in self.slots.values() {
+            let now = (slot.clocks)();
+            let mut gate = slot.gate();
+            gate.stop(now);
+            slot.record(&mut gate);
+            slot.wake.notify_one();
+        }
+        let tasks = std::mem::take(&mut *self.tasks.lock().unwrap_or_else(PoisonError::into_inner));
+        let deadline = tokio::time::Instant::now() + self.longest;
+        for mut task in tasks {
+            match tokio::time::timeout_at(deadline, &mut task).await {
+                Ok(Ok(())) => {}
+                Ok(Err(error)) => tracing::error!(%error, "the task of a loop's write-back failed"),
+                Err(_) => {
+                    task.abort();
+                    tracing::error!("a term could not be ramped to zero in time; the heartbeat has stopped");
+                }
+            }
+        }
+    }
+}
+
+impl Slot {
+    /// A panic elsewhere leaves a gate that is judged anew at its next step; its order counts as failed.
+    fn gate(&self) -> MutexGuard<'_, Gate> {
+        self.gate.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells everybody and puts it on record, while the gate is held: so the order on record is the order it happened
+    /// in. What comes back is to be waited for where nothing is in force yet; on the way to zero the plant comes first.
+    fn record(&self, gate: &mut Gate) -> OnRecord {
+        let follow = |one: &News| {
+            let (event, fields) = self.told(one);
+            self.recorder.follow(one.at, event, fields)
+        };
+        OnRecord(gate.take_news().iter().map(follow).collect())
+    }
+
+    fn told(&self, news: &News) -> (&'static str, Vec<(&'static str, String)>) {
+        (self.tell)(&self.id, news);
+        let (event, mut fields) = entry(&news.event);
+        fields.insert(0, ("loop", self.id.to_string()));
+        (event, fields)
+    }
+
+    fn put_order(&self, order: &Order, at: f64) -> bool {
+        let fields = vec![
+            ("loop", self.id.to_string()),
+            ("term", order.term().to_string()),
+            ("heartbeat", order.heartbeat().to_string()),
+        ];
+        self.recorder.put(at, "write", fields)
+    }
+
+    fn remember(&self, at: f64, term: f64) {
+        let mut terms = self.terms.lock().unwrap_or_else(PoisonError::into_inner);
+        let value = term * self.percent;
+        if terms.back().is_none_or(|&(_, last)| last != value) {
+            // A clock set back would break the order that the look-up needs.
+            terms.retain(|&(t, _)| t <= at);
+            if terms.len() == TERMS {
+                terms.pop_front();
+            }
+            terms.push_back((at, value));
+        }
+    }
+}
+
+/// Entries on their way to the disk.
+struct OnRecord(Vec<oneshot::Receiver<()>>);
+
+impl OnRecord {
+    /// Waits for the disk; false when it failed.
+    async fn wait(self) -> bool {
+        for entry in self.0 {
+            if entry.await.is_err() {
+                return false;
+            }
+        }
+        true
+    }
+}
+
+/// How an event stands in the log.
+fn entry(event: &Event) -> (&'static str, Vec<(&'static str, String)>) {
+    match event {
+        Event::Moved { from, to, cause, by } => {
+            let mut fields = vec![
+                ("from", from.as_str().to_string()),
+                ("to", to.as_str().to_string()),
+                ("cause", cause.code().to_string()),
+            ];
+            fields.extend(by.iter().map(|by| ("by", by.clone())));
+            ("transition", fields)
+        }
+        Event::Granted { by, until } => ("grant", vec![("by", by.clone()), ("until", until.to_string())]),
+        Event::Approved { by } => ("approval", vec![("by", by.clone())]),
+        Event::GrantExpired => ("grant_expired", Vec::new()),
+        Event::GrantDropped { by } => ("grant_dropped", vec![("by", by.clone())]),
+    }
+}
+
+struct Task {
+    slot: Arc<Slot>,
+    writer: Writer,
+    look: Look,
+    polled: watch::Receiver<u64>,
+    pause: Duration,
+}
+
+impl Task {
+    async fn run(mut self) {
+        let now = (self.slot.clocks)();
+        let recorded = {
+            let mut gate = self.slot.gate();
+            gate.enable(now);
+            self.slot.record(&mut gate)
+        };
+        recorded.wait().await;
+        while self.slot.gate().state() != State::Disabled {
+            self.wait().await;
+            self.step().await;
+        }
+    }
+
+    /// Until OP was polled, somebody acted, or the pause is over.
+    async fn wait(&mut self) {
+        let pause = tokio::time::sleep(self.pause);
+        tokio::select! {
+            changed = self.polled.changed() => {
+                if changed.is_err() {
+                    // The device is gone; its samples grow old, which the gate sees.
+                    tokio::time::sleep(self.pause).await;
+                }
+            }
+            () = self.slot.wake.notified() => {}
+            () = pause => {}
+        }
+    }
+
+    async fn step(&mut self) {
+        let inputs = Inputs { audited: self.slot.recorder.works(), ..(self.look)() };
+        let now = (self.slot.clocks)();
+        let (order, recorded, state) = {
+            let mut gate = self.slot.gate();
+            let order = gate.step(now, &inputs);
+            (order, self.slot.record(&mut gate), gate.state())
+        };
+        let leaving = state == State::Withdrawing;
+        let recorded = leaving || recorded.wait().await;
+        let Some(order) = order else {
+            // Whatever could not be written, the DCS has dropped, or will once the heart has stood still for long enough.
+            self.slot.remember(now.wall, 0.0);
+            self.writer.close();
+            return;
+        };
+        let recorded = self.slot.put_order(&order, now.wall) && recorded;
+        let outcome =
+            if recorded || leaving { self.writer.write(&order).await } else { Err(WriteFault::Audit) };
+        self.done(order, outcome).await;
+    }
+
+    async fn done(&mut self, order: Order, outcome: Result<(), WriteFault>) {
+        let now = (self.slot.clocks)();
+        match outcome {
+            Ok(()) => self.slot.remember(now.wall, order.term()),
+            Err(fault) => {
+                let why = self.writer.why().to_string();
+                tracing::warn!(id = %self.slot.id, ?fault, why, "a term was not written");
+                let id = self.slot.id.to_string();
+                self.slot.recorder.put(now.wall, "write_failed", vec![("loop", id), ("why", why)]);
+            }
+        }
+        let mut gate = self.slot.gate();
+        gate.report(order, outcome, now);
+        self.slot.record(&mut gate);
+    }
+}

@@ -1,0 +1,90 @@
+//! Write-back by its API, and under faults.
+
+mod daemon;
+mod faults;
+mod plant;
+
+use crate::http::{Events, get, send};
+use crate::rig::assert_problem;
+use daemon::Daemon;
+use plant::Plant;
+use std::net::SocketAddr;
+
+const LOOP: &str = "/api/v1/loops/LIC201/writeback";
+
+async fn post(to: SocketAddr, path: &str, body: &str) -> crate::http::Answer {
+    send(to, "POST", path, &["content-type: application/json"], body).await
+}
+
+#[tokio::test]
+async fn two_persons_grant_and_everybody_hears_of_it() {
+    let plant = Plant::start();
+    let address = plant.listen().await;
+    let daemon = Daemon::start(address, address, "api").await;
+    let api = daemon.api;
+    let mut events = Events::open(api).await;
+
+    let refused = async |what: &str, body: &str, status: u16| {
+        assert_problem(&post(api, &format!("{LOOP}/{what}"), body).await, status)
+    };
+    assert_eq!(refused("grant", r#"{"duration_s": 60}"#, 400).await["field"], "by");
+    assert_eq!(refused("grant", r#"{"by": " ", "duration_s": 60}"#, 400).await["field"], "by");
+    assert_eq!(refused("grant", r#"{"by": "Ann", "duration_s": 601}"#, 400).await["field"], "duration_s");
+    assert_eq!(
+        refused("grant", r#"{"by": "Ann", "duration_s": 60, "approve": true}"#, 400).await["status"],
+        400
+    );
+    for (what, body) in
+        [("approve", r#"{"by": "Bob"}"#), ("withdraw", r#"{"by": "Bob"}"#), ("reset", r#"{"by": "Bob"}"#)]
+    {
+        assert_eq!(refused(what, body, 409).await["type"], "urn:stictiond:problem:writeback_state");
+    }
+    assert_problem(
+        &post(api, "/api/v1/loops/NONE/writeback/grant", r#"{"by": "Ann", "duration_s": 60}"#).await,
+        404,
+    );
+
+    let granted = daemon.act("grant", r#"{"by": "Ann", "duration_s": 60}"#).await;
+    assert_eq!((&granted["state"], &granted["grant"]["by"]), (&"shadow".into(), &"Ann".into()));
+    let same = refused("approve", r#"{"by": "ann"}"#, 409).await;
+    assert!(same["detail"].as_str().is_some_and(|text| text.contains("cannot approve")), "{same}");
+    let approved = daemon.act("approve", r#"{"by": "Bob"}"#).await;
+    assert_eq!((&approved["state"], &approved["grant"]["approved_by"]), (&"armed".into(), &"Bob".into()));
+    assert_eq!(daemon.act("withdraw", r#"{"by": "Cid"}"#).await["grant"], serde_json::Value::Null);
+
+    let mut heard = Vec::new();
+    while heard.len() < 4 {
+        let (name, data) = events.next().await.expect("the stream goes on");
+        if name == "writeback" {
+            assert_eq!(data["loop"], "LIC201");
+            heard.push((data["what"].clone(), data["by"].clone()));
+        }
+    }
+    let expected = [("grant", "Ann"), ("approval", "Bob"), ("transition", "Bob"), ("transition", "Cid")];
+    assert_eq!(heard, expected.map(|(what, by)| (what.into(), by.into())));
+
+    let detail = get(api, "/api/v1/loops/LIC201").await.json();
+    assert_eq!(detail["writeback"]["state"], "shadow");
+    let metrics = get(api, "/metrics").await.text();
+    assert!(metrics.contains("stictiond_writeback_state{loop=\"LIC201\",state=\"shadow\"} 1"), "{metrics}");
+    let described = get(api, "/openapi.json").await.json();
+    for what in ["grant", "approve", "withdraw", "reset"] {
+        let path = format!("/api/v1/loops/{{id}}/writeback/{what}");
+        assert!(described["paths"][&path]["post"].is_object(), "{path}");
+    }
+}
+
+/// Names are believed, so nobody beyond this machine may act.
+#[tokio::test]
+async fn on_a_listener_for_the_network_nobody_acts() {
+    let plant = Plant::start();
+    let address = plant.listen().await;
+    let daemon = Daemon::on_the_network(address, "network").await;
+    let api = SocketAddr::from(([127, 0, 0, 1], daemon.api.port()));
+    assert_eq!(get(api, LOOP).await.json()["state"], "shadow");
+    for what in ["grant", "approve", "withdraw", "reset"] {
+        let body = if what == "grant" { r#"{"by": "Ann", "duration_s": 60}"# } else { r#"{"by": "Ann"}"# };
+        let problem = assert_problem(&post(api, &format!("{LOOP}/{what}"), body).await, 403);
+        assert_eq!(problem["type"], "urn:stictiond:problem:loopback_only");
+    }
+}
