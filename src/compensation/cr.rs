@@ -8,7 +8,7 @@ pub struct CrSettings {
     /// OP has to turn back by more than this before the term changes its sign [%]; 2 to 3 times the sd of OP's
     /// noise from sample to sample. 0 is the paper's rule.
     pub dead_band: f64,
-    /// OP counts as constant once it has not changed for longer than this [s]. 0 is the paper's rule; a
+    /// OP counts as constant once it has not changed for longer than this (s). 0 is the paper's rule; a
     /// collector that polls faster than the controller executes needs the controller's period here.
     pub rest_s: f64,
     /// The term is never larger than this [%].

@@ -14,8 +14,7 @@
 //! Source: Ljung, System Identification, 2nd ed., section 10.3 and 7.4.
 
 use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
-use nalgebra::Complex;
-use std::f64::consts::TAU;
+pub use super::zeros::{draw_inside, is_inside};
 
 /// Largest modulus a zero of C may have; beyond it the start of the record is never forgotten.
 pub const RHO: f64 = 0.98;
@@ -437,91 +436,6 @@ fn filter4<const P: usize>(c: [f64; P], inputs: [&[f64]; 3], outputs: [&mut [f64
         o2[k] = value[2];
         o3[k] = value[3];
     }
-}
-
-/// True when every zero of `1 + c1 q^-1 + …` lies inside `|q| < radius` (Schur–Cohn by step-down).
-pub fn is_inside(c: &[f64], radius: f64) -> bool {
-    let mut poly = [0.0; ORDER];
-    let mut scale = 1.0;
-    for (slot, &c) in poly.iter_mut().zip(c) {
-        scale /= radius;
-        *slot = c * scale;
-    }
-    let mut n = c.len().min(ORDER);
-    while n > 0 {
-        let k = poly[n - 1];
-        if k.is_nan() || k.abs() >= 1.0 {
-            return false;
-        }
-        let previous = poly;
-        for i in 0..n - 1 {
-            poly[i] = (previous[i] - k * previous[n - 2 - i]) / (1.0 - k * k);
-        }
-        n -= 1;
-    }
-    true
-}
-
-/// Draws every zero of `1 + c1 q^-1 + …` that lies outside `|q| = radius` straight towards 0 onto it; the others stay.
-pub fn draw_inside(c: &mut [f64], radius: f64) {
-    if is_inside(c, radius) {
-        return;
-    }
-    let zeros = c.iter().all(|c| c.is_finite()).then(|| zeros(c)).flatten();
-    let Some(zeros) = zeros else {
-        c.fill(0.0);
-        return;
-    };
-    let mut poly = [Complex::new(0.0, 0.0); ORDER + 1];
-    poly[0] = Complex::new(1.0, 0.0);
-    let inside = radius * (1.0 - 1e-6);
-    for (i, zero) in zeros[..c.len()].iter().enumerate() {
-        let zero = if zero.norm() > inside { zero * (inside / zero.norm()) } else { *zero };
-        for j in (0..=i).rev() {
-            let low = poly[j];
-            poly[j + 1] -= low * zero;
-        }
-    }
-    for (c, p) in c.iter_mut().zip(&poly[1..]) {
-        *c = p.re;
-    }
-    // Rounding may leave a multiple zero outside: then all are drawn in together.
-    while !is_inside(c, radius) {
-        let mut power = 1.0;
-        for c in c.iter_mut() {
-            power *= 1.0 - 1e-4;
-            *c *= power;
-        }
-    }
-}
-
-/// The zeros of `1 + c1 q^-1 + …` by the Durand–Kerner iteration; none when it does not settle.
-fn zeros(c: &[f64]) -> Option<[Complex<f64>; ORDER]> {
-    let n = c.len().min(ORDER);
-    // Cauchy's bound, so that the starts surround the zeros.
-    let bound = 1.0 + c.iter().fold(0.0f64, |most, c| most.max(c.abs()));
-    let mut zeros: [Complex<f64>; ORDER] =
-        std::array::from_fn(|i| Complex::from_polar(0.5 * bound, 0.4 + i as f64 * TAU / n.max(1) as f64));
-    for _ in 0..200 {
-        let mut moved = 0.0f64;
-        for i in 0..n {
-            let z = zeros[i];
-            let value = c[..n].iter().fold(Complex::new(1.0, 0.0), |value, c| value * z + c);
-            let others = (0..n).filter(|&j| j != i);
-            let product = others.fold(Complex::new(1.0, 0.0), |product, j| product * (z - zeros[j]));
-            let step = value / product;
-            if !step.re.is_finite() || !step.im.is_finite() {
-                return None;
-            }
-            zeros[i] -= step;
-            moved = moved.max(step.norm());
-        }
-        if moved < 1e-13 * bound {
-            return Some(zeros);
-        }
-    }
-    // A double zero converges slowly; what is left then is far below what a step of the minimisation moves.
-    Some(zeros)
 }
 
 #[cfg(test)]

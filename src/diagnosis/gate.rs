@@ -18,6 +18,8 @@ const LARGEST_VALUE: f64 = 1e30;
 const SATURATED_SHARE: f64 = 0.3;
 /// Share of the window that one unchanging PV value may cover.
 const FROZEN_SHARE: f64 = 0.5;
+/// Most points of the equal grid for each sample there is; more would be invented.
+const MOST_POINTS: usize = 20;
 
 /// What the gate passes on, or why it does not; the preparation is told either way.
 pub type Gated = Result<(Window, Preparation), (NotIdentifiable, Preparation)>;
@@ -57,7 +59,11 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let Some(&(from, to)) = stretches.iter().rev().max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0))) else {
         return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
     };
-    let n = ((to - from) / ts * (1.0 + 1e-9)).floor() as usize + 1;
+    let points = ((to - from) / ts * (1.0 + 1e-9)).floor();
+    if points > (MOST_POINTS * (op.kept.len() + pv.kept.len())) as f64 {
+        return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
+    }
+    let n = points as usize + 1;
     if n < need {
         let (first, last) = (pv.kept[0].t, pv.kept[pv.kept.len() - 1].t);
         let share = 1.0 - ((to - from + ts) / (last - first + ts)).clamp(0.0, 1.0);

@@ -18,6 +18,7 @@ pub mod search;
 pub mod stats;
 pub mod validation;
 pub mod verdict;
+mod zeros;
 
 pub use config::Config;
 pub use verdict::diagnose;
