@@ -15,28 +15,54 @@ use std::path::{Path, PathBuf};
 const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("signal", &[]),
     ("diagnosis", &["signal"]),
+    ("residual", &["signal", "diagnosis"]),
     ("sim", &["signal"]),
     ("compensation", &["signal"]),
     ("reproduce", &["signal", "diagnosis", "sim", "compensation"]),
     ("alarm", &["signal"]),
     ("collect", &["signal"]),
     ("history", &["signal"]),
-    ("results", &["signal", "alarm", "diagnosis"]),
-    ("schedule", &["signal", "diagnosis", "results"]),
-    ("serve", &["signal", "alarm", "diagnosis", "history", "results", "schedule"]),
+    ("results", &["signal", "alarm", "diagnosis", "residual"]),
+    ("schedule", &["signal", "diagnosis", "residual", "results"]),
+    ("serve", &["signal", "alarm", "diagnosis", "residual", "history", "results", "schedule"]),
     ("config", &["signal", "alarm", "diagnosis", "collect", "history", "schedule", "serve"]),
     (
         "app",
-        &["signal", "alarm", "diagnosis", "collect", "history", "results", "schedule", "serve", "config"],
+        &[
+            "signal",
+            "alarm",
+            "diagnosis",
+            "residual",
+            "collect",
+            "history",
+            "results",
+            "schedule",
+            "serve",
+            "config",
+        ],
     ),
     ("demo", &["signal", "sim", "collect", "results", "schedule", "config", "app"]),
-    ("cli", &["signal", "diagnosis", "collect", "history", "serve", "config", "app", "demo", "reproduce"]),
+    (
+        "cli",
+        &[
+            "signal",
+            "diagnosis",
+            "residual",
+            "collect",
+            "history",
+            "serve",
+            "config",
+            "app",
+            "demo",
+            "reproduce",
+        ],
+    ),
     ("lib", &[]),
     ("main", &["cli"]),
 ];
 
 /// No clock, file, socket, task, log or unseeded number: the same input gives the same answer.
-const PURE: &[&str] = &["signal", "diagnosis", "sim", "compensation", "alarm"];
+const PURE: &[&str] = &["signal", "diagnosis", "residual", "sim", "compensation", "alarm"];
 /// What PURE modules may use from outside.
 const NUMERICS: &[&str] = &["nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];
 /// What of std PURE modules may use.
