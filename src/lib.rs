@@ -1,11 +1,12 @@
 //! `stictiond`: which control valves stick, by how much, and how sure that is.
 //!
 //! The code map, in reading order; data walks one way:
-//! `collect -> history -> schedule -> diagnosis -> results -> serve`.
+//! `collect -> history -> schedule -> diagnosis -> residual -> results -> serve`.
 
 pub mod signal;
 
 pub mod diagnosis;
+pub mod residual;
 pub mod sim;
 
 pub mod compensation;

@@ -16,16 +16,20 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("signal", &[]),
     ("diagnosis", &["signal"]),
     ("sim", &["signal"]),
+    ("residual", &["signal", "diagnosis"]),
     ("compensation", &["signal"]),
     ("reproduce", &["signal", "diagnosis", "sim", "compensation"]),
     ("alarm", &["signal"]),
     ("audit", &[]),
     ("collect", &["signal"]),
     ("history", &["signal"]),
-    ("results", &["signal", "compensation", "alarm", "diagnosis"]),
-    ("schedule", &["signal", "diagnosis", "results"]),
+    ("results", &["signal", "compensation", "alarm", "diagnosis", "residual"]),
+    ("schedule", &["signal", "diagnosis", "residual", "results"]),
     ("writeback", &["signal", "compensation", "audit"]),
-    ("serve", &["signal", "compensation", "alarm", "diagnosis", "history", "results", "schedule"]),
+    (
+        "serve",
+        &["signal", "compensation", "alarm", "diagnosis", "residual", "history", "results", "schedule"],
+    ),
     ("config", &["signal", "alarm", "diagnosis", "collect", "history", "schedule", "serve", "writeback"]),
     (
         "app",
@@ -35,6 +39,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
             "alarm",
             "audit",
             "diagnosis",
+            "residual",
             "collect",
             "history",
             "results",
@@ -65,6 +70,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
             "signal",
             "audit",
             "diagnosis",
+            "residual",
             "collect",
             "history",
             "serve",
@@ -79,7 +85,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
 ];
 
 /// No clock, file, socket, task, log or unseeded number: the same input gives the same answer.
-const PURE: &[&str] = &["signal", "diagnosis", "sim", "compensation", "alarm"];
+const PURE: &[&str] = &["signal", "diagnosis", "residual", "sim", "compensation", "alarm"];
 /// What PURE modules may use from outside.
 const NUMERICS: &[&str] = &["nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];
 /// What of std PURE modules may use.

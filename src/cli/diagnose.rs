@@ -7,6 +7,7 @@ use std::io::{self, IsTerminal};
 use std::path::PathBuf;
 use stictiond::collect::csv;
 use stictiond::diagnosis::{Settings, diagnose};
+use stictiond::residual::{self, trace_record};
 use stictiond::serve::dto::Report;
 
 #[derive(clap::Args)]
@@ -53,7 +54,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let settings = Settings { ts: args.ts, ..Settings::default() };
     let diagnosis = diagnose(&record, &settings);
     let name = args.file.file_stem().unwrap_or(args.file.as_os_str());
-    let report = Report::new(&name.to_string_lossy(), record.op_span, &diagnosis);
+    let mut report = Report::new(&name.to_string_lossy(), record.op_span, &diagnosis);
+    if let Some(found) = trace_record(&record, &diagnosis, &settings, &residual::Settings::default()) {
+        report = report.with_findings(record.op_span, &diagnosis, &found);
+    }
     let usual = if io::stdout().is_terminal() { Format::Text } else { Format::Json };
     match args.format.unwrap_or(usual) {
         Format::Text => print(&text::page(&report)),

@@ -111,6 +111,36 @@ pub fn page(report: &Report) -> String {
             ),
         );
     }
+    for (at, effect) in report.residual.effects.iter().enumerate() {
+        let tag = effect.tag.as_ref().map_or(String::new(), |tag| format!(" ({tag})"));
+        let name = if at == 0 { "effects" } else { "" };
+        line(
+            name,
+            format!("{}{tag}, dAIC {}: {}", effect.kind, number(effect.delta_aic), effect.explanation),
+        );
+    }
+    if !report.residual.effects.is_empty() {
+        let r = &report.residual;
+        line(
+            "",
+            format!(
+                "one-step RMSE {} -> {}, free-run RMSE {} -> {}, f {} -> {} {unit}",
+                number(r.one_step_rmse_before),
+                number(r.one_step_rmse_after),
+                number(r.free_run_rmse_before),
+                number(r.free_run_rmse_after),
+                number(r.f_before),
+                number(r.f_after)
+            ),
+        );
+    }
+    if report.residual.unexplained {
+        line("unexplained", report.residual.failed_tests.join(", "));
+    }
+    if let Some(stem) = &report.residual.stem {
+        let text = format!("f {} {unit} on OP -> stem, dAIC {}", number(stem.f), number(stem.delta_aic));
+        line("stem", text);
+    }
     if let Some(bars) = report.aic_curve.as_ref().and_then(sparkline) {
         line("AIC over f", bars);
         if let Some(marks) = report.aic_curve.as_ref().and_then(|curve| marks(curve, report)) {

@@ -45,7 +45,7 @@ pub fn prepare(window: Window, settings: &Settings, preparation: &mut Preparatio
 }
 
 /// Every `factor`-th sample behind a windowed-sinc low pass at 0.4 of the new sampling frequency.
-fn decimate(w: &Window, factor: usize) -> Window {
+pub fn decimate(w: &Window, factor: usize) -> Window {
     let taps = low_pass(factor);
     let filtered = |v: &Vec<f64>| -> Vec<f64> {
         let reach = taps.len() / 2;

@@ -4,6 +4,7 @@
 
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
+use crate::residual::{self, Findings};
 use crate::results::{f_unit, op_in_percent};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -192,6 +193,37 @@ pub struct ReportResidual {
     pub effects: Vec<ReportEffect>,
     /// The residual is not white and no effect explains it.
     pub unexplained: bool,
+    /// The tests that the final residual fails: `whiteness`, `line_spectrum`, ….
+    pub failed_tests: Vec<String>,
+    /// Friction before the effects (`f_unit`); the report's own f is the one after.
+    pub f_before: Option<f64>,
+    /// Friction estimated together with the effects (`f_unit`).
+    pub f_after: Option<f64>,
+    /// The verdict before the effects.
+    pub verdict_before: Option<String>,
+    /// Friction and residual of OP -> measured stem; null without one.
+    pub stem: Option<ReportStem>,
+}
+
+/// What OP and the measured stem say directly, without a process in between.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportStem {
+    /// Friction fitted on OP -> MV (`f_unit`).
+    pub f: Option<f64>,
+    /// Its 95 % interval (`f_unit`).
+    pub f_ci95: Option<[f64; 2]>,
+    /// Evidence for it (-).
+    pub delta_aic: Option<f64>,
+    /// Kinetic lag (S - J)/2 (`f_unit`).
+    pub lag: Option<f64>,
+    /// White with the effects.
+    pub white_after: Option<bool>,
+    /// One-step-ahead error of the stem before and after the effects (MV unit).
+    pub one_step_rmse: [Option<f64>; 2],
+    /// Free-run error of the stem before and after the effects (MV unit).
+    pub free_run_rmse: [Option<f64>; 2],
+    /// Effects on the way from OP to the stem.
+    pub effects: Vec<ReportEffect>,
 }
 
 /// One effect beside friction and the linear process.
@@ -253,11 +285,7 @@ impl Report {
         let unit = OpUnit::new(op_span, diagnosis);
         let estimate = diagnosis.estimate.as_ref();
         let prepared = Some(&diagnosis.preparation).filter(|preparation| preparation.n > 0);
-        let (verdict, reason_code) = match &diagnosis.verdict {
-            Verdict::Stiction => (ReportVerdict::Stiction, None),
-            Verdict::NoStiction => (ReportVerdict::NoStiction, None),
-            Verdict::NotIdentifiable(why) => (ReportVerdict::NotIdentifiable, Some(why.code().to_string())),
-        };
+        let (verdict, reason_code) = verdict(&diagnosis.verdict);
         Self {
             r#loop: name.to_string(),
             verdict,
@@ -291,6 +319,38 @@ impl Report {
                 aic: e.curve.iter().map(|point| finite(point.aic)).collect(),
             }),
         }
+    }
+}
+
+impl Report {
+    /// The report with what was traced: its f, verdict and residual are those with the effects.
+    pub fn with_findings(mut self, op_span: Option<f64>, diagnosis: &Diagnosis, found: &Findings) -> Self {
+        let unit = OpUnit::new(op_span, diagnosis);
+        self.residual = traced(found, &unit, &diagnosis.verdict);
+        if found.effects.is_empty() || matches!(found.verdict, Verdict::NotIdentifiable(_)) {
+            return self;
+        }
+        let friction = &found.friction_after;
+        self.verdict = verdict(&found.verdict).0;
+        self.reason_code = None;
+        self.reason = found.reason.clone();
+        self.f = unit.scale(friction.f);
+        self.f_ci95 = unit.scale(friction.f_ci95[0]).zip(unit.scale(friction.f_ci95[1])).map(|(a, b)| [a, b]);
+        self.delta_aic = finite(friction.delta_aic);
+        if let Some(window) = &diagnosis.window {
+            let (low, high) = diagnosis::stats::range(&window.op);
+            self.f_of_op_range = finite(friction.f / (high - low));
+        }
+        self.model = Some(model(&found.model));
+        self
+    }
+}
+
+fn verdict(verdict: &Verdict) -> (ReportVerdict, Option<String>) {
+    match verdict {
+        Verdict::Stiction => (ReportVerdict::Stiction, None),
+        Verdict::NoStiction => (ReportVerdict::NoStiction, None),
+        Verdict::NotIdentifiable(why) => (ReportVerdict::NotIdentifiable, Some(why.code().to_string())),
     }
 }
 
@@ -335,7 +395,7 @@ fn model(m: &diagnosis::Model) -> ReportModel {
     }
 }
 
-/// No effects are traced, so the declared model stands before and after.
+/// The residual where nothing was traced: the declared model stands before and after.
 fn residual(residual: Option<&diagnosis::Residual>) -> ReportResidual {
     let white = residual.map(|r| r.white);
     let one_step = residual.and_then(|r| finite(r.one_step_rmse));
@@ -349,6 +409,61 @@ fn residual(residual: Option<&diagnosis::Residual>) -> ReportResidual {
         free_run_rmse_after: free_run,
         effects: Vec::new(),
         unexplained: white == Some(false),
+        failed_tests: Vec::new(),
+        f_before: None,
+        f_after: None,
+        verdict_before: None,
+        stem: None,
+    }
+}
+
+fn effects(findings: &Findings) -> Vec<ReportEffect> {
+    let effect = |e: &residual::Effect| ReportEffect {
+        kind: e.kind.as_str().to_string(),
+        delta_aic: finite(e.delta_aic),
+        tag: e.tag.clone(),
+        parameters: e.parameters.iter().map(|p| (p.name.to_string(), finite(p.value))).collect(),
+        explanation: e.explanation.clone(),
+    };
+    findings.effects.iter().map(effect).collect()
+}
+
+fn traced(findings: &Findings, unit: &OpUnit, verdict_before: &Verdict) -> ReportResidual {
+    let pair = |v: [f64; 2]| Some([unit.scale(v[0])?, unit.scale(v[1])?]);
+    let stem = findings.stem.as_ref().map(|stem| {
+        let inner = stem.findings.as_ref();
+        ReportStem {
+            f: unit.scale(stem.friction.f),
+            f_ci95: pair(stem.friction.f_ci95),
+            delta_aic: finite(stem.friction.delta_aic),
+            lag: unit.scale(stem.friction.lag),
+            white_after: inner.map(|f| f.after.white),
+            one_step_rmse: [
+                inner.and_then(|f| finite(f.before.one_step_rmse)),
+                inner.and_then(|f| finite(f.after.one_step_rmse)),
+            ],
+            free_run_rmse: [
+                inner.and_then(|f| finite(f.before.free_run_rmse)),
+                inner.and_then(|f| finite(f.after.free_run_rmse)),
+            ],
+            effects: inner.map_or_else(Vec::new, |f| effects(f)),
+        }
+    });
+    let known = !matches!(verdict_before, Verdict::NotIdentifiable(_));
+    ReportResidual {
+        white_before: Some(findings.before.white),
+        white_after: Some(findings.after.white),
+        one_step_rmse_before: finite(findings.before.one_step_rmse),
+        one_step_rmse_after: finite(findings.after.one_step_rmse),
+        free_run_rmse_before: finite(findings.before.free_run_rmse),
+        free_run_rmse_after: finite(findings.after.free_run_rmse),
+        effects: effects(findings),
+        unexplained: findings.unexplained,
+        failed_tests: findings.failed.iter().map(|test| test.as_str().to_string()).collect(),
+        f_before: unit.scale(findings.friction_before.f).filter(|_| known),
+        f_after: unit.scale(findings.friction_after.f),
+        verdict_before: Some(verdict_before.as_str().to_string()),
+        stem,
     }
 }
 

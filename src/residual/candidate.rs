@@ -1,0 +1,97 @@
+//! A model on trial, its friction scanned anew and its rough numbers tuned.
+
+use super::Kind;
+use super::fit::{held_out, minimise};
+use super::model::{Data, Element, Spec};
+use super::regress::{restructure, scan_friction};
+
+/// Numbers that friction costs: f, its lag, the choice of the element.
+const FRICTION_COST: f64 = 4.0;
+/// Values of f in a scan.
+const SCAN: usize = 24;
+/// Least decrease of AIC that brings friction into a model without.
+const WORTH: f64 = 15.0;
+
+/// A model with what the selection knows of it.
+#[derive(Clone, Debug)]
+pub struct Candidate {
+    /// The model.
+    pub spec: Spec,
+    /// Penalised AIC.
+    pub aic: f64,
+    /// Penalty of its terms, searches included.
+    pub paid: f64,
+    /// The best element of the last scan over f, whether adopted or not.
+    pub likely: Element,
+}
+
+impl Candidate {
+    /// Its AIC, `paid` for the terms included.
+    pub fn new(data: &Data, spec: Spec, paid: f64) -> Self {
+        let n = (data.split - data.first) as f64;
+        let linear = (spec.orders.na + spec.orders.nb + spec.orders.nc + spec.linear.gamma.len()) as f64;
+        let friction = if spec.element.f > 0.0 { FRICTION_COST } else { 0.0 };
+        let aic = n * spec.loss.ln() + 2.0 * (linear + friction) + paid;
+        let likely = spec.element;
+        Self { spec, aic, paid, likely }
+    }
+}
+
+/// The model with friction scanned anew: the better of what it has, another f, and none.
+pub fn with_friction(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
+    let mut best = base.clone();
+    let known = held_out(data, &base.spec);
+    let mut elements = scan_friction(data, &base.spec, SCAN, 2);
+    let likely = elements.first().copied().unwrap_or(base.spec.element);
+    elements.push(Element { f: 0.0, ..base.spec.element });
+    if base.spec.element.f > 0.0 {
+        elements.push(Element { lag: 0.4, ..base.spec.element });
+    }
+    for element in elements {
+        let mut spec = base.spec.clone();
+        spec.element = element;
+        spec.loss = f64::INFINITY;
+        minimise(data, &mut spec, true, 8);
+        restructure(data, &mut spec, true, 2);
+        *tried += 3;
+        let other = Candidate::new(data, spec, base.paid);
+        // Friction where there was none has to be worth it, and none may cost what was held out.
+        let worth = if best.spec.element.f == 0.0 && other.spec.element.f > 0.0 { WORTH } else { 0.0 };
+        if other.aic + worth < best.aic && held_out(data, &other.spec).0 < 1.05 * known.0 {
+            best = other;
+        }
+    }
+    best.likely = if best.spec.element.f > 0.0 { best.spec.element } else { likely };
+    best
+}
+
+/// Tries the numbers of the last term in which the error is not smooth, on finer and finer steps.
+pub fn tune(data: &Data, spec: &mut Spec, tried: &mut usize) {
+    let Some(last) = spec.terms.len().checked_sub(1) else { return };
+    let knobs = spec.terms[last].knobs();
+    let spec_kind = spec.terms[last].kind();
+    for (at, knob) in
+        knobs.iter().enumerate().filter(|(_, k)| !k.smooth || spec_kind == Kind::ValveSaturation)
+    {
+        let mut step = knob.step;
+        for _ in 0..3 {
+            for sign in [-1.0, 1.0] {
+                for _ in 0..3 {
+                    let value = spec.terms[last].knobs()[at].value + sign * step;
+                    if !(knob.bounds.0..=knob.bounds.1).contains(&value) {
+                        break;
+                    }
+                    let mut other = spec.clone();
+                    other.terms[last].set(at, value);
+                    minimise(data, &mut other, true, 2);
+                    *tried += 1;
+                    if other.loss >= spec.loss {
+                        break;
+                    }
+                    *spec = other;
+                }
+            }
+            step *= 0.5;
+        }
+    }
+}

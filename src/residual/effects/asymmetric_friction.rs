@@ -1,0 +1,58 @@
+//! Friction differs between opening and closing: the band to cross is `2f (1 + s)` turning down and `2f (1 - s)` turning up.
+
+use super::{Context, Proposal, Recognise, best};
+use crate::residual::model::{Data, Element, Knob, Term};
+use crate::residual::{Kind, Parameter};
+
+const SKEWS: [f64; 8] = [-0.7, -0.5, -0.3, -0.15, 0.15, 0.3, 0.5, 0.7];
+
+pub struct AsymmetricFriction;
+
+#[derive(Clone, Debug)]
+struct Skew {
+    skew: f64,
+}
+
+impl Term for Skew {
+    fn kind(&self) -> Kind {
+        Kind::AsymmetricFriction
+    }
+    fn boxed(&self) -> Box<dyn Term> {
+        Box::new(self.clone())
+    }
+    fn knobs(&self) -> Vec<Knob> {
+        vec![Knob { value: self.skew, step: 0.1, smooth: false, bounds: (-0.95, 0.95) }]
+    }
+    fn set(&mut self, _at: usize, value: f64) {
+        self.skew = value;
+    }
+    fn element(&self, element: &mut Element) {
+        element.skew += self.skew;
+    }
+    fn describe(&self, _data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+        let ratio = (1.0 + self.skew) / (1.0 - self.skew);
+        let parameters = vec![Parameter { name: "down_to_up", value: ratio, unit: "-" }];
+        (parameters, format!("turning down takes {ratio:.2} times the force of turning up"))
+    }
+}
+
+impl Recognise for AsymmetricFriction {
+    fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
+        if c.likely.f <= 0.0 || c.spec.full_element().skew != 0.0 {
+            return Vec::new();
+        }
+        let f = c.likely.f;
+        let mut out = Vec::new();
+        for skew in SKEWS {
+            // The f that suits one constant band lies anywhere between the least and the greatest.
+            for share in [1.0, 1.0 / (1.0 + skew.abs()), 1.0 / (1.0 - 0.5 * skew.abs())] {
+                let element = Element { f: share * f, ..c.likely };
+                let term = Skew { skew };
+                let loss = c.rebuilt(&term, Some(element));
+                let (term, element) = (Box::new(term), Some(element));
+                out.push(Proposal { term, loss, parameters: 1.0, tried: 24.0, element });
+            }
+        }
+        best(out, 3)
+    }
+}

@@ -1,0 +1,59 @@
+//! Friction changes over the window: f grows from `1 - g` to `1 + g` times its mean.
+
+use super::{Context, Proposal, Recognise, best};
+use crate::residual::model::{Data, Element, Knob, Term};
+use crate::residual::{Kind, Parameter};
+
+const GROWTHS: [f64; 8] = [-0.8, -0.55, -0.35, -0.18, 0.18, 0.35, 0.55, 0.8];
+
+pub struct FrictionDrift;
+
+#[derive(Clone, Debug)]
+struct Growth {
+    growth: f64,
+}
+
+impl Term for Growth {
+    fn kind(&self) -> Kind {
+        Kind::FrictionDrift
+    }
+    fn boxed(&self) -> Box<dyn Term> {
+        Box::new(self.clone())
+    }
+    fn knobs(&self) -> Vec<Knob> {
+        vec![Knob { value: self.growth, step: 0.1, smooth: false, bounds: (-0.98, 0.98) }]
+    }
+    fn set(&mut self, _at: usize, value: f64) {
+        self.growth = value;
+    }
+    fn element(&self, element: &mut Element) {
+        element.growth += self.growth;
+    }
+    fn describe(&self, data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+        let end = 2.0 * data.len() as f64 / data.split as f64 - 1.0;
+        let ratio = (1.0 + self.growth * end) / (1.0 - self.growth);
+        let parameters = vec![Parameter { name: "end_to_start", value: ratio, unit: "-" }];
+        (parameters, format!("friction at the end is {ratio:.2} times that at the start"))
+    }
+}
+
+impl Recognise for FrictionDrift {
+    fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
+        if c.likely.f <= 0.0 || c.spec.full_element().growth != 0.0 {
+            return Vec::new();
+        }
+        let f = c.likely.f;
+        let mut out = Vec::new();
+        for growth in GROWTHS {
+            // The f that suits one constant band lies anywhere between the least and the greatest.
+            for share in [1.0, 1.0 / (1.0 + growth.abs()), 1.0 / (1.0 - 0.5 * growth.abs())] {
+                let element = Element { f: share * f, ..c.likely };
+                let term = Growth { growth };
+                let loss = c.rebuilt(&term, Some(element));
+                let (term, element) = (Box::new(term), Some(element));
+                out.push(Proposal { term, loss, parameters: 1.0, tried: 24.0, element });
+            }
+        }
+        best(out, 3)
+    }
+}

@@ -1,0 +1,100 @@
+//! The process gain changes at some time: `z (1 + g [k >= t])`, time [s], factor (-).
+//!
+//! The stem's zero is not known, so a step comes with it.
+
+use super::load_step::{MARGIN, heaviside};
+use super::{Context, Proposal, Recognise, best};
+use crate::residual::model::{Data, Knob, Stage, Term};
+use crate::residual::{Kind, Parameter};
+
+/// Bounds of the change (-): what ends at one is something else.
+const REACH: (f64, f64) = (-0.75, 3.0);
+/// Times tried.
+const TIMES: usize = 50;
+/// Least change of gain that counts (-).
+const LEAST: f64 = 0.12;
+
+pub struct GainChange;
+
+#[derive(Clone, Debug)]
+struct Change {
+    at: f64,
+    more: f64,
+    /// Whether the stem's zero is estimated.
+    shifted: bool,
+    bounds: (f64, f64),
+}
+
+impl Term for Change {
+    fn kind(&self) -> Kind {
+        Kind::GainChange
+    }
+    fn boxed(&self) -> Box<dyn Term> {
+        Box::new(self.clone())
+    }
+    fn knobs(&self) -> Vec<Knob> {
+        vec![
+            Knob { value: self.at, step: 8.0, smooth: false, bounds: self.bounds },
+            Knob { value: self.more, step: 0.2, smooth: true, bounds: REACH },
+        ]
+    }
+    fn set(&mut self, at: usize, value: f64) {
+        if at == 0 { self.at = value.round() } else { self.more = value }
+    }
+    fn stem(&self, _data: &Data, z: &mut [f64]) {
+        for z in z.iter_mut().skip(self.at as usize) {
+            *z *= 1.0 + self.more;
+        }
+    }
+    fn columns(&self, data: &Data, _stage: &Stage, out: &mut Vec<Vec<f64>>) {
+        if self.shifted {
+            out.push(heaviside(data.len(), self.at as usize));
+        }
+    }
+    fn describe(&self, data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+        let time = data.scale.t0 + self.at * data.scale.ts;
+        let factor = 1.0 + self.more;
+        let parameters = vec![
+            Parameter { name: "time_s", value: time, unit: "s" },
+            Parameter { name: "factor", value: factor, unit: "-" },
+        ];
+        (parameters, format!("from {time:.1} s on the process gain is {factor:.2} times what it was"))
+    }
+}
+
+impl Recognise for GainChange {
+    fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
+        let margin = MARGIN.max((c.data.split - c.data.first) / 12);
+        let (from, to) = (c.data.first + margin, c.data.split.saturating_sub(margin));
+        let n = c.data.len();
+        let z = &c.stage.z;
+        let mut out = Vec::new();
+        for at in (from..to).step_by(((to - from) / TIMES).max(1)) {
+            let shape = c.through_b(&|k| if k >= at { z[k] } else { 0.0 });
+            let step = heaviside(n, at);
+            for shifted in [false, true] {
+                let (loss, gamma) =
+                    if shifted { c.quick.with(&[&shape, &step]) } else { c.quick.with(&[&shape]) };
+                let loss = loss * (2.0 * f64::from(u8::from(shifted)) / c.rows()).exp();
+                let more = gamma[0].clamp(-0.7, 2.5);
+                let term = Change { at: at as f64, more, shifted, bounds: (from as f64, to as f64) };
+                let tried = (to - from) as f64;
+                out.push((
+                    shifted,
+                    Proposal { term: Box::new(term), loss, parameters: 2.0, tried, element: None },
+                ));
+            }
+        }
+        // One of each: with the wrong zero the loss of a good time is high.
+        let (with, without): (Vec<_>, Vec<_>) = out.into_iter().partition(|(shifted, _)| *shifted);
+        let only = |v: Vec<(bool, Proposal)>| best(v.into_iter().map(|(_, p)| p).collect(), 1);
+        only(without).into_iter().chain(only(with)).collect()
+    }
+    fn plausible(&self, term: &dyn Term) -> bool {
+        // A change of gain by a few per cent with a step is a step.
+        term.kind() != Kind::GainChange
+            || term.knobs().get(1).is_none_or(|knob| {
+                knob.value.abs() > LEAST && knob.value > REACH.0 + 0.02 && knob.value < REACH.1 - 0.1
+            })
+    }
+}

@@ -1,0 +1,82 @@
+//! A load that changes once: `g1 [k >= t] + g2 [k = t]`, time [s], size in PV's equation [PV].
+
+use super::{Context, Proposal, Recognise, best};
+use crate::residual::model::{Data, Knob, Stage, Term};
+use crate::residual::{Kind, Parameter};
+
+/// Fewest samples to each side of a change.
+pub const MARGIN: usize = 12;
+
+pub struct LoadStep;
+
+#[derive(Clone, Debug)]
+struct Step {
+    at: f64,
+    bounds: (f64, f64),
+    entry: usize,
+}
+
+/// 0 before `at`, 1 from there on.
+pub fn heaviside(n: usize, at: usize) -> Vec<f64> {
+    (0..n).map(|k| f64::from(u8::from(k >= at))).collect()
+}
+
+fn pulse(n: usize, at: usize) -> Vec<f64> {
+    (0..n).map(|k| f64::from(u8::from(k == at))).collect()
+}
+
+impl Term for Step {
+    fn kind(&self) -> Kind {
+        Kind::LoadStep
+    }
+    fn boxed(&self) -> Box<dyn Term> {
+        Box::new(self.clone())
+    }
+    fn knobs(&self) -> Vec<Knob> {
+        vec![Knob { value: self.at, step: 2.0, smooth: false, bounds: self.bounds }]
+    }
+    fn set(&mut self, _at: usize, value: f64) {
+        self.at = value.round();
+    }
+    fn columns(&self, data: &Data, _stage: &Stage, out: &mut Vec<Vec<f64>>) {
+        let at = self.at as usize;
+        out.push(heaviside(data.len(), at));
+        out.extend((0..self.entry).map(|more| pulse(data.len(), at + more)));
+    }
+    fn describe(&self, data: &Data, gamma: &[f64], gain: f64) -> (Vec<Parameter>, String) {
+        let time = data.scale.t0 + self.at * data.scale.ts;
+        let in_op = gamma.first().map_or(0.0, |g| g * gain) * data.scale.u;
+        let parameters = vec![
+            Parameter { name: "time_s", value: time, unit: "s" },
+            Parameter { name: "size_op", value: in_op, unit: "OP" },
+        ];
+        (parameters, format!("the load changes at {time:.1} s and stays"))
+    }
+}
+
+impl Recognise for LoadStep {
+    fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
+        let margin = MARGIN.max((c.data.split - c.data.first) / 12);
+        let (from, to) = (c.data.first + margin / 2, c.data.split.saturating_sub(margin));
+        let n = c.data.len();
+        let mut rated: Vec<(f64, usize)> =
+            (from..to).step_by(3).map(|at| (c.quick.with(&[&heaviside(n, at)]).0, at)).collect();
+        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut out = Vec::new();
+        for &(_, near) in rated.iter().take(2) {
+            for at in near.saturating_sub(2)..=near + 2 {
+                for entry in [0, 2] {
+                    let mut shapes = vec![heaviside(n, at)];
+                    shapes.extend((0..entry).map(|more| pulse(n, at + more)));
+                    let refs: Vec<&[f64]> = shapes.iter().map(Vec::as_slice).collect();
+                    let loss = c.quick.with(&refs).0 * (2.0 * entry as f64 / c.rows()).exp();
+                    let bounds = (from as f64, to as f64);
+                    let term = Step { at: at as f64, bounds, entry };
+                    let tried = (to.saturating_sub(from)) as f64;
+                    out.push(Proposal { term: Box::new(term), loss, parameters: 1.0, tried, element: None });
+                }
+            }
+        }
+        best(out, 2)
+    }
+}

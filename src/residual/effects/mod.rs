@@ -1,0 +1,122 @@
+//! The effects, one file each: how it is recognised, and what it adds to the model.
+
+mod asymmetric_friction;
+mod clock_skew;
+mod dead_time_change;
+mod drift;
+mod friction_drift;
+mod frozen_pv;
+mod gain_change;
+mod load_step;
+mod measured_disturbance;
+mod oscillating_load;
+mod outliers;
+mod quantised_pv;
+mod static_nonlinearity;
+mod valve_saturation;
+
+use super::Settings;
+use super::model::{Data, Element, Spec, Stage, Term};
+use super::regress::Quick;
+
+/// The present model and what screening reads of it.
+pub struct Context<'a> {
+    /// The window.
+    pub data: &'a Data,
+    /// The present model.
+    pub spec: &'a Spec,
+    /// Its signals.
+    pub stage: &'a Stage,
+    /// Its prediction errors over the whole window.
+    pub e: &'a [f64],
+    /// The long ARX on the same signals.
+    pub quick: &'a Quick,
+    /// The most likely friction element, whether adopted or not.
+    pub likely: Element,
+    /// Settings.
+    pub settings: &'a Settings,
+}
+
+/// A term on trial.
+#[derive(Debug)]
+pub struct Proposal {
+    /// The term.
+    pub term: Box<dyn Term>,
+    /// Loss of the long ARX with it.
+    pub loss: f64,
+    /// Numbers it adds, beside the columns counted from its stage.
+    pub parameters: f64,
+    /// The friction element it was rated with, where not the present one.
+    pub element: Option<Element>,
+    /// How many alternatives it was chosen from.
+    pub tried: f64,
+}
+
+/// How an effect comes into the model.
+pub trait Recognise: Sync {
+    /// The terms worth a full fit, at most a few, best first.
+    fn propose(&self, context: &Context<'_>) -> Vec<Proposal>;
+    /// Whether what a fit made of the term is still this effect and no other.
+    fn plausible(&self, _term: &dyn Term) -> bool {
+        true
+    }
+    /// Whether the signals alone show it: then it comes before all others and needs no gain in likelihood.
+    fn direct(&self) -> bool {
+        false
+    }
+}
+
+/// Every effect but the slip jump, which is part of every friction estimate.
+pub const ALL: &[&dyn Recognise] = &[
+    &frozen_pv::FrozenPv,
+    &outliers::Outliers,
+    &clock_skew::ClockSkew,
+    &quantised_pv::QuantisedPv,
+    &oscillating_load::OscillatingLoad,
+    &measured_disturbance::MeasuredDisturbance,
+    &load_step::LoadStep,
+    &drift::Drift,
+    &gain_change::GainChange,
+    &dead_time_change::DeadTimeChange,
+    &valve_saturation::ValveSaturation,
+    &static_nonlinearity::StaticNonlinearity,
+    &asymmetric_friction::AsymmetricFriction,
+    &friction_drift::FrictionDrift,
+];
+
+impl Context<'_> {
+    /// Samples that are fitted.
+    pub fn rows(&self) -> f64 {
+        (self.data.split - self.data.first) as f64
+    }
+
+    /// Loss of the long ARX when `term` is added: for terms that change the stem or the element.
+    pub fn rebuilt(&self, term: &dyn Term, element: Option<Element>) -> f64 {
+        let mut trial = self.spec.clone();
+        trial.element = element.unwrap_or(trial.element);
+        trial.terms.push(term.boxed());
+        let (stage, _) = trial.stage(self.data);
+        Quick::long_arx(self.data, &stage, self.spec.orders.nk).loss
+    }
+
+    /// What the stem, changed to `z`, would add through the long ARX's own B.
+    pub fn through_b(&self, change: &dyn Fn(usize) -> f64) -> Vec<f64> {
+        let n = self.data.len();
+        let b = &self.quick.theta[6..6 + self.quick.z_lags.len()];
+        let shape: Vec<f64> = (0..n).map(change).collect();
+        let mut out = vec![0.0; n];
+        for (lag, b) in self.quick.z_lags.iter().zip(b) {
+            for k in *lag..n {
+                out[k] += b * shape[k - lag];
+            }
+        }
+        out
+    }
+}
+
+/// The best `most` by loss.
+pub fn best(mut proposals: Vec<Proposal>, most: usize) -> Vec<Proposal> {
+    proposals.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+    proposals.truncate(most);
+    proposals
+}

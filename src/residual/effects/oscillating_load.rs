@@ -1,0 +1,136 @@
+//! A periodic load: `sum over h of s_h sin(h w k) + c_h cos(h w k)`, period [s], amplitude [PV].
+//!
+//! Recognised by the lines of the residual's and PV's spectra; the frequency is then estimated with everything else.
+
+use super::{Context, Proposal, Recognise, best};
+use crate::residual::model::{Data, Knob, Stage, Term};
+use crate::residual::{Kind, Parameter};
+use realfft::RealFftPlanner;
+use std::f64::consts::TAU;
+
+/// Harmonics tried.
+const HARMONICS: [&[usize]; 3] = [&[1], &[1, 2, 3], &[1, 3, 5, 7, 9]];
+
+pub struct OscillatingLoad;
+
+#[derive(Clone, Debug)]
+struct Load {
+    /// Angular frequency (rad/sample).
+    w: f64,
+    harmonics: &'static [usize],
+    step: f64,
+}
+
+impl Load {
+    fn shapes(&self, n: usize) -> Vec<Vec<f64>> {
+        self.harmonics
+            .iter()
+            .filter(|h| self.w * (**h as f64) < 0.9 * TAU / 2.0)
+            .flat_map(|h| {
+                let w = self.w * *h as f64;
+                [
+                    (0..n).map(|k| (w * k as f64).sin()).collect::<Vec<f64>>(),
+                    (0..n).map(|k| (w * k as f64).cos()).collect(),
+                ]
+            })
+            .collect()
+    }
+}
+
+impl Term for Load {
+    fn kind(&self) -> Kind {
+        Kind::OscillatingLoad
+    }
+    fn boxed(&self) -> Box<dyn Term> {
+        Box::new(self.clone())
+    }
+    fn knobs(&self) -> Vec<Knob> {
+        vec![Knob { value: self.w, step: self.step, smooth: true, bounds: (1e-4, TAU / 2.0) }]
+    }
+    fn set(&mut self, _at: usize, value: f64) {
+        self.w = value;
+    }
+    fn columns(&self, data: &Data, _stage: &Stage, out: &mut Vec<Vec<f64>>) {
+        out.extend(self.shapes(data.len()));
+    }
+    fn describe(&self, data: &Data, gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+        let period = TAU / self.w * data.scale.ts;
+        let amplitude = gamma.iter().take(2).map(|g| g * g).sum::<f64>().sqrt() * data.scale.y;
+        let parameters = vec![
+            Parameter { name: "period_s", value: period, unit: "s" },
+            Parameter { name: "amplitude", value: amplitude, unit: "PV" },
+            Parameter { name: "harmonics", value: self.harmonics.len() as f64, unit: "-" },
+        ];
+        (parameters, format!("a load with a period of {period:.4} s drives PV, whatever the valve does"))
+    }
+}
+
+impl Recognise for OscillatingLoad {
+    fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
+        let n = c.data.split - c.data.first;
+        let resolution = TAU / n as f64;
+        let mut lines = peaks(&c.quick.residual(), 5);
+        lines.extend(peaks(&c.stage.y[c.data.first..c.data.split], 3));
+        let mut out: Vec<Proposal> = Vec::new();
+        for w in lines {
+            let rate = |w: f64, harmonics: &'static [usize]| -> f64 {
+                let shapes = Load { w, harmonics, step: 0.0 }.shapes(c.data.len());
+                let refs: Vec<&[f64]> = shapes.iter().map(Vec::as_slice).collect();
+                c.quick.with(&refs).0
+            };
+            let (mut at, mut loss, mut step) = (w, rate(w, HARMONICS[0]), 0.25 * resolution);
+            for _ in 0..5 {
+                for w in [at - step, at + step] {
+                    let tried = rate(w, HARMONICS[0]);
+                    if tried < loss {
+                        (at, loss) = (w, tried);
+                    }
+                }
+                step *= 0.5;
+            }
+            for harmonics in HARMONICS {
+                if at * harmonics[harmonics.len() - 1] as f64 > 0.9 * TAU / 2.0 {
+                    continue;
+                }
+                let parameters = 1.0 + 2.0 * harmonics.len() as f64;
+                let raw = if harmonics.len() == 1 { loss } else { rate(at, harmonics) };
+                // Ranked with the columns paid for.
+                let loss = raw * (2.0 * parameters / c.rows()).exp();
+                let term = Load { w: at, harmonics, step: 0.3 * resolution };
+                out.push(Proposal {
+                    term: Box::new(term),
+                    loss,
+                    parameters: 1.0,
+                    tried: 0.5 * n as f64,
+                    element: None,
+                });
+            }
+        }
+        best(out, 2)
+    }
+}
+
+/// The strongest lines (rad/sample) that fit at least three times into the samples.
+fn peaks(v: &[f64], most: usize) -> Vec<f64> {
+    let n = v.len();
+    let size = (2 * n).next_power_of_two();
+    let mean = v.iter().sum::<f64>() / n.max(1) as f64;
+    let mut padded = vec![0.0; size];
+    for (k, (p, v)) in padded.iter_mut().zip(v).enumerate() {
+        // Hann: a strong line must not hide its neighbours.
+        *p = (v - mean) * (0.5 - 0.5 * (TAU * k as f64 / n as f64).cos());
+    }
+    let forward = RealFftPlanner::<f64>::new().plan_fft_forward(size);
+    let mut spectrum = forward.make_output_vec();
+    if forward.process(&mut padded, &mut spectrum).is_err() {
+        return Vec::new();
+    }
+    let power: Vec<f64> = spectrum.iter().map(|c| c.norm_sqr()).collect();
+    let low = 3 * size / n;
+    let mut found: Vec<usize> = (low.max(1)..(power.len() - 1) * 9 / 10)
+        .filter(|&i| power[i] >= power[i - 1] && power[i] > power[i + 1])
+        .collect();
+    found.sort_by(|&a, &b| power[b].total_cmp(&power[a]));
+    found.truncate(most);
+    found.into_iter().map(|i| TAU * i as f64 / size as f64).collect()
+}

@@ -1,0 +1,191 @@
+//! What the selection found, in the plant's units.
+
+use super::candidate::Candidate;
+use super::fit::{errors, free_run, held_out, minimise};
+use super::model::{Data, Element, Spec};
+use super::regress::{Quick, all_errors, restructure};
+use super::{Curves, Effect, Findings, Friction, Kind, Parameter, Settings, checks};
+use crate::diagnosis::stats::median;
+use crate::diagnosis::validation::is_white;
+use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
+
+/// Values of f to each side in an interval, and the 95 % point of a threshold's likelihood ratio (Hansen, table 1).
+const INTERVAL: i32 = 40;
+const THRESHOLD_95: f64 = 7.35;
+
+/// What the selection ends with.
+pub struct Outcome {
+    /// The declared model.
+    pub declared: Spec,
+    /// The model with the effects.
+    pub base: Candidate,
+    /// The effects in the order they were added, with their gain.
+    pub added: Vec<(Kind, f64)>,
+    /// Candidates fitted.
+    pub tried: usize,
+}
+
+/// Puts the findings into the plant's units.
+pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: Outcome) -> Findings {
+    let Outcome { declared, base, added, tried } = outcome;
+    // Without a diagnosis, as on the stem, whatever was found is the model.
+    let stands = added.is_empty() && diagnosis.window.is_some();
+    // Without effects the declared model may still be estimated better than at first, friction's place in it unchanged.
+    let again = (declared.element.f > 0.0) == (base.spec.element.f > 0.0) && {
+        let (was, now) = (held_out(data, &declared), held_out(data, &base.spec));
+        now.0 <= was.0 && now.1 <= was.1
+    };
+    let after = if stands && !again { declared.clone() } else { base.spec.clone() };
+    let (stage, counts) = after.stage(data);
+    let mut e = Vec::new();
+    errors(data, &stage, after.orders, &after.linear, &mut e);
+    let scored = |spec: &Spec| -> (Residual, Vec<f64>, Vec<f64>) {
+        let (stage, e) = all_errors(data, spec);
+        let (one, run) = held_out(data, spec);
+        let kept: Vec<f64> =
+            (data.first..data.len()).filter(|&k| stage.weight[k] > 0.0).map(|k| e[k]).collect();
+        let residual = Residual {
+            white: is_white(&kept, spec.orders.na + spec.orders.nc),
+            one_step_rmse: one * data.scale.y,
+            free_run_rmse: run * data.scale.y,
+        };
+        let free = free_run(data, spec, &stage, &e, data.first);
+        (residual, e, free)
+    };
+    let (before, e_before, free_before) = scored(&declared);
+    let (now, e_after, free_after) = scored(&after);
+    let mut effects = Vec::new();
+    let mut gamma = after.linear.gamma.as_slice();
+    for ((term, count), (kind, gain)) in after.terms.iter().zip(&counts).zip(&added) {
+        let (own, rest) = gamma.split_at(*count);
+        gamma = rest;
+        let (parameters, explanation) = term.describe(data, own, 1.0 / after.gain());
+        effects.push(Effect {
+            kind: *kind,
+            delta_aic: *gain,
+            tag: term.tag().map(str::to_string),
+            parameters,
+            explanation,
+        });
+    }
+    if let Some((kind, gain)) = added.iter().find(|(kind, _)| *kind == Kind::SlipJump) {
+        effects.push(slip_effect(data, &after.element, *kind, *gain));
+    }
+    let failed = checks::failed(data, &stage, &e, after.orders.na + after.orders.nc);
+    let unit = |v: &[f64]| -> Vec<f64> { v.iter().map(|y| y * data.scale.y + data.scale.y0).collect() };
+    let scaled = |v: &[f64]| -> Vec<f64> { v.iter().map(|y| y * data.scale.y).collect() };
+    let friction_before = diagnosis.estimate.as_ref().map_or_else(Friction::default, |e| Friction {
+        f: e.f,
+        f_ci95: e.f_ci95,
+        lag: 0.0,
+        delta_aic: e.delta_aic,
+    });
+    let (friction_after, verdict, reason) = if stands {
+        (friction_before, diagnosis.verdict.clone(), diagnosis.reason.clone())
+    } else {
+        verdict_after(data, settings, &base, diagnosis)
+    };
+    Findings {
+        effects,
+        before,
+        after: now,
+        unexplained: !now.white,
+        failed,
+        friction_before,
+        friction_after,
+        verdict,
+        reason,
+        model: model(data, &after),
+        curves: Curves {
+            t0: data.scale.t0,
+            ts: data.scale.ts,
+            split: data.split,
+            pv: unit(&data.y),
+            free_before: unit(&free_before),
+            free_after: unit(&free_after),
+            residual_before: scaled(&e_before),
+            residual_after: scaled(&e_after),
+        },
+        stem: None,
+        tried,
+    }
+}
+
+pub fn slip_effect(data: &Data, element: &Element, kind: Kind, delta_aic: f64) -> Effect {
+    let f = element.f * data.scale.u;
+    let (s, j) = (2.0 * f, 2.0 * f * (1.0 - element.lag));
+    let parameters =
+        vec![Parameter { name: "s", value: s, unit: "OP" }, Parameter { name: "j", value: j, unit: "OP" }];
+    let explanation =
+        format!("the stem lags OP by {:.3} while it moves: S {s:.3}, J {j:.3}", f * element.lag);
+    Effect { kind, delta_aic, tag: None, parameters, explanation }
+}
+
+/// Friction with the effects in place, and what it means.
+pub fn verdict_after(
+    data: &Data,
+    settings: &Settings,
+    base: &Candidate,
+    diagnosis: &Diagnosis,
+) -> (Friction, Verdict, String) {
+    let element = base.spec.element;
+    let mut sound = base.spec.clone();
+    sound.element = Element { f: 0.0, ..element };
+    sound.loss = f64::INFINITY;
+    minimise(data, &mut sound, true, 12);
+    restructure(data, &mut sound, true, 4);
+    let evidence = Candidate::new(data, sound, base.paid).aic - base.aic;
+    let f = element.f * data.scale.u;
+    // A lag alone is no new explanation: to give a verdict back it must leave less doubt.
+    let hidden = base.spec.terms.is_empty() && diagnosis.verdict != Verdict::Stiction;
+    let needed = settings.evidence_threshold * if hidden { 4.0 } else { 1.0 };
+    let sticky = f > settings.f_threshold && evidence > needed;
+    let verdict = match (&diagnosis.verdict, sticky) {
+        (_, true) => Verdict::Stiction,
+        (Verdict::NotIdentifiable(why), false) => Verdict::NotIdentifiable(why.clone()),
+        _ => Verdict::NoStiction,
+    };
+    let f = if sticky { f } else { 0.0 };
+    let friction = Friction {
+        f,
+        f_ci95: if sticky { interval(data, &base.spec) } else { [0.0, element.f * data.scale.u] },
+        lag: if sticky { element.lag * f } else { 0.0 },
+        delta_aic: evidence.max(0.0),
+    };
+    let reason = format!("with the effects f = {f:.3}, evidence {:.0}", evidence.max(0.0));
+    (friction, verdict, reason)
+}
+
+/// The 95 % interval of f with the terms in place, widened by OP's median step as the diagnosis does (OP unit).
+pub fn interval(data: &Data, spec: &Spec) -> [f64; 2] {
+    let (mut stage, _) = spec.stage(data);
+    let mut trial = spec.clone();
+    let f = spec.element.f;
+    let mut rated = Vec::new();
+    for i in -INTERVAL..=INTERVAL {
+        trial.element.f = f * (1.0 + 0.8 * f64::from(i) / f64::from(INTERVAL));
+        trial.restage(data, &mut stage);
+        rated.push((trial.element.f, Quick::long_arx(data, &stage, spec.orders.nk).loss));
+    }
+    let n = (data.split - data.first) as f64;
+    let least = rated.iter().map(|r| r.1).fold(f64::INFINITY, f64::min);
+    let inside = rated.iter().filter(|r| n * (r.1 / least).ln() <= THRESHOLD_95).map(|r| r.0);
+    let (low, high) = inside.fold((f, f), |(low, high), f| (low.min(f), high.max(f)));
+    let steps: Vec<f64> = stage.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+    let step = median(&steps);
+    [(low - step).max(0.0) * data.scale.u, (high + step) * data.scale.u]
+}
+
+pub fn model(data: &Data, spec: &Spec) -> Model {
+    let o = spec.orders;
+    Model {
+        na: o.na,
+        nb: o.nb,
+        nc: o.nc,
+        nk: o.nk,
+        a: spec.linear.a.clone(),
+        b: spec.linear.b.iter().map(|b| b * data.scale.y / data.scale.u).collect(),
+        c: spec.linear.c.clone(),
+        rmse: spec.loss.sqrt() * data.scale.y,
+    }
+}

@@ -1,0 +1,414 @@
+//! Prediction-error estimation of the linear part together with the smooth numbers of the terms.
+//!
+//! Levenberg–Marquardt on `V = sum w e² / sum w`; the derivatives by coefficients are the regressors filtered by 1/C, those
+//! by nonlinear numbers are differences of the errors.
+
+use super::model::{Data, Linear, Spec, Stage};
+use crate::diagnosis::armax::{Orders, RHO, draw_inside};
+use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
+
+/// Smallest loss relative to var(PV): below it rounding decides.
+pub const FLOOR: f64 = 1e-12;
+/// How far the calibration holds on to the one-step estimate: lags of a slow stem are nearly one column.
+const RIDGE: f64 = 1e-3;
+
+/// Errors one step ahead, over all samples; 0 before the recursion starts and where a sample does not count.
+pub fn errors(data: &Data, stage: &Stage, orders: Orders, l: &Linear, e: &mut Vec<f64>) {
+    let n = data.len();
+    let begin = data.start.index + 1 + orders.na.max(orders.nk + orders.nb - 1);
+    e.clear();
+    e.resize(n, 0.0);
+    if begin >= n {
+        return;
+    }
+    for (e, y) in e[begin..].iter_mut().zip(&stage.y[begin..]) {
+        *e = y - l.c0;
+    }
+    let rows = n - begin;
+    for (i, a) in l.a.iter().enumerate() {
+        add(&mut e[begin..], *a, &stage.y[begin - 1 - i..][..rows]);
+    }
+    for (j, b) in l.b.iter().enumerate() {
+        add(&mut e[begin..], -b, &stage.z[begin - orders.nk - j..][..rows]);
+    }
+    for (g, column) in l.gamma.iter().zip(&stage.columns) {
+        add(&mut e[begin..], -g, &column[begin..]);
+    }
+    let mut past = [0.0; 6];
+    for (e, weight) in e[begin..].iter_mut().zip(&stage.weight[begin..]) {
+        let mut value = *e;
+        for (c, p) in l.c.iter().zip(&past) {
+            value -= c * p;
+        }
+        if *weight == 0.0 {
+            value = 0.0;
+        }
+        past.copy_within(0..5, 1);
+        past[0] = value;
+        *e = value;
+    }
+}
+
+fn add(out: &mut [f64], gain: f64, v: &[f64]) {
+    for (out, v) in out.iter_mut().zip(v) {
+        *out += gain * v;
+    }
+}
+
+fn filter(c: &[f64], v: &[f64], from: usize) -> Vec<f64> {
+    let mut out = vec![0.0; v.len()];
+    let mut past = [0.0; 6];
+    for k in from..v.len() {
+        let mut value = v[k];
+        for (c, p) in c.iter().zip(&past) {
+            value -= c * p;
+        }
+        past.copy_within(0..5, 1);
+        past[0] = value;
+        out[k] = value;
+    }
+    out
+}
+
+/// Loss on the fitted samples.
+pub fn loss_of(data: &Data, stage: &Stage, e: &[f64]) -> f64 {
+    let counted = &e[data.first..data.split];
+    let weight: f64 = stage.weight[data.first..data.split].iter().sum();
+    let loss = dot(counted, counted) / weight.max(1.0);
+    if loss.is_finite() { loss + FLOOR } else { f64::INFINITY }
+}
+
+/// One smooth number: the element's lag or a term's knob.
+#[derive(Clone, Copy)]
+enum Smooth {
+    Lag,
+    Knob { term: usize, at: usize },
+}
+
+fn smooths(spec: &Spec, free_lag: bool) -> Vec<(Smooth, f64, f64, (f64, f64))> {
+    let mut out = Vec::new();
+    if free_lag && spec.element.f > 0.0 {
+        out.push((Smooth::Lag, spec.element.lag, 0.1, (0.0, 1.0)));
+    }
+    for (term, t) in spec.terms.iter().enumerate() {
+        for (at, knob) in t.knobs().into_iter().enumerate().filter(|(_, k)| k.smooth) {
+            out.push((Smooth::Knob { term, at }, knob.value, knob.step, knob.bounds));
+        }
+    }
+    out
+}
+
+fn put(spec: &mut Spec, which: Smooth, value: f64) {
+    match which {
+        Smooth::Lag => spec.element.lag = value,
+        Smooth::Knob { term, at } => spec.terms[term].set(at, value),
+    }
+}
+
+/// Minimises the loss of `spec` from its present coefficients, at most `most` iterations.
+pub fn minimise(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
+    let (mut stage, counts) = spec.stage(data);
+    spec.linear.gamma.resize(counts.iter().sum(), 0.0);
+    draw_inside(&mut spec.linear.c, RHO);
+    let mut e = Vec::new();
+    errors(data, &stage, spec.orders, &spec.linear, &mut e);
+    spec.loss = loss_of(data, &stage, &e);
+    let mut damping = 1e-3;
+    let rows = (data.split - data.first) as f64;
+    let mut trial = Vec::new();
+    let mut changed = stage.clone();
+    for _ in 0..most {
+        let smooth = smooths(spec, free_lag);
+        let jacobian = jacobian(data, spec, &stage, &mut changed, &e, &smooth);
+        let size = jacobian.len().min(MOST_COLUMNS);
+        let weight: Vec<f64> = stage.weight[data.first..data.split].to_vec();
+        let weighted = weight.contains(&0.0);
+        let mut g = vec![0.0; size * size];
+        let mut r = vec![0.0; size];
+        let residual = &e[data.first..data.split];
+        for i in 0..size {
+            let own: Vec<f64>;
+            let ci: &[f64] = if weighted {
+                own = jacobian[i].iter().zip(&weight).map(|(j, w)| j * w).collect();
+                &own
+            } else {
+                &jacobian[i]
+            };
+            for j in 0..=i {
+                g[i * size + j] = dot(ci, &jacobian[j]);
+            }
+            r[i] = -dot(ci, residual);
+        }
+        let mut improved = false;
+        for _ in 0..6 {
+            let mut damped = g.clone();
+            for i in 0..size {
+                damped[i * size + i] *= 1.0 + damping;
+            }
+            let mut step = r.clone();
+            let mut live = [true; MOST_COLUMNS];
+            factor(&mut damped, size, size, &mut live);
+            substitute(&damped, size, &live, &mut step);
+            let promised = dot(&step, &r) / rows;
+            if promised.is_nan() || promised <= 1e-7 * spec.loss {
+                return;
+            }
+            let mut candidate = spec.clone();
+            apply(&mut candidate, &step, &smooth);
+            if smooth.is_empty() {
+                errors(data, &stage, candidate.orders, &candidate.linear, &mut trial);
+            } else {
+                candidate.restage(data, &mut stage);
+                errors(data, &stage, candidate.orders, &candidate.linear, &mut trial);
+            }
+            let loss = loss_of(data, &stage, &trial);
+            if loss < spec.loss {
+                improved = spec.loss - loss > 1e-6 * loss;
+                candidate.loss = loss;
+                *spec = candidate;
+                std::mem::swap(&mut e, &mut trial);
+                damping = (damping * 0.2).max(1e-7);
+                break;
+            }
+            damping = (damping * 10.0).max(1e-4);
+        }
+        if !improved {
+            return;
+        }
+    }
+}
+
+fn apply(spec: &mut Spec, step: &[f64], smooth: &[(Smooth, f64, f64, (f64, f64))]) {
+    let l = &mut spec.linear;
+    let slots = l.a.iter_mut().chain(&mut l.b).chain(&mut l.c).chain([&mut l.c0]).chain(&mut l.gamma);
+    let mut at = 0;
+    for (slot, step) in slots.zip(step) {
+        *slot += step;
+        at += 1;
+    }
+    for ((which, value, width, bounds), step) in smooth.iter().zip(&step[at..]) {
+        // A nonlinear number never goes further in one step than its difference quotient can vouch for.
+        let moved = value + step.clamp(-2.0 * width, 2.0 * width);
+        put(spec, *which, moved.clamp(bounds.0, bounds.1));
+    }
+    draw_inside(&mut spec.linear.c, RHO);
+}
+
+/// Derivatives of e on the fitted samples, one row per number, in the order of [`apply`].
+fn jacobian(
+    data: &Data,
+    spec: &Spec,
+    stage: &Stage,
+    changed: &mut Stage,
+    e: &[f64],
+    smooth: &[(Smooth, f64, f64, (f64, f64))],
+) -> Vec<Vec<f64>> {
+    let (from, to, o) = (data.first, data.split, spec.orders);
+    let c = &spec.linear.c;
+    let begin = data.start.index;
+    let lagged = |v: &[f64], lag: usize, sign: f64| -> Vec<f64> {
+        v[from - lag..to - lag].iter().map(|x| sign * x).collect()
+    };
+    let yf = filter(c, &stage.y[..to], begin);
+    let zf = filter(c, &stage.z[..to], begin);
+    let mut out: Vec<Vec<f64>> = (1..=o.na).map(|i| lagged(&yf, i, 1.0)).collect();
+    out.extend((0..o.nb).map(|j| lagged(&zf, o.nk + j, -1.0)));
+    if o.nc > 0 {
+        let ef = filter(c, &e[..to], begin);
+        out.extend((1..=o.nc).map(|i| lagged(&ef, i, -1.0)));
+    }
+    let ones = filter(c, &vec![1.0; to], begin);
+    out.push(lagged(&ones, 0, -1.0));
+    out.extend(stage.columns.iter().map(|v| lagged(&filter(c, &v[..to], begin), 0, -1.0)));
+    let mut moved = Vec::new();
+    for (which, value, width, bounds) in smooth {
+        let mut other = spec.clone();
+        let mut h = 0.02 * width;
+        if value + h > bounds.1 {
+            h = -h;
+        }
+        put(&mut other, *which, value + h);
+        other.restage(data, changed);
+        errors(data, changed, o, &spec.linear, &mut moved);
+        out.push(moved[from..to].iter().zip(&e[from..to]).map(|(m, e)| (m - e) / h).collect());
+    }
+    out
+}
+
+/// PV run free from sample `from` on: predicted from what was measured and how far off it was before, and from OP.
+///
+/// It starts again every `stretch` samples: an integrating process would otherwise be judged by its one slowest error.
+fn simulate(data: &Data, spec: &Spec, stage: &Stage, e: &[f64], from: usize, stretch: usize) -> Vec<f64> {
+    let mut a = spec.linear.a.clone();
+    // A model for simulation must not explode: one-step errors hide an A just outside the unit circle.
+    draw_inside(&mut a, 1.0);
+    let o = spec.orders;
+    let l = &spec.linear;
+    let mut y = stage.y.clone();
+    let mut origin = from;
+    for k in from.max(o.na.max(o.nk + o.nb))..data.len() {
+        if k >= origin + stretch {
+            origin += stretch;
+        }
+        let mut value = l.c0;
+        for (i, a) in a.iter().enumerate() {
+            let at = k - 1 - i;
+            value -= a * if at < origin { stage.y[at] } else { y[at] };
+        }
+        for (j, b) in l.b.iter().enumerate() {
+            value += b * stage.z[k - o.nk - j];
+        }
+        for (g, column) in l.gamma.iter().zip(&stage.columns) {
+            value += g * column[k];
+        }
+        for (i, c) in l.c.iter().enumerate().filter(|(i, _)| k - 1 - i < origin) {
+            value += c * e[k - 1 - i];
+        }
+        y[k] = value.clamp(-1e6, 1e6);
+    }
+    y
+}
+
+/// The linear part as the free run needs it: B, the constant and the shapes estimated again on the free-run error of the
+/// fitted samples, where one-step errors say little about what is slow. A and C stay.
+pub fn calibrated(data: &Data, spec: &Spec, stage: &Stage, e: &[f64]) -> Linear {
+    let (l, o) = (&spec.linear, spec.orders);
+    let mut a = l.a.clone();
+    draw_inside(&mut a, 1.0);
+    let (from, to, stretch) = (data.first, data.split, data.stretch());
+    let run = simulate(data, spec, stage, e, from, stretch);
+    let ones = vec![1.0; to];
+    let sources: Vec<(&[f64], usize)> = (0..o.nb)
+        .map(|j| (&stage.z[..], o.nk + j))
+        .chain([(&ones[..], 0)])
+        .chain(stage.columns.iter().map(|c| (&c[..], 0)))
+        .collect();
+    let columns: Vec<Vec<f64>> = sources
+        .iter()
+        .map(|(v, lag)| {
+            let mut out = vec![0.0; to - from];
+            for k in from..to {
+                // From rest at the start of every stretch.
+                let origin = from + (k - from) / stretch * stretch;
+                let past = a.iter().enumerate().take_while(|(i, _)| k > origin + i);
+                let past: f64 = past.map(|(i, a)| a * out[k - 1 - i - from]).sum();
+                out[k - from] = v[k - lag] - past;
+            }
+            out.iter_mut().zip(&stage.weight[from..to]).for_each(|(x, w)| *x *= w);
+            out
+        })
+        .collect();
+    let left: Vec<f64> = (from..to).map(|k| (stage.y[k] - run[k]) * stage.weight[k]).collect();
+    let size = columns.len().min(MOST_COLUMNS);
+    let mut g = vec![0.0; size * size];
+    let mut step = vec![0.0; size];
+    for i in 0..size {
+        for j in 0..=i {
+            g[i * size + j] = dot(&columns[i], &columns[j]);
+        }
+        g[i * size + i] *= 1.0 + RIDGE;
+        step[i] = dot(&columns[i], &left);
+    }
+    let mut live = [true; MOST_COLUMNS];
+    factor(&mut g, size, size, &mut live);
+    substitute(&g, size, &live, &mut step);
+    let mut linear = l.clone();
+    let slots = linear.b.iter_mut().chain([&mut linear.c0]).chain(&mut linear.gamma);
+    for (slot, step) in slots.zip(&step).filter(|(_, step)| step.is_finite()) {
+        *slot += step;
+    }
+    linear
+}
+
+/// The free run with the linear part [`calibrated`] for it.
+pub fn free_run(data: &Data, spec: &Spec, stage: &Stage, e: &[f64], from: usize) -> Vec<f64> {
+    let mut run = spec.clone();
+    run.linear = calibrated(data, spec, stage, e);
+    simulate(data, &run, stage, e, from, data.stretch())
+}
+
+/// Root mean square one-step and free-run errors of the held-out samples that count (normalised PV).
+pub fn held_out(data: &Data, spec: &Spec) -> (f64, f64) {
+    let (stage, _) = spec.stage(data);
+    let mut e = Vec::new();
+    errors(data, &stage, spec.orders, &spec.linear, &mut e);
+    let free = free_run(data, spec, &stage, &e, data.split);
+    let (mut one, mut run, mut count) = (0.0, 0.0, 0.0_f64);
+    for k in data.split..data.len() {
+        let w = stage.weight[k];
+        one += w * e[k] * e[k];
+        run += w * (free[k] - stage.y[k]).powi(2);
+        count += w;
+    }
+    ((one / count.max(1.0)).sqrt(), (run / count.max(1.0)).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnosis::friction::Start;
+    use crate::residual::model::{Element, Scale};
+    use crate::residual::regress::{Quick, restructure};
+
+    /// `y[k] = 0.7 y[k-1] + 0.5 u[k-2] + 0.3`, exactly.
+    fn exact() -> Data {
+        let n = 600;
+        let u: Vec<f64> = (0..n).map(|k| (0.3 * k as f64).sin() + (0.011 * (k * k) as f64).cos()).collect();
+        let mut y = vec![0.0; n];
+        for k in 2..n {
+            y[k] = 0.7 * y[k - 1] + 0.5 * u[k - 2] + 0.3;
+        }
+        Data {
+            f_top: 1.0,
+            u,
+            y,
+            start: Start { index: 0, is_max: true },
+            first: 40,
+            split: 430,
+            max_delay: 10,
+            scale: Scale { t0: 0.0, ts: 1.0, u0: 0.0, u: 1.0, y0: 0.0, y: 1.0 },
+            sp: None,
+            tags: Vec::new(),
+        }
+    }
+
+    fn blank(orders: Orders) -> Spec {
+        let zeros = |n: usize| vec![0.0; n];
+        let linear =
+            Linear { a: zeros(orders.na), b: zeros(orders.nb), c: zeros(orders.nc), ..Linear::default() };
+        Spec { element: Element::default(), terms: Vec::new(), orders, linear, loss: f64::INFINITY }
+    }
+
+    #[test]
+    fn an_exact_model_is_found_exactly_and_runs_free_without_error() {
+        let data = exact();
+        let mut spec = blank(Orders { na: 1, nb: 1, nc: 0, nk: 2 });
+        minimise(&data, &mut spec, false, 30);
+        // Solved to rounding: the loss is its floor.
+        assert!((spec.linear.a[0] + 0.7).abs() < 1e-6 && (spec.linear.b[0] - 0.5).abs() < 1e-6);
+        assert!((spec.linear.c0 - 0.3).abs() < 1e-6 && spec.loss < 1e-11);
+        let (one, free) = held_out(&data, &spec);
+        assert!(one < 1e-5 && free < 1e-4, "{one} {free}");
+    }
+
+    #[test]
+    fn the_delay_is_found_by_the_choice_of_orders() {
+        let data = exact();
+        let mut spec = blank(Orders { na: 1, nb: 1, nc: 0, nk: 7 });
+        restructure(&data, &mut spec, false, 4);
+        // Every structure that holds the true one explains the record to rounding.
+        assert!(spec.loss < 1e-9, "{:?} {}", spec.orders, spec.loss);
+    }
+
+    #[test]
+    fn shared_products_are_the_plain_ones() {
+        let data = exact();
+        let (stage, _) = blank(Orders { na: 1, nb: 1, nc: 0, nk: 2 }).stage(&data);
+        let shared = Quick::new(&data, &stage, &[1, 2, 3, 4], &[3, 4, 5], None);
+        let apart = Quick::new(&data, &stage, &[1, 3, 2, 4], &[5, 3, 4], None);
+        // The same columns in another order, none of them the successor of its neighbour.
+        assert!((shared.loss - apart.loss).abs() < 1e-9 * (1.0 + apart.loss));
+        let column: Vec<f64> = (0..data.len()).map(|k| (0.7 * k as f64).cos()).collect();
+        assert!((shared.with(&[&column]).0 - apart.with(&[&column]).0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,280 @@
+//! Least squares for screening: the long ARX with further columns, the choice of orders, and the scan over friction.
+
+use super::fit::{FLOOR, errors, minimise};
+use super::model::{Data, Element, Linear, Spec, Stage};
+use crate::diagnosis::armax::{ORDER, Orders, splits};
+use crate::diagnosis::friction::reversals;
+use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
+
+/// Lags of y in the long ARX.
+const LONG_Y: usize = 6;
+/// Lags of z before and after the delay.
+const BEFORE: usize = 2;
+const AFTER: usize = 5;
+
+/// Fewest reversals of the stem in the fitted samples that say anything about f.
+const LEAST_REVERSALS: usize = 5;
+
+/// Least squares on the fitted samples: a base of columns, and more on trial.
+pub struct Quick {
+    from: usize,
+    weight: Option<Vec<f64>>,
+    base: Vec<Vec<f64>>,
+    target: Vec<f64>,
+    gram: Vec<f64>,
+    right: Vec<f64>,
+    power: f64,
+    /// Loss of the base alone.
+    pub loss: f64,
+    /// Coefficients of the base alone: y lags, z lags, 1, shapes.
+    pub theta: Vec<f64>,
+    /// Lags of z in the base.
+    pub z_lags: Vec<usize>,
+}
+
+impl Quick {
+    /// The long ARX about the delay `nk` with the shapes of `stage`.
+    pub fn long_arx(data: &Data, stage: &Stage, nk: usize) -> Self {
+        let z_lags: Vec<usize> =
+            (nk.saturating_sub(BEFORE).max(1)..=(nk + AFTER).min(data.max_delay + 4)).collect();
+        Self::new(data, stage, &(1..=LONG_Y).collect::<Vec<_>>(), &z_lags, None)
+    }
+
+    /// Chosen lags of y and z, of `e` where given, then 1 and the shapes.
+    pub fn new(
+        data: &Data,
+        stage: &Stage,
+        y_lags: &[usize],
+        z_lags: &[usize],
+        e: Option<(&[f64], &[usize])>,
+    ) -> Self {
+        let (from, to) = (data.first, data.split);
+        let weight = stage.weight[from..to].contains(&0.0).then(|| stage.weight[from..to].to_vec());
+        let masked = |mut v: Vec<f64>| -> Vec<f64> {
+            if let Some(w) = &weight {
+                v.iter_mut().zip(w).for_each(|(v, w)| *v *= w);
+            }
+            v
+        };
+        let lagged = |v: &[f64], lag: usize| masked(v[from - lag..to - lag].to_vec());
+        // Where each column comes from: neighbours one lag further on share all but two of their products.
+        let mut origin: Vec<(u8, &[f64], usize)> = y_lags.iter().map(|l| (0, &stage.y[..], *l)).collect();
+        origin.extend(z_lags.iter().map(|l| (1, &stage.z[..], *l)));
+        if let Some((e, lags)) = e {
+            origin.extend(lags.iter().map(|l| (2, e, *l)));
+        }
+        let mut base: Vec<Vec<f64>> = origin.iter().map(|(_, v, lag)| lagged(v, *lag)).collect();
+        base.push(masked(vec![1.0; to - from]));
+        base.extend(stage.columns.iter().map(|c| lagged(c, 0)));
+        base.truncate(MOST_COLUMNS - 24);
+        let target = lagged(&stage.y, 0);
+        let p = base.len();
+        let mut gram = vec![0.0; MOST_COLUMNS * MOST_COLUMNS];
+        let mut right = vec![0.0; MOST_COLUMNS];
+        for i in 0..p {
+            for j in 0..=i {
+                let follows = |c: usize| {
+                    c > 0
+                        && c < origin.len()
+                        && origin[c].0 == origin[c - 1].0
+                        && origin[c].2 == origin[c - 1].2 + 1
+                };
+                gram[i * MOST_COLUMNS + j] = if weight.is_none() && follows(i) && follows(j) {
+                    let ((_, a, la), (_, b, lb)) = (origin[i], origin[j]);
+                    gram[(i - 1) * MOST_COLUMNS + j - 1] + a[from - la] * b[from - lb]
+                        - a[to - la] * b[to - lb]
+                } else {
+                    dot(&base[i], &base[j])
+                };
+            }
+            right[i] = dot(&base[i], &target);
+        }
+        let power = dot(&target, &target);
+        let mut quick = Self {
+            from,
+            weight,
+            base,
+            target,
+            gram,
+            right,
+            power,
+            loss: 0.0,
+            theta: Vec::new(),
+            z_lags: z_lags.to_vec(),
+        };
+        let all: Vec<usize> = (0..p).collect();
+        (quick.loss, quick.theta) = quick.subset(&all);
+        quick
+    }
+
+    fn rows(&self) -> f64 {
+        self.target.len() as f64
+    }
+
+    /// Loss and coefficients with a choice of the base's columns.
+    pub fn subset(&self, chosen: &[usize]) -> (f64, Vec<f64>) {
+        let p = chosen.len();
+        let mut g = vec![0.0; p * p];
+        let mut theta = vec![0.0; p];
+        for (i, &a) in chosen.iter().enumerate() {
+            for (j, &b) in chosen[..=i].iter().enumerate() {
+                g[i * p + j] = self.gram[a.max(b) * MOST_COLUMNS + a.min(b)];
+            }
+            theta[i] = self.right[a];
+        }
+        let r = theta.clone();
+        let mut live = [true; MOST_COLUMNS];
+        factor(&mut g, p, p, &mut live);
+        substitute(&g, p, &live, &mut theta);
+        ((self.power - dot(&r, &theta)).max(0.0) / self.rows() + FLOOR, theta)
+    }
+
+    /// Loss and the new columns' coefficients with `extra` columns (whole length of the window).
+    pub fn with(&self, extra: &[&[f64]]) -> (f64, Vec<f64>) {
+        let (p, m) = (self.base.len(), extra.len());
+        let size = p + m;
+        let mut g = vec![0.0; size * size];
+        for i in 0..p {
+            g[i * size..i * size + i + 1]
+                .copy_from_slice(&self.gram[i * MOST_COLUMNS..i * MOST_COLUMNS + i + 1]);
+        }
+        let mut theta = self.right[..p].to_vec();
+        let cut: Vec<Vec<f64>> = extra
+            .iter()
+            .map(|v| {
+                let mut v = v[self.from..self.from + self.target.len()].to_vec();
+                if let Some(w) = &self.weight {
+                    v.iter_mut().zip(w).for_each(|(v, w)| *v *= w);
+                }
+                v
+            })
+            .collect();
+        for i in 0..m {
+            let row = (p + i) * size;
+            for j in 0..p {
+                g[row + j] = dot(&cut[i], &self.base[j]);
+            }
+            for j in 0..=i {
+                g[row + p + j] = dot(&cut[i], &cut[j]);
+            }
+            theta.push(dot(&cut[i], &self.target));
+        }
+        let r = theta.clone();
+        let mut live = [true; MOST_COLUMNS];
+        factor(&mut g, size, size, &mut live);
+        substitute(&g, size, &live, &mut theta);
+        ((self.power - dot(&r, &theta)).max(0.0) / self.rows() + FLOOR, theta.split_off(p))
+    }
+
+    /// The residual of the base on the fitted samples.
+    pub fn residual(&self) -> Vec<f64> {
+        let mut e = self.target.clone();
+        for (theta, column) in self.theta.iter().zip(&self.base) {
+            for (e, c) in e.iter_mut().zip(column) {
+                *e -= theta * c;
+            }
+        }
+        e
+    }
+}
+
+/// Chooses orders and delay anew for the model's stage, by Hannan–Rissanen fits of every structure and a full fit of the
+/// best `most`; keeps the present one unless another is better.
+pub fn restructure(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
+    let (stage, _) = spec.stage(data);
+    let z_lags: Vec<usize> = (1..=data.max_delay + ORDER - 2).collect();
+    let long = Quick::new(data, &stage, &(1..=8).collect::<Vec<_>>(), &z_lags, None);
+    let mut e = vec![0.0; data.len()];
+    e[data.first..data.split].copy_from_slice(&long.residual());
+    let (ny, nz, ne) = (5, z_lags.len(), 4);
+    let e_lags: Vec<usize> = (1..=ne).collect();
+    let all = Quick::new(data, &stage, &(1..=ny).collect::<Vec<_>>(), &z_lags, Some((&e, &e_lags)));
+    let shapes = stage.columns.len();
+    let mut found: Vec<(f64, Orders, Vec<f64>)> = Vec::new();
+    let mut chosen = Vec::new();
+    for nk in 1..=data.max_delay {
+        for orders in splits(nk) {
+            chosen.clear();
+            chosen.extend(0..orders.na);
+            chosen.extend((0..orders.nb).map(|j| ny + nk - 1 + j));
+            chosen.extend((0..orders.nc).map(|l| ny + nz + l));
+            chosen.extend(ny + nz + ne..ny + nz + ne + 1 + shapes);
+            let (loss, theta) = all.subset(&chosen);
+            found.push((loss, orders, theta));
+        }
+    }
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (_, orders, theta) in found.into_iter().take(most) {
+        let (na, nb, nc) = (orders.na, orders.nb, orders.nc);
+        let mut other = spec.clone();
+        other.orders = orders;
+        other.linear = Linear {
+            a: theta[..na].iter().map(|a| -a).collect(),
+            b: theta[na..na + nb].to_vec(),
+            c: theta[na + nb..na + nb + nc].to_vec(),
+            c0: theta[ORDER],
+            gamma: theta[ORDER + 1..].to_vec(),
+        };
+        minimise(data, &mut other, free_lag, 12);
+        if other.loss < spec.loss {
+            *spec = other;
+        }
+    }
+}
+
+/// Friction scanned with the terms in place: the long ARX's loss over f, its lag and its resume threshold.
+///
+/// Returns the best elements, by increasing loss, each from a different neighbourhood of f.
+pub fn scan_friction(data: &Data, spec: &Spec, values: usize, most: usize) -> Vec<Element> {
+    let (mut stage, _) = spec.stage(data);
+    let mut trial = spec.clone();
+    let mut rated: Vec<(f64, Element)> = Vec::new();
+    let mut rate = |element: Element, rated: &mut Vec<(f64, Element)>| {
+        trial.element = element;
+        trial.restage(data, &mut stage);
+        if reversals(&stage.dir[data.first..data.split]) < LEAST_REVERSALS {
+            return;
+        }
+        rated.push((Quick::long_arx(data, &stage, spec.orders.nk).loss, element));
+    };
+    let step = data.f_top / values as f64;
+    for i in 1..=values {
+        // Finer towards 0: weak friction is a small share of the largest swing.
+        let f = data.f_top * (i as f64 / values as f64).powf(1.5);
+        for (lag, resume) in [(0.0, 0.0), (0.4, 0.0), (0.8, 0.0), (0.4, 0.4)] {
+            rate(Element { f, lag, resume, ..spec.element }, &mut rated);
+        }
+    }
+    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let coarse: Vec<Element> = rated.iter().take(2).map(|r| r.1).collect();
+    for centre in coarse {
+        for i in -4i32..=4 {
+            let f = centre.f + step * 0.25 * f64::from(i);
+            for lag in [centre.lag, centre.lag + 0.2, centre.lag - 0.2] {
+                if f > 0.0 && (0.0..=1.0).contains(&lag) {
+                    rate(Element { f, lag, ..centre }, &mut rated);
+                }
+            }
+        }
+    }
+    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut kept: Vec<Element> = Vec::new();
+    for (_, element) in rated {
+        let near = |k: &Element| (k.f - element.f).abs() < 0.1 * step && k.resume == element.resume;
+        if !kept.iter().any(near) {
+            kept.push(element);
+        }
+        if kept.len() == most {
+            break;
+        }
+    }
+    kept
+}
+
+/// The prediction errors of a model over the whole window.
+pub fn all_errors(data: &Data, spec: &Spec) -> (Stage, Vec<f64>) {
+    let (stage, _) = spec.stage(data);
+    let mut e = Vec::new();
+    errors(data, &stage, spec.orders, &spec.linear, &mut e);
+    (stage, e)
+}
