@@ -18,7 +18,8 @@ use crate::collect::{self, DeviceHealth, Poll};
 use crate::config::{self, Config, Diagnostic};
 use crate::diagnosis::{self, Settings};
 use crate::history::{History, Ring};
-use crate::results::Results;
+use crate::residual;
+use crate::results::{Judged, Results};
 use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
 use crate::serve::{self, Context, DeviceState, LoopInfo, ServeError};
 use crate::signal::{LoopId, Sample};
@@ -141,9 +142,16 @@ impl App {
         Ok(Self { clock, results, scheduler, plant, context, writing, stop, state })
     }
 
-    /// The diagnosis that the daemon runs.
+    /// The diagnosis that the daemon runs, its residual traced.
     pub fn diagnosis() -> Diagnose {
-        Arc::new(diagnosis::diagnose)
+        Arc::new(|record, settings, known| {
+            let diagnosis = diagnosis::diagnose(record, settings);
+            let tracing = residual::Settings { known: known.to_vec(), ..residual::Settings::default() };
+            let mut findings = residual::trace_record(record, &diagnosis, settings, &tracing);
+            // The curves are for drawing one record; kept for every loop they would be most of the memory.
+            findings.iter_mut().for_each(|found| found.curves = residual::Curves::default());
+            Judged { diagnosis, findings }
+        })
     }
 
     /// What the diagnoses said.

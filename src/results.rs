@@ -4,6 +4,7 @@
 use crate::alarm::{self, Alarm, Observation, Refusal, State, Transition};
 use crate::compensation::gate::{self, News};
 use crate::diagnosis::{Diagnosis, Verdict};
+use crate::residual::{self, Findings};
 use crate::signal::LoopId;
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
@@ -21,11 +22,57 @@ pub enum Trigger {
     OnDemand,
 }
 
+/// An effect beside friction and linear dynamics, with its tag where it is measured.
+pub type KnownEffect = (residual::Kind, Option<String>);
+
+/// A diagnosis, and what its residual was traced to.
+#[derive(Clone, Debug)]
+pub struct Judged {
+    /// By the declared model.
+    pub diagnosis: Diagnosis,
+    /// With the effects that the declared model lacks; `None` where nothing could be traced.
+    pub findings: Option<Findings>,
+}
+
+impl From<Diagnosis> for Judged {
+    fn from(diagnosis: Diagnosis) -> Self {
+        Self { diagnosis, findings: None }
+    }
+}
+
+impl Judged {
+    /// The findings that replace the diagnosis: effects were found, and with them friction can be told.
+    pub fn replaced_by(&self) -> Option<&Findings> {
+        let told = |found: &&Findings| {
+            !found.effects.is_empty() && !matches!(found.verdict, Verdict::NotIdentifiable(_))
+        };
+        self.findings.as_ref().filter(told)
+    }
+
+    /// The verdict that counts.
+    pub fn verdict(&self) -> &Verdict {
+        self.replaced_by().map_or(&self.diagnosis.verdict, |found| &found.verdict)
+    }
+
+    /// Friction that counts: f, its interval (OP unit) and the evidence (-).
+    pub fn friction(&self) -> Option<(f64, [f64; 2], f64)> {
+        let with_effects = self.replaced_by().map(|found| found.friction_after);
+        let friction = with_effects.map(|f| (f.f, f.f_ci95, f.delta_aic));
+        friction.or_else(|| self.diagnosis.estimate.as_ref().map(|e| (e.f, e.f_ci95, e.delta_aic)))
+    }
+
+    /// The effects in the model, in the order they were added.
+    pub fn effects(&self) -> Vec<KnownEffect> {
+        let effects = self.findings.iter().flat_map(|found| &found.effects);
+        effects.map(|effect| (effect.kind, effect.tag.clone())).collect()
+    }
+}
+
 /// How a run ended.
 #[derive(Clone, Debug)]
 pub enum Outcome {
     /// With a diagnosis, whatever its verdict.
-    Diagnosed(Box<Diagnosis>),
+    Diagnosed(Box<Judged>),
     /// Not before its deadline.
     DeadlineExceeded,
     /// With a panic, and what it said.
@@ -36,7 +83,7 @@ impl Outcome {
     /// The stable, machine-readable name: a verdict or a failure.
     pub fn as_str(&self) -> &'static str {
         match self {
-            Outcome::Diagnosed(diagnosis) => diagnosis.verdict.as_str(),
+            Outcome::Diagnosed(judged) => judged.verdict().as_str(),
             Outcome::DeadlineExceeded => "deadline_exceeded",
             Outcome::Panicked(_) => "panicked",
         }
@@ -63,10 +110,10 @@ pub struct Run {
 }
 
 impl Run {
-    /// The diagnosis, if there is one.
-    pub fn diagnosis(&self) -> Option<&Diagnosis> {
+    /// What was said, if anything was.
+    pub fn judged(&self) -> Option<&Judged> {
         match &self.outcome {
-            Outcome::Diagnosed(diagnosis) => Some(diagnosis),
+            Outcome::Diagnosed(judged) => Some(judged),
             _ => None,
         }
     }
@@ -77,26 +124,29 @@ impl Run {
     }
 
     fn summary(&self) -> Summary {
-        let estimate = self.diagnosis().and_then(|d| d.estimate.as_ref());
+        let judged = self.judged();
+        let friction = judged.and_then(Judged::friction);
         let percent = self.percent();
         Summary {
             time: self.finished,
             took_s: self.took_s,
             trigger: self.trigger,
             outcome: self.outcome.as_str(),
-            reason_code: match self.diagnosis().map(|d| &d.verdict) {
+            reason_code: match judged.map(Judged::verdict) {
                 Some(Verdict::NotIdentifiable(why)) => Some(why.code()),
                 _ => None,
             },
             reason: match &self.outcome {
-                Outcome::Diagnosed(diagnosis) => diagnosis.reason.clone(),
+                Outcome::Diagnosed(judged) => judged
+                    .replaced_by()
+                    .map_or_else(|| judged.diagnosis.reason.clone(), |found| found.reason.clone()),
                 Outcome::DeadlineExceeded => "the run was not done before its deadline".to_string(),
                 Outcome::Panicked(_) => "the diagnosis failed; the log says why".to_string(),
             },
-            f_in_percent: self.diagnosis().is_none_or(|d| op_in_percent(self.op_span, d)),
-            f: estimate.map(|e| e.f * percent),
-            f_ci95: estimate.map(|e| e.f_ci95.map(|limit| limit * percent)),
-            delta_aic: estimate.map(|e| e.delta_aic),
+            f_in_percent: judged.is_none_or(|j| op_in_percent(self.op_span, &j.diagnosis)),
+            f: friction.map(|(f, ..)| f * percent),
+            f_ci95: friction.map(|(_, interval, _)| interval.map(|limit| limit * percent)),
+            delta_aic: friction.map(|(.., evidence)| evidence),
         }
     }
 }
@@ -173,8 +223,21 @@ pub struct Known {
     pub last: Option<Summary>,
     /// The latest summary of `diagnosed`.
     pub summary: Option<Summary>,
+    /// Which effects the model has, since when.
+    pub model: ModelVersion,
     /// The alarm.
     pub alarm: AlarmView,
+}
+
+/// The state of a loop's model: a new version whenever its effects change.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ModelVersion {
+    /// Counted from 1; 0 before the first diagnosis.
+    pub version: u64,
+    /// When this version began (s).
+    pub since: f64,
+    /// Its effects, in the order they were added.
+    pub effects: Vec<KnownEffect>,
 }
 
 /// News.
@@ -208,6 +271,7 @@ pub enum Action {
 struct Entry {
     diagnosed: Option<(Arc<Run>, Summary)>,
     summaries: VecDeque<Summary>,
+    model: ModelVersion,
     alarm: Alarm,
     by: Option<String>,
     comment: Option<String>,
@@ -253,6 +317,7 @@ impl Results {
                 Arc::new(Mutex::new(Entry {
                     diagnosed: None,
                     summaries: VecDeque::new(),
+                    model: ModelVersion::default(),
                     alarm: Alarm::new(alarm_config.clone()),
                     by: None,
                     comment: None,
@@ -297,7 +362,12 @@ impl Results {
                 entry.summaries.pop_front();
             }
             entry.summaries.push_back(summary.clone());
-            if run.diagnosis().is_some() {
+            if let Some(judged) = run.judged() {
+                let effects = judged.effects();
+                if entry.model.version == 0 || entry.model.effects != effects {
+                    let version = entry.model.version + 1;
+                    entry.model = ModelVersion { version, since: run.finished, effects };
+                }
                 entry.diagnosed = Some((run.clone(), summary.clone()));
             }
             entry.alarm.observe(observation, run.finished)
@@ -308,7 +378,7 @@ impl Results {
     }
 
     fn observation(&self, run: &Run, summary: &Summary) -> Observation {
-        let verdict = run.diagnosis().map(|d| &d.verdict);
+        let verdict = run.judged().map(Judged::verdict);
         let (Some(f), Some(evidence)) = (summary.f, summary.delta_aic) else {
             return Observation::Unknown;
         };
@@ -335,8 +405,14 @@ impl Results {
             diagnosed: entry.diagnosed.as_ref().map(|(run, _)| run.clone()),
             last: entry.summaries.back().cloned(),
             summary: entry.diagnosed.as_ref().map(|(_, summary)| summary.clone()),
+            model: entry.model.clone(),
             alarm: view(id, &entry),
         })
+    }
+
+    /// The effects in a loop's model: what the next diagnosis starts from.
+    pub fn effects(&self, id: &LoopId) -> Vec<KnownEffect> {
+        self.entry(id).map_or_else(Vec::new, |entry| lock(&entry).model.effects.clone())
     }
 
     /// Summaries of a loop's runs, oldest first.

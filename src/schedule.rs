@@ -12,8 +12,8 @@ mod clock;
 
 pub use clock::Clock;
 
-use crate::diagnosis::{Diagnosis, Settings};
-use crate::results::{Outcome, Results, Run, Trigger};
+use crate::diagnosis::Settings;
+use crate::results::{Judged, KnownEffect, Outcome, Results, Run, Trigger};
 use crate::signal::{LoopId, Record};
 use serde::Deserialize;
 use std::cmp::Reverse;
@@ -74,8 +74,8 @@ impl Config {
     }
 }
 
-/// The function that judges a record.
-pub type Diagnose = Arc<dyn Fn(&Record, &Settings) -> Diagnosis + Send + Sync>;
+/// The function that judges a record, starting from the effects that the loop's model had.
+pub type Diagnose = Arc<dyn Fn(&Record, &Settings, &[KnownEffect]) -> Judged + Send + Sync>;
 
 /// Copies what is remembered of a loop.
 pub type Snapshot = Arc<dyn Fn(&LoopId) -> Option<Record> + Send + Sync>;
@@ -353,11 +353,13 @@ impl Scheduler {
         let table = self.table.borrow().clone();
         let (started, began) = (self.clock.now(), tokio::time::Instant::now());
         let (diagnose, id) = (self.diagnose.clone(), seat.id.clone());
+        let known = self.results.effects(&seat.id);
+        let before = known.clone();
         let mut work = tokio::task::spawn_blocking(move || {
             let Some(record) = (table.plan.snapshot)(&id) else {
                 return (None, None);
             };
-            let judged = catch_unwind(AssertUnwindSafe(|| diagnose(&record, &table.plan.settings)));
+            let judged = catch_unwind(AssertUnwindSafe(|| diagnose(&record, &table.plan.settings, &known)));
             (record.op_span, Some(judged.map_err(|panic| said(panic.as_ref()))))
         });
         let finish = |op_span, outcome, phase| {
@@ -378,9 +380,13 @@ impl Scheduler {
         };
         let deadline = Duration::try_from_secs_f64(self.config.deadline_s).unwrap_or(Duration::MAX);
         match tokio::time::timeout(deadline, &mut work).await {
-            Ok(Ok((op_span, Some(Ok(diagnosis))))) => {
+            Ok(Ok((op_span, Some(Ok(judged))))) => {
                 self.counts.diagnosed.fetch_add(1, Relaxed);
-                finish(op_span, Outcome::Diagnosed(Box::new(diagnosis)), Phase::Idle);
+                let after = judged.effects();
+                if after != before {
+                    tracing::info!(control_loop = %seat.id, before = ?before, after = ?after, "the effects in a loop's model changed");
+                }
+                finish(op_span, Outcome::Diagnosed(Box::new(judged)), Phase::Idle);
             }
             Ok(Ok((op_span, Some(Err(message))))) => {
                 self.counts.panicked.fetch_add(1, Relaxed);

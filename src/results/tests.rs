@@ -1,7 +1,7 @@
 use super::*;
 use crate::diagnosis::{Estimate, Model, NotIdentifiable, Preparation};
 
-fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Diagnosis> {
+fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged> {
     let model = Model { na: 1, nb: 1, nc: 1, nk: 1, a: vec![0.0], b: vec![0.0], c: vec![0.0], rmse: 1.0 };
     let estimate = Estimate {
         f,
@@ -17,7 +17,7 @@ fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Diagnosis> {
         mv: vec![],
     };
     let identifiable = !matches!(verdict, Verdict::NotIdentifiable(_));
-    Box::new(Diagnosis {
+    let diagnosis = Diagnosis {
         verdict,
         reason: "made for a test".into(),
         preparation: Preparation::default(),
@@ -25,7 +25,8 @@ fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Diagnosis> {
         estimate: identifiable.then_some(estimate),
         residual: None,
         window: None,
-    })
+    };
+    Box::new(diagnosis.into())
 }
 
 fn run(time: f64, outcome: Outcome) -> Run {

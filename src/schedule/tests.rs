@@ -1,11 +1,11 @@
 use super::*;
 use crate::alarm;
-use crate::diagnosis::{NotIdentifiable, Preparation, Verdict};
+use crate::diagnosis::{Diagnosis, NotIdentifiable, Preparation, Verdict};
 use crate::results::Event;
 use tokio::sync::broadcast;
 
-fn nothing_to_say() -> Diagnosis {
-    Diagnosis {
+fn nothing_to_say() -> Judged {
+    let diagnosis = Diagnosis {
         verdict: Verdict::NotIdentifiable(NotIdentifiable::FlatPv),
         reason: String::new(),
         preparation: Preparation::default(),
@@ -13,7 +13,8 @@ fn nothing_to_say() -> Diagnosis {
         estimate: None,
         residual: None,
         window: None,
-    }
+    };
+    diagnosis.into()
 }
 
 fn jobs(names: &[&str], period_s: f64) -> Vec<Job> {
@@ -39,7 +40,7 @@ fn plan(jobs: Vec<Job>) -> Plan {
 fn rig(config: Config, jobs: Vec<Job>, diagnose: impl Fn(&str) + Send + Sync + 'static) -> Rig {
     let ids: Vec<LoopId> = jobs.iter().map(|job| job.id.clone()).collect();
     let results = Arc::new(Results::new(&ids, 10, &alarm::Config::default()));
-    let judge: Diagnose = Arc::new(move |record, _| {
+    let judge: Diagnose = Arc::new(move |record, _, _| {
         diagnose(&record.tags[0].0);
         nothing_to_say()
     });

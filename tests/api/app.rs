@@ -89,9 +89,9 @@ struct Daemon {
 
 /// Plant time runs 20 times as fast, so a period of 10 s is half a second. Sticky is what has an OP of 10.
 async fn start(config: Config) -> Daemon {
-    let diagnose = Arc::new(|record: &stictiond::signal::Record, _: &_| match record.op.last() {
-        Some(sample) if sample.value == 10.0 => verdict_of(Verdict::Stiction, 2.5, 446.0),
-        _ => verdict_of(Verdict::NoStiction, 0.0, -2.0),
+    let diagnose = Arc::new(|record: &stictiond::signal::Record, _: &_, _: &_| match record.op.last() {
+        Some(sample) if sample.value == 10.0 => verdict_of(Verdict::Stiction, 2.5, 446.0).into(),
+        _ => verdict_of(Verdict::NoStiction, 0.0, -2.0).into(),
     });
     let clock = Clock::plant(1_767_225_600.0, 20.0);
     let app = Arc::new(App::build(config, clock, diagnose).expect("a sound configuration"));

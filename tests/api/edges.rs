@@ -118,7 +118,7 @@ async fn events_are_heard_as_they_happen_and_end_at_shutdown() {
 #[tokio::test]
 async fn clients_of_events_are_bounded_and_a_place_comes_free() {
     let config = serve::Config { max_event_clients: 1, ..serve::Config::default() };
-    let rig = start(&FOUR, config, Arc::new(|record, _| judge(record))).await;
+    let rig = start(&FOUR, config, Arc::new(|record, _, _| judge(record))).await;
     let mut first = Events::open(rig.address).await;
     assert_eq!(first.next().await.expect("open").0, "hello");
     let problem = assert_problem(&get(rig.address, "/api/v1/events").await, 503);
@@ -153,7 +153,7 @@ async fn a_client_that_lags_is_told_how_much_it_lost() {
 async fn requests_are_bounded_in_number_and_time() {
     let (open, closed) = std::sync::mpsc::channel::<()>();
     let closed = Mutex::new(closed);
-    let diagnose: Diagnose = Arc::new(move |record, _| {
+    let diagnose: Diagnose = Arc::new(move |record, _, _| {
         let _ = closed.lock().expect("one at a time").recv();
         judge(record)
     });

@@ -151,7 +151,7 @@ async fn samples_are_cut_by_time_and_thinned_so_that_peaks_and_gaps_survive() {
 async fn a_diagnosis_on_demand_answers_when_done_or_says_where_it_will_be() {
     let (open, closed) = std::sync::mpsc::channel::<()>();
     let closed = Mutex::new(closed);
-    let diagnose: Diagnose = Arc::new(move |record, _| {
+    let diagnose: Diagnose = Arc::new(move |record, _, _| {
         if record.tags[0].0 == "sound" {
             let _ = closed.lock().expect("one at a time").recv();
         }

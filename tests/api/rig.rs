@@ -9,7 +9,7 @@ use stictiond::diagnosis::{
     CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Preparation, Settings, Verdict,
 };
 use stictiond::history::{self, History, LoopTags, TagKind, TagSpec};
-use stictiond::results::Results;
+use stictiond::results::{Judged, Results};
 use stictiond::schedule::{self, Clock, Diagnose, Job, Plan, Scheduler};
 use stictiond::serve::{self, Context, DeviceState, LoopInfo, Plant};
 use stictiond::signal::{LoopId, Record, Role};
@@ -64,13 +64,14 @@ pub fn verdict_of(verdict: Verdict, f: f64, delta_aic: f64) -> Diagnosis {
 }
 
 /// Judges by the loop's description in the record: the name of its only extra tag.
-pub fn judge(record: &Record) -> Diagnosis {
-    match record.tags[0].0.as_str() {
+pub fn judge(record: &Record) -> Judged {
+    let diagnosis = match record.tags[0].0.as_str() {
         "sticky" => verdict_of(Verdict::Stiction, 2.5, 446.0),
         "sound" => verdict_of(Verdict::NoStiction, 0.0, -2.0),
         "broken" => panic!("secret of the inside"),
         _ => verdict_of(Verdict::NotIdentifiable(NotIdentifiable::FlatPv), 0.0, 0.0),
-    }
+    };
+    diagnosis.into()
 }
 
 pub struct Rig {
@@ -137,7 +138,7 @@ pub async fn start(loops: &[(&str, &str)], config: serve::Config, diagnose: Diag
 }
 
 pub async fn rig(loops: &[(&str, &str)]) -> Rig {
-    start(loops, serve::Config::default(), Arc::new(|record, _| judge(record))).await
+    start(loops, serve::Config::default(), Arc::new(|record, _, _| judge(record))).await
 }
 
 impl Rig {

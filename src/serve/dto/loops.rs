@@ -1,11 +1,11 @@
 //! Loops and their diagnoses as JSON.
 
 use super::params::AlarmState;
-use super::report::{Report, ReportModel};
+use super::report::{Report, ReportModel, ReportResidual};
 use super::writeback::WritebackView;
 use super::{finite, rfc3339};
 use crate::history::TagSpec;
-use crate::results::{Known, Run, Summary, Trigger, f_unit};
+use crate::results::{Known, ModelVersion, Run, Summary, Trigger, f_unit};
 use crate::serve::LoopInfo;
 use crate::signal::{Quality, Sample};
 use serde::Serialize;
@@ -129,7 +129,7 @@ impl LoopItem {
         let summary = known.summary.as_ref();
         let item = summary.map(RunItem::from);
         let verdict = summary.map(|s| s.outcome);
-        let diagnosis = known.diagnosed.as_ref().and_then(|run| run.diagnosis());
+        let diagnosis = known.diagnosed.as_ref().and_then(|run| run.judged()).map(|j| &j.diagnosis);
         let failed = known.last.as_ref().filter(|last| Some(last.outcome) != verdict);
         Self {
             id: info.id.to_string(),
@@ -218,7 +218,7 @@ pub struct LoopDiagnosis {
 impl LoopDiagnosis {
     /// The diagnosis of a run at `now` (s); `None` for a run that failed.
     pub fn new(run: &Run, now: f64) -> Option<Self> {
-        let report = Report::new(run.id.as_str(), run.op_span, run.diagnosis()?);
+        let report = Report::of(run)?;
         Some(Self {
             time: rfc3339(run.finished),
             age_s: finite(now - run.finished),
@@ -256,14 +256,20 @@ pub struct LoopModel {
     pub f_unit: String,
     /// Sample period of the model (s).
     pub ts_s: Option<f64>,
+    /// Counted from 1; a new version whenever the effects change.
+    pub version: u64,
+    /// Since when this version holds.
+    pub since: Option<String>,
     /// The linear part; null when not identifiable.
     pub model: Option<ReportModel>,
+    /// The effects beside friction and linear dynamics, and the error before and after them.
+    pub residual: ReportResidual,
 }
 
 impl LoopModel {
-    /// The model of a run; `None` for a run that failed.
-    pub fn new(run: &Run) -> Option<Self> {
-        let report = Report::new(run.id.as_str(), run.op_span, run.diagnosis()?);
+    /// The model of a run and its version; `None` for a run that failed.
+    pub fn new(run: &Run, version: &ModelVersion) -> Option<Self> {
+        let report = Report::of(run)?;
         Some(Self {
             r#loop: report.r#loop,
             time: rfc3339(run.finished),
@@ -272,7 +278,10 @@ impl LoopModel {
             f: report.f,
             f_unit: report.f_unit,
             ts_s: report.window.ts_s,
+            version: version.version,
+            since: rfc3339(version.since),
             model: report.model,
+            residual: report.residual,
         })
     }
 }

@@ -5,7 +5,7 @@
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::residual::{self, Findings};
-use crate::results::{f_unit, op_in_percent};
+use crate::results::{Run, f_unit, op_in_percent};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -323,6 +323,16 @@ impl Report {
 }
 
 impl Report {
+    /// The report of a run, with what was traced; `None` for a run that failed.
+    pub fn of(run: &Run) -> Option<Self> {
+        let judged = run.judged()?;
+        let report = Self::new(run.id.as_str(), run.op_span, &judged.diagnosis);
+        Some(match &judged.findings {
+            Some(found) => report.with_findings(run.op_span, &judged.diagnosis, found),
+            None => report,
+        })
+    }
+
     /// The report with what was traced: its f, verdict and residual are those with the effects.
     pub fn with_findings(mut self, op_span: Option<f64>, diagnosis: &Diagnosis, found: &Findings) -> Self {
         let unit = OpUnit::new(op_span, diagnosis);
