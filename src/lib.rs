@@ -10,6 +10,7 @@ pub mod residual;
 pub mod sim;
 
 pub mod compensation;
+pub mod plot;
 pub mod reproduce;
 
 pub mod alarm;

@@ -18,7 +18,8 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("sim", &["signal"]),
     ("residual", &["signal", "diagnosis"]),
     ("compensation", &["signal"]),
-    ("reproduce", &["signal", "diagnosis", "sim", "compensation"]),
+    ("plot", &[]),
+    ("reproduce", &["signal", "diagnosis", "sim", "compensation", "plot"]),
     ("alarm", &["signal"]),
     ("audit", &[]),
     ("collect", &["signal"]),
@@ -68,6 +69,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
         "cli",
         &[
             "signal",
+            "plot",
             "audit",
             "diagnosis",
             "residual",

@@ -1,8 +1,8 @@
 //! `stictiond diagnose FILE.csv`: one record to one report on stdout.
 
-use super::{Failure, print, text};
+use super::{Failure, plot, print, text};
 use clap::ValueEnum;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, IsTerminal};
 use std::path::PathBuf;
 use stictiond::collect::csv;
@@ -26,6 +26,9 @@ pub struct Args {
     /// The controller's output limits (OP unit): saturation is judged against them
     #[arg(long, value_name = "LOW,HIGH", value_parser = limits, allow_hyphen_values = true)]
     op_limits: Option<(f64, f64)>,
+    /// Draw PV, the models before and after the effects, and what both leave, as an SVG
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -57,6 +60,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut report = Report::new(&name.to_string_lossy(), record.op_span, &diagnosis);
     if let Some(found) = trace_record(&record, &diagnosis, &settings, &residual::Settings::default()) {
         report = report.with_findings(record.op_span, &diagnosis, &found);
+        if let Some(to) = &args.plot {
+            let drawn = plot::picture(&name.to_string_lossy(), &found);
+            fs::write(to, drawn).map_err(|error| Failure::in_file(to, &error))?;
+        }
+    } else if let Some(to) = &args.plot {
+        return Err(Failure::in_file(
+            to,
+            "nothing to draw: the record does not hold a window that can be fitted",
+        ));
     }
     let usual = if io::stdout().is_terminal() { Format::Text } else { Format::Json };
     match args.format.unwrap_or(usual) {

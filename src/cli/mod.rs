@@ -9,6 +9,7 @@ mod demo;
 mod diagnose;
 mod health;
 mod logging;
+mod plot;
 mod probe;
 mod reproduce;
 mod run;

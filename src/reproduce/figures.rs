@@ -1,8 +1,9 @@
 //! Figures 7 to 11.
 
 use super::bench::{CASES, Case, Original, WARM_UP, f_of, parallel, reinforcement, run};
-use super::report::{Cell, Panel, Plot, Section, Series, Style, Table, spread, thin};
+use super::report::{Cell, Section, Style, Table, spread};
 use super::tables::{DIAGNOSED, NOISE_SAMPLE_TIME, noisy};
+use crate::plot::{Panel, Plot, Series, thin};
 use crate::sim::{LoopSpec, SpecError};
 
 /// Amplitudes tried, in f: steps of 0.05 up to 2.

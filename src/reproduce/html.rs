@@ -1,12 +1,12 @@
 //! The report for people: one page without a script, nothing loaded from anywhere, light and dark.
 
 use super::report::{Cell, Report, Section, Style, Table, relative};
-use super::svg;
+use crate::plot::{self, COLOURS, STYLE, escape};
 use std::fmt::Write;
 
 /// The report as a page. Where ours is off by more than a factor of 2 the difference is set in red.
 pub fn page(report: &Report) -> String {
-    let mut out = String::from(HEAD);
+    let mut out = HEAD.replace("@COLOURS@", COLOURS).replace("@STYLE@", STYLE);
     out.push_str("<header><h1>The paper reproduced</h1><p>Ivan &amp; Lakshminarayanan, Ind. Eng. Chem. Res. 2009, 48, 3474–3483: \
                   its tables and figures, ours beside theirs</p><p>stictiond ");
     out.push_str(env!("CARGO_PKG_VERSION"));
@@ -44,7 +44,7 @@ fn put_section(out: &mut String, section: &Section) {
                 format_args!(
                     "<figure><figcaption>{}</figcaption>{}</figure>\n",
                     escape(&plot.title),
-                    svg::draw(plot)
+                    plot::draw(plot)
                 ),
             );
         }
@@ -142,20 +142,11 @@ fn number(value: Option<f64>, style: Style) -> String {
     }
 }
 
-/// Text for HTML.
-pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
 const HEAD: &str = r##"<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>stictiond: the paper reproduced</title>
 <style>
-:root { color-scheme: light dark; --ground: #f4f4f4; --sheet: #fff; --ink: #222; --faint: #666; --rule: #ccc;
-  --look: #b3261e; --op: #1f5fa8; --pv: #222; --sp: #8a8a8a; --other: #b06a00; }
-@media (prefers-color-scheme: dark) { :root { --ground: #161616; --sheet: #202020; --ink: #ddd; --faint: #999; --rule: #444;
-  --look: #ff7a70; --op: #6fa8e8; --pv: #ddd; --sp: #888; --other: #e0a840; } }
-* { box-sizing: border-box; }
+@COLOURS@* { box-sizing: border-box; }
 body { margin: 0; background: var(--ground); color: var(--ink); font: 14px/1.45 system-ui, sans-serif; }
 header { display: flex; flex-wrap: wrap; gap: 0 1.5rem; align-items: baseline; padding: .6rem 1rem; border-bottom: 1px solid var(--rule); }
 header p { margin: 0; color: var(--faint); }
@@ -175,14 +166,7 @@ tr.same td { border-top-color: transparent; } tr.same td:first-child { color: tr
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(26rem, 1fr)); gap: 1rem; }
 figure { margin: 0; min-width: 0; } figcaption { color: var(--faint); margin: .4rem 0 .2rem; }
 svg { display: block; width: 100%; height: auto; }
-svg text { fill: var(--faint); font: 11px system-ui, sans-serif; }
-svg .axis { stroke: var(--rule); fill: none; } svg polyline { fill: none; stroke-width: 1.3; stroke-linejoin: round; }
-svg .op { stroke: var(--op); } svg .pv { stroke: var(--pv); } svg .other { stroke: var(--other); }
-svg .sp { stroke: var(--sp); stroke-dasharray: 5 3; } svg .mark { stroke: var(--look); stroke-dasharray: 2 3; }
-svg text.op { fill: var(--op); stroke: none; } svg text.pv { fill: var(--pv); stroke: none; }
-svg text.sp { fill: var(--sp); stroke: none; } svg text.other { fill: var(--other); stroke: none; }
-svg text.look { fill: var(--look); }
-@media print { section { break-inside: avoid; } }
+@STYLE@@media print { section { break-inside: avoid; } }
 </style></head><body>
 "##;
 

@@ -1,6 +1,7 @@
 //! The report for machines.
 
-use super::report::{Cell, Plot, Report, Section, relative};
+use super::report::{Cell, Report, Section, relative};
+use crate::plot::Plot;
 use serde_json::{Map, Value, json};
 
 /// The report as one JSON object, `sections` by id: `rows` of the table by column key, `plots` with their points.

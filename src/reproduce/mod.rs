@@ -11,7 +11,6 @@ mod json;
 mod measured;
 pub mod report;
 mod srinivasan;
-mod svg;
 mod tables;
 
 pub use html::page;

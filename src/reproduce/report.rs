@@ -1,5 +1,7 @@
 //! What a reproduction says, before it is rendered: sections of text, one table, plots.
 
+use crate::plot::Plot;
+
 /// The whole report.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Report {
@@ -92,60 +94,6 @@ pub fn relative(ours: Option<f64>, paper: Option<f64>) -> Option<f64> {
     }
 }
 
-/// A plot: panels over one x axis, from top to bottom.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Plot {
-    /// Caption.
-    pub title: String,
-    /// The x axis with its unit.
-    pub x: &'static str,
-    /// Panels.
-    pub panels: Vec<Panel>,
-    /// Vertical marks, (x, what).
-    pub marks: Vec<(f64, &'static str)>,
-}
-
-/// One panel.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Panel {
-    /// The y axis with its unit.
-    pub y: &'static str,
-    /// Decades instead of a linear axis.
-    pub log: bool,
-    /// Curves.
-    pub series: Vec<Series>,
-}
-
-/// One curve.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Series {
-    /// Legend.
-    pub name: String,
-    /// `op`, `pv`, `sp` or `other`: its colour.
-    pub class: &'static str,
-    /// The points by increasing x.
-    pub points: Vec<(f64, f64)>,
-}
-
-/// At most `2 * most` of the points: the least and the largest of each stretch, so that no swing is lost.
-pub fn thin(points: &[(f64, f64)], most: usize) -> Vec<(f64, f64)> {
-    if points.len() <= 2 * most {
-        return points.to_vec();
-    }
-    let mut kept = Vec::with_capacity(2 * most);
-    for stretch in points.chunks(points.len().div_ceil(most)) {
-        let by = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
-        if let (Some(&low), Some(&high)) = (stretch.iter().min_by(by), stretch.iter().max_by(by)) {
-            let (first, second) = if low.0 <= high.0 { (low, high) } else { (high, low) };
-            kept.push(first);
-            if second.0 > first.0 {
-                kept.push(second);
-            }
-        }
-    }
-    kept
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -156,15 +104,5 @@ mod tests {
         assert_eq!(spread(&[]), None);
         assert_eq!(relative(Some(3.0), Some(2.0)), Some(0.5));
         assert_eq!(relative(Some(3.0), Some(0.0)), None);
-    }
-
-    #[test]
-    fn thinning_keeps_every_swing() {
-        let points: Vec<(f64, f64)> =
-            (0..1000).map(|k| (f64::from(k), if k == 577 { 9.0 } else { f64::from(k % 3) })).collect();
-        let thinned = thin(&points, 50);
-        assert!(thinned.len() <= 100 && thinned.contains(&(577.0, 9.0)));
-        assert!(thinned.windows(2).all(|p| p[0].0 < p[1].0));
-        assert_eq!(thin(&points[..80], 50), points[..80]);
     }
 }

@@ -1,10 +1,9 @@
 //! Plots as SVG; the page's style sheet gives the colours.
 
-use super::html::escape;
-use super::report::{Panel, Plot};
+use super::{Panel, Plot, escape};
 use std::fmt::Write;
 
-const WIDTH: f64 = 560.0;
+pub(super) const WIDTH: f64 = 560.0;
 /// Left, right: room for the y numbers, and for half an x number.
 const LEFT: f64 = 58.0;
 const RIGHT: f64 = 14.0;
@@ -81,13 +80,29 @@ fn bounds(values: impl Iterator<Item = f64>, air: f64) -> (f64, f64) {
 
 /// The plot as an `<svg>` element.
 pub fn draw(plot: &Plot) -> String {
-    let panel = if plot.panels.len() == 1 { SINGLE } else { PANEL };
-    let height = plot.panels.len() as f64 * (ABOVE + panel) + BELOW;
+    let title = escape(&plot.title);
+    let height = height(plot);
+    let inside = inside(plot);
+    format!("<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"{title}\">{inside}</svg>")
+}
+
+fn panel_height(plot: &Plot) -> f64 {
+    if plot.panels.len() == 1 { SINGLE } else { PANEL }
+}
+
+/// Height of a plot in its own units.
+pub(super) fn height(plot: &Plot) -> f64 {
+    plot.panels.len() as f64 * (ABOVE + panel_height(plot)) + BELOW
+}
+
+/// What the plot's element contains.
+pub(super) fn inside(plot: &Plot) -> String {
+    let panel = panel_height(plot);
+    let height = height(plot);
     let all = plot.panels.iter().flat_map(|p| &p.series).flat_map(|s| s.points.iter().map(|p| p.0));
     let (low, high) = bounds(all, 0.0);
     let x = Axis { low, high, from: LEFT, to: WIDTH - RIGHT, log: false };
-    let title = escape(&plot.title);
-    let mut out = format!("<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"{title}\">");
+    let mut out = String::new();
     for (at, of) in plot.panels.iter().enumerate() {
         let top = ABOVE + at as f64 * (ABOVE + panel);
         draw_panel(&mut out, plot, of, &x, top, top + panel);
@@ -104,7 +119,7 @@ pub fn draw(plot: &Plot) -> String {
     let middle = 0.5 * (LEFT + WIDTH - RIGHT);
     let _ = write!(
         out,
-        "<text x=\"{middle}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text></svg>",
+        "<text x=\"{middle}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
         bottom + 29.0,
         escape(plot.x)
     );
