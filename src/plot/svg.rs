@@ -154,7 +154,7 @@ fn draw_panel(out: &mut String, plot: &Plot, panel: &Panel, x: &Axis, top: f64, 
             out,
             "<path class=\"mark\" d=\"M{at:.1} {top:.1}V{bottom:.1}\"/><text class=\"look\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
             at + 4.0,
-            top - 5.0,
+            top + 10.0,
             escape(what),
         );
     }
