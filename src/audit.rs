@@ -16,7 +16,7 @@ pub use verify::{Broken, Verified, verify};
 
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
@@ -34,6 +34,9 @@ pub enum AuditError {
         /// Why.
         source: io::Error,
     },
+    /// Somebody else keeps it.
+    #[error("audit log {}: another process is writing it; a log has one writer, and a plant one stictiond", .0.display())]
+    InUse(PathBuf),
     /// What is there is no unbroken log.
     #[error("{0}; move the file away and keep it, then start again")]
     Broken(Broken),
@@ -73,9 +76,11 @@ impl Log {
     /// is taken out, and an entry says so.
     ///
     /// # Errors
-    /// [`AuditError::Broken`] when what is there has been changed: nothing is written behind a broken chain.
+    /// [`AuditError::InUse`] while another process writes it, [`AuditError::Broken`] when what is there has been changed:
+    /// nothing is written behind a broken chain.
     pub fn open(path: &Path, bounds: Bounds, now: &str) -> Result<Self, AuditError> {
         let io = |source| AuditError::Io { path: path.to_path_buf(), source };
+        let head = open_head(path)?;
         let torn = cut_torn_line(path).map_err(io)?;
         let there = [path.to_path_buf(), rotated(path, 1)].into_iter().find(|file| has_lines(file));
         let last = match &there {
@@ -84,9 +89,6 @@ impl Log {
         };
         let begins = !has_lines(path);
         let file = OpenOptions::new().append(true).create(true).open(path).map_err(io)?;
-        let head_path = head_path(path);
-        let head = OpenOptions::new().write(true).create(true).truncate(false).open(&head_path);
-        let head = head.map_err(|source| AuditError::Io { path: head_path, source })?;
         let size = file.metadata().map_err(io)?.len();
         let mut log = Self { path: path.to_path_buf(), bounds, file, head, size, last };
         if begins {
@@ -152,10 +154,11 @@ impl Log {
 
     fn rotate(&mut self, at: &str) -> Result<(), AuditError> {
         self.sync()?;
-        let moved = (1..=self.bounds.keep_files).rev().try_for_each(|k| {
-            let from = if k == 1 { self.path.clone() } else { rotated(&self.path, k - 1) };
-            if from.exists() { fs::rename(from, rotated(&self.path, k)) } else { Ok(()) }
-        });
+        // Where fewer are kept than before, what lies behind them would no longer follow on them.
+        let beyond = (self.bounds.keep_files + 1..).map(|k| rotated(&self.path, k));
+        let beyond: Vec<PathBuf> = beyond.take_while(|file| file.exists()).collect();
+        let removed = beyond.iter().rev().try_for_each(fs::remove_file);
+        let moved = removed.and_then(|()| self.move_up());
         let begun = moved.and_then(|()| {
             if self.bounds.keep_files == 0 {
                 fs::remove_file(&self.path)?;
@@ -165,6 +168,14 @@ impl Log {
         self.file = begun.map_err(|source| AuditError::Io { path: self.path.clone(), source })?;
         self.size = 0;
         self.begin_file(at)
+    }
+
+    /// Every file takes the place of the next older one.
+    fn move_up(&self) -> io::Result<()> {
+        (1..=self.bounds.keep_files).rev().try_for_each(|k| {
+            let from = if k == 1 { self.path.clone() } else { rotated(&self.path, k - 1) };
+            if from.exists() { fs::rename(from, rotated(&self.path, k)) } else { Ok(()) }
+        })
     }
 }
 
@@ -185,6 +196,18 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(suffix);
     name.into()
+}
+
+/// Opens the head, which is there as long as the log is and is never renamed, and keeps others out by its lock.
+fn open_head(path: &Path) -> Result<File, AuditError> {
+    let head_path = head_path(path);
+    let io = |source| AuditError::Io { path: head_path.clone(), source };
+    let head = OpenOptions::new().write(true).create(true).truncate(false).open(&head_path).map_err(io)?;
+    match head.try_lock() {
+        Ok(()) => Ok(head),
+        Err(TryLockError::WouldBlock) => Err(AuditError::InUse(path.to_path_buf())),
+        Err(TryLockError::Error(source)) => Err(io(source)),
+    }
 }
 
 fn has_lines(path: &Path) -> bool {

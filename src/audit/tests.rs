@@ -151,6 +151,36 @@ fn a_crash_in_the_middle_costs_nothing_acknowledged() {
     fs::rename(folder.log(), rotated(&folder.log(), 1)).expect("renamed");
     write(&folder.log(), WIDE, 1);
     assert_eq!(verify(&folder.log()).expect("whole").files, 2);
+    // In the middle of that first line, or before it.
+    for begun in ["", "7 2026-11"] {
+        let before = verify(&folder.log()).expect("whole").files;
+        for k in (1..before).rev() {
+            fs::rename(rotated(&folder.log(), k), rotated(&folder.log(), k + 1)).expect("renamed");
+        }
+        fs::rename(folder.log(), rotated(&folder.log(), 1)).expect("renamed");
+        fs::write(folder.log(), begun).expect("written");
+        write(&folder.log(), WIDE, 1);
+        assert_eq!(verify(&folder.log()).expect("whole").files, before + 1);
+    }
+}
+
+#[test]
+fn fewer_files_kept_leave_no_gap_behind() {
+    let folder = Folder::new();
+    write(&folder.log(), Bounds { max_bytes: 1000, keep_files: 4 }, 100);
+    assert!(rotated(&folder.log(), 4).exists());
+    write(&folder.log(), Bounds { max_bytes: 1000, keep_files: 2 }, 30);
+    assert_eq!(verify(&folder.log()).expect("whole").files, 3);
+}
+
+#[test]
+fn a_log_has_one_writer() {
+    let folder = Folder::new();
+    let log = Log::open(&folder.log(), WIDE, NOW).expect("opens");
+    let error = Log::open(&folder.log(), WIDE, NOW).expect_err("in use").to_string();
+    assert!(error.contains("another process"), "{error}");
+    drop(log);
+    Log::open(&folder.log(), WIDE, NOW).expect("opens again");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Reads a log again and finds the first line that cannot be what was written.
 
-use super::{Entry, GENESIS, hash, head_path, rotated};
+use super::{Entry, GENESIS, has_lines, hash, head_path, rotated};
 use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -47,7 +47,8 @@ impl fmt::Display for Broken {
 pub fn verify(path: &Path) -> Result<Verified, Broken> {
     let older: Vec<PathBuf> = (1..).map(|k| rotated(path, k)).take_while(|file| file.exists()).collect();
     let mut files: Vec<&Path> = older.iter().rev().map(PathBuf::as_path).collect();
-    if path.exists() || files.is_empty() {
+    // Empty behind older ones: a crash came between the rotation and the first line.
+    if has_lines(path) || files.is_empty() {
         files.push(path);
     }
     let mut head = Head::read(path)?;

@@ -1,6 +1,7 @@
 //! What the configuration file says about the diagnosis.
 
 use super::Settings;
+use super::screen::LONGEST_DELAY;
 use serde::Deserialize;
 
 /// `[diagnosis]`: thresholds and sizes. The defaults are what every published result uses.
@@ -67,7 +68,11 @@ impl Config {
             unless(ok, "ts_s", format!("{ts} must be a number of seconds above 0"));
         }
         let delay = self.max_delay_samples;
-        unless((1..=100).contains(&delay), "max_delay_samples", format!("{delay} must be 1 to 100"));
+        unless(
+            (1..=LONGEST_DELAY).contains(&delay),
+            "max_delay_samples",
+            format!("{delay} must be 1 to {LONGEST_DELAY}: sample more slowly (ts_s) for more dead time"),
+        );
         issues
     }
 }
@@ -105,7 +110,7 @@ mod tests {
             min_samples: 60,
             max_gap_share: 1.0,
             ts_s: Some(0.0),
-            max_delay_samples: 0,
+            max_delay_samples: LONGEST_DELAY + 1,
         };
         let fields: Vec<_> = bad.validate().into_iter().map(|(field, _)| field).collect();
         let expected = [

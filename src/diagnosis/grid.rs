@@ -42,6 +42,7 @@ const PATIENCE: usize = 4;
 const NEAR: f64 = 40.0;
 
 /// What screening one value left.
+#[derive(Clone, Copy)]
 struct Screened {
     cell: Cell,
     start: Fit,
@@ -95,7 +96,7 @@ impl Searcher<'_> {
         for point in points {
             let cell = self.run_element(point.f, 0.0);
             match screened.last() {
-                Some(known) if known.cell == cell => screened.push(Screened { ..*known }),
+                Some(known) if known.cell == cell => screened.push(*known),
                 _ => {
                     let start = self.screen_present(1)[0];
                     screened.push(Screened { cell, start });

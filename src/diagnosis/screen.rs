@@ -13,6 +13,8 @@ use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Lags of y in the long ARX.
 pub const LONG_Y: usize = 8;
+/// Longest delay that can be searched (samples): its columns, and those of a rival, fit into [`MOST_COLUMNS`].
+pub const LONGEST_DELAY: usize = 30;
 /// Lags of ê: as many as the longest C.
 const E_LAGS: usize = ORDER - 2;
 

@@ -1,19 +1,16 @@
 //! The search over f: the paper's grid of ARMAX fits, and the exact profile over every distinguishable f.
 //!
-//! Two passes read the same window. [`Searcher::grid`] is the paper's: at each of 101 values of f every split
-//! and every delay is screened and the promising ones are fitted by prediction error. [`Searcher::profile`]
+//! Two passes read the same window. [`Searcher::grid`] is the paper's, in a file of its own. [`Searcher::profile`]
 //! walks the [`Cell`]s of f, of which sampled data can tell no two points apart, with the long ARX; at low
 //! noise the minimum is one cell wide and a grid steps over it. [`Searcher::refine`] fits the ARMAX model with
-//! a kinetic lag in the best cells of both and keeps the f with the least `AIC(ARMAX) + AIC(long ARX)`: two
-//! views of the noise err in different places.
+//! a kinetic lag in the best cells of both, settles the best of these from every start there is, and keeps the f with the
+//! least `AIC(ARMAX) + AIC(long ARX)`: two views of the noise err in different places.
 
 use super::armax::{Fit, LOSS_FLOOR, Lag, Orders, Signals, Theta, Workspace};
 use super::explore::Explorer;
 use super::friction::{Cell, Start, reversals, stick_slip};
 use super::screen::{Candidate, Screen};
 
-/// Values of f in the paper's grid.
-pub const GRID: usize = 101;
 /// Most cells of the paper's element that the profile visits; more are thinned evenly in f.
 const MOST_CELLS: usize = 1000;
 /// Resume thresholds J/S of the extended elements.
@@ -185,7 +182,8 @@ impl<'a> Searcher<'a> {
             if !cell.hi.is_finite() {
                 break;
             }
-            f = cell.hi.max(f + least_step);
+            // Always further, also where rounding leaves a cell without width.
+            f = cell.hi.max(f + least_step).max(f.next_up());
         }
         points
     }

@@ -10,7 +10,7 @@ use super::grid::GRID;
 use super::prepare::prepare;
 use super::region::{self, Region};
 use super::rivals::Rival;
-use super::screen::Screen;
+use super::screen::{LONGEST_DELAY, Screen};
 use super::search::{GridPoint, LEAST_REVERSALS, Problem, Refined, Searcher};
 use super::stats::{mean, range, sd};
 use super::{
@@ -143,7 +143,7 @@ pub fn pose(
     let Some(start) = region::start_of(region, &window.op, 0, n) else {
         return Err(not_excited);
     };
-    let max_delay = settings.max_delay.clamp(1, 30);
+    let max_delay = settings.max_delay.clamp(1, LONGEST_DELAY);
     let first = start.index + Screen::lead(max_delay);
     if first + LEAST_ROWS > n {
         return Err(not_excited);

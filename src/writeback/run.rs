@@ -68,9 +68,12 @@ impl Writeback {
         let limit = Duration::try_from_secs_f64(limit.fold(0.0, f64::max)).unwrap_or_default();
         let (mut slots, mut tasks) = (HashMap::new(), Vec::new());
         for own in loops {
+            // Before the task has its first turn: a stop that comes earlier must find something to stop.
+            let mut gate = Gate::new(own.limits);
+            gate.enable(clocks());
             let slot = Arc::new(Slot {
                 id: own.id.clone(),
-                gate: Mutex::new(Gate::new(own.limits)),
+                gate: Mutex::new(gate),
                 wake: Notify::new(),
                 terms: Mutex::default(),
                 percent: 0.01 * own.limits.op_span,
@@ -78,6 +81,7 @@ impl Writeback {
                 recorder: recorder.clone(),
                 tell: tell.clone(),
             });
+            slot.record(&mut slot.gate());
             let writer = Writer::new(own.target);
             let task =
                 Task { slot: slot.clone(), writer, look: own.look, polled: own.polled, pause: own.pause };
@@ -243,13 +247,6 @@ struct Task {
 
 impl Task {
     async fn run(mut self) {
-        let now = (self.slot.clocks)();
-        let recorded = {
-            let mut gate = self.slot.gate();
-            gate.enable(now);
-            self.slot.record(&mut gate)
-        };
-        recorded.wait().await;
         while self.slot.gate().state() != State::Disabled {
             self.wait().await;
             self.step().await;
@@ -309,3 +306,6 @@ impl Task {
         self.slot.record(&mut gate);
     }
 }
+
+#[cfg(test)]
+mod tests;

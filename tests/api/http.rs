@@ -32,9 +32,15 @@ impl Answer {
 
 /// Sends a request with these header lines and body and reads the whole answer.
 pub async fn send(to: SocketAddr, method: &str, path: &str, headers: &[&str], body: &str) -> Answer {
+    let mut head = format!("{method} {path} HTTP/1.1\r\nhost: {to}\r\nconnection: close\r\n");
+    headers.iter().for_each(|line| head += &format!("{line}\r\n"));
+    raw(to, &head, body).await
+}
+
+/// Sends a head as it is, its length added, and a body.
+pub async fn raw(to: SocketAddr, head: &str, body: &str) -> Answer {
     let mut stream = TcpStream::connect(to).await.expect("the server listens");
-    let mut text = format!("{method} {path} HTTP/1.1\r\nhost: {to}\r\nconnection: close\r\n");
-    headers.iter().for_each(|line| text += &format!("{line}\r\n"));
+    let mut text = head.to_string();
     if !body.is_empty() {
         text += &format!("content-length: {}\r\n", body.len());
     }
@@ -44,7 +50,7 @@ pub async fn send(to: SocketAddr, method: &str, path: &str, headers: &[&str], bo
     let _ = stream.write_all(text.as_bytes()).await;
     let mut all = Vec::new();
     let read = tokio::time::timeout(PATIENCE, stream.read_to_end(&mut all)).await;
-    let _ = read.unwrap_or_else(|_| panic!("no answer to {method} {path}"));
+    let _ = read.unwrap_or_else(|_| panic!("no answer to {head}"));
     parse(&all)
 }
 

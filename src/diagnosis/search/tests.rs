@@ -89,3 +89,14 @@ fn best_cells_are_the_local_minima_of_each_element() {
     assert_eq!(best_cells(&cells, 10), [5, 3, 1]);
     assert_eq!(best_cells(&cells, 2), [5, 3]);
 }
+
+/// Rounding may put the end of an extended element's cell on its beginning.
+#[test]
+fn the_profile_ends_where_a_cell_has_no_width() {
+    let (f, resume) = (0.4, 0.6);
+    let onward = (2.0_f64 * f * resume).next_up();
+    assert!(onward * (0.5 / resume) <= f, "the cell has a width");
+    let mut p = problem(1, 0.05);
+    (p.u[0], p.u[1]) = (0.0, onward);
+    assert_eq!(Searcher::new(&p).profile(resume, f, f, 10).len(), 1);
+}

@@ -42,6 +42,11 @@ mod acting {
     use super::super::super::extract::{Required, short};
     use super::*;
     use crate::compensation::gate::{Action, Refusal};
+    use axum::extract::FromRequestParts;
+    use axum::http::header;
+    use axum::http::request::Parts;
+    use axum::http::uri::Authority;
+    use std::net::IpAddr;
 
     /// An operator allows write-back for a time; a second person has to approve. Loopback only, names are believed.
     #[utoipa::path(post, path = "/loops/{id}/writeback/grant", tag = "writeback", request_body = GrantBody,
@@ -53,6 +58,7 @@ mod acting {
     pub async fn grant(
         State(context): Shared,
         OfLoop(id): OfLoop,
+        _: AtHome,
         Required(body): Required<GrantBody>,
     ) -> Result<Json<WritebackView>, Problem> {
         act(&context, &id, Action::Grant(body.duration_s), body.by).await
@@ -67,6 +73,7 @@ mod acting {
     pub async fn approve(
         State(context): Shared,
         OfLoop(id): OfLoop,
+        _: AtHome,
         Required(body): Required<NameBody>,
     ) -> Result<Json<WritebackView>, Problem> {
         act(&context, &id, Action::Approve, body.by).await
@@ -81,6 +88,7 @@ mod acting {
     pub async fn withdraw(
         State(context): Shared,
         OfLoop(id): OfLoop,
+        _: AtHome,
         Required(body): Required<NameBody>,
     ) -> Result<Json<WritebackView>, Problem> {
         act(&context, &id, Action::Withdraw, body.by).await
@@ -95,9 +103,35 @@ mod acting {
     pub async fn reset(
         State(context): Shared,
         OfLoop(id): OfLoop,
+        _: AtHome,
         Required(body): Required<NameBody>,
     ) -> Result<Json<WritebackView>, Problem> {
         act(&context, &id, Action::Reset, body.by).await
+    }
+
+    /// Asked on this machine, under a name of this machine: a page whose name was made to point here is of one origin
+    /// with the daemon, as a browser sees it.
+    pub struct AtHome;
+
+    impl FromRequestParts<Arc<Context>> for AtHome {
+        type Rejection = Problem;
+
+        async fn from_request_parts(parts: &mut Parts, context: &Arc<Context>) -> Result<Self, Problem> {
+            let host = parts.headers.get(header::HOST).and_then(|host| host.to_str().ok());
+            if context.on_loopback() && host.is_some_and(is_loopback) {
+                return Ok(Self);
+            }
+            let detail = "there is no log-in yet: write-back is acted on from a loopback listener only, by a loopback \
+                          address or as localhost";
+            Err(Problem::new(StatusCode::FORBIDDEN, "loopback_only", detail))
+        }
+    }
+
+    /// Whether a `Host` is localhost or a loopback address.
+    fn is_loopback(host: &str) -> bool {
+        let Ok(authority) = host.parse::<Authority>() else { return false };
+        let name = authority.host().trim_start_matches('[').trim_end_matches(']');
+        name.eq_ignore_ascii_case("localhost") || name.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
     }
 
     async fn act(
@@ -106,10 +140,6 @@ mod acting {
         action: Action,
         by: String,
     ) -> Result<Json<WritebackView>, Problem> {
-        if !context.on_loopback() {
-            let detail = "there is no log-in yet: write-back is acted on from a loopback listener only";
-            return Err(Problem::new(StatusCode::FORBIDDEN, "loopback_only", detail));
-        }
         let by = short("by", Some(by), 100)?.unwrap_or_default();
         let desk = context.desk.as_ref().ok_or_else(|| not_enabled(id))?;
         match desk.act(id, action, &by).await.ok_or_else(|| not_enabled(id))? {

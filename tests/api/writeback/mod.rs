@@ -4,7 +4,7 @@ mod daemon;
 mod faults;
 mod plant;
 
-use crate::http::{Events, get, send};
+use crate::http::{Events, get, raw, send};
 use crate::rig::assert_problem;
 use daemon::Daemon;
 use plant::Plant;
@@ -86,5 +86,28 @@ async fn on_a_listener_for_the_network_nobody_acts() {
         let body = if what == "grant" { r#"{"by": "Ann", "duration_s": 60}"# } else { r#"{"by": "Ann"}"# };
         let problem = assert_problem(&post(api, &format!("{LOOP}/{what}"), body).await, 403);
         assert_eq!(problem["type"], "urn:stictiond:problem:loopback_only");
+    }
+}
+
+/// A page whose name was made to point at this machine is of one origin with the daemon, as the browser sees it.
+#[tokio::test]
+async fn under_a_name_of_somebody_else_nobody_acts() {
+    let plant = Plant::start();
+    let address = plant.listen().await;
+    let daemon = Daemon::start(address, address, "rebinding").await;
+    let port = daemon.api.port();
+    let act = async |host: String| {
+        let request = format!(
+            "POST {LOOP}/grant HTTP/1.1\r\nhost: {host}\r\norigin: http://{host}\r\nconnection: close\r\n"
+        );
+        raw(daemon.api, &request, r#"{"by": "Ann", "duration_s": 60}"#).await
+    };
+    for host in [format!("evil.example:{port}"), format!("127.0.0.1.evil.example:{port}"), "10.0.0.5".into()]
+    {
+        let problem = assert_problem(&act(host).await, 403);
+        assert_eq!(problem["type"], "urn:stictiond:problem:loopback_only");
+    }
+    for host in [format!("localhost:{port}"), format!("[::1]:{port}"), format!("127.0.0.1:{port}")] {
+        assert_eq!(act(host).await.status, 200);
     }
 }

@@ -1,0 +1,68 @@
+use super::*;
+use crate::audit::Bounds;
+use crate::compensation::measure::Criteria;
+use crate::writeback::config::{TermType, WordOrder};
+
+const LIMITS: Limits = Limits {
+    clamp: 3.0,
+    rate: 2.0,
+    withdraw_rate: 1.0,
+    withdraw_limit_s: 3600.0,
+    dead_band: 0.0,
+    rest_s: 5.0,
+    max_step_s: 2.0,
+    clock_tolerance_s: 1.0,
+    max_sample_age_s: 3.0,
+    max_missed_polls: 1,
+    op_span: 100.0,
+    op_limits: [0.0, 100.0],
+    op_margin: 5.0,
+    sp_rate: 0.1,
+    sp_settle_s: 3.0,
+    evidence_max_age_s: 1000.0,
+    f_margin: 0.1,
+    grant_max_s: 100.0,
+    criteria: Criteria {
+        length_s: 5.0,
+        prove_s: 50.0,
+        ise_gain: 1.1,
+        ise_limit: 100.0,
+        travel_limit: 10.0,
+        reversal_band: 0.1,
+    },
+};
+
+/// A stop that comes before the tasks had their first turn must not leave them running until the withdrawal's limit.
+#[tokio::test]
+async fn what_is_stopped_as_soon_as_it_starts_ends_at_once() {
+    let folder = std::env::temp_dir().join(format!("stictiond-run-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("the temporary folder is writable");
+    let bounds = Bounds { max_bytes: 1 << 20, keep_files: 1 };
+    let recorder = Arc::new(Recorder::start(&folder.join("audit.log"), bounds, 0.0).expect("opens"));
+    let (_polls, polled) = watch::channel(0);
+    let target = Target {
+        address: "127.0.0.1:0".into(),
+        unit_id: 1,
+        term: 0,
+        heartbeat: 2,
+        term_type: TermType::F32,
+        order: WordOrder::Abcd,
+        scale: 1.0,
+        timeout: Duration::from_millis(100),
+    };
+    let id = LoopId::new("FIC101");
+    let setup = LoopSetup {
+        id: id.clone(),
+        limits: LIMITS,
+        target,
+        pause: Duration::from_millis(10),
+        polled,
+        look: Arc::new(Inputs::default),
+    };
+    let clocks: Clocks = Arc::new(|| Time { mono: 0.0, wall: 0.0 });
+    let running = Writeback::start(vec![setup], clocks, recorder, Arc::new(|_, _| {}));
+    let ended = tokio::time::timeout(Duration::from_secs(10), running.end()).await;
+    let state = running.status(&id).map(|status| status.state);
+    std::fs::remove_dir_all(&folder).expect("the folder is there");
+    assert_eq!((ended.is_ok(), state), (true, Some(State::Disabled)));
+}
