@@ -16,6 +16,7 @@ const DOCUMENTS: &[&str] = &[
     "CONTRIBUTING.md",
     "CHANGELOG.md",
     "docs/configuration.md",
+    "docs/closing-the-loop.md",
     "docs/diagnosis.md",
     "docs/reproduce.md",
     "docs/writeback.md",

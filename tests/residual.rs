@@ -63,8 +63,8 @@ fn the_first_effect_named_is_the_true_one() {
     assert!(share >= NAMED, "{share}");
 }
 
-/// Share named right at medium size in these loops.
-const NAMED: f64 = 0.8;
+/// Share named right at medium size.
+const NAMED: f64 = 0.9;
 
 #[test]
 fn little_is_invented_where_nothing_is() {
@@ -97,7 +97,60 @@ fn little_is_invented_where_nothing_is() {
     }
     println!("invented on {invented} of {}", clean.len());
     // 5 % of 60 is 3; the chance of more than 6 at that rate is 4 %.
-    assert!(invented <= 6, "{invented}");
+    assert!(20 * invented <= clean.len(), "{invented}");
+}
+
+#[test]
+fn the_error_after_is_that_of_a_fit_told_the_effect() {
+    let kinds = [
+        Kind::OscillatingLoad,
+        Kind::MeasuredDisturbance,
+        Kind::LoadStep,
+        Kind::GainChange,
+        Kind::ValveSaturation,
+    ];
+    let all: Vec<(Kind, Case)> = kinds
+        .into_iter()
+        .flat_map(|kind| cases(Undeclared::Listed(kind), 1).into_iter().map(move |case| (kind, case)))
+        .collect();
+    let ratios = parallel::each(&all, |(kind, case)| {
+        let (record, _) = record(case);
+        let settings = diagnosis::Settings::default();
+        let d = diagnose(&record, &settings);
+        let with = |settings_of: residual::Settings| trace_record(&record, &d, &settings, &settings_of);
+        let found = with(residual::Settings::default())?;
+        let told = with(residual::Settings { only: Some(*kind), most_effects: 1, ..Default::default() })?;
+        Some(found.after.free_run_rmse / told.after.free_run_rmse)
+    });
+    let mut ratios: Vec<f64> = ratios.into_iter().flatten().collect();
+    ratios.sort_by(f64::total_cmp);
+    let within = ratios.iter().filter(|r| **r <= 1.1).count() as f64 / ratios.len() as f64;
+    println!(
+        "within 10 % of a fit told the effect: {:.0} % of {}; {ratios:.2?}",
+        100.0 * within,
+        ratios.len()
+    );
+    assert!(within >= NAMED, "{within}");
+}
+
+#[test]
+fn friction_is_better_known_with_the_effect() {
+    let (mut before, mut after) = (0.0, 0.0);
+    for kind in [Kind::OscillatingLoad, Kind::Drift, Kind::LoadStep, Kind::Outliers] {
+        let sticky: Vec<Case> =
+            cases(Undeclared::Listed(kind), 1).into_iter().filter(|case| case.valve > 0).collect();
+        let (mut was, mut is) = (0.0, 0.0);
+        for (findings, f) in parallel::each(&sticky, traced) {
+            let Some(findings) = findings else { continue };
+            was += (findings.friction_before.f - f).abs() / f;
+            is += (findings.friction_after.f - f).abs() / f;
+        }
+        println!("{kind}: sum of the relative errors of f before {was:.2}, after {is:.2}");
+        before += was;
+        after += is;
+    }
+    // Most of the sum are records on which friction is not seen at all without the effect (an error of 1 each).
+    assert!(after <= 0.75 * before, "{before} {after}");
 }
 
 #[test]

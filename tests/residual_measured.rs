@@ -50,8 +50,8 @@ fn measured_records_are_never_predicted_worse() {
             f.friction_after.f
         );
         assert!(f.after.free_run_rmse <= f.before.free_run_rmse * 1.0001, "{}", row[1]);
-        better += usize::from(f.after.free_run_rmse < 0.99 * f.before.free_run_rmse);
+        better += usize::from(f.after.free_run_rmse < 0.999 * f.before.free_run_rmse);
     }
     println!("better on {better} of {} ({traced} traced)", loops.len());
-    assert!(4 * better >= loops.len(), "{better}");
+    assert!(3 * better >= loops.len(), "{better}");
 }

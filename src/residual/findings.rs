@@ -1,7 +1,7 @@
 //! What the selection found, in the plant's units.
 
 use super::candidate::Candidate;
-use super::fit::{errors, free_run, held_out, minimise};
+use super::fit::{errors, free_run, held_out, loss_of, minimise};
 use super::model::{Data, Element, Spec};
 use super::regress::{Quick, all_errors, restructure};
 use super::{Curves, Effect, Findings, Friction, Kind, Parameter, Settings, checks};
@@ -11,6 +11,8 @@ use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
 
 /// Values of f to each side in an interval, and the 95 % point of a threshold's likelihood ratio (Hansen, table 1).
 const INTERVAL: i32 = 40;
+/// Values of f to each side when it is refined.
+const FINER: i32 = 40;
 const THRESHOLD_95: f64 = 7.35;
 
 /// What the selection ends with.
@@ -30,11 +32,10 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
     let Outcome { declared, base, added, tried } = outcome;
     // Without a diagnosis, as on the stem, whatever was found is the model.
     let stands = added.is_empty() && diagnosis.window.is_some();
-    // Without effects the declared model may still be estimated better than at first, friction's place in it unchanged.
-    let again = (declared.element.f > 0.0) == (base.spec.element.f > 0.0) && {
-        let (was, now) = (held_out(data, &declared), held_out(data, &base.spec));
-        now.0 <= was.0 && now.1 <= was.1
-    };
+    // Without effects the same model, friction and dynamics estimated together, may still predict better than at first;
+    // the verdict then stands all the same: nothing was found that the diagnosis did not know.
+    let (was, now) = (held_out(data, &declared), held_out(data, &base.spec));
+    let again = now.0 <= was.0 && now.1 <= was.1;
     let after = if stands && !again { declared.clone() } else { base.spec.clone() };
     let (stage, counts) = after.stage(data);
     let mut e = Vec::new();
@@ -81,7 +82,9 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
         delta_aic: e.delta_aic,
     });
     let (friction_after, verdict, reason) = if stands {
-        (friction_before, diagnosis.verdict.clone(), diagnosis.reason.clone())
+        let jointly = |base| verdict_after(data, settings, base, diagnosis).0;
+        let friction = if again { jointly(&base) } else { friction_before };
+        (friction, diagnosis.verdict.clone(), diagnosis.reason.clone())
     } else {
         verdict_after(data, settings, &base, diagnosis)
     };
@@ -128,6 +131,9 @@ pub fn verdict_after(
     base: &Candidate,
     diagnosis: &Diagnosis,
 ) -> (Friction, Verdict, String) {
+    let mut base = base.clone();
+    base.spec.element.f = finer(data, &base.spec);
+    let base = &base;
     let element = base.spec.element;
     let mut sound = base.spec.clone();
     sound.element = Element { f: 0.0, ..element };
@@ -138,7 +144,8 @@ pub fn verdict_after(
     let f = element.f * data.scale.u;
     // A lag alone is no new explanation: to give a verdict back it must leave less doubt.
     let hidden = base.spec.terms.is_empty() && diagnosis.verdict != Verdict::Stiction;
-    let needed = settings.evidence_threshold * if hidden { 4.0 } else { 1.0 };
+    let unknown = matches!(diagnosis.verdict, Verdict::NotIdentifiable(_));
+    let needed = settings.evidence_threshold * if hidden || unknown { 4.0 } else { 1.0 };
     let sticky = f > settings.f_threshold && evidence > needed;
     let verdict = match (&diagnosis.verdict, sticky) {
         (_, true) => Verdict::Stiction,
@@ -154,6 +161,32 @@ pub fn verdict_after(
     };
     let reason = format!("with the effects f = {f:.3}, evidence {:.0}", evidence.max(0.0));
     (friction, verdict, reason)
+}
+
+/// f between the values of the scan, the middle of the range that gives this very stem.
+fn finer(data: &Data, spec: &Spec) -> f64 {
+    let centre = spec.element.f;
+    if centre <= 0.0 {
+        return centre;
+    }
+    let (mut stage, _) = spec.stage(data);
+    let mut trial = spec.clone();
+    // The lag keeps its size in OP units while f moves.
+    let lag = spec.element.lag * centre;
+    let mut rated: Vec<(f64, f64)> = Vec::new();
+    for i in -FINER..=FINER {
+        let f = centre * (1.0 + 0.1 * f64::from(i) / f64::from(FINER));
+        trial.element = Element { f, lag: (lag / f).min(1.0), ..spec.element };
+        trial.restage(data, &mut stage);
+        let mut e = Vec::new();
+        errors(data, &stage, trial.orders, &trial.linear, &mut e);
+        let long = Quick::long_arx(data, &stage, spec.orders.nk).loss;
+        rated.push((f, loss_of(data, &stage, &e).ln() + long.ln()));
+    }
+    let least = rated.iter().map(|r| r.1).fold(f64::INFINITY, f64::min);
+    // Values that tie are one cell: its middle stands for it.
+    let tied: Vec<f64> = rated.iter().filter(|r| r.1 <= least + 1e-9).map(|r| r.0).collect();
+    0.5 * (tied[0] + tied[tied.len() - 1])
 }
 
 /// The 95 % interval of f with the terms in place, widened by OP's median step as the diagnosis does (OP unit).

@@ -266,6 +266,8 @@ pub struct Settings {
     /// Candidates fitted before the search ends with what it has: the budget, counted and not timed, so that the same
     /// window gives the same findings.
     pub most_fits: usize,
+    /// The one effect that is known to be there: it alone is fitted, and it stays whatever it brings.
+    pub only: Option<Kind>,
     /// Effects of the last diagnosis (with tag): tried first, without paying for the search that found them.
     pub known: Vec<(Kind, Option<String>)>,
 }
@@ -279,6 +281,7 @@ impl Default for Settings {
             evidence_threshold: 20.0,
             most_lag: 30,
             most_fits: 4000,
+            only: None,
             known: Vec::new(),
         }
     }

@@ -13,20 +13,24 @@ use crate::signal::Window;
 
 /// Candidates fitted in full at each step, and fitted with friction scanned anew.
 const FULL: usize = 7;
-const FINAL: usize = 2;
+/// Share of the leader's gain below which a candidate is not pursued.
+const FAR_BEHIND: f64 = 0.1;
+const FINAL: usize = 3;
 /// Effects that take samples out and leave the others as they are.
 const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
 /// Share of the free-run error that a drift must leave at most where the noise model hides it.
 const SLOW: f64 = 0.9;
 /// Least gain of likelihood on the held-out samples, and one that leaves no doubt (-).
 const LEAST_HELD: f64 = 6.0;
-const BEYOND_DOUBT: f64 = 60.0;
+const BEYOND_DOUBT: f64 = 15.0;
 /// Share of the free-run error that may be left by what happened once, and by what shows in nothing else.
 const ONCE: f64 = 0.83;
 const FAR_BETTER: f64 = 0.65;
 /// Gain that is enough where the free run is better by as much as [`STRIKING`] or the held-out samples say the rest.
 const FAINT: f64 = 8.0;
 const STRIKING: f64 = 0.75;
+/// Gain of likelihood on the held-out samples that settles the matter (-).
+const OVERWHELMING: f64 = 60.0;
 /// Least gain of a kinetic lag: every valve model but the paper's own has one.
 const LEAST_SLIP: f64 = 10.0;
 /// Least gain of a step: one sample far off looks like a small one.
@@ -95,6 +99,9 @@ fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added: &mu
             settings,
         };
         let Some(proposal) = effect.propose(&context).into_iter().next() else { continue };
+        if settings.only.is_some_and(|only| only != proposal.term.kind()) {
+            continue;
+        }
         let before = held_out(data, &base.spec);
         let mut spec = base.spec.clone();
         let kind = proposal.term.kind();
@@ -181,6 +188,7 @@ fn step(
         .iter()
         .filter(|effect| !effect.direct())
         .flat_map(|effect| effect.propose(&context))
+        .filter(|p| settings.only.is_none_or(|only| p.term.kind() == only))
         .map(|p| (n * (quick.loss / p.loss).ln() - cost(settings, &p), p))
         .collect();
     proposals.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -199,8 +207,10 @@ fn step(
     full.sort_by(|a, b| a.aic.total_cmp(&b.aic));
     let mut finals: Vec<Candidate> = Vec::new();
     for candidate in full {
-        let kind = |c: &Candidate| c.spec.terms.last().map(|t| t.kind());
-        if finals.len() == FINAL {
+        // A ramp from the start and one from some time on are judged apart: they go on differently.
+        let kind = |c: &Candidate| c.spec.terms.last().map(|t| (t.kind(), t.knobs().len()));
+        let gain = base.aic - candidate.aic;
+        if finals.len() == FINAL || gain < FAR_BEHIND * finals.first().map_or(0.0, |f| base.aic - f.aic) {
             break;
         }
         if finals.iter().any(|f| kind(f) == kind(&candidate)) {
@@ -231,16 +241,24 @@ fn step(
         // What was held out is evidence too, and nothing was searched there.
         let held = 2.0 * (data.len() - data.split) as f64 * (judged.0 / error.0).ln();
         let striking = gain > FAINT && error.1 < STRIKING * judged.1 && held > -3.0;
+        let nearer = error.1 / judged.1;
         let least = match kind {
             Kind::LoadStep => LEAST_STEP,
+            Kind::Drift if held > 0.0 && nearer < 0.5 => 0.5 * FAINT,
             Kind::Drift => settings.least_gain,
+            // So much likelihood where nothing was fitted needs little more.
+            _ if held > OVERWHELMING => 0.0,
+            Kind::MeasuredDisturbance => settings.least_gain,
             _ if striking => FAINT,
-            _ => settings.least_gain - (0.5 * held).clamp(0.0, (settings.least_gain - FAINT).max(0.0)),
+            _ => {
+                let counts = if nearer < 0.85 && kind != Kind::OscillatingLoad { 1.0 } else { 0.5 };
+                settings.least_gain - (counts * held).clamp(0.0, (settings.least_gain - FAINT).max(0.0))
+            }
         };
-        if gain < least {
+        if gain < least && settings.only.is_none() {
             continue;
         }
-        if better(data, kind, gain, judged, at_start, error) {
+        if settings.only.is_some() || better(data, kind, gain, judged, at_start, error) {
             return Some((candidate, gain, error));
         }
     }
@@ -259,16 +277,21 @@ fn better(data: &Data, kind: Kind, gain: f64, was: (f64, f64), start: (f64, f64)
     let nearer = now.1 / was.1;
     let expected = gain * n / (data.split - data.first) as f64;
     let lasting = held > LEAST_HELD && held > 0.2 * expected;
+    let doubtless = held > BEYOND_DOUBT && held > 0.35 * expected && gain > LEAST_STEP;
     if now.1 > start.1 {
-        return lasting
-            && held > BEYOND_DOUBT
-            && held > 0.3 * expected
-            && now.1 < 1.1 * start.1
-            && nearer < 1.1;
+        return doubtless
+            && !matches!(kind, Kind::LoadStep | Kind::Drift)
+            && now.1 < 1.2 * start.1
+            && nearer < 1.2;
     }
     match kind {
-        Kind::LoadStep | Kind::Drift => held > -0.02 * n && (nearer < ONCE || (lasting && nearer < 0.95)),
-        _ => (lasting && nearer < 1.1) || (held > -0.01 * n && nearer < FAR_BETTER),
+        Kind::LoadStep => held > -0.02 * n && nearer < ONCE,
+        Kind::Drift => (held > -0.02 * n && nearer < ONCE) || nearer < 0.4,
+        _ => {
+            (lasting && nearer < 1.1)
+                || (held > -0.01 * n && nearer < FAR_BETTER)
+                || (doubtless && nearer < 1.25 && now.1 < 0.95 * start.1)
+        }
     }
 }
 

@@ -8,6 +8,8 @@ use crate::residual::{Kind, Parameter};
 /// Times tried, and the longest change (samples).
 const TIMES: usize = 16;
 const LONGEST: i32 = 8;
+/// Least change that counts (samples).
+const LEAST: f64 = 1.5;
 
 pub struct DeadTimeChange;
 
@@ -62,6 +64,10 @@ impl Term for Change {
 }
 
 impl Recognise for DeadTimeChange {
+    fn plausible(&self, term: &dyn Term) -> bool {
+        // A change of about one sample is what any error in the dynamics looks like.
+        term.kind() != Kind::DeadTimeChange || term.knobs()[1].value.abs() >= LEAST
+    }
     fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
         let margin = MARGIN.max((c.data.split - c.data.first) / 12);
         let (from, to) = (c.data.first + margin, c.data.split.saturating_sub(margin));

@@ -34,7 +34,7 @@ impl Term for Tag {
         Some(&self.name)
     }
     fn knobs(&self) -> Vec<Knob> {
-        vec![Knob { value: self.lag, step: 1.0, smooth: false, bounds: (0.0, 60.0) }]
+        vec![Knob { value: self.lag, step: 1.0, smooth: false, bounds: (1.0, 60.0) }]
     }
     fn set(&mut self, _at: usize, value: f64) {
         self.lag = value.round();
