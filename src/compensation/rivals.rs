@@ -21,7 +21,7 @@ pub struct Knocker {
 }
 
 impl Knocker {
-    /// Pulses of `amplitude` a [%] and `width_s` τ (s), the starts of two of them `period_s` h_k [s] apart.
+    /// Pulses of `amplitude` a [%] and `width_s` τ (s), the starts of two of them `period_s` h_k (s) apart.
     pub fn new(amplitude: f64, width_s: f64, period_s: f64) -> Self {
         Self { amplitude, width_s, period_s, since_s: 0.0, at_pulse: None, direction: 0.0 }
     }
