@@ -70,7 +70,8 @@ fn contract_fields_have_their_names_and_values() {
             "white_before": false, "white_after": false,
             "one_step_rmse_before": 0.031, "one_step_rmse_after": 0.031,
             "free_run_rmse_before": 0.4, "free_run_rmse_after": 0.4,
-            "effects": [], "unexplained": true
+            "effects": [], "unexplained": true, "failed_tests": [], "f_before": null, "f_after": null,
+            "verdict_before": null, "stem": null
         },
         "aic_curve": {"f": [0.0, 2.5, 6.0], "aic": [446.0, 0.0, null]}
     });
