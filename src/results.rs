@@ -80,6 +80,13 @@ impl Run {
         self.op_span.filter(|span| *span > 0.0).map_or(1.0, |span| 100.0 / span)
     }
 
+    /// Friction and its 95 % interval by the declared model, without effects [% of OP span].
+    pub fn declared_friction(&self) -> Option<(f64, [f64; 2])> {
+        let estimate = self.judged()?.diagnosis.estimate.as_ref()?;
+        let percent = self.percent();
+        Some((estimate.f * percent, estimate.f_ci95.map(|limit| limit * percent)))
+    }
+
     fn summary(&self) -> Summary {
         let judged = self.judged();
         let friction = judged.and_then(Judged::friction);

@@ -3,6 +3,7 @@
 use super::{AppError, Device};
 use crate::compensation::gate::{Action, Evidence, Inputs, Status, Time};
 use crate::config::{self, Config};
+use crate::diagnosis::Verdict;
 use crate::history::{History, TagKind};
 use crate::results::Results;
 use crate::schedule::Clock;
@@ -140,12 +141,17 @@ fn look(
                 TagKind::Extra(_) => {}
             }
         }
-        let summary = results.get(&id, clock.now()).and_then(|known| known.summary);
-        inputs.evidence = summary.map(|said| Evidence {
-            sticky: said.outcome == "stiction",
-            f: said.f.unwrap_or(f64::NAN),
-            f_ci95: said.f_ci95.unwrap_or([f64::NAN; 2]),
-            at: said.time,
+        let run = results.get(&id, clock.now()).and_then(|known| known.diagnosed);
+        inputs.evidence = run.and_then(|run| {
+            // By the declared model and with the effects alike: what opens a gate must not hang on an effect.
+            let sticky = [&run.judged()?.diagnosis.verdict, run.judged()?.verdict()];
+            let (f, f_ci95) = run.declared_friction().unwrap_or((f64::NAN, [f64::NAN; 2]));
+            Some(Evidence {
+                sticky: sticky.iter().all(|verdict| **verdict == Verdict::Stiction),
+                f,
+                f_ci95,
+                at: run.finished,
+            })
         });
         inputs
     })
