@@ -81,7 +81,7 @@ impl Searcher<'_> {
             self.at_value(&mut points, &mut fits, &screened, i, true);
             looked[i] = true;
         }
-        self.settle(&mut points, &mut fits);
+        self.settle(&mut points, &fits);
         for i in 1..values {
             if screened[i - 1].cell == screened[i].cell {
                 points[i].loss = points[i - 1].loss;
@@ -163,7 +163,7 @@ impl Searcher<'_> {
     }
 
     /// Fits every structure where the loss is least and carries what wins along f, until the least stays the least.
-    fn settle(&mut self, points: &mut [GridPoint], fits: &mut [Option<Fit>]) {
+    fn settle(&mut self, points: &mut [GridPoint], fits: &[Option<Fit>]) {
         let mut places: Vec<usize> = Vec::with_capacity(PLACES);
         for _ in 0..PLACES {
             let (at, _) = least(points);
