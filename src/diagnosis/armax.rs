@@ -146,29 +146,25 @@ impl Workspace {
     ///
     /// Infinite when the recursion overflows, so that a bad step is refused like any other.
     pub fn evaluate(&mut self, s: &Signals<'_>, orders: Orders, theta: &Theta) -> f64 {
+        self.load_stem(s, theta.lag);
+        self.loss(s, orders, theta)
+    }
+
+    /// The same for the stem position that is loaded.
+    fn loss(&mut self, s: &Signals<'_>, orders: Orders, theta: &Theta) -> f64 {
         let n = s.y.len();
         let begin = s.start + 1 + orders.na.max(orders.nk + orders.nb - 1);
-        self.load_stem(s, theta.lag);
-        let rows = n - begin;
-        let w = &mut self.w[begin..n];
-        for (w, y) in w.iter_mut().zip(&s.y[begin..n]) {
-            *w = y - theta.c0;
-        }
-        for (i, &a) in theta.a[..orders.na].iter().enumerate() {
-            add_scaled(w, a, &s.y[begin - i - 1..][..rows]);
-        }
-        for (j, &b) in theta.b[..orders.nb].iter().enumerate() {
-            add_scaled(w, -b, &self.z[begin - orders.nk - j..][..rows]);
-        }
         self.e[..begin].fill(0.0);
         let c = &theta.c[..orders.nc];
+        let w = if c.is_empty() { &mut self.e[begin..n] } else { &mut self.w[begin..n] };
+        combine(w, orders, theta, |lag| &s.y[begin - lag..n - lag], |lag| &self.z[begin - lag..n - lag]);
+        let (w, e) = (&self.w[begin..n], &mut self.e[begin..n]);
         match *c {
-            [] => self.e[begin..n].copy_from_slice(&self.w[begin..n]),
-            [c1] => whiten([c1], &self.w[begin..n], &mut self.e[begin..n]),
-            [c1, c2] => whiten([c1, c2], &self.w[begin..n], &mut self.e[begin..n]),
-            // Four places, the last 0: the compiler's code for three is far slower.
-            [c1, c2, c3] => whiten([c1, c2, c3, 0.0], &self.w[begin..n], &mut self.e[begin..n]),
-            [c1, c2, c3, c4, ..] => whiten([c1, c2, c3, c4], &self.w[begin..n], &mut self.e[begin..n]),
+            [] => {}
+            [c1] => whiten([c1], w, e),
+            [c1, c2] => whiten([c1, c2], w, e),
+            [c1, c2, c3] => whiten([c1, c2, c3], w, e),
+            [c1, c2, c3, c4, ..] => whiten([c1, c2, c3, c4], w, e),
         }
         let counted = &self.e[s.first..n];
         let loss = dot(counted, counted) / counted.len() as f64;
@@ -191,6 +187,7 @@ impl Workspace {
         let mut theta = start;
         draw_inside(&mut theta.c[..orders.nc], RHO);
         let mut loss = self.evaluate(s, orders, &theta);
+        let mut loaded = theta.lag;
         let mut damping = 1e-4;
         let mut iterations = 0;
         while iterations < most {
@@ -203,7 +200,11 @@ impl Workspace {
                     return Fit { orders, theta, loss, iterations };
                 }
                 let candidate = normal.apply(&theta, &step, orders, lag);
-                let tried = self.evaluate(s, orders, &candidate);
+                if candidate.lag != loaded {
+                    self.load_stem(s, candidate.lag);
+                    loaded = candidate.lag;
+                }
+                let tried = self.loss(s, orders, &candidate);
                 if tried < loss {
                     let gain = loss - tried;
                     theta = candidate;
@@ -273,7 +274,13 @@ impl Workspace {
         let inputs = [&s.y[from..n], &self.z[from..n], &self.e[from..n]];
         let outputs = [&mut yf[from..n], &mut zf[from..n], &mut ef[from..n], &mut onef[from..n]];
         match *c {
-            [] => filter4([], inputs, outputs),
+            [] => {
+                let [yf, zf, ef, onef] = outputs;
+                yf.copy_from_slice(inputs[0]);
+                zf.copy_from_slice(inputs[1]);
+                ef.copy_from_slice(inputs[2]);
+                onef.fill(1.0);
+            }
             [c1] => filter4([c1], inputs, outputs),
             [c1, c2] => filter4([c1, c2], inputs, outputs),
             [c1, c2, c3] => filter4([c1, c2, c3], inputs, outputs),
@@ -289,7 +296,7 @@ impl Workspace {
             [] => output.copy_from_slice(input),
             [c1] => whiten([c1], input, output),
             [c1, c2] => whiten([c1, c2], input, output),
-            [c1, c2, c3] => whiten([c1, c2, c3, 0.0], input, output),
+            [c1, c2, c3] => whiten([c1, c2, c3], input, output),
             [c1, c2, c3, c4, ..] => whiten([c1, c2, c3, c4], input, output),
         }
         self.lag_column[..n].fill(0.0);
@@ -384,6 +391,38 @@ impl Normal {
     }
 }
 
+/// `w = A(q) y - B(q) z - c0`, two lags at a time so that w is written seldom.
+#[inline]
+fn combine<'v>(
+    w: &mut [f64],
+    orders: Orders,
+    theta: &Theta,
+    y: impl Fn(usize) -> &'v [f64],
+    z: impl Fn(usize) -> &'v [f64],
+) {
+    let (a, b, nk) = (&theta.a[..orders.na], &theta.b[..orders.nb], orders.nk);
+    for (((w, y0), y1), z) in w.iter_mut().zip(y(0)).zip(y(1)).zip(z(nk)) {
+        *w = y0 - theta.c0 + a[0] * y1 - b[0] * z;
+    }
+    let mut rest = [(0.0, y(0)); ORDER];
+    let mut count = 0;
+    let lagged = (1..a.len()).map(|i| (a[i], y(i + 1))).chain((1..b.len()).map(|j| (-b[j], z(nk + j))));
+    for (slot, term) in rest.iter_mut().zip(lagged) {
+        *slot = term;
+        count += 1;
+    }
+    let mut pairs = rest[..count].chunks_exact(2);
+    for pair in &mut pairs {
+        let [(gain, v), (other_gain, other)] = [pair[0], pair[1]];
+        for ((w, v), other) in w.iter_mut().zip(v).zip(other) {
+            *w += gain * v + other_gain * other;
+        }
+    }
+    for &(gain, v) in pairs.remainder() {
+        add_scaled(w, gain, v);
+    }
+}
+
 /// `w += gain * v`.
 #[inline]
 fn add_scaled(w: &mut [f64], gain: f64, v: &[f64]) {
@@ -392,23 +431,37 @@ fn add_scaled(w: &mut [f64], gain: f64, v: &[f64]) {
     }
 }
 
-/// `out = w / C` from rest.
+/// Coefficients of `e[k+1]` on the errors before `e[k]`: two samples then wait for one product, not each for its own.
+#[inline]
+fn ahead<const P: usize>(c: [f64; P]) -> [f64; P] {
+    std::array::from_fn(|l| c[0] * c[l] - c.get(l + 1).copied().unwrap_or(0.0))
+}
+
+/// `out = w / C` from rest, two samples at a time.
 #[inline]
 fn whiten<const P: usize>(c: [f64; P], w: &[f64], out: &mut [f64]) {
+    let ahead = ahead(c);
     let mut past = [0.0; P];
-    for (w, out) in w.iter().zip(out) {
-        let mut value = *w;
-        // The newest error comes last so that the chain from one sample to the next is a single operation.
+    let (pairs, last) = w.as_chunks::<2>();
+    let (out_pairs, out_last) = out[..w.len()].as_chunks_mut::<2>();
+    for (&[w0, w1], out) in pairs.iter().zip(out_pairs) {
+        let (mut e0, mut e1) = (w0, w1 - c[0] * w0);
+        // The newest error comes last so that the chain from one pair to the next is a single operation.
         for l in (0..P).rev() {
-            value -= c[l] * past[l];
+            e0 -= c[l] * past[l];
+            e1 += ahead[l] * past[l];
         }
-        for l in (1..P).rev() {
-            past[l] = past[l - 1];
+        for l in (2..P).rev() {
+            past[l] = past[l - 2];
         }
-        if P > 0 {
-            past[0] = value;
+        if P > 1 {
+            past[1] = e0;
         }
-        *out = value;
+        past[0] = e1;
+        *out = [e0, e1];
+    }
+    for (w, out) in last.iter().zip(out_last) {
+        *out = (0..P).rev().fold(*w, |e, l| e - c[l] * past[l]);
     }
 }
 
@@ -417,24 +470,35 @@ fn filter4<const P: usize>(c: [f64; P], inputs: [&[f64]; 3], outputs: [&mut [f64
     let n = inputs[0].len();
     let [i0, i1, i2] = inputs.map(|v| &v[..n]);
     let [o0, o1, o2, o3] = outputs.map(|v| &mut v[..n]);
+    let ahead = ahead(c);
     let mut past = [[0.0; 4]; P];
-    for k in 0..n {
-        let mut value = [i0[k], i1[k], i2[k], 1.0];
+    let mut k = 0;
+    while k + 1 < n {
+        let now = [i0[k], i1[k], i2[k], 1.0];
+        let next = [i0[k + 1], i1[k + 1], i2[k + 1], 1.0];
+        let mut e0 = now;
+        let mut e1: [f64; 4] = std::array::from_fn(|lane| next[lane] - c[0] * now[lane]);
         for l in (0..P).rev() {
-            for (value, past) in value.iter_mut().zip(&past[l]) {
-                *value -= c[l] * past;
+            for lane in 0..4 {
+                e0[lane] -= c[l] * past[l][lane];
+                e1[lane] += ahead[l] * past[l][lane];
             }
         }
-        for l in (1..P).rev() {
-            past[l] = past[l - 1];
+        for l in (2..P).rev() {
+            past[l] = past[l - 2];
         }
-        if P > 0 {
-            past[0] = value;
+        if P > 1 {
+            past[1] = e0;
         }
-        o0[k] = value[0];
-        o1[k] = value[1];
-        o2[k] = value[2];
-        o3[k] = value[3];
+        past[0] = e1;
+        [o0[k], o1[k], o2[k], o3[k]] = e0;
+        [o0[k + 1], o1[k + 1], o2[k + 1], o3[k + 1]] = e1;
+        k += 2;
+    }
+    if k < n {
+        let now = [i0[k], i1[k], i2[k], 1.0];
+        [o0[k], o1[k], o2[k], o3[k]] =
+            std::array::from_fn(|lane| (0..P).rev().fold(now[lane], |e, l| e - c[l] * past[l][lane]));
     }
 }
 
