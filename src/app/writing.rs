@@ -100,15 +100,15 @@ impl Writing {
             .into_iter()
             .chain([control_loop.mode.as_ref()])
             .flatten()
-            .map(|tag| tag.device.as_str())
+            .map(|tag| tag.device())
             .collect();
-        let named = |name: &str| devices.iter().find(|device| device.plan.name == name);
+        let named = |name: &str| devices.iter().find(|device| device.plan.name() == name);
         let healths: Vec<_> = names.iter().filter_map(|name| Some(named(name)?.health.clone())).collect();
         let missed = move || {
             let missed = healths.iter().map(|health| health.snapshot()).map(|h| h.overruns + h.missed_polls);
             missed.sum()
         };
-        let polled: watch::Receiver<u64> = named(&control_loop.op.device)?.rings.polled.subscribe();
+        let polled: watch::Receiver<u64> = named(control_loop.op.device())?.rings.polled.subscribe();
         let id = LoopId::new(control_loop.id.as_str());
         Some(LoopSetup {
             limits: own.limits(span, low_high),

@@ -14,6 +14,7 @@ pub struct DeviceHealth {
     connects: AtomicU64,
     good_samples: AtomicU64,
     bad_samples: AtomicU64,
+    filled_samples: AtomicU64,
     last_good: AtomicU64,
     connected: AtomicBool,
 }
@@ -29,9 +30,9 @@ pub struct HealthSnapshot {
     pub overruns: u64,
     /// Requests without an answer in time.
     pub timeouts: u64,
-    /// Requests that the device refused or answered with the wrong number of values.
+    /// Requests or nodes that the device refused, or answered with the wrong number of values.
     pub exceptions: u64,
-    /// Connections that could not be made, broke, or carried something that is not Modbus.
+    /// Connections that could not be made, broke, or carried something that is not the protocol.
     pub link_errors: u64,
     /// Connections made again after the first.
     pub reconnects: u64,
@@ -39,6 +40,8 @@ pub struct HealthSnapshot {
     pub good_samples: u64,
     /// Samples without.
     pub bad_samples: u64,
+    /// Samples read from the device's history after a gap; they count as good or bad too.
+    pub filled_samples: u64,
     /// When the last good sample came (s); none yet when `None`.
     pub last_good: Option<f64>,
     /// Whether a connection is open. It says little: judge a device by [`HealthSnapshot::age_s`].
@@ -64,6 +67,7 @@ impl Default for DeviceHealth {
             connects: AtomicU64::new(0),
             good_samples: AtomicU64::new(0),
             bad_samples: AtomicU64::new(0),
+            filled_samples: AtomicU64::new(0),
             last_good: AtomicU64::new(f64::NAN.to_bits()),
             connected: AtomicBool::new(false),
         }
@@ -84,6 +88,7 @@ impl DeviceHealth {
             reconnects: self.connects.load(Relaxed).saturating_sub(1),
             good_samples: self.good_samples.load(Relaxed),
             bad_samples: self.bad_samples.load(Relaxed),
+            filled_samples: self.filled_samples.load(Relaxed),
             last_good: (!last_good.is_nan()).then_some(last_good),
             connected: self.connected.load(Relaxed),
         }
@@ -125,6 +130,11 @@ impl DeviceHealth {
         if let Some(t) = good_at {
             self.last_good.store(t.to_bits(), Relaxed);
         }
+    }
+
+    /// Samples that came from the device's history.
+    pub(super) fn filled(&self, samples: u64) {
+        self.filled_samples.fetch_add(samples, Relaxed);
     }
 
     pub(super) fn unusable(&self) {

@@ -1,0 +1,132 @@
+//! The order of one tag's samples: each time once, forward only, unless the source's clock was set back.
+
+/// So many samples in a row, each later than the one before but earlier than the newest, mean a clock set back.
+const SET_BACK: u32 = 5;
+
+/// What was handed on of one tag. Pure.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Series {
+    last: Option<f64>,
+    older: Option<(f64, u32)>,
+}
+
+/// What a sample is to those before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Order {
+    /// Later than all: to be handed on.
+    New,
+    /// The first after the clock was set back: to be handed on.
+    SetBack,
+    /// The newest one again.
+    Again,
+    /// Older than the newest one, or without a time.
+    Old,
+}
+
+impl Order {
+    /// Whether the sample is to be handed on.
+    pub(super) fn is_news(self) -> bool {
+        matches!(self, Order::New | Order::SetBack)
+    }
+}
+
+impl Series {
+    /// Time of the newest sample handed on (s).
+    pub(super) fn last(&self) -> Option<f64> {
+        self.last
+    }
+
+    /// Whether a sample of time `t` (s) would be the newest.
+    pub(super) fn is_newer(&self, t: f64) -> bool {
+        t.is_finite() && self.last.is_none_or(|last| t > last)
+    }
+
+    /// Takes a sample just received.
+    pub(super) fn live(&mut self, t: f64) -> Order {
+        let Some(last) = self.last.filter(|_| t.is_finite()) else {
+            return self.filled(t);
+        };
+        if t == last {
+            return Order::Again;
+        }
+        if t > last {
+            (self.last, self.older) = (Some(t), None);
+            return Order::New;
+        }
+        let run = match self.older {
+            Some((older, run)) if t > older => run + 1,
+            Some((older, run)) if t == older => run,
+            _ => 1,
+        };
+        self.older = Some((t, run));
+        if run < SET_BACK {
+            return Order::Old;
+        }
+        (self.last, self.older) = (Some(t), None);
+        Order::SetBack
+    }
+
+    /// Takes a sample of the server's history: it never sets the time back.
+    pub(super) fn filled(&mut self, t: f64) -> Order {
+        if !self.is_newer(t) {
+            return Order::Old;
+        }
+        (self.last, self.older) = (Some(t), None);
+        Order::New
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn each_time_once_and_forward() {
+        let mut series = Series::default();
+        let orders: Vec<Order> = [1.0, 1.0, 2.0, 1.5, 3.0].into_iter().map(|t| series.live(t)).collect();
+        assert_eq!(orders, [Order::New, Order::Again, Order::New, Order::Old, Order::New]);
+        assert_eq!(series.live(f64::NAN), Order::Old);
+        assert_eq!(series.filled(2.9), Order::Old);
+        assert_eq!(series.filled(3.5), Order::New);
+        assert_eq!(series.last(), Some(3.5));
+    }
+
+    #[test]
+    fn a_clock_set_back_is_believed_after_several_samples_and_one_stray_is_not() {
+        let mut series = Series::default();
+        series.live(3600.0);
+        assert_eq!(series.live(0.0), Order::Old);
+        assert_eq!(series.live(3601.0), Order::New);
+        for t in 1..5 {
+            assert_eq!(series.live(f64::from(t)), Order::Old);
+        }
+        // The same stamp again and again is a value that does not change, not a clock that runs.
+        assert_eq!(series.live(4.0), Order::Old);
+        assert_eq!(series.live(5.0), Order::SetBack);
+        assert_eq!(series.live(6.0), Order::New);
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_handed_on_goes_forward_but_for_a_set_back(
+            times in prop::collection::vec((0u8..40, any::<bool>()), 0..200),
+        ) {
+            let (mut series, mut newest) = (Series::default(), None::<f64>);
+            for (t, live) in times {
+                let t = f64::from(t);
+                let order = if live { series.live(t) } else { series.filled(t) };
+                if order == Order::New {
+                    prop_assert!(newest.is_none_or(|last| t > last));
+                }
+                if order == Order::SetBack {
+                    prop_assert!(live && newest.is_some_and(|last| t < last));
+                }
+                if order.is_news() {
+                    newest = Some(t);
+                }
+                prop_assert_eq!(series.last(), newest);
+            }
+        }
+    }
+}

@@ -1,0 +1,194 @@
+"""An OPC UA server made of asyncua, with the faults that a test asks for.
+
+Prints "port N" once it listens. Reads commands from stdin, one a line, and answers each with "ok":
+
+  silent         data changes are sampled no more, while the session stays alive
+  set NODE V     writes a value with the time of now
+  bad NODE       writes the status BadSensorFailure
+  uncertain NODE writes the status UncertainLastUsableValue
+  notime NODE    writes a value without a source time
+  max            prints "max N", the most nodes that one read asked for
+
+Nodes of namespace 2, all Doubles, are steady: Steady0..Steady29 hold 0.0..29.0. Counter (numeric id 1000, below
+Plant/Unit, a browse path) counts up every 20 ms; the value is the number of 20 ms since the Unix epoch, so that a
+sample can be checked against its own source time, also across restarts. With --history a file keeps it; the writer
+goes on (as a historian would) while no server runs when --backlog S is given: the last S seconds are entered at the
+start. Flag is a Boolean.
+"""
+
+import argparse
+import asyncio
+import datetime
+import socket
+import sys
+from pathlib import Path
+
+from asyncua import Server, ua
+from asyncua.crypto.cert_gen import setup_self_signed_certificate
+from asyncua.server.internal_session import InternalSession
+from asyncua.server.user_managers import UserManager
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.ua.uaerrors import BadTooManyOperations
+from cryptography.x509.oid import ExtendedKeyUsageOID
+
+TICK_S = 0.02
+EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.timezone.utc)
+
+
+def at(tick):
+    return EPOCH + datetime.timedelta(milliseconds=20 * tick)
+
+
+def say(text):
+    print(text, flush=True)
+
+
+class Users(UserManager):
+    def get_user(self, iserver, username=None, password=None, certificate=None):
+        if username == "operator" and password == "right":
+            return User(role=UserRole.User)
+        return None
+
+
+def limit_reads(most):
+    """Refuses what a server with this limit refuses, and remembers what was asked."""
+    asked = {"max": 0}
+    plain = InternalSession.read
+
+    async def read(self, params):
+        if self.external:
+            asked["max"] = max(asked["max"], len(params.NodesToRead))
+            if most and len(params.NodesToRead) > most:
+                raise BadTooManyOperations()
+        return await plain(self, params)
+
+    InternalSession.read = read
+    return asked
+
+
+async def certificate(folder, name):
+    key, cert = Path(folder) / f"{name}.pem", Path(folder) / f"{name}.der"
+    use = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+    uri = "urn:stictiond" if name == "client" else "urn:peer"
+    await setup_self_signed_certificate(key, cert, uri, "localhost", use, {"commonName": name})
+    return cert, key
+
+
+class Peer:
+    def __init__(self, args):
+        self.args = args
+        self.asked = limit_reads(args.max_read)
+        self.is_silent = False
+
+    async def start(self):
+        args = self.args
+        self.server = server = Server(user_manager=Users()) if args.secure else Server()
+        await server.init()
+        port = args.port
+        if port == 0:
+            with socket.socket() as free:
+                free.bind(("127.0.0.1", 0))
+                port = free.getsockname()[1]
+        server.set_endpoint(f"opc.tcp://localhost:{port}/peer/")
+        if args.secure:
+            cert, key = await certificate(args.secure, "server")
+            await certificate(args.secure, "client")
+            await server.set_application_uri("urn:peer")
+            await server.load_certificate(str(cert))
+            await server.load_private_key(str(key))
+            server.set_security_policy(
+                [
+                    ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+                    ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+                ]
+            )
+            server.set_identity_tokens([ua.UserNameIdentityToken])
+        else:
+            server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+        if args.max_read:
+            limit = server.get_node(ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerRead)
+            # With --unsaid the limit is enforced, but not told.
+            await limit.write_value(ua.Variant(0 if args.unsaid else args.max_read, ua.VariantType.UInt32))
+        while await server.register_namespace("urn:peer") < 2:
+            await server.register_namespace("urn:filler")
+        plant = await server.nodes.objects.add_object(ua.NodeId("Plant", 2), "2:Plant")
+        unit = await plant.add_object(ua.NodeId("Unit", 2), "2:Unit")
+        self.nodes = {}
+        for k in range(30):
+            name = f"Steady{k}"
+            self.nodes[name] = await unit.add_variable(ua.NodeId(name, 2), f"2:{name}", float(k))
+        self.nodes["Flag"] = await unit.add_variable(ua.NodeId("Flag", 2), "2:Flag", True)
+        self.counter = await unit.add_variable(ua.NodeId(1000, 2), "2:Counter", 0.0)
+        self.nodes["Counter"] = self.counter
+        await server.start()
+        if args.history:
+            await server.historize_node_data_change(self.counter, period=None, count=100_000)
+            store = server.iserver.history_manager.storage
+            now = round(datetime.datetime.now(datetime.timezone.utc).timestamp() / TICK_S)
+            for tick in range(now - round(args.backlog / TICK_S), now):
+                await store.save_node_value(self.counter.nodeid, self.value(tick))
+        say(f"port {port}")
+
+    def value(self, tick):
+        value = ua.Variant(float(tick), ua.VariantType.Double)
+        return ua.DataValue(value, SourceTimestamp=at(tick), ServerTimestamp=at(tick))
+
+    async def count(self):
+        tick = round(datetime.datetime.now(datetime.timezone.utc).timestamp() / TICK_S)
+        while True:
+            now = datetime.datetime.now(datetime.timezone.utc).timestamp() / TICK_S
+            while tick < now:
+                tick += 1
+                if self.is_silent:
+                    # As a server whose sampling has died: the value is there, nobody is told.
+                    self.server.iserver.aspace._nodes[self.counter.nodeid].attributes[
+                        ua.AttributeIds.Value
+                    ].value = self.value(tick)
+                else:
+                    await self.counter.write_value(self.value(tick))
+            await asyncio.sleep(TICK_S / 2)
+
+    async def command(self, words):
+        now = datetime.datetime.now(datetime.timezone.utc)
+        match words:
+            case ["silent"]:
+                self.is_silent = True
+            case ["set", node, value]:
+                value = ua.Variant(float(value), ua.VariantType.Double)
+                await self.nodes[node].write_value(ua.DataValue(value, SourceTimestamp=now, ServerTimestamp=now))
+            case ["bad", node]:
+                status = ua.StatusCode(ua.StatusCodes.BadSensorFailure)
+                await self.nodes[node].write_value(ua.DataValue(None, status, SourceTimestamp=now))
+            case ["uncertain", node]:
+                status = ua.StatusCode(ua.StatusCodes.UncertainLastUsableValue)
+                value = ua.Variant(1.0, ua.VariantType.Double)
+                await self.nodes[node].write_value(ua.DataValue(value, status, SourceTimestamp=now))
+            case ["max"]:
+                say(f"max {self.asked['max']}")
+            case _:
+                sys.exit(f"unknown command {words}")
+
+
+async def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--port", type=int, default=0)
+    parser.add_argument("--secure", default="")
+    parser.add_argument("--history", action="store_true")
+    parser.add_argument("--backlog", type=float, default=0.0)
+    parser.add_argument("--max-read", type=int, default=0)
+    parser.add_argument("--unsaid", action="store_true")
+    peer = Peer(parser.parse_args())
+    await peer.start()
+    counting = asyncio.create_task(peer.count())
+    loop = asyncio.get_running_loop()
+    while True:
+        line = await loop.run_in_executor(None, sys.stdin.readline)
+        if not line:
+            break
+        if counting.done():
+            counting.result()
+        await peer.command(line.split())
+        say("ok")
+
+
+asyncio.run(main())
