@@ -187,6 +187,8 @@ impl Collector {
 
     /// Collects over one session until it is lost.
     async fn stay(&mut self, mut link: Link, sink: &dyn Sink) -> Lost {
+        // What was found before the loss may have moved, and nothing of it is monitored by this session yet.
+        self.tags.iter_mut().for_each(|tag| tag.node = None);
         let ended = match self.plan.config.mode {
             Mode::Subscribe => self.listen(&mut link, sink).await,
             Mode::Poll => self.poll(&mut link, sink).await,
