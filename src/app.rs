@@ -279,9 +279,7 @@ impl Device {
     fn carries_on(&self, plan: &Plan, history: &History) -> bool {
         let alive = self.task.as_ref().is_none_or(|(_, task)| !task.is_finished());
         let same = |(old, new): (usize, usize)| same_ring(self.rings.by_tag.get(&old), history.ring(new));
-        alive
-            && self.plan.asks_the_same(plan)
-            && self.plan.tags().into_iter().zip(plan.tags()).all(same)
+        alive && self.plan.asks_the_same(plan) && self.plan.tags().into_iter().zip(plan.tags()).all(same)
     }
 
     fn state(name: &str, health: &DeviceHealth) -> DeviceState {

@@ -216,9 +216,17 @@ const WRITER: &str = "src/writeback/link.rs";
 fn writing(source: &Source) -> Vec<String> {
     let writes = |name: &String| {
         let plain = name.to_lowercase().replace('_', "");
-        ["writesingle", "writemultiple", "maskedwrite", "maskwrite", "readwritemultiple", "writevalue", "historyupdate"]
-            .iter()
-            .any(|function| plain.starts_with(function))
+        [
+            "writesingle",
+            "writemultiple",
+            "maskedwrite",
+            "maskwrite",
+            "readwritemultiple",
+            "writevalue",
+            "historyupdate",
+        ]
+        .iter()
+        .any(|function| plain.starts_with(function))
     };
     if source.top() == "demo" || source.path == WRITER || !source.paths().iter().flatten().any(writes) {
         return Vec::new();

@@ -31,7 +31,12 @@ async fn reads_and_subscribes_with_source_times_by_node_id_and_by_path() {
     let server = Server::start(&[]).await;
     for mode in ["subscribe", "poll"] {
         let config = config(server.port, &format!("mode = '{mode}'\nsampling_ms = 20\npublishing_ms = 50"));
-        let tags = [steady(7), COUNTER.into(), "node = 'ns=2;s=Flag'".into(), steady(8) + "\nscale = 2.0\noffset = 1.0"];
+        let tags = [
+            steady(7),
+            COUNTER.into(),
+            "node = 'ns=2;s=Flag'".into(),
+            steady(8) + "\nscale = 2.0\noffset = 1.0",
+        ];
         let mut watch = Watch::start(plan(&config, &tags));
         let counted = watch.until("60 values", 1, |all| all.len() >= 60).await;
         let ticks = checked(&counted);
@@ -54,7 +59,8 @@ async fn reads_and_subscribes_with_source_times_by_node_id_and_by_path() {
 async fn a_server_restarted_mid_run_leaves_no_gap_where_it_keeps_history_and_no_duplicate() {
     let server = Server::start(&["--history"]).await;
     let port = server.port;
-    let config = config(port, "sampling_ms = 20\npublishing_ms = 50\nqueue_size = 100\nreconnect_max_ms = 1000");
+    let config =
+        config(port, "sampling_ms = 20\npublishing_ms = 50\nqueue_size = 100\nreconnect_max_ms = 1000");
     let mut watch = Watch::start(plan(&config, &[COUNTER.into(), steady(3)]));
     watch.until("values", 0, |all| all.len() > 20).await;
     server.kill().await;
@@ -74,7 +80,11 @@ async fn a_server_restarted_mid_run_leaves_no_gap_where_it_keeps_history_and_no_
     let longest = holes(&ticks).iter().map(|(a, b)| b - a).max().unwrap_or(0);
     assert!(longest < 100, "a gap of {longest} ticks: {:?}", holes(&ticks));
     assert!(samples.iter().all(|s| s.quality.is_good()), "a filled gap is no gap");
-    println!("reconnected in {took:?}; filled {}; holes {:?}", watch.health.snapshot().filled_samples, holes(&ticks));
+    println!(
+        "reconnected in {took:?}; filled {}; holes {:?}",
+        watch.health.snapshot().filled_samples,
+        holes(&ticks)
+    );
     watch.stop().await;
     drop(server);
 }
@@ -83,7 +93,8 @@ async fn a_server_restarted_mid_run_leaves_no_gap_where_it_keeps_history_and_no_
 async fn a_gap_without_history_is_said_to_be_one() {
     let server = Server::start(&[]).await;
     let port = server.port;
-    let config = config(port, "sampling_ms = 20\npublishing_ms = 50\nqueue_size = 100\nreconnect_max_ms = 1000");
+    let config =
+        config(port, "sampling_ms = 20\npublishing_ms = 50\nqueue_size = 100\nreconnect_max_ms = 1000");
     let mut watch = Watch::start(plan(&config, &[COUNTER.into()]));
     watch.until("values", 0, |all| all.len() > 20).await;
     server.kill().await;
@@ -153,7 +164,8 @@ async fn a_limit_of_ten_nodes_a_read_is_kept_whether_or_not_it_is_said() {
 #[tokio::test]
 async fn a_session_that_is_connected_but_silent_is_dead() {
     let mut server = Server::start(&[]).await;
-    let config = config(server.port, "sampling_ms = 20\npublishing_ms = 50\nsilent_s = 1.0\nfill_gaps = false");
+    let config =
+        config(server.port, "sampling_ms = 20\npublishing_ms = 50\nsilent_s = 1.0\nfill_gaps = false");
     let mut watch = Watch::start(plan(&config, &[COUNTER.into()]));
     watch.until("values", 0, |all| all.len() > 20).await;
     server.tell("silent").await;
@@ -203,7 +215,10 @@ async fn sign_and_encrypt_with_a_user_name_and_explicit_trust() {
         trust(&folder, &pki, false);
         let mut watch = Watch::start(secure("password"));
         let line = watch.until_said("is not trusted").await;
-        assert!(line.contains("rejected") && line.contains("trusted") && line.contains("localhost"), "{line}");
+        assert!(
+            line.contains("rejected") && line.contains("trusted") && line.contains("localhost"),
+            "{line}"
+        );
         assert!(watch.samples(0).iter().all(|s| !s.quality.is_good()));
         watch.stop().await;
 

@@ -96,12 +96,8 @@ impl Writing {
         let device = config.modbus.iter().find(|device| device.name == own.device)?;
         let (low_high, span) = (control_loop.op_limits?, control_loop.op_span?);
         let read = [Some(&control_loop.op), Some(&control_loop.pv), control_loop.sp.as_ref()];
-        let names: BTreeSet<&str> = read
-            .into_iter()
-            .chain([control_loop.mode.as_ref()])
-            .flatten()
-            .map(|tag| tag.device())
-            .collect();
+        let names: BTreeSet<&str> =
+            read.into_iter().chain([control_loop.mode.as_ref()]).flatten().map(|tag| tag.device()).collect();
         let named = |name: &str| devices.iter().find(|device| device.plan.name() == name);
         let healths: Vec<_> = names.iter().filter_map(|name| Some(named(name)?.health.clone())).collect();
         let missed = move || {

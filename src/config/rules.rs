@@ -226,7 +226,8 @@ impl Rules<'_, '_, '_> {
             }
             (Device::Opcua, TagConfig::Opcua(tag)) => {
                 let strange = tag::MODBUS_KEYS.into_iter().filter(|key| self.source.has(&field(key)));
-                let strange = strange.map(|field| Issue { field, message: "a tag with a node has none".into() });
+                let strange =
+                    strange.map(|field| Issue { field, message: "a tag with a node has none".into() });
                 strange.chain(tag.validate(role)).collect()
             }
             (Device::Modbus(_), TagConfig::Opcua(own)) if own.node.is_none() && own.path.is_none() => {

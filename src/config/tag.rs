@@ -60,7 +60,9 @@ impl TagConfig {
             (Self::Modbus(a), Self::Modbus(b)) => {
                 (&a.device, a.register, a.address, a.bit) == (&b.device, b.register, b.address, b.bit)
             }
-            (Self::Opcua(a), Self::Opcua(b)) => (&a.device, &a.node, &a.path) == (&b.device, &b.node, &b.path),
+            (Self::Opcua(a), Self::Opcua(b)) => {
+                (&a.device, &a.node, &a.path) == (&b.device, &b.node, &b.path)
+            }
             _ => false,
         }
     }
@@ -105,8 +107,7 @@ impl<'de> Deserialize<'de> for TagConfig {
         // With no key that says the kind, the rules look at the device to say which is missing.
         let unknown = keys.register.is_none() && keys.address.is_none() && keys.value_type.is_none();
         if node.is_some() || path.is_some() || unknown {
-            let tag =
-                opcua::TagConfig { name, device, node, path, scale, offset, range, unit, auto_values };
+            let tag = opcua::TagConfig { name, device, node, path, scale, offset, range, unit, auto_values };
             return Ok(Self::Opcua(tag));
         }
         Ok(Self::Modbus(modbus::TagConfig {

@@ -158,7 +158,12 @@ impl Watch {
     }
 
     /// The samples of a tag once they satisfy the condition.
-    pub async fn until(&mut self, what: &str, tag: usize, condition: impl Fn(&[Sample]) -> bool) -> Vec<Sample> {
+    pub async fn until(
+        &mut self,
+        what: &str,
+        tag: usize,
+        condition: impl Fn(&[Sample]) -> bool,
+    ) -> Vec<Sample> {
         self.wait(what, |own| Some(own.samples(tag)).filter(|all| condition(all))).await
     }
 

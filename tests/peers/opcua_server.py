@@ -6,14 +6,13 @@ Prints "port N" once it listens. Reads commands from stdin, one a line, and answ
   set NODE V     writes a value with the time of now
   bad NODE       writes the status BadSensorFailure
   uncertain NODE writes the status UncertainLastUsableValue
-  notime NODE    writes a value without a source time
   max            prints "max N", the most nodes that one read asked for
 
 Nodes of namespace 2, all Doubles, are steady: Steady0..Steady29 hold 0.0..29.0. Counter (numeric id 1000, below
 Plant/Unit, a browse path) counts up every 20 ms; the value is the number of 20 ms since the Unix epoch, so that a
-sample can be checked against its own source time, also across restarts. With --history a file keeps it; the writer
-goes on (as a historian would) while no server runs when --backlog S is given: the last S seconds are entered at the
-start. Flag is a Boolean.
+sample can be checked against its own source time, also across restarts. With --history its values are kept, and with
+--backlog S those of the last S seconds too, as by a historian that went on while no server ran. Flag is a Boolean.
+--secure DIR makes certificates of server and client there, and takes no session without security and user name.
 """
 
 import argparse
@@ -109,8 +108,8 @@ class Peer:
             limit = server.get_node(ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerRead)
             # With --unsaid the limit is enforced, but not told.
             await limit.write_value(ua.Variant(0 if args.unsaid else args.max_read, ua.VariantType.UInt32))
-        while await server.register_namespace("urn:peer") < 2:
-            await server.register_namespace("urn:filler")
+        # 0 is the standard's and 1 the server's own.
+        await server.register_namespace("urn:peer:plant")
         plant = await server.nodes.objects.add_object(ua.NodeId("Plant", 2), "2:Plant")
         unit = await plant.add_object(ua.NodeId("Unit", 2), "2:Unit")
         self.nodes = {}

@@ -121,7 +121,8 @@ mod tests {
             assert_eq!(reading.quality, Quality::Bad(BadReason::NotANumber));
             assert!(reading.value.is_nan());
         }
-        let overflow = Decoder { scaling: Scaling { scale: 10.0, ..PLAIN }, ..decoder(ValueType::F64, ByteOrder::Abcd) };
+        let overflow =
+            Decoder { scaling: Scaling { scale: 10.0, ..PLAIN }, ..decoder(ValueType::F64, ByteOrder::Abcd) };
         let reading = overflow.decode(&[0x7FEF, 0xFFFF, 0xFFFF, 0xFFFF]).unwrap();
         assert_eq!(reading.quality, Quality::Bad(BadReason::NotANumber));
     }

@@ -306,7 +306,10 @@ impl TagConfig {
                     Ok(found) if found.elements.as_ref().is_some_and(|e| !e.is_empty()) => {
                         Ok(Place::Path(path.clone(), found))
                     }
-                    _ => issue("path", &format!("'{path}' is not a browse path such as /2:Unit10/2:FIC101/2:OP")),
+                    _ => issue(
+                        "path",
+                        &format!("'{path}' is not a browse path such as /2:Unit10/2:FIC101/2:OP"),
+                    ),
                 }
             }
         }
@@ -326,7 +329,11 @@ impl TagConfig {
         unless(self.offset.is_finite(), "offset", format!("{} must be a number", self.offset));
         if let Some([least, greatest]) = self.range {
             let ordered = least.is_finite() && greatest.is_finite() && least < greatest;
-            unless(ordered, "range", format!("[{least}, {greatest}] must be the least, then the greatest value"));
+            unless(
+                ordered,
+                "range",
+                format!("[{least}, {greatest}] must be the least, then the greatest value"),
+            );
         }
         if let Some(values) = &self.auto_values {
             unless(mode, "auto_values", "only a mode tag has them".into());

@@ -49,8 +49,12 @@ fn places_are_node_ids_or_browse_paths() {
     assert_eq!(node, Place::Node(NodeId::new(2, "FIC101.OP")));
     assert_eq!(tag("node = 'i=2258'").place().unwrap(), Place::Node(NodeId::new(0, 2258u32)));
     let Place::Path(_, path) = tag("path = '/2:Unit/2:OP'").place().unwrap() else { panic!("a path") };
-    let names: Vec<String> =
-        path.elements.unwrap().iter().map(|e| format!("{}:{}", e.target_name.namespace_index, e.target_name.name)).collect();
+    let names: Vec<String> = path
+        .elements
+        .unwrap()
+        .iter()
+        .map(|e| format!("{}:{}", e.target_name.namespace_index, e.target_name.name))
+        .collect();
     assert_eq!(names, ["2:Unit", "2:OP"]);
     for (text, field) in [
         ("", "node"),
@@ -66,7 +70,8 @@ fn places_are_node_ids_or_browse_paths() {
 
 #[test]
 fn a_mode_is_raw_and_a_range_is_ordered() {
-    let tag = |text: &str| -> TagConfig { toml::from_str(&format!("device = 'd'\nnode = 'i=1'\n{text}")).unwrap() };
+    let tag =
+        |text: &str| -> TagConfig { toml::from_str(&format!("device = 'd'\nnode = 'i=1'\n{text}")).unwrap() };
     assert_eq!(fields(tag("scale = 2.0").validate(Some(Role::Mode))), ["scale"]);
     assert_eq!(fields(tag("auto_values = [1]").validate(Some(Role::Mode))), [""; 0]);
     assert_eq!(fields(tag("auto_values = [1]").validate(Some(Role::Pv))), ["auto_values"]);

@@ -399,7 +399,6 @@ impl Collector {
             }
         }
         if !asked.is_empty() {
-            self.health.filled(filled);
             info!(device = %self.name(), tags = asked.len(), samples = filled, "gap filled from history");
         }
         Ok(())
@@ -456,9 +455,7 @@ impl Collector {
     fn take_page(&mut self, at: usize, values: Vec<DataValue>, sink: &dyn Sink) -> u64 {
         let mut page: Vec<(f64, DataValue)> = values
             .into_iter()
-            .filter_map(|value| {
-                Some((value::time(&value, super::TimeFallback::Server, f64::NAN)?, value))
-            })
+            .filter_map(|value| Some((value::time(&value, super::TimeFallback::Server, f64::NAN)?, value)))
             .collect();
         page.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut news = 0;
@@ -470,6 +467,7 @@ impl Collector {
                 news += 1;
             }
         }
+        self.health.filled(news);
         news
     }
 

@@ -6,12 +6,14 @@
 use super::config::{Config, Place, SecurityPolicy};
 use super::security::{explain, identity, message_mode, own_files, policy_uri};
 use super::value::date_time;
-use opcua::client::{Client, ClientBuilder, HistoryReadAction, MonitoredItem, OnSubscriptionNotification, Session};
+use opcua::client::{
+    Client, ClientBuilder, HistoryReadAction, MonitoredItem, OnSubscriptionNotification, Session,
+};
 use opcua::types::{
-    AttributeId, BrowsePath, ByteString, DataChangeFilter, DataChangeTrigger, DataValue, EndpointDescription, Error,
-    ExtensionObject, HistoryData, HistoryReadValueId, MonitoredItemCreateRequest, MonitoringMode,
-    MonitoringParameters, NodeId, ObjectId, ReadRawModifiedDetails, ReadValueId, StatusChangeNotification, StatusCode,
-    TimestampsToReturn, UserTokenPolicy, VariableId,
+    AttributeId, BrowsePath, ByteString, DataChangeFilter, DataChangeTrigger, DataValue, EndpointDescription,
+    Error, ExtensionObject, HistoryData, HistoryReadValueId, MonitoredItemCreateRequest, MonitoringMode,
+    MonitoringParameters, NodeId, ObjectId, ReadRawModifiedDetails, ReadValueId, StatusChangeNotification,
+    StatusCode, TimestampsToReturn, UserTokenPolicy, VariableId,
 };
 use std::fmt;
 use std::future::Future;
@@ -160,7 +162,11 @@ impl Link {
     }
 
     /// Waits for an answer as long as the session lives, and not much longer than the time-out.
-    async fn answer<T>(&self, what: &str, asked: impl Future<Output = Result<T, Error>>) -> Result<T, Refused> {
+    async fn answer<T>(
+        &self,
+        what: &str,
+        asked: impl Future<Output = Result<T, Error>>,
+    ) -> Result<T, Refused> {
         let limit = Duration::from_millis(self.config.timeout_ms).saturating_mul(2);
         let answered = tokio::select! {
             () = self.ended() => return Err(Refused::Lost(Lost::Broken("the server ended the session".into()))),
@@ -203,8 +209,11 @@ impl Link {
     pub(super) async fn read(&mut self, nodes: &[NodeId]) -> Result<Vec<DataValue>, Lost> {
         let mut values = Vec::with_capacity(nodes.len());
         while values.len() < nodes.len() {
-            let batch: Vec<ReadValueId> =
-                nodes[values.len()..].iter().take(self.limits.read).map(|node| value_of(node.clone())).collect();
+            let batch: Vec<ReadValueId> = nodes[values.len()..]
+                .iter()
+                .take(self.limits.read)
+                .map(|node| value_of(node.clone()))
+                .collect();
             let asked = self.session.read(&batch, TimestampsToReturn::Both, 0.0);
             match self.answer("read", asked).await {
                 Ok(answer) if answer.len() == batch.len() => values.extend(answer),
@@ -217,7 +226,10 @@ impl Link {
     }
 
     /// The node of each place; `Err` with the status where a path leads nowhere.
-    pub(super) async fn resolve(&mut self, places: &[Place]) -> Result<Vec<Result<NodeId, StatusCode>>, Lost> {
+    pub(super) async fn resolve(
+        &mut self,
+        places: &[Place],
+    ) -> Result<Vec<Result<NodeId, StatusCode>>, Lost> {
         let mut found: Vec<Result<NodeId, StatusCode>> = Vec::with_capacity(places.len());
         let mut paths: Vec<(usize, BrowsePath)> = Vec::new();
         for (at, place) in places.iter().enumerate() {
@@ -240,7 +252,9 @@ impl Link {
                         let targets = result.targets.unwrap_or_default();
                         // A path that leads to several nodes, or out of this server, names none.
                         found[*at] = match targets.as_slice() {
-                            [one] if one.remaining_path_index == u32::MAX => Ok(one.target_id.node_id.clone()),
+                            [one] if one.remaining_path_index == u32::MAX => {
+                                Ok(one.target_id.node_id.clone())
+                            }
                             [] if result.status_code.is_bad() => Err(result.status_code),
                             _ => Err(StatusCode::BadNoMatch),
                         };
@@ -328,7 +342,11 @@ impl Link {
                 // 0 would have the library choose.
                 client_handle: u32::try_from(at + 1).unwrap_or(u32::MAX),
                 sampling_interval: self.config.sampling_ms as f64,
-                filter: if filtered { ExtensionObject::from_message(filter) } else { ExtensionObject::null() },
+                filter: if filtered {
+                    ExtensionObject::from_message(filter)
+                } else {
+                    ExtensionObject::null()
+                },
                 queue_size: self.config.queue_size,
                 discard_oldest: true,
             },
@@ -368,14 +386,16 @@ impl Link {
             let asked = self.session.history_read(action, TimestampsToReturn::Both, false, &batch);
             match self.answer("history", asked).await {
                 Ok(answer) if answer.len() == batch.len() => {
-                    pages.extend(answer.into_iter().map(|result| Page {
-                        status: result.status_code,
-                        next: result.continuation_point,
-                        values: result
-                            .history_data
-                            .into_inner_as::<HistoryData>()
-                            .and_then(|data| data.data_values)
-                            .unwrap_or_default(),
+                    pages.extend(answer.into_iter().map(|result| {
+                        Page {
+                            status: result.status_code,
+                            next: result.continuation_point,
+                            values: result
+                                .history_data
+                                .into_inner_as::<HistoryData>()
+                                .and_then(|data| data.data_values)
+                                .unwrap_or_default(),
+                        }
                     }));
                 }
                 Ok(answer) => return Err(wrong_count("history", batch.len(), answer.len())),

@@ -14,7 +14,9 @@ pub(super) fn policy_uri(policy: SecurityPolicy) -> &'static str {
     match policy {
         SecurityPolicy::None => "http://opcfoundation.org/UA/SecurityPolicy#None",
         SecurityPolicy::Basic256Sha256 => "http://opcfoundation.org/UA/SecurityPolicy#Basic256Sha256",
-        SecurityPolicy::Aes256Sha256RsaPss => "http://opcfoundation.org/UA/SecurityPolicy#Aes256_Sha256_RsaPss",
+        SecurityPolicy::Aes256Sha256RsaPss => {
+            "http://opcfoundation.org/UA/SecurityPolicy#Aes256_Sha256_RsaPss"
+        }
     }
 }
 
@@ -53,12 +55,14 @@ fn password(config: &Config) -> Result<String, String> {
 
 /// Looks for our own certificate and key before anybody is asked, where the policy needs them.
 pub(super) fn own_files(config: &Config) -> Result<(), String> {
-    let Some(folder) = config.pki_dir.as_deref().filter(|_| config.security_policy != SecurityPolicy::None) else {
+    let Some(folder) = config.pki_dir.as_deref().filter(|_| config.security_policy != SecurityPolicy::None)
+    else {
         return Ok(());
     };
     let readable = |name: &str, read: &dyn Fn(&Path) -> Result<(), String>| {
         let path = folder.join(name);
-        read(&path).map_err(|why| format!("{}: {why}; docs/configuration.md says how to make it", path.display()))
+        read(&path)
+            .map_err(|why| format!("{}: {why}; docs/configuration.md says how to make it", path.display()))
     };
     readable("own/cert.der", &|path| CertificateStore::read_cert(path).map(drop))?;
     readable("private/private.pem", &|path| CertificateStore::read_pkey(path).map(drop))
@@ -67,7 +71,9 @@ pub(super) fn own_files(config: &Config) -> Result<(), String> {
 /// A status that ended or prevented a session, and what can be done about it.
 pub(super) fn explain(status: StatusCode, config: &Config) -> String {
     let folder = config.pki_dir.as_deref().unwrap_or(Path::new("pki_dir")).display();
-    let hint = if status == StatusCode::BadCertificateUntrusted || status == StatusCode::BadSecurityChecksFailed {
+    let hint = if status == StatusCode::BadCertificateUntrusted
+        || status == StatusCode::BadSecurityChecksFailed
+    {
         format!(
             "the certificate of {} is not trusted by us, or ours not by it: compare the server's, which is in \
              {folder}/rejected, with the one it should have and move it to {folder}/trusted; have {folder}/own/cert.der \
@@ -84,7 +90,9 @@ pub(super) fn explain(status: StatusCode, config: &Config) -> String {
         "the server refuses this user or password".into()
     } else if status == StatusCode::BadIdentityTokenInvalid {
         "the server does not accept this kind of identity".into()
-    } else if status == StatusCode::BadTcpEndpointUrlInvalid || status == StatusCode::BadSecurityPolicyRejected {
+    } else if status == StatusCode::BadTcpEndpointUrlInvalid
+        || status == StatusCode::BadSecurityPolicyRejected
+    {
         format!(
             "the server has no endpoint with {:?} and {:?} at this url",
             config.security_policy,

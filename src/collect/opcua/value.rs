@@ -156,7 +156,10 @@ mod tests {
             assert_eq!(time(&full, fallback, 3000.0), Some(1000.0));
         }
         for value in [without, null] {
-            assert_eq!([Server, Arrival, None].map(|f| time(&value, f, 3000.0)), [Some(2000.0), Some(3000.0), Option::None]);
+            assert_eq!(
+                [Server, Arrival, None].map(|f| time(&value, f, 3000.0)),
+                [Some(2000.0), Some(3000.0), Option::None]
+            );
         }
         assert_eq!(time(&DataValue::null(), Server, 3000.0), Option::None);
     }
