@@ -340,9 +340,8 @@ fn a_loop_may_mix_registers_and_nodes() {
          register = 'holding'\naddress = 2\ntype = 'f32'\n[loop.sp]\ndevice = 's'\npath = '/2:A/2:SP'\nscale = 2.0\n"
     );
     let plant = parse("f", &text).unwrap().plant().unwrap();
-    let indices = |tags: Vec<usize>| tags;
-    assert_eq!(indices(plant.plans[0].tags.iter().map(|tag| tag.index).collect()), [1]);
-    assert_eq!(indices(plant.opcua[0].tags.iter().map(|tag| tag.index).collect()), [0, 2]);
+    assert_eq!(plant.plans[0].tags.iter().map(|tag| tag.index).collect::<Vec<_>>(), [1]);
+    assert_eq!(plant.opcua[0].tags.iter().map(|tag| tag.index).collect::<Vec<_>>(), [0, 2]);
     // Numbers of devices go on through the kinds.
     assert_eq!((plant.plans[0].device, plant.opcua[0].device), (0, 1));
     assert_eq!(plant.loops[0].tags[2].source, "opcua opc.tcp://h:4840/ /2:A/2:SP time Server x 2 + 0");

@@ -119,13 +119,14 @@ class Peer:
         self.nodes["Flag"] = await unit.add_variable(ua.NodeId("Flag", 2), "2:Flag", True)
         self.counter = await unit.add_variable(ua.NodeId(1000, 2), "2:Counter", 0.0)
         self.nodes["Counter"] = self.counter
-        await server.start()
         if args.history:
-            await server.historize_node_data_change(self.counter, period=None, count=100_000)
-            store = server.iserver.history_manager.storage
+            # Before anybody can ask.
+            self.store = server.iserver.history_manager.storage
+            await self.store.new_historized_node(self.counter.nodeid, None, 100_000)
             now = round(datetime.datetime.now(datetime.timezone.utc).timestamp() / TICK_S)
             for tick in range(now - round(args.backlog / TICK_S), now):
-                await store.save_node_value(self.counter.nodeid, self.value(tick))
+                await self.store.save_node_value(self.counter.nodeid, self.value(tick))
+        await server.start()
         say(f"port {port}")
 
     def value(self, tick):
@@ -144,6 +145,8 @@ class Peer:
                         ua.AttributeIds.Value
                     ].value = self.value(tick)
                 else:
+                    if self.args.history:
+                        await self.store.save_node_value(self.counter.nodeid, self.value(tick))
                     await self.counter.write_value(self.value(tick))
             await asyncio.sleep(TICK_S / 2)
 

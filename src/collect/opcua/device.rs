@@ -52,6 +52,8 @@ struct State {
     raw: Option<f64>,
     /// A session was lost since the newest sample.
     gap: bool,
+    /// The newest sample is without a value, and its time is not the source's.
+    marked: bool,
     /// It was said that the node is refused.
     refused: bool,
 }
@@ -74,6 +76,7 @@ impl Collector {
             node: None,
             raw: None,
             gap: false,
+            marked: false,
             refused: false,
         };
         Self {
@@ -169,7 +172,8 @@ impl Collector {
         let now = self.clock.now() + self.skew;
         let (fills, longest) = (self.plan.config.fill_gaps, self.plan.config.history_max_s);
         for at in 0..self.tags.len() {
-            let waits = self.tags[at].series.last().is_some_and(|last| fills && now - last <= longest);
+            // Before the first value there is no time line to mark.
+            let waits = self.tags[at].series.last().is_none_or(|last| fills && now - last <= longest);
             if !waits && self.tags[at].series.filled(now).is_news() {
                 self.hand_over(at, now, Reading::bad(BadReason::LinkDown), sink);
             } else {
@@ -355,6 +359,13 @@ impl Collector {
         };
         self.tags[at].raw = value.value.as_ref().and_then(|v| v.as_f64());
         let before = self.tags[at].series.last();
+        // A value that did not change while it could not be had keeps its old source time, but comes after the mark.
+        let t = match before {
+            Some(mark) if self.tags[at].marked && !unusable && t <= mark => {
+                value::server_time(value).unwrap_or(now + self.skew).max(mark + 1e-3)
+            }
+            _ => t,
+        };
         let order = self.tags[at].series.live(t);
         let gap = std::mem::take(&mut self.tags[at].gap);
         if let Order::Old | Order::Again = order {
@@ -479,6 +490,7 @@ impl Collector {
             reading.quality = Quality::Stale;
         }
         let Reading { value, quality } = reading;
+        state.marked = value.is_nan();
         if let Quality::Bad(_) = quality {
             self.round.bad += 1;
             self.health.unusable();
