@@ -1,7 +1,8 @@
 //! The task that keeps one server: connects, subscribes or polls, fills the gap, and does so again when it is lost.
 
 use super::config::{Mode, Place};
-use super::link::{Event, Link, Lost};
+use super::link::{Link, Lost};
+use super::listener::Event;
 use super::plan::{Plan, Tag};
 use super::series::{Order, Series};
 use super::value;

@@ -4,16 +4,15 @@
 //! for what they publish. Reconnects are switched off, and a new link is opened instead.
 
 use super::config::{Config, Place, SecurityPolicy};
+use super::listener::{Event, Listener, MAX_EVENTS};
 use super::security::{explain, identity, message_mode, own_files, policy_uri};
 use super::value::date_time;
-use opcua::client::{
-    Client, ClientBuilder, HistoryReadAction, MonitoredItem, OnSubscriptionNotification, Session,
-};
+use opcua::client::{Client, ClientBuilder, HistoryReadAction, Session};
 use opcua::types::{
     AttributeId, BrowsePath, ByteString, DataChangeFilter, DataChangeTrigger, DataValue, EndpointDescription,
     Error, ExtensionObject, HistoryData, HistoryReadValueId, MonitoredItemCreateRequest, MonitoringMode,
-    MonitoringParameters, NodeId, ObjectId, ReadRawModifiedDetails, ReadValueId, StatusChangeNotification,
-    StatusCode, TimestampsToReturn, UserTokenPolicy, VariableId,
+    MonitoringParameters, NodeId, ObjectId, ReadRawModifiedDetails, ReadValueId, StatusCode,
+    TimestampsToReturn, UserTokenPolicy, VariableId,
 };
 use std::fmt;
 use std::future::Future;
@@ -21,15 +20,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use tokio::sync::mpsc::{Receiver, Sender, channel};
+use tokio::sync::mpsc::{Receiver, channel};
 use tokio::task::AbortHandle;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
 /// Most array elements of an answer: the library's default drops long ones without a word.
 const MAX_ARRAY: usize = 20_000;
-/// Events that wait for the collector; more are dropped and counted.
-const MAX_EVENTS: usize = 100_000;
 /// Values of one node asked of the history at once.
 const VALUES_PER_PAGE: u32 = 1000;
 /// The server is told goodbye for no longer than this.
@@ -60,15 +57,6 @@ struct Limits {
     monitor: usize,
     translate: usize,
     history: usize,
-}
-
-/// What a subscription brings.
-#[derive(Debug)]
-pub(super) enum Event {
-    /// A value of the tag at this position.
-    Value(usize, Box<DataValue>),
-    /// The server ended the subscription.
-    Ended(StatusCode),
 }
 
 /// One node's page of history, and where the next begins.
@@ -494,30 +482,4 @@ fn client(config: &Config) -> Result<Client, String> {
     // The library complains of a missing folder, also where none is needed; what is needed was looked for before.
     let quiet = tracing::subscriber::NoSubscriber::default();
     tracing::subscriber::with_default(quiet, || built.client()).map_err(|errors| errors.join("; "))
-}
-
-/// Passes on what the subscription brings.
-struct Listener {
-    sender: Sender<Event>,
-    dropped: Arc<AtomicU64>,
-}
-
-impl Listener {
-    fn send(&self, event: Event) {
-        if self.sender.try_send(event).is_err() {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-        }
-    }
-}
-
-impl OnSubscriptionNotification for Listener {
-    fn on_data_value(&mut self, value: DataValue, item: &MonitoredItem) {
-        if let Some(at) = item.client_handle().checked_sub(1) {
-            self.send(Event::Value(at as usize, Box::new(value)));
-        }
-    }
-
-    fn on_subscription_status_change(&mut self, change: StatusChangeNotification) {
-        self.send(Event::Ended(change.status));
-    }
 }

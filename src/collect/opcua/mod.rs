@@ -7,6 +7,7 @@
 mod config;
 mod device;
 mod link;
+mod listener;
 mod plan;
 mod security;
 mod series;
