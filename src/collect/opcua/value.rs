@@ -151,17 +151,14 @@ mod tests {
             DataValue { source_timestamp: Some(source), server_timestamp: Some(server), ..DataValue::null() };
         let without = DataValue { source_timestamp: None, ..full.clone() };
         let null = DataValue { source_timestamp: Some(DateTime::null()), ..full.clone() };
-        use TimeFallback::*;
-        for fallback in [Server, Arrival, None] {
+        let all = [TimeFallback::Server, TimeFallback::Arrival, TimeFallback::None];
+        for fallback in all {
             assert_eq!(time(&full, fallback, 3000.0), Some(1000.0));
         }
         for value in [without, null] {
-            assert_eq!(
-                [Server, Arrival, None].map(|f| time(&value, f, 3000.0)),
-                [Some(2000.0), Some(3000.0), Option::None]
-            );
+            assert_eq!(all.map(|f| time(&value, f, 3000.0)), [Some(2000.0), Some(3000.0), None]);
         }
-        assert_eq!(time(&DataValue::null(), Server, 3000.0), Option::None);
+        assert_eq!(time(&DataValue::null(), TimeFallback::Server, 3000.0), None);
     }
 
     proptest! {
