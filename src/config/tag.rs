@@ -105,7 +105,8 @@ impl<'de> Deserialize<'de> for TagConfig {
         let (range, unit, auto_values) = (keys.range, keys.unit, keys.auto_values);
         let (node, path) = (keys.node, keys.path);
         // With no key that says the kind, the rules look at the device to say which is missing.
-        let unknown = keys.register.is_none() && keys.address.is_none() && keys.value_type.is_none();
+        let named = !device.is_empty();
+        let unknown = named && keys.register.is_none() && keys.address.is_none() && keys.value_type.is_none();
         if node.is_some() || path.is_some() || unknown {
             let tag = opcua::TagConfig { name, device, node, path, scale, offset, range, unit, auto_values };
             return Ok(Self::Opcua(tag));

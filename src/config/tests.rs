@@ -171,7 +171,7 @@ description = 'größer'; colour = 1
         "f:31:16: address_base: 2 must be 0 or 1",
         "f:34:13: op_limits: [100, 0] must be the lower, then the upper limit",
         "f:35:11: op_span: 0 must be a number above 0",
-        "f:42:12: device: no [[modbus]] is called \"dcs4\", did you mean \"dcs1\"?",
+        "f:42:12: device: no [[modbus]] or [[opcua]] is called \"dcs4\", did you mean \"dcs1\"?",
         "f:49:13: address: u16 on holding register 101 overlaps f32 at 100: one register cannot be both \
          (the other is on line 39)",
         "f:51:1: missing key \"op\" in [[loop]]",
@@ -398,7 +398,7 @@ nod = 1
     let places: Vec<String> =
         found.iter().map(|line| line.splitn(4, ':').take(3).collect::<Vec<_>>().join(":")).collect();
     assert!(found.iter().all(|line| !line.ends_with("::")), "{found:?}");
-    for place in ["f:4:1", "f:8:", "f:14:8", "f:20:8", "f:24:11", "f:25:1", "f:29:8", "f:32:12", "f:44:1"] {
+    for place in ["f:4:1", "f:8:", "f:14:8", "f:20:8", "f:24:11", "f:25:1", "f:29:8", "f:32:12", "f:43:1"] {
         assert!(places.iter().any(|found| found.starts_with(place)), "{place} in {}", found.join("\n"));
     }
 }
