@@ -427,7 +427,7 @@ impl Collector {
         let mut open: Vec<(usize, ByteString)> = batch.iter().map(|at| (*at, ByteString::null())).collect();
         // Nodes with a continuation go on; one that gave none is asked again from its newest value on, since a server
         // may cap an answer without a word.
-        let (mut start, mut later) = (from, Vec::new());
+        let (mut start, mut later) = (from, Vec::<(usize, f64)>::new());
         for _ in 0..MAX_PAGES {
             let nodes: Vec<(NodeId, ByteString)> = open
                 .iter()
@@ -443,19 +443,18 @@ impl Collector {
                     debug!(device = %self.name(), tag = %self.plan.tags[at].name, "history: {}", page.status);
                     continue;
                 }
-                let news = self.take_page(at, page.values, sink);
+                let (news, newest) = self.take_page(at, page.values, sink);
                 filled += news;
                 if !page.next.is_null_or_empty() {
                     continued.push((at, page.next));
-                } else if news > 0 {
-                    later.push((at, ByteString::null()));
+                } else if newest > start {
+                    later.push((at, newest));
                 }
             }
             // Continuation points belong to the time they were asked with: those first, the others start anew.
             if continued.is_empty() {
-                open = std::mem::take(&mut later);
-                let newest = open.iter().filter_map(|(at, _)| self.tags[*at].series.last());
-                start = newest.fold(f64::INFINITY, f64::min).max(from);
+                start = later.iter().map(|(_, newest)| *newest).fold(f64::INFINITY, f64::min);
+                open = later.drain(..).map(|(at, _)| (at, ByteString::null())).collect();
             } else {
                 open = continued;
             }
@@ -463,13 +462,14 @@ impl Collector {
         Ok(Some(filled))
     }
 
-    /// One page of one tag; returns how many samples were news.
-    fn take_page(&mut self, at: usize, values: Vec<DataValue>, sink: &dyn Sink) -> u64 {
+    /// One page of one tag; returns how many samples were news, and the time of its newest.
+    fn take_page(&mut self, at: usize, values: Vec<DataValue>, sink: &dyn Sink) -> (u64, f64) {
         let mut page: Vec<(f64, DataValue)> = values
             .into_iter()
             .filter_map(|value| Some((value::time(&value, super::TimeFallback::Server, f64::NAN)?, value)))
             .collect();
         page.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let newest = page.last().map_or(f64::NEG_INFINITY, |(t, _)| *t);
         let mut news = 0;
         for (t, value) in page {
             if self.tags[at].series.filled(t).is_news() {
@@ -480,7 +480,7 @@ impl Collector {
             }
         }
         self.health.filled(news);
-        news
+        (news, newest)
     }
 
     fn hand_over(&mut self, at: usize, t: f64, mut reading: Reading, sink: &dyn Sink) {
