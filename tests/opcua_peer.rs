@@ -1,9 +1,10 @@
 //! The OPC UA collector against asyncua: a server that was not written here, with real faults.
 
+#[cfg(test)]
 #[path = "peers/opcua.rs"]
 mod peers;
 
-use peers::{Server, TICK_S, Watch, config, plan, steady, trust};
+use peers::{Server, TICK_S, Watch, config, config_secure, folder, plan, steady, trust};
 use std::time::Duration;
 use stictiond::signal::{BadReason, Quality, Sample};
 
@@ -191,7 +192,7 @@ async fn values_that_do_not_change_are_no_reason_to_reconnect() {
 
 #[tokio::test]
 async fn sign_and_encrypt_with_a_user_name_and_explicit_trust() {
-    let folder = tempfile();
+    let folder = folder();
     let server = Server::start(&["--secure", folder.to_str().unwrap()]).await;
     std::fs::write(folder.join("password"), "right\n").unwrap();
     std::fs::write(folder.join("wrong"), "wrong\n").unwrap();
@@ -236,15 +237,4 @@ async fn sign_and_encrypt_with_a_user_name_and_explicit_trust() {
         watch.stop().await;
     }
     std::fs::remove_dir_all(folder).unwrap();
-}
-
-fn config_secure(port: u16, more: &str) -> stictiond::collect::opcua::Config {
-    toml::from_str(&format!("name = 'dut'\nurl = 'opc.tcp://localhost:{port}/peer/'\n{more}")).unwrap()
-}
-
-fn tempfile() -> std::path::PathBuf {
-    let folder = std::env::temp_dir().join(format!("stictiond-opcua-{}", std::process::id()));
-    let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
 }

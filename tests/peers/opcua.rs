@@ -1,7 +1,7 @@
 //! The peers of the OPC UA collector's tests: an asyncua server in a process of its own, and a sink to wait on.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -188,8 +188,20 @@ impl Watch {
 
 /// A server at `port` without security, with further lines of configuration.
 pub fn config(port: u16, more: &str) -> Config {
-    let head = "name = 'dut'\nsecurity_policy = 'None'";
-    toml::from_str(&format!("{head}\nurl = 'opc.tcp://localhost:{port}/peer/'\n{more}")).unwrap()
+    config_secure(port, &format!("security_policy = 'None'\n{more}"))
+}
+
+/// A server at `port`, with further lines of configuration.
+pub fn config_secure(port: u16, more: &str) -> Config {
+    toml::from_str(&format!("name = 'dut'\nurl = 'opc.tcp://localhost:{port}/peer/'\n{more}")).unwrap()
+}
+
+/// An empty folder for certificates.
+pub fn folder() -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("stictiond-opcua-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
 }
 
 /// A plan for the tags, each given as its configuration.
