@@ -295,6 +295,9 @@ impl Device {
             ("good_samples", h.good_samples),
             ("bad_samples", h.bad_samples),
             ("filled_samples", h.filled_samples),
+            ("discarded_samples", h.discarded_samples),
+            ("clock_jumps", h.clock_jumps),
+            ("security_errors", h.security_errors),
         ];
         DeviceState { name: name.to_string(), connected: h.connected, last_good: h.last_good, counters }
     }

@@ -222,7 +222,12 @@ impl Rules<'_, '_, '_> {
         };
         let issues = match (device, tag) {
             (Device::Modbus(at), TagConfig::Modbus(tag)) => {
-                parts.modbus[at].as_ref().map(|device| tag.validate(device, role)).unwrap_or_default()
+                let strange = tag::OPCUA_KEYS.into_iter().filter(|key| self.source.has(&field(key)));
+                let strange = strange
+                    .map(|field| Issue { field, message: "a tag with a register has none".into() })
+                    .collect::<Vec<_>>();
+                let own = parts.modbus[at].as_ref().map(|device| tag.validate(device, role));
+                strange.into_iter().chain(own.unwrap_or_default()).collect()
             }
             (Device::Opcua, TagConfig::Opcua(tag)) => {
                 let strange = tag::MODBUS_KEYS.into_iter().filter(|key| self.source.has(&field(key)));

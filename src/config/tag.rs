@@ -71,6 +71,9 @@ impl TagConfig {
 /// The keys of a tag that only Modbus has; the rules refuse them where the tag is another kind's.
 pub const MODBUS_KEYS: [&str; 5] = ["register", "address", "type", "byte_order", "bit"];
 
+/// And those that only OPC UA has.
+pub const OPCUA_KEYS: [&str; 4] = ["sampling_ms", "queue_size", "deadband", "deadband_percent"];
+
 /// Every key of every kind. Read as one table, so that each wrong key keeps its place in the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -85,6 +88,10 @@ struct Keys {
     bit: Option<u8>,
     node: Option<String>,
     path: Option<String>,
+    sampling_ms: Option<u64>,
+    queue_size: Option<u32>,
+    deadband: Option<f64>,
+    deadband_percent: Option<f64>,
     #[serde(default = "one")]
     scale: f64,
     #[serde(default)]
@@ -108,8 +115,21 @@ impl<'de> Deserialize<'de> for TagConfig {
         let named = !device.is_empty();
         let unknown = named && keys.register.is_none() && keys.address.is_none() && keys.value_type.is_none();
         if node.is_some() || path.is_some() || unknown {
-            let tag = opcua::TagConfig { name, device, node, path, scale, offset, range, unit, auto_values };
-            return Ok(Self::Opcua(tag));
+            return Ok(Self::Opcua(opcua::TagConfig {
+                name,
+                device,
+                node,
+                path,
+                sampling_ms: keys.sampling_ms,
+                queue_size: keys.queue_size,
+                deadband: keys.deadband,
+                deadband_percent: keys.deadband_percent,
+                scale,
+                offset,
+                range,
+                unit,
+                auto_values,
+            }));
         }
         Ok(Self::Modbus(modbus::TagConfig {
             name,

@@ -7,12 +7,16 @@ Prints "port N" once it listens. Reads commands from stdin, one a line, and answ
   bad NODE       writes the status BadSensorFailure
   uncertain NODE writes the status UncertainLastUsableValue
   max            prints "max N", the most nodes that one read asked for
+  jump S         sets the clock of Counter by S seconds, its count too
+  drop           ends every connection, while the server goes on
 
 Nodes of namespace 2, all Doubles, are steady: Steady0..Steady29 hold 0.0..29.0. Counter (numeric id 1000, below
 Plant/Unit, a browse path) counts up every 20 ms; the value is the number of 20 ms since the Unix epoch, so that a
 sample can be checked against its own source time, also across restarts. With --history its values are kept, and with
---backlog S those of the last S seconds too, as by a historian that went on while no server ran. Flag is a Boolean.
---secure DIR makes certificates of server and client there, and takes no session without security and user name.
+--backlog S those of the last S seconds too, as by a historian that went on while no server ran. One answer gives as
+many as were asked for and no continuation point, or with --cap N at most N and a continuation point. Flag is a Boolean.
+--secure DIR makes certificates of server, client and user there, and takes no session without security and a user name
+or certificate. With --expired the server's has been out of date since yesterday.
 """
 
 import argparse
@@ -23,12 +27,14 @@ import sys
 from pathlib import Path
 
 from asyncua import Server, ua
-from asyncua.crypto.cert_gen import setup_self_signed_certificate
 from asyncua.server.internal_session import InternalSession
 from asyncua.server.user_managers import UserManager
 from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.ua.uaerrors import BadTooManyOperations
-from cryptography.x509.oid import ExtendedKeyUsageOID
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import rsa
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 TICK_S = 0.02
 EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.timezone.utc)
@@ -43,10 +49,24 @@ def say(text):
 
 
 class Users(UserManager):
+    """Knows one user by name and one by certificate."""
+
+    def __init__(self, known):
+        self.known = known
+
     def get_user(self, iserver, username=None, password=None, certificate=None):
         if username == "operator" and password == "right":
             return User(role=UserRole.User)
+        # Where a user name is given, the certificate is that of the application.
+        if username is None and self.der(certificate) == self.known:
+            return User(role=UserRole.User)
         return None
+
+    @staticmethod
+    def der(certificate):
+        if isinstance(certificate, x509.Certificate):
+            return certificate.public_bytes(serialization.Encoding.DER)
+        return certificate
 
 
 def limit_reads(most):
@@ -65,12 +85,34 @@ def limit_reads(most):
     return asked
 
 
-async def certificate(folder, name):
-    key, cert = Path(folder) / f"{name}.pem", Path(folder) / f"{name}.der"
-    use = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
-    uri = "urn:stictiond" if name == "client" else "urn:peer"
-    await setup_self_signed_certificate(key, cert, uri, "localhost", use, {"commonName": name})
-    return cert, key
+def certificate(folder, name, days=365):
+    """A self-signed certificate, valid until so many days from now, and its key."""
+    key = rsa.generate_private_key(public_exponent=65537, key_size=2048)
+    uri = "urn:peer" if name == "server" else "urn:stictiond"
+    own = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+    now = datetime.datetime.now(datetime.timezone.utc)
+    built = (
+        x509.CertificateBuilder(own, own, key.public_key(), x509.random_serial_number())
+        .not_valid_before(now - datetime.timedelta(days=400))
+        .not_valid_after(now + datetime.timedelta(days=days))
+        .add_extension(
+            x509.SubjectAlternativeName([x509.UniformResourceIdentifier(uri), x509.DNSName("localhost")]), False
+        )
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), False)
+        .add_extension(x509.KeyUsage(True, True, True, True, False, False, False, False, False), False)
+        .add_extension(
+            x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]), False
+        )
+        .sign(key, hashes.SHA256())
+    )
+    pem, der = Path(folder) / f"{name}.pem", Path(folder) / f"{name}.der"
+    der.write_bytes(built.public_bytes(serialization.Encoding.DER))
+    pem.write_bytes(
+        key.private_bytes(
+            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+        )
+    )
+    return der, pem
 
 
 class Peer:
@@ -78,10 +120,18 @@ class Peer:
         self.args = args
         self.asked = limit_reads(args.max_read)
         self.is_silent = False
+        self.jump_s = 0.0
 
     async def start(self):
         args = self.args
-        self.server = server = Server(user_manager=Users()) if args.secure else Server()
+        if args.secure:
+            cert, key = certificate(args.secure, "server", days=-1 if args.expired else 365)
+            certificate(args.secure, "client")
+            user, _ = certificate(args.secure, "user")
+            certificate(args.secure, "stranger")
+            self.server = server = Server(user_manager=Users(user.read_bytes()))
+        else:
+            self.server = server = Server()
         await server.init()
         port = args.port
         if port == 0:
@@ -90,18 +140,18 @@ class Peer:
                 port = free.getsockname()[1]
         server.set_endpoint(f"opc.tcp://localhost:{port}/peer/")
         if args.secure:
-            cert, key = await certificate(args.secure, "server")
-            await certificate(args.secure, "client")
             await server.set_application_uri("urn:peer")
             await server.load_certificate(str(cert))
             await server.load_private_key(str(key))
             server.set_security_policy(
                 [
+                    ua.SecurityPolicyType.Basic256Sha256_Sign,
                     ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+                    ua.SecurityPolicyType.Aes256Sha256RsaPss_Sign,
                     ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
                 ]
             )
-            server.set_identity_tokens([ua.UserNameIdentityToken])
+            server.set_identity_tokens([ua.UserNameIdentityToken, ua.X509IdentityToken])
         else:
             server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
         if args.max_read:
@@ -122,6 +172,8 @@ class Peer:
         if args.history:
             # Before anybody can ask.
             self.store = server.iserver.history_manager.storage
+            if args.cap:
+                self.store.max_history_data_response_size = args.cap
             await self.store.new_historized_node(self.counter.nodeid, None, 100_000)
             now = round(datetime.datetime.now(datetime.timezone.utc).timestamp() / TICK_S)
             for tick in range(now - round(args.backlog / TICK_S), now):
@@ -134,9 +186,12 @@ class Peer:
         return ua.DataValue(value, SourceTimestamp=at(tick), ServerTimestamp=at(tick))
 
     async def count(self):
+        jumped = self.jump_s
         tick = round(datetime.datetime.now(datetime.timezone.utc).timestamp() / TICK_S)
         while True:
-            now = datetime.datetime.now(datetime.timezone.utc).timestamp() / TICK_S
+            now = (datetime.datetime.now(datetime.timezone.utc).timestamp() + self.jump_s) / TICK_S
+            if jumped != self.jump_s:
+                tick, jumped = tick + round((self.jump_s - jumped) / TICK_S), self.jump_s
             while tick < now:
                 tick += 1
                 if self.is_silent:
@@ -165,6 +220,11 @@ class Peer:
                 status = ua.StatusCode(ua.StatusCodes.UncertainLastUsableValue)
                 value = ua.Variant(1.0, ua.VariantType.Double)
                 await self.nodes[node].write_value(ua.DataValue(value, status, SourceTimestamp=now))
+            case ["jump", seconds]:
+                self.jump_s += float(seconds)
+            case ["drop"]:
+                for session in list(self.server.bserver.clients):
+                    session.transport.abort()
             case ["max"]:
                 say(f"max {self.asked['max']}")
             case _:
@@ -175,6 +235,8 @@ async def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--port", type=int, default=0)
     parser.add_argument("--secure", default="")
+    parser.add_argument("--expired", action="store_true")
+    parser.add_argument("--cap", type=int, default=0)
     parser.add_argument("--history", action="store_true")
     parser.add_argument("--backlog", type=float, default=0.0)
     parser.add_argument("--max-read", type=int, default=0)

@@ -4,6 +4,7 @@ use crate::collect::Issue;
 use crate::signal::Role;
 use opcua::types::{NodeId, RelativePath, RelativePathElement};
 use serde::Deserialize;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -175,6 +176,18 @@ pub struct TagConfig {
     /// Browse path from the Objects folder, `/2:Unit10/2:FIC101/2:OP`.
     #[serde(default)]
     pub path: Option<String>,
+    /// How often the server samples this node (ms), where that is not as for the others; of a subscription only.
+    #[serde(default)]
+    pub sampling_ms: Option<u64>,
+    /// As the server's `queue_size`, for this node.
+    #[serde(default)]
+    pub queue_size: Option<u32>,
+    /// Changes smaller than this are not sent, in the node's own unit, before scaling.
+    #[serde(default)]
+    pub deadband: Option<f64>,
+    /// As the server's `deadband_percent`, for this node.
+    #[serde(default)]
+    pub deadband_percent: Option<f64>,
     /// value = scale * raw + offset.
     #[serde(default = "default_scale")]
     pub scale: f64,
@@ -233,9 +246,8 @@ impl Config {
             let ok = (least..=86_400_000).contains(&value);
             unless(ok, field, format!("{value} must be {least} to 86400000"));
         }
-        unless((1..=10_000).contains(&self.queue_size), "queue_size", "must be 1 to 10000".into());
-        let ok = (0.0..100.0).contains(&self.deadband_percent);
-        unless(ok, "deadband_percent", "must be 0 to less than 100, % of the node's EURange".into());
+        unless(QUEUES.contains(&self.queue_size), "queue_size", "must be 1 to 10000".into());
+        unless(is_percent(self.deadband_percent), "deadband_percent", PERCENT.into());
         unless((0.1..=86_400.0).contains(&self.silent_s), "silent_s", "must be 0.1 to 86400".into());
         let ok = (1.0..=2_678_400.0).contains(&self.history_max_s);
         unless(ok, "history_max_s", "must be 1 to 2678400, 31 days".into());
@@ -324,6 +336,15 @@ impl TagConfig {
             }
         };
         let mode = role == Some(Role::Mode);
+        let ok = self.sampling_ms.is_none_or(|every| (10..=86_400_000).contains(&every));
+        unless(ok, "sampling_ms", "must be 10 to 86400000".into());
+        let ok = self.queue_size.is_none_or(|queue| QUEUES.contains(&queue));
+        unless(ok, "queue_size", "must be 1 to 10000".into());
+        let ok = self.deadband.is_none_or(|band| band.is_finite() && band >= 0.0);
+        unless(ok, "deadband", "must be a number from 0, in the node's own unit".into());
+        unless(self.deadband_percent.is_none_or(is_percent), "deadband_percent", PERCENT.into());
+        let both = self.deadband.is_some() && self.deadband_percent.is_some();
+        unless(!both, "deadband_percent", "there is deadband too: leave one out".into());
         let ok = self.scale.is_finite() && self.scale != 0.0;
         unless(ok, "scale", format!("{} must be a number other than 0", self.scale));
         unless(self.offset.is_finite(), "offset", format!("{} must be a number", self.offset));
@@ -346,6 +367,13 @@ impl TagConfig {
         }
         issues
     }
+}
+
+const QUEUES: RangeInclusive<u32> = 1..=10_000;
+const PERCENT: &str = "must be 0 to less than 100, % of the node's EURange";
+
+fn is_percent(band: f64) -> bool {
+    (0.0..100.0).contains(&band)
 }
 
 fn is_url(url: &str) -> bool {

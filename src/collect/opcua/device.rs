@@ -3,13 +3,13 @@
 use super::config::{Mode, Place};
 use super::link::{Link, Lost};
 use super::listener::Event;
-use super::plan::{Plan, Tag};
-use super::series::{Order, Series};
+use super::plan::{Plan, Sampling, Tag};
+use super::series::{Order, Series, SourceClock};
 use super::value;
 use crate::collect::backoff::Backoff;
 use crate::collect::{Clock, DeviceHealth, Frozen, Poll, Reading, Sink};
 use crate::signal::{BadReason, Quality, Sample};
-use opcua::types::{ByteString, DataValue, NodeId};
+use opcua::types::{DataValue, NodeId};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use std::future::Future;
@@ -19,16 +19,12 @@ use tokio::time::{Instant, Interval, MissedTickBehavior, interval, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::{debug, info, warn};
 
+mod fill;
+
 /// First pause before a lost session is opened again.
 const FIRST_PAUSE: Duration = Duration::from_millis(500);
 /// Nodes that were refused are tried again this often.
 const RETRY: Duration = Duration::from_secs(60);
-/// History is asked from this long before the newest sample of the server (s): tags are not stamped all at once.
-const MARGIN_S: f64 = 60.0;
-/// And up to this long after now (s): clocks differ.
-const AHEAD_S: f64 = 60.0;
-/// Pages read of one node in one gap at most.
-const MAX_PAGES: usize = 3000;
 
 /// Keeps one server's session until it is told to stop.
 pub struct Collector {
@@ -39,8 +35,9 @@ pub struct Collector {
     backoff: Backoff,
     /// Since when the server is not there, as the last warning said.
     down: Option<Instant>,
-    /// The sources' clock against ours at the newest sample (s).
-    skew: f64,
+    /// The sources' clock, against one that nobody sets.
+    source: SourceClock,
+    born: Instant,
     round: Round,
 }
 
@@ -86,7 +83,8 @@ impl Collector {
             tags: plan.tags.iter().map(state).collect(),
             backoff: Backoff::new(FIRST_PAUSE.min(longest), longest, Pcg32::seed_from_u64(random.random())),
             down: None,
-            skew: 0.0,
+            source: SourceClock::default(),
+            born: Instant::now(),
             round: Round::default(),
             plan,
         }
@@ -106,25 +104,33 @@ impl Collector {
 
     async fn keep_for_ever(&mut self, sink: &dyn Sink) {
         let config = Arc::new(self.plan.config.clone());
+        let mut ticks = self.ticks();
+        ticks.reset();
         loop {
-            let lost = match self.meanwhile(sink, Link::open(config.clone())).await {
+            let lost = match self.meanwhile(&mut ticks, sink, Link::open(config.clone())).await {
                 Ok(link) => {
                     self.health.connected();
                     debug!(device = %self.name(), url = %config.url, "session opened");
                     let lost = self.stay(link, sink).await;
                     self.tags.iter_mut().for_each(|tag| tag.gap = true);
+                    ticks.reset();
                     lost
                 }
                 Err(lost) => lost,
             };
             self.lost(&lost);
             let pause = self.backoff.failed(Instant::now());
-            self.meanwhile(sink, sleep_until(Instant::now() + pause)).await;
+            self.meanwhile(&mut ticks, sink, sleep_until(Instant::now() + pause)).await;
         }
     }
 
     fn name(&self) -> &str {
         &self.plan.config.name
+    }
+
+    /// The time that the sources' clocks show now (s), whatever is done to ours; ours before the first sample.
+    fn source_now(&self) -> f64 {
+        self.source.now(self.born.elapsed().as_secs_f64()).unwrap_or_else(|| self.clock.now())
     }
 
     fn period(&self) -> Duration {
@@ -146,6 +152,7 @@ impl Collector {
         match lost {
             Lost::Timeout(_) => self.health.timed_out(),
             Lost::Broken(_) => self.health.link_failed(),
+            Lost::Untrusted(_) => self.health.untrusted(),
         }
         if self.down.is_some() {
             debug!(device = %self.name(), "{lost}");
@@ -156,10 +163,13 @@ impl Collector {
     }
 
     /// Waits for something without a session; the sink hears of every period without data.
-    async fn meanwhile<T>(&mut self, sink: &dyn Sink, waited: impl Future<Output = T>) -> T {
+    async fn meanwhile<T>(
+        &mut self,
+        ticks: &mut Interval,
+        sink: &dyn Sink,
+        waited: impl Future<Output = T>,
+    ) -> T {
         tokio::pin!(waited);
-        let mut ticks = self.ticks();
-        ticks.reset();
         loop {
             tokio::select! {
                 done = &mut waited => return done,
@@ -170,7 +180,7 @@ impl Collector {
 
     /// Nobody is there. While the gap may still be filled nothing is handed on, since a ring only goes forward.
     fn down_tick(&mut self, sink: &dyn Sink) {
-        let now = self.clock.now() + self.skew;
+        let now = self.source_now();
         let (fills, longest) = (self.plan.config.fill_gaps, self.plan.config.history_max_s);
         for at in 0..self.tags.len() {
             // Before the first value there is no time line to mark.
@@ -248,10 +258,10 @@ impl Collector {
     /// Finds the nodes that have none yet and has them monitored. A refused one leaves the others alone.
     async fn monitor(&mut self, link: &mut Link, subscription: u32, sink: &dyn Sink) -> Result<(), Lost> {
         let fresh = self.resolve(link, sink).await?;
-        let nodes: Vec<(usize, NodeId)> =
-            fresh.into_iter().filter_map(|at| Some((at, self.tags[at].node.clone()?))).collect();
+        let asked = |at: usize| Some((at, self.tags[at].node.clone()?, self.plan.tags[at].sampling));
+        let nodes: Vec<(usize, NodeId, Sampling)> = fresh.into_iter().filter_map(asked).collect();
         let taken = link.monitor(subscription, &nodes).await?;
-        for ((at, _), status) in nodes.into_iter().zip(taken) {
+        for ((at, ..), status) in nodes.into_iter().zip(taken) {
             if status.is_bad() {
                 self.tags[at].node = None;
                 self.refused(at, &format!("not monitored: {status}"), sink);
@@ -285,7 +295,7 @@ impl Collector {
         if !std::mem::replace(&mut self.tags[at].refused, true) {
             warn!(device = %self.name(), tag = %self.plan.tags[at].name, "{why}");
         }
-        let now = self.clock.now() + self.skew;
+        let now = self.source_now();
         if self.tags[at].series.filled(now).is_news() {
             self.hand_over(at, now, Reading::bad(BadReason::DeviceException), sink);
         }
@@ -294,7 +304,6 @@ impl Collector {
     /// Nothing came for long. Either nothing has changed, or the subscription is dead: reading tells.
     async fn listen_closer(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<(), Lost> {
         let (places, values) = self.read(link).await?;
-        let exact = self.plan.config.deadband_percent == 0.0;
         let mut hidden = 0;
         for (at, value) in places.into_iter().zip(values) {
             let tag = &self.tags[at];
@@ -302,7 +311,8 @@ impl Collector {
             let raw = value.value.as_ref().and_then(|v| v.as_f64());
             let source = value.source_timestamp.is_some();
             let newer = source && t.is_some_and(|t| tag.series.is_newer(t));
-            hidden += usize::from(exact && newer && raw != tag.raw);
+            let sent = self.plan.tags[at].sampling.deadband.lets_through(tag.raw, raw);
+            hidden += usize::from(newer && sent);
             self.live(at, &value, sink);
         }
         if hidden > 0 {
@@ -353,7 +363,7 @@ impl Collector {
         // What is bad has no value that a fresh stamp could make look fresh; its source often keeps the old stamp.
         let t = match own {
             Some(t) if !unusable || self.tags[at].series.is_newer(t) => t,
-            _ if unusable => value::server_time(value).unwrap_or(now + self.skew),
+            _ if unusable => value::server_time(value).unwrap_or_else(|| self.source_now()),
             _ => {
                 return self.refused(at, "a value without a time: see source_time_fallback", sink);
             }
@@ -363,26 +373,26 @@ impl Collector {
         // A value that did not change while it could not be had keeps its old source time, but comes after the mark.
         let t = match before {
             Some(mark) if self.tags[at].marked && !unusable && t <= mark => {
-                value::server_time(value).unwrap_or(now + self.skew).max(mark + 1e-3)
+                value::server_time(value).unwrap_or_else(|| self.source_now()).max(mark + 1e-3)
             }
             _ => t,
         };
         let order = self.tags[at].series.live(t);
         let gap = std::mem::take(&mut self.tags[at].gap);
         if let Order::Old | Order::Again = order {
+            if order == Order::Old {
+                self.health.discarded();
+            }
             // An old stray says nothing about the gap; the same value again says that nothing happened.
             self.tags[at].gap = gap && order == Order::Old;
             return;
-        }
-        if order == Order::SetBack {
-            warn!(device = %self.name(), tag = %self.plan.tags[at].name, t, "the source's clock was set back");
         }
         if let Some(before) = before.filter(|before| gap && t > *before) {
             // Between the two nobody was listening: say so, rather than have them joined by a straight line.
             self.hand_over(at, before + (t - before) / 2.0, Reading::bad(BadReason::LinkDown), sink);
         }
         if !unusable {
-            self.skew = t - now;
+            self.heard(at, t, order == Order::SetBack);
         }
         if let Some(since) = self.down.take() {
             info!(device = %self.name(), after_s = since.elapsed().as_secs_f64(), "data again");
@@ -390,97 +400,14 @@ impl Collector {
         self.hand_over(at, t, reading, sink);
     }
 
-    /// Reads what the server kept while nobody listened, oldest first.
-    async fn fill(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<(), Lost> {
-        let config = &self.plan.config;
-        let now = self.clock.now() + self.skew;
-        let newest = self.tags.iter().filter_map(|tag| tag.series.last()).fold(f64::NEG_INFINITY, f64::max);
-        let from = (newest - MARGIN_S).max(now - config.history_max_s);
-        let asked: Vec<usize> = (0..self.tags.len())
-            .filter(|at| config.fill_gaps && self.tags[*at].gap && self.tags[*at].node.is_some())
-            .filter(|at| self.tags[*at].series.last().is_some())
-            .collect();
-        let mut filled = 0;
-        for batch in asked.chunks(link.history_batch().max(1)) {
-            match self.fill_some(link, batch, (from, now + AHEAD_S), sink).await? {
-                Some(samples) => filled += samples,
-                None => {
-                    info!(device = %self.name(), "the server gives no history: the gap stays");
-                    return Ok(());
-                }
-            }
+    /// Sets the sources' clock by a sample that just came, and says so when it has jumped.
+    fn heard(&mut self, at: usize, t: f64, set_back: bool) {
+        let steady = self.born.elapsed().as_secs_f64();
+        if let Some(by_s) = self.source.heard(t, steady, self.clock.now(), set_back) {
+            self.health.clock_jumped();
+            let tag = &self.plan.tags[at].name;
+            warn!(device = %self.name(), %tag, t, by_s, "the source's clock was set");
         }
-        if !asked.is_empty() {
-            info!(device = %self.name(), tags = asked.len(), samples = filled, "gap filled from history");
-        }
-        Ok(())
-    }
-
-    async fn fill_some(
-        &mut self,
-        link: &mut Link,
-        batch: &[usize],
-        (from, to): (f64, f64),
-        sink: &dyn Sink,
-    ) -> Result<Option<u64>, Lost> {
-        let mut filled = 0;
-        let mut open: Vec<(usize, ByteString)> = batch.iter().map(|at| (*at, ByteString::null())).collect();
-        // Nodes with a continuation go on; one that gave none is asked again from its newest value on, since a server
-        // may cap an answer without a word.
-        let (mut start, mut later) = (from, Vec::<(usize, f64)>::new());
-        for _ in 0..MAX_PAGES {
-            let nodes: Vec<(NodeId, ByteString)> = open
-                .iter()
-                .filter_map(|(at, next)| Some((self.tags[*at].node.clone()?, next.clone())))
-                .collect();
-            if nodes.is_empty() || nodes.len() != open.len() {
-                break;
-            }
-            let Some(pages) = link.history(&nodes, start, to).await? else { return Ok(None) };
-            let mut continued = Vec::new();
-            for ((at, _), page) in open.into_iter().zip(pages) {
-                if page.status.is_bad() {
-                    debug!(device = %self.name(), tag = %self.plan.tags[at].name, "history: {}", page.status);
-                    continue;
-                }
-                let (news, newest) = self.take_page(at, page.values, sink);
-                filled += news;
-                if !page.next.is_null_or_empty() {
-                    continued.push((at, page.next));
-                } else if newest > start {
-                    later.push((at, newest));
-                }
-            }
-            // Continuation points belong to the time they were asked with: those first, the others start anew.
-            if continued.is_empty() {
-                start = later.iter().map(|(_, newest)| *newest).fold(f64::INFINITY, f64::min);
-                open = later.drain(..).map(|(at, _)| (at, ByteString::null())).collect();
-            } else {
-                open = continued;
-            }
-        }
-        Ok(Some(filled))
-    }
-
-    /// One page of one tag; returns how many samples were news, and the time of its newest.
-    fn take_page(&mut self, at: usize, values: Vec<DataValue>, sink: &dyn Sink) -> (u64, f64) {
-        let mut page: Vec<(f64, DataValue)> = values
-            .into_iter()
-            .filter_map(|value| Some((value::time(&value, super::TimeFallback::Server, f64::NAN)?, value)))
-            .collect();
-        page.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let newest = page.last().map_or(f64::NEG_INFINITY, |(t, _)| *t);
-        let mut news = 0;
-        for (t, value) in page {
-            if self.tags[at].series.filled(t).is_news() {
-                let reading = value::reading(&value, &self.plan.tags[at].scaling);
-                self.hand_over(at, t, reading, sink);
-                self.tags[at].gap = false;
-                news += 1;
-            }
-        }
-        self.health.filled(news);
-        (news, newest)
     }
 
     fn hand_over(&mut self, at: usize, t: f64, mut reading: Reading, sink: &dyn Sink) {

@@ -5,6 +5,7 @@
 
 use super::config::{Config, Place, SecurityPolicy};
 use super::listener::{Event, Listener, MAX_EVENTS};
+use super::plan::{Deadband, Sampling};
 use super::security::{explain, identity, message_mode, own_files, policy_uri};
 use super::value::date_time;
 use opcua::client::{Client, ClientBuilder, HistoryReadAction, Session};
@@ -39,13 +40,15 @@ pub(super) enum Lost {
     Timeout(String),
     /// Refused, broken, ended, or not believed any more.
     Broken(String),
+    /// Refused for a certificate, an identity or the security asked for, by us or by the server.
+    Untrusted(String),
 }
 
 impl fmt::Display for Lost {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Lost::Timeout(what) => write!(out, "no answer in time: {what}"),
-            Lost::Broken(why) => out.write_str(why),
+            Lost::Broken(why) | Lost::Untrusted(why) => out.write_str(why),
         }
     }
 }
@@ -97,8 +100,8 @@ impl Drop for Link {
 impl Link {
     /// Connects, within the configured time-out for each step, and reads the server's limits.
     pub(super) async fn open(config: Arc<Config>) -> Result<Link, Lost> {
-        own_files(&config).map_err(Lost::Broken)?;
-        let token = identity(&config).map_err(Lost::Broken)?;
+        own_files(&config).map_err(Lost::Untrusted)?;
+        let token = identity(&config).map_err(Lost::Untrusted)?;
         let limit = Duration::from_millis(config.timeout_ms);
         let mut client = client(&config).map_err(Lost::Broken)?;
         let endpoint: EndpointDescription = (
@@ -111,7 +114,7 @@ impl Link {
         let connecting = client.connect_to_matching_endpoint(endpoint, token);
         let (session, events) = match timeout(limit, connecting).await {
             Err(_) => return Err(Lost::Timeout(format!("{} does not list its endpoints", config.url))),
-            Ok(Err(error)) => return Err(Lost::Broken(explain(error.status(), &config))),
+            Ok(Err(error)) => return Err(unopened(error.status(), &config)),
             Ok(Ok(connected)) => connected,
         };
         let (ended, over) = (CancellationToken::new(), CancellationToken::new());
@@ -134,7 +137,7 @@ impl Link {
                 abort.abort();
                 return Err(Lost::Timeout(format!("{} opens no session", config.url)));
             }
-            Err(status) => return Err(Lost::Broken(explain(status, &config))),
+            Err(status) => return Err(unopened(status, &config)),
         }
         session.disable_reconnects();
         let most = config.max_nodes_per_request;
@@ -270,16 +273,16 @@ impl Link {
         Ok((id, events))
     }
 
-    /// Has the nodes monitored, each under its tag's position. Says how each was taken.
+    /// Has the nodes monitored, each under its tag's position and as its sampling says. Says how each was taken.
     pub(super) async fn monitor(
         &mut self,
         subscription: u32,
-        nodes: &[(usize, NodeId)],
+        nodes: &[(usize, NodeId, Sampling)],
     ) -> Result<Vec<StatusCode>, Lost> {
         let mut taken = Vec::with_capacity(nodes.len());
         while taken.len() < nodes.len() {
             let batch = &nodes[taken.len()..][..self.limits.monitor.min(nodes.len() - taken.len())];
-            let items = batch.iter().map(|(at, node)| self.item(*at, node.clone(), true)).collect();
+            let items = batch.iter().map(item).collect();
             match self.create(subscription, items).await {
                 Ok(answer) if answer.len() == batch.len() => taken.extend(answer),
                 Ok(answer) => return Err(wrong_count("monitored items", batch.len(), answer.len())),
@@ -294,12 +297,11 @@ impl Link {
                 || *status == StatusCode::BadDeadbandFilterInvalid
                 || *status == StatusCode::BadFilterNotAllowed
         };
-        for at in 0..taken.len() {
-            if refused(&taken[at]) {
-                let plain = vec![self.item(nodes[at].0, nodes[at].1.clone(), false)];
-                if let Some(status) = self.create(subscription, plain).await?.first() {
-                    taken[at] = *status;
-                }
+        let plain: Vec<usize> = (0..taken.len()).filter(|at| refused(&taken[*at])).collect();
+        for batch in plain.chunks(self.limits.monitor.max(1)) {
+            let items = batch.iter().map(|at| unfiltered(item(&nodes[*at]))).collect();
+            for (at, status) in batch.iter().zip(self.create(subscription, items).await?) {
+                taken[*at] = status;
             }
         }
         Ok(taken)
@@ -313,32 +315,6 @@ impl Link {
         let created = self.session.create_monitored_items(subscription, TimestampsToReturn::Both, items);
         let answer = self.answer("monitored items", created).await?;
         Ok(answer.into_iter().map(|item| item.result.status_code).collect())
-    }
-
-    fn item(&self, at: usize, node: NodeId, filtered: bool) -> MonitoredItemCreateRequest {
-        let dead_band = self.config.deadband_percent;
-        let filter = DataChangeFilter {
-            // A value that was measured again is a sample, even when it is the same.
-            trigger: DataChangeTrigger::StatusValueTimestamp,
-            deadband_type: if dead_band > 0.0 { 2 } else { 0 },
-            deadband_value: dead_band,
-        };
-        MonitoredItemCreateRequest {
-            item_to_monitor: value_of(node),
-            monitoring_mode: MonitoringMode::Reporting,
-            requested_parameters: MonitoringParameters {
-                // 0 would have the library choose.
-                client_handle: u32::try_from(at + 1).unwrap_or(u32::MAX),
-                sampling_interval: self.config.sampling_ms as f64,
-                filter: if filtered {
-                    ExtensionObject::from_message(filter)
-                } else {
-                    ExtensionObject::null()
-                },
-                queue_size: self.config.queue_size,
-                discard_oldest: true,
-            },
-        }
     }
 
     /// Most nodes of one request to the history.
@@ -446,12 +422,44 @@ fn refused(what: &str, status: StatusCode) -> Refused {
     }
 }
 
+fn unopened(status: StatusCode, config: &Config) -> Lost {
+    explain(status, config).map_or_else(|| Lost::Broken(status.to_string()), Lost::Untrusted)
+}
+
 fn wrong_count(what: &str, asked: usize, came: usize) -> Lost {
     Lost::Broken(format!("{what}: asked for {asked}, answered {came}"))
 }
 
 fn value_of(node_id: NodeId) -> ReadValueId {
     ReadValueId { node_id, attribute_id: AttributeId::Value as u32, ..Default::default() }
+}
+
+fn item((at, node, sampling): &(usize, NodeId, Sampling)) -> MonitoredItemCreateRequest {
+    let (trigger, deadband_type, deadband_value) = match sampling.deadband {
+        // A value that was measured again is a sample, even when it is the same.
+        Deadband::None => (DataChangeTrigger::StatusValueTimestamp, 0, 0.0),
+        // With a new time stamp alone as a reason a dead band would hide nothing.
+        Deadband::Absolute(band) => (DataChangeTrigger::StatusValue, 1, band),
+        Deadband::Percent(band) => (DataChangeTrigger::StatusValue, 2, band),
+    };
+    let filter = DataChangeFilter { trigger, deadband_type, deadband_value };
+    MonitoredItemCreateRequest {
+        item_to_monitor: value_of(node.clone()),
+        monitoring_mode: MonitoringMode::Reporting,
+        requested_parameters: MonitoringParameters {
+            // 0 would have the library choose.
+            client_handle: u32::try_from(at + 1).unwrap_or(u32::MAX),
+            sampling_interval: sampling.every_ms as f64,
+            filter: ExtensionObject::from_message(filter),
+            queue_size: sampling.queue,
+            discard_oldest: true,
+        },
+    }
+}
+
+fn unfiltered(mut item: MonitoredItemCreateRequest) -> MonitoredItemCreateRequest {
+    item.requested_parameters.filter = ExtensionObject::null();
+    item
 }
 
 /// A client that never reconnects by itself and trusts nobody unasked.

@@ -15,4 +15,4 @@ mod value;
 
 pub use config::{Config, Mode, Place, SecurityMode, SecurityPolicy, TagConfig, TimeFallback};
 pub use device::Collector;
-pub use plan::{Plan, Tag, TagSpec};
+pub use plan::{Deadband, Plan, Sampling, Tag, TagSpec};

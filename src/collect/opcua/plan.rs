@@ -31,7 +31,57 @@ pub struct Tag {
     pub place: Place,
     /// As in [`TagSpec`].
     pub frozen_after_s: Option<f64>,
+    /// How a subscription samples it.
+    pub sampling: Sampling,
     pub(super) scaling: Scaling,
+}
+
+/// How a subscription samples one node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sampling {
+    /// How often the server looks (ms).
+    pub every_ms: u64,
+    /// Samples that it keeps between two publishings.
+    pub queue: u32,
+    /// What it leaves out.
+    pub deadband: Deadband,
+}
+
+/// Which changes a server leaves out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Deadband {
+    /// None.
+    None,
+    /// Smaller ones, in the node's own unit.
+    Absolute(f64),
+    /// Smaller ones, in % of the node's EURange.
+    Percent(f64),
+}
+
+impl Sampling {
+    fn new(server: &Config, tag: &TagConfig) -> Self {
+        let percent = tag.deadband_percent.unwrap_or(server.deadband_percent);
+        Self {
+            every_ms: tag.sampling_ms.unwrap_or(server.sampling_ms),
+            queue: tag.queue_size.unwrap_or(server.queue_size),
+            deadband: match tag.deadband {
+                Some(band) if band > 0.0 => Deadband::Absolute(band),
+                None if percent > 0.0 => Deadband::Percent(percent),
+                _ => Deadband::None,
+            },
+        }
+    }
+}
+
+impl Deadband {
+    /// Whether a server that sent `sent` last has to send `now` too; `false` where that depends on its EURange.
+    pub(super) fn lets_through(self, sent: Option<f64>, now: Option<f64>) -> bool {
+        match (self, sent, now) {
+            (Deadband::Percent(_), ..) => false,
+            (Deadband::Absolute(band), Some(sent), Some(now)) => (now - sent).abs() > band,
+            _ => sent != now,
+        }
+    }
 }
 
 /// Everything needed to keep one session.
@@ -56,7 +106,7 @@ impl Plan {
         for spec in specs {
             let found = spec.config.validate(spec.role);
             match spec.config.place() {
-                Ok(place) if found.is_empty() => tags.push(ready(spec, place)),
+                Ok(place) if found.is_empty() => tags.push(ready(config, spec, place)),
                 _ => issues.extend(
                     found
                         .into_iter()
@@ -72,19 +122,20 @@ impl Plan {
         self.config == other.config
             && self.tags.len() == other.tags.len()
             && self.tags.iter().zip(&other.tags).all(|(a, b)| {
-                (&a.name, &a.place, &a.scaling, a.frozen_after_s)
-                    == (&b.name, &b.place, &b.scaling, b.frozen_after_s)
+                (&a.name, &a.place, &a.scaling, a.sampling, a.frozen_after_s)
+                    == (&b.name, &b.place, &b.scaling, b.sampling, b.frozen_after_s)
             })
     }
 }
 
-fn ready(spec: TagSpec, place: Place) -> Tag {
+fn ready(server: &Config, spec: TagSpec, place: Place) -> Tag {
     let mode = spec.role == Some(Role::Mode);
     Tag {
         index: spec.index,
         name: spec.name,
         place,
         frozen_after_s: spec.frozen_after_s,
+        sampling: Sampling::new(server, &spec.config),
         scaling: Scaling {
             scale: spec.config.scale,
             offset: spec.config.offset,

@@ -68,8 +68,8 @@ pub(super) fn own_files(config: &Config) -> Result<(), String> {
     readable("private/private.pem", &|path| CertificateStore::read_pkey(path).map(drop))
 }
 
-/// A status that ended or prevented a session, and what can be done about it.
-pub(super) fn explain(status: StatusCode, config: &Config) -> String {
+/// What can be done about a status that prevented a session; `None` when that has nothing to do with security.
+pub(super) fn explain(status: StatusCode, config: &Config) -> Option<String> {
     let folder = config.pki_dir.as_deref().unwrap_or(Path::new("pki_dir")).display();
     let hint = if status == StatusCode::BadCertificateUntrusted
         || status == StatusCode::BadSecurityChecksFailed
@@ -93,13 +93,18 @@ pub(super) fn explain(status: StatusCode, config: &Config) -> String {
     } else if status == StatusCode::BadTcpEndpointUrlInvalid
         || status == StatusCode::BadSecurityPolicyRejected
     {
+        let identity = match (&config.user, &config.user_certificate) {
+            (Some(_), _) => "a user name",
+            (None, Some(_)) => "a user's certificate",
+            (None, None) => "nobody's name: see user and user_certificate",
+        };
         format!(
-            "the server has no endpoint with {:?} and {:?} at this url",
+            "the server has no endpoint at this url with {:?} and {:?} that takes {identity}",
             config.security_policy,
             config.effective_mode()
         )
     } else {
-        return status.to_string();
+        return None;
     };
-    format!("{status}: {hint}")
+    Some(format!("{status}: {hint}"))
 }

@@ -76,6 +76,41 @@ impl Series {
     }
 }
 
+/// A time so far ahead of all that were expected (s) is a clock that was set.
+const JUMP_S: f64 = 60.0;
+/// An estimate older than this is taken anew (s), since two clocks never run alike.
+const ANEW_S: f64 = 600.0;
+
+/// What the clocks of the sources show, carried on by a steady clock that nobody sets. Pure.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct SourceClock {
+    /// A source time, and when it came by the steady clock (s).
+    known: Option<(f64, f64)>,
+}
+
+impl SourceClock {
+    /// The sources' time at `steady` (s); `None` before the first sample.
+    pub(super) fn now(&self, steady: f64) -> Option<f64> {
+        self.known.map(|(t, at)| t + (steady - at))
+    }
+
+    /// Takes the time `t` of a sample that came at `steady`, when our own clock showed `ours` (s). Returns by how much
+    /// the source's clock was set, if it was.
+    pub(super) fn heard(&mut self, t: f64, steady: f64, ours: f64, set_back: bool) -> Option<f64> {
+        let Some(expected) = self.now(steady) else {
+            self.known = Some((t, steady));
+            return None;
+        };
+        // Of several tags the one that came without delay tells the time; an old value tells nothing.
+        let stale = self.known.is_some_and(|(_, at)| steady - at > ANEW_S);
+        if t >= expected || set_back || (stale && t > expected - JUMP_S) {
+            self.known = Some((t, steady));
+        }
+        let jumped = if set_back { t < expected - 1.0 } else { t > expected.max(ours) + JUMP_S };
+        jumped.then_some(t - expected)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -105,6 +140,27 @@ mod tests {
         assert_eq!(series.live(4.0), Order::Old);
         assert_eq!(series.live(5.0), Order::SetBack);
         assert_eq!(series.live(6.0), Order::New);
+    }
+
+    #[test]
+    fn the_sources_clock_goes_on_by_itself_and_its_jumps_are_seen_once() {
+        let mut clock = SourceClock::default();
+        assert_eq!(clock.now(5.0), None);
+        // The first value may be a day old; the next is of now, and no jump.
+        assert_eq!(clock.heard(1000.0, 0.0, 87_400.0, false), None);
+        assert_eq!(clock.heard(87_400.0, 1.0, 87_401.0, false), None);
+        assert_eq!(clock.now(11.0), Some(87_410.0));
+        // A value that came late, and our own clock an hour off, change nothing.
+        assert_eq!(clock.heard(87_000.0, 11.0, 91_000.0, false), None);
+        assert_eq!(clock.now(11.0), Some(87_410.0));
+        // An hour forward, told by two tags, and back again, told by two.
+        assert_eq!(clock.heard(91_010.0, 11.0, 87_411.0, false), Some(3600.0));
+        assert_eq!(clock.heard(91_010.0, 11.0, 87_411.0, false), None);
+        assert_eq!(clock.heard(87_415.0, 16.0, 87_416.0, true), Some(-3600.0));
+        assert_eq!(clock.heard(87_415.0, 16.0, 87_416.0, true), None);
+        // A source that runs slow is followed, if not at once.
+        assert_eq!(clock.heard(88_414.0, 1017.0, 88_417.0, false), None);
+        assert_eq!(clock.now(1017.0), Some(88_414.0));
     }
 
     proptest! {

@@ -1,4 +1,4 @@
-//! The peers of the OPC UA collector's tests: an asyncua server in a process of its own, and a sink to wait on.
+//! What the tests stand on: servers in processes of their own, and a sink to wait on.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -144,6 +144,11 @@ impl Watch {
         String::from_utf8_lossy(&self.log.lock().unwrap()).into_owned()
     }
 
+    /// The lines of the log that call for attention.
+    pub fn warnings(&self) -> Vec<String> {
+        self.said().lines().filter(|line| line.contains(" WARN ")).map(str::to_string).collect()
+    }
+
     async fn wait<T>(&mut self, what: &str, found: impl Fn(&Self) -> Option<T>) -> T {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -197,8 +202,8 @@ pub fn config_secure(port: u16, more: &str) -> Config {
 }
 
 /// An empty folder for certificates.
-pub fn folder() -> PathBuf {
-    let folder = std::env::temp_dir().join(format!("stictiond-opcua-{}", std::process::id()));
+pub fn folder(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("stictiond-opcua-{}-{name}", std::process::id()));
     let _ = std::fs::remove_dir_all(&folder);
     std::fs::create_dir_all(&folder).unwrap();
     folder
@@ -235,4 +240,25 @@ pub fn trust(made: &Path, pki: &Path, server: bool) {
             std::fs::rename(entry.path(), pki.join("trusted").join(entry.file_name())).unwrap();
         }
     }
+}
+
+/// The tag of the node that counts.
+pub const COUNTER: &str = "path = '/2:Plant/2:Unit/2:Counter'";
+
+/// Every sample of the counter says what its source time must be, also those from history.
+pub fn checked(samples: &[Sample]) -> Vec<u64> {
+    let good: Vec<&Sample> = samples.iter().filter(|s| s.quality.is_good()).collect();
+    for pair in samples.windows(2) {
+        assert!(pair[1].t > pair[0].t, "twice, or backwards: {pair:?}");
+    }
+    for sample in &good {
+        // asyncua keeps microseconds, and a double of this size steps by 2.4e-7 s.
+        assert!((sample.t - sample.value * TICK_S).abs() < 5e-6, "not its source time: {sample:?}");
+    }
+    good.iter().map(|sample| sample.value as u64).collect()
+}
+
+/// Between which ticks some are missing.
+pub fn holes(ticks: &[u64]) -> Vec<(u64, u64)> {
+    ticks.windows(2).filter(|pair| pair[1] != pair[0] + 1).map(|pair| (pair[0], pair[1])).collect()
 }
