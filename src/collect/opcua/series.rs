@@ -2,12 +2,16 @@
 
 /// So many samples in a row, each later than the one before but earlier than the newest, mean a clock set back.
 const SET_BACK: u32 = 5;
+/// What the subscription saw while history was read has come by then (s of source time).
+const LATE_S: f64 = 60.0;
 
 /// What was handed on of one tag. Pure.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Series {
     last: Option<f64>,
     older: Option<(f64, u32)>,
+    /// After what, and up to what, samples last came from history (s).
+    history: Option<(f64, f64)>,
 }
 
 /// What a sample is to those before it.
@@ -17,7 +21,7 @@ pub(super) enum Order {
     New,
     /// The first after the clock was set back: to be handed on.
     SetBack,
-    /// The newest one again.
+    /// The newest one again, or one that history has brought already.
     Again,
     /// Older than the newest one, or without a time.
     Old,
@@ -46,11 +50,13 @@ impl Series {
         let Some(last) = self.last.filter(|_| t.is_finite()) else {
             return self.filled(t);
         };
-        if t == last {
+        // What the subscription saw while history was read comes after it.
+        if t == last || self.history.is_some_and(|(after, until)| t > after && t <= until) {
             return Order::Again;
         }
         if t > last {
             (self.last, self.older) = (Some(t), None);
+            self.history = self.history.filter(|(_, until)| t <= until + LATE_S);
             return Order::New;
         }
         let run = match self.older {
@@ -62,7 +68,7 @@ impl Series {
         if run < SET_BACK {
             return Order::Old;
         }
-        (self.last, self.older) = (Some(t), None);
+        (self.last, self.older, self.history) = (Some(t), None, None);
         Order::SetBack
     }
 
@@ -71,7 +77,11 @@ impl Series {
         if !self.is_newer(t) {
             return Order::Old;
         }
-        (self.last, self.older) = (Some(t), None);
+        let after = match (self.history, self.last) {
+            (Some((after, until)), Some(last)) if until == last => after,
+            (_, last) => last.unwrap_or(t),
+        };
+        (self.last, self.older, self.history) = (Some(t), None, Some((after, t)));
         Order::New
     }
 }
@@ -140,6 +150,25 @@ mod tests {
         assert_eq!(series.live(4.0), Order::Old);
         assert_eq!(series.live(5.0), Order::SetBack);
         assert_eq!(series.live(6.0), Order::New);
+    }
+
+    #[test]
+    fn what_history_has_brought_is_no_clock_set_back_when_it_comes_again() {
+        let mut series = Series::default();
+        series.live(10.0);
+        for t in 11..=30 {
+            assert_eq!(series.filled(f64::from(t)), Order::New);
+        }
+        for t in 15..=30 {
+            assert_eq!(series.live(f64::from(t)), Order::Again, "{t}");
+        }
+        assert_eq!(series.live(31.0), Order::New);
+        assert_eq!(series.live(30.0), Order::Again);
+        // Before the gap nothing came from history.
+        for t in 1..5 {
+            assert_eq!(series.live(f64::from(t)), Order::Old);
+        }
+        assert_eq!(series.live(5.0), Order::SetBack);
     }
 
     #[test]
