@@ -13,8 +13,7 @@ mod writing;
 mod writing;
 
 use crate::audit::AuditError;
-use crate::collect::modbus::{Collector, Issue, Plan};
-use crate::collect::{self, DeviceHealth, Poll};
+use crate::collect::{self, Collector, DeviceHealth, Issue, Plan, Poll};
 use crate::config::{self, Config, Diagnostic};
 use crate::diagnosis::{self, Settings};
 use crate::history::{History, Ring};
@@ -125,7 +124,7 @@ impl App {
         let scheduler =
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
         let devices: Vec<Device> =
-            wired.plans.into_iter().map(|plan| Device::new(plan, clock, &history)).collect();
+            wired.into_plans().map(|plan| Device::new(plan, clock, &history)).collect();
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
@@ -219,7 +218,7 @@ impl App {
         warn_of_what_needs_a_restart(&state.config, &config);
         let history = Arc::new(state.history.successor(&wired.loops, &config.history));
         let (mut before, mut devices) = (std::mem::take(&mut state.devices), Vec::new());
-        for plan in wired.plans {
+        for plan in wired.into_plans() {
             let same = before.iter().position(|device| device.carries_on(&plan, &history));
             devices.push(match same {
                 Some(at) => before.swap_remove(at),
@@ -250,9 +249,9 @@ impl App {
 impl Device {
     fn new(plan: Plan, clock: Clock, history: &Arc<History>) -> Self {
         let now: Arc<dyn collect::Clock> = Arc::new(move || clock.now());
-        let collector = Collector::new(plan.clone(), now, plan.device as u64);
+        let collector = Collector::new(plan.clone(), now, plan.device() as u64);
         let ring = |tag: usize| Some((tag, history.ring(tag)?.clone()));
-        let by_tag = plan.tags.iter().filter_map(|tag| ring(tag.index)).collect();
+        let by_tag = plan.tags().into_iter().filter_map(ring).collect();
         let rings = Arc::new(Rings { by_tag, polled: watch::Sender::new(0) });
         let health = collector.health();
         Self { plan, rings, health, collector: Some(collector), task: None }
@@ -270,7 +269,7 @@ impl Device {
         if let Some((stop, task)) = self.task.take() {
             stop.cancel();
             if let Err(error) = task.await {
-                tracing::error!(device = self.plan.name, %error, "a collector failed");
+                tracing::error!(device = self.plan.name(), %error, "a collector failed");
             }
         }
     }
@@ -278,19 +277,9 @@ impl Device {
     /// Whether this device would be polled the same under a new plan, into the same rings: then its collector need
     /// not notice.
     fn carries_on(&self, plan: &Plan, history: &History) -> bool {
-        let old = &self.plan;
         let alive = self.task.as_ref().is_none_or(|(_, task)| !task.is_finished());
-        let head =
-            |p: &Plan| (p.name.clone(), p.address.clone(), p.unit_id, p.period, p.timeout, p.reconnect_max);
-        alive
-            && head(old) == head(plan)
-            && old.requests == plan.requests
-            && old.tags.len() == plan.tags.len()
-            && old.tags.iter().zip(&plan.tags).all(|(a, b)| {
-                (&a.name, a.span, &a.decoder, a.frozen_after_s)
-                    == (&b.name, b.span, &b.decoder, b.frozen_after_s)
-                    && same_ring(self.rings.by_tag.get(&a.index), history.ring(b.index))
-            })
+        let same = |(old, new): (usize, usize)| same_ring(self.rings.by_tag.get(&old), history.ring(new));
+        alive && self.plan.asks_the_same(plan) && self.plan.tags().into_iter().zip(plan.tags()).all(same)
     }
 
     fn state(name: &str, health: &DeviceHealth) -> DeviceState {
@@ -305,6 +294,10 @@ impl Device {
             ("reconnects", h.reconnects),
             ("good_samples", h.good_samples),
             ("bad_samples", h.bad_samples),
+            ("filled_samples", h.filled_samples),
+            ("discarded_samples", h.discarded_samples),
+            ("clock_jumps", h.clock_jumps),
+            ("security_errors", h.security_errors),
         ];
         DeviceState { name: name.to_string(), connected: h.connected, last_good: h.last_good, counters }
     }
@@ -363,7 +356,7 @@ fn shown(config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::
         period_s: config.period_s(control_loop),
     };
     let healths: Vec<(String, Arc<DeviceHealth>)> =
-        devices.iter().map(|device| (device.plan.name.clone(), device.health.clone())).collect();
+        devices.iter().map(|device| (device.plan.name().to_string(), device.health.clone())).collect();
     let states = move || healths.iter().map(|(name, health)| Device::state(name, health)).collect();
     serve::Plant::new(config.loops.iter().map(info).collect(), history.clone(), Arc::new(states))
 }

@@ -121,6 +121,7 @@ const UNSEEDED: &[&str] = &["rng", "thread_rng", "random", "OsRng", "SysRng", "f
 const CONFIG_FILES: &[&str] = &[
     "src/alarm.rs",
     "src/collect/modbus/config.rs",
+    "src/collect/opcua/config.rs",
     "src/diagnosis/config.rs",
     "src/history/mod.rs",
     "src/schedule.rs",
@@ -215,14 +216,22 @@ const WRITER: &str = "src/writeback/link.rs";
 fn writing(source: &Source) -> Vec<String> {
     let writes = |name: &String| {
         let plain = name.to_lowercase().replace('_', "");
-        ["writesingle", "writemultiple", "maskedwrite", "maskwrite", "readwritemultiple"]
-            .iter()
-            .any(|function| plain.starts_with(function))
+        [
+            "writesingle",
+            "writemultiple",
+            "maskedwrite",
+            "maskwrite",
+            "readwritemultiple",
+            "writevalue",
+            "historyupdate",
+        ]
+        .iter()
+        .any(|function| plain.starts_with(function))
     };
     if source.top() == "demo" || source.path == WRITER || !source.paths().iter().flatten().any(writes) {
         return Vec::new();
     }
-    vec![format!("{}: names a Modbus function that writes", source.path)]
+    vec![format!("{}: names a function that writes", source.path)]
 }
 
 /// Size, and a head that says what the module is for.
@@ -399,6 +408,7 @@ fn a_function_that_writes_to_a_plant_is_found() {
     let refused = |text: &str| writing(&Source::new("src/collect/modbus/link.rs", text)).len();
     assert_eq!(refused("fn f() { context.write_single_register(1, 2) }"), 1);
     assert_eq!(refused("fn f() { Request::WriteMultipleRegisters(a, b) }"), 1);
+    assert_eq!(refused("use opcua::types::WriteValue;"), 1);
     assert_eq!(refused("fn f() { context.read_holding_registers(1, 2) }"), 0);
 }
 

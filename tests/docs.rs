@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::fmt::Debug;
 use std::fs;
 use std::path::{Path, PathBuf};
-use stictiond::collect::modbus;
+use stictiond::collect::{modbus, opcua};
 use stictiond::config::{self, LoopConfig};
 use stictiond::{alarm, diagnosis, history, schedule, serve, writeback};
 
@@ -86,6 +86,8 @@ fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<diagnosis::Config>("`[diagnosis]`", "");
     agrees::<alarm::Config>("`[alarm]`", "");
     agrees::<modbus::Config>("`[[modbus]]`", "name = 'd'\naddress = 'd:502'\naddress_base = 0\n");
+    agrees::<opcua::Config>("`[[opcua]]`", "name = 'd'\nurl = 'opc.tcp://d:4840/'\n");
+    agrees::<opcua::TagConfig>("A tag of an OPC UA server", "device = 'd'\n");
     agrees::<LoopConfig>("`[[loop]]`", &format!("id = 'A'\n[op]\n{TAG}[pv]\n{TAG}"));
     agrees::<modbus::TagConfig>("A tag", TAG);
     agrees::<writeback::Config>("`[writeback]`", "");

@@ -96,19 +96,15 @@ impl Writing {
         let device = config.modbus.iter().find(|device| device.name == own.device)?;
         let (low_high, span) = (control_loop.op_limits?, control_loop.op_span?);
         let read = [Some(&control_loop.op), Some(&control_loop.pv), control_loop.sp.as_ref()];
-        let names: BTreeSet<&str> = read
-            .into_iter()
-            .chain([control_loop.mode.as_ref()])
-            .flatten()
-            .map(|tag| tag.device.as_str())
-            .collect();
-        let named = |name: &str| devices.iter().find(|device| device.plan.name == name);
+        let names: BTreeSet<&str> =
+            read.into_iter().chain([control_loop.mode.as_ref()]).flatten().map(|tag| tag.device()).collect();
+        let named = |name: &str| devices.iter().find(|device| device.plan.name() == name);
         let healths: Vec<_> = names.iter().filter_map(|name| Some(named(name)?.health.clone())).collect();
         let missed = move || {
             let missed = healths.iter().map(|health| health.snapshot()).map(|h| h.overruns + h.missed_polls);
             missed.sum()
         };
-        let polled: watch::Receiver<u64> = named(&control_loop.op.device)?.rings.polled.subscribe();
+        let polled: watch::Receiver<u64> = named(control_loop.op.device())?.rings.polled.subscribe();
         let id = LoopId::new(control_loop.id.as_str());
         Some(LoopSetup {
             limits: own.limits(span, low_high),

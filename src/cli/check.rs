@@ -3,6 +3,7 @@
 use super::{Failure, print};
 use std::fmt::Write;
 use std::path::PathBuf;
+use stictiond::collect::opcua;
 use stictiond::config::{self, Config, Plant};
 use stictiond::history::BYTES_PER_SAMPLE;
 
@@ -36,8 +37,9 @@ fn summary(config: &Config, plant: &Plant) -> String {
         if longest > shortest { format!(" to {longest} s") } else { String::new() }
     );
     let requests: usize = plant.plans.iter().map(|plan| plan.requests.len()).sum();
-    let tags: usize = plant.plans.iter().map(|plan| plan.tags.len()).sum();
-    let _ = writeln!(out, "devices  {}, {requests} requests a round", plant.plans.len());
+    let tags: usize = plant.loops.iter().map(|own| own.tags.len()).sum();
+    let devices = plant.plans.len() + plant.opcua.len();
+    let _ = writeln!(out, "devices  {devices}, {requests} requests a round");
     for plan in &plant.plans {
         let _ = writeln!(
             out,
@@ -48,6 +50,21 @@ fn summary(config: &Config, plant: &Plant) -> String {
             plan.tags.len(),
             plan.requests.len(),
             plan.period.as_millis()
+        );
+    }
+    for plan in &plant.opcua {
+        let server = &plan.config;
+        let (how, every) = match server.mode {
+            opcua::Mode::Subscribe => ("sampled by the server", server.sampling_ms),
+            opcua::Mode::Poll => ("read", server.sampling_ms),
+        };
+        let _ = writeln!(
+            out,
+            "         {}: {} {:?}, {} nodes {how} every {every} ms",
+            server.name,
+            server.url,
+            server.security_policy,
+            plan.tags.len()
         );
     }
     let samples = config.history.samples_per_tag;

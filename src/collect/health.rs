@@ -14,6 +14,10 @@ pub struct DeviceHealth {
     connects: AtomicU64,
     good_samples: AtomicU64,
     bad_samples: AtomicU64,
+    filled_samples: AtomicU64,
+    discarded_samples: AtomicU64,
+    clock_jumps: AtomicU64,
+    security_errors: AtomicU64,
     last_good: AtomicU64,
     connected: AtomicBool,
 }
@@ -29,9 +33,9 @@ pub struct HealthSnapshot {
     pub overruns: u64,
     /// Requests without an answer in time.
     pub timeouts: u64,
-    /// Requests that the device refused or answered with the wrong number of values.
+    /// Requests or nodes that the device refused, or answered with the wrong number of values.
     pub exceptions: u64,
-    /// Connections that could not be made, broke, or carried something that is not Modbus.
+    /// Connections that could not be made, broke, or carried something that is not the protocol.
     pub link_errors: u64,
     /// Connections made again after the first.
     pub reconnects: u64,
@@ -39,6 +43,14 @@ pub struct HealthSnapshot {
     pub good_samples: u64,
     /// Samples without.
     pub bad_samples: u64,
+    /// Samples read from the device's history after a gap; they count as good or bad too.
+    pub filled_samples: u64,
+    /// Samples not handed on, because they were older than the newest one.
+    pub discarded_samples: u64,
+    /// How often the source's clock was set forward or back.
+    pub clock_jumps: u64,
+    /// Sessions refused for a certificate, an identity or the security asked for, by us or by the device.
+    pub security_errors: u64,
     /// When the last good sample came (s); none yet when `None`.
     pub last_good: Option<f64>,
     /// Whether a connection is open. It says little: judge a device by [`HealthSnapshot::age_s`].
@@ -64,6 +76,10 @@ impl Default for DeviceHealth {
             connects: AtomicU64::new(0),
             good_samples: AtomicU64::new(0),
             bad_samples: AtomicU64::new(0),
+            filled_samples: AtomicU64::new(0),
+            discarded_samples: AtomicU64::new(0),
+            clock_jumps: AtomicU64::new(0),
+            security_errors: AtomicU64::new(0),
             last_good: AtomicU64::new(f64::NAN.to_bits()),
             connected: AtomicBool::new(false),
         }
@@ -84,6 +100,10 @@ impl DeviceHealth {
             reconnects: self.connects.load(Relaxed).saturating_sub(1),
             good_samples: self.good_samples.load(Relaxed),
             bad_samples: self.bad_samples.load(Relaxed),
+            filled_samples: self.filled_samples.load(Relaxed),
+            discarded_samples: self.discarded_samples.load(Relaxed),
+            clock_jumps: self.clock_jumps.load(Relaxed),
+            security_errors: self.security_errors.load(Relaxed),
             last_good: (!last_good.is_nan()).then_some(last_good),
             connected: self.connected.load(Relaxed),
         }
@@ -125,6 +145,23 @@ impl DeviceHealth {
         if let Some(t) = good_at {
             self.last_good.store(t.to_bits(), Relaxed);
         }
+    }
+
+    /// Samples that came from the device's history.
+    pub(super) fn filled(&self, samples: u64) {
+        self.filled_samples.fetch_add(samples, Relaxed);
+    }
+
+    pub(super) fn discarded(&self) {
+        self.discarded_samples.fetch_add(1, Relaxed);
+    }
+
+    pub(super) fn clock_jumped(&self) {
+        self.clock_jumps.fetch_add(1, Relaxed);
+    }
+
+    pub(super) fn untrusted(&self) {
+        self.security_errors.fetch_add(1, Relaxed);
     }
 
     pub(super) fn unusable(&self) {

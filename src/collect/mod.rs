@@ -6,20 +6,36 @@
 
 pub mod csv;
 pub mod modbus;
+pub mod opcua;
 
+mod backoff;
+mod device;
 mod frozen;
 mod health;
+mod scaling;
 
+pub use device::{Collector, Plan};
 pub use frozen::Frozen;
 pub use health::{DeviceHealth, HealthSnapshot};
+pub use scaling::Reading;
 
 use crate::signal::Sample;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+/// Something wrong in one field; the caller knows where the field stands in the file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Issue {
+    /// The field, as the file writes it (`poll_ms`, `range`).
+    pub field: &'static str,
+    /// What is wrong and what would be right.
+    pub message: String,
+}
+
 /// Where samples go. Called from the polling task: an implementation must not block.
 pub trait Sink: Send + Sync + 'static {
-    /// One sample of the tag that `app` numbered `tag`. Every poll yields exactly one sample of every tag
-    /// of the device, bad ones included, so that a consumer sees data age.
+    /// One sample of the tag that `app` numbered `tag`, in the order of time unless a clock was set back. A
+    /// device that is polled yields exactly one of every tag a poll, bad ones included; one that sends by
+    /// itself yields what it sent.
     fn sample(&self, tag: usize, sample: Sample);
 
     /// One poll of the device that `app` numbered `device` has ended; its samples came before.

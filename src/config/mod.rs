@@ -6,12 +6,14 @@ mod plant;
 mod rules;
 mod section;
 mod source;
+mod tag;
 mod wording;
 
 pub use diagnostic::Diagnostic;
 pub use plant::Plant;
+pub use tag::TagConfig;
 
-use crate::collect::modbus;
+use crate::collect::{modbus, opcua};
 use crate::{alarm, diagnosis, history, schedule, serve, writeback};
 use diagnostic::Report;
 use serde::Deserialize;
@@ -40,6 +42,8 @@ pub struct Config {
     pub writeback: writeback::Config,
     /// `[[modbus]]`, one per device.
     pub modbus: Vec<modbus::Config>,
+    /// `[[opcua]]`, one per server.
+    pub opcua: Vec<opcua::Config>,
     /// `[[loop]]`, one per control loop.
     pub loops: Vec<LoopConfig>,
 }
@@ -69,21 +73,21 @@ pub struct LoopConfig {
     #[serde(default)]
     pub frozen_pv_s: Option<f64>,
     /// Controller output.
-    pub op: modbus::TagConfig,
+    pub op: TagConfig,
     /// Process variable.
-    pub pv: modbus::TagConfig,
+    pub pv: TagConfig,
     /// Set point.
     #[serde(default)]
-    pub sp: Option<modbus::TagConfig>,
+    pub sp: Option<TagConfig>,
     /// Automatic or not.
     #[serde(default)]
-    pub mode: Option<modbus::TagConfig>,
+    pub mode: Option<TagConfig>,
     /// The valve's measured position.
     #[serde(default)]
-    pub mv: Option<modbus::TagConfig>,
+    pub mv: Option<TagConfig>,
     /// Other measurements, `[[loop.tag]]`.
     #[serde(default)]
-    pub tag: Vec<modbus::TagConfig>,
+    pub tag: Vec<TagConfig>,
     /// Write-back, `[loop.writeback]`; off where it is left out.
     #[serde(default)]
     pub writeback: Option<writeback::LoopConfig>,

@@ -1,48 +1,63 @@
 //! The configuration as the parts want it: loops with numbered tags, devices with planned requests.
 
-use super::{Config, LoopConfig};
-use crate::collect::modbus::{self, Issue, Plan};
+use super::{Config, LoopConfig, TagConfig};
+use crate::collect::{Issue, Plan, modbus, opcua};
 use crate::history::{self, LoopTags, TagKind};
 use crate::signal::{LoopId, Role};
 use std::collections::HashMap;
 
-/// Who is watched and who is polled. Tags are numbered through all loops: op, pv, sp, mode, mv, then the others.
+/// Who is watched and who is asked. Tags are numbered through all loops: op, pv, sp, mode, mv, then the others.
 #[derive(Clone, Debug)]
 pub struct Plant {
     /// The loops, in the file's order; a tag's number counts through them.
     pub loops: Vec<LoopTags>,
-    /// One plan per device, in the file's order.
-    pub plans: Vec<Plan>,
+    /// One plan per Modbus device, in the file's order.
+    pub plans: Vec<modbus::Plan>,
+    /// One plan per OPC UA server, in the file's order; their numbers follow those of the Modbus devices.
+    pub opcua: Vec<opcua::Plan>,
+}
+
+impl Plant {
+    /// All plans, each at its device's number.
+    pub fn into_plans(self) -> impl Iterator<Item = Plan> {
+        self.plans.into_iter().map(Plan::Modbus).chain(self.opcua.into_iter().map(Plan::Opcua))
+    }
 }
 
 impl Config {
     /// Numbers the tags and plans the requests.
     ///
     /// # Errors
-    /// What [`Plan::new`] finds; nothing for a configuration that [`load`](super::load) accepted.
+    /// What [`modbus::Plan::new`] and [`opcua::Plan::new`] find; nothing for a configuration that
+    /// [`load`](super::load) accepted.
     pub fn plant(&self) -> Result<Plant, Vec<Issue>> {
-        let mut specs: Vec<Vec<modbus::TagSpec>> = vec![Vec::new(); self.modbus.len()];
-        let devices: HashMap<&str, usize> =
-            self.modbus.iter().enumerate().map(|(at, device)| (device.name.as_str(), at)).collect();
+        let mut registers: Vec<Vec<modbus::TagSpec>> = vec![Vec::new(); self.modbus.len()];
+        let mut nodes: Vec<Vec<opcua::TagSpec>> = vec![Vec::new(); self.opcua.len()];
+        let devices = positions(self.modbus.iter().map(|device| device.name.as_str()));
+        let servers = positions(self.opcua.iter().map(|server| server.name.as_str()));
         let mut loops = Vec::with_capacity(self.loops.len());
         let mut index = 0;
         for control_loop in &self.loops {
             let mut own = Vec::new();
             for (role, tag) in tags(control_loop) {
                 let kind = kind(role, tag);
-                if let Some(&at) = devices.get(tag.device.as_str()) {
-                    own.push(history::TagSpec {
-                        unit: tag.unit.clone().unwrap_or_default(),
-                        source: source(&self.modbus[at], tag),
-                        kind: kind.clone(),
-                    });
-                    specs[at].push(modbus::TagSpec {
-                        index,
-                        name: format!("{}.{}", control_loop.id, kind.name()),
-                        role,
-                        config: tag.clone(),
-                        frozen_after_s: control_loop.frozen_pv_s.filter(|_| role == Some(Role::Pv)),
-                    });
+                let name = format!("{}.{}", control_loop.id, kind.name());
+                let frozen_after_s = control_loop.frozen_pv_s.filter(|_| role == Some(Role::Pv));
+                let source = match tag {
+                    TagConfig::Modbus(tag) => devices.get(tag.device.as_str()).map(|&at| {
+                        let config = tag.clone();
+                        registers[at].push(modbus::TagSpec { index, name, role, config, frozen_after_s });
+                        source_in_registers(&self.modbus[at], tag)
+                    }),
+                    TagConfig::Opcua(tag) => servers.get(tag.device.as_str()).map(|&at| {
+                        let config = tag.clone();
+                        nodes[at].push(opcua::TagSpec { index, name, role, config, frozen_after_s });
+                        source_in_nodes(&self.opcua[at], tag)
+                    }),
+                };
+                if let Some(source) = source {
+                    let unit = tag.unit().unwrap_or_default().to_string();
+                    own.push(history::TagSpec { unit, source, kind });
                     index += 1;
                 }
             }
@@ -53,9 +68,11 @@ impl Config {
                 op_span: control_loop.op_span,
             });
         }
-        let plan = |(at, specs)| Plan::new(at, &self.modbus[at], specs);
-        let plans = specs.into_iter().enumerate().map(plan).collect::<Result<_, _>>()?;
-        Ok(Plant { loops, plans })
+        let plan = |(at, specs)| modbus::Plan::new(at, &self.modbus[at], specs);
+        let plans = registers.into_iter().enumerate().map(plan).collect::<Result<_, _>>()?;
+        let plan = |(at, specs)| opcua::Plan::new(self.modbus.len() + at, &self.opcua[at], specs);
+        let opcua = nodes.into_iter().enumerate().map(plan).collect::<Result<_, _>>()?;
+        Ok(Plant { loops, plans, opcua })
     }
 
     /// Time between two diagnoses of a loop (s).
@@ -65,7 +82,7 @@ impl Config {
 }
 
 /// A loop's tags in the order of their numbers.
-pub fn tags(control_loop: &LoopConfig) -> impl Iterator<Item = (Option<Role>, &modbus::TagConfig)> {
+pub fn tags(control_loop: &LoopConfig) -> impl Iterator<Item = (Option<Role>, &TagConfig)> {
     let roles = [
         (Role::Op, Some(&control_loop.op)),
         (Role::Pv, Some(&control_loop.pv)),
@@ -88,15 +105,19 @@ pub fn role_name(role: Role) -> &'static str {
     }
 }
 
-fn kind(role: Option<Role>, tag: &modbus::TagConfig) -> TagKind {
+fn positions<'n>(names: impl Iterator<Item = &'n str>) -> HashMap<&'n str, usize> {
+    names.enumerate().map(|(at, name)| (name, at)).collect()
+}
+
+fn kind(role: Option<Role>, tag: &TagConfig) -> TagKind {
     match role {
         Some(role) => TagKind::Role(role),
-        None => TagKind::Extra(tag.name.clone().unwrap_or_default()),
+        None => TagKind::Extra(tag.name().unwrap_or_default().into()),
     }
 }
 
 /// Everything that decides which number a sample of the tag is.
-fn source(device: &modbus::Config, tag: &modbus::TagConfig) -> String {
+fn source_in_registers(device: &modbus::Config, tag: &modbus::TagConfig) -> String {
     let order = tag.byte_order.unwrap_or(device.byte_order);
     let mut text = format!(
         "modbus {} unit {} {} {} from {}",
@@ -111,13 +132,26 @@ fn source(device: &modbus::Config, tag: &modbus::TagConfig) -> String {
     if let Some(bit) = tag.bit {
         text += &format!(" bit {bit}");
     }
-    if tag.scale != 1.0 || tag.offset != 0.0 {
-        text += &format!(" x {} + {}", tag.scale, tag.offset);
+    text + &meaning(tag.scale, tag.offset, tag.range, tag.auto_values.as_deref())
+}
+
+/// As [`source_in_registers`]; how the server is asked is no part of it, but for the time of a value.
+fn source_in_nodes(server: &opcua::Config, tag: &opcua::TagConfig) -> String {
+    let place = tag.node.as_deref().or(tag.path.as_deref()).unwrap_or_default();
+    let time = server.source_time_fallback;
+    format!("opcua {} {place} time {time:?}", server.url)
+        + &meaning(tag.scale, tag.offset, tag.range, tag.auto_values.as_deref())
+}
+
+fn meaning(scale: f64, offset: f64, range: Option<[f64; 2]>, auto_values: Option<&[i64]>) -> String {
+    let mut text = String::new();
+    if scale != 1.0 || offset != 0.0 {
+        text += &format!(" x {scale} + {offset}");
     }
-    if let Some([low, high]) = tag.range {
+    if let Some([low, high]) = range {
         text += &format!(" in {low} to {high}");
     }
-    if let Some(values) = &tag.auto_values {
+    if let Some(values) = auto_values {
         text += &format!(" automatic {values:?}");
     }
     text

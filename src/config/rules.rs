@@ -3,8 +3,8 @@
 use super::diagnostic::Report;
 use super::section::{Parts, ROLES};
 use super::source::{Source, Step};
-use super::{LoopConfig, plant};
-use crate::collect::modbus;
+use super::{LoopConfig, TagConfig, plant, tag};
+use crate::collect::{Issue, modbus};
 use crate::schedule;
 use crate::signal::Role;
 use std::collections::{HashMap, HashSet};
@@ -22,9 +22,11 @@ mod writing;
 /// Checks everything that could be read.
 pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
     let mut devices = HashMap::new();
-    for at in 0..parts.modbus.len() {
-        if let Some(name) = source.text(&path!["modbus", at, "name"]) {
-            devices.entry(name).or_insert(at);
+    let modbus = (0..parts.modbus.len()).map(|at| ("modbus", at, Device::Modbus(at)));
+    let opcua = (0..parts.opcua.len()).map(|at| ("opcua", at, Device::Opcua));
+    for (section, at, device) in modbus.chain(opcua) {
+        if let Some(name) = source.text(&path![section, at, "name"]) {
+            devices.entry(name).or_insert(device);
         }
     }
     let blamed = report.places();
@@ -36,12 +38,19 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
     rules.writing(parts);
 }
 
+/// Which section of its kind a device is.
+#[derive(Clone, Copy)]
+enum Device {
+    Modbus(usize),
+    Opcua,
+}
+
 struct Rules<'r, 'a, 't> {
     source: &'r Source<'a>,
     report: &'r mut Report<'t>,
     /// Positions of the devices by name, also of those that could not be read: what is wrong with a device is no
     /// fault of its tags.
-    devices: HashMap<&'r str, usize>,
+    devices: HashMap<&'r str, Device>,
     /// Values that could not be read: what stands in for them is not the file's fault.
     blamed: HashSet<usize>,
 }
@@ -83,18 +92,21 @@ impl Rules<'_, '_, '_> {
 
     fn devices(&mut self, parts: &Parts) {
         let mut seen = HashMap::new();
-        for (at, device) in parts.modbus.iter().enumerate() {
-            let here = path!["modbus", at, "name"];
+        let modbus = parts.modbus.iter().map(|device| device.as_ref().map(|device| device.validate()));
+        let opcua = parts.opcua.iter().map(|server| server.as_ref().map(|server| server.validate()));
+        let modbus = modbus.enumerate().map(|(at, issues)| ("modbus", at, issues));
+        let opcua = opcua.enumerate().map(|(at, issues)| ("opcua", at, issues));
+        for (section, at, issues) in modbus.chain(opcua) {
+            let here = path![section, at, "name"];
             if let Some(name) = self.source.text(&here) {
                 if !name.is_empty() {
                     self.name(name, &here, "name");
                 }
                 self.first(&mut seen, name, &here, "device");
             }
-            let Some(device) = device else { continue };
-            for issue in device.validate() {
+            for issue in issues.into_iter().flatten() {
                 let message = format!("{}: {}", issue.field, issue.message);
-                self.wrong(&path!["modbus", at, issue.field], message);
+                self.wrong(&path![section, at, issue.field], message);
             }
         }
     }
@@ -170,7 +182,7 @@ impl Rules<'_, '_, '_> {
         for (tag_at, (role, tag)) in tags.iter().enumerate() {
             let here = tag_path(at, tag_at, &tags);
             let field = |name: &str| [&here[..], &path![name]].concat();
-            match (role, &tag.name) {
+            match (role, tag.name()) {
                 (Some(role), Some(_)) => {
                     let role = plant::role_name(*role);
                     self.wrong(&field("name"), format!("name: only a [[loop.tag]] has one, this is {role}"));
@@ -178,7 +190,7 @@ impl Rules<'_, '_, '_> {
                 (None, None) => self.wrong(&here, "missing key \"name\" in [[loop.tag]]".into()),
                 (None, Some(name)) => {
                     self.name(name, &field("name"), "name");
-                    let taken = ROLES.contains(&name.as_str());
+                    let taken = ROLES.contains(&name);
                     self.unless(!taken, &field("name"), || {
                         format!("name: write it as [loop.{name}], or give the tag another name")
                     });
@@ -188,27 +200,58 @@ impl Rules<'_, '_, '_> {
             }
             self.tag(*role, tag, &here, parts);
             let same =
-                tags[..tag_at].iter().find(|(other, earlier)| other.is_some() && same_source(earlier, tag));
+                tags[..tag_at].iter().find(|(other, earlier)| other.is_some() && earlier.same_source(tag));
             if let (Some(role), Some((Some(other), _))) = (role, same) {
                 let (role, other) = (plant::role_name(*role), plant::role_name(*other));
-                self.wrong(&field("address"), format!("address: {role} reads the same register as {other}"));
+                let key = tag.place_key();
+                let what = if key == "address" { "register" } else { "node" };
+                self.wrong(&field(key), format!("{key}: {role} reads the same {what} as {other}"));
             }
         }
     }
 
-    fn tag(&mut self, role: Option<Role>, tag: &modbus::TagConfig, here: &[Step], parts: &Parts) {
+    fn tag(&mut self, role: Option<Role>, tag: &TagConfig, here: &[Step], parts: &Parts) {
         let field = |name: &str| [here, &path![name]].concat();
-        let Some(&device) = self.devices.get(tag.device.as_str()) else {
+        let Some(&device) = self.devices.get(tag.device()) else {
             let mut names: Vec<&str> = self.devices.keys().copied().collect();
             names.sort_unstable();
-            let hint = super::wording::hint(&tag.device, &names);
-            self.wrong(&field("device"), format!("device: no [[modbus]] is called {:?}{hint}", tag.device));
+            let hint = super::wording::hint(tag.device(), &names);
+            let message = format!("device: no [[modbus]] or [[opcua]] is called {:?}{hint}", tag.device());
+            self.wrong(&field("device"), message);
             return;
         };
-        let Some(device) = &parts.modbus[device] else {
-            return;
+        let issues = match (device, tag) {
+            (Device::Modbus(at), TagConfig::Modbus(tag)) => {
+                let strange = tag::OPCUA_KEYS.into_iter().filter(|key| self.source.has(&field(key)));
+                let strange = strange
+                    .map(|field| Issue { field, message: "a tag with a register has none".into() })
+                    .collect::<Vec<_>>();
+                let own = parts.modbus[at].as_ref().map(|device| tag.validate(device, role));
+                strange.into_iter().chain(own.unwrap_or_default()).collect()
+            }
+            (Device::Opcua, TagConfig::Opcua(tag)) => {
+                let strange = tag::MODBUS_KEYS.into_iter().filter(|key| self.source.has(&field(key)));
+                let strange =
+                    strange.map(|field| Issue { field, message: "a tag with a node has none".into() });
+                strange.chain(tag.validate(role)).collect()
+            }
+            (Device::Modbus(_), TagConfig::Opcua(own)) if own.node.is_none() && own.path.is_none() => {
+                for key in ["register", "address"] {
+                    let section = super::wording::section(here);
+                    self.wrong(here, format!("missing key {key:?} in {section}"));
+                }
+                return;
+            }
+            (Device::Modbus(_), TagConfig::Opcua(_)) => {
+                let message = format!("{:?} is a Modbus device: write register and address", tag.device());
+                vec![Issue { field: tag.place_key(), message }]
+            }
+            (Device::Opcua, TagConfig::Modbus(_)) => {
+                let message = format!("{:?} is an OPC UA server: write node or path", tag.device());
+                vec![Issue { field: "register", message }]
+            }
         };
-        for issue in tag.validate(device, role) {
+        for issue in issues {
             self.wrong(&field(issue.field), format!("{}: {}", issue.field, issue.message));
         }
     }
@@ -219,9 +262,10 @@ impl Rules<'_, '_, '_> {
         for (at, control_loop) in parts.loops.iter().enumerate() {
             let tags: Vec<_> = control_loop.iter().flat_map(plant::tags).collect();
             for (tag_at, (_, tag)) in tags.iter().enumerate() {
+                let Some(tag) = tag.as_modbus() else { continue };
                 let (places, configs) = by_device.entry(&tag.device).or_default();
                 places.push([&tag_path(at, tag_at, &tags)[..], &path!["address"]].concat());
-                configs.push(*tag);
+                configs.push(tag);
             }
         }
         for device in parts.modbus.iter().flatten() {
@@ -238,14 +282,10 @@ impl Rules<'_, '_, '_> {
 }
 
 /// The path of the `tag_at`-th of a loop's tags.
-fn tag_path(at: usize, tag_at: usize, tags: &[(Option<Role>, &modbus::TagConfig)]) -> Vec<Step> {
+fn tag_path(at: usize, tag_at: usize, tags: &[(Option<Role>, &TagConfig)]) -> Vec<Step> {
     let roles = tags.iter().filter(|(role, _)| role.is_some()).count();
     match tags[tag_at].0 {
         Some(role) => path!["loop", at, plant::role_name(role)].to_vec(),
         None => path!["loop", at, "tag", tag_at - roles].to_vec(),
     }
-}
-
-fn same_source(a: &modbus::TagConfig, b: &modbus::TagConfig) -> bool {
-    (&a.device, a.register, a.address, a.bit) == (&b.device, b.register, b.address, b.bit)
 }

@@ -5,7 +5,7 @@ use super::diagnostic::Report;
 use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig};
-use crate::collect::modbus;
+use crate::collect::{modbus, opcua};
 use crate::{alarm, diagnosis, history, schedule, serve, writeback};
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
@@ -13,8 +13,8 @@ use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 8] =
-    ["server", "history", "schedule", "diagnosis", "alarm", "writeback", "modbus", "loop"];
+const SECTIONS: [&str; 9] =
+    ["server", "history", "schedule", "diagnosis", "alarm", "writeback", "modbus", "opcua", "loop"];
 /// Tags that a loop has once.
 pub const ROLES: [&str; 5] = ["op", "pv", "sp", "mode", "mv"];
 /// Errors looked for in one section; each costs one more reading of it.
@@ -31,6 +31,7 @@ pub struct Parts {
     pub alarm: Option<alarm::Config>,
     pub writeback: Option<writeback::Config>,
     pub modbus: Vec<Option<modbus::Config>>,
+    pub opcua: Vec<Option<opcua::Config>>,
     pub loops: Vec<Option<LoopConfig>>,
 }
 
@@ -45,6 +46,7 @@ impl Parts {
             alarm: self.alarm?,
             writeback: self.writeback?,
             modbus: self.modbus.into_iter().collect::<Option<_>>()?,
+            opcua: self.opcua.into_iter().collect::<Option<_>>()?,
             loops: self.loops.into_iter().collect::<Option<_>>()?,
         })
     }
@@ -67,6 +69,7 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
         alarm: table(source, "alarm", report),
         writeback: table(source, "writeback", report),
         modbus: tables(source, "modbus", report),
+        opcua: tables(source, "opcua", report),
         loops: tables(source, "loop", report),
     }
 }

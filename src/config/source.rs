@@ -61,6 +61,11 @@ impl<'a> Source<'a> {
         known.map_or(0, |value| value.span().start)
     }
 
+    /// Whether something stands at a path.
+    pub fn has(&self, path: &[Step]) -> bool {
+        self.get(path).is_some()
+    }
+
     /// The string at a path.
     pub fn text(&self, path: &[Step]) -> Option<&str> {
         self.get(path)?.get_ref().as_str()

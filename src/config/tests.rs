@@ -171,7 +171,7 @@ description = 'größer'; colour = 1
         "f:31:16: address_base: 2 must be 0 or 1",
         "f:34:13: op_limits: [100, 0] must be the lower, then the upper limit",
         "f:35:11: op_span: 0 must be a number above 0",
-        "f:42:12: device: no [[modbus]] is called \"dcs4\", did you mean \"dcs1\"?",
+        "f:42:12: device: no [[modbus]] or [[opcua]] is called \"dcs4\", did you mean \"dcs1\"?",
         "f:49:13: address: u16 on holding register 101 overlaps f32 at 100: one register cannot be both \
          (the other is on line 39)",
         "f:51:1: missing key \"op\" in [[loop]]",
@@ -328,5 +328,77 @@ proptest! {
         if let Ok(config) = parse("f", &text.join("\n")) {
             prop_assert!(config.plant().is_ok());
         }
+    }
+}
+
+const SERVER: &str = "[[opcua]]\nname = 's'\nurl = 'opc.tcp://h:4840/'\nsecurity_policy = 'None'\n";
+
+#[test]
+fn a_loop_may_mix_registers_and_nodes() {
+    let text = format!(
+        "{DEVICE}{SERVER}[[loop]]\nid = 'A'\n[loop.op]\ndevice = 's'\nnode = 'ns=2;s=OP'\n[loop.pv]\ndevice = 'd'\n\
+         register = 'holding'\naddress = 2\ntype = 'f32'\n[loop.sp]\ndevice = 's'\npath = '/2:A/2:SP'\nscale = 2.0\n"
+    );
+    let plant = parse("f", &text).unwrap().plant().unwrap();
+    assert_eq!(plant.plans[0].tags.iter().map(|tag| tag.index).collect::<Vec<_>>(), [1]);
+    assert_eq!(plant.opcua[0].tags.iter().map(|tag| tag.index).collect::<Vec<_>>(), [0, 2]);
+    // Numbers of devices go on through the kinds.
+    assert_eq!((plant.plans[0].device, plant.opcua[0].device), (0, 1));
+    assert_eq!(plant.loops[0].tags[2].source, "opcua opc.tcp://h:4840/ /2:A/2:SP time Server x 2 + 0");
+}
+
+#[test]
+fn errors_of_nodes_and_servers_have_their_place() {
+    let text = "\
+[[opcua]]
+name = 's'
+url = 'http://h'
+security_polcy = 'None'
+[[opcua]]
+name = 't'
+url = 'opc.tcp://h:4840/'
+security_policy = 'Basic256'
+[[modbus]]
+name = 'd'
+address = 'h:1'
+address_base = 0
+[[opcua]]
+name = 'd'
+url = 'opc.tcp://h:4840/'
+[[loop]]
+id = 'A'
+[loop.op]
+device = 's'
+node = 'OP'
+[loop.pv]
+device = 's'
+node = 'ns=2;s=PV'
+address = 7
+[loop.sp]
+device = 's'
+[loop.mode]
+device = 'd'
+node = 'ns=2;s=M'
+[loop.mv]
+device = 's'
+register = 'holding'
+address = 1
+type = 'u16'
+[[loop]]
+id = 'B'
+[loop.op]
+device = 's'
+node = 'ns=2;s=X'
+[loop.pv]
+device = 's'
+node = 'ns=2;s=X'
+nod = 1
+";
+    let found = errors(text);
+    let places: Vec<String> =
+        found.iter().map(|line| line.splitn(4, ':').take(3).collect::<Vec<_>>().join(":")).collect();
+    assert!(found.iter().all(|line| !line.ends_with("::")), "{found:?}");
+    for place in ["f:4:1", "f:8:", "f:14:8", "f:20:8", "f:24:11", "f:25:1", "f:29:8", "f:32:12", "f:43:1"] {
+        assert!(places.iter().any(|found| found.starts_with(place)), "{place} in {}", found.join("\n"));
     }
 }

@@ -1,5 +1,6 @@
 //! What the configuration file says about a Modbus device and about a tag's place in it.
 
+use crate::collect::Issue;
 use crate::signal::Role;
 use serde::Deserialize;
 use std::fmt;
@@ -250,15 +251,6 @@ impl ByteOrder {
             ByteOrder::Dcba => "DCBA",
         }
     }
-}
-
-/// Something wrong in one field; the caller knows where the field stands in the file.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Issue {
-    /// The field, as the file writes it (`poll_ms`, `range`).
-    pub field: &'static str,
-    /// What is wrong and what would be right.
-    pub message: String,
 }
 
 /// Collects issues.

@@ -1,23 +1,8 @@
 //! From registers to a value with a quality. Never panics, whatever the registers.
 
 use super::config::{ByteOrder, TagConfig, ValueType};
-use crate::signal::{BadReason, Quality, Role};
-
-/// A value and whether to believe it; the value is NaN when there is none.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reading {
-    /// In the tag's unit.
-    pub value: f64,
-    /// Good, or bad and why.
-    pub quality: Quality,
-}
-
-impl Reading {
-    /// No value, and why.
-    pub fn bad(reason: BadReason) -> Self {
-        Self { value: f64::NAN, quality: Quality::Bad(reason) }
-    }
-}
+use crate::collect::scaling::{Reading, Scaling};
+use crate::signal::Role;
 
 /// How the registers of one tag become a value.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,10 +10,7 @@ pub struct Decoder {
     value_type: ValueType,
     order: ByteOrder,
     bit: u8,
-    scale: f64,
-    offset: f64,
-    range: Option<[f64; 2]>,
-    mode: Option<Vec<i64>>,
+    scaling: Scaling,
 }
 
 impl Decoder {
@@ -38,10 +20,12 @@ impl Decoder {
             value_type,
             order,
             bit: tag.bit.unwrap_or(0),
-            scale: tag.scale,
-            offset: tag.offset,
-            range: tag.range,
-            mode: (role == Some(Role::Mode)).then(|| tag.auto_values.clone().unwrap_or_default()),
+            scaling: Scaling {
+                scale: tag.scale,
+                offset: tag.offset,
+                range: tag.range,
+                auto_values: (role == Some(Role::Mode)).then(|| tag.auto_values.clone().unwrap_or_default()),
+            },
         }
     }
 
@@ -51,17 +35,7 @@ impl Decoder {
     /// value = scale * raw + offset. `bad:not_a_number` when that is not finite, `bad:out_of_range` (with
     /// the value) when it lies outside the range. A mode is 1 in automatic, else 0.
     pub fn decode(&self, words: &[u16]) -> Option<Reading> {
-        let raw = self.raw(words)?;
-        if let Some(auto_values) = &self.mode {
-            return Some(mode(raw, auto_values));
-        }
-        let value = raw * self.scale + self.offset;
-        if !value.is_finite() {
-            return Some(Reading::bad(BadReason::NotANumber));
-        }
-        let outside = self.range.is_some_and(|[least, greatest]| value < least || value > greatest);
-        let quality = if outside { Quality::Bad(BadReason::OutOfRange) } else { Quality::Good };
-        Some(Reading { value, quality })
+        Some(self.scaling.read(self.raw(words)?))
     }
 
     fn raw(&self, words: &[u16]) -> Option<f64> {
@@ -76,17 +50,6 @@ impl Decoder {
             ValueType::Bit => f64::from((u16::from_be_bytes(bytes(words, order)?) >> (self.bit & 15)) & 1),
         })
     }
-}
-
-fn mode(raw: f64, auto_values: &[i64]) -> Reading {
-    if !raw.is_finite() {
-        return Reading::bad(BadReason::NotANumber);
-    }
-    let auto = match auto_values {
-        [] => raw != 0.0,
-        values => values.iter().any(|value| *value as f64 == raw),
-    };
-    Reading { value: f64::from(u8::from(auto)), quality: Quality::Good }
 }
 
 /// The first N bytes of a value, most significant first, from registers in the given order.
@@ -108,10 +71,13 @@ pub(super) fn bytes<const N: usize>(words: &[u16], order: ByteOrder) -> Option<[
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::signal::{BadReason, Quality};
     use proptest::prelude::*;
 
+    const PLAIN: Scaling = Scaling { scale: 1.0, offset: 0.0, range: None, auto_values: None };
+
     fn decoder(value_type: ValueType, order: ByteOrder) -> Decoder {
-        Decoder { value_type, order, bit: 0, scale: 1.0, offset: 0.0, range: None, mode: None }
+        Decoder { value_type, order, bit: 0, scaling: PLAIN }
     }
 
     fn value(value_type: ValueType, order: ByteOrder, words: &[u16]) -> f64 {
@@ -155,7 +121,8 @@ mod tests {
             assert_eq!(reading.quality, Quality::Bad(BadReason::NotANumber));
             assert!(reading.value.is_nan());
         }
-        let overflow = Decoder { scale: 10.0, ..decoder(ValueType::F64, ByteOrder::Abcd) };
+        let overflow =
+            Decoder { scaling: Scaling { scale: 10.0, ..PLAIN }, ..decoder(ValueType::F64, ByteOrder::Abcd) };
         let reading = overflow.decode(&[0x7FEF, 0xFFFF, 0xFFFF, 0xFFFF]).unwrap();
         assert_eq!(reading.quality, Quality::Bad(BadReason::NotANumber));
     }
@@ -163,9 +130,7 @@ mod tests {
     #[test]
     fn the_range_holds_after_scaling_and_includes_its_ends() {
         let percent = Decoder {
-            scale: 0.5,
-            offset: -10.0,
-            range: Some([0.0, 100.0]),
+            scaling: Scaling { scale: 0.5, offset: -10.0, range: Some([0.0, 100.0]), ..PLAIN },
             ..decoder(ValueType::U16, ByteOrder::Abcd)
         };
         let quality = |raw| percent.decode(&[raw]).unwrap().quality;
@@ -184,7 +149,8 @@ mod tests {
         let swapped = Decoder { order: ByteOrder::Badc, ..bit };
         assert_eq!(swapped.decode(&[0x0002]).unwrap().value, 1.0);
         let mode = |auto: &[i64], raw| {
-            let with = Decoder { mode: Some(auto.to_vec()), ..decoder(ValueType::U16, ByteOrder::Abcd) };
+            let scaling = Scaling { auto_values: Some(auto.to_vec()), ..PLAIN };
+            let with = Decoder { scaling, ..decoder(ValueType::U16, ByteOrder::Abcd) };
             with.decode(&[raw]).unwrap().value
         };
         assert_eq!([0, 1, 2, 3].map(|raw| mode(&[1, 2], raw)), [0.0, 1.0, 1.0, 0.0]);
@@ -231,7 +197,7 @@ mod tests {
             value_type in any_type(), order in any_order(), bit in any::<u8>(),
             scale in any::<f64>(), words in prop::collection::vec(any::<u16>(), 0..8),
         ) {
-            let decoder = Decoder { bit, scale, ..decoder(value_type, order) };
+            let decoder = Decoder { bit, scaling: Scaling { scale, ..PLAIN }, ..decoder(value_type, order) };
             let reading = decoder.decode(&words);
             prop_assert_eq!(reading.is_some(), words.len() >= usize::from(value_type.width()));
             if let Some(reading) = reading {

@@ -1,11 +1,10 @@
 //! The poll loop of one device: a fixed rate, one connection, and for every tag one sample a poll.
 
-use super::backoff::Backoff;
-use super::decode::Reading;
 use super::link::{Link, Lost, Refusal};
 use super::plan::{Plan, Tag};
 use super::slots::Slots;
-use crate::collect::{Clock, DeviceHealth, Frozen, Poll, Sink};
+use crate::collect::backoff::Backoff;
+use crate::collect::{Clock, DeviceHealth, Frozen, Poll, Reading, Sink};
 use crate::signal::{BadReason, Quality, Sample};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;

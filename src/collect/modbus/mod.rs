@@ -1,11 +1,10 @@
 //! Modbus/TCP, read only: no function code that writes exists in this module.
 //!
 //! `config` says what to read and `overlap` finds tags that contradict each other; `plan` groups them into
-//! requests without I/O; `device` polls one device. `slots` decides which request is asked when, `backoff`
-//! when to try a lost link again, `decode` makes values of registers: all three are pure. `link` is the only
-//! place that talks to a socket. `probe` helps at commissioning.
+//! requests without I/O; `device` polls one device. `slots` decides which request is asked when, `decode` makes
+//! values of registers: both are pure. `link` is the only place that talks to a socket. `probe` helps at
+//! commissioning.
 
-mod backoff;
 mod config;
 mod decode;
 mod device;
@@ -15,8 +14,8 @@ mod plan;
 mod probe;
 mod slots;
 
-pub use config::{ByteOrder, Config, Issue, Register, TagConfig, ValueType};
-pub use decode::{Decoder, Reading};
+pub use config::{ByteOrder, Config, Register, TagConfig, ValueType};
+pub use decode::Decoder;
 pub use device::Collector;
 pub use overlap::{Contradiction, contradictions};
 pub use plan::{Limits, Plan, Request, Span, Tag, TagSpec, group};

@@ -1,8 +1,9 @@
 //! What to ask a device, decided once and without I/O: neighbouring registers go into one request.
 
-use super::config::{Config, Issue, Register, TagConfig, ValueType};
+use super::config::{Config, Register, TagConfig, ValueType};
 use super::decode::Decoder;
 use super::overlap::contradictions;
+use crate::collect::Issue;
 use crate::signal::Role;
 use std::time::Duration;
 
@@ -147,6 +148,21 @@ impl Plan {
             requests: group(&spans, &limits),
             tags,
         })
+    }
+}
+
+impl Plan {
+    /// Whether a device would be polled the same under both plans, apart from the numbers of its tags and its own.
+    pub fn asks_the_same(&self, other: &Plan) -> bool {
+        let head =
+            |p: &Plan| (p.name.clone(), p.address.clone(), p.unit_id, p.period, p.timeout, p.reconnect_max);
+        head(self) == head(other)
+            && self.requests == other.requests
+            && self.tags.len() == other.tags.len()
+            && self.tags.iter().zip(&other.tags).all(|(a, b)| {
+                (&a.name, a.span, &a.decoder, a.frozen_after_s)
+                    == (&b.name, b.span, &b.decoder, b.frozen_after_s)
+            })
     }
 }
 

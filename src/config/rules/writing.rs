@@ -4,7 +4,7 @@ use super::super::LoopConfig;
 use super::super::plant;
 use super::super::section::Parts;
 use super::super::source::Step;
-use super::{Rules, tag_path};
+use super::{Device, Rules, tag_path};
 use crate::collect::modbus::{self, Register};
 use crate::writeback;
 
@@ -64,6 +64,7 @@ impl Rules<'_, '_, '_> {
             let Some(control_loop) = control_loop else { continue };
             let tags: Vec<_> = plant::tags(control_loop).collect();
             for (tag_at, (role, tag)) in tags.iter().enumerate() {
+                let Some(tag) = tag.as_modbus() else { continue };
                 let device = self.device(&tag.device, parts);
                 let Some((device, width)) = device.zip(tag.effective_type().map(|t| t.width())) else {
                     continue;
@@ -97,7 +98,7 @@ impl Rules<'_, '_, '_> {
     ) {
         let here = |field: &str| path!["loop", at, "writeback", field].to_vec();
         let Some(device) = self.device(&own.device, parts) else {
-            if !self.devices.contains_key(own.device.as_str()) {
+            if !matches!(self.devices.get(own.device.as_str()), Some(Device::Modbus(_))) {
                 let message = format!("device: no [[modbus]] is called {:?}", own.device);
                 self.wrong(&here("device"), message);
             }
@@ -133,6 +134,9 @@ impl Rules<'_, '_, '_> {
     }
 
     fn device<'p>(&self, name: &str, parts: &'p Parts) -> Option<&'p modbus::Config> {
-        parts.modbus[*self.devices.get(name)?].as_ref()
+        match self.devices.get(name)? {
+            Device::Modbus(at) => parts.modbus[*at].as_ref(),
+            Device::Opcua => None,
+        }
     }
 }

@@ -1,0 +1,390 @@
+//! What the configuration file says about an OPC UA server and about a tag's node in it.
+
+use crate::collect::Issue;
+use crate::signal::Role;
+use opcua::types::{NodeId, RelativePath, RelativePathElement};
+use serde::Deserialize;
+use std::ops::RangeInclusive;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// One OPC UA server, `[[opcua]]`. Every entry has a session and a task of its own.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Name that tags refer to.
+    pub name: String,
+    /// `opc.tcp://host:port/path`. The host must stand in the server's certificate.
+    pub url: String,
+    /// How messages are protected.
+    #[serde(default)]
+    pub security_policy: SecurityPolicy,
+    /// What that does to them; left out, `None` for the policy `None`, else `SignAndEncrypt`.
+    #[serde(default)]
+    pub security_mode: Option<SecurityMode>,
+    /// Folder of certificates: `own/cert.der`, `private/private.pem`, `trusted/`, `rejected/`. Needed by every
+    /// policy but `None`. A server whose certificate is not in `trusted/` is refused.
+    #[serde(default)]
+    pub pki_dir: Option<PathBuf>,
+    /// URI of this client; it must be the one in `own/cert.der`.
+    #[serde(default = "default_application_uri")]
+    pub application_uri: String,
+    /// User name; without it and without a certificate of a user the session is anonymous.
+    #[serde(default)]
+    pub user: Option<String>,
+    /// File whose first line is the password; read at every connect.
+    #[serde(default)]
+    pub password_file: Option<PathBuf>,
+    /// Environment variable that holds the password.
+    #[serde(default)]
+    pub password_env: Option<String>,
+    /// Certificate of the user (`.der` or `.pem`), for an X.509 identity.
+    #[serde(default)]
+    pub user_certificate: Option<PathBuf>,
+    /// Its private key (`.pem`).
+    #[serde(default)]
+    pub user_key: Option<PathBuf>,
+    /// Subscriptions, or plain reading.
+    #[serde(default)]
+    pub mode: Mode,
+    /// How often the server samples a node, or how often it is read (ms).
+    #[serde(default = "default_sampling_ms")]
+    pub sampling_ms: u64,
+    /// How often the server sends what it sampled (ms).
+    #[serde(default = "default_publishing_ms")]
+    pub publishing_ms: u64,
+    /// Samples of a node that the server keeps between two publishings.
+    #[serde(default = "default_queue_size")]
+    pub queue_size: u32,
+    /// Changes smaller than this share of the node's EURange are not sent (%); 0 sends all.
+    #[serde(default)]
+    pub deadband_percent: f64,
+    /// Longest wait for a connection and for each answer (ms).
+    #[serde(default = "default_timeout_ms")]
+    pub timeout_ms: u64,
+    /// Longest pause between attempts to reconnect (ms).
+    #[serde(default = "default_reconnect_max_ms")]
+    pub reconnect_max_ms: u64,
+    /// A session without data for longer is asked for the values itself, and given up when it hid some (s).
+    #[serde(default = "default_silent_s")]
+    pub silent_s: f64,
+    /// What stands in where a value carries no source time.
+    #[serde(default)]
+    pub source_time_fallback: TimeFallback,
+    /// Whether a gap is filled from the server's history after a reconnect.
+    #[serde(default = "default_true")]
+    pub fill_gaps: bool,
+    /// Longest gap that is filled (s).
+    #[serde(default = "default_history_max_s")]
+    pub history_max_s: f64,
+    /// Most nodes in one request; a smaller limit of the server holds.
+    #[serde(default = "default_max_nodes")]
+    pub max_nodes_per_request: usize,
+}
+
+fn default_application_uri() -> String {
+    "urn:stictiond".into()
+}
+fn default_sampling_ms() -> u64 {
+    1000
+}
+fn default_publishing_ms() -> u64 {
+    1000
+}
+fn default_queue_size() -> u32 {
+    10
+}
+fn default_timeout_ms() -> u64 {
+    5000
+}
+fn default_reconnect_max_ms() -> u64 {
+    30_000
+}
+fn default_silent_s() -> f64 {
+    30.0
+}
+fn default_true() -> bool {
+    true
+}
+fn default_history_max_s() -> f64 {
+    3600.0
+}
+fn default_max_nodes() -> usize {
+    500
+}
+
+/// Security policies, by the names of the standard.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+pub enum SecurityPolicy {
+    /// Neither signed nor encrypted.
+    None,
+    /// RSA and AES-256-CBC with SHA-256.
+    #[default]
+    Basic256Sha256,
+    /// RSA-PSS and AES-256-CBC with SHA-256.
+    #[serde(rename = "Aes256_Sha256_RsaPss")]
+    Aes256Sha256RsaPss,
+}
+
+/// What is done to messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+pub enum SecurityMode {
+    /// Nothing.
+    None,
+    /// Signed: readable, not changeable on the way.
+    Sign,
+    /// Signed and encrypted.
+    SignAndEncrypt,
+}
+
+/// How values are obtained.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// The server samples and sends.
+    #[default]
+    Subscribe,
+    /// Every value is read every `sampling_ms`.
+    Poll,
+}
+
+/// The time of a value that has no source time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TimeFallback {
+    /// The server's time stamp, and if there is none either, the value is bad.
+    #[default]
+    Server,
+    /// When it arrived here.
+    Arrival,
+    /// None: such a value is bad.
+    None,
+}
+
+/// Where a tag lives in an OPC UA server: `[loop.op]`, `[[loop.tag]]`, … with `node` or `path`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TagConfig {
+    /// Name of an extra tag; the five roles of a loop have none.
+    #[serde(default)]
+    pub name: Option<String>,
+    /// Name of the `[[opcua]]`.
+    pub device: String,
+    /// Node id, `ns=2;s=FIC101.OP` or `ns=2;i=4711`.
+    #[serde(default)]
+    pub node: Option<String>,
+    /// Browse path from the Objects folder, `/2:Unit10/2:FIC101/2:OP`.
+    #[serde(default)]
+    pub path: Option<String>,
+    /// How often the server samples this node (ms), where that is not as for the others; of a subscription only.
+    #[serde(default)]
+    pub sampling_ms: Option<u64>,
+    /// As the server's `queue_size`, for this node.
+    #[serde(default)]
+    pub queue_size: Option<u32>,
+    /// Changes smaller than this are not sent, in the node's own unit, before scaling.
+    #[serde(default)]
+    pub deadband: Option<f64>,
+    /// As the server's `deadband_percent`, for this node.
+    #[serde(default)]
+    pub deadband_percent: Option<f64>,
+    /// value = scale * raw + offset.
+    #[serde(default = "default_scale")]
+    pub scale: f64,
+    /// See `scale`.
+    #[serde(default)]
+    pub offset: f64,
+    /// Least and greatest believable value, after scaling.
+    #[serde(default)]
+    pub range: Option<[f64; 2]>,
+    /// Engineering unit, for people.
+    #[serde(default)]
+    pub unit: Option<String>,
+    /// Of a mode tag: the raw values that mean automatic. Without it, anything but 0 does.
+    #[serde(default)]
+    pub auto_values: Option<Vec<i64>>,
+}
+
+fn default_scale() -> f64 {
+    1.0
+}
+
+/// Where a tag is found.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Place {
+    /// By its node id.
+    Node(NodeId),
+    /// By its browse path from the Objects folder.
+    Path(String, RelativePath),
+}
+
+impl Config {
+    /// The security mode in force.
+    pub fn effective_mode(&self) -> SecurityMode {
+        self.security_mode.unwrap_or(match self.security_policy {
+            SecurityPolicy::None => SecurityMode::None,
+            _ => SecurityMode::SignAndEncrypt,
+        })
+    }
+
+    /// Everything wrong with the server's own fields; empty when it can be asked.
+    pub fn validate(&self) -> Vec<Issue> {
+        let mut issues = Vec::new();
+        let mut unless = |ok: bool, field: &'static str, message: String| {
+            if !ok {
+                issues.push(Issue { field, message });
+            }
+        };
+        unless(!self.name.trim().is_empty(), "name", "a device needs a name".into());
+        unless(is_url(&self.url), "url", format!("'{}' is not opc.tcp://host:port/path", self.url));
+        for (field, value, least) in [
+            ("sampling_ms", self.sampling_ms, 10),
+            ("publishing_ms", self.publishing_ms, 10),
+            ("timeout_ms", self.timeout_ms, 10),
+            ("reconnect_max_ms", self.reconnect_max_ms, 10),
+        ] {
+            let ok = (least..=86_400_000).contains(&value);
+            unless(ok, field, format!("{value} must be {least} to 86400000"));
+        }
+        unless(QUEUES.contains(&self.queue_size), "queue_size", "must be 1 to 10000".into());
+        unless(is_percent(self.deadband_percent), "deadband_percent", PERCENT.into());
+        unless((0.1..=86_400.0).contains(&self.silent_s), "silent_s", "must be 0.1 to 86400".into());
+        let ok = (1.0..=2_678_400.0).contains(&self.history_max_s);
+        unless(ok, "history_max_s", "must be 1 to 2678400, 31 days".into());
+        let ok = (1..=10_000).contains(&self.max_nodes_per_request);
+        unless(ok, "max_nodes_per_request", "must be 1 to 10000".into());
+        unless(self.application_uri.contains(':'), "application_uri", "must be a URI".into());
+        issues.extend(self.security());
+        issues
+    }
+
+    fn security(&self) -> Vec<Issue> {
+        let mut issues = Vec::new();
+        let mut unless = |ok: bool, field: &'static str, message: &str| {
+            if !ok {
+                issues.push(Issue { field, message: message.into() });
+            }
+        };
+        let plain = self.security_policy == SecurityPolicy::None;
+        unless(
+            plain == (self.effective_mode() == SecurityMode::None),
+            "security_mode",
+            "the policy and the mode \"None\" go with each other only",
+        );
+        unless(
+            plain || self.pki_dir.is_some(),
+            "pki_dir",
+            "a folder of certificates is needed; or write security_policy = \"None\", then everything is readable and \
+             changeable on the way",
+        );
+        let passwords = usize::from(self.password_file.is_some()) + usize::from(self.password_env.is_some());
+        unless(
+            self.user.is_some() == (passwords > 0),
+            "user",
+            "a user name and one of password_file and password_env belong together",
+        );
+        unless(passwords < 2, "password_env", "there is password_file too: leave one out");
+        unless(
+            self.user_certificate.is_some() == self.user_key.is_some(),
+            "user_certificate",
+            "user_certificate and user_key belong together",
+        );
+        unless(
+            self.user.is_none() || self.user_certificate.is_none(),
+            "user_certificate",
+            "there is a user name too: leave one out",
+        );
+        issues
+    }
+}
+
+impl TagConfig {
+    /// Where the tag is found, or what is wrong with `node` or `path`.
+    ///
+    /// # Errors
+    /// The one thing to change.
+    pub fn place(&self) -> Result<Place, Issue> {
+        let issue = |field, message: &str| Err(Issue { field, message: message.into() });
+        match (&self.node, &self.path) {
+            (Some(_), Some(_)) => issue("path", "there is a node too: leave one out"),
+            (None, None) => issue("node", "a tag of an OPC UA server needs a node or a path"),
+            (Some(node), None) => match NodeId::from_str(node) {
+                Ok(node) => Ok(Place::Node(node)),
+                Err(_) => issue("node", &format!("'{node}' is not a node id such as ns=2;s=FIC101.OP")),
+            },
+            (None, Some(path)) => {
+                let resolver = &RelativePathElement::default_node_resolver;
+                match RelativePath::from_str(path, resolver) {
+                    Ok(found) if found.elements.as_ref().is_some_and(|e| !e.is_empty()) => {
+                        Ok(Place::Path(path.clone(), found))
+                    }
+                    _ => issue(
+                        "path",
+                        &format!("'{path}' is not a browse path such as /2:Unit10/2:FIC101/2:OP"),
+                    ),
+                }
+            }
+        }
+    }
+
+    /// Everything wrong with the tag in this role (`None` for an extra tag).
+    pub fn validate(&self, role: Option<Role>) -> Vec<Issue> {
+        let mut issues: Vec<Issue> = self.place().err().into_iter().collect();
+        let mut unless = |ok: bool, field: &'static str, message: String| {
+            if !ok {
+                issues.push(Issue { field, message });
+            }
+        };
+        let mode = role == Some(Role::Mode);
+        let ok = self.sampling_ms.is_none_or(|every| (10..=86_400_000).contains(&every));
+        unless(ok, "sampling_ms", "must be 10 to 86400000".into());
+        let ok = self.queue_size.is_none_or(|queue| QUEUES.contains(&queue));
+        unless(ok, "queue_size", "must be 1 to 10000".into());
+        let ok = self.deadband.is_none_or(|band| band.is_finite() && band >= 0.0);
+        unless(ok, "deadband", "must be a number from 0, in the node's own unit".into());
+        unless(self.deadband_percent.is_none_or(is_percent), "deadband_percent", PERCENT.into());
+        let both = self.deadband.is_some() && self.deadband_percent.is_some();
+        unless(!both, "deadband_percent", "there is deadband too: leave one out".into());
+        let ok = self.scale.is_finite() && self.scale != 0.0;
+        unless(ok, "scale", format!("{} must be a number other than 0", self.scale));
+        unless(self.offset.is_finite(), "offset", format!("{} must be a number", self.offset));
+        if let Some([least, greatest]) = self.range {
+            let ordered = least.is_finite() && greatest.is_finite() && least < greatest;
+            unless(
+                ordered,
+                "range",
+                format!("[{least}, {greatest}] must be the least, then the greatest value"),
+            );
+        }
+        if let Some(values) = &self.auto_values {
+            unless(mode, "auto_values", "only a mode tag has them".into());
+            unless(!values.is_empty(), "auto_values", "name at least one value".into());
+        }
+        for (field, plain) in
+            [("scale", self.scale == 1.0), ("offset", self.offset == 0.0), ("range", self.range.is_none())]
+        {
+            unless(!mode || plain, field, "a mode is compared raw; write the raw auto_values".into());
+        }
+        issues
+    }
+}
+
+const QUEUES: RangeInclusive<u32> = 1..=10_000;
+const PERCENT: &str = "must be 0 to less than 100, % of the node's EURange";
+
+fn is_percent(band: f64) -> bool {
+    (0.0..100.0).contains(&band)
+}
+
+fn is_url(url: &str) -> bool {
+    let Some(rest) = url.strip_prefix("opc.tcp://") else { return false };
+    let (authority, _) = rest.split_once('/').unwrap_or((rest, ""));
+    !url.contains(char::is_whitespace)
+        && authority
+            .rsplit_once(':')
+            .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0))
+}
+
+#[cfg(test)]
+#[path = "config_tests.rs"]
+mod tests;

@@ -1,0 +1,79 @@
+use super::*;
+
+fn device(more: &str) -> Config {
+    toml::from_str(&format!("name = 'd'\nurl = 'opc.tcp://localhost:4840/'\n{more}")).unwrap()
+}
+
+fn fields(issues: Vec<Issue>) -> Vec<&'static str> {
+    issues.into_iter().map(|issue| issue.field).collect()
+}
+
+#[test]
+fn security_is_on_unless_the_file_says_otherwise() {
+    let secure = device("pki_dir = 'pki'");
+    assert_eq!(secure.effective_mode(), SecurityMode::SignAndEncrypt);
+    assert_eq!(fields(secure.validate()), [""; 0]);
+    assert_eq!(fields(device("").validate()), ["pki_dir"]);
+    let plain = device("security_policy = 'None'");
+    assert_eq!(plain.effective_mode(), SecurityMode::None);
+    assert_eq!(fields(plain.validate()), [""; 0]);
+}
+
+#[test]
+fn what_contradicts_itself_is_refused() {
+    for (more, field) in [
+        ("security_policy = 'None'\nsecurity_mode = 'Sign'", "security_mode"),
+        ("pki_dir = 'p'\nsecurity_mode = 'None'", "security_mode"),
+        ("pki_dir = 'p'\nuser = 'u'", "user"),
+        ("pki_dir = 'p'\npassword_env = 'P'", "user"),
+        ("pki_dir = 'p'\nuser = 'u'\npassword_env = 'P'\npassword_file = 'f'", "password_env"),
+        ("pki_dir = 'p'\nuser_key = 'k'", "user_certificate"),
+        ("pki_dir = 'p'\nsampling_ms = 0", "sampling_ms"),
+        ("pki_dir = 'p'\nqueue_size = 0", "queue_size"),
+        ("pki_dir = 'p'\ndeadband_percent = 100.0", "deadband_percent"),
+        ("pki_dir = 'p'\nsilent_s = nan", "silent_s"),
+        ("pki_dir = 'p'\nmax_nodes_per_request = 0", "max_nodes_per_request"),
+    ] {
+        assert_eq!(fields(device(more).validate()), [field], "{more}");
+    }
+    for url in ["", "localhost:4840", "opc.tcp://", "opc.tcp://h", "opc.tcp://h:0/", "opc.tcp://a b:1"] {
+        let config = Config { url: url.into(), ..device("pki_dir = 'p'") };
+        assert_eq!(fields(config.validate()), ["url"], "{url}");
+    }
+}
+
+#[test]
+fn places_are_node_ids_or_browse_paths() {
+    let tag = |text: &str| -> TagConfig { toml::from_str(&format!("device = 'd'\n{text}")).unwrap() };
+    let node = tag("node = 'ns=2;s=FIC101.OP'").place().unwrap();
+    assert_eq!(node, Place::Node(NodeId::new(2, "FIC101.OP")));
+    assert_eq!(tag("node = 'i=2258'").place().unwrap(), Place::Node(NodeId::new(0, 2258u32)));
+    let Place::Path(_, path) = tag("path = '/2:Unit/2:OP'").place().unwrap() else { panic!("a path") };
+    let names: Vec<String> = path
+        .elements
+        .unwrap()
+        .iter()
+        .map(|e| format!("{}:{}", e.target_name.namespace_index, e.target_name.name))
+        .collect();
+    assert_eq!(names, ["2:Unit", "2:OP"]);
+    for (text, field) in [
+        ("", "node"),
+        ("node = 'FIC101'", "node"),
+        ("node = 'ns=99999;s=a'", "node"),
+        ("node = 'i=1'\npath = '/2:a'", "path"),
+        ("path = ''", "path"),
+        ("path = 'Unit'", "path"),
+    ] {
+        assert_eq!(tag(text).place().unwrap_err().field, field, "{text}");
+    }
+}
+
+#[test]
+fn a_mode_is_raw_and_a_range_is_ordered() {
+    let tag =
+        |text: &str| -> TagConfig { toml::from_str(&format!("device = 'd'\nnode = 'i=1'\n{text}")).unwrap() };
+    assert_eq!(fields(tag("scale = 2.0").validate(Some(Role::Mode))), ["scale"]);
+    assert_eq!(fields(tag("auto_values = [1]").validate(Some(Role::Mode))), [""; 0]);
+    assert_eq!(fields(tag("auto_values = [1]").validate(Some(Role::Pv))), ["auto_values"]);
+    assert_eq!(fields(tag("range = [1.0, 0.0]\nscale = 0.0").validate(None)), ["scale", "range"]);
+}

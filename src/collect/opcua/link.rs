@@ -1,0 +1,493 @@
+//! One session with one server, and the only place that talks to it. It can only read.
+//!
+//! A session that is lost is never revived: after the client's own reconnect subscriptions exist but nobody asks
+//! for what they publish. Reconnects are switched off, and a new link is opened instead.
+
+use super::config::{Config, Place, SecurityPolicy};
+use super::listener::{Event, Listener, MAX_EVENTS};
+use super::plan::{Deadband, Sampling};
+use super::security::{explain, identity, message_mode, own_files, policy_uri};
+use super::value::date_time;
+use opcua::client::{Client, ClientBuilder, HistoryReadAction, Session};
+use opcua::types::{
+    AttributeId, BrowsePath, ByteString, DataChangeFilter, DataChangeTrigger, DataValue, EndpointDescription,
+    Error, ExtensionObject, HistoryData, HistoryReadValueId, MonitoredItemCreateRequest, MonitoringMode,
+    MonitoringParameters, NodeId, ObjectId, ReadRawModifiedDetails, ReadValueId, StatusCode,
+    TimestampsToReturn, UserTokenPolicy, VariableId,
+};
+use std::fmt;
+use std::future::Future;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+use tokio::sync::mpsc::{Receiver, channel};
+use tokio::task::AbortHandle;
+use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
+
+/// Most array elements of an answer: the library's default drops long ones without a word.
+const MAX_ARRAY: usize = 20_000;
+/// Values of one node asked of the history at once.
+const VALUES_PER_PAGE: u32 = 1000;
+/// The server is told goodbye for no longer than this.
+const GOODBYE: Duration = Duration::from_secs(2);
+
+/// Why there is no session (any more).
+#[derive(Debug)]
+pub(super) enum Lost {
+    /// No answer in time.
+    Timeout(String),
+    /// Refused, broken, ended, or not believed any more.
+    Broken(String),
+    /// Refused for a certificate, an identity or the security asked for, by us or by the server.
+    Untrusted(String),
+}
+
+impl fmt::Display for Lost {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Lost::Timeout(what) => write!(out, "no answer in time: {what}"),
+            Lost::Broken(why) | Lost::Untrusted(why) => out.write_str(why),
+        }
+    }
+}
+
+/// Most nodes in one request, by service; lowered when the server refuses more.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    read: usize,
+    monitor: usize,
+    translate: usize,
+    history: usize,
+}
+
+/// One node's page of history, and where the next begins.
+pub(super) struct Page {
+    pub(super) values: Vec<DataValue>,
+    pub(super) status: StatusCode,
+    pub(super) next: ByteString,
+}
+
+/// An open session. Dropped, it says goodbye on a task of its own.
+pub(super) struct Link {
+    config: Arc<Config>,
+    session: Arc<Session>,
+    limits: Limits,
+    ended: CancellationToken,
+    task: AbortHandle,
+    /// Events that found the queue full.
+    pub(super) dropped: Arc<AtomicU64>,
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        self.session.disable_reconnects();
+        let (session, task) = (self.session.clone(), self.task.clone());
+        match tokio::runtime::Handle::try_current() {
+            Ok(runtime) if !self.ended.is_cancelled() => {
+                runtime.spawn(async move {
+                    // It is gone either way; the goodbye only spares the server a session that times out.
+                    let _ = timeout(GOODBYE, session.disconnect()).await;
+                    task.abort();
+                });
+            }
+            _ => task.abort(),
+        }
+    }
+}
+
+impl Link {
+    /// Connects, within the configured time-out for each step, and reads the server's limits.
+    pub(super) async fn open(config: Arc<Config>) -> Result<Link, Lost> {
+        own_files(&config).map_err(Lost::Untrusted)?;
+        let token = identity(&config).map_err(Lost::Untrusted)?;
+        let limit = Duration::from_millis(config.timeout_ms);
+        let mut client = client(&config).map_err(Lost::Broken)?;
+        let endpoint: EndpointDescription = (
+            config.url.as_str(),
+            policy_uri(config.security_policy),
+            message_mode(config.effective_mode()),
+            UserTokenPolicy::anonymous(),
+        )
+            .into();
+        let connecting = client.connect_to_matching_endpoint(endpoint, token);
+        let (session, events) = match timeout(limit, connecting).await {
+            Err(_) => return Err(Lost::Timeout(format!("{} does not list its endpoints", config.url))),
+            Ok(Err(error)) => return Err(unopened(error.status(), &config)),
+            Ok(Ok(connected)) => connected,
+        };
+        let (ended, over) = (CancellationToken::new(), CancellationToken::new());
+        let (guard, finished) = (ended.clone(), over.clone());
+        let task = tokio::spawn(async move {
+            let _over = finished.drop_guard();
+            let status = events.run().await;
+            guard.cancel();
+            status
+        });
+        let abort = task.abort_handle();
+        // Waiting alone would hang for ever once the loop has given up.
+        let connected = tokio::select! {
+            status = task => Err(status.unwrap_or(StatusCode::BadUnexpectedError)),
+            waited = timeout(limit, session.wait_for_connection()) => Ok(waited.unwrap_or(false)),
+        };
+        match connected {
+            Ok(true) => {}
+            Ok(false) => {
+                abort.abort();
+                return Err(Lost::Timeout(format!("{} opens no session", config.url)));
+            }
+            Err(status) => return Err(unopened(status, &config)),
+        }
+        session.disable_reconnects();
+        let most = config.max_nodes_per_request;
+        let limits = Limits { read: most, monitor: most, translate: most, history: most };
+        let mut link = Link { config, session, limits, ended: over, task: abort, dropped: Arc::default() };
+        link.read_limits().await?;
+        Ok(link)
+    }
+
+    /// Ends when the session has.
+    pub(super) async fn ended(&self) {
+        self.ended.cancelled().await;
+    }
+
+    /// Waits for an answer as long as the session lives, and not much longer than the time-out.
+    async fn answer<T>(
+        &self,
+        what: &str,
+        asked: impl Future<Output = Result<T, Error>>,
+    ) -> Result<T, Refused> {
+        let limit = Duration::from_millis(self.config.timeout_ms).saturating_mul(2);
+        let answered = tokio::select! {
+            () = self.ended() => return Err(Refused::Lost(Lost::Broken("the server ended the session".into()))),
+            answered = timeout(limit, asked) => answered,
+        };
+        match answered {
+            Err(_) => Err(Refused::Lost(Lost::Timeout(what.into()))),
+            Ok(Ok(answer)) => Ok(answer),
+            Ok(Err(error)) => Err(refused(what, error.status())),
+        }
+    }
+
+    /// What the server says it can take at once; what it does not say is not limited by it.
+    async fn read_limits(&mut self) -> Result<(), Lost> {
+        let ids = [
+            VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerRead,
+            VariableId::Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall,
+            VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerTranslateBrowsePathsToNodeIds,
+            VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerHistoryReadData,
+        ];
+        let nodes: Vec<NodeId> = ids.into_iter().map(NodeId::from).collect();
+        let said: Vec<Option<usize>> = self
+            .read(&nodes)
+            .await?
+            .iter()
+            .map(|value| value.value.as_ref()?.as_f64().filter(|most| *most >= 1.0).map(|most| most as usize))
+            .collect();
+        let least = |at: usize, own: usize| said.get(at).copied().flatten().map_or(own, |most| most.min(own));
+        let Limits { read, monitor, translate, history } = self.limits;
+        self.limits = Limits {
+            read: least(0, read),
+            monitor: least(1, monitor),
+            translate: least(2, translate),
+            history: least(3, history),
+        };
+        Ok(())
+    }
+
+    /// The values of the nodes, in their order, in as many requests as the server's limit asks for.
+    pub(super) async fn read(&mut self, nodes: &[NodeId]) -> Result<Vec<DataValue>, Lost> {
+        let mut values = Vec::with_capacity(nodes.len());
+        while values.len() < nodes.len() {
+            let batch: Vec<ReadValueId> = nodes[values.len()..]
+                .iter()
+                .take(self.limits.read)
+                .map(|node| value_of(node.clone()))
+                .collect();
+            let asked = self.session.read(&batch, TimestampsToReturn::Both, 0.0);
+            match self.answer("read", asked).await {
+                Ok(answer) if answer.len() == batch.len() => values.extend(answer),
+                Ok(answer) => return Err(wrong_count("read", batch.len(), answer.len())),
+                Err(Refused::TooMany) if batch.len() > 1 => self.limits.read = batch.len() / 2,
+                Err(refused) => return Err(refused.into()),
+            }
+        }
+        Ok(values)
+    }
+
+    /// The node of each place; `Err` with the status where a path leads nowhere.
+    pub(super) async fn resolve(
+        &mut self,
+        places: &[Place],
+    ) -> Result<Vec<Result<NodeId, StatusCode>>, Lost> {
+        let mut found: Vec<Result<NodeId, StatusCode>> = Vec::with_capacity(places.len());
+        let mut paths: Vec<(usize, BrowsePath)> = Vec::new();
+        for (at, place) in places.iter().enumerate() {
+            found.push(match place {
+                Place::Node(node) => Ok(node.clone()),
+                Place::Path(_, path) => {
+                    let starting_node = ObjectId::ObjectsFolder.into();
+                    paths.push((at, BrowsePath { starting_node, relative_path: path.clone() }));
+                    Err(StatusCode::BadNoMatch)
+                }
+            });
+        }
+        let mut done = 0;
+        while done < paths.len() {
+            let batch: Vec<BrowsePath> =
+                paths[done..].iter().take(self.limits.translate).map(|(_, path)| path.clone()).collect();
+            match self.answer("browse paths", self.session.translate_browse_paths_to_node_ids(&batch)).await {
+                Ok(answer) if answer.len() == batch.len() => {
+                    for ((at, _), result) in paths[done..].iter().zip(answer) {
+                        let targets = result.targets.unwrap_or_default();
+                        // A path that leads to several nodes, or out of this server, names none.
+                        found[*at] = match targets.as_slice() {
+                            [one] if one.remaining_path_index == u32::MAX => {
+                                Ok(one.target_id.node_id.clone())
+                            }
+                            [] if result.status_code.is_bad() => Err(result.status_code),
+                            _ => Err(StatusCode::BadNoMatch),
+                        };
+                    }
+                    done += batch.len();
+                }
+                Ok(answer) => return Err(wrong_count("browse paths", batch.len(), answer.len())),
+                Err(Refused::TooMany) if batch.len() > 1 => self.limits.translate = batch.len() / 2,
+                Err(refused) => return Err(refused.into()),
+            }
+        }
+        Ok(found)
+    }
+
+    /// Opens an empty subscription; its values come out of the receiver.
+    pub(super) async fn subscribe(&self) -> Result<(u32, Receiver<Event>), Lost> {
+        let (sender, events) = channel(MAX_EVENTS);
+        let publishing = Duration::from_millis(self.config.publishing_ms);
+        // A sign of life at least three times within the silence allowed.
+        let keep_alive = (self.config.silent_s / 3.0 / publishing.as_secs_f64()).clamp(1.0, 1000.0) as u32;
+        let listener = Listener { sender, dropped: self.dropped.clone() };
+        let created =
+            self.session.create_subscription(publishing, 10 * keep_alive, keep_alive, 0, 0, true, listener);
+        let id = self.answer("create a subscription", created).await?;
+        Ok((id, events))
+    }
+
+    /// Has the nodes monitored, each under its tag's position and as its sampling says. Says how each was taken.
+    pub(super) async fn monitor(
+        &mut self,
+        subscription: u32,
+        nodes: &[(usize, NodeId, Sampling)],
+    ) -> Result<Vec<StatusCode>, Lost> {
+        let mut taken = Vec::with_capacity(nodes.len());
+        while taken.len() < nodes.len() {
+            let batch = &nodes[taken.len()..][..self.limits.monitor.min(nodes.len() - taken.len())];
+            let items = batch.iter().map(item).collect();
+            match self.create(subscription, items).await {
+                Ok(answer) if answer.len() == batch.len() => taken.extend(answer),
+                Ok(answer) => return Err(wrong_count("monitored items", batch.len(), answer.len())),
+                Err(Refused::TooMany) if batch.len() > 1 => self.limits.monitor = batch.len() / 2,
+                Err(refused) => return Err(refused.into()),
+            }
+        }
+        // A node without an EURange, and a server without filters, still have values: without a dead band.
+        let refused = |status: &StatusCode| {
+            *status == StatusCode::BadMonitoredItemFilterUnsupported
+                || *status == StatusCode::BadMonitoredItemFilterInvalid
+                || *status == StatusCode::BadDeadbandFilterInvalid
+                || *status == StatusCode::BadFilterNotAllowed
+        };
+        let plain: Vec<usize> = (0..taken.len()).filter(|at| refused(&taken[*at])).collect();
+        for batch in plain.chunks(self.limits.monitor.max(1)) {
+            let items = batch.iter().map(|at| unfiltered(item(&nodes[*at]))).collect();
+            for (at, status) in batch.iter().zip(self.create(subscription, items).await?) {
+                taken[*at] = status;
+            }
+        }
+        Ok(taken)
+    }
+
+    async fn create(
+        &self,
+        subscription: u32,
+        items: Vec<MonitoredItemCreateRequest>,
+    ) -> Result<Vec<StatusCode>, Refused> {
+        let created = self.session.create_monitored_items(subscription, TimestampsToReturn::Both, items);
+        let answer = self.answer("monitored items", created).await?;
+        Ok(answer.into_iter().map(|item| item.result.status_code).collect())
+    }
+
+    /// Most nodes of one request to the history.
+    pub(super) fn history_batch(&self) -> usize {
+        self.limits.history
+    }
+
+    /// One page of raw history of each node, from `from` to `to` (s), oldest first; `None` when the server refuses
+    /// the service. A node given with a continuation goes on from there.
+    pub(super) async fn history(
+        &mut self,
+        nodes: &[(NodeId, ByteString)],
+        from: f64,
+        to: f64,
+    ) -> Result<Option<Vec<Page>>, Lost> {
+        let details = ReadRawModifiedDetails {
+            is_read_modified: false,
+            start_time: date_time(from),
+            end_time: date_time(to),
+            num_values_per_node: VALUES_PER_PAGE,
+            return_bounds: false,
+        };
+        let mut pages = Vec::with_capacity(nodes.len());
+        while pages.len() < nodes.len() {
+            let ask = |(node, next): &(NodeId, ByteString)| HistoryReadValueId {
+                node_id: node.clone(),
+                continuation_point: next.clone(),
+                ..Default::default()
+            };
+            let batch: Vec<HistoryReadValueId> =
+                nodes[pages.len()..].iter().take(self.limits.history).map(ask).collect();
+            let action = HistoryReadAction::ReadRawModifiedDetails(details.clone());
+            let asked = self.session.history_read(action, TimestampsToReturn::Both, false, &batch);
+            match self.answer("history", asked).await {
+                Ok(answer) if answer.len() == batch.len() => {
+                    pages.extend(answer.into_iter().map(|result| {
+                        Page {
+                            status: result.status_code,
+                            next: result.continuation_point,
+                            values: result
+                                .history_data
+                                .into_inner_as::<HistoryData>()
+                                .and_then(|data| data.data_values)
+                                .unwrap_or_default(),
+                        }
+                    }));
+                }
+                Ok(answer) => return Err(wrong_count("history", batch.len(), answer.len())),
+                Err(Refused::TooMany) if batch.len() > 1 => self.limits.history = batch.len() / 2,
+                Err(Refused::Service(_) | Refused::TooMany) => return Ok(None),
+                Err(Refused::Lost(lost)) => return Err(lost),
+            }
+        }
+        Ok(Some(pages))
+    }
+
+    /// Events dropped since this was last asked.
+    pub(super) fn take_dropped(&self) -> u64 {
+        self.dropped.swap(0, Ordering::Relaxed)
+    }
+}
+
+/// Why one request brought nothing.
+enum Refused {
+    /// The session is gone.
+    Lost(Lost),
+    /// More than the server takes at once.
+    TooMany,
+    /// The server is alive and says no.
+    Service(String),
+}
+
+impl From<Refused> for Lost {
+    fn from(refused: Refused) -> Self {
+        match refused {
+            Refused::Lost(lost) => lost,
+            Refused::TooMany => Lost::Broken("the server takes not even one node at once".into()),
+            Refused::Service(why) => Lost::Broken(why),
+        }
+    }
+}
+
+fn refused(what: &str, status: StatusCode) -> Refused {
+    let is = |codes: &[StatusCode]| codes.contains(&status);
+    if is(&[
+        StatusCode::BadTooManyOperations,
+        StatusCode::BadResponseTooLarge,
+        StatusCode::BadRequestTooLarge,
+        StatusCode::BadEncodingLimitsExceeded,
+    ]) {
+        Refused::TooMany
+    } else if is(&[StatusCode::BadTimeout, StatusCode::BadRequestTimeout]) {
+        Refused::Lost(Lost::Timeout(what.into()))
+    } else if is(&[
+        StatusCode::BadServiceUnsupported,
+        StatusCode::BadNotImplemented,
+        StatusCode::BadHistoryOperationUnsupported,
+        StatusCode::BadHistoryOperationInvalid,
+        StatusCode::BadUserAccessDenied,
+        StatusCode::BadInternalError,
+    ]) {
+        Refused::Service(format!("{what}: {status}"))
+    } else {
+        Refused::Lost(Lost::Broken(format!("{what}: {status}")))
+    }
+}
+
+fn unopened(status: StatusCode, config: &Config) -> Lost {
+    explain(status, config).map_or_else(|| Lost::Broken(status.to_string()), Lost::Untrusted)
+}
+
+fn wrong_count(what: &str, asked: usize, came: usize) -> Lost {
+    Lost::Broken(format!("{what}: asked for {asked}, answered {came}"))
+}
+
+fn value_of(node_id: NodeId) -> ReadValueId {
+    ReadValueId { node_id, attribute_id: AttributeId::Value as u32, ..Default::default() }
+}
+
+fn item((at, node, sampling): &(usize, NodeId, Sampling)) -> MonitoredItemCreateRequest {
+    let (trigger, deadband_type, deadband_value) = match sampling.deadband {
+        // A value that was measured again is a sample, even when it is the same.
+        Deadband::None => (DataChangeTrigger::StatusValueTimestamp, 0, 0.0),
+        // With a new time stamp alone as a reason a dead band would hide nothing.
+        Deadband::Absolute(band) => (DataChangeTrigger::StatusValue, 1, band),
+        Deadband::Percent(band) => (DataChangeTrigger::StatusValue, 2, band),
+    };
+    let filter = DataChangeFilter { trigger, deadband_type, deadband_value };
+    MonitoredItemCreateRequest {
+        item_to_monitor: value_of(node.clone()),
+        monitoring_mode: MonitoringMode::Reporting,
+        requested_parameters: MonitoringParameters {
+            // 0 would have the library choose.
+            client_handle: u32::try_from(at + 1).unwrap_or(u32::MAX),
+            sampling_interval: sampling.every_ms as f64,
+            filter: ExtensionObject::from_message(filter),
+            queue_size: sampling.queue,
+            discard_oldest: true,
+        },
+    }
+}
+
+fn unfiltered(mut item: MonitoredItemCreateRequest) -> MonitoredItemCreateRequest {
+    item.requested_parameters.filter = ExtensionObject::null();
+    item
+}
+
+/// A client that never reconnects by itself and trusts nobody unasked.
+fn client(config: &Config) -> Result<Client, String> {
+    let timeout = Duration::from_millis(config.timeout_ms);
+    // Without security no folder is needed, and none is made: nothing can be below a device.
+    let none = PathBuf::from("/dev/null/pki");
+    let secure = config.security_policy != SecurityPolicy::None;
+    let folder = config.pki_dir.clone().filter(|_| secure).unwrap_or(none);
+    let built = ClientBuilder::new()
+        .application_name("stictiond")
+        .application_uri(config.application_uri.clone())
+        .product_uri("urn:stictiond")
+        .session_name("stictiond")
+        .pki_dir(folder)
+        .certificate_path("own/cert.der")
+        .private_key_path("private/private.pem")
+        .create_sample_keypair(false)
+        .trust_server_certs(false)
+        .verify_server_certs(true)
+        .session_retry_limit(0)
+        .request_timeout(timeout)
+        .publish_timeout(timeout.saturating_mul(2).max(Duration::from_secs_f64(config.silent_s)))
+        .keep_alive_interval(Duration::from_secs_f64(config.silent_s / 3.0))
+        .max_failed_keep_alive_count(2)
+        .recreate_subscriptions(false)
+        .max_array_length(MAX_ARRAY);
+    // The library complains of a missing folder, also where none is needed; what is needed was looked for before.
+    let quiet = tracing::subscriber::NoSubscriber::default();
+    tracing::subscriber::with_default(quiet, || built.client()).map_err(|errors| errors.join("; "))
+}

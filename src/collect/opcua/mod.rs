@@ -1,0 +1,18 @@
+//! OPC UA, read only: values by subscription or by reading, gaps filled from the server's history.
+//!
+//! `config` says what to ask; `plan` is that, checked, without I/O. `value` makes samples of data values and
+//! `series` keeps each tag's samples in order and without duplicates: both are pure. `link` is the only place that
+//! talks to a server; `device` keeps one session, whatever happens to it.
+
+mod config;
+mod device;
+mod link;
+mod listener;
+mod plan;
+mod security;
+mod series;
+mod value;
+
+pub use config::{Config, Mode, Place, SecurityMode, SecurityPolicy, TagConfig, TimeFallback};
+pub use device::Collector;
+pub use plan::{Deadband, Plan, Sampling, Tag, TagSpec};

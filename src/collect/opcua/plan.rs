@@ -1,0 +1,146 @@
+//! What to ask a server, decided once and without I/O.
+
+use super::config::{Config, Place, TagConfig};
+use crate::collect::Issue;
+use crate::collect::scaling::Scaling;
+use crate::signal::Role;
+
+/// A tag as `app` hands it over.
+#[derive(Clone, Debug)]
+pub struct TagSpec {
+    /// The number under which the [`Sink`](crate::collect::Sink) receives its samples.
+    pub index: usize,
+    /// Its name in logs (`FIC101.pv`).
+    pub name: String,
+    /// What it is to its loop; `None` for an extra tag.
+    pub role: Option<Role>,
+    /// Where it lives.
+    pub config: TagConfig,
+    /// Flag it as stale when its value has not changed for longer than this (s).
+    pub frozen_after_s: Option<f64>,
+}
+
+/// A tag ready to be asked for.
+#[derive(Clone, Debug)]
+pub struct Tag {
+    /// As in [`TagSpec`].
+    pub index: usize,
+    /// As in [`TagSpec`].
+    pub name: String,
+    /// Where it is found.
+    pub place: Place,
+    /// As in [`TagSpec`].
+    pub frozen_after_s: Option<f64>,
+    /// How a subscription samples it.
+    pub sampling: Sampling,
+    pub(super) scaling: Scaling,
+}
+
+/// How a subscription samples one node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sampling {
+    /// How often the server looks (ms).
+    pub every_ms: u64,
+    /// Samples that it keeps between two publishings.
+    pub queue: u32,
+    /// What it leaves out.
+    pub deadband: Deadband,
+}
+
+/// Which changes a server leaves out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Deadband {
+    /// None.
+    None,
+    /// Smaller ones, in the node's own unit.
+    Absolute(f64),
+    /// Smaller ones, in % of the node's EURange.
+    Percent(f64),
+}
+
+impl Sampling {
+    fn new(server: &Config, tag: &TagConfig) -> Self {
+        let percent = tag.deadband_percent.unwrap_or(server.deadband_percent);
+        Self {
+            every_ms: tag.sampling_ms.unwrap_or(server.sampling_ms),
+            queue: tag.queue_size.unwrap_or(server.queue_size),
+            deadband: match tag.deadband {
+                Some(band) if band > 0.0 => Deadband::Absolute(band),
+                None if percent > 0.0 => Deadband::Percent(percent),
+                _ => Deadband::None,
+            },
+        }
+    }
+}
+
+impl Deadband {
+    /// Whether a server that sent `sent` last has to send `now` too; `false` where that depends on its EURange.
+    pub(super) fn lets_through(self, sent: Option<f64>, now: Option<f64>) -> bool {
+        match (self, sent, now) {
+            (Deadband::Percent(_), ..) => false,
+            (Deadband::Absolute(band), Some(sent), Some(now)) => (now - sent).abs() > band,
+            _ => sent != now,
+        }
+    }
+}
+
+/// Everything needed to keep one session.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The number under which the [`Sink`](crate::collect::Sink) hears of it.
+    pub device: usize,
+    /// The server, its security and its timing.
+    pub config: Config,
+    /// The tags, in the order given.
+    pub tags: Vec<Tag>,
+}
+
+impl Plan {
+    /// Plans one server, numbered `device` by the caller, from its configuration and tags.
+    ///
+    /// # Errors
+    /// Everything that [`Config::validate`] and [`TagConfig::validate`] find, the tag's name in the message.
+    pub fn new(device: usize, config: &Config, specs: Vec<TagSpec>) -> Result<Self, Vec<Issue>> {
+        let mut issues = config.validate();
+        let mut tags = Vec::with_capacity(specs.len());
+        for spec in specs {
+            let found = spec.config.validate(spec.role);
+            match spec.config.place() {
+                Ok(place) if found.is_empty() => tags.push(ready(config, spec, place)),
+                _ => issues.extend(
+                    found
+                        .into_iter()
+                        .map(|issue| Issue { message: format!("{}: {}", spec.name, issue.message), ..issue }),
+                ),
+            }
+        }
+        if issues.is_empty() { Ok(Self { device, config: config.clone(), tags }) } else { Err(issues) }
+    }
+
+    /// Whether a server would be asked the same under both plans, apart from the numbers of its tags and its own.
+    pub fn asks_the_same(&self, other: &Plan) -> bool {
+        self.config == other.config
+            && self.tags.len() == other.tags.len()
+            && self.tags.iter().zip(&other.tags).all(|(a, b)| {
+                (&a.name, &a.place, &a.scaling, a.sampling, a.frozen_after_s)
+                    == (&b.name, &b.place, &b.scaling, b.sampling, b.frozen_after_s)
+            })
+    }
+}
+
+fn ready(server: &Config, spec: TagSpec, place: Place) -> Tag {
+    let mode = spec.role == Some(Role::Mode);
+    Tag {
+        index: spec.index,
+        name: spec.name,
+        place,
+        frozen_after_s: spec.frozen_after_s,
+        sampling: Sampling::new(server, &spec.config),
+        scaling: Scaling {
+            scale: spec.config.scale,
+            offset: spec.config.offset,
+            range: spec.config.range,
+            auto_values: mode.then(|| spec.config.auto_values.clone().unwrap_or_default()),
+        },
+    }
+}

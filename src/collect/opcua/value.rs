@@ -1,0 +1,178 @@
+//! From a data value to a sample: its number, its quality and its own time. Never panics, whatever was sent.
+
+use super::config::TimeFallback;
+use crate::collect::scaling::{Reading, Scaling};
+use crate::signal::{BadReason, Quality};
+use opcua::types::{DataValue, DateTime, StatusCode, Variant};
+
+/// 1970-01-01 in ticks of 100 ns since 1601-01-01.
+const UNIX_EPOCH_TICKS: i64 = 116_444_736_000_000_000;
+const TICKS_PER_S: i64 = 10_000_000;
+
+/// Seconds since the Unix epoch; `None` for the null time.
+pub(super) fn seconds(time: &DateTime) -> Option<f64> {
+    let ticks = time.ticks();
+    if time.is_null() || ticks <= 0 {
+        return None;
+    }
+    let since = ticks - UNIX_EPOCH_TICKS;
+    Some(since.div_euclid(TICKS_PER_S) as f64 + since.rem_euclid(TICKS_PER_S) as f64 / TICKS_PER_S as f64)
+}
+
+/// The time of so many seconds since the Unix epoch, as well as it can be expressed.
+pub(super) fn date_time(seconds: f64) -> DateTime {
+    // The cast saturates, and the sum stays far inside an i64 for any time a plant can have.
+    let bounded = seconds.clamp(-1e10, 1e11);
+    DateTime::from((bounded * TICKS_PER_S as f64) as i64 + UNIX_EPOCH_TICKS)
+}
+
+/// When the value held: its source time, else what the configuration names instead. `None`: nobody knows.
+pub(super) fn time(value: &DataValue, fallback: TimeFallback, arrival: f64) -> Option<f64> {
+    let source = value.source_timestamp.as_ref().and_then(seconds);
+    source.or_else(|| match fallback {
+        TimeFallback::Server => server_time(value),
+        TimeFallback::Arrival => Some(arrival),
+        TimeFallback::None => None,
+    })
+}
+
+/// The server's time stamp.
+pub(super) fn server_time(value: &DataValue) -> Option<f64> {
+    value.server_timestamp.as_ref().and_then(seconds)
+}
+
+/// The value and whether to believe it.
+pub(super) fn reading(value: &DataValue, scaling: &Scaling) -> Reading {
+    let status = value.status.unwrap_or(StatusCode::Good);
+    if status.is_bad() {
+        return Reading::bad(bad_reason(status));
+    }
+    let Some(raw) = value.value.as_ref().and_then(number) else {
+        return Reading::bad(BadReason::NotANumber);
+    };
+    let read = scaling.read(raw);
+    match (read.quality, suspicion(status)) {
+        (Quality::Good, Some(quality)) => Reading { quality, ..read },
+        _ => read,
+    }
+}
+
+fn number(value: &Variant) -> Option<f64> {
+    match value {
+        Variant::Boolean(on) => Some(f64::from(u8::from(*on))),
+        other => other.as_f64(),
+    }
+}
+
+/// The code without its flags (limit and overflow bits, info type).
+fn bare(status: StatusCode) -> u32 {
+    status.bits() & 0xFFFF_0000
+}
+
+/// What is wrong with a value that is there.
+fn suspicion(status: StatusCode) -> Option<Quality> {
+    let code = bare(status);
+    if code == StatusCode::UncertainEngineeringUnitsExceeded.bits() {
+        return Some(Quality::Bad(BadReason::OutOfRange));
+    }
+    // Set by hand, or anything uncertain: an old, substituted or doubtful value is no measurement of now.
+    let by_hand = code == StatusCode::GoodLocalOverride.bits();
+    (status.is_uncertain() || by_hand).then_some(Quality::Stale)
+}
+
+fn bad_reason(status: StatusCode) -> BadReason {
+    let code = bare(status);
+    let is = |codes: &[StatusCode]| codes.iter().any(|known| known.bits() == code);
+    if is(&[StatusCode::BadTimeout, StatusCode::BadRequestTimeout]) {
+        BadReason::Timeout
+    } else if is(&[
+        StatusCode::BadNoCommunication,
+        StatusCode::BadNotConnected,
+        StatusCode::BadServerNotConnected,
+        StatusCode::BadCommunicationError,
+        StatusCode::BadConnectionClosed,
+        StatusCode::BadWaitingForInitialData,
+    ]) {
+        BadReason::LinkDown
+    } else if is(&[StatusCode::BadOutOfRange]) {
+        BadReason::OutOfRange
+    } else {
+        BadReason::DeviceException
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const PLAIN: Scaling = Scaling { scale: 1.0, offset: 0.0, range: None, auto_values: None };
+
+    fn of(status: StatusCode, value: impl Into<Variant>) -> Reading {
+        let value = DataValue { value: Some(value.into()), status: Some(status), ..DataValue::null() };
+        reading(&value, &PLAIN)
+    }
+
+    #[test]
+    fn status_codes_become_qualities() {
+        use BadReason::*;
+        let bad = |status| of(status, 1.0).quality;
+        assert_eq!(of(StatusCode::Good, 1.5), Reading { value: 1.5, quality: Quality::Good });
+        assert_eq!(bad(StatusCode::BadNoCommunication), Quality::Bad(LinkDown));
+        assert_eq!(bad(StatusCode::BadTimeout), Quality::Bad(Timeout));
+        assert_eq!(bad(StatusCode::BadOutOfRange), Quality::Bad(OutOfRange));
+        assert_eq!(bad(StatusCode::BadNodeIdUnknown), Quality::Bad(DeviceException));
+        assert_eq!(bad(StatusCode::BadSensorFailure), Quality::Bad(DeviceException));
+        assert!(of(StatusCode::BadSensorFailure, 1.0).value.is_nan());
+        let last = of(StatusCode::UncertainLastUsableValue, 1.0);
+        assert_eq!((last.value, last.quality), (1.0, Quality::Stale));
+        assert_eq!(bad(StatusCode::UncertainEngineeringUnitsExceeded), Quality::Bad(OutOfRange));
+        assert_eq!(bad(StatusCode::GoodLocalOverride), Quality::Stale);
+        // An overflow of the server's queue is said in a flag of a good code; the value itself is good.
+        assert_eq!(bad(StatusCode::from(0x0000_0480)), Quality::Good);
+    }
+
+    #[test]
+    fn every_number_is_read_and_nothing_else_is() {
+        for value in [Variant::Byte(7), Variant::Int64(7), Variant::Float(7.0), Variant::UInt16(7)] {
+            assert_eq!(of(StatusCode::Good, value).value, 7.0);
+        }
+        assert_eq!(of(StatusCode::Good, true).value, 1.0);
+        for value in [Variant::from("7"), Variant::Empty, Variant::from(vec![7.0]), Variant::from(f64::NAN)] {
+            assert_eq!(of(StatusCode::Good, value).quality, Quality::Bad(BadReason::NotANumber));
+        }
+        assert_eq!(reading(&DataValue::null(), &PLAIN).quality, Quality::Bad(BadReason::NotANumber));
+    }
+
+    #[test]
+    fn the_source_time_is_kept_and_the_fallback_is_the_one_named() {
+        let (source, server) = (date_time(1000.0), date_time(2000.0));
+        let full =
+            DataValue { source_timestamp: Some(source), server_timestamp: Some(server), ..DataValue::null() };
+        let without = DataValue { source_timestamp: None, ..full.clone() };
+        let null = DataValue { source_timestamp: Some(DateTime::null()), ..full.clone() };
+        let all = [TimeFallback::Server, TimeFallback::Arrival, TimeFallback::None];
+        for fallback in all {
+            assert_eq!(time(&full, fallback, 3000.0), Some(1000.0));
+        }
+        for value in [without, null] {
+            assert_eq!(all.map(|f| time(&value, f, 3000.0)), [Some(2000.0), Some(3000.0), None]);
+        }
+        assert_eq!(time(&DataValue::null(), TimeFallback::Server, 3000.0), None);
+    }
+
+    proptest! {
+        #[test]
+        fn times_come_back(t in 0.0..4e9f64) {
+            let back = seconds(&date_time(t)).unwrap();
+            // A tick is 100 ns, and a double of this size has steps of up to 4.8e-7 s.
+            prop_assert!((back - t).abs() < 1e-6, "{} {}", back, t);
+        }
+
+        #[test]
+        fn any_status_and_number_give_a_sound_reading(bits in any::<u32>(), raw in any::<f64>()) {
+            let read = of(StatusCode::from(bits), raw);
+            prop_assert!(read.value.is_finite() || read.quality != Quality::Good);
+        }
+    }
+}

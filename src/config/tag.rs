@@ -1,0 +1,149 @@
+//! A tag of a loop, on whatever kind of device: its keys say which.
+
+use crate::collect::{modbus, opcua};
+use serde::{Deserialize, Deserializer, de};
+
+/// Where a tag is read and how its value is made: `[loop.op]`, `[[loop.tag]]`, …
+#[derive(Clone, Debug, PartialEq)]
+pub enum TagConfig {
+    /// With `register` and `address`.
+    Modbus(modbus::TagConfig),
+    /// With `node` or `path`.
+    Opcua(opcua::TagConfig),
+}
+
+impl TagConfig {
+    /// Name of an extra tag.
+    pub fn name(&self) -> Option<&str> {
+        match self {
+            Self::Modbus(tag) => tag.name.as_deref(),
+            Self::Opcua(tag) => tag.name.as_deref(),
+        }
+    }
+
+    /// Name of the device.
+    pub fn device(&self) -> &str {
+        match self {
+            Self::Modbus(tag) => &tag.device,
+            Self::Opcua(tag) => &tag.device,
+        }
+    }
+
+    /// Engineering unit, for people.
+    pub fn unit(&self) -> Option<&str> {
+        match self {
+            Self::Modbus(tag) => tag.unit.as_deref(),
+            Self::Opcua(tag) => tag.unit.as_deref(),
+        }
+    }
+
+    /// As a tag of a Modbus device.
+    pub fn as_modbus(&self) -> Option<&modbus::TagConfig> {
+        match self {
+            Self::Modbus(tag) => Some(tag),
+            Self::Opcua(_) => None,
+        }
+    }
+
+    /// The key that says where it is read.
+    pub fn place_key(&self) -> &'static str {
+        match self {
+            Self::Modbus(_) => "address",
+            Self::Opcua(tag) if tag.path.is_some() => "path",
+            Self::Opcua(_) => "node",
+        }
+    }
+
+    /// Whether both read the same thing.
+    pub fn same_source(&self, other: &TagConfig) -> bool {
+        match (self, other) {
+            (Self::Modbus(a), Self::Modbus(b)) => {
+                (&a.device, a.register, a.address, a.bit) == (&b.device, b.register, b.address, b.bit)
+            }
+            (Self::Opcua(a), Self::Opcua(b)) => {
+                (&a.device, &a.node, &a.path) == (&b.device, &b.node, &b.path)
+            }
+            _ => false,
+        }
+    }
+}
+
+/// The keys of a tag that only Modbus has; the rules refuse them where the tag is another kind's.
+pub const MODBUS_KEYS: [&str; 5] = ["register", "address", "type", "byte_order", "bit"];
+
+/// And those that only OPC UA has.
+pub const OPCUA_KEYS: [&str; 4] = ["sampling_ms", "queue_size", "deadband", "deadband_percent"];
+
+/// Every key of every kind. Read as one table, so that each wrong key keeps its place in the file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    name: Option<String>,
+    device: String,
+    register: Option<modbus::Register>,
+    address: Option<i64>,
+    #[serde(rename = "type")]
+    value_type: Option<modbus::ValueType>,
+    byte_order: Option<modbus::ByteOrder>,
+    bit: Option<u8>,
+    node: Option<String>,
+    path: Option<String>,
+    sampling_ms: Option<u64>,
+    queue_size: Option<u32>,
+    deadband: Option<f64>,
+    deadband_percent: Option<f64>,
+    #[serde(default = "one")]
+    scale: f64,
+    #[serde(default)]
+    offset: f64,
+    range: Option<[f64; 2]>,
+    unit: Option<String>,
+    auto_values: Option<Vec<i64>>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+impl<'de> Deserialize<'de> for TagConfig {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let keys = Keys::deserialize(deserializer)?;
+        let (name, device, scale, offset) = (keys.name, keys.device, keys.scale, keys.offset);
+        let (range, unit, auto_values) = (keys.range, keys.unit, keys.auto_values);
+        let (node, path) = (keys.node, keys.path);
+        // With no key that says the kind, the rules look at the device to say which is missing.
+        let named = !device.is_empty();
+        let unknown = named && keys.register.is_none() && keys.address.is_none() && keys.value_type.is_none();
+        if node.is_some() || path.is_some() || unknown {
+            return Ok(Self::Opcua(opcua::TagConfig {
+                name,
+                device,
+                node,
+                path,
+                sampling_ms: keys.sampling_ms,
+                queue_size: keys.queue_size,
+                deadband: keys.deadband,
+                deadband_percent: keys.deadband_percent,
+                scale,
+                offset,
+                range,
+                unit,
+                auto_values,
+            }));
+        }
+        Ok(Self::Modbus(modbus::TagConfig {
+            name,
+            device,
+            register: keys.register.ok_or_else(|| de::Error::missing_field("register"))?,
+            address: keys.address.ok_or_else(|| de::Error::missing_field("address"))?,
+            value_type: keys.value_type,
+            byte_order: keys.byte_order,
+            bit: keys.bit,
+            scale,
+            offset,
+            range,
+            unit,
+            auto_values,
+        }))
+    }
+}

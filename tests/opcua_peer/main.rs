@@ -1,0 +1,14 @@
+//! The OPC UA collector against servers that were not written here, with real faults: asyncua and node-opcua.
+
+#[cfg(test)]
+mod hostile;
+#[cfg(test)]
+mod node_opcua;
+#[cfg(test)]
+mod reading;
+#[cfg(test)]
+mod restart;
+#[cfg(test)]
+mod rig;
+#[cfg(test)]
+mod security;
