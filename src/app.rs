@@ -14,7 +14,7 @@ mod writing;
 
 use crate::audit::AuditError;
 use crate::collect::{self, Collector, DeviceHealth, Issue, Plan, Poll};
-use crate::config::{self, Config, Diagnostic};
+use crate::config::{self, Config, Diagnostic, Neighbour};
 use crate::diagnosis::{self, Settings};
 use crate::history::{History, Ring};
 use crate::residual;
@@ -333,6 +333,8 @@ fn ids(config: &Config) -> Vec<LoopId> {
 
 fn schedule_plan(config: &Config, history: &Arc<History>, writing: &Arc<Writing>) -> schedule::Plan {
     let (history, writing) = (history.clone(), writing.clone());
+    let neighbours: HashMap<LoopId, Vec<Neighbour>> =
+        config.loops.iter().map(|l| (LoopId::new(l.id.as_str()), config.neighbours(l))).collect();
     let job = |control_loop| {
         let period_s = config.period_s(control_loop);
         Job { id: LoopId::new(control_loop.id.as_str()), period_s }
@@ -342,6 +344,11 @@ fn schedule_plan(config: &Config, history: &Arc<History>, writing: &Arc<Writing>
         snapshot: Arc::new(move |id| {
             let mut record = history.snapshot(id)?;
             writing.add_terms(id, &mut record);
+            for tag in neighbours.get(id).into_iter().flatten() {
+                record
+                    .tags
+                    .extend(history.series(&tag.id, &tag.kind).map(|series| (tag.name.clone(), series)));
+            }
             Some(record)
         }),
         settings: Settings::from(&config.diagnosis),
@@ -434,3 +441,6 @@ async fn reload(app: &App, path: &Path) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

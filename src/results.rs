@@ -2,8 +2,10 @@
 //! them. Everything is bounded; whoever wants to hear of news subscribes to a bounded channel.
 
 mod judged;
+mod origin;
 
 pub use judged::{Judged, KnownEffect, ModelVersion};
+pub use origin::Origin;
 
 use crate::alarm::{self, Alarm, Observation, Refusal, State, Transition};
 use crate::compensation::gate::{self, News};
@@ -73,6 +75,11 @@ impl Run {
             Outcome::Diagnosed(judged) => Some(judged),
             _ => None,
         }
+    }
+
+    /// Whether the valve sticks by this run.
+    pub fn sticks(&self) -> bool {
+        self.judged().is_some_and(|judged| *judged.verdict() == Verdict::Stiction)
     }
 
     /// What turns OP units into % of OP span; a span that is not known is taken for 100.

@@ -2,6 +2,7 @@
 //! once, each error with its line and column.
 
 mod diagnostic;
+mod neighbours;
 mod plant;
 mod rules;
 mod section;
@@ -10,6 +11,7 @@ mod tag;
 mod wording;
 
 pub use diagnostic::Diagnostic;
+pub use neighbours::{Candidates, MOST_CANDIDATES, Neighbour};
 pub use plant::Plant;
 pub use tag::TagConfig;
 
@@ -88,6 +90,9 @@ pub struct LoopConfig {
     /// Other measurements, `[[loop.tag]]`.
     #[serde(default)]
     pub tag: Vec<TagConfig>,
+    /// Tags of other loops that may explain this one: `"auto"` for PV of its `group`, or names like `"FIC203.pv"`.
+    #[serde(default)]
+    pub candidates: Option<Candidates>,
     /// Write-back, `[loop.writeback]`; off where it is left out.
     #[serde(default)]
     pub writeback: Option<writeback::LoopConfig>,

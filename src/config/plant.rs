@@ -109,7 +109,7 @@ fn positions<'n>(names: impl Iterator<Item = &'n str>) -> HashMap<&'n str, usize
     names.enumerate().map(|(at, name)| (name, at)).collect()
 }
 
-fn kind(role: Option<Role>, tag: &TagConfig) -> TagKind {
+pub(super) fn kind(role: Option<Role>, tag: &TagConfig) -> TagKind {
     match role {
         Some(role) => TagKind::Role(role),
         None => TagKind::Extra(tag.name().unwrap_or_default().into()),

@@ -17,6 +17,7 @@ macro_rules! path {
     ($($step:expr),+) => { [$(Step::from($step)),+] };
 }
 
+mod candidates;
 mod writing;
 
 /// Checks everything that could be read.
@@ -137,6 +138,7 @@ impl Rules<'_, '_, '_> {
             if let Some(control_loop) = control_loop {
                 self.numbers(at, control_loop);
                 self.tags(at, control_loop, parts);
+                self.candidates(at, control_loop, parts);
             }
         }
     }

@@ -178,7 +178,7 @@ description = 'größer'; colour = 1
         "f:51:1: missing key \"pv\" in [[loop]]",
         "f:52:6: loop \"FIC101\" is already on line 33; every loop needs a name of its own",
         "f:54:1: unknown key \"frame\" in [[loop]]; known are id, description, group, period_s, op_span, op_limits, \
-         frozen_pv_s, op, pv, sp, mode, mv, tag, writeback",
+         frozen_pv_s, op, pv, sp, mode, mv, tag, candidates, writeback",
     ];
     let found = errors(&text);
     for (found, expected) in found.iter().zip(expected) {
@@ -401,4 +401,29 @@ nod = 1
     for place in ["f:4:1", "f:8:", "f:14:8", "f:20:8", "f:24:11", "f:25:1", "f:29:8", "f:32:12", "f:43:1"] {
         assert!(places.iter().any(|found| found.starts_with(place)), "{place} in {}", found.join("\n"));
     }
+}
+
+#[test]
+fn candidates_are_tags_of_other_loops() {
+    let with =
+        |candidates: &str| minimal("").replace("id = 'A'", &format!("id = 'A'\ncandidates = {candidates}"));
+    for (candidates, message) in [
+        ("'all'", "expected \"auto\" or a list of names like \"FIC203.pv\""),
+        ("7", "expected \"auto\" or a list of names like \"FIC203.pv\""),
+        ("'auto'", "\"auto\" takes the loops of the same group; give this loop a group"),
+        ("['X.pv']", "\"X.pv\" is no tag of another loop"),
+        ("['A.pv']", "\"A.pv\" is this loop's own"),
+    ] {
+        let found = errors(&with(candidates));
+        assert!(found.len() == 1 && found[0].contains(message), "{candidates}: {found:?}");
+    }
+    let other =
+        minimal("").replace(DEVICE, "").replace("'A'", "'B.1'").replace("= 0", "= 4").replace("= 2", "= 6");
+    let of_two = |candidates: &str| format!("{}{}{other}", with(candidates), "\n");
+    let config = parse("f", &of_two("['B.1.op', 'B.1.pv']")).unwrap();
+    let names: Vec<String> = config.neighbours(&config.loops[0]).into_iter().map(|n| n.name).collect();
+    assert_eq!(names, ["B.1.op", "B.1.pv"]);
+    assert!(config.neighbours(&config.loops[1]).is_empty());
+    let twice = errors(&of_two("['B.1.op', 'B.1.op']"));
+    assert!(twice[0].contains("is there twice"), "{twice:?}");
 }

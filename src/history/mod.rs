@@ -9,7 +9,7 @@ mod ring;
 pub use decimate::decimate;
 pub use ring::{BYTES_PER_SAMPLE, Ring};
 
-use crate::signal::{LoopId, Record, Role, Sample};
+use crate::signal::{LoopId, Record, Role, Sample, Series};
 use serde::Deserialize;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -196,6 +196,12 @@ impl History {
             }
         }
         Some(record)
+    }
+
+    /// Everything remembered of one tag; `None` for a tag that is not there.
+    pub fn series(&self, id: &LoopId, kind: &TagKind) -> Option<Series> {
+        let (_, ring) = self.tags(id).find(|(tag, _)| tag.kind == *kind)?;
+        Some(since_set_back(ring.snapshot()))
     }
 
     /// The newest sample of each tag of a loop.

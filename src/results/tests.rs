@@ -1,7 +1,7 @@
 use super::*;
 use crate::diagnosis::{Estimate, Model, NotIdentifiable, Preparation};
 
-fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged> {
+pub(super) fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged> {
     let model = Model { na: 1, nb: 1, nc: 1, nk: 1, a: vec![0.0], b: vec![0.0], c: vec![0.0], rmse: 1.0 };
     let estimate = Estimate {
         f,
@@ -29,7 +29,7 @@ fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged> {
     Box::new(diagnosis.into())
 }
 
-fn run(time: f64, outcome: Outcome) -> Run {
+pub(super) fn run(time: f64, outcome: Outcome) -> Run {
     Run {
         id: LoopId::new("A"),
         started: time - 1.0,

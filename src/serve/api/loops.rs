@@ -279,7 +279,8 @@ pub async fn model(
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Json<LoopModel>, Problem> {
     let known = known(&context, &id, context.clock.now())?;
-    let model = known.diagnosed.as_ref().and_then(|run| LoopModel::new(run, &known.model));
+    let origin = context.results.origin(&id);
+    let model = known.diagnosed.as_ref().and_then(|run| LoopModel::new(run, &known.model, origin));
     model.map(Json).ok_or_else(|| not_yet(&id, &known))
 }
 

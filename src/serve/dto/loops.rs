@@ -5,7 +5,7 @@ use super::report::{Report, ReportModel, ReportResidual};
 use super::writeback::WritebackView;
 use super::{finite, rfc3339};
 use crate::history::TagSpec;
-use crate::results::{Known, ModelVersion, Run, Summary, Trigger, f_unit};
+use crate::results::{Known, ModelVersion, Origin, Run, Summary, Trigger, f_unit};
 use crate::serve::LoopInfo;
 use crate::signal::{Quality, Sample};
 use serde::Serialize;
@@ -239,6 +239,27 @@ pub struct RunList {
     pub items: Vec<RunItem>,
 }
 
+/// Where a disturbance that was traced to other loops starts.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct LoopOrigin {
+    /// From this loop to where it starts, or once around where the loops drive each other.
+    pub path: Vec<String>,
+    /// The loop it starts in; null where the loops drive each other and not exactly one of them sticks.
+    pub starts_in: Option<String>,
+    /// Whether the valve of that loop sticks.
+    pub sticky: bool,
+}
+
+impl From<Origin> for LoopOrigin {
+    fn from(origin: Origin) -> Self {
+        Self {
+            path: origin.path.iter().map(ToString::to_string).collect(),
+            starts_in: origin.starts_in.map(|id| id.to_string()),
+            sticky: origin.sticky,
+        }
+    }
+}
+
 /// The fitted model of a loop.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct LoopModel {
@@ -264,11 +285,13 @@ pub struct LoopModel {
     pub model: Option<ReportModel>,
     /// The effects beside friction and linear dynamics, and the error before and after them.
     pub residual: ReportResidual,
+    /// Where the disturbance starts, if another loop drives this one; null otherwise.
+    pub origin: Option<LoopOrigin>,
 }
 
 impl LoopModel {
     /// The model of a run and its version; `None` for a run that failed.
-    pub fn new(run: &Run, version: &ModelVersion) -> Option<Self> {
+    pub fn new(run: &Run, version: &ModelVersion, origin: Option<Origin>) -> Option<Self> {
         let report = Report::of(run)?;
         Some(Self {
             r#loop: report.r#loop,
@@ -282,6 +305,7 @@ impl LoopModel {
             since: rfc3339(version.since),
             model: report.model,
             residual: report.residual,
+            origin: origin.map(LoopOrigin::from),
         })
     }
 }

@@ -1,0 +1,44 @@
+//! Whether the tags of other loops that may explain a loop are there.
+
+use super::super::LoopConfig;
+use super::super::neighbours::{Candidates, MOST_CANDIDATES, find};
+use super::super::section::Parts;
+use super::super::source::Step;
+use super::Rules;
+
+impl Rules<'_, '_, '_> {
+    pub(super) fn candidates(&mut self, at: usize, control_loop: &LoopConfig, parts: &Parts) {
+        let here = path!["loop", at, "candidates"];
+        let names = match &control_loop.candidates {
+            None => return,
+            Some(Candidates::Auto) => {
+                return self.unless(!control_loop.group.is_empty(), &here, || {
+                    "candidates: \"auto\" takes the loops of the same group; give this loop a group".into()
+                });
+            }
+            Some(Candidates::Named(names)) => names,
+        };
+        self.unless(names.len() <= MOST_CANDIDATES, &here, || {
+            format!("candidates: {} are more than {MOST_CANDIDATES}; name the likely ones", names.len())
+        });
+        let own = |name: &str| {
+            let rest = name.strip_prefix(control_loop.id.as_str());
+            rest.is_some_and(|rest| rest.starts_with('.'))
+        };
+        for (nth, name) in names.iter().enumerate() {
+            let here = [&here[..], &path![nth]].concat();
+            let others = parts.loops.iter().flatten().filter(|other| other.id != control_loop.id);
+            if names[..nth].contains(name) {
+                self.wrong(&here, format!("candidates: {name:?} is there twice"));
+            } else if control_loop.tag.iter().any(|tag| tag.name() == Some(name)) {
+                self.wrong(&here, format!("candidates: {name:?} is also a [[loop.tag]] of this loop"));
+            } else if find(name, others).is_none() {
+                let what = if own(name) { "is this loop's own" } else { "is no tag of another loop" };
+                self.wrong(
+                    &here,
+                    format!("candidates: {name:?} {what}; write them as loop.tag, like \"FIC203.pv\""),
+                );
+            }
+        }
+    }
+}
