@@ -83,7 +83,9 @@ pub(super) fn explain(status: StatusCode, config: &Config) -> Option<String> {
     } else if status == StatusCode::BadCertificateTimeInvalid {
         "a certificate has expired or is not valid yet, or a clock is wrong".into()
     } else if status == StatusCode::BadCertificateHostNameInvalid {
-        "the host in url is none of those in the server's certificate: write one that is".into()
+        "the host in url is none of those in the server's certificate: write one that is; its alternative names have \
+         to begin with the application URI"
+            .into()
     } else if status == StatusCode::BadCertificateUriInvalid {
         "the application URI is not the one in the certificate: see application_uri".into()
     } else if status == StatusCode::BadUserAccessDenied || status == StatusCode::BadIdentityTokenRejected {
