@@ -61,8 +61,7 @@ pub(super) fn own_files(config: &Config) -> Result<(), String> {
     };
     let readable = |name: &str, read: &dyn Fn(&Path) -> Result<(), String>| {
         let path = folder.join(name);
-        read(&path)
-            .map_err(|why| format!("{}: {why}; docs/opcua.md says how to make it", path.display()))
+        read(&path).map_err(|why| format!("{}: {why}; docs/opcua.md says how to make it", path.display()))
     };
     readable("own/cert.der", &|path| CertificateStore::read_cert(path).map(drop))?;
     readable("private/private.pem", &|path| CertificateStore::read_pkey(path).map(drop))
