@@ -18,6 +18,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/configuration.md",
     "docs/closing-the-loop.md",
     "docs/diagnosis.md",
+    "docs/opcua.md",
     "docs/reproduce.md",
     "docs/writeback.md",
     "deploy/README.md",

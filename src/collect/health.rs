@@ -47,7 +47,7 @@ pub struct HealthSnapshot {
     pub filled_samples: u64,
     /// Samples not handed on, because they were older than the newest one.
     pub discarded_samples: u64,
-    /// How often the source's clock was set forward or back.
+    /// How often the source's clock was set back, or forward past ours.
     pub clock_jumps: u64,
     /// Sessions refused for a certificate, an identity or the security asked for, by us or by the device.
     pub security_errors: u64,

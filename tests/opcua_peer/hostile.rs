@@ -53,10 +53,10 @@ async fn what_is_no_server_gives_no_sample_and_every_attempt_is_counted() {
                 }
             }
         });
-        let config = config(port, "timeout_ms = 200\nreconnect_max_ms = 10\npublishing_ms = 20");
+        let config = config(port, "timeout_ms = 100\nreconnect_max_ms = 10\npublishing_ms = 20");
         let mut watch = Watch::start(plan(&config, &[COUNTER.into()]));
         let health = watch
-            .until_health(what, |health| health.link_errors + health.timeouts + health.security_errors > 2)
+            .until_health(what, |health| health.link_errors + health.timeouts + health.security_errors > 1)
             .await;
         assert!(!health.connected, "{what}: {health:?}");
         assert_eq!(watch.samples(0), [], "{what}");

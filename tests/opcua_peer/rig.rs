@@ -20,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// The counter of the server counts so many seconds.
 pub const TICK_S: f64 = 0.02;
 
-/// tests/peers/opcua_server.py, killed when dropped.
+/// One of tests/peers/opcua_server.*, killed when dropped.
 pub struct Server {
     child: Child,
     commands: ChildStdin,
@@ -30,12 +30,27 @@ pub struct Server {
 }
 
 impl Server {
+    /// asyncua.
     pub async fn start(args: &[&str]) -> Self {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let python = root.join("target/peers-venv/bin/python");
+        let python = root().join("target/peers-venv/bin/python");
         assert!(python.exists(), "asyncua is not installed: run scripts/peers once, then the tests again");
-        let mut child = Command::new(python)
-            .arg(root.join("tests/peers/opcua_server.py"))
+        Self::run(&python, "tests/peers/opcua_server.py", args).await
+    }
+
+    /// node-opcua, with its certificates in `folder` and this many seconds of history.
+    pub async fn start_node(folder: &Path, port: u16, backlog_s: u32) -> Self {
+        let installed = root().join("target/peers-node/installed");
+        assert!(
+            installed.exists(),
+            "node-opcua is not installed: run scripts/peers once, then the tests again"
+        );
+        let args = [folder.to_str().unwrap(), &port.to_string(), &backlog_s.to_string()];
+        Self::run(Path::new("node"), "tests/peers/opcua_server.js", &args).await
+    }
+
+    async fn run(program: &Path, script: &str, args: &[&str]) -> Self {
+        let mut child = Command::new(program)
+            .arg(root().join(script))
             .args(args)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -46,8 +61,12 @@ impl Server {
         let commands = child.stdin.take().unwrap();
         let lines = BufReader::new(child.stdout.take().unwrap()).lines();
         let mut server = Self { child, commands, lines, port: 0 };
-        let line = server.line().await;
-        server.port = line.strip_prefix("port ").unwrap().parse().unwrap();
+        // The library may speak first.
+        server.port = loop {
+            if let Some(port) = server.line().await.strip_prefix("port ") {
+                break port.parse().unwrap();
+            }
+        };
         server
     }
 
@@ -73,6 +92,10 @@ impl Server {
     pub async fn kill(mut self) {
         self.child.kill().await.unwrap();
     }
+}
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
 /// What a collector handed over, by tag.

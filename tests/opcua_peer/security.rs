@@ -24,7 +24,7 @@ async fn sign_and_encrypt_with_a_user_name_and_explicit_trust() {
         // Without a key of our own nobody is asked.
         let mut watch = Watch::start(secure("password"));
         let line = watch.until_said("own/cert.der").await;
-        assert!(line.contains("docs/configuration.md"), "{line}");
+        assert!(line.contains("docs/opcua.md"), "{line}");
         watch.stop().await;
 
         // The server is not trusted yet: refused, and its certificate laid aside for people to compare.

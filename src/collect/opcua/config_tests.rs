@@ -1,4 +1,5 @@
 use super::*;
+use crate::collect::opcua::plan::{Deadband, Sampling};
 
 fn device(more: &str) -> Config {
     toml::from_str(&format!("name = 'd'\nurl = 'opc.tcp://localhost:4840/'\n{more}")).unwrap()
@@ -66,6 +67,40 @@ fn places_are_node_ids_or_browse_paths() {
     ] {
         assert_eq!(tag(text).place().unwrap_err().field, field, "{text}");
     }
+}
+
+#[test]
+fn a_node_may_be_sampled_in_its_own_way() {
+    let server = device("pki_dir = 'p'\nqueue_size = 7\ndeadband_percent = 2.0");
+    let sampling = |text: &str| {
+        let tag: TagConfig = toml::from_str(&format!("device = 'd'\nnode = 'i=1'\n{text}")).unwrap();
+        (fields(tag.validate(None)), Sampling::new(&server, &tag))
+    };
+    let as_server = Sampling { every_ms: 1000, queue: 7, deadband: Deadband::Percent(2.0) };
+    assert_eq!(sampling("").1, as_server);
+    assert_eq!(
+        sampling("sampling_ms = 50\nqueue_size = 20\ndeadband = 0.5").1,
+        Sampling { every_ms: 50, queue: 20, deadband: Deadband::Absolute(0.5) }
+    );
+    for none in ["deadband = 0.0", "deadband_percent = 0.0"] {
+        assert_eq!(sampling(none), (vec![], Sampling { deadband: Deadband::None, ..as_server }), "{none}");
+    }
+    for (text, field) in [
+        ("sampling_ms = 1", "sampling_ms"),
+        ("queue_size = 0", "queue_size"),
+        ("deadband = -1.0", "deadband"),
+        ("deadband = nan", "deadband"),
+        ("deadband_percent = 100.0", "deadband_percent"),
+        ("deadband = 1.0\ndeadband_percent = 1.0", "deadband_percent"),
+    ] {
+        assert_eq!(sampling(text).0, [field], "{text}");
+    }
+    // Of a band in percent only the server knows what it hides.
+    assert!(!Deadband::Percent(1.0).lets_through(Some(0.0), Some(99.0)));
+    assert!(Deadband::Absolute(1.0).lets_through(Some(0.0), Some(1.5)));
+    assert!(!Deadband::Absolute(1.0).lets_through(Some(0.0), Some(1.0)));
+    assert!(Deadband::None.lets_through(Some(0.0), Some(0.1)));
+    assert!(!Deadband::None.lets_through(Some(0.1), Some(0.1)));
 }
 
 #[test]

@@ -23,6 +23,8 @@ mod fill;
 
 /// First pause before a lost session is opened again.
 const FIRST_PAUSE: Duration = Duration::from_millis(500);
+/// A mark that would come too late to be in order is put so far behind the newest sample (s).
+const STEP_S: f64 = 1e-3;
 /// Nodes that were refused are tried again this often.
 const RETRY: Duration = Duration::from_secs(60);
 
@@ -363,7 +365,10 @@ impl Collector {
         // What is bad has no value that a fresh stamp could make look fresh; its source often keeps the old stamp.
         let t = match own {
             Some(t) if !unusable || self.tags[at].series.is_newer(t) => t,
-            _ if unusable => value::server_time(value).unwrap_or_else(|| self.source_now()),
+            _ if unusable => {
+                let t = value::server_time(value).unwrap_or_else(|| self.source_now());
+                self.tags[at].series.last().map_or(t, |last| t.max(last + STEP_S))
+            }
             _ => {
                 return self.refused(at, "a value without a time: see source_time_fallback", sink);
             }
@@ -373,7 +378,7 @@ impl Collector {
         // A value that did not change while it could not be had keeps its old source time, but comes after the mark.
         let t = match before {
             Some(mark) if self.tags[at].marked && !unusable && t <= mark => {
-                value::server_time(value).unwrap_or_else(|| self.source_now()).max(mark + 1e-3)
+                value::server_time(value).unwrap_or_else(|| self.source_now()).max(mark + STEP_S)
             }
             _ => t,
         };
@@ -432,3 +437,6 @@ impl Collector {
 
 /// Nothing: a session ends only by being lost.
 enum Never {}
+
+#[cfg(test)]
+mod tests;

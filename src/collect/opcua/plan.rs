@@ -59,7 +59,7 @@ pub enum Deadband {
 }
 
 impl Sampling {
-    fn new(server: &Config, tag: &TagConfig) -> Self {
+    pub(super) fn new(server: &Config, tag: &TagConfig) -> Self {
         let percent = tag.deadband_percent.unwrap_or(server.deadband_percent);
         Self {
             every_ms: tag.sampling_ms.unwrap_or(server.sampling_ms),

@@ -61,8 +61,7 @@ pub(super) fn own_files(config: &Config) -> Result<(), String> {
     };
     let readable = |name: &str, read: &dyn Fn(&Path) -> Result<(), String>| {
         let path = folder.join(name);
-        read(&path)
-            .map_err(|why| format!("{}: {why}; docs/configuration.md says how to make it", path.display()))
+        read(&path).map_err(|why| format!("{}: {why}; docs/opcua.md says how to make it", path.display()))
     };
     readable("own/cert.der", &|path| CertificateStore::read_cert(path).map(drop))?;
     readable("private/private.pem", &|path| CertificateStore::read_pkey(path).map(drop))
@@ -83,7 +82,9 @@ pub(super) fn explain(status: StatusCode, config: &Config) -> Option<String> {
     } else if status == StatusCode::BadCertificateTimeInvalid {
         "a certificate has expired or is not valid yet, or a clock is wrong".into()
     } else if status == StatusCode::BadCertificateHostNameInvalid {
-        "the host in url is none of those in the server's certificate: write one that is".into()
+        "the host in url is none of those in the server's certificate: write one that is; its alternative names have \
+         to begin with the application URI"
+            .into()
     } else if status == StatusCode::BadCertificateUriInvalid {
         "the application URI is not the one in the certificate: see application_uri".into()
     } else if status == StatusCode::BadUserAccessDenied || status == StatusCode::BadIdentityTokenRejected {
