@@ -120,6 +120,7 @@ fn registers_that_another_uses_are_refused() {
             "op_margin_percent = 1.0",
             "op_margin_percent: 1 must be at least clamp_percent",
         ),
+        ("term_type = 'f32'", "term_type = 'i16'", "term_scale_percent: 1 is too coarse for a whole number"),
         ("withdraw_limit_s = 20.0", "withdraw_limit_s = nan", "withdraw_limit_s: NaN must be"),
         ("ise_gain = 1.5", "ise_gain = 1.0", "ise_gain: 1 must be 1.01"),
         ("clamp_percent = 3.0\n", "", "missing key \"clamp_percent\""),

@@ -145,6 +145,9 @@ impl TermType {
     }
 }
 
+/// Units of a whole-number register that the largest term must span.
+const LEAST_STEPS: f64 = 20.0;
+
 /// The order of a value's bytes in ascending registers; A is the most significant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub enum WordOrder {
@@ -200,6 +203,16 @@ impl LoopConfig {
         let fits = scale.is_finite() && scale > 0.0 && self.clamp_percent <= scale * self.term_type.largest();
         let message = format!("{scale} must be above 0, and clamp_percent must fit into the register");
         unless(fits, "term_scale_percent", message);
+        // Raw values are rounded towards 0: in a coarse register a small term would be none.
+        let whole = matches!(self.term_type, TermType::I16 | TermType::I32);
+        unless(
+            !whole || !fits || scale * LEAST_STEPS <= self.clamp_percent,
+            "term_scale_percent",
+            format!(
+                "{scale} is too coarse for a whole number: clamp_percent = {} must be at least {LEAST_STEPS} units of it",
+                self.clamp_percent
+            ),
+        );
         let (write, timeout, step) = (self.write_ms, self.timeout_ms, self.max_step_ms);
         unless(
             // A connection, a write, a read and a heartbeat.
