@@ -207,6 +207,23 @@ pub enum Refusal {
     },
 }
 
+/// Everything an alarm is beside its settings: what has to outlive a restart.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Saved {
+    /// The condition holds.
+    pub active: bool,
+    /// Somebody has seen it.
+    pub acknowledged: bool,
+    /// Until when it is shelved (s).
+    pub shelved_until: Option<f64>,
+    /// Identifiable diagnoses since the condition last changed, oldest first.
+    pub votes: Vec<Observation>,
+    /// When the state last changed (s).
+    pub since: Option<f64>,
+    /// When the condition was last raised (s).
+    pub raised_at: Option<f64>,
+}
+
 /// The alarm of one loop.
 #[derive(Clone, Debug)]
 pub struct Alarm {
@@ -232,6 +249,29 @@ impl Alarm {
             votes: VecDeque::new(),
             since: None,
             raised_at: None,
+        }
+    }
+
+    /// The alarm as it was saved, under settings that may be others; nobody is told of anything again.
+    pub fn restored(config: Config, saved: Saved) -> Self {
+        let Saved { active, acknowledged, shelved_until, votes, since, raised_at } = saved;
+        let mut votes: VecDeque<Observation> = votes.into();
+        votes.retain(|vote| *vote != Observation::Unknown);
+        while votes.len() > config.n.max(config.clear_n).max(1) {
+            votes.pop_front();
+        }
+        Self { config, active, acknowledged, shelved_until, votes, since, raised_at }
+    }
+
+    /// What has to outlive a restart.
+    pub fn saved(&self) -> Saved {
+        Saved {
+            active: self.active,
+            acknowledged: self.acknowledged,
+            shelved_until: self.shelved_until,
+            votes: self.votes.iter().copied().collect(),
+            since: self.since,
+            raised_at: self.raised_at,
         }
     }
 

@@ -6,6 +6,7 @@
 //!
 //! With the cargo feature `writeback`, and only then, a loop that enables it has a gate between results and plant.
 
+mod keeping;
 #[cfg(not(feature = "writeback"))]
 #[path = "app/reading.rs"]
 mod writing;
@@ -22,6 +23,7 @@ use crate::results::{Judged, Results};
 use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
 use crate::serve::{self, Context, DeviceState, LoopInfo, ServeError};
 use crate::signal::{LoopId, Sample};
+use keeping::Keeping;
 use std::collections::HashMap;
 use std::io;
 use std::net::SocketAddr;
@@ -87,6 +89,7 @@ pub struct App {
     plant: watch::Sender<Arc<serve::Plant>>,
     context: Arc<Context>,
     writing: Arc<Writing>,
+    keeping: Arc<Keeping>,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
     state: Mutex<Running>,
@@ -120,6 +123,7 @@ impl App {
         let history = Arc::new(History::new(&wired.loops, &config.history));
         let results = Arc::new(Results::new(&ids(&config), config.schedule.keep_results, &config.alarm));
         let writing = Writing::new(&config, clock, &results)?;
+        let keeping = Keeping::new(&config, clock, &history, &results);
         let plan = schedule_plan(&config, &history, &writing);
         let scheduler =
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
@@ -128,7 +132,7 @@ impl App {
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
-        let context = Arc::new(context.with_desk(writing.clone()));
+        let context = Arc::new(context.with_desk(writing.clone()).with_store(keeping.ask()));
         tracing::info!(
             loops = history.loops().len(),
             tags = history.tag_count(),
@@ -138,7 +142,7 @@ impl App {
             "history: memory taken"
         );
         let state = Mutex::new(Running { config, history, devices, collecting: false });
-        Ok(Self { clock, results, scheduler, plant, context, writing, stop, state })
+        Ok(Self { clock, results, scheduler, plant, context, writing, keeping, stop, state })
     }
 
     /// The diagnosis that the daemon runs, its residual traced.
@@ -176,6 +180,7 @@ impl App {
         {
             let mut state = self.state.lock().await;
             state.collecting = true;
+            self.keeping.begin();
             state.devices.iter_mut().for_each(|device| device.start(&self.stop));
             self.writing.begin(&state.config, &state.history, &state.devices);
         }
@@ -196,6 +201,8 @@ impl App {
         for device in &mut state.devices {
             device.end().await;
         }
+        // Last, so that the last samples and results are kept too.
+        self.keeping.end().await;
         Ok(served?)
     }
 
@@ -230,6 +237,7 @@ impl App {
             device.end().await;
         }
         self.results.reload(&ids(&config), &config.alarm);
+        self.keeping.clone().replace(history.clone(), self.results.clone()).await;
         self.scheduler.replace(schedule_plan(&config, &history, &self.writing));
         self.plant.send_replace(Arc::new(shown(&config, &history, &devices)));
         if state.collecting && !self.stop.is_cancelled() {
@@ -371,6 +379,9 @@ fn shown(config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::
 fn warn_of_what_needs_a_restart(old: &Config, new: &Config) {
     if old.server != new.server {
         tracing::warn!("[server] has changed: that takes effect at the next start");
+    }
+    if old.store != new.store {
+        tracing::warn!("[store] has changed: that takes effect at the next start");
     }
     let sizes = |c: &schedule::Config| (c.parallelism, c.deadline_s.to_bits(), c.queue, c.keep_results);
     if sizes(&old.schedule) != sizes(&new.schedule) {

@@ -20,6 +20,7 @@ pub mod history;
 pub mod results;
 pub mod schedule;
 pub mod serve;
+pub mod store;
 pub mod writeback;
 
 pub mod config;

@@ -2,9 +2,11 @@
 //! them. Everything is bounded; whoever wants to hear of news subscribes to a bounded channel.
 
 mod judged;
+mod kept;
 mod origin;
 
 pub use judged::{Judged, KnownEffect, ModelVersion};
+pub use kept::{Change, Keeper, Remembered, Restored, Summary};
 pub use origin::Origin;
 
 use crate::alarm::{self, Alarm, Observation, Refusal, State, Transition};
@@ -102,9 +104,9 @@ impl Run {
             time: self.finished,
             took_s: self.took_s,
             trigger: self.trigger,
-            outcome: self.outcome.as_str(),
+            outcome: self.outcome.as_str().into(),
             reason_code: match judged.map(Judged::verdict) {
-                Some(Verdict::NotIdentifiable(why)) => Some(why.code()),
+                Some(Verdict::NotIdentifiable(why)) => Some(why.code().into()),
                 _ => None,
             },
             reason: match &self.outcome {
@@ -139,31 +141,6 @@ pub fn f_unit(in_percent: bool) -> &'static str {
     if in_percent { "% OP" } else { "OP units" }
 }
 
-/// A run in a few numbers.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Summary {
-    /// When it ended (s).
-    pub time: f64,
-    /// How long it took on the wall clock (s).
-    pub took_s: f64,
-    /// Who asked.
-    pub trigger: Trigger,
-    /// A verdict, `deadline_exceeded` or `panicked`.
-    pub outcome: &'static str,
-    /// Why nothing could be said, where nothing could.
-    pub reason_code: Option<&'static str>,
-    /// The verdict in one line.
-    pub reason: String,
-    /// Friction [% of OP span, see `f_in_percent`].
-    pub f: Option<f64>,
-    /// Its 95 % interval, in the same unit.
-    pub f_ci95: Option<[f64; 2]>,
-    /// Whether f is in per cent of OP's span; else in OP's own units, whose span is not known.
-    pub f_in_percent: bool,
-    /// Evidence (-).
-    pub delta_aic: Option<f64>,
-}
-
 /// A loop's alarm at one moment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AlarmView {
@@ -188,11 +165,13 @@ pub struct AlarmView {
 /// What is known of one loop.
 #[derive(Clone, Debug)]
 pub struct Known {
-    /// The latest run that gave a diagnosis.
+    /// The latest run that gave a diagnosis, since the start.
     pub diagnosed: Option<Arc<Run>>,
+    /// The latest diagnosis of before the start, while there is none since.
+    pub restored: Option<Arc<Restored>>,
     /// The latest run of any kind.
     pub last: Option<Summary>,
-    /// The latest summary of `diagnosed`.
+    /// The summary of `diagnosed`, or of `restored`.
     pub summary: Option<Summary>,
     /// Which effects the model has, since when.
     pub model: ModelVersion,
@@ -230,6 +209,7 @@ pub enum Action {
 #[derive(Debug)]
 struct Entry {
     diagnosed: Option<(Arc<Run>, Summary)>,
+    restored: Option<(Arc<Restored>, Summary)>,
     summaries: VecDeque<Summary>,
     model: ModelVersion,
     alarm: Alarm,
@@ -246,6 +226,7 @@ pub struct Results {
     /// Loops with a term in force.
     reinforced: RwLock<HashSet<LoopId>>,
     events: broadcast::Sender<Event>,
+    keeper: kept::Keeping,
 }
 
 impl Results {
@@ -257,6 +238,7 @@ impl Results {
             keep: keep.max(1),
             reinforced: RwLock::default(),
             events: broadcast::channel(EVENT_BACKLOG).0,
+            keeper: kept::Keeping::default(),
         };
         results.place(loops, alarm_config);
         results
@@ -276,6 +258,7 @@ impl Results {
             let entry = old.remove(id).unwrap_or_else(|| {
                 Arc::new(Mutex::new(Entry {
                     diagnosed: None,
+                    restored: None,
                     summaries: VecDeque::new(),
                     model: ModelVersion::default(),
                     alarm: Alarm::new(alarm_config.clone()),
@@ -322,15 +305,25 @@ impl Results {
                 entry.summaries.pop_front();
             }
             entry.summaries.push_back(summary.clone());
+            let mut new_model = None;
             if let Some(judged) = run.judged() {
                 let effects = judged.effects();
                 if entry.model.version == 0 || entry.model.effects != effects {
                     let version = entry.model.version + 1;
                     entry.model = ModelVersion { version, since: run.finished, effects };
+                    new_model = Some(entry.model.clone());
                 }
                 entry.diagnosed = Some((run.clone(), summary.clone()));
+                entry.restored = None;
             }
-            entry.alarm.observe(observation, run.finished)
+            let transitions = entry.alarm.observe(observation, run.finished);
+            self.keep(&run.id, &entry, |change| Change {
+                run: Some((run.clone(), summary.clone())),
+                model: new_model,
+                transitions: transitions.clone(),
+                ..change
+            });
+            transitions
         };
         self.tell(Event::Run(run.id.clone(), summary));
         self.tell_all(&run.id, transitions);
@@ -363,8 +356,14 @@ impl Results {
         let entry = lock(&entry);
         Some(Known {
             diagnosed: entry.diagnosed.as_ref().map(|(run, _)| run.clone()),
+            restored: entry.restored.as_ref().map(|(restored, _)| restored.clone()),
             last: entry.summaries.back().cloned(),
-            summary: entry.diagnosed.as_ref().map(|(_, summary)| summary.clone()),
+            summary: entry
+                .diagnosed
+                .as_ref()
+                .map(|(_, summary)| summary)
+                .or(entry.restored.as_ref().map(|(_, summary)| summary))
+                .cloned(),
             model: entry.model.clone(),
             alarm: view(id, &entry),
         })
@@ -421,6 +420,8 @@ impl Results {
             };
             acted.map(|transitions| {
                 (entry.by, entry.comment) = (by, comment);
+                let kept = transitions.clone();
+                self.keep(id, &entry, |change| Change { transitions: kept, acted: true, ..change });
                 (transitions, view(id, &entry))
             })
         };
@@ -443,7 +444,14 @@ impl Results {
     }
 
     fn let_pass(&self, id: &LoopId, entry: &Mutex<Entry>, now: f64) {
-        let transitions = lock(entry).alarm.tick(now);
+        let transitions = {
+            let mut entry = lock(entry);
+            let transitions = entry.alarm.tick(now);
+            if !transitions.is_empty() {
+                self.keep(id, &entry, |change| Change { transitions: transitions.clone(), ..change });
+            }
+            transitions
+        };
         self.tell_all(id, transitions);
     }
 

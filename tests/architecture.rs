@@ -24,6 +24,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("audit", &[]),
     ("collect", &["signal"]),
     ("history", &["signal"]),
+    ("store", &["signal"]),
     ("results", &["signal", "compensation", "alarm", "diagnosis", "residual"]),
     ("schedule", &["signal", "diagnosis", "residual", "results"]),
     ("writeback", &["signal", "compensation", "audit"]),
@@ -31,7 +32,10 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
         "serve",
         &["signal", "compensation", "alarm", "diagnosis", "residual", "history", "results", "schedule"],
     ),
-    ("config", &["signal", "alarm", "diagnosis", "collect", "history", "schedule", "serve", "writeback"]),
+    (
+        "config",
+        &["signal", "alarm", "diagnosis", "collect", "history", "schedule", "serve", "store", "writeback"],
+    ),
     (
         "app",
         &[
@@ -46,6 +50,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
             "results",
             "schedule",
             "serve",
+            "store",
             "writeback",
             "config",
         ],
@@ -76,6 +81,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
             "collect",
             "history",
             "serve",
+            "store",
             "config",
             "app",
             "demo",
@@ -126,6 +132,7 @@ const CONFIG_FILES: &[&str] = &[
     "src/history/mod.rs",
     "src/schedule.rs",
     "src/serve/mod.rs",
+    "src/store/config.rs",
     "src/writeback/config.rs",
 ];
 /// Other places that may name serde: the loader of the file, the DTOs, and where those are turned from and into text.
@@ -234,6 +241,15 @@ fn writing(source: &Source) -> Vec<String> {
     vec![format!("{}: names a function that writes", source.path)]
 }
 
+/// The database is the store's own: no other module names it, and nothing but the store writes samples to disk.
+fn storing(source: &Source) -> Vec<String> {
+    let names = |path: &Vec<String>| ["rusqlite", "zstd"].contains(&path[0].as_str()) && path.len() > 1;
+    if source.top() == "store" || !source.paths().iter().any(names) {
+        return Vec::new();
+    }
+    vec![format!("{}: only the store names its database", source.path)]
+}
+
 /// Size, and a head that says what the module is for.
 fn shape(source: &Source) -> Vec<String> {
     let mut wrong = Vec::new();
@@ -319,6 +335,15 @@ fn nothing_writes_to_a_plant() {
             "{part} is always there"
         );
     }
+}
+
+#[test]
+fn only_the_store_names_its_database() {
+    everywhere(storing);
+    let refused = |text: &str| storing(&Source::new("src/app/keeping.rs", text)).len();
+    assert_eq!(refused("use rusqlite::Connection;"), 1);
+    assert_eq!(refused("fn f() { zstd::bulk::compress(b, 3) }"), 1);
+    assert_eq!(refused("use crate::store::pack;"), 0);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use stictiond::collect::{modbus, opcua};
 use stictiond::config::{self, LoopConfig};
-use stictiond::{alarm, diagnosis, history, schedule, serve, writeback};
+use stictiond::{alarm, diagnosis, history, schedule, serve, store, writeback};
 
 const DOCUMENTS: &[&str] = &[
     "README.md",
@@ -20,6 +20,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/diagnosis.md",
     "docs/opcua.md",
     "docs/reproduce.md",
+    "docs/store.md",
     "docs/writeback.md",
     "deploy/README.md",
 ];
@@ -83,6 +84,7 @@ const TAG: &str = "device = 'd'\nregister = 'coil'\naddress = 1\n";
 fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<serve::Config>("`[server]`", "");
     agrees::<history::Config>("`[history]`", "");
+    agrees::<store::Config>("`[store]`", "folder = 'x'\n");
     agrees::<schedule::Config>("`[schedule]`", "");
     agrees::<diagnosis::Config>("`[diagnosis]`", "");
     agrees::<alarm::Config>("`[alarm]`", "");

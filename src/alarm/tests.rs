@@ -172,12 +172,17 @@ proptest! {
         actions in actions(),
         (n, k) in (1usize..5).prop_flat_map(|n| (Just(n), 1..=n)),
         (clear_n, clear_k) in (1usize..5).prop_flat_map(|n| (Just(n), 1..=n)),
+        restart_every in 1usize..6,
     ) {
         let config = Config { k, n, clear_k, clear_n, ..Config::default() };
         let mut alarm = Alarm::new(config.clone());
         let mut oracle = Oracle { state: State::Normal, until: 0.0, seen: Vec::new() };
         let mut now = 0.0;
-        for action in actions {
+        for (count, action) in actions.into_iter().enumerate() {
+            // A restart in between changes nothing.
+            if count % restart_every == 0 {
+                alarm = Alarm::restored(config.clone(), alarm.saved());
+            }
             now += if let Action::Wait(duration) = action { duration } else { 1.0 };
             let before = alarm.state();
             let taken = match action {

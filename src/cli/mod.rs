@@ -1,4 +1,4 @@
-//! The command line: `stictiond run | demo | diagnose | check | health | audit | probe | reproduce`.
+//! The command line: `stictiond run | demo | diagnose | check | health | store | audit | probe | reproduce`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
@@ -13,6 +13,7 @@ mod plot;
 mod probe;
 mod reproduce;
 mod run;
+mod store;
 mod text;
 
 use clap::{Parser, Subcommand};
@@ -41,6 +42,8 @@ enum Command {
     Check(check::Args),
     /// Ask a running daemon whether it answers: exit code 0 or 1
     Health(health::Args),
+    /// Check, export or fill the store
+    Store(store::Args),
     /// Work on the audit log of write-back
     Audit(audit::Args),
     /// Read registers of a device once and show them in every type and byte order
@@ -82,6 +85,7 @@ pub fn main() -> ExitCode {
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Health(args) => health::run(&args),
+        Command::Store(args) => store::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::Probe(args) => probe::run(&args),
         Command::Reproduce(args) => reproduce::run(&args),

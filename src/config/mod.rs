@@ -16,7 +16,7 @@ pub use plant::Plant;
 pub use tag::TagConfig;
 
 use crate::collect::{modbus, opcua};
-use crate::{alarm, diagnosis, history, schedule, serve, writeback};
+use crate::{alarm, diagnosis, history, schedule, serve, store, writeback};
 use diagnostic::Report;
 use serde::Deserialize;
 use source::Source;
@@ -34,6 +34,8 @@ pub struct Config {
     pub server: serve::Config,
     /// `[history]`.
     pub history: history::Config,
+    /// `[store]`; without it nothing outlives a restart.
+    pub store: Option<store::Config>,
     /// `[schedule]`.
     pub schedule: schedule::Config,
     /// `[diagnosis]`.

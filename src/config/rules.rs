@@ -79,6 +79,7 @@ impl Rules<'_, '_, '_> {
     fn sections(&mut self, parts: &Parts) {
         self.section("server", parts.server.as_ref().map(|c| c.validate()));
         self.section("history", parts.history.as_ref().map(|c| c.validate()));
+        self.section("store", parts.store.as_ref().and_then(|c| c.as_ref()).map(|c| c.validate()));
         self.section("schedule", parts.schedule.as_ref().map(|c| c.validate()));
         self.section("diagnosis", parts.diagnosis.as_ref().map(|c| c.validate()));
         self.section("alarm", parts.alarm.as_ref().map(|c| c.validate()));

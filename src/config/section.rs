@@ -6,15 +6,15 @@ use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig};
 use crate::collect::{modbus, opcua};
-use crate::{alarm, diagnosis, history, schedule, serve, writeback};
+use crate::{alarm, diagnosis, history, schedule, serve, store, writeback};
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 9] =
-    ["server", "history", "schedule", "diagnosis", "alarm", "writeback", "modbus", "opcua", "loop"];
+const SECTIONS: [&str; 10] =
+    ["server", "history", "store", "schedule", "diagnosis", "alarm", "writeback", "modbus", "opcua", "loop"];
 /// Tags that a loop has once.
 pub const ROLES: [&str; 5] = ["op", "pv", "sp", "mode", "mv"];
 /// Errors looked for in one section; each costs one more reading of it.
@@ -26,6 +26,8 @@ const NOWHERE: usize = usize::MAX / 2;
 pub struct Parts {
     pub server: Option<serve::Config>,
     pub history: Option<history::Config>,
+    /// Inside, `None` where the section is left out.
+    pub store: Option<Option<store::Config>>,
     pub schedule: Option<schedule::Config>,
     pub diagnosis: Option<diagnosis::Config>,
     pub alarm: Option<alarm::Config>,
@@ -41,6 +43,7 @@ impl Parts {
         Some(Config {
             server: self.server?,
             history: self.history?,
+            store: self.store?,
             schedule: self.schedule?,
             diagnosis: self.diagnosis?,
             alarm: self.alarm?,
@@ -64,6 +67,7 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
     Parts {
         server: table(source, "server", report),
         history: table(source, "history", report),
+        store: optional(source, "store", report),
         schedule: table(source, "schedule", report),
         diagnosis: table(source, "diagnosis", report),
         alarm: table(source, "alarm", report),
@@ -76,9 +80,14 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
 
 /// `[name]`; its defaults when it is left out.
 fn table<T: DeserializeOwned + Default>(source: &Source, name: &str, report: &mut Report) -> Option<T> {
+    optional(source, name, report).map(Option::unwrap_or_default)
+}
+
+/// `[name]`; inside, `None` when it is left out.
+fn optional<T: DeserializeOwned>(source: &Source, name: &str, report: &mut Report) -> Option<Option<T>> {
     match source.root().get(name) {
-        None => Some(T::default()),
-        Some(value) if value.get_ref().is_table() => read(&[name.into()], value, report),
+        None => Some(None),
+        Some(value) if value.get_ref().is_table() => read(&[name.into()], value, report).map(Some),
         Some(value) => {
             report.at(value.span().start, format!("{name}: write it as a section, [{name}]"));
             None

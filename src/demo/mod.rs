@@ -279,7 +279,7 @@ impl View<'_> {
     }
 
     /// The table, and the verdicts in it.
-    fn lines(&self) -> (Vec<String>, Vec<Option<&'static str>>) {
+    fn lines(&self) -> (Vec<String>, Vec<Option<String>>) {
         let now = self.clock.now();
         let said: Vec<_> = self
             .loops
@@ -292,7 +292,7 @@ impl View<'_> {
         lines.extend(table::lines(&rows));
         lines.extend(operators::lines(&*self.desk, self.loops));
         lines.extend(self.audit.map(|audit| format!("on record in {}", audit.display())));
-        let verdicts = said.iter().map(|said| said.as_ref().map(|said| said.outcome));
+        let verdicts = said.iter().map(|said| said.as_ref().map(|said| said.outcome.to_string()));
         (lines, verdicts.collect())
     }
 }

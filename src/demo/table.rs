@@ -36,7 +36,7 @@ impl Row<'_> {
             .map_or_else(|| "-".to_owned(), |[low, high]| format!("{low:.2}..{high:.2}"));
         let verdict = match said {
             None => "waiting for data",
-            Some(said) => said.outcome,
+            Some(said) => said.outcome.as_ref(),
         };
         let mark = match (said, self.is_right()) {
             (None, _) => "",
@@ -84,7 +84,7 @@ mod tests {
             time: 0.0,
             took_s: 0.1,
             trigger: Trigger::Periodic,
-            outcome: "stiction",
+            outcome: "stiction".into(),
             reason_code: None,
             reason: String::new(),
             f: Some(2.512),

@@ -100,11 +100,24 @@ impl Ring {
         (0..4).find_map(|_| self.last(1).pop())
     }
 
+    /// Up to `most` samples from the one with number `from` on (the first ever pushed is 0), oldest first, and the number
+    /// of the first of them: larger than `from` where those in between were overwritten. Never delays the writer.
+    pub fn since(&self, from: u64, most: usize) -> (u64, Vec<Sample>) {
+        let head = self.head.load(Ordering::Acquire);
+        let first = from.max(head.saturating_sub(self.capacity() as u64)).min(head);
+        self.copy(first, head.min(first.saturating_add(most as u64)))
+    }
+
     fn last(&self, count: usize) -> Vec<Sample> {
+        let head = self.head.load(Ordering::Acquire);
+        self.copy(head.saturating_sub(count.min(self.capacity()) as u64), head).1
+    }
+
+    /// Samples `from..to`, `to` at most a head that was loaded before, less those overwritten meanwhile; and the number of
+    /// the first.
+    fn copy(&self, from: u64, to: u64) -> (u64, Vec<Sample>) {
         let slots = self.t.len() as u64;
-        let before = self.head.load(Ordering::Acquire);
-        let from = before.saturating_sub(count.min(self.capacity()) as u64);
-        let mut copy: Vec<Sample> = (from..before)
+        let mut copy: Vec<Sample> = (from..to)
             .map(|i| {
                 let slot = (i % slots) as usize;
                 Sample {
@@ -119,7 +132,7 @@ impl Ring {
         let oldest_whole = (after + 1).saturating_sub(slots);
         let lost = oldest_whole.saturating_sub(from).min(copy.len() as u64);
         copy.drain(..lost as usize);
-        copy
+        (from + lost, copy)
     }
 }
 
@@ -173,6 +186,20 @@ mod tests {
         assert_eq!(kept, vec![5.0, 5.0, 4.0]);
         assert_eq!(ring.latest(), Some(Sample::good(4.0, 40.0)));
         assert_eq!(ring.pushed(), 4);
+    }
+
+    #[test]
+    fn a_reader_that_goes_on_misses_nothing_or_knows_what_it_missed() {
+        let ring = Ring::new(4);
+        let at = |i: u32| Sample::good(f64::from(i), 0.0);
+        assert_eq!(ring.since(0, 10), (0, vec![]));
+        (0..3).for_each(|i| ring.push(at(i)));
+        assert_eq!(ring.since(0, 2), (0, vec![at(0), at(1)]));
+        assert_eq!(ring.since(2, 10), (2, vec![at(2)]));
+        assert_eq!(ring.since(3, 10), (3, vec![]));
+        (3..9).for_each(|i| ring.push(at(i)));
+        assert_eq!(ring.since(3, 10), (5, vec![at(5), at(6), at(7), at(8)]), "3 and 4 were overwritten");
+        assert_eq!(ring.since(100, 10), (9, vec![]));
     }
 
     #[test]

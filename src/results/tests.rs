@@ -76,7 +76,7 @@ fn a_failed_run_is_told_and_leaves_the_last_diagnosis_standing() {
     let known = results.get(&id(), 3.0).expect("A is there");
     assert_eq!(known.diagnosed.expect("kept").finished, 1.0);
     let last = known.last.expect("there were runs");
-    assert_eq!((last.outcome, last.f), ("panicked", None));
+    assert_eq!((last.outcome.as_ref(), last.f), ("panicked", None));
     assert!(!last.reason.contains("secret"));
 }
 
@@ -91,10 +91,10 @@ fn diagnoses_raise_the_alarm_and_everybody_hears_it_in_order() {
     let mut heard = Vec::new();
     while let Ok(event) = events.try_recv() {
         heard.push(match event {
-            Event::Run(_, summary) => summary.outcome,
-            Event::Alarm(_, transition) => transition.to.as_str(),
-            Event::Writeback(..) => "writeback",
-            Event::Reloaded { .. } => "reloaded",
+            Event::Run(_, summary) => summary.outcome.to_string(),
+            Event::Alarm(_, transition) => transition.to.as_str().to_string(),
+            Event::Writeback(..) => "writeback".to_string(),
+            Event::Reloaded { .. } => "reloaded".to_string(),
         });
     }
     assert_eq!(heard, vec!["stiction", "not_identifiable", "stiction", "unacknowledged"]);
@@ -150,4 +150,58 @@ fn a_term_in_force_hides_the_friction_and_clears_no_alarm() {
     results.tell_writeback(&id(), &moved(gate::State::Shadow));
     (13..16).for_each(|k| drop(results.record(clean(f64::from(k)))));
     assert!(!alarm(16.0), "the alarm never clears");
+}
+
+/// What is kept of one, given to another, makes the same of everything that comes.
+#[test]
+fn what_is_kept_and_given_back_goes_on_as_if_nothing_had_been() {
+    let (old, new) = (results(3), results(3));
+    let kept: Arc<Mutex<Vec<Change>>> = Arc::default();
+    let heard = kept.clone();
+    old.keep_with(Arc::new(move |change| heard.lock().expect("whole").push(change)));
+    old.record(sticky(1.0));
+    old.record(sticky(2.0));
+    old.record(run(3.0, Outcome::DeadlineExceeded));
+    old.act(&id(), Action::Acknowledge, Some("kim".into()), Some("seen".into()), 4.0);
+    old.act(&id(), Action::Shelve(10.0), Some("eve".into()), None, 5.0);
+    old.act(&id(), Action::Shelve(20.0), Some("eve".into()), None, 6.0);
+    let kept = std::mem::take(&mut *kept.lock().expect("whole"));
+    let said: Vec<_> = kept.iter().map(|c| (c.run.is_some(), c.transitions.len(), c.acted)).collect();
+    let expected = [
+        (true, 0, false),
+        (true, 1, false),
+        (true, 0, false),
+        (false, 1, true),
+        (false, 1, true),
+        (false, 0, true),
+    ];
+    assert_eq!(said, expected, "a shelving that was only prolonged is kept too");
+    assert_eq!(kept[0].model.as_ref().map(|model| model.version), Some(1));
+    let last = kept.last().expect("several");
+    let summary = kept[1].run.as_ref().expect("a run").1.clone();
+    let restored = Restored { finished: 2.0, took_s: 0.02, quality: "good".into(), report: "{}".into() };
+    let remembered = Remembered {
+        summaries: kept.iter().filter_map(|c| Some(c.run.as_ref()?.1.clone())).collect(),
+        diagnosed: Some((restored, summary.clone())),
+        model: kept[0].model.clone().expect("new"),
+        alarm: Some((last.alarm.clone(), last.by.clone(), last.comment.clone())),
+    };
+    new.restore(&id(), remembered.clone());
+    let (a, b) = (old.get(&id(), 7.0).expect("A"), new.get(&id(), 7.0).expect("A"));
+    assert_eq!((a.alarm, a.last, a.summary, a.model), (b.alarm, b.last, b.summary, b.model));
+    assert_eq!(old.summaries(&id()), new.summaries(&id()));
+    assert!(b.diagnosed.is_none() && b.restored.is_some(), "a diagnosis of before is marked as such");
+    // The shelving runs out, the condition still holds, and the next run takes the place of what was restored.
+    for results in [&old, &new] {
+        assert_eq!(results.get(&id(), 30.0).expect("A").alarm.state, State::Unacknowledged);
+        results.record(sticky(31.0));
+        let known = results.get(&id(), 32.0).expect("A");
+        assert!(known.diagnosed.is_some() && known.restored.is_none());
+    }
+    new.restore(&id(), remembered);
+    assert_eq!(
+        new.get(&id(), 33.0).expect("A").last.map(|last| last.time),
+        Some(31.0),
+        "never over what is newer"
+    );
 }

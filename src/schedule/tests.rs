@@ -53,10 +53,10 @@ fn rig(config: Config, jobs: Vec<Job>, diagnose: impl Fn(&str) + Send + Sync + '
 }
 
 impl Rig {
-    async fn next_run(&mut self) -> (String, f64, &'static str) {
+    async fn next_run(&mut self) -> (String, f64, String) {
         loop {
             if let Event::Run(id, summary) = self.events.recv().await.expect("the channel stays open") {
-                return (id.to_string(), summary.time, summary.outcome);
+                return (id.to_string(), summary.time, summary.outcome.to_string());
             }
         }
     }

@@ -34,6 +34,7 @@ pub fn text(context: &Context) -> String {
         plant.history.refused() as f64,
     );
     writeback(&mut registry, context, &plant);
+    store(&mut registry, context, now);
     process(&mut registry);
     let mut text = String::new();
     // Writing to a String cannot fail.
@@ -102,7 +103,7 @@ fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
         set(&alarm, &[("loop", id), ("state", view.state.as_str())], 1.0);
         let Some(summary) = summary else { continue };
         let unit = f_unit(summary.f_in_percent);
-        set(&verdict, &[("loop", id), ("verdict", summary.outcome)], 1.0);
+        set(&verdict, &[("loop", id), ("verdict", &summary.outcome)], 1.0);
         set(&valid, &[("loop", id)], f64::from(u8::from(summary.f.is_some())));
         set(&age, &[("loop", id)], now - summary.time);
         if let Some(value) = summary.f {
@@ -166,6 +167,22 @@ fn writeback(registry: &mut Registry, context: &Context, plant: &Plant) {
             set(&ise, &[("loop", id)], before.ise / with.ise);
             set(&travel, &[("loop", id)], with.travel / before.travel);
         }
+    }
+}
+
+fn store(registry: &mut Registry, context: &Context, now: f64) {
+    let Some(ask) = &context.store else { return };
+    let state = ask();
+    let working = f64::from(u8::from(state.failing.is_none()));
+    gauge(registry, "store_working", "1 while what is new is made durable, 0 while the store fails", working);
+    if let Some(at) = state.written_at {
+        gauge(registry, "store_written_age_seconds", "Time since something was last made durable", now - at);
+    }
+    gauge(registry, "store_used_bytes", "Bytes of the store's database in use", state.used_bytes as f64);
+    gauge(registry, "store_max_bytes", "Bytes that it may take", state.max_bytes as f64);
+    let events = counts(registry, "store_events", "What the store did: samples and rows written, lost, …");
+    for (event, value) in state.counters {
+        count(&events, &[("event", event)], value as f64);
     }
 }
 

@@ -143,6 +143,24 @@ pub struct DeviceState {
     pub counters: Vec<(&'static str, u64)>,
 }
 
+/// How the store is, where there is one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StoreState {
+    /// Why it fails, and since when (s); `None` while it works.
+    pub failing: Option<(String, f64)>,
+    /// When something was last made durable (s).
+    pub written_at: Option<f64>,
+    /// Bytes its database takes, and bytes it may take.
+    pub used_bytes: u64,
+    /// See `used_bytes`.
+    pub max_bytes: u64,
+    /// Counters since the start, by name (`samples`, `lost_samples`, …).
+    pub counters: Vec<(&'static str, u64)>,
+}
+
+/// Tells how the store is.
+pub type AskStore = Arc<dyn Fn() -> StoreState + Send + Sync>;
+
 /// What is watched now; replaced as a whole on reload.
 pub struct Plant {
     loops: Vec<LoopInfo>,
@@ -185,6 +203,7 @@ pub struct Context {
     plant: watch::Receiver<Arc<Plant>>,
     event_clients: Arc<Semaphore>,
     desk: Option<Arc<dyn Desk>>,
+    store: Option<AskStore>,
     /// Whether it is served on loopback, known once it is served.
     loopback: OnceLock<bool>,
     stop: CancellationToken,
@@ -210,6 +229,7 @@ impl Context {
             plant,
             stop,
             desk: None,
+            store: None,
             loopback: OnceLock::new(),
         }
     }
@@ -217,6 +237,11 @@ impl Context {
     /// Shows write-back as `desk` knows it.
     pub fn with_desk(self, desk: Arc<dyn Desk>) -> Self {
         Self { desk: Some(desk), ..self }
+    }
+
+    /// Shows the store as `store` tells.
+    pub fn with_store(self, store: Option<AskStore>) -> Self {
+        Self { store, ..self }
     }
 
     /// Whether nobody but this machine can ask.

@@ -76,24 +76,28 @@ pub fn text(devices: &[SocketAddr], loops: &[(&str, usize, u16)]) -> String {
     text
 }
 
-fn config(devices: &[SocketAddr], loops: &[(&str, usize, u16)]) -> Config {
+pub fn config(devices: &[SocketAddr], loops: &[(&str, usize, u16)]) -> Config {
     let text = text(devices, loops);
     config::parse("test.toml", &text).unwrap_or_else(|wrong| panic!("{wrong:?}\n{text}"))
 }
 
-struct Daemon {
-    app: Arc<App>,
-    address: SocketAddr,
-    task: tokio::task::JoinHandle<Result<(), AppError>>,
+pub struct Daemon {
+    pub app: Arc<App>,
+    pub address: SocketAddr,
+    pub task: tokio::task::JoinHandle<Result<(), AppError>>,
 }
 
 /// Plant time runs 20 times as fast, so a period of 10 s is half a second. Sticky is what has an OP of 10.
-async fn start(config: Config) -> Daemon {
+pub async fn start(config: Config) -> Daemon {
+    start_at(config, Clock::plant(1_767_225_600.0, 20.0)).await
+}
+
+/// The same with a clock of the test's.
+pub async fn start_at(config: Config, clock: Clock) -> Daemon {
     let diagnose = Arc::new(|record: &stictiond::signal::Record, _: &_, _: &_| match record.op.last() {
         Some(sample) if sample.value == 10.0 => verdict_of(Verdict::Stiction, 2.5, 446.0).into(),
         _ => verdict_of(Verdict::NoStiction, 0.0, -2.0).into(),
     });
-    let clock = Clock::plant(1_767_225_600.0, 20.0);
     let app = Arc::new(App::build(config, clock, diagnose).expect("a sound configuration"));
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("bound");
@@ -102,7 +106,7 @@ async fn start(config: Config) -> Daemon {
 }
 
 impl Daemon {
-    async fn json(&self, path: &str) -> serde_json::Value {
+    pub async fn json(&self, path: &str) -> serde_json::Value {
         let answer = get(self.address, path).await;
         assert_eq!(answer.status, 200, "{path}: {}", answer.text());
         answer.json()
@@ -122,7 +126,7 @@ impl Daemon {
 }
 
 /// Waits for an event of this name about this loop (any, when empty).
-async fn heard(events: &mut Events, name: &str, id: &str) -> serde_json::Value {
+pub async fn heard(events: &mut Events, name: &str, id: &str) -> serde_json::Value {
     loop {
         let (event, data) = events.next().await.expect("the stream goes on");
         if event == name && (id.is_empty() || data["loop"] == id) {

@@ -6,5 +6,6 @@ mod edges;
 mod http;
 mod resources;
 mod rig;
+mod store;
 #[cfg(feature = "writeback")]
 mod writeback;

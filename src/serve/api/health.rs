@@ -1,6 +1,6 @@
 //! Whether it lives, whether it is ready, and how it is.
 
-use super::super::dto::health::{Health, Readiness};
+use super::super::dto::health::{Health, Readiness, StoreHealth};
 use super::super::dto::params::NoQuery;
 use super::super::dto::rfc3339;
 use super::super::extract::Params;
@@ -26,6 +26,7 @@ pub async fn healthz(State(context): Shared, Params(NoQuery {}): Params<NoQuery>
         version: env!("CARGO_PKG_VERSION"),
         time: rfc3339(now),
         uptime_s: now - context.started,
+        store: store(&context),
     })
 }
 
@@ -46,9 +47,14 @@ pub async fn readyz(
             .with("missing", readiness.missing)
             .with("loops", readiness.loops)
             .with("loops_with_data", readiness.loops_with_data)
-            .with("loops_diagnosed", readiness.loops_diagnosed))
+            .with("loops_diagnosed", readiness.loops_diagnosed)
+            .with("store", serde_json::to_value(readiness.store).unwrap_or_default()))
     })
     .await
+}
+
+fn store(context: &Context) -> Option<StoreHealth> {
+    context.store.as_ref().map(|ask| StoreHealth::from(&ask()))
 }
 
 fn readiness(context: &Context) -> Readiness {
@@ -77,7 +83,14 @@ fn readiness(context: &Context) -> Readiness {
     if loops > 0 && loops_diagnosed == 0 {
         missing.push("no loop has been diagnosed yet".to_string());
     }
-    Readiness { ready: missing.is_empty(), missing, loops, loops_with_data, loops_diagnosed }
+    Readiness {
+        ready: missing.is_empty(),
+        missing,
+        loops,
+        loops_with_data,
+        loops_diagnosed,
+        store: store(context),
+    }
 }
 
 /// Metrics for Prometheus.

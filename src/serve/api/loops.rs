@@ -151,12 +151,12 @@ pub async fn diagnosis(
 ) -> Result<Json<LoopDiagnosis>, Problem> {
     let now = context.clock.now();
     let known = known(&context, &id, now)?;
-    let report = known.diagnosed.as_ref().and_then(|run| LoopDiagnosis::new(run, now));
+    let report = LoopDiagnosis::latest(&known, now);
     report.map(Json).ok_or_else(|| not_yet(&id, &known))
 }
 
 fn not_yet(id: &LoopId, known: &Known) -> Problem {
-    Problem::not_diagnosed_yet(id.as_str(), known.last.as_ref().map(|last| last.outcome))
+    Problem::not_diagnosed_yet(id.as_str(), known.last.as_ref().map(|last| last.outcome.as_ref()))
 }
 
 /// Diagnoses the loop now.
@@ -279,8 +279,7 @@ pub async fn model(
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Json<LoopModel>, Problem> {
     let known = known(&context, &id, context.clock.now())?;
-    let origin = context.results.origin(&id);
-    let model = known.diagnosed.as_ref().and_then(|run| LoopModel::new(run, &known.model, origin));
+    let model = LoopModel::latest(&known, context.results.origin(&id));
     model.map(Json).ok_or_else(|| not_yet(&id, &known))
 }
 

@@ -1,5 +1,7 @@
 //! Health as JSON.
 
+use super::{finite, rfc3339};
+use crate::serve::StoreState;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -14,6 +16,36 @@ pub struct Health {
     pub time: Option<String>,
     /// Plant time since the start (s).
     pub uptime_s: f64,
+    /// The store; null where none is configured.
+    pub store: Option<StoreHealth>,
+}
+
+/// How the store is. A daemon whose store fails goes on: nothing it measures is kept meanwhile but in memory.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct StoreHealth {
+    /// `working` or `failing`.
+    pub state: &'static str,
+    /// Why it fails; null while it works.
+    pub reason: Option<String>,
+    /// Since when it fails; null while it works.
+    pub since: Option<String>,
+    /// When something was last made durable.
+    pub written: Option<String>,
+    /// Share of the room it may take that is in use (0..1).
+    pub used: Option<f64>,
+}
+
+impl From<&StoreState> for StoreHealth {
+    fn from(store: &StoreState) -> Self {
+        let failing = store.failing.as_ref();
+        Self {
+            state: if failing.is_some() { "failing" } else { "working" },
+            reason: failing.map(|(reason, _)| reason.clone()),
+            since: failing.and_then(|(_, since)| rfc3339(*since)),
+            written: store.written_at.and_then(rfc3339),
+            used: finite(store.used_bytes as f64 / store.max_bytes as f64),
+        }
+    }
 }
 
 /// Whether what the daemon shows can be used.
@@ -29,4 +61,6 @@ pub struct Readiness {
     pub loops_with_data: usize,
     /// Loops diagnosed at least once.
     pub loops_diagnosed: usize,
+    /// The store, which does not decide whether it is ready; null where none is configured.
+    pub store: Option<StoreHealth>,
 }

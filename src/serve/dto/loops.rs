@@ -5,7 +5,7 @@ use super::report::{Report, ReportModel, ReportResidual};
 use super::writeback::WritebackView;
 use super::{finite, rfc3339};
 use crate::history::TagSpec;
-use crate::results::{Known, ModelVersion, Origin, Run, Summary, Trigger, f_unit};
+use crate::results::{Known, Origin, Run, Summary, Trigger, f_unit};
 use crate::serve::LoopInfo;
 use crate::signal::{Quality, Sample};
 use serde::Serialize;
@@ -71,7 +71,7 @@ impl From<&Summary> for RunItem {
             time: rfc3339(summary.time),
             outcome: summary.outcome.to_string(),
             reason: summary.reason.clone(),
-            reason_code: summary.reason_code.map(str::to_string),
+            reason_code: summary.reason_code.as_deref().map(str::to_string),
             f: summary.f.and_then(finite),
             f_ci95: summary.f_ci95.and_then(|[low, high]| Some([finite(low)?, finite(high)?])),
             f_unit: f_unit(summary.f_in_percent).to_string(),
@@ -128,23 +128,24 @@ impl LoopItem {
     pub fn new(info: &LoopInfo, known: &Known, now: f64) -> Self {
         let summary = known.summary.as_ref();
         let item = summary.map(RunItem::from);
-        let verdict = summary.map(|s| s.outcome);
+        let verdict = summary.map(|s| s.outcome.as_ref());
         let diagnosis = known.diagnosed.as_ref().and_then(|run| run.judged()).map(|j| &j.diagnosis);
-        let failed = known.last.as_ref().filter(|last| Some(last.outcome) != verdict);
+        let failed = known.last.as_ref().filter(|last| Some(last.outcome.as_ref()) != verdict);
+        let restored = || Some(known.restored.as_ref()?.quality.clone());
         Self {
             id: info.id.to_string(),
             description: info.description.clone(),
             group: info.group.clone(),
             verdict: verdict.map(str::to_string),
             reason: summary.map(|s| s.reason.clone()),
-            reason_code: summary.and_then(|s| s.reason_code).map(str::to_string),
+            reason_code: summary.and_then(|s| s.reason_code.as_deref()).map(str::to_string),
             f: item.as_ref().and_then(|i| i.f),
             f_ci95: item.as_ref().and_then(|i| i.f_ci95),
             f_unit: item.as_ref().map(|i| i.f_unit.clone()),
             delta_aic: item.as_ref().and_then(|i| i.delta_aic),
             time: summary.and_then(|s| rfc3339(s.time)),
             age_s: summary.and_then(|s| finite(now - s.time)),
-            quality: diagnosis.map(|d| super::report::quality(d).as_str().to_string()),
+            quality: diagnosis.map(|d| super::report::quality(d).as_str().to_string()).or_else(restored),
             failure: failed.map(|last| last.outcome.to_string()),
             alarm: known.alarm.state.into(),
             severity: severity(known.alarm.state.into(), verdict),
@@ -218,15 +219,27 @@ pub struct LoopDiagnosis {
 impl LoopDiagnosis {
     /// The diagnosis of a run at `now` (s); `None` for a run that failed.
     pub fn new(run: &Run, now: f64) -> Option<Self> {
-        let report = Report::of(run)?;
-        Some(Self {
-            time: rfc3339(run.finished),
-            age_s: finite(now - run.finished),
+        Some(Self::of(Report::of(run)?, run.finished, run.took_s, now))
+    }
+
+    /// The latest diagnosis of a loop at `now` (s), be it of before the start.
+    pub fn latest(known: &Known, now: f64) -> Option<Self> {
+        if let Some(run) = &known.diagnosed {
+            return Self::new(run, now);
+        }
+        let restored = known.restored.as_ref()?;
+        Some(Self::of(Report::read(&restored.report)?, restored.finished, restored.took_s, now))
+    }
+
+    fn of(report: Report, finished: f64, took_s: f64, now: f64) -> Self {
+        Self {
+            time: rfc3339(finished),
+            age_s: finite(now - finished),
             window_start: report.window.start.and_then(rfc3339),
             window_end: report.window.end.and_then(rfc3339),
-            took_s: finite(run.took_s),
+            took_s: finite(took_s),
             report,
-        })
+        }
     }
 }
 
@@ -290,13 +303,18 @@ pub struct LoopModel {
 }
 
 impl LoopModel {
-    /// The model of a run and its version; `None` for a run that failed.
-    pub fn new(run: &Run, version: &ModelVersion, origin: Option<Origin>) -> Option<Self> {
-        let report = Report::of(run)?;
+    /// The model of the latest diagnosis and its version; `None` where nothing was ever diagnosed.
+    pub fn latest(known: &Known, origin: Option<Origin>) -> Option<Self> {
+        let (run, restored, version) = (&known.diagnosed, &known.restored, &known.model);
+        let report = match run {
+            Some(run) => Report::of(run)?,
+            None => Report::read(&restored.as_ref()?.report)?,
+        };
+        let summary = known.summary.as_ref()?;
         Some(Self {
             r#loop: report.r#loop,
-            time: rfc3339(run.finished),
-            verdict: run.outcome.as_str().to_string(),
+            time: rfc3339(summary.time),
+            verdict: summary.outcome.to_string(),
             reason: report.reason,
             f: report.f,
             f_unit: report.f_unit,

@@ -3,6 +3,7 @@
 pub mod alarms;
 pub mod events;
 pub mod health;
+mod kept;
 pub mod loops;
 pub mod params;
 pub mod report;

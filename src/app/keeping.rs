@@ -1,0 +1,248 @@
+//! Wires the store: follows the rings and what is said of the loops, and on start gives both back what was kept.
+//!
+//! No collector knows of it. Every ring has one more reader, which remembers how far it has come; while the store fails the
+//! ring itself is what waits, and only what it overwrites before the store works again is lost, and counted.
+
+mod following;
+mod rows;
+
+use crate::config::Config;
+use crate::history::{History, Ring};
+use crate::results::{Change, Results};
+use crate::schedule::Clock;
+use crate::serve::{AskStore, StoreState};
+use crate::store::{self, Reader, Store, StoreError, TagName, Writer};
+use following::Following;
+use rows::remembered;
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Changes that wait for the writer's next round; rows are made of them there.
+const MAX_CHANGES: usize = 4096;
+/// Tags that are refilled together, which bounds the memory it takes.
+const REFILL: usize = 256;
+/// Longest wait for what is new to be durable, before rings are replaced.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// The store of the daemon; without `[store]` there is none and nothing happens.
+pub(super) struct Keeping {
+    config: Option<store::Config>,
+    clock: Clock,
+    shared: Arc<Shared>,
+    /// Opened and not begun yet.
+    opened: Mutex<Option<Result<Store, StoreError>>>,
+    writer: Arc<Mutex<Option<Writer>>>,
+}
+
+/// What the collectors' and the scheduler's side shares with the writer's thread.
+#[derive(Default)]
+struct Shared {
+    taps: Mutex<Vec<Arc<Tap>>>,
+    changes: Mutex<VecDeque<Change>>,
+    lost_samples: AtomicU64,
+    dropped_rows: AtomicU64,
+}
+
+/// The store's place in one ring.
+struct Tap {
+    tag: Arc<TagName>,
+    ring: Arc<Ring>,
+    /// Number of the first sample that is not durable.
+    next: AtomicU64,
+    /// Stamp of the last that is (s), as bits; NaN before there is one.
+    last: AtomicU64,
+    /// Nobody pushes any more: gone when it is drained.
+    retired: AtomicBool,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Keeping {
+    /// Opens the store and gives back what was kept: samples to the rings, diagnoses, models and alarms to the results. A
+    /// store that cannot be opened is an entry in the log and in health; the daemon starts without.
+    pub(super) fn new(config: &Config, clock: Clock, history: &History, results: &Results) -> Arc<Self> {
+        let keeping = Self {
+            config: config.store.clone(),
+            clock,
+            shared: Arc::default(),
+            opened: Mutex::default(),
+            writer: Arc::default(),
+        };
+        let Some(own) = &keeping.config else {
+            tracing::warn!("no [store] is configured: a restart begins with an empty history");
+            return Arc::new(keeping);
+        };
+        let opened = Store::open(own);
+        if opened.is_ok() {
+            keeping.give_back(history, results);
+        }
+        *lock(&keeping.opened) = Some(opened);
+        keeping.follow(history);
+        let shared = keeping.shared.clone();
+        results.keep_with(Arc::new(move |change| shared.note(change)));
+        Arc::new(keeping)
+    }
+
+    /// Begins to write.
+    pub(super) fn begin(&self) {
+        let (Some(config), Some(opened)) = (&self.config, lock(&self.opened).take()) else { return };
+        let clock = self.clock;
+        let feed = Following::new(
+            self.shared.clone(),
+            Box::new(move || clock.now()),
+            config.queue_mb as usize * 1_000_000,
+        );
+        match Writer::start(config, opened, feed, move || clock.now()) {
+            Ok(writer) => *lock(&self.writer) = Some(writer),
+            Err(error) => tracing::error!(%error, "nothing is stored: there is no thread for it"),
+        }
+    }
+
+    /// Writes what is left and ends.
+    pub(super) async fn end(&self) {
+        let writer = lock(&self.writer).take();
+        let ended = tokio::task::spawn_blocking(move || writer.map(Writer::stop)).await;
+        if let Err(error) = ended {
+            tracing::error!(%error, "the store did not end well");
+        }
+    }
+
+    /// Another configuration: rings that are new are filled with what was kept of their tags, and followed.
+    pub(super) async fn replace(self: Arc<Self>, history: Arc<History>, results: Arc<Results>) {
+        if self.config.is_none() {
+            return;
+        }
+        let replaced = tokio::task::spawn_blocking(move || {
+            // What the old rings hold belongs into the new ones too.
+            let durable = lock(&self.writer).as_ref().is_none_or(|writer| writer.flush(PATIENCE));
+            if !durable {
+                tracing::warn!("the store fails: rings that are new begin empty");
+            }
+            self.give_back(&history, &results);
+            self.follow(&history);
+        });
+        if let Err(error) = replaced.await {
+            tracing::error!(%error, "the store does not follow the new configuration");
+        }
+    }
+
+    /// How the store is; `None` where there is none.
+    pub(super) fn ask(&self) -> Option<AskStore> {
+        self.config.as_ref()?;
+        let (writer, shared) = (self.writer.clone(), self.shared.clone());
+        Some(Arc::new(move || state(lock(&writer).as_ref().map(Writer::status).unwrap_or_default(), &shared)))
+    }
+
+    fn give_back(&self, history: &History, results: &Results) {
+        let Some(config) = &self.config else { return };
+        let began = Instant::now();
+        let given = Reader::open(&config.folder).and_then(|mut reader| {
+            let samples = refill(&mut reader, history)?;
+            let mut loops = 0;
+            for own in history.loops() {
+                let kept = remembered(&reader, &own.id, results.room())?;
+                loops += usize::from(!kept.summaries.is_empty());
+                results.restore(&own.id, kept);
+            }
+            Ok((samples, loops, reader.damaged()))
+        });
+        let took_s = began.elapsed().as_secs_f64();
+        match given {
+            Ok((samples, loops, damaged)) => {
+                tracing::info!(samples, loops, damaged, took_s, "store: history is back");
+            }
+            Err(error) => tracing::error!(%error, "the store cannot be read: history begins empty"),
+        }
+    }
+
+    /// Follows the rings of `history`, from where they are now unless they were followed before.
+    fn follow(&self, history: &History) {
+        let mut taps = lock(&self.shared.taps);
+        let old = std::mem::take(&mut *taps);
+        for tap in &old {
+            tap.retired.store(true, Relaxed);
+        }
+        for (tag, ring) in named(history) {
+            let before = old.iter().find(|tap| Arc::ptr_eq(&tap.ring, &ring));
+            taps.push(match before {
+                Some(tap) => {
+                    tap.retired.store(false, Relaxed);
+                    tap.clone()
+                }
+                None => Arc::new(Tap {
+                    tag: Arc::new(tag),
+                    next: ring.pushed().into(),
+                    last: ring.latest().map_or(f64::NAN, |sample| sample.t).to_bits().into(),
+                    ring,
+                    retired: false.into(),
+                }),
+            });
+        }
+        taps.extend(old.into_iter().filter(|tap| tap.retired.load(Relaxed)));
+    }
+}
+
+/// Every ring, and the name its samples are kept under.
+fn named(history: &History) -> impl Iterator<Item = (TagName, Arc<Ring>)> {
+    let tags = history.loops().iter().flat_map(|own| own.tags.iter().map(move |tag| (&own.id, tag)));
+    tags.enumerate().filter_map(|(at, (id, tag))| {
+        let name = TagName {
+            control_loop: id.to_string(),
+            tag: tag.kind.name().to_string(),
+            source: tag.source.clone(),
+            unit: tag.unit.clone(),
+        };
+        Some((name, history.ring(at)?.clone()))
+    })
+}
+
+/// Fills rings that are empty with what they held; how many samples that were.
+fn refill(reader: &mut Reader, history: &History) -> Result<usize, StoreError> {
+    let empty: Vec<_> = named(history).filter(|(_, ring)| ring.pushed() == 0).collect();
+    let mut count = 0;
+    for some in empty.chunks(REFILL) {
+        let names: Vec<TagName> = some.iter().map(|(name, _)| name.clone()).collect();
+        let room = some.iter().map(|(_, ring)| ring.capacity()).max().unwrap_or(0);
+        let mut kept = reader.last(&names, room)?;
+        for (name, ring) in some {
+            let samples = kept.remove(name).unwrap_or_default();
+            count += samples.len();
+            samples.into_iter().for_each(|sample| ring.push(sample));
+        }
+    }
+    Ok(count)
+}
+
+fn state(status: store::Status, shared: &Shared) -> StoreState {
+    StoreState {
+        failing: status.failing,
+        written_at: status.written_at,
+        used_bytes: status.usage.used_bytes,
+        max_bytes: status.usage.max_bytes,
+        counters: vec![
+            ("samples", status.samples),
+            ("rows", status.rows),
+            ("failures", status.failures),
+            ("lost_samples", shared.lost_samples.load(Relaxed)),
+            ("dropped_rows", shared.dropped_rows.load(Relaxed)),
+            ("refused_samples", status.refused),
+            ("damaged_chunks", status.damaged),
+        ],
+    }
+}
+
+impl Shared {
+    /// Takes a change; waits for nobody.
+    fn note(&self, change: Change) {
+        let mut changes = lock(&self.changes);
+        if changes.len() == MAX_CHANGES {
+            changes.pop_front();
+            self.dropped_rows.fetch_add(1, Relaxed);
+        }
+        changes.push_back(change);
+    }
+}

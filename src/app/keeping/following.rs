@@ -1,0 +1,174 @@
+//! What the writer asks for what is new: the rings, each from where it was left, and the changes as rows.
+
+use super::rows::rows;
+use super::{Shared, Tap, lock};
+use crate::signal::Sample;
+use crate::store::{Batch, Feed, Row, Series};
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+
+/// Samples written in one go.
+const MAX_SAMPLES: usize = 200_000;
+/// Other rows written in one go.
+const MAX_ROWS: usize = 1000;
+/// A clock that goes back by less (s) was only corrected.
+const SET_BACK_S: f64 = 1.0;
+/// Stamps of a source may be ahead of our clock by this (s) when the daemon starts.
+const AHEAD_S: f64 = 60.0;
+
+/// Tells the time (s).
+pub(super) type Now = Box<dyn Fn() -> f64 + Send>;
+
+/// What the writer asks for what is new.
+pub(super) struct Following {
+    shared: Arc<Shared>,
+    clock: Now,
+    /// Rows that are not durable, oldest first, and about what memory they take.
+    rows: VecDeque<Row>,
+    bytes: usize,
+    max_bytes: usize,
+    batch: Batch,
+    /// How far each ring was read for the batch, and the last stamp that was read.
+    read: Vec<(Arc<Tap>, u64, Option<f64>)>,
+    /// The ring that comes first in the next batch, so that none waits for ever.
+    first: usize,
+    full: bool,
+    told: f64,
+    back: Back,
+}
+
+/// Where a clock that was set back has taken us.
+#[derive(Clone, Copy, PartialEq)]
+enum Back {
+    /// It was not.
+    No,
+    /// Samples of before are written first.
+    Before,
+    /// What comes now belongs to the new era.
+    Now,
+}
+
+impl Following {
+    pub(super) fn new(shared: Arc<Shared>, clock: Now, max_bytes: usize) -> Self {
+        // Set back while nobody ran: what was kept is of later.
+        let last = |tap: &Arc<Tap>| f64::from_bits(tap.last.load(Relaxed));
+        let newest = lock(&shared.taps).iter().map(last).fold(f64::NEG_INFINITY, f64::max);
+        Self {
+            shared,
+            told: clock().max(newest - AHEAD_S),
+            clock,
+            rows: VecDeque::new(),
+            bytes: 0,
+            max_bytes,
+            batch: Batch::default(),
+            read: Vec::new(),
+            first: 0,
+            full: false,
+            back: Back::No,
+        }
+    }
+
+    /// Keeps what waits within its bound: the oldest reports go first, then the oldest rows.
+    fn bound(&mut self) {
+        let mut at = 0;
+        while self.bytes > self.max_bytes && at < self.rows.len() {
+            if let Row::Diagnosis(row) = &mut self.rows[at]
+                && let Some(report) = row.report.take()
+            {
+                self.bytes -= report.len();
+                self.shared.dropped_rows.fetch_add(1, Relaxed);
+            }
+            at += 1;
+        }
+        while self.bytes > self.max_bytes
+            && let Some(row) = self.rows.pop_front()
+        {
+            self.bytes -= row.bytes();
+            self.shared.dropped_rows.fetch_add(1, Relaxed);
+        }
+    }
+}
+
+impl Feed for Following {
+    fn gather(&mut self) {
+        let changes = std::mem::take(&mut *lock(&self.shared.changes));
+        for row in changes.into_iter().flat_map(rows) {
+            self.bytes += row.bytes();
+            self.rows.push_back(row);
+        }
+        self.bound();
+        let now = (self.clock)();
+        if now < self.told - SET_BACK_S {
+            self.back = Back::Before;
+        }
+        self.told = now;
+    }
+
+    fn set_back(&mut self) -> bool {
+        let now = self.back == Back::Now;
+        if now {
+            self.back = Back::No;
+        }
+        now
+    }
+
+    fn take(&mut self) -> &Batch {
+        self.batch.rows = self.rows.iter().take(MAX_ROWS).cloned().collect();
+        self.batch.series.clear();
+        self.read.clear();
+        self.full = false;
+        let taps = lock(&self.shared.taps).clone();
+        self.first = if taps.is_empty() { 0 } else { self.first % taps.len() };
+        let mut room = MAX_SAMPLES;
+        for tap in taps[self.first..].iter().chain(&taps[..self.first]) {
+            if room == 0 {
+                self.full = true;
+                break;
+            }
+            let next = tap.next.load(Relaxed);
+            let (first, mut samples) = tap.ring.since(next, room);
+            self.shared.lost_samples.fetch_add(first - next, Relaxed);
+            tap.next.store(first, Relaxed);
+            let mut last = f64::from_bits(tap.last.load(Relaxed));
+            if self.back == Back::Before {
+                let falls = |sample: &Sample| sample.t < std::mem::replace(&mut last, sample.t) - SET_BACK_S;
+                let until = samples.iter().position(falls);
+                samples.truncate(until.unwrap_or(samples.len()));
+            }
+            let last = samples.last().map(|sample| sample.t);
+            room -= samples.len();
+            self.read.push((tap.clone(), first + samples.len() as u64, last));
+            if !samples.is_empty() {
+                self.batch.series.push(Series { tag: tap.tag.clone(), samples });
+            }
+        }
+        &self.batch
+    }
+
+    fn settled(&mut self) -> bool {
+        for (tap, next, last) in &self.read {
+            tap.next.store(*next, Relaxed);
+            if let Some(last) = last {
+                tap.last.store(last.to_bits(), Relaxed);
+            }
+        }
+        for row in self.rows.drain(..self.batch.rows.len()) {
+            self.bytes -= row.bytes();
+        }
+        if self.full {
+            self.first += self.read.len();
+        }
+        let drained =
+            |tap: &Arc<Tap>| tap.retired.load(Relaxed) && tap.ring.pushed() <= tap.next.load(Relaxed);
+        lock(&self.shared.taps).retain(|tap| !drained(tap));
+        let crossing = self.back == Back::Before && !self.full;
+        if crossing {
+            self.back = Back::Now;
+        }
+        self.full || crossing || !self.rows.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests;

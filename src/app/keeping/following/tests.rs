@@ -1,0 +1,142 @@
+use super::*;
+use crate::history::Ring;
+use crate::signal::Sample;
+use crate::store::{DiagnosisRow, TagName, TransitionRow};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64};
+
+/// Rings of this size, followed with a clock that the test sets, and the queue that is bounded to some bytes.
+struct World {
+    rings: Vec<Arc<Ring>>,
+    now: Arc<Mutex<f64>>,
+    following: Following,
+    shared: Arc<Shared>,
+}
+
+fn world(sizes: &[usize], max_bytes: usize) -> World {
+    let rings: Vec<Arc<Ring>> = sizes.iter().map(|size| Arc::new(Ring::new(*size))).collect();
+    let tap = |(at, ring): (usize, &Arc<Ring>)| {
+        let (source, unit) = (String::new(), String::new());
+        let tag = TagName { control_loop: "A".into(), tag: at.to_string(), source, unit };
+        let (next, retired) = (AtomicU64::new(0), AtomicBool::new(false));
+        let last = AtomicU64::new(f64::NAN.to_bits());
+        Arc::new(Tap { tag: Arc::new(tag), ring: ring.clone(), next, last, retired })
+    };
+    let shared = Arc::new(Shared::default());
+    *lock(&shared.taps) = rings.iter().enumerate().map(tap).collect();
+    let now = Arc::new(Mutex::new(0.0));
+    let clock = now.clone();
+    let following = Following::new(shared.clone(), Box::new(move || *lock(&clock)), max_bytes);
+    World { rings, now, following, shared }
+}
+
+impl World {
+    fn push(&self, ring: usize, times: impl IntoIterator<Item = u32>) {
+        times.into_iter().for_each(|t| self.rings[ring].push(Sample::good(f64::from(t), 0.0)));
+    }
+
+    /// Stamps of the next batch by tag.
+    fn taken(&mut self) -> Vec<(String, Vec<u32>)> {
+        self.following.gather();
+        let series = self.following.take().series.iter();
+        series.map(|own| (own.tag.tag.clone(), own.samples.iter().map(|s| s.t as u32).collect())).collect()
+    }
+}
+
+fn one(times: impl IntoIterator<Item = u32>) -> Vec<(String, Vec<u32>)> {
+    vec![("0".to_string(), times.into_iter().collect())]
+}
+
+#[test]
+fn what_is_not_durable_is_taken_again_and_what_was_overwritten_is_counted() {
+    let mut world = world(&[4], 1 << 20);
+    world.push(0, 0..3);
+    assert_eq!(world.taken(), one(0..3));
+    world.push(0, 3..4);
+    assert_eq!(world.taken(), one(0..4), "the write failed, and one came");
+    assert!(!world.following.settled());
+    assert_eq!(world.taken(), []);
+    world.push(0, 4..10);
+    assert_eq!(world.taken(), one(6..10));
+    assert_eq!(world.shared.lost_samples.load(Relaxed), 2);
+    assert_eq!(world.taken(), one(6..10));
+    assert_eq!(world.shared.lost_samples.load(Relaxed), 2, "counted once");
+}
+
+#[test]
+fn a_ring_that_nobody_fills_any_more_is_followed_to_its_end() {
+    let mut world = world(&[10, 10], 1 << 20);
+    world.push(0, 0..3);
+    lock(&world.shared.taps)[0].retired.store(true, Relaxed);
+    assert_eq!(world.taken(), one(0..3));
+    assert_eq!(lock(&world.shared.taps).len(), 2);
+    world.following.settled();
+    assert_eq!(lock(&world.shared.taps).len(), 1);
+}
+
+#[test]
+fn no_ring_waits_for_ever_behind_a_long_one() {
+    let mut world = world(&[2 * MAX_SAMPLES, 10], 1 << 20);
+    world.push(0, 0..(MAX_SAMPLES as u32 + 5));
+    world.push(1, 0..3);
+    assert_eq!(world.taken().iter().map(|(_, times)| times.len()).collect::<Vec<_>>(), [MAX_SAMPLES]);
+    assert!(world.following.settled(), "there is more");
+    let second = world.taken();
+    assert_eq!((second[0].0.as_str(), second[0].1.len(), second[1].1.len()), ("1", 3, 5));
+    assert!(!world.following.settled());
+}
+
+#[test]
+fn samples_of_before_and_after_a_set_back_are_told_apart() {
+    let mut world = world(&[100, 100, 100], 1 << 20);
+    let at = |world: &World, t: f64| *lock(&world.now) = t;
+    at(&world, 110.0);
+    world.push(0, 100..110);
+    world.push(2, 100..110);
+    assert_eq!(world.taken().len(), 2);
+    world.following.settled();
+    // Back to 50: one ring has samples of both, one only of before, one only of after.
+    world.push(2, [50]);
+    world.push(0, [110, 111, 50, 51]);
+    world.push(1, [111]);
+    at(&world, 51.0);
+    assert_eq!(world.taken(), vec![("0".to_string(), vec![110, 111]), ("1".to_string(), vec![111])]);
+    assert!(!world.following.set_back(), "not before that is durable");
+    assert!(world.following.settled(), "there is more");
+    assert!(world.following.set_back());
+    assert_eq!(world.taken(), vec![("0".to_string(), vec![50, 51]), ("2".to_string(), vec![50])]);
+    assert!(!world.following.settled() && !world.following.set_back(), "told once");
+}
+
+#[test]
+fn what_waits_is_bounded_and_the_oldest_reports_go_first() {
+    let mut world = world(&[], 4000);
+    let row = |i: u32, report: Option<Vec<u8>>| {
+        Row::Diagnosis(DiagnosisRow { finished: f64::from(i), report, ..DiagnosisRow::default() })
+    };
+    let rows = (0..4).map(|i| row(i, Some(vec![0; 1000])));
+    for row in rows.chain([Row::Transition(TransitionRow::default())]) {
+        world.following.bytes += row.bytes();
+        world.following.rows.push_back(row);
+    }
+    world.following.bound();
+    let reports: Vec<bool> = world
+        .following
+        .rows
+        .iter()
+        .filter_map(|row| match row {
+            Row::Diagnosis(row) => Some(row.report.is_some()),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(world.following.rows.len(), 5, "no row is gone");
+    assert!(world.following.bytes <= 4000 && !reports[0] && reports[3], "{reports:?}");
+    let counted: usize = world.following.rows.iter().map(Row::bytes).sum();
+    assert_eq!(counted, world.following.bytes);
+    world.following.max_bytes = 500;
+    world.following.bound();
+    assert!(world.following.bytes <= 500 && matches!(world.following.rows.back(), Some(Row::Transition(_))));
+    world.following.take();
+    world.following.settled();
+    assert_eq!((world.following.rows.len(), world.following.bytes), (0, 0));
+}

@@ -1,0 +1,203 @@
+//! `stictiond store check | export | import`: the store from outside the daemon.
+
+use super::{Failure, print};
+use clap::ValueEnum;
+use std::collections::HashMap;
+use std::fmt::Write;
+use std::io;
+use std::path::{Path, PathBuf};
+use stictiond::config;
+use stictiond::serve::dto::{parse_time, rfc3339};
+use stictiond::store::archive::{self, ArchiveError, Choice, Format, Kind};
+use stictiond::store::{self, Config, Reader, Store, StoreError};
+
+/// Faults that are printed; the rest are counted.
+const FAULTS: usize = 20;
+
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    /// Read the whole store, also while it is in use: exit code 1 and what is damaged when something is
+    Check {
+        /// The folder, as `[store] folder` names it
+        folder: PathBuf,
+    },
+    /// Write what is kept to a file, also while the store is in use
+    Export(Export),
+    /// Take samples from files into the store, which must not be in use; what is there stays, nothing is twice
+    Import(Import),
+}
+
+#[derive(clap::Args)]
+struct Export {
+    /// The folder, as `[store] folder` names it
+    folder: PathBuf,
+    /// The file to make; `.csv` or `.parquet` says how
+    #[arg(value_name = "FILE")]
+    to: PathBuf,
+    /// What to write
+    #[arg(long, value_enum, default_value = "samples")]
+    what: What,
+    /// Only these loops
+    #[arg(long = "loop", value_name = "ID")]
+    loops: Vec<String>,
+    /// From this time on: RFC 3339, or seconds since the Unix epoch
+    #[arg(long, value_parser = time)]
+    from: Option<f64>,
+    /// Up to this time
+    #[arg(long, value_parser = time)]
+    to_time: Option<f64>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum What {
+    Samples,
+    Trends,
+    Diagnoses,
+    Alarms,
+}
+
+#[derive(clap::Args)]
+struct Import {
+    /// The folder, as `[store] folder` names it; made when it is not there
+    folder: PathBuf,
+    /// Files with columns loop, tag, t, value and, as far as there are, quality, source, unit: `.csv` or `.parquet`
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
+    /// A configuration: samples that name no source are taken for those that its loops read, and fill their history
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
+fn time(text: &str) -> Result<f64, String> {
+    parse_time(text).ok_or_else(|| "neither RFC 3339 nor seconds since the Unix epoch".to_string())
+}
+
+/// Runs one of them.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    match &args.command {
+        Command::Check { folder } => check(folder),
+        Command::Export(args) => export(args),
+        Command::Import(args) => import(args),
+    }
+}
+
+/// A store that is not there or not ours is bad input; one that fails has failed.
+fn of_store(error: &StoreError) -> Failure {
+    match error {
+        StoreError::Missing(_) | StoreError::Foreign(_) | StoreError::TooNew(_) => {
+            Failure::BadInput(error.to_string())
+        }
+        _ => Failure::Failed(error.to_string()),
+    }
+}
+
+/// An error of a file, or of the store behind it.
+fn of_archive(path: &Path, error: &ArchiveError) -> Failure {
+    match error {
+        ArchiveError::Store(error) => of_store(error),
+        ArchiveError::Format(_) => Failure::in_file(path, error),
+        ArchiveError::Io(source) => match source.kind() {
+            io::ErrorKind::NotFound | io::ErrorKind::AlreadyExists => Failure::in_file(path, error),
+            _ => Failure::Failed(format!("{}: {error}", path.display())),
+        },
+    }
+}
+
+fn format(path: &Path) -> Result<Format, Failure> {
+    Format::of(path).ok_or_else(|| Failure::in_file(path, "the name must end in .csv or .parquet"))
+}
+
+fn check(folder: &Path) -> Result<(), Failure> {
+    let found = store::check(folder).map_err(|error| of_store(&error))?;
+    let mut out = String::new();
+    // Writing into a String cannot fail.
+    let _ = writeln!(
+        out,
+        "samples     {} of {} tags, {} bytes in chunks",
+        found.samples, found.tags, found.sample_bytes
+    );
+    if let Some((first, last)) = found.span {
+        let shown = |t: i64| rfc3339(t as f64).unwrap_or_else(|| t.to_string());
+        let _ = writeln!(out, "            {} to {}", shown(first), shown(last));
+    }
+    let _ = writeln!(out, "trends      {} points", found.points);
+    let _ = writeln!(out, "diagnoses   {}", found.diagnoses);
+    let _ = writeln!(out, "alarms      {} changes", found.transitions);
+    if found.faults.is_empty() {
+        return print(&format!("{}: good, version {}\n{out}", folder.display(), found.version));
+    }
+    for fault in found.faults.iter().take(FAULTS) {
+        let _ = writeln!(out, "damaged     {fault}");
+    }
+    print(&out)?;
+    Err(Failure::Failed(format!("{}: {} things are damaged", folder.display(), found.faults.len())))
+}
+
+fn export(args: &Export) -> Result<(), Failure> {
+    let format = format(&args.to)?;
+    let kind = match args.what {
+        What::Samples => Kind::Samples,
+        What::Trends => Kind::Trends,
+        What::Diagnoses => Kind::Diagnoses,
+        What::Alarms => Kind::Alarms,
+    };
+    if let (Some(from), Some(to)) = (args.from, args.to_time)
+        && from > to
+    {
+        return Err(Failure::BadInput("--from is later than --to-time".to_string()));
+    }
+    let mut reader = Reader::open(&args.folder).map_err(|error| of_store(&error))?;
+    let choice = Choice { loops: args.loops.clone(), from: args.from, to: args.to_time };
+    let rows = archive::export(&mut reader, kind, &choice, format, &args.to)
+        .map_err(|error| of_archive(&args.to, &error))?;
+    if reader.damaged() > 0 {
+        let left_out = reader.damaged();
+        return Err(Failure::Failed(format!(
+            "{}: {rows} rows written, {left_out} damaged chunks left out; see stictiond store check",
+            args.to.display()
+        )));
+    }
+    print(&format!("{}: {rows} rows\n", args.to.display()))
+}
+
+fn import(args: &Import) -> Result<(), Failure> {
+    let formats = args.files.iter().map(|file| format(file)).collect::<Result<Vec<_>, _>>()?;
+    let (settings, sources) = match &args.config {
+        Some(path) => configured(path, &args.folder)?,
+        None => (Config::new(&args.folder), HashMap::new()),
+    };
+    let source = |own: &str, tag: &str| sources.get(&(own.to_string(), tag.to_string())).cloned();
+    let mut store = Store::open(&settings).map_err(|error| of_store(&error))?;
+    for (file, format) in args.files.iter().zip(formats) {
+        let read = archive::read(file, format, &source, &mut |batch| store.insert(batch));
+        let rows = read.map_err(|error| of_archive(file, &error))?;
+        print(&format!("{}: {rows} samples\n", file.display()))?;
+    }
+    Ok(())
+}
+
+/// A tag by loop and name.
+type Tag = (String, String);
+
+/// The store's settings, and for every tag of the plant its source and unit.
+fn configured(path: &Path, folder: &Path) -> Result<(Config, HashMap<Tag, (String, String)>), Failure> {
+    let config = config::load(path).map_err(Failure::BadConfig)?;
+    let plant = config.plant().map_err(|issues| {
+        let issues =
+            issues.iter().map(|issue| format!("{}: {}", issue.field, issue.message)).collect::<Vec<_>>();
+        Failure::in_file(path, issues.join("; "))
+    })?;
+    let tags = plant.loops.iter().flat_map(|own| own.tags.iter().map(move |tag| (&own.id, tag)));
+    let named = |(id, tag): (&stictiond::signal::LoopId, &stictiond::history::TagSpec)| {
+        ((id.to_string(), tag.kind.name().to_string()), (tag.source.clone(), tag.unit.clone()))
+    };
+    let sources = tags.map(named).collect();
+    let own = config.store.unwrap_or_else(|| Config::new(folder));
+    Ok((Config { folder: folder.to_path_buf(), ..own }, sources))
+}

@@ -1,0 +1,131 @@
+//! What outlives a restart: a run in a few numbers, what changed and is to be kept, and what was kept and comes back.
+
+use super::{Entry, ModelVersion, Results, Run, Trigger, lock};
+use crate::alarm::{Alarm, Saved, Transition};
+use crate::signal::LoopId;
+use std::borrow::Cow;
+use std::fmt;
+use std::sync::{Arc, OnceLock, PoisonError};
+
+/// A run in a few numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    /// When it ended (s).
+    pub time: f64,
+    /// How long it took on the wall clock (s).
+    pub took_s: f64,
+    /// Who asked.
+    pub trigger: Trigger,
+    /// A verdict, `deadline_exceeded` or `panicked`.
+    pub outcome: Cow<'static, str>,
+    /// Why nothing could be said, where nothing could.
+    pub reason_code: Option<Cow<'static, str>>,
+    /// The verdict in one line.
+    pub reason: String,
+    /// Friction [% of OP span, see `f_in_percent`].
+    pub f: Option<f64>,
+    /// Its 95 % interval, in the same unit.
+    pub f_ci95: Option<[f64; 2]>,
+    /// Whether f is in per cent of OP's span; else in OP's own units, whose span is not known.
+    pub f_in_percent: bool,
+    /// Evidence (-).
+    pub delta_aic: Option<f64>,
+}
+
+/// Something changed with a loop: all of it belongs together, and is kept together or not at all.
+#[derive(Clone, Debug)]
+pub struct Change {
+    /// Which loop.
+    pub id: LoopId,
+    /// The run that has ended, where one has.
+    pub run: Option<(Arc<Run>, Summary)>,
+    /// The model's version, where it is a new one.
+    pub model: Option<ModelVersion>,
+    /// What happened to the alarm.
+    pub transitions: Vec<Transition>,
+    /// The alarm after that.
+    pub alarm: Saved,
+    /// Whether an operator acted, who is `by`.
+    pub acted: bool,
+    /// Who acted last.
+    pub by: Option<String>,
+    /// What they said.
+    pub comment: Option<String>,
+}
+
+/// Is told of every change, in order; it must not wait for anything.
+pub type Keeper = Arc<dyn Fn(Change) + Send + Sync>;
+
+/// A diagnosis of before the restart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Restored {
+    /// When it was made (s).
+    pub finished: f64,
+    /// How long it took on the wall clock (s).
+    pub took_s: f64,
+    /// How good the data behind it was, as the report writes it.
+    pub quality: String,
+    /// The whole report, as the API writes it.
+    pub report: Arc<str>,
+}
+
+/// What was kept of a loop.
+#[derive(Clone, Debug, Default)]
+pub struct Remembered {
+    /// Runs, oldest first.
+    pub summaries: Vec<Summary>,
+    /// The latest run that gave a diagnosis, which is one of the summaries by its time.
+    pub diagnosed: Option<(Restored, Summary)>,
+    /// The model's version.
+    pub model: ModelVersion,
+    /// The alarm, who acted last, and what they said.
+    pub alarm: Option<(Saved, Option<String>, Option<String>)>,
+}
+
+/// Who keeps what changes, once somebody does.
+#[derive(Default)]
+pub(super) struct Keeping(OnceLock<Keeper>);
+
+impl fmt::Debug for Keeping {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.debug_tuple("Keeping").field(&self.0.get().is_some()).finish()
+    }
+}
+
+impl Results {
+    /// Tells `keeper` of every change from now on; the first that is named stays.
+    pub fn keep_with(&self, keeper: Keeper) {
+        let _ = self.keeper.0.set(keeper);
+    }
+
+    pub(super) fn keep(&self, id: &LoopId, entry: &Entry, change: impl FnOnce(Change) -> Change) {
+        if let Some(keeper) = self.keeper.0.get() {
+            let (by, comment, alarm) = (entry.by.clone(), entry.comment.clone(), entry.alarm.saved());
+            let (run, model, transitions, acted) = (None, None, Vec::new(), false);
+            keeper(change(Change { id: id.clone(), run, model, transitions, alarm, acted, by, comment }));
+        }
+    }
+
+    /// Runs that are remembered of each loop.
+    pub fn room(&self) -> usize {
+        self.keep
+    }
+
+    /// Takes back what was kept of a loop, with the times of then; nothing when the loop is not there or has been run.
+    pub fn restore(&self, id: &LoopId, kept: Remembered) {
+        let Some(entry) = self.entry(id) else { return };
+        let config = self.alarm_config.read().unwrap_or_else(PoisonError::into_inner).clone();
+        let mut entry = lock(&entry);
+        if !entry.summaries.is_empty() {
+            return;
+        }
+        let surplus = kept.summaries.len().saturating_sub(self.keep);
+        entry.summaries = kept.summaries.into_iter().skip(surplus).collect();
+        entry.restored = kept.diagnosed.map(|(restored, summary)| (Arc::new(restored), summary));
+        entry.model = kept.model;
+        if let Some((saved, by, comment)) = kept.alarm {
+            entry.alarm = Alarm::restored(config, saved);
+            (entry.by, entry.comment) = (by, comment);
+        }
+    }
+}

@@ -1,0 +1,170 @@
+use super::super::tests::Folder;
+use super::*;
+use crate::store::{Config, DiagnosisRow, Row, Store, TransitionRow, pack};
+use proptest::prelude::*;
+
+/// Two loops, some bad samples, numbers that a careless writer rounds.
+fn filled(folder: &Folder) -> Store {
+    let mut store = Store::open(&Config::new(&folder.0)).expect("opens");
+    let tag = |own: &str, tag: &str| {
+        let (source, unit) = ("modbus 10.0.0.1, \"unit 1\"".to_string(), "%".to_string());
+        Arc::new(TagName { control_loop: own.into(), tag: tag.into(), source, unit })
+    };
+    let samples = |k: f64| {
+        (0..500)
+            .map(|i| {
+                let (t, value) = (1_763_700_000.0 + f64::from(i) + 0.1, k * f64::from(i) / 3.0);
+                let quality = QUALITIES[if i % 50 == 7 { i as usize % 7 } else { 0 }];
+                let none = quality == QUALITIES[3];
+                Sample { t, value: if none { f64::NAN } else { value }, quality }
+            })
+            .collect()
+    };
+    let series = vec![
+        Series { tag: tag("A", "op"), samples: samples(1.0) },
+        Series { tag: tag("A", "pv"), samples: samples(-1e-7) },
+        Series { tag: tag("B", "a, \"b\"\nü"), samples: samples(1e9) },
+    ];
+    let rows = vec![
+        Row::Diagnosis(DiagnosisRow {
+            control_loop: "A".into(),
+            finished: 5.0,
+            f: Some(0.25),
+            report: pack("{\"f\":0.25}"),
+            ..DiagnosisRow::default()
+        }),
+        Row::Transition(TransitionRow {
+            control_loop: "B".into(),
+            at: 6.0,
+            before: "normal".into(),
+            after: "shelved".into(),
+            by: Some("eve".into()),
+            ..TransitionRow::default()
+        }),
+    ];
+    store.write(&Batch { series, rows }).expect("writes");
+    store
+}
+
+fn everything(folder: &Folder) -> Vec<(TagName, Vec<(u64, u64, Quality)>)> {
+    let mut reader = Reader::open(&folder.0).expect("opens");
+    let tags = reader.tags().expect("reads");
+    let mut found: Vec<_> = tags.into_iter().map(|tag| (tag.id, tag.name, Vec::new())).collect();
+    let mut from = 0;
+    while let Some(start) = reader.next_start(from).expect("reads") {
+        for (id, samples) in reader.chunk(start, None).expect("reads") {
+            let own = found.iter_mut().find(|(own, ..)| *own == id).expect("a tag");
+            own.2.extend(samples.iter().map(|s| (s.t.to_bits(), s.value.to_bits(), s.quality)));
+        }
+        from = start + 1;
+    }
+    let mut found: Vec<_> = found.into_iter().map(|(_, name, samples)| (name, samples)).collect();
+    found.sort_by(|a, b| a.0.cmp(&b.0));
+    found
+}
+
+fn no_source(_: &str, _: &str) -> Option<(String, String)> {
+    None
+}
+
+#[test]
+fn what_is_exported_and_imported_is_the_same_to_the_last_bit_and_never_twice() {
+    for format in [Format::Csv, Format::Parquet] {
+        let (old, new) = (Folder::new(), Folder::new());
+        drop(filled(&old));
+        let file = old.0.join("out");
+        let mut reader = Reader::open(&old.0).expect("opens");
+        let rows = export(&mut reader, Kind::Samples, &Choice::default(), format, &file).expect("exports");
+        assert_eq!(rows, 1500);
+        let again = export(&mut reader, Kind::Samples, &Choice::default(), format, &file);
+        assert!(matches!(again, Err(ArchiveError::Io(_))), "a file that is there is left alone");
+        let mut store = Store::open(&Config::new(&new.0)).expect("opens");
+        for _ in 0..2 {
+            let read = read(&file, format, &no_source, &mut |batch| store.insert(batch)).expect("reads");
+            assert_eq!(read, 1500);
+        }
+        assert_eq!(everything(&new), everything(&old), "{format:?}");
+    }
+}
+
+#[test]
+fn loops_and_times_are_chosen_and_every_kind_has_its_table() {
+    let folder = Folder::new();
+    drop(filled(&folder));
+    let mut reader = Reader::open(&folder.0).expect("opens");
+    let choice = Choice { loops: vec!["A".into()], from: Some(1_763_700_100.0), to: Some(1_763_700_199.5) };
+    let mut exported = |kind, format, choice: &Choice| {
+        let file = folder.0.join(format!("{kind:?}-{format:?}"));
+        let rows = export(&mut reader, kind, choice, format, &file).expect("exports");
+        (rows, fs::read(&file).expect("can be read"))
+    };
+    assert_eq!(exported(Kind::Samples, Format::Csv, &choice).0, 2 * 100);
+    assert_eq!(exported(Kind::Trends, Format::Csv, &choice).0, 0);
+    let all = Choice::default();
+    let (rows, text) = exported(Kind::Diagnoses, Format::Csv, &all);
+    let text = String::from_utf8(text).expect("text");
+    assert!(rows == 1 && text.contains("0.25") && text.contains("{\"\"f\"\":0.25}"), "{text}");
+    let (rows, text) = exported(Kind::Alarms, Format::Csv, &all);
+    assert_eq!(rows, 1);
+    assert!(String::from_utf8(text).expect("text").ends_with("B,6,normal,shelved,,eve,\n"));
+    for kind in [Kind::Diagnoses, Kind::Alarms] {
+        assert!(exported(kind, Format::Parquet, &all).1.starts_with(b"PAR1"));
+    }
+}
+
+#[test]
+fn a_file_that_is_none_is_refused_with_its_row() {
+    let folder = Folder::new();
+    fs::create_dir_all(&folder.0).expect("writable");
+    let file = folder.0.join("in");
+    let refused = |text: &str, format| {
+        fs::write(&file, text).expect("writable");
+        read(&file, format, &no_source, &mut |_| Ok(())).expect_err(text).to_string()
+    };
+    assert_eq!(refused("", Format::Csv), "the file is empty");
+    assert_eq!(refused("loop,tag,t\n", Format::Csv), "no column value; the header has loop, tag, t");
+    let rows = "loop,tag,t,value,quality\nA,op,1,2,good\n";
+    assert_eq!(refused(&format!("{rows}A,op,x,2,good\n"), Format::Csv), "row 2: t \"x\" is no number");
+    assert_eq!(
+        refused(&format!("{rows}A,op,,2,good\n"), Format::Csv),
+        "row 2: t must be seconds since the Unix epoch"
+    );
+    assert_eq!(
+        refused(&format!("{rows}A,op,3,2,fine\n"), Format::Csv),
+        "row 2: no quality is called \"fine\""
+    );
+    assert_eq!(refused(&format!("{rows},op,3,2,good\n"), Format::Csv), "row 2: loop and tag must be named");
+    assert_eq!(
+        refused(&format!("{rows}A,op,3,,good\n"), Format::Csv),
+        "row 2: a good sample must have a value"
+    );
+    let endless = format!("loop,tag,t,value\n\"{}", "x".repeat(3 << 20));
+    assert!(refused(&endless, Format::Csv).contains("a quote left open"));
+    assert!(refused("PAR1 and no more", Format::Parquet).starts_with("Parquet: "));
+}
+
+#[test]
+fn a_tag_without_a_source_takes_the_one_it_is_read_from() {
+    let folder = Folder::new();
+    let mut store = Store::open(&Config::new(&folder.0)).expect("opens");
+    let file = folder.0.join("in.csv");
+    fs::write(&file, "T,Value,tag,LOOP\n5,1.5,op,A\n6,,op,A\n5,2.5,op,B\n").expect("writable");
+    let source = |own: &str, _: &str| (own == "A").then(|| ("register 7".to_string(), "%".to_string()));
+    assert_eq!(read(&file, Format::Csv, &source, &mut |batch| store.insert(batch)).expect("reads"), 3);
+    let found = everything(&folder);
+    assert_eq!((found[0].0.source.as_str(), found[1].0.source.as_str()), ("register 7", "import"));
+    assert_eq!(found[0].1[1].2.as_str(), "bad:not_a_number", "a blank value is a sample that has none");
+    assert_eq!(Format::of(Path::new("a.CSV")), Some(Format::Csv));
+    assert_eq!(Format::of(Path::new("a.txt")), None);
+}
+
+proptest! {
+    #[test]
+    fn rubbish_is_refused_or_read_without_a_panic(text in "[loptagvue,\"\n0-9.eE\\-]{0,300}") {
+        let folder = Folder::new();
+        fs::create_dir_all(&folder.0).expect("writable");
+        let file = folder.0.join("in.csv");
+        fs::write(&file, format!("loop,tag,t,value\n{text}")).expect("writable");
+        let _ = read(&file, Format::Csv, &no_source, &mut |_| Ok(()));
+    }
+}

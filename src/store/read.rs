@@ -1,0 +1,400 @@
+//! The reading side: beside the writer, chunk by chunk, so that memory and the time a snapshot is held stay small.
+
+use super::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow};
+use super::{
+    APPLICATION, DATABASE, MAX_CHUNK, MAX_TAG, StoreError, TREND_SPAN, codec, key, schema, start_and_tag,
+};
+use crate::signal::Sample;
+use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, params};
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+use std::time::Duration;
+
+/// Rows that are read through sooner than one is looked up.
+const NEAR: usize = 8;
+
+/// A tag as it is kept.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StoredTag {
+    /// Its number.
+    pub id: u32,
+    /// Its name.
+    pub name: TagName,
+    /// Counts how often the clock was set back before its samples were stamped.
+    pub era: i64,
+}
+
+/// One point of a trend.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Beginning of the time it stands for (s).
+    pub t: f64,
+    /// Least good value; NaN when there was none.
+    pub least: f64,
+    /// Mean of the good values.
+    pub mean: f64,
+    /// Largest good value.
+    pub most: f64,
+}
+
+/// The store, open for reading; a writer may be at work beside it.
+#[derive(Debug)]
+pub struct Reader {
+    db: Connection,
+    damaged: u64,
+}
+
+impl Reader {
+    /// Opens the store in a folder.
+    ///
+    /// # Errors
+    /// [`StoreError::Missing`], [`StoreError::Foreign`], [`StoreError::TooNew`], [`StoreError::Database`].
+    pub fn open(folder: &Path) -> Result<Self, StoreError> {
+        let path = folder.join(DATABASE);
+        if !path.is_file() {
+            return Err(StoreError::Missing(folder.to_path_buf()));
+        }
+        let db = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        db.busy_timeout(Duration::from_secs(5))?;
+        let application: i64 = db.pragma_query_value(None, "application_id", |row| row.get(0))?;
+        if application != APPLICATION {
+            return Err(StoreError::Foreign(path));
+        }
+        schema::version(&db)?;
+        db.set_prepared_statement_cache_capacity(32);
+        Ok(Self { db, damaged: 0 })
+    }
+
+    pub(super) fn database(&self) -> &Connection {
+        &self.db
+    }
+
+    /// Blobs left out so far because their bytes were damaged.
+    pub fn damaged(&self) -> u64 {
+        self.damaged
+    }
+
+    /// Every tag, by number.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`], as everything below.
+    pub fn tags(&self) -> Result<Vec<StoredTag>, StoreError> {
+        let mut query = self
+            .db
+            .prepare_cached("SELECT id, control_loop, tag, source, unit, era FROM tags ORDER BY id")?;
+        let tags = query.query_map([], |row| {
+            let name = TagName {
+                control_loop: row.get(1)?,
+                tag: row.get(2)?,
+                source: row.get(3)?,
+                unit: row.get(4)?,
+            };
+            Ok(StoredTag { id: row.get(0)?, name, era: row.get(5)? })
+        })?;
+        Ok(tags.collect::<Result<_, _>>()?)
+    }
+
+    /// Start of the first chunk at or after a time (s).
+    pub fn next_start(&self, from: i64) -> Result<Option<i64>, StoreError> {
+        let chunk: Option<i64> = self
+            .db
+            .prepare_cached("SELECT min(key) FROM chunks WHERE key >= ?1")?
+            .query_row([key(from.max(0), 0)], |row| row.get(0))?;
+        let open: Option<i64> = self
+            .db
+            .prepare_cached("SELECT min(start) FROM journal WHERE start >= ?1")?
+            .query_row([from], |row| row.get(0))?;
+        Ok(chunk.map(|key| start_and_tag(key).0).into_iter().chain(open).min())
+    }
+
+    /// Start of the last chunk before a time (s).
+    pub fn previous_start(&self, before: i64) -> Result<Option<i64>, StoreError> {
+        let chunk: Option<i64> = self
+            .db
+            .prepare_cached("SELECT max(key) FROM chunks WHERE key < ?1")?
+            .query_row([before.checked_mul(1 << 24).unwrap_or(i64::MAX)], |row| row.get(0))?;
+        let open: Option<i64> = self
+            .db
+            .prepare_cached("SELECT max(start) FROM journal WHERE start < ?1")?
+            .query_row([before], |row| row.get(0))?;
+        Ok(chunk.map(|key| start_and_tag(key).0).into_iter().chain(open).max())
+    }
+
+    /// Where a walk that wants samples from a time on begins (s): a chunk may begin before the first of its samples.
+    pub fn first_start(from: f64) -> i64 {
+        ((from.clamp(0.0, 1e11) as i64) - MAX_CHUNK).max(0)
+    }
+
+    /// The samples of one chunk, rolled or open, of the wanted tags (all, when `None`; sorted), each tag's by time.
+    pub fn chunk(
+        &mut self,
+        start: i64,
+        wanted: Option<&[u32]>,
+    ) -> Result<BTreeMap<u32, Vec<Sample>>, StoreError> {
+        let mut damaged = 0;
+        // One snapshot, so that a roll in between neither hides nor doubles a sample.
+        let snapshot = self.db.unchecked_transaction()?;
+        let mut found: BTreeMap<u32, Vec<Sample>> = BTreeMap::new();
+        let mut take = |tag: u32, blob: &[u8]| match codec::decode(blob) {
+            Some(samples) => found.entry(tag).or_default().extend(samples),
+            None => damaged += 1,
+        };
+        match wanted {
+            Some(few) if is_scattered(few) => {
+                let mut one = snapshot.prepare_cached("SELECT samples FROM chunks WHERE key = ?1")?;
+                for &tag in few {
+                    let blob = one.query_row([key(start, tag)], |row| row.get::<_, Vec<u8>>(0)).optional()?;
+                    blob.iter().for_each(|blob| take(tag, blob));
+                }
+            }
+            _ => {
+                let mut all =
+                    snapshot.prepare_cached("SELECT key, samples FROM chunks WHERE key BETWEEN ?1 AND ?2")?;
+                let ends = wanted.and_then(|wanted| Some((*wanted.first()?, *wanted.last()?)));
+                let (first, last) = ends.unwrap_or((0, MAX_TAG));
+                let mut rows = all.query([key(start, first), key(start, last)])?;
+                while let Some(row) = rows.next()? {
+                    let tag = start_and_tag(row.get(0)?).1;
+                    if wanted.is_none_or(|wanted| wanted.binary_search(&tag).is_ok()) {
+                        take(tag, row.get_ref(1)?.as_blob().unwrap_or_default());
+                    }
+                }
+            }
+        }
+        {
+            let mut open =
+                snapshot.prepare_cached("SELECT frame FROM journal WHERE start = ?1 ORDER BY seq")?;
+            let mut rows = open.query([start])?;
+            while let Some(row) = rows.next()? {
+                let Some(frame) = codec::decode_frame(row.get_ref(0)?.as_blob().unwrap_or_default()) else {
+                    damaged += 1;
+                    continue;
+                };
+                for (tag, sample) in frame {
+                    if wanted.is_none_or(|wanted| wanted.binary_search(&tag).is_ok()) {
+                        found.entry(tag).or_default().push(sample);
+                    }
+                }
+            }
+        }
+        drop(snapshot);
+        self.damaged += damaged;
+        found.values_mut().for_each(codec::unique);
+        Ok(found)
+    }
+
+    /// The last `count` samples of each tag by name, by time: what a ring held. Only the present era counts.
+    pub fn last(
+        &mut self,
+        names: &[TagName],
+        count: usize,
+    ) -> Result<HashMap<TagName, Vec<Sample>>, StoreError> {
+        let mut ids: HashMap<TagName, (i64, u32)> = HashMap::new();
+        for tag in self.tags()? {
+            let latest = ids.entry(TagName { unit: String::new(), ..tag.name }).or_insert((tag.era, tag.id));
+            *latest = (*latest).max((tag.era, tag.id));
+        }
+        let wanted_by = |name: &TagName| ids.get(&TagName { unit: String::new(), ..name.clone() });
+        let mut missing: Vec<u32> = names.iter().filter_map(|name| Some(wanted_by(name)?.1)).collect();
+        missing.sort_unstable();
+        missing.dedup();
+        let mut found: HashMap<u32, Vec<Sample>> = HashMap::new();
+        let mut before = i64::MAX;
+        // A tag has a sample in each of the chunks that count, or it is not looked for any further.
+        for _ in 0..count {
+            if missing.is_empty() {
+                break;
+            }
+            let Some(start) = self.previous_start(before)? else { break };
+            before = start;
+            for (tag, samples) in self.chunk(start, Some(&missing))? {
+                found.entry(tag).or_default().extend(samples);
+            }
+            missing.retain(|tag| found.get(tag).is_none_or(|samples| samples.len() < count));
+        }
+        let series = names.iter().filter_map(|name| {
+            let mut samples = found.remove(&wanted_by(name)?.1)?;
+            codec::unique(&mut samples);
+            samples.drain(..samples.len().saturating_sub(count));
+            Some((name.clone(), samples))
+        });
+        Ok(series.collect())
+    }
+
+    /// The trends of one tag whose rows begin in `from..to` (s).
+    pub fn trends(&mut self, tag: u32, from: i64, to: i64) -> Result<Vec<Point>, StoreError> {
+        let mut points = Vec::new();
+        let mut start = from.max(0).div_euclid(TREND_SPAN) * TREND_SPAN;
+        while start < to {
+            // The next row of any tag says where there is something at all.
+            let next: Option<i64> = self
+                .db
+                .prepare_cached("SELECT min(key) FROM trends WHERE key >= ?1")?
+                .query_row([key(start, tag)], |row| row.get(0))?;
+            let Some((found, other)) = next.map(start_and_tag) else { break };
+            if other == tag && found < to {
+                let blob: Vec<u8> = self
+                    .db
+                    .prepare_cached("SELECT points FROM trends WHERE key = ?1")?
+                    .query_row([key(found, tag)], |row| row.get(0))?;
+                match decode_points(&blob) {
+                    Some(more) => points.extend(more),
+                    None => self.damaged += 1,
+                }
+            }
+            start = if other < tag { found } else { found + TREND_SPAN };
+        }
+        Ok(points)
+    }
+
+    /// Up to `limit` runs after the one with number `after`, each with its number and its report.
+    pub fn diagnoses(&self, after: i64, limit: usize) -> Result<Vec<(i64, DiagnosisRow)>, StoreError> {
+        let sql = format!("SELECT {DIAGNOSIS}, report, id FROM diagnoses WHERE id > ?1 ORDER BY id LIMIT ?2");
+        let mut query = self.db.prepare_cached(&sql)?;
+        let rows = query.query_map(params![after, limit as i64], |row| {
+            Ok((row.get("id")?, DiagnosisRow { report: row.get("report")?, ..diagnosis(row)? }))
+        })?;
+        Ok(rows.collect::<Result<_, _>>()?)
+    }
+
+    /// The last runs of a loop, oldest first; the latest that has a report with it, the others without.
+    pub fn last_diagnoses(&self, control_loop: &str, count: usize) -> Result<Vec<DiagnosisRow>, StoreError> {
+        let sql = format!(
+            "SELECT {DIAGNOSIS} FROM diagnoses WHERE control_loop = ?1 ORDER BY finished DESC LIMIT ?2"
+        );
+        let mut query = self.db.prepare_cached(&sql)?;
+        let rows = query.query_map(params![control_loop, count as i64], diagnosis)?;
+        let mut rows = rows.collect::<Result<Vec<_>, _>>()?;
+        rows.reverse();
+        let mut latest = self.db.prepare_cached(&format!(
+            "SELECT {DIAGNOSIS}, report FROM diagnoses WHERE control_loop = ?1 AND report IS NOT NULL
+             ORDER BY finished DESC LIMIT 1"
+        ))?;
+        let with_report = latest
+            .query_row([control_loop], |row| {
+                Ok(DiagnosisRow { report: row.get("report")?, ..diagnosis(row)? })
+            })
+            .optional()?;
+        if let Some(with_report) = with_report {
+            match rows.iter_mut().find(|row| row.finished == with_report.finished) {
+                Some(row) => *row = with_report,
+                None => rows.insert(0, with_report),
+            }
+        }
+        Ok(rows)
+    }
+
+    /// The present version of a loop's model.
+    pub fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError> {
+        let mut query = self.db.prepare_cached(
+            "SELECT version, since, effects FROM models WHERE control_loop = ?1 ORDER BY version DESC LIMIT 1",
+        )?;
+        let model = query.query_row([control_loop], |row| {
+            Ok(ModelRow {
+                control_loop: control_loop.to_string(),
+                version: row.get::<_, i64>(0)?.max(0) as u64,
+                since: row.get(1)?,
+                effects: row.get(2)?,
+            })
+        });
+        Ok(model.optional()?)
+    }
+
+    /// The state of a loop's alarm.
+    pub fn alarm(&self, control_loop: &str) -> Result<Option<AlarmRow>, StoreError> {
+        let mut query = self.db.prepare_cached("SELECT * FROM alarms WHERE control_loop = ?1")?;
+        let alarm = query.query_row([control_loop], |row| {
+            Ok(AlarmRow {
+                control_loop: control_loop.to_string(),
+                active: row.get("active")?,
+                acknowledged: row.get("acknowledged")?,
+                shelved_until: row.get("shelved_until")?,
+                votes: row.get("votes")?,
+                since: row.get("since")?,
+                raised_at: row.get("raised_at")?,
+                by: row.get("by_whom")?,
+                comment: row.get("comment")?,
+            })
+        });
+        Ok(alarm.optional()?)
+    }
+
+    /// Up to `limit` things that happened to alarms, after the one with number `after`, each with its number.
+    pub fn transitions(&self, after: i64, limit: usize) -> Result<Vec<(i64, TransitionRow)>, StoreError> {
+        let mut query =
+            self.db.prepare_cached("SELECT * FROM transitions WHERE id > ?1 ORDER BY id LIMIT ?2")?;
+        let rows = query.query_map(params![after, limit as i64], |row| {
+            let transition = TransitionRow {
+                control_loop: row.get("control_loop")?,
+                at: row.get("at")?,
+                before: row.get("before")?,
+                after: row.get("after")?,
+                cause: row.get("cause")?,
+                by: row.get("by_whom")?,
+                comment: row.get("comment")?,
+            };
+            Ok((row.get("id")?, transition))
+        })?;
+        Ok(rows.collect::<Result<_, _>>()?)
+    }
+}
+
+/// Whether wanted tags, which are sorted, lie so far apart that each is looked up sooner than all between are read.
+fn is_scattered(wanted: &[u32]) -> bool {
+    let (Some(first), Some(last)) = (wanted.first(), wanted.last()) else { return true };
+    (last - first) as usize > NEAR * wanted.len()
+}
+
+/// Columns of a run, without its report.
+const DIAGNOSIS: &str = "control_loop, finished, took_s, on_demand, outcome, reason_code, reason, f, f_low, f_high, \
+                         f_in_percent, delta_aic, version";
+
+fn diagnosis(row: &Row<'_>) -> rusqlite::Result<DiagnosisRow> {
+    let interval: (Option<f64>, Option<f64>) = (row.get("f_low")?, row.get("f_high")?);
+    Ok(DiagnosisRow {
+        control_loop: row.get("control_loop")?,
+        finished: row.get("finished")?,
+        took_s: row.get("took_s")?,
+        on_demand: row.get("on_demand")?,
+        outcome: row.get("outcome")?,
+        reason_code: row.get("reason_code")?,
+        reason: row.get("reason")?,
+        f: row.get("f")?,
+        f_ci95: interval.0.zip(interval.1).map(|(low, high)| [low, high]),
+        f_in_percent: row.get("f_in_percent")?,
+        delta_aic: row.get("delta_aic")?,
+        version: row.get("version")?,
+        report: None,
+    })
+}
+
+/// Least, mean and most as three blobs, each behind its length.
+pub(super) fn encode_points(points: &[Point]) -> Vec<u8> {
+    let column = |of: fn(&Point) -> f64| {
+        let samples: Vec<Sample> = points.iter().map(|point| Sample::good(point.t, of(point))).collect();
+        codec::encode(&samples)
+    };
+    let mut out = Vec::new();
+    for blob in [column(|p| p.least), column(|p| p.mean), column(|p| p.most)] {
+        out.extend((blob.len() as u32).to_le_bytes());
+        out.extend(blob);
+    }
+    out
+}
+
+/// The points of [`encode_points`]; `None` when these are not its bytes.
+pub(super) fn decode_points(bytes: &[u8]) -> Option<Vec<Point>> {
+    let mut rest = bytes;
+    let mut column = || {
+        let (length, after) = rest.split_first_chunk::<4>()?;
+        let (blob, after) = after.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+        rest = after;
+        codec::decode(blob)
+    };
+    let (least, mean, most) = (column()?, column()?, column()?);
+    if least.len() != mean.len() || mean.len() != most.len() || !rest.is_empty() {
+        return None;
+    }
+    let joined = least.iter().zip(&mean).zip(&most);
+    Some(joined.map(|((l, m), h)| Point { t: m.t, least: l.value, mean: m.value, most: h.value }).collect())
+}

@@ -1,0 +1,335 @@
+use super::*;
+use crate::signal::{BadReason, Quality, Sample};
+use rusqlite::Connection;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// A folder of its own, gone with the test.
+pub(super) struct Folder(pub PathBuf);
+
+impl Folder {
+    pub(super) fn new() -> Self {
+        static COUNT: AtomicUsize = AtomicUsize::new(0);
+        let name =
+            format!("stictiond-store-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+        let path = std::env::temp_dir().join(name);
+        let _ = std::fs::remove_dir_all(&path);
+        Self(path)
+    }
+
+    fn config(&self) -> Config {
+        Config { chunk_s: 60, ..Config::new(&self.0) }
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn tag(control_loop: &str, tag: &str) -> Arc<TagName> {
+    Arc::new(TagName {
+        control_loop: control_loop.into(),
+        tag: tag.into(),
+        source: "register 7".into(),
+        unit: "%".into(),
+    })
+}
+
+fn batch(tag: &Arc<TagName>, samples: Vec<Sample>) -> Batch {
+    Batch { series: vec![Series { tag: tag.clone(), samples }], rows: Vec::new() }
+}
+
+fn good(range: std::ops::Range<u32>) -> Vec<Sample> {
+    range.map(|i| Sample::good(1000.0 + f64::from(i), f64::from(i) * 0.5)).collect()
+}
+
+/// Everything that is kept of a tag, chunk by chunk.
+fn all(folder: &Folder) -> BTreeMap<u32, Vec<Sample>> {
+    let mut reader = Reader::open(&folder.0).expect("opens");
+    let mut found: BTreeMap<u32, Vec<Sample>> = BTreeMap::new();
+    let mut from = 0;
+    while let Some(start) = reader.next_start(from).expect("reads") {
+        for (tag, samples) in reader.chunk(start, None).expect("reads") {
+            found.entry(tag).or_default().extend(samples);
+        }
+        from = start + 1;
+    }
+    assert_eq!(reader.damaged(), 0);
+    found
+}
+
+fn whole(folder: &Folder) -> Checked {
+    let checked = check(&folder.0).expect("can be read");
+    assert_eq!(checked.faults, [""; 0]);
+    checked
+}
+
+#[test]
+fn what_was_written_is_there_after_reopening_rolled_or_not() {
+    let (folder, op) = (Folder::new(), tag("A", "op"));
+    let mut store = Store::open(&folder.config()).expect("opens");
+    for i in 0..200 {
+        store.write(&batch(&op, good(i..i + 1))).expect("writes");
+        store.tidy(1000.0 + f64::from(i)).expect("tidies");
+    }
+    assert_eq!(all(&folder)[&1], good(0..200), "beside the writer");
+    drop(store);
+    let store = Store::open(&folder.config()).expect("opens again");
+    assert_eq!(all(&folder)[&1], good(0..200));
+    let checked = whole(&folder);
+    assert_eq!((checked.samples, checked.tags), (200, 1));
+    // 960 to 1020 .. 1140 are over, 1140 to 1200 is open.
+    let rolled: i64 = store.db.query_row("SELECT count(*) FROM chunks", [], |row| row.get(0)).unwrap();
+    assert_eq!(rolled, 3);
+}
+
+#[test]
+fn nothing_is_there_twice_and_a_good_sample_replaces_a_bad_one() {
+    let (folder, op) = (Folder::new(), tag("A", "op"));
+    let mut store = Store::open(&folder.config()).expect("opens");
+    let bad = Sample { t: 1500.0, value: f64::NAN, quality: Quality::Bad(BadReason::Timeout) };
+    for now in [1000.0, 5000.0, 9000.0] {
+        store.write(&batch(&op, good(0..100))).expect("writes");
+        store.write(&batch(&op, vec![bad])).expect("writes");
+        store.tidy(now).expect("tidies");
+        store.insert(&batch(&op, good(50..150))).expect("inserts");
+    }
+    let there = &all(&folder)[&1];
+    assert_eq!(there.len(), 151);
+    assert_eq!(there[..150], good(0..150));
+    assert_eq!(there[150].quality, bad.quality);
+    store.insert(&batch(&op, vec![Sample::good(1500.0, 3.0)])).expect("inserts");
+    store.insert(&batch(&op, vec![Sample::good(1500.0, 4.0), bad])).expect("inserts");
+    assert_eq!(all(&folder)[&1][150], Sample::good(1500.0, 3.0), "the first good one stays");
+    assert_eq!(whole(&folder).samples, 151);
+}
+
+#[test]
+fn late_and_early_samples_find_their_chunk() {
+    let (folder, op) = (Folder::new(), tag("A", "op"));
+    let mut store = Store::open(&folder.config()).expect("opens");
+    let times = [5000.0, 100.0, 5001.0, 90_000.0, 101.0, 5002.0, -1.0, f64::NAN, 1e30, f64::INFINITY];
+    for (i, &t) in times.iter().enumerate() {
+        store.write(&batch(&op, vec![Sample::good(t, i as f64)])).expect("writes");
+        store.tidy(5000.0 + 61.0 * i as f64).expect("tidies");
+    }
+    let stamps: Vec<f64> = all(&folder)[&1].iter().map(|s| s.t).collect();
+    assert_eq!(stamps, [100.0, 101.0, 5000.0, 5001.0, 5002.0, 90_000.0]);
+    assert_eq!(store.refused_and_damaged(), (4, 0));
+    let held: i64 = store.db.query_row("SELECT count(*) FROM journal", [], |row| row.get(0)).unwrap();
+    assert_eq!(held, 0, "a stamp from the future does not hold its chunk open");
+}
+
+#[test]
+fn the_last_samples_of_each_tag_come_back_as_a_ring_held_them() {
+    let folder = Folder::new();
+    let (op, pv, other) = (tag("A", "op"), tag("A", "pv"), tag("B", "op"));
+    let mut store = Store::open(&folder.config()).expect("opens");
+    for i in 0..500u32 {
+        let mut both = batch(&op, good(i..i + 1));
+        if i % 10 == 0 {
+            both.series.push(Series { tag: pv.clone(), samples: good(i..i + 1) });
+        }
+        store.write(&both).expect("writes");
+        store.tidy(1000.0 + f64::from(i)).expect("tidies");
+    }
+    let mut reader = Reader::open(&folder.0).expect("opens");
+    let found = reader.last(&[(*op).clone(), (*pv).clone(), (*other).clone()], 130).expect("reads");
+    assert_eq!(found.len(), 2, "of B nothing was ever there");
+    assert_eq!(found[&*op], good(370..500));
+    assert_eq!(found[&*pv].len(), 50, "all there is");
+    let elsewhere = TagName { source: "register 8".into(), ..(*op).clone() };
+    assert!(reader.last(&[elsewhere], 10).expect("reads").is_empty(), "another register, another signal");
+}
+
+#[test]
+fn a_clock_that_is_set_back_begins_another_era() {
+    let (folder, op) = (Folder::new(), tag("A", "op"));
+    let mut store = Store::open(&folder.config()).expect("opens");
+    store.write(&batch(&op, good(0..100))).expect("writes");
+    store.begin_era();
+    let again: Vec<Sample> = good(50..60).iter().map(|s| Sample { value: -1.0, ..*s }).collect();
+    store.write(&batch(&op, again.clone())).expect("writes");
+    store.tidy(1060.0).expect("tidies");
+    drop(store);
+    let mut store = Store::open(&folder.config()).expect("opens");
+    let more = vec![Sample::good(1060.5, -2.0)];
+    store.write(&batch(&op, more.clone())).expect("writes");
+    let found = Reader::open(&folder.0).unwrap().last(&[(*op).clone()], 1000).expect("reads");
+    assert_eq!(found[&*op], [again, more].concat());
+    assert_eq!(all(&folder)[&1], good(0..100), "what was there stays as it was");
+}
+
+fn diagnosis(control_loop: &str, finished: f64, report: Option<&str>) -> Row {
+    Row::Diagnosis(DiagnosisRow {
+        control_loop: control_loop.into(),
+        finished,
+        took_s: f64::NAN,
+        outcome: "stiction".into(),
+        f: Some(0.5),
+        f_ci95: Some([0.4, 0.6]),
+        report: report.and_then(pack),
+        ..DiagnosisRow::default()
+    })
+}
+
+fn transition(at: f64, before: &str, after: &str) -> Row {
+    Row::Transition(TransitionRow {
+        control_loop: "A".into(),
+        at,
+        before: before.into(),
+        after: after.into(),
+        cause: "raised".into(),
+        ..TransitionRow::default()
+    })
+}
+
+#[test]
+fn diagnoses_models_and_alarms_come_back() {
+    let folder = Folder::new();
+    let mut store = Store::open(&folder.config()).expect("opens");
+    let model = ModelRow { control_loop: "A".into(), version: 3, since: 5.0, effects: "drift\t\n".into() };
+    let alarm = AlarmRow {
+        control_loop: "A".into(),
+        active: true,
+        votes: "sc".into(),
+        by: Some("eve".into()),
+        ..AlarmRow::default()
+    };
+    let rows = vec![
+        diagnosis("A", 1.0, Some("{\"first\":1}")),
+        diagnosis("A", 2.0, Some("{\"second\":2}")),
+        diagnosis("A", 3.0, None),
+        Row::Model(ModelRow { version: 2, ..model.clone() }),
+        Row::Model(model.clone()),
+        Row::Alarm(AlarmRow { active: false, ..alarm.clone() }),
+        Row::Alarm(alarm.clone()),
+        transition(2.0, "normal", "unacknowledged"),
+    ];
+    for _ in 0..2 {
+        store.write(&Batch { series: Vec::new(), rows: rows.clone() }).expect("writes, and again");
+    }
+    let reader = Reader::open(&folder.0).expect("opens");
+    let last = reader.last_diagnoses("A", 2).expect("reads");
+    let kept: Vec<(f64, bool)> = last.iter().map(|row| (row.finished, row.report.is_some())).collect();
+    assert_eq!(kept, [(2.0, true), (3.0, false)]);
+    assert_eq!(last[0].report.as_deref().and_then(unpack).as_deref(), Some("{\"second\":2}"));
+    assert_eq!(reader.model("A").expect("reads"), Some(model));
+    assert_eq!(reader.alarm("A").expect("reads"), Some(alarm));
+    assert_eq!(reader.alarm("B").expect("reads"), None);
+    let checked = whole(&folder);
+    assert_eq!((checked.diagnoses, checked.transitions), (3, 1));
+}
+
+#[test]
+fn a_gap_in_an_alarms_history_and_a_damaged_blob_are_found() {
+    let (folder, op) = (Folder::new(), tag("A", "op"));
+    let mut store = Store::open(&folder.config()).expect("opens");
+    let rows = vec![transition(1.0, "normal", "unacknowledged"), transition(2.0, "acknowledged", "normal")];
+    store.write(&Batch { series: Vec::new(), rows }).expect("writes");
+    store.insert(&batch(&op, good(0..300))).expect("inserts");
+    store
+        .db
+        .execute("UPDATE chunks SET samples = zeroblob(40) WHERE key IN (SELECT min(key) FROM chunks)", [])
+        .unwrap();
+    let faults = check(&folder.0).expect("can be read").faults;
+    assert_eq!(faults.len(), 2, "{faults:?}");
+    assert!(faults[0].contains("chunk 960 of tag 1") && faults[1].contains("alarm of A"), "{faults:?}");
+    let mut reader = Reader::open(&folder.0).expect("opens");
+    // The first chunk, 960 to 1020, held 20 samples; the others are read all the same.
+    assert_eq!(reader.last(&[(*op).clone()], 1000).expect("reads")[&*op], good(20..300));
+    assert_eq!(reader.damaged(), 1);
+}
+
+#[test]
+fn what_is_old_is_thinned_to_trends_and_then_goes() {
+    let (folder, op) = (Folder::new(), tag("A", "op"));
+    let config = Config { samples_days: 0.05, trend_days: 0.5, diagnoses_days: 1.0, ..folder.config() };
+    let mut store = Store::open(&config).expect("opens");
+    let mut samples = good(0..7200);
+    // Values 0, 0.5, …: one bad minute, which has no mean.
+    samples[80..140].iter_mut().for_each(|s| s.quality = Quality::Bad(BadReason::Timeout));
+    store.insert(&batch(&op, samples)).expect("inserts");
+    let rows = (0..5).map(|i| diagnosis("A", f64::from(i), Some("{}"))).collect();
+    store.write(&Batch { series: Vec::new(), rows }).expect("writes");
+    let now = 1000.0 + 0.05 * 86_400.0 + 3600.0;
+    while store.tidy(now).expect("tidies") {}
+    let points = Reader::open(&folder.0).unwrap().trends(1, 0, i64::MAX / (1 << 25)).expect("reads");
+    assert_eq!(points.len(), 54, "the minutes from 960 to 4200");
+    // 1020 to 1080: samples 20 to 79, 10 to 39.5.
+    assert_eq!(points[1], Point { t: 1020.0, least: 10.0, mean: 24.75, most: 39.5 });
+    assert!(points[2].mean.is_nan() && points[2].least.is_nan());
+    assert_eq!(whole(&folder).samples, 7200 - 3200, "the rest in full");
+
+    while store.tidy(1000.0 + 86_400.0 * 3.0).expect("tidies") {}
+    let checked = whole(&folder);
+    assert_eq!((checked.samples, checked.points, checked.diagnoses), (0, 0, 1), "the latest run stays");
+}
+
+#[test]
+fn the_database_stays_within_its_room_and_what_is_oldest_goes() {
+    let folder = Folder::new();
+    let config = Config { max_mb: 16, ..folder.config() };
+    let mut store = Store::open(&config).expect("opens");
+    let tags: Vec<_> = (0..20).map(|i| tag(&i.to_string(), "op")).collect();
+    // Random values cannot be packed: 9 bytes a sample, 24 MB in all.
+    let mut state = 1u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (state >> 11) as f64 / 9.1
+    };
+    let mut made_room = 0;
+    for hour in 0..37 {
+        let series = tags.iter().map(|tag| {
+            let at = |i: u32| f64::from(hour * 3600 + i);
+            Series { tag: tag.clone(), samples: (0..3600).map(|i| Sample::good(at(i), random())).collect() }
+        });
+        let batch = Batch { series: series.collect(), rows: Vec::new() };
+        let now = f64::from(hour * 3600 + 3600);
+        match store.insert(&batch) {
+            Err(error) if error.is_full() => {
+                made_room += 1;
+                assert!(store.make_room(now).expect("room can be made"));
+                store.insert(&batch).expect("there is room again");
+            }
+            written => written.expect("writes"),
+        }
+        while store.tidy(now).expect("tidies") {}
+    }
+    let usage = store.usage().expect("can be told");
+    assert!(usage.file_bytes <= 16_000_000 && usage.used_bytes > 12_000_000, "{usage:?}, {made_room}");
+    let checked = whole(&folder);
+    assert!(checked.span.expect("not empty").0 > 0 && checked.samples > 1_000_000, "{checked:?}");
+    assert_eq!(checked.span.expect("not empty").1, 37 * 3600 - 60, "the newest is there");
+}
+
+#[test]
+fn other_folders_are_refused_and_say_why() {
+    let folder = Folder::new();
+    assert!(matches!(Reader::open(&folder.0), Err(StoreError::Missing(_))));
+    let store = Store::open(&folder.config()).expect("opens");
+    assert!(matches!(Store::open(&folder.config()), Err(StoreError::InUse(_))), "one writer");
+    store.db.pragma_update(None, "user_version", 1_000).unwrap();
+    drop(store);
+    assert!(matches!(Store::open(&folder.config()), Err(StoreError::TooNew(1000))));
+    assert!(matches!(Reader::open(&folder.0), Err(StoreError::TooNew(1000))));
+
+    let foreign = Folder::new();
+    std::fs::create_dir_all(&foreign.0).unwrap();
+    Connection::open(foreign.0.join(DATABASE)).unwrap().execute_batch("CREATE TABLE t (x)").unwrap();
+    assert!(matches!(Store::open(&foreign.config()), Err(StoreError::Foreign(_))));
+    assert!(matches!(Reader::open(&foreign.0), Err(StoreError::Foreign(_))));
+
+    let rubbish = Folder::new();
+    std::fs::create_dir_all(&rubbish.0).unwrap();
+    std::fs::write(rubbish.0.join(DATABASE), vec![7; 100_000]).unwrap();
+    let error = Store::open(&rubbish.config()).expect_err("no database").to_string();
+    assert!(error.contains("store check"), "{error}");
+    let file = Folder::new();
+    std::fs::write(&file.0, "a file").unwrap();
+    assert!(matches!(Store::open(&file.config()), Err(StoreError::Io { .. })));
+    std::fs::remove_file(&file.0).unwrap();
+}

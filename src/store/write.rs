@@ -1,0 +1,401 @@
+//! The writing side: batches in, chunks rolled.
+
+use super::rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow};
+use super::{APPLICATION, Config, DATABASE, LOCK, MAX_TAG, StoreError, codec, key, retain, schema, start_of};
+use crate::signal::Sample;
+use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
+use std::collections::{BTreeMap, HashMap};
+use std::fs::{self, File, TryLockError};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Bytes of a page: large enough that a chunk of a minute leaves little of it empty.
+const PAGE_BYTES: u64 = 8192;
+/// Pages of the write-ahead log after which it is carried over. Many, because the journal's pages are used anew each minute:
+/// what was overwritten meanwhile is carried over once.
+const LOG_PAGES: u64 = 4000;
+/// A chunk is rolled this long after its end (s), so that what comes a little late need not be merged.
+const GRACE_S: f64 = 3.0;
+/// Samples that are held open at most; more are rolled before their chunk is over.
+const MAX_OPEN: usize = 4_000_000;
+
+/// Samples of chunks that are not over, by start and tag.
+pub(super) type Open = BTreeMap<i64, BTreeMap<u32, Vec<Sample>>>;
+
+/// The store, open for writing. There is one writer at a time.
+#[derive(Debug)]
+pub struct Store {
+    pub(super) db: Connection,
+    pub(super) config: Config,
+    _lock: File,
+    /// Tags of the present era.
+    ids: HashMap<Arc<TagName>, u32>,
+    era: i64,
+    open: Open,
+    open_samples: usize,
+    /// The chunk that the last roll stopped before.
+    rolled: i64,
+    /// When retention was last looked at (s).
+    pub(super) retained: f64,
+    /// Samples whose stamp no key holds, refused.
+    pub(super) refused: u64,
+    /// Chunks whose bytes were damaged, replaced.
+    pub(super) damaged: u64,
+}
+
+/// What the database takes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Usage {
+    /// Bytes in use.
+    pub used_bytes: u64,
+    /// Bytes of the file: those in use, and those that were and will be again.
+    pub file_bytes: u64,
+    /// Bytes it may take.
+    pub max_bytes: u64,
+}
+
+impl Store {
+    /// Opens the store in a folder, which is made when it is not there, and brings it to this version.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn open(config: &Config) -> Result<Self, StoreError> {
+        let folder = &config.folder;
+        fs::create_dir_all(folder).map_err(StoreError::io(folder))?;
+        let lock = lock(folder)?;
+        let path = folder.join(DATABASE);
+        let mut db = Connection::open(&path)?;
+        prepare(&db, config, &path)?;
+        schema::migrate(&mut db)?;
+        // A new file is lost with its folder's entry.
+        File::open(folder).and_then(|folder| folder.sync_all()).map_err(StoreError::io(folder))?;
+        let era = db.query_row("SELECT coalesce(max(era), 0) FROM tags", [], |row| row.get(0))?;
+        let mut store = Self {
+            db,
+            config: config.clone(),
+            _lock: lock,
+            ids: HashMap::new(),
+            era,
+            open: Open::new(),
+            open_samples: 0,
+            rolled: 0,
+            retained: f64::NEG_INFINITY,
+            refused: 0,
+            damaged: 0,
+        };
+        store.reopen_chunks()?;
+        Ok(store)
+    }
+
+    /// What was open when the last writer ended, however it ended.
+    fn reopen_chunks(&mut self) -> Result<(), StoreError> {
+        let mut frames = self.db.prepare("SELECT start, frame FROM journal ORDER BY seq")?;
+        let mut rows = frames.query([])?;
+        while let Some(row) = rows.next()? {
+            let start: i64 = row.get(0)?;
+            match codec::decode_frame(row.get_ref(1)?.as_blob().unwrap_or_default()) {
+                Some(samples) => {
+                    self.open_samples += samples.len();
+                    hold(&mut self.open, start, samples);
+                }
+                None => self.damaged += 1,
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes a batch durable: when this returns it is on disk, whole.
+    ///
+    /// # Errors
+    /// [`StoreError`]; then nothing of it counts as written, and it may be written again.
+    pub fn write(&mut self, batch: &Batch) -> Result<(), StoreError> {
+        let chunk_s = self.config.chunk_s;
+        let mut refused = 0;
+        let mut parts: BTreeMap<i64, Vec<(u32, Sample)>> = BTreeMap::new();
+        let taking = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let mut news = Vec::new();
+        for series in batch.series.iter().filter(|series| !series.samples.is_empty()) {
+            let id = tag_id(&taking, &self.ids, &mut news, &series.tag, self.era)?;
+            for &sample in &series.samples {
+                match start_of(sample.t, chunk_s) {
+                    Some(start) => parts.entry(start).or_default().push((id, sample)),
+                    None => refused += 1,
+                }
+            }
+        }
+        {
+            let mut journal = taking.prepare_cached("INSERT INTO journal (start, frame) VALUES (?1, ?2)")?;
+            for (start, samples) in &parts {
+                for part in samples.chunks(codec::MAX_SAMPLES) {
+                    journal.execute(params![start, codec::encode_frame(part)])?;
+                }
+            }
+        }
+        batch.rows.iter().try_for_each(|row| put_row(&taking, row))?;
+        taking.commit()?;
+        self.ids.extend(news);
+        self.refused += refused;
+        for (start, samples) in parts {
+            self.open_samples += samples.len();
+            hold(&mut self.open, start, samples);
+        }
+        Ok(())
+    }
+
+    /// Does what is due at `now` (s): rolls chunks that are over, thins what is old. True when there is more to do.
+    ///
+    /// # Errors
+    /// [`StoreError`]; nothing is lost by it.
+    pub fn tidy(&mut self, now: f64) -> Result<bool, StoreError> {
+        let chunk_s = i64::from(self.config.chunk_s);
+        let current = start_of((now - GRACE_S).max(0.0), self.config.chunk_s).unwrap_or(0);
+        if current != self.rolled || self.open_samples > MAX_OPEN {
+            // The chunk that is filled now, and the one that may have begun, stay open.
+            let filled = current..=current + chunk_s;
+            let over = |start: &i64| self.open_samples > MAX_OPEN || !filled.contains(start);
+            let due: Vec<i64> = self.open.keys().copied().filter(over).collect();
+            for start in due {
+                self.roll(start)?;
+            }
+            self.rolled = current;
+        }
+        retain::step(self, now)
+    }
+
+    /// Moves one chunk of every tag from the journal to its place.
+    fn roll(&mut self, start: i64) -> Result<(), StoreError> {
+        let Some(tags) = self.open.get_mut(&start) else { return Ok(()) };
+        let rolling = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let mut damaged = 0;
+        for (&tag, samples) in tags.iter() {
+            damaged += merge(&rolling, start, tag, samples)?;
+        }
+        rolling.execute("DELETE FROM journal WHERE start = ?1", [start])?;
+        rolling.commit()?;
+        let gone = self.open.remove(&start).unwrap_or_default();
+        self.open_samples = self.open_samples.saturating_sub(gone.values().map(Vec::len).sum());
+        self.damaged += damaged;
+        Ok(())
+    }
+
+    /// Puts recorded history into its place at once, past the journal; durable when this returns.
+    ///
+    /// # Errors
+    /// [`StoreError`]; then nothing of it is there.
+    pub fn insert(&mut self, batch: &Batch) -> Result<(), StoreError> {
+        let (chunk_s, mut refused, mut damaged) = (self.config.chunk_s, 0, 0);
+        let putting = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let mut news = Vec::new();
+        let mut chunks = Open::new();
+        for Series { tag, samples } in &batch.series {
+            let id = tag_id(&putting, &self.ids, &mut news, tag, self.era)?;
+            for &sample in samples {
+                match start_of(sample.t, chunk_s) {
+                    Some(start) => hold(&mut chunks, start, vec![(id, sample)]),
+                    None => refused += 1,
+                }
+            }
+        }
+        for (start, tags) in &chunks {
+            for (&tag, samples) in tags {
+                damaged += merge(&putting, *start, tag, samples)?;
+            }
+        }
+        batch.rows.iter().try_for_each(|row| put_row(&putting, row))?;
+        putting.commit()?;
+        self.ids.extend(news);
+        self.refused += refused;
+        self.damaged += damaged;
+        Ok(())
+    }
+
+    /// Gives room up that what is oldest takes, because a write has found none; true when there was any.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn make_room(&mut self, now: f64) -> Result<bool, StoreError> {
+        retain::make_room(self, now)
+    }
+
+    /// The clock was set back: what comes from now on is kept apart from what is there.
+    pub fn begin_era(&mut self) {
+        self.era += 1;
+        self.ids.clear();
+    }
+
+    /// What the database takes.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn usage(&self) -> Result<Usage, StoreError> {
+        let number = |name: &str| self.db.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
+        let page = number("page_size")?.max(0) as u64;
+        let (pages, free) = (number("page_count")?.max(0) as u64, number("freelist_count")?.max(0) as u64);
+        Ok(Usage {
+            used_bytes: pages.saturating_sub(free) * page,
+            file_bytes: pages * page,
+            max_bytes: self.config.max_mb * 1_000_000,
+        })
+    }
+
+    /// Samples refused because no key holds their stamp, and chunks replaced because their bytes were damaged.
+    pub fn refused_and_damaged(&self) -> (u64, u64) {
+        (self.refused, self.damaged)
+    }
+}
+
+fn lock(folder: &Path) -> Result<File, StoreError> {
+    let path = folder.join(LOCK);
+    let file = File::create(&path).map_err(StoreError::io(&path))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(StoreError::InUse(folder.to_path_buf())),
+        Err(TryLockError::Error(error)) => Err(StoreError::io(&path)(error)),
+    }
+}
+
+fn prepare(db: &Connection, config: &Config, path: &Path) -> Result<(), StoreError> {
+    db.busy_timeout(Duration::from_secs(5))?;
+    let application: i64 = db.pragma_query_value(None, "application_id", |row| row.get(0))?;
+    let tables: i64 = db.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0))?;
+    if application != APPLICATION && (application != 0 || tables > 0) {
+        return Err(StoreError::Foreign(path.to_path_buf()));
+    }
+    if tables == 0 {
+        db.pragma_update(None, "page_size", PAGE_BYTES as i64)?;
+        db.pragma_update(None, "auto_vacuum", "INCREMENTAL")?;
+        db.pragma_update(None, "application_id", APPLICATION)?;
+    }
+    db.pragma_update(None, "journal_mode", "WAL")?;
+    // FULL: a commit returns when the log is on disk, so that what was acknowledged survives a power failure.
+    db.pragma_update(None, "synchronous", "FULL")?;
+    db.pragma_update(None, "wal_autocheckpoint", LOG_PAGES as i64)?;
+    db.pragma_update(None, "journal_size_limit", (2 * LOG_PAGES * PAGE_BYTES) as i64)?;
+    db.pragma_update(None, "cache_size", -16_384)?;
+    let pages = (config.max_mb * 1_000_000 / PAGE_BYTES) as i64;
+    db.pragma_update(None, "max_page_count", pages)?;
+    db.set_prepared_statement_cache_capacity(64);
+    Ok(())
+}
+
+fn hold(open: &mut Open, start: i64, samples: Vec<(u32, Sample)>) {
+    let tags = open.entry(start).or_default();
+    for (tag, sample) in samples {
+        tags.entry(tag).or_default().push(sample);
+    }
+}
+
+/// The number of a tag, which is made when it is new; 0 is none.
+fn tag_id(
+    db: &Transaction<'_>,
+    known: &HashMap<Arc<TagName>, u32>,
+    news: &mut Vec<(Arc<TagName>, u32)>,
+    tag: &Arc<TagName>,
+    era: i64,
+) -> Result<u32, StoreError> {
+    if let Some(&id) = known.get(tag) {
+        return Ok(id);
+    }
+    db.prepare_cached(
+        "INSERT INTO tags (control_loop, tag, source, era, unit) VALUES (?1, ?2, ?3, ?4, ?5)
+         ON CONFLICT DO UPDATE SET unit = excluded.unit",
+    )?
+    .execute(params![tag.control_loop, tag.tag, tag.source, era, tag.unit])?;
+    let id: i64 = db
+        .prepare_cached(
+            "SELECT id FROM tags WHERE control_loop = ?1 AND tag = ?2 AND source = ?3 AND era = ?4",
+        )?
+        .query_row(params![tag.control_loop, tag.tag, tag.source, era], |row| row.get(0))?;
+    let id = u32::try_from(id).ok().filter(|id| *id <= MAX_TAG).ok_or(StoreError::TooManyTags)?;
+    news.push((tag.clone(), id));
+    Ok(id)
+}
+
+/// Puts samples of one tag into their chunk, beside those that are there. How many damaged chunks it replaced.
+fn merge(db: &Transaction<'_>, start: i64, tag: u32, samples: &[Sample]) -> Result<u64, StoreError> {
+    let key = key(start, tag);
+    let there: Option<Vec<u8>> = db
+        .prepare_cached("SELECT samples FROM chunks WHERE key = ?1")?
+        .query_row([key], |row| row.get(0))
+        .optional()?;
+    let (mut all, damaged) = match there.as_deref().map(codec::decode) {
+        None => (Vec::new(), 0),
+        Some(Some(all)) => (all, 0),
+        Some(None) => (Vec::new(), 1),
+    };
+    all.extend_from_slice(samples);
+    codec::unique(&mut all);
+    all.truncate(codec::MAX_SAMPLES);
+    db.prepare_cached("INSERT OR REPLACE INTO chunks (key, samples) VALUES (?1, ?2)")?
+        .execute(params![key, codec::encode(&all)])?;
+    Ok(damaged)
+}
+
+fn put_row(db: &Transaction<'_>, row: &Row) -> Result<(), StoreError> {
+    match row {
+        Row::Diagnosis(row) => put_diagnosis(db, row),
+        Row::Model(ModelRow { control_loop, version, since, effects }) => {
+            let version = i64::try_from(*version).unwrap_or(i64::MAX);
+            db.prepare_cached(
+                "INSERT OR IGNORE INTO models (control_loop, version, since, effects) VALUES (?1, ?2, ?3, ?4)",
+            )?
+            .execute(params![control_loop, version, since, effects])?;
+            Ok(())
+        }
+        Row::Alarm(row) => put_alarm(db, row),
+        Row::Transition(TransitionRow { control_loop, at, before, after, cause, by, comment }) => {
+            db.prepare_cached(
+                "INSERT OR IGNORE INTO transitions (control_loop, at, before, after, cause, by_whom, comment)
+                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
+            )?
+            .execute(params![control_loop, at, before, after, cause, by, comment])?;
+            Ok(())
+        }
+    }
+}
+
+fn put_diagnosis(db: &Transaction<'_>, row: &DiagnosisRow) -> Result<(), StoreError> {
+    db.prepare_cached(
+        "INSERT OR IGNORE INTO diagnoses (control_loop, finished, took_s, on_demand, outcome, reason_code, reason,
+            f, f_low, f_high, f_in_percent, delta_aic, version, report)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14)",
+    )?
+    .execute(params![
+        row.control_loop,
+        row.finished,
+        // NaN is NULL to the database, and a row that it refuses would hold up all that come after.
+        if row.took_s.is_finite() { row.took_s } else { 0.0 },
+        row.on_demand,
+        row.outcome,
+        row.reason_code,
+        row.reason,
+        row.f,
+        row.f_ci95.map(|[low, _]| low),
+        row.f_ci95.map(|[_, high]| high),
+        row.f_in_percent,
+        row.delta_aic,
+        row.version,
+        row.report,
+    ])?;
+    Ok(())
+}
+
+fn put_alarm(db: &Transaction<'_>, row: &AlarmRow) -> Result<(), StoreError> {
+    db.prepare_cached(
+        "INSERT OR REPLACE INTO alarms (control_loop, active, acknowledged, shelved_until, votes, since, raised_at,
+            by_whom, comment) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+    )?
+    .execute(params![
+        row.control_loop,
+        row.active,
+        row.acknowledged,
+        row.shelved_until,
+        row.votes,
+        row.since,
+        row.raised_at,
+        row.by,
+        row.comment,
+    ])?;
+    Ok(())
+}

@@ -1,0 +1,298 @@
+//! The one thread that writes. It asks for what is new at a steady pace, makes it durable, tidies up, and when the store
+//! fails tries again, from a fresh opening, until it works: nobody else ever waits for the disk.
+
+use super::{Batch, Config, Store, StoreError, Usage};
+use std::io;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Shortest and longest pause between attempts on a store that fails.
+const PAUSES: (Duration, Duration) = (Duration::from_millis(500), Duration::from_secs(15));
+/// Time between two looks at how much room is taken.
+const USAGE_EVERY: Duration = Duration::from_secs(5);
+/// Pieces of tidying after each write.
+const TIDY: usize = 8;
+
+/// Where what is to be written comes from. Called on the writer's thread only.
+pub trait Feed: Send + 'static {
+    /// Called each round, also while the store fails: what waits is to stay bounded.
+    fn gather(&mut self);
+    /// What is not durable yet, bounded; asked again after a failure it may say the same and more.
+    fn take(&mut self) -> &Batch;
+    /// What was taken last is durable. True when there is more at once.
+    fn settled(&mut self) -> bool;
+    /// Whether the clock was set back since this was asked last.
+    fn set_back(&mut self) -> bool;
+}
+
+/// How the store is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Status {
+    /// Why it fails, and since when (s); `None` while it works.
+    pub failing: Option<(String, f64)>,
+    /// When something was last made durable (s), as far as there was anything.
+    pub written_at: Option<f64>,
+    /// Samples made durable since the start.
+    pub samples: u64,
+    /// Other rows made durable since the start.
+    pub rows: u64,
+    /// Attempts that failed since the start.
+    pub failures: u64,
+    /// Samples refused, because of a stamp that no key holds.
+    pub refused: u64,
+    /// Blobs found damaged.
+    pub damaged: u64,
+    /// What the database takes.
+    pub usage: Usage,
+}
+
+#[derive(Default)]
+struct Shared {
+    inner: Mutex<Inner>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct Inner {
+    status: Status,
+    stop: bool,
+    /// Rounds asked for and rounds done, for those who wait.
+    asked: u64,
+    done: u64,
+    /// Whether the last round that was done wrote everything.
+    good: bool,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The writer's thread.
+pub struct Writer {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Writer {
+    /// Starts it on a store that was opened, or could not be: then it goes on trying. `now` tells the time (s).
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn start(
+        config: &Config,
+        opened: Result<Store, StoreError>,
+        feed: impl Feed,
+        now: impl Fn() -> f64 + Send + 'static,
+    ) -> io::Result<Self> {
+        let shared = Arc::new(Shared::default());
+        let mut round = Round {
+            config: config.clone(),
+            store: None,
+            feed,
+            now,
+            shared: shared.clone(),
+            pause: PAUSES.0,
+            looked: None,
+            counted: (0, 0),
+        };
+        match opened {
+            Ok(store) => round.take_on(store),
+            Err(error) => round.failed(&error),
+        }
+        let thread = std::thread::Builder::new().name("store".into()).spawn(move || round.run())?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    /// How the store is.
+    pub fn status(&self) -> Status {
+        let mut inner = self.shared.lock();
+        if self.thread.as_ref().is_none_or(JoinHandle::is_finished) && inner.status.failing.is_none() {
+            let since = inner.status.written_at.unwrap_or(f64::NAN);
+            inner.status.failing = Some(("the thread of the store has ended; start the daemon anew".to_string(), since));
+        }
+        inner.status.clone()
+    }
+
+    /// Waits until everything that was there when this was called is durable; false when that failed, or took longer
+    /// than `patience`.
+    pub fn flush(&self, patience: Duration) -> bool {
+        let mut inner = self.shared.lock();
+        inner.asked += 1;
+        let round = inner.asked;
+        self.shared.changed.notify_all();
+        let waiting = |inner: &mut Inner| inner.done < round && !inner.stop;
+        let waited = self.shared.changed.wait_timeout_while(inner, patience, waiting);
+        let (inner, timed_out) = waited.unwrap_or_else(PoisonError::into_inner);
+        !timed_out.timed_out() && inner.good
+    }
+
+    /// Writes what is left and ends; on a store that fails it is tried once.
+    pub fn stop(mut self) {
+        self.end();
+    }
+
+    fn end(&mut self) {
+        self.shared.lock().stop = true;
+        self.shared.changed.notify_all();
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread of the store failed");
+        }
+    }
+}
+
+impl Drop for Writer {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+struct Round<F, N> {
+    config: Config,
+    store: Option<Store>,
+    feed: F,
+    now: N,
+    shared: Arc<Shared>,
+    /// The next pause while the store fails.
+    pause: Duration,
+    looked: Option<Instant>,
+    /// Refused and damaged in stores that were open before.
+    counted: (u64, u64),
+}
+
+impl<F: Feed, N: Fn() -> f64> Round<F, N> {
+    fn run(&mut self) {
+        loop {
+            let (stop, asked) = self.wait();
+            let good = self.write_all();
+            let mut inner = self.shared.lock();
+            (inner.done, inner.good) = (asked, good);
+            drop(inner);
+            self.shared.changed.notify_all();
+            if stop {
+                return;
+            }
+        }
+    }
+
+    /// Until the next round is due or asked for, or the end.
+    fn wait(&self) -> (bool, u64) {
+        let usual = Duration::from_millis(self.config.sync_ms);
+        let pause = if self.store.is_some() { usual } else { self.pause };
+        let idle = |inner: &mut Inner| !inner.stop && inner.asked == inner.done;
+        let waited = self.shared.changed.wait_timeout_while(self.shared.lock(), pause, idle);
+        let (inner, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        (inner.stop, inner.asked)
+    }
+
+    /// Writes until nothing is left; false when the store fails.
+    fn write_all(&mut self) -> bool {
+        self.feed.gather();
+        if self.store.is_none() {
+            match Store::open(&self.config) {
+                Ok(store) => self.take_on(store),
+                Err(error) => {
+                    self.failed(&error);
+                    return false;
+                }
+            }
+        }
+        while let Some(store) = &mut self.store {
+            let now = (self.now)();
+            if self.feed.set_back() {
+                tracing::warn!(
+                    "the clock was set back: samples from now on are kept apart from those before"
+                );
+                store.begin_era();
+            }
+            let batch = self.feed.take();
+            let (samples, rows) = (batch.samples() as u64, batch.rows.len() as u64);
+            let written = if batch.is_empty() { Ok(()) } else { write(store, batch, now) };
+            let more = written.is_ok() && self.feed.settled();
+            let done = written.and_then(|()| tidy(store, now));
+            match done {
+                Ok(()) => self.worked(samples, rows, now),
+                Err(error) => {
+                    self.failed(&error);
+                    return false;
+                }
+            }
+            if !more {
+                return true;
+            }
+        }
+        false
+    }
+
+    fn take_on(&mut self, store: Store) {
+        self.store = Some(store);
+        self.looked = None;
+    }
+
+    fn worked(&mut self, samples: u64, rows: u64, now: f64) {
+        let mut usage = None;
+        if self.looked.is_none_or(|looked| looked.elapsed() > USAGE_EVERY) {
+            self.looked = Some(Instant::now());
+            usage = self.store.as_ref().and_then(|store| store.usage().ok());
+        }
+        let (refused, damaged) = self.store.as_ref().map(Store::refused_and_damaged).unwrap_or_default();
+        self.pause = PAUSES.0;
+        let mut inner = self.shared.lock();
+        let status = &mut inner.status;
+        if let Some((_, since)) = status.failing.take() {
+            tracing::info!(after_s = now - since, "the store works again");
+        }
+        status.samples += samples;
+        status.rows += rows;
+        (status.refused, status.damaged) = (self.counted.0 + refused, self.counted.1 + damaged);
+        status.usage = usage.unwrap_or(status.usage);
+        if samples + rows > 0 {
+            status.written_at = Some(now);
+        }
+    }
+
+    /// The database is left alone for a while and then opened anew: after a failed write nobody knows what state the
+    /// connection is in.
+    fn failed(&mut self, error: &StoreError) {
+        let now = (self.now)();
+        if let Some(store) = self.store.take() {
+            let (refused, damaged) = store.refused_and_damaged();
+            self.counted = (self.counted.0 + refused, self.counted.1 + damaged);
+        }
+        let text = error.to_string();
+        let mut inner = self.shared.lock();
+        let status = &mut inner.status;
+        status.failures += 1;
+        if status.failing.as_ref().is_none_or(|(before, _)| *before != text) {
+            tracing::error!(
+                error = text,
+                "the store fails; what is measured stays in memory until it works again"
+            );
+        }
+        let since = status.failing.take().map_or(now, |(_, since)| since);
+        status.failing = Some((text, since));
+        drop(inner);
+        self.pause = (self.pause * 2).min(PAUSES.1);
+    }
+}
+
+/// Writes; where the room that the store may take is full, makes some and tries once more.
+fn write(store: &mut Store, batch: &Batch, now: f64) -> Result<(), StoreError> {
+    match store.write(batch) {
+        Err(error) if error.is_full() && store.make_room(now)? => store.write(batch),
+        written => written,
+    }
+}
+
+fn tidy(store: &mut Store, now: f64) -> Result<(), StoreError> {
+    for _ in 0..TIDY {
+        if !store.tidy(now)? {
+            break;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,170 @@
+//! The whole daemon with a store: what a restart brings back, and how a store that fails shows.
+
+use crate::app::{Daemon, config, device, heard, start_at};
+use crate::http::{Events, get, post};
+use crate::rig::START;
+use std::path::PathBuf;
+use std::time::Duration;
+use stictiond::schedule::Clock;
+use stictiond::store::{self, Reader, check};
+
+/// A folder of its own, gone with the test.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let name = format!("store-{name}-{}", std::process::id());
+        let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+        let _ = std::fs::remove_dir_all(&path);
+        Self(path)
+    }
+
+    fn config(&self) -> store::Config {
+        store::Config { sync_ms: 20, chunk_s: 10, ..store::Config::new(&self.0) }
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+async fn stop(daemon: Daemon) {
+    daemon.app.stop().cancel();
+    let ended = tokio::time::timeout(Duration::from_secs(10), daemon.task).await;
+    ended.expect("ends in time").expect("no panic").expect("ends well");
+}
+
+/// Waits until the daemon says of its store what is asked for.
+async fn until(daemon: &Daemon, what: &str, good: impl Fn(&serde_json::Value) -> bool) -> serde_json::Value {
+    for _ in 0..600 {
+        let health = daemon.json("/healthz").await["store"].clone();
+        if good(&health) {
+            return health;
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    panic!("{what}: {}", daemon.json("/healthz").await);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_restart_brings_back_samples_diagnoses_models_and_alarms() {
+    let (folder, (address, _)) = (Folder::new("restart"), device().await);
+    let mut first = config(&[address], &[("A", 0, 10), ("B", 0, 20)]);
+    first.store = Some(folder.config());
+    let daemon = start_at(first.clone(), Clock::plant(START, 20.0)).await;
+    let mut events = Events::open(daemon.address).await;
+    heard(&mut events, "alarm", "A").await;
+    heard(&mut events, "diagnosis", "B").await;
+    let acked = post(daemon.address, "/api/v1/alarms/A/ack", "{\"by\":\"eve\",\"comment\":\"seen\"}").await;
+    assert_eq!(acked.status, 200);
+    let before: Vec<_> = [
+        daemon.json("/api/v1/alarms").await["items"][0].clone(),
+        daemon.json("/api/v1/loops/A/diagnosis").await,
+        daemon.json("/api/v1/loops/A/model").await,
+        daemon.json("/api/v1/loops/B/diagnoses").await["items"][0].clone(),
+    ]
+    .into();
+    let samples = daemon.json("/api/v1/loops/A/samples").await["tags"][1].clone();
+    stop(daemon).await;
+
+    // Plant time goes on where it was; the first diagnosis is due after a quarter of a second.
+    let daemon = start_at(first.clone(), Clock::plant(START + 1000.0, 20.0)).await;
+    let ready = daemon.json("/readyz").await;
+    assert_eq!(
+        (ready["loops_diagnosed"].as_u64(), ready["store"]["state"].as_str()),
+        (Some(2), Some("working"))
+    );
+    assert_eq!(daemon.json("/api/v1/alarms").await["items"][0], before[0], "state, times, by whom and why");
+    let mut report = daemon.json("/api/v1/loops/A/diagnosis").await;
+    assert!(report["age_s"].as_f64() > before[1]["age_s"].as_f64(), "its own time, not that of the restart");
+    report["age_s"] = before[1]["age_s"].clone();
+    assert_eq!(report, before[1]);
+    assert_eq!(daemon.json("/api/v1/loops/A/model").await, before[2]);
+    let items = daemon.json("/api/v1/loops/B/diagnoses").await;
+    assert!(items["items"].as_array().expect("a list").contains(&before[3]), "{items}");
+    let now = daemon.json("/api/v1/loops/A/samples").await["tags"][1].clone();
+    let (times, old) = (now["time"].as_array().expect("times"), samples["time"].as_array().expect("times"));
+    assert!(
+        old.len() > 5 && times.len() >= old.len() && times[..old.len()] == old[..],
+        "every sample is back"
+    );
+    // The loop is judged again within its period, and its alarm goes on from where it was.
+    let mut events = Events::open(daemon.address).await;
+    heard(&mut events, "diagnosis", "A").await;
+    assert_eq!(daemon.json("/api/v1/loops/A").await["alarm"], "acknowledged");
+    stop(daemon).await;
+
+    let checked = check(&folder.0).expect("can be read");
+    assert_eq!(checked.faults, [""; 0]);
+    let transitions =
+        Reader::open(&folder.0).and_then(|reader| reader.transitions(0, 100)).expect("can be read");
+    let causes: Vec<_> = transitions.iter().map(|(_, row)| (row.cause.as_str(), row.by.as_deref())).collect();
+    assert_eq!(causes, [("raised", None), ("acknowledged", Some("eve"))], "once each, nothing lost");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_reload_refills_what_is_new_and_follows_it() {
+    let (folder, (address, _)) = (Folder::new("reload"), device().await);
+    let mut wide = config(&[address], &[("A", 0, 100)]);
+    wide.store = Some(folder.config());
+    let daemon = start_at(wide.clone(), Clock::plant(START, 20.0)).await;
+    let mut events = Events::open(daemon.address).await;
+    heard(&mut events, "diagnosis", "A").await;
+    let found = |samples: serde_json::Value| samples["tags"][0]["found"].as_u64().expect("a number");
+    let before = found(daemon.json("/api/v1/loops/A/samples").await);
+    // Another size means other rings.
+    wide.history.samples_per_tag = 2000;
+    daemon.app.reload(wide).await.expect("sound");
+    assert!(found(daemon.json("/api/v1/loops/A/samples").await) >= before);
+    heard(&mut events, "diagnosis", "A").await;
+    let last = daemon.json("/api/v1/loops/A").await["values"][0]["value"].as_f64().expect("a number");
+    stop(daemon).await;
+    let mut reader = Reader::open(&folder.0).expect("can be read");
+    let name = reader.tags().expect("can be read")[0].name.clone();
+    let kept =
+        reader.last(std::slice::from_ref(&name), 100_000).expect("can be read").remove(&name).expect("there");
+    // The device counts its requests, of which there are one to a poll: a sample left out would show.
+    let steps: Vec<f64> = kept.windows(2).map(|pair| pair[1].value - pair[0].value).collect();
+    assert!(kept.last().is_some_and(|sample| sample.value >= last));
+    assert!(steps.iter().all(|step| *step == 1.0), "{steps:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_store_that_cannot_be_opened_is_said_and_taken_up_when_it_can() {
+    let (folder, (address, _)) = (Folder::new("blocked"), device().await);
+    std::fs::write(&folder.0, "a file where the folder should be").expect("writable");
+    let mut own = config(&[address], &[("A", 0, 10)]);
+    own.store = Some(folder.config());
+    let daemon = start_at(own, Clock::plant(START, 20.0)).await;
+    let failing = until(&daemon, "fails", |store| store["state"] == "failing").await;
+    assert!(failing["reason"].as_str().is_some_and(|why| why.contains("blocked")), "{failing}");
+    let mut events = Events::open(daemon.address).await;
+    heard(&mut events, "diagnosis", "A").await;
+    let first = daemon.json("/api/v1/loops/A/samples").await["tags"][0]["time"][0].clone();
+    let metrics = get(daemon.address, "/metrics").await.text();
+    assert!(metrics.contains("stictiond_store_working 0.0"), "{metrics}");
+    std::fs::remove_file(&folder.0).expect("writable");
+    let working =
+        until(&daemon, "works", |store| store["state"] == "working" && !store["written"].is_null()).await;
+    assert!(working["reason"].is_null());
+    stop(daemon).await;
+    // What was measured and said meanwhile waited in memory.
+    let mut reader = Reader::open(&folder.0).expect("can be read");
+    let name = reader.tags().expect("can be read")[0].name.clone();
+    let kept =
+        reader.last(std::slice::from_ref(&name), 1000).expect("can be read").remove(&name).expect("there");
+    let first = first.as_str().and_then(stictiond::serve::dto::parse_time).expect("a time");
+    assert!((kept[0].t - first).abs() < 1e-3, "from the first sample on: {} and {first}", kept[0].t);
+    assert!(!reader.last_diagnoses("A", 10).expect("can be read").is_empty());
+}
+
+#[tokio::test]
+async fn without_a_store_health_says_none() {
+    let (address, _) = device().await;
+    let daemon = start_at(config(&[address], &[("A", 0, 10)]), Clock::plant(START, 20.0)).await;
+    assert!(daemon.json("/healthz").await["store"].is_null());
+    assert!(!get(daemon.address, "/metrics").await.text().contains("stictiond_store"));
+    stop(daemon).await;
+}

@@ -1,0 +1,122 @@
+//! `stictiond store` as a shell meets it: what it prints, and its exit codes.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use stictiond::signal::Sample;
+use stictiond::store::{Batch, Config, Series, Store, TagName, codec};
+
+fn folder(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
+    let _ = fs::remove_dir_all(&path);
+    fs::create_dir_all(&path).expect("writable");
+    path
+}
+
+/// Exit code, stdout, stderr; stderr is at most one line.
+fn run(arguments: &[&str]) -> (Option<i32>, String, String) {
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_stictiond")).arg("store").args(arguments).output().expect("runs");
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("text");
+    let (out, err) = (text(output.stdout), text(output.stderr));
+    assert!(err.lines().count() <= 1, "{err}");
+    (output.status.code(), out, err)
+}
+
+fn filled(at: &Path) {
+    let mut store = Store::open(&Config::new(at)).expect("opens");
+    let name = TagName { control_loop: "A".into(), tag: "op".into(), source: "s".into(), unit: "%".into() };
+    let samples = (0..300).map(|i| Sample::good(f64::from(i), f64::from(i))).collect();
+    store
+        .insert(&Batch { series: vec![Series { tag: Arc::new(name), samples }], rows: Vec::new() })
+        .expect("writes");
+}
+
+#[test]
+fn what_is_exported_can_be_imported_and_checked() {
+    let folder = folder("cli-store");
+    let path = |name: &str| folder.join(name).display().to_string();
+    let (old, new) = (path("old"), path("new"));
+    filled(Path::new(&old));
+    for file in [path("out.csv"), path("out.parquet")] {
+        let (code, out, err) =
+            run(&["export", &old, &file, "--from", "100", "--to-time", "1970-01-01T00:03:19Z"]);
+        assert_eq!((code, out, err), (Some(0), format!("{file}: 100 rows\n"), String::new()));
+        let (code, _, err) = run(&["export", &old, &file]);
+        assert_eq!((code, err), (Some(2), format!("stictiond: {file}: the file is there already\n")));
+        let (code, out, _) = run(&["import", &new, &file]);
+        assert_eq!((code, out), (Some(0), format!("{file}: 100 samples\n")));
+    }
+    let (code, out, _) = run(&["check", &new]);
+    assert_eq!(code, Some(0));
+    assert!(
+        out.starts_with(&format!("{new}: good, version ")) && out.contains("samples     100 of 1 tags"),
+        "{out}"
+    );
+
+    // One bit within the bytes of the first chunk, wherever it lies.
+    let first: Vec<Sample> = (0..60).map(|i| Sample::good(f64::from(i), f64::from(i))).collect();
+    let blob = codec::encode(&first);
+    let database = Path::new(&old).join("store.db");
+    let mut bytes = fs::read(&database).expect("can be read");
+    let at =
+        bytes.windows(blob.len()).position(|window| window == blob).expect("the chunk is there as it is");
+    bytes[at + blob.len() / 2] ^= 4;
+    fs::write(&database, bytes).expect("writable");
+    let (code, out, err) = run(&["check", &old]);
+    assert_eq!((code, err), (Some(1), format!("stictiond: {old}: 1 things are damaged\n")), "{out}");
+    assert!(out.contains("damaged     chunk 0 of tag 1"), "{out}");
+    let (code, _, err) = run(&["export", &old, &path("rest.csv")]);
+    assert!(code == Some(1) && err.contains("1 damaged chunks left out"), "{err}");
+    fs::remove_dir_all(&folder).expect("writable");
+}
+
+#[test]
+fn bad_arguments_end_with_2_and_a_store_in_use_with_1() {
+    let folder = folder("cli-store-bad");
+    let path = |name: &str| folder.join(name).display().to_string();
+    let (nowhere, own) = (path("nowhere"), path("own"));
+    filled(Path::new(&own));
+    fs::write(path("bad.csv"), "a,b\n1,2\n").expect("writable");
+    for (arguments, code, said) in [
+        (vec!["check", &nowhere], 2, "there is no store"),
+        (vec!["export", &own, &path("out.txt")], 2, "must end in .csv or .parquet"),
+        (vec!["export", &own, &path("out.csv"), "--from", "5", "--to-time", "4"], 2, "--from is later"),
+        (vec!["import", &own, &path("bad.csv")], 2, "no column loop"),
+        (vec!["import", &own, &path("gone.csv")], 2, "gone.csv"),
+    ] {
+        let (ended, out, err) = run(&arguments);
+        assert_eq!((ended, out.as_str()), (Some(code), ""), "{err}");
+        assert!(err.starts_with("stictiond: ") && err.contains(said), "{err}");
+    }
+    assert!(!Path::new(&path("out.csv")).exists());
+    let store = Store::open(&Config::new(&own)).expect("opens");
+    let (code, _, err) = run(&["import", &own, &path("bad.csv")]);
+    assert!(code == Some(1) && err.contains("in use by another process"), "{err}");
+    assert_eq!(run(&["check", &own]).0, Some(0), "reading goes on beside a writer");
+    drop(store);
+    fs::remove_dir_all(&folder).expect("writable");
+}
+
+/// History from elsewhere fills the rings of the loops that read the same tags.
+#[test]
+fn with_a_configuration_imported_samples_are_those_of_its_loops() {
+    let folder = folder("cli-store-config");
+    let (own, config, file) = (folder.join("own"), folder.join("c.toml"), folder.join("in.csv"));
+    fs::write(
+        &config,
+        "[[modbus]]\nname = 'd'\naddress = '127.0.0.1:9'\naddress_base = 0\n[[loop]]\nid = 'A'\n\
+         [loop.op]\ndevice = 'd'\nregister = 'input'\naddress = 0\ntype = 'f32'\nunit = '%'\n\
+         [loop.pv]\ndevice = 'd'\nregister = 'input'\naddress = 2\ntype = 'f32'\n",
+    )
+    .expect("writable");
+    fs::write(&file, "loop,tag,t,value\nA,op,1,2\nX,op,1,2\n").expect("writable");
+    let text = |path: &Path| path.display().to_string();
+    let (code, _, err) = run(&["import", &text(&own), &text(&file), "--config", &text(&config)]);
+    assert_eq!(code, Some(0), "{err}");
+    let tags = stictiond::store::Reader::open(&own).and_then(|reader| reader.tags()).expect("can be read");
+    assert_eq!(tags[0].name.source, "modbus 127.0.0.1:9 unit 1 input 0 from 0 f32 ABCD");
+    assert_eq!((tags[0].name.unit.as_str(), tags[1].name.source.as_str()), ("%", "import"));
+    fs::remove_dir_all(&folder).expect("writable");
+}

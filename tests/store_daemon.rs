@@ -1,0 +1,227 @@
+//! `stictiond run` with a store, as a machine treats it: killed under load and started again, and a disk that is full.
+
+use serde_json::Value;
+use std::fmt::Write as _;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use stictiond::demo::{DEFAULT_SPEED, Demo, Options, Screen};
+use stictiond::store::{Reader, check};
+
+/// Time between two diagnoses of a loop in these tests (s).
+const PERIOD_S: u64 = 10;
+
+struct Daemon {
+    child: Child,
+    address: SocketAddr,
+}
+
+impl Daemon {
+    /// Runs `program` with arguments that end in those of `stictiond run`, and waits until it serves.
+    fn start(mut command: Command, config: &Path) -> Self {
+        command.args(["run", "--log-format", "json", "--config"]).arg(config).env_remove("RUST_LOG");
+        let mut child = command.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("runs");
+        let mut log = BufReader::new(child.stderr.take().expect("piped"));
+        let address = loop {
+            let mut line = String::new();
+            assert!(log.read_line(&mut line).expect("text") > 0, "the log ended before it served");
+            let entry: Value = serde_json::from_str(&line).unwrap_or_default();
+            if entry["message"] == "serving" {
+                break entry["address"].as_str().and_then(|a| a.parse().ok()).expect("an address");
+            }
+        };
+        // A pipe that nobody reads would stop the daemon.
+        std::thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
+        Self { child, address }
+    }
+
+    fn ask(&self, method: &str, path: &str, body: &str) -> String {
+        let mut stream = TcpStream::connect(self.address).expect("it listens");
+        let length = body.len();
+        let head = format!("{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n", self.address);
+        let head = head + &format!("Content-Type: application/json\r\nContent-Length: {length}\r\n\r\n");
+        stream.write_all((head + body).as_bytes()).expect("it takes a request");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).expect("it answers");
+        answer.split_once("\r\n\r\n").expect("an HTTP answer").1.to_string()
+    }
+
+    fn json(&self, path: &str) -> Value {
+        serde_json::from_str(&self.ask("GET", path, "")).unwrap_or_else(|error| panic!("{path}: {error}"))
+    }
+
+    fn until(&self, what: &str, patience: Duration, good: impl Fn(&Self) -> bool) {
+        let begun = Instant::now();
+        while !good(self) {
+            let health = self.ask("GET", "/healthz", "");
+            assert!(begun.elapsed() < patience, "{what}: not after {patience:?}; {health}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    fn stop(mut self) {
+        let id = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-TERM", &id]).status().expect("kill is there").success());
+        assert!(self.child.wait().expect("it ends").success());
+    }
+}
+
+fn stictiond() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_stictiond"))
+}
+
+fn folder(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&path);
+    std::fs::create_dir_all(&path).expect("writable");
+    path
+}
+
+/// By loop: the state of its alarm, its verdict, and when it was diagnosed.
+fn loops(daemon: &Daemon) -> Vec<(String, String, Option<String>, f64)> {
+    let list = daemon.json("/api/v1/loops?limit=100&sort=id");
+    let items = list["items"].as_array().expect("loops").iter();
+    let time =
+        |item: &Value| item["time"].as_str().and_then(stictiond::serve::dto::parse_time).unwrap_or(0.0);
+    let text = |value: &Value| value.as_str().map(str::to_string);
+    items
+        .map(|item| {
+            let id = text(&item["id"]).expect("a name");
+            (id, text(&item["alarm"]).expect("a state"), text(&item["verdict"]), time(item))
+        })
+        .collect()
+}
+
+/// The demo's plant of twenty loops, polled by a daemon with a store that is killed and started again.
+#[tokio::test(flavor = "multi_thread")]
+async fn killed_under_load_it_goes_on_where_it_was() {
+    let options =
+        Options { listen: ([127, 0, 0, 1], 0).into(), speed: DEFAULT_SPEED, seed: 1, writeback: false };
+    let demo = Demo::build(&options).await.expect("builds");
+    let (folder, stop) = (folder("store-restart"), demo.stop());
+    let store = folder.join("store");
+    // On the wall clock the plant is eighty times as fast as its stamps, which is nothing to a diagnosis.
+    let text = demo.config().replace(&demo.address().to_string(), "127.0.0.1:0");
+    let period = text.find("period_s").expect("there");
+    let line = period..period + text[period..].find('\n').expect("a line");
+    let mut text = text.replacen(&text[line], &format!("period_s = {PERIOD_S}"), 1);
+    let _ = write!(
+        text,
+        "\n[store]\nfolder = {:?}\nsync_ms = 200\nchunk_s = 10\n[alarm]\nk = 1\nn = 1\n",
+        store.display().to_string()
+    );
+    let config = folder.join("config.toml");
+    std::fs::write(&config, text).expect("writable");
+    let plant = tokio::spawn(demo.run(Screen::new(Vec::new(), false)));
+    let done = tokio::task::spawn_blocking(move || {
+        let daemon = Daemon::start(stictiond(), &config);
+        daemon.until("every loop diagnosed and alarms raised", Duration::from_secs(120), |daemon| {
+            let loops = loops(daemon);
+            let raised = loops.iter().filter(|(_, alarm, ..)| alarm == "unacknowledged").count();
+            raised >= 5 && loops.iter().all(|(_, _, verdict, _)| verdict.is_some())
+        });
+        let raised =
+            loops(&daemon).into_iter().find(|(_, alarm, ..)| alarm == "unacknowledged").expect("one");
+        daemon.ask("POST", &format!("/api/v1/alarms/{}/ack", raised.0), "{\"by\":\"eve\"}");
+        daemon.until("the acknowledgement is durable", Duration::from_secs(10), |_| {
+            let alarm = Reader::open(&store).and_then(|reader| reader.alarm(&raised.0)).expect("can be read");
+            alarm.is_some_and(|alarm| alarm.acknowledged)
+        });
+        let before = loops(&daemon);
+        let Daemon { mut child, .. } = daemon;
+        child.kill().expect("SIGKILL");
+        child.wait().expect("gone");
+
+        let down = Instant::now();
+        let daemon = Daemon::start(stictiond(), &config);
+        let (after, started_s) = (loops(&daemon), down.elapsed().as_secs_f64());
+        for (was, is) in before.iter().zip(&after) {
+            // A run of the last 200 ms before the kill may not have been durable, or have come after we looked.
+            assert!(is.2.is_some() && (is.3 - was.3).abs() < 2.0 * PERIOD_S as f64, "{was:?} and {is:?}");
+        }
+        let acked = after.iter().find(|own| own.0 == raised.0).expect("there");
+        assert_eq!(acked.1, "acknowledged");
+        let samples = daemon.json(&format!("/api/v1/loops/{}/samples?points=5", raised.0));
+        assert!(samples["tags"][0]["found"].as_u64() > Some(200), "the ring is full again: {samples}");
+        // Within one period every loop is judged anew, from samples of before and after: none is too short.
+        let diagnosed = |daemon: &Daemon| loops(daemon).iter().zip(&after).all(|(now, then)| now.3 > then.3);
+        let patience = Duration::from_secs(PERIOD_S) + Duration::from_secs(5);
+        daemon.until("every loop diagnosed again within a period", patience, diagnosed);
+        for own in loops(&daemon) {
+            let items = daemon.json(&format!("/api/v1/loops/{}/diagnosis", own.0));
+            assert_ne!(items["reason_code"], "too_short", "{items}");
+        }
+        println!("killed and serving again after {started_s:.2} s");
+        daemon.stop();
+        // The history of every alarm goes on from where it was left, nothing is twice or damaged.
+        let checked = check(&store).expect("can be read");
+        assert_eq!(checked.faults, [""; 0]);
+        assert!(checked.transitions >= 6 && checked.diagnoses >= 40, "{checked:?}");
+        std::fs::remove_dir_all(&folder).expect("writable");
+    });
+    let done = done.await;
+    stop.cancel();
+    plant.await.expect("no panic").expect("ends well");
+    done.expect("all is well");
+}
+
+/// A limit on the size of files, set from outside and lifted while it runs, is a disk that is full and has room again.
+#[test]
+fn a_disk_that_is_full_is_said_and_costs_nothing_when_there_is_room_again() {
+    if Command::new("prlimit").arg("--version").output().is_err() {
+        println!("skipped: there is no prlimit");
+        return;
+    }
+    let folder = folder("store-full");
+    let (config, store) = (folder.join("config.toml"), folder.join("store"));
+    // Nobody answers on the port: every poll is a sample that says so.
+    let text = format!(
+        "[server]\nlisten = '127.0.0.1:0'\n[store]\nfolder = {:?}\nsync_ms = 20\nchunk_s = 10\n\
+         [[modbus]]\nname = 'd'\naddress = '127.0.0.1:9'\naddress_base = 0\npoll_ms = 50\ntimeout_ms = 50\n\
+         [[loop]]\nid = 'A'\n[loop.op]\ndevice = 'd'\nregister = 'input'\naddress = 0\ntype = 'f32'\n\
+         [loop.pv]\ndevice = 'd'\nregister = 'input'\naddress = 2\ntype = 'f32'\n",
+        store.display().to_string()
+    );
+    std::fs::write(&config, text).expect("writable");
+    // The signal that comes with the limit is ignored, as a full disk sends none.
+    let mut command = Command::new("sh");
+    command.args([
+        "-c",
+        "trap '' XFSZ; ulimit -S -f 2000; exec \"$@\"",
+        "sh",
+        env!("CARGO_BIN_EXE_stictiond"),
+    ]);
+    let daemon = Daemon::start(command, &config);
+    let written = |daemon: &Daemon| !daemon.json("/healthz")["store"]["written"].is_null();
+    daemon.until("the store works", Duration::from_secs(10), written);
+    let state = |daemon: &Daemon| daemon.json("/healthz")["store"]["state"].as_str().map(str::to_string);
+    let failing = |daemon: &Daemon| state(daemon).as_deref() == Some("failing");
+    daemon.until("the store fails", Duration::from_secs(30), failing);
+    assert!(daemon.json("/readyz")["store"]["reason"].is_string());
+    assert!(daemon.ask("GET", "/metrics", "").contains("stictiond_store_working 0.0"));
+    let id = daemon.child.id().to_string();
+    std::thread::sleep(Duration::from_secs(2));
+    let lifted = Command::new("prlimit").args(["--pid", &id, "--fsize=unlimited"]).status().expect("prlimit");
+    assert!(lifted.success());
+    daemon.until("the store works again", Duration::from_secs(30), |daemon| {
+        state(daemon).as_deref() == Some("working")
+    });
+    daemon.stop();
+
+    let checked = check(&store).expect("can be read");
+    assert_eq!(checked.faults, [""; 0]);
+    let mut reader = Reader::open(&store).expect("can be read");
+    let name = reader.tags().expect("can be read")[0].name.clone();
+    let kept = reader
+        .last(std::slice::from_ref(&name), 1_000_000)
+        .expect("can be read")
+        .remove(&name)
+        .expect("there");
+    let worst = kept.windows(2).map(|pair| pair[1].t - pair[0].t).fold(0.0, f64::max);
+    println!("{} samples, at most {worst:.3} s apart", kept.len());
+    // Polls are 50 ms apart, reconnects up to the back-off of a device that is not there.
+    assert!(kept.len() > 40 && worst < 1.0, "{} samples, {worst} s apart", kept.len());
+    std::fs::remove_dir_all(&folder).expect("writable");
+}
