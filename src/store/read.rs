@@ -183,19 +183,54 @@ impl Reader {
         Ok(found)
     }
 
-    /// The last `count` samples of each tag by name, by time: what a ring held. Only the present era counts.
+    /// The last `count` samples of each tag by name, by time: what a ring held. Samples of before the clock was set back
+    /// count only as far as all of them are older than those of after.
     pub fn last(
         &mut self,
         names: &[TagName],
         count: usize,
     ) -> Result<HashMap<TagName, Vec<Sample>>, StoreError> {
-        let mut ids: HashMap<TagName, (i64, u32)> = HashMap::new();
+        let plain = |name: &TagName| TagName { unit: String::new(), ..name.clone() };
+        let mut eras: HashMap<TagName, Vec<(i64, u32)>> = HashMap::new();
         for tag in self.tags()? {
-            let latest = ids.entry(TagName { unit: String::new(), ..tag.name }).or_insert((tag.era, tag.id));
-            *latest = (*latest).max((tag.era, tag.id));
+            eras.entry(plain(&tag.name)).or_default().push((tag.era, tag.id));
         }
-        let wanted_by = |name: &TagName| ids.get(&TagName { unit: String::new(), ..name.clone() });
-        let mut missing: Vec<u32> = names.iter().filter_map(|name| Some(wanted_by(name)?.1)).collect();
+        // The present era comes first to be taken.
+        eras.values_mut().for_each(|ids| ids.sort_unstable());
+        let mut found: HashMap<TagName, Vec<Sample>> = HashMap::new();
+        let mut lacking: Vec<&TagName> = names.iter().collect();
+        while !lacking.is_empty() {
+            lacking.retain(|name| eras.get(&plain(name)).is_some_and(|ids| !ids.is_empty()));
+            let next: Vec<(&TagName, u32)> = lacking
+                .iter()
+                .filter_map(|name| Some((*name, eras.get_mut(&plain(name))?.pop()?.1)))
+                .collect();
+            let mut older = self.last_of(next.iter().map(|(_, id)| *id).collect(), count)?;
+            lacking.clear();
+            for (name, id) in next {
+                let Some(mut samples) = older.remove(&id) else { continue };
+                let newer = found.entry(name.clone()).or_default();
+                let overlaps = newer.first().zip(samples.last()).is_some_and(|(new, old)| old.t >= new.t);
+                if overlaps {
+                    continue;
+                }
+                samples.append(newer);
+                samples.drain(..samples.len().saturating_sub(count));
+                *newer = samples;
+                if newer.len() < count {
+                    lacking.push(name);
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// The last `count` samples of each tag by number.
+    fn last_of(
+        &mut self,
+        mut missing: Vec<u32>,
+        count: usize,
+    ) -> Result<HashMap<u32, Vec<Sample>>, StoreError> {
         missing.sort_unstable();
         missing.dedup();
         let mut found: HashMap<u32, Vec<Sample>> = HashMap::new();
@@ -212,13 +247,11 @@ impl Reader {
             }
             missing.retain(|tag| found.get(tag).is_none_or(|samples| samples.len() < count));
         }
-        let series = names.iter().filter_map(|name| {
-            let mut samples = found.remove(&wanted_by(name)?.1)?;
-            codec::unique(&mut samples);
+        for samples in found.values_mut() {
+            codec::unique(samples);
             samples.drain(..samples.len().saturating_sub(count));
-            Some((name.clone(), samples))
-        });
-        Ok(series.collect())
+        }
+        Ok(found)
     }
 
     /// The trends of one tag whose rows begin in `from..to` (s).

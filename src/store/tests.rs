@@ -161,6 +161,15 @@ fn a_clock_that_is_set_back_begins_another_era() {
     let found = Reader::open(&folder.0).unwrap().last(&[(*op).clone()], 1000).expect("reads");
     assert_eq!(found[&*op], [again, more].concat());
     assert_eq!(all(&folder)[&1], good(0..100), "what was there stays as it was");
+    // A tag whose own stamps never fell back goes on from what it had.
+    let (mut store, pv) = (store, tag("A", "pv"));
+    store.write(&batch(&pv, good(0..50))).expect("writes");
+    store.begin_era();
+    store.write(&batch(&pv, good(50..60))).expect("writes");
+    let last = |count| Reader::open(&folder.0).unwrap().last(&[(*pv).clone()], count).expect("reads");
+    assert_eq!(last(1000)[&*pv], good(0..60));
+    assert_eq!(last(15)[&*pv], good(45..60));
+    assert_eq!(last(5)[&*pv], good(55..60));
 }
 
 fn diagnosis(control_loop: &str, finished: f64, report: Option<&str>) -> Row {

@@ -111,7 +111,8 @@ impl Writer {
         let mut inner = self.shared.lock();
         if self.thread.as_ref().is_none_or(JoinHandle::is_finished) && inner.status.failing.is_none() {
             let since = inner.status.written_at.unwrap_or(f64::NAN);
-            inner.status.failing = Some(("the thread of the store has ended; start the daemon anew".to_string(), since));
+            inner.status.failing =
+                Some(("the thread of the store has ended; start the daemon anew".to_string(), since));
         }
         inner.status.clone()
     }

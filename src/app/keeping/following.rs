@@ -14,6 +14,8 @@ const MAX_SAMPLES: usize = 200_000;
 const MAX_ROWS: usize = 1000;
 /// A clock that goes back by less (s) was only corrected.
 const SET_BACK_S: f64 = 1.0;
+/// A source whose stamps fall back more often than this (s) has no clock to go by: what it sends is taken for late.
+const FALLS_S: f64 = 3600.0;
 /// Stamps of a source may be ahead of our clock by this (s) when the daemon starts.
 const AHEAD_S: f64 = 60.0;
 
@@ -35,6 +37,8 @@ pub(super) struct Following {
     first: usize,
     full: bool,
     told: f64,
+    /// When a ring last told of a clock that was set back (s).
+    fell: f64,
     back: Back,
 }
 
@@ -57,6 +61,7 @@ impl Following {
         Self {
             shared,
             told: clock().max(newest - AHEAD_S),
+            fell: f64::NEG_INFINITY,
             clock,
             rows: VecDeque::new(),
             bytes: 0,
@@ -109,6 +114,9 @@ impl Feed for Following {
         let now = self.back == Back::Now;
         if now {
             self.back = Back::No;
+            // Whatever comes is of the new era: what was before is no measure for it.
+            let begun = f64::NAN.to_bits();
+            lock(&self.shared.taps).iter().for_each(|tap| tap.last.store(begun, Relaxed));
         }
         now
     }
@@ -130,11 +138,13 @@ impl Feed for Following {
             let (first, mut samples) = tap.ring.since(next, room);
             self.shared.lost_samples.fetch_add(first - next, Relaxed);
             tap.next.store(first, Relaxed);
+            // A ring only goes forward: what falls back in it was stamped by a clock that was set back.
             let mut last = f64::from_bits(tap.last.load(Relaxed));
-            if self.back == Back::Before {
-                let falls = |sample: &Sample| sample.t < std::mem::replace(&mut last, sample.t) - SET_BACK_S;
-                let until = samples.iter().position(falls);
-                samples.truncate(until.unwrap_or(samples.len()));
+            let falls = |sample: &Sample| sample.t < std::mem::replace(&mut last, sample.t) - SET_BACK_S;
+            let may = self.back == Back::Before || !(self.fell..self.fell + FALLS_S).contains(&self.told);
+            if may && let Some(until) = samples.iter().position(falls) {
+                samples.truncate(until);
+                (self.back, self.fell) = (Back::Before, self.told);
             }
             let last = samples.last().map(|sample| sample.t);
             room -= samples.len();

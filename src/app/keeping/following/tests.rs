@@ -108,6 +108,20 @@ fn samples_of_before_and_after_a_set_back_are_told_apart() {
     assert!(!world.following.settled() && !world.following.set_back(), "told once");
 }
 
+/// A device stamps its samples itself, and its clock is set back while ours is not.
+#[test]
+fn a_ring_that_falls_back_tells_of_a_clock_that_was_set_back() {
+    let mut world = world(&[100], 1 << 20);
+    world.push(0, [100, 101, 40, 41]);
+    assert_eq!(world.taken(), one([100, 101]));
+    assert!(world.following.settled() && world.following.set_back());
+    assert_eq!(world.taken(), one([40, 41]));
+    assert!(!world.following.settled() && !world.following.set_back());
+    world.push(0, [42, 7]);
+    assert_eq!(world.taken(), one([42, 7]), "again so soon: a source that is late");
+    assert!(!world.following.settled() && !world.following.set_back());
+}
+
 #[test]
 fn what_waits_is_bounded_and_the_oldest_reports_go_first() {
     let mut world = world(&[], 4000);
