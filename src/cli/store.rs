@@ -182,11 +182,11 @@ fn import(args: &Import) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A tag by loop and name.
-type Tag = (String, String);
+/// Source and unit of every tag, by loop and name.
+type Sources = HashMap<(String, String), (String, String)>;
 
 /// The store's settings, and for every tag of the plant its source and unit.
-fn configured(path: &Path, folder: &Path) -> Result<(Config, HashMap<Tag, (String, String)>), Failure> {
+fn configured(path: &Path, folder: &Path) -> Result<(Config, Sources), Failure> {
     let config = config::load(path).map_err(Failure::BadConfig)?;
     let plant = config.plant().map_err(|issues| {
         let issues =
