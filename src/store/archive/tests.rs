@@ -46,7 +46,10 @@ fn filled(folder: &Folder) -> Store {
     store
 }
 
-fn everything(folder: &Folder) -> Vec<(TagName, Vec<(u64, u64, Quality)>)> {
+/// Stamp and value to the last bit, and the quality.
+type Exact = (u64, u64, Quality);
+
+fn everything(folder: &Folder) -> Vec<(TagName, Vec<Exact>)> {
     let mut reader = Reader::open(&folder.0).expect("opens");
     let tags = reader.tags().expect("reads");
     let mut found: Vec<_> = tags.into_iter().map(|tag| (tag.id, tag.name, Vec::new())).collect();
