@@ -15,6 +15,7 @@ pub mod reproduce;
 
 pub mod alarm;
 pub mod audit;
+pub mod backfill;
 pub mod collect;
 pub mod history;
 pub mod results;

@@ -37,11 +37,11 @@ enum Format {
     Text,
 }
 
-fn above_zero(text: &str) -> Result<f64, String> {
+pub fn above_zero(text: &str) -> Result<f64, String> {
     text.parse::<f64>().ok().filter(|x| x.is_finite() && *x > 0.0).ok_or("not a number above 0".into())
 }
 
-fn limits(text: &str) -> Result<(f64, f64), String> {
+pub fn limits(text: &str) -> Result<(f64, f64), String> {
     let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
     let pair = text.split_once(',').and_then(|(low, high)| Some((number(low)?, number(high)?)));
     pair.filter(|(low, high)| low < high).ok_or("the lower, a comma, the upper limit: 0,100".into())

@@ -1,9 +1,10 @@
-//! The command line: `stictiond run | demo | diagnose | check | health | store | audit | probe | reproduce`.
+//! The command line: `stictiond run | demo | diagnose | backfill | check | health | store | audit | probe | reproduce`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
 
 mod audit;
+mod backfill;
 mod check;
 mod demo;
 mod diagnose;
@@ -38,6 +39,8 @@ enum Command {
     Demo(demo::Args),
     /// Diagnose one record: columns t,op,pv[,sp][,other tags…]
     Diagnose(diagnose::Args),
+    /// Diagnose a long record window by window: when did this valve begin to stick?
+    Backfill(backfill::Args),
     /// Validate a configuration: every error with line and column
     Check(check::Args),
     /// Ask a running daemon whether it answers: exit code 0 or 1
@@ -83,6 +86,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => run::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
+        Command::Backfill(args) => backfill::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Health(args) => health::run(&args),
         Command::Store(args) => store::run(&args),

@@ -159,18 +159,23 @@ fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
     }
 }
 
-/// Drops exact zeros where the tag otherwise lives far away from zero: a transmitter or link that was off.
 fn drop_zero_runs(kept: &mut Vec<Sample>) {
-    let zeros = kept.iter().filter(|s| s.value == 0.0).count();
-    if zeros == 0 || zeros * 2 > kept.len() {
-        return;
-    }
-    let others: Vec<f64> = kept.iter().filter(|s| s.value != 0.0).map(|s| s.value).collect();
-    let (low, high) = (quantile(&others, 0.02), quantile(&others, 0.98));
-    let spread = high - low;
-    if low > spread || high < -spread {
+    if zeros_are_outages(kept) {
         kept.retain(|s| s.value != 0.0);
     }
+}
+
+/// Whether exact zeros among good samples are no measurements: the tag otherwise lives far away from zero, so that a
+/// transmitter or a link was off.
+pub fn zeros_are_outages(samples: &[Sample]) -> bool {
+    let zeros = samples.iter().filter(|s| s.value == 0.0).count();
+    if zeros == 0 || zeros * 2 > samples.len() {
+        return false;
+    }
+    let others: Vec<f64> = samples.iter().filter(|s| s.value != 0.0).map(|s| s.value).collect();
+    let (low, high) = (quantile(&others, 0.02), quantile(&others, 0.98));
+    let spread = high - low;
+    low > spread || high < -spread
 }
 
 /// Why too few good samples are left.

@@ -1,6 +1,7 @@
 //! What leaves the house as JSON. A transfer object is converted from a domain type in one place, here.
 
 pub mod alarms;
+pub mod backfill;
 pub mod events;
 pub mod health;
 mod kept;

@@ -1,0 +1,200 @@
+//! Diagnoses over the past: a long record cut into windows, each diagnosed as the daemon would have at its end.
+//!
+//! The effects found in one window are known to the next, and the alarm follows its k-of-n rule, so that the timeline says
+//! what the daemon would have said, and when a valve began to stick. Pure: no clock, no file.
+
+use crate::alarm;
+use crate::diagnosis::{Settings, gate::zeros_are_outages};
+use crate::results::{Judged, KnownEffect, Outcome, Results, Run, Summary, Trigger};
+use crate::signal::{BadReason, LoopId, Quality, Record, Sample, Series};
+
+/// Most windows of one timeline.
+pub const MOST_WINDOWS: usize = 100_000;
+/// Samples of a window where its length is not given.
+const USUAL_SAMPLES: f64 = 1500.0;
+/// Windows that overlap where the step is not given.
+const USUAL_OVERLAP: f64 = 4.0;
+
+/// How the past is cut.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cut {
+    /// Length of a window (s).
+    pub window_s: f64,
+    /// From the end of one window to the end of the next (s).
+    pub step_s: f64,
+}
+
+/// One window of the past.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Item {
+    /// Begin of the window (s).
+    pub from: f64,
+    /// Its end, when the diagnosis would have been made (s).
+    pub to: f64,
+    /// What was said.
+    pub summary: Summary,
+    /// Effects in the model.
+    pub effects: Vec<KnownEffect>,
+    /// Good samples of PV over those that its sample period asks for (0..1).
+    pub good_share: f64,
+}
+
+/// A stretch in which the alarm's condition held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Raised {
+    /// When it was raised (s).
+    pub from: f64,
+    /// When it was cleared (s); `None` where it held at the end.
+    pub to: Option<f64>,
+}
+
+/// What the past says of one loop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Timeline {
+    /// Time of the first sample of PV (s).
+    pub begin: f64,
+    /// How it was cut.
+    pub cut: Cut,
+    /// The windows, oldest first.
+    pub items: Vec<Item>,
+    /// The alarms.
+    pub raised: Vec<Raised>,
+    /// Samples of OP and of PV that are drop-outs to zero, marked bad and not fitted.
+    pub drop_outs: [usize; 2],
+    /// Time without a sample of PV for longer than five sample periods (s).
+    pub gaps_s: f64,
+}
+
+/// Why a record gives no timeline.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum BackfillError {
+    /// Nothing to cut.
+    #[error("no two samples of PV with different times")]
+    Empty,
+    /// The step is too short for the record.
+    #[error("{0} windows are more than {MOST_WINDOWS}; take a longer step")]
+    TooMany(usize),
+}
+
+/// The function that judges a window, starting from the effects that the model had.
+pub type Judge<'f> = &'f dyn Fn(&Record, &Settings, &[KnownEffect]) -> Judged;
+
+/// A cut where none, or only a part of one, is given: windows of 1,500 sample periods, each a quarter of that further on.
+pub fn usual_cut(record: &Record, window_s: Option<f64>, step_s: Option<f64>) -> Option<Cut> {
+    let window_s = window_s.or_else(|| Some(period(&record.pv)? * USUAL_SAMPLES))?;
+    Some(Cut { window_s, step_s: step_s.unwrap_or(window_s / USUAL_OVERLAP) })
+}
+
+/// Sorts a record by time and marks drop-outs to zero as bad; returns how many there are of OP and of PV.
+pub fn mark_drop_outs(record: &mut Record) -> [usize; 2] {
+    let mark = |series: &mut Series| {
+        series.sort_by(|a, b| a.t.total_cmp(&b.t));
+        let good: Vec<Sample> = series.iter().filter(|s| s.quality.is_good()).copied().collect();
+        if !zeros_are_outages(&good) {
+            return 0;
+        }
+        let zeros = series.iter_mut().filter(|s| s.quality.is_good() && s.value == 0.0);
+        zeros.map(|s| s.quality = Quality::Bad(BadReason::LinkDown)).count()
+    };
+    let others = [&mut record.sp, &mut record.mode, &mut record.mv];
+    let others = others.into_iter().flatten().chain(record.tags.iter_mut().map(|(_, series)| series));
+    others.for_each(|series| series.sort_by(|a, b| a.t.total_cmp(&b.t)));
+    [mark(&mut record.op), mark(&mut record.pv)]
+}
+
+/// Diagnoses the windows of a record, oldest first; `progress` hears of every one that is done, with how many there are.
+///
+/// # Errors
+/// [`BackfillError`].
+pub fn timeline(
+    id: &LoopId,
+    mut record: Record,
+    cut: Cut,
+    settings: &Settings,
+    alarm: &alarm::Config,
+    judge: Judge<'_>,
+    mut progress: impl FnMut(usize, usize),
+) -> Result<Timeline, BackfillError> {
+    let drop_outs = mark_drop_outs(&mut record);
+    let (first, last) = record.pv.first().zip(record.pv.last()).ok_or(BackfillError::Empty)?;
+    let ts = period(&record.pv).ok_or(BackfillError::Empty)?;
+    let (begin, end) = (first.t, last.t);
+    let count = (((end - begin - cut.window_s) / cut.step_s).max(0.0)).floor() + 1.0;
+    if count > MOST_WINDOWS as f64 {
+        return Err(BackfillError::TooMany(count.min(1e15) as usize));
+    }
+    let count = count as usize;
+    let results = Results::new(std::slice::from_ref(id), 1, alarm);
+    let mut out = Timeline {
+        begin,
+        cut,
+        items: Vec::new(),
+        raised: Vec::new(),
+        drop_outs,
+        gaps_s: gaps(&record.pv, 5.0 * ts),
+    };
+    for at in 0..count {
+        // The last window ends with the record, whatever the step leaves over.
+        let to = end - (count - 1 - at) as f64 * cut.step_s;
+        let from = to - cut.window_s;
+        let window = between(&record, from, to);
+        let good = window.pv.iter().filter(|s| s.quality.is_good()).count() as f64;
+        let judged = judge(&window, settings, &results.effects(id));
+        let effects = judged.effects();
+        let run = Run {
+            id: id.clone(),
+            started: to,
+            finished: to,
+            took_s: 0.0,
+            trigger: Trigger::Periodic,
+            op_span: record.op_span,
+            outcome: Outcome::Diagnosed(Box::new(judged)),
+        };
+        results.record(run);
+        let Some(known) = results.get(id, to) else { continue };
+        match (known.alarm.active, out.raised.last_mut().filter(|raised| raised.to.is_none())) {
+            (true, None) => out.raised.push(Raised { from: to, to: None }),
+            (false, Some(raised)) => raised.to = Some(to),
+            _ => {}
+        }
+        let good_share = (good * ts / cut.window_s.min(end - begin + ts)).min(1.0);
+        out.items.extend(known.last.map(|summary| Item { from, to, summary, effects, good_share }));
+        progress(at + 1, count);
+    }
+    Ok(out)
+}
+
+/// Median time between samples (s).
+fn period(series: &[Sample]) -> Option<f64> {
+    let mut steps: Vec<f64> = series.windows(2).map(|w| w[1].t - w[0].t).filter(|step| *step > 0.0).collect();
+    let middle = steps.len() / 2;
+    (!steps.is_empty()).then(|| *steps.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// Time in gaps longer than `longest` (s).
+fn gaps(series: &[Sample], longest: f64) -> f64 {
+    let steps = series.windows(2).map(|w| w[1].t - w[0].t);
+    steps.filter(|step| *step > longest).sum()
+}
+
+/// What was recorded in `from..=to`.
+fn between(record: &Record, from: f64, to: f64) -> Record {
+    let cut = |series: &Series| -> Series {
+        let begin = series.partition_point(|s| s.t < from);
+        let end = series.partition_point(|s| s.t <= to);
+        series[begin..end.max(begin)].to_vec()
+    };
+    Record {
+        op: cut(&record.op),
+        pv: cut(&record.pv),
+        sp: record.sp.as_ref().map(cut),
+        mode: record.mode.as_ref().map(cut),
+        mv: record.mv.as_ref().map(cut),
+        tags: record.tags.iter().map(|(name, series)| (name.clone(), cut(series))).collect(),
+        op_limits: record.op_limits,
+        op_span: record.op_span,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,229 @@
+//! `stictiond backfill FILE.csv`: what the daemon would have said over a long record, window by window.
+
+use super::diagnose::{above_zero, limits};
+use super::{Failure, print};
+use clap::ValueEnum;
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::{self, IsTerminal, Write as _};
+use std::path::PathBuf;
+use stictiond::alarm;
+use stictiond::app::App;
+use stictiond::backfill::{self, Timeline, timeline, usual_cut};
+use stictiond::collect::csv;
+use stictiond::diagnosis::Settings;
+use stictiond::plot::{Panel, Plot, Series, sheet, thin};
+use stictiond::serve::dto::backfill::{BackfillItem, BackfillReport};
+use stictiond::signal::{self, LoopId};
+
+/// Points of a trend in the picture.
+const POINTS: usize = 2000;
+const HOUR: f64 = 3600.0;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The record; comma, semicolon or tab, columns by name
+    file: PathBuf,
+    /// Length of a window (s) [default: 1,500 sample periods]
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero)]
+    window: Option<f64>,
+    /// From one diagnosis to the next (s) [default: a quarter of the window]
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero)]
+    step: Option<f64>,
+    /// Span of OP in its own unit, 100 for per cent: f is then told in % of it
+    #[arg(long, value_name = "SPAN", value_parser = above_zero)]
+    op_span: Option<f64>,
+    /// The controller's output limits (OP unit): saturation is judged against them
+    #[arg(long, value_name = "LOW,HIGH", value_parser = limits, allow_hyphen_values = true)]
+    op_limits: Option<(f64, f64)>,
+    /// How to print the timeline [default: text on a terminal, else json]
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+    /// Draw OP, PV, f with its interval and the evidence over time, as an SVG
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Format {
+    Json,
+    Text,
+}
+
+/// Reads, cuts, diagnoses, prints.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let bad = |error: &dyn std::fmt::Display| Failure::in_file(&args.file, error);
+    let file = File::open(&args.file).map_err(|error| bad(&error))?;
+    let mut record = csv::read(file).map_err(|error| bad(&error))?;
+    record.op_span = args.op_span.or(record.op_span);
+    record.op_limits = args.op_limits;
+    let name = args.file.file_stem().unwrap_or(args.file.as_os_str()).to_string_lossy().into_owned();
+    // For the picture, with the drop-outs marked as they are for the diagnoses.
+    let drop_outs_apply = backfill::mark_drop_outs(&mut record);
+    let drawn = args.plot.as_ref().map(|_| [trend(&record.op), trend(&record.pv)]);
+    let cut =
+        usual_cut(&record, args.window, args.step).ok_or_else(|| bad(&backfill::BackfillError::Empty))?;
+    let judge = App::diagnosis();
+    let id = LoopId::new(name.as_str());
+    let bar = Bar { shown: io::stderr().is_terminal() };
+    let progress = |done, all| bar.show(done, all);
+    let alarms = alarm::Config::default();
+    let mut found = timeline(&id, record, cut, &Settings::default(), &alarms, judge.as_ref(), progress)
+        .map_err(|error| bad(&error))?;
+    found.drop_outs = drop_outs_apply;
+    bar.end();
+    let report = BackfillReport::new(&name, &found);
+    if let (Some(to), Some(trends)) = (&args.plot, drawn) {
+        fs::write(to, picture(&name, trends, &found, &report))
+            .map_err(|error| Failure::in_file(to, &error))?;
+    }
+    let usual = if io::stdout().is_terminal() { Format::Text } else { Format::Json };
+    match args.format.unwrap_or(usual) {
+        Format::Text => print(&page(&report)),
+        Format::Json => {
+            let mut json = serde_json::to_string_pretty(&report)
+                .map_err(|error| Failure::Failed(format!("cannot write the timeline: {error}")))?;
+            json.push('\n');
+            print(&json)
+        }
+    }
+}
+
+/// Progress on a terminal.
+struct Bar {
+    shown: bool,
+}
+
+impl Bar {
+    fn show(&self, done: usize, all: usize) {
+        if self.shown {
+            let filled = 40 * done / all.max(1);
+            // Nobody is left to tell when stderr is closed.
+            let _ = write!(io::stderr(), "\r[{:<40}] {done} of {all}", "#".repeat(filled));
+        }
+    }
+
+    fn end(&self) {
+        if self.shown {
+            let _ = write!(io::stderr(), "\r{:70}\r", "");
+        }
+    }
+}
+
+/// The timeline for a person: a line a window, then what it comes to.
+fn page(report: &BackfillReport) -> String {
+    let begin = report.begin.unwrap_or_default();
+    let since = |t: Option<f64>| t.map_or("-".into(), |t| format!("{:.1} h", (t - begin) / HOUR));
+    let mut out = format!(
+        "loop {}: windows of {:.1} h, one every {:.1} h; drop-outs marked bad: OP {}, PV {} samples; gaps {:.1} h\n",
+        report.r#loop,
+        report.window_s / HOUR,
+        report.step_s / HOUR,
+        report.op_drop_outs,
+        report.pv_drop_outs,
+        report.gaps_s.unwrap_or_default() / HOUR
+    );
+    // Writing into a String cannot fail.
+    let _ = writeln!(
+        out,
+        "{:>10}  {:17} {:>8}  {:17} {:>9} {:>6}  effects",
+        "until", "verdict", "f", "95 %", "evidence", "good"
+    );
+    for item in &report.items {
+        let _ = writeln!(out, "{:>10}  {}", since(item.to), line(item));
+    }
+    for alarm in &report.alarms {
+        let date = alarm.from_time.as_ref().map(|date| format!(" ({date})")).unwrap_or_default();
+        let _ = match alarm.to {
+            Some(_) => writeln!(
+                out,
+                "the alarm was raised {} in{date} and cleared {} in",
+                since(alarm.from),
+                since(alarm.to)
+            ),
+            None => writeln!(out, "the alarm was raised {} in{date} and held to the end", since(alarm.from)),
+        };
+    }
+    if report.alarms.is_empty() {
+        out += "no alarm: the valve never stuck in two of three windows\n";
+    }
+    out
+}
+
+fn line(item: &BackfillItem) -> String {
+    let number = |v: Option<f64>, digits: usize| v.map_or("-".into(), |v| format!("{v:.digits$}"));
+    let interval = item.f_ci95.map_or(String::new(), |[low, high]| format!("{low:.3} … {high:.3}"));
+    let good = item.good_share.map_or("-".into(), |share| format!("{:.1} %", share * 100.0));
+    format!(
+        "{:17} {:>8}  {:17} {:>9} {:>6}  {}",
+        item.verdict,
+        number(item.f, 3),
+        interval,
+        number(item.delta_aic, 0),
+        good,
+        if item.verdict == "not_identifiable" { item.reason.clone() } else { item.effects.join(", ") }
+    )
+}
+
+/// Good samples over time, and those that are not as places.
+fn trend(series: &[signal::Sample]) -> [Vec<(f64, f64)>; 2] {
+    let begin = series.first().map_or(0.0, |s| s.t);
+    let place = |s: &signal::Sample| ((s.t - begin) / HOUR, s.value);
+    let good: Vec<(f64, f64)> = series.iter().filter(|s| s.quality.is_good()).map(place).collect();
+    let bad = series.iter().filter(|s| !s.quality.is_good() && s.value.is_finite()).map(place).collect();
+    [thin(&good, POINTS / 2), bad]
+}
+
+/// OP and PV, f with its interval, and the evidence, over time.
+fn picture(
+    name: &str,
+    [op, pv]: [[Vec<(f64, f64)>; 2]; 2],
+    found: &Timeline,
+    report: &BackfillReport,
+) -> String {
+    let begin = found.begin;
+    let hours = |t: Option<f64>| (t.unwrap_or(begin) - begin) / HOUR;
+    let over = |value: &dyn Fn(&BackfillItem) -> Option<f64>| -> Vec<(f64, f64)> {
+        report.items.iter().filter_map(|item| Some((hours(item.to), value(item)?))).collect()
+    };
+    let series = |name: &str, class, points| Series { name: name.into(), class, points };
+    let panel = |y, series: Vec<Series>| Panel { y, log: false, series };
+    let unit = report.items.first().map_or("% OP", |item| item.f_unit);
+    let mut marks = Vec::new();
+    for alarm in &report.alarms {
+        marks.push((hours(alarm.from), "alarm"));
+        marks.extend(alarm.to.map(|to| (hours(Some(to)), "cleared")));
+    }
+    let of = |[good, bad]: [Vec<(f64, f64)>; 2], name, class| {
+        vec![series(name, class, good), series("bad, not fitted", "other", bad)]
+    };
+    let trends = Plot {
+        title: format!("{name}: OP and PV"),
+        x: "time since the record began (h)",
+        panels: vec![
+            panel("OP (unit of OP)", of(op, "OP", "op")),
+            panel("PV (unit of PV)", of(pv, "PV", "pv")),
+        ],
+        marks: marks.clone(),
+    };
+    let friction = Plot {
+        title: format!(
+            "Friction at the end of each window of {:.1} h, with its 95 % interval",
+            report.window_s / HOUR
+        ),
+        x: "time since the record began (h)",
+        panels: vec![
+            panel(
+                if unit == "% OP" { "f (% OP)" } else { "f (OP units)" },
+                vec![
+                    series("f", "op", over(&|item| item.f)),
+                    series("95 %", "sp", over(&|item| Some(item.f_ci95?[0]))),
+                    series("", "sp", over(&|item| Some(item.f_ci95?[1]))),
+                ],
+            ),
+            panel("evidence (-)", vec![series("dAIC", "pv", over(&|item| item.delta_aic))]),
+        ],
+        marks,
+    };
+    sheet(&[trends, friction])
+}

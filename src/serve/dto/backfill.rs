@@ -1,0 +1,114 @@
+//! Diagnoses over the past as JSON.
+
+use super::{finite, rfc3339};
+use crate::backfill::{Item, Timeline};
+use crate::results::f_unit;
+use serde::Serialize;
+
+/// What the past says of one loop.
+#[derive(Clone, Debug, Serialize)]
+pub struct BackfillReport {
+    /// The loop's name.
+    pub r#loop: String,
+    /// Begin of the record (s, on its clock).
+    pub begin: Option<f64>,
+    /// Length of a window (s).
+    pub window_s: f64,
+    /// From the end of one window to the end of the next (s).
+    pub step_s: f64,
+    /// Drop-outs to zero of OP, marked bad and not fitted (samples).
+    pub op_drop_outs: usize,
+    /// Drop-outs to zero of PV, marked bad and not fitted (samples).
+    pub pv_drop_outs: usize,
+    /// Time in gaps of PV longer than five sample periods (s).
+    pub gaps_s: Option<f64>,
+    /// When the alarm would have been raised and cleared; a null end holds until the record's.
+    pub alarms: Vec<BackfillAlarm>,
+    /// The windows, oldest first.
+    pub items: Vec<BackfillItem>,
+}
+
+/// A stretch in which the alarm would have held.
+#[derive(Clone, Debug, Serialize)]
+pub struct BackfillAlarm {
+    /// Raised (s, on the record's clock).
+    pub from: Option<f64>,
+    /// Cleared (s, on the record's clock).
+    pub to: Option<f64>,
+    /// Raised, where the record's clock counts from 1970.
+    pub from_time: Option<String>,
+    /// Cleared, where the record's clock counts from 1970.
+    pub to_time: Option<String>,
+}
+
+/// One window.
+#[derive(Clone, Debug, Serialize)]
+pub struct BackfillItem {
+    /// Begin (s, on the record's clock).
+    pub from: Option<f64>,
+    /// End (s, on the record's clock).
+    pub to: Option<f64>,
+    /// `stiction`, `no_stiction` or `not_identifiable`.
+    pub verdict: String,
+    /// Why, in one line.
+    pub reason: String,
+    /// Friction (`f_unit`).
+    pub f: Option<f64>,
+    /// Its 95 % interval.
+    pub f_ci95: Option<[f64; 2]>,
+    /// Unit of f.
+    pub f_unit: &'static str,
+    /// Evidence (-).
+    pub delta_aic: Option<f64>,
+    /// Effects in the model beside friction and linear dynamics.
+    pub effects: Vec<&'static str>,
+    /// Good samples of PV over those that its sample period asks for (0..1).
+    pub good_share: Option<f64>,
+}
+
+/// A time on a clock that counts from 1970, not from the record's begin.
+fn dated(t: f64) -> Option<String> {
+    rfc3339(t).filter(|_| t >= 1e8)
+}
+
+impl BackfillReport {
+    /// The report of a loop.
+    pub fn new(name: &str, timeline: &Timeline) -> Self {
+        let [op_drop_outs, pv_drop_outs] = timeline.drop_outs;
+        let alarm = |raised: &crate::backfill::Raised| BackfillAlarm {
+            from: finite(raised.from),
+            to: raised.to.and_then(finite),
+            from_time: dated(raised.from),
+            to_time: raised.to.and_then(dated),
+        };
+        Self {
+            r#loop: name.to_string(),
+            begin: finite(timeline.begin),
+            window_s: timeline.cut.window_s,
+            step_s: timeline.cut.step_s,
+            op_drop_outs,
+            pv_drop_outs,
+            gaps_s: finite(timeline.gaps_s),
+            alarms: timeline.raised.iter().map(alarm).collect(),
+            items: timeline.items.iter().map(BackfillItem::from).collect(),
+        }
+    }
+}
+
+impl From<&Item> for BackfillItem {
+    fn from(item: &Item) -> Self {
+        let said = &item.summary;
+        Self {
+            from: finite(item.from),
+            to: finite(item.to),
+            verdict: said.outcome.to_string(),
+            reason: said.reason.clone(),
+            f: said.f.and_then(finite),
+            f_ci95: said.f_ci95.and_then(|[low, high]| Some([finite(low)?, finite(high)?])),
+            f_unit: f_unit(said.f_in_percent),
+            delta_aic: said.delta_aic.and_then(finite),
+            effects: item.effects.iter().map(|(kind, _)| kind.as_str()).collect(),
+            good_share: finite(item.good_share),
+        }
+    }
+}
