@@ -6,6 +6,7 @@
 //!
 //! With the cargo feature `writeback`, and only then, a loop that enables it has a gate between results and plant.
 
+mod facts;
 mod keeping;
 #[cfg(not(feature = "writeback"))]
 #[path = "app/reading.rs"]
@@ -19,7 +20,7 @@ use crate::config::{self, Config, Diagnostic, Neighbour};
 use crate::diagnosis::{self, Settings};
 use crate::history::{History, Ring};
 use crate::residual;
-use crate::results::{Judged, Results};
+use crate::results::{Judged, Residuals, Results};
 use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
 use crate::serve::{self, Context, DeviceState, LoopInfo, ServeError};
 use crate::signal::{LoopId, Sample};
@@ -151,9 +152,10 @@ impl App {
             let diagnosis = diagnosis::diagnose(record, settings);
             let tracing = residual::Settings { known: known.to_vec(), ..residual::Settings::default() };
             let mut findings = residual::trace_record(record, &diagnosis, settings, &tracing);
+            let residuals = findings.as_ref().map(|found| Residuals::from(&found.curves));
             // The curves are for drawing one record; kept for every loop they would be most of the memory.
             findings.iter_mut().for_each(|found| found.curves = residual::Curves::default());
-            Judged { diagnosis, findings }
+            Judged { diagnosis, findings, residuals }
         })
     }
 
@@ -374,6 +376,7 @@ fn shown(config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::
         devices.iter().map(|device| (device.plan.name().to_string(), device.health.clone())).collect();
     let states = move || healths.iter().map(|(name, health)| Device::state(name, health)).collect();
     serve::Plant::new(config.loops.iter().map(info).collect(), history.clone(), Arc::new(states))
+        .with_facts(facts::of(config))
 }
 
 fn warn_of_what_needs_a_restart(old: &Config, new: &Config) {

@@ -1,11 +1,13 @@
 //! What the diagnoses said: per loop the latest in full, the ones before as summaries, and the alarm that follows from
 //! them. Everything is bounded; whoever wants to hear of news subscribes to a bounded channel.
 
+mod alarm_log;
 mod judged;
 mod kept;
 mod origin;
 
-pub use judged::{Judged, KnownEffect, ModelVersion};
+pub use alarm_log::AlarmChange;
+pub use judged::{Judged, KnownEffect, ModelVersion, Residuals};
 pub use kept::{Change, Keeper, Remembered, Restored, Summary};
 pub use origin::Origin;
 
@@ -13,6 +15,7 @@ use crate::alarm::{self, Alarm, Observation, Refusal, State, Transition};
 use crate::compensation::gate::{self, News};
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::signal::LoopId;
+use alarm_log::AlarmLog;
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use tokio::sync::broadcast;
@@ -225,6 +228,7 @@ pub struct Results {
     keep: usize,
     /// Loops with a term in force.
     reinforced: RwLock<HashSet<LoopId>>,
+    alarm_log: AlarmLog,
     events: broadcast::Sender<Event>,
     keeper: kept::Keeping,
 }
@@ -237,6 +241,7 @@ impl Results {
             alarm_config: RwLock::new(alarm_config.clone()),
             keep: keep.max(1),
             reinforced: RwLock::default(),
+            alarm_log: AlarmLog::default(),
             events: broadcast::channel(EVENT_BACKLOG).0,
             keeper: kept::Keeping::default(),
         };
@@ -326,7 +331,7 @@ impl Results {
             transitions
         };
         self.tell(Event::Run(run.id.clone(), summary));
-        self.tell_all(&run.id, transitions);
+        self.tell_all(&run.id, transitions, (None, None));
         run
     }
 
@@ -419,14 +424,14 @@ impl Results {
                 Action::Unshelve => entry.alarm.unshelve(now),
             };
             acted.map(|transitions| {
-                (entry.by, entry.comment) = (by, comment);
+                (entry.by, entry.comment) = (by.clone(), comment.clone());
                 let kept = transitions.clone();
                 self.keep(id, &entry, |change| Change { transitions: kept, acted: true, ..change });
                 (transitions, view(id, &entry))
             })
         };
         Some(acted.map(|(transitions, view)| {
-            self.tell_all(id, transitions);
+            self.tell_all(id, transitions, (by, comment));
             view
         }))
     }
@@ -452,15 +457,22 @@ impl Results {
             }
             transitions
         };
-        self.tell_all(id, transitions);
+        self.tell_all(id, transitions, (None, None));
+    }
+
+    /// The changes of alarms that are remembered, newest first.
+    pub fn alarm_log(&self) -> Vec<AlarmChange> {
+        self.alarm_log.newest_first()
     }
 
     fn entry(&self, id: &LoopId) -> Option<Arc<Mutex<Entry>>> {
         self.entries.read().unwrap_or_else(PoisonError::into_inner).get(id).cloned()
     }
 
-    fn tell_all(&self, id: &LoopId, transitions: Vec<Transition>) {
+    fn tell_all(&self, id: &LoopId, transitions: Vec<Transition>, said: (Option<String>, Option<String>)) {
         for transition in transitions {
+            let (by, comment) = said.clone();
+            self.alarm_log.push(AlarmChange { id: id.clone(), transition, by, comment });
             self.tell(Event::Alarm(id.clone(), transition));
         }
     }

@@ -17,6 +17,7 @@ const DOCUMENTS: &[&str] = &[
     "CHANGELOG.md",
     "docs/configuration.md",
     "docs/closing-the-loop.md",
+    "docs/dashboard.md",
     "docs/diagnosis.md",
     "docs/opcua.md",
     "docs/reproduce.md",

@@ -13,11 +13,41 @@ pub struct Judged {
     pub diagnosis: Diagnosis,
     /// With the effects that the declared model lacks; `None` where nothing could be traced.
     pub findings: Option<Findings>,
+    /// What both models leave over, for drawing; `None` where nothing could be traced.
+    pub residuals: Option<Residuals>,
+}
+
+/// One-step residuals before and after the effects, in single precision: they are kept for every loop, only to be drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Residuals {
+    /// Time of the first sample (s).
+    pub t0: f64,
+    /// Sample period (s).
+    pub ts: f64,
+    /// First sample that no fit has seen.
+    pub split: usize,
+    /// Of the declared model (PV unit).
+    pub before: Vec<f32>,
+    /// With the effects (PV unit).
+    pub after: Vec<f32>,
+}
+
+impl From<&residual::Curves> for Residuals {
+    fn from(curves: &residual::Curves) -> Self {
+        let single = |v: &[f64]| v.iter().map(|e| *e as f32).collect();
+        Self {
+            t0: curves.t0,
+            ts: curves.ts,
+            split: curves.split,
+            before: single(&curves.residual_before),
+            after: single(&curves.residual_after),
+        }
+    }
 }
 
 impl From<Diagnosis> for Judged {
     fn from(diagnosis: Diagnosis) -> Self {
-        Self { diagnosis, findings: None }
+        Self { diagnosis, findings: None, residuals: None }
     }
 }
 

@@ -196,6 +196,11 @@ fn process(registry: &mut Registry) {
     }
 }
 
+/// Memory of the process (bytes), where the kernel says.
+pub fn resident_bytes() -> Option<u64> {
+    status_kib("VmRSS:").map(|kib| (kib * 1024.0) as u64)
+}
+
 fn status_kib(field: &str) -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     status.lines().find_map(|line| line.strip_prefix(field))?.split_whitespace().next()?.parse().ok()

@@ -1,4 +1,4 @@
-//! What the daemon shows: REST, events, metrics, an overview page. Reads the plant; what an operator asks of
+//! What the daemon shows: REST, events, metrics, a dashboard, reports. Reads the plant; what an operator asks of
 //! write-back it hands on to the [`Desk`].
 
 mod api;
@@ -9,7 +9,10 @@ mod layers;
 mod listen;
 mod metrics;
 mod page;
+mod picture;
 mod problem;
+mod report;
+mod words;
 
 pub use api::openapi;
 #[cfg(feature = "writeback")]
@@ -161,6 +164,26 @@ pub struct StoreState {
 /// Tells how the store is.
 pub type AskStore = Arc<dyn Fn() -> StoreState + Send + Sync>;
 
+/// One line of the configuration, for people.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setting {
+    /// Section of the file.
+    pub section: &'static str,
+    /// Key.
+    pub key: &'static str,
+    /// Value as text.
+    pub value: String,
+}
+
+/// What of the configuration is shown. Chosen one by one: what may be secret is never among it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Facts {
+    /// Least f that counts as stiction (% of OP span).
+    pub f_threshold_percent: Option<f64>,
+    /// For people.
+    pub settings: Vec<Setting>,
+}
+
 /// What is watched now; replaced as a whole on reload.
 pub struct Plant {
     loops: Vec<LoopInfo>,
@@ -169,6 +192,8 @@ pub struct Plant {
     pub history: Arc<History>,
     /// How the devices are.
     pub devices: Arc<dyn Fn() -> Vec<DeviceState> + Send + Sync>,
+    /// What of the configuration is shown.
+    pub facts: Facts,
 }
 
 impl Plant {
@@ -179,7 +204,12 @@ impl Plant {
         devices: Arc<dyn Fn() -> Vec<DeviceState> + Send + Sync>,
     ) -> Self {
         let by_id = loops.iter().enumerate().map(|(at, info)| (info.id.clone(), at)).collect();
-        Self { loops, by_id, history, devices }
+        Self { loops, by_id, history, devices, facts: Facts::default() }
+    }
+
+    /// Shows these facts of the configuration.
+    pub fn with_facts(self, facts: Facts) -> Self {
+        Self { facts, ..self }
     }
 
     /// The loops.

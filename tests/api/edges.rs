@@ -72,21 +72,56 @@ async fn answers_carry_the_headers_that_keep_a_browser_safe_and_are_compressed()
     assert_eq!(packed.body[..2], [0x1f, 0x8b]);
 }
 
+/// What a file of the page asks for, by the quotes around it: nothing is left out that way, and nothing else is quoted so.
+fn asked_for(path: &str, text: &str) -> Vec<String> {
+    let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
+    let relative = |quoted: &str| quoted.strip_prefix("./").map(|name| format!("{folder}/{name}"));
+    let from_root = |quoted: &str| {
+        let asset = [".css", ".js", ".svg"].iter().any(|end| quoted.ends_with(end));
+        (asset && !quoted.contains(' ')).then(|| format!("/{quoted}"))
+    };
+    text.split('"').skip(1).step_by(2).filter_map(|q| relative(q).or_else(|| from_root(q))).collect()
+}
+
 #[tokio::test]
 async fn the_page_is_whole_and_needs_nothing_from_elsewhere() {
     let rig = rig(&FOUR).await;
     let page = get(rig.address, "/").await;
     assert!(page.header("content-type").is_some_and(|kind| kind.starts_with("text/html")));
-    let text = page.text();
-    assert!(text.contains("page.css") && text.contains("page.js"));
-    for asset in ["page.css", "page.js", "plot.js"] {
-        let file = get(rig.address, &format!("/{asset}")).await;
-        assert_eq!(file.status, 200);
-        let body = file.text();
-        assert!(!body.contains("innerHTML"), "names from the plant are never markup");
-        let elsewhere = body.replace("http://www.w3.org/2000/svg", "");
-        assert!(!elsewhere.contains("http://") && !elsewhere.contains("https://"), "{asset}");
+    let (mut to_read, mut read) = (vec![("/".to_string(), page.text())], std::collections::BTreeSet::new());
+    while let Some((path, text)) = to_read.pop() {
+        assert!(
+            !text.contains("innerHTML") && !text.contains("insertAdjacentHTML"),
+            "{path}: names are never markup"
+        );
+        let elsewhere =
+            text.replace("http://www.w3.org/2000/svg", "").replace("https://github.com/leeoniya/uPlot", "");
+        assert!(!elsewhere.contains("http://") && !elsewhere.contains("https://"), "{path}");
+        for asset in asked_for(&path, &text) {
+            if read.insert(asset.clone()) {
+                let file = get(rig.address, &asset).await;
+                assert_eq!(file.status, 200, "{path} asks for {asset}");
+                to_read.push((asset, file.text()));
+            }
+        }
     }
+    assert!(
+        read.len() >= 17 && read.contains("/vendor/uplot.min.js") && read.contains("/js/loop.js"),
+        "{read:?}"
+    );
+}
+
+#[tokio::test]
+async fn files_of_the_page_are_sent_again_only_when_they_changed() {
+    let rig = rig(&FOUR).await;
+    let first = get(rig.address, "/app.css").await;
+    let tag = first.header("etag").expect("a validator").to_string();
+    assert_eq!(first.header("cache-control"), Some("no-cache"));
+    let again = send(rig.address, "GET", "/app.css", &[&format!("if-none-match: {tag}")], "").await;
+    assert_eq!((again.status, again.body.len(), again.header("etag")), (304, 0, Some(tag.as_str())));
+    let other = send(rig.address, "GET", "/app.css", &["if-none-match: W/\"0\""], "").await;
+    assert_eq!(other.status, 200);
+    assert_eq!(get(rig.address, "/vendor/uplot.LICENSE").await.status, 200);
 }
 
 #[tokio::test]

@@ -95,8 +95,12 @@ pub struct Events(BufReader<TcpStream>);
 
 impl Events {
     pub async fn open(to: SocketAddr) -> Self {
+        Self::open_at(to, "/api/v1/events").await
+    }
+
+    pub async fn open_at(to: SocketAddr, path: &str) -> Self {
         let mut stream = TcpStream::connect(to).await.expect("the server listens");
-        let request = format!("GET /api/v1/events HTTP/1.1\r\nhost: {to}\r\n\r\n");
+        let request = format!("GET {path} HTTP/1.1\r\nhost: {to}\r\n\r\n");
         stream.write_all(request.as_bytes()).await.expect("sent");
         Self(BufReader::new(stream))
     }

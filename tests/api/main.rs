@@ -2,6 +2,7 @@
 
 mod app;
 mod daemon;
+mod dashboard;
 mod edges;
 mod http;
 mod resources;

@@ -1,14 +1,14 @@
 //! Alarms, and what an operator may do to them.
 
 use super::super::Context;
-use super::super::dto::alarms::{AlarmItem, AlarmList};
-use super::super::dto::params::{ActBody, AlarmState, AlarmsQuery, ShelveBody};
+use super::super::dto::alarms::{AlarmChangeItem, AlarmHistory, AlarmItem, AlarmList};
+use super::super::dto::params::{ActBody, AlarmHistoryQuery, AlarmState, AlarmsQuery, ShelveBody};
 use super::super::dto::rfc3339;
-use super::super::extract::{Body, OfLoop, Params, Required, short};
+use super::super::extract::{Body, OfLoop, Params, Required, short, within};
 use super::super::problem::Problem;
 use super::off_thread;
 use crate::alarm::Refusal;
-use crate::results::Action;
+use crate::results::{Action, AlarmChange};
 use crate::signal::LoopId;
 use axum::Json;
 use axum::extract::State;
@@ -29,6 +29,23 @@ pub async fn list(State(context): Shared, Params(query): Params<AlarmsQuery>) ->
             None => item.state != AlarmState::Normal,
         };
         Ok(AlarmList { time: rfc3339(now), items: items.into_iter().filter(wanted).collect() })
+    })
+    .await
+}
+
+/// The changes of alarms that are remembered, newest first.
+#[utoipa::path(get, path = "/alarms/history", tag = "alarms", params(AlarmHistoryQuery),
+    responses((status = 200, body = AlarmHistory), (status = 400, description = "problem: the field is named")))]
+pub async fn history(
+    State(context): Shared,
+    Params(query): Params<AlarmHistoryQuery>,
+) -> Result<Response, Problem> {
+    let limit = within("limit", query.limit.unwrap_or(100), 1..=2000)?;
+    off_thread(move || {
+        let log = context.results.alarm_log();
+        let wanted =
+            |change: &&AlarmChange| query.r#loop.as_deref().is_none_or(|id| change.id.as_str() == id);
+        Ok(AlarmHistory { items: log.iter().filter(wanted).take(limit).map(AlarmChangeItem::from).collect() })
     })
     .await
 }

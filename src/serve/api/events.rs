@@ -6,6 +6,7 @@ use super::super::dto::params::NoQuery;
 use super::super::dto::rfc3339;
 use super::super::extract::Params;
 use super::super::problem::Problem;
+use super::event_place;
 use crate::results::Event;
 use axum::extract::State;
 use axum::response::sse::{Event as Frame, KeepAlive, Sse};
@@ -26,10 +27,7 @@ pub async fn stream(
     State(context): State<Arc<Context>>,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Sse<impl Stream<Item = Result<Frame, Infallible>>>, Problem> {
-    let permit =
-        context.event_clients.clone().try_acquire_owned().map_err(|_| {
-            Problem::busy("too_many_event_clients", "too many clients listen to events already")
-        })?;
+    let permit = event_place(&context)?;
     let client = Client {
         events: context.results.subscribe(),
         stop: context.stop.clone(),

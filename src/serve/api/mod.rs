@@ -2,8 +2,11 @@
 
 mod alarms;
 mod events;
+mod evidence;
 mod health;
 mod loops;
+mod report;
+mod system;
 mod writeback;
 
 use super::Context;
@@ -13,6 +16,7 @@ use axum::response::{IntoResponse, Response};
 use axum::{Json, http::header};
 use serde::Serialize;
 use std::sync::Arc;
+use tokio::sync::OwnedSemaphorePermit;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -59,12 +63,19 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(loops::diagnoses))
         .routes(routes!(loops::samples))
         .routes(routes!(loops::model))
+        .routes(routes!(evidence::evidence))
+        .routes(routes!(evidence::live))
+        .routes(routes!(report::of_loop))
+        .routes(routes!(report::of_plant))
         .routes(routes!(writeback::state))
         .routes(routes!(alarms::list))
+        .routes(routes!(alarms::history))
         .routes(routes!(alarms::acknowledge))
         .routes(routes!(alarms::shelve))
         .routes(routes!(alarms::unshelve))
         .routes(routes!(events::stream))
+        .routes(routes!(system::collectors))
+        .routes(routes!(system::system))
         .merge(common());
     #[cfg(feature = "writeback")]
     let api = api
@@ -73,6 +84,12 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(writeback::withdraw))
         .routes(routes!(writeback::reset));
     OpenApiRouter::with_openapi(Description::openapi()).merge(common()).nest("/api/v1", api)
+}
+
+/// A place among those who listen to events.
+fn event_place(context: &Context) -> Result<OwnedSemaphorePermit, Problem> {
+    let full = |_| Problem::busy("too_many_event_clients", "too many clients listen to events already");
+    context.event_clients.clone().try_acquire_owned().map_err(full)
 }
 
 /// Computes an answer off the async threads, its text included.

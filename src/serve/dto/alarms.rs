@@ -3,7 +3,7 @@
 use super::params::AlarmState;
 use super::rfc3339;
 use crate::alarm::State;
-use crate::results::AlarmView;
+use crate::results::{AlarmChange, AlarmView};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -37,6 +37,46 @@ pub struct AlarmList {
     pub items: Vec<AlarmItem>,
 }
 
+/// The changes of alarms that are remembered.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct AlarmHistory {
+    /// Newest first.
+    pub items: Vec<AlarmChangeItem>,
+}
+
+/// A change of an alarm.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct AlarmChangeItem {
+    /// The loop, which names the alarm.
+    pub id: String,
+    /// When.
+    pub time: Option<String>,
+    /// State before.
+    pub from: AlarmState,
+    /// State after.
+    pub to: AlarmState,
+    /// Why: `raised`, `cleared`, `acknowledged`, ….
+    pub cause: String,
+    /// Who did it, where somebody did.
+    pub by: Option<String>,
+    /// What they said.
+    pub comment: Option<String>,
+}
+
+impl From<&AlarmChange> for AlarmChangeItem {
+    fn from(change: &AlarmChange) -> Self {
+        Self {
+            id: change.id.to_string(),
+            time: rfc3339(change.transition.at),
+            from: change.transition.from.into(),
+            to: change.transition.to.into(),
+            cause: change.transition.cause.as_str().to_string(),
+            by: change.by.clone(),
+            comment: change.comment.clone(),
+        }
+    }
+}
+
 impl From<&AlarmView> for AlarmItem {
     fn from(view: &AlarmView) -> Self {
         Self {
@@ -49,6 +89,14 @@ impl From<&AlarmView> for AlarmItem {
             by: view.by.clone(),
             comment: view.comment.clone(),
         }
+    }
+}
+
+impl AlarmState {
+    /// Its name, as the API writes it, in words.
+    pub fn words(self) -> String {
+        let name = serde_json::to_value(self).ok();
+        name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().replace('-', " ")
     }
 }
 

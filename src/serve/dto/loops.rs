@@ -190,6 +190,8 @@ pub struct LoopDetail {
     pub op_span: Option<f64>,
     /// Limits of OP (OP unit), where known.
     pub op_limits: Option<[f64; 2]>,
+    /// Least f that counts as stiction (`f_unit`), where it is known.
+    pub f_threshold: Option<f64>,
     /// The newest sample of each tag.
     pub values: Vec<Quantity>,
     /// Write-back; null where it is not enabled, or not built in.

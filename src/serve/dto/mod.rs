@@ -3,12 +3,14 @@
 pub mod alarms;
 pub mod backfill;
 pub mod events;
+pub mod evidence;
 pub mod health;
 mod kept;
 pub mod loops;
 pub mod params;
 pub mod report;
 pub mod samples;
+pub mod system;
 pub mod writeback;
 
 pub use report::Report;

@@ -143,6 +143,17 @@ pub struct AlarmsQuery {
     pub state: Option<AlarmState>,
 }
 
+/// Query of the alarms' history.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields, default)]
+#[into_params(parameter_in = Query)]
+pub struct AlarmHistoryQuery {
+    /// Only this loop.
+    pub r#loop: Option<String>,
+    /// Entries at most, 1 to 2000; default 100.
+    pub limit: Option<usize>,
+}
+
 /// Query of what takes none.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]

@@ -1,17 +1,73 @@
-//! The overview page: three files in the binary, nothing from anywhere else.
+//! The dashboard: files in the binary, nothing from anywhere else. Each has an ETag; a browser asks again and hears 304.
 
 use axum::Router;
-use axum::http::header;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use sha2::{Digest, Sha256};
+use std::fmt::Write as _;
+
+const HTML: &str = "text/html; charset=utf-8";
+const CSS: &str = "text/css; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+const SVG: &str = "image/svg+xml";
+const TEXT: &str = "text/plain; charset=utf-8";
+
+/// Path, type and content.
+const FILES: &[(&str, &str, &str)] = &[
+    ("/", HTML, include_str!("assets/index.html")),
+    ("/app.css", CSS, include_str!("assets/app.css")),
+    ("/icon.svg", SVG, include_str!("assets/icon.svg")),
+    ("/js/actions.js", SCRIPT, include_str!("assets/js/actions.js")),
+    ("/js/alarms.js", SCRIPT, include_str!("assets/js/alarms.js")),
+    ("/js/api.js", SCRIPT, include_str!("assets/js/api.js")),
+    ("/js/board.js", SCRIPT, include_str!("assets/js/board.js")),
+    ("/js/dom.js", SCRIPT, include_str!("assets/js/dom.js")),
+    ("/js/evidence.js", SCRIPT, include_str!("assets/js/evidence.js")),
+    ("/js/format.js", SCRIPT, include_str!("assets/js/format.js")),
+    ("/js/live.js", SCRIPT, include_str!("assets/js/live.js")),
+    ("/js/loop.js", SCRIPT, include_str!("assets/js/loop.js")),
+    ("/js/main.js", SCRIPT, include_str!("assets/js/main.js")),
+    ("/js/plant.js", SCRIPT, include_str!("assets/js/plant.js")),
+    ("/js/settings.js", SCRIPT, include_str!("assets/js/settings.js")),
+    ("/js/states.js", SCRIPT, include_str!("assets/js/states.js")),
+    ("/js/svg.js", SCRIPT, include_str!("assets/js/svg.js")),
+    ("/js/tiles.js", SCRIPT, include_str!("assets/js/tiles.js")),
+    ("/js/trend.js", SCRIPT, include_str!("assets/js/trend.js")),
+    ("/vendor/uplot.min.js", SCRIPT, include_str!("assets/vendor/uplot.min.js")),
+    ("/vendor/uplot.min.css", CSS, include_str!("assets/vendor/uplot.min.css")),
+    ("/vendor/uplot.LICENSE", TEXT, include_str!("assets/vendor/uplot.LICENSE")),
+];
 
 /// `/` and what it needs.
 pub fn routes() -> Router {
-    let file = |kind: &'static str, text: &'static str| {
-        get(move || async move { ([(header::CONTENT_TYPE, kind)], text) })
+    FILES.iter().fold(Router::new(), |router, &(path, kind, content)| {
+        let tag = tag(content);
+        router.route(path, get(move |asked: HeaderMap| async move { answer(&asked, kind, content, &tag) }))
+    })
+}
+
+/// A weak validator: what is sent may be compressed.
+fn tag(content: &str) -> HeaderValue {
+    let digest = Sha256::digest(content.as_bytes());
+    let mut text = String::from("W/\"");
+    for byte in &digest[..12] {
+        // Writing to a String cannot fail.
+        let _ = write!(text, "{byte:02x}");
+    }
+    text.push('"');
+    HeaderValue::from_str(&text).unwrap_or(HeaderValue::from_static("W/\"0\""))
+}
+
+fn answer(asked: &HeaderMap, kind: &'static str, content: &'static str, tag: &HeaderValue) -> Response {
+    let same = |value: &HeaderValue| {
+        let listed = value.to_str().unwrap_or_default();
+        listed.split(',').any(|one| one.trim() == tag || one.trim() == "*")
     };
-    Router::new()
-        .route("/", file("text/html; charset=utf-8", include_str!("index.html")))
-        .route("/page.css", file("text/css; charset=utf-8", include_str!("page.css")))
-        .route("/page.js", file("text/javascript; charset=utf-8", include_str!("page.js")))
-        .route("/plot.js", file("text/javascript; charset=utf-8", include_str!("plot.js")))
+    // Asked for again every time, so that another version of the daemon shows its own page at once.
+    let head = [(header::ETAG, tag.clone()), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];
+    if asked.get_all(header::IF_NONE_MATCH).iter().any(same) {
+        return (StatusCode::NOT_MODIFIED, head).into_response();
+    }
+    (head, [(header::CONTENT_TYPE, kind)], content).into_response()
 }

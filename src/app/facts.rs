@@ -1,0 +1,41 @@
+//! What of the configuration is shown to people. Each fact is named here: a key that is added to the file, which may hold a
+//! secret, is not shown before somebody says so.
+
+use crate::config::Config;
+use crate::serve::{Facts, Setting};
+
+/// The facts of a configuration.
+pub(super) fn of(config: &Config) -> Facts {
+    let mut settings = Vec::new();
+    let mut say = |section, key, value: String| settings.push(Setting { section, key, value });
+    let server = &config.server;
+    say("server", "listen", server.listen.to_string());
+    say("server", "allow_unauthenticated_network", server.allow_unauthenticated_network.to_string());
+    say("server", "max_requests", server.max_requests.to_string());
+    say("server", "max_connections", server.max_connections.to_string());
+    say("server", "max_event_clients", server.max_event_clients.to_string());
+    say("server", "request_timeout_s", server.request_timeout_s.to_string());
+    say("server", "max_body_bytes", server.max_body_bytes.to_string());
+    say("history", "samples_per_tag", config.history.samples_per_tag.to_string());
+    let schedule = &config.schedule;
+    say("schedule", "period_s", schedule.period_s.to_string());
+    say("schedule", "parallelism", schedule.parallelism.to_string());
+    say("schedule", "deadline_s", schedule.deadline_s.to_string());
+    say("schedule", "queue", schedule.queue.to_string());
+    say("schedule", "keep_results", schedule.keep_results.to_string());
+    let diagnosis = &config.diagnosis;
+    say("diagnosis", "f_threshold_percent", diagnosis.f_threshold_percent.to_string());
+    say("diagnosis", "evidence_threshold", diagnosis.evidence_threshold.to_string());
+    say("diagnosis", "window_samples", diagnosis.window_samples.to_string());
+    say("diagnosis", "min_samples", diagnosis.min_samples.to_string());
+    say("diagnosis", "max_gap_share", diagnosis.max_gap_share.to_string());
+    say("diagnosis", "ts_s", diagnosis.ts_s.map_or("median of the stamps".to_string(), |ts| ts.to_string()));
+    say("diagnosis", "max_delay_samples", diagnosis.max_delay_samples.to_string());
+    let alarm = &config.alarm;
+    say("alarm", "k of n", format!("{} of {}", alarm.k, alarm.n));
+    say("alarm", "clear_k of clear_n", format!("{} of {}", alarm.clear_k, alarm.clear_n));
+    say("alarm", "clear_f_percent", alarm.clear_f_percent.to_string());
+    say("alarm", "clear_evidence", alarm.clear_evidence.to_string());
+    say("alarm", "max_shelve_s", alarm.max_shelve_s.to_string());
+    Facts { f_threshold_percent: Some(config.diagnosis.f_threshold_percent), settings }
+}

@@ -1,0 +1,83 @@
+//! Reports for printing: HTML, each in one file.
+
+use super::super::Context;
+use super::super::dto::alarms::AlarmChangeItem;
+use super::super::dto::evidence::LoopEvidence;
+use super::super::dto::loops::{LoopDiagnosis, LoopItem, RunItem};
+use super::super::dto::params::NoQuery;
+use super::super::dto::rfc3339;
+use super::super::extract::{OfLoop, Params};
+use super::super::problem::Problem;
+use super::super::report;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use std::sync::Arc;
+
+type Shared = State<Arc<Context>>;
+
+/// One loop as a page for printing and for a work order.
+#[utoipa::path(get, path = "/loops/{id}/report.html", tag = "reports",
+    params(("id" = String, Path, description = "the loop's name")),
+    responses((status = 200, content_type = "text/html", body = String), (status = 404, description = "problem: no such loop")))]
+pub async fn of_loop(
+    State(context): Shared,
+    OfLoop(id): OfLoop,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Response, Problem> {
+    page(move || {
+        let now = context.clock.now();
+        let unknown = || Problem::unknown_loop(id.as_str());
+        let known = context.results.get(&id, now).ok_or_else(unknown)?;
+        let plant = context.plant();
+        let item = LoopItem::new(plant.info(&id).ok_or_else(unknown)?, &known, now);
+        let runs: Vec<RunItem> =
+            context.results.summaries(&id).unwrap_or_default().iter().map(RunItem::from).collect();
+        let log = context.results.alarm_log();
+        let alarms: Vec<AlarmChangeItem> =
+            log.iter().filter(|change| change.id == id).map(AlarmChangeItem::from).collect();
+        Ok(report::of_loop(&report::Subject {
+            item: &item,
+            diagnosis: LoopDiagnosis::latest(&known, now).as_ref(),
+            evidence: LoopEvidence::latest(&known).as_ref(),
+            runs: &runs,
+            alarms: &alarms,
+            now: rfc3339(now).as_deref(),
+        }))
+    })
+    .await
+}
+
+/// The plant as a page for printing.
+#[utoipa::path(get, path = "/report.html", tag = "reports",
+    responses((status = 200, content_type = "text/html", body = String)))]
+pub async fn of_plant(
+    State(context): Shared,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Response, Problem> {
+    page(move || {
+        let now = context.clock.now();
+        let plant = context.plant();
+        let item = |info| Some(LoopItem::new(info, &context.results.get(&info.id, now)?, now));
+        let mut items: Vec<LoopItem> = plant.loops().iter().filter_map(item).collect();
+        items.sort_by(|a, b| {
+            let f = |item: &LoopItem| item.f.unwrap_or(-1.0);
+            b.severity.cmp(&a.severity).then(f(b).total_cmp(&f(a))).then_with(|| a.id.cmp(&b.id))
+        });
+        Ok(report::of_plant(&items, rfc3339(now).as_deref()))
+    })
+    .await
+}
+
+/// Writes a page off the async threads, and sends it under the reports' own policy.
+async fn page(write: impl FnOnce() -> Result<String, Problem> + Send + 'static) -> Result<Response, Problem> {
+    let written = tokio::task::spawn_blocking(write).await.unwrap_or_else(|error| {
+        tracing::error!(%error, "a report failed inside");
+        Err(Problem::internal())
+    })?;
+    let head = [
+        (header::CONTENT_TYPE, "text/html; charset=utf-8"),
+        (header::CONTENT_SECURITY_POLICY, &report::POLICY),
+    ];
+    Ok((head, written).into_response())
+}

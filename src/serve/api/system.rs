@@ -1,0 +1,50 @@
+//! The daemon itself: where its data comes from, and its settings, read-only.
+
+use super::super::Context;
+use super::super::dto::params::NoQuery;
+use super::super::dto::rfc3339;
+use super::super::dto::system::{CollectorItem, CollectorList, SettingItem, System};
+use super::super::extract::Params;
+use super::super::metrics;
+use super::super::problem::Problem;
+use super::off_thread;
+use axum::Json;
+use axum::extract::State;
+use axum::response::Response;
+use std::sync::Arc;
+
+type Shared = State<Arc<Context>>;
+
+/// The devices that data comes from.
+#[utoipa::path(get, path = "/collectors", tag = "system", responses((status = 200, body = CollectorList)))]
+pub async fn collectors(State(context): Shared, Params(NoQuery {}): Params<NoQuery>) -> Json<CollectorList> {
+    let now = context.clock.now();
+    let devices = (context.plant().devices)();
+    let items = devices.iter().map(|device| CollectorItem::new(device, now)).collect();
+    Json(CollectorList { time: rfc3339(now), items })
+}
+
+/// What the daemon is, how it is and what it was told. Secrets are never among it.
+#[utoipa::path(get, path = "/system", tag = "system", responses((status = 200, body = System)))]
+pub async fn system(
+    State(context): Shared,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Response, Problem> {
+    off_thread(move || {
+        let plant = context.plant();
+        Ok(System {
+            version: env!("CARGO_PKG_VERSION"),
+            writeback_built_in: cfg!(feature = "writeback"),
+            time: rfc3339(context.clock.now()),
+            started: rfc3339(context.started),
+            memory_bytes: metrics::resident_bytes(),
+            history_bytes: plant.history.memory_bytes(),
+            loops: plant.loops().len(),
+            tags: plant.history.tag_count(),
+            event_places_left: context.event_clients.available_permits(),
+            scheduler: context.scheduler.counters().into(),
+            settings: plant.facts.settings.iter().map(SettingItem::from).collect(),
+        })
+    })
+    .await
+}

@@ -1,0 +1,33 @@
+// Numbers and times as people read them.
+
+/** Four significant digits; a dash for what does not exist. */
+export const short = (value, digits = 4) =>
+  value === null || value === undefined || !Number.isFinite(Number(value)) ? "–" : String(Number(Number(value).toPrecision(digits)));
+
+/** A time in the reader's zone, to the second. */
+export const when = (time) => (time ? new Date(time).toLocaleString("sv-SE") : "–");
+
+export const clock = (milliseconds) => new Date(milliseconds).toLocaleTimeString("sv-SE");
+
+/** A length of time (s) in its largest sensible unit. */
+export function lasting(seconds) {
+  if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return "–";
+  for (const [unit, size] of [["d", 86400], ["h", 3600], ["min", 60]]) if (seconds >= 2 * size) return `${short(seconds / size, 2)} ${unit}`;
+  return `${short(seconds, seconds < 10 ? 2 : 3)} s`;
+}
+
+export const ago = (seconds) => (seconds === null || seconds === undefined ? "–" : seconds < 1 ? "now" : `${lasting(seconds)} ago`);
+
+export function bytes(count) {
+  if (count === null || count === undefined) return "–";
+  for (const [unit, size] of [["GB", 1e9], ["MB", 1e6], ["kB", 1e3]]) if (count >= size) return `${short(count / size, 3)} ${unit}`;
+  return `${count} B`;
+}
+
+/** f with its interval; without friction the upper end says what the record could have hidden. */
+export function friction(item) {
+  if (item.f === null || item.f === undefined) return "–";
+  if (item.f === 0 && item.f_ci95?.[1] > 0) return `0 ${item.f_unit}, hides up to ${short(item.f_ci95[1], 3)}`;
+  const interval = item.f_ci95 ? ` (${short(item.f_ci95[0], 3)} … ${short(item.f_ci95[1], 3)})` : "";
+  return `${short(item.f, 3)} ${item.f_unit}${interval}`;
+}

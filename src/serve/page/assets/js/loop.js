@@ -1,0 +1,178 @@
+// One loop: the verdict in words, the trends, and the picture that makes one believe it.
+
+import { get, href, loopPath, orNull, post } from "./api.js";
+import { acknowledge, shelve, unshelve } from "./actions.js";
+import { h, scroll, toast } from "./dom.js";
+import { ago, friction, lasting, short, when } from "./format.js";
+import { listen, touch } from "./live.js";
+import { drawEvidence } from "./evidence.js";
+import { isShelved, kindOf, mayAck, mayShelve, VERDICTS, words } from "./states.js";
+import { trend } from "./trend.js";
+
+const card = (title, size, ...children) => h("section", { class: `card ${size}`, "aria-label": title }, h("header", null, h("h2", null, title)), ...children);
+const pairs = (list) => list.map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value)));
+
+// The collector decodes the mode: 1 is automatic.
+const reading = (tag, value) => (tag === "mode" && value !== null ? (value === 1 ? "automatic" : "manual") : short(value));
+
+export function loopView(main, [id]) {
+  let over = false, endTrend = null, showing = null, alarms = [];
+  const head = h("div", { class: "head" }, h("a", { class: "back", href: "#/" }, "← Plant"), h("h1", null, id), h("p"));
+  const banner = h("section", { class: "verdict", "aria-label": "Verdict" });
+  const values = h("dl", { class: "values", "aria-label": "Latest values" });
+  const boxes = Object.fromEntries(["trend", "pvop", "stem", "position", "aic", "months", "effects", "series", "spectrum", "acf", "ccf", "facts", "runs", "writeback"].map((name) => [name, h("div")]));
+  const figure = (name, caption, keys) => h("figure", { id: name }, boxes[name], keys ? h("div", { class: "keys" }, keys.map(([look, text]) => h("span", { class: look }, text))) : null, h("figcaption", null, caption));
+  boxes.effects.className = "story";
+  const residual = card("What the model leaves over", "", boxes.effects, h("div", { class: "cards" },
+    h("div", { class: "card two" }, h("h3", null, "Residual, one step ahead"), figure("series", "The smaller and the more like noise, the more of PV is explained.", [["sp2", "friction and linear process alone"], ["op", "with the effects"]])),
+    h("div", { class: "card third" }, h("h3", null, "Spectrum"), figure("spectrum", "A peak is a swing that is not explained yet.")),
+    h("div", { class: "card half" }, h("h3", null, "Correlation with its own past"), figure("acf", "Within the dashed lines it is noise.")),
+    h("div", { class: "card half" }, h("h3", null, "Correlation with past OP"), figure("ccf", "Outside the dashed lines the valve's way to PV is not fully described."))));
+  const writeback = card("Compensation", "", boxes.writeback);
+  const cards = h("div", { class: "cards" },
+    card("Trend", "", values, h("figure", { id: "trend" }, boxes.trend, h("div", { class: "keys" }, h("span", { class: "pv" }, "PV"), h("span", { class: "sp" }, "SP"), h("span", { class: "op" }, "OP"), h("span", { class: "mv" }, "MV, measured stem")))),
+    card("PV over OP, with the stick-band", "half", figure("pvop", "Inside the band OP moves and the valve does not.", [["pv", "measured"], ["stem", "PV if it followed the fitted stem"], ["band", "stick-band, 2f wide"]])),
+    card("Stem over OP", "half", figure("stem", "On each reversal the stem stands still until OP has come back by 2f.", [["stem", "fitted stem"], ["mv", "measured, where there is one"], ["band", "stick-band"]])),
+    card("Estimated valve position", "", figure("position", "The steps of a sticking valve beside the OP that asks for a smooth movement.", [["op", "OP"], ["stem", "fitted stem"], ["mv", "measured, where there is one"]])),
+    card("How sure: AIC over f", "half", figure("aic", "The lower, the better the model explains PV; the shaded interval holds the true f with 95 %.")),
+    card("f over time", "half", figure("months", "Each dot is a diagnosis with its 95 % interval; triangles are changes of the alarm.")),
+    residual, writeback, card("Facts", "half", boxes.facts), card("Latest diagnoses", "half", boxes.runs));
+  main.append(head, banner, cards);
+  residual.hidden = writeback.hidden = true;
+
+  const button = (text, act, main_ = false) => h("button", { type: "button", class: main_ ? "main" : null, on: { click: act } }, text);
+  const acted = async (act) => (await act(id)) && show();
+
+  async function run(event) {
+    const asked = event.currentTarget;
+    asked.disabled = true;
+    try {
+      const answer = await post(`${loopPath(id)}/diagnosis?wait_s=30`);
+      toast(answer.state === "running" ? "begun; the result follows" : `${id}: ${VERDICTS[answer.verdict] ?? answer.verdict}`);
+      touch(id);
+      await show();
+    } catch (error) {
+      toast(error.message, true);
+    } finally {
+      asked.disabled = false;
+    }
+  }
+
+  function drawBanner(detail, report, said) {
+    const kind = kindOf(detail), state = detail.alarm;
+    banner.dataset.kind = kind.key;
+    const f = report && report.verdict !== "not_identifiable" ? ` · f = ${friction(report)} · evidence ${short(report.delta_aic, 3)}` : "";
+    const acts = [mayAck(state) && button("Acknowledge", () => acted(acknowledge), true), isShelved(state) ? button("Unshelve", () => acted(unshelve)) : mayShelve(state) && button("Shelve …", () => acted(shelve)),
+      button("Diagnose now", run), h("a", { class: "button", href: href(`${loopPath(id)}/report.html`), target: "_blank", rel: "noopener" }, "Report")];
+    const focused = banner.contains(document.activeElement) ? document.activeElement.textContent : null;
+    banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, said ? said.words : "Not diagnosed yet."), h("p", null, `${kind.label}${f}${report ? ` · diagnosed ${ago(report.age_s)}` : ""}${detail.failure ? ` · latest run: ${words(detail.failure)}` : ""}`)), h("div", { class: "acts" }, acts));
+    if (focused) [...banner.querySelectorAll("button, a")].find((one) => one.textContent === focused)?.focus();
+  }
+
+  function drawValues(list) {
+    values.replaceChildren(...list.map((v) => {
+      const good = v.quality === "good";
+      return h("div", { class: good ? null : "bad", "data-tag": v.tag }, h("dt", null, ["op", "pv", "sp", "mv"].includes(v.tag) ? v.tag.toUpperCase() : v.tag), h("dd", null, reading(v.tag, v.value), " ", h("small", null, `${v.unit}${good ? "" : ` ${v.quality}`}`)));
+    }));
+  }
+
+  function drawEffects(report, said, origin) {
+    const { residual: r } = report;
+    const gain = (before, after) => (before && after ? ` (${short((100 * (before - after)) / before, 2)} % less)` : "");
+    const found = said.effects.map((one, i) =>
+      h("li", null, h("strong", null, one.title), one.meaning && h("span", null, one.meaning), one.advice && h("span", null, one.advice), h("p", null, `${one.detail}; evidence ${short(r.effects[i]?.delta_aic, 3)}`)));
+    const nothing = r.white_after ? "Friction and a linear process explain PV: what is left over is noise." : r.unexplained ? "Something is left that no known effect explains." : "";
+    boxes.effects.replaceChildren(found.length ? h("ul", { class: "effects" }, found) : h("p", null, nothing), found.length && r.unexplained ? h("p", null, "Something more is left that no known effect explains.") : "",
+      origin ? h("p", null, "The swing comes along ", origin.path.toReversed().flatMap((id, i) => [i ? " → " : "", h("a", { href: `#/loop/${encodeURIComponent(id)}` }, id)]), origin.starts_in ? `: it starts in ${origin.starts_in}${origin.sticky ? ", whose valve sticks." : "."}` : ": these loops drive each other.") : "",
+      said.left.length ? h("p", { class: "note" }, `Still to be seen in it: ${said.left.join("; ")}.`) : "",
+      h("dl", { class: "facts" }, pairs([
+        ["one-step error before, after", `${short(r.one_step_rmse_before, 3)}, ${short(r.one_step_rmse_after, 3)}${gain(r.one_step_rmse_before, r.one_step_rmse_after)}`],
+        ["free-run error before, after", `${short(r.free_run_rmse_before, 3)}, ${short(r.free_run_rmse_after, 3)}${gain(r.free_run_rmse_before, r.free_run_rmse_after)}`],
+        ["noise only, before and after", `${r.white_before ? "yes" : "no"}, ${r.white_after ? "yes" : "no"}`], ["f before, after", `${short(r.f_before, 3)}, ${short(r.f_after, 3)} ${report.f_unit}`]])));
+  }
+
+  function drawWriteback(view) {
+    const row = (name, key, unit) => h("tr", null, h("th", { scope: "row" }, name), ...["before", "with", "running"].map((of) => h("td", { class: "number" }, view.effect?.[of] ? `${short(view.effect[of][key], 3)}${unit}` : "–")));
+    const table = scroll("Before and with compensation", h("table", null, h("thead", null, h("tr", null, ["", "before", "with the term", "under way"].map((text, i) => h("th", { scope: "col", class: i ? "number" : null }, text)))),
+      h("tbody", null, row("length (s)", "length_s", ""), row("ISE", "ise", ""), row("IAE", "iae", ""), row("PV standard deviation", "pv_sd", ""), row("stem travel", "travel_percent", " %"), row("reversals", "reversals", ""))));
+    boxes.writeback.replaceChildren(h("dl", { class: "facts" }, pairs([["state", words(view.state)], ["since", when(view.since)], ["term", `${short(view.term_percent)} %`], ["in force", `${short(view.in_force_percent)} %`],
+      ["ISE before over ISE with", view.effect ? short(view.effect.ise_gain, 3) : "–"], ["stem travel, with over before", view.effect ? short(view.effect.travel_ratio, 3) : "–"], ["granted by", view.grant ? `${view.grant.by}${view.grant.approved_by ? `, approved by ${view.grant.approved_by}` : ", not approved"}` : "nobody"],
+      ["speaks against it", view.denials.map((denial) => denial.text).join("; ") || "nothing"], ["tripped by", view.tripped_by?.text ?? "nothing"]])), table);
+  }
+
+  function drawFacts(detail, report) {
+    const facts = [["unit", detail.group || "–"], ["diagnosed every", lasting(detail.period_s)], ["OP span, limits", `${short(detail.op_span)}; ${detail.op_limits ? detail.op_limits.map((v) => short(v)).join(" … ") : "–"}`]];
+    if (report) {
+      const { window: used, oscillation: swing, model, preparation: made, denoise } = report;
+      facts.push(["window", `${used.n} samples, ${short(used.ts_s)} s apart, quality ${used.quality}`], ["from", when(report.window_start)], ["to", when(report.window_end)]);
+      if (swing) facts.push(["oscillation", `period ${lasting(swing.period_s)}, regularity ${short(swing.regularity_r, 3)}, OP ± ${short(swing.op_amplitude, 3)}`]);
+      if (model) facts.push(["model", `na ${model.na}, nb ${model.nb}, nc ${model.nc}, delay ${model.nk}; error ${short(model.rmse, 3)}`]);
+      if (report.rival) facts.push(["best other explanation", report.rival]);
+      facts.push(["f as a share of OP's range", short(report.f_of_op_range, 3)], ["Srinivasan's d", `${short(report.d_srinivasan, 3)} ${report.f_unit}`], ["evenness of the evidence", short(report.steadiness, 3)]);
+      if (made) facts.push(["filled in", `${short(100 * made.gap_share, 2)} %; skew ${short(made.worst_skew_s, 3)} s`]);
+      if (denoise) facts.push(["denoised", denoise.applied ? `yes, noise ${short(100 * denoise.noise_share, 2)} %` : "no"]);
+      facts.push(["took", `${short(report.took_s, 3)} s`]);
+    }
+    boxes.facts.replaceChildren(h("dl", { class: "facts" }, pairs(facts)));
+  }
+
+  function drawRuns(runs) {
+    const cells = (run) => [h("td", { class: "time" }, when(run.time)), h("td", null, VERDICTS[run.outcome] ?? words(run.outcome)), h("td", { class: "number" }, run.f === null ? "–" : short(run.f, 3)), h("td", { class: "number" }, short(run.delta_aic, 3))];
+    boxes.runs.replaceChildren(scroll("Latest diagnoses", h("table", null, h("thead", null, h("tr", null, h("th", { scope: "col" }, "Time"), h("th", { scope: "col" }, "Outcome"), h("th", { scope: "col", class: "number" }, "f"), h("th", { scope: "col", class: "number" }, "Evidence"))), h("tbody", null, runs.slice(0, 12).map((run) => h("tr", null, cells(run)))))));
+  }
+
+  async function show() {
+    const mine = (showing = {});
+    try {
+      const detail = await get(loopPath(id)), told = (part) => (detail.verdict ? orNull(get(`${loopPath(id)}/${part}`)) : null);
+      const [report, evidence, model, runs, log] = await Promise.all([told("diagnosis"), told("evidence"), told("model"), get(`${loopPath(id)}/diagnoses?limit=2000`), get(`/alarms/history?limit=500&loop=${encodeURIComponent(id)}`)]);
+      if (over || mine !== showing) return;
+      alarms = log.items;
+      head.lastChild.textContent = [detail.description, detail.group].filter(Boolean).join(" · ");
+      drawBanner(detail, report, evidence);
+      drawValues(detail.values);
+      drawFacts(detail, report);
+      drawRuns(runs.items);
+      residual.hidden = !report || !evidence || report.verdict === "not_identifiable" && !report.residual.effects.length;
+      if (!residual.hidden) drawEffects(report, evidence, model?.origin);
+      writeback.hidden = !detail.writeback;
+      if (detail.writeback) drawWriteback(detail.writeback);
+      const measured = detail.values.some((v) => v.tag === "mv");
+      for (const key of cards.querySelectorAll(".keys .mv")) key.hidden = !measured;
+      const draw = () => drawEvidence(boxes, { detail, report, evidence, runs: runs.items, alarms });
+      await draw();
+      redraw = draw;
+      endTrend ??= await begin(report);
+    } catch (error) {
+      if (!over) banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, error.status === 404 ? `There is no loop ${id}.` : "The loop cannot be fetched."), h("p", null, error.message)));
+    }
+  }
+
+  async function begin(report) {
+    endTrend = () => {};
+    const end = await trend(boxes.trend, id, report?.oscillation?.period_s, (tags) => {
+      for (const tag of tags) {
+        const box = values.querySelector(`[data-tag="${CSS.escape(tag.tag)}"] dd`);
+        if (box && tag.value.length) box.firstChild.data = reading(tag.tag, tag.value.at(-1));
+      }
+    });
+    if (over) end();
+    return end;
+  }
+
+  let redraw = () => {};
+  let width = innerWidth;
+  const resized = () => innerWidth !== width && ((width = innerWidth), redraw());
+  const recoloured = () => redraw();
+  addEventListener("resize", resized);
+  addEventListener("recolour", recoloured);
+  const end = listen((name, data) => ["diagnosis", "alarm", "writeback"].includes(name) && data.loop === id && show());
+  show();
+  return () => {
+    over = true;
+    end();
+    endTrend?.();
+    removeEventListener("resize", resized);
+    removeEventListener("recolour", recoloured);
+  };
+}

@@ -1,0 +1,122 @@
+// The shell: routes, theme, the bar on top. Data only ever becomes text.
+
+import { get } from "./api.js";
+import { byId, memory, toast } from "./dom.js";
+import { ago, when } from "./format.js";
+import { begin, listen, loops, state } from "./live.js";
+import { kindOf } from "./states.js";
+import { plantView } from "./plant.js";
+
+const VIEWS = {
+  "": async () => plantView,
+  loop: async () => (await import("./loop.js")).loopView,
+  alarms: async () => (await import("./alarms.js")).alarmsView,
+  settings: async () => (await import("./settings.js")).settingsView,
+};
+
+let leave = null, shown = 0, first = true;
+
+// A part of an address that is not well-formed is taken as it is.
+function decoded(part) {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    return part;
+  }
+}
+
+// Routes are #/view/part?query; every one can be bookmarked.
+async function route() {
+  const [path, query] = location.hash.replace(/^#\/?/, "").split("?");
+  const [name, ...parts] = path.split("/").map(decoded);
+  const mine = ++shown;
+  const view = await (VIEWS[name] ?? VIEWS[""])();
+  if (mine !== shown) return;
+  leave?.();
+  const main = byId("main");
+  main.replaceChildren();
+  main.className = name || "plant";
+  document.title = parts[0] ? `${parts[0]} · stictiond` : "stictiond";
+  for (const link of document.querySelectorAll("nav [data-view]")) {
+    if (link.dataset.view === (name === "loop" ? "plant" : name || "plant")) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  leave = view(main, parts, new URLSearchParams(query ?? ""));
+  if (!first) {
+    scrollTo(0, 0);
+    if (!main.contains(document.activeElement)) main.focus({ preventScroll: true });
+  }
+  first = false;
+}
+
+const THEMES = { auto: "◐ auto", light: "○ light", dark: "● dark" };
+
+function theme(name) {
+  if (name === "auto") document.documentElement.removeAttribute("data-theme");
+  else document.documentElement.dataset.theme = name;
+  memory.set("theme", name);
+  const button = byId("theme");
+  button.textContent = THEMES[name];
+  button.setAttribute("aria-label", `Colours: ${name}; change`);
+  dispatchEvent(new Event("recolour"));
+}
+
+byId("theme").addEventListener("click", () => {
+  const names = Object.keys(THEMES), now = memory.get("theme") ?? "auto";
+  theme(names[(names.indexOf(now) + 1) % names.length]);
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => dispatchEvent(new Event("recolour")));
+{
+  const stored = memory.get("theme");
+  theme(stored in THEMES ? stored : "auto");
+}
+
+function bar(name) {
+  if (name === "link") {
+    const link = byId("link");
+    link.textContent = state.link === "live" ? "live" : "no connection: what is shown is old";
+    link.classList.toggle("bad", state.link !== "live");
+    link.classList.toggle("good", state.link === "live");
+  }
+  if (name === "failed") toast("the loops cannot be fetched; trying again", true);
+  if (name !== "loops") return;
+  const alarms = [...loops.values()].filter((item) => kindOf(item).key === "unacknowledged").length;
+  const count = byId("alarm-count");
+  count.hidden = alarms === 0;
+  count.textContent = String(alarms);
+  count.title = `${alarms} unacknowledged`;
+}
+
+async function collectors() {
+  try {
+    const { items, time } = await get("/collectors");
+    state.time = Date.parse(time);
+    state.timeAt = performance.now();
+    const up = items.filter((item) => item.connected).length, pill = byId("collectors");
+    pill.textContent = `collectors ${up}/${items.length}`;
+    pill.classList.toggle("bad", up < items.length);
+    pill.title = items.map((item) => `${item.name}: ${item.connected ? "connected" : "no connection"}, last good sample ${ago(item.age_s)}`).join("\n");
+    const stamp = byId("clock");
+    stamp.textContent = when(time);
+    stamp.dateTime = time;
+  } catch {
+    byId("collectors").classList.add("bad");
+  }
+}
+
+addEventListener("hashchange", route);
+addEventListener("keydown", (event) => {
+  const typing = event.target.closest?.("input, textarea, select, dialog");
+  if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
+  const go = { p: "#/", a: "#/alarms", s: "#/settings", Escape: location.hash.startsWith("#/loop/") ? "#/" : null }[event.key];
+  if (go) location.hash = go;
+  if (event.key === "/" && byId("q")) {
+    event.preventDefault();
+    byId("q").focus();
+  }
+});
+listen(bar);
+route();
+begin();
+collectors();
+setInterval(collectors, 5000);

@@ -1,0 +1,36 @@
+// What a loop looks like: its class, its shape, its words. A state that is not known here is shown by its name.
+
+export const VERDICTS = { stiction: "sticks", no_stiction: "sound", not_identifiable: "cannot be told" };
+
+/** The kinds of tile, worst first. `shape` is drawn by the style sheet: no kind is told by colour alone. */
+export const KINDS = [
+  { key: "unacknowledged", label: "Unacknowledged alarm", short: "ALARM", look: 3 },
+  { key: "acknowledged", label: "Acknowledged alarm", short: "ACK", look: 2 },
+  { key: "sticking", label: "Sticks, no alarm yet", short: "STICKS", look: 2 },
+  { key: "returned", label: "Returned, not acknowledged", short: "RTN", look: 1 },
+  { key: "other", label: "Other alarm state", short: "", look: 1 },
+  { key: "shelved", label: "Shelved", short: "SHELVED", look: 0 },
+  { key: "unknown", label: "Cannot be told", short: "?", look: 0 },
+  { key: "waiting", label: "Not diagnosed yet", short: "…", look: 0 },
+  { key: "sound", label: "Sound", short: "", look: 0 },
+];
+const KIND = new Map(KINDS.map((kind, rank) => [kind.key, { ...kind, rank }]));
+
+const BY_ALARM = { unacknowledged: "unacknowledged", acknowledged: "acknowledged", "returned-unacknowledged": "returned", shelved: "shelved" };
+const BY_VERDICT = { stiction: "sticking", no_stiction: "sound", not_identifiable: "unknown" };
+
+export function kindOf(item) {
+  if (BY_ALARM[item.alarm]) return KIND.get(BY_ALARM[item.alarm]);
+  if (item.alarm && item.alarm !== "normal") return { ...KIND.get("other"), label: words(item.alarm), short: words(item.alarm) };
+  return KIND.get(BY_VERDICT[item.verdict] ?? "waiting");
+}
+
+export const kind = (key) => KIND.get(key);
+
+/** A name from the API as words. */
+export const words = (name) => String(name ?? "").replaceAll(/[-_]/g, " ");
+
+/** What an operator may ask for in a state; the daemon has the last word. */
+export const mayAck = (state) => !["normal", "acknowledged", "shelved"].includes(state);
+export const mayShelve = (state) => state !== "normal";
+export const isShelved = (state) => state === "shelved";

@@ -1,0 +1,49 @@
+// One loop as a tile. Tiles live as long as their loops; a refresh changes what changed.
+
+import { h } from "./dom.js";
+import { ago, friction, short } from "./format.js";
+import { kindOf, words } from "./states.js";
+
+// The bar in a tile is full at this f (% OP): more is as bad.
+const FULL = 5;
+
+const made = new Map();
+
+function make(id) {
+  const part = (kind) => h("span", { class: kind });
+  const tile = { mark: part("mark"), name: part("name"), tag: part("tag"), text: part("text"), value: part("value"), bar: h("i") };
+  tile.link = h("a", { class: "tile", href: `#/loop/${encodeURIComponent(id)}`, tabindex: "-1", "data-id": id },
+    tile.mark, tile.name, tile.tag, tile.text, tile.value, h("span", { class: "bar", "aria-hidden": "true" }, tile.bar));
+  tile.name.textContent = id;
+  return tile;
+}
+
+function valueOf(item) {
+  if (!item.verdict) return "waiting for data";
+  if (item.verdict === "not_identifiable") return words(item.reason_code);
+  if (item.verdict === "stiction") return `f ${short(item.f, 3)} ${item.f_unit}`;
+  return item.f_ci95?.[1] > 0 ? `f < ${short(item.f_ci95[1], 2)} ${item.f_unit}` : "f 0";
+}
+
+/** The tile of a loop, as it is now. */
+export function tileOf(item) {
+  let tile = made.get(item.id);
+  if (!tile) made.set(item.id, (tile = make(item.id)));
+  if (tile.item === item) return tile.link;
+  tile.item = item;
+  const kind = kindOf(item), sticks = item.verdict === "stiction" && item.f !== null;
+  tile.link.dataset.kind = kind.key;
+  tile.tag.textContent = item.failure ? `${kind.short} run failed` : kind.short;
+  tile.text.textContent = item.description || item.group;
+  tile.value.textContent = valueOf(item);
+  tile.bar.style.width = sticks ? `${Math.min(100, (100 * item.f) / FULL)}%` : "0";
+  const lines = [`${item.id}: ${kind.label}`, item.description, item.group, item.verdict && `f ${friction(item)}`, item.reason, item.failure && `latest run: ${words(item.failure)}`, item.age_s !== null && `diagnosed ${ago(item.age_s)}`];
+  tile.link.title = lines.filter(Boolean).join("\n");
+  tile.link.setAttribute("aria-label", [item.id, kind.label, sticks && `f ${friction(item)}`, item.description, item.group].filter(Boolean).join(", "));
+  return tile.link;
+}
+
+/** Lets go of the tiles of loops that are no longer there. */
+export function forget(known) {
+  for (const id of made.keys()) if (!known.has(id)) made.delete(id);
+}

@@ -1,0 +1,247 @@
+//! One loop as a report: the verdict, the picture behind it, and a form for the fitter.
+
+use super::super::dto::alarms::AlarmChangeItem;
+use super::super::dto::evidence::{EvidenceWindow, LoopEvidence};
+use super::super::dto::loops::{LoopDiagnosis, LoopItem, RunItem};
+use super::super::dto::parse_time;
+use super::super::words::short;
+use super::of_plant::{friction_words, verdict_words};
+use super::{document, when};
+use crate::plot::{Panel, Plot, Series, draw, escape, thin};
+use std::fmt::Write;
+
+/// Points of a curve over time.
+const POINTS: usize = 700;
+/// Stretch of the window that is shown over time (samples): enough swings to see their shape.
+const SHOWN: usize = 300;
+
+/// What a report is made of.
+pub struct Subject<'a> {
+    /// The loop.
+    pub item: &'a LoopItem,
+    /// Its diagnosis, where there is one.
+    pub diagnosis: Option<&'a LoopDiagnosis>,
+    /// The picture behind it.
+    pub evidence: Option<&'a LoopEvidence>,
+    /// Its diagnoses, oldest first.
+    pub runs: &'a [RunItem],
+    /// Changes of its alarm, newest first.
+    pub alarms: &'a [AlarmChangeItem],
+    /// When.
+    pub now: Option<&'a str>,
+}
+
+/// The report of one loop.
+pub fn of_loop(subject: &Subject<'_>) -> String {
+    let item = subject.item;
+    let mut body = format!(
+        "<h1>{}</h1><p>{}</p><p class=\"faint\">stictiond {}, {}</p>",
+        escape(&item.id),
+        escape(&[item.description.as_str(), item.group.as_str()].join(" · ")),
+        env!("CARGO_PKG_VERSION"),
+        when(subject.now)
+    );
+    let said = subject.evidence.map_or("Not diagnosed yet.", |evidence| evidence.words.as_str());
+    let look = if item.severity >= 3 { " look" } else { "" };
+    let _ = write!(body, "<div class=\"verdict{look}\"><strong>{}</strong></div>", escape(said));
+    facts(&mut body, subject);
+    if let Some(evidence) = subject.evidence {
+        effects(&mut body, evidence);
+        plots(&mut body, subject, evidence);
+    }
+    history(&mut body, subject.alarms);
+    work_order(&mut body);
+    document(&format!("{}: valve report", item.id), &body)
+}
+
+fn facts(out: &mut String, subject: &Subject<'_>) {
+    let item = subject.item;
+    let mut facts = vec![
+        ("verdict", verdict_words(item)),
+        ("f, 95 % interval", friction_words(item)),
+        ("evidence", item.delta_aic.map_or_else(|| "–".into(), short)),
+        ("alarm", item.alarm.words()),
+        ("diagnosed", when(item.time.as_deref())),
+    ];
+    if let Some(found) = subject.diagnosis {
+        let used = &found.report.window;
+        facts.push(("window from", when(found.window_start.as_deref())));
+        facts.push(("window to", when(found.window_end.as_deref())));
+        let period = used.ts_s.map_or_else(|| "–".into(), short);
+        facts.push(("samples", format!("{}, {period} s apart, {}", used.n, used.quality.as_str())));
+        if let Some(rival) = &found.report.rival {
+            facts.push(("best other explanation", rival.clone()));
+        }
+    }
+    out.push_str("<dl>");
+    for (name, value) in facts {
+        let _ = write!(out, "<div><dt>{name}</dt><dd>{}</dd></div>", escape(&value));
+    }
+    out.push_str("</dl>");
+}
+
+fn effects(out: &mut String, evidence: &LoopEvidence) {
+    if evidence.effects.is_empty() {
+        return;
+    }
+    out.push_str("<h2>Beside friction</h2><ul>");
+    for effect in &evidence.effects {
+        let _ = write!(
+            out,
+            "<li><strong>{}</strong>. {} {} <span class=\"faint\">{}</span></li>",
+            escape(&effect.title),
+            effect.meaning,
+            effect.advice,
+            escape(&effect.detail)
+        );
+    }
+    out.push_str("</ul>");
+}
+
+fn plots(out: &mut String, subject: &Subject<'_>, evidence: &LoopEvidence) {
+    let figure = |out: &mut String, plot: &Plot| {
+        let _ =
+            write!(out, "<figure>{}<figcaption>{}</figcaption></figure>", draw(plot), escape(&plot.title));
+    };
+    out.push_str("<h2>The picture behind it</h2>");
+    if let Some(window) = &evidence.window {
+        figure(out, &trend(window));
+        out.push_str("<div class=\"pair\">");
+        figure(out, &over_op(window, evidence));
+        if let Some(plot) = subject.diagnosis.and_then(curve) {
+            figure(out, &plot);
+        }
+        out.push_str("</div>");
+    }
+    if let Some(plot) = over_time(subject) {
+        figure(out, &plot);
+    }
+}
+
+fn series(name: &str, class: &'static str, points: Vec<(f64, f64)>) -> Series {
+    Series { name: name.into(), class, points: thin(&points, POINTS) }
+}
+
+/// The last stretch of the window over time (min).
+fn trend(window: &EvidenceWindow) -> Plot {
+    let ts = window.ts_s.unwrap_or(1.0) / 60.0;
+    let from = window.op.len().saturating_sub(SHOWN);
+    let over_time = |column: &[Option<f64>]| -> Vec<(f64, f64)> {
+        let shown = column.iter().enumerate().skip(from);
+        shown.filter_map(|(k, value)| Some(((k - from) as f64 * ts, (*value)?))).collect()
+    };
+    let mut upper = vec![series("PV", "pv", over_time(&window.pv))];
+    upper.extend(window.sp.as_ref().map(|sp| series("SP", "sp", over_time(sp))));
+    let mut lower = vec![series("OP", "op", over_time(&window.op))];
+    lower.extend(window.stem.as_ref().map(|stem| series("fitted stem", "other", over_time(stem))));
+    Plot {
+        title: "The last swings of the window that was diagnosed; the fitted stem stands still where the valve sticks."
+            .into(),
+        x: "time (min)",
+        panels: vec![
+            Panel { y: "PV, SP", log: false, series: upper },
+            Panel { y: "OP, stem", log: false, series: lower },
+        ],
+        marks: vec![],
+    }
+}
+
+/// PV over OP with the stick-band.
+fn over_op(window: &EvidenceWindow, evidence: &LoopEvidence) -> Plot {
+    let points = window.op.iter().zip(&window.pv).filter_map(|(op, pv)| Some(((*op)?, (*pv)?)));
+    let measured = Series { name: "measured".into(), class: "pv", points: points.collect() };
+    let mut all = Vec::new();
+    let mut title = "PV over OP.".to_string();
+    if let Some(band) = &evidence.band {
+        let corner = |[op, pv]: &[Option<f64>; 2]| Some(((*op)?, (*pv)?));
+        let mut corners: Vec<(f64, f64)> = band.corners.iter().filter_map(corner).collect();
+        corners.extend(corners.first().copied());
+        all.push(Series { name: "stick-band".into(), class: "mark", points: corners });
+        title = format!(
+            "PV over OP, with the stick-band, {} wide.",
+            band.f_op.map_or_else(String::new, |f| short(2.0 * f))
+        );
+    }
+    all.push(measured);
+    Plot { title, x: "OP", panels: vec![Panel { y: "PV", log: false, series: all }], marks: vec![] }
+}
+
+/// AIC over f.
+fn curve(found: &LoopDiagnosis) -> Option<Plot> {
+    let curve = found.report.aic_curve.as_ref()?;
+    let points = curve.f.iter().zip(&curve.aic).filter_map(|(f, aic)| Some(((*f)?, (*aic)?)));
+    let points: Vec<(f64, f64)> = points.collect();
+    if points.is_empty() {
+        return None;
+    }
+    let mut marks = Vec::new();
+    marks.extend(found.report.f.map(|f| (f, "f")));
+    marks.extend(found.report.f_ci95.into_iter().flatten().map(|limit| (limit, "")));
+    Some(Plot {
+        title: "AIC over f: the lower, the better the model explains PV; the outer marks hold f with 95 %."
+            .into(),
+        x: "f",
+        panels: vec![Panel { y: "AIC above the best", log: false, series: vec![series("", "op", points)] }],
+        marks,
+    })
+}
+
+/// f over the diagnoses that are remembered (h before now).
+fn over_time(subject: &Subject<'_>) -> Option<Plot> {
+    let now = subject.now.and_then(parse_time)?;
+    let before = |time: &Option<String>| Some((time.as_deref().and_then(parse_time)? - now) / 3600.0);
+    let of = |value: &dyn Fn(&RunItem) -> Option<f64>| -> Vec<(f64, f64)> {
+        subject.runs.iter().filter_map(|run| Some((before(&run.time)?, value(run)?))).collect()
+    };
+    let f = of(&|run| run.f);
+    if f.len() < 2 {
+        return None;
+    }
+    let raised = subject.alarms.iter().filter(|change| change.cause == "raised");
+    let limits = |side: usize| of(&move |run| run.f_ci95.map(|limits| limits[side]));
+    let bounds = [series("95 % interval", "sp", limits(0)), series("", "sp", limits(1))];
+    Some(Plot {
+        title: "f over the diagnoses that are remembered.".into(),
+        x: "time before this report (h)",
+        panels: vec![Panel {
+            y: "f",
+            log: false,
+            series: std::iter::once(series("f", "op", f)).chain(bounds).collect(),
+        }],
+        marks: raised.filter_map(|change| Some((before(&change.time)?, "alarm"))).collect(),
+    })
+}
+
+fn history(out: &mut String, alarms: &[AlarmChangeItem]) {
+    if alarms.is_empty() {
+        return;
+    }
+    out.push_str("<h2>Alarm</h2><table><thead><tr><th>Time</th><th>What</th><th>Who</th><th>Remark</th></tr></thead><tbody>");
+    for change in alarms.iter().take(20) {
+        let _ = write!(
+            out,
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            when(change.time.as_deref()),
+            change.cause.replace('_', " "),
+            escape(change.by.as_deref().unwrap_or_default()),
+            escape(change.comment.as_deref().unwrap_or_default())
+        );
+    }
+    out.push_str("</tbody></table>");
+}
+
+/// To be filled in by hand.
+fn work_order(out: &mut String) {
+    out.push_str("<h2>Work order</h2><table class=\"work\"><tbody>");
+    for line in [
+        "Order number, date",
+        "Packing, gland, linkage",
+        "Actuator, positioner, air supply",
+        "Stroke test: band found (% OP)",
+        "What was done",
+        "Name, signature",
+    ] {
+        let _ = write!(out, "<tr><th scope=\"row\">{line}</th><td></td></tr>");
+    }
+    out.push_str("</tbody></table>");
+}

@@ -1,0 +1,89 @@
+//! The plant as a report.
+
+use super::super::dto::loops::LoopItem;
+use super::super::dto::params::AlarmState;
+use super::super::words::short;
+use super::{document, when};
+use crate::plot::escape;
+use std::fmt::Write;
+
+/// A bar is full at this f.
+const FULL: f64 = 5.0;
+
+/// All loops, worst first.
+pub fn of_plant(items: &[LoopItem], now: Option<&str>) -> String {
+    let count = |wanted: &dyn Fn(&LoopItem) -> bool| items.iter().filter(|item| wanted(item)).count();
+    let verdict = |name: &'static str| count(&move |item| item.verdict.as_deref() == Some(name));
+    let facts = [
+        ("loops", items.len()),
+        ("sticking", verdict("stiction")),
+        ("alarms not acknowledged", count(&|item| item.severity == 5)),
+        ("sound", verdict("no_stiction")),
+        ("cannot be told", verdict("not_identifiable")),
+        ("not diagnosed yet", count(&|item| item.verdict.is_none())),
+    ];
+    let mut body = format!(
+        "<h1>Control valves</h1><p class=\"faint\">stictiond {}, {}</p><dl>",
+        env!("CARGO_PKG_VERSION"),
+        when(now)
+    );
+    for (name, value) in facts {
+        let _ = write!(body, "<div><dt>{name}</dt><dd>{value}</dd></div>");
+    }
+    body += "</dl><table><thead><tr><th>Loop</th><th>Unit</th><th>Verdict</th><th class=\"number\">f</th><th></th>\
+             <th class=\"number\">Evidence</th><th>Alarm</th><th>Diagnosed</th></tr></thead><tbody>";
+    items.iter().for_each(|item| row(&mut body, item));
+    body += "</tbody></table><p class=\"faint\">f is half the band that OP has to cross on a reversal before the stem follows; \
+             in brackets its 95 % interval. \u{201c}Cannot be told\u{201d} is not \u{201c}sound\u{201d}.</p>";
+    document("Control valves", &body)
+}
+
+/// The verdict in a word, or why there is none.
+pub fn verdict_words(item: &LoopItem) -> String {
+    match item.verdict.as_deref() {
+        Some("stiction") => "sticks".into(),
+        Some("no_stiction") => "sound".into(),
+        Some(_) => {
+            format!("cannot be told: {}", item.reason_code.as_deref().unwrap_or_default().replace('_', " "))
+        }
+        None => "not diagnosed yet".into(),
+    }
+}
+
+/// f with its interval; without friction what the record could have hidden.
+pub fn friction_words(item: &LoopItem) -> String {
+    let unit = item.f_unit.as_deref().unwrap_or_default();
+    match (item.f, item.f_ci95) {
+        (Some(f), Some([low, high])) if f > 0.0 => {
+            format!("{} {unit} ({} … {})", short(f), short(low), short(high))
+        }
+        (Some(_), Some([_, high])) if high > 0.0 => format!("< {} {unit}", short(high)),
+        (Some(f), _) => format!("{} {unit}", short(f)),
+        _ => "–".into(),
+    }
+}
+
+fn row(out: &mut String, item: &LoopItem) {
+    let sticks = item.verdict.as_deref() == Some("stiction");
+    let bar = item.f.filter(|_| sticks).map_or_else(String::new, |f| {
+        let width = 100.0 * (f / FULL).clamp(0.0, 1.0);
+        format!(
+            "<svg class=\"bar\" viewBox=\"0 0 100 10\" preserveAspectRatio=\"none\" aria-hidden=\"true\">\
+             <rect width=\"{width:.1}\" height=\"10\"/></svg>"
+        )
+    });
+    let _ = write!(
+        out,
+        "<tr><td>{}<br><span class=\"faint\">{}</span></td><td>{}</td><td class=\"{}\">{}</td><td class=\"number\">{}</td>\
+         <td>{bar}</td><td class=\"number\">{}</td><td>{}</td><td>{}</td></tr>",
+        escape(&item.id),
+        escape(&item.description),
+        escape(&item.group),
+        if sticks { "look" } else { "" },
+        escape(&verdict_words(item)),
+        escape(&friction_words(item)),
+        item.delta_aic.map_or_else(|| "–".into(), short),
+        if item.alarm == AlarmState::Normal { String::new() } else { item.alarm.words() },
+        when(item.time.as_deref()),
+    );
+}
