@@ -1,0 +1,338 @@
+"""Walks through the dashboard in headless Chromium. Usage: dashboard.py walk|speed BASE OUT
+
+Screenshots go to OUT. Every check says what it saw; the first that fails ends the walk with exit code 1.
+"""
+
+import importlib.resources
+import json
+import re
+import shutil
+import sys
+import time
+from pathlib import Path
+
+from playwright.sync_api import expect, sync_playwright
+
+NASTY = "<img src=x onerror=alert(1)>"
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+AXE = importlib.resources.files("axe_playwright_python").joinpath("axe.min.js").read_text()
+expect.set_options(timeout=15_000)
+
+
+def check(condition, what):
+    if not condition:
+        raise AssertionError(what)
+    print(f"ok: {what}")
+
+
+class Walk:
+    def __init__(self, browser, base, out):
+        self.browser, self.base, self.out, self.faults = browser, base, Path(out), []
+        self.page = None
+
+    def open(self, width, height, scheme="light"):
+        """A new context: a new reader with an empty storage."""
+        if self.page:
+            self.page.context.close()
+        context = self.browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme, timezone_id="UTC")
+        self.page = context.new_page()
+        self.page.on("console", lambda m: self.faults.append(f"console: {m.text}") if m.type in ("error", "warning") else None)
+        self.page.on("pageerror", lambda error: self.faults.append(f"error: {error}"))
+        self.page.on("dialog", lambda dialog: (self.faults.append(f"a script ran: {dialog.message}"), dialog.dismiss()))
+        return self.page
+
+    def go(self, route=""):
+        self.page.goto(f"{self.base}/#/{route}")
+        self.page.reload()
+
+    def shot(self, name, whole=False):
+        # Tiles out of sight are not laid out; a picture of the whole page needs no more than what is seen.
+        self.page.screenshot(path=self.out / f"{name}.png", full_page=whole)
+
+    def axe(self, what):
+        """With the page's own policy scripts cannot be injected: they are evaluated by the debugger."""
+        self.page.evaluate(AXE)
+        found = self.page.evaluate("async () => (await axe.run(document, {resultTypes: ['violations']})).violations")
+        serious = [v for v in found if v["impact"] in ("serious", "critical")]
+        detail = [(v["id"], [n["html"][:160] for n in v["nodes"][:3]], [n.get("failureSummary", "")[:300] for n in v["nodes"][:1]]) for v in serious]
+        check(not serious, f"axe finds nothing serious in {what}" + (f": {json.dumps(detail, indent=1)}" if detail else ""))
+
+    def tab_to(self, selector, most=120):
+        """Presses Tab until the element has the focus: what a keyboard can reach."""
+        for _ in range(most):
+            self.page.keyboard.press("Tab")
+            if self.page.evaluate("(s) => document.activeElement?.matches(s)", selector):
+                return
+        raise AssertionError(f"{selector} cannot be reached by Tab")
+
+    def fits(self, what):
+        wide = self.page.evaluate("document.documentElement.scrollWidth - innerWidth")
+        over = self.page.evaluate("[...document.querySelectorAll('main *')].filter(e => e.getBoundingClientRect().right > innerWidth + 1 && !e.closest('.scroll')).slice(0, 5).map(e => e.outerHTML.slice(0, 100))")
+        check(wide <= 0, f"{what} needs no sideways scrolling {over if wide > 0 else ''}")
+
+
+def plant(walk):
+    page = walk.open(1440, 900)
+    walk.go()
+    expect(page.locator(".tile")).to_have_count(6)
+    kinds = page.locator(".tile").evaluate_all("all => all.map(t => t.dataset.kind)")
+    check(kinds == ["unacknowledged"] * 3 + ["unknown", "waiting", "sound"], f"sticky loops stand on top: {kinds}")
+    check(page.locator(".counts button[data-kind=unacknowledged] b").text_content() == "3", "the counts are right")
+    names = page.locator(".tile .name").all_text_contents()
+    check(NASTY in names and page.locator("main img, main b b, .tile img").count() == 0, "a name that is markup is text")
+    expect(page.locator("#link")).to_have_text("live")
+    expect(page.locator("#collectors")).to_have_text("collectors 1/1")
+    walk.shot("plant")
+    walk.axe("the plant view, light")
+    page.keyboard.press("/")
+    page.keyboard.type("fic10")
+    expect(page.locator(".tile")).to_have_count(4)
+    page.keyboard.press("Escape")
+    expect(page.locator(".tile")).to_have_count(6)
+    page.locator(".counts button[data-kind=sound]").click()
+    expect(page.locator(".tile")).to_have_count(1)
+    page.locator(".counts button[data-kind=sound]").click()
+    page.locator("select[name=by]").select_option("group")
+    expect(page.locator(".unit")).to_have_count(3)
+    check("<b>" in page.locator(".unit h2").first.text_content(), "a unit's name that is markup is text")
+    page.locator("select[name=by]").select_option("none")
+    # Another client asks for a diagnosis: the tile changes without a reload.
+    expect(page.locator(".tile[data-id=FIC103]")).to_have_attribute("data-kind", "waiting")
+    page.request.post(f"{walk.base}/api/v1/loops/FIC103/diagnosis?wait_s=0")
+    expect(page.locator(".tile[data-id=FIC103]")).to_have_attribute("data-kind", "unacknowledged", timeout=60_000)
+    print("ok: a diagnosis arrives live")
+    walk.tab_to(".tile")
+    first = page.evaluate("document.activeElement.dataset.id")
+    page.keyboard.press("ArrowRight")
+    second = page.evaluate("document.activeElement.dataset.id")
+    check(second and second != first, "arrow keys walk over the tiles")
+    page.keyboard.press("Enter")
+    expect(page.locator("main h1")).to_have_text(second)
+    print("ok: Enter opens a loop")
+
+
+def painted(page, selector):
+    """How many different colours a canvas shows."""
+    return page.evaluate("""(s) => { const c = document.querySelector(s), d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data, seen = new Set();
+        for (let i = 0; i < d.length; i += 4) if (d[i + 3]) seen.add((d[i] << 16) | (d[i + 1] << 8) | d[i + 2]); return seen.size }""", selector)
+
+
+def one_loop(walk):
+    page = walk.open(1440, 1000)
+    walk.go("loop/FIC102")
+    band = page.locator("#pvop [data-layer=stick-band]")
+    expect(band).to_be_visible()
+    box, frame = band.bounding_box(), page.locator("#pvop svg").bounding_box()
+    check(box["width"] > 0.2 * frame["width"] and box["height"] > 0.2 * frame["height"], f"the stick-band is drawn over PV and OP, {box['width']:.0f} x {box['height']:.0f}")
+    # The band is 2f wide, in the units of the axis that it is drawn over.
+    evidence = page.request.get(f"{walk.base}/api/v1/loops/FIC102/evidence").json()
+    corners = evidence["band"]["corners"]
+    check(abs(corners[1][0] - corners[0][0] - 2 * evidence["band"]["f_op"]) < 1e-9 and 2 < evidence["band"]["f_op"] < 3, "it is 2f wide, and f is about 2.5")
+    expect(page.locator("#stem [data-layer=stick-band]")).to_be_visible()
+    expect(page.locator("#aic [data-layer=interval]")).to_be_visible()
+    expect(page.locator("#months .dot")).to_have_count(1)
+    expect(page.locator("#months .flag")).to_have_count(1)
+    expect(page.locator(".u-over")).to_have_count(4)
+    check(painted(page, "#trend canvas") > 3, "the trend is drawn")
+    check("The valve sticks" in page.locator(".verdict strong").text_content(), "the verdict is said in words")
+    newest = float(page.locator(".trend").get_attribute("data-newest"))
+    page.wait_for_function("(t) => Number(document.querySelector('.trend').dataset.newest) > t + 20", arg=newest)
+    print("ok: samples arrive live")
+    walk.shot("loop")
+    walk.shot("loop-whole", whole=True)
+    walk.axe("the loop view, light")
+    page.locator(".trend").focus()
+    page.keyboard.press("+")
+    expect(page.get_by_role("button", name="Live", exact=True)).to_have_attribute("aria-pressed", "false")
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("l")
+    expect(page.get_by_role("button", name="Live", exact=True)).to_have_attribute("aria-pressed", "true")
+    over = page.locator(".u-over").first.bounding_box()
+    page.mouse.move(over["x"] + 200, over["y"] + 50)
+    page.mouse.down()
+    page.mouse.move(over["x"] + 500, over["y"] + 50, steps=4)
+    page.mouse.up()
+    expect(page.get_by_role("button", name="Live", exact=True)).to_have_attribute("aria-pressed", "false")
+    print("ok: zoom by keyboard and by dragging, and back to live")
+    page.goto(f"{walk.base}/#/loop/{'%3Cimg%20src%3Dx%20onerror%3Dalert(1)%3E'}")
+    expect(page.locator("main h1")).to_have_text(NASTY)
+    expect(page.locator("#stem .mv")).to_be_visible()
+    check(page.locator("main img").count() == 0, "the name in the loop view is text; the measured stem is drawn")
+    page.goto(f"{walk.base}/#/loop/FIC106")
+    expect(page.locator(".verdict strong")).to_contain_text("Nothing can be said")
+    page.goto(f"{walk.base}/#/loop/NOWHERE")
+    expect(page.locator(".verdict strong")).to_have_text("There is no loop NOWHERE.")
+    # What the browser itself says about the one answer that is to be 404.
+    check([fault for fault in walk.faults if "404" in fault] == walk.faults and len(walk.faults) == 1, "a loop that is not there is asked for once")
+    walk.faults.clear()
+
+
+def acknowledge(walk):
+    """With the keyboard alone, from the plant to an acknowledged and a shelved alarm."""
+    page = walk.open(1440, 900)
+    walk.go()
+    expect(page.locator(".tile").first).to_be_visible()
+    walk.tab_to(".tile")
+    page.keyboard.press("Enter")
+    expect(page.locator(".verdict")).to_have_attribute("data-kind", "unacknowledged")
+    loop = page.locator("main h1").text_content()
+    walk.tab_to(".verdict button.main")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("dialog")).to_be_visible()
+    walk.axe("a dialog")
+    page.keyboard.type("M. Keller")
+    page.keyboard.press("Tab")
+    page.keyboard.type("fitter called")
+    walk.tab_to("dialog button.main", 5)
+    page.keyboard.press("Enter")
+    expect(page.locator(".verdict")).to_have_attribute("data-kind", "acknowledged")
+    alarm = next(a for a in page.request.get(f"{walk.base}/api/v1/alarms").json()["items"] if a["id"] == loop)
+    check((alarm["state"], alarm["by"], alarm["comment"]) == ("acknowledged", "M. Keller", "fitter called"), "acknowledged by keyboard alone")
+    page.keyboard.press("a")
+    expect(page.locator("main h1")).to_have_text("Alarms")
+    expect(page.locator("tbody tr")).to_have_count(4)
+    walk.tab_to('tr[data-kind=unacknowledged] button[data-act^="Shelve"]')
+    shelved = page.evaluate("document.activeElement.closest('tr').dataset.id")
+    page.keyboard.press("Enter")
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Tab")
+    page.keyboard.type("spare part ordered")
+    walk.tab_to("dialog button.main", 5)
+    page.keyboard.press("Enter")
+    row = page.locator("tr[data-kind=shelved]")
+    expect(row).to_have_count(1)
+    check(row.get_attribute("data-id") == shelved and "spare part ordered" in row.text_content(), "shelved with a reason by keyboard alone")
+    walk.shot("alarms")
+    walk.axe("the alarms, light")
+    walk.tab_to("tr[data-kind=shelved] button")
+    page.keyboard.press("Enter")
+    walk.tab_to("dialog button.main", 6)
+    page.keyboard.press("Enter")
+    expect(page.locator("tr[data-kind=shelved]")).to_have_count(0)
+    page.get_by_role("link", name="History").click()
+    expect(page.locator("tbody tr").first).to_contain_text("unshelved")
+    # A state that is not known here, as a later daemon may have it, is shown by its name.
+    page.route("**/api/v1/alarms", lambda route: route.fulfill(json={"time": None, "items": [{"id": "FIC102", "state": "suppressed-by-design", "active": True, "since": None, "raised_at": None, "shelved_until": None, "by": None, "comment": None}]}))
+    page.get_by_role("link", name="Standing").click()
+    expect(page.locator("tr[data-id=FIC102]")).to_contain_text("suppressed by design")
+    print("ok: a state that is not known is shown by its name")
+
+
+def looks(walk):
+    """Dark, the theme button, a phone, a wall; axe in the dark."""
+    for scheme in ("dark",):
+        page = walk.open(1440, 900, scheme)
+        for route, name, ready in (("", "plant", ".tile"), ("loop/FIC102", "loop", "#pvop svg"), ("alarms", "alarms", "tbody tr"), ("settings", "settings", "tbody tr")):
+            walk.go(route)
+            expect(page.locator(ready).first).to_be_visible()
+            if name == "loop":
+                expect(page.locator("#months .dot").first).to_be_visible()
+            walk.axe(f"{name}, {scheme}")
+            walk.shot(f"{name}-{scheme}")
+        ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        check(max(int(n) for n in re.findall(r"\d+", ground)) < 60, f"the dark ground is dark: {ground}")
+    button = page.locator("#theme")
+    button.click()
+    check(page.evaluate("document.documentElement.dataset.theme") == "light", "the theme can be chosen")
+    ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    check(min(int(n) for n in re.findall(r"\d+", ground)) > 180, f"the light ground is light: {ground}")
+    page = walk.open(390, 844)
+    for route, name, ready in (("", "plant", ".tile"), ("loop/FIC102", "loop", "#pvop svg"), ("alarms", "alarms", "tbody tr"), ("settings", "settings", "tbody tr")):
+        walk.go(route)
+        expect(page.locator(ready).first).to_be_visible()
+        walk.fits(f"{name} on a phone")
+        walk.shot(f"{name}-phone")
+    walk.axe("the settings on a phone")
+    page = walk.open(2560, 1440, "dark")
+    walk.go()
+    expect(page.locator(".tile").first).to_be_visible()
+    walk.shot("plant-wall")
+
+
+def report(walk):
+    page = walk.open(1000, 1300)
+    for path, name, plots in (("/api/v1/loops/FIC102/report.html", "report-loop", 3), ("/api/v1/report.html", "report-plant", 1)):
+        page.goto(walk.base + path)
+        check(page.locator("svg").count() >= plots, f"{name} has its plots")
+        check(page.locator("img, script, link[rel=stylesheet]").count() == 0, f"{name} needs nothing from elsewhere")
+        ground = page.evaluate("getComputedStyle(document.querySelector('h1')).fontSize")
+        check(ground != "32px", f"{name} has its style in spite of the strict policy")
+        walk.axe(name)
+        walk.shot(name, whole=True)
+    check(NASTY in page.locator("body").inner_text(), "a name that is markup is text in the report")
+    page.pdf(path=walk.out / "report-plant.pdf", format="A4")
+    check((walk.out / "report-plant.pdf").stat().st_size > 10_000, "it prints to PDF")
+
+
+def speed(walk):
+    """2,000 loops: first paint, all tiles, and the longest of some interactions; the best of five fresh loads each."""
+    paints, full, acts, sizes = [], [], {}, None
+    for _ in range(5):
+        page = walk.open(1920, 1080)
+        page.add_init_script("new PerformanceObserver(l => l.getEntries().forEach(e => (window.__event = Math.max(window.__event ?? 0, e.duration)))).observe({type: 'event', durationThreshold: 16, buffered: true})")
+        page.goto(walk.base + "/")
+        page.wait_for_function("() => document.querySelector('.summary')?.textContent === '2000 loops'", polling="raf")
+        full.append(page.evaluate("performance.now()"))
+        paints.append(page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime"))
+        sizes = page.evaluate("performance.getEntriesByType('resource').map(e => [e.name, e.encodedBodySize, e.decodedBodySize])")
+        # From the key or click to the next painted frame, as the reader feels it.
+        def felt(what, act):
+            page.evaluate("""() => { window.__began = 0; for (const kind of ['keydown', 'click', 'input']) addEventListener(kind, () => { window.__began ||= performance.now();
+                requestAnimationFrame(() => setTimeout(() => (window.__took = performance.now() - window.__began))) }, { capture: true, once: true }) ; window.__took = null }""")
+            act()
+            page.wait_for_function("() => window.__took !== null")
+            acts.setdefault(what, []).append(page.evaluate("window.__took"))
+        page.locator("#q").focus()
+        felt("type into the search", lambda: page.keyboard.press("7"))
+        felt("clear the search", lambda: page.keyboard.press("Escape"))
+        felt("show one state", lambda: page.locator(".counts button[data-kind=unknown]").click())
+        felt("show all states", lambda: page.locator(".counts button[data-kind=unknown]").click())
+        page.evaluate("document.querySelector('.tile').focus()")
+        felt("move by arrow key", lambda: page.keyboard.press("ArrowDown"))
+        def sort(name, value):
+            page.evaluate("([n, v]) => { const s = document.querySelector(`select[name=${n}]`); s.value = v; const t = performance.now(); s.dispatchEvent(new Event('input', {bubbles: true})); requestAnimationFrame(() => setTimeout(() => (window.__took = performance.now() - t))) ; window.__took = null }", [name, value])
+            page.wait_for_function("() => window.__took !== null")
+            acts.setdefault(f"{name} {value}", []).append(page.evaluate("window.__took"))
+        sort("sort", "id")
+        sort("by", "group")
+        walk.shot("plant-2000")
+    lists = [s for s in sizes if "/loops?" in s[0]]
+    packed, plain = sum(s[1] for s in lists), sum(s[2] for s in lists)
+    print(f"first paint {min(paints):.0f} ms (of {[round(p) for p in paints]}); all 2,000 loops {min(full):.0f} ms (of {[round(p) for p in full]})")
+    for what, times in acts.items():
+        print(f"{what}: {min(times):.0f} ms (of {[round(t) for t in times]})")
+    print(f"the list of loops: {packed / 1000:.0f} kB sent for {plain / 1000:.0f} kB; everything {sum(s[1] for s in sizes) / 1000:.0f} kB")
+    # Best of five: what the page costs, without what else the machine does.
+    check(min(paints) < 1000, "first paint within a second")
+    slow = {what: min(times) for what, times in acts.items() if min(times) >= 100}
+    check(not slow, f"every interaction within 100 ms {slow or ''}")
+    check(packed < 0.2 * plain, "payloads are compressed")
+
+
+PARTS = {"walk": [plant, one_loop, acknowledge, looks, report], "speed": [speed]}
+
+
+def main():
+    part, base, out = sys.argv[1:4]
+    Path(out).mkdir(parents=True, exist_ok=True)
+    chromium = shutil.which("chromium")
+    if not chromium:
+        sys.exit("chromium is not installed: run scripts/test once as root, or install the Debian package")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        walk = Walk(browser, base, out)
+        for step in PARTS[part]:
+            began = time.monotonic()
+            try:
+                step(walk)
+            except Exception:
+                if walk.page:
+                    walk.shot(f"failed-{step.__name__}")
+                print(f"faults so far: {walk.faults}", file=sys.stderr)
+                raise
+            print(f"-- {step.__name__} {time.monotonic() - began:.1f} s")
+        check(not walk.faults, f"no console error, no script of a name {walk.faults or ''}")
+        browser.close()
+
+
+main()
