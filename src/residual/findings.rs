@@ -142,8 +142,10 @@ pub fn verdict_after(
     restructure(data, &mut sound, true, 4);
     let evidence = Candidate::new(data, sound, base.paid).aic - base.aic;
     let f = element.f * data.scale.u;
-    // A lag alone is no new explanation: to give a verdict back it must leave less doubt.
-    let hidden = base.spec.terms.is_empty() && diagnosis.verdict != Verdict::Stiction;
+    // Another friction alone is no new explanation: to give a verdict back it must leave less doubt.
+    let of_friction = |kind| matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift);
+    let hidden =
+        base.spec.terms.iter().all(|t| of_friction(t.kind())) && diagnosis.verdict != Verdict::Stiction;
     let unknown = matches!(diagnosis.verdict, Verdict::NotIdentifiable(_));
     let needed = settings.evidence_threshold * if hidden || unknown { 4.0 } else { 1.0 };
     let sticky = f > settings.f_threshold && evidence > needed;

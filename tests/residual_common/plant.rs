@@ -44,7 +44,7 @@ pub struct Case {
 }
 
 impl Case {
-    fn number(&self) -> u64 {
+    pub fn number(&self) -> u64 {
         let kind = match self.undeclared {
             Undeclared::Nothing => 90,
             Undeclared::Bursts => 91,
@@ -129,14 +129,16 @@ impl Loop {
             0 => (d.within(0.7, 1.8), d.log_within(1.5, 6.0), 0.0, d.within(1.0, 3.0), 1.0),
             1 => (d.log_within(0.006, 0.03), 0.0, 0.0, d.within(1.0, 3.0), 10.0),
             2 => (d.within(0.8, 2.0), d.log_within(4.0, 15.0), d.within(0.1, 0.25), d.within(1.0, 4.0), 2.0),
-            _ => (d.within(0.6, 1.6), d.log_within(10.0, 40.0), d.within(0.1, 0.25), d.within(2.0, 7.0), 10.0),
+            _ => {
+                (d.within(0.6, 1.6), d.log_within(10.0, 40.0), d.within(0.1, 0.25), d.within(2.0, 7.0), 10.0)
+            }
         };
         let (second, delay) = (second * tau, delay as usize);
         let theta = delay as f64 + 0.5 + 0.5 * second;
         let integrating = class == 1;
         let closed = match class {
             0 => d.within(1.0, 3.0) * (theta + 0.4 * tau),
-            1 => d.within(4.0, 15.0),
+            1 => d.within(8.0, 25.0),
             _ => d.within(1.0, 3.0) * theta,
         };
         // Skogestad's rules.
@@ -247,9 +249,12 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, f64, f64, Draw) {
     // Loads, noise, set point.
     let noise = d.log_within(0.02, 0.08);
     let (load_sd, keep) = (d.within(0.15, 0.4), (-1.0 / d.log_within(8.0, 60.0)).exp());
-    let (sp_every, sp_size) = (d.within(80.0, 200.0) as usize, d.within(3.0, 6.0));
+    let sp_every = d.within(80.0, 200.0) as usize;
+    // A level is not stepped as far as a flow.
+    let sp_size = d.within(3.0, 6.0) * if p.integrating { 0.4 } else { 1.0 };
     // A gain, a delay or a curve that nothing moves over leaves no trace.
-    let needs_motion = [Kind::GainChange, Kind::DeadTimeChange, Kind::StaticNonlinearity].iter().any(|k| case.is(*k));
+    let needs_motion =
+        [Kind::GainChange, Kind::DeadTimeChange, Kind::StaticNonlinearity].iter().any(|k| case.is(*k));
     let sp_moves = needs_motion || !d.chance(0.12);
     // The effect.
     let at = WARM + (n as f64 * d.within(0.15, 0.6)) as usize;
@@ -285,7 +290,11 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, f64, f64, Draw) {
             Undeclared::Listed(Kind::Drift) if share(k) > from => {
                 // A level hides a drifting sensor behind its integrator: there the load drifts.
                 let ramp = sign * vary * (share(k) - from);
-                if at_output { output = case.pick([3.0, 6.0, 12.0]) * ramp } else { input += case.pick([4.0, 8.0, 16.0]) * ramp }
+                if at_output {
+                    output = case.pick([3.0, 6.0, 12.0]) * ramp
+                } else {
+                    input += case.pick([4.0, 8.0, 16.0]) * ramp
+                }
             }
             Undeclared::Listed(Kind::MeasuredDisturbance) => {
                 let past = t.tag.get(k.wrapping_sub(tag_lag)).copied().unwrap_or(0.0);
@@ -335,7 +344,13 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, f64, f64, Draw) {
         let mut flow = mv - 50.0;
         if case.is(Kind::StaticNonlinearity) {
             let bend = sign * vary * case.pick([0.04, 0.08, 0.16]);
-            flow = if alike { ((bend * flow).exp() - 1.0) / bend } else { flow * (1.0 + (0.5 * bend * flow).clamp(-0.45, 2.0)) };
+            // An equal-percentage valve, or a gain that differs to both sides of the working point.
+            flow = if alike {
+                ((bend * flow).exp() - 1.0) / bend
+            } else {
+                let (width, more) = (8.0, (8.0 * bend).clamp(-0.85, 0.85));
+                flow + more * width * ((1.0 + (flow / width).powi(2)).sqrt() - 1.0)
+            };
         }
         if case.is(Kind::GainChange) && k >= at {
             let factor = case.pick([1.35, 1.7, 2.3]);
