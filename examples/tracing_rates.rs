@@ -31,7 +31,7 @@ struct Options {
     sizes: Vec<usize>,
     clean: u64,
     effects: Vec<Kind>,
-    threads: usize,
+    threads: Option<usize>,
     each: bool,
 }
 
@@ -51,14 +51,21 @@ fn main() -> ExitCode {
             .iter()
             .flat_map(|kind| cases(Undeclared::Listed(*kind), size, seeds.clone()))
             .collect();
-        let found = parallel::on(options.threads, &all, |case| judge(case, case.seed.is_multiple_of(TOLD)));
+        let found = run(&options, &all, |case| judge(case, case.seed.is_multiple_of(TOLD)));
         named(size, &options, &found);
         friction(size, &found);
     }
-    let found = parallel::on(options.threads, &clean(options.clean, seeds.start), |case| judge(case, false));
+    let found = run(&options, &clean(options.clean, seeds.start), |case| judge(case, false));
     invented(&found, options.each);
     outside(&options, seeds);
     ExitCode::SUCCESS
+}
+
+/// Every case on as many threads as were asked for, else on every core.
+fn run(options: &Options, cases: &[Case], work: impl Fn(&Case) -> Judged + Sync) -> Vec<Judged> {
+    options
+        .threads
+        .map_or_else(|| parallel::each(cases, &work), |threads| parallel::on(threads, cases, &work))
 }
 
 fn options(mut args: impl Iterator<Item = String>) -> Result<Options, String> {
@@ -68,7 +75,7 @@ fn options(mut args: impl Iterator<Item = String>) -> Result<Options, String> {
         sizes: vec![0, 1, 2],
         clean: 300,
         effects: Kind::ALL.to_vec(),
-        threads: std::thread::available_parallelism().map_or(1, usize::from),
+        threads: None,
         each: false,
     };
     while let Some(name) = args.next() {
@@ -82,7 +89,7 @@ fn options(mut args: impl Iterator<Item = String>) -> Result<Options, String> {
             "--seeds" => o.seeds = number()?,
             "--first-seed" => o.first_seed = number()?,
             "--clean" => o.clean = number()?,
-            "--threads" => o.threads = number()?.max(1) as usize,
+            "--threads" => o.threads = Some(number()?.max(1) as usize),
             "--sizes" => {
                 let size = |s: &str| SIZES.iter().position(|n| *n == s).ok_or(format!("no size {s}"));
                 o.sizes = value.split(',').filter(|s| !s.is_empty()).map(size).collect::<Result<_, _>>()?;
@@ -239,7 +246,7 @@ fn outside(options: &Options, seeds: std::ops::Range<u64>) {
     for (label, undeclared) in
         [("bursts of load", Undeclared::Bursts), ("hysteresis of the sensor", Undeclared::SensorBacklash)]
     {
-        let found = parallel::on(options.threads, &cases(undeclared, 1, seeds.clone()), |c| judge(c, false));
+        let found = run(options, &cases(undeclared, 1, seeds.clone()), |c| judge(c, false));
         let better = |j: &Judged| j.free[1] < j.free[0] || j.one[1] < j.one[0];
         let count = |of: &dyn Fn(&Judged) -> bool| found.iter().filter(|j| of(j)).count();
         println!(

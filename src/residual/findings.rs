@@ -21,6 +21,8 @@ pub struct Outcome {
     pub declared: Spec,
     /// The model with the effects.
     pub base: Candidate,
+    /// The declared model with its dynamics estimated once more.
+    pub refit: Spec,
     /// The effects in the order they were added, with their gain.
     pub added: Vec<(Kind, f64)>,
     /// Candidates fitted.
@@ -29,14 +31,20 @@ pub struct Outcome {
 
 /// Puts the findings into the plant's units.
 pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: Outcome) -> Findings {
-    let Outcome { declared, base, added, tried } = outcome;
+    let Outcome { declared, base, refit, added, tried } = outcome;
     // Without a diagnosis, as on the stem, whatever was found is the model.
     let stands = added.is_empty() && diagnosis.window.is_some();
-    // Without effects the same model, friction and dynamics estimated together, may still predict better than at first;
-    // the verdict then stands all the same: nothing was found that the diagnosis did not know.
-    let (was, now) = (held_out(data, &declared), held_out(data, &base.spec));
+    // Without effects the same model, friction and dynamics estimated together or dynamics once more, may still predict
+    // better than at first; the verdict then stands all the same: nothing was found that the diagnosis did not know.
+    let was = held_out(data, &declared);
+    let now = held_out(data, &base.spec);
     let again = now.0 <= was.0 && now.1 <= was.1;
-    let after = if stands && !again { declared.clone() } else { base.spec.clone() };
+    let after = if !stands || again {
+        base.spec.clone()
+    } else {
+        let dynamics = held_out(data, &refit);
+        if dynamics.0 <= was.0 && dynamics.1 <= was.1 { refit } else { declared.clone() }
+    };
     let (stage, counts) = after.stage(data);
     let mut e = Vec::new();
     errors(data, &stage, after.orders, &after.linear, &mut e);

@@ -181,6 +181,15 @@ impl Quick {
 /// Chooses orders and delay anew for the model's stage, by Hannan–Rissanen fits of every structure and a full fit of the
 /// best `most`; keeps the present one unless another is better.
 pub fn restructure(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
+    for other in structures(data, spec, free_lag, most) {
+        if other.loss < spec.loss {
+            *spec = other;
+        }
+    }
+}
+
+/// The best `most` structures, fitted in full.
+pub fn structures(data: &Data, spec: &Spec, free_lag: bool, most: usize) -> Vec<Spec> {
     let (stage, _) = spec.stage(data);
     let z_lags: Vec<usize> = (1..=data.max_delay + ORDER - 2).collect();
     let long = Quick::new(data, &stage, &(1..=8).collect::<Vec<_>>(), &z_lags, None);
@@ -204,7 +213,7 @@ pub fn restructure(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
         }
     }
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    for (_, orders, theta) in found.into_iter().take(most) {
+    let fitted = found.into_iter().take(most).map(|(_, orders, theta)| {
         let (na, nb, nc) = (orders.na, orders.nb, orders.nc);
         let mut other = spec.clone();
         other.orders = orders;
@@ -216,10 +225,9 @@ pub fn restructure(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
             gamma: theta[ORDER + 1..].to_vec(),
         };
         minimise(data, &mut other, free_lag, 12);
-        if other.loss < spec.loss {
-            *spec = other;
-        }
-    }
+        other
+    });
+    fitted.collect()
 }
 
 /// Valves tried in a scan: lag, resume threshold, slips. J = S of the one-parameter element, Choudhury's and He's for
