@@ -11,6 +11,8 @@ use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
 
 /// Values of f to each side in an interval, and the 95 % point of a threshold's likelihood ratio (Hansen, table 1).
 const INTERVAL: i32 = 40;
+/// Error one step ahead, as a share of the declared model's, up to which dynamics that run free better take its place.
+const AS_GOOD: f64 = 1.01;
 /// Values of f to each side when it is refined.
 const FINER: i32 = 40;
 const THRESHOLD_95: f64 = 7.35;
@@ -43,7 +45,7 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
         base.spec.clone()
     } else {
         let dynamics = held_out(data, &refit);
-        if dynamics.0 <= was.0 && dynamics.1 <= was.1 { refit } else { declared.clone() }
+        if dynamics.0 <= AS_GOOD * was.0 && dynamics.1 <= was.1 { refit } else { declared.clone() }
     };
     let (stage, counts) = after.stage(data);
     let mut e = Vec::new();

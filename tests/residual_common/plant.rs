@@ -44,7 +44,7 @@ pub struct Case {
 }
 
 impl Case {
-    pub fn number(&self) -> u64 {
+    fn number(&self) -> u64 {
         let kind = match self.undeclared {
             Undeclared::Nothing => 90,
             Undeclared::Bursts => 91,
