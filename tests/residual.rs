@@ -1,6 +1,6 @@
 //! Effects that the declared model lacks are named, few are invented, and nothing is named with confidence that does not help.
 //!
-//! A few seeds of what `cargo run --release --example tracing_rates` sweeps; each bound is what its ten seeds showed, less
+//! A few seeds of what `cargo run --release --example tracing_rates` sweeps; each bound is what its seeds showed, less
 //! the binomial error of as many cases as there are here.
 
 mod diagnosis_common {
@@ -59,8 +59,8 @@ fn the_first_effect_named_is_the_true_one() {
     assert!(share >= NAMED, "{share}");
 }
 
-/// Share named right, less 1.64 standard errors of 86 cases.
-const NAMED: f64 = 0.68;
+/// 80.5 % of the published sweep, less two and a half standard errors of 86 cases.
+const NAMED: f64 = 0.7;
 
 #[test]
 fn little_is_invented_where_nothing_is() {
@@ -85,8 +85,8 @@ fn the_error_after_is_that_of_a_fit_told_the_effect() {
     assert!(share >= TOLD, "{share}");
 }
 
-/// Share within 10 %, less 1.64 standard errors of 18 cases.
-const TOLD: f64 = 0.75;
+/// 94 % of the published sweep, less two and a half standard errors of 18 cases.
+const TOLD: f64 = 0.8;
 
 #[test]
 fn friction_that_an_effect_hides_is_found_with_it() {
