@@ -37,11 +37,12 @@ impl Candidate {
     }
 }
 
-/// The model with friction scanned anew: the better of what it has, another f, and none.
-pub fn with_friction(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
+/// The model with friction scanned anew: the better of what it has, another f, and none. `kept`: of the same kind of valve.
+pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize) -> Candidate {
     let mut best = base.clone();
     let known = held_out(data, &base.spec);
-    let mut elements = scan_friction(data, &base.spec, SCAN, 2);
+    let kept = kept && base.spec.element.f > 0.0;
+    let mut elements = scan_friction(data, &base.spec, SCAN, if kept { 2 } else { 3 }, kept);
     let likely = elements.first().copied().unwrap_or(base.spec.element);
     elements.push(Element { f: 0.0, ..base.spec.element });
     if base.spec.element.f > 0.0 {

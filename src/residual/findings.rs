@@ -11,6 +11,8 @@ use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
 
 /// Values of f to each side in an interval, and the 95 % point of a threshold's likelihood ratio (Hansen, table 1).
 const INTERVAL: i32 = 40;
+/// Error one step ahead, as a share of the declared model's, up to which dynamics that run free better take its place.
+const AS_GOOD: f64 = 1.01;
 /// Values of f to each side when it is refined.
 const FINER: i32 = 40;
 const THRESHOLD_95: f64 = 7.35;
@@ -21,6 +23,8 @@ pub struct Outcome {
     pub declared: Spec,
     /// The model with the effects.
     pub base: Candidate,
+    /// The declared model with its dynamics estimated once more.
+    pub refit: Spec,
     /// The effects in the order they were added, with their gain.
     pub added: Vec<(Kind, f64)>,
     /// Candidates fitted.
@@ -29,14 +33,20 @@ pub struct Outcome {
 
 /// Puts the findings into the plant's units.
 pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: Outcome) -> Findings {
-    let Outcome { declared, base, added, tried } = outcome;
+    let Outcome { declared, base, refit, added, tried } = outcome;
     // Without a diagnosis, as on the stem, whatever was found is the model.
     let stands = added.is_empty() && diagnosis.window.is_some();
-    // Without effects the same model, friction and dynamics estimated together, may still predict better than at first;
-    // the verdict then stands all the same: nothing was found that the diagnosis did not know.
-    let (was, now) = (held_out(data, &declared), held_out(data, &base.spec));
+    // Without effects the same model, friction and dynamics estimated together or dynamics once more, may still predict
+    // better than at first; the verdict then stands all the same: nothing was found that the diagnosis did not know.
+    let was = held_out(data, &declared);
+    let now = held_out(data, &base.spec);
     let again = now.0 <= was.0 && now.1 <= was.1;
-    let after = if stands && !again { declared.clone() } else { base.spec.clone() };
+    let after = if !stands || again {
+        base.spec.clone()
+    } else {
+        let dynamics = held_out(data, &refit);
+        if dynamics.0 <= AS_GOOD * was.0 && dynamics.1 <= was.1 { refit } else { declared.clone() }
+    };
     let (stage, counts) = after.stage(data);
     let mut e = Vec::new();
     errors(data, &stage, after.orders, &after.linear, &mut e);
@@ -142,8 +152,10 @@ pub fn verdict_after(
     restructure(data, &mut sound, true, 4);
     let evidence = Candidate::new(data, sound, base.paid).aic - base.aic;
     let f = element.f * data.scale.u;
-    // A lag alone is no new explanation: to give a verdict back it must leave less doubt.
-    let hidden = base.spec.terms.is_empty() && diagnosis.verdict != Verdict::Stiction;
+    // Another friction alone is no new explanation: to give a verdict back it must leave less doubt.
+    let of_friction = |kind| matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift);
+    let hidden =
+        base.spec.terms.iter().all(|t| of_friction(t.kind())) && diagnosis.verdict != Verdict::Stiction;
     let unknown = matches!(diagnosis.verdict, Verdict::NotIdentifiable(_));
     let needed = settings.evidence_threshold * if hidden || unknown { 4.0 } else { 1.0 };
     let sticky = f > settings.f_threshold && evidence > needed;

@@ -327,6 +327,17 @@ pub fn free_run(data: &Data, spec: &Spec, stage: &Stage, e: &[f64], from: usize)
     simulate(data, &run, stage, e, from, data.stretch())
 }
 
+/// Mean square free-run error of the fitted samples that count (normalised PV²).
+pub fn free_fitted(data: &Data, spec: &Spec) -> f64 {
+    let (stage, _) = spec.stage(data);
+    let mut e = Vec::new();
+    errors(data, &stage, spec.orders, &spec.linear, &mut e);
+    let free = free_run(data, spec, &stage, &e, data.first);
+    let fitted = data.first..data.split;
+    let weight: f64 = stage.weight[fitted.clone()].iter().sum();
+    fitted.map(|k| stage.weight[k] * (free[k] - stage.y[k]).powi(2)).sum::<f64>() / weight.max(1.0)
+}
+
 /// Root mean square one-step and free-run errors of the held-out samples that count (normalised PV).
 pub fn held_out(data: &Data, spec: &Spec) -> (f64, f64) {
     let (stage, _) = spec.stage(data);

@@ -255,7 +255,8 @@ pub struct Findings {
 pub struct Settings {
     /// Most effects added.
     pub most_effects: usize,
-    /// Least decrease of the penalised AIC that an effect must bring (-).
+    /// Evidence that an effect must bring: decrease of the penalised AIC and twice the log-likelihood gained on the held-out
+    /// samples (-).
     pub least_gain: f64,
     /// Least f that counts as stiction (OP unit).
     pub f_threshold: f64,

@@ -68,6 +68,8 @@ pub struct Element {
     pub lag: f64,
     /// Resume threshold J/S (-).
     pub resume: f64,
+    /// Each move is a slip of its own (He's valve): the threshold holds while the stem moves, too.
+    pub slips: bool,
     /// The band to cross on turning down is `1 + skew` times 2f, on turning up `1 - skew` times (-).
     pub skew: f64,
     /// f grows from `1 - growth` to `1 + growth` times itself over the fitted samples (-).
@@ -96,12 +98,12 @@ impl Element {
                 if onward > 0.0 {
                     if moving || onward > 2.0 * f * self.resume {
                         stem = u[k];
-                        moving = true;
+                        moving = !self.slips;
                     }
                 } else if -onward > band {
                     stem = u[k];
                     direction = -direction;
-                    moving = true;
+                    moving = !self.slips;
                 } else {
                     moving = self.resume == 0.0;
                 }

@@ -13,7 +13,7 @@ const BEFORE: usize = 2;
 const AFTER: usize = 5;
 
 /// Fewest reversals of the stem in the fitted samples that say anything about f.
-const LEAST_REVERSALS: usize = 5;
+pub const LEAST_REVERSALS: usize = 5;
 
 /// Least squares on the fitted samples: a base of columns, and more on trial.
 pub struct Quick {
@@ -181,6 +181,15 @@ impl Quick {
 /// Chooses orders and delay anew for the model's stage, by Hannan–Rissanen fits of every structure and a full fit of the
 /// best `most`; keeps the present one unless another is better.
 pub fn restructure(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
+    for other in structures(data, spec, free_lag, most) {
+        if other.loss < spec.loss {
+            *spec = other;
+        }
+    }
+}
+
+/// The best `most` structures, fitted in full.
+pub fn structures(data: &Data, spec: &Spec, free_lag: bool, most: usize) -> Vec<Spec> {
     let (stage, _) = spec.stage(data);
     let z_lags: Vec<usize> = (1..=data.max_delay + ORDER - 2).collect();
     let long = Quick::new(data, &stage, &(1..=8).collect::<Vec<_>>(), &z_lags, None);
@@ -204,7 +213,7 @@ pub fn restructure(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
         }
     }
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    for (_, orders, theta) in found.into_iter().take(most) {
+    let fitted = found.into_iter().take(most).map(|(_, orders, theta)| {
         let (na, nb, nc) = (orders.na, orders.nb, orders.nc);
         let mut other = spec.clone();
         other.orders = orders;
@@ -216,16 +225,30 @@ pub fn restructure(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
             gamma: theta[ORDER + 1..].to_vec(),
         };
         minimise(data, &mut other, free_lag, 12);
-        if other.loss < spec.loss {
-            *spec = other;
-        }
-    }
+        other
+    });
+    fitted.collect()
 }
 
-/// Friction scanned with the terms in place: the long ARX's loss over f, its lag and its resume threshold.
+/// Valves tried in a scan: lag, resume threshold, slips. J = S of the one-parameter element, Choudhury's and He's for
+/// some J, and lags that make up for what the model lacks.
+const VALVES: [(f64, f64, bool); 9] = [
+    (0.0, 0.0, false),
+    (0.4, 0.0, false),
+    (0.8, 0.0, false),
+    (0.0, 1.0, false),
+    (0.4, 0.6, false),
+    (0.7, 0.3, false),
+    (0.2, 0.8, true),
+    (0.5, 0.5, true),
+    (0.8, 0.2, true),
+];
+
+/// Friction scanned with the terms in place: the long ARX's loss over f, its lag and its resume threshold; `kept`: the
+/// model's own kind of valve alone.
 ///
 /// Returns the best elements, by increasing loss, each from a different neighbourhood of f.
-pub fn scan_friction(data: &Data, spec: &Spec, values: usize, most: usize) -> Vec<Element> {
+pub fn scan_friction(data: &Data, spec: &Spec, values: usize, most: usize, kept: bool) -> Vec<Element> {
     let (mut stage, _) = spec.stage(data);
     let mut trial = spec.clone();
     let mut rated: Vec<(f64, Element)> = Vec::new();
@@ -238,11 +261,14 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, most: usize) -> Ve
         rated.push((Quick::long_arx(data, &stage, spec.orders.nk).loss, element));
     };
     let step = data.f_top / values as f64;
+    let own = spec.element;
+    let valves: Vec<(f64, f64, bool)> =
+        if kept { [0.0, 0.4, 0.8].map(|lag| (lag, own.resume, own.slips)).to_vec() } else { VALVES.to_vec() };
     for i in 1..=values {
         // Finer towards 0: weak friction is a small share of the largest swing.
         let f = data.f_top * (i as f64 / values as f64).powf(1.5);
-        for (lag, resume) in [(0.0, 0.0), (0.4, 0.0), (0.8, 0.0), (0.4, 0.4)] {
-            rate(Element { f, lag, resume, ..spec.element }, &mut rated);
+        for &(lag, resume, slips) in &valves {
+            rate(Element { f, lag, resume, slips, ..own }, &mut rated);
         }
     }
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -258,9 +284,24 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, most: usize) -> Ve
         }
     }
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+    if let Some((_, centre)) = rated.first().copied() {
+        // Reversals late by a sample cost a strong valve more than all else.
+        for i in (-5i32..=5).filter(|i| *i != 0) {
+            let f = centre.f + step * 0.04 * f64::from(i);
+            rate(Element { f: f.max(0.1 * centre.f), ..centre }, &mut rated);
+        }
+        for resume in [centre.resume + 0.15, centre.resume - 0.15] {
+            if centre.resume > 0.0 && (0.01..=1.0).contains(&resume) {
+                rate(Element { resume, ..centre }, &mut rated);
+            }
+        }
+    }
+    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut kept: Vec<Element> = Vec::new();
     for (_, element) in rated {
-        let near = |k: &Element| (k.f - element.f).abs() < 0.1 * step && k.resume == element.resume;
+        let near = |k: &Element| {
+            (k.f - element.f).abs() < 0.1 * step && k.resume == element.resume && k.slips == element.slips
+        };
         if !kept.iter().any(near) {
             kept.push(element);
         }

@@ -3,38 +3,42 @@
 use super::candidate::{Candidate, tune, with_friction};
 use super::effects::{ALL, Context, Proposal};
 use super::findings::{Outcome, report};
-use super::fit::{held_out, loss_of, minimise};
+use super::fit::{free_fitted, held_out, loss_of, minimise};
 use super::model::{Data, Element, Spec};
 use super::pose::{declared, pose};
-use super::regress::{Quick, all_errors, restructure};
+use super::regress::{Quick, all_errors, restructure, structures};
 use super::{Findings, Kind, Settings, Stem};
 use crate::diagnosis::{Diagnosis, Preparation, Verdict};
 use crate::signal::Window;
 
-/// Candidates fitted in full at each step, and fitted with friction scanned anew.
-const FULL: usize = 7;
-/// Share of the leader's gain below which a candidate is not pursued.
-const FAR_BEHIND: f64 = 0.1;
-const FINAL: usize = 3;
+/// Candidates fitted in full at each step, those of them that may be of one kind, and fitted with friction scanned anew.
+const FULL: usize = 9;
+const FEW: usize = 3;
+const FINAL: usize = 4;
+/// Gain of the long ARX below which a proposal is not pursued (-).
+const HOPELESS: f64 = -30.0;
+/// Structures fitted when the dynamics are estimated once more.
+const REFIT: usize = 16;
+/// Loss, as a share of the declared model's, up to which a structure is as good.
+const AS_GOOD: f64 = 1.005;
 /// Effects that take samples out and leave the others as they are.
 const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
 /// Share of the free-run error that a drift must leave at most where the noise model hides it.
 const SLOW: f64 = 0.9;
-/// Least gain of likelihood on the held-out samples, and one that leaves no doubt (-).
-const LEAST_HELD: f64 = 6.0;
-const BEYOND_DOUBT: f64 = 15.0;
+/// Least gain on the fitted samples alone (-).
+const LEAST: f64 = 4.0;
 /// Share of the free-run error that may be left by what happened once, and by what shows in nothing else.
 const ONCE: f64 = 0.83;
 const FAR_BETTER: f64 = 0.65;
-/// Gain that is enough where the free run is better by as much as [`STRIKING`] or the held-out samples say the rest.
-const FAINT: f64 = 8.0;
-const STRIKING: f64 = 0.75;
-/// Gain of likelihood on the held-out samples that settles the matter (-).
-const OVERWHELMING: f64 = 60.0;
+/// Share below which half the evidence is enough, and below which the held-out errors one step ahead need not say more.
+const STRIKING: f64 = 0.4;
+const NEARER: f64 = 0.88;
 /// Least gain of a kinetic lag: every valve model but the paper's own has one.
-const LEAST_SLIP: f64 = 10.0;
+const LEAST_SLIP: f64 = 7.0;
+/// Gain of likelihood on the held-out samples that leaves no doubt (-).
+const DOUBTLESS: f64 = 15.0;
 /// Least gain of a step: one sample far off looks like a small one.
-const LEAST_STEP: f64 = 60.0;
+const LEAST_STEP: f64 = 50.0;
 
 /// See [`super::trace`].
 pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
@@ -67,21 +71,40 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     let mut base = Candidate::new(&data, declared.clone(), 0.0);
     let mut added: Vec<(Kind, f64)> = Vec::new();
     add_direct(&data, settings, &mut base, &mut added);
-    base = with_friction(&data, base, &mut tried);
-    let mut judged = held_out(&data, &base.spec);
+    base = with_friction(&data, base, false, &mut tried);
     let at_start = held_out(&data, &declared);
     while added.len() < settings.most_effects && tried < settings.most_fits {
-        let Some((next, gain, error)) = step(&data, settings, &base, judged, at_start, &mut tried) else {
-            break;
-        };
-        let kind = next.spec.terms.last().map(|t| t.kind())?;
-        added.push((kind, gain));
-        base = next;
-        judged = error;
+        // The model without has the same chances as those with an effect: what a second look finds is no effect's gain.
+        base = again(&data, base, &mut tried);
+        let Some(next) = step(&data, settings, &base, at_start, &mut tried) else { break };
+        added.push((next.kind, next.gain));
+        base = next.candidate;
     }
     slip_jump(&data, &base, at_start, &mut added);
     base = not_worse(&data, &declared, base, at_start);
-    Some(report(&data, diagnosis, settings, Outcome { declared, base, added, tried }))
+    let refit = if added.is_empty() { longer_sighted(&data, &declared) } else { declared.clone() };
+    Some(report(&data, diagnosis, settings, Outcome { declared, base, refit, added, tried }))
+}
+
+/// The model estimated once more from where it is.
+fn again(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
+    let mut spec = base.spec.clone();
+    minimise(data, &mut spec, true, 8);
+    restructure(data, &mut spec, true, 3);
+    let likely = base.likely;
+    let next =
+        with_friction(data, Candidate { likely, ..Candidate::new(data, spec, base.paid) }, true, tried);
+    if next.aic < base.aic { next } else { base }
+}
+
+/// The declared model with the structure that runs free best on the fitted samples, of those that are as good one step ahead.
+fn longer_sighted(data: &Data, declared: &Spec) -> Spec {
+    structures(data, declared, false, REFIT)
+        .into_iter()
+        .filter(|spec| spec.loss < AS_GOOD * declared.loss)
+        .map(|spec| (free_fitted(data, &spec), spec))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map_or_else(|| declared.clone(), |(_, spec)| spec)
 }
 
 /// Adds what the signals alone show.
@@ -119,8 +142,11 @@ fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added: &mu
             spec = masked;
         }
         // Errors on a PV that was shifted are not those on the other: they may differ a little for the worse.
-        let worst = if kind == Kind::ClockSkew { 1.3 } else { 1.0001 };
-        if after.1.min(masked_error.1) <= before.1 * worst {
+        // A PV that stands still does so whatever the fit makes of it.
+        let worst = if matches!(kind, Kind::ClockSkew | Kind::FrozenPv) { 1.3 } else { 1.0001 };
+        // PV follows from OP to rounding where OP's stamps are late: that is the controller's equation, not the process.
+        let inverted = kind == Kind::ClockSkew && before.1 < 1e-6;
+        if inverted || after.1.min(masked_error.1) <= before.1 * worst {
             let next = Candidate::new(data, spec, base.paid + 2.0 * proposal.parameters);
             added.push((kind, (base.aic - next.aic).max(0.0)));
             *base = next;
@@ -159,8 +185,9 @@ fn slip_jump(data: &Data, base: &Candidate, at_start: (f64, f64), added: &mut Ve
     let sound = Candidate::new(data, sound, base.paid);
     let gain = without.aic.min(sound.aic) - base.aic;
     let now = held_out(data, &base.spec);
+    let held = 2.0 * (data.len() - data.split) as f64 * (plain.0 / now.0).ln();
     if gain > LEAST_SLIP
-        && now.1 <= at_start.1
+        && now.1 <= at_start.1 * if held > DOUBTLESS { 1.1 } else { 1.0 }
         && now.0 < plain.0 * 1.01
         && (now.0 < plain.0 || now.1 < plain.1)
     {
@@ -168,17 +195,27 @@ fn slip_jump(data: &Data, base: &Candidate, at_start: (f64, f64), added: &mut Ve
     }
 }
 
-type Step = (Candidate, f64, (f64, f64));
+/// An effect on trial, against the model without it.
+struct Trial {
+    candidate: Candidate,
+    kind: Kind,
+    /// Decrease of the penalised AIC.
+    gain: f64,
+    /// Gain of likelihood on the held-out samples (-).
+    held: f64,
+    /// Held-out free-run error as a share of that without the effect, and of the declared model's.
+    nearer: f64,
+    of_start: f64,
+}
 
 /// The best effect to add, if any earns its place.
 fn step(
     data: &Data,
     settings: &Settings,
     base: &Candidate,
-    judged: (f64, f64),
     at_start: (f64, f64),
     tried: &mut usize,
-) -> Option<Step> {
+) -> Option<Trial> {
     let (stage, e) = all_errors(data, &base.spec);
     let quick = Quick::long_arx(data, &stage, base.spec.orders.nk);
     let likely = base.likely;
@@ -192,106 +229,117 @@ fn step(
         .map(|p| (n * (quick.loss / p.loss).ln() - cost(settings, &p), p))
         .collect();
     proposals.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut full: Vec<Candidate> = Vec::new();
-    for (_, p) in proposals.into_iter().take(FULL) {
+    let mut full: Vec<(f64, Candidate)> = Vec::new();
+    for (rated, p) in proposals {
+        // A ramp from the start and one from some time on are judged apart: they go on differently.
+        let alike = |c: &Candidate| {
+            c.spec
+                .terms
+                .last()
+                .is_some_and(|t| t.kind() == p.term.kind() && t.knobs().len() == p.term.knobs().len())
+        };
+        let twice = full.iter().filter(|(_, c)| alike(c)).count() >= if full.len() < FEW { 2 } else { 1 };
+        if full.len() == FULL || twice || (rated < HOPELESS && !full.is_empty()) {
+            continue;
+        }
         let paid = base.paid + cost(settings, &p);
+        let slow = p.term.kind() == Kind::Drift;
         let mut spec = base.spec.clone();
         spec.terms.push(p.term);
         spec.element = p.element.unwrap_or(spec.element);
         spec.loss = f64::INFINITY;
         minimise(data, &mut spec, true, 8);
+        if spec.terms.last().is_some_and(|t| t.kind() == Kind::DeadTimeChange) {
+            // Its delay is one of two now.
+            restructure(data, &mut spec, true, 2);
+        }
         tune(data, &mut spec, tried);
         *tried += 1;
-        full.push(Candidate::new(data, spec, paid));
-    }
-    full.sort_by(|a, b| a.aic.total_cmp(&b.aic));
-    let mut finals: Vec<Candidate> = Vec::new();
-    for candidate in full {
-        // A ramp from the start and one from some time on are judged apart: they go on differently.
-        let kind = |c: &Candidate| c.spec.terms.last().map(|t| (t.kind(), t.knobs().len()));
+        let candidate = Candidate::new(data, spec, paid);
         let gain = base.aic - candidate.aic;
-        if finals.len() == FINAL || gain < FAR_BEHIND * finals.first().map_or(0.0, |f| base.aic - f.aic) {
-            break;
-        }
-        if finals.iter().any(|f| kind(f) == kind(&candidate)) {
+        full.push((if slow { gain.max(0.5 * (gain + rated)) } else { gain }, candidate));
+    }
+    full.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let judged = held_out(data, &base.spec);
+    let mut finals: Vec<Trial> = Vec::new();
+    for (_, mut candidate) in full {
+        let key = |c: &Candidate| c.spec.terms.last().map(|t| (t.kind(), t.knobs().len()));
+        if finals.len() == FINAL || finals.iter().any(|f| key(&f.candidate) == key(&candidate)) {
             continue;
         }
-        let mut candidate = candidate;
         restructure(data, &mut candidate.spec, true, 3);
-        let mut candidate = with_friction(data, candidate, tried);
+        let mut candidate = with_friction(data, candidate, true, tried);
         tune(data, &mut candidate.spec, tried);
         let last = candidate.spec.terms.len() - 1;
         if !ALL.iter().all(|effect| effect.plausible(candidate.spec.terms[last].as_ref())) {
             continue;
         }
-        let likely = candidate.likely;
-        finals.push(Candidate { likely, ..Candidate::new(data, candidate.spec, candidate.paid) });
-    }
-    finals.sort_by(|a, b| a.aic.total_cmp(&b.aic));
-    for candidate in finals {
+        let kind = candidate.spec.terms[last].kind();
+        let candidate =
+            Candidate { likely: candidate.likely, ..Candidate::new(data, candidate.spec, candidate.paid) };
+        let error = held_out(data, &candidate.spec);
+        let (nearer, of_start) = (error.1 / judged.1, error.1 / at_start.1);
         let mut gain = base.aic - candidate.aic;
         // A noise model with a pole at 1 swallows a ramp one step ahead; the free run shows what it was.
-        let error = held_out(data, &candidate.spec);
-        let Some(kind) = candidate.spec.terms.last().map(|t| t.kind()) else { continue };
-        if kind == Kind::Drift && gain > 0.0 && error.1 < SLOW * judged.1 {
+        if kind == Kind::Drift && nearer < SLOW {
             let (stage, _) = candidate.spec.stage(data);
             let long = Quick::long_arx(data, &stage, candidate.spec.orders.nk);
             gain = gain.max(0.5 * (gain + n * (quick.loss / long.loss).ln()));
         }
-        // What was held out is evidence too, and nothing was searched there.
         let held = 2.0 * (data.len() - data.split) as f64 * (judged.0 / error.0).ln();
-        let striking = gain > FAINT && error.1 < STRIKING * judged.1 && held > -3.0;
-        let nearer = error.1 / judged.1;
-        let least = match kind {
-            Kind::LoadStep => LEAST_STEP,
-            Kind::Drift if held > 0.0 && nearer < 0.5 => 0.5 * FAINT,
-            Kind::Drift => settings.least_gain,
-            // So much likelihood where nothing was fitted needs little more.
-            _ if held > OVERWHELMING => 0.0,
-            Kind::MeasuredDisturbance => settings.least_gain,
-            _ if striking => FAINT,
-            _ => {
-                let counts = if nearer < 0.85 && kind != Kind::OscillatingLoad { 1.0 } else { 0.5 };
-                settings.least_gain - (counts * held).clamp(0.0, (settings.least_gain - FAINT).max(0.0))
-            }
-        };
-        if gain < least && settings.only.is_none() {
-            continue;
-        }
-        if settings.only.is_some() || better(data, kind, gain, judged, at_start, error) {
-            return Some((candidate, gain, error));
-        }
+        finals.push(Trial { candidate, kind, gain, held, nearer, of_start });
     }
-    None
+    if settings.only.is_some() {
+        return finals.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
+    }
+    finals.retain(|t| t.worth(settings.least_gain));
+    finals.into_iter().max_by(|a, b| a.rank().total_cmp(&b.rank()))
 }
 
-/// Whether the effect shows in what was held out, as much as its kind must.
-///
-/// What goes on after the split (a periodic load, a curved valve, another gain) has to gain likelihood there too, some
-/// tenth of what it gained per fitted sample, or make the free run far better. What happened once before it (a step, a
-/// ramp) hardly changes errors one step ahead: there the free run decides. The free run is never beyond the declared
-/// model's but for effects that leave no doubt one step ahead.
-fn better(data: &Data, kind: Kind, gain: f64, was: (f64, f64), start: (f64, f64), now: (f64, f64)) -> bool {
-    let n = (data.len() - data.split) as f64;
-    let held = 2.0 * n * (was.0 / now.0).ln();
-    let nearer = now.1 / was.1;
-    let expected = gain * n / (data.split - data.first) as f64;
-    let lasting = held > LEAST_HELD && held > 0.2 * expected;
-    let doubtless = held > BEYOND_DOUBT && held > 0.35 * expected && gain > LEAST_STEP;
-    if now.1 > start.1 {
-        return doubtless
-            && !matches!(kind, Kind::LoadStep | Kind::Drift)
-            && now.1 < 1.2 * start.1
-            && nearer < 1.2;
-    }
-    match kind {
-        Kind::LoadStep => held > -0.02 * n && nearer < ONCE,
-        Kind::Drift => (held > -0.02 * n && nearer < ONCE) || nearer < 0.4,
-        _ => {
-            (lasting && nearer < 1.1)
-                || (held > -0.01 * n && nearer < FAR_BETTER)
-                || (doubtless && nearer < 1.25 && now.1 < 0.95 * start.1)
+impl Trial {
+    /// Whether the effect earns its place: by the evidence of all samples, the free run not against it.
+    ///
+    /// What goes on after the split (a periodic load, a curved valve, another gain) has to gain likelihood there too, some
+    /// share of what it gained on the fitted samples, or make the free run far better. What happened once before it (a step,
+    /// a ramp) hardly changes errors one step ahead there. The free run is never beyond the declared model's but for effects
+    /// that leave no doubt one step ahead.
+    fn worth(&self, enough: f64) -> bool {
+        let Self { kind, gain, held, nearer, of_start, .. } = *self;
+        if gain < LEAST {
+            return false;
         }
+        let evidence = gain + held.min(1.5 * gain + 20.0);
+        let beyond = of_start >= 1.0;
+        match kind {
+            Kind::LoadStep => gain > LEAST_STEP && held > -0.15 * gain && !beyond,
+            Kind::Drift if beyond => gain + held > 100.0 && held > 15.0 && of_start < 1.2,
+            Kind::Drift => {
+                (gain + held > enough && held > -3.0)
+                    || (gain > 2.0 * LEAST && held > 0.0 && nearer < 0.5)
+                    || (gain > enough && held > -5.0 && nearer < ONCE)
+            }
+            _ => {
+                let friction = matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift);
+                let enough = enough + if friction { 20.0 } else { 0.0 };
+                if beyond {
+                    return evidence > 2.0 * enough && held > 15.0 && held > 0.2 * gain && of_start < 1.2;
+                }
+                // A noise model takes a slow line for itself one step ahead: there the free run counts as well.
+                let shown = if kind == Kind::OscillatingLoad { -20.0 * nearer.max(0.1).ln() } else { 0.0 };
+                let enough = if nearer < STRIKING { 0.5 * enough } else { enough };
+                let least = if nearer < NEARER { -0.05 * gain } else { (0.2 * gain).min(6.0) };
+                (evidence > enough && held > least)
+                    || (gain > enough && held > -4.0 && nearer < FAR_BETTER)
+                    || (evidence + shown > enough && held > -6.0 && nearer < FAR_BETTER && shown > 0.0)
+            }
+        }
+    }
+
+    /// What it is compared by with others that are worth it.
+    fn rank(&self) -> f64 {
+        // A change of gain comes with a step of its own: it must be better than the step alone.
+        let nested = if self.kind == Kind::GainChange { 15.0 } else { 0.0 };
+        self.gain + self.held.min(self.gain.max(15.0)) - 20.0 * self.nearer.clamp(0.1, 2.0).ln() - nested
     }
 }
 

@@ -1,21 +1,23 @@
 //! Loops with an undeclared effect of known kind and size: an own small simulator, because effects such as a gain or a dead
-//! time that changes are not in the project's.
+//! time that changes are not in the project's. Everything about a loop is drawn from wide ranges by its seed.
 
+use super::valve::{self, Valve};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
+use std::collections::VecDeque;
 use std::f64::consts::TAU;
 use stictiond::residual::Kind;
 use stictiond::signal::{Record, Sample};
 
-/// Samples recorded, and before them.
-pub const N: usize = 1500;
+/// Samples before the record.
 const WARM: usize = 300;
-
 /// Loop classes.
 pub const LOOPS: [&str; 4] = ["flow", "level", "pressure", "temperature"];
-/// Valves: S and J (% OP).
-pub const VALVES: [(&str, f64, f64); 3] = [("none", 0.0, 0.0), ("weak", 1.0, 0.3), ("strong", 5.0, 1.0)];
+/// Valves and the range of S (% OP).
+pub const VALVES: [(&str, f64, f64); 3] = [("none", 0.0, 0.0), ("weak", 0.7, 1.5), ("strong", 3.0, 7.0)];
+/// Sizes of an effect.
+pub const SIZES: [&str; 3] = ["small", "medium", "large"];
 
 /// What is wrong with a loop beside its friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +43,75 @@ pub struct Case {
     pub tags: usize,
 }
 
-struct Process {
+impl Case {
+    fn number(&self) -> u64 {
+        let kind = match self.undeclared {
+            Undeclared::Nothing => 90,
+            Undeclared::Bursts => 91,
+            Undeclared::SensorBacklash => 92,
+            Undeclared::Listed(kind) => Kind::ALL.iter().position(|k| *k == kind).unwrap_or(99) as u64,
+        };
+        ((self.seed * 100 + kind) * 10 + self.class as u64) * 10 + self.valve as u64
+    }
+    fn is(&self, kind: Kind) -> bool {
+        self.undeclared == Undeclared::Listed(kind)
+    }
+    fn pick<T: Copy>(&self, values: [T; 3]) -> T {
+        values[self.size]
+    }
+}
+
+/// All cases of one effect and size: every class and valve it has a meaning on, and `seeds`.
+pub fn cases(undeclared: Undeclared, size: usize, seeds: std::ops::Range<u64>) -> Vec<Case> {
+    // Friction that differs or drifts needs friction.
+    let needs = matches!(undeclared, Undeclared::Listed(Kind::AsymmetricFriction | Kind::FrictionDrift));
+    let mut out = Vec::new();
+    for seed in seeds {
+        for class in 0..LOOPS.len() {
+            for valve in usize::from(needs)..VALVES.len() {
+                out.push(Case { class, valve, undeclared, size, seed, tags: 3 });
+            }
+        }
+    }
+    out
+}
+
+/// Records with nothing hidden: every class and valve, up to 50 tags that have nothing to do with the loop.
+pub fn clean(count: u64, first_seed: u64) -> Vec<Case> {
+    let case = |i: u64| Case {
+        class: i as usize % 4,
+        valve: i as usize / 4 % 3,
+        undeclared: Undeclared::Nothing,
+        size: 1,
+        seed: first_seed + i,
+        tags: [0, 5, 20, 50][i as usize / 12 % 4],
+    };
+    (0..count).map(case).collect()
+}
+
+/// What the seed draws.
+struct Draw(Pcg64Mcg);
+
+impl Draw {
+    fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.0.random::<f64>()
+    }
+    fn log_within(&mut self, low: f64, high: f64) -> f64 {
+        low * (high / low).powf(self.0.random::<f64>())
+    }
+    fn chance(&mut self, share: f64) -> bool {
+        self.0.random::<f64>() < share
+    }
+    fn sign(&mut self) -> f64 {
+        if self.chance(0.5) { 1.0 } else { -1.0 }
+    }
+    fn normal(&mut self) -> f64 {
+        StandardNormal.sample(&mut self.0)
+    }
+}
+
+/// A process and its PI controller; times in samples.
+struct Loop {
     gain: f64,
     tau: f64,
     second: f64,
@@ -52,215 +122,243 @@ struct Process {
     ti: f64,
 }
 
-fn process(class: usize, rng: &mut Pcg64Mcg) -> Process {
-    let mut vary = |x: f64| x * (1.0 + 0.25 * (rng.random::<f64>() - 0.5));
-    match class {
-        0 => Process {
-            gain: vary(1.2),
-            tau: vary(3.0),
-            second: 0.0,
-            integrating: false,
-            delay: 1,
-            ts: 1.0,
-            kc: 0.45,
-            ti: 4.0,
-        },
-        1 => Process {
-            gain: vary(0.02),
-            tau: 0.0,
-            second: 0.0,
-            integrating: true,
-            delay: 1,
-            ts: 10.0,
-            kc: 7.0,
-            ti: 50.0,
-        },
-        2 => Process {
-            gain: vary(1.5),
-            tau: vary(12.0),
-            second: vary(2.5),
-            integrating: false,
-            delay: 2,
-            ts: 2.0,
-            kc: 1.0,
-            ti: 13.0,
-        },
-        _ => Process {
-            gain: vary(1.0),
-            tau: vary(25.0),
-            second: vary(5.0),
-            integrating: false,
-            delay: 4,
-            ts: 10.0,
-            kc: 1.6,
-            ti: 28.0,
-        },
-    }
-}
-
-fn normal(rng: &mut Pcg64Mcg) -> f64 {
-    StandardNormal.sample(rng)
-}
-
-/// Sticky stem with its own S for each direction.
-struct Valve {
-    mv: f64,
-    held: f64,
-    dir: f64,
-    moving: bool,
-    op: f64,
-}
-
-impl Valve {
-    fn step(&mut self, op: f64, s: [f64; 2], j: f64) -> f64 {
-        let mean = 0.5 * (s[0] + s[1]);
-        if mean <= 0.0 {
-            self.mv = op;
-            return op;
-        }
-        if self.moving && (op - self.op) * self.dir <= 0.005 {
-            self.moving = false;
-            self.held = self.op;
-        }
-        if !self.moving {
-            let ahead = (op - self.held) * self.dir;
-            let band = if self.dir > 0.0 { s[0] } else { s[1] };
-            if -ahead > band {
-                self.dir = -self.dir;
-                self.moving = true;
-            } else if ahead > j {
-                self.moving = true;
+impl Loop {
+    fn draw(class: usize, d: &mut Draw) -> Self {
+        // Gain, time constants, delay, sample period, closed-loop time constant.
+        let (gain, tau, second, delay, ts) = match class {
+            0 => (d.within(0.7, 1.8), d.log_within(1.5, 6.0), 0.0, d.within(1.0, 3.0), 1.0),
+            1 => (d.log_within(0.006, 0.03), 0.0, 0.0, d.within(1.0, 3.0), 10.0),
+            2 => (d.within(0.8, 2.0), d.log_within(4.0, 15.0), d.within(0.1, 0.25), d.within(1.0, 4.0), 2.0),
+            _ => {
+                (d.within(0.6, 1.6), d.log_within(10.0, 40.0), d.within(0.1, 0.25), d.within(2.0, 7.0), 10.0)
             }
-        }
-        if self.moving {
-            self.mv = op - self.dir * 0.5 * (mean - j);
-        }
-        self.op = op;
-        self.mv
+        };
+        let (second, delay) = (second * tau, delay as usize);
+        let theta = delay as f64 + 0.5 + 0.5 * second;
+        let integrating = class == 1;
+        let closed = match class {
+            0 => d.within(1.0, 3.0) * (theta + 0.4 * tau),
+            1 => d.within(8.0, 25.0),
+            _ => d.within(1.0, 3.0) * theta,
+        };
+        // Skogestad's rules.
+        let kc = if integrating { 1.0 } else { tau } / (gain * (closed + theta));
+        let ti = if integrating { 4.0 * (closed + theta) } else { tau.min(4.0 * (closed + theta)) };
+        Self { gain, tau, second, integrating, delay, ts, kc, ti }
     }
+}
+
+/// What a simulation leaves, warm-up included.
+#[derive(Default)]
+struct Traces {
+    op: Vec<f64>,
+    pv: Vec<f64>,
+    sp: Vec<f64>,
+    tag: Vec<f64>,
 }
 
 /// A record of the case, and the true f (% OP).
 pub fn record(case: &Case) -> (Record, f64) {
     // A level to clip at is taken from the same loop unclipped.
-    let clip = if case.undeclared == Undeclared::Listed(Kind::ValveSaturation) {
-        let (plain, _) = run(&Case { undeclared: Undeclared::Nothing, ..*case }, None);
-        let mut op: Vec<f64> = plain.op.iter().map(|s| s.value).collect();
+    let clip = case.is(Kind::ValveSaturation).then(|| {
+        let mut op = run(case, None).0.op.split_off(WARM);
         op.sort_by(f64::total_cmp);
-        Some(op[(op.len() as f64 * [0.93, 0.85, 0.75][case.size]) as usize])
-    } else {
-        None
+        let low = case.number().is_multiple_of(3);
+        let share = case.pick([0.93, 0.85, 0.75]);
+        let at = if low { 1.0 - share } else { share };
+        (op[(op.len() as f64 * at) as usize], low)
+    });
+    let (mut t, f, ts, mut d) = run(case, clip);
+    let total = t.op.len();
+    if case.is(Kind::ClockSkew) {
+        let by = case.pick([3, 5, 9]);
+        t.pv = if case.seed.is_multiple_of(2) {
+            (0..total).map(|k| t.pv[k.saturating_sub(by)]).collect()
+        } else {
+            (0..total).map(|k| t.pv[(k + by).min(total - 1)]).collect()
+        };
+    }
+    let series = |v: &[f64]| -> Vec<Sample> {
+        v[WARM..].iter().enumerate().map(|(k, x)| Sample::good(k as f64 * ts, *x)).collect()
     };
-    run(case, clip)
+    let mut record = Record {
+        op: series(&t.op),
+        pv: series(&t.pv),
+        sp: Some(series(&t.sp)),
+        op_span: Some(100.0),
+        ..Record::default()
+    };
+    if case.is(Kind::MeasuredDisturbance) {
+        record.tags.push(("upstream".into(), series(&t.tag)));
+    }
+    for i in 0..case.tags {
+        record.tags.push((format!("tag {i}"), series(&irrelevant(i, &t.pv, &mut d))));
+    }
+    (record, f)
 }
 
-fn run(case: &Case, clip: Option<f64>) -> (Record, f64) {
-    let listed = |kind: Kind| case.undeclared == Undeclared::Listed(kind);
-    let pick = |values: [f64; 3]| values[case.size];
-    let mut rng = Pcg64Mcg::seed_from_u64(case.seed * 1000 + (case.class * 10 + case.valve) as u64);
-    let p = process(case.class, &mut rng);
-    let (_, mut s, mut j) = VALVES[case.valve];
-    if listed(Kind::SlipJump) {
-        s = if s == 0.0 { 3.0 } else { s };
-        j = s * pick([0.6, 0.3, 0.0]);
-    } else if s > 0.0 && !listed(Kind::MeasuredDisturbance) && case.seed.is_multiple_of(2) {
+/// White, coloured, wandering, periodic and stepping tags in turn, and some that follow PV.
+fn irrelevant(i: usize, pv: &[f64], d: &mut Draw) -> Vec<f64> {
+    let w = d.log_within(0.01, 0.6);
+    let keep = [0.0, 0.9, 1.0, 0.0, 0.97, 0.0, 0.0][i % 7];
+    let (mut state, mut level, mut follower) = (0.0, 0.0, pv[0]);
+    (0..pv.len())
+        .map(|k| {
+            state = keep * state + d.normal();
+            if d.chance(0.01) {
+                level += d.normal();
+            }
+            follower += 0.1 * (pv[k] - follower);
+            match i % 7 {
+                3 => (w * k as f64).sin() + 0.1 * state,
+                5 => level + 0.05 * state,
+                6 => follower + 0.3 * state,
+                _ => state,
+            }
+        })
+        .collect()
+}
+
+fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, f64, f64, Draw) {
+    let mut d = Draw(Pcg64Mcg::seed_from_u64(case.number()));
+    let mut p = Loop::draw(case.class, &mut d);
+    if case.is(Kind::DeadTimeChange) || case.is(Kind::GainChange) {
+        // Tuned with the reserve that such a loop needs to stay stable.
+        p.kc *= 0.6;
+    }
+    let n = d.within(1200.0, 2000.0) as usize;
+    let share = |k: usize| (k as f64 - WARM as f64) / n as f64;
+    // The valve.
+    let (_, low, high) = VALVES[case.valve];
+    let mut s = if high > 0.0 { d.log_within(low, high) } else { 0.0 };
+    let mut j = if d.chance(0.5) { s } else { s * d.within(0.1, 0.6) };
+    let mut kind = match d.within(0.0, 10.0) as usize {
+        0..5 => valve::Kind::Choudhury,
+        5..7 => valve::Kind::He,
+        _ => valve::Kind::OneParameter,
+    };
+    if case.is(Kind::SlipJump) {
+        s = if s == 0.0 { d.within(2.0, 4.0) } else { s };
+        j = s * case.pick([0.6, 0.3, 0.0]);
+        kind = valve::Kind::Choudhury;
+    }
+    if kind == valve::Kind::OneParameter {
         j = s;
     }
-    let total = N + WARM;
-    let at = WARM + (N as f64 * (0.25 + 0.3 * rng.random::<f64>())) as usize;
-    let noise = [0.03, 0.05, 0.03, 0.03][case.class] * if case.valve == 2 { 1.5 } else { 1.0 };
-    let period = [37.0, 160.0, 90.0, 210.0][case.class] * (0.7 + 0.6 * rng.random::<f64>());
-    let phase = TAU * rng.random::<f64>();
-    let (keep, load_sd) = ((-1.0 / [12.0f64, 30.0, 30.0, 50.0][case.class]).exp(), 0.25);
-    let (mut valve, mut x1, mut x2) =
-        (Valve { mv: 50.0, held: 50.0 + 0.5 * (s - j), dir: 1.0, moving: false, op: 50.0 }, 0.0, 0.0);
-    let (mut op, mut last_error, mut load, mut tag, mut backlash) = (50.0, 0.0, 0.0, 0.0, 0.0);
-    let mut line = std::collections::VecDeque::from(vec![0.0; p.delay + 24]);
-    let mut sp: f64 = 50.0;
-    let (mut ops, mut pvs, mut sps, mut tags, mut mvs) = (vec![], vec![], vec![], vec![], vec![]);
-    let mut shown = 50.0;
-    let mut sp_rng = Pcg64Mcg::seed_from_u64(case.seed + 77);
-    for k in 0..total {
-        if k % 130 == 100 {
-            sp = 50.0 + 10.0 * (sp_rng.random::<f64>() - 0.5);
+    let mut valve = Valve::new(kind, 50.0, s, j);
+    // Loads, noise, set point.
+    let noise = d.log_within(0.02, 0.08);
+    let (load_sd, keep) = (d.within(0.15, 0.4), (-1.0 / d.log_within(8.0, 60.0)).exp());
+    let sp_every = d.within(80.0, 200.0) as usize;
+    // A level is not stepped as far as a flow.
+    let sp_size = d.within(3.0, 6.0) * if p.integrating { 0.4 } else { 1.0 };
+    // A gain, a delay or a curve that nothing moves over leaves no trace.
+    let needs_motion =
+        [Kind::GainChange, Kind::DeadTimeChange, Kind::StaticNonlinearity].iter().any(|k| case.is(*k));
+    let sp_moves = needs_motion || !d.chance(0.12);
+    // The effect.
+    let at = WARM + (n as f64 * d.within(0.15, 0.6)) as usize;
+    let vary = d.within(0.85, 1.2);
+    let (sign, alike) = (d.sign(), d.chance(0.5));
+    let early = d.chance(0.6);
+    let period = [37.0, 160.0, 90.0, 210.0][case.class] * d.log_within(0.6, 1.5);
+    let (phase, from) = (TAU * d.within(0.0, 1.0), if early { 0.0 } else { d.within(0.0, 0.35) });
+    let (tag_keep, tag_lag) = (d.within(0.8, 0.97), d.within(1.0, 8.0) as usize);
+    let rate = d.within(0.005, 0.02);
+    let at_output = !p.integrating && alike;
+    let mut t = Traces::default();
+    let (mut x1, mut x2, mut op, mut last_error, mut load, mut tag, mut backlash) =
+        (0.0, 0.0, 50.0, 0.0, 0.0, 0.0, 0.0);
+    let more_delay = case.pick([2, if case.class == 0 { 3 } else { 4 }, if case.class == 0 { 5 } else { 7 }]);
+    let mut line = VecDeque::from(vec![0.0; p.delay + 24]);
+    let (mut sp, mut shown) = (50.0, 50.0);
+    for k in 0..n + WARM {
+        if sp_moves && k % sp_every == sp_every - 20 {
+            sp = 50.0 + sp_size * d.within(-1.0, 1.0);
         }
-        load = keep * load + load_sd * (1.0 - keep * keep).sqrt() * normal(&mut rng);
-        let tag_keep: f64 = 0.9;
-        tag = tag_keep * tag + (1.0 - tag_keep * tag_keep).sqrt() * normal(&mut rng);
-        let share = (k as f64 - WARM as f64) / N as f64;
-        let mut output = 0.0;
-        let mut input = load;
+        load = keep * load + load_sd * (1.0 - keep * keep).sqrt() * d.normal();
+        tag = tag_keep * tag + (1.0 - tag_keep * tag_keep).sqrt() * d.normal();
+        let (mut output, mut input) = (0.0, load);
         match case.undeclared {
             Undeclared::Listed(Kind::OscillatingLoad) => {
-                input += pick([1.0, 2.0, 4.0]) * (TAU * k as f64 / period + phase).sin();
+                let wave = vary * case.pick([1.0, 2.0, 4.0]) * (TAU * k as f64 / period + phase).sin();
+                if at_output { output = 0.6 * wave } else { input += wave }
             }
-            Undeclared::Listed(Kind::LoadStep) if k >= at => input += pick([2.0, 4.0, 8.0]),
-            Undeclared::Listed(Kind::Drift) if share > 0.0 => {
+            Undeclared::Listed(Kind::LoadStep) if k >= at => {
+                input += sign * vary * case.pick([2.0, 4.0, 8.0]);
+            }
+            Undeclared::Listed(Kind::Drift) if share(k) > from => {
                 // A level hides a drifting sensor behind its integrator: there the load drifts.
-                if p.integrating {
-                    input += pick([4.0, 8.0, 16.0]) * share
+                let ramp = sign * vary * (share(k) - from);
+                if at_output {
+                    output = case.pick([3.0, 6.0, 12.0]) * ramp
                 } else {
-                    output = pick([3.0, 6.0, 12.0]) * share
+                    input += case.pick([4.0, 8.0, 16.0]) * ramp
                 }
             }
-            Undeclared::Bursts if k % 300 > 230 => input += 3.0 * normal(&mut rng),
+            Undeclared::Listed(Kind::MeasuredDisturbance) => {
+                let past = t.tag.get(k.wrapping_sub(tag_lag)).copied().unwrap_or(0.0);
+                input += sign * vary * case.pick([0.6, 1.2, 2.4]) * past;
+            }
+            Undeclared::Bursts if k % 300 > 230 => input += 3.0 * d.normal(),
             _ => {}
         }
-        if listed(Kind::MeasuredDisturbance) {
-            input += pick([0.6, 1.2, 2.4]) * tags.get(k.wrapping_sub(3)).copied().unwrap_or(0.0);
-        }
-        tags.push(tag);
+        t.tag.push(tag);
         // The sensor.
-        let mut pv = 50.0 + x1 + output + noise * normal(&mut rng);
+        let mut pv = 50.0 + x1 + output + noise * d.normal();
         if case.undeclared == Undeclared::SensorBacklash {
             backlash = f64::max(f64::min(backlash, pv + 0.8), pv - 0.8);
             pv = backlash;
         }
-        if listed(Kind::Outliers) && rng.random::<f64>() < 0.01 {
-            pv += pick([1.5, 3.0, 6.0]) * if rng.random::<bool>() { 1.0 } else { -1.0 };
+        if case.is(Kind::Outliers) && d.chance(rate) {
+            pv += d.sign() * vary * case.pick([1.5, 3.0, 6.0]);
         }
-        if listed(Kind::QuantisedPv) {
-            let q = noise * pick([2.5, 5.0, 10.0]);
+        if case.is(Kind::QuantisedPv) {
+            let q = noise * vary * case.pick([2.5, 5.0, 10.0]);
             pv = (pv / q).round() * q;
         }
-        let frozen = listed(Kind::FrozenPv) && k >= at && k < at + pick([20.0, 50.0, 120.0]) as usize;
-        if !frozen {
+        if !(case.is(Kind::FrozenPv) && (at..at + case.pick([20, 50, 120])).contains(&k)) {
             shown = pv;
         }
-        let pv = shown;
-        // The controller.
-        let error = sp - pv;
+        // The controller sees the frozen value, or only the record is frozen.
+        let seen = if alike { shown } else { pv };
+        let error = sp - seen;
         op += p.kc * (error - last_error + error / p.ti);
         op = op.clamp(0.0, 100.0);
         last_error = error;
         // The valve.
-        let mut bands = [s, s];
-        if listed(Kind::AsymmetricFriction) {
-            let skew = pick([0.25, 0.45, 0.7]);
+        let (mut bands, mut jump) = ([s, s], j);
+        if case.is(Kind::AsymmetricFriction) {
+            let skew = sign * case.pick([0.25, 0.45, 0.7]);
             bands = [s * (1.0 + skew), s * (1.0 - skew)];
         }
-        let mut jump = j;
-        if listed(Kind::FrictionDrift) {
-            let grown = 1.0 + pick([0.3, 0.55, 0.85]) * (2.0 * share.clamp(0.0, 1.0) - 1.0);
+        if case.is(Kind::FrictionDrift) {
+            let grown = 1.0 + sign * case.pick([0.3, 0.55, 0.85]) * (2.0 * share(k).clamp(0.0, 1.0) - 1.0);
             bands = [s * grown, s * grown];
             jump = j * grown;
         }
         let mut mv = valve.step(op, bands, jump);
-        if let Some(level) = clip {
-            mv = mv.min(level);
+        if let Some((level, low)) = clip {
+            mv = if low { mv.max(level) } else { mv.min(level) };
         }
-        mvs.push(mv);
         let mut flow = mv - 50.0;
-        if listed(Kind::StaticNonlinearity) {
-            let bend = pick([0.04, 0.08, 0.16]);
-            flow = ((bend * flow).exp() - 1.0) / bend;
+        if case.is(Kind::StaticNonlinearity) {
+            let bend = sign * vary * case.pick([0.04, 0.08, 0.16]);
+            // An equal-percentage valve, or a gain that differs to both sides of the working point.
+            flow = if alike {
+                ((bend * flow).exp() - 1.0) / bend
+            } else {
+                let (width, more) = (8.0, (8.0 * bend).clamp(-0.85, 0.85));
+                flow + more * width * ((1.0 + (flow / width).powi(2)).sqrt() - 1.0)
+            };
         }
-        if listed(Kind::GainChange) && k >= at {
-            flow *= pick([1.35, 1.7, 2.3]);
+        if case.is(Kind::GainChange) && k >= at {
+            let factor = case.pick([1.35, 1.7, 2.3]);
+            flow *= if sign > 0.0 { factor } else { 1.0 / factor };
         }
-        let more = if listed(Kind::DeadTimeChange) && k >= at { pick([2.0, 4.0, 7.0]) as usize } else { 0 };
+        let longer = case.is(Kind::DeadTimeChange) && (k >= at) == (sign > 0.0 || early);
         line.push_front(flow);
-        let drive = line[p.delay + more - 1 + 1] + input;
+        let drive = line[p.delay + if longer { more_delay } else { 0 }] + input;
         line.pop_back();
         // The process.
         if p.integrating {
@@ -271,43 +369,9 @@ fn run(case: &Case, clip: Option<f64>) -> (Record, f64) {
         } else {
             x1 += (p.gain * drive - x1) * (1.0 - (-1.0 / p.tau).exp());
         }
-        ops.push(op);
-        pvs.push(pv);
-        sps.push(sp);
+        t.op.push(op);
+        t.pv.push(shown);
+        t.sp.push(sp);
     }
-    if listed(Kind::ClockSkew) {
-        let by = pick([3.0, 5.0, 9.0]) as usize;
-        if case.seed.is_multiple_of(2) {
-            pvs = (0..total).map(|k| pvs[k.saturating_sub(by)]).collect();
-        } else {
-            pvs = (0..total).map(|k| pvs[(k + by).min(total - 1)]).collect();
-        }
-    }
-    let series = |v: &[f64]| -> Vec<Sample> {
-        v[WARM..].iter().enumerate().map(|(k, x)| Sample::good(k as f64 * p.ts, *x)).collect()
-    };
-    let mut record = Record {
-        op: series(&ops),
-        pv: series(&pvs),
-        sp: Some(series(&sps)),
-        op_span: Some(100.0),
-        ..Record::default()
-    };
-    if listed(Kind::MeasuredDisturbance) {
-        record.tags.push(("upstream".into(), series(&tags)));
-    }
-    for i in 0..case.tags {
-        // White, coloured, wandering and periodic tags in turn.
-        let mut state = 0.0;
-        let keep = [0.0, 0.9, 1.0, 0.0][i % 4];
-        let w = 0.02 + 0.5 * rng.random::<f64>();
-        let v: Vec<f64> = (0..total)
-            .map(|k| {
-                state = keep * state + normal(&mut rng);
-                if i % 4 == 3 { (w * k as f64).sin() + 0.1 * state } else { state }
-            })
-            .collect();
-        record.tags.push((format!("tag {i}"), series(&v)));
-    }
-    (record, 0.5 * s)
+    (t, 0.5 * s, p.ts, d)
 }

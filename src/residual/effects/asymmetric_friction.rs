@@ -4,7 +4,7 @@ use super::{Context, Proposal, Recognise, best};
 use crate::residual::model::{Data, Element, Knob, Term};
 use crate::residual::{Kind, Parameter};
 
-const SKEWS: [f64; 8] = [-0.7, -0.5, -0.3, -0.15, 0.15, 0.3, 0.5, 0.7];
+const SKEWS: [f64; 6] = [-0.7, -0.45, -0.2, 0.2, 0.45, 0.7];
 
 pub struct AsymmetricFriction;
 
@@ -41,18 +41,6 @@ impl Recognise for AsymmetricFriction {
         if c.likely.f <= 0.0 || c.spec.full_element().skew != 0.0 {
             return Vec::new();
         }
-        let f = c.likely.f;
-        let mut out = Vec::new();
-        for skew in SKEWS {
-            // The f that suits one constant band lies anywhere between the least and the greatest.
-            for share in [1.0, 1.0 / (1.0 + skew.abs()), 1.0 / (1.0 - 0.5 * skew.abs())] {
-                let element = Element { f: share * f, ..c.likely };
-                let term = Skew { skew };
-                let loss = c.rebuilt(&term, Some(element));
-                let (term, element) = (Box::new(term), Some(element));
-                out.push(Proposal { term, loss, parameters: 1.0, tried: 24.0, element });
-            }
-        }
-        best(out, 3)
+        best(c.with_friction(&Skew { skew: 0.0 }, &SKEWS, 2), 2)
     }
 }

@@ -6,7 +6,7 @@ use crate::residual::model::{Data, Knob, Term};
 use crate::residual::{Kind, Parameter};
 
 /// Times tried, and the longest change (samples).
-const TIMES: usize = 16;
+const TIMES: usize = 14;
 const LONGEST: i32 = 8;
 /// Least change that counts (samples).
 const LEAST: f64 = 1.5;
@@ -71,24 +71,41 @@ impl Recognise for DeadTimeChange {
     fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
         let margin = MARGIN.max((c.data.split - c.data.first) / 12);
         let (from, to) = (c.data.first + margin, c.data.split.saturating_sub(margin));
+        let n = c.data.len();
         let z = &c.stage.z;
         let tried = f64::from(2 * LONGEST) * (to - from) as f64 / 4.0;
-        let mut rated = Vec::new();
-        for at in (from..to).step_by(((to - from) / TIMES).max(1)) {
+        // When anything about the response changes: its lags twice, the second time from `at` on.
+        let mut times: Vec<(f64, usize)> = (from..to)
+            .step_by(((to - from) / TIMES).max(1))
+            .map(|at| {
+                let late = |lag: usize| -> Vec<f64> {
+                    (0..n).map(|k| if k >= at { z[k.saturating_sub(lag)] } else { 0.0 }).collect()
+                };
+                let later = c.quick.z_lags.last().map_or(1, |last| last + 2);
+                let columns: Vec<Vec<f64>> =
+                    c.quick.z_lags.iter().copied().step_by(2).chain([later]).map(late).collect();
+                (c.quick.with(&columns.iter().map(Vec::as_slice).collect::<Vec<_>>()).0, at)
+            })
+            .collect();
+        times.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let bounds = (from as f64, to as f64);
+        let mut proposals = Vec::new();
+        for &(_, at) in times.iter().take(2) {
             for more in (-LONGEST..=LONGEST).filter(|d| *d != 0) {
-                let by = more.unsigned_abs() as usize;
-                let active = |k: usize| (more > 0) == (k >= at);
-                let shape = c.through_b(&|k| if active(k) { z[k.saturating_sub(by)] - z[k] } else { 0.0 });
-                rated.push((c.quick.with(&[&shape]).0, at, more));
+                let term = Change { at: at as f64, more: f64::from(more), bounds };
+                // The model's delay lies anywhere between the two there are.
+                let nk = c.spec.orders.nk;
+                let least = nk.saturating_sub(more.unsigned_abs() as usize).max(1);
+                let loss = c.rebuilt_at(&term, nk).min(c.rebuilt_at(&term, least));
+                proposals.push(Proposal {
+                    term: Box::new(term),
+                    loss,
+                    parameters: 2.0,
+                    tried,
+                    element: None,
+                });
             }
         }
-        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let bounds = (from as f64, to as f64);
-        let proposals = rated.iter().take(4).map(|&(_, at, more)| {
-            let term = Change { at: at as f64, more: f64::from(more), bounds };
-            let loss = c.rebuilt(&term, None);
-            Proposal { term: Box::new(term), loss, parameters: 2.0, tried, element: None }
-        });
-        best(proposals.collect(), 2)
+        best(proposals, 2)
     }
 }

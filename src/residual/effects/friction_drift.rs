@@ -4,7 +4,7 @@ use super::{Context, Proposal, Recognise, best};
 use crate::residual::model::{Data, Element, Knob, Term};
 use crate::residual::{Kind, Parameter};
 
-const GROWTHS: [f64; 8] = [-0.8, -0.55, -0.35, -0.18, 0.18, 0.35, 0.55, 0.8];
+const GROWTHS: [f64; 6] = [-0.7, -0.45, -0.2, 0.2, 0.45, 0.7];
 
 pub struct FrictionDrift;
 
@@ -42,18 +42,6 @@ impl Recognise for FrictionDrift {
         if c.likely.f <= 0.0 || c.spec.full_element().growth != 0.0 {
             return Vec::new();
         }
-        let f = c.likely.f;
-        let mut out = Vec::new();
-        for growth in GROWTHS {
-            // The f that suits one constant band lies anywhere between the least and the greatest.
-            for share in [1.0, 1.0 / (1.0 + growth.abs()), 1.0 / (1.0 - 0.5 * growth.abs())] {
-                let element = Element { f: share * f, ..c.likely };
-                let term = Growth { growth };
-                let loss = c.rebuilt(&term, Some(element));
-                let (term, element) = (Box::new(term), Some(element));
-                out.push(Proposal { term, loss, parameters: 1.0, tried: 24.0, element });
-            }
-        }
-        best(out, 3)
+        best(c.with_friction(&Growth { growth: 0.0 }, &GROWTHS, 2), 2)
     }
 }

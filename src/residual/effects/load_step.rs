@@ -7,6 +7,9 @@ use crate::residual::{Kind, Parameter};
 /// Fewest samples to each side of a change.
 pub const MARGIN: usize = 12;
 
+/// Least gain in likelihood of what stays over what happens at its time alone (-).
+const STAYS: f64 = 15.0;
+
 pub struct LoadStep;
 
 #[derive(Clone, Debug)]
@@ -69,7 +72,13 @@ impl Recognise for LoadStep {
                     let mut shapes = vec![heaviside(n, at)];
                     shapes.extend((0..entry).map(|more| pulse(n, at + more)));
                     let refs: Vec<&[f64]> = shapes.iter().map(Vec::as_slice).collect();
-                    let loss = c.quick.with(&refs).0 * (2.0 * entry as f64 / c.rows()).exp();
+                    let raw = c.quick.with(&refs).0;
+                    // A sample far off, or a jump of the stem missed by one, is no load that stays.
+                    let once = if entry == 0 { c.quick.loss } else { c.quick.with(&refs[1..]).0 };
+                    if c.rows() * (once / raw).ln() < STAYS {
+                        continue;
+                    }
+                    let loss = raw * (2.0 * entry as f64 / c.rows()).exp();
                     let bounds = (from as f64, to as f64);
                     let term = Step { at: at as f64, bounds, entry };
                     let tried = (to.saturating_sub(from)) as f64;

@@ -17,7 +17,8 @@ mod valve_saturation;
 
 use super::Settings;
 use super::model::{Data, Element, Spec, Stage, Term};
-use super::regress::Quick;
+use super::regress::{LEAST_REVERSALS, Quick};
+use crate::diagnosis::friction::reversals;
 
 /// The present model and what screening reads of it.
 pub struct Context<'a> {
@@ -84,6 +85,9 @@ pub const ALL: &[&dyn Recognise] = &[
     &friction_drift::FrictionDrift,
 ];
 
+/// Values of f in a scan together with another number of the element.
+const SCAN: u32 = 7;
+
 impl Context<'_> {
     /// Samples that are fitted.
     pub fn rows(&self) -> f64 {
@@ -97,6 +101,80 @@ impl Context<'_> {
         trial.terms.push(term.boxed());
         let (stage, _) = trial.stage(self.data);
         Quick::long_arx(self.data, &stage, self.spec.orders.nk).loss
+    }
+
+    /// The same about another delay.
+    pub fn rebuilt_at(&self, term: &dyn Term, nk: usize) -> f64 {
+        let mut trial = self.spec.clone();
+        trial.terms.push(term.boxed());
+        let (stage, _) = trial.stage(self.data);
+        Quick::long_arx(self.data, &stage, nk).loss
+    }
+
+    /// Friction and the first knob of `term` rated together: the f that suits one constant band may be anywhere between the
+    /// bands there are, and its lag makes up for what the model lacks.
+    pub fn with_friction(&self, term: &dyn Term, values: &[f64], most: usize) -> Vec<Proposal> {
+        let mut trial = self.spec.clone();
+        trial.terms.push(term.boxed());
+        let last = trial.terms.len() - 1;
+        let (mut stage, _) = trial.stage(self.data);
+        let mut rate = |element: Element, value: f64| -> f64 {
+            trial.element = element;
+            trial.terms[last].set(0, value);
+            trial.restage(self.data, &mut stage);
+            if reversals(&stage.dir[self.data.first..self.data.split]) < LEAST_REVERSALS {
+                return f64::INFINITY;
+            }
+            Quick::long_arx(self.data, &stage, self.spec.orders.nk).loss
+        };
+        let likely = self.likely;
+        let mut rated: Vec<(f64, Element, f64)> = Vec::new();
+        for &value in values {
+            let about = [1.0, 1.0 / (1.0 + value.abs()), 1.0 / (1.0 - 0.5 * value.abs())];
+            let grid = (1..=SCAN).map(|i| self.data.f_top * (f64::from(i) / f64::from(SCAN)).powf(1.5));
+            for f in about.into_iter().map(|share| share * likely.f).chain(grid) {
+                for lag in [0.0, 0.5] {
+                    let element = Element { f, lag, ..likely };
+                    rated.push((rate(element, value), element, value));
+                }
+            }
+        }
+        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+        rated.truncate(most);
+        for best in &mut rated {
+            let mut step = 0.5;
+            for _ in 0..5 {
+                let (_, e, v) = *best;
+                let wider = |share: f64| Element { f: e.f * share, ..e };
+                let trials = [
+                    (wider(1.0 + 0.2 * step), v),
+                    (wider(1.0 - 0.2 * step), v),
+                    (e, v + 0.3 * step),
+                    (e, v - 0.3 * step),
+                    (Element { lag: e.lag + 0.5 * step, ..e }, v),
+                    (Element { lag: e.lag - 0.5 * step, ..e }, v),
+                ];
+                for (element, value) in trials {
+                    if value.abs() < 0.95 && (0.0..=1.0).contains(&element.lag) {
+                        let loss = rate(element, value);
+                        if loss < best.0 {
+                            *best = (loss, element, value);
+                        }
+                    }
+                }
+                step *= 0.5;
+            }
+        }
+        let tried = 2.0 * (SCAN * values.len() as u32) as f64;
+        rated
+            .into_iter()
+            .filter(|r| r.0.is_finite())
+            .map(|(loss, element, value)| {
+                let mut term = term.boxed();
+                term.set(0, value);
+                Proposal { term, loss, parameters: 1.0, tried, element: Some(element) }
+            })
+            .collect()
     }
 
     /// What the stem, changed to `z`, would add through the long ARX's own B.

@@ -5,8 +5,8 @@ use crate::diagnosis::stats::quantile;
 use crate::residual::model::{Data, Knob, Term};
 use crate::residual::{Kind, Parameter};
 
-/// Levels tried on each side, as quantiles of the stem.
-const LEVELS: [f64; 9] = [0.01, 0.03, 0.06, 0.1, 0.16, 0.23, 0.31, 0.4, 0.5];
+/// Levels tried on each side, as quantiles of the stem; against its stop OP may stay for most of the time.
+const LEVELS: [f64; 12] = [0.01, 0.03, 0.06, 0.1, 0.16, 0.23, 0.31, 0.4, 0.5, 0.62, 0.75, 0.88];
 
 pub struct ValveSaturation;
 
