@@ -157,6 +157,7 @@ const SERDE_PLACES: &[&str] = &[
     "src/serve/api/",
     "src/serve/extract.rs",
     "src/serve/problem.rs",
+    "src/cli/backfill.rs",
     "src/cli/diagnose.rs",
     "src/reproduce/json.rs",
     "src/cli/reproduce.rs",

@@ -197,22 +197,15 @@ fn picture(
     let of = |[good, bad]: [Vec<(f64, f64)>; 2], name, class| {
         vec![series(name, class, good), series("bad, not fitted", "other", bad)]
     };
-    let trends = Plot {
-        title: format!("{name}: OP and PV"),
-        x: "time since the record began (h)",
-        panels: vec![
-            panel("OP (unit of OP)", of(op, "OP", "op")),
-            panel("PV (unit of PV)", of(pv, "PV", "pv")),
-        ],
-        marks: marks.clone(),
-    };
-    let friction = Plot {
+    let plot = Plot {
         title: format!(
-            "Friction at the end of each window of {:.1} h, with its 95 % interval",
+            "{name}: OP and PV; f with its 95 % interval and the evidence, each at the end of its window of {:.1} h",
             report.window_s / HOUR
         ),
         x: "time since the record began (h)",
         panels: vec![
+            panel("OP (unit of OP)", of(op, "OP", "op")),
+            panel("PV (unit of PV)", of(pv, "PV", "pv")),
             panel(
                 if unit == "% OP" { "f (% OP)" } else { "f (OP units)" },
                 vec![
@@ -225,5 +218,5 @@ fn picture(
         ],
         marks,
     };
-    sheet(&[trends, friction])
+    sheet(&[plot])
 }

@@ -158,7 +158,10 @@ pub fn verdict_after(
         base.spec.terms.iter().all(|t| of_friction(t.kind())) && diagnosis.verdict != Verdict::Stiction;
     let unknown = matches!(diagnosis.verdict, Verdict::NotIdentifiable(_));
     let needed = settings.evidence_threshold * if hidden || unknown { 4.0 } else { 1.0 };
-    let sticky = f > settings.f_threshold && evidence > needed;
+    let mut sticky = f > settings.f_threshold && evidence > needed;
+    let within = if sticky { interval(data, &base.spec) } else { [0.0, f] };
+    // An effect that gives a verdict back has to leave no doubt that there is friction.
+    sticky &= diagnosis.verdict == Verdict::Stiction || within[0] > settings.f_threshold;
     let verdict = match (&diagnosis.verdict, sticky) {
         (_, true) => Verdict::Stiction,
         (Verdict::NotIdentifiable(why), false) => Verdict::NotIdentifiable(why.clone()),
@@ -167,7 +170,7 @@ pub fn verdict_after(
     let f = if sticky { f } else { 0.0 };
     let friction = Friction {
         f,
-        f_ci95: if sticky { interval(data, &base.spec) } else { [0.0, element.f * data.scale.u] },
+        f_ci95: if sticky { within } else { [0.0, within[1]] },
         lag: if sticky { element.lag * f } else { 0.0 },
         delta_aic: evidence.max(0.0),
     };
