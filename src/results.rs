@@ -1,10 +1,12 @@
 //! What the diagnoses said: per loop the latest in full, the ones before as summaries, and the alarm that follows from
 //! them. Everything is bounded; whoever wants to hear of news subscribes to a bounded channel.
 
+pub mod basis;
 mod judged;
 mod kept;
 mod origin;
 
+pub use basis::{Basis, Extent};
 pub use judged::{Judged, KnownEffect, ModelVersion};
 pub use kept::{Change, Keeper, Remembered, Restored, Summary};
 pub use origin::Origin;
@@ -66,6 +68,8 @@ pub struct Run {
     pub trigger: Trigger,
     /// The span of OP in the record it worked on (OP unit).
     pub op_span: Option<f64>,
+    /// What it worked on; `None` for a run that failed.
+    pub basis: Option<Arc<Basis>>,
     /// What came of it.
     pub outcome: Outcome,
 }

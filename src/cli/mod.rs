@@ -1,4 +1,4 @@
-//! The command line: `stictiond run | demo | diagnose | check | health | store | audit | probe | reproduce`.
+//! The command line: `stictiond run | demo | diagnose | check | health | store | replay | audit | probe | reproduce`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
@@ -11,6 +11,7 @@ mod health;
 mod logging;
 mod plot;
 mod probe;
+mod replay;
 mod reproduce;
 mod run;
 mod store;
@@ -44,6 +45,8 @@ enum Command {
     Health(health::Args),
     /// Check, export or fill the store
     Store(store::Args),
+    /// Run recorded samples through the whole daemon: the same diagnoses, bit for bit
+    Replay(replay::Args),
     /// Work on the audit log of write-back
     Audit(audit::Args),
     /// Read registers of a device once and show them in every type and byte order
@@ -86,6 +89,7 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check::run(&args),
         Command::Health(args) => health::run(&args),
         Command::Store(args) => store::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::Probe(args) => probe::run(&args),
         Command::Reproduce(args) => reproduce::run(&args),

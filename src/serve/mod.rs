@@ -17,9 +17,9 @@ pub use desk::Acted;
 pub use desk::Desk;
 
 use crate::history::History;
-use crate::results::Results;
+use crate::results::{Basis, Results};
 use crate::schedule::{Clock, Scheduler};
-use crate::signal::LoopId;
+use crate::signal::{LoopId, Record};
 use serde::Deserialize;
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -161,6 +161,9 @@ pub struct StoreState {
 /// Tells how the store is.
 pub type AskStore = Arc<dyn Fn() -> StoreState + Send + Sync>;
 
+/// Finds the samples again that a run worked on; `None` when they are gone.
+pub type Recall = Arc<dyn Fn(&LoopId, &Basis) -> Option<Record> + Send + Sync>;
+
 /// What is watched now; replaced as a whole on reload.
 pub struct Plant {
     loops: Vec<LoopInfo>,
@@ -169,6 +172,8 @@ pub struct Plant {
     pub history: Arc<History>,
     /// How the devices are.
     pub devices: Arc<dyn Fn() -> Vec<DeviceState> + Send + Sync>,
+    /// Where the samples of a run are, for its bundle.
+    recall: Option<Recall>,
 }
 
 impl Plant {
@@ -179,7 +184,12 @@ impl Plant {
         devices: Arc<dyn Fn() -> Vec<DeviceState> + Send + Sync>,
     ) -> Self {
         let by_id = loops.iter().enumerate().map(|(at, info)| (info.id.clone(), at)).collect();
-        Self { loops, by_id, history, devices }
+        Self { loops, by_id, history, devices, recall: None }
+    }
+
+    /// Finds the samples of a run by `recall`.
+    pub fn with_recall(self, recall: Recall) -> Self {
+        Self { recall: Some(recall), ..self }
     }
 
     /// The loops.

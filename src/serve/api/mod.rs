@@ -1,6 +1,7 @@
 //! The routes, and their description made from them.
 
 mod alarms;
+mod bundle;
 mod events;
 mod health;
 mod loops;
@@ -59,6 +60,7 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(loops::diagnoses))
         .routes(routes!(loops::samples))
         .routes(routes!(loops::model))
+        .routes(routes!(bundle::bundle))
         .routes(routes!(writeback::state))
         .routes(routes!(alarms::list))
         .routes(routes!(alarms::acknowledge))

@@ -1,6 +1,8 @@
 //! What leaves the house as JSON. A transfer object is converted from a domain type in one place, here.
 
 pub mod alarms;
+mod basis;
+pub mod bundle;
 pub mod events;
 pub mod health;
 mod kept;
@@ -10,6 +12,7 @@ pub mod report;
 pub mod samples;
 pub mod writeback;
 
+pub use basis::BasisText;
 pub use report::Report;
 
 use jiff::Timestamp;
