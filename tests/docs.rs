@@ -19,6 +19,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/closing-the-loop.md",
     "docs/diagnosis.md",
     "docs/opcua.md",
+    "docs/replay.md",
     "docs/reproduce.md",
     "docs/store.md",
     "docs/writeback.md",

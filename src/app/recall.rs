@@ -24,7 +24,9 @@ pub(super) fn recall(
         }
         let own = neighbours.get(id).map_or(&[][..], Vec::as_slice);
         let kept = folder.as_ref().map(|folder| joined(folder.clone(), id, basis, &rings, own))?;
-        let kept = kept.inspect_err(|error| tracing::warn!(%error, "a bundle cannot be read from the store")).ok()?;
+        let kept = kept
+            .inspect_err(|error| tracing::warn!(%error, "a bundle cannot be read from the store"))
+            .ok()?;
         let (record, lost) = basis.cut(kept);
         lost.is_empty().then_some(record)
     })

@@ -201,12 +201,7 @@ fn told(run: &Run) -> String {
 }
 
 /// Diagnoses an export as the daemon's schedule would have; nothing is there to compare with.
-async fn export(
-    file: &Path,
-    config: &Config,
-    options: &Options,
-    say: Say<'_>,
-) -> Result<Tally, ReplayError> {
+async fn export(file: &Path, config: &Config, options: &Options, say: Say<'_>) -> Result<Tally, ReplayError> {
     let plant = config.plant().map_err(machine::issues)?;
     let (mut feed, Some((first, last))) = Listed::read(file, &plant.loops)? else {
         return Err(ReplayError::Input(format!(
@@ -243,7 +238,8 @@ async fn one(bundle: &Bundle, options: &Options, say: Say<'_>) -> Result<Tally, 
     let recorded = serde_text(&bundle.report)?;
     let id = LoopId::new(bundle.r#loop.id.as_str());
     let first = basis.extents.iter().filter_map(|extent| Some(extent.span?.0)).reduce(f64::min);
-    let mut machine = Machine::of_one(bundle, &record, Clock::by_hand(first.unwrap_or(bundle.started)), options)?;
+    let mut machine =
+        Machine::of_one(bundle, &record, Clock::by_hand(first.unwrap_or(bundle.started)), options)?;
     machine.begin(options, say).await?;
     let mut feed = Listed::of(&record);
     let newest = basis.newest().unwrap_or(bundle.finished);

@@ -44,8 +44,7 @@ fn time(text: &str) -> Result<f64, String> {
 /// Replays, and says of each run whether it is what was recorded.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let record = record(args)?;
-    let options =
-        Options { speed: args.speed, listen: args.listen, from: args.from, to: args.to_time };
+    let options = Options { speed: args.speed, listen: args.listen, from: args.from, to: args.to_time };
     let runtime =
         tokio::runtime::Runtime::new().map_err(|error| Failure::Failed(format!("cannot start: {error}")))?;
     let mut closed = None;
@@ -55,7 +54,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         }
     };
     let tally = runtime.block_on(replay(&record, &options, &mut say)).map_err(|error| match error {
-        ReplayError::Input(what) if matches!(record, Record::Bundle(_)) => Failure::in_file(&args.record, what),
+        ReplayError::Input(what) if matches!(record, Record::Bundle(_)) => {
+            Failure::in_file(&args.record, what)
+        }
         ReplayError::Input(_) | ReplayError::Archive(_) => Failure::BadInput(error.to_string()),
         ReplayError::Store(StoreError::Missing(_) | StoreError::Foreign(_) | StoreError::TooNew(_)) => {
             Failure::BadInput(error.to_string())

@@ -92,13 +92,8 @@ const ROLES: [&str; 5] = ["op", "pv", "sp", "mode", "mv"];
 
 /// The series of a record by name.
 pub fn series(record: &Record) -> impl Iterator<Item = (&str, &Series)> {
-    let roles = [
-        Some(&record.op),
-        Some(&record.pv),
-        record.sp.as_ref(),
-        record.mode.as_ref(),
-        record.mv.as_ref(),
-    ];
+    let roles =
+        [Some(&record.op), Some(&record.pv), record.sp.as_ref(), record.mode.as_ref(), record.mv.as_ref()];
     let named = ROLES.into_iter().zip(roles).filter_map(|(name, own)| Some((name, own?)));
     named.chain(record.tags.iter().map(|(name, own)| (name.as_str(), own)))
 }

@@ -265,7 +265,8 @@ impl Reader {
         last: f64,
     ) -> Result<Vec<Sample>, StoreError> {
         let own = |stored: &StoredTag| stored.name.control_loop == control_loop && stored.name.tag == tag;
-        let ids: Vec<u32> = self.tags()?.iter().filter(|stored| own(stored)).map(|stored| stored.id).collect();
+        let ids: Vec<u32> =
+            self.tags()?.iter().filter(|stored| own(stored)).map(|stored| stored.id).collect();
         let (mut found, mut from) = (Vec::new(), Self::first_start(first));
         while let Some(start) = self.next_start(from)?.filter(|start| *start as f64 <= last) {
             from = start + 1;
@@ -305,10 +306,15 @@ impl Reader {
     /// Up to `limit` runs after the one with number `after`, each with its number and its report.
     pub fn diagnoses(&self, after: i64, limit: usize) -> Result<Vec<(i64, DiagnosisRow)>, StoreError> {
         let basis = self.basis;
-        let sql = format!("SELECT {DIAGNOSIS}, report, {basis}, id FROM diagnoses WHERE id > ?1 ORDER BY id LIMIT ?2");
+        let sql = format!(
+            "SELECT {DIAGNOSIS}, report, {basis}, id FROM diagnoses WHERE id > ?1 ORDER BY id LIMIT ?2"
+        );
         let mut query = self.db.prepare_cached(&sql)?;
         let rows = query.query_map(params![after, limit as i64], |row| {
-            Ok((row.get("id")?, DiagnosisRow { report: row.get("report")?, basis: row.get("basis")?, ..diagnosis(row)? }))
+            Ok((
+                row.get("id")?,
+                DiagnosisRow { report: row.get("report")?, basis: row.get("basis")?, ..diagnosis(row)? },
+            ))
         })?;
         Ok(rows.collect::<Result<_, _>>()?)
     }

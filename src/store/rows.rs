@@ -64,7 +64,10 @@ impl Row {
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
             + match self {
-                Row::Diagnosis(row) => row.reason.len() + [&row.report, &row.basis].into_iter().flatten().map(Vec::len).sum::<usize>(),
+                Row::Diagnosis(row) => {
+                    row.reason.len()
+                        + [&row.report, &row.basis].into_iter().flatten().map(Vec::len).sum::<usize>()
+                }
                 Row::Model(row) => row.effects.len(),
                 Row::Alarm(row) => row.votes.len(),
                 Row::Transition(_) => 64,

@@ -69,12 +69,7 @@ impl Feed for Stored {
     }
 }
 
-fn hand_out(
-    pending: &mut Vec<(usize, Sample)>,
-    sort: bool,
-    t: f64,
-    take: &mut dyn FnMut(usize, Sample),
-) {
+fn hand_out(pending: &mut Vec<(usize, Sample)>, sort: bool, t: f64, take: &mut dyn FnMut(usize, Sample)) {
     if sort {
         pending.sort_by(|a, b| b.1.t.total_cmp(&a.1.t));
     }

@@ -194,7 +194,9 @@ impl Machine {
         let (scheduler, stop) = (self.scheduler.clone(), self.stop.clone());
         self.tasks.spawn(async move { scheduler.run(stop).await });
         let Some(address) = options.listen else { return Ok(()) };
-        let failed = |error: &dyn std::fmt::Display| ReplayError::Failed(format!("cannot serve on {address}: {error}"));
+        let failed = |error: &dyn std::fmt::Display| {
+            ReplayError::Failed(format!("cannot serve on {address}: {error}"))
+        };
         let listener = TcpListener::bind(address).await.map_err(|error| failed(&error))?;
         let bound = listener.local_addr().map_err(|error| failed(&error))?;
         let (results, scheduler) = (self.results.clone(), self.scheduler.clone());

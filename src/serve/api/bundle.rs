@@ -24,7 +24,8 @@ pub async fn bundle(
 ) -> Result<Response, Problem> {
     let known = context.results.get(&id, context.clock.now());
     let known = known.ok_or_else(|| Problem::unknown_loop(id.as_str()))?;
-    let not_yet = || Problem::not_diagnosed_yet(id.as_str(), known.last.as_ref().map(|last| last.outcome.as_ref()));
+    let not_yet =
+        || Problem::not_diagnosed_yet(id.as_str(), known.last.as_ref().map(|last| last.outcome.as_ref()));
     let run = known.diagnosed.clone().ok_or_else(not_yet)?;
     let basis = run.basis.clone().ok_or_else(not_yet)?;
     let conflict = |kind, detail: String| Problem::new(StatusCode::CONFLICT, kind, detail);

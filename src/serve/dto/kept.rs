@@ -27,12 +27,17 @@ impl Report {
         if recorded == replayed {
             return Vec::new();
         }
-        let read = |text: &str| serde_json::from_str::<serde_json::Map<String, Value>>(text).unwrap_or_default();
+        let read =
+            |text: &str| serde_json::from_str::<serde_json::Map<String, Value>>(text).unwrap_or_default();
         let (old, new) = (read(recorded), read(replayed));
         let names: BTreeSet<&String> = old.keys().chain(new.keys()).collect();
         let brief = |value: Option<&Value>| {
             let text = value.map_or("nothing".to_string(), Value::to_string);
-            if text.chars().count() <= 60 { text } else { text.chars().take(60).chain("…".chars()).collect() }
+            if text.chars().count() <= 60 {
+                text
+            } else {
+                text.chars().take(60).chain("…".chars()).collect()
+            }
         };
         let differ = names.into_iter().filter(|name| old.get(*name) != new.get(*name));
         let mut told: Vec<String> = differ
