@@ -8,6 +8,8 @@
 
 mod facts;
 mod keeping;
+mod recall;
+pub mod replay;
 #[cfg(not(feature = "writeback"))]
 #[path = "app/reading.rs"]
 mod writing;
@@ -130,7 +132,7 @@ impl App {
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
         let devices: Vec<Device> =
             wired.into_plans().map(|plan| Device::new(plan, clock, &history)).collect();
-        let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices)));
+        let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices, &writing)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
         let context = Arc::new(context.with_desk(writing.clone()).with_store(keeping.ask()));
@@ -241,7 +243,7 @@ impl App {
         self.results.reload(&ids(&config), &config.alarm);
         self.keeping.clone().replace(history.clone(), self.results.clone()).await;
         self.scheduler.replace(schedule_plan(&config, &history, &self.writing));
-        self.plant.send_replace(Arc::new(shown(&config, &history, &devices)));
+        self.plant.send_replace(Arc::new(shown(&config, &history, &devices, &self.writing)));
         if state.collecting && !self.stop.is_cancelled() {
             devices.iter_mut().for_each(|device| device.start(&self.stop));
             self.writing.begin(&config, &history, &devices);
@@ -341,31 +343,45 @@ fn ids(config: &Config) -> Vec<LoopId> {
     config.loops.iter().map(|control_loop| LoopId::new(control_loop.id.as_str())).collect()
 }
 
+fn neighbours(config: &Config) -> HashMap<LoopId, Vec<Neighbour>> {
+    config.loops.iter().map(|l| (LoopId::new(l.id.as_str()), config.neighbours(l))).collect()
+}
+
 fn schedule_plan(config: &Config, history: &Arc<History>, writing: &Arc<Writing>) -> schedule::Plan {
-    let (history, writing) = (history.clone(), writing.clone());
-    let neighbours: HashMap<LoopId, Vec<Neighbour>> =
-        config.loops.iter().map(|l| (LoopId::new(l.id.as_str()), config.neighbours(l))).collect();
-    let job = |control_loop| {
-        let period_s = config.period_s(control_loop);
-        Job { id: LoopId::new(control_loop.id.as_str()), period_s }
-    };
     schedule::Plan {
-        jobs: config.loops.iter().map(job).collect(),
-        snapshot: Arc::new(move |id| {
-            let mut record = history.snapshot(id)?;
-            writing.add_terms(id, &mut record);
-            for tag in neighbours.get(id).into_iter().flatten() {
-                record
-                    .tags
-                    .extend(history.series(&tag.id, &tag.kind).map(|series| (tag.name.clone(), series)));
-            }
-            Some(record)
-        }),
+        jobs: jobs(config),
+        snapshot: snapshot(config, history, writing),
         settings: Settings::from(&config.diagnosis),
     }
 }
 
-fn shown(config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::Plant {
+fn jobs(config: &Config) -> Vec<Job> {
+    let job = |control_loop: &config::LoopConfig| {
+        let period_s = config.period_s(control_loop);
+        Job { id: LoopId::new(control_loop.id.as_str()), period_s }
+    };
+    config.loops.iter().map(job).collect()
+}
+
+/// Copies what is remembered of a loop and of the tags that may explain it.
+fn snapshot(config: &Config, history: &Arc<History>, writing: &Arc<Writing>) -> schedule::Snapshot {
+    let (history, writing, neighbours) = (history.clone(), writing.clone(), neighbours(config));
+    Arc::new(move |id| {
+        let mut record = history.snapshot(id)?;
+        writing.add_terms(id, &mut record);
+        for tag in neighbours.get(id).into_iter().flatten() {
+            record.tags.extend(history.series(&tag.id, &tag.kind).map(|series| (tag.name.clone(), series)));
+        }
+        Some(record)
+    })
+}
+
+fn shown(
+    config: &Config,
+    history: &Arc<History>,
+    devices: &[Device],
+    writing: &Arc<Writing>,
+) -> serve::Plant {
     let info = |control_loop: &config::LoopConfig| LoopInfo {
         id: LoopId::new(control_loop.id.as_str()),
         description: control_loop.description.clone(),
@@ -375,8 +391,11 @@ fn shown(config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::
     let healths: Vec<(String, Arc<DeviceHealth>)> =
         devices.iter().map(|device| (device.plan.name().to_string(), device.health.clone())).collect();
     let states = move || healths.iter().map(|(name, health)| Device::state(name, health)).collect();
+    let folder = config.store.as_ref().map(|store| store.folder.clone());
+    let recall = recall::recall(snapshot(config, history, writing), folder, neighbours(config));
     serve::Plant::new(config.loops.iter().map(info).collect(), history.clone(), Arc::new(states))
         .with_facts(facts::of(config))
+        .with_recall(recall)
 }
 
 fn warn_of_what_needs_a_restart(old: &Config, new: &Config) {

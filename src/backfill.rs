@@ -148,6 +148,7 @@ pub fn timeline(
             took_s: 0.0,
             trigger: Trigger::Periodic,
             op_span: record.op_span,
+            basis: None,
             outcome: Outcome::Diagnosed(Box::new(judged)),
         };
         results.record(run);

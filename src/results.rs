@@ -2,11 +2,13 @@
 //! them. Everything is bounded; whoever wants to hear of news subscribes to a bounded channel.
 
 mod alarm_log;
+pub mod basis;
 mod judged;
 mod kept;
 mod origin;
 
 pub use alarm_log::AlarmChange;
+pub use basis::{Basis, Extent};
 pub use judged::{Judged, KnownEffect, ModelVersion, Residuals};
 pub use kept::{Change, Keeper, Remembered, Restored, Summary};
 pub use origin::Origin;
@@ -69,6 +71,8 @@ pub struct Run {
     pub trigger: Trigger,
     /// The span of OP in the record it worked on (OP unit).
     pub op_span: Option<f64>,
+    /// What it worked on; `None` for a run that failed.
+    pub basis: Option<Arc<Basis>>,
     /// What came of it.
     pub outcome: Outcome,
 }

@@ -13,7 +13,7 @@ mod clock;
 pub use clock::Clock;
 
 use crate::diagnosis::Settings;
-use crate::results::{Judged, KnownEffect, Outcome, Results, Run, Trigger};
+use crate::results::{Basis, Judged, KnownEffect, Outcome, Results, Run, Trigger};
 use crate::signal::{LoopId, Record};
 use serde::Deserialize;
 use std::cmp::Reverse;
@@ -246,6 +246,14 @@ impl Scheduler {
     /// # Errors
     /// [`Refused`], when nothing was begun.
     pub fn request(&self, id: &LoopId) -> Result<oneshot::Receiver<Arc<Run>>, Refused> {
+        self.ask(id, Trigger::OnDemand)
+    }
+
+    /// The same, in the name of whoever it was: a replay asks for what was due.
+    ///
+    /// # Errors
+    /// [`Refused`], when nothing was begun.
+    pub fn ask(&self, id: &LoopId, trigger: Trigger) -> Result<oneshot::Receiver<Arc<Run>>, Refused> {
         let table = self.table.borrow().clone();
         let seat = &table.seats[*table.by_id.get(id).ok_or(Refused::UnknownLoop)?];
         let (done, receiver) = oneshot::channel();
@@ -255,7 +263,7 @@ impl Scheduler {
             Phase::Overrunning => return Err(Refused::Overrunning),
             _ if inner.1.len() >= MAX_WAITERS => return Err(Refused::Busy),
             Phase::Queued(_) | Phase::Running => {}
-            Phase::Idle => self.enqueue(seat, &mut inner.0, Trigger::OnDemand)?,
+            Phase::Idle => self.enqueue(seat, &mut inner.0, trigger)?,
         }
         inner.1.push(done);
         Ok(receiver)
@@ -359,17 +367,19 @@ impl Scheduler {
             let Some(record) = (table.plan.snapshot)(&id) else {
                 return (None, None);
             };
+            let basis = Arc::new(Basis::of(&record, &table.plan.settings, &known));
             let judged = catch_unwind(AssertUnwindSafe(|| diagnose(&record, &table.plan.settings, &known)));
-            (record.op_span, Some(judged.map_err(|panic| said(panic.as_ref()))))
+            (Some(basis), Some(judged.map_err(|panic| said(panic.as_ref()))))
         });
-        let finish = |op_span, outcome, phase| {
+        let finish = |basis: Option<Arc<Basis>>, outcome, phase| {
             let run = Run {
                 id: seat.id.clone(),
                 started,
                 finished: self.clock.now(),
                 took_s: began.elapsed().as_secs_f64(),
                 trigger,
-                op_span,
+                op_span: basis.as_ref().and_then(|basis| basis.op_span),
+                basis,
                 outcome,
             };
             let run = self.results.record(run);
@@ -380,18 +390,18 @@ impl Scheduler {
         };
         let deadline = Duration::try_from_secs_f64(self.config.deadline_s).unwrap_or(Duration::MAX);
         match tokio::time::timeout(deadline, &mut work).await {
-            Ok(Ok((op_span, Some(Ok(judged))))) => {
+            Ok(Ok((basis, Some(Ok(judged))))) => {
                 self.counts.diagnosed.fetch_add(1, Relaxed);
                 let after = judged.effects();
                 if after != before {
                     tracing::info!(control_loop = %seat.id, before = ?before, after = ?after, "the effects in a loop's model changed");
                 }
-                finish(op_span, Outcome::Diagnosed(Box::new(judged)), Phase::Idle);
+                finish(basis, Outcome::Diagnosed(Box::new(judged)), Phase::Idle);
             }
-            Ok(Ok((op_span, Some(Err(message))))) => {
+            Ok(Ok((basis, Some(Err(message))))) => {
                 self.counts.panicked.fetch_add(1, Relaxed);
                 tracing::error!(control_loop = %seat.id, message, "a diagnosis panicked");
-                finish(op_span, Outcome::Panicked(message), Phase::Idle);
+                finish(basis, Outcome::Panicked(message), Phase::Idle);
             }
             // The loop went away between being due and being run, or the runtime is going down.
             Ok(Ok((_, None)) | Err(_)) => drop(seat.enter(Phase::Idle)),
@@ -424,7 +434,7 @@ impl Table {
 
 /// First due time and period of each job: of m jobs with the same period P the i-th is due at (i + 1/2) P / m, then every
 /// P. A period that is not a positive number counts as a day.
-fn stagger(jobs: &[Job]) -> Vec<(Duration, Duration)> {
+pub fn stagger(jobs: &[Job]) -> Vec<(Duration, Duration)> {
     let period = |job: &Job| {
         let period = Duration::try_from_secs_f64(job.period_s).unwrap_or(Duration::from_secs(86_400));
         period.max(Duration::from_millis(1))
@@ -448,7 +458,7 @@ fn stagger(jobs: &[Job]) -> Vec<(Duration, Duration)> {
 }
 
 /// The first of `offset + k period` that is later than `now`, and that k.
-fn next_due(offset: Duration, period: Duration, now: Duration) -> (Duration, u64) {
+pub fn next_due(offset: Duration, period: Duration, now: Duration) -> (Duration, u64) {
     let Some(since) = now.checked_sub(offset) else {
         return (offset, 0);
     };

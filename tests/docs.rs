@@ -20,6 +20,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/dashboard.md",
     "docs/diagnosis.md",
     "docs/opcua.md",
+    "docs/replay.md",
     "docs/reproduce.md",
     "docs/store.md",
     "docs/writeback.md",

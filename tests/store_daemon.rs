@@ -79,6 +79,17 @@ fn folder(name: &str) -> PathBuf {
     path
 }
 
+/// Replays, and finds at least `least` diagnoses and every one identical.
+fn replayed(command: &mut Command, least: u64) {
+    let output = command.output().expect("runs");
+    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let last = out.lines().last().unwrap_or_default();
+    let runs: u64 = last.split(' ').nth(2).and_then(|runs| runs.parse().ok()).unwrap_or(0);
+    let all = format!("{runs} of {runs} diagnoses identical to the recorded, bit for bit");
+    assert!(output.status.success() && last == all && runs >= least, "{out}{err}");
+    println!("{last}");
+}
+
 /// By loop: the state of its alarm, its verdict, and when it was diagnosed.
 fn loops(daemon: &Daemon) -> Vec<(String, String, Option<String>, f64)> {
     let list = daemon.json("/api/v1/loops?limit=100&sort=id");
@@ -154,7 +165,13 @@ async fn killed_under_load_it_goes_on_where_it_was() {
             assert_ne!(items["reason_code"], "too_short", "{items}");
         }
         println!("killed and serving again after {started_s:.2} s");
+        let bundle = daemon.ask("GET", &format!("/api/v1/loops/{}/bundle", raised.0), "");
         daemon.stop();
+        // What was said before the kill and after it comes out again, by the bundle and by the whole record.
+        let file = folder.join("bundle.json");
+        std::fs::write(&file, bundle).expect("writable");
+        replayed(stictiond().arg("replay").arg(&file), 1);
+        replayed(stictiond().arg("replay").arg(&store).arg("--config").arg(&config), 40);
         // The history of every alarm goes on from where it was left, nothing is twice or damaged.
         let checked = check(&store).expect("can be read");
         assert_eq!(checked.faults, [""; 0]);

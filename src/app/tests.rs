@@ -82,6 +82,7 @@ fn an_oscillation_is_traced_through_a_neighbour_to_the_valve_that_sticks() {
         let outcome = Outcome::Diagnosed(Box::new(judged));
         let trigger = Trigger::Periodic;
         results.record(Run {
+            basis: None,
             id,
             started: 0.0,
             finished: 1.0,

@@ -1,4 +1,4 @@
-//! The command line: `stictiond run | demo | diagnose | backfill | check | health | store | audit | probe | reproduce`.
+//! The command line: `stictiond run | demo | diagnose | backfill | check | health | store | replay | audit | probe | reproduce`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
@@ -12,6 +12,7 @@ mod health;
 mod logging;
 mod plot;
 mod probe;
+mod replay;
 mod reproduce;
 mod run;
 mod store;
@@ -47,6 +48,8 @@ enum Command {
     Health(health::Args),
     /// Check, export or fill the store
     Store(store::Args),
+    /// Run recorded samples through the whole daemon: the same diagnoses, bit for bit
+    Replay(replay::Args),
     /// Work on the audit log of write-back
     Audit(audit::Args),
     /// Read registers of a device once and show them in every type and byte order
@@ -90,6 +93,7 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check::run(&args),
         Command::Health(args) => health::run(&args),
         Command::Store(args) => store::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::Probe(args) => probe::run(&args),
         Command::Reproduce(args) => reproduce::run(&args),

@@ -31,6 +31,7 @@ pub(super) fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged>
 
 pub(super) fn run(time: f64, outcome: Outcome) -> Run {
     Run {
+        basis: None,
         id: LoopId::new("A"),
         started: time - 1.0,
         finished: time,

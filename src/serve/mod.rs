@@ -20,9 +20,9 @@ pub use desk::Acted;
 pub use desk::Desk;
 
 use crate::history::History;
-use crate::results::Results;
+use crate::results::{Basis, Results};
 use crate::schedule::{Clock, Scheduler};
-use crate::signal::LoopId;
+use crate::signal::{LoopId, Record};
 use serde::Deserialize;
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -183,6 +183,8 @@ pub struct Facts {
     /// For people.
     pub settings: Vec<Setting>,
 }
+/// Finds the samples again that a run worked on; `None` when they are gone.
+pub type Recall = Arc<dyn Fn(&LoopId, &Basis) -> Option<Record> + Send + Sync>;
 
 /// What is watched now; replaced as a whole on reload.
 pub struct Plant {
@@ -194,6 +196,8 @@ pub struct Plant {
     pub devices: Arc<dyn Fn() -> Vec<DeviceState> + Send + Sync>,
     /// What of the configuration is shown.
     pub facts: Facts,
+    /// Where the samples of a run are, for its bundle.
+    recall: Option<Recall>,
 }
 
 impl Plant {
@@ -204,12 +208,17 @@ impl Plant {
         devices: Arc<dyn Fn() -> Vec<DeviceState> + Send + Sync>,
     ) -> Self {
         let by_id = loops.iter().enumerate().map(|(at, info)| (info.id.clone(), at)).collect();
-        Self { loops, by_id, history, devices, facts: Facts::default() }
+        Self { loops, by_id, history, devices, facts: Facts::default(), recall: None }
     }
 
     /// Shows these facts of the configuration.
     pub fn with_facts(self, facts: Facts) -> Self {
         Self { facts, ..self }
+    }
+
+    /// Finds the samples of a run by `recall`.
+    pub fn with_recall(self, recall: Recall) -> Self {
+        Self { recall: Some(recall), ..self }
     }
 
     /// The loops.

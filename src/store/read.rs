@@ -42,6 +42,8 @@ pub struct Point {
 pub struct Reader {
     db: Connection,
     damaged: u64,
+    /// The column of what a run worked on, which a store that was not opened since for writing lacks.
+    basis: &'static str,
 }
 
 impl Reader {
@@ -60,9 +62,9 @@ impl Reader {
         if application != APPLICATION {
             return Err(StoreError::Foreign(path));
         }
-        schema::version(&db)?;
+        let basis = if schema::version(&db)? >= 2 { "basis" } else { "NULL AS basis" };
         db.set_prepared_statement_cache_capacity(32);
-        Ok(Self { db, damaged: 0 })
+        Ok(Self { db, damaged: 0, basis })
     }
 
     pub(super) fn database(&self) -> &Connection {
@@ -254,6 +256,27 @@ impl Reader {
         Ok(found)
     }
 
+    /// The samples of a tag between two stamps (s, inclusive), by time, whatever its source and era.
+    pub fn between(
+        &mut self,
+        control_loop: &str,
+        tag: &str,
+        first: f64,
+        last: f64,
+    ) -> Result<Vec<Sample>, StoreError> {
+        let own = |stored: &StoredTag| stored.name.control_loop == control_loop && stored.name.tag == tag;
+        let ids: Vec<u32> =
+            self.tags()?.iter().filter(|stored| own(stored)).map(|stored| stored.id).collect();
+        let (mut found, mut from) = (Vec::new(), Self::first_start(first));
+        while let Some(start) = self.next_start(from)?.filter(|start| *start as f64 <= last) {
+            from = start + 1;
+            let chunk = self.chunk(start, Some(&ids))?;
+            found.extend(chunk.into_values().flatten().filter(|s| s.t >= first && s.t <= last));
+        }
+        codec::unique(&mut found);
+        Ok(found)
+    }
+
     /// The trends of one tag whose rows begin in `from..to` (s).
     pub fn trends(&mut self, tag: u32, from: i64, to: i64) -> Result<Vec<Point>, StoreError> {
         let mut points = Vec::new();
@@ -282,10 +305,16 @@ impl Reader {
 
     /// Up to `limit` runs after the one with number `after`, each with its number and its report.
     pub fn diagnoses(&self, after: i64, limit: usize) -> Result<Vec<(i64, DiagnosisRow)>, StoreError> {
-        let sql = format!("SELECT {DIAGNOSIS}, report, id FROM diagnoses WHERE id > ?1 ORDER BY id LIMIT ?2");
+        let basis = self.basis;
+        let sql = format!(
+            "SELECT {DIAGNOSIS}, report, {basis}, id FROM diagnoses WHERE id > ?1 ORDER BY id LIMIT ?2"
+        );
         let mut query = self.db.prepare_cached(&sql)?;
         let rows = query.query_map(params![after, limit as i64], |row| {
-            Ok((row.get("id")?, DiagnosisRow { report: row.get("report")?, ..diagnosis(row)? }))
+            Ok((
+                row.get("id")?,
+                DiagnosisRow { report: row.get("report")?, basis: row.get("basis")?, ..diagnosis(row)? },
+            ))
         })?;
         Ok(rows.collect::<Result<_, _>>()?)
     }
@@ -398,6 +427,7 @@ fn diagnosis(row: &Row<'_>) -> rusqlite::Result<DiagnosisRow> {
         delta_aic: row.get("delta_aic")?,
         version: row.get("version")?,
         report: None,
+        basis: None,
     })
 }
 

@@ -64,7 +64,10 @@ impl Row {
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
             + match self {
-                Row::Diagnosis(row) => row.reason.len() + row.report.as_ref().map_or(0, Vec::len),
+                Row::Diagnosis(row) => {
+                    row.reason.len()
+                        + [&row.report, &row.basis].into_iter().flatten().map(Vec::len).sum::<usize>()
+                }
                 Row::Model(row) => row.effects.len(),
                 Row::Alarm(row) => row.votes.len(),
                 Row::Transition(_) => 64,
@@ -101,6 +104,8 @@ pub struct DiagnosisRow {
     pub version: String,
     /// The whole report as compressed text, see [`pack`]; `None` for a run that failed.
     pub report: Option<Vec<u8>>,
+    /// What it worked on as compressed text; `None` where nobody told.
+    pub basis: Option<Vec<u8>>,
 }
 
 /// A version of a loop's model.

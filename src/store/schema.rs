@@ -4,7 +4,7 @@ use super::StoreError;
 use rusqlite::Connection;
 
 /// Steps, each run once, in order, in a transaction of its own; one that was released is never changed.
-const STEPS: [&str; 1] = [
+const STEPS: [&str; 2] = [
     // 1: the key of samples is `start << 24 | tag`, start the first whole second of the chunk: appended in order of time,
     // which fills the pages.
     "CREATE TABLE tags (
@@ -30,6 +30,8 @@ const STEPS: [&str; 1] = [
         UNIQUE (control_loop, at, before, after, cause));
     CREATE INDEX transitions_at ON transitions (at);
     CREATE INDEX diagnoses_finished ON diagnoses (finished);",
+    // 2: what a run worked on, for `replay`.
+    "ALTER TABLE diagnoses ADD COLUMN basis BLOB;",
 ];
 
 /// Number of this version's tables.

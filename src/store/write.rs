@@ -358,8 +358,8 @@ fn put_row(db: &Transaction<'_>, row: &Row) -> Result<(), StoreError> {
 fn put_diagnosis(db: &Transaction<'_>, row: &DiagnosisRow) -> Result<(), StoreError> {
     db.prepare_cached(
         "INSERT OR IGNORE INTO diagnoses (control_loop, finished, took_s, on_demand, outcome, reason_code, reason,
-            f, f_low, f_high, f_in_percent, delta_aic, version, report)
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14)",
+            f, f_low, f_high, f_in_percent, delta_aic, version, report, basis)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15)",
     )?
     .execute(params![
         row.control_loop,
@@ -377,6 +377,7 @@ fn put_diagnosis(db: &Transaction<'_>, row: &DiagnosisRow) -> Result<(), StoreEr
         row.delta_aic,
         row.version,
         row.report,
+        row.basis,
     ])?;
     Ok(())
 }

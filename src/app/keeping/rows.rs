@@ -3,7 +3,7 @@
 use crate::alarm::{Observation, Saved};
 use crate::residual::Kind;
 use crate::results::{Change, KnownEffect, ModelVersion, Remembered, Restored, Summary, Trigger};
-use crate::serve::dto::Report;
+use crate::serve::dto::{BasisText, Report};
 use crate::signal::LoopId;
 use crate::store::{AlarmRow, DiagnosisRow, ModelRow, Reader, Row, StoreError, TransitionRow, pack, unpack};
 
@@ -26,6 +26,7 @@ pub(super) fn rows(change: Change) -> Vec<Row> {
             delta_aic: summary.delta_aic,
             version: env!("CARGO_PKG_VERSION").to_string(),
             report: Report::text(run).as_deref().and_then(pack),
+            basis: run.basis.as_deref().and_then(BasisText::text).as_deref().and_then(pack),
         }));
     }
     if let Some(ModelVersion { version, since, effects }) = change.model {

@@ -1,6 +1,7 @@
 //! The routes, and their description made from them.
 
 mod alarms;
+mod bundle;
 mod events;
 mod evidence;
 mod health;
@@ -67,6 +68,7 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(evidence::live))
         .routes(routes!(report::of_loop))
         .routes(routes!(report::of_plant))
+        .routes(routes!(bundle::bundle))
         .routes(routes!(writeback::state))
         .routes(routes!(alarms::list))
         .routes(routes!(alarms::history))

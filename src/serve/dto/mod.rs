@@ -2,6 +2,8 @@
 
 pub mod alarms;
 pub mod backfill;
+mod basis;
+pub mod bundle;
 pub mod events;
 pub mod evidence;
 pub mod health;
@@ -13,6 +15,7 @@ pub mod samples;
 pub mod system;
 pub mod writeback;
 
+pub use basis::BasisText;
 pub use report::Report;
 
 use jiff::Timestamp;

@@ -1,0 +1,163 @@
+//! What a run worked on, as text that is kept beside its report.
+
+use crate::diagnosis::Settings;
+use crate::residual::Kind;
+use crate::results::{Basis, Extent, KnownEffect};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// What a run worked on, beside the samples themselves.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BasisText {
+    /// Settings of the diagnosis.
+    pub settings: SettingsText,
+    /// The effects that the model had before.
+    pub known_effects: Vec<EffectText>,
+    /// The span of OP (OP unit).
+    pub op_span: Option<f64>,
+    /// The controller's output limits (OP unit).
+    pub op_limits: Option<[f64; 2]>,
+    /// Which samples of each tag.
+    pub tags: Vec<ExtentText>,
+}
+
+/// Settings of a diagnosis.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SettingsText {
+    /// Least f that counts as stiction (% of OP span).
+    pub f_threshold_percent: f64,
+    /// Least evidence that counts as stiction (-).
+    pub evidence_threshold: f64,
+    /// Samples taken from the most regular stretch.
+    pub window_samples: usize,
+    /// Fewest samples a diagnosis is tried on.
+    pub min_samples: usize,
+    /// Largest share of samples that may be missing or bad (0..1).
+    pub max_gap_share: f64,
+    /// Sample period to resample to (s); null takes the median of the stamps.
+    pub ts_s: Option<f64>,
+    /// Longest process delay searched (samples).
+    pub max_delay_samples: usize,
+}
+
+/// An effect in a model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct EffectText {
+    /// Which.
+    pub kind: String,
+    /// Its tag, where it is measured.
+    pub tag: Option<String>,
+}
+
+/// Which samples of a tag: all between two stamps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ExtentText {
+    /// `op`, `pv`, `sp`, `mode`, `mv` or another tag's name.
+    pub tag: String,
+    /// Samples.
+    pub n: usize,
+    /// Stamps of the first and the last (s); null when there is none.
+    pub span: Option<[f64; 2]>,
+    /// FNV-1a over stamps, values and qualities, 16 hexadecimal digits.
+    pub digest: String,
+}
+
+impl From<&Basis> for BasisText {
+    fn from(basis: &Basis) -> Self {
+        let effect =
+            |(kind, tag): &KnownEffect| EffectText { kind: kind.as_str().to_string(), tag: tag.clone() };
+        let extent = |own: &Extent| ExtentText {
+            tag: own.tag.clone(),
+            n: own.n,
+            span: own.span.map(<[f64; 2]>::from),
+            digest: format!("{:016x}", own.digest),
+        };
+        let Settings {
+            f_threshold,
+            evidence_threshold,
+            window_samples,
+            min_samples,
+            max_gap_share,
+            ts,
+            max_delay,
+        } = basis.settings;
+        Self {
+            settings: SettingsText {
+                f_threshold_percent: f_threshold,
+                evidence_threshold,
+                window_samples,
+                min_samples,
+                max_gap_share,
+                ts_s: ts,
+                max_delay_samples: max_delay,
+            },
+            known_effects: basis.known.iter().map(effect).collect(),
+            op_span: basis.op_span,
+            op_limits: basis.op_limits.map(<[f64; 2]>::from),
+            tags: basis.extents.iter().map(extent).collect(),
+        }
+    }
+}
+
+impl BasisText {
+    /// What a run worked on as text.
+    pub fn text(basis: &Basis) -> Option<String> {
+        serde_json::to_string(&Self::from(basis)).ok()
+    }
+
+    /// What such a text says; `None` for what this version cannot read.
+    pub fn read(text: &str) -> Option<Basis> {
+        serde_json::from_str::<Self>(text).ok()?.basis()
+    }
+
+    /// What the run worked on; `None` for effects that this version does not know.
+    pub fn basis(&self) -> Option<Basis> {
+        let effect = |own: &EffectText| {
+            let kind = Kind::ALL.into_iter().find(|kind| kind.as_str() == own.kind)?;
+            Some((kind, own.tag.clone()))
+        };
+        let extent = |own: &ExtentText| {
+            let digest = u64::from_str_radix(&own.digest, 16).ok()?;
+            Some(Extent { tag: own.tag.clone(), n: own.n, span: own.span.map(<(f64, f64)>::from), digest })
+        };
+        let own = &self.settings;
+        Some(Basis {
+            settings: Settings {
+                f_threshold: own.f_threshold_percent,
+                evidence_threshold: own.evidence_threshold,
+                window_samples: own.window_samples,
+                min_samples: own.min_samples,
+                max_gap_share: own.max_gap_share,
+                ts: own.ts_s,
+                max_delay: own.max_delay_samples,
+            },
+            known: self.known_effects.iter().map(effect).collect::<Option<_>>()?,
+            op_span: self.op_span,
+            op_limits: self.op_limits.map(<(f64, f64)>::from),
+            extents: self.tags.iter().map(extent).collect::<Option<_>>()?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::{Record, Sample};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn it_comes_back_to_the_last_bit(times in proptest::collection::vec(0.0..2e9f64, 0..20), threshold in 1e-9..1e9f64) {
+            let op: Vec<Sample> = times.iter().map(|t| Sample::good(*t, t.sin())).collect();
+            let settings = Settings { f_threshold: threshold, ts: Some(threshold / 3.0), ..Settings::default() };
+            let record = Record { op, op_limits: Some((0.1, threshold)), ..Record::default() };
+            let known = [(Kind::ALL[0], None), (Kind::ALL[1], Some("a.pv".to_string()))];
+            let basis = Basis::of(&record, &settings, &known);
+            prop_assert_eq!(BasisText::read(&BasisText::text(&basis).expect("text")), Some(basis));
+        }
+    }
+}
