@@ -1,6 +1,9 @@
 //! The Modbus collector against pymodbus: a peer that was not written here, with real faults.
 
 #[cfg(test)]
+#[path = "modbus_peer/gateway.rs"]
+mod gateway;
+#[cfg(test)]
 mod peers;
 
 use peers::{Proxy, Server, Watch, checked, device, hostile, patient, plan, truth_tag};

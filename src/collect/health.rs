@@ -135,6 +135,11 @@ impl DeviceHealth {
         self.connected.store(true, Relaxed);
     }
 
+    /// An answer came on a connection, whoever opened it.
+    pub(super) fn reached(&self) {
+        self.connected.store(true, Relaxed);
+    }
+
     pub(super) fn disconnected(&self) {
         self.connected.store(false, Relaxed);
     }

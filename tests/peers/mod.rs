@@ -32,12 +32,18 @@ pub struct Server {
 
 impl Server {
     pub async fn start(port: u16, epoch: u32) -> Self {
+        Self::with(port, epoch, &[]).await
+    }
+
+    /// With further arguments of the program.
+    pub async fn with(port: u16, epoch: u32, more: &[&str]) -> Self {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
         let python = root.join("target/peers-venv/bin/python");
         assert!(python.exists(), "pymodbus is not installed: run scripts/peers once, then the tests again");
         let mut child = Command::new(python)
             .arg(root.join("tests/peers/modbus_server.py"))
             .args(["--port", &port.to_string(), "--epoch", &epoch.to_string()])
+            .args(more)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .kill_on_drop(true)
@@ -77,6 +83,9 @@ pub struct Proxy {
     pub port: u16,
     /// Bytes of answers still passed on before the connection is cut; `usize::MAX` for ever.
     allowance: Arc<AtomicUsize>,
+    /// Connections open now, and the most there ever were at once.
+    open: Arc<AtomicUsize>,
+    most: Arc<AtomicUsize>,
 }
 
 impl Proxy {
@@ -85,13 +94,25 @@ impl Proxy {
         let port = listener.local_addr().unwrap().port();
         let allowance = Arc::new(AtomicUsize::new(usize::MAX));
         let shared = Arc::clone(&allowance);
+        let (open, most) = (Arc::<AtomicUsize>::default(), Arc::<AtomicUsize>::default());
+        let (now, ever) = (Arc::clone(&open), Arc::clone(&most));
         tokio::spawn(async move {
             while let Ok((client, _)) = listener.accept().await {
                 let upstream = TcpStream::connect(("127.0.0.1", server)).await.unwrap();
-                tokio::spawn(pass_on(client, upstream, Arc::clone(&shared)));
+                ever.fetch_max(1 + now.fetch_add(1, Ordering::SeqCst), Ordering::SeqCst);
+                let (shared, now) = (Arc::clone(&shared), Arc::clone(&now));
+                tokio::spawn(async move {
+                    pass_on(client, upstream, shared).await;
+                    now.fetch_sub(1, Ordering::SeqCst);
+                });
             }
         });
-        Self { port, allowance }
+        Self { port, allowance, open, most }
+    }
+
+    /// Connections open now, and the most there ever were at once.
+    pub fn connections(&self) -> (usize, usize) {
+        (self.open.load(Ordering::SeqCst), self.most.load(Ordering::SeqCst))
     }
 
     /// Passes on `bytes` more bytes of answers, then cuts the connection, once.
@@ -104,7 +125,10 @@ async fn pass_on(mut client: TcpStream, mut server: TcpStream, allowance: Arc<At
     let (mut asked, mut answered) = ([0u8; 1024], [0u8; 1024]);
     loop {
         tokio::select! {
-            Ok(n @ 1..) = client.read(&mut asked) => server.write_all(&asked[..n]).await.unwrap(),
+            Ok(n) = client.read(&mut asked) => {
+                if n == 0 { return; }
+                server.write_all(&asked[..n]).await.unwrap();
+            }
             Ok(n @ 1..) = server.read(&mut answered) => {
                 let left = allowance.load(Ordering::SeqCst);
                 let _ = client.write_all(&answered[..n.min(left)]).await;

@@ -11,8 +11,8 @@ pub(super) const MAX_REGISTERS: u16 = 125;
 /// Most coils or discrete inputs that one answer can carry (6.1).
 pub(super) const MAX_BITS: u16 = 2000;
 
-/// One Modbus/TCP device, `[[modbus]]`. Every entry has a connection and a task of its own, so several
-/// units behind one gateway are several entries with the same address, and a dead unit delays no other.
+/// One Modbus/TCP device, `[[modbus]]`. Every entry has a task of its own and, unless `share_connection` says
+/// otherwise, a connection, so several units behind one gateway are several entries with the same address.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -23,6 +23,16 @@ pub struct Config {
     /// Unit identifier; 1 for most devices, the slave's number behind a gateway.
     #[serde(default = "default_unit_id")]
     pub unit_id: u8,
+    /// How requests are framed on the connection.
+    #[serde(default)]
+    pub framing: Framing,
+    /// One connection for all entries with this address and this set, each unit in its turn: for gateways that
+    /// take one connection only.
+    #[serde(default)]
+    pub share_connection: bool,
+    /// Least pause between an answer and the next request on the same connection (ms); 0 for none.
+    #[serde(default)]
+    pub min_gap_ms: u64,
     /// Poll period (ms).
     #[serde(default = "default_poll_ms")]
     pub poll_ms: u64,
@@ -69,6 +79,17 @@ fn default_max_bits() -> u16 {
 }
 fn default_max_gap() -> u16 {
     8
+}
+
+/// How requests are framed on a TCP connection.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Framing {
+    /// Modbus/TCP: a head with the transaction's number.
+    #[default]
+    Tcp,
+    /// RTU frames with a check sum, as on a serial line: gateways that pass bytes through.
+    Rtu,
 }
 
 /// Where a tag lives in a Modbus device and how its value is made: `[loop.op]`, `[[loop.tag]]`, ….
@@ -283,6 +304,12 @@ impl Config {
         });
         issues.unless((1..=86_400_000).contains(&self.reconnect_max_ms), "reconnect_max_ms", || {
             "must be 1 to 86400000".into()
+        });
+        issues.unless(self.min_gap_ms <= self.poll_ms, "min_gap_ms", || {
+            format!(
+                "{} is longer than poll_ms = {}: no poll could be finished",
+                self.min_gap_ms, self.poll_ms
+            )
         });
         issues.unless(self.address_base <= 1, "address_base", || {
             format!("{} must be 0 or 1", self.address_base)

@@ -1,6 +1,16 @@
-//! The poll loop of one device: a fixed rate, one connection, and for every tag one sample a poll.
+//! The poll loop of one device: a fixed rate, and for every tag one sample a poll.
+//!
+//! ```text
+//!           a poll without any value                     pause over, one request asked
+//! closed ----------------------------> open (not asked) ------------------------------> half open
+//!    ^                                   ^                                                |  |
+//!    |                                   +-------- no answer: a longer pause -------------+  |
+//!    +------------------------------------ an answer: the others are asked too -------------+
+//! ```
+//! So a unit that is gone costs those who share its gateway one time-out a pause.
 
-use super::link::{Link, Lost, Refusal};
+use super::line::Line;
+use super::link::{Answer, Link, Lost, Refusal};
 use super::plan::{Plan, Tag};
 use super::slots::Slots;
 use crate::collect::backoff::Backoff;
@@ -25,8 +35,10 @@ pub struct Collector {
     health: Arc<DeviceHealth>,
     slots: Slots,
     frozen: Vec<Option<Frozen>>,
-    link: Option<Link>,
+    line: Arc<Line>,
     backoff: Backoff,
+    /// Why the last poll brought nothing, while that is so.
+    open_for: Option<BadReason>,
     random: Pcg32,
     down: bool,
 }
@@ -38,8 +50,17 @@ struct Round {
     bad: usize,
     any_answer: bool,
     unanswered: Vec<(usize, BadReason)>,
-    may_reconnect: bool,
+    losses: usize,
     unreachable: bool,
+    gateway_refused: bool,
+}
+
+/// What became of one request.
+enum Asked {
+    Answered(Answer),
+    Lost(Lost),
+    /// No connection could be made.
+    Unreachable,
 }
 
 impl Collector {
@@ -54,8 +75,9 @@ impl Collector {
             health: Arc::default(),
             slots: Slots::new(plan.requests.clone()),
             frozen: plan.tags.iter().map(|tag| tag.frozen_after_s.map(Frozen::new)).collect(),
-            link: None,
+            line: Line::of(&plan),
             backoff,
+            open_for: None,
             random,
             down: false,
             plan,
@@ -103,40 +125,54 @@ impl Collector {
             bad: 0,
             any_answer: false,
             unanswered: Vec::new(),
-            may_reconnect: true,
+            losses: 0,
             unreachable: false,
+            gateway_refused: false,
         };
         let order = self.slots.order(number);
         let mut due = order.due;
-        if self.link.is_none() && !(self.backoff.due(Instant::now()) && self.connect(&mut round).await) {
+        if !self.backoff.due(Instant::now()) {
             due.extend(order.resting.into_iter().map(|(slot, _)| slot));
-            self.give_up(&mut due, BadReason::LinkDown, &mut round, sink);
+            self.give_up(&mut due, self.open_for.unwrap_or(BadReason::LinkDown), &mut round, sink);
         } else {
-            for (slot, reason) in order.resting {
+            let mut resting = order.resting;
+            self.ask_all(due, &mut round, sink).await;
+            if round.unreachable && !round.any_answer {
+                resting.iter_mut().for_each(|(_, reason)| *reason = BadReason::LinkDown);
+            }
+            for (slot, reason) in resting {
                 self.emit_bad(slot, reason, &mut round, sink);
             }
-            self.ask_all(due, &mut round, sink).await;
+            self.judge(&round);
         }
         self.slots.poll_ended(number, &round.unanswered, round.any_answer);
-        if round.any_answer && !round.unreachable {
-            self.backoff.reset();
-        } else if round.unreachable || !round.unanswered.is_empty() {
-            self.backoff.failed(Instant::now());
-        }
         round
+    }
+
+    /// Opens or closes the breaker after a poll in which something was asked.
+    fn judge(&mut self, round: &Round) {
+        let silent = if round.unreachable {
+            Some(BadReason::LinkDown)
+        } else if round.any_answer {
+            (round.gateway_refused && round.good == 0).then_some(BadReason::DeviceException)
+        } else {
+            round.unanswered.last().map(|(_, reason)| *reason)
+        };
+        self.open_for = silent;
+        if silent.is_some() {
+            self.backoff.failed(Instant::now());
+        } else if round.any_answer {
+            self.backoff.reset();
+        }
     }
 
     /// Asks what is due. A lost link is opened again once a poll and within its period; when it is lost again,
     /// the rest waits for the next poll, so that a dead device costs two time-outs, not one a request.
     async fn ask_all(&mut self, mut due: VecDeque<usize>, round: &mut Round, sink: &dyn Sink) {
+        let half_open = self.open_for.is_some();
         while let Some(slot) = due.pop_front() {
-            let Some(link) = self.link.take() else {
-                due.push_front(slot);
-                return self.give_up(&mut due, BadReason::LinkDown, round, sink);
-            };
-            let lost = match link.read(self.slots.request(slot).span).await {
-                Ok((link, answer)) => {
-                    self.link = Some(link);
+            let lost = match self.ask(slot).await {
+                Asked::Answered(answer) => {
                     round.any_answer = true;
                     match answer {
                         Ok(words) => self.emit(slot, &words, round, sink),
@@ -144,49 +180,63 @@ impl Collector {
                     }
                     continue;
                 }
-                Err(lost) => lost,
+                Asked::Unreachable => {
+                    round.unreachable = true;
+                    due.push_front(slot);
+                    return self.give_up(&mut due, BadReason::LinkDown, round, sink);
+                }
+                Asked::Lost(lost) => lost,
             };
             self.lost(&lost);
+            round.losses += 1;
             let reason = match lost {
                 Lost::Timeout => BadReason::Timeout,
                 Lost::Broken(_) => BadReason::LinkDown,
             };
-            let may_reconnect = std::mem::take(&mut round.may_reconnect);
+            let first = round.losses == 1;
             // A device may close a connection that idled between two polls: that costs no sample.
-            if may_reconnect && matches!(lost, Lost::Broken(_)) {
+            if first && matches!(lost, Lost::Broken(_)) {
                 due.push_front(slot);
             } else {
                 round.unanswered.push((slot, reason));
                 self.emit_bad(slot, reason, round, sink);
             }
-            if due.is_empty() {
-                return;
+            let probed = half_open && !round.any_answer && matches!(lost, Lost::Timeout);
+            if !first || probed || Instant::now() >= round.deadline {
+                return self.give_up(&mut due, reason, round, sink);
             }
-            let rest = if !may_reconnect || Instant::now() >= round.deadline {
-                reason
-            } else if self.connect(round).await {
-                continue;
-            } else {
-                BadReason::LinkDown
-            };
-            self.give_up(&mut due, rest, round, sink);
         }
     }
 
-    async fn connect(&mut self, round: &mut Round) -> bool {
+    /// Takes its turn on the line, opens the connection where there is none, and asks.
+    async fn ask(&mut self, slot: usize) -> Asked {
+        let line = Arc::clone(&self.line);
+        let mut turn = line.turn(self.plan.min_gap).await;
         let plan = &self.plan;
-        match Link::open(&plan.address, plan.unit_id, plan.timeout).await {
-            Ok(link) => {
-                debug!(device = %plan.name, address = %plan.address, "connected");
-                self.health.connected();
-                self.link = Some(link);
-                true
+        let link = match turn.link.take() {
+            Some(link) => link,
+            None => match Link::open(&plan.address, plan.framing, plan.timeout).await {
+                Ok(link) => {
+                    debug!(device = %plan.name, address = %plan.address, "connected");
+                    self.health.connected();
+                    link
+                }
+                Err(lost) => {
+                    turn.used();
+                    self.lost(&lost);
+                    return Asked::Unreachable;
+                }
+            },
+        };
+        let asked = link.read(plan.unit_id, self.slots.request(slot).span, plan.timeout).await;
+        turn.used();
+        match asked {
+            Ok((link, answer)) => {
+                turn.link = Some(link);
+                self.health.reached();
+                Asked::Answered(answer)
             }
-            Err(lost) => {
-                self.lost(&lost);
-                round.unreachable = true;
-                false
-            }
+            Err(lost) => Asked::Lost(lost),
         }
     }
 
@@ -234,6 +284,7 @@ impl Collector {
         }
         self.emit_bad(slot, BadReason::DeviceException, round, sink);
         if refusal.is_gateway() {
+            round.gateway_refused = true;
             self.give_up(due, BadReason::DeviceException, round, sink);
         }
     }

@@ -1,13 +1,14 @@
 //! One connection to one device, and the only place that talks to a socket. It can only read.
 
-use super::config::Register;
+use super::config::{Framing, Register};
 use super::plan::Span;
 use std::fmt;
 use std::io;
 use std::time::Duration;
 use tokio::net::{TcpSocket, TcpStream, lookup_host};
 use tokio::time::timeout;
-use tokio_modbus::client::{Client, Context, tcp};
+use tokio_modbus::client::{Client, Context, rtu, tcp};
+use tokio_modbus::slave::SlaveContext;
 use tokio_modbus::{ExceptionCode, Request, Response, Slave};
 
 /// An open connection on which no question is unanswered.
@@ -16,7 +17,6 @@ use tokio_modbus::{ExceptionCode, Request, Response, Slave};
 /// a broken answer there is nothing left to read a late answer from.
 pub(super) struct Link {
     context: Context,
-    timeout: Duration,
 }
 
 /// Why there is no link any more.
@@ -78,19 +78,30 @@ impl fmt::Display for Refusal {
 pub(super) type Answer = Result<Vec<u16>, Refusal>;
 
 impl Link {
-    /// Connects to `host:port`, within the time-out that later holds for every answer.
-    pub(super) async fn open(address: &str, unit_id: u8, limit: Duration) -> Result<Link, Lost> {
+    /// Connects to `host:port`, within the time-out.
+    pub(super) async fn open(address: &str, framing: Framing, limit: Duration) -> Result<Link, Lost> {
         match timeout(limit, connect(address)).await {
             Err(_) => {
                 Err(Lost::Broken(format!("no connection to {address} within {} ms", limit.as_millis())))
             }
             Ok(Err(error)) => Err(Lost::Broken(format!("cannot connect to {address}: {error}"))),
-            Ok(Ok(stream)) => Ok(Link { context: tcp::attach_slave(stream, Slave(unit_id)), timeout: limit }),
+            Ok(Ok(stream)) => Ok(Link {
+                context: match framing {
+                    Framing::Tcp => tcp::attach(stream),
+                    Framing::Rtu => rtu::attach(stream),
+                },
+            }),
         }
     }
 
-    /// Asks for `span`. Gives the link back with the answer, or tells why it is lost.
-    pub(super) async fn read(mut self, span: Span) -> Result<(Link, Answer), Lost> {
+    /// Asks `unit` for `span`. Gives the link back with the answer, or tells why it is lost.
+    pub(super) async fn read(
+        mut self,
+        unit: u8,
+        span: Span,
+        limit: Duration,
+    ) -> Result<(Link, Answer), Lost> {
+        self.context.set_slave(Slave(unit));
         // The request is sent as such, because the client's read methods assert the length of the answer.
         let request = match span.register {
             Register::Holding => Request::ReadHoldingRegisters(span.start, span.count),
@@ -98,7 +109,7 @@ impl Link {
             Register::Coil => Request::ReadCoils(span.start, span.count),
             Register::Discrete => Request::ReadDiscreteInputs(span.start, span.count),
         };
-        let answer = match timeout(self.timeout, self.context.call(request)).await {
+        let answer = match timeout(limit, self.context.call(request)).await {
             Err(_) => return Err(Lost::Timeout),
             Ok(Err(error)) => return Err(Lost::Broken(readable(&error))),
             Ok(Ok(answer)) => answer,

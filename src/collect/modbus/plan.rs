@@ -1,6 +1,6 @@
 //! What to ask a device, decided once and without I/O: neighbouring registers go into one request.
 
-use super::config::{Config, Register, TagConfig, ValueType};
+use super::config::{Config, Framing, Register, TagConfig, ValueType};
 use super::decode::Decoder;
 use super::overlap::contradictions;
 use crate::collect::Issue;
@@ -86,6 +86,12 @@ pub struct Plan {
     pub address: String,
     /// Unit identifier.
     pub unit_id: u8,
+    /// How requests are framed.
+    pub framing: Framing,
+    /// Whether the connection is shared with other units at the address.
+    pub share_connection: bool,
+    /// Least pause between an answer and the next request.
+    pub min_gap: Duration,
     /// Poll period.
     pub period: Duration,
     /// Longest wait for a connection and for each answer.
@@ -142,6 +148,9 @@ impl Plan {
             name: config.name.clone(),
             address: config.address.clone(),
             unit_id: config.unit_id,
+            framing: config.framing,
+            share_connection: config.share_connection,
+            min_gap: Duration::from_millis(config.min_gap_ms),
             period: Duration::from_millis(config.poll_ms),
             timeout: Duration::from_millis(config.timeout_ms),
             reconnect_max: Duration::from_millis(config.reconnect_max_ms),
@@ -156,7 +165,9 @@ impl Plan {
     pub fn asks_the_same(&self, other: &Plan) -> bool {
         let head =
             |p: &Plan| (p.name.clone(), p.address.clone(), p.unit_id, p.period, p.timeout, p.reconnect_max);
+        let line = |p: &Plan| (p.framing, p.share_connection, p.min_gap);
         head(self) == head(other)
+            && line(self) == line(other)
             && self.requests == other.requests
             && self.tags.len() == other.tags.len()
             && self.tags.iter().zip(&other.tags).all(|(a, b)| {

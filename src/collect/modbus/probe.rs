@@ -1,7 +1,7 @@
 //! `probe`: shows registers in every type and byte order, for the day the addresses are checked against
 //! the plant's screens. Reads only.
 
-use super::config::{ByteOrder, MAX_BITS, MAX_REGISTERS, Register, is_host_and_port};
+use super::config::{ByteOrder, Framing, MAX_BITS, MAX_REGISTERS, Register, is_host_and_port};
 use super::decode::bytes;
 use super::link::Link;
 use super::plan::Span;
@@ -76,9 +76,10 @@ pub struct Table {
 pub async fn probe(target: &ProbeTarget) -> Result<Table, ProbeError> {
     let span = span(target)?;
     let lost = |why: String| ProbeError::Link { address: target.address.clone(), why };
-    let link = Link::open(&target.address, target.unit_id, target.timeout);
+    let link = Link::open(&target.address, Framing::Tcp, target.timeout);
     let link = link.await.map_err(|why| lost(why.to_string()))?;
-    let (_, answer) = link.read(span).await.map_err(|why| lost(why.to_string()))?;
+    let (_, answer) =
+        link.read(target.unit_id, span, target.timeout).await.map_err(|why| lost(why.to_string()))?;
     let words = answer.map_err(|refusal| ProbeError::Device {
         address: target.address.clone(),
         register: target.register,

@@ -10,9 +10,11 @@
 //! A poll that no request answers says nothing about any one of them (the device is gone): no suspicion,
 //! but the next poll begins behind the last request asked, so that a bad one at the head blocks nobody.
 //!
-//! A request that the device refuses is divided. When all parts have been answered for a while the requests are tried
-//! undivided again, later and later: a device that refused everything while it was started must not be asked for every
-//! tag by itself from then on.
+//! A request that the device refuses is divided. When all parts are answered in the very poll in which the whole was
+//! refused, the refusal was of the whole (a hole between its tags, or more than the device gives at once), and it is
+//! never asked so again. When they are answered only later, and for a while, the requests are tried undivided again,
+//! later and later: a device that refused everything while it was started must not be asked for every tag by itself
+//! from then on.
 
 use super::plan::{Request, Tag};
 use crate::signal::BadReason;
@@ -32,6 +34,8 @@ pub(super) struct Slots {
     /// Polls in a row that every part of what was divided has answered.
     answered_in_full: u64,
     patience: u64,
+    /// Whether a request has been divided in this poll.
+    divided_now: bool,
 }
 
 #[derive(Debug)]
@@ -40,11 +44,13 @@ struct Slot {
     failures: u32,
     rest_until: u64,
     reason: BadReason,
+    /// Whether it has been answered with values in this poll.
+    heard: bool,
 }
 
 impl Slot {
     fn new(request: Request) -> Self {
-        Self { request, failures: 0, rest_until: 0, reason: BadReason::Timeout }
+        Self { request, failures: 0, rest_until: 0, reason: BadReason::Timeout, heard: false }
     }
 }
 
@@ -60,7 +66,14 @@ pub(super) struct Order {
 impl Slots {
     pub(super) fn new(requests: Vec<Request>) -> Self {
         let slots = requests.iter().cloned().map(Slot::new).collect();
-        Self { slots, first: 0, planned: requests, answered_in_full: 0, patience: PATIENCE }
+        Self {
+            slots,
+            first: 0,
+            planned: requests,
+            answered_in_full: 0,
+            patience: PATIENCE,
+            divided_now: false,
+        }
     }
 
     pub(super) fn request(&self, slot: usize) -> &Request {
@@ -86,6 +99,7 @@ impl Slots {
 
     /// The slot's request was answered with values.
     pub(super) fn answered(&mut self, slot: usize) {
+        self.slots[slot].heard = true;
         self.slots[slot].failures = 0;
         self.slots[slot].rest_until = 0;
     }
@@ -104,6 +118,7 @@ impl Slots {
         let (lower, upper) = self.slots[slot].request.split(tags)?;
         self.slots[slot] = Slot::new(lower);
         self.slots.push(Slot::new(upper));
+        self.divided_now = true;
         Some(self.slots.len() - 1)
     }
 
@@ -120,6 +135,10 @@ impl Slots {
             }
         } else if let Some((last, _)) = unanswered.last() {
             self.first = (last + 1) % self.slots.len();
+        }
+        let heard_all = self.slots.iter_mut().fold(true, |all, slot| std::mem::take(&mut slot.heard) && all);
+        if std::mem::take(&mut self.divided_now) && heard_all {
+            self.planned = self.slots.iter().map(|slot| slot.request.clone()).collect();
         }
         let divided = self.slots.len() > self.planned.len();
         let full = any_answer && unanswered.is_empty() && self.slots.iter().all(|slot| slot.failures == 0);
@@ -206,8 +225,8 @@ mod tests {
         assert_eq!(slots.order(5).due, [1, 2, 0]);
     }
 
-    #[test]
-    fn what_was_divided_is_tried_whole_again_later_and_later() {
+    /// One request of four neighbouring registers.
+    fn of_four() -> (Slots, Vec<Tag>) {
         let config = toml::from_str("name = 'd'\naddress = 'd:502'\naddress_base = 0").unwrap();
         let spec = |address: usize| TagSpec {
             index: address,
@@ -220,7 +239,12 @@ mod tests {
             frozen_after_s: None,
         };
         let plan = Plan::new(0, &config, (0..4).map(spec).collect()).unwrap();
-        let mut slots = Slots::new(plan.requests);
+        (Slots::new(plan.requests), plan.tags)
+    }
+
+    #[test]
+    fn what_was_divided_is_tried_whole_again_later_and_later() {
+        let (mut slots, tags) = of_four();
         let mut number = 0;
         let mut polls = |slots: &mut Slots, count: u64, answers: bool| {
             for _ in 0..count {
@@ -229,12 +253,24 @@ mod tests {
             }
         };
         for patience in [PATIENCE, 2 * PATIENCE] {
-            assert_eq!(slots.split(0, &plan.tags), Some(1));
+            assert_eq!(slots.split(0, &tags), Some(1));
+            // The device refuses the parts too at first.
+            polls(&mut slots, 1, false);
             polls(&mut slots, patience - 1, true);
             // One poll that is not answered in full, and the counting begins anew.
             polls(&mut slots, 1, false);
             polls(&mut slots, patience, true);
             assert_eq!(slots.order(u64::MAX).due, [0], "whole again after {patience} polls");
+        }
+    }
+
+    #[test]
+    fn a_hole_that_is_proven_is_never_read_across_again() {
+        let (mut slots, tags) = of_four();
+        assert_eq!(slots.split(0, &tags), Some(1));
+        // Both parts are answered in the poll in which the whole was refused.
+        for number in 0..100_000 {
+            assert_eq!(poll(&mut slots, number, |_| true).len(), 2, "poll {number}");
         }
     }
 
