@@ -136,7 +136,10 @@ impl Slots {
         } else if let Some((last, _)) = unanswered.last() {
             self.first = (last + 1) % self.slots.len();
         }
-        let heard_all = self.slots.iter_mut().fold(true, |all, slot| std::mem::take(&mut slot.heard) && all);
+        // Every slot is asked, for each forgets what it heard.
+        let silent =
+            self.slots.iter_mut().filter_map(|slot| (!std::mem::take(&mut slot.heard)).then_some(())).count();
+        let heard_all = silent == 0;
         if std::mem::take(&mut self.divided_now) && heard_all {
             self.planned = self.slots.iter().map(|slot| slot.request.clone()).collect();
         }
