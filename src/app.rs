@@ -310,6 +310,8 @@ impl Device {
             ("discarded_samples", h.discarded_samples),
             ("clock_jumps", h.clock_jumps),
             ("security_errors", h.security_errors),
+            ("refused_payloads", h.refused_payloads),
+            ("sequence_gaps", h.sequence_gaps),
         ];
         DeviceState { name: name.to_string(), connected: h.connected, last_good: h.last_good, counters }
     }

@@ -15,7 +15,7 @@ pub use neighbours::{Candidates, MOST_CANDIDATES, Neighbour};
 pub use plant::Plant;
 pub use tag::TagConfig;
 
-use crate::collect::{modbus, opcua};
+use crate::collect::{modbus, mqtt, opcua};
 use crate::{alarm, diagnosis, history, schedule, serve, store, writeback};
 use diagnostic::Report;
 use serde::Deserialize;
@@ -48,6 +48,8 @@ pub struct Config {
     pub modbus: Vec<modbus::Config>,
     /// `[[opcua]]`, one per server.
     pub opcua: Vec<opcua::Config>,
+    /// `[[mqtt]]`, one per broker.
+    pub mqtt: Vec<mqtt::Config>,
     /// `[[loop]]`, one per control loop.
     pub loops: Vec<LoopConfig>,
 }

@@ -5,7 +5,7 @@ use super::diagnostic::Report;
 use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig};
-use crate::collect::{modbus, opcua};
+use crate::collect::{modbus, mqtt, opcua};
 use crate::{alarm, diagnosis, history, schedule, serve, store, writeback};
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
@@ -13,8 +13,19 @@ use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 10] =
-    ["server", "history", "store", "schedule", "diagnosis", "alarm", "writeback", "modbus", "opcua", "loop"];
+const SECTIONS: [&str; 11] = [
+    "server",
+    "history",
+    "store",
+    "schedule",
+    "diagnosis",
+    "alarm",
+    "writeback",
+    "modbus",
+    "opcua",
+    "mqtt",
+    "loop",
+];
 /// Tags that a loop has once.
 pub const ROLES: [&str; 5] = ["op", "pv", "sp", "mode", "mv"];
 /// Errors looked for in one section; each costs one more reading of it.
@@ -34,6 +45,7 @@ pub struct Parts {
     pub writeback: Option<writeback::Config>,
     pub modbus: Vec<Option<modbus::Config>>,
     pub opcua: Vec<Option<opcua::Config>>,
+    pub mqtt: Vec<Option<mqtt::Config>>,
     pub loops: Vec<Option<LoopConfig>>,
 }
 
@@ -50,6 +62,7 @@ impl Parts {
             writeback: self.writeback?,
             modbus: self.modbus.into_iter().collect::<Option<_>>()?,
             opcua: self.opcua.into_iter().collect::<Option<_>>()?,
+            mqtt: self.mqtt.into_iter().collect::<Option<_>>()?,
             loops: self.loops.into_iter().collect::<Option<_>>()?,
         })
     }
@@ -74,6 +87,7 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
         writeback: table(source, "writeback", report),
         modbus: tables(source, "modbus", report),
         opcua: tables(source, "opcua", report),
+        mqtt: tables(source, "mqtt", report),
         loops: tables(source, "loop", report),
     }
 }
