@@ -19,6 +19,7 @@ pub mod backfill;
 pub mod collect;
 pub mod history;
 pub mod mqtt;
+pub mod notify;
 
 pub mod results;
 pub mod schedule;

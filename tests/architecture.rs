@@ -160,6 +160,7 @@ const CONFIG_FILES: &[&str] = &[
     "src/collect/opcua/config.rs",
     "src/diagnosis/config.rs",
     "src/history/mod.rs",
+    "src/notify/config.rs",
     "src/notify/mqtt/config.rs",
     "src/schedule.rs",
     "src/serve/mod.rs",

@@ -16,7 +16,7 @@ pub use plant::Plant;
 pub use tag::TagConfig;
 
 use crate::collect::{modbus, mqtt, opcua};
-use crate::{alarm, diagnosis, history, schedule, serve, store, writeback};
+use crate::{alarm, diagnosis, history, notify, schedule, serve, store, writeback};
 use diagnostic::Report;
 use serde::Deserialize;
 use source::Source;
@@ -44,6 +44,8 @@ pub struct Config {
     pub alarm: alarm::Config,
     /// `[writeback]`.
     pub writeback: writeback::Config,
+    /// `[notify]`.
+    pub notify: notify::Config,
     /// `[[modbus]]`, one per device.
     pub modbus: Vec<modbus::Config>,
     /// `[[opcua]]`, one per server.

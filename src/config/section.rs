@@ -6,14 +6,14 @@ use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig};
 use crate::collect::{modbus, mqtt, opcua};
-use crate::{alarm, diagnosis, history, schedule, serve, store, writeback};
+use crate::{alarm, diagnosis, history, notify, schedule, serve, store, writeback};
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 11] = [
+const SECTIONS: [&str; 12] = [
     "server",
     "history",
     "store",
@@ -21,6 +21,7 @@ const SECTIONS: [&str; 11] = [
     "diagnosis",
     "alarm",
     "writeback",
+    "notify",
     "modbus",
     "opcua",
     "mqtt",
@@ -43,6 +44,7 @@ pub struct Parts {
     pub diagnosis: Option<diagnosis::Config>,
     pub alarm: Option<alarm::Config>,
     pub writeback: Option<writeback::Config>,
+    pub notify: Option<notify::Config>,
     pub modbus: Vec<Option<modbus::Config>>,
     pub opcua: Vec<Option<opcua::Config>>,
     pub mqtt: Vec<Option<mqtt::Config>>,
@@ -60,6 +62,7 @@ impl Parts {
             diagnosis: self.diagnosis?,
             alarm: self.alarm?,
             writeback: self.writeback?,
+            notify: self.notify?,
             modbus: self.modbus.into_iter().collect::<Option<_>>()?,
             opcua: self.opcua.into_iter().collect::<Option<_>>()?,
             mqtt: self.mqtt.into_iter().collect::<Option<_>>()?,
@@ -85,6 +88,7 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
         diagnosis: table(source, "diagnosis", report),
         alarm: table(source, "alarm", report),
         writeback: table(source, "writeback", report),
+        notify: table(source, "notify", report),
         modbus: tables(source, "modbus", report),
         opcua: tables(source, "opcua", report),
         mqtt: tables(source, "mqtt", report),
