@@ -115,7 +115,7 @@ pub async fn line(
 pub struct Peer {
     _child: Child,
     commands: ChildStdin,
-    pub lines: Lines<BufReader<ChildStdout>>,
+    lines: Lines<BufReader<ChildStdout>>,
 }
 
 impl Peer {
@@ -145,10 +145,22 @@ impl Peer {
         line(&mut self.lines, wanted, |line| line == wanted).await;
     }
 
-    /// Gives a command and waits until it is done.
-    pub async fn tell(&mut self, command: &str) {
+    /// Gives a command.
+    pub async fn order(&mut self, command: &str) {
         self.commands.write_all(format!("{command}\n").as_bytes()).await.unwrap();
+    }
+
+    /// Gives a command and waits until it is done; what is said meanwhile is not heard.
+    pub async fn tell(&mut self, command: &str) {
+        self.order(command).await;
         self.said("ok").await;
+    }
+
+    /// The metrics of the next message whose topic begins so.
+    pub async fn read(&mut self, topic: &str) -> serde_json::Value {
+        let line = line(&mut self.lines, topic, |line| line.starts_with(topic)).await;
+        let (_, json) = line.split_once(" {").unwrap();
+        serde_json::from_str(&format!("{{{json}")).unwrap()
     }
 }
 

@@ -14,6 +14,7 @@
 
 import json
 import sys
+import threading
 import time
 
 import paho.mqtt.client as paho
@@ -80,7 +81,7 @@ class Edge:
             case ["skip"]:
                 self.number()
             case ["gone"]:
-                self.publish("DDEATH/e/d", spb.DDeath(timestamp=now(), seq=self.number(), metrics=()))
+                self.publish("DDEATH/e/d", spb.DDeath(timestamp=now(), seq=self.number()))
             case ["cut"]:
                 self.client._sock_close()
                 self.client.loop_stop()
@@ -94,9 +95,12 @@ class Reader:
     def __init__(self):
         self.client = paho.Client("reader-of-test")
         self.client.on_message = self.heard
+        subscribed = threading.Event()
+        self.client.on_subscribe = lambda *_: subscribed.set()
         self.client.connect("127.0.0.1", port, keepalive=30)
         self.client.loop_start()
         self.client.subscribe("spBv1.0/#", qos=1)
+        subscribed.wait(10)
 
     def heard(self, client, userdata, message):
         kind = message.topic.split("/")[2]

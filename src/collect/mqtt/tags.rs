@@ -8,6 +8,10 @@ use crate::collect::scaling::Reading;
 use crate::collect::series::{Order, Series, SourceClock};
 use crate::signal::{BadReason, Quality, Sample};
 
+/// A mark stands so long (s) before now by the source's clock: a value that is told in whole milliseconds, or that came a
+/// little faster than the others, is still newer.
+const MARGIN_S: f64 = 0.05;
+
 /// What is known of one tag.
 #[derive(Debug)]
 pub(super) struct State {
@@ -102,7 +106,7 @@ impl State {
         if std::mem::replace(&mut self.lost, true) {
             return None;
         }
-        let t = self.clock.now(steady).unwrap_or(now);
+        let t = self.clock.now(steady).unwrap_or(now) - MARGIN_S;
         let t = match self.series.last() {
             Some(last) if t <= last => last + 1e-3,
             _ => t,
@@ -174,7 +178,7 @@ mod tests {
         state.take(&tag, told(1.0, Some(4600.0)), came(1000.0, false), fallback).unwrap();
         assert!(!state.is_overdue(1010.0, 10.0) && state.is_overdue(1010.1, 10.0));
         let lost = state.lose(BadReason::Timeout, 1020.0, 1020.0).unwrap();
-        assert_eq!((lost.t, lost.quality), (4620.0, Quality::Bad(BadReason::Timeout)));
+        assert_eq!((lost.t, lost.quality), (4620.0 - MARGIN_S, Quality::Bad(BadReason::Timeout)));
         assert_eq!(state.lose(BadReason::LinkDown, 1021.0, 1021.0), None);
         let back = sample(state.take(&tag, told(2.0, Some(4625.0)), came(1025.0, false), fallback));
         assert_eq!(back, Sample::good(4625.0, 2.0));
