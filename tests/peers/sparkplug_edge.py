@@ -70,6 +70,8 @@ class Edge:
         self.publish("DBIRTH/e/d", spb.DBirth(timestamp=now(), seq=self.number(), metrics=metrics))
 
     def command(self, words):
+        # Measurements of one tag lie apart: two within a millisecond would have the same time.
+        time.sleep(0.01)
         match words:
             case ["connect", session]:
                 self.connect(int(session))

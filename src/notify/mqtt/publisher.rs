@@ -110,6 +110,8 @@ impl Publisher {
                 Ok((client, events)) => {
                     self.counters.connected.store(true, Relaxed);
                     pauses.reset();
+                    // What happened meanwhile comes first, or an old state would be sent before it.
+                    groups = self.refresh(&mut outbox);
                     outbox.again();
                     let carrying = self.carry(client, events, &mut news, &mut outbox, &mut groups, &stop);
                     match carrying.await {
