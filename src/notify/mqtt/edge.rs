@@ -158,7 +158,7 @@ impl<'p> Edge<'p> {
             Metric::named("Friction/low", datatype::DOUBLE, number(interval.map(|limits| limits[0]))),
             Metric::named("Friction/high", datatype::DOUBLE, number(interval.map(|limits| limits[1]))),
             Metric::named("Friction/evidence", datatype::DOUBLE, number(last.and_then(|s| s.delta_aic))),
-            Metric::named("Outcome", datatype::STRING, last.and_then(|summary| text(summary.outcome))),
+            Metric::named("Outcome", datatype::STRING, last.and_then(|summary| text(&summary.outcome))),
             Metric::named("Alarm/state", datatype::STRING, text(state(known.alarm.state))),
             Metric::named("Alarm/active", datatype::BOOLEAN, Some(Value::Boolean(known.alarm.active))),
         ];

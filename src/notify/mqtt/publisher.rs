@@ -98,7 +98,6 @@ impl Publisher {
     async fn publish(&self, stop: CancellationToken) {
         let mut news = self.results.subscribe();
         let mut outbox = Outbox::new(self.config.max_topics);
-        let mut groups = self.refresh(&mut outbox);
         let mut pauses = Pauses::new(&self.config, 1);
         let will = LastWill::new(&self.config.status_topic, message::status(false), QoS::AtLeastOnce, true);
         while !stop.is_cancelled() {
@@ -111,7 +110,7 @@ impl Publisher {
                     self.counters.connected.store(true, Relaxed);
                     pauses.reset();
                     // What happened meanwhile comes first, or an old state would be sent before it.
-                    groups = self.refresh(&mut outbox);
+                    let mut groups = self.refresh(&mut outbox);
                     outbox.again();
                     let carrying = self.carry(client, events, &mut news, &mut outbox, &mut groups, &stop);
                     match carrying.await {
