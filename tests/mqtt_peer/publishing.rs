@@ -45,6 +45,7 @@ impl Daemon {
             took_s: 0.1,
             trigger: Trigger::Periodic,
             op_span: None,
+            basis: None,
             outcome: if what.is_empty() { Outcome::DeadlineExceeded } else { Outcome::Panicked(what.into()) },
         });
     }
