@@ -1,13 +1,14 @@
 //! The table of contents: the only place that knows every part and wires them together.
 //!
 //! ```text
-//! collectors --sample--> history --snapshot--> scheduler --run--> results (alarms) --event--> API
+//! collectors --sample--> history --snapshot--> scheduler --run--> results (alarms) --event--> API, notify
 //! ```
 //!
 //! With the cargo feature `writeback`, and only then, a loop that enables it has a gate between results and plant.
 
 mod facts;
 mod keeping;
+mod notifying;
 mod recall;
 pub mod replay;
 #[cfg(not(feature = "writeback"))]
@@ -27,6 +28,7 @@ use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
 use crate::serve::{self, Context, DeviceState, LoopInfo, ServeError};
 use crate::signal::{LoopId, Sample};
 use keeping::Keeping;
+use notifying::Notifying;
 use std::collections::HashMap;
 use std::io;
 use std::net::SocketAddr;
@@ -93,6 +95,7 @@ pub struct App {
     context: Arc<Context>,
     writing: Arc<Writing>,
     keeping: Arc<Keeping>,
+    notifying: Notifying,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
     state: Mutex<Running>,
@@ -127,6 +130,7 @@ impl App {
         let results = Arc::new(Results::new(&ids(&config), config.schedule.keep_results, &config.alarm));
         let writing = Writing::new(&config, clock, &results)?;
         let keeping = Keeping::new(&config, clock, &history, &results);
+        let notifying = Notifying::new(&config, clock, &results);
         let plan = schedule_plan(&config, &history, &writing);
         let scheduler =
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
@@ -145,7 +149,7 @@ impl App {
             "history: memory taken"
         );
         let state = Mutex::new(Running { config, history, devices, collecting: false });
-        Ok(Self { clock, results, scheduler, plant, context, writing, keeping, stop, state })
+        Ok(Self { clock, results, scheduler, plant, context, writing, keeping, notifying, stop, state })
     }
 
     /// The diagnosis that the daemon runs, its residual traced.
@@ -198,8 +202,10 @@ impl App {
             self.stop.cancelled().await;
             self.writing.end().await;
         };
-        let (served, (), (), ()) =
-            tokio::join!(serving, self.scheduler.run(self.stop.clone()), self.tick_alarms(), withdrawing);
+        let notifying = self.notifying.run(self.stop.clone());
+        let scheduling = self.scheduler.run(self.stop.clone());
+        let (served, (), (), (), ()) =
+            tokio::join!(serving, scheduling, self.tick_alarms(), withdrawing, notifying);
         let mut state = self.state.lock().await;
         state.collecting = false;
         for device in &mut state.devices {
@@ -240,6 +246,7 @@ impl App {
         for mut device in before {
             device.end().await;
         }
+        self.notifying.reload(&config);
         self.results.reload(&ids(&config), &config.alarm);
         self.keeping.clone().replace(history.clone(), self.results.clone()).await;
         self.scheduler.replace(schedule_plan(&config, &history, &self.writing));
@@ -310,6 +317,8 @@ impl Device {
             ("discarded_samples", h.discarded_samples),
             ("clock_jumps", h.clock_jumps),
             ("security_errors", h.security_errors),
+            ("refused_payloads", h.refused_payloads),
+            ("sequence_gaps", h.sequence_gaps),
         ];
         DeviceState { name: name.to_string(), connected: h.connected, last_good: h.last_good, counters }
     }
@@ -404,6 +413,9 @@ fn warn_of_what_needs_a_restart(old: &Config, new: &Config) {
     }
     if old.store != new.store {
         tracing::warn!("[store] has changed: that takes effect at the next start");
+    }
+    if old.notify != new.notify {
+        tracing::warn!("[notify] has changed: that takes effect at the next start");
     }
     let sizes = |c: &schedule::Config| (c.parallelism, c.deadline_s.to_bits(), c.queue, c.keep_results);
     if sizes(&old.schedule) != sizes(&new.schedule) {

@@ -18,6 +18,9 @@ pub mod audit;
 pub mod backfill;
 pub mod collect;
 pub mod history;
+pub mod mqtt;
+pub mod notify;
+
 pub mod results;
 pub mod schedule;
 pub mod serve;

@@ -22,7 +22,9 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("reproduce", &["signal", "diagnosis", "sim", "compensation", "plot"]),
     ("alarm", &["signal"]),
     ("audit", &[]),
-    ("collect", &["signal"]),
+    ("mqtt", &[]),
+    ("collect", &["signal", "mqtt"]),
+    ("notify", &["signal", "alarm", "results", "mqtt"]),
     ("history", &["signal"]),
     ("store", &["signal"]),
     ("results", &["signal", "compensation", "alarm", "diagnosis", "residual"]),
@@ -46,7 +48,18 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ),
     (
         "config",
-        &["signal", "alarm", "diagnosis", "collect", "history", "schedule", "serve", "store", "writeback"],
+        &[
+            "signal",
+            "alarm",
+            "diagnosis",
+            "collect",
+            "history",
+            "schedule",
+            "serve",
+            "store",
+            "notify",
+            "writeback",
+        ],
     ),
     (
         "app",
@@ -63,6 +76,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
             "schedule",
             "serve",
             "store",
+            "notify",
             "writeback",
             "config",
         ],
@@ -142,16 +156,21 @@ const UNSEEDED: &[&str] = &["rng", "thread_rng", "random", "OsRng", "SysRng", "f
 const CONFIG_FILES: &[&str] = &[
     "src/alarm.rs",
     "src/collect/modbus/config.rs",
+    "src/collect/mqtt/config.rs",
     "src/collect/opcua/config.rs",
     "src/diagnosis/config.rs",
     "src/history/mod.rs",
+    "src/notify/config.rs",
+    "src/notify/mqtt/config.rs",
     "src/schedule.rs",
     "src/serve/mod.rs",
     "src/store/config.rs",
     "src/writeback/config.rs",
 ];
-/// Other places that may name serde: the loader of the file, the DTOs, and where those are turned from and into text.
+/// Other places that may name serde: a broker's messages, the loader of the file, the DTOs, and where those are turned from and into text.
 const SERDE_PLACES: &[&str] = &[
+    "src/collect/mqtt/json.rs",
+    "src/notify/mqtt/message.rs",
     "src/config/",
     "src/serve/dto/",
     "src/serve/api/",

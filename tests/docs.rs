@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::fmt::Debug;
 use std::fs;
 use std::path::{Path, PathBuf};
-use stictiond::collect::{modbus, opcua};
+use stictiond::collect::{modbus, mqtt, opcua};
 use stictiond::config::{self, LoopConfig};
 use stictiond::{alarm, diagnosis, history, schedule, serve, store, writeback};
 
@@ -93,6 +93,9 @@ fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<modbus::Config>("`[[modbus]]`", "name = 'd'\naddress = 'd:502'\naddress_base = 0\n");
     agrees::<opcua::Config>("`[[opcua]]`", "name = 'd'\nurl = 'opc.tcp://d:4840/'\n");
     agrees::<opcua::TagConfig>("A tag of an OPC UA server", "device = 'd'\n");
+    agrees::<mqtt::Config>("`[[mqtt]]`", "name = 'd'\naddress = 'd:1883'\n");
+    agrees::<mqtt::TagConfig>("A tag at an MQTT broker", "device = 'd'\n");
+    agrees::<stictiond::notify::mqtt::Config>("`[notify.mqtt]`", "address = 'd:1883'\n");
     agrees::<LoopConfig>("`[[loop]]`", &format!("id = 'A'\n[op]\n{TAG}[pv]\n{TAG}"));
     agrees::<modbus::TagConfig>("A tag", TAG);
     agrees::<writeback::Config>("`[writeback]`", "");

@@ -38,7 +38,7 @@ fn summary(config: &Config, plant: &Plant) -> String {
     );
     let requests: usize = plant.plans.iter().map(|plan| plan.requests.len()).sum();
     let tags: usize = plant.loops.iter().map(|own| own.tags.len()).sum();
-    let devices = plant.plans.len() + plant.opcua.len();
+    let devices = plant.plans.len() + plant.opcua.len() + plant.mqtt.len();
     let _ = writeln!(out, "devices  {devices}, {requests} requests a round");
     for plan in &plant.plans {
         let _ = writeln!(
@@ -65,6 +65,17 @@ fn summary(config: &Config, plant: &Plant) -> String {
             server.url,
             server.security_policy,
             plan.tags.len()
+        );
+    }
+    for plan in &plant.mqtt {
+        let broker = &plan.config;
+        let _ = writeln!(
+            out,
+            "         {}: {}, {} tags by topic, as client {}",
+            broker.name,
+            broker.address,
+            plan.tags.len(),
+            broker.client_id
         );
     }
     let samples = config.history.samples_per_tag;

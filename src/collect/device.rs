@@ -1,6 +1,6 @@
 //! One device of any kind: its plan, and the task that keeps it.
 
-use super::{Clock, DeviceHealth, Sink, modbus, opcua};
+use super::{Clock, DeviceHealth, Sink, modbus, mqtt, opcua};
 use std::sync::Arc;
 use tokio_util::sync::CancellationToken;
 
@@ -11,6 +11,8 @@ pub enum Plan {
     Modbus(modbus::Plan),
     /// An OPC UA server.
     Opcua(opcua::Plan),
+    /// An MQTT broker.
+    Mqtt(mqtt::Plan),
 }
 
 impl Plan {
@@ -19,6 +21,7 @@ impl Plan {
         match self {
             Plan::Modbus(plan) => &plan.name,
             Plan::Opcua(plan) => &plan.config.name,
+            Plan::Mqtt(plan) => &plan.config.name,
         }
     }
 
@@ -27,6 +30,7 @@ impl Plan {
         match self {
             Plan::Modbus(plan) => plan.device,
             Plan::Opcua(plan) => plan.device,
+            Plan::Mqtt(plan) => plan.device,
         }
     }
 
@@ -35,6 +39,7 @@ impl Plan {
         match self {
             Plan::Modbus(plan) => plan.tags.iter().map(|tag| tag.index).collect(),
             Plan::Opcua(plan) => plan.tags.iter().map(|tag| tag.index).collect(),
+            Plan::Mqtt(plan) => plan.tags.iter().map(|tag| tag.index).collect(),
         }
     }
 
@@ -43,6 +48,7 @@ impl Plan {
         match (self, other) {
             (Plan::Modbus(a), Plan::Modbus(b)) => a.asks_the_same(b),
             (Plan::Opcua(a), Plan::Opcua(b)) => a.asks_the_same(b),
+            (Plan::Mqtt(a), Plan::Mqtt(b)) => a.asks_the_same(b),
             _ => false,
         }
     }
@@ -54,6 +60,8 @@ pub enum Collector {
     Modbus(Box<modbus::Collector>),
     /// Keeps a session.
     Opcua(Box<opcua::Collector>),
+    /// Listens to a broker.
+    Mqtt(Box<mqtt::Collector>),
 }
 
 impl Collector {
@@ -62,6 +70,7 @@ impl Collector {
         match plan {
             Plan::Modbus(plan) => Self::Modbus(Box::new(modbus::Collector::new(plan, clock, seed))),
             Plan::Opcua(plan) => Self::Opcua(Box::new(opcua::Collector::new(plan, clock, seed))),
+            Plan::Mqtt(plan) => Self::Mqtt(Box::new(mqtt::Collector::new(plan, clock, seed))),
         }
     }
 
@@ -70,6 +79,7 @@ impl Collector {
         match self {
             Self::Modbus(collector) => collector.health(),
             Self::Opcua(collector) => collector.health(),
+            Self::Mqtt(collector) => collector.health(),
         }
     }
 
@@ -78,6 +88,7 @@ impl Collector {
         match self {
             Self::Modbus(collector) => collector.run(sink, shutdown).await,
             Self::Opcua(collector) => collector.run(sink, shutdown).await,
+            Self::Mqtt(collector) => collector.run(sink, shutdown).await,
         }
     }
 }

@@ -18,6 +18,8 @@ pub struct DeviceHealth {
     discarded_samples: AtomicU64,
     clock_jumps: AtomicU64,
     security_errors: AtomicU64,
+    refused_payloads: AtomicU64,
+    sequence_gaps: AtomicU64,
     last_good: AtomicU64,
     connected: AtomicBool,
 }
@@ -51,6 +53,10 @@ pub struct HealthSnapshot {
     pub clock_jumps: u64,
     /// Sessions refused for a certificate, an identity or the security asked for, by us or by the device.
     pub security_errors: u64,
+    /// Messages, or values in them, that could not be read and became no sample.
+    pub refused_payloads: u64,
+    /// Messages of an edge node that were missed, told by their numbers.
+    pub sequence_gaps: u64,
     /// When the last good sample came (s); none yet when `None`.
     pub last_good: Option<f64>,
     /// Whether a connection is open. It says little: judge a device by [`HealthSnapshot::age_s`].
@@ -80,6 +86,8 @@ impl Default for DeviceHealth {
             discarded_samples: AtomicU64::new(0),
             clock_jumps: AtomicU64::new(0),
             security_errors: AtomicU64::new(0),
+            refused_payloads: AtomicU64::new(0),
+            sequence_gaps: AtomicU64::new(0),
             last_good: AtomicU64::new(f64::NAN.to_bits()),
             connected: AtomicBool::new(false),
         }
@@ -104,6 +112,8 @@ impl DeviceHealth {
             discarded_samples: self.discarded_samples.load(Relaxed),
             clock_jumps: self.clock_jumps.load(Relaxed),
             security_errors: self.security_errors.load(Relaxed),
+            refused_payloads: self.refused_payloads.load(Relaxed),
+            sequence_gaps: self.sequence_gaps.load(Relaxed),
             last_good: (!last_good.is_nan()).then_some(last_good),
             connected: self.connected.load(Relaxed),
         }
@@ -167,6 +177,14 @@ impl DeviceHealth {
 
     pub(super) fn untrusted(&self) {
         self.security_errors.fetch_add(1, Relaxed);
+    }
+
+    pub(super) fn unreadable(&self, count: u64) {
+        self.refused_payloads.fetch_add(count, Relaxed);
+    }
+
+    pub(super) fn missed_messages(&self) {
+        self.sequence_gaps.fetch_add(1, Relaxed);
     }
 
     pub(super) fn unusable(&self) {

@@ -6,6 +6,7 @@
 
 pub mod csv;
 pub mod modbus;
+pub mod mqtt;
 pub mod opcua;
 
 mod backoff;
@@ -13,6 +14,7 @@ mod device;
 mod frozen;
 mod health;
 mod scaling;
+mod series;
 
 pub use device::{Collector, Plan};
 pub use frozen::Frozen;

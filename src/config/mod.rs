@@ -15,8 +15,8 @@ pub use neighbours::{Candidates, MOST_CANDIDATES, Neighbour};
 pub use plant::Plant;
 pub use tag::TagConfig;
 
-use crate::collect::{modbus, opcua};
-use crate::{alarm, diagnosis, history, schedule, serve, store, writeback};
+use crate::collect::{modbus, mqtt, opcua};
+use crate::{alarm, diagnosis, history, notify, schedule, serve, store, writeback};
 use diagnostic::Report;
 use serde::Deserialize;
 use source::Source;
@@ -44,10 +44,14 @@ pub struct Config {
     pub alarm: alarm::Config,
     /// `[writeback]`.
     pub writeback: writeback::Config,
+    /// `[notify]`.
+    pub notify: notify::Config,
     /// `[[modbus]]`, one per device.
     pub modbus: Vec<modbus::Config>,
     /// `[[opcua]]`, one per server.
     pub opcua: Vec<opcua::Config>,
+    /// `[[mqtt]]`, one per broker.
+    pub mqtt: Vec<mqtt::Config>,
     /// `[[loop]]`, one per control loop.
     pub loops: Vec<LoopConfig>,
 }

@@ -1,7 +1,7 @@
 //! The configuration as the parts want it: loops with numbered tags, devices with planned requests.
 
 use super::{Config, LoopConfig, TagConfig};
-use crate::collect::{Issue, Plan, modbus, opcua};
+use crate::collect::{Issue, Plan, modbus, mqtt, opcua};
 use crate::history::{self, LoopTags, TagKind};
 use crate::signal::{LoopId, Role};
 use std::collections::HashMap;
@@ -15,12 +15,15 @@ pub struct Plant {
     pub plans: Vec<modbus::Plan>,
     /// One plan per OPC UA server, in the file's order; their numbers follow those of the Modbus devices.
     pub opcua: Vec<opcua::Plan>,
+    /// One plan per MQTT broker, in the file's order; their numbers follow those of the OPC UA servers.
+    pub mqtt: Vec<mqtt::Plan>,
 }
 
 impl Plant {
     /// All plans, each at its device's number.
     pub fn into_plans(self) -> impl Iterator<Item = Plan> {
-        self.plans.into_iter().map(Plan::Modbus).chain(self.opcua.into_iter().map(Plan::Opcua))
+        let polled = self.plans.into_iter().map(Plan::Modbus).chain(self.opcua.into_iter().map(Plan::Opcua));
+        polled.chain(self.mqtt.into_iter().map(Plan::Mqtt))
     }
 }
 
@@ -28,13 +31,15 @@ impl Config {
     /// Numbers the tags and plans the requests.
     ///
     /// # Errors
-    /// What [`modbus::Plan::new`] and [`opcua::Plan::new`] find; nothing for a configuration that
+    /// What [`modbus::Plan::new`], [`opcua::Plan::new`] and [`mqtt::Plan::new`] find; nothing for a configuration that
     /// [`load`](super::load) accepted.
     pub fn plant(&self) -> Result<Plant, Vec<Issue>> {
         let mut registers: Vec<Vec<modbus::TagSpec>> = vec![Vec::new(); self.modbus.len()];
         let mut nodes: Vec<Vec<opcua::TagSpec>> = vec![Vec::new(); self.opcua.len()];
+        let mut topics: Vec<Vec<mqtt::TagSpec>> = vec![Vec::new(); self.mqtt.len()];
         let devices = positions(self.modbus.iter().map(|device| device.name.as_str()));
         let servers = positions(self.opcua.iter().map(|server| server.name.as_str()));
+        let brokers = positions(self.mqtt.iter().map(|broker| broker.name.as_str()));
         let mut loops = Vec::with_capacity(self.loops.len());
         let mut index = 0;
         for control_loop in &self.loops {
@@ -54,6 +59,11 @@ impl Config {
                         nodes[at].push(opcua::TagSpec { index, name, role, config, frozen_after_s });
                         source_in_nodes(&self.opcua[at], tag)
                     }),
+                    TagConfig::Mqtt(tag) => brokers.get(tag.device.as_str()).map(|&at| {
+                        let config = tag.clone();
+                        topics[at].push(mqtt::TagSpec { index, name, role, config, frozen_after_s });
+                        source_at_broker(&self.mqtt[at], tag)
+                    }),
                 };
                 if let Some(source) = source {
                     let unit = tag.unit().unwrap_or_default().to_string();
@@ -72,7 +82,10 @@ impl Config {
         let plans = registers.into_iter().enumerate().map(plan).collect::<Result<_, _>>()?;
         let plan = |(at, specs)| opcua::Plan::new(self.modbus.len() + at, &self.opcua[at], specs);
         let opcua = nodes.into_iter().enumerate().map(plan).collect::<Result<_, _>>()?;
-        Ok(Plant { loops, plans, opcua })
+        let first = self.modbus.len() + self.opcua.len();
+        let plan = |(at, specs)| mqtt::Plan::new(first + at, &self.mqtt[at], specs);
+        let mqtt = topics.into_iter().enumerate().map(plan).collect::<Result<_, _>>()?;
+        Ok(Plant { loops, plans, opcua, mqtt })
     }
 
     /// Time between two diagnoses of a loop (s).
@@ -140,6 +153,18 @@ fn source_in_nodes(server: &opcua::Config, tag: &opcua::TagConfig) -> String {
     let place = tag.node.as_deref().or(tag.path.as_deref()).unwrap_or_default();
     let time = server.source_time_fallback;
     format!("opcua {} {place} time {time:?}", server.url)
+        + &meaning(tag.scale, tag.offset, tag.range, tag.auto_values.as_deref())
+}
+
+/// As [`source_in_nodes`].
+fn source_at_broker(broker: &mqtt::Config, tag: &mqtt::TagConfig) -> String {
+    let place = match (&tag.topic, &tag.sparkplug) {
+        (Some(topic), _) => format!("{topic} {}", tag.path.as_deref().unwrap_or_default()),
+        (None, place) => format!("{place:?} {:?} {:?}", tag.metric, tag.alias),
+    };
+    let time = tag.time_path.as_ref().or(broker.time_path.as_ref());
+    let (unit, fallback) = (broker.time_unit, broker.time_fallback);
+    format!("mqtt {} {place} time {time:?} {unit:?} {fallback:?}", broker.address)
         + &meaning(tag.scale, tag.offset, tag.range, tag.auto_values.as_deref())
 }
 

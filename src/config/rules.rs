@@ -25,7 +25,8 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
     let mut devices = HashMap::new();
     let modbus = (0..parts.modbus.len()).map(|at| ("modbus", at, Device::Modbus(at)));
     let opcua = (0..parts.opcua.len()).map(|at| ("opcua", at, Device::Opcua));
-    for (section, at, device) in modbus.chain(opcua) {
+    let mqtt = (0..parts.mqtt.len()).map(|at| ("mqtt", at, Device::Mqtt(at)));
+    for (section, at, device) in modbus.chain(opcua).chain(mqtt) {
         if let Some(name) = source.text(&path![section, at, "name"]) {
             devices.entry(name).or_insert(device);
         }
@@ -44,6 +45,18 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
 enum Device {
     Modbus(usize),
     Opcua,
+    Mqtt(usize),
+}
+
+impl Device {
+    /// What it is, and how a tag of its says where it is found.
+    fn wants(self) -> (&'static str, &'static str) {
+        match self {
+            Device::Modbus(_) => ("a Modbus device", "register and address"),
+            Device::Opcua => ("an OPC UA server", "node or path"),
+            Device::Mqtt(_) => ("an MQTT broker", "topic, or sparkplug and metric"),
+        }
+    }
 }
 
 struct Rules<'r, 'a, 't> {
@@ -84,6 +97,10 @@ impl Rules<'_, '_, '_> {
         self.section("diagnosis", parts.diagnosis.as_ref().map(|c| c.validate()));
         self.section("alarm", parts.alarm.as_ref().map(|c| c.validate()));
         self.section("writeback", parts.writeback.as_ref().map(|c| c.validate()));
+        let mqtt = parts.notify.as_ref().and_then(|notify| notify.mqtt.as_ref());
+        for (field, message) in mqtt.map(|mqtt| mqtt.validate()).into_iter().flatten() {
+            self.wrong(&path!["notify", "mqtt", field], format!("{field}: {message}"));
+        }
         if let (Some(history), Some(diagnosis)) = (&parts.history, &parts.diagnosis) {
             let (kept, needed) = (history.samples_per_tag, diagnosis.min_samples);
             self.unless(kept >= needed, &path!["history", "samples_per_tag"], || {
@@ -98,7 +115,9 @@ impl Rules<'_, '_, '_> {
         let opcua = parts.opcua.iter().map(|server| server.as_ref().map(|server| server.validate()));
         let modbus = modbus.enumerate().map(|(at, issues)| ("modbus", at, issues));
         let opcua = opcua.enumerate().map(|(at, issues)| ("opcua", at, issues));
-        for (section, at, issues) in modbus.chain(opcua) {
+        let mqtt = parts.mqtt.iter().map(|broker| broker.as_ref().map(|broker| broker.validate()));
+        let mqtt = mqtt.enumerate().map(|(at, issues)| ("mqtt", at, issues));
+        for (section, at, issues) in modbus.chain(opcua).chain(mqtt) {
             let here = path![section, at, "name"];
             if let Some(name) = self.source.text(&here) {
                 if !name.is_empty() {
@@ -219,24 +238,29 @@ impl Rules<'_, '_, '_> {
             let mut names: Vec<&str> = self.devices.keys().copied().collect();
             names.sort_unstable();
             let hint = super::wording::hint(tag.device(), &names);
-            let message = format!("device: no [[modbus]] or [[opcua]] is called {:?}{hint}", tag.device());
+            let message =
+                format!("device: no [[modbus]], [[opcua]] or [[mqtt]] is called {:?}{hint}", tag.device());
             self.wrong(&field("device"), message);
             return;
         };
+        let strange = |keys: &[&'static str], message: &str| {
+            let set = keys.iter().filter(|key| self.source.has(&field(key)));
+            set.map(|key| Issue { field: key, message: message.into() }).collect::<Vec<_>>()
+        };
         let issues = match (device, tag) {
             (Device::Modbus(at), TagConfig::Modbus(tag)) => {
-                let strange = tag::OPCUA_KEYS.into_iter().filter(|key| self.source.has(&field(key)));
-                let strange = strange
-                    .map(|field| Issue { field, message: "a tag with a register has none".into() })
-                    .collect::<Vec<_>>();
+                let keys = [&tag::OPCUA_KEYS[..], &tag::MQTT_KEYS].concat();
                 let own = parts.modbus[at].as_ref().map(|device| tag.validate(device, role));
-                strange.into_iter().chain(own.unwrap_or_default()).collect()
+                [strange(&keys, "a tag with a register has none"), own.unwrap_or_default()].concat()
             }
             (Device::Opcua, TagConfig::Opcua(tag)) => {
-                let strange = tag::MODBUS_KEYS.into_iter().filter(|key| self.source.has(&field(key)));
-                let strange =
-                    strange.map(|field| Issue { field, message: "a tag with a node has none".into() });
-                strange.chain(tag.validate(role)).collect()
+                let keys = [&tag::MODBUS_KEYS[..], &tag::MQTT_KEYS].concat();
+                [strange(&keys, "a tag with a node has none"), tag.validate(role)].concat()
+            }
+            (Device::Mqtt(at), TagConfig::Mqtt(tag)) => {
+                let keys = [&tag::MODBUS_KEYS[..], &tag::OPCUA_KEYS, &["node"]].concat();
+                let own = parts.mqtt[at].as_ref().map(|broker| tag.validate(broker, role));
+                [strange(&keys, "a tag at a broker has none"), own.unwrap_or_default()].concat()
             }
             (Device::Modbus(_), TagConfig::Opcua(own)) if own.node.is_none() && own.path.is_none() => {
                 for key in ["register", "address"] {
@@ -245,13 +269,14 @@ impl Rules<'_, '_, '_> {
                 }
                 return;
             }
-            (Device::Modbus(_), TagConfig::Opcua(_)) => {
-                let message = format!("{:?} is a Modbus device: write register and address", tag.device());
-                vec![Issue { field: tag.place_key(), message }]
-            }
-            (Device::Opcua, TagConfig::Modbus(_)) => {
-                let message = format!("{:?} is an OPC UA server: write node or path", tag.device());
-                vec![Issue { field: "register", message }]
+            (device, _) => {
+                let (what, how) = device.wants();
+                let key = match tag.as_modbus() {
+                    Some(_) => "register",
+                    None => tag.place_key(),
+                };
+                let message = format!("{:?} is {what}: write {how}", tag.device());
+                vec![Issue { field: key, message }]
             }
         };
         for issue in issues {

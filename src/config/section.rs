@@ -5,16 +5,28 @@ use super::diagnostic::Report;
 use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig};
-use crate::collect::{modbus, opcua};
-use crate::{alarm, diagnosis, history, schedule, serve, store, writeback};
+use crate::collect::{modbus, mqtt, opcua};
+use crate::{alarm, diagnosis, history, notify, schedule, serve, store, writeback};
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 10] =
-    ["server", "history", "store", "schedule", "diagnosis", "alarm", "writeback", "modbus", "opcua", "loop"];
+const SECTIONS: [&str; 12] = [
+    "server",
+    "history",
+    "store",
+    "schedule",
+    "diagnosis",
+    "alarm",
+    "writeback",
+    "notify",
+    "modbus",
+    "opcua",
+    "mqtt",
+    "loop",
+];
 /// Tags that a loop has once.
 pub const ROLES: [&str; 5] = ["op", "pv", "sp", "mode", "mv"];
 /// Errors looked for in one section; each costs one more reading of it.
@@ -32,8 +44,10 @@ pub struct Parts {
     pub diagnosis: Option<diagnosis::Config>,
     pub alarm: Option<alarm::Config>,
     pub writeback: Option<writeback::Config>,
+    pub notify: Option<notify::Config>,
     pub modbus: Vec<Option<modbus::Config>>,
     pub opcua: Vec<Option<opcua::Config>>,
+    pub mqtt: Vec<Option<mqtt::Config>>,
     pub loops: Vec<Option<LoopConfig>>,
 }
 
@@ -48,8 +62,10 @@ impl Parts {
             diagnosis: self.diagnosis?,
             alarm: self.alarm?,
             writeback: self.writeback?,
+            notify: self.notify?,
             modbus: self.modbus.into_iter().collect::<Option<_>>()?,
             opcua: self.opcua.into_iter().collect::<Option<_>>()?,
+            mqtt: self.mqtt.into_iter().collect::<Option<_>>()?,
             loops: self.loops.into_iter().collect::<Option<_>>()?,
         })
     }
@@ -72,8 +88,10 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
         diagnosis: table(source, "diagnosis", report),
         alarm: table(source, "alarm", report),
         writeback: table(source, "writeback", report),
+        notify: table(source, "notify", report),
         modbus: tables(source, "modbus", report),
         opcua: tables(source, "opcua", report),
+        mqtt: tables(source, "mqtt", report),
         loops: tables(source, "loop", report),
     }
 }

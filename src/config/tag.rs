@@ -1,6 +1,6 @@
 //! A tag of a loop, on whatever kind of device: its keys say which.
 
-use crate::collect::{modbus, opcua};
+use crate::collect::{modbus, mqtt, opcua};
 use serde::{Deserialize, Deserializer, de};
 
 /// Where a tag is read and how its value is made: `[loop.op]`, `[[loop.tag]]`, …
@@ -10,6 +10,8 @@ pub enum TagConfig {
     Modbus(modbus::TagConfig),
     /// With `node` or `path`.
     Opcua(opcua::TagConfig),
+    /// With `topic` or `sparkplug`.
+    Mqtt(mqtt::TagConfig),
 }
 
 impl TagConfig {
@@ -18,6 +20,7 @@ impl TagConfig {
         match self {
             Self::Modbus(tag) => tag.name.as_deref(),
             Self::Opcua(tag) => tag.name.as_deref(),
+            Self::Mqtt(tag) => tag.name.as_deref(),
         }
     }
 
@@ -26,6 +29,7 @@ impl TagConfig {
         match self {
             Self::Modbus(tag) => &tag.device,
             Self::Opcua(tag) => &tag.device,
+            Self::Mqtt(tag) => &tag.device,
         }
     }
 
@@ -34,6 +38,7 @@ impl TagConfig {
         match self {
             Self::Modbus(tag) => tag.unit.as_deref(),
             Self::Opcua(tag) => tag.unit.as_deref(),
+            Self::Mqtt(tag) => tag.unit.as_deref(),
         }
     }
 
@@ -41,7 +46,7 @@ impl TagConfig {
     pub fn as_modbus(&self) -> Option<&modbus::TagConfig> {
         match self {
             Self::Modbus(tag) => Some(tag),
-            Self::Opcua(_) => None,
+            Self::Opcua(_) | Self::Mqtt(_) => None,
         }
     }
 
@@ -51,6 +56,8 @@ impl TagConfig {
             Self::Modbus(_) => "address",
             Self::Opcua(tag) if tag.path.is_some() => "path",
             Self::Opcua(_) => "node",
+            Self::Mqtt(tag) if tag.sparkplug.is_some() => "sparkplug",
+            Self::Mqtt(_) => "topic",
         }
     }
 
@@ -63,6 +70,18 @@ impl TagConfig {
             (Self::Opcua(a), Self::Opcua(b)) => {
                 (&a.device, &a.node, &a.path) == (&b.device, &b.node, &b.path)
             }
+            (Self::Mqtt(a), Self::Mqtt(b)) => {
+                let place = |tag: &mqtt::TagConfig| {
+                    (
+                        tag.topic.clone(),
+                        tag.path.clone(),
+                        tag.sparkplug.clone(),
+                        tag.metric.clone(),
+                        tag.alias,
+                    )
+                };
+                a.device == b.device && place(a) == place(b)
+            }
             _ => false,
         }
     }
@@ -73,6 +92,9 @@ pub const MODBUS_KEYS: [&str; 5] = ["register", "address", "type", "byte_order",
 
 /// And those that only OPC UA has.
 pub const OPCUA_KEYS: [&str; 4] = ["sampling_ms", "queue_size", "deadband", "deadband_percent"];
+
+/// And those that only a broker's tags have.
+pub const MQTT_KEYS: [&str; 6] = ["topic", "time_path", "quality_path", "sparkplug", "metric", "alias"];
 
 /// Every key of every kind. Read as one table, so that each wrong key keeps its place in the file.
 #[derive(Deserialize)]
@@ -92,6 +114,12 @@ struct Keys {
     queue_size: Option<u32>,
     deadband: Option<f64>,
     deadband_percent: Option<f64>,
+    topic: Option<String>,
+    time_path: Option<String>,
+    quality_path: Option<String>,
+    sparkplug: Option<String>,
+    metric: Option<String>,
+    alias: Option<u64>,
     #[serde(default = "one")]
     scale: f64,
     #[serde(default)]
@@ -111,6 +139,24 @@ impl<'de> Deserialize<'de> for TagConfig {
         let (name, device, scale, offset) = (keys.name, keys.device, keys.scale, keys.offset);
         let (range, unit, auto_values) = (keys.range, keys.unit, keys.auto_values);
         let (node, path) = (keys.node, keys.path);
+        if keys.topic.is_some() || keys.sparkplug.is_some() {
+            return Ok(Self::Mqtt(mqtt::TagConfig {
+                name,
+                device,
+                topic: keys.topic,
+                path,
+                time_path: keys.time_path,
+                quality_path: keys.quality_path,
+                sparkplug: keys.sparkplug,
+                metric: keys.metric,
+                alias: keys.alias,
+                scale,
+                offset,
+                range,
+                unit,
+                auto_values,
+            }));
+        }
         // With no key that says the kind, the rules look at the device to say which is missing.
         let named = !device.is_empty();
         let unknown = named && keys.register.is_none() && keys.address.is_none() && keys.value_type.is_none();

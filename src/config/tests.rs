@@ -171,7 +171,7 @@ description = 'größer'; colour = 1
         "f:31:16: address_base: 2 must be 0 or 1",
         "f:34:13: op_limits: [100, 0] must be the lower, then the upper limit",
         "f:35:11: op_span: 0 must be a number above 0",
-        "f:42:12: device: no [[modbus]] or [[opcua]] is called \"dcs4\", did you mean \"dcs1\"?",
+        "f:42:12: device: no [[modbus]], [[opcua]] or [[mqtt]] is called \"dcs4\", did you mean \"dcs1\"?",
         "f:49:13: address: u16 on holding register 101 overlaps f32 at 100: one register cannot be both \
          (the other is on line 39)",
         "f:51:1: missing key \"op\" in [[loop]]",
@@ -427,4 +427,50 @@ fn candidates_are_tags_of_other_loops() {
     assert!(config.neighbours(&config.loops[1]).is_empty());
     let twice = errors(&of_two("['B.1.op', 'B.1.op']"));
     assert!(twice[0].contains("is there twice"), "{twice:?}");
+}
+
+#[test]
+fn errors_of_brokers_and_topics_have_their_place() {
+    let text = "\
+[[mqtt]]
+name = 'b'
+address = 'mqtt://h'
+user = 'u'
+silent_s = 0.0
+[notify.mqtt]
+address = 'h:1883'
+alarm_topic = 'all/alarms'
+[[loop]]
+id = 'A'
+[loop.op]
+device = 'b'
+topic = 'plant/#'
+[loop.pv]
+device = 'b'
+topic = 'a'
+path = 'v..x'
+register = 'holding'
+[loop.sp]
+device = 'b'
+sparkplug = 'edge'
+metric = 'SP'
+[loop.mv]
+device = 'b'
+node = 'ns=2;s=X'
+";
+    let found = errors(text);
+    for expected in [
+        "f:3:11: address: 'mqtt://h' is not host:port",
+        "f:4:8: user: a user name and one of password_file and password_env",
+        "f:5:12: silent_s: must be 0.1",
+        "f:8:15: alarm_topic: needs {loop}",
+        "f:13:9: topic: 'plant/#' must name one topic",
+        "f:17:8: path: 'v..x' is not a path",
+        "f:18:12: register: a tag at a broker has none",
+        "f:21:13: sparkplug: 'edge' is not group/edge",
+        "f:25:8: node: \"b\" is an MQTT broker: write topic, or sparkplug and metric",
+    ] {
+        assert!(found.iter().any(|found| found.starts_with(expected)), "{expected}: {}", found.join("\n"));
+    }
+    assert_eq!(found.len(), 9, "{}", found.join("\n"));
 }

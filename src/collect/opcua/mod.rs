@@ -1,8 +1,7 @@
 //! OPC UA, read only: values by subscription or by reading, gaps filled from the server's history.
 //!
-//! `config` says what to ask; `plan` is that, checked, without I/O. `value` makes samples of data values and
-//! `series` keeps each tag's samples in order and without duplicates: both are pure. `link` is the only place that
-//! talks to a server; `device` keeps one session, whatever happens to it.
+//! `config` says what to ask; `plan` is that, checked, without I/O. `value` makes samples of data values and is
+//! pure too. `link` is the only place that talks to a server; `device` keeps one session, whatever happens to it.
 
 mod config;
 mod device;
@@ -10,7 +9,6 @@ mod link;
 mod listener;
 mod plan;
 mod security;
-mod series;
 mod value;
 
 pub use config::{Config, Mode, Place, SecurityMode, SecurityPolicy, TagConfig, TimeFallback};

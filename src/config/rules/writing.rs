@@ -136,7 +136,7 @@ impl Rules<'_, '_, '_> {
     fn device<'p>(&self, name: &str, parts: &'p Parts) -> Option<&'p modbus::Config> {
         match self.devices.get(name)? {
             Device::Modbus(at) => parts.modbus[*at].as_ref(),
-            Device::Opcua => None,
+            Device::Opcua | Device::Mqtt(_) => None,
         }
     }
 }

@@ -1,0 +1,136 @@
+//! The latest message of each topic, until the broker has taken it. Pure and bounded.
+
+use std::collections::{HashMap, VecDeque};
+
+/// Messages by topic. A newer one takes the place of an older one: what matters of a loop is how it is now.
+#[derive(Debug)]
+pub(super) struct Outbox {
+    most: usize,
+    by_topic: HashMap<String, Entry>,
+    /// Topics that wait to be sent, each once, the longest waiting first.
+    waiting: VecDeque<String>,
+}
+
+#[derive(Debug)]
+struct Entry {
+    payload: Vec<u8>,
+    version: u64,
+    waits: bool,
+}
+
+impl Outbox {
+    pub(super) fn new(most: usize) -> Self {
+        Self { most, by_topic: HashMap::new(), waiting: VecDeque::new() }
+    }
+
+    /// Takes a message; false when there is no room for another topic.
+    pub(super) fn put(&mut self, topic: &str, payload: Vec<u8>) -> bool {
+        if let Some(entry) = self.by_topic.get_mut(topic) {
+            if entry.payload != payload {
+                (entry.payload, entry.version) = (payload, entry.version + 1);
+                if !std::mem::replace(&mut entry.waits, true) {
+                    self.waiting.push_back(topic.into());
+                }
+            }
+            return true;
+        }
+        if self.by_topic.len() >= self.most {
+            return false;
+        }
+        self.by_topic.insert(topic.into(), Entry { payload, version: 0, waits: true });
+        self.waiting.push_back(topic.into());
+        true
+    }
+
+    /// The next message to send, with its version; it waits no longer.
+    pub(super) fn next(&mut self) -> Option<(String, u64, Vec<u8>)> {
+        while let Some(topic) = self.waiting.pop_front() {
+            if let Some(entry) = self.by_topic.get_mut(&topic) {
+                entry.waits = false;
+                return Some((topic, entry.version, entry.payload.clone()));
+            }
+        }
+        None
+    }
+
+    /// A message was not taken after all: unless there is a newer one, it waits again.
+    pub(super) fn failed(&mut self, topic: &str, version: u64) {
+        if let Some(entry) = self.by_topic.get_mut(topic)
+            && entry.version == version
+            && !std::mem::replace(&mut entry.waits, true)
+        {
+            self.waiting.push_back(topic.into());
+        }
+    }
+
+    /// Everything is to be sent once more: a broker that was started again may have forgotten what it had.
+    pub(super) fn again(&mut self) {
+        let mut topics: Vec<String> = self.by_topic.keys().cloned().collect();
+        topics.sort_unstable();
+        self.by_topic.values_mut().for_each(|entry| entry.waits = true);
+        self.waiting = topics.into();
+    }
+
+    /// Empties all topics but these: an empty message takes the one that the broker keeps away.
+    pub(super) fn empty_all_but(&mut self, wanted: impl Fn(&str) -> bool) {
+        let gone: Vec<String> = self.by_topic.keys().filter(|topic| !wanted(topic)).cloned().collect();
+        for topic in gone {
+            self.put(&topic, Vec::new());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_latest_takes_the_place_of_the_one_before() {
+        let mut outbox = Outbox::new(2);
+        assert!(outbox.put("a", vec![1]) && outbox.put("b", vec![2]) && outbox.put("a", vec![3]));
+        assert!(!outbox.put("c", vec![4]), "no room");
+        assert_eq!(outbox.next(), Some(("a".into(), 1, vec![3])));
+        outbox.put("a", vec![5]);
+        outbox.failed("a", 1);
+        assert_eq!(outbox.next(), Some(("b".into(), 0, vec![2])));
+        assert_eq!(outbox.next(), Some(("a".into(), 2, vec![5])));
+        assert_eq!(outbox.next(), None);
+        outbox.put("a", vec![5]);
+        assert_eq!(outbox.next(), None, "nothing new");
+        outbox.again();
+        assert_eq!(outbox.next().map(|(topic, ..)| topic), Some("a".into()));
+        outbox.empty_all_but(|topic| topic == "a");
+        assert_eq!(outbox.next(), Some(("b".into(), 1, vec![])));
+        assert_eq!(outbox.next(), None);
+    }
+
+    proptest! {
+        /// Whatever fails on the way: in the end the broker has the latest of every topic, and no more is kept than allowed.
+        #[test]
+        fn the_latest_of_each_topic_arrives(
+            steps in prop::collection::vec((0u8..6, any::<u8>(), any::<bool>()), 0..200),
+        ) {
+            let mut outbox = Outbox::new(4);
+            let (mut put, mut there) = (HashMap::new(), HashMap::new());
+            for (topic, payload, fails) in steps {
+                let name = topic.to_string();
+                if outbox.put(&name, vec![payload]) {
+                    put.insert(name, vec![payload]);
+                }
+                prop_assert!(outbox.by_topic.len() <= 4 && outbox.waiting.len() <= 4);
+                if payload % 3 == 0 && let Some((topic, version, payload)) = outbox.next() {
+                    if fails {
+                        outbox.failed(&topic, version);
+                    } else {
+                        there.insert(topic, payload);
+                    }
+                }
+            }
+            while let Some((topic, _, payload)) = outbox.next() {
+                there.insert(topic, payload);
+            }
+            prop_assert_eq!(put, there);
+        }
+    }
+}
