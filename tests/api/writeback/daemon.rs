@@ -46,7 +46,7 @@ pub fn config(plant: SocketAddr, link: SocketAddr, audit: &Path) -> String {
          withdraw_percent_per_s = 6.0\nwithdraw_limit_s = 5.0\ndead_band_percent = 0.05\nrest_ms = 60\n\
          max_step_ms = {}\nclock_tolerance_ms = 1000\nmax_sample_age_ms = 1000\n\
          max_missed_polls_per_minute = 10000\nop_margin_percent = 5.0\nsp_rate_per_s = 1.0\nsp_settle_s = 1.0\n\
-         evidence_max_age_s = 600.0\nf_margin_percent = 5.0\ngrant_max_s = 600.0\nmeasure_s = 2.0\n\
+         evidence_max_age_s = 600.0\nf_margin_percent = 5.0\ngrant_max_s = 600.0\nmeasure_s = 4.0\n\
          prove_s = 600.0\nise_gain = 1.5\nise_limit = 1000.0\ntravel_limit = 1000.0\nreversal_band_percent = 0.2\n",
         audit.display(),
         device("dcs", plant),
