@@ -11,6 +11,7 @@ mod keeping;
 mod notifying;
 mod recall;
 pub mod replay;
+mod watching;
 #[cfg(not(feature = "writeback"))]
 #[path = "app/reading.rs"]
 mod writing;
@@ -107,6 +108,8 @@ struct Running {
     history: Arc<History>,
     devices: Vec<Device>,
     collecting: bool,
+    /// When this configuration came into force (s).
+    since: f64,
 }
 
 /// One device and, once the daemon runs, the task that polls it.
@@ -129,7 +132,9 @@ impl App {
         let history = Arc::new(History::new(&wired.loops, &config.history));
         let results = Arc::new(Results::new(&ids(&config), config.schedule.keep_results, &config.alarm));
         let writing = Writing::new(&config, clock, &results)?;
+        results.watch_devices(&devices_of(&config));
         let keeping = Keeping::new(&config, clock, &history, &results);
+        results.apply_design(clock.now());
         let notifying = Notifying::new(&config, clock, &results);
         let plan = schedule_plan(&config, &history, &writing);
         let scheduler =
@@ -139,7 +144,7 @@ impl App {
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices, &writing)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
-        let context = Arc::new(context.with_desk(writing.clone()).with_store(keeping.ask()));
+        let context = Arc::new(context.with_desk(writing.clone()).with_store(keeping.ask()).with_durable(keeping.ask_durable()));
         tracing::info!(
             loops = history.loops().len(),
             tags = history.tag_count(),
@@ -148,7 +153,7 @@ impl App {
             total_bytes = history.memory_bytes(),
             "history: memory taken"
         );
-        let state = Mutex::new(Running { config, history, devices, collecting: false });
+        let state = Mutex::new(Running { config, history, devices, collecting: false, since: clock.now() });
         Ok(Self { clock, results, scheduler, plant, context, writing, keeping, notifying, stop, state })
     }
 
@@ -187,7 +192,7 @@ impl App {
     pub async fn run(&self, listener: TcpListener) -> Result<(), AppError> {
         {
             let mut state = self.state.lock().await;
-            state.collecting = true;
+            (state.collecting, state.since) = (true, self.clock.now());
             self.keeping.begin();
             state.devices.iter_mut().for_each(|device| device.start(&self.stop));
             self.writing.begin(&state.config, &state.history, &state.devices);
@@ -218,7 +223,9 @@ impl App {
 
     async fn tick_alarms(&self) {
         while self.stop.run_until_cancelled(tokio::time::sleep(ALARM_TICK)).await.is_some() {
-            self.results.tick(self.clock.now());
+            let now = self.clock.now();
+            self.results.tick(now);
+            watching::watch(&*self.state.lock().await, &self.results, &*self.writing, now);
         }
     }
 
@@ -248,7 +255,9 @@ impl App {
         }
         self.notifying.reload(&config);
         self.results.reload(&ids(&config), &config.alarm);
+        self.results.watch_devices(&devices_of(&config));
         self.keeping.clone().replace(history.clone(), self.results.clone()).await;
+        self.results.apply_design(self.clock.now());
         self.scheduler.replace(schedule_plan(&config, &history, &self.writing));
         self.plant.send_replace(Arc::new(shown(&config, &history, &devices, &self.writing)));
         if state.collecting && !self.stop.is_cancelled() {
@@ -261,6 +270,7 @@ impl App {
             "another configuration is in force"
         );
         (state.config, state.history, state.devices) = (config, history, devices);
+        state.since = self.clock.now();
         Ok(())
     }
 }
@@ -350,6 +360,13 @@ impl collect::Sink for Rings {
 
 fn ids(config: &Config) -> Vec<LoopId> {
     config.loops.iter().map(|control_loop| LoopId::new(control_loop.id.as_str())).collect()
+}
+
+fn devices_of(config: &Config) -> Vec<LoopId> {
+    let modbus = config.modbus.iter().map(|device| device.name.as_str());
+    let opcua = config.opcua.iter().map(|device| device.name.as_str());
+    let mqtt = config.mqtt.iter().map(|device| device.name.as_str());
+    modbus.chain(opcua).chain(mqtt).map(LoopId::new).collect()
 }
 
 fn neighbours(config: &Config) -> HashMap<LoopId, Vec<Neighbour>> {

@@ -2,22 +2,24 @@
 //! them. Everything is bounded; whoever wants to hear of news subscribes to a bounded channel.
 
 mod alarm_log;
+mod alarms;
 pub mod basis;
 mod judged;
 mod kept;
 mod origin;
 
-pub use alarm_log::AlarmChange;
+pub use alarm_log::{AlarmChange, MOST_CHANGES};
+pub use alarms::{AlarmView, DeviceSeen, Said, TagsSeen};
 pub use basis::{Basis, Extent};
 pub use judged::{Judged, KnownEffect, ModelVersion, Residuals};
-pub use kept::{Change, Keeper, Remembered, Restored, Summary};
+pub use kept::{Change, Keeper, KeptAlarm, Remembered, Restored, RestoredAlarm, Summary};
 pub use origin::Origin;
 
-use crate::alarm::{self, Alarm, Observation, Refusal, State, Transition};
+use crate::alarm;
 use crate::compensation::gate::{self, News};
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::signal::LoopId;
-use alarm_log::AlarmLog;
+use alarms::Alarms;
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use tokio::sync::broadcast;
@@ -148,27 +150,6 @@ pub fn f_unit(in_percent: bool) -> &'static str {
     if in_percent { "% OP" } else { "OP units" }
 }
 
-/// A loop's alarm at one moment.
-#[derive(Clone, Debug, PartialEq)]
-pub struct AlarmView {
-    /// Which loop.
-    pub id: LoopId,
-    /// What the operator sees.
-    pub state: State,
-    /// Whether the condition holds, shelved or not.
-    pub active: bool,
-    /// When the state last changed (s).
-    pub since: Option<f64>,
-    /// When the condition was last raised (s).
-    pub raised_at: Option<f64>,
-    /// Until when it is shelved (s).
-    pub shelved_until: Option<f64>,
-    /// Who acted last.
-    pub by: Option<String>,
-    /// What they said.
-    pub comment: Option<String>,
-}
-
 /// What is known of one loop.
 #[derive(Clone, Debug)]
 pub struct Known {
@@ -182,8 +163,10 @@ pub struct Known {
     pub summary: Option<Summary>,
     /// Which effects the model has, since when.
     pub model: ModelVersion,
-    /// The alarm.
+    /// The alarm on its stiction.
     pub alarm: AlarmView,
+    /// Its other alarms that are not normal.
+    pub others: Vec<AlarmView>,
 }
 
 /// News.
@@ -192,7 +175,7 @@ pub enum Event {
     /// A run has ended.
     Run(LoopId, Summary),
     /// An alarm has changed its state.
-    Alarm(LoopId, Transition),
+    Alarm(Arc<AlarmChange>),
     /// Something happened to a loop's write-back.
     Writeback(LoopId, News),
     /// Another configuration is in force.
@@ -202,37 +185,22 @@ pub enum Event {
     },
 }
 
-/// An operator's action on an alarm.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Action {
-    /// Seen.
-    Acknowledge,
-    /// Silence for this long (s).
-    Shelve(f64),
-    /// End the silence.
-    Unshelve,
-}
-
 #[derive(Debug)]
 struct Entry {
     diagnosed: Option<(Arc<Run>, Summary)>,
     restored: Option<(Arc<Restored>, Summary)>,
     summaries: VecDeque<Summary>,
     model: ModelVersion,
-    alarm: Alarm,
-    by: Option<String>,
-    comment: Option<String>,
 }
 
 /// The results of all loops.
 #[derive(Debug)]
 pub struct Results {
     entries: RwLock<HashMap<LoopId, Arc<Mutex<Entry>>>>,
-    alarm_config: RwLock<alarm::Config>,
     keep: usize,
     /// Loops with a term in force.
     reinforced: RwLock<HashSet<LoopId>>,
-    alarm_log: AlarmLog,
+    alarms: Alarms,
     events: broadcast::Sender<Event>,
     keeper: kept::Keeping,
 }
@@ -242,10 +210,9 @@ impl Results {
     pub fn new(loops: &[LoopId], keep: usize, alarm_config: &alarm::Config) -> Self {
         let results = Self {
             entries: RwLock::default(),
-            alarm_config: RwLock::new(alarm_config.clone()),
             keep: keep.max(1),
             reinforced: RwLock::default(),
-            alarm_log: AlarmLog::default(),
+            alarms: Alarms::default(),
             events: broadcast::channel(EVENT_BACKLOG).0,
             keeper: kept::Keeping::default(),
         };
@@ -261,7 +228,7 @@ impl Results {
 
     fn place(&self, loops: &[LoopId], alarm_config: &alarm::Config) {
         let mut entries = self.entries.write().unwrap_or_else(PoisonError::into_inner);
-        *self.alarm_config.write().unwrap_or_else(PoisonError::into_inner) = alarm_config.clone();
+        self.place_alarms(loops, alarm_config);
         let mut old = std::mem::take(&mut *entries);
         for id in loops {
             let entry = old.remove(id).unwrap_or_else(|| {
@@ -270,12 +237,8 @@ impl Results {
                     restored: None,
                     summaries: VecDeque::new(),
                     model: ModelVersion::default(),
-                    alarm: Alarm::new(alarm_config.clone()),
-                    by: None,
-                    comment: None,
                 }))
             });
-            lock(&entry).alarm.reconfigure(alarm_config.clone());
             entries.insert(id.clone(), entry);
         }
     }
@@ -296,6 +259,10 @@ impl Results {
                 reinforced.remove(id)
             };
         }
+        if let gate::Event::Moved { to, cause, .. } = &news.event {
+            let tripped = (*to == gate::State::Tripped).then(|| format!("closed by a fault: {}", cause.code()));
+            self.watch_trip(id, tripped, news.at);
+        }
         self.tell(Event::Writeback(id.clone(), news.clone()));
     }
 
@@ -307,8 +274,7 @@ impl Results {
             return run;
         };
         let summary = run.summary();
-        let observation = self.observation(&run, &summary);
-        let transitions = {
+        let told = {
             let mut entry = lock(&entry);
             if entry.summaries.len() == self.keep {
                 entry.summaries.pop_front();
@@ -325,33 +291,14 @@ impl Results {
                 entry.diagnosed = Some((run.clone(), summary.clone()));
                 entry.restored = None;
             }
-            let transitions = entry.alarm.observe(observation, run.finished);
-            self.keep(&run.id, &entry, |change| Change {
-                run: Some((run.clone(), summary.clone())),
-                model: new_model,
-                transitions: transitions.clone(),
-                ..change
-            });
-            transitions
+            // Before the loop is let go, so that its runs reach its alarms and the store in order.
+            let alarms::News { kept, told } = self.judge(&run, &summary);
+            self.keep(Some((run.clone(), summary.clone())), new_model, kept);
+            told
         };
         self.tell(Event::Run(run.id.clone(), summary));
-        self.tell_all(&run.id, transitions, (None, None));
+        self.tell_alarms(told);
         run
-    }
-
-    fn observation(&self, run: &Run, summary: &Summary) -> Observation {
-        let verdict = run.judged().map(Judged::verdict);
-        let (Some(f), Some(evidence)) = (summary.f, summary.delta_aic) else {
-            return Observation::Unknown;
-        };
-        match verdict {
-            None | Some(Verdict::NotIdentifiable(_)) => Observation::Unknown,
-            Some(Verdict::NoStiction) if self.is_reinforced(&run.id) => Observation::Unknown,
-            Some(verdict) => {
-                let config = self.alarm_config.read().unwrap_or_else(PoisonError::into_inner);
-                config.judge(*verdict == Verdict::Stiction, f, evidence)
-            }
-        }
     }
 
     fn is_reinforced(&self, id: &LoopId) -> bool {
@@ -361,7 +308,8 @@ impl Results {
     /// What is known of a loop at `now`.
     pub fn get(&self, id: &LoopId, now: f64) -> Option<Known> {
         let entry = self.entry(id)?;
-        self.let_pass(id, &entry, now);
+        let mut alarms = self.alarms_of(id, now).into_iter();
+        let (alarm, others) = (alarms.next()?, alarms.collect());
         let entry = lock(&entry);
         Some(Known {
             diagnosed: entry.diagnosed.as_ref().map(|(run, _)| run.clone()),
@@ -374,7 +322,8 @@ impl Results {
                 .or(entry.restored.as_ref().map(|(_, summary)| summary))
                 .cloned(),
             model: entry.model.clone(),
-            alarm: view(id, &entry),
+            alarm,
+            others,
         })
     }
 
@@ -397,88 +346,8 @@ impl Results {
         (run, entries.len())
     }
 
-    /// All alarms at `now`, by loop.
-    pub fn alarms(&self, now: f64) -> Vec<AlarmView> {
-        self.tick(now);
-        let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
-        let mut alarms: Vec<AlarmView> = entries.iter().map(|(id, entry)| view(id, &lock(entry))).collect();
-        alarms.sort_by(|a, b| a.id.cmp(&b.id));
-        alarms
-    }
-
-    /// An operator acts on a loop's alarm at `now`; `None` for a loop that is not there.
-    ///
-    /// # Errors
-    /// The alarm's [`Refusal`] when its state does not allow the action.
-    pub fn act(
-        &self,
-        id: &LoopId,
-        action: Action,
-        by: Option<String>,
-        comment: Option<String>,
-        now: f64,
-    ) -> Option<Result<AlarmView, Refusal>> {
-        let entry = self.entry(id)?;
-        self.let_pass(id, &entry, now);
-        let acted = {
-            let mut entry = lock(&entry);
-            let acted = match action {
-                Action::Acknowledge => entry.alarm.acknowledge(now),
-                Action::Shelve(duration) => entry.alarm.shelve(duration, now),
-                Action::Unshelve => entry.alarm.unshelve(now),
-            };
-            acted.map(|transitions| {
-                (entry.by, entry.comment) = (by.clone(), comment.clone());
-                let kept = transitions.clone();
-                self.keep(id, &entry, |change| Change { transitions: kept, acted: true, ..change });
-                (transitions, view(id, &entry))
-            })
-        };
-        Some(acted.map(|(transitions, view)| {
-            self.tell_all(id, transitions, (by, comment));
-            view
-        }))
-    }
-
-    /// Lets time pass for all alarms: shelvings that have run out end, and everybody hears of it.
-    pub fn tick(&self, now: f64) {
-        let shelved: Vec<_> = {
-            let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
-            let shelved = entries.iter().filter(|(_, entry)| lock(entry).alarm.state() == State::Shelved);
-            shelved.map(|(id, entry)| (id.clone(), entry.clone())).collect()
-        };
-        for (id, entry) in shelved {
-            self.let_pass(&id, &entry, now);
-        }
-    }
-
-    fn let_pass(&self, id: &LoopId, entry: &Mutex<Entry>, now: f64) {
-        let transitions = {
-            let mut entry = lock(entry);
-            let transitions = entry.alarm.tick(now);
-            if !transitions.is_empty() {
-                self.keep(id, &entry, |change| Change { transitions: transitions.clone(), ..change });
-            }
-            transitions
-        };
-        self.tell_all(id, transitions, (None, None));
-    }
-
-    /// The changes of alarms that are remembered, newest first.
-    pub fn alarm_log(&self) -> Vec<AlarmChange> {
-        self.alarm_log.newest_first()
-    }
-
     fn entry(&self, id: &LoopId) -> Option<Arc<Mutex<Entry>>> {
         self.entries.read().unwrap_or_else(PoisonError::into_inner).get(id).cloned()
-    }
-
-    fn tell_all(&self, id: &LoopId, transitions: Vec<Transition>, said: (Option<String>, Option<String>)) {
-        for transition in transitions {
-            let (by, comment) = said.clone();
-            self.alarm_log.push(AlarmChange { id: id.clone(), transition, by, comment });
-            self.tell(Event::Alarm(id.clone(), transition));
-        }
     }
 
     fn tell(&self, event: Event) {
@@ -490,19 +359,6 @@ impl Results {
 /// A panic elsewhere leaves an entry whole: every change to it is one assignment.
 fn lock(entry: &Mutex<Entry>) -> MutexGuard<'_, Entry> {
     entry.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-fn view(id: &LoopId, entry: &Entry) -> AlarmView {
-    AlarmView {
-        id: id.clone(),
-        state: entry.alarm.state(),
-        active: entry.alarm.is_active(),
-        since: entry.alarm.since(),
-        raised_at: entry.alarm.raised_at(),
-        shelved_until: entry.alarm.shelved_until(),
-        by: entry.by.clone(),
-        comment: entry.comment.clone(),
-    }
 }
 
 #[cfg(test)]

@@ -1,24 +1,35 @@
 use super::*;
-use Observation::{Between, Clean, Sticky, Unknown};
+use Observation::{Absent, Between, Present, Unknown};
 use proptest::prelude::*;
 
+mod walk;
+
 fn fed(observations: &[Observation]) -> Alarm {
-    let mut alarm = Alarm::new(Config::default());
+    let mut alarm = Alarm::new(Kind::Stiction);
     for (at, &observation) in observations.iter().enumerate() {
-        alarm.observe(observation, at as f64);
+        alarm.observe(observation, Priority::Low, at as f64, &Config::default());
     }
     alarm
 }
 
+fn act(alarm: &mut Alarm, action: Action, now: f64) -> Result<Vec<Transition>, Refusal> {
+    let (taken, acted) = alarm.act(action, now, &Config::default());
+    acted.map(|()| taken)
+}
+
+fn shelve_for(seconds: f64) -> Action {
+    Action::Shelve(Shelving::For(seconds))
+}
+
 #[test]
 fn two_of_three_raise_and_three_of_four_clear() {
-    assert_eq!(fed(&[Sticky]).state(), State::Normal);
-    assert_eq!(fed(&[Sticky, Clean, Sticky]).state(), State::Unacknowledged);
-    assert_eq!(fed(&[Sticky, Clean, Clean, Sticky]).state(), State::Normal);
-    let raised = [Sticky, Sticky];
-    assert_eq!(fed(&[&raised[..], &[Clean, Clean]].concat()).state(), State::Unacknowledged);
+    assert_eq!(fed(&[Present]).state(), State::Normal);
+    assert_eq!(fed(&[Present, Absent, Present]).state(), State::Unacknowledged);
+    assert_eq!(fed(&[Present, Absent, Absent, Present]).state(), State::Normal);
+    let raised = [Present, Present];
+    assert_eq!(fed(&[&raised[..], &[Absent, Absent]].concat()).state(), State::Unacknowledged);
     assert_eq!(
-        fed(&[&raised[..], &[Clean, Sticky, Clean, Clean]].concat()).state(),
+        fed(&[&raised[..], &[Absent, Present, Absent, Absent]].concat()).state(),
         State::ReturnedUnacknowledged
     );
 }
@@ -26,181 +37,218 @@ fn two_of_three_raise_and_three_of_four_clear() {
 #[test]
 fn not_identifiable_neither_raises_nor_clears_nor_counts() {
     assert_eq!(fed(&[Unknown; 50]).state(), State::Normal);
-    assert_eq!(fed(&[Sticky, Unknown, Unknown, Unknown, Sticky]).state(), State::Unacknowledged);
-    let mut long = vec![Sticky, Sticky];
+    assert_eq!(fed(&[Present, Unknown, Unknown, Unknown, Present]).state(), State::Unacknowledged);
+    let mut long = vec![Present, Present];
     long.extend([Unknown; 50]);
     assert_eq!(fed(&long).state(), State::Unacknowledged);
 }
 
 #[test]
-fn inside_the_hysteresis_band_an_alarm_stays_as_it_is() {
-    let mut alarm = fed(&[Sticky, Sticky]);
+fn inside_the_dead_band_an_alarm_stays_as_it_is() {
+    let mut alarm = fed(&[Present, Present]);
     for at in 0..20 {
-        alarm.observe(Between, f64::from(at));
+        alarm.observe(Between, Priority::Low, f64::from(at), &Config::default());
     }
-    assert!(alarm.is_active());
-    assert!(!fed(&[Between; 20]).is_active());
+    assert!(alarm.flags().active);
+    assert!(!fed(&[Between; 20]).flags().active);
 }
 
 #[test]
 fn a_diagnosis_is_judged_by_verdict_then_f_then_evidence() {
     let config = Config::default();
-    assert_eq!(config.judge(true, 2.5, 446.0), Sticky);
-    assert_eq!(config.judge(false, 0.04, 1e9), Clean);
-    assert_eq!(config.judge(false, 1.0, 10.0), Clean);
+    assert_eq!(config.judge(true, 2.5, 446.0), Present);
+    assert_eq!(config.judge(false, 0.04, 1e9), Absent);
+    assert_eq!(config.judge(false, 1.0, 10.0), Absent);
     assert_eq!(config.judge(false, 1.0, 15.0), Between);
     assert_eq!(config.judge(false, f64::NAN, f64::NAN), Between);
 }
 
 #[test]
+fn priority_follows_f_and_never_falls_while_the_condition_holds() {
+    let config = Config::default();
+    let of = |f| config.priority(Kind::Stiction, f);
+    assert_eq!([of(None), of(Some(0.49)), of(Some(0.5)), of(Some(2.0))], [
+        Priority::Low,
+        Priority::Low,
+        Priority::Medium,
+        Priority::High
+    ]);
+    let mut alarm = Alarm::new(Kind::Stiction);
+    let mut seen = |f: f64, at| {
+        alarm.observe(Present, of(Some(f)), at, &config);
+        alarm.priority()
+    };
+    // The first vote raises nothing, so it has no priority yet.
+    assert_eq!([seen(3.0, 0.0), seen(0.6, 1.0), seen(2.5, 2.0), seen(0.1, 3.0)], [
+        None,
+        Some(Priority::Medium),
+        Some(Priority::High),
+        Some(Priority::High)
+    ]);
+}
+
+#[test]
 fn shelving_ends_by_itself_and_tells_what_held_meanwhile() {
-    let mut alarm = Alarm::new(Config::default());
-    let shelved = alarm.shelve(100.0, 0.0).expect("a sound duration");
+    let config = Config::default();
+    let mut alarm = Alarm::new(Kind::Stiction);
+    let shelved = act(&mut alarm, shelve_for(100.0), 0.0).expect("a sound duration");
     assert_eq!((shelved[0].from, shelved[0].to), (State::Normal, State::Shelved));
-    assert_eq!(alarm.observe(Sticky, 1.0), vec![]);
-    assert_eq!(alarm.observe(Sticky, 2.0), vec![]);
+    assert_eq!(alarm.observe(Present, Priority::Low, 1.0, &config), vec![]);
+    assert_eq!(alarm.observe(Present, Priority::Low, 2.0, &config), vec![]);
     assert_eq!(alarm.tick(99.9), vec![]);
     let ended = alarm.tick(100.0);
     assert_eq!((ended[0].to, ended[0].cause), (State::Unacknowledged, Cause::Expired));
-    assert_eq!(alarm.raised_at(), Some(2.0));
+    assert_eq!(alarm.flags().raised_at, Some(2.0));
+}
+
+#[test]
+fn shelved_once_it_comes_back_with_the_next_occurrence() {
+    let config = Config { k: 1, n: 1, clear_k: 1, clear_n: 1, ..Config::default() };
+    let mut alarm = Alarm::new(Kind::Stiction);
+    let once = Action::Shelve(Shelving::Once(1000.0));
+    assert_eq!(alarm.act(once, 0.0, &config).1, Err(Refusal::NothingToShelve));
+    alarm.observe(Present, Priority::Low, 1.0, &config);
+    alarm.act(once, 2.0, &config).1.expect("the condition holds");
+    let gone = alarm.observe(Absent, Priority::Low, 3.0, &config);
+    assert_eq!((gone[0].to, gone[0].cause), (State::Normal, Cause::OneShotOver));
+    alarm.observe(Present, Priority::Low, 4.0, &config);
+    assert_eq!(alarm.state(), State::Unacknowledged);
+}
+
+#[test]
+fn a_trip_stays_until_it_is_acknowledged_and_reset() {
+    let config = Config::default();
+    let mut alarm = Alarm::new(Kind::CompensationTripped);
+    alarm.level(true, 1.0, &config);
+    alarm.level(false, 2.0, &config);
+    assert_eq!(alarm.state(), State::LatchedUnacknowledged);
+    assert!(matches!(act(&mut alarm, Action::Reset, 3.0), Err(Refusal::NothingToReset(_))));
+    act(&mut alarm, Action::Acknowledge, 4.0).expect("it waits for that");
+    // Shelved, it comes back latched: a trip is not forgotten.
+    act(&mut alarm, shelve_for(10.0), 5.0).expect("a sound duration");
+    assert_eq!(alarm.tick(15.0)[0].to, State::LatchedUnacknowledged);
+    act(&mut alarm, Action::Acknowledge, 16.0).expect("again");
+    act(&mut alarm, Action::Reset, 17.0).expect("seen and gone");
+    assert_eq!(alarm.state(), State::Normal);
 }
 
 #[test]
 fn impossible_actions_are_refused_with_the_reason() {
-    let mut alarm = Alarm::new(Config::default());
-    assert_eq!(alarm.acknowledge(0.0), Err(Refusal::NothingToAcknowledge(State::Normal)));
-    assert_eq!(alarm.unshelve(0.0), Err(Refusal::NotShelved(State::Normal)));
+    let mut alarm = Alarm::new(Kind::Stiction);
+    let normal = State::Normal;
+    assert_eq!(act(&mut alarm, Action::Acknowledge, 0.0), Err(Refusal::NothingToAcknowledge(normal)));
+    assert_eq!(act(&mut alarm, Action::Unshelve, 0.0), Err(Refusal::NotShelved(normal)));
+    assert_eq!(act(&mut alarm, Action::GiveBack, 0.0), Err(Refusal::InService(normal)));
     for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e9] {
-        assert!(matches!(alarm.shelve(bad, 0.0), Err(Refusal::BadDuration { .. })), "{bad}");
+        assert!(matches!(act(&mut alarm, shelve_for(bad), 0.0), Err(Refusal::BadDuration { .. })), "{bad}");
     }
+    assert_eq!(alarm.state(), normal);
+    act(&mut alarm, Action::TakeOut, 1.0).expect("it is in service");
+    assert_eq!(act(&mut alarm, Action::TakeOut, 2.0), Err(Refusal::OutOfService));
+    assert_eq!(act(&mut alarm, shelve_for(1.0), 2.0), Err(Refusal::OutOfService));
+}
+
+#[test]
+fn a_condition_counts_once_it_has_held_for_the_delay() {
+    let config = Config::default();
+    let mut alarm = Alarm::new(Kind::TagBad);
+    alarm.level(true, 0.0, &config);
+    alarm.level(true, 299.0, &config);
+    alarm.level(false, 299.5, &config);
+    alarm.level(true, 300.0, &config);
+    alarm.level(true, 599.0, &config);
     assert_eq!(alarm.state(), State::Normal);
+    // A restart in between does not begin it anew.
+    alarm = Alarm::restored(Kind::TagBad, &config, alarm.saved());
+    alarm.level(true, 600.0, &config);
+    assert_eq!(alarm.state(), State::Unacknowledged);
+    // A clock that was set back does.
+    let mut other = Alarm::new(Kind::TagBad);
+    other.level(true, 1000.0, &config);
+    other.level(true, 10.0, &config);
+    other.level(true, 309.0, &config);
+    assert_eq!(other.state(), State::Normal);
+    other.level(true, 310.0, &config);
+    assert_eq!(other.state(), State::Unacknowledged);
+}
+
+#[test]
+fn chattering_and_stale_alarms_are_told() {
+    let config = Config::default();
+    let mut alarm = Alarm::new(Kind::CollectorDown);
+    for at in [0.0, 100.0, 200.0] {
+        assert!(!alarm.chatters(at, &config), "{at}");
+        alarm.level(true, at, &config);
+        alarm.level(false, at + 50.0, &config);
+    }
+    assert!(alarm.chatters(250.0, &config));
+    assert!(alarm.chatters(86_400.0, &config) && !alarm.chatters(86_401.0, &config));
+    alarm.level(true, 1000.0, &config);
+    let month = 30.0 * 86_400.0;
+    assert!(!alarm.is_stale(1000.0 + month, &config) && alarm.is_stale(1001.0 + month, &config));
+    alarm.level(false, 1002.0 + month, &config);
+    assert!(!alarm.is_stale(2000.0 + month, &config));
+}
+
+#[test]
+fn a_flood_is_grouped_counted_and_over_at_half_its_rate() {
+    let config = Config { flood_raises: 10, flood_s: 600.0, ..Config::default() };
+    let mut flood = Flood::default();
+    let mut raised = |priority, at| flood.raised(priority, at, &config);
+    assert!((0..10).all(|k| !raised(Priority::Low, f64::from(k))), "ten in ten minutes can be handled");
+    assert!((10..40).all(|k| raised(Priority::Medium, f64::from(k))), "what is over it is grouped");
+    assert!(!raised(Priority::High, 40.0), "what is urgent never is");
+    assert_eq!(flood.view(), FloodView { since: Some(10.0), grouped: 30, recent: 41 });
+    assert!(!flood.tick(600.0, &config));
+    // Parts of ten seconds: what was raised up to 40 s has left the ten minutes by 650 s.
+    assert!(flood.tick(650.0, &config));
+    assert_eq!(flood.view(), FloodView { since: None, grouped: 30, recent: 0 });
+    assert!(!flood.raised(Priority::Low, 700.0, &config));
+}
+
+#[test]
+fn what_the_configuration_suppresses_is_suppressed_by_design() {
+    let config = Config { suppressed: vec!["A/tag_bad".into(), "*/f_rising".into()], ..Config::default() };
+    for (kind, subject, expected) in [
+        (Kind::TagBad, "A", State::SuppressedByDesign),
+        (Kind::TagBad, "B", State::Normal),
+        (Kind::FRising, "B", State::SuppressedByDesign),
+    ] {
+        let mut alarm = Alarm::new(kind);
+        alarm.suppress(false, subject, 0.0, &config);
+        assert_eq!(alarm.state(), expected, "{subject} {kind:?}");
+    }
+}
+
+#[test]
+fn names_of_alarms_states_causes_and_kinds_are_read_back() {
+    let id = AlarmId::new(LoopId::new("FIC101"), Kind::FRising);
+    assert_eq!(id.to_string(), "FIC101/f_rising");
+    assert_eq!(AlarmId::named("FIC101/f_rising"), id);
+    assert_eq!(AlarmId::named("FIC101"), AlarmId::new(LoopId::new("FIC101"), Kind::Stiction));
+    assert_eq!(AlarmId::named("a/b").to_string(), "a/b/stiction");
+    assert!(Kind::ALL.into_iter().all(|kind| Kind::named(kind.as_str()) == Some(kind)));
+    assert!(State::ALL.into_iter().all(|state| State::named(state.as_str()) == Some(state)));
+    assert!(Cause::ALL.into_iter().all(|cause| Cause::named(cause.as_str()) == Some(cause)));
+    assert!(Priority::ALL.into_iter().all(|one| Priority::named(one.as_str()) == Some(one)));
 }
 
 #[test]
 fn impossible_settings_are_named() {
     assert_eq!(Config::default().validate(), vec![]);
-    let bad = Config { k: 4, clear_n: 0, clear_f_percent: f64::NAN, ..Config::default() };
-    let fields: Vec<&str> = bad.validate().iter().map(|(field, _)| *field).collect();
-    assert_eq!(fields, vec!["k", "clear_n", "clear_k", "clear_f_percent"]);
+    let bad = Config {
+        k: 4,
+        clear_n: 0,
+        clear_f_percent: f64::NAN,
+        suppressed: vec!["FIC1".into()],
+        tag_bad: TagBadConfig { after_s: 0.0, ..TagBadConfig::default() },
+        f_rising: RisingConfig { min_points: 40, ..RisingConfig::default() },
+        ..Config::default()
+    };
+    let fields: Vec<String> = bad.validate().iter().map(|(table, field, _)| format!("{table}.{field}")).collect();
+    let expected =
+        [".k", ".clear_n", ".clear_k", ".clear_f_percent", "tag_bad.after_s", ".suppressed", "f_rising.min_points"];
+    assert_eq!(fields, expected);
 }
 
-#[derive(Clone, Copy, Debug)]
-enum Action {
-    Observe(Observation),
-    Acknowledge,
-    Shelve(f64),
-    Unshelve,
-    Wait(f64),
-}
-
-fn actions() -> impl Strategy<Value = Vec<Action>> {
-    let observation = prop_oneof![Just(Sticky), Just(Clean), Just(Between), Just(Unknown)];
-    let action = prop_oneof![
-        6 => observation.prop_map(Action::Observe),
-        2 => Just(Action::Acknowledge),
-        1 => (1.0f64..20.0).prop_map(Action::Shelve),
-        1 => Just(Action::Unshelve),
-        1 => (0.0f64..20.0).prop_map(Action::Wait),
-    ];
-    proptest::collection::vec(action, 0..120)
-}
-
-/// The oracle: the diagram as a table, and a condition recounted from every observation ever made.
-struct Oracle {
-    state: State,
-    until: f64,
-    seen: Vec<Observation>,
-}
-
-impl Oracle {
-    /// Replays all observations from the first, changing the condition where the counts say so.
-    fn condition(&self, config: &Config) -> bool {
-        let (mut active, mut from) = (false, 0);
-        for to in 1..=self.seen.len() {
-            let (of, wanted, enough) = match active {
-                true => (config.clear_n, Clean, config.clear_k),
-                false => (config.n, Sticky, config.k),
-            };
-            let recent = &self.seen[from.max(to.saturating_sub(of))..to];
-            if recent.iter().filter(|&&o| o == wanted).count() >= enough {
-                (active, from) = (!active, to);
-            }
-        }
-        active
-    }
-
-    fn step(&mut self, action: Action, now: f64, config: &Config) {
-        if self.state == State::Shelved && now >= self.until {
-            self.unshelve(config);
-            if matches!(action, Action::Unshelve) {
-                return;
-            }
-        }
-        match action {
-            Action::Observe(Unknown) | Action::Wait(_) => {}
-            Action::Observe(observation) => {
-                let before = self.condition(config);
-                self.seen.push(observation);
-                self.state = match (self.state, before, self.condition(config)) {
-                    (State::Normal | State::ReturnedUnacknowledged, false, true) => State::Unacknowledged,
-                    (State::Unacknowledged, true, false) => State::ReturnedUnacknowledged,
-                    (State::Acknowledged, true, false) => State::Normal,
-                    (state, _, _) => state,
-                };
-            }
-            Action::Acknowledge => {
-                self.state = match self.state {
-                    State::Unacknowledged => State::Acknowledged,
-                    State::ReturnedUnacknowledged => State::Normal,
-                    state => state,
-                };
-            }
-            Action::Shelve(duration) => (self.state, self.until) = (State::Shelved, now + duration),
-            Action::Unshelve if self.state == State::Shelved => self.unshelve(config),
-            Action::Unshelve => {}
-        }
-    }
-
-    fn unshelve(&mut self, config: &Config) {
-        self.state = if self.condition(config) { State::Unacknowledged } else { State::Normal };
-    }
-}
-
-proptest! {
-    #[test]
-    fn follows_the_diagram(
-        actions in actions(),
-        (n, k) in (1usize..5).prop_flat_map(|n| (Just(n), 1..=n)),
-        (clear_n, clear_k) in (1usize..5).prop_flat_map(|n| (Just(n), 1..=n)),
-        restart_every in 1usize..6,
-    ) {
-        let config = Config { k, n, clear_k, clear_n, ..Config::default() };
-        let mut alarm = Alarm::new(config.clone());
-        let mut oracle = Oracle { state: State::Normal, until: 0.0, seen: Vec::new() };
-        let mut now = 0.0;
-        for (count, action) in actions.into_iter().enumerate() {
-            // A restart in between changes nothing.
-            if count % restart_every == 0 {
-                alarm = Alarm::restored(config.clone(), alarm.saved());
-            }
-            now += if let Action::Wait(duration) = action { duration } else { 1.0 };
-            let before = alarm.state();
-            let taken = match action {
-                Action::Observe(observation) => alarm.observe(observation, now),
-                Action::Acknowledge => alarm.acknowledge(now).unwrap_or_default(),
-                Action::Shelve(duration) => alarm.shelve(duration, now).unwrap_or_default(),
-                Action::Unshelve => alarm.unshelve(now).unwrap_or_default(),
-                Action::Wait(_) => alarm.tick(now),
-            };
-            oracle.step(action, now, &config);
-            prop_assert_eq!(alarm.state(), oracle.state, "after {:?}", action);
-            prop_assert_eq!(alarm.is_active(), oracle.condition(&config));
-            // The transitions told to the outside are a chain from the old state to the new one.
-            let end = taken.iter().try_fold(before, |at, t| (t.from == at && t.at == now).then_some(t.to));
-            if matches!(action, Action::Acknowledge) && taken.is_empty() {
-                continue; // a refused acknowledgement may still have let a shelving run out
-            }
-            prop_assert_eq!(end, Some(alarm.state()));
-        }
-    }
-}
+use crate::signal::LoopId;

@@ -10,10 +10,10 @@ use crate::config::Config;
 use crate::history::{History, Ring};
 use crate::results::{Change, Results};
 use crate::schedule::Clock;
-use crate::serve::{AskStore, StoreState};
+use crate::serve::{AskDurable, AskStore, StoreState};
 use crate::store::{self, Reader, Store, StoreError, TagName, Writer};
 use following::Following;
-use rows::remembered;
+use rows::{remembered, remembered_alarms, remembered_changes};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -137,6 +137,13 @@ impl Keeping {
         Some(Arc::new(move || state(lock(&writer).as_ref().map(Writer::status).unwrap_or_default(), &shared)))
     }
 
+    /// Waits until everything noted is durable; `None` where there is no store, so that nothing ever is.
+    pub(super) fn ask_durable(&self) -> Option<AskDurable> {
+        self.config.as_ref()?;
+        let writer = self.writer.clone();
+        Some(Arc::new(move || lock(&writer).as_ref().is_some_and(|writer| writer.flush(PATIENCE))))
+    }
+
     fn give_back(&self, history: &History, results: &Results) {
         let Some(config) = &self.config else { return };
         let began = Instant::now();
@@ -148,6 +155,7 @@ impl Keeping {
                 loops += usize::from(!kept.summaries.is_empty());
                 results.restore(&own.id, kept);
             }
+            results.restore_alarms(remembered_alarms(&reader)?, remembered_changes(&reader)?);
             Ok((samples, loops, reader.damaged()))
         });
         let took_s = began.elapsed().as_secs_f64();

@@ -95,7 +95,13 @@ impl Rules<'_, '_, '_> {
         self.section("store", parts.store.as_ref().and_then(|c| c.as_ref()).map(|c| c.validate()));
         self.section("schedule", parts.schedule.as_ref().map(|c| c.validate()));
         self.section("diagnosis", parts.diagnosis.as_ref().map(|c| c.validate()));
-        self.section("alarm", parts.alarm.as_ref().map(|c| c.validate()));
+        for (table, field, message) in parts.alarm.as_ref().map(|c| c.validate()).into_iter().flatten() {
+            let message = format!("{field}: {message}");
+            match table {
+                "" => self.wrong(&path!["alarm", field], message),
+                table => self.wrong(&path!["alarm", table, field], message),
+            }
+        }
         self.section("writeback", parts.writeback.as_ref().map(|c| c.validate()));
         let mqtt = parts.notify.as_ref().and_then(|notify| notify.mqtt.as_ref());
         for (field, message) in mqtt.map(|mqtt| mqtt.validate()).into_iter().flatten() {

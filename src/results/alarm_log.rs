@@ -1,20 +1,27 @@
-//! What alarms did, the last changes over all loops.
+//! What alarms did, the last changes over all of them.
 
-use crate::alarm::Transition;
-use crate::signal::LoopId;
+use crate::alarm::{AlarmId, Priority, Transition};
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
 /// Changes that are remembered.
-const MOST: usize = 2000;
+pub const MOST_CHANGES: usize = 2000;
 
 /// A change of an alarm, as it is remembered.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AlarmChange {
-    /// Which loop.
-    pub id: LoopId,
+    /// Counted up since the start; what was kept of before comes first.
+    pub number: u64,
+    /// Which alarm.
+    pub id: AlarmId,
     /// What changed.
     pub transition: Transition,
+    /// How soon somebody has to act.
+    pub priority: Priority,
+    /// Raised in a flood.
+    pub grouped: bool,
+    /// What the condition is, in one line.
+    pub detail: String,
     /// Who did it, where somebody did.
     pub by: Option<String>,
     /// What they said.
@@ -23,20 +30,32 @@ pub struct AlarmChange {
 
 /// The last changes.
 #[derive(Debug, Default)]
-pub(super) struct AlarmLog(Mutex<VecDeque<AlarmChange>>);
+pub(super) struct AlarmLog(Mutex<(u64, VecDeque<AlarmChange>)>);
 
 impl AlarmLog {
-    pub(super) fn push(&self, change: AlarmChange) {
-        let mut log = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if log.len() == MOST {
+    /// Numbers a change and remembers it.
+    pub(super) fn push(&self, change: AlarmChange) -> AlarmChange {
+        let (next, log) = &mut *self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if log.len() == MOST_CHANGES {
             log.pop_front();
         }
-        log.push_back(change);
+        *next += 1;
+        let change = AlarmChange { number: *next, ..change };
+        log.push_back(change.clone());
+        change
+    }
+
+    /// Takes back what was kept, oldest first, unless something has happened since.
+    pub(super) fn restore(&self, kept: Vec<AlarmChange>) {
+        let empty = self.0.lock().unwrap_or_else(PoisonError::into_inner).1.is_empty();
+        if empty {
+            kept.into_iter().for_each(|change| drop(self.push(change)));
+        }
     }
 
     pub(super) fn newest_first(&self) -> Vec<AlarmChange> {
         let log = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        log.iter().rev().cloned().collect()
+        log.1.iter().rev().cloned().collect()
     }
 }
 
@@ -48,16 +67,26 @@ mod tests {
     #[test]
     fn the_oldest_change_goes_when_there_is_no_room() {
         let log = AlarmLog::default();
-        for k in 0..MOST + 5 {
+        for k in 0..MOST_CHANGES + 5 {
             let transition = Transition {
                 from: State::Normal,
                 to: State::Unacknowledged,
                 at: k as f64,
                 cause: Cause::Raised,
             };
-            log.push(AlarmChange { id: LoopId::new("FIC1"), transition, by: None, comment: None });
+            log.push(AlarmChange {
+                number: 0,
+                id: AlarmId::named("FIC1"),
+                transition,
+                priority: Priority::Low,
+                grouped: false,
+                detail: String::new(),
+                by: None,
+                comment: None,
+            });
         }
         let kept = log.newest_first();
-        assert_eq!((kept.len(), kept[0].transition.at), (MOST, (MOST + 4) as f64));
+        assert_eq!((kept.len(), kept[0].transition.at), (MOST_CHANGES, (MOST_CHANGES + 4) as f64));
+        assert_eq!((kept[0].number, kept[1].number), (2005, 2004));
     }
 }

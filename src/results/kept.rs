@@ -1,11 +1,11 @@
 //! What outlives a restart: a run in a few numbers, what changed and is to be kept, and what was kept and comes back.
 
-use super::{Entry, ModelVersion, Results, Run, Trigger, lock};
-use crate::alarm::{Alarm, Saved, Transition};
+use super::{ModelVersion, Results, Run, Trigger, lock};
+use crate::alarm::{AlarmId, Saved, Transition};
 use crate::signal::LoopId;
 use std::borrow::Cow;
 use std::fmt;
-use std::sync::{Arc, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 /// A run in a few numbers.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,25 +32,49 @@ pub struct Summary {
     pub delta_aic: Option<f64>,
 }
 
-/// Something changed with a loop: all of it belongs together, and is kept together or not at all.
+/// Something changed: all of it belongs together, and is kept together or not at all.
 #[derive(Clone, Debug)]
 pub struct Change {
-    /// Which loop.
-    pub id: LoopId,
     /// The run that has ended, where one has.
     pub run: Option<(Arc<Run>, Summary)>,
-    /// The model's version, where it is a new one.
+    /// The version of that loop's model, where it is a new one.
     pub model: Option<ModelVersion>,
-    /// What happened to the alarm.
+    /// Alarms that changed.
+    pub alarms: Vec<KeptAlarm>,
+}
+
+/// An alarm that changed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KeptAlarm {
+    /// Which.
+    pub id: AlarmId,
+    /// The alarm after the change.
+    pub saved: Saved,
+    /// What happened to its state.
     pub transitions: Vec<Transition>,
-    /// The alarm after that.
-    pub alarm: Saved,
-    /// Whether an operator acted, who is `by`.
+    /// Whether somebody acted, who is `by`.
     pub acted: bool,
     /// Who acted last.
     pub by: Option<String>,
     /// What they said.
     pub comment: Option<String>,
+    /// What the condition is, in one line.
+    pub detail: String,
+}
+
+/// An alarm of before the restart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RestoredAlarm {
+    /// Which.
+    pub id: AlarmId,
+    /// The alarm as it was kept.
+    pub saved: Saved,
+    /// Who acted last.
+    pub by: Option<String>,
+    /// What they said.
+    pub comment: Option<String>,
+    /// What the condition is, in one line.
+    pub detail: String,
 }
 
 /// Is told of every change, in order; it must not wait for anything.
@@ -78,8 +102,6 @@ pub struct Remembered {
     pub diagnosed: Option<(Restored, Summary)>,
     /// The model's version.
     pub model: ModelVersion,
-    /// The alarm, who acted last, and what they said.
-    pub alarm: Option<(Saved, Option<String>, Option<String>)>,
 }
 
 /// Who keeps what changes, once somebody does.
@@ -98,11 +120,15 @@ impl Results {
         let _ = self.keeper.0.set(keeper);
     }
 
-    pub(super) fn keep(&self, id: &LoopId, entry: &Entry, change: impl FnOnce(Change) -> Change) {
-        if let Some(keeper) = self.keeper.0.get() {
-            let (by, comment, alarm) = (entry.by.clone(), entry.comment.clone(), entry.alarm.saved());
-            let (run, model, transitions, acted) = (None, None, Vec::new(), false);
-            keeper(change(Change { id: id.clone(), run, model, transitions, alarm, acted, by, comment }));
+    pub(super) fn keep(
+        &self,
+        run: Option<(Arc<Run>, Summary)>,
+        model: Option<ModelVersion>,
+        alarms: Vec<KeptAlarm>,
+    ) {
+        let nothing = run.is_none() && model.is_none() && alarms.is_empty();
+        if let Some(keeper) = self.keeper.0.get().filter(|_| !nothing) {
+            keeper(Change { run, model, alarms });
         }
     }
 
@@ -114,7 +140,6 @@ impl Results {
     /// Takes back what was kept of a loop, with the times of then; nothing when the loop is not there or has been run.
     pub fn restore(&self, id: &LoopId, kept: Remembered) {
         let Some(entry) = self.entry(id) else { return };
-        let config = self.alarm_config.read().unwrap_or_else(PoisonError::into_inner).clone();
         let mut entry = lock(&entry);
         if !entry.summaries.is_empty() {
             return;
@@ -123,9 +148,5 @@ impl Results {
         entry.summaries = kept.summaries.into_iter().skip(surplus).collect();
         entry.restored = kept.diagnosed.map(|(restored, summary)| (Arc::new(restored), summary));
         entry.model = kept.model;
-        if let Some((saved, by, comment)) = kept.alarm {
-            entry.alarm = Alarm::restored(config, saved);
-            (entry.by, entry.comment) = (by, comment);
-        }
     }
 }

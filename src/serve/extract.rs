@@ -2,6 +2,7 @@
 
 use super::Context;
 use super::problem::Problem;
+use crate::alarm::AlarmId;
 use crate::signal::LoopId;
 use axum::body::Bytes;
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
@@ -77,6 +78,20 @@ impl FromRequestParts<Arc<Context>> for OfLoop {
         let id = LoopId::new(name);
         let known = state.plant.borrow().info(&id).is_some();
         if known { Ok(Self(id)) } else { Err(Problem::unknown_loop(id.as_str())) }
+    }
+}
+
+/// The alarm in the path, whole or in two halves; whether it is there is for the results to say.
+pub struct OfAlarm(pub AlarmId);
+
+impl FromRequestParts<Arc<Context>> for OfAlarm {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &Arc<Context>) -> Result<Self, Problem> {
+        let bad = |_| Problem::new(StatusCode::BAD_REQUEST, "bad_path", "the path is not percent-encoded UTF-8");
+        let halves = Path::<Vec<(String, String)>>::from_request_parts(parts, state).await.map_err(bad)?.0;
+        let names: Vec<&str> = halves.iter().map(|(_, value)| value.as_str()).collect();
+        Ok(Self(AlarmId::named(&names.join("/"))))
     }
 }
 

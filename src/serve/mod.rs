@@ -164,6 +164,9 @@ pub struct StoreState {
 /// Tells how the store is.
 pub type AskStore = Arc<dyn Fn() -> StoreState + Send + Sync>;
 
+/// Waits until what was done is durable; false when it is not.
+pub type AskDurable = Arc<dyn Fn() -> bool + Send + Sync>;
+
 /// One line of the configuration, for people.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
@@ -243,6 +246,7 @@ pub struct Context {
     event_clients: Arc<Semaphore>,
     desk: Option<Arc<dyn Desk>>,
     store: Option<AskStore>,
+    durable: Option<AskDurable>,
     /// Whether it is served on loopback, known once it is served.
     loopback: OnceLock<bool>,
     stop: CancellationToken,
@@ -269,6 +273,7 @@ impl Context {
             stop,
             desk: None,
             store: None,
+            durable: None,
             loopback: OnceLock::new(),
         }
     }
@@ -281,6 +286,11 @@ impl Context {
     /// Shows the store as `store` tells.
     pub fn with_store(self, store: Option<AskStore>) -> Self {
         Self { store, ..self }
+    }
+
+    /// Answers what was done to an alarm once `durable` says so.
+    pub fn with_durable(self, durable: Option<AskDurable>) -> Self {
+        Self { durable, ..self }
     }
 
     /// Whether nobody but this machine can ask.

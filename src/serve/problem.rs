@@ -30,6 +30,11 @@ impl Problem {
         Self::new(StatusCode::NOT_FOUND, "unknown_loop", format!("there is no loop '{id}'")).with("loop", id)
     }
 
+    /// 404: no such alarm.
+    pub fn unknown_alarm(id: &str) -> Self {
+        Self::new(StatusCode::NOT_FOUND, "unknown_alarm", format!("there is no alarm '{id}'")).with("alarm", id)
+    }
+
     /// 404: the loop is there, but has never been diagnosed.
     pub fn not_diagnosed_yet(id: &str, failure: Option<&str>) -> Self {
         let detail = match failure {

@@ -159,7 +159,7 @@ const DIAGNOSES: [Column; 14] = [
     ("version", Type::Text),
     ("report", Type::Text),
 ];
-const ALARMS: [Column; 7] = [
+const ALARMS: [Column; 10] = [
     ("loop", Type::Text),
     ("t", Type::Number),
     ("before", Type::Text),
@@ -167,6 +167,9 @@ const ALARMS: [Column; 7] = [
     ("cause", Type::Text),
     ("by", Type::Text),
     ("comment", Type::Text),
+    ("kind", Type::Text),
+    ("priority", Type::Text),
+    ("detail", Type::Text),
 ];
 
 /// Writes what is chosen to a file that must not be there yet; it has its name only once it is whole. How many rows it has.
@@ -326,6 +329,9 @@ fn alarms(reader: &mut Reader, choice: &Choice, sink: &mut dyn Sink) -> Result<u
                 Cell::text(&row.cause),
                 Cell::maybe(row.by.as_deref()),
                 Cell::maybe(row.comment.as_deref()),
+                Cell::text(&row.kind),
+                Cell::maybe(row.priority.as_deref()),
+                Cell::text(&row.detail),
             ])?;
             rows += 1;
         }

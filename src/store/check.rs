@@ -140,7 +140,7 @@ fn diagnoses(reader: &Reader, found: &mut Checked) -> Result<(), StoreError> {
 
 /// Each alarm begins where it was left.
 fn transitions(reader: &Reader, found: &mut Checked) -> Result<(), StoreError> {
-    let mut state: HashMap<String, String> = HashMap::new();
+    let mut state: HashMap<(String, String), String> = HashMap::new();
     let mut after = 0;
     loop {
         let some = reader.transitions(after, ROWS as usize)?;
@@ -148,12 +148,12 @@ fn transitions(reader: &Reader, found: &mut Checked) -> Result<(), StoreError> {
         after = *last;
         for (_, row) in some {
             found.transitions += 1;
-            let before = state.insert(row.control_loop.clone(), row.after);
+            let before = state.insert((row.control_loop.clone(), row.kind.clone()), row.after);
             if before.as_ref().is_some_and(|before| *before != row.before) {
                 let left = before.unwrap_or_default();
                 found.faults.push(format!(
-                    "alarm of {} at {}: it goes on from {}, and was left {left}",
-                    row.control_loop, row.at, row.before
+                    "alarm of {} ({}) at {}: it goes on from {}, and was left {left}",
+                    row.control_loop, row.kind, row.at, row.before
                 ));
             }
         }

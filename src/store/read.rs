@@ -362,23 +362,27 @@ impl Reader {
         Ok(model.optional()?)
     }
 
-    /// The state of a loop's alarm.
-    pub fn alarm(&self, control_loop: &str) -> Result<Option<AlarmRow>, StoreError> {
-        let mut query = self.db.prepare_cached("SELECT * FROM alarms WHERE control_loop = ?1")?;
-        let alarm = query.query_row([control_loop], |row| {
-            Ok(AlarmRow {
-                control_loop: control_loop.to_string(),
-                active: row.get("active")?,
-                acknowledged: row.get("acknowledged")?,
-                shelved_until: row.get("shelved_until")?,
-                votes: row.get("votes")?,
-                since: row.get("since")?,
-                raised_at: row.get("raised_at")?,
-                by: row.get("by_whom")?,
-                comment: row.get("comment")?,
-            })
-        });
-        Ok(alarm.optional()?)
+    /// The state of every alarm, of loops and of collectors.
+    pub fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError> {
+        let mut query = self.db.prepare_cached("SELECT * FROM alarms ORDER BY control_loop, kind")?;
+        let rows = query.query_map([], alarm)?;
+        Ok(rows.collect::<Result<_, _>>()?)
+    }
+
+    /// The state of an alarm.
+    pub fn alarm(&self, control_loop: &str, kind: &str) -> Result<Option<AlarmRow>, StoreError> {
+        let mut query =
+            self.db.prepare_cached("SELECT * FROM alarms WHERE control_loop = ?1 AND kind = ?2")?;
+        Ok(query.query_row([control_loop, kind], alarm).optional()?)
+    }
+
+    /// The last `limit` things that happened to alarms, oldest first.
+    pub fn last_transitions(&self, limit: usize) -> Result<Vec<TransitionRow>, StoreError> {
+        let mut query = self.db.prepare_cached("SELECT * FROM transitions ORDER BY id DESC LIMIT ?1")?;
+        let rows = query.query_map([limit as i64], transition)?;
+        let mut rows: Vec<TransitionRow> = rows.collect::<Result<_, _>>()?;
+        rows.reverse();
+        Ok(rows)
     }
 
     /// Up to `limit` things that happened to alarms, after the one with number `after`, each with its number.
@@ -386,19 +390,49 @@ impl Reader {
         let mut query =
             self.db.prepare_cached("SELECT * FROM transitions WHERE id > ?1 ORDER BY id LIMIT ?2")?;
         let rows = query.query_map(params![after, limit as i64], |row| {
-            let transition = TransitionRow {
-                control_loop: row.get("control_loop")?,
-                at: row.get("at")?,
-                before: row.get("before")?,
-                after: row.get("after")?,
-                cause: row.get("cause")?,
-                by: row.get("by_whom")?,
-                comment: row.get("comment")?,
-            };
-            Ok((row.get("id")?, transition))
+            Ok((row.get("id")?, transition(row)?))
         })?;
         Ok(rows.collect::<Result<_, _>>()?)
     }
+}
+
+fn alarm(row: &Row<'_>) -> rusqlite::Result<AlarmRow> {
+    Ok(AlarmRow {
+        control_loop: row.get("control_loop")?,
+        kind: row.get("kind")?,
+        active: row.get("active")?,
+        acknowledged: row.get("acknowledged")?,
+        latched: row.get("latched")?,
+        shelved_until: row.get("shelved_until")?,
+        one_shot: row.get("one_shot")?,
+        suppressed: row.get("suppressed")?,
+        out_of_service: row.get("out_of_service")?,
+        votes: row.get("votes")?,
+        pending: row.get("pending")?,
+        raises: row.get("raises")?,
+        priority: row.get("priority")?,
+        trend: row.get("trend")?,
+        since: row.get("since")?,
+        raised_at: row.get("raised_at")?,
+        detail: row.get("detail")?,
+        by: row.get("by_whom")?,
+        comment: row.get("comment")?,
+    })
+}
+
+fn transition(row: &Row<'_>) -> rusqlite::Result<TransitionRow> {
+    Ok(TransitionRow {
+        control_loop: row.get("control_loop")?,
+        kind: row.get("kind")?,
+        at: row.get("at")?,
+        before: row.get("before")?,
+        after: row.get("after")?,
+        cause: row.get("cause")?,
+        priority: row.get("priority")?,
+        detail: row.get("detail")?,
+        by: row.get("by_whom")?,
+        comment: row.get("comment")?,
+    })
 }
 
 /// Whether wanted tags, which are sorted, lie so far apart that each is looked up sooner than all between are read.

@@ -53,7 +53,7 @@ pub enum Row {
     Diagnosis(DiagnosisRow),
     /// A version of a loop's model; the key is loop and version.
     Model(ModelRow),
-    /// The state of a loop's alarm, in place of the one before.
+    /// The state of an alarm, in place of the one before; the key is loop and kind.
     Alarm(AlarmRow),
     /// What happened to an alarm; the key is everything but who and why.
     Transition(TransitionRow),
@@ -69,7 +69,7 @@ impl Row {
                         + [&row.report, &row.basis].into_iter().flatten().map(Vec::len).sum::<usize>()
                 }
                 Row::Model(row) => row.effects.len(),
-                Row::Alarm(row) => row.votes.len(),
+                Row::Alarm(row) => row.votes.len() + row.trend.len() + row.detail.len(),
                 Row::Transition(_) => 64,
             }
     }
@@ -124,20 +124,40 @@ pub struct ModelRow {
 /// The state of an alarm.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AlarmRow {
-    /// Which loop.
+    /// Which loop, or which collector.
     pub control_loop: String,
+    /// What it is about.
+    pub kind: String,
     /// The condition holds.
     pub active: bool,
     /// Somebody has seen it.
     pub acknowledged: bool,
+    /// The condition went and the alarm stays.
+    pub latched: bool,
     /// Until when it is shelved (s).
     pub shelved_until: Option<f64>,
+    /// Shelved until its condition goes.
+    pub one_shot: bool,
+    /// Suppressed by design.
+    pub suppressed: bool,
+    /// Out of service.
+    pub out_of_service: bool,
     /// Votes that count to the next change, oldest first, as text.
     pub votes: String,
+    /// Since when a condition holds that has to hold for longer (s).
+    pub pending: Option<f64>,
+    /// When it was raised last, as text.
+    pub raises: String,
+    /// The highest priority since then.
+    pub priority: Option<String>,
+    /// f over time, as text.
+    pub trend: String,
     /// When the state last changed (s).
     pub since: Option<f64>,
     /// When the condition was last raised (s).
     pub raised_at: Option<f64>,
+    /// What the condition is, in one line.
+    pub detail: String,
     /// Who acted last.
     pub by: Option<String>,
     /// What they said.
@@ -147,8 +167,10 @@ pub struct AlarmRow {
 /// What happened to an alarm.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TransitionRow {
-    /// Which loop.
+    /// Which loop, or which collector.
     pub control_loop: String,
+    /// What its alarm is about.
+    pub kind: String,
     /// When (s).
     pub at: f64,
     /// State before.
@@ -157,6 +179,10 @@ pub struct TransitionRow {
     pub after: String,
     /// Why.
     pub cause: String,
+    /// How soon somebody had to act.
+    pub priority: Option<String>,
+    /// What the condition was, in one line.
+    pub detail: String,
     /// Who acted.
     pub by: Option<String>,
     /// What they said.

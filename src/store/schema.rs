@@ -4,7 +4,7 @@ use super::StoreError;
 use rusqlite::Connection;
 
 /// Steps, each run once, in order, in a transaction of its own; one that was released is never changed.
-const STEPS: [&str; 2] = [
+const STEPS: [&str; 3] = [
     // 1: the key of samples is `start << 24 | tag`, start the first whole second of the chunk: appended in order of time,
     // which fills the pages.
     "CREATE TABLE tags (
@@ -32,6 +32,27 @@ const STEPS: [&str; 2] = [
     CREATE INDEX diagnoses_finished ON diagnoses (finished);",
     // 2: what a run worked on, for `replay`.
     "ALTER TABLE diagnoses ADD COLUMN basis BLOB;",
+    // 3: alarms of several kinds, of loops and of collectors, and all that is a part of their state.
+    "ALTER TABLE alarms RENAME TO alarms_before;
+    CREATE TABLE alarms (
+        control_loop TEXT NOT NULL, kind TEXT NOT NULL, active INTEGER NOT NULL, acknowledged INTEGER NOT NULL,
+        latched INTEGER NOT NULL, shelved_until REAL, one_shot INTEGER NOT NULL, suppressed INTEGER NOT NULL,
+        out_of_service INTEGER NOT NULL, votes TEXT NOT NULL, pending REAL, raises TEXT NOT NULL, priority TEXT,
+        trend TEXT NOT NULL, since REAL, raised_at REAL, detail TEXT NOT NULL, by_whom TEXT, comment TEXT,
+        PRIMARY KEY (control_loop, kind)) WITHOUT ROWID;
+    INSERT INTO alarms SELECT control_loop, 'stiction', active, acknowledged, 0, shelved_until, 0, 0, 0, votes, NULL, '',
+        NULL, '', since, raised_at, '', by_whom, comment FROM alarms_before;
+    DROP TABLE alarms_before;
+    ALTER TABLE transitions RENAME TO transitions_before;
+    DROP INDEX transitions_at;
+    CREATE TABLE transitions (
+        id INTEGER PRIMARY KEY, control_loop TEXT NOT NULL, kind TEXT NOT NULL, at REAL NOT NULL, before TEXT NOT NULL,
+        after TEXT NOT NULL, cause TEXT NOT NULL, priority TEXT, detail TEXT NOT NULL, by_whom TEXT, comment TEXT,
+        UNIQUE (control_loop, kind, at, before, after, cause));
+    INSERT INTO transitions SELECT id, control_loop, 'stiction', at, before, after, cause, NULL, '', by_whom, comment
+        FROM transitions_before;
+    DROP TABLE transitions_before;
+    CREATE INDEX transitions_at ON transitions (at);",
 ];
 
 /// Number of this version's tables.

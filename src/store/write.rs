@@ -344,12 +344,13 @@ fn put_row(db: &Transaction<'_>, row: &Row) -> Result<(), StoreError> {
             Ok(())
         }
         Row::Alarm(row) => put_alarm(db, row),
-        Row::Transition(TransitionRow { control_loop, at, before, after, cause, by, comment }) => {
+        Row::Transition(row) => {
+            let TransitionRow { control_loop, kind, at, before, after, cause, priority, detail, by, comment } = row;
             db.prepare_cached(
-                "INSERT OR IGNORE INTO transitions (control_loop, at, before, after, cause, by_whom, comment)
-                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
+                "INSERT OR IGNORE INTO transitions (control_loop, kind, at, before, after, cause, priority, detail,
+                    by_whom, comment) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
             )?
-            .execute(params![control_loop, at, before, after, cause, by, comment])?;
+            .execute(params![control_loop, kind, at, before, after, cause, priority, detail, by, comment])?;
             Ok(())
         }
     }
@@ -384,17 +385,28 @@ fn put_diagnosis(db: &Transaction<'_>, row: &DiagnosisRow) -> Result<(), StoreEr
 
 fn put_alarm(db: &Transaction<'_>, row: &AlarmRow) -> Result<(), StoreError> {
     db.prepare_cached(
-        "INSERT OR REPLACE INTO alarms (control_loop, active, acknowledged, shelved_until, votes, since, raised_at,
-            by_whom, comment) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+        "INSERT OR REPLACE INTO alarms (control_loop, kind, active, acknowledged, latched, shelved_until, one_shot,
+            suppressed, out_of_service, votes, pending, raises, priority, trend, since, raised_at, detail, by_whom, comment)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, ?19)",
     )?
     .execute(params![
         row.control_loop,
+        row.kind,
         row.active,
         row.acknowledged,
+        row.latched,
         row.shelved_until,
+        row.one_shot,
+        row.suppressed,
+        row.out_of_service,
         row.votes,
+        row.pending,
+        row.raises,
+        row.priority,
+        row.trend,
         row.since,
         row.raised_at,
+        row.detail,
         row.by,
         row.comment,
     ])?;

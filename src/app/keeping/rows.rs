@@ -1,16 +1,21 @@
 //! What is said of a loop as rows of the store, and back.
 
-use crate::alarm::{Observation, Saved};
-use crate::residual::Kind;
-use crate::results::{Change, KnownEffect, ModelVersion, Remembered, Restored, Summary, Trigger};
+use crate::alarm::{
+    AlarmId, Cause, Flags, Kind, Observation, Point, Priority, Saved, State, Transition,
+};
+use crate::residual;
+use crate::results::{
+    AlarmChange, Change, KeptAlarm, KnownEffect, MOST_CHANGES, ModelVersion, Remembered, Restored, RestoredAlarm,
+    Summary, Trigger,
+};
 use crate::serve::dto::{BasisText, Report};
 use crate::signal::LoopId;
 use crate::store::{AlarmRow, DiagnosisRow, ModelRow, Reader, Row, StoreError, TransitionRow, pack, unpack};
 
 /// A change as rows.
 pub(super) fn rows(change: Change) -> Vec<Row> {
-    let control_loop = change.id.to_string();
-    let mut rows = Vec::with_capacity(2 + change.transitions.len());
+    let mut rows = Vec::with_capacity(2 + 2 * change.alarms.len());
+    let control_loop = change.run.as_ref().map(|(run, _)| run.id.to_string()).unwrap_or_default();
     if let Some((run, summary)) = &change.run {
         rows.push(Row::Diagnosis(DiagnosisRow {
             control_loop: control_loop.clone(),
@@ -33,36 +38,110 @@ pub(super) fn rows(change: Change) -> Vec<Row> {
         let effects =
             effects.iter().map(|(kind, tag)| format!("{kind}\t{}\n", tag.as_deref().unwrap_or_default()));
         rows.push(Row::Model(ModelRow {
-            control_loop: control_loop.clone(),
+            control_loop,
             version,
             since,
             effects: effects.collect(),
         }));
     }
-    for transition in change.transitions {
+    for alarm in change.alarms {
+        alarm_rows(alarm, &mut rows);
+    }
+    rows
+}
+
+fn alarm_rows(kept: KeptAlarm, rows: &mut Vec<Row>) {
+    let KeptAlarm { id, saved, transitions, acted, by, comment, detail } = kept;
+    let (control_loop, kind) = (id.subject.to_string(), id.kind.as_str().to_string());
+    let priority = saved.priority.map(|priority| priority.as_str().to_string());
+    for transition in transitions {
         rows.push(Row::Transition(TransitionRow {
             control_loop: control_loop.clone(),
+            kind: kind.clone(),
             at: transition.at,
             before: transition.from.as_str().to_string(),
             after: transition.to.as_str().to_string(),
             cause: transition.cause.as_str().to_string(),
-            by: change.by.clone().filter(|_| change.acted),
-            comment: change.comment.clone().filter(|_| change.acted),
+            priority: priority.clone(),
+            detail: detail.clone(),
+            by: by.clone().filter(|_| acted),
+            comment: comment.clone().filter(|_| acted),
         }));
     }
-    let Saved { active, acknowledged, shelved_until, votes, since, raised_at } = change.alarm;
+    let Saved { flags, votes, pending, raises, trend, .. } = saved;
     rows.push(Row::Alarm(AlarmRow {
         control_loop,
-        active,
-        acknowledged,
-        shelved_until,
+        kind,
+        active: flags.active,
+        acknowledged: flags.acknowledged,
+        latched: flags.latched,
+        shelved_until: flags.shelved_until,
+        one_shot: flags.one_shot,
+        suppressed: flags.suppressed,
+        out_of_service: flags.out_of_service,
         votes: votes.into_iter().map(vote).collect(),
-        since,
-        raised_at,
-        by: change.by,
-        comment: change.comment,
+        pending,
+        raises: raises.iter().map(f64::to_string).collect::<Vec<_>>().join(" "),
+        priority,
+        trend: trend.iter().map(point).collect(),
+        since: flags.since,
+        raised_at: flags.raised_at,
+        detail,
+        by,
+        comment,
     }));
-    rows
+}
+
+/// Alarms as they were kept; of kinds that this version knows.
+pub(super) fn remembered_alarms(reader: &Reader) -> Result<Vec<RestoredAlarm>, StoreError> {
+    let restored = |row: AlarmRow| {
+        let id = AlarmId::new(LoopId::new(row.control_loop), Kind::named(&row.kind)?);
+        let flags = Flags {
+            active: row.active,
+            acknowledged: row.acknowledged,
+            latched: row.latched,
+            shelved_until: row.shelved_until,
+            one_shot: row.one_shot,
+            suppressed: row.suppressed,
+            out_of_service: row.out_of_service,
+            since: row.since,
+            raised_at: row.raised_at,
+        };
+        let saved = Saved {
+            flags,
+            votes: row.votes.chars().filter_map(voted).collect(),
+            pending: row.pending,
+            raises: row.raises.split_whitespace().filter_map(|at| at.parse().ok()).collect(),
+            priority: row.priority.as_deref().and_then(Priority::named),
+            trend: row.trend.lines().filter_map(pointed).collect(),
+        };
+        let AlarmRow { by, comment, detail, .. } = row;
+        Some(RestoredAlarm { id, saved, by, comment, detail })
+    };
+    Ok(reader.alarms()?.into_iter().filter_map(restored).collect())
+}
+
+/// What alarms did, the last of it, oldest first.
+pub(super) fn remembered_changes(reader: &Reader) -> Result<Vec<AlarmChange>, StoreError> {
+    let change = |row: TransitionRow| {
+        let transition = Transition {
+            from: State::named(&row.before)?,
+            to: State::named(&row.after)?,
+            at: row.at,
+            cause: Cause::named(&row.cause)?,
+        };
+        Some(AlarmChange {
+            number: 0,
+            id: AlarmId::new(LoopId::new(row.control_loop), Kind::named(&row.kind)?),
+            transition,
+            priority: row.priority.as_deref().and_then(Priority::named).unwrap_or(Priority::Low),
+            grouped: false,
+            detail: row.detail,
+            by: row.by,
+            comment: row.comment,
+        })
+    };
+    Ok(reader.last_transitions(MOST_CHANGES)?.into_iter().filter_map(change).collect())
 }
 
 /// What was kept of a loop.
@@ -79,16 +158,10 @@ pub(super) fn remembered(reader: &Reader, id: &LoopId, room: usize) -> Result<Re
         since: row.since,
         effects: row.effects.lines().filter_map(effect).collect(),
     });
-    let alarm = reader.alarm(id.as_str())?.map(|row| {
-        let votes = row.votes.chars().filter_map(voted).collect();
-        let AlarmRow { active, acknowledged, shelved_until, since, raised_at, by, comment, .. } = row;
-        (Saved { active, acknowledged, shelved_until, votes, since, raised_at }, by, comment)
-    });
     Ok(Remembered {
         summaries: rows.iter().map(summary).collect(),
         diagnosed,
         model: model.unwrap_or_default(),
-        alarm,
     })
 }
 
@@ -110,13 +183,13 @@ fn summary(row: &DiagnosisRow) -> Summary {
 /// An effect that this version knows.
 fn effect(line: &str) -> Option<KnownEffect> {
     let (name, tag) = line.split_once('\t')?;
-    let kind = Kind::ALL.into_iter().find(|kind| kind.as_str() == name)?;
+    let kind = residual::Kind::ALL.into_iter().find(|kind| kind.as_str() == name)?;
     Some((kind, Some(tag.to_string()).filter(|tag| !tag.is_empty())))
 }
 
 /// Votes as letters: sticky, clean, between.
 const VOTES: [(char, Observation); 3] =
-    [('s', Observation::Sticky), ('c', Observation::Clean), ('b', Observation::Between)];
+    [('s', Observation::Present), ('c', Observation::Absent), ('b', Observation::Between)];
 
 fn vote(vote: Observation) -> char {
     VOTES.iter().find(|(_, known)| *known == vote).map_or('u', |(letter, _)| *letter)
@@ -124,4 +197,17 @@ fn vote(vote: Observation) -> char {
 
 fn voted(letter: char) -> Option<Observation> {
     VOTES.iter().find(|(known, _)| *known == letter).map(|(_, vote)| *vote)
+}
+
+/// A point of f over time as a line of text.
+fn point(Point { t, f, variance, scatter, count }: &Point) -> String {
+    format!("{t} {f} {variance} {scatter} {count}\n")
+}
+
+fn pointed(line: &str) -> Option<Point> {
+    let mut parts = line.split(' ');
+    let mut number = || parts.next()?.parse::<f64>().ok();
+    let (t, f, variance, scatter) = (number()?, number()?, number()?, number()?);
+    let count = parts.next()?.parse().ok()?;
+    Some(Point { t, f, variance, scatter, count })
 }

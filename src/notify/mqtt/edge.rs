@@ -6,6 +6,7 @@
 use super::config::SparkplugConfig;
 use super::message::{level, state};
 use super::publisher::{Pauses, Publisher, connect};
+use crate::alarm::Kind;
 use crate::mqtt::sparkplug::{BDSEQ, Metric, Payload, REBIRTH, Value, datatype};
 use crate::results::Event;
 use crate::signal::LoopId;
@@ -106,7 +107,11 @@ impl<'p> Edge<'p> {
                     None => Err("closed".into()),
                 },
                 event = news.recv() => match event {
-                    Ok(Event::Run(id, _) | Event::Alarm(id, _)) => self.say(&client, "DDATA", &id),
+                    Ok(Event::Run(id, _)) => self.say(&client, "DDATA", &id),
+                    Ok(Event::Alarm(change)) => match change.id.kind {
+                        Kind::Stiction => self.say(&client, "DDATA", &change.id.subject),
+                        _ => Ok(()),
+                    },
                     Ok(Event::Reloaded { .. }) | Err(RecvError::Lagged(_)) => self.births(&client),
                     Ok(Event::Writeback(..)) => Ok(()),
                     Err(RecvError::Closed) => return None,

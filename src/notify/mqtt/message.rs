@@ -71,7 +71,7 @@ pub(super) fn diagnosis(id: &str, group: &str, summary: &Summary) -> Vec<u8> {
 
 pub(super) fn alarm(group: &str, view: &AlarmView) -> Vec<u8> {
     json(&Alarm {
-        id: view.id.as_str(),
+        id: view.id.subject.as_str(),
         group,
         state: state(view.state),
         active: view.active,

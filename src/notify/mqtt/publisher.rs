@@ -10,6 +10,7 @@ use super::config::Config;
 use super::edge::Edge;
 use super::message;
 use super::outbox::Outbox;
+use crate::alarm::Kind;
 use crate::mqtt::Broker;
 use crate::results::{Event, Results};
 use crate::signal::LoopId;
@@ -193,12 +194,20 @@ impl Publisher {
 
     fn hear(&self, event: Event, outbox: &mut Outbox, groups: &mut HashMap<LoopId, String>) {
         match event {
-            Event::Run(id, _) | Event::Alarm(id, _) => match groups.get(&id) {
-                Some(group) => self.put(&id, group, outbox),
-                None => *groups = self.refresh(outbox),
-            },
+            Event::Run(id, _) => self.put_known(&id, outbox, groups),
+            Event::Alarm(change) if change.id.kind == Kind::Stiction => {
+                self.put_known(&change.id.subject, outbox, groups);
+            }
+            Event::Alarm(_) => {}
             Event::Reloaded { .. } => *groups = self.refresh(outbox),
             Event::Writeback(..) => {}
+        }
+    }
+
+    fn put_known(&self, id: &LoopId, outbox: &mut Outbox, groups: &mut HashMap<LoopId, String>) {
+        match groups.get(id) {
+            Some(group) => self.put(id, group, outbox),
+            None => *groups = self.refresh(outbox),
         }
     }
 

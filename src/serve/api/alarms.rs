@@ -1,34 +1,50 @@
-//! Alarms, and what an operator may do to them.
+//! Alarms, and what people may do to them.
 
 use super::super::Context;
-use super::super::dto::alarms::{AlarmChangeItem, AlarmHistory, AlarmItem, AlarmList};
+use super::super::dto::alarms::{
+    AlarmActed, AlarmChangeItem, AlarmHistory, AlarmItem, AlarmList, FloodItem,
+};
 use super::super::dto::params::{ActBody, AlarmHistoryQuery, AlarmState, AlarmsQuery, ShelveBody};
 use super::super::dto::rfc3339;
-use super::super::extract::{Body, OfLoop, Params, Required, short, within};
+use super::super::extract::{Body, OfAlarm, Params, Required, short, within};
 use super::super::problem::Problem;
 use super::off_thread;
-use crate::alarm::Refusal;
-use crate::results::{Action, AlarmChange};
-use crate::signal::LoopId;
-use axum::Json;
+use crate::alarm::{Action, AlarmId, Refusal, Shelving};
+use crate::results::{AlarmChange, Said};
+use axum::Router;
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
+use axum::routing::post;
 use std::sync::Arc;
 
 type Shared = State<Arc<Context>>;
+
+/// An alarm's name has a slash in it. Where a client does not write it as `%2F` its two halves come as two.
+pub fn halves() -> Router<Arc<Context>> {
+    Router::new()
+        .route("/api/v1/alarms/{id}/{kind}/ack", post(acknowledge))
+        .route("/api/v1/alarms/{id}/{kind}/reset", post(reset))
+        .route("/api/v1/alarms/{id}/{kind}/shelve", post(shelve))
+        .route("/api/v1/alarms/{id}/{kind}/unshelve", post(unshelve))
+        .route("/api/v1/alarms/{id}/{kind}/out-of-service", post(take_out))
+        .route("/api/v1/alarms/{id}/{kind}/in-service", post(give_back))
+}
 
 /// The alarms that are not normal, or those of one state.
 #[utoipa::path(get, path = "/alarms", tag = "alarms", params(AlarmsQuery), responses((status = 200, body = AlarmList)))]
 pub async fn list(State(context): Shared, Params(query): Params<AlarmsQuery>) -> Result<Response, Problem> {
     off_thread(move || {
         let now = context.clock.now();
-        let items = context.results.alarms(now).iter().map(AlarmItem::from).collect::<Vec<_>>();
-        let wanted = |item: &AlarmItem| match query.state {
-            Some(state) => item.state == state,
-            None => item.state != AlarmState::Normal,
-        };
-        Ok(AlarmList { time: rfc3339(now), items: items.into_iter().filter(wanted).collect() })
+        let items = context.results.alarms(now);
+        let items = items.iter().map(AlarmItem::from).filter(|item| {
+            query.state.map_or(item.state != AlarmState::Normal, |state| item.state == state)
+                && query.kind.is_none_or(|kind| item.kind == kind)
+                && query.priority.is_none_or(|priority| item.priority == priority)
+                && query.r#loop.as_ref().is_none_or(|id| item.r#loop.as_ref() == Some(id))
+        });
+        let items = items.collect();
+        Ok(AlarmList { time: rfc3339(now), items, flood: FloodItem::from(context.results.flood(now)) })
     })
     .await
 }
@@ -43,66 +59,125 @@ pub async fn history(
     let limit = within("limit", query.limit.unwrap_or(100), 1..=2000)?;
     off_thread(move || {
         let log = context.results.alarm_log();
-        let wanted =
-            |change: &&AlarmChange| query.r#loop.as_deref().is_none_or(|id| change.id.as_str() == id);
-        Ok(AlarmHistory { items: log.iter().filter(wanted).take(limit).map(AlarmChangeItem::from).collect() })
+        let wanted = |change: &&AlarmChange| {
+            query.r#loop.as_deref().is_none_or(|id| change.id.of_loop().is_some_and(|own| own.as_str() == id))
+                && query.kind.is_none_or(|kind| kind == change.id.kind.into())
+                && query.after.is_none_or(|after| change.number < after)
+        };
+        let mut rest = log.iter().filter(wanted);
+        let items: Vec<&AlarmChange> = rest.by_ref().take(limit).collect();
+        let next = items.last().filter(|_| rest.next().is_some()).map(|last| last.number);
+        Ok(AlarmHistory { items: items.into_iter().map(AlarmChangeItem::from).collect(), next })
     })
     .await
 }
 
-/// An operator has seen the alarm.
+/// Somebody has seen the alarm.
 #[utoipa::path(post, path = "/alarms/{id}/ack", tag = "alarms", request_body = Option<ActBody>,
-    params(("id" = String, Path, description = "the loop's name")),
-    responses((status = 200, body = AlarmItem), (status = 404, description = "problem: no such loop"),
+    params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
+    responses((status = 200, body = AlarmActed), (status = 404, description = "problem: no such alarm"),
         (status = 409, description = "problem: there is nothing to acknowledge")))]
 pub async fn acknowledge(
-    State(context): Shared,
-    OfLoop(id): OfLoop,
+    context: Shared,
+    OfAlarm(id): OfAlarm,
     Body(body): Body<ActBody>,
-) -> Result<Json<AlarmItem>, Problem> {
-    act(&context, &id, Action::Acknowledge, body.by, body.comment)
+) -> Result<Response, Problem> {
+    act(context, id, Action::Acknowledge, body.by, body.comment).await
 }
 
-/// An operator silences the alarm for a time; on a shelved alarm, sets a new end.
+/// Somebody lets a latched alarm go, which has been acknowledged and whose condition is gone.
+#[utoipa::path(post, path = "/alarms/{id}/reset", tag = "alarms", request_body = Option<ActBody>,
+    params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
+    responses((status = 200, body = AlarmActed), (status = 404, description = "problem: no such alarm"),
+        (status = 409, description = "problem: there is nothing to reset")))]
+pub async fn reset(
+    context: Shared,
+    OfAlarm(id): OfAlarm,
+    Body(body): Body<ActBody>,
+) -> Result<Response, Problem> {
+    act(context, id, Action::Reset, body.by, body.comment).await
+}
+
+/// Somebody silences the alarm for a time, or until its condition goes; on a shelved alarm, sets a new end.
 #[utoipa::path(post, path = "/alarms/{id}/shelve", tag = "alarms", request_body = ShelveBody,
-    params(("id" = String, Path, description = "the loop's name")),
-    responses((status = 200, body = AlarmItem), (status = 400, description = "problem: the field is named"),
-        (status = 404, description = "problem: no such loop")))]
+    params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
+    responses((status = 200, body = AlarmActed), (status = 400, description = "problem: the field is named"),
+        (status = 404, description = "problem: no such alarm"),
+        (status = 409, description = "problem: it is out of service, or there is nothing to shelve once")))]
 pub async fn shelve(
-    State(context): Shared,
-    OfLoop(id): OfLoop,
+    context: Shared,
+    OfAlarm(id): OfAlarm,
     Required(body): Required<ShelveBody>,
-) -> Result<Json<AlarmItem>, Problem> {
-    act(&context, &id, Action::Shelve(body.duration_s), body.by, body.comment)
+) -> Result<Response, Problem> {
+    let how = if body.one_shot { Shelving::Once(body.duration_s) } else { Shelving::For(body.duration_s) };
+    act(context, id, Action::Shelve(how), body.by, body.comment).await
 }
 
-/// An operator ends the silence.
+/// Somebody ends the silence.
 #[utoipa::path(post, path = "/alarms/{id}/unshelve", tag = "alarms", request_body = Option<ActBody>,
-    params(("id" = String, Path, description = "the loop's name")),
-    responses((status = 200, body = AlarmItem), (status = 404, description = "problem: no such loop"),
+    params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
+    responses((status = 200, body = AlarmActed), (status = 404, description = "problem: no such alarm"),
         (status = 409, description = "problem: it is not shelved")))]
 pub async fn unshelve(
-    State(context): Shared,
-    OfLoop(id): OfLoop,
+    context: Shared,
+    OfAlarm(id): OfAlarm,
     Body(body): Body<ActBody>,
-) -> Result<Json<AlarmItem>, Problem> {
-    act(&context, &id, Action::Unshelve, body.by, body.comment)
+) -> Result<Response, Problem> {
+    act(context, id, Action::Unshelve, body.by, body.comment).await
 }
 
-fn act(
-    context: &Context,
-    id: &LoopId,
+/// Somebody takes the alarm out of service, until it is given back.
+#[utoipa::path(post, path = "/alarms/{id}/out-of-service", tag = "alarms", request_body = Option<ActBody>,
+    params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
+    responses((status = 200, body = AlarmActed), (status = 404, description = "problem: no such alarm"),
+        (status = 409, description = "problem: it is out of service already")))]
+pub async fn take_out(
+    context: Shared,
+    OfAlarm(id): OfAlarm,
+    Body(body): Body<ActBody>,
+) -> Result<Response, Problem> {
+    act(context, id, Action::TakeOut, body.by, body.comment).await
+}
+
+/// Somebody gives the alarm back to service.
+#[utoipa::path(post, path = "/alarms/{id}/in-service", tag = "alarms", request_body = Option<ActBody>,
+    params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
+    responses((status = 200, body = AlarmActed), (status = 404, description = "problem: no such alarm"),
+        (status = 409, description = "problem: it is in service")))]
+pub async fn give_back(
+    context: Shared,
+    OfAlarm(id): OfAlarm,
+    Body(body): Body<ActBody>,
+) -> Result<Response, Problem> {
+    act(context, id, Action::GiveBack, body.by, body.comment).await
+}
+
+/// Who acts on an alarm, and what they say: the one place where the name comes from.
+fn said(by: Option<String>, comment: Option<String>) -> Result<Said, Problem> {
+    Ok(Said { by: short("by", by, 100)?, comment: short("comment", comment, 1000)? })
+}
+
+/// Acts; what was done is durable before it is answered, where there is a store that works.
+async fn act(
+    State(context): Shared,
+    id: AlarmId,
     action: Action,
     by: Option<String>,
     comment: Option<String>,
-) -> Result<Json<AlarmItem>, Problem> {
-    let (by, comment) = (short("by", by, 100)?, short("comment", comment, 1000)?);
-    let acted = context.results.act(id, action, by, comment, context.clock.now());
-    match acted.ok_or_else(|| Problem::unknown_loop(id.as_str()))? {
-        Ok(view) => Ok(Json(AlarmItem::from(&view))),
-        Err(refusal @ Refusal::BadDuration { .. }) => {
-            Err(Problem::field("duration_s", format!("duration_s: {refusal}")))
+) -> Result<Response, Problem> {
+    let said = said(by, comment)?;
+    off_thread(move || {
+        let acted = context.results.act(&id, action, said, context.clock.now());
+        match acted.ok_or_else(|| Problem::unknown_alarm(&id.to_string()))? {
+            Ok(view) => {
+                let survives_restart = context.durable.as_ref().is_some_and(|durable| durable());
+                Ok(AlarmActed { alarm: AlarmItem::from(&view), survives_restart })
+            }
+            Err(refusal @ Refusal::BadDuration { .. }) => {
+                Err(Problem::field("duration_s", format!("duration_s: {refusal}")))
+            }
+            Err(refusal) => Err(Problem::new(StatusCode::CONFLICT, "alarm_state", refusal.to_string())),
         }
-        Err(refusal) => Err(Problem::new(StatusCode::CONFLICT, "alarm_state", refusal.to_string())),
-    }
+    })
+    .await
 }

@@ -40,6 +40,7 @@ pub fn routes(context: Arc<Context>) -> Router {
         async move { ([(header::CONTENT_TYPE, "application/json")], text) }
     });
     router
+        .merge(alarms::halves())
         .route("/openapi.json", document.clone())
         .route("/api/v1/openapi.json", document)
         .with_state(context)
@@ -75,6 +76,9 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(alarms::acknowledge))
         .routes(routes!(alarms::shelve))
         .routes(routes!(alarms::unshelve))
+        .routes(routes!(alarms::reset))
+        .routes(routes!(alarms::take_out))
+        .routes(routes!(alarms::give_back))
         .routes(routes!(events::stream))
         .routes(routes!(system::collectors))
         .routes(routes!(system::system))

@@ -35,7 +35,7 @@ pub async fn of_loop(
             context.results.summaries(&id).unwrap_or_default().iter().map(RunItem::from).collect();
         let log = context.results.alarm_log();
         let alarms: Vec<AlarmChangeItem> =
-            log.iter().filter(|change| change.id == id).map(AlarmChangeItem::from).collect();
+            log.iter().filter(|change| change.id.of_loop() == Some(&id)).map(AlarmChangeItem::from).collect();
         Ok(report::of_loop(&report::Subject {
             item: &item,
             diagnosis: LoopDiagnosis::latest(&known, now).as_ref(),

@@ -1,7 +1,7 @@
 //! Events as JSON, one kind per SSE event name.
 
 use super::loops::RunItem;
-use super::params::AlarmState;
+use super::params::{AlarmKind, AlarmPriority, AlarmState};
 use super::rfc3339;
 use super::writeback::WritebackNews;
 use crate::results::Event;
@@ -28,9 +28,19 @@ pub enum EventData {
     },
     /// `alarm`: an alarm has changed its state.
     Alarm {
-        /// Which loop.
+        /// The alarm.
+        id: String,
+        /// Which loop; null for a collector's.
         #[serde(rename = "loop")]
-        control_loop: String,
+        control_loop: Option<String>,
+        /// What it is about.
+        kind: AlarmKind,
+        /// How soon somebody has to act.
+        priority: AlarmPriority,
+        /// Raised in a flood.
+        grouped: bool,
+        /// What the condition is, in one line.
+        detail: String,
         /// Before.
         from: AlarmState,
         /// After.
@@ -84,12 +94,17 @@ impl From<Event> for EventData {
             Event::Run(id, summary) => {
                 Self::Diagnosis { control_loop: id.to_string(), run: RunItem::from(&summary) }
             }
-            Event::Alarm(id, transition) => Self::Alarm {
-                control_loop: id.to_string(),
-                from: transition.from.into(),
-                to: transition.to.into(),
-                time: rfc3339(transition.at),
-                cause: transition.cause.as_str().to_string(),
+            Event::Alarm(change) => Self::Alarm {
+                id: change.id.to_string(),
+                control_loop: change.id.of_loop().map(ToString::to_string),
+                kind: change.id.kind.into(),
+                priority: change.priority.into(),
+                grouped: change.grouped,
+                detail: change.detail.clone(),
+                from: change.transition.from.into(),
+                to: change.transition.to.into(),
+                time: rfc3339(change.transition.at),
+                cause: change.transition.cause.as_str().to_string(),
             },
             Event::Writeback(id, news) => {
                 Self::Writeback { control_loop: id.to_string(), news: WritebackNews::from(&news) }

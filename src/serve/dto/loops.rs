@@ -1,11 +1,11 @@
 //! Loops and their diagnoses as JSON.
 
-use super::params::AlarmState;
+use super::params::{AlarmKind, AlarmState};
 use super::report::{Report, ReportModel, ReportResidual};
 use super::writeback::WritebackView;
 use super::{finite, rfc3339};
 use crate::history::TagSpec;
-use crate::results::{Known, Origin, Run, Summary, Trigger, f_unit};
+use crate::results::{AlarmView, Known, Origin, Run, Summary, Trigger, f_unit};
 use crate::serve::LoopInfo;
 use crate::signal::{Quality, Sample};
 use serde::Serialize;
@@ -116,11 +116,28 @@ pub struct LoopItem {
     pub quality: Option<String>,
     /// The latest run, when it failed (`deadline_exceeded`, `panicked`) after that; null otherwise.
     pub failure: Option<String>,
-    /// The state of its alarm.
+    /// The state of its alarm on stiction.
     pub alarm: AlarmState,
-    /// What needs looking at: 5 unacknowledged, 4 acknowledged, 3 stiction without alarm yet, 2 returned unacknowledged,
-    /// 1 cannot be told, 0 nothing; a shelved alarm counts as 1.
+    /// Its other alarms that are not normal.
+    pub other_alarms: Vec<OtherAlarm>,
+    /// What needs looking at: 5 unacknowledged, 4 acknowledged, 3 stiction without alarm yet, 2 returned unacknowledged
+    /// or latched, 1 cannot be told, 0 nothing; an alarm that is silent counts as 1.
     pub severity: u8,
+}
+
+/// An alarm of a loop that is not about stiction.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct OtherAlarm {
+    /// What it is about.
+    pub kind: AlarmKind,
+    /// What the operator sees.
+    pub state: AlarmState,
+}
+
+impl From<&AlarmView> for OtherAlarm {
+    fn from(view: &AlarmView) -> Self {
+        Self { kind: view.id.kind.into(), state: view.state.into() }
+    }
 }
 
 impl LoopItem {
@@ -148,6 +165,7 @@ impl LoopItem {
             quality: diagnosis.map(|d| super::report::quality(d).as_str().to_string()).or_else(restored),
             failure: failed.map(|last| last.outcome.to_string()),
             alarm: known.alarm.state.into(),
+            other_alarms: known.others.iter().map(OtherAlarm::from).collect(),
             severity: severity(known.alarm.state.into(), verdict),
         }
     }
@@ -157,9 +175,14 @@ fn severity(alarm: AlarmState, verdict: Option<&str>) -> u8 {
     match (alarm, verdict) {
         (AlarmState::Unacknowledged, _) => 5,
         (AlarmState::Acknowledged, _) => 4,
-        (AlarmState::Shelved, _) => 1,
+        (AlarmState::Shelved | AlarmState::SuppressedByDesign | AlarmState::OutOfService, _) => 1,
         (_, Some("stiction")) => 3,
-        (AlarmState::ReturnedUnacknowledged, _) => 2,
+        (
+            AlarmState::ReturnedUnacknowledged
+            | AlarmState::LatchedUnacknowledged
+            | AlarmState::LatchedAcknowledged,
+            _,
+        ) => 2,
         (_, None | Some("not_identifiable")) => 1,
         _ => 0,
     }

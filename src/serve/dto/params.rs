@@ -98,8 +98,48 @@ pub enum AlarmState {
     Acknowledged,
     /// The condition went away before anybody saw it.
     ReturnedUnacknowledged,
-    /// Silenced until a time.
+    /// The condition went away, the alarm stays, and nobody has seen it.
+    LatchedUnacknowledged,
+    /// The condition went away, somebody has seen it, and the alarm stays until it is reset.
+    LatchedAcknowledged,
+    /// Silenced until a time, or until the condition goes.
     Shelved,
+    /// Silenced by the design of the plant.
+    SuppressedByDesign,
+    /// Taken out of service by hand.
+    OutOfService,
+}
+
+/// What an alarm is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AlarmKind {
+    /// The valve sticks.
+    Stiction,
+    /// Friction grows.
+    FRising,
+    /// Nothing can be said of the loop for long.
+    NotIdentifiable,
+    /// A tag is frozen or bad.
+    TagBad,
+    /// A collector brings no good sample.
+    CollectorDown,
+    /// Write-back was closed by a fault.
+    CompensationTripped,
+    /// The model leaves most of PV's movement unexplained.
+    UnexplainedResidual,
+}
+
+/// How soon somebody has to act.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AlarmPriority {
+    /// When there is time.
+    Low,
+    /// This week.
+    Medium,
+    /// Today.
+    High,
 }
 
 /// Query of a loop's samples.
@@ -141,6 +181,14 @@ pub struct AlarmsQuery {
     /// Only this state. Default: every state but `normal`.
     #[param(inline)]
     pub state: Option<AlarmState>,
+    /// Only this kind.
+    #[param(inline)]
+    pub kind: Option<AlarmKind>,
+    /// Only this priority.
+    #[param(inline)]
+    pub priority: Option<AlarmPriority>,
+    /// Only this loop's.
+    pub r#loop: Option<String>,
 }
 
 /// Query of the alarms' history.
@@ -150,8 +198,13 @@ pub struct AlarmsQuery {
 pub struct AlarmHistoryQuery {
     /// Only this loop.
     pub r#loop: Option<String>,
+    /// Only this kind.
+    #[param(inline)]
+    pub kind: Option<AlarmKind>,
     /// Entries at most, 1 to 2000; default 100.
     pub limit: Option<usize>,
+    /// `next` of the page before.
+    pub after: Option<u64>,
 }
 
 /// Query of what takes none.
@@ -195,6 +248,9 @@ pub struct NameBody {
 pub struct ShelveBody {
     /// How long (s).
     pub duration_s: f64,
+    /// Only until the condition goes, and at most `duration_s`.
+    #[serde(default)]
+    pub one_shot: bool,
     /// Who acts, at most 100 characters; believed as it is.
     #[serde(default)]
     pub by: Option<String>,

@@ -1,0 +1,92 @@
+use super::*;
+use rand::RngExt;
+use rand::SeedableRng;
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg32;
+
+const DAY: f64 = 86_400.0;
+
+#[test]
+fn quantiles_are_those_of_the_tables() {
+    // Tables of t, one-sided 0.999.
+    for (free, table) in [(4.0, 7.173), (6.0, 5.208), (10.0, 4.144), (20.0, 3.552), (30.0, 3.385)] {
+        assert!((student(free) / table - 1.0).abs() < 0.01, "{free}: {} is not {table}", student(free));
+    }
+}
+
+#[test]
+fn a_point_is_the_mean_and_its_error_the_larger_of_two() {
+    let mut point = Point::default();
+    [(0.0, 1.0), (10.0, 3.0)].into_iter().for_each(|(t, f)| point.add(t, f, 0.25));
+    assert_eq!((point.t, point.f, point.variance, point.scatter), (5.0, 2.0, 0.25, 2.0));
+    // Scatter 2 / (2 - 1) / 2 = 1 is more than 0.25.
+    assert_eq!(point.error(), 1.0);
+}
+
+#[test]
+fn a_line_without_noise_is_found_exactly() {
+    let config = RisingConfig::default();
+    let mut trend = Trend::default();
+    for day in 0..12 {
+        let f = 1.0 + 0.1 * f64::from(day);
+        trend.take(f, [f - 0.1, f + 0.1], f64::from(day) * DAY, &config);
+    }
+    let line = trend.line(&config).expect("twelve points");
+    assert!((line.rise - 1.1).abs() < 1e-9 && line.span_s == 11.0 * DAY, "{line:?}");
+    // sd = 0.1 / 1.96; sum of (t - mean)^2 over eleven steps of 1/11 is 143 / 121; r = (0 + 1) / 8 at most for a line
+    // without residuals, whose numerical noise has no autocorrelation that could be told beforehand.
+    let least = student(10.0) * 0.1 / CI95 / (143.0f64 / 121.0).sqrt();
+    assert!(line.low < 1.1 - least + 1e-9 && line.low > 1.1 - 5.0 * least, "{line:?}, {least}");
+}
+
+#[test]
+fn nonsense_is_no_observation() {
+    let config = RisingConfig::default();
+    let mut trend = Trend::default();
+    for (f, interval, t) in
+        [(f64::NAN, [0.0, 1.0], 0.0), (1.0, [1.0, 0.0], 0.0), (1.0, [0.0, f64::INFINITY], 0.0), (1.0, [0.0, 1.0], f64::NAN)]
+    {
+        assert_eq!(trend.take(f, interval, t, &config), Observation::Unknown);
+    }
+    assert!(trend.saved().is_empty());
+    assert!(Trend::restored(vec![Point { t: f64::NAN, ..Point::default() }]).saved().is_empty());
+}
+
+/// Days of six diagnoses with errors that are as wide as their intervals say, and on top of them a wandering of the plant's own
+/// from day to day with autocorrelation `phi`. On how many days the line rises.
+fn days(seed: u64, n: usize, slope_per_day: f64, wander: f64, phi: f64) -> (usize, Option<usize>) {
+    let config = RisingConfig::default();
+    let mut random = Pcg32::seed_from_u64(seed);
+    let mut trend = Trend::default();
+    let (mut level, mut rising, mut first) = (0.0, 0, None);
+    for day in 0..n {
+        let own: f64 = random.sample(StandardNormal);
+        level = phi * level + wander * (1.0 - phi * phi).sqrt() * own;
+        for part in 0..6 {
+            let noise: f64 = random.sample(StandardNormal);
+            let f = 2.0 + slope_per_day * day as f64 + level + 0.1 * noise;
+            let half = 0.1 * CI95;
+            if trend.take(f, [f - half, f + half], (day as f64 + f64::from(part) / 6.0) * DAY, &config) == Observation::Present {
+                rising += 1;
+                first.get_or_insert(day);
+            }
+        }
+    }
+    (rising, first)
+}
+
+#[test]
+fn noise_does_not_rise() {
+    // Ten loops of each sort watched for a year: 7,300 days are judged, at 0.1 % each about 7 would be wrong, and what counts is
+    // a rise by more than 0.2 beyond that. Wandering with a memory of days is what a straight line is most easily fooled by.
+    let white: usize = (0..10).map(|seed| days(seed, 365, 0.0, 0.2, 0.0).0).sum();
+    let slow: usize = (0..10).map(|seed| days(100 + seed, 365, 0.0, 0.2, 0.6).0).sum();
+    assert_eq!((white, slow), (0, 0));
+}
+
+#[test]
+fn a_valve_that_gets_worse_is_noticed_in_time() {
+    // 0.04 % of span a day, 1.2 % in a month, under a wandering of 0.1: told within 30 days for each of ten loops.
+    let latest = (0..10).map(|seed| days(seed, 60, 0.04, 0.1, 0.0).1.expect("it rises")).max();
+    assert!(latest.is_some_and(|day| (10..=30).contains(&day)), "{latest:?}");
+}

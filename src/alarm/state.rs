@@ -1,0 +1,190 @@
+//! States, what moves an alarm from one to another, and why an action is refused.
+
+/// What the operator sees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum State {
+    /// No condition, nothing to do.
+    Normal,
+    /// The condition holds and nobody has seen it.
+    Unacknowledged,
+    /// The condition holds and somebody has seen it.
+    Acknowledged,
+    /// The condition went away before anybody saw it.
+    ReturnedUnacknowledged,
+    /// The condition went away, the alarm stays, and nobody has seen it.
+    LatchedUnacknowledged,
+    /// The condition went away, somebody has seen it, and the alarm stays until it is reset.
+    LatchedAcknowledged,
+    /// Silenced by an operator until a time, or until the condition goes.
+    Shelved,
+    /// Silenced by the design of the plant: it says nothing new, or is not wanted here.
+    SuppressedByDesign,
+    /// Taken out of service by hand, until it is given back.
+    OutOfService,
+}
+
+impl State {
+    /// Every state, for metrics and schemas.
+    pub const ALL: [State; 9] = [
+        State::Normal,
+        State::Unacknowledged,
+        State::Acknowledged,
+        State::ReturnedUnacknowledged,
+        State::LatchedUnacknowledged,
+        State::LatchedAcknowledged,
+        State::Shelved,
+        State::SuppressedByDesign,
+        State::OutOfService,
+    ];
+
+    /// The state as the API writes it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            State::Normal => "normal",
+            State::Unacknowledged => "unacknowledged",
+            State::Acknowledged => "acknowledged",
+            State::ReturnedUnacknowledged => "returned-unacknowledged",
+            State::LatchedUnacknowledged => "latched-unacknowledged",
+            State::LatchedAcknowledged => "latched-acknowledged",
+            State::Shelved => "shelved",
+            State::SuppressedByDesign => "suppressed-by-design",
+            State::OutOfService => "out-of-service",
+        }
+    }
+
+    /// The state of this name.
+    pub fn named(name: &str) -> Option<State> {
+        State::ALL.into_iter().find(|state| state.as_str() == name)
+    }
+
+    /// Whether it waits for somebody to see it.
+    pub fn wants_acknowledgement(self) -> bool {
+        matches!(self, State::Unacknowledged | State::ReturnedUnacknowledged | State::LatchedUnacknowledged)
+    }
+
+    /// Whether nobody is told of what happens in it.
+    pub fn is_silent(self) -> bool {
+        matches!(self, State::Shelved | State::SuppressedByDesign | State::OutOfService)
+    }
+}
+
+/// Why the state changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// The condition came.
+    Raised,
+    /// The condition went.
+    Cleared,
+    /// An operator acknowledged.
+    Acknowledged,
+    /// Somebody reset what was latched.
+    Reset,
+    /// An operator shelved.
+    Shelved,
+    /// An operator ended the shelving.
+    Unshelved,
+    /// The shelving ran out.
+    Expired,
+    /// The condition that was shelved once has gone.
+    OneShotOver,
+    /// The design began to suppress it.
+    Suppressed,
+    /// The design no longer suppresses it.
+    Unsuppressed,
+    /// Taken out of service.
+    TakenOut,
+    /// Given back to service.
+    Returned,
+}
+
+impl Cause {
+    /// Every cause.
+    pub const ALL: [Cause; 12] = [
+        Cause::Raised,
+        Cause::Cleared,
+        Cause::Acknowledged,
+        Cause::Reset,
+        Cause::Shelved,
+        Cause::Unshelved,
+        Cause::Expired,
+        Cause::OneShotOver,
+        Cause::Suppressed,
+        Cause::Unsuppressed,
+        Cause::TakenOut,
+        Cause::Returned,
+    ];
+
+    /// The cause as the API writes it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Cause::Raised => "raised",
+            Cause::Cleared => "cleared",
+            Cause::Acknowledged => "acknowledged",
+            Cause::Reset => "reset",
+            Cause::Shelved => "shelved",
+            Cause::Unshelved => "unshelved",
+            Cause::Expired => "shelving_expired",
+            Cause::OneShotOver => "shelving_over",
+            Cause::Suppressed => "suppressed",
+            Cause::Unsuppressed => "unsuppressed",
+            Cause::TakenOut => "out_of_service",
+            Cause::Returned => "in_service",
+        }
+    }
+
+    /// The cause of this name.
+    pub fn named(name: &str) -> Option<Cause> {
+        Cause::ALL.into_iter().find(|cause| cause.as_str() == name)
+    }
+}
+
+/// One arrow of the diagram, taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transition {
+    /// State before.
+    pub from: State,
+    /// State after.
+    pub to: State,
+    /// When (s).
+    pub at: f64,
+    /// Why.
+    pub cause: Cause,
+}
+
+/// How long an alarm is shelved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shelving {
+    /// For this long (s).
+    For(f64),
+    /// Until its condition goes, and at most this long (s).
+    Once(f64),
+}
+
+/// Why an action was refused.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// Only an unacknowledged alarm can be acknowledged.
+    #[error("there is nothing to acknowledge: the alarm is {}", .0.as_str())]
+    NothingToAcknowledge(State),
+    /// Only a latched alarm that somebody has seen can be reset.
+    #[error("there is nothing to reset: the alarm is {}", .0.as_str())]
+    NothingToReset(State),
+    /// Only a shelved alarm can be unshelved.
+    #[error("the alarm is not shelved: it is {}", .0.as_str())]
+    NotShelved(State),
+    /// Only an alarm whose condition holds can be shelved until it goes.
+    #[error("the condition does not hold, so there is nothing to shelve once: shelve for a time")]
+    NothingToShelve,
+    /// An alarm out of service cannot be shelved.
+    #[error("the alarm is out of service")]
+    OutOfService,
+    /// Only an alarm out of service can be given back.
+    #[error("the alarm is in service: it is {}", .0.as_str())]
+    InService(State),
+    /// Shelving needs a positive, bounded time.
+    #[error("an alarm can be shelved for more than 0 s and at most {max_s} s")]
+    BadDuration {
+        /// The longest time allowed (s).
+        max_s: f64,
+    },
+}
