@@ -144,7 +144,9 @@ impl App {
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices, &writing)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
-        let context = Arc::new(context.with_desk(writing.clone()).with_store(keeping.ask()).with_durable(keeping.ask_durable()));
+        let context = Arc::new(
+            context.with_desk(writing.clone()).with_store(keeping.ask()).with_durable(keeping.ask_durable()),
+        );
         tracing::info!(
             loops = history.loops().len(),
             tags = history.tag_count(),

@@ -260,7 +260,8 @@ impl Results {
             };
         }
         if let gate::Event::Moved { to, cause, .. } = &news.event {
-            let tripped = (*to == gate::State::Tripped).then(|| format!("closed by a fault: {}", cause.code()));
+            let tripped =
+                (*to == gate::State::Tripped).then(|| format!("closed by a fault: {}", cause.code()));
             self.watch_trip(id, tripped, news.at);
         }
         self.tell(Event::Writeback(id.clone(), news.clone()));

@@ -154,7 +154,7 @@ const UNSEEDED: &[&str] = &["rng", "thread_rng", "random", "OsRng", "SysRng", "f
 
 /// Files that hold a `Config` of their component: they may read it, and write nothing.
 const CONFIG_FILES: &[&str] = &[
-    "src/alarm.rs",
+    "src/alarm/config.rs",
     "src/collect/modbus/config.rs",
     "src/collect/mqtt/config.rs",
     "src/collect/opcua/config.rs",
@@ -459,8 +459,8 @@ fn a_call_around_the_scheduler_is_found() {
 fn serde_in_another_place_and_a_config_that_is_written_are_found() {
     assert_eq!(serde(&Source::new("src/results.rs", "use serde::Serialize;")).len(), 1);
     assert_eq!(serde(&Source::new("src/results.rs", "#[derive(serde::Serialize)] struct A;")).len(), 1);
-    assert_eq!(serde(&Source::new("src/alarm.rs", "use serde::{Deserialize, Serialize};")).len(), 1);
-    assert_eq!(serde(&Source::new("src/alarm.rs", "use serde::Deserialize;")).len(), 0);
+    assert_eq!(serde(&Source::new("src/alarm/config.rs", "use serde::{Deserialize, Serialize};")).len(), 1);
+    assert_eq!(serde(&Source::new("src/alarm/config.rs", "use serde::Deserialize;")).len(), 0);
 }
 
 #[test]

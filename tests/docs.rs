@@ -15,6 +15,7 @@ const DOCUMENTS: &[&str] = &[
     "ARCHITECTURE.md",
     "CONTRIBUTING.md",
     "CHANGELOG.md",
+    "docs/alarms.md",
     "docs/configuration.md",
     "docs/closing-the-loop.md",
     "docs/dashboard.md",
@@ -90,6 +91,12 @@ fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<schedule::Config>("`[schedule]`", "");
     agrees::<diagnosis::Config>("`[diagnosis]`", "");
     agrees::<alarm::Config>("`[alarm]`", "");
+    agrees::<alarm::RisingConfig>("`[alarm.f_rising]`", "");
+    agrees::<alarm::NotIdentifiableConfig>("`[alarm.not_identifiable]`", "");
+    agrees::<alarm::TagBadConfig>("`[alarm.tag_bad]`", "");
+    agrees::<alarm::CollectorDownConfig>("`[alarm.collector_down]`", "");
+    agrees::<alarm::TrippedConfig>("`[alarm.compensation_tripped]`", "");
+    agrees::<alarm::UnexplainedConfig>("`[alarm.unexplained_residual]`", "");
     agrees::<modbus::Config>("`[[modbus]]`", "name = 'd'\naddress = 'd:502'\naddress_base = 0\n");
     agrees::<opcua::Config>("`[[opcua]]`", "name = 'd'\nurl = 'opc.tcp://d:4840/'\n");
     agrees::<opcua::TagConfig>("A tag of an OPC UA server", "device = 'd'\n");

@@ -137,7 +137,9 @@ async fn killed_under_load_it_goes_on_where_it_was() {
             loops(&daemon).into_iter().find(|(_, alarm, ..)| alarm == "unacknowledged").expect("one");
         daemon.ask("POST", &format!("/api/v1/alarms/{}/ack", raised.0), "{\"by\":\"eve\"}");
         daemon.until("the acknowledgement is durable", Duration::from_secs(10), |_| {
-            let alarm = Reader::open(&store).and_then(|reader| reader.alarm(&raised.0)).expect("can be read");
+            let alarm = Reader::open(&store)
+                .and_then(|reader| reader.alarm(&raised.0, "stiction"))
+                .expect("can be read");
             alarm.is_some_and(|alarm| alarm.acknowledged)
         });
         let before = loops(&daemon);

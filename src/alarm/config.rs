@@ -366,12 +366,7 @@ impl Config {
             format!("{least} must be 6 to points = {points}"),
         );
         let share = residual.share;
-        unless(
-            within(share, 0.0, 10.0),
-            "unexplained_residual",
-            "share",
-            format!("{share} must be 0 to 10"),
-        );
+        unless(within(share, 0.0, 10.0), "unexplained_residual", "share", format!("{share} must be 0 to 10"));
         wrong
     }
 
@@ -419,9 +414,7 @@ impl Config {
     /// How many observations raise and clear a kind.
     pub(super) fn rule(&self, kind: Kind) -> Rule {
         match kind {
-            Kind::Stiction => {
-                Rule { k: self.k, n: self.n, clear_k: self.clear_k, clear_n: self.clear_n }
-            }
+            Kind::Stiction => Rule { k: self.k, n: self.n, clear_k: self.clear_k, clear_n: self.clear_n },
             // One more point of a line that has stood for `min_points` must not undo what the one before said.
             Kind::FRising => Rule { k: 2, n: 2, clear_k: 3, clear_n: 3 },
             Kind::UnexplainedResidual => {

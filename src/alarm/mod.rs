@@ -169,7 +169,13 @@ impl Alarm {
     }
 
     /// Takes an observation made at `now`, `priority` being what it would be raised with.
-    pub fn observe(&mut self, seen: Observation, priority: Priority, now: f64, config: &Config) -> Vec<Transition> {
+    pub fn observe(
+        &mut self,
+        seen: Observation,
+        priority: Priority,
+        now: f64,
+        config: &Config,
+    ) -> Vec<Transition> {
         let mut taken = self.tick(now);
         if self.votes.take(seen, config.rule(self.kind), self.flags.active) {
             taken.extend(self.flip(now, config));
@@ -216,7 +222,12 @@ impl Alarm {
     ///
     /// # Errors
     /// [`Refusal`], when the state does not allow it. A shelving that has run out has ended all the same.
-    pub fn act(&mut self, action: Action, now: f64, config: &Config) -> (Vec<Transition>, Result<(), Refusal>) {
+    pub fn act(
+        &mut self,
+        action: Action,
+        now: f64,
+        config: &Config,
+    ) -> (Vec<Transition>, Result<(), Refusal>) {
         let mut taken = self.tick(now);
         let acted = match action {
             Action::Acknowledge => self.flags.acknowledge(now).map(Some),
@@ -231,7 +242,13 @@ impl Alarm {
     }
 
     /// The design of the plant begins or ceases to suppress it; what the configuration suppresses stays so.
-    pub fn suppress(&mut self, suppressed: bool, subject: &str, now: f64, config: &Config) -> Vec<Transition> {
+    pub fn suppress(
+        &mut self,
+        suppressed: bool,
+        subject: &str,
+        now: f64,
+        config: &Config,
+    ) -> Vec<Transition> {
         let suppressed = suppressed || config.suppresses(subject, self.kind);
         let mut taken = self.tick(now);
         taken.extend(self.flags.suppress(suppressed, now));

@@ -5,8 +5,9 @@
 //! windows overlap, so they are not independent) and the scatter over their number. A line is fitted to the last
 //! points with weights `1 / variance`. Its slope has the standard error `s_w * sqrt(max(1, chi2 / (m - 2)))`: where points
 //! scatter more than their intervals say, the scatter counts. What neighbours have in common (`r`, the residuals'
-//! autocorrelation at lag one, corrected for the number of points) widens it by `sqrt((1 + r) / (1 - r))`. The rise over
-//! the points, less `t(m - 2, 0.999)` of its standard errors, is what is compared with `min_rise_percent`.
+//! autocorrelation at lag one, corrected for the number of points, plus two of its standard errors) widens it by
+//! `sqrt((1 + r) / (1 - r))`: friction that wanders for days must not pass for friction that grows. The rise over the
+//! points, less `t(m - 2, 0.999)` of its standard errors, is what is compared with `min_rise_percent`.
 
 use super::config::RisingConfig;
 use super::votes::Observation;
@@ -71,7 +72,8 @@ pub struct Trend(VecDeque<Point>);
 impl Trend {
     /// The points as they were saved.
     pub fn restored(points: Vec<Point>) -> Self {
-        let sound = |p: &Point| [p.t, p.f, p.variance, p.scatter].iter().all(|x| x.is_finite()) && p.count > 0;
+        let sound =
+            |p: &Point| [p.t, p.f, p.variance, p.scatter].iter().all(|x| x.is_finite()) && p.count > 0;
         Self(points.into_iter().filter(sound).collect())
     }
 
@@ -90,7 +92,9 @@ impl Trend {
         let newest = self.0.back().map(|point| (point.t / config.bucket_s).floor());
         if newest.is_some_and(|newest| bucket <= newest) {
             // A clock that was set back adds to the newest; the line is not disturbed by it.
-            if newest == Some(bucket) && let Some(point) = self.0.back_mut() {
+            if newest == Some(bucket)
+                && let Some(point) = self.0.back_mut()
+            {
                 point.add(t, f, variance);
             }
             return Observation::Unknown;
@@ -133,14 +137,14 @@ impl Trend {
             return None;
         }
         let rise = sum(&|i| points[i].f - f0) / stt;
-        let e: Vec<f64> = (0..m)
-            .map(|i| weights[i].sqrt() * (points[i].f - f0 - rise * (times[i] - t0)))
-            .collect();
+        let e: Vec<f64> =
+            (0..m).map(|i| weights[i].sqrt() * (points[i].f - f0 - rise * (times[i] - t0))).collect();
         let free = (m - 2) as f64;
         let chi2: f64 = e.iter().map(|e| e * e).sum();
         let common = if chi2 > 0.0 { e.windows(2).map(|w| w[0] * w[1]).sum::<f64>() / chi2 } else { 0.0 };
         // A line fitted to few points takes some of the autocorrelation with it.
-        let r = ((m as f64 * common + 1.0) / (m as f64 - 4.0)).clamp(0.0, 0.9);
+        let r = (m as f64 * common + 1.0) / (m as f64 - 4.0);
+        let r = (r + 2.0 * ((1.0 - r * r).max(0.0) / m as f64).sqrt()).clamp(0.0, 0.9);
         let error = (1.0 / stt).sqrt() * (chi2 / free).max(1.0).sqrt() * ((1.0 + r) / (1.0 - r)).sqrt();
         Some(Line { rise, low: rise - student(free) * error, span_s })
     }
@@ -153,7 +157,8 @@ fn student(free: f64) -> f64 {
         (z.powi(3) + z) / 4.0,
         (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0,
         (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / 384.0,
-        (79.0 * z.powi(9) + 776.0 * z.powi(7) + 1482.0 * z.powi(5) - 1920.0 * z.powi(3) - 945.0 * z) / 92_160.0,
+        (79.0 * z.powi(9) + 776.0 * z.powi(7) + 1482.0 * z.powi(5) - 1920.0 * z.powi(3) - 945.0 * z)
+            / 92_160.0,
     ];
     z + terms.iter().zip(1..).map(|(term, power)| term / v.powi(power)).sum::<f64>()
 }

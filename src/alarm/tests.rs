@@ -67,24 +67,20 @@ fn a_diagnosis_is_judged_by_verdict_then_f_then_evidence() {
 fn priority_follows_f_and_never_falls_while_the_condition_holds() {
     let config = Config::default();
     let of = |f| config.priority(Kind::Stiction, f);
-    assert_eq!([of(None), of(Some(0.49)), of(Some(0.5)), of(Some(2.0))], [
-        Priority::Low,
-        Priority::Low,
-        Priority::Medium,
-        Priority::High
-    ]);
+    assert_eq!(
+        [of(None), of(Some(0.49)), of(Some(0.5)), of(Some(2.0))],
+        [Priority::Low, Priority::Low, Priority::Medium, Priority::High]
+    );
     let mut alarm = Alarm::new(Kind::Stiction);
     let mut seen = |f: f64, at| {
         alarm.observe(Present, of(Some(f)), at, &config);
         alarm.priority()
     };
     // The first vote raises nothing, so it has no priority yet.
-    assert_eq!([seen(3.0, 0.0), seen(0.6, 1.0), seen(2.5, 2.0), seen(0.1, 3.0)], [
-        None,
-        Some(Priority::Medium),
-        Some(Priority::High),
-        Some(Priority::High)
-    ]);
+    assert_eq!(
+        [seen(3.0, 0.0), seen(0.6, 1.0), seen(2.5, 2.0), seen(0.1, 3.0)],
+        [None, Some(Priority::Medium), Some(Priority::High), Some(Priority::High)]
+    );
 }
 
 #[test]
@@ -245,9 +241,17 @@ fn impossible_settings_are_named() {
         f_rising: RisingConfig { min_points: 40, ..RisingConfig::default() },
         ..Config::default()
     };
-    let fields: Vec<String> = bad.validate().iter().map(|(table, field, _)| format!("{table}.{field}")).collect();
-    let expected =
-        [".k", ".clear_n", ".clear_k", ".clear_f_percent", "tag_bad.after_s", ".suppressed", "f_rising.min_points"];
+    let fields: Vec<String> =
+        bad.validate().iter().map(|(table, field, _)| format!("{table}.{field}")).collect();
+    let expected = [
+        ".k",
+        ".clear_n",
+        ".clear_k",
+        ".clear_f_percent",
+        "tag_bad.after_s",
+        ".suppressed",
+        "f_rising.min_points",
+    ];
     assert_eq!(fields, expected);
 }
 

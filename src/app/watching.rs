@@ -49,7 +49,9 @@ fn tags(own: &LoopConfig, history: &History) -> TagsSeen {
     let mut bad = Vec::new();
     for (tag, newest) in history.latest(&id) {
         // Another tag only explains: without it the loop is judged all the same.
-        if matches!(tag.kind, TagKind::Role(_)) && let Some(sample) = newest.filter(|s| !s.quality.is_good()) {
+        if matches!(tag.kind, TagKind::Role(_))
+            && let Some(sample) = newest.filter(|s| !s.quality.is_good())
+        {
             bad.push(format!("{} is {}", tag.kind.name(), sample.quality.as_str()));
         }
     }

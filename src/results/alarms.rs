@@ -4,8 +4,8 @@ use super::alarm_log::{AlarmChange, AlarmLog};
 use super::kept::{KeptAlarm, RestoredAlarm};
 use super::{Event, Results, Run, Summary};
 use crate::alarm::{
-    Action, Alarm, AlarmId, Cause, Config, Flood, FloodView, Kind, Line, Observation, Priority, Refusal, State,
-    Transition,
+    Action, Alarm, AlarmId, Cause, Config, Flood, FloodView, Kind, Line, Observation, Priority, Refusal,
+    State, Transition,
 };
 use crate::diagnosis::Verdict;
 use crate::signal::LoopId;
@@ -283,7 +283,10 @@ impl Board {
         if let Some(share) = unexplained(run).filter(|_| identifiable) {
             let most = self.config.unexplained_residual.share;
             let (seen, detail) = if share >= most {
-                (Observation::Present, Some(format!("{:.0} % of PV's movement is unexplained", 100.0 * share)))
+                (
+                    Observation::Present,
+                    Some(format!("{:.0} % of PV's movement is unexplained", 100.0 * share)),
+                )
             } else {
                 // A dead-band of a tenth, so that a share at the limit does not come and go.
                 (if share <= 0.9 * most { Observation::Absent } else { Observation::Between }, None)
@@ -465,7 +468,8 @@ impl Results {
     pub fn tick(&self, now: f64) {
         self.flood(now);
         self.with_board(|board, news| {
-            let ids: Vec<_> = board.alarms.iter().filter(|(_, own)| own.is_over(now)).map(|(id, _)| id.clone()).collect();
+            let ids: Vec<_> =
+                board.alarms.iter().filter(|(_, own)| own.is_over(now)).map(|(id, _)| id.clone()).collect();
             for id in ids {
                 board.change(&id, None, None, news, |alarm, _| alarm.tick(now));
             }

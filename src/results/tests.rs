@@ -1,4 +1,5 @@
 use super::*;
+use crate::alarm::{Action, AlarmId, Kind, Priority, Shelving, State};
 use crate::diagnosis::{Estimate, Model, NotIdentifiable, Preparation};
 
 pub(super) fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged> {
@@ -54,6 +55,10 @@ fn id() -> LoopId {
     LoopId::new("A")
 }
 
+fn stiction() -> AlarmId {
+    AlarmId::new(id(), Kind::Stiction)
+}
+
 #[test]
 fn keeps_the_latest_in_full_and_a_bounded_number_of_summaries() {
     let results = results(3);
@@ -93,7 +98,7 @@ fn diagnoses_raise_the_alarm_and_everybody_hears_it_in_order() {
     while let Ok(event) = events.try_recv() {
         heard.push(match event {
             Event::Run(_, summary) => summary.outcome.to_string(),
-            Event::Alarm(_, transition) => transition.to.as_str().to_string(),
+            Event::Alarm(change) => change.transition.to.as_str().to_string(),
             Event::Writeback(..) => "writeback".to_string(),
             Event::Reloaded { .. } => "reloaded".to_string(),
         });
@@ -104,21 +109,24 @@ fn diagnoses_raise_the_alarm_and_everybody_hears_it_in_order() {
 #[test]
 fn operators_act_and_a_shelving_that_runs_out_is_told() {
     let results = results(3);
-    let act = |action, now| results.act(&id(), action, Some("kim".into()), None, now).expect("A is there");
+    let said = || Said { by: Some("kim".into()), comment: None };
+    let act = |action, now| results.act(&stiction(), action, said(), now).expect("A is there");
     assert!(act(Action::Acknowledge, 0.0).is_err());
     results.record(sticky(1.0));
     results.record(sticky(2.0));
     let seen = act(Action::Acknowledge, 3.0).expect("it waits for that");
     assert_eq!((seen.state, seen.by.as_deref()), (State::Acknowledged, Some("kim")));
-    act(Action::Shelve(10.0), 4.0).expect("a sound duration");
+    act(Action::Shelve(Shelving::For(10.0)), 4.0).expect("a sound duration");
     let mut events = results.subscribe();
     results.tick(13.9);
     assert!(events.try_recv().is_err());
-    // Even an action that is then refused ends a shelving that has run out, and it is told.
-    assert!(act(Action::Unshelve, 14.0).is_err());
-    assert!(matches!(events.try_recv(), Ok(Event::Alarm(_, t)) if t.cause == alarm::Cause::Expired));
+    // A shelving that has run out needs no end by hand, and nobody is said to have ended it.
+    assert_eq!(act(Action::Unshelve, 14.0).expect("ended").state, State::Unacknowledged);
+    assert!(
+        matches!(events.try_recv(), Ok(Event::Alarm(c)) if c.transition.cause == alarm::Cause::Expired && c.by.is_none())
+    );
     assert_eq!(results.alarms(15.0)[0].state, State::Unacknowledged);
-    assert!(results.act(&LoopId::new("C"), Action::Unshelve, None, None, 0.0).is_none());
+    assert!(results.act(&AlarmId::named("C"), Action::Unshelve, said(), 0.0).is_none());
 }
 
 #[test]
@@ -127,7 +135,8 @@ fn a_reload_keeps_known_loops_and_forgets_the_others() {
     results.record(sticky(1.0));
     results.record(sticky(2.0));
     results.reload(&[id(), LoopId::new("C")], &alarm::Config::default());
-    assert_eq!(results.alarms(3.0).len(), 2);
+    let names: Vec<String> = results.alarms(3.0).iter().map(|view| view.id.to_string()).collect();
+    assert_eq!(names, ["A/stiction", "A/f_rising", "C/stiction"]);
     assert_eq!(results.get(&id(), 3.0).expect("kept").alarm.state, State::Unacknowledged);
     assert!(results.get(&LoopId::new("B"), 3.0).is_none());
     let late = Run { id: LoopId::new("B"), ..sticky(4.0) };
@@ -163,11 +172,17 @@ fn what_is_kept_and_given_back_goes_on_as_if_nothing_had_been() {
     old.record(sticky(1.0));
     old.record(sticky(2.0));
     old.record(run(3.0, Outcome::DeadlineExceeded));
-    old.act(&id(), Action::Acknowledge, Some("kim".into()), Some("seen".into()), 4.0);
-    old.act(&id(), Action::Shelve(10.0), Some("eve".into()), None, 5.0);
-    old.act(&id(), Action::Shelve(20.0), Some("eve".into()), None, 6.0);
+    let seen = Said { by: Some("kim".into()), comment: Some("seen".into()) };
+    let eve = || Said { by: Some("eve".into()), comment: None };
+    old.act(&stiction(), Action::Acknowledge, seen, 4.0);
+    old.act(&stiction(), Action::Shelve(Shelving::For(10.0)), eve(), 5.0);
+    old.act(&stiction(), Action::Shelve(Shelving::For(20.0)), eve(), 6.0);
     let kept = std::mem::take(&mut *kept.lock().expect("whole"));
-    let said: Vec<_> = kept.iter().map(|c| (c.run.is_some(), c.transitions.len(), c.acted)).collect();
+    let of = |c: &Change| c.alarms.iter().find(|own| own.id == stiction()).cloned();
+    let said: Vec<_> = kept
+        .iter()
+        .map(|c| (c.run.is_some(), of(c).map_or(0, |a| a.transitions.len()), of(c).is_some_and(|a| a.acted)))
+        .collect();
     let expected = [
         (true, 0, false),
         (true, 1, false),
@@ -178,16 +193,27 @@ fn what_is_kept_and_given_back_goes_on_as_if_nothing_had_been() {
     ];
     assert_eq!(said, expected, "a shelving that was only prolonged is kept too");
     assert_eq!(kept[0].model.as_ref().map(|model| model.version), Some(1));
-    let last = kept.last().expect("several");
     let summary = kept[1].run.as_ref().expect("a run").1.clone();
     let restored = Restored { finished: 2.0, took_s: 0.02, quality: "good".into(), report: "{}".into() };
     let remembered = Remembered {
         summaries: kept.iter().filter_map(|c| Some(c.run.as_ref()?.1.clone())).collect(),
         diagnosed: Some((restored, summary.clone())),
         model: kept[0].model.clone().expect("new"),
-        alarm: Some((last.alarm.clone(), last.by.clone(), last.comment.clone())),
     };
     new.restore(&id(), remembered.clone());
+    // Of each alarm what was kept last.
+    let latest: std::collections::BTreeMap<AlarmId, KeptAlarm> =
+        kept.iter().flat_map(|c| &c.alarms).map(|own| (own.id.clone(), own.clone())).collect();
+    let restored = |own: KeptAlarm| {
+        let KeptAlarm { id, saved, by, comment, detail, .. } = own;
+        RestoredAlarm { id, saved, by, comment, detail }
+    };
+    assert_eq!(latest.len(), 3, "stiction, f rising, not identifiable");
+    new.restore_alarms(
+        latest.into_values().map(restored).collect(),
+        old.alarm_log().into_iter().rev().collect(),
+    );
+    assert_eq!(old.alarm_log(), new.alarm_log());
     let (a, b) = (old.get(&id(), 7.0).expect("A"), new.get(&id(), 7.0).expect("A"));
     assert_eq!((a.alarm, a.last, a.summary, a.model), (b.alarm, b.last, b.summary, b.model));
     assert_eq!(old.summaries(&id()), new.summaries(&id()));
@@ -205,4 +231,100 @@ fn what_is_kept_and_given_back_goes_on_as_if_nothing_had_been() {
         Some(31.0),
         "never over what is newer"
     );
+}
+
+fn seen(down: Option<Option<&str>>, bad: Option<&str>) -> (Vec<DeviceSeen>, Vec<TagsSeen>) {
+    let down = down.map(|why| why.map(str::to_string));
+    let devices = vec![DeviceSeen { name: LoopId::new("dcs"), down }];
+    let tags = TagsSeen { id: id(), bad: bad.map(str::to_string), devices: vec![LoopId::new("dcs")] };
+    (devices, vec![tags])
+}
+
+fn state(results: &Results, name: &str, now: f64) -> State {
+    results.alarm(&AlarmId::named(name), now).expect("there is such an alarm").state
+}
+
+#[test]
+fn a_collector_that_is_down_is_one_alarm_and_its_tags_say_nothing() {
+    let results = results(3);
+    results.watch_devices(&[LoopId::new("dcs")]);
+    let watch = |down, bad, now| {
+        let (devices, loops) = seen(down, bad);
+        results.watch(devices, loops, now);
+    };
+    // A tag alone is bad for five minutes.
+    watch(Some(None), Some("pv is stale"), 0.0);
+    watch(Some(None), Some("pv is stale"), 300.0);
+    assert_eq!(state(&results, "A/tag_bad", 300.0), State::Unacknowledged);
+    watch(Some(None), None, 301.0);
+    assert_eq!(state(&results, "A/tag_bad", 301.0), State::ReturnedUnacknowledged);
+    // Then the whole collector is gone, for long.
+    for at in [1000.0, 1300.0, 2000.0] {
+        watch(Some(Some("no good sample for 120 s")), Some("pv is bad:link_down"), at);
+    }
+    assert_eq!(state(&results, "dcs/collector_down", 2000.0), State::Unacknowledged);
+    assert_eq!(state(&results, "A/tag_bad", 2000.0), State::SuppressedByDesign);
+    let known = results.get(&id(), 2000.0).expect("A");
+    assert_eq!(known.others.len(), 2, "{:?}", known.others);
+    // Nobody knows yet, as after a restart: nothing changes.
+    watch(None, Some("pv is bad:link_down"), 2100.0);
+    assert_eq!(state(&results, "dcs/collector_down", 2100.0), State::Unacknowledged);
+    // It is back. What its tags were like meanwhile raises nothing, what they are like from now on does.
+    watch(Some(None), Some("pv is bad:link_down"), 2200.0);
+    assert_eq!(state(&results, "dcs/collector_down", 2200.0), State::ReturnedUnacknowledged);
+    assert_eq!(state(&results, "A/tag_bad", 2200.0), State::Normal);
+    watch(Some(None), Some("pv is stale"), 2500.0);
+    assert_eq!(state(&results, "A/tag_bad", 2500.0), State::Unacknowledged);
+    assert!(results.alarm(&AlarmId::named("A/collector_down"), 0.0).is_none());
+    assert!(results.alarm(&AlarmId::named("dcs/tag_bad"), 0.0).is_none());
+}
+
+#[test]
+fn a_loop_that_nothing_can_be_said_of_for_a_week_is_told_and_one_in_manual_is_not() {
+    let day = 86_400.0;
+    let not = |why: NotIdentifiable, at| {
+        run(at, Outcome::Diagnosed(diagnosis(Verdict::NotIdentifiable(why), 0.0, 0.0)))
+    };
+    for (why, expected) in [
+        (NotIdentifiable::Gaps { share: 0.5 }, State::Unacknowledged),
+        (NotIdentifiable::Manual { share_auto: 0.0 }, State::Normal),
+        (NotIdentifiable::NotExcited { reversals: 1 }, State::Normal),
+    ] {
+        let results = results(3);
+        (0..8).for_each(|at| drop(results.record(not(why.clone(), f64::from(at) * day))));
+        assert_eq!(state(&results, "A/not_identifiable", 8.0 * day), expected, "{why}");
+        results.record(sticky(9.0 * day));
+        assert_ne!(state(&results, "A/not_identifiable", 9.0 * day), State::Unacknowledged);
+    }
+}
+
+#[test]
+fn a_trip_is_latched_and_a_flood_is_grouped() {
+    let ids: Vec<LoopId> = (0..20).map(|at| LoopId::new(format!("L{at}"))).collect();
+    let results = Results::new(&ids, 3, &alarm::Config::default());
+    let moved = |to, at| gate::News {
+        at,
+        event: gate::Event::Moved { from: gate::State::Active, to, cause: gate::Cause::Stopped, by: None },
+    };
+    results.tell_writeback(&ids[0], &moved(gate::State::Tripped, 1.0));
+    results.tell_writeback(&ids[0], &moved(gate::State::Shadow, 2.0));
+    let trip = results.alarm(&AlarmId::named("L0/compensation_tripped"), 2.0).expect("L0");
+    assert_eq!((trip.state, trip.priority), (State::LatchedUnacknowledged, Priority::High));
+    assert_eq!(trip.detail, "closed by a fault: stopped");
+    let mut events = results.subscribe();
+    for id in &ids {
+        let loops = |bad: &str| vec![TagsSeen { id: id.clone(), bad: Some(bad.into()), devices: vec![] }];
+        results.watch(vec![], loops("pv is stale"), 10.0);
+        results.watch(vec![], loops("pv is stale"), 310.0);
+    }
+    // One has been raised before; ten in ten minutes are no flood, the eleventh and what comes after it is.
+    let grouped = results.alarms(310.0).iter().filter(|view| view.grouped).count();
+    assert_eq!((grouped, results.flood(310.0).grouped), (11, 11));
+    let mut told = 0;
+    while let Ok(Event::Alarm(change)) = events.try_recv() {
+        told += usize::from(change.grouped);
+    }
+    assert_eq!(told, 11, "all are told, and which are grouped");
+    assert_eq!(results.flood(1000.0).since, None);
+    assert!(results.alarms(1000.0).iter().all(|view| !view.grouped && view.state != State::Shelved));
 }

@@ -88,7 +88,8 @@ impl FromRequestParts<Arc<Context>> for OfAlarm {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &Arc<Context>) -> Result<Self, Problem> {
-        let bad = |_| Problem::new(StatusCode::BAD_REQUEST, "bad_path", "the path is not percent-encoded UTF-8");
+        let bad =
+            |_| Problem::new(StatusCode::BAD_REQUEST, "bad_path", "the path is not percent-encoded UTF-8");
         let halves = Path::<Vec<(String, String)>>::from_request_parts(parts, state).await.map_err(bad)?.0;
         let names: Vec<&str> = halves.iter().map(|(_, value)| value.as_str()).collect();
         Ok(Self(AlarmId::named(&names.join("/"))))

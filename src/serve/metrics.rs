@@ -1,6 +1,7 @@
 //! Metrics for Prometheus, made anew at each scrape from what is known: no series outlives its loop.
 
 use super::{Context, DeviceState, Plant};
+use crate::alarm::State;
 use crate::results::{Known, f_unit};
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
@@ -19,6 +20,7 @@ pub fn text(context: &Context) -> String {
     let plant = context.plant();
     let now = context.clock.now();
     loops(&mut registry, context, &plant, now);
+    alarms(&mut registry, context, now);
     runs(&mut registry, context);
     devices(&mut registry, &(plant.devices)(), now);
     gauge(
@@ -117,6 +119,27 @@ fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
             set(&evidence, &[("loop", id)], value);
         }
     }
+}
+
+fn alarms(registry: &mut Registry, context: &Context, now: f64) {
+    let state = gauges(registry, "alarm_state", "1 for the state of an alarm that is not normal");
+    let flags =
+        gauges(registry, "alarm_flag", "1 for an alarm that is chattering, stale or grouped in a flood");
+    for view in context.results.alarms(now).iter().filter(|view| view.state != State::Normal) {
+        let own = [("subject", view.id.subject.as_str()), ("kind", view.id.kind.as_str())];
+        let [subject, kind] = own;
+        let priority = ("priority", view.priority.as_str());
+        set(&state, &[subject, kind, priority, ("state", view.state.as_str())], 1.0);
+        let raised = [("chattering", view.chattering), ("stale", view.stale), ("grouped", view.grouped)];
+        for (flag, _) in raised.iter().filter(|(_, is)| *is) {
+            set(&flags, &[subject, kind, ("flag", flag)], 1.0);
+        }
+    }
+    let flood = context.results.flood(now);
+    let is_flood = f64::from(u8::from(flood.since.is_some()));
+    gauge(registry, "alarm_flood", "1 while more alarms are raised than flood_raises allows", is_flood);
+    let recent = flood.recent as f64;
+    gauge(registry, "alarms_raised_recently", "Alarms raised within flood_s, over the plant", recent);
 }
 
 fn runs(registry: &mut Registry, context: &Context) {

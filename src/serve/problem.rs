@@ -32,7 +32,8 @@ impl Problem {
 
     /// 404: no such alarm.
     pub fn unknown_alarm(id: &str) -> Self {
-        Self::new(StatusCode::NOT_FOUND, "unknown_alarm", format!("there is no alarm '{id}'")).with("alarm", id)
+        Self::new(StatusCode::NOT_FOUND, "unknown_alarm", format!("there is no alarm '{id}'"))
+            .with("alarm", id)
     }
 
     /// 404: the loop is there, but has never been diagnosed.

@@ -389,9 +389,8 @@ impl Reader {
     pub fn transitions(&self, after: i64, limit: usize) -> Result<Vec<(i64, TransitionRow)>, StoreError> {
         let mut query =
             self.db.prepare_cached("SELECT * FROM transitions WHERE id > ?1 ORDER BY id LIMIT ?2")?;
-        let rows = query.query_map(params![after, limit as i64], |row| {
-            Ok((row.get("id")?, transition(row)?))
-        })?;
+        let rows =
+            query.query_map(params![after, limit as i64], |row| Ok((row.get("id")?, transition(row)?)))?;
         Ok(rows.collect::<Result<_, _>>()?)
     }
 }

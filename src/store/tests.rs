@@ -203,11 +203,16 @@ fn diagnoses_models_and_alarms_come_back() {
     let model = ModelRow { control_loop: "A".into(), version: 3, since: 5.0, effects: "drift\t\n".into() };
     let alarm = AlarmRow {
         control_loop: "A".into(),
+        kind: "stiction".into(),
         active: true,
+        one_shot: true,
         votes: "sc".into(),
+        pending: Some(7.0),
+        priority: Some("high".into()),
         by: Some("eve".into()),
         ..AlarmRow::default()
     };
+    let other = AlarmRow { kind: "tag_bad".into(), suppressed: true, ..AlarmRow::default() };
     let rows = vec![
         diagnosis("A", 1.0, Some("{\"first\":1}")),
         diagnosis("A", 2.0, Some("{\"second\":2}")),
@@ -216,6 +221,7 @@ fn diagnoses_models_and_alarms_come_back() {
         Row::Model(model.clone()),
         Row::Alarm(AlarmRow { active: false, ..alarm.clone() }),
         Row::Alarm(alarm.clone()),
+        Row::Alarm(other.clone()),
         transition(2.0, "normal", "unacknowledged"),
     ];
     for _ in 0..2 {
@@ -227,8 +233,10 @@ fn diagnoses_models_and_alarms_come_back() {
     assert_eq!(kept, [(2.0, true), (3.0, false)]);
     assert_eq!(last[0].report.as_deref().and_then(unpack).as_deref(), Some("{\"second\":2}"));
     assert_eq!(reader.model("A").expect("reads"), Some(model));
-    assert_eq!(reader.alarm("A").expect("reads"), Some(alarm));
-    assert_eq!(reader.alarm("B").expect("reads"), None);
+    assert_eq!(reader.alarm("A", "stiction").expect("reads"), Some(alarm.clone()));
+    assert_eq!(reader.alarms().expect("reads"), [other, alarm]);
+    assert_eq!(reader.alarm("A", "f_rising").expect("reads"), None);
+    assert_eq!(reader.last_transitions(9).expect("reads").len(), 1);
     let checked = whole(&folder);
     assert_eq!((checked.diagnoses, checked.transitions), (3, 1));
 }
@@ -341,4 +349,49 @@ fn other_folders_are_refused_and_say_why() {
     std::fs::write(&file.0, "a file").unwrap();
     assert!(matches!(Store::open(&file.config()), Err(StoreError::Io { .. })));
     std::fs::remove_file(&file.0).unwrap();
+}
+
+/// A database of before alarms had kinds, made by the steps of then.
+#[test]
+fn alarms_of_an_older_version_are_about_stiction() {
+    let folder = Folder::new();
+    drop(Store::open(&folder.config()).expect("opens"));
+    let db = rusqlite::Connection::open(folder.0.join(DATABASE)).expect("opens");
+    db.execute_batch(
+        "DROP TABLE alarms; DROP TABLE transitions;
+         CREATE TABLE alarms (control_loop TEXT PRIMARY KEY, active INTEGER NOT NULL, acknowledged INTEGER NOT NULL,
+            shelved_until REAL, votes TEXT NOT NULL, since REAL, raised_at REAL, by_whom TEXT, comment TEXT) WITHOUT ROWID;
+         CREATE TABLE transitions (id INTEGER PRIMARY KEY, control_loop TEXT NOT NULL, at REAL NOT NULL, before TEXT NOT NULL,
+            after TEXT NOT NULL, cause TEXT NOT NULL, by_whom TEXT, comment TEXT,
+            UNIQUE (control_loop, at, before, after, cause));
+         CREATE INDEX transitions_at ON transitions (at);
+         INSERT INTO alarms VALUES ('A', 1, 1, 99.0, 'sb', 5.0, 4.0, 'eve', 'seen');
+         INSERT INTO transitions VALUES (7, 'A', 4.0, 'normal', 'unacknowledged', 'raised', NULL, NULL);
+         INSERT INTO transitions VALUES (8, 'A', 5.0, 'unacknowledged', 'acknowledged', 'acknowledged', 'eve', 'seen');
+         PRAGMA user_version = 2;",
+    )
+    .expect("the tables of then");
+    drop(db);
+    drop(Store::open(&folder.config()).expect("opens and brings it up to date"));
+    let reader = Reader::open(&folder.0).expect("opens");
+    let expected = AlarmRow {
+        control_loop: "A".into(),
+        kind: "stiction".into(),
+        active: true,
+        acknowledged: true,
+        shelved_until: Some(99.0),
+        votes: "sb".into(),
+        since: Some(5.0),
+        raised_at: Some(4.0),
+        by: Some("eve".into()),
+        comment: Some("seen".into()),
+        ..AlarmRow::default()
+    };
+    assert_eq!(reader.alarms().expect("reads"), [expected]);
+    let rows = reader.transitions(0, 9).expect("reads");
+    assert_eq!(
+        rows.iter().map(|(id, row)| (*id, row.kind.as_str())).collect::<Vec<_>>(),
+        [(7, "stiction"), (8, "stiction")]
+    );
+    assert!(whole(&folder).faults.is_empty());
 }

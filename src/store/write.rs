@@ -345,7 +345,8 @@ fn put_row(db: &Transaction<'_>, row: &Row) -> Result<(), StoreError> {
         }
         Row::Alarm(row) => put_alarm(db, row),
         Row::Transition(row) => {
-            let TransitionRow { control_loop, kind, at, before, after, cause, priority, detail, by, comment } = row;
+            let TransitionRow { control_loop, kind, at, before, after, cause, priority, detail, by, comment } =
+                row;
             db.prepare_cached(
                 "INSERT OR IGNORE INTO transitions (control_loop, kind, at, before, after, cause, priority, detail,
                     by_whom, comment) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",

@@ -144,6 +144,18 @@ async fn what_alarms_did_is_remembered_with_who_and_why() {
     assert_eq!(said(2, "by"), None);
     let one = rig.json("/api/v1/alarms/history?loop=FIC1&limit=1").await;
     assert_eq!(one["items"].as_array().map(Vec::len), Some(1));
+    // Page by page it is the same.
+    let mut causes = Vec::new();
+    let mut after = String::new();
+    loop {
+        let page = rig.json(&format!("/api/v1/alarms/history?limit=2{after}")).await;
+        for item in page["items"].as_array().expect("a list") {
+            causes.push(item["cause"].as_str().expect("a cause").to_string());
+        }
+        let Some(next) = page["next"].as_u64() else { break };
+        after = format!("&after={next}");
+    }
+    assert_eq!(causes, ["shelved", "acknowledged", "raised"]);
     let other = rig.json("/api/v1/alarms/history?loop=LIC2").await;
     assert_eq!(other["items"].as_array().map(Vec::len), Some(0));
     assert_problem(&get(rig.address, "/api/v1/alarms/history?limit=0").await, 400);

@@ -182,7 +182,7 @@ async fn alarms_are_acknowledged_shelved_and_unshelved() {
     let alarms = rig.json("/api/v1/alarms").await;
     assert_eq!(
         (Rig::ids(&alarms), alarms["items"][0]["state"].as_str()),
-        (vec!["FIC1".into()], Some("unacknowledged"))
+        (vec!["FIC1/stiction".into()], Some("unacknowledged"))
     );
     let act = |what: &str, body: &str| {
         let (address, path, body) = (rig.address, format!("/api/v1/alarms/FIC1/{what}"), body.to_string());
@@ -190,13 +190,20 @@ async fn alarms_are_acknowledged_shelved_and_unshelved() {
     };
     let seen = act("ack", r#"{"by": "kim", "comment": "on my way"}"#).await;
     assert_eq!((seen.status, seen.json()["state"].as_str()), (200, Some("acknowledged")));
-    assert_eq!(seen.json()["by"], "kim");
+    assert_eq!(
+        (seen.json()["by"].as_str(), seen.json()["survives_restart"].as_bool()),
+        (Some("kim"), Some(false))
+    );
+    assert_eq!(
+        (seen.json()["loop"].as_str(), seen.json()["priority"].as_str()),
+        (Some("FIC1"), Some("high"))
+    );
     assert_problem(&act("ack", "").await, 409);
     assert_problem(&act("unshelve", "").await, 409);
     let shelved = act("shelve", r#"{"duration_s": 3600}"#).await.json();
     assert_eq!(shelved["state"], "shelved");
     assert!(shelved["shelved_until"].as_str().is_some_and(|t| t.starts_with("2026-01-01T01:0")));
-    assert_eq!(Rig::ids(&rig.json("/api/v1/alarms?state=shelved").await), ["FIC1"]);
+    assert_eq!(Rig::ids(&rig.json("/api/v1/alarms?state=shelved").await), ["FIC1/stiction"]);
     assert_eq!(act("unshelve", "{}").await.json()["state"], "unacknowledged");
     for (body, field) in [
         (r#"{"duration_s": -1}"#, "duration_s"),
@@ -208,6 +215,21 @@ async fn alarms_are_acknowledged_shelved_and_unshelved() {
     ] {
         let problem = assert_problem(&act("shelve", body).await, 400);
         assert_eq!(problem["field"], field, "{body}: {problem}");
+    }
+    // An alarm's name may come whole or in its two halves, and whoever takes it out of service gives it back.
+    for path in ["/api/v1/alarms/FIC1%2Fstiction/ack", "/api/v1/alarms/FIC1/stiction/out-of-service"] {
+        assert_eq!(post(rig.address, path, "").await.status, 200, "{path}");
+    }
+    let taken = rig.json("/api/v1/alarms?kind=stiction&priority=high&loop=FIC1").await;
+    assert_eq!(taken["items"][0]["state"], "out-of-service");
+    assert_problem(&act("shelve", r#"{"duration_s": 1}"#).await, 409);
+    assert_problem(&act("reset", "").await, 409);
+    assert_eq!(act("in-service", "").await.json()["state"], "unacknowledged");
+    assert_problem(&act("in-service", "").await, 409);
+    let once = act("shelve", r#"{"duration_s": 60, "one_shot": true}"#).await.json();
+    assert_eq!((once["state"].as_str(), once["one_shot"].as_bool()), (Some("shelved"), Some(true)));
+    for unknown in ["FIC1%2Fsilence", "NOWHERE", "FIC1/collector_down", "dcs9/collector_down"] {
+        assert_problem(&post(rig.address, &format!("/api/v1/alarms/{unknown}/ack"), "").await, 404);
     }
     let long = format!(r#"{{"by": "{}"}}"#, "x".repeat(101));
     assert_eq!(assert_problem(&act("ack", &long).await, 400)["field"], "by");
@@ -248,6 +270,9 @@ async fn metrics_name_every_loop_and_device_once() {
     has(r#"stictiond_loop_friction{loop="FIC1",f_unit="% OP"} 2.5"#);
     has(r#"stictiond_loop_evidence{loop="FIC1"} 446"#);
     has(r#"stictiond_loop_alarm_state{loop="FIC1",state="unacknowledged"} 1"#);
+    has(r#"stictiond_alarm_state{subject="FIC1",kind="stiction",priority="high",state="unacknowledged"} 1"#);
+    has("stictiond_alarm_flood 0");
+    has("stictiond_alarms_raised_recently 1");
     has(r#"stictiond_loop_verdict{loop="<b>a/b & \"c\" ü",verdict="no_stiction"} 1"#);
     has(r#"stictiond_loop_identifiable{loop="PIC3"} 0"#);
     has(r#"stictiond_runs_total{outcome="panicked"} 1"#);
@@ -284,6 +309,9 @@ async fn the_description_names_every_route_of_the_contract() {
         "/api/v1/alarms/{id}/ack",
         "/api/v1/alarms/{id}/shelve",
         "/api/v1/alarms/{id}/unshelve",
+        "/api/v1/alarms/{id}/reset",
+        "/api/v1/alarms/{id}/out-of-service",
+        "/api/v1/alarms/{id}/in-service",
         "/api/v1/events",
         "/api/v1/healthz",
         "/healthz",

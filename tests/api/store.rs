@@ -58,7 +58,13 @@ async fn a_restart_brings_back_samples_diagnoses_models_and_alarms() {
     heard(&mut events, "alarm", "A").await;
     heard(&mut events, "diagnosis", "B").await;
     let acked = post(daemon.address, "/api/v1/alarms/A/ack", "{\"by\":\"eve\",\"comment\":\"seen\"}").await;
-    assert_eq!(acked.status, 200);
+    assert_eq!((acked.status, acked.json()["survives_restart"].as_bool()), (200, Some(true)));
+    // Durable before it is answered: another reader sees it already.
+    let kept = Reader::open(&folder.0).and_then(|reader| reader.alarm("A", "stiction")).expect("can be read");
+    assert!(kept.is_some_and(|row| row.acknowledged && row.by.as_deref() == Some("eve")));
+    // Taken out of service as well, which a restart does not give back.
+    let taken = post(daemon.address, "/api/v1/alarms/B/f_rising/out-of-service", "{\"by\":\"eve\"}").await;
+    assert_eq!(taken.json()["state"], "out-of-service");
     let before: Vec<_> = [
         daemon.json("/api/v1/alarms").await["items"][0].clone(),
         daemon.json("/api/v1/loops/A/diagnosis").await,
@@ -76,7 +82,14 @@ async fn a_restart_brings_back_samples_diagnoses_models_and_alarms() {
         (ready["loops_diagnosed"].as_u64(), ready["store"]["state"].as_str()),
         (Some(2), Some("working"))
     );
-    assert_eq!(daemon.json("/api/v1/alarms").await["items"][0], before[0], "state, times, by whom and why");
+    let alarms = daemon.json("/api/v1/alarms").await;
+    assert_eq!(alarms["items"][0], before[0], "state, times, by whom and why");
+    assert_eq!(
+        (&alarms["items"][1]["id"], &alarms["items"][1]["state"]),
+        (&"B/f_rising".into(), &"out-of-service".into())
+    );
+    let log = daemon.json("/api/v1/alarms/history").await;
+    assert_eq!(log["items"].as_array().map(Vec::len), Some(3), "{log}");
     let mut report = daemon.json("/api/v1/loops/A/diagnosis").await;
     assert!(report["age_s"].as_f64() > before[1]["age_s"].as_f64(), "its own time, not that of the restart");
     report["age_s"] = before[1]["age_s"].clone();
@@ -101,7 +114,8 @@ async fn a_restart_brings_back_samples_diagnoses_models_and_alarms() {
     let transitions =
         Reader::open(&folder.0).and_then(|reader| reader.transitions(0, 100)).expect("can be read");
     let causes: Vec<_> = transitions.iter().map(|(_, row)| (row.cause.as_str(), row.by.as_deref())).collect();
-    assert_eq!(causes, [("raised", None), ("acknowledged", Some("eve"))], "once each, nothing lost");
+    let expected = [("raised", None), ("acknowledged", Some("eve")), ("out_of_service", Some("eve"))];
+    assert_eq!(causes, expected, "once each, nothing lost");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -43,9 +43,12 @@ fn a_line_without_noise_is_found_exactly() {
 fn nonsense_is_no_observation() {
     let config = RisingConfig::default();
     let mut trend = Trend::default();
-    for (f, interval, t) in
-        [(f64::NAN, [0.0, 1.0], 0.0), (1.0, [1.0, 0.0], 0.0), (1.0, [0.0, f64::INFINITY], 0.0), (1.0, [0.0, 1.0], f64::NAN)]
-    {
+    for (f, interval, t) in [
+        (f64::NAN, [0.0, 1.0], 0.0),
+        (1.0, [1.0, 0.0], 0.0),
+        (1.0, [0.0, f64::INFINITY], 0.0),
+        (1.0, [0.0, 1.0], f64::NAN),
+    ] {
         assert_eq!(trend.take(f, interval, t, &config), Observation::Unknown);
     }
     assert!(trend.saved().is_empty());
@@ -66,7 +69,9 @@ fn days(seed: u64, n: usize, slope_per_day: f64, wander: f64, phi: f64) -> (usiz
             let noise: f64 = random.sample(StandardNormal);
             let f = 2.0 + slope_per_day * day as f64 + level + 0.1 * noise;
             let half = 0.1 * CI95;
-            if trend.take(f, [f - half, f + half], (day as f64 + f64::from(part) / 6.0) * DAY, &config) == Observation::Present {
+            if trend.take(f, [f - half, f + half], (day as f64 + f64::from(part) / 6.0) * DAY, &config)
+                == Observation::Present
+            {
                 rising += 1;
                 first.get_or_insert(day);
             }
@@ -77,8 +82,8 @@ fn days(seed: u64, n: usize, slope_per_day: f64, wander: f64, phi: f64) -> (usiz
 
 #[test]
 fn noise_does_not_rise() {
-    // Ten loops of each sort watched for a year: 7,300 days are judged, at 0.1 % each about 7 would be wrong, and what counts is
-    // a rise by more than 0.2 beyond that. Wandering with a memory of days is what a straight line is most easily fooled by.
+    // Ten loops of each sort watched for a year, 7,300 days: at 0.1 % of them 7 could be wrong, but what counts is a rise by more
+    // than 0.2 beyond that. Wandering with a memory of days is what a straight line is most easily fooled by.
     let white: usize = (0..10).map(|seed| days(seed, 365, 0.0, 0.2, 0.0).0).sum();
     let slow: usize = (0..10).map(|seed| days(100 + seed, 365, 0.0, 0.2, 0.6).0).sum();
     assert_eq!((white, slow), (0, 0));

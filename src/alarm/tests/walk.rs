@@ -29,8 +29,8 @@ enum Event {
 
 use Event::{Ack, Clear, ClearLatching, Raise};
 use State::{
-    Acknowledged as C, LatchedAcknowledged as F, LatchedUnacknowledged as E, Normal as A, OutOfService, ReturnedUnacknowledged as D,
-    Shelved, SuppressedByDesign, Unacknowledged as B,
+    Acknowledged as C, LatchedAcknowledged as F, LatchedUnacknowledged as E, Normal as A, OutOfService,
+    ReturnedUnacknowledged as D, Shelved, SuppressedByDesign, Unacknowledged as B,
 };
 
 /// The letters are those of ISA-18.2's own diagram. What is not in the table is no arrow.
@@ -135,7 +135,9 @@ impl Oracle {
                 self.arrow(Event::Reset);
             }
             Step::Shelve(duration) if !self.out => self.shelved = Some((now + duration, false)),
-            Step::Once(duration) if !self.out && self.condition => self.shelved = Some((now + duration, true)),
+            Step::Once(duration) if !self.out && self.condition => {
+                self.shelved = Some((now + duration, true))
+            }
             Step::Unshelve if !self.out && self.shelved.is_some() => self.silence(|own| own.shelved = None),
             Step::Design(design) => self.silence(|own| own.design = design),
             Step::TakeOut if !self.out => (self.out, self.shelved) = (true, None),

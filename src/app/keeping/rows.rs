@@ -1,12 +1,10 @@
 //! What is said of a loop as rows of the store, and back.
 
-use crate::alarm::{
-    AlarmId, Cause, Flags, Kind, Observation, Point, Priority, Saved, State, Transition,
-};
+use crate::alarm::{AlarmId, Cause, Flags, Kind, Observation, Point, Priority, Saved, State, Transition};
 use crate::residual;
 use crate::results::{
-    AlarmChange, Change, KeptAlarm, KnownEffect, MOST_CHANGES, ModelVersion, Remembered, Restored, RestoredAlarm,
-    Summary, Trigger,
+    AlarmChange, Change, KeptAlarm, KnownEffect, MOST_CHANGES, ModelVersion, Remembered, Restored,
+    RestoredAlarm, Summary, Trigger,
 };
 use crate::serve::dto::{BasisText, Report};
 use crate::signal::LoopId;
@@ -37,12 +35,7 @@ pub(super) fn rows(change: Change) -> Vec<Row> {
     if let Some(ModelVersion { version, since, effects }) = change.model {
         let effects =
             effects.iter().map(|(kind, tag)| format!("{kind}\t{}\n", tag.as_deref().unwrap_or_default()));
-        rows.push(Row::Model(ModelRow {
-            control_loop,
-            version,
-            since,
-            effects: effects.collect(),
-        }));
+        rows.push(Row::Model(ModelRow { control_loop, version, since, effects: effects.collect() }));
     }
     for alarm in change.alarms {
         alarm_rows(alarm, &mut rows);

@@ -1,9 +1,7 @@
 //! Alarms, and what people may do to them.
 
 use super::super::Context;
-use super::super::dto::alarms::{
-    AlarmActed, AlarmChangeItem, AlarmHistory, AlarmItem, AlarmList, FloodItem,
-};
+use super::super::dto::alarms::{AlarmActed, AlarmChangeItem, AlarmHistory, AlarmItem, AlarmList, FloodItem};
 use super::super::dto::params::{ActBody, AlarmHistoryQuery, AlarmState, AlarmsQuery, ShelveBody};
 use super::super::dto::rfc3339;
 use super::super::extract::{Body, OfAlarm, Params, Required, short, within};

@@ -109,7 +109,7 @@ fn loops_and_times_are_chosen_and_every_kind_has_its_table() {
     assert!(rows == 1 && text.contains("0.25") && text.contains("{\"\"f\"\":0.25}"), "{text}");
     let (rows, text) = exported(Kind::Alarms, Format::Csv, &all);
     assert_eq!(rows, 1);
-    assert!(String::from_utf8(text).expect("text").ends_with("B,6,normal,shelved,,eve,\n"));
+    assert!(String::from_utf8(text).expect("text").ends_with("B,6,normal,shelved,,eve,,,,\n"));
     for kind in [Kind::Diagnoses, Kind::Alarms] {
         assert!(exported(kind, Format::Parquet, &all).1.starts_with(b"PAR1"));
     }

@@ -37,22 +37,35 @@ function ask(title, fields, verb, act) {
   });
 }
 
-async function alarm(id, action, body, done) {
-  await post(alarmPath(id, action), body);
-  touch(id);
-  toast(done);
+// `name` is what people call the alarm, `loop` whose it is: both are the alarm's own where it is a loop's stiction.
+async function alarm(id, loop, action, body, done) {
+  const answer = await post(alarmPath(id, action), body);
+  if (loop) touch(loop);
+  toast(answer.survives_restart === false ? `${done} (not kept over a restart)` : done);
 }
 
 const comment = (label, more) => h("label", null, label, h("textarea", { name: "comment", rows: "2", maxlength: "1000", ...more }));
+const remark = () => comment("Remark (optional)");
 
-export const acknowledge = (id) =>
-  ask(`Acknowledge the alarm of ${id}`, [comment("Remark (optional)")], "Acknowledge", ({ by, comment: said }) => alarm(id, "ack", { by, comment: said || null }, `${id}: acknowledged`));
+/** Asks for a name and a remark, then posts. */
+const simple = (title, fields, verb, action, done) => (id, name = id, loop = id) =>
+  ask(`${title} ${name}`, fields(), verb, ({ by, comment: said }) => alarm(id, loop, action, { by, comment: said || null }, `${name}: ${done}`));
+
+export const acknowledge = simple("Acknowledge the alarm of", () => [remark()], "Acknowledge", "ack", "acknowledged");
+export const unshelve = simple("End the shelving of", () => [remark()], "Unshelve", "unshelve", "no longer shelved");
+export const reset = simple("Reset the latched alarm of", () => [remark()], "Reset", "reset", "reset");
+export const takeOut = simple("Take out of service the alarm of", () => [comment("Reason", { required: true })], "Take out", "out-of-service", "out of service");
+export const giveBack = simple("Give back to service the alarm of", () => [remark()], "Give back", "in-service", "back in service");
 
 const DURATIONS = [["1 hour", 3600], ["8 hours: a shift", 28800], ["24 hours", 86400], ["3 days", 259200], ["7 days", 604800]];
+const ONCE = "once";
 
-export const shelve = (id) =>
-  ask(`Shelve the alarm of ${id}`, [h("label", null, "For", h("select", { name: "duration", autofocus: true }, DURATIONS.map(([text, seconds]) => h("option", { value: seconds, selected: seconds === 28800 }, text)))), comment("Reason", { required: true })], "Shelve",
-    ({ by, comment: said, duration }) => alarm(id, "shelve", { by, comment: said, duration_s: Number(duration) }, `${id}: shelved`));
-
-export const unshelve = (id) =>
-  ask(`End the shelving of ${id}`, [comment("Remark (optional)")], "Unshelve", ({ by, comment: said }) => alarm(id, "unshelve", { by, comment: said || null }, `${id}: no longer shelved`));
+export function shelve(id, name = id, loop = id) {
+  const options = DURATIONS.map(([text, seconds]) => h("option", { value: seconds, selected: seconds === 28800 }, text));
+  const once = h("option", { value: ONCE }, "until its condition goes, at most 7 days");
+  const fields = [h("label", null, "For", h("select", { name: "duration", autofocus: true }, options, once)), comment("Reason", { required: true })];
+  return ask(`Shelve the alarm of ${name}`, fields, "Shelve", ({ by, comment: said, duration }) => {
+    const how = duration === ONCE ? { duration_s: 604800, one_shot: true } : { duration_s: Number(duration) };
+    return alarm(id, loop, "shelve", { by, comment: said, ...how }, `${name}: shelved`);
+  });
+}

@@ -1,57 +1,87 @@
 // Alarms: what stands now, what can be done about it, and what was before. States are shown as the API names them.
 
-import { acknowledge, shelve, unshelve } from "./actions.js";
+import { acknowledge, giveBack, reset, shelve, takeOut, unshelve } from "./actions.js";
 import { get } from "./api.js";
 import { h, scroll } from "./dom.js";
 import { short, when } from "./format.js";
 import { listen, loops } from "./live.js";
-import { isShelved, kindOf, mayAck, mayShelve, words } from "./states.js";
+import { isOut, isShelved, kindOf, mayAck, mayReset, mayShelve, words } from "./states.js";
 
 const TABS = { standing: "Standing", history: "History" };
+const COLUMNS = { standing: ["Alarm", "Kind", "Priority", "State", "Since", "f", "What", "By, remark", "Shelved until", ""], history: ["Time", "Alarm", "Kind", "Priority", "From", "To", "Cause", "What", "By, remark"] };
+const PRIORITIES = ["high", "medium", "low"];
+const PAGE = 200;
 
 export function alarmsView(main, _parts, query) {
-  let over = false, pending = null;
+  let over = false, pending = null, wanted = PAGE;
   const tab = query.get("show") in TABS ? query.get("show") : "standing";
-  const table = (columns, body) => scroll(TABS[tab], h("table", null, h("thead", null, h("tr", null, columns.map((text) => h("th", { scope: "col", class: text === "f" ? "number" : null }, text)))), body));
-  const rows = h("tbody"), past = h("tbody"), summary = h("p", { class: "summary", role: "status" }, "loading …");
+  const rows = h("tbody"), grouped = h("tbody"), past = h("tbody"), summary = h("p", { class: "summary", role: "status" }, "loading …");
+  const table = (label, body) => scroll(label, h("table", null, h("thead", null, h("tr", null, COLUMNS[tab].map((text) => h("th", { scope: "col", class: text === "f" ? "number" : null }, text)))), body));
   const tabs = h("nav", { "aria-label": "Alarms" }, Object.entries(TABS).map(([key, text]) => h("a", { href: key === "standing" ? "#/alarms" : `#/alarms?show=${key}`, "aria-current": key === tab ? "page" : null }, text)));
-  const columns = { standing: ["Alarm", "State", "Since", "f", "By, remark", "Shelved until", ""], history: ["Time", "Alarm", "From", "To", "Cause", "By, remark"] };
-  main.append(h("h1", null, "Alarms"), tabs, summary, h("section", { class: "card", "aria-label": TABS[tab] }, table(columns[tab], tab === "standing" ? rows : past)));
+  const head = h("summary"), flood = h("details", { class: "flood", hidden: true }, head, tab === "standing" ? table("Grouped", grouped) : null);
+  const more = h("button", { type: "button", hidden: true, on: { click: () => ((wanted += PAGE), show()) } }, "Older changes");
+  main.append(h("h1", null, "Alarms"), tabs, summary, h("section", { class: "card", "aria-label": TABS[tab] }, flood, table(TABS[tab], tab === "standing" ? rows : past), more));
 
   // An alarm has its loop's name, unless it says which loop it is of.
-  const loopOf = (item) => item.loop ?? item.id;
-  const link = (item) => h("a", { href: `#/loop/${encodeURIComponent(loopOf(item))}` }, item.id);
+  const loopOf = (item) => (item.kind ? item.loop : item.loop ?? item.id);
+  const nameOf = (item) => loopOf(item) ?? item.device ?? item.id.split("/")[0];
+  const link = (item) => (loopOf(item) ? h("a", { href: `#/loop/${encodeURIComponent(loopOf(item))}` }, nameOf(item)) : h("span", null, nameOf(item)));
   const said = (item) => [item.by, item.comment].filter(Boolean).join(": ");
+  const kindWords = (item) => words(item.kind ?? "stiction");
+  const ofStiction = (item) => (item.kind ?? "stiction") === "stiction";
 
   function standing(item) {
-    const loop = loops.get(loopOf(item)), kind = kindOf({ ...loop, alarm: item.state });
-    const button = (text, act) => h("button", { type: "button", "data-act": `${text} ${item.id}`, "aria-label": `${text} ${item.id}`, on: { click: async () => (await act(item.id)) && show() } }, text);
-    return h("tr", { "data-kind": kind.key, "data-id": item.id }, h("td", null, h("span", { class: "mark" }), link(item), " ", h("small", null, loop?.description ?? "")), h("td", null, words(item.state)), h("td", { class: "time" }, when(item.since)),
-      h("td", { class: "number" }, loop?.f ? `${short(loop.f, 3)} ${loop.f_unit}` : "–"), h("td", null, said(item)), h("td", { class: "time" }, item.shelved_until ? when(item.shelved_until) : ""),
-      h("td", { class: "act" }, mayAck(item.state) && button("Acknowledge", acknowledge), isShelved(item.state) ? button("Unshelve", unshelve) : mayShelve(item.state) && button("Shelve", shelve)));
+    const loop = loops.get(loopOf(item)), kind = kindOf({ alarm: item.state });
+    // Names of buttons say which alarm they are for; that of a loop's stiction is the loop's own.
+    const name = ofStiction(item) ? nameOf(item) : `${nameOf(item)} ${kindWords(item)}`;
+    const button = (text, act) => h("button", { type: "button", "data-act": `${text} ${name}`, "aria-label": `${text} ${name}`, on: { click: async () => (await act(item.id, name, loopOf(item))) && show() } }, text);
+    const flags = ["chattering", "stale", "one_shot"].filter((flag) => item[flag]).map((flag) => words(flag === "one_shot" ? "once" : flag));
+    const acts = isOut(item.state) ? [button("Back in service", giveBack)] : [mayAck(item.state) && button("Acknowledge", acknowledge), mayReset(item.state) && button("Reset", reset), isShelved(item.state) ? button("Unshelve", unshelve) : mayShelve(item.state) && button("Shelve", shelve), button("Out of service", takeOut)];
+    return h("tr", { "data-kind": kind.key, "data-id": loopOf(item) ?? item.id, "data-alarm": item.id }, h("td", null, h("span", { class: "mark" }), link(item), " ", h("small", null, loop?.description ?? "")), h("td", null, kindWords(item)), h("td", { class: `priority ${item.priority ?? ""}` }, item.priority ?? "–"),
+      h("td", null, words(item.state), flags.length ? h("small", null, ` ${flags.join(", ")}`) : null), h("td", { class: "time" }, when(item.since)), h("td", { class: "number" }, ofStiction(item) && loop?.f ? `${short(loop.f, 3)} ${loop.f_unit}` : "–"), h("td", { class: "what" }, item.detail ?? ""), h("td", null, said(item)),
+      h("td", { class: "time" }, item.shelved_until ? when(item.shelved_until) : ""), h("td", { class: "act" }, acts));
   }
 
-  const change = (item) => h("tr", null, h("td", { class: "time" }, when(item.time)), h("td", null, link(item)), h("td", null, words(item.from)), h("td", null, words(item.to)), h("td", null, words(item.cause)), h("td", null, said(item)));
+  const change = (item) => h("tr", null, h("td", { class: "time" }, when(item.time)), h("td", null, link(item)), h("td", null, kindWords(item)), h("td", { class: `priority ${item.priority ?? ""}` }, item.priority ?? "–"), h("td", null, words(item.from)), h("td", null, words(item.to)), h("td", null, words(item.cause)), h("td", { class: "what" }, item.detail ?? ""), h("td", null, said(item)));
+
+  async function history() {
+    const items = [];
+    let next = null;
+    do {
+      const page = await get(`/alarms/history?limit=${Math.min(PAGE, wanted - items.length)}${next === null ? "" : `&after=${next}`}`);
+      items.push(...page.items);
+      next = page.next ?? null;
+    } while (next !== null && items.length < wanted);
+    if (over) return;
+    past.replaceChildren(...items.map(change));
+    more.hidden = next === null;
+    summary.textContent = items.length ? `${items.length} changes, newest first` : "No alarm has changed yet.";
+  }
+
+  function groups(list) {
+    const apart = list.items.filter((item) => item.grouped && mayAck(item.state));
+    const kinds = new Map();
+    for (const item of apart) kinds.set(kindWords(item), (kinds.get(kindWords(item)) ?? 0) + 1);
+    flood.hidden = apart.length === 0;
+    head.textContent = `${list.flood?.since ? "A flood of alarms: " : "Raised in a flood: "}${apart.length} grouped (${[...kinds].map(([kind, count]) => `${count} ${kind}`).join(", ")})`;
+    grouped.replaceChildren(...apart.map(standing));
+    return new Set(apart);
+  }
 
   async function show() {
     pending = null;
     try {
-      if (tab === "history") {
-        const { items } = await get("/alarms/history?limit=500");
-        if (over) return;
-        past.replaceChildren(...items.map(change));
-        summary.textContent = items.length ? `${items.length} changes, newest first` : "No alarm has changed since the start.";
-        return;
-      }
-      const { items } = await get("/alarms");
+      if (tab === "history") return await history();
+      const list = await get("/alarms");
       if (over) return;
-      const rank = (item) => kindOf({ ...loops.get(loopOf(item)), alarm: item.state }).rank;
-      items.sort((a, b) => rank(a) - rank(b) || (b.since ?? "").localeCompare(a.since ?? ""));
+      const rank = (item) => kindOf({ alarm: item.state }).rank * 10 + (PRIORITIES.indexOf(item.priority) + 10) % 10;
+      list.items.sort((a, b) => rank(a) - rank(b) || (b.since ?? "").localeCompare(a.since ?? ""));
       const focused = document.activeElement?.dataset?.act;
-      rows.replaceChildren(...items.map(standing));
-      if (focused) (rows.querySelector(`[data-act="${CSS.escape(focused)}"]`) ?? rows.querySelector("button"))?.focus();
-      const open = items.filter((item) => mayAck(item.state)).length;
-      summary.textContent = items.length ? `${items.length} alarms, ${open} to acknowledge` : "No alarms.";
+      const apart = groups(list);
+      rows.replaceChildren(...list.items.filter((item) => !apart.has(item)).map(standing));
+      if (focused) (main.querySelector(`[data-act="${CSS.escape(focused)}"]`) ?? rows.querySelector("button"))?.focus();
+      const open = list.items.filter((item) => mayAck(item.state)).length;
+      summary.textContent = list.items.length ? `${list.items.length} alarms, ${open} to acknowledge` : "No alarms.";
     } catch (error) {
       if (!over) summary.textContent = `the alarms cannot be fetched: ${error.message}`;
     }

@@ -98,7 +98,8 @@ export function begin() {
   });
   for (const name of ["diagnosis", "alarm", "writeback"]) {
     heard(name, (data) => {
-      changed.add(data.loop);
+      // A collector's alarm is of no loop.
+      if (data.loop) changed.add(data.loop);
       tell(name, data);
       soon();
     });

@@ -65,7 +65,8 @@ export function loopView(main, [id]) {
     const acts = [mayAck(state) && button("Acknowledge", () => acted(acknowledge), true), isShelved(state) ? button("Unshelve", () => acted(unshelve)) : mayShelve(state) && button("Shelve …", () => acted(shelve)),
       button("Diagnose now", run), h("a", { class: "button", href: href(`${loopPath(id)}/report.html`), target: "_blank", rel: "noopener" }, "Report")];
     const focused = banner.contains(document.activeElement) ? document.activeElement.textContent : null;
-    banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, said ? said.words : "Not diagnosed yet."), h("p", null, `${kind.label}${f}${report ? ` · diagnosed ${ago(report.age_s)}` : ""}${detail.failure ? ` · latest run: ${words(detail.failure)}` : ""}`)), h("div", { class: "acts" }, acts));
+    banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, said ? said.words : "Not diagnosed yet."), h("p", null, `${kind.label}${f}${report ? ` · diagnosed ${ago(report.age_s)}` : ""}${detail.failure ? ` · latest run: ${words(detail.failure)}` : ""}`),
+      detail.other_alarms?.length ? h("p", { class: "others" }, h("a", { href: "#/alarms" }, "Other alarms"), `: ${detail.other_alarms.map((one) => `${words(one.kind)}, ${words(one.state)}`).join("; ")}`) : null), h("div", { class: "acts" }, acts));
     if (focused) [...banner.querySelectorAll("button, a")].find((one) => one.textContent === focused)?.focus();
   }
 

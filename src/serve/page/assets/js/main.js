@@ -80,7 +80,8 @@ function bar(name) {
   }
   if (name === "failed") toast("the loops cannot be fetched; trying again", true);
   if (name !== "loops") return;
-  const alarms = [...loops.values()].filter((item) => kindOf(item).key === "unacknowledged").length;
+  const others = (item) => (item.other_alarms ?? []).filter((one) => one.state === "unacknowledged").length;
+  const alarms = [...loops.values()].reduce((sum, item) => sum + (kindOf(item).key === "unacknowledged" ? 1 : 0) + others(item), 0);
   const count = byId("alarm-count");
   count.hidden = alarms === 0;
   count.textContent = String(alarms);

@@ -17,7 +17,7 @@ const SORTS = {
 };
 const ARRANGEMENTS = { none: "No groups", group: "By unit" };
 // Kinds that need no count while there are none of them.
-const RARE = ["other", "returned", "shelved", "waiting"];
+const RARE = ["other", "latched", "returned", "shelved", "silent", "waiting"];
 
 export function plantView(main, _parts, query) {
   const known = (name, among, otherwise) => (query.get(name) in among ? query.get(name) : otherwise);

@@ -8,15 +8,17 @@ export const KINDS = [
   { key: "acknowledged", label: "Acknowledged alarm", short: "ACK", look: 2 },
   { key: "sticking", label: "Sticks, no alarm yet", short: "STICKS", look: 2 },
   { key: "returned", label: "Returned, not acknowledged", short: "RTN", look: 1 },
+  { key: "latched", label: "Latched", short: "LATCHED", look: 1 },
   { key: "other", label: "Other alarm state", short: "", look: 1 },
   { key: "shelved", label: "Shelved", short: "SHELVED", look: 0 },
+  { key: "silent", label: "Suppressed or out of service", short: "OFF", look: 0 },
   { key: "unknown", label: "Cannot be told", short: "?", look: 0 },
   { key: "waiting", label: "Not diagnosed yet", short: "…", look: 0 },
   { key: "sound", label: "Sound", short: "", look: 0 },
 ];
 const KIND = new Map(KINDS.map((kind, rank) => [kind.key, { ...kind, rank }]));
 
-const BY_ALARM = { unacknowledged: "unacknowledged", acknowledged: "acknowledged", "returned-unacknowledged": "returned", shelved: "shelved" };
+const BY_ALARM = { unacknowledged: "unacknowledged", acknowledged: "acknowledged", "returned-unacknowledged": "returned", "latched-unacknowledged": "latched", "latched-acknowledged": "latched", shelved: "shelved", "suppressed-by-design": "silent", "out-of-service": "silent" };
 const BY_VERDICT = { stiction: "sticking", no_stiction: "sound", not_identifiable: "unknown" };
 
 export function kindOf(item) {
@@ -31,6 +33,8 @@ export const kind = (key) => KIND.get(key);
 export const words = (name) => String(name ?? "").replaceAll(/[-_]/g, " ");
 
 /** What an operator may ask for in a state; the daemon has the last word. */
-export const mayAck = (state) => !["normal", "acknowledged", "shelved"].includes(state);
-export const mayShelve = (state) => state !== "normal";
+export const mayAck = (state) => !["normal", "acknowledged", "latched-acknowledged", "shelved", "suppressed-by-design", "out-of-service"].includes(state);
+export const mayReset = (state) => state === "latched-acknowledged";
+export const mayShelve = (state) => !["normal", "out-of-service"].includes(state);
+export const isOut = (state) => state === "out-of-service";
 export const isShelved = (state) => state === "shelved";
