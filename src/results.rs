@@ -4,6 +4,7 @@
 mod alarm_log;
 mod alarms;
 pub mod basis;
+mod board;
 mod judged;
 mod kept;
 mod origin;
@@ -293,7 +294,7 @@ impl Results {
                 entry.restored = None;
             }
             // Before the loop is let go, so that its runs reach its alarms and the store in order.
-            let alarms::News { kept, told } = self.judge(&run, &summary);
+            let board::News { kept, told } = self.judge(&run, &summary);
             self.keep(Some((run.clone(), summary.clone())), new_model, kept);
             told
         };

@@ -1,0 +1,260 @@
+//! The alarms of the plant as they stand, and what happens to them; who calls keeps and tells what came of it.
+
+use super::alarm_log::AlarmChange;
+use super::alarms::{AlarmView, Said};
+use super::kept::KeptAlarm;
+use super::{Run, Summary};
+use crate::alarm::{Alarm, AlarmId, Cause, Config, Flood, Kind, Line, Observation, Transition};
+use crate::diagnosis::Verdict;
+use crate::signal::LoopId;
+use std::collections::{BTreeMap, HashSet};
+
+/// An alarm and what is remembered beside it.
+#[derive(Debug)]
+pub(super) struct Standing {
+    pub alarm: Alarm,
+    pub said: Said,
+    pub detail: String,
+    pub grouped: bool,
+    /// Suppressed because what it would say follows from another alarm.
+    pub follows: bool,
+}
+
+impl Standing {
+    pub fn new(alarm: Alarm) -> Self {
+        Self { alarm, said: Said::default(), detail: String::new(), grouped: false, follows: false }
+    }
+}
+
+impl Standing {
+    /// Whether its shelving has run out.
+    pub fn is_over(&self, now: f64) -> bool {
+        self.alarm.flags().shelved_until.is_some_and(|until| now >= until)
+    }
+}
+
+/// What came of something: what is to be kept, and what is to be told.
+#[derive(Debug, Default)]
+pub(super) struct News {
+    pub kept: Vec<KeptAlarm>,
+    pub told: Vec<AlarmChange>,
+}
+
+/// All alarms as they stand, under the settings in force.
+#[derive(Debug, Default)]
+pub(super) struct Board {
+    pub config: Config,
+    pub alarms: BTreeMap<AlarmId, Standing>,
+    pub loops: HashSet<LoopId>,
+    pub devices: HashSet<LoopId>,
+    pub flood: Flood,
+}
+
+impl Board {
+    pub fn has(&self, id: &AlarmId) -> bool {
+        let known = if id.kind.of_device() { &self.devices } else { &self.loops };
+        known.contains(&id.subject) && self.config.is_enabled(id.kind)
+    }
+
+    /// Lets something happen to an alarm, and takes down what came of it. An alarm that is not wanted stays away.
+    pub fn change(
+        &mut self,
+        id: &AlarmId,
+        said: Option<&Said>,
+        detail: Option<String>,
+        news: &mut News,
+        act: impl FnOnce(&mut Alarm, &Config) -> Vec<Transition>,
+    ) {
+        if !self.has(id) {
+            return;
+        }
+        let own = self.alarms.entry(id.clone()).or_insert_with(|| Standing::new(Alarm::new(id.kind)));
+        let before = own.alarm.saved();
+        let transitions = act(&mut own.alarm, &self.config);
+        if let Some(said) = said {
+            own.said = said.clone();
+        }
+        if let Some(detail) = detail {
+            own.detail = detail;
+        }
+        let mut after = own.alarm.saved();
+        if id.kind != Kind::NotIdentifiable {
+            // How long a condition of minutes has been pending is not worth a row each time it comes and goes.
+            after.pending = before.pending;
+        }
+        let priority = own.alarm.priority().unwrap_or(self.config.priority(id.kind, None));
+        for transition in &transitions {
+            match transition.cause {
+                Cause::Raised => own.grouped = self.flood.raised(priority, transition.at, &self.config),
+                Cause::Cleared | Cause::Acknowledged => own.grouped = false,
+                _ => {}
+            }
+            let Said { by, comment } = said.cloned().unwrap_or_default();
+            news.told.push(AlarmChange {
+                number: 0,
+                id: id.clone(),
+                transition: *transition,
+                priority,
+                grouped: own.grouped,
+                detail: own.detail.clone(),
+                by,
+                comment,
+            });
+        }
+        if said.is_some() || !transitions.is_empty() || before != after {
+            news.kept.push(KeptAlarm {
+                id: id.clone(),
+                saved: own.alarm.saved(),
+                transitions,
+                acted: said.is_some(),
+                by: own.said.by.clone(),
+                comment: own.said.comment.clone(),
+                detail: own.detail.clone(),
+            });
+        }
+    }
+
+    /// Takes a condition that is there, with what it is, or not. Nothing is made for an alarm that has nothing to say.
+    pub fn level(&mut self, id: &AlarmId, present: Option<String>, now: f64, news: &mut News) {
+        if present.is_some() || self.alarms.contains_key(id) {
+            let is_present = present.is_some();
+            self.change(id, None, present, news, |alarm, config| alarm.level(is_present, now, config));
+        }
+    }
+
+    pub fn suppress(&mut self, id: &AlarmId, follows: bool, now: f64, news: &mut News) {
+        if self.alarms.get(id).map_or(!follows, |own| own.follows == follows) {
+            return;
+        }
+        self.change(id, None, None, news, |alarm, config| {
+            alarm.suppress(follows, id.subject.as_str(), now, config)
+        });
+        if let Some(own) = self.alarms.get_mut(id) {
+            own.follows = follows;
+        }
+    }
+
+    pub fn place(&mut self, loops: &[LoopId], config: &Config) {
+        self.config = config.clone();
+        self.loops = loops.iter().cloned().collect();
+        for id in loops {
+            let id = AlarmId::new(id.clone(), Kind::Stiction);
+            self.alarms.entry(id).or_insert_with(|| Standing::new(Alarm::new(Kind::Stiction)));
+        }
+        self.forget();
+    }
+
+    pub fn forget(&mut self) {
+        let mut alarms = std::mem::take(&mut self.alarms);
+        alarms.retain(|id, _| self.has(id));
+        self.alarms = alarms;
+    }
+
+    /// Lets the design of the configuration suppress what it says, and no longer what it does not.
+    pub fn design(&mut self, now: f64, news: &mut News) {
+        let own = self.config.suppressed.clone();
+        let named = own.iter().filter_map(|text| text.rsplit_once('/'));
+        let mut ids: Vec<AlarmId> = self.alarms.keys().cloned().collect();
+        for (subject, kind) in named.filter_map(|(subject, kind)| Some((subject, Kind::named(kind)?))) {
+            let known = if kind.of_device() { &self.devices } else { &self.loops };
+            let meant = known.iter().filter(|id| subject == "*" || subject == id.as_str());
+            ids.extend(meant.map(|id| AlarmId::new(id.clone(), kind)));
+        }
+        for id in ids {
+            let follows = self.alarms.get(&id).is_some_and(|own| own.follows);
+            self.change(&id, None, None, news, |alarm, config| {
+                alarm.suppress(follows, id.subject.as_str(), now, config)
+            });
+        }
+    }
+
+    pub fn view(&self, id: &AlarmId, now: f64) -> AlarmView {
+        let blank = Standing::new(Alarm::new(id.kind));
+        let own = self.alarms.get(id).unwrap_or(&blank);
+        let flags = own.alarm.flags();
+        AlarmView {
+            id: id.clone(),
+            state: own.alarm.state(),
+            priority: own.alarm.priority().unwrap_or(self.config.priority(id.kind, None)),
+            active: flags.active,
+            since: flags.since,
+            raised_at: flags.raised_at,
+            shelved_until: flags.shelved_until,
+            one_shot: flags.one_shot,
+            chattering: own.alarm.chatters(now, &self.config),
+            stale: own.alarm.is_stale(now, &self.config),
+            grouped: own.grouped,
+            detail: own.detail.clone(),
+            by: own.said.by.clone(),
+            comment: own.said.comment.clone(),
+        }
+    }
+
+    /// What a run says, to each kind that listens.
+    pub fn judge(&mut self, run: &Run, summary: &Summary, reinforced: bool, news: &mut News) {
+        let of = |kind| AlarmId::new(run.id.clone(), kind);
+        let (now, verdict) = (run.finished, run.judged().map(super::Judged::verdict));
+        let identifiable = !matches!(verdict, None | Some(Verdict::NotIdentifiable(_)));
+        let sticky = verdict == Some(&Verdict::Stiction);
+        let known = summary.f.zip(summary.delta_aic).filter(|_| identifiable && (sticky || !reinforced));
+        let seen = known.map_or(Observation::Unknown, |(f, evidence)| self.config.judge(sticky, f, evidence));
+        let priority = self.config.priority(Kind::Stiction, summary.f);
+        let detail = sticky.then(|| summary.reason.clone());
+        self.change(&of(Kind::Stiction), None, detail, news, |alarm, config| {
+            alarm.observe(seen, priority, now, config)
+        });
+
+        // A term in force hides the friction: what is left of it is no measure of the valve.
+        if let (Some(f), Some(interval), true) = (summary.f, summary.f_ci95, identifiable && !reinforced) {
+            let id = of(Kind::FRising);
+            let mut line = None;
+            self.change(&id, None, None, news, |alarm, config| {
+                let taken = alarm.estimate(f, interval, now, config);
+                line = alarm.line(config);
+                taken
+            });
+            if let (Some(own), Some(line)) = (self.alarms.get_mut(&id), line) {
+                own.detail = rising(line, summary);
+            }
+        }
+
+        let code = summary.reason_code.as_deref().unwrap_or(&summary.outcome);
+        let fault = !identifiable && !self.config.not_identifiable.ignore.iter().any(|known| known == code);
+        self.level(&of(Kind::NotIdentifiable), fault.then(|| summary.reason.clone()), now, news);
+
+        if let Some(share) = unexplained(run).filter(|_| identifiable) {
+            let most = self.config.unexplained_residual.share;
+            let (seen, detail) = if share >= most {
+                (
+                    Observation::Present,
+                    Some(format!("{:.0} % of PV's movement is unexplained", 100.0 * share)),
+                )
+            } else {
+                // A dead-band of a tenth, so that a share at the limit does not come and go.
+                (if share <= 0.9 * most { Observation::Absent } else { Observation::Between }, None)
+            };
+            let priority = self.config.unexplained_residual.priority;
+            self.change(&of(Kind::UnexplainedResidual), None, detail, news, |alarm, config| {
+                alarm.observe(seen, priority, now, config)
+            });
+        }
+    }
+}
+
+fn rising(line: Line, summary: &Summary) -> String {
+    let unit = super::f_unit(summary.f_in_percent);
+    let days = line.span_s / 86_400.0;
+    format!("f has risen by {:.2} {unit} in {days:.0} days, by {:.2} at least", line.rise, line.low.max(0.0))
+}
+
+/// The share of PV's standard deviation that the model, run freely over data it has not seen, does not explain; `None` where
+/// that was not looked at, or where the residual is white.
+fn unexplained(run: &Run) -> Option<f64> {
+    let judged = run.judged()?;
+    let (found, window) = (judged.findings.as_ref()?, judged.diagnosis.window.as_ref()?);
+    let n = window.pv.len().max(1) as f64;
+    let mean = window.pv.iter().sum::<f64>() / n;
+    let spread = (window.pv.iter().map(|pv| (pv - mean).powi(2)).sum::<f64>() / n).sqrt();
+    let share = found.after.free_run_rmse / spread;
+    (spread > 0.0 && share.is_finite()).then_some(if found.unexplained { share } else { 0.0 })
+}
