@@ -98,7 +98,8 @@ pub struct ReportHistory {
 }
 
 impl ReportHistory {
-    fn new(found: &diagnosis::HistoryFound) -> Self {
+    /// What was found, as the report says it.
+    pub fn new(found: &diagnosis::HistoryFound) -> Self {
         let note = found.kind.note().to_string();
         Self { kind: found.kind.as_str().to_string(), evidence: found.to_string(), note }
     }
