@@ -4,7 +4,7 @@
 //! what the daemon would have said, and when a valve began to stick. Pure: no clock, no file.
 
 use crate::alarm;
-use crate::diagnosis::{Settings, gate::zeros_are_outages};
+use crate::diagnosis::{HistoryFound, Settings, gate::zeros_are_outages};
 use crate::results::{Judged, KnownEffect, Outcome, Results, Run, Summary, Trigger};
 use crate::signal::{BadReason, LoopId, Quality, Record, Sample, Series};
 
@@ -37,6 +37,8 @@ pub struct Item {
     pub effects: Vec<KnownEffect>,
     /// Good samples of PV over those that its sample period asks for (0..1).
     pub good_share: f64,
+    /// What an archive did to its samples, where that shows.
+    pub history: Option<HistoryFound>,
 }
 
 /// A stretch in which the alarm's condition held.
@@ -74,6 +76,9 @@ pub enum BackfillError {
     /// The step is too short for the record.
     #[error("{0} windows are more than {MOST_WINDOWS}; take a longer step")]
     TooMany(usize),
+    /// Nobody wants it any more.
+    #[error("cancelled")]
+    Cancelled,
 }
 
 /// The function that judges a window, starting from the effects that the model had.
@@ -85,8 +90,24 @@ pub fn usual_cut(record: &Record, window_s: Option<f64>, step_s: Option<f64>) ->
     Some(Cut { window_s, step_s: step_s.unwrap_or(window_s / USUAL_OVERLAP) })
 }
 
+/// A record in the order of time, its drop-outs to zero marked bad.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Marked {
+    /// The record.
+    pub record: Record,
+    /// How many samples of OP and of PV were marked.
+    pub drop_outs: [usize; 2],
+}
+
+impl From<Record> for Marked {
+    fn from(mut record: Record) -> Self {
+        let drop_outs = mark_drop_outs(&mut record);
+        Self { record, drop_outs }
+    }
+}
+
 /// Sorts a record by time and marks drop-outs to zero as bad; returns how many there are of OP and of PV.
-pub fn mark_drop_outs(record: &mut Record) -> [usize; 2] {
+fn mark_drop_outs(record: &mut Record) -> [usize; 2] {
     let mark = |series: &mut Series| {
         series.sort_by(|a, b| a.t.total_cmp(&b.t));
         let good: Vec<Sample> = series.iter().filter(|s| s.quality.is_good()).copied().collect();
@@ -102,20 +123,21 @@ pub fn mark_drop_outs(record: &mut Record) -> [usize; 2] {
     [mark(&mut record.op), mark(&mut record.pv)]
 }
 
-/// Diagnoses the windows of a record, oldest first; `progress` hears of every one that is done, with how many there are.
+/// Diagnoses the windows of a record, oldest first; `progress` hears of every one that is done, with how many there are,
+/// and ends the work by saying false.
 ///
 /// # Errors
 /// [`BackfillError`].
 pub fn timeline(
     id: &LoopId,
-    mut record: Record,
+    marked: Marked,
     cut: Cut,
     settings: &Settings,
     alarm: &alarm::Config,
     judge: Judge<'_>,
-    mut progress: impl FnMut(usize, usize),
+    mut progress: impl FnMut(usize, usize) -> bool,
 ) -> Result<Timeline, BackfillError> {
-    let drop_outs = mark_drop_outs(&mut record);
+    let Marked { record, drop_outs } = marked;
     let (first, last) = record.pv.first().zip(record.pv.last()).ok_or(BackfillError::Empty)?;
     let ts = period(&record.pv).ok_or(BackfillError::Empty)?;
     let (begin, end) = (first.t, last.t);
@@ -141,6 +163,7 @@ pub fn timeline(
         let good = window.pv.iter().filter(|s| s.quality.is_good()).count() as f64;
         let judged = judge(&window, settings, &results.effects(id));
         let effects = judged.effects();
+        let history = judged.diagnosis.preparation.history;
         let run = Run {
             id: id.clone(),
             started: to,
@@ -159,8 +182,10 @@ pub fn timeline(
             _ => {}
         }
         let good_share = (good * ts / cut.window_s.min(end - begin + ts)).min(1.0);
-        out.items.extend(known.last.map(|summary| Item { from, to, summary, effects, good_share }));
-        progress(at + 1, count);
+        out.items.extend(known.last.map(|summary| Item { from, to, summary, effects, good_share, history }));
+        if !progress(at + 1, count) {
+            return Err(BackfillError::Cancelled);
+        }
     }
     Ok(out)
 }

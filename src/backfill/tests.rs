@@ -44,8 +44,11 @@ fn windows_end_with_the_record_and_hold_what_lies_between() {
     };
     let record = Record { op: series(&[1.0; 101], 10.0), pv: series(&[1.0; 101], 10.0), ..Record::default() };
     let mut told = Vec::new();
-    let progress = |done, all| told.push((done, all));
-    let found = timeline(&id, record, cut, &Settings::default(), &alarm::Config::default(), &judge, progress);
+    let progress = |done, all| {
+        told.push((done, all));
+        true
+    };
+    let found = timeline(&id, record.into(), cut, &Settings::default(), &alarm::Config::default(), &judge, progress);
     let found = found.expect("the record has windows");
     assert_eq!(*seen.borrow(), [(150.0, 750.0, 61), (400.0, 1000.0, 61)]);
     assert_eq!(told, [(1, 2), (2, 2)]);
@@ -64,7 +67,7 @@ fn nothing_and_too_much_are_refused() {
     let id = LoopId::new("A");
     let run = |record: Record, step_s| {
         let cut = Cut { window_s: 60.0, step_s };
-        timeline(&id, record, cut, &Settings::default(), &alarm::Config::default(), &judge, |_, _| {})
+        timeline(&id, record.into(), cut, &Settings::default(), &alarm::Config::default(), &judge, |_, _| true)
     };
     assert_eq!(run(Record::default(), 60.0), Err(BackfillError::Empty));
     let one = Record { pv: series(&[1.0], 1.0), ..Record::default() };
@@ -89,7 +92,7 @@ fn a_valve_that_begins_to_stick_raises_the_alarm_from_then_on() {
     let cut = Cut { window_s: 1000.0 * ts, step_s: 500.0 * ts };
     let id = LoopId::new("A");
     let found =
-        timeline(&id, record, cut, &Settings::default(), &alarm::Config::default(), &judge, |_, _| {});
+        timeline(&id, record.into(), cut, &Settings::default(), &alarm::Config::default(), &judge, |_, _| true);
     let found = found.expect("the record has windows");
     let before = found.items.iter().filter(|item| item.to <= change);
     assert!(before.clone().count() > 2 && before.clone().all(|item| item.summary.outcome != "stiction"));
@@ -100,4 +103,19 @@ fn a_valve_that_begins_to_stick_raises_the_alarm_from_then_on() {
     );
     let last = found.items.last().and_then(|item| item.summary.f).expect("f is told");
     assert!((last - 2.5).abs() < 0.1, "{last}");
+}
+
+#[test]
+fn what_was_marked_keeps_its_count_and_what_is_cancelled_ends() {
+    let id = LoopId::new("A");
+    let marked = Marked::from(with_a_drop_out(7));
+    assert_eq!(marked.drop_outs, [0, 7]);
+    let run = |marked: Marked, last: usize| {
+        let (cut, settings) = (Cut { window_s: 6000.0, step_s: 6000.0 }, Settings::default());
+        timeline(&id, marked, cut, &settings, &alarm::Config::default(), &judge, |done, _| done < last)
+    };
+    let found = run(marked.clone(), usize::MAX).expect("the record has windows");
+    assert_eq!(found.drop_outs, [0, 7]);
+    assert!(found.items.len() > 2);
+    assert_eq!(run(marked, 2), Err(BackfillError::Cancelled));
 }

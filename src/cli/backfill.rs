@@ -9,7 +9,7 @@ use std::io::{self, IsTerminal, Write as _};
 use std::path::PathBuf;
 use stictiond::alarm;
 use stictiond::app::App;
-use stictiond::backfill::{self, Timeline, timeline, usual_cut};
+use stictiond::backfill::{self, Marked, Timeline, timeline, usual_cut};
 use stictiond::collect::csv;
 use stictiond::diagnosis::Settings;
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
@@ -58,19 +58,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     record.op_span = args.op_span.or(record.op_span);
     record.op_limits = args.op_limits;
     let name = args.file.file_stem().unwrap_or(args.file.as_os_str()).to_string_lossy().into_owned();
-    // For the picture, with the drop-outs marked as they are for the diagnoses.
-    let drop_outs_apply = backfill::mark_drop_outs(&mut record);
-    let drawn = args.plot.as_ref().map(|_| [trend(&record.op), trend(&record.pv)]);
+    let marked = Marked::from(record);
+    let drawn = args.plot.as_ref().map(|_| [trend(&marked.record.op), trend(&marked.record.pv)]);
     let cut =
-        usual_cut(&record, args.window, args.step).ok_or_else(|| bad(&backfill::BackfillError::Empty))?;
+        usual_cut(&marked.record, args.window, args.step).ok_or_else(|| bad(&backfill::BackfillError::Empty))?;
     let judge = App::diagnosis();
     let id = LoopId::new(name.as_str());
     let bar = Bar { shown: io::stderr().is_terminal() };
-    let progress = |done, all| bar.show(done, all);
+    let progress = |done, all| {
+        bar.show(done, all);
+        true
+    };
     let alarms = alarm::Config::default();
-    let mut found = timeline(&id, record, cut, &Settings::default(), &alarms, judge.as_ref(), progress)
+    let found = timeline(&id, marked, cut, &Settings::default(), &alarms, judge.as_ref(), progress)
         .map_err(|error| bad(&error))?;
-    found.drop_outs = drop_outs_apply;
     bar.end();
     let report = BackfillReport::new(&name, &found);
     if let (Some(to), Some(trends)) = (&args.plot, drawn) {
@@ -132,6 +133,17 @@ fn page(report: &BackfillReport) -> String {
     for item in &report.items {
         let _ = writeln!(out, "{:>10}  {}", since(item.to), line(item));
     }
+    if let Some(history) = &report.history {
+        let _ = writeln!(
+            out,
+            "{} of {} windows are not raw ({}): {}; {}",
+            history.windows,
+            report.items.len(),
+            history.found.kind,
+            history.found.evidence,
+            history.found.note
+        );
+    }
     for alarm in &report.alarms {
         let date = alarm.from_time.as_ref().map(|date| format!(" ({date})")).unwrap_or_default();
         let _ = match alarm.to {
@@ -188,7 +200,7 @@ fn picture(
     };
     let series = |name: &str, class, points| Series { name: name.into(), class, points };
     let panel = |y, series: Vec<Series>| Panel { y, log: false, series };
-    let unit = report.items.first().map_or("% OP", |item| item.f_unit);
+    let unit = report.items.first().map_or("% OP", |item| &item.f_unit);
     let mut marks = Vec::new();
     for alarm in &report.alarms {
         marks.push((hours(alarm.from), "alarm"));

@@ -16,8 +16,9 @@ mod cell;
 mod header;
 
 use crate::signal::{BadReason, Quality, Record, Role, Sample, Series};
-use cell::Cells;
+pub(super) use cell::Cells;
 use header::{Column, Header};
+pub(super) use header::{Meaning, meaning};
 use std::io::{self, Read};
 
 /// Most values (rows times columns) taken from one file: 1.6 GB of samples.

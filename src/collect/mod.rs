@@ -8,6 +8,7 @@ pub mod csv;
 pub mod modbus;
 pub mod mqtt;
 pub mod opcua;
+pub mod parquet;
 
 mod backoff;
 mod device;

@@ -4,6 +4,7 @@
 //! automatic), finds the stretches where OP and PV are both there without a long hole, resamples the longest
 //! by linear interpolation between neighbouring good samples, and refuses what says nothing about a valve.
 
+use super::history_kind::recognise;
 use super::stats::{mean, median, quantile, range};
 use super::{NotIdentifiable, Preparation, Settings};
 use crate::signal::{Quality, Record, Sample, Window};
@@ -32,6 +33,7 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let mut preparation = Preparation { decimation: 1, ..Preparation::default() };
     let op = clean(&record.op, &mut preparation);
     let pv = clean(&record.pv, &mut preparation);
+    preparation.history = recognise(&op.kept, &pv.kept);
     let need = settings.min_samples;
     let stop = |reason: NotIdentifiable, preparation: &Preparation| Err((reason, preparation.clone()));
     if op.kept.len() < need || pv.kept.len() < need {

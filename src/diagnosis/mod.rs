@@ -9,6 +9,7 @@ pub mod explore;
 pub mod friction;
 pub mod gate;
 pub mod grid;
+pub mod history_kind;
 pub mod linalg;
 pub mod prepare;
 pub mod region;
@@ -21,6 +22,7 @@ pub mod verdict;
 mod zeros;
 
 pub use config::Config;
+pub use history_kind::{HistoryFound, HistoryKind};
 pub use verdict::diagnose;
 
 use crate::signal::Window;
@@ -195,6 +197,8 @@ pub struct Preparation {
     pub decimation: usize,
     /// Whether wavelet denoising was applied, and to how much noise.
     pub denoise: Denoise,
+    /// What an archive did to the record before it came here.
+    pub history: Option<HistoryFound>,
 }
 
 /// What the denoising stage did.

@@ -33,6 +33,16 @@ const SPANS: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
 
 /// Diagnoses one loop's record. Never panics on any input; what cannot be judged is a verdict, not an error.
 pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
+    let mut found = judge(record, settings);
+    if let Some(history) = &found.preparation.history {
+        // Measured on simulated loops: docs/backfill.md. It is said, and changes no verdict.
+        let kind = history.kind.as_str();
+        found.reason += &format!("; the data is not raw ({kind}): f reads low, and sticking may go unseen");
+    }
+    found
+}
+
+fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let (window, mut preparation) = match gate::gate(record, settings) {
         Ok(passed) => passed,
         Err((reason, preparation)) => return refused(reason, preparation, None, None),

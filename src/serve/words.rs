@@ -141,8 +141,14 @@ pub fn short(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-/// The verdict in a sentence or two.
+/// The verdict in a sentence or two, and what stands between it and the valve.
 pub fn verdict(report: &Report) -> String {
+    let archived = report.window.history.as_ref();
+    let archived = archived.map_or_else(String::new, |found| format!(" The data is not raw: {}", found.note));
+    said(report) + &archived
+}
+
+fn said(report: &Report) -> String {
     let unit = &report.f_unit;
     match report.verdict {
         ReportVerdict::Stiction => {

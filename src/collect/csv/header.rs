@@ -109,7 +109,7 @@ fn delimiter_of(line: &[u8]) -> Option<u8> {
 
 /// What a known name means.
 #[derive(Clone, Copy, PartialEq)]
-enum Meaning {
+pub enum Meaning {
     Time,
     Role(Role),
 }
@@ -127,7 +127,8 @@ impl Meaning {
     }
 }
 
-fn meaning(name: &str) -> Option<Meaning> {
+/// What a column of this name means; `None` for a tag.
+pub fn meaning(name: &str) -> Option<Meaning> {
     Some(match split_unit(name).0.to_ascii_lowercase().as_str() {
         "t" | "time" | "timestamp" | "date" => Meaning::Time,
         "op" | "co" | "out" => Meaning::Role(Role::Op),

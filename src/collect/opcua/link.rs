@@ -7,12 +7,11 @@ use super::config::{Config, Place, SecurityPolicy};
 use super::listener::{Event, Listener, MAX_EVENTS};
 use super::plan::{Deadband, Sampling};
 use super::security::{explain, identity, message_mode, own_files, policy_uri};
-use super::value::date_time;
-use opcua::client::{Client, ClientBuilder, HistoryReadAction, Session};
+use opcua::client::{Client, ClientBuilder, Session};
 use opcua::types::{
     AttributeId, BrowsePath, ByteString, DataChangeFilter, DataChangeTrigger, DataValue, EndpointDescription,
-    Error, ExtensionObject, HistoryData, HistoryReadValueId, MonitoredItemCreateRequest, MonitoringMode,
-    MonitoringParameters, NodeId, ObjectId, ReadRawModifiedDetails, ReadValueId, StatusCode,
+    Error, ExtensionObject, MonitoredItemCreateRequest, MonitoringMode,
+    MonitoringParameters, NodeId, ObjectId, ReadValueId, StatusCode,
     TimestampsToReturn, UserTokenPolicy, VariableId,
 };
 use std::fmt;
@@ -26,10 +25,10 @@ use tokio::task::AbortHandle;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
+mod history;
+
 /// Most array elements of an answer: the library's default drops long ones without a word.
 const MAX_ARRAY: usize = 20_000;
-/// Values of one node asked of the history at once.
-const VALUES_PER_PAGE: u32 = 1000;
 /// The server is told goodbye for no longer than this.
 const GOODBYE: Duration = Duration::from_secs(2);
 
@@ -320,55 +319,6 @@ impl Link {
     /// Most nodes of one request to the history.
     pub(super) fn history_batch(&self) -> usize {
         self.limits.history
-    }
-
-    /// One page of raw history of each node, from `from` to `to` (s), oldest first; `None` when the server refuses
-    /// the service. A node given with a continuation goes on from there.
-    pub(super) async fn history(
-        &mut self,
-        nodes: &[(NodeId, ByteString)],
-        from: f64,
-        to: f64,
-    ) -> Result<Option<Vec<Page>>, Lost> {
-        let details = ReadRawModifiedDetails {
-            is_read_modified: false,
-            start_time: date_time(from),
-            end_time: date_time(to),
-            num_values_per_node: VALUES_PER_PAGE,
-            return_bounds: false,
-        };
-        let mut pages = Vec::with_capacity(nodes.len());
-        while pages.len() < nodes.len() {
-            let ask = |(node, next): &(NodeId, ByteString)| HistoryReadValueId {
-                node_id: node.clone(),
-                continuation_point: next.clone(),
-                ..Default::default()
-            };
-            let batch: Vec<HistoryReadValueId> =
-                nodes[pages.len()..].iter().take(self.limits.history).map(ask).collect();
-            let action = HistoryReadAction::ReadRawModifiedDetails(details.clone());
-            let asked = self.session.history_read(action, TimestampsToReturn::Both, false, &batch);
-            match self.answer("history", asked).await {
-                Ok(answer) if answer.len() == batch.len() => {
-                    pages.extend(answer.into_iter().map(|result| {
-                        Page {
-                            status: result.status_code,
-                            next: result.continuation_point,
-                            values: result
-                                .history_data
-                                .into_inner_as::<HistoryData>()
-                                .and_then(|data| data.data_values)
-                                .unwrap_or_default(),
-                        }
-                    }));
-                }
-                Ok(answer) => return Err(wrong_count("history", batch.len(), answer.len())),
-                Err(Refused::TooMany) if batch.len() > 1 => self.limits.history = batch.len() / 2,
-                Err(Refused::Service(_) | Refused::TooMany) => return Ok(None),
-                Err(Refused::Lost(lost)) => return Err(lost),
-            }
-        }
-        Ok(Some(pages))
     }
 
     /// Events dropped since this was last asked.

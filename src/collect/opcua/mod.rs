@@ -5,6 +5,7 @@
 
 mod config;
 mod device;
+mod history;
 mod link;
 mod listener;
 mod plan;
@@ -13,4 +14,5 @@ mod value;
 
 pub use config::{Config, Mode, Place, SecurityMode, SecurityPolicy, TagConfig, TimeFallback};
 pub use device::Collector;
+pub use history::{HistoryError, Keep, Slice, Wish, history};
 pub use plan::{Deadband, Plan, Sampling, Tag, TagSpec};

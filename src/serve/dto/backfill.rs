@@ -1,12 +1,15 @@
 //! Diagnoses over the past as JSON.
 
+use super::report::ReportHistory;
 use super::{finite, rfc3339};
 use crate::backfill::{Item, Timeline};
+use crate::diagnosis::HistoryKind;
 use crate::results::f_unit;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// What the past says of one loop.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BackfillReport {
     /// The loop's name.
     pub r#loop: String,
@@ -22,14 +25,36 @@ pub struct BackfillReport {
     pub pv_drop_outs: usize,
     /// Time in gaps of PV longer than five sample periods (s).
     pub gaps_s: Option<f64>,
+    /// What an archive did to the samples, by the kind that most windows show; null where none does.
+    pub history: Option<BackfillHistory>,
     /// When the alarm would have been raised and cleared; a null end holds until the record's.
     pub alarms: Vec<BackfillAlarm>,
     /// The windows, oldest first.
     pub items: Vec<BackfillItem>,
 }
 
+/// What an archive did to the samples.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct BackfillHistory {
+    /// Kind, evidence in the first window that shows it, and what it means for f.
+    #[serde(flatten)]
+    pub found: ReportHistory,
+    /// Windows that show it.
+    pub windows: usize,
+}
+
+impl BackfillHistory {
+    fn of(items: &[Item]) -> Option<Self> {
+        let found = || items.iter().filter_map(|item| item.history);
+        let windows = |kind| found().filter(|other| other.kind == kind).count();
+        let most = HistoryKind::ALL.into_iter().max_by_key(|kind| windows(*kind))?;
+        let first = found().find(|found| found.kind == most)?;
+        Some(Self { found: ReportHistory::new(&first), windows: windows(most) })
+    }
+}
+
 /// A stretch in which the alarm would have held.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BackfillAlarm {
     /// Raised (s, on the record's clock).
     pub from: Option<f64>,
@@ -42,7 +67,7 @@ pub struct BackfillAlarm {
 }
 
 /// One window.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BackfillItem {
     /// Begin (s, on the record's clock).
     pub from: Option<f64>,
@@ -57,11 +82,11 @@ pub struct BackfillItem {
     /// Its 95 % interval.
     pub f_ci95: Option<[f64; 2]>,
     /// Unit of f.
-    pub f_unit: &'static str,
+    pub f_unit: String,
     /// Evidence (-).
     pub delta_aic: Option<f64>,
     /// Effects in the model beside friction and linear dynamics.
-    pub effects: Vec<&'static str>,
+    pub effects: Vec<String>,
     /// Good samples of PV over those that its sample period asks for (0..1).
     pub good_share: Option<f64>,
 }
@@ -89,6 +114,7 @@ impl BackfillReport {
             op_drop_outs,
             pv_drop_outs,
             gaps_s: finite(timeline.gaps_s),
+            history: BackfillHistory::of(&timeline.items),
             alarms: timeline.raised.iter().map(alarm).collect(),
             items: timeline.items.iter().map(BackfillItem::from).collect(),
         }
@@ -105,9 +131,9 @@ impl From<&Item> for BackfillItem {
             reason: said.reason.clone(),
             f: said.f.and_then(finite),
             f_ci95: said.f_ci95.and_then(|[low, high]| Some([finite(low)?, finite(high)?])),
-            f_unit: f_unit(said.f_in_percent),
+            f_unit: f_unit(said.f_in_percent).to_string(),
             delta_aic: said.delta_aic.and_then(finite),
-            effects: item.effects.iter().map(|(kind, _)| kind.as_str()).collect(),
+            effects: item.effects.iter().map(|(kind, _)| kind.as_str().to_string()).collect(),
             good_share: finite(item.good_share),
         }
     }

@@ -81,6 +81,28 @@ pub struct ReportWindow {
     pub ts_s: Option<f64>,
     /// `good`, `fair` or `poor`, see [`WindowQuality`].
     pub quality: WindowQuality,
+    /// What an archive did to the record before it came here; null where nothing shows.
+    #[serde(default)]
+    pub history: Option<ReportHistory>,
+}
+
+/// What an archive did to a record: compressed, averaged or exception-reported values bend f.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportHistory {
+    /// `swinging_door`, `exception`, `interpolated`, `held` or `averaged`.
+    pub kind: String,
+    /// What it was seen by.
+    pub evidence: String,
+    /// What it means for f.
+    pub note: String,
+}
+
+impl ReportHistory {
+    /// What was found, as the report says it.
+    pub fn new(found: &diagnosis::HistoryFound) -> Self {
+        let note = found.kind.note().to_string();
+        Self { kind: found.kind.as_str().to_string(), evidence: found.to_string(), note }
+    }
 }
 
 /// How far the window is measured rather than filled in.
@@ -301,7 +323,10 @@ impl Report {
             steadiness: estimate.and_then(|e| finite(e.steadiness)),
             f_max: estimate.and_then(|e| unit.scale(e.f_max)),
             d_srinivasan: estimate.and_then(|e| unit.scale(e.d)),
-            window: window(prepared),
+            window: ReportWindow {
+                history: diagnosis.preparation.history.as_ref().map(ReportHistory::new),
+                ..window(prepared)
+            },
             preparation: prepared.map(preparation),
             denoise: prepared.map(|p| ReportDenoise {
                 applied: p.denoise.applied,
@@ -378,6 +403,7 @@ fn window(prepared: Option<&diagnosis::Preparation>) -> ReportWindow {
         ts_s: prepared.and_then(|p| finite(p.ts)),
         quality: prepared
             .map_or(WindowQuality::Poor, |p| WindowQuality::of(p.gap_share, p.worst_skew / p.ts)),
+        history: None,
     }
 }
 

@@ -1,0 +1,112 @@
+//! What archives do to f, and how many of them are recognised, on loops that the seeds draw:
+//! `cargo run --release --example history_kinds -- 24` diagnoses so many sticky and so many sound loops, raw and as each
+//! archive would have kept them.
+
+#[path = "../tests/diagnosis_common/parallel.rs"]
+mod parallel;
+
+use std::process::ExitCode;
+use stictiond::diagnosis::{Diagnosis, Settings, Verdict, diagnose};
+use stictiond::signal::{Record, Sample};
+use stictiond::sim::archive::{averaged, exception, held, interpolated, moving_average, swinging_door};
+use stictiond::sim::scenarios::{Scenario, random_sound, random_sticky};
+
+/// What an archive does to one tag, sampled every so many seconds.
+type Archive = Box<dyn Fn(&[Sample], f64) -> Vec<Sample> + Sync>;
+
+/// Archives report at least once in so many samples.
+const LONGEST: f64 = 100.0;
+
+fn archives() -> Vec<(String, Archive)> {
+    let mut all: Vec<(String, Archive)> = vec![("raw".into(), Box::new(|raw: &[Sample], _| raw.to_vec()))];
+    for band in [0.02, 0.1, 0.25] {
+        let door = move |raw: &[Sample], ts| swinging_door(raw, band * spread(raw), LONGEST * ts);
+        all.push((format!("swinging door {band} sd"), Box::new(door)));
+        all.push((
+            format!("swinging door {band} sd, interpolated"),
+            Box::new(move |raw, ts| interpolated(&door(raw, ts), ts)),
+        ));
+        all.push((
+            format!("exception {band} sd"),
+            Box::new(move |raw, ts| exception(raw, band * spread(raw), LONGEST * ts, false)),
+        ));
+    }
+    for k in [2, 5] {
+        all.push((format!("mean of {k}"), Box::new(move |raw, _| averaged(raw, k))));
+        all.push((format!("held for {k}"), Box::new(move |raw, _| held(raw, k))));
+    }
+    all.push(("running mean of 10".into(), Box::new(|raw, _| moving_average(raw, 10))));
+    all
+}
+
+/// Standard deviation.
+fn spread(series: &[Sample]) -> f64 {
+    let n = series.len().max(1) as f64;
+    let mean = series.iter().map(|s| s.value).sum::<f64>() / n;
+    (series.iter().map(|s| (s.value - mean).powi(2)).sum::<f64>() / n).sqrt()
+}
+
+/// Diagnoses of a loop under each archive, with the share of PV's samples that it kept.
+fn judged(scenario: &Scenario, archives: &[(String, Archive)]) -> Vec<(Diagnosis, f64)> {
+    let Ok(run) = scenario.run() else { return Vec::new() };
+    let ts = run.t[1] - run.t[0];
+    let series = |v: &[f64]| -> Vec<Sample> { run.t.iter().zip(v).map(|(&t, &x)| Sample::good(t, x)).collect() };
+    let (op, pv) = (series(&run.op), series(&run.pv));
+    let under = |(_, archive): &(String, Archive)| {
+        let (op, pv) = (archive(&op, ts), archive(&pv, ts));
+        let kept = pv.len() as f64 / run.pv.len() as f64;
+        let record = Record { op, pv, op_span: Some(100.0), ..Record::default() };
+        (diagnose(&record, &Settings::default()), kept)
+    };
+    archives.iter().map(under).collect()
+}
+
+fn main() -> ExitCode {
+    let Ok(seeds) = std::env::args().nth(1).map_or(Ok(24), |n| n.parse::<u64>()) else {
+        eprintln!("the number of loops, for example 24");
+        return ExitCode::FAILURE;
+    };
+    let archives = archives();
+    for (class, scenarios) in [
+        ("sticky", (0..seeds).map(random_sticky).collect::<Vec<_>>()),
+        ("sound", (0..seeds).map(random_sound).collect()),
+    ] {
+        println!("{class}: {seeds} loops");
+        println!(
+            "{:36} {:>6} {:>9} {:>6} {:>4} {:>5} | {:>6} {:>6} {:>6} | recognised",
+            "archive", "kept", "stiction", "none", "n.i.", "both", "low", "f/raw", "high"
+        );
+        let found = parallel::each(&scenarios, |scenario| judged(scenario, &archives));
+        for (at, (name, _)) in archives.iter().enumerate() {
+            let of: Vec<_> = found.iter().filter_map(|all| Some((&all.first()?.0, all.get(at)?))).collect();
+            println!("{name:36} {}", line(&of));
+        }
+    }
+    ExitCode::SUCCESS
+}
+
+/// Verdicts, f against the raw record's where both say that it sticks (quartiles), and what was recognised.
+fn line(of: &[(&Diagnosis, &(Diagnosis, f64))]) -> String {
+    let count = |wanted: &str| of.iter().filter(|(_, (d, _))| d.verdict.as_str() == wanted).count();
+    let f = |d: &Diagnosis| (d.verdict == Verdict::Stiction).then(|| d.estimate.as_ref().map(|e| e.f)).flatten();
+    let mut ratio: Vec<f64> = of.iter().filter_map(|(raw, (d, _))| Some(f(d)? / f(raw)?)).collect();
+    ratio.sort_by(f64::total_cmp);
+    let quartile = |q: f64| ratio.get((q * ratio.len() as f64) as usize).map_or("-".into(), |r| format!("{r:.2}"));
+    let mut kinds: Vec<&str> =
+        of.iter().map(|(_, (d, _))| d.preparation.history.map_or("-", |h| h.kind.as_str())).collect();
+    kinds.sort_unstable();
+    let kinds: Vec<String> =
+        kinds.chunk_by(|a, b| a == b).map(|same| format!("{} {}", same[0], same.len())).collect();
+    format!(
+        "{:>5.0}% {:>9} {:>6} {:>4} {:>5} | {:>6} {:>6} {:>6} | {}",
+        100.0 * of.iter().map(|(_, (_, kept))| kept).sum::<f64>() / of.len().max(1) as f64,
+        count("stiction"),
+        count("no_stiction"),
+        count("not_identifiable"),
+        ratio.len(),
+        quartile(0.25),
+        quartile(0.5),
+        quartile(0.75),
+        kinds.join(", ")
+    )
+}

@@ -1,0 +1,329 @@
+//! What an archive did to a record before it came here: compressed it, kept only larger changes, drew lines between what
+//! it kept, held values, or took a running mean. Each bends f, because what sticking leaves behind is in the small
+//! movements and the flat stretches.
+//!
+//! Every rule asks for something that measuring does not do. Means over blocks that do not overlap leave no trace in what
+//! is left, and are not recognised.
+
+use super::stats::{median, quantile};
+use crate::signal::{Role, Sample};
+use std::fmt;
+
+/// Fewest samples that say anything.
+const LEAST: usize = 60;
+/// Share of steps in time that differ from their median by more than a quarter, from which stamps are irregular.
+const IRREGULAR: f64 = 0.2;
+/// What is smaller than this part of the median counts as near zero.
+const NEAR_ZERO: f64 = 0.25;
+/// Largest share of changes near zero where a dead band left them out; a density without a hole has 0.13 and more.
+const HOLE: f64 = 0.02;
+/// Share of samples near the line through their neighbours where nothing was left out; an archive's is significantly less.
+const USUAL_NEAR: f64 = 0.13;
+/// How significantly, in standard errors.
+const SIGNIFICANT: f64 = 4.0;
+/// Largest distance of stamps from multiples of the scan, as a part of it, and the share of them that keeps it.
+const ON_SCAN: [f64; 2] = [0.12, 0.95];
+/// Least share of samples inside straight lines of a record that was interpolated.
+const STRAIGHT: f64 = 0.4;
+/// Fewest such lines.
+const LINES: usize = 12;
+/// Least share of the lines' joints at which the direction stays: a triangle turns at each of its own.
+const JOINTS: f64 = 0.2;
+/// Longest run of held values, and longest running mean, that is looked for (samples).
+const LONGEST: usize = 60;
+/// Least share of changes at every k-th sample, and of k-th samples that change, of held values.
+const IN_STEP: [f64; 2] = [0.97, 0.6];
+/// Shortest running mean that is looked for (samples): below it the differences themselves correlate.
+const SHORTEST_MEAN: usize = 6;
+
+/// What was done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HistoryKind {
+    /// Swinging-door or boxcar compression: only samples that a line does not replace.
+    SwingingDoor,
+    /// Report by exception: only changes beyond a dead band.
+    Exception,
+    /// Straight lines between samples that an archive kept.
+    Interpolated,
+    /// Every k-th value, repeated.
+    Held,
+    /// A running mean.
+    Averaged,
+}
+
+impl HistoryKind {
+    /// Every kind.
+    pub const ALL: [Self; 5] =
+        [Self::SwingingDoor, Self::Exception, Self::Interpolated, Self::Held, Self::Averaged];
+
+    /// The name in the report.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::SwingingDoor => "swinging_door",
+            Self::Exception => "exception",
+            Self::Interpolated => "interpolated",
+            Self::Held => "held",
+            Self::Averaged => "averaged",
+        }
+    }
+
+    /// What it means for f.
+    pub fn note(self) -> &'static str {
+        match self {
+            Self::SwingingDoor => {
+                "An archive kept only what a line does not replace: small movements are gone, and f is bent."
+            }
+            Self::Exception => {
+                "Only changes beyond a dead band were kept: that looks like sticking, and f is bent."
+            }
+            Self::Interpolated => {
+                "An archive drew lines between the few samples it kept: small movements are gone, and f is bent."
+            }
+            Self::Held => "PV is newer only every few samples: take the period at which it is really measured.",
+            Self::Averaged => "PV is a running mean: it comes later and smoother than it was measured.",
+        }
+    }
+}
+
+/// What was found in a record.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HistoryFound {
+    /// What was done.
+    pub kind: HistoryKind,
+    /// The tag that shows it.
+    pub role: Role,
+    /// What it rests on: see [`HistoryFound::fmt`].
+    pub evidence: [f64; 2],
+}
+
+impl fmt::Display for HistoryFound {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let tag = if self.role == Role::Op { "OP" } else { "PV" };
+        let [a, b] = self.evidence;
+        match self.kind {
+            HistoryKind::SwingingDoor => write!(
+                out,
+                "{tag}: stamps irregular for {:.0} % of the samples, and only {:.1} % of them near the line through their neighbours",
+                a * 100.0,
+                b * 100.0
+            ),
+            HistoryKind::Exception => write!(
+                out,
+                "{tag}: stamps irregular for {:.0} % of the samples, and no change below {b:.3}",
+                a * 100.0
+            ),
+            HistoryKind::Interpolated => {
+                write!(out, "{tag}: {:.0} % of the samples on {b:.0} straight lines", a * 100.0)
+            }
+            HistoryKind::Held => {
+                write!(out, "{tag}: {:.0} % of the changes at every {b:.0}th sample", a * 100.0)
+            }
+            HistoryKind::Averaged => {
+                write!(out, "{tag}: what enters leaves again {b:.0} samples later (correlation {a:.2})")
+            }
+        }
+    }
+}
+
+/// What an archive did to a record, by OP or PV: good samples in the order of time, no stamp twice.
+pub fn recognise(op: &[Sample], pv: &[Sample]) -> Option<HistoryFound> {
+    let of = |role, found: Option<(HistoryKind, [f64; 2])>| {
+        found.map(|(kind, evidence)| HistoryFound { kind, role, evidence })
+    };
+    let thinned = |role, series| of(role, thinned(series));
+    let equal = |series: &[Sample]| -> Option<Vec<f64>> {
+        let even = series.len() >= LEAST && irregular(series) < 0.02;
+        even.then(|| series.iter().map(|s| s.value).collect())
+    };
+    // A controller that acts every k-th sample holds OP, and a stuck valve makes it a line: there PV alone tells.
+    thinned(Role::Pv, pv).or_else(|| thinned(Role::Op, op)).or_else(|| {
+        let values = equal(pv)?;
+        let lines = equal(op).and_then(|op| interpolated(&op, &values));
+        of(Role::Pv, lines.or_else(|| held(&values)).or_else(|| averaged(&values)))
+    })
+}
+
+/// Share of steps in time off their median by more than a quarter.
+fn irregular(series: &[Sample]) -> f64 {
+    let steps: Vec<f64> = series.windows(2).map(|w| w[1].t - w[0].t).collect();
+    let middle = median(&steps);
+    let off = steps.iter().filter(|d| (*d - middle).abs() > 0.25 * middle).count();
+    off as f64 / steps.len().max(1) as f64
+}
+
+/// Whether the times between samples are multiples of one scan: a thinned record, not one with stamps of any kind.
+fn on_scan(series: &[Sample]) -> bool {
+    let steps: Vec<f64> = series.windows(2).map(|w| w[1].t - w[0].t).collect();
+    let shortest = quantile(&steps, 0.02);
+    (1..=4).any(|part| {
+        let scan = shortest / f64::from(part);
+        let near = |d: &&f64| (*d / scan - (*d / scan).round()).abs() < ON_SCAN[0];
+        steps.iter().filter(near).count() as f64 >= ON_SCAN[1] * steps.len() as f64
+    })
+}
+
+/// Samples left out by what the others say: irregular stamps, and a hole near zero in what was left.
+fn thinned(series: &[Sample]) -> Option<(HistoryKind, [f64; 2])> {
+    if series.len() < LEAST {
+        return None;
+    }
+    let uneven = irregular(series);
+    if uneven < IRREGULAR || !on_scan(series) {
+        return None;
+    }
+    let resolution = resolution(series);
+    let reports = without_previous(series);
+    let changes = |kept: &[Sample]| -> Vec<f64> { kept.windows(2).map(|w| (w[1].value - w[0].value).abs()).collect() };
+    for kept in [series, &reports] {
+        let sizes = changes(kept);
+        let band = quantile(&sizes, HOLE);
+        // Values in steps of their resolution have a hole too; that one is the measurement's own. So has a steady ramp, but
+        // its changes go with the time that they took.
+        let in_steps = band <= 5.0 * resolution;
+        if kept.len() >= LEAST && !in_steps && near_zero(&sizes) < HOLE && !ramps(kept) {
+            return Some((HistoryKind::Exception, [uneven, band]));
+        }
+    }
+    let off: Vec<f64> = series
+        .windows(3)
+        .map(|w| {
+            let part = (w[1].t - w[0].t) / (w[2].t - w[0].t);
+            (w[0].value + part * (w[2].value - w[0].value) - w[1].value).abs()
+        })
+        .collect();
+    let near = near_zero(&off);
+    let chance = (USUAL_NEAR * (1.0 - USUAL_NEAR) / off.len() as f64).sqrt();
+    (near < USUAL_NEAR - SIGNIFICANT * chance && quantile(&off, 0.1) > 5.0 * resolution)
+        .then_some((HistoryKind::SwingingDoor, [uneven, near]))
+}
+
+/// Whether the changes of value follow the time between them rather than a size of their own.
+fn ramps(kept: &[Sample]) -> bool {
+    let spread = |of: &dyn Fn(&[Sample]) -> f64| {
+        let logs: Vec<f64> = kept.windows(2).map(of).filter(|x| *x > 0.0).map(f64::ln).collect();
+        quantile(&logs, 0.9) - quantile(&logs, 0.1)
+    };
+    let change = |w: &[Sample]| (w[1].value - w[0].value).abs();
+    spread(&change) > 0.8 * spread(&|w| change(w) / (w[1].t - w[0].t))
+}
+
+/// Share of sizes that are near zero.
+fn near_zero(sizes: &[f64]) -> f64 {
+    let limit = NEAR_ZERO * median(sizes);
+    sizes.iter().filter(|size| **size < limit).count() as f64 / sizes.len().max(1) as f64
+}
+
+/// The finest difference that occurs in a series more than now and then.
+fn resolution(series: &[Sample]) -> f64 {
+    let mut values: Vec<f64> = series.iter().map(|s| s.value).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let steps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0).collect();
+    quantile(&steps, 0.25)
+}
+
+/// Without the samples that were kept because the next one was reported: they lie one scan before it.
+fn without_previous(series: &[Sample]) -> Vec<Sample> {
+    let steps: Vec<f64> = series.windows(2).map(|w| w[1].t - w[0].t).collect();
+    let scan = quantile(&steps, 0.02) * 1.25;
+    let is_previous = |i: usize| i > 0 && i < steps.len() && steps[i] <= scan && steps[i - 1] > scan;
+    series.iter().enumerate().filter(|(i, _)| !is_previous(*i)).map(|(_, s)| *s).collect()
+}
+
+/// Lines of four and more samples in PV, most of them joined without a turn, and in OP too: where a stem sticks or a tank
+/// fills one of them may be straight, not both.
+fn interpolated(op: &[f64], pv: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
+    let (of_op, of_pv) = (Lines::of(op), Lines::of(pv));
+    let joined = of_pv.straight_on as f64 >= JOINTS * of_pv.count as f64;
+    (of_pv.count >= LINES && of_pv.share >= STRAIGHT && joined && of_op.share >= 0.5 * STRAIGHT)
+        .then_some((HistoryKind::Interpolated, [of_pv.share, of_pv.count as f64]))
+}
+
+/// What of a series is straight.
+#[derive(Default)]
+struct Lines {
+    count: usize,
+    /// Samples inside.
+    share: f64,
+    /// Lines that go on in the same direction.
+    straight_on: usize,
+}
+
+impl Lines {
+    fn of(values: &[f64]) -> Self {
+        let steps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).collect();
+        let moving: Vec<f64> = steps.iter().filter(|d| **d != 0.0).map(|d| d.abs()).collect();
+        let scale = median(&moving);
+        let mut lines = Self::default();
+        if scale == 0.0 || moving.len() * 2 < steps.len() {
+            return lines;
+        }
+        // Rounding of printed values; a line whose step is near it may be chance.
+        let rounded = moving.iter().copied().fold(f64::INFINITY, f64::min);
+        let tolerance = decimal(values).filter(|unit| 8.0 * unit < scale).map_or(1e-6 * scale, |unit| 1.01 * unit);
+        let on_line =
+            |i: usize| (steps[i] - steps[i - 1]).abs() <= tolerance && steps[i].abs() > 3.0 * rounded;
+        let (mut inside, mut i) = (0_usize, 1);
+        while i < steps.len() {
+            let from = i;
+            while i < steps.len() && on_line(i) {
+                i += 1;
+            }
+            if i - from >= 2 {
+                lines.count += 1;
+                inside += i - from;
+                lines.straight_on += usize::from(i < steps.len() && steps[i] * steps[i - 1] > 0.0);
+            }
+            i += 1;
+        }
+        lines.share = inside as f64 / values.len() as f64;
+        lines
+    }
+}
+
+/// The decimal unit that all values are multiples of, where there is one.
+fn decimal(values: &[f64]) -> Option<f64> {
+    (0..=6).map(|digits| 10_f64.powi(digits)).find_map(|per| {
+        let whole = |v: &f64| ((v * per).round() - v * per).abs() < 1e-4;
+        values.iter().all(whole).then_some(1.0 / per)
+    })
+}
+
+/// Changes at every k-th sample only, and at most of those.
+fn held(values: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
+    let changes: Vec<usize> = (1..values.len()).filter(|i| values[*i] != values[i - 1]).collect();
+    (2..=LONGEST).rev().find_map(|k| {
+        let blocks = values.len() / k;
+        if blocks < LINES || (changes.len() as f64) < IN_STEP[1] * blocks as f64 {
+            return None;
+        }
+        let mut by_phase = vec![0_usize; k];
+        changes.iter().for_each(|i| by_phase[i % k] += 1);
+        let most = by_phase.into_iter().max().unwrap_or(0);
+        let share = most as f64 / changes.len() as f64;
+        (share >= IN_STEP[0]).then_some((HistoryKind::Held, [share, k as f64]))
+    })
+}
+
+/// A sample that enters a running mean of k leaves it k later: the differences, whitened by differencing twice more,
+/// correlate by -1/2 there, and nowhere between.
+fn averaged(values: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
+    let mut d: Vec<f64> = values.to_vec();
+    for _ in 0..3 {
+        d = d.windows(2).map(|w| w[1] - w[0]).collect();
+    }
+    let power: f64 = d.iter().map(|x| x * x).sum();
+    let longest = LONGEST.min(d.len() / 8);
+    if power.is_nan() || power <= 0.0 || longest <= SHORTEST_MEAN {
+        return None;
+    }
+    let r = |lag: usize| d.iter().zip(&d[lag..]).map(|(a, b)| a * b).sum::<f64>() / power;
+    let all: Vec<f64> = (0..=longest + 3).map(r).collect();
+    let k = (SHORTEST_MEAN..=longest).min_by(|a, b| all[*a].total_cmp(&all[*b]))?;
+    let quiet = (4..=longest).filter(|lag| lag.abs_diff(k) > 2).all(|lag| all[lag].abs() < 0.2);
+    let beside = |lag: usize| (0.15..0.5).contains(&all[lag]);
+    // Slips come a period apart, too, but they are few and large.
+    let fourth = d.iter().map(|x| x.powi(4)).sum::<f64>() * d.len() as f64 / (power * power);
+    (all[k] < -0.35 && all[k] > -0.65 && beside(k - 1) && beside(k + 1) && quiet && fourth < 5.0)
+        .then_some((HistoryKind::Averaged, [all[k], k as f64]))
+}
+
