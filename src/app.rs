@@ -7,6 +7,7 @@
 //! With the cargo feature `writeback`, and only then, a loop that enables it has a gate between results and plant.
 
 mod facts;
+mod guarding;
 mod keeping;
 mod notifying;
 mod recall;
@@ -17,6 +18,7 @@ mod writing;
 #[cfg(feature = "writeback")]
 mod writing;
 
+use crate::access::FileError;
 use crate::audit::AuditError;
 use crate::collect::{self, Collector, DeviceHealth, Issue, Plan, Poll};
 use crate::config::{self, Config, Diagnostic, Neighbour};
@@ -25,8 +27,9 @@ use crate::history::{History, Ring};
 use crate::residual;
 use crate::results::{Judged, Residuals, Results};
 use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
-use crate::serve::{self, Context, DeviceState, LoopInfo, ServeError};
+use crate::serve::{self, Context, DeviceState, LoopInfo, ServeError, TlsError};
 use crate::signal::{LoopId, Sample};
+use guarding::Guarding;
 use keeping::Keeping;
 use notifying::Notifying;
 use std::collections::HashMap;
@@ -62,9 +65,15 @@ pub enum AppError {
         /// Why.
         source: io::Error,
     },
-    /// Write-back cannot be put on record.
+    /// Write-back, or what people change, cannot be put on record.
     #[error(transparent)]
     Audit(#[from] AuditError),
+    /// Users and tokens cannot be read.
+    #[error("[access] file: {0}")]
+    Access(#[from] FileError),
+    /// There are no certificates.
+    #[error(transparent)]
+    Tls(#[from] TlsError),
     /// The API failed.
     #[error(transparent)]
     Serve(#[from] ServeError),
@@ -96,6 +105,7 @@ pub struct App {
     writing: Arc<Writing>,
     keeping: Arc<Keeping>,
     notifying: Notifying,
+    guarding: Arc<Guarding>,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
     state: Mutex<Running>,
@@ -122,13 +132,14 @@ impl App {
     /// Builds every part; nothing runs, connects or listens yet. `diagnose` is [`diagnosis`]'s own outside of tests.
     ///
     /// # Errors
-    /// [`AppError::Plan`], [`AppError::Audit`].
+    /// [`AppError::Plan`], [`AppError::Audit`], [`AppError::Access`], [`AppError::Tls`].
     pub fn build(config: Config, clock: Clock, diagnose: Diagnose) -> Result<Self, AppError> {
         let stop = CancellationToken::new();
         let wired = config.plant().map_err(AppError::Plan)?;
         let history = Arc::new(History::new(&wired.loops, &config.history));
         let results = Arc::new(Results::new(&ids(&config), config.schedule.keep_results, &config.alarm));
         let writing = Writing::new(&config, clock, &results)?;
+        let guarding = Arc::new(Guarding::new(&config, clock, writing.recorder())?);
         let keeping = Keeping::new(&config, clock, &history, &results);
         let notifying = Notifying::new(&config, clock, &results);
         let plan = schedule_plan(&config, &history, &writing);
@@ -139,7 +150,9 @@ impl App {
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices, &writing)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
-        let context = Arc::new(context.with_desk(writing.clone()).with_store(keeping.ask()));
+        let context = context.with_desk(writing.clone()).with_store(keeping.ask());
+        let context = context.with_access(guarding.access.clone()).with_audit(guarding.audit.clone());
+        let context = Arc::new(context.with_tls(guarding.tls.clone()));
         tracing::info!(
             loops = history.loops().len(),
             tags = history.tag_count(),
@@ -149,7 +162,19 @@ impl App {
             "history: memory taken"
         );
         let state = Mutex::new(Running { config, history, devices, collecting: false });
-        Ok(Self { clock, results, scheduler, plant, context, writing, keeping, notifying, stop, state })
+        Ok(Self {
+            clock,
+            results,
+            scheduler,
+            plant,
+            context,
+            writing,
+            keeping,
+            notifying,
+            guarding,
+            stop,
+            state,
+        })
     }
 
     /// The diagnosis that the daemon runs, its residual traced.
@@ -204,8 +229,9 @@ impl App {
         };
         let notifying = self.notifying.run(self.stop.clone());
         let scheduling = self.scheduler.run(self.stop.clone());
-        let (served, (), (), (), ()) =
-            tokio::join!(serving, scheduling, self.tick_alarms(), withdrawing, notifying);
+        let guarding = self.guarding.clone().run(self.stop.clone());
+        let (served, (), (), (), (), ()) =
+            tokio::join!(serving, scheduling, self.tick_alarms(), withdrawing, notifying, guarding);
         let mut state = self.state.lock().await;
         state.collecting = false;
         for device in &mut state.devices {
@@ -226,10 +252,11 @@ impl App {
     /// are unchanged go on being polled. `[server]` and the sizes in `[schedule]` need a restart, and the log says so.
     ///
     /// # Errors
-    /// [`AppError::Plan`]; then everything stays as it was.
+    /// [`AppError::Plan`], [`AppError::Access`], [`AppError::Tls`]; then everything stays as it was.
     pub async fn reload(&self, config: Config) -> Result<(), AppError> {
         let wired = config.plant().map_err(AppError::Plan)?;
         let mut state = self.state.lock().await;
+        self.guarding.reload()?;
         // Granted was what the old configuration says: every term goes to zero first.
         self.writing.end().await;
         warn_of_what_needs_a_restart(&state.config, &config);
@@ -410,6 +437,9 @@ fn shown(
 fn warn_of_what_needs_a_restart(old: &Config, new: &Config) {
     if old.server != new.server {
         tracing::warn!("[server] has changed: that takes effect at the next start");
+    }
+    if (&old.access, &old.audit) != (&new.access, &new.audit) {
+        tracing::warn!("[access] or [audit] has changed: that takes effect at the next start");
     }
     if old.store != new.store {
         tracing::warn!("[store] has changed: that takes effect at the next start");

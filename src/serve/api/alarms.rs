@@ -5,6 +5,7 @@ use super::super::dto::alarms::{AlarmChangeItem, AlarmHistory, AlarmItem, AlarmL
 use super::super::dto::params::{ActBody, AlarmHistoryQuery, AlarmState, AlarmsQuery, ShelveBody};
 use super::super::dto::rfc3339;
 use super::super::extract::{Body, OfLoop, Params, Required, short, within};
+use super::super::guard::Actor;
 use super::super::problem::Problem;
 use super::off_thread;
 use crate::alarm::Refusal;
@@ -58,9 +59,10 @@ pub async fn history(
 pub async fn acknowledge(
     State(context): Shared,
     OfLoop(id): OfLoop,
+    actor: Actor,
     Body(body): Body<ActBody>,
 ) -> Result<Json<AlarmItem>, Problem> {
-    act(&context, &id, Action::Acknowledge, body.by, body.comment)
+    act(&context, &id, Action::Acknowledge, actor.signed(body.by), body.comment)
 }
 
 /// An operator silences the alarm for a time; on a shelved alarm, sets a new end.
@@ -71,9 +73,10 @@ pub async fn acknowledge(
 pub async fn shelve(
     State(context): Shared,
     OfLoop(id): OfLoop,
+    actor: Actor,
     Required(body): Required<ShelveBody>,
 ) -> Result<Json<AlarmItem>, Problem> {
-    act(&context, &id, Action::Shelve(body.duration_s), body.by, body.comment)
+    act(&context, &id, Action::Shelve(body.duration_s), actor.signed(body.by), body.comment)
 }
 
 /// An operator ends the silence.
@@ -84,9 +87,10 @@ pub async fn shelve(
 pub async fn unshelve(
     State(context): Shared,
     OfLoop(id): OfLoop,
+    actor: Actor,
     Body(body): Body<ActBody>,
 ) -> Result<Json<AlarmItem>, Problem> {
-    act(&context, &id, Action::Unshelve, body.by, body.comment)
+    act(&context, &id, Action::Unshelve, actor.signed(body.by), body.comment)
 }
 
 fn act(

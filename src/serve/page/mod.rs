@@ -39,6 +39,11 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/vendor/uplot.LICENSE", TEXT, include_str!("assets/vendor/uplot.LICENSE")),
 ];
 
+/// Whether this is one of the dashboard's files.
+pub fn has(route: &str) -> bool {
+    FILES.iter().any(|(path, ..)| *path == route)
+}
+
 /// `/` and what it needs.
 pub fn routes() -> Router {
     FILES.iter().fold(Router::new(), |router, &(path, kind, content)| {
