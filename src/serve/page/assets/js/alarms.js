@@ -5,6 +5,7 @@ import { get } from "./api.js";
 import { h, scroll } from "./dom.js";
 import { short, when } from "./format.js";
 import { listen, loops } from "./live.js";
+import { may } from "./session.js";
 import { isShelved, kindOf, mayAck, mayShelve, words } from "./states.js";
 
 const TABS = { standing: "Standing", history: "History" };
@@ -25,7 +26,7 @@ export function alarmsView(main, _parts, query) {
 
   function standing(item) {
     const loop = loops.get(loopOf(item)), kind = kindOf({ ...loop, alarm: item.state });
-    const button = (text, act) => h("button", { type: "button", "data-act": `${text} ${item.id}`, "aria-label": `${text} ${item.id}`, on: { click: async () => (await act(item.id)) && show() } }, text);
+    const button = (text, act) => may("operator") && h("button", { type: "button", "data-act": `${text} ${item.id}`, "aria-label": `${text} ${item.id}`, on: { click: async () => (await act(item.id)) && show() } }, text);
     return h("tr", { "data-kind": kind.key, "data-id": item.id }, h("td", null, h("span", { class: "mark" }), link(item), " ", h("small", null, loop?.description ?? "")), h("td", null, words(item.state)), h("td", { class: "time" }, when(item.since)),
       h("td", { class: "number" }, loop?.f ? `${short(loop.f, 3)} ${loop.f_unit}` : "–"), h("td", null, said(item)), h("td", { class: "time" }, item.shelved_until ? when(item.shelved_until) : ""),
       h("td", { class: "act" }, mayAck(item.state) && button("Acknowledge", acknowledge), isShelved(item.state) ? button("Unshelve", unshelve) : mayShelve(item.state) && button("Shelve", shelve)));
