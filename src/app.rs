@@ -12,6 +12,7 @@ mod keeping;
 mod notifying;
 mod recall;
 pub mod replay;
+mod restart;
 #[cfg(not(feature = "writeback"))]
 #[path = "app/reading.rs"]
 mod writing;
@@ -259,7 +260,7 @@ impl App {
         self.guarding.reload()?;
         // Granted was what the old configuration says: every term goes to zero first.
         self.writing.end().await;
-        warn_of_what_needs_a_restart(&state.config, &config);
+        restart::warn_of_what_needs_one(&state.config, &config);
         let history = Arc::new(state.history.successor(&wired.loops, &config.history));
         let (mut before, mut devices) = (std::mem::take(&mut state.devices), Vec::new());
         for plan in wired.into_plans() {
@@ -432,25 +433,6 @@ fn shown(
     serve::Plant::new(config.loops.iter().map(info).collect(), history.clone(), Arc::new(states))
         .with_facts(facts::of(config))
         .with_recall(recall)
-}
-
-fn warn_of_what_needs_a_restart(old: &Config, new: &Config) {
-    if old.server != new.server {
-        tracing::warn!("[server] has changed: that takes effect at the next start");
-    }
-    if (&old.access, &old.audit) != (&new.access, &new.audit) {
-        tracing::warn!("[access] or [audit] has changed: that takes effect at the next start");
-    }
-    if old.store != new.store {
-        tracing::warn!("[store] has changed: that takes effect at the next start");
-    }
-    if old.notify != new.notify {
-        tracing::warn!("[notify] has changed: that takes effect at the next start");
-    }
-    let sizes = |c: &schedule::Config| (c.parallelism, c.deadline_s.to_bits(), c.queue, c.keep_results);
-    if sizes(&old.schedule) != sizes(&new.schedule) {
-        tracing::warn!("sizes in [schedule] have changed: they take effect at the next start");
-    }
 }
 
 /// Listens where the configuration says.
