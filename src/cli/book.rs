@@ -9,13 +9,12 @@ use stictiond::schedule::Clock;
 
 /// Where the book is.
 #[derive(clap::Args)]
-#[group(required = true, multiple = false)]
 pub struct Place {
     /// The configuration, whose [access] names the file
     #[arg(long, value_name = "FILE", global = true)]
     config: Option<PathBuf>,
     /// The file itself
-    #[arg(long, value_name = "FILE", global = true)]
+    #[arg(long, value_name = "FILE", global = true, conflicts_with = "config")]
     access_file: Option<PathBuf>,
 }
 

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use stictiond::access::file::change;
-use stictiond::access::{Book, BookError, Cost, FileError, PasswordHash, Role, Roles};
+use stictiond::access::{Book, BookError, Cost, PasswordHash, Role, Roles};
 use stictiond::app::App;
 use stictiond::config::{self, Config};
 use stictiond::schedule::Clock;
@@ -26,24 +26,6 @@ pub struct Daemon {
     pub folder: PathBuf,
     /// A token of each role.
     tokens: Vec<(Role, String)>,
-}
-
-#[derive(Debug)]
-pub enum Wrong {
-    File(FileError),
-    Book(BookError),
-}
-
-impl From<FileError> for Wrong {
-    fn from(error: FileError) -> Self {
-        Wrong::File(error)
-    }
-}
-
-impl From<BookError> for Wrong {
-    fn from(error: BookError) -> Self {
-        Wrong::Book(error)
-    }
 }
 
 /// A folder of its own, empty.
@@ -84,7 +66,8 @@ pub fn now() -> f64 {
 
 /// Changes the book beside a daemon, as the command line does.
 pub fn book<T>(folder: &Path, what: impl FnOnce(&mut Book) -> Result<T, BookError>) -> T {
-    let changed = change(&folder.join("access.json"), |book| Ok::<_, Wrong>(what(book)?));
+    let changed =
+        change(&folder.join("access.json"), |book| Ok::<_, Box<dyn std::error::Error>>(what(book)?));
     changed.expect("changed")
 }
 
