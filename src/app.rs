@@ -7,10 +7,12 @@
 //! With the cargo feature `writeback`, and only then, a loop that enables it has a gate between results and plant.
 
 mod facts;
+mod guarding;
 mod keeping;
 mod notifying;
 mod recall;
 pub mod replay;
+mod restart;
 mod watching;
 #[cfg(not(feature = "writeback"))]
 #[path = "app/reading.rs"]
@@ -18,6 +20,7 @@ mod writing;
 #[cfg(feature = "writeback")]
 mod writing;
 
+use crate::access::FileError;
 use crate::audit::AuditError;
 use crate::collect::{self, Collector, DeviceHealth, Issue, Plan, Poll};
 use crate::config::{self, Config, Diagnostic, Neighbour};
@@ -26,8 +29,9 @@ use crate::history::{History, Ring};
 use crate::residual;
 use crate::results::{Judged, Residuals, Results};
 use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
-use crate::serve::{self, Context, DeviceState, LoopInfo, ServeError};
+use crate::serve::{self, Context, DeviceState, LoopInfo, ServeError, TlsError};
 use crate::signal::{LoopId, Sample};
+use guarding::Guarding;
 use keeping::Keeping;
 use notifying::Notifying;
 use std::collections::HashMap;
@@ -63,9 +67,15 @@ pub enum AppError {
         /// Why.
         source: io::Error,
     },
-    /// Write-back cannot be put on record.
+    /// Write-back, or what people change, cannot be put on record.
     #[error(transparent)]
     Audit(#[from] AuditError),
+    /// Users and tokens cannot be read.
+    #[error("[access] file: {0}")]
+    Access(#[from] FileError),
+    /// There are no certificates.
+    #[error(transparent)]
+    Tls(#[from] TlsError),
     /// The API failed.
     #[error(transparent)]
     Serve(#[from] ServeError),
@@ -97,6 +107,7 @@ pub struct App {
     writing: Arc<Writing>,
     keeping: Arc<Keeping>,
     notifying: Notifying,
+    guarding: Arc<Guarding>,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
     state: Mutex<Running>,
@@ -125,7 +136,7 @@ impl App {
     /// Builds every part; nothing runs, connects or listens yet. `diagnose` is [`diagnosis`]'s own outside of tests.
     ///
     /// # Errors
-    /// [`AppError::Plan`], [`AppError::Audit`].
+    /// [`AppError::Plan`], [`AppError::Audit`], [`AppError::Access`], [`AppError::Tls`].
     pub fn build(config: Config, clock: Clock, diagnose: Diagnose) -> Result<Self, AppError> {
         let stop = CancellationToken::new();
         let wired = config.plant().map_err(AppError::Plan)?;
@@ -133,6 +144,7 @@ impl App {
         let results = Arc::new(Results::new(&ids(&config), config.schedule.keep_results, &config.alarm));
         let writing = Writing::new(&config, clock, &results)?;
         results.watch_devices(&devices_of(&config));
+        let guarding = Arc::new(Guarding::new(&config, clock, writing.recorder())?);
         let keeping = Keeping::new(&config, clock, &history, &results);
         results.apply_design(clock.now());
         let notifying = Notifying::new(&config, clock, &results);
@@ -144,9 +156,9 @@ impl App {
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices, &writing)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
-        let context = Arc::new(
-            context.with_desk(writing.clone()).with_store(keeping.ask()).with_durable(keeping.ask_durable()),
-        );
+        let context = context.with_desk(writing.clone()).with_store(keeping.ask());
+        let context = context.with_access(guarding.access.clone()).with_audit(guarding.audit.clone());
+        let context = Arc::new(context.with_tls(guarding.tls.clone()).with_durable(keeping.ask_durable()));
         tracing::info!(
             loops = history.loops().len(),
             tags = history.tag_count(),
@@ -156,7 +168,19 @@ impl App {
             "history: memory taken"
         );
         let state = Mutex::new(Running { config, history, devices, collecting: false, since: clock.now() });
-        Ok(Self { clock, results, scheduler, plant, context, writing, keeping, notifying, stop, state })
+        Ok(Self {
+            clock,
+            results,
+            scheduler,
+            plant,
+            context,
+            writing,
+            keeping,
+            notifying,
+            guarding,
+            stop,
+            state,
+        })
     }
 
     /// The diagnosis that the daemon runs, its residual traced.
@@ -211,8 +235,9 @@ impl App {
         };
         let notifying = self.notifying.run(self.stop.clone());
         let scheduling = self.scheduler.run(self.stop.clone());
-        let (served, (), (), (), ()) =
-            tokio::join!(serving, scheduling, self.tick_alarms(), withdrawing, notifying);
+        let guarding = self.guarding.clone().run(self.stop.clone());
+        let (served, (), (), (), (), ()) =
+            tokio::join!(serving, scheduling, self.tick_alarms(), withdrawing, notifying, guarding);
         let mut state = self.state.lock().await;
         state.collecting = false;
         for device in &mut state.devices {
@@ -235,13 +260,14 @@ impl App {
     /// are unchanged go on being polled. `[server]` and the sizes in `[schedule]` need a restart, and the log says so.
     ///
     /// # Errors
-    /// [`AppError::Plan`]; then everything stays as it was.
+    /// [`AppError::Plan`], [`AppError::Access`], [`AppError::Tls`]; then everything stays as it was.
     pub async fn reload(&self, config: Config) -> Result<(), AppError> {
         let wired = config.plant().map_err(AppError::Plan)?;
         let mut state = self.state.lock().await;
+        self.guarding.reload()?;
         // Granted was what the old configuration says: every term goes to zero first.
         self.writing.end().await;
-        warn_of_what_needs_a_restart(&state.config, &config);
+        restart::warn_of_what_needs_one(&state.config, &config);
         let history = Arc::new(state.history.successor(&wired.loops, &config.history));
         let (mut before, mut devices) = (std::mem::take(&mut state.devices), Vec::new());
         for plan in wired.into_plans() {
@@ -424,22 +450,6 @@ fn shown(
     serve::Plant::new(config.loops.iter().map(info).collect(), history.clone(), Arc::new(states))
         .with_facts(facts::of(config))
         .with_recall(recall)
-}
-
-fn warn_of_what_needs_a_restart(old: &Config, new: &Config) {
-    if old.server != new.server {
-        tracing::warn!("[server] has changed: that takes effect at the next start");
-    }
-    if old.store != new.store {
-        tracing::warn!("[store] has changed: that takes effect at the next start");
-    }
-    if old.notify != new.notify {
-        tracing::warn!("[notify] has changed: that takes effect at the next start");
-    }
-    let sizes = |c: &schedule::Config| (c.parallelism, c.deadline_s.to_bits(), c.queue, c.keep_results);
-    if sizes(&old.schedule) != sizes(&new.schedule) {
-        tracing::warn!("sizes in [schedule] have changed: they take effect at the next start");
-    }
 }
 
 /// Listens where the configuration says.

@@ -10,8 +10,14 @@
 //! Who can rewrite file and head together can forge both; the daemon's own log repeats the hash at every transition, for
 //! a place that is out of reach.
 
+mod config;
+mod page;
+mod recorder;
 mod verify;
 
+pub use config::Config;
+pub use page::{Line, Page, page};
+pub use recorder::Recorder;
 pub use verify::{Broken, Verified, verify};
 
 use sha2::{Digest, Sha256};

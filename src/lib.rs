@@ -13,6 +13,7 @@ pub mod compensation;
 pub mod plot;
 pub mod reproduce;
 
+pub mod access;
 pub mod alarm;
 pub mod audit;
 pub mod backfill;

@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use stictiond::collect::{modbus, mqtt, opcua};
 use stictiond::config::{self, LoopConfig};
-use stictiond::{alarm, diagnosis, history, schedule, serve, store, writeback};
+use stictiond::{access, alarm, audit, diagnosis, history, schedule, serve, store, writeback};
 
 const DOCUMENTS: &[&str] = &[
     "README.md",
@@ -22,6 +22,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/diagnosis.md",
     "docs/opcua.md",
     "docs/replay.md",
+    "docs/security.md",
     "docs/reproduce.md",
     "docs/store.md",
     "docs/writeback.md",
@@ -86,6 +87,9 @@ const TAG: &str = "device = 'd'\nregister = 'coil'\naddress = 1\n";
 #[test]
 fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<serve::Config>("`[server]`", "");
+    agrees::<serve::TlsConfig>("`[server.tls]`", "cert_file = 'c'\nkey_file = 'k'\n");
+    agrees::<access::Config>("`[access]`", "file = 'x'\n");
+    agrees::<audit::Config>("`[audit]`", "file = 'x'\n");
     agrees::<history::Config>("`[history]`", "");
     agrees::<store::Config>("`[store]`", "folder = 'x'\n");
     agrees::<schedule::Config>("`[schedule]`", "");
@@ -196,6 +200,37 @@ fn the_readme_lists_every_route_and_no_other() {
         .map(|row| row[0].trim_matches('`').into())
         .collect();
     assert_eq!(listed, routes);
+}
+
+#[test]
+fn the_roles_in_the_security_document_are_those_of_the_router() {
+    let rules: BTreeSet<(String, String)> = serve::RULES
+        .iter()
+        .map(|(method, path, need)| {
+            let root = ["/healthz", "/readyz", "/metrics", "/openapi.json"].contains(path);
+            let below = if root { "" } else { "/api/v1" };
+            (format!("{method} {below}{path}"), need.as_str().to_string())
+        })
+        .collect();
+    let plain = |cell: &str| cell.split(';').next().unwrap_or_default().trim_matches('`').to_string();
+    let listed: BTreeSet<(String, String)> =
+        rows("docs/security.md", "Roles").iter().map(|row| (plain(&row[0]), plain(&row[1]))).collect();
+    assert_eq!(listed, rules);
+}
+
+#[test]
+fn every_attempt_in_the_security_document_is_a_test() {
+    let listed = rows("docs/security.md", "What was tried");
+    assert!(listed.len() > 15, "only {}", listed.len());
+    let mut known = BTreeSet::new();
+    for module in ["access", "commands", "http", "tls"] {
+        let text = read(&format!("tests/security/{module}.rs"));
+        let tests =
+            text.split("test]\n").skip(1).filter_map(|rest| rest.split("fn ").nth(1)?.split('(').next());
+        known.extend(tests.map(|name| format!("{module}::{name}")));
+    }
+    let named: BTreeSet<String> = listed.iter().map(|row| row[2].trim_matches('`').to_string()).collect();
+    assert_eq!(named, known);
 }
 
 /// `NAME` in a file of the diagnosis, as its source writes the value.

@@ -11,11 +11,27 @@ pub(super) fn of(config: &Config) -> Facts {
     let server = &config.server;
     say("server", "listen", server.listen.to_string());
     say("server", "allow_unauthenticated_network", server.allow_unauthenticated_network.to_string());
+    let plain = server.allow_plain_http_on_network.to_string();
+    say("server", "allow_plain_http_on_network", plain);
+    let tls = server.tls.as_ref();
+    let client = tls.is_some_and(|tls| tls.client_ca_file.is_some());
+    let tls = if client { "yes, clients show certificates too" } else { tls.map_or("no", |_| "yes") };
+    say("server", "tls", tls.to_string());
     say("server", "max_requests", server.max_requests.to_string());
     say("server", "max_connections", server.max_connections.to_string());
     say("server", "max_event_clients", server.max_event_clients.to_string());
     say("server", "request_timeout_s", server.request_timeout_s.to_string());
     say("server", "max_body_bytes", server.max_body_bytes.to_string());
+    match &config.access {
+        None => say("access", "log-in", "none".to_string()),
+        Some(access) => {
+            say("access", "log-in", "needed".to_string());
+            say("access", "anyone_may_read", access.anyone_may_read.to_string());
+            say("access", "session_idle_s", access.session_idle_s.to_string());
+            say("access", "session_max_s", access.session_max_s.to_string());
+        }
+    }
+    say("audit", "changes on record", if config.audit.is_some() { "yes" } else { "no" }.to_string());
     say("history", "samples_per_tag", config.history.samples_per_tag.to_string());
     let schedule = &config.schedule;
     say("schedule", "period_s", schedule.period_s.to_string());

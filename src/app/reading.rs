@@ -1,6 +1,7 @@
 //! A binary that only reads: in the place of write-back there is nothing to start, to end or to show.
 
 use super::{AppError, Device};
+use crate::audit::Recorder;
 use crate::compensation::gate::Status;
 use crate::config::Config;
 use crate::history::History;
@@ -15,6 +16,10 @@ pub(super) struct Writing;
 impl Writing {
     pub(super) fn new(_: &Config, _: Clock, _: &Arc<Results>) -> Result<Arc<Self>, AppError> {
         Ok(Arc::new(Self))
+    }
+
+    pub(super) fn recorder(&self) -> Option<Arc<Recorder>> {
+        None
     }
 
     pub(super) fn begin(&self, _: &Config, _: &Arc<History>, _: &[Device]) {}

@@ -1,6 +1,7 @@
 //! Wires write-back: what a loop's gate sees, where its term goes, and who hears of it.
 
 use super::{AppError, Device};
+use crate::audit::Recorder;
 use crate::compensation::gate::{Action, Evidence, Inputs, Status, Time};
 use crate::config::{self, Config};
 use crate::diagnosis::Verdict;
@@ -9,7 +10,7 @@ use crate::results::Results;
 use crate::schedule::Clock;
 use crate::serve::{Acted, Desk};
 use crate::signal::{LoopId, Record, Role};
-use crate::writeback::{Clocks, Look, LoopSetup, Recorder, Tell, Writeback};
+use crate::writeback::{Clocks, Look, LoopSetup, Tell, Writeback};
 use std::collections::BTreeSet;
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Duration;
@@ -45,13 +46,17 @@ impl Writing {
         Ok(())
     }
 
+    /// The audit log, where a loop enables write-back.
+    pub(super) fn recorder(&self) -> Option<Arc<Recorder>> {
+        self.recorder.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
     /// Starts every loop that enables it, in shadow.
     pub(super) fn begin(&self, config: &Config, history: &Arc<History>, devices: &[Device]) {
         if let Err(error) = self.open(config) {
             tracing::error!(%error, "write-back stays off");
         }
-        let recorder = self.recorder.read().unwrap_or_else(PoisonError::into_inner).clone();
-        let Some(recorder) = recorder else { return };
+        let Some(recorder) = self.recorder() else { return };
         let setups: Vec<LoopSetup> =
             config.loops.iter().filter_map(|own| self.setup(config, own, history, devices)).collect();
         let clock = self.clock;

@@ -1,4 +1,4 @@
-//! `stictiond audit verify FILE`: whether a log of write-back is what was written.
+//! `stictiond audit verify FILE`: whether an audit log is what was written.
 
 use super::{Failure, print};
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ pub struct Args {
 enum Command {
     /// Read an audit log and the rotated files beside it: exit code 1 and the line when something was changed
     Verify {
-        /// The log, as `[writeback] audit_file` names it
+        /// The log, as `[audit] file` or `[writeback] audit_file` names it
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },

@@ -3,9 +3,12 @@
 use super::{Failure, print};
 use std::fmt::Write;
 use std::path::PathBuf;
+use stictiond::access::{Role, file};
 use stictiond::collect::opcua;
 use stictiond::config::{self, Config, Plant};
 use stictiond::history::BYTES_PER_SAMPLE;
+use stictiond::schedule::Clock;
+use stictiond::serve;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -85,5 +88,50 @@ fn summary(config: &Config, plant: &Plant) -> String {
         "memory   {megabytes:.1} MB for {tags} tags, {samples} samples each, {BYTES_PER_SAMPLE} bytes a sample"
     );
     let _ = writeln!(out, "listen   {}", config.server.listen);
+    let _ = writeln!(out, "access   {}", access(config));
     out
+}
+
+/// Who gets in, in a sentence: nobody is to be locked out, or let in, by surprise.
+fn access(config: &Config) -> String {
+    let server = &config.server;
+    let everybody = if serve::is_loopback(server.listen) {
+        "everybody on this machine"
+    } else {
+        "everybody who reaches it"
+    };
+    let way = match &server.tls {
+        Some(tls) if tls.client_ca_file.is_some() => "; by TLS, and only clients that show a certificate",
+        Some(_) => "; by TLS",
+        None if serve::is_loopback(server.listen) => "",
+        None => "; in the clear, so it can be read and changed on the way",
+    };
+    let Some(access) = &config.access else {
+        return format!("{everybody} may read everything and acknowledge alarms, there is no log-in{way}");
+    };
+    let reads = if access.anyone_may_read {
+        format!("{everybody} may read, changes need")
+    } else {
+        "everything but /healthz and /readyz needs".to_string()
+    };
+    let path = access.file.display();
+    let who = match file::load(&access.file) {
+        _ if !access.file.exists() => {
+            format!("{path} is not there, so nobody can log in: make it by stictiond user add")
+        }
+        Ok(book) => {
+            let (users, tokens) = (book.users.len(), book.tokens.len());
+            let mut who = format!("{users} users, {tokens} tokens in {path}");
+            let now = Clock::wall().now();
+            let writing =
+                config.loops.iter().any(|own| own.writeback.as_ref().is_some_and(|own| own.enabled));
+            let needed = Role::ALL.into_iter().filter(|role| writing || *role != Role::Approver);
+            for role in needed.filter(|role| !book.has(*role, now)) {
+                who += &format!(", nobody is {role}");
+            }
+            who
+        }
+        Err(error) => format!("NOBODY GETS IN, run will not start: {error}"),
+    };
+    format!("{reads} a log-in or token: {who}{way}")
 }

@@ -1,10 +1,12 @@
-//! The command line: `stictiond run | demo | diagnose | backfill | check | health | store | replay | audit | probe | reproduce`.
+//! The command line: `stictiond run | demo | diagnose | backfill | check | user | token | health | store | replay | audit | probe |
+//! reproduce`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
 
 mod audit;
 mod backfill;
+mod book;
 mod check;
 mod demo;
 mod diagnose;
@@ -17,6 +19,8 @@ mod reproduce;
 mod run;
 mod store;
 mod text;
+mod token;
+mod user;
 
 use clap::{Parser, Subcommand};
 use std::fmt::Display;
@@ -44,13 +48,17 @@ enum Command {
     Backfill(backfill::Args),
     /// Validate a configuration: every error with line and column
     Check(check::Args),
+    /// Add, change, remove and list users: who may log in
+    User(user::Args),
+    /// Create, list, rotate and revoke tokens: which programs may ask
+    Token(token::Args),
     /// Ask a running daemon whether it answers: exit code 0 or 1
     Health(health::Args),
     /// Check, export or fill the store
     Store(store::Args),
     /// Run recorded samples through the whole daemon: the same diagnoses, bit for bit
     Replay(replay::Args),
-    /// Work on the audit log of write-back
+    /// Work on an audit log
     Audit(audit::Args),
     /// Read registers of a device once and show them in every type and byte order
     Probe(probe::Args),
@@ -91,6 +99,8 @@ pub fn main() -> ExitCode {
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Backfill(args) => backfill::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::User(args) => user::run(&args),
+        Command::Token(args) => token::run(&args),
         Command::Health(args) => health::run(&args),
         Command::Store(args) => store::run(&args),
         Command::Replay(args) => replay::run(&args),

@@ -16,7 +16,7 @@ pub use plant::Plant;
 pub use tag::TagConfig;
 
 use crate::collect::{modbus, mqtt, opcua};
-use crate::{alarm, diagnosis, history, notify, schedule, serve, store, writeback};
+use crate::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, writeback};
 use diagnostic::Report;
 use serde::Deserialize;
 use source::Source;
@@ -32,6 +32,10 @@ const MAX_BYTES: u64 = 1 << 24;
 pub struct Config {
     /// `[server]`.
     pub server: serve::Config,
+    /// `[access]`; without it there is no log-in.
+    pub access: Option<access::Config>,
+    /// `[audit]`; without it changes are only logged.
+    pub audit: Option<audit::Config>,
     /// `[history]`.
     pub history: history::Config,
     /// `[store]`; without it nothing outlives a restart.

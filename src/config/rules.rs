@@ -18,6 +18,7 @@ macro_rules! path {
 }
 
 mod candidates;
+mod door;
 mod writing;
 
 /// Checks everything that could be read.
@@ -91,6 +92,7 @@ impl Rules<'_, '_, '_> {
 
     fn sections(&mut self, parts: &Parts) {
         self.section("server", parts.server.as_ref().map(|c| c.validate()));
+        self.door(parts);
         self.section("history", parts.history.as_ref().map(|c| c.validate()));
         self.section("store", parts.store.as_ref().and_then(|c| c.as_ref()).map(|c| c.validate()));
         self.section("schedule", parts.schedule.as_ref().map(|c| c.validate()));

@@ -6,15 +6,17 @@ use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig};
 use crate::collect::{modbus, mqtt, opcua};
-use crate::{alarm, diagnosis, history, notify, schedule, serve, store, writeback};
+use crate::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, writeback};
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 12] = [
+const SECTIONS: [&str; 14] = [
     "server",
+    "access",
+    "audit",
     "history",
     "store",
     "schedule",
@@ -37,6 +39,9 @@ const NOWHERE: usize = usize::MAX / 2;
 /// What could be read; `None` where a needed key is missing or wrong.
 pub struct Parts {
     pub server: Option<serve::Config>,
+    /// Inside, `None` where the section is left out; the same below.
+    pub access: Option<Option<access::Config>>,
+    pub audit: Option<Option<audit::Config>>,
     pub history: Option<history::Config>,
     /// Inside, `None` where the section is left out.
     pub store: Option<Option<store::Config>>,
@@ -56,6 +61,8 @@ impl Parts {
     pub fn whole(self) -> Option<Config> {
         Some(Config {
             server: self.server?,
+            access: self.access?,
+            audit: self.audit?,
             history: self.history?,
             store: self.store?,
             schedule: self.schedule?,
@@ -82,6 +89,8 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
     }
     Parts {
         server: table(source, "server", report),
+        access: optional(source, "access", report),
+        audit: optional(source, "audit", report),
         history: table(source, "history", report),
         store: optional(source, "store", report),
         schedule: table(source, "schedule", report),

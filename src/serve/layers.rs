@@ -1,11 +1,12 @@
 //! What every request passes: bounds on size, time and number, headers, and one shape of errors.
 
-use super::Config;
+use super::Context;
+use super::guard::guard;
 use super::problem::{PROBLEM_JSON, Problem};
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, Request};
 use axum::http::{HeaderName, HeaderValue, Method, StatusCode, header};
-use axum::middleware::{Next, from_fn, map_response};
+use axum::middleware::{Next, from_fn, from_fn_with_state, map_response};
 use axum::response::{IntoResponse, Response};
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,17 +15,21 @@ use tower_http::compression::CompressionLayer;
 use tower_http::limit::RequestBodyLimitLayer;
 
 /// Wraps the routes; the last layer is the outermost.
-pub fn wrap(routes: Router, config: &Config) -> Router {
+pub fn wrap(routes: Router, context: &Arc<Context>) -> Router {
+    let config = &context.config;
+    let secure = config.tls.is_some();
     let slots = Arc::new(Semaphore::new(config.max_requests));
     let timeout = Duration::try_from_secs_f64(config.request_timeout_s).unwrap_or(Duration::MAX);
     routes
         .layer(DefaultBodyLimit::max(config.max_body_bytes))
-        .layer(RequestBodyLimitLayer::new(config.max_body_bytes))
         .layer(from_fn(move |request, next| bounded(slots.clone(), timeout, request, next)))
+        // Outside of the slots: who sends a body slowly takes none.
+        .layer(from_fn_with_state(context.clone(), guard))
+        .layer(RequestBodyLimitLayer::new(config.max_body_bytes))
         .layer(from_fn(same_origin))
         .layer(map_response(as_problem))
         .layer(CompressionLayer::new())
-        .layer(map_response(with_headers))
+        .layer(map_response(move |response| with_headers(secure, response)))
 }
 
 /// Refuses what is too much at once, and gives up on what takes too long. A stream counts until it begins.
@@ -38,8 +43,8 @@ async fn bounded(slots: Arc<Semaphore>, timeout: Duration, request: Request, nex
     }
 }
 
-/// Refuses a change that a page of another origin asks a browser for: the daemon has no log-in, so the browser's own
-/// word is all there is to tell.
+/// Refuses a change that a page of another origin asks a browser for. Where there is no log-in, the browser's own word is
+/// all there is to tell.
 async fn same_origin(request: Request, next: Next) -> Response {
     let headers = request.headers();
     let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
@@ -68,8 +73,8 @@ async fn as_problem(response: Response) -> Response {
     problem
 }
 
-async fn with_headers(mut response: Response) -> Response {
-    const HEADERS: [(HeaderName, &str); 6] = [
+async fn with_headers(secure: bool, mut response: Response) -> Response {
+    const HEADERS: [(HeaderName, &str); 7] = [
         (
             header::CONTENT_SECURITY_POLICY,
             "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; \
@@ -79,10 +84,15 @@ async fn with_headers(mut response: Response) -> Response {
         (header::X_FRAME_OPTIONS, "DENY"),
         (header::REFERRER_POLICY, "no-referrer"),
         (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+        (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
         (header::CACHE_CONTROL, "no-store"),
     ];
     for (name, value) in HEADERS {
         response.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
+    }
+    if secure {
+        let year = HeaderValue::from_static("max-age=31536000");
+        response.headers_mut().insert(header::STRICT_TRANSPORT_SECURITY, year);
     }
     response
 }

@@ -1,89 +1,183 @@
-//! A listener with a bound on open connections and on how long a silent one stays open.
+//! Connections: a bound on how many are open, on how long each step may take, and TLS where it is configured.
 
+use super::tls::Tls;
+use axum::Router;
+use axum::body::Body;
+use hyper::Request;
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper::service::Service;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::{TowerToHyperService, TowerToHyperServiceFuture};
 use std::io;
 use std::net::SocketAddr;
-use std::pin::Pin;
+use std::pin::{Pin, pin};
 use std::sync::Arc;
-use std::task::{Context, Poll, ready};
+use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
-use tokio::time::{Instant, Sleep};
+use tokio::sync::Semaphore;
+use tokio::task::JoinSet;
+use tokio::time::{Instant, Sleep, sleep, timeout};
+use tokio_util::sync::CancellationToken;
 
-/// Accepts while there is room; further clients wait in the system's backlog.
-pub struct Bounded {
+/// Longest wait for a handshake.
+const HANDSHAKE: Duration = Duration::from_secs(10);
+/// A connection on which nothing goes either way is closed after this.
+const IDLE: Duration = Duration::from_secs(90);
+/// Largest head of a request (bytes), and most lines in it.
+const HEAD_BYTES: usize = 16 * 1024;
+const HEAD_LINES: usize = 64;
+/// Pause after the system had no room for a connection.
+const NO_ROOM: Duration = Duration::from_millis(100);
+
+/// Who is at the other end; a request carries it.
+#[derive(Clone, Copy, Debug)]
+pub struct Peer(pub SocketAddr);
+
+/// How many, and how long.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounds {
+    /// Connections open at the same time.
+    pub connections: usize,
+    /// Longest wait for the head of a request, and so between two of them.
+    pub head: Duration,
+}
+
+/// Serves until `stop` is cancelled, then lets open requests end.
+pub async fn serve(
     listener: TcpListener,
-    room: Arc<Semaphore>,
-    idle: Duration,
+    router: Router,
+    tls: Option<Arc<Tls>>,
+    bounds: Bounds,
+    stop: CancellationToken,
+) {
+    let room = Arc::new(Semaphore::new(bounds.connections.max(1)));
+    let mut open = JoinSet::new();
+    loop {
+        // Further clients wait in the system's backlog. The semaphore is never closed.
+        let permit = tokio::select! {
+            permit = room.clone().acquire_owned() => permit.ok(),
+            () = stop.cancelled() => break,
+        };
+        let (stream, address) = tokio::select! {
+            accepted = listener.accept() => match accepted {
+                Ok(accepted) => accepted,
+                Err(error) => {
+                    // A client that went away at once, or no more file descriptors: the next may be better.
+                    tracing::debug!(%error, "no connection");
+                    sleep(NO_ROOM).await;
+                    continue;
+                }
+            },
+            () = stop.cancelled() => break,
+        };
+        // Without it small events wait for the client's acknowledgement; the connection works all the same.
+        let _ = stream.set_nodelay(true);
+        let (stream, service) = (Bounded::new(stream), Served::new(router.clone(), Peer(address)));
+        let (tls, stop) = (tls.clone(), stop.clone());
+        open.spawn(async move {
+            let _permit = permit;
+            match tls {
+                None => connection(stream, service, bounds.head, stop).await,
+                Some(tls) => match timeout(HANDSHAKE, tls.acceptor().accept(stream)).await {
+                    Ok(Ok(stream)) => connection(stream, service, bounds.head, stop).await,
+                    Ok(Err(error)) => tracing::debug!(%address, %error, "no TLS connection"),
+                    Err(_) => tracing::debug!(%address, "no TLS connection in time"),
+                },
+            }
+        });
+        while open.try_join_next().is_some() {}
+    }
+    while open.join_next().await.is_some() {}
+}
+
+async fn connection(
+    stream: impl AsyncRead + AsyncWrite + Unpin + Send,
+    service: Served,
+    head: Duration,
+    stop: CancellationToken,
+) {
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new())
+        .header_read_timeout(head)
+        .max_headers(HEAD_LINES)
+        .max_buf_size(HEAD_BYTES)
+        .pipeline_flush(false);
+    let mut serving = pin!(http.serve_connection(TokioIo::new(stream), service));
+    let ended = tokio::select! {
+        ended = serving.as_mut() => ended,
+        () = stop.cancelled() => {
+            serving.as_mut().graceful_shutdown();
+            serving.await
+        }
+    };
+    if let Err(error) = ended {
+        tracing::debug!(%error, "a connection broke");
+    }
+}
+
+/// The routes, as one client sees them.
+struct Served {
+    router: TowerToHyperService<Router>,
+    peer: Peer,
+}
+
+impl Served {
+    fn new(router: Router, peer: Peer) -> Self {
+        Self { router: TowerToHyperService::new(router), peer }
+    }
+}
+
+impl Service<Request<Incoming>> for Served {
+    type Response = axum::response::Response;
+    type Error = std::convert::Infallible;
+    type Future = TowerToHyperServiceFuture<Router, Request<Body>>;
+
+    fn call(&self, request: Request<Incoming>) -> Self::Future {
+        let mut request = request.map(Body::new);
+        request.extensions_mut().insert(self.peer);
+        self.router.call(request)
+    }
+}
+
+/// A connection that ends when nothing went either way for long.
+struct Bounded {
+    stream: TcpStream,
+    silence: Pin<Box<Sleep>>,
 }
 
 impl Bounded {
-    /// At most `connections` open at once, each closed when nothing went either way for `idle`.
-    pub fn new(listener: TcpListener, connections: usize, idle: Duration) -> Self {
-        Self { listener, room: Arc::new(Semaphore::new(connections.max(1))), idle }
+    fn new(stream: TcpStream) -> Self {
+        Self { stream, silence: Box::pin(sleep(IDLE)) }
+    }
+
+    /// Starts the silence anew when something went, else ends it when it was long enough.
+    fn heard<T>(&mut self, went: Poll<io::Result<T>>, cx: &mut Context<'_>) -> Poll<io::Result<T>> {
+        if went.is_ready() {
+            self.silence.as_mut().reset(Instant::now() + IDLE);
+            return went;
+        }
+        self.silence.as_mut().poll(cx).map(|()| Err(io::ErrorKind::TimedOut.into()))
     }
 }
 
-impl axum::serve::Listener for Bounded {
-    type Io = Connection;
-    type Addr = SocketAddr;
-
-    async fn accept(&mut self) -> (Connection, SocketAddr) {
-        // The semaphore is never closed; without a permit the connection would merely not be counted.
-        let permit = self.room.clone().acquire_owned().await.ok();
-        let (stream, peer) = axum::serve::Listener::accept(&mut self.listener).await;
-        // Without it small events wait for the client's acknowledgement; the connection works all the same.
-        let _ = stream.set_nodelay(true);
-        let connection = Connection {
-            stream,
-            idle: self.idle,
-            silence: Box::pin(tokio::time::sleep(self.idle)),
-            _permit: permit,
-        };
-        (connection, peer)
-    }
-
-    fn local_addr(&self) -> io::Result<SocketAddr> {
-        self.listener.local_addr()
-    }
-}
-
-/// One client's connection.
-pub struct Connection {
-    stream: TcpStream,
-    idle: Duration,
-    silence: Pin<Box<Sleep>>,
-    _permit: Option<OwnedSemaphorePermit>,
-}
-
-impl Connection {
-    fn heard(&mut self) {
-        let until = Instant::now() + self.idle;
-        self.silence.as_mut().reset(until);
-    }
-}
-
-impl AsyncRead for Connection {
+impl AsyncRead for Bounded {
     fn poll_read(
         mut self: Pin<&mut Self>,
         cx: &mut Context<'_>,
         buf: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        if let Poll::Ready(read) = Pin::new(&mut self.stream).poll_read(cx, buf) {
-            self.heard();
-            return Poll::Ready(read);
-        }
-        ready!(self.silence.as_mut().poll(cx));
-        Poll::Ready(Err(io::ErrorKind::TimedOut.into()))
+        let read = Pin::new(&mut self.stream).poll_read(cx, buf);
+        self.heard(read, cx)
     }
 }
 
-impl AsyncWrite for Connection {
+impl AsyncWrite for Bounded {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
-        let written = ready!(Pin::new(&mut self.stream).poll_write(cx, buf));
-        self.heard();
-        Poll::Ready(written)
+        let written = Pin::new(&mut self.stream).poll_write(cx, buf);
+        self.heard(written, cx)
     }
 
     fn poll_write_vectored(
@@ -91,9 +185,8 @@ impl AsyncWrite for Connection {
         cx: &mut Context<'_>,
         bufs: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        let written = ready!(Pin::new(&mut self.stream).poll_write_vectored(cx, bufs));
-        self.heard();
-        Poll::Ready(written)
+        let written = Pin::new(&mut self.stream).poll_write_vectored(cx, bufs);
+        self.heard(written, cx)
     }
 
     fn is_write_vectored(&self) -> bool {

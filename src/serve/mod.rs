@@ -1,24 +1,31 @@
-//! What the daemon shows: REST, events, metrics, a dashboard, reports. Reads the plant; what an operator asks of
-//! write-back it hands on to the [`Desk`].
+//! What the daemon shows: REST, events, metrics, a dashboard, reports, to whom it may. Reads the plant; what an operator
+//! asks of write-back it hands on to the [`Desk`].
 
 mod api;
 mod desk;
 pub mod dto;
 mod extract;
+mod guard;
 mod layers;
 mod listen;
 mod metrics;
 mod page;
 mod picture;
+mod policy;
 mod problem;
 mod report;
+mod tls;
 mod words;
 
 pub use api::openapi;
 #[cfg(feature = "writeback")]
 pub use desk::Acted;
 pub use desk::Desk;
+pub use policy::{Need, RULES};
+pub use tls::{Config as TlsConfig, Tls, TlsError};
 
+use crate::access::Access;
+use crate::audit::Recorder;
 use crate::history::History;
 use crate::results::{Basis, Results};
 use crate::schedule::{Clock, Scheduler};
@@ -36,16 +43,22 @@ use tokio_util::sync::CancellationToken;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Address and port. There is no log-in, so anything but loopback needs `allow_unauthenticated_network`.
+    /// Address and port. Anything but loopback needs `[access]` and `[server.tls]`, or that the file says otherwise.
     pub listen: SocketAddr,
+    /// `[server.tls]`; without it HTTP is in the clear.
+    pub tls: Option<tls::Config>,
     /// True to let everybody who reaches the address read everything and acknowledge alarms.
     pub allow_unauthenticated_network: bool,
+    /// True to let passwords and tokens be read on the way, or where a proxy before the daemon encrypts.
+    pub allow_plain_http_on_network: bool,
     /// Requests worked on at the same time.
     pub max_requests: usize,
     /// Connections open at the same time.
     pub max_connections: usize,
     /// Clients that may listen to events at the same time.
     pub max_event_clients: usize,
+    /// Longest time that the head of a request may take to arrive, and its body again (s).
+    pub read_timeout_s: f64,
     /// Longest time until a response begins (s).
     pub request_timeout_s: f64,
     /// Largest request body (bytes).
@@ -58,10 +71,13 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 8080)),
+            tls: None,
             allow_unauthenticated_network: false,
+            allow_plain_http_on_network: false,
             max_requests: 64,
             max_connections: 256,
             max_event_clients: 64,
+            read_timeout_s: 20.0,
             request_timeout_s: 65.0,
             max_body_bytes: 16 * 1024,
             shutdown_s: 5.0,
@@ -78,9 +94,6 @@ impl Config {
                 wrong.push((field, message));
             }
         };
-        if let Err(error) = self.permits(self.listen) {
-            unless(false, "listen", error.to_string());
-        }
         let counts = [
             ("max_requests", self.max_requests, 1..=10_000),
             ("max_connections", self.max_connections, 1..=100_000),
@@ -91,19 +104,43 @@ impl Config {
             let message = format!("{value} must be {} to {}", range.start(), range.end());
             unless(range.contains(&value), field, message);
         }
-        for (field, value) in [("request_timeout_s", self.request_timeout_s), ("shutdown_s", self.shutdown_s)]
-        {
+        let times = [
+            ("read_timeout_s", self.read_timeout_s),
+            ("request_timeout_s", self.request_timeout_s),
+            ("shutdown_s", self.shutdown_s),
+        ];
+        for (field, value) in times {
             unless((0.1..=600.0).contains(&value), field, format!("{value} must be 0.1 to 600"));
         }
         wrong
     }
 
-    fn permits(&self, address: SocketAddr) -> Result<(), ServeError> {
-        if address.ip().to_canonical().is_loopback() || self.allow_unauthenticated_network {
+    /// Whether it may be served at an address, with a log-in or without.
+    ///
+    /// # Errors
+    /// [`ServeError::Unguarded`] and [`ServeError::Clear`], unless the file says in plain words that it may.
+    pub fn permits(&self, address: SocketAddr, log_in: bool) -> Result<(), ServeError> {
+        if is_loopback(address) {
             return Ok(());
         }
-        Err(ServeError::NotLoopback(address))
+        match log_in {
+            false if !self.allow_unauthenticated_network => Err(ServeError::Unguarded(address)),
+            // What everybody may read and do needs no secret on the way.
+            true if self.tls.is_none() && !self.allow_plain_http_on_network => {
+                Err(ServeError::Clear(address))
+            }
+            _ => Ok(()),
+        }
     }
+
+    fn read_timeout(&self) -> Duration {
+        Duration::try_from_secs_f64(self.read_timeout_s).unwrap_or_default()
+    }
+}
+
+/// Whether nobody but this machine reaches an address.
+pub fn is_loopback(address: SocketAddr) -> bool {
+    address.ip().to_canonical().is_loopback()
 }
 
 /// Why nothing is shown.
@@ -112,9 +149,15 @@ pub enum ServeError {
     /// The network could reach a daemon that has no log-in.
     #[error(
         "{0} is not loopback, and there is no log-in: whoever reaches it reads everything and may acknowledge alarms; \
-         listen on 127.0.0.1 or set allow_unauthenticated_network = true"
+         add [access] and [server.tls], listen on 127.0.0.1, or set allow_unauthenticated_network = true"
     )]
-    NotLoopback(SocketAddr),
+    Unguarded(SocketAddr),
+    /// Passwords and tokens could be read on the way.
+    #[error(
+        "{0} is not loopback, and without [server.tls] passwords and tokens can be read on the way; add [server.tls], \
+         listen on 127.0.0.1, or set allow_plain_http_on_network = true, as behind a proxy that encrypts"
+    )]
+    Clear(SocketAddr),
     /// The listener failed.
     #[error("the listener for the API failed: {0}")]
     Listener(#[from] std::io::Error),
@@ -235,6 +278,9 @@ impl Plant {
     }
 }
 
+/// Passwords hashed at the same time: each takes 19 MiB.
+const HASHING: usize = 2;
+
 /// Everything a request may look at.
 pub struct Context {
     config: Config,
@@ -247,6 +293,11 @@ pub struct Context {
     desk: Option<Arc<dyn Desk>>,
     store: Option<AskStore>,
     durable: Option<AskDurable>,
+    access: Option<Arc<Access>>,
+    audit: Option<Arc<Recorder>>,
+    tls: Option<Arc<Tls>>,
+    /// Passwords hashed at the same time.
+    hashing: Arc<Semaphore>,
     /// Whether it is served on loopback, known once it is served.
     loopback: OnceLock<bool>,
     stop: CancellationToken,
@@ -274,6 +325,10 @@ impl Context {
             desk: None,
             store: None,
             durable: None,
+            access: None,
+            audit: None,
+            tls: None,
+            hashing: Arc::new(Semaphore::new(HASHING)),
             loopback: OnceLock::new(),
         }
     }
@@ -293,6 +348,21 @@ impl Context {
         Self { durable, ..self }
     }
 
+    /// Lets in whom `access` knows; without it everybody on this machine.
+    pub fn with_access(self, access: Option<Arc<Access>>) -> Self {
+        Self { access, ..self }
+    }
+
+    /// Puts changes on record.
+    pub fn with_audit(self, audit: Option<Arc<Recorder>>) -> Self {
+        Self { audit, ..self }
+    }
+
+    /// Serves by TLS.
+    pub fn with_tls(self, tls: Option<Arc<Tls>>) -> Self {
+        Self { tls, ..self }
+    }
+
     /// Whether nobody but this machine can ask.
     #[cfg(feature = "writeback")]
     fn on_loopback(&self) -> bool {
@@ -306,29 +376,28 @@ impl Context {
 
 /// All routes, wrapped in the bounds every request passes.
 pub fn router(context: Arc<Context>) -> axum::Router {
-    let config = context.config.clone();
-    layers::wrap(page::routes().merge(api::routes(context)), &config)
+    layers::wrap(page::routes().merge(api::routes(context.clone())), &context)
 }
 
 /// Serves on a listener until `stop` is cancelled, then lets open requests end within `shutdown_s`.
 ///
 /// # Errors
-/// [`ServeError::NotLoopback`] before anything is served, [`ServeError::Listener`] when the listener fails.
+/// [`ServeError::Unguarded`], [`ServeError::Clear`] before anything is served, [`ServeError::Listener`] when the listener fails.
 pub async fn serve(listener: TcpListener, context: Arc<Context>) -> Result<(), ServeError> {
     let address = listener.local_addr()?;
-    context.config.permits(address)?;
-    // Set once: a context is served by one listener, and the first decides.
-    let _ = context.loopback.set(address.ip().to_canonical().is_loopback());
     let (stop, config) = (context.stop.clone(), context.config.clone());
-    let listener = listen::Bounded::new(listener, config.max_connections, Duration::from_secs(90));
-    let serving =
-        axum::serve(listener, router(context)).with_graceful_shutdown(stop.clone().cancelled_owned());
+    config.permits(address, context.access.is_some())?;
+    // Set once: a context is served by one listener, and the first decides.
+    let _ = context.loopback.set(is_loopback(address));
+    let bounds = listen::Bounds { connections: config.max_connections, head: config.read_timeout() };
+    let tls = context.tls.clone();
+    let serving = listen::serve(listener, router(context), tls, bounds, stop.clone());
     let patience = async {
         stop.cancelled().await;
         tokio::time::sleep(Duration::try_from_secs_f64(config.shutdown_s).unwrap_or_default()).await;
     };
     tokio::select! {
-        served = serving.into_future() => Ok(served?),
+        () = serving => Ok(()),
         () = patience => Ok(()),
     }
 }

@@ -20,6 +20,11 @@ impl Problem {
         Self { status, kind, detail: detail.into(), more: Map::new() }
     }
 
+    /// Its status.
+    pub fn status(&self) -> StatusCode {
+        self.status
+    }
+
     /// 400: a field of the query or body is wrong.
     pub fn field(field: &str, detail: impl Into<String>) -> Self {
         Self::new(StatusCode::BAD_REQUEST, "bad_field", detail).with("field", field)
@@ -74,6 +79,9 @@ impl Problem {
                 ("too_large", "the request body is larger than the daemon takes")
             }
             StatusCode::REQUEST_TIMEOUT | StatusCode::SERVICE_UNAVAILABLE => ("timeout", "no answer in time"),
+            StatusCode::URI_TOO_LONG | StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE => {
+                ("too_large", "the head of the request is larger than the daemon takes")
+            }
             _ if status.is_server_error() => {
                 return Self { status, ..Self::internal() };
             }
@@ -85,6 +93,7 @@ impl Problem {
 
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
+        let wait = self.more.get("retry_after_s").and_then(Value::as_f64).map(|seconds| seconds as u64);
         let mut body = self.more;
         body.insert("type".into(), format!("urn:stictiond:problem:{}", self.kind).into());
         body.insert("title".into(), self.status.canonical_reason().unwrap_or("Error").into());
@@ -95,6 +104,12 @@ impl IntoResponse for Problem {
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
         if self.status == StatusCode::SERVICE_UNAVAILABLE {
             headers.insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
+        }
+        if let Some(seconds) = wait {
+            headers.insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        if self.status == StatusCode::UNAUTHORIZED {
+            headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer realm=\"stictiond\""));
         }
         response
     }

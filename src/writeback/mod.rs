@@ -15,15 +15,11 @@ mod config;
 #[cfg(feature = "writeback")]
 mod link;
 #[cfg(feature = "writeback")]
-mod recorder;
-#[cfg(feature = "writeback")]
 mod run;
 
 pub use config::{Config, LoopConfig, Target, TermType, WordOrder};
 #[cfg(feature = "writeback")]
 pub use link::Writer;
-#[cfg(feature = "writeback")]
-pub use recorder::Recorder;
 #[cfg(feature = "writeback")]
 pub use run::{Clocks, Look, LoopSetup, Tell, Writeback};
 

@@ -2,7 +2,7 @@
 
 use super::config::Target;
 use super::link::Writer;
-use super::recorder::Recorder;
+use crate::audit::Recorder;
 use crate::compensation::gate::{
     Action, Event, Gate, Inputs, Limits, News, Order, Refusal, State, Status, Time, WriteFault,
 };

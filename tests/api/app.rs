@@ -202,7 +202,7 @@ async fn an_address_that_the_network_reaches_is_refused_before_anything_is_serve
     let app = App::build(config(&[address], &[("A", 0, 10)]), clock, App::diagnosis()).expect("sound");
     let listener = TcpListener::bind("0.0.0.0:0").await.expect("a free port");
     let refused = app.run(listener).await;
-    assert!(matches!(refused, Err(AppError::Serve(serve::ServeError::NotLoopback(_)))), "{refused:?}");
+    assert!(matches!(refused, Err(AppError::Serve(serve::ServeError::Unguarded(_)))), "{refused:?}");
 }
 
 #[tokio::test]

@@ -213,13 +213,24 @@ async fn requests_are_bounded_in_number_and_time() {
 async fn the_network_is_refused_unless_the_configuration_says_so_in_plain_words() {
     let open =
         serve::Config { listen: "0.0.0.0:8080".parse().expect("an address"), ..serve::Config::default() };
-    assert_eq!(open.validate()[0].0, "listen");
-    assert!(open.validate()[0].1.contains("allow_unauthenticated_network = true"));
+    let said = |config: &serve::Config, log_in| {
+        config.permits(config.listen, log_in).map_err(|error| error.to_string()).err().unwrap_or_default()
+    };
+    assert!(said(&open, false).contains("allow_unauthenticated_network = true"));
+    assert!(said(&open, true).contains("allow_plain_http_on_network = true"));
+    let tls = serve::TlsConfig { cert_file: "c".into(), key_file: "k".into(), client_ca_file: None };
+    let encrypted = serve::Config { tls: Some(tls), ..open.clone() };
+    assert!(said(&encrypted, false).contains("allow_unauthenticated_network = true"));
+    assert_eq!(said(&encrypted, true), "");
+    let behind_a_proxy = serve::Config { allow_plain_http_on_network: true, ..open.clone() };
+    assert_eq!(said(&behind_a_proxy, true), "");
+    assert!(!said(&behind_a_proxy, false).is_empty());
     let allowed = serve::Config { allow_unauthenticated_network: true, ..open };
-    assert_eq!(allowed.validate(), vec![]);
+    assert_eq!(said(&allowed, false), "");
+    assert!(!said(&allowed, true).is_empty(), "with a log-in there are secrets to be read");
     for loopback in ["127.0.0.1:1", "127.8.9.1:1", "[::1]:1", "[::ffff:127.0.0.1]:1"] {
         let config =
             serve::Config { listen: loopback.parse().expect("an address"), ..serve::Config::default() };
-        assert_eq!(config.validate(), vec![], "{loopback}");
+        assert_eq!((said(&config, false), said(&config, true)), (String::new(), String::new()), "{loopback}");
     }
 }

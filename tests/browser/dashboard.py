@@ -1,4 +1,4 @@
-"""Walks through the dashboard in headless Chromium. Usage: dashboard.py walk|speed BASE OUT
+"""Walks through the dashboard in headless Chromium. Usage: dashboard.py walk|access|speed BASE OUT
 
 Screenshots go to OUT. Every check says what it saw; the first that fails ends the walk with exit code 1.
 """
@@ -13,6 +13,7 @@ from pathlib import Path
 
 from playwright.sync_api import expect, sync_playwright
 
+PASSWORD = "a password for tests"
 NASTY = "<img src=x onerror=alert(1)>"
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 AXE = importlib.resources.files("axe_playwright_python").joinpath("axe.min.js").read_text()
@@ -341,7 +342,93 @@ def speed(walk):
     check(packed < 0.2 * plain, "payloads are compressed")
 
 
-PARTS = {"walk": [plant, one_loop, acknowledge, looks, report], "speed": [speed]}
+def log_in(walk, user, password=PASSWORD):
+    """By keyboard alone; the name has the focus when the page comes."""
+    page = walk.page
+    expect(page.get_by_role("heading", name="Log in")).to_be_visible()
+    expect(page.get_by_label("Name")).to_be_focused()
+    page.keyboard.type(user)
+    page.keyboard.press("Tab")
+    page.keyboard.type(password)
+    page.keyboard.press("Enter")
+
+
+def api(page, method, path, csrf=True):
+    """Asks as the page does, with its cookie, and with or without the word that changes need."""
+    return page.evaluate("""async ([method, path, csrf]) => {
+        const { csrf: word } = await (await fetch('/api/v1/session')).json();
+        return (await fetch('/api/v1' + path, { method, headers: csrf && word ? { 'x-csrf-token': word } : {} })).status }""", [method, path, csrf])
+
+
+def access(walk):
+    """A stranger, a viewer, an operator and an engineer."""
+    sticky = "FIC00000"
+    page = walk.open(1440, 900)
+    walk.go(f"loop/{sticky}")
+    expect(page.get_by_role("heading", name="Log in")).to_be_visible()
+    check(api(page, "GET", "/loops") == 401 and sticky not in page.locator("body").inner_text(), "a stranger sees nothing of the plant")
+    walk.axe("the log-in, light")
+    walk.shot("login")
+    log_in(walk, "vera", "not the password")
+    expect(page.get_by_role("alert")).to_have_text("name or password is wrong")
+    expect(page.get_by_label("Password")).to_be_focused()
+    check(len(walk.faults) == 2 and all("401" in fault for fault in walk.faults), "the browser reports the two refusals and nothing else")
+    walk.faults.clear()
+    page.keyboard.type(PASSWORD)
+    page.keyboard.press("Enter")
+    # Where they wanted to go in the first place.
+    expect(page.locator("main h1")).to_have_text(sticky)
+    expect(page.locator("#who")).to_have_text("vera")
+    cookie = next(c for c in page.context.cookies() if c["name"] == "stictiond_session")
+    check(cookie["httpOnly"] and cookie["secure"] and cookie["sameSite"] == "Strict", "the cookie is out of reach")
+    expect(page.locator(".verdict")).to_have_attribute("data-kind", "unacknowledged")
+    check(page.locator(".verdict button").count() == 0, "a viewer has no button to acknowledge")
+    expect(page.locator("nav [data-view=audit]")).to_be_hidden()
+    walk.go("alarms")
+    expect(page.locator("tbody tr")).to_have_count(1)
+    check(page.locator("td.act button").count() == 0, "nor among the alarms")
+    check(api(page, "POST", f"/alarms/{sticky}/ack") == 403, "the daemon refuses a viewer too")
+    check(api(page, "GET", "/audit") == 403, "a viewer does not read the audit log")
+    walk.faults.clear()
+    walk.tab_to("#log-out")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="Log in")).to_be_visible()
+    page.context.add_cookies([cookie])
+    check(api(page, "GET", "/loops") == 401, "a session that was logged out is not taken again")
+    page.context.clear_cookies()
+    walk.faults.clear()
+    walk.go("alarms")
+    log_in(walk, "otto")
+    expect(page.locator("tbody tr")).to_have_count(1)
+    check(api(page, "POST", f"/alarms/{sticky}/ack", csrf=False) == 403, "a change without the word of the page is refused")
+    walk.faults.clear()
+    walk.tab_to('button[data-act^="Acknowledge"]')
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("dialog")).to_contain_text("as otto")
+    walk.tab_to("dialog button.main", 5)
+    page.keyboard.press("Enter")
+    expect(page.locator("tr[data-kind=acknowledged]")).to_contain_text("otto")
+    print("ok: an operator acknowledges under the name of the log-in")
+    page = walk.open(1440, 900, "dark")
+    walk.go()
+    expect(page.get_by_role("heading", name="Log in")).to_be_visible()
+    walk.axe("the log-in, dark")
+    log_in(walk, "enya")
+    expect(page.locator(".tile").first).to_be_visible()
+    page.get_by_role("link", name="Audit").click()
+    row = page.locator("tr[data-event=change]").first
+    expect(row).to_contain_text("otto")
+    expect(row).to_contain_text(f"/api/v1/alarms/{sticky}/ack")
+    check("refused" in page.locator("tr[data-event=refused]").first.text_content(), "what was refused is on record too")
+    check(PASSWORD not in page.locator("body").inner_text() and "not the password" not in page.content(), "no password is on record")
+    walk.axe("the audit log, dark")
+    walk.shot("audit-dark")
+    page.set_viewport_size({"width": 390, "height": 844})
+    walk.fits("the audit log on a phone")
+    walk.shot("audit-phone")
+
+
+PARTS = {"access": [access], "walk": [plant, one_loop, acknowledge, looks, report], "speed": [speed]}
 
 
 def main():

@@ -3,7 +3,7 @@
 
 mod rig;
 
-use rig::{Rig, crowd, plant};
+use rig::{Rig, crowd, guarded, plant};
 use std::path::Path;
 use std::time::Duration;
 use tokio::process::Command;
@@ -29,6 +29,13 @@ async fn browse(rig: &Rig, part: &str) {
 async fn an_operator_finds_believes_and_handles_a_sticking_valve() {
     let rig = plant().await;
     browse(&rig, "walk").await;
+    rig.stop.cancel();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_logs_in_may_do_what_their_role_says() {
+    let rig = guarded().await;
+    browse(&rig, "access").await;
     rig.stop.cancel();
 }
 

@@ -1,10 +1,13 @@
 //! Daemons without devices: one with recorded loops of the demo's plant and real diagnoses, one with very many loops.
 
 use std::net::SocketAddr;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
+use stictiond::access::{self, Access, Book, Cost, PasswordHash, Roles};
 use stictiond::alarm;
 use stictiond::app::App;
+use stictiond::audit::{Bounds, Recorder};
 use stictiond::diagnosis::{
     CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Preparation, Settings, Verdict, rivals,
 };
@@ -40,6 +43,7 @@ struct Parts {
     speed: f64,
     samples: usize,
     diagnose: Diagnose,
+    door: Option<Arc<Access>>,
 }
 
 /// Serves what the parts describe; hands back the history, for who fills it, and the scheduler.
@@ -69,8 +73,17 @@ async fn serve(parts: Parts) -> (Rig, Arc<History>, Arc<Scheduler>) {
     let plant = Plant::new(parts.infos, history.clone(), Arc::new(move || vec![device.clone()]));
     let (keep, plant) = watch::channel(Arc::new(plant.with_facts(facts)));
     let stop = CancellationToken::new();
+    let audit = parts.door.as_ref().map(|_| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser-audit");
+        let _ = std::fs::remove_dir_all(&folder);
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let bounds = Bounds { max_bytes: 1_000_000, keep_files: 1 };
+        Arc::new(Recorder::start(&folder.join("audit.log"), bounds, START).expect("a log"))
+    });
     let context =
-        Context::new(serve::Config::default(), clock, results, scheduler.clone(), plant, stop.clone());
+        Context::new(serve::Config::default(), clock, results, scheduler.clone(), plant, stop.clone())
+            .with_access(parts.door)
+            .with_audit(audit);
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("bound");
     let (runner, token) = (scheduler.clone(), stop.clone());
@@ -109,6 +122,7 @@ pub async fn plant() -> Rig {
         speed: SPEED,
         samples: 4096,
         diagnose: App::diagnosis(),
+        door: None,
     };
     let (rig, history, scheduler) = serve(parts).await;
     // The demo is polled at every fourth sample of its controllers; the first 2,000 s are its way into the swing.
@@ -143,6 +157,27 @@ pub async fn plant() -> Rig {
 
 /// Very many loops, one in twenty sticking, with made-up diagnoses.
 pub async fn crowd(n: usize) -> Rig {
+    crowd_behind(n, None).await
+}
+
+/// The password of every user of `guarded`.
+const PASSWORD: &str = "a password for tests";
+
+/// Some loops, for who logs in: `vera` views, `otto` operates, `enya` is an engineer.
+pub async fn guarded() -> Rig {
+    let mut book = Book::default();
+    for (name, role) in
+        [("vera", access::Role::Viewer), ("otto", access::Role::Operator), ("enya", access::Role::Engineer)]
+    {
+        let cheap = Cost { memory_kib: 8, passes: 1 };
+        let hash = PasswordHash::of(PASSWORD, [1; 16], cheap).expect("a cost");
+        book.add_user(name, Roles::of(&[role]), hash).expect("added");
+    }
+    let access = Access::new(access::Config::new("unused".into()), book);
+    crowd_behind(20, Some(Arc::new(access))).await
+}
+
+async fn crowd_behind(n: usize, door: Option<Arc<Access>>) -> Rig {
     let id = |at: usize| LoopId::new(format!("FIC{at:05}"));
     let tags = (0..n).map(|at| LoopTags {
         id: id(at),
@@ -163,6 +198,7 @@ pub async fn crowd(n: usize) -> Rig {
         speed: 1.0,
         samples: 200,
         diagnose: Arc::new(|record, _, _| made_up(record.op_limits.map_or(0, |(at, _)| at as usize)).into()),
+        door,
     };
     let (rig, _, scheduler) = serve(parts).await;
     for at in 0..n {

@@ -5,6 +5,7 @@ use super::super::dto::alarms::{AlarmActed, AlarmChangeItem, AlarmHistory, Alarm
 use super::super::dto::params::{ActBody, AlarmHistoryQuery, AlarmState, AlarmsQuery, ShelveBody};
 use super::super::dto::rfc3339;
 use super::super::extract::{Body, OfAlarm, Params, Required, short, within};
+use super::super::guard::Actor;
 use super::super::problem::Problem;
 use super::off_thread;
 use crate::alarm::{Action, AlarmId, Refusal, Shelving};
@@ -78,9 +79,10 @@ pub async fn history(
 pub async fn acknowledge(
     context: Shared,
     OfAlarm(id): OfAlarm,
+    actor: Actor,
     Body(body): Body<ActBody>,
 ) -> Result<Response, Problem> {
-    act(context, id, Action::Acknowledge, body.by, body.comment).await
+    act(context, id, Action::Acknowledge, said(&actor, body.by, body.comment)?).await
 }
 
 /// Somebody lets a latched alarm go, which has been acknowledged and whose condition is gone.
@@ -91,9 +93,10 @@ pub async fn acknowledge(
 pub async fn reset(
     context: Shared,
     OfAlarm(id): OfAlarm,
+    actor: Actor,
     Body(body): Body<ActBody>,
 ) -> Result<Response, Problem> {
-    act(context, id, Action::Reset, body.by, body.comment).await
+    act(context, id, Action::Reset, said(&actor, body.by, body.comment)?).await
 }
 
 /// Somebody silences the alarm for a time, or until its condition goes; on a shelved alarm, sets a new end.
@@ -105,10 +108,11 @@ pub async fn reset(
 pub async fn shelve(
     context: Shared,
     OfAlarm(id): OfAlarm,
+    actor: Actor,
     Required(body): Required<ShelveBody>,
 ) -> Result<Response, Problem> {
     let how = if body.one_shot { Shelving::Once(body.duration_s) } else { Shelving::For(body.duration_s) };
-    act(context, id, Action::Shelve(how), body.by, body.comment).await
+    act(context, id, Action::Shelve(how), said(&actor, body.by, body.comment)?).await
 }
 
 /// Somebody ends the silence.
@@ -119,9 +123,10 @@ pub async fn shelve(
 pub async fn unshelve(
     context: Shared,
     OfAlarm(id): OfAlarm,
+    actor: Actor,
     Body(body): Body<ActBody>,
 ) -> Result<Response, Problem> {
-    act(context, id, Action::Unshelve, body.by, body.comment).await
+    act(context, id, Action::Unshelve, said(&actor, body.by, body.comment)?).await
 }
 
 /// Somebody takes the alarm out of service, until it is given back.
@@ -132,9 +137,10 @@ pub async fn unshelve(
 pub async fn take_out(
     context: Shared,
     OfAlarm(id): OfAlarm,
+    actor: Actor,
     Body(body): Body<ActBody>,
 ) -> Result<Response, Problem> {
-    act(context, id, Action::TakeOut, body.by, body.comment).await
+    act(context, id, Action::TakeOut, said(&actor, body.by, body.comment)?).await
 }
 
 /// Somebody gives the alarm back to service.
@@ -145,25 +151,19 @@ pub async fn take_out(
 pub async fn give_back(
     context: Shared,
     OfAlarm(id): OfAlarm,
+    actor: Actor,
     Body(body): Body<ActBody>,
 ) -> Result<Response, Problem> {
-    act(context, id, Action::GiveBack, body.by, body.comment).await
+    act(context, id, Action::GiveBack, said(&actor, body.by, body.comment)?).await
 }
 
 /// Who acts on an alarm, and what they say: the one place where the name comes from.
-fn said(by: Option<String>, comment: Option<String>) -> Result<Said, Problem> {
-    Ok(Said { by: short("by", by, 100)?, comment: short("comment", comment, 1000)? })
+fn said(actor: &Actor, by: Option<String>, comment: Option<String>) -> Result<Said, Problem> {
+    Ok(Said { by: actor.signed(short("by", by, 100)?), comment: short("comment", comment, 1000)? })
 }
 
 /// Acts; what was done is durable before it is answered, where there is a store that works.
-async fn act(
-    State(context): Shared,
-    id: AlarmId,
-    action: Action,
-    by: Option<String>,
-    comment: Option<String>,
-) -> Result<Response, Problem> {
-    let said = said(by, comment)?;
+async fn act(State(context): Shared, id: AlarmId, action: Action, said: Said) -> Result<Response, Problem> {
     off_thread(move || {
         let acted = context.results.act(&id, action, said, context.clock.now());
         match acted.ok_or_else(|| Problem::unknown_alarm(&id.to_string()))? {

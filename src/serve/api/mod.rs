@@ -1,12 +1,14 @@
 //! The routes, and their description made from them.
 
 mod alarms;
+mod audit;
 mod bundle;
 mod events;
 mod evidence;
 mod health;
 mod loops;
 mod report;
+mod session;
 mod system;
 mod writeback;
 
@@ -82,6 +84,8 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(events::stream))
         .routes(routes!(system::collectors))
         .routes(routes!(system::system))
+        .routes(routes!(session::state, session::begin, session::end))
+        .routes(routes!(audit::list))
         .merge(common());
     #[cfg(feature = "writeback")]
     let api = api

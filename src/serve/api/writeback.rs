@@ -1,5 +1,5 @@
-//! Write-back: its state, and in a binary that can write what an operator may do. There is no log-in yet and names are
-//! believed, so what acts is served on loopback only.
+//! Write-back: its state, and in a binary that can write what a person may do. Where there is no log-in names are believed,
+//! so what acts is served on loopback only; where there is one, it takes a person who logged in, and no program's token.
 
 use super::super::Context;
 use super::super::dto::params::NoQuery;
@@ -40,6 +40,7 @@ pub use acting::*;
 mod acting {
     use super::super::super::dto::params::{GrantBody, NameBody};
     use super::super::super::extract::{Required, short};
+    use super::super::super::guard::Actor;
     use super::*;
     use crate::compensation::gate::{Action, Refusal};
     use axum::extract::FromRequestParts;
@@ -48,80 +49,92 @@ mod acting {
     use axum::http::uri::Authority;
     use std::net::IpAddr;
 
-    /// An operator allows write-back for a time; a second person has to approve. Loopback only, names are believed.
+    /// An operator allows write-back for a time; a second person has to approve. By a person who logged in; without a log-in on loopback only, and names are believed.
     #[utoipa::path(post, path = "/loops/{id}/writeback/grant", tag = "writeback", request_body = GrantBody,
         params(("id" = String, Path, description = "the loop's name")),
         responses((status = 200, body = WritebackView), (status = 400, description = "problem: the field is named"),
-            (status = 403, description = "problem: not on a loopback listener"),
+            (status = 403, description = "problem: not by a person who may"),
             (status = 404, description = "problem: no such loop, or not enabled"),
             (status = 409, description = "problem: the state does not allow it")))]
     pub async fn grant(
         State(context): Shared,
         OfLoop(id): OfLoop,
-        _: AtHome,
+        acting: Acting,
         Required(body): Required<GrantBody>,
     ) -> Result<Json<WritebackView>, Problem> {
-        act(&context, &id, Action::Grant(body.duration_s), body.by).await
+        act(&context, &id, Action::Grant(body.duration_s), acting.signed(body.by)).await
     }
 
     /// A second person agrees to the grant.
     #[utoipa::path(post, path = "/loops/{id}/writeback/approve", tag = "writeback", request_body = NameBody,
         params(("id" = String, Path, description = "the loop's name")),
-        responses((status = 200, body = WritebackView), (status = 403, description = "problem: not on a loopback listener"),
+        responses((status = 200, body = WritebackView), (status = 403, description = "problem: not by a person who may"),
             (status = 404, description = "problem: no such loop, or not enabled"),
             (status = 409, description = "problem: nothing to approve, or the same person")))]
     pub async fn approve(
         State(context): Shared,
         OfLoop(id): OfLoop,
-        _: AtHome,
+        acting: Acting,
         Required(body): Required<NameBody>,
     ) -> Result<Json<WritebackView>, Problem> {
-        act(&context, &id, Action::Approve, body.by).await
+        act(&context, &id, Action::Approve, acting.signed(body.by)).await
     }
 
     /// Takes the term back by a ramp to zero, or the grant before it was used.
     #[utoipa::path(post, path = "/loops/{id}/writeback/withdraw", tag = "writeback", request_body = NameBody,
         params(("id" = String, Path, description = "the loop's name")),
-        responses((status = 200, body = WritebackView), (status = 403, description = "problem: not on a loopback listener"),
+        responses((status = 200, body = WritebackView), (status = 403, description = "problem: not by a person who may"),
             (status = 404, description = "problem: no such loop, or not enabled"),
             (status = 409, description = "problem: nothing to withdraw")))]
     pub async fn withdraw(
         State(context): Shared,
         OfLoop(id): OfLoop,
-        _: AtHome,
+        acting: Acting,
         Required(body): Required<NameBody>,
     ) -> Result<Json<WritebackView>, Problem> {
-        act(&context, &id, Action::Withdraw, body.by).await
+        act(&context, &id, Action::Withdraw, acting.signed(body.by)).await
     }
 
     /// An operator resets a trip; a new grant is needed afterwards.
     #[utoipa::path(post, path = "/loops/{id}/writeback/reset", tag = "writeback", request_body = NameBody,
         params(("id" = String, Path, description = "the loop's name")),
-        responses((status = 200, body = WritebackView), (status = 403, description = "problem: not on a loopback listener"),
+        responses((status = 200, body = WritebackView), (status = 403, description = "problem: not by a person who may"),
             (status = 404, description = "problem: no such loop, or not enabled"),
             (status = 409, description = "problem: it is not tripped")))]
     pub async fn reset(
         State(context): Shared,
         OfLoop(id): OfLoop,
-        _: AtHome,
+        acting: Acting,
         Required(body): Required<NameBody>,
     ) -> Result<Json<WritebackView>, Problem> {
-        act(&context, &id, Action::Reset, body.by).await
+        act(&context, &id, Action::Reset, acting.signed(body.by)).await
     }
 
-    /// Asked on this machine, under a name of this machine: a page whose name was made to point here is of one origin
-    /// with the daemon, as a browser sees it.
-    pub struct AtHome;
+    /// Asked by a person who logged in. Where there is no log-in, asked on this machine, under a name of this machine: a page
+    /// whose name was made to point here is of one origin with the daemon, as a browser sees it.
+    pub struct Acting(Actor);
 
-    impl FromRequestParts<Arc<Context>> for AtHome {
+    impl Acting {
+        fn signed(&self, said: Option<String>) -> String {
+            self.0.signed(said).unwrap_or_default()
+        }
+    }
+
+    impl FromRequestParts<Arc<Context>> for Acting {
         type Rejection = Problem;
 
         async fn from_request_parts(parts: &mut Parts, context: &Arc<Context>) -> Result<Self, Problem> {
+            let actor = Actor::from_request_parts(parts, context).await?;
+            if !actor.unguarded {
+                let detail = "two people answer for write-back: a person logs in for it, a program's token is not enough";
+                let person = actor.is_person().then_some(Self(actor));
+                return person.ok_or_else(|| Problem::new(StatusCode::FORBIDDEN, "person_only", detail));
+            }
             let host = parts.headers.get(header::HOST).and_then(|host| host.to_str().ok());
             if context.on_loopback() && host.is_some_and(is_loopback) {
-                return Ok(Self);
+                return Ok(Self(actor));
             }
-            let detail = "there is no log-in yet: write-back is acted on from a loopback listener only, by a loopback \
+            let detail = "there is no log-in: write-back is acted on from a loopback listener only, by a loopback \
                           address or as localhost";
             Err(Problem::new(StatusCode::FORBIDDEN, "loopback_only", detail))
         }

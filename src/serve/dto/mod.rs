@@ -1,6 +1,7 @@
 //! What leaves the house as JSON. A transfer object is converted from a domain type in one place, here.
 
 pub mod alarms;
+pub mod audit;
 pub mod backfill;
 mod basis;
 pub mod bundle;
@@ -12,6 +13,7 @@ pub mod loops;
 pub mod params;
 pub mod report;
 pub mod samples;
+pub mod session;
 pub mod system;
 pub mod writeback;
 

@@ -216,7 +216,7 @@ pub struct NoQuery {}
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ActBody {
-    /// Who acts, at most 100 characters; believed as it is.
+    /// Who acts, at most 100 characters; believed as it is, unless there is a log-in, which says who.
     pub by: Option<String>,
     /// What they say, at most 1000 characters.
     pub comment: Option<String>,
@@ -227,8 +227,9 @@ pub struct ActBody {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GrantBody {
-    /// Who grants, at most 100 characters; believed as it is.
-    pub by: String,
+    /// Who grants, at most 100 characters; believed as it is, unless there is a log-in, which says who.
+    #[serde(default)]
+    pub by: Option<String>,
     /// How long (s).
     pub duration_s: f64,
 }
@@ -238,8 +239,9 @@ pub struct GrantBody {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NameBody {
-    /// Who acts, at most 100 characters; believed as it is.
-    pub by: String,
+    /// Who acts, at most 100 characters; believed as it is, unless there is a log-in, which says who.
+    #[serde(default)]
+    pub by: Option<String>,
 }
 
 /// Body of a shelving.
@@ -251,7 +253,7 @@ pub struct ShelveBody {
     /// Only until the condition goes, and at most `duration_s`.
     #[serde(default)]
     pub one_shot: bool,
-    /// Who acts, at most 100 characters; believed as it is.
+    /// Who acts, at most 100 characters; believed as it is, unless there is a log-in, which says who.
     #[serde(default)]
     pub by: Option<String>,
     /// What they say, at most 1000 characters.

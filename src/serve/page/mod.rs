@@ -21,14 +21,17 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/js/actions.js", SCRIPT, include_str!("assets/js/actions.js")),
     ("/js/alarms.js", SCRIPT, include_str!("assets/js/alarms.js")),
     ("/js/api.js", SCRIPT, include_str!("assets/js/api.js")),
+    ("/js/audit.js", SCRIPT, include_str!("assets/js/audit.js")),
     ("/js/board.js", SCRIPT, include_str!("assets/js/board.js")),
     ("/js/dom.js", SCRIPT, include_str!("assets/js/dom.js")),
     ("/js/evidence.js", SCRIPT, include_str!("assets/js/evidence.js")),
     ("/js/format.js", SCRIPT, include_str!("assets/js/format.js")),
     ("/js/live.js", SCRIPT, include_str!("assets/js/live.js")),
+    ("/js/login.js", SCRIPT, include_str!("assets/js/login.js")),
     ("/js/loop.js", SCRIPT, include_str!("assets/js/loop.js")),
     ("/js/main.js", SCRIPT, include_str!("assets/js/main.js")),
     ("/js/plant.js", SCRIPT, include_str!("assets/js/plant.js")),
+    ("/js/session.js", SCRIPT, include_str!("assets/js/session.js")),
     ("/js/settings.js", SCRIPT, include_str!("assets/js/settings.js")),
     ("/js/states.js", SCRIPT, include_str!("assets/js/states.js")),
     ("/js/svg.js", SCRIPT, include_str!("assets/js/svg.js")),
@@ -38,6 +41,11 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/vendor/uplot.min.css", CSS, include_str!("assets/vendor/uplot.min.css")),
     ("/vendor/uplot.LICENSE", TEXT, include_str!("assets/vendor/uplot.LICENSE")),
 ];
+
+/// Whether this is one of the dashboard's files.
+pub fn has(route: &str) -> bool {
+    FILES.iter().any(|(path, ..)| *path == route)
+}
 
 /// `/` and what it needs.
 pub fn routes() -> Router {

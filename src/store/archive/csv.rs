@@ -1,7 +1,26 @@
 //! Tables as CSV.
 
 use super::{ArchiveError, Cell, Column, Read, Sink};
+use std::borrow::Cow;
 use std::io;
+
+/// What a spreadsheet takes for the beginning of a formula.
+const FORMULA: [char; 6] = ['=', '+', '-', '@', '\t', '\r'];
+
+/// Whether a spreadsheet would compute this text, were it not for the quotes before it.
+fn is_formula(text: &str) -> bool {
+    text.trim_start_matches('\'').starts_with(FORMULA)
+}
+
+/// Text that a spreadsheet shows as it is: a name from the plant is no formula.
+fn shown(text: &str) -> Cow<'_, str> {
+    if is_formula(text) { format!("'{text}").into() } else { text.into() }
+}
+
+/// The text that was written by [`shown`].
+fn meant(text: &str) -> &str {
+    text.strip_prefix('\'').filter(|rest| is_formula(rest)).unwrap_or(text)
+}
 
 /// Longest row that is read (bytes).
 const MAX_ROW: usize = 1 << 20;
@@ -22,7 +41,7 @@ impl<W: io::Write> Sink for Writer<W> {
     fn row(&mut self, cells: &[Cell]) -> Result<(), ArchiveError> {
         for cell in cells {
             match cell {
-                Cell::Text(text) => self.out.write_field(text.as_bytes()),
+                Cell::Text(text) => self.out.write_field(shown(text).as_bytes()),
                 // The shortest text that reads back as the same number.
                 Cell::Number(value) => self.out.write_field(value.to_string()),
                 Cell::Nothing => self.out.write_field(""),
@@ -82,12 +101,12 @@ pub fn read(
                 Err(_) => Err(ArchiveError::Format(format!("row {at}: {name} {text:?} is no number"))),
             },
         };
-        let text = |column: Option<usize>| row.get(column?).filter(|text| !text.is_empty());
+        let text = |column: Option<usize>| row.get(column?).map(meant).filter(|text| !text.is_empty());
         take(
             at,
             &Read {
-                control_loop: row.get(own).unwrap_or_default(),
-                tag: row.get(tag).unwrap_or_default(),
+                control_loop: meant(row.get(own).unwrap_or_default()),
+                tag: meant(row.get(tag).unwrap_or_default()),
                 source: text(source),
                 unit: text(unit),
                 t: number(t, "t")?,
@@ -114,5 +133,20 @@ impl<R: io::Read> io::Read for Bounded<R> {
         let read = self.inner.read(buffer)?;
         self.since_row += read;
         Ok(read)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_cell_is_a_formula_and_every_name_comes_back() {
+        for name in ["FIC101", "=1+2", "-x", "@SUM(A1)", "+1", "\t=1", "'=1", "''=1", "'quoted'", "", "'"] {
+            let cell = shown(name);
+            assert!(!cell.starts_with(FORMULA), "{name:?} is written as {cell:?}");
+            assert_eq!(meant(&cell), name);
+        }
+        assert_eq!((shown("FIC101").as_ref(), shown("=1").as_ref()), ("FIC101", "'=1"));
     }
 }

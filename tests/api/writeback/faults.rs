@@ -8,9 +8,10 @@ use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::SeqCst};
 use std::time::{Duration, Instant};
+use stictiond::audit::Recorder;
 use stictiond::compensation::gate::{Action, Evidence, Inputs, State, Time};
 use stictiond::signal::LoopId;
-use stictiond::writeback::{LoopSetup, Recorder, Writeback};
+use stictiond::writeback::{LoopSetup, Writeback};
 use tokio::sync::watch;
 
 const PATIENCE: Duration = Duration::from_secs(60);

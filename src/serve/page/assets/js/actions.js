@@ -3,22 +3,23 @@
 import { alarmPath, post } from "./api.js";
 import { h, memory, toast } from "./dom.js";
 import { touch } from "./live.js";
+import { session } from "./session.js";
 
-const name = () => memory.get("name") ?? "";
+const name = () => session.name ?? memory.get("name") ?? "";
 
 /** Asks for what `fields` make, then acts; resolves to true when it was done. */
 function ask(title, fields, verb, act) {
   return new Promise((done) => {
     const wrong = h("p", { class: "wrong", role: "alert" });
     const by = h("input", { name: "by", maxlength: "100", autocomplete: "name", required: true, value: name() });
-    const form = h("form", { method: "dialog" }, h("h2", { id: "asked" }, title), h("label", null, "Your name", by), ...fields, wrong,
+    const form = h("form", { method: "dialog" }, h("h2", { id: "asked" }, title), session.name ? h("p", { class: "note" }, `as ${session.name}`) : h("label", null, "Your name", by), ...fields, wrong,
       h("div", { class: "acts" }, h("button", { type: "button", on: { click: () => dialog.close() } }, "Cancel"), h("button", { class: "main" }, verb)));
     const dialog = h("dialog", { "aria-labelledby": "asked" }, form);
     let acted = false;
     form.addEventListener("submit", async (event) => {
       event.preventDefault();
       const said = Object.fromEntries(new FormData(form));
-      memory.set("name", said.by);
+      if (said.by) memory.set("name", said.by);
       try {
         await act(said);
         acted = true;

@@ -5,6 +5,7 @@ import { get } from "./api.js";
 import { h, scroll } from "./dom.js";
 import { short, when } from "./format.js";
 import { listen, loops } from "./live.js";
+import { may } from "./session.js";
 import { isOut, isShelved, kindOf, mayAck, mayReset, mayShelve, words } from "./states.js";
 
 const TABS = { standing: "Standing", history: "History" };
@@ -34,9 +35,9 @@ export function alarmsView(main, _parts, query) {
     const loop = loops.get(loopOf(item)), kind = kindOf({ alarm: item.state });
     // Names of buttons say which alarm they are for; that of a loop's stiction is the loop's own.
     const name = ofStiction(item) ? nameOf(item) : `${nameOf(item)} ${kindWords(item)}`;
-    const button = (text, act) => h("button", { type: "button", "data-act": `${text} ${name}`, "aria-label": `${text} ${name}`, on: { click: async () => (await act(item.id, name, loopOf(item))) && show() } }, text);
+    const button = (text, act, role = "operator") => may(role) && h("button", { type: "button", "data-act": `${text} ${name}`, "aria-label": `${text} ${name}`, on: { click: async () => (await act(item.id, name, loopOf(item))) && show() } }, text);
     const flags = ["chattering", "stale", "one_shot"].filter((flag) => item[flag]).map((flag) => words(flag === "one_shot" ? "once" : flag));
-    const acts = isOut(item.state) ? [button("Back in service", giveBack)] : [mayAck(item.state) && button("Acknowledge", acknowledge), mayReset(item.state) && button("Reset", reset), isShelved(item.state) ? button("Unshelve", unshelve) : mayShelve(item.state) && button("Shelve", shelve), button("Out of service", takeOut)];
+    const acts = isOut(item.state) ? [button("Back in service", giveBack, "engineer")] : [mayAck(item.state) && button("Acknowledge", acknowledge), mayReset(item.state) && button("Reset", reset), isShelved(item.state) ? button("Unshelve", unshelve) : mayShelve(item.state) && button("Shelve", shelve), button("Out of service", takeOut, "engineer")];
     return h("tr", { "data-kind": kind.key, "data-id": loopOf(item) ?? item.id, "data-alarm": item.id }, h("td", null, h("span", { class: "mark" }), link(item), " ", h("small", null, loop?.description ?? "")), h("td", null, kindWords(item)), h("td", { class: `priority ${item.priority ?? ""}` }, item.priority ?? "–"),
       h("td", null, words(item.state), flags.length ? h("small", null, ` ${flags.join(", ")}`) : null), h("td", { class: "time" }, when(item.since)), h("td", { class: "number" }, ofStiction(item) && loop?.f ? `${short(loop.f, 3)} ${loop.f_unit}` : "–"), h("td", { class: "what" }, item.detail ?? ""), h("td", null, said(item)),
       h("td", { class: "time" }, item.shelved_until ? when(item.shelved_until) : ""), h("td", { class: "act" }, acts));

@@ -6,15 +6,24 @@ export async function get(path, signal) {
   return answered(await fetch(API + path, { signal }));
 }
 
-export async function post(path, body) {
-  const options = { method: "POST" };
-  if (body) Object.assign(options, { body: JSON.stringify(body), headers: { "content-type": "application/json" } });
+/** What a change carries beside the cookie. */
+export const credentials = { csrf: null };
+
+async function change(method, path, body) {
+  const options = { method, headers: credentials.csrf ? { "x-csrf-token": credentials.csrf } : {} };
+  if (body) Object.assign(options, { body: JSON.stringify(body), headers: { ...options.headers, "content-type": "application/json" } });
   return answered(await fetch(API + path, options));
 }
 
+export const post = (path, body) => change("POST", path, body);
+export const remove = (path) => change("DELETE", path);
+
 async function answered(answer) {
+  if (answer.status === 204) return null;
   const body = await answer.json();
   if (answer.ok) return body;
+  // A session that has ended meanwhile: the shell asks for another.
+  if (answer.status === 401 && body.type?.endsWith(":log_in")) dispatchEvent(new Event("signed-out"));
   const error = new Error(body.detail ?? answer.statusText);
   error.status = answer.status;
   throw error;

@@ -6,6 +6,7 @@ import { h, scroll, toast } from "./dom.js";
 import { ago, friction, lasting, short, when } from "./format.js";
 import { listen, touch } from "./live.js";
 import { drawEvidence } from "./evidence.js";
+import { may } from "./session.js";
 import { isShelved, kindOf, mayAck, mayShelve, VERDICTS, words } from "./states.js";
 import { trend } from "./trend.js";
 
@@ -40,7 +41,7 @@ export function loopView(main, [id]) {
   main.append(head, banner, cards);
   residual.hidden = writeback.hidden = true;
 
-  const button = (text, act, main_ = false) => h("button", { type: "button", class: main_ ? "main" : null, on: { click: act } }, text);
+  const button = (text, act, main_ = false) => may("operator") && h("button", { type: "button", class: main_ ? "main" : null, on: { click: act } }, text);
   const acted = async (act) => (await act(id)) && show();
 
   async function run(event) {

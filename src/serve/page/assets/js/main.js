@@ -6,11 +6,14 @@ import { ago, when } from "./format.js";
 import { begin, listen, loops, state } from "./live.js";
 import { kindOf } from "./states.js";
 import { plantView } from "./plant.js";
+import { logOut, may, session, whoAmI } from "./session.js";
 
 const VIEWS = {
   "": async () => plantView,
   loop: async () => (await import("./loop.js")).loopView,
   alarms: async () => (await import("./alarms.js")).alarmsView,
+  audit: async () => (await import("./audit.js")).auditView,
+  login: async () => (await import("./login.js")).loginView,
   settings: async () => (await import("./settings.js")).settingsView,
 };
 
@@ -30,7 +33,8 @@ async function route() {
   const [path, query] = location.hash.replace(/^#\/?/, "").split("?");
   const [name, ...parts] = path.split("/").map(decoded);
   const mine = ++shown;
-  const view = await (VIEWS[name] ?? VIEWS[""])();
+  // Who may not read is asked for a name, and comes where they wanted to go.
+  const view = await (may("viewer") ? (VIEWS[name] ?? VIEWS[""]) : VIEWS.login)();
   if (mine !== shown) return;
   leave?.();
   const main = byId("main");
@@ -116,8 +120,34 @@ addEventListener("keydown", (event) => {
     byId("q").focus();
   }
 });
+
+// The name of who sits here, and what only some may open.
+function identity() {
+  byId("who").hidden = byId("log-out").hidden = !session.name;
+  byId("who").textContent = session.name ?? "";
+  byId("who").title = session.roles.join(", ");
+  byId("log-in").hidden = Boolean(session.name) || !session.log_in || !may("viewer");
+  document.querySelector('nav [data-view="audit"]').hidden = !(session.audited && may("engineer"));
+  for (const link of document.querySelectorAll("nav [data-view]:not([data-view=audit]), #collectors, #link")) link.hidden = !may("viewer");
+}
+
+byId("log-out").addEventListener("click", async () => {
+  await logOut().catch((error) => toast(error.message, true));
+  location.reload();
+});
+// Once: the page that comes then asks who sits there.
+addEventListener("signed-out", () => session.name && location.reload(), { once: true });
+
 listen(bar);
+try {
+  await whoAmI();
+} catch (error) {
+  toast(`who you are cannot be asked: ${error.message}`, true);
+}
+identity();
 route();
-begin();
-collectors();
-setInterval(collectors, 5000);
+if (may("viewer")) {
+  begin();
+  collectors();
+  setInterval(collectors, 5000);
+}

@@ -1,7 +1,7 @@
 //! Puts everything on record: one thread that owns the audit log, so that waiting for the disk delays no timer.
 
-use crate::audit::{AuditError, Bounds, Log};
-use std::path::Path;
+use super::{AuditError, Bounds, Log};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -15,6 +15,7 @@ const BATCH: usize = 512;
 
 /// Hands entries to the thread that writes them.
 pub struct Recorder {
+    path: PathBuf,
     entries: Mutex<Option<SyncSender<Entry>>>,
     failed: Arc<AtomicBool>,
     thread: Mutex<Option<JoinHandle<()>>>,
@@ -38,7 +39,13 @@ impl Recorder {
         let failed = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&failed);
         let thread = std::thread::spawn(move || keep(log, &receiver, &flag));
-        Ok(Self { entries: Mutex::new(Some(sender)), failed, thread: Mutex::new(Some(thread)) })
+        let path = path.to_path_buf();
+        Ok(Self { path, entries: Mutex::new(Some(sender)), failed, thread: Mutex::new(Some(thread)) })
+    }
+
+    /// The log.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// False from the first entry on that could not be put on record.
@@ -98,7 +105,7 @@ fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool) {
         if let Err(error) = written {
             // What stands in the file now may end in half a line: nothing more is written behind it.
             failed.store(true, Relaxed);
-            tracing::error!(%error, "the audit log cannot be written: write-back withdraws");
+            tracing::error!(%error, "the audit log cannot be written: nothing is changed any more, write-back withdraws");
             return;
         }
         for entry in batch {

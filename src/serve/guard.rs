@@ -1,0 +1,241 @@
+//! The door: who asks, whether they may, and that every change is put on record. Nothing gets past it unasked.
+
+use super::Context;
+use super::listen::Peer;
+use super::policy::{self, Need};
+use super::problem::Problem;
+use crate::access::{Identity, Proof, Refused, Role, same_word};
+use axum::body::{Body, Bytes, to_bytes};
+use axum::extract::{FromRequestParts, MatchedPath, Request, State};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use std::error::Error;
+use std::net::{IpAddr, Ipv4Addr};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::timeout;
+
+/// The cookie of a session.
+pub const COOKIE: &str = "stictiond_session";
+/// The header that a change by cookie must carry.
+pub const CSRF: &str = "x-csrf-token";
+/// Longest part of a body that is put on record (characters).
+const MOST_RECORDED: usize = 2000;
+/// Longest wait for an entry to be on disk.
+const ON_RECORD: Duration = Duration::from_secs(5);
+
+/// Who asks. Every request carries it.
+#[derive(Clone, Debug)]
+pub struct Actor {
+    /// Who they are; `None` for whom nobody knows.
+    pub identity: Option<Identity>,
+    /// Where they are.
+    pub from: IpAddr,
+    /// What a change by this session must carry.
+    pub csrf: Option<String>,
+    /// Whether there is no log-in at all.
+    pub unguarded: bool,
+    /// Whether everybody may read.
+    pub anyone_may_read: bool,
+}
+
+impl Actor {
+    /// Whether they have a role that includes this one.
+    pub fn may(&self, role: Role) -> bool {
+        let known = self.identity.as_ref().is_some_and(|identity| identity.roles.may(role));
+        known || self.unguarded || self.anyone_may_read && role == Role::Viewer
+    }
+
+    /// The name under which they act: their own; where there is no log-in, what they say.
+    pub fn signed(&self, said: Option<String>) -> Option<String> {
+        self.identity.as_ref().map(|identity| identity.name.clone()).or(said)
+    }
+
+    /// Whether they logged in by a password.
+    pub fn is_person(&self) -> bool {
+        self.identity.as_ref().is_some_and(|identity| identity.by == Proof::Session)
+    }
+
+    fn fields(&self) -> Vec<(&'static str, String)> {
+        let (who, by) = match &self.identity {
+            Some(identity) => (identity.name.clone(), identity.by.to_string()),
+            None => (String::new(), "nobody".to_string()),
+        };
+        vec![("who", who), ("by", by), ("from", self.from.to_string())]
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for Actor {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Self, Problem> {
+        parts.extensions.get::<Actor>().cloned().ok_or_else(Problem::internal)
+    }
+}
+
+/// Lets a request in, or says why not.
+pub async fn guard(State(context): State<Arc<Context>>, mut request: Request, next: Next) -> Response {
+    let matched = request.extensions().get::<MatchedPath>().map(|path| policy::of_path(path.as_str()));
+    let rules = matched.unwrap_or_default();
+    if rules.is_empty() {
+        return Problem::of_status(StatusCode::NOT_FOUND).into_response();
+    }
+    let Some(need) = policy::need(&rules, request.method()) else {
+        return not_allowed(&rules);
+    };
+    let from = request.extensions().get::<Peer>().map_or(Ipv4Addr::UNSPECIFIED.into(), |peer| peer.0.ip());
+    let actor = match identify(&context, request.headers(), from.to_canonical()) {
+        Ok(actor) => actor,
+        Err(problem) => return problem.into_response(),
+    };
+    let is_change = !matches!(*request.method(), Method::GET | Method::HEAD);
+    if let Err(problem) = decide(need, &actor, is_change, request.headers()) {
+        if is_change && actor.identity.is_some() {
+            let fields = asked(&actor, &request, problem.status());
+            record(&context, "refused", fields).await;
+        }
+        return problem.into_response();
+    }
+    request.extensions_mut().insert(actor.clone());
+    if is_change { change(&context, actor, request, next).await } else { next.run(request).await }
+}
+
+fn not_allowed(rules: &[(&str, Need)]) -> Response {
+    let mut allow: Vec<&str> = rules.iter().map(|(method, _)| *method).collect();
+    if allow.contains(&"GET") {
+        allow.push("HEAD");
+    }
+    let mut response = Problem::of_status(StatusCode::METHOD_NOT_ALLOWED).into_response();
+    if let Ok(allow) = HeaderValue::from_str(&allow.join(",")) {
+        response.headers_mut().insert(header::ALLOW, allow);
+    }
+    response
+}
+
+/// Who asks; a token that is no good is refused also where none is needed.
+fn identify(context: &Context, headers: &HeaderMap, from: IpAddr) -> Result<Actor, Problem> {
+    let nobody = Actor { identity: None, from, csrf: None, unguarded: false, anyone_may_read: false };
+    let Some(access) = &context.access else {
+        return Ok(Actor { unguarded: true, ..nobody });
+    };
+    let nobody = Actor { anyone_may_read: access.anyone_may_read(), ..nobody };
+    if let Some(shown) = headers.get(header::AUTHORIZATION) {
+        let token = shown.to_str().ok().and_then(|text| text.split_once(' '));
+        let token = token.filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
+        let token = token.ok_or_else(|| refused("bad_token", "write it as Authorization: Bearer TOKEN"))?;
+        let found = access.of_token(token.1.trim(), context.clock.now());
+        let identity = found.map_err(|why| match why {
+            Refused::Unknown => refused("bad_token", "this token was never made here, or was revoked"),
+            Refused::Expired => refused("expired_token", "this token has run out: rotate it"),
+        })?;
+        return Ok(Actor { identity: Some(identity), ..nobody });
+    }
+    let now = context.clock.elapsed().as_secs_f64();
+    let session = cookies(headers).find_map(|id| access.of_session(id, now));
+    Ok(match session {
+        Some((identity, found)) => Actor { identity: Some(identity), csrf: Some(found.csrf), ..nobody },
+        None => nobody,
+    })
+}
+
+/// Every value of the session's cookie: which of several is ours shows.
+pub fn cookies(headers: &HeaderMap) -> impl Iterator<Item = &str> {
+    let lines = headers.get_all(header::COOKIE).into_iter().filter_map(|line| line.to_str().ok());
+    let pairs = lines.flat_map(|line| line.split(';')).filter_map(|pair| pair.trim().split_once('='));
+    pairs.filter(|(name, _)| *name == COOKIE).map(|(_, value)| value)
+}
+
+fn refused(kind: &'static str, detail: &str) -> Problem {
+    Problem::new(StatusCode::UNAUTHORIZED, kind, detail)
+}
+
+fn decide(need: Need, actor: &Actor, is_change: bool, headers: &HeaderMap) -> Result<(), Problem> {
+    let Need::Role(role) = need else { return Ok(()) };
+    if !actor.may(role) {
+        let Some(identity) = &actor.identity else {
+            return Err(refused("log_in", "log in, or show a token"));
+        };
+        let detail = format!("this needs the role {role}; {} has: {}", identity.name, identity.roles);
+        return Err(Problem::new(StatusCode::FORBIDDEN, "role", detail).with("needs", role.as_str()));
+    }
+    // A browser sends the cookie with whatever asks it to; the word it only has from our own page.
+    let word = headers.get(CSRF).and_then(|word| word.to_str().ok());
+    let by_cookie = is_change && actor.csrf.is_some();
+    if by_cookie && !actor.csrf.as_deref().zip(word).is_some_and(|(own, word)| same_word(own, word)) {
+        let detail =
+            "a change by a browser's session carries the x-csrf-token that GET /api/v1/session gives";
+        return Err(Problem::new(StatusCode::FORBIDDEN, "csrf", detail));
+    }
+    Ok(())
+}
+
+/// Runs a change and puts it on record with its result; without a record that works nothing is changed.
+async fn change(context: &Context, actor: Actor, request: Request, next: Next) -> Response {
+    if context.audit.as_ref().is_some_and(|audit| !audit.works()) {
+        let detail = "the audit log cannot be written, so nothing is changed; the daemon's log says why";
+        return Problem::busy("audit_failed", detail).into_response();
+    }
+    let mut fields = asked(&actor, &request, StatusCode::OK);
+    let (parts, body) = request.into_parts();
+    let bytes = match whole(body, context).await {
+        Ok(bytes) => bytes,
+        Err(problem) => return problem.into_response(),
+    };
+    // A log-in puts itself on record, without the password.
+    let is_session = parts.uri.path().ends_with("/session");
+    let said: String = String::from_utf8_lossy(&bytes).chars().take(MOST_RECORDED).collect();
+    let response = next.run(Request::from_parts(parts, Body::from(bytes))).await;
+    if !is_session {
+        if let Some(result) = fields.iter_mut().find(|(key, _)| *key == "result") {
+            result.1 = response.status().as_u16().to_string();
+        }
+        fields.push(("said", said));
+        record(context, "change", fields).await;
+    }
+    response
+}
+
+fn asked(actor: &Actor, request: &Request, status: StatusCode) -> Vec<(&'static str, String)> {
+    let mut fields = actor.fields();
+    let asked = request.uri().path_and_query().map_or("", |asked| asked.as_str());
+    fields.push(("asked", format!("{} {asked}", request.method())));
+    fields.push(("result", status.as_u16().to_string()));
+    fields
+}
+
+/// The body, within the time and size that the configuration allows.
+async fn whole(body: Body, context: &Context) -> Result<Bytes, Problem> {
+    let config = &context.config;
+    match timeout(config.read_timeout(), to_bytes(body, config.max_body_bytes)).await {
+        Ok(Ok(bytes)) => Ok(bytes),
+        Ok(Err(error)) => {
+            let mut cause: Option<&(dyn Error + 'static)> = Some(&error);
+            while let Some(error) = cause {
+                if error.is::<http_body_util::LengthLimitError>() {
+                    return Err(Problem::of_status(StatusCode::PAYLOAD_TOO_LARGE));
+                }
+                cause = error.source();
+            }
+            Err(Problem::of_status(StatusCode::BAD_REQUEST))
+        }
+        Err(_) => {
+            let detail = "the body did not arrive in time";
+            Err(Problem::new(StatusCode::REQUEST_TIMEOUT, "slow_body", detail))
+        }
+    }
+}
+
+/// Puts something on record and waits until it is on disk; in the log where there is no record.
+pub async fn record(context: &Context, event: &'static str, fields: Vec<(&'static str, String)>) {
+    match &context.audit {
+        Some(audit) => {
+            let done = audit.follow(context.clock.now(), event, fields);
+            if !matches!(timeout(ON_RECORD, done).await, Ok(Ok(()))) {
+                tracing::error!(event, "not on record in time");
+            }
+        }
+        None => tracing::info!(event, ?fields, "asked for"),
+    }
+}

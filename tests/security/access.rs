@@ -1,0 +1,291 @@
+//! Who gets in, and what they may do there.
+
+use super::rig::{PASSWORD, book, bytes, daemon, daemon_with, now, until};
+use serde_json::Value;
+use std::fs;
+use stictiond::access::{Role, Roles};
+use stictiond::audit;
+use stictiond::serve::{Need, RULES};
+use stictiond::writeback::BUILT_IN;
+
+fn viewer() -> Roles {
+    Roles::of(&[Role::Viewer])
+}
+
+/// Every route, asked by everybody: who may gets past the door, whatever is behind it.
+#[tokio::test]
+async fn every_route_wants_the_role_of_its_entry() {
+    let daemon = daemon("roles").await;
+    let streams = |path: &str| path == "/events" || path.ends_with("/live");
+    for (method, path, need) in RULES.iter().filter(|(_, path, _)| BUILT_IN || !path.contains("/writeback/"))
+    {
+        let own = path.replace("{id}", "FIC1");
+        let what = format!("{method} /api/v1{own}");
+        let stranger = daemon.ask(&what, &[], "").await;
+        let Need::Role(needed) = need else {
+            assert!(![401, 403].contains(&stranger.status), "{what}: {stranger:?}");
+            continue;
+        };
+        assert_eq!((stranger.status, stranger.problem().as_str()), (401, "log_in"), "{what}");
+        assert_eq!(stranger.header("www-authenticate"), Some("Bearer realm=\"stictiond\""));
+        for role in Role::ALL {
+            // A stream that opens does not end; that it opens is looked at elsewhere.
+            if role.includes(*needed) && streams(path) {
+                continue;
+            }
+            let answer = daemon.as_role(role, &what).await;
+            if !role.includes(*needed) {
+                assert_eq!((answer.status, answer.problem().as_str()), (403, "role"), "{what} by {role}");
+                assert_eq!(answer.json()["needs"], needed.as_str());
+            } else if path.contains("/writeback/") {
+                assert_eq!((answer.status, answer.problem().as_str()), (403, "person_only"), "{what}");
+            } else {
+                assert!(![401, 403].contains(&answer.status), "{what} by {role}: {answer:?}");
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn without_a_token_nothing_of_the_plant_is_told() {
+    let daemon = daemon("stranger").await;
+    for what in [
+        "GET /api/v1/loops",
+        "HEAD /api/v1/loops",
+        "GET /metrics",
+        "GET /api/v1/metrics",
+        "GET /api/v1/loops/none",
+    ] {
+        let answer = daemon.ask(what, &[], "").await;
+        assert!(answer.status == 401 && !answer.body.contains("FIC1"), "{what}: {answer:?}");
+    }
+    // What is not there looks the same to everybody, and no method opens another door.
+    for (what, status) in [
+        ("GET /api/v1/none", 404),
+        ("PUT /api/v1/loops", 405),
+        ("TRACE /api/v1/loops", 405),
+        ("GET /api/v1/loops/", 404),
+        ("GET //api/v1/loops", 404),
+    ] {
+        assert_eq!(daemon.ask(what, &[], "").await.status, status, "{what}");
+    }
+    for line in [
+        "authorization: Basic YTpi",
+        "authorization: Bearer",
+        "authorization: Bearer  ",
+        "authorization: stictiond",
+        "cookie: stictiond_session=",
+        "cookie: stictiond_session",
+    ] {
+        assert_eq!(daemon.ask("GET /api/v1/loops", &[line], "").await.status, 401, "{line}");
+    }
+}
+
+#[tokio::test]
+async fn an_expired_token_is_refused() {
+    let daemon = daemon("expired").await;
+    let made = book(&daemon.folder, |book| {
+        book.create_token("old", viewer(), (now() - 9.0, now() - 1.0), bytes(50))
+    });
+    let line = format!("authorization: Bearer {}", made.text);
+    // The daemon follows the file within a second or two: until then it does not know the token at all.
+    let deadline = std::time::Instant::now() + std::time::Duration::from_secs(20);
+    while daemon.ask("GET /api/v1/loops", &[&line], "").await.problem() != "expired_token" {
+        assert!(std::time::Instant::now() < deadline, "the token was never seen");
+    }
+}
+
+#[tokio::test]
+async fn a_forged_token_is_refused() {
+    let daemon = daemon("forged").await;
+    let (own, other) = (daemon.token(Role::Viewer), daemon.token(Role::Engineer));
+    let secret = |line: &str| line.rsplit('_').next().expect("a secret").to_string();
+    let head = |line: &str| line.rsplit_once('_').expect("a head").0.to_string();
+    let mut flipped = own.clone();
+    let last = flipped.pop().expect("a digit");
+    flipped.push(if last == '0' { '1' } else { '0' });
+    for forged in [
+        flipped,
+        format!("{}_{}", head(&other), secret(&own)),
+        head(&own),
+        format!("{own}0"),
+        own.to_uppercase().replace("AUTHORIZATION: BEARER", "authorization: Bearer"),
+    ] {
+        let answer = daemon.ask("GET /api/v1/loops", &[&forged], "").await;
+        assert_eq!((answer.status, answer.problem().as_str()), (401, "bad_token"), "{forged}");
+    }
+    assert_eq!(daemon.as_role(Role::Viewer, "GET /api/v1/loops").await.status, 200);
+}
+
+#[tokio::test]
+async fn a_revoked_token_is_refused() {
+    let daemon = daemon("revoked").await;
+    assert_eq!(daemon.as_role(Role::Viewer, "GET /api/v1/loops").await.status, 200);
+    book(&daemon.folder, |book| book.revoke_token("viewer"));
+    let answer = until(401, || daemon.as_role(Role::Viewer, "GET /api/v1/loops")).await;
+    assert_eq!(answer.problem(), "bad_token");
+    assert_eq!(daemon.as_role(Role::Operator, "GET /api/v1/loops").await.status, 200);
+}
+
+#[tokio::test]
+async fn a_session_that_was_logged_out_is_not_taken_again() {
+    let daemon = daemon("replayed").await;
+    let session = daemon.log_in("operator").await;
+    assert_eq!(daemon.with_cookie("GET /api/v1/loops", &session.cookie, None).await.status, 200);
+    let out = daemon.with_cookie("DELETE /api/v1/session", &session.cookie, None).await;
+    assert!(
+        out.status == 204 && out.header("set-cookie").is_some_and(|line| line.contains("Max-Age=0")),
+        "{out:?}"
+    );
+    let replayed = daemon.with_cookie("GET /api/v1/loops", &session.cookie, None).await;
+    assert_eq!((replayed.status, replayed.problem().as_str()), (401, "log_in"));
+    let change =
+        daemon.with_cookie("POST /api/v1/alarms/FIC1/ack", &session.cookie, Some(&session.csrf)).await;
+    assert_eq!(change.status, 401);
+}
+
+#[tokio::test]
+async fn a_session_ends_when_its_time_is_over() {
+    let short = |config: &mut stictiond::config::Config| {
+        config.access.as_mut().expect("a log-in").session_max_s = 0.5;
+    };
+    let daemon = daemon_with("old", "", short).await;
+    let session = daemon.log_in("viewer").await;
+    // Used all the while, and it ends all the same.
+    until(401, || daemon.with_cookie("GET /api/v1/loops", &session.cookie, None)).await;
+}
+
+#[tokio::test]
+async fn the_cookie_is_out_of_reach_of_scripts_and_of_other_sites() {
+    let daemon = daemon("cookie").await;
+    let answer = daemon.try_password("viewer", PASSWORD).await;
+    let cookie = answer.header("set-cookie").expect("a cookie");
+    for flag in ["; HttpOnly", "; SameSite=Strict", "; Secure", "; Path=/"] {
+        assert!(cookie.contains(flag), "{cookie}");
+    }
+    assert!(!cookie.contains("Domain"), "{cookie}");
+}
+
+/// What another site may make a browser send, and what a page of ours sends.
+#[tokio::test]
+async fn the_word_of_another_session_does_not_do() {
+    let daemon = daemon("csrf").await;
+    let (own, other) = (daemon.log_in("operator").await, daemon.log_in("operator").await);
+    let ack = "POST /api/v1/alarms/FIC1/ack";
+    for word in [None, Some(""), Some(other.csrf.as_str()), Some(own.cookie.as_str())] {
+        let answer = daemon.with_cookie(ack, &own.cookie, word).await;
+        assert_eq!((answer.status, answer.problem().as_str()), (403, "csrf"), "{word:?}");
+    }
+    // Nothing to acknowledge: past the door.
+    assert_eq!(daemon.with_cookie(ack, &own.cookie, Some(&own.csrf)).await.status, 409);
+}
+
+#[tokio::test]
+async fn other_sites_are_not_let_in() {
+    let daemon = daemon("cors").await;
+    let origin = "origin: https://evil.example";
+    let answer = daemon.ask("GET /api/v1/loops", &[&daemon.token(Role::Viewer), origin], "").await;
+    assert!(answer.status == 200 && !answer.head.to_lowercase().contains("access-control-"), "{answer:?}");
+    let asked =
+        daemon.ask("OPTIONS /api/v1/loops", &[origin, "access-control-request-method: POST"], "").await;
+    assert!(
+        [403, 405].contains(&asked.status) && !asked.head.to_lowercase().contains("access-control-"),
+        "{asked:?}"
+    );
+    let body = format!("{{\"user\": \"operator\", \"password\": \"{PASSWORD}\"}}");
+    let log_in = daemon.ask("POST /api/v1/session", &[origin], &body).await;
+    assert_eq!((log_in.status, log_in.problem().as_str()), (403, "foreign_origin"));
+    for (name, value) in [
+        ("x-frame-options", "DENY"),
+        ("x-content-type-options", "nosniff"),
+        ("cache-control", "no-store"),
+        ("referrer-policy", "no-referrer"),
+    ] {
+        assert_eq!(answer.header(name), Some(value));
+    }
+    let policy = answer.header("content-security-policy").expect("a policy");
+    assert!(
+        policy.contains("default-src 'none'")
+            && policy.contains("frame-ancestors 'none'")
+            && !policy.contains("unsafe")
+    );
+}
+
+#[tokio::test]
+async fn passwords_are_not_tried_without_end() {
+    let daemon = daemon("throttle").await;
+    for _ in 0..5 {
+        assert_eq!(daemon.try_password("operator", "wrong").await.problem(), "log_in_failed");
+    }
+    let answer = daemon.try_password("operator", PASSWORD).await;
+    assert_eq!((answer.status, answer.problem().as_str()), (429, "throttled"));
+    let wait: u64 = answer.header("retry-after").and_then(|wait| wait.parse().ok()).expect("a wait");
+    assert!((1..=2).contains(&wait), "{wait}");
+    // Another user from here is not held up yet, and the right password gets in after the wait.
+    daemon.log_in("viewer").await;
+    until(200, || daemon.try_password("operator", PASSWORD)).await;
+    // A user who does not exist hears the same as one who does.
+    let (none, some) =
+        (daemon.try_password("nobody", "wrong").await, daemon.try_password("viewer", "wrong").await);
+    assert_eq!((none.status, none.body), (some.status, some.body));
+}
+
+#[tokio::test]
+async fn every_change_is_on_record_and_no_secret_is() {
+    let daemon = daemon("record").await;
+    let session = daemon.log_in("operator").await;
+    daemon.try_password("operator", "not the password at all").await;
+    daemon.try_password("a password typed as name", "x").await;
+    let by = format!("cookie: {}", session.cookie);
+    let word = format!("x-csrf-token: {}", session.csrf);
+    let body = r#"{"duration_s": 60, "by": "somebody else", "comment": "line\nbreak"}"#;
+    let shelved = daemon.ask("POST /api/v1/alarms/FIC1/shelve", &[&by, &word], body).await;
+    daemon.as_role(Role::Viewer, "POST /api/v1/alarms/FIC1/ack").await;
+    let list = daemon.as_role(Role::Engineer, "GET /api/v1/audit?limit=100").await.json();
+    let items = list["items"].as_array().expect("entries");
+    let events: Vec<&str> = items.iter().filter_map(|item| item["event"].as_str()).collect();
+    assert_eq!(events, ["refused", "change", "log_in_failed", "log_in_failed", "log_in"]);
+    let field = |at: usize, name: &str| items[at]["fields"][name].as_str().unwrap_or_default().to_string();
+    assert_eq!(
+        (field(0, "who"), field(0, "by"), field(0, "result")),
+        ("viewer".into(), "token".into(), "403".into())
+    );
+    assert_eq!(
+        (field(1, "who"), field(1, "by"), field(1, "from")),
+        ("operator".into(), "session".into(), "127.0.0.1".into())
+    );
+    assert_eq!(field(1, "asked"), "POST /api/v1/alarms/FIC1/shelve");
+    assert_eq!((field(1, "result"), field(1, "said")), (shelved.status.to_string(), body.to_string()));
+    assert_eq!((field(2, "who"), field(3, "who")), (String::new(), "operator".to_string()));
+    let page = daemon.as_role(Role::Engineer, "GET /api/v1/audit?limit=2").await.json();
+    let path = format!("GET /api/v1/audit?before={}", page["next"]);
+    let rest = daemon.as_role(Role::Engineer, &path).await.json();
+    assert_eq!((rest["items"].as_array().map(Vec::len), &rest["next"]), (Some(3), &Value::Null));
+    let log = daemon.folder.join("audit.log");
+    let text = fs::read_to_string(&log).expect("a log");
+    for secret in [
+        PASSWORD,
+        "not the password at all",
+        "typed as name",
+        &session.csrf,
+        session.cookie.split('=').nth(1).expect("a value"),
+    ] {
+        assert!(!text.contains(secret), "{secret}");
+    }
+    assert!(audit::verify(&log).is_ok());
+}
+
+#[tokio::test]
+async fn everybody_reads_only_where_the_file_says_so() {
+    let open = |config: &mut stictiond::config::Config| {
+        config.access.as_mut().expect("a log-in").anyone_may_read = true;
+    };
+    let daemon = daemon_with("open", "", open).await;
+    assert_eq!(daemon.ask("GET /api/v1/loops", &[], "").await.status, 200);
+    assert_eq!(daemon.ask("POST /api/v1/alarms/FIC1/ack", &[], "").await.status, 401);
+    assert_eq!(daemon.ask("GET /api/v1/audit", &[], "").await.status, 401);
+    let session = daemon.ask("GET /api/v1/session", &[], "").await.json();
+    assert_eq!((&session["may"], &session["name"]), (&serde_json::json!(["viewer"]), &Value::Null));
+    // Something shown that is no good is not taken for nothing.
+    assert_eq!(daemon.ask("GET /api/v1/loops", &["authorization: Bearer x"], "").await.status, 401);
+}
