@@ -60,8 +60,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let name = args.file.file_stem().unwrap_or(args.file.as_os_str()).to_string_lossy().into_owned();
     let marked = Marked::from(record);
     let drawn = args.plot.as_ref().map(|_| [trend(&marked.record.op), trend(&marked.record.pv)]);
-    let cut =
-        usual_cut(&marked.record, args.window, args.step).ok_or_else(|| bad(&backfill::BackfillError::Empty))?;
+    let cut = usual_cut(&marked.record, args.window, args.step)
+        .ok_or_else(|| bad(&backfill::BackfillError::Empty))?;
     let judge = App::diagnosis();
     let id = LoopId::new(name.as_str());
     let bar = Bar { shown: io::stderr().is_terminal() };

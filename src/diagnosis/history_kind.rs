@@ -79,7 +79,9 @@ impl HistoryKind {
             Self::Interpolated => {
                 "An archive drew lines between the few samples it kept: small movements are gone, and f is bent."
             }
-            Self::Held => "PV is newer only every few samples: take the period at which it is really measured.",
+            Self::Held => {
+                "PV is newer only every few samples: take the period at which it is really measured."
+            }
             Self::Averaged => "PV is a running mean: it comes later and smoother than it was measured.",
         }
     }
@@ -173,7 +175,8 @@ fn thinned(series: &[Sample]) -> Option<(HistoryKind, [f64; 2])> {
     }
     let resolution = resolution(series);
     let reports = without_previous(series);
-    let changes = |kept: &[Sample]| -> Vec<f64> { kept.windows(2).map(|w| (w[1].value - w[0].value).abs()).collect() };
+    let changes =
+        |kept: &[Sample]| -> Vec<f64> { kept.windows(2).map(|w| (w[1].value - w[0].value).abs()).collect() };
     for kept in [series, &reports] {
         let sizes = changes(kept);
         let band = quantile(&sizes, HOLE);
@@ -259,7 +262,8 @@ impl Lines {
         }
         // Rounding of printed values; a line whose step is near it may be chance.
         let rounded = moving.iter().copied().fold(f64::INFINITY, f64::min);
-        let tolerance = decimal(values).filter(|unit| 8.0 * unit < scale).map_or(1e-6 * scale, |unit| 1.01 * unit);
+        let tolerance =
+            decimal(values).filter(|unit| 8.0 * unit < scale).map_or(1e-6 * scale, |unit| 1.01 * unit);
         let on_line =
             |i: usize| (steps[i] - steps[i - 1]).abs() <= tolerance && steps[i].abs() > 3.0 * rounded;
         let (mut inside, mut i) = (0_usize, 1);
@@ -326,4 +330,3 @@ fn averaged(values: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
     (all[k] < -0.35 && all[k] > -0.65 && beside(k - 1) && beside(k + 1) && quiet && fourth < 5.0)
         .then_some((HistoryKind::Averaged, [all[k], k as f64]))
 }
-
