@@ -329,7 +329,7 @@ impl Config {
         }
         let (medium, high) = (self.medium_f_percent, self.high_f_percent);
         unless(
-            medium.is_nan() || high.is_nan() || medium <= high,
+            medium <= high,
             "",
             "high_f_percent",
             format!("{high} must be at least medium_f_percent = {medium}"),

@@ -222,7 +222,6 @@ def acknowledge(walk):
     walk.tab_to('tr[data-kind=unacknowledged] button[data-act^="Out of service"]')
     name = page.evaluate("document.activeElement.closest('tr').dataset.alarm")
     page.keyboard.press("Enter")
-    page.keyboard.press("Tab")
     page.keyboard.type("transmitter is being replaced")
     walk.tab_to("dialog button.main", 5)
     page.keyboard.press("Enter")

@@ -19,6 +19,7 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
             out_of_order: 0,
             decimation: 1,
             denoise: Denoise::default(),
+            history: None,
         },
         oscillation: Some(Oscillation { period: 1480.0, regularity_r: f64::INFINITY, op_amplitude: 2.75 }),
         estimate: Some(Estimate {

@@ -55,7 +55,7 @@ const simple = (title, fields, verb, action, done) => (id, name = id, loop = id)
 export const acknowledge = simple("Acknowledge the alarm of", () => [remark()], "Acknowledge", "ack", "acknowledged");
 export const unshelve = simple("End the shelving of", () => [remark()], "Unshelve", "unshelve", "no longer shelved");
 export const reset = simple("Reset the latched alarm of", () => [remark()], "Reset", "reset", "reset");
-export const takeOut = simple("Take out of service the alarm of", () => [comment("Reason", { required: true })], "Take out", "out-of-service", "out of service");
+export const takeOut = simple("Take out of service the alarm of", () => [comment("Reason", { required: true, autofocus: true })], "Take out", "out-of-service", "out of service");
 export const giveBack = simple("Give back to service the alarm of", () => [remark()], "Give back", "in-service", "back in service");
 
 const DURATIONS = [["1 hour", 3600], ["8 hours: a shift", 28800], ["24 hours", 86400], ["3 days", 259200], ["7 days", 604800]];
