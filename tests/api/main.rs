@@ -3,6 +3,7 @@
 mod app;
 mod daemon;
 mod dashboard;
+mod description;
 mod edges;
 mod http;
 mod resources;

@@ -3,6 +3,7 @@
 mod alarms;
 mod audit;
 mod bundle;
+mod description;
 mod events;
 mod evidence;
 mod health;
@@ -35,7 +36,7 @@ struct Description;
 /// The API under `/api/v1`; health, metrics and the description at the root too, where their readers expect them.
 pub fn routes(context: Arc<Context>) -> Router {
     let (router, description) = described().split_for_parts();
-    let text = serde_json::to_string(&description).unwrap_or_default();
+    let text = serde_json::to_string(&description::complete(description)).unwrap_or_default();
     let text: Arc<str> = text.into();
     let document = axum::routing::get(move || {
         let text = text.to_string();
@@ -50,7 +51,7 @@ pub fn routes(context: Arc<Context>) -> Router {
 
 /// The description of the API, OpenAPI.
 pub fn openapi() -> utoipa::openapi::OpenApi {
-    described().into_openapi()
+    description::complete(described().into_openapi())
 }
 
 fn described() -> OpenApiRouter<Arc<Context>> {

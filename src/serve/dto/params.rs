@@ -25,6 +25,7 @@ pub struct LoopsQuery {
     /// Only loops whose id or description contains this, whatever the case.
     pub q: Option<String>,
     /// Loops a page, 1 to 1000; default 100.
+    #[param(minimum = 1, maximum = 1000)]
     pub limit: Option<usize>,
     /// `next` of the page before. Pages stay stable: a loop whose key does not change is neither repeated nor lost.
     pub after: Option<String>,
@@ -152,6 +153,7 @@ pub struct SamplesQuery {
     /// Up to this time. Default: the newest there is.
     pub to: Option<String>,
     /// Samples per tag at most, 3 to 20000; default 1000. Thinned so that peaks and gaps survive.
+    #[param(minimum = 3, maximum = 20000)]
     pub points: Option<usize>,
 }
 
@@ -160,6 +162,7 @@ pub struct SamplesQuery {
 #[serde(deny_unknown_fields, default)]
 #[into_params(parameter_in = Query)]
 pub struct RunQuery {
+    #[param(minimum = 0, maximum = 60)]
     /// How long to wait for the result (s), 0 to 60; default 5. Afterwards the answer is 202 and the run goes on.
     pub wait_s: Option<f64>,
 }
@@ -170,6 +173,7 @@ pub struct RunQuery {
 #[into_params(parameter_in = Query)]
 pub struct LimitQuery {
     /// Entries at most, 1 to 10000; default 100.
+    #[param(minimum = 1, maximum = 10000)]
     pub limit: Option<usize>,
 }
 
@@ -202,6 +206,7 @@ pub struct AlarmHistoryQuery {
     #[param(inline)]
     pub kind: Option<AlarmKind>,
     /// Entries at most, 1 to 2000; default 100.
+    #[param(minimum = 1, maximum = 2000)]
     pub limit: Option<usize>,
     /// `next` of the page before.
     pub after: Option<u64>,

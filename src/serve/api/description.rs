@@ -1,0 +1,53 @@
+//! Makes the description whole: what every operation may answer beside what it says itself, so that a client made from it
+//! knows each answer.
+
+use super::super::problem::PROBLEM_JSON;
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::schema::{Object, ObjectBuilder, Ref, Type};
+use utoipa::openapi::{Components, ContentBuilder, OpenApi, RefOr, Response, ResponseBuilder, Schema};
+
+/// Gives every operation the problems that it may answer, and every problem its shape.
+pub fn complete(mut api: OpenApi) -> OpenApi {
+    let components = api.components.get_or_insert_with(Components::new);
+    components.schemas.insert("Problem".to_string(), RefOr::T(Schema::Object(problem())));
+    for item in api.paths.paths.values_mut() {
+        let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.delete, &mut item.patch];
+        operations.into_iter().flatten().for_each(operation);
+    }
+    api
+}
+
+fn operation(operation: &mut Operation) {
+    let responses = &mut operation.responses.responses;
+    for (status, response) in responses.iter_mut() {
+        let failed = status.starts_with(['4', '5']);
+        if let RefOr::T(response) = response
+            && failed
+            && response.content.is_empty()
+        {
+            response.content = answer("").content;
+        }
+    }
+    let rest =
+        "problem: the request is wrong, may not be, is too large or too late, or there is too much at once";
+    responses.insert("default".to_string(), RefOr::T(answer(rest)));
+}
+
+fn answer(description: &str) -> Response {
+    let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
+    ResponseBuilder::new().description(description).content(PROBLEM_JSON, content).build()
+}
+
+/// RFC 9457; members beside these say more.
+fn problem() -> Object {
+    let text = || ObjectBuilder::new().schema_type(Type::String);
+    let members = ["type", "title", "status", "detail"];
+    let object = ObjectBuilder::new()
+        .schema_type(Type::Object)
+        .description(Some("What went wrong, and what to do about it."))
+        .property("type", text())
+        .property("title", text())
+        .property("status", ObjectBuilder::new().schema_type(Type::Integer))
+        .property("detail", text());
+    members.into_iter().fold(object, ObjectBuilder::required).build()
+}
