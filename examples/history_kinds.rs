@@ -50,7 +50,8 @@ fn spread(series: &[Sample]) -> f64 {
 fn judged(scenario: &Scenario, archives: &[(String, Archive)]) -> Vec<(Diagnosis, f64)> {
     let Ok(run) = scenario.run() else { return Vec::new() };
     let ts = run.t[1] - run.t[0];
-    let series = |v: &[f64]| -> Vec<Sample> { run.t.iter().zip(v).map(|(&t, &x)| Sample::good(t, x)).collect() };
+    let series =
+        |v: &[f64]| -> Vec<Sample> { run.t.iter().zip(v).map(|(&t, &x)| Sample::good(t, x)).collect() };
     let (op, pv) = (series(&run.op), series(&run.pv));
     let under = |(_, archive): &(String, Archive)| {
         let (op, pv) = (archive(&op, ts), archive(&pv, ts));
@@ -88,10 +89,12 @@ fn main() -> ExitCode {
 /// Verdicts, f against the raw record's where both say that it sticks (quartiles), and what was recognised.
 fn line(of: &[(&Diagnosis, &(Diagnosis, f64))]) -> String {
     let count = |wanted: &str| of.iter().filter(|(_, (d, _))| d.verdict.as_str() == wanted).count();
-    let f = |d: &Diagnosis| (d.verdict == Verdict::Stiction).then(|| d.estimate.as_ref().map(|e| e.f)).flatten();
+    let f =
+        |d: &Diagnosis| (d.verdict == Verdict::Stiction).then(|| d.estimate.as_ref().map(|e| e.f)).flatten();
     let mut ratio: Vec<f64> = of.iter().filter_map(|(raw, (d, _))| Some(f(d)? / f(raw)?)).collect();
     ratio.sort_by(f64::total_cmp);
-    let quartile = |q: f64| ratio.get((q * ratio.len() as f64) as usize).map_or("-".into(), |r| format!("{r:.2}"));
+    let quartile =
+        |q: f64| ratio.get((q * ratio.len() as f64) as usize).map_or("-".into(), |r| format!("{r:.2}"));
     let mut kinds: Vec<&str> =
         of.iter().map(|(_, (d, _))| d.preparation.history.map_or("-", |h| h.kind.as_str())).collect();
     kinds.sort_unstable();

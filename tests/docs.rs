@@ -15,6 +15,7 @@ const DOCUMENTS: &[&str] = &[
     "ARCHITECTURE.md",
     "CONTRIBUTING.md",
     "CHANGELOG.md",
+    "docs/backfill.md",
     "docs/configuration.md",
     "docs/closing-the-loop.md",
     "docs/dashboard.md",

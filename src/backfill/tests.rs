@@ -48,7 +48,8 @@ fn windows_end_with_the_record_and_hold_what_lies_between() {
         told.push((done, all));
         true
     };
-    let found = timeline(&id, record.into(), cut, &Settings::default(), &alarm::Config::default(), &judge, progress);
+    let found =
+        timeline(&id, record.into(), cut, &Settings::default(), &alarm::Config::default(), &judge, progress);
     let found = found.expect("the record has windows");
     assert_eq!(*seen.borrow(), [(150.0, 750.0, 61), (400.0, 1000.0, 61)]);
     assert_eq!(told, [(1, 2), (2, 2)]);
@@ -67,7 +68,9 @@ fn nothing_and_too_much_are_refused() {
     let id = LoopId::new("A");
     let run = |record: Record, step_s| {
         let cut = Cut { window_s: 60.0, step_s };
-        timeline(&id, record.into(), cut, &Settings::default(), &alarm::Config::default(), &judge, |_, _| true)
+        timeline(&id, record.into(), cut, &Settings::default(), &alarm::Config::default(), &judge, |_, _| {
+            true
+        })
     };
     assert_eq!(run(Record::default(), 60.0), Err(BackfillError::Empty));
     let one = Record { pv: series(&[1.0], 1.0), ..Record::default() };
@@ -92,7 +95,9 @@ fn a_valve_that_begins_to_stick_raises_the_alarm_from_then_on() {
     let cut = Cut { window_s: 1000.0 * ts, step_s: 500.0 * ts };
     let id = LoopId::new("A");
     let found =
-        timeline(&id, record.into(), cut, &Settings::default(), &alarm::Config::default(), &judge, |_, _| true);
+        timeline(&id, record.into(), cut, &Settings::default(), &alarm::Config::default(), &judge, |_, _| {
+            true
+        });
     let found = found.expect("the record has windows");
     let before = found.items.iter().filter(|item| item.to <= change);
     assert!(before.clone().count() > 2 && before.clone().all(|item| item.summary.outcome != "stiction"));

@@ -59,9 +59,11 @@ pub fn read(file: File, wanted: Option<&str>) -> Result<Record, TableError> {
     let reader = SerializedFileReader::new(file)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let names: Vec<String> = schema.columns().iter().map(|column| column.name().to_string()).collect();
-    let place = |wanted: &[&str]| names.iter().position(|own| wanted.contains(&own.to_ascii_lowercase().as_str()));
+    let place =
+        |wanted: &[&str]| names.iter().position(|own| wanted.contains(&own.to_ascii_lowercase().as_str()));
     let missing = |missing| TableError::Missing { missing, found: names.join(", ") };
-    let time = names.iter().position(|name| meaning(name) == Some(Meaning::Time)).ok_or_else(|| missing("t"))?;
+    let time =
+        names.iter().position(|name| meaning(name) == Some(Meaning::Time)).ok_or_else(|| missing("t"))?;
     let nanos = matches!(
         schema.column(time).logical_type_ref(),
         Some(LogicalType::Timestamp(stamp)) if stamp.unit == TimeUnit::NANOS
@@ -153,7 +155,9 @@ impl Taken {
             None if self.loops.len() > 1 => {
                 Err(TableError::Loop(format!("several loops, {} …: say which with --loop", named.join(", "))))
             }
-            Some(wanted) if self.values == 0 => Err(TableError::Loop(format!("no samples of loop '{wanted}'"))),
+            Some(wanted) if self.values == 0 => {
+                Err(TableError::Loop(format!("no samples of loop '{wanted}'")))
+            }
             _ => Ok(self.record),
         }
     }

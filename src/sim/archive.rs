@@ -116,7 +116,8 @@ mod tests {
 
     #[test]
     fn a_line_through_what_was_kept_stays_within_the_deviation() {
-        let wave: Vec<f64> = (0..500).map(|k| (f64::from(k) * 0.1).sin() + (f64::from(k) * 1.7).cos() * 0.05).collect();
+        let wave: Vec<f64> =
+            (0..500).map(|k| (f64::from(k) * 0.1).sin() + (f64::from(k) * 1.7).cos() * 0.05).collect();
         let raw = of(&wave);
         let kept = swinging_door(&raw, 0.1, 1e9);
         assert!(kept.len() < 150, "{}", kept.len());

@@ -1,10 +1,10 @@
 //! A server's history of some tags, slice by slice: what one slice brought is kept before the next is asked for, so that
 //! whoever keeps it can go on where it was left.
 
+use super::config::TimeFallback;
 use super::link::{Link, Lost};
 use super::plan::{Plan, Tag};
 use super::value;
-use super::config::TimeFallback;
 use crate::collect::backoff::Backoff;
 use crate::signal::Sample;
 use opcua::types::{ByteString, NodeId};
@@ -176,7 +176,9 @@ impl Session<'_> {
             }
             let samples: usize = series.iter().map(|(_, samples)| samples.len()).sum();
             info!(device = %self.plan.config.name, from, to, samples, "history read");
-            keep.keep(Slice { from, to, series }).await.map_err(|error| Ended::For(HistoryError::Kept(error)))?;
+            keep.keep(Slice { from, to, series })
+                .await
+                .map_err(|error| Ended::For(HistoryError::Kept(error)))?;
             *next = slices.next();
         }
         Ok(())

@@ -10,9 +10,8 @@ use super::security::{explain, identity, message_mode, own_files, policy_uri};
 use opcua::client::{Client, ClientBuilder, Session};
 use opcua::types::{
     AttributeId, BrowsePath, ByteString, DataChangeFilter, DataChangeTrigger, DataValue, EndpointDescription,
-    Error, ExtensionObject, MonitoredItemCreateRequest, MonitoringMode,
-    MonitoringParameters, NodeId, ObjectId, ReadValueId, StatusCode,
-    TimestampsToReturn, UserTokenPolicy, VariableId,
+    Error, ExtensionObject, MonitoredItemCreateRequest, MonitoringMode, MonitoringParameters, NodeId,
+    ObjectId, ReadValueId, StatusCode, TimestampsToReturn, UserTokenPolicy, VariableId,
 };
 use std::fmt;
 use std::future::Future;

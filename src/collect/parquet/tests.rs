@@ -17,7 +17,8 @@ fn table(name: &str, schema: &str, columns: &[Values<'_>]) -> File {
     let schema = parse_message_type(&format!("message m {{ {schema} }}")).expect("a schema");
     let out = File::create(&path).expect("a file");
     let mut writer =
-        SerializedFileWriter::new(out, Arc::new(schema), Arc::new(WriterProperties::builder().build())).expect("new");
+        SerializedFileWriter::new(out, Arc::new(schema), Arc::new(WriterProperties::builder().build()))
+            .expect("new");
     let mut group = writer.next_row_group().expect("a group");
     for values in columns {
         let mut column = group.next_column().expect("a column").expect("one more");
@@ -53,7 +54,11 @@ fn a_wide_table_with_times_of_each_unit() {
             ],
         );
         let record = read(file, None).expect("a record");
-        assert_eq!(record.op, [Sample::good(1_700_000_000.0, 50.0), Sample::good(1_700_000_001.0, 51.5)], "{unit}");
+        assert_eq!(
+            record.op,
+            [Sample::good(1_700_000_000.0, 50.0), Sample::good(1_700_000_001.0, 51.5)],
+            "{unit}"
+        );
         assert_eq!(record.pv[1], Sample::good(1_700_000_001.0, 8.0));
         assert_eq!(record.tags[0].0, "T5");
         assert_eq!(record.tags[0].1[0].quality, Quality::Bad(BadReason::NotANumber));
@@ -84,7 +89,11 @@ fn a_long_table_gives_the_loop_that_is_wanted() {
 
 #[test]
 fn what_is_no_table_is_refused() {
-    let wide = table("no-time", "required double op; required double pv;", &[Values::Doubles(&[1.0]), Values::Doubles(&[1.0])]);
+    let wide = table(
+        "no-time",
+        "required double op; required double pv;",
+        &[Values::Doubles(&[1.0]), Values::Doubles(&[1.0])],
+    );
     assert_eq!(read(wide, None).expect_err("refused").to_string(), "no column t; the file has op, pv");
     let path = std::env::temp_dir().join(format!("stictiond-table-{}-text", std::process::id()));
     std::fs::write(&path, "t,op,pv").expect("written");

@@ -4,8 +4,8 @@ use super::{Link, Lost, Page, Refused, wrong_count};
 use crate::collect::opcua::value::date_time;
 use opcua::client::HistoryReadAction;
 use opcua::types::{
-    AggregateConfiguration, ByteString, HistoryData, HistoryReadValueId, NodeId, ObjectId, ReadProcessedDetails,
-    ReadRawModifiedDetails, TimestampsToReturn,
+    AggregateConfiguration, ByteString, HistoryData, HistoryReadValueId, NodeId, ObjectId,
+    ReadProcessedDetails, ReadRawModifiedDetails, TimestampsToReturn,
 };
 
 /// Values of one node asked of the history at once.
