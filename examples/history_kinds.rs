@@ -95,8 +95,10 @@ fn line(of: &[(&Diagnosis, &(Diagnosis, f64))]) -> String {
     ratio.sort_by(f64::total_cmp);
     let quartile =
         |q: f64| ratio.get((q * ratio.len() as f64) as usize).map_or("-".into(), |r| format!("{r:.2}"));
-    let mut kinds: Vec<&str> =
-        of.iter().map(|(_, (d, _))| d.preparation.history.map_or("-", |h| h.kind.as_str())).collect();
+    let mut kinds: Vec<&str> = of
+        .iter()
+        .map(|(_, (d, _))| d.preparation.history.as_ref().map_or("-", |h| h.kind.as_str()))
+        .collect();
     kinds.sort_unstable();
     let kinds: Vec<String> =
         kinds.chunk_by(|a, b| a == b).map(|same| format!("{} {}", same[0], same.len())).collect();

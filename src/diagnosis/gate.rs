@@ -33,7 +33,7 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let mut preparation = Preparation { decimation: 1, ..Preparation::default() };
     let op = clean(&record.op, &mut preparation);
     let pv = clean(&record.pv, &mut preparation);
-    preparation.history = recognise(&op.kept, &pv.kept);
+    preparation.history = recognise(&op.kept, &pv.kept).map(Box::new);
     let need = settings.min_samples;
     let stop = |reason: NotIdentifiable, preparation: &Preparation| Err((reason, preparation.clone()));
     if op.kept.len() < need || pv.kept.len() < need {

@@ -198,7 +198,7 @@ pub struct Preparation {
     /// Whether wavelet denoising was applied, and to how much noise.
     pub denoise: Denoise,
     /// What an archive did to the record before it came here.
-    pub history: Option<HistoryFound>,
+    pub history: Option<Box<HistoryFound>>,
 }
 
 /// What the denoising stage did.
