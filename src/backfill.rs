@@ -163,7 +163,7 @@ pub fn timeline(
         let good = window.pv.iter().filter(|s| s.quality.is_good()).count() as f64;
         let judged = judge(&window, settings, &results.effects(id));
         let effects = judged.effects();
-        let history = judged.diagnosis.preparation.history.clone().map(|found| *found);
+        let history = judged.diagnosis.preparation.history.as_deref().copied();
         let run = Run {
             id: id.clone(),
             started: to,

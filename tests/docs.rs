@@ -16,6 +16,7 @@ const DOCUMENTS: &[&str] = &[
     "CONTRIBUTING.md",
     "CHANGELOG.md",
     "docs/alarms.md",
+    "docs/backfill.md",
     "docs/configuration.md",
     "docs/closing-the-loop.md",
     "docs/dashboard.md",

@@ -1,16 +1,17 @@
-//! `stictiond backfill FILE.csv`: what the daemon would have said over a long record, window by window.
+//! `stictiond backfill SOURCE`: what the daemon would have said over a long record, window by window.
+
+mod sources;
 
 use super::diagnose::{above_zero, limits};
 use super::{Failure, print};
 use clap::ValueEnum;
 use std::fmt::Write as _;
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, IsTerminal, Write as _};
 use std::path::PathBuf;
 use stictiond::alarm;
 use stictiond::app::App;
 use stictiond::backfill::{self, Marked, Timeline, timeline, usual_cut};
-use stictiond::collect::csv;
 use stictiond::diagnosis::Settings;
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
 use stictiond::serve::dto::backfill::{BackfillItem, BackfillReport};
@@ -22,8 +23,33 @@ const HOUR: f64 = 3600.0;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The record; comma, semicolon or tab, columns by name
-    file: PathBuf,
+    /// A record (.csv, .parquet), the folder of a store, or a configuration (.toml): then the history that the loop's OPC
+    /// UA servers keep
+    source: PathBuf,
+    /// Which loop of a store, a configuration or a table of several
+    #[arg(long = "loop", value_name = "ID")]
+    of_loop: Option<String>,
+    /// From this time on: RFC 3339, or seconds on the record's clock
+    #[arg(long, value_parser = super::store::time)]
+    from: Option<f64>,
+    /// Up to this time
+    #[arg(long, value_parser = super::store::time)]
+    to_time: Option<f64>,
+    /// Folder of a store of its own for what devices send; run again, it goes on where it was left
+    #[arg(long, value_name = "FOLDER")]
+    into: Option<PathBuf>,
+    /// Ask devices for the latest history first
+    #[arg(long)]
+    newest_first: bool,
+    /// Ask devices for means over so many seconds rather than for what they stored; means bend f
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero)]
+    average: Option<f64>,
+    /// Time asked of a device, and kept, at once (s)
+    #[arg(long, value_name = "SECONDS", value_parser = above_zero, default_value = "3600")]
+    slice: f64,
+    /// Rest between two requests to a device (ms)
+    #[arg(long, value_name = "MS", default_value = "100")]
+    pause_ms: u64,
     /// Length of a window (s) [default: 1,500 sample periods]
     #[arg(long, value_name = "SECONDS", value_parser = above_zero)]
     window: Option<f64>,
@@ -52,19 +78,17 @@ enum Format {
 
 /// Reads, cuts, diagnoses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let bad = |error: &dyn std::fmt::Display| Failure::in_file(&args.file, error);
-    let file = File::open(&args.file).map_err(|error| bad(&error))?;
-    let mut record = csv::read(file).map_err(|error| bad(&error))?;
+    let bad = |error: &dyn std::fmt::Display| Failure::in_file(&args.source, error);
+    let (mut record, name) = sources::record(args)?;
     record.op_span = args.op_span.or(record.op_span);
-    record.op_limits = args.op_limits;
-    let name = args.file.file_stem().unwrap_or(args.file.as_os_str()).to_string_lossy().into_owned();
+    record.op_limits = args.op_limits.or(record.op_limits);
     let marked = Marked::from(record);
     let drawn = args.plot.as_ref().map(|_| [trend(&marked.record.op), trend(&marked.record.pv)]);
     let cut = usual_cut(&marked.record, args.window, args.step)
         .ok_or_else(|| bad(&backfill::BackfillError::Empty))?;
     let judge = App::diagnosis();
     let id = LoopId::new(name.as_str());
-    let bar = Bar { shown: io::stderr().is_terminal() };
+    let bar = Bar::new();
     let progress = |done, all| {
         bar.show(done, all);
         true
@@ -96,6 +120,10 @@ struct Bar {
 }
 
 impl Bar {
+    fn new() -> Self {
+        Self { shown: io::stderr().is_terminal() }
+    }
+
     fn show(&self, done: usize, all: usize) {
         if self.shown {
             let filled = 40 * done / all.max(1);

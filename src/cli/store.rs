@@ -74,7 +74,7 @@ struct Import {
     config: Option<PathBuf>,
 }
 
-fn time(text: &str) -> Result<f64, String> {
+pub fn time(text: &str) -> Result<f64, String> {
     parse_time(text).ok_or_else(|| "neither RFC 3339 nor seconds since the Unix epoch".to_string())
 }
 

@@ -330,3 +330,43 @@ fn averaged(values: &[f64]) -> Option<(HistoryKind, [f64; 2])> {
     (all[k] < -0.35 && all[k] > -0.65 && beside(k - 1) && beside(k + 1) && quiet && fourth < 5.0)
         .then_some((HistoryKind::Averaged, [all[k], k as f64]))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(points: &[(f64, f64)]) -> Vec<Sample> {
+        points.iter().map(|(t, v)| Sample::good(*t, *v)).collect()
+    }
+
+    #[test]
+    fn hand_values() {
+        // Two of five steps in time are off their median of 1 s.
+        assert_eq!(
+            irregular(&of(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (4.0, 0.0), (5.0, 0.0), (8.0, 0.0)])),
+            0.4
+        );
+        assert_eq!(decimal(&[1.5, 2.25, -3.0]), Some(0.01));
+        assert_eq!(decimal(&[1.0 / 3.0]), None);
+        assert_eq!(near_zero(&[0.1, 1.0, 1.0, 1.0]), 0.25);
+        // One line of six samples, then a turn.
+        let lines = Lines::of(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 4.75]);
+        assert_eq!((lines.count, lines.straight_on, lines.share), (1, 0, 4.0 / 7.0));
+        let steps: Vec<f64> = (0..100).map(|k| f64::from(k / 4)).collect();
+        assert_eq!(held(&steps), Some((HistoryKind::Held, [1.0, 4.0])));
+    }
+
+    #[test]
+    fn nothing_and_rubbish_are_nothing() {
+        let flat = of(&(0..500).map(|k| (f64::from(k), 1.0)).collect::<Vec<_>>());
+        let wild =
+            of(&(0..500).map(|k| (f64::from(k % 7) * 1e300, 1e300 * f64::from(k % 3))).collect::<Vec<_>>());
+        assert_eq!(recognise(&[], &[]), None);
+        assert_eq!(recognise(&flat, &flat), None);
+        // Whatever it says of such stamps, it is an answer and no panic.
+        let _ = recognise(&wild, &wild);
+        for kind in HistoryKind::ALL {
+            assert!(kind.note().ends_with('.') && !kind.as_str().contains(' '));
+        }
+    }
+}

@@ -5,6 +5,8 @@ mod hostile;
 #[cfg(test)]
 mod node_opcua;
 #[cfg(test)]
+mod past;
+#[cfg(test)]
 mod reading;
 #[cfg(test)]
 mod restart;

@@ -324,7 +324,7 @@ impl Report {
             f_max: estimate.and_then(|e| unit.scale(e.f_max)),
             d_srinivasan: estimate.and_then(|e| unit.scale(e.d)),
             window: ReportWindow {
-                history: diagnosis.preparation.history.as_ref().map(|found| ReportHistory::new(found)),
+                history: diagnosis.preparation.history.as_deref().map(ReportHistory::new),
                 ..window(prepared)
             },
             preparation: prepared.map(preparation),

@@ -61,7 +61,7 @@ fn contract_fields_have_their_names_and_values() {
         "loop": "FIC101", "verdict": "stiction", "reason": "f = 2.50 % OP, evidence 446", "reason_code": null,
         "f": 2.5, "f_ci95": [2.25, 2.75], "f_unit": "% OP", "f_unit_assumed": true, "f_of_op_range": 0.41,
         "delta_aic": 446.0, "rival": "a linear loop", "steadiness": 9.0, "f_max": 6.0, "d_srinivasan": 4.0,
-        "window": {"start": 0.0, "end": 49950.0, "n": 1000, "ts_s": 50.0, "quality": "good"},
+        "window": {"start": 0.0, "end": 49950.0, "n": 1000, "ts_s": 50.0, "quality": "good", "history": null},
         "preparation": {"gap_share": 0.0, "worst_skew_s": 0.0, "duplicates": 0, "out_of_order": 0, "decimation": 1},
         "denoise": {"applied": false, "noise_share": 0.0},
         "oscillation": {"period_s": 1480.0, "regularity_r": null, "op_amplitude": 2.75},
@@ -134,4 +134,24 @@ fn window_quality_rule() {
     assert_eq!(WindowQuality::of(0.0, 1.1), WindowQuality::Poor);
     assert_eq!(WindowQuality::of(f64::NAN, 0.0), WindowQuality::Poor);
     assert_eq!(WindowQuality::of(0.0, f64::NAN), WindowQuality::Poor);
+}
+
+#[test]
+fn what_an_archive_did_is_told_by_kind_evidence_and_note() {
+    use crate::diagnosis::{HistoryFound, HistoryKind};
+    use crate::signal::Role;
+    let mut found = sticky(vec![0.0, 1.0]);
+    let kind = HistoryKind::Held;
+    found.preparation.history = Some(Box::new(HistoryFound { kind, role: Role::Pv, evidence: [0.99, 5.0] }));
+    let report = Report::from(("FIC101", &found));
+    let said = serde_json::to_value(&report.window.history).expect("it can be written");
+    assert_eq!(
+        said,
+        serde_json::json!({"kind": "held", "evidence": "PV: 99 % of the changes at every 5th sample", "note": kind.note()})
+    );
+    // A report of before there was the field is read as one where nothing shows.
+    let mut old = serde_json::to_value(&report).expect("it can be written");
+    old["window"].as_object_mut().expect("an object").remove("history");
+    let old: Report = serde_json::from_value(old).expect("it can be read");
+    assert_eq!(old.window.history, None);
 }

@@ -1,0 +1,219 @@
+//! Where a record comes from: a file, a store, or the history of the devices that a configuration names.
+
+use super::super::Failure;
+use super::Args;
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+use stictiond::collect::opcua::{self, HistoryError, Keep, Slice, Wish};
+use stictiond::collect::{csv, parquet};
+use stictiond::config;
+use stictiond::signal::{Record, Sample};
+use stictiond::store::{self, Batch, Reader, Series, Store, StoreError, TagName};
+
+/// Beside the store in the folder: how far each reading of history has come.
+const PROGRESS: &str = "history.progress";
+
+/// The record, and the loop's name.
+pub fn record(args: &Args) -> Result<(Record, String), Failure> {
+    let path = &args.source;
+    let bad = |error: &dyn std::fmt::Display| Failure::in_file(path, error);
+    let named = || path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+    let name = args.of_loop.clone().unwrap_or_else(named);
+    let ends_in = |end: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(end));
+    let mut record = if path.is_dir() {
+        stored(path, args)?
+    } else if ends_in("toml") {
+        history(path, args)?
+    } else {
+        let file = File::open(path).map_err(|error| bad(&error))?;
+        if ends_in("parquet") {
+            parquet::read(file, args.of_loop.as_deref()).map_err(|error| bad(&error))?
+        } else {
+            csv::read(file).map_err(|error| bad(&error))?
+        }
+    };
+    let within = |sample: &Sample| {
+        args.from.is_none_or(|from| sample.t >= from) && args.to_time.is_none_or(|to| sample.t <= to)
+    };
+    record.op.retain(within);
+    record.pv.retain(within);
+    Ok((record, name))
+}
+
+fn wanted(args: &Args) -> Result<&str, Failure> {
+    args.of_loop.as_deref().ok_or_else(|| Failure::BadInput("say which loop with --loop".to_string()))
+}
+
+/// A loop as the store has it.
+fn stored(folder: &Path, args: &Args) -> Result<Record, Failure> {
+    let of_store = |error: StoreError| Failure::in_file(folder, error);
+    let own = wanted(args)?;
+    let mut reader = Reader::open(folder).map_err(of_store)?;
+    let tags: Vec<String> = reader
+        .tags()
+        .map_err(of_store)?
+        .into_iter()
+        .filter(|tag| tag.name.control_loop == own)
+        .map(|tag| tag.name.tag)
+        .collect();
+    if tags.is_empty() {
+        return Err(Failure::in_file(folder, format!("no loop '{own}' in this store")));
+    }
+    let mut record = Record::default();
+    for tag in tags {
+        let samples = reader
+            .between(own, &tag, args.from.unwrap_or(0.0), args.to_time.unwrap_or(f64::MAX))
+            .map_err(of_store)?;
+        match tag.as_str() {
+            "op" => record.op = samples,
+            "pv" => record.pv = samples,
+            "sp" => record.sp = Some(samples),
+            "mode" => record.mode = Some(samples),
+            "mv" => record.mv = Some(samples),
+            _ if record.tags.iter().any(|(other, _)| *other == tag) => {}
+            _ => record.tags.push((tag, samples)),
+        }
+    }
+    Ok(record)
+}
+
+/// Reads what the loop's OPC UA servers kept into the store of `--into`, from where it was left, and then from there.
+fn history(path: &Path, args: &Args) -> Result<Record, Failure> {
+    let own = wanted(args)?;
+    let need = |what| Failure::BadInput(format!("to read history from devices, say {what}"));
+    let folder = args.into.clone().ok_or_else(|| need("with --into FOLDER where it is to be kept"))?;
+    let (from, to) = args.from.zip(args.to_time).ok_or_else(|| need("--from and --to-time"))?;
+    let config = config::load(path).map_err(Failure::BadConfig)?;
+    let bad = |what: String| Failure::in_file(path, what);
+    let plant = config.plant().map_err(|issues| {
+        bad(issues
+            .iter()
+            .map(|issue| format!("{}: {}", issue.field, issue.message))
+            .collect::<Vec<_>>()
+            .join("; "))
+    })?;
+    let all = plant.loops.iter().flat_map(|l| l.tags.iter().map(move |tag| (l, tag)));
+    let names: HashMap<usize, Arc<TagName>> = all
+        .enumerate()
+        .filter(|(_, (l, _))| l.id.as_str() == own)
+        .map(|(at, (l, tag))| {
+            let name = TagName {
+                control_loop: l.id.to_string(),
+                tag: tag.kind.name().to_string(),
+                source: tag.source.clone(),
+                unit: tag.unit.clone(),
+            };
+            (at, Arc::new(name))
+        })
+        .collect();
+    if names.is_empty() {
+        return Err(bad(format!("there is no loop '{own}'")));
+    }
+    let plans = plant.opcua.into_iter().filter_map(|mut plan| {
+        plan.tags.retain(|tag| names.contains_key(&tag.index));
+        (!plan.tags.is_empty()).then_some(plan)
+    });
+    let plans: Vec<opcua::Plan> = plans.collect();
+    if plans.is_empty() {
+        return Err(bad(format!(
+            "no tag of loop '{own}' is read from an OPC UA server, which could have its history"
+        )));
+    }
+    let wish = Wish {
+        from,
+        to,
+        newest_first: args.newest_first,
+        slice_s: args.slice,
+        pause: Duration::from_millis(args.pause_ms),
+        average_s: args.average,
+    };
+    let mut store =
+        Store::open(&store::Config::new(&folder)).map_err(|error| Failure::Failed(error.to_string()))?;
+    let runtime =
+        tokio::runtime::Runtime::new().map_err(|error| Failure::Failed(format!("cannot start: {error}")))?;
+    for plan in plans {
+        let key =
+            format!("{own}\t{}\t{from}\t{to}\t{}\t{:?}", plan.config.name, args.newest_first, args.average);
+        let progress = Progress { path: folder.join(PROGRESS), key };
+        let wish = progress.done().map_or(wish, |done| wish.after(done));
+        let slices = wish.slices().count();
+        let bar = super::Bar::new();
+        let mut kept = Kept {
+            store: &mut store,
+            names: &names,
+            progress,
+            newest_first: args.newest_first,
+            bar,
+            slices,
+            at: 0,
+        };
+        let read = runtime.block_on(opcua::history(&plan, &wish, &mut kept));
+        kept.bar.end();
+        read.map_err(|error| match error {
+            HistoryError::Tag(..) | HistoryError::None(..) => bad(error.to_string()),
+            _ => Failure::Failed(format!("{error}; what was read is kept, run it again to go on")),
+        })?;
+    }
+    drop(store);
+    let mut record = stored(&folder, args)?;
+    let limits = config.loops.iter().find(|l| l.id == own);
+    record.op_span = limits.and_then(|l| l.op_span);
+    record.op_limits = limits.and_then(|l| l.op_limits).map(|[low, high]| (low, high));
+    Ok(record)
+}
+
+/// How far one reading has come: a line of a small file, replaced whole.
+struct Progress {
+    path: PathBuf,
+    key: String,
+}
+
+impl Progress {
+    fn lines(&self) -> Vec<String> {
+        let text = fs::read_to_string(&self.path).unwrap_or_default();
+        let other = |line: &&str| line.rsplit_once('\t').is_some_and(|(key, _)| key != self.key);
+        text.lines().filter(other).map(str::to_string).collect()
+    }
+
+    fn done(&self) -> Option<f64> {
+        let text = fs::read_to_string(&self.path).ok()?;
+        let own = |line: &str| line.rsplit_once('\t').filter(|(key, _)| *key == self.key)?.1.parse().ok();
+        text.lines().find_map(own)
+    }
+
+    fn set(&self, done: f64) -> std::io::Result<()> {
+        let mut lines = self.lines();
+        lines.push(format!("{}\t{done}", self.key));
+        let new = self.path.with_extension("new");
+        fs::write(&new, lines.join("\n") + "\n")?;
+        fs::rename(new, &self.path)
+    }
+}
+
+/// Puts slices into the store. One that was kept and not noted is read again, and changes nothing.
+struct Kept<'s> {
+    store: &'s mut Store,
+    names: &'s HashMap<usize, Arc<TagName>>,
+    progress: Progress,
+    newest_first: bool,
+    bar: super::Bar,
+    slices: usize,
+    at: usize,
+}
+
+impl Keep for Kept<'_> {
+    async fn keep(&mut self, slice: Slice) -> Result<(), String> {
+        let named =
+            |(at, samples): (usize, Vec<Sample>)| Some(Series { tag: self.names.get(&at)?.clone(), samples });
+        let batch = Batch { series: slice.series.into_iter().filter_map(named).collect(), rows: Vec::new() };
+        self.store.insert(&batch).map_err(|error| error.to_string())?;
+        let done = if self.newest_first { slice.from } else { slice.to };
+        self.progress.set(done).map_err(|error| format!("{}: {error}", self.progress.path.display()))?;
+        self.at += 1;
+        self.bar.show(self.at, self.slices);
+        Ok(())
+    }
+}
