@@ -6,7 +6,7 @@
 //! Where the loss is least every structure is fitted, and what wins there is carried along f, until the least stays
 //! the least.
 
-use super::armax::{Fit, LOSS_FLOOR, Lag, ORDER};
+use super::armax::{Fit, LOSS_FLOOR, Lag};
 use super::friction::Cell;
 use super::search::{GridPoint, PRECISE, ROUGH, Searcher, race, rescreen};
 
@@ -18,20 +18,18 @@ const COARSE: usize = 10;
 const THOROUGH: usize = 8;
 const QUICK: usize = 50;
 const STARTS: usize = 8;
-/// Structures that start at the values fitted whatever their screening says: these only tell how far it overstates.
-const COARSE_STARTS: usize = 4;
 /// Values that get a second, thorough look next to the least, and how near.
-const SECOND_LOOKS: usize = 5;
+const SECOND_LOOKS: usize = 8;
 const REACH: usize = 3;
 /// Distance in N ln V above the best at which a value is expected to be hopeless.
 const HOPELESS: f64 = 100.0;
 /// Rounds at such values, where every structure is fitted, and with the errors of the best there.
-const THOROUGH_RACE: [(usize, usize); 1] = [(3, 2)];
+const THOROUGH_RACE: [(usize, usize); 1] = [(3, 3)];
 const QUICK_RACE: [(usize, usize); 1] = [(2, 1)];
 const EVERY_RACE: [(usize, usize); 2] = [(2, 50), (4, 10)];
 const RESCREEN_RACE: [(usize, usize); 1] = [(2, 3)];
-/// Delays of each split that start at the first such place, and at the others.
-const DELAYS: [usize; 2] = [5, 3];
+/// Structures that start at such a place: all of them.
+const EVERY: usize = usize::MAX;
 /// Structures that start from those errors.
 const RESCREENED: usize = 20;
 /// Places where every structure is fitted at the most.
@@ -60,7 +58,7 @@ impl Searcher<'_> {
         let mut fits: Vec<Option<Fit>> = vec![None; values];
         let mut looked: Vec<bool> = (0..values).map(|i| i % COARSE == 0).collect();
         for i in (0..values).step_by(COARSE) {
-            self.at_value(&mut points, &mut fits, &screened, i, COARSE_STARTS);
+            self.at_value(&mut points, &mut fits, &screened, i, true);
         }
         let mut order: Vec<(f64, usize)> = (0..values)
             .filter(|&i| fits[i].is_none())
@@ -73,15 +71,14 @@ impl Searcher<'_> {
             if expected > least(&points).1 * (HOPELESS / self.p.rows()).exp() {
                 break;
             }
-            let starts = if rank < THOROUGH { STARTS } else { 0 };
-            self.at_value(&mut points, &mut fits, &screened, i, starts);
+            self.at_value(&mut points, &mut fits, &screened, i, rank < THOROUGH);
             looked[i] = rank < THOROUGH;
         }
         for _ in 0..SECOND_LOOKS {
             let (at, _) = least(&points);
             let near = at.saturating_sub(REACH)..(at + REACH + 1).min(values);
             let Some(i) = near.filter(|&i| !looked[i]).min_by_key(|i| i.abs_diff(at)) else { break };
-            self.at_value(&mut points, &mut fits, &screened, i, STARTS);
+            self.at_value(&mut points, &mut fits, &screened, i, true);
             looked[i] = true;
         }
         self.settle(&mut points, &fits);
@@ -126,35 +123,19 @@ impl Searcher<'_> {
         &self.running
     }
 
-    /// The same with the best `delays` of every split: screening ranks the delays of one split well, and the splits not.
-    fn screen_splits(&mut self, delays: usize) {
-        self.screen_present(1);
-        self.ranked.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let mut taken = [[0; ORDER]; ORDER];
-        self.running.clear();
-        for &(_, orders) in &self.ranked {
-            let taken = &mut taken[orders.na][orders.nb];
-            if *taken < delays {
-                *taken += 1;
-                self.running.push(self.screen.fit(orders).start(0.0));
-            }
-        }
-    }
-
-    /// Fits one value from its own start and from the models at the nearest values that have one; or thoroughly, from
-    /// the best `starts` structures of the screening here, and again of that by the errors of the best.
+    /// Fits one value from its own start and from the models at the nearest values that have one; `thorough`
+    /// starts the best structures of the screening here, and again those by the errors of the best.
     fn at_value(
         &mut self,
         points: &mut [GridPoint],
         fits: &mut [Option<Fit>],
         screened: &[Screened],
         i: usize,
-        starts: usize,
+        thorough: bool,
     ) {
-        let thorough = starts > 0;
         self.run_element(points[i].f, 0.0);
         if thorough {
-            self.screen_present(starts);
+            self.screen_present(STARTS);
         } else {
             self.running.clear();
             self.running.push(screened[i].start);
@@ -171,7 +152,7 @@ impl Searcher<'_> {
             rescreen(&mut self.screen, &mut self.work, &s, &best, candidates);
             running.clear();
             running.push(best);
-            running.extend(candidates.iter().take(starts).map(|c| c.start(0.0)));
+            running.extend(candidates.iter().take(STARTS).map(|c| c.start(0.0)));
             self.fits += running.len();
             best = race(&mut self.work, &s, running, Lag::Fixed, &THOROUGH_RACE, ROUGH);
         }
@@ -190,7 +171,7 @@ impl Searcher<'_> {
                 return;
             }
             places.push(at);
-            let leaders = self.every_structure(points[at].f, fits[at], DELAYS[usize::from(places.len() > 1)]);
+            let leaders = self.every_structure(points[at].f, fits[at]);
             if let Some(best) = leaders.first() {
                 points[at].loss = points[at].loss.min(best.loss + LOSS_FLOOR);
             }
@@ -201,10 +182,10 @@ impl Searcher<'_> {
         }
     }
 
-    /// The best models of different structure at one f: every split tried, with its best `delays`.
-    fn every_structure(&mut self, f: f64, known: Option<Fit>, delays: usize) -> Vec<Fit> {
+    /// The best models of different structure at one f, all of them tried.
+    fn every_structure(&mut self, f: f64, known: Option<Fit>) -> Vec<Fit> {
         self.run_element(f, 0.0);
-        self.screen_splits(delays);
+        self.screen_present(EVERY);
         let s = self.p.signals(&self.x, &self.dir);
         let running = &mut self.running;
         running.extend(known);
