@@ -94,7 +94,7 @@ pub struct HistoryFound {
     pub kind: HistoryKind,
     /// The tag that shows it.
     pub role: Role,
-    /// What it rests on: see [`HistoryFound::fmt`].
+    /// What it rests on, as its display says.
     pub evidence: [f64; 2],
 }
 
