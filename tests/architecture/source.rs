@@ -40,7 +40,8 @@ impl Source {
         let mut found = Vec::new();
         let mut at = 0;
         while at < tokens.len() {
-            if tokens[at] == "use" {
+            // `use<'a>` names what a returned type captures.
+            if tokens[at] == "use" && tokens.get(at + 1).is_some_and(|t| t != "<") {
                 at = use_tree(&tokens, at + 1, &[], &mut found);
             } else if is_name(&tokens[at]) {
                 let mut path = vec![tokens[at].clone()];
