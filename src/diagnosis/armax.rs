@@ -13,8 +13,11 @@
 //!
 //! Source: Ljung, System Identification, 2nd ed., section 10.3 and 7.4.
 
-use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
+mod normal;
+
+use super::linalg::{dot, total};
 pub use super::zeros::{draw_inside, is_inside};
+use normal::{CONSTANT, Normal};
 
 /// Largest modulus a zero of C may have; beyond it the start of the record is never forgotten.
 pub const RHO: f64 = 0.98;
@@ -105,7 +108,6 @@ pub struct Workspace {
     w: Vec<f64>,
     e: Vec<f64>,
     filtered: [Vec<f64>; 4],
-    dir_filtered: Vec<f64>,
     lag_column: Vec<f64>,
 }
 
@@ -118,7 +120,6 @@ impl Workspace {
             w: buffer(),
             e: buffer(),
             filtered: std::array::from_fn(|_| buffer()),
-            dir_filtered: buffer(),
             lag_column: buffer(),
         }
     }
@@ -195,11 +196,10 @@ impl Workspace {
             let normal = self.normal_equations(s, orders, &theta, lag);
             let mut improved = false;
             for _ in 0..8 {
-                let (step, promised) = normal.step(damping);
+                let (candidate, promised) = normal.step(&theta, damping, lag);
                 if promised <= tolerance * loss {
                     return Fit { orders, theta, loss, iterations };
                 }
-                let candidate = normal.apply(&theta, &step, orders, lag);
                 if candidate.lag != loaded {
                     self.load_stem(s, candidate.lag);
                     loaded = candidate.lag;
@@ -231,56 +231,55 @@ impl Workspace {
         }
         let n = s.y.len();
         let mut normal = Normal::new(orders, free_lag, n - s.first);
-        let [yf, zf, ef, onef] = &self.filtered;
+        // The constant behind 1/C, once its start is forgotten; its products are then sums of the other columns.
+        let constant = 1.0 / (1.0 + theta.c[..orders.nc].iter().sum::<f64>());
+        let [yf, zf, ef, _] = &self.filtered;
+        let signals = [yf, zf, ef, yf, &self.lag_column];
         let columns = normal.columns;
         for i in 0..normal.size {
             let (signal_i, lag_i) = columns[i];
-            let at_i = |signal: usize| -> &[f64] {
-                match signal {
-                    0 => yf,
-                    1 => zf,
-                    2 => ef,
-                    3 => onef,
-                    _ => &self.lag_column,
-                }
-            };
-            let ci = at_i(signal_i);
+            let ci = signals[signal_i];
             for j in 0..=i {
                 let (signal_j, lag_j) = columns[j];
-                let cj = at_i(signal_j);
-                // Two columns one lag further on share all but two products with their predecessors.
-                let shifted = i > 0
-                    && j > 0
-                    && columns[i - 1] == (signal_i, lag_i.wrapping_sub(1))
-                    && columns[j - 1] == (signal_j, lag_j.wrapping_sub(1));
-                normal.jtj[i][j] = if shifted {
-                    normal.jtj[i - 1][j - 1] + ci[s.first - lag_i] * cj[s.first - lag_j]
-                        - ci[n - lag_i] * cj[n - lag_j]
+                let cj = signals[signal_j];
+                let (enters, leaves) = (s.first - lag_j, n - lag_j);
+                let follows_j = j > 0 && columns[j - 1] == (signal_j, lag_j.wrapping_sub(1));
+                normal.jtj[i][j] = if signal_i == CONSTANT {
+                    if j == i {
+                        constant * constant * (n - s.first) as f64
+                    } else if follows_j {
+                        normal.jtj[i][j - 1] + constant * (cj[enters] - cj[leaves])
+                    } else {
+                        constant * total(&cj[enters..leaves])
+                    }
+                } else if signal_j == CONSTANT {
+                    constant * total(&ci[s.first - lag_i..n - lag_i])
+                } else if follows_j && i > 0 && columns[i - 1] == (signal_i, lag_i.wrapping_sub(1)) {
+                    // Two columns one lag further on share all but two products with their predecessors.
+                    normal.jtj[i - 1][j - 1] + ci[s.first - lag_i] * cj[enters] - ci[n - lag_i] * cj[leaves]
                 } else {
-                    dot(&ci[s.first - lag_i..n - lag_i], &cj[s.first - lag_j..n - lag_j])
+                    dot(&ci[s.first - lag_i..n - lag_i], &cj[enters..leaves])
                 };
             }
-            normal.jte[i] = dot(&ci[s.first - lag_i..n - lag_i], &self.e[s.first..n]);
+            normal.jte[i] = if signal_i == CONSTANT {
+                constant * total(&self.e[s.first..n])
+            } else {
+                dot(&ci[s.first - lag_i..n - lag_i], &self.e[s.first..n])
+            };
         }
         normal.apply_signs();
         normal
     }
 
-    /// y, z, e and 1, each divided by C.
+    /// y, z, e and dir, each divided by C.
     fn filter_all(&mut self, s: &Signals<'_>, c: &[f64]) {
         let n = s.y.len();
         let from = s.start;
-        let [yf, zf, ef, onef] = &mut self.filtered;
-        let inputs = [&s.y[from..n], &self.z[from..n], &self.e[from..n]];
-        let outputs = [&mut yf[from..n], &mut zf[from..n], &mut ef[from..n], &mut onef[from..n]];
+        let [yf, zf, ef, df] = &mut self.filtered;
+        let inputs = [&s.y[from..n], &self.z[from..n], &self.e[from..n], &s.dir[from..n]];
+        let outputs = [&mut yf[from..n], &mut zf[from..n], &mut ef[from..n], &mut df[from..n]];
         match *c {
-            [] => {
-                let [yf, zf, ef, onef] = outputs;
-                yf.copy_from_slice(inputs[0]);
-                zf.copy_from_slice(inputs[1]);
-                ef.copy_from_slice(inputs[2]);
-                onef.fill(1.0);
-            }
+            [] => outputs.into_iter().zip(inputs).for_each(|(output, input)| output.copy_from_slice(input)),
             [c1] => filter4([c1], inputs, outputs),
             [c1, c2] => filter4([c1, c2], inputs, outputs),
             [c1, c2, c3] => filter4([c1, c2, c3], inputs, outputs),
@@ -291,103 +290,11 @@ impl Workspace {
     /// The derivative of e by the lag: `B(q)/C(q) dir`.
     fn lag_gradient(&mut self, s: &Signals<'_>, orders: Orders, theta: &Theta) {
         let n = s.y.len();
-        let (input, output) = (&s.dir[s.start..n], &mut self.dir_filtered[s.start..n]);
-        match theta.c[..orders.nc] {
-            [] => output.copy_from_slice(input),
-            [c1] => whiten([c1], input, output),
-            [c1, c2] => whiten([c1, c2], input, output),
-            [c1, c2, c3] => whiten([c1, c2, c3], input, output),
-            [c1, c2, c3, c4, ..] => whiten([c1, c2, c3, c4], input, output),
-        }
         self.lag_column[..n].fill(0.0);
         let begin = s.first;
         for (j, &b) in theta.b[..orders.nb].iter().enumerate() {
-            add_scaled(&mut self.lag_column[begin..n], b, &self.dir_filtered[begin - orders.nk - j..n]);
+            add_scaled(&mut self.lag_column[begin..n], b, &self.filtered[3][begin - orders.nk - j..n]);
         }
-    }
-}
-
-/// The normal equations of one iteration.
-struct Normal {
-    jtj: [[f64; MAX_PARAMETERS]; MAX_PARAMETERS],
-    jte: [f64; MAX_PARAMETERS],
-    /// (signal, lag) of each column; signals are y, z, e, 1, lag.
-    columns: [(usize, usize); MAX_PARAMETERS],
-    size: usize,
-    rows: f64,
-}
-
-impl Normal {
-    fn new(orders: Orders, free_lag: bool, rows: usize) -> Self {
-        let mut columns = [(0, 0); MAX_PARAMETERS];
-        let wanted = (1..=orders.na)
-            .map(|i| (0, i))
-            .chain((0..orders.nb).map(|j| (1, orders.nk + j)))
-            .chain((1..=orders.nc).map(|l| (2, l)))
-            .chain([(3, 0)])
-            .chain(free_lag.then_some((4, 0)));
-        let mut size = 0;
-        for (slot, column) in columns.iter_mut().zip(wanted) {
-            *slot = column;
-            size += 1;
-        }
-        Self {
-            jtj: [[0.0; MAX_PARAMETERS]; MAX_PARAMETERS],
-            jte: [0.0; MAX_PARAMETERS],
-            columns,
-            size,
-            rows: rows as f64,
-        }
-    }
-
-    /// e falls with b, c and c0 and grows with a and the lag.
-    fn apply_signs(&mut self) {
-        let sign = |signal: usize| if matches!(signal, 1..=3) { -1.0 } else { 1.0 };
-        for i in 0..self.size {
-            let si = sign(self.columns[i].0);
-            self.jte[i] *= si;
-            for j in 0..=i {
-                self.jtj[i][j] *= si * sign(self.columns[j].0);
-            }
-        }
-    }
-
-    /// The damped step d and the decrease of V that the quadratic model promises for it, at least `-gᵀd/N`.
-    fn step(&self, damping: f64) -> ([f64; MAX_PARAMETERS], f64) {
-        let n = self.size;
-        let mut g = [0.0; MAX_PARAMETERS * MAX_PARAMETERS];
-        let mut r = [0.0; MAX_PARAMETERS];
-        for i in 0..n {
-            for j in 0..=i {
-                g[i * MAX_PARAMETERS + j] = self.jtj[i][j];
-            }
-            g[i * MAX_PARAMETERS + i] *= 1.0 + damping;
-            r[i] = -self.jte[i];
-        }
-        let mut live = [true; MOST_COLUMNS];
-        factor(&mut g, MAX_PARAMETERS, n, &mut live);
-        substitute(&g, MAX_PARAMETERS, &live, &mut r[..n]);
-        let linear: f64 = (0..n).map(|i| -self.jte[i] * r[i]).sum();
-        (r, linear.max(0.0) / self.rows)
-    }
-
-    fn apply(&self, theta: &Theta, step: &[f64; MAX_PARAMETERS], orders: Orders, lag: Lag) -> Theta {
-        let mut next = *theta;
-        for (i, &(signal, _)) in self.columns[..self.size].iter().enumerate() {
-            match signal {
-                0 => next.a[i] += step[i],
-                1 => next.b[i - orders.na] += step[i],
-                2 => next.c[i - orders.na - orders.nb] += step[i],
-                3 => next.c0 += step[i],
-                _ => {
-                    if let Lag::Free { max } = lag {
-                        next.lag = (next.lag + step[i]).clamp(0.0, max);
-                    }
-                }
-            }
-        }
-        draw_inside(&mut next.c[..orders.nc], RHO);
-        next
     }
 }
 
@@ -437,45 +344,57 @@ fn ahead<const P: usize>(c: [f64; P]) -> [f64; P] {
     std::array::from_fn(|l| c[0] * c[l] - c.get(l + 1).copied().unwrap_or(0.0))
 }
 
-/// `out = w / C` from rest, two samples at a time.
+/// `out = w / C` from rest, four samples at a time: each waits for the four before, not for its neighbour.
 #[inline]
 fn whiten<const P: usize>(c: [f64; P], w: &[f64], out: &mut [f64]) {
-    let ahead = ahead(c);
+    // What an input, and what each past error, adds to this and the next three.
+    let mut pulse = [1.0, 0.0, 0.0, 0.0];
+    let mut echo = [[0.0; 4]; P];
+    for k in 0..4 {
+        let carried = |before: &[f64; 4]| (0..P.min(k)).map(|l| c[l] * before[k - 1 - l]).sum::<f64>();
+        if k > 0 {
+            pulse[k] = -carried(&pulse);
+        }
+        for (p, echo) in echo.iter_mut().enumerate() {
+            echo[k] = -carried(echo) - c.get(p + k).copied().unwrap_or(0.0);
+        }
+    }
+    let [_, p1, p2, p3] = pulse;
     let mut past = [0.0; P];
-    let (pairs, last) = w.as_chunks::<2>();
-    let (out_pairs, out_last) = out[..w.len()].as_chunks_mut::<2>();
-    for (&[w0, w1], out) in pairs.iter().zip(out_pairs) {
-        let (mut e0, mut e1) = (w0, w1 - c[0] * w0);
-        // The newest error comes last so that the chain from one pair to the next is a single operation.
+    let (blocks, last) = w.as_chunks::<4>();
+    let (out_blocks, out_last) = out[..w.len()].as_chunks_mut::<4>();
+    for (&[w0, w1, w2, w3], out) in blocks.iter().zip(out_blocks) {
+        let mut e = [w0, w1 + p1 * w0, w2 + (p1 * w1 + p2 * w0), (w3 + p1 * w2) + (p2 * w1 + p3 * w0)];
+        // The newest error comes last so that the chain from one block to the next is a single operation.
         for l in (0..P).rev() {
-            e0 -= c[l] * past[l];
-            e1 += ahead[l] * past[l];
+            for (e, echo) in e.iter_mut().zip(echo[l]) {
+                *e += echo * past[l];
+            }
         }
-        for l in (2..P).rev() {
-            past[l] = past[l - 2];
+        for (l, past) in past.iter_mut().enumerate() {
+            *past = e[3 - l];
         }
-        if P > 1 {
-            past[1] = e0;
-        }
-        past[0] = e1;
-        *out = [e0, e1];
+        *out = e;
     }
     for (w, out) in last.iter().zip(out_last) {
-        *out = (0..P).rev().fold(*w, |e, l| e - c[l] * past[l]);
+        let e = (0..P).rev().fold(*w, |e, l| e - c[l] * past[l]);
+        past.rotate_right(1);
+        past[0] = e;
+        *out = e;
     }
 }
 
-/// Three signals and the constant 1, each divided by C from rest, side by side: four independent chains.
-fn filter4<const P: usize>(c: [f64; P], inputs: [&[f64]; 3], outputs: [&mut [f64]; 4]) {
+/// Four signals, each divided by C from rest, side by side: four independent chains.
+fn filter4<const P: usize>(c: [f64; P], inputs: [&[f64]; 4], outputs: [&mut [f64]; 4]) {
     let n = inputs[0].len();
-    let [i0, i1, i2] = inputs.map(|v| &v[..n]);
+    let [i0, i1, i2, i3] = inputs.map(|v| &v[..n]);
     let [o0, o1, o2, o3] = outputs.map(|v| &mut v[..n]);
     let ahead = ahead(c);
     let mut past = [[0.0; 4]; P];
     let mut k = 0;
     while k + 1 < n {
-        let now = [i0[k], i1[k], i2[k], 1.0];
-        let next = [i0[k + 1], i1[k + 1], i2[k + 1], 1.0];
+        let now = [i0[k], i1[k], i2[k], i3[k]];
+        let next = [i0[k + 1], i1[k + 1], i2[k + 1], i3[k + 1]];
         let mut e0 = now;
         let mut e1: [f64; 4] = std::array::from_fn(|lane| next[lane] - c[0] * now[lane]);
         for l in (0..P).rev() {
@@ -496,7 +415,7 @@ fn filter4<const P: usize>(c: [f64; P], inputs: [&[f64]; 3], outputs: [&mut [f64
         k += 2;
     }
     if k < n {
-        let now = [i0[k], i1[k], i2[k], 1.0];
+        let now = [i0[k], i1[k], i2[k], i3[k]];
         [o0[k], o1[k], o2[k], o3[k]] =
             std::array::from_fn(|lane| (0..P).rev().fold(now[lane], |e, l| e - c[l] * past[l][lane]));
     }

@@ -18,20 +18,24 @@ const COARSE: usize = 10;
 const THOROUGH: usize = 8;
 const QUICK: usize = 50;
 const STARTS: usize = 8;
+/// Structures that start at the values fitted whatever their screening says: these only tell how far it overstates.
+const COARSE_STARTS: usize = 4;
+/// Structures that start again from the errors of the best.
+const AGAIN: usize = 5;
 /// Values that get a second, thorough look next to the least, and how near.
-const SECOND_LOOKS: usize = 8;
+const SECOND_LOOKS: usize = 4;
 const REACH: usize = 3;
 /// Distance in N ln V above the best at which a value is expected to be hopeless.
 const HOPELESS: f64 = 100.0;
 /// Rounds at such values, where every structure is fitted, and with the errors of the best there.
-const THOROUGH_RACE: [(usize, usize); 1] = [(3, 3)];
+const THOROUGH_RACE: [(usize, usize); 1] = [(3, 2)];
 const QUICK_RACE: [(usize, usize); 1] = [(2, 1)];
-const EVERY_RACE: [(usize, usize); 2] = [(2, 50), (4, 10)];
+const EVERY_RACE: [(usize, usize); 2] = [(2, 30), (3, 8)];
 const RESCREEN_RACE: [(usize, usize); 1] = [(2, 3)];
 /// Structures that start at such a place: all of them.
 const EVERY: usize = usize::MAX;
 /// Structures that start from those errors.
-const RESCREENED: usize = 20;
+const RESCREENED: usize = 8;
 /// Places where every structure is fitted at the most.
 const PLACES: usize = 3;
 /// Models carried along f from such a place, and iterations at each value.
@@ -58,7 +62,7 @@ impl Searcher<'_> {
         let mut fits: Vec<Option<Fit>> = vec![None; values];
         let mut looked: Vec<bool> = (0..values).map(|i| i % COARSE == 0).collect();
         for i in (0..values).step_by(COARSE) {
-            self.at_value(&mut points, &mut fits, &screened, i, true);
+            self.at_value(&mut points, &mut fits, &screened, i, COARSE_STARTS);
         }
         let mut order: Vec<(f64, usize)> = (0..values)
             .filter(|&i| fits[i].is_none())
@@ -71,14 +75,14 @@ impl Searcher<'_> {
             if expected > least(&points).1 * (HOPELESS / self.p.rows()).exp() {
                 break;
             }
-            self.at_value(&mut points, &mut fits, &screened, i, rank < THOROUGH);
+            self.at_value(&mut points, &mut fits, &screened, i, if rank < THOROUGH { STARTS } else { 0 });
             looked[i] = rank < THOROUGH;
         }
         for _ in 0..SECOND_LOOKS {
             let (at, _) = least(&points);
             let near = at.saturating_sub(REACH)..(at + REACH + 1).min(values);
             let Some(i) = near.filter(|&i| !looked[i]).min_by_key(|i| i.abs_diff(at)) else { break };
-            self.at_value(&mut points, &mut fits, &screened, i, true);
+            self.at_value(&mut points, &mut fits, &screened, i, STARTS);
             looked[i] = true;
         }
         self.settle(&mut points, &fits);
@@ -123,19 +127,20 @@ impl Searcher<'_> {
         &self.running
     }
 
-    /// Fits one value from its own start and from the models at the nearest values that have one; `thorough`
-    /// starts the best structures of the screening here, and again those by the errors of the best.
+    /// Fits one value from its own start and from the models at the nearest values that have one; where `starts` is
+    /// not 0 as many of the screening's best structures start here, and again those by the errors of the best.
     fn at_value(
         &mut self,
         points: &mut [GridPoint],
         fits: &mut [Option<Fit>],
         screened: &[Screened],
         i: usize,
-        thorough: bool,
+        starts: usize,
     ) {
         self.run_element(points[i].f, 0.0);
+        let thorough = starts > 0;
         if thorough {
-            self.screen_present(STARTS);
+            self.screen_present(starts);
         } else {
             self.running.clear();
             self.running.push(screened[i].start);
@@ -152,7 +157,7 @@ impl Searcher<'_> {
             rescreen(&mut self.screen, &mut self.work, &s, &best, candidates);
             running.clear();
             running.push(best);
-            running.extend(candidates.iter().take(STARTS).map(|c| c.start(0.0)));
+            running.extend(candidates.iter().take(AGAIN).map(|c| c.start(0.0)));
             self.fits += running.len();
             best = race(&mut self.work, &s, running, Lag::Fixed, &THOROUGH_RACE, ROUGH);
         }

@@ -20,6 +20,19 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     ((a + c) + (b + d)) + rest
 }
 
+/// `sum a[i]`, in eight accumulators.
+pub fn total(a: &[f64]) -> f64 {
+    let (chunks, rest) = a.as_chunks::<8>();
+    let mut acc = [0.0; 8];
+    for chunk in chunks {
+        for (sum, x) in acc.iter_mut().zip(chunk) {
+            *sum += x;
+        }
+    }
+    let [a, b, c, d]: [f64; 4] = std::array::from_fn(|i| acc[i] + acc[i + 4]);
+    ((a + c) + (b + d)) + rest.iter().sum::<f64>()
+}
+
 /// Most columns of a system.
 pub const MOST_COLUMNS: usize = 128;
 
@@ -75,6 +88,7 @@ mod tests {
         let plain: f64 = a.iter().map(|x| x * x).sum();
         assert_eq!(dot(&a, &a), plain);
         assert_eq!(dot(&a, &a[..3]), 5.0);
+        assert_eq!(total(&a), 666.0);
     }
 
     #[test]

@@ -4,6 +4,9 @@ use super::armax::ORDER;
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
+/// Share of the radius by which a zero that is drawn in ends inside, so that rounding does not put it outside again.
+pub(super) const MARGIN: f64 = 1e-6;
+
 /// True when every zero of `1 + c1 q^-1 + …` lies inside `|q| < radius` (Schur–Cohn by step-down).
 pub fn is_inside(c: &[f64], radius: f64) -> bool {
     let mut poly = [0.0; ORDER];
@@ -39,7 +42,7 @@ pub fn draw_inside(c: &mut [f64], radius: f64) {
     };
     let mut poly = [Complex::new(0.0, 0.0); ORDER + 1];
     poly[0] = Complex::new(1.0, 0.0);
-    let inside = radius * (1.0 - 1e-6);
+    let inside = radius * (1.0 - MARGIN);
     for (i, zero) in zeros[..c.len()].iter().enumerate() {
         let zero = if zero.norm() > inside { zero * (inside / zero.norm()) } else { *zero };
         for j in (0..=i).rev() {
@@ -60,9 +63,15 @@ pub fn draw_inside(c: &mut [f64], radius: f64) {
     }
 }
 
-/// The zeros of `1 + c1 q^-1 + …` by the Durand–Kerner iteration; none when it does not settle.
-fn zeros(c: &[f64]) -> Option<[Complex<f64>; ORDER]> {
+/// The zeros of `1 + c1 q^-1 + …`, two by their formula, more by the Durand–Kerner iteration; none when it runs away.
+pub(super) fn zeros(c: &[f64]) -> Option<[Complex<f64>; ORDER]> {
     let n = c.len().min(ORDER);
+    if n == 2 {
+        let (half, root) = (-0.5 * c[0], Complex::new(0.25 * c[0] * c[0] - c[1], 0.0).sqrt());
+        let mut zeros = [Complex::new(0.0, 0.0); ORDER];
+        (zeros[0], zeros[1]) = (half + root, half - root);
+        return Some(zeros);
+    }
     // Cauchy's bound, so that the starts surround the zeros.
     let bound = 1.0 + c.iter().fold(0.0f64, |most, c| most.max(c.abs()));
     let mut zeros: [Complex<f64>; ORDER] =
@@ -87,4 +96,20 @@ fn zeros(c: &[f64]) -> Option<[Complex<f64>; ORDER]> {
     }
     // A double zero converges slowly; what is left then is far below what a step of the minimisation moves.
     Some(zeros)
+}
+
+/// The derivative of the modulus of a zero by the coefficients, not finite for a multiple one: with `P(q) = q^n + c1 q^(n-1) + …`
+/// a zero z moves by `-z^(n-l) / P'(z)` with `c_l`.
+pub(super) fn outward(c: &[f64], zero: Complex<f64>, row: &mut [f64]) {
+    let n = c.len();
+    let mut slope = Complex::new(n as f64, 0.0);
+    for (i, c) in c[..n - 1].iter().enumerate() {
+        slope = slope * zero + c * (n - 1 - i) as f64;
+    }
+    let direction = -zero.conj() / (zero.norm() * slope);
+    let mut power = Complex::new(1.0, 0.0);
+    for slot in row[..n].iter_mut().rev() {
+        *slot = (direction * power).re;
+        power *= zero;
+    }
 }
