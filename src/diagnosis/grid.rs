@@ -3,8 +3,8 @@
 //! First every value is screened with every structure. A few spread over f are fitted by prediction error: how far
 //! the screening overstates the loss differs from place to place. Then the others are, the most promising first,
 //! from their own starts and from the models next to them, not at all what is hopeless.
-//! Where the loss is least every structure is fitted, and what wins there is carried along f, until the least stays
-//! the least.
+//! Where the loss is least nearly every structure is fitted, and what wins there is carried along f, until the least
+//! stays the least.
 
 use super::armax::{Fit, LOSS_FLOOR, Lag};
 use super::friction::Cell;
@@ -16,14 +16,14 @@ pub const GRID: usize = 101;
 const COARSE: usize = 10;
 /// Further values that are fitted thoroughly, and all that are fitted quickly; structures that start thoroughly.
 const THOROUGH: usize = 8;
-const QUICK: usize = 50;
+const QUICK: usize = 30;
 const STARTS: usize = 8;
 /// Structures that start at the values fitted whatever their screening says: these only tell how far it overstates.
 const COARSE_STARTS: usize = 4;
 /// Structures that start again from the errors of the best.
 const AGAIN: usize = 5;
 /// Values that get a second, thorough look next to the least, and how near.
-const SECOND_LOOKS: usize = 4;
+const SECOND_LOOKS: usize = 3;
 const REACH: usize = 3;
 /// Distance in N ln V above the best at which a value is expected to be hopeless.
 const HOPELESS: f64 = 100.0;
@@ -32,8 +32,8 @@ const THOROUGH_RACE: [(usize, usize); 1] = [(3, 2)];
 const QUICK_RACE: [(usize, usize); 1] = [(2, 1)];
 const EVERY_RACE: [(usize, usize); 2] = [(2, 30), (3, 8)];
 const RESCREEN_RACE: [(usize, usize); 1] = [(2, 3)];
-/// Structures that start at such a place: all of them.
-const EVERY: usize = usize::MAX;
+/// Structures that start at the first such place, of 15 splits with up to 10 delays each, and at the others.
+const EVERY: [usize; 2] = [100, 40];
 /// Structures that start from those errors.
 const RESCREENED: usize = 8;
 /// Places where every structure is fitted at the most.
@@ -42,8 +42,8 @@ const PLACES: usize = 3;
 const CARRIED: usize = 2;
 const CARRY: usize = 3;
 /// Values in a row that a model is carried on beyond the last where it came near the best, and what near is (N ln V).
-const PATIENCE: usize = 4;
-const NEAR: f64 = 40.0;
+const PATIENCE: usize = 2;
+const NEAR: f64 = 20.0;
 
 /// What screening one value left.
 #[derive(Clone, Copy)]
@@ -176,7 +176,8 @@ impl Searcher<'_> {
                 return;
             }
             places.push(at);
-            let leaders = self.every_structure(points[at].f, fits[at]);
+            let starts = EVERY[usize::from(places.len() > 1)];
+            let leaders = self.every_structure(points[at].f, fits[at], starts);
             if let Some(best) = leaders.first() {
                 points[at].loss = points[at].loss.min(best.loss + LOSS_FLOOR);
             }
@@ -187,10 +188,10 @@ impl Searcher<'_> {
         }
     }
 
-    /// The best models of different structure at one f, all of them tried.
-    fn every_structure(&mut self, f: f64, known: Option<Fit>) -> Vec<Fit> {
+    /// The best models of different structure at one f, `starts` of them tried.
+    fn every_structure(&mut self, f: f64, known: Option<Fit>, starts: usize) -> Vec<Fit> {
         self.run_element(f, 0.0);
-        self.screen_present(EVERY);
+        self.screen_present(starts);
         let s = self.p.signals(&self.x, &self.dir);
         let running = &mut self.running;
         running.extend(known);
