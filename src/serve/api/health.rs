@@ -1,6 +1,7 @@
 //! Whether it lives, whether it is ready, and how it is.
 
 use super::super::dto::health::{Health, Readiness, StoreHealth};
+use super::super::dto::notifications::PostHealth;
 use super::super::dto::params::NoQuery;
 use super::super::dto::rfc3339;
 use super::super::extract::Params;
@@ -27,6 +28,7 @@ pub async fn healthz(State(context): Shared, Params(NoQuery {}): Params<NoQuery>
         time: rfc3339(now),
         uptime_s: now - context.started,
         store: store(&context),
+        notifications: notifications(&context),
     })
 }
 
@@ -51,6 +53,11 @@ pub async fn readyz(
             .with("store", serde_json::to_value(readiness.store).unwrap_or_default()))
     })
     .await
+}
+
+fn notifications(context: &Context) -> Option<PostHealth> {
+    let receivers = context.post.as_ref()?.receivers();
+    (!receivers.is_empty()).then(|| receivers.into())
 }
 
 fn store(context: &Context) -> Option<StoreHealth> {
