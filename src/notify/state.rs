@@ -10,7 +10,13 @@ pub struct State {
     pub(super) failed: AtomicU64,
     pub(super) dropped: AtomicU64,
     pub(super) queue: AtomicU64,
-    health: Mutex<(Option<(String, f64)>, Option<f64>)>,
+    health: Mutex<Health>,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Health {
+    failing: Option<(String, f64)>,
+    sent_at: Option<f64>,
 }
 
 /// How one receiver is, at one moment.
@@ -35,22 +41,22 @@ impl State {
     pub(super) fn took(&self, now: f64) -> bool {
         self.sent.fetch_add(1, Relaxed);
         let mut health = self.health.lock().unwrap_or_else(PoisonError::into_inner);
-        health.1 = Some(now);
-        health.0.take().is_some()
+        health.sent_at = Some(now);
+        health.failing.take().is_some()
     }
 
     /// An attempt failed; true where the one before did not.
     pub(super) fn refused(&self, why: &str, now: f64) -> bool {
         self.failed.fetch_add(1, Relaxed);
         let mut health = self.health.lock().unwrap_or_else(PoisonError::into_inner);
-        let since = health.0.as_ref().map(|(_, since)| *since);
-        health.0 = Some((why.to_string(), since.unwrap_or(now)));
+        let since = health.failing.as_ref().map(|(_, since)| *since);
+        health.failing = Some((why.to_string(), since.unwrap_or(now)));
         since.is_none()
     }
 
     /// How it is.
     pub fn snapshot(&self) -> Snapshot {
-        let (failing, sent_at) = self.health.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let Health { failing, sent_at } = self.health.lock().unwrap_or_else(PoisonError::into_inner).clone();
         Snapshot {
             sent: self.sent.load(Relaxed),
             failed: self.failed.load(Relaxed),

@@ -38,10 +38,15 @@ pub fn folder(name: &str) -> PathBuf {
 
 /// The configuration of a plant of two loops; `store` is a folder, `more` says who is told.
 pub fn plant(store: Option<&Path>, more: &str) -> String {
-    let mut text = String::from(
+    plant_at(1, store, more)
+}
+
+/// The same with a device at a port.
+pub fn plant_at(port: u16, store: Option<&Path>, more: &str) -> String {
+    let mut text = format!(
         "[server]\nlisten = '127.0.0.1:0'\n[schedule]\nperiod_s = 86400\n\
          [alarm]\nk = 1\nn = 1\nclear_k = 1\nclear_n = 1\n\
-         [[modbus]]\nname = 'd'\naddress = '127.0.0.1:1'\naddress_base = 0\npoll_ms = 60000\n",
+         [[modbus]]\nname = 'd'\naddress = '127.0.0.1:{port}'\naddress_base = 0\npoll_ms = 500\n",
     );
     if let Some(folder) = store {
         text += &format!("[store]\nfolder = '{}'\nsync_ms = 50\n", folder.display());

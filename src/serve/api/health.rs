@@ -12,7 +12,7 @@ use crate::history::TagKind;
 use crate::signal::Role;
 use axum::Json;
 use axum::extract::State;
-use axum::http::header;
+use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use std::sync::Arc;
 
@@ -100,18 +100,30 @@ fn readiness(context: &Context) -> Readiness {
     }
 }
 
-/// Metrics for Prometheus.
+/// What a reader that knows OpenMetrics says it takes.
+const OPEN_METRICS: &str = "application/openmetrics-text";
+
+/// Metrics for Prometheus, in the format that it asks for.
 #[utoipa::path(get, path = "/metrics", tag = "health",
-    responses((status = 200, content_type = "application/openmetrics-text", body = String)))]
+    responses((status = 200, content((String = "text/plain"), (String = "application/openmetrics-text")))))]
 pub async fn metrics(
     State(context): Shared,
+    headers: HeaderMap,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Response, Problem> {
-    let text = tokio::task::spawn_blocking(move || exposition::text(&context)).await;
-    let text = text.map_err(|error| {
+    let mut accepted = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
+    let open = accepted.any(|value| value.contains(OPEN_METRICS));
+    let text = tokio::task::spawn_blocking(move || {
+        let text = exposition::text(&context);
+        if open { text } else { exposition::plain(&text) }
+    });
+    let text = text.await.map_err(|error| {
         tracing::error!(%error, "the metrics failed inside");
         Problem::internal()
     })?;
-    let kind = "application/openmetrics-text; version=1.0.0; charset=utf-8";
-    Ok(([(header::CONTENT_TYPE, kind)], text).into_response())
+    let kind = match open {
+        true => "application/openmetrics-text; version=1.0.0; charset=utf-8",
+        false => "text/plain; version=0.0.4; charset=utf-8",
+    };
+    Ok(([(header::CONTENT_TYPE, kind), (header::VARY, "accept")], text).into_response())
 }
