@@ -1,6 +1,6 @@
 //! The API over real sockets: what CONTRACT promises.
 
-use crate::http::{get, post};
+use crate::http::{get, post, send};
 use crate::rig::{FOUR, NASTY, Rig, START, assert_problem, judge, rig, start};
 use serde_json::Value;
 use std::sync::{Arc, Mutex};

@@ -4,10 +4,10 @@ use super::super::Context;
 use super::super::dto::notifications::{DeadLetterList, ReceiverList, ReplayBody, Replayed};
 use super::super::dto::params::NoQuery;
 use super::super::dto::rfc3339;
-use super::super::extract::{Body, Params};
+use super::super::extract::{Body, Named, Params};
 use super::super::problem::Problem;
 use super::off_thread;
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use std::sync::Arc;
@@ -31,7 +31,7 @@ pub async fn list(State(context): Shared, Params(NoQuery {}): Params<NoQuery>) -
     responses((status = 200, body = DeadLetterList), (status = 404, description = "problem: no such receiver")))]
 pub async fn dead_letters(
     State(context): Shared,
-    Path(receiver): Path<String>,
+    Named(receiver): Named,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Response, Problem> {
     off_thread(move || {
@@ -49,7 +49,7 @@ pub async fn dead_letters(
         (status = 404, description = "problem: no such receiver, or no such dead letter")))]
 pub async fn replay(
     State(context): Shared,
-    Path(receiver): Path<String>,
+    Named(receiver): Named,
     Body(body): Body<ReplayBody>,
 ) -> Result<Response, Problem> {
     off_thread(move || {
