@@ -265,3 +265,6 @@ impl<C: Carrier> Postman<C> {
         done.inspect_err(|error| error!(receiver = self.name, %error, "a message could not be kept")).ok()
     }
 }
+
+#[cfg(test)]
+mod tests;
