@@ -106,7 +106,7 @@ pub struct App {
     context: Arc<Context>,
     writing: Arc<Writing>,
     keeping: Arc<Keeping>,
-    notifying: Notifying,
+    notifying: Arc<Notifying>,
     guarding: Arc<Guarding>,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
@@ -147,7 +147,7 @@ impl App {
         let guarding = Arc::new(Guarding::new(&config, clock, writing.recorder())?);
         let keeping = Keeping::new(&config, clock, &history, &results);
         results.apply_design(clock.now());
-        let notifying = Notifying::new(&config, clock, &results);
+        let notifying = Arc::new(Notifying::new(&config, clock, &results));
         let plan = schedule_plan(&config, &history, &writing);
         let scheduler =
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
@@ -156,7 +156,8 @@ impl App {
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices, &writing)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
-        let context = context.with_desk(writing.clone()).with_store(keeping.ask());
+        let context =
+            context.with_desk(writing.clone()).with_post(notifying.clone()).with_store(keeping.ask());
         let context = context.with_access(guarding.access.clone()).with_audit(guarding.audit.clone());
         let context = Arc::new(context.with_tls(guarding.tls.clone()).with_durable(keeping.ask_durable()));
         tracing::info!(
@@ -281,7 +282,7 @@ impl App {
         for mut device in before {
             device.end().await;
         }
-        self.notifying.reload(&config);
+        self.notifying.reload(&config).await;
         self.results.reload(&ids(&config), &config.alarm);
         self.results.watch_devices(&devices_of(&config));
         self.keeping.clone().replace(history.clone(), self.results.clone()).await;
@@ -462,7 +463,7 @@ pub async fn listen(config: &Config) -> Result<TcpListener, AppError> {
 }
 
 /// The daemon as a command: loads the file, runs until SIGTERM or SIGINT, reloads the file on SIGHUP. A file that
-/// cannot be used is refused at a reload, with everything wrong with it in the log, and the old one stays in force.
+/// cannot be used is refused at a reload, everything wrong with it in the log, and the old one stays in force.
 ///
 /// # Errors
 /// [`AppError`], when it cannot start or the API fails.
@@ -477,8 +478,7 @@ pub async fn daemon(path: &Path) -> Result<(), AppError> {
     if let Ok(address) = listener.local_addr() {
         tracing::info!(%address, "serving");
     }
-    let stop = app.stop();
-    let (ran, ()) = tokio::join!(app.run(listener), obey(&app, path, hup, term, int, stop));
+    let (ran, ()) = tokio::join!(app.run(listener), obey(&app, path, hup, term, int, app.stop()));
     ran
 }
 

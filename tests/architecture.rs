@@ -170,19 +170,24 @@ const CONFIG_FILES: &[&str] = &[
     "src/collect/opcua/config.rs",
     "src/diagnosis/config.rs",
     "src/history/mod.rs",
+    "src/notify/alertmanager/config.rs",
     "src/notify/config.rs",
     "src/notify/mqtt/config.rs",
+    "src/notify/smtp/config.rs",
+    "src/notify/webhook/config.rs",
     "src/schedule.rs",
     "src/serve/mod.rs",
     "src/serve/tls.rs",
     "src/store/config.rs",
     "src/writeback/config.rs",
 ];
-/// Other places that may name serde: the file of users and tokens, a broker's messages, the loader of the file, the DTOs, and where those are turned from and into text.
+/// Other places that may name serde: the file of users and tokens, a broker's messages, what receivers are sent, the loader of the file, the DTOs, and where those are turned from and into text.
 const SERDE_PLACES: &[&str] = &[
     "src/access/file.rs",
     "src/collect/mqtt/json.rs",
+    "src/notify/letters.rs",
     "src/notify/mqtt/message.rs",
+    "src/notify/payload.rs",
     "src/config/",
     "src/serve/dto/",
     "src/serve/api/",

@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use stictiond::collect::{modbus, mqtt, opcua};
 use stictiond::config::{self, LoopConfig};
-use stictiond::{access, alarm, audit, diagnosis, history, schedule, serve, store, writeback};
+use stictiond::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, writeback};
 
 const DOCUMENTS: &[&str] = &[
     "README.md",
@@ -20,6 +20,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/configuration.md",
     "docs/closing-the-loop.md",
     "docs/dashboard.md",
+    "docs/notifications.md",
     "docs/diagnosis.md",
     "docs/opcua.md",
     "docs/replay.md",
@@ -107,7 +108,15 @@ fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<opcua::TagConfig>("A tag of an OPC UA server", "device = 'd'\n");
     agrees::<mqtt::Config>("`[[mqtt]]`", "name = 'd'\naddress = 'd:1883'\n");
     agrees::<mqtt::TagConfig>("A tag at an MQTT broker", "device = 'd'\n");
-    agrees::<stictiond::notify::mqtt::Config>("`[notify.mqtt]`", "address = 'd:1883'\n");
+    agrees::<notify::Config>("`[notify]`", "");
+    agrees::<notify::webhook::Config>("`[[notify.webhook]]`", "name = 'd'\nurl = 'https://d'\n");
+    agrees::<notify::alertmanager::Config>("`[[notify.alertmanager]]`", "name = 'd'\nurl = 'https://d'\n");
+    let mail = "name = 'd'\naddress = 'd:25'\nfrom = 'a@b'\nto = ['a@b']\n";
+    agrees::<notify::smtp::Config>("`[[notify.smtp]]`", mail);
+    agrees::<notify::Filter>("`filter` of a receiver", "");
+    agrees::<notify::Pace>("`pace` of a webhook or of mails", "");
+    agrees::<notify::Retry>("`retry` of a webhook or of mails", "");
+    agrees::<notify::mqtt::Config>("`[notify.mqtt]`", "address = 'd:1883'\n");
     agrees::<LoopConfig>("`[[loop]]`", &format!("id = 'A'\n[op]\n{TAG}[pv]\n{TAG}"));
     agrees::<modbus::TagConfig>("A tag", TAG);
     agrees::<writeback::Config>("`[writeback]`", "");

@@ -53,5 +53,10 @@ pub(super) fn of(config: &Config) -> Facts {
     say("alarm", "clear_f_percent", alarm.clear_f_percent.to_string());
     say("alarm", "clear_evidence", alarm.clear_evidence.to_string());
     say("alarm", "max_shelve_s", alarm.max_shelve_s.to_string());
+    let notify = &config.notify;
+    say("notify", "webhooks", notify.webhook.len().to_string());
+    say("notify", "alertmanagers", notify.alertmanager.len().to_string());
+    say("notify", "mails", notify.smtp.len().to_string());
+    say("notify", "mqtt", if notify.mqtt.is_some() { "yes" } else { "no" }.to_string());
     Facts { f_threshold_percent: Some(config.diagnosis.f_threshold_percent), settings }
 }

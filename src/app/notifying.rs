@@ -1,17 +1,95 @@
-//! Results to those who want to hear of them, as `[notify]` says.
+//! Results to those who want to hear of them, as `[notify]` says. A reload stops receivers that are gone or changed and
+//! begins those that are new; the letters of one that keeps its name go on with it.
 
 use super::Clock;
 use crate::config::Config;
-use crate::notify::mqtt::{LoopName, Publisher};
+use crate::notify::mqtt::{self, LoopName, Publisher};
+use crate::notify::{Letters, Places, Source, State, alertmanager, smtp, webhook};
 use crate::results::Results;
+use crate::serve::{DeadLetter, Post, ReceiverState};
 use crate::signal::LoopId;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::{BTreeSet, HashMap};
+use std::future::Future;
+use std::path::{Path, PathBuf};
+use std::pin::Pin;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
+
+/// Folder in the store's folder where letters are.
+const LETTERS: &str = "letters";
 
 /// Who is told.
 pub struct Notifying {
-    publisher: Option<Publisher>,
+    publisher: Option<(Publisher, Arc<mqtt::Counters>)>,
     loops: Arc<Mutex<Vec<LoopName>>>,
+    places: Arc<RwLock<Arc<Places>>>,
+    results: Arc<Results>,
+    clock: Clock,
+    folder: Option<PathBuf>,
+    receivers: Mutex<Receivers>,
+}
+
+#[derive(Default)]
+struct Receivers {
+    all: Vec<Receiver>,
+    /// Given once receivers may begin.
+    stop: Option<CancellationToken>,
+}
+
+type Work = Pin<Box<dyn Future<Output = ()> + Send>>;
+
+/// One receiver, and once it has begun its task.
+struct Receiver {
+    spec: Spec,
+    state: Arc<State>,
+    letters: Option<Arc<Letters>>,
+    stop: CancellationToken,
+    work: Option<Work>,
+    task: Option<JoinHandle<()>>,
+}
+
+/// Everything that makes a receiver what it is.
+#[derive(Clone, PartialEq)]
+struct Spec {
+    what: What,
+    site: Option<String>,
+    public_url: Option<String>,
+}
+
+#[derive(Clone, PartialEq)]
+enum What {
+    Webhook(webhook::Config),
+    Alertmanager(alertmanager::Config),
+    Smtp(smtp::Config),
+}
+
+impl Spec {
+    fn name(&self) -> &str {
+        match &self.what {
+            What::Webhook(own) => &own.name,
+            What::Alertmanager(own) => &own.name,
+            What::Smtp(own) => &own.name,
+        }
+    }
+
+    fn kind(&self) -> &'static str {
+        match &self.what {
+            What::Webhook(_) => "webhook",
+            What::Alertmanager(_) => "alertmanager",
+            What::Smtp(_) => "smtp",
+        }
+    }
+
+    /// Dead letters that it keeps; `None` where it keeps none.
+    fn most_letters(&self) -> Option<usize> {
+        match &self.what {
+            What::Webhook(own) => Some(own.retry.dead_letters),
+            What::Smtp(own) => Some(own.retry.dead_letters),
+            What::Alertmanager(_) => None,
+        }
+    }
 }
 
 impl Notifying {
@@ -19,24 +97,192 @@ impl Notifying {
     pub fn new(config: &Config, clock: Clock, results: &Arc<Results>) -> Self {
         let loops = Arc::new(Mutex::new(names(config)));
         let known = loops.clone();
-        let known = Arc::new(move || known.lock().unwrap_or_else(PoisonError::into_inner).clone());
+        let known = Arc::new(move || lock(&known).clone());
         let now = Arc::new(move || clock.now());
-        let publisher =
-            config.notify.mqtt.clone().map(|mqtt| Publisher::new(mqtt, results.clone(), known, now));
-        Self { publisher, loops }
+        let publisher = config.notify.mqtt.clone().map(|mqtt| {
+            let publisher = Publisher::new(mqtt, results.clone(), known, now);
+            let counters = publisher.counters();
+            (publisher, counters)
+        });
+        let own = Self {
+            publisher,
+            loops,
+            places: Arc::new(RwLock::new(Arc::new(places(config)))),
+            results: results.clone(),
+            clock,
+            folder: config.store.as_ref().map(|store| store.folder.join(LETTERS)),
+            receivers: Mutex::default(),
+        };
+        lock(&own.receivers).all =
+            specs(config).into_iter().map(|spec| own.receiver(config, spec, None)).collect();
+        own
     }
 
     /// Tells until `stop` is cancelled.
     pub async fn run(&self, stop: CancellationToken) {
-        if let Some(publisher) = &self.publisher {
-            publisher.run(stop).await;
+        {
+            let mut receivers = lock(&self.receivers);
+            receivers.stop = Some(stop.clone());
+            receivers.all.iter_mut().for_each(Receiver::begin);
+        }
+        match &self.publisher {
+            Some((publisher, _)) => publisher.run(stop.clone()).await,
+            None => stop.cancelled().await,
+        }
+        let all = std::mem::take(&mut lock(&self.receivers).all);
+        for receiver in all {
+            receiver.end().await;
         }
     }
 
-    /// Another configuration is in force: the loops that are told of.
-    pub fn reload(&self, config: &Config) {
-        *self.loops.lock().unwrap_or_else(PoisonError::into_inner) = names(config);
+    /// Another configuration is in force: who is told, and of which loops.
+    pub async fn reload(&self, config: &Config) {
+        *lock(&self.loops) = names(config);
+        *self.places.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(places(config));
+        let specs = specs(config);
+        let (stay, go): (Vec<_>, Vec<_>) = std::mem::take(&mut lock(&self.receivers).all)
+            .into_iter()
+            .partition(|own| specs.contains(&own.spec));
+        let mut letters = HashMap::new();
+        for receiver in go {
+            letters.extend(receiver.letters.clone().map(|own| (receiver.spec.name().to_string(), own)));
+            receiver.end().await;
+        }
+        let mut new: Vec<Receiver> = specs
+            .into_iter()
+            .filter(|spec| stay.iter().all(|own| own.spec != *spec))
+            .map(|spec| {
+                let own = letters.remove(spec.name());
+                self.receiver(config, spec, own)
+            })
+            .collect();
+        let mut receivers = lock(&self.receivers);
+        if receivers.stop.as_ref().is_some_and(|stop| !stop.is_cancelled()) {
+            new.iter_mut().for_each(Receiver::begin);
+        }
+        receivers.all = stay;
+        receivers.all.append(&mut new);
     }
+
+    fn receiver(&self, config: &Config, spec: Spec, letters: Option<Arc<Letters>>) -> Receiver {
+        let clock = self.clock;
+        let now = Arc::new(move || clock.now());
+        let source = Source::new(&config.notify, self.results.clone(), self.places.clone(), now);
+        let state: Arc<State> = Arc::default();
+        let letters = spec.most_letters().map(|most| {
+            let letters = letters.unwrap_or_else(|| self.open(spec.name(), most));
+            letters.keep_at_most(most);
+            letters
+        });
+        let stop = CancellationToken::new();
+        let made: Result<Work, String> = match (&spec.what, &letters) {
+            (What::Webhook(own), Some(letters)) => {
+                let postman = webhook::postman(own, source, letters.clone(), state.clone());
+                postman.map(|postman| Box::pin(postman.run(stop.clone())) as Work)
+            }
+            (What::Smtp(own), Some(letters)) => {
+                let postman = smtp::postman(own, source, letters.clone(), state.clone());
+                Ok(Box::pin(postman.run(stop.clone())))
+            }
+            (What::Alertmanager(own), _) => {
+                let informer = alertmanager::Informer::new(own, source, state.clone());
+                informer.map(|informer| Box::pin(informer.run(stop.clone())) as Work)
+            }
+            _ => Err("it keeps no letters".into()),
+        };
+        if let Err(why) = &made {
+            tracing::error!(receiver = spec.name(), "is not told: {why}");
+        }
+        Receiver { spec, state, letters, stop, work: made.ok(), task: None }
+    }
+
+    fn open(&self, name: &str, most: usize) -> Arc<Letters> {
+        let folder = self.folder.as_deref().map(|folder: &Path| folder.join(name));
+        Arc::new(Letters::open(folder, most))
+    }
+
+    fn letters(&self, receiver: &str) -> Option<Arc<Letters>> {
+        lock(&self.receivers).all.iter().find(|own| own.spec.name() == receiver)?.letters.clone()
+    }
+}
+
+impl Receiver {
+    fn begin(&mut self) {
+        self.task = self.work.take().map(tokio::spawn);
+    }
+
+    async fn end(self) {
+        self.stop.cancel();
+        if let Some(task) = self.task
+            && let Err(error) = task.await
+        {
+            tracing::error!(receiver = self.spec.name(), %error, "a receiver's task failed");
+        }
+    }
+
+    fn state(&self) -> ReceiverState {
+        let own = self.state.snapshot();
+        let dead = self.letters.as_ref().map_or(0, |letters| letters.counts().1);
+        ReceiverState {
+            name: self.spec.name().to_string(),
+            kind: self.spec.kind(),
+            failing: own.failing,
+            sent_at: own.sent_at,
+            sent: own.sent,
+            failed: own.failed,
+            dropped: own.dropped,
+            queue: own.queue,
+            dead_letters: dead as u64,
+        }
+    }
+}
+
+impl Post for Notifying {
+    fn receivers(&self) -> Vec<ReceiverState> {
+        let mut all: Vec<ReceiverState> = lock(&self.receivers).all.iter().map(Receiver::state).collect();
+        all.extend(self.publisher.as_ref().map(|(_, counters)| ReceiverState {
+            name: "mqtt".into(),
+            kind: "mqtt",
+            failing: (!counters.connected.load(Relaxed)).then(|| ("not connected".into(), f64::NAN)),
+            sent: counters.published.load(Relaxed),
+            failed: counters.losses.load(Relaxed),
+            dropped: counters.dropped.load(Relaxed),
+            ..ReceiverState::default()
+        }));
+        all.sort_by(|a, b| a.name.cmp(&b.name));
+        all
+    }
+
+    fn dead_letters(&self, receiver: &str) -> Option<Vec<DeadLetter>> {
+        let letters = self.letters(receiver)?.dead();
+        let letter = |own: crate::notify::Letter| DeadLetter {
+            id: own.id,
+            made: own.made,
+            dead_since: own.dead_since,
+            attempts: own.attempts,
+            why: own.why,
+            body: own.body,
+        };
+        Some(letters.into_iter().map(letter).collect())
+    }
+
+    fn replay(&self, receiver: &str, id: Option<&str>) -> Option<usize> {
+        Some(self.letters(receiver)?.replay(id))
+    }
+}
+
+/// A panic elsewhere leaves lists whole: each is replaced as one.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn specs(config: &Config) -> Vec<Spec> {
+    let notify = &config.notify;
+    let webhooks = notify.webhook.iter().cloned().map(What::Webhook);
+    let alertmanagers = notify.alertmanager.iter().cloned().map(What::Alertmanager);
+    let mails = notify.smtp.iter().cloned().map(What::Smtp);
+    let spec = |what| Spec { what, site: notify.site.clone(), public_url: notify.public_url.clone() };
+    webhooks.chain(alertmanagers).chain(mails).map(spec).collect()
 }
 
 fn names(config: &Config) -> Vec<LoopName> {
@@ -45,4 +291,19 @@ fn names(config: &Config) -> Vec<LoopName> {
         group: control_loop.group.clone(),
     };
     config.loops.iter().map(name).collect()
+}
+
+/// The groups of loops, and of the collectors that serve them.
+fn places(config: &Config) -> Places {
+    let mut devices: HashMap<LoopId, BTreeSet<String>> = HashMap::new();
+    for own in config.loops.iter().filter(|own| !own.group.is_empty()) {
+        let roles = [Some(&own.op), Some(&own.pv), own.sp.as_ref(), own.mode.as_ref(), own.mv.as_ref()];
+        for tag in roles.into_iter().flatten() {
+            devices.entry(LoopId::new(tag.device())).or_default().insert(own.group.clone());
+        }
+    }
+    Places {
+        loops: names(config).into_iter().map(|name| (name.id, name.group)).collect(),
+        devices: devices.into_iter().map(|(name, groups)| (name, groups.into_iter().collect())).collect(),
+    }
 }

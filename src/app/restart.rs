@@ -14,8 +14,8 @@ pub(super) fn warn_of_what_needs_one(old: &Config, new: &Config) {
     if old.store != new.store {
         tracing::warn!("[store] has changed: that takes effect at the next start");
     }
-    if old.notify != new.notify {
-        tracing::warn!("[notify] has changed: that takes effect at the next start");
+    if old.notify.mqtt != new.notify.mqtt {
+        tracing::warn!("[notify.mqtt] has changed: that takes effect at the next start");
     }
     let sizes = |c: &schedule::Config| (c.parallelism, c.deadline_s.to_bits(), c.queue, c.keep_results);
     if sizes(&old.schedule) != sizes(&new.schedule) {

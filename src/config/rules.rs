@@ -19,6 +19,7 @@ macro_rules! path {
 
 mod candidates;
 mod door;
+mod telling;
 mod writing;
 
 /// Checks everything that could be read.
@@ -105,10 +106,7 @@ impl Rules<'_, '_, '_> {
             }
         }
         self.section("writeback", parts.writeback.as_ref().map(|c| c.validate()));
-        let mqtt = parts.notify.as_ref().and_then(|notify| notify.mqtt.as_ref());
-        for (field, message) in mqtt.map(|mqtt| mqtt.validate()).into_iter().flatten() {
-            self.wrong(&path!["notify", "mqtt", field], format!("{field}: {message}"));
-        }
+        self.notify(parts);
         if let (Some(history), Some(diagnosis)) = (&parts.history, &parts.diagnosis) {
             let (kept, needed) = (history.samples_per_tag, diagnosis.min_samples);
             self.unless(kept >= needed, &path!["history", "samples_per_tag"], || {

@@ -75,12 +75,23 @@ impl FromRequestParts<Arc<Context>> for OfLoop {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &Arc<Context>) -> Result<Self, Problem> {
+        let id = LoopId::new(Named::from_request_parts(parts, state).await?.0);
+        let known = state.plant.borrow().info(&id).is_some();
+        if known { Ok(Self(id)) } else { Err(Problem::unknown_loop(id.as_str())) }
+    }
+}
+
+/// The name in the path, whatever it names.
+pub struct Named(pub String);
+
+impl<S: Send + Sync> FromRequestParts<S> for Named {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let Path(name) = Path::<String>::from_request_parts(parts, state).await.map_err(|_| {
             Problem::new(StatusCode::BAD_REQUEST, "bad_path", "the path is not percent-encoded UTF-8")
         })?;
-        let id = LoopId::new(name);
-        let known = state.plant.borrow().info(&id).is_some();
-        if known { Ok(Self(id)) } else { Err(Problem::unknown_loop(id.as_str())) }
+        Ok(Self(name))
     }
 }
 

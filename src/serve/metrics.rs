@@ -8,6 +8,7 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::Registry;
+use std::collections::HashSet;
 use std::sync::atomic::AtomicU64;
 
 type Labels = Vec<(&'static str, String)>;
@@ -37,11 +38,31 @@ pub fn text(context: &Context) -> String {
     );
     writeback(&mut registry, context, &plant);
     store(&mut registry, context, now);
+    receivers(&mut registry, context);
     process(&mut registry);
     let mut text = String::new();
     // Writing to a String cannot fail.
     let _ = encode(&mut text, &registry);
     text
+}
+
+/// The exposition text as readers want it that do not know OpenMetrics, Prometheus' format 0.0.4: a counter is described under
+/// the name that its series have.
+pub fn plain(open: &str) -> String {
+    let counter = |line: &str| line.strip_prefix("# TYPE ")?.strip_suffix(" counter").map(str::to_string);
+    let counters: HashSet<String> = open.lines().filter_map(counter).collect();
+    let mut out = String::with_capacity(open.len() + 64 * counters.len());
+    for line in open.lines().filter(|line| *line != "# EOF" && !line.starts_with("# UNIT ")) {
+        let mut parts = line.splitn(4, ' ');
+        match (parts.next(), parts.next(), parts.next(), parts.next()) {
+            (Some("#"), Some(what), Some(name), Some(rest)) if counters.contains(name) => {
+                out += &format!("# {what} {name}_total {rest}");
+            }
+            _ => out += line,
+        }
+        out.push('\n');
+    }
+    out
 }
 
 fn gauges(registry: &mut Registry, name: &str, help: &str) -> Gauges {
@@ -206,6 +227,32 @@ fn store(registry: &mut Registry, context: &Context, now: f64) {
     let events = counts(registry, "store_events", "What the store did: samples and rows written, lost, …");
     for (event, value) in state.counters {
         count(&events, &[("event", event)], value as f64);
+    }
+}
+
+/// Those who are told of alarms.
+fn receivers(registry: &mut Registry, context: &Context) {
+    let all = context.post.as_ref().map(|post| post.receivers()).unwrap_or_default();
+    if all.is_empty() {
+        return;
+    }
+    let working = gauges(registry, "notify_working", "1 while a receiver takes what it is sent, 0 while not");
+    let queue = gauges(registry, "notify_queue", "Notices and messages that wait for a receiver");
+    let dead = gauges(registry, "notify_dead_letters", "Messages that never reached a receiver");
+    let events = counts(
+        registry,
+        "notify_events",
+        "Messages taken (sent), attempts that failed, changes not told one by one (dropped)",
+    );
+    for own in all {
+        let labels = [("receiver", own.name.as_str()), ("kind", own.kind)];
+        set(&working, &labels, f64::from(u8::from(own.failing.is_none())));
+        set(&queue, &labels, own.queue as f64);
+        set(&dead, &labels, own.dead_letters as f64);
+        let [receiver, kind] = labels;
+        for (event, value) in [("sent", own.sent), ("failed", own.failed), ("dropped", own.dropped)] {
+            count(&events, &[receiver, kind, ("event", event)], value as f64);
+        }
     }
 }
 

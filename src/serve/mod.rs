@@ -12,6 +12,7 @@ mod metrics;
 mod page;
 mod picture;
 mod policy;
+mod post;
 mod problem;
 mod report;
 mod tls;
@@ -22,6 +23,7 @@ pub use api::openapi;
 pub use desk::Acted;
 pub use desk::Desk;
 pub use policy::{Need, RULES};
+pub use post::{DeadLetter, Post, ReceiverState};
 pub use tls::{Config as TlsConfig, Tls, TlsError};
 
 use crate::access::Access;
@@ -291,6 +293,7 @@ pub struct Context {
     plant: watch::Receiver<Arc<Plant>>,
     event_clients: Arc<Semaphore>,
     desk: Option<Arc<dyn Desk>>,
+    post: Option<Arc<dyn Post>>,
     store: Option<AskStore>,
     durable: Option<AskDurable>,
     access: Option<Arc<Access>>,
@@ -323,6 +326,7 @@ impl Context {
             plant,
             stop,
             desk: None,
+            post: None,
             store: None,
             durable: None,
             access: None,
@@ -336,6 +340,11 @@ impl Context {
     /// Shows write-back as `desk` knows it.
     pub fn with_desk(self, desk: Arc<dyn Desk>) -> Self {
         Self { desk: Some(desk), ..self }
+    }
+
+    /// Shows those who are told of alarms.
+    pub fn with_post(self, post: Arc<dyn Post>) -> Self {
+        Self { post: Some(post), ..self }
     }
 
     /// Shows the store as `store` tells.

@@ -1,6 +1,6 @@
 //! The API over real sockets: what CONTRACT promises.
 
-use crate::http::{get, post};
+use crate::http::{get, post, send};
 use crate::rig::{FOUR, NASTY, Rig, START, assert_problem, judge, rig, start};
 use serde_json::Value;
 use std::sync::{Arc, Mutex};
@@ -261,7 +261,12 @@ async fn metrics_name_every_loop_and_device_once() {
     for id in ["FIC1", "FIC1", NASTY, "PIC3", "TIC4"] {
         rig.diagnose(id).await;
     }
-    let answer = get(rig.address, "/metrics").await;
+    let plain = get(rig.address, "/metrics").await;
+    assert_eq!(plain.header("content-type"), Some("text/plain; version=0.0.4; charset=utf-8"));
+    let described = ["# HELP stictiond_runs_total ", "# TYPE stictiond_runs_total counter"];
+    assert!(described.iter().all(|line| plain.text().contains(line)) && !plain.text().contains("# EOF"));
+    let accept = "accept: application/openmetrics-text;version=1.0.0,text/plain;version=0.0.4;q=0.5";
+    let answer = send(rig.address, "GET", "/metrics", &[accept], "").await;
     assert!(
         answer.header("content-type").is_some_and(|kind| kind.starts_with("application/openmetrics-text"))
     );

@@ -1,5 +1,6 @@
 //! Topics and JSON of diagnoses and alarms. Pure.
 
+use super::super::iso;
 use crate::alarm::State;
 use crate::results::{AlarmView, Summary, f_unit};
 use serde::Serialize;
@@ -97,11 +98,6 @@ pub(super) fn status(online: bool) -> Vec<u8> {
 fn json(value: &impl Serialize) -> Vec<u8> {
     // Structs of texts and finite numbers always have a JSON.
     serde_json::to_vec(value).unwrap_or_default()
-}
-
-fn iso(t: f64) -> String {
-    let nanoseconds = (t * 1e3).round() as i64;
-    jiff::Timestamp::from_millisecond(nanoseconds).map_or_else(|_| String::new(), |stamp| stamp.to_string())
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Whether it lives, whether it is ready, and how it is.
 
 use super::super::dto::health::{Health, Readiness, StoreHealth};
+use super::super::dto::notifications::PostHealth;
 use super::super::dto::params::NoQuery;
 use super::super::dto::rfc3339;
 use super::super::extract::Params;
@@ -11,7 +12,7 @@ use crate::history::TagKind;
 use crate::signal::Role;
 use axum::Json;
 use axum::extract::State;
-use axum::http::header;
+use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use std::sync::Arc;
 
@@ -27,6 +28,7 @@ pub async fn healthz(State(context): Shared, Params(NoQuery {}): Params<NoQuery>
         time: rfc3339(now),
         uptime_s: now - context.started,
         store: store(&context),
+        notifications: notifications(&context),
     })
 }
 
@@ -51,6 +53,11 @@ pub async fn readyz(
             .with("store", serde_json::to_value(readiness.store).unwrap_or_default()))
     })
     .await
+}
+
+fn notifications(context: &Context) -> Option<PostHealth> {
+    let receivers = context.post.as_ref()?.receivers();
+    (!receivers.is_empty()).then(|| receivers.into())
 }
 
 fn store(context: &Context) -> Option<StoreHealth> {
@@ -93,18 +100,30 @@ fn readiness(context: &Context) -> Readiness {
     }
 }
 
-/// Metrics for Prometheus.
+/// What a reader that knows OpenMetrics says it takes.
+const OPEN_METRICS: &str = "application/openmetrics-text";
+
+/// Metrics for Prometheus, in the format that it asks for.
 #[utoipa::path(get, path = "/metrics", tag = "health",
-    responses((status = 200, content_type = "application/openmetrics-text", body = String)))]
+    responses((status = 200, content((String = "text/plain"), (String = "application/openmetrics-text")))))]
 pub async fn metrics(
     State(context): Shared,
+    headers: HeaderMap,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Response, Problem> {
-    let text = tokio::task::spawn_blocking(move || exposition::text(&context)).await;
-    let text = text.map_err(|error| {
+    let mut accepted = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
+    let open = accepted.any(|value| value.contains(OPEN_METRICS));
+    let text = tokio::task::spawn_blocking(move || {
+        let text = exposition::text(&context);
+        if open { text } else { exposition::plain(&text) }
+    });
+    let text = text.await.map_err(|error| {
         tracing::error!(%error, "the metrics failed inside");
         Problem::internal()
     })?;
-    let kind = "application/openmetrics-text; version=1.0.0; charset=utf-8";
-    Ok(([(header::CONTENT_TYPE, kind)], text).into_response())
+    let kind = match open {
+        true => "application/openmetrics-text; version=1.0.0; charset=utf-8",
+        false => "text/plain; version=0.0.4; charset=utf-8",
+    };
+    Ok(([(header::CONTENT_TYPE, kind), (header::VARY, "accept")], text).into_response())
 }

@@ -8,6 +8,7 @@ mod events;
 mod evidence;
 mod health;
 mod loops;
+mod notifications;
 mod report;
 mod session;
 mod system;
@@ -82,6 +83,9 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(alarms::reset))
         .routes(routes!(alarms::take_out))
         .routes(routes!(alarms::give_back))
+        .routes(routes!(notifications::list))
+        .routes(routes!(notifications::dead_letters))
+        .routes(routes!(notifications::replay))
         .routes(routes!(events::stream))
         .routes(routes!(system::collectors))
         .routes(routes!(system::system))

@@ -1,5 +1,6 @@
 //! Health as JSON.
 
+use super::notifications::PostHealth;
 use super::{finite, rfc3339};
 use crate::serve::StoreState;
 use serde::Serialize;
@@ -18,6 +19,8 @@ pub struct Health {
     pub uptime_s: f64,
     /// The store; null where none is configured.
     pub store: Option<StoreHealth>,
+    /// Those who are told of alarms; null where nobody is.
+    pub notifications: Option<PostHealth>,
 }
 
 /// How the store is. A daemon whose store fails goes on: nothing it measures is kept meanwhile but in memory.

@@ -10,6 +10,7 @@ pub mod evidence;
 pub mod health;
 mod kept;
 pub mod loops;
+pub mod notifications;
 pub mod params;
 pub mod report;
 pub mod samples;

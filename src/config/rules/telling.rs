@@ -1,0 +1,109 @@
+//! Who is told: every receiver has a name of its own, and no rule of its is broken.
+
+use super::{Parts, Rules, Step};
+use crate::notify::Wrong;
+use std::collections::HashMap;
+
+impl Rules<'_, '_, '_> {
+    pub(super) fn notify(&mut self, parts: &Parts) {
+        let Some(notify) = &parts.notify else { return };
+        self.section("notify", Some(notify.validate()));
+        for (field, message) in notify.mqtt.as_ref().map(|mqtt| mqtt.validate()).into_iter().flatten() {
+            self.wrong(&path!["notify", "mqtt", field], format!("{field}: {message}"));
+        }
+        let webhooks = notify.webhook.iter().map(|own| own.validate()).collect();
+        let alertmanagers = notify.alertmanager.iter().map(|own| own.validate()).collect();
+        let smtp = notify.smtp.iter().map(|own| own.validate()).collect();
+        let mut seen = HashMap::new();
+        for (kind, all) in [("webhook", webhooks), ("alertmanager", alertmanagers), ("smtp", smtp)] {
+            self.receivers(kind, all, &mut seen);
+        }
+    }
+
+    fn receivers<'n>(&mut self, kind: &str, all: Vec<Vec<Wrong>>, seen: &mut HashMap<&'n str, usize>)
+    where
+        Self: 'n,
+    {
+        for (at, wrong) in all.into_iter().enumerate() {
+            let here = path!["notify", kind, at, "name"];
+            if let Some(name) = self.source.text(&here) {
+                self.name(name, &here, "name");
+                self.first(seen, name, &here, "receiver");
+            }
+            for (table, field, message) in wrong {
+                let message = format!("{field}: {message}");
+                match table {
+                    "" => self.wrong(&path!["notify", kind, at, field], message),
+                    table => self.wrong(&path!["notify", kind, at, table, field], message),
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::parse;
+
+    const PLANT: &str = "[[modbus]]\nname = 'd'\naddress = 'h:1'\naddress_base = 0\n[[loop]]\nid = 'A'\n\
+        [loop.op]\ndevice = 'd'\nregister = 'holding'\naddress = 0\ntype = 'f32'\n\
+        [loop.pv]\ndevice = 'd'\nregister = 'holding'\naddress = 2\ntype = 'f32'\n";
+
+    const TOLD: &str = "\
+[notify]
+public_url = 'stictiond.plant'
+[[notify.webhook]]
+name = 'a'
+url = 'http://h/x'
+secret_file = 's'
+events = ['raised', 'razed']
+[[notify.webhook]]
+name = 'b/c'
+url = 'https://u:p@h/x'
+[notify.webhook.pace]
+wait_s = -1.0
+most = 3
+[[notify.alertmanager]]
+name = 'am'
+url = 'https://h'
+resend_s = 60.0
+expires_s = 100.0
+[[notify.smtp]]
+name = 'am'
+address = 'mail.plant:25'
+security = 'none'
+from = 'nobody'
+to = []
+[notify.smtp.filter]
+kinds = ['stiktion']
+";
+
+    #[test]
+    fn errors_of_receivers_have_their_place() {
+        let text = format!("{PLANT}{TOLD}");
+        let found: Vec<String> = parse("f", &text).unwrap_err().iter().map(ToString::to_string).collect();
+        let from = text.lines().position(|line| line == "[notify]").unwrap() + 1;
+        for (after, expected) in [
+            (1, "public_url: \"stictiond.plant\" is no address"),
+            (4, "url: is not encrypted"),
+            (6, "events: unknown value \"razed\", did you mean \"raised\"?"),
+            (8, "name: \"b/c\" must be"),
+            (8, "name: needs secret_file or secret_env"),
+            (9, "url: must not hold a password"),
+            (11, "wait_s: -1 must be 0 to 86400"),
+            (12, "unknown key \"most\" in [notify.webhook.pace]; known are wait_s"),
+            (17, "expires_s: 100 must be three times resend_s"),
+            (19, "receiver \"am\" is already on line"),
+            (21, "security: \"none\" is for a server on this machine only"),
+            (22, "from: \"nobody\" is no address of mail"),
+            (23, "to: must name 1 to 100 addresses"),
+            (25, "kinds: unknown value \"stiktion\", did you mean \"stiction\"?"),
+        ] {
+            let place = format!("f:{}:", from + after);
+            let is = |found: &&String| found.starts_with(&place) && found.contains(expected);
+            assert!(found.iter().any(|found| is(&found)), "{place} {expected}: {}", found.join("\n"));
+        }
+        assert_eq!(found.len(), 14, "{}", found.join("\n"));
+        assert!(!found.join("").contains("u:p"), "a secret is shown: {}", found.join("\n"));
+    }
+}

@@ -1,0 +1,142 @@
+//! Alerts for Prometheus' Alertmanager, by its API v2. What stands is sent again and again until it is over; what is over is
+//! said for a while, so that an Alertmanager that was down or was started again hears of it too.
+
+mod config;
+mod table;
+
+pub use config::Config;
+
+use super::notice::Source;
+use super::payload;
+use super::state::State;
+use super::{http::Endpoint, secret};
+use crate::results::Event;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use hyper::header::{AUTHORIZATION, HeaderName, HeaderValue};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg32;
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::Duration;
+use table::Table;
+use tokio::sync::broadcast::{Receiver, error::RecvError};
+use tokio::task::spawn_blocking;
+use tokio::time::{Instant, sleep_until};
+use tokio_util::sync::CancellationToken;
+use tracing::{error, info, warn};
+
+/// Alerts in one request.
+const CHUNK: usize = 200;
+/// How long others are waited for after something happened.
+const GATHER: Duration = Duration::from_millis(500);
+/// First pause after a failure.
+const FIRST_PAUSE: Duration = Duration::from_secs(1);
+
+/// Keeps one Alertmanager informed.
+pub struct Informer {
+    config: Config,
+    endpoint: Endpoint,
+    source: Source,
+    state: Arc<State>,
+    news: Receiver<Event>,
+}
+
+impl Informer {
+    /// Hears of everything from now on.
+    ///
+    /// # Errors
+    /// Why its address cannot be used; `check` says so before.
+    pub fn new(config: &Config, source: Source, state: Arc<State>) -> Result<Self, String> {
+        let (config, endpoint, news) = (config.clone(), config.endpoint()?, source.results.subscribe());
+        Ok(Self { config, endpoint, source, state, news })
+    }
+
+    /// Informs until `stop` is cancelled. Alerts that stand then stand on until they expire: a restart goes on with them.
+    pub async fn run(mut self, stop: CancellationToken) {
+        let mut table = Table::default();
+        let mut random = Pcg32::seed_from_u64(super::wall().to_bits());
+        let (mut next, mut failures) = (Instant::now(), 0u32);
+        loop {
+            tokio::select! {
+                () = stop.cancelled() => return,
+                event = self.news.recv() => match event {
+                    // What an event says is looked up when alerts are sent. After a failure its own pause counts.
+                    Ok(Event::Alarm(_) | Event::Reloaded { .. }) | Err(RecvError::Lagged(_)) => {
+                        if failures == 0 {
+                            next = next.min(Instant::now() + GATHER);
+                        }
+                    }
+                    Ok(_) => {}
+                    Err(RecvError::Closed) => return,
+                },
+                () = sleep_until(next) => {
+                    let Some(informed) = stop.run_until_cancelled(self.inform(&mut table)).await else { return };
+                    let again = Duration::try_from_secs_f64(self.config.resend_s).unwrap_or_default();
+                    let pause = match informed {
+                        Ok(()) => {
+                            failures = 0;
+                            again
+                        }
+                        Err(why) => {
+                            if self.state.refused(&why, (self.source.now)()) {
+                                warn!(receiver = self.config.name, "alerts were not taken: {why}");
+                            }
+                            let factor = 1u32.checked_shl(failures).unwrap_or(u32::MAX);
+                            failures = failures.saturating_add(1);
+                            FIRST_PAUSE.saturating_mul(factor).min(again).mul_f64(random.random_range(0.5..1.0))
+                        }
+                    };
+                    next = Instant::now() + pause;
+                }
+            }
+        }
+    }
+
+    /// Sends everything that stands and what is over.
+    async fn inform(&self, table: &mut Table) -> Result<(), String> {
+        let (source, filter, now) = (self.source.clone(), self.config.filter.clone(), (self.source.now)());
+        let mut own = std::mem::take(table);
+        let expires = now + self.config.expires_s;
+        let looked_up = spawn_blocking(move || {
+            own.update(&source, &filter, now);
+            let alerts = own.alerts(expires);
+            let bodies: Vec<String> = alerts.chunks(CHUNK).map(payload::alerts).collect();
+            let standing = own.standing();
+            (own, bodies, standing)
+        });
+        let (own, bodies, standing) = looked_up.await.map_err(|error| {
+            error!(receiver = self.config.name, %error, "alerts could not be made");
+            error.to_string()
+        })?;
+        *table = own;
+        self.state.queue.store(standing as u64, Relaxed);
+        if bodies.is_empty() {
+            return Ok(());
+        }
+        let limit = Duration::try_from_secs_f64(self.config.timeout_s).unwrap_or_default();
+        let headers = self.headers().await?;
+        for body in bodies {
+            let answer = self.endpoint.post(headers.clone(), body.into_bytes(), limit).await?;
+            if !answer.status.is_success() {
+                return Err(format!("{} {}", answer.status, answer.text));
+            }
+        }
+        self.state.queue.store(0, Relaxed);
+        if self.state.took(now) {
+            info!(receiver = self.config.name, "takes alerts again");
+        }
+        Ok(())
+    }
+
+    async fn headers(&self) -> Result<Vec<(HeaderName, HeaderValue)>, String> {
+        let Some((user, password)) = self.config.login() else { return Ok(Vec::new()) };
+        let read =
+            spawn_blocking(move || secret::lines(&password)).await.map_err(|error| error.to_string())?;
+        let password = read?.into_iter().next().unwrap_or_default();
+        let basic = format!("Basic {}", STANDARD.encode(format!("{user}:{password}")));
+        let mut value = HeaderValue::from_str(&basic).map_err(|error| error.to_string())?;
+        value.set_sensitive(true);
+        Ok(vec![(AUTHORIZATION, value)])
+    }
+}

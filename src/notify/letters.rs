@@ -1,0 +1,259 @@
+//! Messages on their way to one receiver, and those that never arrived: bounded, and on disk where there is a store. Calls
+//! that write files wait for the disk; they do not belong on an async thread.
+
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tokio::sync::Notify;
+
+/// Largest file read back (bytes).
+const MOST_BYTES: u64 = 1 << 22;
+
+/// One message.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Letter {
+    /// Its name for good: a receiver that hears it twice knows by it.
+    pub id: String,
+    /// When it was made (s).
+    pub made: f64,
+    /// Attempts that failed.
+    pub attempts: u32,
+    /// Why the last one did; empty before one did.
+    pub why: String,
+    /// Since when it is dead (s); `None` while it waits.
+    pub dead_since: Option<f64>,
+    /// What is sent.
+    pub body: String,
+}
+
+impl Letter {
+    /// A new message; `None` where the machine has no randomness for its name.
+    pub(super) fn new(body: String, made: f64) -> Option<Self> {
+        let mut bytes = [0; 16];
+        getrandom::fill(&mut bytes).ok()?;
+        let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        Some(Self { id: format!("msg_{hex}"), made, attempts: 0, why: String::new(), dead_since: None, body })
+    }
+}
+
+/// The letters of one receiver.
+#[derive(Debug)]
+pub struct Letters {
+    folder: Option<PathBuf>,
+    inner: Mutex<Inner>,
+    changed: Notify,
+    /// Number of the last change of an alarm that is in a letter or needs none; 0 before there is one.
+    heard: AtomicU64,
+}
+
+#[derive(Debug, Default)]
+struct Inner {
+    most: usize,
+    waiting: VecDeque<Letter>,
+    dead: VecDeque<Letter>,
+}
+
+impl Letters {
+    /// The letters of a folder, with room for `most` dead ones; only in memory where there is no folder.
+    pub fn open(folder: Option<PathBuf>, most: usize) -> Self {
+        let mut inner = Inner { most, ..Inner::default() };
+        let mut found = folder.as_deref().map(read_all).unwrap_or_default();
+        found.sort_by(|a, b| a.made.total_cmp(&b.made).then_with(|| a.id.cmp(&b.id)));
+        for letter in found {
+            let list = if letter.dead_since.is_some() { &mut inner.dead } else { &mut inner.waiting };
+            list.push_back(letter);
+        }
+        let letters = Self { folder, inner: Mutex::new(inner), changed: Notify::new(), heard: 0.into() };
+        letters.keep_at_most(most);
+        letters
+    }
+
+    /// Sets how many dead letters are kept; how many went for it.
+    pub fn keep_at_most(&self, most: usize) -> usize {
+        let mut inner = self.lock();
+        inner.most = most;
+        self.trim(&mut inner)
+    }
+
+    /// The dead ones, oldest first.
+    pub fn dead(&self) -> Vec<Letter> {
+        self.lock().dead.iter().cloned().collect()
+    }
+
+    /// How many wait, and how many are dead.
+    pub fn counts(&self) -> (usize, usize) {
+        let inner = self.lock();
+        (inner.waiting.len(), inner.dead.len())
+    }
+
+    /// Lets one dead letter, or all, wait to be sent again; how many those are.
+    pub fn replay(&self, id: Option<&str>) -> usize {
+        let mut inner = self.lock();
+        let all = std::mem::take(&mut inner.dead);
+        let (chosen, rest): (VecDeque<Letter>, VecDeque<Letter>) =
+            all.into_iter().partition(|letter| id.is_none_or(|id| letter.id == id));
+        let count = chosen.len();
+        inner.dead = rest;
+        for letter in chosen {
+            let letter = Letter { dead_since: None, ..letter };
+            self.write(&letter);
+            inner.waiting.push_back(letter);
+        }
+        drop(inner);
+        self.changed.notify_one();
+        count
+    }
+
+    pub(super) fn heard(&self) -> Option<u64> {
+        Some(self.heard.load(Relaxed)).filter(|heard| *heard > 0)
+    }
+
+    pub(super) fn hear(&self, number: u64) {
+        self.heard.store(number, Relaxed);
+    }
+
+    pub(super) async fn changed(&self) {
+        self.changed.notified().await;
+    }
+
+    pub(super) fn front(&self) -> Option<Letter> {
+        self.lock().waiting.front().cloned()
+    }
+
+    pub(super) fn put(&self, letter: Letter) {
+        let mut inner = self.lock();
+        self.write(&letter);
+        inner.waiting.push_back(letter);
+    }
+
+    pub(super) fn done(&self, id: &str) {
+        let mut inner = self.lock();
+        inner.waiting.retain(|letter| letter.id != id);
+        self.remove(id);
+    }
+
+    pub(super) fn failed(&self, id: &str, why: &str) {
+        if let Some(letter) = self.lock().waiting.iter_mut().find(|letter| letter.id == id) {
+            (letter.attempts, letter.why) = (letter.attempts + 1, why.to_string());
+        }
+    }
+
+    /// A letter is dead; how many older ones went for it.
+    pub(super) fn bury(&self, id: &str, now: f64) -> usize {
+        let mut inner = self.lock();
+        let Some(at) = inner.waiting.iter().position(|letter| letter.id == id) else { return 0 };
+        if let Some(letter) = inner.waiting.remove(at) {
+            let letter = Letter { dead_since: Some(now), ..letter };
+            self.write(&letter);
+            inner.dead.push_back(letter);
+        }
+        self.trim(&mut inner)
+    }
+
+    fn trim(&self, inner: &mut Inner) -> usize {
+        let surplus = inner.dead.len().saturating_sub(inner.most);
+        for letter in inner.dead.drain(..surplus) {
+            self.remove(&letter.id);
+        }
+        surplus
+    }
+
+    /// A panic elsewhere leaves the lists whole: each change to them is one call.
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A letter that cannot be written is in memory all the same.
+    fn write(&self, letter: &Letter) {
+        let Some(folder) = &self.folder else { return };
+        let written = fs::create_dir_all(folder).and_then(|()| {
+            let text = serde_json::to_vec(letter)?;
+            let (new, path) = (folder.join(format!("{}.new", letter.id)), path(folder, &letter.id));
+            let mut file = fs::File::create(&new)?;
+            file.write_all(&text)?;
+            file.sync_all()?;
+            fs::rename(&new, path)
+        });
+        if let Err(error) = written {
+            tracing::warn!(folder = %folder.display(), %error, "a message is kept in memory only");
+        }
+    }
+
+    fn remove(&self, id: &str) {
+        if let Some(folder) = &self.folder {
+            // What is not there was never written.
+            let _ = fs::remove_file(path(folder, id));
+        }
+    }
+}
+
+fn path(folder: &Path, id: &str) -> PathBuf {
+    folder.join(format!("{id}.json"))
+}
+
+fn read_all(folder: &Path) -> Vec<Letter> {
+    let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
+    let mut found = Vec::new();
+    for path in entries.flatten().map(|entry| entry.path()) {
+        if path.extension().is_none_or(|extension| extension != "json") {
+            continue;
+        }
+        let small = fs::metadata(&path).is_ok_and(|about| about.len() <= MOST_BYTES);
+        let bytes = if small { fs::read(&path).ok() } else { None };
+        let letter = bytes.and_then(|bytes| serde_json::from_slice::<Letter>(&bytes).ok());
+        // A name from a file is part of a path later.
+        let named = letter.filter(|letter| path.file_stem().is_some_and(|stem| *stem == *letter.id));
+        match named {
+            Some(letter) => found.push(letter),
+            None => tracing::warn!(path = %path.display(), "this is no message"),
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn letter(body: &str, made: f64) -> Letter {
+        Letter::new(body.into(), made).unwrap()
+    }
+
+    fn bodies(letters: &[Letter]) -> Vec<&str> {
+        letters.iter().map(|letter| letter.body.as_str()).collect()
+    }
+
+    #[test]
+    fn letters_outlive_a_restart_and_the_dead_are_bounded() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tmp/letters");
+        let _ = fs::remove_dir_all(&folder);
+        let letters = Letters::open(Some(folder.clone()), 2);
+        for (body, made) in [("a", 1.0), ("b", 2.0), ("c", 3.0), ("d", 4.0)] {
+            letters.put(letter(body, made));
+        }
+        for _ in 0..3 {
+            let id = letters.front().unwrap().id;
+            letters.failed(&id, "refused");
+            letters.bury(&id, 10.0);
+        }
+        assert_eq!((letters.counts(), bodies(&letters.dead())), ((1, 2), vec!["b", "c"]));
+
+        fs::write(folder.join("other.json"), "{}").unwrap();
+        fs::write(folder.join("half.new"), "{\"id\"").unwrap();
+        let letters = Letters::open(Some(folder.clone()), 2);
+        assert_eq!((letters.counts(), bodies(&letters.dead())), ((1, 2), vec!["b", "c"]));
+        assert_eq!((letters.dead()[0].attempts, letters.dead()[0].why.as_str()), (1, "refused"));
+        let id = letters.dead()[1].id.clone();
+        assert_eq!((letters.replay(Some("msg_none")), letters.replay(Some(&id))), (0, 1));
+        assert_eq!((letters.counts(), letters.front().unwrap().body.as_str()), ((2, 1), "d"));
+        letters.done(&letters.front().unwrap().id);
+
+        let letters = Letters::open(Some(folder), 1);
+        assert_eq!((letters.counts(), letters.front().unwrap().body.as_str()), ((1, 1), "c"));
+        assert_eq!((letters.replay(None), letters.counts()), (1, (2, 0)));
+    }
+}

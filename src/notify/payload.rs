@@ -1,0 +1,133 @@
+//! JSON of webhooks and of Alertmanager's API. Pure; the names are those of the API.
+
+use super::batch::Digest;
+use super::iso;
+use super::notice::{Friction, Notice, Source};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// A webhook's body, in the shape that Standard Webhooks recommends.
+#[derive(Serialize)]
+struct Webhook<'d> {
+    r#type: &'static str,
+    timestamp: String,
+    data: Alarms<'d>,
+}
+
+#[derive(Serialize)]
+struct Alarms<'d> {
+    site: Option<&'d str>,
+    version: &'static str,
+    alarms: Vec<Alarm<'d>>,
+    more: Vec<More>,
+    lost: u64,
+}
+
+/// One change of an alarm.
+#[derive(Serialize)]
+struct Alarm<'d> {
+    id: String,
+    event: &'static str,
+    time: String,
+    r#loop: Option<&'d str>,
+    device: Option<&'d str>,
+    kind: &'static str,
+    priority: &'static str,
+    groups: &'d [String],
+    state: &'static str,
+    raised_at: Option<String>,
+    detail: &'d str,
+    f: Option<f64>,
+    f_ci95: Option<[f64; 2]>,
+    f_unit: Option<&'static str>,
+    delta_aic: Option<f64>,
+    by: Option<&'d str>,
+    comment: Option<&'d str>,
+    link: Option<&'d str>,
+}
+
+/// Changes that are only counted.
+#[derive(Serialize)]
+struct More {
+    event: &'static str,
+    kind: &'static str,
+    count: u64,
+}
+
+/// The body of a webhook, made at `now` (s).
+pub(super) fn webhook(digest: &Digest, source: &Source, now: f64) -> String {
+    let more = digest.more.iter();
+    let more =
+        more.map(|(what, kind, count)| More { event: what.as_str(), kind: kind.as_str(), count: *count });
+    let data = Alarms {
+        site: source.site.as_deref(),
+        version: env!("CARGO_PKG_VERSION"),
+        alarms: digest.notices.iter().map(alarm).collect(),
+        more: more.collect(),
+        lost: digest.lost,
+    };
+    json(&Webhook { r#type: "alarms", timestamp: iso(now), data })
+}
+
+fn alarm(notice: &Notice) -> Alarm<'_> {
+    let friction = notice.friction.as_ref();
+    let device = notice.alarm.kind.of_device();
+    let subject = notice.alarm.subject.as_str();
+    Alarm {
+        id: notice.alarm.to_string(),
+        event: notice.what.as_str(),
+        time: iso(notice.at),
+        r#loop: (!device).then_some(subject),
+        device: device.then_some(subject),
+        kind: notice.alarm.kind.as_str(),
+        priority: notice.priority.as_str(),
+        groups: &notice.groups,
+        state: notice.state.as_str(),
+        raised_at: notice.raised_at.map(iso),
+        detail: &notice.detail,
+        f: friction.map(|friction| friction.f),
+        f_ci95: friction.and_then(|friction| friction.interval),
+        f_unit: friction.map(|friction| friction.unit),
+        delta_aic: friction.and_then(|friction| friction.evidence),
+        by: notice.by.as_deref(),
+        comment: notice.comment.as_deref(),
+        link: notice.link.as_deref(),
+    }
+}
+
+/// Names and values that make an alert what it is, or say more of it.
+pub(super) type Texts = BTreeMap<&'static str, String>;
+
+/// One alert of Alertmanager's API v2.
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Alert<'a> {
+    pub labels: &'a Texts,
+    pub annotations: &'a Texts,
+    pub starts_at: String,
+    pub ends_at: String,
+    #[serde(rename = "generatorURL", skip_serializing_if = "Option::is_none")]
+    pub generator_url: Option<&'a str>,
+}
+
+/// The body of `POST /api/v2/alerts`.
+pub(super) fn alerts(alerts: &[Alert<'_>]) -> String {
+    json(&alerts)
+}
+
+/// Friction in a person's words: `f 2.50 % OP (2.40 to 2.60), evidence 446`.
+pub(super) fn friction(friction: &Friction) -> String {
+    let mut text = format!("f {:.2} {}", friction.f, friction.unit);
+    if let Some([low, high]) = friction.interval {
+        text += &format!(" ({low:.2} to {high:.2})");
+    }
+    if let Some(evidence) = friction.evidence {
+        text += &format!(", evidence {evidence:.0}");
+    }
+    text
+}
+
+fn json(value: &impl Serialize) -> String {
+    // Structs of texts and finite numbers always have a JSON.
+    serde_json::to_string(value).unwrap_or_default()
+}

@@ -1,0 +1,270 @@
+//! Carries what happened to one receiver: notices into a batch, a batch into a letter, a letter until it is taken or dead.
+//!
+//! ```text
+//!           due                     taken
+//! batch ----------> letter waits ----------> gone from disk
+//!                     ^      |  ^ |
+//!              replay |      |  +-+ not now: again after a pause, twice as long each time, or what the receiver asks for
+//!                     |      v
+//!                    dead letter: refused for good, not taken for `for_s`, or the receiver is gone (410)
+//! ```
+//! Letters go one at a time, oldest first; while one is tried everything new stays in the batch, which is bounded.
+
+use super::batch::{Batch, Digest};
+use super::config::{Filter, Pace, Retry, What};
+use super::letters::{Letter, Letters};
+use super::notice::Source;
+use super::state::State;
+use crate::results::{AlarmChange, Event};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg32;
+use std::future::Future;
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::Duration;
+use tokio::sync::broadcast::{Receiver, error::RecvError};
+use tokio::task::{JoinSet, spawn_blocking};
+use tokio::time::{Instant, sleep_until};
+use tokio_util::sync::CancellationToken;
+use tracing::{error, info, warn};
+
+/// Brings letters to a receiver.
+pub trait Carrier: Send + Sync + 'static {
+    /// What is sent of a digest, made at `now` (s).
+    fn compose(&self, digest: &Digest, source: &Source, now: f64) -> String;
+
+    /// Sends a letter once.
+    fn carry(&self, letter: &Letter) -> impl Future<Output = Result<(), Fault>> + Send;
+}
+
+/// Why a letter was not taken.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Fault {
+    /// It may be another time, after a pause that the receiver may have asked for.
+    Later(String, Option<Duration>),
+    /// It never will.
+    Never(String),
+    /// Nor will any other: nothing is sent until somebody replays a letter or the configuration is read again.
+    Gone(String),
+}
+
+/// One receiver's postman.
+pub struct Postman<C> {
+    name: String,
+    carrier: Arc<C>,
+    source: Source,
+    events: Vec<What>,
+    filter: Filter,
+    pace: Pace,
+    retry: Retry,
+    letters: Arc<Letters>,
+    state: Arc<State>,
+    news: Receiver<Event>,
+    /// Number of the last change that was heard of.
+    heard: u64,
+}
+
+/// The letter that is tried.
+#[derive(Default)]
+struct Trial {
+    id: String,
+    first: f64,
+    next: f64,
+    failures: u32,
+}
+
+impl<C: Carrier> Postman<C> {
+    /// Hears of everything from now on.
+    pub fn new(name: &str, carrier: C, source: Source, letters: Arc<Letters>, state: Arc<State>) -> Self {
+        let news = source.results.subscribe();
+        // After a reload it goes on where the one before ended.
+        let newest = || source.results.alarm_log().first().map_or(0, |change| change.number);
+        let heard = letters.heard().unwrap_or_else(newest);
+        Self {
+            name: name.to_string(),
+            carrier: Arc::new(carrier),
+            source,
+            events: super::config::usual(),
+            filter: Filter::default(),
+            pace: Pace::default(),
+            retry: Retry::default(),
+            letters,
+            state,
+            news,
+            heard,
+        }
+    }
+
+    /// Which alarms, how often, and for how long they are tried.
+    pub fn with(self, events: &[What], filter: &Filter, pace: &Pace, retry: &Retry) -> Self {
+        let (filter, pace, retry) = (filter.clone(), pace.clone(), retry.clone());
+        Self { events: events.to_vec(), filter, pace, retry, ..self }
+    }
+
+    /// Carries letters until `stop` is cancelled; what is not delivered then waits for the next start.
+    pub async fn run(mut self, stop: CancellationToken) {
+        let began = Instant::now();
+        let now = || began.elapsed().as_secs_f64();
+        let (mut batch, mut trial, mut gone) = (Batch::new(self.pace.clone()), Trial::default(), false);
+        let mut random = Pcg32::seed_from_u64(super::wall().to_bits());
+        let mut under_way = JoinSet::new();
+        self.catch_up(&mut batch, now());
+        loop {
+            let idle = under_way.is_empty();
+            let letter = self.letters.front();
+            if let Some(letter) = letter.as_ref().filter(|letter| letter.id != trial.id) {
+                trial = Trial { id: letter.id.clone(), first: now(), next: now(), failures: 0 };
+            }
+            let due = if letter.is_some() { Some(trial.next) } else { batch.due() };
+            let due = due.filter(|_| idle);
+            let at = began + Duration::try_from_secs_f64(due.unwrap_or(0.0)).unwrap_or_default();
+            self.state.queue.store(batch.len() + self.letters.counts().0 as u64, Relaxed);
+            tokio::select! {
+                () = stop.cancelled() => break,
+                event = self.news.recv() => match event {
+                    Ok(Event::Alarm(change)) => self.hear(&change, &mut batch, now()),
+                    Ok(_) => {}
+                    Err(RecvError::Lagged(_)) => self.catch_up(&mut batch, now()),
+                    Err(RecvError::Closed) => break,
+                },
+                () = self.letters.changed() => {}
+                Some(carried) = under_way.join_next(), if !idle => {
+                    let carried = carried.unwrap_or_else(|error| Err(Fault::Later(error.to_string(), None)));
+                    let pause = self.pause(trial.failures).mul_f64(random.random_range(0.5..1.0));
+                    self.settle(carried, &mut trial, &mut gone, pause, now()).await;
+                }
+                () = sleep_until(at), if due.is_some() => match letter {
+                    Some(letter) => {
+                        let carrier = self.carrier.clone();
+                        under_way.spawn(async move { carrier.carry(&letter).await });
+                    }
+                    None => if let Some(digest) = batch.take(now()) {
+                        let id = self.post(&digest).await;
+                        if let Some(id) = id.filter(|_| gone) {
+                            self.bury(id, "the receiver has said that it is gone").await;
+                        }
+                    },
+                },
+            }
+        }
+        if let Some(digest) = batch.take(now()) {
+            self.post(&digest).await;
+        }
+    }
+
+    fn hear(&mut self, change: &AlarmChange, batch: &mut Batch, now: f64) {
+        if change.number <= self.heard {
+            return;
+        }
+        self.heard = change.number;
+        self.letters.hear(change.number);
+        let Some(notice) = self.source.notice(change).filter(|notice| self.events.contains(&notice.what))
+        else {
+            return;
+        };
+        if self.filter.takes(notice.alarm.kind, notice.priority, &notice.groups) && !batch.put(notice, now) {
+            self.state.dropped.fetch_add(1, Relaxed);
+        }
+    }
+
+    /// More happened than was taken from the channel: the log of changes knows most of it.
+    fn catch_up(&mut self, batch: &mut Batch, now: f64) {
+        let log = self.source.results.alarm_log();
+        let oldest = log.last().map_or(0, |change| change.number);
+        let lost = oldest.saturating_sub(self.heard + 1);
+        if lost > 0 {
+            batch.lose(lost, now);
+            self.state.dropped.fetch_add(lost, Relaxed);
+        }
+        log.iter().rev().for_each(|change| self.hear(change, batch, now));
+    }
+
+    /// Makes a letter of a digest; its name.
+    async fn post(&self, digest: &Digest) -> Option<String> {
+        let now = (self.source.now)();
+        let Some(letter) = Letter::new(self.carrier.compose(digest, &self.source, now), now) else {
+            error!(
+                receiver = self.name,
+                changes = digest.changes(),
+                "not told: the machine has no randomness"
+            );
+            self.state.dropped.fetch_add(digest.changes(), Relaxed);
+            return None;
+        };
+        let id = letter.id.clone();
+        self.on_disk(move |letters| letters.put(letter)).await;
+        Some(id)
+    }
+
+    /// What came of an attempt.
+    async fn settle(
+        &self,
+        carried: Result<(), Fault>,
+        trial: &mut Trial,
+        gone: &mut bool,
+        pause: Duration,
+        now: f64,
+    ) {
+        let id = trial.id.clone();
+        let (why, wait) = match carried {
+            Ok(()) => {
+                *gone = false;
+                if self.state.took((self.source.now)()) {
+                    info!(receiver = self.name, "takes messages again");
+                }
+                trial.id.clear();
+                self.on_disk(move |letters| letters.done(&id)).await;
+                return;
+            }
+            Err(Fault::Later(why, after)) => (why, Some(pause.max(after.unwrap_or_default()).as_secs_f64())),
+            Err(Fault::Never(why)) => (why, None),
+            Err(Fault::Gone(why)) => {
+                *gone = true;
+                (why, None)
+            }
+        };
+        if self.state.refused(&why, (self.source.now)()) {
+            warn!(receiver = self.name, "a message was not taken: {why}");
+        }
+        let tried = now - trial.first;
+        match wait.filter(|wait| tried + wait <= self.retry.for_s) {
+            Some(wait) => {
+                self.letters.failed(&id, &why);
+                (trial.next, trial.failures) = (now + wait, trial.failures.saturating_add(1));
+            }
+            None => {
+                // Replayed, it is tried as if for the first time.
+                trial.id.clear();
+                self.bury(id, &why).await;
+            }
+        }
+    }
+
+    async fn bury(&self, id: String, why: &str) {
+        error!(receiver = self.name, letter = id, "a message is a dead letter: {why}");
+        self.letters.failed(&id, why);
+        let now = (self.source.now)();
+        let lost = self.on_disk(move |letters| letters.bury(&id, now)).await;
+        if lost.is_some_and(|lost| lost > 0) {
+            warn!(receiver = self.name, lost, "older dead letters are gone for it");
+        }
+    }
+
+    fn pause(&self, failures: u32) -> Duration {
+        let factor = 2f64.powi(failures.min(60) as i32);
+        Duration::try_from_secs_f64((self.retry.first_s * factor).min(self.retry.longest_s))
+            .unwrap_or_default()
+    }
+
+    async fn on_disk<T: Send + 'static>(
+        &self,
+        act: impl FnOnce(&Letters) -> T + Send + 'static,
+    ) -> Option<T> {
+        let letters = self.letters.clone();
+        let done = spawn_blocking(move || act(&letters)).await;
+        done.inspect_err(|error| error!(receiver = self.name, %error, "a message could not be kept")).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests;

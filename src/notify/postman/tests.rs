@@ -1,0 +1,125 @@
+use super::*;
+use crate::alarm;
+use crate::notify::notice::Places;
+use crate::results::Results;
+use crate::signal::LoopId;
+use std::sync::{Mutex, RwLock};
+
+/// Notes when it is asked and what for, and answers as it was told, in the end with thanks.
+struct Script {
+    began: Instant,
+    tried: Mutex<Vec<(f64, String)>>,
+    faults: Mutex<Vec<Fault>>,
+}
+
+struct Scripted(Arc<Script>);
+
+impl Carrier for Scripted {
+    fn compose(&self, digest: &Digest, _source: &Source, _now: f64) -> String {
+        format!("{} {}", digest.changes(), digest.lost)
+    }
+
+    async fn carry(&self, letter: &Letter) -> Result<(), Fault> {
+        let at = self.0.began.elapsed().as_secs_f64();
+        self.0.tried.lock().unwrap().push((at, letter.body.clone()));
+        self.0.faults.lock().unwrap().pop().map_or(Ok(()), Err)
+    }
+}
+
+struct Rig {
+    results: Arc<Results>,
+    script: Arc<Script>,
+    letters: Arc<Letters>,
+    state: Arc<State>,
+    postman: Postman<Scripted>,
+}
+
+fn rig(loops: usize, faults: Vec<Fault>, retry: Retry) -> Rig {
+    let ids: Vec<LoopId> = (0..loops).map(|at| LoopId::new(format!("L{at}"))).collect();
+    let results = Arc::new(Results::new(&ids, 5, &alarm::Config::default()));
+    let script =
+        Arc::new(Script { began: Instant::now(), tried: Mutex::default(), faults: Mutex::new(faults) });
+    let places = Arc::new(RwLock::new(Arc::new(Places::default())));
+    let source =
+        Source { results: results.clone(), places, now: Arc::new(|| 0.0), site: None, public_url: None };
+    let (letters, state) = (Arc::new(Letters::open(None, 5)), Arc::new(State::default()));
+    let postman = Postman::new("it", Scripted(script.clone()), source, letters.clone(), state.clone());
+    let pace = Pace { wait_s: 0.0, interval_s: 0.0, ..Pace::default() };
+    let postman = postman.with(&[What::Raised], &Filter::default(), &pace, &retry);
+    Rig { results, script, letters, state, postman }
+}
+
+fn trip(results: &Results, at: usize) {
+    results.watch_trip(&LoopId::new(format!("L{at}")), Some("a fault".into()), at as f64);
+}
+
+/// Lets the postman work for so long, on a clock that stands still while anybody works.
+async fn work(postman: Postman<Scripted>, seconds: f64) {
+    let stop = CancellationToken::new();
+    let task = tokio::spawn(postman.run(stop.clone()));
+    tokio::time::sleep(Duration::from_secs_f64(seconds)).await;
+    stop.cancel();
+    task.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn pauses_grow_to_the_longest_and_in_the_end_the_letter_is_dead() {
+    let retry = Retry { first_s: 1.0, longest_s: 8.0, for_s: 60.0, dead_letters: 5 };
+    let faults = vec![Fault::Later("away".into(), None); 100];
+    let Rig { results, script, letters, state, postman } = rig(1, faults, retry);
+    trip(&results, 0);
+    work(postman, 100.0).await;
+    let tried: Vec<f64> = script.tried.lock().unwrap().iter().map(|(at, _)| *at).collect();
+    for (k, pair) in tried.windows(2).enumerate() {
+        let (pause, whole) = (pair[1] - pair[0], 2f64.powi(k as i32).min(8.0));
+        // A timer counts whole milliseconds.
+        assert!((0.5 * whole..whole + 0.002).contains(&pause), "{k}: {pause}");
+    }
+    let last = *tried.last().unwrap();
+    assert!(tried.len() > 8 && (60.0 - 8.0..=60.0).contains(&(last - tried[0])), "{tried:?}");
+    assert_eq!(letters.counts(), (0, 1));
+    assert_eq!((letters.dead()[0].attempts as usize, letters.dead()[0].why.as_str()), (tried.len(), "away"));
+    let own = state.snapshot();
+    assert_eq!((own.sent, own.failed as usize, own.queue), (0, tried.len(), 0));
+    assert!(own.failing.is_some());
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_pause_that_a_receiver_asks_for_is_kept() {
+    let faults = vec![Fault::Later("busy".into(), Some(Duration::from_secs(50)))];
+    let Rig { results, script, letters, state, postman } = rig(1, faults, Retry::default());
+    trip(&results, 0);
+    work(postman, 60.0).await;
+    let tried = script.tried.lock().unwrap().clone();
+    assert!(tried.len() == 2 && (50.0..50.01).contains(&(tried[1].0 - tried[0].0)), "{tried:?}");
+    assert_eq!((letters.counts(), state.snapshot().failing), ((0, 0), None));
+}
+
+#[tokio::test(start_paused = true)]
+async fn more_changes_than_the_channel_holds_are_told_all_the_same() {
+    let Rig { results, script, postman, .. } = rig(2100, Vec::new(), Retry::default());
+    // 1024 events wait at most, and the log knows the last 2000 changes.
+    (0..1500).for_each(|at| trip(&results, at));
+    work(postman, 1.0).await;
+    assert_eq!(script.tried.lock().unwrap()[0].1, "1500 0");
+    let Rig { results, script, postman, .. } = rig(2100, Vec::new(), Retry::default());
+    (0..2100).for_each(|at| trip(&results, at));
+    work(postman, 1.0).await;
+    assert_eq!(script.tried.lock().unwrap()[0].1, "2100 100");
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_was_gathered_when_it_stopped_is_a_letter_for_the_next() {
+    let Rig { results, script, letters, postman, .. } = rig(2, Vec::new(), Retry::default());
+    let pace = Pace { wait_s: 100.0, ..Pace::default() };
+    let source = postman.source.clone();
+    trip(&results, 0);
+    work(postman.with(&[What::Raised], &Filter::default(), &pace, &Retry::default()), 1.0).await;
+    assert_eq!((script.tried.lock().unwrap().len(), letters.counts()), (0, (1, 0)));
+    // What happens between two postmen is the second one's.
+    trip(&results, 1);
+    let next = Postman::new("it", Scripted(script.clone()), source, letters.clone(), Arc::default());
+    work(next, 20.0).await;
+    let told: Vec<String> = script.tried.lock().unwrap().iter().map(|(_, body)| body.clone()).collect();
+    assert_eq!((told, letters.counts()), (vec!["1 0".to_string(), "1 0".to_string()], (0, 0)));
+}

@@ -1,0 +1,119 @@
+//! `[[notify.smtp]]`: by which server, to whom, and which alarms.
+
+use crate::notify::config::{Filter, Pace, Retry, Secret, What, Wrong, is_loopback, usual, wrong_habits};
+use lettre::message::Mailbox;
+use serde::Deserialize;
+use std::path::PathBuf;
+
+/// Most people a mail goes to.
+const MOST_RECEIVERS: usize = 100;
+
+/// Mails by one server to one list of people.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// The receiver's name, in metrics, in the log and in the API.
+    pub name: String,
+    /// `host:port` of the server.
+    pub address: String,
+    /// How the connection is encrypted.
+    #[serde(default)]
+    pub security: Security,
+    /// Certificates trusted (PEM); the system's where left out.
+    #[serde(default)]
+    pub ca_file: Option<PathBuf>,
+    /// User name, where the server asks for one.
+    #[serde(default)]
+    pub user: Option<String>,
+    /// File whose first line is the password.
+    #[serde(default)]
+    pub password_file: Option<PathBuf>,
+    /// Environment variable that holds the password.
+    #[serde(default)]
+    pub password_env: Option<String>,
+    /// Who sends.
+    pub from: String,
+    /// To whom.
+    pub to: Vec<String>,
+    /// Longest wait for an answer (s).
+    #[serde(default = "default_timeout_s")]
+    pub timeout_s: f64,
+    /// What of an alarm is told.
+    #[serde(default = "usual")]
+    pub events: Vec<What>,
+    /// Which alarms.
+    #[serde(default)]
+    pub filter: Filter,
+    /// How many mails.
+    #[serde(default)]
+    pub pace: Pace,
+    /// How long they are tried.
+    #[serde(default)]
+    pub retry: Retry,
+}
+
+/// How a connection is encrypted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Security {
+    /// By STARTTLS, or not at all sent.
+    #[default]
+    Starttls,
+    /// From the first byte.
+    Tls,
+    /// Not; on this machine only.
+    None,
+}
+
+fn default_timeout_s() -> f64 {
+    30.0
+}
+
+impl Config {
+    /// Everything wrong with it, by table and field.
+    pub fn validate(&self) -> Vec<Wrong> {
+        let mut wrong = wrong_habits(&self.pace, &self.retry);
+        let mut unless = |ok: bool, field, message: String| {
+            if !ok {
+                wrong.push(("", field, message));
+            }
+        };
+        match self.host_and_port() {
+            None => {
+                let message = format!("'{}' is not host:port, such as mail.plant:587", self.address);
+                unless(false, "address", message);
+            }
+            Some((host, _)) => {
+                let ok = self.security != Security::None || is_loopback(host);
+                unless(ok, "security", "\"none\" is for a server on this machine only".into());
+            }
+        }
+        let passwords = usize::from(self.password_file.is_some()) + usize::from(self.password_env.is_some());
+        let ok = self.user.is_some() == (passwords > 0);
+        unless(ok, "user", "a user name and one of password_file and password_env belong together".into());
+        unless(passwords < 2, "password_env", "there is password_file too: leave one out".into());
+        let is_address = |text: &String| text.parse::<Mailbox>().is_ok();
+        unless(is_address(&self.from), "from", format!("{:?} is no address of mail", self.from));
+        for to in self.to.iter().filter(|to| !is_address(to)) {
+            unless(false, "to", format!("{to:?} is no address of mail"));
+        }
+        let ok = (1..=MOST_RECEIVERS).contains(&self.to.len());
+        unless(ok, "to", format!("must name 1 to {MOST_RECEIVERS} addresses"));
+        let ok = (0.1..=300.0).contains(&self.timeout_s);
+        unless(ok, "timeout_s", format!("{} must be 0.1 to 300", self.timeout_s));
+        unless(!self.events.is_empty(), "events", "must name one at least".into());
+        wrong
+    }
+
+    /// The server.
+    pub(super) fn host_and_port(&self) -> Option<(&str, u16)> {
+        let (host, port) = self.address.rsplit_once(':')?;
+        let port = port.parse().ok().filter(|port| *port > 0)?;
+        let plain = !host.is_empty() && !host.contains(['/', '@', ' ']);
+        plain.then_some((host, port))
+    }
+
+    pub(super) fn login(&self) -> Option<(String, Secret)> {
+        self.user.clone().zip(Secret::of(&self.password_file, &self.password_env))
+    }
+}

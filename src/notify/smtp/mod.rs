@@ -1,0 +1,118 @@
+//! Mails: plain text, several alarms in one, by a server of the plant.
+
+mod config;
+mod text;
+
+pub use config::{Config, Security};
+
+use super::batch::Digest;
+use super::letters::{Letter, Letters};
+use super::notice::Source;
+use super::postman::{Carrier, Fault, Postman};
+use super::state::State;
+use super::{http, secret};
+use lettre::message::{Mailbox, header::ContentType};
+use lettre::transport::smtp::authentication::Credentials;
+use lettre::transport::smtp::client::{Certificate, CertificateStore, Tls, TlsParameters};
+use lettre::{AsyncSmtpTransport, AsyncTransport, Message, Tokio1Executor};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::task::spawn_blocking;
+use tokio::time::timeout;
+
+/// Steps of a conversation with a server: each may take the whole time, all together this many times it.
+const STEPS: u32 = 4;
+
+/// Brings mails to one server.
+pub struct Mail {
+    config: Config,
+}
+
+/// The postman of a list of people.
+pub fn postman(config: &Config, source: Source, letters: Arc<Letters>, state: Arc<State>) -> Postman<Mail> {
+    let carrier = Mail { config: config.clone() };
+    let postman = Postman::new(&config.name, carrier, source, letters, state);
+    postman.with(&config.events, &config.filter, &config.pace, &config.retry)
+}
+
+impl Carrier for Mail {
+    /// The subject, an empty line, the text.
+    fn compose(&self, digest: &Digest, source: &Source, _now: f64) -> String {
+        format!("{}\n\n{}", text::subject(digest, source), text::body(digest, source))
+    }
+
+    async fn carry(&self, letter: &Letter) -> Result<(), Fault> {
+        let mail = message(&self.config, letter).map_err(Fault::Never)?;
+        let config = self.config.clone();
+        let later = |why: String| Fault::Later(why, None);
+        let made =
+            spawn_blocking(move || transport(&config)).await.map_err(|error| later(error.to_string()))?;
+        let server = made.map_err(later)?;
+        let limit = STEPS * self.limit();
+        match timeout(limit, server.send(mail)).await {
+            Ok(Ok(_)) => Ok(()),
+            // A password may be set right without a restart; what else is refused for good stays refused.
+            Ok(Err(error)) if error.is_permanent() && !is_login(&error) => {
+                Err(Fault::Never(error.to_string()))
+            }
+            Ok(Err(error)) => Err(later(error.to_string())),
+            Err(_) => Err(later(format!("not sent within {} s", limit.as_secs_f64()))),
+        }
+    }
+}
+
+impl Mail {
+    fn limit(&self) -> Duration {
+        Duration::try_from_secs_f64(self.config.timeout_s).unwrap_or_default()
+    }
+}
+
+/// Whether it was the log-in that was refused.
+fn is_login(error: &lettre::transport::smtp::Error) -> bool {
+    error.status().is_some_and(|code| ["530", "534", "535", "538"].contains(&code.to_string().as_str()))
+}
+
+fn message(config: &Config, letter: &Letter) -> Result<Message, String> {
+    let (subject, text) = letter.body.split_once("\n\n").unwrap_or(("stictiond", &letter.body));
+    let mailbox = |text: &String| text.parse::<Mailbox>().map_err(|error| format!("{text:?}: {error}"));
+    let mut mail = Message::builder()
+        .from(mailbox(&config.from)?)
+        .subject(subject)
+        .message_id(Some(format!("<{}@stictiond>", letter.id)))
+        .header(ContentType::TEXT_PLAIN);
+    for to in &config.to {
+        mail = mail.to(mailbox(to)?);
+    }
+    mail.body(text.to_string()).map_err(|error| error.to_string())
+}
+
+/// A connection yet to be made; reads the secrets.
+fn transport(config: &Config) -> Result<AsyncSmtpTransport<Tokio1Executor>, String> {
+    let (host, port) = config.host_and_port().ok_or("the address is not host:port")?;
+    let tls = match config.security {
+        Security::None => Tls::None,
+        Security::Starttls => Tls::Required(parameters(config, host)?),
+        Security::Tls => Tls::Wrapper(parameters(config, host)?),
+    };
+    let limit = Duration::try_from_secs_f64(config.timeout_s).unwrap_or_default();
+    let mut server = AsyncSmtpTransport::<Tokio1Executor>::builder_dangerous(host).port(port).tls(tls);
+    server = server.timeout(Some(limit));
+    if let Some((user, password)) = config.login() {
+        let password = secret::lines(&password)?.into_iter().next().unwrap_or_default();
+        server = server.credentials(Credentials::new(user, password));
+    }
+    Ok(server.build())
+}
+
+fn parameters(config: &Config, host: &str) -> Result<TlsParameters, String> {
+    let mut tls = TlsParameters::builder(host.to_string());
+    if config.ca_file.is_some() {
+        tls = tls.certificate_store(CertificateStore::None);
+        for certificate in http::trusted(config.ca_file.clone())? {
+            let certificate =
+                Certificate::from_der(certificate.to_vec()).map_err(|error| error.to_string())?;
+            tls = tls.add_root_certificate(certificate);
+        }
+    }
+    tls.build().map_err(|error| error.to_string())
+}

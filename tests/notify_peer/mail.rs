@@ -1,0 +1,57 @@
+//! Mails against aiosmtpd.
+
+use super::rig::{Daemon, Peer, folder, plant};
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn mails_go_by_starttls_with_a_password_and_say_what_matters() {
+    let folder = folder("mail");
+    let made = rcgen::generate_simple_self_signed(vec!["localhost".to_string()]).unwrap();
+    let [certificate, key, password] = ["cert.pem", "key.pem", "password"].map(|name| folder.join(name));
+    std::fs::write(&certificate, made.cert.pem()).unwrap();
+    std::fs::write(&key, made.signing_key.serialize_pem()).unwrap();
+    std::fs::write(&password, "wrong\n").unwrap();
+    let [certificate, key] = [&certificate, &key].map(|path| path.display().to_string());
+    let mut peer = Peer::start("smtp_server.py", &[&certificate, &key, "stictiond", "right"]).await;
+    let text = format!(
+        "[[notify.smtp]]\nname = 'fitters'\naddress = 'localhost:{}'\nca_file = '{certificate}'\nuser = 'stictiond'\n\
+         password_file = '{}'\nfrom = 'stictiond <stictiond@plant.example>'\nto = ['a@plant.example', 'b@plant.example']\n\
+         [notify.smtp.pace]\nwait_s = 0.2\ninterval_s = 0.0\n\
+         [notify.smtp.retry]\nfirst_s = 0.05\nlongest_s = 0.2\n",
+        peer.port,
+        password.display()
+    );
+    let daemon = Daemon::start(&plant(None, &text)).await;
+    daemon.diagnosed("FIC1", Some(2.5));
+    daemon.diagnosed("FIC2", Some(0.6));
+    let own = daemon.receiver("fitters", "the log-in is refused", |own| own["state"] == "failing").await;
+    assert!(own["reason"].as_str().unwrap().contains("535"), "{own}");
+    // Set right without a restart.
+    std::fs::write(&password, "right\n").unwrap();
+    let mail = peer.next().await;
+    assert_eq!((&mail["tls"], &mail["authenticated"]), (&true.into(), &true.into()), "{mail}");
+    assert_eq!(mail["to"], serde_json::json!(["a@plant.example", "b@plant.example"]));
+    assert_eq!(mail["subject"], "[stictiond] HIGH FIC1: the valve sticks (and 1 more)");
+    assert_eq!(mail["type"], "text/plain");
+    let text = mail["text"].as_str().unwrap();
+    for part in [
+        "HIGH FIC1: the valve sticks",
+        "MEDIUM FIC2",
+        "high priority",
+        "f 2.50 % OP (2.45 to 2.55)",
+        "unit 20",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+
+    // Not now is tried again, never is a dead letter.
+    peer.tell("refuse 1 451 later").await;
+    daemon.diagnosed("FIC1", None);
+    assert_eq!(peer.next().await["subject"], "[stictiond] cleared FIC1: the valve sticks");
+    peer.tell("refuse 1 554 never").await;
+    daemon.diagnosed("FIC2", None);
+    daemon.receiver("fitters", "a dead letter", |own| own["dead_letters"] == 1).await;
+    let (status, _) = daemon.ask("POST", "/api/v1/notifications/fitters/replay", "").await;
+    assert_eq!(status, 200);
+    assert_eq!(peer.next().await["subject"], "[stictiond] cleared FIC2: the valve sticks");
+    daemon.stop().await;
+}

@@ -1,0 +1,13 @@
+//! Who is told of alarms, against receivers that were not written here: the library of Standard Webhooks, aiosmtpd, and
+//! Debian's Alertmanager; and what `deploy/` has for Prometheus and Grafana, by promtool and a JSON schema.
+
+#[cfg(test)]
+mod alertmanager;
+#[cfg(test)]
+mod mail;
+#[cfg(test)]
+mod prometheus;
+#[cfg(test)]
+mod rig;
+#[cfg(test)]
+mod webhook;

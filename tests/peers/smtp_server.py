@@ -1,0 +1,58 @@
+"""A mail server made of aiosmtpd, which takes mails by STARTTLS and with a password only. Arguments: certificate, key, user and
+password. Prints "port N" once it listens, and a line of JSON for every mail.
+
+Reads commands from stdin, one a line, and answers each with "ok":
+
+  refuse N TEXT   the next N mails are refused with TEXT, which begins with a code
+"""
+
+import asyncio
+import email
+import email.policy
+import json
+import ssl
+import sys
+
+from aiosmtpd.smtp import SMTP, AuthResult, LoginPassword
+
+certificate, key, user, password = sys.argv[1:5]
+plan = []
+
+
+def say(text):
+    print(text, flush=True)
+
+
+class Handler:
+    async def handle_DATA(self, server, session, envelope):
+        if plan:
+            return plan.pop(0)
+        mail = email.message_from_bytes(envelope.original_content, policy=email.policy.default)
+        say(json.dumps({
+            "from": envelope.mail_from, "to": envelope.rcpt_tos, "tls": session.ssl is not None,
+            "authenticated": session.authenticated, "subject": mail["subject"], "id": mail["message-id"],
+            "type": mail.get_content_type(), "text": mail.get_content(),
+        }))
+        return "250 taken"
+
+
+def authenticate(server, session, envelope, mechanism, data):
+    good = isinstance(data, LoginPassword) and (data.login, data.password) == (user.encode(), password.encode())
+    return AuthResult(success=good, handled=False)
+
+
+async def main():
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate, key)
+    loop = asyncio.get_running_loop()
+    make = lambda: SMTP(Handler(), tls_context=context, require_starttls=True, auth_required=True,
+                        authenticator=authenticate, hostname="localhost", loop=loop)
+    server = await loop.create_server(make, "127.0.0.1", 0)
+    say(f"port {server.sockets[0].getsockname()[1]}")
+    while line := await loop.run_in_executor(None, sys.stdin.readline):
+        _, count, text = line.rstrip("\n").split(" ", 2)
+        plan.extend([text] * int(count))
+        say("ok")
+
+
+asyncio.run(main())
