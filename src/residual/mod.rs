@@ -13,11 +13,13 @@
 mod candidate;
 mod checks;
 mod effects;
+mod filters;
 mod findings;
 mod fit;
 mod model;
 mod pose;
 mod regress;
+mod scan;
 mod select;
 
 use crate::diagnosis::{self, Diagnosis, Model, Residual, Verdict, gate, prepare};

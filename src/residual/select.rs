@@ -17,6 +17,8 @@ const FEW: usize = 3;
 const FINAL: usize = 4;
 /// Gain of the long ARX below which a proposal is not pursued (-).
 const HOPELESS: f64 = -30.0;
+/// AIC behind the model without the effect from which on another friction does not save it.
+const LOST: f64 = 15.0;
 /// Structures fitted when the dynamics are estimated once more.
 const REFIT: usize = 16;
 /// Loss, as a share of the declared model's, up to which a structure is as good.
@@ -268,6 +270,11 @@ fn step(
             continue;
         }
         restructure(data, &mut candidate.spec, true, 3);
+        let behind = Candidate::new(data, candidate.spec.clone(), candidate.paid).aic - base.aic;
+        let slow = candidate.spec.terms.last().is_some_and(|t| t.kind() == Kind::Drift);
+        if behind > LOST && !slow && settings.only.is_none() {
+            continue;
+        }
         let mut candidate = with_friction(data, candidate, true, tried);
         tune(data, &mut candidate.spec, tried);
         let last = candidate.spec.terms.len() - 1;
