@@ -18,8 +18,9 @@ const FEW: usize = 3;
 const FINAL: usize = 4;
 /// Gain of the long ARX below which a proposal is not pursued (-).
 const HOPELESS: f64 = -30.0;
-/// Evidence below which another friction does not save an effect (-).
-const LOST: f64 = -15.0;
+/// Evidence below which another friction does not save an effect, and how far behind the best it is not worth it (-).
+const LOST: f64 = -4.0;
+const FAR_BEHIND: f64 = 50.0;
 /// Structures fitted when the dynamics are estimated once more.
 const REFIT: usize = 16;
 /// Loss, as a share of the declared model's, up to which a structure is as good.
@@ -271,7 +272,10 @@ fn step(
     let mut finals: Vec<Trial> = Vec::new();
     for (promised, mut candidate) in full {
         let key = |c: &Candidate| c.spec.terms.last().map(|t| (t.kind(), t.knobs().len()));
-        if promised < LOST && settings.only.is_none() {
+        // Another friction does not save what is lost, nor does it let what is far behind catch up.
+        let ahead =
+            finals.iter().filter(|t| t.worth(settings.least_gain)).map(Trial::rank).fold(0.0, f64::max);
+        if (promised < LOST || promised + FAR_BEHIND < ahead) && settings.only.is_none() {
             break;
         }
         if finals.len() == FINAL || finals.iter().any(|f| key(&f.candidate) == key(&candidate)) {
