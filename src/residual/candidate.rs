@@ -3,12 +3,15 @@
 use super::Kind;
 use super::fit::{held_out, minimise};
 use super::model::{Data, Element, Spec};
-use super::regress::{restructure, scan_friction};
+use super::regress::restructure;
+use super::scan::scan_friction;
 
 /// Numbers that friction costs: f, its lag, the choice of the element.
 const FRICTION_COST: f64 = 4.0;
 /// Values of f in a scan.
 const SCAN: usize = 24;
+/// AIC behind the best up to which a structure of its own is sought for an element.
+const WITHIN: f64 = 60.0;
 /// Least decrease of AIC that brings friction into a model without.
 const WORTH: f64 = 15.0;
 
@@ -53,8 +56,12 @@ pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize
         spec.element = element;
         spec.loss = f64::INFINITY;
         minimise(data, &mut spec, true, 8);
-        restructure(data, &mut spec, true, 2);
-        *tried += 3;
+        *tried += 1;
+        // Another structure gains a few units, not what a wrong element costs.
+        if Candidate::new(data, spec.clone(), base.paid).aic < best.aic + WITHIN {
+            restructure(data, &mut spec, true, 2);
+            *tried += 2;
+        }
         let other = Candidate::new(data, spec, base.paid);
         // Friction where there was none has to be worth it, and none may cost what was held out.
         let worth = if best.spec.element.f == 0.0 && other.spec.element.f > 0.0 { WORTH } else { 0.0 };

@@ -3,6 +3,7 @@
 //! Levenberg–Marquardt on `V = sum w e² / sum w`; the derivatives by coefficients are the regressors filtered by 1/C, those
 //! by nonlinear numbers are differences of the errors.
 
+use super::filters::{recursion, whiten};
 use super::model::{Data, Linear, Spec, Stage};
 use crate::diagnosis::armax::{Orders, RHO, draw_inside};
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
@@ -14,60 +15,33 @@ const RIDGE: f64 = 1e-3;
 
 /// Errors one step ahead, over all samples; 0 before the recursion starts and where a sample does not count.
 pub fn errors(data: &Data, stage: &Stage, orders: Orders, l: &Linear, e: &mut Vec<f64>) {
-    let n = data.len();
+    errors_until(data, stage, orders, l, data.len(), e);
+}
+
+/// The same up to sample `to`: a fit needs no more than the split.
+fn errors_until(data: &Data, stage: &Stage, orders: Orders, l: &Linear, to: usize, e: &mut Vec<f64>) {
     let begin = data.start.index + 1 + orders.na.max(orders.nk + orders.nb - 1);
     e.clear();
-    e.resize(n, 0.0);
-    if begin >= n {
+    e.resize(to, 0.0);
+    if begin >= to {
         return;
     }
+    let rows = to - begin;
     for (e, y) in e[begin..].iter_mut().zip(&stage.y[begin..]) {
         *e = y - l.c0;
     }
-    let rows = n - begin;
-    for (i, a) in l.a.iter().enumerate() {
-        add(&mut e[begin..], *a, &stage.y[begin - 1 - i..][..rows]);
-    }
-    for (j, b) in l.b.iter().enumerate() {
-        add(&mut e[begin..], -b, &stage.z[begin - orders.nk - j..][..rows]);
-    }
-    for (g, column) in l.gamma.iter().zip(&stage.columns) {
-        add(&mut e[begin..], -g, &column[begin..]);
-    }
-    let mut past = [0.0; 6];
-    for (e, weight) in e[begin..].iter_mut().zip(&stage.weight[begin..]) {
-        let mut value = *e;
-        for (c, p) in l.c.iter().zip(&past) {
-            value -= c * p;
+    let from_y = l.a.iter().enumerate().map(|(i, a)| (*a, &stage.y[begin - 1 - i..][..rows]));
+    let from_z = l.b.iter().enumerate().map(|(j, b)| (-b, &stage.z[begin - orders.nk - j..][..rows]));
+    let shapes = l.gamma.iter().zip(&stage.columns).map(|(g, column)| (-g, &column[begin..to]));
+    let mut parts = from_y.chain(from_z).chain(shapes);
+    while let Some((gain, v)) = parts.next() {
+        // Two at a time: what is bound by memory is passed over half as often.
+        let (other, w) = parts.next().unwrap_or((0.0, v));
+        for ((e, v), w) in e[begin..].iter_mut().zip(v).zip(w) {
+            *e += gain * v + other * w;
         }
-        if *weight == 0.0 {
-            value = 0.0;
-        }
-        past.copy_within(0..5, 1);
-        past[0] = value;
-        *e = value;
     }
-}
-
-fn add(out: &mut [f64], gain: f64, v: &[f64]) {
-    for (out, v) in out.iter_mut().zip(v) {
-        *out += gain * v;
-    }
-}
-
-fn filter(c: &[f64], v: &[f64], from: usize) -> Vec<f64> {
-    let mut out = vec![0.0; v.len()];
-    let mut past = [0.0; 6];
-    for k in from..v.len() {
-        let mut value = v[k];
-        for (c, p) in c.iter().zip(&past) {
-            value -= c * p;
-        }
-        past.copy_within(0..5, 1);
-        past[0] = value;
-        out[k] = value;
-    }
-    out
+    recursion(&l.c, &stage.weight[begin..to], &mut e[begin..]);
 }
 
 /// Loss on the fitted samples.
@@ -111,34 +85,16 @@ pub fn minimise(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
     spec.linear.gamma.resize(counts.iter().sum(), 0.0);
     draw_inside(&mut spec.linear.c, RHO);
     let mut e = Vec::new();
-    errors(data, &stage, spec.orders, &spec.linear, &mut e);
+    errors_until(data, &stage, spec.orders, &spec.linear, data.split, &mut e);
     spec.loss = loss_of(data, &stage, &e);
     let mut damping = 1e-3;
     let rows = (data.split - data.first) as f64;
     let mut trial = Vec::new();
-    let mut changed = stage.clone();
+    let mut slopes = Slopes::default();
     for _ in 0..most {
         let smooth = smooths(spec, free_lag);
-        let jacobian = jacobian(data, spec, &stage, &mut changed, &e, &smooth);
-        let size = jacobian.len().min(MOST_COLUMNS);
-        let weight: Vec<f64> = stage.weight[data.first..data.split].to_vec();
-        let weighted = weight.contains(&0.0);
-        let mut g = vec![0.0; size * size];
-        let mut r = vec![0.0; size];
-        let residual = &e[data.first..data.split];
-        for i in 0..size {
-            let own: Vec<f64>;
-            let ci: &[f64] = if weighted {
-                own = jacobian[i].iter().zip(&weight).map(|(j, w)| j * w).collect();
-                &own
-            } else {
-                &jacobian[i]
-            };
-            for j in 0..=i {
-                g[i * size + j] = dot(ci, &jacobian[j]);
-            }
-            r[i] = -dot(ci, residual);
-        }
+        let (g, r) = slopes.normal_equations(data, spec, &stage, &counts, &e, &smooth);
+        let size = r.len();
         let mut improved = false;
         for _ in 0..6 {
             let mut damped = g.clone();
@@ -155,12 +111,16 @@ pub fn minimise(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
             }
             let mut candidate = spec.clone();
             apply(&mut candidate, &step, &smooth);
-            if smooth.is_empty() {
-                errors(data, &stage, candidate.orders, &candidate.linear, &mut trial);
-            } else {
-                candidate.restage(data, &mut stage);
-                errors(data, &stage, candidate.orders, &candidate.linear, &mut trial);
+            if !smooth.is_empty() {
+                candidate.restem(data, &stage.u[..data.split], &mut stage.z, &mut stage.dir);
             }
+            if smooth
+                .iter()
+                .any(|(which, ..)| matches!(which, Smooth::Knob { term, .. } if counts[*term] > 0))
+            {
+                candidate.reshape(data, &mut stage);
+            }
+            errors_until(data, &stage, candidate.orders, &candidate.linear, data.split, &mut trial);
             let loss = loss_of(data, &stage, &trial);
             if loss < spec.loss {
                 improved = spec.loss - loss > 1e-6 * loss;
@@ -194,45 +154,123 @@ fn apply(spec: &mut Spec, step: &[f64], smooth: &[(Smooth, f64, f64, (f64, f64))
     draw_inside(&mut spec.linear.c, RHO);
 }
 
-/// Derivatives of e on the fitted samples, one row per number, in the order of [`apply`].
-fn jacobian(
-    data: &Data,
-    spec: &Spec,
-    stage: &Stage,
-    changed: &mut Stage,
-    e: &[f64],
-    smooth: &[(Smooth, f64, f64, (f64, f64))],
-) -> Vec<Vec<f64>> {
-    let (from, to, o) = (data.first, data.split, spec.orders);
-    let c = &spec.linear.c;
-    let begin = data.start.index;
-    let lagged = |v: &[f64], lag: usize, sign: f64| -> Vec<f64> {
-        v[from - lag..to - lag].iter().map(|x| sign * x).collect()
-    };
-    let yf = filter(c, &stage.y[..to], begin);
-    let zf = filter(c, &stage.z[..to], begin);
-    let mut out: Vec<Vec<f64>> = (1..=o.na).map(|i| lagged(&yf, i, 1.0)).collect();
-    out.extend((0..o.nb).map(|j| lagged(&zf, o.nk + j, -1.0)));
-    if o.nc > 0 {
-        let ef = filter(c, &e[..to], begin);
-        out.extend((1..=o.nc).map(|i| lagged(&ef, i, -1.0)));
+/// The derivatives of e on the fitted samples, kept from one iteration to the next for their storage.
+#[derive(Default)]
+struct Slopes {
+    /// The signals behind them, filtered by 1/C: y, z, e, 1, the shapes, the smooth numbers'.
+    filtered: Vec<Vec<f64>>,
+    /// How each smooth number changes e before the filter.
+    moved: Vec<Vec<f64>>,
+    ones: Vec<f64>,
+    z: Vec<f64>,
+    dir: Vec<f64>,
+    columns: Vec<Vec<f64>>,
+}
+
+impl Slopes {
+    /// `J'J` and `-J'e`, the numbers in the order of [`apply`].
+    fn normal_equations(
+        &mut self,
+        data: &Data,
+        spec: &mut Spec,
+        stage: &Stage,
+        counts: &[usize],
+        e: &[f64],
+        smooth: &[(Smooth, f64, f64, (f64, f64))],
+    ) -> (Vec<f64>, Vec<f64>) {
+        let (from, to, o) = (data.first, data.split, spec.orders);
+        let begin = data.start.index;
+        self.moved.resize_with(smooth.len(), Vec::new);
+        for (i, one) in smooth.iter().enumerate() {
+            self.move_one(data, spec, stage, counts, *one, i);
+        }
+        self.ones.resize(to, 1.0);
+        let inputs: Vec<&[f64]> = [&stage.y[..], &stage.z[..], e, &self.ones[..]]
+            .into_iter()
+            .chain(stage.columns.iter().map(Vec::as_slice))
+            .chain(self.moved.iter().map(Vec::as_slice))
+            .collect();
+        whiten(&spec.linear.c, &inputs, begin, to, &mut self.filtered);
+        // Signal, lag and sign of each number.
+        let shapes = stage.columns.len();
+        let mut of: Vec<(usize, usize, f64)> = (1..=o.na).map(|i| (0, i, 1.0)).collect();
+        of.extend((0..o.nb).map(|j| (1, o.nk + j, -1.0)));
+        of.extend((1..=o.nc).map(|i| (2, i, -1.0)));
+        of.extend((3..4 + shapes).map(|s| (s, 0, -1.0)));
+        of.extend((4 + shapes..4 + shapes + smooth.len()).map(|s| (s, 0, 1.0)));
+        of.truncate(MOST_COLUMNS);
+        let size = of.len();
+        let weight = &stage.weight[from..to];
+        let weighted = weight.contains(&0.0);
+        let column = |i: usize| &self.filtered[of[i].0][from - of[i].1..to - of[i].1];
+        let product = |a: &[f64], b: &[f64]| -> f64 {
+            if weighted { a.iter().zip(b).zip(weight).map(|((a, b), w)| a * b * w).sum() } else { dot(a, b) }
+        };
+        let follows = |i: usize| i > 0 && of[i].0 == of[i - 1].0 && of[i].1 == of[i - 1].1 + 1;
+        let (mut g, mut r) = (vec![0.0; size * size], vec![0.0; size]);
+        for i in 0..size {
+            for j in 0..=i {
+                g[i * size + j] = if !weighted && follows(i) && follows(j) {
+                    // Neighbours one lag further on share all but two of their products.
+                    let (a, b) = (&self.filtered[of[i].0], &self.filtered[of[j].0]);
+                    let (la, lb) = (of[i].1, of[j].1);
+                    let ends = a[from - la] * b[from - lb] - a[to - la] * b[to - lb];
+                    g[(i - 1) * size + j - 1] + of[i].2 * of[j].2 * ends
+                } else {
+                    of[i].2 * of[j].2 * product(column(i), column(j))
+                };
+            }
+            r[i] = -of[i].2 * product(column(i), &e[from..to]);
+        }
+        (g, r)
     }
-    let ones = filter(c, &vec![1.0; to], begin);
-    out.push(lagged(&ones, 0, -1.0));
-    out.extend(stage.columns.iter().map(|v| lagged(&filter(c, &v[..to], begin), 0, -1.0)));
-    let mut moved = Vec::new();
-    for (which, value, width, bounds) in smooth {
-        let mut other = spec.clone();
+
+    /// How e changes with one smooth number, before the filter by 1/C: by a difference of the stem and of the shapes.
+    fn move_one(
+        &mut self,
+        data: &Data,
+        spec: &mut Spec,
+        stage: &Stage,
+        counts: &[usize],
+        (which, value, width, bounds): (Smooth, f64, f64, (f64, f64)),
+        slot: usize,
+    ) {
+        let (to, o) = (data.split, spec.orders);
+        let begin = data.start.index + 1 + o.na.max(o.nk + o.nb - 1);
         let mut h = 0.02 * width;
         if value + h > bounds.1 {
             h = -h;
         }
-        put(&mut other, *which, value + h);
-        other.restage(data, changed);
-        errors(data, changed, o, &spec.linear, &mut moved);
-        out.push(moved[from..to].iter().zip(&e[from..to]).map(|(m, e)| (m - e) / h).collect());
+        let out = &mut self.moved[slot];
+        out.clear();
+        out.resize(to, 0.0);
+        put(spec, which, value + h);
+        spec.restem(data, &stage.u[..to], &mut self.z, &mut self.dir);
+        if self.z != stage.z[..to] {
+            for (j, b) in spec.linear.b.iter().enumerate() {
+                let lag = o.nk + j;
+                let (now, was) = (&self.z[begin - lag..to - lag], &stage.z[begin - lag..to - lag]);
+                for ((out, now), was) in out[begin..].iter_mut().zip(now).zip(was) {
+                    *out -= b * (now - was) / h;
+                }
+            }
+        }
+        if let Smooth::Knob { term, .. } = which
+            && counts[term] > 0
+        {
+            let at: usize = counts[..term].iter().sum();
+            self.columns.clear();
+            spec.terms[term].columns(data, stage, &mut self.columns);
+            let own = self.columns.iter().zip(&stage.columns[at..]).zip(&spec.linear.gamma[at..]);
+            for ((now, was), gamma) in own {
+                let change = now[begin..to].iter().zip(&was[begin..to]);
+                for (out, (now, was)) in out[begin..].iter_mut().zip(change) {
+                    *out -= gamma * (now - was) / h;
+                }
+            }
+        }
+        put(spec, which, value);
     }
-    out
 }
 
 /// PV run free from sample `from` on: predicted from what was measured and how far off it was before, and from OP.

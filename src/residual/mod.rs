@@ -13,11 +13,14 @@
 mod candidate;
 mod checks;
 mod effects;
+mod evidence;
+mod filters;
 mod findings;
 mod fit;
 mod model;
 mod pose;
 mod regress;
+mod scan;
 mod select;
 
 use crate::diagnosis::{self, Diagnosis, Model, Residual, Verdict, gate, prepare};
@@ -255,8 +258,8 @@ pub struct Findings {
 pub struct Settings {
     /// Most effects added.
     pub most_effects: usize,
-    /// Evidence that an effect must bring: decrease of the penalised AIC and twice the log-likelihood gained on the held-out
-    /// samples (-).
+    /// Evidence that an effect must bring: twice the log-likelihood gained by a long model over all samples, less what its
+    /// numbers and the search for them cost (-).
     pub least_gain: f64,
     /// Least f that counts as stiction (OP unit).
     pub f_threshold: f64,
@@ -277,7 +280,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             most_effects: 4,
-            least_gain: 28.0,
+            least_gain: 9.0,
             f_threshold: 0.05,
             evidence_threshold: 20.0,
             most_lag: 30,

@@ -89,9 +89,11 @@ impl Element {
         let mut direction: f64 = if start.is_max { 1.0 } else { -1.0 };
         let mut stem = u[start.index];
         let mut moving = self.resume == 0.0;
+        let (rate, mut f) = (2.0 / span as f64, self.f);
         for k in 0..u.len() {
-            let grown = 1.0 + self.growth * (2.0 * (k as f64 / span as f64).min(1.5) - 1.0);
-            let f = self.f * grown.max(0.0);
+            if self.growth != 0.0 {
+                f = self.f * (1.0 + self.growth * ((k as f64 * rate).min(3.0) - 1.0)).max(0.0);
+            }
             if k > start.index {
                 let onward = direction * (u[k] - stem);
                 let band = 2.0 * f * (1.0 + self.skew * direction);
@@ -240,12 +242,14 @@ impl Spec {
     /// Stem and shapes anew, the repaired signals kept.
     pub fn restage(&self, data: &Data, stage: &mut Stage) -> Vec<usize> {
         let (mut z, mut dir) = (std::mem::take(&mut stage.z), std::mem::take(&mut stage.dir));
-        self.full_element().run(&stage.u, data.start, data.split, &mut z, &mut dir);
-        for term in &self.terms {
-            term.stem(data, &mut z);
-        }
+        self.restem(data, &stage.u, &mut z, &mut dir);
         stage.z = z;
         stage.dir = dir;
+        self.reshape(data, stage)
+    }
+
+    /// The shapes anew; returns how many each term has.
+    pub fn reshape(&self, data: &Data, stage: &mut Stage) -> Vec<usize> {
         let mut columns = std::mem::take(&mut stage.columns);
         columns.clear();
         let mut counts = Vec::with_capacity(self.terms.len());
@@ -256,6 +260,14 @@ impl Spec {
         }
         stage.columns = columns;
         counts
+    }
+
+    /// The input of the linear part and the stem's direction.
+    pub fn restem(&self, data: &Data, u: &[f64], z: &mut Vec<f64>, dir: &mut Vec<f64>) {
+        self.full_element().run(u, data.start, data.split, z, dir);
+        for term in &self.terms {
+            term.stem(data, z);
+        }
     }
 
     /// Static gain of the linear part, or of its first two hundred samples where it integrates.

@@ -1,19 +1,20 @@
-//! Least squares for screening: the long ARX with further columns, the choice of orders, and the scan over friction.
+//! Least squares for screening: the long ARX with further columns, and the choice of orders.
 
 use super::fit::{FLOOR, errors, minimise};
-use super::model::{Data, Element, Linear, Spec, Stage};
+use super::model::{Data, Linear, Spec, Stage};
 use crate::diagnosis::armax::{ORDER, Orders, splits};
-use crate::diagnosis::friction::reversals;
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Lags of y in the long ARX.
-const LONG_Y: usize = 6;
+pub const LONG_Y: usize = 6;
 /// Lags of z before and after the delay.
 const BEFORE: usize = 2;
 const AFTER: usize = 5;
 
-/// Fewest reversals of the stem in the fitted samples that say anything about f.
-pub const LEAST_REVERSALS: usize = 5;
+/// Lags of z in the long ARX about the delay `nk`.
+pub fn long_lags(data: &Data, nk: usize) -> Vec<usize> {
+    (nk.saturating_sub(BEFORE).max(1)..=(nk + AFTER).min(data.max_delay + 4)).collect()
+}
 
 /// Least squares on the fitted samples: a base of columns, and more on trial.
 pub struct Quick {
@@ -35,9 +36,7 @@ pub struct Quick {
 impl Quick {
     /// The long ARX about the delay `nk` with the shapes of `stage`.
     pub fn long_arx(data: &Data, stage: &Stage, nk: usize) -> Self {
-        let z_lags: Vec<usize> =
-            (nk.saturating_sub(BEFORE).max(1)..=(nk + AFTER).min(data.max_delay + 4)).collect();
-        Self::new(data, stage, &(1..=LONG_Y).collect::<Vec<_>>(), &z_lags, None)
+        Self::new(data, stage, &(1..=LONG_Y).collect::<Vec<_>>(), &long_lags(data, nk), None)
     }
 
     /// Chosen lags of y and z, of `e` where given, then 1 and the shapes.
@@ -228,88 +227,6 @@ pub fn structures(data: &Data, spec: &Spec, free_lag: bool, most: usize) -> Vec<
         other
     });
     fitted.collect()
-}
-
-/// Valves tried in a scan: lag, resume threshold, slips. J = S of the one-parameter element, Choudhury's and He's for
-/// some J, and lags that make up for what the model lacks.
-const VALVES: [(f64, f64, bool); 9] = [
-    (0.0, 0.0, false),
-    (0.4, 0.0, false),
-    (0.8, 0.0, false),
-    (0.0, 1.0, false),
-    (0.4, 0.6, false),
-    (0.7, 0.3, false),
-    (0.2, 0.8, true),
-    (0.5, 0.5, true),
-    (0.8, 0.2, true),
-];
-
-/// Friction scanned with the terms in place: the long ARX's loss over f, its lag and its resume threshold; `kept`: the
-/// model's own kind of valve alone.
-///
-/// Returns the best elements, by increasing loss, each from a different neighbourhood of f.
-pub fn scan_friction(data: &Data, spec: &Spec, values: usize, most: usize, kept: bool) -> Vec<Element> {
-    let (mut stage, _) = spec.stage(data);
-    let mut trial = spec.clone();
-    let mut rated: Vec<(f64, Element)> = Vec::new();
-    let mut rate = |element: Element, rated: &mut Vec<(f64, Element)>| {
-        trial.element = element;
-        trial.restage(data, &mut stage);
-        if reversals(&stage.dir[data.first..data.split]) < LEAST_REVERSALS {
-            return;
-        }
-        rated.push((Quick::long_arx(data, &stage, spec.orders.nk).loss, element));
-    };
-    let step = data.f_top / values as f64;
-    let own = spec.element;
-    let valves: Vec<(f64, f64, bool)> =
-        if kept { [0.0, 0.4, 0.8].map(|lag| (lag, own.resume, own.slips)).to_vec() } else { VALVES.to_vec() };
-    for i in 1..=values {
-        // Finer towards 0: weak friction is a small share of the largest swing.
-        let f = data.f_top * (i as f64 / values as f64).powf(1.5);
-        for &(lag, resume, slips) in &valves {
-            rate(Element { f, lag, resume, slips, ..own }, &mut rated);
-        }
-    }
-    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let coarse: Vec<Element> = rated.iter().take(2).map(|r| r.1).collect();
-    for centre in coarse {
-        for i in -4i32..=4 {
-            let f = centre.f + step * 0.25 * f64::from(i);
-            for lag in [centre.lag, centre.lag + 0.2, centre.lag - 0.2] {
-                if f > 0.0 && (0.0..=1.0).contains(&lag) {
-                    rate(Element { f, lag, ..centre }, &mut rated);
-                }
-            }
-        }
-    }
-    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-    if let Some((_, centre)) = rated.first().copied() {
-        // Reversals late by a sample cost a strong valve more than all else.
-        for i in (-5i32..=5).filter(|i| *i != 0) {
-            let f = centre.f + step * 0.04 * f64::from(i);
-            rate(Element { f: f.max(0.1 * centre.f), ..centre }, &mut rated);
-        }
-        for resume in [centre.resume + 0.15, centre.resume - 0.15] {
-            if centre.resume > 0.0 && (0.01..=1.0).contains(&resume) {
-                rate(Element { resume, ..centre }, &mut rated);
-            }
-        }
-    }
-    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut kept: Vec<Element> = Vec::new();
-    for (_, element) in rated {
-        let near = |k: &Element| {
-            (k.f - element.f).abs() < 0.1 * step && k.resume == element.resume && k.slips == element.slips
-        };
-        if !kept.iter().any(near) {
-            kept.push(element);
-        }
-        if kept.len() == most {
-            break;
-        }
-    }
-    kept
 }
 
 /// The prediction errors of a model over the whole window.

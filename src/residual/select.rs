@@ -2,6 +2,7 @@
 
 use super::candidate::{Candidate, tune, with_friction};
 use super::effects::{ALL, Context, Proposal};
+use super::evidence::Judge;
 use super::findings::{Outcome, report};
 use super::fit::{free_fitted, held_out, loss_of, minimise};
 use super::model::{Data, Element, Spec};
@@ -17,28 +18,30 @@ const FEW: usize = 3;
 const FINAL: usize = 4;
 /// Gain of the long ARX below which a proposal is not pursued (-).
 const HOPELESS: f64 = -30.0;
+/// Evidence below which another friction does not save an effect, and how far behind the best it is not worth it (-).
+const LOST: f64 = -4.0;
+const FAR_BEHIND: f64 = 50.0;
 /// Structures fitted when the dynamics are estimated once more.
 const REFIT: usize = 16;
 /// Loss, as a share of the declared model's, up to which a structure is as good.
 const AS_GOOD: f64 = 1.005;
 /// Effects that take samples out and leave the others as they are.
 const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
-/// Share of the free-run error that a drift must leave at most where the noise model hides it.
-const SLOW: f64 = 0.9;
-/// Least gain on the fitted samples alone (-).
-const LEAST: f64 = 4.0;
-/// Share of the free-run error that may be left by what happened once, and by what shows in nothing else.
-const ONCE: f64 = 0.83;
-const FAR_BETTER: f64 = 0.65;
-/// Share below which half the evidence is enough, and below which the held-out errors one step ahead need not say more.
-const STRIKING: f64 = 0.4;
-const NEARER: f64 = 0.88;
+/// Evidence that the model of friction costs where there is one, since no stem is quite its element, and an effect that is
+/// another friction (-).
+const STICKY: f64 = 8.0;
+const OTHER_FRICTION: f64 = 5.0;
+/// Evidence that a free run nearer by a factor of e is worth: when effects are accepted, and when they are compared (-).
+const NEARER: f64 = 8.0;
+const AHEAD: f64 = 10.0;
+/// Evidence by which a change of gain, which comes with a step of its own, must be ahead of a step (-).
+const NESTED: f64 = 5.0;
+/// Share of the declared model's free-run error up to which an effect may stay that leaves no doubt otherwise.
+const BEYOND: f64 = 1.2;
 /// Least gain of a kinetic lag: every valve model but the paper's own has one.
 const LEAST_SLIP: f64 = 7.0;
 /// Gain of likelihood on the held-out samples that leaves no doubt (-).
 const DOUBTLESS: f64 = 15.0;
-/// Least gain of a step: one sample far off looks like a small one.
-const LEAST_STEP: f64 = 50.0;
 
 /// See [`super::trace`].
 pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
@@ -77,7 +80,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         // The model without has the same chances as those with an effect: what a second look finds is no effect's gain.
         base = again(&data, base, &mut tried);
         let Some(next) = step(&data, settings, &base, at_start, &mut tried) else { break };
-        added.push((next.kind, next.gain));
+        added.push((next.kind, next.evidence));
         base = next.candidate;
     }
     slip_jump(&data, &base, at_start, &mut added);
@@ -199,7 +202,9 @@ fn slip_jump(data: &Data, base: &Candidate, at_start: (f64, f64), added: &mut Ve
 struct Trial {
     candidate: Candidate,
     kind: Kind,
-    /// Decrease of the penalised AIC.
+    /// Twice the log-likelihood gained over all samples, less what its numbers and the search for them cost.
+    evidence: f64,
+    /// Decrease of the penalised AIC on the fitted samples.
     gain: f64,
     /// Gain of likelihood on the held-out samples (-).
     held: f64,
@@ -221,6 +226,11 @@ fn step(
     let likely = base.likely;
     let context = Context { data, spec: &base.spec, stage: &stage, e: &e, quick: &quick, likely, settings };
     let n = context.rows();
+    let judge = Judge::new(data, &stage, base.spec.orders.nk);
+    let evidence = |c: &Candidate| -> f64 {
+        let (stage, counts) = c.spec.stage(data);
+        judge.gain(data, &stage) - 2.0 * counts.last().map_or(0.0, |n| *n as f64) - (c.paid - base.paid)
+    };
     let mut proposals: Vec<(f64, Proposal)> = ALL
         .iter()
         .filter(|effect| !effect.direct())
@@ -243,7 +253,6 @@ fn step(
             continue;
         }
         let paid = base.paid + cost(settings, &p);
-        let slow = p.term.kind() == Kind::Drift;
         let mut spec = base.spec.clone();
         spec.terms.push(p.term);
         spec.element = p.element.unwrap_or(spec.element);
@@ -256,14 +265,19 @@ fn step(
         tune(data, &mut spec, tried);
         *tried += 1;
         let candidate = Candidate::new(data, spec, paid);
-        let gain = base.aic - candidate.aic;
-        full.push((if slow { gain.max(0.5 * (gain + rated)) } else { gain }, candidate));
+        full.push((evidence(&candidate).max(base.aic - candidate.aic), candidate));
     }
     full.sort_by(|a, b| b.0.total_cmp(&a.0));
     let judged = held_out(data, &base.spec);
     let mut finals: Vec<Trial> = Vec::new();
-    for (_, mut candidate) in full {
+    for (promised, mut candidate) in full {
         let key = |c: &Candidate| c.spec.terms.last().map(|t| (t.kind(), t.knobs().len()));
+        // Another friction does not save what is lost, nor does it let what is far behind catch up.
+        let ahead =
+            finals.iter().filter(|t| t.worth(settings.least_gain)).map(Trial::rank).fold(0.0, f64::max);
+        if (promised < LOST || promised + FAR_BEHIND < ahead) && settings.only.is_none() {
+            break;
+        }
         if finals.len() == FINAL || finals.iter().any(|f| key(&f.candidate) == key(&candidate)) {
             continue;
         }
@@ -279,15 +293,10 @@ fn step(
             Candidate { likely: candidate.likely, ..Candidate::new(data, candidate.spec, candidate.paid) };
         let error = held_out(data, &candidate.spec);
         let (nearer, of_start) = (error.1 / judged.1, error.1 / at_start.1);
-        let mut gain = base.aic - candidate.aic;
-        // A noise model with a pole at 1 swallows a ramp one step ahead; the free run shows what it was.
-        if kind == Kind::Drift && nearer < SLOW {
-            let (stage, _) = candidate.spec.stage(data);
-            let long = Quick::long_arx(data, &stage, candidate.spec.orders.nk);
-            gain = gain.max(0.5 * (gain + n * (quick.loss / long.loss).ln()));
-        }
+        let gain = base.aic - candidate.aic;
         let held = 2.0 * (data.len() - data.split) as f64 * (judged.0 / error.0).ln();
-        finals.push(Trial { candidate, kind, gain, held, nearer, of_start });
+        let evidence = evidence(&candidate);
+        finals.push(Trial { candidate, kind, evidence, gain, held, nearer, of_start });
     }
     if settings.only.is_some() {
         return finals.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
@@ -297,49 +306,28 @@ fn step(
 }
 
 impl Trial {
-    /// Whether the effect earns its place: by the evidence of all samples, the free run not against it.
+    /// Whether the effect earns its place: by the evidence of all samples, more of it where friction may be what is wrong, and
+    /// less where the free run comes nearer; and by held-out errors that are smaller, one step ahead or run free.
     ///
-    /// What goes on after the split (a periodic load, a curved valve, another gain) has to gain likelihood there too, some
-    /// share of what it gained on the fitted samples, or make the free run far better. What happened once before it (a step,
-    /// a ramp) hardly changes errors one step ahead there. The free run is never beyond the declared model's but for effects
-    /// that leave no doubt one step ahead.
+    /// The free run is never beyond the declared model's but for effects that last and leave no doubt one step ahead.
     fn worth(&self, enough: f64) -> bool {
-        let Self { kind, gain, held, nearer, of_start, .. } = *self;
-        if gain < LEAST {
-            return false;
+        let Self { kind, evidence, held, nearer, of_start, .. } = *self;
+        let mut needed = enough + NEARER * nearer.clamp(0.2, 2.0).ln();
+        if self.candidate.spec.element.f > 0.0 {
+            needed += STICKY;
         }
-        let evidence = gain + held.min(1.5 * gain + 20.0);
-        let beyond = of_start >= 1.0;
-        match kind {
-            Kind::LoadStep => gain > LEAST_STEP && held > -0.15 * gain && !beyond,
-            Kind::Drift if beyond => gain + held > 100.0 && held > 15.0 && of_start < 1.2,
-            Kind::Drift => {
-                (gain + held > enough && held > -3.0)
-                    || (gain > 2.0 * LEAST && held > 0.0 && nearer < 0.5)
-                    || (gain > enough && held > -5.0 && nearer < ONCE)
-            }
-            _ => {
-                let friction = matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift);
-                let enough = enough + if friction { 20.0 } else { 0.0 };
-                if beyond {
-                    return evidence > 2.0 * enough && held > 15.0 && held > 0.2 * gain && of_start < 1.2;
-                }
-                // A noise model takes a slow line for itself one step ahead: there the free run counts as well.
-                let shown = if kind == Kind::OscillatingLoad { -20.0 * nearer.max(0.1).ln() } else { 0.0 };
-                let enough = if nearer < STRIKING { 0.5 * enough } else { enough };
-                let least = if nearer < NEARER { -0.05 * gain } else { (0.2 * gain).min(6.0) };
-                (evidence > enough && held > least)
-                    || (gain > enough && held > -4.0 && nearer < FAR_BETTER)
-                    || (evidence + shown > enough && held > -6.0 && nearer < FAR_BETTER && shown > 0.0)
-            }
+        if matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift) {
+            needed += OTHER_FRICTION;
         }
+        let once = matches!(kind, Kind::LoadStep | Kind::GainChange);
+        let beyond = of_start >= 1.0 && (once || of_start > BEYOND || evidence < 2.0 * (enough + 10.0));
+        evidence > needed && (held > 0.0 || nearer < 1.0) && !beyond
     }
 
     /// What it is compared by with others that are worth it.
     fn rank(&self) -> f64 {
-        // A change of gain comes with a step of its own: it must be better than the step alone.
-        let nested = if self.kind == Kind::GainChange { 15.0 } else { 0.0 };
-        self.gain + self.held.min(self.gain.max(15.0)) - 20.0 * self.nearer.clamp(0.1, 2.0).ln() - nested
+        let nested = if self.kind == Kind::GainChange { NESTED } else { 0.0 };
+        self.evidence - AHEAD * self.nearer.clamp(0.1, 2.0).ln() - nested
     }
 }
 

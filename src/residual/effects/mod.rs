@@ -17,8 +17,8 @@ mod valve_saturation;
 
 use super::Settings;
 use super::model::{Data, Element, Spec, Stage, Term};
-use super::regress::{LEAST_REVERSALS, Quick};
-use crate::diagnosis::friction::reversals;
+use super::regress::Quick;
+use super::scan::Scan;
 
 /// The present model and what screening reads of it.
 pub struct Context<'a> {
@@ -117,15 +117,10 @@ impl Context<'_> {
         let mut trial = self.spec.clone();
         trial.terms.push(term.boxed());
         let last = trial.terms.len() - 1;
-        let (mut stage, _) = trial.stage(self.data);
+        let mut scan = Scan::new(self.data, &trial);
         let mut rate = |element: Element, value: f64| -> f64 {
-            trial.element = element;
-            trial.terms[last].set(0, value);
-            trial.restage(self.data, &mut stage);
-            if reversals(&stage.dir[self.data.first..self.data.split]) < LEAST_REVERSALS {
-                return f64::INFINITY;
-            }
-            Quick::long_arx(self.data, &stage, self.spec.orders.nk).loss
+            scan.trial.terms[last].set(0, value);
+            scan.rate(element).unwrap_or(f64::INFINITY)
         };
         let likely = self.likely;
         let mut rated: Vec<(f64, Element, f64)> = Vec::new();

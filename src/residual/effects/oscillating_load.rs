@@ -11,6 +11,9 @@ use std::f64::consts::TAU;
 /// Harmonics tried.
 const HARMONICS: [&[usize]; 3] = [&[1], &[1, 2, 3], &[1, 3, 5, 7, 9]];
 
+/// Samples of one block of a wave.
+const BLOCK: usize = 32;
+
 pub struct OscillatingLoad;
 
 #[derive(Clone, Debug)]
@@ -26,15 +29,23 @@ impl Load {
         self.harmonics
             .iter()
             .filter(|h| self.w * (**h as f64) < 0.9 * TAU / 2.0)
-            .flat_map(|h| {
-                let w = self.w * *h as f64;
-                [
-                    (0..n).map(|k| (w * k as f64).sin()).collect::<Vec<f64>>(),
-                    (0..n).map(|k| (w * k as f64).cos()).collect(),
-                ]
-            })
+            .flat_map(|h| wave(self.w * *h as f64, n))
             .collect()
     }
+}
+
+/// `sin(w k)` and `cos(w k)`: blocks turned by the angle they start at.
+fn wave(w: f64, n: usize) -> [Vec<f64>; 2] {
+    let turns: [(f64, f64); BLOCK] = std::array::from_fn(|k| (w * k as f64).sin_cos());
+    let (mut sines, mut cosines) = (Vec::with_capacity(n + BLOCK), Vec::with_capacity(n + BLOCK));
+    for from in (0..n).step_by(BLOCK) {
+        let (s, c) = (w * from as f64).sin_cos();
+        sines.extend(turns.iter().map(|t| s * t.1 + c * t.0));
+        cosines.extend(turns.iter().map(|t| c * t.1 - s * t.0));
+    }
+    sines.truncate(n);
+    cosines.truncate(n);
+    [sines, cosines]
 }
 
 impl Term for Load {
@@ -133,4 +144,22 @@ fn peaks(v: &[f64], most: usize) -> Vec<f64> {
     found.sort_by(|&a, &b| power[b].total_cmp(&power[a]));
     found.truncate(most);
     found.into_iter().map(|i| TAU * i as f64 / size as f64).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wave_is_sine_and_cosine() {
+        for (w, n) in [(0.173, 1000), (2.9, 97), (0.004, 31)] {
+            let [sines, cosines] = wave(w, n);
+            assert_eq!((sines.len(), cosines.len()), (n, n));
+            for k in 0..n {
+                let (s, c) = (w * k as f64).sin_cos();
+                // Rounding of an angle of some hundred turns.
+                assert!((sines[k] - s).abs() < 1e-11 && (cosines[k] - c).abs() < 1e-11);
+            }
+        }
+    }
 }

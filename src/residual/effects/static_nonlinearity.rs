@@ -50,6 +50,10 @@ impl Term for Curve {
 
 impl Recognise for StaticNonlinearity {
     fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
+        // A curve of a curve is a curve.
+        if c.spec.terms.iter().any(|t| t.kind() == Kind::StaticNonlinearity) {
+            return Vec::new();
+        }
         let z = &c.stage.z;
         let square = c.through_b(&|k| 0.5 * z[k] * z[k]);
         let (loss, q) = c.quick.with(&[&square]);
