@@ -2,7 +2,8 @@
 //! knows each answer.
 
 use super::super::problem::PROBLEM_JSON;
-use utoipa::openapi::path::Operation;
+use utoipa::openapi::header::HeaderBuilder;
+use utoipa::openapi::path::{Operation, ParameterBuilder, ParameterIn};
 use utoipa::openapi::schema::{Object, ObjectBuilder, Ref, Type};
 use utoipa::openapi::{Components, ContentBuilder, OpenApi, RefOr, Response, ResponseBuilder, Schema};
 
@@ -15,6 +16,26 @@ pub fn complete(mut api: OpenApi) -> OpenApi {
         operations.into_iter().flatten().for_each(operation);
     }
     api
+}
+
+/// Says of every GET that it may be asked for with the validator of an answer that the client still holds.
+pub fn conditional(api: &mut OpenApi) {
+    let text = || ObjectBuilder::new().schema_type(Type::String);
+    for get in api.paths.paths.values_mut().filter_map(|item| item.get.as_mut()) {
+        let asked = ParameterBuilder::new()
+            .name("If-None-Match")
+            .parameter_in(ParameterIn::Header)
+            .description(Some("the ETag of an answer that the client still holds"))
+            .schema(Some(text()));
+        get.parameters.get_or_insert_default().push(RefOr::T(asked.build()));
+        let responses = &mut get.responses.responses;
+        if let Some(RefOr::T(whole)) = responses.get_mut("200") {
+            let tag = HeaderBuilder::new().schema(Some(text())).description(Some("for If-None-Match"));
+            whole.headers.insert("ETag".to_string(), tag.build().into());
+        }
+        let same = ResponseBuilder::new().description("the client's answer is still good").build();
+        responses.insert("304".to_string(), RefOr::T(same));
+    }
 }
 
 fn operation(operation: &mut Operation) {

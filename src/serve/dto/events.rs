@@ -16,6 +16,13 @@ pub enum EventData {
     Hello {
         /// Plant time.
         time: Option<String>,
+        /// Whether it goes on where the client was: what it missed follows. Otherwise fetch the loops.
+        resumed: bool,
+    },
+    /// `reset`: what happened since the client was here is not known any more; fetch the loops again.
+    Reset {
+        /// How many events; null when the id is of another run of the daemon, or none at all.
+        lost: Option<u64>,
     },
     /// `diagnosis`: a run has ended.
     Diagnosis {
@@ -78,6 +85,7 @@ impl EventData {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Hello { .. } => "hello",
+            Self::Reset { .. } => "reset",
             Self::Diagnosis { .. } => "diagnosis",
             Self::Alarm { .. } => "alarm",
             Self::Writeback { .. } => "writeback",
