@@ -11,9 +11,12 @@ use utoipa::openapi::{Components, ContentBuilder, OpenApi, RefOr, Response, Resp
 pub fn complete(mut api: OpenApi) -> OpenApi {
     let components = api.components.get_or_insert_with(Components::new);
     components.schemas.insert("Problem".to_string(), RefOr::T(Schema::Object(problem())));
-    for item in api.paths.paths.values_mut() {
+    for (path, item) in &mut api.paths.paths {
         let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.delete, &mut item.patch];
-        operations.into_iter().flatten().for_each(operation);
+        operations.into_iter().flatten().for_each(|own| {
+            operation(own);
+            name(own, path);
+        });
     }
     api
 }
@@ -38,9 +41,23 @@ pub fn conditional(api: &mut OpenApi) {
     }
 }
 
+/// A name that no other operation has, of which clients make the names of functions.
+fn name(operation: &mut Operation, path: &str) {
+    let own = operation.operation_id.take().unwrap_or_default();
+    let tag = operation.tags.iter().flatten().next().map(String::as_str).unwrap_or_default();
+    let place = if path.starts_with("/api/") { "" } else { "_at_root" };
+    operation.operation_id = Some(format!("{tag}_{own}{place}"));
+}
+
 fn operation(operation: &mut Operation) {
     let responses = &mut operation.responses.responses;
     for (status, response) in responses.iter_mut() {
+        // A description is required, and an empty one is left out of the text.
+        if let RefOr::T(response) = response
+            && response.description.is_empty()
+        {
+            response.description = "done".to_string();
+        }
         let failed = status.starts_with(['4', '5']);
         if let RefOr::T(response) = response
             && failed
