@@ -18,6 +18,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/alarms.md",
     "docs/api.md",
     "docs/backfill.md",
+    "docs/commissioning.md",
     "docs/configuration.md",
     "docs/closing-the-loop.md",
     "docs/dashboard.md",
@@ -27,6 +28,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/security.md",
     "docs/reproduce.md",
     "docs/store.md",
+    "docs/user-guide.md",
     "docs/writeback.md",
     "deploy/README.md",
 ];
@@ -278,6 +280,17 @@ fn constant(file: &str, name: &str) -> Option<String> {
         .find(|line| line.trim_start().trim_start_matches("pub ").starts_with(&format!("const {name}:")))?;
     let value = line.split_once(" = ")?.1.trim_end_matches(';');
     Some(value.to_string())
+}
+
+#[test]
+fn the_commissioning_guide_has_a_line_for_every_reason() {
+    let source = read("src/diagnosis/mod.rs");
+    let codes = source.split_once("pub fn code(&self)").and_then(|(_, rest)| rest.split_once("\n    }\n"));
+    let (codes, _) = codes.expect("the codes");
+    let codes: BTreeSet<String> = codes.split('"').skip(1).step_by(2).map(str::to_string).collect();
+    let rows = rows("docs/commissioning.md", "5. What to do with `not_identifiable`");
+    let told: BTreeSet<String> = rows.iter().map(|row| row[0].trim_matches('`').to_string()).collect();
+    assert_eq!(told, codes);
 }
 
 #[test]

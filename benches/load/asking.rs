@@ -48,7 +48,10 @@ pub async fn run(to: SocketAddr) -> Result<(), Failed> {
     }
     let (open, heard) = (open.load(Ordering::Relaxed), heard.load(Ordering::Relaxed));
     println!("asked          {asked} requests at {rate}/s, {refused} refused, {failed} failed");
-    println!("listeners      {open} of {listeners} open, {:.0} events each", heard as f64 / open.max(1) as f64);
+    println!(
+        "listeners      {open} of {listeners} open, {:.0} events each",
+        heard as f64 / open.max(1) as f64
+    );
     let all: Vec<Duration> = times.iter().map(|(_, took)| *took).collect();
     println!("  all          {}", told(all));
     for (at, path) in PATHS.iter().enumerate() {
@@ -68,7 +71,8 @@ fn told(mut times: Vec<Duration>) -> String {
 /// Whether it was answered with 200, once the whole answer is here.
 async fn get(to: SocketAddr, path: &str) -> std::io::Result<bool> {
     let mut stream = TcpStream::connect(to).await?;
-    let head = format!("GET {path} HTTP/1.1\r\nhost: {to}\r\naccept-encoding: gzip\r\nconnection: close\r\n\r\n");
+    let head =
+        format!("GET {path} HTTP/1.1\r\nhost: {to}\r\naccept-encoding: gzip\r\nconnection: close\r\n\r\n");
     stream.write_all(head.as_bytes()).await?;
     let mut answer = Vec::new();
     stream.read_to_end(&mut answer).await?;

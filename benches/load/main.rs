@@ -145,8 +145,9 @@ fn ask(to: SocketAddr, loops: usize, wall: Duration) -> std::io::Result<Child> {
 
 fn configuration(addresses: &[String], loops: usize, speed: f64, period_s: f64) -> Result<Config, Failed> {
     let poll_ms = (1000.0 / speed).round();
-    let mut text =
-        format!("[server]\nmax_event_clients = 256\nmax_connections = 512\n[schedule]\nperiod_s = {period_s:.1}\nparallelism = 1\n[history]\nsamples_per_tag = 4096\n");
+    let mut text = format!(
+        "[server]\nmax_event_clients = 256\nmax_connections = 512\n[schedule]\nperiod_s = {period_s:.1}\nparallelism = 1\n[history]\nsamples_per_tag = 4096\n"
+    );
     for (at, address) in addresses.iter().enumerate() {
         text += &format!(
             "[[modbus]]\nname = \"d{at}\"\naddress = \"{address}\"\npoll_ms = {poll_ms}\ntimeout_ms = {poll_ms}\naddress_base = 0\n"

@@ -36,7 +36,8 @@ fn passes(tool: &str, args: &[&str]) -> String {
 fn compose_and_kubernetes_fit_their_schemas_and_are_closed() {
     let (root, out) = (Path::new(env!("CARGO_MANIFEST_DIR")), folder("deploy-check"));
     let schema = root.join("target/peers-compose/compose/config/compose_spec.json");
-    let args = [&root.join("tests/deploy/check.py"), root, &schema, &out].map(|path| path.display().to_string());
+    let args =
+        [&root.join("tests/deploy/check.py"), root, &schema, &out].map(|path| path.display().to_string());
     let args = args.each_ref().map(String::as_str);
     let (good, said) = run(&root.join("target/peers-venv/bin/python"), &args);
     assert!(good, "{said}");
@@ -87,7 +88,8 @@ impl Drop for Killed {
 
 /// A daemon without a reachable device, and its address.
 fn daemon(folder: &Path) -> (Killed, String) {
-    let tag = |address: u16| format!("{{ device = 'd', register = 'input', address = {address}, type = 'f32' }}");
+    let tag =
+        |address: u16| format!("{{ device = 'd', register = 'input', address = {address}, type = 'f32' }}");
     let text = format!(
         "[server]\nlisten = '127.0.0.1:0'\n[[modbus]]\nname = 'd'\naddress = '127.0.0.1:9'\naddress_base = 0\n\
          [[loop]]\nid = 'A'\nop = {}\npv = {}\n",
@@ -100,7 +102,8 @@ fn daemon(folder: &Path) -> (Killed, String) {
     command.args(["run", "--log-format", "json", "--config"]).arg(&file).env_remove("RUST_LOG");
     let mut child = command.stderr(Stdio::piped()).spawn().expect("starts");
     let log = BufReader::new(child.stderr.take().expect("piped"));
-    let served = log.lines().map_while(Result::ok).find(|line| line.contains("\"serving\"")).expect("it serves");
+    let served =
+        log.lines().map_while(Result::ok).find(|line| line.contains("\"serving\"")).expect("it serves");
     let line: serde_json::Value = serde_json::from_str(&served).expect("JSON");
     (Killed(child), line["address"].as_str().expect("an address").to_string())
 }

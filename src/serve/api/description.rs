@@ -15,6 +15,7 @@ pub fn complete(mut api: OpenApi) -> OpenApi {
         let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.delete, &mut item.patch];
         operations.into_iter().flatten().for_each(|own| {
             operation(own);
+            body(own);
             name(own, path);
         });
     }
@@ -47,6 +48,19 @@ fn name(operation: &mut Operation, path: &str) {
     let tag = operation.tags.iter().flatten().next().map(String::as_str).unwrap_or_default();
     let place = if path.starts_with("/api/") { "" } else { "_at_root" };
     operation.operation_id = Some(format!("{tag}_{own}{place}"));
+}
+
+/// A body that may be left out is described as left out, not as null: clients send what is described.
+fn body(operation: &mut Operation) {
+    let Some(RefOr::T(body)) = &mut operation.request_body else { return };
+    for content in body.content.values_mut() {
+        if let RefOr::T(content) = content
+            && let Some(RefOr::T(Schema::OneOf(either))) = &content.schema
+        {
+            let own = either.items.iter().find(|item| matches!(item, RefOr::Ref(_))).cloned();
+            content.schema = own.or(content.schema.take());
+        }
+    }
 }
 
 fn operation(operation: &mut Operation) {
