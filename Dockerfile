@@ -15,4 +15,4 @@ COPY LICENSE-MIT LICENSE-APACHE /usr/share/doc/stictiond/
 USER 65532:65532
 ENTRYPOINT ["/usr/local/bin/stictiond"]
 CMD ["run", "--config", "/etc/stictiond/stictiond.toml"]
-HEALTHCHECK --interval=30s --timeout=5s --start-period=10s CMD ["/usr/local/bin/stictiond", "health"]
+HEALTHCHECK --interval=30s --timeout=5s --start-period=10s CMD ["/usr/local/bin/stictiond", "health", "--config", "/etc/stictiond/stictiond.toml"]

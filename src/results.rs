@@ -5,6 +5,7 @@ mod alarm_log;
 mod alarms;
 pub mod basis;
 mod board;
+mod events;
 mod judged;
 mod kept;
 mod origin;
@@ -12,6 +13,7 @@ mod origin;
 pub use alarm_log::{AlarmChange, MOST_CHANGES};
 pub use alarms::{AlarmView, DeviceSeen, Said, TagsSeen};
 pub use basis::{Basis, Extent};
+pub use events::{MOST_EVENTS, Past};
 pub use judged::{Judged, KnownEffect, ModelVersion, Residuals};
 pub use kept::{Change, Keeper, KeptAlarm, Remembered, Restored, RestoredAlarm, Summary};
 pub use origin::Origin;
@@ -21,12 +23,10 @@ use crate::compensation::gate::{self, News};
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::signal::LoopId;
 use alarms::Alarms;
+use events::EventLog;
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use tokio::sync::broadcast;
-
-/// Events kept for a subscriber that is slow to take them.
-const EVENT_BACKLOG: usize = 1024;
 
 /// Who asked for a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -203,6 +203,7 @@ pub struct Results {
     reinforced: RwLock<HashSet<LoopId>>,
     alarms: Alarms,
     events: broadcast::Sender<Event>,
+    log: EventLog,
     keeper: kept::Keeping,
 }
 
@@ -214,7 +215,8 @@ impl Results {
             keep: keep.max(1),
             reinforced: RwLock::default(),
             alarms: Alarms::default(),
-            events: broadcast::channel(EVENT_BACKLOG).0,
+            events: broadcast::channel(MOST_EVENTS).0,
+            log: EventLog::default(),
             keeper: kept::Keeping::default(),
         };
         results.place(loops, alarm_config);
@@ -353,6 +355,7 @@ impl Results {
     }
 
     fn tell(&self, event: Event) {
+        self.log.note(event.clone());
         // An error here only means that nobody listens.
         let _ = self.events.send(event);
     }

@@ -114,3 +114,52 @@ fn health_says_whether_a_daemon_answers() {
     assert!(stderr.starts_with(&format!("stictiond: {address}: ")), "{stderr}");
     assert_eq!(health("here").status.code(), Some(2));
 }
+
+/// Certificate and key for localhost and 127.0.0.1, in files named so.
+fn certificate(name: &str) -> (String, String) {
+    let made = rcgen::generate_simple_self_signed(["localhost".to_string(), "127.0.0.1".to_string()]);
+    let made = made.expect("a certificate");
+    let file = |kind: &str, text: String| {
+        let path = format!("{}/{name}.{kind}", env!("CARGO_TARGET_TMPDIR"));
+        std::fs::write(&path, text).expect("written");
+        path
+    };
+    (file("pem", made.cert.pem()), file("key", made.signing_key.serialize_pem()))
+}
+
+#[test]
+fn health_asks_a_daemon_behind_tls() {
+    let ((own, own_key), (other, other_key)) = (certificate("health_own"), certificate("health_other"));
+    let run_with = |name: &str, more: &str| {
+        let path = config(name, "127.0.0.1:0");
+        let text = std::fs::read_to_string(&path).unwrap();
+        let tls = format!("[server.tls]\ncert_file = '{own}'\nkey_file = '{own_key}'\n{more}");
+        std::fs::write(&path, text + &tls).unwrap();
+        let mut child = run(&path).spawn().unwrap();
+        let mut log = BufReader::new(child.stderr.take().unwrap());
+        let address = wait_for(&mut log, "serving")["address"].as_str().unwrap().to_string();
+        (child, path.display().to_string(), address)
+    };
+    let health = |args: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_stictiond"));
+        let output = command.arg("health").args(args).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (mut child, file, address) = run_with("health_tls.toml", "");
+    assert_eq!(health(&["--config", &file, &address]), (Some(0), String::new()));
+    assert_eq!(health(&["--ca-file", &own, &address]), (Some(0), String::new()));
+    // In the clear nothing is answered, and nobody vouches for the other certificate.
+    assert_eq!(health(&[&address]).0, Some(1));
+    let (code, why) = health(&["--ca-file", &other, &address]);
+    assert!(code == Some(1) && why.contains("certificate") && why.lines().count() == 1, "{why}");
+    let (code, why) = health(&["--ca-file", &own_key, &address]);
+    assert!(code == Some(2) && why.contains("no PEM file with a certificate"), "{why}");
+    signal(&child, "-TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    let (mut child, file, address) = run_with("health_mtls.toml", &format!("client_ca_file = '{other}'\n"));
+    let shown = ["--cert-file", &other, "--key-file", &other_key];
+    assert_eq!(health(&[&["--config", &file, &address], &shown[..]].concat()), (Some(0), String::new()));
+    assert_eq!(health(&["--config", &file, &address]).0, Some(1), "a certificate is asked for");
+    signal(&child, "-TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}

@@ -16,7 +16,9 @@ const DOCUMENTS: &[&str] = &[
     "CONTRIBUTING.md",
     "CHANGELOG.md",
     "docs/alarms.md",
+    "docs/api.md",
     "docs/backfill.md",
+    "docs/commissioning.md",
     "docs/configuration.md",
     "docs/closing-the-loop.md",
     "docs/dashboard.md",
@@ -27,6 +29,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/security.md",
     "docs/reproduce.md",
     "docs/store.md",
+    "docs/user-guide.md",
     "docs/writeback.md",
     "deploy/README.md",
 ];
@@ -212,6 +215,41 @@ fn the_readme_lists_every_route_and_no_other() {
     assert_eq!(listed, routes);
 }
 
+/// Whether a path is one of a route, whose parts in braces stand for anything; an alarm's name may have a slash in it.
+fn is_of(path: &str, route: &str) -> bool {
+    let named = |text: &str| text.replace("/tag_bad/", "%2Ftag_bad/");
+    let (path, route) = (named(path), route.to_string());
+    let (mut own, mut other) = (path.split('/'), route.split('/'));
+    loop {
+        match (own.next(), other.next()) {
+            (None, None) => return true,
+            (Some(a), Some(b)) if a == b || b.starts_with('{') && !a.is_empty() => {}
+            _ => return false,
+        }
+    }
+}
+
+#[test]
+fn the_document_of_the_api_asks_every_route() {
+    let lines: Vec<(String, String)> = blocks("docs/api.md", "sh")
+        .concat()
+        .lines()
+        .filter_map(|line| {
+            let method = line.split_once("-X ").and_then(|(_, rest)| rest.split(' ').next()).unwrap_or("GET");
+            let path = line.split_once("http://127.0.0.1:8080")?.1;
+            let end = path.find([' ', '?', '\'']).unwrap_or(path.len());
+            Some((method.to_string(), path[..end].to_string()))
+        })
+        .collect();
+    for (method, path, _) in serve::RULES {
+        let at_root = ["/healthz", "/readyz", "/metrics", "/openapi.json"].contains(path);
+        let route = if at_root { path.to_string() } else { format!("/api/v1{path}") };
+        let asked = lines.iter().any(|(verb, own)| verb == method && is_of(own, &route));
+        assert!(asked, "docs/api.md does not ask {method} {route}");
+    }
+    assert!(!is_of("/api/v1/loops", "/api/v1/loops/{id}") && !is_of("/api/v1/alarms", "/api/v1/loops"));
+}
+
 #[test]
 fn the_roles_in_the_security_document_are_those_of_the_router() {
     let rules: BTreeSet<(String, String)> = serve::RULES
@@ -251,6 +289,17 @@ fn constant(file: &str, name: &str) -> Option<String> {
         .find(|line| line.trim_start().trim_start_matches("pub ").starts_with(&format!("const {name}:")))?;
     let value = line.split_once(" = ")?.1.trim_end_matches(';');
     Some(value.to_string())
+}
+
+#[test]
+fn the_commissioning_guide_has_a_line_for_every_reason() {
+    let source = read("src/diagnosis/mod.rs");
+    let codes = source.split_once("pub fn code(&self)").and_then(|(_, rest)| rest.split_once("\n    }\n"));
+    let (codes, _) = codes.expect("the codes");
+    let codes: BTreeSet<String> = codes.split('"').skip(1).step_by(2).map(str::to_string).collect();
+    let rows = rows("docs/commissioning.md", "5. What to do with `not_identifiable`");
+    let told: BTreeSet<String> = rows.iter().map(|row| row[0].trim_matches('`').to_string()).collect();
+    assert_eq!(told, codes);
 }
 
 #[test]

@@ -23,7 +23,9 @@ pub fn start(args: &LogArgs) -> Result<(), Failure> {
     let wanted = std::env::var("RUST_LOG").unwrap_or_else(|_| "info".into());
     let filter = EnvFilter::try_new(&wanted)
         .map_err(|error| Failure::BadInput(format!("RUST_LOG={wanted:?}: {error}")))?;
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(stderr);
+    // Where nobody reads the log any more there is nobody to tell that it cannot be written.
+    let log =
+        tracing_subscriber::fmt().with_env_filter(filter).with_writer(stderr).log_internal_errors(false);
     let started = match args.log_format {
         Format::Text => log.with_ansi(false).try_init(),
         Format::Json => log.json().flatten_event(true).try_init(),

@@ -2,6 +2,7 @@
 //! asks of write-back it hands on to the [`Desk`].
 
 mod api;
+mod conditional;
 mod desk;
 pub mod dto;
 mod extract;
@@ -26,7 +27,7 @@ pub use policy::{Need, RULES};
 pub use post::{DeadLetter, Post, ReceiverState};
 pub use tls::{Config as TlsConfig, Tls, TlsError};
 
-use crate::access::Access;
+use crate::access::{self, Access};
 use crate::audit::Recorder;
 use crate::history::History;
 use crate::results::{Basis, Results};
@@ -292,6 +293,8 @@ pub struct Context {
     scheduler: Arc<Scheduler>,
     plant: watch::Receiver<Arc<Plant>>,
     event_clients: Arc<Semaphore>,
+    /// Tells the events of this run of the daemon from those of another.
+    event_run: String,
     desk: Option<Arc<dyn Desk>>,
     post: Option<Arc<dyn Post>>,
     store: Option<AskStore>,
@@ -318,6 +321,7 @@ impl Context {
     ) -> Self {
         Self {
             event_clients: Arc::new(Semaphore::new(config.max_event_clients)),
+            event_run: format!("{:016x}", u64::from_ne_bytes(access::random().unwrap_or_default())),
             started: clock.now(),
             config,
             clock,

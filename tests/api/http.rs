@@ -91,7 +91,10 @@ fn unchunked(mut rest: &[u8]) -> Vec<u8> {
 }
 
 /// An open stream of server-sent events.
-pub struct Events(BufReader<TcpStream>);
+pub struct Events {
+    stream: BufReader<TcpStream>,
+    id: String,
+}
 
 impl Events {
     pub async fn open(to: SocketAddr) -> Self {
@@ -99,10 +102,24 @@ impl Events {
     }
 
     pub async fn open_at(to: SocketAddr, path: &str) -> Self {
+        Self::ask(to, path, "").await
+    }
+
+    /// Opens the stream as one who has heard the events up to this.
+    pub async fn resume(to: SocketAddr, id: &str) -> Self {
+        Self::ask(to, "/api/v1/events", &format!("last-event-id: {id}\r\n")).await
+    }
+
+    async fn ask(to: SocketAddr, path: &str, more: &str) -> Self {
         let mut stream = TcpStream::connect(to).await.expect("the server listens");
-        let request = format!("GET {path} HTTP/1.1\r\nhost: {to}\r\n\r\n");
+        let request = format!("GET {path} HTTP/1.1\r\nhost: {to}\r\n{more}\r\n");
         stream.write_all(request.as_bytes()).await.expect("sent");
-        Self(BufReader::new(stream))
+        Self { stream: BufReader::new(stream), id: String::new() }
+    }
+
+    /// The id of the latest event.
+    pub fn id(&self) -> &str {
+        &self.id
     }
 
     /// The next event: its name and its data; `None` when the stream has ended.
@@ -110,13 +127,16 @@ impl Events {
         let mut name = String::new();
         loop {
             let mut line = String::new();
-            let read =
-                tokio::time::timeout(PATIENCE, self.0.read_line(&mut line)).await.expect("an event in time");
+            let read = tokio::time::timeout(PATIENCE, self.stream.read_line(&mut line))
+                .await
+                .expect("an event in time");
             if !matches!(read, Ok(n) if n > 0) {
                 return None;
             }
             if let Some(event) = line.strip_prefix("event: ") {
                 name = event.trim_end().to_string();
+            } else if let Some(id) = line.strip_prefix("id: ") {
+                self.id = id.trim_end().to_string();
             } else if let Some(data) = line.strip_prefix("data: ") {
                 return Some((name, serde_json::from_str(data).expect("events carry JSON")));
             }

@@ -6,6 +6,7 @@ mod dashboard;
 mod description;
 mod edges;
 mod http;
+mod lists;
 mod resources;
 mod rig;
 mod store;

@@ -7,7 +7,7 @@ use super::super::dto::rfc3339;
 use super::super::extract::{Body, OfAlarm, Params, Required, short, within};
 use super::super::guard::Actor;
 use super::super::problem::Problem;
-use super::off_thread;
+use super::{Page, off_thread};
 use crate::alarm::{Action, AlarmId, Refusal, Shelving};
 use crate::results::{AlarmChange, Said};
 use axum::Router;
@@ -30,9 +30,11 @@ pub fn halves() -> Router<Arc<Context>> {
         .route("/api/v1/alarms/{id}/{kind}/in-service", post(give_back))
 }
 
-/// The alarms that are not normal, or those of one state.
-#[utoipa::path(get, path = "/alarms", tag = "alarms", params(AlarmsQuery), responses((status = 200, body = AlarmList)))]
+/// The alarms that are not normal, or those of one state, by name.
+#[utoipa::path(get, path = "/alarms", tag = "alarms", params(AlarmsQuery), 
+    responses((status = 200, body = AlarmList), (status = 400, description = "problem: the field is named")))]
 pub async fn list(State(context): Shared, Params(query): Params<AlarmsQuery>) -> Result<Response, Problem> {
+    let limit = within("limit", query.limit.unwrap_or(1000), 1..=10_000)?;
     off_thread(move || {
         let now = context.clock.now();
         let items = context.results.alarms(now);
@@ -42,8 +44,10 @@ pub async fn list(State(context): Shared, Params(query): Params<AlarmsQuery>) ->
                 && query.priority.is_none_or(|priority| item.priority == priority)
                 && query.r#loop.as_ref().is_none_or(|id| item.r#loop.as_ref() == Some(id))
         });
-        let items = items.collect();
-        Ok(AlarmList { time: rfc3339(now), items, flood: FloodItem::from(context.results.flood(now)) })
+        let Page { total, items, next } =
+            Page::of(items.collect(), |item| &item.id, query.after.as_deref(), limit);
+        let flood = FloodItem::from(context.results.flood(now));
+        Ok(AlarmList { time: rfc3339(now), total, items, next, flood })
     })
     .await
 }

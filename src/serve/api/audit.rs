@@ -12,7 +12,7 @@ use axum::response::Response;
 use std::sync::Arc;
 
 /// What was changed, by whom, from where, and with what result; newest first.
-#[utoipa::path(get, path = "/audit", tag = "system", params(AuditQuery),
+#[utoipa::path(get, path = "/audit", tag = "system", operation_id = "audit", params(AuditQuery),
     responses((status = 200, body = AuditList), (status = 400, description = "problem: the field is named"),
         (status = 404, description = "problem: there is no audit log")))]
 pub async fn list(

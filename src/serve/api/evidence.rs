@@ -67,7 +67,8 @@ pub async fn live(
     let mut ticks = tokio::time::interval(EVERY);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let seen = Seen::of(&context, &id);
-    let hello = serde_json::to_string(&EventData::Hello { time: rfc3339(context.clock.now()) }).ok();
+    let hello =
+        serde_json::to_string(&EventData::Hello { time: rfc3339(context.clock.now()), resumed: false }).ok();
     let client = Client { hello, seen, context, id, ticks, _permit: permit };
     let frames = stream::unfold(client, |mut client| async {
         let frame = match client.hello.take() {

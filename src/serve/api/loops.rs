@@ -3,7 +3,7 @@
 use super::super::dto::loops::{
     Begun, LoopDetail, LoopDiagnosis, LoopItem, LoopList, LoopModel, Quantity, RunItem, RunList,
 };
-use super::super::dto::params::{LimitQuery, LoopsQuery, NoQuery, Order, RunQuery, SamplesQuery, Sort};
+use super::super::dto::params::{LoopsQuery, NoQuery, Order, RunQuery, RunsQuery, SamplesQuery, Sort};
 use super::super::dto::samples::{Samples, TagSamples};
 use super::super::dto::writeback::WritebackView;
 use super::super::dto::{finite, parse_time, rfc3339};
@@ -11,7 +11,7 @@ use super::super::extract::{OfLoop, Params, within};
 use super::super::problem::Problem;
 use super::super::{Context, Plant};
 use super::off_thread;
-use crate::results::Known;
+use crate::results::{Known, Summary};
 use crate::schedule::Refused;
 use crate::signal::LoopId;
 use axum::Json;
@@ -105,7 +105,7 @@ fn decode_cursor(text: &str) -> Result<(String, String), Problem> {
     let decoded = bytes.and_then(|bytes| String::from_utf8(bytes).ok());
     let parts = decoded.as_deref().and_then(|decoded| decoded.rsplit_once('\0'));
     let parts = parts.map(|(key, id)| (key.to_string(), id.to_string()));
-    parts.ok_or_else(|| Problem::field("after", "after: not a `next` of a page before"))
+    parts.ok_or_else(not_a_cursor)
 }
 
 fn known(context: &Context, id: &LoopId, now: f64) -> Result<Known, Problem> {
@@ -214,20 +214,56 @@ fn percent_encoded(name: &str) -> String {
 
 /// The runs that are remembered, newest first.
 #[utoipa::path(get, path = "/loops/{id}/diagnoses", tag = "loops",
-    params(("id" = String, Path, description = "the loop's name"), LimitQuery),
-    responses((status = 200, body = RunList), (status = 404, description = "problem: no such loop")))]
+    params(("id" = String, Path, description = "the loop's name"), RunsQuery),
+    responses((status = 200, body = RunList), (status = 400, description = "problem: the field is named"), (status = 404, description = "problem: no such loop")))]
 pub async fn diagnoses(
     State(context): Shared,
     OfLoop(id): OfLoop,
-    Params(query): Params<LimitQuery>,
+    Params(query): Params<RunsQuery>,
 ) -> Result<Response, Problem> {
     let limit = within("limit", query.limit.unwrap_or(100), 1..=10_000)?;
+    let after = query.after.as_deref().map(decode_run_cursor).transpose()?;
     off_thread(move || {
         let summaries = context.results.summaries(&id).ok_or_else(|| Problem::unknown_loop(id.as_str()))?;
-        let items = summaries.iter().rev().take(limit).map(RunItem::from).collect();
-        Ok(RunList { r#loop: id.to_string(), items })
+        let (page, next) = page_of_runs(&summaries, after, limit);
+        Ok(RunList { r#loop: id.to_string(), items: page.into_iter().map(RunItem::from).collect(), next })
     })
     .await
+}
+
+/// Runs newest first, `limit` of those after a cursor: a time, and how many runs that ended then were on pages before. Runs
+/// that are made meanwhile move no page.
+fn page_of_runs(
+    runs: &[Summary],
+    after: Option<(f64, usize)>,
+    limit: usize,
+) -> (Vec<&Summary>, Option<String>) {
+    let (mut ended_then, mut page) = (0, Vec::new());
+    for run in runs.iter().rev() {
+        ended_then += usize::from(after.is_some_and(|(time, _)| run.time == time));
+        if after.is_none_or(|(time, seen)| run.time < time || run.time == time && ended_then > seen) {
+            page.push(run);
+        }
+    }
+    let more = page.len() > limit;
+    page.truncate(limit);
+    let next = page.last().filter(|_| more).map(|last| {
+        let here = page.iter().filter(|run| run.time == last.time).count();
+        let before = after.filter(|(time, _)| *time == last.time).map_or(0, |(_, seen)| seen);
+        format!("{:016x}.{}", last.time.to_bits(), before + here)
+    });
+    (page, next)
+}
+
+fn decode_run_cursor(text: &str) -> Result<(f64, usize), Problem> {
+    let cut = text.split_once('.').and_then(|(time, seen)| {
+        Some((f64::from_bits(u64::from_str_radix(time, 16).ok()?), seen.parse().ok()?))
+    });
+    cut.ok_or_else(not_a_cursor)
+}
+
+fn not_a_cursor() -> Problem {
+    Problem::field("after", "after: not a `next` of a page before")
 }
 
 /// The trends of all tags.
@@ -301,6 +337,37 @@ mod tests {
             prop_assert_eq!(decode_cursor(&encode_cursor(&cut)).ok(), Some(cut));
             // Whatever it is, it is an answer and no panic.
             let _ = decode_cursor(&junk);
+        }
+    }
+
+    #[test]
+    fn pages_of_runs_join_though_some_ended_at_the_same_time() {
+        let at = |time: f64| Summary {
+            time,
+            took_s: 0.0,
+            trigger: crate::results::Trigger::Periodic,
+            outcome: "stiction".into(),
+            reason_code: None,
+            reason: String::new(),
+            f_in_percent: true,
+            f: None,
+            f_ci95: None,
+            delta_aic: None,
+        };
+        let runs: Vec<Summary> = [1.0, 2.0, 2.0, 2.0, 3.0, 3.0].map(at).into();
+        for limit in 1..7 {
+            let (mut joined, mut after) = (Vec::new(), None);
+            loop {
+                let (page, next) = page_of_runs(&runs, after, limit);
+                assert!(page.len() <= limit && (next.is_none() || page.len() == limit));
+                joined.extend(page.iter().map(|run| run.time));
+                let Some(next) = next else { break };
+                after = Some(decode_run_cursor(&next).expect("a cursor"));
+            }
+            assert_eq!(joined, [3.0, 3.0, 2.0, 2.0, 2.0, 1.0], "{limit}");
+        }
+        for wrong in ["", "1", "x.1", "3ff0000000000000.-1"] {
+            assert!(decode_run_cursor(wrong).is_err(), "{wrong}");
         }
     }
 

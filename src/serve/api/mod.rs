@@ -15,8 +15,10 @@ mod system;
 mod writeback;
 
 use super::Context;
+use super::conditional::conditional;
 use super::problem::Problem;
 use axum::Router;
+use axum::middleware::from_fn;
 use axum::response::{IntoResponse, Response};
 use axum::{Json, http::header};
 use serde::Serialize;
@@ -43,6 +45,7 @@ pub fn routes(context: Arc<Context>) -> Router {
         let text = text.to_string();
         async move { ([(header::CONTENT_TYPE, "application/json")], text) }
     });
+    let document = document.layer(from_fn(conditional));
     router
         .merge(alarms::halves())
         .route("/openapi.json", document.clone())
@@ -62,7 +65,8 @@ fn described() -> OpenApiRouter<Arc<Context>> {
             .routes(routes!(health::readyz))
             .routes(routes!(health::metrics))
     };
-    let api = OpenApiRouter::new()
+    // Who holds an answer of these may ask whether it is still good.
+    let mut kept = OpenApiRouter::new()
         .routes(routes!(loops::list))
         .routes(routes!(loops::detail))
         .routes(routes!(loops::diagnosis, loops::diagnose_now))
@@ -70,13 +74,18 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(loops::samples))
         .routes(routes!(loops::model))
         .routes(routes!(evidence::evidence))
-        .routes(routes!(evidence::live))
         .routes(routes!(report::of_loop))
         .routes(routes!(report::of_plant))
         .routes(routes!(bundle::bundle))
         .routes(routes!(writeback::state))
         .routes(routes!(alarms::list))
         .routes(routes!(alarms::history))
+        .routes(routes!(system::collectors))
+        .routes(routes!(audit::list))
+        .layer(from_fn(conditional));
+    description::conditional(kept.get_openapi_mut());
+    let api = kept
+        .routes(routes!(evidence::live))
         .routes(routes!(alarms::acknowledge))
         .routes(routes!(alarms::shelve))
         .routes(routes!(alarms::unshelve))
@@ -87,10 +96,8 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(notifications::dead_letters))
         .routes(routes!(notifications::replay))
         .routes(routes!(events::stream))
-        .routes(routes!(system::collectors))
         .routes(routes!(system::system))
         .routes(routes!(session::state, session::begin, session::end))
-        .routes(routes!(audit::list))
         .merge(common());
     #[cfg(feature = "writeback")]
     let api = api
@@ -99,6 +106,27 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(writeback::withdraw))
         .routes(routes!(writeback::reset));
     OpenApiRouter::with_openapi(Description::openapi()).merge(common()).nest("/api/v1", api)
+}
+
+/// A part of a list whose entries are sorted by a name of their own, which is the cursor: an entry that stays is neither
+/// repeated nor lost, whatever comes or goes meanwhile.
+struct Page<T> {
+    total: usize,
+    items: Vec<T>,
+    next: Option<String>,
+}
+
+impl<T> Page<T> {
+    fn of(mut items: Vec<T>, name: impl Fn(&T) -> &String, after: Option<&str>, limit: usize) -> Self {
+        let total = items.len();
+        items.sort_by(|a, b| name(a).cmp(name(b)));
+        let passed = after.map_or(0, |after| items.partition_point(|item| name(item).as_str() <= after));
+        items.drain(..passed);
+        let more = items.len() > limit;
+        items.truncate(limit);
+        let next = items.last().filter(|_| more).map(|last| name(last).clone());
+        Self { total, items, next }
+    }
 }
 
 /// A place among those who listen to events.

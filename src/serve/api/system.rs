@@ -1,13 +1,13 @@
 //! The daemon itself: where its data comes from, and its settings, read-only.
 
 use super::super::Context;
-use super::super::dto::params::NoQuery;
+use super::super::dto::params::{CollectorsQuery, NoQuery};
 use super::super::dto::rfc3339;
 use super::super::dto::system::{CollectorItem, CollectorList, SettingItem, System};
-use super::super::extract::Params;
+use super::super::extract::{Params, within};
 use super::super::metrics;
 use super::super::problem::Problem;
-use super::off_thread;
+use super::{Page, off_thread};
 use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
@@ -15,13 +15,19 @@ use std::sync::Arc;
 
 type Shared = State<Arc<Context>>;
 
-/// The devices that data comes from.
-#[utoipa::path(get, path = "/collectors", tag = "system", responses((status = 200, body = CollectorList)))]
-pub async fn collectors(State(context): Shared, Params(NoQuery {}): Params<NoQuery>) -> Json<CollectorList> {
+/// The devices that data comes from, by name.
+#[utoipa::path(get, path = "/collectors", tag = "system", params(CollectorsQuery),
+    responses((status = 200, body = CollectorList), (status = 400, description = "problem: the field is named")))]
+pub async fn collectors(
+    State(context): Shared,
+    Params(query): Params<CollectorsQuery>,
+) -> Result<Json<CollectorList>, Problem> {
+    let limit = within("limit", query.limit.unwrap_or(1000), 1..=10_000)?;
     let now = context.clock.now();
     let devices = (context.plant().devices)();
     let items = devices.iter().map(|device| CollectorItem::new(device, now)).collect();
-    Json(CollectorList { time: rfc3339(now), items })
+    let Page { total, items, next } = Page::of(items, |item| &item.name, query.after.as_deref(), limit);
+    Ok(Json(CollectorList { time: rfc3339(now), total, items, next }))
 }
 
 /// What the daemon is, how it is and what it was told. Secrets are never among it.

@@ -61,8 +61,12 @@ pub struct AlarmActed {
 pub struct AlarmList {
     /// When.
     pub time: Option<String>,
-    /// The alarms, by name.
+    /// Alarms that pass the filters, on all pages.
+    pub total: usize,
+    /// The alarms of this page, by name.
     pub items: Vec<AlarmItem>,
+    /// `after` of the next page; null on the last.
+    pub next: Option<String>,
     /// Whether more are raised than anybody can look at.
     pub flood: FloodItem,
 }

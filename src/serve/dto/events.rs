@@ -16,16 +16,16 @@ pub enum EventData {
     Hello {
         /// Plant time.
         time: Option<String>,
+        /// Whether it goes on where the client was: what it missed follows. Otherwise fetch the loops.
+        resumed: bool,
+    },
+    /// `reset`: what happened since the client was here is not known any more; fetch the loops again.
+    Reset {
+        /// How many events; null when the id is of another run of the daemon, or none at all.
+        lost: Option<u64>,
     },
     /// `diagnosis`: a run has ended.
-    Diagnosis {
-        /// Which loop.
-        #[serde(rename = "loop")]
-        control_loop: String,
-        /// In a few numbers.
-        #[serde(flatten)]
-        run: RunItem,
-    },
+    Diagnosis(DiagnosisEvent),
     /// `alarm`: an alarm has changed its state.
     Alarm {
         /// The alarm.
@@ -51,14 +51,7 @@ pub enum EventData {
         cause: String,
     },
     /// `writeback`: something happened to a loop's write-back.
-    Writeback {
-        /// Which loop.
-        #[serde(rename = "loop")]
-        control_loop: String,
-        /// What.
-        #[serde(flatten)]
-        news: WritebackNews,
-    },
+    Writeback(WritebackEvent),
     /// `reloaded`: another configuration is in force; fetch the loops again.
     Reloaded {
         /// Loops now watched.
@@ -73,14 +66,35 @@ pub enum EventData {
     Bye {},
 }
 
+/// A run of a loop that has ended.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct DiagnosisEvent {
+    /// Which loop.
+    pub r#loop: String,
+    /// In a few numbers.
+    #[serde(flatten)]
+    pub run: RunItem,
+}
+
+/// What happened to a loop's write-back.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct WritebackEvent {
+    /// Which loop.
+    pub r#loop: String,
+    /// What.
+    #[serde(flatten)]
+    pub news: WritebackNews,
+}
+
 impl EventData {
     /// The SSE event name.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Hello { .. } => "hello",
-            Self::Diagnosis { .. } => "diagnosis",
+            Self::Reset { .. } => "reset",
+            Self::Diagnosis(_) => "diagnosis",
             Self::Alarm { .. } => "alarm",
-            Self::Writeback { .. } => "writeback",
+            Self::Writeback(_) => "writeback",
             Self::Reloaded { .. } => "reloaded",
             Self::Lagged { .. } => "lagged",
             Self::Bye {} => "bye",
@@ -92,7 +106,7 @@ impl From<Event> for EventData {
     fn from(event: Event) -> Self {
         match event {
             Event::Run(id, summary) => {
-                Self::Diagnosis { control_loop: id.to_string(), run: RunItem::from(&summary) }
+                Self::Diagnosis(DiagnosisEvent { r#loop: id.to_string(), run: RunItem::from(&summary) })
             }
             Event::Alarm(change) => Self::Alarm {
                 id: change.id.to_string(),
@@ -107,7 +121,7 @@ impl From<Event> for EventData {
                 cause: change.transition.cause.as_str().to_string(),
             },
             Event::Writeback(id, news) => {
-                Self::Writeback { control_loop: id.to_string(), news: WritebackNews::from(&news) }
+                Self::Writeback(WritebackEvent { r#loop: id.to_string(), news: WritebackNews::from(&news) })
             }
             Event::Reloaded { loops } => Self::Reloaded { loops },
         }

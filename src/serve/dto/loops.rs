@@ -275,6 +275,8 @@ pub struct RunList {
     pub r#loop: String,
     /// Its runs.
     pub items: Vec<RunItem>,
+    /// `after` of the next page; null on the last.
+    pub next: Option<String>,
 }
 
 /// Where a disturbance that was traced to other loops starts.

@@ -167,14 +167,28 @@ pub struct RunQuery {
     pub wait_s: Option<f64>,
 }
 
-/// Query of a list that has only a length.
+/// Query of a loop's runs.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields, default)]
 #[into_params(parameter_in = Query)]
-pub struct LimitQuery {
-    /// Entries at most, 1 to 10000; default 100.
+pub struct RunsQuery {
+    /// Runs a page, 1 to 10000; default 100.
     #[param(minimum = 1, maximum = 10000)]
     pub limit: Option<usize>,
+    /// `next` of the page before. Runs that are made meanwhile move no page.
+    pub after: Option<String>,
+}
+
+/// Query of the devices.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields, default)]
+#[into_params(parameter_in = Query)]
+pub struct CollectorsQuery {
+    /// Devices a page, 1 to 10000; default 1000.
+    #[param(minimum = 1, maximum = 10000)]
+    pub limit: Option<usize>,
+    /// `next` of the page before: the name of its last device.
+    pub after: Option<String>,
 }
 
 /// Query of the alarms.
@@ -193,6 +207,11 @@ pub struct AlarmsQuery {
     pub priority: Option<AlarmPriority>,
     /// Only this loop's.
     pub r#loop: Option<String>,
+    /// Alarms a page, 1 to 10000; default 1000.
+    #[param(minimum = 1, maximum = 10000)]
+    pub limit: Option<usize>,
+    /// `next` of the page before: the name of its last alarm.
+    pub after: Option<String>,
 }
 
 /// Query of the alarms' history.

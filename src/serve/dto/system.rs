@@ -89,8 +89,12 @@ impl From<&Setting> for SettingItem {
 pub struct CollectorList {
     /// When.
     pub time: Option<String>,
-    /// The devices.
+    /// Devices on all pages.
+    pub total: usize,
+    /// The devices of this page, by name.
     pub items: Vec<CollectorItem>,
+    /// `after` of the next page; null on the last.
+    pub next: Option<String>,
 }
 
 /// One device.

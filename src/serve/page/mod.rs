@@ -1,11 +1,10 @@
 //! The dashboard: files in the binary, nothing from anywhere else. Each has an ETag; a browser asks again and hears 304.
 
+use super::conditional::{holds, tag};
 use axum::Router;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use sha2::{Digest, Sha256};
-use std::fmt::Write as _;
 
 const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
@@ -50,31 +49,15 @@ pub fn has(route: &str) -> bool {
 /// `/` and what it needs.
 pub fn routes() -> Router {
     FILES.iter().fold(Router::new(), |router, &(path, kind, content)| {
-        let tag = tag(content);
+        let tag = tag([content.as_bytes()]);
         router.route(path, get(move |asked: HeaderMap| async move { answer(&asked, kind, content, &tag) }))
     })
 }
 
-/// A weak validator: what is sent may be compressed.
-fn tag(content: &str) -> HeaderValue {
-    let digest = Sha256::digest(content.as_bytes());
-    let mut text = String::from("W/\"");
-    for byte in &digest[..12] {
-        // Writing to a String cannot fail.
-        let _ = write!(text, "{byte:02x}");
-    }
-    text.push('"');
-    HeaderValue::from_str(&text).unwrap_or(HeaderValue::from_static("W/\"0\""))
-}
-
 fn answer(asked: &HeaderMap, kind: &'static str, content: &'static str, tag: &HeaderValue) -> Response {
-    let same = |value: &HeaderValue| {
-        let listed = value.to_str().unwrap_or_default();
-        listed.split(',').any(|one| one.trim() == tag || one.trim() == "*")
-    };
     // Asked for again every time, so that another version of the daemon shows its own page at once.
     let head = [(header::ETAG, tag.clone()), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];
-    if asked.get_all(header::IF_NONE_MATCH).iter().any(same) {
+    if holds(asked, tag) {
         return (StatusCode::NOT_MODIFIED, head).into_response();
     }
     (head, [(header::CONTENT_TYPE, kind)], content).into_response()

@@ -1,7 +1,7 @@
 // Alarms: what stands now, what can be done about it, and what was before. States are shown as the API names them.
 
 import { acknowledge, giveBack, reset, shelve, takeOut, unshelve } from "./actions.js";
-import { get } from "./api.js";
+import { all, get } from "./api.js";
 import { h, scroll } from "./dom.js";
 import { short, when } from "./format.js";
 import { listen, loops } from "./live.js";
@@ -73,7 +73,7 @@ export function alarmsView(main, _parts, query) {
     pending = null;
     try {
       if (tab === "history") return await history();
-      const list = await get("/alarms");
+      const list = await all("/alarms");
       if (over) return;
       const rank = (item) => kindOf({ alarm: item.state }).rank * 10 + (PRIORITIES.indexOf(item.priority) + 10) % 10;
       list.items.sort((a, b) => rank(a) - rank(b) || (b.since ?? "").localeCompare(a.since ?? ""));

@@ -6,6 +6,17 @@ export async function get(path, signal) {
   return answered(await fetch(API + path, { signal }));
 }
 
+/** A list in one piece: its pages, one after the other. */
+export async function all(path) {
+  const list = await get(path);
+  for (let next = list.next; next; ) {
+    const page = await get(`${path}?after=${encodeURIComponent(next)}`);
+    list.items.push(...page.items);
+    next = page.next;
+  }
+  return list;
+}
+
 /** What a change carries beside the cookie. */
 export const credentials = { csrf: null };
 

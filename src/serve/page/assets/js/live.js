@@ -91,9 +91,10 @@ export function begin() {
   stream?.close();
   const own = (stream = events("/events"));
   const heard = (name, act) => own.addEventListener(name, (event) => act(JSON.parse(event.data)));
-  heard("hello", () => {
+  heard("hello", (data) => {
     link("live");
-    all = true;
+    // What was missed follows, where the daemon still knows it.
+    all ||= !data.resumed;
     soon(0);
   });
   for (const name of ["diagnosis", "alarm", "writeback"]) {
@@ -104,7 +105,7 @@ export function begin() {
       soon();
     });
   }
-  for (const name of ["reloaded", "lagged"]) {
+  for (const name of ["reloaded", "lagged", "reset"]) {
     heard(name, () => {
       all = true;
       soon();

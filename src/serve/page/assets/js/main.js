@@ -1,6 +1,6 @@
 // The shell: routes, theme, the bar on top. Data only ever becomes text.
 
-import { get } from "./api.js";
+import { all } from "./api.js";
 import { byId, memory, toast } from "./dom.js";
 import { ago, when } from "./format.js";
 import { begin, listen, loops, state } from "./live.js";
@@ -94,7 +94,7 @@ function bar(name) {
 
 async function collectors() {
   try {
-    const { items, time } = await get("/collectors");
+    const { items, time } = await all("/collectors");
     state.time = Date.parse(time);
     state.timeAt = performance.now();
     const up = items.filter((item) => item.connected).length, pill = byId("collectors");

@@ -1,6 +1,6 @@
 // The daemon: what it is, how it is, where its data comes from, and what it was told. Read-only.
 
-import { get } from "./api.js";
+import { all, get } from "./api.js";
 import { h, scroll } from "./dom.js";
 import { ago, bytes, lasting, short, when } from "./format.js";
 import { words } from "./states.js";
@@ -22,7 +22,7 @@ export function settingsView(main) {
 
   async function show() {
     try {
-      const [system, list] = await Promise.all([get("/system"), get("/collectors")]);
+      const [system, list] = await Promise.all([get("/system"), all("/collectors")]);
       if (over) return;
       const s = system.scheduler;
       facts.replaceChildren(...pairs([["version", system.version], ["write-back", system.writeback_built_in ? "built in" : "not built in: this binary only reads"], ["running since", when(system.started)], ["memory", bytes(system.memory_bytes)], ["of it, samples", bytes(system.history_bytes)], ["loops", system.loops], ["tags", system.tags], ["places for listeners left", system.event_places_left]]));

@@ -2,12 +2,15 @@
 //! the real collectors, history, scheduler, diagnosis and API. Prints CPU, memory and what was missed.
 //!
 //! `cargo bench --bench load -- [--speed 10] [--loops 2000] [--plant-s 600] [--period-s 300]`; with `--speed 1` it takes
-//! ten minutes, with the default one, and the polls come ten times as fast.
+//! ten minutes, with the default one, and the polls come ten times as fast. With `--listeners 200 --rate 50` so many clients
+//! listen to events meanwhile and so many requests a second are made, by a third process, which says how long they took.
+
+mod asking;
 
 use std::future;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use stictiond::app::App;
@@ -29,6 +32,9 @@ fn main() -> Result<(), Failed> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     if std::env::args().any(|argument| argument == "--server") {
         return runtime.block_on(serve_plant(option("--speed", 10.0)));
+    }
+    if let Some(address) = std::env::args().skip_while(|argument| argument != "--asking").nth(1) {
+        return runtime.block_on(asking::run(address.parse()?));
     }
     let done = runtime.block_on(drive());
     runtime.shutdown_timeout(Duration::from_secs(1));
@@ -66,7 +72,9 @@ async fn drive() -> Result<(), Failed> {
     let (began, cpu) = (Instant::now(), cpu_s());
     let running = app.clone();
     let daemon = tokio::spawn(async move { running.run(listener).await });
-    tokio::time::sleep(Duration::from_secs_f64(plant_s / speed)).await;
+    let wall = Duration::from_secs_f64(plant_s / speed);
+    let asking = (option("--rate", 0.0) > 0.0).then(|| ask(address, loops, wall)).transpose()?;
+    tokio::time::sleep(wall).await;
     let (wall, used) = (began.elapsed().as_secs_f64(), cpu_s() - cpu);
     let asked = Instant::now();
     let metrics = tokio::task::spawn_blocking(move || get(address, "/metrics")).await??;
@@ -74,6 +82,9 @@ async fn drive() -> Result<(), Failed> {
     let asked = Instant::now();
     tokio::task::spawn_blocking(move || get(address, "/api/v1/loops?limit=1000")).await??;
     let list = asked.elapsed();
+    if let Some(mut asking) = asking {
+        asking.wait()?;
+    }
     app.stop().cancel();
     daemon.await??;
     drop(server.stdin.take());
@@ -118,10 +129,25 @@ async fn drive() -> Result<(), Failed> {
     Ok(())
 }
 
+/// Starts who asks meanwhile.
+fn ask(to: SocketAddr, loops: usize, wall: Duration) -> std::io::Result<Child> {
+    let numbers = [
+        ("--listeners", option("--listeners", 200.0)),
+        ("--rate", option("--rate", 50.0)),
+        ("--loops", loops as f64),
+        ("--for-s", asking::lasting(wall)),
+    ];
+    let mut command = Command::new(std::env::current_exe()?);
+    command.args(["--asking", &to.to_string()]);
+    numbers.iter().fold(&mut command, |command, (name, value)| command.args([*name, &value.to_string()]));
+    command.spawn()
+}
+
 fn configuration(addresses: &[String], loops: usize, speed: f64, period_s: f64) -> Result<Config, Failed> {
     let poll_ms = (1000.0 / speed).round();
-    let mut text =
-        format!("[schedule]\nperiod_s = {period_s:.1}\nparallelism = 1\n[history]\nsamples_per_tag = 4096\n");
+    let mut text = format!(
+        "[server]\nmax_event_clients = 256\nmax_connections = 512\n[schedule]\nperiod_s = {period_s:.1}\nparallelism = 1\n[history]\nsamples_per_tag = 4096\n"
+    );
     for (at, address) in addresses.iter().enumerate() {
         text += &format!(
             "[[modbus]]\nname = \"d{at}\"\naddress = \"{address}\"\npoll_ms = {poll_ms}\ntimeout_ms = {poll_ms}\naddress_base = 0\n"
