@@ -6,6 +6,8 @@ mod dashboard;
 mod description;
 mod edges;
 mod http;
+#[path = "../peers/postgres.rs"]
+mod postgres;
 mod resources;
 mod rig;
 mod store;
