@@ -22,6 +22,8 @@ pub struct Cluster {
     server: Option<Child>,
     /// Where it listens on the loopback; on a socket in its folder only, when there is none.
     port: Option<u16>,
+    /// Whether each commit waits for the disk; what is killed in tests are processes, not machines.
+    durable: bool,
 }
 
 /// Where Debian has the programs of its newest version.
@@ -44,13 +46,9 @@ fn unprivileged(program: &Path) -> Command {
 }
 
 impl Cluster {
-    /// A new one that listens on a socket in its folder.
-    pub fn start() -> Self {
-        Self::with(None)
-    }
-
-    /// A new one; with certificate and key (PEM) it listens on the loopback, encrypted, and asks for a password.
-    pub fn with(tls: Option<(&str, &str)>) -> Self {
+    /// A new one on a socket in its folder; with certificate and key (PEM) on the loopback, encrypted, and asking for a
+    /// password. When `durable`, each commit waits for the disk.
+    pub fn with(tls: Option<(&str, &str)>, durable: bool) -> Self {
         static COUNT: AtomicUsize = AtomicUsize::new(0);
         let name = format!("stictiond-pg-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
         let folder = std::env::temp_dir().join(name);
@@ -69,7 +67,7 @@ impl Cluster {
             .output()
             .expect("initdb runs");
         assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-        let mut cluster = Self { folder, server: None, port: None };
+        let mut cluster = Self { folder, server: None, port: None, durable };
         if let Some((certificate, key)) = tls {
             for (name, text) in [("server.crt", certificate), ("server.key", key)] {
                 let path = data.join(name);
@@ -97,8 +95,7 @@ impl Cluster {
         set(format!("listen_addresses={listen}"));
         set(format!("port={port}"));
         set(format!("ssl={}", if self.port.is_some() { "on" } else { "off" }));
-        // What is killed here are processes, not machines.
-        set("fsync=off".into());
+        set(format!("fsync={}", if self.durable { "on" } else { "off" }));
         set("max_connections=20".into());
         // When the test ends, however it does, the pipe ends, and with it the server.
         let watch =

@@ -305,7 +305,7 @@ fn encrypted_and_with_a_password_that_is_never_told() {
     let (certificate, key, ca) = certificates();
     let mut place = Place::folder();
     std::fs::create_dir_all(&place.folder).expect("writable");
-    place.cluster = Some(Cluster::with(Some((&certificate, &key))));
+    place.cluster = Some(Cluster::with(Some((&certificate, &key)), false));
     let mut client = place.cluster().client().expect("answers");
     client.batch_execute("ALTER USER stictiond PASSWORD 'geheim'").expect("set");
     let file = |name: &str, text: &str| -> PathBuf {
@@ -372,8 +372,9 @@ fn the_commands_work_on_it_by_way_of_the_configuration() {
     std::fs::write(&other, store("another") + plant).expect("writable");
     assert_eq!(stictiond(&["import", &other, &file]), (Some(0), format!("{file}: 100 samples\n")));
     assert!(stictiond(&["check", &other]).1.contains("100 of 1 tags"));
+    let again = path("again.csv");
     place.cluster().end();
-    for arguments in [vec!["check", &config], vec!["export", &config, &other], vec!["import", &config, &file]]
+    for arguments in [vec!["check", &config], vec!["export", &config, &again], vec!["import", &config, &file]]
     {
         let (code, said) = stictiond(&arguments);
         assert!(code != Some(0) && said.contains("PostgreSQL"), "{said}");

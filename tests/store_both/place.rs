@@ -24,7 +24,7 @@ impl Place {
 
     pub fn postgres() -> Self {
         let mut place = Self::folder();
-        place.cluster = Some(Cluster::start());
+        place.cluster = Some(Cluster::with(None, false));
         place
     }
 
