@@ -1,10 +1,14 @@
 //! What it costs to keep 2,000 loops of 3 tags at 1 Hz: `cargo bench --bench store [-- --minutes 70] [--real-time]`.
 //!
 //! Plant seconds are written one after the other as fast as they go, each a batch that waits for the disk as in the daemon;
-//! with `--real-time` one a second, which shows the load on the machine.
+//! with `--real-time` one a second, which shows the load on the machine. With `--postgres` into a PostgreSQL of its own, as
+//! Debian sets it up, instead of a folder.
 
+#[path = "../tests/peers/postgres.rs"]
+mod postgresql;
+
+use postgresql::Cluster;
 use std::fs;
-use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use stictiond::signal::Sample;
@@ -26,8 +30,13 @@ fn main() {
     let minutes: usize = minutes.unwrap_or(if real_time { 5 } else { 70 });
     let folder = std::env::var_os("CARGO_TARGET_TMPDIR").map_or_else(std::env::temp_dir, Into::into);
     let folder = folder.join(format!("stictiond-bench-store-{}", std::process::id()));
-    write(&folder, minutes, real_time);
-    read(&folder);
+    let cluster = arguments.iter().any(|a| a == "--postgres").then(|| Cluster::with(None, true));
+    let config = cluster.as_ref().map_or_else(|| Config::new(&folder), |cluster| cluster.config(&folder));
+    // The room of a plant of this size.
+    let config = Config { max_mb: 1_000_000, ..config };
+    write(&config, cluster.as_ref(), minutes, real_time);
+    read(&config);
+    drop(cluster);
     let _ = fs::remove_dir_all(&folder);
 }
 
@@ -74,8 +83,10 @@ impl Plant {
     }
 }
 
-fn write(folder: &Path, minutes: usize, real_time: bool) {
-    let mut store = Store::open(&Config::new(folder)).expect("opens");
+fn write(config: &Config, cluster: Option<&Cluster>, minutes: usize, real_time: bool) {
+    let mut store = Store::open(config).expect("opens");
+    let server = || cluster.map(Server::of).unwrap_or_default();
+    let (begun, mut rows) = (server(), 0);
     let mut plant = Plant::new();
     let (began, seconds) = (Instant::now(), minutes * 60);
     let (written, mut busy, mut cpu, mut longest) = (bytes_written(), Duration::ZERO, 0.0, Duration::ZERO);
@@ -83,6 +94,7 @@ fn write(folder: &Path, minutes: usize, real_time: bool) {
         let batch = plant.second(k);
         let (clock, before) = (Instant::now(), cpu_seconds());
         store.write(&batch).expect("writes");
+        rows += batch.samples();
         let acknowledged = clock.elapsed();
         store.tidy(START + k as f64).expect("tidies");
         (busy, cpu) = (busy + clock.elapsed(), cpu + cpu_seconds() - before);
@@ -95,10 +107,12 @@ fn write(folder: &Path, minutes: usize, real_time: bool) {
     }
     // What is open is rolled, so that every sample is counted where it stays.
     store.tidy(START + seconds as f64 + 1000.0).expect("tidies");
-    let samples = (seconds * LOOPS * TAGS) as f64;
+    assert!(store.spool().is_none_or(|spool| spool.away.is_none() && !spool.waits), "the database went away");
+    let samples = rows as f64;
     let usage = store.usage().expect("can be told");
     let used = usage.used_bytes as f64;
-    let written = (bytes_written() - written) as f64;
+    let server = server() - begun;
+    let written = (bytes_written() - written) as f64 + server.written;
     println!(
         "{LOOPS} loops x {TAGS} tags at 1 Hz, {minutes} minutes of plant, {:.1} M samples",
         samples / 1e6
@@ -110,6 +124,9 @@ fn write(folder: &Path, minutes: usize, real_time: bool) {
         samples / busy.as_secs_f64() / 1e6
     );
     println!("  processor    {:.2} % of one core at 1 Hz", 100.0 * cpu / seconds as f64);
+    if cluster.is_some() {
+        println!("  its server   {:.2} % of one core at 1 Hz", 100.0 * server.cpu / seconds as f64);
+    }
     println!("  durable      after {:.0} ms at worst", 1e3 * longest.as_secs_f64());
     println!(
         "  on disk      {:.2} bytes a sample, {:.1} GB a day",
@@ -123,12 +140,12 @@ fn write(folder: &Path, minutes: usize, real_time: bool) {
     );
 }
 
-fn read(folder: &Path) {
+fn read(config: &Config) {
     let clock = Instant::now();
-    let mut reader = Reader::open(folder).expect("opens");
+    let mut reader = Reader::of(config).expect("opens");
     let names: Vec<TagName> = reader.tags().expect("reads").into_iter().map(|tag| tag.name).collect();
     let mut found = 0;
-    for some in names.chunks(256) {
+    for some in names.chunks(Reader::together(config)) {
         found += reader.last(some, RING).expect("reads").values().map(Vec::len).sum::<usize>();
     }
     println!(
@@ -146,6 +163,52 @@ fn read(folder: &Path) {
         }
     }
     println!("  read         {:.3} ms for 300 s of one tag", clock.elapsed().as_secs_f64() / 200.0 * 1e3);
+}
+
+/// What PostgreSQL has used up.
+#[derive(Clone, Copy, Default)]
+struct Server {
+    /// User and system time of all its processes (s).
+    cpu: f64,
+    /// Bytes of its write-ahead log and of pages written.
+    written: f64,
+}
+
+impl std::ops::Sub for Server {
+    type Output = Self;
+
+    fn sub(self, before: Self) -> Self {
+        Self { cpu: self.cpu - before.cpu, written: self.written - before.written }
+    }
+}
+
+impl Server {
+    fn of(cluster: &Cluster) -> Self {
+        let mut client = cluster.client().expect("answers");
+        client.batch_execute("CHECKPOINT").expect("may");
+        let sql = "SELECT (pg_current_wal_lsn() - '0/0')::float8
+            + 8192 * (buffers_checkpoint + buffers_clean + buffers_backend)::float8 FROM pg_stat_bgwriter";
+        let written = client.query_one(sql, &[]).expect("told").get(0);
+        let parent = "SELECT pg_backend_pid()";
+        let own: i32 = client.query_one(parent, &[]).expect("told").get(0);
+        let fields = |pid: &str| -> Option<Vec<String>> {
+            let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+            Some(stat.rsplit_once(')')?.1.split_whitespace().map(str::to_string).collect())
+        };
+        let postmaster = fields(&own.to_string()).map(|fields| fields[1].clone()).unwrap_or_default();
+        let ticks = |fields: &[String], many: usize| -> f64 {
+            fields[11..11 + many].iter().filter_map(|ticks| ticks.parse::<f64>().ok()).sum()
+        };
+        // Of the server that of its children that have ended too.
+        let mut cpu = fields(&postmaster).map_or(0.0, |fields| ticks(&fields, 4));
+        for entry in fs::read_dir("/proc").expect("Linux").flatten() {
+            let pid = entry.file_name().to_string_lossy().to_string();
+            if let Some(fields) = fields(&pid).filter(|fields| fields[1] == postmaster) {
+                cpu += ticks(&fields, 2);
+            }
+        }
+        Self { cpu: cpu / 100.0, written }
+    }
 }
 
 /// Bytes that this process had written to disks.

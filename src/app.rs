@@ -446,8 +446,8 @@ fn shown(
     let healths: Vec<(String, Arc<DeviceHealth>)> =
         devices.iter().map(|device| (device.plan.name().to_string(), device.health.clone())).collect();
     let states = move || healths.iter().map(|(name, health)| Device::state(name, health)).collect();
-    let folder = config.store.as_ref().map(|store| store.folder.clone());
-    let recall = recall::recall(snapshot(config, history, writing), folder, neighbours(config));
+    let snapshot = snapshot(config, history, writing);
+    let recall = recall::recall(snapshot, config.store.clone(), neighbours(config));
     serve::Plant::new(config.loops.iter().map(info).collect(), history.clone(), Arc::new(states))
         .with_facts(facts::of(config))
         .with_recall(recall)

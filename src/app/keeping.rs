@@ -15,14 +15,13 @@ use crate::store::{self, Reader, Store, StoreError, TagName, Writer};
 use following::Following;
 use rows::{remembered, remembered_alarms, remembered_changes};
 use std::collections::VecDeque;
+use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Changes that wait for the writer's next round; rows are made of them there.
 const MAX_CHANGES: usize = 4096;
-/// Tags that are refilled together, which bounds the memory it takes.
-const REFILL: usize = 256;
 /// Longest wait for what is new to be durable, before rings are replaced.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -76,10 +75,19 @@ impl Keeping {
             tracing::warn!("no [store] is configured: a restart begins with an empty history");
             return Arc::new(keeping);
         };
-        let opened = Store::open(own);
-        if opened.is_ok() {
-            keeping.give_back(history, results);
-        }
+        // On a thread of its own: a connection to a database waits, which a thread of the runtime must not.
+        let opened = std::thread::scope(|scope| {
+            let opening = scope.spawn(|| {
+                let mut opened = Store::open(own);
+                if let Ok(store) = &mut opened {
+                    keeping.give_back(history, results);
+                    store.disconnect();
+                }
+                opened
+            });
+            let failed = || StoreError::Io { path: own.folder.clone(), source: io::Error::other("panicked") };
+            opening.join().unwrap_or_else(|_| Err(failed()))
+        });
         *lock(&keeping.opened) = Some(opened);
         keeping.follow(history);
         let shared = keeping.shared.clone();
@@ -147,8 +155,8 @@ impl Keeping {
     fn give_back(&self, history: &History, results: &Results) {
         let Some(config) = &self.config else { return };
         let began = Instant::now();
-        let given = Reader::open(&config.folder).and_then(|mut reader| {
-            let samples = refill(&mut reader, history)?;
+        let given = Reader::at_hand(config).and_then(|mut reader| {
+            let samples = refill(&mut reader, history, Reader::together(config))?;
             let mut loops = 0;
             for own in history.loops() {
                 let kept = remembered(&reader, &own.id, results.room())?;
@@ -209,10 +217,10 @@ fn named(history: &History) -> impl Iterator<Item = (TagName, Arc<Ring>)> {
 }
 
 /// Fills rings that are empty with what they held; how many samples that were.
-fn refill(reader: &mut Reader, history: &History) -> Result<usize, StoreError> {
+fn refill(reader: &mut Reader, history: &History, together: usize) -> Result<usize, StoreError> {
     let empty: Vec<_> = named(history).filter(|(_, ring)| ring.pushed() == 0).collect();
     let mut count = 0;
-    for some in empty.chunks(REFILL) {
+    for some in empty.chunks(together) {
         let names: Vec<TagName> = some.iter().map(|(name, _)| name.clone()).collect();
         let room = some.iter().map(|(_, ring)| ring.capacity()).max().unwrap_or(0);
         let mut kept = reader.last(&names, room)?;
@@ -226,8 +234,17 @@ fn refill(reader: &mut Reader, history: &History) -> Result<usize, StoreError> {
 }
 
 fn state(status: store::Status, shared: &Shared) -> StoreState {
+    let spool = status.spool.as_ref().map(|(spool, _)| spool);
+    let spooling = status.spool.as_ref().and_then(|(spool, since)| {
+        let why = spool.away.clone().unwrap_or_else(|| "the database takes what waited".to_string());
+        since.map(|since| (why, since))
+    });
+    let database = spool.map(|spool| (spool.away.is_none(), if spool.waits { spool.bytes } else { 0 }));
+    let of_spool = spool.map_or([0, 0], |spool| [spool.delivered, spool.dropped]);
     StoreState {
         failing: status.failing,
+        spooling,
+        database,
         written_at: status.written_at,
         used_bytes: status.usage.used_bytes,
         max_bytes: status.usage.max_bytes,
@@ -239,6 +256,8 @@ fn state(status: store::Status, shared: &Shared) -> StoreState {
             ("dropped_rows", shared.dropped_rows.load(Relaxed)),
             ("refused_samples", status.refused),
             ("damaged_chunks", status.damaged),
+            ("delivered_samples", of_spool[0]),
+            ("dropped_samples", of_spool[1]),
         ],
     }
 }

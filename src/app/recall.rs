@@ -5,15 +5,14 @@ use crate::results::{Basis, basis};
 use crate::schedule::Snapshot;
 use crate::serve::Recall;
 use crate::signal::{LoopId, Record, Sample};
-use crate::store::{Reader, StoreError};
+use crate::store::{self, Reader, StoreError};
 use std::collections::HashMap;
-use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Looks into what `snapshot` copies and then into the store in `folder`; `neighbours` says whose the other tags are.
+/// Looks into what `snapshot` copies and then into the store; `neighbours` says whose the other tags are.
 pub(super) fn recall(
     snapshot: Snapshot,
-    folder: Option<PathBuf>,
+    store: Option<store::Config>,
     neighbours: HashMap<LoopId, Vec<Neighbour>>,
 ) -> Recall {
     Arc::new(move |id, basis| {
@@ -23,7 +22,7 @@ pub(super) fn recall(
             return Some(record);
         }
         let own = neighbours.get(id).map_or(&[][..], Vec::as_slice);
-        let kept = folder.as_ref().map(|folder| joined(folder.clone(), id, basis, &rings, own))?;
+        let kept = store.as_ref().map(|store| joined(store, id, basis, &rings, own))?;
         let kept = kept
             .inspect_err(|error| tracing::warn!(%error, "a bundle cannot be read from the store"))
             .ok()?;
@@ -34,13 +33,13 @@ pub(super) fn recall(
 
 /// What the store has of the run's tags and time, and after it what only the rings have.
 fn joined(
-    folder: PathBuf,
+    store: &store::Config,
     id: &LoopId,
     basis: &Basis,
     rings: &Record,
     neighbours: &[Neighbour],
 ) -> Result<Record, StoreError> {
-    let mut reader = Reader::open(&folder)?;
+    let mut reader = Reader::at_hand(store)?;
     let mut record = Record::default();
     for extent in &basis.extents {
         let mut all: Vec<Sample> = Vec::new();

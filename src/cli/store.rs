@@ -24,7 +24,7 @@ pub struct Args {
 enum Command {
     /// Read the whole store, also while it is in use: exit code 1 and what is damaged when something is
     Check {
-        /// The folder, as `[store] folder` names it
+        /// The folder, as `[store] folder` names it, or a configuration (.toml) with `[store]`
         folder: PathBuf,
     },
     /// Write what is kept to a file, also while the store is in use
@@ -35,7 +35,7 @@ enum Command {
 
 #[derive(clap::Args)]
 struct Export {
-    /// The folder, as `[store] folder` names it
+    /// The folder, as `[store] folder` names it, or a configuration (.toml) with `[store]`
     folder: PathBuf,
     /// The file to make; `.csv` or `.parquet` says how
     #[arg(value_name = "FILE")]
@@ -64,7 +64,7 @@ enum What {
 
 #[derive(clap::Args)]
 struct Import {
-    /// The folder, as `[store] folder` names it; made when it is not there
+    /// The folder, as `[store] folder` names it, made when it is not there; or a configuration (.toml) with `[store]`
     folder: PathBuf,
     /// Files with columns loop, tag, t, value and, as far as there are, quality, source, unit: `.csv` or `.parquet`
     #[arg(value_name = "FILE", required = true)]
@@ -113,8 +113,17 @@ fn format(path: &Path) -> Result<Format, Failure> {
     Format::of(path).ok_or_else(|| Failure::in_file(path, "the name must end in .csv or .parquet"))
 }
 
+/// The store in a folder, or the one that a configuration names.
+fn named(place: &Path) -> Result<Config, Failure> {
+    if place.extension().is_none_or(|end| end != "toml") {
+        return Ok(Config::new(place));
+    }
+    let config = config::load(place).map_err(Failure::BadConfig)?;
+    config.store.ok_or_else(|| Failure::in_file(place, "there is no [store] in it"))
+}
+
 fn check(folder: &Path) -> Result<(), Failure> {
-    let found = store::check(folder).map_err(|error| of_store(&error))?;
+    let found = store::check_of(&named(folder)?).map_err(|error| of_store(&error))?;
     let mut out = String::new();
     // Writing into a String cannot fail.
     let _ = writeln!(
@@ -152,7 +161,7 @@ fn export(args: &Export) -> Result<(), Failure> {
     {
         return Err(Failure::BadInput("--from is later than --to-time".to_string()));
     }
-    let mut reader = Reader::open(&args.folder).map_err(|error| of_store(&error))?;
+    let mut reader = Reader::of(&named(&args.folder)?).map_err(|error| of_store(&error))?;
     let choice = Choice { loops: args.loops.clone(), from: args.from, to: args.to_time };
     let rows = archive::export(&mut reader, kind, &choice, format, &args.to)
         .map_err(|error| of_archive(&args.to, &error))?;
@@ -170,14 +179,23 @@ fn import(args: &Import) -> Result<(), Failure> {
     let formats = args.files.iter().map(|file| format(file)).collect::<Result<Vec<_>, _>>()?;
     let (settings, sources) = match &args.config {
         Some(path) => configured(path, &args.folder)?,
-        None => (Config::new(&args.folder), HashMap::new()),
+        None => (named(&args.folder)?, HashMap::new()),
     };
     let source = |own: &str, tag: &str| sources.get(&(own.to_string(), tag.to_string())).cloned();
     let mut store = Store::open(&settings).map_err(|error| of_store(&error))?;
+    if let Some(away) = store.spool().and_then(|spool| spool.away) {
+        return Err(Failure::Failed(away));
+    }
     for (file, format) in args.files.iter().zip(formats) {
         let read = archive::read(file, format, &source, &mut |batch| store.insert(batch));
         let rows = read.map_err(|error| of_archive(file, &error))?;
         print(&format!("{}: {rows} samples\n", file.display()))?;
+    }
+    if store.spool().is_some_and(|spool| spool.waits) {
+        let folder = settings.folder.display();
+        return Err(Failure::Failed(format!(
+            "the database went away: the rest waits in {folder} for the daemon"
+        )));
     }
     Ok(())
 }
@@ -198,6 +216,9 @@ fn configured(path: &Path, folder: &Path) -> Result<(Config, Sources), Failure> 
         ((id.to_string(), tag.kind.name().to_string()), (tag.source.clone(), tag.unit.clone()))
     };
     let sources = tags.map(named).collect();
+    if folder.extension().is_some_and(|end| end == "toml") {
+        return Ok((self::named(folder)?, sources));
+    }
     let own = config.store.unwrap_or_else(|| Config::new(folder));
-    Ok((Config { folder: folder.to_path_buf(), ..own }, sources))
+    Ok((Config { folder: folder.to_path_buf(), url: None, ..own }, sources))
 }

@@ -222,6 +222,11 @@ fn store(registry: &mut Registry, context: &Context, now: f64) {
     if let Some(at) = state.written_at {
         gauge(registry, "store_written_age_seconds", "Time since something was last made durable", now - at);
     }
+    if let Some((there, waiting)) = state.database {
+        let there = f64::from(u8::from(there));
+        gauge(registry, "store_database_connected", "1 while the database of the store is there", there);
+        gauge(registry, "store_spool_bytes", "Bytes that wait on disk for that database", waiting as f64);
+    }
     gauge(registry, "store_used_bytes", "Bytes of the store's database in use", state.used_bytes as f64);
     gauge(registry, "store_max_bytes", "Bytes that it may take", state.max_bytes as f64);
     let events = counts(registry, "store_events", "What the store did: samples and rows written, lost, …");

@@ -197,6 +197,10 @@ pub struct DeviceState {
 pub struct StoreState {
     /// Why it fails, and since when (s); `None` while it works.
     pub failing: Option<(String, f64)>,
+    /// Why what is new waits on disk for a database elsewhere, and since when (s); `None` while it need not.
+    pub spooling: Option<(String, f64)>,
+    /// Whether that database is there, and bytes that wait for it; `None` for a store in a folder.
+    pub database: Option<(bool, u64)>,
     /// When something was last made durable (s).
     pub written_at: Option<f64>,
     /// Bytes its database takes, and bytes it may take.

@@ -250,7 +250,7 @@ fn put_qualities(out: &mut Vec<u8>, samples: impl Iterator<Item = Sample>) {
 }
 
 /// Codes on disk: never to be given another meaning.
-fn code(quality: Quality) -> u8 {
+pub(super) fn code(quality: Quality) -> u8 {
     match quality {
         Quality::Good => 0,
         Quality::Stale => 1,

@@ -9,6 +9,25 @@ use std::path::PathBuf;
 pub struct Config {
     /// Folder of the store, made when it is not there; on a disk of this machine.
     pub folder: PathBuf,
+    /// PostgreSQL instead of a database in the folder, as `postgres://user@host:5432/database`, without a password; the
+    /// folder then holds what waits while that is away.
+    #[serde(default)]
+    pub url: Option<String>,
+    /// File whose first line is the password.
+    #[serde(default)]
+    pub password_file: Option<PathBuf>,
+    /// Environment variable that holds the password.
+    #[serde(default)]
+    pub password_env: Option<String>,
+    /// Certificates (PEM) of who signs the database's: then the connection is encrypted, always.
+    #[serde(default)]
+    pub ca_file: Option<PathBuf>,
+    /// Schema of the tables in PostgreSQL, made when it is not there.
+    #[serde(default = "default_schema")]
+    pub schema: String,
+    /// Most bytes that wait on disk while PostgreSQL is away (MB); what is oldest goes first.
+    #[serde(default = "default_spool_mb")]
+    pub spool_mb: u64,
     /// Most bytes of its database (MB); what is oldest goes first.
     #[serde(default = "default_max_mb")]
     pub max_mb: u64,
@@ -36,6 +55,14 @@ pub struct Config {
     /// Most memory for diagnoses and alarms that wait while the store fails (MB).
     #[serde(default = "default_queue_mb")]
     pub queue_mb: u64,
+}
+
+fn default_schema() -> String {
+    "stictiond".to_string()
+}
+
+fn default_spool_mb() -> u64 {
+    2000
 }
 
 fn default_max_mb() -> u64 {
@@ -79,6 +106,12 @@ impl Config {
     pub fn new(folder: impl Into<PathBuf>) -> Self {
         Self {
             folder: folder.into(),
+            url: None,
+            password_file: None,
+            password_env: None,
+            ca_file: None,
+            schema: default_schema(),
+            spool_mb: default_spool_mb(),
             max_mb: default_max_mb(),
             samples_days: default_samples_days(),
             trend_days: default_trend_days(),
@@ -101,7 +134,27 @@ impl Config {
         };
         let named = !self.folder.as_os_str().is_empty();
         unless(named, "folder", "must name a folder".to_string());
+        let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+        let sound = (1..=40).contains(&self.schema.len())
+            && self.schema.chars().all(plain)
+            && !self.schema.starts_with(|c: char| c.is_ascii_digit());
+        unless(sound, "schema", "must be 1 to 40 of a to z, 0 to 9 and _, no digit first".to_string());
+        if let Some(url) = &self.url {
+            let fault = url_fault(url, self.ca_file.is_some());
+            unless(fault.is_none(), "url", fault.unwrap_or_default());
+        }
+        let of_url = [
+            ("password_file", self.password_file.is_some()),
+            ("password_env", self.password_env.is_some()),
+            ("ca_file", self.ca_file.is_some()),
+        ];
+        for (field, given) in of_url {
+            unless(!given || self.url.is_some(), field, "is of no use without url".to_string());
+        }
+        let both = self.password_file.is_some() && self.password_env.is_some();
+        unless(!both, "password_env", "is given twice; leave password_file or password_env out".to_string());
         let counts = [
+            ("spool_mb", self.spool_mb, 16..=10_000_000),
             ("max_mb", self.max_mb, 16..=100_000_000),
             ("trend_s", u64::from(self.trend_s), 1..=600),
             ("sync_ms", self.sync_ms, 10..=60_000),
@@ -127,5 +180,53 @@ impl Config {
         let divides = (1..=600).contains(&self.trend_s) && 600 % self.trend_s == 0;
         unless(divides, "trend_s", format!("{} must divide 600 s", self.trend_s));
         wrong
+    }
+}
+
+/// What is wrong with an address of a database; a password in it is never repeated.
+fn url_fault(url: &str, has_ca: bool) -> Option<String> {
+    let known = url.starts_with("postgres://") || url.starts_with("postgresql://");
+    let Some(parsed) = url.parse::<postgres::Config>().ok().filter(|_| known) else {
+        return Some("is not an address such as postgres://user@host:5432/database".to_string());
+    };
+    if parsed.get_password().is_some() {
+        return Some("must hold no password; name a password_file or password_env".to_string());
+    }
+    if parsed.get_hosts().is_empty() || parsed.get_user().is_none() {
+        return Some("must name user and host".to_string());
+    }
+    let asks = parsed.get_ssl_mode() == postgres::config::SslMode::Require;
+    (asks && !has_ca)
+        .then(|| "asks for TLS; name the ca_file that the database is to be trusted by".to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_with_a_password_is_refused_without_repeating_it() {
+        let fault = |url: &str, ca| url_fault(url, ca);
+        assert_eq!(fault("postgres://stictiond@db.plant:5432/history", false), None);
+        assert_eq!(fault("postgresql://stictiond@%2Frun%2Fpostgresql/history", false), None);
+        let told = fault("postgres://eve:geheim@db/history", false).expect("refused");
+        assert!(told.contains("password_file") && !told.contains("geheim"), "{told}");
+        for wrong in
+            ["", "db", "mysql://a@b/c", "postgres://db/x", "postgres://a@/x", "postgres://a@b:99999/x"]
+        {
+            assert!(fault(wrong, false).is_some(), "{wrong}");
+        }
+        assert!(
+            fault("postgres://a@b/c?sslmode=require", false).is_some_and(|told| told.contains("ca_file"))
+        );
+        assert_eq!(fault("postgres://a@b/c?sslmode=require", true), None);
+    }
+
+    #[test]
+    fn what_belongs_to_a_database_needs_one() {
+        let config = Config { ca_file: Some("ca.pem".into()), schema: "1x".into(), ..Config::new("f") };
+        let fields: Vec<_> = config.validate().into_iter().map(|(field, _)| field).collect();
+        assert_eq!(fields, ["schema", "ca_file"]);
+        assert!(Config::new("f").validate().is_empty());
     }
 }

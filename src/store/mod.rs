@@ -1,15 +1,13 @@
-//! What outlives a restart: samples, diagnoses, models, alarms. One folder, one SQLite database in it, one writer.
+//! What outlives a restart: samples, diagnoses, models, alarms. One writer, any number of readers.
 //!
 //! ```text
 //! rings --sample--> journal (the open chunks, one row a second) --roll, once a chunk--> chunks --thin--> trends
 //! results --change--> diagnoses, models, alarms, transitions
 //! ```
 //!
-//! # Layout
-//! A chunk holds [`Config::chunk_s`] seconds of one tag as one blob (see [`codec`]); its key is `start << 24 | tag`, so that
-//! all tags of a minute lie side by side and are appended. Rows by (tag, time) cost 400 times the writing, for every
-//! sample then touches a page of its own. Until a chunk is over its samples lie in `journal`, one row for all tags each
-//! [`Config::sync_ms`]; in one transaction they move to `chunks`. Late samples are merged into the chunk they belong to.
+//! # Where
+//! By default in a folder, in the `embedded` SQLite database. With `[store] url` in PostgreSQL: then the folder holds the spool, a
+//! store of its own in which everything waits, durable and in order, while that database is away.
 //!
 //! # What is guaranteed
 //! - What [`Store::write`] said `Ok` to is there after `kill -9` and after a power failure (write-ahead log, synchronous
@@ -24,38 +22,25 @@
 //! `docs/store.md` has numbers: processor, bytes a sample, bytes written for each byte kept.
 
 pub mod archive;
+mod backend;
 mod bits;
 mod check;
 pub mod codec;
 mod config;
-mod read;
-mod retain;
+mod embedded;
+mod postgresql;
 mod rows;
-mod schema;
-mod write;
 mod writer;
 
-pub use check::{Checked, check};
+pub use backend::{Point, Reader, Spool, Store, StoredTag, Usage};
+pub use check::{Checked, check, check_of};
 pub use config::Config;
-pub use read::{Point, Reader, StoredTag};
 pub use rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, pack, unpack};
-pub use write::{Store, Usage};
 pub use writer::{Feed, Status, Writer};
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The database in the folder.
-const DATABASE: &str = "store.db";
-/// Held while somebody writes.
-const LOCK: &str = "lock";
-/// `PRAGMA application_id`: ours, so that no other program's database is written to.
-const APPLICATION: i64 = 0x5374_6963;
-/// Tags that fit into a key.
-const MAX_TAG: u32 = (1 << TAG_BITS) - 1;
-const TAG_BITS: u32 = 24;
-/// Time that one row of trends spans (s).
-const TREND_SPAN: i64 = 3600;
 /// The longest chunk that any configuration makes (s).
 const MAX_CHUNK: i64 = 600;
 
@@ -80,14 +65,20 @@ pub enum StoreError {
     #[error("{0}: not a store of stictiond")]
     Foreign(PathBuf),
     /// The database was made by a later version.
-    #[error("the store has version {0}, made by a later stictiond than this, which reads up to {max}", max = schema::VERSION)]
+    #[error("the store has version {0}, made by a later stictiond than this, which reads up to {max}", max = embedded::VERSION)]
     TooNew(i64),
     /// More tags than keys have room for.
-    #[error("the store has {MAX_TAG} tags, no more fit")]
+    #[error("the store has as many tags as fit")]
     TooManyTags,
     /// The database failed.
     #[error("the store's database: {0}{hint}", hint = hint(.0))]
     Database(#[from] rusqlite::Error),
+    /// PostgreSQL cannot be reached, or does not let us in.
+    #[error("PostgreSQL: {0}")]
+    Away(String),
+    /// PostgreSQL refused what it was asked.
+    #[error("PostgreSQL: {}", postgresql::said(.0))]
+    Refused(#[from] postgres::Error),
 }
 
 fn hint(error: &rusqlite::Error) -> &'static str {
@@ -119,14 +110,3 @@ fn start_of(t: f64, length: u32) -> Option<i64> {
     let fits = (0.0..274_877_906_944.0).contains(&t);
     fits.then(|| (t as i64).div_euclid(i64::from(length)) * i64::from(length))
 }
-
-fn key(start: i64, tag: u32) -> i64 {
-    start << TAG_BITS | i64::from(tag)
-}
-
-fn start_and_tag(key: i64) -> (i64, u32) {
-    (key >> TAG_BITS, (key & i64::from(MAX_TAG)) as u32)
-}
-
-#[cfg(test)]
-mod tests;

@@ -1,7 +1,7 @@
 //! The one thread that writes. It asks for what is new at a steady pace, makes it durable, tidies up, and when the store
 //! fails tries again, from a fresh opening, until it works: nobody else ever waits for the disk.
 
-use super::{Batch, Config, Store, StoreError, Usage};
+use super::{Batch, Config, Spool, Store, StoreError, Usage};
 use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -45,6 +45,8 @@ pub struct Status {
     pub damaged: u64,
     /// What the database takes.
     pub usage: Usage,
+    /// What waits for a database elsewhere, and since when that is away (s); `None` for a store in a folder.
+    pub spool: Option<(Spool, Option<f64>)>,
 }
 
 #[derive(Default)]
@@ -242,8 +244,14 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         }
         let (refused, damaged) = self.store.as_ref().map(Store::refused_and_damaged).unwrap_or_default();
         self.pause = PAUSES.0;
+        let spool = self.store.as_ref().and_then(Store::spool);
         let mut inner = self.shared.lock();
         let status = &mut inner.status;
+        let since = status.spool.as_ref().and_then(|(_, since)| *since).unwrap_or(now);
+        status.spool = spool.map(|spool| {
+            let since = (spool.away.is_some() || spool.waits).then_some(since);
+            (spool, since)
+        });
         if let Some((_, since)) = status.failing.take() {
             tracing::info!(after_s = now - since, "the store works again");
         }

@@ -7,6 +7,8 @@ mod description;
 mod edges;
 mod http;
 mod lists;
+#[path = "../peers/postgres.rs"]
+mod postgres;
 mod resources;
 mod rig;
 mod store;

@@ -2,11 +2,19 @@
 
 use crate::app::{Daemon, config, device, heard, start_at};
 use crate::http::{Events, get, post};
+use crate::postgres::Cluster;
 use crate::rig::START;
 use std::path::PathBuf;
 use std::time::Duration;
+use stictiond::config::Config;
 use stictiond::schedule::Clock;
 use stictiond::store::{self, Reader, check};
+
+/// A device that counts its requests counts one that we gave up too: on a busy machine none may be given up. A time-out is
+/// at most the time between two polls, so these come less often.
+fn patient(config: &mut Config) {
+    (config.modbus[0].poll_ms, config.modbus[0].timeout_ms) = (200, 200);
+}
 
 /// A folder of its own, gone with the test.
 struct Folder(PathBuf);
@@ -122,6 +130,7 @@ async fn a_restart_brings_back_samples_diagnoses_models_and_alarms() {
 async fn a_reload_refills_what_is_new_and_follows_it() {
     let (folder, (address, _)) = (Folder::new("reload"), device().await);
     let mut wide = config(&[address], &[("A", 0, 100)]);
+    patient(&mut wide);
     wide.store = Some(folder.config());
     let daemon = start_at(wide.clone(), Clock::plant(START, 20.0)).await;
     let mut events = Events::open(daemon.address).await;
@@ -172,6 +181,69 @@ async fn a_store_that_cannot_be_opened_is_said_and_taken_up_when_it_can() {
     let first = first.as_str().and_then(stictiond::serve::dto::parse_time).expect("a time");
     assert!((kept[0].t - first).abs() < 1e-3, "from the first sample on: {} and {first}", kept[0].t);
     assert!(!reader.last_diagnoses("A", 10).expect("can be read").is_empty());
+}
+
+/// The database goes away under the whole daemon, which is ended meanwhile and started again without it.
+#[tokio::test(flavor = "multi_thread")]
+async fn while_its_database_is_away_the_daemon_spools_says_so_and_delivers() {
+    let folder = Folder::new("away");
+    let mut cluster = tokio::task::spawn_blocking(|| Cluster::with(None, false)).await.expect("starts");
+    let (address, _) = device().await;
+    let mut own = config(&[address], &[("A", 0, 10), ("B", 0, 100)]);
+    patient(&mut own);
+    let kept = store::Config { sync_ms: 20, ..cluster.config(&folder.0) };
+    own.store = Some(kept.clone());
+    let daemon = start_at(own.clone(), Clock::plant(START, 20.0)).await;
+    let mut events = Events::open(daemon.address).await;
+    heard(&mut events, "alarm", "A").await;
+    until(&daemon, "works", |store| store["state"] == "working" && !store["written"].is_null()).await;
+    let metrics = get(daemon.address, "/metrics").await.text();
+    assert!(metrics.contains("stictiond_store_database_connected 1.0"), "{metrics}");
+
+    let mut cluster = tokio::task::spawn_blocking(move || {
+        cluster.end();
+        cluster
+    })
+    .await
+    .expect("ends");
+    let away = until(&daemon, "spools", |store| store["state"] == "spooling").await;
+    assert!(
+        away["reason"].as_str().is_some_and(|why| why.contains("PostgreSQL")) && away["since"].is_string()
+    );
+    heard(&mut events, "diagnosis", "A").await;
+    let acked = post(daemon.address, "/api/v1/alarms/A/ack", "{\"by\":\"eve\"}").await;
+    assert_eq!(acked.status, 200, "what somebody says is durable in the spool");
+    let metrics = get(daemon.address, "/metrics").await.text();
+    for line in ["stictiond_store_database_connected 0.0", "stictiond_store_working 1.0"] {
+        assert!(metrics.contains(line), "{metrics}");
+    }
+    stop(daemon).await;
+    let daemon = start_at(own, Clock::plant(START + 1000.0, 20.0)).await;
+    until(&daemon, "spools again", |store| store["state"] == "spooling").await;
+    assert_eq!(daemon.json("/api/v1/loops/A").await["alarm"], "acknowledged", "from what waits");
+    let found = daemon.json("/api/v1/loops/B/samples").await["tags"][0]["found"].as_u64();
+    assert!(found > Some(1), "the ring has what waits");
+    let cluster = tokio::task::spawn_blocking(move || {
+        cluster.begin();
+        cluster
+    })
+    .await
+    .expect("begins");
+    until(&daemon, "works again", |store| store["state"] == "working").await;
+    stop(daemon).await;
+    tokio::task::spawn_blocking(move || {
+        assert_eq!(store::check_of(&kept).expect("can be read").faults, [""; 0]);
+        let mut reader = Reader::of(&kept).expect("can be read");
+        let all = reader.between("B", "op", 0.0, 1e10).expect("can be read");
+        // The device counts its requests, two to a poll; only what it counted for the daemon that ended may be missing.
+        let steps: Vec<f64> = all.windows(2).map(|pair| pair[1].value - pair[0].value).collect();
+        let gaps = steps.iter().filter(|step| **step != 2.0).count();
+        assert!(all.len() > 5 && gaps <= 1 && steps.iter().all(|step| *step > 0.0), "{steps:?}");
+        assert!(reader.alarm("A", "stiction").expect("reads").is_some_and(|row| row.acknowledged));
+        drop(cluster);
+    })
+    .await
+    .expect("all is there");
 }
 
 #[tokio::test]

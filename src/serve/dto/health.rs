@@ -26,11 +26,11 @@ pub struct Health {
 /// How the store is. A daemon whose store fails goes on: nothing it measures is kept meanwhile but in memory.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct StoreHealth {
-    /// `working` or `failing`.
+    /// `working`, `spooling` while what is new waits on disk for a database that is away or takes what waited, or `failing`.
     pub state: &'static str,
-    /// Why it fails; null while it works.
+    /// Why it fails or spools; null while it works.
     pub reason: Option<String>,
-    /// Since when it fails; null while it works.
+    /// Since when; null while it works.
     pub since: Option<String>,
     /// When something was last made durable.
     pub written: Option<String>,
@@ -40,9 +40,14 @@ pub struct StoreHealth {
 
 impl From<&StoreState> for StoreHealth {
     fn from(store: &StoreState) -> Self {
-        let failing = store.failing.as_ref();
+        let state = match (&store.failing, &store.spooling) {
+            (Some(_), _) => "failing",
+            (None, Some(_)) => "spooling",
+            (None, None) => "working",
+        };
+        let failing = store.failing.as_ref().or(store.spooling.as_ref());
         Self {
-            state: if failing.is_some() { "failing" } else { "working" },
+            state,
             reason: failing.map(|(reason, _)| reason.clone()),
             since: failing.and_then(|(_, since)| rfc3339(*since)),
             written: store.written_at.and_then(rfc3339),

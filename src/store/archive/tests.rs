@@ -1,4 +1,4 @@
-use super::super::tests::Folder;
+use super::super::embedded::tests::Folder;
 use super::*;
 use crate::store::{Config, DiagnosisRow, Row, Store, TransitionRow, pack};
 use proptest::prelude::*;
@@ -11,7 +11,7 @@ fn filled(folder: &Folder) -> Store {
         Arc::new(TagName { control_loop: own.into(), tag: tag.into(), source, unit })
     };
     let samples = |k: f64| {
-        (0..500)
+        (0..500i32)
             .map(|i| {
                 let (t, value) = (1_763_700_000.0 + f64::from(i) + 0.1, k * f64::from(i) / 3.0);
                 let quality = QUALITIES[if i % 50 == 7 { i as usize % 7 } else { 0 }];

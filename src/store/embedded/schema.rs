@@ -1,10 +1,10 @@
 //! The tables, and how a database of an older version becomes one of this. `PRAGMA user_version` counts the steps taken.
 
-use super::StoreError;
+use crate::store::StoreError;
 use rusqlite::Connection;
 
 /// Steps, each run once, in order, in a transaction of its own; one that was released is never changed.
-const STEPS: [&str; 3] = [
+const STEPS: [&str; 4] = [
     // 1: the key of samples is `start << 24 | tag`, start the first whole second of the chunk: appended in order of time,
     // which fills the pages.
     "CREATE TABLE tags (
@@ -53,6 +53,8 @@ const STEPS: [&str; 3] = [
         FROM transitions_before;
     DROP TABLE transitions_before;
     CREATE INDEX transitions_at ON transitions (at);",
+    // 4: for a store that waits for another: what its eras count from there.
+    "CREATE TABLE spool (one INTEGER PRIMARY KEY CHECK (one = 1), base INTEGER NOT NULL);",
 ];
 
 /// Number of this version's tables.

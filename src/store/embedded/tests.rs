@@ -1,15 +1,21 @@
 use super::*;
 use crate::signal::{BadReason, Quality, Sample};
+use crate::store::backend::Writes;
+use crate::store::{
+    AlarmRow, Batch, Checked, Config, DiagnosisRow, Point, Reader, Row, Series, StoreError, TagName,
+    TransitionRow, check, pack,
+};
 use rusqlite::Connection;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A folder of its own, gone with the test.
-pub(super) struct Folder(pub PathBuf);
+pub(in crate::store) struct Folder(pub PathBuf);
 
 impl Folder {
-    pub(super) fn new() -> Self {
+    pub(in crate::store) fn new() -> Self {
         static COUNT: AtomicUsize = AtomicUsize::new(0);
         let name =
             format!("stictiond-store-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
@@ -87,27 +93,6 @@ fn what_was_written_is_there_after_reopening_rolled_or_not() {
 }
 
 #[test]
-fn nothing_is_there_twice_and_a_good_sample_replaces_a_bad_one() {
-    let (folder, op) = (Folder::new(), tag("A", "op"));
-    let mut store = Store::open(&folder.config()).expect("opens");
-    let bad = Sample { t: 1500.0, value: f64::NAN, quality: Quality::Bad(BadReason::Timeout) };
-    for now in [1000.0, 5000.0, 9000.0] {
-        store.write(&batch(&op, good(0..100))).expect("writes");
-        store.write(&batch(&op, vec![bad])).expect("writes");
-        store.tidy(now).expect("tidies");
-        store.insert(&batch(&op, good(50..150))).expect("inserts");
-    }
-    let there = &all(&folder)[&1];
-    assert_eq!(there.len(), 151);
-    assert_eq!(there[..150], good(0..150));
-    assert_eq!(there[150].quality, bad.quality);
-    store.insert(&batch(&op, vec![Sample::good(1500.0, 3.0)])).expect("inserts");
-    store.insert(&batch(&op, vec![Sample::good(1500.0, 4.0), bad])).expect("inserts");
-    assert_eq!(all(&folder)[&1][150], Sample::good(1500.0, 3.0), "the first good one stays");
-    assert_eq!(whole(&folder).samples, 151);
-}
-
-#[test]
 fn late_and_early_samples_find_their_chunk() {
     let (folder, op) = (Folder::new(), tag("A", "op"));
     let mut store = Store::open(&folder.config()).expect("opens");
@@ -121,55 +106,6 @@ fn late_and_early_samples_find_their_chunk() {
     assert_eq!(store.refused_and_damaged(), (4, 0));
     let held: i64 = store.db.query_row("SELECT count(*) FROM journal", [], |row| row.get(0)).unwrap();
     assert_eq!(held, 0, "a stamp from the future does not hold its chunk open");
-}
-
-#[test]
-fn the_last_samples_of_each_tag_come_back_as_a_ring_held_them() {
-    let folder = Folder::new();
-    let (op, pv, other) = (tag("A", "op"), tag("A", "pv"), tag("B", "op"));
-    let mut store = Store::open(&folder.config()).expect("opens");
-    for i in 0..500u32 {
-        let mut both = batch(&op, good(i..i + 1));
-        if i % 10 == 0 {
-            both.series.push(Series { tag: pv.clone(), samples: good(i..i + 1) });
-        }
-        store.write(&both).expect("writes");
-        store.tidy(1000.0 + f64::from(i)).expect("tidies");
-    }
-    let mut reader = Reader::open(&folder.0).expect("opens");
-    let found = reader.last(&[(*op).clone(), (*pv).clone(), (*other).clone()], 130).expect("reads");
-    assert_eq!(found.len(), 2, "of B nothing was ever there");
-    assert_eq!(found[&*op], good(370..500));
-    assert_eq!(found[&*pv].len(), 50, "all there is");
-    let elsewhere = TagName { source: "register 8".into(), ..(*op).clone() };
-    assert!(reader.last(&[elsewhere], 10).expect("reads").is_empty(), "another register, another signal");
-}
-
-#[test]
-fn a_clock_that_is_set_back_begins_another_era() {
-    let (folder, op) = (Folder::new(), tag("A", "op"));
-    let mut store = Store::open(&folder.config()).expect("opens");
-    store.write(&batch(&op, good(0..100))).expect("writes");
-    store.begin_era();
-    let again: Vec<Sample> = good(50..60).iter().map(|s| Sample { value: -1.0, ..*s }).collect();
-    store.write(&batch(&op, again.clone())).expect("writes");
-    store.tidy(1060.0).expect("tidies");
-    drop(store);
-    let mut store = Store::open(&folder.config()).expect("opens");
-    let more = vec![Sample::good(1060.5, -2.0)];
-    store.write(&batch(&op, more.clone())).expect("writes");
-    let found = Reader::open(&folder.0).unwrap().last(&[(*op).clone()], 1000).expect("reads");
-    assert_eq!(found[&*op], [again, more].concat());
-    assert_eq!(all(&folder)[&1], good(0..100), "what was there stays as it was");
-    // A tag whose own stamps never fell back goes on from what it had.
-    let (mut store, pv) = (store, tag("A", "pv"));
-    store.write(&batch(&pv, good(0..50))).expect("writes");
-    store.begin_era();
-    store.write(&batch(&pv, good(50..60))).expect("writes");
-    let last = |count| Reader::open(&folder.0).unwrap().last(&[(*pv).clone()], count).expect("reads");
-    assert_eq!(last(1000)[&*pv], good(0..60));
-    assert_eq!(last(15)[&*pv], good(45..60));
-    assert_eq!(last(5)[&*pv], good(55..60));
 }
 
 fn diagnosis(control_loop: &str, finished: f64, report: Option<&str>) -> Row {
@@ -194,51 +130,6 @@ fn transition(at: f64, before: &str, after: &str) -> Row {
         cause: "raised".into(),
         ..TransitionRow::default()
     })
-}
-
-#[test]
-fn diagnoses_models_and_alarms_come_back() {
-    let folder = Folder::new();
-    let mut store = Store::open(&folder.config()).expect("opens");
-    let model = ModelRow { control_loop: "A".into(), version: 3, since: 5.0, effects: "drift\t\n".into() };
-    let alarm = AlarmRow {
-        control_loop: "A".into(),
-        kind: "stiction".into(),
-        active: true,
-        one_shot: true,
-        votes: "sc".into(),
-        pending: Some(7.0),
-        priority: Some("high".into()),
-        by: Some("eve".into()),
-        ..AlarmRow::default()
-    };
-    let other = AlarmRow { kind: "tag_bad".into(), suppressed: true, ..AlarmRow::default() };
-    let rows = vec![
-        diagnosis("A", 1.0, Some("{\"first\":1}")),
-        diagnosis("A", 2.0, Some("{\"second\":2}")),
-        diagnosis("A", 3.0, None),
-        Row::Model(ModelRow { version: 2, ..model.clone() }),
-        Row::Model(model.clone()),
-        Row::Alarm(AlarmRow { active: false, ..alarm.clone() }),
-        Row::Alarm(alarm.clone()),
-        Row::Alarm(other.clone()),
-        transition(2.0, "normal", "unacknowledged"),
-    ];
-    for _ in 0..2 {
-        store.write(&Batch { series: Vec::new(), rows: rows.clone() }).expect("writes, and again");
-    }
-    let reader = Reader::open(&folder.0).expect("opens");
-    let last = reader.last_diagnoses("A", 2).expect("reads");
-    let kept: Vec<(f64, bool)> = last.iter().map(|row| (row.finished, row.report.is_some())).collect();
-    assert_eq!(kept, [(2.0, true), (3.0, false)]);
-    assert_eq!(last[0].report.as_deref().and_then(unpack).as_deref(), Some("{\"second\":2}"));
-    assert_eq!(reader.model("A").expect("reads"), Some(model));
-    assert_eq!(reader.alarm("A", "stiction").expect("reads"), Some(alarm.clone()));
-    assert_eq!(reader.alarms().expect("reads"), [other, alarm]);
-    assert_eq!(reader.alarm("A", "f_rising").expect("reads"), None);
-    assert_eq!(reader.last_transitions(9).expect("reads").len(), 1);
-    let checked = whole(&folder);
-    assert_eq!((checked.diagnoses, checked.transitions), (3, 1));
 }
 
 #[test]
@@ -358,7 +249,7 @@ fn alarms_of_an_older_version_are_about_stiction() {
     drop(Store::open(&folder.config()).expect("opens"));
     let db = rusqlite::Connection::open(folder.0.join(DATABASE)).expect("opens");
     db.execute_batch(
-        "DROP TABLE alarms; DROP TABLE transitions;
+        "DROP TABLE alarms; DROP TABLE transitions; DROP TABLE spool;
          CREATE TABLE alarms (control_loop TEXT PRIMARY KEY, active INTEGER NOT NULL, acknowledged INTEGER NOT NULL,
             shelved_until REAL, votes TEXT NOT NULL, since REAL, raised_at REAL, by_whom TEXT, comment TEXT) WITHOUT ROWID;
          CREATE TABLE transitions (id INTEGER PRIMARY KEY, control_loop TEXT NOT NULL, at REAL NOT NULL, before TEXT NOT NULL,

@@ -1,8 +1,10 @@
 //! What is old becomes a trend, and what is older goes: a little at a time, so that nobody waits for it.
 
-use super::read::{Point, decode_points, encode_points};
-use super::{MAX_TAG, Store, StoreError, TREND_SPAN, codec, key, start_and_tag};
+use super::read::{decode_points, encode_points};
+use super::{MAX_TAG, Store, TREND_SPAN, key, start_and_tag};
 use crate::signal::Sample;
+use crate::store::backend::Writes;
+use crate::store::{Point, StoreError, codec};
 use rusqlite::{OptionalExtension, Transaction, TransactionBehavior, params};
 use std::collections::BTreeMap;
 
@@ -96,6 +98,14 @@ fn drop_trends(store: &mut Store, start: i64) -> Result<(), StoreError> {
 }
 
 fn drop_chunks(store: &mut Store, start: i64) -> Result<(), StoreError> {
+    {
+        let mut going = store.db.prepare_cached("SELECT samples FROM chunks WHERE key BETWEEN ?1 AND ?2")?;
+        let mut rows = going.query([key(start, 0), key(start, MAX_TAG)])?;
+        while let Some(row) = rows.next()? {
+            let samples = codec::decode(row.get_ref(0)?.as_blob().unwrap_or_default());
+            store.dropped += samples.map_or(0, |samples| samples.len() as u64);
+        }
+    }
     store
         .db
         .execute("DELETE FROM chunks WHERE key BETWEEN ?1 AND ?2", [key(start, 0), key(start, MAX_TAG)])?;
@@ -136,7 +146,7 @@ fn thin(store: &mut Store, start: i64) -> Result<(), StoreError> {
     let keeps = store.config.trend_days > 0.0;
     let (first, last) = (key(from, 0), key(from + WINDOW, 0) - 1);
     let thinning = store.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
-    if keeps {
+    {
         let mut gathered: BTreeMap<(u32, i64), Gathered> = BTreeMap::new();
         let mut chunks =
             thinning.prepare_cached("SELECT key, samples FROM chunks WHERE key BETWEEN ?1 AND ?2")?;
@@ -144,7 +154,8 @@ fn thin(store: &mut Store, start: i64) -> Result<(), StoreError> {
         while let Some(row) = rows.next()? {
             let tag = start_and_tag(row.get(0)?).1;
             match codec::decode(row.get_ref(1)?.as_blob().unwrap_or_default()) {
-                Some(samples) => gather(&mut gathered, tag, &samples, trend_s),
+                Some(samples) if keeps => gather(&mut gathered, tag, &samples, trend_s),
+                Some(samples) => store.dropped += samples.len() as u64,
                 None => store.damaged += 1,
             }
         }

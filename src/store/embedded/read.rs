@@ -1,41 +1,17 @@
 //! The reading side: beside the writer, chunk by chunk, so that memory and the time a snapshot is held stay small.
 
-use super::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow};
-use super::{
-    APPLICATION, DATABASE, MAX_CHUNK, MAX_TAG, StoreError, TREND_SPAN, codec, key, schema, start_and_tag,
-};
+use super::{APPLICATION, DATABASE, MAX_TAG, TREND_SPAN, key, schema, start_and_tag};
 use crate::signal::Sample;
+use crate::store::backend::Reads;
+use crate::store::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow};
+use crate::store::{Checked, Point, StoreError, StoredTag, codec};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, params};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
 /// Rows that are read through sooner than one is looked up.
 const NEAR: usize = 8;
-
-/// A tag as it is kept.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StoredTag {
-    /// Its number.
-    pub id: u32,
-    /// Its name.
-    pub name: TagName,
-    /// Counts how often the clock was set back before its samples were stamped.
-    pub era: i64,
-}
-
-/// One point of a trend.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Point {
-    /// Beginning of the time it stands for (s).
-    pub t: f64,
-    /// Least good value; NaN when there was none.
-    pub least: f64,
-    /// Mean of the good values.
-    pub mean: f64,
-    /// Largest good value.
-    pub most: f64,
-}
 
 /// The store, open for reading; a writer may be at work beside it.
 #[derive(Debug)]
@@ -71,16 +47,28 @@ impl Reader {
         &self.db
     }
 
-    /// Blobs left out so far because their bytes were damaged.
-    pub fn damaged(&self) -> u64 {
+    /// The present version of every loop's model, and all before it.
+    pub fn models(&self) -> Result<Vec<ModelRow>, StoreError> {
+        let sql = "SELECT control_loop, version, since, effects FROM models ORDER BY control_loop, version";
+        let mut query = self.db.prepare_cached(sql)?;
+        let rows = query.query_map([], |row| {
+            Ok(ModelRow {
+                control_loop: row.get(0)?,
+                version: row.get::<_, i64>(1)?.max(0) as u64,
+                since: row.get(2)?,
+                effects: row.get(3)?,
+            })
+        })?;
+        Ok(rows.collect::<Result<_, _>>()?)
+    }
+}
+
+impl Reads for Reader {
+    fn damaged(&self) -> u64 {
         self.damaged
     }
 
-    /// Every tag, by number.
-    ///
-    /// # Errors
-    /// [`StoreError::Database`], as everything below.
-    pub fn tags(&self) -> Result<Vec<StoredTag>, StoreError> {
+    fn tags(&self) -> Result<Vec<StoredTag>, StoreError> {
         let mut query = self
             .db
             .prepare_cached("SELECT id, control_loop, tag, source, unit, era FROM tags ORDER BY id")?;
@@ -96,8 +84,7 @@ impl Reader {
         Ok(tags.collect::<Result<_, _>>()?)
     }
 
-    /// Start of the first chunk at or after a time (s).
-    pub fn next_start(&self, from: i64) -> Result<Option<i64>, StoreError> {
+    fn next_start(&self, from: i64) -> Result<Option<i64>, StoreError> {
         let chunk: Option<i64> = self
             .db
             .prepare_cached("SELECT min(key) FROM chunks WHERE key >= ?1")?
@@ -109,8 +96,7 @@ impl Reader {
         Ok(chunk.map(|key| start_and_tag(key).0).into_iter().chain(open).min())
     }
 
-    /// Start of the last chunk before a time (s).
-    pub fn previous_start(&self, before: i64) -> Result<Option<i64>, StoreError> {
+    fn previous_start(&self, before: i64) -> Result<Option<i64>, StoreError> {
         let chunk: Option<i64> = self
             .db
             .prepare_cached("SELECT max(key) FROM chunks WHERE key < ?1")?
@@ -122,13 +108,7 @@ impl Reader {
         Ok(chunk.map(|key| start_and_tag(key).0).into_iter().chain(open).max())
     }
 
-    /// Where a walk that wants samples from a time on begins (s): a chunk may begin before the first of its samples.
-    pub fn first_start(from: f64) -> i64 {
-        ((from.clamp(0.0, 1e11) as i64) - MAX_CHUNK).max(0)
-    }
-
-    /// The samples of one chunk, rolled or open, of the wanted tags (all, when `None`; sorted), each tag's by time.
-    pub fn chunk(
+    fn chunk(
         &mut self,
         start: i64,
         wanted: Option<&[u32]>,
@@ -185,100 +165,7 @@ impl Reader {
         Ok(found)
     }
 
-    /// The last `count` samples of each tag by name, by time: what a ring held. Samples of before the clock was set back
-    /// count only as far as all of them are older than those of after.
-    pub fn last(
-        &mut self,
-        names: &[TagName],
-        count: usize,
-    ) -> Result<HashMap<TagName, Vec<Sample>>, StoreError> {
-        let plain = |name: &TagName| TagName { unit: String::new(), ..name.clone() };
-        let mut eras: HashMap<TagName, Vec<(i64, u32)>> = HashMap::new();
-        for tag in self.tags()? {
-            eras.entry(plain(&tag.name)).or_default().push((tag.era, tag.id));
-        }
-        // The present era comes first to be taken.
-        eras.values_mut().for_each(|ids| ids.sort_unstable());
-        let mut found: HashMap<TagName, Vec<Sample>> = HashMap::new();
-        let mut lacking: Vec<&TagName> = names.iter().collect();
-        while !lacking.is_empty() {
-            lacking.retain(|name| eras.get(&plain(name)).is_some_and(|ids| !ids.is_empty()));
-            let next: Vec<(&TagName, u32)> = lacking
-                .iter()
-                .filter_map(|name| Some((*name, eras.get_mut(&plain(name))?.pop()?.1)))
-                .collect();
-            let mut older = self.last_of(next.iter().map(|(_, id)| *id).collect(), count)?;
-            lacking.clear();
-            for (name, id) in next {
-                let Some(mut samples) = older.remove(&id) else { continue };
-                let newer = found.entry(name.clone()).or_default();
-                let overlaps = newer.first().zip(samples.last()).is_some_and(|(new, old)| old.t >= new.t);
-                if overlaps {
-                    continue;
-                }
-                samples.append(newer);
-                samples.drain(..samples.len().saturating_sub(count));
-                *newer = samples;
-                if newer.len() < count {
-                    lacking.push(name);
-                }
-            }
-        }
-        Ok(found)
-    }
-
-    /// The last `count` samples of each tag by number.
-    fn last_of(
-        &mut self,
-        mut missing: Vec<u32>,
-        count: usize,
-    ) -> Result<HashMap<u32, Vec<Sample>>, StoreError> {
-        missing.sort_unstable();
-        missing.dedup();
-        let mut found: HashMap<u32, Vec<Sample>> = HashMap::new();
-        let mut before = i64::MAX;
-        // A tag has a sample in each of the chunks that count, or it is not looked for any further.
-        for _ in 0..count {
-            if missing.is_empty() {
-                break;
-            }
-            let Some(start) = self.previous_start(before)? else { break };
-            before = start;
-            for (tag, samples) in self.chunk(start, Some(&missing))? {
-                found.entry(tag).or_default().extend(samples);
-            }
-            missing.retain(|tag| found.get(tag).is_none_or(|samples| samples.len() < count));
-        }
-        for samples in found.values_mut() {
-            codec::unique(samples);
-            samples.drain(..samples.len().saturating_sub(count));
-        }
-        Ok(found)
-    }
-
-    /// The samples of a tag between two stamps (s, inclusive), by time, whatever its source and era.
-    pub fn between(
-        &mut self,
-        control_loop: &str,
-        tag: &str,
-        first: f64,
-        last: f64,
-    ) -> Result<Vec<Sample>, StoreError> {
-        let own = |stored: &StoredTag| stored.name.control_loop == control_loop && stored.name.tag == tag;
-        let ids: Vec<u32> =
-            self.tags()?.iter().filter(|stored| own(stored)).map(|stored| stored.id).collect();
-        let (mut found, mut from) = (Vec::new(), Self::first_start(first));
-        while let Some(start) = self.next_start(from)?.filter(|start| *start as f64 <= last) {
-            from = start + 1;
-            let chunk = self.chunk(start, Some(&ids))?;
-            found.extend(chunk.into_values().flatten().filter(|s| s.t >= first && s.t <= last));
-        }
-        codec::unique(&mut found);
-        Ok(found)
-    }
-
-    /// The trends of one tag whose rows begin in `from..to` (s).
-    pub fn trends(&mut self, tag: u32, from: i64, to: i64) -> Result<Vec<Point>, StoreError> {
+    fn trends(&mut self, tag: u32, from: i64, to: i64) -> Result<Vec<Point>, StoreError> {
         let mut points = Vec::new();
         let mut start = from.max(0).div_euclid(TREND_SPAN) * TREND_SPAN;
         while start < to {
@@ -303,8 +190,7 @@ impl Reader {
         Ok(points)
     }
 
-    /// Up to `limit` runs after the one with number `after`, each with its number and its report.
-    pub fn diagnoses(&self, after: i64, limit: usize) -> Result<Vec<(i64, DiagnosisRow)>, StoreError> {
+    fn diagnoses(&self, after: i64, limit: usize) -> Result<Vec<(i64, DiagnosisRow)>, StoreError> {
         let basis = self.basis;
         let sql = format!(
             "SELECT {DIAGNOSIS}, report, {basis}, id FROM diagnoses WHERE id > ?1 ORDER BY id LIMIT ?2"
@@ -319,8 +205,7 @@ impl Reader {
         Ok(rows.collect::<Result<_, _>>()?)
     }
 
-    /// The last runs of a loop, oldest first; the latest that has a report with it, the others without.
-    pub fn last_diagnoses(&self, control_loop: &str, count: usize) -> Result<Vec<DiagnosisRow>, StoreError> {
+    fn last_diagnoses(&self, control_loop: &str, count: usize) -> Result<Vec<DiagnosisRow>, StoreError> {
         let sql = format!(
             "SELECT {DIAGNOSIS} FROM diagnoses WHERE control_loop = ?1 ORDER BY finished DESC LIMIT ?2"
         );
@@ -346,8 +231,7 @@ impl Reader {
         Ok(rows)
     }
 
-    /// The present version of a loop's model.
-    pub fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError> {
+    fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError> {
         let mut query = self.db.prepare_cached(
             "SELECT version, since, effects FROM models WHERE control_loop = ?1 ORDER BY version DESC LIMIT 1",
         )?;
@@ -362,22 +246,19 @@ impl Reader {
         Ok(model.optional()?)
     }
 
-    /// The state of every alarm, of loops and of collectors.
-    pub fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError> {
+    fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError> {
         let mut query = self.db.prepare_cached("SELECT * FROM alarms ORDER BY control_loop, kind")?;
         let rows = query.query_map([], alarm)?;
         Ok(rows.collect::<Result<_, _>>()?)
     }
 
-    /// The state of an alarm.
-    pub fn alarm(&self, control_loop: &str, kind: &str) -> Result<Option<AlarmRow>, StoreError> {
+    fn alarm(&self, control_loop: &str, kind: &str) -> Result<Option<AlarmRow>, StoreError> {
         let mut query =
             self.db.prepare_cached("SELECT * FROM alarms WHERE control_loop = ?1 AND kind = ?2")?;
         Ok(query.query_row([control_loop, kind], alarm).optional()?)
     }
 
-    /// The last `limit` things that happened to alarms, oldest first.
-    pub fn last_transitions(&self, limit: usize) -> Result<Vec<TransitionRow>, StoreError> {
+    fn last_transitions(&self, limit: usize) -> Result<Vec<TransitionRow>, StoreError> {
         let mut query = self.db.prepare_cached("SELECT * FROM transitions ORDER BY id DESC LIMIT ?1")?;
         let rows = query.query_map([limit as i64], transition)?;
         let mut rows: Vec<TransitionRow> = rows.collect::<Result<_, _>>()?;
@@ -385,13 +266,16 @@ impl Reader {
         Ok(rows)
     }
 
-    /// Up to `limit` things that happened to alarms, after the one with number `after`, each with its number.
-    pub fn transitions(&self, after: i64, limit: usize) -> Result<Vec<(i64, TransitionRow)>, StoreError> {
+    fn transitions(&self, after: i64, limit: usize) -> Result<Vec<(i64, TransitionRow)>, StoreError> {
         let mut query =
             self.db.prepare_cached("SELECT * FROM transitions WHERE id > ?1 ORDER BY id LIMIT ?2")?;
         let rows =
             query.query_map(params![after, limit as i64], |row| Ok((row.get("id")?, transition(row)?)))?;
         Ok(rows.collect::<Result<_, _>>()?)
+    }
+
+    fn examine(&mut self, found: &mut Checked) -> Result<(), StoreError> {
+        super::check::examine(self, found)
     }
 }
 

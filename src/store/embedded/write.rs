@@ -1,8 +1,10 @@
 //! The writing side: batches in, chunks rolled.
 
-use super::rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow};
-use super::{APPLICATION, Config, DATABASE, LOCK, MAX_TAG, StoreError, codec, key, retain, schema, start_of};
+use super::{APPLICATION, DATABASE, LOCK, MAX_TAG, key, retain, schema};
 use crate::signal::Sample;
+use crate::store::backend::Writes;
+use crate::store::rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow};
+use crate::store::{Config, StoreError, Usage, codec, start_of};
 use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File, TryLockError};
@@ -31,9 +33,9 @@ pub struct Store {
     _lock: File,
     /// Tags of the present era.
     ids: HashMap<Arc<TagName>, u32>,
-    era: i64,
-    open: Open,
-    open_samples: usize,
+    pub(super) era: i64,
+    pub(super) open: Open,
+    pub(super) open_samples: usize,
     /// The chunk that the last roll stopped before.
     rolled: i64,
     /// When retention was last looked at (s).
@@ -42,17 +44,8 @@ pub struct Store {
     pub(super) refused: u64,
     /// Chunks whose bytes were damaged, replaced.
     pub(super) damaged: u64,
-}
-
-/// What the database takes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Usage {
-    /// Bytes in use.
-    pub used_bytes: u64,
-    /// Bytes of the file: those in use, and those that were and will be again.
-    pub file_bytes: u64,
-    /// Bytes it may take.
-    pub max_bytes: u64,
+    /// Samples that were thinned to nothing, because no trends are kept.
+    pub(super) dropped: u64,
 }
 
 impl Store {
@@ -83,6 +76,7 @@ impl Store {
             retained: f64::NEG_INFINITY,
             refused: 0,
             damaged: 0,
+            dropped: 0,
         };
         store.reopen_chunks()?;
         Ok(store)
@@ -105,11 +99,25 @@ impl Store {
         Ok(())
     }
 
-    /// Makes a batch durable: when this returns it is on disk, whole.
-    ///
-    /// # Errors
-    /// [`StoreError`]; then nothing of it counts as written, and it may be written again.
-    pub fn write(&mut self, batch: &Batch) -> Result<(), StoreError> {
+    /// Moves one chunk of every tag from the journal to its place.
+    fn roll(&mut self, start: i64) -> Result<(), StoreError> {
+        let Some(tags) = self.open.get_mut(&start) else { return Ok(()) };
+        let rolling = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let mut damaged = 0;
+        for (&tag, samples) in tags.iter() {
+            damaged += merge(&rolling, start, tag, samples)?;
+        }
+        rolling.execute("DELETE FROM journal WHERE start = ?1", [start])?;
+        rolling.commit()?;
+        let gone = self.open.remove(&start).unwrap_or_default();
+        self.open_samples = self.open_samples.saturating_sub(gone.values().map(Vec::len).sum());
+        self.damaged += damaged;
+        Ok(())
+    }
+}
+
+impl Writes for Store {
+    fn write(&mut self, batch: &Batch) -> Result<(), StoreError> {
         let chunk_s = self.config.chunk_s;
         let mut refused = 0;
         let mut parts: BTreeMap<i64, Vec<(u32, Sample)>> = BTreeMap::new();
@@ -143,11 +151,7 @@ impl Store {
         Ok(())
     }
 
-    /// Does what is due at `now` (s): rolls chunks that are over, thins what is old. True when there is more to do.
-    ///
-    /// # Errors
-    /// [`StoreError`]; nothing is lost by it.
-    pub fn tidy(&mut self, now: f64) -> Result<bool, StoreError> {
+    fn tidy(&mut self, now: f64) -> Result<bool, StoreError> {
         let chunk_s = i64::from(self.config.chunk_s);
         let current = start_of((now - GRACE_S).max(0.0), self.config.chunk_s).unwrap_or(0);
         if current != self.rolled || self.open_samples > MAX_OPEN {
@@ -163,27 +167,7 @@ impl Store {
         retain::step(self, now)
     }
 
-    /// Moves one chunk of every tag from the journal to its place.
-    fn roll(&mut self, start: i64) -> Result<(), StoreError> {
-        let Some(tags) = self.open.get_mut(&start) else { return Ok(()) };
-        let rolling = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let mut damaged = 0;
-        for (&tag, samples) in tags.iter() {
-            damaged += merge(&rolling, start, tag, samples)?;
-        }
-        rolling.execute("DELETE FROM journal WHERE start = ?1", [start])?;
-        rolling.commit()?;
-        let gone = self.open.remove(&start).unwrap_or_default();
-        self.open_samples = self.open_samples.saturating_sub(gone.values().map(Vec::len).sum());
-        self.damaged += damaged;
-        Ok(())
-    }
-
-    /// Puts recorded history into its place at once, past the journal; durable when this returns.
-    ///
-    /// # Errors
-    /// [`StoreError`]; then nothing of it is there.
-    pub fn insert(&mut self, batch: &Batch) -> Result<(), StoreError> {
+    fn insert(&mut self, batch: &Batch) -> Result<(), StoreError> {
         let (chunk_s, mut refused, mut damaged) = (self.config.chunk_s, 0, 0);
         let putting = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let mut news = Vec::new();
@@ -210,25 +194,16 @@ impl Store {
         Ok(())
     }
 
-    /// Gives room up that what is oldest takes, because a write has found none; true when there was any.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub fn make_room(&mut self, now: f64) -> Result<bool, StoreError> {
+    fn make_room(&mut self, now: f64) -> Result<bool, StoreError> {
         retain::make_room(self, now)
     }
 
-    /// The clock was set back: what comes from now on is kept apart from what is there.
-    pub fn begin_era(&mut self) {
+    fn begin_era(&mut self) {
         self.era += 1;
         self.ids.clear();
     }
 
-    /// What the database takes.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub fn usage(&self) -> Result<Usage, StoreError> {
+    fn usage(&self) -> Result<Usage, StoreError> {
         let number = |name: &str| self.db.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
         let page = number("page_size")?.max(0) as u64;
         let (pages, free) = (number("page_count")?.max(0) as u64, number("freelist_count")?.max(0) as u64);
@@ -239,8 +214,7 @@ impl Store {
         })
     }
 
-    /// Samples refused because no key holds their stamp, and chunks replaced because their bytes were damaged.
-    pub fn refused_and_damaged(&self) -> (u64, u64) {
+    fn refused_and_damaged(&self) -> (u64, u64) {
         (self.refused, self.damaged)
     }
 }

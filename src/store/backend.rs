@@ -1,0 +1,422 @@
+//! One store, two places it can be in: a folder, or PostgreSQL with a folder for what waits. What both do, and the names that
+//! everybody else uses.
+
+use super::{
+    AlarmRow, Batch, Checked, Config, DiagnosisRow, MAX_CHUNK, ModelRow, StoreError, TagName, TransitionRow,
+    codec, embedded, postgresql,
+};
+use crate::signal::Sample;
+use std::collections::{BTreeMap, HashMap};
+use std::fmt::Debug;
+use std::path::Path;
+
+/// A tag as it is kept.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StoredTag {
+    /// Its number.
+    pub id: u32,
+    /// Its name.
+    pub name: TagName,
+    /// Counts how often the clock was set back before its samples were stamped.
+    pub era: i64,
+}
+
+/// One point of a trend.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Beginning of the time it stands for (s).
+    pub t: f64,
+    /// Least good value; NaN when there was none.
+    pub least: f64,
+    /// Mean of the good values.
+    pub mean: f64,
+    /// Largest good value.
+    pub most: f64,
+}
+
+/// What the database takes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Usage {
+    /// Bytes in use.
+    pub used_bytes: u64,
+    /// Bytes of the file: those in use, and those that were and will be again.
+    pub file_bytes: u64,
+    /// Bytes it may take.
+    pub max_bytes: u64,
+}
+
+/// What waits for a database that is away, or was until now.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Spool {
+    /// Why the database is not reached; `None` while it is, and takes what waits.
+    pub away: Option<String>,
+    /// Whether anything waits.
+    pub waits: bool,
+    /// Bytes that the spool takes.
+    pub bytes: u64,
+    /// Samples that were dropped because the spool was full.
+    pub dropped: u64,
+    /// Samples delivered from it.
+    pub delivered: u64,
+}
+
+/// The writing side. See [`Store`] for what each promises.
+pub(super) trait Writes: Send + Debug {
+    fn write(&mut self, batch: &Batch) -> Result<(), StoreError>;
+    fn insert(&mut self, batch: &Batch) -> Result<(), StoreError>;
+    fn tidy(&mut self, now: f64) -> Result<bool, StoreError>;
+    fn make_room(&mut self, now: f64) -> Result<bool, StoreError>;
+    fn begin_era(&mut self);
+    fn usage(&self) -> Result<Usage, StoreError>;
+    fn refused_and_damaged(&self) -> (u64, u64);
+    fn spool(&self) -> Option<Spool> {
+        None
+    }
+    fn disconnect(&mut self) {}
+}
+
+/// The reading side. See [`Reader`] for what each says.
+pub(super) trait Reads: Send + Debug {
+    fn damaged(&self) -> u64;
+    fn tags(&self) -> Result<Vec<StoredTag>, StoreError>;
+    fn next_start(&self, from: i64) -> Result<Option<i64>, StoreError>;
+    fn previous_start(&self, before: i64) -> Result<Option<i64>, StoreError>;
+    fn chunk(&mut self, start: i64, wanted: Option<&[u32]>)
+    -> Result<BTreeMap<u32, Vec<Sample>>, StoreError>;
+    fn trends(&mut self, tag: u32, from: i64, to: i64) -> Result<Vec<Point>, StoreError>;
+    fn diagnoses(&self, after: i64, limit: usize) -> Result<Vec<(i64, DiagnosisRow)>, StoreError>;
+    fn last_diagnoses(&self, control_loop: &str, count: usize) -> Result<Vec<DiagnosisRow>, StoreError>;
+    fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError>;
+    fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError>;
+    fn alarm(&self, control_loop: &str, kind: &str) -> Result<Option<AlarmRow>, StoreError>;
+    fn last_transitions(&self, limit: usize) -> Result<Vec<TransitionRow>, StoreError>;
+    fn transitions(&self, after: i64, limit: usize) -> Result<Vec<(i64, TransitionRow)>, StoreError>;
+    fn examine(&mut self, found: &mut Checked) -> Result<(), StoreError>;
+}
+
+/// The store, open for writing. There is one writer at a time.
+#[derive(Debug)]
+pub struct Store(Box<dyn Writes>);
+
+impl Store {
+    /// Opens the store, makes what is not there, and brings it to this version. One in PostgreSQL opens also while the
+    /// database is away, on its spool.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn open(config: &Config) -> Result<Self, StoreError> {
+        Ok(Self(match config.url {
+            None => Box::new(embedded::Store::open(config)?),
+            Some(_) => Box::new(postgresql::Store::open(config)?),
+        }))
+    }
+
+    /// Makes a batch durable: when this returns it is on disk, whole.
+    ///
+    /// # Errors
+    /// [`StoreError`]; then nothing of it counts as written, and it may be written again.
+    pub fn write(&mut self, batch: &Batch) -> Result<(), StoreError> {
+        self.0.write(batch)
+    }
+
+    /// Puts recorded history into its place at once; durable when this returns.
+    ///
+    /// # Errors
+    /// [`StoreError`]; then nothing of it is there.
+    pub fn insert(&mut self, batch: &Batch) -> Result<(), StoreError> {
+        self.0.insert(batch)
+    }
+
+    /// Does what is due at `now` (s): puts what is new where it belongs, delivers what waits, thins what is old. True when
+    /// there is more to do.
+    ///
+    /// # Errors
+    /// [`StoreError`]; nothing is lost by it.
+    pub fn tidy(&mut self, now: f64) -> Result<bool, StoreError> {
+        self.0.tidy(now)
+    }
+
+    /// Gives room up that what is oldest takes, because a write has found none; true when there was any.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn make_room(&mut self, now: f64) -> Result<bool, StoreError> {
+        self.0.make_room(now)
+    }
+
+    /// The clock was set back: what comes from now on is kept apart from what is there.
+    pub fn begin_era(&mut self) {
+        self.0.begin_era();
+    }
+
+    /// What the database takes.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn usage(&self) -> Result<Usage, StoreError> {
+        self.0.usage()
+    }
+
+    /// Samples refused because no key holds their stamp, and chunks replaced because their bytes were damaged.
+    pub fn refused_and_damaged(&self) -> (u64, u64) {
+        self.0.refused_and_damaged()
+    }
+
+    /// What waits for a database elsewhere; `None` for a store in a folder.
+    pub fn spool(&self) -> Option<Spool> {
+        self.0.spool()
+    }
+
+    /// Leaves a database elsewhere until it is needed: its connection is not to be dropped by another kind of thread.
+    pub fn disconnect(&mut self) {
+        self.0.disconnect();
+    }
+}
+
+/// The store, open for reading; a writer may be at work beside it.
+#[derive(Debug)]
+pub struct Reader {
+    main: Box<dyn Reads>,
+    /// What waits for the database and is newer than what is there.
+    spool: Option<embedded::Reader>,
+}
+
+impl Reader {
+    /// Opens the store in a folder.
+    ///
+    /// # Errors
+    /// [`StoreError::Missing`], [`StoreError::Foreign`], [`StoreError::TooNew`], [`StoreError::Database`].
+    pub fn open(folder: &Path) -> Result<Self, StoreError> {
+        Ok(Self { main: Box::new(embedded::Reader::open(folder)?), spool: None })
+    }
+
+    /// Opens the store that is configured, wherever it is.
+    ///
+    /// # Errors
+    /// As [`Reader::open`], and [`StoreError::Away`].
+    pub fn of(config: &Config) -> Result<Self, StoreError> {
+        if config.url.is_none() {
+            return Self::open(&config.folder);
+        }
+        let main = Box::new(postgresql::Reader::open(config)?);
+        Ok(Self { main, spool: embedded::Reader::open(&config.folder).ok() })
+    }
+
+    /// Opens what is at hand of the store that is configured: while its database is away, what waits for it.
+    ///
+    /// # Errors
+    /// As [`Reader::of`].
+    pub fn at_hand(config: &Config) -> Result<Self, StoreError> {
+        Self::of(config).or_else(|error| match error {
+            StoreError::Away(_) => Self::open(&config.folder).map_err(|_| error),
+            error => Err(error),
+        })
+    }
+
+    /// Tags that are best asked for together, which bounds the memory it takes.
+    pub fn together(config: &Config) -> usize {
+        // PostgreSQL reads all tags of a time to find some.
+        if config.url.is_some() { 1024 } else { 256 }
+    }
+
+    /// Blobs left out so far because their bytes were damaged.
+    pub fn damaged(&self) -> u64 {
+        self.main.damaged()
+    }
+
+    /// Every tag, by number.
+    ///
+    /// # Errors
+    /// [`StoreError`], as everything below.
+    pub fn tags(&self) -> Result<Vec<StoredTag>, StoreError> {
+        self.main.tags()
+    }
+
+    /// Start of the first chunk at or after a time (s).
+    pub fn next_start(&self, from: i64) -> Result<Option<i64>, StoreError> {
+        self.main.next_start(from)
+    }
+
+    /// Start of the last chunk before a time (s).
+    pub fn previous_start(&self, before: i64) -> Result<Option<i64>, StoreError> {
+        self.main.previous_start(before)
+    }
+
+    /// Where a walk that wants samples from a time on begins (s): a chunk may begin before the first of its samples.
+    pub fn first_start(from: f64) -> i64 {
+        ((from.clamp(0.0, 1e11) as i64) - MAX_CHUNK).max(0)
+    }
+
+    /// The samples of one chunk of the wanted tags (all, when `None`; sorted), each tag's by time.
+    pub fn chunk(
+        &mut self,
+        start: i64,
+        wanted: Option<&[u32]>,
+    ) -> Result<BTreeMap<u32, Vec<Sample>>, StoreError> {
+        self.main.chunk(start, wanted)
+    }
+
+    /// The last `count` samples of each tag by name, by time: what a ring held. Samples of before the clock was set back
+    /// count only as far as all of them are older than those of after.
+    pub fn last(
+        &mut self,
+        names: &[TagName],
+        count: usize,
+    ) -> Result<HashMap<TagName, Vec<Sample>>, StoreError> {
+        let mut found = last(self.main.as_mut(), names, count)?;
+        if let Some(spool) = &mut self.spool {
+            for (name, newer) in last(spool, names, count)? {
+                let kept = found.entry(name).or_default();
+                let newest = kept.last().map_or(f64::NEG_INFINITY, |sample| sample.t);
+                kept.extend(newer.into_iter().filter(|sample| sample.t > newest));
+                kept.drain(..kept.len().saturating_sub(count));
+            }
+        }
+        Ok(found)
+    }
+
+    /// The samples of a tag between two stamps (s, inclusive), by time, whatever its source and era.
+    pub fn between(
+        &mut self,
+        control_loop: &str,
+        tag: &str,
+        first: f64,
+        last: f64,
+    ) -> Result<Vec<Sample>, StoreError> {
+        let mut found = between(self.main.as_mut(), control_loop, tag, [first, last])?;
+        if let Some(spool) = &mut self.spool {
+            found.extend(between(spool, control_loop, tag, [first, last])?);
+        }
+        codec::unique(&mut found);
+        Ok(found)
+    }
+
+    /// The trends of one tag whose rows begin in `from..to` (s).
+    pub fn trends(&mut self, tag: u32, from: i64, to: i64) -> Result<Vec<Point>, StoreError> {
+        self.main.trends(tag, from, to)
+    }
+
+    /// Up to `limit` runs after the one with number `after`, each with its number and its report.
+    pub fn diagnoses(&self, after: i64, limit: usize) -> Result<Vec<(i64, DiagnosisRow)>, StoreError> {
+        self.main.diagnoses(after, limit)
+    }
+
+    /// The last runs of a loop, oldest first; the latest that has a report with it, the others without.
+    pub fn last_diagnoses(&self, control_loop: &str, count: usize) -> Result<Vec<DiagnosisRow>, StoreError> {
+        self.main.last_diagnoses(control_loop, count)
+    }
+
+    /// The present version of a loop's model.
+    pub fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError> {
+        self.main.model(control_loop)
+    }
+
+    /// The state of every alarm, of loops and of collectors.
+    pub fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError> {
+        self.main.alarms()
+    }
+
+    /// The state of an alarm.
+    pub fn alarm(&self, control_loop: &str, kind: &str) -> Result<Option<AlarmRow>, StoreError> {
+        self.main.alarm(control_loop, kind)
+    }
+
+    /// The last `limit` things that happened to alarms, oldest first.
+    pub fn last_transitions(&self, limit: usize) -> Result<Vec<TransitionRow>, StoreError> {
+        self.main.last_transitions(limit)
+    }
+
+    /// Up to `limit` things that happened to alarms, after the one with number `after`, each with its number.
+    pub fn transitions(&self, after: i64, limit: usize) -> Result<Vec<(i64, TransitionRow)>, StoreError> {
+        self.main.transitions(after, limit)
+    }
+
+    pub(super) fn examine(&mut self, found: &mut Checked) -> Result<(), StoreError> {
+        self.main.examine(found)
+    }
+}
+
+fn last(
+    reads: &mut dyn Reads,
+    names: &[TagName],
+    count: usize,
+) -> Result<HashMap<TagName, Vec<Sample>>, StoreError> {
+    let plain = |name: &TagName| TagName { unit: String::new(), ..name.clone() };
+    let mut eras: HashMap<TagName, Vec<(i64, u32)>> = HashMap::new();
+    for tag in reads.tags()? {
+        eras.entry(plain(&tag.name)).or_default().push((tag.era, tag.id));
+    }
+    // The present era comes first to be taken.
+    eras.values_mut().for_each(|ids| ids.sort_unstable());
+    let mut found: HashMap<TagName, Vec<Sample>> = HashMap::new();
+    let mut lacking: Vec<&TagName> = names.iter().collect();
+    while !lacking.is_empty() {
+        lacking.retain(|name| eras.get(&plain(name)).is_some_and(|ids| !ids.is_empty()));
+        let next: Vec<(&TagName, u32)> =
+            lacking.iter().filter_map(|name| Some((*name, eras.get_mut(&plain(name))?.pop()?.1))).collect();
+        let mut older = last_of(reads, next.iter().map(|(_, id)| *id).collect(), count)?;
+        lacking.clear();
+        for (name, id) in next {
+            let Some(mut samples) = older.remove(&id) else { continue };
+            let newer = found.entry(name.clone()).or_default();
+            let overlaps = newer.first().zip(samples.last()).is_some_and(|(new, old)| old.t >= new.t);
+            if overlaps {
+                continue;
+            }
+            samples.append(newer);
+            samples.drain(..samples.len().saturating_sub(count));
+            *newer = samples;
+            if newer.len() < count {
+                lacking.push(name);
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The last `count` samples of each tag by number.
+fn last_of(
+    reads: &mut dyn Reads,
+    mut missing: Vec<u32>,
+    count: usize,
+) -> Result<HashMap<u32, Vec<Sample>>, StoreError> {
+    missing.sort_unstable();
+    missing.dedup();
+    let mut found: HashMap<u32, Vec<Sample>> = HashMap::new();
+    let mut before = i64::MAX;
+    // A tag has a sample in each of the chunks that count, or it is not looked for any further.
+    for _ in 0..count {
+        if missing.is_empty() {
+            break;
+        }
+        let Some(start) = reads.previous_start(before)? else { break };
+        before = start;
+        for (tag, samples) in reads.chunk(start, Some(&missing))? {
+            found.entry(tag).or_default().extend(samples);
+        }
+        missing.retain(|tag| found.get(tag).is_none_or(|samples| samples.len() < count));
+    }
+    for samples in found.values_mut() {
+        codec::unique(samples);
+        samples.drain(..samples.len().saturating_sub(count));
+    }
+    Ok(found)
+}
+
+fn between(
+    reads: &mut dyn Reads,
+    control_loop: &str,
+    tag: &str,
+    [first, last]: [f64; 2],
+) -> Result<Vec<Sample>, StoreError> {
+    let own = |stored: &StoredTag| stored.name.control_loop == control_loop && stored.name.tag == tag;
+    let ids: Vec<u32> = reads.tags()?.iter().filter(|stored| own(stored)).map(|stored| stored.id).collect();
+    let (mut found, mut from) = (Vec::new(), Reader::first_start(first));
+    while let Some(start) = reads.next_start(from)?.filter(|start| *start as f64 <= last) {
+        from = start + 1;
+        let chunk = reads.chunk(start, Some(&ids))?;
+        found.extend(chunk.into_values().flatten().filter(|s| s.t >= first && s.t <= last));
+    }
+    codec::unique(&mut found);
+    Ok(found)
+}

@@ -1,0 +1,90 @@
+//! Whether the database is whole: its own check, and every blob.
+
+use super::read::{Reader, decode_points};
+use super::{schema, start_and_tag};
+use crate::store::backend::Reads;
+use crate::store::{Checked, StoreError, codec};
+
+/// Rows read in one go.
+const ROWS: i64 = 1000;
+/// Faults of the database that are named.
+const FAULTS: usize = 20;
+
+pub(super) fn examine(reader: &mut Reader, found: &mut Checked) -> Result<(), StoreError> {
+    found.version = schema::version(reader.database())?;
+    {
+        let mut pragma = reader.database().prepare(&format!("PRAGMA integrity_check({FAULTS})"))?;
+        let lines = pragma.query_map([], |row| row.get::<_, String>(0))?;
+        for line in lines {
+            let line = line?;
+            if line != "ok" {
+                found.faults.push(format!("database: {line}"));
+            }
+        }
+    }
+    found.tags = reader.tags()?.len();
+    samples(reader, found)?;
+    trends(reader, found)
+}
+
+fn samples(reader: &mut Reader, found: &mut Checked) -> Result<(), StoreError> {
+    let mut damaged = Vec::new();
+    blobs(reader, "chunks", "samples", |key, blob| {
+        found.sample_bytes += blob.len() as u64;
+        let (start, tag) = start_and_tag(key);
+        match codec::decode(blob) {
+            Some(samples) if samples.windows(2).all(|pair| pair[0].t < pair[1].t) => {
+                found.samples += samples.len() as u64;
+            }
+            Some(_) => damaged.push(format!("chunk {start} of tag {tag}: samples out of order or twice")),
+            None => damaged.push(format!("chunk {start} of tag {tag}: the bytes are damaged")),
+        }
+        let (first, last) = found.span.unwrap_or((start, start));
+        found.span = Some((first.min(start), last.max(start)));
+    })?;
+    let mut open = reader.database().prepare("SELECT seq, start, frame FROM journal ORDER BY seq")?;
+    let mut rows = open.query([])?;
+    while let Some(row) = rows.next()? {
+        let start: i64 = row.get(1)?;
+        match codec::decode_frame(row.get_ref(2)?.as_blob().unwrap_or_default()) {
+            Some(samples) => found.samples += samples.len() as u64,
+            None => damaged.push(format!("journal, row {}: the bytes are damaged", row.get::<_, i64>(0)?)),
+        }
+        let (first, last) = found.span.unwrap_or((start, start));
+        found.span = Some((first.min(start), last.max(start)));
+    }
+    found.faults.extend(damaged);
+    Ok(())
+}
+
+fn trends(reader: &Reader, found: &mut Checked) -> Result<(), StoreError> {
+    blobs(reader, "trends", "points", |key, blob| {
+        let (start, tag) = start_and_tag(key);
+        match decode_points(blob) {
+            Some(points) => found.points += points.len() as u64,
+            None => found.faults.push(format!("trend {start} of tag {tag}: the bytes are damaged")),
+        }
+    })
+}
+
+/// Every blob of a table, some rows at a time.
+fn blobs(
+    reader: &Reader,
+    table: &str,
+    column: &str,
+    mut each: impl FnMut(i64, &[u8]),
+) -> Result<(), StoreError> {
+    let sql = format!("SELECT key, {column} FROM {table} WHERE key > ?1 ORDER BY key LIMIT ?2");
+    let mut query = reader.database().prepare(&sql)?;
+    let mut after = -1;
+    loop {
+        let (mut rows, before) = (query.query([after, ROWS])?, after);
+        while let Some(row) = rows.next()? {
+            after = row.get(0)?;
+            each(after, row.get_ref(1)?.as_blob().unwrap_or_default());
+        }
+        if after == before {
+            return Ok(());
+        }
+    }
+}

@@ -1,0 +1,43 @@
+//! The store in a folder: one SQLite database, one writer.
+//!
+//! A chunk holds [`Config::chunk_s`](super::Config) seconds of one tag as one blob (see [`codec`](super::codec)); its key is
+//! `start << 24 | tag`, so that all tags of a minute lie side by side and are appended. Rows by (tag, time) cost 400 times the
+//! writing, for every sample then touches a page of its own. Until a chunk is over its samples lie in `journal`, one row for
+//! all tags each [`Config::sync_ms`](super::Config); in one transaction they move to `chunks`. Late samples are merged into
+//! the chunk they belong to.
+
+mod check;
+mod read;
+mod retain;
+mod schema;
+mod spool;
+mod write;
+
+pub(super) use read::Reader;
+pub(super) use spool::Part;
+pub(super) use write::Store;
+
+/// The database in the folder.
+const DATABASE: &str = "store.db";
+/// Held while somebody writes.
+const LOCK: &str = "lock";
+/// `PRAGMA application_id`: ours, so that no other program's database is written to.
+const APPLICATION: i64 = 0x5374_6963;
+/// Tags that fit into a key.
+const MAX_TAG: u32 = (1 << TAG_BITS) - 1;
+const TAG_BITS: u32 = 24;
+/// Time that one row of trends spans (s).
+const TREND_SPAN: i64 = 3600;
+/// Number of this version's tables.
+pub(super) const VERSION: i64 = schema::VERSION;
+
+fn key(start: i64, tag: u32) -> i64 {
+    start << TAG_BITS | i64::from(tag)
+}
+
+fn start_and_tag(key: i64) -> (i64, u32) {
+    (key >> TAG_BITS, (key & i64::from(MAX_TAG)) as u32)
+}
+
+#[cfg(test)]
+pub(super) mod tests;

@@ -1,0 +1,149 @@
+//! The store as a spool: what waits for another store is taken out part by part, and goes once it is delivered there.
+
+use super::read::Reader;
+use super::write::Store;
+use super::{MAX_TAG, key};
+use crate::store::backend::Reads;
+use crate::store::{AlarmRow, DiagnosisRow, ModelRow, Row, Series, StoreError, TransitionRow};
+use rusqlite::{OptionalExtension, TransactionBehavior, params};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Rows that are delivered in one go.
+const ROWS: usize = 500;
+
+/// Something that waits, whole enough to be delivered in one transaction.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Part {
+    /// Runs, by number.
+    Diagnoses(Vec<(i64, DiagnosisRow)>),
+    /// What happened to alarms, by number.
+    Transitions(Vec<(i64, TransitionRow)>),
+    /// Versions of models, and the states of alarms.
+    States(Vec<ModelRow>, Vec<AlarmRow>),
+    /// All samples of one chunk, each series with its era.
+    Samples(i64, Vec<(i64, Series)>),
+}
+
+impl Part {
+    /// Its rows, as they are written.
+    pub fn rows(&self) -> Vec<Row> {
+        match self {
+            Part::Diagnoses(rows) => rows.iter().map(|(_, row)| Row::Diagnosis(row.clone())).collect(),
+            Part::Transitions(rows) => rows.iter().map(|(_, row)| Row::Transition(row.clone())).collect(),
+            Part::States(models, alarms) => {
+                let models = models.iter().cloned().map(Row::Model);
+                models.chain(alarms.iter().cloned().map(Row::Alarm)).collect()
+            }
+            Part::Samples(..) => Vec::new(),
+        }
+    }
+
+    /// Whether it is of rows; samples come after them.
+    pub fn is_rows(&self) -> bool {
+        !matches!(self, Part::Samples(..))
+    }
+}
+
+impl Store {
+    /// What comes next of all that waits: rows in the order they happened, then samples, the oldest first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn part(&mut self) -> Result<Option<Part>, StoreError> {
+        let mut reader = Reader::open(&self.config.folder)?;
+        let diagnoses = reader.diagnoses(0, ROWS)?;
+        if !diagnoses.is_empty() {
+            return Ok(Some(Part::Diagnoses(diagnoses)));
+        }
+        let transitions = reader.transitions(0, ROWS)?;
+        if !transitions.is_empty() {
+            return Ok(Some(Part::Transitions(transitions)));
+        }
+        let (models, alarms) = (reader.models()?, reader.alarms()?);
+        if !models.is_empty() || !alarms.is_empty() {
+            return Ok(Some(Part::States(models, alarms)));
+        }
+        let Some(start) = reader.next_start(i64::MIN)? else { return Ok(None) };
+        let tags: HashMap<u32, _> = reader.tags()?.into_iter().map(|tag| (tag.id, tag)).collect();
+        let mut series = Vec::new();
+        for (id, samples) in reader.chunk(start, None)? {
+            if let Some(tag) = tags.get(&id) {
+                series.push((tag.era, Series { tag: Arc::new(tag.name.clone()), samples }));
+            }
+        }
+        self.damaged += reader.damaged();
+        Ok(Some(Part::Samples(start, series)))
+    }
+
+    /// Takes away what was delivered.
+    ///
+    /// # Errors
+    /// [`StoreError`]; then all of it is still there.
+    pub fn forget(&mut self, part: &Part) -> Result<(), StoreError> {
+        let forgetting = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        match part {
+            Part::Diagnoses(rows) => {
+                for (id, _) in rows {
+                    forgetting.prepare_cached("DELETE FROM diagnoses WHERE id = ?1")?.execute([id])?;
+                }
+            }
+            Part::Transitions(rows) => {
+                for (id, _) in rows {
+                    forgetting.prepare_cached("DELETE FROM transitions WHERE id = ?1")?.execute([id])?;
+                }
+            }
+            // One thread writes, and it is the one that asked for the part: nothing has been added since.
+            Part::States(..) => forgetting.execute_batch("DELETE FROM models; DELETE FROM alarms;")?,
+            Part::Samples(start, _) => {
+                let all = [key(*start, 0), key(*start, MAX_TAG)];
+                forgetting.execute("DELETE FROM chunks WHERE key BETWEEN ?1 AND ?2", all)?;
+                forgetting.execute("DELETE FROM journal WHERE start = ?1", [start])?;
+            }
+        }
+        forgetting.commit()?;
+        if let Part::Samples(start, _) = part {
+            let gone = self.open.remove(start).unwrap_or_default();
+            self.open_samples = self.open_samples.saturating_sub(gone.values().map(Vec::len).sum());
+        }
+        Ok(())
+    }
+
+    /// Whether nothing waits.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn is_empty(&self) -> Result<bool, StoreError> {
+        let sql = "SELECT EXISTS (SELECT 1 FROM chunks) OR EXISTS (SELECT 1 FROM journal)
+            OR EXISTS (SELECT 1 FROM diagnoses) OR EXISTS (SELECT 1 FROM transitions)
+            OR EXISTS (SELECT 1 FROM models) OR EXISTS (SELECT 1 FROM alarms)";
+        Ok(!self.db.query_row(sql, [], |row| row.get::<_, bool>(0))?)
+    }
+
+    /// What its eras count from in the store it waits for; `None` before that was ever reached.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn base(&self) -> Result<Option<i64>, StoreError> {
+        Ok(self.db.query_row("SELECT base FROM spool", [], |row| row.get(0)).optional()?)
+    }
+
+    /// Remembers it.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn set_base(&mut self, base: i64) -> Result<(), StoreError> {
+        self.db.execute("INSERT OR REPLACE INTO spool (one, base) VALUES (1, ?1)", params![base])?;
+        Ok(())
+    }
+
+    /// The era of what comes now.
+    pub fn era(&self) -> i64 {
+        self.era
+    }
+
+    /// Samples that were dropped because there was no room for them.
+    pub fn dropped(&self) -> u64 {
+        self.dropped
+    }
+}

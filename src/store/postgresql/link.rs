@@ -1,0 +1,90 @@
+//! A connection to PostgreSQL: who asks, encrypted or not, and nothing that waits for ever.
+
+use super::super::{Config, StoreError};
+use postgres::config::SslMode;
+use postgres::{Client, NoTls};
+use std::error::Error;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio_postgres_rustls::MakeRustlsConnect;
+use tokio_rustls::rustls::crypto::ring;
+use tokio_rustls::rustls::pki_types::CertificateDer;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::{ClientConfig, RootCertStore};
+
+/// Longest wait for a connection, for each address of the host.
+const CONNECT: Duration = Duration::from_secs(5);
+/// Longest wait for a sign of life of one that was made.
+const SILENCE: Duration = Duration::from_secs(15);
+/// Longest statement (s) and longest wait for a lock (s).
+const LIMITS: (u32, u32) = (120, 10);
+
+/// Connects; the schema's tables are found by their plain names then.
+///
+/// # Errors
+/// [`StoreError::Away`].
+pub(super) fn connect(config: &Config) -> Result<Client, StoreError> {
+    let away = |why: String| StoreError::Away(why);
+    let url = config.url.as_deref().unwrap_or_default();
+    // The error of the parser may repeat the address.
+    let mut options: postgres::Config = url.parse().map_err(|_| away("[store] url is no address".into()))?;
+    options.connect_timeout(CONNECT).tcp_user_timeout(SILENCE).keepalives_idle(SILENCE);
+    options.application_name("stictiond");
+    if let Some(password) = password(config)? {
+        options.password(password);
+    }
+    let refused = |error: postgres::Error| away(said(&error));
+    let mut client = match &config.ca_file {
+        Some(ca) => options.ssl_mode(SslMode::Require).connect(encrypted(ca)?).map_err(refused)?,
+        None => options.ssl_mode(SslMode::Disable).connect(NoTls).map_err(refused)?,
+    };
+    let (statement, lock) = LIMITS;
+    client
+        .batch_execute(&format!(
+            "SET search_path TO \"{}\"; SET synchronous_commit TO on; SET TimeZone TO 'UTC';
+             SET client_min_messages TO warning; SET statement_timeout TO '{statement}s'; SET lock_timeout TO '{lock}s';",
+            config.schema
+        ))
+        .map_err(refused)?;
+    Ok(client)
+}
+
+fn password(config: &Config) -> Result<Option<String>, StoreError> {
+    if let Some(name) = &config.password_env {
+        let missing = |_| StoreError::Away(format!("the environment variable {name} is not set"));
+        return std::env::var(name).map(Some).map_err(missing);
+    }
+    let Some(path) = &config.password_file else { return Ok(None) };
+    let text = std::fs::read_to_string(path).map_err(StoreError::io(path))?;
+    Ok(Some(text.lines().next().unwrap_or_default().to_string()))
+}
+
+fn encrypted(ca: &Path) -> Result<MakeRustlsConnect, StoreError> {
+    let wrong = |why: String| StoreError::Away(format!("[store] ca_file = {}: {why}", ca.display()));
+    let mut roots = RootCertStore::empty();
+    for certificate in CertificateDer::pem_file_iter(ca).map_err(|error| wrong(error.to_string()))? {
+        let certificate = certificate.map_err(|error| wrong(error.to_string()))?;
+        roots.add(certificate).map_err(|error| wrong(error.to_string()))?;
+    }
+    if roots.is_empty() {
+        return Err(wrong("no certificate is in it".into()));
+    }
+    let tls = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
+        .with_safe_default_protocol_versions()
+        .map_err(|error| wrong(error.to_string()))?
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    Ok(MakeRustlsConnect::new(tls))
+}
+
+/// What an error says, with its cause: that of the library alone says only that there was one.
+pub fn said(error: &postgres::Error) -> String {
+    if let Some(told) = error.as_db_error() {
+        return format!("{} ({})", told.message(), told.code().code());
+    }
+    match error.source() {
+        Some(source) => format!("{error}: {source}"),
+        None => error.to_string(),
+    }
+}

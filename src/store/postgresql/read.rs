@@ -1,0 +1,268 @@
+//! The reading side: minutes of rows where the store in a folder has chunks, so that whoever walks through one walks through
+//! the other.
+
+use super::super::backend::Reads;
+use super::super::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow, pack};
+use super::super::{Checked, Config, Point, StoreError, StoredTag, codec};
+use super::write::{at, seconds};
+use super::{link, schema};
+use crate::signal::Sample;
+use postgres::types::ToSql;
+use postgres::{Client, Row};
+use std::cell::{RefCell, RefMut};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::PathBuf;
+use std::time::SystemTime;
+
+/// Time that is read as one chunk (s).
+const CHUNK: i64 = 60;
+/// A time no sample has (s), which the database can still count in microseconds.
+const LATEST: i64 = 1 << 38;
+
+/// The tables, open for reading.
+pub struct Reader {
+    client: RefCell<Client>,
+    version: i64,
+}
+
+impl fmt::Debug for Reader {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.debug_struct("Reader").field("version", &self.version).finish_non_exhaustive()
+    }
+}
+
+fn time(t: i64) -> SystemTime {
+    at(t.clamp(0, LATEST) as u64 * 1_000_000)
+}
+
+impl Reader {
+    /// Connects for reading.
+    ///
+    /// # Errors
+    /// [`StoreError::Away`], [`StoreError::Missing`], [`StoreError::Foreign`], [`StoreError::TooNew`].
+    pub fn open(config: &Config) -> Result<Self, StoreError> {
+        let mut client = link::connect(config)?;
+        let version = schema::version(&mut client, &config.schema)?;
+        let missing = || StoreError::Missing(PathBuf::from(format!("schema {}", config.schema)));
+        client.batch_execute("SET default_transaction_read_only TO on")?;
+        Ok(Self { version: version.ok_or_else(missing)?, client: RefCell::new(client) })
+    }
+
+    fn client(&self) -> RefMut<'_, Client> {
+        self.client.borrow_mut()
+    }
+
+    fn rows(&self, sql: &str, values: &[&(dyn ToSql + Sync)]) -> Result<Vec<Row>, StoreError> {
+        Ok(self.client().query(sql, values)?)
+    }
+
+    /// Start of the minute of what an aggregate over `samples` says.
+    fn minute(&self, sql: &str, t: i64) -> Result<Option<i64>, StoreError> {
+        let found: Option<SystemTime> = self.client().query_one(sql, &[&time(t)])?.get(0);
+        Ok(found.map(|at| (seconds(at, None) as i64).div_euclid(CHUNK) * CHUNK))
+    }
+}
+
+impl Reads for Reader {
+    fn damaged(&self) -> u64 {
+        0
+    }
+
+    fn tags(&self) -> Result<Vec<StoredTag>, StoreError> {
+        let rows = self.rows("SELECT id, control_loop, tag, source, unit, era FROM tags ORDER BY id", &[])?;
+        let tag = |row: &Row| {
+            let name =
+                TagName { control_loop: row.get(1), tag: row.get(2), source: row.get(3), unit: row.get(4) };
+            StoredTag { id: row.get::<_, i32>(0).max(0) as u32, name, era: row.get(5) }
+        };
+        Ok(rows.iter().map(tag).collect())
+    }
+
+    fn next_start(&self, from: i64) -> Result<Option<i64>, StoreError> {
+        let from = from.clamp(0, LATEST);
+        // A chunk that begins before is not asked for, whatever of it comes later.
+        let first = (from + CHUNK - 1).div_euclid(CHUNK) * CHUNK;
+        self.minute("SELECT min(at) FROM samples WHERE at >= $1", first)
+    }
+
+    fn previous_start(&self, before: i64) -> Result<Option<i64>, StoreError> {
+        let before = before.clamp(0, LATEST);
+        let end = (before + CHUNK - 1).div_euclid(CHUNK) * CHUNK;
+        self.minute("SELECT max(at) FROM samples WHERE at < $1", end)
+    }
+
+    fn chunk(
+        &mut self,
+        start: i64,
+        wanted: Option<&[u32]>,
+    ) -> Result<BTreeMap<u32, Vec<Sample>>, StoreError> {
+        let (from, to) = (time(start), time(start.saturating_add(CHUNK)));
+        let sql = "SELECT tag, at, t, value, quality FROM samples WHERE at >= $1 AND at < $2";
+        let rows = match wanted {
+            None => self.rows(sql, &[&from, &to])?,
+            Some(wanted) => {
+                let wanted: Vec<i32> = wanted.iter().filter_map(|id| i32::try_from(*id).ok()).collect();
+                self.rows(&format!("{sql} AND tag = ANY ($3)"), &[&from, &to, &wanted])?
+            }
+        };
+        let mut found: BTreeMap<u32, Vec<Sample>> = BTreeMap::new();
+        for row in rows {
+            let quality = usize::try_from(row.get::<_, i16>(4)).ok();
+            let Some(&quality) = quality.and_then(|code| codec::QUALITIES.get(code)) else { continue };
+            let value = row.get::<_, Option<f64>>(3).unwrap_or(f64::NAN);
+            let sample = Sample { t: seconds(row.get(1), row.get(2)), value, quality };
+            found.entry(row.get::<_, i32>(0).max(0) as u32).or_default().push(sample);
+        }
+        found.values_mut().for_each(codec::unique);
+        Ok(found)
+    }
+
+    fn trends(&mut self, tag: u32, from: i64, to: i64) -> Result<Vec<Point>, StoreError> {
+        let sql =
+            "SELECT at, least, mean, most FROM trends WHERE tag = $1 AND at >= $2 AND at < $3 ORDER BY at";
+        let number = |row: &Row, at| row.get::<_, Option<f64>>(at).unwrap_or(f64::NAN);
+        let point = |row: &Row| Point {
+            t: seconds(row.get(0), None),
+            least: number(row, 1),
+            mean: number(row, 2),
+            most: number(row, 3),
+        };
+        let tag = i32::try_from(tag).unwrap_or(-1);
+        Ok(self.rows(sql, &[&tag, &time(from), &time(to)])?.iter().map(point).collect())
+    }
+
+    fn diagnoses(&self, after: i64, limit: usize) -> Result<Vec<(i64, DiagnosisRow)>, StoreError> {
+        let rows = self
+            .rows("SELECT * FROM diagnoses WHERE id > $1 ORDER BY id LIMIT $2", &[&after, &(limit as i64)])?;
+        Ok(rows.iter().map(|row| (row.get("id"), diagnosis(row, true))).collect())
+    }
+
+    fn last_diagnoses(&self, control_loop: &str, count: usize) -> Result<Vec<DiagnosisRow>, StoreError> {
+        let sql = "SELECT * FROM diagnoses WHERE control_loop = $1 ORDER BY finished DESC LIMIT $2";
+        let rows = self.rows(sql, &[&control_loop, &(count as i64)])?;
+        let mut rows: Vec<DiagnosisRow> = rows.iter().rev().map(|row| diagnosis(row, false)).collect();
+        let latest = "SELECT * FROM diagnoses WHERE control_loop = $1 AND report IS NOT NULL ORDER BY finished DESC LIMIT 1";
+        if let Some(latest) = self.rows(latest, &[&control_loop])?.first() {
+            let with_report = DiagnosisRow { basis: None, ..diagnosis(latest, true) };
+            match rows.iter_mut().find(|row| row.finished == with_report.finished) {
+                Some(row) => *row = with_report,
+                None => rows.insert(0, with_report),
+            }
+        }
+        Ok(rows)
+    }
+
+    fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError> {
+        let sql = "SELECT version, since, effects FROM models WHERE control_loop = $1 ORDER BY version DESC LIMIT 1";
+        let rows = self.rows(sql, &[&control_loop])?;
+        Ok(rows.first().map(|row| ModelRow {
+            control_loop: control_loop.to_string(),
+            version: row.get::<_, i64>(0).max(0) as u64,
+            since: row.get(1),
+            effects: row.get(2),
+        }))
+    }
+
+    fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError> {
+        // As bytes, which is how the store in a folder sorts.
+        let sql = "SELECT * FROM alarms ORDER BY control_loop COLLATE \"C\", kind COLLATE \"C\"";
+        Ok(self.rows(sql, &[])?.iter().map(alarm).collect())
+    }
+
+    fn alarm(&self, control_loop: &str, kind: &str) -> Result<Option<AlarmRow>, StoreError> {
+        let sql = "SELECT * FROM alarms WHERE control_loop = $1 AND kind = $2";
+        Ok(self.rows(sql, &[&control_loop, &kind])?.first().map(alarm))
+    }
+
+    fn last_transitions(&self, limit: usize) -> Result<Vec<TransitionRow>, StoreError> {
+        let rows = self.rows("SELECT * FROM transitions ORDER BY id DESC LIMIT $1", &[&(limit as i64)])?;
+        Ok(rows.iter().rev().map(transition).collect())
+    }
+
+    fn transitions(&self, after: i64, limit: usize) -> Result<Vec<(i64, TransitionRow)>, StoreError> {
+        let sql = "SELECT * FROM transitions WHERE id > $1 ORDER BY id LIMIT $2";
+        let rows = self.rows(sql, &[&after, &(limit as i64)])?;
+        Ok(rows.iter().map(|row| (row.get("id"), transition(row))).collect())
+    }
+
+    fn examine(&mut self, found: &mut Checked) -> Result<(), StoreError> {
+        found.version = self.version;
+        found.tags = self.tags()?.len();
+        let sql = "SELECT count(*), min(at), max(at) FROM samples";
+        let row = self.client().query_one(sql, &[])?;
+        found.samples = row.get::<_, i64>(0).max(0) as u64;
+        let minute = |at: SystemTime| (seconds(at, None) as i64).div_euclid(CHUNK) * CHUNK;
+        let span: (Option<SystemTime>, Option<SystemTime>) = (row.get(1), row.get(2));
+        found.span = span.0.zip(span.1).map(|(first, last)| (minute(first), minute(last)));
+        found.points =
+            self.client().query_one("SELECT count(*) FROM trends", &[])?.get::<_, i64>(0).max(0) as u64;
+        let strays = "SELECT count(*) FROM samples WHERE quality < 0 OR quality >= $1 OR tag NOT IN (SELECT id FROM tags)";
+        let strays: i64 = self.client().query_one(strays, &[&(codec::QUALITIES.len() as i16)])?.get(0);
+        if strays > 0 {
+            found.faults.push(format!("{strays} samples of no tag or with no quality"));
+        }
+        found.sample_bytes = super::retain::table_bytes(&mut self.client(), "samples")?;
+        Ok(())
+    }
+}
+
+fn diagnosis(row: &Row, whole: bool) -> DiagnosisRow {
+    let interval: (Option<f64>, Option<f64>) = (row.get("f_low"), row.get("f_high"));
+    let text = |name| row.get::<_, Option<String>>(name).filter(|_| whole).as_deref().and_then(pack);
+    DiagnosisRow {
+        control_loop: row.get("control_loop"),
+        finished: row.get("finished"),
+        took_s: row.get("took_s"),
+        on_demand: row.get("on_demand"),
+        outcome: row.get("outcome"),
+        reason_code: row.get("reason_code"),
+        reason: row.get("reason"),
+        f: row.get("f"),
+        f_ci95: interval.0.zip(interval.1).map(|(low, high)| [low, high]),
+        f_in_percent: row.get("f_in_percent"),
+        delta_aic: row.get("delta_aic"),
+        version: row.get("version"),
+        report: text("report"),
+        basis: text("basis"),
+    }
+}
+
+fn alarm(row: &Row) -> AlarmRow {
+    AlarmRow {
+        control_loop: row.get("control_loop"),
+        kind: row.get("kind"),
+        active: row.get("active"),
+        acknowledged: row.get("acknowledged"),
+        latched: row.get("latched"),
+        shelved_until: row.get("shelved_until"),
+        one_shot: row.get("one_shot"),
+        suppressed: row.get("suppressed"),
+        out_of_service: row.get("out_of_service"),
+        votes: row.get("votes"),
+        pending: row.get("pending"),
+        raises: row.get("raises"),
+        priority: row.get("priority"),
+        trend: row.get("trend"),
+        since: row.get("since"),
+        raised_at: row.get("raised_at"),
+        detail: row.get("detail"),
+        by: row.get("by_whom"),
+        comment: row.get("comment"),
+    }
+}
+
+fn transition(row: &Row) -> TransitionRow {
+    TransitionRow {
+        control_loop: row.get("control_loop"),
+        kind: row.get("kind"),
+        at: row.get("at"),
+        before: row.get("before"),
+        after: row.get("after"),
+        cause: row.get("cause"),
+        priority: row.get("priority"),
+        detail: row.get("detail"),
+        by: row.get("by_whom"),
+        comment: row.get("comment"),
+    }
+}

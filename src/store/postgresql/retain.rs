@@ -1,0 +1,192 @@
+//! What is old becomes a trend in the database itself, and goes a partition at a time.
+
+use super::super::{Config, StoreError};
+use super::schema::{SAMPLES_S, TRENDS_S};
+use super::write::{Link, at, partition, seconds};
+use postgres::{Client, GenericClient};
+use std::time::SystemTime;
+
+/// Time between two looks at what is old (s), unless there is more to do.
+const EVERY_S: f64 = 60.0;
+/// Samples thinned in one go (s of their time).
+const WINDOW: i64 = 600;
+/// Rows deleted in one go.
+const ROWS: i64 = 500;
+/// Share of the room from which on what is oldest goes, whatever its age.
+const FULL: f64 = 0.95;
+/// Samples younger than this (s) outlast the trends when the room is full.
+const DAY_S: f64 = 86_400.0;
+
+/// How far it has come.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Retention {
+    /// When it was looked at last (s).
+    looked: f64,
+    /// The partition that is thinned, by its begin, and where it goes on (s).
+    thinning: Option<(i64, i64)>,
+    /// Bytes of all tables, as of then.
+    pub bytes: u64,
+}
+
+impl Default for Retention {
+    fn default() -> Self {
+        Self { looked: f64::NEG_INFINITY, thinning: None, bytes: 0 }
+    }
+}
+
+impl Retention {
+    /// Does at most one piece of work; true when there may be more.
+    pub fn step(&mut self, link: &mut Link, config: &Config, now: f64) -> Result<bool, StoreError> {
+        if (self.looked..self.looked + EVERY_S).contains(&now) {
+            return Ok(false);
+        }
+        let worked = match self.thinning {
+            Some((begin, from)) => {
+                self.thin(link, config, begin, from)?;
+                true
+            }
+            None => self.by_age(link, config, now)? || self.by_size(link, config, now)?,
+        };
+        if !worked {
+            self.looked = now;
+        }
+        Ok(worked)
+    }
+
+    fn by_age(&mut self, link: &mut Link, config: &Config, now: f64) -> Result<bool, StoreError> {
+        let day = |days: f64| now - days * DAY_S;
+        if let Some(begin) = oldest(link, "samples", SAMPLES_S)?
+            && ((begin + SAMPLES_S) as f64) < day(config.samples_days)
+        {
+            self.thinning = Some((begin, begin));
+            return Ok(true);
+        }
+        if let Some(begin) = oldest(link, "trends", TRENDS_S)?
+            && ((begin + TRENDS_S) as f64) < day(config.trend_days)
+        {
+            drop_until(link, "trends", begin + TRENDS_S, TRENDS_S)?;
+            return Ok(true);
+        }
+        let old = link.client.execute(
+            "DELETE FROM transitions WHERE id IN (SELECT id FROM transitions WHERE at < $1 LIMIT $2)",
+            &[&day(config.alarms_days), &ROWS],
+        )?;
+        Ok(drop_diagnoses(link, day(config.diagnoses_days))? + old > 0)
+    }
+
+    /// Samples are thinned until a day of them is left, then trends go, then more samples but those of now, then runs.
+    fn by_size(&mut self, link: &mut Link, config: &Config, now: f64) -> Result<bool, StoreError> {
+        self.bytes = all_bytes(link, &config.schema)?;
+        if (self.bytes as f64) < FULL * (config.max_mb * 1_000_000) as f64 {
+            return Ok(false);
+        }
+        let samples = oldest(link, "samples", SAMPLES_S)?.map(|begin| (begin, (begin + SAMPLES_S) as f64));
+        match (samples, oldest(link, "trends", TRENDS_S)?) {
+            (Some((begin, end)), _) if end < now - DAY_S => self.thinning = Some((begin, begin)),
+            (_, Some(begin)) => drop_until(link, "trends", begin + TRENDS_S, TRENDS_S)?,
+            (Some((begin, end)), None) if end < now => {
+                drop_until(link, "samples", begin + SAMPLES_S, SAMPLES_S)?
+            }
+            _ => return Ok(drop_diagnoses(link, f64::INFINITY)? > 0),
+        }
+        Ok(true)
+    }
+
+    /// Turns one window of a partition into points; after the last one the partition goes. Broken off it is begun anew:
+    /// a point that is there stays.
+    fn thin(&mut self, link: &mut Link, config: &Config, begin: i64, from: i64) -> Result<(), StoreError> {
+        let end = begin + SAMPLES_S;
+        let next: Option<SystemTime> = link
+            .client
+            .query_one("SELECT min(at) FROM samples WHERE at >= $1 AND at < $2", &[&time(from), &time(end)])?
+            .get(0);
+        let Some(next) = next.filter(|_| config.trend_days > 0.0) else {
+            drop_until(link, "samples", end, SAMPLES_S)?;
+            self.thinning = None;
+            return Ok(());
+        };
+        let from = (seconds(next, None) as i64).div_euclid(WINDOW) * WINDOW;
+        let mut thinning = link.client.transaction()?;
+        if link.partitioned {
+            partition(&mut thinning, "trends", from.div_euclid(TRENDS_S) * TRENDS_S, TRENDS_S)?;
+        }
+        thinning.execute(
+            "INSERT INTO trends (at, tag, least, mean, most)
+             SELECT date_bin(make_interval(secs => $3), at, timestamptz 'epoch') AS point, tag,
+                min(value) FILTER (WHERE fits), avg(value) FILTER (WHERE fits), max(value) FILTER (WHERE fits)
+             FROM (SELECT at, tag, value, quality = 0 AND abs(value) < 'Infinity' AS fits FROM samples
+                WHERE at >= $1 AND at < $2) AS own
+             GROUP BY point, tag ON CONFLICT DO NOTHING",
+            &[&time(from), &time(from + WINDOW), &f64::from(config.trend_s)],
+        )?;
+        thinning.commit()?;
+        self.thinning = Some((begin, from + WINDOW));
+        Ok(())
+    }
+}
+
+fn time(t: i64) -> SystemTime {
+    at(t.max(0) as u64 * 1_000_000)
+}
+
+/// Begin of the partition that holds the oldest row.
+fn oldest(link: &mut Link, table: &str, span: i64) -> Result<Option<i64>, StoreError> {
+    let at: Option<SystemTime> = link.client.query_one(&format!("SELECT min(at) FROM {table}"), &[])?.get(0);
+    Ok(at.map(|at| (seconds(at, None) as i64).div_euclid(span) * span))
+}
+
+/// Drops every partition that ends at or before a time (s).
+fn drop_until(link: &mut Link, table: &str, end: i64, span: i64) -> Result<(), StoreError> {
+    if !link.partitioned {
+        let older = format!("SELECT drop_chunks('{table}', older_than => to_timestamp({end}))");
+        link.client.query(&older, &[])?;
+        return Ok(());
+    }
+    let sql = "SELECT own.relname::text FROM pg_inherits JOIN pg_class AS own ON own.oid = inhrelid
+        WHERE inhparent = $1::text::regclass";
+    for row in link.client.query(sql, &[&table])? {
+        let name: String = row.get(0);
+        let begin = name.strip_prefix(table).and_then(|rest| rest.strip_prefix('_')?.parse::<i64>().ok());
+        if begin.is_some_and(|begin| begin + span <= end) {
+            link.client.batch_execute(&format!("DROP TABLE {name}"))?;
+        }
+    }
+    link.forget_partitions();
+    Ok(())
+}
+
+/// Runs and models that ended before a time, the latest of each loop left.
+fn drop_diagnoses(link: &mut Link, before: f64) -> Result<u64, StoreError> {
+    let runs = link.client.execute(
+        "DELETE FROM diagnoses WHERE id IN (SELECT id FROM diagnoses AS own WHERE finished < $1 AND finished <
+            (SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop) AND finished <
+            coalesce((SELECT max(finished) FROM diagnoses WHERE control_loop = own.control_loop
+                AND report IS NOT NULL), 'Infinity')
+         ORDER BY finished LIMIT $2)",
+        &[&before, &ROWS],
+    )?;
+    let models = link.client.execute(
+        "DELETE FROM models WHERE since < $1 AND version <
+            (SELECT max(version) FROM models AS own WHERE own.control_loop = models.control_loop)",
+        &[&before],
+    )?;
+    Ok(runs + models)
+}
+
+/// Bytes of a table by time, with its partitions and indices.
+pub(super) fn table_bytes(client: &mut Client, table: &str) -> Result<u64, StoreError> {
+    let sql = "SELECT coalesce(sum(pg_total_relation_size(relid)), 0)::bigint FROM pg_partition_tree($1::text::regclass)";
+    Ok(client.query_one(sql, &[&table])?.get::<_, i64>(0).max(0) as u64)
+}
+
+fn all_bytes(link: &mut Link, schema: &str) -> Result<u64, StoreError> {
+    let sql = "SELECT coalesce(sum(pg_total_relation_size(own.oid)), 0)::bigint FROM pg_class AS own
+        JOIN pg_namespace AS space ON space.oid = relnamespace WHERE nspname = $1 AND relkind = 'r'";
+    let mut bytes = link.client.query_one(sql, &[&schema])?.get::<_, i64>(0);
+    if !link.partitioned {
+        // The chunks of hypertables lie elsewhere.
+        let sql = "SELECT coalesce(hypertable_size('samples') + hypertable_size('trends'), 0)::bigint";
+        bytes += GenericClient::query_one(&mut link.client, sql, &[])?.get::<_, i64>(0);
+    }
+    Ok(bytes.max(0) as u64)
+}
