@@ -1,6 +1,6 @@
 //! `ETag` and `If-None-Match`: who still holds an answer and asks whether it is good is told so in a few bytes.
 
-use axum::body::{Body, Bytes, HttpBody, to_bytes};
+use axum::body::{Body, HttpBody, to_bytes};
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
@@ -34,7 +34,7 @@ pub async fn conditional(request: Request, next: Next) -> Response {
         return (StatusCode::NOT_MODIFIED, [(header::ETAG, tag)]).into_response();
     }
     parts.headers.insert(header::ETAG, tag);
-    Response::from_parts(parts, Body::from(Bytes::from(bytes)))
+    Response::from_parts(parts, Body::from(bytes))
 }
 
 /// A weak validator of a content in pieces: what is sent may be compressed, and clocks in it are left out.
