@@ -36,8 +36,6 @@ const NEARER: f64 = 8.0;
 const AHEAD: f64 = 10.0;
 /// Evidence by which a change of gain, which comes with a step of its own, must be ahead of a step (-).
 const NESTED: f64 = 5.0;
-/// Share of the declared model's free-run error up to which an effect may stay that leaves no doubt otherwise.
-const BEYOND: f64 = 1.2;
 /// Least gain of a kinetic lag: every valve model but the paper's own has one.
 const LEAST_SLIP: f64 = 7.0;
 /// Gain of likelihood on the held-out samples that leaves no doubt (-).
@@ -83,6 +81,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         added.push((next.kind, next.evidence));
         base = next.candidate;
     }
+    base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
     slip_jump(&data, &base, at_start, &mut added);
     base = not_worse(&data, &declared, base, at_start);
     let refit = if added.is_empty() { longer_sighted(&data, &declared) } else { declared.clone() };
@@ -100,7 +99,7 @@ fn again(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
     if next.aic < base.aic { next } else { base }
 }
 
-/// The declared model with the structure that runs free best on the fitted samples, of those that are as good one step ahead.
+/// The model with the structure that runs free best on the fitted samples, of those that are as good one step ahead.
 fn longer_sighted(data: &Data, declared: &Spec) -> Spec {
     structures(data, declared, false, REFIT)
         .into_iter()
@@ -291,11 +290,17 @@ fn step(
         let kind = candidate.spec.terms[last].kind();
         let candidate =
             Candidate { likely: candidate.likely, ..Candidate::new(data, candidate.spec, candidate.paid) };
-        let error = held_out(data, &candidate.spec);
+        let mut candidate = candidate;
+        let mut error = held_out(data, &candidate.spec);
+        let evidence = evidence(&candidate);
+        if error.1 >= at_start.1 && evidence > settings.least_gain {
+            // One step ahead its dynamics may be as good as others that run free better.
+            candidate.spec = longer_sighted(data, &candidate.spec);
+            error = held_out(data, &candidate.spec);
+        }
         let (nearer, of_start) = (error.1 / judged.1, error.1 / at_start.1);
         let gain = base.aic - candidate.aic;
         let held = 2.0 * (data.len() - data.split) as f64 * (judged.0 / error.0).ln();
-        let evidence = evidence(&candidate);
         finals.push(Trial { candidate, kind, evidence, gain, held, nearer, of_start });
     }
     if settings.only.is_some() {
@@ -309,7 +314,7 @@ impl Trial {
     /// Whether the effect earns its place: by the evidence of all samples, more of it where friction may be what is wrong, and
     /// less where the free run comes nearer; and by held-out errors that are smaller, one step ahead or run free.
     ///
-    /// The free run is never beyond the declared model's but for effects that last and leave no doubt one step ahead.
+    /// The free run is never beyond the declared model's.
     fn worth(&self, enough: f64) -> bool {
         let Self { kind, evidence, held, nearer, of_start, .. } = *self;
         let mut needed = enough + NEARER * nearer.clamp(0.2, 2.0).ln();
@@ -319,9 +324,7 @@ impl Trial {
         if matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift) {
             needed += OTHER_FRICTION;
         }
-        let once = matches!(kind, Kind::LoadStep | Kind::GainChange);
-        let beyond = of_start >= 1.0 && (once || of_start > BEYOND || evidence < 2.0 * (enough + 10.0));
-        evidence > needed && (held > 0.0 || nearer < 1.0) && !beyond
+        evidence > needed && (held > 0.0 || nearer < 1.0) && of_start < 1.0
     }
 
     /// What it is compared by with others that are worth it.
