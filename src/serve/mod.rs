@@ -10,6 +10,7 @@ mod layers;
 mod listen;
 mod metrics;
 mod page;
+mod past;
 mod picture;
 mod policy;
 mod problem;
@@ -21,6 +22,7 @@ pub use api::openapi;
 #[cfg(feature = "writeback")]
 pub use desk::Acted;
 pub use desk::Desk;
+pub use past::{Past, PastJob, PastPhase, PastRefusal, PastWish};
 pub use policy::{Need, RULES};
 pub use tls::{Config as TlsConfig, Tls, TlsError};
 
@@ -297,6 +299,7 @@ pub struct Context {
     desk: Option<Arc<dyn Desk>>,
     store: Option<AskStore>,
     durable: Option<AskDurable>,
+    past: Option<Arc<dyn Past>>,
     access: Option<Arc<Access>>,
     audit: Option<Arc<Recorder>>,
     tls: Option<Arc<Tls>>,
@@ -329,6 +332,7 @@ impl Context {
             desk: None,
             store: None,
             durable: None,
+            past: None,
             access: None,
             audit: None,
             tls: None,
@@ -350,6 +354,11 @@ impl Context {
     /// Answers what was done to an alarm once `durable` says so.
     pub fn with_durable(self, durable: Option<AskDurable>) -> Self {
         Self { durable, ..self }
+    }
+
+    /// Asks `past` for what was before.
+    pub fn with_past(self, past: Arc<dyn Past>) -> Self {
+        Self { past: Some(past), ..self }
     }
 
     /// Lets in whom `access` knows; without it everybody on this machine.

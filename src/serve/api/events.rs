@@ -21,7 +21,7 @@ use tokio_util::sync::CancellationToken;
 /// Diagnoses, alarms and reloads as they happen. A client that lags is told how many events it lost.
 #[utoipa::path(get, path = "/events", tag = "events",
     responses((status = 200, content_type = "text/event-stream", body = EventData,
-        description = "events hello, diagnosis, alarm, writeback, reloaded, lagged, bye"),
+        description = "events hello, diagnosis, alarm, writeback, backfill, reloaded, lagged, bye"),
         (status = 503, description = "problem: too many clients listen already")))]
 pub async fn stream(
     State(context): State<Arc<Context>>,

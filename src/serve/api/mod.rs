@@ -2,6 +2,7 @@
 
 mod alarms;
 mod audit;
+mod backfill;
 mod bundle;
 mod description;
 mod events;
@@ -87,6 +88,7 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(system::system))
         .routes(routes!(session::state, session::begin, session::end))
         .routes(routes!(audit::list))
+        .routes(routes!(backfill::state, backfill::begin, backfill::cancel))
         .merge(common());
     #[cfg(feature = "writeback")]
     let api = api

@@ -59,6 +59,18 @@ pub enum EventData {
         #[serde(flatten)]
         news: WritebackNews,
     },
+    /// `backfill`: the job over a loop's past has come further.
+    Backfill {
+        /// Which loop.
+        #[serde(rename = "loop")]
+        control_loop: String,
+        /// `reading`, `diagnosing`, `done`, `cancelled` or `failed`.
+        phase: String,
+        /// Slices read or windows diagnosed.
+        done: usize,
+        /// Of how many.
+        of: usize,
+    },
     /// `reloaded`: another configuration is in force; fetch the loops again.
     Reloaded {
         /// Loops now watched.
@@ -81,6 +93,7 @@ impl EventData {
             Self::Diagnosis { .. } => "diagnosis",
             Self::Alarm { .. } => "alarm",
             Self::Writeback { .. } => "writeback",
+            Self::Backfill { .. } => "backfill",
             Self::Reloaded { .. } => "reloaded",
             Self::Lagged { .. } => "lagged",
             Self::Bye {} => "bye",
@@ -108,6 +121,9 @@ impl From<Event> for EventData {
             },
             Event::Writeback(id, news) => {
                 Self::Writeback { control_loop: id.to_string(), news: WritebackNews::from(&news) }
+            }
+            Event::Backfill { id, phase, done, of } => {
+                Self::Backfill { control_loop: id.to_string(), phase: phase.to_string(), done, of }
             }
             Event::Reloaded { loops } => Self::Reloaded { loops },
         }

@@ -124,10 +124,11 @@ impl Store {
 
     /// Connects where there is no link and it is time to try.
     fn reach(&mut self) -> bool {
-        if self.link.is_none() && Instant::now() >= self.again {
-            if let Err(error) = self.connect() {
-                self.lost(&error);
-            }
+        if self.link.is_none()
+            && Instant::now() >= self.again
+            && let Err(error) = self.connect()
+        {
+            self.lost(&error);
         }
         self.link.is_some()
     }
