@@ -10,9 +10,11 @@ mod facts;
 mod guarding;
 mod keeping;
 mod notifying;
+mod past;
 mod recall;
 pub mod replay;
 mod restart;
+mod rings;
 mod watching;
 #[cfg(not(feature = "writeback"))]
 #[path = "app/reading.rs"]
@@ -22,7 +24,7 @@ mod writing;
 
 use crate::access::FileError;
 use crate::audit::AuditError;
-use crate::collect::{self, Collector, DeviceHealth, Issue, Plan, Poll};
+use crate::collect::{self, Collector, DeviceHealth, Issue, Plan};
 use crate::config::{self, Config, Diagnostic, Neighbour};
 use crate::diagnosis::{self, Settings};
 use crate::history::{History, Ring};
@@ -30,10 +32,12 @@ use crate::residual;
 use crate::results::{Judged, Residuals, Results};
 use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
 use crate::serve::{self, Context, DeviceState, LoopInfo, ServeError, TlsError};
-use crate::signal::{LoopId, Sample};
+use crate::signal::LoopId;
 use guarding::Guarding;
 use keeping::Keeping;
 use notifying::Notifying;
+use past::Pasts;
+use rings::Rings;
 use std::collections::HashMap;
 use std::io;
 use std::net::SocketAddr;
@@ -107,6 +111,7 @@ pub struct App {
     writing: Arc<Writing>,
     keeping: Arc<Keeping>,
     notifying: Arc<Notifying>,
+    pasts: Arc<Pasts>,
     guarding: Arc<Guarding>,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
@@ -149,6 +154,7 @@ impl App {
         results.apply_design(clock.now());
         let notifying = Arc::new(Notifying::new(&config, clock, &results));
         let plan = schedule_plan(&config, &history, &writing);
+        let pasts = Pasts::new(&config, clock, (&keeping, &results), diagnose.clone(), stop.clone());
         let scheduler =
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
         let devices: Vec<Device> =
@@ -156,8 +162,8 @@ impl App {
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices, &writing)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
-        let context =
-            context.with_desk(writing.clone()).with_post(notifying.clone()).with_store(keeping.ask());
+        let context = context.with_desk(writing.clone()).with_post(notifying.clone());
+        let context = context.with_store(keeping.ask()).with_past(pasts.clone());
         let context = context.with_access(guarding.access.clone()).with_audit(guarding.audit.clone());
         let context = Arc::new(context.with_tls(guarding.tls.clone()).with_durable(keeping.ask_durable()));
         tracing::info!(
@@ -177,6 +183,7 @@ impl App {
             context,
             writing,
             keeping,
+            pasts,
             notifying,
             guarding,
             stop,
@@ -283,6 +290,7 @@ impl App {
             device.end().await;
         }
         self.notifying.reload(&config).await;
+        self.pasts.reload(&config);
         self.results.reload(&ids(&config), &config.alarm);
         self.results.watch_devices(&devices_of(&config));
         self.keeping.clone().replace(history.clone(), self.results.clone()).await;
@@ -316,7 +324,8 @@ impl Device {
     }
 
     fn start(&mut self, stop: &CancellationToken) {
-        if let Some(collector) = self.collector.take() {
+        if let Some(mut collector) = self.collector.take() {
+            collector.resume(&|tag| Some(self.rings.by_tag.get(&tag)?.latest()?.t));
             let stop = stop.child_token();
             let task = tokio::spawn(collector.run(self.rings.clone(), stop.clone()));
             self.task = Some((stop, task));
@@ -365,26 +374,6 @@ impl Device {
 
 fn same_ring(a: Option<&Arc<Ring>>, b: Option<&Arc<Ring>>) -> bool {
     a.zip(b).is_some_and(|(a, b)| Arc::ptr_eq(a, b))
-}
-
-/// Where one device's samples go. It holds that device's rings only, so that a device that outlives a reload keeps no
-/// memory of loops that are gone.
-struct Rings {
-    by_tag: HashMap<usize, Arc<Ring>>,
-    /// Polls that have ended; tells write-back that there is news.
-    polled: watch::Sender<u64>,
-}
-
-impl collect::Sink for Rings {
-    fn sample(&self, tag: usize, sample: Sample) {
-        if let Some(ring) = self.by_tag.get(&tag) {
-            ring.push(sample);
-        }
-    }
-
-    fn poll(&self, _device: usize, _poll: Poll) {
-        self.polled.send_modify(|polls| *polls = polls.wrapping_add(1));
-    }
 }
 
 fn ids(config: &Config) -> Vec<LoopId> {

@@ -179,6 +179,17 @@ pub enum Event {
     Alarm(Arc<AlarmChange>),
     /// Something happened to a loop's write-back.
     Writeback(LoopId, News),
+    /// The job over a loop's past has come further.
+    Backfill {
+        /// Which loop.
+        id: LoopId,
+        /// What it does.
+        phase: &'static str,
+        /// Slices read or windows diagnosed.
+        done: usize,
+        /// Of how many.
+        of: usize,
+    },
     /// Another configuration is in force.
     Reloaded {
         /// Loops now watched.
@@ -352,6 +363,11 @@ impl Results {
 
     fn entry(&self, id: &LoopId) -> Option<Arc<Mutex<Entry>>> {
         self.entries.read().unwrap_or_else(PoisonError::into_inner).get(id).cloned()
+    }
+
+    /// Tells everybody how far the job over a loop's past has come.
+    pub fn tell_backfill(&self, event: Event) {
+        self.tell(event);
     }
 
     fn tell(&self, event: Event) {

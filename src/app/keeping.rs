@@ -152,6 +152,17 @@ impl Keeping {
         Some(Arc::new(move || lock(&writer).as_ref().is_some_and(|writer| writer.flush(PATIENCE))))
     }
 
+    /// As it is configured since the start; `None` where there is none.
+    pub(super) fn configured(&self) -> Option<store::Config> {
+        self.config.clone()
+    }
+
+    /// Puts recorded history into its place; durable when this returns.
+    pub(super) fn insert(&self, batch: store::Batch) -> Result<(), String> {
+        let asked = lock(&self.writer).as_ref().map(|writer| writer.insert(batch));
+        asked.and_then(|answer| answer.recv().ok()).unwrap_or_else(|| Err("the store has ended".to_string()))
+    }
+
     fn give_back(&self, history: &History, results: &Results) {
         let Some(config) = &self.config else { return };
         let began = Instant::now();

@@ -1,5 +1,6 @@
 use super::*;
 use crate::results::{Outcome, Run, Trigger};
+use crate::signal::Sample;
 use crate::sim::scenarios;
 use std::fmt::Write;
 

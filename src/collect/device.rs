@@ -83,6 +83,13 @@ impl Collector {
         }
     }
 
+    /// Before it runs: the time (s) of the newest sample that each tag has from before the start.
+    pub fn resume(&mut self, newest: &dyn Fn(usize) -> Option<f64>) {
+        if let Self::Opcua(collector) = self {
+            collector.resume(newest);
+        }
+    }
+
     /// Collects until `shutdown` is cancelled.
     pub async fn run(self, sink: Arc<dyn Sink>, shutdown: CancellationToken) {
         match self {

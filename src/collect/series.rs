@@ -40,6 +40,11 @@ impl Series {
         self.last
     }
 
+    /// Goes on after a sample of time `last` (s) that was handed on before the start.
+    pub(super) fn after(last: f64) -> Self {
+        Self { last: Some(last), ..Self::default() }
+    }
+
     /// Whether a sample of time `t` (s) would be the newest.
     pub(super) fn is_newer(&self, t: f64) -> bool {
         t.is_finite() && self.last.is_none_or(|last| t > last)

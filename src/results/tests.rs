@@ -100,6 +100,7 @@ fn diagnoses_raise_the_alarm_and_everybody_hears_it_in_order() {
             Event::Run(_, summary) => summary.outcome.to_string(),
             Event::Alarm(change) => change.transition.to.as_str().to_string(),
             Event::Writeback(..) => "writeback".to_string(),
+            Event::Backfill { .. } => "backfill".to_string(),
             Event::Reloaded { .. } => "reloaded".to_string(),
         });
     }

@@ -11,6 +11,7 @@ mod layers;
 mod listen;
 mod metrics;
 mod page;
+mod past;
 mod picture;
 mod policy;
 mod post;
@@ -23,6 +24,7 @@ pub use api::openapi;
 #[cfg(feature = "writeback")]
 pub use desk::Acted;
 pub use desk::Desk;
+pub use past::{Past, PastJob, PastPhase, PastRefusal, PastWish};
 pub use policy::{Need, RULES};
 pub use post::{DeadLetter, Post, ReceiverState};
 pub use tls::{Config as TlsConfig, Tls, TlsError};
@@ -303,6 +305,7 @@ pub struct Context {
     post: Option<Arc<dyn Post>>,
     store: Option<AskStore>,
     durable: Option<AskDurable>,
+    past: Option<Arc<dyn Past>>,
     access: Option<Arc<Access>>,
     audit: Option<Arc<Recorder>>,
     tls: Option<Arc<Tls>>,
@@ -337,6 +340,7 @@ impl Context {
             post: None,
             store: None,
             durable: None,
+            past: None,
             access: None,
             audit: None,
             tls: None,
@@ -363,6 +367,11 @@ impl Context {
     /// Answers what was done to an alarm once `durable` says so.
     pub fn with_durable(self, durable: Option<AskDurable>) -> Self {
         Self { durable, ..self }
+    }
+
+    /// Asks `past` for what was before.
+    pub fn with_past(self, past: Arc<dyn Past>) -> Self {
+        Self { past: Some(past), ..self }
     }
 
     /// Lets in whom `access` knows; without it everybody on this machine.

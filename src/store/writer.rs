@@ -2,7 +2,9 @@
 //! fails tries again, from a fresh opening, until it works: nobody else ever waits for the disk.
 
 use super::{Batch, Config, Spool, Store, StoreError, Usage};
+use std::collections::VecDeque;
 use std::io;
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -55,10 +57,14 @@ struct Shared {
     changed: Condvar,
 }
 
+type Insert = (Batch, Sender<Result<(), String>>);
+
 #[derive(Default)]
 struct Inner {
     status: Status,
     stop: bool,
+    /// Recorded history, and who waits for it to be durable.
+    inserts: VecDeque<Insert>,
     /// Rounds asked for and rounds done, for those who wait.
     asked: u64,
     done: u64,
@@ -132,6 +138,15 @@ impl Writer {
         !timed_out.timed_out() && inner.good
     }
 
+    /// Has recorded history put into its place. The answer comes when it is durable, or why it is not; who asks again only
+    /// then keeps what waits bounded.
+    pub fn insert(&self, batch: Batch) -> Receiver<Result<(), String>> {
+        let (told, answer) = channel();
+        self.shared.lock().inserts.push_back((batch, told));
+        self.shared.changed.notify_all();
+        answer
+    }
+
     /// Writes what is left and ends; on a store that fails it is tried once.
     pub fn stop(mut self) {
         self.end();
@@ -172,6 +187,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         loop {
             let (stop, asked) = self.wait();
             let good = self.write_all();
+            self.insert_all();
             let mut inner = self.shared.lock();
             (inner.done, inner.good) = (asked, good);
             drop(inner);
@@ -186,7 +202,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
     fn wait(&self) -> (bool, u64) {
         let usual = Duration::from_millis(self.config.sync_ms);
         let pause = if self.store.is_some() { usual } else { self.pause };
-        let idle = |inner: &mut Inner| !inner.stop && inner.asked == inner.done;
+        let idle = |inner: &mut Inner| !inner.stop && inner.asked == inner.done && inner.inserts.is_empty();
         let waited = self.shared.changed.wait_timeout_while(self.shared.lock(), pause, idle);
         let (inner, _) = waited.unwrap_or_else(PoisonError::into_inner);
         (inner.stop, inner.asked)
@@ -229,6 +245,23 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
             }
         }
         false
+    }
+
+    fn insert_all(&mut self) {
+        let inserts = std::mem::take(&mut self.shared.lock().inserts);
+        for (batch, told) in inserts {
+            let now = (self.now)();
+            let done = match &mut self.store {
+                Some(store) => match store.insert(&batch) {
+                    Err(error) if error.is_full() => store.make_room(now).and_then(|_| store.insert(&batch)),
+                    done => done,
+                }
+                .map_err(|error| error.to_string()),
+                None => Err("the store fails; its log says why".to_string()),
+            };
+            // Who asked may have gone.
+            let _ = told.send(done);
+        }
     }
 
     fn take_on(&mut self, store: Store) {

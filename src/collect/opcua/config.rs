@@ -77,6 +77,9 @@ pub struct Config {
     /// Longest gap that is filled (s).
     #[serde(default = "default_history_max_s")]
     pub history_max_s: f64,
+    /// At the start history is read back to the newest sample that is there, at most so long (s); 0 for none.
+    #[serde(default)]
+    pub backfill_s: f64,
     /// Most nodes in one request; a smaller limit of the server holds.
     #[serde(default = "default_max_nodes")]
     pub max_nodes_per_request: usize,
@@ -251,6 +254,8 @@ impl Config {
         unless((0.1..=86_400.0).contains(&self.silent_s), "silent_s", "must be 0.1 to 86400".into());
         let ok = (1.0..=2_678_400.0).contains(&self.history_max_s);
         unless(ok, "history_max_s", "must be 1 to 2678400, 31 days".into());
+        let ok = (0.0..=2_678_400.0).contains(&self.backfill_s);
+        unless(ok, "backfill_s", "must be 0 to 2678400, 31 days".into());
         let ok = (1..=10_000).contains(&self.max_nodes_per_request);
         unless(ok, "max_nodes_per_request", "must be 1 to 10000".into());
         unless(self.application_uri.contains(':'), "application_uri", "must be a URI".into());

@@ -41,6 +41,8 @@ pub struct Collector {
     source: SourceClock,
     born: Instant,
     round: Round,
+    /// History of before the start has still to be read.
+    starting: bool,
 }
 
 /// What is known of one tag.
@@ -88,8 +90,27 @@ impl Collector {
             source: SourceClock::default(),
             born: Instant::now(),
             round: Round::default(),
+            starting: false,
             plan,
         }
+    }
+
+    /// Before the first session: the time (s) of the newest sample that each tag has from before the start. With `backfill_s`
+    /// what came since is read from the server's history.
+    pub fn resume(&mut self, newest: &dyn Fn(usize) -> Option<f64>) {
+        self.starting = self.plan.config.backfill_s > 0.0;
+        if self.starting {
+            for (tag, state) in self.plan.tags.iter().zip(&mut self.tags) {
+                state.series = newest(tag.index).map_or_else(Series::default, Series::after);
+                state.gap = true;
+            }
+        }
+    }
+
+    /// Longest time that is read from history (s).
+    fn longest_gap(&self) -> f64 {
+        let config = &self.plan.config;
+        if self.starting { config.backfill_s } else { config.history_max_s }
     }
 
     /// The device's counters, live.
@@ -183,7 +204,7 @@ impl Collector {
     /// Nobody is there. While the gap may still be filled nothing is handed on, since a ring only goes forward.
     fn down_tick(&mut self, sink: &dyn Sink) {
         let now = self.source_now();
-        let (fills, longest) = (self.plan.config.fill_gaps, self.plan.config.history_max_s);
+        let (fills, longest) = (self.plan.config.fill_gaps, self.longest_gap());
         for at in 0..self.tags.len() {
             // Before the first value there is no time line to mark.
             let waits = self.tags[at].series.last().is_none_or(|last| fills && now - last <= longest);

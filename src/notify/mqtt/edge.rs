@@ -113,7 +113,7 @@ impl<'p> Edge<'p> {
                         _ => Ok(()),
                     },
                     Ok(Event::Reloaded { .. }) | Err(RecvError::Lagged(_)) => self.births(&client),
-                    Ok(Event::Writeback(..)) => Ok(()),
+                    Ok(Event::Writeback(..) | Event::Backfill { .. }) => Ok(()),
                     Err(RecvError::Closed) => return None,
                 },
             };

@@ -200,7 +200,7 @@ impl Publisher {
             }
             Event::Alarm(_) => {}
             Event::Reloaded { .. } => *groups = self.refresh(outbox),
-            Event::Writeback(..) => {}
+            Event::Writeback(..) | Event::Backfill { .. } => {}
         }
     }
 

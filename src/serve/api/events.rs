@@ -27,7 +27,7 @@ const AT_ONCE: usize = 64;
 #[utoipa::path(get, path = "/events", tag = "events",
     params(("Last-Event-ID" = Option<String>, Header, description = "the id of the last event that was heard")),
     responses((status = 200, content_type = "text/event-stream", body = EventData,
-        description = "events hello, reset, diagnosis, alarm, writeback, reloaded, lagged, bye"),
+        description = "events hello, reset, diagnosis, alarm, writeback, backfill, reloaded, lagged, bye"),
         (status = 503, description = "problem: too many clients listen already")))]
 pub async fn stream(
     State(context): State<Arc<Context>>,

@@ -2,6 +2,7 @@
 
 mod alarms;
 mod audit;
+mod backfill;
 mod bundle;
 mod description;
 mod events;
@@ -98,6 +99,7 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(events::stream))
         .routes(routes!(system::system))
         .routes(routes!(session::state, session::begin, session::end))
+        .routes(routes!(backfill::state, backfill::begin, backfill::cancel))
         .merge(common());
     #[cfg(feature = "writeback")]
     let api = api

@@ -5,8 +5,77 @@ use super::{finite, rfc3339};
 use crate::backfill::{Item, Timeline};
 use crate::diagnosis::HistoryKind;
 use crate::results::f_unit;
+use crate::serve::PastJob;
+use crate::serve::PastPhase;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+
+/// What a backfill is to do.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BackfillBody {
+    /// Which loop.
+    pub r#loop: String,
+    /// From this time on: RFC 3339, or seconds since the Unix epoch.
+    pub from: String,
+    /// Up to this time; now where it is left out.
+    #[serde(default)]
+    pub to: Option<String>,
+    /// Length of a window (s), 10 to 32000000; 1,500 sample periods where it is left out.
+    #[serde(default)]
+    pub window_s: Option<f64>,
+    /// From one diagnosis to the next (s), 10 to 32000000; a quarter of a window where it is left out.
+    #[serde(default)]
+    pub step_s: Option<f64>,
+    /// Read what the loop's OPC UA servers keep into the store first.
+    #[serde(default)]
+    pub read_devices: bool,
+}
+
+/// The job over a loop's past.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct BackfillJob {
+    /// Which loop.
+    pub r#loop: String,
+    /// From.
+    pub from: Option<String>,
+    /// To.
+    pub to: Option<String>,
+    /// `reading`, `diagnosing`, `done`, `cancelled` or `failed`.
+    pub phase: &'static str,
+    /// Why it failed; else null.
+    pub error: Option<String>,
+    /// Slices read or windows diagnosed.
+    pub done: usize,
+    /// Of how many; 0 while that is not known.
+    pub of: usize,
+    /// When it was begun.
+    pub started: Option<String>,
+    /// When it ended; null while it runs.
+    pub ended: Option<String>,
+    /// What it found; null until it is done.
+    pub report: Option<BackfillReport>,
+}
+
+impl From<&PastJob> for BackfillJob {
+    fn from(job: &PastJob) -> Self {
+        Self {
+            r#loop: job.wish.id.to_string(),
+            from: rfc3339(job.wish.from),
+            to: rfc3339(job.wish.to),
+            phase: job.phase.as_str(),
+            error: match &job.phase {
+                PastPhase::Failed(why) => Some(why.clone()),
+                _ => None,
+            },
+            done: job.done,
+            of: job.of,
+            started: rfc3339(job.started),
+            ended: job.ended.and_then(rfc3339),
+            report: job.found.as_ref().map(|found| BackfillReport::new(job.wish.id.as_str(), found)),
+        }
+    }
+}
 
 /// What the past says of one loop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]

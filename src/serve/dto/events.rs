@@ -52,6 +52,18 @@ pub enum EventData {
     },
     /// `writeback`: something happened to a loop's write-back.
     Writeback(WritebackEvent),
+    /// `backfill`: the job over a loop's past has come further.
+    Backfill {
+        /// Which loop.
+        #[serde(rename = "loop")]
+        control_loop: String,
+        /// `reading`, `diagnosing`, `done`, `cancelled` or `failed`.
+        phase: String,
+        /// Slices read or windows diagnosed.
+        done: usize,
+        /// Of how many.
+        of: usize,
+    },
     /// `reloaded`: another configuration is in force; fetch the loops again.
     Reloaded {
         /// Loops now watched.
@@ -95,6 +107,7 @@ impl EventData {
             Self::Diagnosis(_) => "diagnosis",
             Self::Alarm { .. } => "alarm",
             Self::Writeback(_) => "writeback",
+            Self::Backfill { .. } => "backfill",
             Self::Reloaded { .. } => "reloaded",
             Self::Lagged { .. } => "lagged",
             Self::Bye {} => "bye",
@@ -122,6 +135,9 @@ impl From<Event> for EventData {
             },
             Event::Writeback(id, news) => {
                 Self::Writeback(WritebackEvent { r#loop: id.to_string(), news: WritebackNews::from(&news) })
+            }
+            Event::Backfill { id, phase, done, of } => {
+                Self::Backfill { control_loop: id.to_string(), phase: phase.to_string(), done, of }
             }
             Event::Reloaded { loops } => Self::Reloaded { loops },
         }

@@ -20,21 +20,31 @@ impl Collector {
         let config = &self.plan.config;
         let now = self.source_now();
         let newest = self.tags.iter().filter_map(|tag| tag.series.last()).fold(f64::NEG_INFINITY, f64::max);
-        let from = (newest - MARGIN_S).max(now - config.history_max_s);
+        let fills = config.fill_gaps || self.starting;
         let asked: Vec<usize> = (0..self.tags.len())
-            .filter(|at| config.fill_gaps && self.tags[*at].gap && self.tags[*at].node.is_some())
-            .filter(|at| self.tags[*at].series.last().is_some())
+            .filter(|at| fills && self.tags[*at].gap && self.tags[*at].node.is_some())
+            .filter(|at| self.starting || self.tags[*at].series.last().is_some())
             .collect();
+        let longest = now - self.longest_gap();
+        // At the start a tag may have nothing yet, and another one what the store had of it.
+        let oldest =
+            asked.iter().map(|at| self.tags[*at].series.last().unwrap_or(longest)).fold(newest, f64::min);
+        let from = (if self.starting { oldest } else { newest } - MARGIN_S).max(longest);
+        if self.starting && !asked.is_empty() {
+            info!(device = %self.name(), tags = asked.len(), seconds = now - from, "history of before the start is read");
+        }
         let mut filled = 0;
         for batch in asked.chunks(link.history_batch().max(1)) {
             match self.fill_some(link, batch, (from, now + AHEAD_S), sink).await? {
                 Some(samples) => filled += samples,
                 None => {
+                    self.starting = false;
                     info!(device = %self.name(), "the server gives no history: the gap stays");
                     return Ok(());
                 }
             }
         }
+        self.starting = false;
         if !asked.is_empty() {
             info!(device = %self.name(), tags = asked.len(), samples = filled, "gap filled from history");
         }

@@ -1,0 +1,272 @@
+//! The past of a loop as a job beside the daemon: devices that keep history are read into the store, and what the store then
+//! has is diagnosed window by window, on one thread, with nothing said to operators.
+
+use super::keeping::Keeping;
+use crate::backfill::{BackfillError, Marked, Timeline, timeline, usual_cut};
+use crate::collect::opcua::{self, Keep, Slice, Wish};
+use crate::config::Config;
+use crate::diagnosis::Settings;
+use crate::results::{Event, Results};
+use crate::schedule::{Clock, Diagnose};
+use crate::serve::{Past, PastJob, PastPhase, PastRefusal, PastWish};
+use crate::signal::{Record, Sample};
+use crate::store::{self, Batch, Reader, Series, StoreError, TagName};
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio_util::sync::CancellationToken;
+
+/// Time asked of a device, and kept, at once (s).
+const SLICE_S: f64 = 3600.0;
+/// Rest between two requests to a device, which has others to answer.
+const PAUSE: Duration = Duration::from_millis(100);
+/// Samples of one tag that are diagnosed at most: 24 bytes each in memory.
+const MOST_SAMPLES: usize = 10_000_000;
+/// Windows of one job.
+const MOST_WINDOWS: f64 = 10_000.0;
+
+/// Where the API asks for the past.
+pub(super) struct Pasts {
+    shared: Arc<Shared>,
+    stop: CancellationToken,
+}
+
+struct Shared {
+    keeping: Arc<Keeping>,
+    results: Arc<Results>,
+    clock: Clock,
+    diagnose: Diagnose,
+    config: Mutex<Config>,
+    job: Mutex<Option<(PastJob, CancellationToken)>>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Pasts {
+    pub(super) fn new(
+        config: &Config,
+        clock: Clock,
+        (keeping, results): (&Arc<Keeping>, &Arc<Results>),
+        diagnose: Diagnose,
+        stop: CancellationToken,
+    ) -> Arc<Self> {
+        let (keeping, results) = (keeping.clone(), results.clone());
+        let (config, job) = (Mutex::new(config.clone()), Mutex::default());
+        Arc::new(Self { shared: Arc::new(Shared { keeping, results, clock, diagnose, config, job }), stop })
+    }
+
+    /// Another configuration; a job that runs goes on with its own.
+    pub(super) fn reload(&self, config: &Config) {
+        *lock(&self.shared.config) = config.clone();
+    }
+}
+
+impl Past for Pasts {
+    fn job(&self) -> Option<PastJob> {
+        lock(&self.shared.job).as_ref().map(|(job, _)| job.clone())
+    }
+
+    fn begin(&self, wish: PastWish) -> Result<PastJob, PastRefusal> {
+        let config = lock(&self.shared.config).clone();
+        // Where it is kept does not change by a reload.
+        let store = self.shared.keeping.configured().ok_or(PastRefusal::NoStore)?;
+        let mut job = lock(&self.shared.job);
+        if job.as_ref().is_some_and(|(job, _)| job.phase.runs()) {
+            return Err(PastRefusal::Runs);
+        }
+        let phase = if wish.read_devices { PastPhase::Reading } else { PastPhase::Diagnosing };
+        let begun = PastJob {
+            wish: wish.clone(),
+            phase,
+            done: 0,
+            of: 0,
+            started: self.shared.clock.now(),
+            ended: None,
+            found: None,
+        };
+        let cancel = self.stop.child_token();
+        *job = Some((begun.clone(), cancel.clone()));
+        drop(job);
+        tracing::info!(control_loop = %wish.id, from = wish.from, to = wish.to, "backfill: begun");
+        tokio::spawn(self.shared.clone().work(wish, config, store, cancel));
+        Ok(begun)
+    }
+
+    fn cancel(&self) -> Option<PastJob> {
+        let mut job = lock(&self.shared.job);
+        let (job, cancel) = job.as_mut().filter(|(job, _)| job.phase.runs())?;
+        cancel.cancel();
+        Some(job.clone())
+    }
+}
+
+impl Shared {
+    async fn work(
+        self: Arc<Self>,
+        wish: PastWish,
+        config: Config,
+        store: store::Config,
+        cancel: CancellationToken,
+    ) {
+        let mut ended = Ok(());
+        if wish.read_devices {
+            let reading = self.read_devices(&wish, &config);
+            ended = cancel.run_until_cancelled(reading).await.unwrap_or(Ok(()));
+        }
+        let phase = match ended {
+            Err(why) => PastPhase::Failed(why),
+            Ok(()) if cancel.is_cancelled() => PastPhase::Cancelled,
+            Ok(()) => {
+                let own = self.clone();
+                let judging = move || own.judge(&wish, &config, &store, &cancel);
+                match tokio::task::spawn_blocking(judging).await {
+                    Ok(phase) => phase,
+                    Err(error) => PastPhase::Failed(format!("the diagnosis failed: {error}")),
+                }
+            }
+        };
+        match &phase {
+            PastPhase::Failed(why) => tracing::warn!(why, "backfill: failed"),
+            phase => tracing::info!(phase = phase.as_str(), "backfill: ended"),
+        }
+        let ended = self.clock.now();
+        self.change(|job| (job.phase, job.ended) = (phase, Some(ended)));
+    }
+
+    /// Changes the job and tells it.
+    fn change(&self, change: impl FnOnce(&mut PastJob)) {
+        let mut held = lock(&self.job);
+        let Some((job, _)) = held.as_mut() else { return };
+        change(job);
+        let (id, phase) = (job.wish.id.clone(), job.phase.as_str());
+        self.results.tell_backfill(Event::Backfill { id, phase, done: job.done, of: job.of });
+    }
+
+    /// Reads what the loop's OPC UA servers kept.
+    async fn read_devices(self: &Arc<Self>, wish: &PastWish, config: &Config) -> Result<(), String> {
+        let plant = config
+            .plant()
+            .map_err(|issues| issues.first().map_or_else(String::new, |issue| issue.message.clone()))?;
+        let all = plant.loops.iter().flat_map(|l| l.tags.iter().map(move |tag| (l, tag))).enumerate();
+        let own = all.filter(|(_, (l, _))| l.id == wish.id);
+        let names: HashMap<usize, Arc<TagName>> = own
+            .map(|(at, (l, tag))| {
+                let (source, unit) = (tag.source.clone(), tag.unit.clone());
+                let (control_loop, tag) = (l.id.to_string(), tag.kind.name().to_string());
+                (at, Arc::new(TagName { control_loop, tag, source, unit }))
+            })
+            .collect();
+        let plans = plant.opcua.into_iter().filter_map(|mut plan| {
+            plan.tags.retain(|tag| names.contains_key(&tag.index));
+            (!plan.tags.is_empty()).then_some(plan)
+        });
+        let plans: Vec<opcua::Plan> = plans.collect();
+        if plans.is_empty() {
+            return Err("no tag of the loop is read from a server that could keep history".to_string());
+        }
+        let history = Wish {
+            from: wish.from,
+            to: wish.to,
+            newest_first: false,
+            slice_s: SLICE_S,
+            pause: PAUSE,
+            average_s: None,
+        };
+        let of = plans.len() * history.slices().count();
+        self.change(|job| job.of = of);
+        let mut kept = Kept { shared: self.clone(), names };
+        for plan in &plans {
+            opcua::history(plan, &history, &mut kept).await.map_err(|error| error.to_string())?;
+        }
+        Ok(())
+    }
+
+    fn judge(
+        &self,
+        wish: &PastWish,
+        config: &Config,
+        store: &store::Config,
+        cancel: &CancellationToken,
+    ) -> PastPhase {
+        let found = stored(wish, store).map_err(|error| error.to_string());
+        let judged = found.and_then(|record| self.timeline(wish, config, record, cancel));
+        match judged {
+            Ok(Some(found)) => {
+                self.change(|job| job.found = Some(Arc::new(found)));
+                PastPhase::Done
+            }
+            Ok(None) => PastPhase::Cancelled,
+            Err(why) => PastPhase::Failed(why),
+        }
+    }
+
+    /// The timeline; `None` where nobody wants it any more.
+    fn timeline(
+        &self,
+        wish: &PastWish,
+        config: &Config,
+        mut record: Record,
+        cancel: &CancellationToken,
+    ) -> Result<Option<Timeline>, String> {
+        if record.pv.len().max(record.op.len()) > MOST_SAMPLES {
+            return Err(format!("more than {MOST_SAMPLES} samples; ask for less time"));
+        }
+        if let Some(own) = config.loops.iter().find(|l| l.id == wish.id.as_str()) {
+            record.op_span = own.op_span;
+            record.op_limits = own.op_limits.map(|[low, high]| (low, high));
+        }
+        let marked = Marked::from(record);
+        let empty = || BackfillError::Empty.to_string();
+        let cut = usual_cut(&marked.record, wish.window_s, wish.step_s).ok_or_else(empty)?;
+        if (wish.to - wish.from) / cut.step_s > MOST_WINDOWS {
+            return Err(format!("more than {MOST_WINDOWS} windows; take a longer step"));
+        }
+        self.change(|job| (job.phase, job.done, job.of) = (PastPhase::Diagnosing, 0, 0));
+        let progress = |done: usize, of: usize| {
+            self.change(|job| (job.done, job.of) = (done, of));
+            !cancel.is_cancelled()
+        };
+        let (settings, judge) = (Settings::from(&config.diagnosis), self.diagnose.as_ref());
+        let judge = |record: &Record, settings: &Settings, known: &[_]| judge(record, settings, known);
+        match timeline(&wish.id, marked, cut, &settings, &config.alarm, &judge, progress) {
+            Err(BackfillError::Cancelled) => Ok(None),
+            found => found.map(Some).map_err(|error| error.to_string()),
+        }
+    }
+}
+
+/// A loop's own tags as the store has them.
+fn stored(wish: &PastWish, config: &store::Config) -> Result<Record, StoreError> {
+    let mut reader = Reader::at_hand(config)?;
+    let mut tag = |name: &str| reader.between(wish.id.as_str(), name, wish.from, wish.to);
+    let some = |series: Vec<Sample>| Some(series).filter(|series| !series.is_empty());
+    Ok(Record {
+        op: tag("op")?,
+        pv: tag("pv")?,
+        sp: some(tag("sp")?),
+        mode: some(tag("mode")?),
+        mv: some(tag("mv")?),
+        ..Record::default()
+    })
+}
+
+/// Puts slices into the daemon's store.
+struct Kept {
+    shared: Arc<Shared>,
+    names: HashMap<usize, Arc<TagName>>,
+}
+
+impl Keep for Kept {
+    async fn keep(&mut self, slice: Slice) -> Result<(), String> {
+        let named =
+            |(at, samples): (usize, Vec<Sample>)| Some(Series { tag: self.names.get(&at)?.clone(), samples });
+        let batch = Batch { series: slice.series.into_iter().filter_map(named).collect(), rows: Vec::new() };
+        let keeping = self.shared.keeping.clone();
+        let kept = tokio::task::spawn_blocking(move || keeping.insert(batch)).await;
+        kept.unwrap_or_else(|error| Err(error.to_string()))?;
+        self.shared.change(|job| job.done += 1);
+        Ok(())
+    }
+}
