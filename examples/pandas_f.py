@@ -48,6 +48,9 @@ history = pd.concat(
 if history.empty:
     sys.exit("nothing has been diagnosed yet")
 history["time"] = pd.to_datetime(history["time"], format="ISO8601")
+history["f"] = pd.to_numeric(history["f"])
+if history["f"].isna().all():
+    sys.exit("no diagnosis could tell f yet")
 over_time = history.dropna(subset=["f"]).pivot_table(index="time", columns="loop", values="f")
 print(over_time.describe().T[["count", "mean", "min", "max"]].to_string(float_format="%.2f"))
 

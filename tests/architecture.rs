@@ -80,6 +80,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
             "history",
             "results",
             "schedule",
+            "backfill",
             "serve",
             "store",
             "notify",

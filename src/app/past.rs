@@ -20,7 +20,9 @@ use tokio_util::sync::CancellationToken;
 const SLICE_S: f64 = 3600.0;
 /// Rest between two requests to a device, which has others to answer.
 const PAUSE: Duration = Duration::from_millis(100);
-/// Samples of one tag that are diagnosed at most: 24 bytes each in memory.
+/// Time read from the store at once (s).
+const DAY_S: f64 = 86_400.0;
+/// Samples of a loop's tags together that are diagnosed at most: 24 bytes each in memory.
 const MOST_SAMPLES: usize = 10_000_000;
 /// Windows of one job.
 const MOST_WINDOWS: f64 = 10_000.0;
@@ -190,8 +192,10 @@ impl Shared {
         store: &store::Config,
         cancel: &CancellationToken,
     ) -> PastPhase {
-        let found = stored(wish, store).map_err(|error| error.to_string());
-        let judged = found.and_then(|record| self.timeline(wish, config, record, cancel));
+        let judged = stored(wish, store, cancel).and_then(|found| match found {
+            Some(record) => self.timeline(wish, config, record, cancel),
+            None => Ok(None),
+        });
         match judged {
             Ok(Some(found)) => {
                 self.change(|job| job.found = Some(Arc::new(found)));
@@ -210,9 +214,6 @@ impl Shared {
         mut record: Record,
         cancel: &CancellationToken,
     ) -> Result<Option<Timeline>, String> {
-        if record.pv.len().max(record.op.len()) > MOST_SAMPLES {
-            return Err(format!("more than {MOST_SAMPLES} samples; ask for less time"));
-        }
         if let Some(own) = config.loops.iter().find(|l| l.id == wish.id.as_str()) {
             record.op_span = own.op_span;
             record.op_limits = own.op_limits.map(|[low, high]| (low, high));
@@ -237,19 +238,36 @@ impl Shared {
     }
 }
 
-/// A loop's own tags as the store has them.
-fn stored(wish: &PastWish, config: &store::Config) -> Result<Record, StoreError> {
-    let mut reader = Reader::at_hand(config)?;
-    let mut tag = |name: &str| reader.between(wish.id.as_str(), name, wish.from, wish.to);
+/// A loop's own tags as the store has them, read a day at a time; `None` where nobody wants them any more.
+fn stored(
+    wish: &PastWish,
+    config: &store::Config,
+    cancel: &CancellationToken,
+) -> Result<Option<Record>, String> {
+    let said = |error: StoreError| error.to_string();
+    let mut reader = Reader::at_hand(config).map_err(said)?;
+    let names = ["op", "pv", "sp", "mode", "mv"];
+    let mut series: [Vec<Sample>; 5] = std::array::from_fn(|_| Vec::new());
+    let mut from = wish.from;
+    while from < wish.to {
+        // The next slice begins behind the last sample that this one may hold.
+        let to = (from + DAY_S).min(wish.to);
+        for (name, series) in names.iter().zip(&mut series) {
+            let slice = reader.between(wish.id.as_str(), name, from, to).map_err(said)?;
+            let last = series.last().map_or(f64::NEG_INFINITY, |sample| sample.t);
+            series.extend(slice.into_iter().filter(|sample| sample.t > last));
+        }
+        if cancel.is_cancelled() {
+            return Ok(None);
+        }
+        if series.iter().map(Vec::len).sum::<usize>() > MOST_SAMPLES {
+            return Err(format!("more than {MOST_SAMPLES} samples; ask for less time"));
+        }
+        from = to;
+    }
+    let [op, pv, sp, mode, mv] = series;
     let some = |series: Vec<Sample>| Some(series).filter(|series| !series.is_empty());
-    Ok(Record {
-        op: tag("op")?,
-        pv: tag("pv")?,
-        sp: some(tag("sp")?),
-        mode: some(tag("mode")?),
-        mv: some(tag("mv")?),
-        ..Record::default()
-    })
+    Ok(Some(Record { op, pv, sp: some(sp), mode: some(mode), mv: some(mv), ..Record::default() }))
 }
 
 /// Puts slices into the daemon's store.

@@ -36,11 +36,13 @@ const RESCREEN_RACE: [(usize, usize); 1] = [(2, 3)];
 const EVERY: [usize; 2] = [100, 40];
 /// Structures that start from those errors.
 const RESCREENED: usize = 8;
-/// Places where every structure is fitted at the most.
+/// Places where every structure is fitted at the most, and fits after which there is no other: a bound on the time where no f
+/// is much better than the next.
 const PLACES: usize = 3;
+const MOST_FITS: usize = 700;
 /// Models carried along f from such a place, and iterations at each value.
 const CARRIED: usize = 2;
-const CARRY: usize = 3;
+const CARRY: usize = 2;
 /// Values in a row that a model is carried on beyond the last where it came near the best, and what near is (N ln V).
 const PATIENCE: usize = 2;
 const NEAR: f64 = 20.0;
@@ -172,7 +174,7 @@ impl Searcher<'_> {
         let mut places: Vec<usize> = Vec::with_capacity(PLACES);
         for _ in 0..PLACES {
             let (at, _) = least(points);
-            if places.contains(&at) {
+            if places.contains(&at) || self.fits > MOST_FITS {
                 return;
             }
             places.push(at);

@@ -152,7 +152,15 @@ impl<C: Carrier> Postman<C> {
         }
     }
 
+    /// Changes of two threads may come in another order than their numbers: the log has the one that is missing.
     fn hear(&mut self, change: &AlarmChange, batch: &mut Batch, now: f64) {
+        if change.number > self.heard + 1 {
+            self.catch_up(batch, now);
+        }
+        self.take(change, batch, now);
+    }
+
+    fn take(&mut self, change: &AlarmChange, batch: &mut Batch, now: f64) {
         if change.number <= self.heard {
             return;
         }
@@ -167,7 +175,7 @@ impl<C: Carrier> Postman<C> {
         }
     }
 
-    /// More happened than was taken from the channel: the log of changes knows most of it.
+    /// More happened than was taken from the channel: the log of changes has most of it.
     fn catch_up(&mut self, batch: &mut Batch, now: f64) {
         let log = self.source.results.alarm_log();
         let oldest = log.last().map_or(0, |change| change.number);
@@ -176,7 +184,7 @@ impl<C: Carrier> Postman<C> {
             batch.lose(lost, now);
             self.state.dropped.fetch_add(lost, Relaxed);
         }
-        log.iter().rev().for_each(|change| self.hear(change, batch, now));
+        log.iter().rev().for_each(|change| self.take(change, batch, now));
     }
 
     /// Makes a letter of a digest; its name.

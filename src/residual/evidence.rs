@@ -161,7 +161,8 @@ mod tests {
     fn a_step_that_is_there_has_evidence_and_one_that_is_not_has_none() {
         // One number: chi squared of one degree stays below 11 but once in a thousand.
         assert!(gain(0.0, 0) < 11.0, "{}", gain(0.0, 0));
-        assert!(gain(0.09, 0) > 40.0, "{}", gain(0.09, 0));
+        // Twice what none reaches.
+        assert!(gain(0.09, 0) > 22.0, "{}", gain(0.09, 0));
     }
 
     #[test]

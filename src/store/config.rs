@@ -195,6 +195,18 @@ fn url_fault(url: &str, has_ca: bool) -> Option<String> {
     if parsed.get_hosts().is_empty() || parsed.get_user().is_none() {
         return Some("must name user and host".to_string());
     }
+    let near = |host: &postgres::config::Host| match host {
+        postgres::config::Host::Tcp(name) => {
+            name == "localhost" || name.parse().is_ok_and(|ip: std::net::IpAddr| ip.is_loopback())
+        }
+        postgres::config::Host::Unix(_) => true,
+    };
+    if !has_ca && !parsed.get_hosts().iter().all(near) {
+        return Some(
+            "is another machine; name the ca_file that it is to be trusted by, or reach it by a tunnel"
+                .to_string(),
+        );
+    }
     let asks = parsed.get_ssl_mode() == postgres::config::SslMode::Require;
     (asks && !has_ca)
         .then(|| "asks for TLS; name the ca_file that the database is to be trusted by".to_string())
@@ -207,7 +219,11 @@ mod tests {
     #[test]
     fn an_address_with_a_password_is_refused_without_repeating_it() {
         let fault = |url: &str, ca| url_fault(url, ca);
-        assert_eq!(fault("postgres://stictiond@db.plant:5432/history", false), None);
+        assert_eq!(fault("postgres://stictiond@db.plant:5432/history", true), None);
+        assert_eq!(fault("postgres://stictiond@[::1]:5432/history", false), None);
+        assert!(
+            fault("postgres://stictiond@db.plant:5432/history", false).is_some_and(|t| t.contains("ca_file"))
+        );
         assert_eq!(fault("postgresql://stictiond@%2Frun%2Fpostgresql/history", false), None);
         let told = fault("postgres://eve:geheim@db/history", false).expect("refused");
         assert!(told.contains("password_file") && !told.contains("geheim"), "{told}");
@@ -217,7 +233,8 @@ mod tests {
             assert!(fault(wrong, false).is_some(), "{wrong}");
         }
         assert!(
-            fault("postgres://a@b/c?sslmode=require", false).is_some_and(|told| told.contains("ca_file"))
+            fault("postgres://a@localhost/c?sslmode=require", false)
+                .is_some_and(|told| told.contains("ca_file"))
         );
         assert_eq!(fault("postgres://a@b/c?sslmode=require", true), None);
     }

@@ -111,8 +111,8 @@ impl Normal {
         }
         let c = &theta.c[..nc];
         let Some(zeros) = zeros(c) else { return count };
-        // Of two conjugates one is enough.
-        for zero in zeros[..nc].iter().filter(|zero| zero.im >= 0.0) {
+        // Of two conjugates one is enough; the iteration leaves rounding on a real zero.
+        for zero in zeros[..nc].iter().filter(|zero| zero.im > -1e-9 * zero.norm()) {
             let mut row = [0.0; MAX_PARAMETERS];
             outward(c, *zero, &mut row[na + nb..na + nb + nc]);
             if count <= BOUNDS && row.iter().all(|r| r.is_finite()) {

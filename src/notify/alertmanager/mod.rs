@@ -116,11 +116,16 @@ impl Informer {
         }
         let limit = Duration::try_from_secs_f64(self.config.timeout_s).unwrap_or_default();
         let headers = self.headers().await?;
+        // One that is refused does not keep the others back.
+        let mut refused = None;
         for body in bodies {
             let answer = self.endpoint.post(headers.clone(), body.into_bytes(), limit).await?;
             if !answer.status.is_success() {
-                return Err(format!("{} {}", answer.status, answer.text));
+                refused.get_or_insert(format!("{} {}", answer.status, answer.text));
             }
+        }
+        if let Some(why) = refused {
+            return Err(why);
         }
         self.state.queue.store(0, Relaxed);
         if self.state.took(now) {

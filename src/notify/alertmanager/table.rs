@@ -93,7 +93,8 @@ impl Alert {
         payload::Alert {
             labels: &self.labels,
             annotations: &self.annotations,
-            starts_at: iso(self.starts),
+            // A clock that was set back leaves alarms of the future, which are refused.
+            starts_at: iso(self.starts.min(ends)),
             ends_at: iso(ends),
             generator_url: self.link.as_deref(),
         }

@@ -11,6 +11,7 @@ use super::notice::Source;
 use super::postman::{Carrier, Fault, Postman};
 use super::state::State;
 use super::{http, secret};
+use lettre::address::Envelope;
 use lettre::message::{Mailbox, header::ContentType};
 use lettre::transport::smtp::authentication::Credentials;
 use lettre::transport::smtp::client::{Certificate, CertificateStore, Tls, TlsParameters};
@@ -19,6 +20,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::spawn_blocking;
 use tokio::time::timeout;
+use tracing::warn;
 
 /// Steps of a conversation with a server: each may take the whole time, all together this many times it.
 const STEPS: u32 = 4;
@@ -49,19 +51,51 @@ impl Carrier for Mail {
             spawn_blocking(move || transport(&config)).await.map_err(|error| later(error.to_string()))?;
         let server = made.map_err(later)?;
         let limit = STEPS * self.limit();
-        match timeout(limit, server.send(mail)).await {
-            Ok(Ok(_)) => Ok(()),
-            // A password may be set right without a restart; what else is refused for good stays refused.
-            Ok(Err(error)) if error.is_permanent() && !is_login(&error) => {
-                Err(Fault::Never(error.to_string()))
+        let late = |_| later(format!("not sent within {} s", limit.as_secs_f64()));
+        match timeout(limit, server.send(mail.clone())).await.map_err(late)? {
+            Err(error) if is_for_good(&error) && self.config.to.len() > 1 => {
+                self.carry_to_each(&server, &mail, limit).await
             }
-            Ok(Err(error)) => Err(later(error.to_string())),
-            Err(_) => Err(later(format!("not sent within {} s", limit.as_secs_f64()))),
+            sent => sent.map(drop).map_err(fault),
         }
     }
 }
 
+/// What is refused for good stays refused.
+fn fault(error: lettre::transport::smtp::Error) -> Fault {
+    if is_for_good(&error) { Fault::Never(error.to_string()) } else { Fault::Later(error.to_string(), None) }
+}
+
+/// A password may be set right without a restart.
+fn is_for_good(error: &lettre::transport::smtp::Error) -> bool {
+    error.is_permanent() && !is_login(error)
+}
+
 impl Mail {
+    /// One address that is refused must not keep the mail from the others.
+    async fn carry_to_each(
+        &self,
+        server: &AsyncSmtpTransport<Tokio1Executor>,
+        mail: &Message,
+        limit: Duration,
+    ) -> Result<(), Fault> {
+        let (mut taken, mut refused) = (false, None);
+        for to in mail.envelope().to() {
+            let own = Envelope::new(mail.envelope().from().cloned(), vec![to.clone()]);
+            let own = own.map_err(|error| Fault::Never(error.to_string()))?;
+            match timeout(limit, server.send_raw(&own, &mail.formatted())).await {
+                Ok(Ok(_)) => taken = true,
+                Ok(Err(error)) => {
+                    warn!(receiver = self.config.name, to = %to, %error, "an address was refused");
+                    refused = Some(fault(error));
+                }
+                Err(_) => refused = Some(Fault::Later("no answer in time".to_string(), None)),
+            }
+        }
+        // Sent again it would come twice to those who have it.
+        refused.filter(|_| !taken).map_or(Ok(()), Err)
+    }
+
     fn limit(&self) -> Duration {
         Duration::try_from_secs_f64(self.config.timeout_s).unwrap_or_default()
     }

@@ -16,6 +16,9 @@ const BLOCK: usize = 32;
 
 pub struct OscillatingLoad;
 
+/// Angular frequency up to which a harmonic is taken (rad/sample).
+const HIGHEST: f64 = 0.9 * TAU / 2.0;
+
 #[derive(Clone, Debug)]
 struct Load {
     /// Angular frequency (rad/sample).
@@ -28,7 +31,7 @@ impl Load {
     fn shapes(&self, n: usize) -> Vec<Vec<f64>> {
         self.harmonics
             .iter()
-            .filter(|h| self.w * (**h as f64) < 0.9 * TAU / 2.0)
+            .filter(|h| self.w < HIGHEST / **h as f64)
             .flat_map(|h| wave(self.w * *h as f64, n))
             .collect()
     }
@@ -56,7 +59,13 @@ impl Term for Load {
         Box::new(self.clone())
     }
     fn knobs(&self) -> Vec<Knob> {
-        vec![Knob { value: self.w, step: self.step, smooth: true, bounds: (1e-4, TAU / 2.0) }]
+        // The harmonics in use stay in use and the others out, or the columns would change under the fit.
+        let edge = |h: &usize| HIGHEST / *h as f64;
+        let (inside, outside): (Vec<f64>, Vec<f64>) =
+            self.harmonics.iter().map(edge).partition(|edge| self.w < *edge);
+        let lowest = outside.into_iter().fold(1e-4, f64::max);
+        let highest = inside.into_iter().fold(TAU / 2.0, f64::min) * (1.0 - 1e-9);
+        vec![Knob { value: self.w, step: self.step, smooth: true, bounds: (lowest, highest) }]
     }
     fn set(&mut self, _at: usize, value: f64) {
         self.w = value;

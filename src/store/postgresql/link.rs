@@ -20,7 +20,7 @@ const SILENCE: Duration = Duration::from_secs(15);
 /// Longest statement (s) and longest wait for a lock (s).
 const LIMITS: (u32, u32) = (120, 10);
 
-/// Connects; the schema's tables are found by their plain names then.
+/// Connects; the schema's tables are found by their plain names then, and what an extension has put into `public`.
 ///
 /// # Errors
 /// [`StoreError::Away`].
@@ -42,8 +42,10 @@ pub(super) fn connect(config: &Config) -> Result<Client, StoreError> {
     let (statement, lock) = LIMITS;
     client
         .batch_execute(&format!(
-            "SET search_path TO \"{}\"; SET synchronous_commit TO on; SET TimeZone TO 'UTC';
-             SET client_min_messages TO warning; SET statement_timeout TO '{statement}s'; SET lock_timeout TO '{lock}s';",
+            "SET search_path TO \"{}\", public; SET synchronous_commit TO on; SET TimeZone TO 'UTC';
+             SET client_min_messages TO warning; SET statement_timeout TO '{statement}s'; SET lock_timeout TO '{lock}s';
+             SET tcp_keepalives_idle TO 15; SET tcp_keepalives_interval TO 5; SET tcp_keepalives_count TO 3;
+             SET tcp_user_timeout TO '15s';",
             config.schema
         ))
         .map_err(refused)?;

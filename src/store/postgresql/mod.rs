@@ -216,8 +216,13 @@ impl Writes for Store {
         let Some(link) = &mut self.link else { return Ok(false) };
         match self.retention.step(link, &self.config, now) {
             Ok(more) => Ok(more),
-            Err(error) => {
+            Err(error) if link.client.is_closed() => {
                 self.lost(&error);
+                Ok(false)
+            }
+            Err(error) => {
+                tracing::warn!(%error, "what is old stays in the database for now");
+                self.retention.put_off(now);
                 Ok(false)
             }
         }

@@ -53,6 +53,12 @@ impl Retention {
         Ok(worked)
     }
 
+    /// Leaves the rest for the next look: what was in the way, a dump for one, takes a while.
+    pub fn put_off(&mut self, now: f64) {
+        self.looked = now;
+        self.thinning = None;
+    }
+
     fn by_age(&mut self, link: &mut Link, config: &Config, now: f64) -> Result<bool, StoreError> {
         let day = |days: f64| now - days * DAY_S;
         if let Some(begin) = oldest(link, "samples", SAMPLES_S)?
@@ -83,11 +89,20 @@ impl Retention {
         let samples = oldest(link, "samples", SAMPLES_S)?.map(|begin| (begin, (begin + SAMPLES_S) as f64));
         match (samples, oldest(link, "trends", TRENDS_S)?) {
             (Some((begin, end)), _) if end < now - DAY_S => self.thinning = Some((begin, begin)),
-            (_, Some(begin)) => drop_until(link, "trends", begin + TRENDS_S, TRENDS_S)?,
-            (Some((begin, end)), None) if end < now => {
+            (_, Some(begin)) if ((begin + TRENDS_S) as f64) < now => {
+                drop_until(link, "trends", begin + TRENDS_S, TRENDS_S)?
+            }
+            (Some((begin, end)), _) if end < now => {
                 drop_until(link, "samples", begin + SAMPLES_S, SAMPLES_S)?
             }
-            _ => return Ok(drop_diagnoses(link, f64::INFINITY)? > 0),
+            _ => {
+                let gone = drop_diagnoses(link, f64::INFINITY)?;
+                if gone > 0 {
+                    // Deleted rows keep their room until then, and more would go than has to.
+                    link.client.batch_execute("VACUUM FULL diagnoses")?;
+                }
+                return Ok(gone > 0);
+            }
         }
         Ok(true)
     }
