@@ -37,6 +37,7 @@ def pages(path, **query):
 loops = pd.DataFrame(pages("/loops", limit=500)).set_index("id")
 interval = loops["f_ci95"].apply(lambda pair: pd.Series(pair or [None, None], index=["f_low", "f_high"]))
 f = loops[["group", "verdict", "f", "f_unit", "delta_aic", "alarm"]].join(interval.astype(float))
+f[["f", "delta_aic"]] = f[["f", "delta_aic"]].astype(float)  # null where nothing can be told
 f["time"] = pd.to_datetime(loops["time"], format="ISO8601")
 print(f.sort_values("f", ascending=False).to_string(float_format="%.2f"))
 
@@ -48,11 +49,12 @@ history = pd.concat(
 if history.empty:
     sys.exit("nothing has been diagnosed yet")
 history["time"] = pd.to_datetime(history["time"], format="ISO8601")
-history["f"] = pd.to_numeric(history["f"])
-if history["f"].isna().all():
-    sys.exit("no diagnosis could tell f yet")
+history["f"] = history["f"].astype(float)
 over_time = history.dropna(subset=["f"]).pivot_table(index="time", columns="loop", values="f")
-print(over_time.describe().T[["count", "mean", "min", "max"]].to_string(float_format="%.2f"))
+if over_time.empty:
+    print("no diagnosis has found f yet")
+else:
+    print(over_time.describe().T[["count", "mean", "min", "max"]].to_string(float_format="%.2f"))
 
 # %% PV and OP of the worst loop as one frame, what is not good left out
 worst = f["f"].idxmax() if f["f"].notna().any() else f.index[0]
