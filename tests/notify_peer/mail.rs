@@ -47,11 +47,19 @@ async fn mails_go_by_starttls_with_a_password_and_say_what_matters() {
     peer.tell("refuse 1 451 later").await;
     daemon.diagnosed("FIC1", None);
     assert_eq!(peer.next().await["subject"], "[stictiond] cleared FIC1: the valve sticks");
-    peer.tell("refuse 1 554 never").await;
+    // Of all, then of each by itself.
+    peer.tell("refuse 3 554 never").await;
     daemon.diagnosed("FIC2", None);
     daemon.receiver("fitters", "a dead letter", |own| own["dead_letters"] == 1).await;
     let (status, _) = daemon.ask("POST", "/api/v1/notifications/fitters/replay", "").await;
     assert_eq!(status, 200);
     assert_eq!(peer.next().await["subject"], "[stictiond] cleared FIC2: the valve sticks");
+
+    // Who is not there any more does not keep the mail from the others.
+    peer.tell("moved 2 a@plant.example").await;
+    daemon.diagnosed("FIC1", Some(2.5));
+    let mail = peer.next().await;
+    assert_eq!(mail["to"], serde_json::json!(["b@plant.example"]));
+    assert_eq!(mail["subject"], "[stictiond] HIGH FIC1: the valve sticks");
     daemon.stop().await;
 }

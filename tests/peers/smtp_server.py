@@ -4,6 +4,7 @@ password. Prints "port N" once it listens, and a line of JSON for every mail.
 Reads commands from stdin, one a line, and answers each with "ok":
 
   refuse N TEXT   the next N mails are refused with TEXT, which begins with a code
+  moved N TO      the next N times that TO is to get a mail nobody is known by that name
 """
 
 import asyncio
@@ -17,6 +18,7 @@ from aiosmtpd.smtp import SMTP, AuthResult, LoginPassword
 
 certificate, key, user, password = sys.argv[1:5]
 plan = []
+moved = []
 
 
 def say(text):
@@ -24,6 +26,13 @@ def say(text):
 
 
 class Handler:
+    async def handle_RCPT(self, server, session, envelope, address, options):
+        if address in moved:
+            moved.remove(address)
+            return "550 nobody by that name"
+        envelope.rcpt_tos.append(address)
+        return "250 known"
+
     async def handle_DATA(self, server, session, envelope):
         if plan:
             return plan.pop(0)
@@ -50,8 +59,8 @@ async def main():
     server = await loop.create_server(make, "127.0.0.1", 0)
     say(f"port {server.sockets[0].getsockname()[1]}")
     while line := await loop.run_in_executor(None, sys.stdin.readline):
-        _, count, text = line.rstrip("\n").split(" ", 2)
-        plan.extend([text] * int(count))
+        what, count, text = line.rstrip("\n").split(" ", 2)
+        (plan if what == "refuse" else moved).extend([text] * int(count))
         say("ok")
 
 
