@@ -29,7 +29,7 @@ const AS_GOOD: f64 = 1.005;
 const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
 /// Evidence that the model of friction costs where there is one, since no stem is quite its element, and an effect that is
 /// another friction (-).
-const STICKY: f64 = 8.0;
+const STICKY: f64 = 15.0;
 const OTHER_FRICTION: f64 = 5.0;
 /// Evidence that a free run nearer by a factor of e is worth: when effects are accepted, and when they are compared (-).
 const NEARER: f64 = 8.0;
