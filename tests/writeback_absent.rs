@@ -8,7 +8,7 @@ use std::process::Command;
 use stictiond::writeback::BUILT_IN;
 
 /// The writer's name as the compiler mangles it, and a text that only the writer has.
-const TRACES: [&str; 2] = ["9writeback4link", "no answer within "];
+const TRACES: [&str; 2] = ["9writeback4link", "a write was answered with "];
 
 #[test]
 fn the_writer_is_in_the_binary_only_with_the_feature() {
