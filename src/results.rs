@@ -289,30 +289,25 @@ impl Results {
             return run;
         };
         let summary = run.summary();
-        let told = {
-            let mut entry = lock(&entry);
-            if entry.summaries.len() == self.keep {
-                entry.summaries.pop_front();
+        let mut entry = lock(&entry);
+        if entry.summaries.len() == self.keep {
+            entry.summaries.pop_front();
+        }
+        entry.summaries.push_back(summary.clone());
+        let mut new_model = None;
+        if let Some(judged) = run.judged() {
+            let effects = judged.effects();
+            if entry.model.version == 0 || entry.model.effects != effects {
+                let version = entry.model.version + 1;
+                entry.model = ModelVersion { version, since: run.finished, effects };
+                new_model = Some(entry.model.clone());
             }
-            entry.summaries.push_back(summary.clone());
-            let mut new_model = None;
-            if let Some(judged) = run.judged() {
-                let effects = judged.effects();
-                if entry.model.version == 0 || entry.model.effects != effects {
-                    let version = entry.model.version + 1;
-                    entry.model = ModelVersion { version, since: run.finished, effects };
-                    new_model = Some(entry.model.clone());
-                }
-                entry.diagnosed = Some((run.clone(), summary.clone()));
-                entry.restored = None;
-            }
-            // Before the loop is let go, so that its runs reach its alarms and the store in order.
-            let board::News { kept, told } = self.judge(&run, &summary);
-            self.keep(Some((run.clone(), summary.clone())), new_model, kept);
-            told
-        };
-        self.tell(Event::Run(run.id.clone(), summary));
-        self.tell_alarms(told);
+            entry.diagnosed = Some((run.clone(), summary.clone()));
+            entry.restored = None;
+        }
+        // Before the loop is let go, so that its runs reach its alarms, the store and who listens in order.
+        self.judge(&run, summary, new_model);
+        drop(entry);
         run
     }
 

@@ -152,7 +152,7 @@ impl<C: Carrier> Postman<C> {
         }
     }
 
-    /// Changes of two threads may come in another order than their numbers: the log has the one that is missing.
+    /// The channel may begin after the log: that has the one that is missing.
     fn hear(&mut self, change: &AlarmChange, batch: &mut Batch, now: f64) {
         if change.number > self.heard + 1 {
             self.catch_up(batch, now);

@@ -2,7 +2,7 @@
 
 use crate::alarm::{AlarmId, Priority, Transition};
 use std::collections::VecDeque;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Changes that are remembered.
 pub const MOST_CHANGES: usize = 2000;
@@ -28,34 +28,34 @@ pub struct AlarmChange {
     pub comment: Option<String>,
 }
 
-/// The last changes.
+/// The last changes, and how many there were.
 #[derive(Debug, Default)]
-pub(super) struct AlarmLog(Mutex<(u64, VecDeque<AlarmChange>)>);
+pub(super) struct AlarmLog {
+    latest: u64,
+    kept: VecDeque<Arc<AlarmChange>>,
+}
 
 impl AlarmLog {
     /// Numbers a change and remembers it.
-    pub(super) fn push(&self, change: AlarmChange) -> AlarmChange {
-        let (next, log) = &mut *self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if log.len() == MOST_CHANGES {
-            log.pop_front();
+    pub fn push(&mut self, change: AlarmChange) -> Arc<AlarmChange> {
+        if self.kept.len() == MOST_CHANGES {
+            self.kept.pop_front();
         }
-        *next += 1;
-        let change = AlarmChange { number: *next, ..change };
-        log.push_back(change.clone());
+        self.latest += 1;
+        let change = Arc::new(AlarmChange { number: self.latest, ..change });
+        self.kept.push_back(change.clone());
         change
     }
 
     /// Takes back what was kept, oldest first, unless something has happened since.
-    pub(super) fn restore(&self, kept: Vec<AlarmChange>) {
-        let empty = self.0.lock().unwrap_or_else(PoisonError::into_inner).1.is_empty();
-        if empty {
+    pub fn restore(&mut self, kept: Vec<AlarmChange>) {
+        if self.kept.is_empty() {
             kept.into_iter().for_each(|change| drop(self.push(change)));
         }
     }
 
-    pub(super) fn newest_first(&self) -> Vec<AlarmChange> {
-        let log = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        log.1.iter().rev().cloned().collect()
+    pub fn newest_first(&self) -> Vec<Arc<AlarmChange>> {
+        self.kept.iter().rev().cloned().collect()
     }
 }
 
@@ -66,7 +66,7 @@ mod tests {
 
     #[test]
     fn the_oldest_change_goes_when_there_is_no_room() {
-        let log = AlarmLog::default();
+        let mut log = AlarmLog::default();
         for k in 0..MOST_CHANGES + 5 {
             let transition = Transition {
                 from: State::Normal,

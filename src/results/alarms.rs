@@ -1,9 +1,9 @@
 //! The alarms of the plant: what runs, tags and collectors say to them, and what people do about them.
 
-use super::alarm_log::{AlarmChange, AlarmLog};
+use super::alarm_log::AlarmChange;
 use super::board::{Board, News, Standing};
 use super::kept::RestoredAlarm;
-use super::{Event, Results, Run, Summary};
+use super::{Event, ModelVersion, Results, Run, Summary};
 use crate::alarm::{Action, Alarm, AlarmId, Config, FloodView, Kind, Priority, Refusal, State};
 use crate::signal::LoopId;
 use std::collections::HashSet;
@@ -53,15 +53,12 @@ pub struct Said {
 
 /// All alarms, and what they did.
 #[derive(Debug, Default)]
-pub(super) struct Alarms {
-    board: Mutex<Board>,
-    pub log: AlarmLog,
-}
+pub(super) struct Alarms(Mutex<Board>);
 
 impl Alarms {
     /// A panic elsewhere leaves the board whole enough: every alarm is changed by one call.
     fn lock(&self) -> MutexGuard<'_, Board> {
-        self.board.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -225,8 +222,8 @@ impl Results {
     }
 
     /// The changes of alarms that are remembered, newest first.
-    pub fn alarm_log(&self) -> Vec<AlarmChange> {
-        self.alarms.log.newest_first()
+    pub fn alarm_log(&self) -> Vec<Arc<AlarmChange>> {
+        self.alarms.lock().log.newest_first()
     }
 
     /// Takes back alarms as they were kept, and what they did; nothing where something has happened since.
@@ -241,7 +238,7 @@ impl Results {
                 board.alarms.insert(id, Standing { alarm, said, detail, grouped: false, follows });
             }
         }
-        self.alarms.log.restore(log);
+        board.log.restore(log);
     }
 
     /// The design that the configuration in force has for its alarms, from `now` on.
@@ -253,29 +250,28 @@ impl Results {
         self.alarms.lock().place(loops, config);
     }
 
-    /// What a run says to its loop's alarms; who calls keeps and tells it.
-    pub(super) fn judge(&self, run: &Run, summary: &Summary) -> News {
+    /// What a run says to its loop's alarms, kept together with the run and told after it.
+    pub(super) fn judge(&self, run: &Arc<Run>, summary: Summary, new_model: Option<ModelVersion>) {
+        let reinforced = self.is_reinforced(&run.id);
+        let mut board = self.alarms.lock();
         let mut news = News::default();
-        self.alarms.lock().judge(run, summary, self.is_reinforced(&run.id), &mut news);
-        news
+        board.judge(run, &summary, reinforced, &mut news);
+        self.keep(Some((run.clone(), summary.clone())), new_model, news.kept);
+        self.tell(Event::Run(run.id.clone(), summary));
+        self.tell_alarms(news.told);
     }
 
-    pub(super) fn tell_alarms(&self, told: Vec<AlarmChange>) {
-        for change in told {
-            let change = Arc::new(self.alarms.log.push(change));
-            self.tell(Event::Alarm(change));
-        }
-    }
-
-    /// Changes alarms, has that kept in order, and tells it.
+    /// Changes alarms, has that kept, and tells it.
     fn with_board(&self, act: impl FnOnce(&mut Board, &mut News)) {
-        let told = {
-            let mut board = self.alarms.lock();
-            let mut news = News::default();
-            act(&mut board, &mut news);
-            self.keep(None, None, news.kept);
-            news.told
-        };
-        self.tell_alarms(told);
+        let mut board = self.alarms.lock();
+        let mut news = News::default();
+        act(&mut board, &mut news);
+        self.keep(None, None, news.kept);
+        self.tell_alarms(news.told);
+    }
+
+    /// Told while the board is held, so that what one does right after another comes after it everywhere.
+    fn tell_alarms(&self, told: Vec<Arc<AlarmChange>>) {
+        told.into_iter().for_each(|change| self.tell(Event::Alarm(change)));
     }
 }

@@ -1,6 +1,6 @@
 //! The alarms of the plant as they stand, and what happens to them; who calls keeps and tells what came of it.
 
-use super::alarm_log::AlarmChange;
+use super::alarm_log::{AlarmChange, AlarmLog};
 use super::alarms::{AlarmView, Said};
 use super::kept::KeptAlarm;
 use super::{Run, Summary};
@@ -8,6 +8,7 @@ use crate::alarm::{Alarm, AlarmId, Cause, Config, Flood, Kind, Line, Observation
 use crate::diagnosis::Verdict;
 use crate::signal::LoopId;
 use std::collections::{BTreeMap, HashSet};
+use std::sync::Arc;
 
 /// An alarm and what is remembered beside it.
 #[derive(Debug)]
@@ -37,7 +38,7 @@ impl Standing {
 #[derive(Debug, Default)]
 pub(super) struct News {
     pub kept: Vec<KeptAlarm>,
-    pub told: Vec<AlarmChange>,
+    pub told: Vec<Arc<AlarmChange>>,
 }
 
 /// All alarms as they stand, under the settings in force.
@@ -48,6 +49,8 @@ pub(super) struct Board {
     pub loops: HashSet<LoopId>,
     pub devices: HashSet<LoopId>,
     pub flood: Flood,
+    /// What they did: a change gets its number while nobody else can make one.
+    pub log: AlarmLog,
 }
 
 impl Board {
@@ -90,7 +93,7 @@ impl Board {
                 _ => {}
             }
             let Said { by, comment } = said.cloned().unwrap_or_default();
-            news.told.push(AlarmChange {
+            news.told.push(self.log.push(AlarmChange {
                 number: 0,
                 id: id.clone(),
                 transition: *transition,
@@ -99,7 +102,7 @@ impl Board {
                 detail: own.detail.clone(),
                 by,
                 comment,
-            });
+            }));
         }
         if said.is_some() || !transitions.is_empty() || before != after {
             news.kept.push(KeptAlarm {

@@ -212,7 +212,7 @@ fn what_is_kept_and_given_back_goes_on_as_if_nothing_had_been() {
     assert_eq!(latest.len(), 3, "stiction, f rising, not identifiable");
     new.restore_alarms(
         latest.into_values().map(restored).collect(),
-        old.alarm_log().into_iter().rev().collect(),
+        old.alarm_log().iter().rev().map(|change| (**change).clone()).collect(),
     );
     assert_eq!(old.alarm_log(), new.alarm_log());
     let (a, b) = (old.get(&id(), 7.0).expect("A"), new.get(&id(), 7.0).expect("A"));
@@ -328,4 +328,36 @@ fn a_trip_is_latched_and_a_flood_is_grouped() {
     assert_eq!(told, 11, "all are told, and which are grouped");
     assert_eq!(results.flood(1000.0).since, None);
     assert!(results.alarms(1000.0).iter().all(|view| !view.grouped && view.state != State::Shelved));
+}
+
+/// Numbers follow what happened: of one alarm every change begins where the one before it ended, whoever made it.
+#[test]
+fn changes_made_by_two_at_once_are_numbered_and_told_in_the_order_they_happened() {
+    for _ in 0..3 {
+        let results = results(3);
+        std::thread::scope(|scope| {
+            for action in [Action::TakeOut, Action::GiveBack] {
+                let results = &results;
+                // As many as are remembered, so that none is missed.
+                scope.spawn(move || {
+                    let mut done = 0;
+                    while done < events::MOST_EVENTS / 2 {
+                        let acted = results.act(&stiction(), action, Said::default(), 1.0);
+                        done += usize::from(acted.expect("A is there").is_ok());
+                    }
+                });
+            }
+        });
+        let mut log = results.alarm_log();
+        log.reverse();
+        let past = results.events_after(0, events::MOST_EVENTS).expect("they were told");
+        let told = past.events.iter().filter_map(|(_, event)| match event {
+            Event::Alarm(change) => Some(change.number),
+            _ => None,
+        });
+        assert!(told.eq(1..=events::MOST_EVENTS as u64), "told in the order of their numbers");
+        for pair in log.windows(2) {
+            assert_eq!(pair[0].transition.to, pair[1].transition.from, "{pair:?}");
+        }
+    }
 }

@@ -67,7 +67,7 @@ pub async fn history(
                 && query.kind.is_none_or(|kind| kind == change.id.kind.into())
                 && query.after.is_none_or(|after| change.number < after)
         };
-        let mut rest = log.iter().filter(wanted);
+        let mut rest = log.iter().map(AsRef::as_ref).filter(wanted);
         let items: Vec<&AlarmChange> = rest.by_ref().take(limit).collect();
         let next = items.last().filter(|_| rest.next().is_some()).map(|last| last.number);
         Ok(AlarmHistory { items: items.into_iter().map(AlarmChangeItem::from).collect(), next })

@@ -34,8 +34,8 @@ pub async fn of_loop(
         let runs: Vec<RunItem> =
             context.results.summaries(&id).unwrap_or_default().iter().map(RunItem::from).collect();
         let log = context.results.alarm_log();
-        let alarms: Vec<AlarmChangeItem> =
-            log.iter().filter(|change| change.id.of_loop() == Some(&id)).map(AlarmChangeItem::from).collect();
+        let own = log.iter().filter(|change| change.id.of_loop() == Some(&id));
+        let alarms: Vec<AlarmChangeItem> = own.map(|change| AlarmChangeItem::from(&**change)).collect();
         Ok(report::of_loop(&report::Subject {
             item: &item,
             diagnosis: LoopDiagnosis::latest(&known, now).as_ref(),
