@@ -1,4 +1,4 @@
-"""Walks through the dashboard in headless Chromium. Usage: dashboard.py walk|access|speed BASE OUT
+"""Walks through the dashboard in headless Chromium. Usage: dashboard.py walk|access|receivers|speed BASE OUT
 
 Screenshots go to OUT. Every check says what it saw; the first that fails ends the walk with exit code 1.
 """
@@ -427,7 +427,63 @@ def access(walk):
     walk.shot("audit-phone")
 
 
-PARTS = {"access": [access], "walk": [plant, one_loop, acknowledge, looks, report], "speed": [speed]}
+def told(walk):
+    """Who is told of alarms: one receiver that refused three messages, one that is not there. A reader sees how they are, an engineer sends again."""
+    page = walk.open(1440, 900)
+    walk.go("alarms")
+    expect(page.get_by_role("link", name="Receivers: 2 failing")).to_be_visible()
+    walk.tab_to('nav a[href="#/alarms?show=receivers"]')
+    page.keyboard.press("Enter")
+    row = page.locator("tr[data-name=cmms]")
+    expect(row.locator("td").nth(8)).to_have_text("3")
+    expect(page.locator("tr[data-name=nobody]")).to_have_attribute("data-state", "failing")
+    expect(page.locator("tr[data-name=nobody]")).to_contain_text("refused")
+    check(page.locator("td.act button").count() == 0, "a reader sees how receivers are and no letter")
+    check(api(page, "GET", "/notifications/cmms/dead-letters") == 401, "the daemon refuses a reader the letters")
+    walk.faults.clear()
+    walk.tab_to("#log-in")
+    page.keyboard.press("Enter")
+    log_in(walk, "enya")
+    expect(page.locator("#who")).to_have_text("enya")
+    walk.go("alarms?show=receivers")
+    walk.tab_to('button[data-act="Dead letters of cmms"]')
+    page.keyboard.press("Enter")
+    letters = page.locator("tr[data-letter]")
+    expect(letters).to_have_count(3)
+    expect(page.locator('button[data-act="Dead letters of cmms"]')).to_have_attribute("aria-expanded", "true")
+    expect(letters.first).to_contain_text("400")
+    walk.tab_to("tr[data-letter] summary")
+    page.keyboard.press("Enter")
+    expect(page.locator("tr[data-letter] pre").first).to_contain_text('"event": "raised"')
+    walk.axe("receivers and dead letters, light")
+    walk.shot("receivers")
+    # What is open stays so while the page goes on asking.
+    with page.expect_response("**/api/v1/notifications"):
+        pass
+    expect(page.locator("tr[data-letter] details[open]")).to_have_count(1)
+    oldest = letters.first.get_attribute("data-letter")
+    walk.tab_to("tr[data-letter] button")
+    page.keyboard.press("Enter")
+    expect(letters).to_have_count(2)
+    expect(page.locator(f"tr[data-letter={oldest}]")).to_have_count(0)
+    check(page.evaluate("document.activeElement.dataset.act") == "Send all again", "the focus goes to what is left to do")
+    print("ok: one letter is sent again by keyboard alone")
+    page.emulate_media(color_scheme="dark")
+    walk.axe("receivers and dead letters, dark")
+    walk.shot("receivers-dark")
+    page.set_viewport_size({"width": 390, "height": 844})
+    walk.fits("receivers on a phone")
+    walk.shot("receivers-phone", whole=True)
+    page.keyboard.press("Enter")
+    expect(letters).to_have_count(0)
+    expect(row.locator("td").nth(8)).to_have_text("0")
+    expect(row).to_have_attribute("data-state", "working")
+    check(page.evaluate("document.activeElement.matches('.scroll')"), "the focus is not lost with the last letter")
+    expect(page.get_by_role("link", name="Receivers: 1 failing")).to_be_visible()
+    print("ok: all are sent again by keyboard alone")
+
+
+PARTS = {"access": [access], "receivers": [told], "walk": [plant, one_loop, acknowledge, looks, report], "speed": [speed]}
 
 
 def main():

@@ -4,6 +4,8 @@
 #[cfg(test)]
 mod alertmanager;
 #[cfg(test)]
+mod dashboard;
+#[cfg(test)]
 mod mail;
 #[cfg(test)]
 mod prometheus;

@@ -4,7 +4,7 @@ use super::rig::{Daemon, Peer, folder, plant};
 use serde_json::Value;
 use std::path::Path;
 
-const SECRET: &str = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSwMfKQ9r8GKYo=";
+pub const SECRET: &str = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSwMfKQ9r8GKYo=";
 
 /// A daemon's configuration that tells the peer; `more` belongs to the webhook.
 fn told(store: Option<&Path>, secret: &Path, port: u16, more: &str) -> String {

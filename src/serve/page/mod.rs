@@ -30,6 +30,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/js/loop.js", SCRIPT, include_str!("assets/js/loop.js")),
     ("/js/main.js", SCRIPT, include_str!("assets/js/main.js")),
     ("/js/plant.js", SCRIPT, include_str!("assets/js/plant.js")),
+    ("/js/receivers.js", SCRIPT, include_str!("assets/js/receivers.js")),
     ("/js/session.js", SCRIPT, include_str!("assets/js/session.js")),
     ("/js/settings.js", SCRIPT, include_str!("assets/js/settings.js")),
     ("/js/states.js", SCRIPT, include_str!("assets/js/states.js")),

@@ -1,14 +1,15 @@
-// Alarms: what stands now, what can be done about it, and what was before. States are shown as the API names them.
+// Alarms: what stands now, what can be done about it, what was before, and who is told. States are shown as the API names them.
 
 import { acknowledge, giveBack, reset, shelve, takeOut, unshelve } from "./actions.js";
 import { all, get } from "./api.js";
 import { h, scroll } from "./dom.js";
 import { short, when } from "./format.js";
 import { listen, loops } from "./live.js";
+import { receivers } from "./receivers.js";
 import { may } from "./session.js";
 import { isOut, isShelved, kindOf, mayAck, mayReset, mayShelve, words } from "./states.js";
 
-const TABS = { standing: "Standing", history: "History" };
+const TABS = { standing: "Standing", history: "History", receivers: "Receivers" };
 const COLUMNS = { standing: ["Alarm", "Kind", "Priority", "State", "Since", "f", "What", "By, remark", "Shelved until", ""], history: ["Time", "Alarm", "Kind", "Priority", "From", "To", "Cause", "What", "By, remark"] };
 const PRIORITIES = ["high", "medium", "low"];
 const PAGE = 200;
@@ -16,12 +17,22 @@ const PAGE = 200;
 export function alarmsView(main, _parts, query) {
   let over = false, pending = null, wanted = PAGE;
   const tab = query.get("show") in TABS ? query.get("show") : "standing";
+  const tabs = h("nav", { "aria-label": "Alarms" }, Object.entries(TABS).map(([key, text]) => h("a", { href: key === "standing" ? "#/alarms" : `#/alarms?show=${key}`, "aria-current": key === tab ? "page" : null }, text)));
+  const told = (items) => {
+    const failing = items.filter((item) => item.state === "failing").length;
+    tabs.lastChild.textContent = failing ? `${TABS.receivers}: ${failing} failing` : TABS.receivers;
+    tabs.lastChild.classList.toggle("bad", failing > 0);
+  };
+  main.append(h("h1", null, "Alarms"), tabs);
+  if (tab === "receivers") return receivers(main, told);
+  // Without it the tab has its plain name.
+  get("/notifications").then(({ items }) => told(items), () => {});
+
   const rows = h("tbody"), grouped = h("tbody"), past = h("tbody"), summary = h("p", { class: "summary", role: "status" }, "loading …");
   const table = (label, body) => scroll(label, h("table", null, h("thead", null, h("tr", null, COLUMNS[tab].map((text) => h("th", { scope: "col", class: text === "f" ? "number" : null }, text)))), body));
-  const tabs = h("nav", { "aria-label": "Alarms" }, Object.entries(TABS).map(([key, text]) => h("a", { href: key === "standing" ? "#/alarms" : `#/alarms?show=${key}`, "aria-current": key === tab ? "page" : null }, text)));
   const head = h("summary"), flood = h("details", { class: "flood", hidden: true }, head, tab === "standing" ? table("Grouped", grouped) : null);
   const more = h("button", { type: "button", hidden: true, on: { click: () => ((wanted += PAGE), show()) } }, "Older changes");
-  main.append(h("h1", null, "Alarms"), tabs, summary, h("section", { class: "card", "aria-label": TABS[tab] }, flood, table(TABS[tab], tab === "standing" ? rows : past), more));
+  main.append(summary, h("section", { class: "card", "aria-label": TABS[tab] }, flood, table(TABS[tab], tab === "standing" ? rows : past), more));
 
   // An alarm has its loop's name, unless it says which loop it is of.
   const loopOf = (item) => (item.kind ? item.loop : item.loop ?? item.id);
@@ -82,7 +93,7 @@ export function alarmsView(main, _parts, query) {
       rows.replaceChildren(...list.items.filter((item) => !apart.has(item)).map(standing));
       if (focused) (main.querySelector(`[data-act="${CSS.escape(focused)}"]`) ?? rows.querySelector("button"))?.focus();
       const open = list.items.filter((item) => mayAck(item.state)).length;
-      summary.textContent = list.items.length ? `${list.items.length} alarms, ${open} to acknowledge` : "No alarms.";
+      summary.textContent = list.items.length ? `${list.items.length} ${list.items.length === 1 ? "alarm" : "alarms"}, ${open} to acknowledge` : "No alarms.";
     } catch (error) {
       if (!over) summary.textContent = `the alarms cannot be fetched: ${error.message}`;
     }

@@ -49,5 +49,6 @@ export const orNull = (promise) =>
 
 export const loopPath = (id) => `/loops/${encodeURIComponent(id)}`;
 export const alarmPath = (id, action) => `/alarms/${encodeURIComponent(id)}/${action}`;
+export const receiverPath = (name, what) => `/notifications/${encodeURIComponent(name)}/${what}`;
 export const events = (path) => new EventSource(API + path);
 export const href = (path) => API + path;
