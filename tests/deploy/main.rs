@@ -1,5 +1,5 @@
-//! What is in deploy/, held against those who read it: schemas of Compose and Kubernetes, promtool, amtool, systemd and a
-//! running nginx.
+//! What is in deploy/, held against those who read it: schemas of Compose and Kubernetes, promtool, amtool, systemd, a
+//! running nginx and a running Caddy; hadolint for the Dockerfile.
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -52,6 +52,18 @@ fn prometheus_and_alertmanager_take_their_configuration() {
     assert!(said.contains("rules found"), "{said}");
     let said = passes("amtool", &["check-config", &path("alertmanager/alertmanager.yml")]);
     assert!(said.contains("1 receivers"), "{said}");
+}
+
+#[test]
+fn hadolint_finds_nothing_in_the_dockerfile() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let hadolint = root.join("target/peers-venv/bin/hadolint");
+    let lint = |file: &Path| run(&hadolint, &["--no-color", &file.display().to_string()]);
+    assert_eq!(lint(&root.join("Dockerfile")), (true, String::new()));
+    let bad = folder("deploy-dockerfile").join("Dockerfile");
+    fs::write(&bad, "FROM debian\nRUN sudo make\nENTRYPOINT run\n").expect("written");
+    let (good, said) = lint(&bad);
+    assert!(!good && ["DL3006", "DL3004", "DL3025"].iter().all(|rule| said.contains(rule)), "{said}");
 }
 
 #[test]
@@ -108,11 +120,24 @@ fn daemon(folder: &Path) -> (Killed, String) {
     (Killed(child), line["address"].as_str().expect("an address").to_string())
 }
 
-/// nginx with the sample, its port a socket in a folder, its backend the daemon.
-fn proxy(folder: &Path, daemon: &str) -> Killed {
+/// A certificate for the samples' host, and its key.
+fn certificate(folder: &Path) {
     let made = rcgen::generate_simple_self_signed(["stictiond.plant.example".to_string()]).expect("made");
     fs::write(folder.join("stictiond.pem"), made.cert.pem()).expect("written");
     fs::write(folder.join("stictiond.key"), made.signing_key.serialize_pem()).expect("written");
+}
+
+/// Starts a proxy and waits until it says this.
+fn started(command: &mut Command, ready: &str) -> Killed {
+    let mut child = command.stderr(Stdio::piped()).spawn().expect("starts");
+    let mut log = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
+    assert!(log.any(|line| line.contains(ready)), "{command:?} ended");
+    std::thread::spawn(move || log.for_each(drop));
+    Killed(child)
+}
+
+/// nginx with the sample, its port a socket in a folder, its backend the daemon.
+fn nginx(folder: &Path, daemon: &str) -> Killed {
     let place = folder.display().to_string();
     let sample = fs::read_to_string(deploy("proxy/nginx.conf")).expect("the sample");
     let sample = sample
@@ -130,45 +155,99 @@ fn proxy(folder: &Path, daemon: &str) -> Killed {
     fs::write(&file, whole).expect("written");
     let file = file.display().to_string();
     passes("nginx", &["-t", "-q", "-p", &place, "-c", &file]);
-    let mut command = Command::new("nginx");
-    let mut child = command.args(["-p", &place, "-c", &file]).stderr(Stdio::piped()).spawn().expect("starts");
-    let mut log = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
-    // Said once it listens.
-    assert!(log.any(|line| line.contains("event method")), "nginx ended");
-    std::thread::spawn(move || log.for_each(drop));
-    Killed(child)
+    started(Command::new("nginx").args(["-p", &place, "-c", &file]), "event method")
 }
 
-#[test]
-fn behind_the_sample_proxy_pages_changes_and_streams_work() {
-    let folder = folder("deploy-proxy");
-    let (_daemon, address) = daemon(&folder);
-    let _proxy = proxy(&folder, &address);
+/// Caddy with the sample, the same way, and with a certificate of the test's own: there is nobody here to get one from.
+fn caddy(folder: &Path, daemon: &str) -> Killed {
+    let place = folder.display().to_string();
+    let sample = fs::read_to_string(deploy("proxy/Caddyfile")).expect("the sample");
+    let here = format!(
+        "stictiond.plant.example {{\n\tbind unix/{place}/socket\n\ttls {place}/stictiond.pem {place}/stictiond.key\n"
+    );
+    let own = sample.replace("stictiond.plant.example {\n", &here).replace("127.0.0.1:8080", daemon);
+    assert!(own.contains(&here) && own.contains(daemon), "{own}");
+    let global = "{\n\tadmin off\n\tauto_https disable_redirects\n\tservers {\n\t\tprotocols h1 h2\n\t}\n}\n";
+    let file = folder.join("Caddyfile");
+    fs::write(&file, format!("{global}{own}")).expect("written");
+    let file = file.display().to_string();
+    // The sample itself, and what is made of it here.
+    passes("caddy", &["validate", "--adapter", "caddyfile", "--config", &file]);
+    let sample = deploy("proxy/Caddyfile").display().to_string();
+    passes("caddy", &["validate", "--adapter", "caddyfile", "--config", &sample]);
+    let mut command = Command::new("caddy");
+    command.args(["run", "--adapter", "caddyfile", "--config", &file]).env("HOME", folder);
+    started(
+        command.env("XDG_DATA_HOME", folder).env("XDG_CONFIG_HOME", folder),
+        "serving initial configuration",
+    )
+}
+
+/// Asks as a browser far away would; what came, the head first where `more` has `-i`, and the status.
+fn ask(folder: &Path, path: &str, more: &[&str]) -> String {
     let socket = folder.join("socket").display().to_string();
     let roots = folder.join("stictiond.pem").display().to_string();
-    let ask = |path: &str, more: &[&str]| {
-        let url = format!("https://stictiond.plant.example{path}");
-        let common = ["-sS", "--unix-socket", &socket, "--cacert", &roots, "-w", "\nstatus %{http_code}"];
-        run(Path::new("curl"), &[&common[..], more, &[&url]].concat()).1
-    };
-    assert!(ask("/", &[]).contains("<!doctype html>") || ask("/", &[]).contains("<!DOCTYPE html>"));
-    assert!(ask("/api/v1/loops", &[]).contains("\"total\":1"));
+    let url = format!("https://stictiond.plant.example{path}");
+    let common = ["-sS", "--unix-socket", &socket, "--cacert", &roots, "-w", "\nstatus %{http_code}"];
+    run(Path::new("curl"), &[&common[..], more, &[&url]].concat()).1
+}
+
+/// What must work behind either.
+fn pages_changes_and_streams_work(folder: &Path) {
+    let page = ask(folder, "/", &["-i"]).to_lowercase();
+    assert!(page.contains("<!doctype html>") && page.contains("\nstatus 200"), "{page}");
+    for header in [
+        "strict-transport-security: max-age=",
+        "content-security-policy: default-src 'none'",
+        "x-content-type-options: nosniff",
+    ] {
+        assert!(page.contains(header), "{header} is missing: {page}");
+    }
+    assert!(ask(folder, "/api/v1/loops", &[]).contains("\"total\":1"));
     // A page of this host may act, one of another may not.
-    let act = |origin: &str| ask("/api/v1/alarms/A/ack", &["-X", "POST", "-H", &format!("origin: {origin}")]);
+    let act = |origin: &str| {
+        ask(folder, "/api/v1/alarms/A/ack", &["-X", "POST", "-H", &format!("origin: {origin}")])
+    };
     assert!(act("https://stictiond.plant.example").contains("status 409"), "there is nothing to acknowledge");
     assert!(act("https://evil.example").contains("status 403"));
+    // A name with a slash in it arrives as it was sent.
+    let halves = |name: &str| ask(folder, &format!("/api/v1/alarms/{name}/ack"), &["-X", "POST"]);
+    for name in ["A%2Fstiction", "A/stiction"] {
+        assert!(halves(name).contains("status 409"), "{name}");
+    }
     // What comes is passed on at once: a proxy that buffers has nothing to show in two seconds.
     for path in ["/api/v1/events", "/api/v1/loops/A/live"] {
-        let said = ask(path, &["-N", "--max-time", "2"]);
-        assert!(said.contains("event: hello"), "{path}: {said}");
+        for more in [&["-N", "--max-time", "2"][..], &["-N", "--max-time", "2", "--compressed"]] {
+            let said = ask(folder, path, more);
+            assert!(said.contains("event: hello"), "{path} {more:?}: {said}");
+        }
     }
     let large = folder.join("large");
     fs::write(&large, vec![b'x'; 20_000]).expect("written");
     let body = format!("@{}", large.display());
-    assert!(ask("/api/v1/alarms/A/ack", &["--data-binary", &body]).contains("status 413"));
+    let said = ask(folder, "/api/v1/alarms/A/ack", &["--data-binary", &body]);
+    assert!(said.contains("status 413"), "{said}");
+}
+
+#[test]
+fn behind_nginx_by_the_sample_pages_changes_and_streams_work() {
+    let folder = folder("deploy-nginx");
+    certificate(&folder);
+    let (_daemon, address) = daemon(&folder);
+    let _proxy = nginx(&folder, &address);
+    pages_changes_and_streams_work(&folder);
     // Ten log-ins at once and no more.
     let tries: Vec<String> = (0..15)
-        .map(|_| ask("/api/v1/session", &["-H", "content-type: application/json", "-d", "{}"]))
+        .map(|_| ask(&folder, "/api/v1/session", &["-H", "content-type: application/json", "-d", "{}"]))
         .collect();
     assert!(tries.last().expect("some").contains("status 503"), "{tries:?}");
+}
+
+#[test]
+fn behind_caddy_by_the_sample_pages_changes_and_streams_work() {
+    let folder = folder("deploy-caddy");
+    certificate(&folder);
+    let (_daemon, address) = daemon(&folder);
+    let _proxy = caddy(&folder, &address);
+    pages_changes_and_streams_work(&folder);
 }
