@@ -101,10 +101,15 @@ fn access(config: &Config) -> String {
         "everybody who reaches it"
     };
     let way = match &server.tls {
-        Some(tls) if tls.client_ca_file.is_some() => "; by TLS, and only clients that show a certificate",
-        Some(_) => "; by TLS",
-        None if serve::is_loopback(server.listen) => "",
-        None => "; in the clear, so it can be read and changed on the way",
+        Some(tls) => match serve::Tls::load(tls) {
+            Err(error) => format!("; BUT RUN WILL NOT START: {error}"),
+            Ok(_) if tls.client_ca_file.is_some() => {
+                "; by TLS, and only clients that show a certificate".to_string()
+            }
+            Ok(_) => "; by TLS".to_string(),
+        },
+        None if serve::is_loopback(server.listen) => String::new(),
+        None => "; in the clear, so it can be read and changed on the way".to_string(),
     };
     let Some(access) = &config.access else {
         return format!("{everybody} may read everything and acknowledge alarms, there is no log-in{way}");

@@ -64,7 +64,9 @@ pub enum CsvError {
         line: u64,
     },
     /// A needed column is not in the header.
-    #[error("line {line}: no column {missing}; the header has {found}")]
+    #[error(
+        "line {line}: no column {missing} (t the time, op the controller's output, pv the measured value); the header has {found}"
+    )]
     MissingColumn {
         /// Line of the header.
         line: u64,

@@ -82,6 +82,11 @@ fn users_and_tokens_are_made_by_commands_and_kept_without_secrets() {
     fs::set_permissions(&file, fs::Permissions::from_mode(0o644)).expect("set");
     assert!(says(&["check"]).contains("NOBODY GETS IN"));
     assert_eq!(run(&["user", "list"], "").0, Some(2));
+    // A certificate that cannot be read would stop the daemon too: check says so, and run does.
+    let tls = "[server.tls]\ncert_file = 'not-there.pem'\nkey_file = 'not-there.key'\n[access]";
+    fs::write(&config, text(&folder, "").replace("[access]", tls)).expect("written");
+    let check = says(&["check"]);
+    assert!(check.contains("; BUT RUN WILL NOT START: [server.tls] cert_file = not-there.pem: "), "{check}");
 }
 
 #[test]

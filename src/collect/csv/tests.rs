@@ -108,8 +108,14 @@ fn refusals_say_where() {
             "\n0,1,2\n1,1,2\n",
             "line 2: numbers where the header should be; put a line such as t,op,pv above them",
         ),
-        ("t,op,flow\n0,1,2\n", "line 1: no column pv; the header has \"t\", \"op\", \"flow\""),
-        ("a,b\n0,1\n", "line 1: no column t, op, pv; the header has \"a\", \"b\""),
+        (
+            "t,op,flow\n0,1,2\n",
+            "line 1: no column pv (t the time, op the controller's output, pv the measured value); the header has \"t\", \"op\", \"flow\"",
+        ),
+        (
+            "a,b\n0,1\n",
+            "line 1: no column t, op, pv (t the time, op the controller's output, pv the measured value); the header has \"a\", \"b\"",
+        ),
         ("t,op,pv\n", "line 1: no samples below the header"),
         ("t,op,pv\n,,\n", "line 1: no samples below the header"),
         ("t,op,pv,OP\n0,1,2,3\n", "line 1, column 4: \"OP\" is the second column for op (after column 2)"),
