@@ -193,6 +193,19 @@ impl Secret {
     }
 }
 
+/// What is wrong with a name and the places of its password.
+pub(super) fn wrong_login(
+    user: &Option<String>,
+    file: &Option<PathBuf>,
+    env: &Option<String>,
+) -> Option<(&'static str, &'static str)> {
+    if file.is_some() && env.is_some() {
+        return Some(("password_env", "there is password_file too: leave one out"));
+    }
+    let alone = user.is_some() != (file.is_some() || env.is_some());
+    alone.then_some(("user", "a user name and one of password_file and password_env belong together"))
+}
+
 /// Whether a host is this machine.
 pub(super) fn is_loopback(host: &str) -> bool {
     let address = host.trim_start_matches('[').trim_end_matches(']').parse::<std::net::IpAddr>();

@@ -1,6 +1,6 @@
 //! `[[notify.alertmanager]]`: where it is, and which alarms it hears of.
 
-use crate::notify::config::{Filter, Secret, Wrong};
+use crate::notify::config::{Filter, Secret, Wrong, wrong_login};
 use crate::notify::http::Endpoint;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -64,10 +64,9 @@ impl Config {
         if let Err(why) = self.endpoint() {
             unless(false, "url", why);
         }
-        let passwords = usize::from(self.password_file.is_some()) + usize::from(self.password_env.is_some());
-        let ok = self.user.is_some() == (passwords > 0);
-        unless(ok, "user", "a user name and one of password_file and password_env belong together".into());
-        unless(passwords < 2, "password_env", "there is password_file too: leave one out".into());
+        if let Some((field, why)) = wrong_login(&self.user, &self.password_file, &self.password_env) {
+            unless(false, field, why.into());
+        }
         let ok = (0.1..=300.0).contains(&self.timeout_s);
         unless(ok, "timeout_s", format!("{} must be 0.1 to 300", self.timeout_s));
         let (again, over) = (self.resend_s, self.expires_s);

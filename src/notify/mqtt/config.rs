@@ -1,6 +1,7 @@
 //! `[notify.mqtt]`: to which broker, as whom, under which topics.
 
 use crate::mqtt::{Broker, Password, topic_fault};
+use crate::notify::config::wrong_login;
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -121,13 +122,9 @@ impl Config {
                 issues.push((field, message.to_string()));
             }
         };
-        let passwords = usize::from(self.password_file.is_some()) + usize::from(self.password_env.is_some());
-        unless(
-            self.user.is_some() == (passwords > 0),
-            "user",
-            "a user name and one of password_file and password_env belong together",
-        );
-        unless(passwords < 2, "password_env", "there is password_file too: leave one out");
+        if let Some((field, why)) = wrong_login(&self.user, &self.password_file, &self.password_env) {
+            unless(false, field, why);
+        }
         let pair = self.certificate_file.is_some() == self.key_file.is_some();
         unless(pair, "certificate_file", "certificate_file and key_file belong together");
         unless((1..=300).contains(&self.timeout_s), "timeout_s", "must be 1 to 300");

@@ -1,6 +1,8 @@
 //! `[[notify.smtp]]`: by which server, to whom, and which alarms.
 
-use crate::notify::config::{Filter, Pace, Retry, Secret, What, Wrong, is_loopback, usual, wrong_habits};
+use crate::notify::config::{
+    Filter, Pace, Retry, Secret, What, Wrong, is_loopback, usual, wrong_habits, wrong_login,
+};
 use lettre::message::Mailbox;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -88,10 +90,9 @@ impl Config {
                 unless(ok, "security", "\"none\" is for a server on this machine only".into());
             }
         }
-        let passwords = usize::from(self.password_file.is_some()) + usize::from(self.password_env.is_some());
-        let ok = self.user.is_some() == (passwords > 0);
-        unless(ok, "user", "a user name and one of password_file and password_env belong together".into());
-        unless(passwords < 2, "password_env", "there is password_file too: leave one out".into());
+        if let Some((field, why)) = wrong_login(&self.user, &self.password_file, &self.password_env) {
+            unless(false, field, why.into());
+        }
         let is_address = |text: &String| text.parse::<Mailbox>().is_ok();
         unless(is_address(&self.from), "from", format!("{:?} is no address of mail", self.from));
         for to in self.to.iter().filter(|to| !is_address(to)) {

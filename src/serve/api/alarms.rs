@@ -75,33 +75,45 @@ pub async fn history(
     .await
 }
 
-/// Somebody has seen the alarm.
-#[utoipa::path(post, path = "/alarms/{id}/ack", tag = "alarms", request_body = Option<ActBody>,
-    params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
-    responses((status = 200, body = AlarmActed), (status = 404, description = "problem: no such alarm"),
-        (status = 409, description = "problem: there is nothing to acknowledge")))]
-pub async fn acknowledge(
-    context: Shared,
-    OfAlarm(id): OfAlarm,
-    actor: Actor,
-    Body(body): Body<ActBody>,
-) -> Result<Response, Problem> {
-    act(context, id, Action::Acknowledge, said(&actor, body.by, body.comment)?).await
+/// A route by which somebody acts on an alarm and says no more than a remark: its name, path, action, and what is in the way.
+macro_rules! act {
+    ($(#[$doc:meta])* $name:ident, $path:literal, $action:expr, $refused:literal) => {
+        $(#[$doc])*
+        #[utoipa::path(post, path = $path, tag = "alarms", request_body = Option<ActBody>,
+            params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
+            responses((status = 200, body = AlarmActed), (status = 404, description = "problem: no such alarm"),
+                (status = 409, description = $refused)))]
+        pub async fn $name(
+            context: Shared,
+            OfAlarm(id): OfAlarm,
+            actor: Actor,
+            Body(body): Body<ActBody>,
+        ) -> Result<Response, Problem> {
+            act(context, id, $action, said(&actor, body.by, body.comment)?).await
+        }
+    };
 }
 
-/// Somebody lets a latched alarm go, which has been acknowledged and whose condition is gone.
-#[utoipa::path(post, path = "/alarms/{id}/reset", tag = "alarms", request_body = Option<ActBody>,
-    params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
-    responses((status = 200, body = AlarmActed), (status = 404, description = "problem: no such alarm"),
-        (status = 409, description = "problem: there is nothing to reset")))]
-pub async fn reset(
-    context: Shared,
-    OfAlarm(id): OfAlarm,
-    actor: Actor,
-    Body(body): Body<ActBody>,
-) -> Result<Response, Problem> {
-    act(context, id, Action::Reset, said(&actor, body.by, body.comment)?).await
-}
+act!(
+    /// Somebody has seen the alarm.
+    acknowledge, "/alarms/{id}/ack", Action::Acknowledge, "problem: there is nothing to acknowledge"
+);
+act!(
+    /// Somebody lets a latched alarm go, which has been acknowledged and whose condition is gone.
+    reset, "/alarms/{id}/reset", Action::Reset, "problem: there is nothing to reset"
+);
+act!(
+    /// Somebody ends the silence.
+    unshelve, "/alarms/{id}/unshelve", Action::Unshelve, "problem: it is not shelved"
+);
+act!(
+    /// Somebody takes the alarm out of service, until it is given back.
+    take_out, "/alarms/{id}/out-of-service", Action::TakeOut, "problem: it is out of service already"
+);
+act!(
+    /// Somebody gives the alarm back to service.
+    give_back, "/alarms/{id}/in-service", Action::GiveBack, "problem: it is in service"
+);
 
 /// Somebody silences the alarm for a time, or until its condition goes; on a shelved alarm, sets a new end.
 #[utoipa::path(post, path = "/alarms/{id}/shelve", tag = "alarms", request_body = ShelveBody,
@@ -117,48 +129,6 @@ pub async fn shelve(
 ) -> Result<Response, Problem> {
     let how = if body.one_shot { Shelving::Once(body.duration_s) } else { Shelving::For(body.duration_s) };
     act(context, id, Action::Shelve(how), said(&actor, body.by, body.comment)?).await
-}
-
-/// Somebody ends the silence.
-#[utoipa::path(post, path = "/alarms/{id}/unshelve", tag = "alarms", request_body = Option<ActBody>,
-    params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
-    responses((status = 200, body = AlarmActed), (status = 404, description = "problem: no such alarm"),
-        (status = 409, description = "problem: it is not shelved")))]
-pub async fn unshelve(
-    context: Shared,
-    OfAlarm(id): OfAlarm,
-    actor: Actor,
-    Body(body): Body<ActBody>,
-) -> Result<Response, Problem> {
-    act(context, id, Action::Unshelve, said(&actor, body.by, body.comment)?).await
-}
-
-/// Somebody takes the alarm out of service, until it is given back.
-#[utoipa::path(post, path = "/alarms/{id}/out-of-service", tag = "alarms", request_body = Option<ActBody>,
-    params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
-    responses((status = 200, body = AlarmActed), (status = 404, description = "problem: no such alarm"),
-        (status = 409, description = "problem: it is out of service already")))]
-pub async fn take_out(
-    context: Shared,
-    OfAlarm(id): OfAlarm,
-    actor: Actor,
-    Body(body): Body<ActBody>,
-) -> Result<Response, Problem> {
-    act(context, id, Action::TakeOut, said(&actor, body.by, body.comment)?).await
-}
-
-/// Somebody gives the alarm back to service.
-#[utoipa::path(post, path = "/alarms/{id}/in-service", tag = "alarms", request_body = Option<ActBody>,
-    params(("id" = String, Path, description = "the alarm's name; a loop's name means its stiction")),
-    responses((status = 200, body = AlarmActed), (status = 404, description = "problem: no such alarm"),
-        (status = 409, description = "problem: it is in service")))]
-pub async fn give_back(
-    context: Shared,
-    OfAlarm(id): OfAlarm,
-    actor: Actor,
-    Body(body): Body<ActBody>,
-) -> Result<Response, Problem> {
-    act(context, id, Action::GiveBack, said(&actor, body.by, body.comment)?).await
 }
 
 /// Who acts on an alarm, and what they say: the one place where the name comes from.
