@@ -10,7 +10,7 @@ import { may } from "./session.js";
 import { isOut, isShelved, kindOf, mayAck, mayReset, mayShelve, words } from "./states.js";
 
 const TABS = { standing: "Standing", history: "History", receivers: "Receivers" };
-const COLUMNS = { standing: ["Alarm", "Kind", "Priority", "State", "Since", "f", "What", "By, remark", "Shelved until", ""], history: ["Time", "Alarm", "Kind", "Priority", "From", "To", "Cause", "What", "By, remark"] };
+const COLUMNS = { standing: ["Alarm", "Kind", "Priority", "State", "Since", "f", "What", "By, remark", ""], history: ["Time", "Alarm", "Kind", "Priority", "From", "To", "Cause", "What", "By, remark"] };
 const PRIORITIES = ["high", "medium", "low"];
 const PAGE = 200;
 
@@ -29,7 +29,7 @@ export function alarmsView(main, _parts, query) {
   get("/notifications").then(({ items }) => told(items), () => {});
 
   const rows = h("tbody"), grouped = h("tbody"), past = h("tbody"), summary = h("p", { class: "summary", role: "status" }, "loading …");
-  const table = (label, body) => scroll(label, h("table", null, h("thead", null, h("tr", null, COLUMNS[tab].map((text) => h("th", { scope: "col", class: text === "f" ? "number" : null }, text)))), body));
+  const table = (label, body) => scroll(label, h("table", { class: tab === "standing" ? "stack" : null }, h("thead", null, h("tr", null, COLUMNS[tab].map((text) => h("th", { scope: "col", class: text === "f" ? "number" : null }, text)))), body));
   const head = h("summary"), flood = h("details", { class: "flood", hidden: true }, head, tab === "standing" ? table("Grouped", grouped) : null);
   const more = h("button", { type: "button", hidden: true, on: { click: () => ((wanted += PAGE), show()) } }, "Older changes");
   main.append(summary, h("section", { class: "card", "aria-label": TABS[tab] }, flood, table(TABS[tab], tab === "standing" ? rows : past), more));
@@ -50,8 +50,7 @@ export function alarmsView(main, _parts, query) {
     const flags = ["chattering", "stale", "one_shot"].filter((flag) => item[flag]).map((flag) => words(flag === "one_shot" ? "once" : flag));
     const acts = isOut(item.state) ? [button("Back in service", giveBack, "engineer")] : [mayAck(item.state) && button("Acknowledge", acknowledge), mayReset(item.state) && button("Reset", reset), isShelved(item.state) ? button("Unshelve", unshelve) : mayShelve(item.state) && button("Shelve", shelve), button("Out of service", takeOut, "engineer")];
     return h("tr", { "data-kind": kind.key, "data-id": loopOf(item) ?? item.id, "data-alarm": item.id }, h("td", null, h("span", { class: "mark" }), link(item), " ", h("small", null, loop?.description ?? "")), h("td", null, kindWords(item)), h("td", { class: `priority ${item.priority ?? ""}` }, item.priority ?? "–"),
-      h("td", null, words(item.state), flags.length ? h("small", null, ` ${flags.join(", ")}`) : null), h("td", { class: "time" }, when(item.since)), h("td", { class: "number" }, ofStiction(item) && loop?.f ? `${short(loop.f, 3)} ${loop.f_unit}` : "–"), h("td", { class: "what" }, item.detail ?? ""), h("td", null, said(item)),
-      h("td", { class: "time" }, item.shelved_until ? when(item.shelved_until) : ""), h("td", { class: "act" }, acts));
+      h("td", null, words(item.state), flags.length ? h("small", null, ` ${flags.join(", ")}`) : null, item.shelved_until ? h("small", null, ` until ${when(item.shelved_until)}`) : null), h("td", { class: "time" }, when(item.since)), h("td", { class: "number" }, ofStiction(item) && loop?.f ? `${short(loop.f, 3)} ${loop.f_unit}` : "–"), h("td", { class: "what" }, item.detail ?? ""), h("td", null, said(item)), h("td", { class: "act" }, acts));
   }
 
   const change = (item) => h("tr", null, h("td", { class: "time" }, when(item.time)), h("td", null, link(item)), h("td", null, kindWords(item)), h("td", { class: `priority ${item.priority ?? ""}` }, item.priority ?? "–"), h("td", null, words(item.from)), h("td", null, words(item.to)), h("td", null, words(item.cause)), h("td", { class: "what" }, item.detail ?? ""), h("td", null, said(item)));

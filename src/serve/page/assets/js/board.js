@@ -6,6 +6,8 @@ import { tileOf } from "./tiles.js";
 // Least width, height and gap of a tile (rem), by how many there are: few fill a wall, very many fit on it.
 const SIZES = { large: [14, 7.2, 0.6], middle: [11.8, 6, 0.5], small: [8.2, 3.3, 0.3] };
 const PHONE = 640;
+// From this width on it is a wall: few tiles grow until they fill it.
+const WALL = 1800, SCALES = [2, 1.6, 1.3];
 
 export class Board {
   constructor() {
@@ -51,14 +53,17 @@ export class Board {
   layout() {
     const count = this.place?.size ?? 0, size = count <= 30 ? "large" : count <= 300 ? "middle" : "small";
     const width = this.element.clientWidth;
-    if (width !== this.width || size !== this.element.dataset.size) {
+    if (width !== this.width || innerHeight !== this.height || size !== this.element.dataset.size) {
       this.width = width;
+      this.height = innerHeight;
       this.element.dataset.size = size;
-      const rem = parseFloat(getComputedStyle(document.documentElement).fontSize), [least, height, gap] = SIZES[size].map((value) => value * rem);
+      const rem = parseFloat(getComputedStyle(document.documentElement).fontSize), scale = size === "large" ? this.scale(rem) : 1;
+      const [least, height, gap] = SIZES[size].map((value) => value * rem * scale);
       const phone = innerWidth <= PHONE ? (size === "small" ? 3 : 2) : 1;
       this.columns = Math.max(phone, Math.floor((width + gap) / (least + gap)));
       this.step = Math.round(height + gap);
       this.element.style.setProperty("--columns", this.columns);
+      this.element.style.setProperty("--scale", scale);
       this.element.style.setProperty("--row", `${this.step - gap}px`);
       for (const { rows } of this.sections) {
         rows.forEach((row) => row.remove());
@@ -70,6 +75,17 @@ export class Board {
     const top = this.element.getBoundingClientRect().top;
     for (const section of this.sections) section.top = section.list.getBoundingClientRect().top - top;
     this.paint();
+  }
+
+  /** How much larger than usual few tiles may be, so that all of them are still on the screen. */
+  scale(rem) {
+    const room = innerHeight - this.element.getBoundingClientRect().top - scrollY - 2 * rem;
+    const fits = (scale) => {
+      const [least, height, gap] = SIZES.large.map((value) => value * rem * scale), columns = Math.max(1, Math.floor((this.width + gap) / (least + gap)));
+      const rows = this.sections.reduce((sum, { items }) => sum + Math.ceil(items.length / columns), 0);
+      return rows * (height + gap) + 3 * rem * (this.sections.length - 1) <= room;
+    };
+    return (innerWidth >= WALL && SCALES.find(fits)) || 1;
   }
 
   paint() {

@@ -8,7 +8,7 @@ import { words } from "./states.js";
 export function settingsView(main) {
   let over = false;
   const card = (title, size, ...children) => h("section", { class: `card ${size}`, "aria-label": title }, h("header", null, h("h2", null, title)), ...children);
-  const facts = h("dl", { class: "facts" }), runs = h("dl", { class: "facts" }), devices = scroll("Collectors"), told = h("div", { class: "cards" }), wrong = h("p", { role: "status" });
+  const facts = h("dl", { class: "facts" }), runs = h("dl", { class: "facts" }), devices = scroll("Collectors"), told = h("div", { class: "told" }), wrong = h("p", { role: "status" });
   main.append(h("h1", null, "Settings"), wrong, h("div", { class: "cards" }, card("The daemon", "half", facts), card("Diagnoses", "half", runs), card("Collectors", "", devices),
     card("Configuration", "", h("p", { class: "note" }, "As it is in force; it is changed in the file. Secrets are not shown."), told)));
   const pairs = (list) => list.map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, String(value))));
@@ -29,7 +29,7 @@ export function settingsView(main) {
       runs.replaceChildren(...pairs([["waiting", s.queued], ["under way", s.running], ["done", s.diagnosed], ["skipped", s.skipped], ["too late", s.deadline_exceeded], ["failed inside", s.panicked], ["time spent", lasting(s.busy_s)], ["on average", s.diagnosed ? `${short(s.busy_s / s.diagnosed, 3)} s` : "–"]]));
       drawDevices(list.items);
       const sections = Map.groupBy ? Map.groupBy(system.settings, (one) => one.section) : new Map([["", system.settings]]);
-      told.replaceChildren(...[...sections].map(([name, some]) => h("div", { class: "card third" }, h("h3", null, name), h("dl", { class: "facts" }, pairs(some.map((one) => [one.key, one.value]))))));
+      told.replaceChildren(...[...sections].map(([name, some]) => h("div", { class: "card" }, h("h3", null, name), h("dl", { class: "facts" }, pairs(some.map((one) => [one.key, one.value]))))));
       wrong.textContent = "";
     } catch (error) {
       if (!over) wrong.textContent = `cannot be fetched: ${error.message}`;

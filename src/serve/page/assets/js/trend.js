@@ -29,7 +29,7 @@ export function chart(uPlot, box, series, options) {
     return { label: name, stroke: colour(variable), width, dash, points: { show: false }, spanGaps: false };
   });
   return new uPlot({
-    width: Math.max(200, box.clientWidth), height: options.height ?? 200, padding: [8, 10, options.times === false ? 8 : 0, 0], legend: { show: false },
+    width: Math.max(200, box.clientWidth), height: options.height ?? 200, padding: [8, 28, options.times === false ? 12 : 0, 0], legend: { show: false },
     cursor: { sync: options.sync ? { key: options.sync } : undefined, drag: { x: true, y: false, setScale: false }, points: { size: 6 }, y: false },
     scales: { x: { time: true }, y: { range: (_, low, high) => (low === null ? [0, 1] : uPlot.rangeNum(low, high === low ? low + Math.abs(low || 1) * 0.01 : high, 0.08, true)) } },
     axes: [{ ...axis, values, space: 80, show: options.times !== false, size: options.times === false ? 8 : 34 }, { ...axis, size: 56, label: options.label, labelSize: 18, labelFont: "12px system-ui, sans-serif", labelGap: 0 }],
