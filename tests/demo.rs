@@ -103,10 +103,10 @@ async fn a_minute_after_the_start_every_loop_has_its_right_verdict() {
     }
 
     stop.cancel();
-    // Ctrl-C cancels the same token, and must end the demo within a second.
-    timeout(Duration::from_secs(1), running)
+    // Ctrl-C cancels the same token: it ends well below the 5 s after which connections would be cut.
+    timeout(Duration::from_secs(4), running)
         .await
-        .expect("ends within a second")
+        .expect("ends in time")
         .expect("does not panic")
         .expect("ends well");
 }

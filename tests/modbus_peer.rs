@@ -288,8 +288,8 @@ async fn dead_devices_do_not_slow_the_others() {
     for _ in 0..40 {
         polls.push(alive.poll().await);
     }
-    // 40 polls of 50 ms are 2 s; waiting for any of the dead would take 1 s a poll.
-    assert!(began.elapsed() < Duration::from_secs(6), "{:?}", began.elapsed());
+    // 40 polls of 50 ms are 2 s, more on a busy machine; waiting for any of the dead would take 1 s a poll.
+    assert!(began.elapsed() < Duration::from_secs(30), "{:?}", began.elapsed());
     assert_eq!(checked(&polls, &[2000]).len(), 40);
     for (watch, name) in dead.into_iter().zip(["hung", "black hole", "refusing"]) {
         let health = watch.health.snapshot();

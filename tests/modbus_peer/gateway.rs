@@ -105,7 +105,7 @@ async fn a_device_that_gives_fewer_registers_at_once_is_asked_for_fewer_from_the
 async fn requests_keep_the_gap_between_them() {
     let server = Server::start(0, 1).await;
     let addresses = [2000, 2020, 2040, 2060];
-    let config = device(server.port, "poll_ms = 1000\ntimeout_ms = 1000\nmax_gap = 0\nmin_gap_ms = 60");
+    let config = device(server.port, "poll_ms = 60000\ntimeout_ms = 1000\nmax_gap = 0\nmin_gap_ms = 60");
     let mut watch = Watch::start(patient(plan(&config, &addresses.map(truth_tag))));
     let poll = watch.poll().await;
     assert!(all_good(&poll), "{poll:?}");
@@ -115,5 +115,6 @@ async fn requests_keep_the_gap_between_them() {
     }
     let began = Instant::now();
     watch.stop().await;
-    assert!(began.elapsed() < Duration::from_secs(1), "a pause does not delay the end");
+    // Far from the next poll, however busy the machine is.
+    assert!(began.elapsed() < Duration::from_secs(20), "a pause does not delay the end");
 }
