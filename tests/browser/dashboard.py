@@ -273,11 +273,17 @@ def looks(walk):
         walk.go(route)
         expect(page.locator(ready).first).to_be_visible()
         walk.fits(f"{name} on a phone")
+        if name == "alarms":
+            boxes = [button.bounding_box() for button in page.locator("td.act button").all()]
+            check(len(boxes) > 3 and all(box["x"] >= 0 and box["x"] + box["width"] <= 390 for box in boxes), "on a phone what can be done about an alarm is in sight")
+            walk.axe("the alarms on a phone")
         walk.shot(f"{name}-phone")
     walk.axe("the settings on a phone")
     page = walk.open(2560, 1440, "dark")
     walk.go()
     expect(page.locator(".tile").first).to_be_visible()
+    usual, wall = 7.2 * page.evaluate("parseFloat(getComputedStyle(document.documentElement).fontSize)"), page.locator(".tile").last.bounding_box()
+    check(wall["height"] > 1.9 * usual and wall["y"] + wall["height"] <= 1440, f"six tiles fill a wall and no more, {wall['height']:.0f} px each")
     walk.shot("plant-wall")
 
 
