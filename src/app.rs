@@ -227,7 +227,7 @@ impl App {
         {
             let mut state = self.state.lock().await;
             (state.collecting, state.since) = (true, self.clock.now());
-            self.keeping.begin();
+            self.keeping.begin(self.results.clone());
             state.devices.iter_mut().for_each(|device| device.start(&self.stop));
             self.writing.begin(&state.config, &state.history, &state.devices);
         }

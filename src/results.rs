@@ -300,7 +300,7 @@ impl Results {
             if entry.model.version == 0 || entry.model.effects != effects {
                 let version = entry.model.version + 1;
                 entry.model = ModelVersion { version, since: run.finished, effects };
-                new_model = Some(entry.model.clone());
+                new_model = Some((run.id.clone(), entry.model.clone()));
             }
             entry.diagnosed = Some((run.clone(), summary.clone()));
             entry.restored = None;

@@ -1,5 +1,9 @@
 //! `stictiond run` with a store, as a machine treats it: killed under load and started again, and a disk that is full.
 
+#[path = "peers/postgres.rs"]
+mod postgres;
+
+use postgres::Cluster;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -8,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use stictiond::demo::{DEFAULT_SPEED, Demo, Options, Screen};
-use stictiond::store::{Reader, check};
+use stictiond::store::{Config, Reader, check, check_of};
 
 /// Time between two diagnoses of a loop in these tests (s).
 const PERIOD_S: u64 = 10;
@@ -184,6 +188,90 @@ async fn killed_under_load_it_goes_on_where_it_was() {
     stop.cancel();
     plant.await.expect("no panic").expect("ends well");
     done.expect("all is well");
+}
+
+/// Alarms that are not normal, by name.
+fn alarms(daemon: &Daemon) -> Vec<(String, String)> {
+    let list = daemon.json("/api/v1/alarms");
+    let text = |value: &Value| value.as_str().expect("text").to_string();
+    let items = list["items"].as_array().expect("alarms").iter();
+    items.map(|item| (text(&item["id"]), text(&item["state"]))).collect()
+}
+
+/// What people did about alarms outlasts a start without the database, and one on a fresh disk that knows nothing.
+#[test]
+fn a_start_without_the_database_neither_forgets_nor_overwrites_what_people_did() {
+    let mut cluster = Cluster::with(None, false);
+    let folder = folder("store-away");
+    let (path, spool) = (folder.join("config.toml"), folder.join("spool"));
+    let config: Config = cluster.config(&spool);
+    let url = config.url.clone().expect("one");
+    let mut text = format!(
+        "[server]\nlisten = '127.0.0.1:0'\n[store]\nfolder = {spool:?}\nurl = '{url}'\nsync_ms = 20\n\
+         [alarm]\nsuppressed = ['*/tag_bad', '*/not_identifiable']\n[alarm.collector_down]\nafter_s = 1.0\n"
+    );
+    for name in ["d", "e"] {
+        let _ = write!(
+            text,
+            "[[modbus]]\nname = '{name}'\naddress = '127.0.0.1:9'\naddress_base = 0\npoll_ms = 50\ntimeout_ms = 50\n\
+             [[loop]]\nid = 'L{name}'\n[loop.op]\ndevice = '{name}'\nregister = 'input'\naddress = 0\ntype = 'f32'\n\
+             [loop.pv]\ndevice = '{name}'\nregister = 'input'\naddress = 2\ntype = 'f32'\n"
+        );
+    }
+    std::fs::write(&path, text).expect("writable");
+    let are = |d: &str, e: &str| {
+        let named = |name: &str, state: &str| (format!("{name}/collector_down"), state.to_string());
+        vec![named("d", d), named("e", e)]
+    };
+    let patience = Duration::from_secs(30);
+    let collectors = |daemon: &Daemon| -> Vec<(String, String)> {
+        alarms(daemon).into_iter().filter(|(id, _)| id.ends_with("/collector_down")).collect()
+    };
+    let until = |daemon: &Daemon, d: &str, e: &str| {
+        daemon.until(&format!("{d} and {e}"), patience, |daemon| collectors(daemon) == are(d, e));
+    };
+    let store = |daemon: &Daemon| daemon.json("/healthz")["store"]["state"].as_str().map(str::to_string);
+
+    let daemon = Daemon::start(stictiond(), &path);
+    until(&daemon, "unacknowledged", "unacknowledged");
+    daemon.ask("POST", "/api/v1/alarms/d/collector_down/ack", "{\"by\":\"eve\"}");
+    daemon.ask("POST", "/api/v1/alarms/e/collector_down/shelve", "{\"by\":\"kim\",\"duration_s\":3600}");
+    until(&daemon, "acknowledged", "shelved");
+    daemon.stop();
+    let rows = Reader::of(&config).expect("answers").alarms().expect("reads");
+    cluster.end();
+
+    // The same disk: everything is as it was, before anything is observed.
+    let daemon = Daemon::start(stictiond(), &path);
+    assert_eq!(collectors(&daemon), are("acknowledged", "shelved"));
+    let spooling = |daemon: &Daemon| store(daemon).as_deref() == Some("spooling");
+    daemon.until("it spools", patience, spooling);
+    daemon.stop();
+
+    // A fresh disk: it begins anew, and says so.
+    std::fs::remove_dir_all(&spool).expect("there");
+    let daemon = Daemon::start(stictiond(), &path);
+    until(&daemon, "unacknowledged", "unacknowledged");
+    cluster.begin();
+    until(&daemon, "acknowledged", "shelved");
+    daemon.until("nothing waits", patience, |daemon| store(daemon).as_deref() == Some("working"));
+    daemon.stop();
+
+    let after = Reader::of(&config).expect("answers").alarms().expect("reads");
+    let of = |rows: &[stictiond::store::AlarmRow]| -> Vec<_> {
+        let own = rows.iter().filter(|row| row.kind == "collector_down");
+        own.map(|row| (row.acknowledged, row.shelved_until, row.raised_at, row.by.clone())).collect()
+    };
+    assert_eq!(of(&after), of(&rows));
+    let checked = check_of(&config).expect("can be read");
+    assert_eq!(checked.faults, [""; 0]);
+    let rows = Reader::of(&config).expect("answers").transitions(0, 99).expect("reads");
+    let mut of_d = rows.iter().filter(|(_, row)| row.control_loop == "d").map(|(_, row)| row.cause.as_str());
+    assert_eq!(
+        of_d.by_ref().collect::<Vec<_>>(),
+        ["raised", "acknowledged", "forgotten", "raised", "restored"]
+    );
+    std::fs::remove_dir_all(&folder).expect("writable");
 }
 
 /// A limit on the size of files, set from outside and lifted while it runs, is a disk that is full and has room again.

@@ -166,6 +166,30 @@ impl Flags {
         Ok(self.change(now, Cause::Returned, |flags| flags.out_of_service = false))
     }
 
+    /// Takes how it was left before a start that did not know it: what people did then still holds, and so does a condition
+    /// until it is observed to go. The design is that of now.
+    pub fn merge(&mut self, left: Flags, now: f64) -> Option<Transition> {
+        let (from, own) = (self.state(), *self);
+        self.active = own.active || left.active;
+        self.latched = !self.active && (own.latched || left.latched);
+        self.acknowledged = match (left.active, own.active) {
+            (true, true) => own.acknowledged || left.acknowledged,
+            (true, false) => left.acknowledged,
+            (false, true) => own.acknowledged,
+            (false, false) => own.acknowledged && left.acknowledged,
+        };
+        if own.shelved_until.is_none() {
+            (self.shelved_until, self.one_shot) = (left.shelved_until, left.one_shot);
+        }
+        self.out_of_service = own.out_of_service || left.out_of_service;
+        if self.out_of_service {
+            self.end_shelving();
+        }
+        self.raised_at = if left.active { left.raised_at } else { own.raised_at.or(left.raised_at) };
+        self.since = if self.state() == left.state() { left.since.or(own.since) } else { own.since };
+        (self.state() != from).then(|| self.moved(from, now, Cause::Restored))
+    }
+
     fn end_shelving(&mut self) {
         (self.shelved_until, self.one_shot) = (None, false);
     }

@@ -255,6 +255,31 @@ impl Alarm {
         taken
     }
 
+    /// Takes how it was left before a start that did not know it into what it has become since.
+    pub fn merge(&mut self, left: Saved, now: f64, config: &Config) -> Vec<Transition> {
+        let own = self.saved();
+        let mut taken = self.tick(now);
+        taken.extend(self.flags.merge(left.flags, now));
+        let is_as_own = self.flags.active == own.flags.active && !own.votes.is_empty();
+        let votes = if is_as_own || left.flags.active != self.flags.active { own.votes } else { left.votes };
+        self.votes = Votes::restored(votes, config.rule(self.kind));
+        self.raises = left.raises.into_iter().chain(own.raises).collect();
+        self.raises.make_contiguous().sort_unstable_by(f64::total_cmp);
+        self.raises = self.raises.drain(..).fold(VecDeque::new(), |mut all, at| {
+            if all.back() != Some(&at) {
+                all.push_back(at);
+            }
+            all
+        });
+        self.bound(config);
+        self.priority = own.priority.max(left.priority.filter(|_| left.flags.active));
+        let begun = own.trend.first().map_or(f64::INFINITY, |point| point.t);
+        let before = left.trend.into_iter().filter(|point| point.t < begun);
+        self.trend = Trend::restored(before.chain(own.trend).collect());
+        taken.extend(self.tick(now));
+        taken
+    }
+
     fn flip(&mut self, now: f64, config: &Config) -> Option<Transition> {
         let active = !self.flags.active;
         if active {

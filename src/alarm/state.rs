@@ -95,11 +95,15 @@ pub enum Cause {
     TakenOut,
     /// Given back to service.
     Returned,
+    /// A start did not know how it was left.
+    Forgotten,
+    /// How it was left before the start became known.
+    Restored,
 }
 
 impl Cause {
     /// Every cause.
-    pub const ALL: [Cause; 12] = [
+    pub const ALL: [Cause; 14] = [
         Cause::Raised,
         Cause::Cleared,
         Cause::Acknowledged,
@@ -112,6 +116,8 @@ impl Cause {
         Cause::Unsuppressed,
         Cause::TakenOut,
         Cause::Returned,
+        Cause::Forgotten,
+        Cause::Restored,
     ];
 
     /// The cause as the API writes it.
@@ -129,6 +135,8 @@ impl Cause {
             Cause::Unsuppressed => "unsuppressed",
             Cause::TakenOut => "out_of_service",
             Cause::Returned => "in_service",
+            Cause::Forgotten => "forgotten",
+            Cause::Restored => "restored",
         }
     }
 

@@ -97,6 +97,59 @@ fn shelving_ends_by_itself_and_tells_what_held_meanwhile() {
     assert_eq!(alarm.flags().raised_at, Some(2.0));
 }
 
+/// What was left, what has become since a start that did not know it, and what comes of the two.
+#[test]
+fn how_it_was_left_goes_into_what_it_has_become() {
+    let flags = |active, acknowledged| Flags { active, acknowledged, ..Flags::default() };
+    let shelved = Flags { shelved_until: Some(50.0), ..flags(true, true) };
+    let out = Flags { out_of_service: true, ..flags(true, false) };
+    let latched = Flags { latched: true, ..flags(false, false) };
+    use State::*;
+    for (left, own, state) in [
+        (flags(true, true), flags(true, false), Acknowledged),
+        (flags(true, false), flags(true, true), Acknowledged),
+        (flags(true, false), flags(true, false), Unacknowledged),
+        (flags(true, true), flags(false, true), Acknowledged),
+        (flags(true, true), flags(false, false), Acknowledged),
+        (flags(false, true), flags(true, false), Unacknowledged),
+        (flags(false, false), flags(false, true), ReturnedUnacknowledged),
+        (flags(false, true), flags(false, true), Normal),
+        (shelved, flags(true, false), Shelved),
+        (flags(true, false), shelved, Shelved),
+        (out, shelved, OutOfService),
+        (latched, flags(false, true), LatchedUnacknowledged),
+        (latched, flags(true, true), Acknowledged),
+        // What the design suppressed then it may not suppress now.
+        (Flags { suppressed: true, ..flags(true, true) }, flags(true, false), Acknowledged),
+        (flags(true, true), Flags { suppressed: true, ..flags(true, false) }, SuppressedByDesign),
+    ] {
+        let saved = |flags, votes: &[Observation], at| Saved {
+            flags,
+            votes: votes.to_vec(),
+            raises: vec![at],
+            ..Saved::default()
+        };
+        let config = Config::default();
+        let mut alarm = Alarm::restored(Kind::Stiction, &config, saved(own, &[Present], 7.0));
+        let taken = alarm.merge(saved(left, &[Absent], 3.0), 10.0, &config);
+        assert_eq!(alarm.state(), state, "{left:?} {own:?}");
+        let told: Vec<_> = taken.iter().map(|t| (t.from, t.to, t.at, t.cause)).collect();
+        let expected = (own.state() != state).then_some((own.state(), state, 10.0, Cause::Restored));
+        assert_eq!(told, Vec::from_iter(expected), "{left:?} {own:?}");
+        let merged = alarm.saved();
+        assert_eq!(merged.raises, [3.0, 7.0]);
+        // Votes belong to a side: those of the one that the condition came from.
+        let votes = if own.active == merged.flags.active { Present } else { Absent };
+        assert_eq!(merged.votes, [votes], "{left:?} {own:?}");
+        assert_eq!(alarm.merge(saved(left, &[Absent], 3.0), 11.0, &config), [], "twice is once");
+        assert_eq!(alarm.saved(), merged);
+    }
+    // A shelving that has run out meanwhile has.
+    let mut alarm = Alarm::new(Kind::Stiction);
+    alarm.merge(Saved { flags: shelved, ..Saved::default() }, 60.0, &Config::default());
+    assert_eq!(alarm.state(), Unacknowledged);
+}
+
 #[test]
 fn shelved_once_it_comes_back_with_the_next_occurrence() {
     let config = Config { k: 1, n: 1, clear_k: 1, clear_n: 1, ..Config::default() };

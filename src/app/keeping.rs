@@ -11,9 +11,10 @@ use crate::history::{History, Ring};
 use crate::results::{Change, Results};
 use crate::schedule::Clock;
 use crate::serve::{AskDurable, AskStore, StoreState};
-use crate::store::{self, Reader, Store, StoreError, TagName, Writer};
+use crate::signal::LoopId;
+use crate::store::{self, Found, Reader, Store, StoreError, TagName, Writer};
 use following::Following;
-use rows::{remembered, remembered_alarms, remembered_changes};
+use rows::{remembered, remembered_alarms, remembered_changes, remembered_model};
 use std::collections::VecDeque;
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -96,12 +97,13 @@ impl Keeping {
     }
 
     /// Begins to write.
-    pub(super) fn begin(&self) {
+    pub(super) fn begin(&self, results: Arc<Results>) {
         let (Some(config), Some(opened)) = (&self.config, lock(&self.opened).take()) else { return };
-        let clock = self.clock;
+        let (clock, own) = (self.clock, config.clone());
         let feed = Following::new(
             self.shared.clone(),
             Box::new(move || clock.now()),
+            Box::new(move |found| merge(&own, &results, found, clock.now())),
             config.queue_mb as usize * 1_000_000,
         );
         match Writer::start(config, opened, feed, move || clock.now()) {
@@ -174,7 +176,7 @@ impl Keeping {
                 loops += usize::from(!kept.summaries.is_empty());
                 results.restore(&own.id, kept);
             }
-            results.restore_alarms(remembered_alarms(&reader)?, remembered_changes(&reader)?);
+            results.restore_alarms(remembered_alarms(reader.alarms()?), remembered_changes(&reader)?);
             Ok((samples, loops, reader.damaged()))
         });
         let took_s = began.elapsed().as_secs_f64();
@@ -210,6 +212,23 @@ impl Keeping {
             });
         }
         taps.extend(old.into_iter().filter(|tap| tap.retired.load(Relaxed)));
+    }
+}
+
+/// Takes what a database has that was away at the start, and was not known here, into what there is.
+fn merge(config: &store::Config, results: &Results, found: Found, now: f64) {
+    for model in &found.models {
+        results.merge_model(&LoopId::new(model.control_loop.as_str()), remembered_model(model));
+    }
+    results.merge_alarms(remembered_alarms(found.alarms), now);
+    let past = Reader::of(config).and_then(|reader| {
+        for id in found.models.iter().map(|model| LoopId::new(model.control_loop.as_str())) {
+            results.restore(&id, remembered(&reader, &id, results.room())?);
+        }
+        Ok(())
+    });
+    if let Err(error) = past {
+        tracing::warn!(%error, "the runs of before the start cannot be read until the next one");
     }
 }
 

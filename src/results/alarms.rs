@@ -4,7 +4,7 @@ use super::alarm_log::AlarmChange;
 use super::board::{Board, News, Standing};
 use super::kept::RestoredAlarm;
 use super::{Event, ModelVersion, Results, Run, Summary};
-use crate::alarm::{Action, Alarm, AlarmId, Config, FloodView, Kind, Priority, Refusal, State};
+use crate::alarm::{Action, AlarmId, Config, FloodView, Kind, Priority, Refusal, State};
 use crate::signal::LoopId;
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -229,16 +229,16 @@ impl Results {
     /// Takes back alarms as they were kept, and what they did; nothing where something has happened since.
     pub fn restore_alarms(&self, kept: Vec<RestoredAlarm>, log: Vec<AlarmChange>) {
         let mut board = self.alarms.lock();
-        for RestoredAlarm { id, saved, by, comment, detail } in kept {
-            let touched = board.alarms.get(&id).is_some_and(|own| !own.alarm.is_blank());
-            if board.has(&id) && !touched {
-                let follows = saved.flags.suppressed;
-                let alarm = Alarm::restored(id.kind, &board.config, saved);
-                let said = Said { by, comment };
-                board.alarms.insert(id, Standing { alarm, said, detail, grouped: false, follows });
-            }
-        }
+        kept.into_iter().for_each(|kept| board.restore(kept));
         board.log.restore(log);
+    }
+
+    /// Takes alarms as they were left before a start that did not know them, at `now`: into what has happened since.
+    pub fn merge_alarms(&self, kept: Vec<RestoredAlarm>, now: f64) {
+        self.with_board(|board, news| {
+            kept.into_iter().for_each(|kept| board.merge(kept, now, news));
+            board.design(now, news);
+        });
     }
 
     /// The design that the configuration in force has for its alarms, from `now` on.
@@ -251,7 +251,7 @@ impl Results {
     }
 
     /// What a run says to its loop's alarms, kept together with the run and told after it.
-    pub(super) fn judge(&self, run: &Arc<Run>, summary: Summary, new_model: Option<ModelVersion>) {
+    pub(super) fn judge(&self, run: &Arc<Run>, summary: Summary, new_model: Option<(LoopId, ModelVersion)>) {
         let reinforced = self.is_reinforced(&run.id);
         let mut board = self.alarms.lock();
         let mut news = News::default();

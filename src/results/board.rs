@@ -2,7 +2,7 @@
 
 use super::alarm_log::{AlarmChange, AlarmLog};
 use super::alarms::{AlarmView, Said};
-use super::kept::KeptAlarm;
+use super::kept::{KeptAlarm, RestoredAlarm};
 use super::{Run, Summary};
 use crate::alarm::{Alarm, AlarmId, Cause, Config, Flood, Kind, Line, Observation, Transition};
 use crate::diagnosis::Verdict;
@@ -134,6 +134,33 @@ impl Board {
         });
         if let Some(own) = self.alarms.get_mut(id) {
             own.follows = follows;
+        }
+    }
+
+    /// Takes an alarm as it was kept: in place of one that nothing has happened to, and into any other.
+    pub fn merge(&mut self, kept: RestoredAlarm, now: f64, news: &mut News) {
+        if !self.has(&kept.id) {
+            return;
+        }
+        let Some(own) = self.alarms.get_mut(&kept.id).filter(|own| !own.alarm.is_blank()) else {
+            return self.restore(kept);
+        };
+        if own.said == Said::default() {
+            own.said = Said { by: kept.by, comment: kept.comment };
+        }
+        let detail = own.detail.is_empty().then_some(kept.detail);
+        self.change(&kept.id, None, detail, news, |alarm, config| alarm.merge(kept.saved, now, config));
+    }
+
+    /// Takes an alarm as it was kept, unless something has happened to it since.
+    pub fn restore(&mut self, kept: RestoredAlarm) {
+        let RestoredAlarm { id, saved, by, comment, detail } = kept;
+        let touched = self.alarms.get(&id).is_some_and(|own| !own.alarm.is_blank());
+        if self.has(&id) && !touched {
+            let follows = saved.flags.suppressed;
+            let alarm = Alarm::restored(id.kind, &self.config, saved);
+            let said = Said { by, comment };
+            self.alarms.insert(id, Standing { alarm, said, detail, grouped: false, follows });
         }
     }
 

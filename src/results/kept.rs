@@ -37,8 +37,8 @@ pub struct Summary {
 pub struct Change {
     /// The run that has ended, where one has.
     pub run: Option<(Arc<Run>, Summary)>,
-    /// The version of that loop's model, where it is a new one.
-    pub model: Option<ModelVersion>,
+    /// The version of a loop's model, where it is a new one.
+    pub model: Option<(LoopId, ModelVersion)>,
     /// Alarms that changed.
     pub alarms: Vec<KeptAlarm>,
 }
@@ -123,7 +123,7 @@ impl Results {
     pub(super) fn keep(
         &self,
         run: Option<(Arc<Run>, Summary)>,
-        model: Option<ModelVersion>,
+        model: Option<(LoopId, ModelVersion)>,
         alarms: Vec<KeptAlarm>,
     ) {
         let nothing = run.is_none() && model.is_none() && alarms.is_empty();
@@ -137,16 +137,34 @@ impl Results {
         self.keep
     }
 
-    /// Takes back what was kept of a loop, with the times of then; nothing when the loop is not there or has been run.
+    /// Takes back what was kept of a loop, with the times of then, before what there is; of a loop that was diagnosed since
+    /// only the runs.
     pub fn restore(&self, id: &LoopId, kept: Remembered) {
         let Some(entry) = self.entry(id) else { return };
         let mut entry = lock(&entry);
-        if !entry.summaries.is_empty() {
+        let begun = entry.summaries.front().map_or(f64::INFINITY, |first| first.time);
+        let room = self.keep.saturating_sub(entry.summaries.len());
+        let before = kept.summaries.into_iter().rev().filter(|summary| summary.time < begun).take(room);
+        before.for_each(|summary| entry.summaries.push_front(summary));
+        if entry.diagnosed.is_none() && entry.restored.is_none() {
+            entry.restored = kept.diagnosed.map(|(restored, summary)| (Arc::new(restored), summary));
+        }
+        if entry.model.version == 0 {
+            entry.model = kept.model;
+        }
+    }
+
+    /// Takes the latest model of before a start that did not know it: versions go on from there, and what was found since is
+    /// a new one.
+    pub fn merge_model(&self, id: &LoopId, left: ModelVersion) {
+        let Some(entry) = self.entry(id) else { return };
+        let mut entry = lock(&entry);
+        let own = &mut entry.model;
+        if own.version == 0 || (own.version <= left.version && own.effects == left.effects) {
+            *own = left;
             return;
         }
-        let surplus = kept.summaries.len().saturating_sub(self.keep);
-        entry.summaries = kept.summaries.into_iter().skip(surplus).collect();
-        entry.restored = kept.diagnosed.map(|(restored, summary)| (Arc::new(restored), summary));
-        entry.model = kept.model;
+        own.version = own.version.max(left.version) + 1;
+        self.keep(None, Some((id.clone(), own.clone())), Vec::new());
     }
 }

@@ -1,6 +1,7 @@
 use super::*;
 use crate::alarm::{Action, AlarmId, Kind, Priority, Shelving, State};
 use crate::diagnosis::{Estimate, Model, NotIdentifiable, Preparation};
+use std::sync::Mutex;
 
 pub(super) fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged> {
     let model = Model { na: 1, nb: 1, nc: 1, nk: 1, a: vec![0.0], b: vec![0.0], c: vec![0.0], rmse: 1.0 };
@@ -108,6 +109,60 @@ fn diagnoses_raise_the_alarm_and_everybody_hears_it_in_order() {
 }
 
 #[test]
+fn what_was_before_a_start_that_did_not_know_it_is_merged_into_what_is_there() {
+    let (then, changes) = (results(9), Arc::<Mutex<Vec<Change>>>::default());
+    let heard = changes.clone();
+    then.keep_with(Arc::new(move |change| heard.lock().expect("no panic").push(change)));
+    for t in 1..=2 {
+        then.record(sticky(f64::from(t)));
+    }
+    let said = Said { by: Some("kim".into()), comment: Some("seen".into()) };
+    then.act(&stiction(), Action::Acknowledge, said, 3.0).expect("A is there").expect("it waits for that");
+    let mut said = std::mem::take(&mut *changes.lock().expect("no panic"));
+    let KeptAlarm { id: of, saved, by, comment, detail, .. } =
+        said.pop().and_then(|mut change| change.alarms.pop()).expect("the acknowledgement");
+    let kept = RestoredAlarm { id: of, saved, by, comment, detail };
+    let model = then.get(&id(), 3.0).expect("A is there").model;
+    assert_eq!(model.version, 1);
+    let model = ModelVersion { version: 4, ..model };
+    let runs = Remembered { summaries: then.summaries(&id()).expect("A is there"), ..Remembered::default() };
+
+    // Nothing has happened since: it is as it was, and nobody hears of it.
+    let now = results(9);
+    let heard = changes.clone();
+    now.keep_with(Arc::new(move |change| heard.lock().expect("no panic").push(change)));
+    now.merge_model(&id(), model.clone());
+    now.merge_alarms(vec![kept.clone()], 10.0);
+    let known = now.get(&id(), 10.0).expect("A is there");
+    assert_eq!((known.model.version, known.alarm.state), (4, State::Acknowledged));
+    assert!(changes.lock().expect("no panic").is_empty());
+
+    // It was raised anew: that is one and the same, and somebody has seen it.
+    let now = results(9);
+    now.record(sticky(11.0));
+    now.record(sticky(12.0));
+    let heard = changes.clone();
+    now.keep_with(Arc::new(move |change| heard.lock().expect("no panic").push(change)));
+    now.merge_model(&id(), ModelVersion { effects: vec![(crate::residual::Kind::ALL[0], None)], ..model });
+    now.merge_alarms(vec![kept.clone()], 13.0);
+    now.restore(&id(), runs.clone());
+    let known = now.get(&id(), 14.0).expect("A is there");
+    assert_eq!((known.model.version, known.alarm.state), (5, State::Acknowledged), "versions go on");
+    assert_eq!((known.alarm.raised_at, known.alarm.by.as_deref()), (Some(2.0), Some("kim")));
+    let times = |results: &Results| -> Vec<f64> {
+        results.summaries(&id()).expect("A is there").iter().map(|summary| summary.time).collect()
+    };
+    assert_eq!(times(&now), [1.0, 2.0, 11.0, 12.0]);
+    now.restore(&id(), runs);
+    assert_eq!(times(&now), [1.0, 2.0, 11.0, 12.0], "once");
+    let kept = std::mem::take(&mut *changes.lock().expect("no panic"));
+    assert_eq!(kept[0].model.as_ref().map(|(own, model)| (own.clone(), model.version)), Some((id(), 5)));
+    let told = &kept[1].alarms[0].transitions[0];
+    assert_eq!((told.from, told.to), (State::Unacknowledged, State::Acknowledged));
+    assert_eq!((told.cause, kept[1].alarms[0].by.as_deref()), (alarm::Cause::Restored, Some("kim")));
+}
+
+#[test]
 fn operators_act_and_a_shelving_that_runs_out_is_told() {
     let results = results(3);
     let said = || Said { by: Some("kim".into()), comment: None };
@@ -193,13 +248,13 @@ fn what_is_kept_and_given_back_goes_on_as_if_nothing_had_been() {
         (false, 0, true),
     ];
     assert_eq!(said, expected, "a shelving that was only prolonged is kept too");
-    assert_eq!(kept[0].model.as_ref().map(|model| model.version), Some(1));
+    assert_eq!(kept[0].model.as_ref().map(|(_, model)| model.version), Some(1));
     let summary = kept[1].run.as_ref().expect("a run").1.clone();
     let restored = Restored { finished: 2.0, took_s: 0.02, quality: "good".into(), report: "{}".into() };
     let remembered = Remembered {
         summaries: kept.iter().filter_map(|c| Some(c.run.as_ref()?.1.clone())).collect(),
         diagnosed: Some((restored, summary.clone())),
-        model: kept[0].model.clone().expect("new"),
+        model: kept[0].model.clone().expect("new").1,
     };
     new.restore(&id(), remembered.clone());
     // Of each alarm what was kept last.

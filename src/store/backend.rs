@@ -60,6 +60,15 @@ pub struct Spool {
     pub delivered: u64,
 }
 
+/// What a database elsewhere says of alarms and models, and nobody here knew: what there is now was made without it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Found {
+    /// The latest version of each model.
+    pub models: Vec<ModelRow>,
+    /// States of alarms.
+    pub alarms: Vec<AlarmRow>,
+}
+
 /// The writing side. See [`Store`] for what each promises.
 pub(super) trait Writes: Send + Debug {
     fn write(&mut self, batch: &Batch) -> Result<(), StoreError>;
@@ -72,6 +81,10 @@ pub(super) trait Writes: Send + Debug {
     fn spool(&self) -> Option<Spool> {
         None
     }
+    fn found(&mut self) -> Option<Found> {
+        None
+    }
+    fn merged(&mut self) {}
     fn disconnect(&mut self) {}
 }
 
@@ -165,6 +178,17 @@ impl Store {
     /// What waits for a database elsewhere; `None` for a store in a folder.
     pub fn spool(&self) -> Option<Spool> {
         self.0.spool()
+    }
+
+    /// What a database elsewhere was found to have, once: until it is [`Store::merged`] nothing there is replaced by what was
+    /// made without it.
+    pub fn found(&mut self) -> Option<Found> {
+        self.0.found()
+    }
+
+    /// What was found is part of what has been written since.
+    pub fn merged(&mut self) {
+        self.0.merged();
     }
 
     /// Leaves a database elsewhere until it is needed: its connection is not to be dropped by another kind of thread.
@@ -308,17 +332,27 @@ impl Reader {
 
     /// The present version of a loop's model.
     pub fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError> {
-        self.main.model(control_loop)
+        let waits = self.spool.as_ref().map(|spool| spool.model(control_loop)).transpose()?.flatten();
+        let there = self.main.model(control_loop)?;
+        Ok(there.into_iter().chain(waits).max_by_key(|model| model.version))
     }
 
     /// The state of every alarm, of loops and of collectors.
     pub fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError> {
-        self.main.alarms()
+        let there = self.main.alarms()?;
+        match &self.spool {
+            Some(spool) => Ok(over(there, spool.written()?.1)),
+            None => Ok(there),
+        }
     }
 
     /// The state of an alarm.
     pub fn alarm(&self, control_loop: &str, kind: &str) -> Result<Option<AlarmRow>, StoreError> {
-        self.main.alarm(control_loop, kind)
+        let waits = self.spool.as_ref().map(embedded::Reader::written).transpose()?.unwrap_or_default().1;
+        match waits.into_iter().find(|row| row.control_loop == control_loop && row.kind == kind) {
+            None => self.main.alarm(control_loop, kind),
+            waits => Ok(waits),
+        }
     }
 
     /// The last `limit` things that happened to alarms, oldest first.
@@ -334,6 +368,13 @@ impl Reader {
     pub(super) fn examine(&mut self, found: &mut Checked) -> Result<(), StoreError> {
         self.main.examine(found)
     }
+}
+
+/// States of alarms, with newer ones in their place, by loop and kind.
+pub(super) fn over(older: Vec<AlarmRow>, newer: Vec<AlarmRow>) -> Vec<AlarmRow> {
+    let keyed = |row: AlarmRow| ((row.control_loop.clone(), row.kind.clone()), row);
+    let rows: BTreeMap<(String, String), AlarmRow> = older.into_iter().chain(newer).map(keyed).collect();
+    rows.into_values().collect()
 }
 
 fn last(

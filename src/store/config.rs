@@ -186,7 +186,7 @@ impl Config {
 /// What is wrong with an address of a database; a password in it is never repeated.
 fn url_fault(url: &str, has_ca: bool) -> Option<String> {
     let known = url.starts_with("postgres://") || url.starts_with("postgresql://");
-    let Some(parsed) = url.parse::<postgres::Config>().ok().filter(|_| known) else {
+    let Some(parsed) = url.parse::<tokio_postgres::Config>().ok().filter(|_| known) else {
         return Some("is not an address such as postgres://user@host:5432/database".to_string());
     };
     if parsed.get_password().is_some() {
@@ -195,11 +195,11 @@ fn url_fault(url: &str, has_ca: bool) -> Option<String> {
     if parsed.get_hosts().is_empty() || parsed.get_user().is_none() {
         return Some("must name user and host".to_string());
     }
-    let near = |host: &postgres::config::Host| match host {
-        postgres::config::Host::Tcp(name) => {
+    let near = |host: &tokio_postgres::config::Host| match host {
+        tokio_postgres::config::Host::Tcp(name) => {
             name == "localhost" || name.parse().is_ok_and(|ip: std::net::IpAddr| ip.is_loopback())
         }
-        postgres::config::Host::Unix(_) => true,
+        tokio_postgres::config::Host::Unix(_) => true,
     };
     if !has_ca && !parsed.get_hosts().iter().all(near) {
         return Some(
@@ -207,7 +207,7 @@ fn url_fault(url: &str, has_ca: bool) -> Option<String> {
                 .to_string(),
         );
     }
-    let asks = parsed.get_ssl_mode() == postgres::config::SslMode::Require;
+    let asks = parsed.get_ssl_mode() == tokio_postgres::config::SslMode::Require;
     (asks && !has_ca)
         .then(|| "asks for TLS; name the ca_file that the database is to be trusted by".to_string())
 }

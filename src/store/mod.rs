@@ -32,7 +32,7 @@ mod postgresql;
 mod rows;
 mod writer;
 
-pub use backend::{Point, Reader, Spool, Store, StoredTag, Usage};
+pub use backend::{Found, Point, Reader, Spool, Store, StoredTag, Usage};
 pub use check::{Checked, check, check_of};
 pub use config::Config;
 pub use rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, pack, unpack};
@@ -78,7 +78,7 @@ pub enum StoreError {
     Away(String),
     /// PostgreSQL refused what it was asked.
     #[error("PostgreSQL: {}", postgresql::said(.0))]
-    Refused(#[from] postgres::Error),
+    Refused(#[from] tokio_postgres::Error),
 }
 
 fn hint(error: &rusqlite::Error) -> &'static str {

@@ -60,6 +60,11 @@ pub enum Row {
 }
 
 impl Row {
+    /// Whether it says how something is, and not what happened.
+    pub fn is_state(&self) -> bool {
+        matches!(self, Row::Alarm(_) | Row::Model(_))
+    }
+
     /// About how much memory it takes (bytes).
     pub fn bytes(&self) -> usize {
         size_of::<Self>()

@@ -1,7 +1,7 @@
 //! The one thread that writes. It asks for what is new at a steady pace, makes it durable, tidies up, and when the store
 //! fails tries again, from a fresh opening, until it works: nobody else ever waits for the disk.
 
-use super::{Batch, Config, Spool, Store, StoreError, Usage};
+use super::{Batch, Config, Found, Spool, Store, StoreError, Usage};
 use std::collections::VecDeque;
 use std::io;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -26,6 +26,8 @@ pub trait Feed: Send + 'static {
     fn settled(&mut self) -> bool;
     /// Whether the clock was set back since this was asked last.
     fn set_back(&mut self) -> bool;
+    /// The database has what was not known here: what is taken from now on has it in it.
+    fn merge(&mut self, found: Found);
 }
 
 /// How the store is.
@@ -220,8 +222,14 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
                 }
             }
         }
+        let mut merging = false;
         while let Some(store) = &mut self.store {
             let now = (self.now)();
+            if let Some(found) = store.found() {
+                self.feed.merge(found);
+                self.feed.gather();
+                merging = true;
+            }
             if self.feed.set_back() {
                 tracing::warn!(
                     "the clock was set back: samples from now on are kept apart from those before"
@@ -232,6 +240,9 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
             let (samples, rows) = (batch.samples() as u64, batch.rows.len() as u64);
             let written = if batch.is_empty() { Ok(()) } else { write(store, batch, now) };
             let more = written.is_ok() && self.feed.settled();
+            if merging && written.is_ok() && !more {
+                store.merged();
+            }
             let done = written.and_then(|()| tidy(store, now));
             match done {
                 Ok(()) => self.worked(samples, rows, now),

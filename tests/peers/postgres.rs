@@ -18,7 +18,7 @@ const NOBODY: u32 = 65534;
 
 /// A cluster, running or stopped.
 pub struct Cluster {
-    folder: PathBuf,
+    pub folder: PathBuf,
     server: Option<Child>,
     /// Where it listens on the loopback; on a socket in its folder only, when there is none.
     port: Option<u16>,
@@ -129,9 +129,8 @@ impl Cluster {
 
     /// Somebody who asks it directly.
     pub fn client(&self) -> Result<postgres::Client, postgres::Error> {
-        let socket = self.folder.display().to_string();
         let mut config = postgres::Config::new();
-        config.host_path(socket).port(self.port.unwrap_or(5432)).user("stictiond").dbname("postgres");
+        config.host_path(&self.folder).port(self.port.unwrap_or(5432)).user("stictiond").dbname("postgres");
         config.connect(postgres::NoTls)
     }
 

@@ -5,6 +5,7 @@ mod place;
 #[path = "../peers/postgres.rs"]
 mod postgres;
 mod suite;
+mod unknown;
 
 use place::Place;
 

@@ -15,10 +15,10 @@ use stictiond::store::{
 };
 
 /// Longest wait for what comes within seconds.
-const PATIENCE: Duration = Duration::from_secs(60);
+pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Tidies up until nothing waits any more.
-fn delivered(store: &mut Store, now: f64) {
+pub fn delivered(store: &mut Store, now: f64) {
     let begun = Instant::now();
     while store.spool().expect("there is one").waits {
         while store.tidy(now).expect("the spool works") {}

@@ -3,7 +3,7 @@
 use super::rows::rows;
 use super::{Shared, Tap, lock};
 use crate::signal::Sample;
-use crate::store::{Batch, Feed, Row, Series};
+use crate::store::{Batch, Feed, Found, Row, Series};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -22,10 +22,14 @@ const AHEAD_S: f64 = 60.0;
 /// Tells the time (s).
 pub(super) type Now = Box<dyn Fn() -> f64 + Send>;
 
+/// Takes what was not known into what there is; what changes by it is noted.
+pub(super) type Merge = Box<dyn Fn(Found) + Send>;
+
 /// What the writer asks for what is new.
 pub(super) struct Following {
     shared: Arc<Shared>,
     clock: Now,
+    merge: Merge,
     /// Rows that are not durable, oldest first, and about what memory they take.
     rows: VecDeque<Row>,
     bytes: usize,
@@ -54,7 +58,7 @@ enum Back {
 }
 
 impl Following {
-    pub(super) fn new(shared: Arc<Shared>, clock: Now, max_bytes: usize) -> Self {
+    pub(super) fn new(shared: Arc<Shared>, clock: Now, merge: Merge, max_bytes: usize) -> Self {
         // Set back while nobody ran: what was kept is of later.
         let last = |tap: &Arc<Tap>| f64::from_bits(tap.last.load(Relaxed));
         let newest = lock(&shared.taps).iter().map(last).fold(f64::NEG_INFINITY, f64::max);
@@ -63,6 +67,7 @@ impl Following {
             told: clock().max(newest - AHEAD_S),
             fell: f64::NEG_INFINITY,
             clock,
+            merge,
             rows: VecDeque::new(),
             bytes: 0,
             max_bytes,
@@ -119,6 +124,10 @@ impl Feed for Following {
             lock(&self.shared.taps).iter().for_each(|tap| tap.last.store(begun, Relaxed));
         }
         now
+    }
+
+    fn merge(&mut self, found: Found) {
+        (self.merge)(found);
     }
 
     fn take(&mut self) -> &Batch {

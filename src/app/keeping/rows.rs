@@ -32,7 +32,8 @@ pub(super) fn rows(change: Change) -> Vec<Row> {
             basis: run.basis.as_deref().and_then(BasisText::text).as_deref().and_then(pack),
         }));
     }
-    if let Some(ModelVersion { version, since, effects }) = change.model {
+    if let Some((id, ModelVersion { version, since, effects })) = change.model {
+        let control_loop = id.to_string();
         let effects =
             effects.iter().map(|(kind, tag)| format!("{kind}\t{}\n", tag.as_deref().unwrap_or_default()));
         rows.push(Row::Model(ModelRow { control_loop, version, since, effects: effects.collect() }));
@@ -86,7 +87,7 @@ fn alarm_rows(kept: KeptAlarm, rows: &mut Vec<Row>) {
 }
 
 /// Alarms as they were kept; of kinds that this version knows.
-pub(super) fn remembered_alarms(reader: &Reader) -> Result<Vec<RestoredAlarm>, StoreError> {
+pub(super) fn remembered_alarms(rows: Vec<AlarmRow>) -> Vec<RestoredAlarm> {
     let restored = |row: AlarmRow| {
         let id = AlarmId::new(LoopId::new(row.control_loop), Kind::named(&row.kind)?);
         let flags = Flags {
@@ -111,7 +112,16 @@ pub(super) fn remembered_alarms(reader: &Reader) -> Result<Vec<RestoredAlarm>, S
         let AlarmRow { by, comment, detail, .. } = row;
         Some(RestoredAlarm { id, saved, by, comment, detail })
     };
-    Ok(reader.alarms()?.into_iter().filter_map(restored).collect())
+    rows.into_iter().filter_map(restored).collect()
+}
+
+/// A model as it was kept.
+pub(super) fn remembered_model(row: &ModelRow) -> ModelVersion {
+    ModelVersion {
+        version: row.version,
+        since: row.since,
+        effects: row.effects.lines().filter_map(effect).collect(),
+    }
 }
 
 /// What alarms did, the last of it, oldest first.
@@ -146,11 +156,7 @@ pub(super) fn remembered(reader: &Reader, id: &LoopId, room: usize) -> Result<Re
         let restored = Restored { finished: row.finished, took_s: row.took_s, quality, report: text.into() };
         Some((restored, summary(row)))
     });
-    let model = reader.model(id.as_str())?.map(|row| ModelVersion {
-        version: row.version,
-        since: row.since,
-        effects: row.effects.lines().filter_map(effect).collect(),
-    });
+    let model = reader.model(id.as_str())?.as_ref().map(remembered_model);
     Ok(Remembered {
         summaries: rows.iter().map(summary).collect(),
         diagnosed,

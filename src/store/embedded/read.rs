@@ -2,7 +2,7 @@
 
 use super::{APPLICATION, DATABASE, MAX_TAG, TREND_SPAN, key, schema, start_and_tag};
 use crate::signal::Sample;
-use crate::store::backend::Reads;
+use crate::store::backend::{Reads, over};
 use crate::store::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow};
 use crate::store::{Checked, Point, StoreError, StoredTag, codec};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, params};
@@ -20,6 +20,8 @@ pub struct Reader {
     damaged: u64,
     /// The column of what a run worked on, which a store that was not opened since for writing lacks.
     basis: &'static str,
+    /// Whether it may hold states that another store is known to have.
+    knows: bool,
 }
 
 impl Reader {
@@ -38,19 +40,41 @@ impl Reader {
         if application != APPLICATION {
             return Err(StoreError::Foreign(path));
         }
-        let basis = if schema::version(&db)? >= 2 { "basis" } else { "NULL AS basis" };
+        let version = schema::version(&db)?;
+        let basis = if version >= 2 { "basis" } else { "NULL AS basis" };
         db.set_prepared_statement_cache_capacity(32);
-        Ok(Self { db, damaged: 0, basis })
+        Ok(Self { db, damaged: 0, basis, knows: version >= 5 })
     }
 
     pub(super) fn database(&self) -> &Connection {
         &self.db
     }
 
-    /// The present version of every loop's model, and all before it.
-    pub fn models(&self) -> Result<Vec<ModelRow>, StoreError> {
-        let sql = "SELECT control_loop, version, since, effects FROM models ORDER BY control_loop, version";
-        let mut query = self.db.prepare_cached(sql)?;
+    /// The models and states of alarms that were written here: of a spool, those that wait.
+    pub fn written(&self) -> Result<(Vec<ModelRow>, Vec<AlarmRow>), StoreError> {
+        Ok((self.models_in("models")?, self.alarms_in("alarms")?))
+    }
+
+    /// The models and states of alarms that the store which this one waits for is known to have.
+    pub fn known(&self) -> Result<(Vec<ModelRow>, Vec<AlarmRow>), StoreError> {
+        if !self.knows {
+            return Ok(Default::default());
+        }
+        Ok((self.models_in("known_models")?, self.alarms_in("known_alarms")?))
+    }
+
+    fn alarms_in(&self, table: &str) -> Result<Vec<AlarmRow>, StoreError> {
+        let mut query =
+            self.db.prepare_cached(&format!("SELECT * FROM {table} ORDER BY control_loop, kind"))?;
+        let rows = query.query_map([], alarm)?;
+        Ok(rows.collect::<Result<_, _>>()?)
+    }
+
+    fn models_in(&self, table: &str) -> Result<Vec<ModelRow>, StoreError> {
+        let sql = format!(
+            "SELECT control_loop, version, since, effects FROM {table} ORDER BY control_loop, version"
+        );
+        let mut query = self.db.prepare_cached(&sql)?;
         let rows = query.query_map([], |row| {
             Ok(ModelRow {
                 control_loop: row.get(0)?,
@@ -232,9 +256,11 @@ impl Reads for Reader {
     }
 
     fn model(&self, control_loop: &str) -> Result<Option<ModelRow>, StoreError> {
-        let mut query = self.db.prepare_cached(
-            "SELECT version, since, effects FROM models WHERE control_loop = ?1 ORDER BY version DESC LIMIT 1",
-        )?;
+        let known = "UNION ALL SELECT version, since, effects FROM known_models WHERE control_loop = ?1";
+        let mut query = self.db.prepare_cached(&format!(
+            "SELECT version, since, effects FROM models WHERE control_loop = ?1 {} ORDER BY version DESC LIMIT 1",
+            if self.knows { known } else { "" }
+        ))?;
         let model = query.query_row([control_loop], |row| {
             Ok(ModelRow {
                 control_loop: control_loop.to_string(),
@@ -247,15 +273,18 @@ impl Reads for Reader {
     }
 
     fn alarms(&self) -> Result<Vec<AlarmRow>, StoreError> {
-        let mut query = self.db.prepare_cached("SELECT * FROM alarms ORDER BY control_loop, kind")?;
-        let rows = query.query_map([], alarm)?;
-        Ok(rows.collect::<Result<_, _>>()?)
+        Ok(over(self.known()?.1, self.alarms_in("alarms")?))
     }
 
     fn alarm(&self, control_loop: &str, kind: &str) -> Result<Option<AlarmRow>, StoreError> {
-        let mut query =
-            self.db.prepare_cached("SELECT * FROM alarms WHERE control_loop = ?1 AND kind = ?2")?;
-        Ok(query.query_row([control_loop, kind], alarm).optional()?)
+        let here = |table: &str| -> Result<Option<AlarmRow>, StoreError> {
+            let sql = format!("SELECT * FROM {table} WHERE control_loop = ?1 AND kind = ?2");
+            Ok(self.db.prepare_cached(&sql)?.query_row([control_loop, kind], alarm).optional()?)
+        };
+        match here("alarms")? {
+            None if self.knows => here("known_alarms"),
+            found => Ok(found),
+        }
     }
 
     fn last_transitions(&self, limit: usize) -> Result<Vec<TransitionRow>, StoreError> {

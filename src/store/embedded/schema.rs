@@ -4,7 +4,7 @@ use crate::store::StoreError;
 use rusqlite::Connection;
 
 /// Steps, each run once, in order, in a transaction of its own; one that was released is never changed.
-const STEPS: [&str; 4] = [
+const STEPS: [&str; 5] = [
     // 1: the key of samples is `start << 24 | tag`, start the first whole second of the chunk: appended in order of time,
     // which fills the pages.
     "CREATE TABLE tags (
@@ -55,6 +55,15 @@ const STEPS: [&str; 4] = [
     CREATE INDEX transitions_at ON transitions (at);",
     // 4: for a store that waits for another: what its eras count from there.
     "CREATE TABLE spool (one INTEGER PRIMARY KEY CHECK (one = 1), base INTEGER NOT NULL);",
+    // 5: the states that the other is known to have, for a start without it.
+    "CREATE TABLE known_alarms (
+        control_loop TEXT NOT NULL, kind TEXT NOT NULL, active INTEGER NOT NULL, acknowledged INTEGER NOT NULL,
+        latched INTEGER NOT NULL, shelved_until REAL, one_shot INTEGER NOT NULL, suppressed INTEGER NOT NULL,
+        out_of_service INTEGER NOT NULL, votes TEXT NOT NULL, pending REAL, raises TEXT NOT NULL, priority TEXT,
+        trend TEXT NOT NULL, since REAL, raised_at REAL, detail TEXT NOT NULL, by_whom TEXT, comment TEXT,
+        PRIMARY KEY (control_loop, kind)) WITHOUT ROWID;
+    CREATE TABLE known_models (
+        control_loop TEXT PRIMARY KEY, version INTEGER NOT NULL, since REAL NOT NULL, effects TEXT NOT NULL) WITHOUT ROWID;",
 ];
 
 /// Number of this version's tables.

@@ -1,7 +1,7 @@
 //! The store as a spool: what waits for another store is taken out part by part, and goes once it is delivered there.
 
 use super::read::Reader;
-use super::write::Store;
+use super::write::{Store, put_alarm, put_row};
 use super::{MAX_TAG, key};
 use crate::store::backend::Reads;
 use crate::store::{AlarmRow, DiagnosisRow, ModelRow, Row, Series, StoreError, TransitionRow};
@@ -11,6 +11,13 @@ use std::sync::Arc;
 
 /// Rows that are delivered in one go.
 const ROWS: usize = 500;
+
+/// What waits of states is known to be delivered; of a model the latest version.
+const STATES_ARE_THERE: &str = "INSERT OR REPLACE INTO known_alarms SELECT * FROM alarms;
+    INSERT OR REPLACE INTO known_models SELECT control_loop, version, since, effects FROM models AS own
+        WHERE version = (SELECT max(version) FROM models WHERE control_loop = own.control_loop) AND version >=
+            coalesce((SELECT version FROM known_models WHERE control_loop = own.control_loop), 0);
+    DELETE FROM models; DELETE FROM alarms;";
 
 /// Something that waits, whole enough to be delivered in one transaction.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,7 +67,7 @@ impl Store {
         if !transitions.is_empty() {
             return Ok(Some(Part::Transitions(transitions)));
         }
-        let (models, alarms) = (reader.models()?, reader.alarms()?);
+        let (models, alarms) = reader.written()?;
         if !models.is_empty() || !alarms.is_empty() {
             return Ok(Some(Part::States(models, alarms)));
         }
@@ -94,7 +101,7 @@ impl Store {
                 }
             }
             // One thread writes, and it is the one that asked for the part: nothing has been added since.
-            Part::States(..) => forgetting.execute_batch("DELETE FROM models; DELETE FROM alarms;")?,
+            Part::States(..) => forgetting.execute_batch(STATES_ARE_THERE)?,
             Part::Samples(start, _) => {
                 let all = [key(*start, 0), key(*start, MAX_TAG)];
                 forgetting.execute("DELETE FROM chunks WHERE key BETWEEN ?1 AND ?2", all)?;
@@ -107,6 +114,49 @@ impl Store {
             self.open_samples = self.open_samples.saturating_sub(gone.values().map(Vec::len).sum());
         }
         Ok(())
+    }
+
+    /// Has the states among some rows wait: whatever becomes of their delivery, they are here.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn hold_states(&mut self, rows: &[Row]) -> Result<(), StoreError> {
+        let holding = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        rows.iter().filter(|row| row.is_state()).try_for_each(|row| put_row(&holding, row))?;
+        Ok(holding.commit()?)
+    }
+
+    /// The states that wait are where they belong.
+    ///
+    /// # Errors
+    /// [`StoreError`]; then they still wait.
+    pub fn states_are_there(&mut self) -> Result<(), StoreError> {
+        self.forget(&Part::States(Vec::new(), Vec::new()))
+    }
+
+    /// Remembers states as those that the store which this one waits for has.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn know(&mut self, models: &[ModelRow], alarms: &[AlarmRow]) -> Result<(), StoreError> {
+        let knowing = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        for ModelRow { control_loop, version, since, effects } in models {
+            let version = i64::try_from(*version).unwrap_or(i64::MAX);
+            knowing
+                .prepare_cached("INSERT OR REPLACE INTO known_models VALUES (?1, ?2, ?3, ?4)")?
+                .execute(params![control_loop, version, since, effects])?;
+        }
+        alarms.iter().try_for_each(|row| put_alarm(&knowing, "known_alarms", row))?;
+        Ok(knowing.commit()?)
+    }
+
+    /// The models and alarms that wait, and those that the other store is known to have.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn states(&self) -> Result<[(Vec<ModelRow>, Vec<AlarmRow>); 2], StoreError> {
+        let reader = Reader::open(&self.config.folder)?;
+        Ok([reader.written()?, reader.known()?])
     }
 
     /// Whether nothing waits.

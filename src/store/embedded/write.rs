@@ -306,7 +306,7 @@ fn merge(db: &Transaction<'_>, start: i64, tag: u32, samples: &[Sample]) -> Resu
     Ok(damaged)
 }
 
-fn put_row(db: &Transaction<'_>, row: &Row) -> Result<(), StoreError> {
+pub(super) fn put_row(db: &Transaction<'_>, row: &Row) -> Result<(), StoreError> {
     match row {
         Row::Diagnosis(row) => put_diagnosis(db, row),
         Row::Model(ModelRow { control_loop, version, since, effects }) => {
@@ -317,7 +317,7 @@ fn put_row(db: &Transaction<'_>, row: &Row) -> Result<(), StoreError> {
             .execute(params![control_loop, version, since, effects])?;
             Ok(())
         }
-        Row::Alarm(row) => put_alarm(db, row),
+        Row::Alarm(row) => put_alarm(db, "alarms", row),
         Row::Transition(row) => {
             let TransitionRow { control_loop, kind, at, before, after, cause, priority, detail, by, comment } =
                 row;
@@ -358,12 +358,12 @@ fn put_diagnosis(db: &Transaction<'_>, row: &DiagnosisRow) -> Result<(), StoreEr
     Ok(())
 }
 
-fn put_alarm(db: &Transaction<'_>, row: &AlarmRow) -> Result<(), StoreError> {
-    db.prepare_cached(
-        "INSERT OR REPLACE INTO alarms (control_loop, kind, active, acknowledged, latched, shelved_until, one_shot,
+pub(super) fn put_alarm(db: &Transaction<'_>, table: &str, row: &AlarmRow) -> Result<(), StoreError> {
+    db.prepare_cached(&format!(
+        "INSERT OR REPLACE INTO {table} (control_loop, kind, active, acknowledged, latched, shelved_until, one_shot,
             suppressed, out_of_service, votes, pending, raises, priority, trend, since, raised_at, detail, by_whom, comment)
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, ?19)",
-    )?
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, ?19)"
+    ))?
     .execute(params![
         row.control_loop,
         row.kind,

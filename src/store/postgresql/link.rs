@@ -1,12 +1,13 @@
 //! A connection to PostgreSQL: who asks, encrypted or not, and nothing that waits for ever.
 
 use super::super::{Config, StoreError};
-use postgres::config::SslMode;
-use postgres::{Client, NoTls};
+use super::client::{Ask, Client};
 use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio_postgres::NoTls;
+use tokio_postgres::config::SslMode;
 use tokio_postgres_rustls::MakeRustlsConnect;
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::CertificateDer;
@@ -17,38 +18,44 @@ use tokio_rustls::rustls::{ClientConfig, RootCertStore};
 const CONNECT: Duration = Duration::from_secs(5);
 /// Longest wait for a sign of life of one that was made.
 const SILENCE: Duration = Duration::from_secs(15);
-/// Longest statement (s) and longest wait for a lock (s).
-const LIMITS: (u32, u32) = (120, 10);
+/// Longest wait for a lock (s).
+const LOCK_S: u32 = 10;
+/// Longest wait for an answer to a write, which is of a bounded size.
+pub(super) const WRITES: Duration = Duration::from_secs(15);
+/// Longest wait for an answer to what may look at all there is.
+pub(super) const READS: Duration = Duration::from_secs(120);
 
-/// Connects; the schema's tables are found by their plain names then, and what an extension has put into `public`.
+/// Connects, and waits for at most `patience` for any answer; the schema's tables are found by their plain names then, and what an extension has put into `public`.
 ///
 /// # Errors
 /// [`StoreError::Away`].
-pub(super) fn connect(config: &Config) -> Result<Client, StoreError> {
+pub(super) fn connect(config: &Config, patience: Duration) -> Result<Client, StoreError> {
     let away = |why: String| StoreError::Away(why);
     let url = config.url.as_deref().unwrap_or_default();
     // The error of the parser may repeat the address.
-    let mut options: postgres::Config = url.parse().map_err(|_| away("[store] url is no address".into()))?;
+    let mut options: tokio_postgres::Config =
+        url.parse().map_err(|_| away("[store] url is no address".into()))?;
     options.connect_timeout(CONNECT).tcp_user_timeout(SILENCE).keepalives_idle(SILENCE);
     options.application_name("stictiond");
     if let Some(password) = password(config)? {
         options.password(password);
     }
-    let refused = |error: postgres::Error| away(said(&error));
     let mut client = match &config.ca_file {
-        Some(ca) => options.ssl_mode(SslMode::Require).connect(encrypted(ca)?).map_err(refused)?,
-        None => options.ssl_mode(SslMode::Disable).connect(NoTls).map_err(refused)?,
+        Some(ca) => Client::connect(options.ssl_mode(SslMode::Require), encrypted(ca)?, patience)?,
+        None => Client::connect(options.ssl_mode(SslMode::Disable), NoTls, patience)?,
     };
-    let (statement, lock) = LIMITS;
     client
         .batch_execute(&format!(
             "SET search_path TO \"{}\", public; SET synchronous_commit TO on; SET TimeZone TO 'UTC';
-             SET client_min_messages TO warning; SET statement_timeout TO '{statement}s'; SET lock_timeout TO '{lock}s';
+             SET client_min_messages TO warning; SET lock_timeout TO '{LOCK_S}s';
              SET tcp_keepalives_idle TO 15; SET tcp_keepalives_interval TO 5; SET tcp_keepalives_count TO 3;
              SET tcp_user_timeout TO '15s';",
             config.schema
         ))
-        .map_err(refused)?;
+        .map_err(|error| match error {
+            StoreError::Refused(error) => away(said(&error)),
+            error => error,
+        })?;
     Ok(client)
 }
 
@@ -81,7 +88,7 @@ fn encrypted(ca: &Path) -> Result<MakeRustlsConnect, StoreError> {
 }
 
 /// What an error says, with its cause: that of the library alone says only that there was one.
-pub fn said(error: &postgres::Error) -> String {
+pub fn said(error: &tokio_postgres::Error) -> String {
     if let Some(told) = error.as_db_error() {
         return format!("{} ({})", told.message(), told.code().code());
     }

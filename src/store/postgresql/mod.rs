@@ -8,20 +8,24 @@
 //! The spool is a store in a folder, so that what waits survives a kill and can be read. A part goes from it when it is
 //! committed in PostgreSQL; where nobody knows whether it was, it is delivered again, which changes nothing.
 
+mod client;
 mod link;
 mod read;
 mod retain;
 mod schema;
+mod unknown;
 mod write;
 
 pub use link::said;
 pub(super) use read::Reader;
 
-use super::backend::{Spool, Usage, Writes};
-use super::{Batch, Config, StoreError, embedded};
+use super::backend::{Found, Spool, Usage, Writes};
+use super::{Batch, Config, Row, StoreError, embedded};
+use client::Ask;
 use embedded::Part;
 use retain::Retention;
 use std::time::{Duration, Instant};
+use unknown::Unknown;
 use write::Link;
 
 /// Shortest and longest pause between attempts to connect.
@@ -46,6 +50,7 @@ pub(super) struct Store {
     /// What the eras of the spool count from.
     base: Option<i64>,
     retention: Retention,
+    unknown: Unknown,
     refused: u64,
     delivered: u64,
 }
@@ -77,10 +82,11 @@ impl Store {
             again: Instant::now(),
             era: 0,
             retention: Retention::default(),
+            unknown: Unknown::default(),
             refused: 0,
             delivered: 0,
         };
-        match store.connect() {
+        match store.connect(true) {
             Err(error @ (StoreError::TooNew(_) | StoreError::Foreign(_))) => return Err(error),
             Err(error) => store.lost(&error),
             Ok(()) => {
@@ -91,8 +97,8 @@ impl Store {
         Ok(store)
     }
 
-    fn connect(&mut self) -> Result<(), StoreError> {
-        let mut client = link::connect(&self.config)?;
+    fn connect(&mut self, opening: bool) -> Result<(), StoreError> {
+        let mut client = link::connect(&self.config, link::WRITES)?;
         let lock = "SELECT pg_try_advisory_lock(hashtext('stictiond'), hashtext($1))";
         if !client.query_one(lock, &[&self.config.schema])?.get::<_, bool>(0) {
             let schema = &self.config.schema;
@@ -114,6 +120,9 @@ impl Store {
             self.base = Some(base);
         }
         self.era = self.era.max(there).max(base + self.spool.era());
+        self.unknown.compare(&mut link.client, &mut self.spool, opening)?;
+        // Nothing overtakes what is to be merged.
+        self.waits |= self.unknown.holds();
         self.link = Some(link);
         self.pause = PAUSES.0;
         if self.away.take().is_some() {
@@ -126,7 +135,7 @@ impl Store {
     fn reach(&mut self) -> bool {
         if self.link.is_none()
             && Instant::now() >= self.again
-            && let Err(error) = self.connect()
+            && let Err(error) = self.connect(false)
         {
             self.lost(&error);
         }
@@ -143,20 +152,29 @@ impl Store {
         self.pause = (self.pause * 2).min(PAUSES.1);
     }
 
-    /// Into the database, unless something waits that is older; true when it is there.
-    fn straight(&mut self, batch: &Batch) -> bool {
-        if self.waits || !self.reach() {
-            return false;
+    /// Into the database, unless something waits that is older; true when it is there. States go by way of the spool, which
+    /// knows then what a start without the database begins with.
+    fn straight(&mut self, batch: &Batch) -> Result<bool, StoreError> {
+        // Who connects may find something that has to be merged first.
+        if self.waits || !self.reach() || self.waits {
+            return Ok(false);
         }
-        let Some(link) = &mut self.link else { return false };
+        let states = batch.rows.iter().any(Row::is_state);
+        if states {
+            self.spool.hold_states(&batch.rows)?;
+        }
+        let Some(link) = &mut self.link else { return Ok(false) };
         match link.write_batch(batch, self.era) {
             Ok(refused) => {
                 self.refused += refused;
-                true
+                if states {
+                    self.spool.states_are_there()?;
+                }
+                Ok(true)
             }
             Err(error) => {
                 self.lost(&error);
-                false
+                Ok(false)
             }
         }
     }
@@ -164,7 +182,12 @@ impl Store {
     /// Delivers what has waited longest, or only rows; false when nothing of the kind waits, or the database went away.
     fn deliver(&mut self, only_rows: bool) -> Result<bool, StoreError> {
         let Some(link) = &mut self.link else { return Ok(false) };
-        let Some(part) = self.spool.part()? else {
+        let part = self.spool.part()?;
+        let happened = matches!(part, Some(Part::Diagnoses(_) | Part::Transitions(_)));
+        if !happened && !self.unknown.settle(&mut self.spool)? {
+            return Ok(false);
+        }
+        let Some(part) = part else {
             self.waits = false;
             return Ok(false);
         };
@@ -176,10 +199,17 @@ impl Store {
             Part::Samples(_, series) => series.as_slice(),
             _ => &[],
         };
-        if let Err(error) = link.write(series.iter().map(|(era, own)| (base + era, own)), &part.rows()) {
+        let series_of = series.iter().map(|(era, own)| (base + era, own));
+        let rows = part.rows();
+        let written = self.unknown.bridges(&mut link.client, &rows).and_then(|mut bridged| {
+            bridged.extend_from_slice(&rows);
+            link.write(series_of, &bridged)
+        });
+        if let Err(error) = written {
             self.lost(&error);
             return Ok(false);
         }
+        self.unknown.bridged(&rows);
         self.delivered += series.iter().map(|(_, own)| own.samples.len() as u64).sum::<u64>();
         self.spool.forget(&part)?;
         Ok(true)
@@ -188,7 +218,7 @@ impl Store {
 
 impl Writes for Store {
     fn write(&mut self, batch: &Batch) -> Result<(), StoreError> {
-        if !self.straight(batch) {
+        if !self.straight(batch)? {
             self.spool.write(batch)?;
             self.waits = true;
         }
@@ -196,7 +226,7 @@ impl Writes for Store {
     }
 
     fn insert(&mut self, batch: &Batch) -> Result<(), StoreError> {
-        if !self.straight(batch) {
+        if !self.straight(batch)? {
             self.spool.insert(batch)?;
             self.waits = true;
         }
@@ -262,6 +292,14 @@ impl Writes for Store {
             dropped: self.spool.dropped(),
             delivered: self.delivered,
         })
+    }
+
+    fn found(&mut self) -> Option<Found> {
+        self.unknown.tell()
+    }
+
+    fn merged(&mut self) {
+        self.unknown.merged();
     }
 
     fn disconnect(&mut self) {

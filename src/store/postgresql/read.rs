@@ -4,16 +4,17 @@
 use super::super::backend::Reads;
 use super::super::rows::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow, pack};
 use super::super::{Checked, Config, Point, StoreError, StoredTag, codec};
+use super::client::{Ask, Client};
 use super::write::{at, seconds};
 use super::{link, schema};
 use crate::signal::Sample;
-use postgres::types::ToSql;
-use postgres::{Client, Row};
 use std::cell::{RefCell, RefMut};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 use std::time::SystemTime;
+use tokio_postgres::Row;
+use tokio_postgres::types::ToSql;
 
 /// Time that is read as one chunk (s).
 const CHUNK: i64 = 60;
@@ -42,7 +43,7 @@ impl Reader {
     /// # Errors
     /// [`StoreError::Away`], [`StoreError::Missing`], [`StoreError::Foreign`], [`StoreError::TooNew`].
     pub fn open(config: &Config) -> Result<Self, StoreError> {
-        let mut client = link::connect(config)?;
+        let mut client = link::connect(config, link::READS)?;
         let version = schema::version(&mut client, &config.schema)?;
         let missing = || StoreError::Missing(PathBuf::from(format!("schema {}", config.schema)));
         client.batch_execute("SET default_transaction_read_only TO on")?;
@@ -205,6 +206,20 @@ impl Reads for Reader {
         found.sample_bytes = super::retain::table_bytes(&mut self.client(), "samples")?;
         Ok(())
     }
+}
+
+/// The latest version of each model, and the states of all alarms.
+pub(super) fn states(client: &mut Client) -> Result<(Vec<ModelRow>, Vec<AlarmRow>), StoreError> {
+    let sql = "SELECT DISTINCT ON (control_loop) control_loop, version, since, effects FROM models
+        ORDER BY control_loop, version DESC";
+    let model = |row: &Row| ModelRow {
+        control_loop: row.get(0),
+        version: row.get::<_, i64>(1).max(0) as u64,
+        since: row.get(2),
+        effects: row.get(3),
+    };
+    let models = client.query(sql, &[])?.iter().map(model).collect();
+    Ok((models, client.query("SELECT * FROM alarms", &[])?.iter().map(alarm).collect()))
 }
 
 fn diagnosis(row: &Row, whole: bool) -> DiagnosisRow {

@@ -1,9 +1,10 @@
 //! What is old becomes a trend in the database itself, and goes a partition at a time.
 
 use super::super::{Config, StoreError};
+use super::client::{Ask, Client};
+use super::link::{READS, WRITES};
 use super::schema::{SAMPLES_S, TRENDS_S};
 use super::write::{Link, at, partition, seconds};
-use postgres::{Client, GenericClient};
 use std::time::SystemTime;
 
 /// Time between two looks at what is old (s), unless there is more to do.
@@ -40,17 +41,22 @@ impl Retention {
         if (self.looked..self.looked + EVERY_S).contains(&now) {
             return Ok(false);
         }
-        let worked = match self.thinning {
-            Some((begin, from)) => {
-                self.thin(link, config, begin, from)?;
-                true
-            }
-            None => self.by_age(link, config, now)? || self.by_size(link, config, now)?,
-        };
+        // Ten minutes of all tags in one statement take longer than any write.
+        link.client.set_patience(READS)?;
+        let worked = self.work(link, config, now);
+        link.client.set_patience(WRITES)?;
+        let worked = worked?;
         if !worked {
             self.looked = now;
         }
         Ok(worked)
+    }
+
+    fn work(&mut self, link: &mut Link, config: &Config, now: f64) -> Result<bool, StoreError> {
+        match self.thinning {
+            Some((begin, from)) => self.thin(link, config, begin, from).map(|()| true),
+            None => Ok(self.by_age(link, config, now)? || self.by_size(link, config, now)?),
+        }
     }
 
     /// Leaves the rest for the next look: what was in the way, a dump for one, takes a while.
@@ -201,7 +207,7 @@ fn all_bytes(link: &mut Link, schema: &str) -> Result<u64, StoreError> {
     if !link.partitioned {
         // The chunks of hypertables lie elsewhere.
         let sql = "SELECT coalesce(hypertable_size('samples') + hypertable_size('trends'), 0)::bigint";
-        bytes += GenericClient::query_one(&mut link.client, sql, &[])?.get::<_, i64>(0);
+        bytes += link.client.query_one(sql, &[])?.get::<_, i64>(0);
     }
     Ok(bytes.max(0) as u64)
 }

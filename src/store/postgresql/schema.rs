@@ -2,7 +2,7 @@
 //! counts the steps taken.
 
 use super::super::StoreError;
-use postgres::{Client, GenericClient};
+use super::client::{Ask, Client, Transaction};
 use std::path::PathBuf;
 
 /// Time that one partition of samples spans (s): what is old goes partition by partition, which costs nothing.
@@ -89,7 +89,7 @@ pub(super) fn migrate(client: &mut Client, schema: &str) -> Result<(), StoreErro
 }
 
 /// Tables by time: hypertables where the database has TimescaleDB, else partitions.
-fn by_time(step: &mut postgres::Transaction<'_>) -> Result<(), StoreError> {
+fn by_time(step: &mut Transaction<'_>) -> Result<(), StoreError> {
     let extension = "SELECT EXISTS (SELECT 1 FROM pg_extension WHERE extname = 'timescaledb')";
     let timescale: bool = step.query_one(extension, &[])?.get(0);
     for (table, columns, span) in [("samples", SAMPLES, SAMPLES_S), ("trends", TRENDS, TRENDS_S)] {
@@ -113,7 +113,7 @@ fn by_time(step: &mut postgres::Transaction<'_>) -> Result<(), StoreError> {
 ///
 /// # Errors
 /// [`StoreError::TooNew`], [`StoreError::Foreign`].
-pub(super) fn version(client: &mut impl GenericClient, schema: &str) -> Result<Option<i64>, StoreError> {
+pub(super) fn version(client: &mut impl Ask, schema: &str) -> Result<Option<i64>, StoreError> {
     let tables = "SELECT table_name::text FROM information_schema.tables WHERE table_schema = $1";
     let tables: Vec<String> = client.query(tables, &[&schema])?.iter().map(|row| row.get(0)).collect();
     if tables.is_empty() {

@@ -4,14 +4,15 @@ use super::super::rows::{
     AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, unpack,
 };
 use super::super::{StoreError, codec, start_of};
+use super::client::{Ask, Client, Transaction};
 use super::schema::{SAMPLES_S, TRENDS_S};
 use crate::signal::Sample;
-use postgres::types::ToSql;
-use postgres::{Client, Statement, Transaction};
 use std::collections::{BTreeSet, HashMap};
 use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use tokio_postgres::Statement;
+use tokio_postgres::types::ToSql;
 
 /// Samples of one statement.
 const SAMPLES: usize = 50_000;
@@ -211,7 +212,7 @@ fn put_samples(
 }
 
 /// Text as the database takes it: it knows no zero byte.
-fn text(text: &str) -> String {
+pub(super) fn text(text: &str) -> String {
     text.replace('\0', "")
 }
 

@@ -26,7 +26,8 @@ fn world(sizes: &[usize], max_bytes: usize) -> World {
     *lock(&shared.taps) = rings.iter().enumerate().map(tap).collect();
     let now = Arc::new(Mutex::new(0.0));
     let clock = now.clone();
-    let following = Following::new(shared.clone(), Box::new(move || *lock(&clock)), max_bytes);
+    let following =
+        Following::new(shared.clone(), Box::new(move || *lock(&clock)), Box::new(|_| {}), max_bytes);
     World { rings, now, following, shared }
 }
 

@@ -1,0 +1,199 @@
+//! A connection that is asked one thing at a time, and for a bounded time: whether the other end ever answers is not in our
+//! hands, and neither keep-alive nor the server's own limits notice what stands between and swallows everything.
+
+use super::super::StoreError;
+use std::cell::Cell;
+use std::fmt;
+use std::future::Future;
+use std::io;
+use std::time::Duration;
+use tokio::runtime::{Builder, Runtime};
+use tokio::task::JoinHandle;
+use tokio_postgres::tls::MakeTlsConnect;
+use tokio_postgres::types::ToSql;
+use tokio_postgres::{Error, Row, Socket, Statement, ToStatement};
+
+/// Longest wait for a connection that is let in, whatever the number of addresses.
+const CONNECT: Duration = Duration::from_secs(10);
+/// Longest wait for the other end to say farewell.
+const FAREWELL: Duration = Duration::from_millis(200);
+/// The server gives a statement up, and says so, this long before we give the server up.
+const MARGIN: Duration = Duration::from_secs(3);
+
+/// Values of a statement.
+pub(super) type Values<'v> = &'v [&'v (dyn ToSql + Sync)];
+
+/// The connection.
+pub(super) struct Client {
+    asking: Asking,
+    /// `None` while it is dropped.
+    inner: Option<tokio_postgres::Client>,
+    driver: Option<JoinHandle<()>>,
+}
+
+/// What waits for an answer.
+struct Asking {
+    runtime: Runtime,
+    /// Longest wait for an answer.
+    patience: Duration,
+    /// An answer did not come: whatever comes now belongs to another question.
+    silent: Cell<bool>,
+}
+
+impl fmt::Debug for Client {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.debug_struct("Client").field("closed", &self.is_closed()).finish_non_exhaustive()
+    }
+}
+
+impl Asking {
+    fn ask<T>(&self, answer: impl Future<Output = Result<T, Error>>) -> Result<T, StoreError> {
+        if self.silent.get() {
+            return Err(gone());
+        }
+        let bounded = async { tokio::time::timeout(self.patience, answer).await };
+        match self.runtime.block_on(bounded) {
+            Ok(answered) => Ok(answered?),
+            Err(_) => {
+                self.silent.set(true);
+                Err(StoreError::Away(format!("no answer for {} s", self.patience.as_secs())))
+            }
+        }
+    }
+}
+
+fn gone() -> StoreError {
+    StoreError::Away("the connection is given up".to_string())
+}
+
+impl Client {
+    /// Connects and waits for at most `patience` for each answer from then on.
+    ///
+    /// # Errors
+    /// [`StoreError::Away`].
+    pub fn connect<T>(
+        options: &tokio_postgres::Config,
+        tls: T,
+        patience: Duration,
+    ) -> Result<Self, StoreError>
+    where
+        T: MakeTlsConnect<Socket>,
+        T::Stream: Send + 'static,
+    {
+        let none = |error: io::Error| StoreError::Away(format!("there is nothing to connect with: {error}"));
+        let runtime = Builder::new_current_thread().enable_all().build().map_err(none)?;
+        let connecting = async { tokio::time::timeout(CONNECT, options.connect(tls)).await };
+        let silent = |_| StoreError::Away(format!("no answer within {} s of connecting", CONNECT.as_secs()));
+        let refused = |error: Error| StoreError::Away(super::said(&error));
+        let (inner, connection) = runtime.block_on(connecting).map_err(silent)?.map_err(refused)?;
+        // What it fails with is told to whoever asks next.
+        let driver = runtime.spawn(async move { drop(connection.await) });
+        let asking = Asking { runtime, patience, silent: Cell::new(false) };
+        let mut client = Self { asking, inner: Some(inner), driver: Some(driver) };
+        client.set_patience(patience)?;
+        Ok(client)
+    }
+
+    /// Waits for this long from now on, and has the server give up a little earlier.
+    pub fn set_patience(&mut self, patience: Duration) -> Result<(), StoreError> {
+        self.asking.patience = patience;
+        let server = patience.saturating_sub(MARGIN).as_millis();
+        self.batch_execute(&format!("SET statement_timeout TO '{server}ms'"))
+    }
+
+    /// Whether nothing will ever be answered any more.
+    pub fn is_closed(&self) -> bool {
+        self.asking.silent.get() || self.inner.as_ref().is_none_or(tokio_postgres::Client::is_closed)
+    }
+
+    /// Begins a transaction, which is rolled back unless it is committed.
+    pub fn transaction(&mut self) -> Result<Transaction<'_>, StoreError> {
+        let inner = self.inner.as_mut().ok_or_else(gone)?;
+        Ok(Transaction { inner: self.asking.ask(inner.transaction())?, asking: &self.asking })
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        drop(self.inner.take());
+        if let Some(driver) = self.driver.take().filter(|_| !self.asking.silent.get()) {
+            let farewell = async { tokio::time::timeout(FAREWELL, driver).await };
+            drop(self.asking.runtime.block_on(farewell));
+        }
+    }
+}
+
+/// A transaction.
+pub(super) struct Transaction<'c> {
+    inner: tokio_postgres::Transaction<'c>,
+    asking: &'c Asking,
+}
+
+impl Transaction<'_> {
+    /// Makes it durable.
+    pub fn commit(self) -> Result<(), StoreError> {
+        self.asking.ask(self.inner.commit())
+    }
+
+    /// A statement that is used more than once.
+    pub fn prepare(&mut self, sql: &str) -> Result<Statement, StoreError> {
+        self.asking.ask(self.inner.prepare(sql))
+    }
+}
+
+/// Whoever can be asked.
+pub(super) trait Ask {
+    /// Any number of rows.
+    fn query<S: ?Sized + ToStatement>(&mut self, sql: &S, values: Values<'_>)
+    -> Result<Vec<Row>, StoreError>;
+    /// How many rows it changed.
+    fn execute<S: ?Sized + ToStatement>(&mut self, sql: &S, values: Values<'_>) -> Result<u64, StoreError>;
+    /// Statements without values.
+    fn batch_execute(&mut self, sql: &str) -> Result<(), StoreError>;
+    /// Exactly one row.
+    fn query_one<S: ?Sized + ToStatement>(&mut self, sql: &S, values: Values<'_>) -> Result<Row, StoreError>;
+}
+
+impl Ask for Client {
+    fn query<S: ?Sized + ToStatement>(
+        &mut self,
+        sql: &S,
+        values: Values<'_>,
+    ) -> Result<Vec<Row>, StoreError> {
+        self.asking.ask(self.inner.as_ref().ok_or_else(gone)?.query(sql, values))
+    }
+
+    fn execute<S: ?Sized + ToStatement>(&mut self, sql: &S, values: Values<'_>) -> Result<u64, StoreError> {
+        self.asking.ask(self.inner.as_ref().ok_or_else(gone)?.execute(sql, values))
+    }
+
+    fn batch_execute(&mut self, sql: &str) -> Result<(), StoreError> {
+        self.asking.ask(self.inner.as_ref().ok_or_else(gone)?.batch_execute(sql))
+    }
+
+    fn query_one<S: ?Sized + ToStatement>(&mut self, sql: &S, values: Values<'_>) -> Result<Row, StoreError> {
+        self.asking.ask(self.inner.as_ref().ok_or_else(gone)?.query_one(sql, values))
+    }
+}
+
+impl Ask for Transaction<'_> {
+    fn query<S: ?Sized + ToStatement>(
+        &mut self,
+        sql: &S,
+        values: Values<'_>,
+    ) -> Result<Vec<Row>, StoreError> {
+        self.asking.ask(self.inner.query(sql, values))
+    }
+
+    fn execute<S: ?Sized + ToStatement>(&mut self, sql: &S, values: Values<'_>) -> Result<u64, StoreError> {
+        self.asking.ask(self.inner.execute(sql, values))
+    }
+
+    fn batch_execute(&mut self, sql: &str) -> Result<(), StoreError> {
+        self.asking.ask(self.inner.batch_execute(sql))
+    }
+
+    fn query_one<S: ?Sized + ToStatement>(&mut self, sql: &S, values: Values<'_>) -> Result<Row, StoreError> {
+        self.asking.ask(self.inner.query_one(sql, values))
+    }
+}
