@@ -240,14 +240,18 @@ impl Receiver {
 impl Post for Notifying {
     fn receivers(&self) -> Vec<ReceiverState> {
         let mut all: Vec<ReceiverState> = lock(&self.receivers).all.iter().map(Receiver::state).collect();
-        all.extend(self.publisher.as_ref().map(|(_, counters)| ReceiverState {
-            name: "mqtt".into(),
-            kind: "mqtt",
-            failing: (!counters.connected.load(Relaxed)).then(|| ("not connected".into(), f64::NAN)),
-            sent: counters.published.load(Relaxed),
-            failed: counters.losses.load(Relaxed),
-            dropped: counters.dropped.load(Relaxed),
-            ..ReceiverState::default()
+        all.extend(self.publisher.as_ref().map(|(_, counters)| {
+            ReceiverState {
+                name: "mqtt".into(),
+                kind: "mqtt",
+                failing: (!counters.connected.load(Relaxed))
+                    .then(|| counters.lost().unwrap_or_else(|| ("not connected yet".into(), f64::NAN))),
+                sent: counters.published.load(Relaxed),
+                failed: counters.losses.load(Relaxed),
+                dropped: counters.dropped.load(Relaxed),
+                queue: counters.queue.load(Relaxed),
+                ..ReceiverState::default()
+            }
         }));
         all.sort_by(|a, b| a.name.cmp(&b.name));
         all

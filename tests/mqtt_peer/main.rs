@@ -4,6 +4,8 @@
 mod publishing;
 #[cfg(test)]
 mod rig;
+#[cfg(test)]
+mod tls;
 
 use rig::{Broker, Peer, Watch};
 use stictiond::signal::{BadReason, Quality, Sample};

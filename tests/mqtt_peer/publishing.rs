@@ -13,15 +13,15 @@ use tokio_util::sync::CancellationToken;
 /// 2023-11-14T22:13:20Z.
 const START: f64 = 1_700_000_000.0;
 
-struct Daemon {
+pub struct Daemon {
     results: Arc<Results>,
-    counters: Arc<Counters>,
+    pub counters: Arc<Counters>,
     stop: CancellationToken,
     task: JoinHandle<()>,
 }
 
 impl Daemon {
-    fn start(port: u16, more: &str) -> Self {
+    pub fn start(port: u16, more: &str) -> Self {
         let text = format!("address = '127.0.0.1:{port}'\nreconnect_max_ms = 300\n{more}");
         let config: Config = toml::from_str(&text).unwrap();
         assert_eq!(config.validate(), []);
@@ -50,7 +50,7 @@ impl Daemon {
         });
     }
 
-    async fn until_published(&self, count: u64) {
+    pub async fn until_published(&self, count: u64) {
         let deadline = tokio::time::Instant::now() + Duration::from_secs(30);
         while self.counters.published.load(SeqCst) < count {
             assert!(tokio::time::Instant::now() < deadline, "never published {count}");
@@ -58,7 +58,20 @@ impl Daemon {
         }
     }
 
-    async fn end(self) {
+    /// Why there is no connection, once there is none.
+    pub async fn until_lost(&self) -> String {
+        let deadline = tokio::time::Instant::now() + Duration::from_secs(30);
+        loop {
+            if let Some((why, since)) = self.counters.lost() {
+                assert_eq!(since, START);
+                return why;
+            }
+            assert!(tokio::time::Instant::now() < deadline, "never lost");
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    }
+
+    pub async fn end(self) {
         self.stop.cancel();
         tokio::time::timeout(Duration::from_secs(30), self.task).await.expect("does not stop").unwrap();
     }

@@ -1,8 +1,9 @@
 //! What the tests stand on: mosquitto in a process of its own, clients that are not ours, and a sink to wait on.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use stictiond::collect::mqtt::{Collector, Config, Plan, TagSpec};
 use stictiond::collect::{DeviceHealth, HealthSnapshot, Poll, Sink, SystemClock};
@@ -161,6 +162,48 @@ impl Peer {
         let line = line(&mut self.lines, topic, |line| line.starts_with(topic)).await;
         let (_, json) = line.split_once(" {").unwrap();
         serde_json::from_str(&format!("{{{json}")).unwrap()
+    }
+}
+
+/// What is logged on this thread.
+#[derive(Clone, Default)]
+pub struct Log(Arc<Mutex<Vec<u8>>>);
+
+impl Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.lock().unwrap().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Log {
+    /// From now on until the guard goes.
+    pub fn start() -> (Self, tracing::subscriber::DefaultGuard) {
+        let log = Self::default();
+        let writer = log.clone();
+        let to_log = tracing_subscriber::fmt()
+            .with_env_filter("stictiond=debug")
+            .with_ansi(false)
+            .with_writer(move || writer.clone())
+            .finish();
+        (log, tracing::subscriber::set_default(to_log))
+    }
+
+    /// The first line with this text.
+    pub async fn until(&self, text: &str) -> String {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let said = String::from_utf8_lossy(&self.0.lock().unwrap()).into_owned();
+            if let Some(line) = said.lines().find(|line| line.contains(text)) {
+                return line.to_string();
+            }
+            assert!(Instant::now() < deadline, "never {text}: {said}");
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
     }
 }
 

@@ -53,6 +53,11 @@ impl Outbox {
         None
     }
 
+    /// How many wait.
+    pub(super) fn waiting(&self) -> usize {
+        self.waiting.len()
+    }
+
     /// A message was not taken after all: unless there is a newer one, it waits again.
     pub(super) fn failed(&mut self, topic: &str, version: u64) {
         if let Some(entry) = self.by_topic.get_mut(topic)

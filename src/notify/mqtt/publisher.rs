@@ -21,8 +21,8 @@ use rand_pcg::Pcg32;
 use rumqttc::{AsyncClient, EventLoop, LastWill, Packet, PublishOptions, QoS};
 use std::collections::{HashMap, HashSet};
 use std::pin::pin;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::time::{sleep, timeout};
@@ -57,8 +57,32 @@ pub struct Counters {
     pub losses: AtomicU64,
     /// Messages for which there was no room.
     pub dropped: AtomicU64,
+    /// Messages that wait for the broker.
+    pub queue: AtomicU64,
     /// Whether a connection is open.
     pub connected: AtomicBool,
+    /// Why there is none, and since when (s).
+    lost: Mutex<Option<(String, f64)>>,
+}
+
+impl Counters {
+    /// Why there is no connection, and since when (s); `None` while there is one, and before it was tried.
+    pub fn lost(&self) -> Option<(String, f64)> {
+        self.lost.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn found(&self) {
+        self.connected.store(true, Relaxed);
+        *self.lost.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    fn loses(&self, why: &str, now: f64) {
+        self.connected.store(false, Relaxed);
+        self.losses.fetch_add(1, Relaxed);
+        let mut lost = self.lost.lock().unwrap_or_else(PoisonError::into_inner);
+        let since = lost.take().map_or(now, |(_, since)| since);
+        *lost = Some((why.to_string(), since));
+    }
 }
 
 /// Publishes results until it is told to stop.
@@ -108,7 +132,7 @@ impl Publisher {
             let lost = match connected {
                 Err(why) => why,
                 Ok((client, events)) => {
-                    self.counters.connected.store(true, Relaxed);
+                    self.counters.found();
                     pauses.reset();
                     // What happened meanwhile comes first, or an old state would be sent before it.
                     let mut groups = self.refresh(&mut outbox);
@@ -120,8 +144,9 @@ impl Publisher {
                     }
                 }
             };
-            self.counters.connected.store(false, Relaxed);
-            self.counters.losses.fetch_add(1, Relaxed);
+            self.counters.loses(&lost, (self.now)());
+            // What happens until there is a connection is taken over then, however much it is.
+            self.counters.queue.store(outbox.waiting() as u64, Relaxed);
             pauses.tell(&self.config.address, &lost);
             let pause = pauses.next();
             stop.run_until_cancelled(sleep(pause)).await;
@@ -163,6 +188,7 @@ impl Publisher {
                     }
                 }
             }
+            self.counters.queue.store((outbox.waiting() + on_their_way.len()) as u64, Relaxed);
             tokio::select! {
                 () = stop.cancelled() => {
                     let _ = client.try_publish(&*self.config.status_topic, message::status(false), retained);
