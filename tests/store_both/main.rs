@@ -1,5 +1,6 @@
 //! One suite for the store in a folder and the store in PostgreSQL, and what is only true of the latter.
 
+mod hypertables;
 mod outage;
 mod place;
 #[path = "../peers/postgres.rs"]

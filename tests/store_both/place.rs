@@ -28,6 +28,14 @@ impl Place {
         place
     }
 
+    /// In PostgreSQL with what stands in for TimescaleDB.
+    pub fn hypertables() -> Self {
+        let mut place = Self::postgres();
+        let mut client = place.cluster().client().expect("answers");
+        client.batch_execute(include_str!("timescaledb.sql")).expect("a superuser may");
+        place
+    }
+
     pub fn config(&self) -> Config {
         let own = self.cluster.as_ref().map_or_else(|| Config::new(&self.folder), |c| c.config(&self.folder));
         Config { chunk_s: 60, ..own }

@@ -196,7 +196,12 @@ fn drop_diagnoses(link: &mut Link, before: f64) -> Result<u64, StoreError> {
 
 /// Bytes of a table by time, with its partitions and indices.
 pub(super) fn table_bytes(client: &mut Client, table: &str) -> Result<u64, StoreError> {
-    let sql = "SELECT coalesce(sum(pg_total_relation_size(relid)), 0)::bigint FROM pg_partition_tree($1::text::regclass)";
+    let kind = "SELECT relkind = 'p' FROM pg_class WHERE oid = $1::text::regclass";
+    let sql = if client.query_one(kind, &[&table])?.get(0) {
+        "SELECT coalesce(sum(pg_total_relation_size(relid)), 0)::bigint FROM pg_partition_tree($1::text::regclass)"
+    } else {
+        "SELECT coalesce(hypertable_size($1::text::regclass), 0)::bigint"
+    };
     Ok(client.query_one(sql, &[&table])?.get::<_, i64>(0).max(0) as u64)
 }
 
