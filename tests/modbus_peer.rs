@@ -367,6 +367,8 @@ async fn answers_that_do_not_answer_the_question_are_no_values() {
             let poll = watch.poll().await;
             assert!(matches!(poll[0].quality, Quality::Bad(_)) && poll[0].value.is_nan(), "{name}: {poll:?}");
         }
+        let health = watch.health.snapshot();
+        assert!(health.link_errors + health.timeouts + health.exceptions > 0, "{name}: {health:?}");
         watch.stop().await;
     }
 }

@@ -210,8 +210,25 @@ fn trend(series: &[signal::Sample]) -> [Vec<(f64, f64)>; 2] {
     let begin = series.first().map_or(0.0, |s| s.t);
     let place = |s: &signal::Sample| ((s.t - begin) / HOUR, s.value);
     let good: Vec<(f64, f64)> = series.iter().filter(|s| s.quality.is_good()).map(place).collect();
-    let bad = series.iter().filter(|s| !s.quality.is_good() && s.value.is_finite()).map(place).collect();
-    [thin(&good, POINTS / 2), bad]
+    let bad = series.iter().filter(|s| !s.quality.is_good()).map(place).collect();
+    [interrupted(&good), bad]
+}
+
+/// A curve that is interrupted where nothing is known for so long that it is seen.
+fn interrupted(good: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let (Some(first), Some(last)) = (good.first(), good.last()) else { return Vec::new() };
+    let mut steps: Vec<f64> = good.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    steps.sort_unstable_by(f64::total_cmp);
+    let usual = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+    // Of the width of the picture; so there are not many either.
+    let seen = ((last.0 - first.0) / 300.0).max(4.0 * usual);
+    let mut curve = Vec::new();
+    for run in good.chunk_by(|a, b| b.0 - a.0 <= seen) {
+        let share = run.len() as f64 / good.len() as f64;
+        curve.extend(thin(run, ((POINTS / 2) as f64 * share).ceil() as usize));
+        curve.extend(run.last().map(|last| (last.0, f64::NAN)));
+    }
+    curve
 }
 
 /// OP and PV, f with its interval, and the evidence, over time.
@@ -224,7 +241,7 @@ fn picture(
     let begin = found.begin;
     let hours = |t: Option<f64>| (t.unwrap_or(begin) - begin) / HOUR;
     let over = |value: &dyn Fn(&BackfillItem) -> Option<f64>| -> Vec<(f64, f64)> {
-        report.items.iter().filter_map(|item| Some((hours(item.to), value(item)?))).collect()
+        report.items.iter().map(|item| (hours(item.to), value(item).unwrap_or(f64::NAN))).collect()
     };
     let series = |name: &str, class, points| Series { name: name.into(), class, points };
     let panel = |y, series: Vec<Series>| Panel { y, log: false, series };
@@ -235,11 +252,11 @@ fn picture(
         marks.extend(alarm.to.map(|to| (hours(Some(to)), "cleared")));
     }
     let of = |[good, bad]: [Vec<(f64, f64)>; 2], name, class| {
-        vec![series(name, class, good), series("bad, not fitted", "other", bad)]
+        vec![series(name, class, good), series("bad, not fitted", "bad", bad)]
     };
     let plot = Plot {
         title: format!(
-            "{name}: OP and PV; f with its 95 % interval and the evidence, each at the end of its window of {:.1} h",
+            "{name}: f and its evidence, each at the end of a window of {:.1} h",
             report.window_s / HOUR
         ),
         x: "time since the record began (h)",

@@ -6,12 +6,12 @@ pub use svg::draw;
 
 /// The rules of the plots' classes, in the colours that the page or picture around them sets.
 pub const STYLE: &str = "svg text { fill: var(--faint); font: 11px system-ui, sans-serif; }
-svg .axis { stroke: var(--rule); fill: none; } svg polyline { fill: none; stroke-width: 1.3; stroke-linejoin: round; }
+svg .axis { stroke: var(--rule); fill: none; } svg polyline { fill: none; stroke-width: 1.3; stroke-linejoin: round; stroke-linecap: round; }
 svg .op { stroke: var(--op); } svg .pv { stroke: var(--pv); } svg .other { stroke: var(--other); }
 svg .sp { stroke: var(--sp); stroke-dasharray: 5 3; } svg .mark { stroke: var(--look); stroke-dasharray: 2 3; }
 svg text.op { fill: var(--op); stroke: none; } svg text.pv { fill: var(--pv); stroke: none; }
 svg text.sp { fill: var(--sp); stroke: none; } svg text.other { fill: var(--other); stroke: none; }
-svg text.look { fill: var(--look); }
+svg text.look { fill: var(--look); } svg .bad { fill: var(--other); opacity: .35; } svg text.bad { opacity: 1; }
 ";
 /// The colours, light and dark.
 pub const COLOURS: &str = ":root { color-scheme: light dark; --ground: #f4f4f4; --sheet: #fff; --ink: #222; --faint: #666; --rule: #ccc;
@@ -49,9 +49,9 @@ pub struct Panel {
 pub struct Series {
     /// Legend.
     pub name: String,
-    /// `op`, `pv`, `sp` or `other`: its colour.
+    /// `op`, `pv`, `sp` or `other`: its colour. `bad`: its points are places on x, which are shaded.
     pub class: &'static str,
-    /// The points by increasing x.
+    /// The points by increasing x; where y is no number the curve is interrupted.
     pub points: Vec<(f64, f64)>,
 }
 

@@ -13,6 +13,8 @@ const PANEL: f64 = 130.0;
 /// A plot of one panel only is higher.
 const SINGLE: f64 = 210.0;
 const BELOW: f64 = 34.0;
+/// Places that are shaded are at least this wide, and those that are closer are one.
+const SHADE: f64 = 2.5;
 
 /// A linear or decadic axis from data to pixels.
 struct Axis {
@@ -127,8 +129,8 @@ pub(super) fn inside(plot: &Plot) -> String {
 }
 
 fn draw_panel(out: &mut String, plot: &Plot, panel: &Panel, x: &Axis, top: f64, bottom: f64) {
-    let values =
-        panel.series.iter().flat_map(|s| s.points.iter().map(|p| p.1)).filter(|v| !panel.log || *v > 0.0);
+    let curves = panel.series.iter().filter(|s| s.class != "bad");
+    let values = curves.flat_map(|s| s.points.iter().map(|p| p.1)).filter(|v| !panel.log || *v > 0.0);
     let (low, high) = if panel.log { bounds(values.map(f64::log10), 0.05) } else { bounds(values, 0.06) };
     let y = Axis { low, high, from: bottom, to: top, log: panel.log };
     for (value, text) in y.ticks(5.0) {
@@ -150,24 +152,31 @@ fn draw_panel(out: &mut String, plot: &Plot, panel: &Panel, x: &Axis, top: f64, 
     );
     for (value, what) in &plot.marks {
         let at = x.at(*value);
-        let _ = write!(
-            out,
-            "<path class=\"mark\" d=\"M{at:.1} {top:.1}V{bottom:.1}\"/><text class=\"look\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
-            at + 4.0,
-            top + 10.0,
-            escape(what),
-        );
+        let _ = write!(out, "<path class=\"mark\" d=\"M{at:.1} {top:.1}V{bottom:.1}\"/>");
+        // Said once, above all of them.
+        if top <= ABOVE {
+            let (x, y) = (at + 4.0, top + 10.0);
+            let _ = write!(out, "<text class=\"look\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>", escape(what));
+        }
     }
     // Drawn from the last, so that the first lies on top.
     for series in panel.series.iter().rev() {
-        let _ = write!(out, "<polyline class=\"{}\" points=\"", series.class);
-        for (px, py) in series.points.iter().filter(|p| p.1.is_finite()) {
-            let _ = write!(out, "{:.1},{:.1} ", x.at(*px), y.at(*py).clamp(top, bottom));
+        if series.class == "bad" {
+            shade(out, series.points.iter().map(|p| x.at(p.0)), top, bottom);
+            continue;
         }
-        out.push_str("\"/>");
+        for run in series.points.split(|p| !p.1.is_finite()).filter(|run| !run.is_empty()) {
+            let _ = write!(out, "<polyline class=\"{}\" points=\"", series.class);
+            // A point alone is a dot.
+            let dot = run.first().filter(|_| run.len() == 1);
+            for (px, py) in run.iter().chain(dot) {
+                let _ = write!(out, "{:.1},{:.1} ", x.at(*px), y.at(*py).clamp(top, bottom));
+            }
+            out.push_str("\"/>");
+        }
     }
     let mut right = WIDTH - RIGHT;
-    for series in panel.series.iter().rev() {
+    for series in panel.series.iter().rev().filter(|s| !s.name.is_empty() && !s.points.is_empty()) {
         let _ = write!(
             out,
             "<text class=\"{}\" x=\"{right:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
@@ -179,9 +188,49 @@ fn draw_panel(out: &mut String, plot: &Plot, panel: &Panel, x: &Axis, top: f64, 
     }
 }
 
+/// Shades places on x (in pixels, increasing), those that are next to each other as one.
+fn shade(out: &mut String, places: impl Iterator<Item = f64>, top: f64, bottom: f64) {
+    let mut bands: Vec<[f64; 2]> = Vec::new();
+    for at in places {
+        match bands.last_mut() {
+            Some(band) if at - band[1] <= SHADE => band[1] = at,
+            _ => bands.push([at, at]),
+        }
+    }
+    for [from, to] in bands {
+        let (x, width) = (from - 0.5 * SHADE, to - from + SHADE);
+        let height = bottom - top;
+        let _ = write!(
+            out,
+            "<rect class=\"bad\" x=\"{x:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\"/>"
+        );
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::Series;
     use super::*;
+
+    #[test]
+    fn a_curve_is_interrupted_and_bad_places_are_shaded_without_a_say_in_the_axis() {
+        let series =
+            |class, points: &[(f64, f64)]| Series { name: "n".into(), class, points: points.to_vec() };
+        let curve = [(0.0, 50.0), (1.0, 51.0), (2.0, f64::NAN), (3.0, 52.0), (4.0, f64::NAN), (100.0, 50.0)];
+        let bad = [(2.0, 0.0), (2.1, 0.0), (60.0, 0.0)];
+        let plot = Plot {
+            panels: vec![Panel {
+                y: "PV",
+                log: false,
+                series: vec![series("pv", &curve), series("bad", &bad)],
+            }],
+            marks: vec![(50.0, "alarm")],
+            ..Plot::default()
+        };
+        let drawn = draw(&plot);
+        assert_eq!((drawn.matches("<polyline").count(), drawn.matches("<rect").count()), (3, 2));
+        assert!(!drawn.contains("NaN") && drawn.contains(">50.5<"), "the axis is the curve's: {drawn}");
+    }
 
     #[test]
     fn ticks_are_round_and_inside() {

@@ -48,6 +48,31 @@ async fn every_error_is_a_problem() {
 }
 
 #[tokio::test]
+async fn there_is_no_bundle_of_what_is_not_there() {
+    let rig = rig(&FOUR).await;
+    let bundle = async |id: &str, status| {
+        let answer = get(rig.address, &format!("/api/v1/loops/{id}/bundle")).await;
+        let problem = assert_problem(&answer, status);
+        let text = |member: &str| problem[member].as_str().unwrap_or_default().to_string();
+        (text("type"), text("detail"))
+    };
+    let (kind, detail) = bundle("XX", 404).await;
+    assert!(kind.ends_with("unknown_loop") && detail.contains("'XX'"), "{kind}: {detail}");
+    let (kind, detail) = bundle("FIC1", 404).await;
+    assert!(kind.ends_with("not_diagnosed_yet") && detail.contains("'FIC1'"), "{kind}: {detail}");
+    // A run that failed is no diagnosis, and says so.
+    rig.diagnose("TIC4").await;
+    let (kind, detail) = bundle("TIC4", 404).await;
+    assert!(kind.ends_with("not_diagnosed_yet") && detail.contains("panicked"), "{kind}: {detail}");
+    // There is one, but nobody has its samples any more.
+    rig.diagnose("FIC1").await;
+    let (kind, detail) = bundle("FIC1", 409).await;
+    assert!(kind.ends_with("samples_gone") && detail.contains("ask for a diagnosis"), "{kind}: {detail}");
+    assert_problem(&get(rig.address, "/api/v1/loops/FIC1/bundle?colour=red").await, 400);
+    assert_problem(&post(rig.address, "/api/v1/loops/FIC1/bundle", "").await, 405);
+}
+
+#[tokio::test]
 async fn other_sites_may_not_act_through_a_browser() {
     let rig = rig(&FOUR).await;
     let act = |origin: String| async move {

@@ -1,0 +1,131 @@
+//! `stictiond backfill` over seven days of a plant, with gaps and drop-outs; and records whose clock was set for the summer.
+
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use stictiond::collect::csv;
+use stictiond::diagnosis::{Settings, diagnose};
+use stictiond::signal::Record;
+
+/// Four times PV is exactly zero, and for an hour and a half nothing was written.
+const RECORD: &str = "FIC211";
+
+fn shared(name: &str) -> Option<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
+    let path = root
+        .map(|up| up.join("shared/data/long").join(name).with_extension("csv"))
+        .find(|path| path.exists());
+    if path.is_none() {
+        println!("skipped: there is no shared/data/long/{name}.csv");
+    }
+    path
+}
+
+fn backfill(record: &Path, more: &[&str]) -> Value {
+    let output = Command::new(env!("CARGO_BIN_EXE_stictiond"))
+        .args(["backfill", "--window", "90000", "--step", "90000", "--format", "json"])
+        .arg(record)
+        .args(more)
+        .output()
+        .expect("runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+/// What was said of each window: its end, the verdict, f with its interval, the evidence.
+fn said(timeline: &Value) -> Vec<Value> {
+    let items = timeline["items"].as_array().expect("a list").iter();
+    let of = |item: &Value| ["to", "verdict", "f", "f_ci95", "delta_aic"].map(|name| item[name].clone());
+    items.map(|item| of(item).into_iter().collect()).collect()
+}
+
+#[test]
+fn seven_days_become_a_timeline_with_drop_outs_marked_and_not_fitted() {
+    let Some(record) = shared(RECORD) else { return };
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("cli-backfill-{}", std::process::id()));
+    fs::create_dir_all(&folder).expect("writable");
+    let plot = folder.join("week.svg");
+    let timeline = backfill(&record, &["--plot", plot.to_str().expect("text")]);
+    assert_eq!((&timeline["op_drop_outs"], &timeline["pv_drop_outs"]), (&0.into(), &4.into()));
+    assert!(timeline["gaps_s"].as_f64() > Some(3600.0), "{}", timeline["gaps_s"]);
+    let items = said(&timeline);
+    assert!(items.len() >= 6, "{items:?}");
+    let share = |item: &Value| item["good_share"].as_f64().expect("a share");
+    let shares: Vec<f64> = timeline["items"].as_array().expect("a list").iter().map(share).collect();
+    assert!(
+        shares.iter().any(|share| *share < 1.0) && shares.iter().any(|share| *share == 1.0),
+        "{shares:?}"
+    );
+
+    // With the zeros taken out of the file the same is said, number for number: they were never fitted.
+    let text = fs::read_to_string(&record).expect("text");
+    let (mut taken, mut without) = (0, String::new());
+    for line in text.lines() {
+        let mut cells: Vec<&str> = line.split(',').collect();
+        if cells[2].parse() == Ok(0.0) {
+            (cells[2], taken) = ("", taken + 1);
+        }
+        without += &(cells.join(",") + "\n");
+    }
+    assert_eq!(taken, 4);
+    let clean = folder.join(RECORD).with_extension("csv");
+    fs::write(&clean, without).expect("writable");
+    let other = backfill(&clean, &[]);
+    assert_eq!(other["pv_drop_outs"], 0);
+    assert_eq!(said(&other), items);
+
+    // The picture shades them, and draws no line over the gap.
+    let drawn = fs::read_to_string(&plot).expect("text");
+    assert!(drawn.matches("<rect class=\"bad\"").count() >= 1 && drawn.contains("bad, not fitted"));
+    assert!(
+        drawn.matches("<polyline class=\"pv\"").count() >= 3,
+        "PV is interrupted, and there is the evidence"
+    );
+    for axis in
+        ["time since the record began (h)", "OP (unit of OP)", "PV (unit of PV)", "f (% OP)", "evidence (-)"]
+    {
+        assert!(drawn.contains(axis), "{axis}");
+    }
+    assert!(!drawn.contains("NaN") && !drawn.contains("inf"));
+    fs::remove_dir_all(&folder).expect("writable");
+}
+
+/// The night of 2026-10-25 in Berlin, when the hour from two to three comes twice, and that of 2026-03-29, when there is none.
+#[test]
+fn the_hour_that_comes_twice_is_told_apart_by_its_offset_and_else_counted() {
+    let rows = |stamps: &[&str]| {
+        let line = |(k, stamp): (usize, &&str)| format!("{stamp},{k},{k}\n");
+        format!("t,op,pv\n{}", stamps.iter().enumerate().map(line).collect::<String>())
+    };
+    let read = |text: &str| csv::read(text.as_bytes()).expect("a record");
+    let steps =
+        |record: &Record| -> Vec<f64> { record.pv.windows(2).map(|two| two[1].t - two[0].t).collect() };
+    let autumn = read(&rows(&[
+        "2026-10-25T01:30:00+02:00",
+        "2026-10-25T02:00:00+02:00",
+        "2026-10-25T02:30:00+02:00",
+        "2026-10-25T02:00:00+01:00",
+        "2026-10-25T02:30:00+01:00",
+        "2026-10-25T03:00:00+01:00",
+    ]));
+    assert_eq!(steps(&autumn), [1800.0; 5]);
+    let spring =
+        read(&rows(&["2026-03-29T01:30:00+01:00", "2026-03-29T03:00:00+02:00", "2026-03-29T03:30:00+02:00"]));
+    assert_eq!(steps(&spring), [1800.0; 2]);
+
+    // Local time without its offset: every sample is kept under the stamp that is written, none is moved or made, and the
+    // diagnosis counts what goes back and what is there twice.
+    let local = read(&rows(&[
+        "2026-10-25 01:30:00",
+        "2026-10-25 02:00:00",
+        "2026-10-25 02:30:00",
+        "2026-10-25 02:00:00",
+        "2026-10-25 02:30:00",
+        "2026-10-25 03:00:00",
+    ]));
+    assert_eq!(steps(&local), [1800.0, 1800.0, -1800.0, 1800.0, 1800.0]);
+    let found = diagnose(&local, &Settings::default());
+    // Of OP and of PV.
+    assert_eq!((found.preparation.out_of_order, found.preparation.duplicates), (2, 4));
+}
