@@ -35,7 +35,8 @@ fn main() {
     // The room of a plant of this size.
     let config = Config { max_mb: 1_000_000, ..config };
     write(&config, cluster.as_ref(), minutes, real_time);
-    read(&config);
+    read(&config, minutes);
+    thin(&config, minutes);
     drop(cluster);
     let _ = fs::remove_dir_all(&folder);
 }
@@ -140,7 +141,7 @@ fn write(config: &Config, cluster: Option<&Cluster>, minutes: usize, real_time: 
     );
 }
 
-fn read(config: &Config) {
+fn read(config: &Config, minutes: usize) {
     let clock = Instant::now();
     let mut reader = Reader::of(config).expect("opens");
     let names: Vec<TagName> = reader.tags().expect("reads").into_iter().map(|tag| tag.name).collect();
@@ -153,6 +154,9 @@ fn read(config: &Config) {
         clock.elapsed().as_secs_f64(),
         found as f64 / 1e6
     );
+    if minutes < 7 {
+        return println!("  read         not told: there are no 300 s that are whole");
+    }
     let clock = Instant::now();
     for tag in 1..=200 {
         let mut start = Reader::first_start(START);
@@ -163,6 +167,22 @@ fn read(config: &Config) {
         }
     }
     println!("  read         {:.3} ms for 300 s of one tag", clock.elapsed().as_secs_f64() / 200.0 * 1e3);
+}
+
+/// All of it becomes trends, a point a minute.
+fn thin(config: &Config, minutes: usize) {
+    let config = Config { samples_days: 0.01, ..config.clone() };
+    let mut store = Store::open(&config).expect("opens");
+    let (clock, before) = (Instant::now(), cpu_seconds());
+    while store.tidy(START + 3.0 * 86_400.0).expect("tidies") {}
+    let points = (minutes * LOOPS * TAGS) as f64;
+    let bytes = store.usage().expect("can be told").used_bytes as f64 / points;
+    println!(
+        "  trends       {bytes:.1} bytes a point of a minute, {:.2} GB a day; {:.1} s and {:.1} s of processor to make them",
+        bytes * 1440.0 * (LOOPS * TAGS) as f64 / 1e9,
+        clock.elapsed().as_secs_f64(),
+        cpu_seconds() - before
+    );
 }
 
 /// What PostgreSQL has used up.

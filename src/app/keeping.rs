@@ -4,6 +4,7 @@
 //! ring itself is what waits, and only what it overwrites before the store works again is lost, and counted.
 
 mod following;
+mod room;
 mod rows;
 
 use crate::config::Config;
@@ -76,6 +77,9 @@ impl Keeping {
             tracing::warn!("no [store] is configured: a restart begins with an empty history");
             return Arc::new(keeping);
         };
+        if let Some(why) = room::too_little(config, own) {
+            tracing::warn!("{why}");
+        }
         // On a thread of its own: a connection to a database waits, which a thread of the runtime must not.
         let opened = std::thread::scope(|scope| {
             let opening = scope.spawn(|| {

@@ -12,7 +12,7 @@ mod wording;
 
 pub use diagnostic::Diagnostic;
 pub use neighbours::{Candidates, MOST_CANDIDATES, Neighbour};
-pub use plant::Plant;
+pub use plant::{Plant, tags};
 pub use tag::TagConfig;
 
 use crate::collect::{modbus, mqtt, opcua};

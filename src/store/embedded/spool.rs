@@ -1,16 +1,19 @@
 //! The store as a spool: what waits for another store is taken out part by part, and goes once it is delivered there.
 
 use super::read::Reader;
-use super::write::{Store, put_alarm, put_row};
+use super::write::{PAGE_BYTES, Store, put_alarm, put_row};
 use super::{MAX_TAG, key};
-use crate::store::backend::Reads;
+use crate::store::backend::{Found, Reads};
 use crate::store::{AlarmRow, DiagnosisRow, ModelRow, Row, Series, StoreError, TransitionRow};
-use rusqlite::{OptionalExtension, TransactionBehavior, params};
+use rusqlite::{OptionalExtension, Transaction, TransactionBehavior, params};
 use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Rows that are delivered in one go.
 const ROWS: usize = 500;
+
+/// Pages beyond the room there is, for states: a spool that is full of samples must still be able to let them go.
+const RESERVE: u64 = 1024;
 
 /// What waits of states is known to be delivered; of a model the latest version.
 const STATES_ARE_THERE: &str = "INSERT OR REPLACE INTO known_alarms SELECT * FROM alarms;
@@ -88,6 +91,9 @@ impl Store {
     /// # Errors
     /// [`StoreError`]; then all of it is still there.
     pub fn forget(&mut self, part: &Part) -> Result<(), StoreError> {
+        if matches!(part, Part::States(..)) {
+            return self.states_are_there();
+        }
         let forgetting = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
         match part {
             Part::Diagnoses(rows) => {
@@ -100,8 +106,7 @@ impl Store {
                     forgetting.prepare_cached("DELETE FROM transitions WHERE id = ?1")?.execute([id])?;
                 }
             }
-            // One thread writes, and it is the one that asked for the part: nothing has been added since.
-            Part::States(..) => forgetting.execute_batch(STATES_ARE_THERE)?,
+            Part::States(..) => {}
             Part::Samples(start, _) => {
                 let all = [key(*start, 0), key(*start, MAX_TAG)];
                 forgetting.execute("DELETE FROM chunks WHERE key BETWEEN ?1 AND ?2", all)?;
@@ -121,9 +126,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub fn hold_states(&mut self, rows: &[Row]) -> Result<(), StoreError> {
-        let holding = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        rows.iter().filter(|row| row.is_state()).try_for_each(|row| put_row(&holding, row))?;
-        Ok(holding.commit()?)
+        self.beyond(|own| rows.iter().filter(|row| row.is_state()).try_for_each(|row| put_row(own, row)))
     }
 
     /// The states that wait are where they belong.
@@ -131,7 +134,24 @@ impl Store {
     /// # Errors
     /// [`StoreError`]; then they still wait.
     pub fn states_are_there(&mut self) -> Result<(), StoreError> {
-        self.forget(&Part::States(Vec::new(), Vec::new()))
+        // One thread writes, and it is the one that asked for the part: nothing has been added since.
+        self.beyond(|own| Ok(own.execute_batch(STATES_ARE_THERE)?))
+    }
+
+    /// A transaction that has a little more room than there is.
+    fn beyond(
+        &mut self,
+        act: impl FnOnce(&Transaction<'_>) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        let pages = self.config.max_mb * 1_000_000 / PAGE_BYTES;
+        self.db.pragma_update(None, "max_page_count", (pages + RESERVE) as i64)?;
+        let acted = (|| {
+            let acting = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
+            act(&acting)?;
+            Ok(acting.commit()?)
+        })();
+        self.db.pragma_update(None, "max_page_count", pages as i64)?;
+        acted
     }
 
     /// Remembers states as those that the store which this one waits for has.
@@ -139,24 +159,26 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub fn know(&mut self, models: &[ModelRow], alarms: &[AlarmRow]) -> Result<(), StoreError> {
-        let knowing = self.db.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        for ModelRow { control_loop, version, since, effects } in models {
-            let version = i64::try_from(*version).unwrap_or(i64::MAX);
-            knowing
-                .prepare_cached("INSERT OR REPLACE INTO known_models VALUES (?1, ?2, ?3, ?4)")?
-                .execute(params![control_loop, version, since, effects])?;
+        if models.is_empty() && alarms.is_empty() {
+            return Ok(());
         }
-        alarms.iter().try_for_each(|row| put_alarm(&knowing, "known_alarms", row))?;
-        Ok(knowing.commit()?)
+        self.beyond(|own| {
+            for ModelRow { control_loop, version, since, effects } in models {
+                let version = i64::try_from(*version).unwrap_or(i64::MAX);
+                own.prepare_cached("INSERT OR REPLACE INTO known_models VALUES (?1, ?2, ?3, ?4)")?
+                    .execute(params![control_loop, version, since, effects])?;
+            }
+            alarms.iter().try_for_each(|row| put_alarm(own, "known_alarms", row))
+        })
     }
 
     /// The models and alarms that wait, and those that the other store is known to have.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub fn states(&self) -> Result<[(Vec<ModelRow>, Vec<AlarmRow>); 2], StoreError> {
+    pub fn states(&self) -> Result<[Found; 2], StoreError> {
         let reader = Reader::open(&self.config.folder)?;
-        Ok([reader.written()?, reader.known()?])
+        Ok([reader.written()?, reader.known()?].map(|(models, alarms)| Found { models, alarms }))
     }
 
     /// Whether nothing waits.

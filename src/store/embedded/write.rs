@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// Bytes of a page: large enough that a chunk of a minute leaves little of it empty.
-const PAGE_BYTES: u64 = 8192;
+pub(super) const PAGE_BYTES: u64 = 8192;
 /// Pages of the write-ahead log after which it is carried over. Many, because the journal's pages are used anew each minute:
 /// what was overwritten meanwhile is carried over once.
 const LOG_PAGES: u64 = 4000;

@@ -155,8 +155,11 @@ impl Store {
     /// Into the database, unless something waits that is older; true when it is there. States go by way of the spool, which
     /// knows then what a start without the database begins with.
     fn straight(&mut self, batch: &Batch) -> Result<bool, StoreError> {
-        // Who connects may find something that has to be merged first.
-        if self.waits || !self.reach() || self.waits {
+        if self.waits || !self.reach() {
+            return Ok(false);
+        }
+        // Who connects may have found something that has to be merged first.
+        if self.waits {
             return Ok(false);
         }
         let states = batch.rows.iter().any(Row::is_state);

@@ -55,7 +55,7 @@ impl Reader {
     }
 
     fn rows(&self, sql: &str, values: &[&(dyn ToSql + Sync)]) -> Result<Vec<Row>, StoreError> {
-        Ok(self.client().query(sql, values)?)
+        self.client().query(sql, values)
     }
 
     /// Start of the minute of what an aggregate over `samples` says.

@@ -50,10 +50,11 @@ const STEPS: [&str; 2] = [
         by_whom, comment FROM transitions;",
 ];
 
-/// Samples and trends, which depend on what the database can do: part of step 1.
+/// Samples and trends, which depend on what the database can do: part of step 1. The wide columns come first, which leaves no
+/// bytes between them.
 const SAMPLES: &str =
-    "(at timestamptz NOT NULL, tag integer NOT NULL, value double precision, quality smallint NOT NULL,
-    t double precision, PRIMARY KEY (at, tag))";
+    "(at timestamptz NOT NULL, value double precision, t double precision, tag integer NOT NULL,
+    quality smallint NOT NULL, PRIMARY KEY (at, tag))";
 const TRENDS: &str =
     "(at timestamptz NOT NULL, tag integer NOT NULL, least double precision, mean double precision,
     most double precision, PRIMARY KEY (at, tag))";

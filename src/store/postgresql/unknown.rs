@@ -70,8 +70,8 @@ impl Unknown {
         let model_map = |rows: Vec<ModelRow>| -> BTreeMap<String, ModelRow> {
             rows.iter().map(plain_model).map(|row| (row.control_loop.clone(), row)).collect()
         };
-        let (waiting, known_alarms) = (alarm_map(waits.1), alarm_map(known.1));
-        let (waiting_models, known_models) = (model_map(waits.0), model_map(known.0));
+        let (waiting, known_alarms) = (alarm_map(waits.alarms), alarm_map(known.alarms));
+        let (waiting_models, known_models) = (model_map(waits.models), model_map(known.models));
         let mut news = Found::default();
         let mut ours = Found::default();
         for row in alarms {

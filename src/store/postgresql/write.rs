@@ -4,7 +4,7 @@ use super::super::rows::{
     AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, unpack,
 };
 use super::super::{StoreError, codec, start_of};
-use super::client::{Ask, Client, Transaction};
+use super::client::{Ask, Client, Transaction, Values};
 use super::schema::{SAMPLES_S, TRENDS_S};
 use crate::signal::Sample;
 use std::collections::{BTreeSet, HashMap};
@@ -12,6 +12,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio_postgres::Statement;
+use tokio_postgres::error::SqlState;
 use tokio_postgres::types::ToSql;
 
 /// Samples of one statement.
@@ -193,13 +194,11 @@ fn put_samples(
     statements: &mut HashMap<&'static str, Statement>,
     part: &[Stored],
 ) -> Result<(), StoreError> {
-    let statement = prepared(
+    let plain = prepared(
         writing,
         statements,
-        "INSERT INTO samples AS own (at, tag, value, quality, t)
-         SELECT * FROM unnest($1::timestamptz[], $2::int4[], $3::float8[], $4::int2[], $5::float8[])
-         ON CONFLICT (at, tag) DO UPDATE SET value = excluded.value, quality = excluded.quality, t = excluded.t
-         WHERE own.quality <> 0 AND excluded.quality = 0",
+        "INSERT INTO samples (at, tag, value, quality, t)
+         SELECT * FROM unnest($1::timestamptz[], $2::int4[], $3::float8[], $4::int2[], $5::float8[])",
     )?;
     let at: Vec<SystemTime> = part.iter().map(|one| at(one.us)).collect();
     let tag: Vec<i32> = part.iter().map(|one| one.tag).collect();
@@ -207,7 +206,23 @@ fn put_samples(
     let value: Vec<Option<f64>> = part.iter().map(value).collect();
     let quality: Vec<i16> = part.iter().map(|one| codec::code(one.sample.quality).into()).collect();
     let fine: Vec<Option<f64>> = part.iter().map(|one| one.fine).collect();
-    writing.execute(&statement, &[&at, &tag, &value, &quality, &fine])?;
+    let values: Values<'_> = &[&at, &tag, &value, &quality, &fine];
+    // Where each row is looked up before it is put, the database writes a third more; what comes is nearly always new.
+    writing.batch_execute("SAVEPOINT plain")?;
+    match writing.execute(&plain, values) {
+        Err(StoreError::Refused(error)) if error.code() == Some(&SqlState::UNIQUE_VIOLATION) => {}
+        done => return done.map(drop),
+    }
+    writing.batch_execute("ROLLBACK TO SAVEPOINT plain")?;
+    let beside = prepared(
+        writing,
+        statements,
+        "INSERT INTO samples AS own (at, tag, value, quality, t)
+         SELECT * FROM unnest($1::timestamptz[], $2::int4[], $3::float8[], $4::int2[], $5::float8[])
+         ON CONFLICT (at, tag) DO UPDATE SET value = excluded.value, quality = excluded.quality, t = excluded.t
+         WHERE own.quality <> 0 AND excluded.quality = 0",
+    )?;
+    writing.execute(&beside, values)?;
     Ok(())
 }
 
