@@ -25,11 +25,12 @@ impl Authority {
         Self { folder, issuer: Issuer::new(params, key) }
     }
 
-    /// A certificate and its key for a name.
-    fn sign(&self, name: &str, file: &str) {
+    /// A certificate and its key for a name, good until the end of a year.
+    fn sign(&self, name: &str, file: &str, until: i32) {
         let key = KeyPair::generate().expect("a key");
         let mut own = CertificateParams::new(vec![name.to_string()]).expect("a name");
         own.distinguished_name.push(DnType::CommonName, name);
+        own.not_after = rcgen::date_time_ymd(until, 12, 31);
         let signed = own.signed_by(&key, &self.issuer).expect("signs");
         std::fs::write(self.folder.join(format!("{file}.pem")), signed.pem()).expect("writable");
         std::fs::write(self.folder.join(format!("{file}.key")), key.serialize_pem()).expect("writable");
@@ -40,13 +41,16 @@ impl Authority {
     }
 }
 
+/// A year that is not yet over.
+const FAR: i32 = 4000;
+
 /// A broker that asks for certificates, the authority of both sides, and another one that nobody trusts.
-async fn world(name: &str, server: &str) -> (Broker, Authority, Authority) {
+async fn world(name: &str, server: &str, until: i32) -> (Broker, Authority, Authority) {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/tmp/mqtt").join(name);
     let (ours, theirs) = (Authority::new(folder.join("ours")), Authority::new(folder.join("theirs")));
-    ours.sign(server, "server");
-    ours.sign("stictiond", "client");
-    theirs.sign("stictiond", "client");
+    ours.sign(server, "server", until);
+    ours.sign("stictiond", "client", FAR);
+    theirs.sign("stictiond", "client", FAR);
     let [ca, certificate, key] = ["ca.pem", "server.pem", "server.key"].map(|file| ours.path(file));
     let more = format!(
         "allow_anonymous true\ncafile {ca}\ncertfile {certificate}\nkeyfile {key}\nrequire_certificate true\n\
@@ -66,7 +70,7 @@ fn lines(ca: &Authority, own: Option<&Authority>) -> String {
 
 #[tokio::test]
 async fn collected_and_published_by_tls_with_a_certificate_of_ours() {
-    let (broker, ours, theirs) = world("tls", "127.0.0.1").await;
+    let (broker, ours, theirs) = world("tls", "127.0.0.1", FAR).await;
     let config = lines(&ours, Some(&ours));
     let mut watch = Watch::start(broker.port, &config, &["topic = 'plant/pv'\ntime_path = 't'\npath = 'v'"]);
     watch.until("connected", |health| health.connected).await;
@@ -102,12 +106,14 @@ async fn collected_and_published_by_tls_with_a_certificate_of_ours() {
 }
 
 #[tokio::test]
-async fn a_broker_of_another_authority_or_name_is_refused_and_the_log_says_why() {
-    let (broker, ours, theirs) = world("tls-wrong", "127.0.0.1").await;
-    let (elsewhere, other, _) = world("tls-name", "elsewhere").await;
+async fn a_broker_of_another_authority_or_name_or_of_yesterday_is_refused_and_the_log_says_why() {
+    let (broker, ours, theirs) = world("tls-wrong", "127.0.0.1", FAR).await;
+    let (elsewhere, other, _) = world("tls-name", "elsewhere", FAR).await;
+    let (old, of_old, _) = world("tls-expired", "127.0.0.1", 2020).await;
     for (broker, config, why) in [
         (&broker, lines(&theirs, Some(&ours)), "UnknownIssuer"),
         (&elsewhere, lines(&other, Some(&other)), "not valid for"),
+        (&old, lines(&of_old, Some(&of_old)), "expired"),
     ] {
         let (log, _guard) = Log::start();
         let watch = Watch::start(broker.port, &config, &["topic = 'plant/pv'"]);
