@@ -45,7 +45,7 @@ pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize
     let mut best = base.clone();
     let known = held_out(data, &base.spec);
     let kept = kept && base.spec.element.f > 0.0;
-    let mut elements = scan_friction(data, &base.spec, SCAN, if kept { 2 } else { 3 }, kept);
+    let mut elements = scan_friction(data, &base.spec, SCAN, kept);
     let likely = elements.first().copied().unwrap_or(base.spec.element);
     elements.push(Element { f: 0.0, ..base.spec.element });
     if base.spec.element.f > 0.0 {

@@ -15,8 +15,7 @@ use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
 use crate::diagnosis::stats::median;
 
 /// Lags of y and of z.
-const OF_Y: usize = 20;
-const OF_Z: usize = 16;
+const LONG: (usize, usize) = (20, 16);
 /// Lags of z before the delay.
 const BEFORE: usize = 3;
 /// Huber's bend in standard deviations: 95 % efficient where errors are normal.
@@ -36,21 +35,14 @@ pub struct Judge {
 impl Judge {
     /// Of the signals of a model with delay `nk`.
     pub fn new(data: &Data, stage: &Stage, nk: usize) -> Self {
-        let system = System::new(data, stage, nk);
-        let mut weight = system.counted.clone();
-        let (mut e, mut scale) = (Vec::new(), 0.0);
-        for _ in 0..PASSES {
-            e = system.solve(&weight);
-            let sizes: Vec<f64> = e.iter().map(|e| e.abs()).collect();
-            scale = median(&sizes) / 0.6745 + FLOOR.sqrt();
-            system.reweigh(&e, scale, &mut weight);
-        }
+        let system = System::new(data, stage, nk, data.len(), LONG);
+        let Robust { e, scale, weight, .. } = system.robust();
         Self { loss: system.loss(&e, scale), scale, weight, nk }
     }
 
     /// Twice the log-likelihood that the signals of another model gain over all samples.
     pub fn gain(&self, data: &Data, stage: &Stage) -> f64 {
-        let system = System::new(data, stage, self.nk);
+        let system = System::new(data, stage, self.nk, data.len(), LONG);
         let mut weight = self.weight.clone();
         let mut e = Vec::new();
         for _ in 0..MORE {
@@ -61,28 +53,67 @@ impl Judge {
     }
 }
 
-/// Regressors of the long model on all samples that count.
-struct System {
+/// A robust estimate: coefficients, errors, their standard deviation, and the weights that Huber's loss gives.
+#[derive(Default)]
+pub struct Robust {
+    pub theta: Vec<f64>,
+    pub e: Vec<f64>,
+    pub scale: f64,
+    pub weight: Vec<f64>,
+}
+
+/// Regressors of a long ARX.
+pub struct System {
     columns: Vec<Vec<f64>>,
     target: Vec<f64>,
-    counted: Vec<f64>,
+    /// 0 where a sample does not count.
+    pub counted: Vec<f64>,
+    /// First lag of z.
+    pub nearest: usize,
+    lags: (usize, usize),
 }
 
 impl System {
-    fn new(data: &Data, stage: &Stage, nk: usize) -> Self {
-        let (from, to) = (data.first, data.len());
+    /// Up to sample `to`; `lags` of y and of z about the delay `nk`.
+    pub fn new(data: &Data, stage: &Stage, nk: usize, to: usize, lags: (usize, usize)) -> Self {
+        let from = data.first;
         let lagged = |v: &[f64], lag: usize| v[from - lag..to - lag].to_vec();
         let nearest = nk.saturating_sub(BEFORE).max(1);
-        let mut columns: Vec<Vec<f64>> = (1..=OF_Y).map(|lag| lagged(&stage.y, lag)).collect();
-        columns.extend((nearest..nearest + OF_Z).map(|lag| lagged(&stage.z, lag)));
+        let mut columns: Vec<Vec<f64>> = (1..=lags.0).map(|lag| lagged(&stage.y, lag)).collect();
+        columns.extend((nearest..nearest + lags.1).map(|lag| lagged(&stage.z, lag)));
         columns.push(vec![1.0; to - from]);
         columns.extend(stage.columns.iter().map(|c| lagged(c, 0)));
         columns.truncate(MOST_COLUMNS);
-        Self { columns, target: lagged(&stage.y, 0), counted: stage.weight[from..].to_vec() }
+        Self { columns, target: lagged(&stage.y, 0), counted: stage.weight[from..to].to_vec(), nearest, lags }
+    }
+
+    /// Estimated so that a few huge errors do not rule.
+    pub fn robust(&self) -> Robust {
+        let mut found = Robust { weight: self.counted.clone(), ..Robust::default() };
+        for _ in 0..PASSES {
+            found.theta = self.theta(&found.weight);
+            found.e = self.errors(&found.theta);
+            let sizes: Vec<f64> = found.e.iter().map(|e| e.abs()).collect();
+            found.scale = median(&sizes) / 0.6745 + FLOOR.sqrt();
+            self.reweigh(&found.e, found.scale, &mut found.weight);
+        }
+        found
+    }
+
+    /// The errors without what z explains, and the coefficients of z from the nearest lag on.
+    pub fn without_z(&self, theta: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let of_z = self.lags.0..self.lags.0 + self.lags.1;
+        let mut others = theta.to_vec();
+        others[of_z.clone()].fill(0.0);
+        (self.errors(&others), theta[of_z].to_vec())
     }
 
     /// The errors of weighted least squares.
     fn solve(&self, weight: &[f64]) -> Vec<f64> {
+        self.errors(&self.theta(weight))
+    }
+
+    fn theta(&self, weight: &[f64]) -> Vec<f64> {
         let size = self.columns.len();
         let mut g = vec![0.0; size * size];
         let mut theta = vec![0.0; size];
@@ -97,6 +128,10 @@ impl System {
         let mut live = [true; MOST_COLUMNS];
         factor(&mut g, size, size, &mut live);
         substitute(&g, size, &live, &mut theta);
+        theta
+    }
+
+    fn errors(&self, theta: &[f64]) -> Vec<f64> {
         let mut e = self.target.clone();
         for (theta, column) in theta.iter().zip(&self.columns) {
             e.iter_mut().zip(column).for_each(|(e, c)| *e -= theta * c);

@@ -21,6 +21,7 @@ mod model;
 mod pose;
 mod regress;
 mod scan;
+mod search;
 mod select;
 
 use crate::diagnosis::{self, Diagnosis, Model, Residual, Verdict, gate, prepare};

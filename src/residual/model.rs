@@ -70,6 +70,10 @@ pub struct Element {
     pub resume: f64,
     /// Each move is a slip of its own (He's valve): the threshold holds while the stem moves, too.
     pub slips: bool,
+    /// Whether the stem's last move before the start was the other way than the extremum of OP there says.
+    pub turned: bool,
+    /// How far the stem was beyond OP at the start, in the direction of that move, as a share of 2f (-).
+    pub rest: f64,
     /// The band to cross on turning down is `1 + skew` times 2f, on turning up `1 - skew` times (-).
     pub skew: f64,
     /// f grows from `1 - growth` to `1 + growth` times itself over the fitted samples (-).
@@ -82,11 +86,11 @@ impl Element {
         z.clear();
         z.extend_from_slice(u);
         dir.clear();
-        dir.resize(u.len(), if start.is_max { 1.0 } else { -1.0 });
+        let mut direction: f64 = if start.is_max != self.turned { 1.0 } else { -1.0 };
+        dir.resize(u.len(), direction);
         if self.f <= 0.0 || start.index >= u.len() {
             return;
         }
-        let mut direction: f64 = if start.is_max { 1.0 } else { -1.0 };
         let mut stem = u[start.index];
         let mut moving = self.resume == 0.0;
         let (rate, mut f) = (2.0 / span as f64, self.f);
@@ -110,7 +114,8 @@ impl Element {
                     moving = self.resume == 0.0;
                 }
             } else {
-                stem = u[k];
+                let beyond = if k == start.index { 2.0 * f * self.rest } else { 0.0 };
+                stem = u[k] + direction * beyond;
             }
             z[k] = stem - self.lag * f * direction;
             dir[k] = direction;

@@ -3,6 +3,7 @@
 use super::fit::FLOOR;
 use super::model::{Data, Element, Spec, Stage};
 use super::regress::{LONG_Y, Quick, long_lags};
+use super::search::{Reach, settle};
 use crate::diagnosis::friction::reversals;
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
 
@@ -116,80 +117,104 @@ impl<'a> Scan<'a> {
     }
 }
 
+/// Kinds of valve whose best is polished.
+const LIKELY: usize = 3;
+/// Turns of the close search.
+const TURNS: usize = 3;
+
 /// Valves tried in a scan: lag, resume threshold, slips. J = S of the one-parameter element, Choudhury's and He's for
 /// some J, and lags that make up for what the model lacks.
-const VALVES: [(f64, f64, bool); 9] = [
+const VALVES: [(f64, f64, bool); 10] = [
     (0.0, 0.0, false),
     (0.4, 0.0, false),
     (0.8, 0.0, false),
     (0.0, 1.0, false),
     (0.4, 0.6, false),
     (0.7, 0.3, false),
+    (0.0, 1.0, true),
     (0.2, 0.8, true),
     (0.5, 0.5, true),
     (0.8, 0.2, true),
 ];
 
-/// Friction scanned with the terms in place: the long ARX's loss over f, its lag and its resume threshold; `kept`: the
-/// model's own kind of valve alone.
+/// Friction scanned with the terms in place: the long ARX's loss over f, its lag and its resume threshold; `kept`: from
+/// the model's own kind of valve on.
 ///
 /// Returns the best elements, by increasing loss, each from a different neighbourhood of f.
-pub fn scan_friction(data: &Data, spec: &Spec, values: usize, most: usize, kept: bool) -> Vec<Element> {
+pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Vec<Element> {
     let mut scan = Scan::new(data, spec);
-    let mut rated: Vec<(f64, Element)> = Vec::new();
-    let mut rate = |element: Element, rated: &mut Vec<(f64, Element)>| {
-        rated.extend(scan.rate(element).map(|loss| (loss, element)));
-    };
     let step = data.f_top / values as f64;
     let own = spec.element;
     let valves: Vec<(f64, f64, bool)> =
         if kept { [0.0, 0.4, 0.8].map(|lag| (lag, own.resume, own.slips)).to_vec() } else { VALVES.to_vec() };
-    for i in 1..=values {
+    let mut best: Vec<(f64, Element)> = Vec::new();
+    for (lag, resume, slips) in valves {
         // Finer towards 0: weak friction is a small share of the largest swing.
-        let f = data.f_top * (i as f64 / values as f64).powf(1.5);
-        for &(lag, resume, slips) in &valves {
-            rate(Element { f, lag, resume, slips, ..own }, &mut rated);
-        }
-    }
-    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let coarse: Vec<Element> = rated.iter().take(2).map(|r| r.1).collect();
-    for centre in coarse {
-        for i in -4i32..=4 {
-            let f = centre.f + step * 0.25 * f64::from(i);
-            for lag in [centre.lag, centre.lag + 0.2, centre.lag - 0.2] {
-                if f > 0.0 && (0.0..=1.0).contains(&lag) {
-                    rate(Element { f, lag, ..centre }, &mut rated);
-                }
-            }
-        }
-    }
-    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-    if let Some((_, centre)) = rated.first().copied() {
+        let coarse = (1..=values).map(|i| data.f_top * (i as f64 / values as f64).powf(1.5));
+        let coarse = coarse.map(|f| Element { f, lag, resume, slips, ..own });
+        let Some(found) = scan.least(coarse) else { continue };
+        let near = (-4i32..=4).map(|i| Element { f: found.1.f + step * 0.25 * f64::from(i), ..found.1 });
+        let found = scan.better(found, near);
         // Reversals late by a sample cost a strong valve more than all else.
-        for i in (-5i32..=5).filter(|i| *i != 0) {
-            let f = centre.f + step * 0.04 * f64::from(i);
-            rate(Element { f: f.max(0.1 * centre.f), ..centre }, &mut rated);
-        }
-        for resume in [centre.resume + 0.15, centre.resume - 0.15] {
-            if centre.resume > 0.0 && (0.01..=1.0).contains(&resume) {
-                rate(Element { resume, ..centre }, &mut rated);
+        let near = (-5i32..=5).map(|i| Element { f: found.1.f + step * 0.04 * f64::from(i), ..found.1 });
+        best.push(scan.better(found, near));
+    }
+    best.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let reach = if kept { Reach::Near } else { Reach::Wide };
+    best.truncate(if kept { 1 } else { LIKELY });
+    best.iter_mut().for_each(|found| scan.settle(found, reach));
+    best.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // Those that came to the same valve are one.
+    best.dedup_by(|b, a| {
+        a.1.slips == b.1.slips && (a.1.resume - b.1.resume).abs() < 0.1 && (a.1.f / b.1.f - 1.0).abs() < 0.01
+    });
+    best.into_iter().map(|found| found.1).collect()
+}
+
+impl Scan<'_> {
+    /// The element with the least loss.
+    fn least(&mut self, elements: impl Iterator<Item = Element>) -> Option<(f64, Element)> {
+        let mut best: Option<(f64, Element)> = None;
+        for element in elements {
+            if element.f <= 0.0
+                || !(0.0..=1.0).contains(&element.lag)
+                || !(0.0..=1.0).contains(&element.resume)
+            {
+                continue;
+            }
+            if let Some(loss) = self.rate(element)
+                && best.is_none_or(|(least, _)| loss < least)
+            {
+                best = Some((loss, element));
             }
         }
+        best
     }
-    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut kept: Vec<Element> = Vec::new();
-    for (_, element) in rated {
-        let near = |k: &Element| {
-            (k.f - element.f).abs() < 0.1 * step && k.resume == element.resume && k.slips == element.slips
-        };
-        if !kept.iter().any(near) {
-            kept.push(element);
-        }
-        if kept.len() == most {
-            break;
+
+    /// Sought closely, by turns with the lag and the kind of valve: dynamics that are held hold on to those.
+    fn settle(&mut self, found: &mut (f64, Element), mut reach: Reach) {
+        for _ in 0..TURNS {
+            let (settled, _) = settle(self.data, &self.trial, found.1, None, reach);
+            let Some(loss) = self.rate(settled) else { return };
+            let lags = |c: Element, step: f64| {
+                (-10..=10).map(move |i| Element { lag: c.lag + step * f64::from(i), ..c })
+            };
+            let kinds = (1..=5).flat_map(|i| [false, true].map(|slips| (0.2 * f64::from(i), slips)));
+            let kinds = kinds.map(|(resume, slips)| Element { lag: 1.0 - resume, resume, slips, ..settled });
+            let better = self.better((loss, settled), kinds.chain(lags(settled, 0.1)));
+            let better = self.better(better, lags(better.1, 0.01));
+            let done = better.1 == settled;
+            *found = better;
+            if done {
+                return;
+            }
+            reach = Reach::Near;
         }
     }
-    kept
+
+    fn better(&mut self, found: (f64, Element), others: impl Iterator<Item = Element>) -> (f64, Element) {
+        self.least(others).filter(|other| other.0 < found.0).unwrap_or(found)
+    }
 }
 
 #[cfg(test)]

@@ -29,11 +29,14 @@ const AS_GOOD: f64 = 1.005;
 const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
 /// Evidence that the model of friction costs where there is one, since no stem is quite its element, and an effect that is
 /// another friction (-).
-const STICKY: f64 = 15.0;
+const STICKY: f64 = 6.0;
 const OTHER_FRICTION: f64 = 5.0;
 /// Evidence that a free run nearer by a factor of e is worth: when effects are accepted, and when they are compared (-).
 const NEARER: f64 = 8.0;
 const AHEAD: f64 = 10.0;
+/// Gain of likelihood on the held-out samples, or held-out free-run error as a share of that without, that is no chance (-).
+const LEAST_HELD: f64 = 2.0;
+const LEAST_NEARER: f64 = 0.98;
 /// Evidence by which a change of gain, which comes with a step of its own, must be ahead of a step (-).
 const NESTED: f64 = 5.0;
 /// Least gain of a kinetic lag: every valve model but the paper's own has one.
@@ -228,7 +231,14 @@ fn step(
     let judge = Judge::new(data, &stage, base.spec.orders.nk);
     let evidence = |c: &Candidate| -> f64 {
         let (stage, counts) = c.spec.stage(data);
-        judge.gain(data, &stage) - 2.0 * counts.last().map_or(0.0, |n| *n as f64) - (c.paid - base.paid)
+        // The valve that was found with the effect may be the whole gain.
+        let mut valve = base.spec.clone();
+        valve.element = c.spec.element;
+        let without = judge.gain(data, &valve.stage(data).0).max(0.0);
+        judge.gain(data, &stage)
+            - without
+            - 2.0 * counts.last().map_or(0.0, |n| *n as f64)
+            - (c.paid - base.paid)
     };
     let mut proposals: Vec<(f64, Proposal)> = ALL
         .iter()
@@ -324,7 +334,7 @@ impl Trial {
         if matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift) {
             needed += OTHER_FRICTION;
         }
-        evidence > needed && (held > 0.0 || nearer < 1.0) && of_start < 1.0
+        evidence > needed && (held > LEAST_HELD || nearer < LEAST_NEARER) && of_start < 1.0
     }
 
     /// What it is compared by with others that are worth it.

@@ -19,6 +19,7 @@ use super::Settings;
 use super::model::{Data, Element, Spec, Stage, Term};
 use super::regress::Quick;
 use super::scan::Scan;
+use super::search::{Reach, settle};
 
 /// The present model and what screening reads of it.
 pub struct Context<'a> {
@@ -137,28 +138,9 @@ impl Context<'_> {
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
         rated.truncate(most);
         for best in &mut rated {
-            let mut step = 0.5;
-            for _ in 0..5 {
-                let (_, e, v) = *best;
-                let wider = |share: f64| Element { f: e.f * share, ..e };
-                let trials = [
-                    (wider(1.0 + 0.2 * step), v),
-                    (wider(1.0 - 0.2 * step), v),
-                    (e, v + 0.3 * step),
-                    (e, v - 0.3 * step),
-                    (Element { lag: e.lag + 0.5 * step, ..e }, v),
-                    (Element { lag: e.lag - 0.5 * step, ..e }, v),
-                ];
-                for (element, value) in trials {
-                    if value.abs() < 0.95 && (0.0..=1.0).contains(&element.lag) {
-                        let loss = rate(element, value);
-                        if loss < best.0 {
-                            *best = (loss, element, value);
-                        }
-                    }
-                }
-                step *= 0.5;
-            }
+            let (element, value) = settle(self.data, &trial, best.1, Some(best.2), Reach::Near);
+            let value = value.unwrap_or(best.2);
+            *best = (rate(element, value), element, value);
         }
         let tried = 2.0 * (SCAN * values.len() as u32) as f64;
         rated
