@@ -16,14 +16,14 @@ pub const GRID: usize = 101;
 const COARSE: usize = 10;
 /// Further values that are fitted thoroughly, and all that are fitted quickly; structures that start thoroughly.
 const THOROUGH: usize = 8;
-const QUICK: usize = 30;
+const QUICK: usize = 20;
 const STARTS: usize = 8;
 /// Structures that start at the values fitted whatever their screening says: these only tell how far it overstates.
 const COARSE_STARTS: usize = 4;
 /// Structures that start again from the errors of the best.
 const AGAIN: usize = 5;
 /// Values that get a second, thorough look next to the least, and how near.
-const SECOND_LOOKS: usize = 3;
+const SECOND_LOOKS: usize = 2;
 const REACH: usize = 3;
 /// Distance in N ln V above the best at which a value is expected to be hopeless.
 const HOPELESS: f64 = 100.0;
@@ -39,7 +39,7 @@ const RESCREENED: usize = 8;
 /// Places where every structure is fitted at the most, and fits after which there is no other: a bound on the time where no f
 /// is much better than the next.
 const PLACES: usize = 3;
-const MOST_FITS: usize = 700;
+const MOST_FITS: usize = 500;
 /// Models carried along f from such a place, and iterations at each value.
 const CARRIED: usize = 2;
 const CARRY: usize = 2;
