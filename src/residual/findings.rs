@@ -186,12 +186,12 @@ fn finer(data: &Data, spec: &Spec) -> f64 {
     }
     let (mut stage, _) = spec.stage(data);
     let mut trial = spec.clone();
-    // The lag keeps its size in OP units while f moves.
-    let lag = spec.element.lag * centre;
+    // The lag and the stem's place at the start keep their size in OP units while f moves.
+    let (lag, rest) = (spec.element.lag * centre, spec.element.rest * centre);
     let mut rated: Vec<(f64, f64)> = Vec::new();
     for i in -FINER..=FINER {
         let f = centre * (1.0 + 0.1 * f64::from(i) / f64::from(FINER));
-        trial.element = Element { f, lag: (lag / f).min(1.0), ..spec.element };
+        trial.element = Element { f, lag: (lag / f).min(1.0), rest: (rest / f).min(1.0), ..spec.element };
         trial.restage(data, &mut stage);
         let mut e = Vec::new();
         errors(data, &stage, trial.orders, &trial.linear, &mut e);
@@ -211,7 +211,8 @@ pub fn interval(data: &Data, spec: &Spec) -> [f64; 2] {
     let f = spec.element.f;
     let mut rated = Vec::new();
     for i in -INTERVAL..=INTERVAL {
-        trial.element.f = f * (1.0 + 0.8 * f64::from(i) / f64::from(INTERVAL));
+        let other = f * (1.0 + 0.8 * f64::from(i) / f64::from(INTERVAL));
+        trial.element = Element { f: other, rest: (spec.element.rest * f / other).min(1.0), ..spec.element };
         trial.restage(data, &mut stage);
         rated.push((trial.element.f, Quick::long_arx(data, &stage, spec.orders.nk).loss));
     }

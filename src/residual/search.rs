@@ -18,6 +18,8 @@ use crate::diagnosis::friction::reversals;
 const FREEDOM: f64 = 3.0;
 /// Rounds of dynamics, then element.
 const ROUNDS: usize = 3;
+/// Passes over an element's numbers in a round.
+const MOST_PASSES: usize = 20;
 /// Lags of y and of z in the ARX; those of z a multiple of four.
 const LAGS: (usize, usize) = (10, 8);
 /// Samples rated at a time.
@@ -58,7 +60,11 @@ pub fn settle(
         if reach == Reach::Wide && round == 0 {
             held.sweep(&mut found);
         }
-        while held.improve(&mut found, ABOUT[round.min(1)]) {}
+        for _ in 0..MOST_PASSES {
+            if !held.improve(&mut found, ABOUT[round.min(1)]) {
+                break;
+            }
+        }
         if (found.element, found.value) == at {
             break;
         }

@@ -53,15 +53,17 @@ export class Board {
   layout() {
     const count = this.place?.size ?? 0, size = count <= 30 ? "large" : count <= 300 ? "middle" : "small";
     const width = this.element.clientWidth;
-    if (width !== this.width || innerHeight !== this.height || size !== this.element.dataset.size) {
+    // On a phone the height changes with every scroll that hides the address bar, and nothing depends on it.
+    const height = innerWidth >= WALL ? innerHeight : 0;
+    if (width !== this.width || height !== this.height || size !== this.element.dataset.size) {
       this.width = width;
-      this.height = innerHeight;
+      this.height = height;
       this.element.dataset.size = size;
       const rem = parseFloat(getComputedStyle(document.documentElement).fontSize), scale = size === "large" ? this.scale(rem) : 1;
-      const [least, height, gap] = SIZES[size].map((value) => value * rem * scale);
+      const [least, tall, gap] = SIZES[size].map((value) => value * rem * scale);
       const phone = innerWidth <= PHONE ? (size === "small" ? 3 : 2) : 1;
       this.columns = Math.max(phone, Math.floor((width + gap) / (least + gap)));
-      this.step = Math.round(height + gap);
+      this.step = Math.round(tall + gap);
       this.element.style.setProperty("--columns", this.columns);
       this.element.style.setProperty("--scale", scale);
       this.element.style.setProperty("--row", `${this.step - gap}px`);
