@@ -118,9 +118,9 @@ impl<'a> Scan<'a> {
 }
 
 /// Kinds of valve whose best is polished.
-const LIKELY: usize = 3;
+const LIKELY: usize = 2;
 /// Turns of the close search.
-const TURNS: usize = 3;
+const TURNS: usize = 2;
 
 /// Valves tried in a scan: lag, resume threshold, slips. J = S of the one-parameter element, Choudhury's and He's for
 /// some J, and lags that make up for what the model lacks.
@@ -193,7 +193,7 @@ impl Scan<'_> {
 
     /// Sought closely, by turns with the lag and the kind of valve: dynamics that are held hold on to those.
     fn settle(&mut self, found: &mut (f64, Element), mut reach: Reach) {
-        for _ in 0..TURNS {
+        for _ in 0..if reach == Reach::Wide { TURNS } else { 1 } {
             let (settled, _) = settle(self.data, &self.trial, found.1, None, reach);
             let Some(loss) = self.rate(settled) else { return };
             let lags = |c: Element, step: f64| {

@@ -19,7 +19,7 @@ const FREEDOM: f64 = 3.0;
 /// Rounds of dynamics, then element.
 const ROUNDS: usize = 3;
 /// Passes over an element's numbers in a round.
-const MOST_PASSES: usize = 20;
+const MOST_PASSES: usize = 4;
 /// Lags of y and of z in the ARX; those of z a multiple of four.
 const LAGS: (usize, usize) = (10, 8);
 /// Samples rated at a time.
@@ -27,7 +27,7 @@ const BLOCK: usize = 128;
 /// Bound of a knob that is part of the element.
 const MOST_VALUE: f64 = 0.95;
 /// Range of f that is swept for every kind of valve, as `ln`, and values to each side.
-const SWEEP: (f64, i32) = (0.4, 20);
+const SWEEP: (f64, i32) = (0.4, 16);
 /// The same of f about its value, as shares, in the first round and later, and to its last digit.
 const ABOUT: [f64; 2] = [0.12, 0.03];
 const FINE: f64 = 0.004;
@@ -39,7 +39,7 @@ const STEPS: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 pub enum Reach {
     /// Any kind of valve, f within half and one and a half times as much.
     Wide,
-    /// About the element there is.
+    /// About the element there is, once.
     Near,
 }
 
@@ -53,7 +53,7 @@ pub fn settle(
     reach: Reach,
 ) -> (Element, Option<f64>) {
     let mut at = (element, value);
-    for round in 0..ROUNDS {
+    for round in 0..if reach == Reach::Wide { ROUNDS } else { 1 } {
         let mut held = Held::new(data, spec, at.0, at.1);
         let Some(loss) = held.rate(at.0, at.1, f64::INFINITY) else { return at };
         let mut found = Found { loss, element: at.0, value: at.1 };

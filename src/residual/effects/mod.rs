@@ -137,7 +137,7 @@ impl Context<'_> {
         }
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
         rated.truncate(most);
-        for best in &mut rated {
+        for best in rated.iter_mut().take(1) {
             let (element, value) = settle(self.data, &trial, best.1, Some(best.2), Reach::Near);
             let value = value.unwrap_or(best.2);
             *best = (rate(element, value), element, value);
