@@ -157,7 +157,8 @@ impl Board {
         let RestoredAlarm { id, saved, by, comment, detail } = kept;
         let touched = self.alarms.get(&id).is_some_and(|own| !own.alarm.is_blank());
         if self.has(&id) && !touched {
-            let follows = saved.flags.suppressed;
+            // What the configuration suppressed is for the configuration in force to say.
+            let follows = saved.flags.suppressed && matches!(id.kind, Kind::TagBad | Kind::NotIdentifiable);
             let alarm = Alarm::restored(id.kind, &self.config, saved);
             let said = Said { by, comment };
             self.alarms.insert(id, Standing { alarm, said, detail, grouped: false, follows });
