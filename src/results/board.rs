@@ -143,7 +143,19 @@ impl Board {
             return;
         }
         let Some(own) = self.alarms.get_mut(&kept.id).filter(|own| !own.alarm.is_blank()) else {
-            return self.restore(kept);
+            let id = kept.id.clone();
+            self.restore(kept);
+            // One that is blank may wait to be written too, and must not take the place of this.
+            news.kept.extend(self.alarms.get(&id).map(|own| KeptAlarm {
+                id,
+                saved: own.alarm.saved(),
+                transitions: Vec::new(),
+                acted: false,
+                by: own.said.by.clone(),
+                comment: own.said.comment.clone(),
+                detail: own.detail.clone(),
+            }));
+            return;
         };
         if own.said == Said::default() {
             own.said = Said { by: kept.by, comment: kept.comment };
