@@ -84,7 +84,9 @@ pub(super) trait Writes: Send + Debug {
     fn found(&mut self) -> Option<Found> {
         None
     }
-    fn merged(&mut self) {}
+    fn merged(&mut self) -> Result<(), StoreError> {
+        Ok(())
+    }
     fn disconnect(&mut self) {}
 }
 
@@ -186,9 +188,12 @@ impl Store {
         self.0.found()
     }
 
-    /// What was found is part of what has been written since.
-    pub fn merged(&mut self) {
-        self.0.merged();
+    /// What was found is part of what has been written since, and is not found again.
+    ///
+    /// # Errors
+    /// [`StoreError`]; then it is found again.
+    pub fn merged(&mut self) -> Result<(), StoreError> {
+        self.0.merged()
     }
 
     /// Leaves a database elsewhere until it is needed: its connection is not to be dropped by another kind of thread.

@@ -240,10 +240,8 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
             let (samples, rows) = (batch.samples() as u64, batch.rows.len() as u64);
             let written = if batch.is_empty() { Ok(()) } else { write(store, batch, now) };
             let more = written.is_ok() && self.feed.settled();
-            if merging && written.is_ok() && !more {
-                store.merged();
-            }
-            let done = written.and_then(|()| tidy(store, now));
+            let merged = written.and_then(|()| if merging && !more { store.merged() } else { Ok(()) });
+            let done = merged.and_then(|()| tidy(store, now));
             match done {
                 Ok(()) => self.worked(samples, rows, now),
                 Err(error) => {

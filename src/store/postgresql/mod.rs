@@ -187,7 +187,7 @@ impl Store {
         let Some(link) = &mut self.link else { return Ok(false) };
         let part = self.spool.part()?;
         let happened = matches!(part, Some(Part::Diagnoses(_) | Part::Transitions(_)));
-        if !happened && !self.unknown.settle(&mut self.spool)? {
+        if !happened && !self.unknown.settle() {
             return Ok(false);
         }
         let Some(part) = part else {
@@ -301,8 +301,8 @@ impl Writes for Store {
         self.unknown.tell()
     }
 
-    fn merged(&mut self) {
-        self.unknown.merged();
+    fn merged(&mut self) -> Result<(), StoreError> {
+        self.unknown.merged(&mut self.spool)
     }
 
     fn disconnect(&mut self) {
