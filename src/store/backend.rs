@@ -6,7 +6,7 @@ use super::{
     codec, embedded, postgresql,
 };
 use crate::signal::Sample;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Debug;
 use std::path::Path;
 
@@ -120,9 +120,21 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub fn open(config: &Config) -> Result<Self, StoreError> {
+        Self::opened(config, true)
+    }
+
+    /// As [`Store::open`], for who does not read it after that: what a database elsewhere has and is not known here is found.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn reopen(config: &Config) -> Result<Self, StoreError> {
+        Self::opened(config, false)
+    }
+
+    fn opened(config: &Config, is_read: bool) -> Result<Self, StoreError> {
         Ok(Self(match config.url {
             None => Box::new(embedded::Store::open(config)?),
-            Some(_) => Box::new(postgresql::Store::open(config)?),
+            Some(_) => Box::new(postgresql::Store::open(config, is_read)?),
         }))
     }
 
@@ -358,6 +370,16 @@ impl Reader {
             None => self.main.alarm(control_loop, kind),
             waits => Ok(waits),
         }
+    }
+
+    /// The state of every alarm, and the present version of every model.
+    pub fn states(&self) -> Result<Found, StoreError> {
+        let alarms = self.alarms()?;
+        let tagged = self.tags()?.into_iter().map(|tag| tag.name.control_loop);
+        let loops: BTreeSet<String> =
+            tagged.chain(alarms.iter().map(|row| row.control_loop.clone())).collect();
+        let models = loops.iter().map(|own| self.model(own)).collect::<Result<Vec<_>, _>>()?;
+        Ok(Found { models: models.into_iter().flatten().collect(), alarms })
     }
 
     /// The last `limit` things that happened to alarms, oldest first.
