@@ -172,23 +172,25 @@ impl Keeping {
     fn give_back(&self, history: &History, results: &Results) {
         let Some(config) = &self.config else { return };
         let began = Instant::now();
+        // Samples last: a database that goes away meanwhile is more likely to do so while they are read.
         let given = Reader::at_hand(config).and_then(|mut reader| {
+            let loops = restore(&reader, history, results)?;
             let samples = refill(&mut reader, history, Reader::together(config))?;
-            let mut loops = 0;
-            for own in history.loops() {
-                let kept = remembered(&reader, &own.id, results.room())?;
-                loops += usize::from(!kept.summaries.is_empty());
-                results.restore(&own.id, kept);
-            }
-            results.restore_alarms(remembered_alarms(reader.alarms()?), remembered_changes(&reader)?);
             Ok((samples, loops, reader.damaged()))
         });
+        if given.is_err() && config.url.is_some() {
+            // Who opened the store is taken to know what the database has, which is remembered in the folder.
+            let known = Reader::open(&config.folder).and_then(|spool| restore(&spool, history, results));
+            if let Err(error) = known {
+                tracing::error!(%error, "nothing is known of alarms and models of before");
+            }
+        }
         let took_s = began.elapsed().as_secs_f64();
         match given {
             Ok((samples, loops, damaged)) => {
                 tracing::info!(samples, loops, damaged, took_s, "store: history is back");
             }
-            Err(error) => tracing::error!(%error, "the store cannot be read: history begins empty"),
+            Err(error) => tracing::error!(%error, "the store cannot be read: history is not complete"),
         }
     }
 
@@ -217,6 +219,18 @@ impl Keeping {
         }
         taps.extend(old.into_iter().filter(|tap| tap.retired.load(Relaxed)));
     }
+}
+
+/// Gives back what was kept of alarms and loops; of how many loops there was anything.
+fn restore(reader: &Reader, history: &History, results: &Results) -> Result<usize, StoreError> {
+    results.restore_alarms(remembered_alarms(reader.alarms()?), remembered_changes(reader)?);
+    let mut loops = 0;
+    for own in history.loops() {
+        let kept = remembered(reader, &own.id, results.room())?;
+        loops += usize::from(!kept.summaries.is_empty());
+        results.restore(&own.id, kept);
+    }
+    Ok(loops)
 }
 
 /// Takes what a database has that was away at the start, and was not known here, into what there is.

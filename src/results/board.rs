@@ -143,7 +143,19 @@ impl Board {
             return;
         }
         let Some(own) = self.alarms.get_mut(&kept.id).filter(|own| !own.alarm.is_blank()) else {
-            return self.restore(kept);
+            let id = kept.id.clone();
+            self.restore(kept);
+            // One that is blank may wait to be written too, and must not take the place of this.
+            news.kept.extend(self.alarms.get(&id).map(|own| KeptAlarm {
+                id,
+                saved: own.alarm.saved(),
+                transitions: Vec::new(),
+                acted: false,
+                by: own.said.by.clone(),
+                comment: own.said.comment.clone(),
+                detail: own.detail.clone(),
+            }));
+            return;
         };
         if own.said == Said::default() {
             own.said = Said { by: kept.by, comment: kept.comment };
@@ -157,7 +169,8 @@ impl Board {
         let RestoredAlarm { id, saved, by, comment, detail } = kept;
         let touched = self.alarms.get(&id).is_some_and(|own| !own.alarm.is_blank());
         if self.has(&id) && !touched {
-            let follows = saved.flags.suppressed;
+            // What the configuration suppressed is for the configuration in force to say.
+            let follows = saved.flags.suppressed && matches!(id.kind, Kind::TagBad | Kind::NotIdentifiable);
             let alarm = Alarm::restored(id.kind, &self.config, saved);
             let said = Said { by, comment };
             self.alarms.insert(id, Standing { alarm, said, detail, grouped: false, follows });

@@ -164,7 +164,10 @@ impl Results {
             *own = left;
             return;
         }
-        own.version = own.version.max(left.version) + 1;
+        if own.version > left.version {
+            return;
+        }
+        own.version = left.version + 1;
         self.keep(None, Some((id.clone(), own.clone())), Vec::new());
     }
 }

@@ -135,7 +135,11 @@ fn what_was_before_a_start_that_did_not_know_it_is_merged_into_what_is_there() {
     now.merge_alarms(vec![kept.clone()], 10.0);
     let known = now.get(&id(), 10.0).expect("A is there");
     assert_eq!((known.model.version, known.alarm.state), (4, State::Acknowledged));
-    assert!(changes.lock().expect("no panic").is_empty());
+    // What may wait of it from when it was not known is replaced.
+    let mut written = std::mem::take(&mut *changes.lock().expect("no panic"));
+    let written = written.pop().filter(|_| written.is_empty()).expect("one change").alarms;
+    assert_eq!((written.len(), &written[0].saved, written[0].acted), (1, &kept.saved, false));
+    assert!(written[0].transitions.is_empty() && now.alarm_log().is_empty());
 
     // It was raised anew: that is one and the same, and somebody has seen it.
     let now = results(9);
@@ -143,7 +147,10 @@ fn what_was_before_a_start_that_did_not_know_it_is_merged_into_what_is_there() {
     now.record(sticky(12.0));
     let heard = changes.clone();
     now.keep_with(Arc::new(move |change| heard.lock().expect("no panic").push(change)));
-    now.merge_model(&id(), ModelVersion { effects: vec![(crate::residual::Kind::ALL[0], None)], ..model });
+    let other = ModelVersion { effects: vec![(crate::residual::Kind::ALL[0], None)], ..model };
+    now.merge_model(&id(), other.clone());
+    // Found once more, it is older than what there is.
+    now.merge_model(&id(), other);
     now.merge_alarms(vec![kept.clone()], 13.0);
     now.restore(&id(), runs.clone());
     let known = now.get(&id(), 14.0).expect("A is there");
@@ -160,6 +167,50 @@ fn what_was_before_a_start_that_did_not_know_it_is_merged_into_what_is_there() {
     let told = &kept[1].alarms[0].transitions[0];
     assert_eq!((told.from, told.to), (State::Unacknowledged, State::Acknowledged));
     assert_eq!((told.cause, kept[1].alarms[0].by.as_deref()), (alarm::Cause::Restored, Some("kim")));
+}
+
+#[test]
+fn an_alarm_that_the_configuration_suppressed_speaks_again_after_a_restart_without_that() {
+    let bad = AlarmId::new(id(), Kind::TagBad);
+    let design = alarm::Config {
+        suppressed: vec!["A/stiction".into(), "A/tag_bad".into()],
+        ..alarm::Config::default()
+    };
+    let (old, changes) = (Results::new(&[id()], 9, &design), Arc::<Mutex<Vec<Change>>>::default());
+    let heard = changes.clone();
+    old.keep_with(Arc::new(move |change| heard.lock().expect("no panic").push(change)));
+    old.apply_design(0.0);
+    for t in 1..=2 {
+        old.record(sticky(f64::from(t)));
+    }
+    assert_eq!(old.alarm(&stiction(), 3.0).expect("A is there").state, State::SuppressedByDesign);
+    let kept = std::mem::take(&mut *changes.lock().expect("no panic"));
+    let kept = || {
+        let all = kept.iter().flat_map(|change| &change.alarms).map(|own| (own.id.clone(), own.clone()));
+        let last: std::collections::BTreeMap<AlarmId, KeptAlarm> = all.collect();
+        let restored = |own: KeptAlarm| {
+            let KeptAlarm { id, saved, by, comment, detail, .. } = own;
+            RestoredAlarm { id, saved, by, comment, detail }
+        };
+        last.into_values().map(restored).collect::<Vec<_>>()
+    };
+    let of = |results: &Results, id: &AlarmId| results.alarm(id, 5.0).expect("A is there").state;
+    let (restarted, without) = (results(9), results(9));
+    restarted.restore_alarms(kept(), Vec::new());
+    restarted.apply_design(4.0);
+    without.merge_alarms(kept(), 4.0);
+    for new in [&restarted, &without] {
+        assert_eq!(of(new, &stiction()), State::Unacknowledged);
+        // What follows from a collector that was down is for the next look at it to say.
+        assert_eq!(of(new, &bad), State::SuppressedByDesign);
+        let tags = TagsSeen { id: id(), bad: None, devices: Vec::new() };
+        new.watch(Vec::new(), vec![tags], 5.0);
+        assert_eq!(of(new, &bad), State::Normal);
+    }
+    let same = Results::new(&[id()], 9, &design);
+    same.restore_alarms(kept(), Vec::new());
+    same.apply_design(4.0);
+    assert_eq!(of(&same, &stiction()), State::SuppressedByDesign);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use super::{
     codec, embedded, postgresql,
 };
 use crate::signal::Sample;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Debug;
 use std::path::Path;
 
@@ -84,7 +84,9 @@ pub(super) trait Writes: Send + Debug {
     fn found(&mut self) -> Option<Found> {
         None
     }
-    fn merged(&mut self) {}
+    fn merged(&mut self) -> Result<(), StoreError> {
+        Ok(())
+    }
     fn disconnect(&mut self) {}
 }
 
@@ -118,9 +120,21 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub fn open(config: &Config) -> Result<Self, StoreError> {
+        Self::opened(config, true)
+    }
+
+    /// As [`Store::open`], for who does not read it after that: what a database elsewhere has and is not known here is found.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn reopen(config: &Config) -> Result<Self, StoreError> {
+        Self::opened(config, false)
+    }
+
+    fn opened(config: &Config, is_read: bool) -> Result<Self, StoreError> {
         Ok(Self(match config.url {
             None => Box::new(embedded::Store::open(config)?),
-            Some(_) => Box::new(postgresql::Store::open(config)?),
+            Some(_) => Box::new(postgresql::Store::open(config, is_read)?),
         }))
     }
 
@@ -186,9 +200,12 @@ impl Store {
         self.0.found()
     }
 
-    /// What was found is part of what has been written since.
-    pub fn merged(&mut self) {
-        self.0.merged();
+    /// What was found is part of what has been written since, and is not found again.
+    ///
+    /// # Errors
+    /// [`StoreError`]; then it is found again.
+    pub fn merged(&mut self) -> Result<(), StoreError> {
+        self.0.merged()
     }
 
     /// Leaves a database elsewhere until it is needed: its connection is not to be dropped by another kind of thread.
@@ -353,6 +370,16 @@ impl Reader {
             None => self.main.alarm(control_loop, kind),
             waits => Ok(waits),
         }
+    }
+
+    /// The state of every alarm, and the present version of every model.
+    pub fn states(&self) -> Result<Found, StoreError> {
+        let alarms = self.alarms()?;
+        let tagged = self.tags()?.into_iter().map(|tag| tag.name.control_loop);
+        let loops: BTreeSet<String> =
+            tagged.chain(alarms.iter().map(|row| row.control_loop.clone())).collect();
+        let models = loops.iter().map(|own| self.model(own)).collect::<Result<Vec<_>, _>>()?;
+        Ok(Found { models: models.into_iter().flatten().collect(), alarms })
     }
 
     /// The last `limit` things that happened to alarms, oldest first.

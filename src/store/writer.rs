@@ -1,7 +1,7 @@
 //! The one thread that writes. It asks for what is new at a steady pace, makes it durable, tidies up, and when the store
 //! fails tries again, from a fresh opening, until it works: nobody else ever waits for the disk.
 
-use super::{Batch, Config, Found, Spool, Store, StoreError, Usage};
+use super::{Batch, Config, Found, Reader, Spool, Store, StoreError, Usage};
 use std::collections::VecDeque;
 use std::io;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -107,6 +107,7 @@ impl Writer {
             pause: PAUSES.0,
             looked: None,
             counted: (0, 0),
+            unread: opened.is_err(),
         };
         match opened {
             Ok(store) => round.take_on(store),
@@ -182,6 +183,8 @@ struct Round<F, N> {
     looked: Option<Instant>,
     /// Refused and damaged in stores that were open before.
     counted: (u64, u64),
+    /// Nobody could read at the start what is there.
+    unread: bool,
 }
 
 impl<F: Feed, N: Fn() -> f64> Round<F, N> {
@@ -213,14 +216,11 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
     /// Writes until nothing is left; false when the store fails.
     fn write_all(&mut self) -> bool {
         self.feed.gather();
-        if self.store.is_none() {
-            match Store::open(&self.config) {
-                Ok(store) => self.take_on(store),
-                Err(error) => {
-                    self.failed(&error);
-                    return false;
-                }
-            }
+        if self.store.is_none()
+            && let Err(error) = self.reopen()
+        {
+            self.failed(&error);
+            return false;
         }
         let mut merging = false;
         while let Some(store) = &mut self.store {
@@ -240,10 +240,8 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
             let (samples, rows) = (batch.samples() as u64, batch.rows.len() as u64);
             let written = if batch.is_empty() { Ok(()) } else { write(store, batch, now) };
             let more = written.is_ok() && self.feed.settled();
-            if merging && written.is_ok() && !more {
-                store.merged();
-            }
-            let done = written.and_then(|()| tidy(store, now));
+            let merged = written.and_then(|()| if merging && !more { store.merged() } else { Ok(()) });
+            let done = merged.and_then(|()| tidy(store, now));
             match done {
                 Ok(()) => self.worked(samples, rows, now),
                 Err(error) => {
@@ -256,6 +254,19 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
             }
         }
         false
+    }
+
+    /// Nothing is written before what is there has been read: it would be replaced by what was made without it.
+    fn reopen(&mut self) -> Result<(), StoreError> {
+        let store = Store::reopen(&self.config)?;
+        if self.unread {
+            let found = Reader::at_hand(&self.config)?.states()?;
+            self.feed.merge(found);
+            self.feed.gather();
+            self.unread = false;
+        }
+        self.take_on(store);
+        Ok(())
     }
 
     fn insert_all(&mut self) {
@@ -348,4 +359,66 @@ fn tidy(store: &mut Store, now: f64) -> Result<(), StoreError> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::embedded::tests::Folder;
+    use crate::store::{AlarmRow, ModelRow, Row};
+
+    /// Remembers what it is to merge, and has nothing to write.
+    #[derive(Default)]
+    struct Merging(Batch, Arc<Mutex<Vec<Found>>>);
+
+    impl Feed for Merging {
+        fn gather(&mut self) {}
+        fn take(&mut self) -> &Batch {
+            &self.0
+        }
+        fn settled(&mut self) -> bool {
+            false
+        }
+        fn set_back(&mut self) -> bool {
+            false
+        }
+        fn merge(&mut self, found: Found) {
+            self.1.lock().expect("no panic").push(found);
+        }
+    }
+
+    #[test]
+    fn what_could_not_be_read_at_the_start_is_merged_once_the_store_works() {
+        let folder = Folder::new();
+        let config = Config::new(&folder.0);
+        let alarm = AlarmRow {
+            control_loop: "A".into(),
+            kind: "stiction".into(),
+            acknowledged: true,
+            ..AlarmRow::default()
+        };
+        let model = |version| ModelRow { control_loop: "A".into(), version, ..ModelRow::default() };
+        let mut other = Store::open(&config).expect("opens");
+        let rows = vec![Row::Alarm(alarm.clone()), Row::Model(model(1)), Row::Model(model(2))];
+        other.write(&Batch { series: Vec::new(), rows }).expect("writes");
+        let patience = Duration::from_secs(60);
+        let merged = Arc::<Mutex<Vec<Found>>>::default();
+        let feed = Merging(Batch::default(), merged.clone());
+        let writer = Writer::start(&config, Store::open(&config), feed, || 1.0).expect("a thread");
+        assert!(!writer.flush(patience) && merged.lock().expect("no panic").is_empty(), "in use");
+        drop(other);
+        assert!(writer.flush(patience) && writer.flush(patience), "{:?}", writer.status());
+        writer.stop();
+        let found = Found { models: vec![model(2)], alarms: vec![alarm] };
+        assert_eq!(*merged.lock().expect("no panic"), [found], "once");
+
+        // Who has read it has it.
+        let opened = Store::open(&config);
+        let merged = Arc::<Mutex<Vec<Found>>>::default();
+        let writer = Writer::start(&config, opened, Merging(Batch::default(), merged.clone()), || 1.0)
+            .expect("a thread");
+        assert!(writer.flush(patience));
+        writer.stop();
+        assert!(merged.lock().expect("no panic").is_empty());
+    }
 }

@@ -33,7 +33,8 @@ pub(super) struct Client {
 
 /// What waits for an answer.
 struct Asking {
-    runtime: Runtime,
+    /// `None` while it is dropped.
+    runtime: Option<Runtime>,
     /// Longest wait for an answer.
     patience: Duration,
     /// An answer did not come: whatever comes now belongs to another question.
@@ -47,17 +48,36 @@ impl fmt::Debug for Client {
 }
 
 impl Asking {
+    fn new(patience: Duration) -> Result<Self, StoreError> {
+        let none = |error: io::Error| StoreError::Away(format!("there is nothing to connect with: {error}"));
+        let runtime = Builder::new_current_thread().enable_all().build().map_err(none)?;
+        Ok(Self { runtime: Some(runtime), patience, silent: Cell::new(false) })
+    }
+
+    fn runtime(&self) -> Result<&Runtime, StoreError> {
+        self.runtime.as_ref().ok_or_else(gone)
+    }
+
     fn ask<T>(&self, answer: impl Future<Output = Result<T, Error>>) -> Result<T, StoreError> {
         if self.silent.get() {
             return Err(gone());
         }
         let bounded = async { tokio::time::timeout(self.patience, answer).await };
-        match self.runtime.block_on(bounded) {
+        match self.runtime()?.block_on(bounded) {
             Ok(answered) => Ok(answered?),
             Err(_) => {
                 self.silent.set(true);
                 Err(StoreError::Away(format!("no answer for {} s", self.patience.as_secs())))
             }
+        }
+    }
+}
+
+impl Drop for Asking {
+    fn drop(&mut self) {
+        // Who looks a name up may hang for as long as it takes, and nobody waits for what was given up.
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
         }
     }
 }
@@ -80,15 +100,13 @@ impl Client {
         T: MakeTlsConnect<Socket>,
         T::Stream: Send + 'static,
     {
-        let none = |error: io::Error| StoreError::Away(format!("there is nothing to connect with: {error}"));
-        let runtime = Builder::new_current_thread().enable_all().build().map_err(none)?;
+        let asking = Asking::new(patience)?;
         let connecting = async { tokio::time::timeout(CONNECT, options.connect(tls)).await };
         let silent = |_| StoreError::Away(format!("no answer within {} s of connecting", CONNECT.as_secs()));
         let refused = |error: Error| StoreError::Away(super::said(&error));
-        let (inner, connection) = runtime.block_on(connecting).map_err(silent)?.map_err(refused)?;
+        let (inner, connection) = asking.runtime()?.block_on(connecting).map_err(silent)?.map_err(refused)?;
         // What it fails with is told to whoever asks next.
-        let driver = runtime.spawn(async move { drop(connection.await) });
-        let asking = Asking { runtime, patience, silent: Cell::new(false) };
+        let driver = asking.runtime()?.spawn(async move { drop(connection.await) });
         let mut client = Self { asking, inner: Some(inner), driver: Some(driver) };
         client.set_patience(patience)?;
         Ok(client)
@@ -116,9 +134,11 @@ impl Client {
 impl Drop for Client {
     fn drop(&mut self) {
         drop(self.inner.take());
-        if let Some(driver) = self.driver.take().filter(|_| !self.asking.silent.get()) {
+        if let Some(driver) = self.driver.take().filter(|_| !self.asking.silent.get())
+            && let Ok(runtime) = self.asking.runtime()
+        {
             let farewell = async { tokio::time::timeout(FAREWELL, driver).await };
-            drop(self.asking.runtime.block_on(farewell));
+            drop(runtime.block_on(farewell));
         }
     }
 }
@@ -195,5 +215,31 @@ impl Ask for Transaction<'_> {
 
     fn query_one<S: ?Sized + ToStatement>(&mut self, sql: &S, values: Values<'_>) -> Result<Row, StoreError> {
         self.asking.ask(self.inner.query_one(sql, values))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc::channel;
+
+    #[test]
+    fn whoever_gives_up_does_not_wait_for_a_name_that_is_still_looked_up() {
+        let asking = Asking::new(Duration::from_secs(1)).expect("a runtime");
+        let ((end, ended), (begin, begun)) = (channel::<()>(), channel());
+        // A lookup is such a task: it blocks a thread and nothing ends it.
+        asking.runtime().expect("there").spawn_blocking(move || {
+            begin.send(()).expect("waited for");
+            ended.recv()
+        });
+        begun.recv().expect("it begins");
+        let (tell, told) = channel();
+        std::thread::spawn(move || {
+            drop(asking);
+            tell.send(())
+        });
+        let waited = told.recv_timeout(Duration::from_secs(10));
+        drop(end);
+        waited.expect("dropped while the lookup hangs");
     }
 }

@@ -56,11 +56,12 @@ pub(super) struct Store {
 }
 
 impl Store {
-    /// Opens the spool, and connects. A database that is away is no error.
+    /// Opens the spool, and connects. A database that is away is no error. What it has is known to who reads it then, as
+    /// `is_read` says, and to nobody else.
     ///
     /// # Errors
     /// [`StoreError`] of the spool; [`StoreError::TooNew`] and [`StoreError::Foreign`] of the database.
-    pub fn open(config: &Config) -> Result<Self, StoreError> {
+    pub fn open(config: &Config, is_read: bool) -> Result<Self, StoreError> {
         let spooled = Config {
             url: None,
             max_mb: config.spool_mb,
@@ -86,7 +87,7 @@ impl Store {
             refused: 0,
             delivered: 0,
         };
-        match store.connect(true) {
+        match store.connect(is_read) {
             Err(error @ (StoreError::TooNew(_) | StoreError::Foreign(_))) => return Err(error),
             Err(error) => store.lost(&error),
             Ok(()) => {
@@ -187,7 +188,7 @@ impl Store {
         let Some(link) = &mut self.link else { return Ok(false) };
         let part = self.spool.part()?;
         let happened = matches!(part, Some(Part::Diagnoses(_) | Part::Transitions(_)));
-        if !happened && !self.unknown.settle(&mut self.spool)? {
+        if !happened && !self.unknown.settle() {
             return Ok(false);
         }
         let Some(part) = part else {
@@ -301,8 +302,8 @@ impl Writes for Store {
         self.unknown.tell()
     }
 
-    fn merged(&mut self) {
-        self.unknown.merged();
+    fn merged(&mut self) -> Result<(), StoreError> {
+        self.unknown.merged(&mut self.spool)
     }
 
     fn disconnect(&mut self) {

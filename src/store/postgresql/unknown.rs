@@ -72,6 +72,9 @@ impl Unknown {
         };
         let (waiting, known_alarms) = (alarm_map(waits.alarms), alarm_map(known.alarms));
         let (waiting_models, known_models) = (model_map(waits.models), model_map(known.models));
+        // Merged and not delivered yet: its history may still lack the step from where it was left.
+        let differs = |row: &&AlarmRow| waiting.get(&key(row)).is_some_and(|own| own != *row);
+        self.begun.extend(alarms.iter().filter(differs).map(key));
         let mut news = Found::default();
         let mut ours = Found::default();
         for row in alarms {
@@ -113,18 +116,21 @@ impl Unknown {
         (self.holds() && !std::mem::replace(&mut self.told, true)).then(|| self.found.clone())
     }
 
-    /// It is a part of what waits now.
-    pub fn merged(&mut self) {
+    /// It is a part of what waits now, and known: merged once more it would undo what people do from here on.
+    pub fn merged(&mut self, spool: &mut embedded::Store) -> Result<(), StoreError> {
+        if self.told {
+            spool.know(&self.found.models, &self.found.alarms)?;
+        }
         self.merged = self.told;
+        Ok(())
     }
 
-    /// Everything that happened is delivered: what was found is known, once it is merged. True when nothing is held any more.
-    pub fn settle(&mut self, spool: &mut embedded::Store) -> Result<bool, StoreError> {
-        if self.holds() && self.merged {
-            spool.know(&self.found.models, &self.found.alarms)?;
+    /// Everything that happened is delivered: nothing is held any more, once it is merged. True when nothing is.
+    pub fn settle(&mut self) -> bool {
+        if self.merged {
             self.found = Found::default();
         }
-        Ok(!self.holds())
+        !self.holds()
     }
 
     /// Steps that rows of a part need before them, as [`Row`]s; who delivers them calls [`Unknown::bridged`] then.
