@@ -13,7 +13,7 @@ use stictiond::sim::scenarios::{calibration, random_sound, random_sticky};
 
 /// Timings of each stage, whose median is printed, and runs in each.
 const RUNS: usize = 5;
-const REPEATS: u32 = 25;
+const REPEATS: u32 = 10;
 /// Seeds of each family among which the slowest grid pass is sought.
 const SEEDS: u64 = 40;
 
