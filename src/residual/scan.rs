@@ -179,8 +179,8 @@ const VALVES: [(f64, f64, bool); 10] = [
 /// Friction scanned with the terms in place: the long ARX's loss over f, its lag and its resume threshold; `kept`: from
 /// the model's own kind of valve on.
 ///
-/// Returns the best elements, by increasing loss, each from a different neighbourhood of f.
-pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Vec<Element> {
+/// Returns the best elements, by increasing loss, each of a kind of its own, and whether they promise anything.
+pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> (Vec<Element>, bool) {
     let mut scan = Scan::new(data, spec);
     let step = data.f_top / values as f64;
     let own = spec.element;
@@ -214,7 +214,7 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Vec
     best.dedup_by(|b, a| {
         a.1.slips == b.1.slips && (a.1.resume - b.1.resume).abs() < 0.1 && (a.1.f / b.1.f - 1.0).abs() < 0.01
     });
-    best.into_iter().map(|found| found.1).collect()
+    (best.into_iter().map(|found| found.1).collect(), promising)
 }
 
 impl Scan<'_> {
