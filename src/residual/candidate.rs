@@ -44,11 +44,14 @@ impl Candidate {
 pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize) -> Candidate {
     let mut best = base.clone();
     let known = held_out(data, &base.spec);
-    let kept = kept && base.spec.element.f > 0.0;
-    let mut elements = scan_friction(data, &base.spec, SCAN, kept);
+    let sticky = base.spec.element.f > 0.0;
+    let (mut elements, promising) = scan_friction(data, &base.spec, SCAN, kept && sticky);
     let likely = elements.first().copied().unwrap_or(base.spec.element);
+    if kept && !promising {
+        elements.clear();
+    }
     elements.push(Element { f: 0.0, ..base.spec.element });
-    if base.spec.element.f > 0.0 {
+    if sticky {
         elements.push(Element { lag: 0.4, ..base.spec.element });
     }
     for element in elements {

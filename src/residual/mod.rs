@@ -17,6 +17,7 @@ mod evidence;
 mod filters;
 mod findings;
 mod fit;
+mod lanes;
 mod model;
 mod pose;
 mod regress;

@@ -175,6 +175,10 @@ pub trait Term: Debug + Send + Sync {
     fn element(&self, _element: &mut Element) {}
     /// Changes the stem on its way to the process.
     fn stem(&self, _data: &Data, _z: &mut [f64]) {}
+    /// Whether it does.
+    fn changes_stem(&self) -> bool {
+        false
+    }
     /// Adds shapes.
     fn columns(&self, _data: &Data, _stage: &Stage, _out: &mut Vec<Vec<f64>>) {}
     /// Its numbers and its sentence, with the coefficients of its shapes.

@@ -1,11 +1,12 @@
 //! The scan over friction: the long ARX's loss for many elements, with all products kept that no stem enters.
 
 use super::fit::FLOOR;
+use super::lanes::{LANES, Lane, Run};
 use super::model::{Data, Element, Spec, Stage};
 use super::regress::{LONG_Y, Quick, long_lags};
 use super::search::{Reach, settle};
-use crate::diagnosis::friction::reversals;
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
+use std::array::from_fn;
 
 /// Fewest reversals of the stem in the fitted samples that say anything about f.
 pub const LEAST_REVERSALS: usize = 5;
@@ -26,6 +27,7 @@ pub struct Scan<'a> {
     /// Columns of which the products are kept.
     fixed: usize,
     work: Vec<f64>,
+    stems: Vec<Lane>,
 }
 
 impl<'a> Scan<'a> {
@@ -50,24 +52,59 @@ impl<'a> Scan<'a> {
         let (fixed, power) = (columns.len(), dot(target, target));
         let masked = stage.weight[from..to].contains(&0.0);
         let (trial, work) = (spec.clone(), vec![0.0; MOST_COLUMNS * MOST_COLUMNS]);
-        Self { data, trial, stage, z_lags, masked, gram, right, power, fixed, work }
+        Self { data, trial, stage, z_lags, masked, gram, right, power, fixed, work, stems: Vec::new() }
     }
 
-    /// The long ARX's loss with the element; `None` where the stem hardly reverses.
-    pub fn rate(&mut self, element: Element) -> Option<f64> {
-        self.trial.element = element;
+    /// The long ARX's loss with each element; `None` where the stem hardly reverses.
+    pub fn rate(&mut self, elements: &[Element]) -> Vec<Option<f64>> {
+        elements.chunks(LANES).flat_map(|few| self.rate_few(few).into_iter().take(few.len())).collect()
+    }
+
+    /// The loss without friction.
+    fn sound(&mut self) -> f64 {
         let mut stage = std::mem::take(&mut self.stage);
-        self.trial.restem(self.data, &stage.u[..self.data.split], &mut stage.z, &mut stage.dir);
-        let (from, to) = (self.data.first, self.data.split);
-        let loss = (reversals(&stage.dir[from..to]) >= LEAST_REVERSALS).then(|| {
-            if self.masked {
-                Quick::long_arx(self.data, &stage, self.trial.orders.nk).loss
-            } else {
-                self.loss(&stage)
-            }
-        });
+        stage.z.clear();
+        stage.z.extend_from_slice(&stage.u[..self.data.split]);
+        let loss = self.behind(&mut stage);
         self.stage = stage;
         loss
+    }
+
+    /// As many as go side by side.
+    fn rate_few(&mut self, elements: &[Element]) -> [Option<f64>; LANES] {
+        let Some(&last) = elements.last() else { return [None; LANES] };
+        let (data, to) = (self.data, self.data.split);
+        let full = from_fn(|l| {
+            self.trial.element = elements.get(l).copied().unwrap_or(last);
+            self.trial.full_element()
+        });
+        let mut run = Run::new(&full, data.start, data.first, to);
+        let mut stems = std::mem::take(&mut self.stems);
+        stems.resize(to, [0.0; LANES]);
+        run.go_on(&self.stage.u, to, &mut stems);
+        let turns = run.turns();
+        let mut stage = std::mem::take(&mut self.stage);
+        let losses = from_fn(|l| {
+            if l >= elements.len() || turns[l] < LEAST_REVERSALS as f64 {
+                return None;
+            }
+            stage.z.clear();
+            stage.z.extend(stems.iter().map(|z| z[l]));
+            Some(self.behind(&mut stage))
+        });
+        self.stage = stage;
+        self.stems = stems;
+        losses
+    }
+
+    /// The loss behind a stem, once the terms have changed it.
+    fn behind(&mut self, stage: &mut Stage) -> f64 {
+        self.trial.terms.iter().for_each(|term| term.stem(self.data, &mut stage.z));
+        if self.masked {
+            Quick::long_arx(self.data, stage, self.trial.orders.nk).loss
+        } else {
+            self.loss(stage)
+        }
     }
 
     fn loss(&mut self, stage: &Stage) -> f64 {
@@ -119,6 +156,8 @@ impl<'a> Scan<'a> {
 
 /// Kinds of valve whose best is polished.
 const LIKELY: usize = 2;
+/// Gain of the long ARX over that without friction below which a closer search finds none that is worth its numbers (-).
+const PROMISING: f64 = 10.0;
 /// Turns of the close search.
 const TURNS: usize = 2;
 
@@ -140,8 +179,8 @@ const VALVES: [(f64, f64, bool); 10] = [
 /// Friction scanned with the terms in place: the long ARX's loss over f, its lag and its resume threshold; `kept`: from
 /// the model's own kind of valve on.
 ///
-/// Returns the best elements, by increasing loss, each from a different neighbourhood of f.
-pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Vec<Element> {
+/// Returns the best elements, by increasing loss, each of a kind of its own, and whether they promise anything.
+pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> (Vec<Element>, bool) {
     let mut scan = Scan::new(data, spec);
     let step = data.f_top / values as f64;
     let own = spec.element;
@@ -160,42 +199,38 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Vec
         best.push(scan.better(found, near));
     }
     best.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let promising = own.f > 0.0 || {
+        let rows = (data.split - data.first) as f64;
+        let sound = scan.sound();
+        best.first().is_some_and(|found| rows * (sound / found.0).ln() > PROMISING)
+    };
     let reach = if kept { Reach::Near } else { Reach::Wide };
     best.truncate(if kept { 1 } else { LIKELY });
-    best.iter_mut().for_each(|found| scan.settle(found, reach));
+    if promising {
+        best.iter_mut().for_each(|found| scan.settle(found, reach));
+    }
     best.sort_by(|a, b| a.0.total_cmp(&b.0));
     // Those that came to the same valve are one.
     best.dedup_by(|b, a| {
         a.1.slips == b.1.slips && (a.1.resume - b.1.resume).abs() < 0.1 && (a.1.f / b.1.f - 1.0).abs() < 0.01
     });
-    best.into_iter().map(|found| found.1).collect()
+    (best.into_iter().map(|found| found.1).collect(), promising)
 }
 
 impl Scan<'_> {
     /// The element with the least loss.
     fn least(&mut self, elements: impl Iterator<Item = Element>) -> Option<(f64, Element)> {
-        let mut best: Option<(f64, Element)> = None;
-        for element in elements {
-            if element.f <= 0.0
-                || !(0.0..=1.0).contains(&element.lag)
-                || !(0.0..=1.0).contains(&element.resume)
-            {
-                continue;
-            }
-            if let Some(loss) = self.rate(element)
-                && best.is_none_or(|(least, _)| loss < least)
-            {
-                best = Some((loss, element));
-            }
-        }
-        best
+        let shares = |e: &Element| [e.lag, e.resume].iter().all(|x| (0.0..=1.0).contains(x));
+        let elements: Vec<Element> = elements.filter(|e| e.f > 0.0 && shares(e)).collect();
+        let rated = self.rate(&elements).into_iter().zip(elements);
+        rated.filter_map(|(loss, element)| Some((loss?, element))).min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     /// Sought closely, by turns with the lag and the kind of valve: dynamics that are held hold on to those.
     fn settle(&mut self, found: &mut (f64, Element), mut reach: Reach) {
         for _ in 0..if reach == Reach::Wide { TURNS } else { 1 } {
             let (settled, _) = settle(self.data, &self.trial, found.1, None, reach);
-            let Some(loss) = self.rate(settled) else { return };
+            let Some(loss) = self.rate(&[settled])[0] else { return };
             let lags = |c: Element, step: f64| {
                 (-10..=10).map(move |i| Element { lag: c.lag + step * f64::from(i), ..c })
             };
@@ -241,7 +276,7 @@ mod tests {
             let mut other = spec.clone();
             other.element = element;
             let plain = Quick::long_arx(&data, &other.stage(&data).0, spec.orders.nk).loss;
-            let shared = scan.rate(element).expect("the stem reverses");
+            let shared = scan.rate(&[element])[0].expect("the stem reverses");
             // Products one lag on are sums of other roundings.
             assert!((shared / plain - 1.0).abs() < 1e-8, "{shared} {plain}");
         }

@@ -10,9 +10,10 @@
 //! which costs one pass over the samples each; then the ARX again.
 
 use super::evidence::{Robust, System};
+use super::lanes::{LANES, Lane, Run};
 use super::model::{Data, Element, Spec};
 use super::scan::LEAST_REVERSALS;
-use crate::diagnosis::friction::reversals;
+use std::array::from_fn;
 
 /// Degrees of freedom of the t distribution that the errors are taken to have.
 const FREEDOM: f64 = 3.0;
@@ -24,6 +25,11 @@ const MOST_PASSES: usize = 4;
 const LAGS: (usize, usize) = (10, 8);
 /// Samples rated at a time.
 const BLOCK: usize = 128;
+/// Factors under one logarithm, and the largest that may be: their product stays finite.
+const FACTORS: usize = 16;
+const MOST_FACTOR: f64 = 1e18;
+/// Decrease of the loss that is worth another pass: half of it is a likelihood's.
+const LEAST_LESS: f64 = 0.25;
 /// Bound of a knob that is part of the element.
 const MOST_VALUE: f64 = 0.95;
 /// Range of f that is swept for every kind of valve, as `ln`, and values to each side.
@@ -55,16 +61,12 @@ pub fn settle(
     let mut at = (element, value);
     for round in 0..if reach == Reach::Wide { ROUNDS } else { 1 } {
         let mut held = Held::new(data, spec, at.0, at.1);
-        let Some(loss) = held.rate(at.0, at.1, f64::INFINITY) else { return at };
+        let Some(loss) = held.rate(&[at], f64::INFINITY)[0] else { return at };
         let mut found = Found { loss, element: at.0, value: at.1 };
         if reach == Reach::Wide && round == 0 {
             held.sweep(&mut found);
         }
-        for _ in 0..MOST_PASSES {
-            if !held.improve(&mut found, ABOUT[round.min(1)]) {
-                break;
-            }
-        }
+        held.improve(&mut found, ABOUT[round.min(1)]);
         if (found.element, found.value) == at {
             break;
         }
@@ -72,6 +74,9 @@ pub fn settle(
     }
     at
 }
+
+/// An element on trial, with the value of the term's knob that belongs to it.
+type Tried = (Element, Option<f64>);
 
 /// The best so far.
 #[derive(Clone, Copy)]
@@ -93,8 +98,8 @@ struct Held<'a> {
     left: Vec<f64>,
     counted: Vec<f64>,
     scale: f64,
-    z: Vec<f64>,
-    dir: Vec<f64>,
+    z: Vec<Lane>,
+    alone: Vec<f64>,
 }
 
 impl<'a> Held<'a> {
@@ -109,56 +114,101 @@ impl<'a> Held<'a> {
         let mut u = stage.u;
         u.truncate(data.split);
         let System { nearest, counted, .. } = system;
-        Self { data, trial, u, nearest, b, left, counted, scale, z: Vec::new(), dir: Vec::new() }
+        let z = vec![[0.0; LANES]; data.split];
+        Self { data, trial, u, nearest, b, left, counted, scale, z, alone: Vec::new() }
     }
 
-    /// The loss; `None` where it is no less than `enough`, or where the stem hardly reverses.
-    fn rate(&mut self, element: Element, value: Option<f64>, enough: f64) -> Option<f64> {
+    /// The losses, the last of `tried` in the lanes that are left; `None` where it is no less than `enough`, or where the
+    /// stem hardly reverses.
+    fn rate(&mut self, tried: &[Tried], enough: f64) -> [Option<f64>; LANES] {
         let (from, to) = (self.data.first, self.data.split);
-        self.trial.element = element;
-        set_last(&mut self.trial, value);
-        self.trial.restem(self.data, &self.u, &mut self.z, &mut self.dir);
-        if reversals(&self.dir[from..to]) < LEAST_REVERSALS {
-            return None;
+        let Some(&last) = tried.last() else { return [None; LANES] };
+        let of = |l: usize| tried.get(l).copied().unwrap_or(last);
+        let elements = from_fn(|l| self.put(of(l)).full_element());
+        let mut run = Run::new(&elements, self.data.start, from, to);
+        if self.trial.terms.iter().any(|term| term.changes_stem()) {
+            run.go_on(&self.u, to, &mut self.z);
+            (0..LANES).for_each(|l| self.change_stem(l, of(l)));
         }
         let per = 1.0 / (FREEDOM * self.scale * self.scale);
-        let mut sum = 0.0;
-        let mut e = [0.0; BLOCK];
-        let blocks = self.left.chunks(BLOCK).zip(self.counted.chunks(BLOCK));
-        for (at, (left, counted)) in (from..to).step_by(BLOCK).zip(blocks) {
-            let e = &mut e[..left.len()];
-            e.copy_from_slice(left);
-            // Four lags at a time: what is bound by memory is passed over a quarter as often.
-            for (j, b) in self.b.chunks_exact(4).enumerate() {
-                let lagged = |i: usize| &self.z[at - self.nearest - 4 * j - i..][..left.len()];
-                let (z0, z1, z2, z3) = (lagged(0), lagged(1), lagged(2), lagged(3));
-                for k in 0..e.len() {
-                    e[k] -= b[0] * z0[k] + b[1] * z1[k] + b[2] * z2[k] + b[3] * z3[k];
-                }
-            }
-            for (e, counted) in e.chunks(8).zip(counted.chunks(8)) {
-                // One logarithm for eight: no factor is beyond 1e36.
-                let factors = e.iter().zip(counted).map(|(e, w)| 1.0 + (w * e * e * per).min(1e36));
-                sum += factors.product::<f64>().ln();
-            }
-            if sum >= enough {
-                return None;
+        let mut sums = [0.0; LANES];
+        for at in (from..to).step_by(BLOCK) {
+            let end = (at + BLOCK).min(to);
+            run.go_on(&self.u, end, &mut self.z);
+            self.add(at, end, per, &mut sums);
+            if sums.iter().all(|sum| *sum >= enough) {
+                return [None; LANES];
             }
         }
-        Some(sum)
+        let turns = run.turns();
+        from_fn(|l| (sums[l] < enough && turns[l] >= LEAST_REVERSALS as f64).then_some(sums[l]))
     }
 
-    fn better(&mut self, found: &mut Found, others: impl Iterator<Item = (Element, Option<f64>)>) -> bool {
-        let before = found.loss;
-        for (element, value) in others {
-            let fits = element.f > 0.0
-                && value.is_none_or(|v| v.abs() <= MOST_VALUE)
-                && [element.lag, element.resume, element.rest].iter().all(|x| (0.0..=1.0).contains(x));
-            if fits && let Some(loss) = self.rate(element, value, found.loss) {
-                *found = Found { loss, element, value };
+    /// Adds the loss of the samples from `at` to `end`.
+    fn add(&self, at: usize, end: usize, per: f64, sums: &mut Lane) {
+        let rows = at - self.data.first..end - self.data.first;
+        let (left, counted) = (&self.left[rows.clone()], &self.counted[rows]);
+        let mut e = [[0.0; LANES]; BLOCK];
+        let e = &mut e[..left.len()];
+        e.iter_mut().zip(left).for_each(|(e, left)| *e = [*left; LANES]);
+        // Four lags at a time: what is bound by memory is passed over a quarter as often.
+        for (j, b) in self.b.chunks_exact(4).enumerate() {
+            let lagged = |i: usize| self.z[at - self.nearest - 4 * j - i..][..left.len()].as_flattened();
+            let (z0, z1, z2, z3) = (lagged(0), lagged(1), lagged(2), lagged(3));
+            let e = e.as_flattened_mut();
+            for k in 0..e.len() {
+                e[k] -= b[0] * z0[k] + b[1] * z1[k] + b[2] * z2[k] + b[3] * z3[k];
             }
         }
-        found.loss < before
+        for (e, counted) in e.chunks(FACTORS).zip(counted.chunks(FACTORS)) {
+            let mut product = [1.0; LANES];
+            for (e, counted) in e.iter().zip(counted) {
+                for l in 0..LANES {
+                    product[l] *= 1.0 + (counted * e[l] * e[l] * per).min(MOST_FACTOR);
+                }
+            }
+            sums.iter_mut().zip(product).for_each(|(sum, product)| *sum += product.ln());
+        }
+    }
+
+    fn put(&mut self, (element, value): Tried) -> &Spec {
+        self.trial.element = element;
+        set_last(&mut self.trial, value);
+        &self.trial
+    }
+
+    /// What the terms do to the stem of one lane.
+    fn change_stem(&mut self, l: usize, tried: Tried) {
+        self.alone.clear();
+        self.alone.extend(self.z.iter().map(|z| z[l]));
+        self.put(tried);
+        self.trial.terms.iter().for_each(|term| term.stem(self.data, &mut self.alone));
+        self.z.iter_mut().zip(&self.alone).for_each(|(z, alone)| z[l] = *alone);
+    }
+
+    fn better(&mut self, found: &mut Found, others: impl Iterator<Item = Tried>) {
+        let fits = |(element, value): &Tried| {
+            element.f > 0.0
+                && value.is_none_or(|v| v.abs() <= MOST_VALUE)
+                && [element.lag, element.resume, element.rest].iter().all(|x| (0.0..=1.0).contains(x))
+        };
+        let mut others = others.filter(fits).fuse();
+        loop {
+            let mut tried = [(found.element, found.value); LANES];
+            let mut count = 0;
+            for (slot, other) in tried.iter_mut().zip(&mut others) {
+                *slot = other;
+                count += 1;
+            }
+            for (loss, (element, value)) in self.rate(&tried[..count], found.loss).into_iter().zip(tried) {
+                if let Some(loss) = loss.filter(|loss| *loss < found.loss) {
+                    *found = Found { loss, element, value };
+                }
+            }
+            if count < LANES {
+                return;
+            }
+        }
     }
 
     /// Every kind of valve over a wide range of f.
@@ -174,43 +224,65 @@ impl<'a> Held<'a> {
         }
     }
 
-    /// One number after the other; whether any came out better.
-    fn improve(&mut self, found: &mut Found, width: f64) -> bool {
-        let before = found.loss;
-        self.improve_f(found, width);
-        if let Some(value) = found.value {
-            let c = found.element;
-            let values = (-9..=9).map(|i| 0.1 * f64::from(i));
-            let values = values.chain((-5..=5).map(|i| value + 0.02 * f64::from(i)));
-            let both = values.flat_map(|v| [0.8, 0.9, 1.0, 1.1, 1.25].map(|share| (share, v)));
-            self.better(found, both.map(|(share, v)| (Element { f: c.f * share, ..c }, Some(v))));
+    /// One number after the other, until none comes out better.
+    fn improve(&mut self, found: &mut Found, width: f64) {
+        let numbers = [Self::f_widely, Self::value, Self::place, Self::kind, Self::lag, Self::f_finely];
+        let mut settled = 0;
+        for number in numbers.iter().cycle().take(MOST_PASSES * numbers.len()) {
+            let before = found.loss;
+            number(self, found, width);
+            settled = if found.loss < before - LEAST_LESS { 1 } else { settled + 1 };
+            if settled == numbers.len() {
+                return;
+            }
         }
+    }
+
+    fn f_widely(&mut self, found: &mut Found, width: f64) {
         let Found { element: c, value, .. } = *found;
-        // Where the stem was at the start nothing says.
+        let range = (-20..=20).map(|i| c.f * (1.0 + width * f64::from(i) / 20.0));
+        self.better(found, range.map(|f| (Element { f, ..c }, value)));
+    }
+
+    fn f_finely(&mut self, found: &mut Found, _width: f64) {
+        self.f_widely(found, FINE);
+    }
+
+    /// The knob, with f.
+    fn value(&mut self, found: &mut Found, _width: f64) {
+        let Found { element: c, value: Some(value), .. } = *found else { return };
+        let values = (-9..=9).map(|i| 0.1 * f64::from(i));
+        let values = values.chain((-5..=5).map(|i| value + 0.02 * f64::from(i)));
+        let both = values.flat_map(|v| [0.8, 0.9, 1.0, 1.1, 1.25].map(|share| (share, v)));
+        self.better(found, both.map(|(share, v)| (Element { f: c.f * share, ..c }, Some(v))));
+    }
+
+    /// Where the stem was at the start, which nothing says.
+    fn place(&mut self, found: &mut Found, _width: f64) {
+        let Found { element: c, value, .. } = *found;
         let starts = [false, true].into_iter().flat_map(|turned| (0..=10).map(move |i| (turned, i)));
         let starts = starts.map(|(turned, i)| Element { turned, rest: 0.1 * f64::from(i), ..c });
         self.better(found, starts.map(|element| (element, value)));
-        let c = found.element;
+    }
+
+    fn kind(&mut self, found: &mut Found, _width: f64) {
+        let Found { element: c, value, .. } = *found;
         let kinds =
             [false, true].into_iter().flat_map(|slips| (0..=5).map(move |i| (slips, 0.2 * f64::from(i))));
         let kinds = kinds.flat_map(|(slips, resume)| [c.lag, 1.0 - resume].map(|lag| (slips, resume, lag)));
         let kinds = kinds.map(|(slips, resume, lag)| Element { slips, resume, lag, ..c });
         self.better(found, kinds.map(|element| (element, value)));
-        let c = found.element;
+    }
+
+    /// The lag, and the threshold with it or alone.
+    fn lag(&mut self, found: &mut Found, _width: f64) {
+        let Found { element: c, value, .. } = *found;
         let moves = STEPS
             .into_iter()
             .flat_map(|s| [(s, 0.0), (-s, 0.0), (s, -s), (-s, s), (0.0, s), (0.0, -s)])
             .filter(|(_, threshold)| *threshold == 0.0 || c.resume > 0.0)
             .map(|(lag, resume)| Element { lag: c.lag + lag, resume: c.resume + resume, ..c });
         self.better(found, moves.map(|element| (element, value)));
-        self.improve_f(found, FINE);
-        found.loss < before
-    }
-
-    fn improve_f(&mut self, found: &mut Found, width: f64) {
-        let Found { element: c, value, .. } = *found;
-        let range = (-20..=20).map(|i| c.f * (1.0 + width * f64::from(i) / 20.0));
-        self.better(found, range.map(|f| (Element { f, ..c }, value)));
     }
 }
 
@@ -283,10 +355,12 @@ mod tests {
             }
             plain += (1.0 + e * e / (FREEDOM * held.scale * held.scale)).ln();
         }
-        let loss = held.rate(element, None, f64::INFINITY).expect("the stem reverses");
+        let losses = held.rate(&[(element, None)], f64::INFINITY);
+        let loss = losses[0].expect("the stem reverses");
         // Sums in another order.
         assert!((loss / plain - 1.0).abs() < 1e-9, "{loss} {plain}");
-        assert_eq!(held.rate(element, None, loss), None, "what is no better is given up");
+        assert_eq!(losses, [Some(loss); LANES], "lanes that are left repeat the last");
+        assert_eq!(held.rate(&[(element, None)], loss), [None; LANES], "what is no better is given up");
     }
 
     #[test]
@@ -303,7 +377,7 @@ mod tests {
             let own = Element { f: valve.f / data.scale.u, ..valve };
             let spec = declared(&data, own.f);
             let plain = Element { f: 1.08 * own.f, ..Element::default() };
-            let found = scan_friction(&data, &Spec { element: plain, ..spec.clone() }, 24, false)[0];
+            let found = scan_friction(&data, &Spec { element: plain, ..spec.clone() }, 24, false).0[0];
             let (is, was) = (stem(&data, &spec, found), stem(&data, &spec, own));
             let far =
                 |a: &[f64]| (data.first..data.split).filter(|&k| (a[k] - was[k]).abs() > 0.2 * own.f).count();

@@ -19,8 +19,10 @@ const FINAL: usize = 4;
 /// Gain of the long ARX below which a proposal is not pursued (-).
 const HOPELESS: f64 = -30.0;
 /// Evidence below which another friction does not save an effect, and how far behind the best it is not worth it (-).
-const LOST: f64 = -4.0;
-const FAR_BEHIND: f64 = 50.0;
+const LOST: f64 = 1.0;
+const FAR_BEHIND: f64 = 20.0;
+/// Gain of likelihood for which the model without an effect has its friction sought once more (-).
+const CHANGED: f64 = 1.0;
 /// Structures fitted when the dynamics are estimated once more.
 const REFIT: usize = 16;
 /// Loss, as a share of the declared model's, up to which a structure is as good.
@@ -97,6 +99,10 @@ fn again(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
     minimise(data, &mut spec, true, 8);
     restructure(data, &mut spec, true, 3);
     let likely = base.likely;
+    let rows = (data.split - data.first) as f64;
+    if rows * (base.spec.loss / spec.loss).ln() < CHANGED {
+        return base;
+    }
     let next =
         with_friction(data, Candidate { likely, ..Candidate::new(data, spec, base.paid) }, true, tried);
     if next.aic < base.aic { next } else { base }
@@ -231,14 +237,15 @@ fn step(
     let judge = Judge::new(data, &stage, base.spec.orders.nk);
     let evidence = |c: &Candidate| -> f64 {
         let (stage, counts) = c.spec.stage(data);
+        let numbers = 2.0 * counts.last().map_or(0.0, |n| *n as f64);
+        let gain = judge.gain(data, &stage) - numbers - (c.paid - base.paid);
+        if gain < LOST || c.spec.element == base.spec.element {
+            return gain;
+        }
         // The valve that was found with the effect may be the whole gain.
         let mut valve = base.spec.clone();
         valve.element = c.spec.element;
-        let without = judge.gain(data, &valve.stage(data).0).max(0.0);
-        judge.gain(data, &stage)
-            - without
-            - 2.0 * counts.last().map_or(0.0, |n| *n as f64)
-            - (c.paid - base.paid)
+        gain - judge.gain(data, &valve.stage(data).0).max(0.0)
     };
     let mut proposals: Vec<(f64, Proposal)> = ALL
         .iter()

@@ -41,6 +41,9 @@ impl Term for Change {
             self.more = value;
         }
     }
+    fn changes_stem(&self) -> bool {
+        true
+    }
     fn stem(&self, _data: &Data, z: &mut [f64]) {
         let at = (self.at as usize).min(z.len());
         // The shorter of the two delays is the linear part's own: a longer one can be added, not taken away.

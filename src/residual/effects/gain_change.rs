@@ -41,6 +41,9 @@ impl Term for Change {
     fn set(&mut self, at: usize, value: f64) {
         if at == 0 { self.at = value.round() } else { self.more = value }
     }
+    fn changes_stem(&self) -> bool {
+        true
+    }
     fn stem(&self, _data: &Data, z: &mut [f64]) {
         for z in z.iter_mut().skip(self.at as usize) {
             *z *= 1.0 + self.more;

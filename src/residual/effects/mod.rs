@@ -119,28 +119,27 @@ impl Context<'_> {
         trial.terms.push(term.boxed());
         let last = trial.terms.len() - 1;
         let mut scan = Scan::new(self.data, &trial);
-        let mut rate = |element: Element, value: f64| -> f64 {
+        let mut rate = |elements: &[Element], value: f64| -> Vec<f64> {
             scan.trial.terms[last].set(0, value);
-            scan.rate(element).unwrap_or(f64::INFINITY)
+            scan.rate(elements).into_iter().map(|loss| loss.unwrap_or(f64::INFINITY)).collect()
         };
         let likely = self.likely;
         let mut rated: Vec<(f64, Element, f64)> = Vec::new();
         for &value in values {
             let about = [1.0, 1.0 / (1.0 + value.abs()), 1.0 / (1.0 - 0.5 * value.abs())];
+            let about = about.into_iter().map(|share| share * likely.f);
             let grid = (1..=SCAN).map(|i| self.data.f_top * (f64::from(i) / f64::from(SCAN)).powf(1.5));
-            for f in about.into_iter().map(|share| share * likely.f).chain(grid) {
-                for lag in [0.0, 0.5] {
-                    let element = Element { f, lag, ..likely };
-                    rated.push((rate(element, value), element, value));
-                }
-            }
+            let elements = about.chain(grid).flat_map(|f| [0.0, 0.5].map(|lag| Element { f, lag, ..likely }));
+            let elements: Vec<Element> = elements.collect();
+            let losses = rate(&elements, value);
+            rated.extend(losses.into_iter().zip(elements).map(|(loss, element)| (loss, element, value)));
         }
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
         rated.truncate(most);
         for best in rated.iter_mut().take(1) {
             let (element, value) = settle(self.data, &trial, best.1, Some(best.2), Reach::Near);
             let value = value.unwrap_or(best.2);
-            *best = (rate(element, value), element, value);
+            *best = (rate(&[element], value)[0], element, value);
         }
         let tried = 2.0 * (SCAN * values.len() as u32) as f64;
         rated

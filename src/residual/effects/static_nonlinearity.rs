@@ -30,11 +30,19 @@ impl Term for Curve {
     fn set(&mut self, _at: usize, value: f64) {
         self.q = value;
     }
+    fn changes_stem(&self) -> bool {
+        true
+    }
     fn stem(&self, _data: &Data, z: &mut [f64]) {
+        // A stem that rests stays where it is.
+        let mut last = (f64::NAN, f64::NAN);
         for z in z {
-            let q = self.q * z.clamp(-8.0, 8.0);
-            // The series where the quotient loses its digits.
-            *z = if q.abs() < 1e-4 { *z * (1.0 + 0.5 * q) } else { q.exp_m1() / self.q };
+            if *z != last.0 {
+                let q = self.q * z.clamp(-8.0, 8.0);
+                // The series where the quotient loses its digits.
+                last = (*z, if q.abs() < 1e-4 { *z * (1.0 + 0.5 * q) } else { q.exp_m1() / self.q });
+            }
+            *z = last.1;
         }
     }
     fn describe(&self, data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {

@@ -34,6 +34,9 @@ impl Term for Clip {
             _ => {}
         }
     }
+    fn changes_stem(&self) -> bool {
+        true
+    }
     fn stem(&self, _data: &Data, z: &mut [f64]) {
         for z in z {
             *z = z.max(self.low.unwrap_or(f64::NEG_INFINITY)).min(self.high.unwrap_or(f64::INFINITY));
