@@ -7,9 +7,10 @@ use postgres::Cluster;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Read, Write};
-use std::net::{SocketAddr, TcpStream};
+use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 use stictiond::demo::{DEFAULT_SPEED, Demo, Options, Screen};
 use stictiond::store::{Config, Reader, check, check_of};
@@ -65,9 +66,13 @@ impl Daemon {
         }
     }
 
-    fn stop(mut self) {
+    fn signal(&self, name: &str) {
         let id = self.child.id().to_string();
-        assert!(Command::new("kill").args(["-TERM", &id]).status().expect("kill is there").success());
+        assert!(Command::new("kill").args([name, &id]).status().expect("kill is there").success());
+    }
+
+    fn stop(mut self) {
+        self.signal("-TERM");
         assert!(self.child.wait().expect("it ends").success());
     }
 }
@@ -218,7 +223,7 @@ fn a_start_without_the_database_neither_forgets_nor_overwrites_what_people_did()
              [loop.pv]\ndevice = '{name}'\nregister = 'input'\naddress = 2\ntype = 'f32'\n"
         );
     }
-    std::fs::write(&path, text).expect("writable");
+    std::fs::write(&path, &text).expect("writable");
     let are = |d: &str, e: &str| {
         let named = |name: &str, state: &str| (format!("{name}/collector_down"), state.to_string());
         vec![named("d", d), named("e", e)]
@@ -271,7 +276,71 @@ fn a_start_without_the_database_neither_forgets_nor_overwrites_what_people_did()
         of_d.by_ref().collect::<Vec<_>>(),
         ["raised", "acknowledged", "forgotten", "raised", "restored"]
     );
+
+    // Another fresh disk, and nothing has happened when the database is back and the file is read again: what happens then
+    // is told, and not what happened before the start.
+    std::fs::remove_dir_all(&spool).expect("there");
+    cluster.end();
+    let (receiver, told) = webhook();
+    let secret = folder.join("secret");
+    std::fs::write(&secret, "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw").expect("writable");
+    let told_of = format!(
+        "[[notify.webhook]]\nname = 'w'\nurl = 'http://{receiver}/'\nsecret_file = {secret:?}\n\
+         events = ['raised', 'cleared', 'acknowledged', 'silenced', 'latched']\npace = {{ wait_s = 0.0 }}\n"
+    );
+    let text = text.replace("after_s = 1.0", "after_s = 3600.0") + &told_of;
+    std::fs::write(&path, &text).expect("writable");
+    let daemon = Daemon::start(stictiond(), &path);
+    daemon.until("it spools or waits", patience, |daemon| store(daemon).as_deref() != Some("working"));
+    assert_eq!(collectors(&daemon), []);
+    cluster.begin();
+    until(&daemon, "acknowledged", "shelved");
+    daemon.until("nothing waits", patience, |daemon| store(daemon).as_deref() == Some("working"));
+    std::fs::write(&path, text.replace("id = 'Ld'", "id = 'Ld'\ndescription = 'read again'"))
+        .expect("writable");
+    daemon.signal("-HUP");
+    let read_again = |daemon: &Daemon| daemon.json("/api/v1/loops/Ld")["description"] == "read again";
+    daemon.until("the file is read again", patience, read_again);
+    daemon.ask("POST", "/api/v1/alarms/d/collector_down/out-of-service", "{\"by\":\"eve\"}");
+    let message: Value = serde_json::from_str(&told.recv_timeout(patience).expect("told")).expect("JSON");
+    let alarms = message["data"]["alarms"].as_array().expect("alarms").iter();
+    let alarms: Vec<_> = alarms.map(|own| (own["id"].as_str(), own["state"].as_str())).collect();
+    assert_eq!(alarms, [(Some("d/collector_down"), Some("out_of_service"))], "{message}");
+    // The history has what happened before, each once, and after it what happened since.
+    let history = daemon.json("/api/v1/alarms/history?kind=collector_down");
+    let items = history["items"].as_array().expect("items").iter().rev();
+    let causes = items.filter(|item| item["id"] == "d/collector_down").map(|item| item["cause"].as_str());
+    let expected = ["raised", "acknowledged", "forgotten", "raised", "restored", "out_of_service"];
+    assert_eq!(causes.collect::<Vec<_>>(), expected.map(Some), "{history}");
+    daemon.stop();
     std::fs::remove_dir_all(&folder).expect("writable");
+}
+
+/// Somebody who takes whatever is posted: where, and the bodies.
+fn webhook() -> (SocketAddr, Receiver<String>) {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let (address, (tell, told)) = (listener.local_addr().expect("bound"), channel());
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = BufReader::new(stream.expect("a connection"));
+            let (mut line, mut length) = (String::new(), 0);
+            while stream.read_line(&mut line).expect("text") > 2 {
+                let lower = line.to_lowercase();
+                length = lower
+                    .strip_prefix("content-length:")
+                    .map_or(length, |n| n.trim().parse().expect("a number"));
+                line.clear();
+            }
+            let mut body = vec![0; length];
+            stream.read_exact(&mut body).expect("a body");
+            let answer = "HTTP/1.1 204 No Content\r\nConnection: close\r\n\r\n";
+            stream.get_mut().write_all(answer.as_bytes()).expect("it listens");
+            if tell.send(String::from_utf8(body).expect("text")).is_err() {
+                return;
+            }
+        }
+    });
+    (address, told)
 }
 
 /// A limit on the size of files, set from outside and lifted while it runs, is a disk that is full and has room again.

@@ -240,13 +240,14 @@ fn merge(config: &store::Config, results: &Results, found: Found, now: f64) {
     }
     results.merge_alarms(remembered_alarms(found.alarms), now);
     let past = Reader::of(config).and_then(|reader| {
+        results.restore_alarms(Vec::new(), remembered_changes(&reader)?);
         for id in found.models.iter().map(|model| LoopId::new(model.control_loop.as_str())) {
             results.restore(&id, remembered(&reader, &id, results.room())?);
         }
         Ok(())
     });
     if let Err(error) = past {
-        tracing::warn!(%error, "the runs of before the start cannot be read until the next one");
+        tracing::warn!(%error, "what was said before the start cannot be read until the next one");
     }
 }
 

@@ -25,10 +25,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             issues.into_iter().map(|issue| format!("{}: {}", issue.field, issue.message)).collect();
         Failure::in_file(&args.config, issues.join("; "))
     })?;
-    print(&format!("{}: good\n{}", args.config.display(), summary(&config, &plant)))
+    let (summary, faults) = summary(&config, &plant);
+    let good = if faults.is_empty() { "good" } else { "run will not start with it" };
+    print(&format!("{}: {good}\n{summary}", args.config.display()))?;
+    if faults.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::in_file(&args.config, format!("run will not start: {}", faults.join("; "))))
 }
 
-fn summary(config: &Config, plant: &Plant) -> String {
+/// What `run` would do, and why it would not start: files beside the configuration that it cannot use.
+fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
     let periods = || config.loops.iter().map(|own| config.period_s(own));
     let (shortest, longest) = (periods().fold(f64::INFINITY, f64::min), periods().fold(0.0, f64::max));
     let mut out = String::new();
@@ -88,12 +95,13 @@ fn summary(config: &Config, plant: &Plant) -> String {
         "memory   {megabytes:.1} MB for {tags} tags, {samples} samples each, {BYTES_PER_SAMPLE} bytes a sample"
     );
     let _ = writeln!(out, "listen   {}", config.server.listen);
-    let _ = writeln!(out, "access   {}", access(config));
-    out
+    let mut faults = Vec::new();
+    let _ = writeln!(out, "access   {}", access(config, &mut faults));
+    (out, faults)
 }
 
 /// Who gets in, in a sentence: nobody is to be locked out, or let in, by surprise.
-fn access(config: &Config) -> String {
+fn access(config: &Config, faults: &mut Vec<String>) -> String {
     let server = &config.server;
     let everybody = if serve::is_loopback(server.listen) {
         "everybody on this machine"
@@ -102,7 +110,10 @@ fn access(config: &Config) -> String {
     };
     let way = match &server.tls {
         Some(tls) => match serve::Tls::load(tls) {
-            Err(error) => format!("; BUT RUN WILL NOT START: {error}"),
+            Err(error) => {
+                faults.push(error.to_string());
+                format!("; BUT RUN WILL NOT START: {error}")
+            }
             Ok(_) if tls.client_ca_file.is_some() => {
                 "; by TLS, and only clients that show a certificate".to_string()
             }
@@ -136,7 +147,10 @@ fn access(config: &Config) -> String {
             }
             who
         }
-        Err(error) => format!("NOBODY GETS IN, run will not start: {error}"),
+        Err(error) => {
+            faults.push(format!("[access] file: {error}"));
+            format!("NOBODY GETS IN, run will not start: {error}")
+        }
     };
     format!("{reads} a log-in or token: {who}{way}")
 }

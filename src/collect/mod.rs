@@ -22,7 +22,7 @@ pub use frozen::Frozen;
 pub use health::{DeviceHealth, HealthSnapshot};
 pub use scaling::Reading;
 
-use crate::signal::Sample;
+use crate::signal::{Role, Sample};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Something wrong in one field; the caller knows where the field stands in the file.
@@ -32,6 +32,21 @@ pub struct Issue {
     pub field: &'static str,
     /// What is wrong and what would be right.
     pub message: String,
+}
+
+/// A tag as `app` hands it over, with what its kind of device wants to know of it.
+#[derive(Clone, Debug)]
+pub struct TagSpec<C> {
+    /// The number under which the [`Sink`] receives its samples.
+    pub index: usize,
+    /// Its name in logs (`FIC101.pv`).
+    pub name: String,
+    /// What it is to its loop; `None` for an extra tag.
+    pub role: Option<Role>,
+    /// Where it lives.
+    pub config: C,
+    /// Flag it as stale when its value has not changed for longer than this (s).
+    pub frozen_after_s: Option<f64>,
 }
 
 /// Where samples go. Called from the polling task: an implementation must not block.

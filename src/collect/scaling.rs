@@ -1,6 +1,7 @@
 //! From the number a device sends to the value of a tag: scale, offset, believable range, and what a mode means.
 
-use crate::signal::{BadReason, Quality};
+use super::Issue;
+use crate::signal::{BadReason, Quality, Role};
 
 /// A value and whether to believe it; the value is NaN when there is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,6 +30,41 @@ pub(super) struct Scaling {
 }
 
 impl Scaling {
+    /// Everything wrong with it as the file has it, for a tag in this role (`None` for an extra tag).
+    pub(super) fn validate(&self, role: Option<Role>) -> Vec<Issue> {
+        let mut issues = Vec::new();
+        let mut unless = |ok: bool, field: &'static str, message: String| {
+            if !ok {
+                issues.push(Issue { field, message });
+            }
+        };
+        let mode = role == Some(Role::Mode);
+        let ok = self.scale.is_finite() && self.scale != 0.0;
+        unless(ok, "scale", format!("{} must be a number other than 0", self.scale));
+        unless(self.offset.is_finite(), "offset", format!("{} must be a number", self.offset));
+        if let Some([least, greatest]) = self.range {
+            let ordered = least.is_finite() && greatest.is_finite() && least < greatest;
+            let message = format!("[{least}, {greatest}] must be the least, then the greatest value");
+            unless(ordered, "range", message);
+        }
+        if let Some(values) = &self.auto_values {
+            unless(mode, "auto_values", "only a mode tag has them".into());
+            unless(!values.is_empty(), "auto_values", "name at least one value".into());
+        }
+        for (field, plain) in
+            [("scale", self.scale == 1.0), ("offset", self.offset == 0.0), ("range", self.range.is_none())]
+        {
+            unless(!mode || plain, field, "a mode is compared raw; write the raw auto_values".into());
+        }
+        issues
+    }
+
+    /// As the file has it, ready for a tag in this role.
+    pub(super) fn in_role(self, role: Option<Role>) -> Self {
+        let auto_values = (role == Some(Role::Mode)).then(|| self.auto_values.unwrap_or_default());
+        Self { auto_values, ..self }
+    }
+
     /// value = scale * raw + offset. `bad:not_a_number` when that is not finite, `bad:out_of_range` (with
     /// the value) when it lies outside the range. A mode is 1 in automatic, else 0.
     pub(super) fn read(&self, raw: f64) -> Reading {

@@ -474,3 +474,14 @@ node = 'ns=2;s=X'
     }
     assert_eq!(found.len(), 9, "{}", found.join("\n"));
 }
+
+#[test]
+fn a_certificate_for_a_broker_needs_an_authority_too() {
+    let own = "certificate_file = 'c'\nkey_file = 'k'\n";
+    let found =
+        errors(&format!("[[mqtt]]\nname = 'b'\naddress = 'h:1'\n{own}[notify.mqtt]\naddress = 'h:1'\n{own}"));
+    for place in ["f:4:20: ", "f:8:20: "] {
+        let expected = format!("{place}certificate_file: needs ca_file too");
+        assert!(found.iter().any(|found| *found == expected), "{expected}: {}", found.join("\n"));
+    }
+}

@@ -75,6 +75,8 @@ impl Broker {
         unless(named, "client_id", "must be 1 to 128 bytes".into());
         let ok = (1..=3600).contains(&self.keep_alive_s);
         unless(ok, "keep_alive_s", "must be 1 to 3600".into());
+        let ok = self.certificate.is_none() || self.ca_file.is_some();
+        unless(ok, "certificate_file", "needs ca_file too".into());
         issues
     }
 

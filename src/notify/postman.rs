@@ -78,8 +78,7 @@ impl<C: Carrier> Postman<C> {
     pub fn new(name: &str, carrier: C, source: Source, letters: Arc<Letters>, state: Arc<State>) -> Self {
         let news = source.results.subscribe();
         // After a reload it goes on where the one before ended.
-        let newest = || source.results.alarm_log().first().map_or(0, |change| change.number);
-        let heard = letters.heard().unwrap_or_else(newest);
+        let heard = letters.heard().unwrap_or_else(|| source.results.latest_change());
         Self {
             name: name.to_string(),
             carrier: Arc::new(carrier),

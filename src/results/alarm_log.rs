@@ -10,7 +10,7 @@ pub const MOST_CHANGES: usize = 2000;
 /// A change of an alarm, as it is remembered.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AlarmChange {
-    /// Counted up since the start; what was kept of before comes first.
+    /// Counted up since the start; what was kept of before has smaller ones.
     pub number: u64,
     /// Which alarm.
     pub id: AlarmId,
@@ -28,10 +28,13 @@ pub struct AlarmChange {
     pub comment: Option<String>,
 }
 
-/// The last changes, and how many there were.
+/// Numbers of changes of before the start: as many as are remembered.
+const BEFORE: u64 = MOST_CHANGES as u64;
+
+/// The last changes, and how many there were since the start.
 #[derive(Debug, Default)]
 pub(super) struct AlarmLog {
-    latest: u64,
+    since: u64,
     kept: VecDeque<Arc<AlarmChange>>,
 }
 
@@ -41,17 +44,27 @@ impl AlarmLog {
         if self.kept.len() == MOST_CHANGES {
             self.kept.pop_front();
         }
-        self.latest += 1;
-        let change = Arc::new(AlarmChange { number: self.latest, ..change });
+        self.since += 1;
+        let change = Arc::new(AlarmChange { number: self.latest(), ..change });
         self.kept.push_back(change.clone());
         change
     }
 
-    /// Takes back what was kept, oldest first, unless something has happened since.
+    /// Takes back what was kept, oldest first, before what there is: once or again, at the start or when it comes to light.
     pub fn restore(&mut self, kept: Vec<AlarmChange>) {
-        if self.kept.is_empty() {
-            kept.into_iter().for_each(|change| drop(self.push(change)));
+        let first = self.kept.front();
+        let begun = first.map_or(f64::INFINITY, |first| first.transition.at);
+        let first = first.map_or(BEFORE + 1, |first| first.number);
+        let room = MOST_CHANGES - self.kept.len();
+        let before = kept.into_iter().rev().filter(|change| change.transition.at < begun).take(room);
+        for (number, change) in (1..first).rev().zip(before) {
+            self.kept.push_front(Arc::new(AlarmChange { number, ..change }));
         }
+    }
+
+    /// Number of the latest change; what comes next has the one after it.
+    pub fn latest(&self) -> u64 {
+        BEFORE + self.since
     }
 
     pub fn newest_first(&self) -> Vec<Arc<AlarmChange>> {
@@ -64,29 +77,48 @@ mod tests {
     use super::*;
     use crate::alarm::{Cause, State};
 
+    fn change(at: usize) -> AlarmChange {
+        let (from, to) = (State::Normal, State::Unacknowledged);
+        AlarmChange {
+            number: 0,
+            id: AlarmId::named("FIC1"),
+            transition: Transition { from, to, at: at as f64, cause: Cause::Raised },
+            priority: Priority::Low,
+            grouped: false,
+            detail: String::new(),
+            by: None,
+            comment: None,
+        }
+    }
+
+    fn of(log: &AlarmLog) -> Vec<(usize, u64)> {
+        log.newest_first().iter().map(|change| (change.transition.at as usize, change.number)).collect()
+    }
+
     #[test]
     fn the_oldest_change_goes_when_there_is_no_room() {
         let mut log = AlarmLog::default();
-        for k in 0..MOST_CHANGES + 5 {
-            let transition = Transition {
-                from: State::Normal,
-                to: State::Unacknowledged,
-                at: k as f64,
-                cause: Cause::Raised,
-            };
-            log.push(AlarmChange {
-                number: 0,
-                id: AlarmId::named("FIC1"),
-                transition,
-                priority: Priority::Low,
-                grouped: false,
-                detail: String::new(),
-                by: None,
-                comment: None,
-            });
+        (0..MOST_CHANGES + 5).for_each(|k| drop(log.push(change(k))));
+        let kept = of(&log);
+        assert_eq!((kept.len(), log.latest()), (MOST_CHANGES, 4005));
+        assert_eq!(kept[..2], [(MOST_CHANGES + 4, 4005), (MOST_CHANGES + 3, 4004)]);
+        log.restore(vec![change(1)]);
+        assert_eq!(of(&log), kept, "there is no room");
+    }
+
+    #[test]
+    fn what_was_before_comes_before_whenever_it_comes_and_but_once() {
+        let mut log = AlarmLog::default();
+        log.push(change(10));
+        for _ in 0..2 {
+            log.restore([3, 5, 10].map(change).into());
+            assert_eq!((of(&log), log.latest()), (vec![(10, 2001), (5, 2000), (3, 1999)], 2001));
         }
-        let kept = log.newest_first();
-        assert_eq!((kept.len(), kept[0].transition.at), (MOST_CHANGES, (MOST_CHANGES + 4) as f64));
-        assert_eq!((kept[0].number, kept[1].number), (2005, 2004));
+        let mut log = AlarmLog::default();
+        log.restore((0..MOST_CHANGES + 5).map(change).collect());
+        let kept = of(&log);
+        assert_eq!((kept.len(), kept[0], kept[1999]), (MOST_CHANGES, (2004, 2000), (5, 1)));
+        log.push(change(3000));
+        assert_eq!(of(&log)[..2], [(3000, 2001), (2004, 2000)]);
     }
 }

@@ -226,7 +226,13 @@ impl Results {
         self.alarms.lock().log.newest_first()
     }
 
-    /// Takes back alarms as they were kept, and what they did; nothing where something has happened since.
+    /// Number of the latest change: what comes to light of before the start has no larger one.
+    pub fn latest_change(&self) -> u64 {
+        self.alarms.lock().log.latest()
+    }
+
+    /// Takes back alarms as they were kept, unless something has happened to them since, and what they did before. Nobody is
+    /// told: it is known, or was long ago.
     pub fn restore_alarms(&self, kept: Vec<RestoredAlarm>, log: Vec<AlarmChange>) {
         let mut board = self.alarms.lock();
         kept.into_iter().for_each(|kept| board.restore(kept));

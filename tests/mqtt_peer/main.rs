@@ -1,6 +1,9 @@
 //! MQTT against mosquitto, with clients and an encoder of Sparkplug B that were not written here.
 
 #[cfg(test)]
+#[path = "../peers/piped.rs"]
+mod piped;
+#[cfg(test)]
 mod publishing;
 #[cfg(test)]
 mod rig;

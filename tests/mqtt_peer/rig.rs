@@ -1,5 +1,6 @@
 //! What the tests stand on: mosquitto in a process of its own, clients that are not ours, and a sink to wait on.
 
+use super::piped::{python, spawn};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -121,22 +122,9 @@ pub struct Peer {
 
 impl Peer {
     pub async fn start(broker: &Broker, kind: &str) -> Self {
-        let python = root().join("target/peers-venv/bin/python");
-        assert!(
-            python.exists(),
-            "pysparkplug is not installed: run scripts/peers once, then the tests again"
-        );
-        let mut child = Command::new(python)
-            .arg(root().join("tests/peers/sparkplug_edge.py"))
-            .args([&broker.port.to_string(), kind])
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .kill_on_drop(true)
-            .spawn()
-            .unwrap();
-        let commands = child.stdin.take().unwrap();
-        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        let mut peer = Self { _child: child, commands, lines };
+        let (_child, commands, lines) =
+            spawn(python("sparkplug_edge.py").args([&broker.port.to_string(), kind]));
+        let mut peer = Self { _child, commands, lines };
         peer.said("ready").await;
         peer
     }

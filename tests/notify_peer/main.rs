@@ -8,6 +8,9 @@ mod dashboard;
 #[cfg(test)]
 mod mail;
 #[cfg(test)]
+#[path = "../peers/piped.rs"]
+mod piped;
+#[cfg(test)]
 mod prometheus;
 #[cfg(test)]
 mod rig;

@@ -1,11 +1,11 @@
 //! What the tests stand on: a daemon whose diagnoses are made up by the test, and peers in processes of their own.
 
+use super::piped::{python, spawn};
 use serde_json::Value;
 use std::collections::VecDeque;
 use std::fs;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
 use std::sync::Arc;
 use std::time::Duration;
 use stictiond::app::App;
@@ -15,9 +15,9 @@ use stictiond::diagnosis::{Diagnosis, Estimate, Model, NotIdentifiable, Preparat
 use stictiond::results::{Outcome, Run, Trigger};
 use stictiond::schedule::Clock;
 use stictiond::signal::LoopId;
-use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader, Lines};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::process::{Child, ChildStdin, ChildStdout, Command};
+use tokio::process::{Child, ChildStdin, ChildStdout};
 use tokio::time::{Instant, timeout_at};
 use tokio_util::sync::CancellationToken;
 
@@ -201,19 +201,8 @@ pub struct Peer {
 
 impl Peer {
     pub async fn start(script: &str, arguments: &[&str]) -> Self {
-        let python = root().join("target/peers-venv/bin/python");
-        assert!(python.exists(), "there are no peers: run scripts/peers once, then the tests again");
-        let mut child = Command::new(python)
-            .arg(root().join("tests/peers").join(script))
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .kill_on_drop(true)
-            .spawn()
-            .unwrap();
-        let commands = child.stdin.take().unwrap();
-        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        let mut peer = Self { _child: child, commands, lines, heard: VecDeque::new(), port: 0 };
+        let (_child, commands, lines) = spawn(python(script).args(arguments));
+        let mut peer = Self { _child, commands, lines, heard: VecDeque::new(), port: 0 };
         peer.port = peer.line().await.strip_prefix("port ").unwrap().parse().unwrap();
         peer
     }

@@ -7,6 +7,9 @@ mod node_opcua;
 #[cfg(test)]
 mod past;
 #[cfg(test)]
+#[path = "../peers/piped.rs"]
+mod piped;
+#[cfg(test)]
 mod reading;
 #[cfg(test)]
 mod restart;

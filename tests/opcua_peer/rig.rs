@@ -1,5 +1,6 @@
 //! What the tests stand on: servers in processes of their own, and a sink to wait on.
 
+use super::piped::{python, spawn};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -8,7 +9,7 @@ use std::time::Duration;
 use stictiond::collect::opcua::{Collector, Config, Plan, TagSpec};
 use stictiond::collect::{DeviceHealth, HealthSnapshot, Poll, Sink, SystemClock};
 use stictiond::signal::Sample;
-use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
+use tokio::io::{AsyncWriteExt, BufReader, Lines};
 use tokio::process::{Child, ChildStdin, ChildStdout, Command};
 use tokio::sync::watch;
 use tokio::time::{Instant, timeout_at};
@@ -32,9 +33,7 @@ pub struct Server {
 impl Server {
     /// asyncua.
     pub async fn start(args: &[&str]) -> Self {
-        let python = root().join("target/peers-venv/bin/python");
-        assert!(python.exists(), "asyncua is not installed: run scripts/peers once, then the tests again");
-        Self::run(&python, "tests/peers/opcua_server.py", args).await
+        Self::run(python("opcua_server.py").args(args)).await
     }
 
     /// node-opcua, with its certificates in `folder` and this many seconds of history.
@@ -45,21 +44,11 @@ impl Server {
             "node-opcua is not installed: run scripts/peers once, then the tests again"
         );
         let args = [folder.to_str().unwrap(), &port.to_string(), &backlog_s.to_string()];
-        Self::run(Path::new("node"), "tests/peers/opcua_server.js", &args).await
+        Self::run(Command::new("node").arg(root().join("tests/peers/opcua_server.js")).args(args)).await
     }
 
-    async fn run(program: &Path, script: &str, args: &[&str]) -> Self {
-        let mut child = Command::new(program)
-            .arg(root().join(script))
-            .args(args)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .kill_on_drop(true)
-            .spawn()
-            .unwrap();
-        let commands = child.stdin.take().unwrap();
-        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    async fn run(command: &mut Command) -> Self {
+        let (child, commands, lines) = spawn(command.stderr(Stdio::null()));
         let mut server = Self { child, commands, lines, port: 0 };
         // The library may speak first.
         server.port = loop {

@@ -1,17 +1,18 @@
 //! The peers of the collector's tests: a pymodbus server in a process of its own, a proxy that cuts
 //! connections, and a sink that a test can wait on.
 
-use std::path::Path;
-use std::process::Stdio;
+mod piped;
+
+use piped::{python, spawn};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 use stictiond::collect::modbus::{Collector, Config, Plan, TagSpec};
 use stictiond::collect::{DeviceHealth, Poll, Sink, SystemClock};
 use stictiond::signal::Sample;
-use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader, Lines};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::process::{Child, ChildStdin, ChildStdout, Command};
+use tokio::process::{Child, ChildStdin, ChildStdout};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::{Instant, timeout_at};
 use tokio_util::sync::CancellationToken;
@@ -37,20 +38,8 @@ impl Server {
 
     /// With further arguments of the program.
     pub async fn with(port: u16, epoch: u32, more: &[&str]) -> Self {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let python = root.join("target/peers-venv/bin/python");
-        assert!(python.exists(), "pymodbus is not installed: run scripts/peers once, then the tests again");
-        let mut child = Command::new(python)
-            .arg(root.join("tests/peers/modbus_server.py"))
-            .args(["--port", &port.to_string(), "--epoch", &epoch.to_string()])
-            .args(more)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .kill_on_drop(true)
-            .spawn()
-            .unwrap();
-        let commands = child.stdin.take().unwrap();
-        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let arguments = ["--port", &port.to_string(), "--epoch", &epoch.to_string()];
+        let (child, commands, lines) = spawn(python("modbus_server.py").args(arguments).args(more));
         let mut server = Self { child, commands, lines, port: 0, late: Vec::new() };
         let line = server.line().await;
         server.port = line.strip_prefix("port ").unwrap().parse().unwrap();

@@ -80,13 +80,19 @@ fn users_and_tokens_are_made_by_commands_and_kept_without_secrets() {
     }
     // Readable by others: refused, and check says that nobody gets in.
     fs::set_permissions(&file, fs::Permissions::from_mode(0o644)).expect("set");
-    assert!(says(&["check"]).contains("NOBODY GETS IN"));
+    let (code, out, err) = run(&["check"], "");
+    assert_eq!(code, Some(2), "{err}");
+    assert!(out.contains("NOBODY GETS IN") && !out.contains(": good"), "{out}");
+    assert!(err.contains(": run will not start: [access] file: "), "{err}");
     assert_eq!(run(&["user", "list"], "").0, Some(2));
     // A certificate that cannot be read would stop the daemon too: check says so, and run does.
     let tls = "[server.tls]\ncert_file = 'not-there.pem'\nkey_file = 'not-there.key'\n[access]";
     fs::write(&config, text(&folder, "").replace("[access]", tls)).expect("written");
-    let check = says(&["check"]);
-    assert!(check.contains("; BUT RUN WILL NOT START: [server.tls] cert_file = not-there.pem: "), "{check}");
+    let (code, out, err) = run(&["check"], "");
+    let why = "[server.tls] cert_file = not-there.pem: ";
+    assert!(code == Some(2) && out.contains(&format!("; BUT RUN WILL NOT START: {why}")), "{out}");
+    let both = err.contains(why) && err.contains("; [access] file: ");
+    assert!(both && err.lines().count() == 1, "both are told, in a line: {err}");
 }
 
 #[test]

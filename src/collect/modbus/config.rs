@@ -1,6 +1,7 @@
 //! What the configuration file says about a Modbus device and about a tag's place in it.
 
 use crate::collect::Issue;
+use crate::collect::scaling::Scaling;
 use crate::signal::Role;
 use serde::Deserialize;
 use std::fmt;
@@ -343,11 +344,17 @@ impl TagConfig {
         u16::try_from(start).ok()
     }
 
+    /// What its raw numbers mean.
+    pub(super) fn scaling(&self) -> Scaling {
+        let Self { scale, offset, range, .. } = *self;
+        Scaling { scale, offset, range, auto_values: self.auto_values.clone() }
+    }
+
     /// Everything wrong with the tag, on this device and in this role (`None` for an extra tag).
     pub fn validate(&self, device: &Config, role: Option<Role>) -> Vec<Issue> {
         let mut issues = Issues(Vec::new());
         self.validate_type(device, &mut issues);
-        self.validate_value(role, &mut issues);
+        issues.0.extend(self.scaling().validate(role));
         issues.0
     }
 
@@ -385,30 +392,6 @@ impl TagConfig {
         issues.unless(!bits || self.byte_order.is_none(), "byte_order", || {
             format!("a {} has no bytes to order", self.register)
         });
-    }
-
-    fn validate_value(&self, role: Option<Role>, issues: &mut Issues) {
-        let mode = role == Some(Role::Mode);
-        issues.unless(self.scale.is_finite() && self.scale != 0.0, "scale", || {
-            format!("{} must be a number other than 0", self.scale)
-        });
-        issues.unless(self.offset.is_finite(), "offset", || format!("{} must be a number", self.offset));
-        if let Some([least, greatest]) = self.range {
-            let ordered = least.is_finite() && greatest.is_finite() && least < greatest;
-            issues.unless(ordered, "range", || {
-                format!("[{least}, {greatest}] must be the least, then the greatest value")
-            });
-        }
-        if let Some(values) = &self.auto_values {
-            issues.unless(mode, "auto_values", || "only a mode tag has them".into());
-            issues.unless(!values.is_empty(), "auto_values", || "name at least one value".into());
-        }
-        for (field, plain) in
-            [("scale", self.scale == 1.0), ("offset", self.offset == 0.0), ("range", self.range.is_none())]
-        {
-            issues
-                .unless(!mode || plain, field, || "a mode is compared raw; write the raw auto_values".into());
-        }
     }
 }
 

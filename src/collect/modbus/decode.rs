@@ -16,17 +16,7 @@ pub struct Decoder {
 impl Decoder {
     /// The decoder of a tag whose configuration was found valid in this role.
     pub(super) fn new(tag: &TagConfig, value_type: ValueType, order: ByteOrder, role: Option<Role>) -> Self {
-        Self {
-            value_type,
-            order,
-            bit: tag.bit.unwrap_or(0),
-            scaling: Scaling {
-                scale: tag.scale,
-                offset: tag.offset,
-                range: tag.range,
-                auto_values: (role == Some(Role::Mode)).then(|| tag.auto_values.clone().unwrap_or_default()),
-            },
-        }
+        Self { value_type, order, bit: tag.bit.unwrap_or(0), scaling: tag.scaling().in_role(role) }
     }
 
     /// Makes the value of `words`, which begin at the tag's first register (for a coil: one word, 0 or 1).

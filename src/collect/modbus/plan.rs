@@ -3,24 +3,11 @@
 use super::config::{Config, Framing, Register, TagConfig, ValueType};
 use super::decode::Decoder;
 use super::overlap::contradictions;
-use crate::collect::Issue;
-use crate::signal::Role;
+use crate::collect::{self, Issue};
 use std::time::Duration;
 
 /// A tag as `app` hands it over.
-#[derive(Clone, Debug)]
-pub struct TagSpec {
-    /// The number under which the [`Sink`](crate::collect::Sink) receives its samples.
-    pub index: usize,
-    /// Its name in logs (`FIC101.pv`).
-    pub name: String,
-    /// What it is to its loop; `None` for an extra tag.
-    pub role: Option<Role>,
-    /// Where it lives.
-    pub config: TagConfig,
-    /// Flag it as stale when its value has not changed for longer than this (s).
-    pub frozen_after_s: Option<f64>,
-}
+pub type TagSpec = collect::TagSpec<TagConfig>;
 
 /// A tag ready to be read.
 #[derive(Clone, Debug)]

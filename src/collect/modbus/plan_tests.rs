@@ -1,4 +1,5 @@
 use super::*;
+use crate::signal::Role;
 use proptest::prelude::*;
 
 fn any_span() -> impl Strategy<Value = Span> {

@@ -2,6 +2,7 @@
 
 use super::json::Path as JsonPath;
 use crate::collect::Issue;
+use crate::collect::scaling::Scaling;
 use crate::mqtt::{Broker, Password, topic_fault};
 use crate::signal::Role;
 use serde::Deserialize;
@@ -246,8 +247,6 @@ impl Config {
         unless(passwords < 2, "password_env", "there is password_file too: leave one out");
         let pair = self.certificate_file.is_some() == self.key_file.is_some();
         unless(pair, "certificate_file", "certificate_file and key_file belong together");
-        let with_ca = self.certificate_file.is_none() || self.ca_file.is_some();
-        unless(with_ca, "certificate_file", "needs ca_file too");
         unless((1..=300).contains(&self.timeout_s), "timeout_s", "must be 1 to 300");
         let ok = (10..=86_400_000).contains(&self.reconnect_max_ms);
         unless(ok, "reconnect_max_ms", "must be 10 to 86400000");
@@ -333,32 +332,16 @@ impl TagConfig {
         }
     }
 
+    /// What its raw numbers mean.
+    pub(super) fn scaling(&self) -> Scaling {
+        let Self { scale, offset, range, .. } = *self;
+        Scaling { scale, offset, range, auto_values: self.auto_values.clone() }
+    }
+
     /// Everything wrong with the tag at this broker, in this role (`None` for an extra tag).
     pub fn validate(&self, broker: &Config, role: Option<Role>) -> Vec<Issue> {
         let mut issues: Vec<Issue> = self.place(broker).err().into_iter().collect();
-        let mut unless = |ok: bool, field: &'static str, message: String| {
-            if !ok {
-                issues.push(Issue { field, message });
-            }
-        };
-        let mode = role == Some(Role::Mode);
-        let ok = self.scale.is_finite() && self.scale != 0.0;
-        unless(ok, "scale", format!("{} must be a number other than 0", self.scale));
-        unless(self.offset.is_finite(), "offset", format!("{} must be a number", self.offset));
-        if let Some([least, greatest]) = self.range {
-            let ordered = least.is_finite() && greatest.is_finite() && least < greatest;
-            let message = format!("[{least}, {greatest}] must be the least, then the greatest value");
-            unless(ordered, "range", message);
-        }
-        if let Some(values) = &self.auto_values {
-            unless(mode, "auto_values", "only a mode tag has them".into());
-            unless(!values.is_empty(), "auto_values", "name at least one value".into());
-        }
-        for (field, plain) in
-            [("scale", self.scale == 1.0), ("offset", self.offset == 0.0), ("range", self.range.is_none())]
-        {
-            unless(!mode || plain, field, "a mode is compared raw; write the raw auto_values".into());
-        }
+        issues.extend(self.scaling().validate(role));
         issues
     }
 }

@@ -1,6 +1,7 @@
 //! What the configuration file says about an OPC UA server and about a tag's node in it.
 
 use crate::collect::Issue;
+use crate::collect::scaling::Scaling;
 use crate::signal::Role;
 use opcua::types::{NodeId, RelativePath, RelativePathElement};
 use serde::Deserialize;
@@ -332,6 +333,12 @@ impl TagConfig {
         }
     }
 
+    /// What its raw numbers mean.
+    pub(super) fn scaling(&self) -> Scaling {
+        let Self { scale, offset, range, .. } = *self;
+        Scaling { scale, offset, range, auto_values: self.auto_values.clone() }
+    }
+
     /// Everything wrong with the tag in this role (`None` for an extra tag).
     pub fn validate(&self, role: Option<Role>) -> Vec<Issue> {
         let mut issues: Vec<Issue> = self.place().err().into_iter().collect();
@@ -340,7 +347,6 @@ impl TagConfig {
                 issues.push(Issue { field, message });
             }
         };
-        let mode = role == Some(Role::Mode);
         let ok = self.sampling_ms.is_none_or(|every| (10..=86_400_000).contains(&every));
         unless(ok, "sampling_ms", "must be 10 to 86400000".into());
         let ok = self.queue_size.is_none_or(|queue| QUEUES.contains(&queue));
@@ -350,26 +356,7 @@ impl TagConfig {
         unless(self.deadband_percent.is_none_or(is_percent), "deadband_percent", PERCENT.into());
         let both = self.deadband.is_some() && self.deadband_percent.is_some();
         unless(!both, "deadband_percent", "there is deadband too: leave one out".into());
-        let ok = self.scale.is_finite() && self.scale != 0.0;
-        unless(ok, "scale", format!("{} must be a number other than 0", self.scale));
-        unless(self.offset.is_finite(), "offset", format!("{} must be a number", self.offset));
-        if let Some([least, greatest]) = self.range {
-            let ordered = least.is_finite() && greatest.is_finite() && least < greatest;
-            unless(
-                ordered,
-                "range",
-                format!("[{least}, {greatest}] must be the least, then the greatest value"),
-            );
-        }
-        if let Some(values) = &self.auto_values {
-            unless(mode, "auto_values", "only a mode tag has them".into());
-            unless(!values.is_empty(), "auto_values", "name at least one value".into());
-        }
-        for (field, plain) in
-            [("scale", self.scale == 1.0), ("offset", self.offset == 0.0), ("range", self.range.is_none())]
-        {
-            unless(!mode || plain, field, "a mode is compared raw; write the raw auto_values".into());
-        }
+        issues.extend(self.scaling().validate(role));
         issues
     }
 }

@@ -1,24 +1,11 @@
 //! What to ask a server, decided once and without I/O.
 
 use super::config::{Config, Place, TagConfig};
-use crate::collect::Issue;
 use crate::collect::scaling::Scaling;
-use crate::signal::Role;
+use crate::collect::{self, Issue};
 
 /// A tag as `app` hands it over.
-#[derive(Clone, Debug)]
-pub struct TagSpec {
-    /// The number under which the [`Sink`](crate::collect::Sink) receives its samples.
-    pub index: usize,
-    /// Its name in logs (`FIC101.pv`).
-    pub name: String,
-    /// What it is to its loop; `None` for an extra tag.
-    pub role: Option<Role>,
-    /// Where it lives.
-    pub config: TagConfig,
-    /// Flag it as stale when its value has not changed for longer than this (s).
-    pub frozen_after_s: Option<f64>,
-}
+pub type TagSpec = collect::TagSpec<TagConfig>;
 
 /// A tag ready to be asked for.
 #[derive(Clone, Debug)]
@@ -129,18 +116,12 @@ impl Plan {
 }
 
 fn ready(server: &Config, spec: TagSpec, place: Place) -> Tag {
-    let mode = spec.role == Some(Role::Mode);
     Tag {
         index: spec.index,
         name: spec.name,
         place,
         frozen_after_s: spec.frozen_after_s,
         sampling: Sampling::new(server, &spec.config),
-        scaling: Scaling {
-            scale: spec.config.scale,
-            offset: spec.config.offset,
-            range: spec.config.range,
-            auto_values: mode.then(|| spec.config.auto_values.clone().unwrap_or_default()),
-        },
+        scaling: spec.config.scaling().in_role(spec.role),
     }
 }

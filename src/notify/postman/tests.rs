@@ -123,3 +123,17 @@ async fn what_was_gathered_when_it_stopped_is_a_letter_for_the_next() {
     let told: Vec<String> = script.tried.lock().unwrap().iter().map(|(_, body)| body.clone()).collect();
     assert_eq!((told, letters.counts()), (vec!["1 0".to_string(), "1 0".to_string()], (0, 0)));
 }
+
+#[tokio::test(start_paused = true)]
+async fn what_comes_to_light_of_before_the_start_is_not_told() {
+    let before = rig(2, Vec::new(), Retry::default()).results;
+    (0..2).for_each(|at| trip(&before, at));
+    let old = || before.alarm_log().iter().rev().map(|change| (**change).clone()).collect();
+    let Rig { results, script, postman, .. } = rig(3, Vec::new(), Retry::default());
+    results.restore_alarms(Vec::new(), old());
+    trip(&results, 2);
+    results.restore_alarms(Vec::new(), old());
+    work(postman, 1.0).await;
+    let told: Vec<String> = script.tried.lock().unwrap().iter().map(|(_, body)| body.clone()).collect();
+    assert_eq!((told, results.alarm_log().len()), (vec!["1 0".to_string()], 3));
+}
