@@ -30,26 +30,31 @@ pub struct Judge {
     scale: f64,
     weight: Vec<f64>,
     nk: usize,
+    /// Lags of z that do not follow from PV's: a linear controller at a constant set point leaves one.
+    free: usize,
 }
 
 impl Judge {
     /// Of the signals of a model with delay `nk`.
     pub fn new(data: &Data, stage: &Stage, nk: usize) -> Self {
         let system = System::new(data, stage, nk, data.len(), LONG);
-        let Robust { e, scale, weight, .. } = system.robust();
-        Self { loss: system.loss(&e, scale), scale, weight, nk }
+        let Robust { e, scale, weight, free, .. } = system.robust();
+        Self { loss: system.loss(&e, scale), scale, weight, nk, free }
     }
 
-    /// Twice the log-likelihood that the signals of another model gain over all samples.
+    /// Twice the log-likelihood that the signals of another model gain over all samples, less what it costs that lags of
+    /// another z may be free where those of OP follow from PV: then B, too, has more numbers.
     pub fn gain(&self, data: &Data, stage: &Stage) -> f64 {
         let system = System::new(data, stage, self.nk, data.len(), LONG);
         let mut weight = self.weight.clone();
-        let mut e = Vec::new();
+        let (mut e, mut free) = (Vec::new(), self.free);
         for _ in 0..MORE {
-            e = system.solve(&weight);
+            let (theta, live) = system.theta(&weight);
+            (e, free) = (system.errors(&theta), live);
             system.reweigh(&e, self.scale, &mut weight);
         }
-        system.counted.iter().sum::<f64>() * (self.loss / system.loss(&e, self.scale)).ln()
+        let more = 2.0 * free.saturating_sub(self.free) as f64;
+        system.counted.iter().sum::<f64>() * (self.loss / system.loss(&e, self.scale)).ln() - more
     }
 }
 
@@ -60,6 +65,8 @@ pub struct Robust {
     pub e: Vec<f64>,
     pub scale: f64,
     pub weight: Vec<f64>,
+    /// Lags of z that are not a combination of other columns.
+    pub free: usize,
 }
 
 /// Regressors of a long ARX.
@@ -91,7 +98,7 @@ impl System {
     pub fn robust(&self) -> Robust {
         let mut found = Robust { weight: self.counted.clone(), ..Robust::default() };
         for _ in 0..PASSES {
-            found.theta = self.theta(&found.weight);
+            (found.theta, found.free) = self.theta(&found.weight);
             found.e = self.errors(&found.theta);
             let sizes: Vec<f64> = found.e.iter().map(|e| e.abs()).collect();
             found.scale = median(&sizes) / 0.6745 + FLOOR.sqrt();
@@ -108,12 +115,8 @@ impl System {
         (self.errors(&others), theta[of_z].to_vec())
     }
 
-    /// The errors of weighted least squares.
-    fn solve(&self, weight: &[f64]) -> Vec<f64> {
-        self.errors(&self.theta(weight))
-    }
-
-    fn theta(&self, weight: &[f64]) -> Vec<f64> {
+    /// Weighted least squares, and how many lags of z are not a combination of other columns.
+    fn theta(&self, weight: &[f64]) -> (Vec<f64>, usize) {
         let size = self.columns.len();
         let mut g = vec![0.0; size * size];
         let mut theta = vec![0.0; size];
@@ -128,7 +131,8 @@ impl System {
         let mut live = [true; MOST_COLUMNS];
         factor(&mut g, size, size, &mut live);
         substitute(&g, size, &live, &mut theta);
-        theta
+        let free = live[self.lags.0..self.lags.0 + self.lags.1].iter().filter(|live| **live).count();
+        (theta, free)
     }
 
     fn errors(&self, theta: &[f64]) -> Vec<f64> {
