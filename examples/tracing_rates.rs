@@ -10,6 +10,8 @@ mod judge;
 mod parallel;
 #[path = "../tests/residual_common/plant.rs"]
 mod plant;
+#[path = "../tests/residual_common/sound.rs"]
+mod sound;
 #[path = "../tests/residual_common/valve.rs"]
 mod valve;
 
@@ -57,6 +59,7 @@ fn main() -> ExitCode {
     }
     let found = run(&options, &clean(options.clean, seeds.start), |case| judge(case, false));
     invented(&found, options.each);
+    invented_there(&options, seeds.start);
     outside(&options, seeds);
     ExitCode::SUCCESS
 }
@@ -235,6 +238,26 @@ fn invented(found: &[Judged], each: bool) {
             j.free,
             j.one
         );
+    }
+}
+
+/// The same on the sound loops that the diagnosis is tested with.
+fn invented_there(options: &Options, first: u64) {
+    // Two of five are of a kind in which nothing is hidden.
+    let seeds = sound::sound(first..first + 5 * options.clean / 2);
+    let threads =
+        options.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let found = parallel::on(threads, seeds, |seed| (seed, sound::named(seed)));
+    let wrong: Vec<_> = found.iter().filter(|(_, named)| !named.is_empty()).collect();
+    println!(
+        "Nothing hidden in loops of the diagnosis' generator: an effect is named on {} of {}, {}",
+        wrong.len(),
+        found.len(),
+        wilson(wrong.len(), found.len())
+    );
+    println!("  by kind: {}\n", counted(wrong.iter().flat_map(|(_, named)| named).map(|kind| kind.as_str())));
+    for (seed, named) in wrong.iter().filter(|_| options.each) {
+        println!("  sound loop {seed} [{}]", names(named));
     }
 }
 

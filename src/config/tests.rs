@@ -482,6 +482,6 @@ fn a_certificate_for_a_broker_needs_an_authority_too() {
         errors(&format!("[[mqtt]]\nname = 'b'\naddress = 'h:1'\n{own}[notify.mqtt]\naddress = 'h:1'\n{own}"));
     for place in ["f:4:20: ", "f:8:20: "] {
         let expected = format!("{place}certificate_file: needs ca_file too");
-        assert!(found.iter().any(|found| *found == expected), "{expected}: {}", found.join("\n"));
+        assert!(found.contains(&expected), "{expected}: {}", found.join("\n"));
     }
 }
