@@ -29,7 +29,6 @@ pub struct Judge {
     loss: f64,
     scale: f64,
     weight: Vec<f64>,
-    nk: usize,
     /// Lags of z that do not follow from PV's: a linear controller at a constant set point leaves one.
     free: usize,
 }
@@ -39,13 +38,13 @@ impl Judge {
     pub fn new(data: &Data, stage: &Stage, nk: usize) -> Self {
         let system = System::new(data, stage, nk, data.len(), LONG);
         let Robust { e, scale, weight, free, .. } = system.robust();
-        Self { loss: system.loss(&e, scale), scale, weight, nk, free }
+        Self { loss: system.loss(&e, scale), scale, weight, free }
     }
 
-    /// Twice the log-likelihood that the signals of another model gain over all samples, less what it costs that lags of
+    /// Twice the log-likelihood that the signals of another model with delay `nk` gain over all samples, less what it costs that lags of
     /// another z may be free where those of OP follow from PV: then B, too, has more numbers.
-    pub fn gain(&self, data: &Data, stage: &Stage) -> f64 {
-        let system = System::new(data, stage, self.nk, data.len(), LONG);
+    pub fn gain(&self, data: &Data, stage: &Stage, nk: usize) -> f64 {
+        let system = System::new(data, stage, nk, data.len(), LONG);
         let mut weight = self.weight.clone();
         let (mut e, mut free) = (Vec::new(), self.free);
         for _ in 0..MORE {
@@ -193,7 +192,7 @@ mod tests {
         let (data, mut stage) = stage(step, spikes);
         let judge = Judge::new(&data, &stage, 2);
         stage.columns.push((0..data.len()).map(|k| f64::from(u8::from(k > 700))).collect());
-        judge.gain(&data, &stage)
+        judge.gain(&data, &stage, 2)
     }
 
     #[test]

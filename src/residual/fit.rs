@@ -361,6 +361,13 @@ pub fn calibrated(data: &Data, spec: &Spec, stage: &Stage, e: &[f64]) -> Linear 
 /// The free run with the linear part [`calibrated`] for it.
 pub fn free_run(data: &Data, spec: &Spec, stage: &Stage, e: &[f64], from: usize) -> Vec<f64> {
     let mut run = spec.clone();
+    if let Some((orders, linear)) = run.free.take() {
+        (run.orders, run.linear) = (orders, linear);
+        run.linear.gamma.resize(stage.columns.len(), 0.0);
+        let mut own = Vec::new();
+        errors(data, stage, orders, &run.linear, &mut own);
+        return free_run(data, &run, stage, &own, from);
+    }
     run.linear = calibrated(data, spec, stage, e);
     simulate(data, &run, stage, e, from, data.stretch())
 }
@@ -425,7 +432,14 @@ mod tests {
         let zeros = |n: usize| vec![0.0; n];
         let linear =
             Linear { a: zeros(orders.na), b: zeros(orders.nb), c: zeros(orders.nc), ..Linear::default() };
-        Spec { element: Element::default(), terms: Vec::new(), orders, linear, loss: f64::INFINITY }
+        Spec {
+            element: Element::default(),
+            terms: Vec::new(),
+            orders,
+            linear,
+            free: None,
+            loss: f64::INFINITY,
+        }
     }
 
     #[test]

@@ -282,7 +282,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             most_effects: 4,
-            least_gain: 9.0,
+            least_gain: 8.0,
             f_threshold: 0.05,
             evidence_threshold: 20.0,
             most_lag: 30,

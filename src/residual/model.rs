@@ -211,6 +211,8 @@ pub struct Spec {
     pub orders: Orders,
     /// Its coefficients.
     pub linear: Linear,
+    /// What the free run takes in place of orders and coefficients, before it is calibrated, where not those.
+    pub free: Option<(Orders, Linear)>,
     /// Loss on the fitted samples.
     pub loss: f64,
 }
@@ -222,6 +224,7 @@ impl Clone for Spec {
             terms: self.terms.iter().map(|t| t.boxed()).collect(),
             orders: self.orders,
             linear: self.linear.clone(),
+            free: self.free.clone(),
             loss: self.loss,
         }
     }

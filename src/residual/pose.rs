@@ -65,6 +65,7 @@ pub fn declared(data: &Data, f: f64) -> Spec {
         terms: Vec::new(),
         orders: Orders { na: 1, nb: 1, nc: 0, nk: 1 },
         linear: Linear { a: vec![0.0], b: vec![0.0], ..Linear::default() },
+        free: None,
         loss: f64::INFINITY,
     };
     restructure(data, &mut spec, false, 6);

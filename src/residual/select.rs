@@ -5,10 +5,11 @@ use super::effects::{ALL, Context, Proposal};
 use super::evidence::Judge;
 use super::findings::{Outcome, report};
 use super::fit::{free_fitted, held_out, loss_of, minimise};
-use super::model::{Data, Element, Spec};
+use super::model::{Data, Element, Linear, Spec};
 use super::pose::{declared, pose};
 use super::regress::{Quick, all_errors, restructure, structures};
 use super::{Findings, Kind, Settings, Stem};
+use crate::diagnosis::armax::Orders;
 use crate::diagnosis::{Diagnosis, Preparation, Verdict};
 use crate::signal::Window;
 
@@ -18,6 +19,10 @@ const FEW: usize = 3;
 const FINAL: usize = 4;
 /// Gain of the long ARX below which a proposal is not pursued (-).
 const HOPELESS: f64 = -30.0;
+/// The same of those whose gain is already known, and which they are.
+const LITTLE: f64 = -4.0;
+const EXACT: [Kind; 4] =
+    [Kind::OscillatingLoad, Kind::MeasuredDisturbance, Kind::Drift, Kind::StaticNonlinearity];
 /// Evidence below which another friction does not save an effect, and how far behind the best it is not worth it (-).
 const LOST: f64 = 1.0;
 const FAR_BEHIND: f64 = 20.0;
@@ -29,10 +34,20 @@ const REFIT: usize = 16;
 const AS_GOOD: f64 = 1.005;
 /// Effects that take samples out and leave the others as they are.
 const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
-/// Evidence that the model of friction costs where there is one, since no stem is quite its element, and an effect that is
-/// another friction (-).
+/// Effects on the stem's way to the process.
+const ON_THE_STEM: [Kind; 4] =
+    [Kind::ValveSaturation, Kind::StaticNonlinearity, Kind::GainChange, Kind::DeadTimeChange];
+/// Evidence that a load costs where there is friction, since a stem that is off looks like one, and an effect that is another
+/// friction (-).
 const STICKY: f64 = 6.0;
-const OTHER_FRICTION: f64 = 5.0;
+const OTHER_FRICTION: f64 = 4.0;
+/// Evidence more where held-out samples are less likely with the effect, although they run free nearer (-).
+const DISAGREES: f64 = 8.0;
+/// The same where they are hardly more likely (-).
+const UNDECIDED: f64 = 3.0;
+/// Evidence by which another valve takes the place of the one there is, and how often in a trace (-).
+const OTHER_VALVE: f64 = 20.0;
+const LOOKS: usize = 1;
 /// Evidence that a free run nearer by a factor of e is worth: when effects are accepted, and when they are compared (-).
 const NEARER: f64 = 8.0;
 const AHEAD: f64 = 10.0;
@@ -79,10 +94,24 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     add_direct(&data, settings, &mut base, &mut added);
     base = with_friction(&data, base, false, &mut tried);
     let at_start = held_out(&data, &declared);
+    let mut looks = LOOKS;
     while added.len() < settings.most_effects && tried < settings.most_fits {
         // The model without has the same chances as those with an effect: what a second look finds is no effect's gain.
-        base = again(&data, base, &mut tried);
-        let Some(next) = step(&data, settings, &base, at_start, &mut tried) else { break };
+        if looks == LOOKS || !added.is_empty() {
+            let next = again(&data, base.clone(), &mut tried);
+            if added.is_empty() || held_out(&data, &next.spec).1 < at_start.1 {
+                base = next;
+            }
+        }
+        let (found, valve) = step(&data, settings, &base, (&declared, at_start), &mut tried);
+        if let Some(element) = valve
+            && looks > 0
+        {
+            looks -= 1;
+            base = with_valve(&data, &base, element);
+            continue;
+        }
+        let Some(next) = found else { break };
         added.push((next.kind, next.evidence));
         base = next.candidate;
     }
@@ -106,6 +135,27 @@ fn again(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
     let next =
         with_friction(data, Candidate { likely, ..Candidate::new(data, spec, base.paid) }, true, tried);
     if next.aic < base.aic { next } else { base }
+}
+
+/// The declared model's dynamics for the free run of another model, with the shorter of both delays.
+///
+/// In closed loop PV may stay nearer to where it was than an open loop under the same load would: the dynamics that are right
+/// one step ahead then run free worse than ones that hardly answer to OP.
+fn slow(declared: &Spec, spec: &Spec) -> (Orders, Linear) {
+    let mut orders = declared.orders;
+    let mut linear = Linear { gamma: Vec::new(), ..declared.linear.clone() };
+    let earlier = orders.nk.saturating_sub(spec.orders.nk);
+    linear.b.splice(0..0, vec![0.0; earlier]);
+    (orders.nk, orders.nb) = (orders.nk - earlier, orders.nb + earlier);
+    (orders, linear)
+}
+
+/// The model with another valve.
+fn with_valve(data: &Data, base: &Candidate, element: Element) -> Candidate {
+    let mut spec = Spec { element, loss: f64::INFINITY, ..base.spec.clone() };
+    minimise(data, &mut spec, true, 12);
+    restructure(data, &mut spec, true, 3);
+    Candidate::new(data, spec, base.paid)
 }
 
 /// The model with the structure that runs free best on the fitted samples, of those that are as good one step ahead.
@@ -221,31 +271,39 @@ struct Trial {
     of_start: f64,
 }
 
-/// The best effect to add, if any earns its place.
+/// The best effect to add, if any earns its place; and the valve of one on trial, if the model without that effect is far
+/// better with it.
 fn step(
     data: &Data,
     settings: &Settings,
     base: &Candidate,
-    at_start: (f64, f64),
+    (declared, at_start): (&Spec, (f64, f64)),
     tried: &mut usize,
-) -> Option<Trial> {
+) -> (Option<Trial>, Option<Element>) {
     let (stage, e) = all_errors(data, &base.spec);
     let quick = Quick::long_arx(data, &stage, base.spec.orders.nk);
     let likely = base.likely;
     let context = Context { data, spec: &base.spec, stage: &stage, e: &e, quick: &quick, likely, settings };
     let n = context.rows();
     let judge = Judge::new(data, &stage, base.spec.orders.nk);
-    let evidence = |c: &Candidate| -> f64 {
+    let with_effect = |c: &Candidate| -> f64 {
         let (stage, counts) = c.spec.stage(data);
-        let numbers = 2.0 * counts.last().map_or(0.0, |n| *n as f64);
-        let gain = judge.gain(data, &stage) - numbers - (c.paid - base.paid);
+        // Of two delays the linear part has the shorter one.
+        let twofold = c.spec.terms.last().is_some_and(|t| t.kind() == Kind::DeadTimeChange);
+        let nk = if twofold { base.spec.orders.nk.min(c.spec.orders.nk) } else { base.spec.orders.nk };
+        judge.gain(data, &stage, nk) - 2.0 * counts.last().map_or(0.0, |n| *n as f64) - (c.paid - base.paid)
+    };
+    let with_valve = |element: Element| -> f64 {
+        let valve = Spec { element, ..base.spec.clone() };
+        judge.gain(data, &valve.stage(data).0, base.spec.orders.nk)
+    };
+    let evidence = |c: &Candidate| -> f64 {
+        let gain = with_effect(c);
         if gain < LOST || c.spec.element == base.spec.element {
             return gain;
         }
         // The valve that was found with the effect may be the whole gain.
-        let mut valve = base.spec.clone();
-        valve.element = c.spec.element;
-        gain - judge.gain(data, &valve.stage(data).0).max(0.0)
+        gain - with_valve(c.spec.element).max(0.0)
     };
     let mut proposals: Vec<(f64, Proposal)> = ALL
         .iter()
@@ -265,7 +323,8 @@ fn step(
                 .is_some_and(|t| t.kind() == p.term.kind() && t.knobs().len() == p.term.knobs().len())
         };
         let twice = full.iter().filter(|(_, c)| alike(c)).count() >= if full.len() < FEW { 2 } else { 1 };
-        if full.len() == FULL || twice || (rated < HOPELESS && !full.is_empty()) {
+        let hopeless = if EXACT.contains(&p.term.kind()) { LITTLE } else { HOPELESS };
+        if full.len() == FULL || twice || (rated < hopeless && !full.is_empty() && settings.only.is_none()) {
             continue;
         }
         let paid = base.paid + cost(settings, &p);
@@ -298,7 +357,12 @@ fn step(
             continue;
         }
         restructure(data, &mut candidate.spec, true, 3);
-        let mut candidate = with_friction(data, candidate, true, tried);
+        let plain = candidate;
+        let mut candidate = with_friction(data, plain.clone(), true, tried);
+        // What friction wins on the fitted samples it must win on all.
+        if candidate.spec.element != plain.spec.element && with_effect(&candidate) < with_effect(&plain) {
+            candidate = Candidate { likely: candidate.likely, ..plain };
+        }
         tune(data, &mut candidate.spec, tried);
         let last = candidate.spec.terms.len() - 1;
         if !ALL.iter().all(|effect| effect.plausible(candidate.spec.terms[last].as_ref())) {
@@ -308,12 +372,18 @@ fn step(
         let candidate =
             Candidate { likely: candidate.likely, ..Candidate::new(data, candidate.spec, candidate.paid) };
         let mut candidate = candidate;
+        candidate.spec.free = None;
         let mut error = held_out(data, &candidate.spec);
         let evidence = evidence(&candidate);
         if error.1 >= at_start.1 && evidence > settings.least_gain {
             // One step ahead its dynamics may be as good as others that run free better.
             candidate.spec = longer_sighted(data, &candidate.spec);
             error = held_out(data, &candidate.spec);
+            if error.1 >= at_start.1 {
+                candidate.spec.free = Some(slow(declared, &candidate.spec));
+                let slow = held_out(data, &candidate.spec);
+                if slow.1 < at_start.1 { error = slow } else { candidate.spec.free = None }
+            }
         }
         let (nearer, of_start) = (error.1 / judged.1, error.1 / at_start.1);
         let gain = base.aic - candidate.aic;
@@ -321,10 +391,16 @@ fn step(
         finals.push(Trial { candidate, kind, evidence, gain, held, nearer, of_start });
     }
     if settings.only.is_some() {
-        return finals.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
+        return (finals.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain)), None);
     }
+    let valves = finals.iter().map(|t| t.candidate.spec.element);
+    let valves = valves.filter(|element| element.f > 0.0 && *element != base.spec.element);
+    let valves = valves.map(|element| (with_valve(element), element));
+    let valve = valves.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|valve| valve.0 > OTHER_VALVE);
     finals.retain(|t| t.worth(settings.least_gain));
-    finals.into_iter().max_by(|a, b| a.rank().total_cmp(&b.rank()))
+    let best = finals.into_iter().max_by(|a, b| a.rank().total_cmp(&b.rank()));
+    let valve = valve.filter(|valve| best.as_ref().is_none_or(|best| valve.0 > best.evidence));
+    (best, valve.map(|valve| valve.1))
 }
 
 impl Trial {
@@ -335,13 +411,18 @@ impl Trial {
     fn worth(&self, enough: f64) -> bool {
         let Self { kind, evidence, held, nearer, of_start, .. } = *self;
         let mut needed = enough + NEARER * nearer.clamp(0.2, 2.0).ln();
-        if self.candidate.spec.element.f > 0.0 {
-            needed += STICKY;
+        needed += match kind {
+            Kind::AsymmetricFriction | Kind::FrictionDrift => OTHER_FRICTION,
+            _ if ON_THE_STEM.contains(&kind) || self.candidate.spec.element.f <= 0.0 => 0.0,
+            _ => STICKY,
+        };
+        if held < 0.0 {
+            needed = needed.max(enough) + DISAGREES;
+        } else if held < LEAST_HELD {
+            needed += UNDECIDED;
         }
-        if matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift) {
-            needed += OTHER_FRICTION;
-        }
-        evidence > needed && (held > LEAST_HELD || nearer < LEAST_NEARER) && of_start < 1.0
+        let agrees = held > LEAST_HELD || nearer < LEAST_NEARER || (held > 0.0 && evidence > 2.0 * needed);
+        evidence > needed && agrees && of_start < 1.0
     }
 
     /// What it is compared by with others that are worth it.

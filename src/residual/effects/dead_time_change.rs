@@ -2,12 +2,25 @@
 
 use super::load_step::MARGIN;
 use super::{Context, Proposal, Recognise, best};
+use crate::diagnosis::stats::median;
+use crate::residual::fit::FLOOR;
 use crate::residual::model::{Data, Knob, Term};
+use crate::residual::regress::{LONG_Y, Quick};
 use crate::residual::{Kind, Parameter};
+use std::ops::Range;
 
-/// Times tried, and the longest change (samples).
-const TIMES: usize = 14;
+/// Longest change (samples).
 const LONGEST: i32 = 8;
+/// Shares of the fitted samples that may know one delay only.
+const PARTS: [f64; 2] = [0.35, 0.6];
+/// Lags of the stem about the model's delay.
+const BEFORE: usize = 5;
+const AFTER: usize = 7;
+/// Changes sought once more with the dynamics estimated with them, and how many samples earlier than those the delay may be.
+const CLOSER: usize = 3;
+const EARLIER: i32 = 3;
+/// Changes rated with the dynamics estimated anew.
+const MOST: usize = 8;
 /// Least change that counts (samples).
 const LEAST: f64 = 1.5;
 
@@ -74,41 +87,145 @@ impl Recognise for DeadTimeChange {
     fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
         let margin = MARGIN.max((c.data.split - c.data.first) / 12);
         let (from, to) = (c.data.first + margin, c.data.split.saturating_sub(margin));
-        let n = c.data.len();
-        let z = &c.stage.z;
         let tried = f64::from(2 * LONGEST) * (to - from) as f64 / 4.0;
-        // When anything about the response changes: its lags twice, the second time from `at` on.
-        let mut times: Vec<(f64, usize)> = (from..to)
-            .step_by(((to - from) / TIMES).max(1))
-            .map(|at| {
-                let late = |lag: usize| -> Vec<f64> {
-                    (0..n).map(|k| if k >= at { z[k.saturating_sub(lag)] } else { 0.0 }).collect()
-                };
-                let later = c.quick.z_lags.last().map_or(1, |last| last + 2);
-                let columns: Vec<Vec<f64>> =
-                    c.quick.z_lags.iter().copied().step_by(2).chain([later]).map(late).collect();
-                (c.quick.with(&columns.iter().map(Vec::as_slice).collect::<Vec<_>>()).0, at)
-            })
-            .collect();
-        times.sort_by(|a, b| a.0.total_cmp(&b.0));
         let bounds = (from as f64, to as f64);
-        let mut proposals = Vec::new();
-        for &(_, at) in times.iter().take(2) {
-            for more in (-LONGEST..=LONGEST).filter(|d| *d != 0) {
-                let term = Change { at: at as f64, more: f64::from(more), bounds };
-                // The model's delay lies anywhere between the two there are.
-                let nk = c.spec.orders.nk;
-                let least = nk.saturating_sub(more.unsigned_abs() as usize).max(1);
-                let loss = c.rebuilt_at(&term, nk).min(c.rebuilt_at(&term, least));
-                proposals.push(Proposal {
-                    term: Box::new(term),
-                    loss,
-                    parameters: 2.0,
-                    tried,
-                    element: None,
-                });
+        let rate = |(at, more): (usize, i32)| -> (f64, Quick, Change) {
+            let term = Change { at: at as f64, more: f64::from(more), bounds };
+            let mut trial = c.spec.clone();
+            trial.terms.push(term.boxed());
+            let (stage, _) = trial.stage(c.data);
+            // The model's delay lies anywhere between the two there are.
+            let nk = c.spec.orders.nk;
+            let short = nk.saturating_sub(more.unsigned_abs() as usize).max(1);
+            let fits = [nk, short, nk.midpoint(short)].map(|nk| Quick::long_arx(c.data, &stage, nk));
+            let [a, b, d] = fits;
+            let best = if b.loss < a.loss { b } else { a };
+            let best = if d.loss < best.loss { d } else { best };
+            (best.loss, best, term)
+        };
+        let mut rated: Vec<_> = changes(c, from..to).into_iter().map(rate).collect();
+        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+        rated.truncate(CLOSER);
+        let closer: Vec<_> =
+            rated.iter().filter_map(|(_, fit, _)| closer(c, fit, from..to)).map(rate).collect();
+        rated.extend(closer);
+        let proposal = |(loss, _, term)| Proposal {
+            term: Box::<Change>::new(term),
+            loss,
+            parameters: 2.0,
+            tried,
+            element: None,
+        };
+        best(rated.into_iter().map(proposal).collect(), 2)
+    }
+}
+
+/// The time and change that suit best once the dynamics are estimated with nearly the right ones.
+fn closer(c: &Context<'_>, fit: &Quick, times: Range<usize>) -> Option<(usize, i32)> {
+    let (first, split) = (c.data.first, c.data.split);
+    let scale = spread(&fit.residual());
+    let shifts: Vec<i32> = (-EARLIER..=LONGEST).collect();
+    let sums: Vec<Vec<f64>> = shifts
+        .iter()
+        .map(|shift| {
+            let e = errors(c, &fit.theta, &fit.z_lags, *shift);
+            let mut sum = 0.0;
+            let weighted = e.iter().zip(&c.stage.weight[first..split]);
+            weighted
+                .map(|(e, w)| {
+                    sum += w * rho(*e, scale);
+                    sum
+                })
+                .collect()
+        })
+        .collect();
+    let mut found: Option<(f64, usize, i32)> = None;
+    for (before, own) in shifts.iter().zip(&sums) {
+        for (after, next) in shifts.iter().zip(&sums) {
+            if before == after || (before - after).abs() > LONGEST {
+                continue;
+            }
+            let total = next.last().copied().unwrap_or(0.0);
+            for at in times.clone() {
+                let loss = own[at - 1 - first] + total - next[at - 1 - first];
+                if found.is_none_or(|best| loss < best.0) {
+                    found = Some((loss, at, after - before));
+                }
             }
         }
-        best(proposals, 2)
     }
+    found.map(|(_, at, more)| (at, more))
+}
+
+/// Standard deviation of errors of which a few are huge.
+fn spread(e: &[f64]) -> f64 {
+    let sizes: Vec<f64> = e.iter().map(|e| e.abs()).collect();
+    median(&sizes) / 0.6745 + FLOOR.sqrt()
+}
+
+/// What a single error costs: t distribution of three degrees.
+fn rho(e: f64, scale: f64) -> f64 {
+    (1.0 + e * e / (3.0 * scale * scale)).ln()
+}
+
+/// Times of a change and samples more from there on that explain most, as `B` of one part of the samples alone has it.
+///
+/// ```text
+/// e_s[k] = y - sum a_i y[k-i] - sum b_j z[k-s-j] - c0,   gain(t, s) = sum over the other side of t of rho(e_0) - rho(e_s)
+/// ```
+fn changes(c: &Context<'_>, times: Range<usize>) -> Vec<(usize, i32)> {
+    let (first, split) = (c.data.first, c.data.split);
+    let nk = c.spec.orders.nk;
+    let lags: Vec<usize> = (nk.saturating_sub(BEFORE).max(1)..=nk + AFTER).collect();
+    let y_lags: Vec<usize> = (1..=LONG_Y).collect();
+    let mut found: Vec<(f64, usize, i32)> = Vec::new();
+    // Before the change with the dynamics of the first samples, after it with those of the last.
+    for (share, late) in PARTS.into_iter().flat_map(|share| [(share, false), (share, true)]) {
+        let part = (share * (split - first) as f64) as usize;
+        let own = if late { split - part..split } else { first..first + part };
+        let mut stage = c.stage.clone();
+        stage.weight.iter_mut().enumerate().filter(|(k, _)| !own.contains(k)).for_each(|(_, w)| *w = 0.0);
+        let theta = Quick::new(c.data, &stage, &y_lags, &lags, None).theta;
+        let still = errors(c, &theta, &lags, 0);
+        let scale = spread(&still[own.start - first..own.end - first]);
+        for more in (-LONGEST..=LONGEST).filter(|s| *s != 0) {
+            let shifted = errors(c, &theta, &lags, more);
+            let gains = (first..split)
+                .map(|k| c.stage.weight[k] * (rho(still[k - first], scale) - rho(shifted[k - first], scale)));
+            let mut sum = 0.0;
+            let sums: Vec<f64> = gains
+                .map(|g| {
+                    sum += g;
+                    sum
+                })
+                .collect();
+            let gain = |at: usize| if late { sums[at - 1 - first] } else { sum - sums[at - 1 - first] };
+            if let Some(at) = times.clone().max_by(|a, b| gain(*a).total_cmp(&gain(*b))) {
+                found.push((gain(at), at, if late { -more } else { more }));
+            }
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.truncate(MOST);
+    found.into_iter().map(|(_, at, more)| (at, more)).collect()
+}
+
+/// The errors on the fitted samples with the stem `shift` samples later.
+fn errors(c: &Context<'_>, theta: &[f64], lags: &[usize], shift: i32) -> Vec<f64> {
+    let (first, split) = (c.data.first, c.data.split);
+    let mut e = c.stage.y[first..split].to_vec();
+    let mut take = |gain: f64, v: &[f64]| e.iter_mut().zip(v).for_each(|(e, v)| *e -= gain * v);
+    for (i, a) in theta[..LONG_Y].iter().enumerate() {
+        take(*a, &c.stage.y[first - 1 - i..split - 1 - i]);
+    }
+    for (lag, b) in lags.iter().zip(&theta[LONG_Y..]) {
+        let lag = (*lag as i32 + shift).clamp(0, first as i32) as usize;
+        take(*b, &c.stage.z[first - lag..split - lag]);
+    }
+    let rest = &theta[LONG_Y + lags.len()..];
+    e.iter_mut().for_each(|e| *e -= rest[0]);
+    for (gamma, column) in rest[1..].iter().zip(&c.stage.columns) {
+        e.iter_mut().zip(&column[first..split]).for_each(|(e, x)| *e -= gamma * x);
+    }
+    e
 }

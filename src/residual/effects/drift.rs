@@ -62,6 +62,8 @@ impl Recognise for Drift {
             let tried = if ramp.from.is_some() { STARTS as f64 } else { 1.0 };
             Proposal { term: Box::new(ramp), loss, parameters: free, tried, element: None }
         });
-        best(rated.collect(), 2)
+        // One of each: they go on differently.
+        let (always, later): (Vec<_>, Vec<_>) = rated.partition(|p| p.term.knobs().is_empty());
+        always.into_iter().chain(best(later, 1)).collect()
     }
 }
