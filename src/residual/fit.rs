@@ -360,14 +360,13 @@ pub fn calibrated(data: &Data, spec: &Spec, stage: &Stage, e: &[f64]) -> Linear 
 
 /// The free run with the linear part [`calibrated`] for it.
 pub fn free_run(data: &Data, spec: &Spec, stage: &Stage, e: &[f64], from: usize) -> Vec<f64> {
-    let mut run = spec.clone();
-    if let Some((orders, linear)) = run.free.take() {
-        (run.orders, run.linear) = (orders, linear);
-        run.linear.gamma.resize(stage.columns.len(), 0.0);
-        let mut own = Vec::new();
-        errors(data, stage, orders, &run.linear, &mut own);
-        return free_run(data, &run, stage, &own, from);
+    if let Some(other) = &spec.free {
+        let (stage, _) = other.stage(data);
+        let mut e = Vec::new();
+        errors(data, &stage, other.orders, &other.linear, &mut e);
+        return free_run(data, other, &stage, &e, from);
     }
+    let mut run = spec.clone();
     run.linear = calibrated(data, spec, stage, e);
     simulate(data, &run, stage, e, from, data.stretch())
 }

@@ -211,8 +211,8 @@ pub struct Spec {
     pub orders: Orders,
     /// Its coefficients.
     pub linear: Linear,
-    /// What the free run takes in place of orders and coefficients, before it is calibrated, where not those.
-    pub free: Option<(Orders, Linear)>,
+    /// The model that runs free in its place, where its own dynamics are right one step ahead only.
+    pub free: Option<Box<Spec>>,
     /// Loss on the fitted samples.
     pub loss: f64,
 }

@@ -5,11 +5,10 @@ use super::effects::{ALL, Context, Proposal};
 use super::evidence::Judge;
 use super::findings::{Outcome, report};
 use super::fit::{free_fitted, held_out, loss_of, minimise};
-use super::model::{Data, Element, Linear, Spec};
+use super::model::{Data, Element, Spec};
 use super::pose::{declared, pose};
 use super::regress::{Quick, all_errors, restructure, structures};
 use super::{Findings, Kind, Settings, Stem};
-use crate::diagnosis::armax::Orders;
 use crate::diagnosis::{Diagnosis, Preparation, Verdict};
 use crate::signal::Window;
 
@@ -99,7 +98,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         // The model without has the same chances as those with an effect: what a second look finds is no effect's gain.
         if looks == LOOKS || !added.is_empty() {
             let next = again(&data, base.clone(), &mut tried);
-            if added.is_empty() || held_out(&data, &next.spec).1 < at_start.1 {
+            if added.is_empty() || held_out(&data, &next.spec).1 <= at_start.1 {
                 base = next;
             }
         }
@@ -137,17 +136,38 @@ fn again(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
     if next.aic < base.aic { next } else { base }
 }
 
-/// The declared model's dynamics for the free run of another model, with the shorter of both delays.
+/// Another model for the free run: the declared model's A and C under this one's stem and shapes, with the shorter of both
+/// delays, where that is not worse than the declared model; else, where the held-out samples leave no doubt one step ahead,
+/// the declared model itself. Returns the held-out errors, if either will do.
 ///
 /// In closed loop PV may stay nearer to where it was than an open loop under the same load would: the dynamics that are right
 /// one step ahead then run free worse than ones that hardly answer to OP.
-fn slow(declared: &Spec, spec: &Spec) -> (Orders, Linear) {
-    let mut orders = declared.orders;
-    let mut linear = Linear { gamma: Vec::new(), ..declared.linear.clone() };
-    let earlier = orders.nk.saturating_sub(spec.orders.nk);
-    linear.b.splice(0..0, vec![0.0; earlier]);
-    (orders.nk, orders.nb) = (orders.nk - earlier, orders.nb + earlier);
-    (orders, linear)
+fn with_free(
+    data: &Data,
+    declared: &Spec,
+    at_start: (f64, f64),
+    judged: (f64, f64),
+    spec: &mut Spec,
+) -> Option<(f64, f64)> {
+    let mut slow = Spec { orders: declared.orders, linear: declared.linear.clone(), ..spec.clone() };
+    let earlier = slow.orders.nk.saturating_sub(spec.orders.nk);
+    slow.linear.b.splice(0..0, vec![0.0; earlier]);
+    (slow.orders.nk, slow.orders.nb) = (slow.orders.nk - earlier, slow.orders.nb + earlier);
+    slow.linear.gamma = vec![0.0; spec.linear.gamma.len()];
+    spec.free = Some(Box::new(slow));
+    let error = held_out(data, spec);
+    if error.1 < at_start.1 {
+        return Some(error);
+    }
+    let held = likelier(data, judged.0, error.0);
+    let repaired = spec.terms.iter().any(|t| REPAIRS.contains(&t.kind()) || t.kind() == Kind::ClockSkew);
+    spec.free = (held > DOUBTLESS && !repaired).then(|| Box::new(declared.clone()));
+    spec.free.is_some().then_some((error.0, at_start.1))
+}
+
+/// Twice the log-likelihood that held-out errors gain.
+fn likelier(data: &Data, before: f64, after: f64) -> f64 {
+    2.0 * (data.len() - data.split) as f64 * (before / after).ln()
 }
 
 /// The model with another valve.
@@ -246,7 +266,7 @@ fn slip_jump(data: &Data, base: &Candidate, at_start: (f64, f64), added: &mut Ve
     let sound = Candidate::new(data, sound, base.paid);
     let gain = without.aic.min(sound.aic) - base.aic;
     let now = held_out(data, &base.spec);
-    let held = 2.0 * (data.len() - data.split) as f64 * (plain.0 / now.0).ln();
+    let held = likelier(data, plain.0, now.0);
     if gain > LEAST_SLIP
         && now.1 <= at_start.1 * if held > DOUBTLESS { 1.1 } else { 1.0 }
         && now.0 < plain.0 * 1.01
@@ -380,14 +400,12 @@ fn step(
             candidate.spec = longer_sighted(data, &candidate.spec);
             error = held_out(data, &candidate.spec);
             if error.1 >= at_start.1 {
-                candidate.spec.free = Some(slow(declared, &candidate.spec));
-                let slow = held_out(data, &candidate.spec);
-                if slow.1 < at_start.1 { error = slow } else { candidate.spec.free = None }
+                error = with_free(data, declared, at_start, judged, &mut candidate.spec).unwrap_or(error);
             }
         }
         let (nearer, of_start) = (error.1 / judged.1, error.1 / at_start.1);
         let gain = base.aic - candidate.aic;
-        let held = 2.0 * (data.len() - data.split) as f64 * (judged.0 / error.0).ln();
+        let held = likelier(data, judged.0, error.0);
         finals.push(Trial { candidate, kind, evidence, gain, held, nearer, of_start });
     }
     if settings.only.is_some() {
@@ -421,8 +439,8 @@ impl Trial {
         } else if held < LEAST_HELD {
             needed += UNDECIDED;
         }
-        let agrees = held > LEAST_HELD || nearer < LEAST_NEARER || (held > 0.0 && evidence > 2.0 * needed);
-        evidence > needed && agrees && of_start < 1.0
+        let agrees = held > LEAST_HELD || nearer < LEAST_NEARER || (held > 0.0 && evidence > 1.5 * needed);
+        evidence > needed && agrees && (of_start < 1.0 || of_start == 1.0 && held > DOUBTLESS)
     }
 
     /// What it is compared by with others that are worth it.
