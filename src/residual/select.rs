@@ -40,7 +40,10 @@ const ON_THE_STEM: [Kind; 4] =
 /// friction (-).
 const STICKY: f64 = 6.0;
 const OTHER_FRICTION: f64 = 4.0;
-/// Evidence more where held-out samples are less likely with the effect, although they run free nearer (-).
+/// Effects that the held-out samples see only as what was fitted goes on: its rate, level or time may be off a little.
+const LATER: [Kind; 5] =
+    [Kind::LoadStep, Kind::Drift, Kind::GainChange, Kind::DeadTimeChange, Kind::FrictionDrift];
+/// Evidence more that others need where held-out samples are less likely with them, although they run free nearer (-).
 const DISAGREES: f64 = 8.0;
 /// The same where they are hardly more likely (-).
 const UNDECIDED: f64 = 3.0;
@@ -434,13 +437,13 @@ impl Trial {
             _ if ON_THE_STEM.contains(&kind) || self.candidate.spec.element.f <= 0.0 => 0.0,
             _ => STICKY,
         };
-        if held < 0.0 {
+        if held < 0.0 && !LATER.contains(&kind) {
             needed = needed.max(enough) + DISAGREES;
-        } else if held < LEAST_HELD {
+        } else if (0.0..LEAST_HELD).contains(&held) {
             needed += UNDECIDED;
         }
         let agrees = held > LEAST_HELD || nearer < LEAST_NEARER || (held > 0.0 && evidence > 1.5 * needed);
-        evidence > needed && agrees && (of_start < 1.0 || of_start == 1.0 && held > DOUBTLESS)
+        evidence > needed && agrees && (of_start < 1.0 || (of_start <= 1.0 && held > DOUBTLESS))
     }
 
     /// What it is compared by with others that are worth it.

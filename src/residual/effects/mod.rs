@@ -104,14 +104,6 @@ impl Context<'_> {
         Quick::long_arx(self.data, &stage, self.spec.orders.nk).loss
     }
 
-    /// The same about another delay.
-    pub fn rebuilt_at(&self, term: &dyn Term, nk: usize) -> f64 {
-        let mut trial = self.spec.clone();
-        trial.terms.push(term.boxed());
-        let (stage, _) = trial.stage(self.data);
-        Quick::long_arx(self.data, &stage, nk).loss
-    }
-
     /// Friction and the first knob of `term` rated together: the f that suits one constant band may be anywhere between the
     /// bands there are, and its lag makes up for what the model lacks.
     pub fn with_friction(&self, term: &dyn Term, values: &[f64], most: usize) -> Vec<Proposal> {
