@@ -305,7 +305,7 @@ fn a_start_without_the_database_neither_forgets_nor_overwrites_what_people_did()
     let message: Value = serde_json::from_str(&told.recv_timeout(patience).expect("told")).expect("JSON");
     let alarms = message["data"]["alarms"].as_array().expect("alarms").iter();
     let alarms: Vec<_> = alarms.map(|own| (own["id"].as_str(), own["state"].as_str())).collect();
-    assert_eq!(alarms, [(Some("d/collector_down"), Some("out_of_service"))], "{message}");
+    assert_eq!(alarms, [(Some("d/collector_down"), Some("out-of-service"))], "{message}");
     // The history has what happened before, each once, and after it what happened since.
     let history = daemon.json("/api/v1/alarms/history?kind=collector_down");
     let items = history["items"].as_array().expect("items").iter().rev();
