@@ -28,9 +28,8 @@ use tokio_util::sync::CancellationToken;
 
 /// How many times faster than the wall clock plant time runs, where nobody says.
 pub const DEFAULT_SPEED: f64 = 80.0;
-/// … and with write-back, where every sample of the controllers is polled and answered: a poll may take 40 ms, which a machine
-/// that is busy with something else needs now and then.
-pub const WRITEBACK_SPEED: f64 = 12.5;
+/// … and with write-back, where every sample of the controllers is polled and answered.
+pub const WRITEBACK_SPEED: f64 = 20.0;
 /// Speeds that the polls can follow.
 pub const SPEEDS: std::ops::RangeInclusive<f64> = 1.0..=200.0;
 /// Plant time between two polls (s): four samples of the controllers, as a historian sees them.

@@ -1,5 +1,5 @@
-//! The two persons of the demo: one grants write-back where the gate waits for nothing else, the other approves; what was
-//! tripped by a machine that was busy with something else is reset. And what the screen says of it.
+//! The two persons of the demo: one grants write-back where the gate waits for nothing else, the other approves. And
+//! what the screen says of it.
 
 use crate::serve::Desk;
 use crate::signal::LoopId;
@@ -16,43 +16,28 @@ const LOOK_MS: u64 = 200;
 /// How long a grant lasts (s of plant time).
 #[cfg(feature = "writeback")]
 const GRANT_S: f64 = 36_000.0;
-#[cfg(feature = "writeback")]
-const OPERATOR: &str = "demo operator";
 
-/// Grants and approves each sticky loop as soon as nothing else is missing: once, and again after a fault that passes by.
+/// Grants and approves each sticky loop once, as soon as nothing else is missing.
 #[cfg(feature = "writeback")]
 pub(super) async fn work(desk: Arc<dyn Desk>, loops: &[DemoLoop], stop: &CancellationToken) {
     let mut waiting: Vec<LoopId> =
         loops.iter().filter(|own| own.truth.sticky).map(|own| LoopId::new(own.id.as_str())).collect();
-    let mut granted = Vec::new();
     let mut ticks = tokio::time::interval(std::time::Duration::from_millis(LOOK_MS));
-    while stop.run_until_cancelled(ticks.tick()).await.is_some() {
-        let before = std::mem::take(&mut granted);
-        for id in std::mem::take(&mut waiting) {
+    while stop.run_until_cancelled(ticks.tick()).await.is_some() && !waiting.is_empty() {
+        let mut left = Vec::new();
+        for id in waiting {
             let ready = desk
                 .status(&id)
                 .is_some_and(|own| own.state == State::Shadow && own.denials == [Denial::NotGranted]);
-            let done = ready
-                && matches!(desk.act(&id, Action::Grant(GRANT_S), OPERATOR).await, Some(Ok(_)))
+            let granted = ready
+                && matches!(desk.act(&id, Action::Grant(GRANT_S), "demo operator").await, Some(Ok(_)))
                 && matches!(desk.act(&id, Action::Approve, "demo supervisor").await, Some(Ok(_)));
-            if done { &mut granted } else { &mut waiting }.push(id);
+            if !granted {
+                left.push(id);
+            }
         }
-        for id in before {
-            let passed = desk
-                .status(&id)
-                .is_some_and(|own| own.state == State::Tripped && own.tripped_by.is_some_and(passes_by));
-            let reset = passed && matches!(desk.act(&id, Action::Reset, OPERATOR).await, Some(Ok(_)));
-            if reset { &mut waiting } else { &mut granted }.push(id);
-        }
+        waiting = left;
     }
-}
-
-/// Whether a fault says nothing of the valve: answers came late, because the machine that is plant and daemon in one had too
-/// much else to do.
-#[cfg(feature = "writeback")]
-fn passes_by(fault: Denial) -> bool {
-    use Denial::{Late, ModeBad, OpBad, PollOverrun, PvBad, SpBad, WriteFailed};
-    matches!(fault, OpBad | PvBad | SpBad | ModeBad | Late | PollOverrun | WriteFailed)
 }
 
 /// Nobody can act in a binary that only reads.
