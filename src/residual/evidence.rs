@@ -57,6 +57,12 @@ impl Judge {
     }
 }
 
+/// Standard deviation of errors of which a few are huge.
+pub fn spread(e: &[f64]) -> f64 {
+    let sizes: Vec<f64> = e.iter().map(|e| e.abs()).collect();
+    median(&sizes) / 0.6745 + FLOOR.sqrt()
+}
+
 /// A robust estimate: coefficients, errors, their standard deviation, and the weights that Huber's loss gives.
 #[derive(Default)]
 pub struct Robust {
@@ -99,8 +105,7 @@ impl System {
         for _ in 0..PASSES {
             (found.theta, found.free) = self.theta(&found.weight);
             found.e = self.errors(&found.theta);
-            let sizes: Vec<f64> = found.e.iter().map(|e| e.abs()).collect();
-            found.scale = median(&sizes) / 0.6745 + FLOOR.sqrt();
+            found.scale = spread(&found.e);
             self.reweigh(&found.e, found.scale, &mut found.weight);
         }
         found

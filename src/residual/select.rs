@@ -392,10 +392,9 @@ fn step(
             continue;
         }
         let kind = candidate.spec.terms[last].kind();
-        let candidate =
-            Candidate { likely: candidate.likely, ..Candidate::new(data, candidate.spec, candidate.paid) };
-        let mut candidate = candidate;
         candidate.spec.free = None;
+        candidate =
+            Candidate { likely: candidate.likely, ..Candidate::new(data, candidate.spec, candidate.paid) };
         let mut error = held_out(data, &candidate.spec);
         let evidence = evidence(&candidate);
         if error.1 >= at_start.1 && evidence > settings.least_gain {

@@ -2,8 +2,7 @@
 
 use super::load_step::MARGIN;
 use super::{Context, Proposal, Recognise, best};
-use crate::diagnosis::stats::median;
-use crate::residual::fit::FLOOR;
+use crate::residual::evidence::spread;
 use crate::residual::model::{Data, Knob, Term};
 use crate::residual::regress::{LONG_Y, Quick};
 use crate::residual::{Kind, Parameter};
@@ -155,12 +154,6 @@ fn closer(c: &Context<'_>, fit: &Quick, times: Range<usize>) -> Option<(usize, i
         }
     }
     found.map(|(_, at, more)| (at, more))
-}
-
-/// Standard deviation of errors of which a few are huge.
-fn spread(e: &[f64]) -> f64 {
-    let sizes: Vec<f64> = e.iter().map(|e| e.abs()).collect();
-    median(&sizes) / 0.6745 + FLOOR.sqrt()
 }
 
 /// What a single error costs: t distribution of three degrees.
