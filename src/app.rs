@@ -38,6 +38,7 @@ use keeping::Keeping;
 use notifying::Notifying;
 use past::Pasts;
 use rings::Rings;
+use futures::future::BoxFuture;
 use std::collections::HashMap;
 use std::io;
 use std::net::SocketAddr;
@@ -223,7 +224,12 @@ impl App {
     ///
     /// # Errors
     /// [`AppError::Serve`]; the rest is stopped first.
-    pub async fn run(&self, listener: TcpListener) -> Result<(), AppError> {
+    pub fn run(&self, listener: TcpListener) -> BoxFuture<'_, Result<(), AppError>> {
+        // Boxed here, so that a binary that calls it does not compile the daemon once more.
+        Box::pin(self.work(listener))
+    }
+
+    async fn work(&self, listener: TcpListener) -> Result<(), AppError> {
         {
             let mut state = self.state.lock().await;
             (state.collecting, state.since) = (true, self.clock.now());
@@ -269,7 +275,11 @@ impl App {
     ///
     /// # Errors
     /// [`AppError::Plan`], [`AppError::Access`], [`AppError::Tls`]; then everything stays as it was.
-    pub async fn reload(&self, config: Config) -> Result<(), AppError> {
+    pub fn reload(&self, config: Config) -> BoxFuture<'_, Result<(), AppError>> {
+        Box::pin(self.take(config))
+    }
+
+    async fn take(&self, config: Config) -> Result<(), AppError> {
         let wired = config.plant().map_err(AppError::Plan)?;
         let mut state = self.state.lock().await;
         self.guarding.reload()?;

@@ -15,6 +15,7 @@ pub use clock::Clock;
 use crate::diagnosis::Settings;
 use crate::results::{Basis, Judged, KnownEffect, Outcome, Results, Run, Trigger};
 use crate::signal::{LoopId, Record};
+use futures::future::BoxFuture;
 use serde::Deserialize;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
@@ -270,7 +271,12 @@ impl Scheduler {
     }
 
     /// Runs until the token is cancelled. A diagnosis still running then is left to its thread.
-    pub async fn run(&self, token: CancellationToken) {
+    pub fn run(&self, token: CancellationToken) -> BoxFuture<'_, ()> {
+        // Boxed here, so that a binary that calls it does not compile the scheduler once more.
+        Box::pin(self.until(token))
+    }
+
+    async fn until(&self, token: CancellationToken) {
         let slots = (0..self.config.parallelism.max(1)).map(|_| self.slot(&token));
         tokio::join!(self.tick(&token), futures::future::join_all(slots));
     }

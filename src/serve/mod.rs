@@ -35,6 +35,7 @@ use crate::history::History;
 use crate::results::{Basis, Results};
 use crate::schedule::{Clock, Scheduler};
 use crate::signal::{LoopId, Record};
+use futures::future::BoxFuture;
 use serde::Deserialize;
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -409,7 +410,12 @@ pub fn router(context: Arc<Context>) -> axum::Router {
 ///
 /// # Errors
 /// [`ServeError::Unguarded`], [`ServeError::Clear`] before anything is served, [`ServeError::Listener`] when the listener fails.
-pub async fn serve(listener: TcpListener, context: Arc<Context>) -> Result<(), ServeError> {
+pub fn serve(listener: TcpListener, context: Arc<Context>) -> BoxFuture<'static, Result<(), ServeError>> {
+    // Boxed here, so that a binary that calls it does not compile the server once more.
+    Box::pin(serve_within(listener, context))
+}
+
+async fn serve_within(listener: TcpListener, context: Arc<Context>) -> Result<(), ServeError> {
     let address = listener.local_addr()?;
     let (stop, config) = (context.stop.clone(), context.config.clone());
     config.permits(address, context.access.is_some())?;

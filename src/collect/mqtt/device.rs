@@ -17,6 +17,7 @@ use crate::collect::{Clock, DeviceHealth, Poll, Sink};
 use crate::mqtt::sparkplug::{Metric, Payload, REBIRTH, Topic, Value, datatype};
 use crate::signal::{BadReason, Quality, Sample};
 use futures::StreamExt;
+use futures::future::BoxFuture;
 use futures::stream::unfold;
 use prost::Message;
 use rand::SeedableRng;
@@ -102,7 +103,12 @@ impl Collector {
     }
 
     /// Listens until `shutdown` is cancelled.
-    pub async fn run(mut self, sink: Arc<dyn Sink>, shutdown: CancellationToken) {
+    pub fn run(self, sink: Arc<dyn Sink>, shutdown: CancellationToken) -> BoxFuture<'static, ()> {
+        // Boxed here, so that a binary that calls it does not compile the collector once more.
+        Box::pin(self.until(sink, shutdown))
+    }
+
+    async fn until(mut self, sink: Arc<dyn Sink>, shutdown: CancellationToken) {
         let health = self.health();
         shutdown.run_until_cancelled(self.listen_for_ever(&*sink)).await;
         health.disconnected();

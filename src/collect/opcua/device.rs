@@ -9,6 +9,7 @@ use crate::collect::backoff::Backoff;
 use crate::collect::series::{Order, Series, SourceClock};
 use crate::collect::{Clock, DeviceHealth, Frozen, Poll, Reading, Sink};
 use crate::signal::{BadReason, Quality, Sample};
+use futures::future::BoxFuture;
 use opcua::types::{DataValue, NodeId};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
@@ -119,7 +120,12 @@ impl Collector {
     }
 
     /// Hands every sample to the sink, each once and in the order of time, until `shutdown` is cancelled.
-    pub async fn run(mut self, sink: Arc<dyn Sink>, shutdown: CancellationToken) {
+    pub fn run(self, sink: Arc<dyn Sink>, shutdown: CancellationToken) -> BoxFuture<'static, ()> {
+        // Boxed here, so that a binary that calls it does not compile the collector once more.
+        Box::pin(self.until(sink, shutdown))
+    }
+
+    async fn until(mut self, sink: Arc<dyn Sink>, shutdown: CancellationToken) {
         let health = self.health();
         shutdown.run_until_cancelled(self.keep_for_ever(&*sink)).await;
         health.disconnected();

@@ -15,6 +15,7 @@ use crate::mqtt::Broker;
 use crate::results::{Event, Results};
 use crate::signal::LoopId;
 use futures::StreamExt;
+use futures::future::BoxFuture;
 use futures::stream::{FuturesUnordered, unfold};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
@@ -111,7 +112,12 @@ impl Publisher {
     }
 
     /// Publishes until `stop` is cancelled, and then says that it is offline.
-    pub async fn run(&self, stop: CancellationToken) {
+    pub fn run(&self, stop: CancellationToken) -> BoxFuture<'_, ()> {
+        // Boxed here, so that a binary that calls it does not compile the publisher once more.
+        Box::pin(self.until(stop))
+    }
+
+    async fn until(&self, stop: CancellationToken) {
         let node = async {
             if let Some(sparkplug) = &self.config.sparkplug {
                 Edge::new(self, sparkplug).run(stop.clone()).await;
