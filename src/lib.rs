@@ -3,14 +3,8 @@
 //! The code map, in reading order; data walks one way:
 //! `collect -> history -> schedule -> diagnosis -> residual -> results -> serve`.
 
-pub mod signal;
+pub use stictiond_numerics::{compensation, diagnosis, plot, residual, signal, sim};
 
-pub mod diagnosis;
-pub mod residual;
-pub mod sim;
-
-pub mod compensation;
-pub mod plot;
 pub mod reproduce;
 
 pub mod access;

@@ -1,6 +1,6 @@
 //! `diagnose --plot`: what the model says and what it leaves, before and after the effects, as one picture.
 
-use realfft::RealFftPlanner;
+use stictiond::diagnosis::spectrum;
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
 use stictiond::residual::Findings;
 
@@ -93,12 +93,7 @@ fn spectrum(v: &[f64], ts: f64) -> Vec<(f64, f64)> {
     }
     let mean = v.iter().sum::<f64>() / n as f64;
     let mut input: Vec<f64> = v.iter().map(|x| x - mean).collect();
-    let plan = RealFftPlanner::<f64>::new().plan_fft_forward(n);
-    let mut output = plan.make_output_vec();
-    if plan.process(&mut input, &mut output).is_err() {
-        return Vec::new();
-    }
-    let power: Vec<f64> = output.iter().map(|c| c.norm_sqr() * ts / n as f64).collect();
+    let power: Vec<f64> = spectrum::power(&mut input).iter().map(|p| p * ts / n as f64).collect();
     (1..power.len())
         .map(|i| {
             let near = &power[i.saturating_sub(SMOOTHED).max(1)..(i + SMOOTHED + 1).min(power.len())];

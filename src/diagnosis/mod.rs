@@ -16,6 +16,7 @@ pub mod region;
 pub mod rivals;
 pub mod screen;
 pub mod search;
+pub mod spectrum;
 pub mod stats;
 pub mod validation;
 pub mod verdict;

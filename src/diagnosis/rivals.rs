@@ -13,8 +13,8 @@ use super::armax::{LOSS_FLOOR, Signals};
 use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
 use super::screen::{LONG_Y, Screen};
 use super::search::Problem;
+use super::spectrum;
 use super::stats::range;
-use realfft::RealFftPlanner;
 use std::f64::consts::TAU;
 
 /// Harmonic counts tried for a periodic load.
@@ -229,13 +229,7 @@ fn combs(residual: &[f64], hint: Option<f64>) -> Vec<(f64, usize)> {
     let size = (4 * n).next_power_of_two();
     let mut padded = vec![0.0; size];
     padded[..n].copy_from_slice(residual);
-    let mut planner = RealFftPlanner::<f64>::new();
-    let forward = planner.plan_fft_forward(size);
-    let mut spectrum = forward.make_output_vec();
-    if forward.process(&mut padded, &mut spectrum).is_err() {
-        return Vec::new();
-    }
-    let power: Vec<f64> = spectrum.iter().map(|c| c.norm_sqr()).collect();
+    let power = spectrum::power(&mut padded);
     let floor = power.iter().sum::<f64>() / power.len() as f64;
     // Four periods in the record at least, two samples a half-period at most.
     let (low, high) = (4 * size / n, size / 4);

@@ -3,9 +3,9 @@
 use super::Test;
 use super::model::{Data, Stage};
 use crate::diagnosis::linalg::dot;
+use crate::diagnosis::spectrum;
 use crate::diagnosis::stats::{mean, median, sd};
 use crate::diagnosis::validation::is_white;
-use realfft::RealFftPlanner;
 
 /// Two-sided 99 % point of a normal distribution for one test, and for the largest of about forty.
 const ONE: f64 = 2.58;
@@ -79,14 +79,8 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 
 /// Fisher's g: the probability that the largest line of white noise holds as large a share of its spectrum.
 fn fisher(v: &[f64]) -> f64 {
-    let n = v.len();
-    let mut padded = v.to_vec();
-    let forward = RealFftPlanner::<f64>::new().plan_fft_forward(n);
-    let mut spectrum = forward.make_output_vec();
-    if forward.process(&mut padded, &mut spectrum).is_err() {
-        return 1.0;
-    }
-    let power: Vec<f64> = spectrum[1..].iter().map(|c| c.norm_sqr()).collect();
+    let power = spectrum::power(&mut v.to_vec());
+    let power = &power[1..];
     let share = power.iter().copied().fold(0.0, f64::max) / power.iter().sum::<f64>().max(1e-300);
     // The first term of Fisher's sum: exact in the tail.
     let m = power.len() as f64;

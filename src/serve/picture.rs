@@ -2,10 +2,9 @@
 //! residual looks like: its spectrum and its correlations.
 
 use crate::diagnosis::stats::{mean, median, range, sd};
-use crate::diagnosis::{Diagnosis, friction, region};
+use crate::diagnosis::{Diagnosis, friction, region, spectrum};
 use crate::results::{Judged, Residuals};
 use crate::signal::Window;
-use realfft::RealFftPlanner;
 
 /// Lags of the correlations (samples).
 const LAGS: usize = 40;
@@ -181,18 +180,13 @@ fn spectrum(e: &[f64], segment: usize) -> Vec<f64> {
         .map(|k| (std::f64::consts::PI * (k as f64 + 0.5) / segment as f64).sin().powi(2))
         .collect();
     let weight: f64 = hann.iter().map(|w| w * w).sum();
-    let forward = RealFftPlanner::<f64>::new().plan_fft_forward(segment);
-    let mut bins = forward.make_output_vec();
     let mut power = vec![0.0; segment / 2];
     let mut count = 0.0;
     for from in (0..=e.len() - segment).step_by(segment / 2) {
         let mut part: Vec<f64> =
             e[from..from + segment].iter().zip(&hann).map(|(e, w)| (e - centre) * w).collect();
-        if forward.process(&mut part, &mut bins).is_err() {
-            return Vec::new();
-        }
-        for (power, bin) in power.iter_mut().zip(&bins[1..]) {
-            *power += bin.norm_sqr();
+        for (power, bin) in power.iter_mut().zip(&spectrum::power(&mut part)[1..]) {
+            *power += bin;
         }
         count += 1.0;
     }

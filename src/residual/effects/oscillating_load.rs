@@ -3,9 +3,9 @@
 //! Recognised by the lines of the residual's and PV's spectra; the frequency is then estimated with everything else.
 
 use super::{Context, Proposal, Recognise, best};
+use crate::diagnosis::spectrum;
 use crate::residual::model::{Data, Knob, Stage, Term};
 use crate::residual::{Kind, Parameter};
-use realfft::RealFftPlanner;
 use std::f64::consts::TAU;
 
 /// Harmonics tried.
@@ -140,12 +140,7 @@ fn peaks(v: &[f64], most: usize) -> Vec<f64> {
         // Hann: a strong line must not hide its neighbours.
         *p = (v - mean) * (0.5 - 0.5 * (TAU * k as f64 / n as f64).cos());
     }
-    let forward = RealFftPlanner::<f64>::new().plan_fft_forward(size);
-    let mut spectrum = forward.make_output_vec();
-    if forward.process(&mut padded, &mut spectrum).is_err() {
-        return Vec::new();
-    }
-    let power: Vec<f64> = spectrum.iter().map(|c| c.norm_sqr()).collect();
+    let power = spectrum::power(&mut padded);
     let low = 3 * size / n;
     let mut found: Vec<usize> = (low.max(1)..(power.len() - 1) * 9 / 10)
         .filter(|&i| power[i] >= power[i - 1] && power[i] > power[i + 1])
