@@ -2,12 +2,13 @@
 FROM rust:1-slim-bookworm AS build
 WORKDIR /src
 COPY Cargo.toml Cargo.lock ./
+COPY numerics numerics
 # The manifest names the benches.
 COPY benches benches
 # The dependencies alone first, so that a change of the sources does not build them again.
-RUN mkdir src && echo 'fn main() {}' > src/main.rs && touch src/lib.rs && cargo build --release --locked && rm -r src
+RUN mkdir src && echo 'fn main() {}' > src/main.rs && touch src/lib.rs src/numerics.rs && cargo build --release --locked && rm -r src
 COPY src src
-RUN touch src/main.rs src/lib.rs && cargo build --release --locked --bin stictiond
+RUN touch src/main.rs src/lib.rs src/numerics.rs && cargo build --release --locked --bin stictiond
 
 FROM debian:bookworm-slim
 COPY --from=build /src/target/release/stictiond /usr/local/bin/stictiond

@@ -127,6 +127,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
         ],
     ),
     ("lib", &[]),
+    ("numerics", &[]),
     ("main", &["cli"]),
 ];
 
@@ -346,10 +347,17 @@ fn sources() -> Vec<Source> {
 
 /// The names of all dependencies, as code writes them.
 fn crates() -> Vec<String> {
-    let text = fs::read_to_string(root().join("Cargo.toml")).expect("Cargo.toml can be read");
-    let manifest: toml::Table = text.parse().expect("Cargo.toml is TOML");
-    let names = manifest["dependencies"].as_table().expect("a table").keys();
-    names.map(|name| name.replace('-', "_")).collect()
+    let of = |manifest: &str| -> Vec<String> {
+        let text = fs::read_to_string(root().join(manifest)).expect("the manifest can be read");
+        let manifest: toml::Table = text.parse().expect("the manifest is TOML");
+        manifest["dependencies"]
+            .as_table()
+            .expect("a table")
+            .keys()
+            .map(|name| name.replace('-', "_"))
+            .collect()
+    };
+    [of("Cargo.toml"), of("numerics/Cargo.toml")].concat()
 }
 
 fn everywhere(rule: impl Fn(&Source) -> Vec<String>) {

@@ -2,12 +2,12 @@
 //! literature. A compensator sees OP and says what to add to it at the same sample; it never replaces OP.
 //!
 //! ```
-//! use stictiond::compensation::{Compensator, ConstantReinforcement, CrSettings};
+//! use stictiond_numerics::compensation::{Compensator, ConstantReinforcement, CrSettings};
 //!
 //! let mut cr = ConstantReinforcement::new(2.5, [2.4, 2.6], CrSettings::default())?;
 //! let terms: Vec<f64> = [50.0, 50.1, 50.2, 50.2, 50.1].iter().map(|&op| cr.step(op, 1.0)).collect();
 //! assert_eq!(terms, [0.0, 2.5, 2.5, 0.0, -2.5]);
-//! # Ok::<(), stictiond::compensation::CrError>(())
+//! # Ok::<(), stictiond_numerics::compensation::CrError>(())
 //! ```
 
 mod cr;
