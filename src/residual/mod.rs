@@ -12,6 +12,7 @@
 
 mod candidate;
 mod checks;
+mod direct;
 mod effects;
 mod evidence;
 mod filters;

@@ -1,10 +1,10 @@
 //! Forward selection: one effect at a time, friction and dynamics estimated again with each.
 
 use super::candidate::{Candidate, tune, with_friction};
+use super::direct::{add_direct, is_repaired, not_worse};
 use super::effects::{ALL, Context, Proposal};
-use super::evidence::Judge;
 use super::findings::{Outcome, report};
-use super::fit::{free_fitted, held_out, loss_of, minimise};
+use super::fit::{free_fitted, held_out, minimise};
 use super::model::{Data, Element, Spec};
 use super::pose::{declared, pose};
 use super::regress::{Quick, all_errors, restructure, structures};
@@ -13,7 +13,7 @@ use crate::diagnosis::{Diagnosis, Preparation, Verdict};
 use crate::signal::Window;
 
 /// Candidates fitted in full at each step, those of them that may be of one kind, and fitted with friction scanned anew.
-const FULL: usize = 9;
+const FULL: usize = 14;
 const FEW: usize = 3;
 const FINAL: usize = 4;
 /// Gain of the long ARX below which a proposal is not pursued (-).
@@ -31,35 +31,40 @@ const CHANGED: f64 = 1.0;
 const REFIT: usize = 16;
 /// Loss, as a share of the declared model's, up to which a structure is as good.
 const AS_GOOD: f64 = 1.005;
-/// Effects that take samples out and leave the others as they are.
-const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
 /// Effects on the stem's way to the process.
-const ON_THE_STEM: [Kind; 4] =
-    [Kind::ValveSaturation, Kind::StaticNonlinearity, Kind::GainChange, Kind::DeadTimeChange];
+const ON_THE_STEM: [Kind; 3] = [Kind::StaticNonlinearity, Kind::GainChange, Kind::DeadTimeChange];
 /// Evidence that a load costs where there is friction, since a stem that is off looks like one, and an effect that is another
 /// friction (-).
-const STICKY: f64 = 6.0;
+const STICKY: f64 = 5.0;
 const OTHER_FRICTION: f64 = 4.0;
 /// Effects that the held-out samples see only as what was fitted goes on: its rate, level or time may be off a little.
 const LATER: [Kind; 5] =
     [Kind::LoadStep, Kind::Drift, Kind::GainChange, Kind::DeadTimeChange, Kind::FrictionDrift];
 /// Evidence more that others need where held-out samples are less likely with them, although they run free nearer (-).
 const DISAGREES: f64 = 8.0;
+/// Evidence less that is needed where the held-out samples leave no doubt and run free nearer than this share (-).
+const CLEAR: (f64, f64) = (4.0, 0.75);
+/// Evidence, in parts of what is needed, for which any gain of the free run is enough.
+const OVERWHELMING: f64 = 3.0;
 /// The same where they are hardly more likely (-).
 const UNDECIDED: f64 = 3.0;
 /// Evidence by which another valve takes the place of the one there is, and how often in a trace (-).
 const OTHER_VALVE: f64 = 20.0;
 const LOOKS: usize = 1;
 /// Evidence that a free run nearer by a factor of e is worth: when effects are accepted, and when they are compared (-).
-const NEARER: f64 = 8.0;
+const NEARER: f64 = 3.0;
 const AHEAD: f64 = 10.0;
 /// Gain of likelihood on the held-out samples, or held-out free-run error as a share of that without, that is no chance (-).
 const LEAST_HELD: f64 = 2.0;
 const LEAST_NEARER: f64 = 0.98;
-/// Evidence by which a change of gain, which comes with a step of its own, must be ahead of a step (-).
+/// Evidence by which a change of gain, which comes with a step of its own, must be ahead, and as a share of a step's: a stem
+/// that is off looks like a change of gain beside one.
 const NESTED: f64 = 5.0;
+const OF_STEP: f64 = 0.5;
 /// Least gain of a kinetic lag: every valve model but the paper's own has one.
 const LEAST_SLIP: f64 = 7.0;
+/// The same where the declared dynamics are kept for the free run.
+const CERTAIN_SLIP: f64 = 30.0;
 /// Gain of likelihood on the held-out samples that leaves no doubt (-).
 const DOUBTLESS: f64 = 15.0;
 
@@ -118,7 +123,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         base = next.candidate;
     }
     base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
-    slip_jump(&data, &base, at_start, &mut added);
+    slip_jump(&data, &mut base, (&declared, at_start), &mut added);
     base = not_worse(&data, &declared, base, at_start);
     let refit = if added.is_empty() { longer_sighted(&data, &declared) } else { declared.clone() };
     Some(report(&data, diagnosis, settings, Outcome { declared, base, refit, added, tried }))
@@ -137,6 +142,26 @@ fn again(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
     let next =
         with_friction(data, Candidate { likely, ..Candidate::new(data, spec, base.paid) }, true, tried);
     if next.aic < base.aic { next } else { base }
+}
+
+/// The model with dynamics that run free better than the declared model where there are any, and its held-out errors.
+fn not_beyond(
+    data: &Data,
+    spec: Spec,
+    (declared, at_start): (&Spec, (f64, f64)),
+    judged: (f64, f64),
+) -> (Spec, (f64, f64)) {
+    let error = held_out(data, &spec);
+    if error.1 < at_start.1 {
+        return (spec, error);
+    }
+    // One step ahead its dynamics may be as good as others that run free better.
+    let mut spec = longer_sighted(data, &spec);
+    let mut error = held_out(data, &spec);
+    if error.1 >= at_start.1 {
+        error = with_free(data, declared, at_start, judged, &mut spec).unwrap_or(error);
+    }
+    (spec, error)
 }
 
 /// Another model for the free run: the declared model's A and C under this one's stem and shapes, with the shorter of both
@@ -163,8 +188,7 @@ fn with_free(
         return Some(error);
     }
     let held = likelier(data, judged.0, error.0);
-    let repaired = spec.terms.iter().any(|t| REPAIRS.contains(&t.kind()) || t.kind() == Kind::ClockSkew);
-    spec.free = (held > DOUBTLESS && !repaired).then(|| Box::new(declared.clone()));
+    spec.free = (held > DOUBTLESS && !is_repaired(spec)).then(|| Box::new(declared.clone()));
     spec.free.is_some().then_some((error.0, at_start.1))
 }
 
@@ -191,68 +215,13 @@ fn longer_sighted(data: &Data, declared: &Spec) -> Spec {
         .map_or_else(|| declared.clone(), |(_, spec)| spec)
 }
 
-/// Adds what the signals alone show.
-fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added: &mut Vec<(Kind, f64)>) {
-    for effect in ALL.iter().filter(|e| e.direct()) {
-        let (stage, e) = all_errors(data, &base.spec);
-        let quick = Quick::long_arx(data, &stage, base.spec.orders.nk);
-        let context = Context {
-            data,
-            spec: &base.spec,
-            stage: &stage,
-            e: &e,
-            quick: &quick,
-            likely: base.likely,
-            settings,
-        };
-        let Some(proposal) = effect.propose(&context).into_iter().next() else { continue };
-        if settings.only.is_some_and(|only| only != proposal.term.kind()) {
-            continue;
-        }
-        let before = held_out(data, &base.spec);
-        let mut spec = base.spec.clone();
-        let kind = proposal.term.kind();
-        spec.terms.push(proposal.term);
-        minimise(data, &mut spec, false, 12);
-        restructure(data, &mut spec, false, 3);
-        let after = held_out(data, &spec);
-        // Where the repair does not help the fit, the samples it takes out still do not count.
-        let mut masked = base.spec.clone();
-        masked.terms.push(spec.terms[spec.terms.len() - 1].boxed());
-        let masked_error = held_out(data, &masked);
-        if kind != Kind::ClockSkew && masked_error.1 < after.1 {
-            let (stage, e) = all_errors(data, &masked);
-            masked.loss = loss_of(data, &stage, &e);
-            spec = masked;
-        }
-        // Errors on a PV that was shifted are not those on the other: they may differ a little for the worse.
-        // A PV that stands still does so whatever the fit makes of it.
-        let worst = if matches!(kind, Kind::ClockSkew | Kind::FrozenPv) { 1.3 } else { 1.0001 };
-        // PV follows from OP to rounding where OP's stamps are late: that is the controller's equation, not the process.
-        let inverted = kind == Kind::ClockSkew && before.1 < 1e-6;
-        if inverted || after.1.min(masked_error.1) <= before.1 * worst {
-            let next = Candidate::new(data, spec, base.paid + 2.0 * proposal.parameters);
-            added.push((kind, (base.aic - next.aic).max(0.0)));
-            *base = next;
-        }
-    }
-}
-
-/// The model, or the declared one with the same repairs where only repairs were added and the fit came out worse for it.
-fn not_worse(data: &Data, declared: &Spec, base: Candidate, at_start: (f64, f64)) -> Candidate {
-    let direct = base.spec.terms.iter().all(|term| REPAIRS.contains(&term.kind()));
-    if base.spec.terms.is_empty() || !direct || held_out(data, &base.spec).1 <= at_start.1 {
-        return base;
-    }
-    let mut repaired = declared.clone();
-    repaired.terms = base.spec.terms.iter().map(|term| term.boxed()).collect();
-    let (stage, e) = all_errors(data, &repaired);
-    repaired.loss = loss_of(data, &stage, &e);
-    Candidate::new(data, repaired, base.paid)
-}
-
 /// Names the kinetic lag, which every friction estimate has, where it earns its place.
-fn slip_jump(data: &Data, base: &Candidate, at_start: (f64, f64), added: &mut Vec<(Kind, f64)>) {
+fn slip_jump(
+    data: &Data,
+    base: &mut Candidate,
+    (declared, at_start): (&Spec, (f64, f64)),
+    added: &mut Vec<(Kind, f64)>,
+) {
     if base.spec.element.f <= 0.0 || base.spec.element.lag <= 0.0 {
         return;
     }
@@ -268,13 +237,16 @@ fn slip_jump(data: &Data, base: &Candidate, at_start: (f64, f64), added: &mut Ve
     restructure(data, &mut sound, false, 3);
     let sound = Candidate::new(data, sound, base.paid);
     let gain = without.aic.min(sound.aic) - base.aic;
-    let now = held_out(data, &base.spec);
-    let held = likelier(data, plain.0, now.0);
-    if gain > LEAST_SLIP
-        && now.1 <= at_start.1 * if held > DOUBTLESS { 1.1 } else { 1.0 }
-        && now.0 < plain.0 * 1.01
-        && (now.0 < plain.0 || now.1 < plain.1)
-    {
+    if gain <= LEAST_SLIP {
+        return;
+    }
+    let (mut spec, mut now) = not_beyond(data, base.spec.clone(), (declared, at_start), at_start);
+    if now.1 > at_start.1 && now.0 < at_start.0 && gain > CERTAIN_SLIP && !is_repaired(&spec) {
+        spec.free = Some(Box::new(declared.clone()));
+        now.1 = at_start.1;
+    }
+    if now.1 <= at_start.1 && now.0 < plain.0 * 1.01 && (now.0 < plain.0 || now.1 < plain.1) {
+        base.spec = spec;
         added.push((Kind::SlipJump, gain));
     }
 }
@@ -305,10 +277,8 @@ fn step(
 ) -> (Option<Trial>, Option<Element>) {
     let (stage, e) = all_errors(data, &base.spec);
     let quick = Quick::long_arx(data, &stage, base.spec.orders.nk);
-    let likely = base.likely;
-    let context = Context { data, spec: &base.spec, stage: &stage, e: &e, quick: &quick, likely, settings };
-    let n = context.rows();
-    let judge = Judge::new(data, &stage, base.spec.orders.nk);
+    let context = Context::new(data, (&base.spec, base.likely), (&stage, &e), &quick, settings);
+    let (n, judge) = (context.rows(), context.judge());
     let with_effect = |c: &Candidate| -> f64 {
         let (stage, counts) = c.spec.stage(data);
         // Of two delays the linear part has the shorter one.
@@ -395,20 +365,21 @@ fn step(
         candidate.spec.free = None;
         candidate =
             Candidate { likely: candidate.likely, ..Candidate::new(data, candidate.spec, candidate.paid) };
-        let mut error = held_out(data, &candidate.spec);
         let evidence = evidence(&candidate);
-        if error.1 >= at_start.1 && evidence > settings.least_gain {
-            // One step ahead its dynamics may be as good as others that run free better.
-            candidate.spec = longer_sighted(data, &candidate.spec);
-            error = held_out(data, &candidate.spec);
-            if error.1 >= at_start.1 {
-                error = with_free(data, declared, at_start, judged, &mut candidate.spec).unwrap_or(error);
-            }
-        }
-        let (nearer, of_start) = (error.1 / judged.1, error.1 / at_start.1);
+        let error = if evidence > settings.least_gain {
+            let (spec, error) = not_beyond(data, candidate.spec, (declared, at_start), judged);
+            candidate.spec = spec;
+            error
+        } else {
+            held_out(data, &candidate.spec)
+        };
+        let of_start = error.1 / at_start.1;
+        // Dynamics that ran free worse than the declared ones are no measure.
+        let nearer = of_start.max(error.1 / judged.1);
         let gain = base.aic - candidate.aic;
         let held = likelier(data, judged.0, error.0);
-        finals.push(Trial { candidate, kind, evidence, gain, held, nearer, of_start });
+        let trial = Trial { candidate, kind, evidence, gain, held, nearer, of_start };
+        finals.push(trial);
     }
     if settings.only.is_some() {
         return (finals.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain)), None);
@@ -418,7 +389,10 @@ fn step(
     let valves = valves.map(|element| (with_valve(element), element));
     let valve = valves.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|valve| valve.0 > OTHER_VALVE);
     finals.retain(|t| t.worth(settings.least_gain));
-    let best = finals.into_iter().max_by(|a, b| a.rank().total_cmp(&b.rank()));
+    let steps = finals.iter().filter(|t| t.kind == Kind::LoadStep).map(|t| t.evidence);
+    let of_step = OF_STEP * steps.fold(0.0, f64::max);
+    let rank = |t: &Trial| t.rank() - if t.kind == Kind::GainChange { of_step } else { 0.0 };
+    let best = finals.into_iter().max_by(|a, b| rank(a).total_cmp(&rank(b)));
     let valve = valve.filter(|valve| best.as_ref().is_none_or(|best| valve.0 > best.evidence));
     (best, valve.map(|valve| valve.1))
 }
@@ -440,8 +414,13 @@ impl Trial {
             needed = needed.max(enough) + DISAGREES;
         } else if (0.0..LEAST_HELD).contains(&held) {
             needed += UNDECIDED;
+        } else if held > DOUBTLESS && nearer < CLEAR.1 {
+            needed -= CLEAR.0;
         }
-        let agrees = held > LEAST_HELD || nearer < LEAST_NEARER || (held > 0.0 && evidence > 1.5 * needed);
+        let agrees = held > LEAST_HELD
+            || nearer < LEAST_NEARER
+            || (held > 0.0 && evidence > 1.5 * needed)
+            || (nearer < 1.0 && evidence > OVERWHELMING * needed);
         evidence > needed && agrees && (of_start < 1.0 || (of_start <= 1.0 && held > DOUBTLESS))
     }
 

@@ -13,6 +13,8 @@ const LONGEST: i32 = 15;
 /// Unexplained share of OP's changes that the right skew leaves at most, and that as a share of what the stamps leave.
 const MOST_LEFT: f64 = 0.5;
 const FAR_BETTER: f64 = 0.6;
+/// What the stamps leave unexplained at least where they are wrong.
+const LEAST_HONEST: f64 = 0.01;
 
 pub struct ClockSkew;
 
@@ -55,10 +57,12 @@ impl Recognise for ClockSkew {
             .collect();
         let Some(&(least, by)) = left.iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { return Vec::new() };
         let honest = left.iter().filter(|(_, by)| (0..=1).contains(by)).map(|l| l.0).fold(1.0, f64::min);
-        if (-1..=2).contains(&by) || least > MOST_LEFT || least > FAR_BETTER * honest {
+        if (-1..=2).contains(&by) || honest < LEAST_HONEST || least > MOST_LEFT || least > FAR_BETTER * honest
+        {
             return Vec::new();
         }
-        vec![Proposal { term: Box::new(Shift { by }), loss: 0.0, parameters: 1.0, tried: 1.0, element: None }]
+        let loss = least / honest;
+        vec![Proposal { term: Box::new(Shift { by }), loss, parameters: 1.0, tried: 1.0, element: None }]
     }
     fn direct(&self) -> bool {
         true

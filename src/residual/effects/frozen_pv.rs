@@ -11,6 +11,13 @@ use crate::residual::{Kind, Parameter};
 /// Shortest run that counts, and how many times longer than the usual it must be.
 const SHORTEST: usize = 8;
 const LONGER: f64 = 6.0;
+/// Usual length beyond which PV is coarse: then its runs are of all lengths, as those of a sensor with hysteresis are.
+const COARSE: f64 = 2.0;
+/// How many times longer than any other run one of a coarse PV must be, and any where there is to be no doubt.
+const ALONE: usize = 3;
+/// How lively PV is just before, as a share of its mean move, where there is no doubt: a process without noise comes to rest
+/// slowly.
+const LIVELY: f64 = 0.3;
 /// Samples after a run in which its value is still among the lags.
 const ECHO: usize = 4;
 
@@ -83,19 +90,22 @@ impl Recognise for FrozenPv {
         // A coarse PV stands still by itself; frozen, it has something to make up for in the end.
         let step = quantum(y).map_or(0.0, |(size, _)| size);
         let leaps = |&(_, to): &(usize, usize)| {
-            step < 0.02 || y.get(to).is_some_and(|after| (after - y[to - 1]).abs() > 2.5 * step)
+            (step < 0.02 && usual <= COARSE)
+                || y.get(to).is_some_and(|after| (after - y[to - 1]).abs() > 2.5 * step)
         };
-        let frozen: Vec<(usize, usize)> = runs
-            .into_iter()
-            .filter(|r| (r.1 - r.0) as f64 >= least && r.0 > 0 && moves(r) && leaps(r))
-            .collect();
-        if frozen.is_empty() || frozen.len() > 5 {
+        let (frozen, others): (Vec<_>, Vec<_>) =
+            runs.into_iter().partition(|r| (r.1 - r.0) as f64 >= least && r.0 > 0 && moves(r) && leaps(r));
+        let others = others.iter().map(|r| r.1 - r.0).max().unwrap_or(0);
+        let alone = alone(&frozen, others);
+        if frozen.is_empty() || frozen.len() > 5 || (usual > COARSE && !alone) {
             return Vec::new();
         }
         let parameters = frozen.len() as f64;
+        let certain = alone && frozen.iter().all(|run| lively(y, run.0));
+        let loss = if certain { 0.0 } else { 1.0 };
         vec![Proposal {
             term: Box::new(Frozen { runs: frozen }),
-            loss: 0.0,
+            loss,
             parameters,
             tried: 1.0,
             element: None,
@@ -104,6 +114,17 @@ impl Recognise for FrozenPv {
     fn direct(&self) -> bool {
         true
     }
+}
+
+/// Whether the frozen runs are far longer than the longest of the others.
+fn alone(frozen: &[(usize, usize)], others: usize) -> bool {
+    frozen.iter().all(|r| r.1 - r.0 >= ALONE * others)
+}
+
+/// Whether PV moves as usual just before `from`.
+fn lively(y: &[f64], from: usize) -> bool {
+    let moved = |y: &[f64]| y.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / y.len().max(2) as f64;
+    moved(&y[from.saturating_sub(ECHO + 2)..=from]) > LIVELY * moved(y)
 }
 
 #[cfg(test)]

@@ -16,10 +16,12 @@ mod static_nonlinearity;
 mod valve_saturation;
 
 use super::Settings;
+use super::evidence::Judge;
 use super::model::{Data, Element, Spec, Stage, Term};
 use super::regress::Quick;
 use super::scan::Scan;
 use super::search::{Reach, settle};
+use std::cell::OnceCell;
 
 /// The present model and what screening reads of it.
 pub struct Context<'a> {
@@ -37,6 +39,7 @@ pub struct Context<'a> {
     pub likely: Element,
     /// Settings.
     pub settings: &'a Settings,
+    judge: OnceCell<Judge>,
 }
 
 /// A term on trial.
@@ -44,7 +47,7 @@ pub struct Context<'a> {
 pub struct Proposal {
     /// The term.
     pub term: Box<dyn Term>,
-    /// Loss of the long ARX with it.
+    /// Loss of the long ARX with it; of what the signals alone show, the share of them by which it may be doubted.
     pub loss: f64,
     /// Numbers it adds, beside the columns counted from its stage.
     pub parameters: f64,
@@ -88,8 +91,26 @@ pub const ALL: &[&dyn Recognise] = &[
 
 /// Values of f in a scan together with another number of the element.
 const SCAN: u32 = 7;
+/// Values of that number that are settled.
+const SETTLED: usize = 3;
 
-impl Context<'_> {
+impl<'a> Context<'a> {
+    /// Of a model, its signals `stage` and its errors `e`.
+    pub fn new(
+        data: &'a Data,
+        (spec, likely): (&'a Spec, Element),
+        (stage, e): (&'a Stage, &'a [f64]),
+        quick: &'a Quick,
+        settings: &'a Settings,
+    ) -> Self {
+        Self { data, spec, stage, e, quick, likely, settings, judge: OnceCell::new() }
+    }
+
+    /// What judges the evidence of other stems and shapes.
+    pub fn judge(&self) -> &Judge {
+        self.judge.get_or_init(|| Judge::new(self.data, self.stage, self.spec.orders.nk))
+    }
+
     /// Samples that are fitted.
     pub fn rows(&self) -> f64 {
         (self.data.split - self.data.first) as f64
@@ -127,12 +148,28 @@ impl Context<'_> {
             rated.extend(losses.into_iter().zip(elements).map(|(loss, element)| (loss, element, value)));
         }
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // The best of each value: a turn missed by one costs more squares than a wrong value does.
+        let mut seen: Vec<f64> = Vec::new();
+        rated.retain(|r| {
+            r.0.is_finite() && !seen.contains(&r.2) && {
+                seen.push(r.2);
+                true
+            }
+        });
+        rated.truncate(SETTLED);
+        let mut rated: Vec<(f64, Element, f64)> = rated
+            .into_iter()
+            .map(|(_, element, value)| {
+                let (element, settled) = settle(self.data, &trial, element, Some(value), Reach::Near);
+                let value = settled.unwrap_or(value);
+                trial.element = element;
+                trial.terms[last].set(0, value);
+                let gain = self.judge().gain(self.data, &trial.stage(self.data).0, self.spec.orders.nk);
+                (self.quick.loss * (-gain / self.rows()).exp(), element, value)
+            })
+            .collect();
+        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
         rated.truncate(most);
-        for best in rated.iter_mut().take(1) {
-            let (element, value) = settle(self.data, &trial, best.1, Some(best.2), Reach::Near);
-            let value = value.unwrap_or(best.2);
-            *best = (rate(&[element], value)[0], element, value);
-        }
         let tried = 2.0 * (SCAN * values.len() as u32) as f64;
         rated
             .into_iter()

@@ -1,0 +1,78 @@
+//! What the signals alone show: it comes before all other effects and needs no gain in likelihood.
+
+use super::candidate::Candidate;
+use super::effects::{ALL, Context};
+use super::fit::{held_out, loss_of, minimise};
+use super::model::{Data, Spec};
+use super::regress::{Quick, all_errors, restructure};
+use super::{Kind, Settings};
+
+/// Effects that take samples out and leave the others as they are.
+const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
+/// Share by which what the signals show may be doubted, up to which it is certain.
+const CERTAIN: f64 = 0.02;
+/// One-step error as a share of that before which outliers that are none do not leave.
+const MUCH_NEARER: f64 = 0.7;
+
+/// Adds what the signals alone show.
+pub fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added: &mut Vec<(Kind, f64)>) {
+    for effect in ALL.iter().filter(|e| e.direct()) {
+        let (stage, e) = all_errors(data, &base.spec);
+        let quick = Quick::long_arx(data, &stage, base.spec.orders.nk);
+        let context = Context::new(data, (&base.spec, base.likely), (&stage, &e), &quick, settings);
+        let Some(proposal) = effect.propose(&context).into_iter().next() else { continue };
+        if settings.only.is_some_and(|only| only != proposal.term.kind()) {
+            continue;
+        }
+        let before = held_out(data, &base.spec);
+        let mut spec = base.spec.clone();
+        let kind = proposal.term.kind();
+        spec.terms.push(proposal.term);
+        minimise(data, &mut spec, false, 12);
+        restructure(data, &mut spec, false, 3);
+        let after = held_out(data, &spec);
+        // Where the repair does not help the fit, the samples it takes out still do not count.
+        let mut masked = base.spec.clone();
+        masked.terms.push(spec.terms[spec.terms.len() - 1].boxed());
+        let masked_error = held_out(data, &masked);
+        if kind != Kind::ClockSkew && masked_error.1 < after.1 {
+            let (stage, e) = all_errors(data, &masked);
+            masked.loss = loss_of(data, &stage, &e);
+            spec = masked;
+        }
+        // Errors on a PV that was shifted are not those on the other: they may differ a little for the worse.
+        // A PV that stands still does so whatever the fit makes of it.
+        let worst = if matches!(kind, Kind::ClockSkew | Kind::FrozenPv) { 1.3 } else { 1.0001 };
+        // PV follows from OP to rounding where OP's stamps are late: that is the controller's equation, not the process.
+        let certain = matches!(kind, Kind::ClockSkew | Kind::FrozenPv) && proposal.loss < CERTAIN;
+        // What outliers do to the next sample is gone in any case.
+        let doubtless =
+            certain || (kind == Kind::Outliers && after.0.min(masked_error.0) < MUCH_NEARER * before.0);
+        if doubtless || after.1.min(masked_error.1) <= before.1 * worst {
+            let next = Candidate::new(data, spec, base.paid + 2.0 * proposal.parameters);
+            added.push((kind, (base.aic - next.aic).max(0.0)));
+            *base = next;
+        }
+    }
+}
+
+/// The model, or the declared one with the same repairs where only repairs were added and the fit came out worse for it.
+pub fn not_worse(data: &Data, declared: &Spec, base: Candidate, at_start: (f64, f64)) -> Candidate {
+    let direct = base.spec.terms.iter().all(|term| REPAIRS.contains(&term.kind()));
+    if base.spec.terms.is_empty() || !direct || held_out(data, &base.spec).1 <= at_start.1 {
+        return base;
+    }
+    let mut repaired = declared.clone();
+    repaired.terms = base.spec.terms.iter().map(|term| term.boxed()).collect();
+    let (stage, e) = all_errors(data, &repaired);
+    repaired.loss = loss_of(data, &stage, &e);
+    if held_out(data, &repaired).1 > at_start.1 {
+        repaired.free = Some(Box::new(declared.clone()));
+    }
+    Candidate::new(data, repaired, base.paid)
+}
+
+/// Whether errors are counted over other samples than the declared model's.
+pub fn is_repaired(spec: &Spec) -> bool {
+    spec.terms.iter().any(|t| REPAIRS.contains(&t.kind()) || t.kind() == Kind::ClockSkew)
+}
