@@ -31,7 +31,7 @@ const CHANGED: f64 = 1.0;
 const REFIT: usize = 16;
 /// Loss, as a share of the declared model's, up to which a structure is as good.
 const AS_GOOD: f64 = 1.005;
-/// Effects on the stem's way to the process.
+/// Effects on the stem's way to the process; a clip is not among them, since a valve that is off looks like one, too.
 const ON_THE_STEM: [Kind; 3] = [Kind::StaticNonlinearity, Kind::GainChange, Kind::DeadTimeChange];
 /// Evidence that a load costs where there is friction, since a stem that is off looks like one, and an effect that is another
 /// friction (-).
@@ -378,8 +378,7 @@ fn step(
         let nearer = of_start.max(error.1 / judged.1);
         let gain = base.aic - candidate.aic;
         let held = likelier(data, judged.0, error.0);
-        let trial = Trial { candidate, kind, evidence, gain, held, nearer, of_start };
-        finals.push(trial);
+        finals.push(Trial { candidate, kind, evidence, gain, held, nearer, of_start });
     }
     if settings.only.is_some() {
         return (finals.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain)), None);

@@ -169,17 +169,19 @@ pub fn record(case: &Case) -> (Record, f64) {
         (op[(op.len() as f64 * at) as usize], low)
     });
     let (mut t, f, ts, mut d) = run(case, clip);
-    let total = t.op.len();
+    let mut total = t.op.len();
     if case.is(Kind::ClockSkew) {
         let by = case.pick([3, 5, 9]);
         t.pv = if case.seed.is_multiple_of(2) {
             (0..total).map(|k| t.pv[k.saturating_sub(by)]).collect()
         } else {
-            (0..total).map(|k| t.pv[(k + by).min(total - 1)]).collect()
+            // The record ends where its last PV does.
+            total -= by;
+            t.pv.split_off(by)
         };
     }
     let series = |v: &[f64]| -> Vec<Sample> {
-        v[WARM..].iter().enumerate().map(|(k, x)| Sample::good(k as f64 * ts, *x)).collect()
+        v[WARM..total].iter().enumerate().map(|(k, x)| Sample::good(k as f64 * ts, *x)).collect()
     };
     let mut record = Record {
         op: series(&t.op),
