@@ -1,6 +1,7 @@
 //! What is pure of `stictiond`: the same input gives the same answer, on any machine.
 //!
-//! A package of its own, so that none of it can reach a file, a socket, a clock or a log: it depends on numerics alone.
+//! A package of its own, so that none of it can reach a runtime, a log or a protocol: it depends on numerics alone. That it
+//! uses no file, socket or clock of std either, `tests/architecture.rs` checks.
 
 pub mod signal;
 

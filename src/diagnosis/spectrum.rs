@@ -1,4 +1,4 @@
-//! The power spectrum: five users, one transform.
+//! The power spectrum.
 
 use realfft::RealFftPlanner;
 
