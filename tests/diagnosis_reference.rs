@@ -48,47 +48,52 @@ impl Reference<'_> {
     }
 
     /// The loss, and with `jacobian` the gradient of every counted error.
+    // Loops count by hand: barely optimised, as tests are, a range's steps would be most of the time.
     fn evaluate(&self, theta: &[f64; MOST], jacobian: Option<&mut Vec<[f64; MOST]>>) -> (f64, Vec<f64>) {
         let Orders { na, nb, nc, nk } = self.orders;
-        let (y, n) = (&self.p.y, self.p.y.len());
-        let begin = self.p.start.index + 1 + na.max(nk + nb - 1);
-        let mut e = vec![0.0; n];
-        let mut psi: Vec<[f64; MOST]> = vec![[0.0; MOST]; if jacobian.is_some() { n } else { 0 }];
-        let c = &theta[na + nb..6];
-        for k in begin..n {
-            let mut value = y[k] - theta[6];
-            let mut row = [0.0; MOST];
-            for i in 0..na {
+        let (y, x, dir, n): (&[f64], _, _, _) = (&self.p.y, self.x, self.dir, self.p.y.len());
+        let (mut errors, mut gradients) = (vec![0.0; n], vec![[0.0; MOST]; n]);
+        let (e, psi): (&mut [f64], &mut [[f64; MOST]]) = (&mut errors, &mut gradients);
+        let (first_b, first_c, slopes) = (na, na + nb, jacobian.is_some());
+        let mut k = self.p.start.index + 1 + na.max(nk + nb - 1);
+        while k < n {
+            let (mut value, mut row) = (y[k] - theta[6], [0.0; MOST]);
+            row[6] = -1.0;
+            let mut i = 0;
+            while i < na {
                 value += theta[i] * y[k - 1 - i];
                 row[i] = y[k - 1 - i];
+                i += 1;
             }
-            for j in 0..nb {
-                let at = k - nk - j;
-                let z = self.x[at] - theta[7] * self.dir[at];
-                value -= theta[na + j] * z;
-                row[na + j] = -z;
-                row[7] += theta[na + j] * self.dir[at];
+            let mut j = 0;
+            while j < nb {
+                let (at, b) = (k - nk - j, theta[first_b + j]);
+                let z = x[at] - theta[7] * dir[at];
+                value -= b * z;
+                row[first_b + j] = -z;
+                row[7] += b * dir[at];
+                j += 1;
             }
-            row[6] = -1.0;
-            for l in 0..nc.min(k) {
-                value -= c[l] * e[k - 1 - l];
-                row[na + nb + l] = -e[k - 1 - l];
+            let mut l = 0;
+            while l < nc && l < k {
+                let (c, past) = (theta[first_c + l], k - 1 - l);
+                value -= c * e[past];
+                row[first_c + l] -= e[past];
+                let mut i = 0;
+                while slopes && i < MOST {
+                    row[i] -= c * psi[past][i];
+                    i += 1;
+                }
+                l += 1;
             }
             e[k] = value;
-            if !psi.is_empty() {
-                for (l, c) in c.iter().enumerate().take(k) {
-                    let past = psi[k - 1 - l];
-                    for (value, past) in row.iter_mut().zip(past) {
-                        *value -= c * past;
-                    }
-                }
-                psi[k] = row;
-            }
+            psi[k] = row;
+            k += 1;
         }
         if let Some(out) = jacobian {
-            *out = psi.split_off(self.p.first);
+            *out = gradients.split_off(self.p.first);
         }
-        let counted = e.split_off(self.p.first);
+        let counted = errors.split_off(self.p.first);
         let loss = counted.iter().map(|e| e * e).sum::<f64>() / counted.len() as f64;
         (if loss.is_finite() { loss } else { f64::INFINITY }, counted)
     }
@@ -162,13 +167,20 @@ type Matrix = [[f64; MOST]; MOST];
 
 fn normal(jacobian: &[[f64; MOST]], e: &[f64]) -> (Matrix, [f64; MOST]) {
     let (mut matrix, mut gradient) = ([[0.0; MOST]; MOST], [0.0; MOST]);
-    for (row, e) in jacobian.iter().zip(e) {
-        for i in 0..MOST {
+    let mut k = 0;
+    while k < e.len() {
+        let (row, e) = (&jacobian[k], e[k]);
+        let mut i = 0;
+        while i < MOST {
             gradient[i] += row[i] * e;
-            for j in 0..MOST {
+            let mut j = 0;
+            while j < MOST {
                 matrix[i][j] += row[i] * row[j];
+                j += 1;
             }
+            i += 1;
         }
+        k += 1;
     }
     (matrix, gradient)
 }
