@@ -13,9 +13,9 @@ use crate::diagnosis::{Diagnosis, Preparation, Verdict};
 use crate::signal::Window;
 
 /// Candidates fitted in full at each step, those of them that may be of one kind, and fitted with friction scanned anew.
-const FULL: usize = 14;
+const FULL: usize = 18;
 const FEW: usize = 3;
-const FINAL: usize = 4;
+const FINAL: usize = 5;
 /// Gain of the long ARX below which a proposal is not pursued (-).
 const HOPELESS: f64 = -30.0;
 /// The same of those whose gain is already known, and which they are.
@@ -31,12 +31,16 @@ const CHANGED: f64 = 1.0;
 const REFIT: usize = 16;
 /// Loss, as a share of the declared model's, up to which a structure is as good.
 const AS_GOOD: f64 = 1.005;
-/// Effects on the stem's way to the process; a clip is not among them, since a valve that is off looks like one, too.
-const ON_THE_STEM: [Kind; 3] = [Kind::StaticNonlinearity, Kind::GainChange, Kind::DeadTimeChange];
-/// Evidence that a load costs where there is friction, since a stem that is off looks like one, and an effect that is another
-/// friction (-).
+/// Effects that no valve that is off looks like; a clip is not among them.
+const UNLIKE_A_VALVE: [Kind; 5] = [
+    Kind::StaticNonlinearity,
+    Kind::GainChange,
+    Kind::DeadTimeChange,
+    Kind::AsymmetricFriction,
+    Kind::FrictionDrift,
+];
+/// Evidence that the others need more where there is friction (-).
 const STICKY: f64 = 5.0;
-const OTHER_FRICTION: f64 = 4.0;
 /// Effects that the held-out samples see only as what was fitted goes on: its rate, level or time may be off a little.
 const LATER: [Kind; 5] =
     [Kind::LoadStep, Kind::Drift, Kind::GainChange, Kind::DeadTimeChange, Kind::FrictionDrift];
@@ -278,7 +282,7 @@ fn step(
     let (stage, e) = all_errors(data, &base.spec);
     let quick = Quick::long_arx(data, &stage, base.spec.orders.nk);
     let context = Context::new(data, (&base.spec, base.likely), (&stage, &e), &quick, settings);
-    let (n, judge) = (context.rows(), context.judge());
+    let judge = context.judge();
     let with_effect = |c: &Candidate| -> f64 {
         let (stage, counts) = c.spec.stage(data);
         // Of two delays the linear part has the shorter one.
@@ -298,24 +302,20 @@ fn step(
         // The valve that was found with the effect may be the whole gain.
         gain - with_valve(c.spec.element).max(0.0)
     };
-    let mut proposals: Vec<(f64, Proposal)> = ALL
-        .iter()
-        .filter(|effect| !effect.direct())
-        .flat_map(|effect| effect.propose(&context))
-        .filter(|p| settings.only.is_none_or(|only| p.term.kind() == only))
-        .map(|p| (n * (quick.loss / p.loss).ln() - cost(settings, &p), p))
-        .collect();
+    let mut proposals = proposals(&context);
     proposals.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut full: Vec<(f64, Candidate)> = Vec::new();
+    let mut full: Vec<(f64, bool, Candidate)> = Vec::new();
     for (rated, p) in proposals {
         // A ramp from the start and one from some time on are judged apart: they go on differently.
+        let own_valve = p.element.is_none();
         let alike = |c: &Candidate| {
             c.spec
                 .terms
                 .last()
                 .is_some_and(|t| t.kind() == p.term.kind() && t.knobs().len() == p.term.knobs().len())
         };
-        let twice = full.iter().filter(|(_, c)| alike(c)).count() >= if full.len() < FEW { 2 } else { 1 };
+        let twice = full.iter().filter(|(_, own, c)| *own == own_valve && alike(c)).count()
+            >= if full.len() < FEW { 2 } else { 1 };
         let hopeless = if EXACT.contains(&p.term.kind()) { LITTLE } else { HOPELESS };
         if full.len() == FULL || twice || (rated < hopeless && !full.is_empty() && settings.only.is_none()) {
             continue;
@@ -333,12 +333,16 @@ fn step(
         tune(data, &mut spec, tried);
         *tried += 1;
         let candidate = Candidate::new(data, spec, paid);
-        full.push((evidence(&candidate).max(base.aic - candidate.aic), candidate));
+        let promised = evidence(&candidate);
+        // What another valve gains is no effect's.
+        let promised = if own_valve { promised.max(base.aic - candidate.aic) } else { promised };
+        full.push((promised, own_valve, candidate));
     }
     full.sort_by(|a, b| b.0.total_cmp(&a.0));
     let judged = held_out(data, &base.spec);
     let mut finals: Vec<Trial> = Vec::new();
-    for (promised, mut candidate) in full {
+    let mut done = Vec::new();
+    for (promised, own_valve, mut candidate) in full {
         let key = |c: &Candidate| c.spec.terms.last().map(|t| (t.kind(), t.knobs().len()));
         // Another friction does not save what is lost, nor does it let what is far behind catch up.
         let ahead =
@@ -346,9 +350,10 @@ fn step(
         if (promised < LOST || promised + FAR_BEHIND < ahead) && settings.only.is_none() {
             break;
         }
-        if finals.len() == FINAL || finals.iter().any(|f| key(&f.candidate) == key(&candidate)) {
+        if finals.len() == FINAL || done.contains(&(own_valve, key(&candidate))) {
             continue;
         }
+        done.push((own_valve, key(&candidate)));
         restructure(data, &mut candidate.spec, true, 3);
         let plain = candidate;
         let mut candidate = with_friction(data, plain.clone(), true, tried);
@@ -404,11 +409,9 @@ impl Trial {
     fn worth(&self, enough: f64) -> bool {
         let Self { kind, evidence, held, nearer, of_start, .. } = *self;
         let mut needed = enough + NEARER * nearer.clamp(0.2, 2.0).ln();
-        needed += match kind {
-            Kind::AsymmetricFriction | Kind::FrictionDrift => OTHER_FRICTION,
-            _ if ON_THE_STEM.contains(&kind) || self.candidate.spec.element.f <= 0.0 => 0.0,
-            _ => STICKY,
-        };
+        if self.candidate.spec.element.f > 0.0 && !UNLIKE_A_VALVE.contains(&kind) {
+            needed += STICKY;
+        }
         if held < 0.0 && !LATER.contains(&kind) {
             needed = needed.max(enough) + DISAGREES;
         } else if (0.0..LEAST_HELD).contains(&held) {
@@ -428,6 +431,29 @@ impl Trial {
         let nested = if self.kind == Kind::GainChange { NESTED } else { 0.0 };
         self.evidence - AHEAD * self.nearer.clamp(0.1, 2.0).ln() - nested
     }
+}
+
+/// What the effects propose with the model's valve; and those on the stem's way to the process also without it, or with the
+/// likely one where it has none. Each with its gain in the long ARX.
+fn proposals(context: &Context<'_>) -> Vec<(f64, Proposal)> {
+    let Context { data, spec, likely, settings, .. } = *context;
+    let rated = |p: Proposal| (context.rows() * (context.quick.loss / p.loss).ln() - cost(settings, &p), p);
+    let asked = |p: &Proposal| settings.only.is_none_or(|only| p.term.kind() == only);
+    let all = ALL.iter().filter(|effect| !effect.direct());
+    let mut out: Vec<_> = all.flat_map(|effect| effect.propose(context)).filter(asked).map(rated).collect();
+    let none = Element { f: 0.0, ..spec.element };
+    let element = if spec.element.f > 0.0 { none } else { likely };
+    if element != spec.element {
+        let mut other = Spec { element, loss: f64::INFINITY, ..spec.clone() };
+        minimise(data, &mut other, true, 8);
+        let (stage, e) = all_errors(data, &other);
+        let quick = Quick::long_arx(data, &stage, other.orders.nk);
+        let context = Context::new(data, (&other, likely), (&stage, &e), &quick, settings);
+        let on_the_stem = ALL.iter().filter(|effect| effect.on_the_stem());
+        let others = on_the_stem.flat_map(|effect| effect.propose(&context)).filter(asked);
+        out.extend(others.map(|p| rated(Proposal { element: Some(other.element), ..p })));
+    }
+    out
 }
 
 /// What a proposal's numbers and the search for it cost in AIC.

@@ -155,18 +155,23 @@ struct Traces {
     pv: Vec<f64>,
     sp: Vec<f64>,
     tag: Vec<f64>,
+    stem: Vec<f64>,
 }
 
 /// A record of the case, and the true f (% OP).
 pub fn record(case: &Case) -> (Record, f64) {
-    // A level to clip at is taken from the same loop unclipped.
+    // A level to clip at is taken from the stem of the same loop unclipped: OP of a valve that sticks goes where its stem never is.
     let clip = case.is(Kind::ValveSaturation).then(|| {
-        let mut op = run(case, None).0.op.split_off(WARM);
-        op.sort_by(f64::total_cmp);
         let low = case.number().is_multiple_of(3);
-        let share = case.pick([0.93, 0.85, 0.75]);
-        let at = if low { 1.0 - share } else { share };
-        (op[(op.len() as f64 * at) as usize], low)
+        let mut stem = run(case, None).0.stem.split_off(WARM);
+        stem.sort_by(f64::total_cmp);
+        if low {
+            stem.reverse();
+        }
+        let last = (stem.len() as f64 * case.pick([0.93, 0.85, 0.75])) as usize;
+        // Where it rests for long, the next level inside: beyond it the stem is for that share of the time at least.
+        let at = stem[..last].iter().rev().find(|level| **level != stem[last]).copied();
+        (at.unwrap_or(stem[last]), low)
     });
     let (mut t, f, ts, mut d) = run(case, clip);
     let mut total = t.op.len();
@@ -254,9 +259,17 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, f64, f64, Draw) {
     let sp_every = d.within(80.0, 200.0) as usize;
     // A level is not stepped as far as a flow.
     let sp_size = d.within(3.0, 6.0) * if p.integrating { 0.4 } else { 1.0 };
-    // A gain, a delay or a curve that nothing moves over leaves no trace.
-    let needs_motion =
-        [Kind::GainChange, Kind::DeadTimeChange, Kind::StaticNonlinearity].iter().any(|k| case.is(*k));
+    // A gain, a delay, a curve or a valve that nothing moves leaves no trace.
+    let needs_motion = [
+        Kind::GainChange,
+        Kind::DeadTimeChange,
+        Kind::StaticNonlinearity,
+        Kind::SlipJump,
+        Kind::AsymmetricFriction,
+        Kind::FrictionDrift,
+    ]
+    .iter()
+    .any(|k| case.is(*k));
     let sp_moves = needs_motion || !d.chance(0.12);
     // The effect.
     let at = WARM + (n as f64 * d.within(0.15, 0.6)) as usize;
@@ -343,6 +356,7 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, f64, f64, Draw) {
         if let Some((level, low)) = clip {
             mv = if low { mv.max(level) } else { mv.min(level) };
         }
+        t.stem.push(mv);
         let mut flow = mv - 50.0;
         if case.is(Kind::StaticNonlinearity) {
             let bend = sign * vary * case.pick([0.04, 0.08, 0.16]);

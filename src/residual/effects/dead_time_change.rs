@@ -117,6 +117,9 @@ impl Recognise for DeadTimeChange {
         };
         best(rated.into_iter().map(proposal).collect(), 2)
     }
+    fn on_the_stem(&self) -> bool {
+        true
+    }
 }
 
 /// The time and change that suit best once the dynamics are estimated with nearly the right ones.

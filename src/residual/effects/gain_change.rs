@@ -100,4 +100,7 @@ impl Recognise for GainChange {
                 knob.value.abs() > LEAST && knob.value > REACH.0 + 0.02 && knob.value < REACH.1 - 0.1
             })
     }
+    fn on_the_stem(&self) -> bool {
+        true
+    }
 }

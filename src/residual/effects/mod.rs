@@ -65,6 +65,10 @@ pub trait Recognise: Sync {
     fn plausible(&self, _term: &dyn Term) -> bool {
         true
     }
+    /// Whether it acts on the stem's way to the process: friction may have been taken for it, and it for friction.
+    fn on_the_stem(&self) -> bool {
+        false
+    }
     /// Whether the signals alone show it: then it comes before all others and needs no gain in likelihood.
     fn direct(&self) -> bool {
         false

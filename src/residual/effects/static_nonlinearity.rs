@@ -71,4 +71,7 @@ impl Recognise for StaticNonlinearity {
     fn plausible(&self, term: &dyn Term) -> bool {
         term.kind() != Kind::StaticNonlinearity || term.knobs()[0].value.abs() > LEAST
     }
+    fn on_the_stem(&self) -> bool {
+        true
+    }
 }

@@ -86,4 +86,7 @@ impl Recognise for ValveSaturation {
         }
         best(out, 3)
     }
+    fn on_the_stem(&self) -> bool {
+        true
+    }
 }
