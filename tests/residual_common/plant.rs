@@ -259,17 +259,9 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, f64, f64, Draw) {
     let sp_every = d.within(80.0, 200.0) as usize;
     // A level is not stepped as far as a flow.
     let sp_size = d.within(3.0, 6.0) * if p.integrating { 0.4 } else { 1.0 };
-    // A gain, a delay, a curve or a valve that nothing moves leaves no trace.
-    let needs_motion = [
-        Kind::GainChange,
-        Kind::DeadTimeChange,
-        Kind::StaticNonlinearity,
-        Kind::SlipJump,
-        Kind::AsymmetricFriction,
-        Kind::FrictionDrift,
-    ]
-    .iter()
-    .any(|k| case.is(*k));
+    // A gain, a delay or a curve that nothing moves over leaves no trace.
+    let needs_motion =
+        [Kind::GainChange, Kind::DeadTimeChange, Kind::StaticNonlinearity].iter().any(|k| case.is(*k));
     let sp_moves = needs_motion || !d.chance(0.12);
     // The effect.
     let at = WARM + (n as f64 * d.within(0.15, 0.6)) as usize;
