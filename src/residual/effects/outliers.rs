@@ -1,6 +1,6 @@
 //! Single PV samples far off both neighbours: they do not count, and are bridged.
 //!
-//! `min(|y[k] - y[k-1]|, |y[k] - y[k+1]|) > 6 scale`, both on the same side; scale is the robust sd of PV's changes.
+//! `min(|y[k] - y[k-1]|, |y[k] - y[k+1]|) > 4 scale`, both on the same side; scale is the robust sd of PV's changes.
 
 use super::frozen_pv::bridge;
 use super::quantised_pv::quantum;
@@ -10,7 +10,7 @@ use crate::residual::model::{Data, Stage, Term};
 use crate::residual::{Kind, Parameter};
 
 /// Threshold in robust standard deviations of PV's changes.
-const FAR: f64 = 6.0;
+const FAR: f64 = 4.0;
 /// Largest share of samples that can be called outliers.
 const SHARE: f64 = 0.1;
 /// Fewest: a single one may be anything.

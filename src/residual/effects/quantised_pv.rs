@@ -8,7 +8,7 @@ use crate::residual::model::{Data, Term};
 use crate::residual::{Kind, Parameter};
 
 /// Quanta in one residual sd, and in PV's sd, from which on the steps matter.
-const OF_RESIDUAL: f64 = 1.2;
+const OF_RESIDUAL: f64 = 0.75;
 const OF_PV: f64 = 0.03;
 
 pub struct QuantisedPv;
