@@ -9,6 +9,7 @@
 //! than their size. A long ARX is estimated with the element there is, then elements are tried with its coefficients held,
 //! which costs one pass over the samples each; then the ARX again.
 
+use super::cells::{Family, Task};
 use super::evidence::{Robust, System};
 use super::lanes::{LANES, Lane, Run};
 use super::model::{Data, Element, Spec};
@@ -22,14 +23,17 @@ const ROUNDS: usize = 3;
 /// Passes over an element's numbers in a round.
 const MOST_PASSES: usize = 4;
 /// Lags of y and of z in the ARX; those of z a multiple of four.
-const LAGS: (usize, usize) = (10, 8);
+pub const LAGS: (usize, usize) = (10, 8);
 /// Samples rated at a time.
 const BLOCK: usize = 128;
 /// Factors under one logarithm, and the largest that may be: their product stays finite.
-const FACTORS: usize = 16;
-const MOST_FACTOR: f64 = 1e18;
+pub const FACTORS: usize = 16;
+pub const MOST_FACTOR: f64 = 1e18;
 /// Decrease of the loss that is worth another pass: half of it is a likelihood's.
 const LEAST_LESS: f64 = 0.25;
+/// Valves of a growing f that are tried, and those of one growth among them.
+const LIKELY: usize = 4;
+const OF_GROWTH: usize = 1;
 /// Bound of a knob that is part of the element.
 const MOST_VALUE: f64 = 0.95;
 /// Range of f that is swept for every kind of valve, as `ln`, and values to each side.
@@ -73,6 +77,26 @@ pub fn settle(
         at = (found.element, found.value);
     }
     at
+}
+
+/// Valves of the kind of `spec`'s, but of any f and J, with an f that grows so, whose stems explain most samples; the
+/// dynamics held are those with `spec`'s own.
+pub fn growing(data: &Data, spec: &Spec, growths: &[f64]) -> Vec<Element> {
+    if spec.terms.iter().any(|term| term.changes_stem()) {
+        return Vec::new();
+    }
+    let element = spec.element;
+    let held = Held::new(data, spec, element, None);
+    let family = match (element.slips, element.resume > 0.0) {
+        (true, _) => Family::Slips,
+        (_, true) => Family::Sticks,
+        _ => Family::Plain(element.lag),
+    };
+    let task = held.task();
+    let mut rated: Vec<_> =
+        growths.iter().flat_map(|growth| task.best(family, *growth, element, OF_GROWTH)).collect();
+    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+    rated.into_iter().take(LIKELY).map(|(_, element)| element).collect()
 }
 
 /// An element on trial, with the value of the term's knob that belongs to it.
@@ -221,6 +245,21 @@ impl<'a> Held<'a> {
         for (lag, resume, slips) in jumps.chain(plain) {
             let range = (-sides..=sides).map(|i| c.f * (width * f64::from(i) / f64::from(sides)).exp());
             self.better(found, range.map(|f| (Element { f, lag, resume, slips, ..c }, value)));
+        }
+    }
+
+    /// What is left for any stem to explain.
+    fn task(&self) -> Task<'_> {
+        Task {
+            u: &self.u,
+            start: self.data.start,
+            first: self.data.first,
+            left: &self.left,
+            counted: &self.counted,
+            nearest: self.nearest,
+            b: &self.b,
+            per: 1.0 / (FREEDOM * self.scale * self.scale),
+            most: 2.0 * self.data.f_top,
         }
     }
 

@@ -8,9 +8,11 @@ use super::fit::{free_fitted, held_out, minimise};
 use super::model::{Data, Element, Spec};
 use super::pose::{declared, pose};
 use super::regress::{Quick, all_errors, restructure, structures};
+use super::search::growing;
 use super::{Findings, Kind, Settings, Stem};
 use crate::diagnosis::{Diagnosis, Preparation, Verdict};
 use crate::signal::Window;
+use std::cell::OnceCell;
 
 /// Candidates fitted in full at each step, those of them that may be of one kind, and fitted with friction scanned anew.
 const FULL: usize = 18;
@@ -41,6 +43,8 @@ const UNLIKE_A_VALVE: [Kind; 5] = [
 ];
 /// Evidence that the others need more where there is friction (-).
 const STICKY: f64 = 5.0;
+/// Effects on the band to cross.
+const BANDS: [Kind; 2] = [Kind::AsymmetricFriction, Kind::FrictionDrift];
 /// Effects that the held-out samples see only as what was fitted goes on: its rate, level or time may be off a little.
 const LATER: [Kind; 5] =
     [Kind::LoadStep, Kind::Drift, Kind::GainChange, Kind::DeadTimeChange, Kind::FrictionDrift];
@@ -294,13 +298,18 @@ fn step(
         let valve = Spec { element, ..base.spec.clone() };
         judge.gain(data, &valve.stage(data).0, base.spec.orders.nk)
     };
+    let likely = Spec { element: context.likely, ..base.spec.clone() };
+    let even = OnceCell::new();
+    let even = || *even.get_or_init(|| best_even(data, &likely, &with_valve));
     let evidence = |c: &Candidate| -> f64 {
         let gain = with_effect(c);
         if gain < LOST || c.spec.element == base.spec.element {
             return gain;
         }
-        // The valve that was found with the effect may be the whole gain.
-        gain - with_valve(c.spec.element).max(0.0)
+        // The valve that was found with the effect may be the whole gain, or one as closely sought without it.
+        let bands = c.spec.terms.last().is_some_and(|t| BANDS.contains(&t.kind()));
+        let without = with_valve(c.spec.element).max(if bands { even().0 } else { 0.0 });
+        gain - without.max(0.0)
     };
     let mut proposals = proposals(&context);
     proposals.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -391,6 +400,8 @@ fn step(
     let valves = finals.iter().map(|t| t.candidate.spec.element);
     let valves = valves.filter(|element| element.f > 0.0 && *element != base.spec.element);
     let valves = valves.map(|element| (with_valve(element), element));
+    let even = finals.iter().any(|t| BANDS.contains(&t.kind)).then(even);
+    let valves = valves.chain(even);
     let valve = valves.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|valve| valve.0 > OTHER_VALVE);
     finals.retain(|t| t.worth(settings.least_gain));
     let steps = finals.iter().filter(|t| t.kind == Kind::LoadStep).map(|t| t.evidence);
@@ -399,6 +410,12 @@ fn step(
     let best = finals.into_iter().max_by(|a, b| rank(a).total_cmp(&rank(b)));
     let valve = valve.filter(|valve| best.as_ref().is_none_or(|best| valve.0 > best.evidence));
     (best, valve.map(|valve| valve.1))
+}
+
+/// The valve of one band that explains most, sought as closely as those of which it grows, and what it gains.
+fn best_even(data: &Data, likely: &Spec, gain: &dyn Fn(Element) -> f64) -> (f64, Element) {
+    let even = growing(data, likely, &[0.0]).into_iter().map(|element| (gain(element), element));
+    even.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NEG_INFINITY, likely.element))
 }
 
 impl Trial {

@@ -41,6 +41,6 @@ impl Recognise for AsymmetricFriction {
         if c.likely.f <= 0.0 || c.spec.full_element().skew != 0.0 {
             return Vec::new();
         }
-        best(c.with_friction(&Skew { skew: 0.0 }, &SKEWS, 2), 2)
+        best(c.with_friction(&Skew { skew: 0.0 }, &SKEWS, &[], (3, 2)), 2)
     }
 }

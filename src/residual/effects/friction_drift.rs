@@ -42,6 +42,6 @@ impl Recognise for FrictionDrift {
         if c.likely.f <= 0.0 || c.spec.full_element().growth != 0.0 {
             return Vec::new();
         }
-        best(c.with_friction(&Growth { growth: 0.0 }, &GROWTHS, 2), 2)
+        best(c.with_friction(&Growth { growth: 0.0 }, &GROWTHS, &c.growing(&GROWTHS), (1, 2)), 2)
     }
 }

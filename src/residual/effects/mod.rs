@@ -20,7 +20,7 @@ use super::evidence::Judge;
 use super::model::{Data, Element, Spec, Stage, Term};
 use super::regress::Quick;
 use super::scan::Scan;
-use super::search::{Reach, settle};
+use super::search::{Reach, growing, settle};
 use std::cell::OnceCell;
 
 /// The present model and what screening reads of it.
@@ -93,10 +93,10 @@ pub const ALL: &[&dyn Recognise] = &[
     &friction_drift::FrictionDrift,
 ];
 
+/// Ways a stem may go with one band, of those that matter to its errors.
+const PATHS: f64 = 300.0;
 /// Values of f in a scan together with another number of the element.
 const SCAN: u32 = 7;
-/// Values of that number that are settled.
-const SETTLED: usize = 3;
 
 impl<'a> Context<'a> {
     /// Of a model, its signals `stage` and its errors `e`.
@@ -129,9 +129,20 @@ impl<'a> Context<'a> {
         Quick::long_arx(self.data, &stage, self.spec.orders.nk).loss
     }
 
-    /// Friction and the first knob of `term` rated together: the f that suits one constant band may be anywhere between the
-    /// bands there are, and its lag makes up for what the model lacks.
-    pub fn with_friction(&self, term: &dyn Term, values: &[f64], most: usize) -> Vec<Proposal> {
+    /// Elements like the likely one of which f grows so, sought closely.
+    pub fn growing(&self, growths: &[f64]) -> Vec<Element> {
+        growing(self.data, &Spec { element: self.likely, ..self.spec.clone() }, growths)
+    }
+
+    /// Friction and the first knob of `term` rated together, with `grown` elements beside: the f that suits one constant band
+    /// may be anywhere between the bands there are, and its lag makes up for what the model lacks.
+    pub fn with_friction(
+        &self,
+        term: &dyn Term,
+        values: &[f64],
+        grown: &[Element],
+        (settled, most): (usize, usize),
+    ) -> Vec<Proposal> {
         let mut trial = self.spec.clone();
         trial.terms.push(term.boxed());
         let last = trial.terms.len() - 1;
@@ -140,13 +151,13 @@ impl<'a> Context<'a> {
             scan.trial.terms[last].set(0, value);
             scan.rate(elements).into_iter().map(|loss| loss.unwrap_or(f64::INFINITY)).collect()
         };
-        let likely = self.likely;
         let mut rated: Vec<(f64, Element, f64)> = Vec::new();
         for &value in values {
             let about = [1.0, 1.0 / (1.0 + value.abs()), 1.0 / (1.0 - 0.5 * value.abs())];
-            let about = about.into_iter().map(|share| share * likely.f);
+            let about = about.into_iter().map(|share| share * self.likely.f);
             let grid = (1..=SCAN).map(|i| self.data.f_top * (f64::from(i) / f64::from(SCAN)).powf(1.5));
-            let elements = about.chain(grid).flat_map(|f| [0.0, 0.5].map(|lag| Element { f, lag, ..likely }));
+            let elements =
+                about.chain(grid).flat_map(|f| [0.0, 0.5].map(|lag| Element { f, lag, ..self.likely }));
             let elements: Vec<Element> = elements.collect();
             let losses = rate(&elements, value);
             rated.extend(losses.into_iter().zip(elements).map(|(loss, element)| (loss, element, value)));
@@ -160,7 +171,11 @@ impl<'a> Context<'a> {
                 true
             }
         });
-        rated.truncate(SETTLED);
+        rated.truncate(settled);
+        rated.extend(grown.iter().map(|&element| {
+            let value = element.growth - self.likely.growth;
+            (0.0, Element { growth: self.likely.growth, ..element }, value)
+        }));
         let mut rated: Vec<(f64, Element, f64)> = rated
             .into_iter()
             .map(|(_, element, value)| {
@@ -174,7 +189,8 @@ impl<'a> Context<'a> {
             .collect();
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
         rated.truncate(most);
-        let tried = 2.0 * (SCAN * values.len() as u32) as f64;
+        let ways = if grown.is_empty() { 2.0 * f64::from(SCAN) } else { PATHS };
+        let tried = ways * values.len() as f64;
         rated
             .into_iter()
             .filter(|r| r.0.is_finite())
