@@ -19,6 +19,7 @@ mod evidence;
 mod filters;
 mod findings;
 mod fit;
+mod free;
 mod lanes;
 mod model;
 mod pose;
@@ -26,6 +27,7 @@ mod regress;
 mod scan;
 mod search;
 mod select;
+mod step;
 
 use crate::diagnosis::{self, Diagnosis, Model, Residual, Verdict, gate, prepare};
 use crate::signal::{Record, Window};

@@ -18,8 +18,10 @@ const FAR_BETTER: f64 = 0.6;
 /// a PV that hardly changes from sample to sample.
 const LEAST_HONEST: (f64, f64) = (0.01, 0.001);
 const EXACT: f64 = 0.02;
-/// What is left, as a multiple of the least, up to which a skew is as good.
+/// What is left, as a multiple of the least, up to which a skew is as good; or next to nothing, as a share of what the stamps
+/// leave.
 const AS_GOOD: f64 = 1.1;
+const NOTHING: f64 = 1e-3;
 /// Huber's bend (sd), and passes of reweighted least squares.
 const BEND: f64 = 1.345;
 const PASSES: usize = 4;
@@ -86,7 +88,8 @@ fn skew(u: &[f64], y: &[f64], sp: Option<&[f64]>) -> Option<(i32, f64)> {
     let others: Vec<(f64, i32)> = (-LONGEST..=LONGEST).map(|by| (left(by), by)).collect();
     let least = others.iter().map(|l| l.0).fold(f64::INFINITY, f64::min);
     // Of three samples of PV one that is not needed may be before or after: the later is.
-    let by = others.iter().rev().find(|l| l.0 <= AS_GOOD * least)?.1;
+    let as_good = (AS_GOOD * least).max(NOTHING * honest);
+    let by = others.iter().rev().find(|l| l.0 <= as_good)?.1;
     let far_better = if honest < LEAST_HONEST.0 { EXACT } else { FAR_BETTER };
     let wrong = !(-1..=2).contains(&by) && least <= MOST_LEFT && least <= far_better * honest;
     wrong.then_some((by, least / honest))

@@ -1,0 +1,76 @@
+//! The model that runs free: one that is right one step ahead need not be right over many.
+
+use super::direct::is_repaired;
+use super::fit::{free_fitted, held_out};
+use super::model::{Data, Spec};
+use super::regress::structures;
+
+/// Structures fitted when the dynamics are estimated once more.
+const REFIT: usize = 16;
+/// Loss, as a share of the declared model's, up to which a structure is as good.
+const AS_GOOD: f64 = 1.005;
+/// Gain of likelihood on the held-out samples that leaves no doubt (-).
+pub const DOUBTLESS: f64 = 15.0;
+
+/// The model with dynamics that run free better than the declared model where there are any, and its held-out errors.
+pub fn not_beyond(
+    data: &Data,
+    spec: Spec,
+    (declared, at_start): (&Spec, (f64, f64)),
+    judged: (f64, f64),
+) -> (Spec, (f64, f64)) {
+    let error = held_out(data, &spec);
+    if error.1 < at_start.1 {
+        return (spec, error);
+    }
+    // One step ahead its dynamics may be as good as others that run free better.
+    let mut spec = longer_sighted(data, &spec);
+    let mut error = held_out(data, &spec);
+    if error.1 >= at_start.1 {
+        error = with_free(data, declared, at_start, judged, &mut spec).unwrap_or(error);
+    }
+    (spec, error)
+}
+
+/// Another model for the free run: the declared model's A and C under this one's stem and shapes, with the shorter of both
+/// delays, where that is not worse than the declared model; else, where the held-out samples leave no doubt one step ahead,
+/// the declared model itself. Returns the held-out errors, if either will do.
+///
+/// In closed loop PV may stay nearer to where it was than an open loop under the same load would: the dynamics that are right
+/// one step ahead then run free worse than ones that hardly answer to OP.
+fn with_free(
+    data: &Data,
+    declared: &Spec,
+    at_start: (f64, f64),
+    judged: (f64, f64),
+    spec: &mut Spec,
+) -> Option<(f64, f64)> {
+    let mut slow = Spec { orders: declared.orders, linear: declared.linear.clone(), ..spec.clone() };
+    let earlier = slow.orders.nk.saturating_sub(spec.orders.nk);
+    slow.linear.b.splice(0..0, vec![0.0; earlier]);
+    (slow.orders.nk, slow.orders.nb) = (slow.orders.nk - earlier, slow.orders.nb + earlier);
+    slow.linear.gamma = vec![0.0; spec.linear.gamma.len()];
+    spec.free = Some(Box::new(slow));
+    let error = held_out(data, spec);
+    if error.1 < at_start.1 {
+        return Some(error);
+    }
+    let held = likelier(data, judged.0, error.0);
+    spec.free = (held > DOUBTLESS && !is_repaired(spec)).then(|| Box::new(declared.clone()));
+    spec.free.is_some().then_some((error.0, at_start.1))
+}
+
+/// Twice the log-likelihood that held-out errors gain.
+pub fn likelier(data: &Data, before: f64, after: f64) -> f64 {
+    2.0 * (data.len() - data.split) as f64 * (before / after).ln()
+}
+
+/// The model with the structure that runs free best on the fitted samples, of those that are as good one step ahead.
+pub fn longer_sighted(data: &Data, declared: &Spec) -> Spec {
+    structures(data, declared, false, REFIT)
+        .into_iter()
+        .filter(|spec| spec.loss < AS_GOOD * declared.loss)
+        .map(|spec| (free_fitted(data, &spec), spec))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map_or_else(|| declared.clone(), |(_, spec)| spec)
+}

@@ -1,0 +1,343 @@
+//! One step of the selection: what the effects propose, fitted, judged and compared.
+
+use super::candidate::{Candidate, tune, with_friction};
+use super::effects::{ALL, Context, Proposal};
+use super::evidence::Judge;
+use super::fit::{held_out, minimise};
+use super::free::{DOUBTLESS, likelier, not_beyond};
+use super::model::{Data, Element, Spec};
+use super::regress::{Quick, all_errors, restructure};
+use super::search::growing;
+use super::{Kind, Settings};
+use std::cell::OnceCell;
+
+/// Candidates fitted in full at each step, those of them that may be of one kind, and fitted with friction scanned anew.
+const FULL: usize = 18;
+const FEW: usize = 3;
+const FINAL: usize = 5;
+/// Gain of the long ARX below which a proposal is not pursued (-).
+const HOPELESS: f64 = -30.0;
+/// The same of those whose gain is already known, and which they are.
+const LITTLE: f64 = -4.0;
+const EXACT: [Kind; 4] =
+    [Kind::OscillatingLoad, Kind::MeasuredDisturbance, Kind::Drift, Kind::StaticNonlinearity];
+/// Evidence below which another friction does not save an effect, and how far behind the best it is not worth it (-).
+const LOST: f64 = 1.0;
+const FAR_BEHIND: f64 = 20.0;
+/// Effects that no valve that is off looks like; a clip is not among them.
+const UNLIKE_A_VALVE: [Kind; 5] = [
+    Kind::StaticNonlinearity,
+    Kind::GainChange,
+    Kind::DeadTimeChange,
+    Kind::AsymmetricFriction,
+    Kind::FrictionDrift,
+];
+/// Evidence that the others need more where there is friction (-).
+const STICKY: f64 = 5.0;
+/// Effects on the band to cross.
+const BANDS: [Kind; 2] = [Kind::AsymmetricFriction, Kind::FrictionDrift];
+/// Effects that the held-out samples see only as what was fitted goes on: its rate, level or time may be off a little.
+const LATER: [Kind; 5] =
+    [Kind::LoadStep, Kind::Drift, Kind::GainChange, Kind::DeadTimeChange, Kind::FrictionDrift];
+/// Evidence more that others need where held-out samples are less likely with them, although they run free nearer (-).
+const DISAGREES: f64 = 8.0;
+/// Evidence less that is needed where the held-out samples leave no doubt and run free nearer than this share (-).
+const CLEAR: (f64, f64) = (4.0, 0.75);
+/// Evidence, in parts of what is needed, for which any gain of the free run is enough.
+const OVERWHELMING: f64 = 3.0;
+/// The same where they are hardly more likely (-).
+const UNDECIDED: f64 = 3.0;
+/// Evidence that a free run nearer by a factor of e is worth: when effects are accepted, and when they are compared (-).
+const NEARER: f64 = 3.0;
+const AHEAD: f64 = 10.0;
+/// Gain of likelihood on the held-out samples, or held-out free-run error as a share of that without, that is no chance (-).
+const LEAST_HELD: f64 = 2.0;
+const LEAST_NEARER: f64 = 0.98;
+/// Evidence by which a change of gain, which comes with a step of its own, must be ahead, and as a share of a step's: a stem
+/// that is off looks like a change of gain beside one.
+const NESTED: f64 = 5.0;
+const OF_STEP: f64 = 0.5;
+/// Evidence by which another valve takes the place of the one there is (-).
+const OTHER_VALVE: f64 = 20.0;
+
+/// An effect on trial, against the model without it.
+pub struct Trial {
+    /// The model with it.
+    pub candidate: Candidate,
+    /// Its kind.
+    pub kind: Kind,
+    /// Twice the log-likelihood gained over all samples, less what its numbers and the search for them cost.
+    pub evidence: f64,
+    /// Decrease of the penalised AIC on the fitted samples.
+    gain: f64,
+    /// Gain of likelihood on the held-out samples (-).
+    held: f64,
+    /// Held-out free-run error as a share of that without the effect, and of the declared model's.
+    nearer: f64,
+    of_start: f64,
+}
+
+/// What one effect is chosen by.
+struct Step<'a> {
+    data: &'a Data,
+    settings: &'a Settings,
+    base: &'a Candidate,
+    judge: &'a Judge,
+    likely: Element,
+    /// The valve of one band that explains most, sought as closely as those of which it grows, and what it gains.
+    even: OnceCell<(f64, Element)>,
+}
+
+/// The best effect to add, if any earns its place; and the valve of one on trial, if the model without that effect is far
+/// better with it.
+pub fn step(
+    data: &Data,
+    settings: &Settings,
+    base: &Candidate,
+    declared: (&Spec, (f64, f64)),
+    tried: &mut usize,
+) -> (Option<Trial>, Option<Element>) {
+    let (stage, e) = all_errors(data, &base.spec);
+    let quick = Quick::long_arx(data, &stage, base.spec.orders.nk);
+    let context = Context::new(data, (&base.spec, base.likely), (&stage, &e), &quick, settings);
+    let (judge, likely) = (context.judge(), context.likely);
+    let step = Step { data, settings, base, judge, likely, even: OnceCell::new() };
+    let full = step.fitted(proposals(&context), tried);
+    let finals = step.with_their_friction(full, declared, tried);
+    if settings.only.is_some() {
+        return (finals.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain)), None);
+    }
+    step.choice(finals)
+}
+
+/// What tells apart the terms that are fitted: a ramp from the start and one from some time on go on differently.
+fn key(spec: &Spec) -> Option<(Kind, usize)> {
+    spec.terms.last().map(|t| (t.kind(), t.knobs().len()))
+}
+
+impl Step<'_> {
+    /// Evidence of the signals with the last term.
+    fn with_effect(&self, c: &Candidate) -> f64 {
+        let base = self.base;
+        let (stage, counts) = c.spec.stage(self.data);
+        // Of two delays the linear part has the shorter one.
+        let twofold = c.spec.terms.last().is_some_and(|t| t.kind() == Kind::DeadTimeChange);
+        let nk = if twofold { base.spec.orders.nk.min(c.spec.orders.nk) } else { base.spec.orders.nk };
+        let columns = counts.last().map_or(0.0, |n| *n as f64);
+        self.judge.gain(self.data, &stage, nk) - 2.0 * columns - (c.paid - base.paid)
+    }
+
+    /// Evidence of another valve alone.
+    fn with_valve(&self, element: Element) -> f64 {
+        let valve = Spec { element, ..self.base.spec.clone() };
+        self.judge.gain(self.data, &valve.stage(self.data).0, self.base.spec.orders.nk)
+    }
+
+    fn even(&self) -> (f64, Element) {
+        *self.even.get_or_init(|| {
+            let likely = Spec { element: self.likely, ..self.base.spec.clone() };
+            let even = growing(self.data, &likely, &[0.0]).into_iter();
+            let even = even.map(|element| (self.with_valve(element), element));
+            even.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NEG_INFINITY, self.likely))
+        })
+    }
+
+    /// Evidence of the effect: the valve that was found with it may be the whole gain, or one as closely sought without it.
+    fn evidence(&self, c: &Candidate) -> f64 {
+        let gain = self.with_effect(c);
+        if gain < LOST || c.spec.element == self.base.spec.element {
+            return gain;
+        }
+        let bands = c.spec.terms.last().is_some_and(|t| BANDS.contains(&t.kind()));
+        let even = if bands { self.even().0 } else { 0.0 };
+        gain - self.with_valve(c.spec.element).max(even).max(0.0)
+    }
+
+    /// The proposals fitted with their friction as it is, the best of each sort; with what they promise, and whether the valve
+    /// is the model's own.
+    fn fitted(&self, mut proposals: Vec<(f64, Proposal)>, tried: &mut usize) -> Vec<(f64, bool, Candidate)> {
+        let Self { data, settings, base, .. } = *self;
+        proposals.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut full: Vec<(f64, bool, Candidate)> = Vec::new();
+        for (rated, p) in proposals {
+            let own_valve = p.element.is_none();
+            let own_key = Some((p.term.kind(), p.term.knobs().len()));
+            let alike =
+                full.iter().filter(|(_, own, c)| *own == own_valve && key(&c.spec) == own_key).count();
+            let twice = alike >= if full.len() < FEW { 2 } else { 1 };
+            let hopeless = if EXACT.contains(&p.term.kind()) { LITTLE } else { HOPELESS };
+            let hopeless = rated < hopeless && !full.is_empty() && settings.only.is_none();
+            if full.len() == FULL || twice || hopeless {
+                continue;
+            }
+            let paid = base.paid + cost(settings, &p);
+            let mut spec = base.spec.clone();
+            spec.terms.push(p.term);
+            spec.element = p.element.unwrap_or(spec.element);
+            spec.loss = f64::INFINITY;
+            minimise(data, &mut spec, true, 8);
+            if spec.terms.last().is_some_and(|t| t.kind() == Kind::DeadTimeChange) {
+                // Its delay is one of two now.
+                restructure(data, &mut spec, true, 2);
+            }
+            tune(data, &mut spec, tried);
+            *tried += 1;
+            let candidate = Candidate::new(data, spec, paid);
+            let promised = self.evidence(&candidate);
+            // What another valve gains is no effect's.
+            let promised = if own_valve { promised.max(base.aic - candidate.aic) } else { promised };
+            full.push((promised, own_valve, candidate));
+        }
+        full.sort_by(|a, b| b.0.total_cmp(&a.0));
+        full
+    }
+
+    /// The best of the fitted with friction estimated anew, against the model without.
+    fn with_their_friction(
+        &self,
+        full: Vec<(f64, bool, Candidate)>,
+        declared: (&Spec, (f64, f64)),
+        tried: &mut usize,
+    ) -> Vec<Trial> {
+        let settings = self.settings;
+        let judged = held_out(self.data, &self.base.spec);
+        let mut finals: Vec<Trial> = Vec::new();
+        let mut done = Vec::new();
+        for (promised, own_valve, candidate) in full {
+            // Another friction does not save what is lost, nor does it let what is far behind catch up.
+            let ahead =
+                finals.iter().filter(|t| t.worth(settings.least_gain)).map(Trial::rank).fold(0.0, f64::max);
+            if (promised < LOST || promised + FAR_BEHIND < ahead) && settings.only.is_none() {
+                break;
+            }
+            let own_key = (own_valve, key(&candidate.spec));
+            if finals.len() == FINAL || done.contains(&own_key) {
+                continue;
+            }
+            done.push(own_key);
+            finals.extend(self.on_trial(candidate, declared, judged, tried));
+        }
+        finals
+    }
+
+    /// One of them; `None` where it is no such effect any more.
+    fn on_trial(
+        &self,
+        mut candidate: Candidate,
+        declared: (&Spec, (f64, f64)),
+        judged: (f64, f64),
+        tried: &mut usize,
+    ) -> Option<Trial> {
+        let data = self.data;
+        restructure(data, &mut candidate.spec, true, 3);
+        let plain = candidate;
+        let mut candidate = with_friction(data, plain.clone(), true, tried);
+        // What friction wins on the fitted samples it must win on all.
+        if candidate.spec.element != plain.spec.element
+            && self.with_effect(&candidate) < self.with_effect(&plain)
+        {
+            candidate = Candidate { likely: candidate.likely, ..plain };
+        }
+        tune(data, &mut candidate.spec, tried);
+        let term = candidate.spec.terms.last()?;
+        if !ALL.iter().all(|effect| effect.plausible(term.as_ref())) {
+            return None;
+        }
+        let kind = term.kind();
+        candidate.spec.free = None;
+        candidate =
+            Candidate { likely: candidate.likely, ..Candidate::new(data, candidate.spec, candidate.paid) };
+        let evidence = self.evidence(&candidate);
+        let error = if evidence > self.settings.least_gain {
+            let (spec, error) = not_beyond(data, candidate.spec, declared, judged);
+            candidate.spec = spec;
+            error
+        } else {
+            held_out(data, &candidate.spec)
+        };
+        let of_start = error.1 / declared.1.1;
+        // Dynamics that ran free worse than the declared ones are no measure.
+        let nearer = of_start.max(error.1 / judged.1);
+        let gain = self.base.aic - candidate.aic;
+        let held = likelier(data, judged.0, error.0);
+        Some(Trial { candidate, kind, evidence, gain, held, nearer, of_start })
+    }
+
+    /// The best that is worth it; and another valve where that gains more.
+    fn choice(&self, mut finals: Vec<Trial>) -> (Option<Trial>, Option<Element>) {
+        let valves = finals.iter().map(|t| t.candidate.spec.element);
+        let valves = valves.filter(|element| element.f > 0.0 && *element != self.base.spec.element);
+        let valves = valves.map(|element| (self.with_valve(element), element));
+        let even = finals.iter().any(|t| BANDS.contains(&t.kind)).then(|| self.even());
+        let valve = valves.chain(even).max_by(|a, b| a.0.total_cmp(&b.0));
+        finals.retain(|t| t.worth(self.settings.least_gain));
+        let steps = finals.iter().filter(|t| t.kind == Kind::LoadStep).map(|t| t.evidence);
+        let of_step = OF_STEP * steps.fold(0.0, f64::max);
+        let rank = |t: &Trial| t.rank() - if t.kind == Kind::GainChange { of_step } else { 0.0 };
+        let best = finals.into_iter().max_by(|a, b| rank(a).total_cmp(&rank(b)));
+        let least = best.as_ref().map_or(OTHER_VALVE, |best| best.evidence.max(OTHER_VALVE));
+        (best, valve.filter(|valve| valve.0 > least).map(|valve| valve.1))
+    }
+}
+
+impl Trial {
+    /// Whether the effect earns its place: by the evidence of all samples, more of it where friction may be what is wrong, and
+    /// less where the free run comes nearer; and by held-out errors that are smaller, one step ahead or run free.
+    ///
+    /// The free run is never beyond the declared model's.
+    fn worth(&self, enough: f64) -> bool {
+        let Self { kind, evidence, held, nearer, of_start, .. } = *self;
+        let mut needed = enough + NEARER * nearer.clamp(0.2, 2.0).ln();
+        if self.candidate.spec.element.f > 0.0 && !UNLIKE_A_VALVE.contains(&kind) {
+            needed += STICKY;
+        }
+        if held < 0.0 && !LATER.contains(&kind) {
+            needed = needed.max(enough) + DISAGREES;
+        } else if (0.0..LEAST_HELD).contains(&held) {
+            needed += UNDECIDED;
+        } else if held > DOUBTLESS && nearer < CLEAR.1 {
+            needed -= CLEAR.0;
+        }
+        let agrees = held > LEAST_HELD
+            || nearer < LEAST_NEARER
+            || (held > 0.0 && evidence > 1.5 * needed)
+            || (nearer < 1.0 && evidence > OVERWHELMING * needed);
+        evidence > needed && agrees && (of_start < 1.0 || (of_start <= 1.0 && held > DOUBTLESS))
+    }
+
+    /// What it is compared by with others that are worth it.
+    fn rank(&self) -> f64 {
+        let nested = if self.kind == Kind::GainChange { NESTED } else { 0.0 };
+        self.evidence - AHEAD * self.nearer.clamp(0.1, 2.0).ln() - nested
+    }
+}
+
+/// What the effects propose with the model's valve; and those on the stem's way to the process also without it, or with the
+/// likely one where it has none. Each with its gain in the long ARX.
+fn proposals(context: &Context<'_>) -> Vec<(f64, Proposal)> {
+    let Context { data, spec, likely, settings, .. } = *context;
+    let rated = |p: Proposal| (context.rows() * (context.quick.loss / p.loss).ln() - cost(settings, &p), p);
+    let asked = |p: &Proposal| settings.only.is_none_or(|only| p.term.kind() == only);
+    let all = ALL.iter().filter(|effect| !effect.direct());
+    let mut out: Vec<_> = all.flat_map(|effect| effect.propose(context)).filter(asked).map(rated).collect();
+    let none = Element { f: 0.0, ..spec.element };
+    let element = if spec.element.f > 0.0 { none } else { likely };
+    if element != spec.element {
+        let mut other = Spec { element, loss: f64::INFINITY, ..spec.clone() };
+        minimise(data, &mut other, true, 8);
+        let (stage, e) = all_errors(data, &other);
+        let quick = Quick::long_arx(data, &stage, other.orders.nk);
+        let context = Context::new(data, (&other, likely), (&stage, &e), &quick, settings);
+        let on_the_stem = ALL.iter().filter(|effect| effect.on_the_stem());
+        let others = on_the_stem.flat_map(|effect| effect.propose(&context)).filter(asked);
+        out.extend(others.map(|p| rated(Proposal { element: Some(other.element), ..p })));
+    }
+    out
+}
+
+/// What a proposal's numbers and the search for it cost in AIC.
+fn cost(settings: &Settings, p: &Proposal) -> f64 {
+    let known =
+        settings.known.iter().any(|(kind, tag)| *kind == p.term.kind() && tag.as_deref() == p.term.tag());
+    2.0 * p.parameters + if known { 0.0 } else { 2.0 * p.tried.max(1.0).ln() }
+}
