@@ -298,10 +298,10 @@ impl Default for Settings {
 }
 
 /// Most samples traced: longer records are cut to the stretch about the diagnosed window.
-const MOST_SAMPLES: usize = 4000;
+const MOST_SAMPLES: usize = 2000;
 
 /// The window to trace: the whole gated record where the diagnosis looks at its most regular stretch only, since a change
-/// outside that stretch is an effect too; at its sample period, and at most 4,000 samples about its window.
+/// outside that stretch is an effect too; at its sample period, and at most 2,000 samples about its window.
 pub fn window(record: &Record, diagnosis: &Diagnosis, settings: &diagnosis::Settings) -> Option<Window> {
     let (gated, _) = gate::gate(record, settings).ok()?;
     let factor = diagnosis.preparation.decimation.max(1);
