@@ -55,8 +55,9 @@ pub struct Task<'a> {
     pub left: &'a [f64],
     /// Whether a sample counts.
     pub counted: &'a [f64],
-    /// First lag of the stem, and the coefficients from it on.
+    /// First lag of the stem.
     pub nearest: usize,
+    /// The coefficients from it on.
     pub b: &'a [f64],
     /// `1 / (3 s^2)`.
     pub per: f64,
@@ -136,11 +137,13 @@ impl Cell {
         }
     }
 
+    /// Puts the factors into the loss.
     fn count(&mut self) {
         self.loss += self.product.ln();
         self.product = 1.0;
     }
 
+    /// Keeps the stem of sample `k`.
     fn keep(&mut self, k: usize) {
         let at = k % KEPT;
         (self.stems[at], self.stems[at + KEPT]) = (self.stem, self.stem);
