@@ -25,7 +25,9 @@ port, kind = int(sys.argv[1]), sys.argv[2]
 
 
 def say(line):
-    print(line, flush=True)
+    # One write for text and end: print makes two, between which another thread's line can get.
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
 
 
 def now():

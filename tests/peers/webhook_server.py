@@ -20,7 +20,9 @@ plan = []
 
 
 def say(text):
-    print(text, flush=True)
+    # One write for text and end: print makes two, between which another thread's line can get.
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
 
 
 def refused(webhook, body, headers):
