@@ -4,6 +4,7 @@ use super::candidate::Candidate;
 use super::effects::{ALL, Context};
 use super::fit::{held_out, loss_of, minimise};
 use super::model::{Data, Spec};
+use super::needless::Added;
 use super::regress::{Quick, all_errors, restructure};
 use super::{Kind, Settings};
 
@@ -15,7 +16,7 @@ const CERTAIN: f64 = 0.02;
 const MUCH_NEARER: f64 = 0.7;
 
 /// Adds what the signals alone show.
-pub fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added: &mut Vec<(Kind, f64)>) {
+pub fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added: &mut Vec<Added>) {
     for effect in ALL.iter().filter(|e| e.direct()) {
         let (stage, e) = all_errors(data, &base.spec);
         let quick = Quick::long_arx(data, &stage, base.spec.orders.nk);
@@ -50,7 +51,8 @@ pub fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added:
             certain || (kind == Kind::Outliers && after.0.min(masked_error.0) < MUCH_NEARER * before.0);
         if doubtless || after.1.min(masked_error.1) <= before.1 * worst {
             let next = Candidate::new(data, spec, base.paid + 2.0 * proposal.parameters);
-            added.push((kind, (base.aic - next.aic).max(0.0)));
+            let evidence = (base.aic - next.aic).max(0.0);
+            added.push(Added { kind, evidence, paid: next.paid - base.paid });
             *base = next;
         }
     }
@@ -72,7 +74,12 @@ pub fn not_worse(data: &Data, declared: &Spec, base: Candidate, at_start: (f64, 
     Candidate::new(data, repaired, base.paid)
 }
 
+/// Whether the signals alone show such an effect.
+pub fn is_direct(kind: Kind) -> bool {
+    REPAIRS.contains(&kind) || kind == Kind::ClockSkew
+}
+
 /// Whether errors are counted over other samples than the declared model's.
 pub fn is_repaired(spec: &Spec) -> bool {
-    spec.terms.iter().any(|t| REPAIRS.contains(&t.kind()) || t.kind() == Kind::ClockSkew)
+    spec.terms.iter().any(|t| is_direct(t.kind()))
 }

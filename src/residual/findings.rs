@@ -3,6 +3,7 @@
 use super::candidate::Candidate;
 use super::fit::{errors, free_run, held_out, loss_of, minimise};
 use super::model::{Data, Element, Spec};
+use super::needless::Added;
 use super::regress::{Quick, all_errors, restructure};
 use super::{Curves, Effect, Findings, Friction, Kind, Parameter, Settings, checks};
 use crate::diagnosis::stats::median;
@@ -25,8 +26,8 @@ pub struct Outcome {
     pub base: Candidate,
     /// The declared model with its dynamics estimated once more.
     pub refit: Spec,
-    /// The effects in the order they were added, with their gain.
-    pub added: Vec<(Kind, f64)>,
+    /// The effects in the order they were added.
+    pub added: Vec<Added>,
     /// Candidates fitted.
     pub tried: usize,
 }
@@ -67,20 +68,20 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
     let (now, e_after, free_after) = scored(&after);
     let mut effects = Vec::new();
     let mut gamma = after.linear.gamma.as_slice();
-    for ((term, count), (kind, gain)) in after.terms.iter().zip(&counts).zip(&added) {
+    for ((term, count), added) in after.terms.iter().zip(&counts).zip(&added) {
         let (own, rest) = gamma.split_at(*count);
         gamma = rest;
         let (parameters, explanation) = term.describe(data, own, 1.0 / after.gain());
         effects.push(Effect {
-            kind: *kind,
-            delta_aic: *gain,
+            kind: added.kind,
+            delta_aic: added.evidence,
             tag: term.tag().map(str::to_string),
             parameters,
             explanation,
         });
     }
-    if let Some((kind, gain)) = added.iter().find(|(kind, _)| *kind == Kind::SlipJump) {
-        effects.push(slip_effect(data, &after.element, *kind, *gain));
+    if let Some(slip) = added.iter().find(|added| added.kind == Kind::SlipJump) {
+        effects.push(slip_effect(data, &after.element, slip.kind, slip.evidence));
     }
     let failed = checks::failed(data, &stage, &e, after.orders.na + after.orders.nc);
     let unit = |v: &[f64]| -> Vec<f64> { v.iter().map(|y| y * data.scale.y + data.scale.y0).collect() };

@@ -22,6 +22,7 @@ mod fit;
 mod free;
 mod lanes;
 mod model;
+mod needless;
 mod pose;
 mod regress;
 mod scan;

@@ -6,6 +6,7 @@ use super::findings::{Outcome, report};
 use super::fit::{held_out, minimise};
 use super::free::{longer_sighted, not_beyond};
 use super::model::{Data, Element, Spec};
+use super::needless::{Added, drop_needless};
 use super::pose::{declared, pose};
 use super::regress::restructure;
 use super::step::step;
@@ -50,7 +51,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     let declared = declared(&data, f);
     let mut tried = 1;
     let mut base = Candidate::new(&data, declared.clone(), 0.0);
-    let mut added: Vec<(Kind, f64)> = Vec::new();
+    let mut added = Vec::new();
     add_direct(&data, settings, &mut base, &mut added);
     base = with_friction(&data, base, false, &mut tried);
     let at_start = held_out(&data, &declared);
@@ -72,8 +73,10 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
             continue;
         }
         let Some(next) = found else { break };
-        added.push((next.kind, next.evidence));
+        let paid = next.candidate.paid - base.paid;
+        added.push(Added { kind: next.kind, evidence: next.evidence, paid });
         base = next.candidate;
+        drop_needless(&data, settings, &mut base, &mut added);
     }
     base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
     slip_jump(&data, &mut base, (&declared, at_start), &mut added);
@@ -110,7 +113,7 @@ fn slip_jump(
     data: &Data,
     base: &mut Candidate,
     (declared, at_start): (&Spec, (f64, f64)),
-    added: &mut Vec<(Kind, f64)>,
+    added: &mut Vec<Added>,
 ) {
     if base.spec.element.f <= 0.0 || base.spec.element.lag <= 0.0 {
         return;
@@ -137,6 +140,6 @@ fn slip_jump(
     }
     if now.1 <= at_start.1 && now.0 < plain.0 * 1.01 && (now.0 < plain.0 || now.1 < plain.1) {
         base.spec = spec;
-        added.push((Kind::SlipJump, gain));
+        added.push(Added { kind: Kind::SlipJump, evidence: gain, paid: 0.0 });
     }
 }

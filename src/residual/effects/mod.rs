@@ -205,7 +205,7 @@ impl<'a> Context<'a> {
     /// What the stem, changed to `z`, would add through the long ARX's own B.
     pub fn through_b(&self, change: &dyn Fn(usize) -> f64) -> Vec<f64> {
         let n = self.data.len();
-        let b = &self.quick.theta[6..6 + self.quick.z_lags.len()];
+        let b = &self.quick.theta[LONG_Y..LONG_Y + self.quick.z_lags.len()];
         let shape: Vec<f64> = (0..n).map(change).collect();
         let mut out = vec![0.0; n];
         for (lag, b) in self.quick.z_lags.iter().zip(b) {
