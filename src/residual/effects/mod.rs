@@ -18,7 +18,7 @@ mod valve_saturation;
 use super::Settings;
 use super::evidence::Judge;
 use super::model::{Data, Element, Spec, Stage, Term};
-use super::regress::Quick;
+use super::regress::{LONG_Y, Quick};
 use super::scan::Scan;
 use super::search::{Reach, growing, settle};
 use std::cell::OnceCell;
