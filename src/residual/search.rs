@@ -51,6 +51,8 @@ pub enum Reach {
     Wide,
     /// About the element there is, once.
     Near,
+    /// The same, the knob too: it is nearly right.
+    Close,
 }
 
 /// The element near `element` that explains most samples; with the first knob of the last term, `value` at first, where
@@ -70,7 +72,7 @@ pub fn settle(
         if reach == Reach::Wide && round == 0 {
             held.sweep(&mut found);
         }
-        held.improve(&mut found, ABOUT[round.min(1)]);
+        held.improve(&mut found, ABOUT[round.min(1)], reach);
         if (found.element, found.value) == at {
             break;
         }
@@ -264,8 +266,9 @@ impl<'a> Held<'a> {
     }
 
     /// One number after the other, until none comes out better.
-    fn improve(&mut self, found: &mut Found, width: f64) {
-        let numbers = [Self::f_widely, Self::value, Self::place, Self::kind, Self::lag, Self::f_finely];
+    fn improve(&mut self, found: &mut Found, width: f64, reach: Reach) {
+        let value = if reach == Reach::Close { Self::value } else { Self::any_value };
+        let numbers = [Self::f_widely, value, Self::place, Self::kind, Self::lag, Self::f_finely];
         let mut settled = 0;
         for number in numbers.iter().cycle().take(MOST_PASSES * numbers.len()) {
             let before = found.loss;
@@ -288,10 +291,18 @@ impl<'a> Held<'a> {
     }
 
     /// The knob, with f.
+    fn any_value(&mut self, found: &mut Found, width: f64) {
+        let Found { element: c, value: Some(_), .. } = *found else { return };
+        let values = (-9..=9).map(|i| 0.1 * f64::from(i));
+        let both = values.flat_map(|v| [0.8, 0.9, 1.0, 1.1, 1.25].map(|share| (share, v)));
+        self.better(found, both.map(|(share, v)| (Element { f: c.f * share, ..c }, Some(v))));
+        self.value(found, width);
+    }
+
+    /// The same about what it is.
     fn value(&mut self, found: &mut Found, _width: f64) {
         let Found { element: c, value: Some(value), .. } = *found else { return };
-        let values = (-9..=9).map(|i| 0.1 * f64::from(i));
-        let values = values.chain((-5..=5).map(|i| value + 0.02 * f64::from(i)));
+        let values = (-5..=5).map(|i| value + 0.02 * f64::from(i));
         let both = values.flat_map(|v| [0.8, 0.9, 1.0, 1.1, 1.25].map(|share| (share, v)));
         self.better(found, both.map(|(share, v)| (Element { f: c.f * share, ..c }, Some(v))));
     }

@@ -34,6 +34,9 @@ const UNLIKE_A_VALVE: [Kind; 5] = [
 ];
 /// Evidence that the others need more where there is friction (-).
 const STICKY: f64 = 5.0;
+/// Evidence of the model without friction below which no effect takes friction's place, and above which any may (-).
+const CERTAIN_FRICTION: f64 = -100.0;
+const DOUBTFUL_FRICTION: f64 = -40.0;
 /// Effects on the band to cross.
 const BANDS: [Kind; 2] = [Kind::AsymmetricFriction, Kind::FrictionDrift];
 /// Effects that the held-out samples see only as what was fitted goes on: its rate, level or time may be off a little.
@@ -313,7 +316,7 @@ impl Trial {
 }
 
 /// What the effects propose with the model's valve; and those on the stem's way to the process also without it, or with the
-/// likely one where it has none. Each with its gain in the long ARX.
+/// likely one where it has none: where friction may be mistaken, all without it. Each with its gain in the long ARX.
 fn proposals(context: &Context<'_>) -> Vec<(f64, Proposal)> {
     let Context { data, spec, likely, settings, .. } = *context;
     let rated = |p: Proposal| (context.rows() * (context.quick.loss / p.loss).ln() - cost(settings, &p), p);
@@ -326,10 +329,20 @@ fn proposals(context: &Context<'_>) -> Vec<(f64, Proposal)> {
         let mut other = Spec { element, loss: f64::INFINITY, ..spec.clone() };
         minimise(data, &mut other, true, 8);
         let (stage, e) = all_errors(data, &other);
+        let without = if element.f == 0.0 {
+            context.judge().gain(data, &stage, other.orders.nk)
+        } else {
+            f64::NEG_INFINITY
+        };
+        if element.f == 0.0 && without < CERTAIN_FRICTION {
+            return out;
+        }
         let quick = Quick::long_arx(data, &stage, other.orders.nk);
         let context = Context::new(data, (&other, likely), (&stage, &e), &quick, settings);
-        let on_the_stem = ALL.iter().filter(|effect| effect.on_the_stem());
-        let others = on_the_stem.flat_map(|effect| effect.propose(&context)).filter(asked);
+        let any = without > DOUBTFUL_FRICTION;
+        let fitting = ALL.iter().filter(|effect| effect.on_the_stem() || (any && !effect.direct()));
+        let others = fitting.flat_map(|effect| effect.propose(&context)).filter(asked);
+        let others = others.filter(|p| !BANDS.contains(&p.term.kind()));
         out.extend(others.map(|p| rated(Proposal { element: Some(other.element), ..p })));
     }
     out

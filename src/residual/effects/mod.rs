@@ -172,14 +172,15 @@ impl<'a> Context<'a> {
             }
         });
         rated.truncate(settled);
+        let mut rated: Vec<_> = rated.into_iter().map(|r| (r.1, r.2, Reach::Near)).collect();
         rated.extend(grown.iter().map(|&element| {
             let value = element.growth - self.likely.growth;
-            (0.0, Element { growth: self.likely.growth, ..element }, value)
+            (Element { growth: self.likely.growth, ..element }, value, Reach::Close)
         }));
         let mut rated: Vec<(f64, Element, f64)> = rated
             .into_iter()
-            .map(|(_, element, value)| {
-                let (element, settled) = settle(self.data, &trial, element, Some(value), Reach::Near);
+            .map(|(element, value, reach)| {
+                let (element, settled) = settle(self.data, &trial, element, Some(value), reach);
                 let value = settled.unwrap_or(value);
                 trial.element = element;
                 trial.terms[last].set(0, value);
