@@ -32,7 +32,7 @@ pub const MOST_FACTOR: f64 = 1e18;
 /// Decrease of the loss that is worth another pass: half of it is a likelihood's.
 const LEAST_LESS: f64 = 0.25;
 /// Valves of a growing f that are tried, and those of one growth among them.
-const LIKELY: usize = 4;
+const LIKELY: usize = 2;
 const OF_GROWTH: usize = 1;
 /// Bound of a knob that is part of the element.
 const MOST_VALUE: f64 = 0.95;
@@ -99,6 +99,22 @@ pub fn growing(data: &Data, spec: &Spec, growths: &[f64]) -> Vec<Element> {
         growths.iter().flat_map(|growth| task.best(family, *growth, element, OF_GROWTH)).collect();
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
     rated.into_iter().take(LIKELY).map(|(_, element)| element).collect()
+}
+
+/// The valves of one constant band whose stems explain most samples, one of each kind; the dynamics held are those with
+/// `spec`'s own.
+pub fn even(data: &Data, spec: &Spec) -> Vec<Element> {
+    if spec.terms.iter().any(|term| term.changes_stem()) {
+        return Vec::new();
+    }
+    let held = Held::new(data, spec, spec.element, None);
+    let task = held.task();
+    let families = [Family::Plain(spec.element.lag), Family::Sticks, Family::Slips];
+    families
+        .iter()
+        .flat_map(|family| task.best(*family, 0.0, spec.element, 1))
+        .map(|(_, element)| element)
+        .collect()
 }
 
 /// An element on trial, with the value of the term's knob that belongs to it.

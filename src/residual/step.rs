@@ -7,7 +7,7 @@ use super::fit::{held_out, minimise};
 use super::free::{DOUBTLESS, likelier, not_beyond};
 use super::model::{Data, Element, Spec};
 use super::regress::{Quick, all_errors, restructure};
-use super::search::growing;
+use super::search::even;
 use super::{Kind, Settings};
 use std::cell::OnceCell;
 
@@ -139,7 +139,7 @@ impl Step<'_> {
     fn even(&self) -> (f64, Element) {
         *self.even.get_or_init(|| {
             let likely = Spec { element: self.likely, ..self.base.spec.clone() };
-            let even = growing(self.data, &likely, &[0.0]).into_iter();
+            let even = even(self.data, &likely).into_iter();
             let even = even.map(|element| (self.with_valve(element), element));
             even.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NEG_INFINITY, self.likely))
         })

@@ -97,6 +97,10 @@ pub const ALL: &[&dyn Recognise] = &[
 const PATHS: f64 = 300.0;
 /// Values of f in a scan together with another number of the element.
 const SCAN: u32 = 7;
+/// Kinds of valve in such a scan beside the likely one: lag, resume threshold, slips; and how many of them are sought closely.
+const KINDS: [(f64, f64, bool); 4] =
+    [(0.0, 0.0, false), (0.0, 1.0, false), (0.5, 0.5, false), (0.0, 0.5, true)];
+const OTHERS: usize = 2;
 
 impl<'a> Context<'a> {
     /// Of a model, its signals `stage` and its errors `e`.
@@ -152,26 +156,35 @@ impl<'a> Context<'a> {
             scan.rate(elements).into_iter().map(|loss| loss.unwrap_or(f64::INFINITY)).collect()
         };
         let mut rated: Vec<(f64, Element, f64)> = Vec::new();
+        let own = (self.likely.resume, self.likely.slips);
+        let [first, second] = [0.0, 0.5].map(|lag| (lag, own.0, own.1));
+        let [plain, sticks, sticks_half, slips] = KINDS;
+        let kinds = [first, second, plain, sticks, sticks_half, slips];
         for &value in values {
             let about = [1.0, 1.0 / (1.0 + value.abs()), 1.0 / (1.0 - 0.5 * value.abs())];
             let about = about.into_iter().map(|share| share * self.likely.f);
             let grid = (1..=SCAN).map(|i| self.data.f_top * (f64::from(i) / f64::from(SCAN)).powf(1.5));
-            let elements =
-                about.chain(grid).flat_map(|f| [0.0, 0.5].map(|lag| Element { f, lag, ..self.likely }));
+            let elements = about.chain(grid).flat_map(|f| {
+                kinds.map(|(lag, resume, slips)| Element { f, lag, resume, slips, ..self.likely })
+            });
             let elements: Vec<Element> = elements.collect();
             let losses = rate(&elements, value);
             rated.extend(losses.into_iter().zip(elements).map(|(loss, element)| (loss, element, value)));
         }
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // The best of each value: a turn missed by one costs more squares than a wrong value does.
-        let mut seen: Vec<f64> = Vec::new();
-        rated.retain(|r| {
-            r.0.is_finite() && !seen.contains(&r.2) && {
-                seen.push(r.2);
-                true
+        // The best of each value, of the likely kind and of others: a turn missed by one costs more squares than a wrong value does.
+        let mut seen: Vec<(bool, f64)> = Vec::new();
+        rated.retain(|&(loss, element, value)| {
+            let key = ((element.resume, element.slips) == own, value);
+            let most = if key.0 { settled } else { OTHERS };
+            let new = loss.is_finite()
+                && !seen.contains(&key)
+                && seen.iter().filter(|other| other.0 == key.0).count() < most;
+            if new {
+                seen.push(key);
             }
+            new
         });
-        rated.truncate(settled);
         let mut rated: Vec<_> = rated.into_iter().map(|r| (r.1, r.2, Reach::Near)).collect();
         rated.extend(grown.iter().map(|&element| {
             let value = element.growth - self.likely.growth;
@@ -190,7 +203,7 @@ impl<'a> Context<'a> {
             .collect();
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
         rated.truncate(most);
-        let ways = if grown.is_empty() { 2.0 * f64::from(SCAN) } else { PATHS };
+        let ways = if grown.is_empty() { kinds.len() as f64 * f64::from(SCAN) } else { PATHS };
         let tried = ways * values.len() as f64;
         rated
             .into_iter()
