@@ -15,7 +15,7 @@ pub const LEAST_REVERSALS: usize = 5;
 pub struct Scan<'a> {
     data: &'a Data,
     /// The model with the element on trial.
-    pub trial: Spec,
+    trial: Spec,
     stage: Stage,
     z_lags: Vec<usize>,
     /// Samples that do not count: then nothing is shared.
@@ -53,6 +53,13 @@ impl<'a> Scan<'a> {
         let masked = stage.weight[from..to].contains(&0.0);
         let (trial, work) = (spec.clone(), vec![0.0; MOST_COLUMNS * MOST_COLUMNS]);
         Self { data, trial, stage, z_lags, masked, gram, right, power, fixed, work, stems: Vec::new() }
+    }
+
+    /// Sets the first knob of the last term.
+    pub fn set_last(&mut self, value: f64) {
+        if let Some(last) = self.trial.terms.last_mut() {
+            last.set(0, value);
+        }
     }
 
     /// The long ARX's loss with each element; `None` where the stem hardly reverses.

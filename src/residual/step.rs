@@ -291,14 +291,16 @@ impl Trial {
     fn worth(&self, enough: f64) -> bool {
         let Self { kind, evidence, held, nearer, of_start, .. } = *self;
         let mut needed = enough + NEARER * nearer.clamp(0.2, 2.0).ln();
-        if self.candidate.spec.element.f > 0.0 && !UNLIKE_A_VALVE.contains(&kind) {
+        let sticky = self.candidate.spec.element.f > 0.0 && !UNLIKE_A_VALVE.contains(&kind);
+        let nearby = held > LEAST_HELD && nearer < CLEAR.1;
+        if sticky && !nearby {
             needed += STICKY;
         }
         if held < 0.0 && !LATER.contains(&kind) {
             needed = needed.max(enough) + DISAGREES;
         } else if (0.0..LEAST_HELD).contains(&held) {
             needed += UNDECIDED;
-        } else if held > DOUBTLESS && nearer < CLEAR.1 {
+        } else if held > DOUBTLESS && nearer < CLEAR.1 && !sticky {
             needed -= CLEAR.0;
         }
         let agrees = held > LEAST_HELD

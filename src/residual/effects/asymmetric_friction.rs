@@ -1,6 +1,7 @@
 //! Friction differs between opening and closing: the band to cross is `2f (1 + s)` turning down and `2f (1 - s)` turning up.
 
-use super::{Context, Proposal, Recognise, best};
+use super::bands::Bands;
+use super::{Context, Proposal, Recognise};
 use crate::residual::model::{Data, Element, Knob, Term};
 use crate::residual::{Kind, Parameter};
 
@@ -41,6 +42,7 @@ impl Recognise for AsymmetricFriction {
         if c.likely.f <= 0.0 || c.spec.full_element().skew != 0.0 {
             return Vec::new();
         }
-        best(c.with_friction(&Skew { skew: 0.0 }, &SKEWS, &[], (3, 2)), 2)
+        let term = &Skew { skew: 0.0 };
+        Bands { term, values: &SKEWS, closely: 3, grow: false, most: 2 }.propose(c)
     }
 }

@@ -1,6 +1,7 @@
 //! Friction changes over the window: f grows from `1 - g` to `1 + g` times its mean.
 
-use super::{Context, Proposal, Recognise, best};
+use super::bands::Bands;
+use super::{Context, Proposal, Recognise};
 use crate::residual::model::{Data, Element, Knob, Term};
 use crate::residual::{Kind, Parameter};
 
@@ -42,6 +43,7 @@ impl Recognise for FrictionDrift {
         if c.likely.f <= 0.0 || c.spec.full_element().growth != 0.0 {
             return Vec::new();
         }
-        best(c.with_friction(&Growth { growth: 0.0 }, &GROWTHS, &c.growing(&GROWTHS), (1, 2)), 2)
+        let term = &Growth { growth: 0.0 };
+        Bands { term, values: &GROWTHS, closely: 1, grow: true, most: 2 }.propose(c)
     }
 }

@@ -1,0 +1,111 @@
+//! Bands that differ or grow, sought together with the valve they belong to.
+//!
+//! The f that suits one constant band may be anywhere between the bands there are, its lag makes up for what the model lacks,
+//! and its kind is that which looks most like bands that are not one. So a few f, lags and kinds are rated with each value
+//! of the band's number by the long ARX's loss; the best are sought closely, and judged.
+
+use super::{Context, Proposal};
+use crate::residual::model::{Element, Spec, Term};
+use crate::residual::scan::Scan;
+use crate::residual::search::{Reach, growing, settle};
+
+/// Ways a stem may go with one band, of those that matter to its errors.
+const PATHS: f64 = 300.0;
+/// Values of f in a scan together with the band's number.
+const SCAN: u32 = 7;
+/// Kinds of valve in it beside the likely one: lag, resume threshold, slips.
+const KINDS: [(f64, f64, bool); 4] =
+    [(0.0, 0.0, false), (0.0, 1.0, false), (0.5, 0.5, false), (0.0, 0.5, true)];
+/// How many of those are sought closely.
+const OTHERS: usize = 2;
+
+/// A valve with its band's number: the long ARX's loss, the element, the number.
+type Rated = (f64, Element, f64);
+
+/// What is sought.
+pub struct Bands<'a> {
+    /// The term, its first knob the band's number.
+    pub term: &'a dyn Term,
+    /// Values of the number.
+    pub values: &'a [f64],
+    /// How many valves of the likely kind are sought closely, each with another value.
+    pub closely: usize,
+    /// Whether valves of a growing f are sought among all paths of the stem, too.
+    pub grow: bool,
+    /// Most proposals.
+    pub most: usize,
+}
+
+impl Bands<'_> {
+    /// The terms worth a full fit, each with its valve.
+    pub fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
+        let mut trial = c.spec.clone();
+        trial.terms.push(self.term.boxed());
+        let last = trial.terms.len() - 1;
+        let sought =
+            self.scanned(c, &trial).into_iter().map(|(_, element, value)| (element, value, Reach::Near));
+        let sought: Vec<_> = sought.chain(self.grown(c)).collect();
+        let mut rated: Vec<Rated> = Vec::new();
+        for (element, value, reach) in sought {
+            let (element, settled) = settle(c.data, &trial, element, Some(value), reach);
+            let value = settled.unwrap_or(value);
+            trial.element = element;
+            trial.terms[last].set(0, value);
+            let gain = c.judge().gain(c.data, &trial.stage(c.data).0, c.spec.orders.nk);
+            rated.push((c.quick.loss * (-gain / c.rows()).exp(), element, value));
+        }
+        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let ways = if self.grow { PATHS } else { (KINDS.len() + 2) as f64 * f64::from(SCAN) };
+        let tried = ways * self.values.len() as f64;
+        let proposal = |(loss, element, value): Rated| {
+            let mut term = self.term.boxed();
+            term.set(0, value);
+            Proposal { term, loss, parameters: 1.0, tried, element: Some(element) }
+        };
+        rated.into_iter().filter(|r| r.0.is_finite()).take(self.most).map(proposal).collect()
+    }
+
+    /// The best of each value, of the likely kind and of others: a turn missed by one costs more squares than a wrong value.
+    fn scanned(&self, c: &Context<'_>, trial: &Spec) -> Vec<Rated> {
+        let own = (c.likely.resume, c.likely.slips);
+        let kinds = [0.0, 0.5].into_iter().map(|lag| (lag, own.0, own.1)).chain(KINDS);
+        let kinds: Vec<(f64, f64, bool)> = kinds.collect();
+        let mut scan = Scan::new(c.data, trial);
+        let mut rated: Vec<Rated> = Vec::new();
+        for &value in self.values {
+            let about = [1.0, 1.0 / (1.0 + value.abs()), 1.0 / (1.0 - 0.5 * value.abs())];
+            let about = about.into_iter().map(|share| share * c.likely.f);
+            let grid = (1..=SCAN).map(|i| c.data.f_top * (f64::from(i) / f64::from(SCAN)).powf(1.5));
+            let of = |f| {
+                kinds.iter().map(move |&(lag, resume, slips)| Element { f, lag, resume, slips, ..c.likely })
+            };
+            let elements: Vec<Element> = about.chain(grid).flat_map(of).collect();
+            scan.set_last(value);
+            let losses = scan.rate(&elements).into_iter().zip(elements);
+            rated.extend(losses.filter_map(|(loss, element)| Some((loss?, element, value))));
+        }
+        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut seen: Vec<(bool, f64)> = Vec::new();
+        rated.retain(|(_, element, value)| {
+            let key = ((element.resume, element.slips) == own, *value);
+            let alike = seen.iter().filter(|other| other.0 == key.0).count();
+            let new = !seen.contains(&key) && alike < if key.0 { self.closely } else { OTHERS };
+            if new {
+                seen.push(key);
+            }
+            new
+        });
+        rated
+    }
+
+    /// Elements like the likely one of which f grows, nearly right.
+    fn grown(&self, c: &Context<'_>) -> Vec<(Element, f64, Reach)> {
+        if !self.grow {
+            return Vec::new();
+        }
+        let likely = Spec { element: c.likely, ..c.spec.clone() };
+        let own = c.likely.growth;
+        let apart = |e: Element| (Element { growth: own, ..e }, e.growth - own, Reach::Close);
+        growing(c.data, &likely, self.values).into_iter().map(apart).collect()
+    }
+}
