@@ -22,10 +22,19 @@ pub struct Added {
     pub paid: f64,
 }
 
+/// Free-run error without an effect, as a share of that with it, up to which it is as good.
+const AS_GOOD: f64 = 1.01;
+
 /// Takes away, one at a time, the effects before the last that have less evidence against the model with all others than is
-/// needed; the free run may not suffer.
-pub fn drop_needless(data: &Data, settings: &Settings, base: &mut Candidate, added: &mut Vec<Added>) {
-    while let Some((at, without)) = needless(data, settings, base, added) {
+/// needed; the free run may not suffer, nor be beyond `most`.
+pub fn drop_needless(
+    data: &Data,
+    settings: &Settings,
+    most: f64,
+    base: &mut Candidate,
+    added: &mut Vec<Added>,
+) {
+    while let Some((at, without)) = needless(data, settings, most, base, added) {
         *base = without;
         added.remove(at);
     }
@@ -34,18 +43,19 @@ pub fn drop_needless(data: &Data, settings: &Settings, base: &mut Candidate, add
 fn needless(
     data: &Data,
     settings: &Settings,
+    most: f64,
     base: &Candidate,
     added: &[Added],
 ) -> Option<(usize, Candidate)> {
-    let judged = held_out(data, &base.spec);
+    let most = most.min(AS_GOOD * held_out(data, &base.spec).1);
     let earlier = (0..added.len().saturating_sub(1)).filter(|&i| !is_direct(added[i].kind));
     let without = earlier.map(|at| {
         let (evidence, without) = without(data, base, added, at);
         (evidence, at, without)
     });
     let (evidence, at, without) = without.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let error = held_out(data, &without.spec);
-    (evidence < settings.least_gain && error.1 <= judged.1).then_some((at, without))
+    let free = held_out(data, &without.spec).1;
+    (evidence < settings.least_gain && free <= most).then_some((at, without))
 }
 
 /// The model without one of its effects, and that effect's evidence against it.
@@ -62,4 +72,72 @@ fn without(data: &Data, base: &Candidate, added: &[Added], at: usize) -> (f64, C
     let likely = base.likely;
     let without = Candidate { likely, ..Candidate::new(data, spec, base.paid - added[at].paid) };
     (gain - 2.0 * counts[at] as f64 - added[at].paid, without)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::Parameter;
+    use crate::residual::model::{Stage, Term};
+    use crate::residual::pose::{declared, pose};
+    use crate::signal::Window;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// A load that steps at a sample.
+    #[derive(Clone, Debug)]
+    struct Step(usize, Kind);
+
+    impl Term for Step {
+        fn kind(&self) -> Kind {
+            self.1
+        }
+        fn boxed(&self) -> Box<dyn Term> {
+            Box::new(self.clone())
+        }
+        fn columns(&self, data: &Data, _stage: &Stage, out: &mut Vec<Vec<f64>>) {
+            out.push((0..data.len()).map(|k| f64::from(u8::from(k >= self.0))).collect());
+        }
+        fn describe(&self, _data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+            Default::default()
+        }
+    }
+
+    /// The kinds that stay of steps at these samples, added in this order, where the load steps at those of `loads`.
+    fn left(loads: &[usize], steps: [(usize, Kind); 2]) -> Vec<Kind> {
+        let n = 1500;
+        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(4));
+        let mut draw = move || -> f64 { noise.next().unwrap_or(0.0) };
+        let op: Vec<f64> = (0..n).map(|k| 50.0 + (0.037 * k as f64).cos() + 0.5 * draw()).collect();
+        let mut x = 0.0;
+        let pv = (0..n).map(|k: usize| {
+            let load = loads.iter().filter(|at| k >= **at).count() as f64;
+            x = 0.8 * x + 0.3 * (op[k.saturating_sub(2)] - 50.0) + 0.1 * load;
+            x + 0.05 * draw()
+        });
+        let pv = pv.collect();
+        let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
+        let data = pose(&window).expect("long enough");
+        let mut spec = declared(&data, 0.0);
+        spec.terms = steps.iter().map(|&(at, kind)| Step(at, kind).boxed()).collect();
+        spec.linear.gamma = vec![0.0; 2];
+        minimise(&data, &mut spec, true, 12);
+        restructure(&data, &mut spec, true, 3);
+        let mut base = Candidate::new(&data, spec, 0.0);
+        let mut added = steps.map(|(_, kind)| Added { kind, evidence: 100.0, paid: 10.0 }).to_vec();
+        drop_needless(&data, &Settings::default(), f64::INFINITY, &mut base, &mut added);
+        assert_eq!(base.spec.terms.len(), added.len());
+        assert_eq!(base.spec.linear.gamma.len(), added.len());
+        added.into_iter().map(|added| added.kind).collect()
+    }
+
+    #[test]
+    fn what_a_later_effect_explains_goes_and_what_none_does_stays() {
+        use Kind::{FrozenPv, GainChange, LoadStep};
+        assert_eq!(left(&[700, 900], [(700, LoadStep), (900, GainChange)]), [LoadStep, GainChange]);
+        // Nothing happens at 900; the last is not asked again, nor is what the signals alone show.
+        assert_eq!(left(&[700], [(900, LoadStep), (700, GainChange)]), [GainChange]);
+        assert_eq!(left(&[700], [(700, LoadStep), (900, GainChange)]), [LoadStep, GainChange]);
+        assert_eq!(left(&[700], [(900, FrozenPv), (700, GainChange)]), [FrozenPv, GainChange]);
+    }
 }

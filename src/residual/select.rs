@@ -76,7 +76,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         let paid = next.candidate.paid - base.paid;
         added.push(Added { kind: next.kind, evidence: next.evidence, paid });
         base = next.candidate;
-        drop_needless(&data, settings, &mut base, &mut added);
+        drop_needless(&data, settings, at_start.1, &mut base, &mut added);
     }
     base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
     slip_jump(&data, &mut base, (&declared, at_start), &mut added);
