@@ -18,6 +18,8 @@ use crate::signal::Window;
 const CHANGED: f64 = 1.0;
 /// How often another valve may take the place of the one there is in a trace.
 const LOOKS: usize = 1;
+/// Steps for each effect that may be added: one that goes again must not come back without end.
+const STEPS: usize = 3;
 /// Least gain of a kinetic lag: every valve model but the paper's own has one.
 const LEAST_SLIP: f64 = 7.0;
 /// The same where the declared dynamics are kept for the free run.
@@ -55,8 +57,9 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     add_direct(&data, settings, &mut base, &mut added);
     base = with_friction(&data, base, false, &mut tried);
     let at_start = held_out(&data, &declared);
-    let mut looks = LOOKS;
-    while added.len() < settings.most_effects && tried < settings.most_fits {
+    let (mut looks, mut steps) = (LOOKS, STEPS * settings.most_effects);
+    while added.len() < settings.most_effects && steps > 0 && tried < settings.most_fits {
+        steps -= 1;
         // The model without has the same chances as those with an effect: what a second look finds is no effect's gain.
         if looks == LOOKS || !added.is_empty() {
             let next = again(&data, base.clone(), &mut tried);
