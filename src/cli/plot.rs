@@ -15,14 +15,19 @@ const SMOOTHED: usize = 2;
 pub fn picture(name: &str, found: &Findings) -> String {
     let c = &found.curves;
     let kinds: Vec<&str> = found.effects.iter().map(|effect| effect.kind.as_str()).collect();
-    let effects = if kinds.is_empty() { "no effect added".to_string() } else { kinds.join(", ") };
+    let effects = match kinds.len() {
+        0 => "no effect added".to_string(),
+        1 | 2 => kinds.join(", "),
+        // More would not fit the sheet.
+        count => format!("{count} effects added"),
+    };
     let marks = vec![(c.ts * c.split as f64, "held out")];
     let over_time = |v: &[f64]| -> Vec<(f64, f64)> {
         let points: Vec<(f64, f64)> = v.iter().enumerate().map(|(k, y)| (c.ts * k as f64, *y)).collect();
         thin(&points, POINTS / 2)
     };
     let pv = Plot {
-        title: format!("{name}: PV and the models that simulate it from OP alone ({effects})"),
+        title: format!("{name}: PV, simulated from OP alone ({effects})"),
         x: "time since the window began (s)",
         panels: vec![panel(
             "PV (unit of PV)",
@@ -60,8 +65,7 @@ pub fn picture(name: &str, found: &Findings) -> String {
     let bound = 1.96 / (c.residual_after.len().max(1) as f64).sqrt();
     let level = |y: f64| vec![(1.0, y), (LAGS as f64, y)];
     let correlation = Plot {
-        title: "Autocorrelation of the residual, with the band that 95 of 100 lags of white noise keep"
-            .into(),
+        title: "Autocorrelation of the residual, with the 95 % band of white noise".into(),
         x: "lag (samples)",
         panels: vec![panel(
             "correlation (-)",
