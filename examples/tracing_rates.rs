@@ -2,7 +2,7 @@
 //! that the seeds draw: `cargo run --release --example tracing_rates -- --seeds 10 --first-seed 1000`.
 //!
 //! Options: `--seeds N`, `--first-seed K`, `--sizes small,medium,large`, `--clean N`, `--effects a,b`, `--threads T`, and
-//! `--each`, which also prints every case that went wrong.
+//! `--each`, which also prints every case that went wrong; `--records FOLDER` writes the cases as CSV and traces none.
 
 #[path = "../tests/residual_common/judge.rs"]
 mod judge;
@@ -16,9 +16,11 @@ mod sound;
 mod valve;
 
 use judge::{Judged, judge};
-use plant::{Case, LOOPS, SIZES, Undeclared, VALVES, cases, clean};
+use plant::{Case, LOOPS, SIZES, Undeclared, VALVES, cases, clean, record};
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::{fs, io};
 use stictiond::residual::Kind;
 
 /// Effects after which f is compared.
@@ -35,6 +37,7 @@ struct Options {
     effects: Vec<Kind>,
     threads: Option<usize>,
     each: bool,
+    records: Option<PathBuf>,
 }
 
 fn main() -> ExitCode {
@@ -46,6 +49,11 @@ fn main() -> ExitCode {
         }
     };
     let seeds = options.first_seed..options.first_seed + options.seeds;
+    if let Some(folder) = &options.records {
+        let Err(why) = write_records(folder, &options, seeds) else { return ExitCode::SUCCESS };
+        eprintln!("{}: {why}", folder.display());
+        return ExitCode::FAILURE;
+    }
     println!("seeds {} to {}; Wilson 95 % intervals in brackets\n", seeds.start, seeds.end.saturating_sub(1));
     for &size in &options.sizes {
         let all: Vec<Case> = options
@@ -64,6 +72,25 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
+/// The cases as records, named for effect, loop, valve and seed.
+fn write_records(folder: &Path, options: &Options, seeds: std::ops::Range<u64>) -> io::Result<()> {
+    fs::create_dir_all(folder)?;
+    for (size, kind) in options.sizes.iter().flat_map(|size| options.effects.iter().map(move |k| (*size, *k)))
+    {
+        for case in cases(Undeclared::Listed(kind), size, seeds.clone()) {
+            let (class, valve) = (LOOPS[case.class], VALVES[case.valve].0);
+            let name = format!("{}-{}-{class}-{valve}-{}.csv", kind.as_str(), SIZES[size], case.seed);
+            let (drawn, _) = record(&case);
+            let mut out = String::from("t,op,pv,sp\n");
+            for ((op, pv), sp) in drawn.op.iter().zip(&drawn.pv).zip(drawn.sp.iter().flatten()) {
+                out += &format!("{},{:.4},{:.4},{:.4}\n", op.t, op.value, pv.value, sp.value);
+            }
+            fs::write(folder.join(name), out)?;
+        }
+    }
+    Ok(())
+}
+
 /// Every case on as many threads as were asked for, else on every core.
 fn run(options: &Options, cases: &[Case], work: impl Fn(&Case) -> Judged + Sync) -> Vec<Judged> {
     options
@@ -80,6 +107,7 @@ fn options(mut args: impl Iterator<Item = String>) -> Result<Options, String> {
         effects: Kind::ALL.to_vec(),
         threads: None,
         each: false,
+        records: None,
     };
     while let Some(name) = args.next() {
         if name == "--each" {
@@ -92,6 +120,7 @@ fn options(mut args: impl Iterator<Item = String>) -> Result<Options, String> {
             "--seeds" => o.seeds = number()?,
             "--first-seed" => o.first_seed = number()?,
             "--clean" => o.clean = number()?,
+            "--records" => o.records = Some(value.into()),
             "--threads" => o.threads = Some(number()?.max(1) as usize),
             "--sizes" => {
                 let size = |s: &str| SIZES.iter().position(|n| *n == s).ok_or(format!("no size {s}"));

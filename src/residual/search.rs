@@ -31,9 +31,8 @@ pub const FACTORS: usize = 16;
 pub const MOST_FACTOR: f64 = 1e18;
 /// Decrease of the loss that is worth another pass: half of it is a likelihood's.
 const LEAST_LESS: f64 = 0.25;
-/// Valves of a growing f that are tried, and those of one growth among them.
+/// Valves of a growing f that are tried.
 const LIKELY: usize = 2;
-const OF_GROWTH: usize = 1;
 /// Bound of a knob that is part of the element.
 const MOST_VALUE: f64 = 0.95;
 /// Range of f that is swept for every kind of valve, as `ln`, and values to each side.
@@ -84,19 +83,12 @@ pub fn settle(
 /// Valves of the kind of `spec`'s, but of any f and J, with an f that grows so, whose stems explain most samples; the
 /// dynamics held are those with `spec`'s own.
 pub fn growing(data: &Data, spec: &Spec, growths: &[f64]) -> Vec<Element> {
-    if spec.terms.iter().any(|term| term.changes_stem()) {
-        return Vec::new();
-    }
-    let element = spec.element;
-    let held = Held::new(data, spec, element, None);
-    let family = match (element.slips, element.resume > 0.0) {
+    let family = match (spec.element.slips, spec.element.resume > 0.0) {
         (true, _) => Family::Slips,
         (_, true) => Family::Sticks,
-        _ => Family::Plain(element.lag),
+        _ => Family::Plain(spec.element.lag),
     };
-    let task = held.task();
-    let mut rated: Vec<_> =
-        growths.iter().flat_map(|growth| task.best(family, *growth, element, OF_GROWTH)).collect();
+    let mut rated = among_paths(data, spec, growths.iter().map(|growth| (family, *growth)));
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
     rated.into_iter().take(LIKELY).map(|(_, element)| element).collect()
 }
@@ -104,17 +96,19 @@ pub fn growing(data: &Data, spec: &Spec, growths: &[f64]) -> Vec<Element> {
 /// The valves of one constant band whose stems explain most samples, one of each kind; the dynamics held are those with
 /// `spec`'s own.
 pub fn even(data: &Data, spec: &Spec) -> Vec<Element> {
+    let families = [Family::Plain(spec.element.lag), Family::Sticks, Family::Slips];
+    let rated = among_paths(data, spec, families.into_iter().map(|family| (family, 0.0)));
+    rated.into_iter().map(|(_, element)| element).collect()
+}
+
+/// The best of each family and growth among all paths of the stem, with its loss; none where a term changes the stem.
+fn among_paths(data: &Data, spec: &Spec, sought: impl Iterator<Item = (Family, f64)>) -> Vec<(f64, Element)> {
     if spec.terms.iter().any(|term| term.changes_stem()) {
         return Vec::new();
     }
     let held = Held::new(data, spec, spec.element, None);
     let task = held.task();
-    let families = [Family::Plain(spec.element.lag), Family::Sticks, Family::Slips];
-    families
-        .iter()
-        .flat_map(|family| task.best(*family, 0.0, spec.element, 1))
-        .map(|(_, element)| element)
-        .collect()
+    sought.flat_map(|(family, growth)| task.best(family, growth, spec.element, 1)).collect()
 }
 
 /// An element on trial, with the value of the term's knob that belongs to it.

@@ -331,17 +331,13 @@ fn proposals(context: &Context<'_>) -> Vec<(f64, Proposal)> {
         let mut other = Spec { element, loss: f64::INFINITY, ..spec.clone() };
         minimise(data, &mut other, true, 8);
         let (stage, e) = all_errors(data, &other);
-        let without = if element.f == 0.0 {
-            context.judge().gain(data, &stage, other.orders.nk)
-        } else {
-            f64::NEG_INFINITY
-        };
-        if element.f == 0.0 && without < CERTAIN_FRICTION {
+        let without = (element.f == 0.0).then(|| context.judge().gain(data, &stage, other.orders.nk));
+        if without.is_some_and(|gain| gain < CERTAIN_FRICTION) {
             return out;
         }
         let quick = Quick::long_arx(data, &stage, other.orders.nk);
         let context = Context::new(data, (&other, likely), (&stage, &e), &quick, settings);
-        let any = without > DOUBTFUL_FRICTION;
+        let any = without.is_some_and(|gain| gain > DOUBTFUL_FRICTION);
         let fitting = ALL.iter().filter(|effect| effect.on_the_stem() || (any && !effect.direct()));
         let others = fitting.flat_map(|effect| effect.propose(&context)).filter(asked);
         let others = others.filter(|p| !BANDS.contains(&p.term.kind()));
