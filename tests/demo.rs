@@ -187,10 +187,14 @@ async fn with_write_back_ise_falls_tenfold_on_the_strongly_sticky_loops() {
     assert_eq!(strong.len(), 3);
     // Data for a verdict, the stretch before and the stretch with the term: twice that with the term: a minute.
     let deadline = Instant::now() + 4 * A_MINUTE;
-    // The first stretch holds the way out of the old oscillation: the one after it counts.
+    // The first stretch holds the way out of the old oscillation: the one after it counts. Where the computer paused for so
+    // long that the gate closed, the loop starts again.
     let mut first = BTreeMap::new();
     let mut later = |own: &&&DemoLoop| {
-        let with = status(own).and_then(|s| s.with);
+        let with = status(own).filter(|s| s.state == State::Active).and_then(|s| s.with);
+        if with.is_none() {
+            first.remove(&own.id);
+        }
         with.is_some_and(|with| *first.entry(own.id.clone()).or_insert(with) != with)
     };
     while strong.iter().filter(&mut later).count() < strong.len() {

@@ -17,26 +17,39 @@ const LOOK_MS: u64 = 200;
 #[cfg(feature = "writeback")]
 const GRANT_S: f64 = 36_000.0;
 
-/// Grants and approves each sticky loop once, as soon as nothing else is missing.
+/// What trips a loop when the computer pauses: at many times the plant's speed a tenth of a second is seconds of the plant.
+#[cfg(feature = "writeback")]
+const PAUSED: &[Denial] = &[
+    Denial::Late,
+    Denial::ClockJump,
+    Denial::OpBad,
+    Denial::PvBad,
+    Denial::SpBad,
+    Denial::ModeBad,
+    Denial::PollOverrun,
+    Denial::WriteFailed,
+];
+
+/// Grants and approves each sticky loop as soon as nothing else is missing: once, and again after each pause of the computer.
 #[cfg(feature = "writeback")]
 pub(super) async fn work(desk: Arc<dyn Desk>, loops: &[DemoLoop], stop: &CancellationToken) {
-    let mut waiting: Vec<LoopId> =
-        loops.iter().filter(|own| own.truth.sticky).map(|own| LoopId::new(own.id.as_str())).collect();
+    let mut sticky: Vec<(LoopId, bool)> = loops
+        .iter()
+        .filter(|own| own.truth.sticky)
+        .map(|own| (LoopId::new(own.id.as_str()), false))
+        .collect();
     let mut ticks = tokio::time::interval(std::time::Duration::from_millis(LOOK_MS));
-    while stop.run_until_cancelled(ticks.tick()).await.is_some() && !waiting.is_empty() {
-        let mut left = Vec::new();
-        for id in waiting {
-            let ready = desk
-                .status(&id)
-                .is_some_and(|own| own.state == State::Shadow && own.denials == [Denial::NotGranted]);
-            let granted = ready
-                && matches!(desk.act(&id, Action::Grant(GRANT_S), "demo operator").await, Some(Ok(_)))
-                && matches!(desk.act(&id, Action::Approve, "demo supervisor").await, Some(Ok(_)));
-            if !granted {
-                left.push(id);
+    while stop.run_until_cancelled(ticks.tick()).await.is_some() {
+        for (id, granted) in &mut sticky {
+            let Some(own) = desk.status(id) else { continue };
+            if own.state == State::Tripped && own.tripped_by.is_some_and(|by| PAUSED.contains(&by)) {
+                let reset = desk.act(id, Action::Reset, "demo operator").await;
+                *granted &= !matches!(reset, Some(Ok(_)));
+            } else if !*granted && own.state == State::Shadow && own.denials == [Denial::NotGranted] {
+                *granted = matches!(desk.act(id, Action::Grant(GRANT_S), "demo operator").await, Some(Ok(_)))
+                    && matches!(desk.act(id, Action::Approve, "demo supervisor").await, Some(Ok(_)));
             }
         }
-        waiting = left;
     }
 }
 
