@@ -28,6 +28,7 @@ mod regress;
 mod scan;
 mod search;
 mod select;
+mod slip;
 mod step;
 
 use crate::diagnosis::{self, Diagnosis, Model, Residual, Verdict, gate, prepare};

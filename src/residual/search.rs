@@ -29,6 +29,8 @@ const BLOCK: usize = 128;
 /// Factors under one logarithm, and the largest that may be: their product stays finite.
 pub const FACTORS: usize = 16;
 pub const MOST_FACTOR: f64 = 1e18;
+/// Loss behind the best up to the same sample at which an element is given up.
+const FAR_BEHIND: f64 = 20.0;
 /// Decrease of the loss that is worth another pass: half of it is a likelihood's.
 const LEAST_LESS: f64 = 0.25;
 /// Valves of a growing f that are tried.
@@ -67,6 +69,7 @@ pub fn settle(
     for round in 0..if reach == Reach::Wide { ROUNDS } else { 1 } {
         let mut held = Held::new(data, spec, at.0, at.1);
         let Some(loss) = held.rate(&[at], f64::INFINITY)[0] else { return at };
+        held.lead(0);
         let mut found = Found { loss, element: at.0, value: at.1 };
         if reach == Reach::Wide && round == 0 {
             held.sweep(&mut found);
@@ -136,6 +139,9 @@ struct Held<'a> {
     scale: f64,
     z: Vec<Lane>,
     alone: Vec<f64>,
+    /// Losses after each block: of those on trial, and of the best so far.
+    after: Vec<Lane>,
+    best: Vec<f64>,
 }
 
 impl<'a> Held<'a> {
@@ -151,7 +157,8 @@ impl<'a> Held<'a> {
         u.truncate(data.split);
         let System { nearest, counted, .. } = system;
         let z = vec![[0.0; LANES]; data.split];
-        Self { data, trial, u, nearest, b, left, counted, scale, z, alone: Vec::new() }
+        let (alone, after, best) = (Vec::new(), Vec::new(), Vec::new());
+        Self { data, trial, u, nearest, b, left, counted, scale, z, alone, after, best }
     }
 
     /// The losses, the last of `tried` in the lanes that are left; `None` where it is no less than `enough`, or where the
@@ -168,13 +175,16 @@ impl<'a> Held<'a> {
         }
         let per = 1.0 / (FREEDOM * self.scale * self.scale);
         let mut sums = [0.0; LANES];
+        self.after.clear();
         for at in (from..to).step_by(BLOCK) {
             let end = (at + BLOCK).min(to);
             run.go_on(&self.u, end, &mut self.z);
             self.add(at, end, per, &mut sums);
-            if sums.iter().all(|sum| *sum >= enough) {
+            let best = self.best.get(self.after.len()).map_or(f64::INFINITY, |best| best + FAR_BEHIND);
+            if sums.iter().all(|sum| *sum >= best.min(enough)) {
                 return [None; LANES];
             }
+            self.after.push(sums);
         }
         let turns = run.turns();
         from_fn(|l| (sums[l] < enough && turns[l] >= LEAST_REVERSALS as f64).then_some(sums[l]))
@@ -236,15 +246,23 @@ impl<'a> Held<'a> {
                 *slot = other;
                 count += 1;
             }
-            for (loss, (element, value)) in self.rate(&tried[..count], found.loss).into_iter().zip(tried) {
+            let losses = self.rate(&tried[..count], found.loss);
+            for (l, (loss, (element, value))) in losses.into_iter().zip(tried).enumerate() {
                 if let Some(loss) = loss.filter(|loss| *loss < found.loss) {
                     *found = Found { loss, element, value };
+                    self.lead(l);
                 }
             }
             if count < LANES {
                 return;
             }
         }
+    }
+
+    /// The one in that lane is the best so far.
+    fn lead(&mut self, lane: usize) {
+        self.best.clear();
+        self.best.extend(self.after.iter().map(|sums| sums[lane]));
     }
 
     /// Every kind of valve over a wide range of f.

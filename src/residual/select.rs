@@ -1,16 +1,17 @@
 //! Forward selection: one effect at a time, friction and dynamics estimated again with each.
 
 use super::candidate::{Candidate, with_friction};
-use super::direct::{add_direct, is_repaired, not_worse};
+use super::direct::{add_direct, not_worse};
 use super::findings::{Outcome, report};
 use super::fit::{held_out, minimise};
-use super::free::{longer_sighted, not_beyond};
+use super::free::longer_sighted;
 use super::model::{Data, Element, Spec};
 use super::needless::{Added, drop_needless};
 use super::pose::{declared, pose};
 use super::regress::restructure;
+use super::slip::slip_jump;
 use super::step::step;
-use super::{Findings, Kind, Settings, Stem};
+use super::{Findings, Settings, Stem};
 use crate::diagnosis::{Diagnosis, Preparation, Verdict};
 use crate::signal::Window;
 
@@ -20,10 +21,6 @@ const CHANGED: f64 = 1.0;
 const LOOKS: usize = 1;
 /// Steps for each effect that may be added: one that goes again must not come back without end.
 const STEPS: usize = 3;
-/// Least gain of a kinetic lag: every valve model but the paper's own has one.
-const LEAST_SLIP: f64 = 7.0;
-/// The same where the declared dynamics are kept for the free run.
-const CERTAIN_SLIP: f64 = 30.0;
 /// See [`super::trace`].
 pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
     let mut findings = trace_one(window, diagnosis, settings)?;
@@ -109,40 +106,4 @@ fn with_valve(data: &Data, base: &Candidate, element: Element) -> Candidate {
     minimise(data, &mut spec, true, 12);
     restructure(data, &mut spec, true, 3);
     Candidate::new(data, spec, base.paid)
-}
-
-/// Names the kinetic lag, which every friction estimate has, where it earns its place.
-fn slip_jump(
-    data: &Data,
-    base: &mut Candidate,
-    (declared, at_start): (&Spec, (f64, f64)),
-    added: &mut Vec<Added>,
-) {
-    if base.spec.element.f <= 0.0 || base.spec.element.lag <= 0.0 {
-        return;
-    }
-    let mut without = base.spec.clone();
-    without.element.lag = 0.0;
-    minimise(data, &mut without, false, 12);
-    restructure(data, &mut without, false, 3);
-    let plain = held_out(data, &without);
-    let without = Candidate::new(data, without, base.paid);
-    let mut sound = base.spec.clone();
-    sound.element = Element { f: 0.0, lag: 0.0, ..base.spec.element };
-    minimise(data, &mut sound, false, 12);
-    restructure(data, &mut sound, false, 3);
-    let sound = Candidate::new(data, sound, base.paid);
-    let gain = without.aic.min(sound.aic) - base.aic;
-    if gain <= LEAST_SLIP {
-        return;
-    }
-    let (mut spec, mut now) = not_beyond(data, base.spec.clone(), (declared, at_start), at_start);
-    if now.1 > at_start.1 && now.0 < at_start.0 && gain > CERTAIN_SLIP && !is_repaired(&spec) {
-        spec.free = Some(Box::new(declared.clone()));
-        now.1 = at_start.1;
-    }
-    if now.1 <= at_start.1 && now.0 < plain.0 * 1.01 && (now.0 < plain.0 || now.1 < plain.1) {
-        base.spec = spec;
-        added.push(Added { kind: Kind::SlipJump, evidence: gain, paid: 0.0 });
-    }
 }

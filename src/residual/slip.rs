@@ -1,0 +1,69 @@
+//! The slip jump: every friction estimate has a kinetic lag, and it is named where the evidence for it is that of an effect.
+//!
+//! ```text
+//! evidence = (L + L') / 2 > 12.5,   L' of the valve itself > 10
+//! L  = gain in AIC over the fitted samples + n ln(V0 / V1) over those held out, of the model itself
+//! L' = n ln(V0 / V1) of a long model over all samples
+//! ```
+//!
+//! An ARMAX of low order gladly takes a stem that lags for dynamics it lacks: both have to agree, and the long one on the
+//! valve as a whole, too.
+
+use super::Kind;
+use super::candidate::Candidate;
+use super::direct::is_repaired;
+use super::evidence::Judge;
+use super::fit::{held_out, minimise};
+use super::free::{likelier, not_beyond};
+use super::model::{Data, Element, Spec};
+use super::needless::Added;
+use super::regress::restructure;
+
+/// Gain in AIC below which nothing is looked at.
+const LEAST: f64 = 7.0;
+/// Evidence of the lag, and of the valve in the long model, that are needed.
+const NEEDED: f64 = 12.5;
+const OF_VALVE: f64 = 10.0;
+/// Gain in AIC for which the declared dynamics are kept for the free run.
+const CERTAIN: f64 = 30.0;
+
+/// Adds the slip jump to `added` where it earns its place; the free run stays within the declared model's, `at_start`.
+pub fn slip_jump(
+    data: &Data,
+    base: &mut Candidate,
+    (declared, at_start): (&Spec, (f64, f64)),
+    added: &mut Vec<Added>,
+) {
+    let own = base.spec.element;
+    if own.f <= 0.0 || own.lag <= 0.0 {
+        return;
+    }
+    let without = with_valve(data, base, Element { lag: 0.0, ..own });
+    let sound = with_valve(data, base, Element { f: 0.0, lag: 0.0, ..own });
+    let gain = without.aic.min(sound.aic) - base.aic;
+    if gain <= LEAST {
+        return;
+    }
+    let (stage, _) = base.spec.stage(data);
+    let judge = Judge::new(data, &stage, base.spec.orders.nk);
+    let against = |c: &Candidate| -judge.gain(data, &c.spec.stage(data).0, c.spec.orders.nk);
+    let (mut spec, mut now) = not_beyond(data, base.spec.clone(), (declared, at_start), at_start);
+    if now.1 > at_start.1 && now.0 < at_start.0 && gain > CERTAIN && !is_repaired(&spec) {
+        spec.free = Some(Box::new(declared.clone()));
+        now.1 = at_start.1;
+    }
+    let held = likelier(data, held_out(data, &without.spec).0, now.0);
+    let evidence = 0.5 * (gain + held + against(&without));
+    if now.1 <= at_start.1 && evidence > NEEDED && against(&sound) > OF_VALVE {
+        base.spec = spec;
+        added.push(Added { kind: Kind::SlipJump, evidence, paid: 0.0 });
+    }
+}
+
+/// The model estimated with another valve.
+fn with_valve(data: &Data, base: &Candidate, element: Element) -> Candidate {
+    let mut spec = Spec { element, ..base.spec.clone() };
+    minimise(data, &mut spec, false, 12);
+    restructure(data, &mut spec, false, 3);
+    Candidate::new(data, spec, base.paid)
+}
