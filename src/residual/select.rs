@@ -53,6 +53,9 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     let mut added = Vec::new();
     add_direct(&data, settings, &mut base, &mut added);
     base = with_friction(&data, base, false, &mut tried);
+    if base.spec.element.f > 0.0 {
+        base = with_friction(&data, base, false, &mut tried);
+    }
     let at_start = held_out(&data, &declared);
     let (mut looks, mut steps) = (LOOKS, STEPS * settings.most_effects);
     while added.len() < settings.most_effects && steps > 0 && tried < settings.most_fits {

@@ -12,6 +12,8 @@ pub struct Judged {
     /// Whether anything could be traced at all.
     pub traced: bool,
     pub unexplained: bool,
+    /// Whether the valve's S and J differ.
+    pub slips: bool,
     /// True f (% OP), the diagnosis' and that with the effects.
     pub f: [f64; 3],
     /// Held-out errors one step ahead before and after.
@@ -26,16 +28,18 @@ impl Judged {
     pub fn first(&self) -> Option<Kind> {
         self.named.first().copied()
     }
-    /// What was named beside the true effect; a kinetic lag is true of most valves and does not count.
+    /// What was named beside the true effect; a slip jump of a valve with S ≠ J is true.
     pub fn invented(&self) -> Vec<Kind> {
-        let is_true = |k: Kind| k == Kind::SlipJump || self.case.undeclared == Undeclared::Listed(k);
+        let is_true = |k: Kind| {
+            (k == Kind::SlipJump && self.slips) || self.case.undeclared == Undeclared::Listed(k)
+        };
         self.named.iter().copied().filter(|k| !is_true(*k)).collect()
     }
 }
 
 /// Diagnoses and traces a case; `told`: also by a fit that knows the effect.
 pub fn judge(case: &Case, told: bool) -> Judged {
-    let (record, f) = record(case);
+    let (record, truth) = record(case);
     let settings = diagnosis::Settings::default();
     let d = diagnose(&record, &settings);
     let trace = |of: residual::Settings| trace_record(&record, &d, &settings, &of);
@@ -54,7 +58,8 @@ pub fn judge(case: &Case, told: bool) -> Judged {
         named: found.iter().flat_map(|f| &f.effects).map(|e| e.kind).collect(),
         traced: found.is_some(),
         unexplained: found.as_ref().is_some_and(|f| f.unexplained),
-        f: [f, before, found.as_ref().map_or(before, |t| t.friction_after.f)],
+        slips: truth.slips,
+        f: [truth.f, before, found.as_ref().map_or(before, |t| t.friction_after.f)],
         one: read(&|t| [t.before.one_step_rmse, t.after.one_step_rmse]),
         free: read(&|t| [t.before.free_run_rmse, t.after.free_run_rmse]),
         told,

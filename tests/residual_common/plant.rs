@@ -158,8 +158,17 @@ struct Traces {
     stem: Vec<f64>,
 }
 
-/// A record of the case, and the true f (% OP).
-pub fn record(case: &Case) -> (Record, f64) {
+/// What is true of a case's valve.
+#[derive(Clone, Copy, Debug)]
+pub struct Truth {
+    /// S/2 (% OP).
+    pub f: f64,
+    /// Whether S and J differ.
+    pub slips: bool,
+}
+
+/// A record of the case, and what is true of its valve.
+pub fn record(case: &Case) -> (Record, Truth) {
     // A level to clip at is taken from the stem of the same loop unclipped: OP of a valve that sticks goes where its stem never is.
     let clip = case.is(Kind::ValveSaturation).then(|| {
         let low = case.number().is_multiple_of(3);
@@ -173,7 +182,7 @@ pub fn record(case: &Case) -> (Record, f64) {
         let at = stem[..last].iter().rev().find(|level| **level != stem[last]).copied();
         (at.unwrap_or(stem[last]), low)
     });
-    let (mut t, f, ts, mut d) = run(case, clip);
+    let (mut t, truth, ts, mut d) = run(case, clip);
     let mut total = t.op.len();
     if case.is(Kind::ClockSkew) {
         let by = case.pick([3, 5, 9]);
@@ -201,7 +210,7 @@ pub fn record(case: &Case) -> (Record, f64) {
     for i in 0..case.tags {
         record.tags.push((format!("tag {i}"), series(&irrelevant(i, &t.pv, &mut d))));
     }
-    (record, f)
+    (record, truth)
 }
 
 /// White, coloured, wandering, periodic and stepping tags in turn, and some that follow PV.
@@ -226,7 +235,7 @@ fn irrelevant(i: usize, pv: &[f64], d: &mut Draw) -> Vec<f64> {
         .collect()
 }
 
-fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, f64, f64, Draw) {
+fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, Truth, f64, Draw) {
     let mut d = Draw(Pcg64Mcg::seed_from_u64(case.number()));
     let mut p = Loop::draw(case.class, &mut d);
     if case.is(Kind::DeadTimeChange) || case.is(Kind::GainChange) {
@@ -381,5 +390,5 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, f64, f64, Draw) {
         t.pv.push(shown);
         t.sp.push(sp);
     }
-    (t, 0.5 * s, p.ts, d)
+    (t, Truth { f: 0.5 * s, slips: j < s }, p.ts, d)
 }

@@ -27,5 +27,5 @@ pub fn named(seed: u64) -> Vec<Kind> {
     let settings = diagnosis::Settings::default();
     let found =
         trace_record(&record, &diagnose(&record, &settings), &settings, &residual::Settings::default());
-    found.iter().flat_map(|f| &f.effects).map(|e| e.kind).filter(|kind| *kind != Kind::SlipJump).collect()
+    found.iter().flat_map(|f| &f.effects).map(|e| e.kind).collect()
 }
