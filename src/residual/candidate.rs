@@ -1,10 +1,12 @@
 //! A model on trial, its friction scanned anew and its rough numbers tuned.
 
 use super::Kind;
+use super::evidence::Judge;
 use super::fit::{held_out, minimise};
 use super::model::{Data, Element, Spec};
 use super::regress::restructure;
 use super::scan::scan_friction;
+use super::search::even;
 
 /// Numbers that friction costs: f, its lag, the choice of the element.
 const FRICTION_COST: f64 = 4.0;
@@ -50,10 +52,15 @@ pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize
     if kept && !promising {
         elements.clear();
     }
+    if sticky && !kept {
+        elements.extend(even(data, &base.spec));
+    }
     elements.push(Element { f: 0.0, ..base.spec.element });
     if sticky {
         elements.push(Element { lag: 0.4, ..base.spec.element });
     }
+    let judge = (sticky && !kept).then(|| Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk));
+    let mut most = 0.0;
     for element in elements {
         let mut spec = base.spec.clone();
         spec.element = element;
@@ -68,6 +75,15 @@ pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize
         let other = Candidate::new(data, spec, base.paid);
         // Friction where there was none has to be worth it, and none may cost what was held out.
         let worth = if best.spec.element.f == 0.0 && other.spec.element.f > 0.0 { WORTH } else { 0.0 };
+        if let Some(judge) = &judge {
+            let gain = judge.gain(data, &other.spec.stage(data).0, other.spec.orders.nk);
+            let both = 0.5 * (base.aic - other.aic + gain);
+            if both > most && held_out(data, &other.spec).0 < 1.05 * known.0 {
+                best = other;
+                most = both;
+            }
+            continue;
+        }
         if other.aic + worth < best.aic && held_out(data, &other.spec).0 < 1.05 * known.0 {
             best = other;
         }

@@ -16,11 +16,11 @@ use crate::diagnosis::friction::Start;
 
 /// Cells that go on, how many may be alive before those are chosen, and those of each part of the thresholds' range that
 /// go on in any case.
-const ALIVE: usize = 96;
+const ALIVE: usize = 48;
 const MOST: usize = 2 * ALIVE;
 const EACH: usize = 2;
 /// Loss behind the best at which a cell is given up.
-const FAR_BEHIND: f64 = 100.0;
+const FAR_BEHIND: f64 = 60.0;
 /// Those alive before the first sample that is rated.
 const UNRATED: usize = 2048;
 /// Cells at the start: values of S, of J as a share of it, and places of the stem.
@@ -71,6 +71,8 @@ struct Cell {
     j: (f64, f64),
     /// The part of the thresholds' range that it began in.
     part: usize,
+    /// Whether it was chosen.
+    goes_on: bool,
     turned: bool,
     /// The stem's place at the start.
     place: f64,
@@ -110,14 +112,17 @@ impl Cell {
         self.moving = matches!(family, Family::Plain(_));
     }
 
-    /// One sample of OP, with the bands there are `grown` times wider; what decides otherwise goes into `split`.
-    fn step(&mut self, op: f64, grown: f64, family: Family, split: &mut Vec<Cell>) {
+    /// One sample of OP, with the bands there are `grown` times wider and those to turn by `skew` wider downwards; what decides
+    /// otherwise goes into `split`.
+    fn step(&mut self, op: f64, (grown, skew): (f64, f64), family: Family, split: &mut Vec<Cell>) {
         let onward = self.direction * (op - self.stem);
         if onward > 0.0 && self.moving && family != Family::Slips {
             self.stem = op;
             return;
         }
-        let (distance, back) = (onward.abs() / grown, onward <= 0.0);
+        let back = onward <= 0.0;
+        let wider = if back { 1.0 + skew * self.direction } else { 1.0 };
+        let distance = onward.abs() / (grown * wider);
         let range = if back { &mut self.s } else { &mut self.j };
         if distance > range.1 {
             self.go(op, back, family);
@@ -151,32 +156,40 @@ impl Cell {
     }
 }
 
-/// Leaves the best, and the best of each part.
-fn choose(cells: &mut Vec<Cell>) {
-    cells.sort_unstable_by(|a, b| a.loss.total_cmp(&b.loss));
-    let enough = cells[0].loss + FAR_BEHIND;
+/// Leaves the best, and the best of each part; `order` is scratch.
+fn choose(cells: &mut Vec<Cell>, order: &mut Vec<(f64, usize)>) {
+    order.clear();
+    order.extend(cells.iter().enumerate().map(|(at, cell)| (cell.loss, at)));
+    order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let enough = order[0].0 + FAR_BEHIND;
     let mut of_part = [0; OF_S * OF_J];
-    let mut rank = 0;
-    cells.retain(|cell| {
+    for (rank, &(loss, at)) in order.iter().enumerate() {
+        let cell = &mut cells[at];
         of_part[cell.part] += 1;
-        rank += 1;
-        cell.loss < enough && (rank <= ALIVE / 2 || of_part[cell.part] <= EACH)
-    });
+        cell.goes_on = loss < enough && (rank < ALIVE / 2 || of_part[cell.part] <= EACH);
+    }
+    cells.retain(|cell| cell.goes_on);
 }
 
 impl Task<'_> {
     /// The `count` best elements of a family, each with its loss; their f grows from `1 - growth` to `1 + growth` times itself
-    /// over the samples.
-    pub fn best(&self, family: Family, growth: f64, like: Element, count: usize) -> Vec<(f64, Element)> {
+    /// over the samples, and the band to turn is `1 + skew` times as wide downwards and `1 - skew` upwards.
+    pub fn best(
+        &self,
+        family: Family,
+        (growth, skew): (f64, f64),
+        like: Element,
+        count: usize,
+    ) -> Vec<(f64, Element)> {
         let mut cells = self.start_cells(family);
         let rate = 2.0 / (self.first + self.left.len()) as f64;
         let grown = |k: usize| (1.0 + growth * ((k as f64 * rate).min(3.0) - 1.0)).max(1e-3);
-        let mut split = Vec::new();
+        let (mut split, mut order) = (Vec::new(), Vec::new());
         let mut back = [0.0; LAGS.1];
         back.iter_mut().zip(self.b.iter().rev()).for_each(|(own, b)| *own = *b);
         for k in self.start.index + 1..self.first + self.left.len() {
             for cell in &mut cells {
-                cell.step(self.u[k], grown(k), family, &mut split);
+                cell.step(self.u[k], (grown(k), skew), family, &mut split);
             }
             cells.append(&mut split);
             cells.iter_mut().for_each(|cell| cell.keep(k));
@@ -193,13 +206,16 @@ impl Task<'_> {
                 cells.iter_mut().for_each(Cell::count);
             }
             if cells.len() > MOST {
-                choose(&mut cells);
+                choose(&mut cells, &mut order);
             }
         }
         cells.iter_mut().for_each(Cell::count);
         cells.sort_by(|a, b| a.loss.total_cmp(&b.loss));
-        let element =
-            |cell: &Cell| Element { growth: like.growth + growth, ..self.element(cell, family, like) };
+        let element = |cell: &Cell| Element {
+            growth: like.growth + growth,
+            skew: like.skew + skew,
+            ..self.element(cell, family, like)
+        };
         cells.iter().take(count).map(|cell| (cell.loss, element(cell))).collect()
     }
 
@@ -227,6 +243,7 @@ impl Task<'_> {
             s,
             j,
             part,
+            goes_on: true,
             turned,
             place,
             stem: place,
@@ -308,7 +325,7 @@ mod tests {
         let left = left(&u, valve, 0.02, &mut noise);
         let counted = vec![1.0; left.len()];
         let task = task(&u, &left, &counted, 0.02);
-        for (loss, element) in task.best(Family::Plain(0.0), 0.0, Element::default(), 5) {
+        for (loss, element) in task.best(Family::Plain(0.0), (0.0, 0.0), Element::default(), 5) {
             let (mut z, mut dir) = (Vec::new(), Vec::new());
             element.run(&u, START, u.len(), &mut z, &mut dir);
             let plain: f64 = (FIRST..u.len())
@@ -328,19 +345,28 @@ mod tests {
         let sticks = Element { f: 0.613, resume: 0.37, lag: 0.63, ..Element::default() };
         let slips = Element { f: 0.441, resume: 1.0, slips: true, ..Element::default() };
         let growing = Element { growth: 0.45, ..sticks };
-        for (seed, valve, family) in
-            [(1, sticks, Family::Sticks), (2, slips, Family::Slips), (4, growing, Family::Sticks)]
-        {
+        let skewed = Element { skew: -0.3, ..sticks };
+        for (seed, valve, family) in [
+            (1, sticks, Family::Sticks),
+            (2, slips, Family::Slips),
+            (4, growing, Family::Sticks),
+            (5, skewed, Family::Sticks),
+        ] {
             let mut noise = noise(seed);
             let u = op(&mut noise);
             let left = left(&u, valve, 0.02, &mut noise);
             let counted = vec![1.0; left.len()];
-            let found =
-                task(&u, &left, &counted, 0.02).best(family, valve.growth, Element::default(), 1)[0].1;
+            let found = task(&u, &left, &counted, 0.02).best(
+                family,
+                (valve.growth, valve.skew),
+                Element::default(),
+                1,
+            )[0]
+            .1;
             let close = |a: f64, b: f64, by: f64| (a - b).abs() < by;
             let right = close(found.f, valve.f, 0.01 * valve.f)
                 && close(found.resume, valve.resume, 0.06)
-                && found.growth == valve.growth;
+                && (found.growth, found.skew) == (valve.growth, valve.skew);
             assert!(right, "{found:?} for {valve:?}");
         }
     }

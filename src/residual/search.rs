@@ -83,15 +83,15 @@ pub fn settle(
     at
 }
 
-/// Valves of the kind of `spec`'s, but of any f and J, with an f that grows so, whose stems explain most samples; the
-/// dynamics held are those with `spec`'s own.
-pub fn growing(data: &Data, spec: &Spec, growths: &[f64]) -> Vec<Element> {
+/// Valves of the kind of `spec`'s, but of any f and J, with an f that grows so or differs so between directions, whose stems
+/// explain most samples; the dynamics held are those with `spec`'s own.
+pub fn banded(data: &Data, spec: &Spec, bands: impl Iterator<Item = (f64, f64)>) -> Vec<Element> {
     let family = match (spec.element.slips, spec.element.resume > 0.0) {
         (true, _) => Family::Slips,
         (_, true) => Family::Sticks,
         _ => Family::Plain(spec.element.lag),
     };
-    let mut rated = among_paths(data, spec, growths.iter().map(|growth| (family, *growth)));
+    let mut rated = among_paths(data, spec, bands.map(|bands| (family, bands)));
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
     rated.into_iter().take(LIKELY).map(|(_, element)| element).collect()
 }
@@ -100,18 +100,22 @@ pub fn growing(data: &Data, spec: &Spec, growths: &[f64]) -> Vec<Element> {
 /// `spec`'s own.
 pub fn even(data: &Data, spec: &Spec) -> Vec<Element> {
     let families = [Family::Plain(spec.element.lag), Family::Sticks, Family::Slips];
-    let rated = among_paths(data, spec, families.into_iter().map(|family| (family, 0.0)));
+    let rated = among_paths(data, spec, families.into_iter().map(|family| (family, (0.0, 0.0))));
     rated.into_iter().map(|(_, element)| element).collect()
 }
 
-/// The best of each family and growth among all paths of the stem, with its loss; none where a term changes the stem.
-fn among_paths(data: &Data, spec: &Spec, sought: impl Iterator<Item = (Family, f64)>) -> Vec<(f64, Element)> {
+/// The best of each family, growth and skew among all paths of the stem, with its loss; none where a term changes the stem.
+fn among_paths(
+    data: &Data,
+    spec: &Spec,
+    sought: impl Iterator<Item = (Family, (f64, f64))>,
+) -> Vec<(f64, Element)> {
     if spec.terms.iter().any(|term| term.changes_stem()) {
         return Vec::new();
     }
     let held = Held::new(data, spec, spec.element, None);
     let task = held.task();
-    sought.flat_map(|(family, growth)| task.best(family, growth, spec.element, 1)).collect()
+    sought.flat_map(|(family, bands)| task.best(family, bands, spec.element, 1)).collect()
 }
 
 /// An element on trial, with the value of the term's knob that belongs to it.

@@ -54,6 +54,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     add_direct(&data, settings, &mut base, &mut added);
     base = with_friction(&data, base, false, &mut tried);
     if base.spec.element.f > 0.0 {
+        // A valve found through dynamics without one is seldom the right one.
         base = with_friction(&data, base, false, &mut tried);
     }
     let at_start = held_out(&data, &declared);

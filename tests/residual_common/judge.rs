@@ -30,9 +30,8 @@ impl Judged {
     }
     /// What was named beside the true effect; a slip jump of a valve with S ≠ J is true.
     pub fn invented(&self) -> Vec<Kind> {
-        let is_true = |k: Kind| {
-            (k == Kind::SlipJump && self.slips) || self.case.undeclared == Undeclared::Listed(k)
-        };
+        let is_true =
+            |k: Kind| (k == Kind::SlipJump && self.slips) || self.case.undeclared == Undeclared::Listed(k);
         self.named.iter().copied().filter(|k| !is_true(*k)).collect()
     }
 }

@@ -7,6 +7,9 @@ use crate::residual::{Kind, Parameter};
 
 const SKEWS: [f64; 6] = [-0.7, -0.45, -0.2, 0.2, 0.45, 0.7];
 
+/// Least difference that is no other valve.
+const LEAST: f64 = 0.1;
+
 pub struct AsymmetricFriction;
 
 #[derive(Clone, Debug)]
@@ -43,6 +46,11 @@ impl Recognise for AsymmetricFriction {
             return Vec::new();
         }
         let term = &Skew { skew: 0.0 };
-        Bands { term, values: &SKEWS, closely: 3, grow: false, most: 2 }.propose(c)
+        Bands { term, values: &SKEWS, closely: 1, grow: false, most: 2 }.propose(c)
+    }
+    fn plausible(&self, term: &dyn Term) -> bool {
+        term.knobs()
+            .first()
+            .is_none_or(|knob| term.kind() != Kind::AsymmetricFriction || knob.value.abs() >= LEAST)
     }
 }

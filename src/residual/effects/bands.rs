@@ -7,7 +7,7 @@
 use super::{Context, Proposal};
 use crate::residual::model::{Element, Spec, Term};
 use crate::residual::scan::Scan;
-use crate::residual::search::{Reach, growing, settle};
+use crate::residual::search::{Reach, banded, settle};
 
 /// Ways a stem may go with one band, of those that matter to its errors.
 const PATHS: f64 = 300.0;
@@ -17,7 +17,7 @@ const SCAN: u32 = 7;
 const KINDS: [(f64, f64, bool); 4] =
     [(0.0, 0.0, false), (0.0, 1.0, false), (0.5, 0.5, false), (0.0, 0.5, true)];
 /// How many of those are sought closely.
-const OTHERS: usize = 2;
+const OTHERS: usize = 1;
 
 /// A valve with its band's number: the long ARX's loss, the element, the number.
 type Rated = (f64, Element, f64);
@@ -44,7 +44,7 @@ impl Bands<'_> {
         let last = trial.terms.len() - 1;
         let sought =
             self.scanned(c, &trial).into_iter().map(|(_, element, value)| (element, value, Reach::Near));
-        let sought: Vec<_> = sought.chain(self.grown(c)).collect();
+        let sought: Vec<_> = sought.chain(self.among_paths(c)).collect();
         let mut rated: Vec<Rated> = Vec::new();
         for (element, value, reach) in sought {
             let (element, settled) = settle(c.data, &trial, element, Some(value), reach);
@@ -98,14 +98,15 @@ impl Bands<'_> {
         rated
     }
 
-    /// Elements like the likely one of which f grows, nearly right.
-    fn grown(&self, c: &Context<'_>) -> Vec<(Element, f64, Reach)> {
-        if !self.grow {
-            return Vec::new();
-        }
+    /// Elements like the likely one but with such bands, nearly right.
+    fn among_paths(&self, c: &Context<'_>) -> Vec<(Element, f64, Reach)> {
         let likely = Spec { element: c.likely, ..c.spec.clone() };
-        let own = c.likely.growth;
-        let apart = |e: Element| (Element { growth: own, ..e }, e.growth - own, Reach::Close);
-        growing(c.data, &likely, self.values).into_iter().map(apart).collect()
+        let own = c.likely;
+        let of = |value: &f64| if self.grow { (*value, 0.0) } else { (0.0, *value) };
+        let apart = |e: Element| {
+            let value = if self.grow { e.growth - own.growth } else { e.skew - own.skew };
+            (Element { growth: own.growth, skew: own.skew, ..e }, value, Reach::Close)
+        };
+        banded(c.data, &likely, self.values.iter().map(of)).into_iter().map(apart).collect()
     }
 }

@@ -7,6 +7,9 @@ use crate::residual::{Kind, Parameter};
 
 const GROWTHS: [f64; 6] = [-0.7, -0.45, -0.2, 0.2, 0.45, 0.7];
 
+/// Least growth that is no other valve.
+const LEAST: f64 = 0.1;
+
 pub struct FrictionDrift;
 
 #[derive(Clone, Debug)]
@@ -45,5 +48,10 @@ impl Recognise for FrictionDrift {
         }
         let term = &Growth { growth: 0.0 };
         Bands { term, values: &GROWTHS, closely: 1, grow: true, most: 2 }.propose(c)
+    }
+    fn plausible(&self, term: &dyn Term) -> bool {
+        term.knobs()
+            .first()
+            .is_none_or(|knob| term.kind() != Kind::FrictionDrift || knob.value.abs() >= LEAST)
     }
 }
