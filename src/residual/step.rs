@@ -39,6 +39,8 @@ const CERTAIN_FRICTION: f64 = -100.0;
 const DOUBTFUL_FRICTION: f64 = -40.0;
 /// Effects on the band to cross.
 const BANDS: [Kind; 2] = [Kind::AsymmetricFriction, Kind::FrictionDrift];
+/// Effects between the stem and the process that a delay, a gain or a curve makes.
+const ON_THE_WAY: [Kind; 3] = [Kind::StaticNonlinearity, Kind::GainChange, Kind::DeadTimeChange];
 /// Effects that the held-out samples see only as what was fitted goes on: its rate, level or time may be off a little.
 const LATER: [Kind; 5] =
     [Kind::LoadStep, Kind::Drift, Kind::GainChange, Kind::DeadTimeChange, Kind::FrictionDrift];
@@ -234,7 +236,9 @@ impl Step<'_> {
         let data = self.data;
         restructure(data, &mut candidate.spec, true, 3);
         let plain = candidate;
-        let mut candidate = with_friction(data, plain.clone(), true, tried);
+        // On its way to the process another kind of valve may go with it.
+        let kept = plain.spec.terms.last().is_none_or(|term| !ON_THE_WAY.contains(&term.kind()));
+        let mut candidate = with_friction(data, plain.clone(), kept, tried);
         // What friction wins on the fitted samples it must win on all.
         if candidate.spec.element != plain.spec.element
             && self.with_effect(&candidate) < self.with_effect(&plain)
