@@ -21,12 +21,12 @@ pub fn quantile(v: &[f64], q: f64) -> f64 {
     if v.is_empty() {
         return 0.0;
     }
-    let mut sorted = v.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let at = q.clamp(0.0, 1.0) * (sorted.len() - 1) as f64;
-    let (low, part) = (at.floor() as usize, at.fract());
-    let high = (low + 1).min(sorted.len() - 1);
-    sorted[low] + part * (sorted[high] - sorted[low])
+    let at = q.clamp(0.0, 1.0) * (v.len() - 1) as f64;
+    let (place, part) = (at.floor() as usize, at.fract());
+    let mut own = v.to_vec();
+    let (_, &mut low, above) = own.select_nth_unstable_by(place, f64::total_cmp);
+    let high = above.iter().copied().min_by(f64::total_cmp).unwrap_or(low);
+    low + part * (high - low)
 }
 
 /// The median.

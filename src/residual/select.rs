@@ -58,7 +58,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         base = with_friction(&data, base, false, &mut tried);
     }
     let at_start = held_out(&data, &declared);
-    let (mut looks, mut steps) = (LOOKS, STEPS * settings.most_effects);
+    let (mut looks, mut steps, mut quiet) = (LOOKS, STEPS * settings.most_effects, None);
     while added.len() < settings.most_effects && steps > 0 && tried < settings.most_fits {
         steps -= 1;
         // The model without has the same chances as those with an effect: what a second look finds is no effect's gain.
@@ -68,7 +68,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
                 base = next;
             }
         }
-        let (found, valve) = step(&data, settings, &base, (&declared, at_start), &mut tried);
+        let (found, valve) = step(&data, settings, &base, (&declared, at_start), (&mut quiet, &mut tried));
         if let Some(element) = valve
             && looks > 0
         {

@@ -37,6 +37,9 @@ const STICKY: f64 = 5.0;
 /// Evidence of the model without friction below which no effect takes friction's place, and above which any may (-).
 const CERTAIN_FRICTION: f64 = -100.0;
 const DOUBTFUL_FRICTION: f64 = -40.0;
+/// Gain of the long ARX below which bands are not sought again, until its likelihood has grown by so much (-).
+const QUIET: f64 = 4.0;
+const LOUDER: f64 = 1000.0;
 /// Effects on the band to cross.
 const BANDS: [Kind; 2] = [Kind::AsymmetricFriction, Kind::FrictionDrift];
 /// Effects between the stem and the process that a delay, a gain or a curve makes.
@@ -94,20 +97,20 @@ struct Step<'a> {
 }
 
 /// The best effect to add, if any earns its place; and the valve of one on trial, if the model without that effect is far
-/// better with it.
+/// better with it. `quiet`: loss of the long ARX at which bands that differ or grow promised nothing.
 pub fn step(
     data: &Data,
     settings: &Settings,
     base: &Candidate,
     declared: (&Spec, (f64, f64)),
-    tried: &mut usize,
+    (quiet, tried): (&mut Option<f64>, &mut usize),
 ) -> (Option<Trial>, Option<Element>) {
     let (stage, e) = all_errors(data, &base.spec);
     let quick = Quick::long_arx(data, &stage, base.spec.orders.nk);
     let context = Context::new(data, (&base.spec, base.likely), (&stage, &e), &quick, settings);
     let (judge, likely) = (context.judge(), context.likely);
     let step = Step { data, settings, base, judge, likely, even: OnceCell::new() };
-    let full = step.fitted(proposals(&context), tried);
+    let full = step.fitted(proposals(&context, quiet), tried);
     let finals = step.with_their_friction(full, declared, tried);
     if settings.only.is_some() {
         return (finals.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain)), None);
@@ -323,12 +326,17 @@ impl Trial {
 
 /// What the effects propose with the model's valve; and those on the stem's way to the process also without it, or with the
 /// likely one where it has none: where friction may be mistaken, all without it. Each with its gain in the long ARX.
-fn proposals(context: &Context<'_>) -> Vec<(f64, Proposal)> {
+fn proposals(context: &Context<'_>, quiet: &mut Option<f64>) -> Vec<(f64, Proposal)> {
     let Context { data, spec, likely, settings, .. } = *context;
     let rated = |p: Proposal| (context.rows() * (context.quick.loss / p.loss).ln() - cost(settings, &p), p);
     let asked = |p: &Proposal| settings.only.is_none_or(|only| p.term.kind() == only);
-    let all = ALL.iter().filter(|effect| !effect.direct());
+    let still = quiet.is_some_and(|loss| context.rows() * (loss / context.quick.loss).ln() < LOUDER);
+    let all = ALL.iter().filter(|effect| !effect.direct() && !(still && effect.on_the_band()));
     let mut out: Vec<_> = all.flat_map(|effect| effect.propose(context)).filter(asked).map(rated).collect();
+    if !still {
+        let bands = out.iter().filter(|(_, p)| BANDS.contains(&p.term.kind()));
+        *quiet = bands.clone().all(|(rated, _)| *rated < QUIET).then_some(context.quick.loss);
+    }
     let none = Element { f: 0.0, ..spec.element };
     let element = if spec.element.f > 0.0 { none } else { likely };
     if element != spec.element {

@@ -48,6 +48,9 @@ impl Recognise for AsymmetricFriction {
         let term = &Skew { skew: 0.0 };
         Bands { term, values: &SKEWS, closely: 1, grow: false, most: 2 }.propose(c)
     }
+    fn on_the_band(&self) -> bool {
+        true
+    }
     fn plausible(&self, term: &dyn Term) -> bool {
         term.knobs()
             .first()

@@ -49,6 +49,9 @@ impl Recognise for FrictionDrift {
         let term = &Growth { growth: 0.0 };
         Bands { term, values: &GROWTHS, closely: 1, grow: true, most: 2 }.propose(c)
     }
+    fn on_the_band(&self) -> bool {
+        true
+    }
     fn plausible(&self, term: &dyn Term) -> bool {
         term.knobs()
             .first()

@@ -68,6 +68,10 @@ pub trait Recognise: Sync {
     fn on_the_stem(&self) -> bool {
         false
     }
+    /// Whether it acts on the band that the stem has to cross: it takes long to look for.
+    fn on_the_band(&self) -> bool {
+        false
+    }
     /// Whether the signals alone show it: then it comes before all others and needs no gain in likelihood.
     fn direct(&self) -> bool {
         false
