@@ -80,10 +80,11 @@ pub trait Recognise: Sync {
 
 /// Every effect but the slip jump, which is part of every friction estimate.
 pub const ALL: &[&dyn Recognise] = &[
+    // A coarse PV stands still by itself.
+    &quantised_pv::QuantisedPv,
     &frozen_pv::FrozenPv,
     &outliers::Outliers,
     &clock_skew::ClockSkew,
-    &quantised_pv::QuantisedPv,
     &oscillating_load::OscillatingLoad,
     &measured_disturbance::MeasuredDisturbance,
     &load_step::LoadStep,
