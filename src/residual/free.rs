@@ -20,11 +20,12 @@ pub fn not_beyond(
     judged: (f64, f64),
 ) -> (Spec, (f64, f64)) {
     let error = held_out(data, &spec);
-    if error.1 < at_start.1 {
+    // What runs free in another's place already is no further than that.
+    if error.1 < at_start.1 || (spec.free.is_some() && error.1 <= at_start.1) {
         return (spec, error);
     }
     // One step ahead its dynamics may be as good as others that run free better.
-    let mut spec = longer_sighted(data, &spec);
+    let mut spec = longer_sighted(data, &Spec { free: None, ..spec });
     let mut error = held_out(data, &spec);
     if error.1 >= at_start.1 {
         error = with_free(data, declared, at_start, judged, &mut spec).unwrap_or(error);
@@ -73,4 +74,42 @@ pub fn longer_sighted(data: &Data, declared: &Spec) -> Spec {
         .map(|spec| (free_fitted(data, &spec), spec))
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map_or_else(|| declared.clone(), |(_, spec)| spec)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::pose::{declared, pose};
+    use crate::signal::Window;
+
+    /// Whatever it chose, its errors are those of what it returns: a model that ran free in another's place, too.
+    #[test]
+    fn the_errors_are_those_of_the_model() {
+        let n = 600;
+        let op: Vec<f64> =
+            (0..n).map(|k| 50.0 + (0.21 * k as f64).sin() + (0.047 * k as f64).cos()).collect();
+        let mut pv = vec![0.0; n];
+        for k in 2..n {
+            pv[k] = 0.8 * pv[k - 1] + 0.3 * (op[k - 2] - 50.0) + 0.05 * (1.7 * (k * k) as f64).sin();
+        }
+        let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
+        let data = pose(&window).expect("long enough");
+        let declared = declared(&data, 0.0);
+        let at_start = held_out(&data, &declared);
+        let mut off = declared.clone();
+        off.linear.b.iter_mut().for_each(|b| *b = -*b);
+        off.linear.a.iter_mut().for_each(|a| *a *= 0.5);
+        for free in [None, Some(Box::new(declared.clone())), Some(Box::new(off.clone()))] {
+            for spec in [&declared, &off] {
+                let spec = Spec { free: free.clone(), ..spec.clone() };
+                // Nothing runs free as near as that: every way out is tried.
+                for most in [at_start, (at_start.0, 0.5 * at_start.1)] {
+                    let (chosen, error) = not_beyond(&data, spec.clone(), (&declared, most), most);
+                    let kept = chosen.free.as_ref().is_some_and(|free| free.linear == declared.linear);
+                    let own = held_out(&data, &chosen);
+                    assert!(error == own || (kept && error.1 == most.1), "{error:?} {own:?}");
+                }
+            }
+        }
+    }
 }

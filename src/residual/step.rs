@@ -331,7 +331,7 @@ fn proposals(context: &Context<'_>, quiet: &mut Option<f64>) -> Vec<(f64, Propos
     let rated = |p: Proposal| (context.rows() * (context.quick.loss / p.loss).ln() - cost(settings, &p), p);
     let asked = |p: &Proposal| settings.only.is_none_or(|only| p.term.kind() == only);
     let still = quiet.is_some_and(|loss| context.rows() * (loss / context.quick.loss).ln() < LOUDER);
-    let all = ALL.iter().filter(|effect| !effect.direct() && !(still && effect.on_the_band()));
+    let all = ALL.iter().filter(|effect| !(effect.direct() || still && effect.on_the_band()));
     let mut out: Vec<_> = all.flat_map(|effect| effect.propose(context)).filter(asked).map(rated).collect();
     if !still {
         let bands = out.iter().filter(|(_, p)| BANDS.contains(&p.term.kind()));
