@@ -1,5 +1,5 @@
-//! The two persons of the demo: one grants write-back where the gate waits for nothing else, the other approves. And
-//! what the screen says of it.
+//! The two persons of the demo: one grants write-back where the gate waits for nothing else and resets it after a pause of
+//! the computer, the other approves. And what the screen says of it.
 
 use crate::serve::Desk;
 use crate::signal::LoopId;
@@ -44,7 +44,7 @@ pub(super) async fn work(desk: Arc<dyn Desk>, loops: &[DemoLoop], stop: &Cancell
             let Some(own) = desk.status(id) else { continue };
             if own.state == State::Tripped && own.tripped_by.is_some_and(|by| PAUSED.contains(&by)) {
                 let reset = desk.act(id, Action::Reset, "demo operator").await;
-                *granted &= !matches!(reset, Some(Ok(_)));
+                *granted = !matches!(reset, Some(Ok(_)));
             } else if !*granted && own.state == State::Shadow && own.denials == [Denial::NotGranted] {
                 *granted = matches!(desk.act(id, Action::Grant(GRANT_S), "demo operator").await, Some(Ok(_)))
                     && matches!(desk.act(id, Action::Approve, "demo supervisor").await, Some(Ok(_)));

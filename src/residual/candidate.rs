@@ -42,7 +42,8 @@ impl Candidate {
     }
 }
 
-/// The model with friction scanned anew: the better of what it has, another f, and none. `kept`: of the same kind of valve.
+/// The model with friction scanned anew: the better of what it has, another f, and none. `kept`: of the same kind of valve;
+/// else, where there is friction, the valve that gains most by AIC and the long model alike.
 pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize) -> Candidate {
     let mut best = base.clone();
     let known = held_out(data, &base.spec);

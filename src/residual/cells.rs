@@ -14,11 +14,11 @@ use super::model::Element;
 use super::search::{FACTORS, LAGS, MOST_FACTOR};
 use crate::diagnosis::friction::Start;
 
-/// Cells that go on, how many may be alive before those are chosen, and those of each part of the thresholds' range that
-/// go on in any case.
+/// The better half of so many cells goes on, and of each part of the thresholds' range so many in any case, when more than so
+/// many are alive.
 const ALIVE: usize = 48;
-const MOST: usize = 2 * ALIVE;
 const EACH: usize = 2;
+const MOST: usize = 2 * ALIVE;
 /// Loss behind the best at which a cell is given up.
 const FAR_BEHIND: f64 = 60.0;
 /// Those alive before the first sample that is rated.

@@ -134,7 +134,7 @@ pub struct Parameter {
 pub struct Effect {
     /// Which.
     pub kind: Kind,
-    /// Decrease of the penalised AIC when it was added (-).
+    /// Evidence when it was added: see [`Settings::least_gain`]; of a repair the decrease of AIC (-).
     pub delta_aic: f64,
     /// The tag it comes from, where it is measured.
     pub tag: Option<String>,

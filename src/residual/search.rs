@@ -33,7 +33,7 @@ pub const MOST_FACTOR: f64 = 1e18;
 const FAR_BEHIND: f64 = 20.0;
 /// Decrease of the loss that is worth another pass: half of it is a likelihood's.
 const LEAST_LESS: f64 = 0.25;
-/// Valves of a growing f that are tried.
+/// Valves with bands that differ or grow that are tried.
 const LIKELY: usize = 2;
 /// Bound of a knob that is part of the element.
 const MOST_VALUE: f64 = 0.95;
@@ -165,8 +165,8 @@ impl<'a> Held<'a> {
         Self { data, trial, u, nearest, b, left, counted, scale, z, alone, after, best }
     }
 
-    /// The losses, the last of `tried` in the lanes that are left; `None` where it is no less than `enough`, or where the
-    /// stem hardly reverses.
+    /// The losses, the last of `tried` in the lanes that are left; `None` where it is no less than `enough`, where all are far
+    /// behind the best, or where the stem hardly reverses.
     fn rate(&mut self, tried: &[Tried], enough: f64) -> [Option<f64>; LANES] {
         let (from, to) = (self.data.first, self.data.split);
         let Some(&last) = tried.last() else { return [None; LANES] };

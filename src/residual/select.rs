@@ -74,6 +74,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         {
             looks -= 1;
             base = with_valve(&data, &base, element);
+            quiet = None;
             continue;
         }
         let Some(next) = found else { break };

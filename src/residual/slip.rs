@@ -6,8 +6,8 @@
 //! L' = n ln(V0 / V1) of a long model over all samples
 //! ```
 //!
-//! An ARMAX of low order gladly takes a stem that lags for dynamics it lacks: both have to agree, and the long one on the
-//! valve as a whole, too.
+//! An ARMAX of low order gladly takes a stem that lags for dynamics it lacks: both count, against the valve without the lag and
+//! against none, and the long one has to agree on the valve as a whole.
 
 use super::Kind;
 use super::candidate::Candidate;
@@ -45,16 +45,22 @@ pub fn slip_jump(
         return;
     }
     let (stage, _) = base.spec.stage(data);
-    let judge = Judge::new(data, &stage, base.spec.orders.nk);
-    let against = |c: &Candidate| -judge.gain(data, &c.spec.stage(data).0, c.spec.orders.nk);
+    let against = |c: &Candidate| {
+        let judge = Judge::new(data, &c.spec.stage(data).0, c.spec.orders.nk);
+        judge.gain(data, &stage, base.spec.orders.nk)
+    };
+    let of_valve = against(&sound);
+    if of_valve <= OF_VALVE {
+        return;
+    }
     let (mut spec, mut now) = not_beyond(data, base.spec.clone(), (declared, at_start), at_start);
     if now.1 > at_start.1 && now.0 < at_start.0 && gain > CERTAIN && !is_repaired(&spec) {
         spec.free = Some(Box::new(declared.clone()));
         now.1 = at_start.1;
     }
-    let held = likelier(data, held_out(data, &without.spec).0, now.0);
-    let evidence = 0.5 * (gain + held + against(&without));
-    if now.1 <= at_start.1 && evidence > NEEDED && against(&sound) > OF_VALVE {
+    let itself = |c: &Candidate| c.aic - base.aic + likelier(data, held_out(data, &c.spec).0, now.0);
+    let evidence = 0.5 * (itself(&without) + against(&without)).min(itself(&sound) + of_valve);
+    if now.1 <= at_start.1 && evidence > NEEDED {
         base.spec = spec;
         added.push(Added { kind: Kind::SlipJump, evidence, paid: 0.0 });
     }

@@ -335,7 +335,8 @@ fn proposals(context: &Context<'_>, quiet: &mut Option<f64>) -> Vec<(f64, Propos
     let mut out: Vec<_> = all.flat_map(|effect| effect.propose(context)).filter(asked).map(rated).collect();
     if !still {
         let bands = out.iter().filter(|(_, p)| BANDS.contains(&p.term.kind()));
-        *quiet = bands.clone().all(|(rated, _)| *rated < QUIET).then_some(context.quick.loss);
+        let most = bands.map(|(rated, _)| *rated).max_by(f64::total_cmp);
+        *quiet = most.is_some_and(|most| most < QUIET).then_some(context.quick.loss);
     }
     let none = Element { f: 0.0, ..spec.element };
     let element = if spec.element.f > 0.0 { none } else { likely };

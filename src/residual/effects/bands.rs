@@ -30,7 +30,7 @@ pub struct Bands<'a> {
     pub values: &'a [f64],
     /// How many valves of the likely kind are sought closely, each with another value.
     pub closely: usize,
-    /// Whether valves of a growing f are sought among all paths of the stem, too.
+    /// Whether the number is the growth of f; else it is its difference between directions.
     pub grow: bool,
     /// Most proposals.
     pub most: usize,

@@ -80,7 +80,7 @@ pub trait Recognise: Sync {
 
 /// Every effect but the slip jump, which is part of every friction estimate.
 pub const ALL: &[&dyn Recognise] = &[
-    // A coarse PV stands still by itself.
+    // A coarse PV stands still by itself: where both are there, its steps are named first.
     &quantised_pv::QuantisedPv,
     &frozen_pv::FrozenPv,
     &outliers::Outliers,
