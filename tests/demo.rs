@@ -167,10 +167,6 @@ async fn a_speed_that_polls_cannot_follow_is_refused() {
     }
 }
 
-/// Time between two looks beyond which the computer paused (20 times that of the plant).
-#[cfg(feature = "writeback")]
-const PAUSE: Duration = Duration::from_millis(200);
-
 /// The closed loop over Modbus: the daemon polls the plant, finds the valves, two persons grant and approve, and the DCS side
 /// adds what the daemon writes. On the strongly sticky loops ISE falls at least tenfold.
 #[cfg(feature = "writeback")]
@@ -190,20 +186,14 @@ async fn with_write_back_ise_falls_tenfold_on_the_strongly_sticky_loops() {
     let strong: Vec<&DemoLoop> = loops.iter().filter(|own| own.truth.kind == "strong stiction").collect();
     assert_eq!(strong.len(), 3);
     // Data for a verdict, the stretch before and the stretch with the term: twice that with the term: a minute.
-    let deadline = Instant::now() + 4 * A_MINUTE;
-    // The first stretch holds the way out of the old oscillation: the one after it counts. One in which the computer paused
-    // measures the computer: at twenty times the plant's speed a third of a second is seven of the plant's.
+    let deadline = Instant::now() + 8 * A_MINUTE;
+    // The first stretch holds the way out of the old oscillation: the one after it counts.
     let mut seen = BTreeMap::new();
-    let mut looked = Instant::now();
     let mut later = |own: &&&DemoLoop| {
         let with = status(own).filter(|s| s.state == State::Active).and_then(|s| s.with);
         let (last, stretches) = seen.entry(own.id.clone()).or_insert((None, 0));
-        let paused = looked.elapsed() > PAUSE;
-        *stretches = if paused || with.is_none() { 0 } else { *stretches + usize::from(with != *last) };
+        *stretches = if with.is_none() { 0 } else { *stretches + usize::from(with != *last) };
         *last = with;
-        if own.id == strong[strong.len() - 1].id {
-            looked = Instant::now();
-        }
         *stretches >= 2
     };
     while strong.iter().filter(&mut later).count() < strong.len() {
@@ -246,6 +236,7 @@ async fn with_write_back_ise_falls_tenfold_on_the_strongly_sticky_loops() {
     let record = stictiond::audit::verify(&audit).expect("whole");
     let text = std::fs::read_to_string(&audit).expect("text");
     let left = |to: &str| text.matches(&format!("from=\"{to}\"")).count();
+    println!("tripped {} times", text.matches("to=\"tripped\"").count());
     assert!(record.has_head && left("active") > 0 && left("active") == left("withdrawing"));
     for suffix in ["", ".head"] {
         let _ = std::fs::remove_file(format!("{}{suffix}", audit.display()));

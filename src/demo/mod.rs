@@ -126,7 +126,12 @@ impl Demo {
         let config = config::parse("demo", &text).map_err(AppError::Config)?;
         let api = app::listen(&config).await?;
         let address = api.local_addr().map_err(DemoError::io("cannot listen"))?;
-        let clock = Clock::plant(Clock::wall().now(), speed);
+        // A term that comes late is a term for another OP: the plant waits for a computer that pauses.
+        let clock = if writeback {
+            Clock::watched(Clock::wall().now(), speed, Duration::from_millis(poll_ms))
+        } else {
+            Clock::plant(Clock::wall().now(), speed)
+        };
         let heartbeat = writeback.then_some(registers::HEARTBEAT_S);
         let station = Station::new(loops.clone(), TS_S, Arc::new(move || clock.elapsed()), heartbeat)?;
         Ok(Self {

@@ -1,6 +1,7 @@
 //! Plant time: the wall clock, or a clock that runs faster from a set start, for a simulated plant and for tests.
 
 use std::sync::atomic::{AtomicU64, Ordering::SeqCst};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio::time::Instant;
 
@@ -11,40 +12,67 @@ pub struct Clock {
     /// Seconds since the Unix epoch at `start`; `None` asks the wall clock each time, so that it follows its corrections.
     epoch: Option<f64>,
     speed: f64,
-    /// What a clock set by hand shows (s), as bits.
-    hand: Option<&'static AtomicU64>,
+    goes: Goes,
+}
+
+/// What moves a clock. What is shared lives as long as the program, a few bytes for each simulation or replay, so that a clock
+/// stays a plain copy.
+#[derive(Clone, Copy, Debug)]
+enum Goes {
+    /// Time on the wall.
+    Always,
+    /// Time on the wall, but between two looks at most `longest`.
+    Watched { longest: Duration, seen: &'static Mutex<Seen> },
+    /// Whoever sets it (s since the Unix epoch, as bits).
+    ByHand(&'static AtomicU64),
+}
+
+/// The latest look at a clock, and the time on the wall that counted until then.
+#[derive(Debug)]
+struct Seen {
+    at: Instant,
+    counted: Duration,
 }
 
 impl Clock {
     /// The wall clock.
     pub fn wall() -> Self {
-        Self { start: Instant::now(), epoch: None, speed: 1.0, hand: None }
+        Self { start: Instant::now(), epoch: None, speed: 1.0, goes: Goes::Always }
     }
 
     /// A clock that shows `epoch` (s since the Unix epoch) now and runs `speed` times as fast as the wall. A speed that is
     /// not a positive number counts as 1.
     pub fn plant(epoch: f64, speed: f64) -> Self {
         let speed = if speed.is_finite() && speed > 0.0 { speed } else { 1.0 };
-        Self { start: Instant::now(), epoch: Some(epoch), speed, hand: None }
+        Self { epoch: Some(epoch), speed, ..Self::wall() }
+    }
+
+    /// As [`Clock::plant`], but a pause between two looks counts as `longest` on the wall: where everything that a simulation
+    /// does looks at its clock, the plant waits for a computer that stands still.
+    pub fn watched(epoch: f64, speed: f64, longest: Duration) -> Self {
+        let seen = Seen { at: Instant::now(), counted: Duration::ZERO };
+        Self {
+            goes: Goes::Watched { longest, seen: Box::leak(Box::new(Mutex::new(seen))) },
+            ..Self::plant(epoch, speed)
+        }
     }
 
     /// A clock that shows `epoch` until it is set: the clock of a record. Nothing is due by it, whoever sets it asks.
     pub fn by_hand(epoch: f64) -> Self {
-        // Eight bytes for each replay, so that a clock stays a plain copy.
-        let hand: &'static AtomicU64 = Box::leak(Box::new(AtomicU64::new(epoch.to_bits())));
-        Self { hand: Some(hand), ..Self::plant(epoch, 1.0) }
+        let hand = Box::leak(Box::new(AtomicU64::new(epoch.to_bits())));
+        Self { goes: Goes::ByHand(hand), ..Self::plant(epoch, 1.0) }
     }
 
     /// Sets a clock made by [`Clock::by_hand`]; any other goes on as it does.
     pub fn set(&self, now: f64) {
-        if let Some(hand) = self.hand {
+        if let Goes::ByHand(hand) = self.goes {
             hand.store(now.to_bits(), SeqCst);
         }
     }
 
     /// Now (s since the Unix epoch).
     pub fn now(&self) -> f64 {
-        if let Some(hand) = self.hand {
+        if let Goes::ByHand(hand) = self.goes {
             return f64::from_bits(hand.load(SeqCst));
         }
         match self.epoch {
@@ -55,22 +83,41 @@ impl Clock {
 
     /// Plant time since the clock was made; never goes backwards.
     pub fn elapsed(&self) -> Duration {
-        if let (Some(_), Some(epoch)) = (self.hand, self.epoch) {
-            return Duration::try_from_secs_f64(self.now() - epoch).unwrap_or_default();
-        }
-        self.start.elapsed().mul_f64(self.speed)
+        let on_the_wall = match self.goes {
+            Goes::Always => self.start.elapsed(),
+            Goes::Watched { longest, seen } => {
+                let mut seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
+                let now = Instant::now();
+                let since = now.saturating_duration_since(seen.at);
+                *seen = Seen { at: now, counted: seen.counted + since.min(longest) };
+                seen.counted
+            }
+            Goes::ByHand(_) => {
+                let since = self.now() - self.epoch.unwrap_or_default();
+                return Duration::try_from_secs_f64(since).unwrap_or_default();
+            }
+        };
+        on_the_wall.mul_f64(self.speed)
     }
 
     /// Waits until that much plant time has passed since the clock was made.
     pub async fn sleep_until(&self, elapsed: Duration) {
-        if self.hand.is_some() {
-            return std::future::pending().await;
+        match self.goes {
+            Goes::Always => tokio::time::sleep_until(self.start + elapsed.div_f64(self.speed)).await,
+            Goes::Watched { longest, .. } => loop {
+                let left = elapsed.saturating_sub(self.elapsed());
+                if left.is_zero() {
+                    return;
+                }
+                // Whoever waits looks, too: nobody else may.
+                tokio::time::sleep(left.div_f64(self.speed).min(longest / 2)).await;
+            },
+            Goes::ByHand(_) => std::future::pending().await,
         }
-        tokio::time::sleep_until(self.start + elapsed.div_f64(self.speed)).await;
     }
 
     /// Waits for that much plant time.
     pub async fn sleep(&self, plant: Duration) {
-        tokio::time::sleep(plant.div_f64(self.speed)).await;
+        self.sleep_until(self.elapsed() + plant).await;
     }
 }

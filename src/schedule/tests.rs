@@ -246,6 +246,20 @@ async fn a_plant_that_runs_faster_is_diagnosed_more_often() {
     assert!((clock.elapsed().as_secs_f64() - 600.0).abs() < 0.1);
 }
 
+/// Paused timers jump to the next one: a wait of a minute is one look a minute later, which a watched clock does not count.
+#[tokio::test(start_paused = true)]
+async fn a_watched_clock_waits_for_a_computer_that_stands_still() {
+    let longest = Duration::from_millis(50);
+    let clock = Clock::watched(1000.0, 20.0, longest);
+    tokio::time::sleep(Duration::from_secs(60)).await;
+    assert_eq!((clock.now(), clock.elapsed()), (1001.0, Duration::from_secs(1)));
+    // Looked at often enough it goes as any other.
+    let asked = tokio::time::Instant::now();
+    clock.sleep_until(Duration::from_secs(601)).await;
+    assert!((clock.now() - 1601.0).abs() < 0.1);
+    assert!((asked.elapsed().as_secs_f64() - 30.0).abs() < 0.1);
+}
+
 #[test]
 fn impossible_settings_are_named() {
     assert_eq!(Config::default().validate(), vec![]);
