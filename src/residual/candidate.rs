@@ -40,6 +40,14 @@ impl Candidate {
         let likely = spec.element;
         Self { spec, aic, paid, likely }
     }
+
+    /// It, estimated with another valve; `lag_too`: of which the lag is estimated, too.
+    pub fn with_valve(&self, data: &Data, element: Element, lag_too: bool) -> Self {
+        let mut spec = Spec { element, ..self.spec.clone() };
+        minimise(data, &mut spec, lag_too, 12);
+        restructure(data, &mut spec, lag_too, 3);
+        Self::new(data, spec, self.paid)
+    }
 }
 
 /// The model with friction scanned anew: the better of what it has, another f, and none. `kept`: of the same kind of valve;
@@ -74,8 +82,6 @@ pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize
             *tried += 2;
         }
         let other = Candidate::new(data, spec, base.paid);
-        // Friction where there was none has to be worth it, and none may cost what was held out.
-        let worth = if best.spec.element.f == 0.0 && other.spec.element.f > 0.0 { WORTH } else { 0.0 };
         if let Some(judge) = &judge {
             let gain = judge.gain(data, &other.spec.stage(data).0, other.spec.orders.nk);
             let both = 0.5 * (base.aic - other.aic + gain);
@@ -85,6 +91,8 @@ pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize
             }
             continue;
         }
+        // Friction where there was none has to be worth it, and none may cost what was held out.
+        let worth = if best.spec.element.f == 0.0 && other.spec.element.f > 0.0 { WORTH } else { 0.0 };
         if other.aic + worth < best.aic && held_out(data, &other.spec).0 < 1.05 * known.0 {
             best = other;
         }

@@ -79,21 +79,13 @@ pub fn longer_sighted(data: &Data, declared: &Spec) -> Spec {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::residual::pose::{declared, pose};
-    use crate::signal::Window;
+    use crate::residual::pose::declared;
+    use crate::residual::pose::tests::first_order;
 
     /// Whatever it chose, its errors are those of what it returns: a model that ran free in another's place, too.
     #[test]
     fn the_errors_are_those_of_the_model() {
-        let n = 600;
-        let op: Vec<f64> =
-            (0..n).map(|k| 50.0 + (0.21 * k as f64).sin() + (0.047 * k as f64).cos()).collect();
-        let mut pv = vec![0.0; n];
-        for k in 2..n {
-            pv[k] = 0.8 * pv[k - 1] + 0.3 * (op[k - 2] - 50.0) + 0.05 * (1.7 * (k * k) as f64).sin();
-        }
-        let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
-        let data = pose(&window).expect("long enough");
+        let data = first_order(600);
         let declared = declared(&data, 0.0);
         let at_start = held_out(&data, &declared);
         let mut off = declared.clone();

@@ -71,3 +71,20 @@ pub fn declared(data: &Data, f: f64) -> Spec {
     restructure(data, &mut spec, false, 6);
     spec
 }
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+
+    /// `n` samples of a first-order process behind a sound valve.
+    pub fn first_order(n: usize) -> Data {
+        let op: Vec<f64> =
+            (0..n).map(|k| 50.0 + (0.21 * k as f64).sin() + (0.047 * k as f64).cos()).collect();
+        let mut pv = vec![0.0; n];
+        for k in 2..n {
+            pv[k] = 0.8 * pv[k - 1] + 0.3 * (op[k - 2] - 50.0) + 0.05 * (1.7 * (k * k) as f64).sin();
+        }
+        let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
+        pose(&window).expect("long enough")
+    }
+}

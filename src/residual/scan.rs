@@ -262,20 +262,12 @@ impl Scan<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::residual::pose::{declared, pose};
-    use crate::signal::Window;
+    use crate::residual::pose::declared;
+    use crate::residual::pose::tests::first_order;
 
     #[test]
     fn shared_products_are_the_plain_ones() {
-        let n = 700;
-        let op: Vec<f64> =
-            (0..n).map(|k| 50.0 + (0.21 * k as f64).sin() + (0.047 * k as f64).cos()).collect();
-        let mut pv = vec![0.0; n];
-        for k in 2..n {
-            pv[k] = 0.8 * pv[k - 1] + 0.3 * (op[k - 2] - 50.0) + 0.05 * (1.7 * (k * k) as f64).sin();
-        }
-        let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
-        let data = pose(&window).expect("long enough");
+        let data = first_order(700);
         let spec = declared(&data, 0.0);
         let mut scan = Scan::new(&data, &spec);
         for (f, lag) in [(0.05, 0.0), (0.3, 0.5), (0.6, 1.0)] {

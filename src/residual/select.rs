@@ -5,7 +5,7 @@ use super::direct::{add_direct, not_worse};
 use super::findings::{Outcome, report};
 use super::fit::{held_out, minimise};
 use super::free::longer_sighted;
-use super::model::{Data, Element, Spec};
+use super::model::Data;
 use super::needless::{Added, drop_needless};
 use super::pose::{declared, pose};
 use super::regress::restructure;
@@ -21,6 +21,7 @@ const CHANGED: f64 = 1.0;
 const LOOKS: usize = 1;
 /// Steps for each effect that may be added: one that goes again must not come back without end.
 const STEPS: usize = 3;
+
 /// See [`super::trace`].
 pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
     let mut findings = trace_one(window, diagnosis, settings)?;
@@ -73,7 +74,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
             && looks > 0
         {
             looks -= 1;
-            base = with_valve(&data, &base, element);
+            base = base.with_valve(&data, element, true);
             quiet = None;
             continue;
         }
@@ -103,12 +104,4 @@ fn again(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
     let next =
         with_friction(data, Candidate { likely, ..Candidate::new(data, spec, base.paid) }, true, tried);
     if next.aic < base.aic { next } else { base }
-}
-
-/// The model with another valve.
-fn with_valve(data: &Data, base: &Candidate, element: Element) -> Candidate {
-    let mut spec = Spec { element, loss: f64::INFINITY, ..base.spec.clone() };
-    minimise(data, &mut spec, true, 12);
-    restructure(data, &mut spec, true, 3);
-    Candidate::new(data, spec, base.paid)
 }

@@ -13,11 +13,10 @@ use super::Kind;
 use super::candidate::Candidate;
 use super::direct::is_repaired;
 use super::evidence::Judge;
-use super::fit::{held_out, minimise};
+use super::fit::held_out;
 use super::free::{likelier, not_beyond};
 use super::model::{Data, Element, Spec};
 use super::needless::Added;
-use super::regress::restructure;
 
 /// Gain in AIC below which nothing is looked at.
 const LEAST: f64 = 7.0;
@@ -38,8 +37,8 @@ pub fn slip_jump(
     if own.f <= 0.0 || own.lag <= 0.0 {
         return;
     }
-    let without = with_valve(data, base, Element { lag: 0.0, ..own });
-    let sound = with_valve(data, base, Element { f: 0.0, lag: 0.0, ..own });
+    let without = base.with_valve(data, Element { lag: 0.0, ..own }, false);
+    let sound = base.with_valve(data, Element { f: 0.0, lag: 0.0, ..own }, false);
     let gain = without.aic.min(sound.aic) - base.aic;
     if gain <= LEAST {
         return;
@@ -64,12 +63,4 @@ pub fn slip_jump(
         base.spec = spec;
         added.push(Added { kind: Kind::SlipJump, evidence, paid: 0.0 });
     }
-}
-
-/// The model estimated with another valve.
-fn with_valve(data: &Data, base: &Candidate, element: Element) -> Candidate {
-    let mut spec = Spec { element, ..base.spec.clone() };
-    minimise(data, &mut spec, false, 12);
-    restructure(data, &mut spec, false, 3);
-    Candidate::new(data, spec, base.paid)
 }

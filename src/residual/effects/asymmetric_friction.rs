@@ -1,14 +1,11 @@
 //! Friction differs between opening and closing: the band to cross is `2f (1 + s)` turning down and `2f (1 - s)` turning up.
 
-use super::bands::Bands;
+use super::bands::{Bands, plausible};
 use super::{Context, Proposal, Recognise};
 use crate::residual::model::{Data, Element, Knob, Term};
 use crate::residual::{Kind, Parameter};
 
 const SKEWS: [f64; 6] = [-0.7, -0.45, -0.2, 0.2, 0.45, 0.7];
-
-/// Least difference that is no other valve.
-const LEAST: f64 = 0.1;
 
 pub struct AsymmetricFriction;
 
@@ -46,14 +43,12 @@ impl Recognise for AsymmetricFriction {
             return Vec::new();
         }
         let term = &Skew { skew: 0.0 };
-        Bands { term, values: &SKEWS, closely: 1, grow: false, most: 2 }.propose(c)
+        Bands { term, values: &SKEWS, grow: false }.propose(c)
     }
     fn on_the_band(&self) -> bool {
         true
     }
     fn plausible(&self, term: &dyn Term) -> bool {
-        term.knobs()
-            .first()
-            .is_none_or(|knob| term.kind() != Kind::AsymmetricFriction || knob.value.abs() >= LEAST)
+        plausible(term, Kind::AsymmetricFriction)
     }
 }

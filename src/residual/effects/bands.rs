@@ -5,6 +5,7 @@
 //! of the band's number by the long ARX's loss; the best are sought closely, and judged.
 
 use super::{Context, Proposal};
+use crate::residual::Kind;
 use crate::residual::model::{Element, Spec, Term};
 use crate::residual::scan::Scan;
 use crate::residual::search::{Reach, banded, settle};
@@ -16,8 +17,10 @@ const SCAN: u32 = 7;
 /// Kinds of valve in it beside the likely one: lag, resume threshold, slips.
 const KINDS: [(f64, f64, bool); 4] =
     [(0.0, 0.0, false), (0.0, 1.0, false), (0.5, 0.5, false), (0.0, 0.5, true)];
-/// How many of those are sought closely.
-const OTHERS: usize = 1;
+/// Most proposals.
+const MOST: usize = 2;
+/// Least value that is no other valve.
+const LEAST: f64 = 0.1;
 
 /// A valve with its band's number: the long ARX's loss, the element, the number.
 type Rated = (f64, Element, f64);
@@ -28,12 +31,13 @@ pub struct Bands<'a> {
     pub term: &'a dyn Term,
     /// Values of the number.
     pub values: &'a [f64],
-    /// How many valves of the likely kind are sought closely, each with another value.
-    pub closely: usize,
     /// Whether the number is the growth of f; else it is its difference between directions.
     pub grow: bool,
-    /// Most proposals.
-    pub most: usize,
+}
+
+/// Whether the bands of `term`, where they are of that kind, are not those of another valve.
+pub fn plausible(term: &dyn Term, kind: Kind) -> bool {
+    term.kind() != kind || term.knobs().first().is_none_or(|knob| knob.value.abs() >= LEAST)
 }
 
 impl Bands<'_> {
@@ -62,10 +66,10 @@ impl Bands<'_> {
             term.set(0, value);
             Proposal { term, loss, parameters: 1.0, tried, element: Some(element) }
         };
-        rated.into_iter().filter(|r| r.0.is_finite()).take(self.most).map(proposal).collect()
+        rated.into_iter().filter(|r| r.0.is_finite()).take(MOST).map(proposal).collect()
     }
 
-    /// The best of each value, of the likely kind and of others: a turn missed by one costs more squares than a wrong value.
+    /// The best of the likely kind and the best of another: a turn missed by one costs more squares than a wrong value.
     fn scanned(&self, c: &Context<'_>, trial: &Spec) -> Vec<Rated> {
         let own = (c.likely.resume, c.likely.slips);
         let kinds = [0.0, 0.5].into_iter().map(|lag| (lag, own.0, own.1)).chain(KINDS);
@@ -85,17 +89,9 @@ impl Bands<'_> {
             rated.extend(losses.filter_map(|(loss, element)| Some((loss?, element, value))));
         }
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut seen: Vec<(bool, f64)> = Vec::new();
-        rated.retain(|(_, element, value)| {
-            let key = ((element.resume, element.slips) == own, *value);
-            let alike = seen.iter().filter(|other| other.0 == key.0).count();
-            let new = !seen.contains(&key) && alike < if key.0 { self.closely } else { OTHERS };
-            if new {
-                seen.push(key);
-            }
-            new
-        });
-        rated
+        let best =
+            |likely: bool| rated.iter().find(|(_, e, _)| ((e.resume, e.slips) == own) == likely).copied();
+        [best(true), best(false)].into_iter().flatten().collect()
     }
 
     /// Elements like the likely one but with such bands, nearly right.

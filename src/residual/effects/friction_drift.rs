@@ -1,14 +1,11 @@
 //! Friction changes over the window: f grows from `1 - g` to `1 + g` times its mean.
 
-use super::bands::Bands;
+use super::bands::{Bands, plausible};
 use super::{Context, Proposal, Recognise};
 use crate::residual::model::{Data, Element, Knob, Term};
 use crate::residual::{Kind, Parameter};
 
 const GROWTHS: [f64; 6] = [-0.7, -0.45, -0.2, 0.2, 0.45, 0.7];
-
-/// Least growth that is no other valve.
-const LEAST: f64 = 0.1;
 
 pub struct FrictionDrift;
 
@@ -47,14 +44,12 @@ impl Recognise for FrictionDrift {
             return Vec::new();
         }
         let term = &Growth { growth: 0.0 };
-        Bands { term, values: &GROWTHS, closely: 1, grow: true, most: 2 }.propose(c)
+        Bands { term, values: &GROWTHS, grow: true }.propose(c)
     }
     fn on_the_band(&self) -> bool {
         true
     }
     fn plausible(&self, term: &dyn Term) -> bool {
-        term.knobs()
-            .first()
-            .is_none_or(|knob| term.kind() != Kind::FrictionDrift || knob.value.abs() >= LEAST)
+        plausible(term, Kind::FrictionDrift)
     }
 }
