@@ -83,24 +83,29 @@ pub fn settle(
     at
 }
 
-/// Valves of the kind of `spec`'s, but of any f and J, with an f that grows so or differs so between directions, whose stems
-/// explain most samples; the dynamics held are those with `spec`'s own.
-pub fn banded(data: &Data, spec: &Spec, bands: impl Iterator<Item = (f64, f64)>) -> Vec<Element> {
+/// Valves of the kind of `spec`'s, or of `any`, but of any f and J, with an f that grows so or differs so between directions,
+/// whose stems explain most samples; the dynamics held are those with `spec`'s own.
+pub fn banded(data: &Data, spec: &Spec, bands: impl Iterator<Item = (f64, f64)>, any: bool) -> Vec<Element> {
     let family = match (spec.element.slips, spec.element.resume > 0.0) {
         (true, _) => Family::Slips,
         (_, true) => Family::Sticks,
         _ => Family::Plain(spec.element.lag),
     };
-    let mut rated = among_paths(data, spec, bands.map(|bands| (family, bands)));
+    let families = if any { families(spec).to_vec() } else { vec![family] };
+    let sought = bands.flat_map(|bands| families.iter().map(move |family| (*family, bands)));
+    let mut rated = among_paths(data, spec, sought);
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
     rated.into_iter().take(LIKELY).map(|(_, element)| element).collect()
+}
+
+fn families(spec: &Spec) -> [Family; 3] {
+    [Family::Plain(spec.element.lag), Family::Sticks, Family::Slips]
 }
 
 /// The valves of one constant band whose stems explain most samples, one of each kind; the dynamics held are those with
 /// `spec`'s own.
 pub fn even(data: &Data, spec: &Spec) -> Vec<Element> {
-    let families = [Family::Plain(spec.element.lag), Family::Sticks, Family::Slips];
-    let rated = among_paths(data, spec, families.into_iter().map(|family| (family, (0.0, 0.0))));
+    let rated = among_paths(data, spec, families(spec).into_iter().map(|family| (family, (0.0, 0.0))));
     rated.into_iter().map(|(_, element)| element).collect()
 }
 

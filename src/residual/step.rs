@@ -210,7 +210,7 @@ impl Step<'_> {
         let settings = self.settings;
         let judged = held_out(self.data, &self.base.spec);
         let mut finals: Vec<Trial> = Vec::new();
-        let mut done = Vec::new();
+        let (mut done, mut tried_keys) = (Vec::new(), Vec::new());
         for (promised, own_valve, candidate) in full {
             // Another friction does not save what is lost, nor does it let what is far behind catch up.
             let ahead =
@@ -222,8 +222,13 @@ impl Step<'_> {
             if finals.len() == FINAL || done.contains(&own_key) {
                 continue;
             }
-            done.push(own_key);
-            finals.extend(self.on_trial(candidate, declared, judged, tried));
+            let trial = self.on_trial(candidate, declared, judged, tried);
+            let enough = settings.least_gain;
+            if trial.as_ref().is_none_or(|trial| trial.worth(enough)) || tried_keys.contains(&own_key) {
+                done.push(own_key);
+            }
+            tried_keys.push(own_key);
+            finals.extend(trial);
         }
         finals
     }

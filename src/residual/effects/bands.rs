@@ -1,8 +1,9 @@
 //! Bands that differ or grow, sought together with the valve they belong to.
 //!
 //! The f that suits one constant band may be anywhere between the bands there are, its lag makes up for what the model lacks,
-//! and its kind is that which looks most like bands that are not one. So a few f, lags and kinds are rated with each value
-//! of the band's number by the long ARX's loss; the best are sought closely, and judged.
+//! its kind is that which looks most like bands that are not one, and the dynamics estimated with it are as wrong. So a few
+//! f, lags and kinds are rated with each value of the band's number by the long ARX's loss; the best are sought closely, and
+//! judged. Where they promise anything, valves are sought among all paths with the dynamics of those, as long as that gains.
 
 use super::{Context, Proposal};
 use crate::residual::Kind;
@@ -17,13 +18,22 @@ const SCAN: u32 = 7;
 /// Kinds of valve in it beside the likely one: lag, resume threshold, slips.
 const KINDS: [(f64, f64, bool); 4] =
     [(0.0, 0.0, false), (0.0, 1.0, false), (0.5, 0.5, false), (0.0, 0.5, true)];
+/// How many of the likely kind, and of the others, are sought closely, each with another value.
+const OF_KIND: usize = 2;
+/// Gain from which valves are sought again from what was found, from how many, how often, the gain for which it is once
+/// more, and the values about the one there is.
+const HOPEFUL: f64 = 5.0;
+const STARTS: usize = 4;
+const CLIMBS: usize = 3;
+const HIGHER: f64 = 2.0;
+const NEAR: [f64; 5] = [-0.2, -0.1, 0.0, 0.1, 0.2];
+/// Shares of value and f by which two valves are one.
+const ALIKE: (f64, f64) = (0.03, 0.01);
 /// Most proposals.
 const MOST: usize = 2;
-/// Least value that is no other valve.
+/// Least value that is no other valve, and largest.
 const LEAST: f64 = 0.1;
-
-/// A valve with its band's number: the long ARX's loss, the element, the number.
-type Rated = (f64, Element, f64);
+const LARGEST: f64 = 0.9;
 
 /// What is sought.
 pub struct Bands<'a> {
@@ -40,42 +50,70 @@ pub fn plausible(term: &dyn Term, kind: Kind) -> bool {
     term.kind() != kind || term.knobs().first().is_none_or(|knob| knob.value.abs() >= LEAST)
 }
 
+/// A valve with its band's number.
+#[derive(Clone, Copy)]
+struct Valve {
+    element: Element,
+    value: f64,
+    /// Gain of likelihood: of the long model over all samples, once it is judged (-).
+    gain: f64,
+}
+
 impl Bands<'_> {
     /// The terms worth a full fit, each with its valve.
     pub fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
-        let mut trial = c.spec.clone();
-        trial.terms.push(self.term.boxed());
-        let last = trial.terms.len() - 1;
-        let sought =
-            self.scanned(c, &trial).into_iter().map(|(_, element, value)| (element, value, Reach::Near));
-        let sought: Vec<_> = sought.chain(self.among_paths(c)).collect();
-        let mut rated: Vec<Rated> = Vec::new();
-        for (element, value, reach) in sought {
-            let (element, settled) = settle(c.data, &trial, element, Some(value), reach);
-            let value = settled.unwrap_or(value);
-            trial.element = element;
-            trial.terms[last].set(0, value);
-            let gain = c.judge().gain(c.data, &trial.stage(c.data).0, c.spec.orders.nk);
-            rated.push((c.quick.loss * (-gain / c.rows()).exp(), element, value));
+        let plain = Spec { element: c.likely, ..c.spec.clone() };
+        let scanned = self.scanned(c).into_iter().map(|valve| self.closely(c, valve, Reach::Near));
+        let mut found: Vec<Valve> = scanned.collect();
+        found.extend(self.among_paths(c, &plain, self.values, false));
+        sort(&mut found);
+        if found.first().is_some_and(|best| best.gain > HOPEFUL) {
+            for start in 0..found.len().min(STARTS) {
+                found.extend(self.climbed(c, found[start]));
+            }
+            sort(&mut found);
+            found.dedup_by(|b, a| {
+                (a.value - b.value).abs() < ALIKE.0 && (a.element.f / b.element.f - 1.0).abs() < ALIKE.1
+            });
         }
-        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
         let ways = if self.grow { PATHS } else { (KINDS.len() + 2) as f64 * f64::from(SCAN) };
         let tried = ways * self.values.len() as f64;
-        let proposal = |(loss, element, value): Rated| {
-            let mut term = self.term.boxed();
-            term.set(0, value);
-            Proposal { term, loss, parameters: 1.0, tried, element: Some(element) }
+        let proposal = |Valve { element, value, gain }: Valve| {
+            let loss = c.quick.loss * (-gain / c.rows()).exp();
+            Proposal { term: self.term(value), loss, parameters: 1.0, tried, element: Some(element) }
         };
-        rated.into_iter().filter(|r| r.0.is_finite()).take(MOST).map(proposal).collect()
+        found.into_iter().filter(|valve| valve.gain.is_finite()).take(MOST).map(proposal).collect()
     }
 
-    /// The best of the likely kind and the best of another: a turn missed by one costs more squares than a wrong value.
-    fn scanned(&self, c: &Context<'_>, trial: &Spec) -> Vec<Rated> {
+    fn term(&self, value: f64) -> Box<dyn Term> {
+        let mut term = self.term.boxed();
+        term.set(0, value);
+        term
+    }
+
+    /// The model with that valve and such bands.
+    fn with(&self, c: &Context<'_>, element: Element, value: f64) -> Spec {
+        let mut spec = Spec { element, ..c.spec.clone() };
+        spec.terms.push(self.term(value));
+        spec
+    }
+
+    /// Sought closely, and judged.
+    fn closely(&self, c: &Context<'_>, Valve { element, value, .. }: Valve, reach: Reach) -> Valve {
+        let spec = self.with(c, element, value);
+        let (element, settled) = settle(c.data, &spec, element, Some(value), reach);
+        let value = settled.unwrap_or(value);
+        let (stage, _) = self.with(c, element, value).stage(c.data);
+        Valve { element, value, gain: c.judge().gain(c.data, &stage, c.spec.orders.nk) }
+    }
+
+    /// The best of the likely kind and of others: a turn missed by one costs more squares than a wrong value.
+    fn scanned(&self, c: &Context<'_>) -> Vec<Valve> {
         let own = (c.likely.resume, c.likely.slips);
         let kinds = [0.0, 0.5].into_iter().map(|lag| (lag, own.0, own.1)).chain(KINDS);
         let kinds: Vec<(f64, f64, bool)> = kinds.collect();
-        let mut scan = Scan::new(c.data, trial);
-        let mut rated: Vec<Rated> = Vec::new();
+        let mut scan = Scan::new(c.data, &self.with(c, c.likely, 0.0));
+        let mut rated: Vec<Valve> = Vec::new();
         for &value in self.values {
             let about = [1.0, 1.0 / (1.0 + value.abs()), 1.0 / (1.0 - 0.5 * value.abs())];
             let about = about.into_iter().map(|share| share * c.likely.f);
@@ -86,23 +124,53 @@ impl Bands<'_> {
             let elements: Vec<Element> = about.chain(grid).flat_map(of).collect();
             scan.set_last(value);
             let losses = scan.rate(&elements).into_iter().zip(elements);
-            rated.extend(losses.filter_map(|(loss, element)| Some((loss?, element, value))));
+            rated.extend(losses.filter_map(|(loss, element)| Some(Valve { element, value, gain: -loss? })));
         }
-        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let best =
-            |likely: bool| rated.iter().find(|(_, e, _)| ((e.resume, e.slips) == own) == likely).copied();
-        [best(true), best(false)].into_iter().flatten().collect()
+        sort(&mut rated);
+        let mut seen: Vec<(bool, f64)> = Vec::new();
+        rated.retain(|Valve { element, value, .. }| {
+            let likely = (element.resume, element.slips) == own;
+            let new = !seen.contains(&(likely, *value))
+                && seen.iter().filter(|other| other.0 == likely).count() < OF_KIND;
+            if new {
+                seen.push((likely, *value));
+            }
+            new
+        });
+        rated
     }
 
-    /// Elements like the likely one but with such bands, nearly right.
-    fn among_paths(&self, c: &Context<'_>) -> Vec<(Element, f64, Reach)> {
-        let likely = Spec { element: c.likely, ..c.spec.clone() };
-        let own = c.likely;
+    /// The best with such bands among all paths, with the dynamics of `spec`, nearly right, sought closely; `any`: of any kind.
+    fn among_paths(&self, c: &Context<'_>, spec: &Spec, values: &[f64], any: bool) -> Vec<Valve> {
+        let own = spec.element;
         let of = |value: &f64| if self.grow { (*value, 0.0) } else { (0.0, *value) };
         let apart = |e: Element| {
             let value = if self.grow { e.growth - own.growth } else { e.skew - own.skew };
-            (Element { growth: own.growth, skew: own.skew, ..e }, value, Reach::Close)
+            let valve =
+                Valve { element: Element { growth: own.growth, skew: own.skew, ..e }, value, gain: 0.0 };
+            self.closely(c, valve, Reach::Close)
         };
-        banded(c.data, &likely, self.values.iter().map(of)).into_iter().map(apart).collect()
+        banded(c.data, spec, values.iter().map(of), any).into_iter().map(apart).collect()
     }
+
+    /// Valves of any kind with bands near those found, as long as the dynamics that go with the last show a better one.
+    fn climbed(&self, c: &Context<'_>, start: Valve) -> Vec<Valve> {
+        let mut found = vec![start];
+        for _ in 0..CLIMBS {
+            let best = found[found.len() - 1];
+            let near = NEAR.map(|by| (best.value + by).clamp(-LARGEST, LARGEST));
+            let next = self.among_paths(c, &self.with(c, best.element, best.value), &near, true);
+            let next = next.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
+            match next.filter(|next| next.gain > best.gain + HIGHER) {
+                Some(next) => found.push(next),
+                None => break,
+            }
+        }
+        found.split_off(1)
+    }
+}
+
+/// The best first.
+fn sort(found: &mut [Valve]) {
+    found.sort_by(|a, b| b.gain.total_cmp(&a.gain));
 }
