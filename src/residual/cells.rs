@@ -63,6 +63,8 @@ pub struct Task<'a> {
     pub per: f64,
     /// Largest S.
     pub most: f64,
+    /// From which samples on, and by how many before and from there on, the stem comes later.
+    pub delays: Vec<(usize, [usize; 2])>,
 }
 
 #[derive(Clone)]
@@ -260,7 +262,9 @@ impl Task<'_> {
 
     fn rate(&self, k: usize, family: Family, grown: f64, back: &[f64; LAGS.1], cells: &mut [Cell]) {
         let row = k - self.first;
-        let from = (k - self.nearest - (LAGS.1 - 1)) % KEPT;
+        let later: usize = self.delays.iter().map(|(at, by)| by[usize::from(k >= *at)]).sum();
+        let lag = (self.nearest + later).min(KEPT - LAGS.1);
+        let from = (k - lag - (LAGS.1 - 1)) % KEPT;
         for cell in cells {
             let (mut stem, mut turn) = (0.0, 0.0);
             let stems = &cell.stems[from..from + LAGS.1];
@@ -310,7 +314,18 @@ mod tests {
 
     fn task<'a>(u: &'a [f64], left: &'a [f64], counted: &'a [f64], sd: f64) -> Task<'a> {
         let per = 1.0 / (3.0 * sd * sd);
-        Task { u, start: START, first: FIRST, left, counted, nearest: 1, b: &B, per, most: 4.0 }
+        Task {
+            u,
+            start: START,
+            first: FIRST,
+            left,
+            counted,
+            nearest: 1,
+            b: &B,
+            per,
+            most: 4.0,
+            delays: Vec::new(),
+        }
     }
 
     fn noise(seed: u64) -> impl Iterator<Item = f64> {

@@ -179,6 +179,10 @@ pub trait Term: Debug + Send + Sync {
     fn changes_stem(&self) -> bool {
         false
     }
+    /// Where all it does to the stem is to delay it: from which sample on, and by how many samples before and from there on.
+    fn delays(&self) -> Option<(usize, [usize; 2])> {
+        None
+    }
     /// Adds shapes.
     fn columns(&self, _data: &Data, _stage: &Stage, _out: &mut Vec<Vec<f64>>) {}
     /// Its numbers and its sentence, with the coefficients of its shapes.

@@ -109,13 +109,13 @@ pub fn even(data: &Data, spec: &Spec) -> Vec<Element> {
     rated.into_iter().map(|(_, element)| element).collect()
 }
 
-/// The best of each family, growth and skew among all paths of the stem, with its loss; none where a term changes the stem.
+/// The best of each family, growth and skew among all paths of the stem, with its loss; none where a term does more to the stem than delay it.
 fn among_paths(
     data: &Data,
     spec: &Spec,
     sought: impl Iterator<Item = (Family, (f64, f64))>,
 ) -> Vec<(f64, Element)> {
-    if spec.terms.iter().any(|term| term.changes_stem()) {
+    if spec.terms.iter().any(|term| term.changes_stem() && term.delays().is_none()) {
         return Vec::new();
     }
     let held = Held::new(data, spec, spec.element, None);
@@ -299,6 +299,7 @@ impl<'a> Held<'a> {
             b: &self.b,
             per: 1.0 / (FREEDOM * self.scale * self.scale),
             most: 2.0 * self.data.f_top,
+            delays: self.trial.terms.iter().filter_map(|term| term.delays()).collect(),
         }
     }
 

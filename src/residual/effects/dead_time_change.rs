@@ -56,6 +56,10 @@ impl Term for Change {
     fn changes_stem(&self) -> bool {
         true
     }
+    fn delays(&self) -> Option<(usize, [usize; 2])> {
+        let by = self.more.abs().round() as usize;
+        Some((self.at as usize, if self.more >= 0.0 { [0, by] } else { [by, 0] }))
+    }
     fn stem(&self, _data: &Data, z: &mut [f64]) {
         let at = (self.at as usize).min(z.len());
         // The shorter of the two delays is the linear part's own: a longer one can be added, not taken away.
