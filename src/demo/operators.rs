@@ -17,7 +17,7 @@ const LOOK_MS: u64 = 200;
 #[cfg(feature = "writeback")]
 const GRANT_S: f64 = 36_000.0;
 
-/// What trips a loop when the computer pauses: at many times the plant's speed a tenth of a second is seconds of the plant.
+/// What trips a loop when the computer pauses although the plant waits for it: an answer is late on the wall all the same.
 #[cfg(feature = "writeback")]
 const PAUSED: &[Denial] = &[
     Denial::Late,

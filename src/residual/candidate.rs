@@ -41,7 +41,7 @@ impl Candidate {
         Self { spec, aic, paid, likely }
     }
 
-    /// It, estimated with another valve; `lag_too`: of which the lag is estimated, too.
+    /// The model estimated with another valve; `lag_too`: its lag, too.
     pub fn with_valve(&self, data: &Data, element: Element, lag_too: bool) -> Self {
         let mut spec = Spec { element, ..self.spec.clone() };
         minimise(data, &mut spec, lag_too, 12);
@@ -71,9 +71,7 @@ pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize
     let judge = (sticky && !kept).then(|| Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk));
     let mut most = 0.0;
     for element in elements {
-        let mut spec = base.spec.clone();
-        spec.element = element;
-        spec.loss = f64::INFINITY;
+        let mut spec = Spec { element, ..base.spec.clone() };
         minimise(data, &mut spec, true, 8);
         *tried += 1;
         // Another structure gains a few units, not what a wrong element costs.

@@ -63,7 +63,7 @@ pub struct Task<'a> {
     pub per: f64,
     /// Largest S.
     pub most: f64,
-    /// From which samples on, and by how many before and from there on, the stem comes later.
+    /// What the terms delay the stem by: from which sample on, and by how many samples before and from there on.
     pub delays: Vec<(usize, [usize; 2])>,
 }
 
@@ -174,6 +174,12 @@ fn choose(cells: &mut Vec<Cell>, order: &mut Vec<(f64, usize)>) {
 }
 
 impl Task<'_> {
+    /// Whether the stem is kept for as long as the longest delay takes.
+    pub fn is_kept(&self) -> bool {
+        let longest: usize = self.delays.iter().map(|(_, by)| by[0].max(by[1])).sum();
+        self.nearest + longest + LAGS.1 <= KEPT
+    }
+
     /// The `count` best elements of a family, each with its loss; their f grows from `1 - growth` to `1 + growth` times itself
     /// over the samples, and the band to turn is `1 + skew` times as wide downwards and `1 - skew` upwards.
     pub fn best(
@@ -263,8 +269,7 @@ impl Task<'_> {
     fn rate(&self, k: usize, family: Family, grown: f64, back: &[f64; LAGS.1], cells: &mut [Cell]) {
         let row = k - self.first;
         let later: usize = self.delays.iter().map(|(at, by)| by[usize::from(k >= *at)]).sum();
-        let lag = (self.nearest + later).min(KEPT - LAGS.1);
-        let from = (k - lag - (LAGS.1 - 1)) % KEPT;
+        let from = (k - self.nearest - later - (LAGS.1 - 1)) % KEPT;
         for cell in cells {
             let (mut stem, mut turn) = (0.0, 0.0);
             let stems = &cell.stems[from..from + LAGS.1];

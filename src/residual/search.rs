@@ -98,6 +98,7 @@ pub fn banded(data: &Data, spec: &Spec, bands: impl Iterator<Item = (f64, f64)>,
     rated.into_iter().take(LIKELY).map(|(_, element)| element).collect()
 }
 
+/// Every kind of valve, the plain one with the lag of `spec`'s.
 fn families(spec: &Spec) -> [Family; 3] {
     [Family::Plain(spec.element.lag), Family::Sticks, Family::Slips]
 }
@@ -109,7 +110,8 @@ pub fn even(data: &Data, spec: &Spec) -> Vec<Element> {
     rated.into_iter().map(|(_, element)| element).collect()
 }
 
-/// The best of each family, growth and skew among all paths of the stem, with its loss; none where a term does more to the stem than delay it.
+/// The best of each family, growth and skew among all paths of the stem, with its loss; none where a term does more to the
+/// stem than delay it.
 fn among_paths(
     data: &Data,
     spec: &Spec,
@@ -120,6 +122,9 @@ fn among_paths(
     }
     let held = Held::new(data, spec, spec.element, None);
     let task = held.task();
+    if !task.is_kept() {
+        return Vec::new();
+    }
     sought.flat_map(|(family, bands)| task.best(family, bands, spec.element, 1)).collect()
 }
 

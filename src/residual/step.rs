@@ -1,7 +1,7 @@
 //! One step of the selection: what the effects propose, fitted, judged and compared.
 
 use super::candidate::{Candidate, tune, with_friction};
-use super::effects::{ALL, Context, Proposal};
+use super::effects::{ALL, CLIMBS, Context, HIGHER, Proposal, Recognise};
 use super::evidence::Judge;
 use super::fit::{held_out, minimise};
 use super::free::{DOUBTLESS, likelier, not_beyond};
@@ -143,10 +143,17 @@ impl Step<'_> {
 
     fn even(&self) -> (f64, Element) {
         *self.even.get_or_init(|| {
-            let likely = Spec { element: self.likely, ..self.base.spec.clone() };
-            let even = even(self.data, &likely).into_iter();
-            let even = even.map(|element| (self.with_valve(element), element));
-            even.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NEG_INFINITY, self.likely))
+            let mut best = (f64::NEG_INFINITY, self.likely);
+            for _ in 0..=CLIMBS {
+                let spec = Spec { element: best.1, ..self.base.spec.clone() };
+                let next = even(self.data, &spec).into_iter();
+                let next = next.map(|element| (self.with_valve(element), element));
+                match next.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|next| next.0 > best.0 + HIGHER) {
+                    Some(next) => best = next,
+                    None => break,
+                }
+            }
+            best
         })
     }
 
@@ -182,7 +189,6 @@ impl Step<'_> {
             let mut spec = base.spec.clone();
             spec.terms.push(p.term);
             spec.element = p.element.unwrap_or(spec.element);
-            spec.loss = f64::INFINITY;
             minimise(data, &mut spec, true, 8);
             if spec.terms.last().is_some_and(|t| t.kind() == Kind::DeadTimeChange) {
                 // Its delay is one of two now.
@@ -210,7 +216,7 @@ impl Step<'_> {
         let settings = self.settings;
         let judged = held_out(self.data, &self.base.spec);
         let mut finals: Vec<Trial> = Vec::new();
-        let (mut done, mut tried_keys) = (Vec::new(), Vec::new());
+        let mut done = Vec::new();
         for (promised, own_valve, candidate) in full {
             // Another friction does not save what is lost, nor does it let what is far behind catch up.
             let ahead =
@@ -223,11 +229,10 @@ impl Step<'_> {
                 continue;
             }
             let trial = self.on_trial(candidate, declared, judged, tried);
-            let enough = settings.least_gain;
-            if trial.as_ref().is_none_or(|trial| trial.worth(enough)) || tried_keys.contains(&own_key) {
+            // One that does not hold leaves its place to the next.
+            if trial.as_ref().is_some_and(|trial| trial.worth(settings.least_gain)) {
                 done.push(own_key);
             }
-            tried_keys.push(own_key);
             finals.extend(trial);
         }
         finals
@@ -346,7 +351,7 @@ fn proposals(context: &Context<'_>, quiet: &mut Option<f64>) -> Vec<(f64, Propos
     let none = Element { f: 0.0, ..spec.element };
     let element = if spec.element.f > 0.0 { none } else { likely };
     if element != spec.element {
-        let mut other = Spec { element, loss: f64::INFINITY, ..spec.clone() };
+        let mut other = Spec { element, ..spec.clone() };
         minimise(data, &mut other, true, 8);
         let (stage, e) = all_errors(data, &other);
         let without = (element.f == 0.0).then(|| context.judge().gain(data, &stage, other.orders.nk));
@@ -356,9 +361,9 @@ fn proposals(context: &Context<'_>, quiet: &mut Option<f64>) -> Vec<(f64, Propos
         let quick = Quick::long_arx(data, &stage, other.orders.nk);
         let context = Context::new(data, (&other, likely), (&stage, &e), &quick, settings);
         let any = without.is_some_and(|gain| gain > DOUBTFUL_FRICTION);
-        let fitting = ALL.iter().filter(|effect| effect.on_the_stem() || (any && !effect.direct()));
+        let any_other = |effect: &dyn Recognise| any && !effect.direct() && !effect.on_the_band();
+        let fitting = ALL.iter().filter(|effect| effect.on_the_stem() || any_other(**effect));
         let others = fitting.flat_map(|effect| effect.propose(&context)).filter(asked);
-        let others = others.filter(|p| !BANDS.contains(&p.term.kind()));
         out.extend(others.map(|p| rated(Proposal { element: Some(other.element), ..p })));
     }
     out

@@ -115,9 +115,4 @@ impl Clock {
             Goes::ByHand(_) => std::future::pending().await,
         }
     }
-
-    /// Waits for that much plant time.
-    pub async fn sleep(&self, plant: Duration) {
-        self.sleep_until(self.elapsed() + plant).await;
-    }
 }

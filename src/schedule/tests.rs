@@ -240,7 +240,7 @@ async fn a_new_plan_takes_effect_at_once_and_running_loops_keep_their_seats() {
 #[tokio::test(start_paused = true)]
 async fn a_plant_that_runs_faster_is_diagnosed_more_often() {
     let clock = Clock::plant(1000.0, 60.0);
-    clock.sleep(Duration::from_secs(600)).await;
+    clock.sleep_until(Duration::from_secs(600)).await;
     // 600 s of plant time are 10 s on the wall; timers tick in milliseconds, which are 0.06 s here.
     assert!((clock.now() - 1600.0).abs() < 0.1);
     assert!((clock.elapsed().as_secs_f64() - 600.0).abs() < 0.1);

@@ -21,19 +21,19 @@ const KINDS: [(f64, f64, bool); 4] =
 /// How many of the likely kind, and of the others, are sought closely, each with another value.
 const OF_KIND: usize = 2;
 /// Gain from which valves are sought again from what was found, from how many, how often, the gain for which it is once
-/// more, and the values about the one there is.
+/// more, the values about the one there is, and the largest.
 const HOPEFUL: f64 = 5.0;
 const STARTS: usize = 4;
-const CLIMBS: usize = 3;
-const HIGHER: f64 = 2.0;
+pub const CLIMBS: usize = 3;
+pub const HIGHER: f64 = 2.0;
 const NEAR: [f64; 5] = [-0.2, -0.1, 0.0, 0.1, 0.2];
-/// Shares of value and f by which two valves are one.
+const LARGEST: f64 = 0.9;
+/// Value, and share of f, by which two valves differ that are one.
 const ALIKE: (f64, f64) = (0.03, 0.01);
 /// Most proposals.
 const MOST: usize = 2;
-/// Least value that is no other valve, and largest.
+/// Least value that is no other valve.
 const LEAST: f64 = 0.1;
-const LARGEST: f64 = 0.9;
 
 /// What is sought.
 pub struct Bands<'a> {
@@ -55,29 +55,26 @@ pub fn plausible(term: &dyn Term, kind: Kind) -> bool {
 struct Valve {
     element: Element,
     value: f64,
-    /// Gain of likelihood: of the long model over all samples, once it is judged (-).
+    /// Gain of likelihood of the long model over all samples (-).
     gain: f64,
 }
 
 impl Bands<'_> {
     /// The terms worth a full fit, each with its valve.
     pub fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
+        let scanned = self.scanned(c).into_iter();
+        let mut found: Vec<Valve> =
+            scanned.map(|(element, value)| self.closely(c, element, value, Reach::Near)).collect();
         let plain = Spec { element: c.likely, ..c.spec.clone() };
-        let scanned = self.scanned(c).into_iter().map(|valve| self.closely(c, valve, Reach::Near));
-        let mut found: Vec<Valve> = scanned.collect();
         found.extend(self.among_paths(c, &plain, self.values, false));
-        sort(&mut found);
+        best_apart(&mut found);
         if found.first().is_some_and(|best| best.gain > HOPEFUL) {
-            for start in 0..found.len().min(STARTS) {
-                found.extend(self.climbed(c, found[start]));
-            }
-            sort(&mut found);
-            found.dedup_by(|b, a| {
-                (a.value - b.value).abs() < ALIKE.0 && (a.element.f / b.element.f - 1.0).abs() < ALIKE.1
-            });
+            let starts = found.iter().take(STARTS);
+            let higher: Vec<Valve> = starts.flat_map(|start| self.climbed(c, *start)).collect();
+            found.extend(higher);
+            best_apart(&mut found);
         }
-        let ways = if self.grow { PATHS } else { (KINDS.len() + 2) as f64 * f64::from(SCAN) };
-        let tried = ways * self.values.len() as f64;
+        let tried = PATHS * self.values.len() as f64;
         let proposal = |Valve { element, value, gain }: Valve| {
             let loss = c.quick.loss * (-gain / c.rows()).exp();
             Proposal { term: self.term(value), loss, parameters: 1.0, tried, element: Some(element) }
@@ -99,7 +96,7 @@ impl Bands<'_> {
     }
 
     /// Sought closely, and judged.
-    fn closely(&self, c: &Context<'_>, Valve { element, value, .. }: Valve, reach: Reach) -> Valve {
+    fn closely(&self, c: &Context<'_>, element: Element, value: f64, reach: Reach) -> Valve {
         let spec = self.with(c, element, value);
         let (element, settled) = settle(c.data, &spec, element, Some(value), reach);
         let value = settled.unwrap_or(value);
@@ -108,12 +105,12 @@ impl Bands<'_> {
     }
 
     /// The best of the likely kind and of others: a turn missed by one costs more squares than a wrong value.
-    fn scanned(&self, c: &Context<'_>) -> Vec<Valve> {
+    fn scanned(&self, c: &Context<'_>) -> Vec<(Element, f64)> {
         let own = (c.likely.resume, c.likely.slips);
         let kinds = [0.0, 0.5].into_iter().map(|lag| (lag, own.0, own.1)).chain(KINDS);
         let kinds: Vec<(f64, f64, bool)> = kinds.collect();
         let mut scan = Scan::new(c.data, &self.with(c, c.likely, 0.0));
-        let mut rated: Vec<Valve> = Vec::new();
+        let mut rated: Vec<(f64, Element, f64)> = Vec::new();
         for &value in self.values {
             let about = [1.0, 1.0 / (1.0 + value.abs()), 1.0 / (1.0 - 0.5 * value.abs())];
             let about = about.into_iter().map(|share| share * c.likely.f);
@@ -124,11 +121,11 @@ impl Bands<'_> {
             let elements: Vec<Element> = about.chain(grid).flat_map(of).collect();
             scan.set_last(value);
             let losses = scan.rate(&elements).into_iter().zip(elements);
-            rated.extend(losses.filter_map(|(loss, element)| Some(Valve { element, value, gain: -loss? })));
+            rated.extend(losses.filter_map(|(loss, element)| Some((loss?, element, value))));
         }
-        sort(&mut rated);
+        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut seen: Vec<(bool, f64)> = Vec::new();
-        rated.retain(|Valve { element, value, .. }| {
+        rated.retain(|(_, element, value)| {
             let likely = (element.resume, element.slips) == own;
             let new = !seen.contains(&(likely, *value))
                 && seen.iter().filter(|other| other.0 == likely).count() < OF_KIND;
@@ -137,7 +134,7 @@ impl Bands<'_> {
             }
             new
         });
-        rated
+        rated.into_iter().map(|(_, element, value)| (element, value)).collect()
     }
 
     /// The best with such bands among all paths, with the dynamics of `spec`, nearly right, sought closely; `any`: of any kind.
@@ -146,31 +143,34 @@ impl Bands<'_> {
         let of = |value: &f64| if self.grow { (*value, 0.0) } else { (0.0, *value) };
         let apart = |e: Element| {
             let value = if self.grow { e.growth - own.growth } else { e.skew - own.skew };
-            let valve =
-                Valve { element: Element { growth: own.growth, skew: own.skew, ..e }, value, gain: 0.0 };
-            self.closely(c, valve, Reach::Close)
+            let element = Element { growth: own.growth, skew: own.skew, ..e };
+            self.closely(c, element, value, Reach::Close)
         };
         banded(c.data, spec, values.iter().map(of), any).into_iter().map(apart).collect()
     }
 
     /// Valves of any kind with bands near those found, as long as the dynamics that go with the last show a better one.
     fn climbed(&self, c: &Context<'_>, start: Valve) -> Vec<Valve> {
-        let mut found = vec![start];
+        let (mut found, mut best) = (Vec::new(), start);
         for _ in 0..CLIMBS {
-            let best = found[found.len() - 1];
-            let near = NEAR.map(|by| (best.value + by).clamp(-LARGEST, LARGEST));
+            let near: Vec<f64> =
+                NEAR.into_iter().map(|by| best.value + by).filter(|value| value.abs() <= LARGEST).collect();
             let next = self.among_paths(c, &self.with(c, best.element, best.value), &near, true);
             let next = next.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
-            match next.filter(|next| next.gain > best.gain + HIGHER) {
-                Some(next) => found.push(next),
-                None => break,
-            }
+            let Some(next) = next.filter(|next| next.gain > best.gain + HIGHER) else { break };
+            found.push(next);
+            best = next;
         }
-        found.split_off(1)
+        found
     }
 }
 
-/// The best first.
-fn sort(found: &mut [Valve]) {
+/// The best first, and of those next to one another that are one valve the best.
+fn best_apart(found: &mut Vec<Valve>) {
     found.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    found.dedup_by(|b, a| {
+        a.element.slips == b.element.slips
+            && (a.value - b.value).abs() < ALIKE.0
+            && (a.element.f / b.element.f - 1.0).abs() < ALIKE.1
+    });
 }
