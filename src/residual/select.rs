@@ -1,7 +1,7 @@
 //! Forward selection: one effect at a time, friction and dynamics estimated again with each.
 
 use super::candidate::{Candidate, with_friction};
-use super::direct::{add_direct, not_worse};
+use super::direct::{add_direct, is_direct, not_worse};
 use super::findings::{Outcome, report};
 use super::fit::{held_out, minimise};
 use super::free::longer_sighted;
@@ -87,6 +87,12 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
     slip_jump(&data, &mut base, (&declared, at_start), &mut added);
     base = not_worse(&data, &declared, base, at_start);
+    // What later effects made of the first must still predict better than nothing.
+    let now = held_out(&data, &base.spec);
+    let better = now.0 < at_start.0 || now.1 < at_start.1;
+    if !(added.is_empty() || better || added.iter().any(|effect| is_direct(effect.kind))) {
+        (base, added) = (Candidate::new(&data, declared.clone(), 0.0), Vec::new());
+    }
     let refit = if added.is_empty() { longer_sighted(&data, &declared) } else { declared.clone() };
     Some(report(&data, diagnosis, settings, Outcome { declared, base, refit, added, tried }))
 }
