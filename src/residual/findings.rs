@@ -41,7 +41,7 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
     // better than at first; the verdict then stands all the same: nothing was found that the diagnosis did not know.
     let was = held_out(data, &declared);
     let now = held_out(data, &base.spec);
-    let again = now.0 <= was.0 && now.1 <= was.1;
+    let again = now.0 <= was.0 && now.1 <= was.1 && now != was;
     let after = if !stands || again {
         base.spec.clone()
     } else {
