@@ -185,7 +185,8 @@ async fn with_write_back_ise_falls_tenfold_on_the_strongly_sticky_loops() {
     let status = |own: &DemoLoop| desk.status(&LoopId::new(own.id.as_str()));
     let strong: Vec<&DemoLoop> = loops.iter().filter(|own| own.truth.kind == "strong stiction").collect();
     assert_eq!(strong.len(), 3);
-    // Data for a verdict, the stretch before and the stretch with the term: twice that with the term: a minute.
+    // Data for a verdict, the stretch before and the stretch with the term: twice that with the term: a minute; the plant waits
+    // for a computer that pauses.
     let deadline = Instant::now() + 8 * A_MINUTE;
     // The first stretch holds the way out of the old oscillation: the one after it counts.
     let mut seen = BTreeMap::new();

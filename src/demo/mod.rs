@@ -1,5 +1,6 @@
 //! `stictiond demo`: a simulated plant behind a real Modbus/TCP server on loopback, and the daemon watching it as it
-//! would watch any plant, from a configuration. Plant time runs `speed` times as fast as the wall clock.
+//! would watch any plant, from a configuration. Plant time runs `speed` times as fast as the wall clock; with write-back it
+//! waits for a computer that pauses.
 
 pub mod dcs;
 mod operators;

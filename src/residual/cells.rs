@@ -269,6 +269,7 @@ impl Task<'_> {
     fn rate(&self, k: usize, family: Family, grown: f64, back: &[f64; LAGS.1], cells: &mut [Cell]) {
         let row = k - self.first;
         let later: usize = self.delays.iter().map(|(at, by)| by[usize::from(k >= *at)]).sum();
+        // All lags by the delay of this sample: those that reach back over a change are a few rows of all.
         let from = (k - self.nearest - later - (LAGS.1 - 1)) % KEPT;
         for cell in cells {
             let (mut stem, mut turn) = (0.0, 0.0);

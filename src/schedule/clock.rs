@@ -48,8 +48,10 @@ impl Clock {
     }
 
     /// As [`Clock::plant`], but a pause between two looks counts as `longest` on the wall: where everything that a simulation
-    /// does looks at its clock, the plant waits for a computer that stands still.
+    /// does looks at its clock, the plant waits for a computer that stands still. `longest` is 1 ms at least.
     pub fn watched(epoch: f64, speed: f64, longest: Duration) -> Self {
+        // A clock that no look moves on would never show what is waited for.
+        let longest = longest.max(Duration::from_millis(1));
         let seen = Seen { at: Instant::now(), counted: Duration::ZERO };
         Self {
             goes: Goes::Watched { longest, seen: Box::leak(Box::new(Mutex::new(seen))) },
