@@ -14,21 +14,23 @@ use super::model::Element;
 use super::search::{FACTORS, LAGS, MOST_FACTOR};
 use crate::diagnosis::friction::Start;
 
-/// The better half of so many cells goes on, and of each part of the thresholds' range so many in any case, when more than so
-/// many are alive.
-const ALIVE: usize = 48;
-const EACH: usize = 2;
-const MOST: usize = 2 * ALIVE;
+/// So many of the best cells go on, and of each part of the thresholds' range so many in any case, when more than so many are
+/// alive.
+const BEST: f64 = 24.0;
+const EACH: f64 = 1.0;
+const MOST: usize = 48;
+/// How many times more at the first samples, which tell good from bad by chance only, and after how many it is half of that.
+const AT_FIRST: f64 = 16.0;
+const HALVED: f64 = 40.0;
 /// Loss behind the best at which a cell is given up.
 const FAR_BEHIND: f64 = 60.0;
 /// Those alive before the first sample that is rated.
 const UNRATED: usize = 2048;
-/// Cells at the start: values of S, of J as a share of it, and places of the stem.
+/// Cells at the start: values of S, each at most so many times the last, of J as a share of it, and places of the stem.
 const OF_S: usize = 16;
+const WIDTH: f64 = 1.28;
 const OF_J: usize = 5;
 const PLACES: [(bool, f64); 5] = [(false, 0.0), (false, 0.5), (true, 0.0), (true, 0.5), (true, 1.0)];
-/// Least S, as a share of the largest.
-const LEAST: f64 = 0.02;
 /// Samples of a path that are kept: the longest delay and the lags behind it.
 const KEPT: usize = 32;
 
@@ -61,8 +63,8 @@ pub struct Task<'a> {
     pub b: &'a [f64],
     /// `1 / (3 s^2)`.
     pub per: f64,
-    /// Largest S.
-    pub most: f64,
+    /// Least and largest S.
+    pub range: (f64, f64),
     /// What the terms delay the stem by: from which sample on, and by how many samples before and from there on.
     pub delays: Vec<(usize, [usize; 2])>,
 }
@@ -158,8 +160,10 @@ impl Cell {
     }
 }
 
-/// Leaves the best, and the best of each part; `order` is scratch.
-fn choose(cells: &mut Vec<Cell>, order: &mut Vec<(f64, usize)>) {
+/// Leaves the best, and the best of each part, of `rows` samples; `order` is scratch.
+fn choose(cells: &mut Vec<Cell>, order: &mut Vec<(f64, usize)>, rows: usize) {
+    let more = (AT_FIRST * 0.5_f64.powf(rows as f64 / HALVED)).max(1.0);
+    let (best, each) = ((BEST * more) as usize, (EACH * more.sqrt()) as usize);
     order.clear();
     order.extend(cells.iter().enumerate().map(|(at, cell)| (cell.loss, at)));
     order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -168,7 +172,7 @@ fn choose(cells: &mut Vec<Cell>, order: &mut Vec<(f64, usize)>) {
     for (rank, &(loss, at)) in order.iter().enumerate() {
         let cell = &mut cells[at];
         of_part[cell.part] += 1;
-        cell.goes_on = loss < enough && (rank < ALIVE / 2 || of_part[cell.part] <= EACH);
+        cell.goes_on = loss < enough && (rank < best || of_part[cell.part] <= each);
     }
     cells.retain(|cell| cell.goes_on);
 }
@@ -192,7 +196,7 @@ impl Task<'_> {
         let mut cells = self.start_cells(family);
         let rate = 2.0 / (self.first + self.left.len()) as f64;
         let grown = |k: usize| (1.0 + growth * ((k as f64 * rate).min(3.0) - 1.0)).max(1e-3);
-        let (mut split, mut order) = (Vec::new(), Vec::new());
+        let (mut split, mut order, mut most) = (Vec::new(), Vec::new(), MOST);
         let mut back = [0.0; LAGS.1];
         back.iter_mut().zip(self.b.iter().rev()).for_each(|(own, b)| *own = *b);
         for k in self.start.index + 1..self.first + self.left.len() {
@@ -210,11 +214,13 @@ impl Task<'_> {
                 continue;
             }
             self.rate(k, family, grown(k), &back, &mut cells);
-            if (k - self.first) % FACTORS == FACTORS - 1 || cells.len() > MOST {
+            if (k - self.first) % FACTORS == FACTORS - 1 || cells.len() > most {
                 cells.iter_mut().for_each(Cell::count);
             }
-            if cells.len() > MOST {
-                choose(&mut cells, &mut order);
+            if cells.len() > most {
+                choose(&mut cells, &mut order, k - self.first);
+                // Where no part is behind, none is given up: then it is not asked again at every sample.
+                most = MOST.max(cells.len() + cells.len() / 4);
             }
         }
         cells.iter_mut().for_each(Cell::count);
@@ -228,10 +234,12 @@ impl Task<'_> {
     }
 
     fn start_cells(&self, family: Family) -> Vec<Cell> {
-        let s = |i: usize| self.most * LEAST.powf(1.0 - i as f64 / OF_S as f64);
+        let wide = self.range.1 / self.range.0;
+        let parts = ((wide.ln() / WIDTH.ln()).ceil() as usize).clamp(1, OF_S);
+        let s = |i: usize| self.range.0 * wide.powf(i as f64 / parts as f64);
         let plain = matches!(family, Family::Plain(_));
         let mut cells = Vec::with_capacity(2 * MOST);
-        for i in 0..OF_S {
+        for i in 0..parts {
             for share in 0..if plain { 1 } else { OF_J } {
                 let of_j = |share: usize| s(i + 1) * share as f64 / OF_J as f64;
                 let j = if plain { (0.0, 0.0) } else { (of_j(share), of_j(share + 1)) };
@@ -329,7 +337,7 @@ mod tests {
             nearest: 1,
             b: &B,
             per,
-            most: 4.0,
+            range: (0.08, 4.0),
             delays: Vec::new(),
         }
     }
@@ -377,18 +385,42 @@ mod tests {
             let u = op(&mut noise);
             let left = left(&u, valve, 0.02, &mut noise);
             let counted = vec![1.0; left.len()];
-            let found = task(&u, &left, &counted, 0.02).best(
-                family,
-                (valve.growth, valve.skew),
-                Element::default(),
-                1,
-            )[0]
-            .1;
-            let close = |a: f64, b: f64, by: f64| (a - b).abs() < by;
-            let right = close(found.f, valve.f, 0.01 * valve.f)
-                && close(found.resume, valve.resume, 0.06)
-                && (found.growth, found.skew) == (valve.growth, valve.skew);
-            assert!(right, "{found:?} for {valve:?}");
+            let s = 2.0 * valve.f;
+            for range in [(0.08, 4.0), (0.7 * s, 1.5 * s)] {
+                let task = Task { range, ..task(&u, &left, &counted, 0.02) };
+                let found = task.best(family, (valve.growth, valve.skew), Element::default(), 1)[0].1;
+                let close = |a: f64, b: f64, by: f64| (a - b).abs() < by;
+                let right = close(found.f, valve.f, 0.01 * valve.f)
+                    && close(found.resume, valve.resume, 0.06)
+                    && (found.growth, found.skew) == (valve.growth, valve.skew);
+                assert!(right, "{found:?} for {valve:?} in {range:?}");
+            }
         }
+    }
+
+    #[test]
+    fn the_true_path_is_not_given_up_while_chance_decides() {
+        let sticks = Element { f: 0.613, resume: 0.37, lag: 0.63, ..Element::default() };
+        let valves = [
+            (sticks, Family::Sticks),
+            (Element { skew: -0.3, ..sticks }, Family::Sticks),
+            (Element { f: 0.441, resume: 1.0, slips: true, ..Element::default() }, Family::Slips),
+            (Element { f: 0.541, ..Element::default() }, Family::Plain(0.0)),
+        ];
+        let (mut found, mut all) = (0, 0);
+        for (valve, family) in valves {
+            for seed in 20..40 {
+                let mut noise = noise(seed);
+                let u = op(&mut noise);
+                let left = left(&u, valve, 0.04, &mut noise);
+                let counted = vec![1.0; left.len()];
+                let task = task(&u, &left, &counted, 0.04);
+                let best = task.best(family, (0.0, valve.skew), Element::default(), 1)[0].1;
+                found += i32::from((best.f / valve.f - 1.0).abs() < 0.01);
+                all += 1;
+            }
+        }
+        // Half of them are lost where the first samples leave only a few.
+        assert!(10 * found >= 9 * all, "{found} of {all}");
     }
 }

@@ -35,6 +35,9 @@ const FAR_BEHIND: f64 = 20.0;
 const LEAST_LESS: f64 = 0.25;
 /// Valves with bands that differ or grow that are tried.
 const LIKELY: usize = 2;
+/// Least S among all paths, as a share of the largest, and how many times it may be what it is where it is nearly known.
+const LEAST_S: f64 = 0.02;
+const WIDELY: f64 = 1.6;
 /// Bound of a knob that is part of the element.
 const MOST_VALUE: f64 = 0.95;
 /// Range of f that is swept for every kind of valve, as `ln`, and values to each side.
@@ -83,8 +86,8 @@ pub fn settle(
     at
 }
 
-/// Valves of the kind of `spec`'s, or of `any`, but of any f and J, with an f that grows so or differs so between directions,
-/// whose stems explain most samples; the dynamics held are those with `spec`'s own.
+/// Valves of the kind of `spec`'s and any f and J, or of `any` kind and an f near that, with an f that grows so or differs so
+/// between directions, whose stems explain most samples; the dynamics held are those with `spec`'s own.
 pub fn banded(data: &Data, spec: &Spec, bands: impl Iterator<Item = (f64, f64)>, any: bool) -> Vec<Element> {
     let family = match (spec.element.slips, spec.element.resume > 0.0) {
         (true, _) => Family::Slips,
@@ -93,7 +96,8 @@ pub fn banded(data: &Data, spec: &Spec, bands: impl Iterator<Item = (f64, f64)>,
     };
     let families = if any { families(spec).to_vec() } else { vec![family] };
     let sought = bands.flat_map(|bands| families.iter().map(move |family| (*family, bands)));
-    let mut rated = among_paths(data, spec, sought);
+    let range = if any { about(data, spec) } else { whole(data) };
+    let mut rated = among_paths(data, spec, sought, range);
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
     rated.into_iter().take(LIKELY).map(|(_, element)| element).collect()
 }
@@ -106,23 +110,38 @@ fn families(spec: &Spec) -> [Family; 3] {
 /// The valves of one constant band whose stems explain most samples, one of each kind; the dynamics held are those with
 /// `spec`'s own.
 pub fn even(data: &Data, spec: &Spec) -> Vec<Element> {
-    let rated = among_paths(data, spec, families(spec).into_iter().map(|family| (family, (0.0, 0.0))));
+    let sought = families(spec).into_iter().map(|family| (family, (0.0, 0.0)));
+    let rated = among_paths(data, spec, sought, whole(data));
     rated.into_iter().map(|(_, element)| element).collect()
 }
 
-/// The best of each family, growth and skew among all paths of the stem, with its loss; none where a term does more to the
-/// stem than delay it.
+/// Every S at which the stem still reverses.
+fn whole(data: &Data) -> (f64, f64) {
+    let most = 2.0 * data.f_top;
+    (LEAST_S * most, most)
+}
+
+/// Those of them about the one of `spec`.
+fn about(data: &Data, spec: &Spec) -> (f64, f64) {
+    let (least, most) = whole(data);
+    let own = 2.0 * spec.element.f;
+    ((own / WIDELY).max(least), (own * WIDELY).min(most))
+}
+
+/// The best of each family, growth and skew among all paths of the stem with S in `range`, with its loss; none where a term
+/// does more to the stem than delay it.
 fn among_paths(
     data: &Data,
     spec: &Spec,
     sought: impl Iterator<Item = (Family, (f64, f64))>,
+    range: (f64, f64),
 ) -> Vec<(f64, Element)> {
     if spec.terms.iter().any(|term| term.changes_stem() && term.delays().is_none()) {
         return Vec::new();
     }
     let held = Held::new(data, spec, spec.element, None);
-    let task = held.task();
-    if !task.is_kept() {
+    let task = held.task(range);
+    if range.0 >= range.1 || !task.is_kept() {
         return Vec::new();
     }
     sought.flat_map(|(family, bands)| task.best(family, bands, spec.element, 1)).collect()
@@ -292,8 +311,8 @@ impl<'a> Held<'a> {
         }
     }
 
-    /// What is left for any stem to explain.
-    fn task(&self) -> Task<'_> {
+    /// What is left for any stem with S in `range` to explain.
+    fn task(&self, range: (f64, f64)) -> Task<'_> {
         Task {
             u: &self.u,
             start: self.data.start,
@@ -303,7 +322,7 @@ impl<'a> Held<'a> {
             nearest: self.nearest,
             b: &self.b,
             per: 1.0 / (FREEDOM * self.scale * self.scale),
-            most: 2.0 * self.data.f_top,
+            range,
             delays: self.trial.terms.iter().filter_map(|term| term.delays()).collect(),
         }
     }

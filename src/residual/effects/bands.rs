@@ -18,6 +18,8 @@ const SCAN: u32 = 7;
 /// Kinds of valve in it beside the likely one: lag, resume threshold, slips.
 const KINDS: [(f64, f64, bool); 4] =
     [(0.0, 0.0, false), (0.0, 1.0, false), (0.5, 0.5, false), (0.0, 0.5, true)];
+/// Gain of the long ARX below which none of them is sought closely.
+const FAR_BEHIND: f64 = -30.0;
 /// How many of the likely kind, and of the others, are sought closely, each with another value.
 const OF_KIND: usize = 2;
 /// Gain from which valves are sought again from what was found, from how many, how often, the gain for which it is once
@@ -123,6 +125,7 @@ impl Bands<'_> {
             let losses = scan.rate(&elements).into_iter().zip(elements);
             rated.extend(losses.filter_map(|(loss, element)| Some((loss?, element, value))));
         }
+        rated.retain(|(loss, ..)| c.rows() * (c.quick.loss / loss).ln() > FAR_BEHIND);
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut seen: Vec<(bool, f64)> = Vec::new();
         rated.retain(|(_, element, value)| {
