@@ -14,8 +14,8 @@ use super::model::Element;
 use super::search::{FACTORS, LAGS, MOST_FACTOR};
 use crate::diagnosis::friction::Start;
 
-/// So many of the best cells go on, and of each part of the thresholds' range so many in any case, when more than so many are
-/// alive.
+/// So many of the best cells go on, and of each part of the thresholds' range so many that are not far behind, when more than so
+/// many are alive, or a quarter more than went on the last time.
 const BEST: f64 = 24.0;
 const EACH: f64 = 1.0;
 const MOST: usize = 48;
@@ -26,9 +26,10 @@ const HALVED: f64 = 40.0;
 const FAR_BEHIND: f64 = 60.0;
 /// Those alive before the first sample that is rated.
 const UNRATED: usize = 2048;
-/// Cells at the start: values of S, each at most so many times the last, of J as a share of it, and places of the stem.
-const OF_S: usize = 16;
+/// Cells at the start: values of S, each about so many times the last and at most so many, of J as a share of it, and places of
+/// the stem.
 const WIDTH: f64 = 1.28;
+const OF_S: usize = 16;
 const OF_J: usize = 5;
 const PLACES: [(bool, f64); 5] = [(false, 0.0), (false, 0.5), (true, 0.0), (true, 0.5), (true, 1.0)];
 /// Samples of a path that are kept: the longest delay and the lags behind it.
@@ -160,7 +161,7 @@ impl Cell {
     }
 }
 
-/// Leaves the best, and the best of each part, of `rows` samples; `order` is scratch.
+/// Leaves the best, and the best of each part, when `rows` samples were rated before this one; `order` is scratch.
 fn choose(cells: &mut Vec<Cell>, order: &mut Vec<(f64, usize)>, rows: usize) {
     let more = (AT_FIRST * 0.5_f64.powf(rows as f64 / HALVED)).max(1.0);
     let (best, each) = ((BEST * more) as usize, (EACH * more.sqrt()) as usize);
@@ -219,7 +220,7 @@ impl Task<'_> {
             }
             if cells.len() > most {
                 choose(&mut cells, &mut order, k - self.first);
-                // Where no part is behind, none is given up: then it is not asked again at every sample.
+                // Parts of which none is far behind keep more than there should be: not to be sorted at every sample.
                 most = MOST.max(cells.len() + cells.len() / 4);
             }
         }
@@ -238,7 +239,7 @@ impl Task<'_> {
         let parts = ((wide.ln() / WIDTH.ln()).ceil() as usize).clamp(1, OF_S);
         let s = |i: usize| self.range.0 * wide.powf(i as f64 / parts as f64);
         let plain = matches!(family, Family::Plain(_));
-        let mut cells = Vec::with_capacity(2 * MOST);
+        let mut cells = Vec::with_capacity(UNRATED);
         for i in 0..parts {
             for share in 0..if plain { 1 } else { OF_J } {
                 let of_j = |share: usize| s(i + 1) * share as f64 / OF_J as f64;

@@ -35,7 +35,7 @@ const FAR_BEHIND: f64 = 20.0;
 const LEAST_LESS: f64 = 0.25;
 /// Valves with bands that differ or grow that are tried.
 const LIKELY: usize = 2;
-/// Least S among all paths, as a share of the largest, and how many times it may be what it is where it is nearly known.
+/// Least S among all paths, as a share of the largest; and where it is nearly known, the factor by which it may differ.
 const LEAST_S: f64 = 0.02;
 const WIDELY: f64 = 1.6;
 /// Bound of a knob that is part of the element.
@@ -115,13 +115,13 @@ pub fn even(data: &Data, spec: &Spec) -> Vec<Element> {
     rated.into_iter().map(|(_, element)| element).collect()
 }
 
-/// Every S at which the stem still reverses.
+/// S from the least that is told apart from none to the largest at which the stem still reverses.
 fn whole(data: &Data) -> (f64, f64) {
     let most = 2.0 * data.f_top;
     (LEAST_S * most, most)
 }
 
-/// Those of them about the one of `spec`.
+/// The part of [`whole`] that is near the S of `spec`; empty (its start beyond its end) where that lies far outside.
 fn about(data: &Data, spec: &Spec) -> (f64, f64) {
     let (least, most) = whole(data);
     let own = 2.0 * spec.element.f;
@@ -136,12 +136,12 @@ fn among_paths(
     sought: impl Iterator<Item = (Family, (f64, f64))>,
     range: (f64, f64),
 ) -> Vec<(f64, Element)> {
-    if spec.terms.iter().any(|term| term.changes_stem() && term.delays().is_none()) {
+    if range.0 >= range.1 || spec.terms.iter().any(|term| term.changes_stem() && term.delays().is_none()) {
         return Vec::new();
     }
     let held = Held::new(data, spec, spec.element, None);
     let task = held.task(range);
-    if range.0 >= range.1 || !task.is_kept() {
+    if !task.is_kept() {
         return Vec::new();
     }
     sought.flat_map(|(family, bands)| task.best(family, bands, spec.element, 1)).collect()

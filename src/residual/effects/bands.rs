@@ -3,7 +3,8 @@
 //! The f that suits one constant band may be anywhere between the bands there are, its lag makes up for what the model lacks,
 //! its kind is that which looks most like bands that are not one, and the dynamics estimated with it are as wrong. So a few
 //! f, lags and kinds are rated with each value of the band's number by the long ARX's loss; the best are sought closely, and
-//! judged. Where they promise anything, valves are sought among all paths with the dynamics of those, as long as that gains.
+//! judged. Where they promise anything, valves of an f near theirs are sought among all paths with the dynamics of those, as long
+//! as that gains.
 
 use super::{Context, Proposal};
 use crate::residual::Kind;
@@ -140,7 +141,8 @@ impl Bands<'_> {
         rated.into_iter().map(|(_, element, value)| (element, value)).collect()
     }
 
-    /// The best with such bands among all paths, with the dynamics of `spec`, nearly right, sought closely; `any`: of any kind.
+    /// The best with such bands among all paths, with the dynamics of `spec`, nearly right, sought closely; `any`: of any kind
+    /// and an f near that.
     fn among_paths(&self, c: &Context<'_>, spec: &Spec, values: &[f64], any: bool) -> Vec<Valve> {
         let own = spec.element;
         let of = |value: &f64| if self.grow { (*value, 0.0) } else { (0.0, *value) };
