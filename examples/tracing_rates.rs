@@ -64,9 +64,11 @@ fn main() -> ExitCode {
         let found = run(&options, &all, |case| judge(case, case.seed.is_multiple_of(TOLD)));
         named(size, &options, &found);
         friction(size, &found);
+        verdicts(SIZES[size], &found);
     }
     let found = run(&options, &clean(options.clean, seeds.start), |case| judge(case, false));
     invented(&found, options.each);
+    verdicts("nothing hidden", &found);
     invented_there(&options, seeds.start);
     outside(&options, seeds);
     ExitCode::SUCCESS
@@ -210,6 +212,23 @@ fn named(size: usize, options: &Options, found: &[Judged]) {
         }
     }
     row("all", &found.iter().collect::<Vec<_>>());
+    println!();
+}
+
+/// Verdicts of stiction before and after, by what is true of the valve.
+fn verdicts(label: &str, found: &[Judged]) {
+    println!("| {label}: verdict of stiction | of the declared model | with the effects |");
+    println!("|---|---|---|");
+    for (name, sticks) in [("valves that stick", true), ("sound valves", false)] {
+        let of: Vec<&Judged> = found.iter().filter(|j| (j.f[0] > 0.0) == sticks).collect();
+        let [before, after] = [0, 1].map(|at| of.iter().filter(|j| j.sticks[at]).count());
+        println!(
+            "| {name} ({}) | {before}, {} | {after}, {} |",
+            of.len(),
+            wilson(before, of.len()),
+            wilson(after, of.len())
+        );
+    }
     println!();
 }
 

@@ -1,6 +1,6 @@
 //! `stictiond demo`: a simulated plant behind a real Modbus/TCP server on loopback, and the daemon watching it as it
-//! would watch any plant, from a configuration. Plant time runs `speed` times as fast as the wall clock; with write-back it
-//! waits for a computer that pauses.
+//! would watch any plant, from a configuration. Plant time runs `speed` times as fast as the wall clock, and waits for a
+//! computer that pauses.
 
 pub mod dcs;
 mod operators;
@@ -127,12 +127,8 @@ impl Demo {
         let config = config::parse("demo", &text).map_err(AppError::Config)?;
         let api = app::listen(&config).await?;
         let address = api.local_addr().map_err(DemoError::io("cannot listen"))?;
-        // A term that comes late is a term for another OP: the plant waits for a computer that pauses.
-        let clock = if writeback {
-            Clock::watched(Clock::wall().now(), speed, Duration::from_millis(poll_ms))
-        } else {
-            Clock::plant(Clock::wall().now(), speed)
-        };
+        // Late polls are gaps in what is diagnosed and terms for another OP: the plant waits for a computer that pauses.
+        let clock = Clock::watched(Clock::wall().now(), speed, Duration::from_millis(poll_ms));
         let heartbeat = writeback.then_some(registers::HEARTBEAT_S);
         let station = Station::new(loops.clone(), TS_S, Arc::new(move || clock.elapsed()), heartbeat)?;
         Ok(Self {

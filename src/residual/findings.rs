@@ -135,6 +135,17 @@ pub fn slip_effect(data: &Data, element: &Element, kind: Kind, delta_aic: f64) -
     Effect { kind, delta_aic, tag: None, parameters, explanation }
 }
 
+/// Evidence of friction that a verdict of stiction needs after this one of the declared model: what that did not find takes
+/// more.
+pub fn needed(settings: &Settings, declared: &Verdict) -> f64 {
+    let times = match declared {
+        Verdict::Stiction => 1.0,
+        Verdict::NoStiction => 2.0,
+        Verdict::NotIdentifiable(_) => 4.0,
+    };
+    times * settings.evidence_threshold
+}
+
 /// Friction with the effects in place, and what it means.
 pub fn verdict_after(
     data: &Data,
@@ -153,16 +164,15 @@ pub fn verdict_after(
     restructure(data, &mut sound, true, 4);
     let evidence = Candidate::new(data, sound, base.paid).aic - base.aic;
     let f = element.f * data.scale.u;
-    // Another friction alone is no new explanation: to give a verdict back it must leave less doubt.
+    let stood = diagnosis.verdict == Verdict::Stiction;
+    // An effect of friction says that there is some: it cannot take away the verdict it describes.
     let of_friction = |kind| matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift);
-    let hidden =
-        base.spec.terms.iter().all(|t| of_friction(t.kind())) && diagnosis.verdict != Verdict::Stiction;
-    let unknown = matches!(diagnosis.verdict, Verdict::NotIdentifiable(_));
-    let needed = settings.evidence_threshold * if hidden || unknown { 4.0 } else { 1.0 };
-    let mut sticky = f > settings.f_threshold && evidence > needed;
+    let described = stood && base.spec.terms.iter().all(|t| of_friction(t.kind()));
+    let mut sticky =
+        f > settings.f_threshold && (described || evidence > needed(settings, &diagnosis.verdict));
     let within = if sticky { interval(data, &base.spec) } else { [0.0, f] };
     // An effect that gives a verdict back has to leave no doubt that there is friction.
-    sticky &= diagnosis.verdict == Verdict::Stiction || within[0] > settings.f_threshold;
+    sticky &= stood || within[0] > settings.f_threshold;
     let verdict = match (&diagnosis.verdict, sticky) {
         (_, true) => Verdict::Stiction,
         (Verdict::NotIdentifiable(why), false) => Verdict::NotIdentifiable(why.clone()),
@@ -237,5 +247,67 @@ pub fn model(data: &Data, spec: &Spec) -> Model {
         b: spec.linear.b.iter().map(|b| b * data.scale.y / data.scale.u).collect(),
         c: spec.linear.c.clone(),
         rmse: spec.loss.sqrt() * data.scale.y,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnosis::{NotIdentifiable, Preparation};
+    use crate::residual::model::Term;
+    use crate::residual::pose::{self, tests::first_order};
+
+    /// Another explanation than friction, which adds nothing.
+    #[derive(Clone, Debug)]
+    struct Load;
+
+    impl Term for Load {
+        fn kind(&self) -> Kind {
+            Kind::LoadStep
+        }
+        fn boxed(&self) -> Box<dyn Term> {
+            Box::new(Self)
+        }
+        fn describe(&self, _: &Data, _: &[f64], _: f64) -> (Vec<Parameter>, String) {
+            (Vec::new(), String::new())
+        }
+    }
+
+    fn said(verdict: Verdict) -> Diagnosis {
+        Diagnosis {
+            verdict,
+            reason: String::new(),
+            preparation: Preparation::default(),
+            oscillation: None,
+            estimate: None,
+            residual: None,
+            window: None,
+        }
+    }
+
+    #[test]
+    fn what_the_declared_model_did_not_find_takes_more_evidence() {
+        let settings = Settings::default();
+        let unknown = Verdict::NotIdentifiable(NotIdentifiable::FlatOp);
+        let all = [Verdict::Stiction, Verdict::NoStiction, unknown].map(|v| needed(&settings, &v));
+        assert_eq!(all, [20.0, 40.0, 80.0]);
+    }
+
+    #[test]
+    fn an_effect_of_friction_does_not_take_away_the_verdict_it_describes() {
+        let data = first_order(600);
+        let mut sticks = pose::declared(&data, 0.2);
+        // Evidence that nothing reaches.
+        let settings = Settings { evidence_threshold: 1e9, ..Settings::default() };
+        let verdict = |spec: &Spec, of: Verdict| {
+            verdict_after(&data, &settings, &Candidate::new(&data, spec.clone(), 0.0), &said(of))
+        };
+        let (friction, stays, _) = verdict(&sticks, Verdict::Stiction);
+        assert_eq!(stays, Verdict::Stiction);
+        assert!(friction.f > 0.1 * data.scale.u, "{}", friction.f);
+        assert_eq!(verdict(&sticks, Verdict::NoStiction).1, Verdict::NoStiction);
+        sticks.terms.push(Box::new(Load));
+        let (friction, goes, _) = verdict(&sticks, Verdict::Stiction);
+        assert_eq!((goes, friction.f), (Verdict::NoStiction, 0.0));
     }
 }

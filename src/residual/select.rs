@@ -2,7 +2,7 @@
 
 use super::candidate::{Candidate, with_friction};
 use super::direct::{add_direct, is_direct, not_worse};
-use super::findings::{Outcome, report};
+use super::findings::{Outcome, needed, report};
 use super::fit::{held_out, minimise};
 use super::free::longer_sighted;
 use super::model::Data;
@@ -85,7 +85,11 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         drop_needless(&data, settings, at_start.1, &mut base, &mut added);
     }
     base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
-    slip_jump(&data, &mut base, (&declared, at_start), &mut added);
+    let of_friction = match diagnosis.verdict {
+        Verdict::Stiction => 0.0,
+        _ => needed(settings, &Verdict::NoStiction),
+    };
+    slip_jump(&data, &mut base, (&declared, at_start), of_friction, &mut added);
     base = not_worse(&data, &declared, base, at_start);
     // What later effects made of the first must still predict better than nothing.
     let now = held_out(&data, &base.spec);

@@ -26,11 +26,13 @@ const OF_VALVE: f64 = 10.0;
 /// Gain in AIC for which the declared dynamics are kept for the free run.
 const CERTAIN: f64 = 30.0;
 
-/// Adds the slip jump to `added` where it earns its place; the free run stays within the declared model's, `at_start`.
+/// Adds the slip jump to `added` where it earns its place; the free run stays within the declared model's, `at_start`. `of_friction`:
+/// gain in AIC that the valve as a whole needs, since it says that the valve sticks.
 pub fn slip_jump(
     data: &Data,
     base: &mut Candidate,
     (declared, at_start): (&Spec, (f64, f64)),
+    of_friction: f64,
     added: &mut Vec<Added>,
 ) {
     let own = base.spec.element;
@@ -40,7 +42,7 @@ pub fn slip_jump(
     let without = base.with_valve(data, Element { lag: 0.0, ..own }, false);
     let sound = base.with_valve(data, Element { f: 0.0, lag: 0.0, ..own }, false);
     let gain = without.aic.min(sound.aic) - base.aic;
-    if gain <= LEAST {
+    if gain <= LEAST || sound.aic - base.aic <= of_friction {
         return;
     }
     let (stage, _) = base.spec.stage(data);

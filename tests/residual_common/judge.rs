@@ -1,7 +1,7 @@
 //! What tracing says of a case, beside what is true.
 
 use super::plant::{Case, Undeclared, record};
-use stictiond::diagnosis::{self, diagnose};
+use stictiond::diagnosis::{self, Verdict, diagnose};
 use stictiond::residual::{self, Findings, Kind, trace_record};
 
 /// What was found on one case.
@@ -14,6 +14,8 @@ pub struct Judged {
     pub unexplained: bool,
     /// Whether the valve's S and J differ.
     pub slips: bool,
+    /// Whether the verdict is stiction: the diagnosis' and that with the effects.
+    pub sticks: [bool; 2],
     /// True f (% OP), the diagnosis' and that with the effects.
     pub f: [f64; 3],
     /// Held-out errors one step ahead before and after.
@@ -52,12 +54,14 @@ pub fn judge(case: &Case, told: bool) -> Judged {
     };
     let before = d.estimate.as_ref().map_or(0.0, |e| e.f);
     let read = |get: &dyn Fn(&Findings) -> [f64; 2]| found.as_ref().map_or([f64::NAN; 2], get);
+    let after = found.as_ref().map_or(&d.verdict, |f| &f.verdict);
     Judged {
         case: *case,
         named: found.iter().flat_map(|f| &f.effects).map(|e| e.kind).collect(),
         traced: found.is_some(),
         unexplained: found.as_ref().is_some_and(|f| f.unexplained),
         slips: truth.slips,
+        sticks: [&d.verdict, after].map(|verdict| *verdict == Verdict::Stiction),
         f: [truth.f, before, found.as_ref().map_or(before, |t| t.friction_after.f)],
         one: read(&|t| [t.before.one_step_rmse, t.after.one_step_rmse]),
         free: read(&|t| [t.before.free_run_rmse, t.after.free_run_rmse]),
