@@ -186,9 +186,14 @@ impl Step<'_> {
                 continue;
             }
             let paid = base.paid + cost(settings, &p);
+            let on_the_band = BANDS.contains(&p.term.kind());
             let mut spec = base.spec.clone();
             spec.terms.push(p.term);
             spec.element = p.element.unwrap_or(spec.element);
+            if !own_valve && on_the_band {
+                // A valve judged by the long model needs dynamics of its own before its lag may move.
+                restructure(data, &mut spec, false, 2);
+            }
             minimise(data, &mut spec, true, 8);
             if spec.terms.last().is_some_and(|t| t.kind() == Kind::DeadTimeChange) {
                 // Its delay is one of two now.
@@ -288,7 +293,8 @@ impl Step<'_> {
         let valves = finals.iter().map(|t| t.candidate.spec.element);
         let valves = valves.filter(|element| element.f > 0.0 && *element != self.base.spec.element);
         let valves = valves.map(|element| (self.with_valve(element), element));
-        let even = finals.iter().any(|t| BANDS.contains(&t.kind)).then(|| self.even());
+        // Sought to compare bands with, it may be what the model lacks although none of them is better.
+        let even = self.even.get().copied();
         let valve = valves.chain(even).max_by(|a, b| a.0.total_cmp(&b.0));
         finals.retain(|t| t.worth(self.settings.least_gain));
         let steps = finals.iter().filter(|t| t.kind == Kind::LoadStep).map(|t| t.evidence);
