@@ -1,12 +1,13 @@
 //! A model on trial, its friction scanned anew and its rough numbers tuned.
 
 use super::Kind;
+use super::climb::{CLIMBS, climb};
 use super::evidence::Judge;
 use super::fit::{held_out, minimise};
 use super::model::{Data, Element, Spec};
 use super::regress::restructure;
 use super::scan::scan_friction;
-use super::search::even;
+use super::search::{banded, even};
 
 /// Numbers that friction costs: f, its lag, the choice of the element.
 const FRICTION_COST: f64 = 4.0;
@@ -56,19 +57,23 @@ pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize
     let mut best = base.clone();
     let known = held_out(data, &base.spec);
     let sticky = base.spec.element.f > 0.0;
-    let (mut elements, promising) = scan_friction(data, &base.spec, SCAN, kept && sticky);
+    let scanned = scan_friction(data, &base.spec, SCAN, kept && sticky);
+    let mut elements = scanned.best;
     let likely = elements.first().copied().unwrap_or(base.spec.element);
-    if kept && !promising {
+    if kept && !scanned.promising {
         elements.clear();
     }
-    if sticky && !kept {
+    let judge = (sticky && !kept).then(|| Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk));
+    if let Some(judge) = &judge {
         elements.extend(even(data, &base.spec));
+        elements.extend(
+            scanned.of_family.into_iter().filter_map(|like| among_paths(data, &base.spec, judge, like)),
+        );
     }
     elements.push(Element { f: 0.0, ..base.spec.element });
     if sticky {
         elements.push(Element { lag: 0.4, ..base.spec.element });
     }
-    let judge = (sticky && !kept).then(|| Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk));
     let mut most = 0.0;
     for element in elements {
         let mut spec = Spec { element, ..base.spec.clone() };
@@ -97,6 +102,16 @@ pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize
     }
     best.likely = if best.spec.element.f > 0.0 { best.spec.element } else { likely };
     best
+}
+
+/// The best valve of the family of `like` among all paths, with dynamics of its own: those of another would hide it.
+fn among_paths(data: &Data, spec: &Spec, judge: &Judge, like: Element) -> Option<Element> {
+    let with = |element| Spec { element, ..spec.clone() };
+    let next = |element| {
+        let element = *banded(data, &with(element), [(0.0, 0.0)].into_iter(), false).first()?;
+        Some((judge.gain(data, &with(element).stage(data).0, spec.orders.nk), element))
+    };
+    climb((f64::NEG_INFINITY, like), 1 + CLIMBS, next).last().map(|found| found.1)
 }
 
 /// Tries the numbers of the last term in which the error is not smooth, on finer and finer steps.

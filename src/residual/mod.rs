@@ -13,6 +13,7 @@
 mod candidate;
 mod cells;
 mod checks;
+mod climb;
 mod direct;
 mod effects;
 mod evidence;

@@ -183,11 +183,19 @@ const VALVES: [(f64, f64, bool); 10] = [
     (0.8, 0.2, true),
 ];
 
+/// What a scan over friction found.
+pub struct Scanned {
+    /// The best elements, by increasing loss, each of a kind of its own.
+    pub best: Vec<Element>,
+    /// Whether they promise anything.
+    pub promising: bool,
+    /// The best of each family, not sought closely.
+    pub of_family: Vec<Element>,
+}
+
 /// Friction scanned with the terms in place: the long ARX's loss over f, its lag and its resume threshold; `kept`: from
 /// the model's own kind of valve on.
-///
-/// Returns the best elements, by increasing loss, each of a kind of its own, and whether they promise anything.
-pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> (Vec<Element>, bool) {
+pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Scanned {
     let mut scan = Scan::new(data, spec);
     let step = data.f_top / values as f64;
     let own = spec.element;
@@ -212,6 +220,9 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> (Ve
         best.first().is_some_and(|found| rows * (sound / found.0).ln() > PROMISING)
     };
     let reach = if kept { Reach::Near } else { Reach::Wide };
+    let mut of_family: Vec<Element> = best.iter().map(|found| found.1).collect();
+    of_family.sort_by_key(family);
+    of_family.dedup_by_key(|element| family(element));
     best.truncate(if kept { 1 } else { LIKELY });
     if promising {
         best.iter_mut().for_each(|found| scan.settle(found, reach));
@@ -221,7 +232,12 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> (Ve
     best.dedup_by(|b, a| {
         a.1.slips == b.1.slips && (a.1.resume - b.1.resume).abs() < 0.1 && (a.1.f / b.1.f - 1.0).abs() < 0.01
     });
-    (best.into_iter().map(|found| found.1).collect(), promising)
+    Scanned { best: best.into_iter().map(|found| found.1).collect(), promising, of_family }
+}
+
+/// Plain, sticking at stops, or slipping.
+fn family(element: &Element) -> (bool, bool) {
+    (element.slips, element.resume > 0.0)
 }
 
 impl Scan<'_> {

@@ -489,7 +489,7 @@ mod tests {
             let own = Element { f: valve.f / data.scale.u, ..valve };
             let spec = declared(&data, own.f);
             let plain = Element { f: 1.08 * own.f, ..Element::default() };
-            let found = scan_friction(&data, &Spec { element: plain, ..spec.clone() }, 24, false).0[0];
+            let found = scan_friction(&data, &Spec { element: plain, ..spec.clone() }, 24, false).best[0];
             let (is, was) = (stem(&data, &spec, found), stem(&data, &spec, own));
             let far =
                 |a: &[f64]| (data.first..data.split).filter(|&k| (a[k] - was[k]).abs() > 0.2 * own.f).count();

@@ -1,7 +1,8 @@
 //! One step of the selection: what the effects propose, fitted, judged and compared.
 
 use super::candidate::{Candidate, tune, with_friction};
-use super::effects::{ALL, CLIMBS, Context, HIGHER, Proposal, Recognise};
+use super::climb::{CLIMBS, climb};
+use super::effects::{ALL, Context, Proposal, Recognise};
 use super::evidence::Judge;
 use super::fit::{held_out, minimise};
 use super::free::{DOUBTLESS, likelier, not_beyond};
@@ -143,17 +144,12 @@ impl Step<'_> {
 
     fn even(&self) -> (f64, Element) {
         *self.even.get_or_init(|| {
-            let mut best = (f64::NEG_INFINITY, self.likely);
-            for _ in 0..=CLIMBS {
-                let spec = Spec { element: best.1, ..self.base.spec.clone() };
-                let next = even(self.data, &spec).into_iter();
-                let next = next.map(|element| (self.with_valve(element), element));
-                match next.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|next| next.0 > best.0 + HIGHER) {
-                    Some(next) => best = next,
-                    None => break,
-                }
-            }
-            best
+            let start = (f64::NEG_INFINITY, self.likely);
+            let next = |element| {
+                let next = even(self.data, &Spec { element, ..self.base.spec.clone() }).into_iter();
+                next.map(|element| (self.with_valve(element), element)).max_by(|a, b| a.0.total_cmp(&b.0))
+            };
+            climb(start, 1 + CLIMBS, next).last().copied().unwrap_or(start)
         })
     }
 

@@ -8,6 +8,7 @@
 
 use super::{Context, Proposal};
 use crate::residual::Kind;
+use crate::residual::climb::{CLIMBS, climb};
 use crate::residual::model::{Element, Spec, Term};
 use crate::residual::scan::Scan;
 use crate::residual::search::{Reach, banded, settle};
@@ -23,12 +24,10 @@ const KINDS: [(f64, f64, bool); 4] =
 const FAR_BEHIND: f64 = -30.0;
 /// How many of the likely kind, and of the others, are sought closely, each with another value.
 const OF_KIND: usize = 2;
-/// Gain from which valves are sought again from what was found, from how many, how often, the gain for which it is once
-/// more, the values about the one there is, and the largest.
+/// Gain from which valves are sought again from what was found, from how many, the values about the one there is, and the
+/// largest.
 const HOPEFUL: f64 = 5.0;
 const STARTS: usize = 4;
-pub const CLIMBS: usize = 3;
-pub const HIGHER: f64 = 2.0;
 const NEAR: [f64; 5] = [-0.2, -0.1, 0.0, 0.1, 0.2];
 const LARGEST: f64 = 0.9;
 /// Value, and share of f, by which two valves differ that are one.
@@ -156,17 +155,13 @@ impl Bands<'_> {
 
     /// Valves of any kind with bands near those found, as long as the dynamics that go with the last show a better one.
     fn climbed(&self, c: &Context<'_>, start: Valve) -> Vec<Valve> {
-        let (mut found, mut best) = (Vec::new(), start);
-        for _ in 0..CLIMBS {
-            let near: Vec<f64> =
-                NEAR.into_iter().map(|by| best.value + by).filter(|value| value.abs() <= LARGEST).collect();
-            let next = self.among_paths(c, &self.with(c, best.element, best.value), &near, true);
-            let next = next.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
-            let Some(next) = next.filter(|next| next.gain > best.gain + HIGHER) else { break };
-            found.push(next);
-            best = next;
-        }
-        found
+        let next = |best: Valve| {
+            let near = NEAR.into_iter().map(|by| best.value + by).filter(|value| value.abs() <= LARGEST);
+            let near: Vec<f64> = near.collect();
+            let next = self.among_paths(c, &self.with(c, best.element, best.value), &near, true).into_iter();
+            next.max_by(|a, b| a.gain.total_cmp(&b.gain)).map(|next| (next.gain, next))
+        };
+        climb((start.gain, start), CLIMBS, next).into_iter().map(|(_, valve)| valve).collect()
     }
 }
 

@@ -16,8 +16,6 @@ mod quantised_pv;
 mod static_nonlinearity;
 mod valve_saturation;
 
-pub use bands::{CLIMBS, HIGHER};
-
 use super::Settings;
 use super::evidence::Judge;
 use super::model::{Data, Element, Spec, Stage, Term};
