@@ -23,8 +23,8 @@ const LEAST: f64 = 7.0;
 /// Evidence of the lag, and of the valve in the long model, that are needed.
 const NEEDED: f64 = 12.5;
 const OF_VALVE: f64 = 10.0;
-/// Gain in AIC for which the declared dynamics are kept for the free run.
-const CERTAIN: f64 = 30.0;
+/// Evidence for which the declared model is kept for the free run.
+const CERTAIN: f64 = 20.0;
 
 /// Adds the slip jump to `added` where it earns its place; the free run stays within the declared model's, `at_start`. `of_friction`:
 /// gain in AIC that the valve as a whole needs, since it says that the valve sticks.
@@ -55,12 +55,12 @@ pub fn slip_jump(
         return;
     }
     let (mut spec, mut now) = not_beyond(data, base.spec.clone(), (declared, at_start), at_start);
-    if now.1 > at_start.1 && now.0 < at_start.0 && gain > CERTAIN && !is_repaired(&spec) {
+    let itself = |c: &Candidate| c.aic - base.aic + likelier(data, held_out(data, &c.spec).0, now.0);
+    let evidence = 0.5 * (itself(&without) + against(&without)).min(itself(&sound) + of_valve);
+    if now.1 > at_start.1 && now.0 < at_start.0 && evidence > CERTAIN && !is_repaired(&spec) {
         spec.free = Some(Box::new(declared.clone()));
         now.1 = at_start.1;
     }
-    let itself = |c: &Candidate| c.aic - base.aic + likelier(data, held_out(data, &c.spec).0, now.0);
-    let evidence = 0.5 * (itself(&without) + against(&without)).min(itself(&sound) + of_valve);
     if now.1 <= at_start.1 && evidence > NEEDED {
         base.spec = spec;
         added.push(Added { kind: Kind::SlipJump, evidence, paid: 0.0 });
