@@ -59,13 +59,14 @@ fn the_first_effect_named_is_the_true_one() {
     println!("right on {:.1} % of {}", 100.0 * share, found.len());
     assert!(found.iter().all(|j| j.traced), "every case can be traced");
     assert!(share >= NAMED, "{share}");
-    let sound = found.iter().filter(|j| j.f[0] == 0.0);
-    let alarms: Vec<String> = sound.filter(|j| j.sticks[1]).map(shown).collect();
-    assert!(alarms.len() <= FALSE_ALARMS, "{alarms:#?}");
+    // Effects raise no false alarm, and those of friction take away no verdict.
+    let alarms = found.iter().filter(|j| j.f[0] == 0.0 && j.sticks == [false, true]);
+    let of_friction = [Kind::SlipJump, Kind::AsymmetricFriction, Kind::FrictionDrift];
+    let taken = found.iter().filter(|j| j.sticks == [true, false]);
+    let taken = taken.filter(|j| j.named.iter().all(|kind| of_friction.contains(kind)));
+    let wrong: Vec<String> = alarms.chain(taken).map(shown).collect();
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }
-
-/// About 30 sound valves with an effect hidden.
-const FALSE_ALARMS: usize = 1;
 
 /// 80.5 % of the published sweep, less two and a half standard errors of 86 cases.
 const NAMED: f64 = 0.7;

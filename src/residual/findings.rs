@@ -185,7 +185,9 @@ pub fn verdict_after(
         lag: if sticky { element.lag * f } else { 0.0 },
         delta_aic: evidence.max(0.0),
     };
-    let reason = format!("with the effects f = {f:.3}, evidence {:.0}", evidence.max(0.0));
+    let stands =
+        if described && evidence <= settings.evidence_threshold { ": the verdict stands" } else { "" };
+    let reason = format!("with the effects f = {f:.3}, evidence {:.0}{stands}", evidence.max(0.0));
     (friction, verdict, reason)
 }
 
@@ -257,16 +259,16 @@ mod tests {
     use crate::residual::model::Term;
     use crate::residual::pose::{self, tests::first_order};
 
-    /// Another explanation than friction, which adds nothing.
+    /// An effect that adds nothing.
     #[derive(Clone, Debug)]
-    struct Load;
+    struct Idle(Kind);
 
-    impl Term for Load {
+    impl Term for Idle {
         fn kind(&self) -> Kind {
-            Kind::LoadStep
+            self.0
         }
         fn boxed(&self) -> Box<dyn Term> {
-            Box::new(Self)
+            Box::new(self.clone())
         }
         fn describe(&self, _: &Data, _: &[f64], _: f64) -> (Vec<Parameter>, String) {
             (Vec::new(), String::new())
@@ -302,11 +304,12 @@ mod tests {
         let verdict = |spec: &Spec, of: Verdict| {
             verdict_after(&data, &settings, &Candidate::new(&data, spec.clone(), 0.0), &said(of))
         };
-        let (friction, stays, _) = verdict(&sticks, Verdict::Stiction);
+        sticks.terms.push(Box::new(Idle(Kind::AsymmetricFriction)));
+        let (friction, stays, reason) = verdict(&sticks, Verdict::Stiction);
         assert_eq!(stays, Verdict::Stiction);
-        assert!(friction.f > 0.1 * data.scale.u, "{}", friction.f);
+        assert!(friction.f > 0.1 * data.scale.u && reason.ends_with("stands"), "{} {reason}", friction.f);
         assert_eq!(verdict(&sticks, Verdict::NoStiction).1, Verdict::NoStiction);
-        sticks.terms.push(Box::new(Load));
+        sticks.terms.push(Box::new(Idle(Kind::LoadStep)));
         let (friction, goes, _) = verdict(&sticks, Verdict::Stiction);
         assert_eq!((goes, friction.f), (Verdict::NoStiction, 0.0));
     }

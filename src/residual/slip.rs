@@ -7,7 +7,8 @@
 //! ```
 //!
 //! An ARMAX of low order gladly takes a stem that lags for dynamics it lacks: both count, against the valve without the lag and
-//! against none, and the long one has to agree on the valve as a whole.
+//! against none, and the long one has to agree on the valve as a whole. Where the declared model saw no friction, the valve needs
+//! the evidence of a verdict, too. With evidence above 20 the declared model may stay for the free run.
 
 use super::Kind;
 use super::candidate::Candidate;

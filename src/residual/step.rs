@@ -188,6 +188,7 @@ impl Step<'_> {
             spec.element = p.element.unwrap_or(spec.element);
             if !own_valve && on_the_band {
                 // A valve judged by the long model needs dynamics of its own before its lag may move.
+                spec.loss = f64::INFINITY;
                 restructure(data, &mut spec, false, 2);
             }
             minimise(data, &mut spec, true, 8);
@@ -289,7 +290,7 @@ impl Step<'_> {
         let valves = finals.iter().map(|t| t.candidate.spec.element);
         let valves = valves.filter(|element| element.f > 0.0 && *element != self.base.spec.element);
         let valves = valves.map(|element| (self.with_valve(element), element));
-        // Sought to compare bands with, it may be what the model lacks although none of them is better.
+        // Where bands gained anything it was sought to compare them with: it may be what the model lacks though they are no better.
         let even = self.even.get().copied();
         let valve = valves.chain(even).max_by(|a, b| a.0.total_cmp(&b.0));
         finals.retain(|t| t.worth(self.settings.least_gain));
