@@ -308,3 +308,18 @@ pub struct Diagnosis {
     /// The window that was fitted; `None` when the record never became one.
     pub window: Option<Window>,
 }
+
+impl Diagnosis {
+    /// A verdict and its reason, with nothing behind it: no window was fitted.
+    pub fn bare(verdict: Verdict, reason: impl Into<String>) -> Self {
+        Self {
+            verdict,
+            reason: reason.into(),
+            preparation: Preparation::default(),
+            oscillation: None,
+            estimate: None,
+            residual: None,
+            window: None,
+        }
+    }
+}

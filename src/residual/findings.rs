@@ -255,7 +255,7 @@ pub fn model(data: &Data, spec: &Spec) -> Model {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnosis::{NotIdentifiable, Preparation};
+    use crate::diagnosis::NotIdentifiable;
     use crate::residual::model::Term;
     use crate::residual::pose::{self, tests::first_order};
 
@@ -275,18 +275,6 @@ mod tests {
         }
     }
 
-    fn said(verdict: Verdict) -> Diagnosis {
-        Diagnosis {
-            verdict,
-            reason: String::new(),
-            preparation: Preparation::default(),
-            oscillation: None,
-            estimate: None,
-            residual: None,
-            window: None,
-        }
-    }
-
     #[test]
     fn what_the_declared_model_did_not_find_takes_more_evidence() {
         let settings = Settings::default();
@@ -302,7 +290,12 @@ mod tests {
         // Evidence that nothing reaches.
         let settings = Settings { evidence_threshold: 1e9, ..Settings::default() };
         let verdict = |spec: &Spec, of: Verdict| {
-            verdict_after(&data, &settings, &Candidate::new(&data, spec.clone(), 0.0), &said(of))
+            verdict_after(
+                &data,
+                &settings,
+                &Candidate::new(&data, spec.clone(), 0.0),
+                &Diagnosis::bare(of, ""),
+            )
         };
         sticks.terms.push(Box::new(Idle(Kind::AsymmetricFriction)));
         let (friction, stays, reason) = verdict(&sticks, Verdict::Stiction);

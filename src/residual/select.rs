@@ -12,7 +12,7 @@ use super::regress::restructure;
 use super::slip::slip_jump;
 use super::step::step;
 use super::{Findings, Settings, Stem};
-use crate::diagnosis::{Diagnosis, Preparation, Verdict};
+use crate::diagnosis::{Diagnosis, Verdict};
 use crate::signal::Window;
 
 /// Gain of likelihood for which the model without an effect has its friction sought once more (-).
@@ -32,15 +32,7 @@ pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
 /// OP to the measured stem: no process hides the valve there.
 fn stem(window: &Window, mv: &[f64], settings: &Settings) -> Option<Stem> {
     let window = Window { pv: mv.to_vec(), mv: None, sp: None, ..window.clone() };
-    let unknown = Diagnosis {
-        verdict: Verdict::NoStiction,
-        reason: "the stem follows OP".into(),
-        preparation: Preparation::default(),
-        oscillation: None,
-        estimate: None,
-        residual: None,
-        window: None,
-    };
+    let unknown = Diagnosis::bare(Verdict::NoStiction, "the stem follows OP");
     let findings = trace_one(&window, &unknown, settings)?;
     Some(Stem { friction: findings.friction_after, findings: Some(Box::new(findings)) })
 }

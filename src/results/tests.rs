@@ -1,6 +1,6 @@
 use super::*;
 use crate::alarm::{Action, AlarmId, Kind, Priority, Shelving, State};
-use crate::diagnosis::{Estimate, Model, NotIdentifiable, Preparation};
+use crate::diagnosis::{Estimate, Model, NotIdentifiable};
 use std::sync::Mutex;
 
 pub(super) fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged> {
@@ -20,13 +20,8 @@ pub(super) fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged>
     };
     let identifiable = !matches!(verdict, Verdict::NotIdentifiable(_));
     let diagnosis = Diagnosis {
-        verdict,
-        reason: "made for a test".into(),
-        preparation: Preparation::default(),
-        oscillation: None,
         estimate: identifiable.then_some(estimate),
-        residual: None,
-        window: None,
+        ..Diagnosis::bare(verdict, "made for a test")
     };
     Box::new(diagnosis.into())
 }

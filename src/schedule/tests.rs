@@ -1,20 +1,11 @@
 use super::*;
 use crate::alarm;
-use crate::diagnosis::{Diagnosis, NotIdentifiable, Preparation, Verdict};
+use crate::diagnosis::{Diagnosis, NotIdentifiable, Verdict};
 use crate::results::Event;
 use tokio::sync::broadcast;
 
 fn nothing_to_say() -> Judged {
-    let diagnosis = Diagnosis {
-        verdict: Verdict::NotIdentifiable(NotIdentifiable::FlatPv),
-        reason: String::new(),
-        preparation: Preparation::default(),
-        oscillation: None,
-        estimate: None,
-        residual: None,
-        window: None,
-    };
-    diagnosis.into()
+    Diagnosis::bare(Verdict::NotIdentifiable(NotIdentifiable::FlatPv), "").into()
 }
 
 fn jobs(names: &[&str], period_s: f64) -> Vec<Job> {

@@ -84,15 +84,7 @@ fn contract_fields_have_their_names_and_values() {
 
 #[test]
 fn nothing_known_is_null() {
-    let diagnosis = Diagnosis {
-        verdict: Verdict::NotIdentifiable(NotIdentifiable::FlatPv),
-        reason: "flat PV".into(),
-        preparation: Preparation::default(),
-        oscillation: None,
-        estimate: None,
-        residual: None,
-        window: None,
-    };
+    let diagnosis = Diagnosis::bare(Verdict::NotIdentifiable(NotIdentifiable::FlatPv), "flat PV");
     let json = serde_json::to_value(Report::from(("x", &diagnosis))).unwrap();
     assert_eq!(json["verdict"], "not_identifiable");
     assert_eq!(json["reason_code"], "flat_pv");
