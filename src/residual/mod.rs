@@ -21,6 +21,7 @@ mod filters;
 mod findings;
 mod fit;
 mod free;
+mod growing;
 mod lanes;
 mod model;
 mod needless;

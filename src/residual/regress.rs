@@ -165,6 +165,28 @@ impl Quick {
         ((self.power - dot(&r, &theta)).max(0.0) / self.rows() + FLOOR, theta.split_off(p))
     }
 
+    /// The base made orthonormal, by rows, and its columns.
+    pub fn orthonormal(&self) -> (Vec<f64>, usize) {
+        let p = self.base.len();
+        let mut g = self.gram.clone();
+        let mut live = [true; MOST_COLUMNS];
+        factor(&mut g, MOST_COLUMNS, p, &mut live);
+        let mut rows = vec![0.0; p * self.target.len()];
+        for (k, row) in rows.chunks_exact_mut(p).enumerate() {
+            for i in (0..p).filter(|i| live[*i]) {
+                let of = &g[i * MOST_COLUMNS..i * MOST_COLUMNS + i];
+                let partial: f64 = of.iter().zip(&*row).map(|(l, q)| l * q).sum();
+                row[i] = (self.base[i][k] - partial) / g[i * MOST_COLUMNS + i];
+            }
+        }
+        (rows, p)
+    }
+
+    /// Weights of the fitted samples, where they differ.
+    pub fn weight(&self) -> Option<&[f64]> {
+        self.weight.as_deref()
+    }
+
     /// The residual of the base on the fitted samples.
     pub fn residual(&self) -> Vec<f64> {
         let mut e = self.target.clone();

@@ -15,7 +15,7 @@ use super::candidate::Candidate;
 use super::direct::is_repaired;
 use super::evidence::Judge;
 use super::fit::held_out;
-use super::free::{likelier, not_beyond};
+use super::free::{DOUBTLESS, likelier, not_beyond};
 use super::model::{Data, Element, Spec};
 use super::needless::Added;
 
@@ -55,7 +55,7 @@ pub fn slip_jump(
     if of_valve <= OF_VALVE {
         return;
     }
-    let (mut spec, mut now) = not_beyond(data, base.spec.clone(), (declared, at_start), at_start);
+    let (mut spec, mut now) = not_beyond(data, base.spec.clone(), (declared, at_start), at_start, DOUBTLESS);
     let itself = |c: &Candidate| c.aic - base.aic + likelier(data, held_out(data, &c.spec).0, now.0);
     let evidence = 0.5 * (itself(&without) + against(&without)).min(itself(&sound) + of_valve);
     if now.1 > at_start.1 && now.0 < at_start.0 && evidence > CERTAIN && !is_repaired(&spec) {

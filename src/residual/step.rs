@@ -271,7 +271,13 @@ impl Step<'_> {
             Candidate { likely: candidate.likely, ..Candidate::new(data, candidate.spec, candidate.paid) };
         let evidence = self.evidence(&candidate);
         let error = if evidence > self.settings.least_gain {
-            let (spec, error) = not_beyond(data, candidate.spec, declared, judged);
+            let (spec, error) = not_beyond(
+                data,
+                candidate.spec,
+                declared,
+                judged,
+                doubtless(evidence, self.settings.least_gain),
+            );
             candidate.spec = spec;
             error
         } else {
@@ -303,6 +309,11 @@ impl Step<'_> {
     }
 }
 
+/// Gain of likelihood on the held-out samples that leaves no doubt of so much evidence.
+fn doubtless(evidence: f64, enough: f64) -> f64 {
+    if evidence > OVERWHELMING * enough { LEAST_HELD } else { DOUBTLESS }
+}
+
 impl Trial {
     /// Whether the effect earns its place: by the evidence of all samples, more of it where friction may be what is wrong, and
     /// less where the free run comes nearer; and by held-out errors that are smaller, one step ahead or run free.
@@ -327,7 +338,9 @@ impl Trial {
             || nearer < LEAST_NEARER
             || (held > 0.0 && evidence > 1.5 * needed)
             || (nearer < 1.0 && evidence > OVERWHELMING * needed);
-        evidence > needed && agrees && (of_start < 1.0 || (of_start <= 1.0 && held > DOUBTLESS))
+        evidence > needed
+            && agrees
+            && (of_start < 1.0 || (of_start <= 1.0 && held > doubtless(evidence, enough)))
     }
 
     /// What it is compared by with others that are worth it.

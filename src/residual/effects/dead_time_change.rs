@@ -42,7 +42,7 @@ impl Term for Change {
     }
     fn knobs(&self) -> Vec<Knob> {
         vec![
-            Knob { value: self.at, step: 12.0, smooth: false, bounds: self.bounds },
+            Knob { value: self.at, step: 4.0, smooth: false, bounds: self.bounds },
             Knob { value: self.more, step: 1.0, smooth: false, bounds: (-20.0, 20.0) },
         ]
     }

@@ -4,13 +4,13 @@
 
 use super::load_step::{MARGIN, heaviside};
 use super::{Context, Proposal, Recognise, best};
+use crate::residual::growing::Left;
 use crate::residual::model::{Data, Knob, Stage, Term};
+use crate::residual::regress::LONG_Y;
 use crate::residual::{Kind, Parameter};
 
 /// Bounds of the change (-): what ends at one is something else.
 const REACH: (f64, f64) = (-0.75, 3.0);
-/// Times tried.
-const TIMES: usize = 50;
 /// Least change of gain that counts (-).
 const LEAST: f64 = 0.12;
 
@@ -34,7 +34,7 @@ impl Term for Change {
     }
     fn knobs(&self) -> Vec<Knob> {
         vec![
-            Knob { value: self.at, step: 8.0, smooth: false, bounds: self.bounds },
+            Knob { value: self.at, step: 4.0, smooth: false, bounds: self.bounds },
             Knob { value: self.more, step: 0.2, smooth: true, bounds: REACH },
         ]
     }
@@ -69,17 +69,24 @@ impl Recognise for GainChange {
     fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
         let margin = MARGIN.max((c.data.split - c.data.first) / 12);
         let (from, to) = (c.data.first + margin, c.data.split.saturating_sub(margin));
-        let n = c.data.len();
-        let z = &c.stage.z;
+        let (first, z) = (c.data.first, &c.stage.z);
+        let b = &c.quick.theta[LONG_Y..LONG_Y + c.quick.z_lags.len()];
+        let left = Left::new(c.quick);
+        let (mut shape, mut step, mut product) = (left.column(), left.column(), 0.0);
         let mut out = Vec::new();
-        for at in (from..to).step_by(((to - from) / TIMES).max(1)) {
-            let shape = c.through_b(&|k| if k >= at { z[k] } else { 0.0 });
-            let step = heaviside(n, at);
+        for at in (from..c.data.split).rev() {
+            product += step.add(at - first, 1.0) * shape.at(at - first);
+            for (lag, b) in c.quick.z_lags.iter().zip(b) {
+                let k = at + lag - first;
+                product += shape.add(k, b * z[at]) * step.at(k);
+            }
+            if at >= to {
+                continue;
+            }
             for shifted in [false, true] {
-                let (loss, gamma) =
-                    if shifted { c.quick.with(&[&shape, &step]) } else { c.quick.with(&[&shape]) };
+                let (loss, more) = if shifted { shape.beside(&step, product) } else { shape.alone() };
                 let loss = loss * (2.0 * f64::from(u8::from(shifted)) / c.rows()).exp();
-                let more = gamma[0].clamp(-0.7, 2.5);
+                let more = more.clamp(-0.7, 2.5);
                 let term = Change { at: at as f64, more, shifted, bounds: (from as f64, to as f64) };
                 let tried = (to - from) as f64;
                 out.push((

@@ -1,6 +1,7 @@
 //! A load that changes once: `g1 [k >= t] + g2 [k = t]`, time [s], size in PV's equation [PV].
 
 use super::{Context, Proposal, Recognise, best};
+use crate::residual::growing::Left;
 use crate::residual::model::{Data, Knob, Stage, Term};
 use crate::residual::{Kind, Parameter};
 
@@ -9,6 +10,10 @@ pub const MARGIN: usize = 12;
 
 /// Least gain in likelihood of what stays over what happens at its time alone (-).
 const STAYS: f64 = 15.0;
+
+/// Times that are looked at closely, and samples about each.
+const STEPS: usize = 2;
+const ABOUT: usize = 2;
 
 pub struct LoadStep;
 
@@ -62,12 +67,21 @@ impl Recognise for LoadStep {
         let margin = MARGIN.max((c.data.split - c.data.first) / 12);
         let (from, to) = (c.data.first + margin / 2, c.data.split.saturating_sub(margin));
         let n = c.data.len();
-        let mut rated: Vec<(f64, usize)> =
-            (from..to).step_by(3).map(|at| (c.quick.with(&[&heaviside(n, at)]).0, at)).collect();
-        rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let left = Left::new(c.quick);
+        let mut step = left.column();
+        let mut rated: Vec<(f64, usize)> = Vec::new();
+        for at in (from..c.data.split).rev() {
+            step.add(at - c.data.first, 1.0);
+            if at < to {
+                rated.push((step.alone().0, at));
+            }
+        }
+        let best_of = |v: &[(f64, usize)]| v.iter().copied().min_by(|a, b| a.0.total_cmp(&b.0));
         let mut out = Vec::new();
-        for &(_, near) in rated.iter().take(2) {
-            for at in near.saturating_sub(2)..=near + 2 {
+        for _ in 0..STEPS {
+            let Some((_, near)) = best_of(&rated) else { break };
+            rated.retain(|(_, at)| at.abs_diff(near) > ABOUT);
+            for at in near.saturating_sub(ABOUT)..=near + ABOUT {
                 for entry in [0, 2] {
                     let mut shapes = vec![heaviside(n, at)];
                     shapes.extend((0..entry).map(|more| pulse(n, at + more)));
