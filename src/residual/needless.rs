@@ -25,8 +25,11 @@ pub struct Added {
 /// Free-run error without an effect, as a share of that with it, up to which it is as good.
 const AS_GOOD: f64 = 1.01;
 
+/// Evidence of an effect, as a share of a later one's, below which it makes way for that: what is left of it may come again.
+const MAKES_WAY: f64 = 0.5;
+
 /// Takes away, one at a time, the effects before the last that have less evidence against the model with all others than is
-/// needed; the free run may not suffer, nor be beyond `most`.
+/// needed, where the free run does not suffer, or far less than the last; the free run may not be beyond `most`.
 pub fn drop_needless(
     data: &Data,
     settings: &Settings,
@@ -47,15 +50,17 @@ fn needless(
     base: &Candidate,
     added: &[Added],
 ) -> Option<(usize, Candidate)> {
-    let most = most.min(AS_GOOD * held_out(data, &base.spec).1);
-    let earlier = (0..added.len().saturating_sub(1)).filter(|&i| !is_direct(added[i].kind));
-    let without = earlier.map(|at| {
+    let last = added.len().checked_sub(1)?;
+    let earlier = (0..last).filter(|&i| !is_direct(added[i].kind));
+    let rated = earlier.map(|at| {
         let (evidence, without) = without(data, base, added, at);
         (evidence, at, without)
     });
-    let (evidence, at, without) = without.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let free = held_out(data, &without.spec).1;
-    (evidence < settings.least_gain && free <= most).then_some((at, without))
+    let (evidence, at, least) = rated.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let free = held_out(data, &least.spec).1;
+    let nothing = evidence < settings.least_gain && free <= AS_GOOD * held_out(data, &base.spec).1;
+    let far_less = || evidence < MAKES_WAY * without(data, base, added, last).0;
+    (free <= most && (nothing || far_less())).then_some((at, least))
 }
 
 /// The model without one of its effects, and that effect's evidence against it.
@@ -103,16 +108,16 @@ mod tests {
         }
     }
 
-    /// The kinds that stay of steps at these samples, added in this order, where the load steps at those of `loads`.
-    fn left(loads: &[usize], steps: [(usize, Kind); 2]) -> Vec<Kind> {
+    /// The kinds that stay of steps at these samples, added in this order, where the load steps so far at those of `loads`.
+    fn left(loads: &[(usize, f64)], steps: [(usize, Kind); 2]) -> Vec<Kind> {
         let n = 1500;
         let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(4));
         let mut draw = move || -> f64 { noise.next().unwrap_or(0.0) };
         let op: Vec<f64> = (0..n).map(|k| 50.0 + (0.037 * k as f64).cos() + 0.5 * draw()).collect();
         let mut x = 0.0;
         let pv = (0..n).map(|k: usize| {
-            let load = loads.iter().filter(|at| k >= **at).count() as f64;
-            x = 0.8 * x + 0.3 * (op[k.saturating_sub(2)] - 50.0) + 0.1 * load;
+            let load: f64 = loads.iter().filter(|(at, _)| k >= *at).map(|(_, size)| size).sum();
+            x = 0.8 * x + 0.3 * (op[k.saturating_sub(2)] - 50.0) + load;
             x + 0.05 * draw()
         });
         let pv = pv.collect();
@@ -134,10 +139,15 @@ mod tests {
     #[test]
     fn what_a_later_effect_explains_goes_and_what_none_does_stays() {
         use Kind::{FrozenPv, GainChange, LoadStep};
-        assert_eq!(left(&[700, 900], [(700, LoadStep), (900, GainChange)]), [LoadStep, GainChange]);
+        let at_700 = (700, 0.1);
+        assert_eq!(left(&[at_700, (900, 0.1)], [(700, LoadStep), (900, GainChange)]), [LoadStep, GainChange]);
         // Nothing happens at 900; the last is not asked again, nor is what the signals alone show.
-        assert_eq!(left(&[700], [(900, LoadStep), (700, GainChange)]), [GainChange]);
-        assert_eq!(left(&[700], [(700, LoadStep), (900, GainChange)]), [LoadStep, GainChange]);
-        assert_eq!(left(&[700], [(900, FrozenPv), (700, GainChange)]), [FrozenPv, GainChange]);
+        assert_eq!(left(&[at_700], [(900, LoadStep), (700, GainChange)]), [GainChange]);
+        assert_eq!(left(&[at_700], [(700, LoadStep), (900, GainChange)]), [LoadStep, GainChange]);
+        assert_eq!(left(&[at_700], [(900, FrozenPv), (700, GainChange)]), [FrozenPv, GainChange]);
+        // A small one makes way for a large one, not the other way round.
+        let loads = [(700, 0.01), (900, 0.1)];
+        assert_eq!(left(&loads, [(700, LoadStep), (900, GainChange)]), [GainChange]);
+        assert_eq!(left(&loads, [(900, LoadStep), (700, GainChange)]), [LoadStep, GainChange]);
     }
 }
