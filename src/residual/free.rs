@@ -13,13 +13,13 @@ const AS_GOOD: f64 = 1.005;
 pub const DOUBTLESS: f64 = 15.0;
 
 /// The model with dynamics that run free better than the declared model where there are any, and its held-out errors.
-/// `doubtless`: gain of likelihood over `judged` on the held-out samples from which the declared model may run free in its place.
+/// `needed`: gain of likelihood over `judged` on the held-out samples from which the declared model may run free in its place.
 pub fn not_beyond(
     data: &Data,
     spec: Spec,
     (declared, at_start): (&Spec, (f64, f64)),
     judged: (f64, f64),
-    doubtless: f64,
+    needed: f64,
 ) -> (Spec, (f64, f64)) {
     let error = held_out(data, &spec);
     // What runs free in another's place already is no further than that.
@@ -30,7 +30,7 @@ pub fn not_beyond(
     let mut spec = longer_sighted(data, &Spec { free: None, ..spec });
     let mut error = held_out(data, &spec);
     if error.1 >= at_start.1 {
-        error = with_free(data, (declared, at_start), judged, doubtless, &mut spec).unwrap_or(error);
+        error = with_free(data, (declared, at_start), judged, needed, &mut spec).unwrap_or(error);
     }
     (spec, error)
 }
@@ -45,7 +45,7 @@ fn with_free(
     data: &Data,
     (declared, at_start): (&Spec, (f64, f64)),
     judged: (f64, f64),
-    doubtless: f64,
+    needed: f64,
     spec: &mut Spec,
 ) -> Option<(f64, f64)> {
     let mut slow = Spec { orders: declared.orders, linear: declared.linear.clone(), ..spec.clone() };
@@ -59,7 +59,7 @@ fn with_free(
         return Some(error);
     }
     let held = likelier(data, judged.0, error.0);
-    spec.free = (held > doubtless && !is_repaired(spec)).then(|| Box::new(declared.clone()));
+    spec.free = (held > needed && !is_repaired(spec)).then(|| Box::new(declared.clone()));
     spec.free.is_some().then_some((error.0, at_start.1))
 }
 

@@ -14,34 +14,32 @@ use crate::diagnosis::linalg::dot;
 const OF_ITS_OWN: f64 = 1e-9;
 
 /// What is left of the target once a base of columns has explained what it can.
-pub struct Left {
+pub struct Left<'a> {
     /// Q by rows, each of `p`.
     rows: Vec<f64>,
     p: usize,
     e: Vec<f64>,
     /// Weights of the samples; columns are multiplied by them.
-    weight: Option<Vec<f64>>,
+    weight: Option<&'a [f64]>,
     power: f64,
-    n: f64,
 }
 
 /// A column that grows.
 pub struct Growing<'a> {
-    left: &'a Left,
+    left: &'a Left<'a>,
     x: Vec<f64>,
     on_base: Vec<f64>,
     power: f64,
     on_e: f64,
 }
 
-impl Left {
+impl<'a> Left<'a> {
     /// By `quick`'s base.
-    pub fn new(quick: &Quick) -> Self {
+    pub fn new(quick: &'a Quick) -> Self {
         let (rows, p) = quick.orthonormal();
         let e = quick.residual();
         let power = dot(&e, &e);
-        let (weight, n) = (quick.weight().map(<[f64]>::to_vec), e.len() as f64);
-        Self { rows, p, e, weight, power, n }
+        Self { rows, p, e, weight: quick.weight(), power }
     }
 
     /// A column of nothing yet.
@@ -50,7 +48,7 @@ impl Left {
     }
 
     fn loss(&self, explained: f64) -> f64 {
-        (self.power - explained).max(0.0) / self.n + FLOOR
+        (self.power - explained).max(0.0) / self.e.len() as f64 + FLOOR
     }
 }
 
@@ -61,7 +59,7 @@ impl Growing<'_> {
         if k >= self.x.len() {
             return 0.0;
         }
-        let more = more * weight.as_ref().map_or(1.0, |w| w[k]);
+        let more = more * weight.map_or(1.0, |w| w[k]);
         self.power += more * (2.0 * self.x[k] + more);
         self.x[k] += more;
         self.on_e += more * e[k];
@@ -87,7 +85,8 @@ impl Growing<'_> {
         (self.left.loss(gamma * self.on_e), gamma)
     }
 
-    /// The loss with another one, too, and this one's coefficient; `both`: the sum of their products.
+    /// The loss with another one, too, and this one's coefficient; `both`: the sum of their products. As [`Self::alone`] where one is
+    /// a combination of the rest.
     pub fn beside(&self, other: &Self, both: f64) -> (f64, f64) {
         let (Some(a), Some(c)) = (self.own(), other.own()) else { return self.alone() };
         let b = both - dot(&self.on_base, &other.on_base);

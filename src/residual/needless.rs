@@ -1,7 +1,7 @@
 //! The step back: an effect that another one has made needless goes.
 //!
 //! What comes first explains a part of what it is not: a step in the load, say, where the gain changed. Once the true effect
-//! is there too, the first has nothing left to explain.
+//! is there too, the first has nothing left to explain, or little: then it has to earn its place once more, beside the other.
 
 use super::candidate::Candidate;
 use super::direct::is_direct;
@@ -25,19 +25,20 @@ pub struct Added {
 /// Free-run error without an effect, as a share of that with it, up to which it is as good.
 const AS_GOOD: f64 = 1.01;
 
-/// Evidence of an effect, as a share of a later one's, below which it makes way for that: what is left of it may come again.
+/// Evidence of an effect, as a share of the last one's when that was added, below which it makes way for it.
 const MAKES_WAY: f64 = 0.5;
 
 /// Takes away, one at a time, the effects before the last that have less evidence against the model with all others than is
-/// needed, where the free run does not suffer, or far less than the last; the free run may not be beyond `most`.
+/// needed, where the free run does not suffer, or, where they `may_return`, far less than the last. The free run may not be
+/// beyond `most`.
 pub fn drop_needless(
     data: &Data,
     settings: &Settings,
-    most: f64,
+    (most, may_return): (f64, bool),
     base: &mut Candidate,
     added: &mut Vec<Added>,
 ) {
-    while let Some((at, without)) = needless(data, settings, most, base, added) {
+    while let Some((at, without)) = needless(data, settings, (most, may_return), base, added) {
         *base = without;
         added.remove(at);
     }
@@ -46,12 +47,12 @@ pub fn drop_needless(
 fn needless(
     data: &Data,
     settings: &Settings,
-    most: f64,
+    (most, may_return): (f64, bool),
     base: &Candidate,
     added: &[Added],
 ) -> Option<(usize, Candidate)> {
-    let last = added.len().checked_sub(1)?;
-    let earlier = (0..last).filter(|&i| !is_direct(added[i].kind));
+    let (last, earlier) = added.split_last()?;
+    let earlier = (0..earlier.len()).filter(|&i| !is_direct(added[i].kind));
     let rated = earlier.map(|at| {
         let (evidence, without) = without(data, base, added, at);
         (evidence, at, without)
@@ -59,13 +60,15 @@ fn needless(
     let (evidence, at, least) = rated.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let free = held_out(data, &least.spec).1;
     let nothing = evidence < settings.least_gain && free <= AS_GOOD * held_out(data, &base.spec).1;
-    let far_less = || evidence < MAKES_WAY * without(data, base, added, last).0;
-    (free <= most && (nothing || far_less())).then_some((at, least))
+    let far_less = may_return && evidence < MAKES_WAY * last.evidence;
+    (free <= most && (nothing || far_less)).then_some((at, least))
 }
 
 /// The model without one of its effects, and that effect's evidence against it.
 fn without(data: &Data, base: &Candidate, added: &[Added], at: usize) -> (f64, Candidate) {
-    let mut spec = Spec { loss: f64::INFINITY, free: None, ..base.spec.clone() };
+    let mut spec = Spec { loss: f64::INFINITY, ..base.spec.clone() };
+    // The declared model may run free in any other's place; one with the effect that goes may not.
+    spec.free = spec.free.filter(|free| free.terms.is_empty());
     let (with, counts) = base.spec.stage(data);
     let first: usize = counts[..at].iter().sum();
     spec.terms.remove(at);
@@ -109,7 +112,7 @@ mod tests {
     }
 
     /// The kinds that stay of steps at these samples, added in this order, where the load steps so far at those of `loads`.
-    fn left(loads: &[(usize, f64)], steps: [(usize, Kind); 2]) -> Vec<Kind> {
+    fn left(loads: &[(usize, f64)], steps: [(usize, Kind); 2], may_return: bool) -> Vec<Kind> {
         let n = 1500;
         let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(4));
         let mut draw = move || -> f64 { noise.next().unwrap_or(0.0) };
@@ -130,7 +133,7 @@ mod tests {
         restructure(&data, &mut spec, true, 3);
         let mut base = Candidate::new(&data, spec, 0.0);
         let mut added = steps.map(|(_, kind)| Added { kind, evidence: 100.0, paid: 10.0 }).to_vec();
-        drop_needless(&data, &Settings::default(), f64::INFINITY, &mut base, &mut added);
+        drop_needless(&data, &Settings::default(), (f64::INFINITY, may_return), &mut base, &mut added);
         assert_eq!(base.spec.terms.len(), added.len());
         assert_eq!(base.spec.linear.gamma.len(), added.len());
         added.into_iter().map(|added| added.kind).collect()
@@ -140,14 +143,24 @@ mod tests {
     fn what_a_later_effect_explains_goes_and_what_none_does_stays() {
         use Kind::{FrozenPv, GainChange, LoadStep};
         let at_700 = (700, 0.1);
-        assert_eq!(left(&[at_700, (900, 0.1)], [(700, LoadStep), (900, GainChange)]), [LoadStep, GainChange]);
+        assert_eq!(
+            left(&[at_700, (900, 0.1)], [(700, LoadStep), (900, GainChange)], true),
+            [LoadStep, GainChange]
+        );
         // Nothing happens at 900; the last is not asked again, nor is what the signals alone show.
-        assert_eq!(left(&[at_700], [(900, LoadStep), (700, GainChange)]), [GainChange]);
-        assert_eq!(left(&[at_700], [(700, LoadStep), (900, GainChange)]), [LoadStep, GainChange]);
-        assert_eq!(left(&[at_700], [(900, FrozenPv), (700, GainChange)]), [FrozenPv, GainChange]);
-        // A small one makes way for a large one, not the other way round.
+        assert_eq!(left(&[at_700], [(900, LoadStep), (700, GainChange)], true), [GainChange]);
+        assert_eq!(left(&[at_700], [(700, LoadStep), (900, GainChange)], true), [LoadStep, GainChange]);
+        assert_eq!(left(&[at_700], [(900, FrozenPv), (700, GainChange)], true), [FrozenPv, GainChange]);
+    }
+
+    #[test]
+    fn a_small_one_makes_way_for_a_large_one_where_it_may_return() {
+        use Kind::{GainChange, LoadStep};
         let loads = [(700, 0.01), (900, 0.1)];
-        assert_eq!(left(&loads, [(700, LoadStep), (900, GainChange)]), [GainChange]);
-        assert_eq!(left(&loads, [(900, LoadStep), (700, GainChange)]), [LoadStep, GainChange]);
+        let (small_first, large_first) =
+            ([(700, LoadStep), (900, GainChange)], [(900, LoadStep), (700, GainChange)]);
+        assert_eq!(left(&loads, small_first, true), [GainChange]);
+        assert_eq!(left(&loads, small_first, false), [LoadStep, GainChange]);
+        assert_eq!(left(&loads, large_first, true), [LoadStep, GainChange]);
     }
 }

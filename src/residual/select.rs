@@ -74,7 +74,8 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         let paid = next.candidate.paid - base.paid;
         added.push(Added { kind: next.kind, evidence: next.evidence, paid });
         base = next.candidate;
-        drop_needless(&data, settings, at_start.1, &mut base, &mut added);
+        let more = steps > 0 && tried < settings.most_fits;
+        drop_needless(&data, settings, (at_start.1, more), &mut base, &mut added);
     }
     base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
     let of_friction = match diagnosis.verdict {

@@ -52,7 +52,7 @@ const LATER: [Kind; 5] =
 const DISAGREES: f64 = 8.0;
 /// Evidence less that is needed where the held-out samples leave no doubt and run free nearer than this share (-).
 const CLEAR: (f64, f64) = (4.0, 0.75);
-/// Evidence, in parts of what is needed, for which any gain of the free run is enough.
+/// Evidence, in parts of what is needed, for which any gain on the held-out samples is enough.
 const OVERWHELMING: f64 = 3.0;
 /// The same where they are hardly more likely (-).
 const UNDECIDED: f64 = 3.0;
@@ -276,7 +276,7 @@ impl Step<'_> {
                 candidate.spec,
                 declared,
                 judged,
-                doubtless(evidence, self.settings.least_gain),
+                held_needed(evidence, self.settings.least_gain),
             );
             candidate.spec = spec;
             error
@@ -309,9 +309,10 @@ impl Step<'_> {
     }
 }
 
-/// Gain of likelihood on the held-out samples that leaves no doubt of so much evidence.
-fn doubtless(evidence: f64, enough: f64) -> f64 {
-    if evidence > OVERWHELMING * enough { LEAST_HELD } else { DOUBTLESS }
+/// Gain of likelihood on the held-out samples that an effect of so much evidence needs where it runs free no better: any is enough
+/// where the evidence is overwhelming.
+fn held_needed(evidence: f64, enough: f64) -> f64 {
+    if evidence > OVERWHELMING * enough { 0.0 } else { DOUBTLESS }
 }
 
 impl Trial {
@@ -340,7 +341,7 @@ impl Trial {
             || (nearer < 1.0 && evidence > OVERWHELMING * needed);
         evidence > needed
             && agrees
-            && (of_start < 1.0 || (of_start <= 1.0 && held > doubtless(evidence, enough)))
+            && (of_start < 1.0 || (of_start <= 1.0 && held > held_needed(evidence, enough)))
     }
 
     /// What it is compared by with others that are worth it.

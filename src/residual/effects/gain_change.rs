@@ -3,7 +3,7 @@
 //! The stem's zero is not known, so a step comes with it.
 
 use super::load_step::{MARGIN, heaviside};
-use super::{Context, Proposal, Recognise, best};
+use super::{Context, Proposal, Recognise};
 use crate::residual::growing::Left;
 use crate::residual::model::{Data, Knob, Stage, Term};
 use crate::residual::regress::LONG_Y;
@@ -73,7 +73,8 @@ impl Recognise for GainChange {
         let b = &c.quick.theta[LONG_Y..LONG_Y + c.quick.z_lags.len()];
         let left = Left::new(c.quick);
         let (mut shape, mut step, mut product) = (left.column(), left.column(), 0.0);
-        let mut out = Vec::new();
+        // One of each: with the wrong zero the loss of a good time is high.
+        let mut found: [Option<(f64, Change)>; 2] = [None, None];
         for at in (from..c.data.split).rev() {
             product += step.add(at - first, 1.0) * shape.at(at - first);
             for (lag, b) in c.quick.z_lags.iter().zip(b) {
@@ -83,22 +84,24 @@ impl Recognise for GainChange {
             if at >= to {
                 continue;
             }
-            for shifted in [false, true] {
-                let (loss, more) = if shifted { shape.beside(&step, product) } else { shape.alone() };
+            let rated = [(false, shape.alone()), (true, shape.beside(&step, product))];
+            for (best, (shifted, (loss, more))) in found.iter_mut().zip(rated) {
                 let loss = loss * (2.0 * f64::from(u8::from(shifted)) / c.rows()).exp();
-                let more = more.clamp(-0.7, 2.5);
-                let term = Change { at: at as f64, more, shifted, bounds: (from as f64, to as f64) };
-                let tried = (to - from) as f64;
-                out.push((
-                    shifted,
-                    Proposal { term: Box::new(term), loss, parameters: 2.0, tried, element: None },
-                ));
+                if best.as_ref().is_none_or(|best| loss < best.0) {
+                    let (at, more) = (at as f64, more.clamp(-0.7, 2.5));
+                    *best = Some((loss, Change { at, more, shifted, bounds: (from as f64, to as f64) }));
+                }
             }
         }
-        // One of each: with the wrong zero the loss of a good time is high.
-        let (with, without): (Vec<_>, Vec<_>) = out.into_iter().partition(|(shifted, _)| *shifted);
-        let only = |v: Vec<(bool, Proposal)>| best(v.into_iter().map(|(_, p)| p).collect(), 1);
-        only(without).into_iter().chain(only(with)).collect()
+        let tried = to.saturating_sub(from) as f64;
+        let proposal = |(loss, term)| Proposal {
+            term: Box::<Change>::new(term),
+            loss,
+            parameters: 2.0,
+            tried,
+            element: None,
+        };
+        found.into_iter().flatten().map(proposal).collect()
     }
     fn plausible(&self, term: &dyn Term) -> bool {
         // A change of gain by a few per cent with a step is a step.

@@ -76,11 +76,10 @@ impl Recognise for LoadStep {
                 rated.push((step.alone().0, at));
             }
         }
-        let best_of = |v: &[(f64, usize)]| v.iter().copied().min_by(|a, b| a.0.total_cmp(&b.0));
         let mut out = Vec::new();
         for _ in 0..STEPS {
-            let Some((_, near)) = best_of(&rated) else { break };
-            rated.retain(|(_, at)| at.abs_diff(near) > ABOUT);
+            let Some(&(_, near)) = rated.iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+            rated.retain(|(_, at)| at.abs_diff(near) > 2 * ABOUT);
             for at in near.saturating_sub(ABOUT)..=near + ABOUT {
                 for entry in [0, 2] {
                     let mut shapes = vec![heaviside(n, at)];
