@@ -64,7 +64,7 @@ const LEAST_HELD: f64 = 2.0;
 const LEAST_NEARER: f64 = 0.98;
 /// Evidence by which a change of gain, which comes with a step of its own, must be ahead, and as a share of a step's: a stem
 /// that is off looks like a change of gain beside one.
-const NESTED: f64 = 5.0;
+const NESTED: f64 = 10.0;
 const OF_STEP: f64 = 0.5;
 /// Evidence by which another valve takes the place of the one there is (-).
 const OTHER_VALVE: f64 = 20.0;

@@ -1,6 +1,6 @@
 //! The dead time changes at some time: `z[k - d]` from t on (or until t, where it becomes shorter), time and change [s].
 
-use super::load_step::MARGIN;
+use super::load_step::{ALIKE, MARGIN};
 use super::{Context, Proposal, Recognise, best};
 use crate::residual::evidence::spread;
 use crate::residual::model::{Data, Knob, Term};
@@ -90,7 +90,7 @@ impl Recognise for DeadTimeChange {
     fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
         let margin = MARGIN.max((c.data.split - c.data.first) / 12);
         let (from, to) = (c.data.first + margin, c.data.split.saturating_sub(margin));
-        let tried = f64::from(2 * LONGEST) * (to - from) as f64 / 4.0;
+        let tried = f64::from(2 * LONGEST) * to.saturating_sub(from) as f64 / ALIKE;
         let bounds = (from as f64, to as f64);
         let rate = |(at, more): (usize, i32)| -> (f64, Quick, Change) {
             let term = Change { at: at as f64, more: f64::from(more), bounds };

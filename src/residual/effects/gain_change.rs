@@ -2,7 +2,7 @@
 //!
 //! The stem's zero is not known, so a step comes with it.
 
-use super::load_step::{MARGIN, heaviside};
+use super::load_step::{ALIKE, MARGIN, heaviside};
 use super::{Context, Proposal, Recognise};
 use crate::residual::growing::Left;
 use crate::residual::model::{Data, Knob, Stage, Term};
@@ -93,7 +93,7 @@ impl Recognise for GainChange {
                 }
             }
         }
-        let tried = to.saturating_sub(from) as f64;
+        let tried = to.saturating_sub(from) as f64 / ALIKE;
         let proposal = |(loss, term)| Proposal {
             term: Box::<Change>::new(term),
             loss,
