@@ -8,8 +8,8 @@ use crate::residual::{Kind, Parameter};
 /// Fewest samples to each side of a change.
 pub const MARGIN: usize = 12;
 
-/// Samples within which times of a change are one alternative: what they explain hardly differs, so that the largest of all is that of
-/// few (Andrews 1993: at 1 % 12.3 for 6.6, which is some 20 in a window).
+/// Samples within which times of a change are one alternative: what they explain hardly differs, so that the largest of all is that
+/// of some 20 independent ones (Andrews 1993: 12.3 where one has 6.6, at 1 %), fewer than this leaves.
 pub const ALIKE: f64 = 12.0;
 
 /// Least gain in likelihood of what stays over what happens at its time alone (-).
