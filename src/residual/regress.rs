@@ -31,6 +31,8 @@ pub struct Quick {
     pub theta: Vec<f64>,
     /// Lags of z in the base.
     pub z_lags: Vec<usize>,
+    /// How many lags of y come before them.
+    y_lags: usize,
 }
 
 impl Quick {
@@ -100,6 +102,7 @@ impl Quick {
             loss: 0.0,
             theta: Vec::new(),
             z_lags: z_lags.to_vec(),
+            y_lags: y_lags.len(),
         };
         let all: Vec<usize> = (0..p).collect();
         (quick.loss, quick.theta) = quick.subset(&all);
@@ -163,6 +166,11 @@ impl Quick {
         factor(&mut g, size, size, &mut live);
         substitute(&g, size, &live, &mut theta);
         ((self.power - dot(&r, &theta)).max(0.0) / self.rows() + FLOOR, theta.split_off(p))
+    }
+
+    /// The base's coefficients of z, one for each of its lags.
+    pub fn b(&self) -> &[f64] {
+        &self.theta[self.y_lags..self.y_lags + self.z_lags.len()]
     }
 
     /// The base made orthonormal, by rows, and its columns.

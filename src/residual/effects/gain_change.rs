@@ -4,9 +4,7 @@
 
 use super::load_step::{ALIKE, MARGIN, heaviside};
 use super::{Context, Proposal, Recognise};
-use crate::residual::growing::Left;
 use crate::residual::model::{Data, Knob, Stage, Term};
-use crate::residual::regress::LONG_Y;
 use crate::residual::{Kind, Parameter};
 
 /// Bounds of the change (-): what ends at one is something else.
@@ -70,14 +68,13 @@ impl Recognise for GainChange {
         let margin = MARGIN.max((c.data.split - c.data.first) / 12);
         let (from, to) = (c.data.first + margin, c.data.split.saturating_sub(margin));
         let (first, z) = (c.data.first, &c.stage.z);
-        let b = &c.quick.theta[LONG_Y..LONG_Y + c.quick.z_lags.len()];
-        let left = Left::new(c.quick);
+        let left = c.left();
         let (mut shape, mut step, mut product) = (left.column(), left.column(), 0.0);
         // One of each: with the wrong zero the loss of a good time is high.
         let mut found: [Option<(f64, Change)>; 2] = [None, None];
         for at in (from..c.data.split).rev() {
             product += step.add(at - first, 1.0) * shape.at(at - first);
-            for (lag, b) in c.quick.z_lags.iter().zip(b) {
+            for (lag, b) in c.quick.z_lags.iter().zip(c.quick.b()) {
                 let k = at + lag - first;
                 product += shape.add(k, b * z[at]) * step.at(k);
             }

@@ -1,7 +1,6 @@
 //! A load that changes once: `g1 [k >= t] + g2 [k = t]`, time [s], size in PV's equation [PV].
 
 use super::{Context, Proposal, Recognise, best};
-use crate::residual::growing::Left;
 use crate::residual::model::{Data, Knob, Stage, Term};
 use crate::residual::{Kind, Parameter};
 
@@ -71,8 +70,7 @@ impl Recognise for LoadStep {
         let margin = MARGIN.max((c.data.split - c.data.first) / 12);
         let (from, to) = (c.data.first + margin / 2, c.data.split.saturating_sub(margin));
         let n = c.data.len();
-        let left = Left::new(c.quick);
-        let mut step = left.column();
+        let mut step = c.left().column();
         let mut rated: Vec<(f64, usize)> = Vec::new();
         for at in (from..c.data.split).rev() {
             step.add(at - c.data.first, 1.0);

@@ -18,8 +18,9 @@ mod valve_saturation;
 
 use super::Settings;
 use super::evidence::Judge;
+use super::growing::Left;
 use super::model::{Data, Element, Spec, Stage, Term};
-use super::regress::{LONG_Y, Quick};
+use super::regress::Quick;
 use std::cell::OnceCell;
 
 /// The present model and what screening reads of it.
@@ -39,6 +40,7 @@ pub struct Context<'a> {
     /// Settings.
     pub settings: &'a Settings,
     judge: OnceCell<Judge>,
+    left: OnceCell<Left<'a>>,
 }
 
 /// A term on trial.
@@ -106,12 +108,17 @@ impl<'a> Context<'a> {
         quick: &'a Quick,
         settings: &'a Settings,
     ) -> Self {
-        Self { data, spec, stage, e, quick, likely, settings, judge: OnceCell::new() }
+        Self { data, spec, stage, e, quick, likely, settings, judge: OnceCell::new(), left: OnceCell::new() }
     }
 
     /// What judges the evidence of other stems and shapes.
     pub fn judge(&self) -> &Judge {
         self.judge.get_or_init(|| Judge::new(self.data, self.stage, self.spec.orders.nk))
+    }
+
+    /// What the long ARX leaves, for columns that grow.
+    pub fn left(&self) -> &Left<'a> {
+        self.left.get_or_init(|| Left::new(self.quick))
     }
 
     /// Samples that are fitted.
@@ -128,14 +135,11 @@ impl<'a> Context<'a> {
         Quick::long_arx(self.data, &stage, self.spec.orders.nk).loss
     }
 
-    /// What the stem, changed to `z`, would add through the long ARX's own B.
-    pub fn through_b(&self, change: &dyn Fn(usize) -> f64) -> Vec<f64> {
-        let n = self.data.len();
-        let b = &self.quick.theta[LONG_Y..LONG_Y + self.quick.z_lags.len()];
-        let shape: Vec<f64> = (0..n).map(change).collect();
-        let mut out = vec![0.0; n];
-        for (lag, b) in self.quick.z_lags.iter().zip(b) {
-            for k in *lag..n {
+    /// What a stem of this shape would add through the long ARX's own B.
+    pub fn through_b(&self, shape: &[f64]) -> Vec<f64> {
+        let mut out = vec![0.0; shape.len()];
+        for (lag, b) in self.quick.z_lags.iter().zip(self.quick.b()) {
+            for k in *lag..shape.len() {
                 out[k] += b * shape[k - lag];
             }
         }

@@ -62,8 +62,8 @@ impl Recognise for StaticNonlinearity {
         if c.spec.terms.iter().any(|t| t.kind() == Kind::StaticNonlinearity) {
             return Vec::new();
         }
-        let z = &c.stage.z;
-        let square = c.through_b(&|k| 0.5 * z[k] * z[k]);
+        let square: Vec<f64> = c.stage.z.iter().map(|z| 0.5 * z * z).collect();
+        let square = c.through_b(&square);
         let (loss, q) = c.quick.with(&[&square]);
         let term = Curve { q: q[0].clamp(-0.8, 0.8) };
         vec![Proposal { term: Box::new(term), loss, parameters: 1.0, tried: 2.0, element: None }]
