@@ -11,8 +11,10 @@
 //! paths explain PV badly are left behind, the best go on.
 
 use super::model::Element;
-use super::search::{FACTORS, LAGS, MOST_FACTOR};
+use super::paths::{Cell, Paths, Range, Sample, middle};
+use super::search::{FACTORS, LAGS};
 use crate::diagnosis::friction::Start;
+use std::array::from_fn;
 
 /// So many of the best cells go on, and of each part of the thresholds' range so many that are not far behind, when more than so
 /// many are alive, or a quarter more than went on the last time.
@@ -70,119 +72,45 @@ pub struct Task<'a> {
     pub delays: Vec<(usize, [usize; 2])>,
 }
 
-#[derive(Clone)]
-struct Cell {
-    s: (f64, f64),
-    j: (f64, f64),
-    /// The part of the thresholds' range that it began in.
-    part: usize,
-    /// Whether it was chosen.
-    goes_on: bool,
-    turned: bool,
-    /// The stem's place at the start.
-    place: f64,
-    stem: f64,
-    direction: f64,
-    moving: bool,
-    loss: f64,
-    /// Factors whose logarithm is not in the loss yet.
-    product: f64,
-    /// Stem and direction, twice over so that any stretch lies in one piece.
-    stems: [f64; 2 * KEPT],
-    directions: [f64; 2 * KEPT],
-}
-
-fn middle(range: (f64, f64)) -> f64 {
-    0.5 * (range.0 + range.1)
-}
-
-impl Cell {
-    fn lag(&self, family: Family) -> f64 {
-        match family {
-            Family::Plain(share) => 0.5 * share * middle(self.s),
-            _ => 0.5 * (middle(self.s) - middle(self.j)).max(0.0),
-        }
-    }
-
-    /// The stem goes to `op`, on or back.
-    fn go(&mut self, op: f64, back: bool, family: Family) {
-        self.stem = op;
-        if back {
-            self.direction = -self.direction;
-        }
-        self.moving = family != Family::Slips;
-    }
-
-    fn stay(&mut self, family: Family) {
-        self.moving = matches!(family, Family::Plain(_));
-    }
-
-    /// One sample of OP, with the bands there are `grown` times wider and those to turn by `skew` wider downwards; what decides
-    /// otherwise goes into `split`.
-    fn step(&mut self, op: f64, (grown, skew): (f64, f64), family: Family, split: &mut Vec<Cell>) {
-        let onward = self.direction * (op - self.stem);
-        if onward > 0.0 && self.moving && family != Family::Slips {
-            self.stem = op;
-            return;
-        }
-        let back = onward <= 0.0;
-        let wider = if back { 1.0 + skew * self.direction } else { 1.0 };
-        let distance = onward.abs() / (grown * wider);
-        let range = if back { &mut self.s } else { &mut self.j };
-        if distance > range.1 {
-            self.go(op, back, family);
-        } else if distance <= range.0 {
-            self.stay(family);
-        } else {
-            let high = range.1;
-            range.1 = distance;
-            let mut other = self.clone();
-            *(if back { &mut other.s } else { &mut other.j }) = (distance, high);
-            self.go(op, back, family);
-            other.stay(family);
-            // A stop is not left with more force than a turn takes.
-            if other.j.0 < other.s.1 {
-                split.push(other);
-            }
-        }
-    }
-
-    /// Puts the factors into the loss.
-    fn count(&mut self) {
-        self.loss += self.product.ln();
-        self.product = 1.0;
-    }
-
-    /// Keeps the stem of sample `k`.
-    fn keep(&mut self, k: usize) {
-        let at = k % KEPT;
-        (self.stems[at], self.stems[at + KEPT]) = (self.stem, self.stem);
-        (self.directions[at], self.directions[at + KEPT]) = (self.direction, self.direction);
-    }
-}
-
-/// Leaves the best, and the best of each part, when `rows` samples were rated before this one; `order` is scratch.
-fn choose(cells: &mut Vec<Cell>, order: &mut Vec<(f64, usize)>, rows: usize) {
+/// Which of the losses are the best, or the best of their part, when `rows` samples were rated before this one; `order` is scratch.
+fn choose(paths: &Paths, order: &mut Vec<(f64, usize)>, goes_on: &mut Vec<bool>, rows: usize) {
     let more = (AT_FIRST * 0.5_f64.powf(rows as f64 / HALVED)).max(1.0);
     let (best, each) = ((BEST * more) as usize, (EACH * more.sqrt()) as usize);
     order.clear();
-    order.extend(cells.iter().enumerate().map(|(at, cell)| (cell.loss, at)));
+    order.extend(paths.loss.iter().enumerate().map(|(at, loss)| (*loss, at)));
     order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let enough = order[0].0 + FAR_BEHIND;
     let mut of_part = [0; OF_S * OF_J];
+    goes_on.clear();
+    goes_on.resize(order.len(), false);
     for (rank, &(loss, at)) in order.iter().enumerate() {
-        let cell = &mut cells[at];
-        of_part[cell.part] += 1;
-        cell.goes_on = loss < enough && (rank < best || of_part[cell.part] <= each);
+        let of_part = &mut of_part[paths.cells[at].part];
+        *of_part += 1;
+        goes_on[at] = loss < enough && (rank < best || *of_part <= each);
     }
-    cells.retain(|cell| cell.goes_on);
+}
+
+/// The half of the cells with the widest thresholds.
+fn widest(paths: &Paths, order: &mut Vec<(f64, usize)>, goes_on: &mut Vec<bool>) {
+    let size = |c: &Cell| (c.s.1 - c.s.0) * (c.j.1 - c.j.0 + 1e-12);
+    order.clear();
+    order.extend(paths.cells.iter().enumerate().map(|(at, cell)| (size(cell), at)));
+    order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    goes_on.clear();
+    goes_on.resize(order.len(), false);
+    order.iter().take(UNRATED / 2).for_each(|&(_, at)| goes_on[at] = true);
 }
 
 impl Task<'_> {
-    /// Whether the stem is kept for as long as the longest delay takes.
-    pub fn is_kept(&self) -> bool {
+    /// How many samples of the stem its longest delay and the lags behind it reach back to.
+    fn reach(&self) -> usize {
         let longest: usize = self.delays.iter().map(|(_, by)| by[0].max(by[1])).sum();
-        self.nearest + longest + LAGS.1 <= KEPT
+        self.nearest + longest + LAGS.1
+    }
+
+    /// Whether the stem's past is known for as long as that takes.
+    pub fn is_kept(&self) -> bool {
+        self.reach() <= KEPT
     }
 
     /// The `count` best elements of a family, each with its loss; their f grows from `1 - growth` to `1 + growth` times itself
@@ -194,44 +122,42 @@ impl Task<'_> {
         like: Element,
         count: usize,
     ) -> Vec<(f64, Element)> {
-        let mut cells = self.start_cells(family);
+        let mut paths = Paths::new(family, self.start_cells(family), self.u[self.start.index], self.reach());
         let rate = 2.0 / (self.first + self.left.len()) as f64;
         let grown = |k: usize| (1.0 + growth * ((k as f64 * rate).min(3.0) - 1.0)).max(1e-3);
-        let (mut split, mut order, mut most) = (Vec::new(), Vec::new(), MOST);
-        let mut back = [0.0; LAGS.1];
-        back.iter_mut().zip(self.b.iter().rev()).for_each(|(own, b)| *own = *b);
+        let (mut order, mut goes_on, mut most) = (Vec::new(), Vec::new(), MOST);
+        let b = from_fn(|j| self.b.get(j).copied().unwrap_or(0.0));
         for k in self.start.index + 1..self.first + self.left.len() {
-            for cell in &mut cells {
-                cell.step(self.u[k], (grown(k), skew), family, &mut split);
-            }
-            cells.append(&mut split);
-            cells.iter_mut().for_each(|cell| cell.keep(k));
-            if k < self.first {
-                if cells.len() > UNRATED {
-                    let size = |c: &Cell| (c.s.1 - c.s.0) * (c.j.1 - c.j.0 + 1e-12);
-                    cells.select_nth_unstable_by(UNRATED / 2, |a, b| size(b).total_cmp(&size(a)));
-                    cells.truncate(UNRATED / 2);
+            paths.step(k, Sample { op: self.u[k], grown: grown(k), skew });
+            let Some(row) = k.checked_sub(self.first) else {
+                if paths.len() > UNRATED {
+                    widest(&paths, &mut order, &mut goes_on);
+                    paths.retain(&goes_on);
                 }
                 continue;
+            };
+            // All lags by the delay of this sample: those that reach back over a change are a few rows of all.
+            let later: usize = self.delays.iter().map(|(at, by)| by[usize::from(k >= *at)]).sum();
+            paths.rate(k - self.nearest - later, &b, self.left[row], self.counted[row] * self.per);
+            if row % FACTORS == FACTORS - 1 || paths.len() > most {
+                paths.count();
             }
-            self.rate(k, family, grown(k), &back, &mut cells);
-            if (k - self.first) % FACTORS == FACTORS - 1 || cells.len() > most {
-                cells.iter_mut().for_each(Cell::count);
-            }
-            if cells.len() > most {
-                choose(&mut cells, &mut order, k - self.first);
+            if paths.len() > most {
+                choose(&paths, &mut order, &mut goes_on, row);
+                paths.retain(&goes_on);
                 // Parts of which none is far behind keep more than there should be: not to be sorted at every sample.
-                most = MOST.max(cells.len() + cells.len() / 4);
+                most = MOST.max(paths.len() + paths.len() / 4);
             }
         }
-        cells.iter_mut().for_each(Cell::count);
-        cells.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+        paths.count();
+        let mut found: Vec<(f64, Cell)> = paths.loss.into_iter().zip(paths.cells).collect();
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
         let element = |cell: &Cell| Element {
             growth: like.growth + growth,
             skew: like.skew + skew,
             ..self.element(cell, family, like)
         };
-        cells.iter().take(count).map(|cell| (cell.loss, element(cell))).collect()
+        found.iter().take(count).map(|(loss, cell)| (*loss, element(cell))).collect()
     }
 
     fn start_cells(&self, family: Family) -> Vec<Cell> {
@@ -239,58 +165,23 @@ impl Task<'_> {
         let parts = ((wide.ln() / WIDTH.ln()).ceil() as usize).clamp(1, OF_S);
         let s = |i: usize| self.range.0 * wide.powf(i as f64 / parts as f64);
         let plain = matches!(family, Family::Plain(_));
-        let mut cells = Vec::with_capacity(UNRATED);
+        let mut cells = Vec::new();
         for i in 0..parts {
             for share in 0..if plain { 1 } else { OF_J } {
                 let of_j = |share: usize| s(i + 1) * share as f64 / OF_J as f64;
                 let j = if plain { (0.0, 0.0) } else { (of_j(share), of_j(share + 1)) };
                 let part = i * OF_J + share;
                 let start = |place| self.start_cell((s(i), s(i + 1)), j, part, place);
-                cells.extend(PLACES.into_iter().map(start).map(|cell| Cell { moving: plain, ..cell }));
+                cells.extend(PLACES.into_iter().map(start));
             }
         }
         cells
     }
 
-    fn start_cell(&self, s: (f64, f64), j: (f64, f64), part: usize, (turned, rest): (bool, f64)) -> Cell {
+    fn start_cell(&self, s: Range, j: Range, part: usize, (turned, rest): (bool, f64)) -> Cell {
         let direction = if self.start.is_max != turned { 1.0 } else { -1.0 };
-        let at = self.u[self.start.index];
-        let place = at + direction * middle(s) * rest;
-        let mut cell = Cell {
-            s,
-            j,
-            part,
-            goes_on: true,
-            turned,
-            place,
-            stem: place,
-            direction,
-            moving: false,
-            loss: 0.0,
-            product: 1.0,
-            stems: [at; 2 * KEPT],
-            directions: [direction; 2 * KEPT],
-        };
-        cell.keep(self.start.index);
-        cell
-    }
-
-    fn rate(&self, k: usize, family: Family, grown: f64, back: &[f64; LAGS.1], cells: &mut [Cell]) {
-        let row = k - self.first;
-        let later: usize = self.delays.iter().map(|(at, by)| by[usize::from(k >= *at)]).sum();
-        // All lags by the delay of this sample: those that reach back over a change are a few rows of all.
-        let from = (k - self.nearest - later - (LAGS.1 - 1)) % KEPT;
-        for cell in cells {
-            let (mut stem, mut turn) = (0.0, 0.0);
-            let stems = &cell.stems[from..from + LAGS.1];
-            let directions = &cell.directions[from..from + LAGS.1];
-            for ((b, x), d) in back.iter().zip(stems).zip(directions) {
-                stem += b * x;
-                turn += b * d;
-            }
-            let e = self.left[row] - stem + cell.lag(family) * grown * turn;
-            cell.product *= 1.0 + (self.counted[row] * e * e * self.per).min(MOST_FACTOR);
-        }
+        let place = self.u[self.start.index] + direction * middle(s) * rest;
+        Cell { s, j, part, place, direction, turned }
     }
 
     fn element(&self, cell: &Cell, family: Family, like: Element) -> Element {

@@ -13,6 +13,7 @@ use super::fit::FLOOR;
 use super::model::{Data, Stage};
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
 use crate::diagnosis::stats::median;
+use std::ops::Range;
 
 /// Lags of y and of z.
 const LONG: (usize, usize) = (20, 16);
@@ -23,6 +24,8 @@ const BEND: f64 = 1.345;
 /// Passes of reweighted least squares from nothing, and from weights that are nearly right.
 const PASSES: usize = 4;
 const MORE: usize = 2;
+/// Share of a column's square that has to be left when samples that weigh less are taken away, lest rounding decides.
+const CANCELLED: f64 = 1e-4;
 
 /// The model without the effect, with which others are compared.
 pub struct Judge {
@@ -57,6 +60,25 @@ impl Judge {
     }
 }
 
+/// What a single wrong sample of PV does to the errors of the long model.
+pub struct Innovations {
+    /// The errors from the first sample that is fitted on.
+    pub e: Vec<f64>,
+    /// Their standard deviation.
+    pub scale: f64,
+    /// Errors that a PV wrong by 1 makes: at that sample and at the next ones.
+    pub print: Vec<f64>,
+}
+
+impl Innovations {
+    /// Of the signals of a model with delay `nk`.
+    pub fn new(data: &Data, stage: &Stage, nk: usize) -> Self {
+        let Robust { theta, e, scale, .. } = System::new(data, stage, nk, data.len(), LONG).robust();
+        let print = [1.0].into_iter().chain(theta[..LONG.0].iter().map(|a| -a)).collect();
+        Self { e, scale, print }
+    }
+}
+
 /// Standard deviation of errors of which a few are huge.
 pub fn spread(e: &[f64]) -> f64 {
     let sizes: Vec<f64> = e.iter().map(|e| e.abs()).collect();
@@ -74,34 +96,45 @@ pub struct Robust {
     pub free: usize,
 }
 
-/// Regressors of a long ARX.
-pub struct System {
-    columns: Vec<Vec<f64>>,
-    target: Vec<f64>,
-    /// 0 where a sample does not count.
-    pub counted: Vec<f64>,
+/// A long ARX of a model's signals; column 0 is what it explains, then come the lags of y, those of z, 1 and the shapes.
+pub struct System<'a> {
+    rows: Range<usize>,
+    y: &'a [f64],
+    z: &'a [f64],
+    ones: Vec<f64>,
+    shapes: &'a [Vec<f64>],
     /// First lag of z.
     pub nearest: usize,
     lags: (usize, usize),
+    /// 0 where a sample does not count.
+    pub counted: &'a [f64],
+    /// Products of the columns over all samples, lower triangle.
+    products: Vec<f64>,
 }
 
-impl System {
+impl<'a> System<'a> {
     /// Up to sample `to`; `lags` of y and of z about the delay `nk`.
-    pub fn new(data: &Data, stage: &Stage, nk: usize, to: usize, lags: (usize, usize)) -> Self {
-        let from = data.first;
-        let lagged = |v: &[f64], lag: usize| v[from - lag..to - lag].to_vec();
-        let nearest = nk.saturating_sub(BEFORE).max(1);
-        let mut columns: Vec<Vec<f64>> = (1..=lags.0).map(|lag| lagged(&stage.y, lag)).collect();
-        columns.extend((nearest..nearest + lags.1).map(|lag| lagged(&stage.z, lag)));
-        columns.push(vec![1.0; to - from]);
-        columns.extend(stage.columns.iter().map(|c| lagged(c, 0)));
-        columns.truncate(MOST_COLUMNS);
-        Self { columns, target: lagged(&stage.y, 0), counted: stage.weight[from..to].to_vec(), nearest, lags }
+    pub fn new(data: &Data, stage: &'a Stage, nk: usize, to: usize, lags: (usize, usize)) -> Self {
+        let rows = data.first..to;
+        let most = MOST_COLUMNS - lags.0 - lags.1 - 1;
+        let mut system = Self {
+            y: &stage.y,
+            z: &stage.z,
+            ones: vec![1.0; rows.len()],
+            shapes: &stage.columns[..stage.columns.len().min(most)],
+            nearest: nk.saturating_sub(BEFORE).max(1),
+            lags,
+            counted: &stage.weight[rows.clone()],
+            products: Vec::new(),
+            rows,
+        };
+        system.products = system.products();
+        system
     }
 
     /// Estimated so that a few huge errors do not rule.
     pub fn robust(&self) -> Robust {
-        let mut found = Robust { weight: self.counted.clone(), ..Robust::default() };
+        let mut found = Robust { weight: self.counted.to_vec(), ..Robust::default() };
         for _ in 0..PASSES {
             (found.theta, found.free) = self.theta(&found.weight);
             found.e = self.errors(&found.theta);
@@ -119,36 +152,107 @@ impl System {
         (self.errors(&others), theta[of_z].to_vec())
     }
 
+    fn size(&self) -> usize {
+        self.lags.0 + self.lags.1 + 2 + self.shapes.len()
+    }
+
+    /// Signal and lag of a column that has one.
+    fn lagged(&self, column: usize) -> Option<(&'a [f64], usize)> {
+        let (of_y, of_z) = self.lags;
+        match column {
+            c if c <= of_y => Some((self.y, c)),
+            c if c <= of_y + of_z => Some((self.z, self.nearest + c - of_y - 1)),
+            _ => None,
+        }
+    }
+
+    fn column(&self, column: usize) -> &[f64] {
+        let Range { start, end } = self.rows;
+        match self.lagged(column) {
+            Some((of, lag)) => &of[start - lag..end - lag],
+            None => match column.checked_sub(self.lags.0 + self.lags.1 + 2) {
+                Some(shape) => &self.shapes[shape][start..end],
+                None => &self.ones,
+            },
+        }
+    }
+
+    /// Products of the columns with all samples alike: those of neighbours one lag on share all but two of their terms.
+    fn products(&self) -> Vec<f64> {
+        let (size, Range { start, end }) = (self.size(), self.rows.clone());
+        let first_of_z = self.lags.0 + 1;
+        // A column that is the one before it, a sample later.
+        let later = |c: usize| self.lagged(c).filter(|_| c != 0 && c != first_of_z);
+        let mut g = vec![0.0; size * size];
+        for i in 0..size {
+            for j in 0..=i {
+                g[i * size + j] = match (later(i), later(j)) {
+                    (Some((a, la)), Some((b, lb))) => {
+                        g[(i - 1) * size + j - 1] + a[start - la] * b[start - lb] - a[end - la] * b[end - lb]
+                    }
+                    _ => dot(self.column(i), self.column(j)),
+                };
+            }
+        }
+        g
+    }
+
+    /// The same where samples have weights, which are at most 1: few weigh less.
+    fn weighted_products(&self, weight: &[f64]) -> Vec<f64> {
+        let size = self.size();
+        let less = || weight.iter().enumerate().filter(|(_, weight)| **weight < 1.0);
+        let count = less().count();
+        let mut few = Vec::with_capacity(size * count);
+        for column in (0..size).map(|i| self.column(i)) {
+            few.extend(less().map(|(k, weight)| column[k] * (1.0 - weight).sqrt()));
+        }
+        let few = |i: usize| &few[i * count..(i + 1) * count];
+        let mut g = self.products.clone();
+        for i in 0..size {
+            for j in 0..=i {
+                g[i * size + j] -= dot(few(i), few(j));
+            }
+            if g[i * size + i] < CANCELLED * self.products[i * size + i] {
+                return self.plain_products(weight);
+            }
+        }
+        g
+    }
+
+    /// The same, term by term.
+    fn plain_products(&self, weight: &[f64]) -> Vec<f64> {
+        let size = self.size();
+        let mut g = vec![0.0; size * size];
+        for i in 0..size {
+            let own: Vec<f64> = self.column(i).iter().zip(weight).map(|(c, w)| c * w).collect();
+            (0..=i).for_each(|j| g[i * size + j] = dot(&own, self.column(j)));
+        }
+        g
+    }
+
     /// Weighted least squares, and how many lags of z are not a combination of other columns.
     fn theta(&self, weight: &[f64]) -> (Vec<f64>, usize) {
-        let size = self.columns.len();
-        let mut g = vec![0.0; size * size];
-        let mut theta = vec![0.0; size];
-        let mut own = vec![0.0; weight.len()];
-        for i in 0..size {
-            own.iter_mut().zip(&self.columns[i]).zip(weight).for_each(|((o, c), w)| *o = c * w);
-            for j in 0..=i {
-                g[i * size + j] = dot(&own, &self.columns[j]);
-            }
-            theta[i] = dot(&own, &self.target);
-        }
+        let size = self.size();
+        let mut g = self.weighted_products(weight);
+        let mut theta: Vec<f64> = (1..size).map(|i| g[i * size]).collect();
         let mut live = [true; MOST_COLUMNS];
-        factor(&mut g, size, size, &mut live);
-        substitute(&g, size, &live, &mut theta);
+        let inner = &mut g[size + 1..];
+        factor(inner, size, size - 1, &mut live);
+        substitute(inner, size, &live, &mut theta);
         let free = live[self.lags.0..self.lags.0 + self.lags.1].iter().filter(|live| **live).count();
         (theta, free)
     }
 
     fn errors(&self, theta: &[f64]) -> Vec<f64> {
-        let mut e = self.target.clone();
-        for (theta, column) in theta.iter().zip(&self.columns) {
-            e.iter_mut().zip(column).for_each(|(e, c)| *e -= theta * c);
+        let mut e = self.column(0).to_vec();
+        for (i, theta) in theta.iter().enumerate() {
+            e.iter_mut().zip(self.column(i + 1)).for_each(|(e, c)| *e -= theta * c);
         }
         e
     }
 
     fn reweigh(&self, e: &[f64], scale: f64, weight: &mut [f64]) {
-        for ((w, e), counted) in weight.iter_mut().zip(e).zip(&self.counted) {
+        for ((w, e), counted) in weight.iter_mut().zip(e).zip(self.counted) {
             *w = counted * (BEND * scale / e.abs().max(1e-300)).min(1.0);
         }
     }
@@ -157,7 +261,7 @@ impl System {
     fn loss(&self, e: &[f64], scale: f64) -> f64 {
         let bend = BEND * scale;
         let rho = |e: f64| if e.abs() > bend { bend * (2.0 * e.abs() - bend) } else { e * e };
-        let sum: f64 = e.iter().zip(&self.counted).map(|(e, w)| w * rho(*e)).sum();
+        let sum: f64 = e.iter().zip(self.counted).map(|(e, w)| w * rho(*e)).sum();
         sum / self.counted.iter().sum::<f64>().max(1.0) + FLOOR
     }
 }
@@ -206,6 +310,33 @@ mod tests {
         assert!(gain(0.0, 0) < 11.0, "{}", gain(0.0, 0));
         // Twice what none reaches.
         assert!(gain(0.09, 0) > 22.0, "{}", gain(0.09, 0));
+    }
+
+    #[test]
+    fn shared_products_are_the_plain_ones() {
+        let (data, mut stage) = stage(0.2, 4);
+        stage.columns.push((0..data.len()).map(|k| f64::from(u8::from(k > 700))).collect());
+        stage.weight[40..60].fill(0.0);
+        let system = System::new(&data, &stage, 2, data.len(), LONG);
+        let Robust { weight, .. } = system.robust();
+        assert!(weight.iter().filter(|weight| **weight < 1.0).count() > 100, "few weigh less");
+        // One sample that is all of the sum: what is left of it would be rounding.
+        let mut huge = stage.clone();
+        huge.y[300] = 1e6;
+        let alone: Vec<f64> =
+            (data.first..data.len()).map(|k| f64::from(u8::from(!(300..=320).contains(&k)))).collect();
+        for (stage, weight) in [(&stage, &weight), (&huge, &alone)] {
+            let system = System::new(&data, stage, 2, data.len(), LONG);
+            let (shared, plain) = (system.weighted_products(weight), system.plain_products(weight));
+            let size = system.size();
+            for (at, (shared, plain)) in shared.iter().zip(&plain).enumerate() {
+                let scale = (system.products[at / size * (size + 1)]
+                    * system.products[at % size * (size + 1)])
+                    .sqrt();
+                // Sums in another order.
+                assert!((shared - plain).abs() < 1e-12 * scale.min(1e4), "{at}: {shared} {plain}");
+            }
+        }
     }
 
     #[test]

@@ -106,7 +106,7 @@ pub fn minimise(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
             factor(&mut damped, size, size, &mut live);
             substitute(&damped, size, &live, &mut step);
             let promised = dot(&step, &r) / rows;
-            if promised.is_nan() || promised <= 1e-7 * spec.loss {
+            if promised.is_nan() || promised <= 1e-5 * spec.loss {
                 return;
             }
             let mut candidate = spec.clone();
@@ -123,7 +123,7 @@ pub fn minimise(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
             errors_until(data, &stage, candidate.orders, &candidate.linear, data.split, &mut trial);
             let loss = loss_of(data, &stage, &trial);
             if loss < spec.loss {
-                improved = spec.loss - loss > 1e-6 * loss;
+                improved = spec.loss - loss > 3e-5 * loss;
                 candidate.loss = loss;
                 *spec = candidate;
                 std::mem::swap(&mut e, &mut trial);

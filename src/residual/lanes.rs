@@ -5,7 +5,7 @@ use crate::diagnosis::friction::Start;
 use std::array::from_fn;
 
 /// Elements side by side. An element without friction must not be among them.
-pub const LANES: usize = 4;
+pub const LANES: usize = 8;
 /// A number of each.
 pub type Lane = [f64; LANES];
 
@@ -92,25 +92,26 @@ impl Run {
         self.growth.map(|growth| (1.0 + growth * progress).max(0.0))
     }
 
-    /// `CONSTANT`: one band for all time and both directions.
+    /// `CONSTANT`: one band for all time and both directions. Without branches, so that it becomes vectors.
     fn slide<const CONSTANT: bool>(&mut self, u: &[f64], z: &mut [Lane]) {
         let Self { lag, moving, resting, at, .. } = *self;
         let Self { mut ahead, mut behind, mut other, mut direction, mut stem, mut turns, .. } = *self;
+        let one = |is: bool| if is { 1.0 } else { 0.0 };
         for (k, (&op, position)) in u.iter().zip(z).enumerate() {
             let grown = if CONSTANT { [1.0; LANES] } else { self.grown(at + k) };
-            for l in 0..LANES {
-                let onward = direction[l] * (op - stem[l]);
-                let turn = -onward > behind[l] * grown[l];
-                let moves = turn | (onward > ahead[l] * grown[l]);
-                stem[l] = if moves { op } else { stem[l] };
-                ahead[l] = if moves { moving[l] } else { resting[l] };
-                if !CONSTANT {
-                    (behind[l], other[l]) = if turn { (other[l], behind[l]) } else { (behind[l], other[l]) };
-                }
-                direction[l] = if turn { -direction[l] } else { direction[l] };
-                turns[l] += if turn { 1.0 } else { 0.0 };
-                position[l] = stem[l] - lag[l] * grown[l] * direction[l];
+            let onward: Lane = from_fn(|l| direction[l] * (op - stem[l]));
+            let turn: Lane = from_fn(|l| one(-onward[l] > behind[l] * grown[l]));
+            let moves: Lane = from_fn(|l| turn[l] + one(onward[l] > ahead[l] * grown[l]));
+            stem = from_fn(|l| if moves[l] > 0.0 { op } else { stem[l] });
+            ahead = from_fn(|l| if moves[l] > 0.0 { moving[l] } else { resting[l] });
+            direction = from_fn(|l| direction[l] - 2.0 * turn[l] * direction[l]);
+            turns = from_fn(|l| turns[l] + turn[l]);
+            if !CONSTANT {
+                let was = behind;
+                behind = from_fn(|l| if turn[l] > 0.0 { other[l] } else { was[l] });
+                other = from_fn(|l| if turn[l] > 0.0 { was[l] } else { other[l] });
             }
+            *position = from_fn(|l| stem[l] - lag[l] * grown[l] * direction[l]);
         }
         (self.ahead, self.behind, self.other) = (ahead, behind, other);
         (self.direction, self.stem, self.turns) = (direction, stem, turns);
@@ -144,7 +145,7 @@ mod tests {
     proptest! {
         #[test]
         fn each_lane_is_the_element_alone(
-            elements in prop::array::uniform4(element()),
+            elements in prop::array::uniform8(element()),
             index in 0usize..40,
             is_max in any::<bool>(),
             phase in 0.0..6.0,

@@ -25,6 +25,7 @@ mod growing;
 mod lanes;
 mod model;
 mod needless;
+mod paths;
 mod pose;
 mod regress;
 mod scan;

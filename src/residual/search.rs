@@ -186,9 +186,9 @@ impl<'a> Held<'a> {
         let system = System::new(data, &stage, spec.orders.nk, data.split, LAGS);
         let Robust { theta, scale, .. } = system.robust();
         let (left, b) = system.without_z(&theta);
+        let (nearest, counted) = (system.nearest, system.counted.to_vec());
         let mut u = stage.u;
         u.truncate(data.split);
-        let System { nearest, counted, .. } = system;
         let z = vec![[0.0; LANES]; data.split];
         let (alone, after, best) = (Vec::new(), Vec::new(), Vec::new());
         Self { data, trial, u, nearest, b, left, counted, scale, z, alone, after, best }
