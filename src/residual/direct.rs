@@ -9,9 +9,11 @@ use super::regress::{Quick, all_errors, restructure};
 use super::{Kind, Settings};
 
 /// Effects that take samples out and leave the others as they are.
-const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
+pub const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
 /// Share by which what the signals show may be doubted, up to which it is certain.
 const CERTAIN: f64 = 0.02;
+/// Decrease of AIC that each outlier brings.
+const EACH: f64 = 8.0;
 /// One-step error as a share of that before which outliers that are none do not leave.
 const MUCH_NEARER: f64 = 0.7;
 
@@ -46,12 +48,14 @@ pub fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added:
         let worst = if matches!(kind, Kind::ClockSkew | Kind::FrozenPv) { 1.3 } else { 1.0001 };
         // PV follows from OP to rounding where OP's stamps are late: that is the controller's equation, not the process.
         let certain = matches!(kind, Kind::ClockSkew | Kind::FrozenPv) && proposal.loss < CERTAIN;
-        // What outliers do to the next sample is gone in any case.
-        let doubtless =
-            certain || (kind == Kind::Outliers && after.0.min(masked_error.0) < MUCH_NEARER * before.0);
-        if doubtless || after.1.min(masked_error.1) <= before.1 * worst {
-            let next = Candidate::new(data, spec, base.paid + 2.0 * proposal.parameters);
-            let evidence = (base.aic - next.aic).max(0.0);
+        let next = Candidate::new(data, spec, base.paid + 2.0 * proposal.parameters);
+        let evidence = (base.aic - next.aic).max(0.0);
+        // What outliers do to the next sample is gone in any case; they are none where they do not stand out of the errors.
+        let outliers = kind == Kind::Outliers;
+        let gone = outliers && after.0.min(masked_error.0) < MUCH_NEARER * before.0;
+        let stand_out = outliers && evidence > EACH * proposal.parameters;
+        let doubtless = certain || gone || stand_out;
+        if doubtless || (!outliers && after.1.min(masked_error.1) <= before.1 * worst) {
             added.push(Added { kind, evidence, paid: next.paid - base.paid });
             *base = next;
         }

@@ -85,8 +85,9 @@ pub const ALL: &[&dyn Recognise] = &[
     // A coarse PV stands still by itself: where both are there, its steps are named first.
     &quantised_pv::QuantisedPv,
     &frozen_pv::FrozenPv,
-    &outliers::Outliers,
+    // What PV's own past says of a sample means nothing where OP's is of another time.
     &clock_skew::ClockSkew,
+    &outliers::Outliers,
     &oscillating_load::OscillatingLoad,
     &measured_disturbance::MeasuredDisturbance,
     &load_step::LoadStep,
