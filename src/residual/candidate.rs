@@ -10,7 +10,7 @@ use super::scan::scan_friction;
 use super::search::{banded, even};
 
 /// Numbers that friction costs: f, its lag, the choice of the element.
-const FRICTION_COST: f64 = 4.0;
+pub const FRICTION_COST: f64 = 4.0;
 /// Values of f in a scan.
 const SCAN: usize = 24;
 /// AIC behind the best up to which a structure of its own is sought for an element.

@@ -1,6 +1,8 @@
 //! What the selection found, in the plant's units.
 
-use super::candidate::Candidate;
+use super::candidate::{Candidate, FRICTION_COST};
+use super::direct::REPAIRS;
+use super::evidence::Judge;
 use super::fit::{errors, free_run, held_out, loss_of, minimise};
 use super::model::{Data, Element, Spec};
 use super::needless::Added;
@@ -71,7 +73,7 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
     for ((term, count), added) in after.terms.iter().zip(&counts).zip(&added) {
         let (own, rest) = gamma.split_at(*count);
         gamma = rest;
-        let (parameters, explanation) = term.describe(data, own, 1.0 / after.gain());
+        let (parameters, explanation) = term.describe(data, own, &after.linear);
         effects.push(Effect {
             kind: added.kind,
             delta_aic: added.evidence,
@@ -135,15 +137,15 @@ pub fn slip_effect(data: &Data, element: &Element, kind: Kind, delta_aic: f64) -
     Effect { kind, delta_aic, tag: None, parameters, explanation }
 }
 
-/// Evidence of friction that a verdict of stiction needs after this one of the declared model: what that did not find takes
-/// more.
-pub fn needed(settings: &Settings, declared: &Verdict) -> f64 {
+/// Evidence of friction in the long model that a verdict of stiction needs after this one of the declared model: what that did not
+/// find takes more, and what it found, none.
+pub fn needed(settings: &Settings, declared: &Verdict) -> Option<f64> {
     let times = match declared {
-        Verdict::Stiction => 1.0,
+        Verdict::Stiction => return None,
         Verdict::NoStiction => 2.0,
         Verdict::NotIdentifiable(_) => 4.0,
     };
-    times * settings.evidence_threshold
+    Some(times * settings.evidence_threshold)
 }
 
 /// Friction with the effects in place, and what it means.
@@ -162,14 +164,20 @@ pub fn verdict_after(
     sound.loss = f64::INFINITY;
     minimise(data, &mut sound, true, 12);
     restructure(data, &mut sound, true, 4);
-    let evidence = Candidate::new(data, sound, base.paid).aic - base.aic;
+    let by_long = of_valve(data, &sound, &base.spec);
+    let by_armax = Candidate::new(data, sound, base.paid).aic - base.aic;
     let f = element.f * data.scale.u;
-    let stood = diagnosis.verdict == Verdict::Stiction;
-    // An effect of friction says that there is some: it cannot take away the verdict it describes.
-    let of_friction = |kind| matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift);
-    let described = stood && base.spec.terms.iter().all(|t| of_friction(t.kind()));
-    let mut sticky =
-        f > settings.f_threshold && (described || evidence > needed(settings, &diagnosis.verdict));
+    let needed = needed(settings, &diagnosis.verdict);
+    let stood = needed.is_none();
+    // An ARMAX of low order takes a stem that rests for slow dynamics it lacks: where it is the first to see friction, the long
+    // model has to see it, too. Where both see none, the verdict goes.
+    let evidence = if stood { by_armax.max(by_long) } else { by_armax.min(by_long) };
+    // An effect of friction says that there is some, and samples that are none explain no cycle: neither takes a verdict away.
+    let kept =
+        |kind| matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift) || REPAIRS.contains(&kind);
+    let described = stood && base.spec.terms.iter().all(|t| kept(t.kind()));
+    let mut sticky = f > settings.f_threshold && (described || evidence > settings.evidence_threshold);
+    sticky &= needed.is_none_or(|needed| by_long > needed);
     let within = if sticky { interval(data, &base.spec) } else { [0.0, f] };
     // An effect that gives a verdict back has to leave no doubt that there is friction.
     sticky &= stood || within[0] > settings.f_threshold;
@@ -189,6 +197,12 @@ pub fn verdict_after(
         if described && evidence <= settings.evidence_threshold { ": the verdict stands" } else { "" };
     let reason = format!("with the effects f = {f:.3}, evidence {:.0}{stands}", evidence.max(0.0));
     (friction, verdict, reason)
+}
+
+/// Twice the log-likelihood that the long model gains by the valve of `spec` over that of `sound`, less what it costs.
+pub fn of_valve(data: &Data, sound: &Spec, spec: &Spec) -> f64 {
+    let judge = Judge::new(data, &sound.stage(data).0, sound.orders.nk);
+    judge.gain(data, &spec.stage(data).0, spec.orders.nk) - FRICTION_COST
 }
 
 /// f between the values of the scan, the middle of the range that gives this very stem.
@@ -256,7 +270,7 @@ pub fn model(data: &Data, spec: &Spec) -> Model {
 mod tests {
     use super::*;
     use crate::diagnosis::NotIdentifiable;
-    use crate::residual::model::Term;
+    use crate::residual::model::{Linear, Term};
     use crate::residual::pose::{self, tests::first_order};
 
     /// An effect that adds nothing.
@@ -270,7 +284,7 @@ mod tests {
         fn boxed(&self) -> Box<dyn Term> {
             Box::new(self.clone())
         }
-        fn describe(&self, _: &Data, _: &[f64], _: f64) -> (Vec<Parameter>, String) {
+        fn describe(&self, _: &Data, _: &[f64], _: &Linear) -> (Vec<Parameter>, String) {
             (Vec::new(), String::new())
         }
     }
@@ -280,7 +294,7 @@ mod tests {
         let settings = Settings::default();
         let unknown = Verdict::NotIdentifiable(NotIdentifiable::FlatOp);
         let all = [Verdict::Stiction, Verdict::NoStiction, unknown].map(|v| needed(&settings, &v));
-        assert_eq!(all, [20.0, 40.0, 80.0]);
+        assert_eq!(all, [None, Some(40.0), Some(80.0)]);
     }
 
     #[test]

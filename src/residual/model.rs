@@ -185,8 +185,8 @@ pub trait Term: Debug + Send + Sync {
     }
     /// Adds shapes.
     fn columns(&self, _data: &Data, _stage: &Stage, _out: &mut Vec<Vec<f64>>) {}
-    /// Its numbers and its sentence, with the coefficients of its shapes.
-    fn describe(&self, data: &Data, gamma: &[f64], gain: f64) -> (Vec<Parameter>, String);
+    /// Its numbers and its sentence, with the linear part it is in and the coefficients of its own shapes.
+    fn describe(&self, data: &Data, gamma: &[f64], linear: &Linear) -> (Vec<Parameter>, String);
 }
 
 /// Coefficients of the linear part.
@@ -202,6 +202,40 @@ pub struct Linear {
     pub c0: f64,
     /// Coefficients of the shapes.
     pub gamma: Vec<f64>,
+}
+
+/// Least `|A|` and `|B|` that a load is divided by: where PV integrates, or does not answer at all, its size has no end.
+const LEAST: [f64; 2] = [1e-3, 1e-6];
+
+impl Linear {
+    /// What a load of 1 in the equation is worth at the stem, once it has settled: `1 / B(1)`.
+    pub fn in_op(&self) -> f64 {
+        settled(self.b.iter().sum(), LEAST[1])
+    }
+
+    /// What it does to PV if nothing controls it: `1 / A(1)`, of an integrating process in its first thousand samples.
+    pub fn in_pv(&self) -> f64 {
+        settled(1.0 + self.a.iter().sum::<f64>(), LEAST[0])
+    }
+
+    /// The same of the amplitude of a wave (rad/sample): `1/|A|` and `1/|B|`.
+    pub fn of_wave(&self, w: f64) -> [f64; 2] {
+        let of = |numbers: &mut dyn Iterator<Item = f64>, least: f64| {
+            let (mut re, mut im) = (0.0, 0.0);
+            for (lag, number) in numbers.enumerate() {
+                let (s, c) = (w * lag as f64).sin_cos();
+                (re, im) = (re + number * c, im - number * s);
+            }
+            settled(re.hypot(im), least)
+        };
+        let a = &mut [1.0].into_iter().chain(self.a.iter().copied());
+        [of(a, LEAST[0]), of(&mut self.b.iter().copied(), LEAST[1])]
+    }
+}
+
+/// The inverse of what is left once all has settled.
+fn settled(left: f64, least: f64) -> f64 {
+    1.0 / if left.abs() < least { least.copysign(left) } else { left }
 }
 
 /// A model: what it is made of and its coefficients.
@@ -285,12 +319,6 @@ impl Spec {
             term.stem(data, z);
         }
     }
-
-    /// Static gain of the linear part, or of its first two hundred samples where it integrates.
-    pub fn gain(&self) -> f64 {
-        let (b, a) = (self.linear.b.iter().sum::<f64>(), 1.0 + self.linear.a.iter().sum::<f64>());
-        b / if a.abs() < 5e-3 { 5e-3 * a.signum() } else { a }
-    }
 }
 
 #[cfg(test)]
@@ -314,6 +342,18 @@ mod tests {
             assert_eq!(z, x);
             assert!(f == 0.0 || dir == d);
         }
+    }
+
+    #[test]
+    fn a_load_is_worth_what_does_the_same() {
+        let of = |a: f64, b: [f64; 2]| Linear { a: vec![a], b: b.to_vec(), ..Linear::default() };
+        let process = of(-0.75, [0.25, 0.25]);
+        assert_eq!((process.in_op(), process.in_pv()), (2.0, 4.0));
+        assert_eq!(process.of_wave(0.0), [4.0, 2.0]);
+        // Half a turn a sample: 1 + 0.75, and b that cancel.
+        let [a, b] = process.of_wave(std::f64::consts::PI);
+        assert!((a - 1.0 / 1.75).abs() < 1e-12 && b > 1e5, "{a} {b}");
+        assert_eq!(of(-1.0, [0.0, 0.0]).in_pv(), 1000.0);
     }
 
     #[test]

@@ -86,7 +86,7 @@ fn without(data: &Data, base: &Candidate, added: &[Added], at: usize) -> (f64, C
 mod tests {
     use super::*;
     use crate::residual::Parameter;
-    use crate::residual::model::{Stage, Term};
+    use crate::residual::model::{Linear, Stage, Term};
     use crate::residual::pose::{declared, pose};
     use crate::signal::Window;
     use rand::SeedableRng;
@@ -106,7 +106,7 @@ mod tests {
         fn columns(&self, data: &Data, _stage: &Stage, out: &mut Vec<Vec<f64>>) {
             out.push((0..data.len()).map(|k| f64::from(u8::from(k >= self.0))).collect());
         }
-        fn describe(&self, _data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+        fn describe(&self, _data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
             Default::default()
         }
     }

@@ -78,10 +78,8 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         drop_needless(&data, settings, (at_start.1, more), &mut base, &mut added);
     }
     base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
-    let of_friction = match diagnosis.verdict {
-        Verdict::Stiction => 0.0,
-        _ => needed(settings, &Verdict::NoStiction),
-    };
+    let of_friction =
+        needed(settings, &diagnosis.verdict).map(|of_long| (settings.evidence_threshold, of_long));
     slip_jump(&data, &mut base, (&declared, at_start), of_friction, &mut added);
     base = not_worse(&data, &declared, base, at_start);
     // What later effects made of the first must still predict better than nothing.

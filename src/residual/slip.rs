@@ -28,12 +28,12 @@ const OF_VALVE: f64 = 10.0;
 const CERTAIN: f64 = 20.0;
 
 /// Adds the slip jump to `added` where it earns its place; the free run stays within the declared model's, `at_start`. `of_friction`:
-/// gain in AIC that the valve as a whole needs, since it says that the valve sticks.
+/// gain in AIC, and in the long model, that the valve as a whole needs where it is the first to say that it sticks.
 pub fn slip_jump(
     data: &Data,
     base: &mut Candidate,
     (declared, at_start): (&Spec, (f64, f64)),
-    of_friction: f64,
+    of_friction: Option<(f64, f64)>,
     added: &mut Vec<Added>,
 ) {
     let own = base.spec.element;
@@ -43,7 +43,8 @@ pub fn slip_jump(
     let without = base.with_valve(data, Element { lag: 0.0, ..own }, false);
     let sound = base.with_valve(data, Element { f: 0.0, lag: 0.0, ..own }, false);
     let gain = without.aic.min(sound.aic) - base.aic;
-    if gain <= LEAST || sound.aic - base.aic <= of_friction {
+    let (by_armax, by_long) = of_friction.unwrap_or((0.0, OF_VALVE));
+    if gain <= LEAST || sound.aic - base.aic <= by_armax {
         return;
     }
     let (stage, _) = base.spec.stage(data);
@@ -52,7 +53,7 @@ pub fn slip_jump(
         judge.gain(data, &stage, base.spec.orders.nk)
     };
     let of_valve = against(&sound);
-    if of_valve <= OF_VALVE {
+    if of_valve <= by_long {
         return;
     }
     let (mut spec, mut now) = not_beyond(data, base.spec.clone(), (declared, at_start), at_start, DOUBTLESS);

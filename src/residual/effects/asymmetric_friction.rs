@@ -2,7 +2,7 @@
 
 use super::bands::{Bands, plausible};
 use super::{Context, Proposal, Recognise};
-use crate::residual::model::{Data, Element, Knob, Term};
+use crate::residual::model::{Data, Element, Knob, Linear, Term};
 use crate::residual::{Kind, Parameter};
 
 const SKEWS: [f64; 6] = [-0.7, -0.45, -0.2, 0.2, 0.45, 0.7];
@@ -30,7 +30,7 @@ impl Term for Skew {
     fn element(&self, element: &mut Element) {
         element.skew += self.skew;
     }
-    fn describe(&self, _data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, _data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
         let ratio = (1.0 + self.skew) / (1.0 - self.skew);
         let parameters = vec![Parameter { name: "down_to_up", value: ratio, unit: "-" }];
         (parameters, format!("turning down takes {ratio:.2} times the force of turning up"))

@@ -6,7 +6,7 @@
 use super::{Context, Proposal, Recognise};
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
 use crate::diagnosis::stats::{mean, median};
-use crate::residual::model::{Data, Stage, Term};
+use crate::residual::model::{Data, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
 
 /// Longest skew tried (samples).
@@ -49,7 +49,7 @@ impl Term for Shift {
         let inside = |k: i32| (0..n).contains(&(k - self.by));
         stage.weight = (0..n).map(|k| if inside(k) { weight[at(k)] } else { 0.0 }).collect();
     }
-    fn describe(&self, data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
         let skew = f64::from(self.by) * data.scale.ts;
         let late = if self.by > 0 { "early" } else { "late" };
         let parameters = vec![Parameter { name: "skew_s", value: skew, unit: "s" }];

@@ -3,7 +3,7 @@
 use super::load_step::{ALIKE, MARGIN};
 use super::{Context, Proposal, Recognise, best};
 use crate::residual::evidence::spread;
-use crate::residual::model::{Data, Knob, Term};
+use crate::residual::model::{Data, Knob, Linear, Term};
 use crate::residual::regress::{LONG_Y, Quick};
 use crate::residual::{Kind, Parameter};
 use std::ops::Range;
@@ -71,7 +71,7 @@ impl Term for Change {
             z[k] = a + part * (b - a);
         }
     }
-    fn describe(&self, data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
         let time = data.scale.t0 + self.at * data.scale.ts;
         let change = self.more * data.scale.ts;
         let parameters = vec![

@@ -1,7 +1,7 @@
 //! A load or sensor that runs away at a constant rate from some time on: `g max(k - t, 0)`, rate [PV/s].
 
 use super::{Context, Proposal, Recognise, best};
-use crate::residual::model::{Data, Knob, Stage, Term};
+use crate::residual::model::{Data, Knob, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
 
 /// Starting times tried.
@@ -40,9 +40,9 @@ impl Term for Ramp {
     fn columns(&self, data: &Data, _stage: &Stage, out: &mut Vec<Vec<f64>>) {
         out.push(self.shape(data.len()));
     }
-    fn describe(&self, data: &Data, gamma: &[f64], gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, gamma: &[f64], linear: &Linear) -> (Vec<Parameter>, String) {
         let per_sample = gamma.first().copied().unwrap_or(0.0) / data.len() as f64;
-        let rate = per_sample * gain * data.scale.u / data.scale.ts;
+        let rate = per_sample * linear.in_op() * data.scale.u / data.scale.ts;
         let mut parameters = vec![Parameter { name: "rate_op_per_s", value: rate, unit: "OP/s" }];
         let since = self.from.map(|from| data.scale.t0 + from * data.scale.ts);
         parameters.extend(since.map(|value| Parameter { name: "from_s", value, unit: "s" }));

@@ -2,7 +2,7 @@
 
 use super::bands::{Bands, plausible};
 use super::{Context, Proposal, Recognise};
-use crate::residual::model::{Data, Element, Knob, Term};
+use crate::residual::model::{Data, Element, Knob, Linear, Term};
 use crate::residual::{Kind, Parameter};
 
 const GROWTHS: [f64; 6] = [-0.7, -0.45, -0.2, 0.2, 0.45, 0.7];
@@ -30,7 +30,7 @@ impl Term for Growth {
     fn element(&self, element: &mut Element) {
         element.growth += self.growth;
     }
-    fn describe(&self, data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
         let end = 2.0 * data.len() as f64 / data.split as f64 - 1.0;
         let ratio = (1.0 + self.growth * end) / (1.0 - self.growth);
         let parameters = vec![Parameter { name: "end_to_start", value: ratio, unit: "-" }];

@@ -5,7 +5,7 @@
 use super::quantised_pv::quantum;
 use super::{Context, Proposal, Recognise};
 use crate::diagnosis::stats::{quantile, range};
-use crate::residual::model::{Data, Stage, Term};
+use crate::residual::model::{Data, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
 
 /// Shortest run that counts, and how many times longer than the usual it must be.
@@ -53,7 +53,7 @@ impl Term for Frozen {
             stage.weight[from..end].fill(0.0);
         }
     }
-    fn describe(&self, data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
         let samples: usize = self.runs.iter().map(|r| r.1 - r.0).sum();
         let since = data.scale.t0 + self.runs[0].0 as f64 * data.scale.ts;
         let parameters = vec![

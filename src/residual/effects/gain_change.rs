@@ -4,7 +4,7 @@
 
 use super::load_step::{ALIKE, MARGIN, heaviside};
 use super::{Context, Proposal, Recognise};
-use crate::residual::model::{Data, Knob, Stage, Term};
+use crate::residual::model::{Data, Knob, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
 
 /// Bounds of the change (-): what ends at one is something else.
@@ -52,7 +52,7 @@ impl Term for Change {
             out.push(heaviside(data.len(), self.at as usize));
         }
     }
-    fn describe(&self, data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
         let time = data.scale.t0 + self.at * data.scale.ts;
         let factor = 1.0 + self.more;
         let parameters = vec![

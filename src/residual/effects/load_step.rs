@@ -1,7 +1,7 @@
 //! A load that changes once: `g1 [k >= t] + g2 [k = t]`, time [s], size in PV's equation [PV].
 
 use super::{Context, Proposal, Recognise, best};
-use crate::residual::model::{Data, Knob, Stage, Term};
+use crate::residual::model::{Data, Knob, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
 
 /// Fewest samples to each side of a change.
@@ -54,14 +54,14 @@ impl Term for Step {
         out.push(heaviside(data.len(), at));
         out.extend((0..self.entry).map(|more| pulse(data.len(), at + more)));
     }
-    fn describe(&self, data: &Data, gamma: &[f64], gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, gamma: &[f64], linear: &Linear) -> (Vec<Parameter>, String) {
         let time = data.scale.t0 + self.at * data.scale.ts;
-        let in_op = gamma.first().map_or(0.0, |g| g * gain) * data.scale.u;
+        let in_op = gamma.first().map_or(0.0, |g| g * linear.in_op()) * data.scale.u;
         let parameters = vec![
             Parameter { name: "time_s", value: time, unit: "s" },
             Parameter { name: "size_op", value: in_op, unit: "OP" },
         ];
-        (parameters, format!("the load changes at {time:.1} s and stays"))
+        (parameters, format!("the load changes at {time:.1} s, by what {in_op:.3} OP would do, and stays"))
     }
 }
 

@@ -4,7 +4,7 @@
 
 use super::{Context, Proposal, Recognise, best};
 use crate::diagnosis::linalg::dot;
-use crate::residual::model::{Data, Knob, Stage, Term};
+use crate::residual::model::{Data, Knob, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
 
 /// A tag that is PV itself, measured again, explains everything and nothing.
@@ -43,14 +43,22 @@ impl Term for Tag {
         let Some((_, v)) = data.tags.get(self.index) else { return };
         out.extend([0, 1, 2].map(|more| delayed(v, self.lag as usize + more)));
     }
-    fn describe(&self, data: &Data, gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, gamma: &[f64], linear: &Linear) -> (Vec<Parameter>, String) {
         let delay = self.lag * data.scale.ts;
-        let total = gamma.iter().sum::<f64>() * data.scale.y;
+        let total = gamma.iter().sum::<f64>();
+        let (in_pv, in_op) = (total * linear.in_pv() * data.scale.y, total * linear.in_op() * data.scale.u);
         let parameters = vec![
             Parameter { name: "delay_s", value: delay, unit: "s" },
-            Parameter { name: "gain_per_sd", value: total, unit: "PV" },
+            Parameter { name: "gain_per_sd", value: in_pv, unit: "PV" },
+            Parameter { name: "op_per_sd", value: in_op, unit: "OP" },
         ];
-        (parameters, format!("{} drives PV {delay:.4} s later", self.name))
+        (
+            parameters,
+            format!(
+                "{} drives PV {delay:.4} s later: a standard deviation of it does what {in_op:.3} OP would",
+                self.name
+            ),
+        )
     }
 }
 

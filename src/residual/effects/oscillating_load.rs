@@ -4,7 +4,7 @@
 
 use super::{Context, Proposal, Recognise, best};
 use crate::diagnosis::spectrum;
-use crate::residual::model::{Data, Knob, Stage, Term};
+use crate::residual::model::{Data, Knob, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
 use std::f64::consts::TAU;
 
@@ -37,14 +37,20 @@ impl Load {
     }
 }
 
-/// `sin(w k)` and `cos(w k)`: blocks turned by the angle they start at.
+/// `sin(w k)` and `cos(w k)`: a block turned on and on by the angle of a block.
 fn wave(w: f64, n: usize) -> [Vec<f64>; 2] {
-    let turns: [(f64, f64); BLOCK] = std::array::from_fn(|k| (w * k as f64).sin_cos());
+    let turn = |(s, c): (f64, f64), (by_s, by_c): (f64, f64)| (s * by_c + c * by_s, c * by_c - s * by_s);
+    let (mut of_s, mut of_c) = ([0.0; BLOCK], [1.0; BLOCK]);
+    for k in 1..BLOCK {
+        (of_s[k], of_c[k]) = turn((of_s[k - 1], of_c[k - 1]), w.sin_cos());
+    }
     let (mut sines, mut cosines) = (Vec::with_capacity(n + BLOCK), Vec::with_capacity(n + BLOCK));
-    for from in (0..n).step_by(BLOCK) {
-        let (s, c) = (w * from as f64).sin_cos();
-        sines.extend(turns.iter().map(|t| s * t.1 + c * t.0));
-        cosines.extend(turns.iter().map(|t| c * t.1 - s * t.0));
+    let (mut at, by) = ((0.0, 1.0), (w * BLOCK as f64).sin_cos());
+    while sines.len() < n {
+        let (s, c) = at;
+        sines.extend((0..BLOCK).map(|k| s * of_c[k] + c * of_s[k]));
+        cosines.extend((0..BLOCK).map(|k| c * of_c[k] - s * of_s[k]));
+        at = turn(at, by);
     }
     sines.truncate(n);
     cosines.truncate(n);
@@ -73,15 +79,21 @@ impl Term for Load {
     fn columns(&self, data: &Data, _stage: &Stage, out: &mut Vec<Vec<f64>>) {
         out.extend(self.shapes(data.len()));
     }
-    fn describe(&self, data: &Data, gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, gamma: &[f64], linear: &Linear) -> (Vec<Parameter>, String) {
         let period = TAU / self.w * data.scale.ts;
-        let amplitude = gamma.iter().take(2).map(|g| g * g).sum::<f64>().sqrt() * data.scale.y;
+        let own = gamma.iter().take(2).map(|g| g * g).sum::<f64>().sqrt();
+        let [in_pv, in_op] = linear.of_wave(self.w);
+        let (amplitude, in_op) = (own * in_pv * data.scale.y, own * in_op * data.scale.u);
         let parameters = vec![
             Parameter { name: "period_s", value: period, unit: "s" },
             Parameter { name: "amplitude", value: amplitude, unit: "PV" },
+            Parameter { name: "amplitude_op", value: in_op, unit: "OP" },
             Parameter { name: "harmonics", value: self.harmonics.len() as f64, unit: "-" },
         ];
-        (parameters, format!("a load with a period of {period:.4} s drives PV, whatever the valve does"))
+        let explanation = format!(
+            "a load with a period of {period:.4} s drives PV, by {amplitude:.3} if nothing controlled it, whatever the valve does"
+        );
+        (parameters, explanation)
     }
 }
 

@@ -4,7 +4,7 @@
 //! two steps is not in the data; its `q² / 12` is the error that no model removes.
 
 use super::{Context, Proposal, Recognise};
-use crate::residual::model::{Data, Term};
+use crate::residual::model::{Data, Linear, Term};
 use crate::residual::{Kind, Parameter};
 
 /// Quanta in one residual sd, and in PV's sd, from which on the steps matter.
@@ -26,7 +26,7 @@ impl Term for Quantum {
     fn boxed(&self) -> Box<dyn Term> {
         Box::new(self.clone())
     }
-    fn describe(&self, data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
         let size = self.size * data.scale.y;
         let parameters = vec![
             Parameter { name: "quantum", value: size, unit: "PV" },

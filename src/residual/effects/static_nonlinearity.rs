@@ -4,7 +4,7 @@
 //! One number on purpose: a polynomial with more would also draw clipped stems and friction.
 
 use super::{Context, Proposal, Recognise};
-use crate::residual::model::{Data, Knob, Term};
+use crate::residual::model::{Data, Knob, Linear, Term};
 use crate::residual::{Kind, Parameter};
 
 /// Least curvature that counts.
@@ -45,7 +45,7 @@ impl Term for Curve {
             *z = last.1;
         }
     }
-    fn describe(&self, data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
         let curvature = self.q / data.scale.u;
         let parameters = vec![Parameter { name: "curvature_per_op", value: curvature, unit: "1/OP" }];
         let steeper = if self.q > 0.0 { "rises" } else { "falls" };

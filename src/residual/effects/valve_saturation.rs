@@ -2,7 +2,7 @@
 
 use super::{Context, Proposal, Recognise, best};
 use crate::diagnosis::stats::quantile;
-use crate::residual::model::{Data, Knob, Term};
+use crate::residual::model::{Data, Knob, Linear, Term};
 use crate::residual::{Kind, Parameter};
 
 /// Levels tried on each side, as quantiles of the stem; against its stop OP may stay for most of the time.
@@ -42,7 +42,7 @@ impl Term for Clip {
             *z = z.max(self.low.unwrap_or(f64::NEG_INFINITY)).min(self.high.unwrap_or(f64::INFINITY));
         }
     }
-    fn describe(&self, data: &Data, _gamma: &[f64], _gain: f64) -> (Vec<Parameter>, String) {
+    fn describe(&self, data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
         let op = |v: f64| v * data.scale.u + data.scale.u0;
         let mut parameters = Vec::new();
         parameters.extend(self.low.map(|v| Parameter { name: "low", value: op(v), unit: "OP" }));
