@@ -44,12 +44,16 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
     let was = held_out(data, &declared);
     let now = held_out(data, &base.spec);
     let again = now.0 <= was.0 && now.1 <= was.1 && now != was;
-    let after = if !stands || again {
+    let mut after = if !stands || again {
         base.spec.clone()
     } else {
         let dynamics = held_out(data, &refit);
         if dynamics.0 <= AS_GOOD * was.0 && dynamics.1 <= was.1 { refit } else { declared.clone() }
     };
+    let compared = restamped(&declared, &after);
+    if !compared.terms.is_empty() && held_out(data, &after).1 > held_out(data, &compared).1 {
+        after.free = Some(Box::new(compared.clone()));
+    }
     let (stage, counts) = after.stage(data);
     let mut e = Vec::new();
     errors(data, &stage, after.orders, &after.linear, &mut e);
@@ -66,7 +70,7 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
         let free = free_run(data, spec, &stage, &e, data.first);
         (residual, e, free)
     };
-    let (before, e_before, free_before) = scored(&declared);
+    let (before, e_before, free_before) = scored(&compared);
     let (now, e_after, free_after) = scored(&after);
     let mut effects = Vec::new();
     let mut gamma = after.linear.gamma.as_slice();
@@ -135,6 +139,14 @@ pub fn slip_effect(data: &Data, element: &Element, kind: Kind, delta_aic: f64) -
     let explanation =
         format!("the stem lags OP by {:.3} while it moves: S {s:.3}, J {j:.3}", f * element.lag);
     Effect { kind, delta_aic, tag: None, parameters, explanation }
+}
+
+/// The declared model on the samples that the other one is judged on: where clocks disagree, with the stamps put right. On those there
+/// are it may be the controller's own equation, exact to rounding, and no model of the process could be better.
+fn restamped(declared: &Spec, after: &Spec) -> Spec {
+    let mut spec = declared.clone();
+    spec.terms.extend(after.terms.iter().filter(|t| t.kind() == Kind::ClockSkew).map(|t| t.boxed()));
+    spec
 }
 
 /// Evidence of friction in the long model that a verdict of stiction needs after this one of the declared model: what that did not
