@@ -15,9 +15,10 @@ mod residual_common {
 
 use diagnosis_common::parallel;
 use residual_common::judge::{Judged, judge};
-use residual_common::plant::{Case, LOOPS, SIZES, Undeclared, VALVES, cases, clean};
+use residual_common::plant::{Case, LOOPS, SIZES, Undeclared, VALVES, cases, clean, record};
 use residual_common::sound::{named, sound};
-use stictiond::residual::Kind;
+use stictiond::diagnosis::{self, diagnose};
+use stictiond::residual::{self, Kind};
 
 /// No seed of the published rates, nor of those that thresholds were chosen by.
 const SEED: u64 = 700;
@@ -108,6 +109,40 @@ fn the_error_after_is_that_of_a_fit_told_the_effect() {
 
 /// 94 % of the published sweep, less two and a half standard errors of 18 cases.
 const TOLD: f64 = 0.8;
+
+#[test]
+fn a_load_is_told_in_units_of_op() {
+    for (kind, parameter) in [
+        (Kind::LoadStep, "size_op"),
+        (Kind::OscillatingLoad, "amplitude_op"),
+        (Kind::MeasuredDisturbance, "op_per_sd"),
+        (Kind::Drift, "rate_op_per_s"),
+    ] {
+        let shares = parallel::each(half_of(&[kind]), |case| told_of_true(&case, kind, parameter));
+        let mut shares: Vec<f64> = shares.into_iter().flatten().collect();
+        shares.sort_by(f64::total_cmp);
+        println!("{parameter}, told of true: {shares:.2?}");
+        let median = shares[shares.len() / 2];
+        assert!((0.85..1.15).contains(&median), "{parameter}: {median}");
+        let near = shares.iter().filter(|share| (0.6..1.6).contains(*share)).count();
+        assert!(4 * near >= 3 * shares.len(), "{parameter}: {shares:?}");
+    }
+}
+
+/// A load's size as the fit that is told the kind has it, as a share of the true one, where it is one at the valve.
+fn told_of_true(case: &Case, kind: Kind, parameter: &str) -> Option<f64> {
+    let (record, truth) = record(case);
+    let (settings, seconds) = (diagnosis::Settings::default(), record.op.last()?.t - record.op.first()?.t);
+    let only = residual::Settings { only: Some(kind), most_effects: 1, ..Default::default() };
+    let found = residual::trace_record(&record, &diagnose(&record, &settings), &settings, &only)?;
+    let value = found.effects.first()?.parameters.iter().find(|p| p.name == parameter)?.value;
+    let told = match kind {
+        Kind::OscillatingLoad => value.abs(),
+        Kind::Drift => value * seconds,
+        _ => value,
+    };
+    Some(told / truth.load?)
+}
 
 #[test]
 fn friction_that_an_effect_hides_is_found_with_it() {

@@ -190,7 +190,9 @@ pub fn verdict_after(
     let described = stood && base.spec.terms.iter().all(|t| kept(t.kind()));
     let mut sticky = f > settings.f_threshold && (described || evidence > settings.evidence_threshold);
     sticky &= needed.is_none_or(|needed| by_long > needed);
-    let within = if sticky { interval(data, &base.spec) } else { [0.0, f] };
+    // Where there is no friction with the effects, they do not say how much could be hidden: the diagnosis does.
+    let hidden = diagnosis.estimate.as_ref().map_or(f, |e| e.f_ci95[1].max(f));
+    let within = if sticky { interval(data, &base.spec) } else { [0.0, hidden] };
     // An effect that gives a verdict back has to leave no doubt that there is friction.
     sticky &= stood || within[0] > settings.f_threshold;
     let verdict = match (&diagnosis.verdict, sticky) {

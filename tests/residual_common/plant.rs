@@ -158,13 +158,16 @@ struct Traces {
     stem: Vec<f64>,
 }
 
-/// What is true of a case's valve.
+/// What is true of a case.
 #[derive(Clone, Copy, Debug)]
 pub struct Truth {
     /// S/2 (% OP).
     pub f: f64,
     /// Whether S and J differ.
     pub slips: bool,
+    /// What a load at the valve is worth (% OP): the size of a step, the amplitude of a wave, the rise of a ramp over the record, the
+    /// standard deviation of a tag.
+    pub load: Option<f64>,
 }
 
 /// A record of the case, and what is true of its valve.
@@ -282,6 +285,14 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, Truth, f64, Draw) {
     let (tag_keep, tag_lag) = (d.within(0.8, 0.97), d.within(1.0, 8.0) as usize);
     let rate = d.within(0.005, 0.02);
     let at_output = !p.integrating && alike;
+    let worth = vary
+        * match case.undeclared {
+            Undeclared::Listed(Kind::OscillatingLoad) => case.pick([1.0, 2.0, 4.0]),
+            Undeclared::Listed(Kind::LoadStep) => sign * case.pick([2.0, 4.0, 8.0]),
+            Undeclared::Listed(Kind::Drift) => sign * case.pick([4.0, 8.0, 16.0]),
+            Undeclared::Listed(Kind::MeasuredDisturbance) => sign * case.pick([0.6, 1.2, 2.4]),
+            _ => 0.0,
+        };
     let mut t = Traces::default();
     let (mut x1, mut x2, mut op, mut last_error, mut load, mut tag, mut backlash) =
         (0.0, 0.0, 50.0, 0.0, 0.0, 0.0, 0.0);
@@ -297,24 +308,18 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, Truth, f64, Draw) {
         let (mut output, mut input) = (0.0, load);
         match case.undeclared {
             Undeclared::Listed(Kind::OscillatingLoad) => {
-                let wave = vary * case.pick([1.0, 2.0, 4.0]) * (TAU * k as f64 / period + phase).sin();
+                let wave = worth * (TAU * k as f64 / period + phase).sin();
                 if at_output { output = 0.6 * wave } else { input += wave }
             }
-            Undeclared::Listed(Kind::LoadStep) if k >= at => {
-                input += sign * vary * case.pick([2.0, 4.0, 8.0]);
-            }
+            Undeclared::Listed(Kind::LoadStep) if k >= at => input += worth,
             Undeclared::Listed(Kind::Drift) if share(k) > from => {
                 // A level hides a drifting sensor behind its integrator: there the load drifts.
-                let ramp = sign * vary * (share(k) - from);
-                if at_output {
-                    output = case.pick([3.0, 6.0, 12.0]) * ramp
-                } else {
-                    input += case.pick([4.0, 8.0, 16.0]) * ramp
-                }
+                let ramp = worth * (share(k) - from);
+                if at_output { output = 0.75 * ramp } else { input += ramp }
             }
             Undeclared::Listed(Kind::MeasuredDisturbance) => {
                 let past = t.tag.get(k.wrapping_sub(tag_lag)).copied().unwrap_or(0.0);
-                input += sign * vary * case.pick([0.6, 1.2, 2.4]) * past;
+                input += worth * past;
             }
             Undeclared::Bursts if k % 300 > 230 => input += 3.0 * d.normal(),
             _ => {}
@@ -390,5 +395,7 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, Truth, f64, Draw) {
         t.pv.push(shown);
         t.sp.push(sp);
     }
-    (t, Truth { f: 0.5 * s, slips: j < s }, p.ts, d)
+    let may_be_at_output = case.is(Kind::OscillatingLoad) || case.is(Kind::Drift);
+    let load = (worth != 0.0 && !(may_be_at_output && at_output)).then_some(worth);
+    (t, Truth { f: 0.5 * s, slips: j < s, load }, p.ts, d)
 }

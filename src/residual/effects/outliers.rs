@@ -15,13 +15,16 @@ use crate::diagnosis::stats::{mean, median};
 use crate::residual::evidence::Innovations;
 use crate::residual::model::{Data, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
+use std::ops::Range;
 
 /// Threshold in robust standard deviations of PV's changes.
 const FAR: f64 = 4.0;
 /// The same of the size that the errors of the long model say, in its own standard deviations.
 const ALONE: f64 = 5.0;
-/// Least share of the gain of likelihood that the sample's own error has.
-const AT_ONCE: f64 = 0.4;
+/// Share of that size by which PV is at least off the middle of its neighbours.
+const HALF: f64 = 0.5;
+/// Share of the gain of likelihood that the sample's own error has.
+const AT_ONCE: Range<f64> = 0.4..1.05;
 /// Largest share of samples that can be called outliers.
 const SHARE: f64 = 0.1;
 /// Fewest: a single one may be anything, and so may two that only the long model shows.
@@ -74,17 +77,14 @@ impl Recognise for Outliers {
         let mut plain = 0;
         for k in c.data.start.index + 8..y.len().saturating_sub(1) {
             let (before, after) = (y[k] - y[k - 1], y[k] - y[k + 1]);
-            let least = before.abs().min(after.abs());
-            if before * after <= 0.0 {
-                continue;
-            }
-            let far = least > FAR * scale && c.e[k].abs() > FAR * spread;
+            let (least, between) = (before.abs().min(after.abs()), 0.5 * (before + after));
+            let far = before * after > 0.0 && least > FAR * scale && c.e[k].abs() > FAR * spread;
             let wrong = || k.checked_sub(c.data.first).and_then(|row| alone(&long, row));
-            let fits = |size: f64| size * before > 0.0 && least > 0.5 * size.abs() && least > 1.5 * step;
+            let fits = |size: f64| between * size > HALF * size * size && between.abs() > 1.5 * step;
             if far || wrong().is_some_and(fits) {
                 plain += usize::from(far);
                 at.push(k);
-                sizes.push(least);
+                sizes.push(between.abs());
             }
         }
         let fewest = if plain < FEWEST { FEWEST + 1 } else { FEWEST };
@@ -113,5 +113,72 @@ fn alone(long: &Innovations, row: usize) -> Option<f64> {
     let size = pairs().map(|(print, e)| print * e).sum::<f64>() / power;
     let variance = long.scale * long.scale;
     let (gain, at_once) = (size * size * power / variance, long.e[row] * long.e[row] / variance);
-    (gain > ALONE * ALONE && gain > at_once && at_once > AT_ONCE * gain).then_some(size)
+    (gain > ALONE * ALONE && AT_ONCE.contains(&(at_once / gain))).then_some(size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::Settings;
+    use crate::residual::model::{Element, Spec};
+    use crate::residual::pose::{declared, pose};
+    use crate::residual::regress::{Quick, all_errors};
+    use crate::signal::Window;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn a_wrong_sample_is_told_from_a_shock_and_from_a_late_turn() {
+        let long = |e: &[f64]| Innovations { e: e.to_vec(), scale: 1.0, print: vec![1.0, -0.5] };
+        // Wrong by 8: its own error and half of it, the other way, at the next sample.
+        assert_eq!(alone(&long(&[0.0, 8.0, -4.0, 0.0]), 1), Some(8.0));
+        assert_eq!(alone(&long(&[0.0, 8.0, 0.0, 0.0]), 1), None, "a shock");
+        assert_eq!(alone(&long(&[0.0, 0.0, -16.0, 0.0]), 1), None, "what shows later only");
+        assert_eq!(alone(&long(&[0.0, 4.0, -2.0, 0.0]), 1), None, "no more than noise");
+    }
+
+    /// PV behind a valve that sticks and swings it far beyond its noise, with wrong samples where `wrong` says.
+    fn proposed(wrong: impl Fn(usize) -> f64) -> Vec<(usize, f64)> {
+        let n = 1500;
+        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(2));
+        let op: Vec<f64> =
+            (0..n).map(|k| 50.0 + 5.0 * (0.13 * f64::from(k)).sin() + (0.031 * f64::from(k)).cos()).collect();
+        let window = |pv: Vec<f64>| Window {
+            t0: 0.0,
+            ts: 1.0,
+            op: op.clone(),
+            pv,
+            sp: None,
+            mv: None,
+            tags: Vec::new(),
+        };
+        let start = pose(&window(op.clone())).expect("long enough").start;
+        let valve = Element { f: 2.0, ..Element::default() };
+        let (mut z, mut dir) = (Vec::new(), Vec::new());
+        valve.run(&op, start, op.len(), &mut z, &mut dir);
+        let mut x = 0.0;
+        let pv = (0..op.len()).map(|k| {
+            x = 0.7 * x + 0.3 * (z[k.saturating_sub(2)] - 50.0);
+            x + 0.05 * noise.next().unwrap_or(0.0) + wrong(k)
+        });
+        let data = pose(&window(pv.collect())).expect("long enough");
+        let spec: Spec = declared(&data, valve.f / data.scale.u);
+        let (stage, e) = all_errors(&data, &spec);
+        let quick = Quick::long_arx(&data, &stage, spec.orders.nk);
+        let settings = Settings::default();
+        let context = Context::new(&data, (&spec, spec.element), (&stage, &e), &quick, &settings);
+        let found = Outliers.propose(&context);
+        let mut repaired = stage.clone();
+        found.iter().for_each(|p| p.term.data(&mut repaired));
+        (0..data.len()).filter(|&k| repaired.weight[k] == 0.0).map(|k| (k, wrong(k))).collect()
+    }
+
+    #[test]
+    fn wrong_samples_are_found_where_the_valve_swings_pv_far_beyond_them() {
+        // Eight standard deviations of the noise, a tenth of PV's swing.
+        let found = proposed(|k| if k % 113 == 60 { 0.4 } else { 0.0 });
+        assert!(found.iter().all(|(_, wrong)| *wrong > 0.0), "{found:?}");
+        assert!(found.len() >= 10, "{found:?} of 13");
+        assert_eq!(proposed(|_| 0.0), []);
+    }
 }
