@@ -122,7 +122,7 @@ impl Task<'_> {
         like: Element,
         count: usize,
     ) -> Vec<(f64, Element)> {
-        let mut paths = Paths::new(family, self.start_cells(family), self.u[self.start.index], self.reach());
+        let mut paths = Paths::new(family, self.start_cells(family), self.reach());
         let rate = 2.0 / (self.first + self.left.len()) as f64;
         let grown = |k: usize| (1.0 + growth * ((k as f64 * rate).min(3.0) - 1.0)).max(1e-3);
         let (mut order, mut goes_on, mut most) = (Vec::new(), Vec::new(), MOST);

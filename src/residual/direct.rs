@@ -12,7 +12,7 @@ use super::{Kind, Settings};
 pub const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
 /// Share by which what the signals show may be doubted, up to which it is certain.
 const CERTAIN: f64 = 0.02;
-/// Decrease of AIC that each outlier brings.
+/// Decrease of AIC that each outlier among the fitted samples brings.
 const EACH: f64 = 8.0;
 /// One-step error as a share of that before which outliers that are none do not leave.
 const MUCH_NEARER: f64 = 0.7;
@@ -52,14 +52,24 @@ pub fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added:
         let evidence = (base.aic - next.aic).max(0.0);
         // What outliers do to the next sample is gone in any case; they are none where they do not stand out of the errors.
         let outliers = kind == Kind::Outliers;
+        let (left, there) = (next.spec.stage(data).0.weight, base.spec.stage(data).0.weight);
+        let fitted = (data.first..data.split).filter(|&k| left[k] < there[k]).count();
         let gone = outliers && after.0.min(masked_error.0) < MUCH_NEARER * before.0;
-        let stand_out = outliers && evidence > EACH * proposal.parameters;
+        let stand_out = outliers && evidence > EACH * fitted as f64;
         let doubtless = certain || gone || stand_out;
         if doubtless || (!outliers && after.1.min(masked_error.1) <= before.1 * worst) {
             added.push(Added { kind, evidence, paid: next.paid - base.paid });
             *base = next;
         }
     }
+}
+
+/// The declared model, its coefficients as they are, on the samples that others are judged on: where clocks disagree, with the stamps
+/// put right. On those there are it may be the controller's own equation, exact to rounding, and no model of the process is better.
+pub fn restamped(declared: &Spec, base: &Spec) -> Spec {
+    let mut spec = declared.clone();
+    spec.terms.extend(base.terms.iter().filter(|t| t.kind() == Kind::ClockSkew).map(|t| t.boxed()));
+    spec
 }
 
 /// The model, or the declared one with the same repairs where only repairs were added and the fit came out worse for it.

@@ -25,7 +25,7 @@ const BEND: f64 = 1.345;
 const PASSES: usize = 4;
 const MORE: usize = 2;
 /// Share of a column's square that has to be left when samples that weigh less are taken away, lest rounding decides.
-const CANCELLED: f64 = 1e-4;
+const CANCELLED: f64 = 1e-2;
 
 /// The model without the effect, with which others are compared.
 pub struct Judge {
@@ -62,7 +62,7 @@ impl Judge {
 
 /// What a single wrong sample of PV does to the errors of the long model.
 pub struct Innovations {
-    /// The errors from the first sample that is fitted on.
+    /// The errors from the first sample that is fitted on; 0 where a sample does not count.
     pub e: Vec<f64>,
     /// Their standard deviation.
     pub scale: f64,
@@ -73,7 +73,9 @@ pub struct Innovations {
 impl Innovations {
     /// Of the signals of a model with delay `nk`.
     pub fn new(data: &Data, stage: &Stage, nk: usize) -> Self {
-        let Robust { theta, e, scale, .. } = System::new(data, stage, nk, data.len(), LONG).robust();
+        let system = System::new(data, stage, nk, data.len(), LONG);
+        let Robust { theta, mut e, scale, .. } = system.robust();
+        e.iter_mut().zip(system.counted).for_each(|(e, counted)| *e *= counted);
         let print = [1.0].into_iter().chain(theta[..LONG.0].iter().map(|a| -a)).collect();
         Self { e, scale, print }
     }
@@ -200,11 +202,12 @@ impl<'a> System<'a> {
     /// The same where samples have weights, which are at most 1: few weigh less.
     fn weighted_products(&self, weight: &[f64]) -> Vec<f64> {
         let size = self.size();
-        let less = || weight.iter().enumerate().filter(|(_, weight)| **weight < 1.0);
-        let count = less().count();
+        let less = weight.iter().enumerate().filter(|(_, weight)| **weight < 1.0);
+        let less: Vec<(usize, f64)> = less.map(|(k, weight)| (k, (1.0 - weight).sqrt())).collect();
+        let count = less.len();
         let mut few = Vec::with_capacity(size * count);
         for column in (0..size).map(|i| self.column(i)) {
-            few.extend(less().map(|(k, weight)| column[k] * (1.0 - weight).sqrt()));
+            few.extend(less.iter().map(|(k, share)| column[*k] * share));
         }
         let few = |i: usize| &few[i * count..(i + 1) * count];
         let mut g = self.products.clone();

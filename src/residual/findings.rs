@@ -1,7 +1,7 @@
 //! What the selection found, in the plant's units.
 
 use super::candidate::{Candidate, FRICTION_COST};
-use super::direct::REPAIRS;
+use super::direct::{REPAIRS, is_repaired};
 use super::evidence::Judge;
 use super::fit::{errors, free_run, held_out, loss_of, minimise};
 use super::model::{Data, Element, Spec};
@@ -22,7 +22,8 @@ const THRESHOLD_95: f64 = 7.35;
 
 /// What the selection ends with.
 pub struct Outcome {
-    /// The declared model.
+    /// The declared model with its coefficients as they were, and estimated once more where clocks disagree.
+    pub compared: Spec,
     pub declared: Spec,
     /// The model with the effects.
     pub base: Candidate,
@@ -36,7 +37,7 @@ pub struct Outcome {
 
 /// Puts the findings into the plant's units.
 pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: Outcome) -> Findings {
-    let Outcome { declared, base, refit, added, tried } = outcome;
+    let Outcome { compared, declared, base, refit, added, tried } = outcome;
     // Without a diagnosis, as on the stem, whatever was found is the model.
     let stands = added.is_empty() && diagnosis.window.is_some();
     // Without effects the same model, friction and dynamics estimated together or dynamics once more, may still predict
@@ -50,8 +51,7 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
         let dynamics = held_out(data, &refit);
         if dynamics.0 <= AS_GOOD * was.0 && dynamics.1 <= was.1 { refit } else { declared.clone() }
     };
-    let compared = restamped(&declared, &after);
-    if !compared.terms.is_empty() && held_out(data, &after).1 > held_out(data, &compared).1 {
+    if is_repaired(&compared) && held_out(data, &after).1 > held_out(data, &compared).1 {
         after.free = Some(Box::new(compared.clone()));
     }
     let (stage, counts) = after.stage(data);
@@ -141,14 +141,6 @@ pub fn slip_effect(data: &Data, element: &Element, kind: Kind, delta_aic: f64) -
     Effect { kind, delta_aic, tag: None, parameters, explanation }
 }
 
-/// The declared model on the samples that the other one is judged on: where clocks disagree, with the stamps put right. On those there
-/// are it may be the controller's own equation, exact to rounding, and no model of the process could be better.
-fn restamped(declared: &Spec, after: &Spec) -> Spec {
-    let mut spec = declared.clone();
-    spec.terms.extend(after.terms.iter().filter(|t| t.kind() == Kind::ClockSkew).map(|t| t.boxed()));
-    spec
-}
-
 /// Evidence of friction in the long model that a verdict of stiction needs after this one of the declared model: what that did not
 /// find takes more, and what it found, none.
 pub fn needed(settings: &Settings, declared: &Verdict) -> Option<f64> {
@@ -184,14 +176,14 @@ pub fn verdict_after(
     // An ARMAX of low order takes a stem that rests for slow dynamics it lacks: where it is the first to see friction, the long
     // model has to see it, too. Where both see none, the verdict goes.
     let evidence = if stood { by_armax.max(by_long) } else { by_armax.min(by_long) };
-    // An effect of friction says that there is some, and samples that are none explain no cycle: neither takes a verdict away.
+    // An effect of friction says that there is some, and samples that are none explain no cycle: where f is left, it stands.
     let kept =
         |kind| matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift) || REPAIRS.contains(&kind);
     let described = stood && base.spec.terms.iter().all(|t| kept(t.kind()));
     let mut sticky = f > settings.f_threshold && (described || evidence > settings.evidence_threshold);
     sticky &= needed.is_none_or(|needed| by_long > needed);
-    // Where there is no friction with the effects, they do not say how much could be hidden: the diagnosis does.
-    let hidden = diagnosis.estimate.as_ref().map_or(f, |e| e.f_ci95[1].max(f));
+    // Where no friction is found with the effects either, the diagnosis says how much could be hidden.
+    let hidden = diagnosis.estimate.as_ref().filter(|_| !stood).map_or(f, |e| e.f_ci95[1].max(f));
     let within = if sticky { interval(data, &base.spec) } else { [0.0, hidden] };
     // An effect that gives a verdict back has to leave no doubt that there is friction.
     sticky &= stood || within[0] > settings.f_threshold;
@@ -214,7 +206,7 @@ pub fn verdict_after(
 }
 
 /// Twice the log-likelihood that the long model gains by the valve of `spec` over that of `sound`, less what it costs.
-pub fn of_valve(data: &Data, sound: &Spec, spec: &Spec) -> f64 {
+fn of_valve(data: &Data, sound: &Spec, spec: &Spec) -> f64 {
     let judge = Judge::new(data, &sound.stage(data).0, sound.orders.nk);
     judge.gain(data, &spec.stage(data).0, spec.orders.nk) - FRICTION_COST
 }

@@ -128,7 +128,7 @@ pub struct Parameter {
     pub name: &'static str,
     /// Its value.
     pub value: f64,
-    /// Its unit: `s`, `OP`, `PV`, `PV/s`, `-`.
+    /// Its unit: `s`, `OP`, `PV`, `OP/s`, `-`.
     pub unit: &'static str,
 }
 

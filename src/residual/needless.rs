@@ -68,7 +68,7 @@ fn needless(
 fn without(data: &Data, base: &Candidate, added: &[Added], at: usize) -> (f64, Candidate) {
     let mut spec = Spec { loss: f64::INFINITY, ..base.spec.clone() };
     // The declared model may run free in any other's place; one with the effect that goes may not.
-    spec.free = spec.free.filter(|free| free.terms.is_empty());
+    spec.free = spec.free.filter(|free| free.terms.iter().all(|t| t.kind() == Kind::ClockSkew));
     let (with, counts) = base.spec.stage(data);
     let first: usize = counts[..at].iter().sum();
     spec.terms.remove(at);

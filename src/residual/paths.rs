@@ -69,13 +69,13 @@ pub struct Paths {
     last: State,
     /// 1 where the thresholds decided differently.
     doubt: Vec<f64>,
-    /// Stems with their kinetic lag at the last samples, that of sample k in row k modulo their number.
+    /// Stems with the kinetic lag they had then at the last samples, that of sample k in row k modulo their number.
     kept: Vec<Vec<f64>>,
 }
 
 impl Paths {
-    /// At the start, up to which the stems were where OP is, `op`; so many `rows` of the past are kept.
-    pub fn new(family: Family, cells: Vec<Cell>, op: f64, rows: usize) -> Self {
+    /// At the start; so many `rows` of the past are kept, and none is rated before they are full.
+    pub fn new(family: Family, cells: Vec<Cell>, rows: usize) -> Self {
         let of = |number: &dyn Fn(&Cell) -> f64| -> Vec<f64> { cells.iter().map(number).collect() };
         let still = Still::after(family).stays;
         Self {
@@ -92,7 +92,7 @@ impl Paths {
             },
             last: State::default(),
             doubt: Vec::new(),
-            kept: vec![of(&|cell| op - cell.lag(family) * cell.direction); rows],
+            kept: vec![of(&|_| 0.0); rows],
             cells,
         }
     }

@@ -121,10 +121,9 @@ fn whole(data: &Data) -> (f64, f64) {
     (LEAST_S * most, most)
 }
 
-/// The part of [`whole`] that is near the S of `spec`; empty (its start beyond its end) where that lies far outside.
+/// The part of [`whole`] near the S of `spec`; empty (its start beyond its end) where that lies far outside.
 fn about(data: &Data, spec: &Spec) -> (f64, f64) {
-    let (least, most) = whole(data);
-    let own = 2.0 * spec.element.f;
+    let ((least, most), own) = (whole(data), 2.0 * spec.element.f);
     ((own / WIDELY).max(least), (own * WIDELY).min(most))
 }
 

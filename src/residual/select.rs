@@ -1,7 +1,7 @@
 //! Forward selection: one effect at a time, friction and dynamics estimated again with each.
 
 use super::candidate::{Candidate, with_friction};
-use super::direct::{add_direct, is_direct, not_worse};
+use super::direct::{add_direct, is_direct, not_worse, restamped};
 use super::findings::{Outcome, needed, report};
 use super::fit::{held_out, minimise};
 use super::free::longer_sighted;
@@ -50,6 +50,12 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         // A valve found through dynamics without one is seldom the right one.
         base = with_friction(&data, base, false, &mut tried);
     }
+    let compared = restamped(&declared, &base.spec);
+    let mut declared = compared.clone();
+    if !declared.terms.is_empty() {
+        minimise(&data, &mut declared, false, 12);
+        restructure(&data, &mut declared, false, 3);
+    }
     let at_start = held_out(&data, &declared);
     let (mut looks, mut steps, mut quiet) = (LOOKS, STEPS * settings.most_effects, None);
     while added.len() < settings.most_effects && steps > 0 && tried < settings.most_fits {
@@ -89,7 +95,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         (base, added) = (Candidate::new(&data, declared.clone(), 0.0), Vec::new());
     }
     let refit = if added.is_empty() { longer_sighted(&data, &declared) } else { declared.clone() };
-    Some(report(&data, diagnosis, settings, Outcome { declared, base, refit, added, tried }))
+    Some(report(&data, diagnosis, settings, Outcome { compared, declared, base, refit, added, tried }))
 }
 
 /// The model estimated once more from where it is.

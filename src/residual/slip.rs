@@ -11,7 +11,7 @@
 //! the evidence of a verdict, too. With evidence above 20 the declared model may stay for the free run.
 
 use super::Kind;
-use super::candidate::Candidate;
+use super::candidate::{Candidate, FRICTION_COST};
 use super::direct::is_repaired;
 use super::evidence::Judge;
 use super::fit::held_out;
@@ -43,7 +43,8 @@ pub fn slip_jump(
     let without = base.with_valve(data, Element { lag: 0.0, ..own }, false);
     let sound = base.with_valve(data, Element { f: 0.0, lag: 0.0, ..own }, false);
     let gain = without.aic.min(sound.aic) - base.aic;
-    let (by_armax, by_long) = of_friction.unwrap_or((0.0, OF_VALVE));
+    let (by_armax, by_long) =
+        of_friction.map_or((0.0, OF_VALVE), |(aic, long)| (aic, OF_VALVE.max(long + FRICTION_COST)));
     if gain <= LEAST || sound.aic - base.aic <= by_armax {
         return;
     }

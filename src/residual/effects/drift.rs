@@ -1,4 +1,4 @@
-//! A load or sensor that runs away at a constant rate from some time on: `g max(k - t, 0)`, rate [PV/s].
+//! A load or sensor that runs away at a constant rate from some time on: `g max(k - t, 0)`, rate [OP/s].
 
 use super::{Context, Proposal, Recognise, best};
 use crate::residual::model::{Data, Knob, Linear, Stage, Term};

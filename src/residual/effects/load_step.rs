@@ -1,4 +1,4 @@
-//! A load that changes once: `g1 [k >= t] + g2 [k = t]`, time [s], size in PV's equation [PV].
+//! A load that changes once: `g1 [k >= t] + g2 [k = t]`, time [s], size [OP].
 
 use super::{Context, Proposal, Recognise, best};
 use crate::residual::model::{Data, Knob, Linear, Stage, Term};

@@ -1,4 +1,4 @@
-//! A recorded tag drives PV: `g1 d[k-l] + g2 d[k-l-1]`, delay [s].
+//! A recorded tag drives PV: `g1 d[k-l] + g2 d[k-l-1] + g3 d[k-l-2]`, delay [s].
 //!
 //! Only past values of a tag count: a tag that follows PV is correlated with it as well, but at negative lags.
 

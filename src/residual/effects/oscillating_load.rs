@@ -41,8 +41,9 @@ impl Load {
 fn wave(w: f64, n: usize) -> [Vec<f64>; 2] {
     let turn = |(s, c): (f64, f64), (by_s, by_c): (f64, f64)| (s * by_c + c * by_s, c * by_c - s * by_s);
     let (mut of_s, mut of_c) = ([0.0; BLOCK], [1.0; BLOCK]);
+    let one = w.sin_cos();
     for k in 1..BLOCK {
-        (of_s[k], of_c[k]) = turn((of_s[k - 1], of_c[k - 1]), w.sin_cos());
+        (of_s[k], of_c[k]) = turn((of_s[k - 1], of_c[k - 1]), one);
     }
     let (mut sines, mut cosines) = (Vec::with_capacity(n + BLOCK), Vec::with_capacity(n + BLOCK));
     let (mut at, by) = ((0.0, 1.0), (w * BLOCK as f64).sin_cos());

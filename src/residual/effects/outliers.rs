@@ -5,8 +5,8 @@
 //! (sum p_i e[k+i])^2 / (s^2 sum p_i^2) > 25,         p = 1, -a_1, -a_2 .. of the long model, e and s its errors and their sd
 //! ```
 //!
-//! One or the other: where the valve swings PV, its changes hide what the long model's errors show (Chang, Tiao and Chen,
-//! Technometrics 1988, 30, 193).
+//! One or the other, the second where PV is off the middle of its neighbours by half of that, too, and the next errors come from it:
+//! where the valve swings PV, its changes hide what the long model's errors show (Chang, Tiao and Chen, Technometrics 1988, 30, 193).
 
 use super::frozen_pv::bridge;
 use super::quantised_pv::quantum;
@@ -15,7 +15,6 @@ use crate::diagnosis::stats::{mean, median};
 use crate::residual::evidence::Innovations;
 use crate::residual::model::{Data, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
-use std::ops::Range;
 
 /// Threshold in robust standard deviations of PV's changes.
 const FAR: f64 = 4.0;
@@ -23,11 +22,14 @@ const FAR: f64 = 4.0;
 const ALONE: f64 = 5.0;
 /// Share of that size by which PV is at least off the middle of its neighbours.
 const HALF: f64 = 0.5;
-/// Share of the gain of likelihood that the sample's own error has.
-const AT_ONCE: Range<f64> = 0.4..1.05;
+/// The most that its own error has of that gain: a shock has all of it, and no more follows.
+const AT_ONCE: f64 = 1.05;
+/// The next errors, and the share of their squares that it explains: what a stem that turns leaves shows later.
+const NEXT: usize = 4;
+const OF_NEXT: f64 = 0.6;
 /// Largest share of samples that can be called outliers.
 const SHARE: f64 = 0.1;
-/// Fewest: a single one may be anything, and so may two that only the long model shows.
+/// Fewest far beyond both neighbours: a single one may be anything; or one more of which the long model shows some.
 const FEWEST: usize = 2;
 
 pub struct Outliers;
@@ -79,7 +81,10 @@ impl Recognise for Outliers {
             let (before, after) = (y[k] - y[k - 1], y[k] - y[k + 1]);
             let (least, between) = (before.abs().min(after.abs()), 0.5 * (before + after));
             let far = before * after > 0.0 && least > FAR * scale && c.e[k].abs() > FAR * spread;
-            let wrong = || k.checked_sub(c.data.first).and_then(|row| alone(&long, row));
+            // What follows a wrong sample may look like another, the other way.
+            let free = c.stage.weight[k] > 0.0 && at.last().is_none_or(|last| last + 1 < k);
+            let row = k.checked_sub(c.data.first).filter(|_| free);
+            let wrong = || row.and_then(|row| alone(&long, row));
             let fits = |size: f64| between * size > HALF * size * size && between.abs() > 1.5 * step;
             if far || wrong().is_some_and(fits) {
                 plain += usize::from(far);
@@ -113,7 +118,8 @@ fn alone(long: &Innovations, row: usize) -> Option<f64> {
     let size = pairs().map(|(print, e)| print * e).sum::<f64>() / power;
     let variance = long.scale * long.scale;
     let (gain, at_once) = (size * size * power / variance, long.e[row] * long.e[row] / variance);
-    (gain > ALONE * ALONE && AT_ONCE.contains(&(at_once / gain))).then_some(size)
+    let next: f64 = long.e[row..].iter().take(NEXT).map(|e| e * e / variance).sum();
+    (gain > ALONE * ALONE && gain > OF_NEXT * next && at_once < AT_ONCE * gain).then_some(size)
 }
 
 #[cfg(test)]
@@ -133,6 +139,9 @@ mod tests {
         // Wrong by 8: its own error and half of it, the other way, at the next sample.
         assert_eq!(alone(&long(&[0.0, 8.0, -4.0, 0.0]), 1), Some(8.0));
         assert_eq!(alone(&long(&[0.0, 8.0, 0.0, 0.0]), 1), None, "a shock");
+        // A PV that hardly changes: the next errors are larger than its own.
+        let smooth = Innovations { e: vec![8.0, -12.8, 5.12, 0.0], scale: 1.0, print: vec![1.0, -1.6, 0.64] };
+        assert!(alone(&smooth, 0).is_some_and(|size| (size - 8.0).abs() < 1e-12));
         assert_eq!(alone(&long(&[0.0, 0.0, -16.0, 0.0]), 1), None, "what shows later only");
         assert_eq!(alone(&long(&[0.0, 4.0, -2.0, 0.0]), 1), None, "no more than noise");
     }
