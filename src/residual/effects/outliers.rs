@@ -73,7 +73,10 @@ impl Recognise for Outliers {
         let scale = (median(&changes) / 0.6745).max(0.5 * mean(&changes)).max(0.4 * step);
         let errors: Vec<f64> = c.e[c.data.first..].iter().map(|e| e.abs()).collect();
         let spread = median(&errors) / 0.6745;
-        let long = Innovations::new(c.data, c.stage, c.spec.orders.nk);
+        let mut long = Innovations::new(c.data, c.stage, c.spec.orders.nk);
+        // Where PV stands still most of the time, half of the errors are none.
+        let power = long.e.iter().map(|e| e * e).sum::<f64>() / long.e.len().max(1) as f64;
+        long.scale = long.scale.max(HALF * power.sqrt());
         let mut at = Vec::new();
         let mut sizes = Vec::new();
         let mut plain = 0;
