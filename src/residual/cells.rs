@@ -240,24 +240,27 @@ mod tests {
 
     #[test]
     fn the_loss_of_a_cell_is_that_of_its_valve() {
-        let mut noise = noise(3);
-        let u = op(&mut noise);
         let valve = Element { f: 0.6, ..Element::default() };
-        let left = left(&u, valve, 0.02, &mut noise);
-        let counted = vec![1.0; left.len()];
-        let task = task(&u, &left, &counted, 0.02);
-        for (loss, element) in task.best(Family::Plain(0.0), (0.0, 0.0), Element::default(), 5) {
-            let (mut z, mut dir) = (Vec::new(), Vec::new());
-            element.run(&u, START, u.len(), &mut z, &mut dir);
-            let plain: f64 = (FIRST..u.len())
-                .map(|k| {
-                    let e =
-                        left[k - FIRST] - B.iter().enumerate().map(|(j, b)| b * z[k - 1 - j]).sum::<f64>();
-                    (1.0 + e * e * task.per).ln()
-                })
-                .sum();
-            // Sums in another order.
-            assert!((loss / plain - 1.0).abs() < 1e-9, "{loss} {plain} {element:?}");
+        let lags = Element { lag: 0.6, ..valve };
+        // Sums in another order; the lag was another while the cell was wide.
+        for (family, valve, least) in [
+            (Family::Plain(0.0), valve, 1e-9),
+            (Family::Plain(0.6), lags, 0.1),
+            (Family::Sticks, Element { resume: 0.4, ..lags }, 0.1),
+            (Family::Slips, Element { resume: 0.4, slips: true, ..lags }, 0.1),
+        ] {
+            let mut noise = noise(3);
+            let u = op(&mut noise);
+            let left = left(&u, valve, 0.02, &mut noise);
+            let counted = vec![1.0; left.len()];
+            let task = task(&u, &left, &counted, 0.02);
+            for (loss, element) in task.best(family, (0.0, 0.0), Element::default(), 3) {
+                let (mut z, mut dir) = (Vec::new(), Vec::new());
+                element.run(&u, START, u.len(), &mut z, &mut dir);
+                let e = |k: usize| left[k - FIRST] - (0..LAGS.1).map(|j| B[j] * z[k - 1 - j]).sum::<f64>();
+                let plain: f64 = (FIRST..u.len()).map(|k| (1.0 + e(k) * e(k) * task.per).ln()).sum();
+                assert!((loss / plain - 1.0).abs() < least, "{loss} {plain} {element:?}");
+            }
         }
     }
 

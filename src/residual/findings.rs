@@ -322,6 +322,9 @@ mod tests {
         assert_eq!(stays, Verdict::Stiction);
         assert!(friction.f > 0.1 * data.scale.u && reason.ends_with("stands"), "{} {reason}", friction.f);
         assert_eq!(verdict(&sticks, Verdict::NoStiction).1, Verdict::NoStiction);
+        // Nor does the repair of samples, which explains no cycle.
+        sticks.terms.push(Box::new(Idle(Kind::Outliers)));
+        assert_eq!(verdict(&sticks, Verdict::Stiction).1, Verdict::Stiction);
         sticks.terms.push(Box::new(Idle(Kind::LoadStep)));
         let (friction, goes, _) = verdict(&sticks, Verdict::Stiction);
         assert_eq!((goes, friction.f), (Verdict::NoStiction, 0.0));
