@@ -163,13 +163,7 @@ pub fn verdict_after(
     base.spec.element.f = finer(data, &base.spec);
     let base = &base;
     let element = base.spec.element;
-    let mut sound = base.spec.clone();
-    sound.element = Element { f: 0.0, ..element };
-    sound.loss = f64::INFINITY;
-    minimise(data, &mut sound, true, 12);
-    restructure(data, &mut sound, true, 4);
-    let by_long = of_valve(data, &sound, &base.spec);
-    let by_armax = Candidate::new(data, sound, base.paid).aic - base.aic;
+    let [by_armax, by_long] = of_valve(data, base);
     let f = element.f * data.scale.u;
     let needed = needed(settings, &diagnosis.verdict);
     let stood = needed.is_none();
@@ -205,10 +199,16 @@ pub fn verdict_after(
     (friction, verdict, reason)
 }
 
-/// Twice the log-likelihood that the long model gains by the valve of `spec` over that of `sound`, less what it costs.
-fn of_valve(data: &Data, sound: &Spec, spec: &Spec) -> f64 {
+/// Evidence of the model's valve against the same model without one: in AIC, and in the long model, less what the valve costs.
+fn of_valve(data: &Data, base: &Candidate) -> [f64; 2] {
+    let mut sound = base.spec.clone();
+    sound.element.f = 0.0;
+    sound.loss = f64::INFINITY;
+    minimise(data, &mut sound, true, 12);
+    restructure(data, &mut sound, true, 4);
     let judge = Judge::new(data, &sound.stage(data).0, sound.orders.nk);
-    judge.gain(data, &spec.stage(data).0, spec.orders.nk) - FRICTION_COST
+    let by_long = judge.gain(data, &base.spec.stage(data).0, base.spec.orders.nk) - FRICTION_COST;
+    [Candidate::new(data, sound, base.paid).aic - base.aic, by_long]
 }
 
 /// f between the values of the scan, the middle of the range that gives this very stem.
