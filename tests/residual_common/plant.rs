@@ -167,6 +167,7 @@ pub struct Truth {
     pub slips: bool,
     /// What a load at the valve is worth (% OP): the size of a step, the amplitude of a wave, the rise of a ramp over the record, the
     /// standard deviation of a tag.
+    #[allow(dead_code, reason = "only the test of sizes asks")]
     pub load: Option<f64>,
 }
 

@@ -5,7 +5,7 @@
 //! (sum p_i e[k+i])^2 / (s^2 sum p_i^2) > 25,         p = 1, -a_1, -a_2 .. of the long model, e and s its errors and their sd
 //! ```
 //!
-//! One or the other, the second where PV is off the middle of its neighbours by half of that, too, and the next errors come from it:
+//! One or the other, the second where PV is beyond both neighbours by half of that, too, and the next errors come from it:
 //! where the valve swings PV, its changes hide what the long model's errors show (Chang, Tiao and Chen, Technometrics 1988, 30, 193).
 
 use super::frozen_pv::bridge;
@@ -15,16 +15,18 @@ use crate::diagnosis::stats::{mean, median};
 use crate::residual::evidence::Innovations;
 use crate::residual::model::{Data, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
+use std::ops::Range;
 
 /// Threshold in robust standard deviations of PV's changes.
 const FAR: f64 = 4.0;
 /// The same of the size that the errors of the long model say, in its own standard deviations.
 const ALONE: f64 = 5.0;
-/// Share of that size by which PV is at least off the middle of its neighbours.
+/// Share of that size by which PV is at least beyond both its neighbours.
 const HALF: f64 = 0.5;
-/// The most that its own error has of that gain: a shock has all of it, and no more follows.
-const AT_ONCE: f64 = 1.05;
-/// The next errors, and the share of their squares that it explains: what a stem that turns leaves shows later.
+/// The sample's own error squared: at least this share of that size's, and at most this share of the gain. A shock has all of the
+/// gain, and what a stem leaves that turns shows later.
+const AT_ONCE: Range<f64> = 0.4..1.05;
+/// The next errors, and the share of their squares that it explains.
 const NEXT: usize = 4;
 const OF_NEXT: f64 = 0.6;
 /// Largest share of samples that can be called outliers.
@@ -82,17 +84,21 @@ impl Recognise for Outliers {
         let mut plain = 0;
         for k in c.data.start.index + 8..y.len().saturating_sub(1) {
             let (before, after) = (y[k] - y[k - 1], y[k] - y[k + 1]);
-            let (least, between) = (before.abs().min(after.abs()), 0.5 * (before + after));
-            let far = before * after > 0.0 && least > FAR * scale && c.e[k].abs() > FAR * spread;
+            let least = before.abs().min(after.abs());
+            if before * after <= 0.0 {
+                continue;
+            }
+            let far = least > FAR * scale && c.e[k].abs() > FAR * spread;
             // What follows a wrong sample may look like another, the other way.
             let free = c.stage.weight[k] > 0.0 && at.last().is_none_or(|last| last + 1 < k);
             let row = k.checked_sub(c.data.first).filter(|_| free);
             let wrong = || row.and_then(|row| alone(&long, row));
-            let fits = |size: f64| between * size > HALF * size * size && between.abs() > 1.5 * step;
+            // Where a stem goes late PV has a corner, where a sample is wrong a peak.
+            let fits = |size: f64| before * size > 0.0 && least > HALF * size.abs() && least > 1.5 * step;
             if far || wrong().is_some_and(fits) {
                 plain += usize::from(far);
                 at.push(k);
-                sizes.push(between.abs());
+                sizes.push(least);
             }
         }
         let fewest = if plain < FEWEST { FEWEST + 1 } else { FEWEST };
@@ -122,7 +128,8 @@ fn alone(long: &Innovations, row: usize) -> Option<f64> {
     let variance = long.scale * long.scale;
     let (gain, at_once) = (size * size * power / variance, long.e[row] * long.e[row] / variance);
     let next: f64 = long.e[row..].iter().take(NEXT).map(|e| e * e / variance).sum();
-    (gain > ALONE * ALONE && gain > OF_NEXT * next && at_once < AT_ONCE * gain).then_some(size)
+    let own = AT_ONCE.start * gain < at_once * power && at_once < AT_ONCE.end * gain;
+    (gain > ALONE * ALONE && gain > OF_NEXT * next && own).then_some(size)
 }
 
 #[cfg(test)]
@@ -154,7 +161,7 @@ mod tests {
         let n = 1500;
         let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(2));
         let op: Vec<f64> =
-            (0..n).map(|k| 50.0 + 5.0 * (0.13 * f64::from(k)).sin() + (0.031 * f64::from(k)).cos()).collect();
+            (0..n).map(|k| 50.0 + 5.0 * (0.03 * f64::from(k)).sin() + (0.031 * f64::from(k)).cos()).collect();
         let window = |pv: Vec<f64>| Window {
             t0: 0.0,
             ts: 1.0,
@@ -187,7 +194,7 @@ mod tests {
 
     #[test]
     fn wrong_samples_are_found_where_the_valve_swings_pv_far_beyond_them() {
-        // Eight standard deviations of the noise, a tenth of PV's swing.
+        // Eight standard deviations of the noise, a twentieth of PV's swing.
         let found = proposed(|k| if k % 113 == 60 { 0.4 } else { 0.0 });
         assert!(found.iter().all(|(_, wrong)| *wrong > 0.0), "{found:?}");
         assert!(found.len() >= 10, "{found:?} of 13");
