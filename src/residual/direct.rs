@@ -9,7 +9,7 @@ use super::regress::{Quick, all_errors, restructure};
 use super::{Kind, Settings};
 
 /// Effects that take samples out and leave the others as they are.
-pub const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
+const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
 /// Share by which what the signals show may be doubted, up to which it is certain.
 const CERTAIN: f64 = 0.02;
 /// Decrease of AIC that each outlier among the fitted samples brings.

@@ -1,7 +1,7 @@
 //! What the selection found, in the plant's units.
 
 use super::candidate::{Candidate, FRICTION_COST};
-use super::direct::{REPAIRS, is_repaired};
+use super::direct::is_repaired;
 use super::evidence::Judge;
 use super::fit::{errors, free_run, held_out, loss_of, minimise};
 use super::model::{Data, Element, Spec};
@@ -170,10 +170,9 @@ pub fn verdict_after(
     // An ARMAX of low order takes a stem that rests for slow dynamics it lacks: where it is the first to see friction, the long
     // model has to see it, too. Where both see none, the verdict goes.
     let evidence = if stood { by_armax.max(by_long) } else { by_armax.min(by_long) };
-    // An effect of friction says that there is some, and samples that are none explain no cycle: where f is left, it stands.
-    let kept =
-        |kind| matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift) || REPAIRS.contains(&kind);
-    let described = stood && base.spec.terms.iter().all(|t| kept(t.kind()));
+    // An effect of friction says that there is some: it cannot take away the verdict it describes.
+    let of_friction = |kind| matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift);
+    let described = stood && base.spec.terms.iter().all(|t| of_friction(t.kind()));
     let mut sticky = f > settings.f_threshold && (described || evidence > settings.evidence_threshold);
     sticky &= needed.is_none_or(|needed| by_long > needed);
     // Where no friction is found with the effects either, the diagnosis says how much could be hidden.
@@ -193,8 +192,8 @@ pub fn verdict_after(
         lag: if sticky { element.lag * f } else { 0.0 },
         delta_aic: evidence.max(0.0),
     };
-    let stands =
-        if described && evidence <= settings.evidence_threshold { ": the verdict stands" } else { "" };
+    let only_described = described && sticky && evidence <= settings.evidence_threshold;
+    let stands = if only_described { ": the verdict stands" } else { "" };
     let reason = format!("with the effects f = {f:.3}, evidence {:.0}{stands}", evidence.max(0.0));
     (friction, verdict, reason)
 }
@@ -322,9 +321,6 @@ mod tests {
         assert_eq!(stays, Verdict::Stiction);
         assert!(friction.f > 0.1 * data.scale.u && reason.ends_with("stands"), "{} {reason}", friction.f);
         assert_eq!(verdict(&sticks, Verdict::NoStiction).1, Verdict::NoStiction);
-        // Nor does the repair of samples, which explains no cycle.
-        sticks.terms.push(Box::new(Idle(Kind::Outliers)));
-        assert_eq!(verdict(&sticks, Verdict::Stiction).1, Verdict::Stiction);
         sticks.terms.push(Box::new(Idle(Kind::LoadStep)));
         let (friction, goes, _) = verdict(&sticks, Verdict::Stiction);
         assert_eq!((goes, friction.f), (Verdict::NoStiction, 0.0));
