@@ -84,7 +84,25 @@ pub mod tests {
         for k in 2..n {
             pv[k] = 0.8 * pv[k - 1] + 0.3 * (op[k - 2] - 50.0) + 0.05 * (1.7 * (k * k) as f64).sin();
         }
-        let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
-        pose(&window).expect("long enough")
+        posed(&op, pv)
+    }
+
+    /// A first-order process with this pole and a gain of 1 behind `valve`, whose f is in units of OP here; `error` is added to PV.
+    pub fn behind_valve(op: &[f64], valve: Element, pole: f64, mut error: impl FnMut(usize) -> f64) -> Data {
+        // The start that the pose will choose comes from OP alone.
+        let start = posed(op, op.to_vec()).start;
+        let (mut z, mut dir) = (Vec::new(), Vec::new());
+        valve.run(op, start, op.len(), &mut z, &mut dir);
+        let mut x = 0.0;
+        let pv = (0..op.len()).map(|k| {
+            x = pole * x + (1.0 - pole) * (z[k.saturating_sub(2)] - 50.0);
+            x + error(k)
+        });
+        posed(op, pv.collect())
+    }
+
+    fn posed(op: &[f64], pv: Vec<f64>) -> Data {
+        let op = op.to_vec();
+        pose(&Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() }).expect("long enough")
     }
 }

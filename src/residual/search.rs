@@ -406,9 +406,9 @@ fn set_last(spec: &mut Spec, value: Option<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::residual::pose::{declared, pose};
+    use crate::residual::pose::declared;
+    use crate::residual::pose::tests::behind_valve;
     use crate::residual::scan::scan_friction;
-    use crate::signal::Window;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
@@ -422,27 +422,7 @@ mod tests {
                 50.0 + 4.0 * (0.11 * f64::from(k)).sin() + 1.5 * (0.041 * f64::from(k)).cos() + 0.05 * draw()
             })
             .collect();
-        let window = |pv: Vec<f64>| Window {
-            t0: 0.0,
-            ts: 1.0,
-            op: op.clone(),
-            pv,
-            sp: None,
-            mv: None,
-            tags: Vec::new(),
-        };
-        // The start that the pose will choose comes from OP alone.
-        let start = pose(&window(op.clone())).expect("long enough").start;
-        let (mut z, mut dir) = (Vec::new(), Vec::new());
-        element.run(&op, start, op.len(), &mut z, &mut dir);
-        let mut x = 0.0;
-        let pv = (0..op.len())
-            .map(|k| {
-                x = 0.8 * x + 0.2 * (z[k.saturating_sub(2)] - 50.0);
-                x + sd * draw()
-            })
-            .collect();
-        pose(&window(pv)).expect("long enough")
+        behind_valve(&op, element, 0.8, |_| sd * draw())
     }
 
     fn stem(data: &Data, spec: &Spec, element: Element) -> Vec<f64> {

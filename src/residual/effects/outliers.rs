@@ -137,9 +137,9 @@ mod tests {
     use super::*;
     use crate::residual::Settings;
     use crate::residual::model::{Element, Spec};
-    use crate::residual::pose::{declared, pose};
+    use crate::residual::pose::declared;
+    use crate::residual::pose::tests::behind_valve;
     use crate::residual::regress::{Quick, all_errors};
-    use crate::signal::Window;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
@@ -162,25 +162,9 @@ mod tests {
         let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(2));
         let op: Vec<f64> =
             (0..n).map(|k| 50.0 + 5.0 * (0.03 * f64::from(k)).sin() + (0.031 * f64::from(k)).cos()).collect();
-        let window = |pv: Vec<f64>| Window {
-            t0: 0.0,
-            ts: 1.0,
-            op: op.clone(),
-            pv,
-            sp: None,
-            mv: None,
-            tags: Vec::new(),
-        };
-        let start = pose(&window(op.clone())).expect("long enough").start;
         let valve = Element { f: 2.0, ..Element::default() };
-        let (mut z, mut dir) = (Vec::new(), Vec::new());
-        valve.run(&op, start, op.len(), &mut z, &mut dir);
-        let mut x = 0.0;
-        let pv = (0..op.len()).map(|k| {
-            x = 0.7 * x + 0.3 * (z[k.saturating_sub(2)] - 50.0);
-            x + 0.05 * noise.next().unwrap_or(0.0) + wrong(k)
-        });
-        let data = pose(&window(pv.collect())).expect("long enough");
+        let error = |k| 0.05 * noise.next().unwrap_or(0.0) + wrong(k);
+        let data = behind_valve(&op, valve, 0.7, error);
         let spec: Spec = declared(&data, valve.f / data.scale.u);
         let (stage, e) = all_errors(&data, &spec);
         let quick = Quick::long_arx(&data, &stage, spec.orders.nk);
