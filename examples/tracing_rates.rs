@@ -15,7 +15,7 @@ mod sound;
 #[path = "../tests/residual_common/valve.rs"]
 mod valve;
 
-use judge::{Judged, judge};
+use judge::{Judged, LOADS, judge};
 use plant::{Case, LOOPS, SIZES, Undeclared, VALVES, cases, clean, record};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -63,6 +63,7 @@ fn main() -> ExitCode {
             .collect();
         let found = run(&options, &all, |case| judge(case, case.seed.is_multiple_of(TOLD)));
         named(size, &options, &found);
+        loads(size, &found);
         friction(size, &found);
         verdicts(SIZES[size], &found);
     }
@@ -212,6 +213,19 @@ fn named(size: usize, options: &Options, found: &[Judged]) {
         }
     }
     row("all", &found.iter().collect::<Vec<_>>());
+    println!();
+}
+
+/// Sizes of loads at the valve, of the fits that were told the effect.
+fn loads(size: usize, found: &[Judged]) {
+    println!("| {}: size of a load at the valve, told of true | median | within 20 % |", SIZES[size]);
+    println!("|---|---|---|");
+    for kind in LOADS {
+        let of = found.iter().filter(|j| j.case.undeclared == Undeclared::Listed(kind));
+        let shares: Vec<f64> = of.filter_map(|j| j.size).collect();
+        let near = shares.iter().filter(|share| (0.8..1.2).contains(*share)).count();
+        println!("| {kind} ({}) | {:.2} | {near} |", shares.len(), median(shares.clone()));
+    }
     println!();
 }
 

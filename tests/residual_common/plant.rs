@@ -167,11 +167,10 @@ pub struct Truth {
     pub slips: bool,
     /// What a load at the valve is worth (% OP): the size of a step, the amplitude of a wave, the rise of a ramp over the record, the
     /// standard deviation of a tag.
-    #[allow(dead_code, reason = "only the test of sizes asks")]
     pub load: Option<f64>,
 }
 
-/// A record of the case, and what is true of its valve.
+/// A record of the case, and what is true of it.
 pub fn record(case: &Case) -> (Record, Truth) {
     // A level to clip at is taken from the stem of the same loop unclipped: OP of a valve that sticks goes where its stem never is.
     let clip = case.is(Kind::ValveSaturation).then(|| {
