@@ -157,7 +157,7 @@ def one_loop(walk):
     print("ok: zoom by keyboard and by dragging, and back to live")
     page.goto(f"{walk.base}/#/loop/{'%3Cimg%20src%3Dx%20onerror%3Dalert(1)%3E'}")
     expect(page.locator("main h1")).to_have_text(NASTY)
-    expect(page.locator("#stem .mv")).to_be_visible()
+    expect(page.locator("#stem path.mv")).to_be_visible()
     check(page.locator("main img").count() == 0, "the name in the loop view is text; the measured stem is drawn")
     page.goto(f"{walk.base}/#/loop/FIC106")
     expect(page.locator(".verdict strong")).to_contain_text("Nothing can be said")
