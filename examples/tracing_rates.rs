@@ -4,17 +4,18 @@
 //! Options: `--seeds N`, `--first-seed K`, `--sizes small,medium,large`, `--clean N`, `--effects a,b`, `--threads T`, and
 //! `--each`, which also prints every case that went wrong; `--records FOLDER` writes the cases as CSV and traces none.
 
+#[path = "../tests/residual_common/drawn.rs"]
+mod drawn;
 #[path = "../tests/residual_common/judge.rs"]
 mod judge;
 #[path = "../tests/diagnosis_common/parallel.rs"]
 mod parallel;
 #[path = "../tests/residual_common/plant.rs"]
 mod plant;
-#[path = "../tests/residual_common/sound.rs"]
-mod sound;
 #[path = "../tests/residual_common/valve.rs"]
 mod valve;
 
+use drawn::{nothing_hidden, traced};
 use judge::{Judged, LOADS, judge};
 use plant::{Case, LOOPS, SIZES, Undeclared, VALVES, cases, clean, record};
 use std::collections::BTreeMap;
@@ -22,6 +23,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{fs, io};
 use stictiond::residual::Kind;
+use stictiond::sim::scenarios::{random_sound, random_sticky};
 
 /// Effects after which f is compared.
 const FRICTION: [Kind; 4] = [Kind::OscillatingLoad, Kind::Drift, Kind::LoadStep, Kind::Outliers];
@@ -70,7 +72,7 @@ fn main() -> ExitCode {
     let found = run(&options, &clean(options.clean, seeds.start), |case| judge(case, false));
     invented(&found, options.each);
     verdicts("nothing hidden", &found);
-    invented_there(&options, seeds.start);
+    drawn_loops(&options, seeds.start);
     outside(&options, seeds);
     ExitCode::SUCCESS
 }
@@ -234,16 +236,20 @@ fn verdicts(label: &str, found: &[Judged]) {
     println!("| {label}: verdict of stiction | of the declared model | with the effects |");
     println!("|---|---|---|");
     for (name, sticks) in [("valves that stick", true), ("sound valves", false)] {
-        let of: Vec<&Judged> = found.iter().filter(|j| (j.f[0] > 0.0) == sticks).collect();
-        let [before, after] = [0, 1].map(|at| of.iter().filter(|j| j.sticks[at]).count());
-        println!(
-            "| {name} ({}) | {before}, {} | {after}, {} |",
-            of.len(),
-            wilson(before, of.len()),
-            wilson(after, of.len())
-        );
+        let of = found.iter().filter(|j| (j.f[0] > 0.0) == sticks);
+        verdict_row(name, &of.map(|j| j.sticks).collect::<Vec<_>>());
     }
     println!();
+}
+
+fn verdict_row(name: &str, of: &[[bool; 2]]) {
+    let [before, after] = [0, 1].map(|at| of.iter().filter(|sticks| sticks[at]).count());
+    println!(
+        "| {name} ({}) | {before}, {} | {after}, {} |",
+        of.len(),
+        wilson(before, of.len()),
+        wilson(after, of.len())
+    );
 }
 
 /// f before and after on the valves that stick.
@@ -303,24 +309,33 @@ fn invented(found: &[Judged], each: bool) {
     }
 }
 
-/// The same on the sound loops that the diagnosis is tested with.
-fn invented_there(options: &Options, first: u64) {
-    // Two of five are of a kind in which nothing is hidden.
-    let seeds = sound::sound(first..first + 5 * options.clean / 2);
+/// The same on the sound loops that the diagnosis is tested with, and the verdicts on all of its loops.
+fn drawn_loops(options: &Options, first: u64) {
     let threads =
         options.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
-    let found = parallel::on(threads, seeds, |seed| (seed, sound::named(seed)));
-    let wrong: Vec<_> = found.iter().filter(|(_, named)| !named.is_empty()).collect();
+    // Two of five are of a kind in which nothing is hidden.
+    let seeds = first..first + 5 * options.clean / 2;
+    let quiet = nothing_hidden(seeds.clone());
+    let sound = parallel::on(threads, seeds, |seed| (seed, traced(&random_sound(seed))));
+    let found: Vec<_> = sound.iter().filter(|(seed, _)| quiet.contains(seed)).collect();
+    let wrong: Vec<_> = found.iter().filter(|(_, traced)| !traced.named.is_empty()).collect();
     println!(
         "Nothing hidden in loops of the diagnosis' generator: an effect is named on {} of {}, {}",
         wrong.len(),
         found.len(),
         wilson(wrong.len(), found.len())
     );
-    println!("  by kind: {}\n", counted(wrong.iter().flat_map(|(_, named)| named).map(|kind| kind.as_str())));
-    for (seed, named) in wrong.iter().filter(|_| options.each) {
-        println!("  sound loop {seed} [{}]", names(named));
+    let kinds = wrong.iter().flat_map(|(_, traced)| &traced.named).map(|kind| kind.as_str());
+    println!("  by kind: {}\n", counted(kinds));
+    for (seed, traced) in wrong.iter().filter(|_| options.each) {
+        println!("  sound loop {seed} [{}]", names(&traced.named));
     }
+    let sticky = parallel::on(threads, first..first + options.clean, |seed| traced(&random_sticky(seed)));
+    println!("| the diagnosis' loops: verdict of stiction | of the declared model | with the effects |");
+    println!("|---|---|---|");
+    verdict_row("valves that stick", &sticky.iter().map(|traced| traced.sticks).collect::<Vec<_>>());
+    verdict_row("sound valves", &sound.iter().map(|(_, traced)| traced.sticks).collect::<Vec<_>>());
+    println!();
 }
 
 fn outside(options: &Options, seeds: std::ops::Range<u64>) {

@@ -224,7 +224,7 @@ impl<'a> Fitter<'a> {
 }
 
 /// Candidate combs (period in samples, harmonics) in the residual's spectrum, the best two for each count.
-fn combs(residual: &[f64], hint: Option<f64>) -> Vec<(f64, usize)> {
+pub fn combs(residual: &[f64], hint: Option<f64>) -> Vec<(f64, usize)> {
     let n = residual.len();
     let size = (4 * n).next_power_of_two();
     let mut padded = vec![0.0; size];

@@ -7,7 +7,7 @@ use super::fit::{errors, free_run, held_out, loss_of, minimise};
 use super::model::{Data, Element, Spec};
 use super::needless::Added;
 use super::regress::{Quick, all_errors, restructure};
-use super::{Curves, Effect, Findings, Friction, Kind, Parameter, Settings, checks};
+use super::{Curves, Effect, Findings, Friction, Kind, Parameter, Settings, checks, rival};
 use crate::diagnosis::stats::median;
 use crate::diagnosis::validation::is_white;
 use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
@@ -141,15 +141,34 @@ pub fn slip_effect(data: &Data, element: &Element, kind: Kind, delta_aic: f64) -
     Effect { kind, delta_aic, tag: None, parameters, explanation }
 }
 
-/// Evidence of friction in the long model that a verdict of stiction needs after this one of the declared model: what that did not
-/// find takes more, and what it found, none.
-pub fn needed(settings: &Settings, declared: &Verdict) -> Option<f64> {
-    let times = match declared {
-        Verdict::Stiction => return None,
-        Verdict::NoStiction => 2.0,
-        Verdict::NotIdentifiable(_) => 4.0,
-    };
-    Some(times * settings.evidence_threshold)
+/// What a verdict of stiction needs that the declared model did not give.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Needed {
+    /// Gain in AIC, over the sound loop and over every rival.
+    pub aic: f64,
+    /// Evidence in the long model.
+    pub long: f64,
+    /// Period of OP's oscillation (samples).
+    pub period: Option<f64>,
+}
+
+impl Needed {
+    /// What the declared model did not find takes more, and what it found, nothing.
+    pub fn after(settings: &Settings, diagnosis: &Diagnosis, ts: f64) -> Option<Self> {
+        let times = match diagnosis.verdict {
+            Verdict::Stiction => return None,
+            Verdict::NoStiction => 2.0,
+            Verdict::NotIdentifiable(_) => 4.0,
+        };
+        let aic = settings.evidence_threshold;
+        let period = diagnosis.oscillation.map(|oscillation| oscillation.period / ts);
+        Some(Self { aic, long: times * aic, period })
+    }
+
+    /// Whether a load of any shape or a stop explains the record about as well as the valve of `spec`.
+    pub fn is_rivalled(&self, data: &Data, spec: &Spec) -> bool {
+        rival::ahead(data, spec, self.period) <= self.aic
+    }
 }
 
 /// Friction with the effects in place, and what it means.
@@ -165,7 +184,7 @@ pub fn verdict_after(
     let element = base.spec.element;
     let [by_armax, by_long] = of_valve(data, base);
     let f = element.f * data.scale.u;
-    let needed = needed(settings, &diagnosis.verdict);
+    let needed = Needed::after(settings, diagnosis, data.scale.ts);
     let stood = needed.is_none();
     // An ARMAX of low order takes a stem that rests for slow dynamics it lacks: where it is the first to see friction, the long
     // model has to see it, too. Where both see none, the verdict goes.
@@ -174,12 +193,14 @@ pub fn verdict_after(
     let of_friction = |kind| matches!(kind, Kind::AsymmetricFriction | Kind::FrictionDrift);
     let described = stood && base.spec.terms.iter().all(|t| of_friction(t.kind()));
     let mut sticky = f > settings.f_threshold && (described || evidence > settings.evidence_threshold);
-    sticky &= needed.is_none_or(|needed| by_long > needed);
+    sticky &= needed.is_none_or(|needed| by_long > needed.long);
     // Where no friction is found with the effects either, the diagnosis says how much could be hidden.
     let hidden = diagnosis.estimate.as_ref().filter(|_| !stood).map_or(f, |e| e.f_ci95[1].max(f));
     let within = if sticky { interval(data, &base.spec) } else { [0.0, hidden] };
     // An effect that gives a verdict back has to leave no doubt that there is friction.
     sticky &= stood || within[0] > settings.f_threshold;
+    let rivalled = sticky && needed.is_some_and(|needed| needed.is_rivalled(data, &base.spec));
+    sticky &= !rivalled;
     let verdict = match (&diagnosis.verdict, sticky) {
         (_, true) => Verdict::Stiction,
         (Verdict::NotIdentifiable(why), false) => Verdict::NotIdentifiable(why.clone()),
@@ -194,7 +215,11 @@ pub fn verdict_after(
     };
     let only_described = described && sticky && evidence <= settings.evidence_threshold;
     let stands = if only_described { ": the verdict stands" } else { "" };
-    let reason = format!("with the effects f = {f:.3}, evidence {:.0}{stands}", evidence.max(0.0));
+    let reason = if rivalled {
+        "with the effects a periodic load or a stop explains the record about as well as friction".to_string()
+    } else {
+        format!("with the effects f = {f:.3}, evidence {:.0}{stands}", evidence.max(0.0))
+    };
     (friction, verdict, reason)
 }
 
@@ -298,7 +323,9 @@ mod tests {
     fn what_the_declared_model_did_not_find_takes_more_evidence() {
         let settings = Settings::default();
         let unknown = Verdict::NotIdentifiable(NotIdentifiable::FlatOp);
-        let all = [Verdict::Stiction, Verdict::NoStiction, unknown].map(|v| needed(&settings, &v));
+        let all = [Verdict::Stiction, Verdict::NoStiction, unknown].map(|verdict| {
+            Needed::after(&settings, &Diagnosis::bare(verdict, ""), 1.0).map(|needed| needed.long)
+        });
         assert_eq!(all, [None, Some(40.0), Some(80.0)]);
     }
 

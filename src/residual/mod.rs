@@ -28,6 +28,7 @@ mod needless;
 mod paths;
 mod pose;
 mod regress;
+mod rival;
 mod scan;
 mod search;
 mod select;

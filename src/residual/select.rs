@@ -2,7 +2,7 @@
 
 use super::candidate::{Candidate, with_friction};
 use super::direct::{add_direct, is_direct, not_worse, restamped};
-use super::findings::{Outcome, needed, report};
+use super::findings::{Needed, Outcome, report};
 use super::fit::{held_out, minimise};
 use super::free::longer_sighted;
 use super::model::Data;
@@ -84,9 +84,8 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         drop_needless(&data, settings, (at_start.1, more), &mut base, &mut added);
     }
     base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
-    let of_friction =
-        needed(settings, &diagnosis.verdict).map(|of_long| (settings.evidence_threshold, of_long));
-    slip_jump(&data, &mut base, (&declared, at_start), of_friction, &mut added);
+    let needed = Needed::after(settings, diagnosis, data.scale.ts);
+    slip_jump(&data, &mut base, (&declared, at_start), needed, &mut added);
     base = not_worse(&data, &declared, base, at_start);
     // What later effects made of the first must still predict better than nothing.
     let now = held_out(&data, &base.spec);

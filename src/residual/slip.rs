@@ -14,6 +14,7 @@ use super::Kind;
 use super::candidate::{Candidate, FRICTION_COST};
 use super::direct::is_repaired;
 use super::evidence::Judge;
+use super::findings::Needed;
 use super::fit::held_out;
 use super::free::{DOUBTLESS, likelier, not_beyond};
 use super::model::{Data, Element, Spec};
@@ -22,18 +23,18 @@ use super::needless::Added;
 /// Gain in AIC below which nothing is looked at.
 const LEAST: f64 = 7.0;
 /// Evidence of the lag, and of the valve in the long model, that are needed.
-const NEEDED: f64 = 12.5;
+const OF_LAG: f64 = 12.5;
 const OF_VALVE: f64 = 10.0;
 /// Evidence for which the declared model is kept for the free run.
 const CERTAIN: f64 = 20.0;
 
-/// Adds the slip jump to `added` where it earns its place; the free run stays within the declared model's, `at_start`. `of_friction`:
-/// gain in AIC, and in the long model, that the valve as a whole needs where it is the first to say that it sticks.
+/// Adds the slip jump to `added` where it earns its place; the free run stays within the declared model's, `at_start`. `needed`:
+/// by the valve as a whole, where it is the first to say that it sticks.
 pub fn slip_jump(
     data: &Data,
     base: &mut Candidate,
     (declared, at_start): (&Spec, (f64, f64)),
-    of_friction: Option<(f64, f64)>,
+    needed: Option<Needed>,
     added: &mut Vec<Added>,
 ) {
     let own = base.spec.element;
@@ -44,7 +45,7 @@ pub fn slip_jump(
     let sound = base.with_valve(data, Element { f: 0.0, lag: 0.0, ..own }, false);
     let gain = without.aic.min(sound.aic) - base.aic;
     let (by_armax, by_long) =
-        of_friction.map_or((0.0, OF_VALVE), |(aic, long)| (aic, OF_VALVE.max(long + FRICTION_COST)));
+        needed.map_or((0.0, OF_VALVE), |of| (of.aic, OF_VALVE.max(of.long + FRICTION_COST)));
     if gain <= LEAST || sound.aic - base.aic <= by_armax {
         return;
     }
@@ -64,7 +65,8 @@ pub fn slip_jump(
         spec.free = Some(Box::new(declared.clone()));
         now.1 = at_start.1;
     }
-    if now.1 <= at_start.1 && evidence > NEEDED {
+    let rivalled = || needed.is_some_and(|needed| needed.is_rivalled(data, &base.spec));
+    if now.1 <= at_start.1 && evidence > OF_LAG && !rivalled() {
         base.spec = spec;
         added.push(Added { kind: Kind::SlipJump, evidence, paid: 0.0 });
     }

@@ -16,6 +16,8 @@ mod quantised_pv;
 mod static_nonlinearity;
 mod valve_saturation;
 
+pub use oscillating_load::wave;
+
 use super::Settings;
 use super::evidence::Judge;
 use super::growing::Left;

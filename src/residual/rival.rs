@@ -1,0 +1,179 @@
+//! What else explains a record in which the declared model saw no friction and the one with the effects does.
+//!
+//! A load whose shape a few waves describe badly leaves corners, and a stem that rests fits corners. So a verdict that the
+//! diagnosis did not give has to beat what a verdict of the diagnosis has to beat: a periodic load of any shape, a valve
+//! that runs into a stop, and both.
+
+use super::Kind;
+use super::effects::wave;
+use super::model::{Data, Spec, Stage};
+use super::regress::Quick;
+use crate::diagnosis::linalg::MOST_COLUMNS;
+use crate::diagnosis::rivals::combs;
+use std::f64::consts::TAU;
+
+/// Lags of y in the long ARX, and of z beyond the longest delay.
+const LAGS_Y: usize = 10;
+const BEYOND: usize = 4;
+/// Harmonics of the loads that are in the model already.
+const HARMONICS: [usize; 4] = [5, 14, 24, 40];
+/// Least periods in the fitted samples: harmonics of a longer one span every slow signal.
+const LEAST_PERIODS: f64 = 4.0;
+/// Angular frequency up to which a harmonic is taken (rad/sample).
+const HIGHEST: f64 = 3.0;
+/// Combs that are tuned, the first step (lines of the spectrum) and how often it is halved.
+const TUNED: usize = 3;
+const STEP: f64 = 0.15;
+const HALVINGS: usize = 8;
+/// Clip levels tried on each side, the range of the stem between two of them, and numbers a clip costs.
+const LEVELS: usize = 8;
+const APART: f64 = 0.06;
+const OF_CLIP: usize = 2;
+
+/// `AIC(best rival) - AIC(model)` in the long ARX of the fitted samples; `period`: of OP's oscillation (samples).
+pub fn ahead(data: &Data, spec: &Spec, period: Option<f64>) -> f64 {
+    let (stage, _) = spec.stage(data);
+    let model = quick(data, &stage);
+    let mut sound = spec.clone();
+    sound.element.f = 0.0;
+    sound.terms.retain(|term| !matches!(term.kind(), Kind::OscillatingLoad | Kind::ValveSaturation));
+    let loads = spec.terms.iter().filter(|term| term.kind() == Kind::OscillatingLoad);
+    let periods: Vec<f64> = loads.flat_map(|load| load.knobs()).map(|w| TAU / w.value).collect();
+    let (mut without, _) = sound.stage(data);
+    let rows = (data.split - data.first) as f64;
+    let more = without.columns.len() as f64 - stage.columns.len() as f64;
+    let gain =
+        |loss: f64, parameters: usize| rows * (loss / model.loss).ln() + 2.0 * (more + parameters as f64);
+    let (clipped, of_clip) = clip(data, &mut without, &gain);
+    clipped.min(periodic(data, &without, &periods, period, &|loss, count| gain(loss, count + of_clip)))
+}
+
+/// The long ARX of every delay.
+fn quick(data: &Data, stage: &Stage) -> Quick {
+    let (y_lags, z_lags): (Vec<usize>, Vec<usize>) =
+        ((1..=LAGS_Y).collect(), (1..=data.max_delay + BEYOND).collect());
+    Quick::new(data, stage, &y_lags, &z_lags, None)
+}
+
+/// Gain over the sound loop with a stop on each side, or none, where that is best, and what the stops cost; the stem of
+/// `stage` is left behind them.
+fn clip(data: &Data, stage: &mut Stage, gain: &dyn Fn(f64, usize) -> f64) -> (f64, usize) {
+    let z = stage.z.clone();
+    let fitted = &z[data.first..data.split];
+    let (low, high) = fitted.iter().fold((z[0], z[0]), |(low, high), z| (low.min(*z), high.max(*z)));
+    let step = APART * (high - low);
+    let mut best = (gain(quick(data, stage).loss, 0), 0, (low, high));
+    for (i, j) in (1..LEVELS * LEVELS).map(|at| (at / LEVELS, at % LEVELS)) {
+        let ends = (low + step * i as f64, high - step * j as f64);
+        stage.z.iter_mut().zip(&z).for_each(|(clipped, z)| *clipped = z.max(ends.0).min(ends.1));
+        let clipped = gain(quick(data, stage).loss, OF_CLIP);
+        if clipped < best.0 {
+            best = (clipped, OF_CLIP, ends);
+        }
+    }
+    let (gained, count, ends) = best;
+    stage.z.iter_mut().zip(&z).for_each(|(clipped, z)| *clipped = z.max(ends.0).min(ends.1));
+    (gained, count)
+}
+
+/// Gain over the loop of `stage` with a periodic load of any shape.
+fn periodic(
+    data: &Data,
+    stage: &Stage,
+    loads: &[f64],
+    of_op: Option<f64>,
+    gain: &dyn Fn(f64, usize) -> f64,
+) -> f64 {
+    let quick = quick(data, stage);
+    let rows = (data.split - data.first) as f64;
+    let most = (MOST_COLUMNS - quick.theta.len()) / 2;
+    let at = |w: f64, harmonics: usize| {
+        let below = (1..=harmonics.min(most)).map(|h| w * h as f64).take_while(|w| *w < HIGHEST);
+        let shapes: Vec<Vec<f64>> = below.flat_map(|w| wave(w, data.len())).collect();
+        let shapes: Vec<&[f64]> = shapes.iter().map(Vec::as_slice).collect();
+        // The frequency is a number, too.
+        gain(quick.with(&shapes).0, shapes.len() + 1)
+    };
+    let mut sought = combs(&quick.residual(), of_op);
+    sought.extend(loads.iter().flat_map(|period| HARMONICS.map(|harmonics| (*period, harmonics))));
+    let mut found: Vec<(f64, f64, usize)> = sought
+        .into_iter()
+        .filter(|(period, _)| LEAST_PERIODS * period <= rows)
+        .map(|(period, harmonics)| (at(TAU / period, harmonics), TAU / period, harmonics))
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let tuned = found.into_iter().take(TUNED).map(|(mut least, mut w, harmonics)| {
+        for halved in 0..HALVINGS {
+            let step = STEP * TAU / rows * 0.5_f64.powi(halved as i32);
+            for other in [w - step, w + step] {
+                let gained = at(other, harmonics);
+                if gained < least {
+                    (least, w) = (gained, other);
+                }
+            }
+        }
+        least
+    });
+    tuned.fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::fit::minimise;
+    use crate::residual::model::Element;
+    use crate::residual::pose::{declared, tests::behind_valve};
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// What a verdict needs.
+    const NEEDED: f64 = 20.0;
+
+    fn waves(n: usize) -> Vec<f64> {
+        (0..n).map(|k| 50.0 + 4.0 * (0.11 * k as f64).sin() + 1.5 * (0.041 * k as f64).cos()).collect()
+    }
+
+    /// A process behind `valve` with `load` added to PV, and the model with friction `f` (OP) and dynamics estimated.
+    fn fitted(valve: Element, f: f64, load: impl Fn(usize) -> f64) -> (Data, Spec) {
+        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(3));
+        let mut draw = move || -> f64 { noise.next().unwrap_or(0.0) };
+        let data = behind_valve(&waves(1400), valve, 0.8, |k| load(k) + 0.02 * draw());
+        let mut spec = declared(&data, f / data.scale.u);
+        minimise(&data, &mut spec, false, 12);
+        (data, spec)
+    }
+
+    #[test]
+    fn a_valve_that_sticks_is_ahead_of_every_rival() {
+        let valve = Element { f: 1.0, ..Element::default() };
+        let (data, spec) = fitted(valve, 1.0, |_| 0.0);
+        let ahead = ahead(&data, &spec, Some(TAU / 0.11));
+        assert!(ahead > 10.0 * NEEDED, "{ahead}");
+    }
+
+    #[test]
+    fn a_square_load_is_not_friction() {
+        let square = |k: usize| if (k as f64 * TAU / 57.3).sin() > 0.0 { 0.6 } else { -0.6 };
+        let (data, spec) = fitted(Element::default(), 1.0, square);
+        let sound = declared(&data, 0.0);
+        let linear = quick(&data, &sound.stage(&data).0).loss;
+        let ahead = ahead(&data, &spec, None);
+        let rows = (data.split - data.first) as f64;
+        let of_linear = rows * (linear / quick(&data, &spec.stage(&data).0).loss).ln();
+        // Edges that forty harmonics draw and no linear loop can.
+        assert!(ahead < 0.0 && ahead < of_linear - 10.0 * NEEDED, "{ahead}, linear {of_linear}");
+    }
+
+    #[test]
+    fn a_stop_is_not_friction() {
+        let op: Vec<f64> = waves(1400);
+        let stopped: Vec<f64> = op.iter().map(|u| u.min(52.0)).collect();
+        let mut data = behind_valve(&op, Element::default(), 0.8, |_| 0.0);
+        let truth = behind_valve(&stopped, Element::default(), 0.8, |_| 0.0);
+        data.y = truth.y;
+        let mut spec = declared(&data, 1.0 / data.scale.u);
+        minimise(&data, &mut spec, false, 12);
+        let ahead = ahead(&data, &spec, None);
+        assert!(ahead < -10.0 * NEEDED, "{ahead}");
+    }
+}
