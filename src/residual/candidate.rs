@@ -8,6 +8,7 @@ use super::model::{Data, Element, Spec};
 use super::regress::restructure;
 use super::scan::scan_friction;
 use super::search::{banded, even};
+use super::staged::jumps;
 
 /// Numbers that friction costs: f, its lag, the choice of the element.
 pub const FRICTION_COST: f64 = 4.0;
@@ -65,6 +66,7 @@ pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize
     }
     let judge = (sticky && !kept).then(|| Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk));
     if let Some(judge) = &judge {
+        elements.extend(jumps(data, &base.spec));
         elements.extend(even(data, &base.spec));
         elements.extend(
             scanned.of_family.into_iter().filter_map(|like| among_paths(data, &base.spec, judge, like)),

@@ -34,6 +34,10 @@ const WIDTH: f64 = 1.28;
 const OF_S: usize = 16;
 const OF_J: usize = 5;
 const PLACES: [(bool, f64); 5] = [(false, 0.0), (false, 0.5), (true, 0.0), (true, 0.5), (true, 1.0)];
+/// Places to each side of OP where they count for the whole record.
+const CLOSE: usize = 12;
+/// The farthest of them as a share of S: with the least S of a cell it is still no turn.
+const MOST_REST: f64 = 0.86;
 /// Samples of a path that are kept: the longest delay and the lags behind it.
 const KEPT: usize = 32;
 
@@ -44,8 +48,10 @@ pub enum Family {
     Plain(f64),
     /// It sticks at every stop (Choudhury's and Kano's).
     Sticks,
-    /// Every move is a slip of its own (He's, Stenman's).
+    /// Every move is a slip of its own (He's).
     Slips,
+    /// The same where J is S (Stenman's): one number.
+    Jumps,
 }
 
 /// What is left of PV for a stem to explain, with the dynamics held.
@@ -160,19 +166,33 @@ impl Task<'_> {
         found.iter().take(count).map(|(loss, cell)| (*loss, element(cell))).collect()
     }
 
-    fn start_cells(&self, family: Family) -> Vec<Cell> {
+    /// The cells at the start.
+    pub fn start_cells(&self, family: Family) -> Vec<Cell> {
         let wide = self.range.1 / self.range.0;
         let parts = ((wide.ln() / WIDTH.ln()).ceil() as usize).clamp(1, OF_S);
         let s = |i: usize| self.range.0 * wide.powf(i as f64 / parts as f64);
-        let plain = matches!(family, Family::Plain(_));
         let mut cells = Vec::new();
         for i in 0..parts {
-            for share in 0..if plain { 1 } else { OF_J } {
-                let of_j = |share: usize| s(i + 1) * share as f64 / OF_J as f64;
-                let j = if plain { (0.0, 0.0) } else { (of_j(share), of_j(share + 1)) };
-                let part = i * OF_J + share;
-                let start = |place| self.start_cell((s(i), s(i + 1)), j, part, place);
-                cells.extend(PLACES.into_iter().map(start));
+            let s = (s(i), s(i + 1));
+            let of_j = |share: usize| s.1 * share as f64 / OF_J as f64;
+            let shares: Vec<Range> = match family {
+                Family::Plain(_) => vec![(0.0, 0.0)],
+                Family::Jumps => vec![s],
+                Family::Sticks | Family::Slips => {
+                    (0..OF_J).map(|share| (of_j(share), of_j(share + 1))).collect()
+                }
+            };
+            for (share, j) in shares.into_iter().enumerate() {
+                let start = |place| self.start_cell(s, j, i * OF_J + share, place);
+                if family == Family::Jumps {
+                    // Nothing but a slip at the same sample makes two of its paths one: the start is never forgotten.
+                    let rest = |i: usize| MOST_REST * i as f64 / CLOSE as f64;
+                    let places = (0..=CLOSE).map(|i| (true, rest(i)));
+                    let others = (1..=CLOSE).map(|i| (false, rest(i)));
+                    cells.extend(places.chain(others).map(start));
+                } else {
+                    cells.extend(PLACES.into_iter().map(start));
+                }
             }
         }
         cells
@@ -184,12 +204,13 @@ impl Task<'_> {
         Cell { s, j, part, place, direction, turned }
     }
 
-    fn element(&self, cell: &Cell, family: Family, like: Element) -> Element {
+    /// The valve in the middle of a cell.
+    pub fn element(&self, cell: &Cell, family: Family, like: Element) -> Element {
         let s = middle(cell.s);
         let resume = (middle(cell.j) / s).min(1.0);
         let lag = (2.0 * cell.lag(family) / s).min(1.0);
         let rest = ((cell.place - self.u[self.start.index]).abs() / s).min(1.0);
-        let slips = family == Family::Slips;
+        let slips = matches!(family, Family::Slips | Family::Jumps);
         Element { f: 0.5 * s, lag, resume, slips, turned: cell.turned, rest, ..like }
     }
 }
@@ -273,6 +294,7 @@ mod tests {
         for (seed, valve, family) in [
             (1, sticks, Family::Sticks),
             (2, slips, Family::Slips),
+            (3, slips, Family::Jumps),
             (4, growing, Family::Sticks),
             (5, skewed, Family::Sticks),
         ] {

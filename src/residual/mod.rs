@@ -33,6 +33,7 @@ mod scan;
 mod search;
 mod select;
 mod slip;
+mod staged;
 mod step;
 
 use crate::diagnosis::{self, Diagnosis, Model, Residual, Verdict, gate, prepare};

@@ -139,6 +139,11 @@ impl Paths {
             let at = onward / grown;
             (goes.j.1, stays.j.0) = (at, at);
         }
+        if self.family == Family::Jumps {
+            // Whichever way: the threshold is one.
+            let at = if onward <= 0.0 { goes.s.1 } else { goes.j.1 };
+            (goes.s.1, goes.j.1, stays.s.0, stays.j.0) = (at, at, at, at);
+        }
         (self.s[1][i], self.j[1][i], self.lag[i]) = (goes.s.1, goes.j.1, goes.lag(self.family));
         // A stop is not left with more force than a turn takes.
         if stays.j.0 < stays.s.1 {
@@ -210,7 +215,7 @@ impl Still {
         match family {
             Family::Plain(_) => Self { goes: 0.0, stays: 0.0 },
             Family::Sticks => Self { goes: 0.0, stays: 1.0 },
-            Family::Slips => Self { goes: 1.0, stays: 1.0 },
+            Family::Slips | Family::Jumps => Self { goes: 1.0, stays: 1.0 },
         }
     }
 }

@@ -28,14 +28,20 @@ pub struct Scan<'a> {
     fixed: usize,
     work: Vec<f64>,
     stems: Vec<Lane>,
+    /// Fewest reversals of a stem that is rated.
+    least_turns: usize,
 }
 
 impl<'a> Scan<'a> {
     /// For elements in place of `spec`'s.
     pub fn new(data: &'a Data, spec: &Spec) -> Self {
+        Self::of_lags(data, spec, long_lags(data, spec.orders.nk), LEAST_REVERSALS)
+    }
+
+    /// The same with these lags of z, for stems that reverse so often at least.
+    pub fn of_lags(data: &'a Data, spec: &Spec, z_lags: Vec<usize>, least_turns: usize) -> Self {
         let (stage, _) = spec.stage(data);
         let (from, to) = (data.first, data.split);
-        let z_lags = long_lags(data, spec.orders.nk);
         let ones = vec![1.0; to - from];
         let mut columns: Vec<&[f64]> = (1..=LONG_Y).map(|lag| &stage.y[from - lag..to - lag]).collect();
         columns.push(&ones);
@@ -52,7 +58,20 @@ impl<'a> Scan<'a> {
         let (fixed, power) = (columns.len(), dot(target, target));
         let masked = stage.weight[from..to].contains(&0.0);
         let (trial, work) = (spec.clone(), vec![0.0; MOST_COLUMNS * MOST_COLUMNS]);
-        Self { data, trial, stage, z_lags, masked, gram, right, power, fixed, work, stems: Vec::new() }
+        Self {
+            data,
+            trial,
+            stage,
+            z_lags,
+            masked,
+            gram,
+            right,
+            power,
+            fixed,
+            work,
+            stems: Vec::new(),
+            least_turns,
+        }
     }
 
     /// Sets the first knob of the last term.
@@ -92,7 +111,7 @@ impl<'a> Scan<'a> {
         let turns = run.turns();
         let mut stage = std::mem::take(&mut self.stage);
         let losses = from_fn(|l| {
-            if l >= elements.len() || turns[l] < LEAST_REVERSALS as f64 {
+            if l >= elements.len() || turns[l] < self.least_turns as f64 {
                 return None;
             }
             stage.z.clear();
@@ -235,9 +254,9 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Sca
     Scanned { best: best.into_iter().map(|found| found.1).collect(), promising, of_family }
 }
 
-/// Plain, sticking at stops, or slipping.
-fn family(element: &Element) -> (bool, bool) {
-    (element.slips, element.resume > 0.0)
+/// Plain, sticking at stops, slipping, or slipping with J = S.
+fn family(element: &Element) -> (bool, bool, bool) {
+    (element.slips, element.resume > 0.0, element.slips && element.resume == 1.0)
 }
 
 impl Scan<'_> {

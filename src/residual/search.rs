@@ -89,9 +89,10 @@ pub fn settle(
 /// Valves of the kind of `spec`'s and any f and J, or of `any` kind and an f near that, with an f that grows so or differs so
 /// between directions, whose stems explain most samples; the dynamics held are those with `spec`'s own.
 pub fn banded(data: &Data, spec: &Spec, bands: impl Iterator<Item = (f64, f64)>, any: bool) -> Vec<Element> {
-    let family = match (spec.element.slips, spec.element.resume > 0.0) {
+    let family = match (spec.element.slips, spec.element.resume) {
+        (true, 1.0) => Family::Jumps,
         (true, _) => Family::Slips,
-        (_, true) => Family::Sticks,
+        (_, resume) if resume > 0.0 => Family::Sticks,
         _ => Family::Plain(spec.element.lag),
     };
     let families = if any { families(spec).to_vec() } else { vec![family] };
@@ -103,8 +104,8 @@ pub fn banded(data: &Data, spec: &Spec, bands: impl Iterator<Item = (f64, f64)>,
 }
 
 /// Every kind of valve, the plain one with the lag of `spec`'s.
-fn families(spec: &Spec) -> [Family; 3] {
-    [Family::Plain(spec.element.lag), Family::Sticks, Family::Slips]
+fn families(spec: &Spec) -> [Family; 4] {
+    [Family::Plain(spec.element.lag), Family::Sticks, Family::Slips, Family::Jumps]
 }
 
 /// The valves of one constant band whose stems explain most samples, one of each kind; the dynamics held are those with

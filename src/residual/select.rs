@@ -2,6 +2,7 @@
 
 use super::candidate::{Candidate, with_friction};
 use super::direct::{add_direct, is_direct, not_worse, restamped};
+use super::evidence::Judge;
 use super::findings::{Needed, Outcome, report};
 use super::fit::{held_out, minimise};
 use super::free::longer_sighted;
@@ -10,6 +11,7 @@ use super::needless::{Added, drop_needless};
 use super::pose::{declared, pose};
 use super::regress::restructure;
 use super::slip::slip_jump;
+use super::staged::jumps;
 use super::step::step;
 use super::{Findings, Settings, Stem};
 use crate::diagnosis::{Diagnosis, Verdict};
@@ -67,6 +69,9 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
                 base = next;
             }
         }
+        if !added.is_empty() {
+            base = as_jumps(&data, base, &mut tried);
+        }
         let (found, valve) = step(&data, settings, &base, (&declared, at_start), (&mut quiet, &mut tried));
         if let Some(element) = valve
             && looks > 0
@@ -95,6 +100,20 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     }
     let refit = if added.is_empty() { longer_sighted(&data, &declared) } else { declared.clone() };
     Some(report(&data, diagnosis, settings, Outcome { compared, declared, base, refit, added, tried }))
+}
+
+/// The model with a stem of slips where, beside the effects, that gains by AIC and the long model alike.
+fn as_jumps(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
+    if base.spec.element.f <= 0.0 {
+        return base;
+    }
+    let Some(element) = jumps(data, &base.spec) else { return base };
+    let other = base.with_valve(data, element, true);
+    *tried += 1;
+    let judge = Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk);
+    let gain = judge.gain(data, &other.spec.stage(data).0, other.spec.orders.nk);
+    let nearer = held_out(data, &other.spec).0 < held_out(data, &base.spec).0;
+    if nearer && other.aic < base.aic && gain > 0.0 { other } else { base }
 }
 
 /// The model estimated once more from where it is.
