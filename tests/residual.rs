@@ -84,23 +84,20 @@ fn little_is_invented_where_nothing_is() {
 /// 5 % of 60 is 3; the chance of more than 6 at that rate is 3 %.
 const INVENTED: usize = 6;
 
-/// With a linear controller and a set point at rest the lags of OP follow from PV's, which those of another stem do not.
+/// With a linear controller and a set point at rest the lags of OP follow from PV's, which those of another stem do not; and of loads
+/// that are squares or triangles a few waves leave corners, which a stem that rests fits.
 #[test]
-fn little_is_invented_on_loops_of_the_other_generator() {
-    let found = parallel::each(nothing_hidden(0..220), |seed| (seed, traced(&random_sound(seed)).named));
-    let wrong: Vec<_> = found.iter().filter(|(_, named)| !named.is_empty()).collect();
-    println!("invented on {} of {}: {wrong:?}", wrong.len(), found.len());
-    assert!(found.len() >= 80 && wrong.len() <= INVENTED_THERE, "{}", wrong.len());
-}
-
-/// Squares, triangles and limit cycles between stops among them: what a few waves leave of them, a stem that rests may fit.
-#[test]
-fn a_load_of_another_shape_is_not_taken_for_friction() {
-    let found = parallel::each(0..220, |seed| (seed, traced(&random_sound(seed)).sticks));
+fn little_is_invented_and_none_accused_on_loops_of_the_other_generator() {
+    let found = parallel::each(0..220, |seed| (seed, traced(&random_sound(seed))));
+    let quiet = nothing_hidden(0..220);
+    let invented = found.iter().filter(|(seed, traced)| quiet.contains(seed) && !traced.named.is_empty());
+    let invented: Vec<_> = invented.map(|(seed, traced)| (seed, &traced.named)).collect();
+    println!("invented on {} of {}: {invented:?}", invented.len(), quiet.len());
+    assert!(quiet.len() >= 80 && invented.len() <= INVENTED_THERE, "{}", invented.len());
     let accused: Vec<u64> =
-        found.iter().filter(|(_, sticks)| *sticks == [false, true]).map(|(seed, _)| *seed).collect();
+        found.iter().filter(|(_, traced)| traced.sticks == [false, true]).map(|(seed, _)| *seed).collect();
     println!("accused by an effect: {accused:?} of {}", found.len());
-    assert!(found.len() >= 200 && accused.len() <= ACCUSED, "{accused:?}");
+    assert!(accused.len() <= ACCUSED, "{accused:?}");
 }
 
 /// 7 of 220 without the rivals, 1 with them.

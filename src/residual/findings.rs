@@ -11,6 +11,7 @@ use super::{Curves, Effect, Findings, Friction, Kind, Parameter, Settings, check
 use crate::diagnosis::stats::median;
 use crate::diagnosis::validation::is_white;
 use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
+use std::cell::OnceCell;
 
 /// Values of f to each side in an interval, and the 95 % point of a threshold's likelihood ratio (Hansen, table 1).
 const INTERVAL: i32 = 40;
@@ -31,13 +32,16 @@ pub struct Outcome {
     pub refit: Spec,
     /// The effects in the order they were added.
     pub added: Vec<Added>,
+    /// What a verdict of stiction needs that the declared model did not give.
+    pub needed: Option<Needed>,
     /// Candidates fitted.
     pub tried: usize,
 }
 
 /// Puts the findings into the plant's units.
 pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: Outcome) -> Findings {
-    let Outcome { compared, declared, base, refit, added, tried } = outcome;
+    let Outcome { compared, declared, base, refit, added, needed, tried } = outcome;
+    let needed = needed.as_ref();
     // Without a diagnosis, as on the stem, whatever was found is the model.
     let stands = added.is_empty() && diagnosis.window.is_some();
     // Without effects the same model, friction and dynamics estimated together or dynamics once more, may still predict
@@ -99,11 +103,11 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
         delta_aic: e.delta_aic,
     });
     let (friction_after, verdict, reason) = if stands {
-        let jointly = |base| verdict_after(data, settings, base, diagnosis).0;
+        let jointly = |base| verdict_after(data, settings, base, diagnosis, needed).0;
         let friction = if again { jointly(&base) } else { friction_before };
         (friction, diagnosis.verdict.clone(), diagnosis.reason.clone())
     } else {
-        verdict_after(data, settings, &base, diagnosis)
+        verdict_after(data, settings, &base, diagnosis, needed)
     };
     Findings {
         effects,
@@ -142,14 +146,15 @@ pub fn slip_effect(data: &Data, element: &Element, kind: Kind, delta_aic: f64) -
 }
 
 /// What a verdict of stiction needs that the declared model did not give.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Needed {
     /// Gain in AIC, over the sound loop and over every rival.
     pub aic: f64,
     /// Evidence in the long model.
     pub long: f64,
     /// Period of OP's oscillation (samples).
-    pub period: Option<f64>,
+    period: Option<f64>,
+    rivalled: OnceCell<bool>,
 }
 
 impl Needed {
@@ -162,12 +167,13 @@ impl Needed {
         };
         let aic = settings.evidence_threshold;
         let period = diagnosis.oscillation.map(|oscillation| oscillation.period / ts);
-        Some(Self { aic, long: times * aic, period })
+        Some(Self { aic, long: times * aic, period, rivalled: OnceCell::new() })
     }
 
-    /// Whether a load of any shape or a stop explains the record about as well as the valve of `spec`.
+    /// Whether a load of any shape or a stop explains the record about as well as the valve of `spec`, the model that is to be
+    /// reported: a slip jump and the verdict go by one answer.
     pub fn is_rivalled(&self, data: &Data, spec: &Spec) -> bool {
-        rival::ahead(data, spec, self.period) <= self.aic
+        *self.rivalled.get_or_init(|| rival::ahead(data, spec, self.period) <= self.aic)
     }
 }
 
@@ -177,6 +183,7 @@ pub fn verdict_after(
     settings: &Settings,
     base: &Candidate,
     diagnosis: &Diagnosis,
+    needed: Option<&Needed>,
 ) -> (Friction, Verdict, String) {
     let mut base = base.clone();
     base.spec.element.f = finer(data, &base.spec);
@@ -184,7 +191,6 @@ pub fn verdict_after(
     let element = base.spec.element;
     let [by_armax, by_long] = of_valve(data, base);
     let f = element.f * data.scale.u;
-    let needed = Needed::after(settings, diagnosis, data.scale.ts);
     let stood = needed.is_none();
     // An ARMAX of low order takes a stem that rests for slow dynamics it lacks: where it is the first to see friction, the long
     // model has to see it, too. Where both see none, the verdict goes.
@@ -340,7 +346,8 @@ mod tests {
                 &data,
                 &settings,
                 &Candidate::new(&data, spec.clone(), 0.0),
-                &Diagnosis::bare(of, ""),
+                &Diagnosis::bare(of.clone(), ""),
+                Needed::after(&settings, &Diagnosis::bare(of, ""), 1.0).as_ref(),
             )
         };
         sticks.terms.push(Box::new(Idle(Kind::AsymmetricFriction)));

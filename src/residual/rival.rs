@@ -5,6 +5,7 @@
 //! that runs into a stop, and both.
 
 use super::Kind;
+use super::candidate::FRICTION_COST;
 use super::effects::wave;
 use super::model::{Data, Spec, Stage};
 use super::regress::Quick;
@@ -31,21 +32,52 @@ const APART: f64 = 0.06;
 const OF_CLIP: usize = 2;
 
 /// `AIC(best rival) - AIC(model)` in the long ARX of the fitted samples; `period`: of OP's oscillation (samples).
+///
+/// A rival is the model without its friction, with none or one of its loads left out for one of any shape, or all of them and the
+/// stops there are for others.
 pub fn ahead(data: &Data, spec: &Spec, period: Option<f64>) -> f64 {
-    let (stage, _) = spec.stage(data);
-    let model = quick(data, &stage);
     let mut sound = spec.clone();
     sound.element.f = 0.0;
-    sound.terms.retain(|term| !matches!(term.kind(), Kind::OscillatingLoad | Kind::ValveSaturation));
-    let loads = spec.terms.iter().filter(|term| term.kind() == Kind::OscillatingLoad);
-    let periods: Vec<f64> = loads.flat_map(|load| load.knobs()).map(|w| TAU / w.value).collect();
-    let (mut without, _) = sound.stage(data);
-    let rows = (data.split - data.first) as f64;
-    let more = without.columns.len() as f64 - stage.columns.len() as f64;
-    let gain =
-        |loss: f64, parameters: usize| rows * (loss / model.loss).ln() + 2.0 * (more + parameters as f64);
-    let (clipped, of_clip) = clip(data, &mut without, &gain);
-    clipped.min(periodic(data, &without, &periods, period, &|loss, count| gain(loss, count + of_clip)))
+    let is_of = |at: &usize, kinds: &[Kind]| kinds.contains(&spec.terms[*at].kind());
+    let terms = 0..spec.terms.len();
+    let loads = terms.clone().filter(|at| is_of(at, &[Kind::OscillatingLoad]));
+    let mut left_out: Vec<Vec<usize>> = loads.map(|load| vec![load]).collect();
+    left_out.push(terms.filter(|at| is_of(at, &[Kind::OscillatingLoad, Kind::ValveSaturation])).collect());
+    left_out.push(Vec::new());
+    left_out.sort();
+    left_out.dedup();
+    let (stage, _) = spec.stage(data);
+    let model = Rated { loss: quick(data, &stage).loss, columns: stage.columns.len() };
+    let gains = left_out.iter().map(|out| model.ahead_of(data, &sound, out, period));
+    gains.fold(f64::INFINITY, f64::min) - 2.0 * FRICTION_COST
+}
+
+/// The model with its friction.
+struct Rated {
+    loss: f64,
+    columns: usize,
+}
+
+impl Rated {
+    /// Its lead, its friction not paid for, over the sound model with a load of any shape in place of those loads.
+    fn ahead_of(&self, data: &Data, sound: &Spec, left_out: &[usize], of_op: Option<f64>) -> f64 {
+        let mut rival = sound.clone();
+        let kept = |at: &usize| !left_out.contains(at);
+        rival.terms = (0..sound.terms.len()).filter(kept).map(|at| sound.terms[at].boxed()).collect();
+        let numbers = |at: &usize| sound.terms[*at].knobs();
+        let loads = left_out.iter().filter(|at| sound.terms[**at].kind() == Kind::OscillatingLoad);
+        let periods: Vec<f64> = loads.flat_map(numbers).map(|w| TAU / w.value).collect();
+        let (mut stage, _) = rival.stage(data);
+        let rows = (data.split - data.first) as f64;
+        let knobs = left_out.iter().flat_map(numbers).count();
+        let more = stage.columns.len() as f64 - (self.columns + knobs) as f64;
+        let gain =
+            |loss: f64, parameters: usize| rows * (loss / self.loss).ln() + 2.0 * (more + parameters as f64);
+        let stops = rival.terms.iter().any(|term| term.kind() == Kind::ValveSaturation);
+        let (clipped, of_clip) =
+            if stops { (gain(quick(data, &stage).loss, 0), 0) } else { clip(data, &mut stage, &gain) };
+        clipped.min(periodic(data, &stage, &periods, of_op, &|loss, count| gain(loss, count + of_clip)))
+    }
 }
 
 /// The long ARX of every delay.
@@ -60,7 +92,8 @@ fn quick(data: &Data, stage: &Stage) -> Quick {
 fn clip(data: &Data, stage: &mut Stage, gain: &dyn Fn(f64, usize) -> f64) -> (f64, usize) {
     let z = stage.z.clone();
     let fitted = &z[data.first..data.split];
-    let (low, high) = fitted.iter().fold((z[0], z[0]), |(low, high), z| (low.min(*z), high.max(*z)));
+    let (low, high) =
+        fitted.iter().fold((fitted[0], fitted[0]), |(low, high), z| (low.min(*z), high.max(*z)));
     let step = APART * (high - low);
     let mut best = (gain(quick(data, stage).loss, 0), 0, (low, high));
     for (i, j) in (1..LEVELS * LEVELS).map(|at| (at / LEVELS, at % LEVELS)) {
@@ -120,9 +153,12 @@ fn periodic(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::residual::Settings;
+    use crate::residual::effects::{Context, OscillatingLoad, Recognise};
     use crate::residual::fit::minimise;
     use crate::residual::model::Element;
     use crate::residual::pose::{declared, tests::behind_valve};
+    use crate::residual::regress::all_errors;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
@@ -149,6 +185,27 @@ mod tests {
         let (data, spec) = fitted(valve, 1.0, |_| 0.0);
         let ahead = ahead(&data, &spec, Some(TAU / 0.11));
         assert!(ahead > 10.0 * NEEDED, "{ahead}");
+    }
+
+    /// What two loads or a slow one explain, their rival explains, too: a model without friction is ahead of none.
+    #[test]
+    fn a_model_without_friction_is_never_ahead() {
+        for periods in [vec![37.0, 21.7], vec![300.0], vec![900.0]] {
+            let load = |k: usize| periods.iter().map(|p| 0.4 * (k as f64 * TAU / p).sin()).sum::<f64>();
+            let (data, mut spec) = fitted(Element::default(), 0.0, load);
+            let context = |spec: &Spec| (spec.stage(&data).0, all_errors(&data, spec).1);
+            for _ in &periods {
+                let (stage, e) = context(&spec);
+                let quick = Quick::long_arx(&data, &stage, spec.orders.nk);
+                let settings = Settings::default();
+                let context = Context::new(&data, (&spec, spec.element), (&stage, &e), &quick, &settings);
+                let best = OscillatingLoad.propose(&context).into_iter().next().expect("a line is there");
+                spec.terms.push(best.term);
+                minimise(&data, &mut spec, false, 12);
+            }
+            let ahead = ahead(&data, &spec, None);
+            assert!(ahead < 0.0, "{periods:?}: {ahead}");
+        }
     }
 
     #[test]

@@ -127,7 +127,8 @@ impl<'a> Scan<'a> {
     fn behind(&mut self, stage: &mut Stage) -> f64 {
         self.trial.terms.iter().for_each(|term| term.stem(self.data, &mut stage.z));
         if self.masked {
-            Quick::long_arx(self.data, stage, self.trial.orders.nk).loss
+            let y_lags: Vec<usize> = (1..=LONG_Y).collect();
+            Quick::new(self.data, stage, &y_lags, &self.z_lags, None).loss
         } else {
             self.loss(stage)
         }

@@ -90,7 +90,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     }
     base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
     let needed = Needed::after(settings, diagnosis, data.scale.ts);
-    slip_jump(&data, &mut base, (&declared, at_start), needed, &mut added);
+    slip_jump(&data, &mut base, (&declared, at_start), needed.as_ref(), &mut added);
     base = not_worse(&data, &declared, base, at_start);
     // What later effects made of the first must still predict better than nothing.
     let now = held_out(&data, &base.spec);
@@ -99,7 +99,12 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         (base, added) = (Candidate::new(&data, declared.clone(), 0.0), Vec::new());
     }
     let refit = if added.is_empty() { longer_sighted(&data, &declared) } else { declared.clone() };
-    Some(report(&data, diagnosis, settings, Outcome { compared, declared, base, refit, added, tried }))
+    Some(report(
+        &data,
+        diagnosis,
+        settings,
+        Outcome { compared, declared, base, refit, added, needed, tried },
+    ))
 }
 
 /// The model with a stem of slips where, beside the effects, that gains by AIC and the long model alike.

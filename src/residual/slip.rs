@@ -34,7 +34,7 @@ pub fn slip_jump(
     data: &Data,
     base: &mut Candidate,
     (declared, at_start): (&Spec, (f64, f64)),
-    needed: Option<Needed>,
+    needed: Option<&Needed>,
     added: &mut Vec<Added>,
 ) {
     let own = base.spec.element;

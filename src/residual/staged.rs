@@ -17,14 +17,18 @@ const GO_ON: usize = 512;
 const FEWEST: usize = 48;
 /// Paths at which a stage ends early, if so many of its samples are rated.
 const MOST: usize = 4096;
-const LEAST: usize = 32;
+const LEAST: usize = 64;
 /// S, as shares of the model's own.
 const RANGE: (f64, f64) = (0.5, 1.4);
 /// Lags of z in the long ARX: of a model that is wrong the delay says little.
 const LAGS: usize = 8;
 
-/// The stem of slips of S that explains most of the fitted samples, with S near that of `spec`.
+/// The stem of slips of S that explains most of the fitted samples, with S near that of `spec`; none where its bands differ or grow.
 pub fn jumps(data: &Data, spec: &Spec) -> Option<Element> {
+    let full = spec.full_element();
+    if (full.growth, full.skew) != (0.0, 0.0) {
+        return None;
+    }
     let (stage, _) = spec.stage(data);
     let own = 2.0 * spec.element.f;
     let task = Task {

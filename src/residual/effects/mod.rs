@@ -16,6 +16,8 @@ mod quantised_pv;
 mod static_nonlinearity;
 mod valve_saturation;
 
+#[cfg(test)]
+pub use oscillating_load::OscillatingLoad;
 pub use oscillating_load::wave;
 
 use super::Settings;
