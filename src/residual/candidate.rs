@@ -52,25 +52,42 @@ impl Candidate {
     }
 }
 
-/// The model with friction scanned anew: the better of what it has, another f, and none. `kept`: of the same kind of valve;
-/// else, where there is friction, the valve that gains most by AIC and the long model alike.
-pub fn with_friction(data: &Data, base: Candidate, kept: bool, tried: &mut usize) -> Candidate {
+/// Which valves friction is sought for where there is some.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Sought {
+    /// Of the kind there is.
+    Kept,
+    /// Of any kind, by AIC and the long model alike.
+    Any {
+        /// Stems of slips with dynamics of their own, too.
+        slips: bool,
+        /// All paths with dynamics of their own, too.
+        paths: bool,
+    },
+}
+
+/// The model with friction scanned anew: the better of what it has, another f, and none.
+pub fn with_friction(data: &Data, base: Candidate, sought: Sought, tried: &mut usize) -> Candidate {
     let mut best = base.clone();
     let known = held_out(data, &base.spec);
     let sticky = base.spec.element.f > 0.0;
-    let scanned = scan_friction(data, &base.spec, SCAN, kept && sticky);
+    let scanned = scan_friction(data, &base.spec, SCAN, sought == Sought::Kept && sticky);
     let mut elements = scanned.best;
     let likely = elements.first().copied().unwrap_or(base.spec.element);
-    if kept && !scanned.promising {
+    if sought == Sought::Kept && !scanned.promising {
         elements.clear();
     }
-    let judge = (sticky && !kept).then(|| Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk));
+    let judge = (sticky && sought != Sought::Kept)
+        .then(|| Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk));
     if let Some(judge) = &judge {
-        elements.extend(jumps(data, &base.spec));
         elements.extend(even(data, &base.spec));
-        elements.extend(
-            scanned.of_family.into_iter().filter_map(|like| among_paths(data, &base.spec, judge, like)),
-        );
+        if let Sought::Any { slips: true, .. } = sought {
+            elements.extend(jumps(data, &base.spec));
+        }
+        if let Sought::Any { paths: true, .. } = sought {
+            let like = scanned.of_family.into_iter();
+            elements.extend(like.filter_map(|like| among_paths(data, &base.spec, judge, like)));
+        }
     }
     elements.push(Element { f: 0.0, ..base.spec.element });
     if sticky {

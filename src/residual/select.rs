@@ -1,6 +1,6 @@
 //! Forward selection: one effect at a time, friction and dynamics estimated again with each.
 
-use super::candidate::{Candidate, with_friction};
+use super::candidate::{Candidate, Sought, with_friction};
 use super::direct::{add_direct, is_direct, not_worse, restamped};
 use super::evidence::Judge;
 use super::findings::{Needed, Outcome, report};
@@ -47,10 +47,11 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     let mut base = Candidate::new(&data, declared.clone(), 0.0);
     let mut added = Vec::new();
     add_direct(&data, settings, &mut base, &mut added);
-    base = with_friction(&data, base, false, &mut tried);
+    let sticky = base.spec.element.f > 0.0;
+    base = with_friction(&data, base, Sought::Any { slips: true, paths: false }, &mut tried);
     if base.spec.element.f > 0.0 {
         // A valve found through dynamics without one is seldom the right one.
-        base = with_friction(&data, base, false, &mut tried);
+        base = with_friction(&data, base, Sought::Any { slips: !sticky, paths: true }, &mut tried);
     }
     let compared = restamped(&declared, &base.spec);
     let mut declared = compared.clone();
@@ -131,7 +132,11 @@ fn again(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
     if rows * (base.spec.loss / spec.loss).ln() < CHANGED {
         return base;
     }
-    let next =
-        with_friction(data, Candidate { likely, ..Candidate::new(data, spec, base.paid) }, true, tried);
+    let next = with_friction(
+        data,
+        Candidate { likely, ..Candidate::new(data, spec, base.paid) },
+        Sought::Kept,
+        tried,
+    );
     if next.aic < base.aic { next } else { base }
 }

@@ -1,6 +1,6 @@
 //! One step of the selection: what the effects propose, fitted, judged and compared.
 
-use super::candidate::{Candidate, tune, with_friction};
+use super::candidate::{Candidate, Sought, tune, with_friction};
 use super::climb::{CLIMBS, climb};
 use super::effects::{ALL, Context, Proposal, Recognise};
 use super::evidence::Judge;
@@ -25,6 +25,8 @@ const EXACT: [Kind; 4] =
 /// Evidence below which another friction does not save an effect, and how far behind the best it is not worth it (-).
 const LOST: f64 = 1.0;
 const FAR_BEHIND: f64 = 20.0;
+/// The same with dynamics of its own, by the signals alone.
+const PAST_SAVING: f64 = -5.0;
 /// Effects that no valve that is off looks like; a clip is not among them.
 const UNLIKE_A_VALVE: [Kind; 5] = [
     Kind::StaticNonlinearity,
@@ -251,13 +253,16 @@ impl Step<'_> {
         let data = self.data;
         restructure(data, &mut candidate.spec, true, 3);
         let plain = candidate;
+        let gain = self.with_effect(&plain);
+        if gain < PAST_SAVING && self.settings.only.is_none() {
+            return None;
+        }
         // On its way to the process another kind of valve may go with it.
-        let kept = plain.spec.terms.last().is_none_or(|term| !ON_THE_WAY.contains(&term.kind()));
-        let mut candidate = with_friction(data, plain.clone(), kept, tried);
+        let on_the_way = plain.spec.terms.last().is_some_and(|term| ON_THE_WAY.contains(&term.kind()));
+        let sought = if on_the_way { Sought::Any { slips: false, paths: true } } else { Sought::Kept };
+        let mut candidate = with_friction(data, plain.clone(), sought, tried);
         // What friction wins on the fitted samples it must win on all.
-        if candidate.spec.element != plain.spec.element
-            && self.with_effect(&candidate) < self.with_effect(&plain)
-        {
+        if candidate.spec.element != plain.spec.element && self.with_effect(&candidate) < gain {
             candidate = Candidate { likely: candidate.likely, ..plain };
         }
         tune(data, &mut candidate.spec, tried);

@@ -22,12 +22,18 @@ const KINDS: [(f64, f64, bool); 4] =
     [(0.0, 0.0, false), (0.0, 1.0, false), (0.5, 0.5, false), (0.0, 0.5, true)];
 /// Gain of the long ARX below which none of them is sought closely.
 const FAR_BEHIND: f64 = -30.0;
+/// The same below which there are no bands of this kind: beside friction, which a few values miss by far, and beside none.
+const LEAST_STICKY: f64 = -150.0;
+const LEAST_SOUND: f64 = 3.0;
 /// How many of the likely kind, and of the others, are sought closely, each with another value.
 const OF_KIND: usize = 2;
+/// Gain, by the scan and by the long model, of which one is enough to seek them among all paths where there is no friction.
+const MUCH: f64 = 25.0;
+const SOME: f64 = 7.0;
 /// Gain from which valves are sought again from what was found, from how many, the values about the one there is, and the
 /// largest.
-const HOPEFUL: f64 = 5.0;
-const STARTS: usize = 4;
+const HOPEFUL: f64 = 10.0;
+const STARTS: usize = 2;
 const NEAR: [f64; 5] = [-0.2, -0.1, 0.0, 0.1, 0.2];
 const LARGEST: f64 = 0.9;
 /// Value, and share of f, by which two valves differ that are one.
@@ -64,11 +70,18 @@ struct Valve {
 impl Bands<'_> {
     /// The terms worth a full fit, each with its valve.
     pub fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
-        let scanned = self.scanned(c).into_iter();
-        let mut found: Vec<Valve> =
-            scanned.map(|(element, value)| self.closely(c, element, value, Reach::Near)).collect();
-        let plain = Spec { element: c.likely, ..c.spec.clone() };
-        found.extend(self.among_paths(c, &plain, self.values, false));
+        let (most, scanned) = self.scanned(c);
+        let sound = c.spec.element.f == 0.0;
+        if most < if sound { LEAST_SOUND } else { LEAST_STICKY } {
+            return Vec::new();
+        }
+        let closely = |(element, value)| self.closely(c, element, value, Reach::Near);
+        let mut found: Vec<Valve> = scanned.into_iter().map(closely).collect();
+        let any = most > MUCH || found.iter().any(|valve| valve.gain > SOME);
+        if !sound || any {
+            let plain = Spec { element: c.likely, ..c.spec.clone() };
+            found.extend(self.among_paths(c, &plain, self.values, false));
+        }
         best_apart(&mut found);
         if found.first().is_some_and(|best| best.gain > HOPEFUL) {
             let starts = found.iter().take(STARTS);
@@ -106,8 +119,8 @@ impl Bands<'_> {
         Valve { element, value, gain: c.judge().gain(c.data, &stage, c.spec.orders.nk) }
     }
 
-    /// The best of the likely kind and of others: a turn missed by one costs more squares than a wrong value.
-    fn scanned(&self, c: &Context<'_>) -> Vec<(Element, f64)> {
+    /// The best of the likely kind and of others: a turn missed by one costs more squares than a wrong value; with the most gained.
+    fn scanned(&self, c: &Context<'_>) -> (f64, Vec<(Element, f64)>) {
         let own = (c.likely.resume, c.likely.slips);
         let kinds = [0.0, 0.5].into_iter().map(|lag| (lag, own.0, own.1)).chain(KINDS);
         let kinds: Vec<(f64, f64, bool)> = kinds.collect();
@@ -125,8 +138,10 @@ impl Bands<'_> {
             let losses = scan.rate(&elements).into_iter().zip(elements);
             rated.extend(losses.filter_map(|(loss, element)| Some((loss?, element, value))));
         }
-        rated.retain(|(loss, ..)| c.rows() * (c.quick.loss / loss).ln() > FAR_BEHIND);
         rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let gain = |loss: f64| c.rows() * (c.quick.loss / loss).ln();
+        let most = rated.first().map_or(f64::NEG_INFINITY, |(loss, ..)| gain(*loss));
+        rated.retain(|(loss, ..)| gain(*loss) > FAR_BEHIND);
         let mut seen: Vec<(bool, f64)> = Vec::new();
         rated.retain(|(_, element, value)| {
             let likely = (element.resume, element.slips) == own;
@@ -137,7 +152,7 @@ impl Bands<'_> {
             }
             new
         });
-        rated.into_iter().map(|(_, element, value)| (element, value)).collect()
+        (most, rated.into_iter().map(|(_, element, value)| (element, value)).collect())
     }
 
     /// The best with such bands among all paths, with the dynamics of `spec`, nearly right, sought closely; `any`: of any kind
