@@ -173,7 +173,7 @@ impl Needed {
     /// Whether a load of any shape or a stop explains the record about as well as the valve of `spec`, the model that is to be
     /// reported: a slip jump and the verdict go by one answer.
     pub fn is_rivalled(&self, data: &Data, spec: &Spec) -> bool {
-        *self.rivalled.get_or_init(|| rival::ahead(data, spec, self.period) <= self.aic)
+        *self.rivalled.get_or_init(|| rival::ahead(data, spec, self.period, self.aic) <= self.aic)
     }
 }
 

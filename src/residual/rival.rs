@@ -31,11 +31,12 @@ const LEVELS: usize = 8;
 const APART: f64 = 0.06;
 const OF_CLIP: usize = 2;
 
-/// `AIC(best rival) - AIC(model)` in the long ARX of the fitted samples; `period`: of OP's oscillation (samples).
+/// `AIC(best rival) - AIC(model)` in the long ARX of the fitted samples, or that of the first rival by which it is no more than
+/// `enough`; `period`: of OP's oscillation (samples).
 ///
 /// A rival is the model without its friction, with none or one of its loads left out for one of any shape, or all of them and the
 /// stops there are for others.
-pub fn ahead(data: &Data, spec: &Spec, period: Option<f64>) -> f64 {
+pub fn ahead(data: &Data, spec: &Spec, period: Option<f64>, enough: f64) -> f64 {
     let mut sound = spec.clone();
     sound.element.f = 0.0;
     let is_of = |at: &usize, kinds: &[Kind]| kinds.contains(&spec.terms[*at].kind());
@@ -48,8 +49,21 @@ pub fn ahead(data: &Data, spec: &Spec, period: Option<f64>) -> f64 {
     left_out.dedup();
     let (stage, _) = spec.stage(data);
     let model = Rated { loss: quick(data, &stage).loss, columns: stage.columns.len() };
-    let gains = left_out.iter().map(|out| model.ahead_of(data, &sound, out, period));
-    gains.fold(f64::INFINITY, f64::min) - 2.0 * FRICTION_COST
+    let enough = enough + 2.0 * FRICTION_COST;
+    let gains = left_out.iter().map(|out| model.ahead_of(data, &sound, out, period, enough));
+    least(gains, enough) - 2.0 * FRICTION_COST
+}
+
+/// The least of some gains, or the first that is no more than `enough`.
+fn least(gains: impl Iterator<Item = f64>, enough: f64) -> f64 {
+    let mut least = f64::INFINITY;
+    for gain in gains {
+        least = gain.min(least);
+        if least <= enough {
+            break;
+        }
+    }
+    least
 }
 
 /// The model with its friction.
@@ -60,7 +74,14 @@ struct Rated {
 
 impl Rated {
     /// Its lead, its friction not paid for, over the sound model with a load of any shape in place of those loads.
-    fn ahead_of(&self, data: &Data, sound: &Spec, left_out: &[usize], of_op: Option<f64>) -> f64 {
+    fn ahead_of(
+        &self,
+        data: &Data,
+        sound: &Spec,
+        left_out: &[usize],
+        of_op: Option<f64>,
+        enough: f64,
+    ) -> f64 {
         let mut rival = sound.clone();
         let kept = |at: &usize| !left_out.contains(at);
         rival.terms = (0..sound.terms.len()).filter(kept).map(|at| sound.terms[at].boxed()).collect();
@@ -76,7 +97,11 @@ impl Rated {
         let stops = rival.terms.iter().any(|term| term.kind() == Kind::ValveSaturation);
         let (clipped, of_clip) =
             if stops { (gain(quick(data, &stage).loss, 0), 0) } else { clip(data, &mut stage, &gain) };
-        clipped.min(periodic(data, &stage, &periods, of_op, &|loss, count| gain(loss, count + of_clip)))
+        if clipped <= enough {
+            return clipped;
+        }
+        let beside = |loss, count| gain(loss, count + of_clip);
+        clipped.min(periodic(data, &stage, (&periods, of_op), &beside, enough))
     }
 }
 
@@ -113,9 +138,9 @@ fn clip(data: &Data, stage: &mut Stage, gain: &dyn Fn(f64, usize) -> f64) -> (f6
 fn periodic(
     data: &Data,
     stage: &Stage,
-    loads: &[f64],
-    of_op: Option<f64>,
+    (loads, of_op): (&[f64], Option<f64>),
     gain: &dyn Fn(f64, usize) -> f64,
+    enough: f64,
 ) -> f64 {
     let quick = quick(data, stage);
     let rows = (data.split - data.first) as f64;
@@ -129,11 +154,14 @@ fn periodic(
     };
     let mut sought = combs(&quick.residual(), of_op);
     sought.extend(loads.iter().flat_map(|period| HARMONICS.map(|harmonics| (*period, harmonics))));
-    let mut found: Vec<(f64, f64, usize)> = sought
-        .into_iter()
-        .filter(|(period, _)| LEAST_PERIODS * period <= rows)
-        .map(|(period, harmonics)| (at(TAU / period, harmonics), TAU / period, harmonics))
-        .collect();
+    let mut found: Vec<(f64, f64, usize)> = Vec::new();
+    for (period, harmonics) in sought.into_iter().filter(|(period, _)| LEAST_PERIODS * period <= rows) {
+        let gained = at(TAU / period, harmonics);
+        if gained <= enough {
+            return gained;
+        }
+        found.push((gained, TAU / period, harmonics));
+    }
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     let tuned = found.into_iter().take(TUNED).map(|(mut least, mut w, harmonics)| {
         for halved in 0..HALVINGS {
@@ -147,7 +175,7 @@ fn periodic(
         }
         least
     });
-    tuned.fold(f64::INFINITY, f64::min)
+    least(tuned, enough)
 }
 
 #[cfg(test)]
@@ -183,7 +211,7 @@ mod tests {
     fn a_valve_that_sticks_is_ahead_of_every_rival() {
         let valve = Element { f: 1.0, ..Element::default() };
         let (data, spec) = fitted(valve, 1.0, |_| 0.0);
-        let ahead = ahead(&data, &spec, Some(TAU / 0.11));
+        let ahead = ahead(&data, &spec, Some(TAU / 0.11), NEEDED);
         assert!(ahead > 10.0 * NEEDED, "{ahead}");
     }
 
@@ -203,7 +231,7 @@ mod tests {
                 spec.terms.push(best.term);
                 minimise(&data, &mut spec, false, 12);
             }
-            let ahead = ahead(&data, &spec, None);
+            let ahead = ahead(&data, &spec, None, f64::NEG_INFINITY);
             assert!(ahead < 0.0, "{periods:?}: {ahead}");
         }
     }
@@ -214,7 +242,7 @@ mod tests {
         let (data, spec) = fitted(Element::default(), 1.0, square);
         let sound = declared(&data, 0.0);
         let linear = quick(&data, &sound.stage(&data).0).loss;
-        let ahead = ahead(&data, &spec, None);
+        let ahead = ahead(&data, &spec, None, f64::NEG_INFINITY);
         let rows = (data.split - data.first) as f64;
         let of_linear = rows * (linear / quick(&data, &spec.stage(&data).0).loss).ln();
         // Edges that forty harmonics draw and no linear loop can.
@@ -230,7 +258,7 @@ mod tests {
         data.y = truth.y;
         let mut spec = declared(&data, 1.0 / data.scale.u);
         minimise(&data, &mut spec, false, 12);
-        let ahead = ahead(&data, &spec, None);
+        let ahead = ahead(&data, &spec, None, f64::NEG_INFINITY);
         assert!(ahead < -10.0 * NEEDED, "{ahead}");
     }
 }
