@@ -130,11 +130,12 @@ impl Recognise for DeadTimeChange {
 fn closer(c: &Context<'_>, fit: &Quick, times: Range<usize>) -> Option<(usize, i32)> {
     let (first, split) = (c.data.first, c.data.split);
     let scale = spread(&fit.residual());
+    let held = Held::new(c, &fit.theta, &fit.z_lags);
     let shifts: Vec<i32> = (-EARLIER..=LONGEST).collect();
     let sums: Vec<Vec<f64>> = shifts
         .iter()
         .map(|shift| {
-            let e = errors(c, &fit.theta, &fit.z_lags, *shift);
+            let e = held.errors(*shift);
             let mut sum = 0.0;
             let weighted = e.iter().zip(&c.stage.weight[first..split]);
             weighted
@@ -186,12 +187,14 @@ fn changes(c: &Context<'_>, times: Range<usize>) -> Vec<(usize, i32)> {
         let mut stage = c.stage.clone();
         stage.weight.iter_mut().enumerate().filter(|(k, _)| !own.contains(k)).for_each(|(_, w)| *w = 0.0);
         let theta = Quick::new(c.data, &stage, &y_lags, &lags, None).theta;
-        let still = errors(c, &theta, &lags, 0);
+        let held = Held::new(c, &theta, &lags);
+        let still = held.errors(0);
         let scale = spread(&still[own.start - first..own.end - first]);
+        let still: Vec<f64> = still.into_iter().map(|e| rho(e, scale)).collect();
         for more in (-LONGEST..=LONGEST).filter(|s| *s != 0) {
-            let shifted = errors(c, &theta, &lags, more);
+            let shifted = held.errors(more);
             let gains = (first..split)
-                .map(|k| c.stage.weight[k] * (rho(still[k - first], scale) - rho(shifted[k - first], scale)));
+                .map(|k| c.stage.weight[k] * (still[k - first] - rho(shifted[k - first], scale)));
             let mut sum = 0.0;
             let sums: Vec<f64> = gains
                 .map(|g| {
@@ -210,22 +213,41 @@ fn changes(c: &Context<'_>, times: Range<usize>) -> Vec<(usize, i32)> {
     found.into_iter().map(|(_, at, more)| (at, more)).collect()
 }
 
-/// The errors on the fitted samples with the stem `shift` samples later.
-fn errors(c: &Context<'_>, theta: &[f64], lags: &[usize], shift: i32) -> Vec<f64> {
-    let (first, split) = (c.data.first, c.data.split);
-    let mut e = c.stage.y[first..split].to_vec();
-    let mut take = |gain: f64, v: &[f64]| e.iter_mut().zip(v).for_each(|(e, v)| *e -= gain * v);
-    for (i, a) in theta[..LONG_Y].iter().enumerate() {
-        take(*a, &c.stage.y[first - 1 - i..split - 1 - i]);
+/// What the stem is to explain of the fitted samples by a long ARX, and how it does.
+struct Held<'a> {
+    data: &'a Data,
+    z: &'a [f64],
+    left: Vec<f64>,
+    lags: &'a [usize],
+    b: &'a [f64],
+}
+
+impl<'a> Held<'a> {
+    fn new(c: &'a Context<'_>, theta: &'a [f64], lags: &'a [usize]) -> Self {
+        let (first, split) = (c.data.first, c.data.split);
+        let (b, rest) = theta[LONG_Y..].split_at(lags.len());
+        let mut left: Vec<f64> = c.stage.y[first..split].iter().map(|y| y - rest[0]).collect();
+        for (i, a) in theta[..LONG_Y].iter().enumerate() {
+            take(&mut left, *a, &c.stage.y[first - 1 - i..split - 1 - i]);
+        }
+        for (gamma, column) in rest[1..].iter().zip(&c.stage.columns) {
+            take(&mut left, *gamma, &column[first..split]);
+        }
+        Self { data: c.data, z: &c.stage.z, left, lags, b }
     }
-    for (lag, b) in lags.iter().zip(&theta[LONG_Y..]) {
-        let lag = (*lag as i32 + shift).clamp(0, first as i32) as usize;
-        take(*b, &c.stage.z[first - lag..split - lag]);
+
+    /// The errors with the stem `shift` samples later.
+    fn errors(&self, shift: i32) -> Vec<f64> {
+        let (first, split) = (self.data.first, self.data.split);
+        let mut e = self.left.clone();
+        for (lag, b) in self.lags.iter().zip(self.b) {
+            let lag = (*lag as i32 + shift).clamp(0, first as i32) as usize;
+            take(&mut e, *b, &self.z[first - lag..split - lag]);
+        }
+        e
     }
-    let rest = &theta[LONG_Y + lags.len()..];
-    e.iter_mut().for_each(|e| *e -= rest[0]);
-    for (gamma, column) in rest[1..].iter().zip(&c.stage.columns) {
-        e.iter_mut().zip(&column[first..split]).for_each(|(e, x)| *e -= gamma * x);
-    }
-    e
+}
+
+fn take(from: &mut [f64], gain: f64, v: &[f64]) {
+    from.iter_mut().zip(v).for_each(|(left, v)| *left -= gain * v);
 }
