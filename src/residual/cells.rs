@@ -54,12 +54,20 @@ pub enum Family {
     Jumps,
 }
 
-/// What is left of PV for a stem to explain, with the dynamics held.
-pub struct Task<'a> {
+/// The stems among which is sought.
+pub struct Stems<'a> {
     /// OP.
     pub u: &'a [f64],
     /// Where the stem starts.
     pub start: Start,
+    /// Least and largest S.
+    pub range: (f64, f64),
+}
+
+/// What is left of PV for a stem to explain, with the dynamics held.
+pub struct Task<'a> {
+    /// The stems that may be behind it.
+    pub stems: Stems<'a>,
     /// First sample that is rated.
     pub first: usize,
     /// PV less all that does not come from the stem, from `first` on.
@@ -72,8 +80,6 @@ pub struct Task<'a> {
     pub b: &'a [f64],
     /// `1 / (3 s^2)`.
     pub per: f64,
-    /// Least and largest S.
-    pub range: (f64, f64),
     /// What the terms delay the stem by: from which sample on, and by how many samples before and from there on.
     pub delays: Vec<(usize, [usize; 2])>,
 }
@@ -128,13 +134,13 @@ impl Task<'_> {
         like: Element,
         count: usize,
     ) -> Vec<(f64, Element)> {
-        let mut paths = Paths::new(family, self.start_cells(family), self.reach());
+        let mut paths = Paths::new(family, self.stems.start_cells(family), self.reach());
         let rate = 2.0 / (self.first + self.left.len()) as f64;
         let grown = |k: usize| (1.0 + growth * ((k as f64 * rate).min(3.0) - 1.0)).max(1e-3);
         let (mut order, mut goes_on, mut most) = (Vec::new(), Vec::new(), MOST);
         let b = from_fn(|j| self.b.get(j).copied().unwrap_or(0.0));
-        for k in self.start.index + 1..self.first + self.left.len() {
-            paths.step(k, Sample { op: self.u[k], grown: grown(k), skew });
+        for k in self.stems.start.index + 1..self.first + self.left.len() {
+            paths.step(k, Sample { op: self.stems.u[k], grown: grown(k), skew });
             let Some(row) = k.checked_sub(self.first) else {
                 if paths.len() > UNRATED {
                     widest(&paths, &mut order, &mut goes_on);
@@ -161,11 +167,13 @@ impl Task<'_> {
         let element = |cell: &Cell| Element {
             growth: like.growth + growth,
             skew: like.skew + skew,
-            ..self.element(cell, family, like)
+            ..self.stems.element(cell, family, like)
         };
         found.iter().take(count).map(|(loss, cell)| (*loss, element(cell))).collect()
     }
+}
 
+impl Stems<'_> {
     /// The cells at the start.
     pub fn start_cells(&self, family: Family) -> Vec<Cell> {
         let wide = self.range.1 / self.range.0;
@@ -241,18 +249,8 @@ mod tests {
 
     fn task<'a>(u: &'a [f64], left: &'a [f64], counted: &'a [f64], sd: f64) -> Task<'a> {
         let per = 1.0 / (3.0 * sd * sd);
-        Task {
-            u,
-            start: START,
-            first: FIRST,
-            left,
-            counted,
-            nearest: 1,
-            b: &B,
-            per,
-            range: (0.08, 4.0),
-            delays: Vec::new(),
-        }
+        let stems = Stems { u, start: START, range: (0.08, 4.0) };
+        Task { stems, first: FIRST, left, counted, nearest: 1, b: &B, per, delays: Vec::new() }
     }
 
     fn noise(seed: u64) -> impl Iterator<Item = f64> {
@@ -304,7 +302,8 @@ mod tests {
             let counted = vec![1.0; left.len()];
             let s = 2.0 * valve.f;
             for range in [(0.08, 4.0), (0.7 * s, 1.5 * s)] {
-                let task = Task { range, ..task(&u, &left, &counted, 0.02) };
+                let mut task = task(&u, &left, &counted, 0.02);
+                task.stems.range = range;
                 let found = task.best(family, (valve.growth, valve.skew), Element::default(), 1)[0].1;
                 let close = |a: f64, b: f64, by: f64| (a - b).abs() < by;
                 let right = close(found.f, valve.f, 0.01 * valve.f)

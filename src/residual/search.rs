@@ -9,7 +9,7 @@
 //! than their size. A long ARX is estimated with the element there is, then elements are tried with its coefficients held,
 //! which costs one pass over the samples each; then the ARX again.
 
-use super::cells::{Family, Task};
+use super::cells::{Family, Stems, Task};
 use super::evidence::{Robust, System};
 use super::lanes::{LANES, Lane, Run};
 use super::model::{Data, Element, Spec};
@@ -314,15 +314,13 @@ impl<'a> Held<'a> {
     /// What is left for any stem with S in `range` to explain.
     fn task(&self, range: (f64, f64)) -> Task<'_> {
         Task {
-            u: &self.u,
-            start: self.data.start,
+            stems: Stems { u: &self.u, start: self.data.start, range },
             first: self.data.first,
             left: &self.left,
             counted: &self.counted,
             nearest: self.nearest,
             b: &self.b,
             per: 1.0 / (FREEDOM * self.scale * self.scale),
-            range,
             delays: self.trial.terms.iter().filter_map(|term| term.delays()).collect(),
         }
     }

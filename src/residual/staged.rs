@@ -5,7 +5,7 @@
 //! stem blur the true one. So all paths through the first samples are rated by a long ARX of their own on just those samples,
 //! the best go on through twice as many, and so to the end. What was rated is never held: no error of the dynamics lasts.
 
-use super::cells::{Family, Task};
+use super::cells::{Family, Stems};
 use super::model::{Data, Element, Spec};
 use super::paths::{Paths, Sample};
 use super::scan::Scan;
@@ -31,19 +31,8 @@ pub fn jumps(data: &Data, spec: &Spec) -> Option<Element> {
     }
     let (stage, _) = spec.stage(data);
     let own = 2.0 * spec.element.f;
-    let task = Task {
-        u: &stage.u,
-        start: data.start,
-        first: data.first,
-        left: &[],
-        counted: &[],
-        nearest: 1,
-        b: &[],
-        per: 0.0,
-        range: (RANGE.0 * own, RANGE.1 * own),
-        delays: Vec::new(),
-    };
-    let mut paths = Paths::new(Family::Jumps, task.start_cells(Family::Jumps), 1);
+    let stems = Stems { u: &stage.u, start: data.start, range: (RANGE.0 * own, RANGE.1 * own) };
+    let mut paths = Paths::new(Family::Jumps, stems.start_cells(Family::Jumps), 1);
     let (mut short, mut goes_on) = (data.clone(), Vec::new());
     let (mut rows, mut go_on, mut k) = (FIRST, GO_ON, data.start.index + 1);
     loop {
@@ -53,7 +42,7 @@ pub fn jumps(data: &Data, spec: &Spec) -> Option<Element> {
             k += 1;
         }
         short.split = k;
-        let element = |cell| task.element(cell, Family::Jumps, Element::default());
+        let element = |cell| stems.element(cell, Family::Jumps, Element::default());
         let elements: Vec<Element> = paths.cells.iter().map(element).collect();
         let losses = Scan::of_lags(&short, spec, (1..=LAGS).collect(), 0).rate(&elements);
         let mut order: Vec<(f64, usize)> =
