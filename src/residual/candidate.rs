@@ -52,10 +52,10 @@ impl Candidate {
     }
 }
 
-/// Which valves friction is sought for where there is some.
+/// Which valves are sought where there is friction.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Sought {
-    /// Of the kind there is.
+    /// Of the kind there is; where there is none, any that a scan promises.
     Kept,
     /// Of any kind, by AIC and the long model alike.
     Any {
@@ -70,24 +70,19 @@ pub enum Sought {
 pub fn with_friction(data: &Data, base: Candidate, sought: Sought, tried: &mut usize) -> Candidate {
     let mut best = base.clone();
     let known = held_out(data, &base.spec);
-    let sticky = base.spec.element.f > 0.0;
-    let scanned = scan_friction(data, &base.spec, SCAN, sought == Sought::Kept && sticky);
+    let (sticky, kept) = (base.spec.element.f > 0.0, sought == Sought::Kept);
+    let scanned = scan_friction(data, &base.spec, SCAN, kept && sticky);
     let mut elements = scanned.best;
     let likely = elements.first().copied().unwrap_or(base.spec.element);
-    if sought == Sought::Kept && !scanned.promising {
+    if kept && !scanned.promising {
         elements.clear();
     }
-    let judge = (sticky && sought != Sought::Kept)
-        .then(|| Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk));
-    if let Some(judge) = &judge {
+    let judge = (sticky && !kept).then(|| Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk));
+    if let (Some(judge), Sought::Any { slips, paths }) = (&judge, sought) {
         elements.extend(even(data, &base.spec));
-        if let Sought::Any { slips: true, .. } = sought {
-            elements.extend(jumps(data, &base.spec));
-        }
-        if let Sought::Any { paths: true, .. } = sought {
-            let like = scanned.of_family.into_iter();
-            elements.extend(like.filter_map(|like| among_paths(data, &base.spec, judge, like)));
-        }
+        elements.extend(slips.then(|| jumps(data, &base.spec)).flatten());
+        let like = scanned.of_family.into_iter().filter(|_| paths);
+        elements.extend(like.filter_map(|like| among_paths(data, &base.spec, judge, like)));
     }
     elements.push(Element { f: 0.0, ..base.spec.element });
     if sticky {

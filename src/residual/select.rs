@@ -11,7 +11,7 @@ use super::needless::{Added, drop_needless};
 use super::pose::{declared, pose};
 use super::regress::restructure;
 use super::slip::slip_jump;
-use super::staged::jumps;
+use super::staged::{jumps, reaches};
 use super::step::step;
 use super::{Findings, Settings, Stem};
 use crate::diagnosis::{Diagnosis, Verdict};
@@ -47,11 +47,12 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     let mut base = Candidate::new(&data, declared.clone(), 0.0);
     let mut added = Vec::new();
     add_direct(&data, settings, &mut base, &mut added);
-    let sticky = base.spec.element.f > 0.0;
+    let was = base.spec.element.f;
     base = with_friction(&data, base, Sought::Any { slips: true, paths: false }, &mut tried);
     if base.spec.element.f > 0.0 {
-        // A valve found through dynamics without one is seldom the right one.
-        base = with_friction(&data, base, Sought::Any { slips: !sticky, paths: true }, &mut tried);
+        // A valve found through dynamics without one is seldom the right one; stems of slips were sought about another f, if at all.
+        let slips = !reaches(was, base.spec.element.f);
+        base = with_friction(&data, base, Sought::Any { slips, paths: true }, &mut tried);
     }
     let compared = restamped(&declared, &base.spec);
     let mut declared = compared.clone();

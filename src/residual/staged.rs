@@ -23,6 +23,11 @@ const RANGE: (f64, f64) = (0.5, 1.4);
 /// Lags of z in the long ARX: of a model that is wrong the delay says little.
 const LAGS: usize = 8;
 
+/// Whether [`jumps`] about one f comes to another.
+pub fn reaches(about: f64, f: f64) -> bool {
+    (RANGE.0 * about..RANGE.1 * about).contains(&f)
+}
+
 /// The stem of slips of S that explains most of the fitted samples, with S near that of `spec`; none where its bands differ or grow.
 pub fn jumps(data: &Data, spec: &Spec) -> Option<Element> {
     let full = spec.full_element();

@@ -25,7 +25,7 @@ const EXACT: [Kind; 4] =
 /// Evidence below which another friction does not save an effect, and how far behind the best it is not worth it (-).
 const LOST: f64 = 1.0;
 const FAR_BEHIND: f64 = 20.0;
-/// The same with dynamics of its own, by the signals alone.
+/// Evidence with dynamics of its own below which no other friction is sought for an effect, nor its valve offered (-).
 const PAST_SAVING: f64 = -5.0;
 /// Effects that no valve that is off looks like; a clip is not among them.
 const UNLIKE_A_VALVE: [Kind; 5] = [
@@ -253,8 +253,8 @@ impl Step<'_> {
         let data = self.data;
         restructure(data, &mut candidate.spec, true, 3);
         let plain = candidate;
-        let gain = self.with_effect(&plain);
-        if gain < PAST_SAVING && self.settings.only.is_none() {
+        let without_scan = self.with_effect(&plain);
+        if without_scan < PAST_SAVING && self.settings.only.is_none() {
             return None;
         }
         // On its way to the process another kind of valve may go with it.
@@ -262,7 +262,7 @@ impl Step<'_> {
         let sought = if on_the_way { Sought::Any { slips: false, paths: true } } else { Sought::Kept };
         let mut candidate = with_friction(data, plain.clone(), sought, tried);
         // What friction wins on the fitted samples it must win on all.
-        if candidate.spec.element != plain.spec.element && self.with_effect(&candidate) < gain {
+        if candidate.spec.element != plain.spec.element && self.with_effect(&candidate) < without_scan {
             candidate = Candidate { likely: candidate.likely, ..plain };
         }
         tune(data, &mut candidate.spec, tried);
@@ -368,7 +368,9 @@ fn proposals(context: &Context<'_>, quiet: &mut Option<f64>) -> Vec<(f64, Propos
     if !still {
         let bands = out.iter().filter(|(_, p)| BANDS.contains(&p.term.kind()));
         let most = bands.map(|(rated, _)| *rated).max_by(f64::total_cmp);
-        *quiet = most.is_some_and(|most| most < QUIET).then_some(context.quick.loss);
+        // Without a valve nothing was sought that could promise anything.
+        let promised = likely.f <= 0.0 || most.is_some_and(|most| most >= QUIET);
+        *quiet = (!promised).then_some(context.quick.loss);
     }
     let none = Element { f: 0.0, ..spec.element };
     let element = if spec.element.f > 0.0 { none } else { likely };

@@ -22,7 +22,7 @@ const KINDS: [(f64, f64, bool); 4] =
     [(0.0, 0.0, false), (0.0, 1.0, false), (0.5, 0.5, false), (0.0, 0.5, true)];
 /// Gain of the long ARX below which none of them is sought closely.
 const FAR_BEHIND: f64 = -30.0;
-/// The same below which there are no bands of this kind: beside friction, which a few values miss by far, and beside none.
+/// Gain in the scan below which there are no such bands: beside friction, which a few values miss by far, and beside none.
 const LEAST_STICKY: f64 = -150.0;
 const LEAST_SOUND: f64 = 3.0;
 /// How many of the likely kind, and of the others, are sought closely, each with another value.
@@ -71,14 +71,14 @@ impl Bands<'_> {
     /// The terms worth a full fit, each with its valve.
     pub fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
         let (most, scanned) = self.scanned(c);
-        let sound = c.spec.element.f == 0.0;
-        if most < if sound { LEAST_SOUND } else { LEAST_STICKY } {
+        let (sound, told) = (c.spec.element.f == 0.0, c.settings.only.is_some());
+        let least = if sound { LEAST_SOUND } else { LEAST_STICKY };
+        if most < least && !told {
             return Vec::new();
         }
         let closely = |(element, value)| self.closely(c, element, value, Reach::Near);
         let mut found: Vec<Valve> = scanned.into_iter().map(closely).collect();
-        let any = most > MUCH || found.iter().any(|valve| valve.gain > SOME);
-        if !sound || any {
+        if !sound || told || most > MUCH || found.iter().any(|valve| valve.gain > SOME) {
             let plain = Spec { element: c.likely, ..c.spec.clone() };
             found.extend(self.among_paths(c, &plain, self.values, false));
         }
