@@ -189,3 +189,44 @@ fn best_apart(found: &mut Vec<Valve>) {
             && (a.element.f / b.element.f - 1.0).abs() < ALIKE.1
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::Settings;
+    use crate::residual::effects::Recognise;
+    use crate::residual::effects::asymmetric_friction::AsymmetricFriction;
+    use crate::residual::fit::minimise;
+    use crate::residual::pose::{declared, tests::behind_valve};
+    use crate::residual::regress::{Quick, all_errors};
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// What is proposed of a process behind `valve`, by a model with friction `f` (OP) or, where that is none, one of 1 at hand.
+    fn proposed(valve: Element, f: f64, only: Option<Kind>) -> Vec<Proposal> {
+        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(11));
+        let mut draw = move || -> f64 { noise.next().unwrap_or(0.0) };
+        let op: Vec<f64> = (0..1400)
+            .map(|k| 50.0 + 4.0 * (0.11 * f64::from(k)).sin() + 1.5 * (0.041 * f64::from(k)).cos())
+            .collect();
+        let data = behind_valve(&op, valve, 0.8, |_| 0.05 * draw());
+        let mut spec = declared(&data, f / data.scale.u);
+        minimise(&data, &mut spec, false, 12);
+        let (stage, e) = all_errors(&data, &spec);
+        let quick = Quick::long_arx(&data, &stage, spec.orders.nk);
+        let settings = Settings { only, ..Settings::default() };
+        let likely = Element { f: 1.0 / data.scale.u, ..spec.element };
+        let context = Context::new(&data, (&spec, likely), (&stage, &e), &quick, &settings);
+        AsymmetricFriction.propose(&context)
+    }
+
+    #[test]
+    fn bands_are_sought_where_a_scan_does_not_rule_them_out_or_they_are_known() {
+        let (skewed, none) = (Element { f: 1.0, skew: 0.4, ..Element::default() }, Element::default());
+        let best = proposed(skewed, 1.0, None);
+        let value = best.first().map(|p| p.term.knobs()[0].value);
+        assert!(value.is_some_and(|value| (value - 0.4).abs() < 0.1), "{value:?}");
+        assert!(proposed(none, 0.0, None).is_empty());
+        assert!(!proposed(none, 0.0, Some(Kind::AsymmetricFriction)).is_empty());
+    }
+}

@@ -251,3 +251,32 @@ impl<'a> Held<'a> {
 fn take(from: &mut [f64], gain: f64, v: &[f64]) {
     from.iter_mut().zip(v).for_each(|(left, v)| *left -= gain * v);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::Settings;
+    use crate::residual::pose::{declared, tests::first_order};
+    use crate::residual::regress::all_errors;
+
+    /// The errors of a stem that comes later are those of the long ARX with it in the place of the other.
+    #[test]
+    fn a_shifted_stem_leaves_the_errors_of_one_that_was_shifted() {
+        let data = first_order(500);
+        let spec = declared(&data, 0.0);
+        let (mut stage, e) = all_errors(&data, &spec);
+        stage.columns.push((0..data.len()).map(|k| (0.7 * k as f64).cos()).collect());
+        let quick = Quick::long_arx(&data, &stage, spec.orders.nk);
+        let settings = Settings::default();
+        let context = Context::new(&data, (&spec, spec.element), (&stage, &e), &quick, &settings);
+        let held = Held::new(&context, &quick.theta, &quick.z_lags);
+        let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
+        assert!(near(&held.errors(0), &quick.residual()));
+        let mut later = stage.clone();
+        (3..later.z.len()).for_each(|k| later.z[k] = stage.z[k - 3]);
+        let y_lags: Vec<usize> = (1..=LONG_Y).collect();
+        let mut moved = Quick::new(&data, &later, &y_lags, &quick.z_lags, None);
+        moved.theta.clone_from(&quick.theta);
+        assert!(near(&held.errors(3), &moved.residual()) && !near(&held.errors(3), &held.errors(0)));
+    }
+}
