@@ -399,3 +399,46 @@ fn cost(settings: &Settings, p: &Proposal) -> f64 {
         settings.known.iter().any(|(kind, tag)| *kind == p.term.kind() && tag.as_deref() == p.term.tag());
     2.0 * p.parameters + if known { 0.0 } else { 2.0 * p.tried.max(1.0).ln() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::pose::{declared, tests::behind_valve};
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// What becomes of the best effect of a kind where the load jumps by `size` (PV), and how many models that took.
+    fn on_trial(kind: Kind, size: f64) -> (Option<f64>, usize) {
+        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(7));
+        let mut draw = move || -> f64 { noise.next().unwrap_or(0.0) };
+        let op: Vec<f64> = (0..1400)
+            .map(|k| 50.0 + 4.0 * (0.11 * f64::from(k)).sin() + 1.5 * (0.041 * f64::from(k)).cos())
+            .collect();
+        let valve = Element { f: 1.0, ..Element::default() };
+        let load = |k: usize| if k >= 500 { size } else { 0.0 };
+        let data = behind_valve(&op, valve, 0.8, |k| load(k) + 0.05 * draw());
+        let mut spec = declared(&data, 1.0 / data.scale.u);
+        minimise(&data, &mut spec, false, 12);
+        let (stage, e) = all_errors(&data, &spec);
+        let quick = Quick::long_arx(&data, &stage, spec.orders.nk);
+        let settings = Settings::default();
+        let context = Context::new(&data, (&spec, spec.element), (&stage, &e), &quick, &settings);
+        let proposals = proposals(&context, &mut None);
+        let best = proposals.into_iter().filter(|(_, p)| p.term.kind() == kind).take(1).collect();
+        let judged = held_out(&data, &spec);
+        let base = Candidate::new(&data, spec.clone(), 0.0);
+        let (judge, likely) = (context.judge(), context.likely);
+        let of = Step { data: &data, settings: &settings, base: &base, judge, likely, even: OnceCell::new() };
+        let (.., candidate) = of.fitted(best, &mut 0).pop().expect("one is best");
+        let mut tried = 0;
+        let trial = of.on_trial(candidate, (&spec, judged), judged, &mut tried);
+        (trial.map(|trial| trial.evidence), tried)
+    }
+
+    #[test]
+    fn friction_is_sought_anew_only_for_an_effect_that_the_signals_do_not_speak_against() {
+        let (evidence, tried) = on_trial(Kind::LoadStep, 0.4);
+        assert!(evidence.is_some_and(|evidence| evidence > 20.0) && tried > 0, "{evidence:?} {tried}");
+        assert_eq!(on_trial(Kind::DeadTimeChange, 0.0), (None, 0));
+    }
+}
