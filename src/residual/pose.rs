@@ -75,6 +75,8 @@ pub fn declared(data: &Data, f: f64) -> Spec {
 #[cfg(test)]
 pub mod tests {
     use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
 
     /// `n` samples of a first-order process behind a sound valve.
     pub fn first_order(n: usize) -> Data {
@@ -85,6 +87,17 @@ pub mod tests {
             pv[k] = 0.8 * pv[k - 1] + 0.3 * (op[k - 2] - 50.0) + 0.05 * (1.7 * (k * k) as f64).sin();
         }
         posed(&op, pv)
+    }
+
+    /// An OP of two waves about 50.
+    pub fn waves(n: usize) -> Vec<f64> {
+        (0..n).map(|k| 50.0 + 4.0 * (0.11 * k as f64).sin() + 1.5 * (0.041 * k as f64).cos()).collect()
+    }
+
+    /// Normal numbers of variance 1.
+    pub fn noise(seed: u64) -> impl FnMut() -> f64 {
+        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(seed));
+        move || noise.next().unwrap_or(0.0)
     }
 
     /// A first-order process with this pole and a gain of 1 behind `valve`, whose f is in units of OP here; `error` is added to PV.

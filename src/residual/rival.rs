@@ -185,22 +185,16 @@ mod tests {
     use crate::residual::effects::{Context, OscillatingLoad, Recognise};
     use crate::residual::fit::minimise;
     use crate::residual::model::Element;
-    use crate::residual::pose::{declared, tests::behind_valve};
+    use crate::residual::pose::declared;
+    use crate::residual::pose::tests::{behind_valve, noise, waves};
     use crate::residual::regress::all_errors;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
 
     /// What a verdict needs.
     const NEEDED: f64 = 20.0;
 
-    fn waves(n: usize) -> Vec<f64> {
-        (0..n).map(|k| 50.0 + 4.0 * (0.11 * k as f64).sin() + 1.5 * (0.041 * k as f64).cos()).collect()
-    }
-
     /// A process behind `valve` with `load` added to PV, and the model with friction `f` (OP) and dynamics estimated.
     fn fitted(valve: Element, f: f64, load: impl Fn(usize) -> f64) -> (Data, Spec) {
-        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(3));
-        let mut draw = move || -> f64 { noise.next().unwrap_or(0.0) };
+        let mut draw = noise(3);
         let data = behind_valve(&waves(1400), valve, 0.8, |k| load(k) + 0.02 * draw());
         let mut spec = declared(&data, f / data.scale.u);
         minimise(&data, &mut spec, false, 12);

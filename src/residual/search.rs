@@ -406,21 +406,13 @@ fn set_last(spec: &mut Spec, value: Option<f64>) {
 mod tests {
     use super::*;
     use crate::residual::pose::declared;
-    use crate::residual::pose::tests::behind_valve;
+    use crate::residual::pose::tests::{behind_valve, noise, waves};
     use crate::residual::scan::scan_friction;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
 
     /// A first-order process behind `element`, whose f is in units of OP here; noise of `sd`.
     fn posed(element: Element, sd: f64) -> Data {
-        let n = 1200;
-        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(8));
-        let mut draw = move || -> f64 { noise.next().unwrap_or(0.0) };
-        let op: Vec<f64> = (0..n)
-            .map(|k| {
-                50.0 + 4.0 * (0.11 * f64::from(k)).sin() + 1.5 * (0.041 * f64::from(k)).cos() + 0.05 * draw()
-            })
-            .collect();
+        let mut draw = noise(8);
+        let op: Vec<f64> = waves(1200).into_iter().map(|op| op + 0.05 * draw()).collect();
         behind_valve(&op, element, 0.8, |_| sd * draw())
     }
 

@@ -69,22 +69,14 @@ pub fn jumps(data: &Data, spec: &Spec) -> Option<Element> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::residual::pose::{declared, tests::behind_valve};
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::residual::pose::declared;
+    use crate::residual::pose::tests::{behind_valve, noise, waves};
 
     #[test]
     fn a_needle_is_found_from_dynamics_that_are_wrong() {
         for (seed, rest) in [(1, 0.2), (2, 0.9), (3, 0.5), (4, 0.0)] {
-            let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(seed));
-            let mut draw = move || -> f64 { noise.next().unwrap_or(0.0) };
-            let op: Vec<f64> = (0..1400)
-                .map(|k| {
-                    50.0 + 4.0 * (0.11 * f64::from(k)).sin()
-                        + 1.5 * (0.041 * f64::from(k)).cos()
-                        + 0.3 * draw()
-                })
-                .collect();
+            let mut draw = noise(seed);
+            let op: Vec<f64> = waves(1400).into_iter().map(|op| op + 0.3 * draw()).collect();
             let valve = Element {
                 f: 1.0,
                 resume: 1.0,

@@ -403,20 +403,15 @@ fn cost(settings: &Settings, p: &Proposal) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::residual::pose::{declared, tests::behind_valve};
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::residual::pose::declared;
+    use crate::residual::pose::tests::{behind_valve, noise, waves};
 
     /// What becomes of the best effect of a kind where the load jumps by `size` (PV), and how many models that took.
     fn on_trial(kind: Kind, size: f64) -> (Option<f64>, usize) {
-        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(7));
-        let mut draw = move || -> f64 { noise.next().unwrap_or(0.0) };
-        let op: Vec<f64> = (0..1400)
-            .map(|k| 50.0 + 4.0 * (0.11 * f64::from(k)).sin() + 1.5 * (0.041 * f64::from(k)).cos())
-            .collect();
+        let mut draw = noise(7);
         let valve = Element { f: 1.0, ..Element::default() };
         let load = |k: usize| if k >= 500 { size } else { 0.0 };
-        let data = behind_valve(&op, valve, 0.8, |k| load(k) + 0.05 * draw());
+        let data = behind_valve(&waves(1400), valve, 0.8, |k| load(k) + 0.05 * draw());
         let mut spec = declared(&data, 1.0 / data.scale.u);
         minimise(&data, &mut spec, false, 12);
         let (stage, e) = all_errors(&data, &spec);

@@ -197,19 +197,14 @@ mod tests {
     use crate::residual::effects::Recognise;
     use crate::residual::effects::asymmetric_friction::AsymmetricFriction;
     use crate::residual::fit::minimise;
-    use crate::residual::pose::{declared, tests::behind_valve};
+    use crate::residual::pose::declared;
+    use crate::residual::pose::tests::{behind_valve, noise, waves};
     use crate::residual::regress::{Quick, all_errors};
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
 
     /// What is proposed of a process behind `valve`, by a model with friction `f` (OP) or, where that is none, one of 1 at hand.
     fn proposed(valve: Element, f: f64, only: Option<Kind>) -> Vec<Proposal> {
-        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(11));
-        let mut draw = move || -> f64 { noise.next().unwrap_or(0.0) };
-        let op: Vec<f64> = (0..1400)
-            .map(|k| 50.0 + 4.0 * (0.11 * f64::from(k)).sin() + 1.5 * (0.041 * f64::from(k)).cos())
-            .collect();
-        let data = behind_valve(&op, valve, 0.8, |_| 0.05 * draw());
+        let mut draw = noise(11);
+        let data = behind_valve(&waves(1400), valve, 0.8, |_| 0.05 * draw());
         let mut spec = declared(&data, f / data.scale.u);
         minimise(&data, &mut spec, false, 12);
         let (stage, e) = all_errors(&data, &spec);
