@@ -27,6 +27,7 @@ mod model;
 mod needless;
 mod paths;
 mod pose;
+mod proposals;
 mod regress;
 mod rival;
 mod scan;

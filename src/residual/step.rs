@@ -2,11 +2,12 @@
 
 use super::candidate::{Candidate, Sought, tune, with_friction};
 use super::climb::{CLIMBS, climb};
-use super::effects::{ALL, Context, Proposal, Recognise};
+use super::effects::{ALL, Context};
 use super::evidence::Judge;
 use super::fit::{held_out, minimise};
 use super::free::{DOUBTLESS, likelier, not_beyond};
 use super::model::{Data, Element, Spec};
+use super::proposals::{BANDS, Rated, cost, loads, others};
 use super::regress::{Quick, all_errors, restructure};
 use super::search::even;
 use super::{Kind, Settings};
@@ -27,6 +28,9 @@ const LOST: f64 = 1.0;
 const FAR_BEHIND: f64 = 20.0;
 /// Evidence with dynamics of its own below which no other friction is sought for an effect, nor its valve offered (-).
 const PAST_SAVING: f64 = -5.0;
+/// Gain from which a load that is a wave or a tag is tried before anything else is sought, and which those are (-).
+const CLEAR_LOAD: f64 = 100.0;
+const SHAPED: [Kind; 2] = [Kind::OscillatingLoad, Kind::MeasuredDisturbance];
 /// Effects that no valve that is off looks like; a clip is not among them.
 const UNLIKE_A_VALVE: [Kind; 5] = [
     Kind::StaticNonlinearity,
@@ -37,14 +41,6 @@ const UNLIKE_A_VALVE: [Kind; 5] = [
 ];
 /// Evidence that the others need more where there is friction (-).
 const STICKY: f64 = 5.0;
-/// Evidence of the model without friction below which no effect takes friction's place, and above which any may (-).
-const CERTAIN_FRICTION: f64 = -100.0;
-const DOUBTFUL_FRICTION: f64 = -40.0;
-/// Gain of the long ARX below which bands are not sought again, until its likelihood has grown by so much (-).
-const QUIET: f64 = 4.0;
-const LOUDER: f64 = 1000.0;
-/// Effects on the band to cross.
-const BANDS: [Kind; 2] = [Kind::AsymmetricFriction, Kind::FrictionDrift];
 /// Effects between the stem and the process that a delay, a gain or a curve makes.
 const ON_THE_WAY: [Kind; 3] = [Kind::StaticNonlinearity, Kind::GainChange, Kind::DeadTimeChange];
 /// Effects that the held-out samples see only as what was fitted goes on: its rate, level or time may be off a little.
@@ -88,11 +84,17 @@ pub struct Trial {
     of_start: f64,
 }
 
+/// A candidate fitted with its friction as it is: what it promises, and whether the valve is the model's own.
+type Promised = (f64, bool, Candidate);
+
 /// What one effect is chosen by.
 struct Step<'a> {
     data: &'a Data,
     settings: &'a Settings,
     base: &'a Candidate,
+    /// The declared model with its held-out errors, and those of `base`.
+    declared: (&'a Spec, (f64, f64)),
+    judged: (f64, f64),
     judge: &'a Judge,
     likely: Element,
     /// The valve of one band that explains most, sought as closely as those of which it grows, and what it gains.
@@ -112,9 +114,23 @@ pub fn step(
     let quick = Quick::long_arx(data, &stage, base.spec.orders.nk);
     let context = Context::new(data, (&base.spec, base.likely), (&stage, &e), &quick, settings);
     let (judge, likely) = (context.judge(), context.likely);
-    let step = Step { data, settings, base, judge, likely, even: OnceCell::new() };
-    let full = step.fitted(proposals(&context, quiet), tried);
-    let finals = step.with_their_friction(full, declared, tried);
+    let judged = held_out(data, &base.spec);
+    let step = Step { data, settings, base, declared, judged, judge, likely, even: OnceCell::new() };
+    let (mut full, mut finals) = (Vec::new(), Vec::new());
+    let (clear, mut proposed): (Vec<Rated>, _) =
+        loads(&context).into_iter().partition(|(rated, _)| *rated > CLEAR_LOAD && settings.only.is_none());
+    if !clear.is_empty() {
+        step.fitted(clear, &mut full, tried);
+        if let Some(trial) = step.clear_load(&mut full, tried) {
+            if trial.worth(settings.least_gain) {
+                return step.choice(vec![trial]);
+            }
+            finals.push(trial);
+        }
+    }
+    proposed.extend(others(&context, quiet));
+    step.fitted(proposed, &mut full, tried);
+    step.with_their_friction(full, &mut finals, tried);
     if settings.only.is_some() {
         return (finals.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain)), None);
     }
@@ -166,12 +182,10 @@ impl Step<'_> {
         gain - self.with_valve(c.spec.element).max(even).max(0.0)
     }
 
-    /// The proposals fitted with their friction as it is, the best of each sort; with what they promise, and whether the valve
-    /// is the model's own.
-    fn fitted(&self, mut proposals: Vec<(f64, Proposal)>, tried: &mut usize) -> Vec<(f64, bool, Candidate)> {
+    /// The proposals fitted with their friction as it is, the best of each sort, into `full`, best first.
+    fn fitted(&self, mut proposals: Vec<Rated>, full: &mut Vec<Promised>, tried: &mut usize) {
         let Self { data, settings, base, .. } = *self;
         proposals.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let mut full: Vec<(f64, bool, Candidate)> = Vec::new();
         for (rated, p) in proposals {
             let own_valve = p.element.is_none();
             let own_key = Some((p.term.kind(), p.term.knobs().len()));
@@ -207,19 +221,23 @@ impl Step<'_> {
             full.push((promised, own_valve, candidate));
         }
         full.sort_by(|a, b| b.0.total_cmp(&a.0));
-        full
     }
 
-    /// The best of the fitted with friction estimated anew, against the model without.
-    fn with_their_friction(
-        &self,
-        full: Vec<(f64, bool, Candidate)>,
-        declared: (&Spec, (f64, f64)),
-        tried: &mut usize,
-    ) -> Vec<Trial> {
+    /// The load that a wave or a tag explains beyond doubt, with friction estimated anew: bands, gains and delays that are sought
+    /// under it are blurred, and sought again once it is there. Leaves `full`.
+    fn clear_load(&self, full: &mut Vec<Promised>, tried: &mut usize) -> Option<Trial> {
+        let (promised, _, best) = full.first()?;
+        let shaped = best.spec.terms.last().is_some_and(|term| SHAPED.contains(&term.kind()));
+        if !shaped || *promised < CLEAR_LOAD {
+            return None;
+        }
+        let (.., candidate) = full.remove(0);
+        self.on_trial(candidate, tried)
+    }
+
+    /// The best of the fitted with friction estimated anew, against the model without, into `finals`.
+    fn with_their_friction(&self, full: Vec<Promised>, finals: &mut Vec<Trial>, tried: &mut usize) {
         let settings = self.settings;
-        let judged = held_out(self.data, &self.base.spec);
-        let mut finals: Vec<Trial> = Vec::new();
         let mut done = Vec::new();
         for (promised, own_valve, candidate) in full {
             // Another friction does not save what is lost, nor does it let what is far behind catch up.
@@ -232,25 +250,18 @@ impl Step<'_> {
             if finals.len() == FINAL || done.contains(&own_key) {
                 continue;
             }
-            let trial = self.on_trial(candidate, declared, judged, tried);
+            let trial = self.on_trial(candidate, tried);
             // One that does not hold leaves its place to the next.
             if trial.as_ref().is_some_and(|trial| trial.worth(settings.least_gain)) {
                 done.push(own_key);
             }
             finals.extend(trial);
         }
-        finals
     }
 
     /// One of them; `None` where it is no such effect any more.
-    fn on_trial(
-        &self,
-        mut candidate: Candidate,
-        declared: (&Spec, (f64, f64)),
-        judged: (f64, f64),
-        tried: &mut usize,
-    ) -> Option<Trial> {
-        let data = self.data;
+    fn on_trial(&self, mut candidate: Candidate, tried: &mut usize) -> Option<Trial> {
+        let Self { data, declared, judged, .. } = *self;
         restructure(data, &mut candidate.spec, true, 3);
         let plain = candidate;
         let without_scan = self.with_effect(&plain);
@@ -354,50 +365,6 @@ impl Trial {
         let nested = if self.kind == Kind::GainChange { NESTED } else { 0.0 };
         self.evidence - AHEAD * self.nearer.clamp(0.1, 2.0).ln() - nested
     }
-}
-
-/// What the effects propose with the model's valve; and those on the stem's way to the process also without it, or with the
-/// likely one where it has none: where friction may be mistaken, all without it. Each with its gain in the long ARX.
-fn proposals(context: &Context<'_>, quiet: &mut Option<f64>) -> Vec<(f64, Proposal)> {
-    let Context { data, spec, likely, settings, .. } = *context;
-    let rated = |p: Proposal| (context.rows() * (context.quick.loss / p.loss).ln() - cost(settings, &p), p);
-    let asked = |p: &Proposal| settings.only.is_none_or(|only| p.term.kind() == only);
-    let still = quiet.is_some_and(|loss| context.rows() * (loss / context.quick.loss).ln() < LOUDER);
-    let all = ALL.iter().filter(|effect| !(effect.direct() || still && effect.on_the_band()));
-    let mut out: Vec<_> = all.flat_map(|effect| effect.propose(context)).filter(asked).map(rated).collect();
-    if !still {
-        let bands = out.iter().filter(|(_, p)| BANDS.contains(&p.term.kind()));
-        let most = bands.map(|(rated, _)| *rated).max_by(f64::total_cmp);
-        // Without a valve nothing was sought that could promise anything.
-        let promised = likely.f <= 0.0 || most.is_some_and(|most| most >= QUIET);
-        *quiet = (!promised).then_some(context.quick.loss);
-    }
-    let none = Element { f: 0.0, ..spec.element };
-    let element = if spec.element.f > 0.0 { none } else { likely };
-    if element != spec.element {
-        let mut other = Spec { element, ..spec.clone() };
-        minimise(data, &mut other, true, 8);
-        let (stage, e) = all_errors(data, &other);
-        let without = (element.f == 0.0).then(|| context.judge().gain(data, &stage, other.orders.nk));
-        if without.is_some_and(|gain| gain < CERTAIN_FRICTION) {
-            return out;
-        }
-        let quick = Quick::long_arx(data, &stage, other.orders.nk);
-        let context = Context::new(data, (&other, likely), (&stage, &e), &quick, settings);
-        let any = without.is_some_and(|gain| gain > DOUBTFUL_FRICTION);
-        let any_other = |effect: &dyn Recognise| any && !effect.direct() && !effect.on_the_band();
-        let fitting = ALL.iter().filter(|effect| effect.on_the_stem() || any_other(**effect));
-        let others = fitting.flat_map(|effect| effect.propose(&context)).filter(asked);
-        out.extend(others.map(|p| rated(Proposal { element: Some(other.element), ..p })));
-    }
-    out
-}
-
-/// What a proposal's numbers and the search for it cost in AIC.
-fn cost(settings: &Settings, p: &Proposal) -> f64 {
-    let known =
-        settings.known.iter().any(|(kind, tag)| *kind == p.term.kind() && tag.as_deref() == p.term.tag());
-    2.0 * p.parameters + if known { 0.0 } else { 2.0 * p.tried.max(1.0).ln() }
 }
 
 #[cfg(test)]
