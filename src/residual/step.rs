@@ -373,27 +373,41 @@ mod tests {
     use crate::residual::pose::declared;
     use crate::residual::pose::tests::{behind_valve, noise, waves};
 
-    /// What becomes of the best effect of a kind where the load jumps by `size` (PV), and how many models that took.
-    fn on_trial(kind: Kind, size: f64) -> (Option<f64>, usize) {
+    /// A loop whose valve sticks at 1 (OP), under a load, and the declared model of it.
+    fn loaded(load: impl Fn(usize) -> f64) -> (Data, Spec) {
         let mut draw = noise(7);
         let valve = Element { f: 1.0, ..Element::default() };
-        let load = |k: usize| if k >= 500 { size } else { 0.0 };
         let data = behind_valve(&waves(1400), valve, 0.8, |k| load(k) + 0.05 * draw());
         let mut spec = declared(&data, 1.0 / data.scale.u);
         minimise(&data, &mut spec, false, 12);
+        (data, spec)
+    }
+
+    /// What becomes of the best effect of a kind where the load jumps by `size` (PV), and how many models that took.
+    fn on_trial(kind: Kind, size: f64) -> (Option<f64>, usize) {
+        let (data, spec) = loaded(|k| if k >= 500 { size } else { 0.0 });
         let (stage, e) = all_errors(&data, &spec);
         let quick = Quick::long_arx(&data, &stage, spec.orders.nk);
         let settings = Settings::default();
         let context = Context::new(&data, (&spec, spec.element), (&stage, &e), &quick, &settings);
-        let proposals = proposals(&context, &mut None);
-        let best = proposals.into_iter().filter(|(_, p)| p.term.kind() == kind).take(1).collect();
+        let proposed = loads(&context).into_iter().chain(others(&context, &mut None));
+        let best = proposed.filter(|(_, p)| p.term.kind() == kind).take(1).collect();
         let judged = held_out(&data, &spec);
         let base = Candidate::new(&data, spec.clone(), 0.0);
-        let (judge, likely) = (context.judge(), context.likely);
-        let of = Step { data: &data, settings: &settings, base: &base, judge, likely, even: OnceCell::new() };
-        let (.., candidate) = of.fitted(best, &mut 0).pop().expect("one is best");
-        let mut tried = 0;
-        let trial = of.on_trial(candidate, (&spec, judged), judged, &mut tried);
+        let of = Step {
+            data: &data,
+            settings: &settings,
+            base: &base,
+            declared: (&spec, judged),
+            judged,
+            judge: context.judge(),
+            likely: context.likely,
+            even: OnceCell::new(),
+        };
+        let (mut full, mut tried) = (Vec::new(), 0);
+        of.fitted(best, &mut full, &mut 0);
+        let (.., candidate) = full.pop().expect("one is best");
+        let trial = of.on_trial(candidate, &mut tried);
         (trial.map(|trial| trial.evidence), tried)
     }
 
@@ -402,5 +416,20 @@ mod tests {
         let (evidence, tried) = on_trial(Kind::LoadStep, 0.4);
         assert!(evidence.is_some_and(|evidence| evidence > 20.0) && tried > 0, "{evidence:?} {tried}");
         assert_eq!(on_trial(Kind::DeadTimeChange, 0.0), (None, 0));
+    }
+
+    #[test]
+    fn beside_a_load_beyond_doubt_nothing_else_is_sought() {
+        let settings = Settings::default();
+        for (size, alone) in [(0.5, true), (0.03, false)] {
+            let (data, spec) = loaded(|k| size * (0.41 * k as f64).sin());
+            let base = Candidate::new(&data, spec.clone(), 0.0);
+            let declared = (&spec, held_out(&data, &spec));
+            // Bands were quiet at a loss so large that they are sought again.
+            let mut quiet = Some(f64::MAX);
+            let (found, _) = step(&data, &settings, &base, declared, (&mut quiet, &mut 0));
+            assert_eq!(found.map(|found| found.kind), Some(Kind::OscillatingLoad), "{size}");
+            assert_eq!(quiet == Some(f64::MAX), alone, "{size}");
+        }
     }
 }
