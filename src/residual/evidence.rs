@@ -11,6 +11,7 @@
 
 use super::fit::FLOOR;
 use super::model::{Data, Stage};
+use super::products::{Column, gram, lower};
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
 use crate::diagnosis::stats::median;
 use std::ops::Range;
@@ -98,7 +99,7 @@ pub struct Robust {
     pub free: usize,
 }
 
-/// A long ARX of a model's signals; column 0 is what it explains, then come the lags of y, those of z, 1 and the shapes.
+/// A long ARX of a model's signals; column 0 is what it explains, then come the lags of y, 1, the lags of z and the shapes.
 pub struct System<'a> {
     rows: Range<usize>,
     y: &'a [f64],
@@ -122,7 +123,7 @@ impl<'a> System<'a> {
         let mut system = Self {
             y: &stage.y,
             z: &stage.z,
-            ones: vec![1.0; rows.len()],
+            ones: vec![1.0; to],
             shapes: &stage.columns[..stage.columns.len().min(most)],
             nearest: nk.saturating_sub(BEFORE).max(1),
             lags,
@@ -148,54 +149,44 @@ impl<'a> System<'a> {
 
     /// The errors without what z explains, and the coefficients of z from the nearest lag on.
     pub fn without_z(&self, theta: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let of_z = self.lags.0..self.lags.0 + self.lags.1;
+        let of_z = self.of_z();
         let mut others = theta.to_vec();
         others[of_z.clone()].fill(0.0);
         (self.errors(&others), theta[of_z].to_vec())
+    }
+
+    /// The coefficients of z.
+    fn of_z(&self) -> Range<usize> {
+        let first = self.lags.0 + 1;
+        first..first + self.lags.1
     }
 
     fn size(&self) -> usize {
         self.lags.0 + self.lags.1 + 2 + self.shapes.len()
     }
 
-    /// Signal and lag of a column that has one.
-    fn lagged(&self, column: usize) -> Option<(&'a [f64], usize)> {
+    /// What it explains, then the lags of y, 1, the lags of z and the shapes.
+    fn columns(&self) -> Vec<Column<'_>> {
         let (of_y, of_z) = self.lags;
-        match column {
-            c if c <= of_y => Some((self.y, c)),
-            c if c <= of_y + of_z => Some((self.z, self.nearest + c - of_y - 1)),
-            _ => None,
-        }
+        let z_lags: Vec<usize> = (self.nearest..self.nearest + of_z).collect();
+        let mut columns: Vec<Column> = Column::lags(self.y, &(0..=of_y).collect::<Vec<_>>()).collect();
+        // Lags of a smooth z are nearly 1 together: it is that one of them which then has no coefficient.
+        columns.push(Column::now(&self.ones));
+        columns.extend(Column::lags(self.z, &z_lags));
+        columns.extend(self.shapes.iter().map(|shape| Column::now(shape)));
+        columns
     }
 
-    fn column(&self, column: usize) -> &[f64] {
-        let Range { start, end } = self.rows;
-        match self.lagged(column) {
-            Some((of, lag)) => &of[start - lag..end - lag],
-            None => match column.checked_sub(self.lags.0 + self.lags.1 + 2) {
-                Some(shape) => &self.shapes[shape][start..end],
-                None => &self.ones,
-            },
-        }
+    /// Those in the rows that count.
+    fn all(&self) -> Vec<&[f64]> {
+        self.columns().iter().map(|column| column.rows(&self.rows)).collect()
     }
 
-    /// Products of the columns with all samples alike: those of neighbours one lag on share all but two of their terms.
+    /// Products of the columns with all samples alike.
     fn products(&self) -> Vec<f64> {
-        let (size, Range { start, end }) = (self.size(), self.rows.clone());
-        let first_of_z = self.lags.0 + 1;
-        // A column that is the one before it, a sample later.
-        let later = |c: usize| self.lagged(c).filter(|_| c != 0 && c != first_of_z);
+        let size = self.size();
         let mut g = vec![0.0; size * size];
-        for i in 0..size {
-            for j in 0..=i {
-                g[i * size + j] = match (later(i), later(j)) {
-                    (Some((a, la)), Some((b, lb))) => {
-                        g[(i - 1) * size + j - 1] + a[start - la] * b[start - lb] - a[end - la] * b[end - lb]
-                    }
-                    _ => dot(self.column(i), self.column(j)),
-                };
-            }
-        }
+        gram(&self.columns(), &self.rows, &mut g, size);
         g
     }
 
@@ -206,29 +197,25 @@ impl<'a> System<'a> {
         let less: Vec<(usize, f64)> = less.map(|(k, weight)| (k, (1.0 - weight).sqrt())).collect();
         let count = less.len();
         let mut few = Vec::with_capacity(size * count);
-        for column in (0..size).map(|i| self.column(i)) {
+        for column in self.all() {
             few.extend(less.iter().map(|(k, share)| column[*k] * share));
         }
-        let few = |i: usize| &few[i * count..(i + 1) * count];
+        let few: Vec<&[f64]> = (0..size).map(|i| &few[i * count..(i + 1) * count]).collect();
+        let mut taken = vec![0.0; size * size];
+        lower(&few, &few, &mut taken, size);
         let mut g = self.products.clone();
-        for i in 0..size {
-            for j in 0..=i {
-                g[i * size + j] -= dot(few(i), few(j));
-            }
-            if g[i * size + i] < CANCELLED * self.products[i * size + i] {
-                return self.plain_products(weight);
-            }
-        }
-        g
+        g.iter_mut().zip(&taken).for_each(|(g, taken)| *g -= taken);
+        let cancelled = |i: usize| g[i * size + i] < CANCELLED * self.products[i * size + i];
+        if (0..size).any(cancelled) { self.plain_products(weight) } else { g }
     }
 
     /// The same, term by term.
     fn plain_products(&self, weight: &[f64]) -> Vec<f64> {
-        let size = self.size();
+        let (size, all) = (self.size(), self.all());
         let mut g = vec![0.0; size * size];
-        for i in 0..size {
-            let own: Vec<f64> = self.column(i).iter().zip(weight).map(|(c, w)| c * w).collect();
-            (0..=i).for_each(|j| g[i * size + j] = dot(&own, self.column(j)));
+        for (i, column) in all.iter().enumerate() {
+            let own: Vec<f64> = column.iter().zip(weight).map(|(c, w)| c * w).collect();
+            (0..=i).for_each(|j| g[i * size + j] = dot(&own, all[j]));
         }
         g
     }
@@ -242,14 +229,15 @@ impl<'a> System<'a> {
         let inner = &mut g[size + 1..];
         factor(inner, size, size - 1, &mut live);
         substitute(inner, size, &live, &mut theta);
-        let free = live[self.lags.0..self.lags.0 + self.lags.1].iter().filter(|live| **live).count();
+        let free = live[self.of_z()].iter().filter(|live| **live).count();
         (theta, free)
     }
 
     fn errors(&self, theta: &[f64]) -> Vec<f64> {
-        let mut e = self.column(0).to_vec();
-        for (i, theta) in theta.iter().enumerate() {
-            e.iter_mut().zip(self.column(i + 1)).for_each(|(e, c)| *e -= theta * c);
+        let all = self.all();
+        let mut e = all[0].to_vec();
+        for (theta, column) in theta.iter().zip(&all[1..]) {
+            e.iter_mut().zip(*column).for_each(|(e, c)| *e -= theta * c);
         }
         e
     }

@@ -5,6 +5,7 @@
 
 use super::filters::{recursion, whiten};
 use super::model::{Data, Linear, Spec, Stage};
+use super::products::{Column, gram, lower};
 use crate::diagnosis::armax::{Orders, RHO, draw_inside};
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
 
@@ -154,6 +155,11 @@ fn apply(spec: &mut Spec, step: &[f64], smooth: &[(Smooth, f64, f64, (f64, f64))
     draw_inside(&mut spec.linear.c, RHO);
 }
 
+/// So many lags from the first on.
+fn lags(first: usize, count: usize) -> Vec<usize> {
+    (first..first + count).collect()
+}
+
 /// The derivatives of e on the fitted samples, kept from one iteration to the next for their storage.
 #[derive(Default)]
 struct Slopes {
@@ -191,38 +197,36 @@ impl Slopes {
             .chain(self.moved.iter().map(Vec::as_slice))
             .collect();
         whiten(&spec.linear.c, &inputs, begin, to, &mut self.filtered);
-        // Signal, lag and sign of each number.
         let shapes = stage.columns.len();
-        let mut of: Vec<(usize, usize, f64)> = (1..=o.na).map(|i| (0, i, 1.0)).collect();
-        of.extend((0..o.nb).map(|j| (1, o.nk + j, -1.0)));
-        of.extend((1..=o.nc).map(|i| (2, i, -1.0)));
-        of.extend((3..4 + shapes).map(|s| (s, 0, -1.0)));
-        of.extend((4 + shapes..4 + shapes + smooth.len()).map(|s| (s, 0, 1.0)));
-        of.truncate(MOST_COLUMNS);
-        let size = of.len();
+        let of = |i: usize| &self.filtered[i][..];
+        let mut columns: Vec<Column> = Column::lags(of(0), &lags(1, o.na)).collect();
+        columns.extend(Column::lags(of(1), &lags(o.nk, o.nb)));
+        columns.extend(Column::lags(of(2), &lags(1, o.nc)));
+        columns.extend((3..self.filtered.len()).map(|i| Column::now(of(i))));
+        columns.truncate(MOST_COLUMNS - 1);
+        let size = columns.len();
+        columns.push(Column::now(e));
+        let signs: Vec<f64> = (0..=size)
+            .map(|i| if i < o.na || i >= o.na + o.nb + o.nc + 1 + shapes { 1.0 } else { -1.0 })
+            .collect();
+        let all = size + 1;
+        let mut g = vec![0.0; all * all];
         let weight = &stage.weight[from..to];
-        let weighted = weight.contains(&0.0);
-        let column = |i: usize| &self.filtered[of[i].0][from - of[i].1..to - of[i].1];
-        let product = |a: &[f64], b: &[f64]| -> f64 {
-            if weighted { a.iter().zip(b).zip(weight).map(|((a, b), w)| a * b * w).sum() } else { dot(a, b) }
-        };
-        let follows = |i: usize| i > 0 && of[i].0 == of[i - 1].0 && of[i].1 == of[i - 1].1 + 1;
-        let (mut g, mut r) = (vec![0.0; size * size], vec![0.0; size]);
-        for i in 0..size {
-            for j in 0..=i {
-                g[i * size + j] = if !weighted && follows(i) && follows(j) {
-                    // Neighbours one lag further on share all but two of their products.
-                    let (a, b) = (&self.filtered[of[i].0], &self.filtered[of[j].0]);
-                    let (la, lb) = (of[i].1, of[j].1);
-                    let ends = a[from - la] * b[from - lb] - a[to - la] * b[to - lb];
-                    g[(i - 1) * size + j - 1] + of[i].2 * of[j].2 * ends
-                } else {
-                    of[i].2 * of[j].2 * product(column(i), column(j))
-                };
-            }
-            r[i] = -of[i].2 * product(column(i), &e[from..to]);
+        if weight.contains(&0.0) {
+            let counted = |column: &Column| -> Vec<f64> {
+                column.rows(&(from..to)).iter().zip(weight).map(|(c, w)| c * w).collect()
+            };
+            let counted: Vec<Vec<f64>> = columns.iter().map(counted).collect();
+            let counted: Vec<&[f64]> = counted.iter().map(Vec::as_slice).collect();
+            lower(&counted, &counted, &mut g, all);
+        } else {
+            gram(&columns, &(from..to), &mut g, all);
         }
-        (g, r)
+        let r = (0..size).map(|i| -signs[i] * g[size * all + i]).collect();
+        let rows = g.chunks(all).zip(&signs).take(size);
+        let signed =
+            rows.flat_map(|(row, sign)| row.iter().zip(&signs).take(size).map(move |(g, s)| g * s * sign));
+        (signed.collect(), r)
     }
 
     /// How e changes with one smooth number, before the filter by 1/C: by a difference of the stem and of the shapes.

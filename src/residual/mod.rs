@@ -27,6 +27,7 @@ mod model;
 mod needless;
 mod paths;
 mod pose;
+mod products;
 mod proposals;
 mod regress;
 mod rival;

@@ -2,6 +2,7 @@
 
 use super::fit::{FLOOR, errors, minimise};
 use super::model::{Data, Linear, Spec, Stage};
+use super::products::{self, Column, lower, products};
 use crate::diagnosis::armax::{ORDER, Orders, splits};
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
 
@@ -57,39 +58,23 @@ impl Quick {
             }
             v
         };
-        let lagged = |v: &[f64], lag: usize| masked(v[from - lag..to - lag].to_vec());
-        // Where each column comes from: neighbours one lag further on share all but two of their products.
-        let mut origin: Vec<(u8, &[f64], usize)> = y_lags.iter().map(|l| (0, &stage.y[..], *l)).collect();
-        origin.extend(z_lags.iter().map(|l| (1, &stage.z[..], *l)));
-        if let Some((e, lags)) = e {
-            origin.extend(lags.iter().map(|l| (2, e, *l)));
+        let ones = vec![1.0; to];
+        let mut columns: Vec<Column> = Column::lags(&stage.y, y_lags).collect();
+        columns.extend(Column::lags(&stage.z, z_lags));
+        columns.extend(e.into_iter().flat_map(|(e, lags)| Column::lags(e, lags)));
+        columns.push(Column::now(&ones));
+        columns.extend(stage.columns.iter().map(|c| Column::now(c)));
+        columns.truncate(MOST_COLUMNS - 24);
+        let base: Vec<Vec<f64>> = columns.iter().map(|c| masked(c.rows(&(from..to)).to_vec())).collect();
+        let target = masked(stage.y[from..to].to_vec());
+        let p = columns.len();
+        let (mut gram, mut right) = (vec![0.0; p * p], vec![0.0; p]);
+        let of: Vec<&[f64]> = base.iter().map(Vec::as_slice).collect();
+        match weight {
+            None => products::gram(&columns, &(from..to), &mut gram, p),
+            Some(_) => lower(&of, &of, &mut gram, p),
         }
-        let mut base: Vec<Vec<f64>> = origin.iter().map(|(_, v, lag)| lagged(v, *lag)).collect();
-        base.push(masked(vec![1.0; to - from]));
-        base.extend(stage.columns.iter().map(|c| lagged(c, 0)));
-        base.truncate(MOST_COLUMNS - 24);
-        let target = lagged(&stage.y, 0);
-        let p = base.len();
-        let mut gram = vec![0.0; MOST_COLUMNS * MOST_COLUMNS];
-        let mut right = vec![0.0; MOST_COLUMNS];
-        for i in 0..p {
-            for j in 0..=i {
-                let follows = |c: usize| {
-                    c > 0
-                        && c < origin.len()
-                        && origin[c].0 == origin[c - 1].0
-                        && origin[c].2 == origin[c - 1].2 + 1
-                };
-                gram[i * MOST_COLUMNS + j] = if weight.is_none() && follows(i) && follows(j) {
-                    let ((_, a, la), (_, b, lb)) = (origin[i], origin[j]);
-                    gram[(i - 1) * MOST_COLUMNS + j - 1] + a[from - la] * b[from - lb]
-                        - a[to - la] * b[to - lb]
-                } else {
-                    dot(&base[i], &base[j])
-                };
-            }
-            right[i] = dot(&base[i], &target);
-        }
+        products(&[&target], &of, |_, i, sum| right[i] = sum);
         let power = dot(&target, &target);
         let mut quick = Self {
             from,
@@ -118,9 +103,10 @@ impl Quick {
         let p = chosen.len();
         let mut g = vec![0.0; p * p];
         let mut theta = vec![0.0; p];
+        let all = self.base.len();
         for (i, &a) in chosen.iter().enumerate() {
             for (j, &b) in chosen[..=i].iter().enumerate() {
-                g[i * p + j] = self.gram[a.max(b) * MOST_COLUMNS + a.min(b)];
+                g[i * p + j] = self.gram[a.max(b) * all + a.min(b)];
             }
             theta[i] = self.right[a];
         }
@@ -137,8 +123,7 @@ impl Quick {
         let size = p + m;
         let mut g = vec![0.0; size * size];
         for i in 0..p {
-            g[i * size..i * size + i + 1]
-                .copy_from_slice(&self.gram[i * MOST_COLUMNS..i * MOST_COLUMNS + i + 1]);
+            g[i * size..i * size + i + 1].copy_from_slice(&self.gram[i * p..i * p + i + 1]);
         }
         let mut theta = self.right[..p].to_vec();
         let cut: Vec<Vec<f64>> = extra
@@ -151,15 +136,16 @@ impl Quick {
                 v
             })
             .collect();
-        for i in 0..m {
-            let row = (p + i) * size;
-            for j in 0..p {
-                g[row + j] = dot(&cut[i], &self.base[j]);
-            }
-            for j in 0..=i {
-                g[row + p + j] = dot(&cut[i], &cut[j]);
-            }
-            theta.push(dot(&cut[i], &self.target));
+        let cut: Vec<&[f64]> = cut.iter().map(Vec::as_slice).collect();
+        let base: Vec<&[f64]> = self.base.iter().chain([&self.target]).map(Vec::as_slice).collect();
+        theta.resize(size, 0.0);
+        products(
+            &cut,
+            &base,
+            |i, j, sum| if j < p { g[(p + i) * size + j] = sum } else { theta[p + i] = sum },
+        );
+        if let Some(own) = g.get_mut((size + 1) * p..) {
+            lower(&cut, &cut, own, size);
         }
         let r = theta.clone();
         let mut live = [true; MOST_COLUMNS];
@@ -178,13 +164,13 @@ impl Quick {
         let p = self.base.len();
         let mut g = self.gram.clone();
         let mut live = [true; MOST_COLUMNS];
-        factor(&mut g, MOST_COLUMNS, p, &mut live);
+        factor(&mut g, p, p, &mut live);
         let mut rows = vec![0.0; p * self.target.len()];
         for (k, row) in rows.chunks_exact_mut(p).enumerate() {
             for i in (0..p).filter(|i| live[*i]) {
-                let of = &g[i * MOST_COLUMNS..i * MOST_COLUMNS + i];
+                let of = &g[i * p..i * p + i];
                 let partial: f64 = of.iter().zip(&*row).map(|(l, q)| l * q).sum();
-                row[i] = (self.base[i][k] - partial) / g[i * MOST_COLUMNS + i];
+                row[i] = (self.base[i][k] - partial) / g[i * p + i];
             }
         }
         (rows, p)

@@ -3,6 +3,7 @@
 use super::fit::FLOOR;
 use super::lanes::{LANES, Lane, Run};
 use super::model::{Data, Element, Spec, Stage};
+use super::products::{lower, products};
 use super::regress::{LONG_Y, Quick, long_lags};
 use super::search::{Reach, settle};
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
@@ -20,7 +21,7 @@ pub struct Scan<'a> {
     z_lags: Vec<usize>,
     /// Samples that do not count: then nothing is shared.
     masked: bool,
-    /// Lower triangle of the products of y lags, 1 and shapes, rows of [`MOST_COLUMNS`].
+    /// Lower triangle of the products of y lags, 1 and shapes, rows of `fixed`.
     gram: Vec<f64>,
     right: Vec<f64>,
     power: f64,
@@ -48,16 +49,13 @@ impl<'a> Scan<'a> {
         columns.extend(stage.columns.iter().map(|c| &c[from..to]));
         columns.truncate(MOST_COLUMNS - 24);
         let target = &stage.y[from..to];
-        let mut gram = vec![0.0; MOST_COLUMNS * MOST_COLUMNS];
-        for (i, a) in columns.iter().enumerate() {
-            for (j, b) in columns[..=i].iter().enumerate() {
-                gram[i * MOST_COLUMNS + j] = dot(a, b);
-            }
-        }
-        let right: Vec<f64> = columns.iter().map(|c| dot(c, target)).collect();
         let (fixed, power) = (columns.len(), dot(target, target));
+        let (mut gram, mut right) = (vec![0.0; fixed * fixed], vec![0.0; fixed]);
+        lower(&columns, &columns, &mut gram, fixed);
+        products(&[target], &columns, |_, i, sum| right[i] = sum);
         let masked = stage.weight[from..to].contains(&0.0);
-        let (trial, work) = (spec.clone(), vec![0.0; MOST_COLUMNS * MOST_COLUMNS]);
+        let size = fixed + z_lags.len();
+        let (trial, work) = (spec.clone(), vec![0.0; size * size]);
         Self {
             data,
             trial,
@@ -140,38 +138,39 @@ impl<'a> Scan<'a> {
         let size = fixed + self.z_lags.len();
         let g = &mut self.work;
         for i in 0..fixed {
-            g[i * size..i * size + i + 1].copy_from_slice(&self.gram[i * MOST_COLUMNS..][..i + 1]);
+            g[i * size..i * size + i + 1].copy_from_slice(&self.gram[i * fixed..][..i + 1]);
         }
         let mut right = self.right.clone();
-        // The last row's products of z with y, from lag 0 on.
-        let mut with_y = [0.0; LONG_Y + 1];
+        let y_lags: [&[f64]; LONG_Y] = from_fn(|l| &y[from - 1 - l..to - 1 - l]);
+        let late: Vec<&[f64]> = self.z_lags.iter().map(|lag| &z[from - lag..to - lag]).collect();
+        // PV, the stem at the first lag, 1 and the shapes: the rest of each lag but the first follows from the one before it.
+        let mut others: Vec<&[f64]> = vec![&y[from..to]];
+        others.extend(late.first());
+        others.extend(stage.columns[..fixed - LONG_Y - 1].iter().map(|c| &c[from..to]));
+        right.resize(size, 0.0);
+        products(&late, &others, |i, j, sum| match j {
+            0 => right[fixed + i] = sum,
+            1 => g[(fixed + i) * size + fixed] = sum,
+            _ => g[(fixed + i) * size + LONG_Y - 1 + j] = sum,
+        });
+        let first = fixed * size;
+        products(&late[..1.min(late.len())], &y_lags, |_, l, sum| g[first + l] = sum);
         for (i, &lag) in self.z_lags.iter().enumerate() {
-            let own = &z[from - lag..to - lag];
             let row = (fixed + i) * size;
-            let previous = with_y;
-            for l in 0..=LONG_Y {
-                with_y[l] = if i > 0 && l > 0 {
-                    // Neighbours one lag further on share all but two of their products.
-                    previous[l - 1] + z[from - lag] * y[from - l] - z[to - lag] * y[to - l]
-                } else {
-                    dot(own, &y[from - l..to - l])
-                };
+            if i == 0 {
+                g[row + LONG_Y] = late[0].iter().sum();
+                continue;
             }
-            g[row..row + LONG_Y].copy_from_slice(&with_y[1..]);
-            g[row + LONG_Y] =
-                if i > 0 { g[row - size + LONG_Y] + z[from - lag] - z[to - lag] } else { own.iter().sum() };
-            for (slot, column) in g[row + LONG_Y + 1..row + fixed].iter_mut().zip(&stage.columns) {
-                *slot = dot(own, &column[from..to]);
+            let [enters, leaves] = [from, to].map(|k| z[k - lag]);
+            for l in 1..=LONG_Y {
+                let previous = if l == 1 { right[fixed + i - 1] } else { g[row - size + l - 2] };
+                g[row + l - 1] = previous + enters * y[from - l] - leaves * y[to - l];
             }
-            for (j, &other) in self.z_lags[..=i].iter().enumerate() {
-                g[row + fixed + j] = if j > 0 {
-                    g[row - size + fixed + j - 1] + z[from - lag] * z[from - other]
-                        - z[to - lag] * z[to - other]
-                } else {
-                    dot(own, &z[from - other..to - other])
-                };
+            g[row + LONG_Y] = g[row - size + LONG_Y] + enters - leaves;
+            for (j, &other) in self.z_lags[..=i].iter().enumerate().skip(1) {
+                g[row + fixed + j] =
+                    g[row - size + fixed + j - 1] + enters * z[from - other] - leaves * z[to - other];
             }
-            right.push(with_y[0]);
         }
         let mut live = [true; MOST_COLUMNS];
         factor(g, size, size, &mut live);
