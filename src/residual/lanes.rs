@@ -2,6 +2,7 @@
 
 use super::model::Element;
 use crate::diagnosis::friction::Start;
+use multiversion::multiversion;
 use std::array::from_fn;
 
 /// Elements side by side. An element without friction must not be among them.
@@ -65,7 +66,7 @@ impl Run {
             if self.at < end {
                 let constant = self.growth == [0.0; LANES] && self.behind == self.other;
                 let (u, z) = (&u[self.at..end], &mut z[self.at..end]);
-                if constant { self.slide::<true>(u, z) } else { self.slide::<false>(u, z) }
+                if constant { slide_constant(self, u, z) } else { slide_any(self, u, z) }
             }
             if self.at <= self.from + 1 {
                 self.turns = [0.0; LANES];
@@ -93,6 +94,7 @@ impl Run {
     }
 
     /// `CONSTANT`: one band for all time and both directions. Without branches, so that it becomes vectors.
+    #[inline(always)]
     fn slide<const CONSTANT: bool>(&mut self, u: &[f64], z: &mut [Lane]) {
         let Self { lag, moving, resting, at, .. } = *self;
         let Self { mut ahead, mut behind, mut other, mut direction, mut stem, mut turns, .. } = *self;
@@ -117,6 +119,16 @@ impl Run {
         (self.direction, self.stem, self.turns) = (direction, stem, turns);
         self.at += u.len();
     }
+}
+
+#[multiversion(targets("x86_64+avx2"))]
+fn slide_constant(run: &mut Run, u: &[f64], z: &mut [Lane]) {
+    run.slide::<true>(u, z);
+}
+
+#[multiversion(targets("x86_64+avx2"))]
+fn slide_any(run: &mut Run, u: &[f64], z: &mut [Lane]) {
+    run.slide::<false>(u, z);
 }
 
 #[cfg(test)]

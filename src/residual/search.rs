@@ -14,6 +14,7 @@ use super::evidence::{Robust, System};
 use super::lanes::{LANES, Lane, Run};
 use super::model::{Data, Element, Spec};
 use super::scan::LEAST_REVERSALS;
+use multiversion::multiversion;
 use std::array::from_fn;
 
 /// Degrees of freedom of the t distribution that the errors are taken to have.
@@ -227,27 +228,8 @@ impl<'a> Held<'a> {
     fn add(&self, at: usize, end: usize, per: f64, sums: &mut Lane) {
         let rows = at - self.data.first..end - self.data.first;
         let (left, counted) = (&self.left[rows.clone()], &self.counted[rows]);
-        let mut e = [[0.0; LANES]; BLOCK];
-        let e = &mut e[..left.len()];
-        e.iter_mut().zip(left).for_each(|(e, left)| *e = [*left; LANES]);
-        // Four lags at a time: what is bound by memory is passed over a quarter as often.
-        for (j, b) in self.b.chunks_exact(4).enumerate() {
-            let lagged = |i: usize| self.z[at - self.nearest - 4 * j - i..][..left.len()].as_flattened();
-            let (z0, z1, z2, z3) = (lagged(0), lagged(1), lagged(2), lagged(3));
-            let e = e.as_flattened_mut();
-            for k in 0..e.len() {
-                e[k] -= b[0] * z0[k] + b[1] * z1[k] + b[2] * z2[k] + b[3] * z3[k];
-            }
-        }
-        for (e, counted) in e.chunks(FACTORS).zip(counted.chunks(FACTORS)) {
-            let mut product = [1.0; LANES];
-            for (e, counted) in e.iter().zip(counted) {
-                for l in 0..LANES {
-                    product[l] *= 1.0 + (counted * e[l] * e[l] * per).min(MOST_FACTOR);
-                }
-            }
-            sums.iter_mut().zip(product).for_each(|(sum, product)| *sum += product.ln());
-        }
+        let late: [&[Lane]; LAGS.1] = from_fn(|j| &self.z[at - self.nearest - j..][..left.len()]);
+        add_losses(left, counted, &self.b, late, per, sums);
     }
 
     fn put(&mut self, (element, value): Tried) -> &Spec {
@@ -399,6 +381,32 @@ impl<'a> Held<'a> {
 fn set_last(spec: &mut Spec, value: Option<f64>) {
     if let (Some(value), Some(last)) = (value, spec.terms.last_mut()) {
         last.set(0, value);
+    }
+}
+
+/// Adds the losses of what is `left` for stems to explain, `late` their places by lag, `b` what each lag counts.
+#[multiversion(targets("x86_64+avx2"))]
+fn add_losses(left: &[f64], counted: &[f64], b: &[f64], late: [&[Lane]; LAGS.1], per: f64, sums: &mut Lane) {
+    let mut e = [[0.0; LANES]; BLOCK];
+    let e = &mut e[..left.len()];
+    e.iter_mut().zip(left).for_each(|(e, left)| *e = [*left; LANES]);
+    // Four lags at a time: what is bound by memory is passed over a quarter as often.
+    for (b, late) in b.chunks_exact(4).zip(late.chunks_exact(4)) {
+        let e = e.as_flattened_mut();
+        let lagged = |i: usize| &late[i].as_flattened()[..e.len()];
+        let (z0, z1, z2, z3) = (lagged(0), lagged(1), lagged(2), lagged(3));
+        for k in 0..e.len() {
+            e[k] -= b[0] * z0[k] + b[1] * z1[k] + b[2] * z2[k] + b[3] * z3[k];
+        }
+    }
+    for (e, counted) in e.chunks(FACTORS).zip(counted.chunks(FACTORS)) {
+        let mut product = [1.0; LANES];
+        for (e, counted) in e.iter().zip(counted) {
+            for l in 0..LANES {
+                product[l] *= 1.0 + (counted * e[l] * e[l] * per).min(MOST_FACTOR);
+            }
+        }
+        sums.iter_mut().zip(product).for_each(|(sum, product)| *sum += product.ln());
     }
 }
 

@@ -6,6 +6,7 @@ use super::{Context, Proposal, Recognise, best};
 use crate::diagnosis::spectrum;
 use crate::residual::model::{Data, Knob, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
+use multiversion::multiversion;
 use std::f64::consts::TAU;
 
 /// Harmonics tried.
@@ -38,6 +39,7 @@ impl Load {
 }
 
 /// `sin(w k)` and `cos(w k)`: a block turned on and on by the angle of a block.
+#[multiversion(targets("x86_64+avx2"))]
 pub fn wave(w: f64, n: usize) -> [Vec<f64>; 2] {
     let turn = |(s, c): (f64, f64), (by_s, by_c): (f64, f64)| (s * by_c + c * by_s, c * by_c - s * by_s);
     let (mut of_s, mut of_c) = ([0.0; BLOCK], [1.0; BLOCK]);
