@@ -71,9 +71,6 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
                 base = next;
             }
         }
-        if !added.is_empty() {
-            base = as_jumps(&data, base, &mut tried);
-        }
         let (found, valve) = step(&data, settings, &base, (&declared, at_start), (&mut quiet, &mut tried));
         if let Some(element) = valve
             && looks > 0
@@ -83,7 +80,16 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
             quiet = None;
             continue;
         }
-        let Some(next) = found else { break };
+        let Some(next) = found else {
+            let was = base.spec.element;
+            if !added.is_empty() {
+                base = as_jumps(&data, base, &mut tried);
+            }
+            if base.spec.element == was {
+                break;
+            }
+            continue;
+        };
         let paid = next.candidate.paid - base.paid;
         added.push(Added { kind: next.kind, evidence: next.evidence, paid });
         base = next.candidate;

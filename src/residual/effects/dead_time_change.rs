@@ -100,10 +100,15 @@ impl Recognise for DeadTimeChange {
             // The model's delay lies anywhere between the two there are.
             let nk = c.spec.orders.nk;
             let short = nk.saturating_sub(more.unsigned_abs() as usize).max(1);
-            let fits = [nk, short, nk.midpoint(short)].map(|nk| Quick::long_arx(c.data, &stage, nk));
-            let [a, b, d] = fits;
-            let best = if b.loss < a.loss { b } else { a };
-            let best = if d.loss < best.loss { d } else { best };
+            let mut delays = vec![short, nk.midpoint(short)];
+            delays.dedup();
+            let others = delays.into_iter().filter(|delay| *delay != nk);
+            let mut best = Quick::long_arx(c.data, &stage, nk);
+            for other in others.map(|nk| Quick::long_arx(c.data, &stage, nk)) {
+                if other.loss < best.loss {
+                    best = other;
+                }
+            }
             (best.loss, best, term)
         };
         let mut rated: Vec<_> = changes(c, from..to).into_iter().map(rate).collect();
