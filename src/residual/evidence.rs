@@ -168,11 +168,10 @@ impl<'a> System<'a> {
     /// What it explains, then the lags of y, 1, the lags of z and the shapes.
     fn columns(&self) -> Vec<Column<'_>> {
         let (of_y, of_z) = self.lags;
-        let z_lags: Vec<usize> = (self.nearest..self.nearest + of_z).collect();
-        let mut columns: Vec<Column> = Column::lags(self.y, &(0..=of_y).collect::<Vec<_>>()).collect();
-        // Lags of a smooth z are nearly 1 together: it is that one of them which then has no coefficient.
+        let mut columns: Vec<Column> = Column::lags(self.y, 0..=of_y).collect();
+        // Lags of a smooth z are nearly 1 together: one of them then has no coefficient, and is not free, rather than 1.
         columns.push(Column::now(&self.ones));
-        columns.extend(Column::lags(self.z, &z_lags));
+        columns.extend(Column::lags(self.z, self.nearest..self.nearest + of_z));
         columns.extend(self.shapes.iter().map(|shape| Column::now(shape)));
         columns
     }

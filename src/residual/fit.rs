@@ -80,6 +80,14 @@ fn put(spec: &mut Spec, which: Smooth, value: f64) {
     }
 }
 
+/// Whether a number may change the stem: those of a term's shapes do not.
+fn moves_stem(spec: &Spec, counts: &[usize], which: Smooth) -> bool {
+    match which {
+        Smooth::Lag => true,
+        Smooth::Knob { term, .. } => counts[term] == 0 || spec.terms[term].changes_stem(),
+    }
+}
+
 /// Minimises the loss of `spec` from its present coefficients, at most `most` iterations.
 pub fn minimise(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
     let (mut stage, counts) = spec.stage(data);
@@ -112,7 +120,7 @@ pub fn minimise(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
             }
             let mut candidate = spec.clone();
             apply(&mut candidate, &step, &smooth);
-            if !smooth.is_empty() {
+            if smooth.iter().any(|(which, ..)| moves_stem(&candidate, &counts, *which)) {
                 candidate.restem(data, &stage.u[..data.split], &mut stage.z, &mut stage.dir);
             }
             if smooth
@@ -155,11 +163,6 @@ fn apply(spec: &mut Spec, step: &[f64], smooth: &[(Smooth, f64, f64, (f64, f64))
     draw_inside(&mut spec.linear.c, RHO);
 }
 
-/// So many lags from the first on.
-fn lags(first: usize, count: usize) -> Vec<usize> {
-    (first..first + count).collect()
-}
-
 /// The derivatives of e on the fitted samples, kept from one iteration to the next for their storage.
 #[derive(Default)]
 struct Slopes {
@@ -199,14 +202,14 @@ impl Slopes {
         whiten(&spec.linear.c, &inputs, begin, to, &mut self.filtered);
         let shapes = stage.columns.len();
         let of = |i: usize| &self.filtered[i][..];
-        let mut columns: Vec<Column> = Column::lags(of(0), &lags(1, o.na)).collect();
-        columns.extend(Column::lags(of(1), &lags(o.nk, o.nb)));
-        columns.extend(Column::lags(of(2), &lags(1, o.nc)));
+        let mut columns: Vec<Column> = Column::lags(of(0), 1..=o.na).collect();
+        columns.extend(Column::lags(of(1), o.nk..o.nk + o.nb));
+        columns.extend(Column::lags(of(2), 1..=o.nc));
         columns.extend((3..self.filtered.len()).map(|i| Column::now(of(i))));
         columns.truncate(MOST_COLUMNS - 1);
         let size = columns.len();
         columns.push(Column::now(e));
-        let signs: Vec<f64> = (0..=size)
+        let signs: Vec<f64> = (0..size)
             .map(|i| if i < o.na || i >= o.na + o.nb + o.nc + 1 + shapes { 1.0 } else { -1.0 })
             .collect();
         let all = size + 1;
@@ -223,9 +226,8 @@ impl Slopes {
             gram(&columns, &(from..to), &mut g, all);
         }
         let r = (0..size).map(|i| -signs[i] * g[size * all + i]).collect();
-        let rows = g.chunks(all).zip(&signs).take(size);
-        let signed =
-            rows.flat_map(|(row, sign)| row.iter().zip(&signs).take(size).map(move |(g, s)| g * s * sign));
+        let rows = g.chunks(all).zip(&signs);
+        let signed = rows.flat_map(|(row, sign)| row.iter().zip(&signs).map(move |(g, s)| g * s * sign));
         (signed.collect(), r)
     }
 
@@ -249,8 +251,8 @@ impl Slopes {
         out.clear();
         out.resize(to, 0.0);
         put(spec, which, value + h);
-        spec.restem(data, &stage.u[..to], &mut self.z, &mut self.dir);
-        if self.z != stage.z[..to] {
+        if moves_stem(spec, counts, which) {
+            spec.restem(data, &stage.u[..to], &mut self.z, &mut self.dir);
             for (j, b) in spec.linear.b.iter().enumerate() {
                 let lag = o.nk + j;
                 let (now, was) = (&self.z[begin - lag..to - lag], &stage.z[begin - lag..to - lag]);
@@ -476,5 +478,25 @@ mod tests {
         assert!((shared.loss - apart.loss).abs() < 1e-9 * (1.0 + apart.loss));
         let column: Vec<f64> = (0..data.len()).map(|k| (0.7 * k as f64).cos()).collect();
         assert!((shared.with(&[&column]).0 - apart.with(&[&column]).0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn samples_that_do_not_count_are_in_no_product() {
+        let data = exact();
+        let mut spec = blank(Orders { na: 1, nb: 1, nc: 0, nk: 2 });
+        let (mut stage, counts) = spec.stage(&data);
+        let e = data.y.clone();
+        let mut products = |stage: &Stage| {
+            Slopes::default().normal_equations(&data, &mut spec, stage, &counts, &e[..data.split], &[])
+        };
+        let all = products(&stage);
+        stage.weight[100..130].fill(0.0);
+        let (g, r) = products(&stage);
+        assert_eq!((all.0[8], g[8]), (390.0, 360.0));
+        let plain = |lag: usize| -> f64 {
+            (data.first..data.split).map(|k| stage.weight[k] * data.y[k - lag] * data.y[k - 1]).sum()
+        };
+        // The derivative by a1 is PV a sample before.
+        assert!((g[0] - plain(1)).abs() < 1e-9 && (r[0] + plain(0)).abs() < 1e-9, "{g:?} {r:?}");
     }
 }

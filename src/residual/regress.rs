@@ -59,9 +59,9 @@ impl Quick {
             v
         };
         let ones = vec![1.0; to];
-        let mut columns: Vec<Column> = Column::lags(&stage.y, y_lags).collect();
-        columns.extend(Column::lags(&stage.z, z_lags));
-        columns.extend(e.into_iter().flat_map(|(e, lags)| Column::lags(e, lags)));
+        let mut columns: Vec<Column> = Column::lags(&stage.y, y_lags.iter().copied()).collect();
+        columns.extend(Column::lags(&stage.z, z_lags.iter().copied()));
+        columns.extend(e.into_iter().flat_map(|(e, lags)| Column::lags(e, lags.iter().copied())));
         columns.push(Column::now(&ones));
         columns.extend(stage.columns.iter().map(|c| Column::now(c)));
         columns.truncate(MOST_COLUMNS - 24);
@@ -98,14 +98,15 @@ impl Quick {
         self.target.len() as f64
     }
 
-    /// Loss and coefficients with a choice of the base's columns.
+    /// Loss and coefficients with a choice of the base's columns; those it was too small for have the coefficient 0.
     pub fn subset(&self, chosen: &[usize]) -> (f64, Vec<f64>) {
-        let p = chosen.len();
+        let all = self.base.len();
+        let kept: Vec<usize> = chosen.iter().copied().filter(|column| *column < all).collect();
+        let p = kept.len();
         let mut g = vec![0.0; p * p];
         let mut theta = vec![0.0; p];
-        let all = self.base.len();
-        for (i, &a) in chosen.iter().enumerate() {
-            for (j, &b) in chosen[..=i].iter().enumerate() {
+        for (i, &a) in kept.iter().enumerate() {
+            for (j, &b) in kept[..=i].iter().enumerate() {
                 g[i * p + j] = self.gram[a.max(b) * all + a.min(b)];
             }
             theta[i] = self.right[a];
@@ -114,7 +115,10 @@ impl Quick {
         let mut live = [true; MOST_COLUMNS];
         factor(&mut g, p, p, &mut live);
         substitute(&g, p, &live, &mut theta);
-        ((self.power - dot(&r, &theta)).max(0.0) / self.rows() + FLOOR, theta)
+        let loss = (self.power - dot(&r, &theta)).max(0.0) / self.rows() + FLOOR;
+        // Shapes come last, so that what is missing does.
+        theta.resize(chosen.len(), 0.0);
+        (loss, theta)
     }
 
     /// Loss and the new columns' coefficients with `extra` columns (whole length of the window).
@@ -251,4 +255,26 @@ pub fn all_errors(data: &Data, spec: &Spec) -> (Stage, Vec<f64>) {
     let mut e = Vec::new();
     errors(data, &stage, spec.orders, &spec.linear, &mut e);
     (stage, e)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::pose::declared;
+    use crate::residual::pose::tests::{first_order, noise};
+
+    #[test]
+    fn more_shapes_than_fit_are_left_out_and_none_is_no_more() {
+        let data = first_order(900);
+        let spec = declared(&data, 0.0);
+        let mut draw = noise(5);
+        let mut stage = spec.stage(&data).0;
+        stage.columns = (0..100).map(|_| (0..data.len()).map(|_| draw()).collect()).collect();
+        let quick = Quick::long_arx(&data, &stage, spec.orders.nk);
+        let all: Vec<usize> = (0..LONG_Y + quick.z_lags.len() + 1 + stage.columns.len()).collect();
+        let (loss, theta) = quick.subset(&all);
+        assert_eq!((loss, theta.len()), (quick.loss, all.len()));
+        assert!(theta.ends_with(&[0.0; 5]) && theta[LONG_Y + quick.z_lags.len() + 1] != 0.0);
+        assert_eq!(quick.with(&[]), (quick.loss, Vec::new()));
+    }
 }

@@ -31,6 +31,7 @@ pub struct Scan<'a> {
     stems: Vec<Lane>,
     /// Fewest reversals of a stem that is rated.
     least_turns: usize,
+    ones: Vec<f64>,
 }
 
 impl<'a> Scan<'a> {
@@ -69,6 +70,7 @@ impl<'a> Scan<'a> {
             work,
             stems: Vec::new(),
             least_turns,
+            ones,
         }
     }
 
@@ -143,30 +145,25 @@ impl<'a> Scan<'a> {
         let mut right = self.right.clone();
         let y_lags: [&[f64]; LONG_Y] = from_fn(|l| &y[from - 1 - l..to - 1 - l]);
         let late: Vec<&[f64]> = self.z_lags.iter().map(|lag| &z[from - lag..to - lag]).collect();
-        // PV, the stem at the first lag, 1 and the shapes: the rest of each lag but the first follows from the one before it.
+        // With PV, the stem at the first lag, 1 and the shapes; all else of a lag but the first follows from the one before it.
         let mut others: Vec<&[f64]> = vec![&y[from..to]];
         others.extend(late.first());
+        others.push(&self.ones);
         others.extend(stage.columns[..fixed - LONG_Y - 1].iter().map(|c| &c[from..to]));
         right.resize(size, 0.0);
         products(&late, &others, |i, j, sum| match j {
             0 => right[fixed + i] = sum,
             1 => g[(fixed + i) * size + fixed] = sum,
-            _ => g[(fixed + i) * size + LONG_Y - 1 + j] = sum,
+            _ => g[(fixed + i) * size + LONG_Y - 2 + j] = sum,
         });
-        let first = fixed * size;
-        products(&late[..1.min(late.len())], &y_lags, |_, l, sum| g[first + l] = sum);
-        for (i, &lag) in self.z_lags.iter().enumerate() {
+        products(&late[..1.min(late.len())], &y_lags, |_, l, sum| g[fixed * size + l] = sum);
+        for (i, &lag) in self.z_lags.iter().enumerate().skip(1) {
             let row = (fixed + i) * size;
-            if i == 0 {
-                g[row + LONG_Y] = late[0].iter().sum();
-                continue;
-            }
             let [enters, leaves] = [from, to].map(|k| z[k - lag]);
             for l in 1..=LONG_Y {
                 let previous = if l == 1 { right[fixed + i - 1] } else { g[row - size + l - 2] };
                 g[row + l - 1] = previous + enters * y[from - l] - leaves * y[to - l];
             }
-            g[row + LONG_Y] = g[row - size + LONG_Y] + enters - leaves;
             for (j, &other) in self.z_lags[..=i].iter().enumerate().skip(1) {
                 g[row + fixed + j] =
                     g[row - size + fixed + j - 1] + enters * z[from - other] - leaves * z[to - other];
@@ -297,22 +294,48 @@ impl Scan<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::residual::model::{Linear, Term};
     use crate::residual::pose::declared;
     use crate::residual::pose::tests::first_order;
+    use crate::residual::{Kind, Parameter};
+
+    /// Two shapes.
+    #[derive(Clone, Debug)]
+    struct Shapes;
+
+    impl Term for Shapes {
+        fn kind(&self) -> Kind {
+            Kind::LoadStep
+        }
+        fn boxed(&self) -> Box<dyn Term> {
+            Box::new(self.clone())
+        }
+        fn columns(&self, data: &Data, _stage: &Stage, out: &mut Vec<Vec<f64>>) {
+            let n = data.len();
+            out.push((0..n).map(|k| f64::from(u8::from(k >= 300))).collect());
+            out.push((0..n).map(|k| (0.003 * (k * k) as f64).sin()).collect());
+        }
+        fn describe(&self, _data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
+            Default::default()
+        }
+    }
 
     #[test]
     fn shared_products_are_the_plain_ones() {
         let data = first_order(700);
         let spec = declared(&data, 0.0);
-        let mut scan = Scan::new(&data, &spec);
-        for (f, lag) in [(0.05, 0.0), (0.3, 0.5), (0.6, 1.0)] {
-            let element = Element { f, lag, ..Element::default() };
-            let mut other = spec.clone();
-            other.element = element;
-            let plain = Quick::long_arx(&data, &other.stage(&data).0, spec.orders.nk).loss;
-            let shared = scan.rate(&[element])[0].expect("the stem reverses");
-            // Products one lag on are sums of other roundings.
-            assert!((shared / plain - 1.0).abs() < 1e-8, "{shared} {plain}");
+        let beside_shapes = Spec { terms: vec![Shapes.boxed()], ..spec.clone() };
+        for spec in [spec, beside_shapes] {
+            let mut scan = Scan::new(&data, &spec);
+            for (f, lag) in [(0.05, 0.0), (0.3, 0.5), (0.6, 1.0)] {
+                let element = Element { f, lag, ..Element::default() };
+                let mut other = spec.clone();
+                other.element = element;
+                let plain = Quick::long_arx(&data, &other.stage(&data).0, spec.orders.nk).loss;
+                let shared = scan.rate(&[element])[0].expect("the stem reverses");
+                // Products one lag on are sums of other roundings.
+                assert!((shared / plain - 1.0).abs() < 1e-8, "{shared} {plain}");
+            }
         }
     }
 }

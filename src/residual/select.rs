@@ -82,12 +82,11 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         }
         let Some(next) = found else {
             let was = base.spec.element;
-            if !added.is_empty() {
-                base = as_jumps(&data, base, &mut tried);
-            }
+            base = slips_beside(&data, base, &added, &mut tried);
             if base.spec.element == was {
                 break;
             }
+            quiet = None;
             continue;
         };
         let paid = next.candidate.paid - base.paid;
@@ -95,6 +94,9 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         base = next.candidate;
         let more = steps > 0 && tried < settings.most_fits;
         drop_needless(&data, settings, (at_start.1, more), &mut base, &mut added);
+    }
+    if added.len() == settings.most_effects {
+        base = slips_beside(&data, base, &added, &mut tried);
     }
     base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
     let needed = Needed::after(settings, diagnosis, data.scale.ts);
@@ -115,9 +117,9 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     ))
 }
 
-/// The model with a stem of slips where, beside the effects, that gains by AIC and the long model alike.
-fn as_jumps(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
-    if base.spec.element.f <= 0.0 {
+/// The model with a stem of slips where, beside the effects there are, that gains by AIC and the long model alike.
+fn slips_beside(data: &Data, base: Candidate, added: &[Added], tried: &mut usize) -> Candidate {
+    if added.is_empty() || base.spec.element.f <= 0.0 {
         return base;
     }
     let Some(element) = jumps(data, &base.spec) else { return base };

@@ -28,7 +28,8 @@ const LOST: f64 = 1.0;
 const FAR_BEHIND: f64 = 20.0;
 /// Evidence with dynamics of its own below which no other friction is sought for an effect, nor its valve offered (-).
 const PAST_SAVING: f64 = -5.0;
-/// Gain from which a load that is a wave or a tag is tried before anything else is sought, and which those are (-).
+/// Gain of the long ARX, and evidence once fitted, from which a load that is a wave or a tag is tried before anything else is
+/// sought, and which those are (-).
 const CLEAR_LOAD: f64 = 100.0;
 const SHAPED: [Kind; 2] = [Kind::OscillatingLoad, Kind::MeasuredDisturbance];
 /// Effects that no valve that is off looks like; a clip is not among them.
@@ -421,15 +422,22 @@ mod tests {
     #[test]
     fn beside_a_load_beyond_doubt_nothing_else_is_sought() {
         let settings = Settings::default();
-        for (size, alone) in [(0.5, true), (0.03, false)] {
-            let (data, spec) = loaded(|k| size * (0.41 * k as f64).sin());
+        let wave = |k: usize| (0.41 * k as f64).sin();
+        let jump = |k: usize| if k >= 500 { 1.0 } else { 0.0 };
+        let loads: [(f64, &dyn Fn(usize) -> f64, _, _); 3] = [
+            (0.5, &wave, Kind::OscillatingLoad, true),
+            (0.03, &wave, Kind::OscillatingLoad, false),
+            (0.5, &jump, Kind::LoadStep, false),
+        ];
+        for (size, load, kind, alone) in loads {
+            let (data, spec) = loaded(|k| size * load(k));
             let base = Candidate::new(&data, spec.clone(), 0.0);
             let declared = (&spec, held_out(&data, &spec));
             // Bands were quiet at a loss so large that they are sought again.
             let mut quiet = Some(f64::MAX);
             let (found, _) = step(&data, &settings, &base, declared, (&mut quiet, &mut 0));
-            assert_eq!(found.map(|found| found.kind), Some(Kind::OscillatingLoad), "{size}");
-            assert_eq!(quiet == Some(f64::MAX), alone, "{size}");
+            assert_eq!(found.map(|found| found.kind), Some(kind), "{size}");
+            assert_eq!(quiet == Some(f64::MAX), alone, "{size} {kind}");
         }
     }
 }
