@@ -134,7 +134,8 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
 /// No clock, file, socket, task, log or unseeded number: the same input gives the same answer.
 const PURE: &[&str] = &["signal", "diagnosis", "residual", "sim", "compensation", "alarm"];
 /// What PURE modules may use from outside.
-const NUMERICS: &[&str] = &["nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];
+const NUMERICS: &[&str] =
+    &["multiversion", "nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];
 /// What of std PURE modules may use.
 const PURE_STD: &[&str] = &[
     "array",
