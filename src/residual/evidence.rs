@@ -201,7 +201,7 @@ impl<'a> System<'a> {
         }
         let few: Vec<&[f64]> = (0..size).map(|i| &few[i * count..(i + 1) * count]).collect();
         let mut taken = vec![0.0; size * size];
-        lower(&few, &few, &mut taken, size);
+        lower(&few, &mut taken, size);
         let mut g = self.products.clone();
         g.iter_mut().zip(&taken).for_each(|(g, taken)| *g -= taken);
         let cancelled = |i: usize| g[i * size + i] < CANCELLED * self.products[i * size + i];

@@ -221,7 +221,7 @@ impl Slopes {
             };
             let counted: Vec<Vec<f64>> = columns.iter().map(counted).collect();
             let counted: Vec<&[f64]> = counted.iter().map(Vec::as_slice).collect();
-            lower(&counted, &counted, &mut g, all);
+            lower(&counted, &mut g, all);
         } else {
             gram(&columns, &(from..to), &mut g, all);
         }

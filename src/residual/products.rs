@@ -94,12 +94,11 @@ pub fn gram(columns: &[Column<'_>], rows: &Range<usize>, g: &mut [f64], stride: 
     }
 }
 
-/// The products of `a` with `b` into the lower triangle of `g`, its rows `stride` long; what is above stays as it is.
-pub fn lower(a: &[&[f64]], b: &[&[f64]], g: &mut [f64], stride: usize) {
-    for (at, of_a) in a.chunks(4).enumerate() {
+/// The products of all columns into the lower triangle of `g`, its rows `stride` long; what is above stays as it is.
+pub fn lower(columns: &[&[f64]], g: &mut [f64], stride: usize) {
+    for (at, few) in columns.chunks(4).enumerate() {
         let at = 4 * at;
-        let to = b.len().min(at + of_a.len());
-        products(of_a, &b[..to], |i, j, sum| {
+        products(few, &columns[..at + few.len()], |i, j, sum| {
             if j <= at + i {
                 g[(at + i) * stride + j] = sum;
             }
@@ -205,7 +204,7 @@ mod tests {
         let of: Vec<&[f64]> = columns.iter().map(|column| column.rows(&rows)).collect();
         let (mut shared, mut plain) = (vec![0.0; p * (p + 2)], vec![0.0; p * (p + 2)]);
         gram(&columns, &rows, &mut shared, p + 2);
-        lower(&of, &of, &mut plain, p + 2);
+        lower(&of, &mut plain, p + 2);
         for (at, (shared, plain)) in shared.iter().zip(&plain).enumerate() {
             assert!((shared - plain).abs() < 1e-10, "{at}: {shared} {plain}");
         }

@@ -72,7 +72,7 @@ impl Quick {
         let of: Vec<&[f64]> = base.iter().map(Vec::as_slice).collect();
         match weight {
             None => products::gram(&columns, &(from..to), &mut gram, p),
-            Some(_) => lower(&of, &of, &mut gram, p),
+            Some(_) => lower(&of, &mut gram, p),
         }
         products(&[&target], &of, |_, i, sum| right[i] = sum);
         let power = dot(&target, &target);
@@ -149,7 +149,7 @@ impl Quick {
             |i, j, sum| if j < p { g[(p + i) * size + j] = sum } else { theta[p + i] = sum },
         );
         if let Some(own) = g.get_mut((size + 1) * p..) {
-            lower(&cut, &cut, own, size);
+            lower(&cut, own, size);
         }
         let r = theta.clone();
         let mut live = [true; MOST_COLUMNS];

@@ -52,7 +52,7 @@ impl<'a> Scan<'a> {
         let target = &stage.y[from..to];
         let (fixed, power) = (columns.len(), dot(target, target));
         let (mut gram, mut right) = (vec![0.0; fixed * fixed], vec![0.0; fixed]);
-        lower(&columns, &columns, &mut gram, fixed);
+        lower(&columns, &mut gram, fixed);
         products(&[target], &columns, |_, i, sum| right[i] = sum);
         let masked = stage.weight[from..to].contains(&0.0);
         let size = fixed + z_lags.len();

@@ -225,7 +225,7 @@ impl Step<'_> {
     }
 
     /// The load that a wave or a tag explains beyond doubt, with friction estimated anew: bands, gains and delays that are sought
-    /// under it are blurred, and sought again once it is there. Leaves `full`.
+    /// under it are blurred, and sought again once it is there. Taken out of `full`.
     fn clear_load(&self, full: &mut Vec<Promised>, tried: &mut usize) -> Option<Trial> {
         let (promised, _, best) = full.first()?;
         let shaped = best.spec.terms.last().is_some_and(|term| SHAPED.contains(&term.kind()));
