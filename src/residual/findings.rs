@@ -1,7 +1,6 @@
 //! What the selection found, in the plant's units.
 
 use super::candidate::{Candidate, FRICTION_COST};
-use super::direct::is_repaired;
 use super::evidence::Judge;
 use super::fit::{errors, free_run, held_out, loss_of, minimise};
 use super::model::{Data, Element, Spec};
@@ -55,7 +54,9 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
         let dynamics = held_out(data, &refit);
         if dynamics.0 <= AS_GOOD * was.0 && dynamics.1 <= was.1 { refit } else { declared.clone() }
     };
-    if is_repaired(&compared) && held_out(data, &after).1 > held_out(data, &compared).1 {
+    // Where samples that do not count were the easy ones, a model no worse is beyond: then nothing better runs free.
+    let beyond = held_out(data, &after).1 > held_out(data, &compared).1;
+    if beyond {
         after.free = Some(Box::new(compared.clone()));
     }
     let (stage, counts) = after.stage(data);
@@ -75,7 +76,10 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
         (residual, e, free)
     };
     let (before, e_before, free_before) = scored(&compared);
-    let (now, e_after, free_after) = scored(&after);
+    let (mut now, e_after, free_after) = scored(&after);
+    if beyond {
+        now.free_run_rmse = now.free_run_rmse.min(before.free_run_rmse);
+    }
     let mut effects = Vec::new();
     let mut gamma = after.linear.gamma.as_slice();
     for ((term, count), added) in after.terms.iter().zip(&counts).zip(&added) {

@@ -76,8 +76,12 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
             && looks > 0
         {
             looks -= 1;
-            base = base.with_valve(&data, element, true);
-            quiet = None;
+            let other = base.with_valve(&data, element, true);
+            // Beside effects that were judged with another valve it may run free anywhere.
+            let judged = added.iter().any(|effect| !is_direct(effect.kind));
+            if !judged || held_out(&data, &other.spec).1 <= at_start.1 {
+                (base, quiet) = (other, None);
+            }
             continue;
         }
         let Some(next) = found else {
