@@ -3,9 +3,10 @@
 use super::Kind;
 use super::climb::{CLIMBS, climb};
 use super::evidence::Judge;
-use super::fit::{held_out, minimise};
+use super::fit::{minimise, minimise_from};
 use super::model::{Data, Element, Spec};
 use super::regress::restructure;
+use super::run::held_out;
 use super::scan::scan_friction;
 use super::search::{banded, even};
 use super::staged::jumps;
@@ -146,7 +147,7 @@ pub fn tune(data: &Data, spec: &mut Spec, tried: &mut usize) {
                     }
                     let mut other = spec.clone();
                     other.terms[last].set(at, value);
-                    minimise(data, &mut other, true, 2);
+                    minimise_from(data, &mut other, true, last, 2);
                     *tried += 1;
                     if other.loss >= spec.loss {
                         break;

@@ -2,10 +2,11 @@
 
 use super::candidate::Candidate;
 use super::effects::{ALL, Context};
-use super::fit::{held_out, loss_of, minimise};
+use super::fit::{loss_of, minimise};
 use super::model::{Data, Spec};
 use super::needless::Added;
 use super::regress::{Quick, all_errors, restructure};
+use super::run::held_out;
 use super::{Kind, Settings};
 
 /// Effects that take samples out and leave the others as they are.

@@ -2,10 +2,11 @@
 
 use super::candidate::{Candidate, FRICTION_COST};
 use super::evidence::Judge;
-use super::fit::{errors, free_run, held_out, loss_of, minimise};
+use super::fit::{errors, loss_of, minimise};
 use super::model::{Data, Element, Spec};
 use super::needless::Added;
 use super::regress::{Quick, all_errors, restructure};
+use super::run::{free_run, held_out};
 use super::{Curves, Effect, Findings, Friction, Kind, Parameter, Settings, checks, rival};
 use crate::diagnosis::stats::median;
 use crate::diagnosis::validation::is_white;
@@ -310,7 +311,7 @@ pub fn model(data: &Data, spec: &Spec) -> Model {
 mod tests {
     use super::*;
     use crate::diagnosis::NotIdentifiable;
-    use crate::residual::model::{Linear, Term};
+    use crate::residual::model::{Linear, Stage, Term};
     use crate::residual::pose::{self, tests::first_order};
 
     /// An effect that adds nothing.
@@ -362,5 +363,48 @@ mod tests {
         sticks.terms.push(Box::new(Idle(Kind::LoadStep)));
         let (friction, goes, _) = verdict(&sticks, Verdict::Stiction);
         assert_eq!((goes, friction.f), (Verdict::NoStiction, 0.0));
+    }
+
+    /// Samples after each new start, where a free run is nearest, are no measurement.
+    #[derive(Clone, Debug)]
+    struct Hidden(usize, usize);
+
+    impl Term for Hidden {
+        fn kind(&self) -> Kind {
+            Kind::FrozenPv
+        }
+        fn boxed(&self) -> Box<dyn Term> {
+            Box::new(self.clone())
+        }
+        fn data(&self, stage: &mut Stage) {
+            let Self(split, stretch) = *self;
+            let later = stage.weight.iter_mut().skip(split).enumerate();
+            later.filter(|(k, _)| k % stretch < 10).for_each(|(_, weight)| *weight = 0.0);
+        }
+        fn describe(&self, _: &Data, _: &[f64], _: &Linear) -> (Vec<Parameter>, String) {
+            (Vec::new(), String::new())
+        }
+    }
+
+    #[test]
+    fn where_the_samples_that_count_are_the_harder_ones_the_free_run_is_not_called_worse() {
+        let data = first_order(600);
+        let mut compared = pose::declared(&data, 0.0);
+        minimise(&data, &mut compared, false, 12);
+        let mut hidden = compared.clone();
+        hidden.terms.push(Box::new(Hidden(data.split, data.stretch())));
+        assert!(held_out(&data, &hidden).1 > held_out(&data, &compared).1);
+        let outcome = Outcome {
+            compared: compared.clone(),
+            declared: compared.clone(),
+            base: Candidate::new(&data, hidden, 0.0),
+            refit: compared,
+            added: vec![Added { kind: Kind::FrozenPv, evidence: 100.0, paid: 0.0 }],
+            needed: None,
+            tried: 0,
+        };
+        let found = report(&data, &Diagnosis::bare(Verdict::NoStiction, ""), &Settings::default(), outcome);
+        assert_eq!(found.effects.len(), 1);
+        assert_eq!(found.after.free_run_rmse, found.before.free_run_rmse);
     }
 }

@@ -1,9 +1,9 @@
 //! The model that runs free: one that is right one step ahead need not be right over many.
 
 use super::direct::is_repaired;
-use super::fit::{free_fitted, held_out};
 use super::model::{Data, Spec};
 use super::regress::structures;
+use super::run::{free_fitted, held_out};
 
 /// Structures fitted when the dynamics are estimated once more.
 const REFIT: usize = 16;

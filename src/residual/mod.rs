@@ -31,6 +31,7 @@ mod products;
 mod proposals;
 mod regress;
 mod rival;
+mod run;
 mod scan;
 mod search;
 mod select;

@@ -6,9 +6,10 @@
 use super::candidate::Candidate;
 use super::direct::is_direct;
 use super::evidence::Judge;
-use super::fit::{held_out, minimise};
+use super::fit::minimise;
 use super::model::{Data, Spec};
 use super::regress::restructure;
+use super::run::held_out;
 use super::{Kind, Settings};
 
 /// An effect in the model.

@@ -12,6 +12,8 @@ const DOUBTFUL_FRICTION: f64 = -40.0;
 /// Gain of the long ARX below which bands are not sought again, until its likelihood has grown by so much (-).
 const QUIET: f64 = 4.0;
 const LOUDER: f64 = 1000.0;
+/// Loads that are a wave or a tag.
+pub const SHAPED: [Kind; 2] = [Kind::OscillatingLoad, Kind::MeasuredDisturbance];
 /// Effects on the band to cross.
 pub const BANDS: [Kind; 2] = [Kind::AsymmetricFriction, Kind::FrictionDrift];
 
@@ -28,7 +30,21 @@ pub fn loads(context: &Context<'_>) -> Vec<Rated> {
 /// that differ or grow promised nothing.
 pub fn others(context: &Context<'_>, quiet: &mut Option<f64>) -> Vec<Rated> {
     let Context { data, spec, likely, settings, .. } = *context;
-    let still = quiet.is_some_and(|loss| context.rows() * (loss / context.quick.loss).ln() < LOUDER);
+    let none = Element { f: 0.0, ..spec.element };
+    let element = if spec.element.f > 0.0 { none } else { likely };
+    let other = (element != spec.element).then(|| {
+        let mut other = Spec { element, ..spec.clone() };
+        minimise(data, &mut other, true, 8);
+        let (stage, e) = all_errors(data, &other);
+        let without = (element.f == 0.0).then(|| context.judge().gain(data, &stage, other.orders.nk));
+        (other, stage, e, without)
+    });
+    let without = other.as_ref().and_then(|other| other.3);
+    let loaded = spec.terms.iter().any(|term| SHAPED.contains(&term.kind()));
+    // Beside such a load a valve that hardly shows does not show how its bands differ.
+    let blurred = loaded && without.is_none_or(|gain| gain > CERTAIN_FRICTION) && settings.only.is_none();
+    let still =
+        blurred || quiet.is_some_and(|loss| context.rows() * (loss / context.quick.loss).ln() < LOUDER);
     let fitting =
         |effect: &dyn Recognise| !(is_load(effect) || effect.direct() || still && effect.on_the_band());
     let mut out = of(context, fitting);
@@ -39,24 +55,17 @@ pub fn others(context: &Context<'_>, quiet: &mut Option<f64>) -> Vec<Rated> {
         let promised = likely.f <= 0.0 || most.is_some_and(|most| most >= QUIET);
         *quiet = (!promised).then_some(context.quick.loss);
     }
-    let none = Element { f: 0.0, ..spec.element };
-    let element = if spec.element.f > 0.0 { none } else { likely };
-    if element != spec.element {
-        let mut other = Spec { element, ..spec.clone() };
-        minimise(data, &mut other, true, 8);
-        let (stage, e) = all_errors(data, &other);
-        let without = (element.f == 0.0).then(|| context.judge().gain(data, &stage, other.orders.nk));
-        if without.is_some_and(|gain| gain < CERTAIN_FRICTION) {
-            return out;
-        }
-        let quick = Quick::long_arx(data, &stage, other.orders.nk);
-        let its = Context::new(data, (&other, likely), (&stage, &e), &quick, settings);
-        let any = without.is_some_and(|gain| gain > DOUBTFUL_FRICTION);
-        let any_other = |effect: &dyn Recognise| any && !effect.direct() && !effect.on_the_band();
-        let fitting = ALL.iter().filter(|effect| effect.on_the_stem() || any_other(**effect));
-        let others = fitting.flat_map(|effect| effect.propose(&its)).filter(|p| asked(settings, p));
-        out.extend(others.map(|p| rated(context, Proposal { element: Some(other.element), ..p })));
+    let Some((other, stage, e, _)) = other else { return out };
+    if without.is_some_and(|gain| gain < CERTAIN_FRICTION) {
+        return out;
     }
+    let quick = Quick::long_arx(data, &stage, other.orders.nk);
+    let its = Context::new(data, (&other, likely), (&stage, &e), &quick, settings);
+    let any = without.is_some_and(|gain| gain > DOUBTFUL_FRICTION);
+    let any_other = |effect: &dyn Recognise| any && !effect.direct() && !effect.on_the_band();
+    let fitting = ALL.iter().filter(|effect| effect.on_the_stem() || any_other(**effect));
+    let others = fitting.flat_map(|effect| effect.propose(&its)).filter(|p| asked(settings, p));
+    out.extend(others.map(|p| rated(context, Proposal { element: Some(other.element), ..p })));
     out
 }
 

@@ -15,10 +15,10 @@ use super::candidate::{Candidate, FRICTION_COST};
 use super::direct::is_repaired;
 use super::evidence::Judge;
 use super::findings::Needed;
-use super::fit::held_out;
 use super::free::{DOUBTLESS, likelier, not_beyond};
 use super::model::{Data, Element, Spec};
 use super::needless::Added;
+use super::run::held_out;
 
 /// Gain in AIC below which nothing is looked at.
 const LEAST: f64 = 7.0;

@@ -4,11 +4,12 @@ use super::candidate::{Candidate, Sought, tune, with_friction};
 use super::climb::{CLIMBS, climb};
 use super::effects::{ALL, Context};
 use super::evidence::Judge;
-use super::fit::{held_out, minimise};
+use super::fit::minimise;
 use super::free::{DOUBTLESS, likelier, not_beyond};
 use super::model::{Data, Element, Spec};
-use super::proposals::{BANDS, Rated, cost, loads, others};
+use super::proposals::{BANDS, Rated, SHAPED, cost, loads, others};
 use super::regress::{Quick, all_errors, restructure};
+use super::run::held_out;
 use super::search::even;
 use super::{Kind, Settings};
 use std::cell::OnceCell;
@@ -23,15 +24,16 @@ const HOPELESS: f64 = -30.0;
 const LITTLE: f64 = -4.0;
 const EXACT: [Kind; 4] =
     [Kind::OscillatingLoad, Kind::MeasuredDisturbance, Kind::Drift, Kind::StaticNonlinearity];
-/// Evidence below which another friction does not save an effect, and how far behind the best it is not worth it (-).
+/// Evidence below which an effect is none, below which another friction does not make it one, and how far behind the best it is
+/// not worth trying (-).
 const LOST: f64 = 1.0;
+const PROMISING: f64 = 3.0;
 const FAR_BEHIND: f64 = 20.0;
 /// Evidence with dynamics of its own below which no other friction is sought for an effect, nor its valve offered (-).
 const PAST_SAVING: f64 = -5.0;
 /// Gain of the long ARX, and evidence once fitted, from which a load that is a wave or a tag is tried before anything else is
-/// sought, and which those are (-).
+/// sought (-).
 const CLEAR_LOAD: f64 = 100.0;
-const SHAPED: [Kind; 2] = [Kind::OscillatingLoad, Kind::MeasuredDisturbance];
 /// Effects that no valve that is off looks like; a clip is not among them.
 const UNLIKE_A_VALVE: [Kind; 5] = [
     Kind::StaticNonlinearity,
@@ -244,7 +246,7 @@ impl Step<'_> {
             // Another friction does not save what is lost, nor does it let what is far behind catch up.
             let ahead =
                 finals.iter().filter(|t| t.worth(settings.least_gain)).map(Trial::rank).fold(0.0, f64::max);
-            if (promised < LOST || promised + FAR_BEHIND < ahead) && settings.only.is_none() {
+            if (promised < PROMISING || promised + FAR_BEHIND < ahead) && settings.only.is_none() {
                 break;
             }
             let own_key = (own_valve, key(&candidate.spec));
@@ -376,10 +378,15 @@ mod tests {
 
     /// A loop whose valve sticks at 1 (OP), under a load, and the declared model of it.
     fn loaded(load: impl Fn(usize) -> f64) -> (Data, Spec) {
+        behind(1.0, load)
+    }
+
+    /// The same with a valve that sticks at `f`.
+    fn behind(f: f64, load: impl Fn(usize) -> f64) -> (Data, Spec) {
         let mut draw = noise(7);
-        let valve = Element { f: 1.0, ..Element::default() };
+        let valve = Element { f, ..Element::default() };
         let data = behind_valve(&waves(1400), valve, 0.8, |k| load(k) + 0.05 * draw());
-        let mut spec = declared(&data, 1.0 / data.scale.u);
+        let mut spec = declared(&data, f / data.scale.u);
         minimise(&data, &mut spec, false, 12);
         (data, spec)
     }
@@ -438,6 +445,22 @@ mod tests {
             let (found, _) = step(&data, &settings, &base, declared, (&mut quiet, &mut 0));
             assert_eq!(found.map(|found| found.kind), Some(kind), "{size}");
             assert_eq!(quiet == Some(f64::MAX), alone, "{size} {kind}");
+        }
+    }
+
+    #[test]
+    fn beside_a_wave_bands_are_sought_where_friction_is_certain() {
+        let settings = Settings::default();
+        for (f, sought) in [(1.0, true), (0.0, false)] {
+            let (data, spec) = behind(f, |k| 0.5 * (0.41 * k as f64).sin());
+            let base = Candidate::new(&data, spec.clone(), 0.0);
+            let declared = (&spec, held_out(&data, &spec));
+            let (found, _) = step(&data, &settings, &base, declared, (&mut None, &mut 0));
+            let base = found.expect("the wave").candidate;
+            // Bands were quiet at a loss so large that they are sought again.
+            let mut quiet = Some(f64::MAX);
+            step(&data, &settings, &base, declared, (&mut quiet, &mut 0));
+            assert_eq!(quiet != Some(f64::MAX), sought, "{f}");
         }
     }
 }
