@@ -1,6 +1,7 @@
 //! What the selection found, in the plant's units.
 
 use super::candidate::{Candidate, FRICTION_COST};
+use super::direct::is_repaired;
 use super::evidence::Judge;
 use super::fit::{errors, loss_of, minimise};
 use super::model::{Data, Element, Spec};
@@ -49,17 +50,12 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
     let was = held_out(data, &declared);
     let now = held_out(data, &base.spec);
     let again = now.0 <= was.0 && now.1 <= was.1 && now != was;
-    let mut after = if !stands || again {
+    let after = if !stands || again {
         base.spec.clone()
     } else {
         let dynamics = held_out(data, &refit);
         if dynamics.0 <= AS_GOOD * was.0 && dynamics.1 <= was.1 { refit } else { declared.clone() }
     };
-    // Where samples that do not count were the easy ones, a model no worse is beyond: then nothing better runs free.
-    let beyond = held_out(data, &after).1 > held_out(data, &compared).1;
-    if beyond {
-        after.free = Some(Box::new(compared.clone()));
-    }
     let (stage, counts) = after.stage(data);
     let mut e = Vec::new();
     errors(data, &stage, after.orders, &after.linear, &mut e);
@@ -77,9 +73,10 @@ pub fn report(data: &Data, diagnosis: &Diagnosis, settings: &Settings, outcome: 
         (residual, e, free)
     };
     let (before, e_before, free_before) = scored(&compared);
-    let (mut now, e_after, free_after) = scored(&after);
-    if beyond {
-        now.free_run_rmse = now.free_run_rmse.min(before.free_run_rmse);
+    let (mut now, e_after, mut free_after) = scored(&after);
+    // Over other samples than the declared model's a run that is no worse may have the larger error: then the declared run stands.
+    if is_repaired(&after) && now.free_run_rmse > before.free_run_rmse {
+        (now.free_run_rmse, free_after) = (before.free_run_rmse, free_before.clone());
     }
     let mut effects = Vec::new();
     let mut gamma = after.linear.gamma.as_slice();
@@ -406,5 +403,6 @@ mod tests {
         let found = report(&data, &Diagnosis::bare(Verdict::NoStiction, ""), &Settings::default(), outcome);
         assert_eq!(found.effects.len(), 1);
         assert_eq!(found.after.free_run_rmse, found.before.free_run_rmse);
+        assert_eq!(found.curves.free_after, found.curves.free_before);
     }
 }

@@ -6,7 +6,8 @@ use super::model::{Element, Spec};
 use super::regress::{Quick, all_errors};
 use super::{Kind, Settings};
 
-/// Evidence of the model without friction below which no effect takes friction's place, and above which any may (-).
+/// Evidence of the model without friction below which no effect takes friction's place and bands are sought beside a load, and above
+/// which any effect may (-).
 const CERTAIN_FRICTION: f64 = -100.0;
 const DOUBTFUL_FRICTION: f64 = -40.0;
 /// Gain of the long ARX below which bands are not sought again, until its likelihood has grown by so much (-).
@@ -41,8 +42,9 @@ pub fn others(context: &Context<'_>, quiet: &mut Option<f64>) -> Vec<Rated> {
     });
     let without = other.as_ref().and_then(|other| other.3);
     let loaded = spec.terms.iter().any(|term| SHAPED.contains(&term.kind()));
+    let known = settings.known.iter().any(|(kind, _)| BANDS.contains(kind));
     // Beside such a load a valve that hardly shows does not show how its bands differ.
-    let blurred = loaded && without.is_none_or(|gain| gain > CERTAIN_FRICTION) && settings.only.is_none();
+    let blurred = loaded && !known && without.is_none_or(|gain| gain > CERTAIN_FRICTION);
     let still =
         blurred || quiet.is_some_and(|loss| context.rows() * (loss / context.quick.loss).ln() < LOUDER);
     let fitting =

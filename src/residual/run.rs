@@ -1,4 +1,4 @@
-//! PV run free, and the errors on the samples that no fit has seen.
+//! PV run free, on the fitted samples and on those that no fit has seen, with the errors of the latter.
 
 use super::fit::errors;
 use super::model::{Data, Linear, Spec, Stage};

@@ -20,7 +20,7 @@ use crate::signal::Window;
 
 /// Gain of likelihood for which the model without an effect has its friction sought once more (-).
 const CHANGED: f64 = 1.0;
-/// How often another valve may take the place of the one there is in a trace.
+/// How often another valve is tried in the place of the one there is in a trace.
 const LOOKS: usize = 1;
 /// Steps for each effect that may be added: one that goes again must not come back without end.
 const STEPS: usize = 3;
@@ -82,12 +82,12 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
             let judged = added.iter().any(|effect| !is_direct(effect.kind));
             if !judged || held_out(&data, &other.spec).1 <= at_start.1 {
                 (base, quiet) = (other, None);
+                continue;
             }
-            continue;
         }
         let Some(next) = found else {
             let was = base.spec.element;
-            base = slips_beside(&data, base, &added, &mut tried);
+            base = slips_beside(&data, base, &added, at_start, &mut tried);
             if base.spec.element == was {
                 break;
             }
@@ -101,7 +101,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         drop_needless(&data, settings, (at_start.1, more), &mut base, &mut added);
     }
     if added.len() == settings.most_effects {
-        base = slips_beside(&data, base, &added, &mut tried);
+        base = slips_beside(&data, base, &added, at_start, &mut tried);
     }
     base = Candidate { likely: base.likely, ..Candidate::new(&data, base.spec, base.paid) };
     let needed = Needed::after(settings, diagnosis, data.scale.ts);
@@ -122,8 +122,15 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     ))
 }
 
-/// The model with a stem of slips where, beside the effects there are, that gains by AIC and the long model alike.
-fn slips_beside(data: &Data, base: Candidate, added: &[Added], tried: &mut usize) -> Candidate {
+/// The model with a stem of slips where, beside the effects there are, that gains by AIC and the long model alike; its free run is not
+/// beyond the declared model's.
+fn slips_beside(
+    data: &Data,
+    base: Candidate,
+    added: &[Added],
+    at_start: (f64, f64),
+    tried: &mut usize,
+) -> Candidate {
     if added.is_empty() || base.spec.element.f <= 0.0 {
         return base;
     }
@@ -132,7 +139,8 @@ fn slips_beside(data: &Data, base: Candidate, added: &[Added], tried: &mut usize
     *tried += 1;
     let judge = Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk);
     let gain = judge.gain(data, &other.spec.stage(data).0, other.spec.orders.nk);
-    let nearer = held_out(data, &other.spec).0 < held_out(data, &base.spec).0;
+    let (held, was) = (held_out(data, &other.spec), held_out(data, &base.spec));
+    let nearer = held.0 < was.0 && held.1 <= at_start.1.max(was.1);
     if nearer && other.aic < base.aic && gain > 0.0 { other } else { base }
 }
 
