@@ -3,7 +3,7 @@
 use super::Kind;
 use super::climb::{CLIMBS, climb};
 use super::evidence::Judge;
-use super::fit::{minimise, minimise_from};
+use super::fit::{minimise, minimise_towards};
 use super::model::{Data, Element, Spec};
 use super::regress::restructure;
 use super::run::held_out;
@@ -147,7 +147,7 @@ pub fn tune(data: &Data, spec: &mut Spec, tried: &mut usize) {
                     }
                     let mut other = spec.clone();
                     other.terms[last].set(at, value);
-                    minimise_from(data, &mut other, true, last, 2);
+                    minimise_towards(data, &mut other, true, (last, 2), spec.loss);
                     *tried += 1;
                     if other.loss >= spec.loss {
                         break;

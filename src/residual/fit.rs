@@ -12,6 +12,9 @@ use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
 /// Smallest loss relative to var(PV): below it rounding decides.
 pub const FLOOR: f64 = 1e-12;
 
+/// How often what an iteration promises it and all after it may gain: 1 of 200 fits that come to anything gains more.
+const REACH: f64 = 16.0;
+
 /// Errors one step ahead, over all samples; 0 before the recursion starts and where a sample does not count.
 pub fn errors(data: &Data, stage: &Stage, orders: Orders, l: &Linear, e: &mut Vec<f64>) {
     errors_until(data, stage, orders, l, data.len(), e);
@@ -88,11 +91,17 @@ fn moves_stem(spec: &Spec, counts: &[usize], which: Smooth) -> bool {
 
 /// Minimises the loss of `spec` from its present coefficients, at most `most` iterations.
 pub fn minimise(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
-    minimise_from(data, spec, free_lag, 0, most);
+    minimise_towards(data, spec, free_lag, (0, most), f64::INFINITY);
 }
 
-/// The same with the numbers of the terms before `first` held.
-pub fn minimise_from(data: &Data, spec: &mut Spec, free_lag: bool, first: usize, most: usize) {
+/// The same with the numbers of the terms before `first` held, given up once a loss of `enough` is out of reach.
+pub fn minimise_towards(
+    data: &Data,
+    spec: &mut Spec,
+    free_lag: bool,
+    (first, most): (usize, usize),
+    enough: f64,
+) {
     let (mut stage, counts) = spec.stage(data);
     spec.linear.gamma.resize(counts.iter().sum(), 0.0);
     draw_inside(&mut spec.linear.c, RHO);
@@ -103,7 +112,7 @@ pub fn minimise_from(data: &Data, spec: &mut Spec, free_lag: bool, first: usize,
     let rows = (data.split - data.first) as f64;
     let mut trial = Vec::new();
     let mut slopes = Slopes::default();
-    for _ in 0..most {
+    for iteration in 0..most {
         let smooth = smooths(spec, free_lag, first);
         let (g, r) = slopes.normal_equations(data, spec, &stage, &counts, &e, &smooth);
         let size = r.len();
@@ -119,6 +128,9 @@ pub fn minimise_from(data: &Data, spec: &mut Spec, free_lag: bool, first: usize,
             substitute(&damped, size, &live, &mut step);
             let promised = dot(&step, &r) / rows;
             if promised.is_nan() || promised <= 1e-5 * spec.loss {
+                return;
+            }
+            if iteration > 0 && spec.loss - REACH * promised > enough {
                 return;
             }
             let mut candidate = spec.clone();
@@ -287,7 +299,7 @@ mod tests {
     use super::*;
     use crate::diagnosis::friction::Start;
     use crate::residual::model::{Element, Knob, Scale, Term};
-    use crate::residual::regress::{Quick, restructure};
+    use crate::residual::regress::{Quick, restructure, structures};
     use crate::residual::run::held_out;
     use crate::residual::{Kind, Parameter};
 
@@ -348,12 +360,35 @@ mod tests {
         assert!(spec.loss < 1e-9, "{:?} {}", spec.orders, spec.loss);
     }
 
+    /// A fit that is given up is no better than what it was to reach, and one that reaches it is the whole fit.
+    #[test]
+    fn only_what_is_out_of_reach_is_given_up() {
+        let data = exact();
+        let spec = blank(Orders { na: 1, nb: 2, nc: 1, nk: 3 });
+        let mut start = structures(&data, &spec, 1).remove(0);
+        start.linear.a.iter_mut().for_each(|a| *a *= 0.8);
+        let mut whole = start.clone();
+        minimise(&data, &mut whole, false, 12);
+        let mut given_up = 0;
+        for share in [0.5, 0.9, 1.1, 2.0, 10.0] {
+            let enough = share * whole.loss;
+            let mut spec = start.clone();
+            minimise_towards(&data, &mut spec, false, (0, 12), enough);
+            if share > 1.0 {
+                assert_eq!((spec.loss, &spec.linear), (whole.loss, &whole.linear));
+            }
+            assert_eq!(spec.loss < enough, whole.loss < enough);
+            given_up += usize::from(spec.loss > whole.loss);
+        }
+        assert!(given_up > 0, "{given_up}");
+    }
+
     #[test]
     fn shared_products_are_the_plain_ones() {
         let data = exact();
         let (stage, _) = blank(Orders { na: 1, nb: 1, nc: 0, nk: 2 }).stage(&data);
-        let shared = Quick::new(&data, &stage, &[1, 2, 3, 4], &[3, 4, 5], None);
-        let apart = Quick::new(&data, &stage, &[1, 3, 2, 4], &[5, 3, 4], None);
+        let shared = Quick::new(&data, &stage, &[1, 2, 3, 4], &[3, 4, 5]);
+        let apart = Quick::new(&data, &stage, &[1, 3, 2, 4], &[5, 3, 4]);
         // The same columns in another order, none of them the successor of its neighbour.
         assert!((shared.loss - apart.loss).abs() < 1e-9 * (1.0 + apart.loss));
         let column: Vec<f64> = (0..data.len()).map(|k| (0.7 * k as f64).cos()).collect();
@@ -415,7 +450,7 @@ mod tests {
         let after = |first: usize| -> Vec<f64> {
             let mut spec = blank(Orders { na: 1, nb: 1, nc: 0, nk: 2 });
             spec.terms = vec![Box::new(Tone(0.3005)), Box::new(Tone(0.5005))];
-            minimise_from(&data, &mut spec, false, first, 30);
+            minimise_towards(&data, &mut spec, false, (first, 30), f64::INFINITY);
             spec.terms.iter().map(|term| term.knobs()[0].value).collect()
         };
         let (all, last, none) = (after(0), after(1), after(2));

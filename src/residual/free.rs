@@ -1,6 +1,7 @@
 //! The model that runs free: one that is right one step ahead need not be right over many.
 
 use super::direct::is_repaired;
+use super::fit::minimise_towards;
 use super::model::{Data, Spec};
 use super::regress::structures;
 use super::run::{free_fitted, held_out};
@@ -70,9 +71,13 @@ pub fn likelier(data: &Data, before: f64, after: f64) -> f64 {
 
 /// The model with the structure that runs free best on the fitted samples, of those that are as good one step ahead.
 pub fn longer_sighted(data: &Data, declared: &Spec) -> Spec {
-    structures(data, declared, false, REFIT)
-        .into_iter()
-        .filter(|spec| spec.loss < AS_GOOD * declared.loss)
+    let enough = AS_GOOD * declared.loss;
+    let fitted = structures(data, declared, REFIT).into_iter().map(|mut spec| {
+        minimise_towards(data, &mut spec, false, (0, 12), enough);
+        spec
+    });
+    fitted
+        .filter(|spec| spec.loss < enough)
         .map(|spec| (free_fitted(data, &spec), spec))
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map_or_else(|| declared.clone(), |(_, spec)| spec)

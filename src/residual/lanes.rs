@@ -93,26 +93,31 @@ impl Run {
         self.growth.map(|growth| (1.0 + growth * progress).max(0.0))
     }
 
-    /// `CONSTANT`: one band for all time and both directions. Without branches, so that it becomes vectors.
+    /// `CONSTANT`: one band for all time and both directions. One choice at a time, so that each becomes a blend of vectors: a
+    /// sample waits for the stem's last place, and every step on the way from there counts.
     #[inline(always)]
     fn slide<const CONSTANT: bool>(&mut self, u: &[f64], z: &mut [Lane]) {
         let Self { lag, moving, resting, at, .. } = *self;
         let Self { mut ahead, mut behind, mut other, mut direction, mut stem, mut turns, .. } = *self;
-        let one = |is: bool| if is { 1.0 } else { 0.0 };
         for (k, (&op, position)) in u.iter().zip(z).enumerate() {
             let grown = if CONSTANT { [1.0; LANES] } else { self.grown(at + k) };
             let onward: Lane = from_fn(|l| direction[l] * (op - stem[l]));
-            let turn: Lane = from_fn(|l| one(-onward[l] > behind[l] * grown[l]));
-            let moves: Lane = from_fn(|l| turn[l] + one(onward[l] > ahead[l] * grown[l]));
-            stem = from_fn(|l| if moves[l] > 0.0 { op } else { stem[l] });
-            ahead = from_fn(|l| if moves[l] > 0.0 { moving[l] } else { resting[l] });
-            direction = from_fn(|l| direction[l] - 2.0 * turn[l] * direction[l]);
-            turns = from_fn(|l| turns[l] + turn[l]);
+            let turn = |l: usize| -onward[l] > behind[l] * grown[l];
+            let go = |l: usize| onward[l] > ahead[l] * grown[l];
+            let turned: Lane = from_fn(|l| if turn(l) { op } else { stem[l] });
+            let next: Lane = from_fn(|l| if turn(l) { moving[l] } else { resting[l] });
+            let back: Lane = from_fn(|l| if turn(l) { -direction[l] } else { direction[l] });
+            turns = from_fn(|l| turns[l] + if turn(l) { 1.0 } else { 0.0 });
+            stem = from_fn(|l| if go(l) { op } else { turned[l] });
+            let then: Lane = from_fn(|l| if go(l) { moving[l] } else { next[l] });
             if !CONSTANT {
-                let was = behind;
-                behind = from_fn(|l| if turn[l] > 0.0 { other[l] } else { was[l] });
-                other = from_fn(|l| if turn[l] > 0.0 { was[l] } else { other[l] });
+                let swapped: [Lane; 2] = [
+                    from_fn(|l| if turn(l) { other[l] } else { behind[l] }),
+                    from_fn(|l| if turn(l) { behind[l] } else { other[l] }),
+                ];
+                [behind, other] = swapped;
             }
+            (ahead, direction) = (then, back);
             *position = from_fn(|l| stem[l] - lag[l] * grown[l] * direction[l]);
         }
         (self.ahead, self.behind, self.other) = (ahead, behind, other);

@@ -183,6 +183,10 @@ pub trait Term: Debug + Send + Sync {
     fn delays(&self) -> Option<(usize, [usize; 2])> {
         None
     }
+    /// Angular frequencies, where its shapes are a sine and a cosine of each (rad/sample).
+    fn waves(&self) -> Vec<f64> {
+        Vec::new()
+    }
     /// Adds shapes.
     fn columns(&self, _data: &Data, _stage: &Stage, _out: &mut Vec<Vec<f64>>) {}
     /// Its numbers and its sentence, with the linear part it is in and the coefficients of its own shapes.

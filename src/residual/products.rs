@@ -22,26 +22,26 @@ pub fn products(a: &[&[f64]], b: &[&[f64]], mut put: impl FnMut(usize, usize, f6
     let (pairs, odd) = a.as_chunks::<2>();
     for (j, four) in fours.iter().enumerate() {
         for (i, pair) in pairs.iter().enumerate() {
-            let mut sums = [[[0.0; FOUR]; 4]; 2];
-            two_by_four(pair.map(chunks), four.map(chunks), &mut sums);
-            for (r, sums) in sums.iter().enumerate() {
-                for (c, sums) in sums.iter().enumerate() {
-                    put(2 * i + r, 4 * j + c, whole(sums, pair[r], four[c]));
-                }
-            }
+            by_pair(pair, four, |r, c, sum| put(2 * i + r, 4 * j + c, sum));
         }
         for one in odd {
             by_four(one, four, |c, sum| put(a.len() - 1, 4 * j + c, sum));
         }
     }
     let (fours, left) = a.as_chunks::<4>();
-    for (j, one) in rest.iter().enumerate() {
-        let j = b.len() - rest.len() + j;
-        for (i, four) in fours.iter().enumerate() {
-            by_four(one, four, |r, sum| put(4 * i + r, j, sum));
+    let (pairs, odd) = rest.as_chunks::<2>();
+    let j = b.len() - rest.len();
+    for (i, four) in fours.iter().enumerate() {
+        for (p, pair) in pairs.iter().enumerate() {
+            by_pair(pair, four, |c, r, sum| put(4 * i + r, j + 2 * p + c, sum));
         }
-        for (i, other) in left.iter().enumerate() {
-            put(a.len() - left.len() + i, j, dot(other, one));
+        for one in odd {
+            by_four(one, four, |r, sum| put(4 * i + r, b.len() - 1, sum));
+        }
+    }
+    for (i, other) in left.iter().enumerate() {
+        for (c, one) in rest.iter().enumerate() {
+            put(a.len() - left.len() + i, j + c, dot(other, one));
         }
     }
 }
@@ -81,10 +81,12 @@ impl<'a> Column<'a> {
 
 /// The products of all columns in these rows into the lower triangle of `g`, its rows `stride` long.
 pub fn gram(columns: &[Column<'_>], rows: &Range<usize>, g: &mut [f64], stride: usize) {
-    let all: Vec<&[f64]> = columns.iter().map(|column| column.rows(rows)).collect();
-    let firsts: Vec<usize> = (0..columns.len()).filter(|i| !columns[*i].next).collect();
-    let of_firsts: Vec<&[f64]> = firsts.iter().map(|i| all[*i]).collect();
-    products(&of_firsts, &all, |i, j, sum| g[firsts[i].max(j) * stride + firsts[i].min(j)] = sum);
+    let (nexts, firsts): (Vec<usize>, Vec<usize>) = (0..columns.len()).partition(|i| columns[*i].next);
+    let of = |which: &[usize]| -> Vec<&[f64]> { which.iter().map(|i| columns[*i].rows(rows)).collect() };
+    let of_firsts = of(&firsts);
+    let at = |i: usize, j: usize| i.max(j) * stride + i.min(j);
+    products(&of_firsts, &of(&nexts), |i, j, sum| g[at(firsts[i], nexts[j])] = sum);
+    triangle(&of_firsts, |i, j, sum| g[at(firsts[i], firsts[j])] = sum);
     let Range { start, end } = *rows;
     for (i, a) in columns.iter().enumerate().filter(|(_, column)| column.next) {
         for (j, b) in columns[..=i].iter().enumerate().filter(|(_, column)| column.next) {
@@ -96,13 +98,28 @@ pub fn gram(columns: &[Column<'_>], rows: &Range<usize>, g: &mut [f64], stride: 
 
 /// The products of all columns into the lower triangle of `g`, its rows `stride` long; what is above stays as it is.
 pub fn lower(columns: &[&[f64]], g: &mut [f64], stride: usize) {
+    triangle(columns, |i, j, sum| g[i * stride + j] = sum);
+}
+
+/// Calls `put(i, j, sum c_i[k] c_j[k])` for all `j <= i`.
+fn triangle(columns: &[&[f64]], mut put: impl FnMut(usize, usize, f64)) {
     for (at, few) in columns.chunks(4).enumerate() {
         let at = 4 * at;
         products(few, &columns[..at + few.len()], |i, j, sum| {
             if j <= at + i {
-                g[(at + i) * stride + j] = sum;
+                put(at + i, j, sum);
             }
         });
+    }
+}
+
+fn by_pair(pair: &[&[f64]; 2], four: &[&[f64]; 4], mut put: impl FnMut(usize, usize, f64)) {
+    let mut sums = [[[0.0; FOUR]; 4]; 2];
+    two_by_four(pair.map(chunks), four.map(chunks), &mut sums);
+    for (r, sums) in sums.iter().enumerate() {
+        for (c, sums) in sums.iter().enumerate() {
+            put(r, c, whole(sums, pair[r], four[c]));
+        }
     }
 }
 

@@ -1,16 +1,19 @@
 //! Least squares for screening: the long ARX with further columns, and the choice of orders.
 
-use super::fit::{FLOOR, errors, minimise};
+use super::fit::{FLOOR, errors, minimise_towards};
 use super::model::{Data, Linear, Spec, Stage};
 use super::products::{self, Column, lower, products};
 use crate::diagnosis::armax::{ORDER, Orders, splits};
-use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
+use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, factor_rows, substitute};
 
 /// Lags of y in the long ARX.
 pub const LONG_Y: usize = 6;
 /// Lags of z before and after the delay.
 const BEFORE: usize = 2;
 const AFTER: usize = 5;
+
+/// Lags of y in the ARX whose errors stand for those of the model sought.
+const LONG_E: usize = 8;
 
 /// Lags of z in the long ARX about the delay `nk`.
 pub fn long_lags(data: &Data, nk: usize) -> Vec<usize> {
@@ -26,6 +29,9 @@ pub struct Quick {
     gram: Vec<f64>,
     right: Vec<f64>,
     power: f64,
+    /// The products factored, and the columns that do not depend on those before them.
+    factored: Vec<f64>,
+    live: [bool; MOST_COLUMNS],
     /// Loss of the base alone.
     pub loss: f64,
     /// Coefficients of the base alone: y lags, z lags, 1, shapes.
@@ -39,17 +45,11 @@ pub struct Quick {
 impl Quick {
     /// The long ARX about the delay `nk` with the shapes of `stage`.
     pub fn long_arx(data: &Data, stage: &Stage, nk: usize) -> Self {
-        Self::new(data, stage, &(1..=LONG_Y).collect::<Vec<_>>(), &long_lags(data, nk), None)
+        Self::new(data, stage, &(1..=LONG_Y).collect::<Vec<_>>(), &long_lags(data, nk))
     }
 
-    /// Chosen lags of y and z, of `e` where given, then 1 and the shapes.
-    pub fn new(
-        data: &Data,
-        stage: &Stage,
-        y_lags: &[usize],
-        z_lags: &[usize],
-        e: Option<(&[f64], &[usize])>,
-    ) -> Self {
+    /// Chosen lags of y and z, then 1 and the shapes.
+    pub fn new(data: &Data, stage: &Stage, y_lags: &[usize], z_lags: &[usize]) -> Self {
         let (from, to) = (data.first, data.split);
         let weight = stage.weight[from..to].contains(&0.0).then(|| stage.weight[from..to].to_vec());
         let masked = |mut v: Vec<f64>| -> Vec<f64> {
@@ -61,7 +61,6 @@ impl Quick {
         let ones = vec![1.0; to];
         let mut columns: Vec<Column> = Column::lags(&stage.y, y_lags.iter().copied()).collect();
         columns.extend(Column::lags(&stage.z, z_lags.iter().copied()));
-        columns.extend(e.into_iter().flat_map(|(e, lags)| Column::lags(e, lags.iter().copied())));
         columns.push(Column::now(&ones));
         columns.extend(stage.columns.iter().map(|c| Column::now(c)));
         columns.truncate(MOST_COLUMNS - 24);
@@ -84,14 +83,39 @@ impl Quick {
             gram,
             right,
             power,
+            factored: Vec::new(),
+            live: [true; MOST_COLUMNS],
             loss: 0.0,
             theta: Vec::new(),
             z_lags: z_lags.to_vec(),
             y_lags: y_lags.len(),
         };
-        let all: Vec<usize> = (0..p).collect();
-        (quick.loss, quick.theta) = quick.subset(&all);
+        quick.solve();
         quick
+    }
+
+    /// The same with `extra` columns (whole length of the window) at the end of the base.
+    fn and(mut self, extra: &[&[f64]]) -> Self {
+        let cut = self.cut(extra);
+        (self.gram, self.right) = self.joined(&self.gram, &cut);
+        self.base.extend(cut);
+        self.solve();
+        self
+    }
+
+    fn solve(&mut self) {
+        let p = self.base.len();
+        self.factored.clone_from(&self.gram);
+        self.live = [true; MOST_COLUMNS];
+        factor(&mut self.factored, p, p, &mut self.live);
+        self.theta.clone_from(&self.right);
+        substitute(&self.factored, p, &self.live, &mut self.theta);
+        self.loss = self.mean(&self.right, &self.theta);
+    }
+
+    /// Loss with these coefficients, `right` the products of their columns with the target.
+    fn mean(&self, right: &[f64], theta: &[f64]) -> f64 {
+        (self.power - dot(right, theta)).max(0.0) / self.rows() + FLOOR
     }
 
     fn rows(&self) -> f64 {
@@ -115,7 +139,7 @@ impl Quick {
         let mut live = [true; MOST_COLUMNS];
         factor(&mut g, p, p, &mut live);
         substitute(&g, p, &live, &mut theta);
-        let loss = (self.power - dot(&r, &theta)).max(0.0) / self.rows() + FLOOR;
+        let loss = self.mean(&r, &theta);
         // Shapes come last, so that what is missing does.
         theta.resize(chosen.len(), 0.0);
         (loss, theta)
@@ -123,39 +147,48 @@ impl Quick {
 
     /// Loss and the new columns' coefficients with `extra` columns (whole length of the window).
     pub fn with(&self, extra: &[&[f64]]) -> (f64, Vec<f64>) {
-        let (p, m) = (self.base.len(), extra.len());
-        let size = p + m;
+        let (mut g, r) = self.joined(&self.factored, &self.cut(extra));
+        let (p, size) = (self.base.len(), r.len());
+        let mut theta = r.clone();
+        let mut live = self.live;
+        factor_rows(&mut g, size, p..size, &mut live);
+        substitute(&g, size, &live, &mut theta);
+        (self.mean(&r, &theta), theta.split_off(p))
+    }
+
+    /// The fitted samples that count of `extra` columns.
+    fn cut(&self, extra: &[&[f64]]) -> Vec<Vec<f64>> {
+        let cut = extra.iter().map(|v| {
+            let mut v = v[self.from..self.from + self.target.len()].to_vec();
+            if let Some(w) = &self.weight {
+                v.iter_mut().zip(w).for_each(|(v, w)| *v *= w);
+            }
+            v
+        });
+        cut.collect()
+    }
+
+    /// Those of `cut` after the base's columns: the rows of `base` and their products, lower triangle, and all with the target.
+    fn joined(&self, base: &[f64], cut: &[Vec<f64>]) -> (Vec<f64>, Vec<f64>) {
+        let p = self.base.len();
+        let size = p + cut.len();
         let mut g = vec![0.0; size * size];
         for i in 0..p {
-            g[i * size..i * size + i + 1].copy_from_slice(&self.gram[i * p..i * p + i + 1]);
+            g[i * size..i * size + i + 1].copy_from_slice(&base[i * p..i * p + i + 1]);
         }
-        let mut theta = self.right[..p].to_vec();
-        let cut: Vec<Vec<f64>> = extra
-            .iter()
-            .map(|v| {
-                let mut v = v[self.from..self.from + self.target.len()].to_vec();
-                if let Some(w) = &self.weight {
-                    v.iter_mut().zip(w).for_each(|(v, w)| *v *= w);
-                }
-                v
-            })
-            .collect();
+        let mut right = self.right.clone();
         let cut: Vec<&[f64]> = cut.iter().map(Vec::as_slice).collect();
         let base: Vec<&[f64]> = self.base.iter().chain([&self.target]).map(Vec::as_slice).collect();
-        theta.resize(size, 0.0);
+        right.resize(size, 0.0);
         products(
             &cut,
             &base,
-            |i, j, sum| if j < p { g[(p + i) * size + j] = sum } else { theta[p + i] = sum },
+            |i, j, sum| if j < p { g[(p + i) * size + j] = sum } else { right[p + i] = sum },
         );
         if let Some(own) = g.get_mut((size + 1) * p..) {
             lower(&cut, own, size);
         }
-        let r = theta.clone();
-        let mut live = [true; MOST_COLUMNS];
-        factor(&mut g, size, size, &mut live);
-        substitute(&g, size, &live, &mut theta);
-        ((self.power - dot(&r, &theta)).max(0.0) / self.rows() + FLOOR, theta.split_off(p))
+        (g, right)
     }
 
     /// The base's coefficients of z, one for each of its lags.
@@ -166,9 +199,7 @@ impl Quick {
     /// The base made orthonormal, by rows, and its columns.
     pub fn orthonormal(&self) -> (Vec<f64>, usize) {
         let p = self.base.len();
-        let mut g = self.gram.clone();
-        let mut live = [true; MOST_COLUMNS];
-        factor(&mut g, p, p, &mut live);
+        let (g, live) = (&self.factored, &self.live);
         let mut rows = vec![0.0; p * self.target.len()];
         for (k, row) in rows.chunks_exact_mut(p).enumerate() {
             for i in (0..p).filter(|i| live[*i]) {
@@ -200,39 +231,42 @@ impl Quick {
 /// Chooses orders and delay anew for the model's stage, by Hannan–Rissanen fits of every structure and a full fit of the
 /// best `most`; keeps the present one unless another is better.
 pub fn restructure(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
-    for other in structures(data, spec, free_lag, most) {
+    for mut other in structures(data, spec, most) {
+        minimise_towards(data, &mut other, free_lag, (0, 12), spec.loss);
         if other.loss < spec.loss {
             *spec = other;
         }
     }
 }
 
-/// The best `most` structures, fitted in full.
-pub fn structures(data: &Data, spec: &Spec, free_lag: bool, most: usize) -> Vec<Spec> {
+/// The best `most` structures by Hannan and Rissanen's estimates.
+pub fn structures(data: &Data, spec: &Spec, most: usize) -> Vec<Spec> {
     let (stage, _) = spec.stage(data);
     let z_lags: Vec<usize> = (1..=data.max_delay + ORDER - 2).collect();
-    let long = Quick::new(data, &stage, &(1..=8).collect::<Vec<_>>(), &z_lags, None);
+    let long = Quick::new(data, &stage, &(1..=LONG_E).collect::<Vec<_>>(), &z_lags);
     let mut e = vec![0.0; data.len()];
     e[data.first..data.split].copy_from_slice(&long.residual());
-    let (ny, nz, ne) = (5, z_lags.len(), 4);
-    let e_lags: Vec<usize> = (1..=ne).collect();
-    let all = Quick::new(data, &stage, &(1..=ny).collect::<Vec<_>>(), &z_lags, Some((&e, &e_lags)));
-    let shapes = stage.columns.len();
+    let late: Vec<Vec<f64>> =
+        (1..ORDER - 1).map(|lag| [&[0.0; ORDER][..lag], &e[..e.len() - lag]].concat()).collect();
+    let late: Vec<&[f64]> = late.iter().map(Vec::as_slice).collect();
+    let of_e = long.base.len();
+    let all = long.and(&late);
+    let (of_z, of_shapes) = (LONG_E, LONG_E + z_lags.len());
     let mut found: Vec<(f64, Orders, Vec<f64>)> = Vec::new();
     let mut chosen = Vec::new();
     for nk in 1..=data.max_delay {
         for orders in splits(nk) {
             chosen.clear();
             chosen.extend(0..orders.na);
-            chosen.extend((0..orders.nb).map(|j| ny + nk - 1 + j));
-            chosen.extend((0..orders.nc).map(|l| ny + nz + l));
-            chosen.extend(ny + nz + ne..ny + nz + ne + 1 + shapes);
+            chosen.extend((0..orders.nb).map(|j| of_z + nk - 1 + j));
+            chosen.extend((0..orders.nc).map(|l| of_e + l));
+            chosen.extend(of_shapes..of_e);
             let (loss, theta) = all.subset(&chosen);
             found.push((loss, orders, theta));
         }
     }
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let fitted = found.into_iter().take(most).map(|(_, orders, theta)| {
+    let estimated = found.into_iter().take(most).map(|(_, orders, theta)| {
         let (na, nb, nc) = (orders.na, orders.nb, orders.nc);
         let mut other = spec.clone();
         other.orders = orders;
@@ -243,10 +277,9 @@ pub fn structures(data: &Data, spec: &Spec, free_lag: bool, most: usize) -> Vec<
             c0: theta[ORDER],
             gamma: theta[ORDER + 1..].to_vec(),
         };
-        minimise(data, &mut other, free_lag, 12);
         other
     });
-    fitted.collect()
+    estimated.collect()
 }
 
 /// The prediction errors of a model over the whole window.

@@ -109,7 +109,7 @@ impl Rated {
 fn quick(data: &Data, stage: &Stage) -> Quick {
     let (y_lags, z_lags): (Vec<usize>, Vec<usize>) =
         ((1..=LAGS_Y).collect(), (1..=data.max_delay + BEYOND).collect());
-    Quick::new(data, stage, &y_lags, &z_lags, None)
+    Quick::new(data, stage, &y_lags, &z_lags)
 }
 
 /// Gain over the sound loop with a stop on each side, or none, where that is best, and what the stops cost; the stem of

@@ -6,11 +6,29 @@ use super::model::{Data, Element, Spec, Stage};
 use super::products::{lower, products};
 use super::regress::{LONG_Y, Quick, long_lags};
 use super::search::{Reach, settle};
-use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
+use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, factor_rows, substitute};
 use std::array::from_fn;
 
 /// Fewest reversals of the stem in the fitted samples that say anything about f.
 pub const LEAST_REVERSALS: usize = 5;
+
+/// A sine and the cosine after it among the shapes, and by how much they turn from one sample to the next.
+struct Wave {
+    at: usize,
+    turn: (f64, f64),
+}
+
+/// Those of the terms, `counts` their shapes.
+fn waves(spec: &Spec, counts: &[usize]) -> Vec<Wave> {
+    let mut found = Vec::new();
+    let mut first = 0;
+    for (term, count) in spec.terms.iter().zip(counts) {
+        let waves = term.waves().into_iter().enumerate();
+        found.extend(waves.map(|(i, w)| Wave { at: first + 2 * i, turn: w.sin_cos() }));
+        first += count;
+    }
+    found
+}
 
 /// Rates elements with the terms of a model in place.
 pub struct Scan<'a> {
@@ -21,12 +39,16 @@ pub struct Scan<'a> {
     z_lags: Vec<usize>,
     /// Samples that do not count: then nothing is shared.
     masked: bool,
-    /// Lower triangle of the products of y lags, 1 and shapes, rows of `fixed`.
+    /// Products of y lags, 1 and shapes, rows of `fixed`, factored; and the columns that do not depend on those before them.
     gram: Vec<f64>,
+    live: [bool; MOST_COLUMNS],
     right: Vec<f64>,
     power: f64,
     /// Columns of which the products are kept.
     fixed: usize,
+    /// Waves among the shapes, and the shapes that are of none.
+    waves: Vec<Wave>,
+    alone: Vec<usize>,
     work: Vec<f64>,
     stems: Vec<Lane>,
     /// Fewest reversals of a stem that is rated.
@@ -42,7 +64,7 @@ impl<'a> Scan<'a> {
 
     /// The same with these lags of z, for stems that reverse so often at least.
     pub fn of_lags(data: &'a Data, spec: &Spec, z_lags: Vec<usize>, least_turns: usize) -> Self {
-        let (stage, _) = spec.stage(data);
+        let (stage, counts) = spec.stage(data);
         let (from, to) = (data.first, data.split);
         let ones = vec![1.0; to - from];
         let mut columns: Vec<&[f64]> = (1..=LONG_Y).map(|lag| &stage.y[from - lag..to - lag]).collect();
@@ -54,8 +76,15 @@ impl<'a> Scan<'a> {
         let (mut gram, mut right) = (vec![0.0; fixed * fixed], vec![0.0; fixed]);
         lower(&columns, &mut gram, fixed);
         products(&[target], &columns, |_, i, sum| right[i] = sum);
+        let mut live = [true; MOST_COLUMNS];
+        factor(&mut gram, fixed, fixed, &mut live);
         let masked = stage.weight[from..to].contains(&0.0);
         let size = fixed + z_lags.len();
+        let shapes = fixed - LONG_Y - 1;
+        let mut waves = waves(spec, &counts);
+        waves.retain(|wave| wave.at + 1 < shapes);
+        let of_wave = |c: &usize| waves.iter().any(|wave| wave.at == *c || wave.at + 1 == *c);
+        let alone = (0..shapes).filter(|c| !of_wave(c)).collect();
         let (trial, work) = (spec.clone(), vec![0.0; size * size]);
         Self {
             data,
@@ -64,9 +93,12 @@ impl<'a> Scan<'a> {
             z_lags,
             masked,
             gram,
+            live,
             right,
             power,
             fixed,
+            waves,
+            alone,
             work,
             stems: Vec::new(),
             least_turns,
@@ -128,7 +160,7 @@ impl<'a> Scan<'a> {
         self.trial.terms.iter().for_each(|term| term.stem(self.data, &mut stage.z));
         if self.masked {
             let y_lags: Vec<usize> = (1..=LONG_Y).collect();
-            Quick::new(self.data, stage, &y_lags, &self.z_lags, None).loss
+            Quick::new(self.data, stage, &y_lags, &self.z_lags).loss
         } else {
             self.loss(stage)
         }
@@ -145,18 +177,25 @@ impl<'a> Scan<'a> {
         let mut right = self.right.clone();
         let y_lags: [&[f64]; LONG_Y] = from_fn(|l| &y[from - 1 - l..to - 1 - l]);
         let late: Vec<&[f64]> = self.z_lags.iter().map(|lag| &z[from - lag..to - lag]).collect();
-        // With PV, the stem at the first lag, 1 and the shapes; all else of a lag but the first follows from the one before it.
+        let (shapes, on) = (&stage.columns[..fixed - LONG_Y - 1], LONG_Y + 1);
+        let (waves, alone) = (&self.waves, &self.alone);
+        // With PV, the stem at the first lag and shapes that are of no wave; all else of a lag but the first follows from the one before.
         let mut others: Vec<&[f64]> = vec![&y[from..to]];
         others.extend(late.first());
-        others.push(&self.ones);
-        others.extend(stage.columns[..fixed - LONG_Y - 1].iter().map(|c| &c[from..to]));
+        others.extend(alone.iter().map(|c| &shapes[*c][from..to]));
         right.resize(size, 0.0);
         products(&late, &others, |i, j, sum| match j {
             0 => right[fixed + i] = sum,
             1 => g[(fixed + i) * size + fixed] = sum,
-            _ => g[(fixed + i) * size + LONG_Y - 2 + j] = sum,
+            _ => g[(fixed + i) * size + on + alone[j - 2]] = sum,
         });
-        products(&late[..1.min(late.len())], &y_lags, |_, l, sum| g[fixed * size + l] = sum);
+        let mut once: Vec<&[f64]> = y_lags.to_vec();
+        once.push(&self.ones);
+        once.extend(waves.iter().flat_map(|wave| [wave.at, wave.at + 1]).map(|c| &shapes[c][from..to]));
+        products(&late[..1.min(late.len())], &once, |_, j, sum| {
+            let column = j.checked_sub(on).map_or(j, |j| on + waves[j / 2].at + j % 2);
+            g[fixed * size + column] = sum;
+        });
         for (i, &lag) in self.z_lags.iter().enumerate().skip(1) {
             let row = (fixed + i) * size;
             let [enters, leaves] = [from, to].map(|k| z[k - lag]);
@@ -164,13 +203,21 @@ impl<'a> Scan<'a> {
                 let previous = if l == 1 { right[fixed + i - 1] } else { g[row - size + l - 2] };
                 g[row + l - 1] = previous + enters * y[from - l] - leaves * y[to - l];
             }
+            g[row + LONG_Y] = g[row - size + LONG_Y] + enters - leaves;
+            for Wave { at, turn: (sin, cos) } in waves {
+                // A sample later the wave has turned.
+                let [s, c] = [*at, at + 1].map(|at| {
+                    g[row - size + on + at] + enters * shapes[at][from - 1] - leaves * shapes[at][to - 1]
+                });
+                (g[row + on + at], g[row + on + at + 1]) = (s * cos + c * sin, c * cos - s * sin);
+            }
             for (j, &other) in self.z_lags[..=i].iter().enumerate().skip(1) {
                 g[row + fixed + j] =
                     g[row - size + fixed + j - 1] + enters * z[from - other] - leaves * z[to - other];
             }
         }
-        let mut live = [true; MOST_COLUMNS];
-        factor(g, size, size, &mut live);
+        let mut live = self.live;
+        factor_rows(g, size, fixed..size, &mut live);
         let mut theta = right.clone();
         substitute(g, size, &live, &mut theta);
         (self.power - dot(&right, &theta)).max(0.0) / (to - from) as f64 + FLOOR
@@ -299,9 +346,9 @@ mod tests {
     use crate::residual::pose::tests::first_order;
     use crate::residual::{Kind, Parameter};
 
-    /// Two shapes.
+    /// Two shapes, or the waves of so many frequencies; and whether it says so.
     #[derive(Clone, Debug)]
-    struct Shapes;
+    struct Shapes(Vec<f64>, bool);
 
     impl Term for Shapes {
         fn kind(&self) -> Kind {
@@ -310,8 +357,18 @@ mod tests {
         fn boxed(&self) -> Box<dyn Term> {
             Box::new(self.clone())
         }
+        fn waves(&self) -> Vec<f64> {
+            if self.1 { self.0.clone() } else { Vec::new() }
+        }
         fn columns(&self, data: &Data, _stage: &Stage, out: &mut Vec<Vec<f64>>) {
             let n = data.len();
+            for w in &self.0 {
+                out.push((0..n).map(|k| (w * k as f64).sin()).collect());
+                out.push((0..n).map(|k| (w * k as f64).cos()).collect());
+            }
+            if !self.0.is_empty() {
+                return;
+            }
             out.push((0..n).map(|k| f64::from(u8::from(k >= 300))).collect());
             out.push((0..n).map(|k| (0.003 * (k * k) as f64).sin()).collect());
         }
@@ -324,15 +381,28 @@ mod tests {
     fn shared_products_are_the_plain_ones() {
         let data = first_order(700);
         let spec = declared(&data, 0.0);
-        let beside_shapes = Spec { terms: vec![Shapes.boxed()], ..spec.clone() };
-        for spec in [spec, beside_shapes] {
-            let mut scan = Scan::new(&data, &spec);
+        let beside = |waves: &[&[f64]], told: bool| {
+            let terms = waves.iter().map(|waves| Shapes(waves.to_vec(), told).boxed()).collect();
+            Spec { terms, ..spec.clone() }
+        };
+        let slow_and_fast: &[f64] = &[0.01, 0.9];
+        // More than a system holds: the last wave that is left has lost its cosine.
+        let many: Vec<f64> = (1..=60).map(|i| 0.05 * f64::from(i)).collect();
+        let shapes: [&[&[f64]]; 5] =
+            [&[], &[&[]], &[slow_and_fast], &[&[], slow_and_fast, &[], &[2.7]], &[&[], &many]];
+        for shapes in shapes {
+            let mut scan = Scan::new(&data, &beside(shapes, true));
+            let mut untold = Scan::new(&data, &beside(shapes, false));
+            assert_eq!(scan.waves.len(), shapes.concat().len().min(47));
             for (f, lag) in [(0.05, 0.0), (0.3, 0.5), (0.6, 1.0)] {
                 let element = Element { f, lag, ..Element::default() };
-                let mut other = spec.clone();
-                other.element = element;
-                let plain = Quick::long_arx(&data, &other.stage(&data).0, spec.orders.nk).loss;
                 let shared = scan.rate(&[element])[0].expect("the stem reverses");
+                let plain = if shapes.concat().len() > 40 {
+                    untold.rate(&[element])[0].expect("the stem reverses")
+                } else {
+                    let other = Spec { element, ..beside(shapes, false) };
+                    Quick::long_arx(&data, &other.stage(&data).0, spec.orders.nk).loss
+                };
                 // Products one lag on are sums of other roundings.
                 assert!((shared / plain - 1.0).abs() < 1e-8, "{shared} {plain}");
             }

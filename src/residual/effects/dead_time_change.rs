@@ -191,7 +191,7 @@ fn changes(c: &Context<'_>, times: Range<usize>) -> Vec<(usize, i32)> {
         let own = if late { split - part..split } else { first..first + part };
         let mut stage = c.stage.clone();
         stage.weight.iter_mut().enumerate().filter(|(k, _)| !own.contains(k)).for_each(|(_, w)| *w = 0.0);
-        let theta = Quick::new(c.data, &stage, &y_lags, &lags, None).theta;
+        let theta = Quick::new(c.data, &stage, &y_lags, &lags).theta;
         let held = Held::new(c, &theta, &lags);
         let still = held.errors(0);
         let scale = spread(&still[own.start - first..own.end - first]);
@@ -280,7 +280,7 @@ mod tests {
         let mut later = stage.clone();
         (3..later.z.len()).for_each(|k| later.z[k] = stage.z[k - 3]);
         let y_lags: Vec<usize> = (1..=LONG_Y).collect();
-        let mut moved = Quick::new(&data, &later, &y_lags, &quick.z_lags, None);
+        let mut moved = Quick::new(&data, &later, &y_lags, &quick.z_lags);
         moved.theta.clone_from(&quick.theta);
         assert!(near(&held.errors(3), &moved.residual()) && !near(&held.errors(3), &held.errors(0)));
     }

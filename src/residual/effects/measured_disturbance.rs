@@ -80,10 +80,12 @@ impl Recognise for MeasuredDisturbance {
                 .map(|lag| (dot(&residual, &v[c.data.first - lag..c.data.split - lag]).abs(), lag))
                 .collect();
             lags.sort_by(|a, b| b.0.total_cmp(&a.0));
-            let mut rated: Vec<(f64, usize)> = lags
-                .iter()
-                .take(4)
-                .flat_map(|(_, lag)| [lag.saturating_sub(1).max(1), *lag])
+            let few = lags.iter().take(4).flat_map(|(_, lag)| [lag.saturating_sub(1).max(1), *lag]);
+            let mut few: Vec<usize> = few.collect();
+            few.sort_unstable();
+            few.dedup();
+            let mut rated: Vec<(f64, usize)> = few
+                .into_iter()
                 .map(|lag| (c.quick.with(&[&delayed(v, lag), &delayed(v, lag + 1)]).0, lag))
                 .collect();
             rated.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -30,11 +30,7 @@ struct Load {
 
 impl Load {
     fn shapes(&self, n: usize) -> Vec<Vec<f64>> {
-        self.harmonics
-            .iter()
-            .filter(|h| self.w < HIGHEST / **h as f64)
-            .flat_map(|h| wave(self.w * *h as f64, n))
-            .collect()
+        self.waves().into_iter().flat_map(|w| wave(w, n)).collect()
     }
 }
 
@@ -47,16 +43,17 @@ pub fn wave(w: f64, n: usize) -> [Vec<f64>; 2] {
     for k in 1..BLOCK {
         (of_s[k], of_c[k]) = turn((of_s[k - 1], of_c[k - 1]), one);
     }
-    let (mut sines, mut cosines) = (Vec::with_capacity(n + BLOCK), Vec::with_capacity(n + BLOCK));
+    let (mut sines, mut cosines) = (vec![0.0; n], vec![0.0; n]);
     let (mut at, by) = ((0.0, 1.0), (w * BLOCK as f64).sin_cos());
-    while sines.len() < n {
+    for (sines, cosines) in sines.chunks_mut(BLOCK).zip(cosines.chunks_mut(BLOCK)) {
         let (s, c) = at;
-        sines.extend((0..BLOCK).map(|k| s * of_c[k] + c * of_s[k]));
-        cosines.extend((0..BLOCK).map(|k| c * of_c[k] - s * of_s[k]));
+        let turned = |of: &mut [f64], by_c: f64, by_s: f64| {
+            of.iter_mut().zip(of_c.iter().zip(&of_s)).for_each(|(of, (c, s))| *of = by_c * c + by_s * s);
+        };
+        turned(sines, s, c);
+        turned(cosines, c, -s);
         at = turn(at, by);
     }
-    sines.truncate(n);
-    cosines.truncate(n);
     [sines, cosines]
 }
 
@@ -78,6 +75,10 @@ impl Term for Load {
     }
     fn set(&mut self, _at: usize, value: f64) {
         self.w = value;
+    }
+    fn waves(&self) -> Vec<f64> {
+        let harmonics = self.harmonics.iter().map(|h| *h as f64).filter(|h| self.w < HIGHEST / h);
+        harmonics.map(|h| self.w * h).collect()
     }
     fn columns(&self, data: &Data, _stage: &Stage, out: &mut Vec<Vec<f64>>) {
         out.extend(self.shapes(data.len()));
