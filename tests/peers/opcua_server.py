@@ -121,6 +121,7 @@ class Peer:
         self.asked = limit_reads(args.max_read)
         self.is_silent = False
         self.jump_s = 0.0
+        self.tick = round(datetime.datetime.now(datetime.timezone.utc).timestamp() / TICK_S)
 
     async def start(self):
         args = self.args
@@ -175,9 +176,10 @@ class Peer:
             if args.cap:
                 self.store.max_history_data_response_size = args.cap
             await self.store.new_historized_node(self.counter.nodeid, None, 100_000)
-            now = round(datetime.datetime.now(datetime.timezone.utc).timestamp() / TICK_S)
-            for tick in range(now - round(args.backlog / TICK_S), now):
+            for tick in range(self.tick - round(args.backlog / TICK_S), self.tick):
                 await self.store.save_node_value(self.counter.nodeid, self.value(tick))
+        # Who connects before the first tick must not find the 0.0 of a variable that was never written.
+        await self.write(self.tick)
         await server.start()
         say(f"port {port}")
 
@@ -185,9 +187,13 @@ class Peer:
         value = ua.Variant(float(tick), ua.VariantType.Double)
         return ua.DataValue(value, SourceTimestamp=at(tick), ServerTimestamp=at(tick))
 
+    async def write(self, tick):
+        if self.args.history:
+            await self.store.save_node_value(self.counter.nodeid, self.value(tick))
+        await self.counter.write_value(self.value(tick))
+
     async def count(self):
-        jumped = self.jump_s
-        tick = round(datetime.datetime.now(datetime.timezone.utc).timestamp() / TICK_S)
+        jumped, tick = self.jump_s, self.tick
         while True:
             now = (datetime.datetime.now(datetime.timezone.utc).timestamp() + self.jump_s) / TICK_S
             if jumped != self.jump_s:
@@ -200,9 +206,7 @@ class Peer:
                         ua.AttributeIds.Value
                     ].value = self.value(tick)
                 else:
-                    if self.args.history:
-                        await self.store.save_node_value(self.counter.nodeid, self.value(tick))
-                    await self.counter.write_value(self.value(tick))
+                    await self.write(tick)
             await asyncio.sleep(TICK_S / 2)
 
     async def command(self, words):
