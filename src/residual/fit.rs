@@ -4,7 +4,7 @@
 //! by nonlinear numbers are differences of the errors.
 
 use super::filters::{recursion, whiten};
-use super::model::{Data, Linear, Spec, Stage};
+use super::model::{Data, Element, Linear, Spec, Stage};
 use super::products::{Column, gram, lower};
 use crate::diagnosis::armax::{Orders, RHO, draw_inside};
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
@@ -64,7 +64,7 @@ enum Smooth {
 fn smooths(spec: &Spec, free_lag: bool, first: usize) -> Vec<(Smooth, f64, f64, (f64, f64))> {
     let mut out = Vec::new();
     if free_lag && spec.element.f > 0.0 {
-        out.push((Smooth::Lag, spec.element.lag, 0.1, (0.0, 1.0)));
+        out.push((Smooth::Lag, spec.element.lag, 0.1, Element::LAGS));
     }
     for (term, t) in spec.terms.iter().enumerate().skip(first) {
         for (at, knob) in t.knobs().into_iter().enumerate().filter(|(_, k)| k.smooth) {
@@ -298,7 +298,7 @@ impl Slopes {
 mod tests {
     use super::*;
     use crate::diagnosis::friction::Start;
-    use crate::residual::model::{Element, Knob, Scale, Term};
+    use crate::residual::model::{Knob, Scale, Term};
     use crate::residual::regress::{Quick, restructure, structures};
     use crate::residual::run::held_out;
     use crate::residual::{Kind, Parameter};

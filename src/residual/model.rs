@@ -64,7 +64,7 @@ impl Data {
 pub struct Element {
     /// Friction, S/2.
     pub f: f64,
-    /// Kinetic lag (S - J)/2 as a share of f (-).
+    /// Kinetic lag (S - J)/2 as a share of f; below 0 where the stem slips beyond OP (-).
     pub lag: f64,
     /// Resume threshold J/S (-).
     pub resume: f64,
@@ -81,6 +81,17 @@ pub struct Element {
 }
 
 impl Element {
+    /// Kinetic lags there are: J from 0 to twice S.
+    pub const LAGS: (f64, f64) = (-1.0, 1.0);
+
+    /// Whether its kinetic lag, its resume threshold and its place at the start are a valve's.
+    pub fn is_valve(&self) -> bool {
+        let (least, most) = Self::LAGS;
+        (least..=most).contains(&self.lag)
+            && (0.0..=1.0 - least).contains(&self.resume)
+            && (0.0..=1.0).contains(&self.rest)
+    }
+
     /// Runs OP through the element: `z = x - lag f dir`, and the stem's direction.
     pub fn run(&self, u: &[f64], start: Start, span: usize, z: &mut Vec<f64>, dir: &mut Vec<f64>) {
         z.clear();

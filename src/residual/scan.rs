@@ -233,10 +233,12 @@ const TURNS: usize = 2;
 
 /// Valves tried in a scan: lag, resume threshold, slips. J = S of the one-parameter element, Choudhury's and He's for
 /// some J, and lags that make up for what the model lacks.
-const VALVES: [(f64, f64, bool); 10] = [
+const VALVES: [(f64, f64, bool); 12] = [
     (0.0, 0.0, false),
     (0.4, 0.0, false),
     (0.8, 0.0, false),
+    (-0.5, 0.0, false),
+    (-0.5, 1.5, false),
     (0.0, 1.0, false),
     (0.4, 0.6, false),
     (0.7, 0.3, false),
@@ -262,8 +264,9 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Sca
     let mut scan = Scan::new(data, spec);
     let step = data.f_top / values as f64;
     let own = spec.element;
+    let lags = if own.lag < 0.0 { [0.0, -0.3, -0.6] } else { [0.0, 0.4, 0.8] };
     let valves: Vec<(f64, f64, bool)> =
-        if kept { [0.0, 0.4, 0.8].map(|lag| (lag, own.resume, own.slips)).to_vec() } else { VALVES.to_vec() };
+        if kept { lags.map(|lag| (lag, own.resume, own.slips)).to_vec() } else { VALVES.to_vec() };
     let mut best: Vec<(f64, Element)> = Vec::new();
     for (lag, resume, slips) in valves {
         // Finer towards 0: weak friction is a small share of the largest swing.
@@ -306,8 +309,7 @@ fn family(element: &Element) -> (bool, bool, bool) {
 impl Scan<'_> {
     /// The element with the least loss.
     fn least(&mut self, elements: impl Iterator<Item = Element>) -> Option<(f64, Element)> {
-        let shares = |e: &Element| [e.lag, e.resume].iter().all(|x| (0.0..=1.0).contains(x));
-        let elements: Vec<Element> = elements.filter(|e| e.f > 0.0 && shares(e)).collect();
+        let elements: Vec<Element> = elements.filter(|e| e.f > 0.0 && e.is_valve()).collect();
         let rated = self.rate(&elements).into_iter().zip(elements);
         rated.filter_map(|(loss, element)| Some((loss?, element))).min_by(|a, b| a.0.total_cmp(&b.0))
     }

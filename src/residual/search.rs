@@ -46,6 +46,8 @@ const SWEEP: (f64, i32) = (0.4, 16);
 /// The same of f about its value, as shares, in the first round and later, and to its last digit.
 const ABOUT: [f64; 2] = [0.12, 0.03];
 const FINE: f64 = 0.004;
+/// Resume threshold J/S of a valve that slips beyond OP.
+const BEYOND: f64 = 1.4;
 /// Steps of lag and threshold.
 const STEPS: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 
@@ -251,7 +253,7 @@ impl<'a> Held<'a> {
         let fits = |(element, value): &Tried| {
             element.f > 0.0
                 && value.is_none_or(|v| v.abs() <= MOST_VALUE)
-                && [element.lag, element.resume, element.rest].iter().all(|x| (0.0..=1.0).contains(x))
+                && element.is_valve()
         };
         let mut others = others.filter(fits).fuse();
         loop {
@@ -284,7 +286,7 @@ impl<'a> Held<'a> {
     fn sweep(&mut self, found: &mut Found) {
         let Found { element: c, value, .. } = *found;
         let jumps = (1..=5).flat_map(|i| [(0.2 * f64::from(i), false), (0.2 * f64::from(i), true)]);
-        let jumps = jumps.map(|(resume, slips)| (1.0 - resume, resume, slips));
+        let jumps = jumps.chain([(BEYOND, false)]).map(|(resume, slips)| (1.0 - resume, resume, slips));
         let plain = [(0.0, 0.0, false), (0.5, 0.0, false), (1.0, 0.0, false), (c.lag, c.resume, c.slips)];
         let (width, sides) = SWEEP;
         for (lag, resume, slips) in jumps.chain(plain) {
@@ -361,6 +363,7 @@ impl<'a> Held<'a> {
         let Found { element: c, value, .. } = *found;
         let kinds =
             [false, true].into_iter().flat_map(|slips| (0..=5).map(move |i| (slips, 0.2 * f64::from(i))));
+        let kinds = kinds.chain([(false, BEYOND)]);
         let kinds = kinds.flat_map(|(slips, resume)| [c.lag, 1.0 - resume].map(|lag| (slips, resume, lag)));
         let kinds = kinds.map(|(slips, resume, lag)| Element { slips, resume, lag, ..c });
         self.better(found, kinds.map(|element| (element, value)));

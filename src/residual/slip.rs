@@ -38,7 +38,7 @@ pub fn slip_jump(
     added: &mut Vec<Added>,
 ) {
     let own = base.spec.element;
-    if own.f <= 0.0 || own.lag <= 0.0 {
+    if own.f <= 0.0 || own.lag == 0.0 {
         return;
     }
     let without = base.with_valve(data, Element { lag: 0.0, ..own }, false);
