@@ -142,7 +142,8 @@ pub fn slip_effect(data: &Data, element: &Element, kind: Kind, delta_aic: f64) -
     let (s, j) = (2.0 * f, 2.0 * f * (1.0 - element.lag));
     let parameters =
         vec![Parameter { name: "s", value: s, unit: "OP" }, Parameter { name: "j", value: j, unit: "OP" }];
-    let (does, by) = if element.lag < 0.0 { ("slips beyond OP by", "") } else { ("lags OP by", " while it moves") };
+    let (does, by) =
+        if element.lag < 0.0 { ("slips beyond OP by", "") } else { ("lags OP by", " while it moves") };
     let explanation = format!("the stem {does} {:.3}{by}: S {s:.3}, J {j:.3}", (f * element.lag).abs());
     Effect { kind, delta_aic, tag: None, parameters, explanation }
 }
@@ -257,7 +258,8 @@ fn finer(data: &Data, spec: &Spec) -> f64 {
     let mut rated: Vec<(f64, f64)> = Vec::new();
     for i in -FINER..=FINER {
         let f = centre * (1.0 + 0.1 * f64::from(i) / f64::from(FINER));
-        trial.element = Element { f, lag: (lag / f).clamp(least, most), rest: (rest / f).min(1.0), ..spec.element };
+        trial.element =
+            Element { f, lag: (lag / f).clamp(least, most), rest: (rest / f).min(1.0), ..spec.element };
         trial.restage(data, &mut stage);
         let mut e = Vec::new();
         errors(data, &stage, trial.orders, &trial.linear, &mut e);

@@ -143,7 +143,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn element() -> impl Strategy<Value = Element> {
-        let shares = (0.0..1.0, 0.0..1.0, 0.0..1.0, -0.9..0.9, -0.9..0.9);
+        let shares = (-1.0..1.0, 0.0..2.0, 0.0..1.0, -0.9..0.9, -0.9..0.9);
         (0.05..1.5, shares, any::<[bool; 5]>()).prop_map(|(f, (lag, resume, rest, skew, growth), has)| {
             let given = |has: bool, value: f64| if has { value } else { 0.0 };
             Element {

@@ -289,7 +289,16 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Sca
     let mut of_family: Vec<Element> = best.iter().map(|found| found.1).collect();
     of_family.sort_by_key(family);
     of_family.dedup_by_key(|element| family(element));
-    best.truncate(if kept { 1 } else { LIKELY });
+    if kept {
+        best.truncate(1);
+    } else {
+        // One that slips beyond OP takes no other's place: with a smaller f it looks like one that does not.
+        let (mut beyond, others): (Vec<_>, Vec<_>) = best.into_iter().partition(|found| found.1.lag < 0.0);
+        best = others;
+        best.truncate(LIKELY);
+        beyond.truncate(1);
+        best.extend(beyond);
+    }
     if promising {
         best.iter_mut().for_each(|found| scan.settle(found, reach));
     }

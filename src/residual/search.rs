@@ -251,9 +251,7 @@ impl<'a> Held<'a> {
 
     fn better(&mut self, found: &mut Found, others: impl Iterator<Item = Tried>) {
         let fits = |(element, value): &Tried| {
-            element.f > 0.0
-                && value.is_none_or(|v| v.abs() <= MOST_VALUE)
-                && element.is_valve()
+            element.f > 0.0 && value.is_none_or(|v| v.abs() <= MOST_VALUE) && element.is_valve()
         };
         let mut others = others.filter(fits).fuse();
         loop {

@@ -71,3 +71,40 @@ pub fn slip_jump(
         added.push(Added { kind: Kind::SlipJump, evidence, paid: 0.0 });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::candidate::{Sought, with_friction};
+    use crate::residual::findings::slip_effect;
+    use crate::residual::pose::declared;
+    use crate::residual::pose::tests::{behind_valve, noise, waves};
+
+    /// The lag that is found of a valve with S = 2 (OP), and its sentence if it is named.
+    fn found(lag: f64) -> (f64, Option<String>) {
+        let mut draw = noise(5);
+        let valve = Element { f: 1.0, lag, ..Element::default() };
+        let data = behind_valve(&waves(1400), valve, 0.8, |_| 0.05 * draw());
+        let declared = declared(&data, 1.0 / data.scale.u);
+        let at_start = held_out(&data, &declared);
+        let base = Candidate::new(&data, declared.clone(), 0.0);
+        let mut base = with_friction(&data, base, Sought::Any { slips: true, paths: true }, &mut 0);
+        let mut added = Vec::new();
+        slip_jump(&data, &mut base, (&declared, at_start), None, &mut added);
+        let element = base.spec.element;
+        let said =
+            added.first().map(|slip| slip_effect(&data, &element, slip.kind, slip.evidence).explanation);
+        (element.lag, said)
+    }
+
+    #[test]
+    fn a_stem_that_lags_or_slips_beyond_op_is_named_and_one_that_follows_is_not() {
+        for (lag, says) in [(0.5, "lags OP by"), (-0.5, "slips beyond OP by")] {
+            let (is, said) = found(lag);
+            // 0.05 of noise beside jumps of 1 and 3.
+            assert!((is - lag).abs() < 0.1, "{is} for {lag}");
+            assert!(said.as_ref().is_some_and(|said| said.contains(says)), "{said:?}");
+        }
+        assert_eq!(found(0.0).1, None);
+    }
+}
