@@ -64,7 +64,10 @@ enum Smooth {
 fn smooths(spec: &Spec, free_lag: bool, first: usize) -> Vec<(Smooth, f64, f64, (f64, f64))> {
     let mut out = Vec::new();
     if free_lag && spec.element.f > 0.0 {
-        out.push((Smooth::Lag, spec.element.lag, 0.1, Element::LAGS));
+        // On its own side of 0: whether a stem slips beyond OP is the searches' to say.
+        let (least, most) = Element::LAGS;
+        let lag = spec.element.lag;
+        out.push((Smooth::Lag, lag, 0.1, if lag < 0.0 { (least, 0.0) } else { (0.0, most) }));
     }
     for (term, t) in spec.terms.iter().enumerate().skip(first) {
         for (at, knob) in t.knobs().into_iter().enumerate().filter(|(_, k)| k.smooth) {

@@ -292,12 +292,11 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Sca
     if kept {
         best.truncate(1);
     } else {
-        // One that slips beyond OP takes no other's place: with a smaller f it looks like one that does not.
-        let (mut beyond, others): (Vec<_>, Vec<_>) = best.into_iter().partition(|found| found.1.lag < 0.0);
-        best = others;
-        best.truncate(LIKELY);
-        beyond.truncate(1);
-        best.extend(beyond);
+        // One that slips beyond OP has to lead, and never goes alone: with a smaller f it looks like one that does not.
+        let leads = best.first().copied().filter(|found| found.1.lag < 0.0);
+        best.retain(|found| found.1.lag >= 0.0);
+        best.truncate(LIKELY - usize::from(leads.is_some()));
+        best.extend(leads);
     }
     if promising {
         best.iter_mut().for_each(|found| scan.settle(found, reach));
