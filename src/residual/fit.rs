@@ -1,13 +1,13 @@
 //! Prediction-error estimation of the linear part together with the smooth numbers of the terms.
 //!
-//! Levenberg–Marquardt on `V = sum w e² / sum w`; the derivatives by coefficients are the regressors filtered by 1/C, those
-//! by nonlinear numbers are differences of the errors.
+//! Levenberg–Marquardt on `V = sum w e² / sum w`.
 
-use super::filters::{recursion, whiten};
-use super::model::{Data, Element, Linear, Spec, Stage};
-use super::products::{Column, gram, lower};
+use super::filters::recursion;
+use super::model::{Data, Linear, Spec, Stage};
+use super::slopes::{Slopes, Smooth, moves_stem, put, smooths};
 use crate::diagnosis::armax::{Orders, RHO, draw_inside};
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
+use multiversion::multiversion;
 
 /// Smallest loss relative to var(PV): below it rounding decides.
 pub const FLOOR: f64 = 1e-12;
@@ -36,14 +36,19 @@ fn errors_until(data: &Data, stage: &Stage, orders: Orders, l: &Linear, to: usiz
     let from_z = l.b.iter().enumerate().map(|(j, b)| (-b, &stage.z[begin - orders.nk - j..][..rows]));
     let shapes = l.gamma.iter().zip(&stage.columns).map(|(g, column)| (-g, &column[begin..to]));
     let mut parts = from_y.chain(from_z).chain(shapes);
-    while let Some((gain, v)) = parts.next() {
+    while let Some(one) = parts.next() {
         // Two at a time: what is bound by memory is passed over half as often.
-        let (other, w) = parts.next().unwrap_or((0.0, v));
-        for ((e, v), w) in e[begin..].iter_mut().zip(v).zip(w) {
-            *e += gain * v + other * w;
-        }
+        add_two(&mut e[begin..], one, parts.next().unwrap_or((0.0, one.1)));
     }
     recursion(&l.c, &stage.weight[begin..to], &mut e[begin..]);
+}
+
+/// Adds two signals, each times a number.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn add_two(to: &mut [f64], (a, v): (f64, &[f64]), (b, w): (f64, &[f64])) {
+    for ((to, v), w) in to.iter_mut().zip(v).zip(w) {
+        *to += a * v + b * w;
+    }
 }
 
 /// Loss on the fitted samples.
@@ -52,44 +57,6 @@ pub fn loss_of(data: &Data, stage: &Stage, e: &[f64]) -> f64 {
     let weight: f64 = stage.weight[data.first..data.split].iter().sum();
     let loss = dot(counted, counted) / weight.max(1.0);
     if loss.is_finite() { loss + FLOOR } else { f64::INFINITY }
-}
-
-/// One smooth number: the element's lag or a term's knob.
-#[derive(Clone, Copy)]
-enum Smooth {
-    Lag,
-    Knob { term: usize, at: usize },
-}
-
-fn smooths(spec: &Spec, free_lag: bool, first: usize) -> Vec<(Smooth, f64, f64, (f64, f64))> {
-    let mut out = Vec::new();
-    if free_lag && spec.element.f > 0.0 {
-        // On its own side of 0: whether a stem slips beyond OP is the searches' to say.
-        let (least, most) = Element::LAGS;
-        let lag = spec.element.lag;
-        out.push((Smooth::Lag, lag, 0.1, if lag < 0.0 { (least, 0.0) } else { (0.0, most) }));
-    }
-    for (term, t) in spec.terms.iter().enumerate().skip(first) {
-        for (at, knob) in t.knobs().into_iter().enumerate().filter(|(_, k)| k.smooth) {
-            out.push((Smooth::Knob { term, at }, knob.value, knob.step, knob.bounds));
-        }
-    }
-    out
-}
-
-fn put(spec: &mut Spec, which: Smooth, value: f64) {
-    match which {
-        Smooth::Lag => spec.element.lag = value,
-        Smooth::Knob { term, at } => spec.terms[term].set(at, value),
-    }
-}
-
-/// Whether a number may change the stem: those of a term's shapes do not.
-fn moves_stem(spec: &Spec, counts: &[usize], which: Smooth) -> bool {
-    match which {
-        Smooth::Lag => true,
-        Smooth::Knob { term, .. } => counts[term] == 0 || spec.terms[term].changes_stem(),
-    }
 }
 
 /// Minimises the loss of `spec` from its present coefficients, at most `most` iterations.
@@ -181,127 +148,11 @@ fn apply(spec: &mut Spec, step: &[f64], smooth: &[(Smooth, f64, f64, (f64, f64))
     draw_inside(&mut spec.linear.c, RHO);
 }
 
-/// The derivatives of e on the fitted samples, kept from one iteration to the next for their storage.
-#[derive(Default)]
-struct Slopes {
-    /// The signals behind them, filtered by 1/C: y, z, e, 1, the shapes, the smooth numbers'.
-    filtered: Vec<Vec<f64>>,
-    /// How each smooth number changes e before the filter.
-    moved: Vec<Vec<f64>>,
-    ones: Vec<f64>,
-    z: Vec<f64>,
-    dir: Vec<f64>,
-    columns: Vec<Vec<f64>>,
-}
-
-impl Slopes {
-    /// `J'J` and `-J'e`, the numbers in the order of [`apply`].
-    fn normal_equations(
-        &mut self,
-        data: &Data,
-        spec: &mut Spec,
-        stage: &Stage,
-        counts: &[usize],
-        e: &[f64],
-        smooth: &[(Smooth, f64, f64, (f64, f64))],
-    ) -> (Vec<f64>, Vec<f64>) {
-        let (from, to, o) = (data.first, data.split, spec.orders);
-        let begin = data.start.index;
-        self.moved.resize_with(smooth.len(), Vec::new);
-        for (i, one) in smooth.iter().enumerate() {
-            self.move_one(data, spec, stage, counts, *one, i);
-        }
-        self.ones.resize(to, 1.0);
-        let inputs: Vec<&[f64]> = [&stage.y[..], &stage.z[..], e, &self.ones[..]]
-            .into_iter()
-            .chain(stage.columns.iter().map(Vec::as_slice))
-            .chain(self.moved.iter().map(Vec::as_slice))
-            .collect();
-        whiten(&spec.linear.c, &inputs, begin, to, &mut self.filtered);
-        let shapes = stage.columns.len();
-        let of = |i: usize| &self.filtered[i][..];
-        let mut columns: Vec<Column> = Column::lags(of(0), 1..=o.na).collect();
-        columns.extend(Column::lags(of(1), o.nk..o.nk + o.nb));
-        columns.extend(Column::lags(of(2), 1..=o.nc));
-        columns.extend((3..self.filtered.len()).map(|i| Column::now(of(i))));
-        columns.truncate(MOST_COLUMNS - 1);
-        let size = columns.len();
-        columns.push(Column::now(e));
-        let signs: Vec<f64> = (0..size)
-            .map(|i| if i < o.na || i >= o.na + o.nb + o.nc + 1 + shapes { 1.0 } else { -1.0 })
-            .collect();
-        let all = size + 1;
-        let mut g = vec![0.0; all * all];
-        let weight = &stage.weight[from..to];
-        if weight.contains(&0.0) {
-            let counted = |column: &Column| -> Vec<f64> {
-                column.rows(&(from..to)).iter().zip(weight).map(|(c, w)| c * w).collect()
-            };
-            let counted: Vec<Vec<f64>> = columns.iter().map(counted).collect();
-            let counted: Vec<&[f64]> = counted.iter().map(Vec::as_slice).collect();
-            lower(&counted, &mut g, all);
-        } else {
-            gram(&columns, &(from..to), &mut g, all);
-        }
-        let r = (0..size).map(|i| -signs[i] * g[size * all + i]).collect();
-        let rows = g.chunks(all).zip(&signs);
-        let signed = rows.flat_map(|(row, sign)| row.iter().zip(&signs).map(move |(g, s)| g * s * sign));
-        (signed.collect(), r)
-    }
-
-    /// How e changes with one smooth number, before the filter by 1/C: by a difference of the stem and of the shapes.
-    fn move_one(
-        &mut self,
-        data: &Data,
-        spec: &mut Spec,
-        stage: &Stage,
-        counts: &[usize],
-        (which, value, width, bounds): (Smooth, f64, f64, (f64, f64)),
-        slot: usize,
-    ) {
-        let (to, o) = (data.split, spec.orders);
-        let begin = data.start.index + 1 + o.na.max(o.nk + o.nb - 1);
-        let mut h = 0.02 * width;
-        if value + h > bounds.1 {
-            h = -h;
-        }
-        let out = &mut self.moved[slot];
-        out.clear();
-        out.resize(to, 0.0);
-        put(spec, which, value + h);
-        if moves_stem(spec, counts, which) {
-            spec.restem(data, &stage.u[..to], &mut self.z, &mut self.dir);
-            for (j, b) in spec.linear.b.iter().enumerate() {
-                let lag = o.nk + j;
-                let (now, was) = (&self.z[begin - lag..to - lag], &stage.z[begin - lag..to - lag]);
-                for ((out, now), was) in out[begin..].iter_mut().zip(now).zip(was) {
-                    *out -= b * (now - was) / h;
-                }
-            }
-        }
-        if let Smooth::Knob { term, .. } = which
-            && counts[term] > 0
-        {
-            let at: usize = counts[..term].iter().sum();
-            self.columns.clear();
-            spec.terms[term].columns(data, stage, &mut self.columns);
-            let own = self.columns.iter().zip(&stage.columns[at..]).zip(&spec.linear.gamma[at..]);
-            for ((now, was), gamma) in own {
-                let change = now[begin..to].iter().zip(&was[begin..to]);
-                for (out, (now, was)) in out[begin..].iter_mut().zip(change) {
-                    *out -= gamma * (now - was) / h;
-                }
-            }
-        }
-        put(spec, which, value);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::diagnosis::friction::Start;
-    use crate::residual::model::{Knob, Scale, Term};
+    use crate::residual::model::{Element, Knob, Scale, Term};
     use crate::residual::regress::{Quick, restructure, structures};
     use crate::residual::run::held_out;
     use crate::residual::{Kind, Parameter};
@@ -396,26 +247,6 @@ mod tests {
         assert!((shared.loss - apart.loss).abs() < 1e-9 * (1.0 + apart.loss));
         let column: Vec<f64> = (0..data.len()).map(|k| (0.7 * k as f64).cos()).collect();
         assert!((shared.with(&[&column]).0 - apart.with(&[&column]).0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn samples_that_do_not_count_are_in_no_product() {
-        let data = exact();
-        let mut spec = blank(Orders { na: 1, nb: 1, nc: 0, nk: 2 });
-        let (mut stage, counts) = spec.stage(&data);
-        let e = data.y.clone();
-        let mut products = |stage: &Stage| {
-            Slopes::default().normal_equations(&data, &mut spec, stage, &counts, &e[..data.split], &[])
-        };
-        let all = products(&stage);
-        stage.weight[100..130].fill(0.0);
-        let (g, r) = products(&stage);
-        assert_eq!((all.0[8], g[8]), (390.0, 360.0));
-        let plain = |lag: usize| -> f64 {
-            (data.first..data.split).map(|k| stage.weight[k] * data.y[k - lag] * data.y[k - 1]).sum()
-        };
-        // The derivative by a1 is PV a sample before.
-        assert!((g[0] - plain(1)).abs() < 1e-9 && (r[0] + plain(0)).abs() < 1e-9, "{g:?} {r:?}");
     }
 
     /// A wave of a frequency that is estimated.

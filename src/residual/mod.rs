@@ -36,6 +36,7 @@ mod scan;
 mod search;
 mod select;
 mod slip;
+mod slopes;
 mod staged;
 mod step;
 

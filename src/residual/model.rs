@@ -200,6 +200,11 @@ pub trait Term: Debug + Send + Sync {
     }
     /// Adds shapes.
     fn columns(&self, _data: &Data, _stage: &Stage, _out: &mut Vec<Vec<f64>>) {}
+    /// How its shapes, these and each times its `gamma`, change together with one of its numbers, where that is known without a
+    /// difference.
+    fn slope(&self, _at: usize, _gamma: &[f64], _shapes: &[Vec<f64>]) -> Option<Vec<f64>> {
+        None
+    }
     /// Its numbers and its sentence, with the linear part it is in and the coefficients of its own shapes.
     fn describe(&self, data: &Data, gamma: &[f64], linear: &Linear) -> (Vec<Parameter>, String);
 }

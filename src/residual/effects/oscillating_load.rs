@@ -83,6 +83,19 @@ impl Term for Load {
     fn columns(&self, data: &Data, _stage: &Stage, out: &mut Vec<Vec<f64>>) {
         out.extend(self.shapes(data.len()));
     }
+    fn slope(&self, _at: usize, gamma: &[f64], shapes: &[Vec<f64>]) -> Option<Vec<f64>> {
+        // d/dw (s sin(h w k) + c cos(h w k)) = h k (s cos(h w k) - c sin(h w k)).
+        let mut sum = vec![0.0; shapes.first()?.len()];
+        let pairs = gamma.as_chunks::<2>().0.iter().zip(shapes.as_chunks::<2>().0);
+        for (([s, c], [sine, cosine]), h) in pairs.zip(self.harmonics) {
+            let (s, c) = (*h as f64 * s, *h as f64 * c);
+            sum.iter_mut()
+                .zip(sine.iter().zip(cosine))
+                .for_each(|(sum, (sine, cosine))| *sum += s * cosine - c * sine);
+        }
+        sum.iter_mut().enumerate().for_each(|(k, sum)| *sum *= k as f64);
+        Some(sum)
+    }
     fn describe(&self, data: &Data, gamma: &[f64], linear: &Linear) -> (Vec<Parameter>, String) {
         let period = TAU / self.w * data.scale.ts;
         let own = gamma.iter().take(2).map(|g| g * g).sum::<f64>().sqrt();
