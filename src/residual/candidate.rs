@@ -20,6 +20,9 @@ const WITHIN: f64 = 60.0;
 /// Least decrease of AIC that brings friction into a model without.
 const WORTH: f64 = 15.0;
 
+/// Gain of the long ARX from which a model without friction is not tried in the place of one with (-).
+const BEYOND_DOUBT: f64 = 200.0;
+
 /// A model with what the selection knows of it.
 #[derive(Clone, Debug)]
 pub struct Candidate {
@@ -85,7 +88,9 @@ pub fn with_friction(data: &Data, base: Candidate, sought: Sought, tried: &mut u
         let like = scanned.of_family.into_iter().filter(|_| paths);
         elements.extend(like.filter_map(|like| among_paths(data, &base.spec, judge, like)));
     }
-    elements.push(Element { f: 0.0, ..base.spec.element });
+    if !(sticky && scanned.gain > BEYOND_DOUBT) {
+        elements.push(Element { f: 0.0, ..base.spec.element });
+    }
     if sticky {
         elements.push(Element { lag: 0.4, ..base.spec.element });
     }

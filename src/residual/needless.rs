@@ -29,6 +29,9 @@ const AS_GOOD: f64 = 1.01;
 /// Evidence of an effect, as a share of the last one's when that was added, below which it makes way for it.
 const MAKES_WAY: f64 = 0.5;
 
+/// Evidence that other dynamics of the model without an effect take from it at most (-).
+const OF_DYNAMICS: f64 = 60.0;
+
 /// Takes away, one at a time, the effects before the last that have less evidence against the model with all others than is
 /// needed, where the free run does not suffer, or, where they `may_return`, far less than the last. The free run may not be
 /// beyond `most`.
@@ -54,19 +57,21 @@ fn needless(
 ) -> Option<(usize, Candidate)> {
     let (last, earlier) = added.split_last()?;
     let earlier = (0..earlier.len()).filter(|&i| !is_direct(added[i].kind));
+    let far_less = if may_return { MAKES_WAY * last.evidence } else { f64::NEG_INFINITY };
     let rated = earlier.map(|at| {
-        let (evidence, without) = without(data, base, added, at);
+        let (evidence, without) = without(data, base, added, at, settings.least_gain.max(far_less));
         (evidence, at, without)
     });
     let (evidence, at, least) = rated.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let free = held_out(data, &least.spec).1;
     let nothing = evidence < settings.least_gain && free <= AS_GOOD * held_out(data, &base.spec).1;
-    let far_less = may_return && evidence < MAKES_WAY * last.evidence;
+    let far_less = evidence < far_less;
     (free <= most && (nothing || far_less)).then_some((at, least))
 }
 
-/// The model without one of its effects, and that effect's evidence against it.
-fn without(data: &Data, base: &Candidate, added: &[Added], at: usize) -> (f64, Candidate) {
+/// The model without one of its effects, and that effect's evidence against it; other dynamics are sought for that model where they
+/// may bring the evidence down to what is `needed`.
+fn without(data: &Data, base: &Candidate, added: &[Added], at: usize, needed: f64) -> (f64, Candidate) {
     let mut spec = Spec { loss: f64::INFINITY, ..base.spec.clone() };
     // The declared model may run free in any other's place; one with the effect that goes may not.
     spec.free = spec.free.filter(|free| free.terms.iter().all(|t| t.kind() == Kind::ClockSkew));
@@ -75,12 +80,18 @@ fn without(data: &Data, base: &Candidate, added: &[Added], at: usize) -> (f64, C
     spec.terms.remove(at);
     spec.linear.gamma.drain(first..first + counts[at]);
     minimise(data, &mut spec, true, 12);
-    restructure(data, &mut spec, true, 3);
-    let judge = Judge::new(data, &spec.stage(data).0, spec.orders.nk);
-    let gain = judge.gain(data, &with, base.spec.orders.nk);
+    let cost = 2.0 * counts[at] as f64 + added[at].paid;
+    let evidence = |spec: &Spec| {
+        let judge = Judge::new(data, &spec.stage(data).0, spec.orders.nk);
+        judge.gain(data, &with, base.spec.orders.nk) - cost
+    };
+    let mut found = evidence(&spec);
+    if found < needed + OF_DYNAMICS {
+        restructure(data, &mut spec, true, 3);
+        found = evidence(&spec);
+    }
     let likely = base.likely;
-    let without = Candidate { likely, ..Candidate::new(data, spec, base.paid - added[at].paid) };
-    (gain - 2.0 * counts[at] as f64 - added[at].paid, without)
+    (found, Candidate { likely, ..Candidate::new(data, spec, base.paid - added[at].paid) })
 }
 
 #[cfg(test)]

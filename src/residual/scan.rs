@@ -228,6 +228,9 @@ impl<'a> Scan<'a> {
 const LIKELY: usize = 2;
 /// Gain of the long ARX over that without friction below which a closer search finds none that is worth its numbers (-).
 const PROMISING: f64 = 10.0;
+/// Kinds of valve whose f is sought on a finer grid, and on the finest.
+const NEARER: usize = 6;
+const NEAREST: usize = 4;
 /// Turns of the close search.
 const TURNS: usize = 2;
 
@@ -252,7 +255,8 @@ const VALVES: [(f64, f64, bool); 12] = [
 pub struct Scanned {
     /// The best elements, by increasing loss, each of a kind of its own.
     pub best: Vec<Element>,
-    /// Whether they promise anything.
+    /// Gain of the long ARX over that without friction (-), and whether they promise anything.
+    pub gain: f64,
     pub promising: bool,
     /// The best of each family, not sought closely.
     pub of_family: Vec<Element>,
@@ -272,19 +276,24 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Sca
         // Finer towards 0: weak friction is a small share of the largest swing.
         let coarse = (1..=values).map(|i| data.f_top * (i as f64 / values as f64).powf(1.5));
         let coarse = coarse.map(|f| Element { f, lag, resume, slips, ..own });
-        let Some(found) = scan.least(coarse) else { continue };
+        best.extend(scan.least(coarse));
+    }
+    let by_loss = |a: &(f64, Element), b: &(f64, Element)| a.0.total_cmp(&b.0);
+    best.sort_by(by_loss);
+    for found in best.iter_mut().take(NEARER) {
         let near = (-4i32..=4).map(|i| Element { f: found.1.f + step * 0.25 * f64::from(i), ..found.1 });
-        let found = scan.better(found, near);
+        *found = scan.better(*found, near);
+    }
+    best.sort_by(by_loss);
+    for found in best.iter_mut().take(NEAREST) {
         // Reversals late by a sample cost a strong valve more than all else.
         let near = (-5i32..=5).map(|i| Element { f: found.1.f + step * 0.04 * f64::from(i), ..found.1 });
-        best.push(scan.better(found, near));
+        *found = scan.better(*found, near);
     }
-    best.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let promising = own.f > 0.0 || {
-        let rows = (data.split - data.first) as f64;
-        let sound = scan.sound();
-        best.first().is_some_and(|found| rows * (sound / found.0).ln() > PROMISING)
-    };
+    best.sort_by(by_loss);
+    let rows = (data.split - data.first) as f64;
+    let gain = best.first().map_or(0.0, |found| rows * (scan.sound() / found.0).ln());
+    let promising = own.f > 0.0 || gain > PROMISING;
     let reach = if kept { Reach::Near } else { Reach::Wide };
     let mut of_family: Vec<Element> = best.iter().map(|found| found.1).collect();
     of_family.sort_by_key(family);
@@ -301,12 +310,12 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Sca
     if promising {
         best.iter_mut().for_each(|found| scan.settle(found, reach));
     }
-    best.sort_by(|a, b| a.0.total_cmp(&b.0));
+    best.sort_by(by_loss);
     // Those that came to the same valve are one.
     best.dedup_by(|b, a| {
         a.1.slips == b.1.slips && (a.1.resume - b.1.resume).abs() < 0.1 && (a.1.f / b.1.f - 1.0).abs() < 0.01
     });
-    Scanned { best: best.into_iter().map(|found| found.1).collect(), promising, of_family }
+    Scanned { best: best.into_iter().map(|found| found.1).collect(), gain, promising, of_family }
 }
 
 /// Plain, sticking at stops, slipping, or slipping with J = S.

@@ -6,14 +6,14 @@ use super::evidence::Judge;
 use super::findings::{Needed, Outcome, report};
 use super::fit::minimise;
 use super::free::longer_sighted;
-use super::model::Data;
+use super::model::{Data, Spec};
 use super::needless::{Added, drop_needless};
 use super::pose::{declared, pose};
 use super::regress::restructure;
 use super::run::held_out;
 use super::slip::slip_jump;
 use super::staged::{jumps, reaches};
-use super::step::step;
+use super::step::{PAST_SAVING, step};
 use super::{Findings, Settings, Stem};
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::signal::Window;
@@ -48,6 +48,10 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     let mut base = Candidate::new(&data, declared.clone(), 0.0);
     let mut added = Vec::new();
     add_direct(&data, settings, &mut base, &mut added);
+    // Where there is no friction yet, what it is sought with would change what is found.
+    if base.spec.element.f == 0.0 {
+        base = Candidate::new(&data, refitted(&data, &base.spec), base.paid);
+    }
     let was = base.spec.element.f;
     base = with_friction(&data, base, Sought::Any { slips: true, paths: false }, &mut tried);
     if base.spec.element.f > 0.0 {
@@ -135,9 +139,14 @@ fn slips_beside(
         return base;
     }
     let Some(element) = jumps(data, &base.spec) else { return base };
+    let judge = Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk);
+    let alone = Spec { element, ..base.spec.clone() };
+    // Dynamics of its own do not save a stem that the signals speak against.
+    if judge.gain(data, &alone.stage(data).0, alone.orders.nk) < PAST_SAVING {
+        return base;
+    }
     let other = base.with_valve(data, element, true);
     *tried += 1;
-    let judge = Judge::new(data, &base.spec.stage(data).0, base.spec.orders.nk);
     let gain = judge.gain(data, &other.spec.stage(data).0, other.spec.orders.nk);
     let (held, was) = (held_out(data, &other.spec), held_out(data, &base.spec));
     let nearer = held.0 < was.0 && held.1 <= at_start.1.max(was.1);
@@ -146,9 +155,7 @@ fn slips_beside(
 
 /// The model estimated once more from where it is.
 fn again(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
-    let mut spec = base.spec.clone();
-    minimise(data, &mut spec, true, 8);
-    restructure(data, &mut spec, true, 3);
+    let spec = refitted(data, &base.spec);
     let likely = base.likely;
     let rows = (data.split - data.first) as f64;
     if rows * (base.spec.loss / spec.loss).ln() < CHANGED {
@@ -161,4 +168,12 @@ fn again(data: &Data, base: Candidate, tried: &mut usize) -> Candidate {
         tried,
     );
     if next.aic < base.aic { next } else { base }
+}
+
+/// Dynamics estimated once more from where they are.
+fn refitted(data: &Data, spec: &Spec) -> Spec {
+    let mut spec = spec.clone();
+    minimise(data, &mut spec, true, 8);
+    restructure(data, &mut spec, true, 3);
+    spec
 }

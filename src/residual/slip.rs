@@ -42,6 +42,9 @@ pub fn slip_jump(
         return;
     }
     let without = base.with_valve(data, Element { lag: 0.0, ..own }, false);
+    if without.aic - base.aic <= LEAST {
+        return;
+    }
     let sound = base.with_valve(data, Element { f: 0.0, lag: 0.0, ..own }, false);
     let gain = without.aic.min(sound.aic) - base.aic;
     let (by_armax, by_long) =

@@ -30,7 +30,7 @@ const LOST: f64 = 1.0;
 const PROMISING: f64 = 3.0;
 const FAR_BEHIND: f64 = 20.0;
 /// Evidence with dynamics of its own below which no other friction is sought for an effect, nor its valve offered (-).
-const PAST_SAVING: f64 = -5.0;
+pub const PAST_SAVING: f64 = -5.0;
 /// Gain of the long ARX, and evidence once fitted, from which a load that is a wave or a tag is tried before anything else is
 /// sought (-).
 const CLEAR_LOAD: f64 = 100.0;

@@ -18,6 +18,8 @@ const ALONE: usize = 3;
 /// How lively PV is just before, as a share of its mean move, where there is no doubt: a process without noise comes to rest
 /// slowly.
 const LIVELY: f64 = 0.3;
+/// Most runs: more are a sensor's habit.
+const MOST: usize = 20;
 /// Samples after a run in which its value is still among the lags.
 const ECHO: usize = 4;
 
@@ -97,7 +99,7 @@ impl Recognise for FrozenPv {
             runs.into_iter().partition(|r| (r.1 - r.0) as f64 >= least && r.0 > 0 && moves(r) && leaps(r));
         let others = others.iter().map(|r| r.1 - r.0).max().unwrap_or(0);
         let alone = alone(&frozen, others);
-        if frozen.is_empty() || frozen.len() > 5 || (usual > COARSE && !alone) {
+        if frozen.is_empty() || frozen.len() > MOST || (usual > COARSE && !alone) {
             return Vec::new();
         }
         let parameters = frozen.len() as f64;
