@@ -296,7 +296,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            most_effects: 4,
+            most_effects: 3,
             least_gain: 8.0,
             f_threshold: 0.05,
             evidence_threshold: 20.0,
