@@ -228,9 +228,6 @@ impl<'a> Scan<'a> {
 const LIKELY: usize = 2;
 /// Gain of the long ARX over that without friction below which a closer search finds none that is worth its numbers (-).
 const PROMISING: f64 = 10.0;
-/// Kinds of valve whose f is sought on a finer grid, and on the finest.
-const NEARER: usize = 6;
-const NEAREST: usize = 4;
 /// Turns of the close search.
 const TURNS: usize = 2;
 
@@ -276,20 +273,14 @@ pub fn scan_friction(data: &Data, spec: &Spec, values: usize, kept: bool) -> Sca
         // Finer towards 0: weak friction is a small share of the largest swing.
         let coarse = (1..=values).map(|i| data.f_top * (i as f64 / values as f64).powf(1.5));
         let coarse = coarse.map(|f| Element { f, lag, resume, slips, ..own });
-        best.extend(scan.least(coarse));
-    }
-    let by_loss = |a: &(f64, Element), b: &(f64, Element)| a.0.total_cmp(&b.0);
-    best.sort_by(by_loss);
-    for found in best.iter_mut().take(NEARER) {
+        let Some(found) = scan.least(coarse) else { continue };
         let near = (-4i32..=4).map(|i| Element { f: found.1.f + step * 0.25 * f64::from(i), ..found.1 });
-        *found = scan.better(*found, near);
-    }
-    best.sort_by(by_loss);
-    for found in best.iter_mut().take(NEAREST) {
+        let found = scan.better(found, near);
         // Reversals late by a sample cost a strong valve more than all else.
         let near = (-5i32..=5).map(|i| Element { f: found.1.f + step * 0.04 * f64::from(i), ..found.1 });
-        *found = scan.better(*found, near);
+        best.push(scan.better(found, near));
     }
+    let by_loss = |a: &(f64, Element), b: &(f64, Element)| a.0.total_cmp(&b.0);
     best.sort_by(by_loss);
     let rows = (data.split - data.first) as f64;
     let gain = best.first().map_or(0.0, |found| rows * (scan.sound() / found.0).ln());

@@ -8,9 +8,11 @@ use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
 use crate::diagnosis::stats::{mean, median};
 use crate::residual::model::{Data, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
+use std::ops::Range;
 
-/// Longest skew tried (samples).
+/// Longest skew tried (samples), and at the ends of a window over which it grows.
 const LONGEST: i32 = 15;
+const AT_AN_END: i32 = 8;
 /// Unexplained share of OP's changes that the right skew leaves at most, and that as a share of what the stamps leave.
 const MOST_LEFT: f64 = 0.5;
 const FAR_BETTER: f64 = 0.6;
@@ -22,16 +24,44 @@ const EXACT: f64 = 0.02;
 /// leave.
 const AS_GOOD: f64 = 1.1;
 const NOTHING: f64 = 1e-3;
+/// Least growth of a skew over the window (samples), and what it leaves at most as a share of what any constant one does: clocks
+/// that agree seem to part by half a sample.
+const LEAST_GROWTH: f64 = 1.5;
+const BETTER: f64 = 0.9;
+/// First step of the two ends of a skew that grows (samples), and how often it is halved.
+const STEP: f64 = 0.5;
+const HALVINGS: usize = 2;
 /// Huber's bend (sd), and passes of reweighted least squares.
 const BEND: f64 = 1.345;
 const PASSES: usize = 4;
 
 pub struct ClockSkew;
 
-#[derive(Clone, Debug)]
+/// Samples that PV is moved to later times, at the window's start and at its end.
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Shift {
-    /// Samples that PV is moved to later times.
-    by: i32,
+    first: f64,
+    last: f64,
+}
+
+impl Shift {
+    fn constant(by: i32) -> Self {
+        Self { first: f64::from(by), last: f64::from(by) }
+    }
+
+    /// Where PV of sample `k` of `n` was, `more` samples before; the later of two neighbours, and the share of the other.
+    fn origin(&self, k: usize, n: usize, more: usize) -> (i64, f64) {
+        let by = self.first + (self.last - self.first) * k as f64 / n as f64;
+        let at = k as f64 - by - more as f64;
+        let later = at.ceil();
+        (later as i64, later - at)
+    }
+}
+
+/// The value between two neighbours.
+fn between(y: &[f64], (later, share): (i64, f64)) -> f64 {
+    let at = |k: i64| y[k.clamp(0, y.len() as i64 - 1) as usize];
+    if share > 0.0 { at(later) + share * (at(later - 1) - at(later)) } else { at(later) }
 }
 
 impl Term for Shift {
@@ -39,34 +69,49 @@ impl Term for Shift {
         Kind::ClockSkew
     }
     fn boxed(&self) -> Box<dyn Term> {
-        Box::new(self.clone())
+        Box::new(*self)
     }
     fn data(&self, stage: &mut Stage) {
-        let n = stage.y.len() as i32;
-        let at = |k: i32| (k - self.by).clamp(0, n - 1) as usize;
-        stage.y = (0..n).map(|k| stage.y[at(k)]).collect();
-        let weight = std::mem::take(&mut stage.weight);
-        let inside = |k: i32| (0..n).contains(&(k - self.by));
-        stage.weight = (0..n).map(|k| if inside(k) { weight[at(k)] } else { 0.0 }).collect();
+        let n = stage.y.len();
+        stage.y = (0..n).map(|k| between(&stage.y, self.origin(k, n, 0))).collect();
+        let counts = |(later, share): (i64, f64)| {
+            let of =
+                |k: i64| usize::try_from(k).ok().and_then(|k| stage.weight.get(k)).copied().unwrap_or(0.0);
+            if share > 0.0 { of(later).min(of(later - 1)) } else { of(later) }
+        };
+        stage.weight = (0..n).map(|k| counts(self.origin(k, n, 0))).collect();
     }
     fn describe(&self, data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
-        let skew = f64::from(self.by) * data.scale.ts;
-        let late = if self.by > 0 { "early" } else { "late" };
-        let parameters = vec![Parameter { name: "skew_s", value: skew, unit: "s" }];
-        (
-            parameters,
-            format!("PV's stamps are {:.3} s {late} against OP's: the controller says so", skew.abs()),
-        )
+        let [first, last] = [self.first, self.last].map(|by| by * data.scale.ts);
+        let late = |by: f64| if by > 0.0 { "early" } else { "late" };
+        let mut parameters = vec![Parameter { name: "skew_s", value: 0.5 * (first + last), unit: "s" }];
+        let explanation = if first == last {
+            format!(
+                "PV's stamps are {:.3} s {} against OP's: the controller says so",
+                first.abs(),
+                late(first)
+            )
+        } else {
+            parameters.push(Parameter { name: "growth_s", value: last - first, unit: "s" });
+            format!(
+                "PV's stamps drift against OP's, from {:.3} s {} to {:.3} s {}: the controller says so",
+                first.abs(),
+                late(first),
+                last.abs(),
+                late(last)
+            )
+        };
+        (parameters, explanation)
     }
 }
 
 impl Recognise for ClockSkew {
     fn propose(&self, c: &Context<'_>) -> Vec<Proposal> {
         let found = skew(&c.stage.u, &c.stage.y, c.data.sp.as_deref());
-        let shift = |(by, loss)| Proposal {
-            term: Box::new(Shift { by }),
+        let shift = |(shift, loss): (Shift, f64)| Proposal {
+            term: shift.boxed(),
             loss,
-            parameters: 1.0,
+            parameters: if shift.first == shift.last { 1.0 } else { 2.0 },
             tried: 1.0,
             element: None,
         };
@@ -77,37 +122,89 @@ impl Recognise for ClockSkew {
     }
 }
 
-/// Samples that PV has to be moved to later times, where it has to, and what is left unexplained then as a share of what the
-/// stamps leave.
-fn skew(u: &[f64], y: &[f64], sp: Option<&[f64]>) -> Option<(i32, f64)> {
-    let left = |by: i32| unexplained(u, y, sp, by);
-    let honest = (0..=1).map(left).fold(1.0, f64::min);
+/// How PV has to be moved, where it has to, and what is left unexplained then as a share of what the stamps leave.
+fn skew(u: &[f64], y: &[f64], sp: Option<&[f64]>) -> Option<(Shift, f64)> {
+    let reach = LONGEST as usize + 3;
+    let whole = reach..u.len().saturating_sub(reach);
+    let left = |shift: Shift| unexplained(u, y, sp, shift, whole.clone());
+    let honest = (0..=1).map(|by| left(Shift::constant(by))).fold(1.0, f64::min);
     if honest < LEAST_HONEST.1 {
         return None;
     }
-    let others: Vec<(f64, i32)> = (-LONGEST..=LONGEST).map(|by| (left(by), by)).collect();
+    let others: Vec<(f64, i32)> = (-LONGEST..=LONGEST).map(|by| (left(Shift::constant(by)), by)).collect();
     let least = others.iter().map(|l| l.0).fold(f64::INFINITY, f64::min);
+    if let Some((grown, shift)) = growing(u, y, sp, whole.clone())
+        && grown <= MOST_LEFT
+        && grown <= BETTER * least.min(honest)
+    {
+        return Some((shift, grown / honest));
+    }
     // Of three samples of PV one that is not needed may be before or after: the later is.
     let as_good = (AS_GOOD * least).max(NOTHING * honest);
     let by = others.iter().rev().find(|l| l.0 <= as_good)?.1;
     let far_better = if honest < LEAST_HONEST.0 { EXACT } else { FAR_BETTER };
     let wrong = !(-1..=2).contains(&by) && least <= MOST_LEFT && least <= far_better * honest;
-    wrong.then_some((by, least / honest))
+    wrong.then_some((Shift::constant(by), least / honest))
 }
 
-/// The share of OP's changes that `y[k-by], y[k-by-1], y[k-by-2]` and the set point leave unexplained, of samples weighted
-/// so that the kicks of a set point that is not recorded do not rule.
-fn unexplained(u: &[f64], y: &[f64], sp: Option<&[f64]>, by: i32) -> f64 {
-    let reach = LONGEST as usize + 3;
-    let (from, to) = (reach, u.len().saturating_sub(reach));
-    if to <= from + 20 {
+/// The skew that grows over the window and leaves least, with what that is, where the first third and the last do not agree on one.
+fn growing(u: &[f64], y: &[f64], sp: Option<&[f64]>, whole: Range<usize>) -> Option<(f64, Shift)> {
+    let third = whole.len() / 3;
+    let best = |rows: Range<usize>| {
+        let left = |by: i32| unexplained(u, y, sp, Shift::constant(by), rows.clone());
+        (-AT_AN_END..=AT_AN_END)
+            .map(|by| (left(by), by))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|l| f64::from(l.1))
+    };
+    let (early, late) = (best(whole.start..whole.start + third)?, best(whole.end - third..whole.end)?);
+    if early == late {
+        return None;
+    }
+    // From the middles of the thirds to the ends.
+    let beyond = 0.25 * (late - early);
+    let left = |shift: Shift| (unexplained(u, y, sp, shift, whole.clone()), shift);
+    let mut found = left(Shift { first: early - beyond, last: late + beyond });
+    let mut step = STEP;
+    for _ in 0..=HALVINGS {
+        let mut moved = true;
+        while moved {
+            let Shift { first, last } = found.1;
+            let steps = [
+                (step, step),
+                (-step, -step),
+                (step, -step),
+                (-step, step),
+                (step, 0.0),
+                (-step, 0.0),
+                (0.0, step),
+                (0.0, -step),
+            ];
+            let next = steps.map(|(a, b)| left(Shift { first: first + a, last: last + b }));
+            let limit = f64::from(LONGEST);
+            let next = next.into_iter().filter(|l| l.1.first.abs() <= limit && l.1.last.abs() <= limit);
+            let next = next.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|next| next.0 < found.0);
+            moved = next.is_some();
+            found = next.unwrap_or(found);
+        }
+        step *= 0.5;
+    }
+    ((found.1.last - found.1.first).abs() >= LEAST_GROWTH).then_some(found)
+}
+
+/// The share of OP's changes in these rows that `y[k-by], y[k-by-1], y[k-by-2]` and the set point leave unexplained, of samples
+/// weighted so that the kicks of a set point that is not recorded do not rule.
+fn unexplained(u: &[f64], y: &[f64], sp: Option<&[f64]>, shift: Shift, rows: Range<usize>) -> f64 {
+    if rows.len() <= 20 {
         return 1.0;
     }
-    let change: Vec<f64> = (from..to).map(|k| u[k] - u[k - 1]).collect();
-    let columns: Vec<Vec<f64>> = (0..3)
-        .map(|more| (from..to).map(|k| y[(k as i32 - by - more) as usize]).collect())
-        .chain([vec![1.0; to - from]])
-        .chain(sp.into_iter().flat_map(|sp| (0..3).map(move |more| sp[from - more..to - more].to_vec())))
+    let change: Vec<f64> = rows.clone().map(|k| u[k] - u[k - 1]).collect();
+    let of_y = (0..3).map(|more| rows.clone().map(|k| between(y, shift.origin(k, y.len(), more))).collect());
+    let columns: Vec<Vec<f64>> = of_y
+        .chain([vec![1.0; rows.len()]])
+        .chain(
+            sp.into_iter().flat_map(|sp| (0..3).map(|more| sp[rows.start - more..rows.end - more].to_vec())),
+        )
         .collect();
     let mut weight = vec![1.0; change.len()];
     let mut e = Vec::new();
@@ -179,7 +276,25 @@ mod tests {
             // PV is stamped `by` samples early.
             let stamped: Vec<f64> = (0..n).map(|k| y[(k + by).clamp(0, n - 1) as usize]).collect();
             for sp in [Some(&sp[..]), None] {
-                assert_eq!(skew(&u, &stamped, sp).map(|found| found.0), Some(by), "{}", sp.is_some());
+                let found = skew(&u, &stamped, sp).map(|found| found.0);
+                assert_eq!(found, Some(Shift::constant(by)), "{}", sp.is_some());
+            }
+        }
+    }
+
+    #[test]
+    fn clocks_that_part_are_found_at_both_ends() {
+        let (u, y, sp) = run();
+        let n = y.len();
+        for (first, last) in [(0.0, 3.0), (0.0, -4.0), (2.0, -2.0), (-1.0, -7.0)] {
+            let wrong = Shift { first: -first, last: -last };
+            let stamped: Vec<f64> = (0..n).map(|k| between(&y, wrong.origin(k, n, 0))).collect();
+            for sp in [Some(&sp[..]), None] {
+                let (found, _) = skew(&u, &stamped, sp).expect("they part");
+                let grows = |shift: Shift| shift.last - shift.first;
+                let off = (grows(found) - (last - first)).abs();
+                // PI needs two of three samples of PV; half of the noise between two is lost.
+                assert!(off <= 0.5 && (found.first - first).abs() < 1.5, "{found:?} for {first} to {last}");
             }
         }
     }
