@@ -15,6 +15,8 @@ const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
 const CERTAIN: f64 = 0.02;
 /// Decrease of AIC that each outlier among the fitted samples brings.
 const EACH: f64 = 8.0;
+/// One-step error as a share of that before beyond which a PV that stands still is no measurement that is missing.
+const HARDER: f64 = 1.1;
 /// One-step error as a share of that before which outliers that are none do not leave.
 const MUCH_NEARER: f64 = 0.7;
 
@@ -58,6 +60,11 @@ pub fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added:
         let gone = outliers && after.0.min(masked_error.0) < MUCH_NEARER * before.0;
         let stand_out = outliers && evidence > EACH * fitted as f64;
         let doubtless = certain || gone || stand_out;
+        // A sensor that hangs stands still often: what comes between is no more easily predicted.
+        let harder = kind == Kind::FrozenPv && after.0.min(masked_error.0) > HARDER * before.0;
+        if harder {
+            continue;
+        }
         if doubtless || (!outliers && after.1.min(masked_error.1) <= before.1 * worst) {
             added.push(Added { kind, evidence, paid: next.paid - base.paid });
             *base = next;

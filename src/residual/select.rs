@@ -14,7 +14,7 @@ use super::run::held_out;
 use super::slip::slip_jump;
 use super::staged::{jumps, reaches};
 use super::step::{PAST_SAVING, step};
-use super::{Findings, Settings, Stem};
+use super::{Findings, Kind, Settings, Stem};
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::signal::Window;
 
@@ -114,7 +114,10 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     // What later effects made of the first must still predict better than nothing.
     let now = held_out(&data, &base.spec);
     let better = now.0 < at_start.0 || now.1 < at_start.1;
-    if !(added.is_empty() || better || added.iter().any(|effect| is_direct(effect.kind))) {
+    if !(added.is_empty()
+        || better
+        || added.iter().any(|effect| is_direct(effect.kind) && effect.kind != Kind::Outliers))
+    {
         (base, added) = (Candidate::new(&data, declared.clone(), 0.0), Vec::new());
     }
     let refit = if added.is_empty() { longer_sighted(&data, &declared) } else { declared.clone() };

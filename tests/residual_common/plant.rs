@@ -187,7 +187,10 @@ pub fn record(case: &Case) -> (Record, Truth) {
     });
     let (mut t, truth, ts, mut d) = run(case, clip);
     let mut total = t.op.len();
-    if case.is(Kind::ClockSkew) {
+    if case.is(Kind::ClockSkew) && case.seed % 3 == 1 {
+        t.pv = parting(&t.pv, case);
+        total = t.pv.len();
+    } else if case.is(Kind::ClockSkew) {
         let by = case.pick([3, 5, 9]);
         t.pv = if case.seed.is_multiple_of(2) {
             (0..total).map(|k| t.pv[k.saturating_sub(by)]).collect()
@@ -236,6 +239,25 @@ fn irrelevant(i: usize, pv: &[f64], d: &mut Draw) -> Vec<f64> {
             }
         })
         .collect()
+}
+
+/// PV stamped by a clock that parts from OP's, one way or the other; the record ends where its last PV does.
+fn parting(pv: &[f64], case: &Case) -> Vec<f64> {
+    let by = case.pick([2.0, 4.0, 8.0]) * if case.seed.is_multiple_of(2) { 1.0 } else { -1.0 };
+    let at = |k: usize| {
+        let since = k.saturating_sub(WARM) as f64 / (pv.len() - WARM) as f64;
+        let origin = k as f64 - by * since;
+        let (before, share) = (origin as usize, origin.fract());
+        Some(pv[before] + share * (pv.get(before + 1)? - pv[before]))
+    };
+    (0..pv.len()).map_while(at).collect()
+}
+
+/// Whether PV stands still at sample `k`: once from `at` on, or, for every third seed, eight times.
+fn frozen(case: &Case, at: usize, n: usize, k: usize) -> bool {
+    let once = case.seed % 3 != 2;
+    let (runs, length) = if once { (1, case.pick([20, 50, 120])) } else { (8, case.pick([10, 20, 40])) };
+    (0..runs).map(|run| at + run * n / 20).any(|from| (from..from + length).contains(&k))
 }
 
 fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, Truth, f64, Draw) {
@@ -338,7 +360,7 @@ fn run(case: &Case, clip: Option<(f64, bool)>) -> (Traces, Truth, f64, Draw) {
             let q = noise * vary * case.pick([2.5, 5.0, 10.0]);
             pv = (pv / q).round() * q;
         }
-        if !(case.is(Kind::FrozenPv) && (at..at + case.pick([20, 50, 120])).contains(&k)) {
+        if !(case.is(Kind::FrozenPv) && frozen(case, at, n, k)) {
             shown = pv;
         }
         // The controller sees the frozen value, or only the record is frozen.
