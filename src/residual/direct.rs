@@ -15,7 +15,9 @@ const REPAIRS: [Kind; 3] = [Kind::FrozenPv, Kind::Outliers, Kind::QuantisedPv];
 const CERTAIN: f64 = 0.02;
 /// Decrease of AIC that each outlier among the fitted samples brings.
 const EACH: f64 = 8.0;
-/// One-step error as a share of that before beyond which a PV that stands still is no measurement that is missing.
+/// Runs beyond which a PV stands still often, and one-step error as a share of that before beyond which those are then no samples
+/// that are missing.
+const OFTEN: f64 = 5.0;
 const HARDER: f64 = 1.1;
 /// One-step error as a share of that before which outliers that are none do not leave.
 const MUCH_NEARER: f64 = 0.7;
@@ -41,6 +43,11 @@ pub fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added:
         let mut masked = base.spec.clone();
         masked.terms.push(spec.terms[spec.terms.len() - 1].boxed());
         let masked_error = held_out(data, &masked);
+        // A sensor that hangs stands still often, and what comes between is no more easily predicted.
+        let often = kind == Kind::FrozenPv && proposal.parameters > OFTEN;
+        if often && after.0.min(masked_error.0) > HARDER * before.0 {
+            continue;
+        }
         if kind != Kind::ClockSkew && masked_error.1 < after.1 {
             let (stage, e) = all_errors(data, &masked);
             masked.loss = loss_of(data, &stage, &e);
@@ -60,11 +67,6 @@ pub fn add_direct(data: &Data, settings: &Settings, base: &mut Candidate, added:
         let gone = outliers && after.0.min(masked_error.0) < MUCH_NEARER * before.0;
         let stand_out = outliers && evidence > EACH * fitted as f64;
         let doubtless = certain || gone || stand_out;
-        // A sensor that hangs stands still often: what comes between is no more easily predicted.
-        let harder = kind == Kind::FrozenPv && after.0.min(masked_error.0) > HARDER * before.0;
-        if harder {
-            continue;
-        }
         if doubtless || (!outliers && after.1.min(masked_error.1) <= before.1 * worst) {
             added.push(Added { kind, evidence, paid: next.paid - base.paid });
             *base = next;

@@ -57,15 +57,15 @@ fn needless(
 ) -> Option<(usize, Candidate)> {
     let (last, earlier) = added.split_last()?;
     let earlier = (0..earlier.len()).filter(|&i| !is_direct(added[i].kind));
-    let far_less = if may_return { MAKES_WAY * last.evidence } else { f64::NEG_INFINITY };
+    let makes_way = if may_return { MAKES_WAY * last.evidence } else { f64::NEG_INFINITY };
     let rated = earlier.map(|at| {
-        let (evidence, without) = without(data, base, added, at, settings.least_gain.max(far_less));
+        let (evidence, without) = without(data, base, added, at, settings.least_gain.max(makes_way));
         (evidence, at, without)
     });
     let (evidence, at, least) = rated.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let free = held_out(data, &least.spec).1;
     let nothing = evidence < settings.least_gain && free <= AS_GOOD * held_out(data, &base.spec).1;
-    let far_less = evidence < far_less;
+    let far_less = evidence < makes_way;
     (free <= most && (nothing || far_less)).then_some((at, least))
 }
 

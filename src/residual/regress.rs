@@ -12,7 +12,7 @@ pub const LONG_Y: usize = 6;
 const BEFORE: usize = 2;
 const AFTER: usize = 5;
 
-/// Likelihood by which the first estimate of another structure is behind that of the present one where it does not catch up: 1 of
+/// Twice the log-likelihood by which the first estimate of another structure is behind that of the present one where it does not catch up: 1 of
 /// 100 such does (-).
 const BEHIND: f64 = 3.0;
 
@@ -238,6 +238,7 @@ pub fn restructure(data: &Data, spec: &mut Spec, free_lag: bool, most: usize) {
     let rows = (data.split - data.first) as f64;
     let mut found = structures(data, spec, most);
     let own = found.iter().find(|other| other.orders == spec.orders).map(|own| own.loss);
+    // All found are ahead of one that is not among them.
     if let Some(own) = own.filter(|_| spec.loss.is_finite()) {
         found.retain(|other| rows * (other.loss / own).ln() < BEHIND);
     }

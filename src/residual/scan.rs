@@ -252,8 +252,9 @@ const VALVES: [(f64, f64, bool); 12] = [
 pub struct Scanned {
     /// The best elements, by increasing loss, each of a kind of its own.
     pub best: Vec<Element>,
-    /// Gain of the long ARX over that without friction (-), and whether they promise anything.
+    /// Gain of the long ARX over that without friction (-).
     pub gain: f64,
+    /// Whether they promise anything.
     pub promising: bool,
     /// The best of each family, not sought closely.
     pub of_family: Vec<Element>,

@@ -48,7 +48,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     let mut base = Candidate::new(&data, declared.clone(), 0.0);
     let mut added = Vec::new();
     add_direct(&data, settings, &mut base, &mut added);
-    // Where there is no friction yet, what it is sought with would change what is found.
+    // What dynamics that are better estimated gain is not friction's.
     if base.spec.element.f == 0.0 {
         base = Candidate::new(&data, refitted(&data, &base.spec), base.paid);
     }

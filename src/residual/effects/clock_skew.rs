@@ -1,4 +1,4 @@
-//! OP and PV are stamped by clocks that disagree; skew [s], positive when PV's stamps are early.
+//! OP and PV are stamped by clocks that disagree; skew [s], positive when PV's stamps are early, of clocks that part its mean.
 //!
 //! The process hides a skew in its delay, the controller does not: `u[k] - u[k-1]` is computed from PV at k (and just
 //! before). If it fits PV of several samples earlier or of later ones far better, the stamps are wrong, and PV is shifted.
@@ -83,22 +83,22 @@ impl Term for Shift {
     }
     fn describe(&self, data: &Data, _gamma: &[f64], _linear: &Linear) -> (Vec<Parameter>, String) {
         let [first, last] = [self.first, self.last].map(|by| by * data.scale.ts);
-        let late = |by: f64| if by > 0.0 { "early" } else { "late" };
+        let side = |by: f64| if by > 0.0 { "early" } else { "late" };
         let mut parameters = vec![Parameter { name: "skew_s", value: 0.5 * (first + last), unit: "s" }];
         let explanation = if first == last {
             format!(
                 "PV's stamps are {:.3} s {} against OP's: the controller says so",
                 first.abs(),
-                late(first)
+                side(first)
             )
         } else {
             parameters.push(Parameter { name: "growth_s", value: last - first, unit: "s" });
             format!(
                 "PV's stamps drift against OP's, from {:.3} s {} to {:.3} s {}: the controller says so",
                 first.abs(),
-                late(first),
+                side(first),
                 last.abs(),
-                late(last)
+                side(last)
             )
         };
         (parameters, explanation)
@@ -151,11 +151,12 @@ fn skew(u: &[f64], y: &[f64], sp: Option<&[f64]>) -> Option<(Shift, f64)> {
 fn growing(u: &[f64], y: &[f64], sp: Option<&[f64]>, whole: Range<usize>) -> Option<(f64, Shift)> {
     let third = whole.len() / 3;
     let best = |rows: Range<usize>| {
-        let left = |by: i32| unexplained(u, y, sp, Shift::constant(by), rows.clone());
-        (-AT_AN_END..=AT_AN_END)
-            .map(|by| (left(by), by))
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|l| f64::from(l.1))
+        // A third in which OP rests says nothing.
+        let left = |by: i32| {
+            Some(unexplained(u, y, sp, Shift::constant(by), rows.clone())).filter(|left| *left < 1.0)
+        };
+        let all = (-AT_AN_END..=AT_AN_END).filter_map(|by| Some((left(by)?, f64::from(by))));
+        all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|least| least.1)
     };
     let (early, late) = (best(whole.start..whole.start + third)?, best(whole.end - third..whole.end)?);
     if early == late {
