@@ -4,10 +4,10 @@
 
 use super::filters::recursion;
 use super::model::{Data, Linear, Spec, Stage};
+use super::products::add_two;
 use super::slopes::{Slopes, Smooth, moves_stem, put, smooths};
 use crate::diagnosis::armax::{Orders, RHO, draw_inside};
 use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
-use multiversion::multiversion;
 
 /// Smallest loss relative to var(PV): below it rounding decides.
 pub const FLOOR: f64 = 1e-12;
@@ -41,14 +41,6 @@ fn errors_until(data: &Data, stage: &Stage, orders: Orders, l: &Linear, to: usiz
         add_two(&mut e[begin..], one, parts.next().unwrap_or((0.0, one.1)));
     }
     recursion(&l.c, &stage.weight[begin..to], &mut e[begin..]);
-}
-
-/// Adds two signals, each times a number.
-#[multiversion(targets("x86_64+avx2"))]
-pub fn add_two(to: &mut [f64], (a, v): (f64, &[f64]), (b, w): (f64, &[f64])) {
-    for ((to, v), w) in to.iter_mut().zip(v).zip(w) {
-        *to += a * v + b * w;
-    }
 }
 
 /// Loss on the fitted samples.

@@ -46,6 +46,14 @@ pub fn products(a: &[&[f64]], b: &[&[f64]], mut put: impl FnMut(usize, usize, f6
     }
 }
 
+/// Adds two signals, each times a number.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn add_two(to: &mut [f64], (a, v): (f64, &[f64]), (b, w): (f64, &[f64])) {
+    for ((to, v), w) in to.iter_mut().zip(v).zip(w) {
+        *to += a * v + b * w;
+    }
+}
+
 /// A column of a regression: a signal so many samples late.
 #[derive(Clone, Copy)]
 pub struct Column<'a> {

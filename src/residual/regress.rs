@@ -12,8 +12,8 @@ pub const LONG_Y: usize = 6;
 const BEFORE: usize = 2;
 const AFTER: usize = 5;
 
-/// Twice the log-likelihood by which the first estimate of another structure is behind that of the present one where it does not catch up: 1 of
-/// 100 such does (-).
+/// Twice the log-likelihood by which the first estimate of another structure is behind that of the present one where it seldom
+/// catches up (-).
 const BEHIND: f64 = 3.0;
 
 /// Lags of y in the ARX whose errors stand for those of the model sought.

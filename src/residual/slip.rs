@@ -46,10 +46,9 @@ pub fn slip_jump(
         return;
     }
     let sound = base.with_valve(data, Element { f: 0.0, lag: 0.0, ..own }, false);
-    let gain = without.aic.min(sound.aic) - base.aic;
     let (by_armax, by_long) =
         needed.map_or((0.0, OF_VALVE), |of| (of.aic, OF_VALVE.max(of.long + FRICTION_COST)));
-    if gain <= LEAST || sound.aic - base.aic <= by_armax {
+    if sound.aic - base.aic <= by_armax.max(LEAST) {
         return;
     }
     let (stage, _) = base.spec.stage(data);

@@ -5,9 +5,8 @@
 //! ```
 
 use super::filters::whiten;
-use super::fit::add_two;
 use super::model::{Data, Element, Spec, Stage};
-use super::products::{Column, gram, lower};
+use super::products::{Column, add_two, gram, lower};
 use crate::diagnosis::linalg::MOST_COLUMNS;
 
 /// One smooth number: the element's lag or a term's knob.
@@ -171,7 +170,7 @@ impl Slopes {
     }
 }
 
-/// Adds how e changes with a number, from `begin` on; false where that is not known without a difference.
+/// Writes how e changes with a number into `out`, which is 0, from `begin` on; false where that is not known without a difference.
 fn known_slope(
     spec: &Spec,
     stage: &Stage,
@@ -190,7 +189,7 @@ fn known_slope(
             // z = x - lag f dir, whatever the lag.
             for (j, b) in spec.linear.b.iter().enumerate() {
                 let dir = &stage.dir[begin - spec.orders.nk - j..][..to - begin];
-                add_two(&mut out[begin..], (b * element.f, dir), (0.0, dir));
+                out[begin..].iter_mut().zip(dir).for_each(|(out, dir)| *out += b * element.f * dir);
             }
         }
         Smooth::Knob { term, at } => {

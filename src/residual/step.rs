@@ -29,7 +29,8 @@ const EXACT: [Kind; 4] =
 const LOST: f64 = 1.0;
 const PROMISING: f64 = 3.0;
 const FAR_BEHIND: f64 = 20.0;
-/// Evidence with dynamics of its own below which no other friction is sought for an effect, nor its valve offered (-).
+/// Evidence with dynamics of its own below which no other friction is sought for an effect, nor its valve offered; of a stem below
+/// which none are estimated for it (-).
 pub const PAST_SAVING: f64 = -5.0;
 /// Gain of the long ARX, and evidence once fitted, from which a load that is a wave or a tag is tried before anything else is
 /// sought (-).
