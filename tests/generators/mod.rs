@@ -1,0 +1,55 @@
+//! Simulated loops of known truth, from generators that share no code: a rate that holds on one alone says little.
+//!
+//! A generator draws everything about a loop from its case, so that the same case gives the same record.
+
+use stictiond_numerics::residual::Kind;
+use stictiond_numerics::signal::Record;
+
+/// How large an undeclared effect is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Size {
+    /// At the edge of what an engineer sees with the answer in hand.
+    Small,
+    /// Plain to an engineer who knows what to look for.
+    Medium,
+    /// Plain to everybody.
+    Large,
+}
+
+/// What is asked of a generator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Case {
+    /// The undeclared effect; `None` for a clean record.
+    pub effect: Option<Kind>,
+    /// Its size.
+    pub size: Size,
+    /// Number of the variant: loop class and valve follow from it, so that consecutive numbers cover all of them.
+    pub variant: usize,
+    /// Seed of everything else.
+    pub seed: u64,
+    /// Recorded tags that have nothing to do with the loop.
+    pub tags: usize,
+}
+
+/// What is true of a record.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Truth {
+    /// The loop in a few words: class, valve, friction.
+    pub name: String,
+    /// S/2 in % of OP's span; 0 for a sound valve.
+    pub f: f64,
+    /// J in % of OP's span; 0 for a sound valve or a pure dead band.
+    pub j: f64,
+    /// Undeclared effects that are there beside the one asked for (a slip jump, where the valve has one).
+    pub also: Vec<Kind>,
+}
+
+/// A generator: `record` draws a case, `variants` tells how many there are for an effect.
+pub struct Generator {
+    /// Its letter.
+    pub name: &'static str,
+    /// How many variants (loop class times valve) an effect has; friction effects need friction.
+    pub variants: fn(Option<Kind>) -> usize,
+    /// Draws a case.
+    pub record: fn(&Case) -> (Record, Truth),
+}
