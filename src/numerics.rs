@@ -5,6 +5,8 @@
 
 pub mod signal;
 
+pub mod sysid;
+
 pub mod diagnosis;
 pub mod residual;
 pub mod sim;

@@ -1,6 +1,6 @@
 //! `diagnose --plot`: what the model says and what it leaves, before and after the effects, as one picture.
 
-use stictiond::diagnosis::spectrum;
+use stictiond::sysid::spectrum;
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
 use stictiond::residual::Findings;
 

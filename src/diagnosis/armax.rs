@@ -15,8 +15,8 @@
 
 mod normal;
 
-use super::linalg::{dot, total};
-pub use super::zeros::{draw_inside, is_inside};
+use crate::sysid::least_squares::{dot, total};
+pub use crate::sysid::zeros::{draw_inside, is_inside};
 use normal::{CONSTANT, Normal};
 
 /// Largest modulus a zero of C may have; beyond it the start of the record is never forgotten.

@@ -7,7 +7,7 @@
 //!
 //! Source: Donoho, IEEE Trans. Inf. Theory 1995, 41, 613. db4 is orthonormal with four vanishing moments.
 
-use super::stats::median;
+use crate::sysid::stats::median;
 
 /// db4 decomposition low-pass filter.
 const LOW: [f64; 8] = [
@@ -100,7 +100,7 @@ fn high_pass(j: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::stats::{sd, variance};
+    use crate::sysid::stats::{sd, variance};
     use super::*;
     use proptest::prelude::*;
     use rand::SeedableRng;

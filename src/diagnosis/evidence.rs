@@ -20,7 +20,7 @@ use super::armax::LOSS_FLOOR;
 use super::friction::stick_slip;
 use super::rivals::{Rated, Rival, rate};
 use super::search::{CellPoint, Problem, Refined};
-use super::stats::{mean, median, sd};
+use crate::sysid::stats::{mean, median, sd};
 
 /// 95 % point of the likelihood ratio of a threshold (Hansen, table 1).
 const THRESHOLD_95: f64 = 7.35;

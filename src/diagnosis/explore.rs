@@ -10,7 +10,7 @@
 //! Source: Golub & Pereyra, SIAM J. Numer. Anal. 1973, 10, 413 (variable projection).
 
 use super::armax::{ORDER, Orders, Signals, Theta, Workspace};
-use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 use super::screen::{Candidate, Lags, products, sums};
 
 /// Single real zeros for C of order 1.

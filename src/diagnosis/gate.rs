@@ -5,7 +5,7 @@
 //! by linear interpolation between neighbouring good samples, and refuses what says nothing about a valve.
 
 use super::history_kind::recognise;
-use super::stats::{mean, median, quantile, range};
+use crate::sysid::stats::{mean, median, quantile, range};
 use super::{NotIdentifiable, Preparation, Settings};
 use crate::signal::{Quality, Record, Sample, Window};
 

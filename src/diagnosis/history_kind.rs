@@ -5,7 +5,7 @@
 //! Every rule asks for something that measuring does not do. Means over blocks that do not overlap leave no trace in what
 //! is left, and are not recognised.
 
-use super::stats::{median, quantile};
+use crate::sysid::stats::{median, quantile};
 use crate::signal::{Role, Sample};
 use std::fmt;
 

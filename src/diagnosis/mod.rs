@@ -10,17 +10,13 @@ pub mod friction;
 pub mod gate;
 pub mod grid;
 pub mod history_kind;
-pub mod linalg;
 pub mod prepare;
 pub mod region;
 pub mod rivals;
 pub mod screen;
 pub mod search;
-pub mod spectrum;
-pub mod stats;
 pub mod validation;
 pub mod verdict;
-mod zeros;
 
 pub use config::Config;
 pub use history_kind::{HistoryFound, HistoryKind};

@@ -11,7 +11,7 @@
 use super::Oscillation;
 use super::denoise::{denoise, noise_sd};
 use super::friction::Start;
-use super::stats::{mean, median, quantile, sd};
+use crate::sysid::stats::{mean, median, quantile, sd};
 
 /// Noise sd of OP, as a share of its sd, above which OP is denoised before its extrema are sought.
 const NOISY: f64 = 0.05;

@@ -10,11 +10,11 @@
 //! The sticky model has to be better than each by AIC, every parameter of the rival paid for.
 
 use super::armax::{LOSS_FLOOR, Signals};
-use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 use super::screen::{LONG_Y, Screen};
 use super::search::Problem;
-use super::spectrum;
-use super::stats::range;
+use crate::sysid::spectrum;
+use crate::sysid::stats::range;
 use std::f64::consts::TAU;
 
 /// Harmonic counts tried for a periodic load.

@@ -9,7 +9,7 @@
 //! Source: Hannan & Rissanen, Biometrika 1982, 69, 81; Ljung, System Identification, 2nd ed., section 10.6.
 
 use super::armax::{Fit, ORDER, Orders, Signals, Theta, splits};
-use super::linalg::{MOST_COLUMNS, dot, factor, substitute};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Lags of y in the long ARX.
 pub const LONG_Y: usize = 8;

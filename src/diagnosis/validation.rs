@@ -10,7 +10,7 @@
 use super::Residual;
 use super::armax::{Lag, Signals, Workspace, draw_inside};
 use super::friction::stick_slip;
-use super::linalg::dot;
+use crate::sysid::least_squares::dot;
 use super::search::{Problem, Refined};
 
 /// Share of the window that the model is fitted on.

@@ -12,7 +12,7 @@ use super::region::{self, Region};
 use super::rivals::Rival;
 use super::screen::{LONGEST_DELAY, Screen};
 use super::search::{GridPoint, LEAST_REVERSALS, Problem, Refined, Searcher};
-use super::stats::{mean, range, sd};
+use crate::sysid::stats::{mean, range, sd};
 use super::{
     CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Settings, Verdict,
 };

@@ -2,9 +2,9 @@
 
 use super::Test;
 use super::model::{Data, Stage};
-use crate::diagnosis::linalg::dot;
-use crate::diagnosis::spectrum;
-use crate::diagnosis::stats::{mean, median, sd};
+use crate::sysid::least_squares::dot;
+use crate::sysid::spectrum;
+use crate::sysid::stats::{mean, median, sd};
 use crate::diagnosis::validation::is_white;
 
 /// Two-sided 99 % point of a normal distribution for one test, and for the largest of about forty.

@@ -11,9 +11,9 @@
 
 use super::fit::FLOOR;
 use super::model::{Data, Stage};
-use super::products::{Column, gram, lower};
-use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
-use crate::diagnosis::stats::median;
+use crate::sysid::gram::{Column, gram, lower};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
+use crate::sysid::stats::median;
 use std::ops::Range;
 
 /// Lags of y and of z.

@@ -9,7 +9,7 @@ use super::needless::Added;
 use super::regress::{Quick, all_errors, restructure};
 use super::run::{free_run, held_out};
 use super::{Curves, Effect, Findings, Friction, Kind, Parameter, Settings, checks, rival};
-use crate::diagnosis::stats::median;
+use crate::sysid::stats::median;
 use crate::diagnosis::validation::is_white;
 use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
 use std::cell::OnceCell;

@@ -4,10 +4,10 @@
 
 use super::filters::recursion;
 use super::model::{Data, Linear, Spec, Stage};
-use super::products::add_two;
+use crate::sysid::gram::add_two;
 use super::slopes::{Slopes, Smooth, moves_stem, put, smooths};
 use crate::diagnosis::armax::{Orders, RHO, draw_inside};
-use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Smallest loss relative to var(PV): below it rounding decides.
 pub const FLOOR: f64 = 1e-12;

@@ -8,7 +8,7 @@
 
 use super::fit::FLOOR;
 use super::regress::Quick;
-use crate::diagnosis::linalg::dot;
+use crate::sysid::least_squares::dot;
 
 /// Share of a column that must not be a combination of others.
 const OF_ITS_OWN: f64 = 1e-9;

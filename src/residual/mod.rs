@@ -27,7 +27,6 @@ mod model;
 mod needless;
 mod paths;
 mod pose;
-mod products;
 mod proposals;
 mod regress;
 mod rival;

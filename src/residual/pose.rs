@@ -5,7 +5,7 @@ use super::regress::restructure;
 use crate::diagnosis::armax::Orders;
 use crate::diagnosis::friction::{Start, largest_reversal};
 use crate::diagnosis::region;
-use crate::diagnosis::stats::{mean, sd};
+use crate::sysid::stats::{mean, sd};
 use crate::diagnosis::validation::FITTED_SHARE;
 use crate::signal::Window;
 

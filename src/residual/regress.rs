@@ -2,9 +2,9 @@
 
 use super::fit::{FLOOR, errors, minimise_towards};
 use super::model::{Data, Linear, Spec, Stage};
-use super::products::{self, Column, lower, products};
+use crate::sysid::gram::{Column, lower, products};
 use crate::diagnosis::armax::{ORDER, Orders, splits};
-use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, factor_rows, substitute};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, factor_rows, substitute};
 
 /// Lags of y in the long ARX.
 pub const LONG_Y: usize = 6;
@@ -74,7 +74,7 @@ impl Quick {
         let (mut gram, mut right) = (vec![0.0; p * p], vec![0.0; p]);
         let of: Vec<&[f64]> = base.iter().map(Vec::as_slice).collect();
         match weight {
-            None => products::gram(&columns, &(from..to), &mut gram, p),
+            None => crate::sysid::gram::gram(&columns, &(from..to), &mut gram, p),
             Some(_) => lower(&of, &mut gram, p),
         }
         products(&[&target], &of, |_, i, sum| right[i] = sum);

@@ -9,7 +9,7 @@ use super::candidate::FRICTION_COST;
 use super::effects::wave;
 use super::model::{Data, Spec, Stage};
 use super::regress::Quick;
-use crate::diagnosis::linalg::MOST_COLUMNS;
+use crate::sysid::least_squares::MOST_COLUMNS;
 use crate::diagnosis::rivals::combs;
 use std::f64::consts::TAU;
 

@@ -3,7 +3,7 @@
 use super::fit::errors;
 use super::model::{Data, Linear, Spec, Stage};
 use crate::diagnosis::armax::draw_inside;
-use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 
 /// How far the calibration holds on to the one-step estimate: lags of a slow stem are nearly one column.
 const RIDGE: f64 = 1e-3;

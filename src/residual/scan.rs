@@ -3,10 +3,10 @@
 use super::fit::FLOOR;
 use super::lanes::{LANES, Lane, Run};
 use super::model::{Data, Element, Spec, Stage};
-use super::products::{lower, products};
+use crate::sysid::gram::{lower, products};
 use super::regress::{LONG_Y, Quick, long_lags};
 use super::search::{Reach, settle};
-use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, factor_rows, substitute};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, factor_rows, substitute};
 use std::array::from_fn;
 
 /// Fewest reversals of the stem in the fitted samples that say anything about f.

@@ -6,8 +6,8 @@
 
 use super::filters::whiten;
 use super::model::{Data, Element, Spec, Stage};
-use super::products::{Column, add_two, gram, lower};
-use crate::diagnosis::linalg::MOST_COLUMNS;
+use crate::sysid::gram::{Column, add_two, gram, lower};
+use crate::sysid::least_squares::MOST_COLUMNS;
 
 /// One smooth number: the element's lag or a term's knob.
 #[derive(Clone, Copy)]

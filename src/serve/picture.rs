@@ -1,8 +1,9 @@
 //! What is drawn behind a verdict: the stem that the friction implies, the stick-band over PV and OP, and what the
 //! residual looks like: its spectrum and its correlations.
 
-use crate::diagnosis::stats::{mean, median, range, sd};
-use crate::diagnosis::{Diagnosis, friction, region, spectrum};
+use crate::sysid::stats::{mean, median, range, sd};
+use crate::diagnosis::{Diagnosis, friction, region};
+use crate::sysid::spectrum;
 use crate::results::{Judged, Residuals};
 use crate::signal::Window;
 

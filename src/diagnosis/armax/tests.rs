@@ -1,6 +1,6 @@
 //! From hand values over exact recovery to bounded error.
 
-use super::super::zeros::{outward, zeros};
+use crate::sysid::zeros::{outward, zeros};
 use super::*;
 use nalgebra::DMatrix;
 use proptest::prelude::*;

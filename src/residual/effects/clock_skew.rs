@@ -4,8 +4,8 @@
 //! before). If it fits PV of several samples earlier or of later ones far better, the stamps are wrong, and PV is shifted.
 
 use super::{Context, Proposal, Recognise};
-use crate::diagnosis::linalg::{MOST_COLUMNS, dot, factor, substitute};
-use crate::diagnosis::stats::{mean, median};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
+use crate::sysid::stats::{mean, median};
 use crate::residual::model::{Data, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
 use std::ops::Range;

@@ -4,7 +4,7 @@
 
 use super::quantised_pv::quantum;
 use super::{Context, Proposal, Recognise};
-use crate::diagnosis::stats::{quantile, range};
+use crate::sysid::stats::{quantile, range};
 use crate::residual::model::{Data, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
 

@@ -3,7 +3,7 @@
 //! Only past values of a tag count: a tag that follows PV is correlated with it as well, but at negative lags.
 
 use super::{Context, Proposal, Recognise, best};
-use crate::diagnosis::linalg::dot;
+use crate::sysid::least_squares::dot;
 use crate::residual::model::{Data, Knob, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
 

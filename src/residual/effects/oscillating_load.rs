@@ -3,7 +3,7 @@
 //! Recognised by the lines of the residual's and PV's spectra; the frequency is then estimated with everything else.
 
 use super::{Context, Proposal, Recognise, best};
-use crate::diagnosis::spectrum;
+use crate::sysid::spectrum;
 use crate::residual::model::{Data, Knob, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};
 use multiversion::multiversion;

@@ -11,7 +11,7 @@
 use super::frozen_pv::bridge;
 use super::quantised_pv::quantum;
 use super::{Context, Proposal, Recognise};
-use crate::diagnosis::stats::{mean, median};
+use crate::sysid::stats::{mean, median};
 use crate::residual::evidence::Innovations;
 use crate::residual::model::{Data, Linear, Stage, Term};
 use crate::residual::{Kind, Parameter};

@@ -1,7 +1,7 @@
 //! The stem runs into a stop: `z` between a lower and an upper level [OP].
 
 use super::{Context, Proposal, Recognise, best};
-use crate::diagnosis::stats::quantile;
+use crate::sysid::stats::quantile;
 use crate::residual::model::{Data, Knob, Linear, Term};
 use crate::residual::{Kind, Parameter};
 

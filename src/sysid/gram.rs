@@ -7,7 +7,7 @@
 //! One product alone waits for its two columns to be loaded; eight side by side load six for eight. And neighbours that are
 //! one signal a sample later share all but two of their terms.
 
-use crate::diagnosis::linalg::dot;
+use crate::sysid::least_squares::dot;
 use multiversion::multiversion;
 use std::ops::Range;
 
@@ -194,11 +194,11 @@ fn one_by_four(a: &[[f64; FOUR]], b: [&[[f64; FOUR]]; 4], sums: &mut [[f64; FOUR
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::residual::pose::tests::noise;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
 
     fn signal(seed: u64, n: usize) -> Vec<f64> {
-        let mut draw = noise(seed);
-        (0..n).map(|_| draw()).collect()
+        StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(seed)).take(n).collect()
     }
 
     /// Every remainder of both sets, and of the samples.

@@ -1,11 +1,11 @@
 //! The zeros of a polynomial in q^-1: whether they lie inside a circle, and how they are kept there.
 
-use super::armax::ORDER;
+use crate::diagnosis::armax::ORDER;
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
 /// Share of the radius by which a zero that is drawn in ends inside, so that rounding does not put it outside again.
-pub(super) const MARGIN: f64 = 1e-6;
+pub const MARGIN: f64 = 1e-6;
 
 /// True when every zero of `1 + c1 q^-1 + …` lies inside `|q| < radius` (Schur–Cohn by step-down).
 pub fn is_inside(c: &[f64], radius: f64) -> bool {
@@ -64,7 +64,7 @@ pub fn draw_inside(c: &mut [f64], radius: f64) {
 }
 
 /// The zeros of `1 + c1 q^-1 + …`, two by their formula, more by the Durand–Kerner iteration; none when it runs away.
-pub(super) fn zeros(c: &[f64]) -> Option<[Complex<f64>; ORDER]> {
+pub fn zeros(c: &[f64]) -> Option<[Complex<f64>; ORDER]> {
     let n = c.len().min(ORDER);
     if n == 2 {
         let (half, root) = (-0.5 * c[0], Complex::new(0.25 * c[0] * c[0] - c[1], 0.0).sqrt());
@@ -100,7 +100,7 @@ pub(super) fn zeros(c: &[f64]) -> Option<[Complex<f64>; ORDER]> {
 
 /// The derivative of the modulus of a zero by the coefficients, not finite for a multiple one: with `P(q) = q^n + c1 q^(n-1) + …`
 /// a zero z moves by `-z^(n-l) / P'(z)` with `c_l`.
-pub(super) fn outward(c: &[f64], zero: Complex<f64>, row: &mut [f64]) {
+pub fn outward(c: &[f64], zero: Complex<f64>, row: &mut [f64]) {
     let n = c.len();
     let mut slope = Complex::new(n as f64, 0.0);
     for (i, c) in c[..n - 1].iter().enumerate() {

@@ -1,0 +1,270 @@
+//! The one high-order ARX: what every search is screened and ranked by.
+//!
+//! ```text
+//! y[k] = sum_{i=1}^{16} a_i y[k-i] + sum_{j=1}^{14} b_j x[k-j] + c + sum_m gamma_m phi_m[k] + e[k]
+//! ```
+//!
+//! `x` is the stem, `phi` the shapes of effects. Its orders leave no dynamics of a loop unexplained, so that two
+//! hypotheses differ by their stems and shapes alone; and it is linear, so that nothing about it is searched.
+//!
+//! Source: Ljung, System Identification, 1999, sections 4.2 and 7.6 (Student-t weights).
+
+use super::gram::{lower, products};
+use super::iddata::IdData;
+use super::least_squares::{MOST_COLUMNS, dot, factor, factor_rows, substitute};
+use super::student;
+use std::ops::Range;
+
+/// Lags of y.
+pub const LAGS_Y: usize = 16;
+/// Lags of x, from 1 on.
+pub const LAGS_X: usize = 14;
+/// Passes of reweighted least squares.
+const PASSES: usize = 3;
+/// Smallest mean square relative to PV's: below it rounding decides.
+const LOSS_FLOOR: f64 = 1e-13;
+
+/// The regression without its stem: lags of y, 1 and shapes.
+pub struct Arx<'a> {
+    rows: Range<usize>,
+    y: &'a [f64],
+    weight: &'a [f64],
+    shapes: &'a [Vec<f64>],
+    ones: Vec<f64>,
+    /// Gram matrix of the columns without x, factored; of unit weights.
+    gram: Vec<f64>,
+    live: [bool; MOST_COLUMNS],
+    right: Vec<f64>,
+    power: f64,
+    plain: bool,
+}
+
+/// A fit with Student-t errors.
+#[derive(Clone, Debug, Default)]
+pub struct ArxFit {
+    /// Coefficients: of the lags of y, 1, the shapes, the lags of x.
+    pub theta: Vec<f64>,
+    /// Errors of the fitted rows.
+    pub e: Vec<f64>,
+    /// Weights of the equivalent least squares.
+    pub omega: Vec<f64>,
+    /// Scale of the errors.
+    pub scale: f64,
+    /// Log-likelihood.
+    pub log_likelihood: f64,
+    /// The factored weighted Gram matrix, its order the length of theta.
+    pub factor: Vec<f64>,
+    /// Columns that are no combination of those before them.
+    pub live: Vec<bool>,
+}
+
+impl ArxFit {
+    /// Coefficients of the lags of x, from lag 1 on.
+    pub fn b(&self) -> &[f64] {
+        &self.theta[self.theta.len() - LAGS_X..]
+    }
+}
+
+impl<'a> Arx<'a> {
+    /// For PV `y` with these shapes.
+    pub fn new(data: &'a IdData, y: &'a [f64], shapes: &'a [Vec<f64>]) -> Self {
+        let rows = data.rows();
+        let weight = &data.weight[rows.clone()];
+        let ones = vec![1.0; rows.len()];
+        let shapes = &shapes[..shapes.len().min(MOST_COLUMNS - LAGS_Y - LAGS_X - 1)];
+        let plain = weight.iter().all(|w| *w == 1.0);
+        let mut arx = Self {
+            y,
+            weight,
+            shapes,
+            ones,
+            gram: Vec::new(),
+            live: [true; MOST_COLUMNS],
+            right: Vec::new(),
+            power: 0.0,
+            plain,
+            rows,
+        };
+        let columns = arx.fixed();
+        let (target, size) = (&y[arx.rows.clone()], columns.len());
+        let (mut gram, mut right) = (vec![0.0; size * size], vec![0.0; size]);
+        lower(&columns, &mut gram, size);
+        products(&[target], &columns, |_, i, sum| right[i] = sum);
+        let power = dot(target, target);
+        drop(columns);
+        factor(&mut gram, size, size, &mut arx.live);
+        (arx.gram, arx.right, arx.power) = (gram, right, power);
+        arx
+    }
+
+    /// The columns without x.
+    fn fixed(&self) -> Vec<&[f64]> {
+        let Range { start, end } = self.rows;
+        let mut columns: Vec<&[f64]> = (1..=LAGS_Y).map(|lag| &self.y[start - lag..end - lag]).collect();
+        columns.push(&self.ones);
+        columns.extend(self.shapes.iter().map(|shape| &shape[start..end]));
+        columns
+    }
+
+    /// All columns with the stem `x`.
+    pub fn columns<'b>(&'b self, x: &'b [f64]) -> Vec<&'b [f64]> {
+        let Range { start, end } = self.rows;
+        let mut columns = self.fixed();
+        columns.extend((1..=LAGS_X).map(|lag| &x[start - lag..end - lag]));
+        columns
+    }
+
+    /// Twice the Gaussian log-likelihood lost with the stem `x`: `N ln V`, all rows of one weight.
+    pub fn deviance(&self, x: &[f64]) -> f64 {
+        let n = self.rows.len() as f64;
+        if !self.plain {
+            return -2.0 * self.fit(x, None).log_likelihood;
+        }
+        n * ((self.power - self.explained(x)).max(0.0) / n + LOSS_FLOOR).ln()
+    }
+
+    /// The part of PV's power that the regression with `x` explains; neighbouring lags share all but two of their terms.
+    fn explained(&self, x: &[f64]) -> f64 {
+        let Range { start: from, end: to } = self.rows;
+        let fixed = self.right.len();
+        let size = fixed + LAGS_X;
+        let mut g = vec![0.0; size * size];
+        for i in 0..fixed {
+            g[i * size..i * size + i + 1].copy_from_slice(&self.gram[i * fixed..][..i + 1]);
+        }
+        let mut right = self.right.clone();
+        right.resize(size, 0.0);
+        let (y, on) = (self.y, LAGS_Y + 1);
+        let late: Vec<&[f64]> = (1..=LAGS_X).map(|lag| &x[from - lag..to - lag]).collect();
+        let mut others: Vec<&[f64]> = vec![&y[from..to], late[0]];
+        others.extend(self.shapes.iter().map(|shape| &shape[from..to]));
+        products(&late, &others, |i, j, sum| match j {
+            0 => right[fixed + i] = sum,
+            1 => g[(fixed + i) * size + fixed] = sum,
+            _ => g[(fixed + i) * size + on + j - 2] = sum,
+        });
+        let once = self.fixed();
+        products(&late[..1], &once[..on], |_, j, sum| g[fixed * size + j] = sum);
+        for i in 1..LAGS_X {
+            let (row, lag) = ((fixed + i) * size, i + 1);
+            let [enters, leaves] = [from, to].map(|k| x[k - lag]);
+            for l in 1..=LAGS_Y {
+                let previous = if l == 1 { right[fixed + i - 1] } else { g[row - size + l - 2] };
+                g[row + l - 1] = previous + enters * y[from - l] - leaves * y[to - l];
+            }
+            g[row + LAGS_Y] = g[row - size + LAGS_Y] + enters - leaves;
+            for j in 1..=i {
+                g[row + fixed + j] =
+                    g[row - size + fixed + j - 1] + enters * x[from - j - 1] - leaves * x[to - j - 1];
+            }
+        }
+        let mut live = self.live;
+        factor_rows(&mut g, size, fixed..size, &mut live);
+        let mut theta = right.clone();
+        substitute(&g, size, &live, &mut theta);
+        dot(&right, &theta)
+    }
+
+    /// Fitted with Student-t errors; `near`: a fit whose weights are nearly right.
+    pub fn fit(&self, x: &[f64], near: Option<&ArxFit>) -> ArxFit {
+        let columns = self.columns(x);
+        let target = &self.y[self.rows.clone()];
+        let n = target.len();
+        let mut omega = near.map_or_else(|| self.weight.to_vec(), |near| near.omega.clone());
+        let mut found = ArxFit { scale: near.map_or(0.0, |near| near.scale), ..ArxFit::default() };
+        let mut scratch = vec![0.0; (columns.len() + 1) * n];
+        for _ in 0..if near.is_some() { PASSES - 1 } else { PASSES } {
+            self.weighted(&columns, target, &omega, &mut scratch, &mut found);
+            let guess = student::first_scale(&found.e, self.weight);
+            let guess = if found.scale > 0.0 { found.scale } else { guess };
+            found.scale = student::scale(&found.e, self.weight, guess);
+            student::reweigh(&found.e, self.weight, found.scale, &mut omega);
+        }
+        found.log_likelihood = student::log_likelihood(&found.e, self.weight, found.scale);
+        found.omega = omega;
+        found
+    }
+
+    /// One weighted least squares.
+    fn weighted(
+        &self,
+        columns: &[&[f64]],
+        target: &[f64],
+        omega: &[f64],
+        scratch: &mut [f64],
+        found: &mut ArxFit,
+    ) {
+        let (n, size) = (target.len(), columns.len());
+        for (to, from) in scratch.chunks_exact_mut(n).zip(columns.iter().chain([&target])) {
+            for ((to, from), omega) in to.iter_mut().zip(*from).zip(omega) {
+                *to = from * omega.sqrt();
+            }
+        }
+        let all: Vec<&[f64]> = scratch.chunks_exact(n).collect();
+        let mut g = vec![0.0; size * size];
+        lower(&all[..size], &mut g, size);
+        let mut theta = vec![0.0; size];
+        products(&[all[size]], &all[..size], |_, i, sum| theta[i] = sum);
+        let mut live = [true; MOST_COLUMNS];
+        factor(&mut g, size, size, &mut live);
+        substitute(&g, size, &live, &mut theta);
+        found.e.clear();
+        found.e.extend_from_slice(target);
+        for (theta, column) in theta.iter().zip(columns) {
+            found.e.iter_mut().zip(*column).for_each(|(e, c)| *e -= theta * c);
+        }
+        (found.theta, found.factor, found.live) = (theta, g, live[..size].to_vec());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::Window;
+    use crate::sysid::valve::Start;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn data(noise: f64) -> IdData {
+        let n = 900;
+        let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(1));
+        let op: Vec<f64> =
+            (0..n).map(|k| (0.21 * k as f64).sin() + (0.047 * k as f64).cos() + 0.1 * draw.next().unwrap_or(0.0)).collect();
+        let mut pv = vec![0.0; n];
+        for k in 2..n {
+            pv[k] = 0.8 * pv[k - 1] + 0.3 * op[k - 2] + noise * draw.next().unwrap_or(0.0);
+        }
+        let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
+        IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough")
+    }
+
+    #[test]
+    fn the_shared_gram_matrix_is_the_plain_one() {
+        let data = data(0.05);
+        let shape: Vec<f64> = (0..data.len()).map(|k| (0.013 * k as f64).sin()).collect();
+        let shapes = [shape];
+        let arx = Arx::new(&data, &data.y, &shapes);
+        let columns = arx.columns(&data.u);
+        let mut found = ArxFit::default();
+        let mut scratch = vec![0.0; (columns.len() + 1) * arx.rows.len()];
+        arx.weighted(&columns, &data.y[data.rows()], &vec![1.0; arx.rows.len()], &mut scratch, &mut found);
+        let n = arx.rows.len() as f64;
+        let plain = n * (dot(&found.e, &found.e) / n).ln();
+        // Neighbouring lags are summed in another order.
+        assert!((arx.deviance(&data.u) - plain).abs() < 1e-4, "{} {plain}", arx.deviance(&data.u));
+    }
+
+    #[test]
+    fn dynamics_come_out_and_huge_errors_do_not_rule() {
+        let mut data = data(0.01);
+        let exact = Arx::new(&data, &data.y, &[]).fit(&data.u, None);
+        // 0.8 q^-1: one lag of y; 0.3 q^-2 in units of OP and PV.
+        let b = 0.3 * data.units.u / data.units.y;
+        assert!((exact.b()[1] - b).abs() < 0.05 * b, "{:?}", exact.b());
+        for k in (100..700).step_by(97) {
+            data.y[k] += 3.0;
+        }
+        let spoiled = Arx::new(&data, &data.y, &[]).fit(&data.u, None);
+        assert!((spoiled.b()[1] - b).abs() < 0.2 * b, "{:?}", spoiled.b());
+    }
+}

@@ -1,0 +1,12 @@
+//! System identification, pure: what the diagnosis and the tracing of residuals share.
+
+pub mod armax;
+pub mod arx;
+pub mod gram;
+pub mod iddata;
+pub mod least_squares;
+pub mod spectrum;
+pub mod stats;
+pub mod student;
+pub mod valve;
+pub mod zeros;

@@ -1,0 +1,92 @@
+//! The likelihood of every model here: independent Student-t errors, so that a few huge ones cost little.
+//!
+//! ```text
+//! ln L = sum over k of w_k (-ln s - (nu + 1)/2 ln(1 + e_k^2 / (nu s^2))),   nu = 5, s estimated
+//! omega_k = w_k (nu + 1) / (nu + e_k^2 / s^2)      weights of the equivalent least squares
+//! ```
+//!
+//! Source: Lange, Little & Taylor, J. Am. Stat. Assoc. 1989, 84, 881.
+
+/// Degrees of freedom nu (-): heavy enough for slips that come a sample early, efficient to 90 % where errors are normal.
+pub const FREEDOM: f64 = 5.0;
+/// Least scale s of errors of a normalised PV: below it rounding decides.
+const LEAST_SCALE: f64 = 3e-7;
+/// Passes of the fixed point for the scale.
+const PASSES: usize = 6;
+/// Factors multiplied before one logarithm is taken.
+const FACTORS: usize = 16;
+/// Largest factor: sixteen of them are finite.
+const MOST_FACTOR: f64 = 1e18;
+
+/// The scale s that maximises the likelihood, from `guess` on.
+pub fn scale(e: &[f64], weight: &[f64], guess: f64) -> f64 {
+    let count: f64 = weight.iter().sum();
+    let mut s2 = guess.max(LEAST_SCALE).powi(2);
+    for _ in 0..PASSES {
+        let sum: f64 = e.iter().zip(weight).map(|(e, w)| w * e * e / (FREEDOM + e * e / s2)).sum();
+        let next = ((FREEDOM + 1.0) * sum / count.max(1.0)).max(LEAST_SCALE * LEAST_SCALE);
+        let settled = (next / s2 - 1.0).abs() < 1e-6;
+        s2 = next;
+        if settled {
+            break;
+        }
+    }
+    s2.sqrt()
+}
+
+/// A first guess of the scale: from the mean of the absolute errors.
+pub fn first_scale(e: &[f64], weight: &[f64]) -> f64 {
+    let count: f64 = weight.iter().sum();
+    let sum: f64 = e.iter().zip(weight).map(|(e, w)| w * e.abs()).sum();
+    (sum / count.max(1.0)).max(LEAST_SCALE)
+}
+
+/// The log-likelihood of errors at scale `s`, less the constant of the distribution.
+pub fn log_likelihood(e: &[f64], weight: &[f64], s: f64) -> f64 {
+    let count: f64 = weight.iter().sum();
+    let per = 1.0 / (FREEDOM * s * s);
+    let mut sum = 0.0;
+    for (e, w) in e.chunks(FACTORS).zip(weight.chunks(FACTORS)) {
+        let product: f64 = e.iter().zip(w).map(|(e, w)| 1.0 + w * (per * e * e).min(MOST_FACTOR)).product();
+        sum += product.ln();
+    }
+    -count * s.ln() - 0.5 * (FREEDOM + 1.0) * sum
+}
+
+/// Weights of the least squares that has the same optimum.
+pub fn reweigh(e: &[f64], weight: &[f64], s: f64, omega: &mut [f64]) {
+    let per = 1.0 / (s * s);
+    for ((omega, e), w) in omega.iter_mut().zip(e).zip(weight) {
+        *omega = w * (FREEDOM + 1.0) / (FREEDOM + per * e * e);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StudentT};
+
+    #[test]
+    fn the_scale_is_found_and_is_the_best() {
+        let t = StudentT::new(FREEDOM).expect("degrees of freedom above 0");
+        let e: Vec<f64> =
+            t.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(3)).take(20_000).map(|e| 0.3 * e).collect();
+        let weight = vec![1.0; e.len()];
+        let s = scale(&e, &weight, first_scale(&e, &weight));
+        // One standard error of the scale is about 0.0018 here.
+        assert!((s - 0.3).abs() < 0.006, "{s}");
+        let best = log_likelihood(&e, &weight, s);
+        assert!(best > log_likelihood(&e, &weight, 0.98 * s) && best > log_likelihood(&e, &weight, 1.02 * s));
+    }
+
+    #[test]
+    fn a_sample_that_does_not_count_changes_nothing() {
+        let (e, weight) = ([0.1, -0.2, 50.0, 0.3], [1.0, 1.0, 0.0, 1.0]);
+        let plain: f64 = [0.1f64, -0.2, 0.3]
+            .iter()
+            .map(|e| -(0.2f64).ln() - 3.0 * (e * e / (5.0 * 0.04)).ln_1p())
+            .sum();
+        assert!((log_likelihood(&e, &weight, 0.2) - plain).abs() < 1e-12);
+    }
+}
