@@ -89,6 +89,19 @@ mod b {
     }
 
     #[test]
+    fn stamps_are_equal_and_those_of_pv_differ_under_a_skewed_clock_alone() {
+        for case in cases().filter(|case| case.variant == 3) {
+            let (record, _) = (B.record)(&case);
+            let stamps = |series: &Series| series.iter().map(|s| s.t).collect::<Vec<f64>>();
+            let (op, pv) = (stamps(&record.op), stamps(&record.pv));
+            let period = op[1] - op[0];
+            assert!(op.iter().enumerate().all(|(k, t)| *t == k as f64 * period), "{case:?}");
+            assert!(op == pv || case.effect == Some(Kind::ClockSkew), "{case:?}");
+        }
+        assert_eq!(B.name, "B");
+    }
+
+    #[test]
     fn friction_follows_from_the_variant() {
         for case in cases() {
             let (s, effect) = ((B.record)(&case).1.f * 2.0, case.effect);

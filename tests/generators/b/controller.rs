@@ -30,6 +30,8 @@ const LAMBDA_OF_LAG: f64 = 0.25;
 const LAMBDA_OF_TANK: f64 = 0.08;
 /// Share of the Ziegler-Nichols gain that is used.
 const DETUNED: Range = (0.35, 0.9);
+/// Largest proportional gain that is set (OP per PV).
+const MOST_GAIN: Range = (4.0, 9.0);
 /// Peak of the sensitivity that the tuning may have.
 const PEAK: f64 = 2.2;
 /// Peak of the sensitivity that the loop may have once the process has changed.
@@ -50,6 +52,11 @@ impl Settings {
         } else {
             Self::ziegler_nichols(draw, process, pid)
         };
+        let excess = settings.gain.abs() / draw.uniform(MOST_GAIN);
+        if excess > 1.0 {
+            settings.gain /= excess;
+            settings.integral *= if process.integrates() { excess } else { 1.0 };
+        }
         for _ in 0..80 {
             let sound = settings.peak(process) <= PEAK
                 && changed.iter().all(|other| settings.peak(other) <= PEAK_CHANGED);

@@ -11,6 +11,7 @@ use super::plan::{Plan, WARM_UP, add};
 use super::run::{Natural, linear, natural, recorded, run};
 use super::sensor;
 use super::signals::{Colour, mean, quantile, sd, steps};
+use super::valve::{Friction, Valve};
 
 /// Why a loop does not serve its case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,10 +20,20 @@ pub enum Fault {
     Faint,
     /// OP or PV comes near its limits.
     Wide,
+    /// The effect drowns in what the loop does by itself.
+    Hidden,
 }
 
 /// Rms of what an effect does to PV, at least, in sd of its noise: small, medium, large.
 const VISIBLE: [f64; 3] = [1.5, 3.5, 6.0];
+/// The same for friction, whose trace comes back at every turn of OP: small, medium, large.
+const FELT: [f64; 3] = [1.2, 3.0, 4.5];
+/// Rms of what an effect does to PV, at least, in natural sd of PV, for a change of the process or a stop: small, medium, large.
+const CHANGE_SHARE: [f64; 3] = [0.1, 0.25, 0.4];
+/// The same for a curve, which is seen over the moves of the set point too: small, medium, large.
+const CURVE_SHARE: [f64; 3] = [0.05, 0.12, 0.2];
+/// The same for friction, which is seen at every turn of OP: small, medium, large.
+const FRICTION_SHARE: [f64; 3] = [0.04, 0.08, 0.12];
 
 /// Puts the effect of the case into the plan.
 pub fn apply(draw: &mut Draw, case: &Case, plan: &mut Plan) -> Result<(), Fault> {
@@ -36,7 +47,7 @@ pub fn apply(draw: &mut Draw, case: &Case, plan: &mut Plan) -> Result<(), Fault>
         Kind::GainChange | Kind::DeadTimeChange => changed(case.size, plan),
         Kind::ValveSaturation => saturated(draw, case.size, plan),
         Kind::StaticNonlinearity => curved(draw, case.size, plan),
-        Kind::SlipJump | Kind::AsymmetricFriction | Kind::FrictionDrift => Ok(()),
+        Kind::SlipJump | Kind::AsymmetricFriction | Kind::FrictionDrift => rubbed(case.size, plan, &natural),
         Kind::QuantisedPv => {
             plan.sensor = sensor::quantised(draw, case.size, plan);
             Ok(())
@@ -230,15 +241,46 @@ fn changed(size: Size, plan: &Plan) -> Result<(), Fault> {
     let mut plain = plan.clone();
     plain.change.gain = 1.0;
     plain.change.delay = 0.0;
-    visible(size, plan, &plain, plan.change.at)
+    visible(plan, &plain, plan.change.at, size, CHANGE_SHARE[size as usize])
 }
 
 /// Whether two plans' PVs part enough from a scan on, with sound valves.
-fn visible(size: Size, plan: &Plan, plain: &Plan, from: usize) -> Result<(), Fault> {
+fn visible(plan: &Plan, plain: &Plan, from: usize, size: Size, share: f64) -> Result<(), Fault> {
     let (with, without) = (linear(plan), linear(plain));
     let end = WARM_UP + plan.n;
-    let rms = parted(&with.pv[from..end], &without.pv[from..end]);
-    if rms < VISIBLE[size as usize] * plan.noise_sd { Err(Fault::Faint) } else { Ok(()) }
+    shown(plan, &natural(plain), parted(&with.pv[from..end], &without.pv[from..end]), size, share)
+}
+
+/// Whether a change of PV of this rms shows beside noise and natural motion.
+fn shown(plan: &Plan, natural: &Natural, rms: f64, size: Size, share: f64) -> Result<(), Fault> {
+    if rms < VISIBLE[size as usize] * plan.noise_sd {
+        Err(Fault::Faint)
+    } else if rms < share * natural.pv {
+        Err(Fault::Hidden)
+    } else {
+        Ok(())
+    }
+}
+
+/// Friction that is not what it seems: shown where the stem's difference from a plain one is seen in PV.
+fn rubbed(size: Size, plan: &Plan, natural: &Natural) -> Result<(), Fault> {
+    let op = run(plan).op;
+    let plain = plan.friction.map(|f| match f.ratio {
+        _ if !plan.worn.is_empty() => f,
+        1.0 => Friction { j: f.s, ..f },
+        _ => Friction { ratio: 1.0, ..f },
+    });
+    let (mut real, mut other) =
+        (Valve::new(plan.friction, plan.stops, plan.op), Valve::new(plain, plan.stops, plan.op));
+    let parted: Vec<f64> = (0..op.len())
+        .map(|k| real.step(op[k], plan.worn.get(k).copied().unwrap_or(1.0)) - other.step(op[k], 1.0))
+        .collect();
+    let centre = mean(&parted);
+    let parted: Vec<f64> = parted.iter().map(|v| v - centre).collect();
+    let rms = sd(&answer(plan, &parted, true).pv);
+    let least = (FELT[size as usize] * plan.noise_sd).max(FRICTION_SHARE[size as usize] * natural.pv);
+    // Livelier loads would hide it, so that another loop is drawn instead.
+    if rms < least { Err(Fault::Hidden) } else { Ok(()) }
 }
 
 /// Rms of the difference of two signals.
@@ -249,7 +291,7 @@ fn parted(a: &[f64], b: &[f64]) -> f64 {
 /// Where the stop lies between the stem's mean and its upper or lower end: small, medium, large.
 const STOP: Sized3 = [(0.78, 0.92), (0.45, 0.7), (0.15, 0.35)];
 /// Share of the record with the stem at the stop: small, medium, large.
-pub const STOPPED: Sized3 = [(0.02, 0.2), (0.07, 0.45), (0.2, 0.75)];
+const STOPPED: Sized3 = [(0.02, 0.2), (0.07, 0.45), (0.2, 0.75)];
 
 /// A stop that the stem runs into on one side.
 fn saturated(draw: &mut Draw, size: Size, plan: &mut Plan) -> Result<(), Fault> {
@@ -259,14 +301,14 @@ fn saturated(draw: &mut Draw, size: Size, plan: &mut Plan) -> Result<(), Fault> 
     let (middle, part) = (mean(stem), draw.sized(size, &STOP));
     let stop = |end: f64| middle + part * (quantile(stem, end) - middle);
     plan.stops = if draw.chance(0.5) { (0.0, stop(0.95)) } else { (stop(0.05), 100.0) };
-    visible(size, plan, &plain, WARM_UP)?;
+    visible(plan, &plain, WARM_UP, size, CHANGE_SHARE[size as usize])?;
     let share = stopped(plan, &run(plan).op);
     let (low, high) = STOPPED[size as usize];
     if share < low || share > high { Err(Fault::Faint) } else { Ok(()) }
 }
 
 /// Share of the record in which OP lies beyond the stops by more than friction explains.
-pub fn stopped(plan: &Plan, op: &[f64]) -> f64 {
+fn stopped(plan: &Plan, op: &[f64]) -> f64 {
     let band = plan.friction.map_or(0.0, |f| f.s / 2.0);
     let beyond = |op: f64| op > plan.stops.1 + band || op < plan.stops.0 - band;
     recorded(plan, op).iter().filter(|&&op| beyond(op)).count() as f64 / plan.n as f64
@@ -278,6 +320,8 @@ const CURVE_RANGE: Range = (8.0, 18.0);
 const CURVE_LOAD: Range = (60.0, 150.0);
 /// Largest step of OP that a scaled set point makes (% of OP's span).
 const CURVE_KICK: f64 = 10.0;
+/// Factors by which loads may be widened along with the moves of the set point.
+const LOAD_WIDER: Range = (0.5, 1.5);
 /// Shares between which a range is taken.
 const ENDS: (f64, f64) = (0.05, 0.95);
 /// Sd of a normal signal in its range between these shares.
@@ -306,13 +350,14 @@ fn curved(draw: &mut Draw, size: Size, plan: &mut Plan) -> Result<(), Fault> {
         let own = if plan.process.integrates() { 1.0 } else { 0.5 };
         plan.curve.rate = plan.curve.rate.signum() * own * plan.curve.ratio.ln() / wanted;
     }
-    visible(size, plan, &Plan { curve: straight, ..plan.clone() }, WARM_UP)
+    let plain = Plan { curve: straight, ..plan.clone() };
+    visible(plan, &plain, WARM_UP, size, CURVE_SHARE[size as usize])
 }
 
 /// Multiplies loads and moves of the set point.
 fn widen(plan: &mut Plan, factor: f64) {
     for load in plan.load_in.iter_mut().chain(&mut plan.load_out) {
-        *load *= factor.clamp(0.5, 2.5);
+        *load *= factor.clamp(LOAD_WIDER.0, LOAD_WIDER.1);
     }
     let kick = CURVE_KICK / plan.settings.noise_gain();
     let mut value = plan.sp[0];

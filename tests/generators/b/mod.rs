@@ -29,11 +29,13 @@ use signals::{foreign, sd};
 pub const B: Generator = Generator { name: "B", variants: plan::variants, record };
 
 /// Loops drawn for a case before it is given up.
-const TRIALS: u64 = 200;
+const TRIALS: u64 = 2000;
 /// How much livelier the loops of effects are that show in motion alone.
 const LIVELY: f64 = 1.5;
 /// Factors of liveliness after a loop that moved too little or too far.
 const LIVELIER: (f64, f64) = (1.2, 0.85);
+/// Largest liveliness.
+const LIVELIEST: f64 = 3.0;
 
 /// Draws a case.
 fn record(case: &Case) -> (Record, Truth) {
@@ -50,8 +52,9 @@ fn record(case: &Case) -> (Record, Truth) {
         });
         match tried {
             Ok(trace) => return (written(&mut draw, case, &plan, &trace), truth(case, &plan)),
-            Err(Fault::Faint) => lively *= LIVELIER.0,
+            Err(Fault::Faint) => lively = (lively * LIVELIER.0).min(LIVELIEST),
             Err(Fault::Wide) => lively *= LIVELIER.1,
+            Err(Fault::Hidden) => {}
         }
     }
     panic!("no loop found for {case:?}");
@@ -64,7 +67,7 @@ const PV_RANGE: Range = (0.0, 100.0);
 /// Sd of OP at least (% of span).
 const OP_MOVES: f64 = 0.1;
 /// Motions of the stem at least.
-const STEM_MOVES: usize = 6;
+const STEM_MOVES: usize = 10;
 
 /// Whether the loop stays within its limits and moves.
 fn checked(plan: &Plan, trace: &Trace) -> Result<(), Fault> {

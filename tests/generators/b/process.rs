@@ -86,7 +86,7 @@ const STEM_LAG: Range = (0.1, 0.7);
 /// Dead time and lag of a flow (scans).
 const FLOW: [Range; 2] = [(1.0, 3.0), (1.0, 4.0)];
 /// Dead time, filling time and leak's time of a level (scans).
-const LEVEL: [Range; 3] = [(1.0, 4.0), (30.0, 120.0), (150.0, 400.0)];
+const LEVEL: [Range; 3] = [(1.0, 4.0), (15.0, 80.0), (150.0, 400.0)];
 /// Share of levels whose outflow depends on the level.
 const LEAKING: f64 = 0.4;
 /// Dead time and lags of a pressure (scans).

@@ -97,7 +97,7 @@ pub enum Habit {
     Moves,
 }
 
-/// Scans between steps of the set point, and between steps of one that shows a curve.
+/// Scans between steps of the set point.
 const STEP_EVERY: (usize, usize) = (120, 450);
 /// Scans that a level is held before a ramp.
 const HOLD: (usize, usize) = (60, 250);
