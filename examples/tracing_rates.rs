@@ -10,9 +10,9 @@ mod drawn;
 mod judge;
 #[path = "../tests/diagnosis_common/parallel.rs"]
 mod parallel;
-#[path = "../tests/residual_common/plant.rs"]
+#[path = "../tests/generators/a/plant.rs"]
 mod plant;
-#[path = "../tests/residual_common/valve.rs"]
+#[path = "../tests/generators/a/valve.rs"]
 mod valve;
 
 use drawn::{nothing_hidden, traced};

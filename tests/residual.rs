@@ -9,7 +9,9 @@ mod diagnosis_common {
 mod residual_common {
     pub mod drawn;
     pub mod judge;
+    #[path = "../generators/a/plant.rs"]
     pub mod plant;
+    #[path = "../generators/a/valve.rs"]
     pub mod valve;
 }
 

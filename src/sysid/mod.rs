@@ -2,6 +2,7 @@
 
 pub mod armax;
 pub mod arx;
+pub mod criterion;
 pub mod gram;
 pub mod iddata;
 pub mod least_squares;

@@ -2,6 +2,7 @@
 //!
 //! A generator draws everything about a loop from its case, so that the same case gives the same record.
 
+pub mod a;
 pub mod b;
 
 use stictiond_numerics::residual::Kind;

@@ -1,10 +1,10 @@
 //! Loops of the generator that the diagnosis is tested with.
 
-use stictiond::diagnosis::{self, Verdict, diagnose};
-use stictiond::residual::{self, Kind, trace_record};
-use stictiond::signal::{Record, Sample};
-use stictiond::sim::scenarios::{SOUND_KINDS, Scenario, random_sound};
-use stictiond::sim::valve::Characteristic;
+use stictiond_numerics::diagnosis::{self, Verdict, diagnose};
+use stictiond_numerics::residual::{self, Kind, trace_record};
+use stictiond_numerics::signal::{Record, Sample};
+use stictiond_numerics::sim::scenarios::{SOUND_KINDS, Scenario, random_sound};
+use stictiond_numerics::sim::valve::Characteristic;
 
 /// Kinds of sound loop that have noise, a load that no shape describes, or a set point that moves.
 const NOTHING_HIDDEN: [&str; 5] =

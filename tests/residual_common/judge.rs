@@ -1,8 +1,8 @@
 //! What tracing says of a case, beside what is true.
 
 use super::plant::{Case, Undeclared, record};
-use stictiond::diagnosis::{self, Verdict, diagnose};
-use stictiond::residual::{self, Findings, Kind, trace_record};
+use stictiond_numerics::diagnosis::{self, Verdict, diagnose};
+use stictiond_numerics::residual::{self, Findings, Kind, trace_record};
 
 /// Effects that are worth something at the valve.
 pub const LOADS: [Kind; 4] = [Kind::OscillatingLoad, Kind::MeasuredDisturbance, Kind::LoadStep, Kind::Drift];

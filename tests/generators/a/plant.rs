@@ -7,8 +7,8 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
-use stictiond::residual::Kind;
-use stictiond::signal::{Record, Sample};
+use stictiond_numerics::residual::Kind;
+use stictiond_numerics::signal::{Record, Sample};
 
 /// Samples before the record.
 const WARM: usize = 300;

@@ -1,0 +1,6 @@
+//! Loads: what drives PV whatever the valve does.
+
+pub mod drift;
+pub mod load_step;
+pub mod measured_disturbance;
+pub mod oscillating_load;

@@ -1,0 +1,57 @@
+//! The posterior of friction and of each kind of effect, from one table of scores.
+//!
+//! ```text
+//! P(kind) ~ prior(kind) sum over h of that kind of exp(score(h)),   prior: none 1/2, the kinds that were asked share 1/2
+//! P(friction) ~ 1/2 sum over all h with friction, whatever the effect
+//! ```
+
+use super::Kind;
+use super::decide::Decided;
+use crate::sysid::criterion::log_sum;
+
+/// Hypotheses with their logarithms of prior times evidence.
+#[derive(Debug)]
+pub struct Table<'a> {
+    rows: Vec<(&'a Decided, Option<Kind>, f64)>,
+}
+
+impl<'a> Table<'a> {
+    /// Of hypotheses that end in at most one effect more than the `count` that all share; `asked`: how many kinds were.
+    pub fn new(decided: &'a [Decided], count: usize, asked: usize) -> Self {
+        let prior = -(2.0 * asked.max(1) as f64).ln();
+        let rows = decided.iter().map(|decided| {
+            let kind = decided.kind().filter(|_| decided.hypothesis.effects.len() > count);
+            let prior = if kind.is_some() { prior } else { -(2.0f64).ln() };
+            (decided, kind, prior + decided.score)
+        });
+        Self { rows: rows.collect() }
+    }
+
+    fn log(&self, which: impl Fn(&Decided, Option<Kind>) -> bool) -> f64 {
+        let logs: Vec<f64> = self.rows.iter().filter(|(d, kind, _)| which(d, *kind)).map(|row| row.2).collect();
+        log_sum(logs.iter().copied())
+    }
+
+    /// The posterior of every kind in the table, `None` among them, the likeliest first.
+    pub fn kinds(&self) -> Vec<(Option<Kind>, f64)> {
+        let all = self.log(|_, _| true);
+        let mut kinds: Vec<Option<Kind>> = self.rows.iter().map(|row| row.1).collect();
+        kinds.sort();
+        kinds.dedup();
+        let mut out: Vec<(Option<Kind>, f64)> =
+            kinds.into_iter().map(|kind| (kind, (self.log(|_, k| k == kind) - all).exp())).collect();
+        out.sort_by(|a, b| b.1.total_cmp(&a.1));
+        out
+    }
+
+    /// The logarithm of the odds for a property of hypotheses.
+    pub fn log_odds(&self, which: impl Fn(&Decided) -> bool) -> f64 {
+        self.log(|d, _| which(d)) - self.log(|d, _| !which(d))
+    }
+
+    /// The best hypothesis of a kind.
+    pub fn best(&self, kind: Option<Kind>) -> Option<&'a Decided> {
+        let own = self.rows.iter().filter(|row| row.1 == kind);
+        own.max_by(|a, b| a.2.total_cmp(&b.2)).map(|row| row.0)
+    }
+}

@@ -1,0 +1,122 @@
+//! One step of Levenberg–Marquardt: the gradient of the errors and the weighted normal equations.
+
+use super::{Armax, Errors, Input, ORDER, Signals, Smooth};
+use crate::sysid::gram::{lower, products};
+use crate::sysid::iddata::IdData;
+use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
+use crate::sysid::student;
+
+/// The normal equations at one model.
+pub struct Normal {
+    gram: Vec<f64>,
+    right: Vec<f64>,
+}
+
+/// `v / C(q)`, from sample `begin` on.
+fn filtered(v: impl Fn(usize) -> f64, [c1, c2, c3]: [f64; ORDER], begin: usize, to: usize) -> Vec<f64> {
+    let mut out = vec![0.0; to];
+    let (mut p1, mut p2, mut p3) = (0.0, 0.0, 0.0);
+    for (k, out) in out.iter_mut().enumerate().skip(begin) {
+        let value = v(k) - c1 * p1 - c2 * p2 - c3 * p3;
+        *out = value;
+        (p1, p2, p3) = (value, p1, p2);
+    }
+    out
+}
+
+impl Normal {
+    /// At `model`, its signals and errors.
+    pub fn new(
+        data: &IdData,
+        model: &Armax,
+        smooth: &[Smooth],
+        signals: &Signals,
+        input: &dyn Input,
+        at: &Errors,
+    ) -> Self {
+        let rows = data.rows();
+        let (begin, to) = (data.start.index, data.split);
+        let of = |v: &[f64]| filtered(|k| v[k], model.c, begin, to);
+        let (y, x, e) = (of(&at.y), of(&signals.x), of(&at.e));
+        // - de/dtheta: what the prediction gains by each coefficient.
+        let mut own: Vec<Vec<f64>> = vec![filtered(|_| 1.0, model.c, begin, to)];
+        own.extend(signals.shapes.iter().map(|shape| of(shape)));
+        own.extend(slopes(model, smooth, signals, input, begin, to));
+        let lagged = |v: &'_ [f64], lag: usize, sign: f64| -> Vec<f64> {
+            rows.clone().map(|k| sign * v[k - lag]).collect()
+        };
+        let mut columns: Vec<Vec<f64>> = (1..=ORDER).map(|lag| lagged(&y, lag, -1.0)).collect();
+        columns.extend((0..ORDER).map(|j| lagged(&x, model.nk + j, 1.0)));
+        columns.extend((1..=ORDER).map(|lag| lagged(&e, lag, 1.0)));
+        columns.extend(own.iter().map(|v| lagged(v, 0, 1.0)));
+        columns.push(lagged(&at.e, 0, 1.0));
+        let mut omega = vec![0.0; rows.len()];
+        student::reweigh(&at.e[rows.clone()], &data.weight[rows], model.scale, &mut omega);
+        omega.iter_mut().for_each(|omega| *omega = omega.sqrt());
+        for column in &mut columns {
+            column.iter_mut().zip(&omega).for_each(|(c, omega)| *c *= omega);
+        }
+        let all: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        let size = all.len() - 1;
+        let mut normal = Self { gram: vec![0.0; size * size], right: vec![0.0; size] };
+        lower(&all[..size], &mut normal.gram, size);
+        products(&all[size..], &all[..size], |_, i, sum| normal.right[i] = sum);
+        normal
+    }
+
+    /// The model one damped step on.
+    pub fn step(&self, model: &Armax, smooth: &[Smooth], damping: f64) -> Armax {
+        let size = self.right.len();
+        let (mut g, mut step) = (self.gram.clone(), self.right.clone());
+        (0..size).for_each(|i| g[i * size + i] *= 1.0 + damping);
+        let mut live = [true; MOST_COLUMNS];
+        factor(&mut g, size, size, &mut live);
+        substitute(&g, size, &live, &mut step);
+        let mut next = model.clone();
+        let slots = next.a.iter_mut().chain(&mut next.b).chain(&mut next.c).chain([&mut next.c0]);
+        let slots = slots.chain(&mut next.gamma).chain(&mut next.theta);
+        slots.zip(&step).filter(|(_, step)| step.is_finite()).for_each(|(slot, step)| *slot += step);
+        for (theta, smooth) in next.theta.iter_mut().zip(smooth) {
+            *theta = theta.clamp(smooth.bounds.0, smooth.bounds.1);
+        }
+        next
+    }
+}
+
+/// What the prediction gains by each smooth parameter, by differences of the signals.
+fn slopes(
+    model: &Armax,
+    smooth: &[Smooth],
+    signals: &Signals,
+    input: &dyn Input,
+    begin: usize,
+    to: usize,
+) -> Vec<Vec<f64>> {
+    let slope = |i: usize| -> Vec<f64> {
+        let mut theta = model.theta.clone();
+        let up = theta[i] + smooth[i].step <= smooth[i].bounds.1;
+        let step = if up { smooth[i].step } else { -smooth[i].step };
+        theta[i] += step;
+        let other = input.signals(&theta);
+        let shapes: Vec<(f64, &Vec<f64>, &Vec<f64>)> = model
+            .gamma
+            .iter()
+            .zip(&other.shapes)
+            .zip(&signals.shapes)
+            .filter(|((_, new), old)| new != old)
+            .map(|((gamma, new), old)| (*gamma, new, old))
+            .collect();
+        let first = begin + 1 + model.nk + ORDER;
+        let value = |k: usize| -> f64 {
+            if k < first {
+                return 0.0;
+            }
+            let stem: f64 =
+                (0..ORDER).map(|j| model.b[j] * (other.x[k - model.nk - j] - signals.x[k - model.nk - j])).sum();
+            let load: f64 = shapes.iter().map(|(gamma, new, old)| gamma * (new[k] - old[k])).sum();
+            (stem + load) / step
+        };
+        filtered(value, model.c, begin, to)
+    };
+    (0..smooth.len()).map(slope).collect()
+}

@@ -1,0 +1,92 @@
+use super::*;
+use crate::signal::Window;
+use crate::sysid::arx::Arx;
+use crate::sysid::valve;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// A stem with one smooth parameter: a gain for the second half.
+struct Halves<'a> {
+    u: &'a [f64],
+    ratio: Option<f64>,
+}
+
+impl Input for Halves<'_> {
+    fn smooth(&self) -> Vec<Smooth> {
+        self.ratio.iter().map(|value| Smooth { value: *value, step: 1e-4, bounds: (0.1, 10.0) }).collect()
+    }
+    fn signals(&self, theta: &[f64]) -> Signals {
+        let ratio = theta.first().copied().unwrap_or(1.0);
+        let half = self.u.len() / 2;
+        let x = self.u.iter().enumerate().map(|(k, u)| if k < half { *u } else { ratio * u }).collect();
+        Signals { x, shapes: Vec::new() }
+    }
+}
+
+/// `y[k] = 1.5 y[k-1] - 0.56 y[k-2] + 0.1 u[k-3] + e[k] - 0.7 e[k-1]`, the input `ratio` times as large in the second half.
+fn data(noise: f64, ratio: f64) -> IdData {
+    let n = 1500;
+    let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(4));
+    let mut draw = move || -> f64 { draw.next().unwrap_or(0.0) };
+    let op: Vec<f64> = (0..n).map(|k| (0.21 * k as f64).sin() + (0.047 * k as f64).cos() + 0.3 * draw()).collect();
+    let (mut pv, mut last) = (vec![0.0; n], 0.0);
+    for k in 3..n {
+        let e = noise * draw();
+        let gain = if k - 3 < n / 2 { 1.0 } else { ratio };
+        pv[k] = 1.5 * pv[k - 1] - 0.56 * pv[k - 2] + 0.1 * gain * op[k - 3] + e - 0.7 * last;
+        last = e;
+    }
+    let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
+    IdData::new(&window, valve::Start { index: 0, is_max: true }).expect("long enough")
+}
+
+fn fitted(data: &IdData, input: &Halves<'_>) -> Armax {
+    let theta: Vec<f64> = input.smooth().iter().map(|s| s.value).collect();
+    let signals = input.signals(&theta);
+    let long = Arx::new(data, &data.y, &signals.shapes).fit(&signals.x, None);
+    let starts = hannan_rissanen(data, &data.y, &signals, &long, &theta);
+    // Three numbers of B from 1, 2 or 3 on hold lag 3.
+    assert!((1..=3).contains(&starts[0].model.nk));
+    starts[0].model.clone().fit(data, &data.y, input, 20)
+}
+
+#[test]
+fn dynamics_delay_and_noise_come_out() {
+    let data = data(0.05, 1.0);
+    let fit = fitted(&data, &Halves { u: &data.u, ratio: None });
+    // Orders above the true ones leave common factors: the responses are unique, the coefficients are not.
+    let gain = fit.b.iter().sum::<f64>() / (1.0 + fit.a.iter().sum::<f64>());
+    let true_gain = 0.1 / 0.06 * data.units.u / data.units.y;
+    assert!((gain / true_gain - 1.0).abs() < 0.1, "{gain} {true_gain}");
+    let power = fit.errors(&data, &data.y, &Halves { u: &data.u, ratio: None }.signals(&[]), data.split);
+    let rms = crate::sysid::stats::sd(&power.e[data.rows()]) * data.units.y;
+    assert!((rms / 0.05 - 1.0).abs() < 0.05, "{rms}");
+}
+
+#[test]
+fn a_smooth_parameter_is_estimated_with_the_coefficients() {
+    let data = data(0.02, 1.6);
+    let fit = fitted(&data, &Halves { u: &data.u, ratio: Some(1.0) });
+    // About three standard errors.
+    assert!((fit.theta[0] - 1.6).abs() < 0.05, "{:?}", fit.theta);
+    let plain = fitted(&data, &Halves { u: &data.u, ratio: None });
+    assert!(fit.log_likelihood > plain.log_likelihood + 20.0);
+}
+
+#[test]
+fn missing_samples_are_left_out_and_the_filter_carries_on() {
+    let whole = data(0.05, 1.0);
+    let mut holed = whole.clone();
+    for k in (60..whole.len()).step_by(11) {
+        holed.y[k] = 40.0;
+        holed.weight[k] = 0.0;
+    }
+    let input = Halves { u: &whole.u, ratio: None };
+    let start = fitted(&whole, &input);
+    let fit = start.clone().fit(&holed, &holed.y, &input, 20);
+    for (a, b) in fit.a.iter().chain(&fit.b).zip(start.a.iter().chain(&start.b)) {
+        // A tenth of the rows is missing: the estimate moves by a part of its standard error.
+        assert!((a - b).abs() < 0.1, "{fit:?} {start:?}");
+    }
+    assert!((fit.scale / start.scale - 1.0).abs() < 0.1);
+}
