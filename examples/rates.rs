@@ -65,6 +65,19 @@ struct Out {
 
 fn judge(g: &Generator, case: &Case) -> Option<Out> {
     let (record, truth) = (g.record)(case);
+    if let Ok(dir) = std::env::var("DUMP") {
+        use std::fmt::Write;
+        let mut out = String::from("t,op,pv,sp");
+        record.tags.iter().for_each(|t| write!(out, ",{}", t.0).unwrap());
+        out.push('\n');
+        for k in 0..record.op.len().min(record.pv.len()) {
+            write!(out, "{},{},{},{}", record.op[k].t, record.op[k].value, record.pv[k].value, record.sp.as_ref().map_or(0.0, |s| s[k.min(s.len()-1)].value)).unwrap();
+            for t in &record.tags { write!(out, ",{}", t.1[k.min(t.1.len()-1)].value).unwrap(); }
+            out.push('\n');
+        }
+        std::fs::write(format!("{dir}/{}.{}.{}.{}.csv", g.name, case.effect.map_or("clean".into(), |k| k.to_string()), case.variant, case.seed), out).unwrap();
+        return None;
+    }
     let (window, _) = gate::gate(&record, &diagnosis::Settings::default()).ok()?;
     let found = region::analyse(&window.op);
     let start = region::start_of(&found, &window.op, 0, window.len() / 3)
@@ -73,16 +86,45 @@ fn judge(g: &Generator, case: &Case) -> Option<Out> {
     let t = Instant::now();
     let effects = Hypothesis::default();
     let mut pool = Vec::new();
+    if std::env::var("INFORMED").is_ok() && truth.f > 0.0 {
+        use stictiond_numerics::sysid::valve::{Rest, StopRule, ValveModel};
+        let s = 2.0 * truth.f / data.units.u;
+        let js: Vec<f64> = if truth.j.is_finite() { vec![truth.j / data.units.u] } else { [0.15, 0.3, 0.45, 0.6].map(|r| r * s).to_vec() };
+        for rule in StopRule::ALL {
+            for &j in &js {
+                for beyond in (if j > 0.9 * s && rule == StopRule::Slip { (0..=10).map(|i| 0.1 * f64::from(i)).collect::<Vec<_>>() } else { vec![0.0, 0.5, 1.0] }) {
+                    for turned in [false, true] {
+                        pool.push(ValveModel { s, j, rule, rest: Rest { turned, beyond }, ..ValveModel::default() });
+                    }
+                }
+            }
+        }
+    }
     let decided = compare(&data, &effects, &mut pool);
     let ms = t.elapsed().as_secs_f64() * 1e3;
     let table = table(&decided, &effects);
     let kinds = table.kinds();
+    if std::env::var("GAIN").is_ok() {
+        use stictiond_numerics::residual_new::decide::*;
+        for valve in [None].into_iter().chain(pool.iter().take(3).map(|v| Some(*v))) {
+            let base = Hypothesis { valve, effects: vec![] };
+            let d0 = decide(&data, base.clone(), None);
+            println!("base {:?} {:.1}", valve.map(|v| v.s * data.units.u), d0.score);
+            let mut best = None::<Decided>;
+            for at in (data.first + 10..data.split - 10).step_by(8) {
+                let d = decide(&data, base.with(stictiond_numerics::residual_new::hypotheses::process::gain_change::informed(at, 0.1)), None);
+                if best.as_ref().is_none_or(|b| d.score > b.score) { best = Some(d); }
+            }
+            let b = refine(&data, best.unwrap());
+            println!("   {:.1} {:?} nk {} b {:?} a {:?} c {:?}", b.score, b.hypothesis.effects, b.model.nk, b.model.b, b.model.a, b.model.c);
+        }
+    }
     let odds = table.log_odds(|d| d.hypothesis.valve.is_some());
     let best = table.best(kinds[0].0)?;
     if std::env::var("ROWS").is_ok() {
         let mut rows: Vec<_> = decided.iter().collect();
         rows.sort_by(|a, b| b.score.total_cmp(&a.score));
-        println!("{} f {:.3}", truth.name, truth.f);
+        println!("{} f {:.3} turns {}", truth.name, truth.f, { let (_, d) = Hypothesis { valve: Some(stictiond_numerics::sysid::valve::ValveModel::one_parameter(truth.f.max(1e-6) / data.units.u)), effects: vec![] }.stem(&data); stictiond_numerics::sysid::valve::reversals(&d) });
         for d in rows {
             println!(
                 "  {:9.1} {:20} {:?} {:?} nk {}",
@@ -153,6 +195,7 @@ fn rates(g: &Generator, seeds: &std::ops::Range<u64>, kinds: &[Option<Kind>], va
         total = (total.0 + right, total.1 + n);
         println!("{} {:22} right {right:3} of {n:3} none {none} abstain {abstain} wrong {wrong:?}  sticky {}/{} sound accused {}/{}", g.name, kind.map_or("clean".into(), |k| k.to_string()), stick[1], stick[0], stick[3], stick[2]);
     }
+    if times.is_empty() { return; }
     times.sort_by(f64::total_cmp);
     println!("{} total {} of {}; ms median {:.0} 90% {:.0} max {:.0}", g.name, total.0, total.1, times[times.len() / 2], times[times.len() * 9 / 10], times[times.len() - 1]);
 }

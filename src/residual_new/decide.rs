@@ -77,6 +77,19 @@ pub fn decide_near(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Decid
     Decided::new(data, hypothesis, model)
 }
 
+/// Fits a hypothesis a few iterations from nothing and from a model that may be right; the better of both.
+pub fn decide_quick(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Decided {
+    let warm = decide_near(data, hypothesis.clone(), near);
+    let signals = hypothesis.signals(data);
+    let long = Arx::new(data, &data.y, &signals.shapes).fit(&signals.x, None);
+    let theta: Vec<f64> = hypothesis.smooth().iter().map(|smooth| smooth.value).collect();
+    let input = OnData { hypothesis: &hypothesis, data };
+    let start = hannan_rissanen(data, &data.y, &signals, &long, &theta).into_iter().next();
+    let Some(start) = start else { return warm };
+    let model = start.model.fit(data, &data.y, &input, NEAR);
+    if model.log_likelihood > warm.model.log_likelihood { Decided::new(data, hypothesis, model) } else { warm }
+}
+
 /// Looks to each side of the last effect's parameters in which the likelihood jumps, on finer and finer steps.
 pub fn refine(data: &IdData, mut best: Decided) -> Decided {
     for step in [1.0, 0.5, 0.25] {

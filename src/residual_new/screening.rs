@@ -1,43 +1,57 @@
-//! Screening: what one or two columns more would gain in the high-order ARX, without fitting it anew.
+//! Screening: what a column or two more would gain, by a score test at a fitted model.
 //!
 //! ```text
 //! gain = -n/2 ln(1 - r' D^-1 r / (n s^2)),   r = Phi' W e,   D = Phi' W Phi - G' (X' W X)^-1 G,   G = X' W Phi
 //! ```
 //!
-//! `X` are the columns of the fit, `W` its Student-t weights, `e` its errors and `s` their scale. Columns that begin at
-//! some time share all their sums, so that every time of a change costs one triangular solve.
+//! `X` is the gradient of the prediction, `Phi` the gradient by the new parameters at 0, `W` the Student-t weights, `e` the
+//! errors and `s` their scale. Loads are tested in the high-order ARX, where they enter as they are and no local optimum
+//! hides them; changes of the stem in the ARMAX, whose few coefficients of B say how PV answers.
+//!
+//! Source: Rao's score test; Basseville & Nikiforov, Detection of Abrupt Changes, 1993, section 7.2.
 
-use super::hypothesis::Hypothesis;
-use crate::sysid::arx::{Arx, ArxFit, LAGS_X};
-use crate::sysid::armax::Signals;
+use super::decide::Decided;
+use super::hypothesis::{Hypothesis, OnData};
+use crate::sysid::armax::{Gradient, ORDER, Signals, filtered};
+use crate::sysid::arx::Arx;
+use crate::sysid::gram::lower;
 use crate::sysid::iddata::{IdData, LONGEST_LAG};
-use crate::sysid::least_squares::dot;
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor};
 
-/// Share of a column's square that has to be left beside the others: below it rounding decides.
+/// Share of a column's power that has to be left beside the others: below it rounding decides.
 const INDEPENDENT: f64 = 1e-9;
 /// Samples to each side of a change.
 pub const MARGIN: usize = LONGEST_LAG;
 
-/// The fit of one hypothesis, ready for more columns.
-pub struct Screen<'a> {
-    /// The data.
-    pub data: &'a IdData,
-    /// What is fitted.
-    pub base: &'a Hypothesis,
-    /// Its signals.
-    pub signals: &'a Signals,
-    /// Its fit.
-    pub fit: &'a ArxFit,
-    /// Weighted rows of its columns, row after row.
-    weighted: Vec<f64>,
-    order: usize,
-    /// Weighted errors.
+/// A score test at one fitted model.
+pub struct ScoreTest {
+    /// Errors of the fitted rows.
+    pub errors: Vec<f64>,
+    omega: Vec<f64>,
+    /// Weighted gradient, column by column, over the fitted rows.
+    weighted: Vec<Vec<f64>>,
+    factor: Vec<f64>,
+    live: Vec<bool>,
     we: Vec<f64>,
     power: f64,
     count: f64,
 }
 
-/// A column or two that begin at a sample, and what they gain.
+/// One fitted hypothesis, ready for more columns.
+pub struct Screen<'a> {
+    /// The data.
+    pub data: &'a IdData,
+    /// What is fitted.
+    pub base: &'a Decided,
+    /// Its signals.
+    pub signals: Signals,
+    /// In the high-order ARX.
+    pub long: ScoreTest,
+    /// In the ARMAX.
+    pub model: ScoreTest,
+}
+
+/// A time of a change, and what it gains.
 #[derive(Clone, Copy, Debug)]
 pub struct Since {
     /// The sample.
@@ -46,76 +60,61 @@ pub struct Since {
     pub gain: f64,
 }
 
-impl<'a> Screen<'a> {
-    /// Of a fitted hypothesis.
-    pub fn new(data: &'a IdData, base: &'a Hypothesis, signals: &'a Signals, fit: &'a ArxFit) -> Self {
-        let arx = Arx::new(data, &data.y, &signals.shapes);
-        let columns = arx.columns(&signals.x);
-        let (n, order) = (fit.e.len(), columns.len());
-        let mut weighted = vec![0.0; n * order];
-        for (i, column) in columns.iter().enumerate() {
-            for (k, value) in column.iter().enumerate() {
-                weighted[k * order + i] = value * fit.omega[k];
-            }
-        }
-        let we: Vec<f64> = fit.e.iter().zip(&fit.omega).map(|(e, omega)| e * omega).collect();
-        let power = dot(&we, &fit.e);
-        let count = data.counted();
-        Self { data, base, signals, fit, weighted, order, we, power, count }
+impl ScoreTest {
+    fn new(columns: &[&[f64]], omega: Vec<f64>, errors: Vec<f64>, count: f64) -> Self {
+        let order = columns.len();
+        let root: Vec<f64> = omega.iter().map(|omega| omega.sqrt()).collect();
+        let by = |column: &[f64], weight: &[f64]| -> Vec<f64> {
+            column.iter().zip(weight).map(|(c, w)| c * w).collect()
+        };
+        let scaled: Vec<Vec<f64>> = columns.iter().map(|column| by(column, &root)).collect();
+        let all: Vec<&[f64]> = scaled.iter().map(Vec::as_slice).collect();
+        let mut gram = vec![0.0; order * order];
+        lower(&all, &mut gram, order);
+        let mut live = [true; MOST_COLUMNS];
+        factor(&mut gram, order, order, &mut live);
+        let weighted = columns.iter().map(|column| by(column, &omega)).collect();
+        let we = by(&errors, &omega);
+        let power = dot(&we, &errors);
+        Self { errors, omega, weighted, factor: gram, live: live[..order].to_vec(), we, power, count }
     }
 
-    fn rows(&self) -> usize {
-        self.fit.e.len()
-    }
-
-    /// The errors of the fitted rows.
-    pub fn errors(&self) -> &[f64] {
-        &self.fit.e
-    }
-
-    /// Solves `L z = g` in place and returns z.z.
-    fn forward(&self, g: &mut [f64]) -> f64 {
-        let (l, order) = (&self.fit.factor, self.order);
-        let mut sum = 0.0;
+    /// Solves `L z = g` in place.
+    fn forward(&self, g: &mut [f64]) {
+        let order = self.weighted.len();
         for i in 0..order {
-            let row = &l[i * order..=i * order + i];
-            let value = if self.fit.live[i] { (g[i] - dot(&row[..i], &g[..i])) / row[i] } else { 0.0 };
-            g[i] = value;
-            sum += value * value;
+            let row = &self.factor[i * order..=i * order + i];
+            g[i] = if self.live[i] { (g[i] - dot(&row[..i], &g[..i])) / row[i] } else { 0.0 };
         }
-        sum
     }
 
-    /// Log-likelihood gained where the share of power is explained.
     fn gain(&self, explained: f64) -> f64 {
         let share = (explained / self.power.max(1e-300)).clamp(0.0, 1.0 - 1e-12);
         -0.5 * self.count * (1.0 - share).ln()
     }
 
-    /// What columns (over all samples) gain together, and their coefficients.
-    pub fn several(&self, columns: &[&[f64]]) -> (f64, Vec<f64>) {
-        let (n, first, m) = (self.rows(), self.data.first, columns.len());
-        let mut solved = Vec::with_capacity(m);
+    fn product(&self, a: &[f64], b: &[f64]) -> f64 {
+        a.iter().zip(b).zip(&self.omega).map(|((a, b), omega)| a * b * omega).sum()
+    }
+
+    /// What columns (over the fitted rows) gain together, and their coefficients.
+    pub fn several(&self, columns: &[Vec<f64>]) -> (f64, Vec<f64>) {
+        let m = columns.len();
         let (mut d, mut r) = (vec![0.0; m * m], vec![0.0; m]);
+        let mut solved: Vec<Vec<f64>> = Vec::with_capacity(m);
         for (i, column) in columns.iter().enumerate() {
-            let column = &column[first..first + n];
-            let mut g = vec![0.0; self.order];
-            for (value, row) in column.iter().zip(self.weighted.chunks_exact(self.order)) {
-                if *value != 0.0 {
-                    g.iter_mut().zip(row).for_each(|(g, x)| *g += value * x);
-                }
-            }
+            // A column that begins late is 0 before.
+            let from = column.iter().position(|c| *c != 0.0).unwrap_or(column.len());
+            let mut g: Vec<f64> = self.weighted.iter().map(|x| dot(&x[from..], &column[from..])).collect();
             self.forward(&mut g);
             solved.push(g);
             r[i] = dot(column, &self.we);
             for (j, other) in columns[..=i].iter().enumerate() {
-                let other = &other[first..first + n];
-                let own: f64 =
-                    column.iter().zip(other).zip(&self.fit.omega).map(|((a, b), omega)| a * b * omega).sum();
-                d[i * m + j] = own - dot(&solved[i], &solved[j]);
-                if i == j && d[i * m + i] < INDEPENDENT * own {
-                    d[i * m + i] = f64::INFINITY;
-                }
+                d[i * m + j] = self.product(column, other) - dot(&solved[i], &solved[j]);
+            }
+            let own = d[i * m + i] + dot(&solved[i], &solved[i]);
+            if d[i * m + i] < INDEPENDENT * own {
+                d[i * m + i] = f64::INFINITY;
             }
         }
         let coefficients = solve(&mut d, m, &r);
@@ -123,59 +122,77 @@ impl<'a> Screen<'a> {
     }
 
     /// What one column gains, and its coefficient.
-    pub fn alone(&self, column: &[f64]) -> (f64, f64) {
+    pub fn alone(&self, column: Vec<f64>) -> (f64, f64) {
         let (gain, coefficients) = self.several(&[column]);
         (gain, coefficients[0])
     }
 
-    /// What columns gain that begin at a sample, for every `stride`-th sample; `before`: that end there instead.
-    pub fn since(&self, columns: &[&[f64]], stride: usize, before: bool) -> Vec<Since> {
-        let (n, first, m) = (self.rows(), self.data.first, columns.len());
-        let mut g = vec![vec![0.0; self.order]; m];
-        let (mut own, mut r) = (vec![0.0; m * m], vec![0.0; m]);
-        let mut out = Vec::new();
+    /// What a column gains that begins at each row, all times sharing their sums.
+    pub fn from_each_row(&self, column: &[f64]) -> Vec<(usize, f64)> {
+        let (order, n) = (self.weighted.len(), self.errors.len());
+        let mut g = vec![0.0; order];
         let mut solved = g.clone();
-        for step in 0..n {
-            let row = if before { step } else { n - 1 - step };
-            let x = &self.weighted[row * self.order..(row + 1) * self.order];
-            for i in 0..m {
-                let value = columns[i][first + row];
-                if value != 0.0 {
-                    g[i].iter_mut().zip(x).for_each(|(g, x)| *g += value * x);
-                }
-                r[i] += value * self.we[row];
-                for j in 0..=i {
-                    own[i * m + j] += value * columns[j][first + row] * self.fit.omega[row];
-                }
-            }
-            let at = if before { row + 1 } else { row };
-            if !at.is_multiple_of(stride) || at < MARGIN || at + MARGIN > n {
-                continue;
-            }
-            let mut d = own.clone();
-            for i in 0..m {
-                solved[i].copy_from_slice(&g[i]);
-                self.forward(&mut solved[i]);
-                for j in 0..=i {
-                    d[i * m + j] -= dot(&solved[i], &solved[j]);
-                }
-                if d[i * m + i] < INDEPENDENT * own[i * m + i] {
-                    d[i * m + i] = f64::INFINITY;
+        let (mut own, mut r) = (0.0, 0.0);
+        let mut out = Vec::with_capacity(n);
+        for row in (MARGIN..n).rev() {
+            let value = column[row];
+            g.iter_mut().zip(&self.weighted).for_each(|(g, x)| *g += value * x[row]);
+            own += value * value * self.omega[row];
+            r += value * self.we[row];
+            if row + MARGIN <= n && row.is_multiple_of(2) {
+                solved.copy_from_slice(&g);
+                self.forward(&mut solved);
+                let left = own - dot(&solved, &solved);
+                if left > INDEPENDENT * own {
+                    out.push((row, self.gain(r * r / left)));
                 }
             }
-            let coefficients = solve(&mut d, m, &r);
-            out.push(Since { at: first + at, gain: self.gain(dot(&coefficients, &r)) });
         }
         out
     }
+}
 
-    /// A signal of the stem as it comes out of B: what the prediction would gain if the stem were larger by it.
-    pub fn through_b(&self, shape: &[f64]) -> Vec<f64> {
-        let mut out = vec![0.0; shape.len()];
-        for (lag, b) in (1..=LAGS_X).zip(self.fit.b()) {
-            out[lag..].iter_mut().zip(shape).for_each(|(out, shape)| *out += b * shape);
-        }
-        out
+impl<'a> Screen<'a> {
+    /// Of a fitted hypothesis.
+    pub fn new(data: &'a IdData, base: &'a Decided) -> Self {
+        let input = OnData { hypothesis: &base.hypothesis, data };
+        let Gradient { columns, omega, errors, signals } = Gradient::new(data, &data.y, &base.model, &input);
+        let of: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        let model = ScoreTest::new(&of, omega, errors, data.counted());
+        let arx = Arx::new(data, &data.y, &signals.shapes);
+        let fit = arx.fit(&signals.x, None);
+        let long = ScoreTest::new(&arx.columns(&signals.x), fit.omega, fit.e, data.counted());
+        drop(arx);
+        Self { data, base, signals, long, model }
+    }
+
+    /// The hypothesis that is screened.
+    pub fn hypothesis(&self) -> &Hypothesis {
+        &self.base.hypothesis
+    }
+
+    /// A part of a signal (over all samples) as a load in the high-order ARX.
+    pub fn rows(&self, signal: &[f64]) -> Vec<f64> {
+        signal[self.data.rows()].to_vec()
+    }
+
+    /// A load as the prediction of the ARMAX sees it, through 1/C.
+    pub fn load(&self, signal: &[f64]) -> Vec<f64> {
+        let rows = self.data.rows();
+        filtered(|k| signal[k], self.base.model.c, self.data.start.index, rows.end)[rows].to_vec()
+    }
+
+    /// A part of the stem as the prediction of the ARMAX sees it, through B/C.
+    pub fn stem(&self, signal: &[f64]) -> Vec<f64> {
+        let (model, rows) = (&self.base.model, self.data.rows());
+        let b = |k: usize| -> f64 { (0..ORDER).map(|j| model.b[j] * signal[k - model.nk - j]).sum() };
+        filtered(b, model.c, self.data.start.index + model.nk + ORDER, rows.end)[rows].to_vec()
+    }
+
+    /// Times of a change, one in `stride` samples.
+    pub fn times(&self, stride: usize) -> impl Iterator<Item = usize> + use<> {
+        let rows = self.data.rows();
+        (rows.start + MARGIN..rows.end - MARGIN).step_by(stride)
     }
 }
 

@@ -23,6 +23,7 @@ pub use start::{Start, hannan_rissanen};
 use super::iddata::IdData;
 use super::student;
 use super::zeros::draw_inside;
+pub use gradient::{Gradient, filtered};
 use gradient::Normal;
 
 /// `na = nb = nc` of every model.

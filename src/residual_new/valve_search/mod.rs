@@ -211,9 +211,11 @@ pub fn banded(
     set: impl Fn(&mut ValveModel, f64),
     effect: impl Fn(f64) -> Box<dyn Effect>,
 ) -> Vec<Proposal> {
-    let (data, base) = (screen.data, screen.base);
+    let (data, base) = (screen.data, screen.hypothesis());
     let Some(own) = base.valve else { return Vec::new() };
-    let held = Held::new(data, base, screen.fit, &screen.signals.x);
+    let arx = Arx::new(data, &data.y, &screen.signals.shapes);
+    let fit = arx.fit(&screen.signals.x, None);
+    let held = Held::new(data, base, &fit, &screen.signals.x);
     let mut family = Family { rule: own.rule, ratio: Some(own.j / own.s) };
     if own.j != own.s && own.rule != StopRule::Reversal {
         family.ratio = None;
@@ -230,13 +232,12 @@ pub fn banded(
     }
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
     rated.truncate(2);
-    let arx = Arx::new(data, &data.y, &screen.signals.shapes);
     let proposals = rated.into_iter().map(|(_, value, valve)| {
         let plain = ValveModel { asymmetry: own.asymmetry, drift: own.drift, ..valve };
         let effect = effect(value);
         let other = base.with_valve(Some(plain)).with(effect.boxed());
         let x = other.to_process(data, other.stem(data).0);
-        let gain = arx.fit(&x, Some(screen.fit)).log_likelihood - screen.fit.log_likelihood;
+        let gain = arx.fit(&x, Some(&fit)).log_likelihood - fit.log_likelihood;
         Proposal { effect, valve: Some(plain), gain }
     });
     best(proposals.collect(), 2)

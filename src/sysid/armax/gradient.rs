@@ -1,4 +1,4 @@
-//! One step of Levenberg–Marquardt: the gradient of the errors and the weighted normal equations.
+//! The gradient of the prediction, and one step of Levenberg–Marquardt on it.
 
 use super::{Armax, Errors, Input, ORDER, Signals, Smooth};
 use crate::sysid::gram::{lower, products};
@@ -6,14 +6,27 @@ use crate::sysid::iddata::IdData;
 use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
 use crate::sysid::student;
 
+/// What the prediction gains by each coefficient, `- de/dtheta`, in the fitted rows.
+#[derive(Clone, Debug, Default)]
+pub struct Gradient {
+    /// Columns: of a, b, c, c0, the shapes' coefficients and the smooth parameters.
+    pub columns: Vec<Vec<f64>>,
+    /// Weights of the equivalent least squares.
+    pub omega: Vec<f64>,
+    /// The errors.
+    pub errors: Vec<f64>,
+    /// The signals.
+    pub signals: Signals,
+}
+
 /// The normal equations at one model.
 pub struct Normal {
     gram: Vec<f64>,
     right: Vec<f64>,
 }
 
-/// `v / C(q)`, from sample `begin` on.
-fn filtered(v: impl Fn(usize) -> f64, [c1, c2, c3]: [f64; ORDER], begin: usize, to: usize) -> Vec<f64> {
+/// `v / C(q)` from sample `begin` on, 0 before.
+pub fn filtered(v: impl Fn(usize) -> f64, [c1, c2, c3]: [f64; ORDER], begin: usize, to: usize) -> Vec<f64> {
     let mut out = vec![0.0; to];
     let (mut p1, mut p2, mut p3) = (0.0, 0.0, 0.0);
     for (k, out) in out.iter_mut().enumerate().skip(begin) {
@@ -22,6 +35,43 @@ fn filtered(v: impl Fn(usize) -> f64, [c1, c2, c3]: [f64; ORDER], begin: usize, 
         (p1, p2, p3) = (value, p1, p2);
     }
     out
+}
+
+impl Gradient {
+    /// Of a fitted model.
+    pub fn new(data: &IdData, y: &[f64], model: &Armax, input: &dyn Input) -> Self {
+        let signals = input.signals(&model.theta);
+        let at = model.errors(data, y, &signals, data.split);
+        let rows = data.rows();
+        let mut omega = vec![0.0; rows.len()];
+        student::reweigh(&at.e[rows.clone()], &data.weight[rows.clone()], model.scale, &mut omega);
+        let columns = columns(data, model, &input.smooth(), &signals, input, &at);
+        Self { columns, omega, errors: at.e[rows].to_vec(), signals }
+    }
+}
+
+/// The columns of the gradient.
+fn columns(
+    data: &IdData,
+    model: &Armax,
+    smooth: &[Smooth],
+    signals: &Signals,
+    input: &dyn Input,
+    at: &Errors,
+) -> Vec<Vec<f64>> {
+    let rows = data.rows();
+    let (begin, to) = (data.start.index, data.split);
+    let of = |v: &[f64]| filtered(|k| v[k], model.c, begin, to);
+    let (y, x, e) = (of(&at.y), of(&signals.x), of(&at.e));
+    let late = |v: &[f64], lag: usize| v[rows.start - lag..rows.end - lag].to_vec();
+    let mut columns: Vec<Vec<f64>> =
+        (1..=ORDER).map(|lag| late(&y, lag).into_iter().map(|y| -y).collect()).collect();
+    columns.extend((0..ORDER).map(|j| late(&x, model.nk + j)));
+    columns.extend((1..=ORDER).map(|lag| late(&e, lag)));
+    columns.push(late(&filtered(|_| 1.0, model.c, begin, to), 0));
+    columns.extend(signals.shapes.iter().map(|shape| late(&of(shape), 0)));
+    columns.extend((0..smooth.len()).map(|i| late(&slope(model, smooth, signals, input, begin, to, i), 0)));
+    columns
 }
 
 impl Normal {
@@ -35,21 +85,8 @@ impl Normal {
         at: &Errors,
     ) -> Self {
         let rows = data.rows();
-        let (begin, to) = (data.start.index, data.split);
-        let of = |v: &[f64]| filtered(|k| v[k], model.c, begin, to);
-        let (y, x, e) = (of(&at.y), of(&signals.x), of(&at.e));
-        // - de/dtheta: what the prediction gains by each coefficient.
-        let mut own: Vec<Vec<f64>> = vec![filtered(|_| 1.0, model.c, begin, to)];
-        own.extend(signals.shapes.iter().map(|shape| of(shape)));
-        own.extend(slopes(model, smooth, signals, input, begin, to));
-        let lagged = |v: &'_ [f64], lag: usize, sign: f64| -> Vec<f64> {
-            rows.clone().map(|k| sign * v[k - lag]).collect()
-        };
-        let mut columns: Vec<Vec<f64>> = (1..=ORDER).map(|lag| lagged(&y, lag, -1.0)).collect();
-        columns.extend((0..ORDER).map(|j| lagged(&x, model.nk + j, 1.0)));
-        columns.extend((1..=ORDER).map(|lag| lagged(&e, lag, 1.0)));
-        columns.extend(own.iter().map(|v| lagged(v, 0, 1.0)));
-        columns.push(lagged(&at.e, 0, 1.0));
+        let mut columns = columns(data, model, smooth, signals, input, at);
+        columns.push(at.e[rows.clone()].to_vec());
         let mut omega = vec![0.0; rows.len()];
         student::reweigh(&at.e[rows.clone()], &data.weight[rows], model.scale, &mut omega);
         omega.iter_mut().for_each(|omega| *omega = omega.sqrt());
@@ -83,40 +120,38 @@ impl Normal {
     }
 }
 
-/// What the prediction gains by each smooth parameter, by differences of the signals.
-fn slopes(
+/// What the prediction gains by smooth parameter `i`, by a difference of the signals.
+fn slope(
     model: &Armax,
     smooth: &[Smooth],
     signals: &Signals,
     input: &dyn Input,
     begin: usize,
     to: usize,
-) -> Vec<Vec<f64>> {
-    let slope = |i: usize| -> Vec<f64> {
-        let mut theta = model.theta.clone();
-        let up = theta[i] + smooth[i].step <= smooth[i].bounds.1;
-        let step = if up { smooth[i].step } else { -smooth[i].step };
-        theta[i] += step;
-        let other = input.signals(&theta);
-        let shapes: Vec<(f64, &Vec<f64>, &Vec<f64>)> = model
-            .gamma
-            .iter()
-            .zip(&other.shapes)
-            .zip(&signals.shapes)
-            .filter(|((_, new), old)| new != old)
-            .map(|((gamma, new), old)| (*gamma, new, old))
-            .collect();
-        let first = begin + 1 + model.nk + ORDER;
-        let value = |k: usize| -> f64 {
-            if k < first {
-                return 0.0;
-            }
-            let stem: f64 =
-                (0..ORDER).map(|j| model.b[j] * (other.x[k - model.nk - j] - signals.x[k - model.nk - j])).sum();
-            let load: f64 = shapes.iter().map(|(gamma, new, old)| gamma * (new[k] - old[k])).sum();
-            (stem + load) / step
-        };
-        filtered(value, model.c, begin, to)
+    i: usize,
+) -> Vec<f64> {
+    let mut theta = model.theta.clone();
+    let up = theta[i] + smooth[i].step <= smooth[i].bounds.1;
+    let step = if up { smooth[i].step } else { -smooth[i].step };
+    theta[i] += step;
+    let other = input.signals(&theta);
+    let shapes: Vec<(f64, &Vec<f64>, &Vec<f64>)> = model
+        .gamma
+        .iter()
+        .zip(&other.shapes)
+        .zip(&signals.shapes)
+        .filter(|((_, new), old)| new != old)
+        .map(|((gamma, new), old)| (*gamma, new, old))
+        .collect();
+    let first = begin + 1 + model.nk + ORDER;
+    let value = |k: usize| -> f64 {
+        if k < first {
+            return 0.0;
+        }
+        let late = |j: usize| k - model.nk - j;
+        let stem: f64 = (0..ORDER).map(|j| model.b[j] * (other.x[late(j)] - signals.x[late(j)])).sum();
+        let load: f64 = shapes.iter().map(|(gamma, new, old)| gamma * (new[k] - old[k])).sum();
+        (stem + load) / step
     };
-    (0..smooth.len()).map(slope).collect()
+    filtered(value, model.c, begin, to)
 }

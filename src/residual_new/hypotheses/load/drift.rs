@@ -8,7 +8,7 @@ use crate::residual_new::Kind;
 use crate::residual_new::effect::Effect;
 use crate::residual_new::hypotheses::{Proposal, Propose};
 use crate::residual_new::report::{Described, in_op, in_pv};
-use crate::residual_new::screening::{MARGIN, Screen};
+use crate::residual_new::screening::Screen;
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
@@ -76,11 +76,10 @@ impl Propose for Ramps {
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let data = screen.data;
         let rated = |ramp: Ramp| {
-            let gain = screen.alone(&ramp.shape(data)).0;
+            let gain = screen.long.alone(screen.rows(&ramp.shape(data))).0;
             Proposal::new(ramp, gain)
         };
-        let stride = ((data.split - data.first).saturating_sub(2 * MARGIN) / TIMES).max(1);
-        let later = (data.first + MARGIN..data.split - MARGIN).step_by(stride);
+        let later = screen.times(((data.split - data.first) / TIMES).max(1));
         let later = later.map(|from| rated(Ramp { from: Some(from) }));
         let best = later.max_by(|a, b| a.gain.total_cmp(&b.gain));
         [rated(Ramp { from: None })].into_iter().chain(best).collect()

@@ -6,7 +6,7 @@ use crate::residual_new::Kind;
 use crate::residual_new::effect::Effect;
 use crate::residual_new::hypotheses::{Proposal, Propose};
 use crate::residual_new::report::{Described, in_op};
-use crate::residual_new::screening::{Screen, best_times};
+use crate::residual_new::screening::{Screen, Since, best_times};
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::{REGULAR, THRESHOLD};
 use crate::sysid::iddata::IdData;
@@ -64,8 +64,10 @@ impl Propose for Steps {
         Kind::LoadStep
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
-        let ones = vec![1.0; screen.data.len()];
-        best_times(screen.since(&[&ones], 1, false), TIMES)
+        let first = screen.data.first;
+        let ones = vec![1.0; screen.long.errors.len()];
+        let times = screen.long.from_each_row(&ones).into_iter();
+        best_times(times.map(|(row, gain)| Since { at: first + row, gain }).collect(), TIMES)
             .into_iter()
             .map(|since| Proposal::new(Step { at: since.at }, since.gain))
             .collect()

@@ -89,7 +89,7 @@ impl Propose for Measured {
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let data = screen.data;
         let rows = data.rows();
-        let taken: Vec<&str> = screen.base.effects.iter().filter_map(|effect| effect.tag()).collect();
+        let taken: Vec<&str> = screen.hypothesis().effects.iter().filter_map(|effect| effect.tag()).collect();
         let longest = LONGEST.min(data.first - 1);
         let alternatives = (data.tags.len() * longest) as f64;
         let y = &data.y[rows.clone()];
@@ -102,7 +102,7 @@ impl Propose for Measured {
             }
             // The correlation with the errors names the delays worth a solution.
             let mut lags: Vec<(f64, usize)> = (1..=longest)
-                .map(|lag| (dot(screen.errors(), &v[rows.start - lag..rows.end - lag]).abs(), lag))
+                .map(|lag| (dot(&screen.long.errors, &v[rows.start - lag..rows.end - lag]).abs(), lag))
                 .collect();
             lags.sort_by(|a, b| b.0.total_cmp(&a.0));
             let mut few: Vec<usize> =
@@ -110,10 +110,10 @@ impl Propose for Measured {
             few.sort_unstable();
             few.dedup();
             let rated = few.into_iter().map(|lag| {
-                let shapes: Vec<Vec<f64>> = (0..TAPS).map(|more| delayed(v, lag + more)).collect();
-                let columns: Vec<&[f64]> = shapes.iter().map(Vec::as_slice).collect();
+                let columns: Vec<Vec<f64>> =
+                    (0..TAPS).map(|more| screen.rows(&delayed(v, lag + more))).collect();
                 let tag = Tag { index, name: name.clone(), lag, alternatives };
-                Proposal::new(tag, screen.several(&columns).0)
+                Proposal::new(tag, screen.long.several(&columns).0)
             });
             out.extend(rated.max_by(|a, b| a.gain.total_cmp(&b.gain)));
         }

@@ -100,13 +100,13 @@ impl Propose for Oscillating {
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let data = screen.data;
-        let n = screen.errors().len();
-        let mut lines = peaks(screen.errors(), LINES[0]);
+        let n = screen.long.errors.len();
+        let mut lines = peaks(&screen.long.errors, LINES[0]);
         lines.extend(peaks(&data.y[data.rows()], LINES[1]));
         let rate = |load: &Load| -> f64 {
             let shapes = load.shapes(data.len());
-            let columns: Vec<&[f64]> = shapes.iter().map(Vec::as_slice).collect();
-            screen.several(&columns).0
+            let columns: Vec<Vec<f64>> = shapes.iter().map(|s| screen.rows(s)).collect();
+            screen.long.several(&columns).0
         };
         let cost = |load: &Load| load.rate() * (n as f64).ln();
         let mut out = Vec::new();

@@ -8,13 +8,17 @@ use crate::residual_new::effect::Effect;
 use crate::residual_new::hypotheses::load::load_step::near;
 use crate::residual_new::hypotheses::{Proposal, Propose, best};
 use crate::residual_new::report::Described;
-use crate::residual_new::screening::{Screen, best_times};
+use crate::residual_new::screening::{Screen, Since, best_times};
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::THRESHOLD;
 use crate::sysid::iddata::IdData;
 
 /// Largest change (samples).
 const LONGEST: usize = 8;
+/// Changes tried (samples); the others are their neighbours.
+const CHANGES_TRIED: [usize; 6] = [1, 2, 3, 4, 6, 8];
+/// Samples between times that are tried.
+const STRIDE: usize = 24;
 /// Changes proposed.
 const CHANGES: usize = 2;
 
@@ -69,11 +73,14 @@ impl Propose for DeadTimeChanges {
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let x = &screen.signals.x;
         let mut out = Vec::new();
-        for by in 1..=LONGEST {
+        for by in CHANGES_TRIED {
             let less: Vec<f64> = (0..x.len()).map(|k| x[k.saturating_sub(by)] - x[k]).collect();
-            let less = screen.through_b(&less);
             for shorter in [false, true] {
-                let times = best_times(screen.since(&[&less], 4, shorter), 1);
+                let cut = |at: usize| -> Vec<f64> {
+                    less.iter().enumerate().map(|(k, s)| if (k < at) == shorter { *s } else { 0.0 }).collect()
+                };
+                let rated = screen.times(STRIDE).map(|at| Since { at, gain: screen.model.alone(screen.stem(&cut(at))).0 });
+                let times = best_times(rated.collect(), 1);
                 out.extend(times.into_iter().map(|since| {
                     Proposal::new(Change { at: since.at, by, shorter }, since.gain)
                 }));

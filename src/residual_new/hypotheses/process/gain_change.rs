@@ -8,18 +8,25 @@ use crate::residual_new::effect::Effect;
 use crate::residual_new::hypotheses::load::load_step::{heaviside, near};
 use crate::residual_new::hypotheses::{Proposal, Propose};
 use crate::residual_new::report::Described;
-use crate::residual_new::screening::{Screen, best_times};
+use crate::residual_new::screening::{Screen, Since, best_times};
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::{REGULAR, THRESHOLD};
 use crate::sysid::iddata::IdData;
 
 /// Times proposed.
 const TIMES: usize = 2;
+/// Samples between times that are tried.
+const STRIDE: usize = 8;
 /// Largest change of a gain that is believed (-).
 const MOST: f64 = 8.0;
 
 /// The changes of gain.
 pub struct GainChanges;
+
+/// Informed.
+pub fn informed(at: usize, log_ratio: f64) -> Box<dyn Effect> {
+    Box::new(Change { at, log_ratio })
+}
 
 #[derive(Clone, Debug)]
 struct Change {
@@ -72,15 +79,18 @@ impl Propose for GainChanges {
         Kind::GainChange
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
-        let answer = screen.through_b(&screen.signals.x);
-        let ones = vec![1.0; answer.len()];
-        let times = best_times(screen.since(&[&answer, &ones], 2, false), TIMES);
-        let proposal = |at: usize, gain: f64| {
+        let x = &screen.signals.x;
+        let ones = vec![1.0; x.len()];
+        let rate = |at: usize| {
             let from = |v: &[f64]| -> Vec<f64> {
                 v.iter().enumerate().map(|(k, v)| if k >= at { *v } else { 0.0 }).collect()
             };
-            let (late, level) = (from(&answer), from(&ones));
-            let more = screen.several(&[&late, &level]).1[0];
+            screen.model.several(&[screen.stem(&from(x)), screen.load(&from(&ones))])
+        };
+        let rated = screen.times(STRIDE).map(|at| Since { at, gain: rate(at).0 });
+        let times = best_times(rated.collect(), TIMES);
+        let proposal = |at: usize, gain: f64| {
+            let more = rate(at).1[0];
             // What B makes of the whole record lies between both gains.
             let log_ratio = (1.0 + more).clamp(1.0 / MOST, MOST).ln();
             Proposal::new(Change { at, log_ratio }, gain)

@@ -64,7 +64,7 @@ impl Propose for GainsOfPv {
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let product: Vec<f64> = screen.signals.x.iter().zip(&screen.data.y).map(|(x, y)| x * y).collect();
-        let (gain, r) = screen.alone(&screen.through_b(&product));
+        let (gain, r) = screen.model.alone(screen.stem(&product));
         vec![Proposal::new(GainOfPv { r: r.clamp(-0.5 * MOST, 0.5 * MOST) }, gain)]
     }
 }

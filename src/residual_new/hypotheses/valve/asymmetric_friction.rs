@@ -54,7 +54,7 @@ impl Propose for Asymmetries {
         Kind::AsymmetricFriction
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
-        if screen.base.has(Kind::AsymmetricFriction) {
+        if screen.hypothesis().has(Kind::AsymmetricFriction) {
             return Vec::new();
         }
         banded(screen, &VALUES, |valve, a| valve.asymmetry += a, |a| Box::new(Asymmetry { a }))

@@ -68,7 +68,7 @@ impl Propose for Characteristics {
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let square: Vec<f64> = screen.signals.x.iter().map(|x| 0.5 * x * x).collect();
-        let (gain, q) = screen.alone(&screen.through_b(&square));
+        let (gain, q) = screen.model.alone(screen.stem(&square));
         vec![Proposal::new(Curve { q: q.clamp(-0.5 * MOST, 0.5 * MOST) }, gain)]
     }
 }

@@ -55,7 +55,7 @@ impl Propose for Drifts {
         Kind::FrictionDrift
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
-        if screen.base.has(Kind::FrictionDrift) {
+        if screen.hypothesis().has(Kind::FrictionDrift) {
             return Vec::new();
         }
         banded(screen, &VALUES, |valve, d| valve.drift += d, |d| Box::new(Drift { d }))

@@ -8,7 +8,6 @@ use crate::residual_new::hypotheses::{Proposal, Propose, best};
 use crate::residual_new::report::Described;
 use crate::residual_new::screening::Screen;
 use crate::sysid::armax::{Armax, Smooth};
-use crate::sysid::arx::Arx;
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
 use crate::sysid::stats::quantile;
@@ -73,13 +72,11 @@ impl Propose for Saturations {
         Kind::ValveSaturation
     }
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
-        if screen.base.has(Kind::ValveSaturation) {
+        if screen.hypothesis().has(Kind::ValveSaturation) {
             return Vec::new();
         }
         let data = screen.data;
-        let arx = Arx::new(data, &data.y, &screen.signals.shapes);
         let stem = &screen.signals.x;
-        let plain = arx.deviance(stem);
         let own = &stem[data.rows()];
         let bounds = (quantile(own, 0.002), quantile(own, 0.998));
         let mut out = Vec::new();
@@ -89,7 +86,9 @@ impl Propose for Saturations {
                 let stop = Stop { level, above, bounds };
                 let mut x = stem.clone();
                 stop.bend(data, 0, &mut x);
-                let gain = 0.5 * (plain - arx.deviance(&x));
+                // A part of the stem that does not arrive: its coefficient is -1 where all of it is lost.
+                let lost: Vec<f64> = x.iter().zip(stem).map(|(x, stem)| x - stem).collect();
+                let gain = screen.model.alone(screen.stem(&lost)).0;
                 out.push(Proposal::new(stop, gain));
             }
         }
