@@ -2,6 +2,8 @@
 //!
 //! A generator draws everything about a loop from its case, so that the same case gives the same record.
 
+pub mod c;
+
 use stictiond_numerics::residual::Kind;
 use stictiond_numerics::signal::Record;
 
