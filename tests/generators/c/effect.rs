@@ -21,6 +21,8 @@ const PV_ROOM: f64 = 25.0;
 const LEAST: f64 = 2.5;
 /// Largest deviation of PV while the stem lies against a stop.
 const STOP_ROOM: f64 = 15.0;
+/// Movement of PV by the slow load that drives the stem to a stop (standard deviations of the noise).
+const STOP_LOAD: f64 = 30.0;
 /// Steps of the search for a stop's place.
 const STOP_STEPS: usize = 7;
 
@@ -311,7 +313,7 @@ fn put_stop(case: &Case, plan: &mut Plan, signals: &mut Signals, draw: &mut Draw
     let tau = draw.log(25.0, 120.0);
     slow.load_in = draw.coloured(slow.sp.len(), tau);
     let swing = draw.even(1.5, 4.0);
-    let factor = scale(plan, &slow, f64::INFINITY, swing);
+    let factor = scale(plan, &slow, (STOP_LOAD * plan.noise).clamp(0.5, 2.5), swing);
     signals.add_loads(&slow, factor);
     let trace = run(plan, signals, false);
     let mut stem = Trace::recorded(&trace.stem).to_vec();
