@@ -45,7 +45,7 @@ fn main() {
         let direct = [Kind::QuantisedPv, Kind::Outliers, Kind::FrozenPv, Kind::ClockSkew, Kind::SlipJump];
         kinds = Kind::ALL.into_iter().filter(|k| !direct.contains(k)).map(Some).chain([None]).collect();
     }
-    for g in [generators::a::A, generators::b::B] {
+    for g in [generators::a::A, generators::b::B, generators::c::C] {
         if gens.contains(g.name) {
             rates(&g, &seeds, &kinds, variant, each);
         }
@@ -104,6 +104,25 @@ fn judge(g: &Generator, case: &Case) -> Option<Out> {
     let ms = t.elapsed().as_secs_f64() * 1e3;
     let table = table(&decided, &effects);
     let kinds = table.kinds();
+    if std::env::var("STEP").is_ok() {
+        use stictiond_numerics::residual_new::decide::*;
+        let mut valves: Vec<_> = pool.iter().take(4).map(|v| Some(*v)).collect();
+        valves.push(None);
+        let mut all = Vec::new();
+        let mut null = f64::NEG_INFINITY;
+        for valve in valves {
+            let base = Hypothesis { valve, effects: vec![] };
+            let d0 = decide(&data, base.clone(), None);
+            null = null.max(d0.score);
+            for at in (data.first + 10..data.split - 10).step_by(4) {
+                let d = decide(&data, base.with(stictiond_numerics::residual_new::hypotheses::load::load_step::informed(at)), None);
+                all.push(d);
+            }
+        }
+        all.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let b = refine(&data, all[0].clone());
+        println!("{} null {null:.1} best with step {:.1} {:?} of first {} split {}", truth.name, b.score, b.hypothesis, data.first, data.split);
+    }
     if std::env::var("GAIN").is_ok() {
         use stictiond_numerics::residual_new::decide::*;
         for valve in [None].into_iter().chain(pool.iter().take(3).map(|v| Some(*v))) {

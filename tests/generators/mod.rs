@@ -4,6 +4,7 @@
 
 pub mod a;
 pub mod b;
+pub mod c;
 
 use stictiond_numerics::residual::Kind;
 use stictiond_numerics::signal::Record;

@@ -17,6 +17,11 @@ const TIMES: usize = 2;
 /// The load steps.
 pub struct Steps;
 
+/// Informed.
+pub fn informed(at: usize) -> Box<dyn Effect> {
+    Box::new(Step { at })
+}
+
 #[derive(Clone, Debug)]
 struct Step {
     at: usize,
