@@ -402,7 +402,7 @@ fn nothing_writes_to_a_plant() {
 #[test]
 fn only_the_store_names_its_database() {
     everywhere(storing);
-    let refused = |text: &str| storing(&Source::new("src/app/keeping.rs", text)).len();
+    let refused = |text: &str| storing(&Source::new("src/app/persistence.rs", text)).len();
     assert_eq!(refused("use rusqlite::Connection;"), 1);
     assert_eq!(refused("fn f() { zstd::bulk::compress(b, 3) }"), 1);
     assert_eq!(refused("use crate::store::pack;"), 0);

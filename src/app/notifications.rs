@@ -6,7 +6,7 @@ use crate::config::Config;
 use crate::notify::mqtt::{self, LoopName, Publisher};
 use crate::notify::{Letters, Places, Source, State, alertmanager, smtp, webhook};
 use crate::results::Results;
-use crate::serve::{DeadLetter, Post, ReceiverState};
+use crate::serve::{DeadLetter, NotificationPort, ReceiverState};
 use crate::signal::LoopId;
 use std::collections::{BTreeSet, HashMap};
 use std::future::Future;
@@ -21,7 +21,7 @@ use tokio_util::sync::CancellationToken;
 const LETTERS: &str = "letters";
 
 /// Who is told.
-pub struct Notifying {
+pub struct Notifications {
     publisher: Option<(Publisher, Arc<mqtt::Counters>)>,
     loops: Arc<Mutex<Vec<LoopName>>>,
     places: Arc<RwLock<Arc<Places>>>,
@@ -92,7 +92,7 @@ impl Spec {
     }
 }
 
-impl Notifying {
+impl Notifications {
     /// Nothing connects yet.
     pub fn new(config: &Config, clock: Clock, results: &Arc<Results>) -> Self {
         let loops = Arc::new(Mutex::new(names(config)));
@@ -237,7 +237,7 @@ impl Receiver {
     }
 }
 
-impl Post for Notifying {
+impl NotificationPort for Notifications {
     fn receivers(&self) -> Vec<ReceiverState> {
         let mut all: Vec<ReceiverState> = lock(&self.receivers).all.iter().map(Receiver::state).collect();
         all.extend(self.publisher.as_ref().map(|(_, counters)| {
