@@ -113,8 +113,7 @@ impl Notifications {
             folder: config.store.as_ref().map(|store| store.folder.join(LETTERS)),
             receivers: Mutex::default(),
         };
-        lock(&own.receivers).all =
-            specs(config).into_iter().map(|spec| own.receiver(config, spec, None)).collect();
+        lock(&own.receivers).all = specs(config).into_iter().map(|spec| own.receiver(spec, None)).collect();
         own
     }
 
@@ -126,7 +125,7 @@ impl Notifications {
             receivers.all.iter_mut().for_each(Receiver::begin);
         }
         match &self.publisher {
-            Some((publisher, _)) => publisher.run(stop.clone()).await,
+            Some((publisher, _)) => mqtt::run(publisher, stop.clone()).await,
             None => stop.cancelled().await,
         }
         let all = std::mem::take(&mut lock(&self.receivers).all);
@@ -153,7 +152,7 @@ impl Notifications {
             .filter(|spec| stay.iter().all(|own| own.spec != *spec))
             .map(|spec| {
                 let own = letters.remove(spec.name());
-                self.receiver(config, spec, own)
+                self.receiver(spec, own)
             })
             .collect();
         let mut receivers = lock(&self.receivers);
@@ -164,10 +163,16 @@ impl Notifications {
         receivers.all.append(&mut new);
     }
 
-    fn receiver(&self, config: &Config, spec: Spec, letters: Option<Arc<Letters>>) -> Receiver {
+    fn receiver(&self, spec: Spec, letters: Option<Arc<Letters>>) -> Receiver {
         let clock = self.clock;
         let now = Arc::new(move || clock.now());
-        let source = Source::new(&config.notify, self.results.clone(), self.places.clone(), now);
+        let source = Source {
+            results: self.results.clone(),
+            places: self.places.clone(),
+            now,
+            site: spec.site.clone(),
+            public_url: spec.public_url.clone(),
+        };
         let state: Arc<State> = Arc::default();
         let letters = spec.most_letters().map(|most| {
             let letters = letters.unwrap_or_else(|| self.open(spec.name(), most));
