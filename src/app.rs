@@ -6,39 +6,36 @@
 //!
 //! With the cargo feature `writeback`, and only then, a loop that enables it has a gate between results and plant.
 
+mod alarm_inputs;
+mod backfill;
+mod device;
 mod facts;
-mod guarding;
-mod keeping;
-mod notifying;
-mod past;
+mod notifications;
+mod persistence;
 mod recall;
 pub mod replay;
 mod restart;
 mod rings;
-mod watching;
-#[cfg(not(feature = "writeback"))]
-#[path = "app/reading.rs"]
-mod writing;
-#[cfg(feature = "writeback")]
-mod writing;
+mod security;
+mod writeback;
 
 use crate::access::FileError;
 use crate::audit::AuditError;
-use crate::collect::{self, Collector, DeviceHealth, Issue, Plan};
+use crate::collect::{DeviceHealth, Issue};
 use crate::config::{self, Config, Diagnostic, Neighbour};
 use crate::diagnosis::{self, Settings};
-use crate::history::{History, Ring};
+use crate::history::History;
 use crate::residual;
 use crate::results::{Judged, Residuals, Results};
 use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
-use crate::serve::{self, Context, DeviceState, LoopInfo, ServeError, TlsError};
+use crate::serve::{self, Context, LoopInfo, ServeError, TlsError};
 use crate::signal::LoopId;
+use backfill::BackfillJobs;
+use device::Device;
 use futures::future::BoxFuture;
-use guarding::Guarding;
-use keeping::Keeping;
-use notifying::Notifying;
-use past::Pasts;
-use rings::Rings;
+use notifications::Notifications;
+use persistence::Persistence;
+use security::Security;
 use std::collections::HashMap;
 use std::io;
 use std::net::SocketAddr;
@@ -48,9 +45,8 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{Mutex, watch};
-use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
-use writing::Writing;
+use writeback::WritebackControl;
 
 /// How often a shelving is looked at that may have run out.
 const ALARM_TICK: Duration = Duration::from_secs(1);
@@ -109,11 +105,11 @@ pub struct App {
     scheduler: Arc<Scheduler>,
     plant: watch::Sender<Arc<serve::Plant>>,
     context: Arc<Context>,
-    writing: Arc<Writing>,
-    keeping: Arc<Keeping>,
-    notifying: Arc<Notifying>,
-    pasts: Arc<Pasts>,
-    guarding: Arc<Guarding>,
+    writeback: Arc<WritebackControl>,
+    persistence: Arc<Persistence>,
+    notifications: Arc<Notifications>,
+    backfill: Arc<BackfillJobs>,
+    security: Arc<Security>,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
     state: Mutex<Running>,
@@ -129,17 +125,15 @@ struct Running {
     since: f64,
 }
 
-/// One device and, once the daemon runs, the task that polls it.
-struct Device {
-    plan: Plan,
-    rings: Arc<Rings>,
-    health: Arc<DeviceHealth>,
-    collector: Option<Collector>,
-    task: Option<(CancellationToken, JoinHandle<()>)>,
-}
-
 impl App {
     /// Builds every part; nothing runs, connects or listens yet. `diagnose` is [`diagnosis`]'s own outside of tests.
+    ///
+    /// The order matters. What can refuse the start comes first, so that a refused start has not touched the store.
+    /// Write-back comes before security, which puts changes on write-back's audit log where there is no other.
+    /// Loops and devices are known before persistence gives their alarms back, because alarms of unknown ones are dropped;
+    /// the alarms' design of the configuration is applied after that, because it overrules what was kept.
+    /// Notifications follow, and so hear of nothing that is only remembered. Backfill, scheduler and devices need no more
+    /// than what is above them, and the API's context is last because it shows all of them.
     ///
     /// # Errors
     /// [`AppError::Plan`], [`AppError::Audit`], [`AppError::Access`], [`AppError::Tls`].
@@ -148,25 +142,27 @@ impl App {
         let wired = config.plant().map_err(AppError::Plan)?;
         let history = Arc::new(History::new(&wired.loops, &config.history));
         let results = Arc::new(Results::new(&ids(&config), config.schedule.keep_results, &config.alarm));
-        let writing = Writing::new(&config, clock, &results)?;
+        let writeback = WritebackControl::new(&config, clock, &results)?;
         results.watch_devices(&devices_of(&config));
-        let guarding = Arc::new(Guarding::new(&config, clock, writing.recorder())?);
-        let keeping = Keeping::new(&config, clock, &history, &results);
+        let security = Arc::new(Security::new(&config, clock, writeback.recorder())?);
+        let persistence = Persistence::new(&config, clock, &history, &results);
         results.apply_design(clock.now());
-        let notifying = Arc::new(Notifying::new(&config, clock, &results));
-        let plan = schedule_plan(&config, &history, &writing);
-        let pasts = Pasts::new(&config, clock, (&keeping, &results), diagnose.clone(), stop.clone());
+        let notifications = Arc::new(Notifications::new(&config, clock, &results));
+        let plan = schedule_plan(&config, &history, &writeback);
+        let backfill =
+            BackfillJobs::new(&config, clock, (&persistence, &results), diagnose.clone(), stop.clone());
         let scheduler =
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
         let devices: Vec<Device> =
             wired.into_plans().map(|plan| Device::new(plan, clock, &history)).collect();
-        let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices, &writing)));
+        let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices, &writeback)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
-        let context = context.with_desk(writing.clone()).with_post(notifying.clone());
-        let context = context.with_store(keeping.ask()).with_past(pasts.clone());
-        let context = context.with_access(guarding.access.clone()).with_audit(guarding.audit.clone());
-        let context = Arc::new(context.with_tls(guarding.tls.clone()).with_durable(keeping.ask_durable()));
+        let context = context.with_writeback(writeback.clone()).with_notifications(notifications.clone());
+        let context = context.with_store(persistence.ask()).with_backfill(backfill.clone());
+        let context = context.with_access(security.access.clone()).with_audit(security.audit.clone());
+        let context =
+            Arc::new(context.with_tls(security.tls.clone()).with_durable(persistence.ask_durable()));
         tracing::info!(
             loops = history.loops().len(),
             tags = history.tag_count(),
@@ -182,11 +178,11 @@ impl App {
             scheduler,
             plant,
             context,
-            writing,
-            keeping,
-            pasts,
-            notifying,
-            guarding,
+            writeback,
+            persistence,
+            backfill,
+            notifications,
+            security,
             stop,
             state,
         })
@@ -211,8 +207,8 @@ impl App {
     }
 
     /// Write-back, as the API sees it.
-    pub fn desk(&self) -> Arc<dyn serve::Desk> {
-        self.writing.clone()
+    pub fn writeback(&self) -> Arc<dyn serve::WritebackPort> {
+        self.writeback.clone()
     }
 
     /// Cancel it to stop the daemon.
@@ -233,9 +229,9 @@ impl App {
         {
             let mut state = self.state.lock().await;
             (state.collecting, state.since) = (true, self.clock.now());
-            self.keeping.begin(self.results.clone());
+            self.persistence.begin(self.results.clone());
             state.devices.iter_mut().for_each(|device| device.start(&self.stop));
-            self.writing.begin(&state.config, &state.history, &state.devices);
+            self.writeback.begin(&state.config, &state.history, &state.devices);
         }
         let serving = async {
             let served = serve::serve(listener, self.context.clone()).await;
@@ -245,20 +241,20 @@ impl App {
         // Terms go to zero as soon as the daemon is told to stop, whatever else takes its time.
         let withdrawing = async {
             self.stop.cancelled().await;
-            self.writing.end().await;
+            self.writeback.end().await;
         };
-        let notifying = self.notifying.run(self.stop.clone());
+        let notifications = self.notifications.run(self.stop.clone());
         let scheduling = self.scheduler.run(self.stop.clone());
-        let guarding = self.guarding.clone().run(self.stop.clone());
+        let security = self.security.clone().run(self.stop.clone());
         let (served, (), (), (), (), ()) =
-            tokio::join!(serving, scheduling, self.tick_alarms(), withdrawing, notifying, guarding);
+            tokio::join!(serving, scheduling, self.tick_alarms(), withdrawing, notifications, security);
         let mut state = self.state.lock().await;
         state.collecting = false;
         for device in &mut state.devices {
             device.end().await;
         }
         // Last, so that the last samples and results are kept too.
-        self.keeping.end().await;
+        self.persistence.end().await;
         Ok(served?)
     }
 
@@ -266,7 +262,7 @@ impl App {
         while self.stop.run_until_cancelled(tokio::time::sleep(ALARM_TICK)).await.is_some() {
             let now = self.clock.now();
             self.results.tick(now);
-            watching::watch(&*self.state.lock().await, &self.results, &*self.writing, now);
+            alarm_inputs::observe(&*self.state.lock().await, &self.results, &*self.writeback, now);
         }
     }
 
@@ -282,9 +278,9 @@ impl App {
     async fn take(&self, config: Config) -> Result<(), AppError> {
         let wired = config.plant().map_err(AppError::Plan)?;
         let mut state = self.state.lock().await;
-        self.guarding.reload()?;
+        self.security.reload()?;
         // Granted was what the old configuration says: every term goes to zero first.
-        self.writing.end().await;
+        self.writeback.end().await;
         restart::warn_of_what_needs_one(&state.config, &config);
         let history = Arc::new(state.history.successor(&wired.loops, &config.history));
         let (mut before, mut devices) = (std::mem::take(&mut state.devices), Vec::new());
@@ -299,17 +295,17 @@ impl App {
         for mut device in before {
             device.end().await;
         }
-        self.notifying.reload(&config).await;
-        self.pasts.reload(&config);
+        self.notifications.reload(&config).await;
+        self.backfill.reload(&config);
         self.results.reload(&ids(&config), &config.alarm);
         self.results.watch_devices(&devices_of(&config));
-        self.keeping.clone().replace(history.clone(), self.results.clone()).await;
+        self.persistence.clone().replace(history.clone(), self.results.clone()).await;
         self.results.apply_design(self.clock.now());
-        self.scheduler.replace(schedule_plan(&config, &history, &self.writing));
-        self.plant.send_replace(Arc::new(shown(&config, &history, &devices, &self.writing)));
+        self.scheduler.replace(schedule_plan(&config, &history, &self.writeback));
+        self.plant.send_replace(Arc::new(shown(&config, &history, &devices, &self.writeback)));
         if state.collecting && !self.stop.is_cancelled() {
             devices.iter_mut().for_each(|device| device.start(&self.stop));
-            self.writing.begin(&config, &history, &devices);
+            self.writeback.begin(&config, &history, &devices);
         }
         tracing::info!(
             loops = history.loops().len(),
@@ -320,70 +316,6 @@ impl App {
         state.since = self.clock.now();
         Ok(())
     }
-}
-
-impl Device {
-    fn new(plan: Plan, clock: Clock, history: &Arc<History>) -> Self {
-        let now: Arc<dyn collect::Clock> = Arc::new(move || clock.now());
-        let collector = Collector::new(plan.clone(), now, plan.device() as u64);
-        let ring = |tag: usize| Some((tag, history.ring(tag)?.clone()));
-        let by_tag = plan.tags().into_iter().filter_map(ring).collect();
-        let rings = Arc::new(Rings { by_tag, polled: watch::Sender::new(0) });
-        let health = collector.health();
-        Self { plan, rings, health, collector: Some(collector), task: None }
-    }
-
-    fn start(&mut self, stop: &CancellationToken) {
-        if let Some(mut collector) = self.collector.take() {
-            collector.resume(&|tag| Some(self.rings.by_tag.get(&tag)?.latest()?.t));
-            let stop = stop.child_token();
-            let task = tokio::spawn(collector.run(self.rings.clone(), stop.clone()));
-            self.task = Some((stop, task));
-        }
-    }
-
-    async fn end(&mut self) {
-        if let Some((stop, task)) = self.task.take() {
-            stop.cancel();
-            if let Err(error) = task.await {
-                tracing::error!(device = self.plan.name(), %error, "a collector failed");
-            }
-        }
-    }
-
-    /// Whether this device would be polled the same under a new plan, into the same rings: then its collector need
-    /// not notice.
-    fn carries_on(&self, plan: &Plan, history: &History) -> bool {
-        let alive = self.task.as_ref().is_none_or(|(_, task)| !task.is_finished());
-        let same = |(old, new): (usize, usize)| same_ring(self.rings.by_tag.get(&old), history.ring(new));
-        alive && self.plan.asks_the_same(plan) && self.plan.tags().into_iter().zip(plan.tags()).all(same)
-    }
-
-    fn state(name: &str, health: &DeviceHealth) -> DeviceState {
-        let h = health.snapshot();
-        let counters = vec![
-            ("polls", h.polls),
-            ("missed_polls", h.missed_polls),
-            ("overruns", h.overruns),
-            ("timeouts", h.timeouts),
-            ("exceptions", h.exceptions),
-            ("link_errors", h.link_errors),
-            ("reconnects", h.reconnects),
-            ("good_samples", h.good_samples),
-            ("bad_samples", h.bad_samples),
-            ("filled_samples", h.filled_samples),
-            ("discarded_samples", h.discarded_samples),
-            ("clock_jumps", h.clock_jumps),
-            ("security_errors", h.security_errors),
-            ("refused_payloads", h.refused_payloads),
-            ("sequence_gaps", h.sequence_gaps),
-        ];
-        DeviceState { name: name.to_string(), connected: h.connected, last_good: h.last_good, counters }
-    }
-}
-
-fn same_ring(a: Option<&Arc<Ring>>, b: Option<&Arc<Ring>>) -> bool {
-    a.zip(b).is_some_and(|(a, b)| Arc::ptr_eq(a, b))
 }
 
 fn ids(config: &Config) -> Vec<LoopId> {
@@ -401,10 +333,14 @@ fn neighbours(config: &Config) -> HashMap<LoopId, Vec<Neighbour>> {
     config.loops.iter().map(|l| (LoopId::new(l.id.as_str()), config.neighbours(l))).collect()
 }
 
-fn schedule_plan(config: &Config, history: &Arc<History>, writing: &Arc<Writing>) -> schedule::Plan {
+fn schedule_plan(
+    config: &Config,
+    history: &Arc<History>,
+    writeback: &Arc<WritebackControl>,
+) -> schedule::Plan {
     schedule::Plan {
         jobs: jobs(config),
-        snapshot: snapshot(config, history, writing),
+        snapshot: snapshot(config, history, writeback),
         settings: Settings::from(&config.diagnosis),
     }
 }
@@ -418,11 +354,15 @@ fn jobs(config: &Config) -> Vec<Job> {
 }
 
 /// Copies what is remembered of a loop and of the tags that may explain it.
-fn snapshot(config: &Config, history: &Arc<History>, writing: &Arc<Writing>) -> schedule::Snapshot {
-    let (history, writing, neighbours) = (history.clone(), writing.clone(), neighbours(config));
+fn snapshot(
+    config: &Config,
+    history: &Arc<History>,
+    writeback: &Arc<WritebackControl>,
+) -> schedule::Snapshot {
+    let (history, writeback, neighbours) = (history.clone(), writeback.clone(), neighbours(config));
     Arc::new(move |id| {
         let mut record = history.snapshot(id)?;
-        writing.add_terms(id, &mut record);
+        writeback.add_terms(id, &mut record);
         for tag in neighbours.get(id).into_iter().flatten() {
             record.tags.extend(history.series(&tag.id, &tag.kind).map(|series| (tag.name.clone(), series)));
         }
@@ -434,7 +374,7 @@ fn shown(
     config: &Config,
     history: &Arc<History>,
     devices: &[Device],
-    writing: &Arc<Writing>,
+    writeback: &Arc<WritebackControl>,
 ) -> serve::Plant {
     let info = |control_loop: &config::LoopConfig| LoopInfo {
         id: LoopId::new(control_loop.id.as_str()),
@@ -445,7 +385,7 @@ fn shown(
     let healths: Vec<(String, Arc<DeviceHealth>)> =
         devices.iter().map(|device| (device.plan.name().to_string(), device.health.clone())).collect();
     let states = move || healths.iter().map(|(name, health)| Device::state(name, health)).collect();
-    let snapshot = snapshot(config, history, writing);
+    let snapshot = snapshot(config, history, writeback);
     let recall = recall::recall(snapshot, config.store.clone(), neighbours(config));
     serve::Plant::new(config.loops.iter().map(info).collect(), history.clone(), Arc::new(states))
         .with_facts(facts::of(config))

@@ -3,9 +3,12 @@
 //!
 //! Each rule is shown to fail on a small source that breaks it: a check that cannot fail checks nothing.
 
+#[path = "architecture/circles.rs"]
+mod circles;
 #[path = "architecture/source.rs"]
 mod source;
 
+use circles::circles;
 use source::Source;
 use std::collections::BTreeSet;
 use std::fs;
@@ -163,7 +166,7 @@ const PURE_STD: &[&str] = &[
 /// Names that draw random numbers from the machine.
 const UNSEEDED: &[&str] = &["rng", "thread_rng", "random", "OsRng", "SysRng", "from_os_rng", "ThreadRng"];
 
-/// Files that hold a `Config` of their component: they may read it, and write nothing.
+/// Files that hold a `Config` of their component, or a part of one: they may read it, and write nothing.
 const CONFIG_FILES: &[&str] = &[
     "src/access/config.rs",
     "src/alarm/config.rs",
@@ -174,8 +177,11 @@ const CONFIG_FILES: &[&str] = &[
     "src/diagnosis/config.rs",
     "src/history/mod.rs",
     "src/notify/alertmanager/config.rs",
+    "src/notify/batch.rs",
     "src/notify/config.rs",
+    "src/notify/filter.rs",
     "src/notify/mqtt/config.rs",
+    "src/notify/postman.rs",
     "src/notify/smtp/config.rs",
     "src/notify/webhook/config.rs",
     "src/schedule.rs",
@@ -205,6 +211,20 @@ const SERDE_PLACES: &[&str] = &[
 /// Who may name the function that diagnoses: its own module, the wiring (which hands it to the scheduler), the command line,
 /// and the report, which is no part of the daemon.
 const MAY_DIAGNOSE: &[&str] = &["diagnosis", "app", "cli", "reproduce"];
+
+/// Folders whose files import each other in no circle: each imports a thing from the file where it stands, and its folder's own
+/// file only where that imports nothing of the folder.
+const NO_CIRCLES: &[&str] = &[
+    "src/alarm",
+    "src/backfill",
+    "src/demo",
+    "src/history",
+    "src/mqtt",
+    "src/notify",
+    "src/reproduce",
+    "src/schedule",
+    "src/writeback",
+];
 
 /// Longest file (lines).
 const MOST_LINES: usize = 520;
@@ -402,10 +422,17 @@ fn nothing_writes_to_a_plant() {
 #[test]
 fn only_the_store_names_its_database() {
     everywhere(storing);
-    let refused = |text: &str| storing(&Source::new("src/app/keeping.rs", text)).len();
+    let refused = |text: &str| storing(&Source::new("src/app/persistence.rs", text)).len();
     assert_eq!(refused("use rusqlite::Connection;"), 1);
     assert_eq!(refused("fn f() { zstd::bulk::compress(b, 3) }"), 1);
     assert_eq!(refused("use crate::store::pack;"), 0);
+}
+
+#[test]
+fn no_files_import_each_other_in_a_circle() {
+    let sources = sources();
+    let found: Vec<String> = NO_CIRCLES.iter().flat_map(|folder| circles(folder, &sources)).collect();
+    assert!(found.is_empty(), "\n{}\n", found.join("\n"));
 }
 
 #[test]
@@ -506,4 +533,49 @@ fn a_long_file_and_one_without_a_head_are_found() {
     assert_eq!(shape(&Source::new("src/a.rs", "use std::fmt;")).len(), 1);
     assert_eq!(shape(&Source::new("src/a.rs", "//! todo")).len(), 1);
     assert_eq!(shape(&Source::new("src/a.rs", &(head.to_string() + &"\n".repeat(MOST_LINES)))).len(), 1);
+}
+
+#[test]
+fn a_circle_of_imports_is_found_whatever_its_length() {
+    let among = |files: &[(&str, &str)]| {
+        let source = |(path, text): &(&str, &str)| Source::new(path, text);
+        circles("src/notify", &files.iter().map(source).collect::<Vec<_>>())
+    };
+    let two = [
+        ("src/notify/a.rs", "use super::b::B; pub(super) struct A;"),
+        ("src/notify/b.rs", "pub(super) fn f() { crate::notify::a::A }"),
+    ];
+    assert_eq!(
+        among(&two),
+        ["src/notify: a circle of imports: src/notify/a.rs -> src/notify/b.rs -> src/notify/a.rs"]
+    );
+    let three = [
+        ("src/notify/a.rs", "use super::b;"),
+        ("src/notify/b.rs", "use super::{inner::{c::C, other}, d};"),
+        ("src/notify/inner/c.rs", "use crate::notify::a::*;"),
+    ];
+    assert_eq!(among(&three).len(), 1, "{:?}", among(&three));
+    // By what the folder's own file shows of its parts, and by what it has itself.
+    let root = ("src/notify/mod.rs", "mod a; mod b; pub use a::A; fn wall() {}");
+    for text in ["use super::wall;", "use super::A;", "use crate::notify;", "fn f() { super::wall() }"] {
+        assert_eq!(among(&[root, ("src/notify/a.rs", text)]).len(), 1, "{text}");
+    }
+    assert_eq!(among(&[("src/notify.rs", "pub use a::A;"), ("src/notify/a.rs", "use super::B;")]).len(), 1);
+}
+
+#[test]
+fn imports_that_come_to_an_end_are_no_circle() {
+    let files = [
+        ("src/notify/mod.rs", "mod a; mod b; mod c; pub use a::A; fn wall() {}"),
+        ("src/notify/a.rs", "use super::b::B; pub(super) struct A; pub(in crate::notify) struct D;"),
+        (
+            "src/notify/b.rs",
+            "use super::c; use crate::alarm; #[cfg(test)] mod tests { use super::super::a::A; }",
+        ),
+        ("src/notify/c.rs", "// use super::a;"),
+        ("src/notify/c/tests.rs", "use super::super::a::A;"),
+        ("src/alarm/mod.rs", "use crate::notify::a::A;"),
+    ];
+    let sources = files.map(|(path, text)| Source::new(path, text));
+    assert_eq!(circles("src/notify", &sources), [""; 0]);
 }

@@ -179,10 +179,10 @@ async fn with_write_back_ise_falls_tenfold_on_the_strongly_sticky_loops() {
 
     let demo =
         Demo::build(&Options { speed: WRITEBACK_SPEED, writeback: true, ..options() }).await.expect("builds");
-    let (desk, stop, loops) = (demo.desk(), demo.stop(), demo.loops().to_vec());
+    let (writeback, stop, loops) = (demo.writeback(), demo.stop(), demo.loops().to_vec());
     let audit = demo.audit().expect("on record").to_path_buf();
     let running = tokio::spawn(demo.run(Screen::new(Vec::new(), false)));
-    let status = |own: &DemoLoop| desk.status(&LoopId::new(own.id.as_str()));
+    let status = |own: &DemoLoop| writeback.status(&LoopId::new(own.id.as_str()));
     let strong: Vec<&DemoLoop> = loops.iter().filter(|own| own.truth.kind == "strong stiction").collect();
     assert_eq!(strong.len(), 3);
     // Data for a verdict, the stretch before and the stretch with the term: twice that with the term: a minute; the plant waits
@@ -200,7 +200,7 @@ async fn with_write_back_ise_falls_tenfold_on_the_strongly_sticky_loops() {
     while strong.iter().filter(&mut later).count() < strong.len() {
         let state = |own: &&DemoLoop| status(own).map(|s| (s.state, s.denials, s.tripped_by));
         assert!(Instant::now() < deadline, "{:?}", strong.iter().map(state).collect::<Vec<_>>());
-        // The desk has no events of its own; the API's are for those who may miss some.
+        // Write-back has no events of its own; the API's are for those who may miss some.
         sleep(Duration::from_millis(50)).await;
     }
     for own in &loops {

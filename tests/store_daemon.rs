@@ -385,7 +385,14 @@ fn a_disk_that_is_full_is_said_and_costs_nothing_when_there_is_room_again() {
     assert!(daemon.json("/readyz")["store"]["reason"].is_string());
     assert!(daemon.ask("GET", "/metrics", "").contains("stictiond_store_working 0.0"));
     let id = daemon.child.id().to_string();
-    std::thread::sleep(Duration::from_secs(2));
+    // Samples come meanwhile; where a little room is left the store works for a moment between two failures.
+    let samples = |daemon: &Daemon| {
+        daemon.json("/api/v1/loops/A/samples?points=5")["tags"][0]["found"].as_u64().expect("a number")
+    };
+    let waiting = samples(&daemon) + 40;
+    daemon.until("40 more samples, and it still fails", Duration::from_secs(30), |daemon| {
+        samples(daemon) >= waiting && failing(daemon)
+    });
     let lifted = Command::new("prlimit").args(["--pid", &id, "--fsize=unlimited"]).status().expect("prlimit");
     assert!(lifted.success());
     daemon.until("the store works again", Duration::from_secs(30), |daemon| {

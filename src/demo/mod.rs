@@ -12,7 +12,7 @@ use crate::app::{self, App, AppError};
 use crate::config;
 use crate::results::Results;
 use crate::schedule::Clock;
-use crate::serve::Desk;
+use crate::serve::WritebackPort;
 use crate::signal::LoopId;
 use crate::sim::demo_plant::TS_S;
 use crate::sim::{DemoLoop, SpecError, demo_plant};
@@ -165,8 +165,8 @@ impl Demo {
     }
 
     /// Write-back, as the API sees it.
-    pub fn desk(&self) -> Arc<dyn Desk> {
-        self.app.desk()
+    pub fn writeback(&self) -> Arc<dyn WritebackPort> {
+        self.app.writeback()
     }
 
     /// What the diagnoses said.
@@ -187,7 +187,7 @@ impl Demo {
         let stop = self.app.stop();
         let drawing = View {
             results: self.results(),
-            desk: self.app.desk(),
+            writeback: self.app.writeback(),
             loops: &self.loops,
             clock: self.clock,
             address: self.address,
@@ -211,7 +211,7 @@ impl Demo {
             plant_stop.cancel();
             ran.map_err(DemoError::from)
         };
-        let operators = operators::work(self.app.desk(), &self.loops, &stop);
+        let operators = operators::work(self.app.writeback(), &self.loops, &stop);
         let (drawn, served, ran, ()) = tokio::join!(drawing, plant, daemon, operators);
         ran.and(served).and(drawn)
     }
@@ -238,7 +238,7 @@ impl<W: Write> Screen<W> {
 /// What the screen is drawn from.
 struct View<'a> {
     results: Arc<Results>,
-    desk: Arc<dyn Desk>,
+    writeback: Arc<dyn WritebackPort>,
     loops: &'a [DemoLoop],
     clock: Clock,
     address: SocketAddr,
@@ -257,7 +257,7 @@ impl View<'_> {
         while stop.run_until_cancelled(ticks.tick()).await.is_some() {
             let (lines, verdicts) = self.lines();
             let said = verdicts.iter().any(Option::is_some);
-            let news = (verdicts, self.writing());
+            let news = (verdicts, self.writeback_states());
             if screen.in_place || (said && before.as_ref() != Some(&news)) {
                 screen.show(&lines)?;
                 before = Some(news);
@@ -267,8 +267,8 @@ impl View<'_> {
     }
 
     /// Per loop the state of write-back, and whether a whole stretch with the term has been measured.
-    fn writing(&self) -> Vec<Option<(&'static str, bool)>> {
-        let status = |demo: &DemoLoop| self.desk.status(&LoopId::new(demo.id.as_str()));
+    fn writeback_states(&self) -> Vec<Option<(&'static str, bool)>> {
+        let status = |demo: &DemoLoop| self.writeback.status(&LoopId::new(demo.id.as_str()));
         self.loops.iter().map(|demo| status(demo).map(|s| (s.state.as_str(), s.with.is_some()))).collect()
     }
 
@@ -292,7 +292,7 @@ impl View<'_> {
             self.loops.iter().zip(&said).map(|(demo, said)| Row { demo, said: said.as_ref() }).collect();
         let mut lines = vec![self.title(), format!("plant time {:.0} s", self.clock.elapsed().as_secs_f64())];
         lines.extend(table::lines(&rows));
-        lines.extend(operators::lines(&*self.desk, self.loops));
+        lines.extend(operators::lines(&*self.writeback, self.loops));
         lines.extend(self.audit.map(|audit| format!("on record in {}", audit.display())));
         let verdicts = said.iter().map(|said| said.as_ref().map(|said| said.outcome.to_string()));
         (lines, verdicts.collect())

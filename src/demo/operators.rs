@@ -1,7 +1,7 @@
 //! The two persons of the demo: one grants write-back where the gate waits for nothing else and resets it after a pause of
 //! the computer, the other approves. And what the screen says of it.
 
-use crate::serve::Desk;
+use crate::serve::WritebackPort;
 use crate::signal::LoopId;
 use crate::sim::DemoLoop;
 use std::sync::Arc;
@@ -32,7 +32,7 @@ const PAUSED: &[Denial] = &[
 
 /// Grants and approves each sticky loop as soon as nothing else is missing: once, and again after each pause of the computer.
 #[cfg(feature = "writeback")]
-pub(super) async fn work(desk: Arc<dyn Desk>, loops: &[DemoLoop], stop: &CancellationToken) {
+pub(super) async fn work(writeback: Arc<dyn WritebackPort>, loops: &[DemoLoop], stop: &CancellationToken) {
     let mut sticky: Vec<(LoopId, bool)> = loops
         .iter()
         .filter(|own| own.truth.sticky)
@@ -41,13 +41,14 @@ pub(super) async fn work(desk: Arc<dyn Desk>, loops: &[DemoLoop], stop: &Cancell
     let mut ticks = tokio::time::interval(std::time::Duration::from_millis(LOOK_MS));
     while stop.run_until_cancelled(ticks.tick()).await.is_some() {
         for (id, granted) in &mut sticky {
-            let Some(own) = desk.status(id) else { continue };
+            let Some(own) = writeback.status(id) else { continue };
             if own.state == State::Tripped && own.tripped_by.is_some_and(|by| PAUSED.contains(&by)) {
-                let reset = desk.act(id, Action::Reset, "demo operator").await;
+                let reset = writeback.act(id, Action::Reset, "demo operator").await;
                 *granted = !matches!(reset, Some(Ok(_)));
             } else if !*granted && own.state == State::Shadow && own.denials == [Denial::NotGranted] {
-                *granted = matches!(desk.act(id, Action::Grant(GRANT_S), "demo operator").await, Some(Ok(_)))
-                    && matches!(desk.act(id, Action::Approve, "demo supervisor").await, Some(Ok(_)));
+                *granted =
+                    matches!(writeback.act(id, Action::Grant(GRANT_S), "demo operator").await, Some(Ok(_)))
+                        && matches!(writeback.act(id, Action::Approve, "demo supervisor").await, Some(Ok(_)));
             }
         }
     }
@@ -55,14 +56,14 @@ pub(super) async fn work(desk: Arc<dyn Desk>, loops: &[DemoLoop], stop: &Cancell
 
 /// Nobody can act in a binary that only reads.
 #[cfg(not(feature = "writeback"))]
-pub(super) async fn work(_: Arc<dyn Desk>, _: &[DemoLoop], _: &CancellationToken) {}
+pub(super) async fn work(_: Arc<dyn WritebackPort>, _: &[DemoLoop], _: &CancellationToken) {}
 
 const HEADER: &str = "loop    what it is                     write-back   term %  ISE before  ISE with    gain  travel x  turns/h  why";
 
 /// What write-back does, a line per sticky loop; empty where there is none.
-pub(super) fn lines(desk: &dyn Desk, loops: &[DemoLoop]) -> Vec<String> {
+pub(super) fn lines(writeback: &dyn WritebackPort, loops: &[DemoLoop]) -> Vec<String> {
     let line = |demo: &DemoLoop| {
-        let status = desk.status(&LoopId::new(demo.id.as_str()))?;
+        let status = writeback.status(&LoopId::new(demo.id.as_str()))?;
         let number = |value: Option<f64>, digits: usize| {
             value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
         };

@@ -1,12 +1,53 @@
 //! What waits to be told to one receiver, and when it may be: grouped, at a bounded rate, bounded in size. Pure.
 
-use super::config::{Pace, What};
+use super::filter::What;
 use super::notice::Notice;
+use super::wrong::Wrong;
 use crate::alarm::{Kind, Priority};
+use serde::Deserialize;
 use std::collections::{BTreeMap, VecDeque};
 
 /// Time over which messages are counted (s).
 const HOUR: f64 = 3600.0;
+
+/// `pace`: how many messages a receiver gets.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Pace {
+    /// After the first alarm others are waited for, to go into the same message (s).
+    pub wait_s: f64,
+    /// Least time between two messages (s); an alarm of high priority does not wait for it.
+    pub interval_s: f64,
+    /// Most messages in an hour; what is over it is in the next one.
+    pub most_per_hour: usize,
+    /// Most alarms told one by one in a message; the rest is counted.
+    pub listed: usize,
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        Self { wait_s: 15.0, interval_s: 300.0, most_per_hour: 20, listed: 100 }
+    }
+}
+
+impl Pace {
+    pub(super) fn validate(&self) -> Vec<Wrong> {
+        let mut wrong = Vec::new();
+        for (field, value) in [("wait_s", self.wait_s), ("interval_s", self.interval_s)] {
+            if !(0.0..=86_400.0).contains(&value) {
+                wrong.push(("pace", field, format!("{value} must be 0 to 86400")));
+            }
+        }
+        for (field, value, most) in
+            [("most_per_hour", self.most_per_hour, 3600), ("listed", self.listed, 1000)]
+        {
+            if !(1..=most).contains(&value) {
+                wrong.push(("pace", field, format!("{value} must be 1 to {most}")));
+            }
+        }
+        wrong
+    }
+}
 
 /// Notices that wait.
 #[derive(Debug)]

@@ -1,6 +1,6 @@
 //! One request by HTTP/1.1, by rustls where it is encrypted. Redirections are not followed; every answer is bounded.
 
-use super::config::is_loopback;
+use super::time;
 use http_body_util::{BodyExt, Full, Limited};
 use hyper::body::Bytes;
 use hyper::client::conn::http1;
@@ -34,6 +34,12 @@ pub(super) struct Endpoint {
     port: u16,
     tls: bool,
     ca_file: Option<PathBuf>,
+}
+
+/// Whether a host is this machine.
+pub(super) fn is_loopback(host: &str) -> bool {
+    let address = host.trim_start_matches('[').trim_end_matches(']').parse::<std::net::IpAddr>();
+    host == "localhost" || address.is_ok_and(|address| address.to_canonical().is_loopback())
 }
 
 /// What came back.
@@ -134,7 +140,7 @@ where
     let text = String::from_utf8_lossy(&bytes);
     let text =
         text.chars().take(MOST_QUOTED).map(|c| if c.is_control() { ' ' } else { c }).collect::<String>();
-    let retry_after = after.and_then(|text| pause(text, super::wall()));
+    let retry_after = after.and_then(|text| pause(text, time::wall()));
     Ok(Answer { status: parts.status, retry_after, text: text.trim().to_string() })
 }
 

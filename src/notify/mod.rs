@@ -13,6 +13,7 @@
 pub mod alertmanager;
 mod batch;
 mod config;
+mod filter;
 mod http;
 mod letters;
 pub mod mqtt;
@@ -22,23 +23,15 @@ mod postman;
 mod secret;
 pub mod smtp;
 mod state;
+mod time;
 pub mod webhook;
+mod wrong;
 
-pub use config::{Config, Filter, Pace, Retry, What, Wrong};
+pub use batch::Pace;
+pub use config::Config;
+pub use filter::{Filter, What};
 pub use letters::{Letter, Letters};
 pub use notice::{Places, Source};
-pub use postman::{Carrier, Fault, Postman};
+pub use postman::{Carrier, Fault, Postman, Retry};
 pub use state::{Snapshot, State};
-
-use std::time::{SystemTime, UNIX_EPOCH};
-
-/// Seconds since the Unix epoch as RFC 3339 in UTC, to the millisecond; empty for what no calendar holds.
-fn iso(t: f64) -> String {
-    let milliseconds = (t * 1e3).round() as i64;
-    jiff::Timestamp::from_millisecond(milliseconds).map_or_else(|_| String::new(), |stamp| stamp.to_string())
-}
-
-/// The wall clock (s): what is signed and resent is judged by the receiver's clock, not by the plant's.
-fn wall() -> f64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
-}
+pub use wrong::Wrong;

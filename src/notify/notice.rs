@@ -1,6 +1,6 @@
 //! What is told of one change of an alarm, and where it is looked up.
 
-use super::config::{Config, What};
+use super::filter::What;
 use crate::alarm::{AlarmId, Cause, Kind, Priority, State, Transition};
 use crate::results::{AlarmChange, AlarmView, Results, f_unit};
 use crate::signal::LoopId;
@@ -102,16 +102,6 @@ pub(super) fn what(transition: &Transition) -> Option<What> {
 }
 
 impl Source {
-    /// What receivers look things up in, under the names of a configuration.
-    pub fn new(
-        config: &Config,
-        results: Arc<Results>,
-        places: Arc<RwLock<Arc<Places>>>,
-        now: Arc<dyn Fn() -> f64 + Send + Sync>,
-    ) -> Self {
-        Self { results, places, now, site: config.site.clone(), public_url: config.public_url.clone() }
-    }
-
     /// The groups that an alarm belongs to.
     pub(super) fn groups(&self, alarm: &AlarmId) -> Vec<String> {
         let places = self.places.read().unwrap_or_else(PoisonError::into_inner).clone();

@@ -1,8 +1,8 @@
 //! JSON of webhooks and of Alertmanager's API. Pure; the names are those of the API.
 
 use super::batch::Digest;
-use super::iso;
 use super::notice::{Friction, Notice, Source};
+use super::time::iso;
 use serde::Serialize;
 use std::collections::BTreeMap;
 

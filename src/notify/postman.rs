@@ -10,14 +10,17 @@
 //! ```
 //! Letters go one at a time, oldest first; while one is tried everything new stays in the batch, which is bounded.
 
-use super::batch::{Batch, Digest};
-use super::config::{Filter, Pace, Retry, What};
+use super::batch::{Batch, Digest, Pace};
+use super::filter::{self, Filter, What};
 use super::letters::{Letter, Letters};
 use super::notice::Source;
 use super::state::State;
+use super::time;
+use super::wrong::Wrong;
 use crate::results::{AlarmChange, Event};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
+use serde::Deserialize;
 use std::future::Future;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -27,6 +30,45 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::{error, info, warn};
+
+/// `retry`: how long a message is tried that is not taken.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Retry {
+    /// First pause (s); each is twice the one before, the half of it by chance.
+    pub first_s: f64,
+    /// Longest pause (s).
+    pub longest_s: f64,
+    /// A message that is not taken for so long is a dead letter (s).
+    pub for_s: f64,
+    /// Dead letters kept; what is oldest goes first.
+    pub dead_letters: usize,
+}
+
+impl Default for Retry {
+    fn default() -> Self {
+        Self { first_s: 1.0, longest_s: 300.0, for_s: 14_400.0, dead_letters: 100 }
+    }
+}
+
+impl Retry {
+    pub(super) fn validate(&self) -> Vec<Wrong> {
+        let mut wrong = Vec::new();
+        let mut unless = |ok: bool, field, message: String| {
+            if !ok {
+                wrong.push(("retry", field, message));
+            }
+        };
+        let (first, longest, whole) = (self.first_s, self.longest_s, self.for_s);
+        unless((0.01..=3600.0).contains(&first), "first_s", format!("{first} must be 0.01 to 3600"));
+        let ok = (first..=86_400.0).contains(&longest);
+        unless(ok, "longest_s", format!("{longest} must be first_s to 86400"));
+        unless((0.0..=604_800.0).contains(&whole), "for_s", format!("{whole} must be 0 to 604800"));
+        let most = self.dead_letters;
+        unless((1..=10_000).contains(&most), "dead_letters", format!("{most} must be 1 to 10000"));
+        wrong
+    }
+}
 
 /// Brings letters to a receiver.
 pub trait Carrier: Send + Sync + 'static {
@@ -83,7 +125,7 @@ impl<C: Carrier> Postman<C> {
             name: name.to_string(),
             carrier: Arc::new(carrier),
             source,
-            events: super::config::usual(),
+            events: filter::usual(),
             filter: Filter::default(),
             pace: Pace::default(),
             retry: Retry::default(),
@@ -105,7 +147,7 @@ impl<C: Carrier> Postman<C> {
         let began = Instant::now();
         let now = || began.elapsed().as_secs_f64();
         let (mut batch, mut trial, mut gone) = (Batch::new(self.pace.clone()), Trial::default(), false);
-        let mut random = Pcg32::seed_from_u64(super::wall().to_bits());
+        let mut random = Pcg32::seed_from_u64(time::wall().to_bits());
         let mut under_way = JoinSet::new();
         self.catch_up(&mut batch, now());
         loop {

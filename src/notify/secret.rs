@@ -1,11 +1,40 @@
 //! Secrets: read where they are used, anew each time, and never shown.
 
-use super::config::Secret;
 use std::fs::File;
 use std::io::Read;
+use std::path::PathBuf;
 
 /// Longest file read (bytes).
 const MOST: u64 = 1 << 16;
+
+/// Where a secret is found; read anew whenever it is needed.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Secret {
+    /// In a file.
+    File(PathBuf),
+    /// In an environment variable.
+    Env(String),
+}
+
+impl Secret {
+    /// The one that a file names, if any.
+    pub(super) fn of(file: &Option<PathBuf>, env: &Option<String>) -> Option<Self> {
+        file.clone().map(Self::File).or_else(|| env.clone().map(Self::Env))
+    }
+}
+
+/// What is wrong with a name and the places of its password.
+pub(super) fn wrong_login(
+    user: &Option<String>,
+    file: &Option<PathBuf>,
+    env: &Option<String>,
+) -> Option<(&'static str, &'static str)> {
+    if file.is_some() && env.is_some() {
+        return Some(("password_env", "there is password_file too: leave one out"));
+    }
+    let alone = user.is_some() != (file.is_some() || env.is_some());
+    alone.then_some(("user", "a user name and one of password_file and password_env belong together"))
+}
 
 /// The lines of a secret that are not empty. Files are read on the caller's thread: not on an async one.
 ///

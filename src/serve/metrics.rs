@@ -197,13 +197,13 @@ fn devices(registry: &mut Registry, devices: &[DeviceState], now: f64) {
 }
 
 fn writeback(registry: &mut Registry, context: &Context, plant: &Plant) {
-    let Some(desk) = &context.desk else { return };
+    let Some(writeback) = &context.writeback else { return };
     let state = gauges(registry, "writeback_state", "1 for the state of the loop's write-back");
     let term = gauges(registry, "writeback_term_percent", "The term in force, in % of OP's span");
     let ise = gauges(registry, "writeback_ise_gain", "ISE before over ISE with the term");
     let travel = gauges(registry, "writeback_travel_ratio", "Valve travel with the term over travel before");
     for info in plant.loops() {
-        let Some(status) = desk.status(&info.id) else { continue };
+        let Some(status) = writeback.status(&info.id) else { continue };
         let id = info.id.as_str();
         set(&state, &[("loop", id), ("state", status.state.as_str())], 1.0);
         set(&term, &[("loop", id)], status.in_force);
@@ -237,7 +237,7 @@ fn store(registry: &mut Registry, context: &Context, now: f64) {
 
 /// Those who are told of alarms.
 fn receivers(registry: &mut Registry, context: &Context) {
-    let all = context.post.as_ref().map(|post| post.receivers()).unwrap_or_default();
+    let all = context.notifications.as_ref().map(|port| port.receivers()).unwrap_or_default();
     if all.is_empty() {
         return;
     }

@@ -1,9 +1,8 @@
 //! What the daemon shows: REST, events, metrics, a dashboard, reports, to whom it may. Reads the plant; what an operator
-//! asks of write-back it hands on to the [`Desk`].
+//! asks of write-back it hands on to the [`WritebackPort`].
 
 mod api;
 mod conditional;
-mod desk;
 pub mod dto;
 mod extract;
 mod guard;
@@ -11,22 +10,20 @@ mod layers;
 mod listen;
 mod metrics;
 mod page;
-mod past;
 mod picture;
 mod policy;
-mod post;
+mod ports;
 mod problem;
 mod report;
 mod tls;
 mod words;
 
 pub use api::openapi;
-#[cfg(feature = "writeback")]
-pub use desk::Acted;
-pub use desk::Desk;
-pub use past::{Past, PastJob, PastPhase, PastRefusal, PastWish};
 pub use policy::{Need, RULES};
-pub use post::{DeadLetter, Post, ReceiverState};
+#[cfg(feature = "writeback")]
+pub use ports::Acted;
+pub use ports::{BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
+pub use ports::{DeadLetter, NotificationPort, ReceiverState, WritebackPort};
 pub use tls::{Config as TlsConfig, Tls, TlsError};
 
 use crate::access::{self, Access};
@@ -302,11 +299,11 @@ pub struct Context {
     event_clients: Arc<Semaphore>,
     /// Tells the events of this run of the daemon from those of another.
     event_run: String,
-    desk: Option<Arc<dyn Desk>>,
-    post: Option<Arc<dyn Post>>,
+    writeback: Option<Arc<dyn WritebackPort>>,
+    notifications: Option<Arc<dyn NotificationPort>>,
     store: Option<AskStore>,
     durable: Option<AskDurable>,
-    past: Option<Arc<dyn Past>>,
+    backfill: Option<Arc<dyn BackfillPort>>,
     access: Option<Arc<Access>>,
     audit: Option<Arc<Recorder>>,
     tls: Option<Arc<Tls>>,
@@ -337,11 +334,11 @@ impl Context {
             scheduler,
             plant,
             stop,
-            desk: None,
-            post: None,
+            writeback: None,
+            notifications: None,
             store: None,
             durable: None,
-            past: None,
+            backfill: None,
             access: None,
             audit: None,
             tls: None,
@@ -350,14 +347,14 @@ impl Context {
         }
     }
 
-    /// Shows write-back as `desk` knows it.
-    pub fn with_desk(self, desk: Arc<dyn Desk>) -> Self {
-        Self { desk: Some(desk), ..self }
+    /// Shows write-back as `writeback` knows it.
+    pub fn with_writeback(self, writeback: Arc<dyn WritebackPort>) -> Self {
+        Self { writeback: Some(writeback), ..self }
     }
 
     /// Shows those who are told of alarms.
-    pub fn with_post(self, post: Arc<dyn Post>) -> Self {
-        Self { post: Some(post), ..self }
+    pub fn with_notifications(self, notifications: Arc<dyn NotificationPort>) -> Self {
+        Self { notifications: Some(notifications), ..self }
     }
 
     /// Shows the store as `store` tells.
@@ -370,9 +367,9 @@ impl Context {
         Self { durable, ..self }
     }
 
-    /// Asks `past` for what was before.
-    pub fn with_past(self, past: Arc<dyn Past>) -> Self {
-        Self { past: Some(past), ..self }
+    /// Asks `backfill` for what was before.
+    pub fn with_backfill(self, backfill: Arc<dyn BackfillPort>) -> Self {
+        Self { backfill: Some(backfill), ..self }
     }
 
     /// Lets in whom `access` knows; without it everybody on this machine.

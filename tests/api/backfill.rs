@@ -13,8 +13,9 @@ use stictiond::diagnosis::Verdict;
 use stictiond::schedule::{Clock, Diagnose};
 use stictiond::signal::{Record, Sample};
 use stictiond::store::{self, Batch, Series, Store, TagName};
-use tokio::io::{AsyncBufReadExt, BufReader};
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, Lines};
 use tokio::net::TcpListener;
+use tokio::process::{Child, ChildStdin, ChildStdout, Command};
 
 /// Far longer than anything here takes even on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -176,25 +177,43 @@ async fn without_a_store_there_is_no_past() {
 }
 
 /// asyncua with two minutes of history of a counter; gone with the test.
-async fn historian() -> (tokio::process::Child, u16) {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = root.join("target/peers-venv/bin/python");
-    assert!(python.exists(), "asyncua is not installed: run scripts/peers once, then the tests again");
-    let mut child = tokio::process::Command::new(python)
-        .arg(root.join("tests/peers/opcua_server.py"))
-        .args(["--history", "--backlog", "120"])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .kill_on_drop(true)
-        .spawn()
-        .expect("runs");
-    let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines();
-    loop {
-        let line = lines.next_line().await.expect("text").expect("the server goes on");
-        if let Some(port) = line.strip_prefix("port ") {
-            return (child, port.parse().expect("a number"));
+struct Historian {
+    port: u16,
+    commands: ChildStdin,
+    lines: Lines<BufReader<ChildStdout>>,
+    _child: Child,
+}
+
+impl Historian {
+    async fn start() -> Self {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let python = root.join("target/peers-venv/bin/python");
+        assert!(python.exists(), "asyncua is not installed: run scripts/peers once, then the tests again");
+        let mut child = Command::new(python)
+            .arg(root.join("tests/peers/opcua_server.py"))
+            .args(["--history", "--backlog", "120"])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .kill_on_drop(true)
+            .spawn()
+            .expect("runs");
+        let commands = child.stdin.take().expect("piped");
+        let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines();
+        loop {
+            let line = lines.next_line().await.expect("text").expect("the server goes on");
+            if let Some(port) = line.strip_prefix("port ") {
+                let port = port.parse().expect("a number");
+                return Self { port, commands, lines, _child: child };
+            }
         }
+    }
+
+    /// Waits until it has kept so many values more.
+    async fn kept(&mut self, values: usize) {
+        self.commands.write_all(format!("count {values}\n").as_bytes()).await.expect("it listens");
+        let answer = tokio::time::timeout(PATIENCE, self.lines.next_line()).await.expect("it goes on");
+        assert_eq!(answer.expect("text").as_deref(), Some("ok"));
     }
 }
 
@@ -214,11 +233,11 @@ fn wall() -> f64 {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn what_a_server_kept_is_read_into_the_store_and_diagnosed() {
-    let (_server, port) = historian().await;
+    let server = Historian::start().await;
     let folder = folder("devices");
     std::fs::create_dir_all(&folder).expect("writable");
     let file = folder.join("plant.toml");
-    std::fs::write(&file, plant(port, "")).expect("writable");
+    std::fs::write(&file, plant(server.port, "")).expect("writable");
     let mut own = stictiond::config::load(&file).expect("sound");
     own.store = Some(store::Config::new(folder.join("store")));
     let daemon = start(own, Clock::wall(), sticky_at_ten()).await;
@@ -263,12 +282,12 @@ async fn what_a_server_kept_is_read_into_the_store_and_diagnosed() {
 /// History of before the first start, and of the time between two of them: one line without a gap.
 #[tokio::test(flavor = "multi_thread")]
 async fn at_its_start_the_daemon_reads_back_to_what_it_has() {
-    let (_server, port) = historian().await;
+    let mut server = Historian::start().await;
     let folder = folder("start");
     std::fs::create_dir_all(&folder).expect("writable");
     let file = folder.join("plant.toml");
     let more = "backfill_s = 60.0\nsampling_ms = 20\npublishing_ms = 50\nqueue_size = 100\n";
-    std::fs::write(&file, plant(port, more)).expect("writable");
+    std::fs::write(&file, plant(server.port, more)).expect("writable");
     let mut own = stictiond::config::load(&file).expect("sound");
     own.store = Some(store::Config { sync_ms: 20, ..store::Config::new(folder.join("store")) });
     let mut begun = f64::NAN;
@@ -291,8 +310,8 @@ async fn at_its_start_the_daemon_reads_back_to_what_it_has() {
         }
         stop(daemon).await;
         newest = newest.max(wall());
-        // Long enough that what nobody listened to would show.
-        tokio::time::sleep(Duration::from_secs(3)).await;
+        // Three seconds of values that nobody listens to would show.
+        server.kept(150).await;
     }
     let mut reader = store::Reader::open(&folder.join("store")).expect("can be read");
     let kept = reader.between("A", "pv", 0.0, 1e10).expect("can be read");

@@ -40,6 +40,10 @@ impl Source {
         let mut found = Vec::new();
         let mut at = 0;
         while at < tokens.len() {
+            if let Some(end) = visibility(&tokens[at..]) {
+                at += end;
+                continue;
+            }
             // `use<'a>` names what a returned type captures.
             if tokens[at] == "use" && tokens.get(at + 1).is_some_and(|t| t != "<") {
                 at = use_tree(&tokens, at + 1, &[], &mut found);
@@ -78,6 +82,19 @@ impl Source {
 
 fn is_name(token: &str) -> bool {
     token.starts_with(|c: char| c.is_alphabetic() || c == '_')
+}
+
+/// The length of `pub(super)`, `pub(in crate::app)` and the like, which say who may import and import nothing.
+fn visibility(tokens: &[String]) -> Option<usize> {
+    let next = |at: usize| tokens.get(at).map(String::as_str);
+    if next(0) != Some("pub") || next(1) != Some("(") {
+        return None;
+    }
+    match next(2)? {
+        "in" => Some(tokens.iter().position(|token| token == ")")? + 1),
+        "crate" | "self" | "super" if next(3) == Some(")") => Some(4),
+        _ => None,
+    }
 }
 
 /// Reads one `use` tree that begins at `at`, below `prefix`; returns where it ends.

@@ -4,7 +4,7 @@ use super::rig::{Broker, Peer, line};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::SeqCst;
 use std::time::Duration;
-use stictiond::notify::mqtt::{Config, Counters, LoopName, Publisher};
+use stictiond::notify::mqtt::{Config, Counters, LoopName, Publisher, run};
 use stictiond::results::{Outcome, Results, Run, Trigger};
 use stictiond::signal::LoopId;
 use tokio::task::JoinHandle;
@@ -32,7 +32,7 @@ impl Daemon {
             Publisher::new(config, results.clone(), Arc::new(move || names.clone()), Arc::new(|| START));
         let (counters, stop) = (publisher.counters(), CancellationToken::new());
         let own = stop.clone();
-        let task = tokio::spawn(async move { publisher.run(own).await });
+        let task = tokio::spawn(async move { run(&publisher, own).await });
         Self { results, counters, stop, task }
     }
 

@@ -9,6 +9,7 @@ Prints "port N" once it listens. Reads commands from stdin, one a line, and answ
   max            prints "max N", the most nodes that one read asked for
   jump S         sets the clock of Counter by S seconds, its count too
   drop           ends every connection, while the server goes on
+  count N        answers once Counter has counted N further
 
 Nodes of namespace 2, all Doubles, are steady: Steady0..Steady29 hold 0.0..29.0. Counter (numeric id 1000, below
 Plant/Unit, a browse path) counts up every 20 ms; the value is the number of 20 ms since the Unix epoch, so that a
@@ -122,6 +123,7 @@ class Peer:
         self.is_silent = False
         self.jump_s = 0.0
         self.tick = round(datetime.datetime.now(datetime.timezone.utc).timestamp() / TICK_S)
+        self.counted = 0
 
     async def start(self):
         args = self.args
@@ -207,6 +209,7 @@ class Peer:
                     ].value = self.value(tick)
                 else:
                     await self.write(tick)
+                self.counted += 1
             await asyncio.sleep(TICK_S / 2)
 
     async def command(self, words):
@@ -229,6 +232,10 @@ class Peer:
             case ["drop"]:
                 for session in list(self.server.bserver.clients):
                     session.transport.abort()
+            case ["count", ticks]:
+                end = self.counted + int(ticks)
+                while self.counted < end:
+                    await asyncio.sleep(TICK_S)
             case ["max"]:
                 say(f"max {self.asked['max']}")
             case _:

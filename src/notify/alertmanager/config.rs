@@ -1,7 +1,9 @@
 //! `[[notify.alertmanager]]`: where it is, and which alarms it hears of.
 
-use crate::notify::config::{Filter, Secret, Wrong, wrong_login};
+use crate::notify::filter::Filter;
 use crate::notify::http::Endpoint;
+use crate::notify::secret::{Secret, wrong_login};
+use crate::notify::wrong::Wrong;
 use serde::Deserialize;
 use std::path::PathBuf;
 

@@ -9,7 +9,7 @@ pub use config::Config;
 use super::notice::Source;
 use super::payload;
 use super::state::State;
-use super::{http::Endpoint, secret};
+use super::{http::Endpoint, secret, time};
 use crate::results::Event;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -55,7 +55,7 @@ impl Informer {
     /// Informs until `stop` is cancelled. Alerts that stand then stand on until they expire: a restart goes on with them.
     pub async fn run(mut self, stop: CancellationToken) {
         let mut table = Table::default();
-        let mut random = Pcg32::seed_from_u64(super::wall().to_bits());
+        let mut random = Pcg32::seed_from_u64(time::wall().to_bits());
         let (mut next, mut failures) = (Instant::now(), 0u32);
         loop {
             tokio::select! {

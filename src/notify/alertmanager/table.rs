@@ -2,10 +2,10 @@
 //! diagnosis: an alert whose labels change is another one.
 
 use crate::alarm::{AlarmId, Kind, Priority};
-use crate::notify::config::Filter;
-use crate::notify::iso;
+use crate::notify::filter::Filter;
 use crate::notify::notice::{Source, stands, words};
 use crate::notify::payload::{self, Texts};
+use crate::notify::time::iso;
 use crate::results::AlarmView;
 use std::collections::{BTreeMap, HashMap};
 

@@ -1,7 +1,7 @@
 //! `[notify.mqtt]`: to which broker, as whom, under which topics.
 
 use crate::mqtt::{Broker, Password, topic_fault};
-use crate::notify::config::wrong_login;
+use crate::notify::secret::wrong_login;
 use serde::Deserialize;
 use std::path::PathBuf;
 

@@ -1,6 +1,6 @@
 //! Topics and JSON of diagnoses and alarms. Pure.
 
-use super::super::iso;
+use super::super::time::iso;
 use crate::alarm::State;
 use crate::results::{AlarmView, Summary, f_unit};
 use serde::Serialize;

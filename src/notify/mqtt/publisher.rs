@@ -7,7 +7,6 @@
 //! What happens while the broker is away waits, the newest of each topic only.
 
 use super::config::Config;
-use super::edge::Edge;
 use super::message;
 use super::outbox::Outbox;
 use crate::alarm::Kind;
@@ -15,7 +14,6 @@ use crate::mqtt::Broker;
 use crate::results::{Event, Results};
 use crate::signal::LoopId;
 use futures::StreamExt;
-use futures::future::BoxFuture;
 use futures::stream::{FuturesUnordered, unfold};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
@@ -111,22 +109,8 @@ impl Publisher {
         Arc::clone(&self.counters)
     }
 
-    /// Publishes until `stop` is cancelled, and then says that it is offline.
-    pub fn run(&self, stop: CancellationToken) -> BoxFuture<'_, ()> {
-        // Boxed here, so that a binary that calls it does not compile the publisher once more.
-        Box::pin(self.until(stop))
-    }
-
-    async fn until(&self, stop: CancellationToken) {
-        let node = async {
-            if let Some(sparkplug) = &self.config.sparkplug {
-                Edge::new(self, sparkplug).run(stop.clone()).await;
-            }
-        };
-        tokio::join!(self.publish(stop.clone()), node);
-    }
-
-    async fn publish(&self, stop: CancellationToken) {
+    /// Publishes JSON until `stop` is cancelled, and then says that it is offline.
+    pub(super) async fn publish(&self, stop: CancellationToken) {
         let mut news = self.results.subscribe();
         let mut outbox = Outbox::new(self.config.max_topics);
         let mut pauses = Pauses::new(&self.config, 1);

@@ -1,8 +1,11 @@
 //! `[[notify.smtp]]`: by which server, to whom, and which alarms.
 
-use crate::notify::config::{
-    Filter, Pace, Retry, Secret, What, Wrong, is_loopback, usual, wrong_habits, wrong_login,
-};
+use crate::notify::batch::Pace;
+use crate::notify::filter::{Filter, What, usual};
+use crate::notify::http::is_loopback;
+use crate::notify::postman::Retry;
+use crate::notify::secret::{Secret, wrong_login};
+use crate::notify::wrong::Wrong;
 use lettre::message::Mailbox;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -74,7 +77,7 @@ fn default_timeout_s() -> f64 {
 impl Config {
     /// Everything wrong with it, by table and field.
     pub fn validate(&self) -> Vec<Wrong> {
-        let mut wrong = wrong_habits(&self.pace, &self.retry);
+        let mut wrong = [self.pace.validate(), self.retry.validate()].concat();
         let mut unless = |ok: bool, field, message: String| {
             if !ok {
                 wrong.push(("", field, message));

@@ -2,9 +2,10 @@
 
 use crate::alarm::Kind;
 use crate::notify::batch::Digest;
-use crate::notify::config::What;
+use crate::notify::filter::What;
 use crate::notify::notice::{Notice, Source, words};
-use crate::notify::{iso, payload};
+use crate::notify::payload;
+use crate::notify::time::iso;
 
 /// Longest subject (characters).
 const MOST_SUBJECT: usize = 120;

@@ -1,7 +1,11 @@
 //! `[[notify.webhook]]`: where to, signed with what, and which alarms.
 
-use crate::notify::config::{Filter, Pace, Retry, Secret, What, Wrong, usual, wrong_habits};
+use crate::notify::batch::Pace;
+use crate::notify::filter::{Filter, What, usual};
 use crate::notify::http::Endpoint;
+use crate::notify::postman::Retry;
+use crate::notify::secret::Secret;
+use crate::notify::wrong::Wrong;
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -49,7 +53,7 @@ fn default_timeout_s() -> f64 {
 impl Config {
     /// Everything wrong with it, by table and field.
     pub fn validate(&self) -> Vec<Wrong> {
-        let mut wrong = wrong_habits(&self.pace, &self.retry);
+        let mut wrong = [self.pace.validate(), self.retry.validate()].concat();
         let mut unless = |ok: bool, field, message: String| {
             if !ok {
                 wrong.push(("", field, message));

@@ -10,7 +10,7 @@ use super::letters::{Letter, Letters};
 use super::notice::Source;
 use super::postman::{Carrier, Fault, Postman};
 use super::state::State;
-use super::{payload, secret};
+use super::{payload, secret, time};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use hyper::StatusCode;
@@ -57,7 +57,7 @@ impl Carrier for Webhook {
         let secret = self.config.secret().ok_or_else(|| later("there is no secret".into()))?;
         let keys = spawn_blocking(move || keys(&secret::lines(&secret)?)).await;
         let keys = keys.map_err(|error| later(error.to_string()))?.map_err(later)?;
-        let stamp = (super::wall() as u64).to_string();
+        let stamp = (time::wall() as u64).to_string();
         let signatures = signatures(&keys, &letter.id, &stamp, &letter.body);
         let mut headers = Vec::new();
         for (name, text) in

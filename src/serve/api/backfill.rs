@@ -5,7 +5,7 @@ use super::super::dto::backfill::{BackfillBody, BackfillJob};
 use super::super::dto::params::NoQuery;
 use super::super::dto::parse_time;
 use super::super::extract::{Params, Required, within};
-use super::super::past::{Past, PastWish};
+use super::super::ports::{BackfillPort, BackfillRequest};
 use super::super::problem::Problem;
 use crate::signal::LoopId;
 use axum::Json;
@@ -20,9 +20,9 @@ const WINDOW_S: std::ops::RangeInclusive<f64> = 10.0..=3.2e7;
 
 type Shared = State<Arc<Context>>;
 
-fn past(context: &Context) -> Result<&Arc<dyn Past>, Problem> {
+fn port(context: &Context) -> Result<&Arc<dyn BackfillPort>, Problem> {
     let none = || Problem::new(StatusCode::NOT_FOUND, "no_backfill", "this daemon has no past to ask for");
-    context.past.as_ref().ok_or_else(none)
+    context.backfill.as_ref().ok_or_else(none)
 }
 
 fn none_yet() -> Problem {
@@ -54,9 +54,9 @@ pub async fn begin(
     for (field, given) in [("window_s", window_s), ("step_s", step_s)] {
         given.map_or(Ok(0.0), |value| within(field, value, WINDOW_S))?;
     }
-    let wish = PastWish { id, from, to, window_s, step_s, read_devices: body.read_devices };
-    let begun = past(&context)?.begin(wish);
-    let refused = |why: super::super::past::PastRefusal| {
+    let request = BackfillRequest { id, from, to, window_s, step_s, read_devices: body.read_devices };
+    let begun = port(&context)?.begin(request);
+    let refused = |why: super::super::ports::BackfillRefusal| {
         Problem::new(StatusCode::CONFLICT, "backfill_state", why.to_string())
     };
     begun.map(|job| (StatusCode::ACCEPTED, Json(BackfillJob::from(&job)))).map_err(refused)
@@ -69,7 +69,7 @@ pub async fn state(
     State(context): Shared,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Json<BackfillJob>, Problem> {
-    past(&context)?.job().map(|job| Json(BackfillJob::from(&job))).ok_or_else(none_yet)
+    port(&context)?.job().map(|job| Json(BackfillJob::from(&job))).ok_or_else(none_yet)
 }
 
 /// Ends the job that runs; what it read from devices stays in the store.
@@ -79,5 +79,5 @@ pub async fn cancel(
     State(context): Shared,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Json<BackfillJob>, Problem> {
-    past(&context)?.cancel().map(|job| Json(BackfillJob::from(&job))).ok_or_else(none_yet)
+    port(&context)?.cancel().map(|job| Json(BackfillJob::from(&job))).ok_or_else(none_yet)
 }

@@ -56,7 +56,7 @@ pub async fn readyz(
 }
 
 fn notifications(context: &Context) -> Option<PostHealth> {
-    let receivers = context.post.as_ref()?.receivers();
+    let receivers = context.notifications.as_ref()?.receivers();
     (!receivers.is_empty()).then(|| receivers.into())
 }
 

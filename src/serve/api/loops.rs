@@ -132,7 +132,12 @@ pub async fn detail(
         op_limits: tags.and_then(|tags| tags.op_limits).and_then(|(a, b)| Some([finite(a)?, finite(b)?])),
         f_threshold: plant.facts.f_threshold_percent.and_then(finite),
         values: values(&plant, &id),
-        writeback: context.desk.as_ref().and_then(|desk| desk.status(&id)).as_ref().map(WritebackView::from),
+        writeback: context
+            .writeback
+            .as_ref()
+            .and_then(|writeback| writeback.status(&id))
+            .as_ref()
+            .map(WritebackView::from),
         last_run: known.last.as_ref().map(RunItem::from),
     }))
 }

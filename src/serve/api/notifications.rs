@@ -18,7 +18,7 @@ type Shared = State<Arc<Context>>;
 #[utoipa::path(get, path = "/notifications", tag = "notifications", responses((status = 200, body = ReceiverList)))]
 pub async fn list(State(context): Shared, Params(NoQuery {}): Params<NoQuery>) -> Result<Response, Problem> {
     off_thread(move || {
-        let receivers = context.post.as_ref().map(|post| post.receivers()).unwrap_or_default();
+        let receivers = context.notifications.as_ref().map(|port| port.receivers()).unwrap_or_default();
         let items = receivers.into_iter().map(Into::into).collect();
         Ok(ReceiverList { time: rfc3339(context.clock.now()), items })
     })
@@ -35,7 +35,7 @@ pub async fn dead_letters(
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Response, Problem> {
     off_thread(move || {
-        let letters = context.post.as_ref().and_then(|post| post.dead_letters(&receiver));
+        let letters = context.notifications.as_ref().and_then(|port| port.dead_letters(&receiver));
         let letters = letters.ok_or_else(|| unknown(&receiver))?;
         Ok(DeadLetterList { items: letters.into_iter().map(Into::into).collect() })
     })
@@ -53,7 +53,8 @@ pub async fn replay(
     Body(body): Body<ReplayBody>,
 ) -> Result<Response, Problem> {
     off_thread(move || {
-        let replayed = context.post.as_ref().and_then(|post| post.replay(&receiver, body.id.as_deref()));
+        let replayed =
+            context.notifications.as_ref().and_then(|port| port.replay(&receiver, body.id.as_deref()));
         let replayed = replayed.ok_or_else(|| unknown(&receiver))?;
         if replayed == 0 && body.id.is_some() {
             let detail = "there is no such dead letter";

@@ -24,7 +24,7 @@ pub async fn state(
     OfLoop(id): OfLoop,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Json<WritebackView>, Problem> {
-    let status = context.desk.as_ref().and_then(|desk| desk.status(&id));
+    let status = context.writeback.as_ref().and_then(|writeback| writeback.status(&id));
     status.map(|status| Json(WritebackView::from(&status))).ok_or_else(|| not_enabled(&id))
 }
 
@@ -154,8 +154,8 @@ mod acting {
         by: String,
     ) -> Result<Json<WritebackView>, Problem> {
         let by = short("by", Some(by), 100)?.unwrap_or_default();
-        let desk = context.desk.as_ref().ok_or_else(|| not_enabled(id))?;
-        match desk.act(id, action, &by).await.ok_or_else(|| not_enabled(id))? {
+        let writeback = context.writeback.as_ref().ok_or_else(|| not_enabled(id))?;
+        match writeback.act(id, action, &by).await.ok_or_else(|| not_enabled(id))? {
             Ok(status) => Ok(Json(WritebackView::from(&status))),
             Err(refusal @ Refusal::BadDuration { .. }) => {
                 Err(Problem::field("duration_s", format!("duration_s: {refusal}")))

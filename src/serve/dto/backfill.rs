@@ -5,8 +5,7 @@ use super::{finite, rfc3339};
 use crate::backfill::{Item, Timeline};
 use crate::diagnosis::HistoryKind;
 use crate::results::f_unit;
-use crate::serve::PastJob;
-use crate::serve::PastPhase;
+use crate::serve::{BackfillPhase, BackfillRun};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -57,22 +56,22 @@ pub struct BackfillJob {
     pub report: Option<BackfillReport>,
 }
 
-impl From<&PastJob> for BackfillJob {
-    fn from(job: &PastJob) -> Self {
+impl From<&BackfillRun> for BackfillJob {
+    fn from(job: &BackfillRun) -> Self {
         Self {
-            r#loop: job.wish.id.to_string(),
-            from: rfc3339(job.wish.from),
-            to: rfc3339(job.wish.to),
+            r#loop: job.request.id.to_string(),
+            from: rfc3339(job.request.from),
+            to: rfc3339(job.request.to),
             phase: job.phase.as_str(),
             error: match &job.phase {
-                PastPhase::Failed(why) => Some(why.clone()),
+                BackfillPhase::Failed(why) => Some(why.clone()),
                 _ => None,
             },
             done: job.done,
             of: job.of,
             started: rfc3339(job.started),
             ended: job.ended.and_then(rfc3339),
-            report: job.found.as_ref().map(|found| BackfillReport::new(job.wish.id.as_str(), found)),
+            report: job.found.as_ref().map(|found| BackfillReport::new(job.request.id.as_str(), found)),
         }
     }
 }

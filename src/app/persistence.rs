@@ -3,7 +3,7 @@
 //! No collector knows of it. Every ring has one more reader, which remembers how far it has come; while the store fails the
 //! ring itself is what waits, and only what it overwrites before the store works again is lost, and counted.
 
-mod following;
+mod feed;
 mod room;
 mod rows;
 
@@ -14,7 +14,7 @@ use crate::schedule::Clock;
 use crate::serve::{AskDurable, AskStore, StoreState};
 use crate::signal::LoopId;
 use crate::store::{self, Found, Reader, Store, StoreError, TagName, Writer};
-use following::Following;
+use feed::StoreFeed;
 use rows::{remembered, remembered_alarms, remembered_changes, remembered_model};
 use std::collections::VecDeque;
 use std::io;
@@ -28,7 +28,7 @@ const MAX_CHANGES: usize = 4096;
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// The store of the daemon; without `[store]` there is none and nothing happens.
-pub(super) struct Keeping {
+pub(super) struct Persistence {
     config: Option<store::Config>,
     clock: Clock,
     shared: Arc<Shared>,
@@ -62,20 +62,20 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Keeping {
+impl Persistence {
     /// Opens the store and gives back what was kept: samples to the rings, diagnoses, models and alarms to the results. A
     /// store that cannot be opened is an entry in the log and in health; the daemon starts without.
     pub(super) fn new(config: &Config, clock: Clock, history: &History, results: &Results) -> Arc<Self> {
-        let keeping = Self {
+        let persistence = Self {
             config: config.store.clone(),
             clock,
             shared: Arc::default(),
             opened: Mutex::default(),
             writer: Arc::default(),
         };
-        let Some(own) = &keeping.config else {
+        let Some(own) = &persistence.config else {
             tracing::warn!("no [store] is configured: a restart begins with an empty history");
-            return Arc::new(keeping);
+            return Arc::new(persistence);
         };
         if let Some(why) = room::too_little(config, own) {
             tracing::warn!("{why}");
@@ -85,7 +85,7 @@ impl Keeping {
             let opening = scope.spawn(|| {
                 let mut opened = Store::open(own);
                 if let Ok(store) = &mut opened {
-                    keeping.give_back(history, results);
+                    persistence.give_back(history, results);
                     store.disconnect();
                 }
                 opened
@@ -93,18 +93,18 @@ impl Keeping {
             let failed = || StoreError::Io { path: own.folder.clone(), source: io::Error::other("panicked") };
             opening.join().unwrap_or_else(|_| Err(failed()))
         });
-        *lock(&keeping.opened) = Some(opened);
-        keeping.follow(history);
-        let shared = keeping.shared.clone();
+        *lock(&persistence.opened) = Some(opened);
+        persistence.follow(history);
+        let shared = persistence.shared.clone();
         results.keep_with(Arc::new(move |change| shared.note(change)));
-        Arc::new(keeping)
+        Arc::new(persistence)
     }
 
     /// Begins to write.
     pub(super) fn begin(&self, results: Arc<Results>) {
         let (Some(config), Some(opened)) = (&self.config, lock(&self.opened).take()) else { return };
         let (clock, own) = (self.clock, config.clone());
-        let feed = Following::new(
+        let feed = StoreFeed::new(
             self.shared.clone(),
             Box::new(move || clock.now()),
             Box::new(move |found| merge(&own, &results, found, clock.now())),

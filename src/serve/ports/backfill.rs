@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 /// What somebody wants to know of the past.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PastWish {
+pub struct BackfillRequest {
     /// Of which loop.
     pub id: LoopId,
     /// From this time on (s).
@@ -23,7 +23,7 @@ pub struct PastWish {
 
 /// How far it has come.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum PastPhase {
+pub enum BackfillPhase {
     /// History is read from devices, slice by slice.
     Reading,
     /// Windows are diagnosed.
@@ -36,7 +36,7 @@ pub enum PastPhase {
     Failed(String),
 }
 
-impl PastPhase {
+impl BackfillPhase {
     /// As the API writes it.
     pub fn as_str(&self) -> &'static str {
         match self {
@@ -56,11 +56,11 @@ impl PastPhase {
 
 /// The job, running or ended.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PastJob {
+pub struct BackfillRun {
     /// What was wanted.
-    pub wish: PastWish,
+    pub request: BackfillRequest,
     /// How far it has come.
-    pub phase: PastPhase,
+    pub phase: BackfillPhase,
     /// Slices read or windows diagnosed, of how many.
     pub done: usize,
     /// See `done`.
@@ -75,7 +75,7 @@ pub struct PastJob {
 
 /// Why no job is begun.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum PastRefusal {
+pub enum BackfillRefusal {
     /// One at a time.
     #[error("a backfill runs already; DELETE ends it")]
     Runs,
@@ -85,16 +85,16 @@ pub enum PastRefusal {
 }
 
 /// Where the past is asked for.
-pub trait Past: Send + Sync {
+pub trait BackfillPort: Send + Sync {
     /// The last job, running or ended; `None` before the first since the start.
-    fn job(&self) -> Option<PastJob>;
+    fn job(&self) -> Option<BackfillRun>;
 
     /// Begins one; called on a thread of the runtime.
     ///
     /// # Errors
-    /// [`PastRefusal`].
-    fn begin(&self, wish: PastWish) -> Result<PastJob, PastRefusal>;
+    /// [`BackfillRefusal`].
+    fn begin(&self, request: BackfillRequest) -> Result<BackfillRun, BackfillRefusal>;
 
     /// Ends the one that runs; `None` where none does.
-    fn cancel(&self) -> Option<PastJob>;
+    fn cancel(&self) -> Option<BackfillRun>;
 }

@@ -41,7 +41,7 @@ pub struct DeadLetter {
 }
 
 /// Where receivers are asked after. The two that may write files do not belong on an async thread.
-pub trait Post: Send + Sync {
+pub trait NotificationPort: Send + Sync {
     /// All of them.
     fn receivers(&self) -> Vec<ReceiverState>;
 

@@ -26,7 +26,7 @@ pub(super) type Now = Box<dyn Fn() -> f64 + Send>;
 pub(super) type Merge = Box<dyn Fn(Found) + Send>;
 
 /// What the writer asks for what is new.
-pub(super) struct Following {
+pub(super) struct StoreFeed {
     shared: Arc<Shared>,
     clock: Now,
     merge: Merge,
@@ -57,7 +57,7 @@ enum Back {
     Now,
 }
 
-impl Following {
+impl StoreFeed {
     pub(super) fn new(shared: Arc<Shared>, clock: Now, merge: Merge, max_bytes: usize) -> Self {
         // Set back while nobody ran: what was kept is of later.
         let last = |tap: &Arc<Tap>| f64::from_bits(tap.last.load(Relaxed));
@@ -100,7 +100,7 @@ impl Following {
     }
 }
 
-impl Feed for Following {
+impl Feed for StoreFeed {
     fn gather(&mut self) {
         let changes = std::mem::take(&mut *lock(&self.shared.changes));
         for row in changes.into_iter().flat_map(rows) {

@@ -13,7 +13,7 @@ use std::{future::Future, pin::Pin};
 pub type Acted<'a> = Pin<Box<dyn Future<Output = Option<Result<Status, Refusal>>> + Send + 'a>>;
 
 /// Where write-back is asked.
-pub trait Desk: Send + Sync {
+pub trait WritebackPort: Send + Sync {
     /// A loop's write-back; `None` where it is not enabled.
     fn status(&self, id: &LoopId) -> Option<Status>;
 

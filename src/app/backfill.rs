@@ -1,14 +1,14 @@
 //! The past of a loop as a job beside the daemon: devices that keep history are read into the store, and what the store then
 //! has is diagnosed window by window, on one thread, with nothing said to operators.
 
-use super::keeping::Keeping;
+use super::persistence::Persistence;
 use crate::backfill::{BackfillError, Marked, Timeline, timeline, usual_cut};
 use crate::collect::opcua::{self, Keep, Slice, Wish};
 use crate::config::Config;
 use crate::diagnosis::Settings;
 use crate::results::{Event, Results};
 use crate::schedule::{Clock, Diagnose};
-use crate::serve::{Past, PastJob, PastPhase, PastRefusal, PastWish};
+use crate::serve::{BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
 use crate::signal::{Record, Sample};
 use crate::store::{self, Batch, Reader, Series, StoreError, TagName};
 use std::collections::HashMap;
@@ -27,36 +27,39 @@ const MOST_SAMPLES: usize = 10_000_000;
 /// Windows of one job.
 const MOST_WINDOWS: f64 = 10_000.0;
 
-/// Where the API asks for the past.
-pub(super) struct Pasts {
+/// Diagnoses the past of loops for the API.
+pub(super) struct BackfillJobs {
     shared: Arc<Shared>,
     stop: CancellationToken,
 }
 
 struct Shared {
-    keeping: Arc<Keeping>,
+    persistence: Arc<Persistence>,
     results: Arc<Results>,
     clock: Clock,
     diagnose: Diagnose,
     config: Mutex<Config>,
-    job: Mutex<Option<(PastJob, CancellationToken)>>,
+    job: Mutex<Option<(BackfillRun, CancellationToken)>>,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Pasts {
+impl BackfillJobs {
     pub(super) fn new(
         config: &Config,
         clock: Clock,
-        (keeping, results): (&Arc<Keeping>, &Arc<Results>),
+        (persistence, results): (&Arc<Persistence>, &Arc<Results>),
         diagnose: Diagnose,
         stop: CancellationToken,
     ) -> Arc<Self> {
-        let (keeping, results) = (keeping.clone(), results.clone());
+        let (persistence, results) = (persistence.clone(), results.clone());
         let (config, job) = (Mutex::new(config.clone()), Mutex::default());
-        Arc::new(Self { shared: Arc::new(Shared { keeping, results, clock, diagnose, config, job }), stop })
+        Arc::new(Self {
+            shared: Arc::new(Shared { persistence, results, clock, diagnose, config, job }),
+            stop,
+        })
     }
 
     /// Another configuration; a job that runs goes on with its own.
@@ -65,22 +68,22 @@ impl Pasts {
     }
 }
 
-impl Past for Pasts {
-    fn job(&self) -> Option<PastJob> {
+impl BackfillPort for BackfillJobs {
+    fn job(&self) -> Option<BackfillRun> {
         lock(&self.shared.job).as_ref().map(|(job, _)| job.clone())
     }
 
-    fn begin(&self, wish: PastWish) -> Result<PastJob, PastRefusal> {
+    fn begin(&self, request: BackfillRequest) -> Result<BackfillRun, BackfillRefusal> {
         let config = lock(&self.shared.config).clone();
         // Where it is kept does not change by a reload.
-        let store = self.shared.keeping.configured().ok_or(PastRefusal::NoStore)?;
+        let store = self.shared.persistence.configured().ok_or(BackfillRefusal::NoStore)?;
         let mut job = lock(&self.shared.job);
         if job.as_ref().is_some_and(|(job, _)| job.phase.runs()) {
-            return Err(PastRefusal::Runs);
+            return Err(BackfillRefusal::Runs);
         }
-        let phase = if wish.read_devices { PastPhase::Reading } else { PastPhase::Diagnosing };
-        let begun = PastJob {
-            wish: wish.clone(),
+        let phase = if request.read_devices { BackfillPhase::Reading } else { BackfillPhase::Diagnosing };
+        let begun = BackfillRun {
+            request: request.clone(),
             phase,
             done: 0,
             of: 0,
@@ -91,12 +94,12 @@ impl Past for Pasts {
         let cancel = self.stop.child_token();
         *job = Some((begun.clone(), cancel.clone()));
         drop(job);
-        tracing::info!(control_loop = %wish.id, from = wish.from, to = wish.to, "backfill: begun");
-        tokio::spawn(self.shared.clone().work(wish, config, store, cancel));
+        tracing::info!(control_loop = %request.id, from = request.from, to = request.to, "backfill: begun");
+        tokio::spawn(self.shared.clone().work(request, config, store, cancel));
         Ok(begun)
     }
 
-    fn cancel(&self) -> Option<PastJob> {
+    fn cancel(&self) -> Option<BackfillRun> {
         let mut job = lock(&self.shared.job);
         let (job, cancel) = job.as_mut().filter(|(job, _)| job.phase.runs())?;
         cancel.cancel();
@@ -107,30 +110,30 @@ impl Past for Pasts {
 impl Shared {
     async fn work(
         self: Arc<Self>,
-        wish: PastWish,
+        request: BackfillRequest,
         config: Config,
         store: store::Config,
         cancel: CancellationToken,
     ) {
         let mut ended = Ok(());
-        if wish.read_devices {
-            let reading = self.read_devices(&wish, &config);
+        if request.read_devices {
+            let reading = self.read_devices(&request, &config);
             ended = cancel.run_until_cancelled(reading).await.unwrap_or(Ok(()));
         }
         let phase = match ended {
-            Err(why) => PastPhase::Failed(why),
-            Ok(()) if cancel.is_cancelled() => PastPhase::Cancelled,
+            Err(why) => BackfillPhase::Failed(why),
+            Ok(()) if cancel.is_cancelled() => BackfillPhase::Cancelled,
             Ok(()) => {
                 let own = self.clone();
-                let judging = move || own.judge(&wish, &config, &store, &cancel);
+                let judging = move || own.judge(&request, &config, &store, &cancel);
                 match tokio::task::spawn_blocking(judging).await {
                     Ok(phase) => phase,
-                    Err(error) => PastPhase::Failed(format!("the diagnosis failed: {error}")),
+                    Err(error) => BackfillPhase::Failed(format!("the diagnosis failed: {error}")),
                 }
             }
         };
         match &phase {
-            PastPhase::Failed(why) => tracing::warn!(why, "backfill: failed"),
+            BackfillPhase::Failed(why) => tracing::warn!(why, "backfill: failed"),
             phase => tracing::info!(phase = phase.as_str(), "backfill: ended"),
         }
         let ended = self.clock.now();
@@ -138,21 +141,25 @@ impl Shared {
     }
 
     /// Changes the job and tells it.
-    fn change(&self, change: impl FnOnce(&mut PastJob)) {
+    fn change(&self, change: impl FnOnce(&mut BackfillRun)) {
         let mut held = lock(&self.job);
         let Some((job, _)) = held.as_mut() else { return };
         change(job);
-        let (id, phase) = (job.wish.id.clone(), job.phase.as_str());
+        let (id, phase) = (job.request.id.clone(), job.phase.as_str());
         self.results.tell_backfill(Event::Backfill { id, phase, done: job.done, of: job.of });
     }
 
     /// Reads what the loop's OPC UA servers kept.
-    async fn read_devices(self: &Arc<Self>, wish: &PastWish, config: &Config) -> Result<(), String> {
+    async fn read_devices(
+        self: &Arc<Self>,
+        request: &BackfillRequest,
+        config: &Config,
+    ) -> Result<(), String> {
         let plant = config
             .plant()
             .map_err(|issues| issues.first().map_or_else(String::new, |issue| issue.message.clone()))?;
         let all = plant.loops.iter().flat_map(|l| l.tags.iter().map(move |tag| (l, tag))).enumerate();
-        let own = all.filter(|(_, (l, _))| l.id == wish.id);
+        let own = all.filter(|(_, (l, _))| l.id == request.id);
         let names: HashMap<usize, Arc<TagName>> = own
             .map(|(at, (l, tag))| {
                 let (source, unit) = (tag.source.clone(), tag.unit.clone());
@@ -169,8 +176,8 @@ impl Shared {
             return Err("no tag of the loop is read from a server that could keep history".to_string());
         }
         let history = Wish {
-            from: wish.from,
-            to: wish.to,
+            from: request.from,
+            to: request.to,
             newest_first: false,
             slice_s: SLICE_S,
             pause: PAUSE,
@@ -187,51 +194,51 @@ impl Shared {
 
     fn judge(
         &self,
-        wish: &PastWish,
+        request: &BackfillRequest,
         config: &Config,
         store: &store::Config,
         cancel: &CancellationToken,
-    ) -> PastPhase {
-        let judged = stored(wish, store, cancel).and_then(|found| match found {
-            Some(record) => self.timeline(wish, config, record, cancel),
+    ) -> BackfillPhase {
+        let judged = stored(request, store, cancel).and_then(|found| match found {
+            Some(record) => self.timeline(request, config, record, cancel),
             None => Ok(None),
         });
         match judged {
             Ok(Some(found)) => {
                 self.change(|job| job.found = Some(Arc::new(found)));
-                PastPhase::Done
+                BackfillPhase::Done
             }
-            Ok(None) => PastPhase::Cancelled,
-            Err(why) => PastPhase::Failed(why),
+            Ok(None) => BackfillPhase::Cancelled,
+            Err(why) => BackfillPhase::Failed(why),
         }
     }
 
     /// The timeline; `None` where nobody wants it any more.
     fn timeline(
         &self,
-        wish: &PastWish,
+        request: &BackfillRequest,
         config: &Config,
         mut record: Record,
         cancel: &CancellationToken,
     ) -> Result<Option<Timeline>, String> {
-        if let Some(own) = config.loops.iter().find(|l| l.id == wish.id.as_str()) {
+        if let Some(own) = config.loops.iter().find(|l| l.id == request.id.as_str()) {
             record.op_span = own.op_span;
             record.op_limits = own.op_limits.map(|[low, high]| (low, high));
         }
         let marked = Marked::from(record);
         let empty = || BackfillError::Empty.to_string();
-        let cut = usual_cut(&marked.record, wish.window_s, wish.step_s).ok_or_else(empty)?;
-        if (wish.to - wish.from) / cut.step_s > MOST_WINDOWS {
+        let cut = usual_cut(&marked.record, request.window_s, request.step_s).ok_or_else(empty)?;
+        if (request.to - request.from) / cut.step_s > MOST_WINDOWS {
             return Err(format!("more than {MOST_WINDOWS} windows; take a longer step"));
         }
-        self.change(|job| (job.phase, job.done, job.of) = (PastPhase::Diagnosing, 0, 0));
+        self.change(|job| (job.phase, job.done, job.of) = (BackfillPhase::Diagnosing, 0, 0));
         let progress = |done: usize, of: usize| {
             self.change(|job| (job.done, job.of) = (done, of));
             !cancel.is_cancelled()
         };
         let (settings, judge) = (Settings::from(&config.diagnosis), self.diagnose.as_ref());
         let judge = |record: &Record, settings: &Settings, known: &[_]| judge(record, settings, known);
-        match timeline(&wish.id, marked, cut, &settings, &config.alarm, &judge, progress) {
+        match timeline(&request.id, marked, cut, &settings, &config.alarm, &judge, progress) {
             Err(BackfillError::Cancelled) => Ok(None),
             found => found.map(Some).map_err(|error| error.to_string()),
         }
@@ -240,7 +247,7 @@ impl Shared {
 
 /// A loop's own tags as the store has them, read a day at a time; `None` where nobody wants them any more.
 fn stored(
-    wish: &PastWish,
+    request: &BackfillRequest,
     config: &store::Config,
     cancel: &CancellationToken,
 ) -> Result<Option<Record>, String> {
@@ -248,12 +255,12 @@ fn stored(
     let mut reader = Reader::at_hand(config).map_err(said)?;
     let names = ["op", "pv", "sp", "mode", "mv"];
     let mut series: [Vec<Sample>; 5] = std::array::from_fn(|_| Vec::new());
-    let mut from = wish.from;
-    while from < wish.to {
+    let mut from = request.from;
+    while from < request.to {
         // The next slice begins behind the last sample that this one may hold.
-        let to = (from + DAY_S).min(wish.to);
+        let to = (from + DAY_S).min(request.to);
         for (name, series) in names.iter().zip(&mut series) {
-            let slice = reader.between(wish.id.as_str(), name, from, to).map_err(said)?;
+            let slice = reader.between(request.id.as_str(), name, from, to).map_err(said)?;
             let last = series.last().map_or(f64::NEG_INFINITY, |sample| sample.t);
             series.extend(slice.into_iter().filter(|sample| sample.t > last));
         }
@@ -281,8 +288,8 @@ impl Keep for Kept {
         let named =
             |(at, samples): (usize, Vec<Sample>)| Some(Series { tag: self.names.get(&at)?.clone(), samples });
         let batch = Batch { series: slice.series.into_iter().filter_map(named).collect(), rows: Vec::new() };
-        let keeping = self.shared.keeping.clone();
-        let kept = tokio::task::spawn_blocking(move || keeping.insert(batch)).await;
+        let persistence = self.shared.persistence.clone();
+        let kept = tokio::task::spawn_blocking(move || persistence.insert(batch)).await;
         kept.unwrap_or_else(|error| Err(error.to_string()))?;
         self.shared.change(|job| job.done += 1);
         Ok(())

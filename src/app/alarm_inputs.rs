@@ -1,17 +1,18 @@
 //! What collectors and tags are like, told to their alarms.
 
-use super::{Device, Running};
+use super::Running;
+use super::device::Device;
 use crate::alarm::Kind;
 use crate::compensation::gate::State;
 use crate::config::LoopConfig;
 use crate::history::{History, TagKind};
 use crate::results::{DeviceSeen, Results, TagsSeen};
-use crate::serve::Desk;
+use crate::serve::WritebackPort;
 use crate::signal::LoopId;
 use std::collections::BTreeSet;
 
 /// Tells the alarms what everything is like at `now` (s).
-pub(super) fn watch(running: &Running, results: &Results, desk: &dyn Desk, now: f64) {
+pub(super) fn observe(running: &Running, results: &Results, writeback: &dyn WritebackPort, now: f64) {
     if !running.collecting {
         return;
     }
@@ -21,7 +22,7 @@ pub(super) fn watch(running: &Running, results: &Results, desk: &dyn Desk, now: 
     results.watch(devices, loops, now);
     // A trip of before the restart is over when write-back begins again in shadow.
     for id in results.active(Kind::CompensationTripped) {
-        if desk.status(&id).is_none_or(|status| status.state != State::Tripped) {
+        if writeback.status(&id).is_none_or(|status| status.state != State::Tripped) {
             results.watch_trip(&id, None, now);
         }
     }

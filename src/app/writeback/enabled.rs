@@ -1,6 +1,7 @@
 //! Wires write-back: what a loop's gate sees, where its term goes, and who hears of it.
 
-use super::{AppError, Device};
+use super::super::AppError;
+use super::super::device::Device;
 use crate::audit::Recorder;
 use crate::compensation::gate::{Action, Evidence, Inputs, Status, Time};
 use crate::config::{self, Config};
@@ -8,7 +9,7 @@ use crate::diagnosis::Verdict;
 use crate::history::{History, TagKind};
 use crate::results::Results;
 use crate::schedule::Clock;
-use crate::serve::{Acted, Desk};
+use crate::serve::{Acted, WritebackPort};
 use crate::signal::{LoopId, Record, Role};
 use crate::writeback::{Clocks, Look, LoopSetup, Tell, Writeback};
 use std::collections::BTreeSet;
@@ -17,20 +18,24 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 /// Write-back of the daemon, across reloads.
-pub(super) struct Writing {
+pub(in crate::app) struct WritebackControl {
     clock: Clock,
     results: Arc<Results>,
     recorder: RwLock<Option<Arc<Recorder>>>,
     current: RwLock<Option<Arc<Writeback>>>,
 }
 
-impl Writing {
+impl WritebackControl {
     /// Opens the audit log where a loop enables write-back.
-    pub(super) fn new(config: &Config, clock: Clock, results: &Arc<Results>) -> Result<Arc<Self>, AppError> {
-        let writing =
+    pub(in crate::app) fn new(
+        config: &Config,
+        clock: Clock,
+        results: &Arc<Results>,
+    ) -> Result<Arc<Self>, AppError> {
+        let writeback =
             Self { clock, results: results.clone(), recorder: RwLock::default(), current: RwLock::default() };
-        writing.open(config)?;
-        Ok(Arc::new(writing))
+        writeback.open(config)?;
+        Ok(Arc::new(writeback))
     }
 
     fn open(&self, config: &Config) -> Result<(), AppError> {
@@ -47,12 +52,12 @@ impl Writing {
     }
 
     /// The audit log, where a loop enables write-back.
-    pub(super) fn recorder(&self) -> Option<Arc<Recorder>> {
+    pub(in crate::app) fn recorder(&self) -> Option<Arc<Recorder>> {
         self.recorder.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Starts every loop that enables it, in shadow.
-    pub(super) fn begin(&self, config: &Config, history: &Arc<History>, devices: &[Device]) {
+    pub(in crate::app) fn begin(&self, config: &Config, history: &Arc<History>, devices: &[Device]) {
         if let Err(error) = self.open(config) {
             tracing::error!(%error, "write-back stays off");
         }
@@ -72,7 +77,7 @@ impl Writing {
     }
 
     /// Ramps every term to zero and ends.
-    pub(super) async fn end(&self) {
+    pub(in crate::app) async fn end(&self) {
         let current = self.current.write().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(current) = current {
             current.end().await;
@@ -80,7 +85,7 @@ impl Writing {
     }
 
     /// What the valve was told, for the diagnosis.
-    pub(super) fn add_terms(&self, id: &LoopId, record: &mut Record) {
+    pub(in crate::app) fn add_terms(&self, id: &LoopId, record: &mut Record) {
         if let Some(current) = self.current() {
             current.add_terms(id, record);
         }
@@ -158,7 +163,7 @@ fn look(
     })
 }
 
-impl Desk for Writing {
+impl WritebackPort for WritebackControl {
     fn status(&self, id: &LoopId) -> Option<Status> {
         self.current()?.status(id)
     }

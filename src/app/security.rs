@@ -16,7 +16,7 @@ use tokio_util::sync::CancellationToken;
 const LOOK: Duration = Duration::from_secs(1);
 
 /// The door of the daemon, across reloads.
-pub(super) struct Guarding {
+pub(super) struct Security {
     clock: Clock,
     pub(super) access: Option<Arc<Access>>,
     pub(super) audit: Option<Arc<Recorder>>,
@@ -25,7 +25,7 @@ pub(super) struct Guarding {
     seen: Mutex<Option<Version>>,
 }
 
-impl Guarding {
+impl Security {
     /// Opens what `[access]`, `[audit]` and `[server.tls]` name; changes go to `other` where there is no `[audit]`.
     pub(super) fn new(config: &Config, clock: Clock, other: Option<Arc<Recorder>>) -> Result<Self, AppError> {
         let tls = config.server.tls.as_ref().map(Tls::load).transpose()?.map(Arc::new);

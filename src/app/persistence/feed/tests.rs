@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64};
 struct World {
     rings: Vec<Arc<Ring>>,
     now: Arc<Mutex<f64>>,
-    following: Following,
+    feed: StoreFeed,
     shared: Arc<Shared>,
 }
 
@@ -26,9 +26,8 @@ fn world(sizes: &[usize], max_bytes: usize) -> World {
     *lock(&shared.taps) = rings.iter().enumerate().map(tap).collect();
     let now = Arc::new(Mutex::new(0.0));
     let clock = now.clone();
-    let following =
-        Following::new(shared.clone(), Box::new(move || *lock(&clock)), Box::new(|_| {}), max_bytes);
-    World { rings, now, following, shared }
+    let feed = StoreFeed::new(shared.clone(), Box::new(move || *lock(&clock)), Box::new(|_| {}), max_bytes);
+    World { rings, now, feed, shared }
 }
 
 impl World {
@@ -38,8 +37,8 @@ impl World {
 
     /// Stamps of the next batch by tag.
     fn taken(&mut self) -> Vec<(String, Vec<u32>)> {
-        self.following.gather();
-        let series = self.following.take().series.iter();
+        self.feed.gather();
+        let series = self.feed.take().series.iter();
         series.map(|own| (own.tag.tag.clone(), own.samples.iter().map(|s| s.t as u32).collect())).collect()
     }
 }
@@ -55,7 +54,7 @@ fn what_is_not_durable_is_taken_again_and_what_was_overwritten_is_counted() {
     assert_eq!(world.taken(), one(0..3));
     world.push(0, 3..4);
     assert_eq!(world.taken(), one(0..4), "the write failed, and one came");
-    assert!(!world.following.settled());
+    assert!(!world.feed.settled());
     assert_eq!(world.taken(), []);
     world.push(0, 4..10);
     assert_eq!(world.taken(), one(6..10));
@@ -71,7 +70,7 @@ fn a_ring_that_nobody_fills_any_more_is_followed_to_its_end() {
     lock(&world.shared.taps)[0].retired.store(true, Relaxed);
     assert_eq!(world.taken(), one(0..3));
     assert_eq!(lock(&world.shared.taps).len(), 2);
-    world.following.settled();
+    world.feed.settled();
     assert_eq!(lock(&world.shared.taps).len(), 1);
 }
 
@@ -81,10 +80,10 @@ fn no_ring_waits_for_ever_behind_a_long_one() {
     world.push(0, 0..(MAX_SAMPLES as u32 + 5));
     world.push(1, 0..3);
     assert_eq!(world.taken().iter().map(|(_, times)| times.len()).collect::<Vec<_>>(), [MAX_SAMPLES]);
-    assert!(world.following.settled(), "there is more");
+    assert!(world.feed.settled(), "there is more");
     let second = world.taken();
     assert_eq!((second[0].0.as_str(), second[0].1.len(), second[1].1.len()), ("1", 3, 5));
-    assert!(!world.following.settled());
+    assert!(!world.feed.settled());
 }
 
 #[test]
@@ -95,18 +94,18 @@ fn samples_of_before_and_after_a_set_back_are_told_apart() {
     world.push(0, 100..110);
     world.push(2, 100..110);
     assert_eq!(world.taken().len(), 2);
-    world.following.settled();
+    world.feed.settled();
     // Back to 50: one ring has samples of both, one only of before, one only of after.
     world.push(2, [50]);
     world.push(0, [110, 111, 50, 51]);
     world.push(1, [111]);
     at(&world, 51.0);
     assert_eq!(world.taken(), vec![("0".to_string(), vec![110, 111]), ("1".to_string(), vec![111])]);
-    assert!(!world.following.set_back(), "not before that is durable");
-    assert!(world.following.settled(), "there is more");
-    assert!(world.following.set_back());
+    assert!(!world.feed.set_back(), "not before that is durable");
+    assert!(world.feed.settled(), "there is more");
+    assert!(world.feed.set_back());
     assert_eq!(world.taken(), vec![("0".to_string(), vec![50, 51]), ("2".to_string(), vec![50])]);
-    assert!(!world.following.settled() && !world.following.set_back(), "told once");
+    assert!(!world.feed.settled() && !world.feed.set_back(), "told once");
 }
 
 /// A device stamps its samples itself, and its clock is set back while ours is not.
@@ -115,12 +114,12 @@ fn a_ring_that_falls_back_tells_of_a_clock_that_was_set_back() {
     let mut world = world(&[100], 1 << 20);
     world.push(0, [100, 101, 40, 41]);
     assert_eq!(world.taken(), one([100, 101]));
-    assert!(world.following.settled() && world.following.set_back());
+    assert!(world.feed.settled() && world.feed.set_back());
     assert_eq!(world.taken(), one([40, 41]));
-    assert!(!world.following.settled() && !world.following.set_back());
+    assert!(!world.feed.settled() && !world.feed.set_back());
     world.push(0, [42, 7]);
     assert_eq!(world.taken(), one([42, 7]), "again so soon: a source that is late");
-    assert!(!world.following.settled() && !world.following.set_back());
+    assert!(!world.feed.settled() && !world.feed.set_back());
 }
 
 #[test]
@@ -131,12 +130,12 @@ fn what_waits_is_bounded_and_the_oldest_reports_go_first() {
     };
     let rows = (0..4).map(|i| row(i, Some(vec![0; 1000])));
     for row in rows.chain([Row::Transition(TransitionRow::default())]) {
-        world.following.bytes += row.bytes();
-        world.following.rows.push_back(row);
+        world.feed.bytes += row.bytes();
+        world.feed.rows.push_back(row);
     }
-    world.following.bound();
+    world.feed.bound();
     let reports: Vec<bool> = world
-        .following
+        .feed
         .rows
         .iter()
         .filter_map(|row| match row {
@@ -144,14 +143,14 @@ fn what_waits_is_bounded_and_the_oldest_reports_go_first() {
             _ => None,
         })
         .collect();
-    assert_eq!(world.following.rows.len(), 5, "no row is gone");
-    assert!(world.following.bytes <= 4000 && !reports[0] && reports[3], "{reports:?}");
-    let counted: usize = world.following.rows.iter().map(Row::bytes).sum();
-    assert_eq!(counted, world.following.bytes);
-    world.following.max_bytes = 500;
-    world.following.bound();
-    assert!(world.following.bytes <= 500 && matches!(world.following.rows.back(), Some(Row::Transition(_))));
-    world.following.take();
-    world.following.settled();
-    assert_eq!((world.following.rows.len(), world.following.bytes), (0, 0));
+    assert_eq!(world.feed.rows.len(), 5, "no row is gone");
+    assert!(world.feed.bytes <= 4000 && !reports[0] && reports[3], "{reports:?}");
+    let counted: usize = world.feed.rows.iter().map(Row::bytes).sum();
+    assert_eq!(counted, world.feed.bytes);
+    world.feed.max_bytes = 500;
+    world.feed.bound();
+    assert!(world.feed.bytes <= 500 && matches!(world.feed.rows.back(), Some(Row::Transition(_))));
+    world.feed.take();
+    world.feed.settled();
+    assert_eq!((world.feed.rows.len(), world.feed.bytes), (0, 0));
 }

@@ -6,7 +6,7 @@ use crate::config::Config;
 use crate::notify::mqtt::{self, LoopName, Publisher};
 use crate::notify::{Letters, Places, Source, State, alertmanager, smtp, webhook};
 use crate::results::Results;
-use crate::serve::{DeadLetter, Post, ReceiverState};
+use crate::serve::{DeadLetter, NotificationPort, ReceiverState};
 use crate::signal::LoopId;
 use std::collections::{BTreeSet, HashMap};
 use std::future::Future;
@@ -21,7 +21,7 @@ use tokio_util::sync::CancellationToken;
 const LETTERS: &str = "letters";
 
 /// Who is told.
-pub struct Notifying {
+pub struct Notifications {
     publisher: Option<(Publisher, Arc<mqtt::Counters>)>,
     loops: Arc<Mutex<Vec<LoopName>>>,
     places: Arc<RwLock<Arc<Places>>>,
@@ -92,7 +92,7 @@ impl Spec {
     }
 }
 
-impl Notifying {
+impl Notifications {
     /// Nothing connects yet.
     pub fn new(config: &Config, clock: Clock, results: &Arc<Results>) -> Self {
         let loops = Arc::new(Mutex::new(names(config)));
@@ -113,8 +113,7 @@ impl Notifying {
             folder: config.store.as_ref().map(|store| store.folder.join(LETTERS)),
             receivers: Mutex::default(),
         };
-        lock(&own.receivers).all =
-            specs(config).into_iter().map(|spec| own.receiver(config, spec, None)).collect();
+        lock(&own.receivers).all = specs(config).into_iter().map(|spec| own.receiver(spec, None)).collect();
         own
     }
 
@@ -126,7 +125,7 @@ impl Notifying {
             receivers.all.iter_mut().for_each(Receiver::begin);
         }
         match &self.publisher {
-            Some((publisher, _)) => publisher.run(stop.clone()).await,
+            Some((publisher, _)) => mqtt::run(publisher, stop.clone()).await,
             None => stop.cancelled().await,
         }
         let all = std::mem::take(&mut lock(&self.receivers).all);
@@ -153,7 +152,7 @@ impl Notifying {
             .filter(|spec| stay.iter().all(|own| own.spec != *spec))
             .map(|spec| {
                 let own = letters.remove(spec.name());
-                self.receiver(config, spec, own)
+                self.receiver(spec, own)
             })
             .collect();
         let mut receivers = lock(&self.receivers);
@@ -164,10 +163,16 @@ impl Notifying {
         receivers.all.append(&mut new);
     }
 
-    fn receiver(&self, config: &Config, spec: Spec, letters: Option<Arc<Letters>>) -> Receiver {
+    fn receiver(&self, spec: Spec, letters: Option<Arc<Letters>>) -> Receiver {
         let clock = self.clock;
         let now = Arc::new(move || clock.now());
-        let source = Source::new(&config.notify, self.results.clone(), self.places.clone(), now);
+        let source = Source {
+            results: self.results.clone(),
+            places: self.places.clone(),
+            now,
+            site: spec.site.clone(),
+            public_url: spec.public_url.clone(),
+        };
         let state: Arc<State> = Arc::default();
         let letters = spec.most_letters().map(|most| {
             let letters = letters.unwrap_or_else(|| self.open(spec.name(), most));
@@ -237,7 +242,7 @@ impl Receiver {
     }
 }
 
-impl Post for Notifying {
+impl NotificationPort for Notifications {
     fn receivers(&self) -> Vec<ReceiverState> {
         let mut all: Vec<ReceiverState> = lock(&self.receivers).all.iter().map(Receiver::state).collect();
         all.extend(self.publisher.as_ref().map(|(_, counters)| {

@@ -1,0 +1,11 @@
+//! What the API asks of parts that it does not know: `app` gives it something that answers to each.
+
+mod backfill;
+mod notifications;
+mod writeback;
+
+pub use backfill::{BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
+pub use notifications::{DeadLetter, NotificationPort, ReceiverState};
+#[cfg(feature = "writeback")]
+pub use writeback::Acted;
+pub use writeback::WritebackPort;
