@@ -30,6 +30,8 @@ pub struct Comparison<'a> {
     count: usize,
     /// The hypotheses.
     pub decided: Vec<Decided>,
+    /// A kind that is known to be there: it is searched more thoroughly.
+    told: Option<Kind>,
 }
 
 impl Comparison<'_> {
@@ -61,11 +63,12 @@ impl Comparison<'_> {
 
     /// Screens every kind beside no friction and the best valves, and fits what promises most.
     fn propose(&mut self) {
-        let bases: Vec<Decided> = self.decided.iter().take(1 + SCREENED).cloned().collect();
+        let bases: Vec<Decided> = self.decided.iter().take(1 + if self.told.is_some() { 8 } else { SCREENED }).cloned().collect();
         let mut proposed = Vec::new();
         for (at, base) in bases.iter().enumerate() {
-            let screen = Screen::new(self.data, base);
+            let mut screen = Screen::new(self.data, base);
             for hypothesis in ALL {
+                screen.thorough = self.told == Some(hypothesis.kind());
                 for proposal in hypothesis.propose(&screen) {
                     let other = base.hypothesis.with(proposal.effect);
                     let other = other.with_valve(proposal.valve.or(base.hypothesis.valve));
@@ -79,7 +82,9 @@ impl Comparison<'_> {
         let mut taken: Vec<(Kind, bool)> = Vec::new();
         for (promised, at, kind, hypothesis) in proposed {
             let key = (kind, hypothesis.valve.is_some());
-            if promised >= enough && taken.iter().filter(|taken| **taken == key).count() < FITTED {
+            let told = self.told == Some(kind);
+            let most = if told { 60 } else { FITTED };
+            if (told || promised >= enough) && taken.iter().filter(|taken| **taken == key).count() < most {
                 taken.push(key);
                 self.decided.push(decide_quick(self.data, hypothesis, &bases[at].model));
             }
@@ -141,7 +146,12 @@ impl Comparison<'_> {
 
 /// The hypotheses with at most one effect more than `effects` has, fitted; `pool`: valves found before, which are offered to
 /// all and added to.
-pub fn compare(data: &IdData, effects: &Hypothesis, pool: &mut Vec<ValveModel>) -> Vec<Decided> {
+pub fn compare(
+    data: &IdData,
+    effects: &Hypothesis,
+    pool: &mut Vec<ValveModel>,
+    told: Option<Kind>,
+) -> Vec<Decided> {
     let effort = if effects.effects.is_empty() { Effort::Whole } else { Effort::Near };
     let valves = search(data, effects, pool, effort);
     add(pool, valves.iter().map(|found| found.valve));
@@ -149,7 +159,7 @@ pub fn compare(data: &IdData, effects: &Hypothesis, pool: &mut Vec<ValveModel>) 
     decided.extend(
         valves.iter().map(|found| decide(data, effects.with_valve(Some(found.valve)), Some(&found.fit))),
     );
-    let mut comparison = Comparison { data, count: effects.effects.len(), decided };
+    let mut comparison = Comparison { data, count: effects.effects.len(), decided, told };
     comparison.propose();
     comparison.search_beside(pool);
     comparison.offer(pool);

@@ -49,6 +49,8 @@ pub struct Screen<'a> {
     pub long: ScoreTest,
     /// In the ARMAX.
     pub model: ScoreTest,
+    /// Whether many alternatives are wanted: of a kind that is known to be there.
+    pub thorough: bool,
 }
 
 /// A time of a change, and what it gains.
@@ -163,7 +165,7 @@ impl<'a> Screen<'a> {
         let fit = arx.fit(&signals.x, None);
         let long = ScoreTest::new(&arx.columns(&signals.x), fit.omega, fit.e, data.counted());
         drop(arx);
-        Self { data, base, signals, long, model }
+        Self { data, base, signals, long, model, thorough: false }
     }
 
     /// The hypothesis that is screened.
@@ -189,6 +191,11 @@ impl<'a> Screen<'a> {
         filtered(b, model.c, self.data.start.index + model.nk + ORDER, rows.end)[rows].to_vec()
     }
 
+    /// `few`, or many where the kind is known to be there.
+    pub fn most(&self, few: usize) -> usize {
+        if self.thorough { 20 * few } else { few }
+    }
+
     /// Times of a change, one in `stride` samples.
     pub fn times(&self, stride: usize) -> impl Iterator<Item = usize> + use<> {
         let rows = self.data.rows();
@@ -200,8 +207,9 @@ impl<'a> Screen<'a> {
 pub fn best_times(mut times: Vec<Since>, most: usize) -> Vec<Since> {
     times.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let mut out: Vec<Since> = Vec::new();
+    let apart = if most > 8 { 5 } else { 2 * MARGIN };
     for time in times {
-        if out.iter().all(|other| other.at.abs_diff(time.at) > 2 * MARGIN) {
+        if out.iter().all(|other| other.at.abs_diff(time.at) > apart) {
             out.push(time);
             if out.len() == most {
                 break;

@@ -72,7 +72,7 @@ impl Propose for Steps {
         let first = screen.data.first;
         let ones = vec![1.0; screen.long.errors.len()];
         let times = screen.long.from_each_row(&ones).into_iter();
-        best_times(times.map(|(row, gain)| Since { at: first + row, gain }).collect(), TIMES)
+        best_times(times.map(|(row, gain)| Since { at: first + row, gain }).collect(), screen.most(TIMES))
             .into_iter()
             .map(|since| Proposal::new(Step { at: since.at }, since.gain))
             .collect()

@@ -117,6 +117,6 @@ impl Propose for Measured {
             });
             out.extend(rated.max_by(|a, b| a.gain.total_cmp(&b.gain)));
         }
-        best(out, TAGS)
+        best(out, screen.most(TAGS))
     }
 }

@@ -101,8 +101,8 @@ impl Propose for Oscillating {
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let data = screen.data;
         let n = screen.long.errors.len();
-        let mut lines = peaks(&screen.long.errors, LINES[0]);
-        lines.extend(peaks(&data.y[data.rows()], LINES[1]));
+        let mut lines = peaks(&screen.long.errors, screen.most(LINES[0]));
+        lines.extend(peaks(&data.y[data.rows()], screen.most(LINES[1])));
         let rate = |load: &Load| -> f64 {
             let shapes = load.shapes(data.len());
             let columns: Vec<Vec<f64>> = shapes.iter().map(|s| screen.rows(s)).collect();
@@ -133,7 +133,7 @@ impl Propose for Oscillating {
                 }
             }
         }
-        let mut out = best(out, LOADS);
+        let mut out = best(out, screen.most(LOADS));
         let least = FREQUENCY + 2.0 * REGULAR;
         out.iter_mut().for_each(|proposal| proposal.gain += least * (n as f64).ln());
         out

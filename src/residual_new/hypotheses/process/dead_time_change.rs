@@ -80,12 +80,12 @@ impl Propose for DeadTimeChanges {
                     less.iter().enumerate().map(|(k, s)| if (k < at) == shorter { *s } else { 0.0 }).collect()
                 };
                 let rated = screen.times(STRIDE).map(|at| Since { at, gain: screen.model.alone(screen.stem(&cut(at))).0 });
-                let times = best_times(rated.collect(), 1);
+                let times = best_times(rated.collect(), screen.most(1));
                 out.extend(times.into_iter().map(|since| {
                     Proposal::new(Change { at: since.at, by, shorter }, since.gain)
                 }));
             }
         }
-        best(out, CHANGES)
+        best(out, screen.most(CHANGES))
     }
 }

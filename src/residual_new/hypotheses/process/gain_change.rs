@@ -88,7 +88,7 @@ impl Propose for GainChanges {
             screen.model.several(&[screen.stem(&from(x)), screen.load(&from(&ones))])
         };
         let rated = screen.times(STRIDE).map(|at| Since { at, gain: rate(at).0 });
-        let times = best_times(rated.collect(), TIMES);
+        let times = best_times(rated.collect(), screen.most(TIMES));
         let proposal = |at: usize, gain: f64| {
             let more = rate(at).1[0];
             // What B makes of the whole record lies between both gains.

@@ -92,6 +92,6 @@ impl Propose for Saturations {
                 out.push(Proposal::new(stop, gain));
             }
         }
-        best(out, LEVELS)
+        best(out, screen.most(LEVELS))
     }
 }
