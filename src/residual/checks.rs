@@ -5,7 +5,7 @@ use super::model::{Data, Stage};
 use crate::sysid::least_squares::dot;
 use crate::sysid::spectrum;
 use crate::sysid::stats::{mean, median, sd};
-use crate::diagnosis::validation::is_white;
+use crate::sysid::whiteness::is_white;
 
 /// Two-sided 99 % point of a normal distribution for one test, and for the largest of about forty.
 const ONE: f64 = 2.58;

@@ -10,7 +10,7 @@ use super::regress::{Quick, all_errors, restructure};
 use super::run::{free_run, held_out};
 use super::{Curves, Effect, Findings, Friction, Kind, Parameter, Settings, checks, rival};
 use crate::sysid::stats::median;
-use crate::diagnosis::validation::is_white;
+use crate::sysid::whiteness::is_white;
 use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
 use std::cell::OnceCell;
 

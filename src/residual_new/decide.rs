@@ -51,17 +51,18 @@ pub fn scored(data: &IdData, hypothesis: &Hypothesis, log_likelihood: f64) -> f6
 
 /// The high-order ARX of a hypothesis.
 pub fn arx(data: &IdData, hypothesis: &Hypothesis, near: Option<&ArxFit>) -> ArxFit {
-    let signals = hypothesis.signals(data);
-    Arx::new(data, &data.y, &signals.shapes).fit(&signals.x, near)
+    let (signals, y) = (hypothesis.signals(data), hypothesis.pv(data));
+    Arx::new(data, &y, &signals.shapes).fit(&signals.x, near)
 }
 
 /// Fits a hypothesis from nothing.
 pub fn decide(data: &IdData, hypothesis: Hypothesis, near: Option<&ArxFit>) -> Decided {
     let signals = hypothesis.signals(data);
-    let long = Arx::new(data, &data.y, &signals.shapes).fit(&signals.x, near);
+    let y = hypothesis.pv(data);
+    let long = Arx::new(data, &y, &signals.shapes).fit(&signals.x, near);
     let theta: Vec<f64> = hypothesis.smooth().iter().map(|smooth| smooth.value).collect();
     let input = OnData { hypothesis: &hypothesis, data };
-    let starts = hannan_rissanen(data, &data.y, &signals, &long, &theta);
+    let starts = hannan_rissanen(data, &y, &signals, &long, &theta);
     let begun = starts.into_iter().take(DELAYS).map(|start| start.model.fit(data, &data.y, &input, FIRST));
     let best = begun.max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood)).unwrap_or_default();
     let model = best.fit(data, &data.y, &input, MOST);
@@ -81,10 +82,11 @@ pub fn decide_near(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Decid
 pub fn decide_quick(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Decided {
     let warm = decide_near(data, hypothesis.clone(), near);
     let signals = hypothesis.signals(data);
-    let long = Arx::new(data, &data.y, &signals.shapes).fit(&signals.x, None);
+    let y = hypothesis.pv(data);
+    let long = Arx::new(data, &y, &signals.shapes).fit(&signals.x, None);
     let theta: Vec<f64> = hypothesis.smooth().iter().map(|smooth| smooth.value).collect();
     let input = OnData { hypothesis: &hypothesis, data };
-    let start = hannan_rissanen(data, &data.y, &signals, &long, &theta).into_iter().next();
+    let start = hannan_rissanen(data, &y, &signals, &long, &theta).into_iter().next();
     let Some(start) = start else { return warm };
     let model = start.model.fit(data, &data.y, &input, NEAR);
     if model.log_likelihood > warm.model.log_likelihood { Decided::new(data, hypothesis, model) } else { warm }

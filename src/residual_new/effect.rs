@@ -45,6 +45,12 @@ pub trait Effect: Debug + Send + Sync {
     fn delay(&self, _k: usize) -> usize {
         0
     }
+    /// Adds what PV shows beside the process' output.
+    fn on_pv(&self, _data: &IdData, _offset: &mut [f64]) {}
+    /// Whether it does.
+    fn shifts_pv(&self) -> bool {
+        false
+    }
     /// Adds the shapes of loads.
     fn shapes(&self, _data: &IdData, _out: &mut Vec<Vec<f64>>) {}
     /// Its parameters and its sentence; `gamma`: the coefficients of its own shapes.

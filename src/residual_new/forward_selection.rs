@@ -4,7 +4,7 @@ use super::Kind;
 use super::decide::{Decided, arx, decide, decide_quick, refine, scored};
 use super::hypotheses::ALL;
 use super::hypothesis::Hypothesis;
-use super::posterior::Table;
+use super::posterior::{Table, class};
 use super::screening::Screen;
 use super::valve_search::{Effort, search};
 use crate::sysid::iddata::IdData;
@@ -17,12 +17,7 @@ const SEARCHED: usize = 5;
 /// Valves beside which effects are screened.
 const SCREENED: usize = 3;
 /// Proposals of one kind that are fitted, with friction and without.
-const FITTED: usize = 3;
-
-/// Friction as the hypotheses of one kind are told apart: none, J = S, J free.
-fn class(hypothesis: &Hypothesis) -> usize {
-    hypothesis.valve.map_or(0, |valve| if valve.j == valve.s { 1 } else { 2 })
-}
+const FITTED: usize = 4;
 
 /// The hypotheses with at most one effect more than the `count` that all share.
 pub struct Comparison<'a> {
@@ -66,10 +61,15 @@ impl Comparison<'_> {
         let bases: Vec<Decided> = self.decided.iter().take(1 + if self.told.is_some() { 8 } else { SCREENED }).cloned().collect();
         let mut proposed = Vec::new();
         for (at, base) in bases.iter().enumerate() {
+            lap("x");
             let mut screen = Screen::new(self.data, base);
+            lap("screen");
             for hypothesis in ALL {
                 screen.thorough = self.told == Some(hypothesis.kind());
-                for proposal in hypothesis.propose(&screen) {
+                lap("y");
+                let proposals = hypothesis.propose(&screen);
+                lap(hypothesis.kind().as_str());
+                for proposal in proposals {
                     let other = base.hypothesis.with(proposal.effect);
                     let other = other.with_valve(proposal.valve.or(base.hypothesis.valve));
                     let promised = scored(self.data, &other, base.model.log_likelihood + proposal.gain);
@@ -77,6 +77,7 @@ impl Comparison<'_> {
                 }
             }
         }
+        lap("z");
         proposed.sort_by(|a, b| b.0.total_cmp(&a.0));
         let enough = proposed.first().map_or(0.0, |best| best.0) - 2.0 * REACH;
         let mut taken: Vec<(Kind, bool)> = Vec::new();
@@ -152,19 +153,39 @@ pub fn compare(
     pool: &mut Vec<ValveModel>,
     told: Option<Kind>,
 ) -> Vec<Decided> {
+    lap("begin");
     let effort = if effects.effects.is_empty() { Effort::Whole } else { Effort::Near };
     let valves = search(data, effects, pool, effort);
     add(pool, valves.iter().map(|found| found.valve));
+    lap("search");
     let mut decided = vec![decide(data, effects.with_valve(None), None)];
     decided.extend(
         valves.iter().map(|found| decide(data, effects.with_valve(Some(found.valve)), Some(&found.fit))),
     );
     let mut comparison = Comparison { data, count: effects.effects.len(), decided, told };
+    lap("nulls");
     comparison.propose();
+    lap("propose");
     comparison.search_beside(pool);
+    lap("beside");
     comparison.offer(pool);
+    lap("offer");
     comparison.settle();
+    lap("settle");
     comparison.decided
+}
+
+fn lap(name: &str) {
+    use std::cell::Cell;
+    use std::time::Instant;
+    thread_local!(static LAST: Cell<Option<Instant>> = const { Cell::new(None) });
+    if std::env::var("LAP").is_ok() {
+        let now = Instant::now();
+        if let Some(last) = LAST.get() {
+            eprintln!("{name} {:.1}", (now - last).as_secs_f64() * 1e3);
+        }
+        LAST.set(Some(now));
+    }
 }
 
 /// Adds valves that are new.

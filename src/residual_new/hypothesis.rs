@@ -2,6 +2,7 @@
 
 use super::Kind;
 use super::effect::Effect;
+use std::borrow::Cow;
 use crate::sysid::armax::{Input, Signals, Smooth};
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::{StopRule, ValveModel};
@@ -82,7 +83,26 @@ impl Hypothesis {
     /// What the linear part is driven by.
     pub fn signals(&self, data: &IdData) -> Signals {
         let x = self.to_process(data, self.stem(data).0);
-        Signals { x, shapes: self.shapes(data) }
+        Signals { x, shapes: self.shapes(data), offset: self.offset(data) }
+    }
+
+    /// What PV shows beside the process' output; empty for nothing.
+    pub fn offset(&self, data: &IdData) -> Vec<f64> {
+        if !self.effects.iter().any(|effect| effect.shifts_pv()) {
+            return Vec::new();
+        }
+        let mut offset = vec![0.0; data.len()];
+        self.effects.iter().for_each(|effect| effect.on_pv(data, &mut offset));
+        offset
+    }
+
+    /// PV less its offset.
+    pub fn pv<'a>(&self, data: &'a IdData) -> Cow<'a, [f64]> {
+        let offset = self.offset(data);
+        if offset.is_empty() {
+            return Cow::Borrowed(&data.y);
+        }
+        Cow::Owned(data.y.iter().zip(&offset).map(|(y, offset)| y - offset).collect())
     }
 
     /// The shapes of all effects.

@@ -7,7 +7,24 @@
 
 use super::Kind;
 use super::decide::Decided;
+use super::hypotheses::ALL;
+use super::hypothesis::Hypothesis;
 use crate::sysid::criterion::log_sum;
+
+/// Logarithm of the prior of so many effects of the kinds that are asked: each costs what one kind of all is worth.
+pub fn log_prior(effects: usize) -> f64 {
+    -(effects as f64) * (ALL.len() as f64).ln()
+}
+
+/// A probability from the logarithm of its odds.
+pub fn probability(log_odds: f64) -> f64 {
+    1.0 / (1.0 + (-log_odds).exp())
+}
+
+/// Friction as the hypotheses of one kind are told apart: none, J = S, J free.
+pub fn class(hypothesis: &Hypothesis) -> usize {
+    hypothesis.valve.map_or(0, |valve| if valve.j == valve.s { 1 } else { 2 })
+}
 
 /// Hypotheses with their logarithms of prior times evidence.
 #[derive(Debug)]
@@ -19,12 +36,20 @@ impl<'a> Table<'a> {
     /// Of hypotheses that end in at most one effect more than the `count` that all share; `asked`: how many kinds were.
     pub fn new(decided: &'a [Decided], count: usize, asked: usize) -> Self {
         let prior = -(2.0 * asked.max(1) as f64).ln();
-        let rows = decided.iter().map(|decided| {
+        let mut rows: Vec<(&Decided, Option<Kind>, f64)> = Vec::new();
+        for decided in decided.iter().filter(|decided| decided.score.is_finite()) {
             let kind = decided.kind().filter(|_| decided.hypothesis.effects.len() > count);
-            let prior = if kind.is_some() { prior } else { -(2.0f64).ln() };
-            (decided, kind, prior + decided.score)
-        });
-        Self { rows: rows.collect() }
+            let log = decided.score + if kind.is_some() { prior } else { -(2.0f64).ln() };
+            let class = class(&decided.hypothesis);
+            let same = |row: &&mut (&Decided, Option<Kind>, f64)| row.1 == kind && self::class(&row.0.hypothesis) == class;
+            // Parameters are integrated by their rates: of hypotheses that differ in those alone the best stands for all.
+            match rows.iter_mut().find(same) {
+                Some(row) if row.2 < log => *row = (decided, kind, log),
+                Some(_) => {}
+                None => rows.push((decided, kind, log)),
+            }
+        }
+        Self { rows }
     }
 
     fn log(&self, which: impl Fn(&Decided, Option<Kind>) -> bool) -> f64 {
@@ -47,6 +72,11 @@ impl<'a> Table<'a> {
     /// The logarithm of the odds for a property of hypotheses.
     pub fn log_odds(&self, which: impl Fn(&Decided) -> bool) -> f64 {
         self.log(|d, _| which(d)) - self.log(|d, _| !which(d))
+    }
+
+    /// The same among the hypotheses with another property.
+    pub fn log_odds_within(&self, within: impl Fn(&Decided) -> bool, which: impl Fn(&Decided) -> bool) -> f64 {
+        self.log(|d, _| within(d) && which(d)) - self.log(|d, _| within(d) && !which(d))
     }
 
     /// The best hypothesis of a kind.

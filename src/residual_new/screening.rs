@@ -13,7 +13,7 @@
 use super::decide::Decided;
 use super::hypothesis::{Hypothesis, OnData};
 use crate::sysid::armax::{Gradient, ORDER, Signals, filtered};
-use crate::sysid::arx::Arx;
+use crate::sysid::arx::{Arx, LAGS_Y};
 use crate::sysid::gram::lower;
 use crate::sysid::iddata::{IdData, LONGEST_LAG};
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor};
@@ -49,6 +49,8 @@ pub struct Screen<'a> {
     pub long: ScoreTest,
     /// In the ARMAX.
     pub model: ScoreTest,
+    /// Coefficients of the lags of y in the high-order ARX.
+    pub of_y: Vec<f64>,
     /// Whether many alternatives are wanted: of a kind that is known to be there.
     pub thorough: bool,
 }
@@ -129,24 +131,32 @@ impl ScoreTest {
         (gain, coefficients[0])
     }
 
-    /// What a column gains that begins at each row, all times sharing their sums.
-    pub fn from_each_row(&self, column: &[f64]) -> Vec<(usize, f64)> {
+    /// What a step gains that begins at each row, all times sharing their sums: `(row, gain, size)`. `onset`: its first values;
+    /// the last stays.
+    pub fn steps(&self, onset: &[f64]) -> Vec<(usize, f64, f64)> {
         let (order, n) = (self.weighted.len(), self.errors.len());
         let mut g = vec![0.0; order];
         let mut solved = g.clone();
         let (mut own, mut r) = (0.0, 0.0);
         let mut out = Vec::with_capacity(n);
+        let last = onset[onset.len() - 1];
+        let first: Vec<f64> = onset[..onset.len() - 1].iter().map(|value| value - last).collect();
         for row in (MARGIN..n).rev() {
-            let value = column[row];
-            g.iter_mut().zip(&self.weighted).for_each(|(g, x)| *g += value * x[row]);
-            own += value * value * self.omega[row];
-            r += value * self.we[row];
+            g.iter_mut().zip(&self.weighted).for_each(|(g, x)| *g += last * x[row]);
+            own += last * last * self.omega[row];
+            r += last * self.we[row];
             if row + MARGIN <= n && row.is_multiple_of(2) {
-                solved.copy_from_slice(&g);
+                let rows = row..row + first.len();
+                for (solved, (g, x)) in solved.iter_mut().zip(g.iter().zip(&self.weighted)) {
+                    *solved = g + dot(&first, &x[rows.clone()]);
+                }
                 self.forward(&mut solved);
+                let powers = onset.iter().zip(&self.omega[rows.clone()]);
+                let own = own + powers.map(|(value, omega)| (value * value - last * last) * omega).sum::<f64>();
+                let r = r + dot(&first, &self.we[rows]);
                 let left = own - dot(&solved, &solved);
                 if left > INDEPENDENT * own {
-                    out.push((row, self.gain(r * r / left)));
+                    out.push((row, self.gain(r * r / left), r / left));
                 }
             }
         }
@@ -161,11 +171,13 @@ impl<'a> Screen<'a> {
         let Gradient { columns, omega, errors, signals } = Gradient::new(data, &data.y, &base.model, &input);
         let of: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
         let model = ScoreTest::new(&of, omega, errors, data.counted());
-        let arx = Arx::new(data, &data.y, &signals.shapes);
+        let y = base.hypothesis.pv(data);
+        let arx = Arx::new(data, &y, &signals.shapes);
         let fit = arx.fit(&signals.x, None);
         let long = ScoreTest::new(&arx.columns(&signals.x), fit.omega, fit.e, data.counted());
+        let of_y = fit.theta[..LAGS_Y].to_vec();
         drop(arx);
-        Self { data, base, signals, long, model, thorough: false }
+        Self { data, base, signals, long, model, of_y, thorough: false }
     }
 
     /// The hypothesis that is screened.

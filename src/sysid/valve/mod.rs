@@ -37,7 +37,7 @@ impl StopRule {
 }
 
 /// The large extremum of OP from which a stem is followed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Start {
     /// Sample of the extremum.
     pub index: usize,

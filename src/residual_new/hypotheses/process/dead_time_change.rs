@@ -18,9 +18,9 @@ const LONGEST: usize = 8;
 /// Changes tried (samples); the others are their neighbours.
 const CHANGES_TRIED: [usize; 6] = [1, 2, 3, 4, 6, 8];
 /// Samples between times that are tried.
-const STRIDE: usize = 24;
+const STRIDE: usize = 16;
 /// Changes proposed.
-const CHANGES: usize = 2;
+const CHANGES: usize = 4;
 
 /// The changes of dead time.
 pub struct DeadTimeChanges;

@@ -1,0 +1,238 @@
+//! What tracing finds: the values that leave the module.
+
+use crate::diagnosis::{Model, Residual, Verdict};
+use std::fmt;
+
+/// An effect beside friction and linear dynamics: the closed list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Kind {
+    /// A periodic load.
+    OscillatingLoad,
+    /// A recorded tag drives PV.
+    MeasuredDisturbance,
+    /// A load that changes once and stays.
+    LoadStep,
+    /// A load or sensor that runs away at a constant rate.
+    Drift,
+    /// The process gain changes at some time.
+    GainChange,
+    /// The dead time changes at some time.
+    DeadTimeChange,
+    /// The stem runs into a stop.
+    ValveSaturation,
+    /// A curved valve characteristic or process gain.
+    StaticNonlinearity,
+    /// Kinetic lag: S and J differ.
+    SlipJump,
+    /// Friction differs between opening and closing.
+    AsymmetricFriction,
+    /// Friction changes over the window.
+    FrictionDrift,
+    /// PV moves in steps larger than its noise.
+    QuantisedPv,
+    /// Single PV samples far off.
+    Outliers,
+    /// PV stands still while the process moves.
+    FrozenPv,
+    /// OP and PV are stamped by clocks that disagree.
+    ClockSkew,
+}
+
+impl Kind {
+    /// All kinds.
+    pub const ALL: [Kind; 15] = [
+        Kind::OscillatingLoad,
+        Kind::MeasuredDisturbance,
+        Kind::LoadStep,
+        Kind::Drift,
+        Kind::GainChange,
+        Kind::DeadTimeChange,
+        Kind::ValveSaturation,
+        Kind::StaticNonlinearity,
+        Kind::SlipJump,
+        Kind::AsymmetricFriction,
+        Kind::FrictionDrift,
+        Kind::QuantisedPv,
+        Kind::Outliers,
+        Kind::FrozenPv,
+        Kind::ClockSkew,
+    ];
+
+    /// The kind as the report writes it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Kind::OscillatingLoad => "oscillating_load",
+            Kind::MeasuredDisturbance => "measured_disturbance",
+            Kind::LoadStep => "load_step",
+            Kind::Drift => "drift",
+            Kind::GainChange => "gain_change",
+            Kind::DeadTimeChange => "dead_time_change",
+            Kind::ValveSaturation => "valve_saturation",
+            Kind::StaticNonlinearity => "static_nonlinearity",
+            Kind::SlipJump => "slip_jump",
+            Kind::AsymmetricFriction => "asymmetric_friction",
+            Kind::FrictionDrift => "friction_drift",
+            Kind::QuantisedPv => "quantised_pv",
+            Kind::Outliers => "outliers",
+            Kind::FrozenPv => "frozen_pv",
+            Kind::ClockSkew => "clock_skew",
+        }
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(self.as_str())
+    }
+}
+
+/// One number of an effect.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// Its name in the report; the unit is part of it where it is fixed (`period_s`).
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Its unit: `s`, `OP`, `PV`, `OP/s`, `-`.
+    pub unit: &'static str,
+}
+
+/// One effect that was added to the model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Effect {
+    /// Which.
+    pub kind: Kind,
+    /// Probability that it is there, given the record (0..1).
+    pub posterior: f64,
+    /// Evidence: twice the logarithm of the odds for it against none (-).
+    pub delta_aic: f64,
+    /// The tag it comes from, where it is measured.
+    pub tag: Option<String>,
+    /// Its numbers.
+    pub parameters: Vec<Parameter>,
+    /// Where it acts, for a kind that has more than one place: `valve` or `process`.
+    pub place: Option<&'static str>,
+    /// In one sentence.
+    pub explanation: String,
+}
+
+/// Friction as one of the models has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Friction {
+    /// Friction parameter, S/2 (OP unit).
+    pub f: f64,
+    /// 95 % interval of f (OP unit).
+    pub f_ci95: [f64; 2],
+    /// Kinetic lag (S - J)/2 (OP unit).
+    pub lag: f64,
+    /// Evidence: twice the logarithm of the odds for friction against the best model without (-).
+    pub delta_aic: f64,
+    /// Probability of friction (0..1).
+    pub posterior: f64,
+}
+
+/// A test of the residual.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Test {
+    /// Ljung–Box: the residual is correlated with its past.
+    Whiteness,
+    /// It is correlated with past OP.
+    Input,
+    /// It is correlated with the past of a tag.
+    Tags,
+    /// Fisher's g: its spectrum has a line.
+    Line,
+    /// Its level changes.
+    ChangePoint,
+    /// Its level drifts.
+    Drift,
+    /// It depends on the stem's direction.
+    Direction,
+    /// It depends on the stem's position.
+    Travel,
+    /// Its variance changes.
+    Variance,
+    /// Its tails are heavier than a normal distribution's.
+    Tails,
+}
+
+impl Test {
+    /// The test as the report writes it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Test::Whiteness => "whiteness",
+            Test::Input => "input",
+            Test::Tags => "tags",
+            Test::Line => "line_spectrum",
+            Test::ChangePoint => "change_point",
+            Test::Drift => "drift",
+            Test::Direction => "direction",
+            Test::Travel => "travel",
+            Test::Variance => "variance",
+            Test::Tails => "tails",
+        }
+    }
+}
+
+/// Signals to draw, one value per sample of the traced window (PV unit).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Curves {
+    /// Time of the first sample (s).
+    pub t0: f64,
+    /// Sample period (s).
+    pub ts: f64,
+    /// First sample that no fit has seen.
+    pub split: usize,
+    /// Measured PV.
+    pub pv: Vec<f64>,
+    /// Free run of the declared model.
+    pub free_before: Vec<f64>,
+    /// Free run with the effects.
+    pub free_after: Vec<f64>,
+    /// One-step residual of the declared model.
+    pub residual_before: Vec<f64>,
+    /// One-step residual with the effects.
+    pub residual_after: Vec<f64>,
+}
+
+/// What OP and the measured stem say directly.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stem {
+    /// Friction fitted on OP -> MV.
+    pub friction: Friction,
+    /// The residual of that model, traced like PV's.
+    pub findings: Option<Box<Findings>>,
+}
+
+/// Everything that tracing found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Findings {
+    /// In the order they were added; empty when the declared model suffices.
+    pub effects: Vec<Effect>,
+    /// The likeliest kinds at the last step, none (`None`) among them, with their posteriors.
+    pub candidates: Vec<(Option<Kind>, f64)>,
+    /// The declared model on the held-out samples, which are read once.
+    pub before: Residual,
+    /// The model with the effects on the same samples.
+    pub after: Residual,
+    /// Its own free run is worse than the declared model's.
+    pub simulates_worse: bool,
+    /// The residual is still not white and no effect explains it.
+    pub unexplained: bool,
+    /// The tests that the final residual fails.
+    pub failed: Vec<Test>,
+    /// Friction without the effects.
+    pub friction_before: Friction,
+    /// Friction estimated jointly with the effects: it replaces the one before.
+    pub friction_after: Friction,
+    /// The verdict with the effects.
+    pub verdict: Verdict,
+    /// That verdict in one line.
+    pub reason: String,
+    /// The linear part with the effects.
+    pub model: Model,
+    /// Signals to draw.
+    pub curves: Curves,
+    /// OP -> measured stem, where there is one.
+    pub stem: Option<Stem>,
+}
