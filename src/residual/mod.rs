@@ -92,6 +92,29 @@ pub fn trace_record(
     trace(&window, diagnosis, &settings)
 }
 
+/// A hypothesis of the first step: friction or none, with one effect or none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Its effect.
+    pub kind: Option<Kind>,
+    /// Friction: 0 for none, 1 for J = S, 2 for J free.
+    pub friction: usize,
+    /// Log-likelihood.
+    pub log_likelihood: f64,
+    /// What its parameters and alternatives cost.
+    pub cost: f64,
+}
+
+/// The hypotheses of the first step, for calibration.
+pub fn first_step(
+    record: &Record,
+    diagnosis: &Diagnosis,
+    diagnosed: &diagnosis::Settings,
+    settings: &Settings,
+) -> Vec<Row> {
+    window(record, diagnosis, diagnosed).map_or_else(Vec::new, |window| trace::first_step(&window, settings))
+}
+
 /// Traces the residual of a diagnosed window; `None` where the window is too short or too still to fit anything.
 ///
 /// * `window`: the gated window, with every tag that may explain PV.

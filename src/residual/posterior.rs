@@ -69,6 +69,11 @@ impl<'a> Table<'a> {
         out
     }
 
+    /// The hypotheses that stand for their kinds.
+    pub fn decided(&self) -> impl Iterator<Item = &'a Decided> {
+        self.rows.iter().map(|row| row.0)
+    }
+
     /// The logarithm of the odds for a property of hypotheses.
     pub fn log_odds(&self, which: impl Fn(&Decided) -> bool) -> f64 {
         self.log(|d, _| which(d)) - self.log(|d, _| !which(d))

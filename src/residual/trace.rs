@@ -1,9 +1,9 @@
 //! The whole way from a diagnosed window to findings.
 
-use super::Settings;
+use super::{Row, Settings};
 use super::backward_elimination::eliminate;
 use super::data_quality::{Fact, assess};
-use super::decide::{Decided, decide};
+use super::decide::{Decided, arx, decide};
 use super::findings::{Findings, Kind, Stem};
 use super::forward_selection::{compare, table};
 use super::hypothesis::Hypothesis;
@@ -63,15 +63,7 @@ fn iddata(window: &Window) -> Option<IdData> {
 fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
     let recorded = iddata(window)?;
     let mut data = recorded.clone();
-    let mut pool = informed(settings, data.units.u);
-    let likeliest_stem = |data: &IdData| {
-        let found = search(data, &Hypothesis::default(), &[], Effort::Whole);
-        let valve = found.first().map(|found| found.valve);
-        let sound = super::decide::arx(data, &Hypothesis::default(), None);
-        let better = found.first().is_some_and(|found| found.score > sound.log_likelihood);
-        Hypothesis { valve: valve.filter(|_| better), effects: Vec::new() }.stem(data).0
-    };
-    let facts = assess(&mut data, &likeliest_stem, settings.only);
+    let (mut pool, facts) = prepare(&mut data, settings);
     let f = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f) / data.units.u;
     let valve = (f > 0.0).then(|| ValveModel::one_parameter(f));
     let declared = decide(&recorded, Hypothesis { valve, effects: Vec::new() }, None);
@@ -81,6 +73,33 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     outcome.declared = declared;
     outcome.data = data;
     Some(report(outcome, diagnosis, settings))
+}
+
+/// Repairs what the signals alone show to be wrong; the pool of valves begins with those that are known.
+fn prepare(data: &mut IdData, settings: &Settings) -> (Vec<ValveModel>, Vec<Fact>) {
+    let pool = informed(settings, data.units.u);
+    let likeliest_stem = |data: &IdData| {
+        let found = search(data, &Hypothesis::default(), &[], Effort::Whole);
+        let sound = arx(data, &Hypothesis::default(), None);
+        let valve = found.first().filter(|found| found.score > sound.log_likelihood).map(|found| found.valve);
+        Hypothesis { valve, effects: Vec::new() }.stem(data).0
+    };
+    let facts = assess(data, &likeliest_stem, settings.only);
+    (pool, facts)
+}
+
+/// See [`super::first_step`].
+pub fn first_step(window: &Window, settings: &Settings) -> Vec<Row> {
+    let Some(mut data) = iddata(window) else { return Vec::new() };
+    let (mut pool, _) = prepare(&mut data, settings);
+    let decided = compare(&data, &Hypothesis::default(), &mut pool, None);
+    let row = |d: &Decided| Row {
+        kind: d.kind(),
+        friction: class(&d.hypothesis),
+        log_likelihood: d.model.log_likelihood,
+        cost: d.model.log_likelihood - d.score,
+    };
+    table(&decided, &Hypothesis::default()).decided().map(row).collect()
 }
 
 /// Places of a stem at the start, from which an informed search begins.
