@@ -62,10 +62,16 @@ impl<'a> Held<'a> {
     }
 
     /// The valves with the least losses of a family with S in `range`, `count` of them; `bands`: asymmetry and drift.
-    pub fn best(&self, family: Family, range: Range, bands: (f64, f64), count: usize) -> Vec<(f64, ValveModel)> {
+    pub fn best(
+        &self,
+        family: Family,
+        range: Range,
+        bands: (f64, f64),
+        count: usize,
+    ) -> Vec<(f64, ValveModel)> {
         let data = self.data;
         let (asymmetry, drift) = bands;
-        let mut cells = Cells::new(family, self.at_start(family, range), KEPT);
+        let mut cells = Cells::new(family, at_start(data, family, range, &PLACES, CLOSE_PLACES), KEPT);
         let bends = self.effects.effects.iter().any(|effect| effect.bends());
         let bend = |k: usize, x: &mut [f64]| {
             if bends {
@@ -78,7 +84,7 @@ impl<'a> Held<'a> {
             cells.step(k, Sample { u: data.u[k], grown, asymmetry }, &bend);
             let Some(row) = k.checked_sub(data.first) else {
                 if cells.len() > UNRATED {
-                    widest(&cells, &mut order, &mut goes_on);
+                    widest(&cells, UNRATED / 2, &mut order, &mut goes_on);
                     cells.retain(&goes_on);
                 }
                 continue;
@@ -101,41 +107,6 @@ impl<'a> Held<'a> {
         let valve = |cell: &Cell| ValveModel { asymmetry, drift, ..cell.valve(family) };
         found.iter().take(count).map(|(loss, cell)| (*loss, valve(cell))).collect()
     }
-
-    /// The cells of a family at the start.
-    fn at_start(&self, family: Family, range: Range) -> Vec<Cell> {
-        let wide = range.1 / range.0;
-        let parts = ((wide.ln() / PARTS_OF_S.0.ln()).ceil() as usize).clamp(1, PARTS_OF_S.1);
-        let s = |i: usize| range.0 * wide.powf(i as f64 / parts as f64);
-        let mut cells = Vec::new();
-        for i in 0..parts {
-            let s = (s(i), s(i + 1));
-            let (of_j, most) = PARTS_OF_J;
-            let j = |share: usize| most * s.1 * share as f64 / of_j as f64;
-            let shares: Vec<Range> = match family.ratio {
-                Some(ratio) => vec![(ratio * s.0, ratio * s.1)],
-                None => (0..of_j).map(|share| (j(share), j(share + 1))).collect(),
-            };
-            for (share, j) in shares.into_iter().enumerate() {
-                let start = |place| self.cell(s, j, i * of_j + share, place);
-                if family.rule == StopRule::Slip && family.ratio.is_some() {
-                    let rest = |i: usize| FARTHEST_PLACE * i as f64 / CLOSE_PLACES as f64;
-                    let places = (0..=CLOSE_PLACES).map(|i| (true, rest(i)));
-                    cells.extend(places.chain((1..=CLOSE_PLACES).map(|i| (false, rest(i)))).map(start));
-                } else {
-                    cells.extend(PLACES.into_iter().map(start));
-                }
-            }
-        }
-        cells
-    }
-
-    fn cell(&self, s: Range, j: Range, part: usize, (turned, beyond): (bool, f64)) -> Cell {
-        let start = self.data.start;
-        let direction = if start.is_max != turned { 1.0 } else { -1.0 };
-        let place = self.data.u[start.index] + direction * middle(s) * beyond;
-        Cell { s, j, part, place, direction, rest: Rest { turned, beyond } }
-    }
 }
 
 /// Marks the cells that go on: the best of all, and of each part the best.
@@ -156,13 +127,54 @@ fn choose(cells: &Cells, order: &mut Vec<(f64, usize)>, goes_on: &mut Vec<bool>,
     }
 }
 
-/// Marks the widest cells: before any row is rated nothing else tells them apart.
-fn widest(cells: &Cells, order: &mut Vec<(f64, usize)>, goes_on: &mut Vec<bool>) {
+/// Marks the widest cells, `count` of them: before any row is rated nothing else tells them apart.
+pub fn widest(cells: &Cells, count: usize, order: &mut Vec<(f64, usize)>, goes_on: &mut Vec<bool>) {
     let size = |c: &Cell| (c.s.1 - c.s.0) * (c.j.1 - c.j.0 + 1e-12);
     order.clear();
     order.extend(cells.cells.iter().enumerate().map(|(at, cell)| (size(cell), at)));
     order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     goes_on.clear();
     goes_on.resize(order.len(), false);
-    order.iter().take(UNRATED / 2).for_each(|&(_, at)| goes_on[at] = true);
+    order.iter().take(count).for_each(|&(_, at)| goes_on[at] = true);
+}
+
+/// The cells of a family at the start: the stem at `places`, or where the start is never forgotten at `close` and more.
+pub fn at_start(
+    data: &IdData,
+    family: Family,
+    range: Range,
+    places: &[(bool, f64)],
+    close: usize,
+) -> Vec<Cell> {
+    let wide = range.1 / range.0;
+    let parts = ((wide.ln() / PARTS_OF_S.0.ln()).ceil() as usize).clamp(1, PARTS_OF_S.1);
+    let s = |i: usize| range.0 * wide.powf(i as f64 / parts as f64);
+    let mut cells = Vec::new();
+    for i in 0..parts {
+        let s = (s(i), s(i + 1));
+        let (of_j, most) = PARTS_OF_J;
+        let j = |share: usize| most * s.1 * share as f64 / of_j as f64;
+        let shares: Vec<Range> = match family.ratio {
+            Some(ratio) => vec![(ratio * s.0, ratio * s.1)],
+            None => (0..of_j).map(|share| (j(share), j(share + 1))).collect(),
+        };
+        for (share, j) in shares.into_iter().enumerate() {
+            let start = |place| cell(data, s, j, i * of_j + share, place);
+            if family.rule == StopRule::Slip && family.ratio.is_some() {
+                let rest = |i: usize| FARTHEST_PLACE * i as f64 / close as f64;
+                let places = (0..=close).map(|i| (true, rest(i)));
+                cells.extend(places.chain((1..=close).map(|i| (false, rest(i)))).map(start));
+            } else {
+                cells.extend(places.iter().copied().map(start));
+            }
+        }
+    }
+    cells
+}
+
+fn cell(data: &IdData, s: Range, j: Range, part: usize, (turned, beyond): (bool, f64)) -> Cell {
+    let start = data.start;
+    let direction = if start.is_max != turned { 1.0 } else { -1.0 };
+    let place = data.u[start.index] + direction * middle(s) * beyond;
+    Cell { s, j, part, place, direction, rest: Rest { turned, beyond } }
 }

@@ -184,7 +184,9 @@ impl Cells {
     fn push(&mut self, i: usize, cell: Cell) {
         self.cells.push(cell);
         let resting = self.family.rule != StopRule::Reversal;
-        for (bounds, range) in [(&mut self.s, cell.s), (&mut self.j, if resting { cell.j } else { (0.0, 0.0) })] {
+        for (bounds, range) in
+            [(&mut self.s, cell.s), (&mut self.j, if resting { cell.j } else { (0.0, 0.0) })]
+        {
             bounds[0].push(range.0);
             bounds[1].push(range.1);
         }
