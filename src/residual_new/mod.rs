@@ -1,4 +1,5 @@
 //! Tracing anew.
+pub mod data_quality;
 pub mod decide;
 pub mod effect;
 pub mod forward_selection;
