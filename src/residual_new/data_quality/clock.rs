@@ -32,7 +32,7 @@ const HONEST: RangeInclusive<i32> = 0..=1;
 /// Least skew beyond honest stamps, and least growth of one (samples): less is a matter of when in a scan each tag is read.
 const LEAST: f64 = 1.5;
 /// PV's lags in the controller, those of OP's changes, and those of the set point: a PID with a filtered derivative.
-const LAGS: [usize; 3] = [4, 2, 3];
+const LAGS: [usize; 3] = [3, 2, 3];
 /// Least error of OP's changes in OP's standard deviations: a number of seven digits.
 const ROUNDING: f64 = 1e-6;
 /// Passes of reweighted least squares.
@@ -100,7 +100,7 @@ fn skew(data: &IdData) -> Option<(Shift, f64)> {
     let both = Both::new(data);
     let rows = data.rows();
     let n = rows.len() as f64;
-    let controller = |shift: Shift| both.controller(shift, rows.clone());
+    let controller = |shift: Shift| both.controller(shift, rows.clone()).0;
     let honest: Vec<(Shift, f64)> =
         HONEST.map(Shift::constant).map(|shift| (shift, controller(shift))).collect();
     let stamped = honest.iter().map(|h| h.1).fold(f64::NEG_INFINITY, f64::max);
@@ -117,8 +117,12 @@ fn skew(data: &IdData) -> Option<(Shift, f64)> {
     if worth < stamped {
         return None;
     }
-    let together = honest.iter().map(|h| h.1 + both.process(h.0)).fold(f64::NEG_INFINITY, f64::max);
-    Some((shift, (worth - stamped).min(worth + both.process(shift) - together)))
+    let gain = both.controller(shift, rows.clone()).1;
+    if std::env::var("CLOCK").is_ok() {
+        println!("      n {n} honest {:?} constant {:?} growing {:?} process {:.0} {:.0} {:.0}", honest, constant, both.growing(rows.clone()), both.process(Shift::constant(0), gain), both.process(Shift::constant(1), gain), both.process(shift,gain));
+    }
+    let together = honest.iter().map(|h| h.1 + both.process(h.0, gain)).fold(f64::NEG_INFINITY, f64::max);
+    Some((shift, (worth - stamped).min(worth + both.process(shift, gain) - together)))
 }
 
 /// Whether a skew is one that matters.
@@ -146,7 +150,7 @@ impl<'a> Both<'a> {
     }
 
     /// The controller's log-likelihood in these rows, with PV moved.
-    fn controller(&self, shift: Shift, rows: Range<usize>) -> f64 {
+    fn controller(&self, shift: Shift, rows: Range<usize>) -> (f64, f64) {
         let (y, _) = shift.moved(&self.data.y, &self.data.weight);
         let ones = vec![1.0; rows.len()];
         let late = |v: &'_ [f64], lag: usize| v[rows.start - lag..rows.end - lag].to_vec();
@@ -156,29 +160,31 @@ impl<'a> Both<'a> {
         columns.extend(self.data.sp.iter().flat_map(|sp| (0..LAGS[2]).map(|lag| late(sp, lag))));
         let target = &self.changes[rows.clone()];
         let (mut omega, mut scale) = (ones.clone(), None);
-        let mut e = Vec::new();
+        let (mut e, mut of_y) = (Vec::new(), 0.0);
         for _ in 0..PASSES {
-            e = errors(&columns, target, &omega);
+            (e, of_y) = errors(&columns, target, &omega);
             let guess = scale.unwrap_or_else(|| student::first_scale(&e, &ones));
             let found = student::scale(&e, &ones, guess).max(self.floor);
             student::reweigh(&e, &ones, found, &mut omega);
             scale = Some(found);
         }
-        student::log_likelihood(&e, &ones, scale.unwrap_or(self.floor))
+        (student::log_likelihood(&e, &ones, scale.unwrap_or(self.floor)), of_y)
     }
 
     /// The process' log-likelihood with PV moved.
-    fn process(&self, shift: Shift) -> f64 {
+    fn process(&self, shift: Shift, gain: f64) -> f64 {
         let mut moved = self.data.clone();
         (moved.y, moved.weight) = shift.moved(&self.data.y, &self.data.weight);
-        Arx::new(&moved, &moved.y, &[]).fit(&moved.u, None).log_likelihood
+        let fit = Arx::new(&moved, &moved.y, &[]).fit(&moved.u, None);
+        let floor = fit.scale.max(self.floor / gain.abs());
+        student::log_likelihood(&fit.e, &moved.weight[moved.rows()], floor)
     }
 
     /// The skew that is likeliest in these rows, and its log-likelihood.
     fn constant(&self, rows: Range<usize>, as_good: f64) -> (Shift, f64) {
         let all: Vec<(Shift, f64)> = (-LONGEST..=LONGEST)
             .map(Shift::constant)
-            .map(|shift| (shift, self.controller(shift, rows.clone())))
+            .map(|shift| (shift, self.controller(shift, rows.clone()).0))
             .collect();
         let best = all.iter().map(|s| s.1).fold(f64::NEG_INFINITY, f64::max);
         // A PI controller needs two of four samples of PV: those that it does not need may be before or after. After is right.
@@ -198,7 +204,7 @@ impl<'a> Both<'a> {
         let middles = [rows.start + third / 2, rows.end - third / 2].map(|k| k as f64 / self.data.len() as f64);
         let growth = (late - early) / (middles[1] - middles[0]);
         let start = early - growth * middles[0];
-        let rated = |shift: Shift| (shift, self.controller(shift, rows.clone()));
+        let rated = |shift: Shift| (shift, self.controller(shift, rows.clone()).0);
         let mut found = rated(Shift { first: start, last: start + growth });
         for step in STEPS {
             loop {
@@ -217,7 +223,7 @@ impl<'a> Both<'a> {
 }
 
 /// What weighted least squares leaves of `target`.
-fn errors(columns: &[Vec<f64>], target: &[f64], weight: &[f64]) -> Vec<f64> {
+fn errors(columns: &[Vec<f64>], target: &[f64], weight: &[f64]) -> (Vec<f64>, f64) {
     let size = columns.len();
     let by = |column: &[f64]| -> Vec<f64> { column.iter().zip(weight).map(|(c, w): (&f64, &f64)| c * w.sqrt()).collect() };
     let scaled: Vec<Vec<f64>> = columns.iter().map(|column| by(column)).collect();
@@ -233,5 +239,5 @@ fn errors(columns: &[Vec<f64>], target: &[f64], weight: &[f64]) -> Vec<f64> {
     for (theta, column) in theta.iter().zip(columns) {
         e.iter_mut().zip(column).for_each(|(e, c)| *e -= theta * c);
     }
-    e
+    (e, theta[0])
 }
