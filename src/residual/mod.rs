@@ -12,7 +12,7 @@
 
 mod backward_elimination;
 mod checks;
-mod data_quality;
+pub mod data_quality;
 pub mod decide;
 pub mod effect;
 mod findings;

@@ -84,7 +84,7 @@ fn prepare(data: &mut IdData, settings: &Settings) -> (Vec<ValveModel>, Vec<Fact
         let valve = found.first().filter(|found| found.score > sound.log_likelihood).map(|found| found.valve);
         Hypothesis { valve, effects: Vec::new() }.stem(data).0
     };
-    let facts = assess(data, &likeliest_stem, settings.only);
+    let facts = assess(data, &likeliest_stem, None);
     (pool, facts)
 }
 

@@ -1,0 +1,174 @@
+//! Single samples of PV that are wrong: they do not count, and are bridged.
+//!
+//! ```text
+//! wrong  with probability m/N:      y[k] uniform over PV's range R
+//! right  with probability 1 - m/N:  y[k] = what the high-order ARX predicts + e[k],   e of Student's t
+//! ```
+//!
+//! One mixture decides. A wrong sample costs `ln(N/m) + ln R` and what a right one would have brought; it gains its own error
+//! and those of the next sixteen samples, whose lags it spoils. A shock gains its own error alone, and the next samples are
+//! worse predicted from the line that bridges it. Each sample has to pay for itself, and all together for their share.
+//!
+//! Sources: Box & Tiao, Biometrika 1968, 55, 119; Chang, Tiao & Chen, Technometrics 1988, 30, 193.
+
+use super::{Fact, TOLD, bridge, posterior};
+use crate::residual::Kind;
+use crate::residual::report::Described;
+use crate::sysid::arx::{Arx, ArxFit, LAGS_X, LAGS_Y};
+use crate::sysid::criterion::{REGULAR, score};
+use crate::sysid::iddata::IdData;
+use crate::sysid::stats::{mean, range};
+use crate::sysid::student::{FREEDOM, log_likelihood};
+use std::ops::Range;
+
+/// `ln(Gamma(3) / (Gamma(5/2) sqrt(5 pi)))`: the density of Student's t at 0, which errors that do not count lack.
+const LOG_DENSITY: f64 = -0.968_620_2;
+/// Most rounds of choosing samples and fitting: the choice mostly settles in three.
+const ROUNDS: usize = 6;
+
+/// Tells wrong samples, bridges them and takes them out; `step`: the quantum of PV as it was recorded.
+pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>, step: f64) -> Option<Fact> {
+    let x = stem(data);
+    let (at, log_odds) = wrong(data, &x, step)?;
+    let posterior = posterior(log_odds);
+    if posterior < TOLD {
+        return None;
+    }
+    let described = describe(data, &at);
+    take_out(data, &at);
+    Some(Fact { kind: Kind::Outliers, posterior, described })
+}
+
+fn describe(data: &IdData, at: &[usize]) -> Described {
+    let off = |k: usize| (data.y[k] - data.y[k - 1]).abs().min((data.y[k] - data.y[k + 1]).abs());
+    let size = mean(&at.iter().map(|k| off(*k)).collect::<Vec<f64>>()) * data.units.y;
+    Described::new(format!("{} samples of PV are off by {size:.3} on average", at.len()))
+        .with("count", at.len() as f64, "-")
+        .with("share", at.len() as f64 / data.len() as f64, "-")
+        .with("size", size, "PV")
+}
+
+fn take_out(data: &mut IdData, at: &[usize]) {
+    for &k in at {
+        bridge(&mut data.y, k, k + 1);
+        data.weight[k] = 0.0;
+    }
+}
+
+/// `m ln(m/N) + (N - m) ln(1 - m/N)`: what it costs to say which `m` of `n` samples are wrong.
+fn choice(m: f64, n: f64) -> f64 {
+    let part = |m: f64| if m > 0.0 { m * (m / n).ln() } else { 0.0 };
+    part(m) + part(n - m)
+}
+
+/// The wrong samples, and the log-odds for that there are any.
+fn wrong(data: &IdData, x: &[f64], step: f64) -> Option<(Vec<usize>, f64)> {
+    // Steps are an error of their own, and no error is known better.
+    let fit = |data: &IdData| {
+        let mut fit = Arx::new(data, &data.y, &[]).fit(x, None);
+        fit.scale = fit.scale.max(step / 12f64.sqrt());
+        let weight = &data.weight[data.rows()];
+        fit.log_likelihood =
+            log_likelihood(&fit.e, weight, fit.scale) + LOG_DENSITY * data.counted();
+        fit
+    };
+    let plain = fit(data);
+    let (low, high) = range(&data.y);
+    let density = -(high - low).ln();
+    let mut at = Vec::new();
+    let mut repaired = data.clone();
+    let mut best = plain.clone();
+    for _ in 0..ROUNDS {
+        let next = Samples { data, x, fit: &best, density }.choose(&at);
+        let settled = next == at;
+        if settled {
+            break;
+        }
+        at = next;
+        repaired = data.clone();
+        take_out(&mut repaired, &at);
+        best = fit(&repaired);
+    }
+    let rows = data.rows();
+    let m = at.iter().filter(|k| rows.contains(k)).count() as f64;
+    let n = data.counted();
+    let with = best.log_likelihood + m * density + choice(m, n);
+    (m > 0.0).then(|| (at, score(with, REGULAR, 1.0, n) - plain.log_likelihood))
+}
+
+/// Samples under one model.
+struct Samples<'a> {
+    data: &'a IdData,
+    x: &'a [f64],
+    fit: &'a ArxFit,
+    /// Log-density of a wrong sample.
+    density: f64,
+}
+
+impl Samples<'_> {
+    /// The samples that each pay for themselves, those `at` tried first; the most telling comes first, since what a wrong
+    /// sample does to its neighbours is no fault of theirs.
+    fn choose(&self, at: &[usize]) -> Vec<usize> {
+        let mut y = self.data.y.clone();
+        at.iter().for_each(|k| bridge(&mut y, *k, k + 1));
+        let mut at = at.to_vec();
+        let n = self.data.counted();
+        let price = |m: usize| choice(m as f64 + 1.0, n) - choice(m as f64, n) + self.density;
+        let all = self.data.start.index + LAGS_Y..y.len() - 1;
+        let mut gains: Vec<f64> = vec![f64::NEG_INFINITY; y.len()];
+        all.clone().for_each(|k| gains[k] = self.gain(&y, k));
+        loop {
+            let free = |k: &usize| !at.contains(k);
+            let most = all.clone().filter(free).max_by(|a, b| gains[*a].total_cmp(&gains[*b]));
+            let Some(k) = most.filter(|k| gains[*k] + price(at.len()) > 0.0) else { break };
+            at.push(k);
+            bridge(&mut y, k, k + 1);
+            let near = k.saturating_sub(LAGS_Y + 1).max(all.start)..(k + LAGS_Y + 2).min(all.end);
+            near.for_each(|k| gains[k] = self.gain(&y, k));
+        }
+        // What was taken for wrong beside others may be right without them.
+        let mut kept = at.clone();
+        for k in at {
+            y[k] = self.data.y[k];
+            if self.gain(&y, k) + price(kept.len() - 1) > 0.0 {
+                bridge(&mut y, k, k + 1);
+            } else {
+                kept.retain(|other| *other != k);
+            }
+        }
+        kept.sort_unstable();
+        kept
+    }
+
+    /// Log-likelihood gained where sample `k` of `y` does not count and is bridged.
+    fn gain(&self, y: &[f64], k: usize) -> f64 {
+        let peak = (y[k] - y[k - 1]) * (y[k] - y[k + 1]) > 0.0;
+        if !peak || self.data.weight[k] == 0.0 {
+            return f64::NEG_INFINITY;
+        }
+        let own = self.log_density(self.error(y, k));
+        let off = y[k] - 0.5 * (y[k - 1] + y[k + 1]);
+        let next = 1..(LAGS_Y + 1).min(y.len() - k);
+        let after: f64 = next
+            .map(|lag| {
+                let e = self.error(y, k + lag);
+                let bridged = e + self.fit.theta[lag - 1] * off;
+                self.data.weight[k + lag] * (self.log_density(bridged) - self.log_density(e))
+            })
+            .sum();
+        after - own
+    }
+
+    fn log_density(&self, e: f64) -> f64 {
+        let s = self.fit.scale;
+        LOG_DENSITY - s.ln() - 0.5 * (FREEDOM + 1.0) * (e * e / (FREEDOM * s * s)).ln_1p()
+    }
+
+    fn error(&self, y: &[f64], k: usize) -> f64 {
+        let theta = &self.fit.theta;
+        let of = |lags: Range<usize>, theta: &[f64], v: &[f64]| -> f64 {
+            lags.zip(theta).map(|(lag, theta)| theta * v[k - lag]).sum()
+        };
+        y[k] - of(1..LAGS_Y + 1, theta, y) - theta[LAGS_Y] - of(1..LAGS_X + 1, &theta[LAGS_Y + 1..], self.x)
+    }
+}
