@@ -10,9 +10,12 @@ use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
 use crate::sysid::armax::{Armax, Input, ORDER};
 use crate::sysid::iddata::IdData;
 use crate::sysid::simulate::simulate;
+use crate::sysid::valve::ValveModel;
 use crate::sysid::whiteness::is_white;
 use super::decide::Decided;
 
+/// J is another than S where they differ by more than this share of S: no model of a valve holds closer.
+const APART: f64 = 0.1;
 /// Share of the held-out samples that one free run lasts.
 const STRETCHES: usize = 4;
 
@@ -132,7 +135,8 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         let described = effect.describe(&data, &best.model, own);
         effects.push(named(effect.kind(), *evidence, effect.tag().map(str::to_string), described));
     }
-    if verdict == Verdict::Stiction && slip_jump > 0.0 {
+    let apart = |valve: ValveModel| (valve.j / valve.s - 1.0).abs() > APART;
+    if verdict == Verdict::Stiction && slip_jump > 0.0 && best.hypothesis.valve.is_some_and(apart) {
         let evidence = (probability(slip_jump), 2.0 * slip_jump);
         effects.extend(best.hypothesis.valve.map(|valve| {
             let [s, j] = [valve.s, valve.j].map(|band| band * data.units.u);

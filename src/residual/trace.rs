@@ -12,6 +12,7 @@ use super::report::report;
 use super::valve_search::{Effort, search};
 use crate::diagnosis::{Diagnosis, Verdict, region};
 use crate::signal::Window;
+use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::{Rest, Start, StopRule, ValveModel};
 
@@ -97,7 +98,7 @@ pub fn first_step(window: &Window, settings: &Settings) -> Vec<Row> {
         kind: d.kind(),
         friction: class(&d.hypothesis),
         log_likelihood: d.model.log_likelihood,
-        cost: d.model.log_likelihood - d.score,
+        cost: TEMPERING * d.model.log_likelihood - d.score,
     };
     table(&decided, &Hypothesis::default()).decided().map(row).collect()
 }
