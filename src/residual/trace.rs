@@ -12,6 +12,7 @@ use super::report::report;
 use super::valve_search::{Effort, search};
 use crate::diagnosis::{Diagnosis, Verdict, region};
 use crate::signal::Window;
+use std::cell::RefCell;
 use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::{Rest, Start, StopRule, ValveModel};
@@ -76,17 +77,24 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     Some(report(outcome, diagnosis, settings))
 }
 
-/// Repairs what the signals alone show to be wrong; the pool of valves begins with those that are known.
+/// Repairs what the signals alone show to be wrong, and finds the valves of the repaired record.
 fn prepare(data: &mut IdData, settings: &Settings) -> (Vec<ValveModel>, Vec<Fact>) {
-    let pool = informed(settings, data.units.u);
+    let known = informed(settings, data.units.u);
+    let recorded = data.y.clone();
+    let valves = RefCell::new(None);
     let likeliest_stem = |data: &IdData| {
-        let found = search(data, &Hypothesis::default(), &[], Effort::Whole);
+        let found = search(data, &Hypothesis::default(), &known, Effort::Whole);
         let sound = arx(data, &Hypothesis::default(), None);
         let valve = found.first().filter(|found| found.score > sound.log_likelihood).map(|found| found.valve);
-        Hypothesis { valve, effects: Vec::new() }.stem(data).0
+        let stem = Hypothesis { valve, effects: Vec::new() }.stem(data).0;
+        valves.replace(Some((data.y.clone(), found)));
+        stem
     };
     let facts = assess(data, &likeliest_stem, None);
-    (pool, facts)
+    // What was found on the record as it is now need not be found again.
+    let found = valves.into_inner().filter(|(y, _)| *y == data.y && recorded == data.y).map(|found| found.1);
+    let found = found.unwrap_or_else(|| search(data, &Hypothesis::default(), &known, Effort::Whole));
+    (found.into_iter().map(|found| found.valve).collect(), facts)
 }
 
 /// See [`super::first_step`].
