@@ -22,7 +22,7 @@ use crate::sysid::criterion::{REGULAR, THRESHOLD, score};
 use crate::sysid::gram::{lower, products};
 use crate::sysid::iddata::IdData;
 use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
-use crate::sysid::student;
+use crate::sysid::student::{self, FREEDOM};
 use std::ops::{Range, RangeInclusive};
 
 /// Longest skew tried (samples): a lag of the high-order ARX less one, so that the process has one left.
@@ -164,11 +164,11 @@ impl<'a> Both<'a> {
         for _ in 0..PASSES {
             (e, of_y) = errors(&columns, target, &omega);
             let guess = scale.unwrap_or_else(|| student::first_scale(&e, &ones));
-            let found = student::scale(&e, &ones, guess).max(self.floor);
-            student::reweigh(&e, &ones, found, &mut omega);
+            let found = student::scale(&e, &ones, guess, FREEDOM).max(self.floor);
+            student::reweigh(&e, &ones, (found, FREEDOM), &mut omega);
             scale = Some(found);
         }
-        (student::log_likelihood(&e, &ones, scale.unwrap_or(self.floor)), of_y)
+        (student::log_likelihood(&e, &ones, scale.unwrap_or(self.floor), FREEDOM), of_y)
     }
 
     /// The process' log-likelihood with PV moved.
@@ -177,7 +177,7 @@ impl<'a> Both<'a> {
         (moved.y, moved.weight) = shift.moved(&self.data.y, &self.data.weight);
         let fit = Arx::new(&moved, &moved.y, &[]).fit(&moved.u, None);
         let floor = fit.scale.max(self.floor / gain.abs());
-        student::log_likelihood(&fit.e, &moved.weight[moved.rows()], floor)
+        student::log_likelihood(&fit.e, &moved.weight[moved.rows()], floor, FREEDOM)
     }
 
     /// The skew that is likeliest in these rows, and its log-likelihood.

@@ -18,7 +18,7 @@ use crate::sysid::arx::{Arx, ArxFit, LAGS_X, LAGS_Y};
 use crate::sysid::criterion::{REGULAR, score};
 use crate::sysid::iddata::IdData;
 use crate::sysid::stats::{mean, range};
-use crate::sysid::student::{FREEDOM, log_likelihood};
+use crate::sysid::student::{FREEDOM, log_likelihood, scale};
 use std::ops::Range;
 
 /// `ln(Gamma(3) / (Gamma(5/2) sqrt(5 pi)))`: the density of Student's t at 0, which errors that do not count lack.
@@ -66,10 +66,10 @@ fn wrong(data: &IdData, x: &[f64], step: f64) -> Option<(Vec<usize>, f64)> {
     // Steps are an error of their own, and no error is known better.
     let fit = |data: &IdData| {
         let mut fit = Arx::new(data, &data.y, &[]).fit(x, None);
-        fit.scale = fit.scale.max(step / 12f64.sqrt());
         let weight = &data.weight[data.rows()];
-        fit.log_likelihood =
-            log_likelihood(&fit.e, weight, fit.scale) + LOG_DENSITY * data.counted();
+        // Tails that are as heavy as the wrong samples make them would hide those.
+        fit.scale = scale(&fit.e, weight, fit.scale, FREEDOM).max(step / 12f64.sqrt());
+        fit.log_likelihood = log_likelihood(&fit.e, weight, fit.scale, FREEDOM);
         fit
     };
     let plain = fit(data);

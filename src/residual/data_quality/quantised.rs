@@ -38,8 +38,9 @@ pub struct Quantum {
 pub fn assess(data: &IdData, stem: &dyn Fn(&IdData) -> Vec<f64>) -> Option<Fact> {
     let quantum = quantum(&data.y).filter(|quantum| quantum.size >= OF_PV)?;
     let fit = Arx::new(data, &data.y, &[]).fit(&stem(data), None);
-    // The standard deviation of Student's t.
-    let sd = fit.scale * (FREEDOM / (FREEDOM - 2.0)).sqrt();
+    // The standard deviation of Student's t, for tails that have one.
+    let nu = fit.nu.max(FREEDOM);
+    let sd = fit.scale * (nu / (nu - 2.0)).sqrt();
     (quantum.size >= OF_ERRORS * sd).then(|| Fact {
         kind: Kind::QuantisedPv,
         posterior: 1.0,

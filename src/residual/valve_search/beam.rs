@@ -11,7 +11,6 @@ use super::cells::{Cell, Cells, FACTORS, Family, Range, Sample, middle};
 use crate::residual::hypothesis::Hypothesis;
 use crate::sysid::arx::{ArxFit, LAGS_X};
 use crate::sysid::iddata::IdData;
-use crate::sysid::student::FREEDOM;
 use crate::sysid::valve::{Rest, StopRule, ValveModel, growth};
 use std::array::from_fn;
 
@@ -58,7 +57,7 @@ impl<'a> Held<'a> {
         let from = data.first;
         let through = |k: usize| -> f64 { (0..LAGS_X).map(|j| b[j] * x[k - 1 - j]).sum() };
         let left = fit.e.iter().enumerate().map(|(row, e)| e + through(from + row)).collect();
-        Self { data, effects, left, b, per: 1.0 / (FREEDOM * fit.scale * fit.scale) }
+        Self { data, effects, left, b, per: 1.0 / (fit.nu * fit.scale * fit.scale) }
     }
 
     /// The valves with the least losses of a family with S in `range`, `count` of them; `bands`: asymmetry and drift.

@@ -65,6 +65,7 @@ pub fn hannan_rissanen(data: &IdData, y: &[f64], signals: &Signals, long: &ArxFi
             b: three(fixed),
             theta: theta.to_vec(),
             scale: long.scale,
+            nu: long.nu,
             log_likelihood: f64::NEG_INFINITY,
         };
         Start { model, loss }
