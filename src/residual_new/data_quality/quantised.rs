@@ -69,6 +69,16 @@ pub fn quantum(y: &[f64]) -> Option<Quantum> {
     (whole as f64 >= WHOLE * gaps.len() as f64).then_some(Quantum { size, distinct })
 }
 
+/// The quantum; 0 where there is none.
+pub fn step_of(y: &[f64]) -> f64 {
+    quantum(y).map_or(0.0, |quantum| quantum.size)
+}
+
+/// The standard deviation of what is lost in steps of this size: evenly distributed over one.
+pub fn error_of(step: f64) -> f64 {
+    step / 12f64.sqrt()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
