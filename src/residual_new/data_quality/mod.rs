@@ -41,7 +41,7 @@ pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>, known: Opti
     let step = quantised::step_of(&data.y);
     // A coarse PV stands still by itself: where both are there, its steps are named first.
     if asked(Kind::QuantisedPv) {
-        facts.extend(quantised::assess(data, stem));
+        facts.extend(quantised::assess(data));
     }
     if asked(Kind::FrozenPv) {
         facts.extend(frozen::assess(data));
