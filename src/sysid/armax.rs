@@ -46,6 +46,8 @@ pub struct Signals {
     pub x: Vec<f64>,
     /// Shapes of loads.
     pub shapes: Vec<Vec<f64>>,
+    /// What PV shows beside the process' output: subtracted first; empty for nothing.
+    pub offset: Vec<f64>,
 }
 
 /// A smooth parameter of a hypothesis.
@@ -99,6 +101,17 @@ pub struct Errors {
     pub e: Vec<f64>,
 }
 
+impl Errors {
+    /// PV anew, less its offset, and no errors yet.
+    fn restart(&mut self, y: &[f64], signals: &Signals, to: usize) {
+        self.y.clear();
+        self.y.extend_from_slice(&y[..to]);
+        self.y.iter_mut().zip(&signals.offset).for_each(|(y, offset)| *y -= offset);
+        self.e.clear();
+        self.e.resize(to, 0.0);
+    }
+}
+
 impl Armax {
     /// First sample whose error can be computed.
     pub fn begin(&self, data: &IdData) -> usize {
@@ -107,7 +120,8 @@ impl Armax {
 
     /// One-step errors up to sample `to`.
     pub fn errors(&self, data: &IdData, y: &[f64], signals: &Signals, to: usize) -> Errors {
-        let mut out = Errors { y: y[..to].to_vec(), e: vec![0.0; to] };
+        let mut out = Errors { y: Vec::new(), e: Vec::new() };
+        out.restart(y, signals, to);
         self.errors_into(data, signals, &mut out);
         out
     }
@@ -174,11 +188,9 @@ impl Armax {
                 draw_inside(&mut next.c, RHO);
                 let moved = next.theta != self.theta;
                 let other = moved.then(|| input.signals(&next.theta));
-                trial.y.clear();
-                trial.y.extend_from_slice(&y[..data.split]);
-                trial.e.clear();
-                trial.e.resize(data.split, 0.0);
-                next.errors_into(data, other.as_ref().unwrap_or(&signals), &mut trial);
+                let with = other.as_ref().unwrap_or(&signals);
+                trial.restart(y, with, data.split);
+                next.errors_into(data, with, &mut trial);
                 next.rate(data, &trial.e);
                 if next.log_likelihood > self.log_likelihood {
                     gained = next.log_likelihood - self.log_likelihood;

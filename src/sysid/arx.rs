@@ -9,7 +9,7 @@
 //!
 //! Source: Ljung, System Identification, 1999, sections 4.2 and 7.6 (Student-t weights).
 
-use super::gram::{lower, products};
+use super::gram::{add_two, lower, products};
 use super::iddata::IdData;
 use super::least_squares::{MOST_COLUMNS, dot, factor, factor_rows, substitute};
 use super::student;
@@ -195,10 +195,9 @@ impl<'a> Arx<'a> {
         found: &mut ArxFit,
     ) {
         let (n, size) = (target.len(), columns.len());
+        let root: Vec<f64> = omega.iter().map(|omega| omega.sqrt()).collect();
         for (to, from) in scratch.chunks_exact_mut(n).zip(columns.iter().chain([&target])) {
-            for ((to, from), omega) in to.iter_mut().zip(*from).zip(omega) {
-                *to = from * omega.sqrt();
-            }
+            multiply(to, from, &root);
         }
         let all: Vec<&[f64]> = scratch.chunks_exact(n).collect();
         let mut g = vec![0.0; size * size];
@@ -210,11 +209,20 @@ impl<'a> Arx<'a> {
         substitute(&g, size, &live, &mut theta);
         found.e.clear();
         found.e.extend_from_slice(target);
-        for (theta, column) in theta.iter().zip(columns) {
-            found.e.iter_mut().zip(*column).for_each(|(e, c)| *e -= theta * c);
+        for (theta, column) in theta.chunks(2).zip(columns.chunks(2)) {
+            match (theta, column) {
+                ([a, b], [v, w]) => add_two(&mut found.e, (-a, v), (-b, w)),
+                _ => found.e.iter_mut().zip(column[0]).for_each(|(e, c)| *e -= theta[0] * c),
+            }
         }
         (found.theta, found.factor, found.live) = (theta, g, live[..size].to_vec());
     }
+}
+
+/// Elementwise product.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn multiply(to: &mut [f64], a: &[f64], b: &[f64]) {
+    to.iter_mut().zip(a).zip(b).for_each(|((to, a), b)| *to = a * b);
 }
 
 #[cfg(test)]

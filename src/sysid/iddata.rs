@@ -14,7 +14,7 @@ pub const FITTED_SHARE: f64 = 0.8;
 const LEAST_FITTED: usize = 120;
 
 /// A window as deviations from its means, in units of its standard deviations.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct IdData {
     /// OP.
     pub u: Vec<f64>,

@@ -13,6 +13,8 @@ pub const FREEDOM: f64 = 5.0;
 const LEAST_SCALE: f64 = 3e-7;
 /// Passes of the fixed point for the scale.
 const PASSES: usize = 6;
+/// Relative change of s^2 below which its estimate is settled: the likelihood is flat there, to 1e-6 of a nat a sample.
+const SETTLED: f64 = 1e-3;
 /// Factors multiplied before one logarithm is taken.
 const FACTORS: usize = 16;
 /// Largest factor: sixteen of them are finite.
@@ -23,15 +25,31 @@ pub fn scale(e: &[f64], weight: &[f64], guess: f64) -> f64 {
     let count: f64 = weight.iter().sum();
     let mut s2 = guess.max(LEAST_SCALE).powi(2);
     for _ in 0..PASSES {
-        let sum: f64 = e.iter().zip(weight).map(|(e, w)| w * e * e / (FREEDOM + e * e / s2)).sum();
+        let sum = weighted_power(e, weight, 1.0 / s2);
         let next = ((FREEDOM + 1.0) * sum / count.max(1.0)).max(LEAST_SCALE * LEAST_SCALE);
-        let settled = (next / s2 - 1.0).abs() < 1e-6;
+        let settled = (next / s2 - 1.0).abs() < SETTLED;
         s2 = next;
         if settled {
             break;
         }
     }
     s2.sqrt()
+}
+
+/// `sum of w e^2 / (nu + per e^2)`.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn weighted_power(e: &[f64], weight: &[f64], per: f64) -> f64 {
+    let mut sums = [0.0; 8];
+    let (e8, e_rest) = e.as_chunks::<8>();
+    let (w8, w_rest) = weight.as_chunks::<8>();
+    for (e, w) in e8.iter().zip(w8) {
+        for i in 0..8 {
+            let square = e[i] * e[i];
+            sums[i] += w[i] * square / (FREEDOM + per * square);
+        }
+    }
+    let rest = e_rest.iter().zip(w_rest).map(|(e, w)| w * e * e / (FREEDOM + per * e * e));
+    sums.iter().sum::<f64>() + rest.sum::<f64>()
 }
 
 /// A first guess of the scale: from the mean of the absolute errors.

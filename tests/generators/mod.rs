@@ -48,6 +48,9 @@ pub struct Truth {
     pub also: Vec<Kind>,
 }
 
+/// All generators.
+pub const GENERATORS: [Generator; 3] = [a::A, b::B, c::C];
+
 /// A generator: `record` draws a case, `variants` tells how many there are for an effect.
 pub struct Generator {
     /// Its letter.

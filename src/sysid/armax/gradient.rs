@@ -151,7 +151,14 @@ fn slope(
         let late = |j: usize| k - model.nk - j;
         let stem: f64 = (0..ORDER).map(|j| model.b[j] * (other.x[late(j)] - signals.x[late(j)])).sum();
         let load: f64 = shapes.iter().map(|(gamma, new, old)| gamma * (new[k] - old[k])).sum();
-        (stem + load) / step
+        // What PV shows beside the output comes through A.
+        let shift = |k: usize| other.offset[k] - signals.offset[k];
+        let shown = if signals.offset.is_empty() {
+            0.0
+        } else {
+            shift(k) + model.a.iter().enumerate().map(|(i, a)| a * shift(k - 1 - i)).sum::<f64>()
+        };
+        (stem + load + shown) / step
     };
     filtered(value, model.c, begin, to)
 }

@@ -19,7 +19,7 @@ impl Input for Halves<'_> {
         let ratio = theta.first().copied().unwrap_or(1.0);
         let half = self.u.len() / 2;
         let x = self.u.iter().enumerate().map(|(k, u)| if k < half { *u } else { ratio * u }).collect();
-        Signals { x, shapes: Vec::new() }
+        Signals { x, ..Signals::default() }
     }
 }
 

@@ -1,0 +1,35 @@
+//! Backward elimination: an effect goes if the hypothesis without it is likelier.
+
+use super::decide::{Decided, decide};
+use super::posterior::log_prior;
+use crate::sysid::iddata::IdData;
+use crate::sysid::valve::ValveModel;
+
+/// Valves offered to the hypothesis without an effect.
+const OFFERED: usize = 3;
+
+/// Drops effects one by one while that makes the hypothesis likelier; `keep` tells which of the effects are left.
+pub fn eliminate(data: &IdData, mut best: Decided, pool: &[ValveModel], keep: &mut Vec<usize>) -> Decided {
+    loop {
+        let count = best.hypothesis.effects.len();
+        // The last effect was compared with none just now.
+        let without = (0..count.saturating_sub(1)).map(|at| (at, fitted_without(data, &best, at, pool)));
+        let likelier = without
+            .filter(|(_, other)| other.score + log_prior(count - 1) > best.score + log_prior(count))
+            .max_by(|a, b| a.1.score.total_cmp(&b.1.score));
+        let Some((at, other)) = likelier else { return best };
+        keep.remove(at);
+        best = other;
+    }
+}
+
+/// The best fit without the effect at `at`, with the valve there is, others, or none.
+fn fitted_without(data: &IdData, best: &Decided, at: usize, pool: &[ValveModel]) -> Decided {
+    let other = best.hypothesis.without(at);
+    let own = [None, best.hypothesis.valve].into_iter();
+    let valves = own.chain(pool.iter().take(OFFERED).map(|valve| Some(*valve)));
+    valves
+        .map(|valve| decide(data, other.with_valve(valve), None))
+        .max_by(|a, b| a.score.total_cmp(&b.score))
+        .unwrap_or_else(|| best.clone())
+}

@@ -1,0 +1,116 @@
+//! What decides: every hypothesis that leads the screening is fitted by ARMAX in the same way and scored by one criterion.
+
+use super::Kind;
+use super::hypothesis::{Hypothesis, OnData};
+use super::valve_search::cost;
+use crate::sysid::armax::{Armax, hannan_rissanen};
+use crate::sysid::arx::{Arx, ArxFit};
+use crate::sysid::criterion;
+use crate::sysid::iddata::IdData;
+
+/// Delays from which a fit starts, and the iterations of each before the best goes on.
+const DELAYS: usize = 3;
+const FIRST: usize = 4;
+/// Iterations of the best, and of one that starts from a fit nearly right.
+const MOST: usize = 16;
+const NEAR: usize = 5;
+
+/// A hypothesis with its fit.
+#[derive(Clone, Debug)]
+pub struct Decided {
+    /// The hypothesis, its smooth parameters as fitted.
+    pub hypothesis: Hypothesis,
+    /// Its model.
+    pub model: Armax,
+    /// Its score (see [`criterion`]).
+    pub score: f64,
+}
+
+impl Decided {
+    fn new(data: &IdData, mut hypothesis: Hypothesis, model: Armax) -> Self {
+        hypothesis.set_smooth(&model.theta);
+        let score = scored(data, &hypothesis, model.log_likelihood);
+        Self { hypothesis, model, score }
+    }
+
+    /// The kind of the last effect.
+    pub fn kind(&self) -> Option<Kind> {
+        self.hypothesis.effects.last().map(|effect| effect.kind())
+    }
+}
+
+/// The score of a hypothesis with this log-likelihood.
+pub fn scored(data: &IdData, hypothesis: &Hypothesis, log_likelihood: f64) -> f64 {
+    let (mut rate, mut alternatives) = cost(hypothesis.valve.as_ref());
+    for effect in &hypothesis.effects {
+        rate += effect.rate();
+        alternatives *= effect.alternatives();
+    }
+    criterion::score(log_likelihood, rate, alternatives, data.counted())
+}
+
+/// The high-order ARX of a hypothesis.
+pub fn arx(data: &IdData, hypothesis: &Hypothesis, near: Option<&ArxFit>) -> ArxFit {
+    let (signals, y) = (hypothesis.signals(data), hypothesis.pv(data));
+    Arx::new(data, &y, &signals.shapes).fit(&signals.x, near)
+}
+
+/// Fits a hypothesis from nothing.
+pub fn decide(data: &IdData, hypothesis: Hypothesis, near: Option<&ArxFit>) -> Decided {
+    let signals = hypothesis.signals(data);
+    let y = hypothesis.pv(data);
+    let long = Arx::new(data, &y, &signals.shapes).fit(&signals.x, near);
+    let theta: Vec<f64> = hypothesis.smooth().iter().map(|smooth| smooth.value).collect();
+    let input = OnData { hypothesis: &hypothesis, data };
+    let starts = hannan_rissanen(data, &y, &signals, &long, &theta);
+    let begun = starts.into_iter().take(DELAYS).map(|start| start.model.fit(data, &data.y, &input, FIRST));
+    let best = begun.max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood)).unwrap_or_default();
+    let model = best.fit(data, &data.y, &input, MOST);
+    Decided::new(data, hypothesis, model)
+}
+
+/// Fits a hypothesis from a model that is nearly right.
+pub fn decide_near(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Decided {
+    let input = OnData { hypothesis: &hypothesis, data };
+    let mut start = near.clone();
+    start.theta = hypothesis.smooth().iter().map(|smooth| smooth.value).collect();
+    let model = start.fit(data, &data.y, &input, NEAR);
+    Decided::new(data, hypothesis, model)
+}
+
+/// Fits a hypothesis a few iterations from nothing and from a model that may be right; the better of both.
+pub fn decide_quick(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Decided {
+    let warm = decide_near(data, hypothesis.clone(), near);
+    let signals = hypothesis.signals(data);
+    let y = hypothesis.pv(data);
+    let long = Arx::new(data, &y, &signals.shapes).fit(&signals.x, None);
+    let theta: Vec<f64> = hypothesis.smooth().iter().map(|smooth| smooth.value).collect();
+    let input = OnData { hypothesis: &hypothesis, data };
+    let start = hannan_rissanen(data, &y, &signals, &long, &theta).into_iter().next();
+    let Some(start) = start else { return warm };
+    let model = start.model.fit(data, &data.y, &input, NEAR);
+    if model.log_likelihood > warm.model.log_likelihood { Decided::new(data, hypothesis, model) } else { warm }
+}
+
+/// Looks to each side of the last effect's parameters in which the likelihood jumps, on finer and finer steps.
+pub fn refine(data: &IdData, mut best: Decided) -> Decided {
+    for step in [1.0, 0.5, 0.25] {
+        for _ in 0..3 {
+            let Some(last) = best.hypothesis.effects.last() else { return best };
+            let others = last.neighbours(data, step);
+            let count = best.hypothesis.effects.len();
+            let mut better = None;
+            for other in others {
+                let mut hypothesis = best.hypothesis.clone();
+                hypothesis.effects[count - 1] = other;
+                let tried = decide_near(data, hypothesis, &best.model);
+                if tried.score > best.score && better.as_ref().is_none_or(|b: &Decided| tried.score > b.score) {
+                    better = Some(tried);
+                }
+            }
+            let Some(better) = better else { break };
+            best = better;
+        }
+    }
+    best
+}

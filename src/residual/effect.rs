@@ -1,0 +1,58 @@
+//! What an effect does to the model: the interface behind every hypothesis beside friction.
+
+use super::Kind;
+use super::report::Described;
+use crate::sysid::armax::{Armax, Smooth};
+use crate::sysid::iddata::IdData;
+use crate::sysid::valve::ValveModel;
+use std::fmt::Debug;
+
+/// An effect at some value of its parameters; what it does not touch stays as it is.
+pub trait EffectModel: Debug + Send + Sync {
+    /// Which of the closed list.
+    fn kind(&self) -> Kind;
+    /// A copy.
+    fn boxed(&self) -> Box<dyn EffectModel>;
+    /// The tag it takes.
+    fn tag(&self) -> Option<&str> {
+        None
+    }
+    /// Sum of the rates of its parameters: each costs its rate times ln N (see [`crate::sysid::criterion`]).
+    fn rate(&self) -> f64;
+    /// Alternatives among which it was chosen, beside its parameters (-).
+    fn alternatives(&self) -> f64 {
+        1.0
+    }
+    /// Parameters in which the likelihood is smooth.
+    fn smooth(&self) -> Vec<Smooth> {
+        Vec::new()
+    }
+    /// Sets them.
+    fn set_smooth(&mut self, _theta: &[f64]) {}
+    /// The same effect a little to each side in the parameters in which the likelihood jumps; `step` from 1 down.
+    fn neighbours(&self, _data: &IdData, _step: f64) -> Vec<Box<dyn EffectModel>> {
+        Vec::new()
+    }
+    /// Changes the valve.
+    fn on_valve(&self, _valve: &mut ValveModel) {}
+    /// Whether it changes the stem on its way to the process.
+    fn bends(&self) -> bool {
+        false
+    }
+    /// Changes stem positions at sample `k` on their way to the process: of one valve or of several side by side.
+    fn bend(&self, _data: &IdData, _k: usize, _x: &mut [f64]) {}
+    /// Samples by which the process sees the stem later at sample `k` than elsewhere.
+    fn delay(&self, _k: usize) -> usize {
+        0
+    }
+    /// Adds what PV shows beside the process' output.
+    fn on_pv(&self, _data: &IdData, _offset: &mut [f64]) {}
+    /// Whether it does.
+    fn shifts_pv(&self) -> bool {
+        false
+    }
+    /// Adds the shapes of loads.
+    fn shapes(&self, _data: &IdData, _out: &mut Vec<Vec<f64>>) {}
+    /// Its parameters and its sentence; `gamma`: the coefficients of its own shapes.
+    fn describe(&self, data: &IdData, model: &Armax, gamma: &[f64]) -> Described;
+}

@@ -1,0 +1,209 @@
+//! Forward selection: the likeliest effect is added, then all is asked again beside it.
+
+use super::Kind;
+use super::decide::{Decided, arx, decide, decide_quick, refine, scored};
+use super::hypotheses::ALL;
+use super::hypothesis::Hypothesis;
+use super::posterior::{Table, class};
+use super::screening::Screen;
+use super::valve_search::{Effort, search};
+use crate::sysid::iddata::IdData;
+use crate::sysid::valve::ValveModel;
+
+/// Score behind the best up to which a hypothesis is looked at closely (-).
+const REACH: f64 = 25.0;
+/// Score behind the best up to which a hypothesis is fitted to the end: beyond it its posterior is none (-).
+const CLOSE: f64 = 12.0;
+/// Kinds beside which friction is searched again.
+const SEARCHED: usize = 5;
+/// Valves beside which effects are screened.
+const SCREENED: usize = 2;
+/// Proposals of one kind that are fitted, with friction and without.
+const FITTED: usize = 4;
+
+/// The hypotheses with at most one effect more than the `count` that all share.
+pub struct Comparison<'a> {
+    data: &'a IdData,
+    count: usize,
+    /// The hypotheses.
+    pub decided: Vec<Decided>,
+    /// A kind that is known to be there: it is searched more thoroughly.
+    told: Option<Kind>,
+}
+
+impl Comparison<'_> {
+    /// The kind of a hypothesis' effect beyond those that all share.
+    fn kind(&self, decided: &Decided) -> Option<Kind> {
+        decided.kind().filter(|_| decided.hypothesis.effects.len() > self.count)
+    }
+
+    fn best(&self, kind: Option<Kind>, of_class: impl Fn(usize) -> bool) -> Option<&Decided> {
+        let own = self.decided.iter().filter(|d| self.kind(d) == kind && of_class(class(&d.hypothesis)));
+        own.max_by(|a, b| a.score.total_cmp(&b.score))
+    }
+
+    /// The kinds that lead, the best first, none always among them.
+    fn leading(&self) -> Vec<Option<Kind>> {
+        let mut kinds: Vec<(Option<Kind>, f64)> = Vec::new();
+        for decided in &self.decided {
+            let kind = self.kind(decided);
+            match kinds.iter_mut().find(|k| k.0 == kind) {
+                Some(known) => known.1 = known.1.max(decided.score),
+                None => kinds.push((kind, decided.score)),
+            }
+        }
+        kinds.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let enough = kinds.first().map_or(0.0, |k| k.1) - REACH;
+        kinds.retain(|k| k.1 >= enough || k.0.is_none());
+        kinds.into_iter().map(|k| k.0).collect()
+    }
+
+    /// Screens every kind beside no friction and the best valves, and fits what promises most.
+    fn propose(&mut self) {
+        let bases: Vec<Decided> = self.decided.iter().take(1 + if self.told.is_some() { 8 } else { SCREENED }).cloned().collect();
+        let mut proposed = Vec::new();
+        for (at, base) in bases.iter().enumerate() {
+            lap("x");
+            let mut screen = Screen::new(self.data, base);
+            lap("screen");
+            for hypothesis in ALL {
+                screen.thorough = self.told == Some(hypothesis.kind());
+                lap("y");
+                let proposals = hypothesis.propose(&screen);
+                lap(hypothesis.kind().as_str());
+                for proposal in proposals {
+                    let other = base.hypothesis.with(proposal.effect);
+                    let other = other.with_valve(proposal.valve.or(base.hypothesis.valve));
+                    let promised = scored(self.data, &other, base.model.log_likelihood + proposal.gain);
+                    proposed.push((promised, at, hypothesis.kind(), other));
+                }
+            }
+        }
+        lap("z");
+        proposed.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let enough = proposed.first().map_or(0.0, |best| best.0) - 2.0 * REACH;
+        let mut taken: Vec<(Kind, bool)> = Vec::new();
+        for (promised, at, kind, hypothesis) in proposed {
+            let key = (kind, hypothesis.valve.is_some());
+            let told = self.told == Some(kind);
+            let most = if told { 60 } else { FITTED };
+            if (told || promised >= enough) && taken.iter().filter(|taken| **taken == key).count() < most {
+                taken.push(key);
+                self.decided.push(decide_quick(self.data, hypothesis, &bases[at].model));
+            }
+        }
+    }
+
+    /// Searches friction again beside the leading effects.
+    fn search_beside(&mut self, pool: &mut Vec<ValveModel>) {
+        for kind in self.leading().into_iter().filter(Option::is_some).take(SEARCHED) {
+            let Some(best) = self.best(kind, |_| true).cloned() else { continue };
+            let mut starts = pool.clone();
+            starts.truncate(SCREENED);
+            starts.extend(self.best(kind, |class| class > 0).and_then(|d| d.hypothesis.valve));
+            let found = search(self.data, &best.hypothesis, &starts, Effort::Near);
+            add(pool, found.iter().map(|found| found.valve));
+            for found in found.iter().take(2) {
+                let hypothesis = best.hypothesis.with_valve(Some(found.valve));
+                self.decided.push(decide_quick(self.data, hypothesis, &best.model));
+            }
+        }
+    }
+
+    /// Offers every valve that was found to every leading kind: ranked by the high-order ARX, the best is fitted.
+    fn offer(&mut self, pool: &[ValveModel]) {
+        for kind in self.leading() {
+            let Some(best) = self.best(kind, |class| class > 0).or_else(|| self.best(kind, |_| true)) else {
+                continue;
+            };
+            let best = best.clone();
+            let near = arx(self.data, &best.hypothesis, None);
+            let rate = |valve: &ValveModel| {
+                let other = best.hypothesis.with_valve(Some(*valve));
+                let fit = arx(self.data, &other, Some(&near));
+                (scored(self.data, &other, fit.log_likelihood), other)
+            };
+            let others = pool.iter().filter(|valve| Some(**valve) != best.hypothesis.valve).map(rate);
+            let other = others.max_by(|a, b| a.0.total_cmp(&b.0));
+            self.decided.extend(other.map(|(_, other)| decide(self.data, other, None)));
+        }
+    }
+
+    /// Fits the best of each leading kind, with friction (J = S and J free) and without, from nothing and to the end.
+    fn settle(&mut self) {
+        let mut settled = Vec::new();
+        let most = self.decided.iter().map(|d| d.score).fold(f64::NEG_INFINITY, f64::max);
+        for kind in self.leading() {
+            for of in 0..3 {
+                let Some(best) = self.best(kind, |class| class == of).filter(|d| d.score > most - CLOSE) else {
+                    continue;
+                };
+                let anew = decide(self.data, best.hypothesis.clone(), None);
+                let best = if anew.score > best.score { anew } else { best.clone() };
+                settled.push(if kind.is_some() { refine(self.data, best) } else { best });
+            }
+        }
+        self.decided.extend(settled);
+    }
+}
+
+/// The hypotheses with at most one effect more than `effects` has, fitted; `pool`: valves found before, which are offered to
+/// all and added to.
+pub fn compare(
+    data: &IdData,
+    effects: &Hypothesis,
+    pool: &mut Vec<ValveModel>,
+    told: Option<Kind>,
+) -> Vec<Decided> {
+    lap("begin");
+    let valves = search(data, effects, pool, Effort::Near);
+    add(pool, valves.iter().map(|found| found.valve));
+    lap("search");
+    let mut decided = vec![decide(data, effects.with_valve(None), None)];
+    decided.extend(
+        valves.iter().map(|found| decide(data, effects.with_valve(Some(found.valve)), Some(&found.fit))),
+    );
+    let mut comparison = Comparison { data, count: effects.effects.len(), decided, told };
+    lap("nulls");
+    comparison.propose();
+    lap("propose");
+    comparison.search_beside(pool);
+    lap("beside");
+    comparison.offer(pool);
+    lap("offer");
+    comparison.settle();
+    lap("settle");
+    comparison.decided
+}
+
+fn lap(name: &str) {
+    use std::cell::Cell;
+    use std::time::Instant;
+    thread_local!(static LAST: Cell<Option<Instant>> = const { Cell::new(None) });
+    if std::env::var("LAP").is_ok() {
+        let now = Instant::now();
+        if let Some(last) = LAST.get() {
+            eprintln!("{name} {:.1}", (now - last).as_secs_f64() * 1e3);
+        }
+        LAST.set(Some(now));
+    }
+}
+
+/// Adds valves that are new.
+fn add(pool: &mut Vec<ValveModel>, valves: impl Iterator<Item = ValveModel>) {
+    for valve in valves {
+        let same = |other: &ValveModel| {
+            other.rule == valve.rule
+                && (other.s / valve.s - 1.0).abs() < 2e-3
+                && (other.j - valve.j).abs() < 0.02 * valve.s
+        };
+        if !pool.iter().any(same) {
+            pool.push(valve);
+        }
+    }
+}
+
+/// The posterior of the next effect.
+pub fn table<'a>(decided: &'a [Decided], effects: &Hypothesis) -> Table<'a> {
+    Table::new(decided, effects.effects.len(), ALL.len())
+}

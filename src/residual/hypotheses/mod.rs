@@ -1,0 +1,59 @@
+//! The hypotheses, one file each: equation, parameters with units, rates, and how they are proposed.
+
+pub mod load;
+pub mod process;
+pub mod sensor;
+pub mod valve;
+
+use super::Kind;
+use super::effect::EffectModel;
+use super::screening::Screen;
+use crate::sysid::valve::ValveModel;
+
+/// An effect worth a fit.
+#[derive(Debug)]
+pub struct Proposal {
+    /// The effect.
+    pub effect: Box<dyn EffectModel>,
+    /// The valve it was found with, where not the present one.
+    pub valve: Option<ValveModel>,
+    /// Log-likelihood that screening promises.
+    pub gain: f64,
+}
+
+impl Proposal {
+    /// Of an effect beside the present valve.
+    pub fn new(effect: impl EffectModel + 'static, gain: f64) -> Self {
+        Self { effect: Box::new(effect), valve: None, gain }
+    }
+}
+
+/// How an effect is proposed.
+pub trait Propose: Sync {
+    /// Which.
+    fn kind(&self) -> Kind;
+    /// What is worth a fit beside the hypothesis that is screened, the best first.
+    fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal>;
+}
+
+/// Every effect that competes in the criterion.
+pub const ALL: &[&dyn Propose] = &[
+    &load::oscillating_load::Oscillating,
+    &load::measured_disturbance::Measured,
+    &load::load_step::Steps,
+    &load::drift::Ramps,
+    &process::gain_change::GainChanges,
+    &process::dead_time_change::DeadTimeChanges,
+    &process::gain_of_pv::GainsOfPv,
+    &valve::saturation::Saturations,
+    &valve::characteristic::Characteristics,
+    &valve::asymmetric_friction::Asymmetries,
+    &valve::friction_drift::Drifts,
+];
+
+/// The best `most` by promised gain.
+pub fn best(mut proposals: Vec<Proposal>, most: usize) -> Vec<Proposal> {
+    proposals.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    proposals.truncate(most);
+    proposals
+}

@@ -1,0 +1,59 @@
+//! The interval of f: a profile likelihood, of a threshold.
+//!
+//! ```text
+//! LR(f) = 2 (ln L(f_hat) - ln L(f)),   the hull of {LR <= 7.35}, widened by OP's median step
+//! ```
+//!
+//! f decides at which samples the stem turns, so its likelihood is that of a threshold: 7.35 is the 95 % point of its
+//! likelihood ratio where chi-squared would say 3.84. A turn lies somewhere between two samples, which no likelihood knows:
+//! hence the step of OP.
+//!
+//! Source: Hansen, Econometrica 2000, 68, 575, table 1.
+
+use super::decide::arx;
+use super::hypothesis::Hypothesis;
+use crate::sysid::iddata::IdData;
+use crate::sysid::stats::median;
+use crate::sysid::valve::ValveModel;
+
+/// 95 % point of the likelihood ratio of a threshold.
+const THRESHOLD_95: f64 = 7.35;
+/// S tried to each side, as `ln(S / S_hat)`.
+const STEPS: [f64; 14] =
+    [0.001, 0.002, 0.004, 0.007, 0.012, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.6];
+/// Steps beyond the last value inside after which the search to one side ends.
+const BEYOND: usize = 4;
+
+/// The 95 % interval of f beside the effects (normalised OP).
+pub fn interval(data: &IdData, hypothesis: &Hypothesis) -> [f64; 2] {
+    let Some(valve) = hypothesis.valve else { return [0.0, 0.0] };
+    let best = arx(data, hypothesis, None);
+    let mut most = best.log_likelihood;
+    // J keeps its size or its share of S, whichever is likelier.
+    let profile = |s: f64| -> f64 {
+        let share = ValveModel { s, j: valve.j * s / valve.s, ..valve };
+        let size = ValveModel { s, ..valve };
+        let both = if valve.j == valve.s { vec![share] } else { vec![share, size] };
+        let fits = both.into_iter().map(|valve| arx(data, &hypothesis.with_valve(Some(valve)), Some(&best)));
+        fits.map(|fit| fit.log_likelihood).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let mut rated = vec![(valve.s, most)];
+    for side in [-1.0, 1.0] {
+        let mut beyond = 0;
+        for step in STEPS {
+            let s = valve.s * f64::exp(side * step);
+            let log_likelihood = profile(s);
+            most = most.max(log_likelihood);
+            rated.push((s, log_likelihood));
+            beyond = if 2.0 * (most - log_likelihood) > THRESHOLD_95 { beyond + 1 } else { 0 };
+            if beyond == BEYOND {
+                break;
+            }
+        }
+    }
+    let inside = rated.iter().filter(|(_, log)| 2.0 * (most - log) <= THRESHOLD_95).map(|(s, _)| 0.5 * s);
+    let (low, high) = inside.fold((valve.f(), valve.f()), |(low, high), f| (low.min(f), high.max(f)));
+    let steps: Vec<f64> = data.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+    let step = median(&steps);
+    [(low - step).max(0.0), high + step]
+}

@@ -1,0 +1,92 @@
+//! The posterior of friction and of each kind of effect, from one table of scores.
+//!
+//! ```text
+//! P(kind) ~ prior(kind) sum over h of that kind of exp(score(h)),   prior: none 1/2, the kinds that were asked share 1/2
+//! P(friction) ~ 1/2 sum over all h with friction, whatever the effect
+//! ```
+
+use super::Kind;
+use super::decide::Decided;
+use super::hypotheses::ALL;
+use super::hypothesis::Hypothesis;
+use crate::sysid::criterion::log_sum;
+
+/// Logarithm of the prior of so many effects of the kinds that are asked: each costs what one kind of all is worth.
+pub fn log_prior(effects: usize) -> f64 {
+    -(effects as f64) * (ALL.len() as f64).ln()
+}
+
+/// A probability from the logarithm of its odds.
+pub fn probability(log_odds: f64) -> f64 {
+    1.0 / (1.0 + (-log_odds).exp())
+}
+
+/// Friction as the hypotheses of one kind are told apart: none, J = S, J free.
+pub fn class(hypothesis: &Hypothesis) -> usize {
+    hypothesis.valve.map_or(0, |valve| if valve.j == valve.s { 1 } else { 2 })
+}
+
+/// Hypotheses with their logarithms of prior times evidence.
+#[derive(Debug)]
+pub struct Table<'a> {
+    rows: Vec<(&'a Decided, Option<Kind>, f64)>,
+}
+
+impl<'a> Table<'a> {
+    /// Of hypotheses that end in at most one effect more than the `count` that all share; `asked`: how many kinds were.
+    pub fn new(decided: &'a [Decided], count: usize, asked: usize) -> Self {
+        let prior = -(2.0 * asked.max(1) as f64).ln();
+        let mut rows: Vec<(&Decided, Option<Kind>, f64)> = Vec::new();
+        for decided in decided.iter().filter(|decided| decided.score.is_finite()) {
+            let kind = decided.kind().filter(|_| decided.hypothesis.effects.len() > count);
+            let log = decided.score + if kind.is_some() { prior } else { -(2.0f64).ln() };
+            let class = class(&decided.hypothesis);
+            let same = |row: &&mut (&Decided, Option<Kind>, f64)| row.1 == kind && self::class(&row.0.hypothesis) == class;
+            // Parameters are integrated by their rates: of hypotheses that differ in those alone the best stands for all.
+            match rows.iter_mut().find(same) {
+                Some(row) if row.2 < log => *row = (decided, kind, log),
+                Some(_) => {}
+                None => rows.push((decided, kind, log)),
+            }
+        }
+        Self { rows }
+    }
+
+    fn log(&self, which: impl Fn(&Decided, Option<Kind>) -> bool) -> f64 {
+        let logs: Vec<f64> = self.rows.iter().filter(|(d, kind, _)| which(d, *kind)).map(|row| row.2).collect();
+        log_sum(logs.iter().copied())
+    }
+
+    /// The posterior of every kind in the table, `None` among them, the likeliest first.
+    pub fn kinds(&self) -> Vec<(Option<Kind>, f64)> {
+        let all = self.log(|_, _| true);
+        let mut kinds: Vec<Option<Kind>> = self.rows.iter().map(|row| row.1).collect();
+        kinds.sort();
+        kinds.dedup();
+        let mut out: Vec<(Option<Kind>, f64)> =
+            kinds.into_iter().map(|kind| (kind, (self.log(|_, k| k == kind) - all).exp())).collect();
+        out.sort_by(|a, b| b.1.total_cmp(&a.1));
+        out
+    }
+
+    /// The hypotheses that stand for their kinds.
+    pub fn decided(&self) -> impl Iterator<Item = &'a Decided> {
+        self.rows.iter().map(|row| row.0)
+    }
+
+    /// The logarithm of the odds for a property of hypotheses.
+    pub fn log_odds(&self, which: impl Fn(&Decided) -> bool) -> f64 {
+        self.log(|d, _| which(d)) - self.log(|d, _| !which(d))
+    }
+
+    /// The same among the hypotheses with another property.
+    pub fn log_odds_within(&self, within: impl Fn(&Decided) -> bool, which: impl Fn(&Decided) -> bool) -> f64 {
+        self.log(|d, _| within(d) && which(d)) - self.log(|d, _| within(d) && !which(d))
+    }
+
+    /// The best hypothesis of a kind.
+    pub fn best(&self, kind: Option<Kind>) -> Option<&'a Decided> {
+        let own = self.rows.iter().filter(|row| row.1 == kind);
+        own.max_by(|a, b| a.2.total_cmp(&b.2)).map(|row| row.0)
+    }
+}

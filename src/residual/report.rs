@@ -1,0 +1,239 @@
+//! What was found, in the plant's units.
+
+use super::findings::{Curves, Effect, Findings, Friction, Kind, Parameter};
+use super::hypothesis::OnData;
+use super::interval::interval;
+use super::posterior::probability;
+use super::trace::Outcome;
+use super::{Settings, checks};
+use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
+use crate::sysid::armax::{Armax, Input, ORDER};
+use crate::sysid::iddata::IdData;
+use crate::sysid::simulate::simulate;
+use crate::sysid::valve::ValveModel;
+use crate::sysid::whiteness::is_white;
+use super::decide::Decided;
+
+/// J is another than S where they differ by more than this share of S: no model of a valve holds closer.
+const APART: f64 = 0.1;
+/// Share of the held-out samples that one free run lasts.
+const STRETCHES: usize = 4;
+
+/// An effect in numbers and in one sentence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Described {
+    /// Its numbers.
+    pub parameters: Vec<Parameter>,
+    /// Where it acts, for kinds that have more than one place.
+    pub place: Option<&'static str>,
+    /// One sentence.
+    pub explanation: String,
+}
+
+impl Described {
+    /// With no numbers yet.
+    pub fn new(explanation: String) -> Self {
+        Self { parameters: Vec::new(), place: None, explanation }
+    }
+
+    /// With one number more.
+    pub fn with(mut self, name: &'static str, value: f64, unit: &'static str) -> Self {
+        self.parameters.push(Parameter { name, value, unit });
+        self
+    }
+
+    /// With its place.
+    pub fn at(mut self, place: &'static str) -> Self {
+        self.place = Some(place);
+        self
+    }
+}
+
+/// Least `|A|` and `|B|` that a load is divided by: where PV integrates, or does not answer at all, its size has no end.
+const LEAST: [f64; 2] = [1e-3, 1e-6];
+
+fn settled(left: f64, least: f64) -> f64 {
+    1.0 / if left.abs() < least { least.copysign(left) } else { left }
+}
+
+/// What a load of 1 in the equation is worth at the valve once it has settled, `1/B(1)` (OP unit).
+pub fn in_op(data: &IdData, model: &Armax) -> f64 {
+    settled(model.b.iter().sum(), LEAST[1]) * data.units.u
+}
+
+/// What it does to PV if nothing controls it, `1/A(1)` (PV unit); of an integrating process in its first thousand samples.
+pub fn in_pv(data: &IdData, model: &Armax) -> f64 {
+    settled(1.0 + model.a.iter().sum::<f64>(), LEAST[0]) * data.units.y
+}
+
+/// What a wave of amplitude 1 in the equation does to PV, and is worth at the valve (PV unit, OP unit).
+pub fn of_wave(data: &IdData, model: &Armax, w: f64) -> [f64; 2] {
+    let of = |numbers: &mut dyn Iterator<Item = f64>, least: f64| {
+        let (mut re, mut im) = (0.0, 0.0);
+        for (lag, number) in numbers.enumerate() {
+            let (s, c) = (w * lag as f64).sin_cos();
+            (re, im) = (re + number * c, im - number * s);
+        }
+        settled(re.hypot(im), least)
+    };
+    let a = of(&mut [1.0].into_iter().chain(model.a), LEAST[0]);
+    let b = of(&mut model.b.into_iter(), LEAST[1]);
+    [a * data.units.y, b * data.units.u]
+}
+
+/// A model judged: over all samples its errors and its free run.
+struct Judged {
+    residual: Residual,
+    e: Vec<f64>,
+    free: Vec<f64>,
+}
+
+/// Judges a model on the held-out samples that count in `counted`.
+fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
+    let input = OnData { hypothesis: &decided.hypothesis, data };
+    let signals = input.signals(&decided.model.theta);
+    let e = decided.model.errors(data, &data.y, &signals, data.len()).e;
+    let held = data.split..data.len();
+    let stretch = held.len().div_ceil(STRETCHES).max(1);
+    let free = simulate(&decided.model, data, &signals, &e, data.split, stretch);
+    let rms = |error: &dyn Fn(usize) -> f64| {
+        let sum: f64 = held.clone().map(|k| counted.weight[k] * error(k).powi(2)).sum();
+        let count: f64 = counted.weight[held.clone()].iter().sum();
+        (sum / count.max(1.0)).sqrt() * data.units.y
+    };
+    let kept: Vec<f64> = (data.first..data.len()).filter(|&k| data.weight[k] > 0.0).map(|k| e[k]).collect();
+    let residual = Residual {
+        white: is_white(&kept, 2 * ORDER),
+        one_step_rmse: rms(&|k| e[k]),
+        free_run_rmse: rms(&|k| free[k] - data.y[k]),
+    };
+    Judged { residual, e, free: simulate(&decided.model, data, &signals, &vec![0.0; data.len()], data.first, stretch) }
+}
+
+/// Puts what was found into the plant's units; the held-out samples are read here, once.
+pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> Findings {
+    let Outcome { recorded, data, declared, best, facts, added, candidates, friction, slip_jump } = outcome;
+    let (before, after) = (judge(&recorded, &declared, &data), judge(&data, &best, &data));
+    let (stem, dir) = best.hypothesis.stem(&data);
+    let friction_before = diagnosis.estimate.as_ref().map_or_else(Friction::default, |e| Friction {
+        f: e.f,
+        f_ci95: e.f_ci95,
+        delta_aic: e.delta_aic,
+        ..Friction::default()
+    });
+    let (friction_after, verdict, reason) = friction_found(&data, &best, friction, diagnosis, settings);
+    let mut effects: Vec<Effect> = facts
+        .into_iter()
+        .map(|fact| named(fact.kind, (fact.posterior, f64::NAN), None, fact.described))
+        .collect();
+    let mut gamma = best.model.gamma.as_slice();
+    for (effect, evidence) in best.hypothesis.effects.iter().zip(&added) {
+        let mut own = Vec::new();
+        effect.shapes(&data, &mut own);
+        let (own, rest) = gamma.split_at(own.len().min(gamma.len()));
+        gamma = rest;
+        let described = effect.describe(&data, &best.model, own);
+        effects.push(named(effect.kind(), *evidence, effect.tag().map(str::to_string), described));
+    }
+    let apart = |valve: ValveModel| (valve.j / valve.s - 1.0).abs() > APART;
+    if verdict == Verdict::Stiction && slip_jump > 0.0 && best.hypothesis.valve.is_some_and(apart) {
+        let evidence = (probability(slip_jump), 2.0 * slip_jump);
+        effects.extend(best.hypothesis.valve.map(|valve| {
+            let [s, j] = [valve.s, valve.j].map(|band| band * data.units.u);
+            named(Kind::SlipJump, evidence, None, slip(s, j))
+        }));
+    }
+    let unit = |v: &[f64], data: &IdData| v.iter().map(|y| y * data.units.y + data.units.y0).collect();
+    let scaled = |v: &[f64]| v.iter().map(|y| y * data.units.y).collect();
+    Findings {
+        effects,
+        candidates,
+        simulates_worse: after.residual.free_run_rmse > 1.0001 * before.residual.free_run_rmse,
+        unexplained: !after.residual.white,
+        failed: checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER),
+        friction_before,
+        friction_after,
+        verdict,
+        reason,
+        model: model(&data, &best.model),
+        curves: Curves {
+            t0: data.units.t0,
+            ts: data.units.ts,
+            split: data.split,
+            pv: unit(&recorded.y, &recorded),
+            free_before: unit(&before.free, &recorded),
+            free_after: unit(&after.free, &data),
+            residual_before: scaled(&before.e),
+            residual_after: scaled(&after.e),
+        },
+        before: before.residual,
+        after: after.residual,
+        stem: None,
+    }
+}
+
+fn named(kind: Kind, (posterior, delta_aic): (f64, f64), tag: Option<String>, described: Described) -> Effect {
+    let Described { parameters, place, explanation } = described;
+    Effect { kind, posterior, delta_aic, tag, parameters, place, explanation }
+}
+
+/// The slip jump of a valve (OP unit).
+fn slip(s: f64, j: f64) -> Described {
+    let lag = 0.5 * (s - j);
+    let does = if lag < 0.0 { "slips beyond OP by" } else { "lags OP by" };
+    let while_moving = if lag < 0.0 { "" } else { " while it moves" };
+    Described::new(format!("the stem {does} {:.3}{while_moving}: S {s:.3}, J {j:.3}", lag.abs()))
+        .with("s", s, "OP")
+        .with("j", j, "OP")
+}
+
+/// Friction beside the effects, and what it means: stiction where f is above its threshold with enough evidence.
+fn friction_found(
+    data: &IdData,
+    best: &Decided,
+    log_odds: f64,
+    diagnosis: &Diagnosis,
+    settings: &Settings,
+) -> (Friction, Verdict, String) {
+    let unit = data.units.u;
+    let evidence = 2.0 * log_odds;
+    let f = best.hypothesis.valve.map_or(0.0, |valve| valve.f() * unit);
+    let within = interval(data, &best.hypothesis).map(|f| f * unit);
+    let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
+    let verdict = match &diagnosis.verdict {
+        _ if sticks => Verdict::Stiction,
+        Verdict::NotIdentifiable(why) => Verdict::NotIdentifiable(why.clone()),
+        _ => Verdict::NoStiction,
+    };
+    let hidden = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f_ci95[1]).max(within[1]);
+    let friction = Friction {
+        f: if sticks { f } else { 0.0 },
+        f_ci95: if sticks { within } else { [0.0, hidden] },
+        lag: best.hypothesis.valve.filter(|_| sticks).map_or(0.0, |valve| valve.lag() * unit),
+        delta_aic: evidence.max(0.0),
+        posterior: probability(log_odds),
+    };
+    let reason = match &verdict {
+        Verdict::Stiction => format!("f = {f:.3} [{:.3}, {:.3}], evidence {evidence:.0}", within[0], within[1]),
+        Verdict::NoStiction => format!(
+            "no friction needed, evidence {:.0}; f up to {hidden:.3} could be hidden",
+            friction.delta_aic
+        ),
+        Verdict::NotIdentifiable(why) => why.to_string(),
+    };
+    (friction, verdict, reason)
+}
+
+/// The linear part in the plant's units.
+fn model(data: &IdData, model: &Armax) -> Model {
+    Model {
+        na: ORDER,
+        nb: ORDER,
+        nc: ORDER,
+        nk: model.nk,
+        a: model.a.to_vec(),
+        b: model.b.iter().map(|b| b * data.units.y / data.units.u).collect(),
+        c: model.c.to_vec(),
+        rmse: model.scale * data.units.y,
+    }
+}
