@@ -9,11 +9,15 @@ mod quantised;
 use super::Kind;
 use super::report::Described;
 use crate::sysid::iddata::IdData;
+use crate::sysid::student::FREEDOM;
 
 /// Prior odds of one kind: there are fifteen, and each is as likely as any other.
 const PRIOR_ODDS: f64 = 1.0 / 15.0;
 /// Posterior from which on a fact is told and repaired: more likely than not.
 const TOLD: f64 = 0.5;
+
+/// `ln(Gamma(3) / (Gamma(5/2) sqrt(5 pi)))`: of Student's t the logarithm of the density at 0, at scale 1.
+const LOG_DENSITY: f64 = -0.968_619_589_054_724;
 
 /// A fact of the signals.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,17 +38,17 @@ pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>, known: Opti
     let asked = |kind| known.is_none_or(|known| known == kind);
     let mut facts = Vec::new();
     // The step of PV belongs to PV as it was recorded: a repair puts other values in between.
-    let step = quantised::quantum(&data.y).map_or(0.0, |quantum| quantum.size);
+    let step = quantised::step_of(&data.y);
     // A coarse PV stands still by itself: where both are there, its steps are named first.
     if asked(Kind::QuantisedPv) {
-        facts.extend(quantised::assess(data, stem));
+        facts.extend(quantised::assess(data));
     }
     if asked(Kind::FrozenPv) {
         facts.extend(frozen::assess(data));
     }
     // What PV's own past says of a sample means nothing where OP's is of another time.
     if asked(Kind::ClockSkew) {
-        facts.extend(clock::assess(data));
+        facts.extend(clock::assess(data, step));
     }
     if asked(Kind::Outliers) {
         facts.extend(outliers::assess(data, stem, step));
@@ -55,6 +59,11 @@ pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>, known: Opti
 /// The probability of what has these log-odds before its prior.
 fn posterior(log_odds: f64) -> f64 {
     1.0 / (1.0 + (-log_odds - PRIOR_ODDS.ln()).exp())
+}
+
+/// The logarithm of the density of an error at scale `s`.
+fn log_density(e: f64, s: f64) -> f64 {
+    LOG_DENSITY - s.ln() - 0.5 * (FREEDOM + 1.0) * (e * e / (FREEDOM * s * s)).ln_1p()
 }
 
 /// Puts a straight line between the neighbours of `from..to`.
@@ -79,6 +88,12 @@ mod tests {
         let mut end = [2.0, 9.0];
         bridge(&mut end, 1, 2);
         assert_eq!(end, [2.0, 2.0]);
+    }
+
+    #[test]
+    fn a_density_sums_to_one() {
+        let sum: f64 = (-100_000..=100_000).map(|k| log_density(f64::from(k) * 1e-3, 0.3).exp() * 1e-3).sum();
+        assert!((sum - 1.0).abs() < 1e-6, "{sum}");
     }
 
     #[test]

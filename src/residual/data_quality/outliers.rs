@@ -11,18 +11,20 @@
 //!
 //! Sources: Box & Tiao, Biometrika 1968, 55, 119; Chang, Tiao & Chen, Technometrics 1988, 30, 193.
 
-use super::{Fact, TOLD, bridge, posterior};
+use super::quantised::error_of;
+use super::{Fact, TOLD, bridge, log_density, posterior};
 use crate::residual::Kind;
 use crate::residual::report::Described;
 use crate::sysid::arx::{Arx, ArxFit, LAGS_X, LAGS_Y};
-use crate::sysid::criterion::{REGULAR, score};
+use crate::sysid::criterion::{REGULAR, log_sum, score};
 use crate::sysid::iddata::IdData;
 use crate::sysid::stats::{mean, range};
-use crate::sysid::student::{FREEDOM, log_likelihood, scale};
+use crate::sysid::student::{self, FREEDOM};
 use std::ops::Range;
 
-/// `ln(Gamma(3) / (Gamma(5/2) sqrt(5 pi)))`: the density of Student's t at 0, which errors that do not count lack.
-const LOG_DENSITY: f64 = -0.968_620_2;
+/// Scales of PV's changes by which a sample has to be beyond both neighbours to be left out of the first fit: rare among honest
+/// ones, of which a fit can spare a few.
+const FAR: f64 = 4.0;
 /// Most rounds of choosing samples and fitting: the choice mostly settles in three.
 const ROUNDS: usize = 6;
 
@@ -61,39 +63,59 @@ fn choice(m: f64, n: f64) -> f64 {
     part(m) + part(n - m)
 }
 
+/// Samples far beyond both their neighbours. A first fit without them is not bent to them: where the controller saw a wrong
+/// sample, OP's answer tells a fit how to make up for it.
+fn peaks(data: &IdData, step: f64) -> Vec<usize> {
+    let y = &data.y;
+    let changes: Vec<f64> = y.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let ones = vec![1.0; changes.len()];
+    let far = FAR * student::scale(&changes, &ones, student::first_scale(&changes, &ones), FREEDOM).max(error_of(step));
+    let beyond = |k: &usize| {
+        let (before, after) = (y[*k] - y[k - 1], y[*k] - y[k + 1]);
+        before * after > 0.0 && before.abs().min(after.abs()) > far && data.weight[*k] > 0.0
+    };
+    (data.start.index + LAGS_Y..y.len() - 1).filter(beyond).collect()
+}
+
 /// The wrong samples, and the log-odds for that there are any.
 fn wrong(data: &IdData, x: &[f64], step: f64) -> Option<(Vec<usize>, f64)> {
-    // Steps are an error of their own, and no error is known better.
     let fit = |data: &IdData| {
         let mut fit = Arx::new(data, &data.y, &[]).fit(x, None);
         let weight = &data.weight[data.rows()];
-        // Tails that are as heavy as the wrong samples make them would hide those.
-        fit.scale = scale(&fit.e, weight, fit.scale, FREEDOM).max(step / 12f64.sqrt());
-        fit.log_likelihood = log_likelihood(&fit.e, weight, fit.scale, FREEDOM);
+        // Tails as heavy as wrong samples make them would hide those; what PV's steps hide is an error, too.
+        fit.scale = student::scale(&fit.e, weight, fit.scale, FREEDOM).max(error_of(step));
+        fit.log_likelihood = student::log_likelihood(&fit.e, weight, fit.scale, FREEDOM);
         fit
     };
     let plain = fit(data);
     let (low, high) = range(&data.y);
     let density = -(high - low).ln();
-    let mut at = Vec::new();
-    let mut repaired = data.clone();
-    let mut best = plain.clone();
+    let without = |at: &[usize]| {
+        let mut repaired = data.clone();
+        take_out(&mut repaired, at);
+        repaired
+    };
+    let mut at = peaks(data, step);
+    let mut best = fit(&without(&at));
     for _ in 0..ROUNDS {
         let next = Samples { data, x, fit: &best, density }.choose(&at);
-        let settled = next == at;
-        if settled {
+        if next == at {
             break;
         }
         at = next;
-        repaired = data.clone();
-        take_out(&mut repaired, &at);
-        best = fit(&repaired);
+        best = fit(&without(&at));
     }
     let rows = data.rows();
     let m = at.iter().filter(|k| rows.contains(k)).count() as f64;
+    if m == 0.0 {
+        return None;
+    }
+    // The same samples do not count, but are what the next ones follow from.
+    let shocks = IdData { y: data.y.clone(), ..without(&at) };
     let n = data.counted();
-    let with = best.log_likelihood + m * density + choice(m, n);
-    (m > 0.0).then(|| (at, score(with, REGULAR, 1.0, n) - plain.log_likelihood))
+    let apart = |fit: &ArxFit| score(fit.log_likelihood + m * density + choice(m, n), REGULAR, 1.0, n);
+    let rivals = [score(plain.log_likelihood, 0.0, 1.0, n), apart(&fit(&shocks))];
+    Some((at, apart(&best) - log_sum(rivals.into_iter())))
 }
 
 /// Samples under one model.
@@ -146,22 +168,21 @@ impl Samples<'_> {
         if !peak || self.data.weight[k] == 0.0 {
             return f64::NEG_INFINITY;
         }
-        let own = self.log_density(self.error(y, k));
+        let own = self.density_of(self.error(y, k));
         let off = y[k] - 0.5 * (y[k - 1] + y[k + 1]);
         let next = 1..(LAGS_Y + 1).min(y.len() - k);
         let after: f64 = next
             .map(|lag| {
                 let e = self.error(y, k + lag);
                 let bridged = e + self.fit.theta[lag - 1] * off;
-                self.data.weight[k + lag] * (self.log_density(bridged) - self.log_density(e))
+                self.data.weight[k + lag] * (self.density_of(bridged) - self.density_of(e))
             })
             .sum();
         after - own
     }
 
-    fn log_density(&self, e: f64) -> f64 {
-        let s = self.fit.scale;
-        LOG_DENSITY - s.ln() - 0.5 * (FREEDOM + 1.0) * (e * e / (FREEDOM * s * s)).ln_1p()
+    fn density_of(&self, e: f64) -> f64 {
+        log_density(e, self.fit.scale)
     }
 
     fn error(&self, y: &[f64], k: usize) -> f64 {

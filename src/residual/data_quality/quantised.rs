@@ -1,19 +1,20 @@
 //! PV moves in steps larger than its noise; the quantum [PV].
 //!
-//! Recognised by its few distinct values, all a whole number of quanta apart. Nothing is repaired: what lies between two
-//! steps is not in the data; its `q^2 / 12` is the error that no model removes.
+//! Recognised by its few distinct values, all a whole number of quanta apart, and by second differences that are
+//! mostly of no more than two: what the process does hardly enters them, and noise as large as a quantum makes them larger.
+//! Nothing is repaired: what lies between two steps is not in the data; its `q^2 / 12` is the error that no model removes.
 
 use super::Fact;
 use crate::residual::Kind;
 use crate::residual::report::Described;
-use crate::sysid::arx::Arx;
 use crate::sysid::iddata::IdData;
-use crate::sysid::student::FREEDOM;
+use crate::sysid::stats::median;
 
-/// Quanta in one standard deviation of what a model leaves unexplained, from which on steps matter: they are a twentieth of it.
-const OF_ERRORS: f64 = 0.75;
 /// Quanta in one standard deviation of PV, from which on anybody sees steps in a plot of it.
 const OF_PV: f64 = 0.03;
+/// Quanta in the median second difference, up to which noise does not hide the steps: its standard deviation is then one and a
+/// half quanta at most, and a tenth of it is the steps'.
+const BEND: f64 = 2.0;
 /// Distance within which two values are one: they were divided by a standard deviation.
 const SAME: f64 = 1e-9;
 /// Fewest values that have gaps to compare.
@@ -35,13 +36,10 @@ pub struct Quantum {
 }
 
 /// Tells a coarse PV. That all values lie on one grid is no chance: the fact is certain.
-pub fn assess(data: &IdData, stem: &dyn Fn(&IdData) -> Vec<f64>) -> Option<Fact> {
+pub fn assess(data: &IdData) -> Option<Fact> {
     let quantum = quantum(&data.y).filter(|quantum| quantum.size >= OF_PV)?;
-    let fit = Arx::new(data, &data.y, &[]).fit(&stem(data), None);
-    // The standard deviation of Student's t, for tails that have one.
-    let nu = fit.nu.max(FREEDOM);
-    let sd = fit.scale * (nu / (nu - 2.0)).sqrt();
-    (quantum.size >= OF_ERRORS * sd).then(|| Fact {
+    let bends: Vec<f64> = data.y.windows(3).map(|few| (few[0] - 2.0 * few[1] + few[2]).abs()).collect();
+    (median(&bends) < (BEND + OFF) * quantum.size).then(|| Fact {
         kind: Kind::QuantisedPv,
         posterior: 1.0,
         described: describe(data, quantum),
@@ -68,6 +66,16 @@ pub fn quantum(y: &[f64]) -> Option<Quantum> {
     let size = gaps.iter().copied().fold(f64::INFINITY, f64::min);
     let whole = gaps.iter().filter(|gap| (*gap / size - (*gap / size).round()).abs() < OFF).count();
     (whole as f64 >= WHOLE * gaps.len() as f64).then_some(Quantum { size, distinct })
+}
+
+/// The quantum; 0 where there is none.
+pub fn step_of(y: &[f64]) -> f64 {
+    quantum(y).map_or(0.0, |quantum| quantum.size)
+}
+
+/// The standard deviation of what is lost in steps of this size: evenly distributed over one.
+pub fn error_of(step: f64) -> f64 {
+    step / 12f64.sqrt()
 }
 
 #[cfg(test)]
