@@ -7,11 +7,11 @@
 //! Where OP is noisy, a stem with thresholds half a per cent off goes other ways than the true one, and no grid is fine
 //! enough to meet it. The cells whose stems explain PV badly are left behind, the best go on.
 
-use super::cells::{Cell, Cells, FACTORS, Family, Range, Sample, middle};
+use super::cells::{Cell, Cells, FACTORS, Family, Range, Sample};
 use crate::residual::hypothesis::Hypothesis;
 use crate::sysid::arx::{ArxFit, LAGS_X};
 use crate::sysid::iddata::IdData;
-use crate::sysid::valve::{Rest, StopRule, ValveModel, growth};
+use crate::sysid::valve::{StopRule, ValveModel, growth};
 use std::array::from_fn;
 
 /// Cells that go on whatever part they began in, once many samples are rated.
@@ -36,7 +36,7 @@ const PARTS_OF_J: (usize, f64) = (6, 1.5);
 const PLACES: [(bool, f64); 5] = [(false, 0.0), (false, 0.5), (true, 0.0), (true, 0.5), (true, 1.0)];
 /// The same where nothing but a slip at the same sample makes two stems one: the start is never forgotten.
 const CLOSE_PLACES: usize = 12;
-const FARTHEST_PLACE: f64 = 0.86;
+const FARTHEST_PLACE: f64 = 0.98;
 /// Longest past kept (samples).
 const KEPT: usize = LAGS_X + 9;
 
@@ -70,7 +70,7 @@ impl<'a> Held<'a> {
     ) -> Vec<(f64, ValveModel)> {
         let data = self.data;
         let (asymmetry, drift) = bands;
-        let mut cells = Cells::new(family, at_start(data, family, range, &PLACES, CLOSE_PLACES), KEPT);
+        let mut cells = Cells::new(family, at_start(data, family, range, drift, &PLACES, CLOSE_PLACES), KEPT);
         let bends = self.effects.effects.iter().any(|effect| effect.bends());
         let bend = |k: usize, x: &mut [f64]| {
             if bends {
@@ -83,7 +83,7 @@ impl<'a> Held<'a> {
             cells.step(k, Sample { u: data.u[k], grown, asymmetry }, &bend);
             let Some(row) = k.checked_sub(data.first) else {
                 if cells.len() > UNRATED {
-                    widest(&cells, UNRATED / 2, &mut order, &mut goes_on);
+                    widest(&cells, UNRATED / 2, 0.0, &mut order, &mut goes_on);
                     cells.retain(&goes_on);
                 }
                 continue;
@@ -126,11 +126,24 @@ fn choose(cells: &Cells, order: &mut Vec<(f64, usize)>, goes_on: &mut Vec<bool>,
     }
 }
 
-/// Marks the widest cells, `count` of them: before any row is rated nothing else tells them apart.
-pub fn widest(cells: &Cells, count: usize, order: &mut Vec<(f64, usize)>, goes_on: &mut Vec<bool>) {
+/// Marks the widest cells, `count` of them; by `tempered` times their loss, where rows were rated, less wide ones too.
+pub fn widest(
+    cells: &Cells,
+    count: usize,
+    tempered: f64,
+    order: &mut Vec<(f64, usize)>,
+    goes_on: &mut Vec<bool>,
+) {
     let size = |c: &Cell| (c.s.1 - c.s.0) * (c.j.1 - c.j.0 + 1e-12);
     order.clear();
-    order.extend(cells.cells.iter().enumerate().map(|(at, cell)| (size(cell), at)));
+    order.extend(
+        cells
+            .cells
+            .iter()
+            .zip(&cells.loss)
+            .enumerate()
+            .map(|(at, (cell, loss))| (size(cell).max(1e-300).ln() - tempered * loss, at)),
+    );
     order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     goes_on.clear();
     goes_on.resize(order.len(), false);
@@ -142,10 +155,12 @@ pub fn at_start(
     data: &IdData,
     family: Family,
     range: Range,
+    drift: f64,
     places: &[(bool, f64)],
     close: usize,
 ) -> Vec<Cell> {
     let wide = range.1 / range.0;
+    let grown = growth(drift, data.start.index, data.split);
     let parts = ((wide.ln() / PARTS_OF_S.0.ln()).ceil() as usize).clamp(1, PARTS_OF_S.1);
     let s = |i: usize| range.0 * wide.powf(i as f64 / parts as f64);
     let mut cells = Vec::new();
@@ -158,7 +173,12 @@ pub fn at_start(
             None => (0..of_j).map(|share| (j(share), j(share + 1))).collect(),
         };
         for (share, j) in shares.into_iter().enumerate() {
-            let start = |place| cell(data, s, j, i * of_j + share, place);
+            let start = |(turned, beyond): (bool, f64)| {
+                let direction = if data.start.is_max != turned { 1.0 } else { -1.0 };
+                let beyond = beyond * s.0;
+                let place = data.u[data.start.index] + direction * beyond * grown;
+                Cell { s, j, part: i * of_j + share, place, direction, turned, beyond }
+            };
             if family.rule == StopRule::Slip && family.ratio.is_some() {
                 let rest = |i: usize| FARTHEST_PLACE * i as f64 / close as f64;
                 let places = (0..=close).map(|i| (true, rest(i)));
@@ -169,11 +189,4 @@ pub fn at_start(
         }
     }
     cells
-}
-
-fn cell(data: &IdData, s: Range, j: Range, part: usize, (turned, beyond): (bool, f64)) -> Cell {
-    let start = data.start;
-    let direction = if start.is_max != turned { 1.0 } else { -1.0 };
-    let place = data.u[start.index] + direction * middle(s) * beyond;
-    Cell { s, j, part, place, direction, rest: Rest { turned, beyond } }
 }

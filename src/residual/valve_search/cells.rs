@@ -41,8 +41,10 @@ pub struct Cell {
     pub place: f64,
     /// See `place`.
     pub direction: f64,
-    /// The place as the valve says it.
-    pub rest: Rest,
+    /// Whether it had turned, and how far it was beyond OP where bands are as wide as S and J say.
+    pub turned: bool,
+    /// See `turned`.
+    pub beyond: f64,
 }
 
 impl Cell {
@@ -50,7 +52,8 @@ impl Cell {
     pub fn valve(&self, family: Family) -> ValveModel {
         let s = middle(self.s);
         let j = family.ratio.map_or_else(|| middle(self.j), |ratio| ratio * s);
-        ValveModel { s, j, rule: family.rule, rest: self.rest, ..ValveModel::default() }
+        let rest = Rest { turned: self.turned, beyond: (self.beyond / s).min(1.0) };
+        ValveModel { s, j, rule: family.rule, rest, ..ValveModel::default() }
     }
 }
 

@@ -4,6 +4,8 @@
 mod beam;
 mod cells;
 mod staged;
+#[cfg(test)]
+mod tests;
 
 use super::effect::EffectModel;
 use super::hypotheses::{Proposal, best};
@@ -13,7 +15,7 @@ use crate::sysid::arx::{Arx, ArxFit};
 use crate::sysid::criterion::{REGULAR, THRESHOLD};
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::batch::{Batch, LANES};
-use crate::sysid::valve::{StopRule, ValveModel};
+use crate::sysid::valve::{Rest, StopRule, ValveModel};
 use beam::Held;
 use cells::Family;
 use staged::staged;
@@ -38,8 +40,10 @@ pub const LEAST_REVERSALS: f64 = 4.0;
 const STARTS: usize = 3;
 /// Least S, as a share of the largest.
 const LEAST_S: f64 = 0.01;
-/// Factor to each side of S in a narrow search.
-const NARROW: f64 = 1.6;
+/// Factor to each side of S in a beam: of every family about the leader, of a valve's own, and beside another effect.
+const WIDE: f64 = 3.0;
+const NARROW: f64 = 1.1;
+const BANDED: f64 = 1.6;
 /// Valves from which beams start, at most: where nothing is known of the valve, and where it is.
 const ROUNDS: (usize, usize) = (8, 3);
 /// How often the leader's dynamics are tried with every family.
@@ -54,6 +58,8 @@ const WORTH: f64 = 40.0;
 const RETURNED: usize = 4;
 /// Ratios J/S tried where J is no threshold: up to this many steps, each so wide, then finer ones.
 const LAGS: (i32, f64, f64) = (13, 0.1, 0.02);
+/// Places at the start tried to each side, as shares of S.
+const RESTS: i32 = 10;
 
 /// A valve with its fit.
 #[derive(Clone, Debug)]
@@ -89,19 +95,35 @@ pub enum Effort {
 /// The valves that explain PV best beside the effects of `effects`, the best first and of different kinds.
 pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort: Effort) -> Vec<Found> {
     let shapes = effects.shapes(data);
-    let mut search = Search::new(data, effects, &shapes);
+    let counted = all_counted(data);
+    let mut search = Search::new(data, effects, &shapes, &counted);
     starts.iter().for_each(|valve| search.rate(*valve, None));
     if effort == Effort::Whole {
         search.grid().into_iter().take(STARTS).for_each(|valve| search.rate(valve, None));
         search.halve();
-        search.improve(true);
     }
     for _ in 0..if effort == Effort::Whole { ROUNDS.0 } else { ROUNDS.1 } {
-        if !search.improve(false) {
+        if !search.improve() {
             break;
         }
     }
     search.finish()
+}
+
+/// The record with PV drawn straight through the samples that do not count: deviances are quick where all do.
+fn all_counted(data: &IdData) -> IdData {
+    let mut filled = data.clone();
+    let mut last = None;
+    for k in (0..data.len()).filter(|k| data.weight[*k] > 0.0) {
+        let from = last.map_or(0, |last: usize| last + 1);
+        let before = data.y[last.unwrap_or(k)];
+        for (i, y) in filled.y[from..k].iter_mut().enumerate() {
+            *y = before + (data.y[k] - before) * (i + 1) as f64 / (k - from + 1) as f64;
+        }
+        last = Some(k);
+    }
+    filled.weight.fill(1.0);
+    filled
 }
 
 /// S from the least that is told from none to the largest at which a stem turns.
@@ -121,6 +143,9 @@ struct Search<'a> {
     effects: &'a Hypothesis,
     shapes: &'a [Vec<f64>],
     arx: Arx<'a>,
+    /// What ranks valves before they are fitted.
+    counted: &'a IdData,
+    ranking: Arx<'a>,
     /// What the effects change about any valve.
     full: ValveModel,
     /// What was found, and whether it was a start already.
@@ -130,18 +155,11 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(data: &'a IdData, effects: &'a Hypothesis, shapes: &'a [Vec<f64>]) -> Self {
+    fn new(data: &'a IdData, effects: &'a Hypothesis, shapes: &'a [Vec<f64>], counted: &'a IdData) -> Self {
         let mut full = ValveModel::default();
         effects.effects.iter().for_each(|effect| effect.on_valve(&mut full));
-        Self {
-            data,
-            effects,
-            shapes,
-            arx: Arx::new(data, &data.y, shapes),
-            full,
-            found: Vec::new(),
-            every: 0,
-        }
+        let [arx, ranking] = [data, counted].map(|data| Arx::new(data, &data.y, shapes));
+        Self { data, effects, full, shapes, arx, counted, ranking, found: Vec::new(), every: 0 }
     }
 
     /// The stem of a valve as the process sees it.
@@ -168,7 +186,7 @@ impl<'a> Search<'a> {
             let rate = |short: &IdData, valves: &[ValveModel]| {
                 self.deviances(short, &Arx::new(short, &short.y, self.shapes), valves)
             };
-            let found = staged(self.data, &self.full, Family { rule, ratio }, whole(self.data), rate);
+            let found = staged(self.counted, &self.full, Family { rule, ratio }, whole(self.data), rate);
             let mut taken: Vec<f64> = Vec::new();
             for valve in found {
                 if taken.len() < OF_STAGED.0 && taken.iter().all(|s| (valve.s / s - 1.0).abs() > OF_STAGED.1)
@@ -208,7 +226,7 @@ impl<'a> Search<'a> {
         let each = 2.0 * self.data.counted().ln();
         let costs = valves.iter().map(|valve| each * cost(Some(valve)).0);
         let mut ranked: Vec<(f64, ValveModel)> = self
-            .deviances(self.data, &self.arx, valves)
+            .deviances(self.counted, &self.ranking, valves)
             .into_iter()
             .zip(costs)
             .zip(valves)
@@ -244,18 +262,17 @@ impl<'a> Search<'a> {
     }
 
     /// Beams with the dynamics of the best valve that was no start yet; whether there was one.
-    fn improve(&mut self, wide: bool) -> bool {
+    fn improve(&mut self) -> bool {
         let leader = self.found.iter().map(|f| f.0.score).fold(f64::NEG_INFINITY, f64::max);
-        let open =
-            self.found.iter_mut().filter(|(found, used)| !used && (wide || found.score > leader - REACH));
+        let open = self.found.iter_mut().filter(|(found, used)| !used && found.score > leader - REACH);
         let Some(next) = open.max_by(|a, b| a.0.score.total_cmp(&b.0.score)) else { return false };
         next.1 = true;
         let start = next.0.clone();
         let leads = start.score == leader;
         let held = Held::new(self.data, self.effects, &start.fit, &self.stem(start.valve));
-        let range = if wide { whole(self.data) } else { about(self.data, &start.valve, NARROW) };
-        let every = wide || (leads && self.every < EVERY);
-        self.every += usize::from(every && !wide);
+        let every = leads && self.every < EVERY;
+        self.every += usize::from(every);
+        let range = about(self.data, &start.valve, if every { WIDE } else { NARROW });
         let own = self.ranked(&[start.valve]).first().map_or(f64::INFINITY, |own| own.0);
         for family in families(&start.valve) {
             if !every && kind_of(family) != kind(&start.valve) {
@@ -274,9 +291,8 @@ impl<'a> Search<'a> {
                 self.rate(valve.1, Some(&start.fit));
             }
         }
-        if !wide {
-            self.lags(&start);
-        }
+        self.lags(&start);
+        self.rests(&start, own);
         true
     }
 
@@ -291,6 +307,18 @@ impl<'a> Search<'a> {
             (-4..=4).map(|i| with((ratio + LAGS.2 * f64::from(i)).max(0.0))).collect();
         let Some(best) = self.ranked(&fine).first().copied() else { return };
         self.rate(best.1, Some(&of.fit));
+    }
+
+    /// The valve from other places at the start; `own`: its rank from its own.
+    fn rests(&mut self, of: &Found, own: f64) {
+        let places = [false, true].into_iter().flat_map(|turned| (0..=RESTS).map(move |i| (turned, i)));
+        let with = |(turned, i)| {
+            let rest = Rest { turned, beyond: f64::from(i) / f64::from(RESTS) };
+            ValveModel { rest, ..of.valve }
+        };
+        let others: Vec<ValveModel> = places.map(with).collect();
+        let best = self.ranked(&others).first().copied().filter(|best| best.0 < own);
+        best.into_iter().for_each(|best| self.rate(best.1, Some(&of.fit)));
     }
 
     /// The best first, one of each kind.
@@ -350,7 +378,7 @@ pub fn banded(
         let mut bands = full;
         set(&mut bands, value);
         if bands.asymmetry.abs() < 0.95 && bands.drift.abs() < 0.95 {
-            let found = held.best(family, about(data, &own, NARROW), (bands.asymmetry, bands.drift), 1);
+            let found = held.best(family, about(data, &own, BANDED), (bands.asymmetry, bands.drift), 1);
             rated.extend(found.into_iter().map(|(loss, valve)| (loss, value, valve)));
         }
     }
