@@ -53,7 +53,7 @@ fn known(valve: ValveModel, seed: u64, sd: f64) -> (IdData, ArxFit, Vec<f64>) {
     let e = data
         .rows()
         .map(|k| data.y[k] - level - (0..B.len()).map(|j| gain * B[j] * x[k - 1 - j]).sum::<f64>());
-    let fit = ArxFit { e: e.collect(), theta, scale: sd / data.units.y, ..ArxFit::default() };
+    let fit = ArxFit { e: e.collect(), theta, scale: sd / data.units.y, nu: 5.0, ..ArxFit::default() };
     (data, fit, x)
 }
 
