@@ -16,75 +16,15 @@
 //!
 //! Source: Vuong, Econometrica 1989, 57, 307.
 
-use super::quantised::{error_of, step_of};
-use super::{Fact, TOLD, log_density, posterior};
+use super::equations::{Controller, Equations, HONEST, LONGEST, Shift, gain};
+use super::{Fact, TOLD, posterior};
 use crate::residual::Kind;
 use crate::residual::report::Described;
-use crate::sysid::arx::Arx;
-use crate::sysid::criterion::{REGULAR, THRESHOLD, score};
-use crate::sysid::gram::{lower, products};
-use crate::sysid::iddata::{IdData, LONGEST_LAG};
-use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
-use crate::sysid::stats::sd;
-use crate::sysid::student;
-use std::ops::{Range, RangeInclusive};
+use crate::sysid::criterion::{THRESHOLD, score};
+use crate::sysid::iddata::IdData;
 
-/// Longest skew tried (samples): less than the lead of the fitted rows and the rows behind them.
-const LONGEST: i32 = 15;
-/// Samples that PV is moved by where stamps are honest: the controller sees PV at its tick or at the one before.
-const HONEST: RangeInclusive<i32> = 0..=1;
-/// Least skew beyond honest stamps, and least growth of one (samples): less is a matter of when in a scan each tag is read.
-const LEAST: f64 = 1.5;
-/// Lags of PV, of OP's changes and of the set point in the controller: those of a PID with a filtered derivative.
-const LAGS: [usize; 3] = [3, 2, 3];
-/// Least error of OP's changes in OP's standard deviations: OP is written with no more than six digits.
-const ROUNDING: f64 = 1e-6;
-/// Error of OP's changes as a share of them, up to which a controller is exact: no PV is so free of noise that a process could be.
-const EXACT: f64 = 1e-3;
 /// Standard errors by which two equations that are not exact have to be likelier: chance does that once in a thousand.
 const STANDARD_ERRORS: f64 = 3.0;
-/// Rows whose gains are summed before their standard error is taken: what one equation loses the other gains within these.
-const BLOCK: usize = 2 * LONGEST_LAG;
-/// Passes of reweighted least squares.
-const PASSES: usize = 6;
-/// Steps of the two ends of a skew that grows (samples).
-const STEPS: [f64; 3] = [0.5, 0.25, 0.125];
-/// Ways to move the two ends.
-const WAYS: [(f64, f64); 8] =
-    [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)];
-
-/// Samples that PV is moved to later times, at the window's start and at its end.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Shift {
-    first: f64,
-    last: f64,
-}
-
-impl Shift {
-    fn constant(by: i32) -> Self {
-        Self { first: f64::from(by), last: f64::from(by) }
-    }
-
-    /// Whether it is one that matters.
-    fn is_wrong(&self) -> bool {
-        let [least, most] = [*HONEST.start(), *HONEST.end()].map(f64::from);
-        [self.first, self.last].iter().any(|by| *by <= least - LEAST || *by >= most + LEAST)
-    }
-
-    /// PV and its weights at the right times.
-    fn moved(&self, y: &[f64], weight: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let end = y.len() - 1;
-        let each = (0..y.len()).map(|k| {
-            let at = k as f64 - self.first - (self.last - self.first) * k as f64 / y.len() as f64;
-            let inside = at.clamp(0.0, end as f64);
-            let (before, share) = (inside as usize, inside.fract());
-            let after = (before + 1).min(end);
-            let counts = if share > 0.0 { weight[before].min(weight[after]) } else { weight[before] };
-            (y[before] + share * (y[after] - y[before]), if inside == at { counts } else { 0.0 })
-        });
-        each.unzip()
-    }
-}
 
 /// Tells clocks that disagree, and puts PV's stamps right; `step`: the quantum of PV.
 pub fn assess(data: &mut IdData, step: f64) -> Option<Fact> {
@@ -105,8 +45,8 @@ fn describe(data: &IdData, shift: Shift) -> Described {
         return skew(format!("PV's stamps are {} against OP's: the controller says so", told(first)));
     }
     let (from, to) = (told(first), told(last));
-    skew(format!("PV's stamps drift against OP's, from {from} to {to}: the controller says so"))
-        .with("growth_s", last - first, "s")
+    let explanation = format!("PV's stamps drift against OP's, from {from} to {to}: the controller says so");
+    skew(explanation).with("growth_s", last - first, "s")
 }
 
 /// How PV has to be moved, where it may have to, and the log-odds for that.
@@ -119,7 +59,8 @@ fn skew(data: &IdData, step: f64) -> Option<(Shift, f64)> {
     let constant = equations.constant(rows.clone());
     // One of so many numbers, or two ends that may lie anywhere.
     let mut best = (&constant, 0.0, f64::from(2 * LONGEST + 1));
-    let worth = |(of, rate, alternatives): (&Controller, f64, f64)| score(of.log_likelihood(), rate, alternatives, n);
+    let worth =
+        |(of, rate, alternatives): (&Controller, f64, f64)| score(of.log_likelihood(), rate, alternatives, n);
     let growing = equations.growing(rows);
     if let Some(growing) = &growing {
         let other = (growing, 2.0 * THRESHOLD, 1.0);
@@ -136,7 +77,12 @@ fn skew(data: &IdData, step: f64) -> Option<(Shift, f64)> {
         return Some((best.shift, log_odds));
     }
     let both = |of: &Controller| -> Vec<f64> {
-        equations.process(of.shift).iter().zip(&of.each).map(|(process, controller)| process + controller).collect()
+        equations
+            .process(of.shift)
+            .iter()
+            .zip(&of.each)
+            .map(|(process, controller)| process + controller)
+            .collect()
     };
     let with = both(best);
     let rivals = honest.iter().map(|honest| gain(&with, &both(honest)));
@@ -144,138 +90,123 @@ fn skew(data: &IdData, step: f64) -> Option<(Shift, f64)> {
     (errors > STANDARD_ERRORS).then(|| (best.shift, log_odds.min(score(together, rate, alternatives, n))))
 }
 
-/// By how much the log-likelihoods of rows exceed others, and that in its standard errors.
-fn gain(of: &[f64], others: &[f64]) -> (f64, f64) {
-    let each: Vec<f64> = of.iter().zip(others).map(|(of, other)| of - other).collect();
-    let blocks: Vec<f64> = each.chunks(BLOCK).map(|few| few.iter().sum()).collect();
-    let sum: f64 = blocks.iter().sum();
-    (sum, sum / (sd(&blocks) * (blocks.len() as f64).sqrt()).max(f64::MIN_POSITIVE))
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::Window;
+    use crate::sysid::valve::Start;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
 
-/// The controller with PV moved.
-struct Controller {
-    shift: Shift,
-    /// Scale of its errors.
-    scale: f64,
-    /// Log-likelihood of each row.
-    each: Vec<f64>,
-}
-
-impl Controller {
-    fn log_likelihood(&self) -> f64 {
-        self.each.iter().sum()
-    }
-}
-
-/// The controller and the process, as far as the signals show them.
-struct Equations<'a> {
-    data: &'a IdData,
-    /// `u[k] - u[k-1]`.
-    changes: Vec<f64>,
-    /// Least scales of the errors of OP's changes and of PV: what their steps leave.
-    least: [f64; 2],
-    /// Scale up to which a controller is exact.
-    exact: f64,
-}
-
-impl<'a> Equations<'a> {
-    fn new(data: &'a IdData, step: f64) -> Self {
-        let u = &data.u;
-        let changes: Vec<f64> = (0..u.len()).map(|k| u[k] - u[k.saturating_sub(1)]).collect();
-        let of_u = error_of(step_of(u)).max(ROUNDING);
-        Self { exact: of_u.max(EXACT * sd(&changes)), least: [of_u, error_of(step)], data, changes }
+    /// What a controller does beside PI.
+    #[derive(Clone, Copy, Debug, Default)]
+    struct Extra {
+        /// Derivative time (samples), filtered over a fifth of it.
+        derivative: f64,
+        /// Standard deviation of what is added to OP: feed-forward, or the set point of a cascade that is not recorded.
+        forward: f64,
+        /// Steps in which OP is written.
+        step: f64,
+        /// Samples between two scans of the controller, less one.
+        idle: usize,
     }
 
-    /// The controller in these rows, with PV moved.
-    fn controller(&self, shift: Shift, rows: Range<usize>) -> Controller {
-        let (y, _) = shift.moved(&self.data.y, &self.data.weight);
-        let ones = vec![1.0; rows.len()];
-        let of_sp = self.data.sp.iter().map(|sp| (&sp[..], 0..LAGS[2]));
-        let signals = [(&y[..], 0..LAGS[0]), (&self.changes[..], 1..1 + LAGS[1])].into_iter().chain(of_sp);
-        let late = signals.flat_map(|(v, lags)| lags.map(|lag| &v[rows.start - lag..rows.end - lag]));
-        let columns: Vec<&[f64]> = [&ones[..]].into_iter().chain(late.collect::<Vec<_>>()).collect();
-        let target = &self.changes[rows.clone()];
-        let (mut omega, mut e) = (ones.clone(), target.to_vec());
-        let mut scale = student::first_scale(&e, &ones);
-        for _ in 0..PASSES {
-            e = errors(&columns, target, &omega);
-            scale = student::scale(&e, &ones, scale).max(self.least[0]);
-            student::reweigh(&e, &ones, scale, &mut omega);
+    /// OP, PV and set point of a loop whose set point moves every 90 samples.
+    fn signals(extra: Extra) -> Window {
+        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(11));
+        let mut draw = || -> f64 { noise.next().unwrap_or(0.0) };
+        let (mut x, mut op, mut last, mut load, mut forward): (f64, f64, f64, f64, f64) =
+            (0.0, 0.0, 0.0, 0.0, 0.0);
+        let (mut slow, mut rate, mut seen) = (0.0, 0.0, 0.0);
+        let mut window = Window { ts: 1.0, sp: Some(Vec::new()), ..Window::default() };
+        for k in 0..1200 {
+            let target = [0.0, 2.0, -1.0, 1.5][k / 90 % 4];
+            let pv = x + 0.1 * draw();
+            if k % (extra.idle + 1) == 0 {
+                let error: f64 = target - pv;
+                op += 0.8 * (error - last + error / 8.0);
+                last = error;
+                slow += (pv - slow) / (1.0 + 0.2 * extra.derivative);
+                let next = if extra.derivative > 0.0 { 0.8 * 5.0 * (pv - slow) } else { 0.0 };
+                op -= next - rate;
+                rate = next;
+                forward = 0.95 * forward + 0.3 * extra.forward * draw();
+                seen = op + forward;
+                seen = if extra.step > 0.0 { (seen / extra.step).round() * extra.step } else { seen };
+            }
+            load = 0.95 * load + 0.05 * draw();
+            x = 0.85 * x + 0.15 * (seen + load);
+            window.op.push(seen);
+            window.pv.push(pv);
+            window.sp.iter_mut().for_each(|sp| sp.push(target));
         }
-        Controller { shift, scale, each: e.iter().map(|e| log_density(*e, scale)).collect() }
+        window
     }
 
-    /// Log-likelihood of each row of the process with PV moved.
-    fn process(&self, shift: Shift) -> Vec<f64> {
-        let mut moved = self.data.clone();
-        (moved.y, moved.weight) = shift.moved(&self.data.y, &self.data.weight);
-        let fit = Arx::new(&moved, &moved.y, &[]).fit(&moved.u, None);
-        let scale = fit.scale.max(self.least[1]);
-        fit.e.iter().zip(&moved.weight[moved.rows()]).map(|(e, w)| w * log_density(*e, scale)).collect()
+    fn data(mut window: Window, stamped: Shift, with_sp: bool) -> IdData {
+        let ones = vec![1.0; window.pv.len()];
+        let wrong = Shift { first: -stamped.first, last: -stamped.last };
+        window.pv = wrong.moved(&window.pv, &ones).0;
+        window.sp = window.sp.filter(|_| with_sp);
+        IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough")
     }
 
-    /// The skew that is likeliest in these rows.
-    fn constant(&self, rows: Range<usize>) -> Controller {
-        let rated = |by| self.controller(Shift::constant(by), rows.clone());
-        let all: Vec<(f64, Controller)> =
-            (-LONGEST..=LONGEST).map(rated).map(|one| (one.log_likelihood(), one)).collect();
-        let most = all.iter().map(|one| one.0).fold(f64::NEG_INFINITY, f64::max);
-        // A PI controller needs two of three samples of PV: the one that it does not need may be before or after. It is before.
-        let unneeded = REGULAR * (rows.len() as f64).ln();
-        let latest = all.into_iter().rev().find(|one| one.0 >= most - unneeded);
-        latest.map_or_else(|| rated(0), |one| one.1)
+    fn told(window: Window, stamped: Shift, with_sp: bool) -> Option<Shift> {
+        skew(&data(window, stamped, with_sp), 0.0)
+            .filter(|found| posterior(found.1) > TOLD)
+            .map(|found| found.0)
     }
 
-    /// The skew that grows over the window and is likeliest, where the first third of the rows and the last do not agree on one.
-    fn growing(&self, rows: Range<usize>) -> Option<Controller> {
-        let third = rows.len() / 3;
-        let [early, late] = [rows.start..rows.start + third, rows.end - third..rows.end]
-            .map(|rows| self.constant(rows).shift.first);
-        if early == late {
-            return None;
+    #[test]
+    fn a_skew_is_found_to_the_sample_whether_the_set_point_is_recorded_or_not() {
+        for by in [-6, -3, 3, 6] {
+            let stamped = Shift::constant(by);
+            for with_sp in [true, false] {
+                assert_eq!(told(signals(Extra::default()), stamped, with_sp), Some(stamped), "{with_sp}");
+            }
+            let derivative = Extra { derivative: 4.0, ..Extra::default() };
+            assert_eq!(told(signals(derivative), stamped, true), Some(stamped), "with a derivative");
+            let coarse = Extra { step: 0.02, ..Extra::default() };
+            assert_eq!(told(signals(coarse), stamped, true), Some(stamped), "OP in steps");
         }
-        // From the middles of the thirds to the ends of the window.
-        let middle = |k: usize| k as f64 / self.data.len() as f64;
-        let (from, to) = (middle(rows.start + third / 2), middle(rows.end - third / 2));
-        let growth = (late - early) / (to - from);
-        let first = early - growth * from;
-        let rated = |shift: Shift| {
-            let one = self.controller(shift, rows.clone());
-            (one.log_likelihood(), one)
-        };
-        let inside = |by: f64| by.abs() <= f64::from(LONGEST);
-        let mut found = rated(Shift { first, last: first + growth });
-        for step in STEPS {
-            loop {
-                let Shift { first, last } = found.1.shift;
-                let next = WAYS.map(|(a, b)| Shift { first: first + a * step, last: last + b * step });
-                let next = next.into_iter().filter(|shift| inside(shift.first) && inside(shift.last));
-                let next = next.map(rated).max_by(|a, b| a.0.total_cmp(&b.0));
-                let Some(next) = next.filter(|next| next.0 > found.0) else { break };
-                found = next;
+    }
+
+    #[test]
+    fn clocks_that_part_are_found_at_both_ends() {
+        for (first, last) in [(0.0, 4.0), (0.0, -4.0), (2.0, -2.0), (-1.0, -7.0)] {
+            let found = told(signals(Extra::default()), Shift { first, last }, true).expect("they part");
+            // Half of the noise between two samples is lost where PV is written between them.
+            let off = [found.first - first, found.last - last];
+            assert!(off.iter().all(|off| off.abs() < 0.75), "{found:?} for {first} to {last}");
+        }
+    }
+
+    #[test]
+    fn honest_stamps_are_never_wrong() {
+        let extras = [
+            Extra::default(),
+            Extra { derivative: 4.0, ..Extra::default() },
+            Extra { forward: 0.5, ..Extra::default() },
+            Extra { forward: 2.0, derivative: 4.0, ..Extra::default() },
+            Extra { step: 0.01, ..Extra::default() },
+            Extra { step: 0.5, ..Extra::default() },
+            Extra { idle: 2, ..Extra::default() },
+            Extra { idle: 4, forward: 0.5, ..Extra::default() },
+        ];
+        for extra in extras {
+            for (by, with_sp) in [(0, true), (0, false), (1, true)] {
+                assert_eq!(told(signals(extra), Shift::constant(by), with_sp), None, "{extra:?} {by}");
             }
         }
-        let Shift { first, last } = found.1.shift;
-        ((last - first).abs() >= LEAST).then_some(found.1)
     }
-}
 
-/// What weighted least squares leaves of `target`.
-fn errors(columns: &[&[f64]], target: &[f64], weight: &[f64]) -> Vec<f64> {
-    let size = columns.len();
-    let root: Vec<f64> = weight.iter().map(|weight| weight.sqrt()).collect();
-    let by = |column: &[f64]| -> Vec<f64> { column.iter().zip(&root).map(|(c, w)| c * w).collect() };
-    let scaled: Vec<Vec<f64>> = columns.iter().map(|column| by(column)).collect();
-    let all: Vec<&[f64]> = scaled.iter().map(Vec::as_slice).collect();
-    let (mut g, mut theta) = (vec![0.0; size * size], vec![0.0; size]);
-    lower(&all, &mut g, size);
-    products(&[&by(target)], &all, |_, i, sum| theta[i] = sum);
-    let mut live = [true; MOST_COLUMNS];
-    factor(&mut g, size, size, &mut live);
-    substitute(&g, size, &live, &mut theta);
-    let mut e = target.to_vec();
-    for (theta, column) in theta.iter().zip(columns) {
-        e.iter_mut().zip(*column).for_each(|(e, c)| *e -= theta * c);
+    #[test]
+    fn stamps_are_put_right() {
+        let honest = data(signals(Extra::default()), Shift::constant(0), true);
+        let mut skewed = data(signals(Extra::default()), Shift::constant(3), true);
+        let fact = assess(&mut skewed, 0.0).expect("three samples");
+        assert_eq!(fact.described.parameters[0].value, 3.0);
+        assert!((100..1100).all(|k| (skewed.y[k] - honest.y[k]).abs() < 0.02));
+        assert_eq!((skewed.weight[2], skewed.weight[3]), (0.0, 1.0));
     }
-    e
 }

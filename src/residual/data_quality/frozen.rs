@@ -1,24 +1,26 @@
 //! PV stands still while the process moves: those samples do not count, and are bridged by a straight line.
 //!
-//! Recognised by runs of one value, far longer than this PV's runs usually are; since [s], samples (-).
+//! Recognised by runs of one value that are apart from all others: of a fine PV all others are of a sample or two, a coarse PV and
+//! a sensor with hysteresis have runs of all lengths. From [s], samples (-).
 
-use super::quantised::quantum;
+use super::quantised::{OF_PV, quantum};
 use super::{Fact, bridge};
 use crate::residual::Kind;
 use crate::residual::report::Described;
 use crate::sysid::iddata::IdData;
-use crate::sysid::stats::{quantile, range};
+use crate::sysid::stats::range;
 
-/// Shortest run that counts, and how many times longer than the usual it must be.
+/// How many times longer than every other run frozen ones are: twofold happens among few.
+const APART: usize = 3;
+/// Shortest run that counts: a PV with two decimals repeats itself a few times by chance.
 const SHORTEST: usize = 8;
-const LONGER: f64 = 6.0;
-/// Usual length beyond which PV is coarse: then its runs are of all lengths, as those of a sensor with hysteresis are.
-const COARSE: f64 = 2.0;
-/// How many times longer than any other run one of a coarse PV must be.
-const ALONE: usize = 3;
+/// Quanta that a coarse PV makes up for at least when it thaws: at rest it goes on by one, or two where it is noisy.
+const LEAP: f64 = 2.5;
+/// Share of OP's range by which OP moves at least, so that a PV could move: OP at rest or at its limit says nothing.
+const MOVES: f64 = 0.002;
 /// Most runs: more are a sensor's habit.
 const MOST: usize = 20;
-/// Samples after a run in which its value is still among the lags.
+/// Samples after a run that do not count: its value, bridged or not, is still among the lags of the model that decides.
 const ECHO: usize = 4;
 
 /// Tells a PV that stands still, bridges it and takes its samples out.
@@ -36,10 +38,12 @@ pub fn assess(data: &mut IdData) -> Option<Fact> {
 fn describe(data: &IdData, runs: &[(usize, usize)]) -> Described {
     let samples: usize = runs.iter().map(|run| run.1 - run.0).sum();
     let since = data.time(runs[0].0 as f64);
-    Described::new(format!("PV stands still for {samples} samples, first from {since:.1} s on, while OP moves"))
-        .with("from_s", since, "s")
-        .with("duration_s", samples as f64 * data.units.ts, "s")
-        .with("runs", runs.len() as f64, "-")
+    Described::new(format!(
+        "PV stands still for {samples} samples, first from {since:.1} s on, while OP moves"
+    ))
+    .with("from_s", since, "s")
+    .with("duration_s", samples as f64 * data.units.ts, "s")
+    .with("runs", runs.len() as f64, "-")
 }
 
 /// First sample of each run in which PV is frozen and the first after it.
@@ -52,24 +56,60 @@ fn frozen(u: &[f64], y: &[f64]) -> Option<Vec<(usize, usize)>> {
             from = k;
         }
     }
-    let lengths: Vec<f64> = runs.iter().map(|r| (r.1 - r.0) as f64).collect();
-    let usual = quantile(&lengths, 0.9);
-    let least = (LONGER * usual).max(SHORTEST as f64);
+    let mut lengths: Vec<usize> = runs.iter().map(|run| run.1 - run.0).collect();
+    lengths.sort_unstable();
+    let gap = lengths.windows(2).find(|two| two[1] >= SHORTEST && two[1] >= APART * two[0])?;
     let (low, high) = range(u);
-    let moves = |&(from, to): &(usize, usize)| {
-        let (a, b) = range(&u[from..to]);
-        b - a > 0.002 * (high - low)
+    let step = quantum(y).map_or(0.0, |quantum| if quantum.size < OF_PV { 0.0 } else { quantum.size });
+    let is_frozen = |&(from, to): &(usize, usize)| {
+        let (least, most) = range(&u[from..to]);
+        let leaps = y.get(to).map_or(step == 0.0, |after| (after - y[from]).abs() > LEAP * step);
+        to - from >= gap[1] && from > 0 && leaps && most - least > MOVES * (high - low)
     };
-    // A coarse PV stands still by itself; frozen, it has something to make up for in the end.
-    let step = quantum(y).map_or(0.0, |quantum| quantum.size);
-    let leaps = |&(_, to): &(usize, usize)| {
-        (step < 0.02 && usual <= COARSE)
-            || y.get(to).is_some_and(|after| (after - y[to - 1]).abs() > 2.5 * step)
-    };
-    let (frozen, others): (Vec<_>, Vec<_>) =
-        runs.into_iter().partition(|r| (r.1 - r.0) as f64 >= least && r.0 > 0 && moves(r) && leaps(r));
-    let others = others.iter().map(|r| r.1 - r.0).max().unwrap_or(0);
-    let alone = frozen.iter().all(|r| r.1 - r.0 >= ALONE * others);
-    let habit = frozen.len() > MOST || (usual > COARSE && !alone);
-    (!frozen.is_empty() && !habit).then_some(frozen)
+    runs.retain(is_frozen);
+    (1..=MOST).contains(&runs.len()).then_some(runs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// OP, and PV that follows it with noise, rounded to `quantum`.
+    fn signals(quantum: f64) -> (Vec<f64>, Vec<f64>) {
+        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(4));
+        let u: Vec<f64> = (0..900).map(|k| (0.05 * f64::from(k)).sin()).collect();
+        let mut pv = || -> f64 { 0.05 * noise.next().unwrap_or(0.0) };
+        let y = u.iter().map(|u| u + pv()).map(|y| (y / quantum).round() * quantum);
+        (u.clone(), y.collect())
+    }
+
+    fn freeze(y: &mut [f64], from: usize, to: usize) {
+        let held = y[from - 1];
+        y[from..to].fill(held);
+    }
+
+    #[test]
+    fn runs_are_found_in_a_fine_and_in_a_coarse_pv() {
+        for quantum in [1e-9, 0.2] {
+            let (u, mut y) = signals(quantum);
+            assert_eq!(frozen(&u, &y), None, "{quantum}");
+            freeze(&mut y, 200, 290);
+            assert_eq!(frozen(&u, &y).map(|runs| runs.len()), Some(1), "{quantum}");
+        }
+        let (u, mut y) = signals(1e-9);
+        freeze(&mut y, 200, 220);
+        freeze(&mut y, 500, 512);
+        // The sample before is of the same value.
+        assert_eq!(frozen(&u, &y), Some(vec![(199, 220), (499, 512)]));
+    }
+
+    #[test]
+    fn a_pv_at_rest_is_not_frozen_while_op_rests_too() {
+        let (mut u, mut y) = signals(1e-9);
+        freeze(&mut y, 200, 240);
+        freeze(&mut u, 190, 250);
+        assert_eq!(frozen(&u, &y), None);
+    }
 }

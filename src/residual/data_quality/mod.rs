@@ -2,6 +2,7 @@
 //! that disagree, and single samples that are wrong. What is wrong is repaired, and no longer counts.
 
 mod clock;
+mod equations;
 mod frozen;
 mod outliers;
 mod quantised;

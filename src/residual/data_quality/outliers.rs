@@ -69,7 +69,8 @@ fn peaks(data: &IdData, step: f64) -> Vec<usize> {
     let y = &data.y;
     let changes: Vec<f64> = y.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let ones = vec![1.0; changes.len()];
-    let far = FAR * student::scale(&changes, &ones, student::first_scale(&changes, &ones)).max(error_of(step));
+    let far =
+        FAR * student::scale(&changes, &ones, student::first_scale(&changes, &ones)).max(error_of(step));
     let beyond = |k: &usize| {
         let (before, after) = (y[*k] - y[k - 1], y[*k] - y[k + 1]);
         before * after > 0.0 && before.abs().min(after.abs()) > far && data.weight[*k] > 0.0
@@ -84,7 +85,8 @@ fn wrong(data: &IdData, x: &[f64], step: f64) -> Option<(Vec<usize>, f64)> {
         // What PV's steps hide is an error, too.
         fit.scale = fit.scale.max(error_of(step));
         let weight = &data.weight[data.rows()];
-        fit.log_likelihood = student::log_likelihood(&fit.e, weight, fit.scale) + LOG_DENSITY * data.counted();
+        fit.log_likelihood =
+            student::log_likelihood(&fit.e, weight, fit.scale) + LOG_DENSITY * data.counted();
         fit
     };
     let plain = fit(data);
@@ -191,5 +193,74 @@ impl Samples<'_> {
             lags.zip(theta).map(|(lag, theta)| theta * v[k - lag]).sum()
         };
         y[k] - of(1..LAGS_Y + 1, theta, y) - theta[LAGS_Y] - of(1..LAGS_X + 1, &theta[LAGS_Y + 1..], self.x)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::Window;
+    use crate::sysid::valve::Start;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// PV behind a stem that swings it far beyond its noise of 0.05, and that stem: with wrong samples of PV, shocks, and turns
+    /// that the stem takes a sample later than the model's.
+    fn loop_of(wrong: impl Fn(usize) -> f64, shock: impl Fn(usize) -> f64, late: bool) -> (IdData, Vec<f64>) {
+        let n = 1500;
+        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(2));
+        let op: Vec<f64> = (0..n).map(|k| 5.0 * (0.03 * k as f64).sin() + (0.031 * k as f64).cos()).collect();
+        let stem: Vec<f64> = op.iter().map(|u| (u / 2.0).round() * 2.0).collect();
+        let mut x = 0.0;
+        let pv = |k: usize| {
+            let mut draw = || -> f64 { noise.next().unwrap_or(0.0) };
+            x = 0.7 * x
+                + 0.3 * stem[k.saturating_sub(1 + usize::from(late && k % 3 == 0))]
+                + shock(k)
+                + 0.05 * draw();
+            x + wrong(k)
+        };
+        let window = Window { ts: 1.0, pv: (0..n).map(pv).collect(), op, ..Window::default() };
+        let data = IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough");
+        let stem = stem.iter().map(|x| (x - data.units.u0) / data.units.u).collect();
+        (data, stem)
+    }
+
+    fn told((mut data, stem): (IdData, Vec<f64>)) -> Vec<usize> {
+        assess(&mut data, &|_| stem.clone(), 0.0);
+        (0..data.len()).filter(|k| data.weight[*k] == 0.0).collect()
+    }
+
+    /// Every 113th sample.
+    fn some(k: usize, size: f64) -> f64 {
+        if k % 113 == 60 { if k % 2 == 0 { size } else { -size } } else { 0.0 }
+    }
+
+    #[test]
+    fn wrong_samples_are_told_from_shocks_and_from_late_turns() {
+        let none = |_| 0.0;
+        // Ten standard deviations of the noise, a twentieth of PV's swing.
+        let found = told(loop_of(|k| some(k, 0.5), none, false));
+        let right: Vec<usize> = (0..1500).filter(|k| some(*k, 1.0) != 0.0).collect();
+        assert_eq!(found, right);
+        assert_eq!(told(loop_of(none, none, false)), []);
+        assert_eq!(told(loop_of(none, |k| some(k, 0.5), false)), [], "shocks");
+        assert_eq!(told(loop_of(none, none, true)), [], "late turns");
+    }
+
+    #[test]
+    fn wrong_samples_are_bridged_and_described() {
+        let (mut data, stem) = loop_of(|k| some(k, 3.0), |_| 0.0, false);
+        let fact = assess(&mut data, &|_| stem.clone(), 0.0).expect("plain");
+        assert!((data.y[173] - 0.5 * (data.y[172] + data.y[174])).abs() < 1e-12);
+        let value = |name| fact.described.parameters.iter().find(|p| p.name == name).map_or(0.0, |p| p.value);
+        assert_eq!((value("count"), value("share")), (13.0, 13.0 / 1500.0));
+        assert!((value("size") - 3.0).abs() < 0.3, "{}", value("size"));
+    }
+
+    #[test]
+    fn a_choice_costs_its_entropy() {
+        assert_eq!(choice(0.0, 100.0), 0.0);
+        assert!((choice(1.0, 2.0) - 2.0 * 0.5f64.ln()).abs() < 1e-15);
     }
 }

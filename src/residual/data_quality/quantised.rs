@@ -11,7 +11,7 @@ use crate::sysid::iddata::IdData;
 use crate::sysid::stats::median;
 
 /// Quanta in one standard deviation of PV, from which on anybody sees steps in a plot of it.
-const OF_PV: f64 = 0.03;
+pub const OF_PV: f64 = 0.03;
 /// Quanta in the median second difference, up to which noise does not hide the steps: its standard deviation is then one and a
 /// half quanta at most, and a tenth of it is the steps'.
 const BEND: f64 = 2.0;
