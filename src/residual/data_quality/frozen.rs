@@ -18,8 +18,8 @@ const SHORTEST: usize = 8;
 const LEAP: f64 = 2.5;
 /// Share of OP's range by which OP moves at least, so that a PV could move: OP at rest or at its limit says nothing.
 const MOVES: f64 = 0.002;
-/// Most runs: more are a sensor's habit.
-const MOST: usize = 20;
+/// Largest share of the samples: a PV that stands still most of the time does so by habit, as a sensor with hysteresis.
+const MOST: f64 = 0.5;
 /// Samples after a run that do not count: its value, bridged or not, is still among the lags of the model that decides.
 const ECHO: usize = 4;
 
@@ -67,7 +67,8 @@ fn frozen(u: &[f64], y: &[f64]) -> Option<Vec<(usize, usize)>> {
         to - from >= gap[1] && from > 0 && leaps && most - least > MOVES * (high - low)
     };
     runs.retain(is_frozen);
-    (1..=MOST).contains(&runs.len()).then_some(runs)
+    let samples: usize = runs.iter().map(|run| run.1 - run.0).sum();
+    (samples > 0 && (samples as f64) < MOST * y.len() as f64).then_some(runs)
 }
 
 #[cfg(test)]

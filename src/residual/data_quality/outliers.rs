@@ -7,7 +7,8 @@
 //!
 //! One mixture decides. A wrong sample costs `ln(N/m) + ln R` and what a right one would have brought; it gains its own error
 //! and those of the next sixteen samples, whose lags it spoils. A shock gains its own error alone, and the next samples are
-//! worse predicted from the line that bridges it. Each sample has to pay for itself, and all together for their share.
+//! worse predicted from the line that bridges it. Noise that comes in bursts makes many samples look wrong, but all at the same
+//! time. Each sample has to pay for itself, and all together have to be likelier than none, than shocks and than bursts.
 //!
 //! Sources: Box & Tiao, Biometrika 1968, 55, 119; Chang, Tiao & Chen, Technometrics 1988, 30, 193.
 
@@ -17,7 +18,7 @@ use crate::residual::Kind;
 use crate::residual::report::Described;
 use crate::sysid::arx::{Arx, ArxFit, LAGS_X, LAGS_Y};
 use crate::sysid::criterion::{REGULAR, log_sum, score};
-use crate::sysid::iddata::IdData;
+use crate::sysid::iddata::{IdData, LONGEST_LAG};
 use crate::sysid::stats::{mean, range};
 use crate::sysid::student;
 use std::ops::Range;
@@ -25,6 +26,8 @@ use std::ops::Range;
 /// Scales of PV's changes by which a sample has to be beyond both neighbours to be left out of the first fit: rare among honest
 /// ones, of which a fit can spare a few.
 const FAR: f64 = 4.0;
+/// Rows of one scale where noise comes in bursts: enough to tell it, and no more than a burst lasts.
+const BLOCK: usize = 2 * LONGEST_LAG;
 /// Most rounds of choosing samples and fitting: the choice mostly settles in three.
 const ROUNDS: usize = 6;
 
@@ -116,8 +119,31 @@ fn wrong(data: &IdData, x: &[f64], step: f64) -> Option<(Vec<usize>, f64)> {
     let shocks = IdData { y: data.y.clone(), ..without(&at) };
     let n = data.counted();
     let apart = |fit: &ArxFit| score(fit.log_likelihood + m * density + choice(m, n), REGULAR, 1.0, n);
-    let rivals = [score(plain.log_likelihood, 0.0, 1.0, n), apart(&fit(&shocks))];
+    let of_bursts = bursts(&plain, &data.weight[rows]);
+    let rivals =
+        [score(plain.log_likelihood, 0.0, 1.0, n), apart(&fit(&shocks)), score(of_bursts, REGULAR, 1.0, n)];
     Some((at, apart(&best) - log_sum(rivals.into_iter())))
+}
+
+/// The log-likelihood of errors that are small or large for a while: each block of rows has one of two scales.
+fn bursts(fit: &ArxFit, weight: &[f64]) -> f64 {
+    let blocks: Vec<(&[f64], &[f64])> = fit.e.chunks(BLOCK).zip(weight.chunks(BLOCK)).collect();
+    let rated = |(e, weight): &(&[f64], &[f64]), scale: f64| {
+        student::log_likelihood(e, weight, scale) + LOG_DENSITY * weight.iter().sum::<f64>()
+    };
+    let mut scales = [0.5, 2.0].map(|by| by * fit.scale);
+    for _ in 0..ROUNDS {
+        let small = |block: &&(&[f64], &[f64])| rated(block, scales[0]) > rated(block, scales[1]);
+        let (quiet, loud): (Vec<_>, Vec<_>) = blocks.iter().partition(small);
+        let own = |of: &[&(&[f64], &[f64])], scale: f64| {
+            let e: Vec<f64> = of.iter().flat_map(|block| block.0).copied().collect();
+            let weight: Vec<f64> = of.iter().flat_map(|block| block.1).copied().collect();
+            if e.is_empty() { scale } else { student::scale(&e, &weight, scale) }
+        };
+        scales = [own(&quiet, scales[0]), own(&loud, scales[1])];
+    }
+    let each = blocks.iter().map(|block| rated(block, scales[0]).max(rated(block, scales[1])));
+    each.sum::<f64>() - blocks.len() as f64 * 2f64.ln()
 }
 
 /// Samples under one model.
