@@ -1,0 +1,77 @@
+//! The tempering exponent of the likelihood, estimated on simulated loops:
+//! `cargo run --release -p stictiond-numerics --example tempering -- --seeds 3 --first-seed 2000`.
+//!
+//! The exponent maximises the logarithmic score of the true kind's posterior at the first step, over generator A.
+
+#[path = "../../tests/generators/mod.rs"]
+#[allow(dead_code, reason = "each user takes a part")]
+mod generators;
+#[path = "../../tests/diagnosis_common/parallel.rs"]
+#[allow(dead_code, reason = "each user takes a part")]
+mod parallel;
+
+use generators::{Case, GENERATORS, Size};
+use stictiond_numerics::diagnosis::{self, diagnose};
+use stictiond_numerics::residual_next::{self as residual, Kind, first_step};
+
+fn main() {
+    let args: Vec<String> = std::env::args().collect();
+    let value = |name: &str, default: &str| {
+        let at = args.iter().position(|arg| arg == name).and_then(|at| args.get(at + 1));
+        at.cloned().unwrap_or_else(|| default.to_string())
+    };
+    let first: u64 = value("--first-seed", "2000").parse().expect("a number");
+    let seeds: u64 = value("--seeds", "3").parse().expect("a number");
+    let letters = value("--generators", "A");
+    for generator in GENERATORS.iter().filter(|g| letters.contains(g.name)) {
+        let of_signals = [Kind::QuantisedPv, Kind::Outliers, Kind::FrozenPv, Kind::ClockSkew, Kind::SlipJump];
+        let kinds = Kind::ALL.into_iter().filter(|kind| !of_signals.contains(kind)).map(Some);
+        let mut cases = Vec::new();
+        for effect in kinds.chain([None; 10]) {
+            for variant in 0..(generator.variants)(effect) {
+                for seed in first..first + seeds {
+                    let seed =
+                        seed + 1000 * cases.iter().filter(|c: &&Case| c.effect.is_none()).count() as u64;
+                    cases.push(Case { effect, size: Size::Medium, variant, seed, tags: 3 });
+                }
+            }
+        }
+        let rows = parallel::each(&cases, |case| {
+            let (record, _) = (generator.record)(case);
+            let settings = diagnosis::Settings::default();
+            let d = diagnose(&record, &settings);
+            first_step(&record, &d, &settings, &residual::Settings::default())
+        });
+        println!("generator {}: {} records", generator.name, cases.len());
+        for tempering in (4..=20).map(|i| 0.05 * f64::from(i)) {
+            let (mut sum, mut right, mut wrong, mut missed, mut n) = (0.0, 0, 0, 0, 0);
+            for (case, rows) in cases.iter().zip(&rows) {
+                let log = |row: &residual::Row| {
+                    let prior = if row.kind.is_some() { -(22.0f64).ln() } else { -(2.0f64).ln() };
+                    tempering * row.log_likelihood - row.cost + prior
+                };
+                let most = rows.iter().map(log).fold(f64::NEG_INFINITY, f64::max);
+                if !most.is_finite() {
+                    continue;
+                }
+                let mass = |of: &dyn Fn(&residual::Row) -> bool| -> f64 {
+                    rows.iter().filter(|row| of(row)).map(|row| (log(row) - most).exp()).sum()
+                };
+                let p = mass(&|row| row.kind == case.effect) / mass(&|_| true);
+                // What no fit sees is not to be had at any price.
+                sum += p.max(1e-3).ln();
+                n += 1;
+                let named = Kind::ALL
+                    .into_iter()
+                    .find(|kind| mass(&|row| row.kind == Some(*kind)) > 0.5 * mass(&|_| true));
+                right += usize::from(named == case.effect);
+                wrong += usize::from(named.is_some() && named != case.effect);
+                missed += usize::from(named.is_none() && case.effect.is_some());
+            }
+            println!(
+                "{tempering:.2}: mean log score {:.4}, right {right}, wrong {wrong}, missed {missed} of {n}",
+                sum / n as f64
+            );
+        }
+    }
+}

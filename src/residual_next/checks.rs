@@ -1,0 +1,120 @@
+//! What is still in the residual: tests of whiteness, lines, changes, dependence and distribution, each at about 1 %.
+
+use super::findings::Test;
+use crate::sysid::iddata::IdData;
+use crate::sysid::least_squares::dot;
+use crate::sysid::spectrum;
+use crate::sysid::stats::{mean, median, sd};
+use crate::sysid::whiteness::is_white;
+
+/// Two-sided 99 % point of a normal distribution for one test, and for the largest of about forty.
+const ONE: f64 = 2.58;
+const MANY: f64 = 3.7;
+/// Lags of the cross-correlations.
+const LAGS: usize = 20;
+
+/// The tests that the residual `e` of a model with stem `x` fails; `dir`: direction of its last move, `fitted`: parameters
+/// behind the whiteness test.
+pub fn failed(data: &IdData, (x, dir): (&[f64], &[f64]), e: &[f64], fitted: usize) -> Vec<Test> {
+    let from = data.first;
+    let kept: Vec<f64> = (from..e.len()).filter(|&k| data.weight[k] > 0.0).map(|k| e[k]).collect();
+    let spread = sd(&kept);
+    if kept.len() < 60 || spread <= 0.0 {
+        return Vec::new();
+    }
+    let n = kept.len() as f64;
+    let mut out = Vec::new();
+    let mut check = |test: Test, fails: bool| {
+        if fails {
+            out.push(test);
+        }
+    };
+    check(Test::Whiteness, !is_white(&kept, fitted));
+    check(Test::Input, crossed(e, x, from, 1) > MANY);
+    let tags = data.tags.iter().map(|(_, v)| crossed(e, v, from, 1)).fold(0.0, f64::max);
+    check(Test::Tags, tags > MANY + 0.25 * (1.0 + data.tags.len() as f64).ln());
+    check(Test::Line, fisher(&kept) < 0.01);
+    let total: f64 = mean(&kept);
+    let mut sum = 0.0;
+    let largest = kept
+        .iter()
+        .map(|e| {
+            sum += e - total;
+            sum.abs()
+        })
+        .fold(0.0, f64::max);
+    // 99 % point of the largest excursion of a Brownian bridge.
+    check(Test::ChangePoint, largest / (spread * n.sqrt()) > 1.63);
+    let time: Vec<f64> = (0..kept.len()).map(|k| k as f64).collect();
+    check(Test::Drift, correlation(&kept, &time).abs() * n.sqrt() > ONE);
+    let tail = |v: &[f64]| v[from..].to_vec();
+    check(Test::Direction, correlation(&tail(e), &tail(dir)).abs() * n.sqrt() > ONE);
+    let squares: Vec<f64> = tail(x).iter().map(|z| z * z).collect();
+    check(Test::Travel, correlation(&tail(e), &squares).abs() * n.sqrt() > ONE);
+    let half = kept.len() / 2;
+    let (a, b) = (sd(&kept[..half]).powi(2), sd(&kept[half..]).powi(2));
+    check(Test::Variance, (a.max(1e-300) / b.max(1e-300)).ln().abs() * (n / 8.0).sqrt() > ONE);
+    let sizes: Vec<f64> = kept.iter().map(|e| e.abs()).collect();
+    let far = 5.0 * median(&sizes) / 0.6745;
+    check(Test::Tails, kept.iter().filter(|e| e.abs() > far).count() as f64 > 2.0 + 1e-3 * n);
+    out
+}
+
+/// The largest correlation of e with past values of v, in standard errors.
+fn crossed(e: &[f64], v: &[f64], from: usize, least: usize) -> f64 {
+    let n = e.len();
+    let rows = (n - from) as f64;
+    let centre = mean(&v[from..]);
+    let v: Vec<f64> = v.iter().map(|v| v - centre).collect();
+    let power = (dot(&e[from..], &e[from..]) * dot(&v[from..], &v[from..])).sqrt();
+    let at = |lag: usize| (dot(&e[from..], &v[from - lag..n - lag]) / power.max(1e-300)).abs() * rows.sqrt();
+    (least..least + LAGS.min(from.saturating_sub(least))).map(at).fold(0.0, f64::max)
+}
+
+fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let (ma, mb) = (mean(a), mean(b));
+    let cross: f64 = a.iter().zip(b).map(|(x, y)| (x - ma) * (y - mb)).sum();
+    let power = sd(a) * sd(b) * a.len() as f64;
+    if power > 0.0 { cross / power } else { 0.0 }
+}
+
+/// Fisher's g: the probability that the largest line of white noise holds as large a share of its spectrum.
+fn fisher(v: &[f64]) -> f64 {
+    let power = spectrum::power(&mut v.to_vec());
+    let power = &power[1..];
+    let share = power.iter().copied().fold(0.0, f64::max) / power.iter().sum::<f64>().max(1e-300);
+    // The first term of Fisher's sum: exact in the tail.
+    let m = power.len() as f64;
+    (m * (1.0 - share).max(0.0).powf(m - 1.0)).min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn noise(seed: u64, n: usize) -> Vec<f64> {
+        let rng = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
+        StandardNormal.sample_iter(rng).take(n).collect()
+    }
+
+    #[test]
+    fn fishers_g_sees_a_line_and_is_calm_without() {
+        let alarms = (0..200).filter(|seed| fisher(&noise(*seed, 400)) < 0.01).count();
+        // 1 % of 200 is 2; more than six would have a chance below 1 %.
+        assert!(alarms <= 6, "{alarms}");
+        let line: Vec<f64> =
+            noise(1, 400).iter().enumerate().map(|(k, e)| e + (0.4 * k as f64).sin()).collect();
+        assert!(fisher(&line) < 1e-3);
+    }
+
+    #[test]
+    fn only_the_past_of_a_tag_counts() {
+        let tag = noise(3, 500);
+        let caused: Vec<f64> = (0..500).map(|k: usize| tag[k.saturating_sub(3)]).collect();
+        let causing: Vec<f64> = (0..500).map(|k: usize| tag[(k + 3).min(499)]).collect();
+        assert!(crossed(&caused, &tag, 40, 1) > 15.0);
+        assert!(crossed(&causing, &tag, 40, 1) < MANY);
+    }
+}

@@ -1,0 +1,131 @@
+//! What the declared model leaves unexplained, and why: the residual is traced to an effect that the model lacks, the effect
+//! is added, friction and dynamics are estimated again with it, and the error is compared on samples that no fit has seen.
+//!
+//! ```text
+//! A(q) y = B(q) K(y) g(x) + sum gamma_i phi_i + c0 + C(q) e
+//! ```
+//!
+//! x is the stem of the valve driven by OP, g and K what valve and process do to it (a stop, a curve, a change of gain or
+//! delay) and phi the shapes of loads. Friction and effects compete by one criterion ([`crate::sysid::criterion`]).
+//! Everything is fitted on the first 80 % of the window; the last 20 % is read once, for the errors before and after.
+//! Pure: the same window gives the same findings.
+
+mod backward_elimination;
+mod checks;
+pub mod data_quality;
+pub mod decide;
+pub mod effect;
+mod findings;
+pub mod forward_selection;
+pub mod hypotheses;
+pub mod hypothesis;
+mod interval;
+pub mod posterior;
+pub mod report;
+pub mod screening;
+mod trace;
+pub mod valve_search;
+
+pub use findings::{Curves, Effect, Findings, Friction, Kind, Parameter, Stem, Test};
+
+use crate::diagnosis::{self, Diagnosis, gate, prepare};
+use crate::signal::{Record, Window};
+
+/// How far to trace.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Most effects added.
+    pub most_effects: usize,
+    /// Least f that counts as stiction (OP unit).
+    pub f_threshold: f64,
+    /// Least evidence that counts as stiction (-).
+    pub evidence_threshold: f64,
+    /// The one effect that is known to be there: it is looked for more thoroughly than the others.
+    pub only: Option<Kind>,
+    /// S/2 and J of the valve, where they are known (OP unit): the search begins there, too.
+    pub friction: Option<(f64, Option<f64>)>,
+    /// Effects of the last diagnosis (with tag): tried first.
+    pub known: Vec<(Kind, Option<String>)>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            most_effects: 3,
+            f_threshold: 0.05,
+            evidence_threshold: 20.0,
+            only: None,
+            friction: None,
+            known: Vec::new(),
+        }
+    }
+}
+
+/// Most samples traced: longer records are cut to the stretch about the diagnosed window.
+const MOST_SAMPLES: usize = 2000;
+
+/// The window to trace: the whole gated record where the diagnosis looks at its most regular stretch only, since a change
+/// outside that stretch is an effect too; at its sample period, and at most 2,000 samples about its window.
+pub fn window(record: &Record, diagnosis: &Diagnosis, settings: &diagnosis::Settings) -> Option<Window> {
+    let (gated, _) = gate::gate(record, settings).ok()?;
+    let factor = diagnosis.preparation.decimation.max(1);
+    let whole = if factor > 1 { prepare::decimate(&gated, factor) } else { gated };
+    let n = whole.len();
+    if n <= MOST_SAMPLES {
+        return Some(whole);
+    }
+    let p = &diagnosis.preparation;
+    let middle = (0.5 * (p.start + p.end) - whole.t0) / whole.ts;
+    let middle = if middle.is_finite() { middle.clamp(0.0, n as f64) as usize } else { n };
+    let from = middle.saturating_sub(MOST_SAMPLES / 2).min(n - MOST_SAMPLES);
+    Some(whole.slice(from, from + MOST_SAMPLES))
+}
+
+/// [`trace`] on the [`window`] of a record; `None` where there is nothing to trace.
+pub fn trace_record(
+    record: &Record,
+    diagnosis: &Diagnosis,
+    diagnosed: &diagnosis::Settings,
+    settings: &Settings,
+) -> Option<Findings> {
+    let window = window(record, diagnosis, diagnosed)?;
+    let span = record.op_span.filter(|span| span.is_finite() && *span > 0.0).unwrap_or(100.0);
+    // Thresholds are per cent of OP's span there and OP units here.
+    let settings = Settings {
+        f_threshold: diagnosed.f_threshold * span / 100.0,
+        evidence_threshold: diagnosed.evidence_threshold,
+        ..settings.clone()
+    };
+    trace(&window, diagnosis, &settings)
+}
+
+/// A hypothesis of the first step: friction or none, with one effect or none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Its effect.
+    pub kind: Option<Kind>,
+    /// Friction: 0 for none, 1 for J = S, 2 for J free.
+    pub friction: usize,
+    /// Log-likelihood.
+    pub log_likelihood: f64,
+    /// What its parameters and alternatives cost.
+    pub cost: f64,
+}
+
+/// The hypotheses of the first step, for calibration.
+pub fn first_step(
+    record: &Record,
+    diagnosis: &Diagnosis,
+    diagnosed: &diagnosis::Settings,
+    settings: &Settings,
+) -> Vec<Row> {
+    window(record, diagnosis, diagnosed).map_or_else(Vec::new, |window| trace::first_step(&window, settings))
+}
+
+/// Traces the residual of a diagnosed window; `None` where the window is too short or too still to fit anything.
+///
+/// * `window`: the gated window, with every tag that may explain PV.
+/// * `diagnosis`: what was found on it: the start of friction, and the verdict that stands if no effect is found.
+pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
+    trace::trace(window, diagnosis, settings)
+}
