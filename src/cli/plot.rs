@@ -1,8 +1,8 @@
 //! `diagnose --plot`: what the model says and what it leaves, before and after the effects, as one picture.
 
-use stictiond::sysid::spectrum;
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
 use stictiond::residual::Findings;
+use stictiond::sysid::spectrum;
 
 /// Points of a curve over time.
 const POINTS: usize = 1500;

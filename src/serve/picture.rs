@@ -1,11 +1,11 @@
 //! What is drawn behind a verdict: the stem that the friction implies, the stick-band over PV and OP, and what the
 //! residual looks like: its spectrum and its correlations.
 
-use crate::sysid::stats::{mean, median, range, sd};
 use crate::diagnosis::{Diagnosis, friction, region};
-use crate::sysid::spectrum;
 use crate::results::{Judged, Residuals};
 use crate::signal::Window;
+use crate::sysid::spectrum;
+use crate::sysid::stats::{mean, median, range, sd};
 
 /// Lags of the correlations (samples).
 const LAGS: usize = 40;
