@@ -12,10 +12,12 @@ use crate::sysid::valve::ValveModel;
 
 /// Score behind the best up to which a hypothesis is looked at closely (-).
 const REACH: f64 = 25.0;
+/// Score behind the best up to which a hypothesis is fitted to the end: beyond it its posterior is none (-).
+const CLOSE: f64 = 12.0;
 /// Kinds beside which friction is searched again.
 const SEARCHED: usize = 5;
 /// Valves beside which effects are screened.
-const SCREENED: usize = 3;
+const SCREENED: usize = 2;
 /// Proposals of one kind that are fitted, with friction and without.
 const FITTED: usize = 4;
 
@@ -58,7 +60,8 @@ impl Comparison<'_> {
 
     /// Screens every kind beside no friction and the best valves, and fits what promises most.
     fn propose(&mut self) {
-        let bases: Vec<Decided> = self.decided.iter().take(1 + if self.told.is_some() { 8 } else { SCREENED }).cloned().collect();
+        let bases: Vec<Decided> =
+            self.decided.iter().take(1 + if self.told.is_some() { 8 } else { SCREENED }).cloned().collect();
         let mut proposed = Vec::new();
         for (at, base) in bases.iter().enumerate() {
             lap("x");
@@ -133,7 +136,8 @@ impl Comparison<'_> {
         let most = self.decided.iter().map(|d| d.score).fold(f64::NEG_INFINITY, f64::max);
         for kind in self.leading() {
             for of in 0..3 {
-                let Some(best) = self.best(kind, |class| class == of).filter(|d| d.score > most - REACH) else {
+                let Some(best) = self.best(kind, |class| class == of).filter(|d| d.score > most - CLOSE)
+                else {
                     continue;
                 };
                 let anew = decide(self.data, best.hypothesis.clone(), None);
@@ -154,8 +158,7 @@ pub fn compare(
     told: Option<Kind>,
 ) -> Vec<Decided> {
     lap("begin");
-    let effort = if effects.effects.is_empty() { Effort::Whole } else { Effort::Near };
-    let valves = search(data, effects, pool, effort);
+    let valves = search(data, effects, pool, Effort::Near);
     add(pool, valves.iter().map(|found| found.valve));
     lap("search");
     let mut decided = vec![decide(data, effects.with_valve(None), None)];

@@ -12,7 +12,7 @@
 
 mod backward_elimination;
 mod checks;
-mod data_quality;
+pub mod data_quality;
 pub mod decide;
 pub mod effect;
 mod findings;
@@ -50,7 +50,14 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { most_effects: 3, f_threshold: 0.05, evidence_threshold: 20.0, only: None, friction: None, known: Vec::new() }
+        Self {
+            most_effects: 3,
+            f_threshold: 0.05,
+            evidence_threshold: 20.0,
+            only: None,
+            friction: None,
+            known: Vec::new(),
+        }
     }
 }
 

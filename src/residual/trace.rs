@@ -1,6 +1,5 @@
 //! The whole way from a diagnosed window to findings.
 
-use super::{Row, Settings};
 use super::backward_elimination::eliminate;
 use super::data_quality::{Fact, assess};
 use super::decide::{Decided, arx, decide};
@@ -10,10 +9,13 @@ use super::hypothesis::Hypothesis;
 use super::posterior::{class, log_prior};
 use super::report::report;
 use super::valve_search::{Effort, search};
+use super::{Row, Settings};
 use crate::diagnosis::{Diagnosis, Verdict, region};
 use crate::signal::Window;
+use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::{Rest, Start, StopRule, ValveModel};
+use std::cell::RefCell;
 
 /// What the selection ends with.
 pub struct Outcome {
@@ -56,7 +58,8 @@ fn stem(window: &Window, mv: &[f64], settings: &Settings) -> Option<Stem> {
 fn iddata(window: &Window) -> Option<IdData> {
     let found = region::analyse(&window.op);
     let start = region::start_of(&found, &window.op, 0, window.len() / 3);
-    let start = start.map_or(Start { index: 0, is_max: true }, |s| Start { index: s.index, is_max: s.is_max });
+    let start =
+        start.map_or(Start { index: 0, is_max: true }, |s| Start { index: s.index, is_max: s.is_max });
     IdData::new(window, start)
 }
 
@@ -75,17 +78,24 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     Some(report(outcome, diagnosis, settings))
 }
 
-/// Repairs what the signals alone show to be wrong; the pool of valves begins with those that are known.
+/// Repairs what the signals alone show to be wrong, and finds the valves of the repaired record.
 fn prepare(data: &mut IdData, settings: &Settings) -> (Vec<ValveModel>, Vec<Fact>) {
-    let pool = informed(settings, data.units.u);
+    let known = informed(settings, data.units.u);
+    let recorded = data.y.clone();
+    let valves = RefCell::new(None);
     let likeliest_stem = |data: &IdData| {
-        let found = search(data, &Hypothesis::default(), &[], Effort::Whole);
+        let found = search(data, &Hypothesis::default(), &known, Effort::Whole);
         let sound = arx(data, &Hypothesis::default(), None);
         let valve = found.first().filter(|found| found.score > sound.log_likelihood).map(|found| found.valve);
-        Hypothesis { valve, effects: Vec::new() }.stem(data).0
+        let stem = Hypothesis { valve, effects: Vec::new() }.stem(data).0;
+        valves.replace(Some((data.y.clone(), found)));
+        stem
     };
-    let facts = assess(data, &likeliest_stem, settings.only);
-    (pool, facts)
+    let facts = assess(data, &likeliest_stem, None);
+    // What was found on the record as it is now need not be found again.
+    let found = valves.into_inner().filter(|(y, _)| *y == data.y && recorded == data.y).map(|found| found.1);
+    let found = found.unwrap_or_else(|| search(data, &Hypothesis::default(), &known, Effort::Whole));
+    (found.into_iter().map(|found| found.valve).collect(), facts)
 }
 
 /// See [`super::first_step`].
@@ -97,7 +107,7 @@ pub fn first_step(window: &Window, settings: &Settings) -> Vec<Row> {
         kind: d.kind(),
         friction: class(&d.hypothesis),
         log_likelihood: d.model.log_likelihood,
-        cost: d.model.log_likelihood - d.score,
+        cost: TEMPERING * d.model.log_likelihood - d.score,
     };
     table(&decided, &Hypothesis::default()).decided().map(row).collect()
 }
@@ -110,8 +120,10 @@ fn informed(settings: &Settings, unit: f64) -> Vec<ValveModel> {
     let Some((f, j)) = settings.friction.filter(|friction| friction.0 > 0.0) else { return Vec::new() };
     let s = 2.0 * f / unit;
     let shares = j.map_or_else(|| vec![0.15, 0.3, 0.45, 0.6], |j| vec![j / (2.0 * f)]);
-    let rests = (0..=PLACES).flat_map(|i| [false, true].map(|turned| Rest { turned, beyond: i as f64 / PLACES as f64 }));
-    let valves = rests.flat_map(|rest| StopRule::ALL.map(|rule| ValveModel { s, rule, rest, ..ValveModel::default() }));
+    let rests = (0..=PLACES)
+        .flat_map(|i| [false, true].map(|turned| Rest { turned, beyond: i as f64 / PLACES as f64 }));
+    let valves = rests
+        .flat_map(|rest| StopRule::ALL.map(|rule| ValveModel { s, rule, rest, ..ValveModel::default() }));
     valves.flat_map(|valve| shares.iter().map(move |share| ValveModel { j: share * s, ..valve })).collect()
 }
 

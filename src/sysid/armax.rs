@@ -23,8 +23,8 @@ pub use start::{Start, hannan_rissanen};
 use super::iddata::IdData;
 use super::student;
 use super::zeros::draw_inside;
-pub use gradient::{Gradient, filtered};
 use gradient::Normal;
+pub use gradient::{Gradient, filtered};
 
 /// `na = nb = nc` of every model.
 pub const ORDER: usize = 3;
@@ -88,6 +88,8 @@ pub struct Armax {
     pub theta: Vec<f64>,
     /// Scale of the errors.
     pub scale: f64,
+    /// Their degrees of freedom (-).
+    pub nu: f64,
     /// Log-likelihood of the fitted rows.
     pub log_likelihood: f64,
 }
@@ -163,8 +165,12 @@ impl Armax {
             return;
         }
         let guess = if self.scale > 0.0 { self.scale } else { student::first_scale(e, weight) };
-        self.scale = student::scale(e, weight, guess);
-        self.log_likelihood = student::log_likelihood(e, weight, self.scale);
+        if self.nu <= 0.0 {
+            (self.scale, self.nu, self.log_likelihood) = student::tails(e, weight, guess);
+            return;
+        }
+        self.scale = student::scale(e, weight, guess, self.nu);
+        self.log_likelihood = student::log_likelihood(e, weight, self.scale, self.nu);
     }
 
     /// Maximises the likelihood from this model on, in at most `most` iterations.
@@ -177,6 +183,8 @@ impl Armax {
         let mut signals = input.signals(&self.theta);
         self.gamma.resize(signals.shapes.len(), 0.0);
         let mut at = self.errors(data, y, &signals, data.split);
+        // The tails are estimated anew where a fit begins.
+        self.nu = 0.0;
         self.rate(data, &at.e);
         let mut trial = Errors::default();
         let mut damping = DAMPING.0;

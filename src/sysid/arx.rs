@@ -50,6 +50,8 @@ pub struct ArxFit {
     pub omega: Vec<f64>,
     /// Scale of the errors.
     pub scale: f64,
+    /// Their degrees of freedom (-).
+    pub nu: f64,
     /// Log-likelihood.
     pub log_likelihood: f64,
     /// The factored weighted Gram matrix, its order the length of theta.
@@ -177,10 +179,9 @@ impl<'a> Arx<'a> {
             self.weighted(&columns, target, &omega, &mut scratch, &mut found);
             let guess = student::first_scale(&found.e, self.weight);
             let guess = if found.scale > 0.0 { found.scale } else { guess };
-            found.scale = student::scale(&found.e, self.weight, guess);
-            student::reweigh(&found.e, self.weight, found.scale, &mut omega);
+            (found.scale, found.nu, found.log_likelihood) = student::tails(&found.e, self.weight, guess);
+            student::reweigh(&found.e, self.weight, (found.scale, found.nu), &mut omega);
         }
-        found.log_likelihood = student::log_likelihood(&found.e, self.weight, found.scale);
         found.omega = omega;
         found
     }
@@ -236,8 +237,9 @@ mod tests {
     fn data(noise: f64) -> IdData {
         let n = 900;
         let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(1));
-        let op: Vec<f64> =
-            (0..n).map(|k| (0.21 * k as f64).sin() + (0.047 * k as f64).cos() + 0.1 * draw.next().unwrap_or(0.0)).collect();
+        let op: Vec<f64> = (0..n)
+            .map(|k| (0.21 * k as f64).sin() + (0.047 * k as f64).cos() + 0.1 * draw.next().unwrap_or(0.0))
+            .collect();
         let mut pv = vec![0.0; n];
         for k in 2..n {
             pv[k] = 0.8 * pv[k - 1] + 0.3 * op[k - 2] + noise * draw.next().unwrap_or(0.0);

@@ -7,12 +7,11 @@
 //! Where OP is noisy, a stem with thresholds half a per cent off goes other ways than the true one, and no grid is fine
 //! enough to meet it. The cells whose stems explain PV badly are left behind, the best go on.
 
-use super::cells::{Cell, Cells, FACTORS, Family, Range, Sample, middle};
+use super::cells::{Cell, Cells, FACTORS, Family, Range, Sample, stops};
 use crate::residual::hypothesis::Hypothesis;
 use crate::sysid::arx::{ArxFit, LAGS_X};
 use crate::sysid::iddata::IdData;
-use crate::sysid::student::FREEDOM;
-use crate::sysid::valve::{Rest, StopRule, ValveModel, growth};
+use crate::sysid::valve::{StopRule, ValveModel, growth};
 use std::array::from_fn;
 
 /// Cells that go on whatever part they began in, once many samples are rated.
@@ -37,7 +36,7 @@ const PARTS_OF_J: (usize, f64) = (6, 1.5);
 const PLACES: [(bool, f64); 5] = [(false, 0.0), (false, 0.5), (true, 0.0), (true, 0.5), (true, 1.0)];
 /// The same where nothing but a slip at the same sample makes two stems one: the start is never forgotten.
 const CLOSE_PLACES: usize = 12;
-const FARTHEST_PLACE: f64 = 0.86;
+const FARTHEST_PLACE: f64 = 0.98;
 /// Longest past kept (samples).
 const KEPT: usize = LAGS_X + 9;
 
@@ -58,14 +57,20 @@ impl<'a> Held<'a> {
         let from = data.first;
         let through = |k: usize| -> f64 { (0..LAGS_X).map(|j| b[j] * x[k - 1 - j]).sum() };
         let left = fit.e.iter().enumerate().map(|(row, e)| e + through(from + row)).collect();
-        Self { data, effects, left, b, per: 1.0 / (FREEDOM * fit.scale * fit.scale) }
+        Self { data, effects, left, b, per: 1.0 / (fit.nu * fit.scale * fit.scale) }
     }
 
-    /// The valves with the least losses of a family with S in `range`, `count` of them; `bands`: asymmetry and drift.
-    pub fn best(&self, family: Family, range: Range, bands: (f64, f64), count: usize) -> Vec<(f64, ValveModel)> {
+    /// The valves with the least losses of a family with S in `range`, `count` of them; `full`: what effects change about any.
+    pub fn best(
+        &self,
+        family: Family,
+        range: Range,
+        full: &ValveModel,
+        count: usize,
+    ) -> Vec<(f64, ValveModel)> {
         let data = self.data;
-        let (asymmetry, drift) = bands;
-        let mut cells = Cells::new(family, self.at_start(family, range), KEPT);
+        let ValveModel { asymmetry, drift, .. } = *full;
+        let mut cells = Cells::new(family, at_start(data, family, range, drift, &PLACES, CLOSE_PLACES), KEPT);
         let bends = self.effects.effects.iter().any(|effect| effect.bends());
         let bend = |k: usize, x: &mut [f64]| {
             if bends {
@@ -75,10 +80,10 @@ impl<'a> Held<'a> {
         let (mut order, mut goes_on, mut most) = (Vec::new(), Vec::new(), MOST);
         for k in data.start.index + 1..data.split {
             let grown = growth(drift, k, data.split).max(1e-3);
-            cells.step(k, Sample { u: data.u[k], grown, asymmetry }, &bend);
+            cells.step(k, Sample { u: data.u[k], grown, asymmetry, stops: stops(full) }, &bend);
             let Some(row) = k.checked_sub(data.first) else {
                 if cells.len() > UNRATED {
-                    widest(&cells, &mut order, &mut goes_on);
+                    widest(&cells, UNRATED / 2, 0.0, &mut order, &mut goes_on);
                     cells.retain(&goes_on);
                 }
                 continue;
@@ -98,43 +103,8 @@ impl<'a> Held<'a> {
         cells.count();
         let mut found: Vec<(f64, Cell)> = cells.loss.into_iter().zip(cells.cells).collect();
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let valve = |cell: &Cell| ValveModel { asymmetry, drift, ..cell.valve(family) };
+        let valve = |cell: &Cell| ValveModel { asymmetry, drift, stops: full.stops, ..cell.valve(family) };
         found.iter().take(count).map(|(loss, cell)| (*loss, valve(cell))).collect()
-    }
-
-    /// The cells of a family at the start.
-    fn at_start(&self, family: Family, range: Range) -> Vec<Cell> {
-        let wide = range.1 / range.0;
-        let parts = ((wide.ln() / PARTS_OF_S.0.ln()).ceil() as usize).clamp(1, PARTS_OF_S.1);
-        let s = |i: usize| range.0 * wide.powf(i as f64 / parts as f64);
-        let mut cells = Vec::new();
-        for i in 0..parts {
-            let s = (s(i), s(i + 1));
-            let (of_j, most) = PARTS_OF_J;
-            let j = |share: usize| most * s.1 * share as f64 / of_j as f64;
-            let shares: Vec<Range> = match family.ratio {
-                Some(ratio) => vec![(ratio * s.0, ratio * s.1)],
-                None => (0..of_j).map(|share| (j(share), j(share + 1))).collect(),
-            };
-            for (share, j) in shares.into_iter().enumerate() {
-                let start = |place| self.cell(s, j, i * of_j + share, place);
-                if family.rule == StopRule::Slip && family.ratio.is_some() {
-                    let rest = |i: usize| FARTHEST_PLACE * i as f64 / CLOSE_PLACES as f64;
-                    let places = (0..=CLOSE_PLACES).map(|i| (true, rest(i)));
-                    cells.extend(places.chain((1..=CLOSE_PLACES).map(|i| (false, rest(i)))).map(start));
-                } else {
-                    cells.extend(PLACES.into_iter().map(start));
-                }
-            }
-        }
-        cells
-    }
-
-    fn cell(&self, s: Range, j: Range, part: usize, (turned, beyond): (bool, f64)) -> Cell {
-        let start = self.data.start;
-        let direction = if start.is_max != turned { 1.0 } else { -1.0 };
-        let place = self.data.u[start.index] + direction * middle(s) * beyond;
-        Cell { s, j, part, place, direction, rest: Rest { turned, beyond } }
     }
 }
 
@@ -156,13 +126,67 @@ fn choose(cells: &Cells, order: &mut Vec<(f64, usize)>, goes_on: &mut Vec<bool>,
     }
 }
 
-/// Marks the widest cells: before any row is rated nothing else tells them apart.
-fn widest(cells: &Cells, order: &mut Vec<(f64, usize)>, goes_on: &mut Vec<bool>) {
+/// Marks the widest cells, `count` of them; by `tempered` times their loss, where rows were rated, less wide ones too.
+pub fn widest(
+    cells: &Cells,
+    count: usize,
+    tempered: f64,
+    order: &mut Vec<(f64, usize)>,
+    goes_on: &mut Vec<bool>,
+) {
     let size = |c: &Cell| (c.s.1 - c.s.0) * (c.j.1 - c.j.0 + 1e-12);
     order.clear();
-    order.extend(cells.cells.iter().enumerate().map(|(at, cell)| (size(cell), at)));
+    order.extend(
+        cells
+            .cells
+            .iter()
+            .zip(&cells.loss)
+            .enumerate()
+            .map(|(at, (cell, loss))| (size(cell).max(1e-300).ln() - tempered * loss, at)),
+    );
     order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     goes_on.clear();
     goes_on.resize(order.len(), false);
-    order.iter().take(UNRATED / 2).for_each(|&(_, at)| goes_on[at] = true);
+    order.iter().take(count).for_each(|&(_, at)| goes_on[at] = true);
+}
+
+/// The cells of a family at the start: the stem at `places`, or where the start is never forgotten at `close` and more.
+pub fn at_start(
+    data: &IdData,
+    family: Family,
+    range: Range,
+    drift: f64,
+    places: &[(bool, f64)],
+    close: usize,
+) -> Vec<Cell> {
+    let wide = range.1 / range.0;
+    let grown = growth(drift, data.start.index, data.split);
+    let parts = ((wide.ln() / PARTS_OF_S.0.ln()).ceil() as usize).clamp(1, PARTS_OF_S.1);
+    let s = |i: usize| range.0 * wide.powf(i as f64 / parts as f64);
+    let mut cells = Vec::new();
+    for i in 0..parts {
+        let s = (s(i), s(i + 1));
+        let (of_j, most) = PARTS_OF_J;
+        let j = |share: usize| most * s.1 * share as f64 / of_j as f64;
+        let shares: Vec<Range> = match family.ratio {
+            Some(ratio) => vec![(ratio * s.0, ratio * s.1)],
+            None => (0..of_j).map(|share| (j(share), j(share + 1))).collect(),
+        };
+        for (share, j) in shares.into_iter().enumerate() {
+            let start = |(turned, beyond): (bool, f64)| {
+                let direction = if data.start.is_max != turned { 1.0 } else { -1.0 };
+                let beyond = beyond * s.0;
+                let place = data.u[data.start.index] + direction * beyond * grown;
+                Cell { s, j, part: i * of_j + share, place, direction, turned, beyond }
+            };
+            if family.rule == StopRule::Slip && family.ratio.is_some() {
+                let rest = |i: usize| FARTHEST_PLACE * i as f64 / close as f64;
+                let places = (0..=close).map(|i| (true, rest(i)));
+                cells.extend(places.chain((1..=close).map(|i| (false, rest(i)))).map(start));
+            } else {
+                cells.extend(places.iter().copied().map(start));
+            }
+        }
+    }
+    cells
 }

@@ -3,37 +3,63 @@
 
 mod beam;
 mod cells;
+mod staged;
+#[cfg(test)]
+mod tests;
 
 use super::effect::EffectModel;
 use super::hypotheses::{Proposal, best};
 use super::hypothesis::Hypothesis;
 use super::screening::Screen;
 use crate::sysid::arx::{Arx, ArxFit};
-use crate::sysid::criterion::{REGULAR, THRESHOLD};
+use crate::sysid::criterion::{REGULAR, TEMPERING, THRESHOLD, score};
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::batch::{Batch, LANES};
-use crate::sysid::valve::{StopRule, ValveModel};
+use crate::sysid::valve::{Rest, StopRule, ValveModel};
 use beam::Held;
 use cells::Family;
+use staged::staged;
 
 /// Values of S in the grid: finer towards 0, since weak friction is a small share of the largest reversal.
 const VALUES: usize = 20;
 /// Power by which they crowd there.
 const CROWDED: f64 = 1.6;
-/// Ratios J/S in the grid.
-const RATIOS: [f64; 3] = [1.0, 0.5, 0.1];
+/// Rules and ratios J/S in the grid: those whose thresholds are no needles.
+const GRID: [(StopRule, f64); 4] =
+    [(StopRule::Reversal, 1.0), (StopRule::Reversal, 0.5), (StopRule::Reversal, 0.1), (StopRule::Stop, 1.0)];
+/// Finer grids about the best: steps as shares of S, and about how many of the values before.
+const FINER: [(f64, usize); 3] = [(0.02, 4), (0.007, 3), (0.0025, 2)];
+/// Rules and J/S of the valves that are sought by successive halving.
+const STAGED: [(StopRule, Option<f64>); 3] =
+    [(StopRule::Stop, None), (StopRule::Slip, None), (StopRule::Slip, Some(1.0))];
+/// The best of each that are kept, and the least distance of their S, as a share.
+const OF_STAGED: (usize, f64) = (2, 0.02);
 /// Fewest reversals of a stem that says anything about S.
 pub const LEAST_REVERSALS: f64 = 4.0;
-/// Valves of the grid from which the beam starts.
+/// Valves of the grid that are fitted.
 const STARTS: usize = 3;
 /// Least S, as a share of the largest.
 const LEAST_S: f64 = 0.01;
-/// Factor to each side of S in a narrow search.
-const NARROW: f64 = 1.6;
+/// Factor to each side of S in a beam: of every family about the leader, of a valve's own, and beside another effect.
+const WIDE: f64 = 3.0;
+const NARROW: f64 = 1.1;
+const BANDED: f64 = 1.6;
+/// Valves from which beams start, at most: where nothing is known of the valve, and where it is.
+const ROUNDS: (usize, usize) = (8, 3);
+/// How often the leader's dynamics are tried with every family.
+const EVERY: usize = 2;
+/// Score behind the best up to which a valve is a start (-).
+const REACH: f64 = 60.0;
+/// Valves of a beam that are ranked with dynamics of their own.
+const RANKED: usize = 16;
+/// Deviance above the start's up to which they are worth a fit: weights of outliers may change so much.
+const WORTH: f64 = 40.0;
 /// Valves returned.
 const RETURNED: usize = 4;
-/// Ratios J/S that are tried where J is no threshold.
-const LAGS: [f64; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.3];
+/// Ratios J/S tried where J is no threshold: up to this many steps, each so wide, then finer ones.
+const LAGS: (i32, f64, f64) = (13, 0.1, 0.02);
+/// Places at the start tried to each side, as shares of S.
+const RESTS: i32 = 10;
 
 /// A valve with its fit.
 #[derive(Clone, Debug)]
@@ -57,71 +83,6 @@ pub fn cost(valve: Option<&ValveModel>) -> (f64, f64) {
     (THRESHOLD + of_j, StopRule::ALL.len() as f64)
 }
 
-/// A fit of a valve beside `effects`, and what it is worth.
-fn rated(data: &IdData, arx: &Arx<'_>, effects: &Hypothesis, valve: ValveModel, near: Option<&ArxFit>) -> Found {
-    let hypothesis = effects.with_valve(Some(valve));
-    let x = hypothesis.to_process(data, hypothesis.stem(data).0);
-    let fit = arx.fit(&x, near);
-    let score = fit.log_likelihood - cost(Some(&valve)).0 * data.counted().ln();
-    Found { valve, fit, score }
-}
-
-/// The grid over families and S: the best valves of different families.
-fn grid(data: &IdData, arx: &Arx<'_>, effects: &Hypothesis) -> Vec<ValveModel> {
-    let mut best: Vec<(f64, ValveModel)> = Vec::new();
-    let s = |i: usize| 2.0 * data.f_max * (i as f64 / VALUES as f64).powf(CROWDED);
-    let mut full = ValveModel::default();
-    effects.effects.iter().for_each(|effect| effect.on_valve(&mut full));
-    let mut stems = Vec::new();
-    for rule in StopRule::ALL {
-        for ratio in RATIOS {
-            let valve = |i: usize| ValveModel { s: s(i), j: ratio * s(i), rule, ..full };
-            let mut found: Option<(f64, ValveModel)> = None;
-            for few in (1..=VALUES).collect::<Vec<_>>().chunks(LANES) {
-                let lanes: [ValveModel; LANES] =
-                    std::array::from_fn(|l| valve(few.get(l).copied().unwrap_or(few[few.len() - 1])));
-                let mut batch = Batch::new(&lanes, data.start, data.split);
-                batch.run(&data.u, &mut stems);
-                let turns = batch.turns();
-                for l in (0..few.len()).filter(|l| turns[*l] >= LEAST_REVERSALS) {
-                    let x: Vec<f64> = stems.iter().map(|x| x[l]).collect();
-                    let deviance = arx.deviance(&effects.to_process(data, x));
-                    if found.is_none_or(|found| deviance < found.0) {
-                        let plain = ValveModel { asymmetry: 0.0, drift: 0.0, ..lanes[l] };
-                        found = Some((deviance, plain));
-                    }
-                }
-            }
-            best.extend(found);
-        }
-    }
-    best.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // Dead bands of all rules are one valve.
-    best.dedup_by(|b, a| a.1.s == b.1.s && (a.1.j - b.1.j).abs() < 1e-9 && a.1.j < 0.2 * a.1.s);
-    best.into_iter().map(|found| found.1).collect()
-}
-
-/// The families of a beam search about a valve.
-fn families(about: &ValveModel) -> Vec<Family> {
-    let free = [StopRule::Stop, StopRule::Slip].map(|rule| Family { rule, ratio: None });
-    let tied = StopRule::ALL.map(|rule| Family { rule, ratio: Some(1.0) });
-    let ratio = about.j / about.s;
-    let lagging = if ratio == 1.0 { 0.5 } else { ratio };
-    let lagging = Family { rule: StopRule::Reversal, ratio: Some(lagging) };
-    free.into_iter().chain(tied).chain([lagging]).collect()
-}
-
-/// S from the least that is told from none to the largest at which a stem turns.
-fn whole(data: &IdData) -> (f64, f64) {
-    (2.0 * LEAST_S * data.f_max, 2.0 * data.f_max)
-}
-
-/// S about a valve's.
-fn about(data: &IdData, valve: &ValveModel) -> (f64, f64) {
-    let (least, most) = whole(data);
-    ((valve.s / NARROW).max(least).min(0.5 * most), (valve.s * NARROW).min(most))
-}
-
 /// How far a search goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
@@ -134,74 +95,271 @@ pub enum Effort {
 /// The valves that explain PV best beside the effects of `effects`, the best first and of different kinds.
 pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort: Effort) -> Vec<Found> {
     let shapes = effects.shapes(data);
-    let arx = Arx::new(data, &data.y, &shapes);
-    let mut found: Vec<Found> =
-        starts.iter().map(|valve| rated(data, &arx, effects, *valve, None)).collect();
+    let counted = all_counted(data);
+    let mut search = Search::new(data, effects, &shapes, &counted);
+    starts.iter().for_each(|valve| search.rate(*valve, None));
     if effort == Effort::Whole {
-        let few: Vec<ValveModel> = grid(data, &arx, effects).into_iter().take(STARTS).collect();
-        found.extend(few.into_iter().map(|valve| rated(data, &arx, effects, valve, None)));
+        search.grid().into_iter().take(STARTS).for_each(|valve| search.rate(valve, None));
+        search.halve();
     }
-    sort(&mut found);
-    let rounds = if effort == Effort::Whole { [2, 1] } else { [1, 1] };
-    for (round, starts) in rounds.into_iter().enumerate() {
-        let from: Vec<Found> = found.iter().take(starts).cloned().collect();
-        for start in &from {
-            improve(data, &arx, effects, start, round == 0 && effort == Effort::Whole, &mut found);
-        }
-        sort(&mut found);
-        if from.first().map(|f| f.valve) == found.first().map(|f| f.valve) {
+    for _ in 0..if effort == Effort::Whole { ROUNDS.0 } else { ROUNDS.1 } {
+        if !search.improve() {
             break;
         }
     }
-    let Some(leader) = found.first().cloned() else { return found };
-    lags(data, &arx, effects, &leader, &mut found);
-    sort(&mut found);
-    found.truncate(RETURNED);
-    found
+    search.finish()
 }
 
-/// Beams of every family with the dynamics of `start`.
-fn improve(
-    data: &IdData,
-    arx: &Arx<'_>,
-    effects: &Hypothesis,
-    start: &Found,
-    wide: bool,
-    found: &mut Vec<Found>,
-) {
-    let hypothesis = effects.with_valve(Some(start.valve));
-    let x = hypothesis.to_process(data, hypothesis.stem(data).0);
-    let held = Held::new(data, effects, &start.fit, &x);
-    let mut full = ValveModel::default();
-    effects.effects.iter().for_each(|effect| effect.on_valve(&mut full));
-    let range = if wide { whole(data) } else { about(data, &start.valve) };
-    for family in families(&start.valve) {
-        for (_, valve) in held.best(family, range, (full.asymmetry, full.drift), 1) {
-            let plain = ValveModel { asymmetry: 0.0, drift: 0.0, ..valve };
-            found.push(rated(data, arx, effects, plain, Some(&start.fit)));
+/// The record with PV drawn straight through the samples that do not count: deviances are quick where all do.
+fn all_counted(data: &IdData) -> IdData {
+    let mut filled = data.clone();
+    let mut last = None;
+    for k in (0..data.len()).filter(|k| data.weight[*k] > 0.0) {
+        let from = last.map_or(0, |last: usize| last + 1);
+        let before = data.y[last.unwrap_or(k)];
+        for (i, y) in filled.y[from..k].iter_mut().enumerate() {
+            *y = before + (data.y[k] - before) * (i + 1) as f64 / (k - from + 1) as f64;
+        }
+        last = Some(k);
+    }
+    filled.weight.fill(1.0);
+    filled
+}
+
+/// S from the least that is told from none to the largest at which a stem turns.
+fn whole(data: &IdData) -> (f64, f64) {
+    (2.0 * LEAST_S * data.f_max, 2.0 * data.f_max)
+}
+
+/// S about a valve's, by this factor.
+fn about(data: &IdData, valve: &ValveModel, by: f64) -> (f64, f64) {
+    let (least, most) = whole(data);
+    ((valve.s / by).max(least).min(0.5 * most), (valve.s * by).min(most))
+}
+
+/// A search under way.
+struct Search<'a> {
+    data: &'a IdData,
+    effects: &'a Hypothesis,
+    shapes: &'a [Vec<f64>],
+    arx: Arx<'a>,
+    /// What ranks valves before they are fitted.
+    counted: &'a IdData,
+    ranking: Arx<'a>,
+    /// What the effects change about any valve.
+    full: ValveModel,
+    /// What was found, and whether it was a start already.
+    found: Vec<(Found, bool)>,
+    /// How often every family was tried.
+    every: usize,
+}
+
+impl<'a> Search<'a> {
+    fn new(data: &'a IdData, effects: &'a Hypothesis, shapes: &'a [Vec<f64>], counted: &'a IdData) -> Self {
+        let mut full = ValveModel::default();
+        effects.effects.iter().for_each(|effect| effect.on_valve(&mut full));
+        let [arx, ranking] = [data, counted].map(|data| Arx::new(data, &data.y, shapes));
+        Self { data, effects, full, shapes, arx, counted, ranking, found: Vec::new(), every: 0 }
+    }
+
+    /// The stem of a valve as the process sees it.
+    fn stem(&self, valve: ValveModel) -> Vec<f64> {
+        let hypothesis = self.effects.with_valve(Some(valve));
+        hypothesis.to_process(self.data, hypothesis.stem(self.data).0)
+    }
+
+    /// Fits a valve, unless it was.
+    fn rate(&mut self, valve: ValveModel, near: Option<&ArxFit>) {
+        if !valve.is_valid() || self.found.iter().any(|(found, _)| found.valve == valve) {
+            return;
+        }
+        let fit = self.arx.fit(&self.stem(valve), near);
+        let (rate, alternatives) = cost(Some(&valve));
+        let score = score(fit.log_likelihood, rate, alternatives, self.data.counted());
+        if score.is_finite() {
+            self.found.push((Found { valve, fit, score }, false));
         }
     }
-}
 
-/// The leader as a valve that rests at reversals only, with other lags.
-fn lags(data: &IdData, arx: &Arx<'_>, effects: &Hypothesis, leader: &Found, found: &mut Vec<Found>) {
-    for ratio in LAGS {
-        let valve = ValveModel { j: ratio * leader.valve.s, rule: StopRule::Reversal, ..leader.valve };
-        found.push(rated(data, arx, effects, valve, Some(&leader.fit)));
+    /// Successive halving over the valves whose thresholds may be needles.
+    fn halve(&mut self) {
+        for (rule, ratio) in STAGED {
+            let rate = |short: &IdData, valves: &[ValveModel]| {
+                self.deviances(short, &Arx::new(short, &short.y, self.shapes), valves)
+            };
+            let found = staged(self.counted, &self.full, Family { rule, ratio }, whole(self.data), rate);
+            let mut taken: Vec<f64> = Vec::new();
+            for valve in found {
+                if taken.len() < OF_STAGED.0 && taken.iter().all(|s| (valve.s / s - 1.0).abs() > OF_STAGED.1)
+                {
+                    taken.push(valve.s);
+                    self.rate(valve, None);
+                }
+            }
+        }
+    }
+
+    /// Deviances of valves on `data`, each with dynamics of its own; infinite where the stem hardly turns in all of the record.
+    fn deviances(&self, data: &IdData, arx: &Arx<'_>, valves: &[ValveModel]) -> Vec<f64> {
+        let mut stems = Vec::new();
+        let mut all = Vec::with_capacity(valves.len());
+        for few in valves.chunks(LANES) {
+            let lanes: [ValveModel; LANES] = std::array::from_fn(|l| {
+                let own = few[l.min(few.len() - 1)];
+                ValveModel {
+                    asymmetry: self.full.asymmetry,
+                    drift: self.full.drift,
+                    stops: self.full.stops,
+                    ..own
+                }
+            });
+            let mut batch = Batch::new(&lanes, data.start, self.data.split);
+            batch.run(&data.u[..data.split], &mut stems);
+            let turns = batch.turns();
+            all.extend((0..few.len()).map(|l| {
+                if turns[l] < LEAST_REVERSALS && data.split == self.data.split {
+                    return f64::INFINITY;
+                }
+                let x: Vec<f64> = stems.iter().map(|x| x[l]).collect();
+                arx.deviance(&self.effects.to_process(self.data, x))
+            }));
+        }
+        all
+    }
+
+    /// The valves by their deviance less twice the cost, the best first.
+    fn ranked(&self, valves: &[ValveModel]) -> Vec<(f64, ValveModel)> {
+        let each = 2.0 * self.data.counted().ln() / TEMPERING;
+        let costs = valves.iter().map(|valve| each * cost(Some(valve)).0);
+        let mut ranked: Vec<(f64, ValveModel)> = self
+            .deviances(self.counted, &self.ranking, valves)
+            .into_iter()
+            .zip(costs)
+            .zip(valves)
+            .filter(|((deviance, _), _)| deviance.is_finite())
+            .map(|((deviance, cost), valve)| (deviance + cost, *valve))
+            .collect();
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ranked
+    }
+
+    /// The grid over families and S: the best valves of different families.
+    fn grid(&self) -> Vec<ValveModel> {
+        let s = |i: usize| 2.0 * self.data.f_max * (i as f64 / VALUES as f64).powf(CROWDED);
+        let mut best: Vec<(f64, ValveModel)> = Vec::new();
+        for (rule, ratio) in GRID {
+            let with = |s: f64| ValveModel { s, j: ratio * s, rule, ..ValveModel::default() };
+            let coarse: Vec<ValveModel> = (1..=VALUES).map(|i| with(s(i))).collect();
+            let mut found = self.ranked(&coarse);
+            for (step, few) in FINER {
+                found.truncate(few);
+                let finer: Vec<ValveModel> = found
+                    .iter()
+                    .flat_map(|f| [-3, -2, -1, 1, 2, 3].map(|i| with(f.1.s * (1.0 + step * f64::from(i)))))
+                    .filter(|v| v.s < 2.0 * self.data.f_max)
+                    .collect();
+                found.extend(self.ranked(&finer));
+                found.sort_by(|a, b| a.0.total_cmp(&b.0));
+            }
+            best.extend(found.into_iter().take(1));
+        }
+        best.sort_by(|a, b| a.0.total_cmp(&b.0));
+        best.into_iter().map(|found| found.1).collect()
+    }
+
+    /// Beams with the dynamics of the best valve that was no start yet; whether there was one.
+    fn improve(&mut self) -> bool {
+        let leader = self.found.iter().map(|f| f.0.score).fold(f64::NEG_INFINITY, f64::max);
+        let open = self.found.iter_mut().filter(|(found, used)| !used && found.score > leader - REACH);
+        let Some(next) = open.max_by(|a, b| a.0.score.total_cmp(&b.0.score)) else { return false };
+        next.1 = true;
+        let start = next.0.clone();
+        let leads = start.score == leader;
+        let held = Held::new(self.data, self.effects, &start.fit, &self.stem(start.valve));
+        let every = leads && self.every < EVERY;
+        self.every += usize::from(every);
+        let range = about(self.data, &start.valve, if every { WIDE } else { NARROW });
+        let own = self.ranked(&[start.valve]).first().map_or(f64::INFINITY, |own| own.0);
+        for family in families(&start.valve) {
+            if !every && kind_of(family) != kind(&start.valve) {
+                continue;
+            }
+            let found = held.best(family, range, &self.full, RANKED);
+            let plain: Vec<ValveModel> = found
+                .into_iter()
+                .map(|(_, valve)| ValveModel { asymmetry: 0.0, drift: 0.0, stops: None, ..valve })
+                .collect();
+            let ranked = self.ranked(&plain);
+            let worth = |valve: &&(f64, ValveModel)| valve.0 < own + WORTH;
+            let best = ranked.first().filter(worth);
+            let first = ranked.iter().find(|r| Some(&r.1) == plain.first()).filter(worth);
+            for valve in best.into_iter().chain(first) {
+                self.rate(valve.1, Some(&start.fit));
+            }
+        }
+        self.lags(&start);
+        self.rests(&start, own);
+        true
+    }
+
+    /// The valve as one that rests at reversals only, with the lag that explains most.
+    fn lags(&mut self, of: &Found) {
+        let s = of.valve.s;
+        let with = |ratio: f64| ValveModel { j: ratio * s, rule: StopRule::Reversal, ..of.valve };
+        let coarse: Vec<ValveModel> = (0..=LAGS.0).map(|i| with(LAGS.1 * f64::from(i))).collect();
+        let Some(best) = self.ranked(&coarse).first().copied() else { return };
+        let ratio = best.1.j / s;
+        let fine: Vec<ValveModel> =
+            (-4..=4).map(|i| with((ratio + LAGS.2 * f64::from(i)).max(0.0))).collect();
+        let Some(best) = self.ranked(&fine).first().copied() else { return };
+        self.rate(best.1, Some(&of.fit));
+    }
+
+    /// The valve from other places at the start; `own`: its rank from its own.
+    fn rests(&mut self, of: &Found, own: f64) {
+        let places = [false, true].into_iter().flat_map(|turned| (0..=RESTS).map(move |i| (turned, i)));
+        let with = |(turned, i)| {
+            let rest = Rest { turned, beyond: f64::from(i) / f64::from(RESTS) };
+            ValveModel { rest, ..of.valve }
+        };
+        let others: Vec<ValveModel> = places.map(with).collect();
+        let best = self.ranked(&others).first().copied().filter(|best| best.0 < own);
+        best.into_iter().for_each(|best| self.rate(best.1, Some(&of.fit)));
+    }
+
+    /// The best first, one of each kind.
+    fn finish(self) -> Vec<Found> {
+        let mut found: Vec<Found> = self.found.into_iter().map(|found| found.0).collect();
+        found.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let mut seen = Vec::new();
+        found.retain(|found| {
+            let new = !seen.contains(&kind(&found.valve));
+            seen.push(kind(&found.valve));
+            new
+        });
+        found.truncate(RETURNED);
+        found
     }
 }
 
-/// The best first, one of each kind: rule and whether J is S.
-fn sort(found: &mut Vec<Found>) {
-    found.retain(|found| found.score.is_finite() && found.valve.is_valid());
-    found.sort_by(|a, b| b.score.total_cmp(&a.score));
-    let mut seen: Vec<(StopRule, bool)> = Vec::new();
-    found.retain(|found| {
-        let kind = (found.valve.rule, found.valve.j == found.valve.s);
-        let new = !seen.contains(&kind);
-        seen.push(kind);
-        new
-    });
+/// The families of a beam search about a valve.
+fn families(about: &ValveModel) -> Vec<Family> {
+    let free = [StopRule::Stop, StopRule::Slip].map(|rule| Family { rule, ratio: None });
+    let tied = StopRule::ALL.map(|rule| Family { rule, ratio: Some(1.0) });
+    let ratio = about.j / about.s;
+    let lagging = if ratio == 1.0 { 0.5 } else { ratio };
+    let lagging = Family { rule: StopRule::Reversal, ratio: Some(lagging) };
+    free.into_iter().chain(tied).chain([lagging]).collect()
+}
+
+/// What tells valves apart whose best are each kept: the rule, and whether J is S.
+fn kind(valve: &ValveModel) -> (StopRule, bool) {
+    (valve.rule, valve.j == valve.s)
+}
+
+/// The same of a family.
+fn kind_of(family: Family) -> (StopRule, bool) {
+    (family.rule, family.ratio == Some(1.0))
 }
 
 /// Proposals of an effect that changes the bands: the best valve of the present rule at each value of it.
@@ -226,14 +384,14 @@ pub fn banded(
         let mut bands = full;
         set(&mut bands, value);
         if bands.asymmetry.abs() < 0.95 && bands.drift.abs() < 0.95 {
-            let found = held.best(family, about(data, &own), (bands.asymmetry, bands.drift), 1);
+            let found = held.best(family, about(data, &own, BANDED), &bands, 1);
             rated.extend(found.into_iter().map(|(loss, valve)| (loss, value, valve)));
         }
     }
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
     rated.truncate(2);
     let proposals = rated.into_iter().map(|(_, value, valve)| {
-        let plain = ValveModel { asymmetry: own.asymmetry, drift: own.drift, ..valve };
+        let plain = ValveModel { asymmetry: own.asymmetry, drift: own.drift, stops: own.stops, ..valve };
         let effect = effect(value);
         let other = base.with_valve(Some(plain)).with(effect.boxed());
         let x = other.to_process(data, other.stem(data).0);

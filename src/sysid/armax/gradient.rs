@@ -44,7 +44,12 @@ impl Gradient {
         let at = model.errors(data, y, &signals, data.split);
         let rows = data.rows();
         let mut omega = vec![0.0; rows.len()];
-        student::reweigh(&at.e[rows.clone()], &data.weight[rows.clone()], model.scale, &mut omega);
+        student::reweigh(
+            &at.e[rows.clone()],
+            &data.weight[rows.clone()],
+            (model.scale, model.nu),
+            &mut omega,
+        );
         let columns = columns(data, model, &input.smooth(), &signals, input, &at);
         Self { columns, omega, errors: at.e[rows].to_vec(), signals }
     }
@@ -88,7 +93,7 @@ impl Normal {
         let mut columns = columns(data, model, smooth, signals, input, at);
         columns.push(at.e[rows.clone()].to_vec());
         let mut omega = vec![0.0; rows.len()];
-        student::reweigh(&at.e[rows.clone()], &data.weight[rows], model.scale, &mut omega);
+        student::reweigh(&at.e[rows.clone()], &data.weight[rows], (model.scale, model.nu), &mut omega);
         omega.iter_mut().for_each(|omega| *omega = omega.sqrt());
         for column in &mut columns {
             column.iter_mut().zip(&omega).for_each(|(c, omega)| *c *= omega);

@@ -21,6 +21,7 @@ pub struct Batch {
     ahead: Lane,
     band: Lane,
     asymmetry: Lane,
+    limits: [Lane; 2],
     direction: Lane,
     position: Lane,
     turns: Lane,
@@ -41,6 +42,7 @@ impl Batch {
             ahead: rested,
             band: of(|v| v.s),
             asymmetry: of(|v| v.asymmetry),
+            limits: [of(|v| v.limits().0), of(|v| v.limits().1)],
             direction: from_fn(|l| if start.is_max != valves[l].rest.turned { 1.0 } else { -1.0 }),
             position: [0.0; LANES],
             turns: [0.0; LANES],
@@ -73,7 +75,7 @@ impl Batch {
     /// The samples after the start; without branches, so that it becomes vectors.
     #[inline(always)]
     fn steps<const CONSTANT: bool>(&mut self, from: usize, u: &[f64], x: &mut [Lane]) {
-        let Self { drift, lag, ahead_after: [moved, rested], band, asymmetry, span, .. } = *self;
+        let Self { drift, lag, ahead_after: [moved, rested], band, asymmetry, span, limits, .. } = *self;
         let Self { mut ahead, mut direction, mut position, mut turns, .. } = *self;
         for (k, (&u, x)) in u.iter().zip(x).enumerate() {
             let grown: Lane =
@@ -82,7 +84,8 @@ impl Batch {
             let turn = |l: usize| -onward[l] > band[l] * grown[l] * (1.0 + asymmetry[l] * direction[l]);
             let goes = |l: usize| turn(l) || onward[l] > ahead[l] * grown[l];
             let after: Lane = from_fn(|l| if goes(l) { moved[l] } else { rested[l] });
-            let place: Lane = from_fn(|l| if goes(l) { u } else { position[l] });
+            let held: Lane = from_fn(|l| u.max(limits[0][l]).min(limits[1][l]));
+            let place: Lane = from_fn(|l| if goes(l) { held[l] } else { position[l] });
             let back: Lane = from_fn(|l| if turn(l) { -direction[l] } else { direction[l] });
             turns = from_fn(|l| turns[l] + if turn(l) { 1.0 } else { 0.0 });
             (ahead, position, direction) = (after, place, back);
@@ -119,6 +122,7 @@ mod tests {
                 rest: Rest { turned: has[0], beyond },
                 asymmetry: given(has[1], a),
                 drift: given(has[2], d),
+                stops: has[1].then_some((-0.5, 0.4)),
             }
         })
     }

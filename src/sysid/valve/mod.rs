@@ -5,6 +5,8 @@
 //! p[k] = u[k]      where the stem moves,   p[k-1] where it rests
 //! dir  = direction of the last move, +1 or -1
 //!
+//! p is held within the stops.
+//!
 //! The stem turns     where  dir (p - u) > S
 //! The stem goes on   where  dir (u - p) > J after a rest, > 0 otherwise
 //! ```
@@ -69,6 +71,8 @@ pub struct ValveModel {
     pub asymmetry: f64,
     /// S and J grow from `1 - drift` to `1 + drift` times themselves over the fitted samples (-).
     pub drift: f64,
+    /// Mechanical stops of the stem, where there are some (OP unit): OP goes on beyond them, the stem does not.
+    pub stops: Option<(f64, f64)>,
 }
 
 impl ValveModel {
@@ -94,6 +98,12 @@ impl ValveModel {
             && (0.0..=1.0).contains(&self.rest.beyond)
             && self.asymmetry.abs() < 1.0
             && self.drift.abs() < 1.0
+    }
+
+    /// Where OP at most moves `p` to: the stem is at a stop there.
+    pub fn limits(&self) -> (f64, f64) {
+        let (low, high) = self.stops.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+        (low - self.lag().max(0.0), high + self.lag().max(0.0))
     }
 
     /// Factor on S and J at sample `k` of `span` fitted ones.
@@ -158,7 +168,8 @@ impl Stem {
         let turns = -onward > valve.s * grown * (1.0 + valve.asymmetry * self.direction);
         let ahead = if self.rests { valve.j * grown } else { 0.0 };
         if turns || onward > ahead {
-            self.position = u;
+            let (low, high) = valve.limits();
+            self.position = u.max(low).min(high);
             self.direction = if turns { -self.direction } else { self.direction };
             self.rests = valve.rule == StopRule::Slip;
         } else {
@@ -222,6 +233,18 @@ mod tests {
         let valve = ValveModel { asymmetry: 0.5, ..ValveModel::one_parameter(1.0) };
         // Down takes more than 3, up more than 1.
         assert_eq!(run(valve, &u, MAX_AT_1).0, [0.0, 4.0, 4.0, 0.5, 2.0, 3.6]);
+    }
+
+    #[test]
+    fn a_stem_at_its_stop_leaves_it_when_the_force_has_turned() {
+        // S = 2, J = 1, a stop at 3: the stem is there from OP 3.5 on, and leaves it where OP is below 3.5 - S.
+        let valve =
+            ValveModel { s: 2.0, j: 1.0, stops: Some((f64::NEG_INFINITY, 3.0)), ..ValveModel::default() };
+        let u = [0.0, 1.0, 3.0, 5.0, 4.0, 2.0, 1.6, 1.4, 1.0];
+        assert_eq!(
+            run(valve, &u, Start { index: 0, is_max: true }).0,
+            [-0.5, 0.5, 2.5, 3.0, 3.0, 3.0, 3.0, 1.9, 1.5]
+        );
     }
 
     #[test]

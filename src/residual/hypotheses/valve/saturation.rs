@@ -1,16 +1,18 @@
 //! The stem runs into a stop: `min(x, level)` or `max(x, level)`.
 //!
-//! Parameter: level (OP unit), rate 1/2 as that of any kink. Alternatives: above or below.
+//! Parameter: level (OP unit), rate 1/2 as that of any kink. Alternatives: above or below; the stem itself is held, so that
+//! it leaves the stop only when the force has turned, or what passes the valve is limited behind it.
 
 use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::{Proposal, Propose, best};
+use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::Screen;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
 use crate::sysid::stats::quantile;
+use crate::sysid::valve::ValveModel;
 
 /// Levels tried to each side: the stem is beyond them for these shares of the time.
 const SHARES: [f64; 8] = [0.01, 0.03, 0.06, 0.1, 0.16, 0.24, 0.34, 0.45];
@@ -24,6 +26,8 @@ pub struct Saturations;
 struct Stop {
     level: f64,
     above: bool,
+    /// Whether the stem itself is held.
+    held: bool,
     bounds: (f64, f64),
 }
 
@@ -38,7 +42,7 @@ impl EffectModel for Stop {
         REGULAR
     }
     fn alternatives(&self) -> f64 {
-        2.0
+        4.0
     }
     fn smooth(&self) -> Vec<Smooth> {
         vec![Smooth { value: self.level, step: 1e-3, bounds: self.bounds }]
@@ -47,7 +51,14 @@ impl EffectModel for Stop {
         self.level = theta[0];
     }
     fn bends(&self) -> bool {
-        true
+        !self.held
+    }
+    fn on_valve(&self, valve: &mut ValveModel) {
+        if self.held {
+            let (low, high) = valve.stops.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+            valve.stops =
+                Some(if self.above { (low, high.min(self.level)) } else { (low.max(self.level), high) });
+        }
     }
     fn bend(&self, _data: &IdData, _k: usize, x: &mut [f64]) {
         for x in x {
@@ -83,15 +94,21 @@ impl Propose for Saturations {
         for above in [false, true] {
             for share in SHARES {
                 let level = quantile(own, if above { 1.0 - share } else { share });
-                let stop = Stop { level, above, bounds };
+                let stop = Stop { level, above, held: false, bounds };
                 let mut x = stem.clone();
                 stop.bend(data, 0, &mut x);
                 // A part of the stem that does not arrive: its coefficient is -1 where all of it is lost.
                 let lost: Vec<f64> = x.iter().zip(stem).map(|(x, stem)| x - stem).collect();
                 let gain = screen.model.alone(screen.stem(&lost)).0;
-                out.push(Proposal::new(stop, gain));
+                out.push((stop, gain));
             }
         }
-        best(out, screen.most(LEVELS))
+        out.sort_by(|a: &(Stop, f64), b| b.1.total_cmp(&a.1));
+        out.truncate(screen.most(LEVELS));
+        if screen.hypothesis().valve.is_some() {
+            let held = out.iter().map(|(stop, gain)| (Stop { held: true, ..stop.clone() }, *gain));
+            out.extend(held.collect::<Vec<_>>());
+        }
+        out.into_iter().map(|(stop, gain)| Proposal::new(stop, gain)).collect()
     }
 }

@@ -1,0 +1,238 @@
+//! How often the search for a valve misses the best one, and what it costs.
+//!
+//! A record's best score is the largest that any search has reached, among them one that starts from the true valve in many
+//! forms. With a file as `--known` the best scores are kept between runs, so that versions are compared with the same.
+
+#[path = "../tests/generators/mod.rs"]
+mod generators;
+#[path = "../tests/diagnosis_common/parallel.rs"]
+mod parallel;
+
+use generators::{Case, Generator, Size, Truth};
+use std::collections::BTreeMap;
+use stictiond_numerics::diagnosis::{self, gate, region};
+use stictiond_numerics::residual::Kind;
+use stictiond_numerics::residual::hypothesis::Hypothesis;
+use stictiond_numerics::residual::valve_search::{Effort, Found, search};
+use stictiond_numerics::sysid::iddata::IdData;
+use stictiond_numerics::sysid::valve::{Rest, Start, StopRule, ValveModel};
+
+/// Score behind the best at which a valve counts as missed.
+const MISSED: f64 = 2.0;
+
+/// What is asked for.
+struct Args {
+    generators: String,
+    seeds: std::ops::Range<u64>,
+    effects: bool,
+    each: bool,
+    near: bool,
+    informed: bool,
+    known: Option<String>,
+    threads: usize,
+}
+
+impl Args {
+    fn read() -> Self {
+        let mut args = Self {
+            generators: "ABC".into(),
+            seeds: 1..7,
+            effects: false,
+            each: false,
+            near: false,
+            informed: true,
+            known: None,
+            threads: 2,
+        };
+        let mut given = std::env::args().skip(1);
+        while let Some(name) = given.next() {
+            let mut value = || given.next().expect("a value");
+            match name.as_str() {
+                "--gen" => args.generators = value(),
+                "--from" => args.seeds.start = value().parse().expect("a seed"),
+                "--to" => args.seeds.end = value().parse().expect("a seed"),
+                "--known" => args.known = Some(value()),
+                "--threads" => args.threads = value().parse().expect("a number"),
+                "--effects" => args.effects = true,
+                "--each" => args.each = true,
+                "--near" => args.near = true,
+                "--uninformed" => args.informed = false,
+                other => panic!("{other}?"),
+            }
+        }
+        args
+    }
+}
+
+fn main() {
+    let args = Args::read();
+    let mut known = BTreeMap::new();
+    if let Some(text) = args.known.as_ref().and_then(|file| std::fs::read_to_string(file).ok()) {
+        for line in text.lines() {
+            let (key, score) = line.rsplit_once(' ').expect("a key and a score");
+            known.insert(key.to_string(), score.parse::<f64>().expect("a score"));
+        }
+    }
+    for generator in [generators::a::A, generators::b::B, generators::c::C] {
+        if args.generators.contains(generator.name) {
+            rates(&generator, &args, &mut known);
+        }
+    }
+    if let Some(file) = args.known.as_ref().filter(|_| args.informed) {
+        let text: String = known.iter().map(|(key, score)| format!("{key} {score}\n")).collect();
+        std::fs::write(file, text).expect("the file can be written");
+    }
+}
+
+/// Sticky records.
+fn cases(generator: &Generator, args: &Args) -> Vec<Case> {
+    let direct = [Kind::QuantisedPv, Kind::Outliers, Kind::FrozenPv, Kind::ClockSkew, Kind::SlipJump];
+    let kinds: Vec<Option<Kind>> = if args.effects {
+        Kind::ALL.into_iter().filter(|kind| !direct.contains(kind)).map(Some).collect()
+    } else {
+        vec![None]
+    };
+    let mut cases = Vec::new();
+    for effect in kinds {
+        for seed in args.seeds.clone() {
+            for variant in 0..(generator.variants)(effect) {
+                cases.push(Case { effect, size: Size::Medium, variant, seed, tags: 0 });
+            }
+        }
+    }
+    cases
+}
+
+/// The true valve in many forms.
+fn informed(data: &IdData, truth: &Truth) -> Vec<ValveModel> {
+    let s = 2.0 * truth.f / data.units.u;
+    let js = if truth.j.is_finite() {
+        vec![truth.j / data.units.u]
+    } else {
+        [0.15, 0.3, 0.45, 0.6].map(|r| r * s).to_vec()
+    };
+    let mut all = Vec::new();
+    for rule in StopRule::ALL {
+        for &j in &js {
+            let tied = j > 0.9 * s;
+            let places = if tied && rule == StopRule::Slip { 20 } else { 4 };
+            for place in 0..=places {
+                for turned in [false, true] {
+                    let rest = Rest { turned, beyond: f64::from(place) / f64::from(places) };
+                    all.push(ValveModel {
+                        s,
+                        j: if tied { s } else { j },
+                        rule,
+                        rest,
+                        ..ValveModel::default()
+                    });
+                }
+            }
+        }
+    }
+    all
+}
+
+/// Time of the processor that this thread has had (ms): others may keep it busy.
+fn cpu() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").expect("Linux tells it");
+    text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).expect("a number") / 1e6
+}
+
+/// One record.
+struct Out {
+    key: String,
+    name: String,
+    truth: Truth,
+    unit: f64,
+    found: Option<Found>,
+    best: f64,
+    ms: f64,
+    near: f64,
+}
+
+fn judge(generator: &Generator, case: &Case, args: &Args, known: &BTreeMap<String, f64>) -> Option<Out> {
+    let (record, truth) = (generator.record)(case);
+    if truth.f <= 0.0 {
+        return None;
+    }
+    let (window, _) = gate::gate(&record, &diagnosis::Settings::default()).ok()?;
+    let found = region::analyse(&window.op);
+    let start = region::start_of(&found, &window.op, 0, window.len() / 3)
+        .map_or(Start { index: 0, is_max: true }, |s| Start { index: s.index, is_max: s.is_max });
+    let data = IdData::new(&window, start)?;
+    let none = Hypothesis::default();
+    let key = format!(
+        "{} {} {} {}",
+        generator.name,
+        case.effect.map_or("clean".into(), |k| k.to_string()),
+        case.variant,
+        case.seed
+    );
+    let t = cpu();
+    let found = search(&data, &none, &[], Effort::Whole).into_iter().next();
+    let ms = cpu() - t;
+    let score = |found: &Option<Found>| found.as_ref().map_or(f64::NEG_INFINITY, |found| found.score);
+    let mut best = score(&found).max(known.get(&key).copied().unwrap_or(f64::NEG_INFINITY));
+    if args.informed {
+        let told = search(&data, &none, &informed(&data, &truth), Effort::Whole);
+        best = best.max(score(&told.into_iter().next()));
+    }
+    let mut near = 0.0;
+    if args.near {
+        let starts: Vec<ValveModel> =
+            found.iter().map(|found| ValveModel { s: 1.05 * found.valve.s, ..found.valve }).collect();
+        let t = cpu();
+        search(&data, &none, &starts, Effort::Near);
+        near = cpu() - t;
+    }
+    Some(Out { key, name: truth.name.clone(), unit: data.units.u, truth, found, best, ms, near })
+}
+
+/// The value below which a share of them lie.
+fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.get((values.len() as f64 * share) as usize).copied().unwrap_or(0.0)
+}
+
+fn rates(generator: &Generator, args: &Args, known: &mut BTreeMap<String, f64>) {
+    let shared = &*known;
+    let out =
+        parallel::on(args.threads, cases(generator, args), |case| judge(generator, &case, args, shared));
+    let out: Vec<Out> = out.into_iter().flatten().collect();
+    let mut behind = Vec::new();
+    for o in &out {
+        let score = o.found.as_ref().map_or(f64::NEG_INFINITY, |found| found.score);
+        let short = (o.best - score).min(1e3);
+        behind.push(short);
+        known.insert(o.key.clone(), o.best);
+        if args.each && short > MISSED {
+            let v = o.found.as_ref().map(|found| found.valve).unwrap_or_default();
+            println!(
+                "   {} {}: S {:.3} J {:.3}, found S {:.3} J {:.3} {:?} {:?}, short {short:.1}",
+                o.key,
+                o.name,
+                2.0 * o.truth.f,
+                o.truth.j,
+                v.s * o.unit,
+                v.j * o.unit,
+                v.rule,
+                v.rest
+            );
+        }
+    }
+    let n = out.len() as f64;
+    println!(
+        "{} {} records {n}: missed {:.1} %, mean shortfall {:.2} (at most 20: {:.2}); ms median {:.1} 90 % {:.1}; near {:.1} {:.1}",
+        generator.name,
+        if args.effects { "effects" } else { "clean" },
+        100.0 * behind.iter().filter(|b| **b > MISSED).count() as f64 / n,
+        behind.iter().sum::<f64>() / n,
+        behind.iter().map(|b| b.min(20.0)).sum::<f64>() / n,
+        quantile(out.iter().map(|o| o.ms), 0.5),
+        quantile(out.iter().map(|o| o.ms), 0.9),
+        quantile(out.iter().map(|o| o.near), 0.5),
+        quantile(out.iter().map(|o| o.near), 0.9),
+    );
+}
