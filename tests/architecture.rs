@@ -17,9 +17,11 @@ use std::path::{Path, PathBuf};
 /// Top modules and what each may import of the others. A module that is not listed is refused: say here who may see it.
 const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("signal", &[]),
-    ("diagnosis", &["signal"]),
+    // Identification is the floor under both: it knows records, and what is asked of them it does not.
+    ("sysid", &["signal"]),
+    ("diagnosis", &["signal", "sysid"]),
     ("sim", &["signal"]),
-    ("residual", &["signal", "diagnosis"]),
+    ("residual", &["signal", "sysid", "diagnosis"]),
     ("compensation", &["signal"]),
     ("plot", &[]),
     ("reproduce", &["signal", "diagnosis", "sim", "compensation", "plot"]),
@@ -39,6 +41,8 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
         "serve",
         &[
             "signal",
+            // For what is drawn: spectra and spreads.
+            "sysid",
             "access",
             "audit",
             "compensation",
@@ -110,6 +114,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
         "cli",
         &[
             "signal",
+            "sysid",
             "access",
             "plot",
             "audit",
@@ -135,7 +140,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
 ];
 
 /// No clock, file, socket, task, log or unseeded number: the same input gives the same answer.
-const PURE: &[&str] = &["signal", "diagnosis", "residual", "sim", "compensation", "alarm"];
+const PURE: &[&str] = &["signal", "sysid", "diagnosis", "residual", "sim", "compensation", "alarm"];
 /// What PURE modules may use from outside.
 const NUMERICS: &[&str] =
     &["multiversion", "nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];
