@@ -19,7 +19,7 @@ const SEARCHED: usize = 5;
 /// Valves beside which effects are screened.
 const SCREENED: usize = 2;
 /// Proposals of one kind that are fitted, with friction and without.
-const FITTED: usize = 4;
+const FITTED: usize = 5;
 
 /// The hypotheses with at most one effect more than the `count` that all share.
 pub struct Comparison<'a> {
@@ -64,14 +64,10 @@ impl Comparison<'_> {
             self.decided.iter().take(1 + if self.told.is_some() { 8 } else { SCREENED }).cloned().collect();
         let mut proposed = Vec::new();
         for (at, base) in bases.iter().enumerate() {
-            lap("x");
             let mut screen = Screen::new(self.data, base);
-            lap("screen");
             for hypothesis in ALL {
                 screen.thorough = self.told == Some(hypothesis.kind());
-                lap("y");
                 let proposals = hypothesis.propose(&screen);
-                lap(hypothesis.kind().as_str());
                 for proposal in proposals {
                     let other = base.hypothesis.with(proposal.effect);
                     let other = other.with_valve(proposal.valve.or(base.hypothesis.valve));
@@ -80,7 +76,6 @@ impl Comparison<'_> {
                 }
             }
         }
-        lap("z");
         proposed.sort_by(|a, b| b.0.total_cmp(&a.0));
         let enough = proposed.first().map_or(0.0, |best| best.0) - 2.0 * REACH;
         let mut taken: Vec<(Kind, bool)> = Vec::new();
@@ -157,38 +152,18 @@ pub fn compare(
     pool: &mut Vec<ValveModel>,
     told: Option<Kind>,
 ) -> Vec<Decided> {
-    lap("begin");
     let valves = search(data, effects, pool, Effort::Near);
     add(pool, valves.iter().map(|found| found.valve));
-    lap("search");
     let mut decided = vec![decide(data, effects.with_valve(None), None)];
     decided.extend(
         valves.iter().map(|found| decide(data, effects.with_valve(Some(found.valve)), Some(&found.fit))),
     );
     let mut comparison = Comparison { data, count: effects.effects.len(), decided, told };
-    lap("nulls");
     comparison.propose();
-    lap("propose");
     comparison.search_beside(pool);
-    lap("beside");
     comparison.offer(pool);
-    lap("offer");
     comparison.settle();
-    lap("settle");
     comparison.decided
-}
-
-fn lap(name: &str) {
-    use std::cell::Cell;
-    use std::time::Instant;
-    thread_local!(static LAST: Cell<Option<Instant>> = const { Cell::new(None) });
-    if std::env::var("LAP").is_ok() {
-        let now = Instant::now();
-        if let Some(last) = LAST.get() {
-            eprintln!("{name} {:.1}", (now - last).as_secs_f64() * 1e3);
-        }
-        LAST.set(Some(now));
-    }
 }
 
 /// Adds valves that are new.

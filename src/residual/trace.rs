@@ -2,7 +2,7 @@
 
 use super::backward_elimination::eliminate;
 use super::data_quality::{Fact, assess};
-use super::decide::{Decided, arx, decide};
+use super::decide::{Decided, arx, decide, scored};
 use super::findings::{Findings, Kind, Stem};
 use super::forward_selection::{compare, table};
 use super::hypothesis::Hypothesis;
@@ -85,8 +85,9 @@ fn prepare(data: &mut IdData, settings: &Settings) -> (Vec<ValveModel>, Vec<Fact
     let valves = RefCell::new(None);
     let likeliest_stem = |data: &IdData| {
         let found = search(data, &Hypothesis::default(), &known, Effort::Whole);
-        let sound = arx(data, &Hypothesis::default(), None);
-        let valve = found.first().filter(|found| found.score > sound.log_likelihood).map(|found| found.valve);
+        let sound =
+            scored(data, &Hypothesis::default(), arx(data, &Hypothesis::default(), None).log_likelihood);
+        let valve = found.first().filter(|found| found.score > sound).map(|found| found.valve);
         let stem = Hypothesis { valve, effects: Vec::new() }.stem(data).0;
         valves.replace(Some((data.y.clone(), found)));
         stem

@@ -1,8 +1,10 @@
 //! The zeros of a polynomial in q^-1: whether they lie inside a circle, and how they are kept there.
 
-use crate::diagnosis::armax::ORDER;
 use nalgebra::Complex;
 use std::f64::consts::TAU;
+
+/// Largest order of a polynomial.
+pub const ORDER: usize = 6;
 
 /// Share of the radius by which a zero that is drawn in ends inside, so that rounding does not put it outside again.
 pub const MARGIN: f64 = 1e-6;

@@ -23,11 +23,6 @@ const MOST: f64 = 8.0;
 /// The changes of gain.
 pub struct GainChanges;
 
-/// Informed.
-pub fn informed(at: usize, log_ratio: f64) -> Box<dyn EffectModel> {
-    Box::new(Change { at, log_ratio })
-}
-
 #[derive(Clone, Debug)]
 struct Change {
     at: usize,
