@@ -45,7 +45,8 @@ fn asked() -> Asked {
         match arg.as_str() {
             "--gen" => asked.generators = value(&mut args),
             "--seed" => {
-                let (first, count) = (value(&mut args).parse().expect("a number"), asked.seeds.end - asked.seeds.start);
+                let (first, count) =
+                    (value(&mut args).parse().expect("a number"), asked.seeds.end - asked.seeds.start);
                 asked.seeds = first..first + count;
             }
             "--seeds" => {
@@ -92,7 +93,11 @@ fn judge(generator: &Generator, case: Case) -> Option<Told> {
     let start = region::start_of(&found, &window.op, 0, window.len() / 3)
         .map_or(Start { index: 0, is_max: true }, |s| Start { index: s.index, is_max: s.is_max });
     let mut data = IdData::new(&window, start)?;
-    let facts = assess(&mut data, &stem, std::env::var("ONLY").ok().and_then(|n| Kind::ALL.into_iter().find(|k| k.as_str() == n)));
+    let facts = assess(
+        &mut data,
+        &stem,
+        std::env::var("ONLY").ok().and_then(|n| Kind::ALL.into_iter().find(|k| k.as_str() == n)),
+    );
     Some(Told { case, name: truth.name, facts })
 }
 
@@ -103,7 +108,8 @@ fn rates(generator: &Generator, asked: &Asked) {
             let case = |variant| Case { effect: kind, size: Size::Medium, variant, seed, tags: 0 };
             cases.extend((0..(generator.variants)(kind)).map(case));
         }
-        let told: Vec<Told> = parallel::each(cases, |case| judge(generator, case)).into_iter().flatten().collect();
+        let told: Vec<Told> =
+            parallel::each(cases, |case| judge(generator, case)).into_iter().flatten().collect();
         let has = |told: &Told, kind| told.facts.iter().any(|fact| Some(fact.kind) == kind);
         let right = told.iter().filter(|told| has(told, kind)).count();
         let mut wrong: BTreeMap<&str, usize> = BTreeMap::new();
@@ -111,13 +117,23 @@ fn rates(generator: &Generator, asked: &Asked) {
             *wrong.entry(fact.kind.as_str()).or_default() += 1;
         }
         let name = kind.map_or("clean", Kind::as_str);
-        let own = if kind.is_some_and(|kind| FACTS.contains(&kind)) { format!("told {right:3}") } else { " ".repeat(8) };
+        let own = if kind.is_some_and(|kind| FACTS.contains(&kind)) {
+            format!("told {right:3}")
+        } else {
+            " ".repeat(8)
+        };
         println!("{} {name:22} {own} of {:3}, else {wrong:?}", generator.name, told.len());
         for told in told.iter().filter(|_| asked.each) {
             let missed = own.starts_with("told") && !has(told, kind);
             let odd = missed || told.facts.iter().any(|fact| Some(fact.kind) != kind);
             if odd || std::env::var("ALL").is_ok() {
-                println!("    v{} seed {} {}{}", told.case.variant, told.case.seed, told.name, if missed { ": missed" } else { "" });
+                println!(
+                    "    v{} seed {} {}{}",
+                    told.case.variant,
+                    told.case.seed,
+                    told.name,
+                    if missed { ": missed" } else { "" }
+                );
                 for fact in &told.facts {
                     println!("        {} {:.3}: {}", fact.kind, fact.posterior, fact.described.explanation);
                 }

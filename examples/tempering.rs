@@ -28,7 +28,8 @@ fn main() {
         for effect in kinds.chain([None; 10]) {
             for variant in 0..(generator.variants)(effect) {
                 for seed in first..first + seeds {
-                    let seed = seed + 1000 * cases.iter().filter(|c: &&Case| c.effect.is_none()).count() as u64;
+                    let seed =
+                        seed + 1000 * cases.iter().filter(|c: &&Case| c.effect.is_none()).count() as u64;
                     cases.push(Case { effect, size: Size::Medium, variant, seed, tags: 3 });
                 }
             }
@@ -58,12 +59,17 @@ fn main() {
                 // What no fit sees is not to be had at any price.
                 sum += p.max(1e-3).ln();
                 n += 1;
-                let named = Kind::ALL.into_iter().find(|kind| mass(&|row| row.kind == Some(*kind)) > 0.5 * mass(&|_| true));
+                let named = Kind::ALL
+                    .into_iter()
+                    .find(|kind| mass(&|row| row.kind == Some(*kind)) > 0.5 * mass(&|_| true));
                 right += usize::from(named == case.effect);
                 wrong += usize::from(named.is_some() && named != case.effect);
                 missed += usize::from(named.is_none() && case.effect.is_some());
             }
-            println!("{tempering:.2}: mean log score {:.4}, right {right}, wrong {wrong}, missed {missed} of {n}", sum / n as f64);
+            println!(
+                "{tempering:.2}: mean log score {:.4}, right {right}, wrong {wrong}, missed {missed} of {n}",
+                sum / n as f64
+            );
         }
     }
 }

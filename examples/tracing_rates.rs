@@ -93,7 +93,9 @@ fn clean(generator: &Generator, options: &Options) -> Vec<Case> {
 fn rates(generator: &Generator, options: &Options) {
     let mut all = Vec::new();
     println!("## Generator {}\n", generator.name);
-    println!("| true effect | first named right | of identifiable | none | abstained | wrong first | also invented |");
+    println!(
+        "| true effect | first named right | of identifiable | none | abstained | wrong first | also invented |"
+    );
     println!("|---|---|---|---|---|---|---|");
     let mut spent = Vec::new();
     for &kind in &options.effects {
@@ -110,7 +112,8 @@ fn rates(generator: &Generator, options: &Options) {
     reliability(&all, &quiet);
     friction(&all, &quiet);
     spent.sort_by(f64::total_cmp);
-    let at = |share: f64| spent.get(((spent.len().max(1) - 1) as f64 * share) as usize).copied().unwrap_or(0.0);
+    let at =
+        |share: f64| spent.get(((spent.len().max(1) - 1) as f64 * share) as usize).copied().unwrap_or(0.0);
     println!("ms a record, wall: median {:.0}, 90 % {:.0}, worst {:.0}\n", at(0.5), at(0.9), at(1.0));
 }
 
@@ -151,7 +154,12 @@ fn show(found: &[Judged], each: bool) {
 
 fn invented(quiet: &[Judged]) {
     let wrong: Vec<&Judged> = quiet.iter().filter(|j| !j.beside().is_empty()).collect();
-    println!("Nothing hidden: an effect is invented on {} of {}, {}", wrong.len(), quiet.len(), wilson(wrong.len(), quiet.len()));
+    println!(
+        "Nothing hidden: an effect is invented on {} of {}, {}",
+        wrong.len(),
+        quiet.len(),
+        wilson(wrong.len(), quiet.len())
+    );
     println!("  by kind: {}", counted(wrong.iter().flat_map(|j| j.beside()).map(Kind::as_str)));
     let worse = quiet.iter().filter(|j| j.simulates_worse).count();
     println!("  free run worse than the declared model's on {worse}\n");
@@ -165,7 +173,12 @@ fn reliability(all: &[Judged], quiet: &[Judged]) {
     for (low, high) in [(0.5, 0.7), (0.7, 0.9), (0.9, 0.99), (0.99, 1.01)] {
         let own: Vec<bool> = named.iter().filter(|(p, _)| (low..high).contains(p)).map(|n| n.1).collect();
         let right = own.iter().filter(|right| **right).count();
-        println!("| {low} to {:.2} | {} | {right}, {} |", f64::min(high, 1.0), own.len(), wilson(right, own.len()));
+        println!(
+            "| {low} to {:.2} | {} | {right}, {} |",
+            f64::min(high, 1.0),
+            own.len(),
+            wilson(right, own.len())
+        );
     }
     println!();
 }

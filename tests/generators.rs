@@ -118,6 +118,9 @@ mod b {
     /// Smallest and largest value.
     fn ends(series: &Series) -> (f64, f64) {
         series.iter().fold((f64::MAX, f64::MIN), |(low, high), s| (low.min(s.value), high.max(s.value)))
+    }
+}
+
 mod c {
     use stictiond_numerics::residual::Kind;
     use stictiond_numerics::signal::Series;

@@ -100,8 +100,8 @@ fn high_pass(j: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::sysid::stats::{sd, variance};
     use super::*;
+    use crate::sysid::stats::{sd, variance};
     use proptest::prelude::*;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};

@@ -10,8 +10,8 @@
 //! Source: Golub & Pereyra, SIAM J. Numer. Anal. 1973, 10, 413 (variable projection).
 
 use super::armax::{ORDER, Orders, Signals, Theta, Workspace};
-use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 use super::screen::{Candidate, Lags, products, sums};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Single real zeros for C of order 1.
 const REAL: [f64; 12] = [0.97, 0.93, 0.85, 0.7, 0.5, 0.25, -0.2, -0.5, -0.7, -0.83, -0.91, -0.96];

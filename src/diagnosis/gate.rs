@@ -5,9 +5,9 @@
 //! by linear interpolation between neighbouring good samples, and refuses what says nothing about a valve.
 
 use super::history_kind::recognise;
-use crate::sysid::stats::{mean, median, quantile, range};
 use super::{NotIdentifiable, Preparation, Settings};
 use crate::signal::{Quality, Record, Sample, Window};
+use crate::sysid::stats::{mean, median, quantile, range};
 
 /// A hole of more than this many sample periods ends a stretch.
 const LONGEST_HOLE: f64 = 6.0;

@@ -5,8 +5,8 @@
 //! Every rule asks for something that measuring does not do. Means over blocks that do not overlap leave no trace in what
 //! is left, and are not recognised.
 
-use crate::sysid::stats::{median, quantile};
 use crate::signal::{Role, Sample};
+use crate::sysid::stats::{median, quantile};
 use std::fmt;
 
 /// Fewest samples that say anything.

@@ -10,9 +10,9 @@
 //! The sticky model has to be better than each by AIC, every parameter of the rival paid for.
 
 use super::armax::{LOSS_FLOOR, Signals};
-use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 use super::screen::{LONG_Y, Screen};
 use super::search::Problem;
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 use crate::sysid::spectrum;
 use crate::sysid::stats::range;
 use std::f64::consts::TAU;

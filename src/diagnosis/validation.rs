@@ -6,9 +6,9 @@
 use super::Residual;
 use super::armax::{Lag, Signals, Workspace, draw_inside};
 use super::friction::stick_slip;
+use super::search::{Problem, Refined};
 use crate::sysid::least_squares::dot;
 use crate::sysid::whiteness::is_white;
-use super::search::{Problem, Refined};
 
 /// Share of the window that the model is fitted on.
 pub const FITTED_SHARE: f64 = 0.7;

@@ -12,12 +12,12 @@ use super::region::{self, Region};
 use super::rivals::Rival;
 use super::screen::{LONGEST_DELAY, Screen};
 use super::search::{GridPoint, LEAST_REVERSALS, Problem, Refined, Searcher};
-use crate::sysid::stats::{mean, range, sd};
 use super::{
     CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Settings, Verdict,
 };
 use super::{armax, gate, validation};
 use crate::signal::{Record, Window};
+use crate::sysid::stats::{mean, range, sd};
 
 /// Fewest large extrema of OP in the window.
 const LEAST_EXTREMA: usize = 4;

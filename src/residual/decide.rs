@@ -89,7 +89,11 @@ pub fn decide_quick(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Deci
     let start = hannan_rissanen(data, &y, &signals, &long, &theta).into_iter().next();
     let Some(start) = start else { return warm };
     let model = start.model.fit(data, &data.y, &input, NEAR);
-    if model.log_likelihood > warm.model.log_likelihood { Decided::new(data, hypothesis, model) } else { warm }
+    if model.log_likelihood > warm.model.log_likelihood {
+        Decided::new(data, hypothesis, model)
+    } else {
+        warm
+    }
 }
 
 /// Looks to each side of the last effect's parameters in which the likelihood jumps, on finer and finer steps.
@@ -104,7 +108,8 @@ pub fn refine(data: &IdData, mut best: Decided) -> Decided {
                 let mut hypothesis = best.hypothesis.clone();
                 hypothesis.effects[count - 1] = other;
                 let tried = decide_near(data, hypothesis, &best.model);
-                if tried.score > best.score && better.as_ref().is_none_or(|b: &Decided| tried.score > b.score) {
+                if tried.score > best.score && better.as_ref().is_none_or(|b: &Decided| tried.score > b.score)
+                {
                     better = Some(tried);
                 }
             }

@@ -60,7 +60,8 @@ impl Comparison<'_> {
 
     /// Screens every kind beside no friction and the best valves, and fits what promises most.
     fn propose(&mut self) {
-        let bases: Vec<Decided> = self.decided.iter().take(1 + if self.told.is_some() { 8 } else { SCREENED }).cloned().collect();
+        let bases: Vec<Decided> =
+            self.decided.iter().take(1 + if self.told.is_some() { 8 } else { SCREENED }).cloned().collect();
         let mut proposed = Vec::new();
         for (at, base) in bases.iter().enumerate() {
             lap("x");
@@ -135,7 +136,8 @@ impl Comparison<'_> {
         let most = self.decided.iter().map(|d| d.score).fold(f64::NEG_INFINITY, f64::max);
         for kind in self.leading() {
             for of in 0..3 {
-                let Some(best) = self.best(kind, |class| class == of).filter(|d| d.score > most - CLOSE) else {
+                let Some(best) = self.best(kind, |class| class == of).filter(|d| d.score > most - CLOSE)
+                else {
                     continue;
                 };
                 let anew = decide(self.data, best.hypothesis.clone(), None);

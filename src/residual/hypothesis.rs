@@ -2,10 +2,10 @@
 
 use super::Kind;
 use super::effect::EffectModel;
-use std::borrow::Cow;
 use crate::sysid::armax::{Input, Signals, Smooth};
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::{StopRule, ValveModel};
+use std::borrow::Cow;
 
 /// Step of a difference quotient for J, as a share of S.
 const STEP_OF_J: f64 = 1e-3;

@@ -50,7 +50,14 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { most_effects: 3, f_threshold: 0.05, evidence_threshold: 20.0, only: None, friction: None, known: Vec::new() }
+        Self {
+            most_effects: 3,
+            f_threshold: 0.05,
+            evidence_threshold: 20.0,
+            only: None,
+            friction: None,
+            known: Vec::new(),
+        }
     }
 }
 

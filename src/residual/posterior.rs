@@ -41,7 +41,9 @@ impl<'a> Table<'a> {
             let kind = decided.kind().filter(|_| decided.hypothesis.effects.len() > count);
             let log = decided.score + if kind.is_some() { prior } else { -(2.0f64).ln() };
             let class = class(&decided.hypothesis);
-            let same = |row: &&mut (&Decided, Option<Kind>, f64)| row.1 == kind && self::class(&row.0.hypothesis) == class;
+            let same = |row: &&mut (&Decided, Option<Kind>, f64)| {
+                row.1 == kind && self::class(&row.0.hypothesis) == class
+            };
             // Parameters are integrated by their rates: of hypotheses that differ in those alone the best stands for all.
             match rows.iter_mut().find(same) {
                 Some(row) if row.2 < log => *row = (decided, kind, log),
@@ -53,7 +55,8 @@ impl<'a> Table<'a> {
     }
 
     fn log(&self, which: impl Fn(&Decided, Option<Kind>) -> bool) -> f64 {
-        let logs: Vec<f64> = self.rows.iter().filter(|(d, kind, _)| which(d, *kind)).map(|row| row.2).collect();
+        let logs: Vec<f64> =
+            self.rows.iter().filter(|(d, kind, _)| which(d, *kind)).map(|row| row.2).collect();
         log_sum(logs.iter().copied())
     }
 
@@ -80,7 +83,11 @@ impl<'a> Table<'a> {
     }
 
     /// The same among the hypotheses with another property.
-    pub fn log_odds_within(&self, within: impl Fn(&Decided) -> bool, which: impl Fn(&Decided) -> bool) -> f64 {
+    pub fn log_odds_within(
+        &self,
+        within: impl Fn(&Decided) -> bool,
+        which: impl Fn(&Decided) -> bool,
+    ) -> f64 {
         self.log(|d, _| within(d) && which(d)) - self.log(|d, _| within(d) && !which(d))
     }
 

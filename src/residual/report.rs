@@ -1,5 +1,6 @@
 //! What was found, in the plant's units.
 
+use super::decide::Decided;
 use super::findings::{Curves, Effect, Findings, Friction, Kind, Parameter};
 use super::hypothesis::OnData;
 use super::interval::interval;
@@ -12,7 +13,6 @@ use crate::sysid::iddata::IdData;
 use crate::sysid::simulate::simulate;
 use crate::sysid::valve::ValveModel;
 use crate::sysid::whiteness::is_white;
-use super::decide::Decided;
 
 /// J is another than S where they differ by more than this share of S: no model of a valve holds closer.
 const APART: f64 = 0.1;
@@ -107,7 +107,11 @@ fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
         one_step_rmse: rms(&|k| e[k]),
         free_run_rmse: rms(&|k| free[k] - data.y[k]),
     };
-    Judged { residual, e, free: simulate(&decided.model, data, &signals, &vec![0.0; data.len()], data.first, stretch) }
+    Judged {
+        residual,
+        e,
+        free: simulate(&decided.model, data, &signals, &vec![0.0; data.len()], data.first, stretch),
+    }
 }
 
 /// Puts what was found into the plant's units; the held-out samples are read here, once.
@@ -172,7 +176,12 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     }
 }
 
-fn named(kind: Kind, (posterior, delta_aic): (f64, f64), tag: Option<String>, described: Described) -> Effect {
+fn named(
+    kind: Kind,
+    (posterior, delta_aic): (f64, f64),
+    tag: Option<String>,
+    described: Described,
+) -> Effect {
     let Described { parameters, place, explanation } = described;
     Effect { kind, posterior, delta_aic, tag, parameters, place, explanation }
 }
@@ -214,7 +223,9 @@ fn friction_found(
         posterior: probability(log_odds),
     };
     let reason = match &verdict {
-        Verdict::Stiction => format!("f = {f:.3} [{:.3}, {:.3}], evidence {evidence:.0}", within[0], within[1]),
+        Verdict::Stiction => {
+            format!("f = {f:.3} [{:.3}, {:.3}], evidence {evidence:.0}", within[0], within[1])
+        }
         Verdict::NoStiction => format!(
             "no friction needed, evidence {:.0}; f up to {hidden:.3} could be hidden",
             friction.delta_aic

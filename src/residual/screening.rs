@@ -152,7 +152,8 @@ impl ScoreTest {
                 }
                 self.forward(&mut solved);
                 let powers = onset.iter().zip(&self.omega[rows.clone()]);
-                let own = own + powers.map(|(value, omega)| (value * value - last * last) * omega).sum::<f64>();
+                let own =
+                    own + powers.map(|(value, omega)| (value * value - last * last) * omega).sum::<f64>();
                 let r = r + dot(&first, &self.we[rows]);
                 let left = own - dot(&solved, &solved);
                 if left > INDEPENDENT * own {

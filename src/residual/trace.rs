@@ -1,6 +1,5 @@
 //! The whole way from a diagnosed window to findings.
 
-use super::{Row, Settings};
 use super::backward_elimination::eliminate;
 use super::data_quality::{Fact, assess};
 use super::decide::{Decided, arx, decide};
@@ -10,12 +9,13 @@ use super::hypothesis::Hypothesis;
 use super::posterior::{class, log_prior};
 use super::report::report;
 use super::valve_search::{Effort, search};
+use super::{Row, Settings};
 use crate::diagnosis::{Diagnosis, Verdict, region};
 use crate::signal::Window;
-use std::cell::RefCell;
 use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::{Rest, Start, StopRule, ValveModel};
+use std::cell::RefCell;
 
 /// What the selection ends with.
 pub struct Outcome {
@@ -58,7 +58,8 @@ fn stem(window: &Window, mv: &[f64], settings: &Settings) -> Option<Stem> {
 fn iddata(window: &Window) -> Option<IdData> {
     let found = region::analyse(&window.op);
     let start = region::start_of(&found, &window.op, 0, window.len() / 3);
-    let start = start.map_or(Start { index: 0, is_max: true }, |s| Start { index: s.index, is_max: s.is_max });
+    let start =
+        start.map_or(Start { index: 0, is_max: true }, |s| Start { index: s.index, is_max: s.is_max });
     IdData::new(window, start)
 }
 
@@ -119,8 +120,10 @@ fn informed(settings: &Settings, unit: f64) -> Vec<ValveModel> {
     let Some((f, j)) = settings.friction.filter(|friction| friction.0 > 0.0) else { return Vec::new() };
     let s = 2.0 * f / unit;
     let shares = j.map_or_else(|| vec![0.15, 0.3, 0.45, 0.6], |j| vec![j / (2.0 * f)]);
-    let rests = (0..=PLACES).flat_map(|i| [false, true].map(|turned| Rest { turned, beyond: i as f64 / PLACES as f64 }));
-    let valves = rests.flat_map(|rest| StopRule::ALL.map(|rule| ValveModel { s, rule, rest, ..ValveModel::default() }));
+    let rests = (0..=PLACES)
+        .flat_map(|i| [false, true].map(|turned| Rest { turned, beyond: i as f64 / PLACES as f64 }));
+    let valves = rests
+        .flat_map(|rest| StopRule::ALL.map(|rule| ValveModel { s, rule, rest, ..ValveModel::default() }));
     valves.flat_map(|valve| shares.iter().map(move |share| ValveModel { j: share * s, ..valve })).collect()
 }
 

@@ -23,8 +23,8 @@ pub use start::{Start, hannan_rissanen};
 use super::iddata::IdData;
 use super::student;
 use super::zeros::draw_inside;
-pub use gradient::{Gradient, filtered};
 use gradient::Normal;
+pub use gradient::{Gradient, filtered};
 
 /// `na = nb = nc` of every model.
 pub const ORDER: usize = 3;

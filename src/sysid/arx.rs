@@ -237,8 +237,9 @@ mod tests {
     fn data(noise: f64) -> IdData {
         let n = 900;
         let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(1));
-        let op: Vec<f64> =
-            (0..n).map(|k| (0.21 * k as f64).sin() + (0.047 * k as f64).cos() + 0.1 * draw.next().unwrap_or(0.0)).collect();
+        let op: Vec<f64> = (0..n)
+            .map(|k| (0.21 * k as f64).sin() + (0.047 * k as f64).cos() + 0.1 * draw.next().unwrap_or(0.0))
+            .collect();
         let mut pv = vec![0.0; n];
         for k in 2..n {
             pv[k] = 0.8 * pv[k - 1] + 0.3 * op[k - 2] + noise * draw.next().unwrap_or(0.0);

@@ -120,7 +120,10 @@ mod tests {
         // One standard error of the scale is about 0.0018 here.
         assert!((s - 0.3).abs() < 0.006, "{s}");
         let best = log_likelihood(&e, &weight, s, FREEDOM);
-        assert!(best > log_likelihood(&e, &weight, 0.98 * s, FREEDOM) && best > log_likelihood(&e, &weight, 1.02 * s, FREEDOM));
+        assert!(
+            best > log_likelihood(&e, &weight, 0.98 * s, FREEDOM)
+                && best > log_likelihood(&e, &weight, 1.02 * s, FREEDOM)
+        );
     }
 
     #[test]

@@ -81,7 +81,12 @@ impl Judged {
 
     /// The case in a line.
     pub fn line(&self) -> String {
-        let names: Vec<String> = self.named.iter().zip(&self.evidence).map(|((kind, p), e)| format!("{kind} {p:.2} ({e:.0})")).collect();
+        let names: Vec<String> = self
+            .named
+            .iter()
+            .zip(&self.evidence)
+            .map(|((kind, p), e)| format!("{kind} {p:.2} ({e:.0})"))
+            .collect();
         let of = |c: &(Option<Kind>, f64)| format!("{} {:.2}", c.0.map_or("none", Kind::as_str), c.1);
         let candidates: Vec<String> = self.candidates.iter().map(of).collect();
         format!(

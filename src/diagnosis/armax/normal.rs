@@ -1,8 +1,8 @@
 //! The normal equations of one iteration, and the step they give within the bounds.
 
+use super::{Lag, MAX_PARAMETERS, Orders, RHO, Theta};
 use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
 use crate::sysid::zeros::{MARGIN, draw_inside, is_inside, outward, zeros};
-use super::{Lag, MAX_PARAMETERS, Orders, RHO, Theta};
 
 /// Signals of a column: y, z, e, the constant, and the derivative by the lag.
 const Y: usize = 0;

@@ -1,7 +1,7 @@
 //! From hand values over exact recovery to bounded error.
 
-use crate::sysid::zeros::{outward, zeros};
 use super::*;
+use crate::sysid::zeros::{outward, zeros};
 use nalgebra::DMatrix;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};

@@ -105,8 +105,11 @@ fn describe(data: &IdData, shift: Shift) -> Described {
         return skew(format!("PV's stamps are {} against OP's: the controller says so", told(first)));
     }
     let (from, to) = (told(first), told(last));
-    skew(format!("PV's stamps drift against OP's, from {from} to {to}: the controller says so"))
-        .with("growth_s", last - first, "s")
+    skew(format!("PV's stamps drift against OP's, from {from} to {to}: the controller says so")).with(
+        "growth_s",
+        last - first,
+        "s",
+    )
 }
 
 /// How PV has to be moved, where it may have to, and the log-odds for that.
@@ -119,7 +122,8 @@ fn skew(data: &IdData, step: f64) -> Option<(Shift, f64)> {
     let constant = equations.constant(rows.clone());
     // One of so many numbers, or two ends that may lie anywhere.
     let mut best = (&constant, 0.0, f64::from(2 * LONGEST + 1));
-    let worth = |(of, rate, alternatives): (&Controller, f64, f64)| score(of.log_likelihood(), rate, alternatives, n);
+    let worth =
+        |(of, rate, alternatives): (&Controller, f64, f64)| score(of.log_likelihood(), rate, alternatives, n);
     let growing = equations.growing(rows);
     if let Some(growing) = &growing {
         let other = (growing, 2.0 * THRESHOLD, 1.0);
@@ -136,7 +140,12 @@ fn skew(data: &IdData, step: f64) -> Option<(Shift, f64)> {
         return Some((best.shift, log_odds));
     }
     let both = |of: &Controller| -> Vec<f64> {
-        equations.process(of.shift).iter().zip(&of.each).map(|(process, controller)| process + controller).collect()
+        equations
+            .process(of.shift)
+            .iter()
+            .zip(&of.each)
+            .map(|(process, controller)| process + controller)
+            .collect()
     };
     let with = both(best);
     let rivals = honest.iter().map(|honest| gain(&with, &both(honest)));

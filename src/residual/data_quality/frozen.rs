@@ -36,10 +36,12 @@ pub fn assess(data: &mut IdData) -> Option<Fact> {
 fn describe(data: &IdData, runs: &[(usize, usize)]) -> Described {
     let samples: usize = runs.iter().map(|run| run.1 - run.0).sum();
     let since = data.time(runs[0].0 as f64);
-    Described::new(format!("PV stands still for {samples} samples, first from {since:.1} s on, while OP moves"))
-        .with("from_s", since, "s")
-        .with("duration_s", samples as f64 * data.units.ts, "s")
-        .with("runs", runs.len() as f64, "-")
+    Described::new(format!(
+        "PV stands still for {samples} samples, first from {since:.1} s on, while OP moves"
+    ))
+    .with("from_s", since, "s")
+    .with("duration_s", samples as f64 * data.units.ts, "s")
+    .with("runs", runs.len() as f64, "-")
 }
 
 /// First sample of each run in which PV is frozen and the first after it.

@@ -69,7 +69,8 @@ fn peaks(data: &IdData, step: f64) -> Vec<usize> {
     let y = &data.y;
     let changes: Vec<f64> = y.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let ones = vec![1.0; changes.len()];
-    let far = FAR * student::scale(&changes, &ones, student::first_scale(&changes, &ones), FREEDOM).max(error_of(step));
+    let far = FAR
+        * student::scale(&changes, &ones, student::first_scale(&changes, &ones), FREEDOM).max(error_of(step));
     let beyond = |k: &usize| {
         let (before, after) = (y[*k] - y[k - 1], y[*k] - y[k + 1]);
         before * after > 0.0 && before.abs().min(after.abs()) > far && data.weight[*k] > 0.0

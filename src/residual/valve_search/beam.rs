@@ -7,7 +7,7 @@
 //! Where OP is noisy, a stem with thresholds half a per cent off goes other ways than the true one, and no grid is fine
 //! enough to meet it. The cells whose stems explain PV badly are left behind, the best go on.
 
-use super::cells::{Cell, Cells, FACTORS, Family, Range, Sample};
+use super::cells::{Cell, Cells, FACTORS, Family, Range, Sample, stops};
 use crate::residual::hypothesis::Hypothesis;
 use crate::sysid::arx::{ArxFit, LAGS_X};
 use crate::sysid::iddata::IdData;
@@ -60,16 +60,16 @@ impl<'a> Held<'a> {
         Self { data, effects, left, b, per: 1.0 / (fit.nu * fit.scale * fit.scale) }
     }
 
-    /// The valves with the least losses of a family with S in `range`, `count` of them; `bands`: asymmetry and drift.
+    /// The valves with the least losses of a family with S in `range`, `count` of them; `full`: what effects change about any.
     pub fn best(
         &self,
         family: Family,
         range: Range,
-        bands: (f64, f64),
+        full: &ValveModel,
         count: usize,
     ) -> Vec<(f64, ValveModel)> {
         let data = self.data;
-        let (asymmetry, drift) = bands;
+        let ValveModel { asymmetry, drift, .. } = *full;
         let mut cells = Cells::new(family, at_start(data, family, range, drift, &PLACES, CLOSE_PLACES), KEPT);
         let bends = self.effects.effects.iter().any(|effect| effect.bends());
         let bend = |k: usize, x: &mut [f64]| {
@@ -80,7 +80,7 @@ impl<'a> Held<'a> {
         let (mut order, mut goes_on, mut most) = (Vec::new(), Vec::new(), MOST);
         for k in data.start.index + 1..data.split {
             let grown = growth(drift, k, data.split).max(1e-3);
-            cells.step(k, Sample { u: data.u[k], grown, asymmetry }, &bend);
+            cells.step(k, Sample { u: data.u[k], grown, asymmetry, stops: stops(full) }, &bend);
             let Some(row) = k.checked_sub(data.first) else {
                 if cells.len() > UNRATED {
                     widest(&cells, UNRATED / 2, 0.0, &mut order, &mut goes_on);
@@ -103,7 +103,7 @@ impl<'a> Held<'a> {
         cells.count();
         let mut found: Vec<(f64, Cell)> = cells.loss.into_iter().zip(cells.cells).collect();
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let valve = |cell: &Cell| ValveModel { asymmetry, drift, ..cell.valve(family) };
+        let valve = |cell: &Cell| ValveModel { asymmetry, drift, stops: full.stops, ..cell.valve(family) };
         found.iter().take(count).map(|(loss, cell)| (*loss, valve(cell))).collect()
     }
 }

@@ -66,6 +66,16 @@ pub struct Sample {
     pub grown: f64,
     /// See [`ValveModel::asymmetry`].
     pub asymmetry: f64,
+    /// Mechanical stops of the stem; infinite where there are none.
+    pub stops: (f64, f64),
+}
+
+/// A stem without stops.
+const NO_STOPS: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
+
+/// The stops of a valve.
+pub fn stops(valve: &ValveModel) -> (f64, f64) {
+    valve.stops.unwrap_or(NO_STOPS)
 }
 
 #[derive(Default)]
@@ -129,12 +139,18 @@ impl Cells {
     pub fn step(&mut self, k: usize, sample: Sample, bend: &dyn Fn(usize, &mut [f64])) {
         std::mem::swap(&mut self.now, &mut self.last);
         let n = self.cells.len();
-        let Self { family, s, j, now, last, doubt, .. } = self;
+        let Self { family, s, j, lag, now, last, doubt, .. } = self;
         for numbers in [&mut now.position, &mut now.direction, &mut now.rests, &mut *doubt] {
             numbers.resize(n, 0.0);
         }
         let rests = Rests::after(family.rule);
         advance(sample, [s, j], last, &mut now.position, &mut now.direction, (&mut now.rests, rests), doubt);
+        if sample.stops != NO_STOPS {
+            for (position, lag) in now.position.iter_mut().zip(&*lag) {
+                let beyond = lag.max(0.0);
+                *position = position.max(sample.stops.0 - beyond).min(sample.stops.1 + beyond);
+            }
+        }
         for i in 0..n {
             if self.doubt[i] > 0.0 {
                 self.split(i, sample);
@@ -151,7 +167,7 @@ impl Cells {
     }
 
     /// One that may go or stay: it goes, with the lower thresholds; another with the higher ones is appended.
-    fn split(&mut self, i: usize, Sample { u, grown, asymmetry }: Sample) {
+    fn split(&mut self, i: usize, Sample { u, grown, asymmetry, .. }: Sample) {
         let (position, direction) = (self.last.position[i], self.last.direction[i]);
         let onward = direction * (u - position);
         let mut stays = self.cells[i];
@@ -259,7 +275,7 @@ impl Rests {
 /// Where each stem goes, one that may go or stay on; `doubt` is 1 for those. Without branches: it becomes vectors.
 #[multiversion::multiversion(targets("x86_64+avx2"))]
 fn advance(
-    Sample { u, grown, asymmetry }: Sample,
+    Sample { u, grown, asymmetry, .. }: Sample,
     [s, j]: [&[Vec<f64>; 2]; 2],
     last: &State,
     position: &mut [f64],

@@ -12,7 +12,7 @@ use super::hypotheses::{Proposal, best};
 use super::hypothesis::Hypothesis;
 use super::screening::Screen;
 use crate::sysid::arx::{Arx, ArxFit};
-use crate::sysid::criterion::{REGULAR, THRESHOLD};
+use crate::sysid::criterion::{REGULAR, TEMPERING, THRESHOLD, score};
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::batch::{Batch, LANES};
 use crate::sysid::valve::{Rest, StopRule, ValveModel};
@@ -174,7 +174,8 @@ impl<'a> Search<'a> {
             return;
         }
         let fit = self.arx.fit(&self.stem(valve), near);
-        let score = fit.log_likelihood - cost(Some(&valve)).0 * self.data.counted().ln();
+        let (rate, alternatives) = cost(Some(&valve));
+        let score = score(fit.log_likelihood, rate, alternatives, self.data.counted());
         if score.is_finite() {
             self.found.push((Found { valve, fit, score }, false));
         }
@@ -205,7 +206,12 @@ impl<'a> Search<'a> {
         for few in valves.chunks(LANES) {
             let lanes: [ValveModel; LANES] = std::array::from_fn(|l| {
                 let own = few[l.min(few.len() - 1)];
-                ValveModel { asymmetry: self.full.asymmetry, drift: self.full.drift, ..own }
+                ValveModel {
+                    asymmetry: self.full.asymmetry,
+                    drift: self.full.drift,
+                    stops: self.full.stops,
+                    ..own
+                }
             });
             let mut batch = Batch::new(&lanes, data.start, self.data.split);
             batch.run(&data.u[..data.split], &mut stems);
@@ -223,7 +229,7 @@ impl<'a> Search<'a> {
 
     /// The valves by their deviance less twice the cost, the best first.
     fn ranked(&self, valves: &[ValveModel]) -> Vec<(f64, ValveModel)> {
-        let each = 2.0 * self.data.counted().ln();
+        let each = 2.0 * self.data.counted().ln() / TEMPERING;
         let costs = valves.iter().map(|valve| each * cost(Some(valve)).0);
         let mut ranked: Vec<(f64, ValveModel)> = self
             .deviances(self.counted, &self.ranking, valves)
@@ -278,10 +284,10 @@ impl<'a> Search<'a> {
             if !every && kind_of(family) != kind(&start.valve) {
                 continue;
             }
-            let found = held.best(family, range, (self.full.asymmetry, self.full.drift), RANKED);
+            let found = held.best(family, range, &self.full, RANKED);
             let plain: Vec<ValveModel> = found
                 .into_iter()
-                .map(|(_, valve)| ValveModel { asymmetry: 0.0, drift: 0.0, ..valve })
+                .map(|(_, valve)| ValveModel { asymmetry: 0.0, drift: 0.0, stops: None, ..valve })
                 .collect();
             let ranked = self.ranked(&plain);
             let worth = |valve: &&(f64, ValveModel)| valve.0 < own + WORTH;
@@ -378,14 +384,14 @@ pub fn banded(
         let mut bands = full;
         set(&mut bands, value);
         if bands.asymmetry.abs() < 0.95 && bands.drift.abs() < 0.95 {
-            let found = held.best(family, about(data, &own, BANDED), (bands.asymmetry, bands.drift), 1);
+            let found = held.best(family, about(data, &own, BANDED), &bands, 1);
             rated.extend(found.into_iter().map(|(loss, valve)| (loss, value, valve)));
         }
     }
     rated.sort_by(|a, b| a.0.total_cmp(&b.0));
     rated.truncate(2);
     let proposals = rated.into_iter().map(|(_, value, valve)| {
-        let plain = ValveModel { asymmetry: own.asymmetry, drift: own.drift, ..valve };
+        let plain = ValveModel { asymmetry: own.asymmetry, drift: own.drift, stops: own.stops, ..valve };
         let effect = effect(value);
         let other = base.with_valve(Some(plain)).with(effect.boxed());
         let x = other.to_process(data, other.stem(data).0);

@@ -5,7 +5,7 @@
 //! through half as many more, and so to the end. Nothing that was rated is held.
 
 use super::beam::{at_start, widest};
-use super::cells::{Cells, Family, Range, Sample};
+use super::cells::{Cells, Family, Range, Sample, stops};
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::{ValveModel, growth};
 
@@ -51,7 +51,11 @@ pub fn staged(
         }
         while k < end {
             let grown = growth(full.drift, k, data.split).max(1e-3);
-            cells.step(k, Sample { u: data.u[k], grown, asymmetry: full.asymmetry }, &|_, _| ());
+            cells.step(
+                k,
+                Sample { u: data.u[k], grown, asymmetry: full.asymmetry, stops: stops(full) },
+                &|_, _| (),
+            );
             if cells.len() > most {
                 widest(&cells, most * 3 / 4, TEMPERED, &mut order, &mut goes_on);
                 cells.retain(&goes_on);

@@ -53,7 +53,7 @@ fn known(valve: ValveModel, seed: u64, sd: f64) -> (IdData, ArxFit, Vec<f64>) {
     let e = data
         .rows()
         .map(|k| data.y[k] - level - (0..B.len()).map(|j| gain * B[j] * x[k - 1 - j]).sum::<f64>());
-    let fit = ArxFit { e: e.collect(), theta, scale: sd / data.units.y, ..ArxFit::default() };
+    let fit = ArxFit { e: e.collect(), theta, scale: sd / data.units.y, nu: 5.0, ..ArxFit::default() };
     (data, fit, x)
 }
 
@@ -78,7 +78,7 @@ fn the_loss_of_a_cell_is_that_of_its_valve() {
         let per = 1.0 / (fit.nu * fit.scale * fit.scale);
         // The lag was another while the cell was wide.
         let least = if family(&valve).ratio.is_some() { 1e-9 } else { 0.15 };
-        for (loss, found) in held.best(family(&valve), whole(&data), (valve.asymmetry, valve.drift), 3) {
+        for (loss, found) in held.best(family(&valve), whole(&data), &valve, 3) {
             let (mut other, mut dir) = (Vec::new(), Vec::new());
             found.run(&data.u, data.start, data.split, &mut other, &mut dir);
             let through =
@@ -98,7 +98,7 @@ fn thresholds_that_no_grid_meets_are_found_to_the_cell() {
         let held = Held::new(&data, &none, &fit, &x);
         let (s, j) = (valve.s / data.units.u, valve.j / data.units.u);
         for range in [whole(&data), (0.7 * s, 1.5 * s)] {
-            let found = held.best(family(&valve), range, (valve.asymmetry, valve.drift), 1)[0].1;
+            let found = held.best(family(&valve), range, &valve, 1)[0].1;
             let right = (found.s / s - 1.0).abs() < 0.01 && (found.j - j).abs() < 0.06 * s;
             assert!(right, "{found:?} for S {s} J {j} of {valve:?} in {range:?}");
         }

@@ -44,7 +44,12 @@ impl Gradient {
         let at = model.errors(data, y, &signals, data.split);
         let rows = data.rows();
         let mut omega = vec![0.0; rows.len()];
-        student::reweigh(&at.e[rows.clone()], &data.weight[rows.clone()], (model.scale, model.nu), &mut omega);
+        student::reweigh(
+            &at.e[rows.clone()],
+            &data.weight[rows.clone()],
+            (model.scale, model.nu),
+            &mut omega,
+        );
         let columns = columns(data, model, &input.smooth(), &signals, input, &at);
         Self { columns, omega, errors: at.e[rows].to_vec(), signals }
     }

@@ -18,7 +18,13 @@ pub struct Start {
 /// A start for every delay, the best first.
 ///
 /// * `long`: the high-order ARX of the same signals, whose weights are used.
-pub fn hannan_rissanen(data: &IdData, y: &[f64], signals: &Signals, long: &ArxFit, theta: &[f64]) -> Vec<Start> {
+pub fn hannan_rissanen(
+    data: &IdData,
+    y: &[f64],
+    signals: &Signals,
+    long: &ArxFit,
+    theta: &[f64],
+) -> Vec<Start> {
     let rows = data.rows();
     let mut e = vec![0.0; data.split];
     e[rows.clone()].copy_from_slice(&long.e);

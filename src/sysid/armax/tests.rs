@@ -28,7 +28,8 @@ fn data(noise: f64, ratio: f64) -> IdData {
     let n = 1500;
     let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(4));
     let mut draw = move || -> f64 { draw.next().unwrap_or(0.0) };
-    let op: Vec<f64> = (0..n).map(|k| (0.21 * k as f64).sin() + (0.047 * k as f64).cos() + 0.3 * draw()).collect();
+    let op: Vec<f64> =
+        (0..n).map(|k| (0.21 * k as f64).sin() + (0.047 * k as f64).cos() + 0.3 * draw()).collect();
     let (mut pv, mut last) = (vec![0.0; n], 0.0);
     for k in 3..n {
         let e = noise * draw();

@@ -241,7 +241,10 @@ mod tests {
         let valve =
             ValveModel { s: 2.0, j: 1.0, stops: Some((f64::NEG_INFINITY, 3.0)), ..ValveModel::default() };
         let u = [0.0, 1.0, 3.0, 5.0, 4.0, 2.0, 1.6, 1.4, 1.0];
-        assert_eq!(run(valve, &u, Start { index: 0, is_max: true }).0, [-0.5, 0.5, 2.5, 3.0, 3.0, 3.0, 3.0, 1.9, 1.5]);
+        assert_eq!(
+            run(valve, &u, Start { index: 0, is_max: true }).0,
+            [-0.5, 0.5, 2.5, 3.0, 3.0, 3.0, 3.0, 1.9, 1.5]
+        );
     }
 
     #[test]

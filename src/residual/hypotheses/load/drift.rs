@@ -62,10 +62,13 @@ impl EffectModel for Ramp {
         let (in_op, in_pv) = (per_s * in_op(data, model), per_s * in_pv(data, model));
         let from = data.time(self.from.unwrap_or(0) as f64);
         let since = if self.from.is_some() { format!(" from {from:.1} s on") } else { String::new() };
-        Described::new(format!("the load or the sensor drifts{since}, by what {:.3} OP an hour would do", in_op * 3600.0))
-            .with("from_s", from, "s")
-            .with("rate_op_per_s", in_op, "OP/s")
-            .with("rate_pv_per_s", in_pv, "PV/s")
+        Described::new(format!(
+            "the load or the sensor drifts{since}, by what {:.3} OP an hour would do",
+            in_op * 3600.0
+        ))
+        .with("from_s", from, "s")
+        .with("rate_op_per_s", in_op, "OP/s")
+        .with("rate_pv_per_s", in_pv, "PV/s")
     }
 }
 

@@ -136,9 +136,11 @@ impl Propose for Steps {
         screen.of_y.iter().for_each(|a| onset.push(onset[onset.len() - 1] - a));
         let shown: Vec<(usize, f64, f64)> = screen.long.steps(&onset);
         let sized = |at: usize| shown.iter().find(|step| first + step.0 == at).map_or(0.0, |step| step.2);
-        out.extend(best_times(shown.iter().map(since).collect(), most).into_iter().map(|since| {
-            Proposal::new(Shift { at: since.at, size: sized(since.at) }, since.gain)
-        }));
+        out.extend(
+            best_times(shown.iter().map(since).collect(), most)
+                .into_iter()
+                .map(|since| Proposal::new(Shift { at: since.at, size: sized(since.at) }, since.gain)),
+        );
         out
     }
 }

@@ -50,8 +50,10 @@ impl EffectModel for Change {
         if (k >= self.at) != self.shorter { self.by } else { 0 }
     }
     fn neighbours(&self, data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
-        let mut out: Vec<Box<dyn EffectModel>> =
-            near(self.at, data, 2.0 * step).into_iter().map(|at| Change { at, ..self.clone() }.boxed()).collect();
+        let mut out: Vec<Box<dyn EffectModel>> = near(self.at, data, 2.0 * step)
+            .into_iter()
+            .map(|at| Change { at, ..self.clone() }.boxed())
+            .collect();
         let other = [self.by - 1, self.by + 1].into_iter().filter(|by| (1..=LONGEST).contains(by));
         out.extend(other.map(|by| Change { by, ..self.clone() }.boxed()));
         out
@@ -79,11 +81,15 @@ impl Propose for DeadTimeChanges {
                 let cut = |at: usize| -> Vec<f64> {
                     less.iter().enumerate().map(|(k, s)| if (k < at) == shorter { *s } else { 0.0 }).collect()
                 };
-                let rated = screen.times(STRIDE).map(|at| Since { at, gain: screen.model.alone(screen.stem(&cut(at))).0 });
+                let rated = screen
+                    .times(STRIDE)
+                    .map(|at| Since { at, gain: screen.model.alone(screen.stem(&cut(at))).0 });
                 let times = best_times(rated.collect(), screen.most(1));
-                out.extend(times.into_iter().map(|since| {
-                    Proposal::new(Change { at: since.at, by, shorter }, since.gain)
-                }));
+                out.extend(
+                    times
+                        .into_iter()
+                        .map(|since| Proposal::new(Change { at: since.at, by, shorter }, since.gain)),
+                );
             }
         }
         best(out, screen.most(CHANGES))

@@ -68,9 +68,11 @@ impl EffectModel for Change {
     }
     fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let (time, ratio) = (data.time(self.at as f64), self.log_ratio.exp());
-        Described::new(format!("from {time:.1} s on the process answers {ratio:.2} times as much to the valve"))
-            .with("time_s", time, "s")
-            .with("ratio", ratio, "-")
+        Described::new(format!(
+            "from {time:.1} s on the process answers {ratio:.2} times as much to the valve"
+        ))
+        .with("time_s", time, "s")
+        .with("ratio", ratio, "-")
     }
 }
 

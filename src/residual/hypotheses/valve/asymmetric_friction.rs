@@ -44,8 +44,11 @@ impl EffectModel for Asymmetry {
     }
     fn describe(&self, _data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let ratio = (1.0 + self.a) / (1.0 - self.a);
-        Described::new(format!("closing takes {ratio:.2} times the friction of opening"))
-            .with("closing_to_opening", ratio, "-")
+        Described::new(format!("closing takes {ratio:.2} times the friction of opening")).with(
+            "closing_to_opening",
+            ratio,
+            "-",
+        )
     }
 }
 

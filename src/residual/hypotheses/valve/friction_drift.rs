@@ -45,8 +45,11 @@ impl EffectModel for Drift {
     fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let end = ValveModel { drift: self.d, ..ValveModel::default() }.growth(data.len(), data.split);
         let ratio = end / (1.0 - self.d);
-        Described::new(format!("friction at the end is {ratio:.2} times that at the start"))
-            .with("end_to_start", ratio, "-")
+        Described::new(format!("friction at the end is {ratio:.2} times that at the start")).with(
+            "end_to_start",
+            ratio,
+            "-",
+        )
     }
 }
 

@@ -56,7 +56,8 @@ impl EffectModel for Stop {
     fn on_valve(&self, valve: &mut ValveModel) {
         if self.held {
             let (low, high) = valve.stops.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
-            valve.stops = Some(if self.above { (low, high.min(self.level)) } else { (low.max(self.level), high) });
+            valve.stops =
+                Some(if self.above { (low, high.min(self.level)) } else { (low.max(self.level), high) });
         }
     }
     fn bend(&self, _data: &IdData, _k: usize, x: &mut [f64]) {
