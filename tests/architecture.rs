@@ -17,9 +17,10 @@ use std::path::{Path, PathBuf};
 /// Top modules and what each may import of the others. A module that is not listed is refused: say here who may see it.
 const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("signal", &[]),
-    ("diagnosis", &["signal"]),
+    ("sysid", &["signal"]),
+    ("diagnosis", &["signal", "sysid"]),
     ("sim", &["signal"]),
-    ("residual", &["signal", "diagnosis"]),
+    ("residual", &["signal", "sysid", "diagnosis"]),
     ("compensation", &["signal"]),
     ("plot", &[]),
     ("reproduce", &["signal", "diagnosis", "sim", "compensation", "plot"]),
@@ -135,7 +136,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
 ];
 
 /// No clock, file, socket, task, log or unseeded number: the same input gives the same answer.
-const PURE: &[&str] = &["signal", "diagnosis", "residual", "sim", "compensation", "alarm"];
+const PURE: &[&str] = &["signal", "sysid", "diagnosis", "residual", "sim", "compensation", "alarm"];
 /// What PURE modules may use from outside.
 const NUMERICS: &[&str] =
     &["multiversion", "nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];

@@ -4,7 +4,7 @@
 
 #[path = "../tests/generators/mod.rs"]
 mod generators;
-#[path = "../tests/diagnosis_common/parallel.rs"]
+#[path = "../../tests/diagnosis_common/parallel.rs"]
 mod parallel;
 
 use generators::{Case, Generator, Size};

@@ -34,6 +34,8 @@ pub struct Judged {
     pub simulates_worse: bool,
     pub unexplained: bool,
     pub traced: bool,
+    /// What the load that was named is worth at the valve, as a share of what it truly is.
+    pub size: Option<f64>,
 }
 
 /// How the first effect was named.
@@ -136,18 +138,37 @@ pub fn judge(generator: &Generator, case: &Case, told: bool) -> Judged {
         simulates_worse: found.as_ref().is_some_and(|f| f.simulates_worse),
         unexplained: found.as_ref().is_some_and(|f| f.unexplained),
         traced: found.is_some(),
+        size: found.as_ref().and_then(|f| size(f, case.effect?)).zip(truth.load).map(|(told, load)| told / load),
     };
     if let Some(kind) = case.effect
         && told
         && judged.naming() != Naming::Right
     {
-        let informed = residual::Settings {
-            only: Some(kind),
-            friction: Some((truth.f, truth.j.is_finite().then_some(truth.j))),
-            ..Default::default()
-        };
-        let first = trace(informed).and_then(|t| t.effects.first().cloned());
+        let first = trace(told_truth(kind, truth.f, truth.j)).and_then(|t| t.effects.first().cloned());
         judged.identifiable = Some(first.is_some_and(|e| e.kind == kind && e.posterior > 0.5));
     }
     judged
+}
+
+/// Settings of a fit that is told the effect and the friction of a case.
+pub fn told_truth(kind: Kind, f: f64, j: f64) -> residual::Settings {
+    residual::Settings {
+        only: Some(kind),
+        friction: Some((f, j.is_finite().then_some(j))),
+        ..Default::default()
+    }
+}
+
+/// What a load of this kind is worth at the valve (OP): as the generators count it, of a ramp its rise over the record.
+fn size(found: &Findings, kind: Kind) -> Option<f64> {
+    let seconds = found.curves.pv.len() as f64 * found.curves.ts;
+    let (parameter, times) = match kind {
+        Kind::LoadStep => ("size_op", 1.0),
+        Kind::OscillatingLoad => ("amplitude_op", 1.0),
+        Kind::MeasuredDisturbance => ("op_per_sd", 1.0),
+        Kind::Drift => ("rate_op_per_s", seconds),
+        _ => return None,
+    };
+    let effect = found.effects.iter().find(|effect| effect.kind == kind)?;
+    effect.parameters.iter().find(|p| p.name == parameter).map(|p| p.value * times)
 }

@@ -11,7 +11,7 @@
 mod generators;
 #[path = "../tests/residual_common/judge.rs"]
 mod judge;
-#[path = "../tests/diagnosis_common/parallel.rs"]
+#[path = "../../tests/diagnosis_common/parallel.rs"]
 mod parallel;
 
 use generators::{Case, GENERATORS, Generator, Size};
