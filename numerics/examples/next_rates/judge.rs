@@ -31,6 +31,8 @@ pub struct Judged {
     pub one: [f64; 2],
     pub free: [f64; 2],
     pub simulates_worse: bool,
+    /// What the load that was named is worth at the valve, as a share of what it truly is.
+    pub size: Option<f64>,
 }
 
 /// How the first effect was named.
@@ -130,6 +132,11 @@ pub fn judge(generator: &Generator, case: &Case, told: bool) -> Judged {
         one: read(&|t| [t.before.one_step_rmse, t.after.one_step_rmse]),
         free: read(&|t| [t.before.free_run_rmse, t.after.free_run_rmse]),
         simulates_worse: found.as_ref().is_some_and(|f| f.simulates_worse),
+        size: found
+            .as_ref()
+            .and_then(|f| size(f, case.effect?))
+            .zip(truth.load)
+            .map(|(told, load)| told / load),
     };
     if let Some(kind) = case.effect
         && told
@@ -144,4 +151,18 @@ pub fn judge(generator: &Generator, case: &Case, told: bool) -> Judged {
         judged.identifiable = Some(first.is_some_and(|e| e.kind == kind && e.posterior > 0.5));
     }
     judged
+}
+
+/// What a load of this kind is worth at the valve (OP): as the generators count it, of a ramp its rise over the record.
+fn size(found: &Findings, kind: Kind) -> Option<f64> {
+    let seconds = found.curves.pv.len() as f64 * found.curves.ts;
+    let (parameter, times) = match kind {
+        Kind::LoadStep => ("size_op", 1.0),
+        Kind::OscillatingLoad => ("amplitude_op", 1.0),
+        Kind::MeasuredDisturbance => ("op_per_sd", 1.0),
+        Kind::Drift => ("rate_op_per_s", seconds),
+        _ => return None,
+    };
+    let effect = found.effects.iter().find(|effect| effect.kind == kind)?;
+    effect.parameters.iter().find(|p| p.name == parameter).map(|p| p.value * times)
 }

@@ -10,6 +10,7 @@
 #[path = "../../../tests/generators/mod.rs"]
 #[allow(dead_code, reason = "each user takes a part")]
 mod generators;
+#[allow(dead_code, reason = "each user takes a part")]
 mod judge;
 #[path = "../../../tests/diagnosis_common/parallel.rs"]
 #[allow(dead_code, reason = "each user takes a part")]

@@ -1,30 +1,47 @@
-//! Effects that the declared model lacks are named, few are invented, and nothing is named with confidence that does not help.
+//! Effects that the declared model lacks are named, few are invented, sound valves are not accused, and friction that an
+//! effect hides is found.
 //!
-//! A few seeds of what `cargo run --release --example tracing_rates` sweeps; each bound is what its seeds showed, less
-//! the binomial error of as many cases as there are here.
+//! A few seeds of what `cargo run --release -p stictiond-numerics --example tracing_rates` sweeps. A bound is the published
+//! share less two and a half standard errors of as many cases as there are here.
 
-mod diagnosis_common {
-    pub mod parallel;
-}
+#[path = "../../tests/diagnosis_common/parallel.rs"]
+mod parallel;
 mod residual_common {
     pub mod drawn;
+    #[allow(dead_code, reason = "each user takes a part")]
     pub mod judge;
-    #[path = "../generators/a/plant.rs"]
+    #[path = "../../../tests/generators/a/plant.rs"]
     pub mod plant;
-    #[path = "../generators/a/valve.rs"]
+    #[path = "../../../tests/generators/a/valve.rs"]
     pub mod valve;
 }
 
-use diagnosis_common::parallel;
 use residual_common::drawn::{nothing_hidden, traced};
 use residual_common::judge::{Judged, LOADS, judge};
 use residual_common::plant::{Case, LOOPS, SIZES, Undeclared, VALVES, cases, clean, record};
-use stictiond::residual::Kind;
-use stictiond::sim::scenarios::random_sound;
+use stictiond_numerics::residual::Kind;
+use stictiond_numerics::sim::scenarios::random_sound;
 
 /// No seed of the published rates, nor of those that thresholds were chosen by.
 const SEED: u64 = 700;
 const MEDIUM: usize = 1;
+
+/// Published: the first effect named is right; an effect is invented where nothing is hidden, here and in the diagnosis' loops; the
+/// error is that of a fit told the effect.
+const NAMED: f64 = 0.901;
+const INVENTED: f64 = 0.037;
+const INVENTED_THERE: f64 = 0.04;
+const TOLD: f64 = 0.985;
+
+/// Fewest of `n` at this rate: two and a half standard errors less.
+fn fewest(rate: f64, n: usize) -> f64 {
+    n as f64 * rate - 2.5 * (n as f64 * rate * (1.0 - rate)).sqrt()
+}
+
+/// Most of `n` at this rate.
+fn most(rate: f64, n: usize) -> f64 {
+    n as f64 - fewest(1.0 - rate, n)
+}
 
 /// Every second case of each kind at medium size, every loop class and valve among them.
 fn half_of(kinds: &[Kind]) -> Vec<Case> {
@@ -58,10 +75,10 @@ fn the_first_effect_named_is_the_true_one() {
     let found = parallel::each(half_of(&Kind::ALL), |case| judge(&case, false));
     let right = |j: &&Judged| j.first().is_some_and(|k| Undeclared::Listed(k) == j.case.undeclared);
     found.iter().filter(|j| !right(j)).for_each(|j| println!("{}", shown(j)));
-    let share = found.iter().filter(right).count() as f64 / found.len() as f64;
-    println!("right on {:.1} % of {}", 100.0 * share, found.len());
+    let count = found.iter().filter(right).count();
+    println!("right on {count} of {}", found.len());
     assert!(found.iter().all(|j| j.traced), "every case can be traced");
-    assert!(share >= NAMED, "{share}");
+    assert!(count as f64 >= fewest(NAMED, found.len()), "{count}");
     // Effects raise no false alarm, and those of friction take away no verdict.
     let alarms = found.iter().filter(|j| j.f[0] == 0.0 && j.sticks == [false, true]);
     let of_friction = [Kind::SlipJump, Kind::AsymmetricFriction, Kind::FrictionDrift];
@@ -71,31 +88,32 @@ fn the_first_effect_named_is_the_true_one() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// 80.5 % of the published sweep, less two and a half standard errors of 86 cases.
-const NAMED: f64 = 0.7;
-
 #[test]
 fn little_is_invented_where_nothing_is() {
-    let found = parallel::each(clean(60, SEED), |case| judge(&case, false));
+    let found = parallel::each(clean(48, SEED), |case| judge(&case, false));
     let wrong: Vec<&Judged> = found.iter().filter(|j| !j.invented().is_empty()).collect();
     wrong.iter().for_each(|j| println!("{}", shown(j)));
     println!("invented on {} of {}", wrong.len(), found.len());
-    assert!(wrong.len() <= INVENTED, "{}", wrong.len());
+    assert!(wrong.len() as f64 <= most(INVENTED, found.len()), "{}", wrong.len());
+    let sticking = found.iter().filter(|j| j.f[0] > 0.0);
+    let (told, all) = (sticking.clone().filter(|j| j.sticks[1]).count(), sticking.count());
+    assert!(10 * told >= 7 * all, "{told} of {all} that stick are told");
 }
 
-/// 5 % of 60 is 3; the chance of more than 6 at that rate is 3 %.
-const INVENTED: usize = 6;
+/// Seeds of the diagnosis' loops.
+const LOOPS_THERE: u64 = 80;
 
-/// With a linear controller and a set point at rest the lags of OP follow from PV's, which those of another stem do not; and of loads
-/// that are squares or triangles a few waves leave corners, which a stem that rests fits.
+/// With a linear controller and a set point at rest the lags of OP follow from PV's, which those of another stem do not; and
+/// of loads that are squares or triangles a few waves leave corners, which a stem that rests fits.
 #[test]
 fn little_is_invented_and_none_accused_on_loops_of_the_other_generator() {
-    let found = parallel::each(0..220, |seed| (seed, traced(&random_sound(seed))));
-    let quiet = nothing_hidden(0..220);
+    let found = parallel::each(0..LOOPS_THERE, |seed| (seed, traced(&random_sound(seed))));
+    let quiet = nothing_hidden(0..LOOPS_THERE);
     let invented = found.iter().filter(|(seed, traced)| quiet.contains(seed) && !traced.named.is_empty());
     let invented: Vec<_> = invented.map(|(seed, traced)| (seed, &traced.named)).collect();
     println!("invented on {} of {}: {invented:?}", invented.len(), quiet.len());
-    assert!(quiet.len() >= 80 && invented.len() <= INVENTED_THERE, "{}", invented.len());
+    assert!(quiet.len() >= 30, "{}", quiet.len());
+    assert!(invented.len() as f64 <= most(INVENTED_THERE, quiet.len()), "{}", invented.len());
     let accused: Vec<u64> =
         found.iter().filter(|(_, traced)| traced.sticks == [false, true]).map(|(seed, _)| *seed).collect();
     println!("accused by an effect: {accused:?} of {}", found.len());
@@ -103,10 +121,7 @@ fn little_is_invented_and_none_accused_on_loops_of_the_other_generator() {
 }
 
 /// 7 of 220 without the rivals, 1 with them.
-const ACCUSED: usize = 2;
-
-/// 5 % of 85 is 4; the chance of more than 8 at that rate is 3 %.
-const INVENTED_THERE: usize = 8;
+const ACCUSED: usize = 1;
 
 #[test]
 fn the_error_after_is_that_of_a_fit_told_the_effect() {
@@ -114,13 +129,10 @@ fn the_error_after_is_that_of_a_fit_told_the_effect() {
     let found = parallel::each(half_of(&kinds), |case| judge(&case, true));
     let within = |j: &&Judged| j.told.is_some_and(|told| j.free[1] <= 1.1 * told);
     found.iter().filter(|j| !within(j)).for_each(|j| println!("told {:.4?}: {}", j.told, shown(j)));
-    let share = found.iter().filter(within).count() as f64 / found.len() as f64;
-    println!("within 10 % of a fit told the effect: {:.0} % of {}", 100.0 * share, found.len());
-    assert!(share >= TOLD, "{share}");
+    let count = found.iter().filter(within).count();
+    println!("within 10 % of a fit told the effect: {count} of {}", found.len());
+    assert!(count as f64 >= fewest(TOLD, found.len()), "{count}");
 }
-
-/// 94 % of the published sweep, less two and a half standard errors of 18 cases.
-const TOLD: f64 = 0.8;
 
 #[test]
 fn a_load_is_told_in_units_of_op() {
@@ -139,29 +151,28 @@ fn a_load_is_told_in_units_of_op() {
     }
 }
 
-#[test]
-fn friction_that_an_effect_hides_is_found_with_it() {
-    let sticky: Vec<Case> =
-        half_of(&[Kind::OscillatingLoad, Kind::Outliers]).into_iter().filter(|case| case.valve > 0).collect();
-    let found = parallel::each(sticky, |case| judge(&case, false));
-    let error = |at: usize| -> f64 { found.iter().map(|j| (j.f[at] - j.f[0]).abs() / j.f[0]).sum() };
-    println!(
-        "sum of the relative errors of f before {:.2}, after {:.2} on {}",
-        error(1),
-        error(2),
-        found.len()
-    );
-    assert!(error(2) <= 1.05 * error(1), "{} {}", error(1), error(2));
-}
+/// Effects that hide friction from the declared model.
+const HIDING: [Kind; 4] = [Kind::OscillatingLoad, Kind::LoadStep, Kind::Drift, Kind::Outliers];
 
 #[test]
-fn what_is_outside_the_list_is_unexplained_or_improves_the_prediction() {
-    for undeclared in [Undeclared::Bursts, Undeclared::SensorBacklash] {
-        let some = cases(undeclared, MEDIUM, SEED..SEED + 1).into_iter().step_by(3);
-        for j in parallel::each(some, |case| judge(&case, false)) {
-            let better = j.free[1] <= j.free[0] || j.one[1] < j.one[0];
-            println!("{} unexplained {}", shown(&j), j.unexplained);
-            assert!(j.named.is_empty() || better, "{}", shown(&j));
-        }
-    }
+fn friction_that_an_effect_hides_is_found_with_it() {
+    let sticky = half_of(&HIDING).into_iter().filter(|case| case.valve > 0);
+    let found = parallel::each(sticky, |case| judge(&case, false));
+    let error = |at: usize| -> f64 { found.iter().map(|j| (j.f[at] - j.f[0]).abs() / j.f[0]).sum() };
+    let hidden = found.iter().filter(|j| !j.sticks[0]);
+    let shown = hidden.clone().filter(|j| j.sticks[1]).count();
+    let (before, after, hidden) = (error(1), error(2), hidden.count());
+    println!("relative errors of f {before:.2}, after {after:.2}; {shown} of {hidden} verdicts given back");
+    // The published means fall to a third.
+    assert!(before > 1.0 && after <= 0.5 * before, "{before} {after}");
+    assert!(hidden >= 3 && 3 * shown >= hidden, "{shown} of {hidden}");
+}
+
+/// A sensor's hysteresis, which is outside the list as well, does what a valve's does.
+#[test]
+fn bursts_which_are_outside_the_list_make_no_sound_valve_stick() {
+    let sound = cases(Undeclared::Bursts, MEDIUM, SEED..SEED + 3).into_iter().filter(|case| case.valve == 0);
+    let found = parallel::each(sound, |case| judge(&case, false));
+    let wrong: Vec<String> = found.iter().filter(|j| j.sticks[1]).map(shown).collect();
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }

@@ -1,5 +1,5 @@
 //! How often tracing names the true effect, how often it invents one, and what that does to the error and to f, on loops
-//! that the seeds draw: `cargo run --release --example tracing_rates -- --seeds 10 --first-seed 1000`.
+//! that the seeds draw: `cargo run --release -p stictiond-numerics --example tracing_rates -- --seeds 10 --first-seed 1000`.
 //!
 //! Options: `--seeds N`, `--first-seed K`, `--sizes small,medium,large`, `--clean N`, `--effects a,b`, `--threads T`, and
 //! `--each`, which also prints every case that went wrong; `--records FOLDER` writes the cases as CSV and traces none.
@@ -8,11 +8,11 @@
 mod drawn;
 #[path = "../tests/residual_common/judge.rs"]
 mod judge;
-#[path = "../tests/diagnosis_common/parallel.rs"]
+#[path = "../../tests/diagnosis_common/parallel.rs"]
 mod parallel;
-#[path = "../tests/generators/a/plant.rs"]
+#[path = "../../tests/generators/a/plant.rs"]
 mod plant;
-#[path = "../tests/generators/a/valve.rs"]
+#[path = "../../tests/generators/a/valve.rs"]
 mod valve;
 
 use drawn::{nothing_hidden, traced};
@@ -22,8 +22,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{fs, io};
-use stictiond::residual::Kind;
-use stictiond::sim::scenarios::{random_sound, random_sticky};
+use stictiond_numerics::residual::Kind;
+use stictiond_numerics::sim::scenarios::{random_sound, random_sticky};
 
 /// Effects after which f is compared.
 const FRICTION: [Kind; 4] = [Kind::OscillatingLoad, Kind::Drift, Kind::LoadStep, Kind::Outliers];
