@@ -1,4 +1,5 @@
-//! Tracing on measured records, as Markdown tables: `cargo run --release --example tracing_measured -- ../shared/data`.
+//! Tracing on measured records, as Markdown tables: `cargo run --release --example tracing_measured -- ../shared/data`; with
+//! `--next` by the engine that is to come, whose effects have posteriors and whose free run is its own.
 //!
 //! The folder holds `index.csv` with `isdb/` and `plant/`, `long/*.csv`, and `damadics/*.csv` with a measured stem.
 
@@ -9,22 +10,29 @@ use std::error::Error;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use stictiond::collect::csv;
-use stictiond::diagnosis::{Diagnosis, Settings, diagnose};
-use stictiond::residual::{self, Findings, trace_record};
+use stictiond::diagnosis::{Settings, diagnose};
 use stictiond::signal::Record;
+use stictiond_numerics::{residual, residual_next};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let folder = std::env::args().nth(1).map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from);
+    let mut args: Vec<String> = std::env::args().skip(1).collect();
+    let next = args.iter().any(|arg| arg == "--next");
+    args.retain(|arg| arg != "--next");
+    let trace: Trace = if next { of_next } else { of_residual };
+    let folder = args.first().map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from);
     let mut records = listed(&folder)?;
     for file in files(&folder.join("long"))? {
         records.push((file_stem(&file), "-".into(), csv::read(File::open(&file)?)?));
     }
-    table("record", &records);
+    table("record", &records, trace);
     for file in files(&folder.join("damadics"))? {
-        damadics(&csv::read(File::open(&file)?)?);
+        damadics(&csv::read(File::open(&file)?)?, trace);
     }
     Ok(())
 }
+
+/// An engine: a diagnosis of the record and what its residual was traced to.
+type Trace = fn(&Record) -> Answer;
 
 type Named = (String, String, Record);
 
@@ -54,56 +62,95 @@ fn file_stem(file: &Path) -> String {
     file.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }
 
-fn trace(record: &Record) -> (Diagnosis, Option<Findings>) {
-    let settings = Settings::default();
-    let d = diagnose(record, &settings);
-    let found = trace_record(record, &d, &settings, &residual::Settings::default());
-    (d, found)
+/// What is said of a record.
+struct Answer {
+    verdict: &'static str,
+    reason: String,
+    traced: Option<Traced>,
 }
 
-fn effects(found: &Findings) -> String {
-    let name = |e: &residual::Effect| match &e.tag {
-        Some(tag) => format!("{} ({tag})", e.kind),
-        None => e.kind.to_string(),
-    };
-    let all: Vec<String> = found.effects.iter().map(name).collect();
-    let rest = if found.unexplained { "unexplained" } else { "white" };
-    if all.is_empty() { format!("-; {rest}") } else { format!("{}; {rest}", all.join(", ")) }
+struct Traced {
+    verdict: &'static str,
+    /// f without the effects and with them, and the latter's interval.
+    f: [f64; 2],
+    ci: [f64; 2],
+    /// Errors on the samples held out, before and after, one step ahead and free.
+    one: [f64; 2],
+    free: [f64; 2],
+    effects: Vec<String>,
+    unexplained: bool,
+    /// f from OP and the measured stem, its interval and the lag.
+    stem: Option<[f64; 4]>,
 }
 
-fn table(what: &str, records: &[Named]) {
+/// The answer of `$engine`, whose effects `$name` writes.
+macro_rules! answer {
+    ($engine:ident, $record:expr, $name:expr) => {{
+        let settings = Settings::default();
+        let d = diagnose($record, &settings);
+        let found = $engine::trace_record($record, &d, &settings, &$engine::Settings::default());
+        let traced = found.map(|t| Traced {
+            verdict: t.verdict.as_str(),
+            f: [t.friction_before.f, t.friction_after.f],
+            ci: t.friction_after.f_ci95,
+            one: [t.before.one_step_rmse, t.after.one_step_rmse],
+            free: [t.before.free_run_rmse, t.after.free_run_rmse],
+            effects: t.effects.iter().map($name).collect(),
+            unexplained: t.unexplained,
+            stem: t.stem.map(|s| s.friction).map(|f| [f.f, f.f_ci95[0], f.f_ci95[1], f.lag]),
+        });
+        Answer { verdict: d.verdict.as_str(), reason: d.reason, traced }
+    }};
+}
+
+fn of_residual(record: &Record) -> Answer {
+    answer!(residual, record, |e: &residual::Effect| with_tag(e.kind, e.tag.as_deref()))
+}
+
+fn of_next(record: &Record) -> Answer {
+    let name =
+        |e: &residual_next::Effect| format!("{} {:.2}", with_tag(e.kind, e.tag.as_deref()), e.posterior);
+    answer!(residual_next, record, name)
+}
+
+fn with_tag(kind: residual::Kind, tag: Option<&str>) -> String {
+    tag.map_or_else(|| kind.to_string(), |tag| format!("{kind} ({tag})"))
+}
+
+fn table(what: &str, records: &[Named], trace: Trace) {
     println!(
         "| {what} | label | verdict | with the effects | f, with the effects | one step | after | free run | after | effects; residual |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|");
     let found = parallel::each(records, |(_, _, record)| trace(record));
     let (mut better, mut worse) = (0, 0);
-    for ((name, label, _), (d, found)) in records.iter().zip(&found) {
-        let verdict = d.verdict.as_str();
-        let Some(t) = found else {
-            println!("| {name} | {label} | {verdict} | not traced | | | | | | {} |", d.reason);
+    for ((name, label, _), answer) in records.iter().zip(&found) {
+        let verdict = answer.verdict;
+        let Some(t) = &answer.traced else {
+            println!("| {name} | {label} | {verdict} | not traced | | | | | | {} |", answer.reason);
             continue;
         };
-        let ratio = t.after.free_run_rmse / t.before.free_run_rmse;
+        let ratio = t.free[1] / t.free[0];
         better += usize::from(ratio < 0.999);
         worse += usize::from(ratio > 1.0001);
+        let effects = if t.effects.is_empty() { "-".to_owned() } else { t.effects.join(", ") };
         println!(
-            "| {name} | {label} | {verdict} | {} | {:.3}, {:.3} | {:.4} | {:.4} | {:.4} | {:.4} | {} |",
-            t.verdict.as_str(),
-            t.friction_before.f,
-            t.friction_after.f,
-            t.before.one_step_rmse,
-            t.after.one_step_rmse,
-            t.before.free_run_rmse,
-            t.after.free_run_rmse,
-            effects(t)
+            "| {name} | {label} | {verdict} | {} | {:.3}, {:.3} | {:.4} | {:.4} | {:.4} | {:.4} | {effects}; {} |",
+            t.verdict,
+            t.f[0],
+            t.f[1],
+            t.one[0],
+            t.one[1],
+            t.free[0],
+            t.free[1],
+            if t.unexplained { "unexplained" } else { "white" }
         );
     }
     println!("\nFree run better on {better} of {}, worse on {worse}.\n", records.len());
 }
 
 /// The actuator whose stem is measured: OP to the stem and to the flow, the other signals as tags, and f both ways.
-fn damadics(all: &Record) {
+fn damadics(all: &Record, trace: Trace) {
     let Some(stem) = all.mv.clone() else { return };
     let flow = all.tags.iter().find(|(name, _)| name.starts_with("F_tph"));
     let others = |without: &str| {
@@ -119,28 +166,21 @@ fn damadics(all: &Record) {
         let mut record = of(flow.clone(), others("F_tph"));
         records.push(("OP to F_tph".to_owned(), "-".to_owned(), record.clone()));
         record.mv = Some(stem);
-        print_stem("F_tph", &record);
+        print_stem("F_tph", &record, trace);
     }
-    print_stem("pv (level)", all);
-    table("DAMADICS", &records);
+    print_stem("pv (level)", all, trace);
+    table("DAMADICS", &records, trace);
 }
 
 /// f from OP and PV beside f from OP and the measured stem.
-fn print_stem(what: &str, record: &Record) {
-    let (d, found) = trace(record);
-    let Some((t, stem)) = found.as_ref().and_then(|t| t.stem.as_ref().map(|stem| (t, stem))) else {
-        println!("OP and {what}: not traced ({})\n", d.reason);
+fn print_stem(what: &str, record: &Record, trace: Trace) {
+    let answer = trace(record);
+    let Some((t, [f, low, high, lag])) = answer.traced.and_then(|t| t.stem.map(|stem| (t, stem))) else {
+        println!("OP and {what}: not traced ({})\n", answer.reason);
         return;
     };
     println!(
-        "f from OP and {what}: {:.3}, with the effects {:.3} [{:.3}, {:.3}]; from OP and the stem {:.3} [{:.3}, {:.3}], lag {:.3}\n",
-        t.friction_before.f,
-        t.friction_after.f,
-        t.friction_after.f_ci95[0],
-        t.friction_after.f_ci95[1],
-        stem.friction.f,
-        stem.friction.f_ci95[0],
-        stem.friction.f_ci95[1],
-        stem.friction.lag
+        "f from OP and {what}: {:.3}, with the effects {:.3} [{:.3}, {:.3}]; from OP and the stem {f:.3} [{low:.3}, {high:.3}], lag {lag:.3}\n",
+        t.f[0], t.f[1], t.ci[0], t.ci[1]
     );
 }
