@@ -3,10 +3,9 @@
 //! `quality_rates [--gen ABC] [--seed 1] [--seeds 5] [--kind outliers,…|clean] [--others] [--each]`
 
 #[path = "../../tests/generators/mod.rs"]
-#[allow(dead_code, reason = "each user takes a part")]
+#[expect(dead_code, reason = "each user takes a part")]
 mod generators;
 #[path = "../../tests/diagnosis_common/parallel.rs"]
-#[allow(dead_code, reason = "each user takes a part")]
 mod parallel;
 
 use generators::{Case, Generator, Size};

@@ -4,10 +4,10 @@
 //! forms. With a file as `--known` the best scores are kept between runs, so that versions are compared with the same.
 
 #[path = "../../tests/generators/mod.rs"]
-#[allow(dead_code, reason = "each user takes a part")]
+#[expect(dead_code, reason = "each user takes a part")]
 mod generators;
 #[path = "../../tests/diagnosis_common/parallel.rs"]
-#[allow(dead_code, reason = "each user takes a part")]
+#[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 
 use generators::{Case, Generator, Size, Truth};

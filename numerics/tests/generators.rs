@@ -1,7 +1,7 @@
 //! The generators of simulated loops: the same case gives the same record, and what a case asks for is in it.
 
 #[path = "../../tests/generators/mod.rs"]
-#[allow(dead_code, reason = "each user takes a part")]
+#[expect(dead_code, reason = "each user takes a part")]
 mod generators;
 
 /// Generator B.

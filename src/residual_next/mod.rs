@@ -44,20 +44,11 @@ pub struct Settings {
     pub only: Option<Kind>,
     /// S/2 and J of the valve, where they are known (OP unit): the search begins there, too.
     pub friction: Option<(f64, Option<f64>)>,
-    /// Effects of the last diagnosis (with tag): tried first.
-    pub known: Vec<(Kind, Option<String>)>,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self {
-            most_effects: 3,
-            f_threshold: 0.05,
-            evidence_threshold: 20.0,
-            only: None,
-            friction: None,
-            known: Vec::new(),
-        }
+        Self { most_effects: 3, f_threshold: 0.05, evidence_threshold: 20.0, only: None, friction: None }
     }
 }
 

@@ -16,7 +16,7 @@ use crate::sysid::whiteness::is_white;
 
 /// J is another than S where they differ by more than this share of S: no model of a valve holds closer.
 const APART: f64 = 0.1;
-/// Share of the held-out samples that one free run lasts.
+/// Free runs, one after the other, over the held-out samples.
 const STRETCHES: usize = 4;
 
 /// An effect in numbers and in one sentence.

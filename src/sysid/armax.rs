@@ -32,9 +32,9 @@ pub const ORDER: usize = 3;
 pub const LONGEST_DELAY: usize = 12;
 /// Largest modulus of a zero of C: beyond it the start of the record is never forgotten.
 pub const RHO: f64 = 0.98;
-/// Decrease of the log-likelihood below which an iteration is the last.
+/// Increase of the log-likelihood below which an iteration is the last: far below what any decision rests on.
 const SETTLED: f64 = 0.02;
-/// Damping at first, and the factor by which it grows and shrinks.
+/// Damping at first, and the factor by which it grows and shrinks: bounds on effort, the optimum does not depend on them.
 const DAMPING: (f64, f64) = (1e-3, 8.0);
 /// Steps tried in one iteration.
 const TRIES: usize = 5;

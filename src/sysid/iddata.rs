@@ -4,7 +4,7 @@ use super::stats::{mean, sd};
 use super::valve::{Start, largest_reversal};
 use crate::signal::Window;
 
-/// Longest lag of any regression (samples).
+/// Longest lag of PV or the stem in any regression (samples); a tag may be later.
 pub const LONGEST_LAG: usize = 16;
 /// Rows before the first that is fitted: no lag reaches before the start of the stem, whose first samples are guessed.
 const LEAD: usize = 2 * LONGEST_LAG;

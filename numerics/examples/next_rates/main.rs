@@ -8,11 +8,11 @@
 //! `--records FOLDER` writes the cases as CSV and traces none.
 
 #[path = "../../../tests/generators/mod.rs"]
-#[allow(dead_code, reason = "each user takes a part")]
+#[expect(dead_code, reason = "each user takes a part")]
 mod generators;
 mod judge;
 #[path = "../../../tests/diagnosis_common/parallel.rs"]
-#[allow(dead_code, reason = "each user takes a part")]
+#[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 
 use generators::{Case, GENERATORS, Generator, Size};

@@ -2,7 +2,6 @@
 
 pub mod load;
 pub mod process;
-pub mod sensor;
 pub mod valve;
 
 use super::Kind;

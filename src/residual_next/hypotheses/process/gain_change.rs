@@ -1,7 +1,7 @@
 //! The gain changes at a time: the stem counts `ratio` times from t on, and the level shifts with it.
 //!
 //! Parameters: time t (s), rate 1; ratio (-), rate 1/2; shift of the level, rate 1/2. Proposed at the times where the
-//! predicted answer to the stem and a level gain most in the high-order ARX.
+//! predicted answer to the stem and a level gain most in the ARMAX.
 
 use crate::residual_next::Kind;
 use crate::residual_next::effect::EffectModel;
