@@ -8,7 +8,6 @@
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
 #[path = "../../tests/diagnosis_common/parallel.rs"]
-#[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 
 use generators::{Case, GENERATORS, Size};
