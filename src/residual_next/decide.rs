@@ -8,10 +8,12 @@ use crate::sysid::arx::{Arx, ArxFit};
 use crate::sysid::criterion;
 use crate::sysid::iddata::IdData;
 
-/// Delays from which a fit starts, and the iterations of each before the best goes on.
+/// Delays from which a fit starts, and the iterations of each before those far behind are left.
 const DELAYS: usize = 3;
 const FIRST: usize = 4;
-/// Iterations of the best, and of one that starts from a fit nearly right.
+/// Log-likelihood behind the best up to which a delay goes on: a flat valley of C hides as much after the first iterations.
+const VALLEY: f64 = 25.0;
+/// Iterations of those that go on, and of one that starts from a fit nearly right.
 const MOST: usize = 16;
 const NEAR: usize = 5;
 
@@ -64,8 +66,11 @@ pub fn decide(data: &IdData, hypothesis: Hypothesis, near: Option<&ArxFit>) -> D
     let input = OnData { hypothesis: &hypothesis, data };
     let starts = hannan_rissanen(data, &y, &signals, &long, &theta);
     let begun = starts.into_iter().take(DELAYS).map(|start| start.model.fit(data, &data.y, &input, FIRST));
-    let best = begun.max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood)).unwrap_or_default();
-    let model = best.fit(data, &data.y, &input, MOST);
+    let begun: Vec<Armax> = begun.collect();
+    let enough = begun.iter().map(|model| model.log_likelihood).fold(f64::NEG_INFINITY, f64::max) - VALLEY;
+    let go_on = begun.into_iter().filter(|model| model.log_likelihood >= enough);
+    let fitted = go_on.map(|model| model.fit(data, &data.y, &input, MOST));
+    let model = fitted.max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood)).unwrap_or_default();
     Decided::new(data, hypothesis, model)
 }
 

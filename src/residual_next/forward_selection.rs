@@ -1,12 +1,13 @@
 //! Forward selection: the likeliest effect is added, then all is asked again beside it.
 
 use super::Kind;
-use super::decide::{Decided, arx, decide, decide_quick, refine, scored};
+use super::decide::{Decided, arx, decide, decide_near, decide_quick, refine, scored};
 use super::hypotheses::ALL;
 use super::hypothesis::Hypothesis;
 use super::posterior::{Table, class};
 use super::screening::Screen;
 use super::valve_search::{Effort, search};
+use crate::sysid::armax::Armax;
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::ValveModel;
 
@@ -125,8 +126,14 @@ impl Comparison<'_> {
         }
     }
 
-    /// Fits the best of each leading kind, with friction (J = S and J free) and without, from nothing and to the end.
+    /// Fits the best of each leading kind, with friction (J = S and J free) and without, to the end: from nothing and from the
+    /// best dynamics that any of them has, with friction and without.
     fn settle(&mut self) {
+        let of_class = |of: usize| {
+            let own = self.decided.iter().filter(|d| class(&d.hypothesis) == of);
+            own.max_by(|a, b| a.score.total_cmp(&b.score)).map(|d| d.model.clone())
+        };
+        let leaders: Vec<Armax> = (0..3).filter_map(of_class).collect();
         let mut settled = Vec::new();
         let most = self.decided.iter().map(|d| d.score).fold(f64::NEG_INFINITY, f64::max);
         for kind in self.leading() {
@@ -136,7 +143,11 @@ impl Comparison<'_> {
                     continue;
                 };
                 let anew = decide(self.data, best.hypothesis.clone(), None);
-                let best = if anew.score > best.score { anew } else { best.clone() };
+                let offered =
+                    leaders.iter().map(|model| decide_near(self.data, best.hypothesis.clone(), model));
+                let best = offered.fold(if anew.score > best.score { anew } else { best.clone() }, |a, b| {
+                    if b.score > a.score { b } else { a }
+                });
                 settled.push(if kind.is_some() { refine(self.data, best) } else { best });
             }
         }

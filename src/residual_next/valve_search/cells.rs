@@ -26,6 +26,8 @@ pub struct Family {
     pub rule: StopRule,
     /// J/S, where it is held; always where stems rest at reversals only, since no comparison tells J then.
     pub ratio: Option<f64>,
+    /// See [`ValveModel::resolution`].
+    pub resolution: f64,
 }
 
 /// Thresholds that have decided alike so far.
@@ -53,7 +55,8 @@ impl Cell {
         let s = middle(self.s);
         let j = family.ratio.map_or_else(|| middle(self.j), |ratio| ratio * s);
         let rest = Rest { turned: self.turned, beyond: (self.beyond / s).min(1.0) };
-        ValveModel { s, j, rule: family.rule, rest, ..ValveModel::default() }
+        let Family { rule, resolution, .. } = family;
+        ValveModel { s, j, rule, resolution, rest, ..ValveModel::default() }
     }
 }
 
@@ -143,7 +146,7 @@ impl Cells {
         for numbers in [&mut now.position, &mut now.direction, &mut now.rests, &mut *doubt] {
             numbers.resize(n, 0.0);
         }
-        let rests = Rests::after(family.rule);
+        let rests = Rests::after(*family);
         advance(sample, [s, j], last, &mut now.position, &mut now.direction, (&mut now.rests, rests), doubt);
         if sample.stops != NO_STOPS {
             for (position, lag) in now.position.iter_mut().zip(&*lag) {
@@ -196,7 +199,7 @@ impl Cells {
         self.push(i, stays);
         self.now.position.push(position);
         self.now.direction.push(direction);
-        self.now.rests.push(Rests::after(self.family.rule).stays);
+        self.now.rests.push(Rests::after(self.family).stays);
     }
 
     /// A cell with the past of cell `i`.
@@ -263,12 +266,14 @@ fn rate(product: &mut [f64], past: [&[f64]; LAGS_X], b: &[f64; LAGS_X], left: f6
 struct Rests {
     goes: f64,
     stays: f64,
+    /// How far OP goes on at least where the stem does not rest.
+    resolution: f64,
 }
 
 impl Rests {
-    fn after(rule: StopRule) -> Self {
+    fn after(Family { rule, resolution, .. }: Family) -> Self {
         let is = |rests: bool| if rests { 1.0 } else { 0.0 };
-        Self { goes: is(rule == StopRule::Slip), stays: is(rule != StopRule::Reversal) }
+        Self { goes: is(rule == StopRule::Slip), stays: is(rule != StopRule::Reversal), resolution }
     }
 }
 
@@ -291,9 +296,10 @@ fn advance(
     for i in 0..n {
         let onward = came[i] * (u - was[i]);
         let (back, ahead) = (grown * (1.0 + asymmetry * came[i]), grown * rested[i]);
+        let least = grown * (1.0 - rested[i]) * after.resolution;
         let turns = one(-onward > s0[i] * back);
-        let goes = turns + one(onward > j0[i] * ahead);
-        doubt[i] = goes - one(-onward > s1[i] * back) - one(onward > j1[i] * ahead);
+        let goes = turns + one(onward > j0[i] * ahead + least);
+        doubt[i] = goes - one(-onward > s1[i] * back) - one(onward > j1[i] * ahead + least);
         position[i] = if goes > 0.0 { u } else { was[i] };
         direction[i] = came[i] - 2.0 * turns * came[i];
         rests[i] = after.stays + goes * (after.goes - after.stays);

@@ -14,6 +14,7 @@ use super::screening::Screen;
 use crate::sysid::arx::{Arx, ArxFit};
 use crate::sysid::criterion::{REGULAR, TEMPERING, THRESHOLD, score};
 use crate::sysid::iddata::IdData;
+use crate::sysid::stats::quantile;
 use crate::sysid::valve::batch::{Batch, LANES};
 use crate::sysid::valve::{Rest, StopRule, ValveModel};
 use beam::Held;
@@ -58,8 +59,10 @@ const WORTH: f64 = 40.0;
 const RETURNED: usize = 4;
 /// Ratios J/S tried where J is no threshold: up to this many steps, each so wide, then finer ones.
 const LAGS: (i32, f64, f64) = (13, 0.1, 0.02);
-/// Places at the start tried to each side, as shares of S.
-const RESTS: i32 = 10;
+/// Resolutions tried, as the steps of OP that so many are smaller than: a stem that stops at more of them hardly moves.
+const RESOLUTIONS: [f64; 7] = [0.003, 0.006, 0.0125, 0.025, 0.05, 0.1, 0.2];
+/// Places at the start tried, at most.
+const RESTS: usize = 48;
 
 /// A valve with its fit.
 #[derive(Clone, Debug)]
@@ -80,7 +83,8 @@ pub fn cost(valve: Option<&ValveModel>) -> (f64, f64) {
         StopRule::Reversal => REGULAR,
         _ => THRESHOLD,
     };
-    (THRESHOLD + of_j, StopRule::ALL.len() as f64)
+    let resolutions = if valve.resolution > 0.0 { RESOLUTIONS.len() as f64 } else { 1.0 };
+    (THRESHOLD + of_j, StopRule::ALL.len() as f64 * resolutions)
 }
 
 /// How far a search goes.
@@ -184,10 +188,11 @@ impl<'a> Search<'a> {
     /// Successive halving over the valves whose thresholds may be needles.
     fn halve(&mut self) {
         for (rule, ratio) in STAGED {
+            let family = Family { rule, ratio, resolution: 0.0 };
             let rate = |short: &IdData, valves: &[ValveModel]| {
                 self.deviances(short, &Arx::new(short, &short.y, self.shapes), valves)
             };
-            let found = staged(self.counted, &self.full, Family { rule, ratio }, whole(self.data), rate);
+            let found = staged(self.counted, &self.full, family, whole(self.data), rate);
             let mut taken: Vec<f64> = Vec::new();
             for valve in found {
                 if taken.len() < OF_STAGED.0 && taken.iter().all(|s| (valve.s / s - 1.0).abs() > OF_STAGED.1)
@@ -298,6 +303,7 @@ impl<'a> Search<'a> {
             }
         }
         self.lags(&start);
+        self.resolutions(&start, own);
         self.rests(&start, own);
         true
     }
@@ -305,7 +311,8 @@ impl<'a> Search<'a> {
     /// The valve as one that rests at reversals only, with the lag that explains most.
     fn lags(&mut self, of: &Found) {
         let s = of.valve.s;
-        let with = |ratio: f64| ValveModel { j: ratio * s, rule: StopRule::Reversal, ..of.valve };
+        let with =
+            |ratio: f64| ValveModel { j: ratio * s, rule: StopRule::Reversal, resolution: 0.0, ..of.valve };
         let coarse: Vec<ValveModel> = (0..=LAGS.0).map(|i| with(LAGS.1 * f64::from(i))).collect();
         let Some(best) = self.ranked(&coarse).first().copied() else { return };
         let ratio = best.1.j / s;
@@ -315,16 +322,34 @@ impl<'a> Search<'a> {
         self.rate(best.1, Some(&of.fit));
     }
 
-    /// The valve from other places at the start; `own`: its rank from its own.
-    fn rests(&mut self, of: &Found, own: f64) {
-        let places = [false, true].into_iter().flat_map(|turned| (0..=RESTS).map(move |i| (turned, i)));
-        let with = |(turned, i)| {
-            let rest = Rest { turned, beyond: f64::from(i) / f64::from(RESTS) };
-            ValveModel { rest, ..of.valve }
+    /// The valve as one that comes to rest at small steps of OP, too, with its J and with S; `own`: its rank as it is.
+    fn resolutions(&mut self, of: &Found, own: f64) {
+        if of.valve.rule == StopRule::Slip {
+            return;
+        }
+        let steps: Vec<f64> = self.data.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+        let with = |share: f64| {
+            let resolution = quantile(&steps, share);
+            [of.valve.j, of.valve.s].map(|j| ValveModel { j, rule: StopRule::Stop, resolution, ..of.valve })
         };
-        let others: Vec<ValveModel> = places.map(with).collect();
+        let others: Vec<ValveModel> = RESOLUTIONS.into_iter().flat_map(with).collect();
         let best = self.ranked(&others).first().copied().filter(|best| best.0 < own);
         best.into_iter().for_each(|best| self.rate(best.1, Some(&of.fit)));
+    }
+
+    /// The valve from other places at the start, and the one with J = S from any; `own`: its rank from its own place.
+    fn rests(&mut self, of: &Found, own: f64) {
+        let tied = ValveModel { j: of.valve.s, ..of.valve };
+        for (valve, least) in [(of.valve, own), (tied, f64::INFINITY)] {
+            let band = ValveModel { asymmetry: self.full.asymmetry, drift: self.full.drift, ..valve };
+            let others: Vec<ValveModel> =
+                places(self.data, &band).into_iter().map(|rest| ValveModel { rest, ..valve }).collect();
+            let best = self.ranked(&others).first().copied().filter(|best| best.0 < least);
+            best.into_iter().for_each(|best| self.rate(best.1, Some(&of.fit)));
+            if tied == of.valve {
+                break;
+            }
+        }
     }
 
     /// The best first, one of each kind.
@@ -342,13 +367,49 @@ impl<'a> Search<'a> {
     }
 }
 
+/// Places of the stem at the start: one of each range from which the first slip comes at the same sample, the widest ranges
+/// first.
+fn places(data: &IdData, valve: &ValveModel) -> Vec<Rest> {
+    let u0 = data.u[data.start.index];
+    let grown = valve.growth(data.start.index, data.split);
+    let (s, ahead) = (valve.s * grown, if valve.rule == StopRule::Reversal { 0.0 } else { valve.j * grown });
+    let mut all: Vec<(f64, Rest)> = Vec::new();
+    for turned in [false, true] {
+        let direction = if data.start.is_max != turned { 1.0 } else { -1.0 };
+        let band = s * (1.0 + valve.asymmetry * direction);
+        // A stem turns at a new low of OP (seen in its direction), and goes on at a new high.
+        let (mut low, mut high, mut borders) = (0.0, 0.0, vec![0.0, 1.0]);
+        for u in &data.u[data.start.index..data.split] {
+            let by = direction * (u - u0);
+            if by < low && by > -band {
+                low = by;
+                borders.push((band + by) / s);
+            } else if by > high && by < s + ahead {
+                high = by;
+                borders.push((by - ahead) / s);
+            }
+        }
+        borders.retain(|b| (0.0..=1.0).contains(b));
+        borders.sort_by(f64::total_cmp);
+        let ranges = borders.windows(2).map(|b| (b[1] - b[0], Rest { turned, beyond: 0.5 * (b[0] + b[1]) }));
+        all.extend(ranges);
+    }
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    all.truncate(RESTS);
+    all.into_iter().map(|(_, rest)| rest).collect()
+}
+
 /// The families of a beam search about a valve.
 fn families(about: &ValveModel) -> Vec<Family> {
-    let free = [StopRule::Stop, StopRule::Slip].map(|rule| Family { rule, ratio: None });
-    let tied = StopRule::ALL.map(|rule| Family { rule, ratio: Some(1.0) });
+    let with = |rule: StopRule, ratio: Option<f64>| {
+        let resolution = if rule == StopRule::Stop { about.resolution } else { 0.0 };
+        Family { rule, ratio, resolution }
+    };
+    let free = [StopRule::Stop, StopRule::Slip].map(|rule| with(rule, None));
+    let tied = StopRule::ALL.map(|rule| with(rule, Some(1.0)));
     let ratio = about.j / about.s;
     let lagging = if ratio == 1.0 { 0.5 } else { ratio };
-    let lagging = Family { rule: StopRule::Reversal, ratio: Some(lagging) };
+    let lagging = with(StopRule::Reversal, Some(lagging));
     free.into_iter().chain(tied).chain([lagging]).collect()
 }
 
@@ -374,7 +435,7 @@ pub fn banded(
     let arx = Arx::new(data, &data.y, &screen.signals.shapes);
     let fit = arx.fit(&screen.signals.x, None);
     let held = Held::new(data, base, &fit, &screen.signals.x);
-    let mut family = Family { rule: own.rule, ratio: Some(own.j / own.s) };
+    let mut family = Family { rule: own.rule, ratio: Some(own.j / own.s), resolution: own.resolution };
     if own.j != own.s && own.rule != StopRule::Reversal {
         family.ratio = None;
     }

@@ -59,7 +59,7 @@ fn known(valve: ValveModel, seed: u64, sd: f64) -> (IdData, ArxFit, Vec<f64>) {
 
 fn family(valve: &ValveModel) -> Family {
     let tied = valve.j == valve.s || valve.rule == StopRule::Reversal;
-    Family { rule: valve.rule, ratio: tied.then(|| valve.j / valve.s) }
+    Family { rule: valve.rule, ratio: tied.then(|| valve.j / valve.s), resolution: valve.resolution }
 }
 
 fn valves() -> [ValveModel; 5] {

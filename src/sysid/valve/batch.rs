@@ -38,7 +38,7 @@ impl Batch {
             drift: of(|v| v.drift),
             lag: of(ValveModel::lag),
             beyond: of(|v| v.s * v.rest.beyond),
-            ahead_after: [of(|v| if v.rule == StopRule::Slip { v.j } else { 0.0 }), rested],
+            ahead_after: [of(|v| if v.rule == StopRule::Slip { v.j } else { v.resolution }), rested],
             ahead: rested,
             band: of(|v| v.s),
             asymmetry: of(|v| v.asymmetry),
@@ -114,11 +114,13 @@ mod tests {
     fn valve() -> impl Strategy<Value = ValveModel> {
         let shares = (0.0..2.0, 0.0..1.0, -0.9..0.9, -0.9..0.9);
         (0.05..3.0, shares, 0usize..3, any::<[bool; 3]>()).prop_map(|(s, (j, beyond, a, d), rule, has)| {
+            let rule = StopRule::ALL[rule];
             let given = |has: bool, value: f64| if has { value } else { 0.0 };
             ValveModel {
                 s,
                 j: j * s,
-                rule: StopRule::ALL[rule],
+                rule,
+                resolution: if rule == StopRule::Stop { 0.1 * j } else { 0.0 },
                 rest: Rest { turned: has[0], beyond },
                 asymmetry: given(has[1], a),
                 drift: given(has[2], d),

@@ -8,12 +8,13 @@
 //! p is held within the stops.
 //!
 //! The stem turns     where  dir (p - u) > S
-//! The stem goes on   where  dir (u - p) > J after a rest, > 0 otherwise
+//! The stem goes on   where  dir (u - p) > J after a rest, > r otherwise
 //! ```
 //!
 //! `S` is the deadband plus stickband, `J` the slip jump, both in OP units; the paper's parameter is `f = S/2` and its
 //! element has `J = S` and rests at reversals only. What counts as a rest is the [`StopRule`]: it tells the models of the
-//! literature apart.
+//! literature apart. `r` is the resolution with which a stem follows OP: one that rests whenever OP stops has come to rest,
+//! too, where OP goes on by less.
 //!
 //! Sources: Choudhury et al., Control Eng. Practice 2005, 13, 641; Kano et al., IFAC DYCOPS 2004; He et al., Ind. Eng.
 //! Chem. Res. 2007, 46, 4549; Stenman et al., Int. J. Adapt. Control 2003, 17, 251; Ivan & Lakshminarayanan 2009.
@@ -65,6 +66,8 @@ pub struct ValveModel {
     pub j: f64,
     /// When the stem rests.
     pub rule: StopRule,
+    /// Step of OP up to which a stem that moves comes to rest, with [`StopRule::Stop`] (OP unit).
+    pub resolution: f64,
     /// Where it was at the start.
     pub rest: Rest,
     /// Turning down takes `S (1 + asymmetry)`, turning up `S (1 - asymmetry)` (-).
@@ -96,6 +99,7 @@ impl ValveModel {
         self.s > 0.0
             && (0.0..=2.0 * self.s).contains(&self.j)
             && (0.0..=1.0).contains(&self.rest.beyond)
+            && self.resolution >= 0.0
             && self.asymmetry.abs() < 1.0
             && self.drift.abs() < 1.0
     }
@@ -166,8 +170,8 @@ impl Stem {
     fn step(&mut self, valve: &ValveModel, u: f64, grown: f64) {
         let onward = self.direction * (u - self.position);
         let turns = -onward > valve.s * grown * (1.0 + valve.asymmetry * self.direction);
-        let ahead = if self.rests { valve.j * grown } else { 0.0 };
-        if turns || onward > ahead {
+        let ahead = if self.rests { valve.j } else { valve.resolution };
+        if turns || onward > ahead * grown {
             let (low, high) = valve.limits();
             self.position = u.max(low).min(high);
             self.direction = if turns { -self.direction } else { self.direction };
