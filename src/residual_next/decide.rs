@@ -6,7 +6,7 @@ use super::valve_search::cost;
 use crate::sysid::armax::{Armax, hannan_rissanen};
 use crate::sysid::arx::{Arx, ArxFit};
 use crate::sysid::criterion;
-use crate::sysid::iddata::IdData;
+use crate::sysid::iddata::{IdData, LONGEST_LAG};
 
 /// Delays from which a fit starts, and the iterations of each before those far behind are left.
 const DELAYS: usize = 3;
@@ -16,6 +16,11 @@ const VALLEY: f64 = 25.0;
 /// Iterations of those that go on, and of one that starts from a fit nearly right.
 const MOST: usize = 16;
 const NEAR: usize = 5;
+
+/// Stretches in which every time of a change is tried, samples beside each, and how often the best is a start.
+const PEAKS: usize = 4;
+const BESIDE: usize = 2;
+const RETIMED: usize = 3;
 
 /// A hypothesis with its fit.
 #[derive(Clone, Debug)]
@@ -101,8 +106,75 @@ pub fn decide_quick(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Deci
     }
 }
 
+/// Moves the last effect's change to the time that explains most, if there is a better one, again and again.
+///
+/// ```text
+/// ln L(t) ~ sum_{k < t} l(e0[k]) + sum_{k >= t} l(e1[k])
+/// ```
+///
+/// `e0` are the errors of the same model without the change, `e1` those with the change from the start on: what 1/C carries
+/// over t is left out, so the best times are rated with it before one is fitted.
+pub fn retime(data: &IdData, mut best: Decided) -> Decided {
+    for _ in 0..RETIMED {
+        let Some(last) = best.hypothesis.effects.last().filter(|last| last.at().is_some()) else { break };
+        let count = best.hypothesis.effects.len();
+        let at = |at: usize| {
+            let mut hypothesis = best.hypothesis.clone();
+            hypothesis.effects[count - 1] = last.moved(at);
+            hypothesis
+        };
+        let held =
+            |hypothesis: &Hypothesis| -> f64 { -losses(data, &best.model, hypothesis).iter().sum::<f64>() };
+        let times = times(data, &best.model, &at(data.len()), &at(0));
+        let rated = times.into_iter().map(at).map(|hypothesis| (held(&hypothesis), hypothesis));
+        let Some((rated, other)) = rated.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+        if rated <= held(&best.hypothesis) {
+            break;
+        }
+        let better = decide_near(data, other, &best.model);
+        if better.score <= best.score {
+            break;
+        }
+        best = better;
+    }
+    best
+}
+
+/// Minus the log-likelihood of each fitted row under a hypothesis with the coefficients of `model`, but for a constant.
+fn losses(data: &IdData, model: &Armax, hypothesis: &Hypothesis) -> Vec<f64> {
+    let signals = hypothesis.signals(data);
+    let e = model.errors(data, &data.y, &signals, data.split).e;
+    let per = 1.0 / (model.nu * model.scale * model.scale);
+    data.rows().map(|k| 0.5 * (model.nu + 1.0) * (data.weight[k] * per * e[k] * e[k]).ln_1p()).collect()
+}
+
+/// The best times of a change from the hypothesis `without` it to the one `with` it from the start, and those beside them.
+fn times(data: &IdData, model: &Armax, without: &Hypothesis, with: &Hypothesis) -> Vec<usize> {
+    let (before, after) = (losses(data, model, without), losses(data, model, with));
+    let mut sum: f64 = after.iter().sum();
+    let mut rated: Vec<(f64, usize)> = Vec::new();
+    for (row, (before, after)) in before.iter().zip(&after).enumerate() {
+        rated.push((sum, row));
+        sum += before - after;
+    }
+    let edge = LONGEST_LAG..rated.len().saturating_sub(LONGEST_LAG);
+    rated.retain(|(_, row)| edge.contains(row));
+    rated.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // What changes the stem shows a delay later.
+    let (before, after) = (model.nk + BESIDE, BESIDE);
+    let mut peaks: Vec<usize> = Vec::new();
+    for (_, row) in rated {
+        let time = data.first + row;
+        if peaks.len() < PEAKS && peaks.iter().all(|peak| peak.abs_diff(time) > before) {
+            peaks.push(time);
+        }
+    }
+    peaks.into_iter().flat_map(|peak| peak - before..=peak + after).collect()
+}
+
 /// Looks to each side of the last effect's parameters in which the likelihood jumps, on finer and finer steps.
-pub fn refine(data: &IdData, mut best: Decided) -> Decided {
+pub fn refine(data: &IdData, best: Decided) -> Decided {
+    let mut best = retime(data, best);
     for step in [1.0, 0.5, 0.25] {
         for _ in 0..3 {
             let Some(last) = best.hypothesis.effects.last() else { return best };

@@ -33,6 +33,14 @@ pub trait EffectModel: Debug + Send + Sync {
     fn neighbours(&self, _data: &IdData, _step: f64) -> Vec<Box<dyn EffectModel>> {
         Vec::new()
     }
+    /// The sample at which it sets in, where it changes something for good.
+    fn at(&self) -> Option<usize> {
+        None
+    }
+    /// The same at another sample.
+    fn moved(&self, _at: usize) -> Box<dyn EffectModel> {
+        self.boxed()
+    }
     /// Changes the valve.
     fn on_valve(&self, _valve: &mut ValveModel) {}
     /// Whether it changes the stem on its way to the process.

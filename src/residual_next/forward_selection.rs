@@ -1,7 +1,7 @@
 //! Forward selection: the likeliest effect is added, then all is asked again beside it.
 
 use super::Kind;
-use super::decide::{Decided, arx, decide, decide_near, decide_quick, refine, scored};
+use super::decide::{Decided, arx, decide, decide_near, decide_quick, refine, retime, scored};
 use super::hypotheses::ALL;
 use super::hypothesis::Hypothesis;
 use super::posterior::{Table, class};
@@ -78,15 +78,52 @@ impl Comparison<'_> {
             }
         }
         proposed.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let enough = proposed.first().map_or(0.0, |best| best.0) - 2.0 * REACH;
-        let mut taken: Vec<(Kind, bool)> = Vec::new();
+        let mut taken: Vec<((Kind, bool), f64)> = Vec::new();
         for (promised, at, kind, hypothesis) in proposed {
             let key = (kind, hypothesis.valve.is_some());
+            let of_kind: Vec<f64> =
+                taken.iter().filter(|taken| taken.0 == key).map(|taken| taken.1).collect();
             let told = self.told == Some(kind);
-            let most = if told { 60 } else { FITTED };
-            if (told || promised >= enough) && taken.iter().filter(|taken| **taken == key).count() < most {
-                taken.push(key);
+            // What one kind is promised says nothing of another: a score test knows no bounds.
+            let enough = of_kind.first().map_or(f64::NEG_INFINITY, |first| first - REACH);
+            if of_kind.len() < if told { 60 } else { FITTED } && (told || promised >= enough) {
+                taken.push((key, promised));
                 self.decided.push(decide_quick(self.data, hypothesis, &bases[at].model));
+            }
+        }
+    }
+
+    /// The best of each leading kind with a change at a time, with friction and without.
+    fn timed(&self) -> Vec<Decided> {
+        let timed = |d: &&Decided| d.hypothesis.effects.last().is_some_and(|effect| effect.at().is_some());
+        let each = |kind| [false, true].map(|friction| self.best(kind, |class| (class > 0) == friction));
+        let leading = self.leading().into_iter().filter(Option::is_some);
+        leading.flat_map(each).flatten().filter(timed).cloned().collect()
+    }
+
+    /// Moves changes to their best times.
+    fn retime(&mut self) {
+        let moved: Vec<Decided> = self.timed().into_iter().map(|best| retime(self.data, best)).collect();
+        self.decided.extend(moved);
+    }
+
+    /// Offers the time of every change to the others: of a stem's to a load's a delay later, and back.
+    fn offer_times(&mut self) {
+        let at = |d: &Decided| d.hypothesis.effects.last().and_then(|effect| effect.at());
+        let found = self.timed();
+        for own in &found {
+            let mut tried: Vec<usize> = at(own).into_iter().collect();
+            for time in found.iter().filter_map(at) {
+                for time in [time, time + own.model.nk, time.saturating_sub(own.model.nk)] {
+                    let inside = (self.data.first..self.data.split).contains(&time);
+                    if inside && !tried.contains(&time) {
+                        tried.push(time);
+                        let mut hypothesis = own.hypothesis.clone();
+                        let last = hypothesis.effects.pop();
+                        hypothesis.effects.extend(last.map(|effect| effect.moved(time)));
+                        self.decided.push(decide_near(self.data, hypothesis, &own.model));
+                    }
+                }
             }
         }
     }
@@ -171,9 +208,12 @@ pub fn compare(
     );
     let mut comparison = Comparison { data, count: effects.effects.len(), decided, told };
     comparison.propose();
+    comparison.retime();
+    comparison.offer_times();
     comparison.search_beside(pool);
     comparison.offer(pool);
     comparison.settle();
+    comparison.offer_times();
     comparison.decided
 }
 

@@ -132,12 +132,15 @@ fn informed(settings: &Settings, unit: f64) -> Vec<ValveModel> {
 fn select(data: &IdData, settings: &Settings, pool: &mut Vec<ValveModel>) -> Option<Outcome> {
     let mut effects = Hypothesis::default();
     let mut added: Vec<(f64, f64)> = Vec::new();
+    let mut steps = 0;
     loop {
+        steps += 1;
         let decided = compare(data, &effects, pool, settings.only);
         let table = table(&decided, &effects);
         let kinds = table.kinds();
         let (kind, posterior) = *kinds.first()?;
-        let full = added.len() >= settings.most_effects;
+        // Two effects that stand in for each other would take turns without end.
+        let full = added.len() >= settings.most_effects || steps > 2 * settings.most_effects;
         let next = table.best(kind).filter(|_| kind.is_some() && posterior > 0.5 && !full);
         let none = table.best(None)?;
         let Some(next) = next else {
@@ -157,16 +160,11 @@ fn select(data: &IdData, settings: &Settings, pool: &mut Vec<ValveModel>) -> Opt
         added.push((posterior, 2.0 * (next.score - none.score)));
         let mut keep: Vec<usize> = (0..added.len()).collect();
         let best = eliminate(data, next.clone(), pool, &mut keep);
-        let repeats = keep.len() < added.len() && keep.last() != Some(&(added.len() - 1));
         added = keep.iter().map(|at| added[*at]).collect();
         effects = best.hypothesis.clone();
         if let Some(valve) = effects.valve {
             pool.retain(|other| *other != valve);
             pool.insert(0, valve);
-        }
-        // One that goes again must not come back without end.
-        if repeats {
-            added.truncate(settings.most_effects);
         }
     }
 }

@@ -166,10 +166,10 @@ impl Armax {
         }
         let guess = if self.scale > 0.0 { self.scale } else { student::first_scale(e, weight) };
         if self.nu <= 0.0 {
-            (self.scale, self.nu, self.log_likelihood) = student::tails(e, weight, guess);
+            (self.scale, self.nu, self.log_likelihood) = student::tails(e, weight, guess, data.least_scale);
             return;
         }
-        self.scale = student::scale(e, weight, guess, self.nu);
+        self.scale = student::scale(e, weight, guess, self.nu, data.least_scale);
         self.log_likelihood = student::log_likelihood(e, weight, self.scale, self.nu);
     }
 

@@ -37,6 +37,8 @@ pub struct Arx<'a> {
     right: Vec<f64>,
     power: f64,
     plain: bool,
+    /// Least scale of the errors.
+    least: f64,
 }
 
 /// A fit with Student-t errors.
@@ -85,6 +87,7 @@ impl<'a> Arx<'a> {
             right: Vec::new(),
             power: 0.0,
             plain,
+            least: data.least_scale,
             rows,
         };
         let columns = arx.fixed();
@@ -179,7 +182,8 @@ impl<'a> Arx<'a> {
             self.weighted(&columns, target, &omega, &mut scratch, &mut found);
             let guess = student::first_scale(&found.e, self.weight);
             let guess = if found.scale > 0.0 { found.scale } else { guess };
-            (found.scale, found.nu, found.log_likelihood) = student::tails(&found.e, self.weight, guess);
+            (found.scale, found.nu, found.log_likelihood) =
+                student::tails(&found.e, self.weight, guess, self.least);
             student::reweigh(&found.e, self.weight, (found.scale, found.nu), &mut omega);
         }
         found.omega = omega;

@@ -34,6 +34,8 @@ pub struct IdData {
     pub split: usize,
     /// Half the largest reversal of OP: with a larger f the stem never turns.
     pub f_max: f64,
+    /// Least scale of errors: that of rounding PV to its steps; 0 where it has none.
+    pub least_scale: f64,
     /// What turns normalised numbers into those of the plant.
     pub units: Units,
 }
@@ -88,6 +90,7 @@ impl IdData {
             first,
             split,
             f_max: largest_reversal(&u, start),
+            least_scale: 0.0,
             units,
             u,
         })

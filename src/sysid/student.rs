@@ -30,13 +30,14 @@ const FACTORS: usize = 16;
 /// Largest factor: sixteen of them are finite.
 const MOST_FACTOR: f64 = 1e18;
 
-/// The scale s that maximises the likelihood, from `guess` on.
-pub fn scale(e: &[f64], weight: &[f64], guess: f64, nu: f64) -> f64 {
+/// The scale s, `least` at least, that maximises the likelihood, from `guess` on.
+pub fn scale(e: &[f64], weight: &[f64], guess: f64, nu: f64, least: f64) -> f64 {
     let count: f64 = weight.iter().sum();
-    let mut s2 = guess.max(LEAST_SCALE).powi(2);
+    let least = least.max(LEAST_SCALE);
+    let mut s2 = guess.max(least).powi(2);
     for _ in 0..PASSES {
         let sum = weighted_power(e, weight, 1.0 / s2, nu);
-        let next = ((nu + 1.0) * sum / count.max(1.0)).max(LEAST_SCALE * LEAST_SCALE);
+        let next = ((nu + 1.0) * sum / count.max(1.0)).max(least * least);
         let settled = (next / s2 - 1.0).abs() < SETTLED;
         s2 = next;
         if settled {
@@ -75,9 +76,9 @@ fn constant(nu: f64) -> f64 {
 }
 
 /// The scale and the degrees of freedom that are likeliest, and the log-likelihood.
-pub fn tails(e: &[f64], weight: &[f64], guess: f64) -> (f64, f64, f64) {
+pub fn tails(e: &[f64], weight: &[f64], guess: f64, least: f64) -> (f64, f64, f64) {
     let rate = |(nu, _): &(f64, f64)| {
-        let s = scale(e, weight, guess, *nu);
+        let s = scale(e, weight, guess, *nu, least);
         (s, *nu, log_likelihood(e, weight, s, *nu))
     };
     let all = FREEDOMS.iter().map(rate);
@@ -116,7 +117,7 @@ mod tests {
         let e: Vec<f64> =
             t.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(3)).take(20_000).map(|e| 0.3 * e).collect();
         let weight = vec![1.0; e.len()];
-        let s = scale(&e, &weight, first_scale(&e, &weight), FREEDOM);
+        let s = scale(&e, &weight, first_scale(&e, &weight), FREEDOM, 0.0);
         // One standard error of the scale is about 0.0018 here.
         assert!((s - 0.3).abs() < 0.006, "{s}");
         let best = log_likelihood(&e, &weight, s, FREEDOM);
@@ -131,7 +132,7 @@ mod tests {
         for nu in [1.5, 5.0] {
             let t = StudentT::new(nu).expect("degrees of freedom above 0");
             let e: Vec<f64> = t.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(5)).take(20_000).collect();
-            let (s, found, _) = tails(&e, &vec![1.0; e.len()], 1.0);
+            let (s, found, _) = tails(&e, &vec![1.0; e.len()], 1.0, 0.0);
             assert!(found == nu && (s - 1.0).abs() < 0.05, "{found} {s} for {nu}");
         }
         // Densities integrate to one.

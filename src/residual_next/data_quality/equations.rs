@@ -145,7 +145,7 @@ impl<'a> Equations<'a> {
         for _ in 0..PASSES {
             e = errors(columns, target, &omega);
             let before = scale;
-            scale = student::scale(&e, &ones, scale, FREEDOM).max(self.least[0]);
+            scale = student::scale(&e, &ones, scale, FREEDOM, 0.0).max(self.least[0]);
             student::reweigh(&e, &ones, (scale, FREEDOM), &mut omega);
             if (scale / before - 1.0).abs() < SETTLED {
                 break;

@@ -40,6 +40,7 @@ pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>, known: Opti
     let mut facts = Vec::new();
     // The step of PV belongs to PV as it was recorded: a repair puts other values in between.
     let step = quantised::step_of(&data.y);
+    data.least_scale = quantised::error_of(step);
     // A coarse PV stands still by itself: where both are there, its steps are named first.
     if asked(Kind::QuantisedPv) {
         facts.extend(quantised::assess(data));

@@ -72,8 +72,8 @@ fn peaks(data: &IdData, step: f64) -> Vec<usize> {
     let y = &data.y;
     let changes: Vec<f64> = y.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let ones = vec![1.0; changes.len()];
-    let far = FAR
-        * student::scale(&changes, &ones, student::first_scale(&changes, &ones), FREEDOM).max(error_of(step));
+    let far =
+        FAR * student::scale(&changes, &ones, student::first_scale(&changes, &ones), FREEDOM, error_of(step));
     let beyond = |k: &usize| {
         let (before, after) = (y[*k] - y[k - 1], y[*k] - y[k + 1]);
         before * after > 0.0 && before.abs().min(after.abs()) > far && data.weight[*k] > 0.0
@@ -88,7 +88,7 @@ fn wrong(data: &IdData, x: &[f64], step: f64) -> Option<(Vec<usize>, f64)> {
         // What PV's steps hide is an error, too.
         let own = &data.weight[data.rows()];
         // Tails as heavy as wrong samples make them would hide those.
-        fit.scale = student::scale(&fit.e, own, fit.scale, FREEDOM).max(error_of(step));
+        fit.scale = student::scale(&fit.e, own, fit.scale, FREEDOM, error_of(step));
         let weight = &data.weight[data.rows()];
         fit.log_likelihood = student::log_likelihood(&fit.e, weight, fit.scale, FREEDOM);
         fit
@@ -138,7 +138,7 @@ fn bursts(fit: &ArxFit, weight: &[f64]) -> f64 {
         let own = |of: &[&(&[f64], &[f64])], scale: f64| {
             let e: Vec<f64> = of.iter().flat_map(|block| block.0).copied().collect();
             let weight: Vec<f64> = of.iter().flat_map(|block| block.1).copied().collect();
-            if e.is_empty() { scale } else { student::scale(&e, &weight, scale, FREEDOM) }
+            if e.is_empty() { scale } else { student::scale(&e, &weight, scale, FREEDOM, 0.0) }
         };
         scales = [own(&quiet, scales[0]), own(&loud, scales[1])];
     }

@@ -96,8 +96,24 @@ impl EffectModel for Step {
             offset.iter_mut().skip(self.at).for_each(|offset| *offset += self.size);
         }
     }
+    fn at(&self) -> Option<usize> {
+        Some(self.at)
+    }
+    fn moved(&self, at: usize) -> Box<dyn EffectModel> {
+        Step { at, ..self.clone() }.boxed()
+    }
     fn neighbours(&self, data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
-        near(self.at, data, step).into_iter().map(|at| Step { at, ..self.clone() }.boxed()).collect()
+        let mut out: Vec<Step> =
+            near(self.at, data, step).into_iter().map(|at| Step { at, ..self.clone() }).collect();
+        if step == 1.0 {
+            let places = [Place::Equation, Place::Input, Place::Pv].into_iter();
+            out.extend(places.filter(|p| *p != self.place).map(|place| Step {
+                at: self.at,
+                place,
+                size: 0.0,
+            }));
+        }
+        out.into_iter().map(|step| step.boxed()).collect()
     }
     fn describe(&self, data: &IdData, model: &Armax, gamma: &[f64]) -> Described {
         let time = data.time(self.at as f64);

@@ -49,6 +49,12 @@ impl EffectModel for Change {
     fn delay(&self, k: usize) -> usize {
         if (k >= self.at) != self.shorter { self.by } else { 0 }
     }
+    fn at(&self) -> Option<usize> {
+        Some(self.at)
+    }
+    fn moved(&self, at: usize) -> Box<dyn EffectModel> {
+        Change { at, ..self.clone() }.boxed()
+    }
     fn neighbours(&self, data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
         let mut out: Vec<Box<dyn EffectModel>> = near(self.at, data, 2.0 * step)
             .into_iter()
