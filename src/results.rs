@@ -18,6 +18,9 @@ pub use judged::{Judged, KnownEffect, ModelVersion, Residuals};
 pub use kept::{Change, Keeper, KeptAlarm, Remembered, Restored, RestoredAlarm, Summary};
 pub use origin::Origin;
 
+#[cfg(test)]
+pub(crate) use judged::tests::{effect as made_effect, findings as made_findings};
+
 use crate::alarm;
 use crate::compensation::gate::{self, News};
 use crate::diagnosis::{Diagnosis, Verdict};
