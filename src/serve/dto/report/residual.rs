@@ -122,6 +122,11 @@ pub struct ReportCandidate {
 }
 
 impl ReportResidual {
+    /// The candidates by kind, with their posteriors.
+    pub fn kinds(&self) -> Vec<(&str, f64)> {
+        self.candidates.iter().filter_map(|own| Some((own.kind.as_str(), own.posterior?))).collect()
+    }
+
     /// The residual where nothing was traced: the declared model stands before and after.
     pub(super) fn declared(residual: Option<&diagnosis::Residual>) -> Self {
         let white = residual.map(|r| r.white);
