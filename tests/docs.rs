@@ -90,6 +90,16 @@ fn agrees<T: DeserializeOwned + Debug + PartialEq>(heading: &str, required: &str
 const TAG: &str = "device = 'd'\nregister = 'coil'\naddress = 1\n";
 
 #[test]
+fn how_sure_an_effect_is_said_to_be_is_documented() {
+    let api = read("docs/api.md");
+    for (least, word) in stictiond::results::words::SURE {
+        assert!(api.contains(&format!("| {least} | {word} | ")), "{word}");
+    }
+    let costly = format!("| {} | very likely | the same |", stictiond::results::words::COSTLY_FROM);
+    assert!(api.contains(&costly) && api.contains("| 0.75 | probably | what to look at first, which costs nothing |"));
+}
+
+#[test]
 fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<serve::Config>("`[server]`", "");
     agrees::<serve::TlsConfig>("`[server.tls]`", "cert_file = 'c'\nkey_file = 'k'\n");
