@@ -96,7 +96,10 @@ fn how_sure_an_effect_is_said_to_be_is_documented() {
         assert!(api.contains(&format!("| {least} | {word} | ")), "{word}");
     }
     let costly = format!("| {} | very likely | the same |", stictiond::results::words::COSTLY_FROM);
-    assert!(api.contains(&costly) && api.contains("| 0.75 | probably | what to look at first, which costs nothing |"));
+    assert!(
+        api.contains(&costly)
+            && api.contains("| 0.75 | probably | what to look at first, which costs nothing |")
+    );
 }
 
 #[test]
