@@ -468,6 +468,27 @@ fn the_costs_of_the_hypotheses_are_those_of_the_source() {
 }
 
 #[test]
+fn the_effects_and_their_numbers_are_those_of_the_source() {
+    let rows = rows("docs/closing-the-loop.md", "What it finds");
+    let quoted =
+        |cell: &str| -> Vec<String> { cell.split('`').skip(1).step_by(2).map(str::to_string).collect() };
+    let kinds: Vec<String> = rows.iter().flat_map(|row| quoted(&row[0])).collect();
+    let known: BTreeSet<&str> =
+        stictiond::residual::Kind::ALL.into_iter().map(|kind| kind.as_str()).collect();
+    assert_eq!(kinds.iter().map(String::as_str).collect::<BTreeSet<_>>(), known);
+    assert_eq!(kinds.len(), known.len());
+    let told: BTreeSet<String> = rows.iter().flat_map(|row| quoted(&row[2])).collect();
+    let mut given = BTreeSet::new();
+    for (_, text) in sources("residual") {
+        let names = text.split(".with(\"").skip(1).filter_map(|rest| rest.split('"').next());
+        given.extend(names.map(str::to_string));
+    }
+    // Saturation's name depends on the side.
+    given.extend(["low", "high"].map(str::to_string));
+    assert_eq!(told, given);
+}
+
+#[test]
 fn every_metric_that_a_rule_reads_exists() {
     let metrics = read("src/serve/metrics.rs");
     let rules = read("deploy/prometheus/rules.yml");
