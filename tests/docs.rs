@@ -480,7 +480,8 @@ fn the_effects_and_their_numbers_are_those_of_the_source() {
     let told: BTreeSet<String> = rows.iter().flat_map(|row| quoted(&row[2])).collect();
     let mut given = BTreeSet::new();
     for (_, text) in sources("residual") {
-        let names = text.split(".with(\"").skip(1).filter_map(|rest| rest.split('"').next());
+        let calls = text.split(".with(").skip(1).filter_map(|rest| rest.trim_start().strip_prefix('"'));
+        let names = calls.filter_map(|rest| rest.split('"').next());
         given.extend(names.map(str::to_string));
     }
     // Saturation's name depends on the side.
