@@ -178,8 +178,8 @@ fn every_configuration_in_the_documents_is_accepted() {
 
 #[test]
 fn the_record_that_the_readme_diagnoses_is_what_it_says() {
-    let file = fs::File::open(root().join("docs/example.csv")).expect("the example can be read");
-    let record = stictiond::collect::csv::read(file).expect("the example is a record");
+    let file = root().join("docs/example.csv");
+    let record = stictiond::collect::table::record(&file).expect("the example is a record");
     let found = diagnosis::diagnose(&record, &diagnosis::Settings::default());
     assert_eq!(found.verdict, diagnosis::Verdict::Stiction, "{}", found.reason);
     // Made with the demo's loop FIC103: S/2 = 0.5 % OP.

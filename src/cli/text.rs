@@ -19,6 +19,9 @@ pub fn page(report: &Report) -> String {
         // Writing into a String cannot fail.
         let _ = writeln!(out, "{name:<12}{text}");
     };
+    if let Some(read_as) = &report.read_as {
+        line("read as:", read_as.clone());
+    }
     line("loop", report.r#loop.clone());
     line("verdict", verdict.into());
     line("reason", report.reason.clone());

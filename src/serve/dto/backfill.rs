@@ -81,6 +81,8 @@ impl From<&BackfillRun> for BackfillJob {
 pub struct BackfillReport {
     /// The loop's name.
     pub r#loop: String,
+    /// How the file was read, in one line; null where the record is no file's.
+    pub read_as: Option<String>,
     /// Begin of the record (s, on its clock).
     pub begin: Option<f64>,
     /// Length of a window (s).
@@ -176,6 +178,7 @@ impl BackfillReport {
         };
         Self {
             r#loop: name.to_string(),
+            read_as: None,
             begin: finite(timeline.begin),
             window_s: timeline.cut.window_s,
             step_s: timeline.cut.step_s,

@@ -14,6 +14,8 @@ use utoipa::ToSchema;
 pub struct Report {
     /// The loop's name.
     pub r#loop: String,
+    /// How the file was read, in one line; null in the daemon, which reads no file.
+    pub read_as: Option<String>,
     /// `stiction`, `no_stiction` or `not_identifiable`.
     pub verdict: ReportVerdict,
     /// The verdict in one line, with the numbers it rests on.
@@ -310,6 +312,7 @@ impl Report {
         let (verdict, reason_code) = verdict(&diagnosis.verdict);
         Self {
             r#loop: name.to_string(),
+            read_as: None,
             verdict,
             reason: diagnosis.reason.clone(),
             reason_code,
