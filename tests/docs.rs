@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::fmt::Debug;
 use std::fs;
 use std::path::{Path, PathBuf};
-use stictiond::collect::{modbus, mqtt, opcua};
+use stictiond::collect::{modbus, mqtt, opcua, table};
 use stictiond::config::{self, LoopConfig};
 use stictiond::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, writeback};
 
@@ -29,6 +29,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/security.md",
     "docs/reproduce.md",
     "docs/store.md",
+    "docs/tables.md",
     "docs/user-guide.md",
     "docs/writeback.md",
     "deploy/README.md",
@@ -97,6 +98,8 @@ fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<audit::Config>("`[audit]`", "file = 'x'\n");
     agrees::<history::Config>("`[history]`", "");
     agrees::<store::Config>("`[store]`", "folder = 'x'\n");
+    agrees::<table::Config>("`[tables]`", "");
+    agrees::<table::Options>("`[tables.defaults]`", "");
     agrees::<schedule::Config>("`[schedule]`", "");
     agrees::<diagnosis::Config>("`[diagnosis]`", "");
     agrees::<alarm::Config>("`[alarm]`", "");

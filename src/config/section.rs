@@ -5,7 +5,7 @@ use super::diagnostic::Report;
 use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig};
-use crate::collect::{modbus, mqtt, opcua};
+use crate::collect::{self, modbus, mqtt, opcua};
 use crate::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, writeback};
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
@@ -13,12 +13,13 @@ use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 14] = [
+const SECTIONS: [&str; 15] = [
     "server",
     "access",
     "audit",
     "history",
     "store",
+    "tables",
     "schedule",
     "diagnosis",
     "alarm",
@@ -45,6 +46,7 @@ pub struct Parts {
     pub history: Option<history::Config>,
     /// Inside, `None` where the section is left out.
     pub store: Option<Option<store::Config>>,
+    pub tables: Option<collect::table::Config>,
     pub schedule: Option<schedule::Config>,
     pub diagnosis: Option<diagnosis::Config>,
     pub alarm: Option<alarm::Config>,
@@ -65,6 +67,7 @@ impl Parts {
             audit: self.audit?,
             history: self.history?,
             store: self.store?,
+            tables: self.tables?,
             schedule: self.schedule?,
             diagnosis: self.diagnosis?,
             alarm: self.alarm?,
@@ -93,6 +96,7 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
         audit: optional(source, "audit", report),
         history: table(source, "history", report),
         store: optional(source, "store", report),
+        tables: table(source, "tables", report),
         schedule: table(source, "schedule", report),
         diagnosis: table(source, "diagnosis", report),
         alarm: table(source, "alarm", report),

@@ -36,7 +36,7 @@ mod workbook;
 pub use channel::Tag;
 pub use error::TableError;
 pub use found::Found;
-pub use options::Options;
+pub use options::{Config, Options};
 pub use source::Source;
 
 use crate::signal::{Record, Sample};

@@ -4,11 +4,14 @@ use super::error::TableError;
 use super::number::Decimal;
 use super::stamp::Order;
 use jiff::tz::TimeZone;
+use serde::Deserialize;
+use std::path::PathBuf;
 
 /// What is told of a table; everything left out is found from the table itself.
 ///
-/// The names are those of the command line, of the API's `table` and of `[tables]` in a configuration.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// The names are those of the command line, of the API's `table` and of `[tables.defaults]` in a configuration.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct Options {
     /// The column of times, by name or by number from 1.
     pub time: Option<String>,
@@ -39,7 +42,25 @@ pub struct Options {
     /// The sheet of a workbook.
     pub sheet: Option<String>,
     /// The loop, where a table has several.
+    #[serde(skip)]
     pub of_loop: Option<String>,
+}
+
+/// `[tables]`: files of samples that the API may be asked to read.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// The folder in which they are; without it none is read.
+    pub folder: Option<PathBuf>,
+    /// What is told of each where the request says nothing else.
+    pub defaults: Options,
+}
+
+impl Config {
+    /// What is wrong with it: the field, and why.
+    pub fn validate(&self) -> Vec<(&'static str, String)> {
+        self.defaults.told().err().map(|error| ("defaults", error.to_string())).into_iter().collect()
+    }
 }
 
 /// What numbers of time count.
@@ -119,6 +140,29 @@ impl Options {
             _ => &None,
         }
         .as_deref()
+    }
+
+    /// Sets one by its name, as the API has it; `false` for a name that none has.
+    pub fn set(&mut self, name: &str, value: String) -> bool {
+        let place = match name {
+            "time" => &mut self.time,
+            "op" => &mut self.op,
+            "pv" => &mut self.pv,
+            "sp" => &mut self.sp,
+            "mv" => &mut self.mv,
+            "mode" => &mut self.mode,
+            "time_format" => &mut self.time_format,
+            "tz" => &mut self.tz,
+            "time_unit" => &mut self.time_unit,
+            "decimal" => &mut self.decimal,
+            "separator" => &mut self.separator,
+            "auto_values" => &mut self.auto_values,
+            "good_values" => &mut self.good_values,
+            "sheet" => &mut self.sheet,
+            _ => return false,
+        };
+        *place = Some(value);
+        true
     }
 
     /// Understands them.
