@@ -81,9 +81,10 @@ enum Format {
 /// Reads, cuts, diagnoses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let bad = |error: &dyn std::fmt::Display| Failure::in_file(&args.source, error);
-    let sources::Read { mut record, name, read_as } = sources::record(args)?;
-    record.op_span = args.op_span.or(record.op_span);
+    let sources::Read { mut record, name, read_as, op_unit } = sources::record(args)?;
     record.op_limits = args.op_limits.or(record.op_limits);
+    let given = args.op_span.or(record.op_span);
+    super::table::scale(&args.source, &mut record, given, op_unit.as_deref())?;
     let marked = Marked::from(record);
     let drawn = args.plot.as_ref().map(|_| [trend(&marked.record.op), trend(&marked.record.pv)]);
     let cut = usual_cut(&marked.record, args.window, args.step)

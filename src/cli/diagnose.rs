@@ -55,8 +55,8 @@ pub fn limits(text: &str) -> Result<(f64, f64), String> {
 /// Reads, diagnoses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let Table { mut record, found: read } = args.table.read(&args.file, args.of_loop.as_deref())?;
-    record.op_span = args.op_span.or(record.op_span);
     record.op_limits = args.op_limits;
+    table::scale(&args.file, &mut record, args.op_span, read.op_unit.as_deref())?;
     let settings = Settings { ts: args.ts, ..Settings::default() };
     let diagnosis = diagnose(&record, &settings);
     let stem = args.file.file_stem().unwrap_or(args.file.as_os_str()).to_string_lossy();
@@ -75,6 +75,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             "nothing to draw: the record does not hold a window that can be fitted",
         ));
     }
+    let report = report.with_span_from(record.op_span_source);
     let usual = if io::stdout().is_terminal() { Format::Text } else { Format::Json };
     match args.format.unwrap_or(usual) {
         Format::Text => print(&text::page(&report)),

@@ -3,6 +3,7 @@
 use super::Failure;
 use std::path::Path;
 use stictiond::collect::table::{self, Options, Source, Table, TableError};
+use stictiond::signal::{Record, Scale};
 
 /// What a table does not say, or leaves in doubt.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -84,6 +85,22 @@ impl TableArgs {
 /// Reads one loop's record.
 pub fn read(path: &Path, options: &Options) -> Result<Table, Failure> {
     table::read(Source::File(path), options).map_err(|error| failure(path, &error))
+}
+
+/// Finds the span of OP for a record, from what was given, its limits, its unit and its values.
+pub fn scale(
+    path: &Path,
+    record: &mut Record,
+    given: Option<f64>,
+    unit: Option<&str>,
+) -> Result<(), Failure> {
+    let scale = Scale { given, limits: record.op_limits, unit };
+    if let Some(why) = scale.contradiction(&record.op) {
+        let why = why.replace("op_span = ", "--op-span ").replace("op_limits = ", "--op-limits ");
+        return Err(Failure::in_file(path, why));
+    }
+    (record.op_span, record.op_span_source) = scale.span(&record.op);
+    Ok(())
 }
 
 /// A table that is refused is bad input.

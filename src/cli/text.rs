@@ -39,7 +39,15 @@ pub fn page(report: &Report) -> String {
             line("", format!("friction up to {} {unit} could be hidden in this record", number(Some(high))));
         }
         if report.f_unit_assumed {
-            line("", format!("unit {unit} judged from OP's values: its span is not known"));
+            let span = match report.op_span {
+                Some(span) => format!("its span is taken for {}", number(Some(span))),
+                None => "its span is not known".into(),
+            };
+            line("", format!("unit {unit} judged from OP's values: {span}"));
+        } else if let (Some(span), source @ ("limits" | "unit")) =
+            (report.op_span, report.op_span_source.as_str())
+        {
+            line("", format!("OP's span is {} by its {source}", number(Some(span))));
         }
         let evidence = number(report.delta_aic);
         let rival = report.rival.as_deref().unwrap_or("a linear loop");

@@ -87,7 +87,7 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
         let name = key.get_ref();
         if !SECTIONS.contains(&name.as_ref()) {
             let hint = wording::hint(name, &SECTIONS);
-            report.at(key.span().start, format!("unknown section {name:?}{hint}"));
+            report.section(key.span().start, format!("unknown section {name:?}{hint}"));
         }
     }
     Parts {
@@ -133,7 +133,11 @@ fn tables<T: DeserializeOwned>(source: &Source, name: &str, report: &mut Report)
     };
     let wrong = format!("{name}: there may be several, write each as [[{name}]]");
     let Some(items) = value.get_ref().as_array() else {
-        report.at(value.span().start, wrong);
+        // `[[loops]]` with `[loop.op]` below it: what is misspelt is told already.
+        let misspelt = |key: &str| !SECTIONS.contains(&key) && wording::close(key, name);
+        if !source.root().keys().any(|key| misspelt(key.get_ref())) {
+            report.section(value.span().start, wrong);
+        }
         return vec![None];
     };
     let item = |(at, item): (usize, &Spanned<DeValue>)| {
@@ -208,7 +212,13 @@ fn missing(
         .into_iter()
         .find(|path| table_mut(rest.get_mut(), path).is_some_and(|t| !t.contains_key(key)));
     let Some(below) = found else { return false };
-    let was_there = table_mut(value.clone().get_mut(), &below).is_some_and(|table| table.contains_key(key));
+    // A key that was taken out for its spelling was told with what was meant.
+    let left: Vec<String> = table_mut(rest.get_mut(), &below)
+        .map(|table| table.keys().map(|key| key.get_ref().to_string()).collect())
+        .unwrap_or_default();
+    let told = |own: &str| own == key || !left.iter().any(|left| left == own) && wording::close(own, key);
+    let was_there = table_mut(value.clone().get_mut(), &below)
+        .is_some_and(|table| table.keys().any(|own| told(own.get_ref())));
     if !was_there && span.start < NOWHERE && !report.is_broken() {
         let section = wording::section(&[path, &below].concat());
         report.at(span.start, format!("missing key {key:?} in {section}"));

@@ -20,6 +20,7 @@ pub struct Read {
     pub record: Record,
     pub name: String,
     pub read_as: Option<String>,
+    pub op_unit: Option<String>,
 }
 
 /// The record of a source.
@@ -27,22 +28,23 @@ pub fn record(args: &Args) -> Result<Read, Failure> {
     let path = &args.source;
     let named = || path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let name = args.of_loop.clone().unwrap_or_else(named);
-    let mut read_as = None;
+    let (mut read_as, mut op_unit) = (None, None);
     let mut record = if path.is_dir() {
         stored(path, args)?
     } else if path.extension().is_some_and(|own| own.eq_ignore_ascii_case("toml")) {
         history(path, args)?
     } else {
         let table = args.table.read(path, args.of_loop.as_deref())?;
-        read_as = Some(table.found.read_as);
-        table.record
+        (read_as, op_unit) = (Some(table.found.read_as), table.found.op_unit);
+        // Its unit says more than the span alone.
+        Record { op_span: None, ..table.record }
     };
     let within = |sample: &Sample| {
         args.from.is_none_or(|from| sample.t >= from) && args.to_time.is_none_or(|to| sample.t <= to)
     };
     record.op.retain(within);
     record.pv.retain(within);
-    Ok(Read { record, name, read_as })
+    Ok(Read { record, name, read_as, op_unit })
 }
 
 fn wanted(args: &Args) -> Result<&str, Failure> {

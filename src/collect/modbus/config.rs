@@ -297,7 +297,7 @@ impl Config {
         issues.unless(self.poll_ms >= 1, "poll_ms", || "must be at least 1".into());
         issues.unless(self.poll_ms <= 86_400_000, "poll_ms", || "must be at most a day, 86400000".into());
         issues.unless(self.timeout_ms >= 1, "timeout_ms", || "must be at least 1".into());
-        issues.unless(self.timeout_ms <= self.poll_ms.max(1), "timeout_ms", || {
+        issues.unless(self.poll_ms == 0 || self.timeout_ms <= self.poll_ms, "timeout_ms", || {
             format!(
                 "{} is longer than poll_ms = {}: one lost answer would cost the next poll",
                 self.timeout_ms, self.poll_ms
@@ -306,7 +306,7 @@ impl Config {
         issues.unless((1..=86_400_000).contains(&self.reconnect_max_ms), "reconnect_max_ms", || {
             "must be 1 to 86400000".into()
         });
-        issues.unless(self.min_gap_ms <= self.poll_ms, "min_gap_ms", || {
+        issues.unless(self.poll_ms == 0 || self.min_gap_ms <= self.poll_ms, "min_gap_ms", || {
             format!(
                 "{} is longer than poll_ms = {}: no poll could be finished",
                 self.min_gap_ms, self.poll_ms
@@ -344,6 +344,28 @@ impl TagConfig {
         u16::try_from(start).ok()
     }
 
+    /// What an address stands for whose first of so many digits names the kind of register, 40101 for holding register 101.
+    fn notation(&self, digits: u32) -> Option<i64> {
+        let first = match self.register {
+            Register::Coil => 0,
+            Register::Discrete => 1,
+            Register::Input => 3,
+            Register::Holding => 4,
+        };
+        let unit = 10i64.pow(digits - 1);
+        let number = self.address - first * unit;
+        (first > 0 && (1..unit).contains(&number)).then_some(number)
+    }
+
+    /// What is right by itself and often meant otherwise.
+    pub fn remark(&self) -> Option<String> {
+        let (number, address, register) = (self.notation(5)?, self.address, self.register);
+        Some(format!(
+            "address = {address} is read as {register} register {address}; where the device's list writes the kind of register \
+             as the first digit, write address = {number}"
+        ))
+    }
+
     /// What its raw numbers mean.
     pub(super) fn scaling(&self) -> Scaling {
         let Self { scale, offset, range, .. } = *self;
@@ -373,7 +395,11 @@ impl TagConfig {
         let width = value_type.width();
         issues.unless(self.wire_address(device).is_some(), "address", || {
             let last = 65536 - i64::from(width) + base;
-            format!("{} must be {base} to {last} (address_base = {base})", self.address)
+            let number = self
+                .notation(6)
+                .map(|number| format!("; the first digit names the kind of register: write {number}"));
+            let number = number.unwrap_or_default();
+            format!("{} must be {base} to {last} (address_base = {base}){number}", self.address)
         });
         let most = device.max_registers_per_request;
         issues.unless(bits || width <= most, "type", || {

@@ -10,7 +10,7 @@ use super::options::Options;
 use super::source::{Cell, Rows, Source};
 use super::survey::{Plan, name_of, passed_over, tag_of};
 use super::{MAX_VALUES, Table};
-use crate::signal::{BadReason, Quality, Record, Role, Sample, Series};
+use crate::signal::{BadReason, Quality, Record, Role, Sample, Scale, Series};
 
 /// Samples of one loop.
 pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
@@ -42,8 +42,8 @@ pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
             None => record.tags.push((channel.tag.name.clone(), series)),
         }
     }
-    let per_cent = |unit: &str| unit.starts_with('%');
-    record.op_span = found.op_unit.as_deref().is_some_and(per_cent).then_some(100.0);
+    let scale = Scale { unit: found.op_unit.as_deref(), ..Scale::default() };
+    (record.op_span, record.op_span_source) = scale.span(&[]);
     Ok(Table { record, found })
 }
 
