@@ -190,6 +190,32 @@ fn the_record_that_the_readme_diagnoses_is_what_it_says() {
     assert!(estimate.f_ci95[0] < 0.5 && 0.5 < estimate.f_ci95[1], "{:?}", estimate.f_ci95);
 }
 
+/// The report that the README shows is what the program prints.
+#[test]
+fn the_readme_shows_what_is_printed() {
+    const COMMAND: &str = "    cargo run --release -- diagnose docs/example.csv --format text\n\n";
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_stictiond"))
+        .args(["diagnose", "docs/example.csv", "--format", "text"])
+        .current_dir(root())
+        .output()
+        .expect("runs");
+    let printed = String::from_utf8(output.stdout).expect("text");
+    let block: String = printed.lines().map(|line| format!("    {line}\n")).collect();
+    let readme = read("README.md");
+    let (before, rest) = readme.split_once(COMMAND).expect("the README shows a report");
+    let (shown, after) = rest.split_once("\n\n").expect("the report ends");
+    if std::env::var_os("STICTIOND_WRITE_DOCS").is_some() {
+        let text = format!("{before}{COMMAND}{}\n\n{after}", block.trim_end_matches('\n'));
+        fs::write(root().join("README.md"), text).expect("writable");
+    } else {
+        assert_eq!(
+            shown,
+            block.trim_end_matches('\n'),
+            "STICTIOND_WRITE_DOCS=1 cargo test --test docs makes it"
+        );
+    }
+}
+
 /// Whether a route is one of this build.
 fn built_in(row: &[String]) -> bool {
     writeback::BUILT_IN || !row[1].contains("feature `writeback`")

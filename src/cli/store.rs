@@ -31,7 +31,7 @@ enum Command {
     /// Write what is kept to a file, also while the store is in use
     Export(Export),
     /// Take samples from files into the store, which must not be in use; what is there stays, nothing is twice
-    Import(ImportArgs),
+    Import(Box<ImportArgs>),
 }
 
 #[derive(clap::Args)]

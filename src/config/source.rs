@@ -33,12 +33,13 @@ impl<'a> Source<'a> {
     /// Parses the text; every syntax error goes to the report and what could be read is kept.
     pub fn parse(text: &'a str, report: &mut Report) -> Self {
         let (root, errors) = DeTable::parse_recoverable(text);
-        let mut before = String::new();
+        let mut in_array = false;
         for error in errors {
-            // A bracket left open makes every line after it wrong in the same way.
-            if std::mem::replace(&mut before, error.message().into()) == error.message() {
-                continue;
+            // A bracket left open makes every line after it wrong.
+            if in_array {
+                break;
             }
+            in_array = error.message().contains("array");
             let at = error.span().map_or(text.len(), |span| span.start);
             report.broken(at, decimal_comma(text, at).unwrap_or_else(|| error.message().into()));
         }

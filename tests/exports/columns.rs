@@ -10,7 +10,7 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
 use std::fs::File;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use stictiond::collect::table::{Options, Source, Table, read};
 
@@ -56,7 +56,7 @@ fn file(name: &str, compression: Compression, schema: &str, columns: &[Values]) 
     path
 }
 
-fn table(path: &PathBuf, options: &Options) -> Result<Table, String> {
+fn table(path: &Path, options: &Options) -> Result<Table, String> {
     read(Source::File(path), options).map_err(|error| error.to_string())
 }
 

@@ -196,6 +196,10 @@ pub enum ValueType {
     U32,
     /// Two's complement, two registers.
     I32,
+    /// Unsigned, four registers; beyond 2^53 to the nearest double.
+    U64,
+    /// Two's complement, four registers; as `U64`.
+    I64,
     /// IEEE 754 single precision, two registers.
     F32,
     /// IEEE 754 double precision, four registers.
@@ -210,7 +214,7 @@ impl ValueType {
         match self {
             ValueType::U16 | ValueType::I16 | ValueType::Bit => 1,
             ValueType::U32 | ValueType::I32 | ValueType::F32 => 2,
-            ValueType::F64 => 4,
+            ValueType::U64 | ValueType::I64 | ValueType::F64 => 4,
         }
     }
 
@@ -221,6 +225,8 @@ impl ValueType {
             ValueType::I16 => "i16",
             ValueType::U32 => "u32",
             ValueType::I32 => "i32",
+            ValueType::U64 => "u64",
+            ValueType::I64 => "i64",
             ValueType::F32 => "f32",
             ValueType::F64 => "f64",
             ValueType::Bit => "bit",
@@ -228,7 +234,7 @@ impl ValueType {
     }
 
     pub(super) fn is_integer(self) -> bool {
-        matches!(self, ValueType::U16 | ValueType::I16 | ValueType::U32 | ValueType::I32)
+        !matches!(self, ValueType::F32 | ValueType::F64 | ValueType::Bit)
     }
 }
 
@@ -384,7 +390,7 @@ impl TagConfig {
         let bits = self.register.is_bits();
         let Some(value_type) = self.effective_type() else {
             issues.unless(false, "type", || {
-                format!("a {} register needs a type: u16 i16 u32 i32 f32 f64 bit", self.register)
+                format!("a {} register needs a type: u16 i16 u32 i32 u64 i64 f32 f64 bit", self.register)
             });
             return;
         };

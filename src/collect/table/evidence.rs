@@ -142,11 +142,6 @@ pub fn decide(columns: &[&Evidence], op: Option<&Evidence>, times: &Evidence) ->
             return Ok(sign);
         }
     }
-    // A program that writes three decimals writes them in every cell; thousands are missing from numbers below a thousand.
-    let uniform = |column: &&Evidence| !column.any() || column.uniform(Decimal::Point);
-    if all.either[at(Decimal::Comma)] == 0 && columns.iter().all(uniform) {
-        return Ok(Decimal::Point);
-    }
     let [point, comma] = all.either_at;
     let place = comma.or(point).unwrap_or_else(|| Place::new(0, "", ""));
     let read = |decimal: Decimal| {
@@ -188,6 +183,7 @@ mod tests {
         assert_eq!(decided(&["51.812", "51.717"], &["1.002", "1.004"]), Ok(Point));
         assert_eq!(decided(&["51,812", "51,717"], &["51,227"]), Ok(Comma));
         assert_eq!(decided(&["51.812", "51.717"], &["1,002", "1,004"]), Ok(Point), "OP has no thousands");
+        assert_eq!(decided(&["51,812", "51,717"], &["1.002", "1.004"]), Ok(Comma));
     }
 
     #[test]
@@ -196,6 +192,7 @@ mod tests {
         assert_eq!(said, "line 3, column pv: \"1,002\" may be 1.002 or 1002; say --decimal . or --decimal ,");
         assert!(decided(&["51", "52"], &["1,002", "1,004"]).is_err());
         assert!(decided(&["51", "52"], &["999", "1.002"]).is_err());
+        assert!(decided(&["51", "52"], &["9.995", "9.996"]).is_err(), "three decimals, or thousands");
         assert!(
             decided(&["51,812", "51,717"], &["999", "1,002"]).is_err(),
             "thousands, or a whole number among fractions"

@@ -231,7 +231,7 @@ impl Name {
             return (!short).then(String::new);
         }
         let of = |name: &&str| self.plain.strip_suffix(*name)?.strip_suffix(' ').map(str::to_string);
-        QUALITIES.iter().filter_map(|name| of(&name)).min_by_key(String::len)
+        QUALITIES.iter().filter_map(of).min_by_key(String::len)
     }
 
     /// Whether a quality column of this name (see [`Self::quality_of`]) belongs to it.

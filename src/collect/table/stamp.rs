@@ -167,8 +167,8 @@ const WEEKDAYS: [&str; 16] = [
 
 fn month(word: &str) -> Option<u32> {
     let word = word.to_lowercase();
-    let of = |names: &&[&str]| names.iter().any(|name| word.starts_with(name));
-    MONTHS.iter().position(|names| of(&names)).map(|at| at as u32 + 1)
+    let of = |names: &[&str]| names.iter().any(|name| word.starts_with(name));
+    MONTHS.iter().position(|names| of(names)).map(|at| at as u32 + 1)
 }
 
 fn is_weekday(word: &str) -> bool {

@@ -184,7 +184,10 @@ impl Counting {
             self.times.add(line, &first, second.as_ref(), time_name, told);
             match &layout.body {
                 Body::Wide(wide) => {
-                    too_many(rows, layout, line, &first)?;
+                    // A sheet may have remarks beside the table; in a text they are decimal commas.
+                    if rows.row_name() == "line" {
+                        too_many(rows, layout, line, &first)?;
+                    }
                     let mut moved = false;
                     for (at, before) in &mut self.moving {
                         let cell = rows.cell(*at);
@@ -285,7 +288,8 @@ impl Counting {
     fn numbers(&self, channel: &Channel, header: u64, row_name: &str) -> Result<(), TableError> {
         let needed = matches!(channel.role, Some(Role::Op | Role::Pv));
         let text_only = channel.numbers == 0 && channel.cells > 0 && channel.words.is_none();
-        if !text_only && !(needed && channel.cells == 0) {
+        let nothing = needed && channel.cells == 0;
+        if !(text_only || nothing) {
             return Ok(());
         }
         let at = match channel.column {

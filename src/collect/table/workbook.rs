@@ -165,21 +165,18 @@ fn moment(stamp: &ExcelDateTime) -> Held {
     if !days.is_finite() || days < 0.0 {
         return Held::Text("a date before 1900".into());
     }
-    let of_day = |ms: f64| ms.round() as i64 * MS;
+    let of_day = |ms: f64| (ms.round() as i64).saturating_mul(MS);
     if days < 1.0 || stamp.is_duration() {
         return Held::Clock(of_day(days * 86_400e3));
     }
     let (year, month, day, ..) = stamp.to_ymd_hms_milli();
     let date = jiff::civil::Date::new(year as i16, month as i8, day as i8);
     let since = date.ok().and_then(|date| date.since(jiff::civil::Date::constant(1970, 1, 1)).ok());
-    match since {
-        Some(since) => {
-            // The date is that of the rounded stamp, which may be the day after.
-            let clock = of_day((days - days.floor()) * 86_400e3) % DAY;
-            Held::Moment(i64::from(since.get_days()) * DAY + clock)
-        }
-        None => Held::Number(days),
-    }
+    // The date is that of the rounded stamp, which may be the day after.
+    let clock = of_day((days - days.floor()) * 86_400e3) % DAY;
+    let begin = since.and_then(|since| i64::from(since.get_days()).checked_mul(DAY));
+    // A year that no stamp reaches is no date.
+    begin.and_then(|begin| begin.checked_add(clock)).map_or(Held::Number(days), Held::Moment)
 }
 
 impl Sheet {

@@ -15,6 +15,8 @@ use std::sync::Arc;
 
 /// Longest past of one job (s): ten years.
 const LONGEST_S: f64 = 3.2e8;
+/// Later than any time (s since 1970): the record of a file ends by itself.
+const LATEST_S: f64 = 1e11;
 /// Shortest and longest window, and step (s).
 const WINDOW_S: std::ops::RangeInclusive<f64> = 10.0..=3.2e7;
 
@@ -52,7 +54,8 @@ pub async fn begin(
         (None, Some(_)) => 0.0,
         (None, None) => return Err(Problem::field("from", "from: say from which time on")),
     };
-    let to = body.to.as_deref().map_or(Ok(context.clock.now()), |text| time("to", text))?;
+    let latest = if body.file.is_some() { LATEST_S } else { context.clock.now() };
+    let to = body.to.as_deref().map_or(Ok(latest), |text| time("to", text))?;
     let longest = if body.file.is_some() { f64::MAX } else { LONGEST_S };
     within("to", to - from, 1.0..=longest)
         .map_err(|_| Problem::field("to", format!("to: must be after from, by at most {LONGEST_S} s")))?;

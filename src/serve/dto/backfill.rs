@@ -19,7 +19,7 @@ pub struct BackfillBody {
     /// From this time on: RFC 3339, or seconds since the Unix epoch; with `file` it may be left out.
     #[serde(default)]
     pub from: Option<String>,
-    /// Up to this time; now where it is left out.
+    /// Up to this time; now, or the end of the file, where it is left out.
     #[serde(default)]
     pub to: Option<String>,
     /// Length of a window (s), 10 to 32000000; 1,500 sample periods where it is left out.

@@ -85,11 +85,11 @@ impl Reading {
             // A spreadsheet keeps most stamps as such and some as text.
             (How::Moment, What::Moment { ns, civil }) => self.moment(ns, (!civil).then_some(0)),
             (How::Clock, What::Clock(ns)) => {
-                let t = seconds(ns + self.midnight);
+                let t = seconds(ns.saturating_add(self.midnight));
                 if self.before - t > 43_200.0 {
-                    self.midnight += DAY;
+                    self.midnight = self.midnight.saturating_add(DAY);
                 }
-                Some(seconds(ns + self.midnight))
+                Some(seconds(ns.saturating_add(self.midnight)))
             }
             _ => None,
         }

@@ -211,7 +211,7 @@ impl<'a> What<'a> {
             (Cell::Clock(ns), None) => What::Clock(*ns),
             (Cell::Text(text), None) => text_alone(text),
             (Cell::Moment { ns, civil }, Some(second)) => match time_of_day(second) {
-                Some(clock) if ns % DAY == 0 => What::Moment { ns: ns + clock, civil: *civil },
+                Some(clock) if ns % DAY == 0 => What::Moment { ns: ns.saturating_add(clock), civil: *civil },
                 _ => What::Nothing,
             },
             (Cell::Text(date), Some(Cell::Text(clock))) => {
@@ -235,7 +235,7 @@ fn time_of_day(cell: &Cell<'_>) -> Option<i64> {
 fn text_alone(text: &str) -> What<'_> {
     let compact = number::bare(text).len() == 14;
     match number::scan(text).filter(|number| number.unit.is_empty()) {
-        Some(number) if !compact => return What::Digits(number),
+        Some(number) if !compact => What::Digits(number),
         found => match (stamp::scan(text), found) {
             (Some(stamp), _) if stamp.has_date() => What::Dated(stamp),
             (Some(stamp), _) => stamp.time_of_day().map_or(What::Nothing, What::Clock),
