@@ -90,6 +90,31 @@ fn what_cannot_be_judged_is_a_verdict() {
     ));
 }
 
+/// What is missing is counted by the samples, whatever the stretches between look like.
+#[test]
+fn missing_samples_are_told_as_they_are() {
+    let reason = |name: &str, text: String| {
+        let report = report(&file(name, text));
+        let words = report["reason"].as_str().expect("text").to_string();
+        (report["reason_code"].as_str().expect("a code").to_string(), words)
+    };
+    // Ten of every hundred: nine tenths are there, in stretches too short to fit.
+    let torn = rows(1200, |k| {
+        if k % 100 < 10 { format!("{k},{},", k % 50) } else { format!("{k},{},{}", k % 50, k % 40) }
+    });
+    let (code, words) = reason("torn.csv", torn);
+    assert_eq!(code, "gaps");
+    assert!(
+        words.starts_with("gaps: 9 % of the samples") || words.starts_with("gaps: 10 % of the samples"),
+        "{words}"
+    );
+    // Values that are all bad have stamps all the same.
+    let bad = rows(600, |k| format!("{k},{},{}", k % 50, if k == 300 { "1" } else { "Bad" }));
+    let (code, words) = reason("all_bad.csv", bad);
+    assert_eq!(code, "gaps");
+    assert!(words.starts_with("gaps: 100 % of the samples are missing or bad"), "{words}");
+}
+
 #[test]
 fn odd_numbers_never_reach_the_report() {
     let wave = |k: usize| ((k as f64) * 0.2).sin();

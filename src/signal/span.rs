@@ -126,8 +126,8 @@ fn extent(op: &[Sample]) -> Option<(f64, f64)> {
 fn of_values(op: &[Sample]) -> Option<f64> {
     let (least, most) = extent(op)?;
     let within = |(low, high): (f64, f64)| low <= least && most <= high;
-    // Zero alone is no signal, and a signal around zero is a deviation from something.
-    if most <= 0.0 || within(MILLIAMPERES) {
+    // Zero alone is no signal, and one that goes far below zero is a deviation from something.
+    if most <= 0.0 || -least > 0.1 * most || within(MILLIAMPERES) {
         return None;
     }
     SIGNALS.iter().find(|(low, high, _)| within((*low, *high))).map(|(.., span)| *span)

@@ -1,5 +1,6 @@
 //! What the names of columns mean: the words of the field, of vendors, and of a few languages.
 
+use super::options::Unit;
 use crate::signal::Role;
 
 /// What a column's name says it is.
@@ -140,6 +141,9 @@ const UNITS: &[&str] = &[
     "local", "counts", "raw", "m3/s", "mol/s",
 ];
 
+/// What may stand as a unit behind a name of times.
+const ZONES: [&str; 5] = ["utc", "gmt", "local", "-", ""];
+
 /// A name of a column or a tag, taken apart.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Name {
@@ -177,7 +181,11 @@ impl Name {
 
     /// What it says of itself.
     pub fn said(&self) -> Option<Said> {
-        if let Some(meaning) = whole(&self.plain) {
+        // `T_C` is a temperature: a time has a unit of time, or the name of a zone.
+        let of_time =
+            |unit: &String| Unit::of(unit).is_some() || ZONES.contains(&unit.to_lowercase().as_str());
+        let time = self.unit.as_ref().is_none_or(of_time);
+        if let Some(meaning) = whole(&self.plain).filter(|meaning| *meaning != Meaning::Time || time) {
             return Some(Said { meaning, owner: String::new() });
         }
         let path = self.path();
@@ -345,7 +353,9 @@ mod tests {
         ] {
             assert_eq!(said(name), Some((meaning, owner.to_string())), "{name}");
         }
-        for name in ["flow", "flow_out", "T5", "P1_kPa", "remark", "", "XMEAS1", "temp out"] {
+        for name in
+            ["flow", "flow_out", "T5", "T_C", "T [degC]", "P1_kPa", "remark", "", "XMEAS1", "temp out"]
+        {
             assert_eq!(said(name), None, "{name}");
         }
     }
