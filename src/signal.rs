@@ -3,7 +3,7 @@
 
 mod span;
 
-pub use span::{Scale, SpanSource, span_of_unit};
+pub use span::{MILLIAMPERES, Scale, SpanSource, span_of_unit};
 use std::fmt;
 use std::sync::Arc;
 

@@ -264,6 +264,7 @@ fn the_span_of_op_is_told_by_limits_unit_or_values() {
     // Twelve may be milliamperes or per cent.
     let doubt = told(&scaled("milli.csv", "op", 0.16, 4.0), &[]);
     assert_eq!((doubt["op_span_source"].as_str(), doubt["op_span"].is_null()), (Some("unknown"), true));
+    assert_eq!(doubt["f_unit"], "OP units");
     let example = scaled("contradiction.csv", "op", 1.0, 0.0);
     for args in [&["--op-span", "1", "--op-limits", "0,100"][..], &["--op-span", "1"]] {
         let output = stictiond(&[&["diagnose", example.to_str().expect("text")], args].concat());

@@ -41,7 +41,8 @@ pub fn page(report: &Report) -> String {
         if report.f_unit_assumed {
             let span = match report.op_span {
                 Some(span) => format!("its span is taken for {}", number(Some(span))),
-                None => "its span is not known".into(),
+                None if unit == "% OP" => "its span is not known".into(),
+                None => "its span is not known, say it with --op-span: 100 for per cent, 16 for mA".into(),
             };
             line("", format!("unit {unit} judged from OP's values: {span}"));
         } else if let (Some(span), source @ ("limits" | "unit")) =

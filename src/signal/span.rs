@@ -63,7 +63,7 @@ pub fn span_of_unit(unit: &str) -> Option<f64> {
 /// Signals whose values tell them: least and most value, and the span. Values of 4 to 20 could be mA and per cent alike.
 const SIGNALS: [(f64, f64, f64); 3] = [(0.0038, 0.0205, 0.016), (-0.05, 1.05, 1.0), (-5.0, 110.0, 100.0)];
 /// Values that may be mA, or per cent of a valve that is nearly closed.
-const MILLIAMPERES: (f64, f64) = (3.8, 20.5);
+pub const MILLIAMPERES: (f64, f64) = (3.8, 20.5);
 /// Spans that limits are written for.
 const USUAL: [f64; 4] = [1.0, 16.0, 0.016, 100.0];
 

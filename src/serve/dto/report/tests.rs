@@ -110,6 +110,7 @@ fn unit_of_f() {
     assert_eq!(unit(Some(16.0), &[4.0, 20.0]), ("% OP".into(), false, Some(15.625)));
     // Without one the values decide: per cent, below zero, above a hundred, a share of the span.
     assert_eq!(unit(None, &[17.0, 21.0]), ("% OP".into(), true, Some(2.5)));
+    assert_eq!(unit(None, &[11.0, 13.0]), ("OP units".into(), true, Some(2.5)), "mA or per cent");
     assert_eq!(unit(None, &[-1.0, 0.99]), ("OP units".into(), true, Some(2.5)));
     assert_eq!(unit(None, &[389.0, 395.0]), ("OP units".into(), true, Some(2.5)));
     assert_eq!(unit(None, &[0.2, 0.9]), ("OP units".into(), true, Some(2.5)));
