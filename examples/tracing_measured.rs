@@ -6,9 +6,9 @@
 mod parallel;
 
 use std::error::Error;
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
-use stictiond::collect::csv;
+use stictiond::collect::table;
 use stictiond::diagnosis::{Diagnosis, Settings, diagnose};
 use stictiond::residual::{self, Findings, trace_record};
 use stictiond::signal::Record;
@@ -17,11 +17,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = std::env::args().nth(1).map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from);
     let mut records = listed(&folder)?;
     for file in files(&folder.join("long"))? {
-        records.push((file_stem(&file), "-".into(), csv::read(File::open(&file)?)?));
+        records.push((file_stem(&file), "-".into(), table::record(&file)?));
     }
     table("record", &records);
     for file in files(&folder.join("damadics"))? {
-        damadics(&csv::read(File::open(&file)?)?);
+        damadics(&table::record(&file)?);
     }
     Ok(())
 }
@@ -36,7 +36,7 @@ fn listed(folder: &Path) -> Result<Vec<Named>, Box<dyn Error>> {
         if let [set, name, file, _, _, _, label, ..] = row[..]
             && matches!(set, "isdb" | "plant")
         {
-            out.push((name.to_owned(), label.to_owned(), csv::read(File::open(folder.join(file))?)?));
+            out.push((name.to_owned(), label.to_owned(), table::record(&folder.join(file))?));
         }
     }
     Ok(out)

@@ -219,6 +219,7 @@ fn between(record: &Record, from: f64, to: f64) -> Record {
         tags: record.tags.iter().map(|(name, series)| (name.clone(), cut(series))).collect(),
         op_limits: record.op_limits,
         op_span: record.op_span,
+        op_span_source: record.op_span_source,
     }
 }
 

@@ -25,7 +25,7 @@ pub(crate) use judged::tests::{effect as made_effect, findings as made_findings}
 use crate::alarm;
 use crate::compensation::gate::{self, News};
 use crate::diagnosis::{Diagnosis, Verdict};
-use crate::signal::LoopId;
+use crate::signal::{LoopId, MILLIAMPERES};
 use alarms::Alarms;
 use events::EventLog;
 use std::collections::{HashMap, HashSet, VecDeque};
@@ -139,7 +139,8 @@ impl Run {
 }
 
 /// Whether friction along OP can be told in per cent of its span: the span is configured, or OP's values could be per
-/// cent, all within 0..100 and not all within 0..1 (which would be a share of the span).
+/// cent, all within 0..100 and neither all within 0..1 (which would be a share of the span) nor all within 4..20 (which may
+/// be mA).
 pub fn op_in_percent(op_span: Option<f64>, diagnosis: &Diagnosis) -> bool {
     if op_span.is_some_and(|span| span.is_finite() && span > 0.0) {
         return true;
@@ -147,7 +148,8 @@ pub fn op_in_percent(op_span: Option<f64>, diagnosis: &Diagnosis) -> bool {
     let op = diagnosis.window.as_ref().map_or(&[][..], |window| &window.op);
     let least = op.iter().copied().fold(f64::INFINITY, f64::min);
     let most = op.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    least >= 0.0 && most <= 100.0 && most > 1.0
+    let milliamperes = MILLIAMPERES.0 <= least && most <= MILLIAMPERES.1;
+    least >= 0.0 && most <= 100.0 && most > 1.0 && !milliamperes
 }
 
 /// The unit along OP as everything that is shown writes it.

@@ -1,6 +1,9 @@
 //! The values that walk through the house: samples with a quality, the raw record of one loop, and the
 //! equally sampled window that the diagnosis works on. Imports nothing internal.
 
+mod span;
+
+pub use span::{MILLIAMPERES, Scale, SpanSource, span_of_unit};
 use std::fmt;
 use std::sync::Arc;
 
@@ -127,6 +130,8 @@ pub struct Record {
     pub op_limits: Option<(f64, f64)>,
     /// The span of OP in its own unit (100 for per cent), where known.
     pub op_span: Option<f64>,
+    /// Where that is known from.
+    pub op_span_source: SpanSource,
 }
 
 /// One loop's data on an equal grid, every value finite.

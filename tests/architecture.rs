@@ -177,6 +177,7 @@ const CONFIG_FILES: &[&str] = &[
     "src/collect/modbus/config.rs",
     "src/collect/mqtt/config.rs",
     "src/collect/opcua/config.rs",
+    "src/collect/table/options.rs",
     "src/diagnosis/config.rs",
     "src/history/mod.rs",
     "src/notify/alertmanager/config.rs",

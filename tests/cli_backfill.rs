@@ -4,7 +4,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use stictiond::collect::csv;
+use stictiond::collect::table::{self, Options, Source};
 use stictiond::diagnosis::{Settings, diagnose};
 use stictiond::signal::Record;
 
@@ -95,7 +95,9 @@ fn the_hour_that_comes_twice_is_told_apart_by_its_offset_and_else_counted() {
         let line = |(k, stamp): (usize, &&str)| format!("{stamp},{k},{k}\n");
         format!("t,op,pv\n{}", stamps.iter().enumerate().map(line).collect::<String>())
     };
-    let read = |text: &str| csv::read(text.as_bytes()).expect("a record");
+    let read = |text: &str| {
+        table::read(Source::Bytes(text.as_bytes()), &Options::default()).expect("a record").record
+    };
     let steps =
         |record: &Record| -> Vec<f64> { record.pv.windows(2).map(|two| two[1].t - two[0].t).collect() };
     let autumn = read(&rows(&[

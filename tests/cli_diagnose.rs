@@ -60,7 +60,7 @@ fn rows(n: usize, mut row: impl FnMut(usize) -> String) -> String {
 fn what_is_no_record_is_refused_in_one_line() {
     refused(&file("empty.csv", ""), "empty file");
     refused(&file("one_column.csv", "pv\n1\n2\n"), "only one column");
-    refused(&file("wrong_delimiter.csv", "t|op|pv\n0|1|2\n"), "only one column");
+    refused(&file("wrong_delimiter.csv", "t^op^pv\n0^1^2\n"), "only one column");
     refused(&file("no_header.csv", "0,1,2\n1,2,3\n"), "numbers where the header should be");
     refused(&file("no_op.csv", "t,pv\n0,1\n"), "no column op");
     refused(&file("header_only.csv", "t,op,pv\n"), "no samples");
@@ -70,7 +70,8 @@ fn what_is_no_record_is_refused_in_one_line() {
     refused(&file("decimal_comma.csv", "t,op,pv\n0,1,5,2,5\n"), "5 cells where the header has 3");
     let garbage: Vec<u8> = (0..100_000u32).map(|k| (k.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
     refused(&file("garbage.csv", garbage), "line 1");
-    refused(&file("utf16.csv", [0xff, 0xfe, b't', 0, b',', 0, b'\n', 0]), "UTF-16");
+    refused(&file("utf16.csv", [0xff, 0xfe, b't', 0, b',', 0, b'\n', 0]), "no column");
+    refused(&file("huge_time.csv", rows(600, |k| format!("{k}e305,1,2"))), "say --time-unit");
     refused(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("missing.csv"), "No such file");
     refused(Path::new(env!("CARGO_TARGET_TMPDIR")), "directory");
 }
@@ -89,12 +90,36 @@ fn what_cannot_be_judged_is_a_verdict() {
     ));
 }
 
+/// What is missing is counted by the samples, whatever the stretches between look like.
+#[test]
+fn missing_samples_are_told_as_they_are() {
+    let reason = |name: &str, text: String| {
+        let report = report(&file(name, text));
+        let words = report["reason"].as_str().expect("text").to_string();
+        (report["reason_code"].as_str().expect("a code").to_string(), words)
+    };
+    // Ten of every hundred: nine tenths are there, in stretches too short to fit.
+    let torn = rows(1200, |k| {
+        if k % 100 < 10 { format!("{k},{},", k % 50) } else { format!("{k},{},{}", k % 50, k % 40) }
+    });
+    let (code, words) = reason("torn.csv", torn);
+    assert_eq!(code, "gaps");
+    assert!(
+        words.starts_with("gaps: 9 % of the samples") || words.starts_with("gaps: 10 % of the samples"),
+        "{words}"
+    );
+    // Values that are all bad have stamps all the same.
+    let bad = rows(600, |k| format!("{k},{},{}", k % 50, if k == 300 { "1" } else { "Bad" }));
+    let (code, words) = reason("all_bad.csv", bad);
+    assert_eq!(code, "gaps");
+    assert!(words.starts_with("gaps: 100 % of the samples are missing or bad"), "{words}");
+}
+
 #[test]
 fn odd_numbers_never_reach_the_report() {
     let wave = |k: usize| ((k as f64) * 0.2).sin();
     for (name, text) in [
         ("huge.csv", rows(600, |k| format!("{k},{}e308,{}e308", wave(k), wave(k + 5)))),
-        ("huge_time.csv", rows(600, |k| format!("{}e305,{},{}", k, wave(k), wave(k + 5)))),
         ("tiny.csv", rows(600, |k| format!("{k},{}e-308,{}e-308", wave(k), wave(k + 5)))),
         (
             "one_spike.csv",
@@ -134,7 +159,7 @@ fn formats_and_arguments() {
     let text = stictiond(&["diagnose", path, "--format", "text"]);
     assert_eq!(text.status.code(), Some(0));
     let text = String::from_utf8(text.stdout).unwrap();
-    assert!(text.starts_with("loop        formats\nverdict     not identifiable\n"), "{text}");
+    assert!(text.starts_with("read as:    , separated, time in seconds, op from \"op\", pv from \"pv\"\nloop        formats\nverdict     not identifiable\n"), "{text}");
     assert_eq!(stictiond(&["diagnose", path, "--ts", "2.5"]).status.code(), Some(0));
     for args in [
         &["diagnose"][..],
@@ -147,6 +172,9 @@ fn formats_and_arguments() {
         &["diagnose", path, "--op-span", "0"],
         &["diagnose", path, "--op-limits", "100,0"],
         &["diagnose", path, "--op-limits", "100"],
+        &["diagnose", path, "--decimal", ";"],
+        &["diagnose", path, "--tz", "Mars"],
+        &["diagnose", path, "--op", "valve"],
         &["diagnos"],
     ] {
         let output = stictiond(args);
@@ -189,4 +217,59 @@ fn a_reader_that_stops_early_is_no_failure() {
     let output = child.wait_with_output().unwrap();
     assert_eq!(String::from_utf8_lossy(&output.stderr), "");
     assert_eq!(output.status.code(), Some(0));
+}
+
+/// The example with OP in another unit: the same valve, in per cent of its span, and where that is known from.
+#[test]
+fn the_span_of_op_is_told_by_limits_unit_or_values() {
+    let example = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/example.csv")).expect("text");
+    let scaled = |name: &str, header: &str, scale: f64, offset: f64| {
+        let mut text = format!("t,{header},pv\n");
+        for line in example.lines().skip(1) {
+            let cells: Vec<&str> = line.split(',').collect();
+            let op: f64 = cells[1].parse().expect("a number");
+            let _ = writeln!(text, "{},{:.9},{}", cells[0], offset + scale * op, cells[2]);
+        }
+        file(name, text)
+    };
+    let told = |path: &Path, more: &[&str]| -> serde_json::Value {
+        let args = [&["diagnose", path.to_str().expect("a text path")], more].concat();
+        let output = stictiond(&args);
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).expect("JSON")
+    };
+    for (name, header, scale, offset, more, source, span) in [
+        ("percent.csv", "op", 1.0, 0.0, &[][..], "values", Some(100.0)),
+        ("share.csv", "op", 0.01, 0.0, &[], "values", Some(1.0)),
+        ("ampere.csv", "op", 0.00016, 0.004, &[], "values", Some(0.016)),
+        ("header.csv", "op [mA]", 0.16, 4.0, &[], "unit", Some(16.0)),
+        ("limits.csv", "op", 276.48, 0.0, &["--op-limits", "0,27648"], "limits", Some(27648.0)),
+        ("given.csv", "op", 0.16, 4.0, &["--op-span", "16"], "given", Some(16.0)),
+    ] {
+        let report = told(&scaled(name, header, scale, offset), more);
+        assert_eq!(
+            (report["op_span_source"].as_str(), report["op_span"].as_f64()),
+            (Some(source), span),
+            "{name}"
+        );
+        assert_eq!(
+            (report["verdict"].as_str(), report["f_unit"].as_str()),
+            (Some("stiction"), Some("% OP")),
+            "{name}"
+        );
+        let f = report["f"].as_f64().expect("a number");
+        assert!((f - 0.5).abs() < 0.02, "{name}: {f}");
+        assert_eq!(report["f_unit_assumed"], source == "values", "{name}");
+    }
+    // Twelve may be milliamperes or per cent.
+    let doubt = told(&scaled("milli.csv", "op", 0.16, 4.0), &[]);
+    assert_eq!((doubt["op_span_source"].as_str(), doubt["op_span"].is_null()), (Some("unknown"), true));
+    assert_eq!(doubt["f_unit"], "OP units");
+    let example = scaled("contradiction.csv", "op", 1.0, 0.0);
+    for args in [&["--op-span", "1", "--op-limits", "0,100"][..], &["--op-span", "1"]] {
+        let output = stictiond(&[&["diagnose", example.to_str().expect("text")], args].concat());
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {stderr}");
+        assert!(stderr.contains("--op-span 1") && stderr.contains("contradict"), "{stderr}");
+    }
 }

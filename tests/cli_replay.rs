@@ -94,6 +94,7 @@ fn said(
         pv: held(&own[1], now),
         tags: vec![(other.0.to_string(), held(other.1, now))],
         op_span: Some(100.0),
+        op_span_source: stictiond::signal::SpanSource::Given,
         ..Record::default()
     };
     let settings = Settings::default();

@@ -46,7 +46,7 @@ fn what_is_exported_can_be_imported_and_checked() {
         let (code, _, err) = run(&["export", &old, &file]);
         assert_eq!((code, err), (Some(2), format!("stictiond: {file}: the file is there already\n")));
         let (code, out, _) = run(&["import", &new, &file]);
-        assert_eq!((code, out), (Some(0), format!("{file}: 100 samples\n")));
+        assert!(code == Some(0) && out.starts_with(&format!("{file}: 100 samples, read as: ")), "{out}");
     }
     let (code, out, _) = run(&["check", &new]);
     assert_eq!(code, Some(0));
@@ -83,7 +83,7 @@ fn bad_arguments_end_with_2_and_a_store_in_use_with_1() {
         (vec!["check", &nowhere], 2, "there is no store"),
         (vec!["export", &own, &path("out.txt")], 2, "must end in .csv or .parquet"),
         (vec!["export", &own, &path("out.csv"), "--from", "5", "--to-time", "4"], 2, "--from is later"),
-        (vec!["import", &own, &path("bad.csv")], 2, "no column loop"),
+        (vec!["import", &own, &path("bad.csv")], 2, "no column t, op, pv"),
         (vec!["import", &own, &path("gone.csv")], 2, "gone.csv"),
     ] {
         let (ended, out, err) = run(&arguments);

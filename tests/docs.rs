@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::fmt::Debug;
 use std::fs;
 use std::path::{Path, PathBuf};
-use stictiond::collect::{modbus, mqtt, opcua};
+use stictiond::collect::{modbus, mqtt, opcua, table};
 use stictiond::config::{self, LoopConfig};
 use stictiond::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, writeback};
 
@@ -31,6 +31,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/security.md",
     "docs/reproduce.md",
     "docs/store.md",
+    "docs/tables.md",
     "docs/user-guide.md",
     "docs/writeback.md",
     "deploy/README.md",
@@ -112,6 +113,8 @@ fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<audit::Config>("`[audit]`", "file = 'x'\n");
     agrees::<history::Config>("`[history]`", "");
     agrees::<store::Config>("`[store]`", "folder = 'x'\n");
+    agrees::<table::Config>("`[tables]`", "");
+    agrees::<table::Options>("`[tables.defaults]`", "");
     agrees::<schedule::Config>("`[schedule]`", "");
     agrees::<diagnosis::Config>("`[diagnosis]`", "");
     agrees::<alarm::Config>("`[alarm]`", "");
@@ -193,13 +196,39 @@ fn every_configuration_in_the_documents_is_accepted() {
 
 #[test]
 fn the_record_that_the_readme_diagnoses_is_what_it_says() {
-    let file = fs::File::open(root().join("docs/example.csv")).expect("the example can be read");
-    let record = stictiond::collect::csv::read(file).expect("the example is a record");
+    let file = root().join("docs/example.csv");
+    let record = stictiond::collect::table::record(&file).expect("the example is a record");
     let found = diagnosis::diagnose(&record, &diagnosis::Settings::default());
     assert_eq!(found.verdict, diagnosis::Verdict::Stiction, "{}", found.reason);
     // Made with the demo's loop FIC103: S/2 = 0.5 % OP.
     let estimate = found.estimate.expect("a verdict has an estimate");
     assert!(estimate.f_ci95[0] < 0.5 && 0.5 < estimate.f_ci95[1], "{:?}", estimate.f_ci95);
+}
+
+/// The report that the README shows is what the program prints.
+#[test]
+fn the_readme_shows_what_is_printed() {
+    const COMMAND: &str = "    cargo run --release -- diagnose docs/example.csv --format text\n\n";
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_stictiond"))
+        .args(["diagnose", "docs/example.csv", "--format", "text"])
+        .current_dir(root())
+        .output()
+        .expect("runs");
+    let printed = String::from_utf8(output.stdout).expect("text");
+    let block: String = printed.lines().map(|line| format!("    {line}\n")).collect();
+    let readme = read("README.md");
+    let (before, rest) = readme.split_once(COMMAND).expect("the README shows a report");
+    let (shown, after) = rest.split_once("\n\n").expect("the report ends");
+    if std::env::var_os("STICTIOND_WRITE_DOCS").is_some() {
+        let text = format!("{before}{COMMAND}{}\n\n{after}", block.trim_end_matches('\n'));
+        fs::write(root().join("README.md"), text).expect("writable");
+    } else {
+        assert_eq!(
+            shown,
+            block.trim_end_matches('\n'),
+            "STICTIOND_WRITE_DOCS=1 cargo test --test docs makes it"
+        );
+    }
 }
 
 /// Whether a route is one of this build.

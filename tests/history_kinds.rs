@@ -2,9 +2,9 @@
 //! `cargo test --test history_kinds -- --nocapture`.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
-use stictiond::collect::csv;
+use stictiond::collect::table;
 use stictiond::diagnosis::history_kind::recognise;
 use stictiond::signal::Sample;
 use stictiond::sim::archive::{averaged, exception, held, interpolated, moving_average, swinging_door};
@@ -45,8 +45,7 @@ fn measured_records_and_their_parts_are_raw() {
     }
     let (mut parts, mut wrong) = (0, Vec::new());
     for file in &files {
-        let record =
-            csv::read(File::open(file).expect("it is there")).expect("the measured records are readable");
+        let record = table::record(file).expect("the measured records are readable");
         let (op, pv) = (good(&record.op), good(&record.pv));
         for n in [pv.len(), 1000, 300] {
             for at in 0..(pv.len() / n).min(200) {

@@ -17,13 +17,15 @@ use tokio::time::Instant;
 
 const ORDERS: [&str; 4] = ["ABCD", "CDAB", "BADC", "DCBA"];
 /// As tests/peers/modbus_server.py lays them out from 100 k on for order k: offset, type, holding, input.
-const VALUES: [(i64, &str, f64, f64); 6] = [
+const VALUES: [(i64, &str, f64, f64); 8] = [
     (0, "u16", 54321.0, 1.0),
     (1, "i16", -12345.0, -1.0),
     (2, "u32", 4000000123.0, 65537.0),
     (4, "i32", -2000000321.0, -65537.0),
     (6, "f32", -123.456_f32 as f64, 0.0015_f32 as f64),
     (8, "f64", -98.7654321, std::f64::consts::PI),
+    (12, "u64", 9_007_199_254_740_993_000.0, 4_294_967_297.0),
+    (16, "i64", -1_234_567_890_123_456.0, -4_294_967_297.0),
 ];
 
 fn all_good(poll: &[Sample]) -> bool {

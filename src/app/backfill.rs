@@ -1,6 +1,8 @@
 //! The past of a loop as a job beside the daemon: devices that keep history are read into the store, and what the store then
 //! has is diagnosed window by window, on one thread, with nothing said to operators.
 
+mod file;
+
 use super::persistence::Persistence;
 use crate::backfill::{BackfillError, Marked, Timeline, timeline, usual_cut};
 use crate::collect::opcua::{self, Keep, Slice, Wish};
@@ -76,7 +78,10 @@ impl BackfillPort for BackfillJobs {
     fn begin(&self, request: BackfillRequest) -> Result<BackfillRun, BackfillRefusal> {
         let config = lock(&self.shared.config).clone();
         // Where it is kept does not change by a reload.
-        let store = self.shared.persistence.configured().ok_or(BackfillRefusal::NoStore)?;
+        let past = match &request.file {
+            Some(file) => Past::File(file::named(file, &request.id, &config.tables)?),
+            None => Past::Store(self.shared.persistence.configured().ok_or(BackfillRefusal::NoStore)?),
+        };
         let mut job = lock(&self.shared.job);
         if job.as_ref().is_some_and(|(job, _)| job.phase.runs()) {
             return Err(BackfillRefusal::Runs);
@@ -90,12 +95,13 @@ impl BackfillPort for BackfillJobs {
             started: self.shared.clock.now(),
             ended: None,
             found: None,
+            read_as: None,
         };
         let cancel = self.stop.child_token();
         *job = Some((begun.clone(), cancel.clone()));
         drop(job);
         tracing::info!(control_loop = %request.id, from = request.from, to = request.to, "backfill: begun");
-        tokio::spawn(self.shared.clone().work(request, config, store, cancel));
+        tokio::spawn(self.shared.clone().work(request, config, past, cancel));
         Ok(begun)
     }
 
@@ -112,7 +118,7 @@ impl Shared {
         self: Arc<Self>,
         request: BackfillRequest,
         config: Config,
-        store: store::Config,
+        past: Past,
         cancel: CancellationToken,
     ) {
         let mut ended = Ok(());
@@ -125,7 +131,7 @@ impl Shared {
             Ok(()) if cancel.is_cancelled() => BackfillPhase::Cancelled,
             Ok(()) => {
                 let own = self.clone();
-                let judging = move || own.judge(&request, &config, &store, &cancel);
+                let judging = move || own.judge(&request, &config, &past, &cancel);
                 match tokio::task::spawn_blocking(judging).await {
                     Ok(phase) => phase,
                     Err(error) => BackfillPhase::Failed(format!("the diagnosis failed: {error}")),
@@ -196,10 +202,17 @@ impl Shared {
         &self,
         request: &BackfillRequest,
         config: &Config,
-        store: &store::Config,
+        past: &Past,
         cancel: &CancellationToken,
     ) -> BackfillPhase {
-        let judged = stored(request, store, cancel).and_then(|found| match found {
+        let record = match past {
+            Past::Store(store) => stored(request, store, cancel),
+            Past::File(file) => file.read(request).map(|(record, read_as)| {
+                self.change(|job| job.read_as = Some(read_as));
+                Some(record)
+            }),
+        };
+        let judged = record.and_then(|found| match found {
             Some(record) => self.timeline(request, config, record, cancel),
             None => Ok(None),
         });
@@ -222,13 +235,16 @@ impl Shared {
         cancel: &CancellationToken,
     ) -> Result<Option<Timeline>, String> {
         if let Some(own) = config.loops.iter().find(|l| l.id == request.id.as_str()) {
-            record.op_span = own.op_span;
+            record.op_span = own.op_span.or(record.op_span);
             record.op_limits = own.op_limits.map(|[low, high]| (low, high));
         }
         let marked = Marked::from(record);
         let empty = || BackfillError::Empty.to_string();
         let cut = usual_cut(&marked.record, request.window_s, request.step_s).ok_or_else(empty)?;
-        if (request.to - request.from) / cut.step_s > MOST_WINDOWS {
+        // The record of a file may be far shorter than the time that is asked for.
+        let ends = [marked.record.pv.first(), marked.record.pv.last()].map(|s| s.map_or(0.0, |s| s.t));
+        let asked = if request.file.is_some() { ends[1] - ends[0] } else { request.to - request.from };
+        if asked / cut.step_s > MOST_WINDOWS {
             return Err(format!("more than {MOST_WINDOWS} windows; take a longer step"));
         }
         self.change(|job| (job.phase, job.done, job.of) = (BackfillPhase::Diagnosing, 0, 0));
@@ -243,6 +259,12 @@ impl Shared {
             found => found.map(Some).map_err(|error| error.to_string()),
         }
     }
+}
+
+/// Where the past is read.
+enum Past {
+    Store(store::Config),
+    File(file::Table),
 }
 
 /// A loop's own tags as the store has them, read a day at a time; `None` where nobody wants them any more.

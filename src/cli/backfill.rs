@@ -23,7 +23,7 @@ const HOUR: f64 = 3600.0;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A record (.csv, .parquet), the folder of a store, or a configuration (.toml): then the history that the loop's OPC
+    /// A record (CSV of any dialect, an Excel or ODS workbook, Parquet), the folder of a store, or a configuration (.toml): then the history that the loop's OPC
     /// UA servers keep
     source: PathBuf,
     /// Which loop of a store, a configuration or a table of several
@@ -68,6 +68,8 @@ pub struct Args {
     /// Draw OP, PV, f with its interval and the evidence over time, as an SVG
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    table: super::table::TableArgs,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -79,9 +81,10 @@ enum Format {
 /// Reads, cuts, diagnoses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let bad = |error: &dyn std::fmt::Display| Failure::in_file(&args.source, error);
-    let (mut record, name) = sources::record(args)?;
-    record.op_span = args.op_span.or(record.op_span);
+    let sources::Read { mut record, name, read_as, op_unit } = sources::record(args)?;
     record.op_limits = args.op_limits.or(record.op_limits);
+    let given = args.op_span.or(record.op_span);
+    super::table::scale(&args.source, &mut record, given, op_unit.as_deref())?;
     let marked = Marked::from(record);
     let drawn = args.plot.as_ref().map(|_| [trend(&marked.record.op), trend(&marked.record.pv)]);
     let cut = usual_cut(&marked.record, args.window, args.step)
@@ -97,7 +100,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let found = timeline(&id, marked, cut, &Settings::default(), &alarms, judge.as_ref(), progress)
         .map_err(|error| bad(&error))?;
     bar.end();
-    let report = BackfillReport::new(&name, &found);
+    let mut report = BackfillReport::new(&name, &found);
+    report.read_as = read_as;
     if let (Some(to), Some(trends)) = (&args.plot, drawn) {
         fs::write(to, picture(&name, trends, &found, &report))
             .map_err(|error| Failure::in_file(to, &error))?;
@@ -143,7 +147,8 @@ impl Bar {
 fn page(report: &BackfillReport) -> String {
     let begin = report.begin.unwrap_or_default();
     let since = |t: Option<f64>| t.map_or("-".into(), |t| format!("{:.1} h", (t - begin) / HOUR));
-    let mut out = format!(
+    let mut out = report.read_as.as_ref().map(|read_as| format!("read as: {read_as}\n")).unwrap_or_default();
+    out += &format!(
         "loop {}: windows of {:.1} h, one every {:.1} h; drop-outs marked bad: OP {}, PV {} samples; gaps {:.1} h\n",
         report.r#loop,
         report.window_s / HOUR,

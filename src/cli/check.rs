@@ -97,6 +97,9 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
     let _ = writeln!(out, "listen   {}", config.server.listen);
     let mut faults = Vec::new();
     let _ = writeln!(out, "access   {}", access(config, &mut faults));
+    for remark in config.remarks() {
+        let _ = writeln!(out, "remark   {remark}");
+    }
     (out, faults)
 }
 

@@ -1,18 +1,18 @@
 //! `stictiond diagnose FILE.csv`: one record to one report on stdout.
 
-use super::{Failure, plot, print, text};
+use super::{Failure, plot, print, table, text};
 use clap::ValueEnum;
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, IsTerminal};
 use std::path::PathBuf;
-use stictiond::collect::csv;
+use stictiond::collect::table::Table;
 use stictiond::diagnosis::{Settings, diagnose};
 use stictiond::residual::{self, trace_record};
 use stictiond::serve::dto::Report;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The record; comma, semicolon or tab, columns by name
+    /// The record: CSV of any dialect, an Excel or ODS workbook, Parquet; columns by name
     file: PathBuf,
     /// How to print the report [default: text on a terminal, else json]
     #[arg(long, value_enum)]
@@ -29,6 +29,11 @@ pub struct Args {
     /// Draw PV, the models before and after the effects, and what both leave, as an SVG
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
+    /// Which loop of a table of several
+    #[arg(long = "loop", value_name = "ID")]
+    of_loop: Option<String>,
+    #[command(flatten)]
+    table: table::TableArgs,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -49,19 +54,19 @@ pub fn limits(text: &str) -> Result<(f64, f64), String> {
 
 /// Reads, diagnoses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let bad = |error: &dyn std::fmt::Display| Failure::in_file(&args.file, error);
-    let file = File::open(&args.file).map_err(|error| bad(&error))?;
-    let mut record = csv::read(file).map_err(|error| bad(&error))?;
-    record.op_span = args.op_span.or(record.op_span);
+    let Table { mut record, found: read } = args.table.read(&args.file, args.of_loop.as_deref())?;
     record.op_limits = args.op_limits;
+    table::scale(&args.file, &mut record, args.op_span, read.op_unit.as_deref())?;
     let settings = Settings { ts: args.ts, ..Settings::default() };
     let diagnosis = diagnose(&record, &settings);
-    let name = args.file.file_stem().unwrap_or(args.file.as_os_str());
-    let mut report = Report::new(&name.to_string_lossy(), record.op_span, &diagnosis);
+    let stem = args.file.file_stem().unwrap_or(args.file.as_os_str()).to_string_lossy();
+    let name = args.of_loop.as_deref().unwrap_or(&stem);
+    let mut report = Report::new(name, record.op_span, &diagnosis);
+    report.read_as = Some(read.read_as);
     if let Some(found) = trace_record(&record, &diagnosis, &settings, &residual::Settings::default()) {
         report = report.with_findings(record.op_span, &diagnosis, &found);
         if let Some(to) = &args.plot {
-            let drawn = plot::picture(&name.to_string_lossy(), &found);
+            let drawn = plot::picture(name, &found);
             fs::write(to, drawn).map_err(|error| Failure::in_file(to, &error))?;
         }
     } else if let Some(to) = &args.plot {
@@ -70,6 +75,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             "nothing to draw: the record does not hold a window that can be fitted",
         ));
     }
+    let report = report.with_span_from(record.op_span_source);
     let usual = if io::stdout().is_terminal() { Format::Text } else { Format::Json };
     match args.format.unwrap_or(usual) {
         Format::Text => print(&text::page(&report)),

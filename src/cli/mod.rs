@@ -18,6 +18,7 @@ mod replay;
 mod reproduce;
 mod run;
 mod store;
+mod table;
 mod text;
 mod token;
 mod user;

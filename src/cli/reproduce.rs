@@ -1,11 +1,11 @@
 //! `stictiond reproduce`: the paper's tables and figures, ours beside theirs, as files.
 
 use super::{Failure, print};
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use stictiond::collect::csv;
+use stictiond::collect::table;
 use stictiond::reproduce::{Measured, json, page, reproduce};
 
 #[derive(clap::Args)]
@@ -59,8 +59,7 @@ fn measured(dir: &Path) -> Result<Vec<Measured>, Failure> {
     listed
         .into_iter()
         .map(|(name, label, path)| {
-            let file = File::open(&path).map_err(|error| Failure::in_file(&path, error))?;
-            let record = csv::read(file).map_err(|error| Failure::in_file(&path, error))?;
+            let record = table::record(&path).map_err(|error| Failure::in_file(&path, error))?;
             Ok(Measured { name, label, record })
         })
         .collect()
@@ -70,7 +69,7 @@ type Listed = Vec<(String, String, PathBuf)>;
 
 fn from_index(dir: &Path, index: &Path) -> Result<Listed, Failure> {
     let bad = |error: &dyn std::fmt::Display| Failure::in_file(index, error);
-    let mut reader = ::csv::Reader::from_path(index).map_err(|error| bad(&error))?;
+    let mut reader = csv::Reader::from_path(index).map_err(|error| bad(&error))?;
     let headers = reader.headers().map_err(|error| bad(&error))?.clone();
     let column = |name: &str| headers.iter().position(|header| header == name);
     let Some(file) = column("file") else {

@@ -6,10 +6,11 @@ use std::collections::HashMap;
 use std::fmt::Write;
 use std::io;
 use std::path::{Path, PathBuf};
+use stictiond::collect::table::{self, Found, Options, Source, TableError};
 use stictiond::config;
 use stictiond::serve::dto::{parse_time, rfc3339};
-use stictiond::store::archive::{self, ArchiveError, Choice, Format, Kind};
-use stictiond::store::{self, Config, Reader, Store, StoreError};
+use stictiond::store::archive::{self, ArchiveError, Choice, Format, Import, Kind, Place};
+use stictiond::store::{self, Batch, Config, Reader, Store, StoreError};
 
 /// Faults that are printed; the rest are counted.
 const FAULTS: usize = 20;
@@ -30,7 +31,7 @@ enum Command {
     /// Write what is kept to a file, also while the store is in use
     Export(Export),
     /// Take samples from files into the store, which must not be in use; what is there stays, nothing is twice
-    Import(Import),
+    Import(Box<ImportArgs>),
 }
 
 #[derive(clap::Args)]
@@ -63,15 +64,21 @@ enum What {
 }
 
 #[derive(clap::Args)]
-struct Import {
+struct ImportArgs {
     /// The folder, as `[store] folder` names it, made when it is not there; or a configuration (.toml) with `[store]`
     folder: PathBuf,
-    /// Files with columns loop, tag, t, value and, as far as there are, quality, source, unit: `.csv` or `.parquet`
+    /// Tables of samples (CSV, Excel, ODS, Parquet): with columns loop, tag, t, value and, as far as there are, quality,
+    /// source, unit; or with a column for each tag of one loop
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
     /// A configuration: samples that name no source are taken for those that its loops read, and fill their history
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// The loop that the samples belong to, where the table does not name it
+    #[arg(long = "loop", value_name = "ID")]
+    of_loop: Option<String>,
+    #[command(flatten)]
+    table: super::table::TableArgs,
 }
 
 pub fn time(text: &str) -> Result<f64, String> {
@@ -175,8 +182,7 @@ fn export(args: &Export) -> Result<(), Failure> {
     print(&format!("{}: {rows} rows\n", args.to.display()))
 }
 
-fn import(args: &Import) -> Result<(), Failure> {
-    let formats = args.files.iter().map(|file| format(file)).collect::<Result<Vec<_>, _>>()?;
+fn import(args: &ImportArgs) -> Result<(), Failure> {
     let (settings, sources) = match &args.config {
         Some(path) => configured(path, &args.folder)?,
         None => (named(&args.folder)?, HashMap::new()),
@@ -186,10 +192,10 @@ fn import(args: &Import) -> Result<(), Failure> {
     if let Some(away) = store.spool().and_then(|spool| spool.away) {
         return Err(Failure::Failed(away));
     }
-    for (file, format) in args.files.iter().zip(formats) {
-        let read = archive::read(file, format, &source, &mut |batch| store.insert(batch));
-        let rows = read.map_err(|error| of_archive(file, &error))?;
-        print(&format!("{}: {rows} samples\n", file.display()))?;
+    let options = args.table.options(args.of_loop.as_deref());
+    for file in &args.files {
+        let (samples, found) = import_one(file, &options, &source, &mut store)?;
+        print(&format!("{}: {samples} samples, read as: {}\n", file.display(), found.read_as))?;
     }
     if store.spool().is_some_and(|spool| spool.waits) {
         let folder = settings.folder.display();
@@ -198,6 +204,44 @@ fn import(args: &Import) -> Result<(), Failure> {
         )));
     }
     Ok(())
+}
+
+fn import_one(
+    file: &Path,
+    options: &Options,
+    source: archive::Sources<'_>,
+    store: &mut Store,
+) -> Result<(u64, Found), Failure> {
+    let mut take = |batch: &Batch| store.insert(batch);
+    let mut import = Import::new(source, &mut take);
+    let read = table::stream(Source::File(file), options, &mut |tag, sample| {
+        let (source, unit) = (tag.source.as_deref(), tag.unit.as_deref());
+        import.sample(&Place { control_loop: &tag.owner, tag: &tag.name, source, unit }, sample)?;
+        Ok::<_, Unread>(())
+    });
+    let found = read.map_err(|error| match error {
+        Unread::Table(error) => Failure::in_file(file, error),
+        Unread::Store(error) => of_archive(file, &error),
+    })?;
+    Ok((import.end().map_err(|error| of_archive(file, &error))?, found))
+}
+
+/// Why a table did not get into the store.
+enum Unread {
+    Table(TableError),
+    Store(ArchiveError),
+}
+
+impl From<TableError> for Unread {
+    fn from(error: TableError) -> Self {
+        Self::Table(error)
+    }
+}
+
+impl From<ArchiveError> for Unread {
+    fn from(error: ArchiveError) -> Self {
+        Self::Store(error)
+    }
 }
 
 /// Source and unit of every tag, by loop and name.

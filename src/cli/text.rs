@@ -20,6 +20,9 @@ pub fn page(report: &Report) -> String {
         // Writing into a String cannot fail.
         let _ = writeln!(out, "{name:<12}{text}");
     };
+    if let Some(read_as) = &report.read_as {
+        line("read as:", read_as.clone());
+    }
     line("loop", report.r#loop.clone());
     line("verdict", verdict.into());
     line("reason", report.reason.clone());
@@ -37,7 +40,16 @@ pub fn page(report: &Report) -> String {
             line("", format!("friction up to {} {unit} could be hidden in this record", number(Some(high))));
         }
         if report.f_unit_assumed {
-            line("", format!("unit {unit} judged from OP's values: its span is not known"));
+            let span = match report.op_span {
+                Some(span) => format!("its span is taken for {}", number(Some(span))),
+                None if unit == "% OP" => "its span is not known".into(),
+                None => "its span is not known, say it with --op-span: 100 for per cent, 16 for mA".into(),
+            };
+            line("", format!("unit {unit} judged from OP's values: {span}"));
+        } else if let (Some(span), source @ ("limits" | "unit")) =
+            (report.op_span, report.op_span_source.as_str())
+        {
+            line("", format!("OP's span is {} by its {source}", number(Some(span))));
         }
         let evidence = number(report.delta_aic);
         let rival = report.rival.as_deref().unwrap_or("a linear loop");

@@ -4,11 +4,10 @@
 //! sample to a [`Sink`], keeps its counters in a [`DeviceHealth`] that anyone may read, and takes the time
 //! from a [`Clock`], so a simulated plant may run faster than the wall.
 
-pub mod csv;
 pub mod modbus;
 pub mod mqtt;
 pub mod opcua;
-pub mod parquet;
+pub mod table;
 
 mod backoff;
 mod device;

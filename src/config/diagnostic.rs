@@ -42,6 +42,8 @@ pub struct Report<'a> {
     found: BTreeSet<(usize, String)>,
     /// Lines that are no TOML: whatever else is said of them follows from that.
     broken: BTreeSet<usize>,
+    /// A section is not understood as a whole.
+    sections: bool,
 }
 
 impl<'a> Report<'a> {
@@ -53,6 +55,7 @@ impl<'a> Report<'a> {
             lines: std::iter::once(0).chain(ends.map(|(at, _)| at + 1)).collect(),
             found: BTreeSet::new(),
             broken: BTreeSet::new(),
+            sections: false,
         }
     }
 
@@ -61,6 +64,17 @@ impl<'a> Report<'a> {
         if !self.broken.contains(&self.line(byte)) {
             self.found.insert((byte, message.replace(['\n', '\r'], " ")));
         }
+    }
+
+    /// A section that is not understood as a whole.
+    pub fn section(&mut self, byte: usize, message: String) {
+        self.at(byte, message);
+        self.sections = true;
+    }
+
+    /// Whether a section is not understood as a whole.
+    pub fn has_section_errors(&self) -> bool {
+        self.sections
     }
 
     /// A line that cannot be read as TOML.

@@ -15,7 +15,7 @@ pub use neighbours::{Candidates, MOST_CANDIDATES, Neighbour};
 pub use plant::{Plant, tags};
 pub use tag::TagConfig;
 
-use crate::collect::{modbus, mqtt, opcua};
+use crate::collect::{modbus, mqtt, opcua, table};
 use crate::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, writeback};
 use diagnostic::Report;
 use serde::Deserialize;
@@ -40,6 +40,8 @@ pub struct Config {
     pub history: history::Config,
     /// `[store]`; without it nothing outlives a restart.
     pub store: Option<store::Config>,
+    /// `[tables]`.
+    pub tables: table::Config,
     /// `[schedule]`.
     pub schedule: schedule::Config,
     /// `[diagnosis]`.

@@ -3,7 +3,7 @@
 use super::{Config, LoopConfig, TagConfig};
 use crate::collect::{Issue, Plan, modbus, mqtt, opcua};
 use crate::history::{self, LoopTags, TagKind};
-use crate::signal::{LoopId, Role};
+use crate::signal::{LoopId, Role, Scale};
 use std::collections::HashMap;
 
 /// Who is watched and who is asked. Tags are numbered through all loops: op, pv, sp, mode, mv, then the others.
@@ -71,11 +71,15 @@ impl Config {
                     index += 1;
                 }
             }
+            let limits = control_loop.op_limits.map(|[low, high]| (low, high));
+            let scale = Scale { given: control_loop.op_span, limits, unit: control_loop.op.unit() };
+            let (op_span, op_span_source) = scale.span(&[]);
             loops.push(LoopTags {
                 id: LoopId::new(control_loop.id.as_str()),
                 tags: own,
-                op_limits: control_loop.op_limits.map(|[low, high]| (low, high)),
-                op_span: control_loop.op_span,
+                op_limits: limits,
+                op_span,
+                op_span_source,
             });
         }
         let plan = |(at, specs)| modbus::Plan::new(at, &self.modbus[at], specs);
@@ -91,6 +95,21 @@ impl Config {
     /// Time between two diagnoses of a loop (s).
     pub fn period_s(&self, control_loop: &LoopConfig) -> f64 {
         control_loop.period_s.unwrap_or(self.schedule.period_s)
+    }
+}
+
+impl Config {
+    /// What is right by itself and often meant otherwise, each with its loop and tag.
+    pub fn remarks(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        for control_loop in &self.loops {
+            for (role, tag) in tags(control_loop) {
+                let TagConfig::Modbus(own) = tag else { continue };
+                let name = role.map(role_name).or(tag.name()).unwrap_or_default();
+                out.extend(own.remark().map(|remark| format!("{}.{name}: {remark}", control_loop.id)));
+            }
+        }
+        out
     }
 }
 

@@ -2,11 +2,12 @@
 
 use super::diagnostic::Report;
 use super::section::{Parts, ROLES};
-use super::source::{Source, Step};
+use super::source::{Source, Step, texts, variable};
+use super::wording::close;
 use super::{LoopConfig, TagConfig, plant, tag};
 use crate::collect::{Issue, modbus};
 use crate::schedule;
-use crate::signal::Role;
+use crate::signal::{Role, Scale};
 use std::collections::{HashMap, HashSet};
 
 /// Longest name of a loop, device or tag (characters).
@@ -35,6 +36,7 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
     }
     let blamed = report.places();
     let mut rules = Rules { source, report, devices, blamed };
+    rules.variables();
     rules.sections(parts);
     rules.devices(parts);
     rules.loops(parts);
@@ -74,9 +76,16 @@ struct Rules<'r, 'a, 't> {
 impl Rules<'_, '_, '_> {
     fn wrong(&mut self, path: &[Step], message: String) {
         let place = self.source.place(path);
-        if !self.blamed.contains(&place) {
+        if !self.blamed.contains(&place) && !self.misspelt(path) {
             self.report.at(place, message);
         }
+    }
+
+    /// Whether a key is not there because it is misspelt, which was told.
+    fn misspelt(&self, path: &[Step]) -> bool {
+        let Some((Step::Key(key), table)) = path.split_last() else { return false };
+        let close = |(own, place): (&str, usize)| self.blamed.contains(&place) && close(own, key);
+        !self.source.has(path) && self.source.keys(table).into_iter().any(close)
     }
 
     fn unless(&mut self, ok: bool, path: &[Step], message: impl FnOnce() -> String) {
@@ -91,11 +100,28 @@ impl Rules<'_, '_, '_> {
         }
     }
 
+    /// Variables are not filled in, so that a text which waits for one would be taken as it is.
+    fn variables(&mut self) {
+        let mut found = Vec::new();
+        for value in self.source.root().values() {
+            texts(value, &mut |place, text| found.extend(variable(text).map(|name| (place, name))));
+        }
+        for (place, name) in found {
+            self.blamed.insert(place);
+            let message = format!(
+                "variables are not filled in, ${{{name}}} neither: write the value itself, and of a password the name of \
+                 the variable in its password_env"
+            );
+            self.report.at(place, message);
+        }
+    }
+
     fn sections(&mut self, parts: &Parts) {
         self.section("server", parts.server.as_ref().map(|c| c.validate()));
         self.door(parts);
         self.section("history", parts.history.as_ref().map(|c| c.validate()));
         self.section("store", parts.store.as_ref().and_then(|c| c.as_ref()).map(|c| c.validate()));
+        self.section("tables", parts.tables.as_ref().map(|c| c.validate()));
         self.section("schedule", parts.schedule.as_ref().map(|c| c.validate()));
         self.section("diagnosis", parts.diagnosis.as_ref().map(|c| c.validate()));
         for (table, field, message) in parts.alarm.as_ref().map(|c| c.validate()).into_iter().flatten() {
@@ -202,6 +228,11 @@ impl Rules<'_, '_, '_> {
                 format!("op_limits: [{low}, {high}] must be the lower, then the upper limit")
             });
         }
+        let limits = control_loop.op_limits.map(|[low, high]| (low, high));
+        let scale = Scale { given: control_loop.op_span, limits, unit: control_loop.op.unit() };
+        if let Some(why) = scale.contradiction(&[]) {
+            self.wrong(&path!["loop", at, "op_span"], why);
+        }
     }
 
     fn tags(&mut self, at: usize, control_loop: &LoopConfig, parts: &Parts) {
@@ -241,6 +272,10 @@ impl Rules<'_, '_, '_> {
     fn tag(&mut self, role: Option<Role>, tag: &TagConfig, here: &[Step], parts: &Parts) {
         let field = |name: &str| [here, &path![name]].concat();
         let Some(&device) = self.devices.get(tag.device()) else {
+            // Their section was not understood, which is told there.
+            if self.devices.is_empty() && self.report.has_section_errors() {
+                return;
+            }
             let mut names: Vec<&str> = self.devices.keys().copied().collect();
             names.sort_unstable();
             let hint = super::wording::hint(tag.device(), &names);

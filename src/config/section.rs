@@ -5,7 +5,7 @@ use super::diagnostic::Report;
 use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig};
-use crate::collect::{modbus, mqtt, opcua};
+use crate::collect::{self, modbus, mqtt, opcua};
 use crate::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, writeback};
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
@@ -13,12 +13,13 @@ use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 14] = [
+const SECTIONS: [&str; 15] = [
     "server",
     "access",
     "audit",
     "history",
     "store",
+    "tables",
     "schedule",
     "diagnosis",
     "alarm",
@@ -45,6 +46,7 @@ pub struct Parts {
     pub history: Option<history::Config>,
     /// Inside, `None` where the section is left out.
     pub store: Option<Option<store::Config>>,
+    pub tables: Option<collect::table::Config>,
     pub schedule: Option<schedule::Config>,
     pub diagnosis: Option<diagnosis::Config>,
     pub alarm: Option<alarm::Config>,
@@ -65,6 +67,7 @@ impl Parts {
             audit: self.audit?,
             history: self.history?,
             store: self.store?,
+            tables: self.tables?,
             schedule: self.schedule?,
             diagnosis: self.diagnosis?,
             alarm: self.alarm?,
@@ -84,7 +87,7 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
         let name = key.get_ref();
         if !SECTIONS.contains(&name.as_ref()) {
             let hint = wording::hint(name, &SECTIONS);
-            report.at(key.span().start, format!("unknown section {name:?}{hint}"));
+            report.section(key.span().start, format!("unknown section {name:?}{hint}"));
         }
     }
     Parts {
@@ -93,6 +96,7 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
         audit: optional(source, "audit", report),
         history: table(source, "history", report),
         store: optional(source, "store", report),
+        tables: table(source, "tables", report),
         schedule: table(source, "schedule", report),
         diagnosis: table(source, "diagnosis", report),
         alarm: table(source, "alarm", report),
@@ -129,7 +133,11 @@ fn tables<T: DeserializeOwned>(source: &Source, name: &str, report: &mut Report)
     };
     let wrong = format!("{name}: there may be several, write each as [[{name}]]");
     let Some(items) = value.get_ref().as_array() else {
-        report.at(value.span().start, wrong);
+        // `[[loops]]` with `[loop.op]` below it: what is misspelt is told already.
+        let misspelt = |key: &str| !SECTIONS.contains(&key) && wording::close(key, name);
+        if !source.root().keys().any(|key| misspelt(key.get_ref())) {
+            report.section(value.span().start, wrong);
+        }
         return vec![None];
     };
     let item = |(at, item): (usize, &Spanned<DeValue>)| {
@@ -204,7 +212,13 @@ fn missing(
         .into_iter()
         .find(|path| table_mut(rest.get_mut(), path).is_some_and(|t| !t.contains_key(key)));
     let Some(below) = found else { return false };
-    let was_there = table_mut(value.clone().get_mut(), &below).is_some_and(|table| table.contains_key(key));
+    // A key that was taken out for its spelling was told with what was meant.
+    let left: Vec<String> = table_mut(rest.get_mut(), &below)
+        .map(|table| table.keys().map(|key| key.get_ref().to_string()).collect())
+        .unwrap_or_default();
+    let told = |own: &str| own == key || !left.iter().any(|left| left == own) && wording::close(own, key);
+    let was_there = table_mut(value.clone().get_mut(), &below)
+        .is_some_and(|table| table.keys().any(|own| told(own.get_ref())));
     if !was_there && span.start < NOWHERE && !report.is_broken() {
         let section = wording::section(&[path, &below].concat());
         report.at(span.start, format!("missing key {key:?} in {section}"));

@@ -33,9 +33,15 @@ impl<'a> Source<'a> {
     /// Parses the text; every syntax error goes to the report and what could be read is kept.
     pub fn parse(text: &'a str, report: &mut Report) -> Self {
         let (root, errors) = DeTable::parse_recoverable(text);
+        let mut in_array = false;
         for error in errors {
+            // A bracket left open makes every line after it wrong.
+            if in_array {
+                break;
+            }
+            in_array = error.message().contains("array");
             let at = error.span().map_or(text.len(), |span| span.start);
-            report.broken(at, error.message().into());
+            report.broken(at, decimal_comma(text, at).unwrap_or_else(|| error.message().into()));
         }
         Self { root: root.into_inner() }
     }
@@ -66,9 +72,42 @@ impl<'a> Source<'a> {
         self.get(path).is_some()
     }
 
+    /// The keys of the table at a path, with their places.
+    pub fn keys(&self, path: &[Step]) -> Vec<(&str, usize)> {
+        let table = self.get(path).and_then(|value| value.get_ref().as_table());
+        let place = |key: &'_ Spanned<std::borrow::Cow<'a, str>>| key.span().start;
+        table
+            .map(|table| table.keys().map(|key| (key.get_ref().as_ref(), place(key))).collect())
+            .unwrap_or_default()
+    }
+
     /// The string at a path.
     pub fn text(&self, path: &[Step]) -> Option<&str> {
         self.get(path)?.get_ref().as_str()
+    }
+}
+
+/// `scale = 0,1`: the parser stops at the comma.
+fn decimal_comma(text: &str, at: usize) -> Option<String> {
+    let digit = |at: Option<usize>| at.and_then(|at| text.as_bytes().get(at)).is_some_and(u8::is_ascii_digit);
+    let comma = text.as_bytes().get(at) == Some(&b',');
+    (comma && digit(at.checked_sub(1)) && digit(at.checked_add(1)))
+        .then(|| "a decimal comma: write the number with a point, such as 0.1".into())
+}
+
+/// The variable that a text waits to have filled in: `PLC` of `${PLC}:502`.
+pub fn variable(text: &str) -> Option<&str> {
+    let (_, rest) = text.split_once("${")?;
+    rest.split_once('}').map(|(name, _)| name)
+}
+
+/// Every text below a value, with its place.
+pub fn texts<'v>(value: &'v Spanned<DeValue<'_>>, take: &mut dyn FnMut(usize, &'v str)) {
+    match value.get_ref() {
+        DeValue::String(text) => take(value.span().start, text),
+        DeValue::Array(items) => items.iter().for_each(|item| texts(item, take)),
+        DeValue::Table(table) => table.values().for_each(|value| texts(value, take)),
+        _ => {}
     }
 }
 

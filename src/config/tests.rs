@@ -165,7 +165,6 @@ description = 'größer'; colour = 1
         "f:18:14: byte_order: unknown value \"ABDC\", did you mean \"ABCD\"?",
         "f:19:1: missing key \"address_base\" in [[modbus]]",
         "f:22:11: unit_id: invalid value: integer `256`, expected a whole number from 0 to 255",
-        "f:23:1: timeout_ms: 500 is longer than poll_ms = 0: one lost answer would cost the next poll",
         "f:27:11: poll_ms: must be at least 1",
         "f:29:8: device \"dcs3\" is already on line 24; every device needs a name of its own",
         "f:31:16: address_base: 2 must be 0 or 1",

@@ -30,7 +30,40 @@ pub fn of_entry(message: &str, key: &str, section: &str) -> String {
     if let Some(word) = message.strip_prefix("unknown variant `").and_then(|rest| rest.split('`').next()) {
         return format!("{key}: unknown value {word:?}{}", hint(word, &choices(message)));
     }
+    if let Some(number) = decimal_comma(message) {
+        return format!("{key}: a decimal comma in quotes: write {key} = {number}");
+    }
+    if let Some(list) = list_of_one(message) {
+        return format!("{key}: a list is expected, write {key} = [{list}]");
+    }
     format!("{key}: {}", plain(message))
+}
+
+/// `invalid type: string "0,1", expected f64`: the number with a point.
+fn decimal_comma(message: &str) -> Option<String> {
+    let (text, expected) = message.strip_prefix("invalid type: string \"")?.split_once("\", expected ")?;
+    let number = text.trim().replacen(',', ".", 1);
+    let is_number = expected == "f64" && text.contains(',') && number.parse::<f64>().is_ok();
+    is_number.then_some(number)
+}
+
+/// `invalid type: string "a@b.c", expected a sequence`: the text in quotes.
+fn list_of_one(message: &str) -> Option<&str> {
+    let found = message.strip_prefix("invalid type: ")?.strip_suffix(", expected a sequence")?;
+    let (kind, value) = found.split_once(' ')?;
+    ["string", "integer", "boolean", "floating"]
+        .contains(&kind)
+        .then(|| value.trim_start_matches("point ").trim_matches('`'))
+}
+
+/// Whether somebody who wrote one word may have meant the other.
+pub fn close(word: &str, other: &str) -> bool {
+    distance(word, other) <= allowed(word)
+}
+
+/// How many letters of a word may be wrong.
+fn allowed(word: &str) -> usize {
+    1 + word.chars().count().min(12) / 4
 }
 
 /// Rust's names of types in plain words.
@@ -68,7 +101,7 @@ pub fn choices(message: &str) -> Vec<&str> {
 
 /// `, did you mean "…"?` when a choice is close, else all of them.
 pub fn hint(word: &str, choices: &[&str]) -> String {
-    let allowed = 1 + word.chars().count().min(12) / 4;
+    let allowed = allowed(word);
     let nearest = choices.iter().map(|choice| (distance(word, choice), choice)).min();
     match nearest {
         Some((distance, choice)) if distance <= allowed => format!(", did you mean {choice:?}?"),

@@ -67,8 +67,7 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     }
     let n = points as usize + 1;
     if n < need {
-        let (first, last) = (pv.kept[0].t, pv.kept[pv.kept.len() - 1].t);
-        let share = 1.0 - ((to - from + ts) / (last - first + ts)).clamp(0.0, 1.0);
+        let share = missing_share(&pv.kept, ts).max(missing_share(&op.kept, op_ts));
         let reason = if share > 0.01 {
             NotIdentifiable::Gaps { share }
         } else {
@@ -133,6 +132,8 @@ fn refuse(w: &Window, record: &Record, settings: &Settings, p: &Preparation) -> 
 /// One tag's good samples in order of time.
 struct Clean {
     kept: Vec<Sample>,
+    /// Before those with the same stamp were taken for one.
+    good: usize,
     offered: usize,
     stale: usize,
     too_large: usize,
@@ -155,6 +156,7 @@ fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
     drop_zero_runs(&mut kept);
     Clean {
         kept,
+        good: before,
         offered: series.len(),
         stale: series.iter().filter(|s| s.quality == Quality::Stale).count(),
         too_large: series.iter().filter(|s| s.value.abs() > LARGEST_VALUE).count(),
@@ -180,6 +182,13 @@ pub fn zeros_are_outages(samples: &[Sample]) -> bool {
     low > spread || high < -spread
 }
 
+/// The share of the samples that a period of `ts` asks for and that are not there.
+fn missing_share(kept: &[Sample], ts: f64) -> f64 {
+    let (Some(first), Some(last)) = (kept.first(), kept.last()) else { return 1.0 };
+    let asked = (last.t - first.t) / ts + 1.0;
+    (1.0 - kept.len() as f64 / asked).clamp(0.0, 1.0)
+}
+
 /// Why too few good samples are left.
 fn shortage(op: &Clean, pv: &Clean, n: usize, need: usize) -> NotIdentifiable {
     let worst = if op.kept.len() < pv.kept.len() { op } else { pv };
@@ -192,8 +201,8 @@ fn shortage(op: &Clean, pv: &Clean, n: usize, need: usize) -> NotIdentifiable {
     if worst.too_large * 2 > worst.offered {
         return NotIdentifiable::OutOfScale;
     }
-    // Stamps that all coincide leave one sample after de-duplication.
-    if worst.kept.len() <= 1 {
+    // Good samples whose stamps all coincide leave one after de-duplication.
+    if worst.kept.len() <= 1 && worst.good * 2 > worst.offered {
         return NotIdentifiable::NoTimeBase;
     }
     NotIdentifiable::Gaps { share: 1.0 - worst.kept.len() as f64 / worst.offered as f64 }

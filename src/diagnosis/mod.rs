@@ -128,7 +128,11 @@ impl fmt::Display for NotIdentifiable {
             Self::TooShort { n, need } => write!(out, "too short: {n} usable samples, {need} needed"),
             Self::NoTimeBase => write!(out, "no time base: the stamps give no sampling period"),
             Self::Gaps { share } => {
-                write!(out, "gaps: {:.0} % of the samples are missing or bad", share * 100.0)
+                let share = share * 100.0;
+                write!(
+                    out,
+                    "gaps: {share:.0} % of the samples are missing or bad, too many or in holes too long to bridge"
+                )
             }
             Self::FlatOp => write!(out, "flat OP: the controller output does not move"),
             Self::FlatPv => write!(out, "flat PV: the process variable does not move"),

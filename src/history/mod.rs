@@ -9,7 +9,7 @@ mod ring;
 pub use decimate::decimate;
 pub use ring::{BYTES_PER_SAMPLE, Ring};
 
-use crate::signal::{LoopId, Record, Role, Sample, Series};
+use crate::signal::{LoopId, Record, Role, Sample, Series, SpanSource};
 use serde::Deserialize;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -84,6 +84,8 @@ pub struct LoopTags {
     pub op_limits: Option<(f64, f64)>,
     /// Span of OP (OP unit).
     pub op_span: Option<f64>,
+    /// Where that is known from.
+    pub op_span_source: SpanSource,
 }
 
 /// The rings of all loops.
@@ -182,8 +184,12 @@ impl History {
     /// Everything remembered of a loop, for the diagnosis; `None` for a loop that is not there.
     pub fn snapshot(&self, id: &LoopId) -> Option<Record> {
         let control_loop = &self.loops[*self.by_id.get(id)?];
-        let mut record =
-            Record { op_limits: control_loop.op_limits, op_span: control_loop.op_span, ..Record::default() };
+        let mut record = Record {
+            op_limits: control_loop.op_limits,
+            op_span: control_loop.op_span,
+            op_span_source: control_loop.op_span_source,
+            ..Record::default()
+        };
         for (tag, ring) in self.tags(id) {
             let series = since_set_back(ring.snapshot());
             match &tag.kind {

@@ -5,7 +5,13 @@ fn tag(role: Role, source: &str) -> TagSpec {
 }
 
 fn control_loop(name: &str, tags: Vec<TagSpec>) -> LoopTags {
-    LoopTags { id: LoopId::new(name), tags, op_limits: Some((0.0, 100.0)), op_span: None }
+    LoopTags {
+        id: LoopId::new(name),
+        tags,
+        op_limits: Some((0.0, 100.0)),
+        op_span: None,
+        op_span_source: crate::signal::SpanSource::Unknown,
+    }
 }
 
 fn two_loops() -> Vec<LoopTags> {

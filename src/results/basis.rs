@@ -2,7 +2,7 @@
 
 use super::KnownEffect;
 use crate::diagnosis::Settings;
-use crate::signal::{Record, Sample, Series};
+use crate::signal::{Record, Sample, Series, SpanSource};
 
 /// What a run worked on, beside the samples themselves.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,6 +13,8 @@ pub struct Basis {
     pub known: Vec<KnownEffect>,
     /// The span of OP (OP unit).
     pub op_span: Option<f64>,
+    /// Where that is known from.
+    pub op_span_source: SpanSource,
     /// The controller's output limits (OP unit).
     pub op_limits: Option<(f64, f64)>,
     /// Which samples of each tag, in the record's order.
@@ -39,6 +41,7 @@ impl Basis {
             settings: settings.clone(),
             known: known.to_vec(),
             op_span: record.op_span,
+            op_span_source: record.op_span_source,
             op_limits: record.op_limits,
             extents: series(record).map(|(tag, samples)| Extent::of(tag, samples)).collect(),
         }
@@ -56,7 +59,8 @@ impl Basis {
 
     /// The part of a record that the run worked on, and the names of tags whose samples are no longer the same.
     pub fn cut(&self, mut record: Record) -> (Record, Vec<String>) {
-        let mut part = Record { op_span: self.op_span, op_limits: self.op_limits, ..Record::default() };
+        let (op_span, op_span_source) = (self.op_span, self.op_span_source);
+        let mut part = Record { op_span, op_span_source, op_limits: self.op_limits, ..Record::default() };
         let mut lost = Vec::new();
         for extent in &self.extents {
             let from = take(&mut record, &extent.tag).unwrap_or_default();

@@ -22,7 +22,7 @@ pub use api::openapi;
 pub use policy::{Need, RULES};
 #[cfg(feature = "writeback")]
 pub use ports::Acted;
-pub use ports::{BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
+pub use ports::{BackfillFile, BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
 pub use ports::{DeadLetter, NotificationPort, ReceiverState, WritebackPort};
 pub use tls::{Config as TlsConfig, Tls, TlsError};
 

@@ -4,7 +4,9 @@ mod backfill;
 mod notifications;
 mod writeback;
 
-pub use backfill::{BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
+pub use backfill::{
+    BackfillFile, BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun,
+};
 pub use notifications::{DeadLetter, NotificationPort, ReceiverState};
 #[cfg(feature = "writeback")]
 pub use writeback::Acted;

@@ -1,18 +1,19 @@
-//! The store as tables in files that other programs read: CSV and Parquet, row by row in bounded memory.
+//! The store as tables in files that other programs read: CSV and Parquet, row by row in bounded memory; and samples from
+//! tables, which `collect::table` reads, gathered for the store.
 
 mod csv;
 mod parquet;
 
 use super::codec::QUALITIES;
 use super::{Batch, Reader, Series, StoreError, StoredTag, TagName, rows};
-use crate::signal::{Quality, Sample};
+use crate::signal::Sample;
 use std::collections::HashMap;
 use std::fs::{self, File};
-use std::io::{self, BufReader, BufWriter};
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Samples handed on in one go by [`read`].
+/// Samples handed on in one go by [`Import`].
 const BATCH: usize = 100_000;
 /// Rows of a kind that is no sample, read in one go.
 const ROWS: usize = 500;
@@ -341,43 +342,21 @@ fn alarms(reader: &mut Reader, choice: &Choice, sink: &mut dyn Sink) -> Result<u
 /// Source and unit of a loop's tag, for samples that name none.
 pub type Sources<'a> = &'a dyn Fn(&str, &str) -> Option<(String, String)>;
 
-/// Reads samples from a file: columns `loop`, `tag`, `t` and `value`, in any order, and where they are there `source`,
-/// `unit`, `quality`; handed on some at a time. How many samples it has.
-///
-/// # Errors
-/// [`ArchiveError`], with the row where one is to blame; what was handed on before stays handed on.
-pub fn read(
-    from: &Path,
-    format: Format,
-    source: Sources<'_>,
-    take: &mut dyn FnMut(&Batch) -> Result<(), StoreError>,
-) -> Result<u64, ArchiveError> {
-    let mut gathering =
-        Gathering { source, take, names: HashMap::new(), batch: Batch::default(), held: 0, count: 0 };
-    let file = File::open(from)?;
-    match format {
-        Format::Csv => {
-            csv::read(BufReader::with_capacity(1 << 16, file), &mut |at, row| gathering.row(at, row))
-        }
-        Format::Parquet => parquet::read(file, &mut |at, row| gathering.row(at, row)),
-    }?;
-    gathering.hand_on()?;
-    Ok(gathering.count)
+/// Where a sample that is imported belongs.
+#[derive(Clone, Copy, Debug)]
+pub struct Place<'a> {
+    /// The loop.
+    pub control_loop: &'a str,
+    /// Its tag.
+    pub tag: &'a str,
+    /// Where the sample came from at first, where that is known.
+    pub source: Option<&'a str>,
+    /// Its unit, where that is known.
+    pub unit: Option<&'a str>,
 }
 
-/// A row as it is read: texts and numbers of the known columns.
-#[derive(Clone, Debug, Default, PartialEq)]
-struct Read<'a> {
-    control_loop: &'a str,
-    tag: &'a str,
-    source: Option<&'a str>,
-    unit: Option<&'a str>,
-    t: Option<f64>,
-    value: Option<f64>,
-    quality: Option<&'a str>,
-}
-
-struct Gathering<'a> {
+/// Gathers samples that a reader of tables hands over, and hands them on some at a time.
+pub struct Import<'a> {
     source: Sources<'a>,
     take: &'a mut dyn FnMut(&Batch) -> Result<(), StoreError>,
     /// Where in the batch the samples of a tag are.
@@ -387,33 +366,33 @@ struct Gathering<'a> {
     count: u64,
 }
 
-impl Gathering<'_> {
-    fn row(&mut self, at: u64, row: &Read<'_>) -> Result<(), ArchiveError> {
-        let wrong = |what: String| Err(ArchiveError::Format(format!("row {at}: {what}")));
-        if row.control_loop.is_empty() || row.tag.is_empty() {
-            return wrong("loop and tag must be named".into());
+impl<'a> Import<'a> {
+    /// Nothing is gathered yet.
+    pub fn new(source: Sources<'a>, take: &'a mut dyn FnMut(&Batch) -> Result<(), StoreError>) -> Self {
+        Self { source, take, names: HashMap::new(), batch: Batch::default(), held: 0, count: 0 }
+    }
+
+    /// One more sample.
+    ///
+    /// # Errors
+    /// [`ArchiveError::Format`] for one that belongs nowhere; what was handed on before stays handed on.
+    pub fn sample(&mut self, place: &Place<'_>, sample: Sample) -> Result<(), ArchiveError> {
+        let Place { control_loop, tag, source, unit } = *place;
+        if control_loop.is_empty() || tag.is_empty() {
+            return Err(ArchiveError::Format("a sample without a loop or a tag".into()));
         }
-        let Some(t) = row.t.filter(|t| t.is_finite() && *t >= 0.0) else {
-            return wrong("t must be seconds since the Unix epoch".into());
-        };
-        let named = |text: &str| QUALITIES.into_iter().find(|known| known.as_str() == text);
-        let quality = match row.quality {
-            Some(text) => match named(text) {
-                Some(quality) => quality,
-                None => return wrong(format!("no quality is called {text:?}")),
-            },
-            None if row.value.is_some() => Quality::Good,
-            None => QUALITIES[QUALITIES.len() - 1],
-        };
-        if quality.is_good() && row.value.is_none() {
-            return wrong("a good sample must have a value".into());
+        if !(sample.t.is_finite() && sample.t >= 0.0) {
+            return Err(ArchiveError::Format(format!(
+                "a time of {} s: times must be seconds since 1970, or dates",
+                sample.t
+            )));
         }
-        let (source, unit) = match row.source {
-            Some(source) => (source.to_string(), row.unit.unwrap_or_default().to_string()),
-            None => (self.source)(row.control_loop, row.tag)
-                .unwrap_or_else(|| ("import".to_string(), row.unit.unwrap_or_default().to_string())),
+        let (source, unit) = match source {
+            Some(source) => (source.to_string(), unit.unwrap_or_default().to_string()),
+            None => (self.source)(control_loop, tag)
+                .unwrap_or_else(|| ("import".to_string(), unit.unwrap_or_default().to_string())),
         };
-        let name = TagName { control_loop: row.control_loop.into(), tag: row.tag.into(), source, unit };
+        let name = TagName { control_loop: control_loop.into(), tag: tag.into(), source, unit };
         let series = match self.names.get(&name) {
             Some(&at) => at,
             None => {
@@ -422,10 +401,18 @@ impl Gathering<'_> {
                 self.batch.series.len() - 1
             }
         };
-        let value = row.value.unwrap_or(f64::NAN);
-        self.batch.series[series].samples.push(Sample { t, value, quality });
+        self.batch.series[series].samples.push(sample);
         self.held += 1;
         if self.held >= BATCH { self.hand_on() } else { Ok(()) }
+    }
+
+    /// Hands the rest on: how many samples there were.
+    ///
+    /// # Errors
+    /// What the store said.
+    pub fn end(mut self) -> Result<u64, ArchiveError> {
+        self.hand_on()?;
+        Ok(self.count)
     }
 
     fn hand_on(&mut self) -> Result<(), ArchiveError> {

@@ -331,3 +331,51 @@ async fn at_its_start_the_daemon_reads_back_to_what_it_has() {
     assert!(kept.len() > 2900, "a sample each 20 ms: {}", kept.len());
     std::fs::remove_dir_all(&folder).expect("it was made");
 }
+
+/// A table in the folder of `[tables]`: it is read as the command line reads it, and nothing outside the folder is.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_table_is_diagnosed_in_place_of_the_store() {
+    let (folder, (address, _)) = (folder("table"), device().await);
+    std::fs::create_dir_all(&folder).expect("writable");
+    let rows = |format: fn(u32) -> String| (0..7200u32).map(format).collect::<String>();
+    let table = rows(|i| {
+        let op = if i >= 3600 { "10,0" } else { "20,0" };
+        format!("01/06/2026 {:02}:{:02}:{:02};{op};{},5\n", 6 + i / 3600, i / 60 % 60, i % 60, i % 100)
+    });
+    std::fs::write(folder.join("week.csv"), format!("Zeit;A.OP;A.PV\n{table}")).expect("writable");
+    std::os::unix::fs::symlink("/etc/hostname", folder.join("link.csv")).expect("writable");
+    let mut own = config(&[address], &[("A", 0, 20)]);
+    own.tables.folder = Some(folder.clone());
+    let daemon = start(own, Clock::plant(START, 20.0), sticky_at_ten()).await;
+    for (file, table, said) in [
+        ("../week.csv", "{}", "is no name of a file in the folder"),
+        ("/etc/hostname", "{}", "is no name of a file in the folder"),
+        ("link.csv", "{}", "there is no file"),
+        ("gone.csv", "{}", "there is no file"),
+        ("week.csv", "{\"colour\": \"red\"}", "no option is called"),
+        ("week.csv", "{\"tz\": \"Mars\"}", "--tz"),
+    ] {
+        let body = format!("{{\"loop\":\"A\",\"file\":\"{file}\",\"table\":{table}}}");
+        let answer = post(daemon.address, BACKFILL, &body).await;
+        assert_eq!(answer.status, 400, "{body}: {}", answer.text());
+        assert!(answer.text().contains(said), "{body}: {}", answer.text());
+    }
+    // What is doubtful ends the job with the option that decides.
+    let mut events = Events::open(daemon.address).await;
+    let doubtful = "{\"loop\":\"A\",\"file\":\"week.csv\",\"window_s\":600,\"step_s\":300}";
+    assert_eq!(post(daemon.address, BACKFILL, doubtful).await.status, 202);
+    until(&mut events, "failed").await;
+    let job = daemon.json(BACKFILL).await;
+    assert!(job["error"].as_str().is_some_and(|why| why.contains("--time-format dmy or mdy")), "{job}");
+    let told = "{\"loop\":\"A\",\"file\":\"week.csv\",\"window_s\":600,\"step_s\":300,\"table\":{\"time_format\":\"dmy\"}}";
+    assert_eq!(post(daemon.address, BACKFILL, told).await.status, 202);
+    until(&mut events, "done").await;
+    let report = daemon.json(BACKFILL).await["report"].clone();
+    let read_as = report["read_as"].as_str().expect("a line");
+    assert!(read_as.contains("decimal comma, time dd/mm/yyyy (UTC), op from \"A.OP\""), "{read_as}");
+    let items = report["items"].as_array().expect("windows");
+    let sticky = items.iter().filter(|item| item["verdict"] == "stiction").count();
+    assert!(sticky >= 10 && sticky < items.len(), "{report}");
+    stop(daemon).await;
+    std::fs::remove_dir_all(&folder).expect("it was made");
+}

@@ -95,6 +95,7 @@ fn tags(id: &str, kind: &str) -> LoopTags {
         ],
         op_limits: None,
         op_span: Some(100.0),
+        op_span_source: stictiond::signal::SpanSource::Given,
     }
 }
 

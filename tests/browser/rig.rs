@@ -108,6 +108,7 @@ pub async fn plant() -> Rig {
         tags: roles[..if own.id == "PIC303" { 4 } else { 3 }].iter().map(|role| tag(*role)).collect(),
         op_limits: Some((0.0, 100.0)),
         op_span: Some(100.0),
+        op_span_source: stictiond::signal::SpanSource::Given,
     });
     let infos = chosen.map(|own| LoopInfo {
         id: name(&own.id),
@@ -184,6 +185,7 @@ async fn crowd_behind(n: usize, door: Option<Arc<Access>>) -> Rig {
         tags: vec![TagSpec { kind: TagKind::Role(Role::Op), unit: "%".into(), source: String::new() }],
         op_limits: Some((at as f64, 1e6)),
         op_span: Some(100.0),
+        op_span_source: stictiond::signal::SpanSource::Given,
     });
     let infos = (0..n).map(|at| LoopInfo {
         id: id(at),

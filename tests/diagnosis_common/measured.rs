@@ -1,8 +1,8 @@
 //! The measured records beside the project, where they are.
 
-use std::fs::{self, File};
+use std::fs;
 use std::path::Path;
-use stictiond::collect::csv;
+use stictiond::collect::table;
 use stictiond::signal::Record;
 
 /// From the package root, where cargo runs the tests.
@@ -22,8 +22,8 @@ pub fn measured() -> Vec<Measured> {
         .filter(|line| line.starts_with("isdb,") || line.starts_with("plant,"))
         .map(|line| {
             let row: Vec<String> = line.split(',').map(str::to_owned).collect();
-            let open = File::open(Path::new(FOLDER).join(&row[2])).expect("the index names files that exist");
-            (row, csv::read(open).expect("the measured records are readable"))
+            let file = Path::new(FOLDER).join(&row[2]);
+            (row, table::record(&file).expect("the measured records are readable"))
         })
         .collect()
 }

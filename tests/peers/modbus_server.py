@@ -12,7 +12,7 @@ Prints "port N" once it listens. Reads commands from stdin, one a line, and answ
   heal         all faults end
 
 Holding and input registers hold every type in every byte order: order k (ABCD CDAB BADC DCBA) from
-100 k, as u16, i16, u32, i32, f32, f64 one after the other. Coil a is set when 3 divides a, discrete input
+100 k, as u16, i16, u32, i32, f32, f64, u64, i64 one after the other. Coil a is set when 3 divides a, discrete input
 a when 5 does. Holding registers 2000..2099 hold a truth in every four: the f64
 
   address 1e12 + epoch 1e9 + counter
@@ -34,10 +34,11 @@ from pymodbus.framer import FramerType
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-HOLDING = [54321, -12345, 4000000123, -2000000321, -123.456, -98.7654321]
-INPUT = [1, -1, 65537, -65537, 0.0015, 3.141592653589793]
+HOLDING = [54321, -12345, 4000000123, -2000000321, -123.456, -98.7654321, 9007199254740993000, -1234567890123456]
+INPUT = [1, -1, 65537, -65537, 0.0015, 3.141592653589793, 4294967297, -4294967297]
 kinds = ModbusClientMixin.DATATYPE
 TYPES = [kinds.UINT16, kinds.INT16, kinds.UINT32, kinds.INT32, kinds.FLOAT32, kinds.FLOAT64]
+TYPES += [kinds.UINT64, kinds.INT64]
 TRUTH = range(2000, 2100)
 
 

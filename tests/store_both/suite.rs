@@ -1,6 +1,7 @@
 //! What a store promises, wherever it is.
 
 use crate::place::{Place, all, all_of, batch, good, tag, whole};
+use stictiond::collect::table::{Options, Source, TableError, stream};
 use stictiond::signal::{BadReason, Quality, Sample};
 use stictiond::store::archive::{self, Choice, Format, Kind};
 use stictiond::store::{
@@ -264,7 +265,15 @@ pub fn what_is_exported_and_imported_is_the_same(place: &mut Place) {
         let mut other = Store::open(&place.beside()).expect("opens");
         for _ in 0..2 {
             let mut take = |batch: &Batch| other.insert(batch);
-            assert_eq!(archive::read(&file, format, &|_, _| None, &mut take).expect("reads"), 600);
+            let mut import = archive::Import::new(&|_, _| None, &mut take);
+            stream(Source::File(&file), &Options::default(), &mut |tag, sample| {
+                let (source, unit) = (tag.source.as_deref(), tag.unit.as_deref());
+                let place = archive::Place { control_loop: &tag.owner, tag: &tag.name, source, unit };
+                import.sample(&place, sample).expect("a sample");
+                Ok::<_, TableError>(())
+            })
+            .expect("reads");
+            assert_eq!(import.end().expect("writes"), 600);
         }
         assert_eq!(all_of(&place.beside()), all_of(&place.config()), "{format:?}");
     }

@@ -1,11 +1,11 @@
 //! Recorded samples in the order of their stamps.
 
 use super::ReplayError;
+use crate::collect::table::{self, Found, Options, Source, TableError};
 use crate::history::{History, LoopTags};
 use crate::results::basis;
 use crate::signal::{Record, Sample};
 use crate::store::Reader;
-use crate::store::archive::{self, Format};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -95,21 +95,22 @@ impl Listed {
     /// The samples of an export that belong to `loops`, and the stamps of the first and the last.
     pub(super) fn read(file: &Path, loops: &[LoopTags]) -> Result<(Self, Option<(f64, f64)>), ReplayError> {
         let bad = |what: &str| ReplayError::Input(format!("{}: {what}", file.display()));
-        let format = Format::of(file).ok_or_else(|| bad("the name must end in .csv or .parquet"))?;
         let numbers = numbers(loops);
-        let (mut all, mut too_many) = (Vec::new(), false);
-        archive::read(file, format, &|_, _| None, &mut |batch| {
-            for series in &batch.series {
-                let name = (series.tag.control_loop.clone(), series.tag.tag.clone());
-                let Some(&at) = numbers.get(&name) else { continue };
-                too_many |= all.len() + series.samples.len() > MOST_SAMPLES;
-                if !too_many {
-                    all.extend(series.samples.iter().map(|sample| (at, *sample)));
-                }
+        let mut all = Vec::new();
+        let mut too_many = false;
+        table::stream(Source::File(file), &Options::default(), &mut |tag, sample| {
+            let name = (tag.owner.clone(), tag.name.clone());
+            let Some(&at) = numbers.get(&name) else { return Ok(()) };
+            too_many = all.len() == MOST_SAMPLES;
+            if too_many {
+                return Err(TableError::Refused("too many samples".into()));
             }
+            all.push((at, sample));
             Ok(())
         })
-        .map_err(|error| bad(&error.to_string()))?;
+        .or_else(
+            |error: TableError| if too_many { Ok(Found::default()) } else { Err(bad(&error.to_string())) },
+        )?;
         if too_many {
             return Err(bad(&format!(
                 "more than {MOST_SAMPLES} samples: put them into a store with `stictiond store import`"

@@ -104,6 +104,7 @@ impl Machine {
             tags: basis::series(record).map(|(name, _)| spec(name)).collect(),
             op_limits: record.op_limits,
             op_span: record.op_span,
+            op_span_source: record.op_span_source,
         };
         let room = basis::series(record).map(|(_, samples)| samples.len()).max().unwrap_or(0);
         let info = LoopInfo {

@@ -3,12 +3,11 @@
 use super::super::Failure;
 use super::Args;
 use std::collections::HashMap;
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use stictiond::collect::opcua::{self, HistoryError, Keep, Slice, Wish};
-use stictiond::collect::{csv, parquet};
 use stictiond::config;
 use stictiond::signal::{Record, Sample};
 use stictiond::store::{self, Batch, Reader, Series, Store, StoreError, TagName};
@@ -16,31 +15,36 @@ use stictiond::store::{self, Batch, Reader, Series, Store, StoreError, TagName};
 /// Beside the store in the folder: how far each reading of history has come.
 const PROGRESS: &str = "history.progress";
 
-/// The record, and the loop's name.
-pub fn record(args: &Args) -> Result<(Record, String), Failure> {
+/// A record, the loop's name, and how a file was read.
+pub struct Read {
+    pub record: Record,
+    pub name: String,
+    pub read_as: Option<String>,
+    pub op_unit: Option<String>,
+}
+
+/// The record of a source.
+pub fn record(args: &Args) -> Result<Read, Failure> {
     let path = &args.source;
-    let bad = |error: &dyn std::fmt::Display| Failure::in_file(path, error);
     let named = || path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let name = args.of_loop.clone().unwrap_or_else(named);
-    let ends_in = |end: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(end));
+    let (mut read_as, mut op_unit) = (None, None);
     let mut record = if path.is_dir() {
         stored(path, args)?
-    } else if ends_in("toml") {
+    } else if path.extension().is_some_and(|own| own.eq_ignore_ascii_case("toml")) {
         history(path, args)?
     } else {
-        let file = File::open(path).map_err(|error| bad(&error))?;
-        if ends_in("parquet") {
-            parquet::read(file, args.of_loop.as_deref()).map_err(|error| bad(&error))?
-        } else {
-            csv::read(file).map_err(|error| bad(&error))?
-        }
+        let table = args.table.read(path, args.of_loop.as_deref())?;
+        (read_as, op_unit) = (Some(table.found.read_as), table.found.op_unit);
+        // Its unit says more than the span alone.
+        Record { op_span: None, ..table.record }
     };
     let within = |sample: &Sample| {
         args.from.is_none_or(|from| sample.t >= from) && args.to_time.is_none_or(|to| sample.t <= to)
     };
     record.op.retain(within);
     record.pv.retain(within);
-    Ok((record, name))
+    Ok(Read { record, name, read_as, op_unit })
 }
 
 fn wanted(args: &Args) -> Result<&str, Failure> {

@@ -196,6 +196,10 @@ pub enum ValueType {
     U32,
     /// Two's complement, two registers.
     I32,
+    /// Unsigned, four registers; beyond 2^53 to the nearest double.
+    U64,
+    /// Two's complement, four registers; as `U64`.
+    I64,
     /// IEEE 754 single precision, two registers.
     F32,
     /// IEEE 754 double precision, four registers.
@@ -210,7 +214,7 @@ impl ValueType {
         match self {
             ValueType::U16 | ValueType::I16 | ValueType::Bit => 1,
             ValueType::U32 | ValueType::I32 | ValueType::F32 => 2,
-            ValueType::F64 => 4,
+            ValueType::U64 | ValueType::I64 | ValueType::F64 => 4,
         }
     }
 
@@ -221,6 +225,8 @@ impl ValueType {
             ValueType::I16 => "i16",
             ValueType::U32 => "u32",
             ValueType::I32 => "i32",
+            ValueType::U64 => "u64",
+            ValueType::I64 => "i64",
             ValueType::F32 => "f32",
             ValueType::F64 => "f64",
             ValueType::Bit => "bit",
@@ -228,7 +234,7 @@ impl ValueType {
     }
 
     pub(super) fn is_integer(self) -> bool {
-        matches!(self, ValueType::U16 | ValueType::I16 | ValueType::U32 | ValueType::I32)
+        !matches!(self, ValueType::F32 | ValueType::F64 | ValueType::Bit)
     }
 }
 
@@ -297,7 +303,7 @@ impl Config {
         issues.unless(self.poll_ms >= 1, "poll_ms", || "must be at least 1".into());
         issues.unless(self.poll_ms <= 86_400_000, "poll_ms", || "must be at most a day, 86400000".into());
         issues.unless(self.timeout_ms >= 1, "timeout_ms", || "must be at least 1".into());
-        issues.unless(self.timeout_ms <= self.poll_ms.max(1), "timeout_ms", || {
+        issues.unless(self.poll_ms == 0 || self.timeout_ms <= self.poll_ms, "timeout_ms", || {
             format!(
                 "{} is longer than poll_ms = {}: one lost answer would cost the next poll",
                 self.timeout_ms, self.poll_ms
@@ -306,7 +312,7 @@ impl Config {
         issues.unless((1..=86_400_000).contains(&self.reconnect_max_ms), "reconnect_max_ms", || {
             "must be 1 to 86400000".into()
         });
-        issues.unless(self.min_gap_ms <= self.poll_ms, "min_gap_ms", || {
+        issues.unless(self.poll_ms == 0 || self.min_gap_ms <= self.poll_ms, "min_gap_ms", || {
             format!(
                 "{} is longer than poll_ms = {}: no poll could be finished",
                 self.min_gap_ms, self.poll_ms
@@ -344,6 +350,28 @@ impl TagConfig {
         u16::try_from(start).ok()
     }
 
+    /// What an address stands for whose first of so many digits names the kind of register, 40101 for holding register 101.
+    fn notation(&self, digits: u32) -> Option<i64> {
+        let first = match self.register {
+            Register::Coil => 0,
+            Register::Discrete => 1,
+            Register::Input => 3,
+            Register::Holding => 4,
+        };
+        let unit = 10i64.pow(digits - 1);
+        let number = self.address - first * unit;
+        (first > 0 && (1..unit).contains(&number)).then_some(number)
+    }
+
+    /// What is right by itself and often meant otherwise.
+    pub fn remark(&self) -> Option<String> {
+        let (number, address, register) = (self.notation(5)?, self.address, self.register);
+        Some(format!(
+            "address = {address} is read as {register} register {address}; where the device's list writes the kind of register \
+             as the first digit, write address = {number}"
+        ))
+    }
+
     /// What its raw numbers mean.
     pub(super) fn scaling(&self) -> Scaling {
         let Self { scale, offset, range, .. } = *self;
@@ -362,7 +390,7 @@ impl TagConfig {
         let bits = self.register.is_bits();
         let Some(value_type) = self.effective_type() else {
             issues.unless(false, "type", || {
-                format!("a {} register needs a type: u16 i16 u32 i32 f32 f64 bit", self.register)
+                format!("a {} register needs a type: u16 i16 u32 i32 u64 i64 f32 f64 bit", self.register)
             });
             return;
         };
@@ -373,7 +401,11 @@ impl TagConfig {
         let width = value_type.width();
         issues.unless(self.wire_address(device).is_some(), "address", || {
             let last = 65536 - i64::from(width) + base;
-            format!("{} must be {base} to {last} (address_base = {base})", self.address)
+            let number = self
+                .notation(6)
+                .map(|number| format!("; the first digit names the kind of register: write {number}"));
+            let number = number.unwrap_or_default();
+            format!("{} must be {base} to {last} (address_base = {base}){number}", self.address)
         });
         let most = device.max_registers_per_request;
         issues.unless(bits || width <= most, "type", || {

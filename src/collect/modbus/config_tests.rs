@@ -47,7 +47,6 @@ fn every_bad_device_field_is_named_at_once() {
             "name",
             "address",
             "poll_ms",
-            "timeout_ms",
             "reconnect_max_ms",
             "address_base",
             "max_registers_per_request",

@@ -35,6 +35,8 @@ impl Decoder {
             ValueType::I16 => f64::from(i16::from_be_bytes(bytes(words, order)?)),
             ValueType::U32 => f64::from(u32::from_be_bytes(bytes(words, order)?)),
             ValueType::I32 => f64::from(i32::from_be_bytes(bytes(words, order)?)),
+            ValueType::U64 => u64::from_be_bytes(bytes(words, order)?) as f64,
+            ValueType::I64 => i64::from_be_bytes(bytes(words, order)?) as f64,
             ValueType::F32 => f64::from(f32::from_be_bytes(bytes(words, order)?)),
             ValueType::F64 => f64::from_be_bytes(bytes(words, order)?),
             ValueType::Bit => f64::from((u16::from_be_bytes(bytes(words, order)?) >> (self.bit & 15)) & 1),
@@ -101,6 +103,8 @@ mod tests {
         assert_eq!(value(I32, ByteOrder::Cdab, &[0xFFFE, 0xFFFF]), -2.0);
         assert_eq!(value(F32, ByteOrder::Abcd, &[0x42F6, 0xE979]), f64::from(123.456_f32));
         assert_eq!(value(F64, ByteOrder::Abcd, &[0x3FF8, 0, 0, 0]), 1.5);
+        assert_eq!(value(U64, ByteOrder::Abcd, &[0, 1, 0, 0]), 4_294_967_296.0);
+        assert_eq!(value(I64, ByteOrder::Cdab, &[0xFFFE, 0xFFFF, 0xFFFF, 0xFFFF]), -2.0);
     }
 
     #[test]

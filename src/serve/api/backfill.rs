@@ -5,7 +5,7 @@ use super::super::dto::backfill::{BackfillBody, BackfillJob};
 use super::super::dto::params::NoQuery;
 use super::super::dto::parse_time;
 use super::super::extract::{Params, Required, within};
-use super::super::ports::{BackfillPort, BackfillRequest};
+use super::super::ports::{BackfillFile, BackfillPort, BackfillRefusal, BackfillRequest};
 use super::super::problem::Problem;
 use crate::signal::LoopId;
 use axum::Json;
@@ -15,6 +15,8 @@ use std::sync::Arc;
 
 /// Longest past of one job (s): ten years.
 const LONGEST_S: f64 = 3.2e8;
+/// Later than any time (s since 1970): the record of a file ends by itself.
+const LATEST_S: f64 = 1e11;
 /// Shortest and longest window, and step (s).
 const WINDOW_S: std::ops::RangeInclusive<f64> = 10.0..=3.2e7;
 
@@ -46,18 +48,31 @@ pub async fn begin(
         let fault = || Problem::field(field, format!("{field}: RFC 3339, or seconds since the Unix epoch"));
         parse_time(text).filter(|t| (0.0..1e11).contains(t)).ok_or_else(fault)
     };
-    let from = time("from", &body.from)?;
-    let to = body.to.as_deref().map_or(Ok(context.clock.now()), |text| time("to", text))?;
-    within("to", to - from, 1.0..=LONGEST_S)
+    let from = match (&body.from, &body.file) {
+        (Some(from), _) => time("from", from)?,
+        // A file has a begin of its own.
+        (None, Some(_)) => 0.0,
+        (None, None) => return Err(Problem::field("from", "from: say from which time on")),
+    };
+    let latest = if body.file.is_some() { LATEST_S } else { context.clock.now() };
+    let to = body.to.as_deref().map_or(Ok(latest), |text| time("to", text))?;
+    let longest = if body.file.is_some() { f64::MAX } else { LONGEST_S };
+    within("to", to - from, 1.0..=longest)
         .map_err(|_| Problem::field("to", format!("to: must be after from, by at most {LONGEST_S} s")))?;
     let (window_s, step_s) = (body.window_s, body.step_s);
     for (field, given) in [("window_s", window_s), ("step_s", step_s)] {
         given.map_or(Ok(0.0), |value| within(field, value, WINDOW_S))?;
     }
-    let request = BackfillRequest { id, from, to, window_s, step_s, read_devices: body.read_devices };
+    if body.file.is_none() && !body.table.is_empty() {
+        return Err(Problem::field("table", "table: it tells of a file; name it with file"));
+    }
+    let options = body.table.into_iter().collect();
+    let file = body.file.map(|name| BackfillFile { name, options });
+    let request = BackfillRequest { id, from, to, window_s, step_s, read_devices: body.read_devices, file };
     let begun = port(&context)?.begin(request);
-    let refused = |why: super::super::ports::BackfillRefusal| {
-        Problem::new(StatusCode::CONFLICT, "backfill_state", why.to_string())
+    let refused = |why: BackfillRefusal| match why {
+        BackfillRefusal::File(why) => Problem::field("file", format!("file: {why}")),
+        why => Problem::new(StatusCode::CONFLICT, "backfill_state", why.to_string()),
     };
     begun.map(|job| (StatusCode::ACCEPTED, Json(BackfillJob::from(&job)))).map_err(refused)
 }

@@ -7,6 +7,7 @@ use crate::diagnosis::HistoryKind;
 use crate::results::f_unit;
 use crate::serve::{BackfillPhase, BackfillRun};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 /// What a backfill is to do.
@@ -15,9 +16,10 @@ use utoipa::ToSchema;
 pub struct BackfillBody {
     /// Which loop.
     pub r#loop: String,
-    /// From this time on: RFC 3339, or seconds since the Unix epoch.
-    pub from: String,
-    /// Up to this time; now where it is left out.
+    /// From this time on: RFC 3339, or seconds since the Unix epoch; with `file` it may be left out.
+    #[serde(default)]
+    pub from: Option<String>,
+    /// Up to this time; now, or the end of the file, where it is left out.
     #[serde(default)]
     pub to: Option<String>,
     /// Length of a window (s), 10 to 32000000; 1,500 sample periods where it is left out.
@@ -29,6 +31,13 @@ pub struct BackfillBody {
     /// Read what the loop's OPC UA servers keep into the store first.
     #[serde(default)]
     pub read_devices: bool,
+    /// A table of samples in the folder of `[tables]`, in place of the store: its name there.
+    #[serde(default)]
+    pub file: Option<String>,
+    /// What the table leaves in doubt, by the names of the command line's options: `time`, `op`, `pv`, `sp`, `mv`, `mode`,
+    /// `time_format`, `tz`, `time_unit`, `decimal`, `separator`, `auto_values`, `good_values`, `sheet`.
+    #[serde(default)]
+    pub table: BTreeMap<String, String>,
 }
 
 /// The job over a loop's past.
@@ -71,7 +80,10 @@ impl From<&BackfillRun> for BackfillJob {
             of: job.of,
             started: rfc3339(job.started),
             ended: job.ended.and_then(rfc3339),
-            report: job.found.as_ref().map(|found| BackfillReport::new(job.request.id.as_str(), found)),
+            report: job.found.as_ref().map(|found| BackfillReport {
+                read_as: job.read_as.clone(),
+                ..BackfillReport::new(job.request.id.as_str(), found)
+            }),
         }
     }
 }
@@ -81,6 +93,8 @@ impl From<&BackfillRun> for BackfillJob {
 pub struct BackfillReport {
     /// The loop's name.
     pub r#loop: String,
+    /// How the file was read, in one line; null where the record is no file's.
+    pub read_as: Option<String>,
     /// Begin of the record (s, on its clock).
     pub begin: Option<f64>,
     /// Length of a window (s).
@@ -176,6 +190,7 @@ impl BackfillReport {
         };
         Self {
             r#loop: name.to_string(),
+            read_as: None,
             begin: finite(timeline.begin),
             window_s: timeline.cut.window_s,
             step_s: timeline.cut.step_s,

@@ -3,6 +3,7 @@
 use crate::diagnosis::Settings;
 use crate::residual::Kind;
 use crate::results::{Basis, Extent, KnownEffect};
+use crate::signal::SpanSource;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -16,6 +17,8 @@ pub struct BasisText {
     pub known_effects: Vec<EffectText>,
     /// The span of OP (OP unit).
     pub op_span: Option<f64>,
+    /// Where that is known from.
+    pub op_span_source: String,
     /// The controller's output limits (OP unit).
     pub op_limits: Option<[f64; 2]>,
     /// Which samples of each tag.
@@ -97,6 +100,7 @@ impl From<&Basis> for BasisText {
             },
             known_effects: basis.known.iter().map(effect).collect(),
             op_span: basis.op_span,
+            op_span_source: basis.op_span_source.as_str().to_string(),
             op_limits: basis.op_limits.map(<[f64; 2]>::from),
             tags: basis.extents.iter().map(extent).collect(),
         }
@@ -137,6 +141,7 @@ impl BasisText {
             },
             known: self.known_effects.iter().map(effect).collect::<Option<_>>()?,
             op_span: self.op_span,
+            op_span_source: SpanSource::from_name(&self.op_span_source),
             op_limits: self.op_limits.map(<(f64, f64)>::from),
             extents: self.tags.iter().map(extent).collect::<Option<_>>()?,
         })

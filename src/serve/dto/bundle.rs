@@ -114,7 +114,12 @@ impl Bundle {
     /// What does not fit together, in one line.
     pub fn record(&self) -> Result<(Basis, Record), String> {
         let basis = self.basis.basis().ok_or("it knows effects that this version does not")?;
-        let mut record = Record { op_span: basis.op_span, op_limits: basis.op_limits, ..Record::default() };
+        let mut record = Record {
+            op_span: basis.op_span,
+            op_span_source: basis.op_span_source,
+            op_limits: basis.op_limits,
+            ..Record::default()
+        };
         for own in &self.samples {
             basis::put(&mut record, &own.tag, own.samples()?);
         }

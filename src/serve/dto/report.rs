@@ -3,14 +3,17 @@
 //! Numbers have full precision; one that does not exist is null.
 
 mod residual;
+mod unit;
 
 pub use residual::{ReportCandidate, ReportEffect, ReportParameter, ReportResidual, ReportStem};
 
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::residual::Findings;
-use crate::results::{Judged, Run, f_unit, op_in_percent};
+use crate::results::{Judged, Run};
+use crate::signal::SpanSource;
 use serde::{Deserialize, Serialize};
+use unit::OpUnit;
 use utoipa::ToSchema;
 
 /// What a diagnosis found, loop by loop.
@@ -18,6 +21,8 @@ use utoipa::ToSchema;
 pub struct Report {
     /// The loop's name.
     pub r#loop: String,
+    /// How the file was read, in one line; null in the daemon, which reads no file.
+    pub read_as: Option<String>,
     /// `stiction`, `no_stiction` or `not_identifiable`.
     pub verdict: ReportVerdict,
     /// The verdict in one line, with the numbers it rests on.
@@ -30,8 +35,12 @@ pub struct Report {
     pub f_ci95: Option<[f64; 2]>,
     /// Unit of everything that is measured along OP: `% OP`, or `OP units` where the span is not known.
     pub f_unit: String,
-    /// True when OP's span is not configured and `f_unit` was judged from OP's values.
+    /// True when OP's span is neither given nor told by limits or unit, and `f_unit` was judged from OP's values.
     pub f_unit_assumed: bool,
+    /// The span of OP in its own unit; null where it is not known.
+    pub op_span: Option<f64>,
+    /// Where the span is known from: `given`, `limits`, `unit`, `values`, or `unknown`.
+    pub op_span_source: String,
     /// f as a share of OP's range in the window (-).
     pub f_of_op_range: Option<f64>,
     /// Probability of friction (0..1); null where nothing was traced.
@@ -211,28 +220,6 @@ pub struct ReportCurve {
     pub aic: Vec<Option<f64>>,
 }
 
-/// The unit along OP, and what turns OP units into it.
-///
-/// Whether OP is in per cent is [`op_in_percent`]'s to say; without a span it is an assumption and is marked.
-struct OpUnit {
-    name: &'static str,
-    assumed: bool,
-    /// `f_unit` per OP unit.
-    factor: f64,
-}
-
-impl OpUnit {
-    fn new(op_span: Option<f64>, diagnosis: &Diagnosis) -> Self {
-        let known = op_span.filter(|span| span.is_finite() && *span > 0.0);
-        let name = f_unit(op_in_percent(op_span, diagnosis));
-        Self { name, assumed: known.is_none(), factor: known.map_or(1.0, |span| 100.0 / span) }
-    }
-
-    fn scale(&self, value: f64) -> Option<f64> {
-        finite(value * self.factor)
-    }
-}
-
 /// A loop and its diagnosis, where OP's span is not known.
 impl From<(&str, &Diagnosis)> for Report {
     fn from((name, diagnosis): (&str, &Diagnosis)) -> Self {
@@ -249,6 +236,7 @@ impl Report {
         let (verdict, reason_code) = verdict(&diagnosis.verdict);
         Self {
             r#loop: name.to_string(),
+            read_as: None,
             verdict,
             reason: diagnosis.reason.clone(),
             reason_code,
@@ -256,6 +244,8 @@ impl Report {
             f_ci95: estimate.and_then(|e| Some([unit.scale(e.f_ci95[0])?, unit.scale(e.f_ci95[1])?])),
             f_unit: unit.name.to_string(),
             f_unit_assumed: unit.assumed,
+            op_span: op_span.and_then(finite),
+            op_span_source: SpanSource::default().as_str().to_string(),
             f_of_op_range: estimate.and_then(|e| finite(e.f_of_op_range)),
             posterior: None,
             delta_aic: estimate.and_then(|e| finite(e.delta_aic)),
@@ -292,10 +282,19 @@ impl Report {
     pub fn of(run: &Run) -> Option<Self> {
         let judged = run.judged()?;
         let report = Self::new(run.id.as_str(), run.op_span, &judged.diagnosis);
-        Some(match &judged.findings {
+        let source = run.basis.as_ref().map_or_else(SpanSource::default, |basis| basis.op_span_source);
+        let report = match &judged.findings {
             Some(found) => report.with_findings(run.op_span, &judged.diagnosis, found),
             None => report,
-        })
+        };
+        Some(report.with_span_from(source))
+    }
+
+    /// The report with where OP's span is known from.
+    pub fn with_span_from(mut self, source: SpanSource) -> Self {
+        self.op_span_source = source.as_str().to_string();
+        self.f_unit_assumed |= source == SpanSource::Values;
+        self
     }
 
     /// The report with what was traced: verdict, f, its interval and evidence come from there, whether or not effects were

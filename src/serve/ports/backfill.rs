@@ -19,6 +19,17 @@ pub struct BackfillRequest {
     pub step_s: Option<f64>,
     /// Whether devices that keep history are read into the store first.
     pub read_devices: bool,
+    /// A table of samples in place of the store.
+    pub file: Option<BackfillFile>,
+}
+
+/// A table of samples in the folder of `[tables]`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BackfillFile {
+    /// Its name there.
+    pub name: String,
+    /// What is told of it, by the names of the options.
+    pub options: Vec<(String, String)>,
 }
 
 /// How far it has come.
@@ -71,10 +82,12 @@ pub struct BackfillRun {
     pub ended: Option<f64>,
     /// What it found.
     pub found: Option<Arc<Timeline>>,
+    /// How a file was read.
+    pub read_as: Option<String>,
 }
 
 /// Why no job is begun.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BackfillRefusal {
     /// One at a time.
     #[error("a backfill runs already; DELETE ends it")]
@@ -82,6 +95,9 @@ pub enum BackfillRefusal {
     /// There is no past without one.
     #[error("no [store] is configured, so there is no past to diagnose")]
     NoStore,
+    /// The file, or what is told of it, cannot be meant.
+    #[error("{0}")]
+    File(String),
 }
 
 /// Where the past is asked for.

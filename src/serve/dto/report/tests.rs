@@ -60,6 +60,7 @@ fn contract_fields_have_their_names_and_values() {
     let json = serde_json::to_value(&report).unwrap();
     let expected = serde_json::json!({
         "loop": "FIC101", "verdict": "stiction", "reason": "f = 2.50 % OP, evidence 446", "reason_code": null,
+        "read_as": null, "op_span": null, "op_span_source": "unknown",
         "f": 2.5, "f_ci95": [2.25, 2.75], "f_unit": "% OP", "f_unit_assumed": true, "f_of_op_range": 0.41,
         "posterior": null, "delta_aic": 446.0, "rival": "a linear loop", "steadiness": 9.0, "f_max": 6.0, "d_srinivasan": 4.0,
         "window": {"start": 0.0, "end": 49950.0, "n": 1000, "ts_s": 50.0, "quality": "good", "history": null},
@@ -160,6 +161,7 @@ fn unit_of_f() {
     assert_eq!(unit(Some(16.0), &[4.0, 20.0]), ("% OP".into(), false, Some(15.625)));
     // Without one the values decide: per cent, below zero, above a hundred, a share of the span.
     assert_eq!(unit(None, &[17.0, 21.0]), ("% OP".into(), true, Some(2.5)));
+    assert_eq!(unit(None, &[11.0, 13.0]), ("OP units".into(), true, Some(2.5)), "mA or per cent");
     assert_eq!(unit(None, &[-1.0, 0.99]), ("OP units".into(), true, Some(2.5)));
     assert_eq!(unit(None, &[389.0, 395.0]), ("OP units".into(), true, Some(2.5)));
     assert_eq!(unit(None, &[0.2, 0.9]), ("OP units".into(), true, Some(2.5)));

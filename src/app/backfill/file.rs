@@ -1,0 +1,63 @@
+//! A table of samples in the folder of `[tables]`, and nowhere else.
+
+use super::MOST_SAMPLES;
+use crate::collect::table::{self, Config, Options, Source};
+use crate::serve::{BackfillFile, BackfillRefusal, BackfillRequest};
+use crate::signal::{LoopId, Record, Sample};
+use std::path::{Component, Path, PathBuf};
+
+/// A file that may be read, and what is told of it.
+pub(super) struct Table {
+    path: PathBuf,
+    options: Options,
+}
+
+/// The file that is meant.
+pub(super) fn named(file: &BackfillFile, id: &LoopId, config: &Config) -> Result<Table, BackfillRefusal> {
+    let refused = |why: String| Err(BackfillRefusal::File(why));
+    let Some(folder) = &config.folder else {
+        return refused("no folder is configured in [tables], so no file is read".into());
+    };
+    // One name, without a path: nothing outside the folder can be meant, and no link leads there.
+    let mut parts = Path::new(&file.name).components();
+    let (Some(Component::Normal(name)), None) = (parts.next(), parts.next()) else {
+        return refused(format!("{:?} is no name of a file in the folder of [tables]", file.name));
+    };
+    let path = folder.join(name);
+    if !path.symlink_metadata().is_ok_and(|found| found.is_file()) {
+        return refused(format!("there is no file {:?} in the folder of [tables]", file.name));
+    }
+    let mut options = Options { of_loop: None, ..config.defaults.clone() };
+    for (name, value) in &file.options {
+        if !options.set(name, value.clone()) {
+            return refused(format!("table: no option is called {name:?}"));
+        }
+    }
+    if let Err(error) = options.told() {
+        return refused(format!("table: {error}"));
+    }
+    options.of_loop = Some(id.to_string());
+    Ok(Table { path, options })
+}
+
+impl Table {
+    /// Its record within the time that is asked for, and how it was read.
+    pub(super) fn read(&self, request: &BackfillRequest) -> Result<(Record, String), String> {
+        let source = Source::File(&self.path);
+        let read = table::read(source, &self.options).map_err(|error| error.to_string())?;
+        let mut record = read.record;
+        let within = |sample: &Sample| (request.from..=request.to).contains(&sample.t);
+        for series in [Some(&mut record.op), Some(&mut record.pv), record.sp.as_mut(), record.mode.as_mut()]
+            .into_iter()
+            .flatten()
+        {
+            series.retain(within);
+        }
+        // As from the store: the loop's own tags, for the past is asked of them.
+        record.tags.clear();
+        if record.op.len() + record.pv.len() > MOST_SAMPLES {
+            return Err(format!("more than {MOST_SAMPLES} samples; cut the file"));
+        }
+        Ok((record, read.found.read_as))
+    }
+}

@@ -1,0 +1,109 @@
+//! The options of every command that reads a table, and the reading.
+
+use super::Failure;
+use std::path::Path;
+use stictiond::collect::table::{self, Options, Source, Table, TableError};
+use stictiond::signal::{Record, Scale};
+
+/// What a table does not say, or leaves in doubt.
+#[derive(clap::Args, Clone, Debug, Default)]
+#[command(next_help_heading = "The table")]
+pub struct TableArgs {
+    /// Column of times, by name or by number from 1
+    #[arg(long, value_name = "NAME")]
+    time: Option<String>,
+    /// Column or tag of the controller's output
+    #[arg(long, value_name = "NAME")]
+    op: Option<String>,
+    /// Column or tag of the measured value
+    #[arg(long, value_name = "NAME")]
+    pv: Option<String>,
+    /// Column or tag of the set point
+    #[arg(long, value_name = "NAME")]
+    sp: Option<String>,
+    /// Column or tag of the valve's measured position
+    #[arg(long, value_name = "NAME")]
+    mv: Option<String>,
+    /// Column or tag of the controller's mode
+    #[arg(long, value_name = "NAME")]
+    mode: Option<String>,
+    /// How times are written: dmy, mdy, ymd, dd/mm/yyyy hh:mm:ss, or as strptime has it: %d/%m/%Y %H:%M:%S
+    #[arg(long, value_name = "FORMAT")]
+    time_format: Option<String>,
+    /// Time zone of times without an offset: Europe/Berlin, +02:00 [default: UTC]
+    #[arg(long, value_name = "ZONE", allow_hyphen_values = true)]
+    tz: Option<String>,
+    /// What times as numbers count: s, ms, us, ns, min, h, or days of a spreadsheet
+    #[arg(long, value_name = "UNIT")]
+    time_unit: Option<String>,
+    /// The decimal sign: . or ,
+    #[arg(long, value_name = "SIGN")]
+    decimal: Option<String>,
+    /// What divides cells: , ; | or tab
+    #[arg(long, value_name = "SIGN")]
+    separator: Option<String>,
+    /// Values of the mode that are automatic, divided by commas; every other one is not
+    #[arg(long, value_name = "VALUES")]
+    auto_values: Option<String>,
+    /// Values of quality columns that are good, divided by commas; every other one is not
+    #[arg(long, value_name = "VALUES")]
+    good_values: Option<String>,
+    /// Sheet of a workbook
+    #[arg(long, value_name = "NAME")]
+    sheet: Option<String>,
+}
+
+impl TableArgs {
+    /// As the reader takes them; `of_loop` is the loop of a table with several.
+    pub fn options(&self, of_loop: Option<&str>) -> Options {
+        let own = self.clone();
+        Options {
+            time: own.time,
+            op: own.op,
+            pv: own.pv,
+            sp: own.sp,
+            mv: own.mv,
+            mode: own.mode,
+            time_format: own.time_format,
+            tz: own.tz,
+            time_unit: own.time_unit,
+            decimal: own.decimal,
+            separator: own.separator,
+            auto_values: own.auto_values,
+            good_values: own.good_values,
+            sheet: own.sheet,
+            of_loop: of_loop.map(str::to_string),
+        }
+    }
+
+    /// Reads one loop's record.
+    pub fn read(&self, path: &Path, of_loop: Option<&str>) -> Result<Table, Failure> {
+        read(path, &self.options(of_loop))
+    }
+}
+
+/// Reads one loop's record.
+pub fn read(path: &Path, options: &Options) -> Result<Table, Failure> {
+    table::read(Source::File(path), options).map_err(|error| failure(path, &error))
+}
+
+/// Finds the span of OP for a record, from what was given, its limits, its unit and its values.
+pub fn scale(
+    path: &Path,
+    record: &mut Record,
+    given: Option<f64>,
+    unit: Option<&str>,
+) -> Result<(), Failure> {
+    let scale = Scale { given, limits: record.op_limits, unit };
+    if let Some(why) = scale.contradiction(&record.op) {
+        let why = why.replace("op_span = ", "--op-span ").replace("op_limits = ", "--op-limits ");
+        return Err(Failure::in_file(path, why));
+    }
+    (record.op_span, record.op_span_source) = scale.span(&record.op);
+    Ok(())
+}
+
+/// A table that is refused is bad input.
+pub fn failure(path: &Path, error: &TableError) -> Failure {
+    Failure::in_file(path, error)
+}

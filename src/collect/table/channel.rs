@@ -1,0 +1,134 @@
+//! What the cells of one tag are, counted over the whole file.
+
+use super::error::{TableError, shown};
+use super::evidence::Evidence;
+use super::number::{self, Decimal};
+use super::source::Cell;
+use super::words::Words;
+use crate::signal::Role;
+
+/// Different units behind the numbers of one column that are told apart.
+const UNITS: usize = 8;
+/// Cells with another unit than the rest that are left out: one in so many.
+const ODD: u64 = 50;
+
+/// A tag as the table names it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Tag {
+    /// Its loop, where the table says so.
+    pub owner: String,
+    /// Its name.
+    pub name: String,
+    /// Where its samples came from at first, where the table says so.
+    pub source: Option<String>,
+    /// The unit of its values.
+    pub unit: Option<String>,
+}
+
+/// What was counted of a tag.
+#[derive(Clone, Debug)]
+pub struct Channel {
+    /// The tag.
+    pub tag: Tag,
+    /// What it is to the loop.
+    pub role: Option<Role>,
+    /// Its column from 1; 0 in a long table.
+    pub column: usize,
+    /// Cells that are not blank.
+    pub cells: u64,
+    /// Cells that are numbers under some decimal sign.
+    pub numbers: u64,
+    /// Cells that hold another value than the one before.
+    moves: u64,
+    /// What its numbers prove of the decimal sign.
+    pub evidence: Evidence,
+    /// The first cell that is no number: its line and what stands there.
+    pub first_bad: Option<(u64, String)>,
+    /// Units behind the numbers: how many cells have each, and the first one's line.
+    units: Vec<(String, u64, u64)>,
+    /// Its words, where it is a mode.
+    pub words: Option<Words>,
+    last: Option<f64>,
+}
+
+impl Channel {
+    pub fn new(tag: Tag, role: Option<Role>, column: usize) -> Self {
+        Self {
+            tag,
+            role,
+            column,
+            cells: 0,
+            numbers: 0,
+            moves: 0,
+            evidence: Evidence::default(),
+            first_bad: None,
+            units: Vec::new(),
+            words: (role == Some(Role::Mode)).then(Words::default),
+            last: None,
+        }
+    }
+
+    /// One more cell.
+    pub fn add(&mut self, cell: &Cell<'_>, line: u64) {
+        if cell.is_blank() {
+            return;
+        }
+        self.cells += 1;
+        if let Some(words) = &mut self.words {
+            words.add(cell);
+            return;
+        }
+        let value = match cell {
+            Cell::Number(value) => Some(*value).filter(|value| value.is_finite()),
+            Cell::Text(text) => number::scan(text).and_then(|number| {
+                let value = number.value(Decimal::Point).or_else(|| number.value(Decimal::Comma))?;
+                self.evidence.add(&number, line, &self.tag.name, text);
+                self.unit(number.unit, line);
+                Some(value)
+            }),
+            _ => None,
+        };
+        match value {
+            Some(value) => {
+                self.numbers += 1;
+                self.moves += u64::from(self.last.is_some_and(|last| last != value));
+                self.last = Some(value);
+            }
+            None => {
+                self.first_bad.get_or_insert_with(|| (line, shown(&cell.shown())));
+            }
+        }
+    }
+
+    fn unit(&mut self, unit: &str, line: u64) {
+        match self.units.iter().position(|(own, ..)| own == unit) {
+            Some(at) => self.units[at].1 += 1,
+            None if self.units.len() < UNITS => self.units.push((unit.to_string(), 1, line)),
+            None => {}
+        }
+    }
+
+    /// Whether its value changes by itself: in a fifth of the rows.
+    pub fn moves(&self) -> bool {
+        self.moves * 5 > self.numbers
+    }
+
+    /// The unit behind its numbers, empty for none.
+    ///
+    /// # Errors
+    /// Several, so that its numbers cannot be compared.
+    pub fn unit_of_cells(&self) -> Result<&str, TableError> {
+        let Some((unit, most, _)) = self.units.iter().max_by_key(|(_, count, _)| *count) else {
+            return Ok("");
+        };
+        let odd = self.units.iter().filter(|(own, ..)| own != unit).min_by_key(|(.., line)| *line);
+        let odd_ones: u64 = self.units.iter().map(|(_, count, _)| count).sum::<u64>() - most;
+        match odd {
+            Some((other, _, line)) if odd_ones * ODD > self.numbers => Err(TableError::refused(format!(
+                "line {line}, column {} ({}): a number in {:?} among numbers in {unit:?}; make their unit one",
+                self.column, self.tag.name, other
+            ))),
+            _ => Ok(unit),
+        }
+    }
+}

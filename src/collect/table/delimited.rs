@@ -1,0 +1,64 @@
+//! Rows of text whose cells a sign divides.
+
+use super::error::TableError;
+use super::source::{Cell, Rows};
+use super::text::{Encoding, MAX_LINE, Text};
+use std::io::{self, Read};
+
+/// Bytes read at a time.
+const BUFFER: usize = 1 << 18;
+
+/// The rows of a text.
+pub struct Lines<R> {
+    rows: csv::Reader<Text<R>>,
+    row: csv::StringRecord,
+}
+
+impl<R: Read> Lines<R> {
+    pub fn new(inner: R, encoding: &Encoding, separator: u8) -> Self {
+        let rows = csv::ReaderBuilder::new()
+            .delimiter(separator)
+            .has_headers(false)
+            .flexible(true)
+            .buffer_capacity(BUFFER)
+            .from_reader(Text::new(inner, encoding));
+        Self { rows, row: csv::StringRecord::new() }
+    }
+}
+
+impl<R: Read> Rows for Lines<R> {
+    fn next(&mut self) -> Result<Option<u64>, TableError> {
+        loop {
+            self.rows.get_mut().line_begins();
+            let begins = self.rows.position().line();
+            match self.rows.read_record(&mut self.row) {
+                Ok(false) => return Ok(None),
+                Ok(true) if self.row.iter().all(|cell| super::number::bare(cell).is_empty()) => {}
+                // The text ends every line in one newline, so the reader now stands on the line after this one.
+                Ok(true) => return Ok(Some(self.rows.position().line().saturating_sub(1))),
+                Err(_) if self.rows.get_ref().tripped => {
+                    return Err(TableError::refused(format!(
+                        "line {begins}: longer than {MAX_LINE} bytes; a quote left open, or no CSV"
+                    )));
+                }
+                Err(error) => {
+                    return Err(match error.into_kind() {
+                        csv::ErrorKind::Io(error) => TableError::Io(error),
+                        other => TableError::Io(io::Error::other(format!("{other:?}"))),
+                    });
+                }
+            }
+        }
+    }
+
+    fn len(&self) -> usize {
+        self.row.len()
+    }
+
+    fn cell(&self, at: usize) -> Cell<'_> {
+        match self.row.get(at) {
+            Some(text) if !super::number::bare(text).is_empty() => Cell::Text(text),
+            _ => Cell::Blank,
+        }
+    }
+}

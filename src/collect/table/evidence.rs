@@ -1,0 +1,202 @@
+//! Which decimal sign a whole file has: what its cells prove together.
+//!
+//! A point or a comma with three digits behind it may mark thousands. Such a cell is never read before another one, or the
+//! nature of OP, has proved what the sign means; otherwise the file is refused.
+
+use super::error::{TableError, shown};
+use super::number::{Decimal, Form, Number};
+
+/// A cell and where it stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Place {
+    /// Its line.
+    pub line: u64,
+    /// The name of its column.
+    pub column: String,
+    /// What stands there.
+    pub cell: String,
+}
+
+impl Place {
+    fn new(line: u64, column: &str, cell: &str) -> Self {
+        Self { line, column: column.to_string(), cell: shown(cell) }
+    }
+}
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(out, "line {}, column {}: {:?}", self.line, self.column, self.cell)
+    }
+}
+
+/// What the cells of one column say of the signs; index 0 is the point, 1 the comma.
+#[derive(Clone, Debug, Default)]
+pub struct Evidence {
+    /// Cells by which this sign is the decimal one.
+    proves: [u64; 2],
+    proved_at: [Option<Place>; 2],
+    /// Cells with this sign that prove nothing.
+    either: [u64; 2],
+    either_at: [Option<Place>; 2],
+    /// Cells without a sign, other than zero.
+    whole: u64,
+}
+
+fn at(decimal: Decimal) -> usize {
+    usize::from(decimal == Decimal::Comma)
+}
+
+impl Evidence {
+    /// One more cell.
+    pub fn add(&mut self, number: &Number<'_>, line: u64, column: &str, cell: &str) {
+        let place = || Place::new(line, column, cell);
+        let proved = match number.form {
+            Form::Plain => {
+                self.whole += u64::from(number.value(Decimal::Point) != Some(0.0));
+                return;
+            }
+            Form::Either(sign) => {
+                self.either[at(sign)] += 1;
+                self.either_at[at(sign)].get_or_insert_with(place);
+                return;
+            }
+            Form::Decimal(sign) | Form::Both(sign) => sign,
+            Form::Grouped(sign) => sign.other(),
+        };
+        self.proves[at(proved)] += 1;
+        self.proved_at[at(proved)].get_or_insert_with(place);
+    }
+
+    /// The two together.
+    pub fn join(&mut self, other: &Evidence) {
+        for k in 0..2 {
+            self.proves[k] += other.proves[k];
+            self.either[k] += other.either[k];
+            if self.proved_at[k].is_none() {
+                self.proved_at[k].clone_from(&other.proved_at[k]);
+            }
+            if self.either_at[k].is_none() {
+                self.either_at[k].clone_from(&other.either_at[k]);
+            }
+        }
+        self.whole += other.whole;
+    }
+
+    /// What it proves by itself.
+    pub fn alone(&self) -> Option<Decimal> {
+        match self.proves {
+            [0, 0] => None,
+            [_, 0] => Some(Decimal::Point),
+            [0, _] => Some(Decimal::Comma),
+            _ => None,
+        }
+    }
+
+    /// Whether every number has this sign before three digits, and no other one.
+    fn uniform(&self, sign: Decimal) -> bool {
+        let (own, other) = (at(sign), at(sign.other()));
+        self.whole == 0
+            && self.either[own] > 0
+            && self.either[other] + self.proves[own] + self.proves[other] == 0
+    }
+
+    /// Whether there is any sign at all.
+    pub fn any(&self) -> bool {
+        self.proves != [0, 0] || self.either != [0, 0]
+    }
+}
+
+/// Cells that contradict all others and are taken for mistakes: one in so many.
+const MISTAKES: u64 = 200;
+
+/// The decimal sign of the values: of all columns, among which is OP's; times may prove it where values do not.
+///
+/// # Errors
+/// A cell that can be read in two ways, with the option that decides.
+pub fn decide(columns: &[&Evidence], op: Option<&Evidence>, times: &Evidence) -> Result<Decimal, TableError> {
+    let mut all = Evidence::default();
+    columns.iter().for_each(|column| all.join(column));
+    match all.proves {
+        [0, 0] => {}
+        [_, 0] => return Ok(Decimal::Point),
+        [0, _] => return Ok(Decimal::Comma),
+        [point, comma] if comma * MISTAKES < point => return Ok(Decimal::Point),
+        [point, comma] if point * MISTAKES < comma => return Ok(Decimal::Comma),
+        _ => {
+            let [point, comma] = all.proved_at.map(|place| place.map(|p| p.to_string()).unwrap_or_default());
+            return Err(TableError::refused(format!(
+                "{point} has a decimal point, and {comma} a decimal comma; say which is right with --decimal"
+            )));
+        }
+    }
+    if let Some(decimal) = times.alone() {
+        return Ok(decimal);
+    }
+    if all.either == [0, 0] {
+        return Ok(Decimal::Point);
+    }
+    // An output of a controller has no thousands, in per cent as in mA: three digits behind its sign are a fraction.
+    for sign in [Decimal::Point, Decimal::Comma] {
+        let mixed = columns.iter().any(|column| column.either[at(sign)] > 0 && !column.uniform(sign));
+        if op.is_some_and(|op| op.uniform(sign)) && !mixed {
+            return Ok(sign);
+        }
+    }
+    let [point, comma] = all.either_at;
+    let place = comma.or(point).unwrap_or_else(|| Place::new(0, "", ""));
+    let read = |decimal: Decimal| {
+        super::number::scan(&place.cell).and_then(|number| number.value(decimal)).unwrap_or(f64::NAN)
+    };
+    Err(TableError::refused(format!(
+        "{place} may be {} or {}; say --decimal . or --decimal ,",
+        read(Decimal::Comma),
+        read(Decimal::Point),
+    )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::number::scan;
+    use super::*;
+
+    fn of(cells: &[&str]) -> Evidence {
+        let mut evidence = Evidence::default();
+        for (line, cell) in cells.iter().enumerate() {
+            evidence.add(&scan(cell).expect("a number"), line as u64 + 2, "pv", cell);
+        }
+        evidence
+    }
+
+    fn decided(op: &[&str], pv: &[&str]) -> Result<Decimal, String> {
+        let (op, pv) = (of(op), of(pv));
+        decide(&[&op, &pv], Some(&op), &Evidence::default()).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_sign_is_decimal_where_a_cell_proves_it() {
+        use Decimal::{Comma, Point};
+        assert_eq!(decided(&["51.8"], &["999", "1,002"]), Ok(Point));
+        assert_eq!(decided(&["51,8"], &["1.002"]), Ok(Comma));
+        assert_eq!(decided(&["51"], &["1,234.5"]), Ok(Point));
+        assert_eq!(decided(&["51"], &["1.234.567"]), Ok(Comma));
+        assert_eq!(decided(&["51"], &["52"]), Ok(Point));
+        assert_eq!(decided(&["51.812", "51.717"], &["1.002", "1.004"]), Ok(Point));
+        assert_eq!(decided(&["51,812", "51,717"], &["51,227"]), Ok(Comma));
+        assert_eq!(decided(&["51.812", "51.717"], &["1,002", "1,004"]), Ok(Point), "OP has no thousands");
+        assert_eq!(decided(&["51,812", "51,717"], &["1.002", "1.004"]), Ok(Comma));
+    }
+
+    #[test]
+    fn what_proves_nothing_is_refused() {
+        let said = decided(&["51", "52"], &["999", "1,002"]).expect_err("refused");
+        assert_eq!(said, "line 3, column pv: \"1,002\" may be 1.002 or 1002; say --decimal . or --decimal ,");
+        assert!(decided(&["51", "52"], &["1,002", "1,004"]).is_err());
+        assert!(decided(&["51", "52"], &["999", "1.002"]).is_err());
+        assert!(decided(&["51", "52"], &["9.995", "9.996"]).is_err(), "three decimals, or thousands");
+        assert!(
+            decided(&["51,812", "51,717"], &["999", "1,002"]).is_err(),
+            "thousands, or a whole number among fractions"
+        );
+        assert!(decided(&["51.8", "51.7"], &["51,8", "51,9"]).is_err(), "both signs");
+    }
+}

@@ -1,0 +1,95 @@
+//! What was found, in one line.
+
+use super::error::shown;
+use super::layout::Body;
+use super::source::Kind;
+use super::survey::Plan;
+use super::take::Counted;
+use crate::signal::Role;
+use std::fmt::Write;
+
+/// How a table was read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Found {
+    /// In one line: `; separated, decimal comma, time dd.mm.yyyy (UTC), op from "FIC101.OP" [%]`.
+    pub read_as: String,
+    /// The unit of OP, where header, tag or cells tell it.
+    pub op_unit: Option<String>,
+}
+
+impl Found {
+    pub(super) fn new(plan: &Plan, counted: &Counted) -> Self {
+        let mut parts = vec![file(plan)];
+        if matches!(plan.layout.body, Body::Long(_)) {
+            parts.push("a row for each sample".into());
+        }
+        if plan.signs {
+            parts.push(plan.decimal.name().into());
+        }
+        parts.push(plan.reading.said.clone());
+        let mut op_unit = None;
+        for (at, channel) in plan.channels.iter().enumerate() {
+            let Some(role) = channel.role else { continue };
+            let beside = Some(&plan.units[at]).filter(|unit| !unit.is_empty()).cloned();
+            let unit = channel.tag.unit.clone().or(beside).filter(|unit| unit != "-");
+            let mut part =
+                format!("{} from {:?}", super::take::role_of(channel.role), shown(&channel.tag.name));
+            if let Some(unit) = &unit {
+                // Writing into a String cannot fail.
+                let _ = write!(part, " [{unit}]");
+            }
+            parts.push(part);
+            if role == Role::Op {
+                op_unit = unit;
+            }
+        }
+        parts.extend(plan.modes.iter().flatten().filter_map(|modes| modes.said.clone()));
+        parts.extend(remarks(plan, counted));
+        Self { read_as: parts.join(", "), op_unit }
+    }
+}
+
+/// What divides the cells, or which kind of file it is.
+fn file(plan: &Plan) -> String {
+    let separated = |encoding: Option<&str>| {
+        let encoding = encoding.map(|name| format!("{name}, ")).unwrap_or_default();
+        match plan.separator {
+            b'\t' => format!("{encoding}tab separated"),
+            sign => format!("{encoding}{} separated", char::from(sign)),
+        }
+    };
+    match &plan.kind {
+        Kind::Text(encoding) => separated(encoding.unusual()),
+        Kind::Sheet(sheet) if sheet.one_of_many => format!("sheet {:?}", sheet.name),
+        Kind::Sheet(_) => "workbook".into(),
+        Kind::Parquet => "Parquet".into(),
+    }
+}
+
+/// What was not used.
+fn remarks(plan: &Plan, counted: &Counted) -> Vec<String> {
+    let mut out = Vec::new();
+    let [all, manual, unknown] = counted.modes;
+    if manual > 0 {
+        out.push(format!("{manual} of {all} rows not in automatic"));
+    }
+    if unknown > 0 {
+        out.push(format!("{unknown} rows of an unknown mode (--auto-values)"));
+    }
+    if counted.not_good > 0 {
+        let names: Vec<&str> =
+            plan.qualities.iter().map(|(at, ..)| plan.layout.names[*at].full.as_str()).collect();
+        out.push(format!("{} samples not good by {}", counted.not_good, names.join(", ")));
+    }
+    if counted.no_number > 0 {
+        out.push(format!("{} samples without a number", counted.no_number));
+    }
+    let (lines, n) = &counted.left_out;
+    if *n > 0 {
+        let named: Vec<String> = lines.iter().map(u64::to_string).collect();
+        let more = if *n > lines.len() as u64 { ", …" } else { "" };
+        let (rows, line) = if *n == 1 { ("row", "line") } else { ("rows", "lines") };
+        out.push(format!("{n} {rows} left out: {line} {}{more}", named.join(", ")));
+    }
+    out
+}

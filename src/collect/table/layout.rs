@@ -1,0 +1,366 @@
+//! Where the header is, and what stands in which column.
+
+use super::error::{TableError, listed, shown};
+use super::names::{Meaning, Name, as_unit};
+use super::options::Options;
+use super::roles::{Roles, Trouble, roles, told};
+use super::source::{Cell, Rows};
+use super::time::{What, WhatKind};
+
+/// Most columns of a table.
+const MAX_COLUMNS: usize = 1 << 12;
+/// Lines above the header: a title, who exported it, and when.
+const PREAMBLE: usize = 60;
+/// Rows between the header and the first sample: units, descriptions, limits.
+const BELOW: usize = 4;
+/// Rows looked at.
+const LOOKED_AT: usize = 400;
+
+/// A cell of the first rows.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    text: String,
+    kind: WhatKind,
+}
+
+/// A row of them and its line.
+pub type SeenRow = (u64, Vec<Seen>);
+
+/// The first rows of a table.
+pub fn first_rows(rows: &mut dyn Rows) -> Result<Vec<SeenRow>, TableError> {
+    let mut out = Vec::new();
+    while out.len() < LOOKED_AT {
+        let Some(line) = rows.next()? else { break };
+        let seen = |at| {
+            let cell = rows.cell(at);
+            let kind = if cell.is_blank() { WhatKind::Blank } else { What::of(&cell, None).kind() };
+            Seen { text: cell.shown(), kind }
+        };
+        out.push((line, (0..rows.len().min(MAX_COLUMNS + 1)).map(seen).collect()));
+    }
+    Ok(out)
+}
+
+/// What stands in which column.
+#[derive(Clone, Debug)]
+pub struct Layout {
+    /// Line of the header.
+    pub line: u64,
+    /// Rows from the first to the last one above the samples.
+    pub skip: usize,
+    /// Names of all columns.
+    pub names: Vec<Name>,
+    /// The column of times.
+    pub time: usize,
+    /// The column of the time of day, where the other is the date only.
+    pub clock: Option<usize>,
+    /// The unit of times, from the header or below it.
+    pub time_unit: Option<String>,
+    /// Where the samples are.
+    pub body: Body,
+}
+
+/// How samples stand in a table.
+#[derive(Clone, Debug)]
+pub enum Body {
+    /// A column for each tag.
+    Wide(Wide),
+    /// A row for each sample.
+    Long(Long),
+}
+
+/// A column for each tag.
+#[derive(Clone, Debug)]
+pub struct Wide {
+    /// Where each value stands.
+    pub columns: Vec<usize>,
+    /// What it is to the loop; `None` for a tag.
+    pub roles: Roles,
+    /// Its unit, from the header or below it.
+    pub units: Vec<Option<String>>,
+    /// Columns that say whether the value of one of `columns`, or of all, is good.
+    pub qualities: Vec<(usize, Option<usize>)>,
+}
+
+/// A row for each sample.
+#[derive(Clone, Debug)]
+pub struct Long {
+    pub tag: usize,
+    pub value: usize,
+    pub owner: Option<usize>,
+    pub quality: Option<usize>,
+    pub source: Option<usize>,
+    pub unit: Option<usize>,
+}
+
+/// What was found in the first rows under one separator.
+pub struct Looked {
+    /// The layout, or why there is none.
+    pub layout: Result<Layout, TableError>,
+    /// Names that are known in the best header.
+    pub known: usize,
+    /// The share of rows below the header that have as many cells.
+    pub even: f64,
+    /// Cells of the header.
+    pub cells: usize,
+    /// The first row holds numbers and no name.
+    numbers_only: bool,
+}
+
+/// Looks for the header in the first rows.
+pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
+    let comment = |row: &[Seen]| row.first().is_some_and(|cell| cell.text.trim_start().starts_with('#'));
+    let mut best: Option<(usize, usize)> = None;
+    let mut refused = None;
+    // The second time a comment may be the header: `# t, op, pv`.
+    for comments in [false, true] {
+        for (at, (line, row)) in rows.iter().enumerate().take(PREAMBLE) {
+            if comment(row) != comments {
+                continue;
+            }
+            let names: Vec<Name> = row.iter().map(|cell| Name::new(&cell.text)).collect();
+            let known = known(&names, options);
+            if best.is_none_or(|(most, _)| known > most) {
+                best = Some((known, at));
+            }
+            match header(names, &rows[at + 1..], options) {
+                Ok(mut layout) => {
+                    layout.line = *line;
+                    layout.skip += at + 1;
+                    let even = even(&rows[at + 1..], row.len());
+                    return Looked { layout: Ok(layout), known, even, cells: row.len(), numbers_only: false };
+                }
+                Err(Trouble::Refused(error)) => {
+                    refused.get_or_insert((error, *line, known, row.len()));
+                }
+                Err(Trouble::Missing(_)) => {}
+            }
+        }
+    }
+    if let Some((error, line, known, cells)) = refused {
+        let error = TableError::refused(format!("{row_name} {line}: {error}"));
+        return Looked { layout: Err(error), known, even: 1.0, cells, numbers_only: false };
+    }
+    let (known, at) = best.unwrap_or_default();
+    let (line, row): (u64, &[Seen]) = rows.get(at).map_or((1, &[]), |(line, row)| (*line, row));
+    let numbers_only = known == 0 && row.iter().any(|cell| cell.kind == WhatKind::Number);
+    let layout = Err(none(line, row, numbers_only, options, row_name));
+    Looked {
+        layout,
+        known,
+        even: even(&rows[rows.len().min(at + 1)..], row.len()),
+        cells: row.len(),
+        numbers_only,
+    }
+}
+
+impl Looked {
+    /// How well a separator divides: a layout first, then even rows, then names that are known, then cells.
+    pub fn worth(&self) -> (bool, bool, usize, usize) {
+        (self.layout.is_ok(), self.even >= 0.5 && self.cells > 1, self.known, self.cells)
+    }
+
+    /// Whether there is but one column.
+    pub fn single(&self) -> bool {
+        self.cells < 2
+    }
+
+    /// Whether numbers stand where the header should be.
+    pub fn headless(&self) -> bool {
+        self.numbers_only
+    }
+}
+
+/// Why the best row is no header.
+fn none(line: u64, row: &[Seen], numbers_only: bool, options: &Options, row_name: &str) -> TableError {
+    if numbers_only {
+        return TableError::refused(format!(
+            "{row_name} {line}: numbers where the header should be; put a line such as t,op,pv above them"
+        ));
+    }
+    let names: Vec<Name> = row.iter().map(|cell| Name::new(&cell.text)).collect();
+    let missing = match times(&names, &[], options) {
+        Ok(_) => Vec::new(),
+        Err(_) => vec!["t"],
+    };
+    let others = match roles(&names, options, true) {
+        Err(Trouble::Missing(missing)) => missing,
+        _ => Vec::new(),
+    };
+    let missing = [missing, others].concat().join(", ");
+    let found = listed(names.iter().map(|name| name.full.as_str()));
+    TableError::refused(format!(
+        "{row_name} {line}: no column {missing} (t the time, op the controller's output, pv the measured value); \
+         the header has {found}; name them with --time, --op and --pv"
+    ))
+}
+
+fn known(names: &[Name], options: &Options) -> usize {
+    let told = |name: &Name| {
+        ["t", "op", "pv"].iter().any(|role| options.column(role).is_some_and(|own| name.is(own)))
+    };
+    names.iter().filter(|name| name.said().is_some() || told(name)).count()
+}
+
+/// The share of rows that have so many cells, blank ones at the end not counted.
+fn even(rows: &[SeenRow], cells: usize) -> f64 {
+    let filled =
+        |row: &[Seen]| row.iter().rposition(|cell| cell.kind != WhatKind::Blank).map_or(0, |at| at + 1);
+    let same = |row: &&SeenRow| filled(&row.1) <= cells && row.1.len() >= 2 && row.1.len() + 2 > cells;
+    let all = rows.len().max(1) as f64;
+    rows.iter().filter(same).count() as f64 / all
+}
+
+/// A row as the header of those below it.
+fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layout, Trouble> {
+    if names.len() > MAX_COLUMNS {
+        let n = names.len();
+        return Err(Trouble::Refused(TableError::refused(format!(
+            "{n} columns, at most {MAX_COLUMNS} are read"
+        ))));
+    }
+    let (time, clock) = times(&names, below, options)?;
+    let wide = |name: &Name, at: usize| at != time && Some(at) != clock && !name.is_none();
+    let masked: Vec<Name> =
+        names.iter().enumerate().map(|(at, n)| if wide(n, at) { n.clone() } else { Name::new("") }).collect();
+    let body = match (long(&names, time, options), roles(&masked, options, true)) {
+        // A table of tags and values has no columns of OP and PV.
+        (Some(long), _) => Body::Long(long),
+        (None, Ok(roles)) => Body::Wide(columns(&masked, &roles)),
+        (None, Err(trouble)) => return Err(trouble),
+    };
+    let mut layout =
+        Layout { line: 0, skip: 0, time, clock, time_unit: names[time].unit.clone(), names, body };
+    units(&mut layout, below);
+    Ok(layout)
+}
+
+/// The column of times, and that of the time of day where the first is the date.
+fn times(names: &[Name], below: &[SeenRow], options: &Options) -> Result<(usize, Option<usize>), Trouble> {
+    if let Some(wanted) = &options.time {
+        let at = told(names, wanted, "time", true).map_err(|error| {
+            if known(names, options) > 1 { Trouble::Refused(error) } else { Trouble::Missing(vec!["t"]) }
+        })?;
+        let clock = names[at].is_date().then(|| names.iter().position(Name::is_clock)).flatten();
+        return Ok((at, clock.filter(|clock| *clock != at)));
+    }
+    let is_time = |name: &Name| name.said().is_some_and(|said| said.meaning == Meaning::Time);
+    let found: Vec<usize> = (0..names.len()).filter(|at| is_time(&names[*at])).collect();
+    match found.as_slice() {
+        [one] => Ok((*one, None)),
+        [a, b] if names[*a].is_date() && names[*b].is_clock() => Ok((*a, Some(*b))),
+        [a, b] if names[*b].is_date() && names[*a].is_clock() => Ok((*b, Some(*a))),
+        [] => {
+            // An index without a name, or a column of dates under any name.
+            let kind = |at: usize| below.first().and_then(|(_, row)| row.get(at)).map(|cell| cell.kind);
+            let nameless = names.first().is_some_and(Name::is_none)
+                && matches!(kind(0), Some(WhatKind::Number | WhatKind::Dated));
+            let mut dated = (0..names.len()).filter(|at| kind(*at) == Some(WhatKind::Dated));
+            match (dated.next(), dated.next(), nameless) {
+                (Some(at), None, _) => Ok((at, None)),
+                (None, _, true) => Ok((0, None)),
+                _ => Err(Trouble::Missing(vec!["t"])),
+            }
+        }
+        [first, second, ..] => Err(Trouble::Refused(TableError::refused(format!(
+            "column {}: {:?} is the second column for t (after column {}); say which with --time",
+            second + 1,
+            shown(&names[*second].full),
+            first + 1
+        )))),
+    }
+}
+
+const TAGS: [&str; 16] = [
+    "tag",
+    "tagname",
+    "tag name",
+    "tag id",
+    "tagid",
+    "name",
+    "point",
+    "point name",
+    "pointname",
+    "signal",
+    "variable",
+    "item",
+    "field",
+    "metric",
+    "channel",
+    "parameter",
+];
+const VALUES: [&str; 5] = ["value", "val", "wert", "messwert", "reading"];
+
+/// The columns of a long table, where it is one.
+fn long(names: &[Name], time: usize, options: &Options) -> Option<Long> {
+    let place =
+        |wanted: &[&str]| (0..names.len()).find(|at| *at != time && wanted.contains(&names[*at].plain()));
+    let by_number = ["op", "pv"]
+        .iter()
+        .any(|role| options.column(role).is_some_and(|own| names.iter().any(|name| name.is(own))));
+    let (tag, value) = place(&TAGS).zip(place(&VALUES)).filter(|_| !by_number)?;
+    Some(Long {
+        tag,
+        value,
+        owner: place(&["loop"]).or_else(|| place(&["measurement"])),
+        quality: (0..names.len()).find(|at| {
+            names[*at].quality_of().is_some_and(|of| of.is_empty() || VALUES.contains(&of.as_str()))
+        }),
+        source: place(&["source"]),
+        unit: place(&["unit", "units", "uom"]),
+    })
+}
+
+fn columns(names: &[Name], roles: &Roles) -> Wide {
+    let named = |at: &usize| !names[*at].is_none();
+    let (says, values): (Vec<usize>, Vec<usize>) =
+        (0..names.len()).filter(named).partition(|at| names[*at].quality_of().is_some());
+    let alone = says.iter().filter(|at| names[**at].quality_of().is_some_and(|of| of.is_empty())).count();
+    let owner = |at: usize| {
+        let of = names[at].quality_of()?;
+        if !of.is_empty() {
+            return values.iter().copied().find(|c| names[*c].owns_quality(&of)).map(Some);
+        }
+        // One says it of the row; several stand each behind its value.
+        if alone == 1 { Some(None) } else { values.iter().copied().rfind(|c| *c < at).map(Some) }
+    };
+    let owners: Vec<(usize, Option<Option<usize>>)> = says.iter().map(|at| (*at, owner(*at))).collect();
+    // The status of something else is a tag like any other.
+    let others = owners.iter().filter(|(_, owner)| owner.is_none()).map(|(at, _)| *at);
+    let mut columns: Vec<usize> = values.iter().copied().chain(others).collect();
+    columns.sort_unstable();
+    let place = |at: usize| columns.iter().position(|c| *c == at);
+    let qualities = owners.iter().filter_map(|(at, owner)| Some((*at, (*owner)?.and_then(place)))).collect();
+    let units = columns.iter().map(|at| names[*at].unit.clone()).collect();
+    let roles = columns.iter().map(|at| roles[*at]).collect();
+    Wide { columns, roles, units, qualities }
+}
+
+/// Passes over the rows between header and samples, and takes units from them.
+fn units(layout: &mut Layout, below: &[SeenRow]) {
+    let is_sample = |row: &SeenRow| {
+        row.1.get(layout.time).is_some_and(|cell| !matches!(cell.kind, WhatKind::Blank | WhatKind::Nothing))
+    };
+    let extra = below.iter().take(BELOW + 1).position(is_sample).unwrap_or(0);
+    for (_, row) in &below[..extra] {
+        let unit = |at: usize| row.get(at).and_then(|cell| as_unit(&cell.text)).map(str::to_string);
+        if layout.time_unit.is_none() {
+            layout.time_unit = unit(layout.time);
+        }
+        if let Body::Wide(wide) = &mut layout.body {
+            for (own, at) in wide.units.iter_mut().zip(&wide.columns) {
+                if own.is_none() {
+                    *own = unit(*at);
+                }
+            }
+        }
+    }
+    layout.skip = extra;
+}
+
+impl Cell<'_> {
+    /// Whether a row that begins with it is a comment.
+    pub fn is_comment(&self) -> bool {
+        matches!(self, Cell::Text(text) if text.trim_start().starts_with('#'))
+    }
+}

@@ -1,0 +1,87 @@
+//! One reader for the tables that plants send: text of every dialect, workbooks, Parquet; wide or long.
+//!
+//! A table is read twice. The first reading counts what its cells could be, and decides from the whole of it: the decimal
+//! sign, the format of times, which column is what. The second makes samples. What is doubtful is refused with the option
+//! that decides, and nothing is taken for something else without a word: [`Found::read_as`] says in one line what was read.
+//!
+//! | step | decides |
+//! |---|---|
+//! | `source`, `text` | what kind of file, which encoding |
+//! | `layout`, `names`, `roles` | what divides cells, where the header is, which column is what |
+//! | `evidence`, `number` | the decimal sign, thousands, units behind numbers |
+//! | `time`, `stamp` | how times are written |
+//! | `words` | which modes are automatic, which qualities good |
+//! | `take` | samples, and which rows are left out |
+
+mod channel;
+mod delimited;
+mod error;
+mod evidence;
+mod found;
+mod layout;
+mod names;
+mod number;
+mod options;
+mod parquet;
+mod roles;
+mod source;
+mod stamp;
+mod survey;
+mod take;
+mod text;
+mod time;
+mod words;
+mod workbook;
+
+pub use channel::Tag;
+pub use error::TableError;
+pub use found::Found;
+pub use options::{Config, Options};
+pub use source::Source;
+
+use crate::signal::{Record, Sample};
+
+/// Most values (rows times columns) taken from one file: 1.6 GB of samples.
+pub const MAX_VALUES: usize = 1 << 26;
+
+/// A record and how it was read.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// The record of one loop.
+    pub record: Record,
+    /// How it was read.
+    pub found: Found,
+}
+
+/// Reads one loop's record.
+///
+/// Time and memory are linear in the number of values, which [`MAX_VALUES`] bounds.
+///
+/// # Errors
+/// [`TableError`] for what is no record of time, OP and PV, or leaves a doubt. Unordered or repeated times and bad values are none.
+pub fn read(source: Source<'_>, options: &Options) -> Result<Table, TableError> {
+    take::record(source, survey::survey(source, options, true)?)
+}
+
+/// The record of a file that leaves no doubt.
+///
+/// # Errors
+/// As [`read`].
+pub fn record(path: &std::path::Path) -> Result<Record, TableError> {
+    Ok(read(Source::File(path), &Options::default())?.record)
+}
+
+/// Hands every sample of a table on, in bounded memory: all loops of a long table, or the one of a wide table.
+///
+/// # Errors
+/// [`TableError`], or what `take` said; what was handed on before stays handed on.
+pub fn stream<E: From<TableError>>(
+    source: Source<'_>,
+    options: &Options,
+    take: &mut dyn FnMut(&Tag, Sample) -> Result<(), E>,
+) -> Result<Found, E> {
+    take::stream(source, survey::survey(source, options, false)?, options, take)
+}
+
+#[cfg(test)]
+mod tests;

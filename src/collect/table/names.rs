@@ -1,0 +1,384 @@
+//! What the names of columns mean: the words of the field, of vendors, and of a few languages.
+
+use super::options::Unit;
+use crate::signal::Role;
+
+/// What a column's name says it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Meaning {
+    /// The stamp, or the date of it.
+    Time,
+    /// What belongs to the loop.
+    Role(Role),
+}
+
+impl Meaning {
+    /// As options and messages name it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Meaning::Time => "t",
+            Meaning::Role(role) => role_name(role),
+        }
+    }
+}
+
+/// A role as options, messages and the store name it.
+pub fn role_name(role: Role) -> &'static str {
+    match role {
+        Role::Op => "op",
+        Role::Pv => "pv",
+        Role::Sp => "sp",
+        Role::Mode => "mode",
+        Role::Mv => "mv",
+    }
+}
+
+const TIME: &[&str] = &[
+    "t",
+    "time",
+    "timestamp",
+    "time stamp",
+    "date",
+    "datetime",
+    "date time",
+    "ts",
+    "datum",
+    "zeit",
+    "uhrzeit",
+    "datum uhrzeit",
+    "datum zeit",
+    "zeitstempel",
+    "sourcetimestamp",
+    "source timestamp",
+    "sample time",
+    "event time",
+    "index level 0",
+];
+const OP: &[&str] = &[
+    "op",
+    "co",
+    "out",
+    "output",
+    "controller output",
+    "control output",
+    "manipulated variable",
+    "lmn",
+    "cout",
+    "cv",
+    "stellgröße",
+    "stellgrösse",
+    "stellgroesse",
+    "stellwert",
+    "op value",
+    "valve demand",
+];
+const PV: &[&str] = &[
+    "pv",
+    "process value",
+    "process variable",
+    "measured value",
+    "meas",
+    "measurement",
+    "istwert",
+    "actual value",
+    "pv value",
+    "pv in",
+];
+const SP: &[&str] = &[
+    "sp",
+    "sv",
+    "spt",
+    "setpoint",
+    "set point",
+    "set value",
+    "sollwert",
+    "sp value",
+    "wsp",
+    "working setpoint",
+];
+const MV: &[&str] = &[
+    "mv",
+    "mv stem",
+    "stem",
+    "stem position",
+    "valve position",
+    "travel",
+    "valve travel",
+    "position feedback",
+];
+const MODE: &[&str] = &[
+    "mode",
+    "mode actual",
+    "controller mode",
+    "loop mode",
+    "block mode",
+    "auto man",
+    "auto manual",
+    "man auto",
+    "betriebsart",
+    "mode act",
+];
+
+/// Names that hold a date, whose time of day may stand in a column of its own.
+const DATES: &[&str] = &["date", "datum", "day"];
+/// Names that hold the time of day beside a date.
+const CLOCKS: &[&str] = &["time", "zeit", "uhrzeit", "clock", "time of day"];
+
+/// Last parts of a path that say "its value": what they are the value of stands before them.
+const VALUES: &[&str] = &["cv", "f cv", "val", "value", "present value", "presentvalue"];
+/// Names of a column that says whether the value beside it is good.
+const QUALITIES: &[&str] =
+    &["quality", "qual", "status", "statuscode", "status code", "data quality", "q", "st"];
+/// Those of them that mean nothing without the name of a value before them.
+const SHORT_QUALITIES: &[&str] = &["q", "st"];
+
+/// Units that may stand behind a name without brackets: `OP %`, `PV degC`.
+const UNITS: &[&str] = &[
+    "%", "pct", "percent", "ma", "a", "v", "degc", "degf", "°c", "°f", "c", "k", "bar", "mbar", "bara",
+    "barg", "pa", "kpa", "mpa", "psi", "psig", "m3/h", "m³/h", "nm3/h", "l/h", "l/min", "l/s", "gpm", "kg/h",
+    "kg/s", "t/h", "lb/h", "m", "mm", "cm", "kw", "mw", "rpm", "ph", "ppm", "s", "sec", "secs", "second",
+    "seconds", "ms", "us", "µs", "ns", "min", "minutes", "h", "hours", "d", "days", "-", "utc", "gmt",
+    "local", "counts", "raw", "m3/s", "mol/s",
+];
+
+/// What may stand as a unit behind a name of times.
+const ZONES: [&str; 5] = ["utc", "gmt", "local", "-", ""];
+
+/// A name of a column or a tag, taken apart.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Name {
+    /// As it is written, without blanks around it.
+    pub full: String,
+    /// Without its unit, in small letters, one blank for each sign that divides words.
+    plain: String,
+    /// The unit that stands in it.
+    pub unit: Option<String>,
+}
+
+/// What a name says, and how plainly.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Said {
+    /// What it is.
+    pub meaning: Meaning,
+    /// The part before it: the loop of `FIC101.OP`; empty where the whole name says it.
+    pub owner: String,
+}
+
+impl Name {
+    /// Takes a cell of a header apart.
+    pub fn new(cell: &str) -> Self {
+        let full = super::number::bare(cell).trim_matches('"').trim().to_string();
+        let bare = full.trim_start_matches('#').trim();
+        let (bare, unit) = split_unit(bare);
+        Self { plain: plain(bare), unit: unit.map(str::to_string), full }
+    }
+
+    /// Whether somebody who writes `wanted` means this column; its unit may be left out.
+    pub fn is(&self, wanted: &str) -> bool {
+        let wanted = wanted.trim();
+        self.full.eq_ignore_ascii_case(wanted) || !self.plain.is_empty() && self.plain == plain(wanted)
+    }
+
+    /// What it says of itself.
+    pub fn said(&self) -> Option<Said> {
+        // `T_C` is a temperature: a time has a unit of time, or the name of a zone.
+        let of_time =
+            |unit: &String| Unit::of(unit).is_some() || ZONES.contains(&unit.to_lowercase().as_str());
+        let time = self.unit.as_ref().is_none_or(of_time);
+        if let Some(meaning) = whole(&self.plain).filter(|meaning| *meaning != Meaning::Time || time) {
+            return Some(Said { meaning, owner: String::new() });
+        }
+        let path = self.path();
+        let parts: Vec<&str> = path.split(PATH).map(str::trim).filter(|part| !part.is_empty()).collect();
+        let said = |meaning: Meaning, before: &[&str]| Said { meaning, owner: plain(&before.join(".")) };
+        if let [before @ .., last] = parts.as_slice()
+            && !before.is_empty()
+        {
+            if let [earlier @ .., named] = before {
+                let both = plain(&format!("{named} {last}"));
+                let of_value = VALUES.contains(&plain(last).as_str()).then(|| plain(named));
+                if let Some(meaning) = of_value.as_deref().and_then(role).or_else(|| role(&both)) {
+                    return Some(said(meaning, earlier));
+                }
+            }
+            if let Some(meaning) = role(&plain(last)) {
+                return Some(said(meaning, before));
+            }
+        }
+        // `FIC101_OP`: only the shortest names, for words as `flow_out` are tags of their own.
+        let (before, last) = path.rsplit_once(['_', '-', ' '])?;
+        let short = ["op", "pv", "sp", "sv", "mv", "co", "mode"].contains(&plain(last).as_str());
+        role(&plain(last))
+            .filter(|_| short && !before.trim().is_empty())
+            .map(|meaning| said(meaning, &[before]))
+    }
+
+    fn path(&self) -> String {
+        split_unit(self.full.trim_start_matches('#').trim()).0.to_string()
+    }
+
+    /// Whether it is a date without a time of day, and a time of day without a date.
+    pub fn is_date(&self) -> bool {
+        DATES.contains(&self.plain.as_str())
+    }
+
+    /// See [`Self::is_date`].
+    pub fn is_clock(&self) -> bool {
+        CLOCKS.contains(&self.plain.as_str())
+    }
+
+    /// Whether there is a name at all; pandas calls an index without one `Unnamed: 0`.
+    pub fn is_none(&self) -> bool {
+        self.plain.is_empty() || self.plain.starts_with("unnamed")
+    }
+
+    /// Whether it says if a value is good: `Some` with the name of that value, empty where it stands alone.
+    pub fn quality_of(&self) -> Option<String> {
+        if QUALITIES.contains(&self.plain.as_str()) {
+            let short = SHORT_QUALITIES.contains(&self.plain.as_str());
+            return (!short).then(String::new);
+        }
+        let of = |name: &&str| self.plain.strip_suffix(*name)?.strip_suffix(' ').map(str::to_string);
+        QUALITIES.iter().filter_map(of).min_by_key(String::len)
+    }
+
+    /// Whether a quality column of this name (see [`Self::quality_of`]) belongs to it.
+    pub fn owns_quality(&self, of: &str) -> bool {
+        let short = self.said().map(|said| said.meaning.as_str());
+        let value =
+            VALUES.iter().any(|value| self.plain.strip_suffix(value).is_some_and(|p| p.trim_end() == of));
+        self.plain == of || value || short == Some(of)
+    }
+
+    /// In small letters without its unit.
+    pub fn plain(&self) -> &str {
+        &self.plain
+    }
+}
+
+/// What divides the parts of a path.
+const PATH: [char; 7] = ['.', '/', '\\', ':', '|', '!', '>'];
+
+fn plain(name: &str) -> String {
+    let mut out = String::with_capacity(name.len());
+    for c in name.chars().flat_map(char::to_lowercase) {
+        if c.is_alphanumeric() || matches!(c, '%' | '°') {
+            out.push(c);
+        } else if !out.is_empty() && !out.ends_with(' ') {
+            out.push(' ');
+        }
+    }
+    out.truncate(out.trim_end().len());
+    out
+}
+
+fn role(name: &str) -> Option<Meaning> {
+    let lists = [(Role::Op, OP), (Role::Pv, PV), (Role::Sp, SP), (Role::Mv, MV), (Role::Mode, MODE)];
+    lists.iter().find(|(_, names)| names.contains(&name)).map(|(role, _)| Meaning::Role(*role))
+}
+
+fn whole(name: &str) -> Option<Meaning> {
+    TIME.contains(&name).then_some(Meaning::Time).or_else(|| role(name))
+}
+
+/// Whether a text is a unit by itself, in brackets or not: a cell of a row of units.
+pub fn as_unit(cell: &str) -> Option<&str> {
+    let cell = super::number::bare(cell);
+    let inner = [('[', ']'), ('(', ')')]
+        .iter()
+        .find_map(|(open, close)| cell.strip_prefix(*open)?.strip_suffix(*close))
+        .map_or(cell, str::trim);
+    is_unit(inner).then_some(inner)
+}
+
+fn is_unit(text: &str) -> bool {
+    let small = text.to_lowercase();
+    UNITS.contains(&small.as_str()) || small.starts_with('%') || small.starts_with('°')
+}
+
+/// `OP [%]`, `OP (%)`, `OP %`, `PV, m3/h`, `t_ms` as name and unit.
+fn split_unit(name: &str) -> (&str, Option<&str>) {
+    for (open, close) in [('[', ']'), ('(', ')'), ('{', '}')] {
+        if let Some((before, unit)) = name.strip_suffix(close).and_then(|n| n.rsplit_once(open)) {
+            return (before.trim_end_matches(['_', ' ', ',']).trim(), Some(unit.trim()));
+        }
+    }
+    if let Some((before, unit)) = name.rsplit_once([' ', ',', '_'])
+        && !before.trim().is_empty()
+        && is_unit(unit)
+    {
+        return (before.trim_end_matches([' ', ',', '_']), Some(unit));
+    }
+    if let Some(before) = name.strip_suffix('%').filter(|before| !before.trim().is_empty()) {
+        return (before.trim(), Some("%"));
+    }
+    (name.trim(), None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(name: &str) -> Option<(&'static str, String)> {
+        Name::new(name).said().map(|said| (said.meaning.as_str(), said.owner))
+    }
+
+    #[test]
+    fn names_of_vendors_say_what_they_are() {
+        for (name, meaning, owner) in [
+            ("t", "t", ""),
+            ("Time Stamp", "t", ""),
+            ("time [s]", "t", ""),
+            ("t_ms", "t", ""),
+            ("Timestamp (UTC)", "t", ""),
+            ("OP [%]", "op", ""),
+            ("OP %", "op", ""),
+            ("OP%", "op", ""),
+            ("PV degC", "pv", ""),
+            ("PV, m3/h", "pv", ""),
+            ("Process Value", "pv", ""),
+            ("setpoint", "sp", ""),
+            ("SV", "sp", ""),
+            ("mv_stem", "mv", ""),
+            ("FIC101.OP", "op", "fic101"),
+            ("FIC101.PIDA.OP", "op", "fic101 pida"),
+            ("FIC101/PID1/OUT.CV", "op", "fic101 pid1"),
+            ("FIC101/PID1/PV.CV", "pv", "fic101 pid1"),
+            ("FIC101/PID1/MODE.ACTUAL", "mode", "fic101 pid1"),
+            ("FIC101:PV [m3/h]", "pv", "fic101"),
+            ("FIC101_PV", "pv", "fic101"),
+            ("\\\\SERVER\\FIC101.PV", "pv", "server fic101"),
+            ("FIC101 OP %", "op", "fic101"),
+            ("CV", "op", ""),
+        ] {
+            assert_eq!(said(name), Some((meaning, owner.to_string())), "{name}");
+        }
+        for name in
+            ["flow", "flow_out", "T5", "T_C", "T [degC]", "P1_kPa", "remark", "", "XMEAS1", "temp out"]
+        {
+            assert_eq!(said(name), None, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_quality_names_the_value_it_belongs_to() {
+        let of = |name: &str| Name::new(name).quality_of();
+        assert_eq!(of("pv_quality"), Some("pv".into()));
+        assert_eq!(of("OP Status"), Some("op".into()));
+        assert_eq!(of("FIC101.PV.Status"), Some("fic101 pv".into()));
+        assert_eq!(of("Quality"), Some(String::new()));
+        assert_eq!(of("q"), None);
+        assert_eq!(of("pv"), None);
+        assert!(Name::new("FIC101.PV").owns_quality("fic101 pv"));
+        assert!(Name::new("FIC101.PV").owns_quality("pv"));
+        assert!(Name::new("FIC101/PID1/PV.CV").owns_quality("fic101 pid1 pv"));
+        assert!(!Name::new("FIC101.OP").owns_quality("pv"));
+    }
+
+    #[test]
+    fn somebody_who_writes_a_name_means_its_column() {
+        assert!(Name::new("OP [%]").is("op"));
+        assert!(Name::new("FIC101.OP").is("fic101.op"));
+        assert!(!Name::new("FIC101.OP").is("op"));
+    }
+}

@@ -1,0 +1,282 @@
+//! What a reader of a table may be told where the table leaves a doubt.
+
+use super::error::TableError;
+use super::number::Decimal;
+use super::stamp::Order;
+use jiff::tz::TimeZone;
+use serde::Deserialize;
+use std::path::PathBuf;
+
+/// What is told of a table; everything left out is found from the table itself.
+///
+/// The names are those of the command line, of the API's `table` and of `[tables.defaults]` in a configuration.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    /// The column of times, by name or by number from 1.
+    pub time: Option<String>,
+    /// The column, or the tag of a long table, of the controller's output.
+    pub op: Option<String>,
+    /// The same of the measured value.
+    pub pv: Option<String>,
+    /// The same of the set point.
+    pub sp: Option<String>,
+    /// The same of the valve's measured position.
+    pub mv: Option<String>,
+    /// The same of the controller's mode.
+    pub mode: Option<String>,
+    /// `dmy`, `mdy`, `ymd`, a pattern such as `dd/mm/yyyy hh:mm:ss`, or one of strptime (`%d/%m/%Y %H:%M:%S`).
+    pub time_format: Option<String>,
+    /// The time zone of stamps without an offset: an IANA name (`Europe/Berlin`), or `+02:00`; UTC where it is left out.
+    pub tz: Option<String>,
+    /// What times as numbers count: `s`, `ms`, `us`, `ns`, `min`, `h`, or `days` of a spreadsheet.
+    pub time_unit: Option<String>,
+    /// The decimal sign: `.` or `,` (`point` or `comma`).
+    pub decimal: Option<String>,
+    /// What divides cells: `,`, `;`, `|`, `tab`.
+    pub separator: Option<String>,
+    /// Values of the mode column that are automatic, divided by commas; every other one is not.
+    pub auto_values: Option<String>,
+    /// Values of quality columns that are good, divided by commas; every other one is not.
+    pub good_values: Option<String>,
+    /// The sheet of a workbook.
+    pub sheet: Option<String>,
+    /// The loop, where a table has several.
+    #[serde(skip)]
+    pub of_loop: Option<String>,
+}
+
+/// `[tables]`: files of samples that the API may be asked to read.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// The folder in which they are; without it none is read.
+    pub folder: Option<PathBuf>,
+    /// What is told of each where the request says nothing else.
+    pub defaults: Options,
+}
+
+impl Config {
+    /// What is wrong with it: the field, and why.
+    pub fn validate(&self) -> Vec<(&'static str, String)> {
+        self.defaults.told().err().map(|error| ("defaults", error.to_string())).into_iter().collect()
+    }
+}
+
+/// What numbers of time count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// Seconds, since 1970 or since anything.
+    Seconds,
+    /// Thousandths.
+    Millis,
+    /// Millionths.
+    Micros,
+    /// Billionths.
+    Nanos,
+    /// Minutes.
+    Minutes,
+    /// Hours.
+    Hours,
+    /// Days since 1899-12-30, as spreadsheets count.
+    Days,
+    /// Tenths of a microsecond since 1601, as Windows counts.
+    FileTime,
+}
+
+impl Unit {
+    /// By the name in an option, a header or a row of units.
+    pub fn of(name: &str) -> Option<Self> {
+        Some(match name.trim().to_lowercase().as_str() {
+            "s" | "sec" | "secs" | "second" | "seconds" => Unit::Seconds,
+            "ms" | "millis" | "milliseconds" => Unit::Millis,
+            "us" | "µs" | "micros" | "microseconds" => Unit::Micros,
+            "ns" | "nanos" | "nanoseconds" => Unit::Nanos,
+            "min" | "mins" | "minutes" => Unit::Minutes,
+            "h" | "hours" => Unit::Hours,
+            "d" | "days" | "serial" => Unit::Days,
+            _ => return None,
+        })
+    }
+}
+
+/// The options, understood.
+pub struct Told {
+    pub decimal: Option<Decimal>,
+    pub separator: Option<u8>,
+    pub zone: Zone,
+    pub unit: Option<Unit>,
+    pub format: Option<Format>,
+    pub auto_values: Option<Vec<String>>,
+    pub good_values: Option<Vec<String>>,
+}
+
+/// The time zone of stamps without an offset.
+pub struct Zone {
+    /// As it was told; `None` for UTC by default.
+    pub name: Option<String>,
+    /// The rules; `None` for UTC.
+    pub rules: Option<TimeZone>,
+}
+
+/// How stamps are written.
+pub enum Format {
+    /// The order of day, month and year.
+    Order(Order),
+    /// A pattern of strptime.
+    Pattern(String),
+}
+
+impl Options {
+    /// The column that is told for a role.
+    pub fn column(&self, role: &str) -> Option<&str> {
+        match role {
+            "t" => &self.time,
+            "op" => &self.op,
+            "pv" => &self.pv,
+            "sp" => &self.sp,
+            "mv" => &self.mv,
+            "mode" => &self.mode,
+            _ => &None,
+        }
+        .as_deref()
+    }
+
+    /// Sets one by its name, as the API has it; `false` for a name that none has.
+    pub fn set(&mut self, name: &str, value: String) -> bool {
+        let place = match name {
+            "time" => &mut self.time,
+            "op" => &mut self.op,
+            "pv" => &mut self.pv,
+            "sp" => &mut self.sp,
+            "mv" => &mut self.mv,
+            "mode" => &mut self.mode,
+            "time_format" => &mut self.time_format,
+            "tz" => &mut self.tz,
+            "time_unit" => &mut self.time_unit,
+            "decimal" => &mut self.decimal,
+            "separator" => &mut self.separator,
+            "auto_values" => &mut self.auto_values,
+            "good_values" => &mut self.good_values,
+            "sheet" => &mut self.sheet,
+            _ => return false,
+        };
+        *place = Some(value);
+        true
+    }
+
+    /// Understands them.
+    ///
+    /// # Errors
+    /// One that cannot be understood, by its name.
+    pub fn told(&self) -> Result<Told, TableError> {
+        let wrong = |name: &str, value: &str, right: &str| {
+            TableError::refused(format!("--{name} {value:?}: {right}"))
+        };
+        let decimal = self.decimal.as_deref().map(|value| match value {
+            "." | "point" => Ok(Decimal::Point),
+            "," | "comma" => Ok(Decimal::Comma),
+            other => Err(wrong("decimal", other, "the decimal sign is . or ,")),
+        });
+        let separator = self.separator.as_deref().map(|value| match value {
+            "tab" | "\\t" | "\t" => Ok(b'\t'),
+            one if one.len() == 1 && !one.as_bytes()[0].is_ascii_alphanumeric() && one != "\"" => {
+                Ok(one.as_bytes()[0])
+            }
+            other => Err(wrong("separator", other, "it is one sign, such as ; or tab")),
+        });
+        let unit = self.time_unit.as_deref().map(|value| {
+            Unit::of(value)
+                .ok_or_else(|| wrong("time-unit", value, "known are s, ms, us, ns, min, h and days"))
+        });
+        let format = self.time_format.as_deref().map(|value| {
+            format(value).ok_or_else(|| {
+                wrong(
+                    "time-format",
+                    value,
+                    "say dmy, mdy or ymd, or a pattern such as dd/mm/yyyy or %d/%m/%Y %H:%M:%S",
+                )
+            })
+        });
+        let rules = self.tz.as_deref().map(|value| {
+            zone(value).ok_or_else(|| wrong("tz", value, "say a zone such as Europe/Berlin, UTC or +02:00"))
+        });
+        let list = |text: &Option<String>| {
+            let own = text.as_deref()?.split(',').map(|one| one.trim().to_lowercase());
+            Some(own.filter(|one| !one.is_empty()).collect::<Vec<_>>())
+        };
+        Ok(Told {
+            decimal: decimal.transpose()?,
+            separator: separator.transpose()?,
+            zone: Zone { name: self.tz.clone(), rules: rules.transpose()? },
+            unit: unit.transpose()?,
+            format: format.transpose()?,
+            auto_values: list(&self.auto_values),
+            good_values: list(&self.good_values),
+        })
+    }
+}
+
+fn zone(name: &str) -> Option<TimeZone> {
+    if name.eq_ignore_ascii_case("utc") || name.eq_ignore_ascii_case("z") {
+        return Some(TimeZone::UTC);
+    }
+    if let Some(rest) = name.strip_prefix(['+', '-']) {
+        let (hours, minutes) = rest.split_once(':').unwrap_or((rest, "0"));
+        let (hours, minutes): (i32, i32) = (hours.parse().ok()?, minutes.parse().ok()?);
+        if !(0..=15).contains(&hours) || !(0..60).contains(&minutes) {
+            return None;
+        }
+        let seconds = (hours * 3600 + minutes * 60) * if name.starts_with('-') { -1 } else { 1 };
+        return Some(TimeZone::fixed(jiff::tz::Offset::from_seconds(seconds).ok()?));
+    }
+    TimeZone::get(name).ok()
+}
+
+/// An order, a pattern with `%`, or the order of the letters in a pattern such as `dd.mm.yyyy hh:mm`.
+fn format(text: &str) -> Option<Format> {
+    if text.contains('%') {
+        return Some(Format::Pattern(text.to_string()));
+    }
+    let small = text.to_lowercase();
+    let date = small.split([' ', 't']).find(|part| part.contains('y'))?;
+    let mut places = ['d', 'm', 'y'].map(|letter| date.find(letter).map(|at| (at, letter)));
+    places.sort_unstable();
+    let letters: Option<String> = places.iter().map(|place| place.map(|(_, letter)| letter)).collect();
+    Some(Format::Order(match letters?.as_str() {
+        "dmy" => Order::Dmy,
+        "mdy" => Order::Mdy,
+        "ymd" => Order::Ymd,
+        _ => return None,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_are_understood_or_named() {
+        let order = |text: &str| match format(text) {
+            Some(Format::Order(order)) => Some(order),
+            _ => None,
+        };
+        assert_eq!(order("dmy"), Some(Order::Dmy));
+        assert_eq!(order("MM/DD/YYYY hh:mm:ss"), Some(Order::Mdy));
+        assert_eq!(order("yyyy-mm-dd"), Some(Order::Ymd));
+        assert_eq!(order("dd.mm.yyyy HH:MM"), Some(Order::Dmy));
+        assert_eq!(order("soon"), None);
+        for (name, options) in [
+            ("--decimal", Options { decimal: Some(";".into()), ..Options::default() }),
+            ("--tz", Options { tz: Some("Mars/Base".into()), ..Options::default() }),
+            ("--time-unit", Options { time_unit: Some("weeks".into()), ..Options::default() }),
+            ("--time-format", Options { time_format: Some("soon".into()), ..Options::default() }),
+            ("--separator", Options { separator: Some("ab".into()), ..Options::default() }),
+        ] {
+            let said = options.told().err().map(|error| error.to_string()).unwrap_or_default();
+            assert!(said.starts_with(name), "{name}: {said}");
+        }
+        let berlin = Options { tz: Some("Europe/Berlin".into()), ..Options::default() };
+        assert!(berlin.told().is_ok_and(|told| told.zone.rules.is_some()), "the zones are in the program");
+    }
+}

@@ -1,0 +1,227 @@
+//! Which of many names are OP, PV and the others of one loop.
+
+use super::error::{TableError, listed};
+use super::names::{Meaning, Name, role_name};
+use super::options::Options;
+use crate::signal::Role;
+use std::collections::BTreeSet;
+
+/// The roles, those that a record needs first.
+pub const ROLES: [Role; 5] = [Role::Op, Role::Pv, Role::Sp, Role::Mode, Role::Mv];
+
+/// The role of each name.
+pub type Roles = Vec<Option<Role>>;
+
+/// Why the names are not those of one loop.
+pub enum Trouble {
+    /// These are not there.
+    Missing(Vec<&'static str>),
+    /// There is a doubt.
+    Refused(TableError),
+}
+
+/// A name and what it says of itself.
+struct Candidate {
+    at: usize,
+    role: Role,
+    owner: String,
+}
+
+/// Gives each name its role. `number` is what messages and options count columns from 1 by; a tag of a long table has none.
+pub fn roles(names: &[Name], options: &Options, numbered: bool) -> Result<Roles, Trouble> {
+    let mut found: Roles = vec![None; names.len()];
+    for role in ROLES {
+        if let Some(wanted) = options.column(role_name(role)) {
+            let at = told(names, wanted, role_name(role), numbered).map_err(Trouble::Refused)?;
+            found[at] = Some(role);
+        }
+    }
+    let wanted = options.of_loop.as_deref().map(|own| Name::new(own).plain().to_string());
+    let mut candidates: Vec<Candidate> = names
+        .iter()
+        .enumerate()
+        .filter(|(at, name)| found[*at].is_none() && name.quality_of().is_none())
+        .filter_map(|(at, name)| match name.said()? {
+            said if wanted.as_ref().is_some_and(|own| !said.owner.is_empty() && !owns(own, &said.owner)) => {
+                None
+            }
+            said => match said.meaning {
+                Meaning::Role(role) => Some(Candidate { at, role, owner: said.owner }),
+                Meaning::Time => None,
+            },
+        })
+        .collect();
+    candidates.retain(|c| options.column(role_name(c.role)).is_none());
+    // Where nothing else is the controller's output, a vendor's MV (the manipulated variable) is.
+    let has = |role, c: &[Candidate]| c.iter().any(|c| c.role == role);
+    if options.op.is_none() && options.mv.is_none() && !has(Role::Op, &candidates) {
+        candidates.iter_mut().filter(|c| c.role == Role::Mv).for_each(|c| c.role = Role::Op);
+    }
+    let mut owner = None;
+    for role in ROLES {
+        if found.contains(&Some(role)) {
+            continue;
+        }
+        let needed = matches!(role, Role::Op | Role::Pv);
+        if let Some(at) = choose(names, &candidates, role, needed, &mut owner)? {
+            found[at] = Some(role);
+        }
+    }
+    let missing = [Role::Op, Role::Pv].into_iter().filter(|role| !found.contains(&Some(*role)));
+    let missing: Vec<&str> = missing.map(role_name).collect();
+    if missing.is_empty() { Ok(found) } else { Err(Trouble::Missing(missing)) }
+}
+
+/// Whether a loop's name is that of a path, or its last part: `fic101` of `server fic101`, and of `fic101 pid1`.
+fn owns(own: &str, path: &str) -> bool {
+    path == own
+        || path.strip_suffix(own).is_some_and(|p| p.ends_with(' '))
+        || path.strip_prefix(own).is_some_and(|p| p.starts_with(' '))
+}
+
+/// The one candidate for a role, and the loop it belongs to.
+fn choose(
+    names: &[Name],
+    candidates: &[Candidate],
+    role: Role,
+    needed: bool,
+    owner: &mut Option<String>,
+) -> Result<Option<usize>, Trouble> {
+    let of = |role: Role| candidates.iter().filter(move |c| c.role == role);
+    let plain: Vec<&Candidate> = of(role).filter(|c| c.owner.is_empty()).collect();
+    if let [first, second, ..] = plain.as_slice() {
+        return Err(Trouble::Refused(TableError::refused(format!(
+            "column {}: {:?} is the second column for {} (after column {}); say which with --{}",
+            second.at + 1,
+            names[second.at].full,
+            role_name(role),
+            first.at + 1,
+            role_name(role)
+        ))));
+    }
+    if let [one] = plain.as_slice() {
+        owner.get_or_insert_default();
+        return Ok(Some(one.at));
+    }
+    let mut left: Vec<&Candidate> = of(role).collect();
+    if let Some(owner) = owner.as_ref().filter(|owner| !owner.is_empty()) {
+        // The set point of another loop is none of this one.
+        let same: Vec<&Candidate> = left.iter().copied().filter(|c| c.owner == *owner).collect();
+        if !needed || !same.is_empty() {
+            left = same;
+        }
+    } else if left.len() > 1 {
+        // Of several, the loop that has both OP and PV.
+        let owners = |role| of(role).map(|c| c.owner.as_str()).collect::<BTreeSet<_>>();
+        let both: Vec<&str> = owners(Role::Op).intersection(&owners(Role::Pv)).copied().collect();
+        if let [own] = both.as_slice() {
+            left.retain(|c| c.owner == *own);
+        }
+    }
+    match left.as_slice() {
+        [] => Ok(None),
+        [one] => {
+            if needed && owner.as_ref().is_none_or(String::is_empty) {
+                *owner = Some(one.owner.clone());
+            }
+            Ok(Some(one.at))
+        }
+        _ if !needed => Ok(None),
+        several => {
+            let of = listed(several.iter().map(|c| names[c.at].full.as_str()));
+            Err(Trouble::Refused(TableError::refused(format!(
+                "{of} may each be {0}; say which with --{0} NAME, or which loop with --loop",
+                role_name(role)
+            ))))
+        }
+    }
+}
+
+/// The column that an option names.
+pub fn told(names: &[Name], wanted: &str, option: &str, numbered: bool) -> Result<usize, TableError> {
+    let mut found = (0..names.len()).filter(|at| names[*at].is(wanted));
+    if let Some(at) = found.next() {
+        return match found.next() {
+            Some(other) => Err(TableError::refused(format!(
+                "--{option} {wanted:?}: columns {} and {} are called so; name one by its number",
+                at + 1,
+                other + 1
+            ))),
+            None => Ok(at),
+        };
+    }
+    let number = wanted.parse::<usize>().ok().filter(|number| numbered && (1..=names.len()).contains(number));
+    number.map(|number| number - 1).ok_or_else(|| {
+        let have = listed(names.iter().filter(|name| !name.is_none()).map(|name| name.full.as_str()));
+        TableError::refused(format!("--{option} {wanted:?}: no column is called so; there are {have}"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(names: &[&str], options: &Options) -> Result<Vec<(&'static str, String)>, String> {
+        let names: Vec<Name> = names.iter().map(|name| Name::new(name)).collect();
+        match roles(&names, options, true) {
+            Ok(roles) => {
+                let some = roles
+                    .iter()
+                    .zip(&names)
+                    .filter_map(|(role, name)| Some((role_name((*role)?), name.full.clone())));
+                Ok(some.collect())
+            }
+            Err(Trouble::Missing(missing)) => Err(format!("no {}", missing.join(", "))),
+            Err(Trouble::Refused(error)) => Err(error.to_string()),
+        }
+    }
+
+    #[test]
+    fn the_loop_is_found_among_many_names() {
+        let plain = Options::default();
+        let pairs = |of: Result<Vec<(&'static str, String)>, String>| {
+            of.expect("a loop")
+                .into_iter()
+                .map(|(role, name)| format!("{role}={name}"))
+                .collect::<Vec<_>>()
+                .join(" ")
+        };
+        for (names, expected) in [
+            (&["t", "op", "pv", "mv"][..], "op=op pv=pv mv=mv"),
+            (&["time", "PV", "SV", "MV"], "pv=PV sp=SV op=MV"),
+            (&["FIC101.OP", "FIC101.PV", "TI205.PV"], "op=FIC101.OP pv=FIC101.PV"),
+            (&["FIC101.OP", "FIC101.PV", "FIC102.SP"], "op=FIC101.OP pv=FIC101.PV"),
+            (&["op", "pv", "TI205.PV", "FIC102.OP"], "op=op pv=pv"),
+            (&["FIC101/PID1/OUT.CV", "FT101/AI1/PV.CV"], "op=FIC101/PID1/OUT.CV pv=FT101/AI1/PV.CV"),
+            (&["OP %", "pv_status", "PV degC"], "op=OP % pv=PV degC"),
+        ] {
+            assert_eq!(pairs(of(names, &plain)), expected, "{names:?}");
+        }
+        let two = ["FIC101.OP", "FIC101.PV", "FIC102.OP", "FIC102.PV"];
+        let one = Options { of_loop: Some("FIC102".into()), ..Options::default() };
+        assert_eq!(pairs(of(&two, &one)), "op=FIC102.OP pv=FIC102.PV");
+        let named = Options { op: Some("valve".into()), pv: Some("2".into()), ..Options::default() };
+        assert_eq!(pairs(of(&["Valve", "flow", "pv"], &named)), "op=Valve pv=flow");
+    }
+
+    #[test]
+    fn a_doubt_is_refused_by_name() {
+        let plain = Options::default();
+        let refused = |names: &[&str], options: &Options| of(names, options).expect_err("refused");
+        let two = ["FIC101.OP", "FIC101.PV", "FIC102.OP", "FIC102.PV"];
+        assert!(
+            refused(&two, &plain)
+                .contains("\"FIC101.OP\", \"FIC102.OP\" may each be op; say which with --op NAME")
+        );
+        assert!(
+            refused(&["op", "pv", "OP"], &plain)
+                .contains("\"OP\" is the second column for op (after column 1)")
+        );
+        assert_eq!(refused(&["flow", "pv"], &plain), "no op");
+        let named = Options { op: Some("valve".into()), ..Options::default() };
+        assert!(
+            refused(&["a", "pv"], &named)
+                .contains("--op \"valve\": no column is called so; there are \"a\", \"pv\"")
+        );
+    }
+}

@@ -1,0 +1,122 @@
+//! What a file is, by its first bytes, and its rows, as often as they are asked for.
+
+use super::error::TableError;
+use super::text::{self, Encoding};
+use super::{delimited, parquet, workbook};
+use std::fs::File;
+use std::io::{Cursor, Read};
+use std::path::Path;
+
+/// Bytes looked at to tell what a file is.
+const HEAD: u64 = 1 << 16;
+
+/// Where a table comes from. It is read more than once, so it is no stream.
+#[derive(Clone, Copy, Debug)]
+pub enum Source<'s> {
+    /// A file.
+    File(&'s Path),
+    /// Bytes in memory: text, or a workbook.
+    Bytes(&'s [u8]),
+}
+
+impl<'s> Source<'s> {
+    pub(super) fn open(&self) -> Result<Box<dyn Read + 's>, TableError> {
+        Ok(match self {
+            Source::File(path) => Box::new(File::open(path)?),
+            Source::Bytes(bytes) => Box::new(Cursor::new(*bytes)),
+        })
+    }
+
+    /// The beginning of the file.
+    pub(super) fn head(&self) -> Result<Vec<u8>, TableError> {
+        let mut head = Vec::new();
+        self.open()?.take(HEAD).read_to_end(&mut head)?;
+        Ok(head)
+    }
+}
+
+/// One cell as its file has it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cell<'a> {
+    /// Nothing, or blanks.
+    Blank,
+    /// Text, which may be a number or a stamp.
+    Text(&'a str),
+    /// A number as such.
+    Number(f64),
+    /// A moment as such (ns since 1970); whether it is that of a clock on the wall, without an offset.
+    Moment { ns: i64, civil: bool },
+    /// A time of day as such (ns since midnight).
+    Clock(i64),
+}
+
+impl Cell<'_> {
+    /// Whether nothing stands in it.
+    pub fn is_blank(&self) -> bool {
+        match self {
+            Cell::Blank => true,
+            Cell::Text(text) => super::number::bare(text).is_empty(),
+            _ => false,
+        }
+    }
+
+    /// The cell as text.
+    pub fn shown(&self) -> String {
+        match self {
+            Cell::Blank => String::new(),
+            Cell::Text(text) => (*text).to_string(),
+            Cell::Number(value) => value.to_string(),
+            Cell::Moment { ns, .. } => format!("{} s since 1970", *ns as f64 * 1e-9),
+            Cell::Clock(ns) => format!("{} s since midnight", *ns as f64 * 1e-9),
+        }
+    }
+}
+
+/// The rows of a table, one after the other.
+pub trait Rows {
+    /// Goes to the next row that is not blank; its line in the file from 1, `None` at the end.
+    fn next(&mut self) -> Result<Option<u64>, TableError>;
+    /// Cells of this row.
+    fn len(&self) -> usize;
+    /// One of them; blank beyond the end.
+    fn cell(&self, at: usize) -> Cell<'_>;
+    /// How this kind of file calls a row.
+    fn row_name(&self) -> &'static str {
+        "line"
+    }
+}
+
+/// What a file is.
+pub enum Kind {
+    /// Cells divided by a sign.
+    Text(Encoding),
+    /// A sheet of a workbook, read whole.
+    Sheet(workbook::Sheet),
+    /// Columns as Parquet has them.
+    Parquet,
+}
+
+impl Kind {
+    /// Which kind it is.
+    pub fn of(source: Source<'_>, head: &[u8], sheet: Option<&str>) -> Result<Self, TableError> {
+        const PARQUET: &[u8] = b"PAR1";
+        const ZIP: &[u8] = b"PK\x03\x04";
+        const OLE: &[u8] = &[0xd0, 0xcf, 0x11, 0xe0, 0xa1, 0xb1, 0x1a, 0xe1];
+        if head.starts_with(PARQUET) {
+            Ok(Kind::Parquet)
+        } else if head.starts_with(ZIP) || head.starts_with(OLE) {
+            Ok(Kind::Sheet(workbook::read(source, sheet)?))
+        } else {
+            Ok(Kind::Text(text::encoding(head)?))
+        }
+    }
+
+    /// Its rows from the beginning; `separator` divides the cells of text.
+    pub fn rows<'s>(&'s self, source: Source<'s>, separator: u8) -> Result<Box<dyn Rows + 's>, TableError> {
+        Ok(match self {
+            Kind::Text(encoding) => Box::new(delimited::Lines::new(source.open()?, encoding, separator)),
+            Kind::Sheet(sheet) => Box::new(sheet.rows()),
+            Kind::Parquet => Box::new(parquet::Table::open(source)?),
+        })
+    }
+}

@@ -1,0 +1,502 @@
+//! One cell as a date or a time of day, whatever its format: the cell is cut into numbers, words and signs, and what they
+//! are follows from their place. Only the order of day, month and year is left open, for the whole column decides it.
+
+/// Nanoseconds of a second, of a day.
+pub const SECOND: i64 = 1_000_000_000;
+pub const DAY: i64 = 86_400 * SECOND;
+
+/// In which order a date of three numbers is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Day, month, year.
+    Dmy,
+    /// Month, day, year.
+    Mdy,
+    /// Year, month, day.
+    Ymd,
+}
+
+impl Order {
+    /// Each.
+    pub const ALL: [Order; 3] = [Order::Dmy, Order::Mdy, Order::Ymd];
+}
+
+/// A date as it is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Date {
+    /// In one order only: year, month, day.
+    Known(i64, u32, u32),
+    /// Three numbers, and whether the last has the four digits of a year.
+    Open([i64; 3], bool),
+}
+
+/// A cell that holds a date, a time of day, or both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stamp {
+    date: Option<Date>,
+    /// Nanoseconds since midnight; `None` for a date alone.
+    clock: Option<i64>,
+    /// Seconds east of Greenwich, where the cell says so.
+    pub offset: Option<i32>,
+}
+
+/// Days from 1970-01-01 to a date of the Gregorian calendar; `None` where there is no such date.
+fn days(year: i64, month: u32, day: u32) -> Option<i64> {
+    let date =
+        jiff::civil::Date::new(i16::try_from(year).ok()?, i8::try_from(month).ok()?, i8::try_from(day).ok()?);
+    let epoch = jiff::civil::Date::constant(1970, 1, 1);
+    Some(i64::from(date.ok()?.since(epoch).ok()?.get_days()))
+}
+
+/// Two digits of a year, which are those of our time.
+fn century(year: i64, four: bool) -> i64 {
+    match year {
+        _ if four => year,
+        0..70 => 2000 + year,
+        70..100 => 1900 + year,
+        _ => year,
+    }
+}
+
+impl Stamp {
+    /// Days since 1970 of its date in an order; `None` where it is none in that order.
+    fn day(&self, order: Order) -> Option<i64> {
+        let (year, month, day) = match self.date? {
+            Date::Known(year, month, day) => (year, month, day),
+            Date::Open([a, b, c], four) => {
+                let [year, month, day] = match order {
+                    Order::Dmy => [century(c, four), b, a],
+                    Order::Mdy => [century(c, four), a, b],
+                    Order::Ymd if four => return None,
+                    Order::Ymd => [century(a, false), b, c],
+                };
+                (year, u32::try_from(month).ok()?, u32::try_from(day).ok()?)
+            }
+        };
+        days(year, month, day)
+    }
+
+    /// Nanoseconds since 1970 on the clock that is written, its offset not taken off.
+    pub fn civil(&self, order: Order) -> Option<i64> {
+        self.day(order)?.checked_mul(DAY)?.checked_add(self.clock.unwrap_or(0))
+    }
+
+    /// Nanoseconds since midnight, where there is no date.
+    pub fn time_of_day(&self) -> Option<i64> {
+        self.clock.filter(|_| self.date.is_none())
+    }
+
+    /// Whether there is a date.
+    pub fn has_date(&self) -> bool {
+        self.date.is_some()
+    }
+
+    /// Whether its date is three bare numbers, whose order the whole column decides.
+    pub fn is_open(&self) -> bool {
+        matches!(self.date, Some(Date::Open(..)))
+    }
+
+    /// The date of this cell with the time of day of another.
+    pub fn at(&self, clock: &Stamp) -> Option<Stamp> {
+        if self.clock.is_some_and(|clock| clock != 0) || clock.date.is_some() {
+            return None;
+        }
+        Some(Stamp { date: self.date, clock: clock.clock, offset: clock.offset })
+    }
+}
+
+/// A piece of a cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Piece<'a> {
+    /// Digits: value and how many.
+    Number(i64, usize),
+    Word(&'a str),
+    Sign(char),
+}
+
+/// Most pieces of a stamp.
+const PIECES: usize = 24;
+
+fn pieces(text: &str) -> Option<Vec<Piece<'_>>> {
+    let mut out = Vec::with_capacity(PIECES);
+    let mut rest = text;
+    while let Some(c) = rest.chars().next() {
+        let run = |is: fn(char) -> bool| rest.find(|c| !is(c)).unwrap_or(rest.len());
+        let n = if c.is_ascii_digit() {
+            let n = run(|c| c.is_ascii_digit());
+            out.push(Piece::Number(rest[..n].parse().ok()?, n));
+            n
+        } else if c.is_alphabetic() {
+            let n = run(char::is_alphabetic);
+            out.push(Piece::Word(&rest[..n]));
+            n
+        } else {
+            let c = if c.is_whitespace() { ' ' } else { c };
+            if c != ' ' || out.last() != Some(&Piece::Sign(' ')) {
+                out.push(Piece::Sign(c));
+            }
+            rest.chars().next().map_or(1, char::len_utf8)
+        };
+        if out.len() > PIECES {
+            return None;
+        }
+        rest = &rest[n..];
+    }
+    Some(out)
+}
+
+/// Names of months by their first letters: English, German, French, Spanish, Italian, Dutch.
+const MONTHS: [&[&str]; 12] = [
+    &["jan", "jän", "ene", "gen"],
+    &["feb", "fév", "fev"],
+    &["mar", "mär", "mrz", "maa", "mrt"],
+    &["apr", "avr", "abr"],
+    &["may", "mai", "mei", "mag"],
+    &["jun", "juin", "giu"],
+    &["jul", "juil", "lug"],
+    &["aug", "aoû", "aou", "ago"],
+    &["sep", "set"],
+    &["oct", "okt", "ott"],
+    &["nov"],
+    &["dec", "dez", "déc", "dic"],
+];
+/// Days of the week say nothing that the date does not.
+const WEEKDAYS: [&str; 16] = [
+    "mon", "tue", "wed", "thu", "fri", "sat", "sun", "mo", "di", "mi", "do", "fr", "sa", "so", "tues", "thur",
+];
+
+fn month(word: &str) -> Option<u32> {
+    let word = word.to_lowercase();
+    let of = |names: &[&str]| names.iter().any(|name| word.starts_with(name));
+    MONTHS.iter().position(|names| of(names)).map(|at| at as u32 + 1)
+}
+
+fn is_weekday(word: &str) -> bool {
+    let word = word.to_lowercase();
+    WEEKDAYS.contains(&word.as_str()) || word.ends_with("day") || word.ends_with("tag")
+}
+
+/// The cell as a date, a time of day, or both.
+pub fn scan(cell: &str) -> Option<Stamp> {
+    let cell = super::number::bare(cell);
+    // Shorter is no stamp, longer is prose.
+    if !(3..=48).contains(&cell.len()) || !cell.bytes().any(|byte| byte.is_ascii_digit()) {
+        return None;
+    }
+    let divided;
+    let cell = match cell.split_at_checked(14) {
+        // `20260601060000`: date and time of day without a sign.
+        Some((digits, rest)) if digits.bytes().all(|byte| byte.is_ascii_digit()) => {
+            divided = format!("{} {}{rest}", &digits[..8], &digits[8..]);
+            divided.as_str()
+        }
+        _ => cell,
+    };
+    let pieces = pieces(cell)?;
+    let mut left = Left(&pieces);
+    left.skip_weekday();
+    let (mut date, mut clock) = (left.date(), None);
+    if date.is_some() {
+        left.between();
+    }
+    if !left.0.is_empty() {
+        clock = left.clock();
+    }
+    if date.is_none() && clock.is_some() {
+        // The date may follow: `06:00:00 01.06.2026`.
+        left.between();
+        date = left.date();
+    }
+    let offset = left.offset()?;
+    left.blanks();
+    // `Jun 1 06:00:00 2026`: the year at the end.
+    if let (Some(Date::Known(0, month, day)), [Piece::Number(year, 4)]) = (date, left.0) {
+        date = Some(Date::Known(*year, month, day));
+        left.0 = &[];
+    }
+    let whole = left.0.is_empty() && !matches!(date, Some(Date::Known(0, ..)));
+    (whole && (date.is_some() || clock.is_some())).then_some(Stamp { date, clock, offset })
+}
+
+/// The pieces that are not understood yet.
+struct Left<'p, 'a>(&'p [Piece<'a>]);
+
+impl Left<'_, '_> {
+    fn skip_weekday(&mut self) {
+        if let [Piece::Word(word), rest @ ..] = self.0
+            && is_weekday(word)
+        {
+            self.0 = rest;
+            while let [Piece::Sign(',' | '.' | ' '), rest @ ..] = self.0 {
+                self.0 = rest;
+            }
+        }
+    }
+
+    fn blanks(&mut self) {
+        while let [Piece::Sign(' '), rest @ ..] = self.0 {
+            self.0 = rest;
+        }
+    }
+
+    /// What divides date and time: a blank, `T`, a comma, `_`, a dash, or a colon (`01/Jun/2026:06:00:00`).
+    fn between(&mut self) {
+        if let [Piece::Word("T" | "t"), rest @ ..] = self.0 {
+            self.0 = rest;
+            return;
+        }
+        while let [Piece::Sign(' ' | ',' | '_' | '-' | ':' | ';'), rest @ ..] = self.0 {
+            self.0 = rest;
+        }
+    }
+
+    fn date(&mut self) -> Option<Date> {
+        use Piece::{Number, Sign, Word};
+        let (date, rest) = match self.0 {
+            [Number(all, 8), rest @ ..] if !matches!(rest, [Sign('.' | ','), ..]) => {
+                (Date::Known(all / 10_000, (all / 100 % 100) as u32, (all % 100) as u32), rest)
+            }
+            // Japanese and Chinese exports say year, month and day behind the numbers.
+            [Number(y, 4), Word("年"), Number(m, _), Word("月"), Number(d, _), Word("日"), rest @ ..] => {
+                (Date::Known(*y, *m as u32, *d as u32), rest)
+            }
+            [Number(y, 4), Sign(a), Number(m, 1..=2), Sign(b), Number(d, 1..=2), rest @ ..]
+                if a == b && matches!(a, '-' | '/' | '.') =>
+            {
+                (Date::Known(*y, *m as u32, *d as u32), rest)
+            }
+            [
+                Number(y, 4),
+                Sign('-' | '/' | ' '),
+                Word(m),
+                Sign('-' | '/' | ' '),
+                Number(d, 1..=2),
+                rest @ ..,
+            ] => (Date::Known(*y, month(m)?, *d as u32), rest),
+            [Number(d, 1..=2), Sign('.'), Number(m, 1..=2), Sign('.'), Number(y, n @ (2 | 4)), rest @ ..] => {
+                (Date::Known(century(*y, *n == 4), *m as u32, *d as u32), rest)
+            }
+            [Number(a, 1..=2), Sign(s), Number(b, 1..=2), Sign(t), Number(c, n @ (2 | 4)), rest @ ..]
+                if s == t && matches!(s, '/' | '-' | ' ') =>
+            {
+                (Date::Open([*a, *b, *c], *n == 4), rest)
+            }
+            _ => return self.with_name(),
+        };
+        self.0 = rest;
+        Some(date)
+    }
+
+    /// A date with the month by its name; the year 0 where it has not come yet.
+    fn with_name(&mut self) -> Option<Date> {
+        let signs = |c: &char| matches!(c, '-' | '/' | ' ' | '.' | ',');
+        let mut rest = self.0;
+        let mut seen: [Option<&Piece<'_>>; 3] = [None; 3];
+        let mut n = 0;
+        while n < 3 {
+            match rest {
+                [Piece::Sign(c), after @ ..] if n > 0 && signs(c) => rest = after,
+                [piece @ (Piece::Number(..) | Piece::Word(_)), after @ ..] => {
+                    // A time of day begins where a colon follows.
+                    if matches!(after, [Piece::Sign(':'), Piece::Number(..), Piece::Sign(':'), ..]) && n == 2
+                    {
+                        break;
+                    }
+                    seen[n] = Some(piece);
+                    n += 1;
+                    rest = after;
+                }
+                _ => break,
+            }
+        }
+        use Piece::{Number, Word};
+        let date = match seen {
+            [Some(Number(d, 1..=2)), Some(Word(m)), Some(Number(y, k @ (2 | 4)))]
+            | [Some(Word(m)), Some(Number(d, 1..=2)), Some(Number(y, k @ (2 | 4)))] => {
+                Date::Known(century(*y, *k == 4), month(m)?, *d as u32)
+            }
+            [Some(Word(m)), Some(Number(d, 1..=2)), None] => Date::Known(0, month(m)?, *d as u32),
+            _ => return None,
+        };
+        self.0 = rest;
+        Some(date)
+    }
+
+    /// Nanoseconds since midnight, 24:00 included.
+    fn clock(&mut self) -> Option<i64> {
+        use Piece::{Number, Sign};
+        let (hour, minute, mut second, mut rest) = match self.0 {
+            [Number(h, 1..=2), Sign(':'), Number(m, 2), Sign(':'), Number(s, 2), rest @ ..]
+            | [Number(h, 1..=2), Sign('.'), Number(m, 2), Sign('.'), Number(s, 2), rest @ ..] => {
+                (*h, *m, *s, rest)
+            }
+            [Number(h, 1..=2), Sign(':'), Number(m, 2), rest @ ..] => (*h, *m, 0, rest),
+            [Number(all, 6), rest @ ..] => (all / 10_000, all / 100 % 100, all % 100, rest),
+            [Number(h, 1..=2), rest @ ..] if noon(without_blank(rest)).is_some() => (*h, 0, 0, rest),
+            _ => return None,
+        };
+        let mut fraction = 0;
+        if let [Sign('.' | ',' | ':'), Number(value, n), after @ ..] = rest {
+            let scale = 9i32 - i32::try_from(*n).ok()?;
+            fraction = if scale >= 0 {
+                value.checked_mul(10i64.checked_pow(scale.unsigned_abs())?)?
+            } else {
+                value / 10i64.checked_pow(scale.unsigned_abs())?
+            };
+            rest = after;
+        }
+        let mut hour = hour;
+        if let Some((after, past_noon)) = noon(without_blank(rest)) {
+            if !(1..=12).contains(&hour) {
+                return None;
+            }
+            hour = hour % 12 + if past_noon { 12 } else { 0 };
+            rest = after;
+        }
+        // A leap second is told as the last nanosecond of its minute.
+        if second == 60 {
+            (second, fraction) = (59, SECOND - 1);
+        }
+        let midnight = hour == 24 && minute == 0 && second == 0 && fraction == 0;
+        if !(midnight || hour < 24) || minute > 59 || second > 59 {
+            return None;
+        }
+        self.0 = rest;
+        Some((hour * 3600 + minute * 60 + second) * SECOND + fraction)
+    }
+
+    /// The offset from Greenwich; `Some(None)` where none is given, `None` where one cannot be read.
+    fn offset(&mut self) -> Option<Option<i32>> {
+        use Piece::{Number, Sign, Word};
+        self.blanks();
+        if let [Word(zone), rest @ ..] = self.0 {
+            if !["z", "utc", "gmt"].contains(&zone.to_lowercase().as_str()) {
+                return None;
+            }
+            self.0 = rest;
+            self.blanks();
+            if !matches!(self.0, [Sign('+' | '-'), ..]) {
+                return Some(Some(0));
+            }
+        }
+        let [Sign(sign @ ('+' | '-')), rest @ ..] = self.0 else { return Some(None) };
+        let (hours, minutes, rest) = match rest {
+            [Number(h, 2), Sign(':'), Number(m, 2), rest @ ..] => (*h, *m, rest),
+            [Number(hm, 4), rest @ ..] => (hm / 100, hm % 100, rest),
+            [Number(h, 1..=2), rest @ ..] => (*h, 0, rest),
+            _ => return None,
+        };
+        if hours > 15 || minutes > 59 {
+            return None;
+        }
+        self.0 = rest;
+        let seconds = i32::try_from(hours * 3600 + minutes * 60).ok()?;
+        Some(Some(if *sign == '-' { -seconds } else { seconds }))
+    }
+}
+
+fn without_blank<'p, 'a>(pieces: &'p [Piece<'a>]) -> &'p [Piece<'a>] {
+    if let [Piece::Sign(' '), after @ ..] = pieces { after } else { pieces }
+}
+
+/// AM or PM in front, with or without points: what follows, and whether it is past noon.
+fn noon<'p, 'a>(pieces: &'p [Piece<'a>]) -> Option<(&'p [Piece<'a>], bool)> {
+    use Piece::{Sign, Word};
+    let (word, rest) = match pieces {
+        [Word(word), Sign('.'), Word("m" | "M"), Sign('.'), rest @ ..] if word.len() == 1 => (*word, rest),
+        [Word(word), rest @ ..] if word.len() == 2 => (*word, rest),
+        _ => return None,
+    };
+    match word {
+        "a" | "A" | "am" | "AM" | "Am" => Some((rest, false)),
+        "p" | "P" | "pm" | "PM" | "Pm" => Some((rest, true)),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Seconds since 2026-06-01 00:00 on the written clock, and the offset.
+    fn read(cell: &str, order: Order) -> Option<(f64, Option<i32>)> {
+        let stamp = scan(cell)?;
+        let begin = days(2026, 6, 1)? * DAY;
+        Some(((stamp.civil(order)? - begin) as f64 / SECOND as f64, stamp.offset))
+    }
+
+    #[test]
+    fn dates_of_every_kind_are_the_same_moment() {
+        let six = 6.0 * 3600.0;
+        for (cell, seconds, offset) in [
+            ("2026-06-01T06:00:00Z", six, Some(0)),
+            ("2026-06-01 06:00:00", six, None),
+            ("2026-06-01 06:00:00+02:00", six, Some(7200)),
+            ("2026-06-01 06:00:00 +0200", six, Some(7200)),
+            ("2026-06-01 06:00:00 UTC", six, Some(0)),
+            ("2026-06-01T06:00:02.030000Z", six + 2.03, Some(0)),
+            ("2026/06/01 06:00", six, None),
+            ("2026.06.01 06:00:00", six, None),
+            ("20260601 060000", six, None),
+            ("20260601060000", six, None),
+            ("20260601T060000Z", six, Some(0)),
+            ("01.06.2026 06:00:00", six, None),
+            ("1.6.26 6:00", six, None),
+            ("01.06.2026 06:00:02,030", six + 2.03, None),
+            ("01-Jun-26 06:00:00", six, None),
+            ("01-JUN-2026 06:00:00.030", six + 0.03, None),
+            ("1 June 2026 06:00:00", six, None),
+            ("Jun 1, 2026 6:00:00 AM", six, None),
+            ("Mon Jun  1 06:00:00 2026", six, None),
+            ("Mon, 01 Jun 2026 06:00:00 GMT", six, Some(0)),
+            ("06:00:00 01.06.2026", six, None),
+            ("2026-06-01 12:00:00 AM", 0.0, None),
+            ("2026-06-01 06:00:00 p.m.", six + 43200.0, None),
+            ("2026-05-31 24:00:00", 0.0, None),
+            ("2026年06月01日 06:00:00", six, None),
+            ("2026-06-01", 0.0, None),
+            ("01-Mai-26 06:00:00", six - 31.0 * 86_400.0, None),
+        ] {
+            for order in Order::ALL {
+                assert_eq!(read(cell, order), Some((seconds, offset)), "{cell} {order:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn three_numbers_are_read_in_the_order_that_is_decided() {
+        let day = |cell, order| read(cell, order).map(|(seconds, _)| seconds / 86_400.0);
+        assert_eq!(day("01/06/2026 00:00:00", Order::Dmy), Some(0.0));
+        assert_eq!(day("06/01/2026 12:00:00 AM", Order::Mdy), Some(0.0));
+        assert_eq!(day("06/13/2026", Order::Dmy), None);
+        assert_eq!(day("26/06/01", Order::Ymd), Some(0.0));
+        assert_eq!(day("01/06/2026", Order::Ymd), None);
+    }
+
+    #[test]
+    fn what_is_no_stamp_is_none() {
+        for cell in [
+            "",
+            "Average",
+            "Total samples: 1200",
+            "51.812",
+            "1.002",
+            "10.0.0.5",
+            "2024-02-30x",
+            "25:00:00",
+            "06:61",
+            "13:00 PM",
+            "2026-06-01 06:00:00 Mars",
+            "Jun 1",
+            "1780293600",
+            "2026-06-01 06:00:00+99:00",
+        ] {
+            assert_eq!(scan(cell), None, "{cell}");
+        }
+        assert_eq!(scan("2024-02-30").and_then(|stamp| stamp.civil(Order::Dmy)), None);
+        assert_eq!(
+            scan("06:00:02.5").and_then(|stamp| stamp.time_of_day()),
+            Some(21_602 * SECOND + SECOND / 2)
+        );
+    }
+}

@@ -1,0 +1,422 @@
+//! The first reading of a table: everything is counted, then what the table means is decided.
+
+use super::channel::{Channel, Tag};
+use super::delimited::Lines;
+use super::error::{TableError, listed};
+use super::evidence;
+use super::layout::{Body, Layout, Long, Looked, Wide, first_rows, look};
+use super::names::{Meaning, Name, role_name};
+use super::number::Decimal;
+use super::options::{Options, Told};
+use super::roles::{Trouble, roles};
+use super::source::{Cell, Kind, Rows, Source};
+use super::time::{self, Groups, Reading, Times};
+use super::words::{Modes, Says, Words};
+use crate::signal::Role;
+use std::collections::{BTreeSet, HashMap};
+
+/// What divides cells, the usual ones.
+const SEPARATORS: [u8; 4] = [b',', b';', b'\t', b'|'];
+/// A sign that stands in no line, so that it is one cell.
+const NO_SEPARATOR: u8 = 0x1f;
+/// Most tags of a long table.
+const MAX_TAGS: usize = 1 << 16;
+
+/// What a table is and means: all that the second reading needs.
+pub struct Plan {
+    pub kind: Kind,
+    pub separator: u8,
+    pub layout: Layout,
+    pub reading: Reading,
+    pub decimal: Decimal,
+    /// Whether any cell has a decimal sign or thousands.
+    pub signs: bool,
+    pub channels: Vec<Channel>,
+    /// Where the channel of a tag of a long table is.
+    pub tags: HashMap<Tag, usize>,
+    /// The unit behind the numbers of each channel.
+    pub units: Vec<String>,
+    /// What the words of each channel mean, where it is a mode.
+    pub modes: Vec<Option<Modes>>,
+    /// Columns of quality: where, of which channel, and how they say it.
+    pub qualities: Vec<(usize, Option<usize>, Says)>,
+}
+
+/// Reads a table for the first time. `whole` wants OP and PV of one loop, else every tag is taken as it is.
+pub fn survey(source: Source<'_>, options: &Options, whole: bool) -> Result<Plan, TableError> {
+    let told = options.told()?;
+    let head = source.head()?;
+    let kind = Kind::of(source, &head, options.sheet.as_deref())?;
+    let (separator, layout) = dialect(source, &kind, &head, options, &told)?;
+    let mut counting = Counting::new(&layout, options);
+    let row_name = {
+        let mut rows = kind.rows(source, separator)?;
+        counting.all(rows.as_mut(), &layout, &told)?;
+        rows.row_name()
+    };
+    counting.plan(kind, separator, layout, options, &told, row_name, whole)
+}
+
+/// What divides cells, and the header that it gives.
+fn dialect(
+    source: Source<'_>,
+    kind: &Kind,
+    head: &[u8],
+    options: &Options,
+    told: &Told,
+) -> Result<(u8, Layout), TableError> {
+    let Kind::Text(encoding) = kind else {
+        let mut rows = kind.rows(source, b',')?;
+        let first = first_rows(rows.as_mut())?;
+        return Ok((b',', look(&first, options, rows.row_name()).layout?));
+    };
+    // The last line of the head may be cut.
+    let whole = head.iter().rposition(|byte| *byte == b'\n').filter(|_| head.len() >= 1 << 16);
+    let head = &head[..whole.map_or(head.len(), |at| at + 1)];
+    let said = said_separator(head, encoding);
+    let separators = match told.separator.or(said) {
+        Some(one) => vec![one],
+        None => SEPARATORS.to_vec(),
+    };
+    let mut best: Option<(Looked, u8)> = None;
+    for separator in separators {
+        let mut lines = Lines::new(head, encoding, separator);
+        let mut first = first_rows(&mut lines)?;
+        if said.is_some() && !first.is_empty() {
+            first.remove(0);
+        }
+        let mut looked = look(&first, options, "line");
+        if let (Ok(layout), true) = (&mut looked.layout, said.is_some()) {
+            layout.skip += 1;
+        }
+        if best.as_ref().is_none_or(|(other, _)| looked.worth() > other.worth()) {
+            best = Some((looked, separator));
+        }
+    }
+    let (looked, separator) = best.ok_or_else(|| TableError::refused("no separator"))?;
+    if looked.single() && !looked.headless() && looked.layout.is_err() {
+        return Err(TableError::refused(format!(
+            "{}; cells are divided by comma, semicolon, tab or |, others with --separator",
+            one_column(head, encoding)
+        )));
+    }
+    Ok((separator, looked.layout?))
+}
+
+/// `sep=;` in the first line, as spreadsheets want it.
+fn said_separator(head: &[u8], encoding: &super::text::Encoding) -> Option<u8> {
+    let mut lines = Lines::new(head, encoding, NO_SEPARATOR);
+    lines.next().ok()??;
+    let first = lines.cell(0).shown();
+    let said = first.trim().trim_matches('"').strip_prefix("sep=")?.as_bytes().first().copied();
+    // A tab at the end of the line is trimmed away.
+    Some(said.filter(u8::is_ascii).unwrap_or(b'\t'))
+}
+
+fn one_column(head: &[u8], encoding: &super::text::Encoding) -> String {
+    let mut lines = Lines::new(head, encoding, NO_SEPARATOR);
+    match lines.next() {
+        Ok(Some(line)) => {
+            format!("line {line}: only one column, {:?}", super::error::shown(&lines.cell(0).shown()))
+        }
+        _ => "line 1: only one column".into(),
+    }
+}
+
+/// What is counted of a table.
+struct Counting {
+    times: Times,
+    groups: Groups,
+    channels: Vec<Channel>,
+    tags: HashMap<Tag, usize>,
+    /// Words of the columns of quality.
+    words: Vec<Words>,
+    quality_columns: Vec<(usize, Option<usize>)>,
+    /// Columns of OP and PV, and what stood there in the row before.
+    moving: Vec<(usize, String)>,
+    mode_name: Option<String>,
+}
+
+impl Counting {
+    fn new(layout: &Layout, options: &Options) -> Self {
+        let mut own = Self {
+            times: Times::default(),
+            groups: Groups::default(),
+            channels: Vec::new(),
+            tags: HashMap::new(),
+            words: Vec::new(),
+            quality_columns: Vec::new(),
+            moving: Vec::new(),
+            mode_name: options.mode.clone(),
+        };
+        match &layout.body {
+            Body::Wide(wide) => own.wide(wide, layout),
+            Body::Long(long) => own.quality_columns = long.quality.map(|at| (at, None)).into_iter().collect(),
+        }
+        own.words = vec![Words::default(); own.quality_columns.len()];
+        own
+    }
+
+    fn wide(&mut self, wide: &Wide, layout: &Layout) {
+        for ((at, role), unit) in wide.columns.iter().zip(&wide.roles).zip(&wide.units) {
+            let name = layout.names[*at].full.clone();
+            let tag = Tag { name, unit: unit.clone(), ..Tag::default() };
+            self.channels.push(Channel::new(tag, *role, at + 1));
+            if matches!(role, Some(Role::Op | Role::Pv)) {
+                self.moving.push((*at, String::new()));
+            }
+        }
+        self.quality_columns.clone_from(&wide.qualities);
+    }
+
+    /// Counts every row below the header.
+    fn all(&mut self, rows: &mut dyn Rows, layout: &Layout, told: &Told) -> Result<(), TableError> {
+        for _ in 0..layout.skip {
+            rows.next()?;
+        }
+        let time_name = layout.names[layout.time].full.as_str();
+        while let Some(line) = rows.next()? {
+            if passed_over(rows, layout) {
+                continue;
+            }
+            let first = rows.cell(layout.time);
+            let second = layout.clock.map(|at| rows.cell(at));
+            self.times.add(line, &first, second.as_ref(), time_name, told);
+            match &layout.body {
+                Body::Wide(wide) => {
+                    // A sheet may have remarks beside the table; in a text they are decimal commas.
+                    if rows.row_name() == "line" {
+                        too_many(rows, layout, line, &first)?;
+                    }
+                    let mut moved = false;
+                    for (at, before) in &mut self.moving {
+                        let cell = rows.cell(*at);
+                        if !cell.is_blank() {
+                            let shown = cell.shown();
+                            moved |= !before.is_empty() && *before != shown;
+                            *before = shown;
+                        }
+                    }
+                    self.groups.add(&first, second.as_ref(), moved);
+                    for (channel, at) in self.channels.iter_mut().zip(&wide.columns) {
+                        channel.add(&rows.cell(*at), line);
+                    }
+                }
+                Body::Long(long) => self.long(rows, long, line)?,
+            }
+            for (words, (at, _)) in self.words.iter_mut().zip(&self.quality_columns) {
+                let cell = rows.cell(*at);
+                if !cell.is_blank() {
+                    words.add(&cell);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn long(&mut self, rows: &dyn Rows, long: &Long, line: u64) -> Result<(), TableError> {
+        let tag = tag_of(rows, long);
+        let at = match self.tags.get(&tag) {
+            Some(at) => *at,
+            None if self.tags.len() == MAX_TAGS => {
+                return Err(TableError::refused(format!("line {line}: more than {MAX_TAGS} tags")));
+            }
+            None => {
+                let name = Name::new(&tag.name);
+                let mode = name.said().is_some_and(|said| said.meaning == Meaning::Role(Role::Mode))
+                    || self.mode_name.as_ref().is_some_and(|own| name.is(own));
+                self.channels.push(Channel::new(tag.clone(), mode.then_some(Role::Mode), 0));
+                self.tags.insert(tag, self.channels.len() - 1);
+                self.channels.len() - 1
+            }
+        };
+        self.channels[at].add(&rows.cell(long.value), line);
+        Ok(())
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "the parts of a plan, each found by another step")]
+    fn plan(
+        mut self,
+        kind: Kind,
+        separator: u8,
+        layout: Layout,
+        options: &Options,
+        told: &Told,
+        row_name: &str,
+        whole: bool,
+    ) -> Result<Plan, TableError> {
+        if self.times.rows == 0 {
+            return Err(TableError::refused(format!(
+                "{row_name} {}: no samples below the header",
+                layout.line
+            )));
+        }
+        if matches!(layout.body, Body::Long(_)) && whole {
+            self.roles_of_tags(options)?;
+        }
+        let columns: Vec<&evidence::Evidence> =
+            self.channels.iter().filter(|c| c.numbers * 2 > c.cells).map(|c| &c.evidence).collect();
+        let op = self.channels.iter().find(|c| c.role == Some(Role::Op));
+        // Our own exports say which they are by a column that nobody else has.
+        let own = layout.names.iter().any(|name| name.plain() == "era");
+        let decimal = match told.decimal {
+            Some(decimal) => decimal,
+            None if own => Decimal::Point,
+            None => evidence::decide(&columns, op.map(|c| &c.evidence), &self.times.evidence)?,
+        };
+        let signs = columns.iter().any(|column| column.any());
+        let name = layout.names[layout.time].full.as_str();
+        let unit = layout.time_unit.as_deref();
+        let column = time::Column { row_name, number: layout.time + 1, name, unit };
+        let groups = matches!(layout.body, Body::Wide(_)).then(|| std::mem::take(&mut self.groups));
+        let reading = self.times.decide(&column, told, decimal, groups)?;
+        let units = self.channels.iter().map(unit_of).collect::<Result<Vec<_>, _>>()?;
+        for channel in self.channels.iter().filter(|c| c.role.is_some()) {
+            self.numbers(channel, layout.line, row_name)?;
+        }
+        let modes = self.modes(told)?;
+        let mut qualities = Vec::new();
+        for (words, (at, of)) in self.words.iter().zip(&self.quality_columns) {
+            let says = Says::decide(words, told.good_values.as_deref(), &layout.names[*at].full)?;
+            qualities.extend(says.map(|says| (*at, *of, says)));
+        }
+        let (channels, tags) = (self.channels, self.tags);
+        Ok(Plan { kind, separator, layout, reading, decimal, signs, channels, tags, units, modes, qualities })
+    }
+
+    /// A role without a single number is refused.
+    fn numbers(&self, channel: &Channel, header: u64, row_name: &str) -> Result<(), TableError> {
+        let needed = matches!(channel.role, Some(Role::Op | Role::Pv));
+        let text_only = channel.numbers == 0 && channel.cells > 0 && channel.words.is_none();
+        let nothing = needed && channel.cells == 0;
+        if !(text_only || nothing) {
+            return Ok(());
+        }
+        let at = match channel.column {
+            0 => format!("tag {:?}", channel.tag.name),
+            column => format!("column {column} ({})", channel.tag.name),
+        };
+        Err(TableError::refused(match &channel.first_bad {
+            Some((line, cell)) => {
+                format!("{row_name} {line}, {at}: no number in the whole column, it begins with {cell:?}")
+            }
+            None => format!("{row_name} {header}, {at}: nothing in the whole column"),
+        }))
+    }
+
+    fn modes(&self, told: &Told) -> Result<Vec<Option<Modes>>, TableError> {
+        let op = self.channels.iter().find(|c| c.role == Some(Role::Op));
+        let moves = op.is_some_and(Channel::moves);
+        let of = |channel: &Channel| match (&channel.words, channel.role) {
+            (Some(words), Some(Role::Mode)) => {
+                Modes::decide(words, told.auto_values.as_deref(), moves, &channel.tag.name).map(Some)
+            }
+            _ => Ok(None),
+        };
+        self.channels.iter().map(of).collect()
+    }
+
+    /// Which tags of a long table are those of the loop; the others belong to other loops.
+    fn roles_of_tags(&mut self, options: &Options) -> Result<(), TableError> {
+        let owners: BTreeSet<&str> = self.channels.iter().map(|c| c.tag.owner.as_str()).collect();
+        let wanted = options.of_loop.as_deref();
+        let owned = owners.iter().any(|own| !own.is_empty());
+        if owned && wanted.is_none() && owners.len() > 1 {
+            return Err(TableError::refused(format!(
+                "several loops, {}: say which with --loop",
+                listed(owners)
+            )));
+        }
+        let of_loop = |channel: &Channel| !owned || wanted.is_none_or(|own| own == channel.tag.owner);
+        let names: Vec<Name> = self
+            .channels
+            .iter()
+            .map(|channel| if of_loop(channel) { Name::new(&channel.tag.name) } else { Name::new("") })
+            .collect();
+        if names.iter().all(Name::is_none) {
+            return Err(TableError::refused(format!("no samples of loop {:?}", wanted.unwrap_or_default())));
+        }
+        let without_loop = Options { of_loop: None, ..options.clone() };
+        let options = if owned { &without_loop } else { options };
+        let found = roles(&names, options, false).map_err(|trouble| match trouble {
+            Trouble::Refused(error) => error,
+            Trouble::Missing(missing) => {
+                let tags = listed(names.iter().filter(|name| !name.is_none()).map(|name| name.full.as_str()));
+                let options: Vec<String> = missing.iter().map(|role| format!("--{role}")).collect();
+                TableError::refused(format!(
+                    "no tag for {}; the table has {tags}; name it with {}",
+                    missing.join(", "),
+                    options.join(" and ")
+                ))
+            }
+        })?;
+        for ((channel, role), name) in self.channels.iter_mut().zip(found).zip(&names) {
+            channel.role = role;
+            if name.is_none() {
+                channel.tag.name.clear();
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The unit behind a channel's numbers; that of a tag which is no role may be anything.
+fn unit_of(channel: &Channel) -> Result<String, TableError> {
+    match channel.unit_of_cells() {
+        Err(error) if channel.role.is_some() => Err(error),
+        unit => Ok(unit.unwrap_or("").to_string()),
+    }
+}
+
+/// A comment, or the header once more.
+pub fn passed_over(rows: &dyn Rows, layout: &Layout) -> bool {
+    let header = layout.names[layout.time].full.as_str();
+    let again =
+        matches!(rows.cell(layout.time), Cell::Text(text) if text.trim().trim_matches('"').trim() == header);
+    again && !header.is_empty() || rows.cell(0).is_comment()
+}
+
+/// More cells than the header has: a decimal comma in a table that commas divide.
+fn too_many(rows: &dyn Rows, layout: &Layout, line: u64, first: &Cell<'_>) -> Result<(), TableError> {
+    let (got, want) = (rows.len(), layout.names.len());
+    let filled = |at: usize| !rows.cell(at).is_blank();
+    if got <= want || first.is_blank() || !(want..got).any(filled) {
+        return Ok(());
+    }
+    if time::What::of(first, None).kind() == time::WhatKind::Nothing {
+        return Ok(());
+    }
+    Err(TableError::refused(format!(
+        "line {line}: {got} cells where the header has {want}; decimal commas need quotes, or semicolons between cells"
+    )))
+}
+
+/// The tag of a row of a long table.
+pub fn tag_of(rows: &dyn Rows, long: &Long) -> Tag {
+    let text = |at: Option<usize>| {
+        let text = at.map(|at| rows.cell(at).shown()).unwrap_or_default();
+        meant(&text).to_string()
+    };
+    let some = |at: Option<usize>| Some(text(at)).filter(|text| !text.is_empty());
+    Tag {
+        owner: text(long.owner),
+        name: text(Some(long.tag)),
+        source: some(long.source),
+        unit: some(long.unit),
+    }
+}
+
+/// What a spreadsheet would take for a formula has a quote before it in our own exports, which is none of the name.
+fn meant(text: &str) -> &str {
+    const FORMULA: [char; 6] = ['=', '+', '-', '@', '\t', '\r'];
+    let formula = |rest: &&str| rest.trim_start_matches('\'').starts_with(FORMULA);
+    text.strip_prefix('\'').filter(formula).unwrap_or(text)
+}
+
+/// A role's name, or the tag's own.
+pub fn name_of(channel: &Channel) -> &str {
+    match channel.role {
+        Some(role) => role_name(role),
+        None => &channel.tag.name,
+    }
+}

@@ -1,0 +1,202 @@
+//! The second reading: rows become samples by what the first one decided.
+
+use super::channel::Tag;
+use super::error::TableError;
+use super::found::Found;
+use super::layout::Body;
+use super::names::{Name, role_name};
+use super::number;
+use super::options::Options;
+use super::source::{Cell, Rows, Source};
+use super::survey::{Plan, name_of, passed_over, tag_of};
+use super::{MAX_VALUES, Table};
+use crate::signal::{BadReason, Quality, Record, Role, Sample, Scale, Series};
+
+/// Samples of one loop.
+pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
+    let mut series: Vec<Series> = plan.channels.iter().map(|_| Series::new()).collect();
+    let mut values = 0;
+    let (plan, found) = all(source, plan, &mut |at, sample| {
+        series[at].push(sample);
+        values += 1;
+        if values > MAX_VALUES {
+            return Err(TableError::refused(format!(
+                "more than {MAX_VALUES} values; cut the record into shorter files"
+            )));
+        }
+        Ok(())
+    })?;
+    let mut record = Record::default();
+    for (channel, series) in plan.channels.iter().zip(series) {
+        // A tag of text only (an operator's remark) or a column that is blank throughout was not recorded.
+        let recorded = channel.numbers > 0 || channel.words.is_some() && !series.is_empty();
+        if !recorded || channel.tag.name.is_empty() {
+            continue;
+        }
+        match channel.role {
+            Some(Role::Op) => record.op = series,
+            Some(Role::Pv) => record.pv = series,
+            Some(Role::Sp) => record.sp = Some(series),
+            Some(Role::Mode) => record.mode = Some(series),
+            Some(Role::Mv) => record.mv = Some(series),
+            None => record.tags.push((channel.tag.name.clone(), series)),
+        }
+    }
+    let scale = Scale { unit: found.op_unit.as_deref(), ..Scale::default() };
+    (record.op_span, record.op_span_source) = scale.span(&[]);
+    Ok(Table { record, found })
+}
+
+/// Samples of every tag, one after the other.
+pub fn stream<E: From<TableError>>(
+    source: Source<'_>,
+    plan: Plan,
+    options: &Options,
+    take: &mut dyn FnMut(&Tag, Sample) -> Result<(), E>,
+) -> Result<Found, E> {
+    let tags = plan.channels.iter().map(|channel| {
+        let mut tag = channel.tag.clone();
+        if tag.owner.is_empty() {
+            (tag.owner, tag.name) = owned(&tag.name, name_of(channel), options)?;
+        }
+        Ok(tag)
+    });
+    let tags: Vec<Tag> = tags.collect::<Result<_, TableError>>()?;
+    let mut failed = None;
+    let walked = all(source, plan, &mut |at, sample| {
+        take(&tags[at], sample).map_err(|error| {
+            failed = Some(error);
+            TableError::refused("taken no further")
+        })
+    });
+    match (walked, failed) {
+        (_, Some(error)) => Err(error),
+        (walked, None) => Ok(walked?.1),
+    }
+}
+
+/// The loop of a tag that names none beside it, and what the tag is to it: `FIC101.PV` is `pv` of `FIC101`.
+fn owned(full: &str, name: &str, options: &Options) -> Result<(String, String), TableError> {
+    let said = Name::new(full).said().map(|said| said.meaning.as_str());
+    if let Some(own) = &options.of_loop {
+        return Ok((own.clone(), said.unwrap_or(name).to_string()));
+    }
+    let path = full.rsplit_once(['.', '/']).filter(|_| said.is_some());
+    match (path, said) {
+        (Some((own, _)), Some(said)) => Ok((own.to_string(), said.to_string())),
+        _ => Err(TableError::refused(format!("{full:?} names no loop; say which with --loop"))),
+    }
+}
+
+/// What is counted on the way.
+#[derive(Default)]
+pub struct Counted {
+    /// Rows without a stamp: the first lines, and how many.
+    pub left_out: (Vec<u64>, u64),
+    /// Samples that are not good by their quality.
+    pub not_good: u64,
+    /// Samples of the mode: all, not automatic, and words that nobody knows.
+    pub modes: [u64; 3],
+    /// Samples of OP and PV that are no numbers.
+    pub no_number: u64,
+}
+
+/// Lines that are named.
+const LINES: usize = 3;
+
+type Take<'t> = &'t mut dyn FnMut(usize, Sample) -> Result<(), TableError>;
+
+fn all(source: Source<'_>, mut plan: Plan, take: Take<'_>) -> Result<(Plan, Found), TableError> {
+    let mut counted = Counted::default();
+    {
+        let mut rows = plan.kind.rows(source, plan.separator)?;
+        for _ in 0..plan.layout.skip {
+            rows.next()?;
+        }
+        while let Some(line) = rows.next()? {
+            if passed_over(rows.as_ref(), &plan.layout) {
+                continue;
+            }
+            let first = rows.cell(plan.layout.time);
+            let second = plan.layout.clock.map(|at| rows.cell(at));
+            let Some(t) = plan.reading.next(&first, second.as_ref()) else {
+                counted.left_out.1 += 1;
+                if counted.left_out.0.len() < LINES {
+                    counted.left_out.0.push(line);
+                }
+                continue;
+            };
+            row(rows.as_ref(), &plan, t, &mut counted, take)?;
+        }
+    }
+    let found = Found::new(&plan, &counted);
+    Ok((plan, found))
+}
+
+/// The samples of one row.
+fn row(
+    rows: &dyn Rows,
+    plan: &Plan,
+    t: f64,
+    counted: &mut Counted,
+    take: Take<'_>,
+) -> Result<(), TableError> {
+    match &plan.layout.body {
+        Body::Wide(wide) => {
+            for (at, column) in wide.columns.iter().enumerate() {
+                let cell = rows.cell(*column);
+                if !cell.is_blank() {
+                    let sample = sample(rows, plan, at, &cell, t, counted);
+                    take(at, sample)?;
+                }
+            }
+        }
+        Body::Long(long) => {
+            let Some(&at) = plan.tags.get(&tag_of(rows, long)) else { return Ok(()) };
+            if !plan.channels[at].tag.name.is_empty() {
+                let sample = sample(rows, plan, at, &rows.cell(long.value), t, counted);
+                take(at, sample)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn sample(rows: &dyn Rows, plan: &Plan, at: usize, cell: &Cell<'_>, t: f64, counted: &mut Counted) -> Sample {
+    let channel = &plan.channels[at];
+    let value = match (&plan.modes[at], cell) {
+        (Some(modes), cell) => {
+            let on = modes.value(cell);
+            counted.modes[0] += 1;
+            counted.modes[1] += u64::from(on == Some(0.0));
+            counted.modes[2] += u64::from(on.is_none());
+            on
+        }
+        (None, Cell::Number(value)) => Some(*value).filter(|value| value.is_finite()),
+        (None, Cell::Text(text)) => number::scan(text)
+            .filter(|number| number.unit == plan.units[at])
+            .and_then(|number| number.value(plan.decimal)),
+        _ => None,
+    };
+    // A mode is what it is, whatever the quality of the value beside it.
+    let says = plan.qualities.iter().filter(|(_, of, _)| of.is_none_or(|of| of == at));
+    let said =
+        says.map(|(column, _, says)| says.quality(&rows.cell(*column))).find(|quality| !quality.is_good());
+    let quality = match (said, value) {
+        (Some(quality), _) => {
+            counted.not_good += 1;
+            quality
+        }
+        (None, Some(_)) => Quality::Good,
+        (None, None) => {
+            counted.no_number += u64::from(matches!(channel.role, Some(Role::Op | Role::Pv)));
+            Quality::Bad(BadReason::NotANumber)
+        }
+    };
+    Sample { t, value: value.unwrap_or(f64::NAN), quality }
+}
+
+/// The role of a channel, for the line that tells what was read.
+pub fn role_of(role: Option<Role>) -> &'static str {
+    role.map_or("", role_name)
+}

@@ -1,0 +1,9 @@
+//! The column of times: its format is decided from the whole column, never from one cell.
+
+mod decide;
+mod reading;
+mod tally;
+
+pub use decide::Column;
+pub use reading::Reading;
+pub use tally::{Groups, Times, What, WhatKind};

@@ -1,0 +1,284 @@
+//! Which of the ways to read the column is right, or why none is.
+
+use super::super::error::{TableError, shown};
+use super::super::number::Decimal;
+use super::super::options::{Format, Told, Unit};
+use super::super::stamp::Order;
+use super::reading::{How, Reading, Spread};
+use super::tally::{Groups, Numbers, Times, Track};
+
+/// Stamps that may be missing or wrong within a column: one in so many.
+const BAD: u64 = 50;
+/// Rows behind the last sample that a report adds: averages, counts, a signature.
+const TRAILER: u64 = 20;
+/// Rows from which a trailer can be told from a table that is none.
+const ROWS: u64 = 10;
+/// Steps of seconds below which days of a spreadsheet are meant (s read as days: 86 s).
+const STEP_OF_DAYS: f64 = 1e-3;
+/// Steps of seconds above which a doubt between the two is gone.
+const STEP_OF_SECONDS: f64 = 0.05;
+/// Seconds between samples from which milliseconds may be meant instead.
+const LONG_STEP: f64 = 500.0;
+/// A record may rest for so long (s), and a wrong order of day and month leaps by at least four weeks.
+const REST: f64 = 10.0 * 86_400.0;
+const LEAP: f64 = 25.0 * 86_400.0;
+/// Stamps are cut to one of these (s) where several rows share them.
+const CUT: [f64; 3] = [1.0, 60.0, 3600.0];
+
+/// Where the column stands, for messages.
+pub struct Column<'a> {
+    /// How a row is called.
+    pub row_name: &'a str,
+    /// From 1.
+    pub number: usize,
+    pub name: &'a str,
+    /// The unit in the header or in a row of units.
+    pub unit: Option<&'a str>,
+}
+
+impl Times {
+    /// Decides.
+    ///
+    /// # Errors
+    /// Too many cells that are no times, or a doubt, with the option that decides it.
+    pub fn decide(
+        &self,
+        column: &Column<'_>,
+        told: &Told,
+        decimal: Decimal,
+        groups: Option<Groups>,
+    ) -> Result<Reading, TableError> {
+        let decimal = self.evidence.alone().unwrap_or(decimal);
+        let numbers = &self.numbers[usize::from(decimal == Decimal::Comma)];
+        let dated = self.dates.iter().map(|track| track.count).max().unwrap_or(0);
+        let best = [numbers.track.count, dated, self.clocks.count, self.moments.count, self.formatted.count];
+        let most = best.into_iter().max().unwrap_or(0);
+        let zone = || zone_said(told);
+        let new = |how, said: String| Reading::new(how, &told.zone, said);
+        let (track, mut reading, per_s) = if most == 0 || numbers.track.count == most {
+            let unit = self.unit(numbers, column, told, most)?;
+            let said = unit_said(unit, numbers, &zone());
+            (&numbers.track, new(How::Number(decimal, unit), said), per_second(unit))
+        } else if dated == most {
+            let order = self.order(column, told)?;
+            let said = self.date_said(order) + &if self.offsets[1] { zone() } else { String::new() };
+            (&self.dates[order as usize], new(How::Dated(order), said), 1.0)
+        } else if self.clocks.count == most {
+            (&self.clocks, new(How::Clock, "time of day without a date".into()), 1.0)
+        } else if self.moments.count == most {
+            (&self.moments, new(How::Moment, format!("time as stamps{}", zone())), 1.0)
+        } else {
+            let pattern = match &told.format {
+                Some(Format::Pattern(pattern)) => pattern.clone(),
+                _ => String::new(),
+            };
+            let said = format!("time {pattern} by --time-format{}", zone());
+            (&self.formatted, new(How::Pattern(pattern), said), 1.0)
+        };
+        self.enough(track, column)?;
+        reading.spread = groups.and_then(|groups| spread(groups, track, per_s));
+        if let Some(spread) = &reading.spread {
+            reading.said += &format!(", {} rows a stamp spread over its {} s", spread.usual, spread.step);
+        }
+        Ok(reading)
+    }
+
+    /// Whether so many cells can be read that the rest may be left out.
+    fn enough(&self, track: &Track, column: &Column<'_>) -> Result<(), TableError> {
+        let trailing = self.rows - track.last_row;
+        let within = track.last_row - track.count;
+        let trailer =
+            trailing <= TRAILER && (trailing == 0 || self.rows >= ROWS && trailing * 2 <= self.rows);
+        if track.count > 0 && trailer && within * BAD <= self.rows {
+            return Ok(());
+        }
+        let (line, cell) = track.first_miss.clone().unwrap_or_default();
+        let Column { row_name, number, name, .. } = column;
+        Err(TableError::refused(format!(
+            "{row_name} {line}, column {number} ({name}): {cell:?} is no time; dates with a time of day in the usual formats, \
+             RFC 3339 and numbers are read, others with --time-format"
+        )))
+    }
+
+    fn unit(
+        &self,
+        numbers: &Numbers,
+        column: &Column<'_>,
+        told: &Told,
+        all: u64,
+    ) -> Result<Unit, TableError> {
+        let named = told.unit.or_else(|| column.unit.and_then(Unit::of));
+        let Column { row_name, number, name, .. } = column;
+        let doubt = |what: String| {
+            Err(TableError::refused(format!(
+                "column {number} ({name}): {what}; say --time-unit s, ms, us, ns or days"
+            )))
+        };
+        const UNITS: [Unit; 5] = [Unit::Seconds, Unit::Millis, Unit::Micros, Unit::Nanos, Unit::FileTime];
+        let most = |count: u64| count > 0 && (all - count) * BAD <= all;
+        let shown = numbers.track.least;
+        let by_range = numbers.ranges.iter().position(|count| most(*count)).map(|at| UNITS[at]);
+        if let Some(unit) = told.unit {
+            return Ok(unit);
+        }
+        match (by_range, named) {
+            (Some(found), None) => return Ok(found),
+            (Some(found), Some(named)) if found == named => return Ok(found),
+            (Some(found), Some(named)) => {
+                return doubt(format!(
+                    "{shown} would be a date of our time in {}, and its unit is {}",
+                    of(found),
+                    of(named)
+                ));
+            }
+            _ => {}
+        }
+        if numbers.track.count > 0 && !most(numbers.small) && named.is_none() {
+            let beyond = if numbers.track.most.abs() > -shown { numbers.track.most } else { shown };
+            return doubt(format!(
+                "{beyond:e} is a time of our days in no unit (first {row_name} {})",
+                self.first_line()
+            ));
+        }
+        let step = numbers.track.usual_step().unwrap_or(0.0);
+        match named {
+            Some(unit) => Ok(unit),
+            None if most(numbers.serial) && step > 0.0 && step < STEP_OF_DAYS => Ok(Unit::Days),
+            None if most(numbers.serial) && step > 0.0 && step < STEP_OF_SECONDS => {
+                doubt(format!("{shown} in steps of {step} may be seconds or days of a spreadsheet"))
+            }
+            None if step >= LONG_STEP => doubt(format!("steps of {step} may be seconds or milliseconds")),
+            None => Ok(Unit::Seconds),
+        }
+    }
+
+    fn first_line(&self) -> u64 {
+        self.example.as_ref().map_or(1, |(line, _)| *line)
+    }
+
+    /// The order of day, month and year that the column proves, or that was told.
+    fn order(&self, column: &Column<'_>, told: &Told) -> Result<Order, TableError> {
+        if let Some(Format::Order(order)) = told.format {
+            return Ok(order);
+        }
+        let most = self.dates.iter().map(|track| track.count).max().unwrap_or(0);
+        let mut left: Vec<Order> =
+            Order::ALL.into_iter().filter(|o| self.dates[*o as usize].count == most).collect();
+        let track = |order: &Order| &self.dates[*order as usize];
+        let same = |a: &Order, b: &Order| {
+            let (a, b) = (track(a), track(b));
+            (a.least, a.most, a.sum) == (b.least, b.most, b.sum)
+        };
+        if left.iter().all(|order| same(order, &left[0])) {
+            return Ok(left[0]);
+        }
+        // Beyond midnight the right order goes on, and a wrong one leaps by months.
+        let steady: Vec<Order> = left.iter().copied().filter(|order| track(order).jump < REST).collect();
+        if steady.len() == 1
+            && left.iter().filter(|order| !steady.contains(order)).all(|o| track(o).jump > LEAP)
+        {
+            return Ok(steady[0]);
+        }
+        left.dedup_by(|a, b| same(a, b));
+        let (line, cell) = self.example.clone().unwrap_or_default();
+        let Column { row_name, number, name, .. } = column;
+        let ways: Vec<String> =
+            left.iter().map(|order| format!("{} ({})", letters(*order), self.begin(*order))).collect();
+        let or: Vec<&str> = left.iter().map(|order| short(*order)).collect();
+        Err(TableError::refused(format!(
+            "{row_name} {line}, column {number} ({name}): {cell:?} may be {}; say --time-format {}",
+            ways.join(" or "),
+            or.join(" or ")
+        )))
+    }
+
+    /// The day on which the column begins in an order.
+    fn begin(&self, order: Order) -> String {
+        let second = self.dates[order as usize].least;
+        let stamp = jiff::Timestamp::from_second(second as i64);
+        stamp.map_or_else(
+            |_| String::new(),
+            |stamp| jiff::tz::Offset::UTC.to_datetime(stamp).date().to_string(),
+        )
+    }
+
+    /// How dates are written, by the example of the first.
+    fn date_said(&self, order: Order) -> String {
+        let cell = self.example.as_ref().map_or("", |(_, cell)| cell.as_str());
+        if self.open {
+            return format!("time {}", letters(order));
+        }
+        let cell = cell.split_once([' ', 'T']).map_or(cell, |(date, _)| date);
+        let kind = if cell.len() >= 4 && cell.as_bytes()[..4].iter().all(u8::is_ascii_digit) {
+            if cell.contains('/') { "yyyy/mm/dd" } else { "yyyy-mm-dd" }
+        } else if cell.contains(char::is_alphabetic) {
+            "dd-mmm-yy"
+        } else {
+            "dd.mm.yyyy"
+        };
+        format!("time {kind}")
+    }
+}
+
+fn letters(order: Order) -> &'static str {
+    match order {
+        Order::Dmy => "dd/mm/yyyy",
+        Order::Mdy => "mm/dd/yyyy",
+        Order::Ymd => "yy/mm/dd",
+    }
+}
+
+fn short(order: Order) -> &'static str {
+    match order {
+        Order::Dmy => "dmy",
+        Order::Mdy => "mdy",
+        Order::Ymd => "ymd",
+    }
+}
+
+fn zone_said(told: &Told) -> String {
+    told.zone.name.as_ref().map_or_else(|| " (UTC)".to_string(), |name| format!(" ({} by --tz)", shown(name)))
+}
+
+fn of(unit: Unit) -> &'static str {
+    match unit {
+        Unit::Seconds => "seconds",
+        Unit::Millis => "milliseconds",
+        Unit::Micros => "microseconds",
+        Unit::Nanos => "nanoseconds",
+        Unit::Minutes => "minutes",
+        Unit::Hours => "hours",
+        Unit::Days => "days of a spreadsheet",
+        Unit::FileTime => "tenths of a microsecond since 1601",
+    }
+}
+
+fn per_second(unit: Unit) -> f64 {
+    match unit {
+        Unit::Seconds => 1.0,
+        Unit::Millis => 1e3,
+        Unit::Micros => 1e6,
+        Unit::Nanos => 1e9,
+        Unit::Minutes => 1.0 / 60.0,
+        Unit::Hours => 1.0 / 3600.0,
+        Unit::Days => 1.0 / 86_400.0,
+        Unit::FileTime => 1e7,
+    }
+}
+
+fn unit_said(unit: Unit, numbers: &Numbers, zone: &str) -> String {
+    let epoch = numbers.ranges.iter().any(|count| *count * 2 > numbers.track.count);
+    match unit {
+        Unit::Days => format!("time in {}{zone}", of(unit)),
+        _ if epoch && unit != Unit::FileTime => format!("time in {} since 1970", of(unit)),
+        _ => format!("time in {}", of(unit)),
+    }
+}
+
+/// Stamps that are cut to whole seconds or minutes, with several rows each.
+fn spread(groups: Groups, track: &Track, per_s: f64) -> Option<Spread> {
+    let usual = groups.usual()?;
+    let step = track.usual_step()? / per_s;
+    let cut = CUT.iter().any(|cut| (step - cut).abs() < 1e-6);
+    (cut && track.share_of_step(step * per_s) > 0.9).then_some(Spread { sizes: groups.sizes, usual, step })
+}

@@ -1,0 +1,158 @@
+//! A cell of the column as seconds, once its format is decided.
+
+use super::super::number::Decimal;
+use super::super::options::{Unit, Zone};
+use super::super::source::Cell;
+use super::super::stamp::{DAY, Order, SECOND};
+use super::tally::What;
+use jiff::tz::{AmbiguousOffset, TimeZone};
+
+/// How the column is read.
+pub struct Reading {
+    pub(super) how: How,
+    pub(super) zone: Option<TimeZone>,
+    /// In words.
+    pub said: String,
+    /// Rows under one stamp, spread over it.
+    pub spread: Option<Spread>,
+    before: f64,
+    midnight: i64,
+    place: (usize, u32),
+}
+
+/// Stamps that several rows share.
+pub struct Spread {
+    /// Rows of each stamp.
+    pub sizes: Vec<u32>,
+    /// Rows that a stamp usually has.
+    pub usual: u32,
+    /// From one stamp to the next (s).
+    pub step: f64,
+}
+
+pub(super) enum How {
+    Number(Decimal, Unit),
+    Dated(Order),
+    Clock,
+    Moment,
+    Pattern(String),
+}
+
+impl Reading {
+    pub(super) fn new(how: How, zone: &Zone, said: String) -> Self {
+        let zone = zone.rules.clone();
+        Self { how, zone, said, spread: None, before: f64::NEG_INFINITY, midnight: 0, place: (0, 0) }
+    }
+
+    /// The time of the next row (s); `None` where its cell is none.
+    pub fn next(&mut self, first: &Cell<'_>, second: Option<&Cell<'_>>) -> Option<f64> {
+        let t = self.time(first, second);
+        if let Some(t) = t {
+            self.before = t;
+        }
+        let Some(spread) = &self.spread else { return t };
+        let (group, within) = self.place;
+        let size = spread.sizes.get(group).copied().unwrap_or(1);
+        let last = within + 1 >= size;
+        self.place = if last { (group + 1, 0) } else { (group, within + 1) };
+        let share = if group == 0 {
+            // The record may begin within a stamp: what is there of it is its end.
+            let missing = spread.usual.saturating_sub(size);
+            f64::from(missing + within) / f64::from(size.max(spread.usual))
+        } else if group + 1 == spread.sizes.len() {
+            f64::from(within) / f64::from(size.max(spread.usual))
+        } else {
+            f64::from(within) / f64::from(size)
+        };
+        t.map(|t| t + share * spread.step)
+    }
+
+    fn time(&mut self, first: &Cell<'_>, second: Option<&Cell<'_>>) -> Option<f64> {
+        if let How::Pattern(pattern) = &self.how {
+            let text = match second {
+                Some(second) => format!("{} {}", first.shown(), second.shown()),
+                None => first.shown(),
+            };
+            let (ns, offset) = by_pattern(pattern, &text)?;
+            return self.moment(ns, offset);
+        }
+        match (&self.how, What::of(first, second)) {
+            (How::Number(_, unit), What::Number(value)) => self.counted(value, *unit),
+            (How::Number(decimal, unit), What::Digits(number)) => {
+                self.counted(number.value(*decimal)?, *unit)
+            }
+            (How::Dated(order), What::Dated(stamp)) => self.moment(stamp.civil(*order)?, stamp.offset),
+            // A spreadsheet keeps most stamps as such and some as text.
+            (How::Moment, What::Moment { ns, civil }) => self.moment(ns, (!civil).then_some(0)),
+            (How::Clock, What::Clock(ns)) => {
+                let t = seconds(ns.saturating_add(self.midnight));
+                if self.before - t > 43_200.0 {
+                    self.midnight = self.midnight.saturating_add(DAY);
+                }
+                Some(seconds(ns.saturating_add(self.midnight)))
+            }
+            _ => None,
+        }
+    }
+
+    fn counted(&self, value: f64, unit: Unit) -> Option<f64> {
+        const SINCE_1601: f64 = 11_644_473_600.0;
+        /// 1970-01-01 as spreadsheets count.
+        const EPOCH: f64 = 25_569.0;
+        let t = match unit {
+            Unit::Seconds => value,
+            Unit::Millis => value / 1e3,
+            Unit::Micros => value / 1e6,
+            Unit::Nanos => value / 1e9,
+            Unit::Minutes => value * 60.0,
+            Unit::Hours => value * 3600.0,
+            Unit::FileTime => value / 1e7 - SINCE_1601,
+            Unit::Days => {
+                let ms = ((value - EPOCH) * 86_400e3).round();
+                return self.moment((ms.abs() < 1e13).then_some(ms as i64)?.checked_mul(1_000_000)?, None);
+            }
+        };
+        t.is_finite().then_some(t)
+    }
+
+    /// A moment on the written clock; without an offset it is that of the time zone.
+    fn moment(&self, ns: i64, offset: Option<i32>) -> Option<f64> {
+        let offset = match (offset, &self.zone) {
+            (Some(offset), _) => i64::from(offset),
+            (None, None) => 0,
+            (None, Some(zone)) => {
+                let moment = jiff::Timestamp::from_nanosecond(i128::from(ns)).ok()?;
+                let civil = jiff::tz::Offset::UTC.to_datetime(moment);
+                let offset = match zone.to_ambiguous_timestamp(civil).offset() {
+                    AmbiguousOffset::Unambiguous { offset } => offset,
+                    AmbiguousOffset::Gap { before, .. } => before,
+                    // The hour that comes twice: the second time once the first would go back.
+                    AmbiguousOffset::Fold { before, after } => {
+                        let early = seconds(ns) - f64::from(before.seconds());
+                        if early > self.before { before } else { after }
+                    }
+                };
+                i64::from(offset.seconds())
+            }
+        };
+        Some(seconds(ns.checked_sub(offset * SECOND)?))
+    }
+}
+
+fn seconds(ns: i64) -> f64 {
+    ns.div_euclid(SECOND) as f64 + ns.rem_euclid(SECOND) as f64 * 1e-9
+}
+
+/// Nanoseconds on the written clock, and the offset where the pattern has one.
+pub(super) fn by_pattern(pattern: &str, text: &str) -> Option<(i64, Option<i32>)> {
+    let text = super::super::number::bare(text);
+    let parts = jiff::fmt::strtime::parse(pattern, text).ok()?;
+    let civil = match parts.to_datetime() {
+        Ok(civil) => civil,
+        // A date without a time of day.
+        Err(_) => parts.to_date().ok()?.to_datetime(jiff::civil::Time::midnight()),
+    };
+    let moment = jiff::tz::Offset::UTC.to_timestamp(civil).ok()?;
+    let ns = i64::try_from(moment.as_nanosecond()).ok()?;
+    Some((ns, parts.offset().map(|offset| offset.seconds())))
+}

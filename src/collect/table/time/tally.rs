@@ -1,0 +1,327 @@
+//! What every cell of the column could be, counted side by side.
+
+use super::super::error::shown;
+use super::super::evidence::Evidence;
+use super::super::number::{self, Decimal};
+use super::super::options::{Format, Told};
+use super::super::source::Cell;
+use super::super::stamp::{self, DAY, Order, Stamp};
+
+/// Steps between stamps that are kept to find the usual one.
+const STEPS: usize = 4096;
+
+/// One way to read the column.
+#[derive(Clone, Debug)]
+pub struct Track {
+    /// Cells that can be read so.
+    pub count: u64,
+    /// The last row that can, from 1.
+    pub last_row: u64,
+    /// The first cell that cannot: its line and what stands there.
+    pub first_miss: Option<(u64, String)>,
+    /// Smallest and largest, in the unit of the track.
+    pub least: f64,
+    /// See `least`.
+    pub most: f64,
+    /// Largest step, in either direction.
+    pub jump: f64,
+    /// Sum of the readings: two ways that agree everywhere have the same.
+    pub sum: f64,
+    steps: Vec<f64>,
+    before: Option<f64>,
+}
+
+impl Default for Track {
+    fn default() -> Self {
+        Self {
+            count: 0,
+            last_row: 0,
+            first_miss: None,
+            least: f64::INFINITY,
+            most: f64::NEG_INFINITY,
+            jump: 0.0,
+            sum: 0.0,
+            steps: Vec::new(),
+            before: None,
+        }
+    }
+}
+
+impl Track {
+    fn add(&mut self, row: u64, line: u64, cell: &dyn Fn() -> String, value: Option<f64>) {
+        let Some(value) = value else {
+            self.first_miss.get_or_insert_with(|| (line, shown(&cell())));
+            return;
+        };
+        self.count += 1;
+        self.last_row = row;
+        self.least = self.least.min(value);
+        self.most = self.most.max(value);
+        self.sum += value;
+        if let Some(before) = self.before {
+            let step = value - before;
+            self.jump = self.jump.max(step.abs());
+            if step > 0.0 && self.steps.len() < STEPS {
+                self.steps.push(step);
+            }
+        }
+        self.before = Some(value);
+    }
+
+    /// The usual step forward; `None` where there is none.
+    pub fn usual_step(&self) -> Option<f64> {
+        let mut steps = self.steps.clone();
+        steps.sort_unstable_by(f64::total_cmp);
+        steps.get(steps.len() / 2).copied()
+    }
+
+    /// The share of steps that are this long.
+    pub fn share_of_step(&self, length: f64) -> f64 {
+        let same = self.steps.iter().filter(|step| (*step - length).abs() < 1e-6).count();
+        same as f64 / self.steps.len().max(1) as f64
+    }
+}
+
+/// Ranges of numbers in which a unit of time puts the years 1990 to 2100.
+pub const RANGES: [(f64, f64); 5] = {
+    const FROM: f64 = 631_152_000.0;
+    const TO: f64 = 4_102_444_800.0;
+    const SINCE_1601: f64 = 11_644_473_600.0;
+    [
+        (FROM, TO),
+        (FROM * 1e3, TO * 1e3),
+        (FROM * 1e6, TO * 1e6),
+        (FROM * 1e9, TO * 1e9),
+        ((FROM + SINCE_1601) * 1e7, (TO + SINCE_1601) * 1e7),
+    ]
+};
+/// Days as a spreadsheet counts them, 1990 to 2100.
+pub const SERIAL: (f64, f64) = (32_874.0, 73_050.0);
+
+/// Numbers as times, under one decimal sign.
+#[derive(Clone, Debug, Default)]
+pub struct Numbers {
+    pub track: Track,
+    /// How many lie in each of [`RANGES`].
+    pub ranges: [u64; 5],
+    /// How many are days of a spreadsheet.
+    pub serial: u64,
+    /// How many are below every range: seconds since the record began.
+    pub small: u64,
+}
+
+impl Numbers {
+    fn add(&mut self, row: u64, line: u64, cell: &dyn Fn() -> String, value: Option<f64>) {
+        self.track.add(row, line, cell, value);
+        let Some(value) = value else { return };
+        match RANGES.iter().position(|(from, to)| (*from..*to).contains(&value)) {
+            Some(at) => self.ranges[at] += 1,
+            None => self.small += u64::from(value.abs() < RANGES[0].0),
+        }
+        self.serial += u64::from((SERIAL.0..SERIAL.1).contains(&value));
+    }
+}
+
+/// The column, cell by cell.
+#[derive(Default)]
+pub struct Times {
+    /// Rows with anything in them.
+    pub rows: u64,
+    /// Under a decimal point and a comma.
+    pub numbers: [Numbers; 2],
+    /// What the numbers prove of the decimal sign.
+    pub evidence: Evidence,
+    /// Dates, in each order of [`Order::ALL`] (s on the written clock).
+    pub dates: [Track; 3],
+    /// Whether a date was three bare numbers.
+    pub open: bool,
+    /// Whether a stamp had an offset, and whether one had none.
+    pub offsets: [bool; 2],
+    /// The first dated cell: its line and what stands there.
+    pub example: Option<(u64, String)>,
+    /// Times of day without a date.
+    pub clocks: Track,
+    /// Moments as such (s).
+    pub moments: Track,
+    /// By the pattern that was told.
+    pub formatted: Track,
+}
+
+impl Times {
+    /// One more row.
+    pub fn add(&mut self, line: u64, first: &Cell<'_>, second: Option<&Cell<'_>>, name: &str, told: &Told) {
+        self.rows += 1;
+        let row = self.rows;
+        let text = || both(first, second);
+        if let Some(Format::Pattern(pattern)) = &told.format {
+            let t = super::reading::by_pattern(pattern, &text()).map(|(ns, _)| ns as f64 * 1e-9);
+            self.formatted.add(row, line, &text, t);
+            return;
+        }
+        let what = What::of(first, second);
+        let numbers = match &what {
+            What::Number(value) => [Some(*value); 2],
+            What::Digits(number) => {
+                self.evidence.add(number, line, name, &first.shown());
+                [number.value(Decimal::Point), number.value(Decimal::Comma)]
+            }
+            _ => [None; 2],
+        };
+        for (numbers, value) in self.numbers.iter_mut().zip(numbers) {
+            numbers.add(row, line, &text, value);
+        }
+        let stamp = if let What::Dated(stamp) = &what { Some(*stamp) } else { None };
+        for (track, order) in self.dates.iter_mut().zip(Order::ALL) {
+            track.add(row, line, &text, stamp.and_then(|s| s.civil(order)).map(|ns| ns as f64 * 1e-9));
+        }
+        if let Some(stamp) = stamp {
+            self.offsets[usize::from(stamp.offset.is_none())] = true;
+            self.open |= stamp.is_open();
+            self.example.get_or_insert_with(|| (line, shown(&text())));
+        }
+        let clock = if let What::Clock(ns) = what { Some(ns as f64 * 1e-9) } else { None };
+        self.clocks.add(row, line, &text, clock);
+        let moment = if let What::Moment { ns, .. } = what { Some(ns as f64 * 1e-9) } else { None };
+        self.moments.add(row, line, &text, moment);
+    }
+}
+
+fn both(first: &Cell<'_>, second: Option<&Cell<'_>>) -> String {
+    match second {
+        Some(second) => format!("{} {}", first.shown(), second.shown()),
+        None => first.shown(),
+    }
+}
+
+/// What a cell of the column, or the two of date and time of day, can be.
+pub enum What<'a> {
+    Number(f64),
+    Digits(number::Number<'a>),
+    Dated(Stamp),
+    Clock(i64),
+    Moment { ns: i64, civil: bool },
+    Nothing,
+}
+
+impl<'a> What<'a> {
+    pub fn of(first: &Cell<'a>, second: Option<&Cell<'a>>) -> Self {
+        match (first, second) {
+            (Cell::Number(value), None) if value.is_finite() => What::Number(*value),
+            (Cell::Moment { ns, civil }, None) => What::Moment { ns: *ns, civil: *civil },
+            (Cell::Clock(ns), None) => What::Clock(*ns),
+            (Cell::Text(text), None) => text_alone(text),
+            (Cell::Moment { ns, civil }, Some(second)) => match time_of_day(second) {
+                Some(clock) if ns % DAY == 0 => What::Moment { ns: ns.saturating_add(clock), civil: *civil },
+                _ => What::Nothing,
+            },
+            (Cell::Text(date), Some(Cell::Text(clock))) => {
+                let stamp = stamp::scan(date).and_then(|date| date.at(&stamp::scan(clock)?));
+                stamp.map_or(What::Nothing, What::Dated)
+            }
+            _ => What::Nothing,
+        }
+    }
+}
+
+fn time_of_day(cell: &Cell<'_>) -> Option<i64> {
+    match cell {
+        Cell::Clock(ns) => Some(*ns),
+        Cell::Text(text) => stamp::scan(text)?.time_of_day(),
+        Cell::Number(days) if (0.0..1.0).contains(days) => Some((days * 86_400e3).round() as i64 * 1_000_000),
+        _ => None,
+    }
+}
+
+fn text_alone(text: &str) -> What<'_> {
+    let compact = number::bare(text).len() == 14;
+    match number::scan(text).filter(|number| number.unit.is_empty()) {
+        Some(number) if !compact => What::Digits(number),
+        found => match (stamp::scan(text), found) {
+            (Some(stamp), _) if stamp.has_date() => What::Dated(stamp),
+            (Some(stamp), _) => stamp.time_of_day().map_or(What::Nothing, What::Clock),
+            (None, Some(number)) => What::Digits(number),
+            (None, None) => What::Nothing,
+        },
+    }
+}
+
+/// Rows that follow each other under the same stamp.
+#[derive(Default)]
+pub struct Groups {
+    /// How many rows each has.
+    pub sizes: Vec<u32>,
+    /// Rows under the stamp of the row before, and those of them with other values than it.
+    pub repeated: u64,
+    /// See `repeated`.
+    pub moved: u64,
+    before: String,
+    given_up: bool,
+}
+
+/// Groups that are remembered; a table of more is read as it is.
+const MOST_GROUPS: usize = 1 << 22;
+/// Groups after which it is clear whether there are any.
+const FIRST_GROUPS: usize = 1 << 12;
+
+impl Groups {
+    /// One more row; `moved` is whether its values are others than those of the row before.
+    pub fn add(&mut self, first: &Cell<'_>, second: Option<&Cell<'_>>, moved: bool) {
+        if self.given_up {
+            return;
+        }
+        let text = both(first, second);
+        match self.sizes.last_mut() {
+            Some(size) if text == self.before => {
+                *size += 1;
+                self.repeated += 1;
+                self.moved += u64::from(moved);
+            }
+            _ => {
+                self.sizes.push(1);
+                self.before = text;
+            }
+        }
+        let single = self.sizes.len() >= FIRST_GROUPS && self.repeated < self.sizes.len() as u64 / 2;
+        if single || self.sizes.len() > MOST_GROUPS {
+            *self = Self { given_up: true, ..Self::default() };
+        }
+    }
+
+    /// How many rows a stamp usually has, where most have several of other values.
+    pub fn usual(&self) -> Option<u32> {
+        let inner = self.sizes.get(1..self.sizes.len().checked_sub(1)?)?;
+        let mut sorted = inner.to_vec();
+        sorted.sort_unstable();
+        let usual = *sorted.get(sorted.len() / 2)?;
+        let even = inner.iter().filter(|size| size.abs_diff(usual) <= (usual / 5).max(1)).count();
+        let many = usual >= 2 && inner.len() >= 2 && self.moved * 10 >= self.repeated;
+        (many && even * 10 >= inner.len() * 9).then_some(usual)
+    }
+}
+
+/// [`What`] a cell can be, without the reading itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WhatKind {
+    /// Nothing stands there.
+    Blank,
+    /// A number.
+    Number,
+    /// A date, or a moment as such.
+    Dated,
+    /// A time of day.
+    Clock,
+    /// Other text.
+    Nothing,
+}
+
+impl What<'_> {
+    /// Its kind.
+    pub fn kind(&self) -> WhatKind {
+        match self {
+            What::Number(_) | What::Digits(_) => WhatKind::Number,
+            What::Dated(_) | What::Moment { .. } => WhatKind::Dated,
+            What::Clock(_) => WhatKind::Clock,
+            What::Nothing => WhatKind::Nothing,
+        }
+    }
+}

@@ -1,0 +1,224 @@
+//! Sheets of workbooks: Excel (.xlsx, .xlsb, .xls) and OpenDocument (.ods), through calamine.
+
+use super::error::{TableError, listed};
+use super::source::{Cell, Rows, Source};
+use super::stamp::DAY;
+use calamine::{Data, DataRef, ExcelDateTime, Reader, Sheets, open_workbook_auto_from_rs};
+use std::io::{Cursor, Read};
+use std::sync::Arc;
+
+/// Most cells of a sheet: Excel's most rows with a dozen columns.
+const MAX_CELLS: usize = 1 << 24;
+/// Largest workbook that is read (bytes); it is unpacked in memory.
+const MAX_BYTES: u64 = 1 << 28;
+/// Columns of a sheet that are read.
+const MAX_COLUMNS: u32 = 1 << 12;
+
+/// A cell in memory.
+#[derive(Clone, Debug)]
+enum Held {
+    Blank,
+    Text(Arc<str>),
+    Number(f64),
+    Moment(i64),
+    Clock(i64),
+}
+
+/// A sheet in memory: each row with its number from 1.
+#[derive(Debug)]
+pub struct Sheet {
+    /// Its name.
+    pub name: String,
+    /// Whether the workbook has others.
+    pub one_of_many: bool,
+    rows: Vec<(u64, Vec<Held>)>,
+}
+
+type Book = Sheets<Cursor<Arc<[u8]>>>;
+
+/// Reads the sheet that is told, or the only one that has rows.
+pub fn read(source: Source<'_>, wanted: Option<&str>) -> Result<Sheet, TableError> {
+    let mut bytes = Vec::new();
+    source.open()?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(TableError::refused(format!(
+            "a workbook of more than {MAX_BYTES} bytes; save the sheet as CSV"
+        )));
+    }
+    let mut book: Book = open_workbook_auto_from_rs(Cursor::new(bytes.into()))
+        .map_err(|error| TableError::refused(format!("a workbook that cannot be read: {error}")))?;
+    let names = book.sheet_names();
+    if let Some(wanted) = wanted {
+        let name = names.iter().find(|name| name.eq_ignore_ascii_case(wanted)).ok_or_else(|| {
+            let names = listed(names.iter().map(String::as_str));
+            TableError::refused(format!("no sheet {wanted:?} (--sheet); the workbook has {names}"))
+        })?;
+        return sheet(&mut book, name, names.len() > 1);
+    }
+    let mut filled = Vec::new();
+    for name in &names {
+        let sheet = sheet(&mut book, name, names.len() > 1)?;
+        // A title or a chart's sheet is no table.
+        if sheet.rows.iter().filter(|(_, row)| row.len() > 1).count() > 1 {
+            filled.push(sheet);
+        }
+    }
+    match filled.len() {
+        0 => Err(TableError::refused("no sheet of the workbook holds a table")),
+        1 => Ok(filled.remove(0)),
+        _ => {
+            let names = listed(filled.iter().map(|sheet| sheet.name.as_str()));
+            Err(TableError::refused(format!("several sheets hold tables, {names}: say which with --sheet")))
+        }
+    }
+}
+
+fn sheet(book: &mut Book, name: &str, one_of_many: bool) -> Result<Sheet, TableError> {
+    let failed = |error: &dyn std::fmt::Display| TableError::refused(format!("sheet {name:?}: {error}"));
+    let mut filling = Filling { rows: Vec::new(), cells: 0, name };
+    match book {
+        // Cell by cell: the size that a sheet says of itself is not to be believed.
+        Sheets::Xlsx(book) => {
+            let mut cells = match book.worksheet_cells_reader(name) {
+                Ok(cells) => cells,
+                Err(calamine::XlsxError::NotAWorksheet(_)) => return Ok(filling.end(one_of_many)),
+                Err(error) => return Err(failed(&error)),
+            };
+            while let Some(cell) = cells.next_cell().map_err(|error| failed(&error))? {
+                filling.put(cell.get_position(), held_ref(cell.get_value()))?;
+            }
+        }
+        other => {
+            let range = other.worksheet_range(name).map_err(|error| failed(&error))?;
+            let (row, column) = range.start().unwrap_or_default();
+            for (r, c, value) in range.used_cells() {
+                filling.put((row + r as u32, column + c as u32), held(value))?;
+            }
+        }
+    }
+    Ok(filling.end(one_of_many))
+}
+
+struct Filling<'n> {
+    rows: Vec<(u64, Vec<Held>)>,
+    cells: usize,
+    name: &'n str,
+}
+
+impl Filling<'_> {
+    fn put(&mut self, (row, column): (u32, u32), held: Held) -> Result<(), TableError> {
+        if matches!(held, Held::Blank) || column >= MAX_COLUMNS {
+            return Ok(());
+        }
+        let line = u64::from(row) + 1;
+        if self.rows.last().is_none_or(|(last, _)| *last != line) {
+            self.rows.push((line, Vec::new()));
+        }
+        if let Some((_, cells)) = self.rows.last_mut() {
+            let (at, before) = (column as usize, cells.len());
+            cells.resize(before.max(at + 1), Held::Blank);
+            self.cells += cells.len() - before;
+            cells[at] = held;
+        }
+        if self.cells > MAX_CELLS {
+            let name = self.name;
+            return Err(TableError::refused(format!(
+                "sheet {name:?}: more than {MAX_CELLS} cells; save the columns that are needed as CSV"
+            )));
+        }
+        Ok(())
+    }
+
+    fn end(self, one_of_many: bool) -> Sheet {
+        Sheet { name: self.name.to_string(), one_of_many, rows: self.rows }
+    }
+}
+
+fn held(value: &Data) -> Held {
+    match value {
+        Data::Int(value) => Held::Number(*value as f64),
+        Data::Float(value) => Held::Number(*value),
+        Data::String(text) => text_of(text),
+        Data::Bool(on) => Held::Number(f64::from(u8::from(*on))),
+        Data::DateTime(stamp) => moment(stamp),
+        Data::DateTimeIso(text) | Data::DurationIso(text) => text_of(text),
+        Data::Error(error) => text_of(&error.to_string()),
+        _ => Held::Blank,
+    }
+}
+
+fn held_ref(value: &DataRef<'_>) -> Held {
+    match value {
+        DataRef::SharedString(text) => text_of(text),
+        other => held(&Data::from(other.clone())),
+    }
+}
+
+fn text_of(text: &str) -> Held {
+    if super::number::bare(text).is_empty() { Held::Blank } else { Held::Text(text.into()) }
+}
+
+/// A stamp as spreadsheets count, to the millisecond, which is as far as a number of days is exact.
+fn moment(stamp: &ExcelDateTime) -> Held {
+    const MS: i64 = 1_000_000;
+    let days = stamp.as_f64();
+    if !days.is_finite() || days < 0.0 {
+        return Held::Text("a date before 1900".into());
+    }
+    let of_day = |ms: f64| (ms.round() as i64).saturating_mul(MS);
+    if days < 1.0 || stamp.is_duration() {
+        return Held::Clock(of_day(days * 86_400e3));
+    }
+    let (year, month, day, ..) = stamp.to_ymd_hms_milli();
+    let date = jiff::civil::Date::new(year as i16, month as i8, day as i8);
+    let since = date.ok().and_then(|date| date.since(jiff::civil::Date::constant(1970, 1, 1)).ok());
+    // The date is that of the rounded stamp, which may be the day after.
+    let clock = of_day((days - days.floor()) * 86_400e3) % DAY;
+    let begin = since.and_then(|since| i64::from(since.get_days()).checked_mul(DAY));
+    // A year that no stamp reaches is no date.
+    begin.and_then(|begin| begin.checked_add(clock)).map_or(Held::Number(days), Held::Moment)
+}
+
+impl Sheet {
+    pub fn rows(&self) -> SheetRows<'_> {
+        SheetRows { sheet: self, next: 0 }
+    }
+}
+
+/// The rows of a sheet.
+pub struct SheetRows<'s> {
+    sheet: &'s Sheet,
+    next: usize,
+}
+
+impl SheetRows<'_> {
+    fn row(&self) -> &[Held] {
+        self.next.checked_sub(1).and_then(|at| self.sheet.rows.get(at)).map_or(&[], |(_, row)| row)
+    }
+}
+
+impl Rows for SheetRows<'_> {
+    fn next(&mut self) -> Result<Option<u64>, TableError> {
+        let line = self.sheet.rows.get(self.next).map(|(line, _)| *line);
+        self.next += usize::from(line.is_some());
+        Ok(line)
+    }
+
+    fn len(&self) -> usize {
+        self.row().len()
+    }
+
+    fn cell(&self, at: usize) -> Cell<'_> {
+        match self.row().get(at) {
+            None | Some(Held::Blank) => Cell::Blank,
+            Some(Held::Text(text)) => Cell::Text(text),
+            Some(Held::Number(value)) => Cell::Number(*value),
+            Some(Held::Moment(ns)) => Cell::Moment { ns: *ns, civil: true },
+            Some(Held::Clock(ns)) => Cell::Clock(*ns),
+        }
+    }
+
+    fn row_name(&self) -> &'static str {
+        "row"
+    }
+}

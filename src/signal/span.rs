@@ -1,0 +1,173 @@
+//! The span of OP, from closed to open: as it is given, or as limits, unit and values tell it.
+
+use super::Sample;
+
+/// Where the span of OP is known from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SpanSource {
+    /// Somebody said it.
+    Given,
+    /// From the controller's output limits.
+    Limits,
+    /// From OP's unit: per cent, mA, A.
+    Unit,
+    /// From OP's values.
+    Values,
+    /// It is not known.
+    #[default]
+    Unknown,
+}
+
+impl SpanSource {
+    /// As reports write it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            SpanSource::Given => "given",
+            SpanSource::Limits => "limits",
+            SpanSource::Unit => "unit",
+            SpanSource::Values => "values",
+            SpanSource::Unknown => "unknown",
+        }
+    }
+
+    /// From what a report wrote; what is no source is unknown.
+    pub fn from_name(name: &str) -> Self {
+        let all = [SpanSource::Given, SpanSource::Limits, SpanSource::Unit, SpanSource::Values];
+        all.into_iter().find(|source| source.as_str() == name).unwrap_or_default()
+    }
+}
+
+/// What is known of OP's scale beside its samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Scale<'a> {
+    /// The span as it is given (OP unit).
+    pub given: Option<f64>,
+    /// The controller's output limits (OP unit).
+    pub limits: Option<(f64, f64)>,
+    /// OP's unit.
+    pub unit: Option<&'a str>,
+}
+
+/// The span of a signal in this unit; `None` where the unit does not tell it.
+pub fn span_of_unit(unit: &str) -> Option<f64> {
+    match unit.trim().to_lowercase().as_str() {
+        "pct" | "percent" | "per cent" | "prozent" => Some(100.0),
+        // `% OP`, `% open`.
+        unit if unit.starts_with('%') => Some(100.0),
+        "ma" => Some(16.0),
+        "a" => Some(0.016),
+        _ => None,
+    }
+}
+
+/// Signals whose values tell them: least and most value, and the span. Values of 4 to 20 could be mA and per cent alike.
+const SIGNALS: [(f64, f64, f64); 3] = [(0.0038, 0.0205, 0.016), (-0.05, 1.05, 1.0), (-5.0, 110.0, 100.0)];
+/// Values that may be mA, or per cent of a valve that is nearly closed.
+pub const MILLIAMPERES: (f64, f64) = (3.8, 20.5);
+/// Spans that limits are written for.
+const USUAL: [f64; 4] = [1.0, 16.0, 0.016, 100.0];
+
+impl Scale<'_> {
+    /// The span of OP, and where it is known from; `op` may be empty.
+    pub fn span(&self, op: &[Sample]) -> (Option<f64>, SpanSource) {
+        let limits = self.limits.map(|(low, high)| high - low).filter(|span| *span > 0.0);
+        let unit = self.unit.and_then(span_of_unit);
+        let usual = limits.filter(|span| USUAL.iter().any(|usual| (span - usual).abs() < 1e-6 * usual));
+        let told = [(self.given, SpanSource::Given), (usual, SpanSource::Limits), (unit, SpanSource::Unit)];
+        for (span, source) in told.into_iter().chain([(limits, SpanSource::Limits)]) {
+            if span.is_some() {
+                return (span, source);
+            }
+        }
+        match of_values(op) {
+            Some(span) => (Some(span), SpanSource::Values),
+            None => (None, SpanSource::Unknown),
+        }
+    }
+
+    /// What contradicts what: a message for who gave it.
+    pub fn contradiction(&self, op: &[Sample]) -> Option<String> {
+        /// The controller's limits may be narrower than the span, but not by so much.
+        const NARROWER: f64 = 20.0;
+        let span = self.given.filter(|span| span.is_finite() && *span > 0.0)?;
+        if let Some((low, high)) = self.limits.filter(|(low, high)| low < high) {
+            let wide = high - low;
+            if wide > 1.01 * span || wide * NARROWER < span {
+                return Some(format!(
+                    "op_span = {span} and op_limits = [{low}, {high}] contradict each other: the limits are {wide} apart; \
+                     both are in OP's own unit, 100 for per cent, 16 for mA"
+                ));
+            }
+        }
+        if let Some((unit, own)) = self.unit.and_then(|unit| Some((unit, span_of_unit(unit)?)))
+            && (own > 4.0 * span || span > 4.0 * own)
+        {
+            return Some(format!(
+                "op_span = {span} contradicts OP's unit {unit:?}, in which the span is {own}"
+            ));
+        }
+        let (least, most) = extent(op)?;
+        // An elevated zero lifts values above the span by a quarter (4..20 mA), never tenfold.
+        let beyond = most.abs().max(least.abs()) > 10.0 * span;
+        (beyond || most - least > 1.5 * span)
+            .then(|| format!("op_span = {span} contradicts the record: OP goes from {least} to {most}"))
+    }
+}
+
+/// Least and most of the good values; `None` where there is none.
+fn extent(op: &[Sample]) -> Option<(f64, f64)> {
+    let good = op.iter().filter(|s| s.quality.is_good() && s.value.is_finite()).map(|s| s.value);
+    good.fold(None, |found: Option<(f64, f64)>, value| {
+        let (least, most) = found.unwrap_or((value, value));
+        Some((least.min(value), most.max(value)))
+    })
+}
+
+fn of_values(op: &[Sample]) -> Option<f64> {
+    let (least, most) = extent(op)?;
+    let within = |(low, high): (f64, f64)| low <= least && most <= high;
+    // Zero alone is no signal, and one that goes far below zero is a deviation from something.
+    if most <= 0.0 || -least > 0.1 * most || within(MILLIAMPERES) {
+        return None;
+    }
+    SIGNALS.iter().find(|(low, high, _)| within((*low, *high))).map(|(.., span)| *span)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn op(values: &[f64]) -> Vec<Sample> {
+        values.iter().enumerate().map(|(k, value)| Sample::good(k as f64, *value)).collect()
+    }
+
+    #[test]
+    fn the_span_is_given_or_told_by_limits_unit_and_values() {
+        let of = |given, limits, unit, values: &[f64]| Scale { given, limits, unit }.span(&op(values));
+        assert_eq!(of(Some(50.0), Some((0.0, 100.0)), Some("%"), &[]), (Some(50.0), SpanSource::Given));
+        assert_eq!(of(None, Some((0.0, 1.0)), None, &[0.4]), (Some(1.0), SpanSource::Limits));
+        assert_eq!(of(None, Some((5.0, 95.0)), Some("%"), &[]), (Some(100.0), SpanSource::Unit));
+        assert_eq!(of(None, Some((0.0, 27_648.0)), None, &[]), (Some(27_648.0), SpanSource::Limits));
+        assert_eq!(of(None, None, Some("mA"), &[12.0]), (Some(16.0), SpanSource::Unit));
+        assert_eq!(of(None, None, None, &[0.50, 0.52]), (Some(1.0), SpanSource::Values));
+        assert_eq!(of(None, None, None, &[0.0121, 0.0123]), (Some(0.016), SpanSource::Values));
+        assert_eq!(of(None, None, None, &[50.0, 52.0]), (Some(100.0), SpanSource::Values));
+        for unknown in [&[12.0, 12.3][..], &[13_000.0], &[-1.0, 1.0], &[]] {
+            assert_eq!(of(None, None, None, unknown), (None, SpanSource::Unknown), "{unknown:?}");
+        }
+    }
+
+    #[test]
+    fn what_contradicts_each_other_is_said() {
+        let of =
+            |given, limits, unit, values: &[f64]| Scale { given, limits, unit }.contradiction(&op(values));
+        let said = of(Some(1.0), Some((0.0, 100.0)), None, &[]).expect("a hundred times too large");
+        assert!(said.starts_with("op_span = 1 and op_limits = [0, 100] contradict each other"), "{said}");
+        assert!(of(Some(100.0), Some((0.0, 1.0)), None, &[]).is_some());
+        assert!(of(Some(1.0), None, Some("%"), &[]).is_some());
+        assert!(of(Some(1.0), None, None, &[49.0, 52.0]).is_some());
+        assert_eq!(of(Some(100.0), Some((5.0, 95.0)), Some("%"), &[51.0]), None);
+        assert_eq!(of(Some(16.0), Some((4.0, 20.0)), Some("mA"), &[12.0]), None);
+        assert_eq!(of(None, Some((0.0, 100.0)), Some("mA"), &[]), None);
+    }
+}

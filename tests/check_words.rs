@@ -1,0 +1,168 @@
+//! Wrong configurations as people write them: each error names the line, the thing and the remedy, and is told once.
+
+use stictiond::config;
+
+/// A sound configuration, in parts that the cases replace.
+const SOUND: &str = r#"
+[[modbus]]
+name = "d"
+address = "10.0.0.5:502"
+address_base = 1
+poll_ms = 1000
+
+[[loop]]
+id = "A"
+op_span = 100.0
+op_limits = [0.0, 100.0]
+
+[loop.op]
+device = "d"
+register = "holding"
+address = 101
+type = "f32"
+unit = "%"
+
+[loop.pv]
+device = "d"
+register = "holding"
+address = 103
+type = "f32"
+
+[loop.mode]
+device = "d"
+register = "holding"
+address = 105
+type = "u16"
+auto_values = [1]
+"#;
+
+/// What is replaced by what, and what the one error says: its line, the thing, the remedy.
+const WRONG: &[(&str, &str, usize, &[&str])] = &[
+    ("10.0.0.5:502", "${PLC}:502", 4, &["variables are not filled in", "${PLC}", "write the value itself"]),
+    ("10.0.0.5:502", "10.0.0.5", 4, &["address", "'10.0.0.5' is not host:port", "10.0.0.5:502"]),
+    ("10.0.0.5:502", "tcp://10.0.0.5:502", 4, &["address", "is not host:port"]),
+    ("10.0.0.5:502", "10.0.0.5:70000", 4, &["address", "is not host:port"]),
+    (
+        "address = \"10",
+        "adress = \"10",
+        4,
+        &["unknown key \"adress\" in [[modbus]]", "did you mean \"address\"?"],
+    ),
+    ("address_base = 1", "", 2, &["missing key \"address_base\" in [[modbus]]"]),
+    ("address_base = 1", "address_base = 2", 5, &["address_base", "2 must be 0 or 1"]),
+    ("poll_ms = 1000", "poll_ms = 1s", 6, &["expected"]),
+    ("poll_ms = 1000", "poll_ms = \"1000\"", 6, &["poll_ms", "expected a whole number"]),
+    ("poll_ms = 1000", "pol_ms = 1000", 6, &["unknown key \"pol_ms\"", "did you mean \"poll_ms\"?"]),
+    ("poll_ms = 1000", "poll_ms = 0", 6, &["poll_ms"]),
+    ("[[modbus]]", "[modbus]", 2, &["modbus", "write each as [[modbus]]"]),
+    ("[[modbus]]", "[[modbuss]]", 2, &["unknown section \"modbuss\"", "did you mean \"modbus\"?"]),
+    ("[[loop]]", "[[loops]]", 8, &["unknown section \"loops\"", "did you mean \"loop\"?"]),
+    ("id = \"A\"", "id = \"A/B\"", 9, &["id", "none of them /"]),
+    ("id = \"A\"", "id = A", 9, &["string"]),
+    (
+        "op_span = 100.0",
+        "op_span = 1.0",
+        10,
+        &["op_span = 1 and op_limits = [0, 100] contradict", "OP's own unit"],
+    ),
+    ("op_span = 100.0", "op_span = -100", 10, &["op_span", "must be a number above 0"]),
+    ("op_span = 100.0", "op_span = 100,0", 10, &["a decimal comma", "with a point"]),
+    ("op_span = 100.0", "op_span = \"100,5\"", 10, &["op_span", "a decimal comma", "write op_span = 100.5"]),
+    ("[0.0, 100.0]", "[100.0, 0.0]", 11, &["op_limits", "the lower, then the upper"]),
+    ("[0.0, 100.0]", "100.0", 11, &["op_limits", "two numbers in brackets"]),
+    ("[0.0, 100.0]", "[0.0, 100.0", 13, &["array elements"]),
+    (
+        "device = \"d\"\nregister = \"holding\"\naddress = 101",
+        "device = \"x\"\nregister = \"holding\"\naddress = 101",
+        14,
+        &["device", "\"x\""],
+    ),
+    (
+        "address = 101",
+        "adress = 101",
+        16,
+        &["unknown key \"adress\" in [loop.op]", "did you mean \"address\"?"],
+    ),
+    ("address = 101", "address = 0", 16, &["address", "0 must be 1 to 65535 (address_base = 1)"]),
+    ("address = 101", "address = 400101", 16, &["address", "400101 must be 1 to", "write 101"]),
+    ("address = 101", "address = \"101\"", 16, &["address", "expected a whole number"]),
+    ("type = \"f32\"\nunit", "type = \"float\"\nunit", 17, &["type", "\"float\"", "f32"]),
+    ("type = \"f32\"\nunit", "typ = \"f32\"\nunit", 17, &["unknown key \"typ\"", "did you mean \"type\"?"]),
+    ("unit = \"%\"", "scale = 0,1", 18, &["a decimal comma", "with a point"]),
+    ("unit = \"%\"", "scale = \"0,1\"", 18, &["scale", "a decimal comma", "write scale = 0.1"]),
+    ("unit = \"%\"", "range = \"0-100\"", 18, &["range"]),
+    ("[loop.pv]", "[loop.pw]", 20, &["pw"]),
+    ("[loop.pv]", "[[loop.pv]]", 20, &["pv", "[loop.pv]"]),
+    (
+        "register = \"holding\"\naddress = 103",
+        "register = \"coil\"\naddress = 103",
+        24,
+        &["type", "a coil is a single bit"],
+    ),
+    (
+        "register = \"holding\"\naddress = 103",
+        "register = \"holdings\"\naddress = 103",
+        22,
+        &["register", "\"holdings\"", "\"holding\""],
+    ),
+    ("auto_values = [1]", "auto_values = 1", 31, &["auto_values", "write auto_values = [1]"]),
+    ("poll_ms = 1000", "poll_ms = 1000\n[alarm]\nk = 5\nn = 3", 8, &["k"]),
+    (
+        "[[loop]]",
+        "[[notify.smtp]]\nname = \"m\"\naddress = \"mail:25\"\nfrom = \"a@b.c\"\nto = \"a@b.c\"\n[[loop]]",
+        12,
+        &["to", "write to = [\"a@b.c\"]"],
+    ),
+    ("[[loop]]", "[tables.defaults]\ndecimal = \";\"\n[[loop]]", 8, &["defaults", "--decimal", ". or ,"]),
+    ("[[loop]]", "[store]\n[[loop]]", 8, &["missing key \"folder\" in [store]"]),
+    (
+        "[[loop]]",
+        "[schedule]\nperiod = 60\n[[loop]]",
+        9,
+        &["unknown key \"period\"", "did you mean \"period_s\"?"],
+    ),
+    (
+        "[[loop]]",
+        "[server]\nlisten = \"8080\"\n[[loop]]",
+        9,
+        &["listen", "address and port such as 127.0.0.1:8080"],
+    ),
+];
+
+#[test]
+fn the_sound_configuration_is_sound() {
+    let config = config::parse("plant.toml", SOUND).unwrap_or_else(|errors| panic!("{errors:?}"));
+    assert_eq!(config.remarks(), Vec::<String>::new());
+}
+
+#[test]
+fn every_error_names_its_line_the_thing_and_the_remedy_once() {
+    let mut faults = Vec::new();
+    for (from, to, line, says) in WRONG {
+        let text = SOUND.replacen(from, to, 1);
+        assert_ne!(text, SOUND, "{from}");
+        let errors = match config::parse("plant.toml", &text) {
+            Ok(_) => vec!["accepted".to_string()],
+            Err(errors) => errors.iter().map(ToString::to_string).collect(),
+        };
+        let place = format!("plant.toml:{line}:");
+        let told = errors.iter().filter(|error| error.starts_with(&place)).count();
+        let good = errors
+            .iter()
+            .any(|error| error.starts_with(&place) && says.iter().all(|word| error.contains(word)));
+        if !good || told != 1 || errors.len() != 1 {
+            faults.push(format!("{from:?} as {to:?}:\n    {}", errors.join("\n    ")));
+        }
+    }
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+#[test]
+fn an_address_that_names_the_kind_of_register_is_remarked() {
+    let text = SOUND.replacen("address = 101", "address = 40101", 1);
+    let config = config::parse("plant.toml", &text).unwrap_or_else(|errors| panic!("{errors:?}"));
+    let remarks = config.remarks();
+    assert_eq!(remarks.len(), 1, "{remarks:?}");
+    assert!(remarks[0].starts_with("A.op: address = 40101 is read as holding register 40101"), "{remarks:?}");
+    assert!(remarks[0].ends_with("write address = 101"), "{remarks:?}");
+}

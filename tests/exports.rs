@@ -1,0 +1,41 @@
+//! Tables as plants send them: one record in many clothes is the same record, what is doubtful is refused by name, and
+//! nothing is ever read as other numbers than those that were written.
+
+#[path = "exports/archive.rs"]
+mod archive;
+#[path = "exports/columns.rs"]
+mod columns;
+#[path = "exports/dress.rs"]
+mod dress;
+#[path = "exports/forms.rs"]
+mod forms;
+#[path = "exports/random.rs"]
+mod random;
+#[path = "exports/shared.rs"]
+mod shared;
+#[path = "exports/workbooks.rs"]
+mod workbooks;
+
+use std::path::{Path, PathBuf};
+use stictiond::collect::table::{Options, Source, Table, read};
+use stictiond::signal::Record;
+
+/// The record that every form is made of.
+fn example() -> Record {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/example.csv");
+    stictiond::collect::table::record(&path).expect("the example is a record")
+}
+
+fn of_bytes(bytes: &[u8], options: &Options) -> Result<Table, String> {
+    read(Source::Bytes(bytes), options).map_err(|error| error.to_string())
+}
+
+/// A file of its own, in the directory that cargo keeps for this test binary.
+fn scratch(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("exports-{}-{name}", std::process::id()))
+}
+
+/// Values of OP and PV to the last bit.
+fn bits(record: &Record) -> [Vec<u64>; 2] {
+    [&record.op, &record.pv].map(|series| series.iter().map(|sample| sample.value.to_bits()).collect())
+}

@@ -1,0 +1,173 @@
+//! Parquet as other programs write it.
+
+use super::{bits, example, scratch};
+use parquet::basic::{BrotliLevel, Compression, GzipLevel, ZstdLevel};
+use parquet::data_type::{
+    ByteArray, ByteArrayType, DoubleType, FixedLenByteArray, FixedLenByteArrayType, Int32Type, Int64Type,
+    Int96, Int96Type,
+};
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::parser::parse_message_type;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use stictiond::collect::table::{Options, Source, Table, read};
+
+enum Values {
+    Doubles(Vec<f64>),
+    Longs(Vec<i64>),
+    Ints(Vec<i32>),
+    Texts(Vec<String>),
+    Fixed(Vec<Vec<u8>>),
+    Int96(Vec<Int96>),
+}
+
+/// A file with required columns.
+fn file(name: &str, compression: Compression, schema: &str, columns: &[Values]) -> PathBuf {
+    let path = scratch(name);
+    let schema = parse_message_type(&format!("message m {{ {schema} }}")).expect("a schema");
+    let properties = WriterProperties::builder().set_compression(compression).build();
+    let out = File::create(&path).expect("a file");
+    let mut writer = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties)).expect("new");
+    let mut group = writer.next_row_group().expect("a group");
+    for values in columns {
+        let mut column = group.next_column().expect("a column").expect("one more");
+        match values {
+            Values::Doubles(v) => column.typed::<DoubleType>().write_batch(v, None, None),
+            Values::Longs(v) => column.typed::<Int64Type>().write_batch(v, None, None),
+            Values::Ints(v) => column.typed::<Int32Type>().write_batch(v, None, None),
+            Values::Int96(v) => column.typed::<Int96Type>().write_batch(v, None, None),
+            Values::Texts(v) => {
+                let v: Vec<ByteArray> = v.iter().map(|text| ByteArray::from(text.as_str())).collect();
+                column.typed::<ByteArrayType>().write_batch(&v, None, None)
+            }
+            Values::Fixed(v) => {
+                let v: Vec<FixedLenByteArray> =
+                    v.iter().map(|bytes| FixedLenByteArray::from(ByteArray::from(bytes.clone()))).collect();
+                column.typed::<FixedLenByteArrayType>().write_batch(&v, None, None)
+            }
+        }
+        .expect("written");
+        column.close().expect("closed");
+    }
+    group.close().expect("closed");
+    writer.close().expect("closed");
+    path
+}
+
+fn table(path: &Path, options: &Options) -> Result<Table, String> {
+    read(Source::File(path), options).map_err(|error| error.to_string())
+}
+
+#[test]
+fn every_compression_and_an_index_without_a_name() {
+    let example = example();
+    let us =
+        example.op.iter().map(|s| 1_780_293_600_000_000 + (s.t * 1e6).round() as i64).collect::<Vec<_>>();
+    let (op, pv): (Vec<f64>, Vec<f64>) =
+        example.op.iter().zip(&example.pv).map(|(a, b)| (a.value, b.value)).unzip();
+    for (name, compression) in [
+        ("none", Compression::UNCOMPRESSED),
+        ("snappy", Compression::SNAPPY),
+        ("gzip", Compression::GZIP(GzipLevel::default())),
+        ("lz4", Compression::LZ4_RAW),
+        ("lz4-hadoop", Compression::LZ4),
+        ("brotli", Compression::BROTLI(BrotliLevel::default())),
+        ("zstd", Compression::ZSTD(ZstdLevel::default())),
+    ] {
+        let path = file(
+            name,
+            compression,
+            "required double op; required double pv; required int64 __index_level_0__ (TIMESTAMP(MICROS,false));",
+            &[Values::Doubles(op.clone()), Values::Doubles(pv.clone()), Values::Longs(us.clone())],
+        );
+        let found = table(&path, &Options::default()).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert!(bits(&found.record) == bits(&example), "{name}");
+        assert_eq!(found.record.op[1].t, 1_780_293_602.03, "{name}");
+        assert!(found.found.read_as.starts_with("Parquet, time as stamps (UTC)"), "{}", found.found.read_as);
+    }
+}
+
+#[test]
+fn numbers_of_every_kind_and_stamps_of_spark() {
+    let half = |value: f32| half_bits(value).to_le_bytes().to_vec();
+    let mut stamp = [Int96::new(); 2];
+    // 2026-06-01 is the Julian day 2461193; nanoseconds of the day, then the day.
+    for (k, stamp) in stamp.iter_mut().enumerate() {
+        let ns = 21_600_000_000_000u64 + 2_000_000_000 * k as u64;
+        stamp.set_data(ns as u32, (ns >> 32) as u32, 2_461_193);
+    }
+    let path = file(
+        "kinds",
+        Compression::SNAPPY,
+        "required int96 time; required fixed_len_byte_array(2) op (FLOAT16); required int32 pv (DECIMAL(9,3)); \
+         required binary mode (STRING); required int32 pv_quality;",
+        &[
+            Values::Int96(stamp.to_vec()),
+            Values::Fixed(vec![half(50.5), half(51.25)]),
+            Values::Ints(vec![1_002_000, 1_004_500]),
+            Values::Texts(vec!["AUTO".into(), "AUTO".into()]),
+            Values::Ints(vec![192, 0]),
+        ],
+    );
+    let record = table(&path, &Options::default()).expect("a record").record;
+    let points =
+        |series: &[stictiond::signal::Sample]| series.iter().map(|s| (s.t, s.value)).collect::<Vec<_>>();
+    assert_eq!(points(&record.op), [(1_780_293_600.0, 50.5), (1_780_293_602.0, 51.25)]);
+    assert_eq!(points(&record.pv), [(1_780_293_600.0, 1002.0), (1_780_293_602.0, 1004.5)]);
+    assert_eq!(record.pv.iter().map(|s| s.quality.is_good()).collect::<Vec<_>>(), [true, false]);
+    assert_eq!(record.mode.expect("there is one")[0].value, 1.0);
+}
+
+/// A number that binary16 has exactly.
+fn half_bits(value: f32) -> u16 {
+    let bits = value.to_bits();
+    let exponent = ((bits >> 23) & 0xff) as i32 - 127 + 15;
+    ((bits >> 16) & 0x8000) as u16 | ((exponent as u16) << 10) | ((bits >> 13) & 0x3ff) as u16
+}
+
+#[test]
+fn a_long_table_gives_the_loop_that_is_wanted() {
+    let texts = |texts: &[&str]| Values::Texts(texts.iter().map(|text| text.to_string()).collect());
+    let path = file(
+        "long",
+        Compression::ZSTD(ZstdLevel::default()),
+        "required binary time (STRING); required binary tag (STRING); required double value;",
+        &[
+            texts(&[
+                "2026-01-01T00:00:00Z",
+                "2026-01-01 00:00:00",
+                "2026-01-01T00:00:00Z",
+                "2026-01-01T00:00:01Z",
+            ]),
+            texts(&["FIC101.OP", "FIC101.PV", "FIC102.PV", "FIC101.OP"]),
+            Values::Doubles(vec![50.0, 7.0, 9.0, 51.0]),
+        ],
+    );
+    let of =
+        |own: Option<&str>| table(&path, &Options { of_loop: own.map(str::to_string), ..Options::default() });
+    let record = of(Some("FIC101")).expect("a record").record;
+    assert_eq!(record.op.iter().map(|s| s.value).collect::<Vec<_>>(), [50.0, 51.0]);
+    assert_eq!((record.op[0].t, record.pv.len()), (record.pv[0].t, 1));
+    let said = of(Some("FIC102")).expect_err("it has no OP");
+    assert!(said.contains("no tag for op") && said.contains("--op"), "{said}");
+}
+
+#[test]
+fn numeric_epochs_have_the_unit_that_makes_them_a_date_of_our_time() {
+    for (name, scale) in [("s", 1), ("ms", 1_000), ("us", 1_000_000), ("ns", 1_000_000_000)] {
+        let path = file(
+            name,
+            Compression::SNAPPY,
+            "required int64 t; required double op; required double pv;",
+            &[
+                Values::Longs(vec![1_780_293_600 * scale, 1_780_293_602 * scale]),
+                Values::Doubles(vec![1.0, 2.0]),
+                Values::Doubles(vec![1.0, 2.0]),
+            ],
+        );
+        let record = table(&path, &Options::default()).expect("a record").record;
+        assert_eq!([record.op[0].t, record.op[1].t], [1_780_293_600.0, 1_780_293_602.0], "{name}");
+    }
+}

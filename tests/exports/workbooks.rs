@@ -1,0 +1,157 @@
+//! Sheets of Excel and OpenDocument.
+
+use super::archive::archive;
+use super::dress::BEGIN;
+use super::{bits, example, of_bytes};
+use std::fmt::Write;
+use stictiond::collect::table::Options;
+use stictiond::signal::Record;
+
+/// Days as spreadsheets count them.
+fn serial(t: f64) -> f64 {
+    (BEGIN as f64 + t) / 86_400.0 + 25_569.0
+}
+
+/// A sheet of Excel: a title, the names, and numbers with dates in the first column.
+fn xlsx(record: &Record, sheets: &[&str]) -> Vec<u8> {
+    let mut rows = String::from(
+        "<row r=\"1\"><c r=\"A1\" t=\"inlineStr\"><is><t>Trend of unit 10</t></is></c></row>\
+         <row r=\"3\"><c r=\"A3\" t=\"inlineStr\"><is><t>Time</t></is></c><c r=\"B3\" t=\"inlineStr\"><is><t>OP %</t></is></c>\
+         <c r=\"C3\" t=\"inlineStr\"><is><t>PV</t></is></c></row>",
+    );
+    for (k, (op, pv)) in record.op.iter().zip(&record.pv).enumerate() {
+        let row = k + 4;
+        // Writing into a String cannot fail.
+        let _ = write!(
+            rows,
+            "<row r=\"{row}\"><c r=\"A{row}\" s=\"1\"><v>{}</v></c><c r=\"B{row}\"><v>{}</v></c><c r=\"C{row}\"><v>{}</v></c></row>",
+            serial(op.t),
+            op.value,
+            pv.value
+        );
+    }
+    const MAIN: &str = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
+    const RELATIONS: &str = "http://schemas.openxmlformats.org/officeDocument/2006/relationships";
+    const PACKAGE: &str = "http://schemas.openxmlformats.org/package/2006/relationships";
+    let sheet = format!("<worksheet xmlns=\"{MAIN}\"><sheetData>{rows}</sheetData></worksheet>");
+    let (mut listed, mut related) = (String::new(), String::new());
+    for (k, name) in sheets.iter().enumerate() {
+        let _ = write!(listed, "<sheet name=\"{name}\" sheetId=\"{}\" r:id=\"rId{}\"/>", k + 1, k + 1);
+        let _ = write!(
+            related,
+            "<Relationship Id=\"rId{}\" Type=\"{RELATIONS}/worksheet\" Target=\"worksheets/sheet1.xml\"/>",
+            k + 1
+        );
+    }
+    let _ = write!(related, "<Relationship Id=\"rIdS\" Type=\"{RELATIONS}/styles\" Target=\"styles.xml\"/>");
+    archive(&[
+        (
+            "[Content_Types].xml",
+            "<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\
+             <Default Extension=\"xml\" ContentType=\"application/xml\"/></Types>",
+        ),
+        (
+            "_rels/.rels",
+            &format!(
+                "<Relationships xmlns=\"{PACKAGE}\"><Relationship Id=\"rId1\" Type=\"{RELATIONS}/officeDocument\" \
+                 Target=\"xl/workbook.xml\"/></Relationships>"
+            ),
+        ),
+        (
+            "xl/workbook.xml",
+            &format!(
+                "<workbook xmlns=\"{MAIN}\" xmlns:r=\"{RELATIONS}\"><sheets>{listed}</sheets></workbook>"
+            ),
+        ),
+        (
+            "xl/_rels/workbook.xml.rels",
+            &format!("<Relationships xmlns=\"{PACKAGE}\">{related}</Relationships>"),
+        ),
+        (
+            "xl/styles.xml",
+            &format!(
+                "<styleSheet xmlns=\"{MAIN}\"><cellXfs count=\"2\"><xf numFmtId=\"0\"/><xf numFmtId=\"22\"/></cellXfs></styleSheet>"
+            ),
+        ),
+        ("xl/worksheets/sheet1.xml", &sheet),
+    ])
+}
+
+/// A sheet of OpenDocument, times as text.
+fn ods(record: &Record) -> Vec<u8> {
+    let text = |text: &str| {
+        format!("<table:table-cell office:value-type=\"string\"><text:p>{text}</text:p></table:table-cell>")
+    };
+    let number = |value: f64| {
+        format!(
+            "<table:table-cell office:value-type=\"float\" office:value=\"{value}\"><text:p>{value}</text:p></table:table-cell>"
+        )
+    };
+    let row = |cells: String| format!("<table:table-row>{cells}</table:table-row>");
+    let mut rows = row(["t", "op", "pv"].map(text).concat());
+    for (op, pv) in record.op.iter().zip(&record.pv) {
+        rows += &row([number(op.t), number(op.value), number(pv.value)].concat());
+    }
+    let content = format!(
+        "<office:document-content xmlns:office=\"urn:oasis:names:tc:opendocument:xmlns:office:1.0\" \
+         xmlns:table=\"urn:oasis:names:tc:opendocument:xmlns:table:1.0\" \
+         xmlns:text=\"urn:oasis:names:tc:opendocument:xmlns:text:1.0\"><office:body><office:spreadsheet>\
+         <table:table table:name=\"Trend\">{rows}</table:table></office:spreadsheet></office:body></office:document-content>"
+    );
+    archive(&[
+        ("mimetype", "application/vnd.oasis.opendocument.spreadsheet"),
+        (
+            "META-INF/manifest.xml",
+            "<manifest:manifest xmlns:manifest=\"urn:oasis:names:tc:opendocument:xmlns:manifest:1.0\"/>",
+        ),
+        ("content.xml", &content),
+    ])
+}
+
+#[test]
+fn sheets_of_excel_are_read_with_their_dates() {
+    let example = example();
+    let found = of_bytes(&xlsx(&example, &["Trend"]), &Options::default()).expect("a workbook");
+    assert!(bits(&found.record) == bits(&example));
+    let off = found
+        .record
+        .op
+        .iter()
+        .zip(&example.op)
+        .map(|(a, b)| (a.t - BEGIN as f64 - b.t).abs())
+        .fold(0.0, f64::max);
+    assert!(off < 1e-6, "times are off by {off} s");
+    assert_eq!(found.record.op_span, Some(100.0));
+    assert!(
+        found.found.read_as.starts_with("workbook, time as stamps (UTC), op from \"OP %\" [%]"),
+        "{}",
+        found.found.read_as
+    );
+}
+
+#[test]
+fn one_of_several_sheets_is_named() {
+    let book = xlsx(&example(), &["First", "Second"]);
+    let said = of_bytes(&book, &Options::default()).expect_err("two sheets");
+    assert_eq!(said, "several sheets hold tables, \"First\", \"Second\": say which with --sheet");
+    let sheet = |name: &str| of_bytes(&book, &Options { sheet: Some(name.into()), ..Options::default() });
+    assert!(sheet("second").expect("named").found.read_as.starts_with("sheet \"Second\""));
+    assert!(sheet("Third").expect_err("none").contains("no sheet \"Third\" (--sheet)"));
+}
+
+#[test]
+fn sheets_of_open_document_are_read() {
+    let example = example();
+    let found = of_bytes(&ods(&example), &Options::default()).expect("a workbook");
+    assert!(bits(&found.record) == bits(&example));
+    assert!(found.record.op.iter().zip(&example.op).all(|(a, b)| a.t == b.t));
+}
+
+#[test]
+fn a_damaged_workbook_is_refused() {
+    let book = xlsx(&example(), &["Trend"]);
+    for cut in [10, 200, book.len() / 2, book.len() - 30] {
+        let said = of_bytes(&book[..cut], &Options::default()).expect_err("cut");
+        assert!(said.contains("workbook"), "{said}");
+    }
+}
