@@ -438,7 +438,7 @@ fn a_constant_is_read_as_the_source_writes_it() {
 }
 
 /// What each hypothesis costs: its file, rate and alternatives in the source, and both as docs/method.md says them.
-const COSTS: [(&str, [&str; 2], [&str; 2]); 12] = [
+const COSTS: [(&str, [&str; 2], [&str; 2]); 11] = [
     (
         "load/oscillating_load.rs",
         ["FREQUENCY + 2.0 * REGULAR * self.harmonics.len() as f64", "HARMONICS.len() as f64"],
@@ -449,8 +449,7 @@ const COSTS: [(&str, [&str; 2], [&str; 2]); 12] = [
         ["TAPS as f64 * REGULAR", "self.alternatives"],
         ["2 · 1/2", "tags × delays"],
     ),
-    ("load/load_step.rs", ["REGULAR + THRESHOLD", "2.0"], ["1/2 + 1", "2"]),
-    ("load/load_step.rs", ["REGULAR + THRESHOLD", "2.0"], ["1/2 + 1", "2"]),
+    ("load/load_step.rs", ["REGULAR + THRESHOLD", "3.0"], ["1/2 + 1", "3"]),
     (
         "load/drift.rs",
         ["REGULAR + if self.from.is_some() { REGULAR } else { 0.0 }", "2.0"],
@@ -492,8 +491,11 @@ fn the_costs_of_the_hypotheses_are_those_of_the_source() {
         assert_eq!([row[2].as_str(), row[3].as_str()], told, "docs/method.md: {file}");
     }
     let of_valve = read("src/residual/valve_search/mod.rs");
-    assert!(of_valve.contains("(THRESHOLD + of_j, StopRule::ALL.len() as f64)"), "what a valve costs");
-    assert_eq!(rows.iter().filter(|row| row[3] == "3" && row[0].starts_with("friction")).count(), 2);
+    let cost = "(THRESHOLD + of_j, StopRule::ALL.len() as f64 * resolutions)";
+    assert!(of_valve.contains(cost) && of_valve.contains("RESOLUTIONS: [f64; 7]"), "what a valve costs");
+    let told =
+        |row: &&Vec<String>| row[3] == "3, times 7 with a resolution" && row[0].starts_with("friction");
+    assert_eq!(rows.iter().filter(told).count(), 2);
 }
 
 #[test]
