@@ -13,8 +13,9 @@ const DELAYS: usize = 3;
 const FIRST: usize = 4;
 /// Log-likelihood behind the best up to which a delay goes on: a flat valley of C hides as much after the first iterations.
 const VALLEY: f64 = 25.0;
-/// Iterations of those that go on, and of one that starts from a fit nearly right.
+/// Iterations of those that go on.
 const MOST: usize = 16;
+/// Iterations of a fit that starts from one nearly right.
 pub const NEAR: usize = 5;
 
 /// Stretches in which every time of a change is tried, samples beside each, and how often the best is a start.
