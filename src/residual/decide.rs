@@ -13,9 +13,10 @@ const DELAYS: usize = 3;
 const FIRST: usize = 4;
 /// Log-likelihood behind the best up to which a delay goes on: a flat valley of C hides as much after the first iterations.
 const VALLEY: f64 = 25.0;
-/// Iterations of those that go on, and of one that starts from a fit nearly right.
+/// Iterations of those that go on.
 const MOST: usize = 16;
-const NEAR: usize = 5;
+/// Iterations of a fit that starts from one nearly right.
+pub const NEAR: usize = 5;
 
 /// Stretches in which every time of a change is tried, samples beside each, and how often the best is a start.
 const PEAKS: usize = 4;
@@ -79,18 +80,18 @@ pub fn decide(data: &IdData, hypothesis: Hypothesis, near: Option<&ArxFit>) -> D
     Decided::new(data, hypothesis, model)
 }
 
-/// Fits a hypothesis from a model that is nearly right.
-pub fn decide_near(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Decided {
+/// Fits a hypothesis from a model that is nearly right, in at most `most` iterations.
+pub fn decide_near(data: &IdData, hypothesis: Hypothesis, near: &Armax, most: usize) -> Decided {
     let input = OnData { hypothesis: &hypothesis, data };
     let mut start = near.clone();
     start.theta = hypothesis.smooth().iter().map(|smooth| smooth.value).collect();
-    let model = start.fit(data, &data.y, &input, NEAR);
+    let model = start.fit(data, &data.y, &input, most);
     Decided::new(data, hypothesis, model)
 }
 
 /// Fits a hypothesis a few iterations from nothing and from a model that may be right; the better of both.
 pub fn decide_quick(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Decided {
-    let warm = decide_near(data, hypothesis.clone(), near);
+    let warm = decide_near(data, hypothesis.clone(), near, NEAR);
     let signals = hypothesis.signals(data);
     let y = hypothesis.pv(data);
     let long = Arx::new(data, &y, &signals.shapes).fit(&signals.x, None);
@@ -131,7 +132,7 @@ pub fn retime(data: &IdData, mut best: Decided) -> Decided {
         if rated <= held(&best.hypothesis) {
             break;
         }
-        let better = decide_near(data, other, &best.model);
+        let better = decide_near(data, other, &best.model, NEAR);
         if better.score <= best.score {
             break;
         }
@@ -184,7 +185,7 @@ pub fn refine(data: &IdData, best: Decided) -> Decided {
             for other in others {
                 let mut hypothesis = best.hypothesis.clone();
                 hypothesis.effects[count - 1] = other;
-                let tried = decide_near(data, hypothesis, &best.model);
+                let tried = decide_near(data, hypothesis, &best.model, NEAR);
                 if tried.score > best.score && better.as_ref().is_none_or(|b: &Decided| tried.score > b.score)
                 {
                     better = Some(tried);

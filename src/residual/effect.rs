@@ -41,6 +41,10 @@ pub trait EffectModel: Debug + Send + Sync {
     fn moved(&self, _at: usize) -> Box<dyn EffectModel> {
         self.boxed()
     }
+    /// Itself, and the same where it may enter elsewhere.
+    fn variants(&self) -> Vec<Box<dyn EffectModel>> {
+        vec![self.boxed()]
+    }
     /// Changes the valve.
     fn on_valve(&self, _valve: &mut ValveModel) {}
     /// Whether it changes the stem on its way to the process.

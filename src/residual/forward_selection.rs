@@ -1,7 +1,7 @@
 //! Forward selection: the likeliest effect is added, then all is asked again beside it.
 
 use super::Kind;
-use super::decide::{Decided, arx, decide, decide_near, decide_quick, refine, retime, scored};
+use super::decide::{Decided, NEAR, arx, decide, decide_near, decide_quick, refine, retime, scored};
 use super::hypotheses::ALL;
 use super::hypothesis::Hypothesis;
 use super::posterior::{Table, class};
@@ -16,11 +16,14 @@ const REACH: f64 = 25.0;
 /// Score behind the best up to which a hypothesis is fitted to the end: beyond it its posterior is none (-).
 const CLOSE: f64 = 12.0;
 /// Kinds beside which friction is searched again.
-const SEARCHED: usize = 5;
+const SEARCHED: usize = 3;
 /// Valves beside which effects are screened.
 const SCREENED: usize = 2;
 /// Proposals of one kind that are fitted, with friction and without.
 const FITTED: usize = 5;
+/// Iterations after which they are compared, and how many of them go on.
+const BEGUN: usize = 2;
+const GO_ON: usize = 1;
 
 /// The hypotheses with at most one effect more than the `count` that all share.
 pub struct Comparison<'a> {
@@ -79,6 +82,7 @@ impl Comparison<'_> {
         }
         proposed.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut taken: Vec<((Kind, bool), f64)> = Vec::new();
+        let mut begun: Vec<((Kind, bool), usize, Decided)> = Vec::new();
         for (promised, at, kind, hypothesis) in proposed {
             let key = (kind, hypothesis.valve.is_some());
             let of_kind: Vec<f64> =
@@ -88,7 +92,22 @@ impl Comparison<'_> {
             let enough = of_kind.first().map_or(f64::NEG_INFINITY, |first| first - REACH);
             if of_kind.len() < if told { 60 } else { FITTED } && (told || promised >= enough) {
                 taken.push((key, promised));
-                self.decided.push(decide_quick(self.data, hypothesis, &bases[at].model));
+                begun.push((key, at, decide_near(self.data, hypothesis, &bases[at].model, BEGUN)));
+            }
+        }
+        // The best of each kind goes on.
+        begun.sort_by(|a, b| b.2.score.total_cmp(&a.2.score));
+        let most = self.decided.iter().chain(begun.iter().map(|begun| &begun.2)).map(|d| d.score);
+        let enough = most.fold(f64::NEG_INFINITY, f64::max) - 2.0 * REACH;
+        let mut gone_on: Vec<(Kind, bool)> = Vec::new();
+        for (key, at, decided) in begun {
+            let told = self.told == Some(key.0);
+            let before = gone_on.iter().filter(|other| **other == key).count();
+            if told || before < GO_ON && decided.score >= enough {
+                gone_on.push(key);
+                self.decided.push(decide_quick(self.data, decided.hypothesis, &bases[at].model));
+            } else {
+                self.decided.push(decided);
             }
         }
     }
@@ -112,19 +131,37 @@ impl Comparison<'_> {
         let at = |d: &Decided| d.hypothesis.effects.last().and_then(|effect| effect.at());
         let found = self.timed();
         for own in &found {
-            let mut tried: Vec<usize> = at(own).into_iter().collect();
+            let mut others = own.hypothesis.clone();
+            let Some(last) = others.effects.pop() else { continue };
+            let mut tried: Vec<usize> = Vec::new();
             for time in found.iter().filter_map(at) {
                 for time in [time, time + own.model.nk, time.saturating_sub(own.model.nk)] {
                     let inside = (self.data.first..self.data.split).contains(&time);
                     if inside && !tried.contains(&time) {
                         tried.push(time);
-                        let mut hypothesis = own.hypothesis.clone();
-                        let last = hypothesis.effects.pop();
-                        hypothesis.effects.extend(last.map(|effect| effect.moved(time)));
-                        self.decided.push(decide_near(self.data, hypothesis, &own.model));
+                        for effect in last.moved(time).variants() {
+                            let hypothesis = others.with(effect);
+                            self.decided.push(decide_near(self.data, hypothesis, &own.model, NEAR));
+                        }
                     }
                 }
             }
+        }
+    }
+
+    /// Offers the effects that explain something beside friction to the hypothesis without friction, and back.
+    fn offer_effects(&mut self) {
+        for friction in [false, true] {
+            let other = self.best(None, |class| (class > 0) != friction).cloned();
+            let least = self.best(None, |class| (class > 0) == friction).map(|none| none.score);
+            let (Some(other), Some(least)) = (other, least) else { continue };
+            let all = ALL.iter().filter_map(|kind| self.best(Some(kind.kind()), |c| (c > 0) == friction));
+            // What explains nothing beside its own friction is not worth a fit.
+            let effects = all.filter(|found| found.score > least).filter_map(|f| f.hypothesis.effects.last());
+            let hypotheses: Vec<Hypothesis> =
+                effects.map(|effect| other.hypothesis.with(effect.boxed())).collect();
+            self.decided
+                .extend(hypotheses.into_iter().map(|h| decide_near(self.data, h, &other.model, NEAR)));
         }
     }
 
@@ -181,7 +218,7 @@ impl Comparison<'_> {
                 };
                 let anew = decide(self.data, best.hypothesis.clone(), None);
                 let offered =
-                    leaders.iter().map(|model| decide_near(self.data, best.hypothesis.clone(), model));
+                    leaders.iter().map(|model| decide_near(self.data, best.hypothesis.clone(), model, NEAR));
                 let best = offered.fold(if anew.score > best.score { anew } else { best.clone() }, |a, b| {
                     if b.score > a.score { b } else { a }
                 });
@@ -209,6 +246,7 @@ pub fn compare(
     let mut comparison = Comparison { data, count: effects.effects.len(), decided, told };
     comparison.propose();
     comparison.retime();
+    comparison.offer_effects();
     comparison.offer_times();
     comparison.search_beside(pool);
     comparison.offer(pool);

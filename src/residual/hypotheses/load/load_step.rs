@@ -102,18 +102,14 @@ impl EffectModel for Step {
     fn moved(&self, at: usize) -> Box<dyn EffectModel> {
         Step { at, ..self.clone() }.boxed()
     }
+    fn variants(&self) -> Vec<Box<dyn EffectModel>> {
+        let places = [Place::Equation, Place::Input, Place::Pv].into_iter();
+        let others = places.filter(|place| *place != self.place);
+        let others = others.map(|place| Step { place, size: 0.0, ..self.clone() }.boxed());
+        [self.boxed()].into_iter().chain(others).collect()
+    }
     fn neighbours(&self, data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
-        let mut out: Vec<Step> =
-            near(self.at, data, step).into_iter().map(|at| Step { at, ..self.clone() }).collect();
-        if step == 1.0 {
-            let places = [Place::Equation, Place::Input, Place::Pv].into_iter();
-            out.extend(places.filter(|p| *p != self.place).map(|place| Step {
-                at: self.at,
-                place,
-                size: 0.0,
-            }));
-        }
-        out.into_iter().map(|step| step.boxed()).collect()
+        near(self.at, data, step).into_iter().map(|at| Step { at, ..self.clone() }.boxed()).collect()
     }
     fn describe(&self, data: &IdData, model: &Armax, gamma: &[f64]) -> Described {
         let time = data.time(self.at as f64);
