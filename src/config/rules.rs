@@ -290,7 +290,7 @@ impl Rules<'_, '_, '_> {
         };
         let issues = match (device, tag) {
             (Device::Modbus(at), TagConfig::Modbus(tag)) => {
-                let keys = [&tag::OPCUA_KEYS[..], &tag::MQTT_KEYS].concat();
+                let keys = [&tag::OPCUA_KEYS[..], &tag::MQTT_KEYS, &tag::TEXT_KEYS].concat();
                 let own = parts.modbus[at].as_ref().map(|device| tag.validate(device, role));
                 [strange(&keys, "a tag with a register has none"), own.unwrap_or_default()].concat()
             }

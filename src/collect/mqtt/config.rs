@@ -1,8 +1,8 @@
 //! What the configuration file says about an MQTT broker and about a tag's place in its messages.
 
 use super::json::Path as JsonPath;
-use crate::collect::Issue;
 use crate::collect::scaling::Scaling;
+use crate::collect::{DecimalSign, Issue};
 use crate::mqtt::{Broker, Password, topic_fault};
 use crate::signal::Role;
 use serde::Deserialize;
@@ -119,6 +119,19 @@ pub enum TimeUnit {
 }
 
 impl TimeUnit {
+    /// All of them.
+    pub(super) const ALL: [Self; 4] = [Self::S, Self::Ms, Self::Us, Self::Ns];
+
+    /// As the file writes it.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            TimeUnit::S => "s",
+            TimeUnit::Ms => "ms",
+            TimeUnit::Us => "us",
+            TimeUnit::Ns => "ns",
+        }
+    }
+
     /// How many make a second.
     pub fn per_second(self) -> f64 {
         match self {
@@ -156,6 +169,9 @@ pub struct TagConfig {
     /// Path of the value in JSON, `values.op`, `items[0].v`, `['a.b'].v`; left out for a payload that is a number.
     #[serde(default)]
     pub path: Option<String>,
+    /// The decimal sign of values that are text, `.` or `,`; left out, what the text itself proves.
+    #[serde(default)]
+    pub decimal: Option<DecimalSign>,
     /// Path of its time.
     #[serde(default)]
     pub time_path: Option<String>,
@@ -196,7 +212,13 @@ fn default_scale() -> f64 {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Place {
     /// In the messages of a topic.
-    Topic { topic: String, value: Option<JsonPath>, time: Option<JsonPath>, quality: Option<JsonPath> },
+    Topic {
+        topic: String,
+        value: Option<JsonPath>,
+        decimal: Option<DecimalSign>,
+        time: Option<JsonPath>,
+        quality: Option<JsonPath>,
+    },
     /// In the messages of an edge node or a device of its.
     Metric { group: String, edge: String, device: Option<String>, metric: MetricKey },
 }
@@ -297,15 +319,17 @@ impl TagConfig {
                         return Err(issue(field, "a payload without path is a plain number".into()));
                     }
                 }
-                Ok(Place::Topic { topic: topic.clone(), value, time, quality: quality.filter(|_| !plain) })
+                let quality = quality.filter(|_| !plain);
+                Ok(Place::Topic { topic: topic.clone(), value, decimal: self.decimal, time, quality })
             }
             (None, Some(text)) => {
-                for (field, own) in [
-                    ("path", &self.path),
-                    ("time_path", &self.time_path),
-                    ("quality_path", &self.quality_path),
+                for (field, set) in [
+                    ("path", self.path.is_some()),
+                    ("decimal", self.decimal.is_some()),
+                    ("time_path", self.time_path.is_some()),
+                    ("quality_path", self.quality_path.is_some()),
                 ] {
-                    if own.is_some() {
+                    if set {
                         return Err(issue(field, "only a tag with a topic has one".into()));
                     }
                 }

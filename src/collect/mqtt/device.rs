@@ -271,15 +271,18 @@ impl Collector {
         let document = match json::parse(payload) {
             Ok(document) => document,
             Err(refused) => {
-                self.refuse(topic, refused.as_str(), 1);
+                self.refuse(topic, &refused.to_string(), 1);
                 return (0, 0);
             }
         };
         let (mut good, mut bad) = (0, 0);
         for &at in tags {
-            let Place::Topic { value, time, quality, .. } = &self.plan.tags[at].place else { continue };
+            let Place::Topic { value, decimal, time, quality, .. } = &self.plan.tags[at].place else {
+                continue;
+            };
             let place = Where {
                 value: value.as_ref(),
+                decimal: *decimal,
                 time: time.as_ref(),
                 quality: quality.as_ref(),
                 unit: self.plan.config.time_unit,
@@ -289,7 +292,7 @@ impl Collector {
                 Ok(Some(true)) => good += 1,
                 Ok(Some(false)) => bad += 1,
                 Ok(None) => {}
-                Err(refused) => self.refuse(topic, refused.as_str(), 1),
+                Err(refused) => self.refuse(topic, &refused.to_string(), 1),
             }
         }
         (good, bad)
@@ -325,7 +328,7 @@ impl Collector {
                 Ok(Some(true)) => good += 1,
                 Ok(Some(false)) => bad += 1,
                 Ok(None) => {}
-                Err(refused) => self.refuse(topic, refused.as_str(), 1),
+                Err(refused) => self.refuse(topic, &refused.to_string(), 1),
             }
         }
         for (tag, reason) in lost {

@@ -20,7 +20,7 @@ mod evidence;
 mod found;
 mod layout;
 mod names;
-mod number;
+pub(super) mod number;
 mod options;
 mod parquet;
 mod roles;
