@@ -7,6 +7,7 @@
 pub mod modbus;
 pub mod mqtt;
 pub mod opcua;
+pub mod stub;
 pub mod table;
 
 mod backoff;

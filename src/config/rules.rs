@@ -19,6 +19,7 @@ macro_rules! path {
 }
 
 mod candidates;
+mod clients;
 mod door;
 mod telling;
 mod writing;
@@ -39,6 +40,7 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
     rules.variables();
     rules.sections(parts);
     rules.devices(parts);
+    rules.clients(parts);
     rules.loops(parts);
     rules.registers(parts);
     rules.writing(parts);

@@ -3,7 +3,8 @@
 use super::json::Path as JsonPath;
 use crate::collect::scaling::Scaling;
 use crate::collect::{DecimalSign, Issue};
-use crate::mqtt::{Broker, Password, topic_fault};
+use crate::host;
+use crate::mqtt::{Broker, Password, default_client_id, topic_fault};
 use crate::signal::Role;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -37,9 +38,10 @@ pub struct Config {
     /// Environment variable that holds the password.
     #[serde(default)]
     pub password_env: Option<String>,
-    /// The client's name at the broker; two clients must not have the same.
-    #[serde(default = "default_client_id")]
-    pub client_id: String,
+    /// The client's name at the broker; left out, one made of the host's and the section's. Two clients must not have the
+    /// same.
+    #[serde(default)]
+    pub client_id: Option<String>,
     /// Longest silence before the client asks for a sign of life (s).
     #[serde(default = "default_keep_alive_s")]
     pub keep_alive_s: u16,
@@ -81,9 +83,6 @@ pub struct Config {
     pub request_rebirth: bool,
 }
 
-fn default_client_id() -> String {
-    "stictiond".into()
-}
 fn default_keep_alive_s() -> u16 {
     30
 }
@@ -231,13 +230,18 @@ pub(super) enum MetricKey {
 }
 
 impl Config {
+    /// The client's name at the broker.
+    pub fn client_id(&self) -> String {
+        self.client_id.clone().unwrap_or_else(|| default_client_id(&host::name(), &self.name))
+    }
+
     /// How the broker is reached.
     pub(super) fn broker(&self) -> Broker {
         let password = self.password_file.clone().map(Password::File);
         let password = password.or_else(|| self.password_env.clone().map(Password::Env));
         Broker {
             address: self.address.clone(),
-            client_id: self.client_id.clone(),
+            client_id: self.client_id(),
             keep_alive_s: self.keep_alive_s,
             clean_session: self.clean_session,
             tls: self.tls,

@@ -147,17 +147,18 @@ pub(super) struct Document {
     text: Option<String>,
 }
 
-/// Reads a payload. Too deep a nesting is refused by the parser.
+/// Reads a payload, which may be a `plain` value where a tag of its topic has no path. Too deep a nesting is refused by the
+/// parser.
 ///
 /// # Errors
 /// [`Refused::Payload`], when it can be neither JSON nor a plain value.
-pub(super) fn parse(payload: &[u8]) -> Result<Document, Refused> {
+pub(super) fn parse(payload: &[u8], plain: bool) -> Result<Document, Refused> {
     // A byte order mark before it and the zero byte of a C string behind it belong to no value.
     let payload = payload.strip_prefix(b"\xef\xbb\xbf").unwrap_or(payload);
     let end = payload.iter().rposition(|byte| *byte != 0).map_or(0, |at| at + 1);
     let payload = &payload[..end];
     let json = serde_json::from_slice(payload).ok();
-    let text = (payload.len() <= LONGEST_TEXT).then(|| plain_text(payload));
+    let text = (plain && payload.len() <= LONGEST_TEXT).then(|| plain_text(payload));
     let text = text.filter(|text| !text.is_empty() && !text.starts_with(['{', '[']));
     if json.is_none() && text.is_none() { Err(Refused::Payload) } else { Ok(Document { json, text }) }
 }
@@ -290,7 +291,7 @@ mod tests {
             unit: TimeUnit::Ms,
             good_values: None,
         };
-        told(&parse(payload.as_bytes())?, &place)
+        told(&parse(payload.as_bytes(), place.value.is_none())?, &place)
     }
 
     #[test]
@@ -338,7 +339,7 @@ mod tests {
                 unit: TimeUnit::Ms,
                 good_values: None,
             };
-            told(&parse(payload)?, &place).map(|told| told.raw)
+            told(&parse(payload, true)?, &place).map(|told| told.raw)
         };
         for (payload, value) in [
             (&b"12,5"[..], 12.5),
@@ -366,7 +367,7 @@ mod tests {
             good_values: None,
         };
         let comma = Some(DecimalSign::Comma);
-        let document = |text: &str| parse(text.as_bytes()).unwrap();
+        let document = |text: &str| parse(text.as_bytes(), true).unwrap();
         assert_eq!(told(&document("1,002"), &place(comma, None)).unwrap().raw, Some(1.002));
         assert_eq!(told(&document("1.002"), &place(comma, None)).unwrap().raw, Some(1002.0));
         // A number of JSON is written with a point, whatever a text is.

@@ -308,7 +308,8 @@ mod tests {
                 if let Ok(found) = name.resolve(&after, &mut pins) {
                     prop_assert_eq!(after.uri(found.namespace), Some(meant));
                 } else {
-                    prop_assert!(name == node(&format!("ns={at};s=OP")) && after.uri(at) != Some(meant));
+                    let moved = after.uri(at) != Some(meant);
+                    prop_assert!(moved && name == node(&format!("ns={at};s=OP")));
                 }
             }
         }

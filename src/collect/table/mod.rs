@@ -19,7 +19,7 @@ mod error;
 mod evidence;
 mod found;
 mod layout;
-mod names;
+pub(super) mod names;
 pub(super) mod number;
 mod options;
 mod parquet;
