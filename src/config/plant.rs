@@ -4,7 +4,7 @@ use super::{Config, LoopConfig, TagConfig};
 use crate::collect::{DecimalSign, Issue, Plan, modbus, mqtt, opcua};
 use crate::history::{self, LoopTags, TagKind};
 use crate::signal::{LoopId, Role, Scale};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// Who is watched and who is asked. Tags are numbered through all loops: op, pv, sp, mode, mv, then the others.
 #[derive(Clone, Debug)]
@@ -102,13 +102,25 @@ impl Config {
     /// What is right by itself and often meant otherwise, each with its loop and tag.
     pub fn remarks(&self) -> Vec<String> {
         let mut out = Vec::new();
+        let mut numbered: BTreeMap<&str, usize> = BTreeMap::new();
         for control_loop in &self.loops {
             for (role, tag) in tags(control_loop) {
+                if let TagConfig::Opcua(own) = tag
+                    && own.place().is_ok_and(|place| place.is_numbered())
+                {
+                    *numbered.entry(own.device.as_str()).or_default() += 1;
+                }
                 let TagConfig::Modbus(own) = tag else { continue };
                 let name = role.map(role_name).or(tag.name()).unwrap_or_default();
                 out.extend(own.remark().map(|remark| format!("{}.{name}: {remark}", control_loop.id)));
             }
         }
+        out.extend(numbered.into_iter().map(|(device, tags)| {
+            format!(
+                "{device}: {tags} tags name their namespace by its number, which a server may give to another when it starts: \
+                 write nsu=URI instead, as stictiond probe shows it"
+            )
+        }));
         out
     }
 }

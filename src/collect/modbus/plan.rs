@@ -1,6 +1,6 @@
 //! What to ask a device, decided once and without I/O: neighbouring registers go into one request.
 
-use super::config::{Config, Framing, Register, TagConfig, ValueType};
+use super::config::{Config, Framing, Register, TagConfig, Tolerated, ValueType};
 use super::decode::Decoder;
 use super::overlap::contradictions;
 use crate::collect::{self, Issue};

@@ -228,6 +228,16 @@ pub enum Place {
     Path(PathName),
 }
 
+impl Place {
+    /// Whether it depends on which number a server gives to a namespace.
+    pub fn is_numbered(&self) -> bool {
+        match self {
+            Self::Node(name) => name.is_numbered(),
+            Self::Path(name) => name.is_numbered(),
+        }
+    }
+}
+
 impl Config {
     /// The security mode in force.
     pub fn effective_mode(&self) -> SecurityMode {

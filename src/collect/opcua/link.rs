@@ -24,6 +24,7 @@ use tokio::task::AbortHandle;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
+mod browse;
 mod history;
 mod resolve;
 

@@ -10,6 +10,7 @@ mod link;
 mod listener;
 mod names;
 mod plan;
+mod probe;
 mod security;
 mod value;
 
@@ -18,3 +19,4 @@ pub use device::Collector;
 pub use history::{HistoryError, Keep, Slice, Wish, history};
 pub use names::{Namespace, NodeName, PathName};
 pub use plan::{Deadband, Plan, Sampling, Tag, TagSpec};
+pub use probe::{Probed, Seen, probe};

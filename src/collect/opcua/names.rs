@@ -59,7 +59,18 @@ impl FromStr for NodeName {
     }
 }
 
+impl Namespace {
+    /// The standard's own has its number for ever.
+    fn is_numbered(&self) -> bool {
+        matches!(self, Self::Number(1..))
+    }
+}
+
 impl NodeName {
+    pub(super) fn is_numbered(&self) -> bool {
+        self.namespace.is_numbered()
+    }
+
     /// The node in a session, or why it has none.
     pub(super) fn resolve(&self, namespaces: &Namespaces, pins: &mut Pins) -> Result<NodeId, String> {
         let number = pins.number(&self.namespace, namespaces)?;
@@ -86,6 +97,10 @@ impl FromStr for PathName {
 }
 
 impl PathName {
+    pub(super) fn is_numbered(&self) -> bool {
+        self.0.iter().any(|step| step.namespace.is_numbered())
+    }
+
     /// The path in a session, or why it has none.
     pub(super) fn resolve(&self, namespaces: &Namespaces, pins: &mut Pins) -> Result<RelativePath, String> {
         let mut elements = Vec::with_capacity(self.0.len());

@@ -137,7 +137,8 @@ pub(super) fn number(value: &DataValue, meaning: &Meaning) -> Result<f64, NoNumb
     if number.is_finite() { Ok(number) } else { Err(NoNumber::NotFinite) }
 }
 
-fn type_name(value: &Variant) -> String {
+/// The name of a value's type.
+pub(super) fn type_name(value: &Variant) -> String {
     value.scalar_type_id().map_or_else(|| "unknown".into(), |known| format!("{known:?}"))
 }
 
