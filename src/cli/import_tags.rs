@@ -4,6 +4,8 @@ use super::{Failure, print};
 use std::path::PathBuf;
 use stictiond::collect::stub::{self, Tag, quoted};
 
+/// Longest list (bytes).
+const MAX_BYTES: u64 = 64 << 20;
 /// Rows that are read, at most.
 const MAX_ROWS: usize = 200_000;
 /// Columns whose values are texts of a tag's section.
@@ -39,7 +41,16 @@ pub struct Args {
 
 /// Prints the sections; what was left out stands in comments.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let text = std::fs::read_to_string(&args.list).map_err(|error| Failure::in_file(&args.list, error))?;
+    let size = std::fs::metadata(&args.list).map_err(|error| Failure::in_file(&args.list, error))?.len();
+    if size > MAX_BYTES {
+        return Err(Failure::in_file(&args.list, format!("larger than {MAX_BYTES} bytes: divide the list")));
+    }
+    let bytes = std::fs::read(&args.list).map_err(|error| Failure::in_file(&args.list, error))?;
+    // Spreadsheets save UTF-8, UTF-16 with its mark, or what Windows had before.
+    let text = match std::str::from_utf8(&bytes) {
+        Ok(text) => text.into(),
+        Err(_) => encoding_rs::WINDOWS_1252.decode(&bytes).0,
+    };
     let tags = tags(&text, args.device.as_deref()).map_err(|why| Failure::in_file(&args.list, why))?;
     let stub = stub::loops(&tags);
     if stub.loops == 0 {
@@ -47,7 +58,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return Err(Failure::in_file(&args.list, format!("no loop with an op and a pv: {why}")));
     }
     print(&format!(
-        "# {} loops, {} tags left out\n{}\n{}",
+        "# {} loops, {} left out\n{}\n{}",
         stub.loops,
         stub.left_out.len(),
         stub.remarks(),

@@ -90,3 +90,40 @@ async fn two_sections_without_an_id_are_two_clients_and_lose_nothing() {
     first.stop().await;
     second.stop().await;
 }
+
+#[tokio::test]
+async fn probe_shows_topics_and_paths_as_a_loop_ready_to_paste() {
+    let broker = Broker::start("probe").await;
+    broker
+        .publish("plant/FIC101", r#"{"values":{"op":41.5,"pv":50.5},"ts":1700000000000,"q":"good"}"#, &["-r"])
+        .await;
+    broker.publish("plant/TI7", "12.5", &["-r"]).await;
+    broker.publish("other/a", "1", &["-r"]).await;
+    let output = Command::new(env!("CARGO_BIN_EXE_stictiond"))
+        .args([
+            "probe",
+            &format!("mqtt://127.0.0.1:{}", broker.port),
+            "--filter",
+            "plant/#",
+            "--seconds",
+            "2",
+        ])
+        .output()
+        .await
+        .unwrap();
+    let (found, error) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{error}");
+    for part in [
+        "# plant/FIC101 (1 messages): {\"values\"",
+        "#   values.op = 41.5\n",
+        "#   ts = 1700000000000, a time with time_unit = \"ms\"",
+        "#   q = good, no number",
+        "[loop.pv]\n# 50.5\ndevice = \"broker\"\ntopic = \"plant/FIC101\"\npath = \"values.pv\"\ntime_path = \"ts\"\n",
+    ] {
+        assert!(found.contains(part), "{part}: {found}");
+    }
+    assert!(!found.contains("other/a"), "{found}");
+    let device = format!("[[mqtt]]\nname = 'broker'\naddress = '127.0.0.1:{}'\n", broker.port);
+    let parsed = stictiond::config::parse("f", &format!("{device}{found}"));
+    assert!(parsed.is_ok(), "{:?}", parsed.err());
+}

@@ -1,6 +1,8 @@
 //! The OPC UA collector against servers that were not written here, with real faults: asyncua and node-opcua.
 
 #[cfg(test)]
+mod commissioning;
+#[cfg(test)]
 mod hostile;
 #[cfg(test)]
 mod names;

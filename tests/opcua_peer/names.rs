@@ -19,9 +19,9 @@ async fn a_server_that_numbers_its_namespaces_anew_gives_the_same_node_or_an_err
         let more = "sampling_ms = 50\npublishing_ms = 50\nreconnect_max_ms = 500\nfill_gaps = false";
         let config = config(port, &format!("mode = '{mode}'\n{more}"));
         let mut watch = Watch::start(plan(&config, &NAMES.map(str::to_string)));
-        for tag in 0..NAMES.len() {
+        for (tag, name) in NAMES.iter().enumerate() {
             let samples = watch.until("a value", tag, |all| !all.is_empty()).await;
-            assert_eq!((samples[0].value, samples[0].quality), (1.0, Quality::Good), "{}", NAMES[tag]);
+            assert_eq!((samples[0].value, samples[0].quality), (1.0, Quality::Good), "{name}");
         }
         server.kill().await;
         watch.until_health("down", |health| !health.connected).await;

@@ -16,7 +16,7 @@ Plant/Unit, a browse path) counts up every 20 ms; the value is the number of 20 
 sample can be checked against its own source time, also across restarts. With --history its values are kept, and with
 --backlog S those of the last S seconds too, as by a historian that went on while no server ran. One answer gives as
 many as were asked for and no continuation point, or with --cap N at most N and a continuation point. Flag is a Boolean,
-Array holds 10.0, 11.0 and 12.0, Text "12,5", Doubtful "1,002" and When a time.
+Array holds 10.0, 11.0 and 12.0, Text "12,5", Doubtful "1,002" and When a time. FIC101 has an OP of 41.5 and a PV of 50.5.
 With --other first or last there is a second plant of the namespace urn:peer:other, numbered before or after the first,
 with the same names: its Steady0..Steady29 hold 100.0..129.0.
 --secure DIR makes certificates of server, client and user there, and takes no session without security and a user name
@@ -178,6 +178,9 @@ class Peer:
             ("When", EPOCH),
         ]:
             self.nodes[name] = await unit.add_variable(ua.NodeId(name, ns), f"{ns}:{name}", value)
+        loop = await unit.add_object(ua.NodeId("FIC101", ns), f"{ns}:FIC101")
+        for name, value in [("OP", 41.5), ("PV", 50.5)]:
+            await loop.add_variable(ua.NodeId(f"FIC101.{name}", ns), f"{ns}:{name}", value)
         self.counter = await unit.add_variable(ua.NodeId(1000, ns), f"{ns}:Counter", 0.0)
         self.nodes["Counter"] = self.counter
         if args.history:

@@ -201,7 +201,8 @@ impl Probed {
 impl fmt::Display for Probed {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         for seen in &self.seen {
-            writeln!(out, "# {} ({} messages): {}", seen.topic, seen.messages, seen.payload)?;
+            let topic = seen.topic.replace(char::is_control, " ");
+            writeln!(out, "# {topic} ({} messages): {}", seen.messages, seen.payload)?;
             for leaf in seen.leaves.iter().filter(|leaf| !leaf.path.is_empty()) {
                 let kind = match (leaf.time_unit, leaf.is_number) {
                     (Some(unit), true) => format!(", a time with time_unit = \"{unit}\""),
@@ -209,7 +210,8 @@ impl fmt::Display for Probed {
                     (None, true) => String::new(),
                     (None, false) => ", no number".into(),
                 };
-                writeln!(out, "#   {} = {}{kind}", leaf.path, leaf.value.replace(char::is_control, " "))?;
+                let line = format!("{} = {}{kind}", leaf.path, leaf.value);
+                writeln!(out, "#   {}", line.replace(char::is_control, " "))?;
             }
         }
         if self.seen.is_empty() {

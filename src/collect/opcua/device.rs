@@ -377,7 +377,7 @@ impl Collector {
     }
 
     async fn poll(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<Never, Lost> {
-        self.resolve(link, sink).await?;
+        self.find(link, sink).await?;
         self.fill(link, sink).await?;
         let mut resolved = Instant::now();
         let mut ticks = self.ticks();
@@ -385,7 +385,7 @@ impl Collector {
             ticks.tick().await;
             let began = Instant::now();
             if resolved.elapsed() > RETRY {
-                self.resolve(link, sink).await?;
+                self.find(link, sink).await?;
                 resolved = began;
             }
             let (places, values) = self.read(link).await?;
@@ -394,6 +394,14 @@ impl Collector {
             }
             self.end_round(sink, began.elapsed());
         }
+    }
+
+    /// Finds what is to be read; a tag that is found may be refused again, and that is news.
+    async fn find(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<(), Lost> {
+        for at in self.resolve(link, sink).await? {
+            self.tags[at].refused = false;
+        }
+        Ok(())
     }
 
     /// Every tag that has a node, and its value.

@@ -188,12 +188,14 @@ impl Probed {
 impl fmt::Display for Probed {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (number, uri) in self.namespaces.iter().enumerate() {
-            writeln!(out, "# ns={number} is nsu={uri}")?;
+            writeln!(out, "# ns={number} is nsu={}", uri.replace(char::is_control, " "))?;
         }
         for seen in &self.seen {
-            writeln!(out, "# {}  {}  {}", seen.path, seen.node, seen.note())?;
+            // What a server calls its nodes must not end the comment.
+            let line = format!("{}  {}  {}", seen.path, seen.node, seen.note());
+            writeln!(out, "# {}", line.replace(char::is_control, " "))?;
             if let Some(why) = &seen.no_number {
-                writeln!(out, "#   {why}")?;
+                writeln!(out, "#   {}", why.replace(char::is_control, " "))?;
             }
         }
         if self.more > 0 {

@@ -46,7 +46,7 @@ mod tests {
         "[[loop]]\nid = 'A'\n[loop.op]\ndevice = 'a'\ntopic = 'o'\n[loop.pv]\ndevice = 'a'\ntopic = 'p'\n";
 
     fn errors(text: &str) -> Vec<String> {
-        let parsed = parse(&format!("{text}{LOOP}"), "f");
+        let parsed = parse("f", &format!("{text}{LOOP}"));
         parsed.err().unwrap_or_default().iter().map(ToString::to_string).collect()
     }
 

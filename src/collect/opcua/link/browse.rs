@@ -52,7 +52,7 @@ impl Link {
             all.extend(page.references.unwrap_or_default());
             next = page.continuation_point;
         }
-        all.retain(|reference| reference.reference_type_id != NodeId::from(ReferenceTypeId::HasProperty));
+        all.retain(|reference| reference.reference_type_id != ReferenceTypeId::HasProperty);
         Ok(all)
     }
 }
