@@ -182,6 +182,7 @@ const CONFIG_FILES: &[&str] = &[
     "src/collect/mqtt/config.rs",
     "src/collect/opcua/config.rs",
     "src/collect/table/options.rs",
+    "src/collect/text_value.rs",
     "src/diagnosis/config.rs",
     "src/history/mod.rs",
     "src/notify/alertmanager/config.rs",
@@ -202,6 +203,7 @@ const CONFIG_FILES: &[&str] = &[
 const SERDE_PLACES: &[&str] = &[
     "src/access/file.rs",
     "src/collect/mqtt/json.rs",
+    "src/collect/mqtt/probe.rs",
     "src/notify/letters.rs",
     "src/notify/mqtt/message.rs",
     "src/notify/payload.rs",

@@ -3,7 +3,6 @@
 
 use super::{Failure, print};
 use clap::ValueEnum;
-use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use stictiond::collect::modbus::{self, ProbeError, ProbeTarget};
@@ -133,19 +132,22 @@ fn named(path: &Path, name: &str) -> Result<Target, Failure> {
 }
 
 fn server(text: &str) -> Result<Box<opcua::Config>, Failure> {
-    section(text, opcua::Config::validate)
+    let config: opcua::Config = toml::from_str(text).map_err(|error| unreadable(&error))?;
+    first_of(&config.validate()).map(|()| Box::new(config))
 }
 
 fn broker(text: &str) -> Result<Box<mqtt::Config>, Failure> {
-    section(text, mqtt::Config::validate)
+    let config: mqtt::Config = toml::from_str(text).map_err(|error| unreadable(&error))?;
+    first_of(&config.validate()).map(|()| Box::new(config))
 }
 
-fn section<C: DeserializeOwned>(text: &str, validate: impl Fn(&C) -> Vec<Issue>) -> Result<Box<C>, Failure> {
-    let config: C = toml::from_str(text).map_err(|error| Failure::BadInput(error.message().to_string()))?;
-    match validate(&config).into_iter().next() {
-        Some(issue) => Err(Failure::BadInput(format!("{}: {}", issue.field, issue.message))),
-        None => Ok(Box::new(config)),
-    }
+fn unreadable(error: &toml::de::Error) -> Failure {
+    Failure::BadInput(error.message().to_string())
+}
+
+fn first_of(issues: &[Issue]) -> Result<(), Failure> {
+    let wrong = |issue: &Issue| Err(Failure::BadInput(format!("{}: {}", issue.field, issue.message)));
+    issues.first().map_or(Ok(()), wrong)
 }
 
 fn registers(args: &Args, runtime: &tokio::runtime::Runtime) -> Result<(), Failure> {
