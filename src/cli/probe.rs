@@ -115,15 +115,14 @@ fn named(path: &Path, name: &str) -> Result<Target, Failure> {
     let text = std::fs::read_to_string(path).map_err(|error| Failure::in_file(path, error))?;
     let file: toml::Table = text.parse().map_err(|error| Failure::in_file(path, error))?;
     for kind in ["opcua", "mqtt"] {
-        let sections = file.get(kind).and_then(toml::Value::as_array).into_iter().flatten();
-        for section in sections.filter(|own| own.get("name").and_then(toml::Value::as_str) == Some(name)) {
-            let text = toml::to_string(section).map_err(|error| Failure::in_file(path, error))?;
-            return if kind == "opcua" {
-                server(&text).map(Target::Opcua)
-            } else {
-                broker(&text).map(Target::Mqtt)
-            };
-        }
+        let mut sections = file.get(kind).and_then(toml::Value::as_array).into_iter().flatten();
+        let is_named = |own: &&toml::Value| own.get("name").and_then(toml::Value::as_str) == Some(name);
+        let Some(section) = sections.find(is_named) else { continue };
+        let text = toml::to_string(section).map_err(|error| Failure::in_file(path, error))?;
+        return match kind {
+            "opcua" => server(&text).map(Target::Opcua),
+            _ => broker(&text).map(Target::Mqtt),
+        };
     }
     Err(Failure::in_file(
         path,
