@@ -11,10 +11,12 @@ use tokio::time::timeout;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 async fn probe(port: u16, more: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_stictiond"))
-        .args(["probe", &format!("opc.tcp://localhost:{port}/peer/")])
-        .args(more)
-        .output();
+    let url = format!("opc.tcp://localhost:{port}/peer/");
+    probe_with(&[&[url.as_str()], more].concat()).await
+}
+
+async fn probe_with(args: &[&str]) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_stictiond")).arg("probe").args(args).output();
     let output = timeout(PATIENCE, output).await.expect("no end").unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(String::from_utf8_lossy(&output.stderr), "");
@@ -69,6 +71,12 @@ async fn what_probe_shows_is_pasted_and_runs_without_a_word_of_certificates() {
     let extra = "[[loop.tag]]\nname = 'x'\ndevice = 'server'\nnode = 'ns=2;s=Steady1'\n";
     std::fs::write(&file, format!("{head}{device}{found}{extra}")).unwrap();
     let there = "ns=2 is nsu=urn:peer:other";
+    // The section says the same as the address did, and gives the loop its device.
+    let named = probe_with(&["server", "--config", file.to_str().unwrap(), "--filter", "unit*fic101"]).await;
+    assert!(
+        named.contains("device = \"server\"") && named.lines().count() == found.lines().count(),
+        "{named}"
+    );
     let said = log_until(&file, "info", there).await;
     assert!(!said.iter().any(|line| line.contains("crypto") || line.contains("certificate")), "{said:#?}");
     // Whoever asks for the library's log has it: the lines are there to be left out.
