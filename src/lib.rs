@@ -13,6 +13,7 @@ pub mod audit;
 pub mod backfill;
 pub mod collect;
 pub mod history;
+pub mod host;
 pub mod mqtt;
 pub mod notify;
 

@@ -102,3 +102,38 @@ fn probe_fails_in_one_line() {
         assert_eq!(stictiond(&[&["probe", &closed], arguments].concat()).0, Some(2), "{arguments:?}");
     }
 }
+
+#[test]
+fn a_list_of_tags_becomes_loops_that_check_takes() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let (list, file) = (folder.join("list.csv"), folder.join("imported.toml"));
+    // As spreadsheets save it: a byte order mark, semicolons, and quotes around a cell that holds one.
+    let mut rows = String::from("\u{feff}Tag;Node;Unit;Scale\r\n");
+    for n in 1..=500 {
+        for (role, unit) in [("OP", "%"), ("PV", "t/h")] {
+            rows += &format!("Unit1/FIC{n}.{role};\"nsu=urn:plant;s=FIC{n}.{role}\";{unit};0.5\r\n");
+        }
+    }
+    rows += "Unit1/TI7.PV;i=1;degC;1\r\n";
+    fs::write(&list, rows).unwrap();
+    let (code, stdout, stderr) = stictiond(&["import-tags", list.to_str().unwrap(), "--device", "dcs1"]);
+    assert_eq!((code, stderr.as_str()), (Some(0), ""));
+    assert!(stdout.starts_with("# 500 loops, 1 left out\n"), "{}", &stdout[..300]);
+    assert!(stdout.contains("# left out: TI7: no op was found for it"), "{}", &stdout[..300]);
+    let device = "[[opcua]]\nname = 'dcs1'\nurl = 'opc.tcp://localhost:4840/'\nsecurity_policy = 'None'\n";
+    fs::write(&file, format!("{device}{stdout}")).unwrap();
+    let (code, summed, stderr) = stictiond(&["check", "--config", file.to_str().unwrap()]);
+    assert_eq!((code, stderr.as_str()), (Some(0), ""));
+    assert!(summed.contains("loops    500") && summed.contains("1000 nodes"), "{summed}");
+    assert!(!summed.contains("remark"), "{summed}");
+    // By number they are read too, with a remark for all of them.
+    fs::write(&file, format!("{device}{stdout}").replace("nsu=urn:plant;", "ns=2;")).unwrap();
+    let (code, summed, _) = stictiond(&["check", "--config", file.to_str().unwrap()]);
+    assert_eq!(code, Some(0));
+    assert!(summed.contains("remark   dcs1: 1000 tags name their namespace by its number"), "{summed}");
+
+    fs::write(&list, "tag,nod\nA.OP,i=1\n").unwrap();
+    let (code, stdout, stderr) = stictiond(&["import-tags", list.to_str().unwrap()]);
+    assert_eq!((code, stdout.as_str(), stderr.lines().count()), (Some(2), "", 1), "{stderr}");
+    assert!(stderr.contains("list.csv: line 1:") && stderr.contains("'nod'"), "{stderr}");
+}

@@ -4,6 +4,9 @@
 #[path = "modbus_peer/gateway.rs"]
 mod gateway;
 #[cfg(test)]
+#[path = "modbus_peer/odd.rs"]
+mod odd;
+#[cfg(test)]
 mod peers;
 
 use peers::{Proxy, Server, Watch, checked, device, hostile, patient, plan, truth_tag};
@@ -211,10 +214,10 @@ async fn a_connection_cut_at_any_byte_of_an_answer_leaves_nothing_wrong() {
     let mut polls = watch.until("good", all_good).await;
     // An answer is 9 bytes of head and 16 of values; 25 cuts behind the whole answer.
     for bytes in 1..=25 {
-        let before = watch.health.snapshot().link_errors;
+        let before = watch.health.snapshot().reconnects;
         proxy.cut_after(bytes);
         let health = Arc::clone(&watch.health);
-        polls.extend(watch.until("cut", |_| health.snapshot().link_errors > before).await);
+        polls.extend(watch.until("cut", |_| health.snapshot().reconnects > before).await);
         polls.extend(watch.until("good again", all_good).await);
     }
     checked(&polls, &addresses);

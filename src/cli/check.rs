@@ -85,7 +85,7 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
             broker.name,
             broker.address,
             plan.tags.len(),
-            broker.client_id
+            broker.client_id()
         );
     }
     let samples = config.history.samples_per_tag;

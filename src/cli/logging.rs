@@ -21,7 +21,10 @@ enum Format {
 /// Begins to write the log.
 pub fn start(args: &LogArgs) -> Result<(), Failure> {
     let wanted = std::env::var("RUST_LOG").unwrap_or_else(|_| "info".into());
-    let filter = EnvFilter::try_new(&wanted)
+    // The library of OPC UA looks for a certificate also where none is asked for, and says that "crypto won't work". Where one
+    // is needed, the collector looks for it first and names the file. Whoever names the library hears it all.
+    let quiet = if wanted.contains("opcua") { "" } else { ",opcua_core::comms::secure_channel=off" };
+    let filter = EnvFilter::try_new(format!("{wanted}{quiet}"))
         .map_err(|error| Failure::BadInput(format!("RUST_LOG={wanted:?}: {error}")))?;
     // Where nobody reads the log any more there is nobody to tell that it cannot be written.
     let log =

@@ -1,5 +1,5 @@
 //! The command line: `stictiond run | demo | diagnose | backfill | check | user | token | health | store | replay | audit | probe |
-//! reproduce`.
+//! import-tags | reproduce`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
@@ -11,6 +11,7 @@ mod check;
 mod demo;
 mod diagnose;
 mod health;
+mod import_tags;
 mod logging;
 mod plot;
 mod probe;
@@ -61,8 +62,10 @@ enum Command {
     Replay(replay::Args),
     /// Work on an audit log
     Audit(audit::Args),
-    /// Read registers of a device once and show them in every type and byte order
+    /// Show what is there: registers of a Modbus device, variables of an OPC UA server, topics of an MQTT broker
     Probe(probe::Args),
+    /// Make [[loop]] sections from a list of tags
+    ImportTags(import_tags::Args),
     /// Reproduce the paper's tables and figures, ours beside theirs, as HTML and JSON
     Reproduce(reproduce::Args),
 }
@@ -107,6 +110,7 @@ pub fn main() -> ExitCode {
         Command::Replay(args) => replay::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::Probe(args) => probe::run(&args),
+        Command::ImportTags(args) => import_tags::run(&args),
         Command::Reproduce(args) => reproduce::run(&args),
     };
     let (messages, code) = match done {

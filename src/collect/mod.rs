@@ -7,6 +7,7 @@
 pub mod modbus;
 pub mod mqtt;
 pub mod opcua;
+pub mod stub;
 pub mod table;
 
 mod backoff;
@@ -15,11 +16,13 @@ mod frozen;
 mod health;
 mod scaling;
 mod series;
+mod text_value;
 
 pub use device::{Collector, Plan};
 pub use frozen::Frozen;
 pub use health::{DeviceHealth, HealthSnapshot};
 pub use scaling::Reading;
+pub use text_value::DecimalSign;
 
 use crate::signal::{Role, Sample};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};

@@ -1,10 +1,10 @@
 //! The configuration as the parts want it: loops with numbered tags, devices with planned requests.
 
 use super::{Config, LoopConfig, TagConfig};
-use crate::collect::{Issue, Plan, modbus, mqtt, opcua};
+use crate::collect::{DecimalSign, Issue, Plan, modbus, mqtt, opcua};
 use crate::history::{self, LoopTags, TagKind};
 use crate::signal::{LoopId, Role, Scale};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// Who is watched and who is asked. Tags are numbered through all loops: op, pv, sp, mode, mv, then the others.
 #[derive(Clone, Debug)]
@@ -102,13 +102,25 @@ impl Config {
     /// What is right by itself and often meant otherwise, each with its loop and tag.
     pub fn remarks(&self) -> Vec<String> {
         let mut out = Vec::new();
+        let mut numbered: BTreeMap<&str, usize> = BTreeMap::new();
         for control_loop in &self.loops {
             for (role, tag) in tags(control_loop) {
+                if let TagConfig::Opcua(own) = tag
+                    && own.place().is_ok_and(|place| place.is_numbered())
+                {
+                    *numbered.entry(own.device.as_str()).or_default() += 1;
+                }
                 let TagConfig::Modbus(own) = tag else { continue };
                 let name = role.map(role_name).or(tag.name()).unwrap_or_default();
                 out.extend(own.remark().map(|remark| format!("{}.{name}: {remark}", control_loop.id)));
             }
         }
+        out.extend(numbered.into_iter().map(|(device, tags)| {
+            format!(
+                "{device}: {tags} tags name their namespace by its number, which a server may give to another when it starts: \
+                 write nsu=URI instead, as stictiond probe shows it"
+            )
+        }));
         out
     }
 }
@@ -170,8 +182,9 @@ fn source_in_registers(device: &modbus::Config, tag: &modbus::TagConfig) -> Stri
 /// As [`source_in_registers`]; how the server is asked is no part of it, but for the time of a value.
 fn source_in_nodes(server: &opcua::Config, tag: &opcua::TagConfig) -> String {
     let place = tag.node.as_deref().or(tag.path.as_deref()).unwrap_or_default();
-    let time = server.source_time_fallback;
-    format!("opcua {} {place} time {time:?}", server.url)
+    let element = tag.element.map(|at| format!("[{at}]")).unwrap_or_default();
+    let (time, decimal) = (server.source_time_fallback, decimal(tag.decimal));
+    format!("opcua {} {place}{element}{decimal} time {time:?}", server.url)
         + &meaning(tag.scale, tag.offset, tag.range, tag.auto_values.as_deref())
 }
 
@@ -183,8 +196,14 @@ fn source_at_broker(broker: &mqtt::Config, tag: &mqtt::TagConfig) -> String {
     };
     let time = tag.time_path.as_ref().or(broker.time_path.as_ref());
     let (unit, fallback) = (broker.time_unit, broker.time_fallback);
-    format!("mqtt {} {place} time {time:?} {unit:?} {fallback:?}", broker.address)
+    let decimal = decimal(tag.decimal);
+    format!("mqtt {} {place}{decimal} time {time:?} {unit:?} {fallback:?}", broker.address)
         + &meaning(tag.scale, tag.offset, tag.range, tag.auto_values.as_deref())
+}
+
+/// A sign that was not told is no part of a source: it is the text's own.
+fn decimal(sign: Option<DecimalSign>) -> String {
+    sign.map(|sign| format!(" decimal {sign:?}")).unwrap_or_default()
 }
 
 fn meaning(scale: f64, offset: f64, range: Option<[f64; 2]>, auto_values: Option<&[i64]>) -> String {

@@ -19,6 +19,7 @@ macro_rules! path {
 }
 
 mod candidates;
+mod clients;
 mod door;
 mod telling;
 mod writing;
@@ -39,6 +40,7 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
     rules.variables();
     rules.sections(parts);
     rules.devices(parts);
+    rules.clients(parts);
     rules.loops(parts);
     rules.registers(parts);
     rules.writing(parts);
@@ -290,7 +292,7 @@ impl Rules<'_, '_, '_> {
         };
         let issues = match (device, tag) {
             (Device::Modbus(at), TagConfig::Modbus(tag)) => {
-                let keys = [&tag::OPCUA_KEYS[..], &tag::MQTT_KEYS].concat();
+                let keys = [&tag::OPCUA_KEYS[..], &tag::MQTT_KEYS, &tag::TEXT_KEYS].concat();
                 let own = parts.modbus[at].as_ref().map(|device| tag.validate(device, role));
                 [strange(&keys, "a tag with a register has none"), own.unwrap_or_default()].concat()
             }

@@ -1,6 +1,6 @@
 //! A tag of a loop, on whatever kind of device: its keys say which.
 
-use crate::collect::{modbus, mqtt, opcua};
+use crate::collect::{DecimalSign, modbus, mqtt, opcua};
 use serde::{Deserialize, Deserializer, de};
 
 /// Where a tag is read and how its value is made: `[loop.op]`, `[[loop.tag]]`, …
@@ -68,7 +68,7 @@ impl TagConfig {
                 (&a.device, a.register, a.address, a.bit) == (&b.device, b.register, b.address, b.bit)
             }
             (Self::Opcua(a), Self::Opcua(b)) => {
-                (&a.device, &a.node, &a.path) == (&b.device, &b.node, &b.path)
+                (&a.device, &a.node, &a.path, a.element) == (&b.device, &b.node, &b.path, b.element)
             }
             (Self::Mqtt(a), Self::Mqtt(b)) => {
                 let place = |tag: &mqtt::TagConfig| {
@@ -91,7 +91,10 @@ impl TagConfig {
 pub const MODBUS_KEYS: [&str; 5] = ["register", "address", "type", "byte_order", "bit"];
 
 /// And those that only OPC UA has.
-pub const OPCUA_KEYS: [&str; 4] = ["sampling_ms", "queue_size", "deadband", "deadband_percent"];
+pub const OPCUA_KEYS: [&str; 5] = ["element", "sampling_ms", "queue_size", "deadband", "deadband_percent"];
+
+/// And those of values that may be text, which registers are not.
+pub const TEXT_KEYS: [&str; 1] = ["decimal"];
 
 /// And those that only a broker's tags have.
 pub const MQTT_KEYS: [&str; 6] = ["topic", "time_path", "quality_path", "sparkplug", "metric", "alias"];
@@ -110,6 +113,8 @@ struct Keys {
     bit: Option<u8>,
     node: Option<String>,
     path: Option<String>,
+    element: Option<usize>,
+    decimal: Option<DecimalSign>,
     sampling_ms: Option<u64>,
     queue_size: Option<u32>,
     deadband: Option<f64>,
@@ -138,13 +143,14 @@ impl<'de> Deserialize<'de> for TagConfig {
         let keys = Keys::deserialize(deserializer)?;
         let (name, device, scale, offset) = (keys.name, keys.device, keys.scale, keys.offset);
         let (range, unit, auto_values) = (keys.range, keys.unit, keys.auto_values);
-        let (node, path) = (keys.node, keys.path);
+        let (node, path, decimal) = (keys.node, keys.path, keys.decimal);
         if keys.topic.is_some() || keys.sparkplug.is_some() {
             return Ok(Self::Mqtt(mqtt::TagConfig {
                 name,
                 device,
                 topic: keys.topic,
                 path,
+                decimal,
                 time_path: keys.time_path,
                 quality_path: keys.quality_path,
                 sparkplug: keys.sparkplug,
@@ -166,6 +172,8 @@ impl<'de> Deserialize<'de> for TagConfig {
                 device,
                 node,
                 path,
+                element: keys.element,
+                decimal,
                 sampling_ms: keys.sampling_ms,
                 queue_size: keys.queue_size,
                 deadband: keys.deadband,

@@ -1,6 +1,8 @@
 //! MQTT against mosquitto, with clients and an encoder of Sparkplug B that were not written here.
 
 #[cfg(test)]
+mod devices;
+#[cfg(test)]
 #[path = "../peers/piped.rs"]
 mod piped;
 #[cfg(test)]

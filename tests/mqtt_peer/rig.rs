@@ -214,7 +214,12 @@ pub struct Watch {
 
 impl Watch {
     pub fn start(port: u16, config: &str, tags: &[&str]) -> Self {
-        let text = format!("name = 'b'\naddress = '127.0.0.1:{port}'\nreconnect_max_ms = 300\n{config}");
+        Self::named("b", port, config, tags)
+    }
+
+    /// Under another name of its section.
+    pub fn named(name: &str, port: u16, config: &str, tags: &[&str]) -> Self {
+        let text = format!("name = '{name}'\naddress = '127.0.0.1:{port}'\nreconnect_max_ms = 300\n{config}");
         let config: Config = toml::from_str(&text).unwrap();
         let specs = tags.iter().enumerate().map(|(index, text)| TagSpec {
             index,

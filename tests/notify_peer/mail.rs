@@ -29,6 +29,8 @@ async fn mails_go_by_starttls_with_a_password_and_say_what_matters() {
     std::fs::write(&password, "right\n").unwrap();
     let mail = peer.next().await;
     assert_eq!((&mail["tls"], &mail["authenticated"]), (&true.into(), &true.into()), "{mail}");
+    // It greets with the machine's name, which the server takes, and not with an address, which it does not.
+    assert_eq!(mail["hello"], stictiond::host::name());
     assert_eq!(mail["to"], serde_json::json!(["a@plant.example", "b@plant.example"]));
     assert_eq!(mail["subject"], "[stictiond] HIGH FIC1: the valve sticks (and 1 more)");
     assert_eq!(mail["type"], "text/plain");
@@ -63,5 +65,27 @@ async fn mails_go_by_starttls_with_a_password_and_say_what_matters() {
     let mail = peer.next().await;
     assert_eq!(mail["to"], serde_json::json!(["b@plant.example"]));
     assert_eq!(mail["subject"], "[stictiond] HIGH FIC1: the valve sticks");
+    daemon.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_server_that_knows_no_ehlo_is_greeted_by_helo_with_the_name_given() {
+    let mut peer = Peer::start("smtp_server.py", &["helo"]).await;
+    let text = format!(
+        "[[notify.smtp]]\nname = 'fitters'\naddress = '127.0.0.1:{}'\nsecurity = 'none'\nhello_name = 'pc.plant.example'\n\
+         from = 'stictiond@plant.example'\nto = ['a@plant.example']\n\
+         [notify.smtp.pace]\nwait_s = 0.2\ninterval_s = 0.0\n\
+         [notify.smtp.retry]\nfirst_s = 0.05\nlongest_s = 0.2\n",
+        peer.port
+    );
+    let daemon = Daemon::start(&plant(None, &text)).await;
+    daemon.diagnosed("FIC1", Some(2.5));
+    let mail = peer.next().await;
+    assert_eq!((&mail["hello"], &mail["extended"]), (&"pc.plant.example".into(), &false.into()), "{mail}");
+    assert_eq!(mail["subject"], "[stictiond] HIGH FIC1: the valve sticks");
+    // What such a server refuses for good is a dead letter, and it is not asked for ever.
+    peer.tell("refuse 1 554 never").await;
+    daemon.diagnosed("FIC1", None);
+    daemon.receiver("fitters", "a dead letter", |own| own["dead_letters"] == 1).await;
     daemon.stop().await;
 }

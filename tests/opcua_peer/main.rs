@@ -1,7 +1,11 @@
 //! The OPC UA collector against servers that were not written here, with real faults: asyncua and node-opcua.
 
 #[cfg(test)]
+mod commissioning;
+#[cfg(test)]
 mod hostile;
+#[cfg(test)]
+mod names;
 #[cfg(test)]
 mod node_opcua;
 #[cfg(test)]

@@ -15,7 +15,10 @@ Nodes of namespace 2, all Doubles, are steady: Steady0..Steady29 hold 0.0..29.0.
 Plant/Unit, a browse path) counts up every 20 ms; the value is the number of 20 ms since the Unix epoch, so that a
 sample can be checked against its own source time, also across restarts. With --history its values are kept, and with
 --backlog S those of the last S seconds too, as by a historian that went on while no server ran. One answer gives as
-many as were asked for and no continuation point, or with --cap N at most N and a continuation point. Flag is a Boolean.
+many as were asked for and no continuation point, or with --cap N at most N and a continuation point. Flag is a Boolean,
+Array holds 10.0, 11.0 and 12.0, Text "12,5", Doubtful "1,002" and When a time. FIC101 has an OP of 41.5 and a PV of 50.5.
+With --other first or last there is a second plant of the namespace urn:peer:other, numbered before or after the first,
+with the same names: its Steady0..Steady29 hold 100.0..129.0.
 --secure DIR makes certificates of server, client and user there, and takes no session without security and a user name
 or certificate. With --expired the server's has been out of date since yesterday.
 """
@@ -162,15 +165,23 @@ class Peer:
             # With --unsaid the limit is enforced, but not told.
             await limit.write_value(ua.Variant(0 if args.unsaid else args.max_read, ua.VariantType.UInt32))
         # 0 is the standard's and 1 the server's own.
-        await server.register_namespace("urn:peer:plant")
-        plant = await server.nodes.objects.add_object(ua.NodeId("Plant", 2), "2:Plant")
-        unit = await plant.add_object(ua.NodeId("Unit", 2), "2:Unit")
-        self.nodes = {}
-        for k in range(30):
-            name = f"Steady{k}"
-            self.nodes[name] = await unit.add_variable(ua.NodeId(name, 2), f"2:{name}", float(k))
-        self.nodes["Flag"] = await unit.add_variable(ua.NodeId("Flag", 2), "2:Flag", True)
-        self.counter = await unit.add_variable(ua.NodeId(1000, 2), "2:Counter", 0.0)
+        if args.other == "first":
+            await self.plant("urn:peer:other", 100)
+        ns, unit, self.nodes = await self.plant("urn:peer:plant", 0)
+        if args.other == "last":
+            await self.plant("urn:peer:other", 100)
+        for name, value in [
+            ("Flag", True),
+            ("Array", [10.0, 11.0, 12.0]),
+            ("Text", "12,5"),
+            ("Doubtful", "1,002"),
+            ("When", EPOCH),
+        ]:
+            self.nodes[name] = await unit.add_variable(ua.NodeId(name, ns), f"{ns}:{name}", value)
+        loop = await unit.add_object(ua.NodeId("FIC101", ns), f"{ns}:FIC101")
+        for name, value in [("OP", 41.5), ("PV", 50.5)]:
+            await loop.add_variable(ua.NodeId(f"FIC101.{name}", ns), f"{ns}:{name}", value)
+        self.counter = await unit.add_variable(ua.NodeId(1000, ns), f"{ns}:Counter", 0.0)
         self.nodes["Counter"] = self.counter
         if args.history:
             # Before anybody can ask.
@@ -184,6 +195,17 @@ class Peer:
         await self.write(self.tick)
         await server.start()
         say(f"port {port}")
+
+    async def plant(self, uri, offset):
+        """A plant with its steady nodes in a namespace of its own."""
+        ns = await self.server.register_namespace(uri)
+        plant = await self.server.nodes.objects.add_object(ua.NodeId("Plant", ns), f"{ns}:Plant")
+        unit = await plant.add_object(ua.NodeId("Unit", ns), f"{ns}:Unit")
+        nodes = {}
+        for k in range(30):
+            name = f"Steady{k}"
+            nodes[name] = await unit.add_variable(ua.NodeId(name, ns), f"{ns}:{name}", float(offset + k))
+        return ns, unit, nodes
 
     def value(self, tick):
         value = ua.Variant(float(tick), ua.VariantType.Double)
@@ -252,6 +274,7 @@ async def main():
     parser.add_argument("--backlog", type=float, default=0.0)
     parser.add_argument("--max-read", type=int, default=0)
     parser.add_argument("--unsaid", action="store_true")
+    parser.add_argument("--other", choices=["first", "last"])
     peer = Peer(parser.parse_args())
     await peer.start()
     counting = asyncio.create_task(peer.count())

@@ -1,5 +1,6 @@
-"""A mail server made of aiosmtpd, which takes mails by STARTTLS and with a password only. Arguments: certificate, key, user and
-password. Prints "port N" once it listens, and a line of JSON for every mail.
+"""A mail server made of aiosmtpd, which takes mails by STARTTLS and with a password only, and nobody who greets it by an address.
+Arguments: certificate, key, user and password; or "helo" alone for a server in the clear that does not know EHLO. Prints "port N"
+once it listens, and a line of JSON for every mail.
 
 Reads commands from stdin, one a line, and answers each with "ok":
 
@@ -16,7 +17,8 @@ import sys
 
 from aiosmtpd.smtp import SMTP, AuthResult, LoginPassword
 
-certificate, key, user, password = sys.argv[1:5]
+old = sys.argv[1:] == ["helo"]
+certificate, key, user, password = ["", "", "", ""] if old else sys.argv[1:5]
 plan = []
 moved = []
 
@@ -39,10 +41,20 @@ class Handler:
         mail = email.message_from_bytes(envelope.original_content, policy=email.policy.default)
         say(json.dumps({
             "from": envelope.mail_from, "to": envelope.rcpt_tos, "tls": session.ssl is not None,
-            "authenticated": session.authenticated, "subject": mail["subject"], "id": mail["message-id"],
+            "authenticated": session.authenticated, "hello": session.host_name, "extended": session.extended_smtp, "subject": mail["subject"], "id": mail["message-id"],
             "type": mail.get_content_type(), "text": mail.get_content(),
         }))
         return "250 taken"
+
+
+class Strict(SMTP):
+    async def smtp_EHLO(self, hostname):
+        if old:
+            await self.push("500 what is EHLO?")
+        elif hostname.startswith("["):
+            await self.push("550 an address is no name")
+        else:
+            await super().smtp_EHLO(hostname)
 
 
 def authenticate(server, session, envelope, mechanism, data):
@@ -51,11 +63,13 @@ def authenticate(server, session, envelope, mechanism, data):
 
 
 async def main():
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(certificate, key)
     loop = asyncio.get_running_loop()
-    make = lambda: SMTP(Handler(), tls_context=context, require_starttls=True, auth_required=True,
-                        authenticator=authenticate, hostname="localhost", loop=loop)
+    wanted = {}
+    if not old:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(certificate, key)
+        wanted = dict(tls_context=context, require_starttls=True, auth_required=True, authenticator=authenticate)
+    make = lambda: Strict(Handler(), hostname="localhost", loop=loop, **wanted)
     server = await loop.create_server(make, "127.0.0.1", 0)
     say(f"port {server.sockets[0].getsockname()[1]}")
     while line := await loop.run_in_executor(None, sys.stdin.readline):

@@ -55,6 +55,9 @@ pub struct Config {
     /// Registers nobody asked for that may be read along, to save a request.
     #[serde(default = "default_max_gap")]
     pub max_gap: u16,
+    /// What of an answer's head may differ from the request's; nothing unless it is named.
+    #[serde(default)]
+    pub tolerate: Vec<Tolerated>,
     /// Byte order of the device's tags that name none.
     #[serde(default)]
     pub byte_order: ByteOrder,
@@ -91,6 +94,16 @@ pub enum Framing {
     Tcp,
     /// RTU frames with a check sum, as on a serial line: gateways that pass bytes through.
     Rtu,
+}
+
+/// A part of an answer's head that some gateways do not give back as it was sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Tolerated {
+    /// Any transaction's number. Nothing tells then whether an answer is that of this request.
+    TransactionId,
+    /// The unit identifiers 0, 1 and 255, by which gateways mean themselves.
+    UnitId,
 }
 
 /// Where a tag lives in a Modbus device and how its value is made: `[loop.op]`, `[[loop.tag]]`, ….
@@ -332,6 +345,8 @@ impl Config {
         issues.unless(self.max_gap <= MAX_REGISTERS, "max_gap", || {
             format!("{} must be at most {MAX_REGISTERS}", self.max_gap)
         });
+        let numbered = self.framing == Framing::Tcp || !self.tolerate.contains(&Tolerated::TransactionId);
+        issues.unless(numbered, "tolerate", || "a frame of RTU has no transaction_id".into());
         issues.0
     }
 }

@@ -9,7 +9,7 @@
 //! ```
 //! So a unit that is gone costs those who share its gateway one time-out a pause.
 
-use super::line::Line;
+use super::line::{Line, State};
 use super::link::{Answer, Link, Lost, Refusal};
 use super::plan::{Plan, Tag};
 use super::slots::Slots;
@@ -21,10 +21,14 @@ use rand_pcg::Pcg32;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::time::{Instant, MissedTickBehavior, interval_at};
+use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::{debug, info, warn};
 
+/// A device that was busy is asked again after this long, where the period leaves the time.
+const BUSY_PAUSE: Duration = Duration::from_millis(100);
+/// After so many connections in a row that the device closed after one use each, each request gets one of its own.
+const CLOSES: u32 = 3;
 /// First polls of the devices spread over at most this long.
 const LONGEST_STAGGER: Duration = Duration::from_secs(1);
 
@@ -41,6 +45,8 @@ pub struct Collector {
     open_for: Option<BadReason>,
     random: Pcg32,
     down: bool,
+    /// Connections in a row that were closed by the device before they could be used again.
+    closes: u32,
 }
 
 /// What one poll has brought so far.
@@ -53,6 +59,8 @@ struct Round {
     losses: usize,
     unreachable: bool,
     gateway_refused: bool,
+    /// Requests for which the device was busy, and when that was said.
+    busy: Vec<(usize, Instant)>,
 }
 
 /// What became of one request.
@@ -80,6 +88,7 @@ impl Collector {
             open_for: None,
             random,
             down: false,
+            closes: 0,
             plan,
         }
     }
@@ -128,6 +137,7 @@ impl Collector {
             losses: 0,
             unreachable: false,
             gateway_refused: false,
+            busy: Vec::new(),
         };
         let order = self.slots.order(number);
         let mut due = order.due;
@@ -171,6 +181,9 @@ impl Collector {
     async fn ask_all(&mut self, mut due: VecDeque<usize>, round: &mut Round, sink: &dyn Sink) {
         let half_open = self.open_for.is_some();
         while let Some(slot) = due.pop_front() {
+            if let Some((_, since)) = round.busy.iter().find(|(busy, _)| *busy == slot) {
+                sleep_until((*since + BUSY_PAUSE).min(round.deadline)).await;
+            }
             let lost = match self.ask(slot).await {
                 Asked::Answered(answer) => {
                     round.any_answer = true;
@@ -191,11 +204,11 @@ impl Collector {
             round.losses += 1;
             let reason = match lost {
                 Lost::Timeout => BadReason::Timeout,
-                Lost::Broken(_) => BadReason::LinkDown,
+                Lost::Closed | Lost::Broken(_) => BadReason::LinkDown,
             };
             let first = round.losses == 1;
-            // A device may close a connection that idled between two polls: that costs no sample.
-            if first && matches!(lost, Lost::Broken(_)) {
+            // One accident of the line costs no sample.
+            if first && !matches!(lost, Lost::Timeout) {
                 due.push_front(slot);
             } else {
                 round.unanswered.push((slot, reason));
@@ -212,23 +225,34 @@ impl Collector {
     async fn ask(&mut self, slot: usize) -> Asked {
         let line = Arc::clone(&self.line);
         let mut turn = line.turn(self.plan.min_gap).await;
+        if let Some(link) = turn.link.take().filter(|_| self.closes < CLOSES) {
+            match self.ask_over(link, slot, &mut turn).await {
+                // Many devices close a connection after each answer, or one that idled: that is no fault.
+                Asked::Lost(Lost::Closed) => self.closed(),
+                asked => {
+                    self.closes = 0;
+                    return asked;
+                }
+            }
+        }
         let plan = &self.plan;
-        let link = match turn.link.take() {
-            Some(link) => link,
-            None => match Link::open(&plan.address, plan.framing, plan.timeout).await {
-                Ok(link) => {
-                    debug!(device = %plan.name, address = %plan.address, "connected");
-                    self.health.connected();
-                    link
-                }
-                Err(lost) => {
-                    turn.used();
-                    self.lost(&lost);
-                    return Asked::Unreachable;
-                }
-            },
-        };
-        let asked = link.read(plan.unit_id, self.slots.request(slot).span, plan.timeout).await;
+        match Link::open(&plan.address, plan.framing, plan.timeout).await {
+            Ok(link) => {
+                debug!(device = %plan.name, address = %plan.address, "connected");
+                self.health.connected();
+                self.ask_over(link, slot, &mut turn).await
+            }
+            Err(lost) => {
+                turn.used();
+                self.lost(&lost);
+                Asked::Unreachable
+            }
+        }
+    }
+
+    async fn ask_over(&self, link: Link, slot: usize, turn: &mut State) -> Asked {
+        let (plan, span) = (&self.plan, self.slots.request(slot).span);
+        let asked = link.read(plan.unit_id, span, &plan.tolerate, plan.timeout).await;
         turn.used();
         match asked {
             Ok((link, answer)) => {
@@ -240,12 +264,23 @@ impl Collector {
         }
     }
 
+    /// The device closed a connection that it had answered over.
+    fn closed(&mut self) {
+        self.health.disconnected();
+        self.closes += 1;
+        if self.closes == CLOSES {
+            info!(device = %self.plan.name, "the device closes its connections: each request gets one of its own");
+        } else {
+            debug!(device = %self.plan.name, "the device closed the connection: it is opened again");
+        }
+    }
+
     /// Counts and reports the loss of the link; only the first since the last answer is a warning.
     fn lost(&mut self, lost: &Lost) {
         self.health.disconnected();
         match lost {
             Lost::Timeout => self.health.timed_out(),
-            Lost::Broken(_) => self.health.link_failed(),
+            Lost::Closed | Lost::Broken(_) => self.health.link_failed(),
         }
         if std::mem::replace(&mut self.down, true) {
             debug!(device = %self.plan.name, "{lost}");
@@ -264,6 +299,13 @@ impl Collector {
         sink: &dyn Sink,
     ) {
         self.health.refused();
+        // Once in a poll: a device that is busy for longer is asked by the next one.
+        let again = refusal.is_busy() && round.busy.iter().all(|(busy, _)| *busy != slot);
+        if again && Instant::now() + BUSY_PAUSE < round.deadline {
+            round.busy.push((slot, Instant::now()));
+            due.push_back(slot);
+            return;
+        }
         let span = self.slots.request(slot).span;
         let upper = if refusal.may_be_a_hole() { self.slots.split(slot, &self.plan.tags) } else { None };
         if let Some(upper) = upper {

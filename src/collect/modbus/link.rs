@@ -1,6 +1,7 @@
 //! One connection to one device, and the only place that talks to a socket. It can only read.
 
-use super::config::{Framing, Register};
+use super::config::{Framing, Register, Tolerated};
+use super::head;
 use super::plan::Span;
 use std::fmt;
 use std::io;
@@ -9,7 +10,7 @@ use tokio::net::{TcpSocket, TcpStream, lookup_host};
 use tokio::time::timeout;
 use tokio_modbus::client::{Client, Context, rtu, tcp};
 use tokio_modbus::slave::SlaveContext;
-use tokio_modbus::{ExceptionCode, Request, Response, Slave};
+use tokio_modbus::{Error, ExceptionCode, FunctionCode, ProtocolError, Request, Response, Slave};
 
 /// An open connection on which no question is unanswered.
 ///
@@ -24,6 +25,8 @@ pub(super) struct Link {
 pub(super) enum Lost {
     /// No answer in time.
     Timeout,
+    /// The device closed the connection, and no part of an answer came.
+    Closed,
     /// The connection broke, or carried something that does not answer the question.
     Broken(String),
 }
@@ -32,6 +35,7 @@ impl fmt::Display for Lost {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Lost::Timeout => out.write_str("no answer in time"),
+            Lost::Closed => out.write_str("link: closed by the device"),
             Lost::Broken(why) => write!(out, "link: {why}"),
         }
     }
@@ -56,6 +60,12 @@ impl Refusal {
     pub(super) fn may_be_a_hole(self) -> bool {
         use ExceptionCode::{IllegalDataAddress, IllegalDataValue};
         matches!(self, Refusal::WrongCount { .. } | Refusal::Exception(IllegalDataAddress | IllegalDataValue))
+    }
+
+    /// True when the device has taken the request and cannot answer it now.
+    pub(super) fn is_busy(self) -> bool {
+        use ExceptionCode::{Acknowledge, ServerDeviceBusy};
+        matches!(self, Refusal::Exception(Acknowledge | ServerDeviceBusy))
     }
 
     /// True when a gateway speaks for a unit it cannot reach: asking on would only cost its time-outs.
@@ -99,6 +109,7 @@ impl Link {
         mut self,
         unit: u8,
         span: Span,
+        tolerate: &[Tolerated],
         limit: Duration,
     ) -> Result<(Link, Answer), Lost> {
         self.context.set_slave(Slave(unit));
@@ -109,9 +120,10 @@ impl Link {
             Register::Coil => Request::ReadCoils(span.start, span.count),
             Register::Discrete => Request::ReadDiscreteInputs(span.start, span.count),
         };
+        let function = request.function_code();
         let answer = match timeout(limit, self.context.call(request)).await {
             Err(_) => return Err(Lost::Timeout),
-            Ok(Err(error)) => return Err(Lost::Broken(readable(&error))),
+            Ok(Err(error)) => despite(error, function, tolerate)?,
             Ok(Ok(answer)) => answer,
         };
         let answer = match answer {
@@ -135,12 +147,37 @@ fn counted(came: usize, due: usize, asked: u16) -> Result<(), Refusal> {
     if came == due { Ok(()) } else { Err(Refusal::WrongCount { asked, came }) }
 }
 
-/// The client reports a connection closed by the peer as the operating system's last error, whatever that was.
-fn readable(error: &tokio_modbus::Error) -> String {
+/// The answer of a gateway that does not give the request's head back, where the configuration takes it; else why the link
+/// is lost.
+fn despite(
+    error: Error,
+    asked: FunctionCode,
+    tolerate: &[Tolerated],
+) -> Result<Result<Response, ExceptionCode>, Lost> {
     match error {
-        tokio_modbus::Error::Transport(io) if io.raw_os_error() == Some(0) => "closed by the device".into(),
-        other => other.to_string(),
+        Error::Transport(io) if is_closed(&io) => Err(Lost::Closed),
+        Error::Protocol(ProtocolError::HeaderMismatch { message, result }) => {
+            head::judge(&message, tolerate).map_err(Lost::Broken)?;
+            let (answered, answer) = match result {
+                Ok(response) => (response.function_code(), Ok(response)),
+                Err(refused) => (refused.function, Err(refused.exception)),
+            };
+            if answered == asked {
+                Ok(answer)
+            } else {
+                Err(Lost::Broken("the answer is of another function".into()))
+            }
+        }
+        other => Err(Lost::Broken(other.to_string())),
     }
+}
+
+/// Whether the peer ended the connection. The client reports that as the operating system's last error, whatever it was, and
+/// an answer that was cut short as an error without a number.
+fn is_closed(error: &io::Error) -> bool {
+    use io::ErrorKind::{BrokenPipe, ConnectionAborted, ConnectionReset, NotConnected};
+    let ended = matches!(error.kind(), BrokenPipe | ConnectionAborted | ConnectionReset | NotConnected);
+    ended || error.raw_os_error().is_some()
 }
 
 async fn connect(address: &str) -> io::Result<TcpStream> {

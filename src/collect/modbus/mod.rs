@@ -2,12 +2,14 @@
 //!
 //! `config` says what to read and `overlap` finds tags that contradict each other; `plan` groups them into
 //! requests without I/O; `device` polls one device. `slots` decides which request is asked when, `decode` makes
-//! values of registers: both are pure. `link` is the only place that talks to a socket; `line` is whose turn it is
+//! values of registers: both are pure. `head` judges whether an answer belongs to its
+//! request and is pure too. `link` is the only place that talks to a socket; `line` is whose turn it is
 //! on one. `probe` helps at commissioning.
 
 mod config;
 mod decode;
 mod device;
+mod head;
 mod line;
 mod link;
 mod overlap;
@@ -15,7 +17,7 @@ mod plan;
 mod probe;
 mod slots;
 
-pub use config::{ByteOrder, Config, Framing, Register, TagConfig, ValueType};
+pub use config::{ByteOrder, Config, Framing, Register, TagConfig, Tolerated, ValueType};
 pub use decode::Decoder;
 pub use device::Collector;
 pub use overlap::{Contradiction, contradictions};

@@ -1,6 +1,6 @@
 //! What to ask a device, decided once and without I/O: neighbouring registers go into one request.
 
-use super::config::{Config, Framing, Register, TagConfig, ValueType};
+use super::config::{Config, Framing, Register, TagConfig, Tolerated, ValueType};
 use super::decode::Decoder;
 use super::overlap::contradictions;
 use crate::collect::{self, Issue};
@@ -79,6 +79,8 @@ pub struct Plan {
     pub share_connection: bool,
     /// Least pause between an answer and the next request.
     pub min_gap: Duration,
+    /// What of an answer's head may differ from the request's.
+    pub tolerate: Vec<Tolerated>,
     /// Poll period.
     pub period: Duration,
     /// Longest wait for a connection and for each answer.
@@ -138,6 +140,7 @@ impl Plan {
             framing: config.framing,
             share_connection: config.share_connection,
             min_gap: Duration::from_millis(config.min_gap_ms),
+            tolerate: config.tolerate.clone(),
             period: Duration::from_millis(config.poll_ms),
             timeout: Duration::from_millis(config.timeout_ms),
             reconnect_max: Duration::from_millis(config.reconnect_max_ms),
@@ -152,7 +155,7 @@ impl Plan {
     pub fn asks_the_same(&self, other: &Plan) -> bool {
         let head =
             |p: &Plan| (p.name.clone(), p.address.clone(), p.unit_id, p.period, p.timeout, p.reconnect_max);
-        let line = |p: &Plan| (p.framing, p.share_connection, p.min_gap);
+        let line = |p: &Plan| (p.framing, p.share_connection, p.min_gap, p.tolerate.clone());
         head(self) == head(other)
             && line(self) == line(other)
             && self.requests == other.requests

@@ -79,7 +79,7 @@ pub async fn probe(target: &ProbeTarget) -> Result<Table, ProbeError> {
     let link = Link::open(&target.address, Framing::Tcp, target.timeout);
     let link = link.await.map_err(|why| lost(why.to_string()))?;
     let (_, answer) =
-        link.read(target.unit_id, span, target.timeout).await.map_err(|why| lost(why.to_string()))?;
+        link.read(target.unit_id, span, &[], target.timeout).await.map_err(|why| lost(why.to_string()))?;
     let words = answer.map_err(|refusal| ProbeError::Device {
         address: target.address.clone(),
         register: target.register,

@@ -1,9 +1,10 @@
 //! What the configuration file says about an MQTT broker and about a tag's place in its messages.
 
 use super::json::Path as JsonPath;
-use crate::collect::Issue;
 use crate::collect::scaling::Scaling;
-use crate::mqtt::{Broker, Password, topic_fault};
+use crate::collect::{DecimalSign, Issue};
+use crate::host;
+use crate::mqtt::{Broker, Password, default_client_id, topic_fault};
 use crate::signal::Role;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -37,9 +38,10 @@ pub struct Config {
     /// Environment variable that holds the password.
     #[serde(default)]
     pub password_env: Option<String>,
-    /// The client's name at the broker; two clients must not have the same.
-    #[serde(default = "default_client_id")]
-    pub client_id: String,
+    /// The client's name at the broker; left out, one made of the host's and the section's. Two clients must not have the
+    /// same.
+    #[serde(default)]
+    pub client_id: Option<String>,
     /// Longest silence before the client asks for a sign of life (s).
     #[serde(default = "default_keep_alive_s")]
     pub keep_alive_s: u16,
@@ -81,9 +83,6 @@ pub struct Config {
     pub request_rebirth: bool,
 }
 
-fn default_client_id() -> String {
-    "stictiond".into()
-}
 fn default_keep_alive_s() -> u16 {
     30
 }
@@ -119,6 +118,19 @@ pub enum TimeUnit {
 }
 
 impl TimeUnit {
+    /// All of them.
+    pub(super) const ALL: [Self; 4] = [Self::S, Self::Ms, Self::Us, Self::Ns];
+
+    /// As the file writes it.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            TimeUnit::S => "s",
+            TimeUnit::Ms => "ms",
+            TimeUnit::Us => "us",
+            TimeUnit::Ns => "ns",
+        }
+    }
+
     /// How many make a second.
     pub fn per_second(self) -> f64 {
         match self {
@@ -156,6 +168,9 @@ pub struct TagConfig {
     /// Path of the value in JSON, `values.op`, `items[0].v`, `['a.b'].v`; left out for a payload that is a number.
     #[serde(default)]
     pub path: Option<String>,
+    /// The decimal sign of values that are text, `.` or `,`; left out, what the text itself proves.
+    #[serde(default)]
+    pub decimal: Option<DecimalSign>,
     /// Path of its time.
     #[serde(default)]
     pub time_path: Option<String>,
@@ -196,7 +211,13 @@ fn default_scale() -> f64 {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Place {
     /// In the messages of a topic.
-    Topic { topic: String, value: Option<JsonPath>, time: Option<JsonPath>, quality: Option<JsonPath> },
+    Topic {
+        topic: String,
+        value: Option<JsonPath>,
+        decimal: Option<DecimalSign>,
+        time: Option<JsonPath>,
+        quality: Option<JsonPath>,
+    },
     /// In the messages of an edge node or a device of its.
     Metric { group: String, edge: String, device: Option<String>, metric: MetricKey },
 }
@@ -209,13 +230,18 @@ pub(super) enum MetricKey {
 }
 
 impl Config {
+    /// The client's name at the broker.
+    pub fn client_id(&self) -> String {
+        self.client_id.clone().unwrap_or_else(|| default_client_id(&host::name(), &self.name))
+    }
+
     /// How the broker is reached.
     pub(super) fn broker(&self) -> Broker {
         let password = self.password_file.clone().map(Password::File);
         let password = password.or_else(|| self.password_env.clone().map(Password::Env));
         Broker {
             address: self.address.clone(),
-            client_id: self.client_id.clone(),
+            client_id: self.client_id(),
             keep_alive_s: self.keep_alive_s,
             clean_session: self.clean_session,
             tls: self.tls,
@@ -297,15 +323,17 @@ impl TagConfig {
                         return Err(issue(field, "a payload without path is a plain number".into()));
                     }
                 }
-                Ok(Place::Topic { topic: topic.clone(), value, time, quality: quality.filter(|_| !plain) })
+                let quality = quality.filter(|_| !plain);
+                Ok(Place::Topic { topic: topic.clone(), value, decimal: self.decimal, time, quality })
             }
             (None, Some(text)) => {
-                for (field, own) in [
-                    ("path", &self.path),
-                    ("time_path", &self.time_path),
-                    ("quality_path", &self.quality_path),
+                for (field, set) in [
+                    ("path", self.path.is_some()),
+                    ("decimal", self.decimal.is_some()),
+                    ("time_path", self.time_path.is_some()),
+                    ("quality_path", self.quality_path.is_some()),
                 ] {
-                    if own.is_some() {
+                    if set {
                         return Err(issue(field, "only a tag with a topic has one".into()));
                     }
                 }

@@ -14,6 +14,7 @@ use super::session::{Edge, News};
 use super::tags::{Arrival, State, Taken};
 use crate::collect::backoff::Backoff;
 use crate::collect::{Clock, DeviceHealth, Poll, Sink};
+use crate::mqtt::Takeovers;
 use crate::mqtt::sparkplug::{Metric, Payload, REBIRTH, Topic, Value, datatype};
 use crate::signal::{BadReason, Quality, Sample};
 use futures::StreamExt;
@@ -61,6 +62,7 @@ pub struct Collector {
     /// When a message that could be read last came, by the steady clock (s).
     heard: f64,
     down: bool,
+    takeovers: Takeovers,
 }
 
 /// Why there is no connection any more.
@@ -93,6 +95,7 @@ impl Collector {
             backoff: Backoff::new(FIRST_PAUSE.min(longest), longest, Pcg32::seed_from_u64(seed)),
             heard: 0.0,
             down: false,
+            takeovers: Takeovers::default(),
             plan,
         }
     }
@@ -135,7 +138,10 @@ impl Collector {
     async fn listen(&mut self, sink: &dyn Sink) -> Lost {
         let (client, events) = match self.connect().await {
             Ok(pair) => pair,
-            Err(lost) => return lost,
+            Err(lost) => {
+                self.takeovers.refused();
+                return lost;
+            }
         };
         // Taken as a stream, so that looking at the clock drops nothing that is half received.
         let filters: Vec<String> = self.plan.filters().into_iter().collect();
@@ -159,7 +165,10 @@ impl Collector {
                     Some(Ok(Event::Incoming(Packet::Publish(publish)))) => self.message(&publish, &client, sink),
                     Some(Ok(Event::Incoming(Packet::SubAck(answer)))) => self.subscribed(&answer.return_codes),
                     Some(Ok(_)) => {}
-                    Some(Err(error)) => return broken(&error),
+                    Some(Err(error)) => {
+                        self.ended();
+                        return broken(&error);
+                    }
                     None => return Lost::Broken("closed".into()),
                 },
                 _ = look.tick() => {
@@ -207,6 +216,14 @@ impl Collector {
         }
         if refused > 0 {
             warn!(device = %self.plan.config.name, refused, "the broker refuses to send some topics");
+        }
+    }
+
+    /// The broker ended a connection that it had taken.
+    fn ended(&mut self) {
+        let steady = self.steady();
+        if let Some(why) = self.takeovers.ended(steady, &self.plan.config.client_id()) {
+            warn!(device = %self.plan.config.name, "{why}");
         }
     }
 
@@ -268,18 +285,22 @@ impl Collector {
         came: Arrival,
         sink: &dyn Sink,
     ) -> (usize, usize) {
-        let document = match json::parse(payload) {
+        let is_plain = |at: &usize| matches!(self.plan.tags[*at].place, Place::Topic { value: None, .. });
+        let document = match json::parse(payload, tags.iter().any(is_plain)) {
             Ok(document) => document,
             Err(refused) => {
-                self.refuse(topic, refused.as_str(), 1);
+                self.refuse(topic, &refused.to_string(), 1);
                 return (0, 0);
             }
         };
         let (mut good, mut bad) = (0, 0);
         for &at in tags {
-            let Place::Topic { value, time, quality, .. } = &self.plan.tags[at].place else { continue };
+            let Place::Topic { value, decimal, time, quality, .. } = &self.plan.tags[at].place else {
+                continue;
+            };
             let place = Where {
                 value: value.as_ref(),
+                decimal: *decimal,
                 time: time.as_ref(),
                 quality: quality.as_ref(),
                 unit: self.plan.config.time_unit,
@@ -289,7 +310,7 @@ impl Collector {
                 Ok(Some(true)) => good += 1,
                 Ok(Some(false)) => bad += 1,
                 Ok(None) => {}
-                Err(refused) => self.refuse(topic, refused.as_str(), 1),
+                Err(refused) => self.refuse(topic, &refused.to_string(), 1),
             }
         }
         (good, bad)
@@ -325,7 +346,7 @@ impl Collector {
                 Ok(Some(true)) => good += 1,
                 Ok(Some(false)) => bad += 1,
                 Ok(None) => {}
-                Err(refused) => self.refuse(topic, refused.as_str(), 1),
+                Err(refused) => self.refuse(topic, &refused.to_string(), 1),
             }
         }
         for (tag, reason) in lost {
@@ -420,7 +441,9 @@ fn broken(error: &ConnectionError) -> Lost {
     match error {
         ConnectionError::ConnectionRefused(code @ (BadUserNamePassword | NotAuthorized | BadClientId)) => {
             Lost::Untrusted(match code {
-                BadClientId => "the broker does not take this client_id".into(),
+                BadClientId => {
+                    "the broker does not take this client_id; old ones take 1 to 23 letters and digits".into()
+                }
                 _ => "the broker does not take this user and password".into(),
             })
         }

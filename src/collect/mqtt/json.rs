@@ -1,11 +1,16 @@
 //! Values, times and qualities out of JSON and plain numbers. Pure; what cannot be read is refused, never guessed.
 
 use super::config::TimeUnit;
+use crate::collect::text_value::{self, TextFault};
+use crate::collect::{DecimalSign, table::number::bare};
 use crate::signal::{BadReason, Quality};
 use serde_json::Value;
+use std::fmt;
 
 /// Most steps of a path.
 const MAX_STEPS: usize = 32;
+/// Longest payload that is taken for a plain value (bytes).
+const LONGEST_TEXT: usize = 512;
 /// Times before 1980 or after 2200 are no times of measurements (s).
 const TIMES: std::ops::RangeInclusive<f64> = 315_532_800.0..=7_258_118_400.0;
 
@@ -68,27 +73,50 @@ impl Path {
 }
 
 /// Why a message gives a tag nothing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum Refused {
     /// Neither JSON nor a number.
     Payload,
     /// Nothing is where the value should be, or it is no number.
     Value,
+    /// There is a text, and it is no number.
+    Text(TextFault),
     /// The time is missing or none.
     Time,
+    /// The time is none in its unit, and would be one in another.
+    TimeUnit { told: f64, unit: TimeUnit, fits: TimeUnit },
+    /// The time says nothing of its offset from UTC.
+    NoOffset(String),
     /// The quality is missing.
     Quality,
 }
 
-impl Refused {
-    pub(super) fn as_str(self) -> &'static str {
+impl fmt::Display for Refused {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Refused::Payload => "the payload is neither JSON nor a number",
-            Refused::Value => "there is no number where the value should be",
-            Refused::Time => "there is no time where it should be",
-            Refused::Quality => "there is no quality where it should be",
+            Refused::Payload => out.write_str("the payload is neither JSON nor a number"),
+            Refused::Value => out.write_str("there is no number where the value should be"),
+            Refused::Text(fault) => fault.fmt(out),
+            Refused::Time => out.write_str("there is no time where it should be"),
+            Refused::TimeUnit { told, unit, fits } => write!(
+                out,
+                "the time {told} is of the year {} as time_unit = \"{}\": is time_unit \"{}\"?",
+                year(told / unit.per_second()),
+                unit.name(),
+                fits.name()
+            ),
+            Refused::NoOffset(text) => write!(
+                out,
+                "the time '{text}' tells no offset from UTC: have it sent with one, such as Z or +01:00"
+            ),
+            Refused::Quality => out.write_str("there is no quality where it should be"),
         }
     }
+}
+
+/// The year of a time (s since 1970), as near as an error has to say it.
+fn year(t: f64) -> f64 {
+    1970.0 + (t / 31_556_952.0).floor()
 }
 
 /// A value as a message tells it.
@@ -105,57 +133,88 @@ pub(super) struct Told {
 /// Where in the payload a tag's value stands.
 pub(super) struct Where<'p> {
     pub(super) value: Option<&'p Path>,
+    pub(super) decimal: Option<DecimalSign>,
     pub(super) time: Option<&'p Path>,
     pub(super) quality: Option<&'p Path>,
     pub(super) unit: TimeUnit,
     pub(super) good_values: Option<&'p [String]>,
 }
 
-/// A payload, read once for all tags of its topic. Too deep a nesting is refused by the parser.
-pub(super) fn parse(payload: &[u8]) -> Result<Value, Refused> {
-    serde_json::from_slice(payload).map_err(|_| Refused::Payload)
+/// A payload, read once for all tags of its topic.
+pub(super) struct Document {
+    json: Option<Value>,
+    /// The payload itself, where it is short enough to be a plain value.
+    text: Option<String>,
+}
+
+/// Reads a payload, which may be a `plain` value where a tag of its topic has no path. Too deep a nesting is refused by the
+/// parser.
+///
+/// # Errors
+/// [`Refused::Payload`], when it can be neither JSON nor a plain value.
+pub(super) fn parse(payload: &[u8], plain: bool) -> Result<Document, Refused> {
+    // A byte order mark before it and the zero byte of a C string behind it belong to no value.
+    let payload = payload.strip_prefix(b"\xef\xbb\xbf").unwrap_or(payload);
+    let end = payload.iter().rposition(|byte| *byte != 0).map_or(0, |at| at + 1);
+    let payload = &payload[..end];
+    let json = serde_json::from_slice(payload).ok();
+    let text = (plain && payload.len() <= LONGEST_TEXT).then(|| plain_text(payload));
+    let text = text.filter(|text| !text.is_empty() && !text.starts_with(['{', '[']));
+    if json.is_none() && text.is_none() { Err(Refused::Payload) } else { Ok(Document { json, text }) }
+}
+
+/// A short payload as text: UTF-8, and else Latin-1, in which old devices write their degrees.
+fn plain_text(payload: &[u8]) -> String {
+    let text = std::str::from_utf8(payload).map(str::to_string);
+    let text = text.unwrap_or_else(|_| payload.iter().map(|byte| char::from(*byte)).collect());
+    bare(&text).to_string()
 }
 
 /// What a payload tells of a tag.
-pub(super) fn told(document: &Value, place: &Where) -> Result<Told, Refused> {
+pub(super) fn told(document: &Document, place: &Where) -> Result<Told, Refused> {
     let Some(path) = place.value else {
-        let raw = number(document).ok_or(Refused::Value)?;
+        let raw = plain(document, place.decimal)?;
         return Ok(Told { raw: Some(raw), t: None, quality: Quality::Good });
     };
+    let json = document.json.as_ref().ok_or(Refused::Payload)?;
     let quality = match place.quality {
-        Some(path) => quality(path.find(document).ok_or(Refused::Quality)?, place.good_values)?,
+        Some(path) => quality(path.find(json).ok_or(Refused::Quality)?, place.good_values)?,
         None => Quality::Good,
     };
     let t = match place.time {
-        Some(path) => {
-            Some(path.find(document).and_then(|value| time(value, place.unit)).ok_or(Refused::Time)?)
-        }
+        Some(path) => Some(time(path.find(json).ok_or(Refused::Time)?, place.unit)?),
         None => None,
     };
-    let value = path.find(document).ok_or(Refused::Value)?;
-    match (number(value), quality) {
-        (Some(raw), _) => Ok(Told { raw: Some(raw), t, quality }),
-        // null says that there is no value; anything else that is no number says nothing.
-        (None, _) if value.is_null() => {
-            let reason = match quality {
-                Quality::Bad(reason) => reason,
-                _ => BadReason::NotANumber,
-            };
-            Ok(Told { raw: None, t, quality: Quality::Bad(reason) })
-        }
-        (None, _) => Err(Refused::Value),
+    let value = path.find(json).ok_or(Refused::Value)?;
+    // null says that there is no value; anything else that is no number says nothing.
+    if value.is_null() {
+        let reason = match quality {
+            Quality::Bad(reason) => reason,
+            _ => BadReason::NotANumber,
+        };
+        return Ok(Told { raw: None, t, quality: Quality::Bad(reason) });
+    }
+    Ok(Told { raw: Some(number(value, place.decimal)?), t, quality })
+}
+
+/// The value of a payload that is nothing but one. Its decimal sign is a text's: no JSON is meant.
+fn plain(document: &Document, decimal: Option<DecimalSign>) -> Result<f64, Refused> {
+    match (&document.json, &document.text) {
+        (Some(Value::String(text)), _) => text_value::read(text, decimal).map_err(Refused::Text),
+        (_, Some(text)) => text_value::read(text, decimal).map_err(Refused::Text),
+        (Some(_), None) => Err(Refused::Value),
+        (None, None) => Err(Refused::Payload),
     }
 }
 
-/// A finite number, a truth value, or text that is nothing but a number.
-fn number(value: &Value) -> Option<f64> {
-    let number = match value {
-        Value::Number(number) => number.as_f64(),
-        Value::Bool(on) => Some(f64::from(u8::from(*on))),
-        Value::String(text) => text.trim().parse().ok(),
-        _ => None,
-    };
-    number.filter(|number| number.is_finite())
+/// A finite number, a truth value, or text that is nothing but one of them, with or without its unit.
+fn number(value: &Value, decimal: Option<DecimalSign>) -> Result<f64, Refused> {
+    match value {
+        Value::Number(number) => number.as_f64().filter(|number| number.is_finite()).ok_or(Refused::Value),
+        Value::Bool(on) => Ok(f64::from(u8::from(*on))),
+        Value::String(text) => text_value::read(text, decimal).map_err(Refused::Text),
+        _ => Err(Refused::Value),
+    }
 }
 
 fn quality(value: &Value, good: Option<&[String]>) -> Result<Quality, Refused> {
@@ -178,16 +237,32 @@ fn quality(value: &Value, good: Option<&[String]>) -> Result<Quality, Refused> {
 
 /// Seconds since 1970: a number in `unit`, or text in ISO 8601 with its offset. Text without an offset is refused: one
 /// hour a year it means two times.
-fn time(value: &Value, unit: TimeUnit) -> Option<f64> {
-    let t = match value {
-        Value::Number(number) => number.as_f64()? / unit.per_second(),
+fn time(value: &Value, unit: TimeUnit) -> Result<f64, Refused> {
+    match value {
+        Value::Number(number) => number.as_f64().ok_or(Refused::Time).and_then(|told| counted(told, unit)),
         Value::String(text) => {
-            let stamp: jiff::Timestamp = text.trim().parse().ok()?;
-            stamp.as_second() as f64 + f64::from(stamp.subsec_nanosecond()) * 1e-9
+            let text = text.trim();
+            if let Ok(told) = text.parse() {
+                return counted(told, unit);
+            }
+            if text.parse::<jiff::civil::DateTime>().is_ok() && text.parse::<jiff::Timestamp>().is_err() {
+                return Err(Refused::NoOffset(text.into()));
+            }
+            let stamp: jiff::Timestamp = text.parse().map_err(|_| Refused::Time)?;
+            let t = stamp.as_second() as f64 + f64::from(stamp.subsec_nanosecond()) * 1e-9;
+            if is_time(t) { Ok(t) } else { Err(Refused::Time) }
         }
-        _ => return None,
-    };
-    TIMES.contains(&t).then_some(t)
+        _ => Err(Refused::Time),
+    }
+}
+
+/// A time that was counted in `unit`; where it cannot be one, the unit in which it could is named.
+fn counted(told: f64, unit: TimeUnit) -> Result<f64, Refused> {
+    if is_time(told / unit.per_second()) {
+        return Ok(told / unit.per_second());
+    }
+    let fits = TimeUnit::ALL.into_iter().find(|other| is_time(told / other.per_second()));
+    Err(fits.map_or(Refused::Time, |fits| Refused::TimeUnit { told, unit, fits }))
 }
 
 /// Whether a time (s) can be one of a measurement.
@@ -210,12 +285,13 @@ mod tests {
         let (value, time, quality) = (path(value), path(time), path(quality));
         let place = Where {
             value: value.as_ref(),
+            decimal: None,
             time: time.as_ref(),
             quality: quality.as_ref(),
             unit: TimeUnit::Ms,
             good_values: None,
         };
-        told(&parse(payload.as_bytes())?, &place)
+        told(&parse(payload.as_bytes(), place.value.is_none())?, &place)
     }
 
     #[test]
@@ -236,16 +312,81 @@ mod tests {
         assert_eq!(all("{"), Err(Refused::Payload));
         assert_eq!(all(&"[".repeat(100_000)), Err(Refused::Payload));
         assert_eq!(all(r#"{"t":1700000000000,"q":"good"}"#), Err(Refused::Value));
-        for value in ["\"x\"", "[1]", "{}", "\"inf\"", "\"nan\"", "\"\""] {
+        for value in ["[1]", "{}"] {
             let text = format!(r#"{{"v":{value},"t":1700000000000,"q":"good"}}"#);
             assert_eq!(all(&text), Err(Refused::Value), "{value}");
         }
+        for value in ["x", "inf", "nan", ""] {
+            let text = format!(r#"{{"v":"{value}","t":1700000000000,"q":"good"}}"#);
+            assert_eq!(all(&text), Err(Refused::Text(TextFault::NoNumber(value.into()))), "{value}");
+        }
         assert_eq!(all(r#"{"v":1e999,"t":1700000000000,"q":"good"}"#), Err(Refused::Payload));
-        for time in ["1", "\"2023-11-14T23:13:20\"", "\"now\"", "null", "-1", "1e300"] {
+        for time in ["1", "\"now\"", "null", "-1", "1e300"] {
             assert_eq!(all(&format!(r#"{{"v":1,"t":{time},"q":"good"}}"#)), Err(Refused::Time), "{time}");
         }
         assert_eq!(all(r#"{"v":1,"t":1700000000000}"#), Err(Refused::Quality));
         assert_eq!(of("{\"v\":1}", None, None, None), Err(Refused::Value));
+    }
+
+    #[test]
+    fn plain_values_are_read_as_devices_write_them() {
+        let bytes = |payload: &[u8]| {
+            let place = Where {
+                value: None,
+                decimal: None,
+                time: None,
+                quality: None,
+                unit: TimeUnit::Ms,
+                good_values: None,
+            };
+            told(&parse(payload, true)?, &place).map(|told| told.raw)
+        };
+        for (payload, value) in [
+            (&b"12,5"[..], 12.5),
+            ("50.1 °C".as_bytes(), 50.1),
+            (b"50.1 \xb0C", 50.1),
+            (b"+50.1", 50.1),
+            (b"50.1\0", 50.1),
+            (b"\xef\xbb\xbf50.1\r\n", 50.1),
+            (b"ON", 1.0),
+            (b"off", 0.0),
+        ] {
+            assert_eq!(bytes(payload), Ok(Some(value)), "{payload:?}");
+        }
+        assert_eq!(bytes(b"1,002"), Err(Refused::Text(TextFault::Doubtful("1,002".into()))));
+        assert_eq!(bytes(b"1e999"), Err(Refused::Text(TextFault::NoNumber("1e999".into()))));
+        assert_eq!(bytes(b"null"), Err(Refused::Text(TextFault::NoNumber("null".into()))));
+        assert_eq!(bytes(b""), Err(Refused::Payload));
+        let path = Path::parse("v").unwrap();
+        let place = |decimal, value| Where {
+            value,
+            decimal,
+            time: None,
+            quality: None,
+            unit: TimeUnit::Ms,
+            good_values: None,
+        };
+        let comma = Some(DecimalSign::Comma);
+        let document = |text: &str| parse(text.as_bytes(), true).unwrap();
+        assert_eq!(told(&document("1,002"), &place(comma, None)).unwrap().raw, Some(1.002));
+        assert_eq!(told(&document("1.002"), &place(comma, None)).unwrap().raw, Some(1002.0));
+        // A number of JSON is written with a point, whatever a text is.
+        assert_eq!(told(&document(r#"{"v":1.002}"#), &place(comma, Some(&path))).unwrap().raw, Some(1.002));
+        assert_eq!(told(&document(r#"{"v":"1,002"}"#), &place(comma, Some(&path))).unwrap().raw, Some(1.002));
+    }
+
+    #[test]
+    fn a_time_in_another_unit_and_one_without_an_offset_are_named() {
+        let refused =
+            |time: &str| of(&format!(r#"{{"v":1,"t":{time}}}"#), Some("v"), Some("t"), None).unwrap_err();
+        let said = refused("1700000000").to_string();
+        assert!(said.contains("1970") && said.contains(r#"is time_unit "s"?"#), "{said}");
+        assert!(refused("1700000000000000").to_string().contains(r#""us"?"#));
+        assert!(refused("\"1700000000\"").to_string().contains(r#""s"?"#));
+        let said = refused("\"2023-11-14T23:13:20\"").to_string();
+        assert!(said.contains("offset") && said.contains("2023-11-14T23:13:20"), "{said}");
+        let text = of(r#"{"v":1,"t":"1700000000250"}"#, Some("v"), Some("t"), None).unwrap();
+        assert_eq!(text.t, Some(1_700_000_000.25));
     }
 
     #[test]
@@ -288,7 +429,9 @@ mod tests {
             if let Ok(told) = of(&text, None, None, None) {
                 let raw = told.raw.unwrap();
                 prop_assert!(raw.is_finite());
-                prop_assert!(text.contains(|c: char| c.is_ascii_digit()) || text.contains("true") || text.contains("false"));
+                let word = text.to_lowercase();
+                let switch = ["true", "false", "on", "off"].iter().any(|known| word.contains(known));
+                prop_assert!(switch || text.contains(|c: char| c.is_ascii_digit()));
             }
         }
 

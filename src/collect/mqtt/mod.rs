@@ -7,9 +7,11 @@ mod config;
 mod device;
 mod json;
 mod plan;
+mod probe;
 mod session;
 mod tags;
 
 pub use config::{Config, TagConfig, TimeFallback, TimeUnit};
 pub use device::Collector;
 pub use plan::{Plan, TagSpec};
+pub use probe::{Leaf, Probed, Seen, probe};

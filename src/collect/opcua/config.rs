@@ -1,13 +1,13 @@
 //! What the configuration file says about an OPC UA server and about a tag's node in it.
 
-use crate::collect::Issue;
+use super::names::{NodeName, PathName};
+use super::value::Meaning;
 use crate::collect::scaling::Scaling;
+use crate::collect::{DecimalSign, Issue};
 use crate::signal::Role;
-use opcua::types::{NodeId, RelativePath, RelativePathElement};
 use serde::Deserialize;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
-use std::str::FromStr;
 
 /// One OPC UA server, `[[opcua]]`. Every entry has a session and a task of its own.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -174,12 +174,18 @@ pub struct TagConfig {
     pub name: Option<String>,
     /// Name of the `[[opcua]]`.
     pub device: String,
-    /// Node id, `ns=2;s=FIC101.OP` or `ns=2;i=4711`.
+    /// Node id, `nsu=urn:plant;s=FIC101.OP` by the namespace's URI or `ns=2;i=4711` by its number.
     #[serde(default)]
     pub node: Option<String>,
-    /// Browse path from the Objects folder, `/2:Unit10/2:FIC101/2:OP`.
+    /// Browse path from the Objects folder, `/nsu=urn:plant;Unit10/nsu=urn:plant;OP` or `/2:Unit10/2:OP`.
     #[serde(default)]
     pub path: Option<String>,
+    /// Element of an array, counted from 0, where the node's value is one.
+    #[serde(default)]
+    pub element: Option<usize>,
+    /// The decimal sign of values that are text, `.` or `,`; left out, what the text itself proves.
+    #[serde(default)]
+    pub decimal: Option<DecimalSign>,
     /// How often the server samples this node (ms), where that is not as for the others; of a subscription only.
     #[serde(default)]
     pub sampling_ms: Option<u64>,
@@ -217,9 +223,19 @@ fn default_scale() -> f64 {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Place {
     /// By its node id.
-    Node(NodeId),
+    Node(NodeName),
     /// By its browse path from the Objects folder.
-    Path(String, RelativePath),
+    Path(PathName),
+}
+
+impl Place {
+    /// Whether it depends on which number a server gives to a namespace.
+    pub fn is_numbered(&self) -> bool {
+        match self {
+            Self::Node(name) => name.is_numbered(),
+            Self::Path(name) => name.is_numbered(),
+        }
+    }
 }
 
 impl Config {
@@ -314,29 +330,26 @@ impl TagConfig {
         match (&self.node, &self.path) {
             (Some(_), Some(_)) => issue("path", "there is a node too: leave one out"),
             (None, None) => issue("node", "a tag of an OPC UA server needs a node or a path"),
-            (Some(node), None) => match NodeId::from_str(node) {
-                Ok(node) => Ok(Place::Node(node)),
-                Err(_) => issue("node", &format!("'{node}' is not a node id such as ns=2;s=FIC101.OP")),
-            },
-            (None, Some(path)) => {
-                let resolver = &RelativePathElement::default_node_resolver;
-                match RelativePath::from_str(path, resolver) {
-                    Ok(found) if found.elements.as_ref().is_some_and(|e| !e.is_empty()) => {
-                        Ok(Place::Path(path.clone(), found))
-                    }
-                    _ => issue(
-                        "path",
-                        &format!("'{path}' is not a browse path such as /2:Unit10/2:FIC101/2:OP"),
-                    ),
-                }
-            }
+            (Some(node), None) => node.parse().map(Place::Node).or_else(|()| {
+                let example = "nsu=urn:plant;s=FIC101.OP or ns=2;s=FIC101.OP";
+                issue("node", &format!("'{node}' is not a node id such as {example}"))
+            }),
+            (None, Some(path)) => path.parse().map(Place::Path).or_else(|()| {
+                let example = "/nsu=urn:plant;Unit10/nsu=urn:plant;OP or /2:Unit10/2:OP";
+                issue("path", &format!("'{path}' is not a browse path such as {example}"))
+            }),
         }
     }
 
     /// What its raw numbers mean.
-    pub(super) fn scaling(&self) -> Scaling {
+    fn scaling(&self) -> Scaling {
         let Self { scale, offset, range, .. } = *self;
         Scaling { scale, offset, range, auto_values: self.auto_values.clone() }
+    }
+
+    /// How its values are read, in this role (`None` for an extra tag).
+    pub(super) fn meaning(&self, role: Option<Role>) -> Meaning {
+        Meaning { scaling: self.scaling().in_role(role), element: self.element, decimal: self.decimal }
     }
 
     /// Everything wrong with the tag in this role (`None` for an extra tag).
@@ -351,6 +364,8 @@ impl TagConfig {
         unless(ok, "sampling_ms", "must be 10 to 86400000".into());
         let ok = self.queue_size.is_none_or(|queue| QUEUES.contains(&queue));
         unless(ok, "queue_size", "must be 1 to 10000".into());
+        let ok = self.element.is_none_or(|at| at < MAX_ARRAY);
+        unless(ok, "element", format!("must be 0 to {}", MAX_ARRAY - 1));
         let ok = self.deadband.is_none_or(|band| band.is_finite() && band >= 0.0);
         unless(ok, "deadband", "must be a number from 0, in the node's own unit".into());
         unless(self.deadband_percent.is_none_or(is_percent), "deadband_percent", PERCENT.into());
@@ -361,6 +376,8 @@ impl TagConfig {
     }
 }
 
+/// Most array elements of an answer: the library's default drops long ones without a word.
+pub(super) const MAX_ARRAY: usize = 20_000;
 const QUEUES: RangeInclusive<u32> = 1..=10_000;
 const PERCENT: &str = "must be 0 to less than 100, % of the node's EURange";
 

@@ -46,21 +46,17 @@ fn what_contradicts_itself_is_refused() {
 #[test]
 fn places_are_node_ids_or_browse_paths() {
     let tag = |text: &str| -> TagConfig { toml::from_str(&format!("device = 'd'\n{text}")).unwrap() };
-    let node = tag("node = 'ns=2;s=FIC101.OP'").place().unwrap();
-    assert_eq!(node, Place::Node(NodeId::new(2, "FIC101.OP")));
-    assert_eq!(tag("node = 'i=2258'").place().unwrap(), Place::Node(NodeId::new(0, 2258u32)));
-    let Place::Path(_, path) = tag("path = '/2:Unit/2:OP'").place().unwrap() else { panic!("a path") };
-    let names: Vec<String> = path
-        .elements
-        .unwrap()
-        .iter()
-        .map(|e| format!("{}:{}", e.target_name.namespace_index, e.target_name.name))
-        .collect();
-    assert_eq!(names, ["2:Unit", "2:OP"]);
+    for node in ["ns=2;s=FIC101.OP", "i=2258", "nsu=urn:plant;s=FIC101.OP"] {
+        assert_eq!(tag(&format!("node = '{node}'")).place(), Ok(Place::Node(node.parse().unwrap())));
+    }
+    for path in ["/2:Unit/2:OP", "/nsu=http://plant.example/UA/;Unit/2:OP"] {
+        assert_eq!(tag(&format!("path = '{path}'")).place(), Ok(Place::Path(path.parse().unwrap())));
+    }
     for (text, field) in [
         ("", "node"),
         ("node = 'FIC101'", "node"),
         ("node = 'ns=99999;s=a'", "node"),
+        ("node = 'nsu=urn:plant'", "node"),
         ("node = 'i=1'\npath = '/2:a'", "path"),
         ("path = ''", "path"),
         ("path = 'Unit'", "path"),
@@ -90,6 +86,7 @@ fn a_node_may_be_sampled_in_its_own_way() {
         ("queue_size = 0", "queue_size"),
         ("deadband = -1.0", "deadband"),
         ("deadband = nan", "deadband"),
+        ("element = 20000", "element"),
         ("deadband_percent = 100.0", "deadband_percent"),
         ("deadband = 1.0\ndeadband_percent = 1.0", "deadband_percent"),
     ] {

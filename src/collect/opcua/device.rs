@@ -3,8 +3,9 @@
 use super::config::{Mode, Place};
 use super::link::{Link, Lost};
 use super::listener::Event;
+use super::names::Pins;
 use super::plan::{Plan, Sampling, Tag};
-use super::value;
+use super::value::{self, NoNumber};
 use crate::collect::backoff::Backoff;
 use crate::collect::series::{Order, Series, SourceClock};
 use crate::collect::{Clock, DeviceHealth, Frozen, Poll, Reading, Sink};
@@ -42,6 +43,8 @@ pub struct Collector {
     source: SourceClock,
     born: Instant,
     round: Round,
+    /// The namespaces that plain numbers mean.
+    pins: Pins,
     /// History of before the start has still to be read.
     starting: bool,
 }
@@ -59,6 +62,8 @@ struct State {
     marked: bool,
     /// It was said that the node is refused.
     refused: bool,
+    /// Why the newest value without a number had none, as it was said.
+    no_number: Option<NoNumber>,
 }
 
 /// Samples since the sink last heard of a poll.
@@ -81,6 +86,7 @@ impl Collector {
             gap: false,
             marked: false,
             refused: false,
+            no_number: None,
         };
         Self {
             clock,
@@ -91,6 +97,7 @@ impl Collector {
             source: SourceClock::default(),
             born: Instant::now(),
             round: Round::default(),
+            pins: Pins::default(),
             starting: false,
             plan,
         }
@@ -306,14 +313,20 @@ impl Collector {
         let missing: Vec<usize> = (0..self.tags.len()).filter(|at| self.tags[*at].node.is_none()).collect();
         let places: Vec<Place> = missing.iter().map(|at| self.plan.tags[*at].place.clone()).collect();
         let mut found = Vec::new();
-        for (at, node) in missing.into_iter().zip(link.resolve(&places).await?) {
+        let pinned = self.pins.known().count();
+        for (at, node) in missing.into_iter().zip(link.resolve(&places, &mut self.pins).await?) {
             match node {
                 Ok(node) => {
                     self.tags[at].node = Some(node);
                     found.push(at);
                 }
-                Err(status) => self.refused(at, &format!("path not found: {status}"), sink),
+                Err(why) => self.refused(at, &why, sink),
             }
+        }
+        if self.pins.known().count() > pinned {
+            let known: Vec<String> =
+                self.pins.known().map(|(n, uri)| format!("ns={n} is nsu={uri}")).collect();
+            info!(device = %self.name(), "namespaces named by number: {}", known.join(", "));
         }
         Ok(found)
     }
@@ -330,6 +343,16 @@ impl Collector {
         }
     }
 
+    /// A value is no number. It is said once, and again when the reason is another.
+    fn say_why(&mut self, at: usize, why: &NoNumber) {
+        let kind = std::mem::discriminant(why);
+        let said = self.tags[at].no_number.as_ref().is_some_and(|said| std::mem::discriminant(said) == kind);
+        if !said {
+            warn!(device = %self.name(), tag = %self.plan.tags[at].name, "bad:not_a_number: {why}");
+            self.tags[at].no_number = Some(why.clone());
+        }
+    }
+
     /// Nothing came for long. Either nothing has changed, or the subscription is dead: reading tells.
     async fn listen_closer(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<(), Lost> {
         let (places, values) = self.read(link).await?;
@@ -337,7 +360,7 @@ impl Collector {
         for (at, value) in places.into_iter().zip(values) {
             let tag = &self.tags[at];
             let t = value::time(&value, self.plan.config.source_time_fallback, self.clock.now());
-            let raw = value.value.as_ref().and_then(|v| v.as_f64());
+            let raw = value::number(&value, &self.plan.tags[at].meaning).ok();
             let source = value.source_timestamp.is_some();
             let newer = source && t.is_some_and(|t| tag.series.is_newer(t));
             let sent = self.plan.tags[at].sampling.deadband.lets_through(tag.raw, raw);
@@ -354,7 +377,7 @@ impl Collector {
     }
 
     async fn poll(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<Never, Lost> {
-        self.resolve(link, sink).await?;
+        self.find(link, sink).await?;
         self.fill(link, sink).await?;
         let mut resolved = Instant::now();
         let mut ticks = self.ticks();
@@ -362,7 +385,7 @@ impl Collector {
             ticks.tick().await;
             let began = Instant::now();
             if resolved.elapsed() > RETRY {
-                self.resolve(link, sink).await?;
+                self.find(link, sink).await?;
                 resolved = began;
             }
             let (places, values) = self.read(link).await?;
@@ -371,6 +394,14 @@ impl Collector {
             }
             self.end_round(sink, began.elapsed());
         }
+    }
+
+    /// Finds what is to be read; a tag that is found may be refused again, and that is news.
+    async fn find(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<(), Lost> {
+        for at in self.resolve(link, sink).await? {
+            self.tags[at].refused = false;
+        }
+        Ok(())
     }
 
     /// Every tag that has a node, and its value.
@@ -386,7 +417,11 @@ impl Collector {
         let Some(tag) = self.plan.tags.get(at) else { return };
         self.backoff.reset();
         let now = self.clock.now();
-        let reading = value::reading(value, &tag.scaling);
+        let reading = value::reading(value, &tag.meaning);
+        let raw = value::number(value, &tag.meaning);
+        if reading.quality == Quality::Bad(BadReason::NotANumber) {
+            self.say_why(at, raw.as_ref().err().unwrap_or(&NoNumber::NotFinite));
+        }
         let unusable = matches!(reading.quality, Quality::Bad(_)) && reading.value.is_nan();
         let own = value::time(value, self.plan.config.source_time_fallback, now);
         // What is bad has no value that a fresh stamp could make look fresh; its source often keeps the old stamp.
@@ -400,7 +435,7 @@ impl Collector {
                 return self.refused(at, "a value without a time: see source_time_fallback", sink);
             }
         };
-        self.tags[at].raw = value.value.as_ref().and_then(|v| v.as_f64());
+        self.tags[at].raw = raw.ok();
         let before = self.tags[at].series.last();
         // A value that did not change while it could not be had keeps its old source time, but comes after the mark.
         let t = match before {

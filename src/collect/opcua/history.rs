@@ -3,6 +3,7 @@
 
 use super::config::TimeFallback;
 use super::link::{Link, Lost};
+use super::names::Pins;
 use super::plan::{Plan, Tag};
 use super::value;
 use crate::collect::backoff::Backoff;
@@ -109,11 +110,13 @@ pub async fn history(plan: &Plan, wish: &Wish, keep: &mut impl Keep) -> Result<(
     let longest = Duration::from_millis(plan.config.reconnect_max_ms);
     let mut backoff = Backoff::new(FIRST_PAUSE.min(longest), longest, Pcg32::seed_from_u64(1));
     let (mut failures, config) = (0, Arc::new(plan.config.clone()));
+    let mut pins = Pins::default();
     while next.is_some() {
         let ended = match Link::open(config.clone()).await {
             Ok(link) => {
                 let before = next;
-                let ended = Session { plan, wish, link }.read(&mut next, &mut slices, keep).await;
+                let ended =
+                    Session { plan, wish, link, pins: &mut pins }.read(&mut next, &mut slices, keep).await;
                 if before != next {
                     backoff.reset();
                     failures = 0;
@@ -154,6 +157,7 @@ struct Session<'p> {
     plan: &'p Plan,
     wish: &'p Wish,
     link: Link,
+    pins: &'p mut Pins,
 }
 
 impl Session<'_> {
@@ -165,9 +169,8 @@ impl Session<'_> {
     ) -> Result<(), Ended> {
         let places: Vec<_> = self.plan.tags.iter().map(|tag| tag.place.clone()).collect();
         let mut nodes = Vec::with_capacity(places.len());
-        for (tag, found) in self.plan.tags.iter().zip(self.link.resolve(&places).await?) {
-            let missing = |status| HistoryError::Tag(tag.name.clone(), format!("path not found: {status}"));
-            nodes.push(found.map_err(|status| Ended::For(missing(status)))?);
+        for (tag, found) in self.plan.tags.iter().zip(self.link.resolve(&places, self.pins).await?) {
+            nodes.push(found.map_err(|why| Ended::For(HistoryError::Tag(tag.name.clone(), why)))?);
         }
         while let Some((from, to)) = *next {
             let mut series = Vec::with_capacity(nodes.len());
@@ -205,7 +208,7 @@ impl Session<'_> {
                 let Some(t) = value::time(&value, TimeFallback::Server, f64::NAN) else { continue };
                 newest = newest.max(t);
                 if t >= from && t < to {
-                    let reading = value::reading(&value, &tag.scaling);
+                    let reading = value::reading(&value, &tag.meaning);
                     found.push(Sample { t, value: reading.value, quality: reading.quality });
                 }
             }

@@ -3,15 +3,15 @@
 //! A session that is lost is never revived: after the client's own reconnect subscriptions exist but nobody asks
 //! for what they publish. Reconnects are switched off, and a new link is opened instead.
 
-use super::config::{Config, Place, SecurityPolicy};
+use super::config::{Config, MAX_ARRAY, SecurityPolicy};
 use super::listener::{Event, Listener, MAX_EVENTS};
 use super::plan::{Deadband, Sampling};
 use super::security::{explain, identity, message_mode, own_files, policy_uri};
 use opcua::client::{Client, ClientBuilder, Session};
 use opcua::types::{
-    AttributeId, BrowsePath, ByteString, DataChangeFilter, DataChangeTrigger, DataValue, EndpointDescription,
-    Error, ExtensionObject, MonitoredItemCreateRequest, MonitoringMode, MonitoringParameters, NodeId,
-    ObjectId, ReadValueId, StatusCode, TimestampsToReturn, UserTokenPolicy, VariableId,
+    AttributeId, ByteString, DataChangeFilter, DataChangeTrigger, DataValue, EndpointDescription, Error,
+    ExtensionObject, MonitoredItemCreateRequest, MonitoringMode, MonitoringParameters, NodeId, ReadValueId,
+    StatusCode, TimestampsToReturn, UserTokenPolicy, VariableId,
 };
 use std::fmt;
 use std::future::Future;
@@ -24,10 +24,10 @@ use tokio::task::AbortHandle;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
+mod browse;
 mod history;
+mod resolve;
 
-/// Most array elements of an answer: the library's default drops long ones without a word.
-const MAX_ARRAY: usize = 20_000;
 /// The server is told goodbye for no longer than this.
 const GOODBYE: Duration = Duration::from_secs(2);
 
@@ -212,50 +212,6 @@ impl Link {
             }
         }
         Ok(values)
-    }
-
-    /// The node of each place; `Err` with the status where a path leads nowhere.
-    pub(super) async fn resolve(
-        &mut self,
-        places: &[Place],
-    ) -> Result<Vec<Result<NodeId, StatusCode>>, Lost> {
-        let mut found: Vec<Result<NodeId, StatusCode>> = Vec::with_capacity(places.len());
-        let mut paths: Vec<(usize, BrowsePath)> = Vec::new();
-        for (at, place) in places.iter().enumerate() {
-            found.push(match place {
-                Place::Node(node) => Ok(node.clone()),
-                Place::Path(_, path) => {
-                    let starting_node = ObjectId::ObjectsFolder.into();
-                    paths.push((at, BrowsePath { starting_node, relative_path: path.clone() }));
-                    Err(StatusCode::BadNoMatch)
-                }
-            });
-        }
-        let mut done = 0;
-        while done < paths.len() {
-            let batch: Vec<BrowsePath> =
-                paths[done..].iter().take(self.limits.translate).map(|(_, path)| path.clone()).collect();
-            match self.answer("browse paths", self.session.translate_browse_paths_to_node_ids(&batch)).await {
-                Ok(answer) if answer.len() == batch.len() => {
-                    for ((at, _), result) in paths[done..].iter().zip(answer) {
-                        let targets = result.targets.unwrap_or_default();
-                        // A path that leads to several nodes, or out of this server, names none.
-                        found[*at] = match targets.as_slice() {
-                            [one] if one.remaining_path_index == u32::MAX => {
-                                Ok(one.target_id.node_id.clone())
-                            }
-                            [] if result.status_code.is_bad() => Err(result.status_code),
-                            _ => Err(StatusCode::BadNoMatch),
-                        };
-                    }
-                    done += batch.len();
-                }
-                Ok(answer) => return Err(wrong_count("browse paths", batch.len(), answer.len())),
-                Err(Refused::TooMany) if batch.len() > 1 => self.limits.translate = batch.len() / 2,
-                Err(refused) => return Err(refused.into()),
-            }
-        }
-        Ok(found)
     }
 
     /// Opens an empty subscription; its values come out of the receiver.

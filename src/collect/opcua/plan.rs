@@ -1,7 +1,7 @@
 //! What to ask a server, decided once and without I/O.
 
 use super::config::{Config, Place, TagConfig};
-use crate::collect::scaling::Scaling;
+use super::value::Meaning;
 use crate::collect::{self, Issue};
 
 /// A tag as `app` hands it over.
@@ -20,7 +20,7 @@ pub struct Tag {
     pub frozen_after_s: Option<f64>,
     /// How a subscription samples it.
     pub sampling: Sampling,
-    pub(super) scaling: Scaling,
+    pub(super) meaning: Meaning,
 }
 
 /// How a subscription samples one node.
@@ -109,8 +109,8 @@ impl Plan {
         self.config == other.config
             && self.tags.len() == other.tags.len()
             && self.tags.iter().zip(&other.tags).all(|(a, b)| {
-                (&a.name, &a.place, &a.scaling, a.sampling, a.frozen_after_s)
-                    == (&b.name, &b.place, &b.scaling, b.sampling, b.frozen_after_s)
+                (&a.name, &a.place, &a.meaning, a.sampling, a.frozen_after_s)
+                    == (&b.name, &b.place, &b.meaning, b.sampling, b.frozen_after_s)
             })
     }
 }
@@ -122,6 +122,6 @@ fn ready(server: &Config, spec: TagSpec, place: Place) -> Tag {
         place,
         frozen_after_s: spec.frozen_after_s,
         sampling: Sampling::new(server, &spec.config),
-        scaling: spec.config.scaling().in_role(spec.role),
+        meaning: spec.config.meaning(spec.role),
     }
 }

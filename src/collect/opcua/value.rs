@@ -1,13 +1,70 @@
 //! From a data value to a sample: its number, its quality and its own time. Never panics, whatever was sent.
 
 use super::config::TimeFallback;
+use crate::collect::DecimalSign;
 use crate::collect::scaling::{Reading, Scaling};
+use crate::collect::text_value::{self, TextFault};
 use crate::signal::{BadReason, Quality};
 use opcua::types::{DataValue, DateTime, StatusCode, Variant};
+use std::fmt;
 
 /// 1970-01-01 in ticks of 100 ns since 1601-01-01.
 const UNIX_EPOCH_TICKS: i64 = 116_444_736_000_000_000;
 const TICKS_PER_S: i64 = 10_000_000;
+
+/// How a tag's values are read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Meaning {
+    /// What its raw numbers mean.
+    pub(super) scaling: Scaling,
+    /// Which element of an array is meant.
+    pub(super) element: Option<usize>,
+    /// How decimals are written in a text.
+    pub(super) decimal: Option<DecimalSign>,
+}
+
+/// Why a value that is there is no number.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum NoNumber {
+    /// There is nothing.
+    Empty,
+    /// An array of so many elements, and none is named.
+    Array(usize),
+    /// An array without the element named.
+    TooShort(usize, usize),
+    /// A single value, though an element is named.
+    Single,
+    /// NaN or infinite, before or after scaling.
+    NotFinite,
+    /// A text that is none.
+    Text(TextFault),
+    /// Another type, by name.
+    Type(String),
+}
+
+impl fmt::Display for NoNumber {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty => out.write_str("the server sends no value"),
+            Self::Array(0) => out.write_str("the value is an empty array"),
+            Self::Array(len) => write!(
+                out,
+                "the value is an array of {len} elements: say which is meant by element = 0 to {}",
+                len - 1
+            ),
+            Self::TooShort(at, len) => {
+                write!(
+                    out,
+                    "the value is an array of {len} elements, counted from 0, and has none for element = {at}"
+                )
+            }
+            Self::Single => out.write_str("the value is no array: leave element out"),
+            Self::NotFinite => out.write_str("the value is not finite (NaN or infinite)"),
+            Self::Text(fault) => fault.fmt(out),
+            Self::Type(name) => write!(out, "a value of the type {name} is no number"),
+        }
+    }
+}
 
 /// Seconds since the Unix epoch; `None` for the null time.
 pub(super) fn seconds(time: &DateTime) -> Option<f64> {
@@ -42,26 +99,47 @@ pub(super) fn server_time(value: &DataValue) -> Option<f64> {
 }
 
 /// The value and whether to believe it.
-pub(super) fn reading(value: &DataValue, scaling: &Scaling) -> Reading {
+pub(super) fn reading(value: &DataValue, meaning: &Meaning) -> Reading {
     let status = value.status.unwrap_or(StatusCode::Good);
     if status.is_bad() {
         return Reading::bad(bad_reason(status));
     }
-    let Some(raw) = value.value.as_ref().and_then(number) else {
+    let Ok(raw) = number(value, meaning) else {
         return Reading::bad(BadReason::NotANumber);
     };
-    let read = scaling.read(raw);
+    let read = meaning.scaling.read(raw);
     match (read.quality, suspicion(status)) {
         (Quality::Good, Some(quality)) => Reading { quality, ..read },
         _ => read,
     }
 }
 
-fn number(value: &Variant) -> Option<f64> {
-    match value {
-        Variant::Boolean(on) => Some(f64::from(u8::from(*on))),
-        other => other.as_f64(),
-    }
+/// The number that was sent, before scaling, or why there is none.
+pub(super) fn number(value: &DataValue, meaning: &Meaning) -> Result<f64, NoNumber> {
+    let value = value.value.as_ref().ok_or(NoNumber::Empty)?;
+    let one = match (value, meaning.element) {
+        (Variant::Array(array), Some(at)) => {
+            array.values.get(at).ok_or(NoNumber::TooShort(at, array.values.len()))?
+        }
+        (Variant::Array(array), None) => return Err(NoNumber::Array(array.values.len())),
+        (Variant::Empty, _) => return Err(NoNumber::Empty),
+        (_, Some(_)) => return Err(NoNumber::Single),
+        (single, None) => single,
+    };
+    // The elements of an array of any type come wrapped once more.
+    let one = if let Variant::Variant(inner) = one { inner } else { one };
+    let number = match one {
+        Variant::Boolean(on) => f64::from(u8::from(*on)),
+        Variant::String(text) => text_value::read(text.as_ref(), meaning.decimal).map_err(NoNumber::Text)?,
+        Variant::Empty => return Err(NoNumber::Empty),
+        other => other.as_f64().ok_or_else(|| NoNumber::Type(type_name(other)))?,
+    };
+    if number.is_finite() { Ok(number) } else { Err(NoNumber::NotFinite) }
+}
+
+/// The name of a value's type.
+pub(super) fn type_name(value: &Variant) -> String {
+    value.scalar_type_id().map_or_else(|| "unknown".into(), |known| format!("{known:?}"))
 }
 
 /// The code without its flags (limit and overflow bits, info type).
@@ -106,7 +184,11 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const PLAIN: Scaling = Scaling { scale: 1.0, offset: 0.0, range: None, auto_values: None };
+    const PLAIN: Meaning = Meaning {
+        scaling: Scaling { scale: 1.0, offset: 0.0, range: None, auto_values: None },
+        element: None,
+        decimal: None,
+    };
 
     fn of(status: StatusCode, value: impl Into<Variant>) -> Reading {
         let value = DataValue { value: Some(value.into()), status: Some(status), ..DataValue::null() };
@@ -138,10 +220,30 @@ mod tests {
             assert_eq!(of(StatusCode::Good, value).value, 7.0);
         }
         assert_eq!(of(StatusCode::Good, true).value, 1.0);
-        for value in [Variant::from("7"), Variant::Empty, Variant::from(vec![7.0]), Variant::from(f64::NAN)] {
+        assert_eq!(of(StatusCode::Good, "7,5").value, 7.5);
+        for value in [Variant::from("x"), Variant::Empty, Variant::from(vec![7.0]), Variant::from(f64::NAN)] {
             assert_eq!(of(StatusCode::Good, value).quality, Quality::Bad(BadReason::NotANumber));
         }
         assert_eq!(reading(&DataValue::null(), &PLAIN).quality, Quality::Bad(BadReason::NotANumber));
+    }
+
+    #[test]
+    fn an_element_of_an_array_is_read_and_what_is_none_is_said() {
+        let element = |at| Meaning { element: Some(at), ..PLAIN };
+        let value = |value: Variant| DataValue { value: Some(value), ..DataValue::null() };
+        let three = value(Variant::from(vec![1.5, 2.5, f64::NAN]));
+        assert_eq!(number(&three, &element(1)), Ok(2.5));
+        let said = |value: &DataValue, meaning: &Meaning| number(value, meaning).unwrap_err().to_string();
+        assert!(
+            said(&three, &PLAIN).contains("array of 3 elements") && said(&three, &PLAIN).contains("0 to 2")
+        );
+        assert!(said(&three, &element(3)).contains("element = 3"));
+        assert!(said(&three, &element(2)).contains("NaN"));
+        assert!(said(&value(Variant::from(vec![0.0; 0])), &PLAIN).contains("empty array"));
+        assert!(said(&value(Variant::from(1.0)), &element(0)).contains("no array"));
+        assert!(said(&value(Variant::from("Bad")), &PLAIN).contains("'Bad'"));
+        assert!(said(&value(Variant::from(date_time(1.0))), &PLAIN).contains("DateTime"));
+        assert!(said(&DataValue::null(), &PLAIN).contains("no value"));
     }
 
     #[test]

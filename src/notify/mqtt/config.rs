@@ -1,6 +1,7 @@
 //! `[notify.mqtt]`: to which broker, as whom, under which topics.
 
-use crate::mqtt::{Broker, Password, topic_fault};
+use crate::host;
+use crate::mqtt::{Broker, Password, default_client_id, topic_fault};
 use crate::notify::secret::wrong_login;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -32,9 +33,10 @@ pub struct Config {
     /// Environment variable that holds the password.
     #[serde(default)]
     pub password_env: Option<String>,
-    /// The client's name at the broker; two clients must not have the same.
-    #[serde(default = "default_client_id")]
-    pub client_id: String,
+    /// The client's name at the broker; left out, one made of the host's and the section's. Two clients must not have the
+    /// same.
+    #[serde(default)]
+    pub client_id: Option<String>,
     /// Longest silence before the client asks for a sign of life (s).
     #[serde(default = "default_keep_alive_s")]
     pub keep_alive_s: u16,
@@ -68,11 +70,11 @@ pub struct SparkplugConfig {
     /// Its group.
     pub group: String,
     /// Its name; each loop is a device of it.
-    #[serde(default = "default_client_id")]
+    #[serde(default = "default_edge")]
     pub edge: String,
 }
 
-fn default_client_id() -> String {
+fn default_edge() -> String {
     "stictiond-results".into()
 }
 fn default_keep_alive_s() -> u16 {
@@ -98,12 +100,28 @@ fn default_max_topics() -> usize {
 }
 
 impl Config {
+    /// Every name under which a client of this section appears at the broker.
+    pub fn client_ids(&self) -> Vec<String> {
+        let edge = self.sparkplug.as_ref().map(|_| self.edge_client_id());
+        std::iter::once(self.client_id()).chain(edge).collect()
+    }
+
+    /// The name of the client that is an edge node.
+    pub(super) fn edge_client_id(&self) -> String {
+        self.client_id() + "-sparkplug"
+    }
+
+    /// The client's name at the broker.
+    pub fn client_id(&self) -> String {
+        self.client_id.clone().unwrap_or_else(|| default_client_id(&host::name(), "results"))
+    }
+
     pub(super) fn broker(&self) -> Broker {
         let password = self.password_file.clone().map(Password::File);
         let password = password.or_else(|| self.password_env.clone().map(Password::Env));
         Broker {
             address: self.address.clone(),
-            client_id: self.client_id.clone(),
+            client_id: self.client_id(),
             keep_alive_s: self.keep_alive_s,
             clean_session: true,
             tls: self.tls,

@@ -50,7 +50,7 @@ impl<'p> Edge<'p> {
         while !stop.is_cancelled() {
             self.bdseq = (self.bdseq + 1) % 256;
             let mut broker = self.publisher.config.broker();
-            broker.client_id += "-sparkplug";
+            broker.client_id = self.publisher.config.edge_client_id();
             let will = LastWill::new(self.topic("NDEATH", None), self.death(), QoS::AtLeastOnce, false);
             let room = (self.publisher.loops)().len() + REQUESTS;
             let connecting = connect(broker, will, self.publisher.config.timeout_s, room);
@@ -65,7 +65,8 @@ impl<'p> Edge<'p> {
                     }
                 }
             };
-            pauses.tell(&self.publisher.config.address, &lost);
+            let config = &self.publisher.config;
+            pauses.tell(&config.address, &config.edge_client_id(), &lost);
             let pause = pauses.next();
             stop.run_until_cancelled(sleep(pause)).await;
         }

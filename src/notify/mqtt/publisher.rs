@@ -10,7 +10,7 @@ use super::config::Config;
 use super::message;
 use super::outbox::Outbox;
 use crate::alarm::Kind;
-use crate::mqtt::Broker;
+use crate::mqtt::{Broker, Takeovers};
 use crate::results::{Event, Results};
 use crate::signal::LoopId;
 use futures::StreamExt;
@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::broadcast::error::RecvError;
-use tokio::time::{sleep, timeout};
+use tokio::time::{Instant, sleep, timeout};
 use tokio_util::sync::CancellationToken;
 use tracing::{debug, info, warn};
 
@@ -137,7 +137,7 @@ impl Publisher {
             self.counters.loses(&lost, (self.now)());
             // What happens until there is a connection is taken over then, however much it is.
             self.counters.queue.store(outbox.waiting() as u64, Relaxed);
-            pauses.tell(&self.config.address, &lost);
+            pauses.tell(&self.config.address, &self.config.client_id(), &lost);
             let pause = pauses.next();
             stop.run_until_cancelled(sleep(pause)).await;
         }
@@ -262,22 +262,29 @@ pub(super) struct Pauses {
     longest: Duration,
     failures: u32,
     random: Pcg32,
+    takeovers: Takeovers,
+    born: Instant,
 }
 
 impl Pauses {
     pub(super) fn new(config: &Config, seed: u64) -> Self {
         let longest = Duration::from_millis(config.reconnect_max_ms);
-        Self { longest, failures: 0, random: Pcg32::seed_from_u64(seed) }
+        let random = Pcg32::seed_from_u64(seed);
+        Self { longest, failures: 0, random, takeovers: Takeovers::default(), born: Instant::now() }
     }
 
     pub(super) fn reset(&mut self) {
         self.failures = 0;
     }
 
-    pub(super) fn tell(&self, address: &str, why: &str) {
+    pub(super) fn tell(&mut self, address: &str, client_id: &str, why: &str) {
         if self.failures == 0 {
             warn!(address, "results are not published: {why}");
+            if let Some(takeover) = self.takeovers.ended(self.born.elapsed().as_secs_f64(), client_id) {
+                warn!(address, "{takeover}");
+            }
         } else {
+            self.takeovers.refused();
             debug!(address, "results are not published: {why}");
         }
     }

@@ -1,5 +1,6 @@
 //! `[[notify.smtp]]`: by which server, to whom, and which alarms.
 
+use crate::host;
 use crate::notify::batch::Pace;
 use crate::notify::filter::{Filter, What, usual};
 use crate::notify::http::is_loopback;
@@ -40,6 +41,9 @@ pub struct Config {
     pub from: String,
     /// To whom.
     pub to: Vec<String>,
+    /// The name that greets the server; left out, this machine's. Strict servers want a whole domain name.
+    #[serde(default)]
+    pub hello_name: Option<String>,
     /// Longest wait for an answer (s).
     #[serde(default = "default_timeout_s")]
     pub timeout_s: f64,
@@ -74,6 +78,11 @@ fn default_timeout_s() -> f64 {
     30.0
 }
 
+fn is_hello_name(name: &str) -> bool {
+    let fits = |c: char| c.is_ascii_alphanumeric() || ".-_:[]".contains(c);
+    (1..=255).contains(&name.len()) && name.chars().all(fits)
+}
+
 impl Config {
     /// Everything wrong with it, by table and field.
     pub fn validate(&self) -> Vec<Wrong> {
@@ -103,10 +112,21 @@ impl Config {
         }
         let ok = (1..=MOST_RECEIVERS).contains(&self.to.len());
         unless(ok, "to", format!("must name 1 to {MOST_RECEIVERS} addresses"));
+        let ok = self.hello_name.as_deref().is_none_or(is_hello_name);
+        unless(
+            ok,
+            "hello_name",
+            "must be a host's name such as stictiond.plant.example, or an address in []".into(),
+        );
         let ok = (0.1..=300.0).contains(&self.timeout_s);
         unless(ok, "timeout_s", format!("{} must be 0.1 to 300", self.timeout_s));
         unless(!self.events.is_empty(), "events", "must name one at least".into());
         wrong
+    }
+
+    /// The name that greets the server.
+    pub(super) fn greeting(&self) -> String {
+        self.hello_name.clone().unwrap_or_else(host::name)
     }
 
     /// The server.

@@ -1,6 +1,7 @@
 //! Mails: plain text, several alarms in one, by a server of the plant.
 
 mod config;
+mod hello;
 mod text;
 
 pub use config::{Config, Security};
@@ -15,6 +16,7 @@ use lettre::address::Envelope;
 use lettre::message::{Mailbox, header::ContentType};
 use lettre::transport::smtp::authentication::Credentials;
 use lettre::transport::smtp::client::{Certificate, CertificateStore, Tls, TlsParameters};
+use lettre::transport::smtp::extension::ClientId;
 use lettre::{AsyncSmtpTransport, AsyncTransport, Message, Tokio1Executor};
 use std::sync::Arc;
 use std::time::Duration;
@@ -53,6 +55,7 @@ impl Carrier for Mail {
         let limit = STEPS * self.limit();
         let late = |_| later(format!("not sent within {} s", limit.as_secs_f64()));
         match timeout(limit, server.send(mail.clone())).await.map_err(late)? {
+            Err(error) if hello::is_unknown(&error) => self.carry_by_helo(&mail, &error, limit).await,
             Err(error) if is_for_good(&error) && self.config.to.len() > 1 => {
                 self.carry_to_each(&server, &mail, limit).await
             }
@@ -96,6 +99,30 @@ impl Mail {
         refused.filter(|_| !taken).map_or(Ok(()), Err)
     }
 
+    /// A server that knows no EHLO has neither encryption nor a log-in to offer.
+    async fn carry_by_helo(
+        &self,
+        mail: &Message,
+        refused: &lettre::transport::smtp::Error,
+        limit: Duration,
+    ) -> Result<(), Fault> {
+        if self.config.security != Security::None || self.config.login().is_some() {
+            let why = format!(
+                "{refused}: a server that knows no EHLO can neither encrypt nor take a log-in; name another, or one on this \
+                 machine with security = \"none\" and without user"
+            );
+            return Err(Fault::Later(why, None));
+        }
+        let (host, port) = self.config.host_and_port().ok_or_else(|| Fault::Never("no host:port".into()))?;
+        let greeting = self.config.greeting();
+        let sending = hello::send_by_helo((host, port), greeting, mail);
+        let late = |_| Fault::Later(format!("not sent within {} s", limit.as_secs_f64()), None);
+        timeout(limit, sending).await.map_err(late)?.map_err(|error| match error {
+            hello::HeloError::Connect(error) => Fault::Later(error.to_string(), None),
+            hello::HeloError::Smtp(error) => fault(error),
+        })
+    }
+
     fn limit(&self) -> Duration {
         Duration::try_from_secs_f64(self.config.timeout_s).unwrap_or_default()
     }
@@ -130,7 +157,7 @@ fn transport(config: &Config) -> Result<AsyncSmtpTransport<Tokio1Executor>, Stri
     };
     let limit = Duration::try_from_secs_f64(config.timeout_s).unwrap_or_default();
     let mut server = AsyncSmtpTransport::<Tokio1Executor>::builder_dangerous(host).port(port).tls(tls);
-    server = server.timeout(Some(limit));
+    server = server.timeout(Some(limit)).hello_name(ClientId::Domain(config.greeting()));
     if let Some((user, password)) = config.login() {
         let password = secret::lines(&password)?.into_iter().next().unwrap_or_default();
         server = server.credentials(Credentials::new(user, password));

@@ -108,7 +108,7 @@ impl Collector {
         let mut news = 0;
         for (t, value) in page {
             if self.tags[at].series.filled(t).is_news() {
-                let reading = value::reading(&value, &self.plan.tags[at].scaling);
+                let reading = value::reading(&value, &self.plan.tags[at].meaning);
                 self.hand_over(at, t, reading, sink);
                 self.tags[at].gap = false;
                 news += 1;

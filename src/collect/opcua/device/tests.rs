@@ -103,7 +103,7 @@ proptest! {
             let after = health.snapshot();
             let samples = sink.0.lock().unwrap();
             let source = value::time(value, super::super::TimeFallback::None, f64::NAN);
-            let raw = value::reading(value, &collector.plan.tags[0].scaling);
+            let raw = value::reading(value, &collector.plan.tags[0].meaning);
             prop_assert!(samples.len() <= at + 1);
             if let Some(sample) = samples.get(at) {
                 prop_assert!(sample.t.is_finite());
