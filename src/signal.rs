@@ -44,6 +44,19 @@ pub enum Role {
     Mv,
 }
 
+impl Role {
+    /// Its name, as options, configuration, messages and the store write it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Role::Op => "op",
+            Role::Pv => "pv",
+            Role::Sp => "sp",
+            Role::Mode => "mode",
+            Role::Mv => "mv",
+        }
+    }
+}
+
 /// Why a sample cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum BadReason {
@@ -71,6 +84,17 @@ pub enum Quality {
 }
 
 impl Quality {
+    /// Every quality.
+    pub const ALL: [Quality; 7] = [
+        Quality::Good,
+        Quality::Stale,
+        Quality::Bad(BadReason::DeviceException),
+        Quality::Bad(BadReason::Timeout),
+        Quality::Bad(BadReason::LinkDown),
+        Quality::Bad(BadReason::OutOfRange),
+        Quality::Bad(BadReason::NotANumber),
+    ];
+
     /// True when the diagnosis may use the sample.
     pub fn is_good(self) -> bool {
         self == Quality::Good
@@ -87,6 +111,11 @@ impl Quality {
             Quality::Bad(BadReason::OutOfRange) => "bad:out_of_range",
             Quality::Bad(BadReason::NotANumber) => "bad:not_a_number",
         }
+    }
+
+    /// The quality that [`Quality::as_str`] writes so.
+    pub fn named(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|quality| quality.as_str() == word)
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Which tag is what is told by its name, as the columns of a table are: `FIC101.OP`, `Unit10/FIC101/PV`.
 
-use super::table::names::{Meaning, Name, role_name};
+use super::table::names::{Meaning, Name};
 use crate::signal::Role;
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write;
@@ -59,11 +59,11 @@ pub fn loops(tags: &[Tag]) -> Stub {
             continue;
         };
         let group = groups.entry(key).or_insert_with(|| Group { path, tags: BTreeMap::new() });
-        if let Some(first) = group.tags.get(role_name(role)) {
-            let why = format!("{}: {} is the {} of that loop already", tag.name, first.name, role_name(role));
+        if let Some(first) = group.tags.get(role.as_str()) {
+            let why = format!("{}: {} is the {} of that loop already", tag.name, first.name, role.as_str());
             stub.left_out.push(why);
         } else {
-            group.tags.insert(role_name(role), tag);
+            group.tags.insert(role.as_str(), tag);
         }
     }
     let ids = ids(groups.values());

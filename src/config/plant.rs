@@ -111,7 +111,7 @@ impl Config {
                     *numbered.entry(own.device.as_str()).or_default() += 1;
                 }
                 let TagConfig::Modbus(own) = tag else { continue };
-                let name = role.map(role_name).or(tag.name()).unwrap_or_default();
+                let name = role.map(Role::as_str).or(tag.name()).unwrap_or_default();
                 out.extend(own.remark().map(|remark| format!("{}.{name}: {remark}", control_loop.id)));
             }
         }
@@ -136,17 +136,6 @@ pub fn tags(control_loop: &LoopConfig) -> impl Iterator<Item = (Option<Role>, &T
     ];
     let roles = roles.into_iter().filter_map(|(role, tag)| Some((Some(role), tag?)));
     roles.chain(control_loop.tag.iter().map(|tag| (None, tag)))
-}
-
-/// The key of a role in `[[loop]]`.
-pub fn role_name(role: Role) -> &'static str {
-    match role {
-        Role::Op => "op",
-        Role::Pv => "pv",
-        Role::Sp => "sp",
-        Role::Mode => "mode",
-        Role::Mv => "mv",
-    }
 }
 
 fn positions<'n>(names: impl Iterator<Item = &'n str>) -> HashMap<&'n str, usize> {

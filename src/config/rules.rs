@@ -245,7 +245,7 @@ impl Rules<'_, '_, '_> {
             let field = |name: &str| [&here[..], &path![name]].concat();
             match (role, tag.name()) {
                 (Some(role), Some(_)) => {
-                    let role = plant::role_name(*role);
+                    let role = role.as_str();
                     self.wrong(&field("name"), format!("name: only a [[loop.tag]] has one, this is {role}"));
                 }
                 (None, None) => self.wrong(&here, "missing key \"name\" in [[loop.tag]]".into()),
@@ -263,7 +263,7 @@ impl Rules<'_, '_, '_> {
             let same =
                 tags[..tag_at].iter().find(|(other, earlier)| other.is_some() && earlier.same_source(tag));
             if let (Some(role), Some((Some(other), _))) = (role, same) {
-                let (role, other) = (plant::role_name(*role), plant::role_name(*other));
+                let (role, other) = (role.as_str(), other.as_str());
                 let key = tag.place_key();
                 let what = if key == "address" { "register" } else { "node" };
                 self.wrong(&field(key), format!("{key}: {role} reads the same {what} as {other}"));
@@ -356,7 +356,7 @@ impl Rules<'_, '_, '_> {
 fn tag_path(at: usize, tag_at: usize, tags: &[(Option<Role>, &TagConfig)]) -> Vec<Step> {
     let roles = tags.iter().filter(|(role, _)| role.is_some()).count();
     match tags[tag_at].0 {
-        Some(role) => path!["loop", at, plant::role_name(role)].to_vec(),
+        Some(role) => path!["loop", at, role.as_str()].to_vec(),
         None => path!["loop", at, "tag", tag_at - roles].to_vec(),
     }
 }

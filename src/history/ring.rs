@@ -164,16 +164,6 @@ fn decode(code: u8) -> Quality {
 mod tests {
     use super::*;
 
-    const QUALITIES: [Quality; 7] = [
-        Quality::Good,
-        Quality::Stale,
-        Quality::Bad(BadReason::DeviceException),
-        Quality::Bad(BadReason::Timeout),
-        Quality::Bad(BadReason::LinkDown),
-        Quality::Bad(BadReason::OutOfRange),
-        Quality::Bad(BadReason::NotANumber),
-    ];
-
     #[test]
     fn keeps_the_last_samples_in_order_of_arrival() {
         let ring = Ring::new(3);
@@ -204,7 +194,7 @@ mod tests {
 
     #[test]
     fn every_quality_and_bit_pattern_comes_back() {
-        for quality in QUALITIES {
+        for quality in Quality::ALL {
             let ring = Ring::new(1);
             ring.push(Sample { t: -0.0, value: f64::NAN, quality });
             let back = ring.snapshot()[0];
@@ -225,7 +215,7 @@ mod tests {
 
     /// The i-th sample of the hammer: every part is a function of i, so that a mixture shows.
     fn made(i: u64) -> Sample {
-        Sample { t: i as f64, value: -(i as f64) * 0.5, quality: QUALITIES[(i % 7) as usize] }
+        Sample { t: i as f64, value: -(i as f64) * 0.5, quality: Quality::ALL[(i % 7) as usize] }
     }
 
     #[test]

@@ -8,19 +8,23 @@ use crate::sysid::arx::{Arx, ArxFit};
 use crate::sysid::criterion;
 use crate::sysid::iddata::{IdData, LONGEST_LAG};
 
-/// Delays from which a fit starts, and the iterations of each before those far behind are left.
+/// Delays from which a fit starts.
 const DELAYS: usize = 3;
+/// Iterations of each before the delays far behind are left.
 const FIRST: usize = 4;
-/// Log-likelihood behind the best up to which a delay goes on: a flat valley of C hides as much after the first iterations.
+/// Log-likelihood behind the best up to which a delay goes on: after the first iterations the best optimum may be so far
+/// behind another.
 const VALLEY: f64 = 25.0;
 /// Iterations of those that go on.
 const MOST: usize = 16;
 /// Iterations of a fit that starts from one nearly right.
 pub const NEAR: usize = 5;
 
-/// Stretches in which every time of a change is tried, samples beside each, and how often the best is a start.
+/// Stretches of samples in which every time of a change is tried.
 const PEAKS: usize = 4;
+/// Samples to each side of a peak that its stretch takes in.
 const BESIDE: usize = 2;
+/// How often a change is moved, at most.
 const RETIMED: usize = 3;
 
 /// A hypothesis with its fit.

@@ -21,8 +21,9 @@ const SEARCHED: usize = 3;
 const SCREENED: usize = 2;
 /// Proposals of one kind that are fitted, with friction and without.
 const FITTED: usize = 5;
-/// Iterations after which they are compared, and how many of them go on.
+/// Iterations after which they are compared.
 const BEGUN: usize = 2;
+/// How many of them go on.
 const GO_ON: usize = 1;
 
 /// The hypotheses with at most one effect more than the `count` that all share.
@@ -133,18 +134,14 @@ impl Comparison<'_> {
         for own in &found {
             let mut others = own.hypothesis.clone();
             let Some(last) = others.effects.pop() else { continue };
-            let mut tried: Vec<usize> = Vec::new();
-            for time in found.iter().filter_map(at) {
-                for time in [time, time + own.model.nk, time.saturating_sub(own.model.nk)] {
-                    let inside = (self.data.first..self.data.split).contains(&time);
-                    if inside && !tried.contains(&time) {
-                        tried.push(time);
-                        for effect in last.moved(time).variants() {
-                            let hypothesis = others.with(effect);
-                            self.decided.push(decide_near(self.data, hypothesis, &own.model, NEAR));
-                        }
-                    }
-                }
+            let nk = own.model.nk;
+            let apart = |time: usize| [time, time + nk, time.saturating_sub(nk)];
+            let mut times: Vec<usize> = found.iter().filter_map(at).flat_map(apart).collect();
+            times.retain(|time| (self.data.first..self.data.split).contains(time));
+            times.sort_unstable();
+            times.dedup();
+            for effect in times.into_iter().flat_map(|time| last.moved(time).variants()) {
+                self.decided.push(decide_near(self.data, others.with(effect), &own.model, NEAR));
             }
         }
     }

@@ -17,19 +17,8 @@ impl Meaning {
     pub fn as_str(self) -> &'static str {
         match self {
             Meaning::Time => "t",
-            Meaning::Role(role) => role_name(role),
+            Meaning::Role(role) => role.as_str(),
         }
-    }
-}
-
-/// A role as options, messages and the store name it.
-pub fn role_name(role: Role) -> &'static str {
-    match role {
-        Role::Op => "op",
-        Role::Pv => "pv",
-        Role::Sp => "sp",
-        Role::Mode => "mode",
-        Role::Mv => "mv",
     }
 }
 

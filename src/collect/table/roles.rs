@@ -1,7 +1,7 @@
 //! Which of many names are OP, PV and the others of one loop.
 
 use super::error::{TableError, listed};
-use super::names::{Meaning, Name, role_name};
+use super::names::{Meaning, Name};
 use super::options::Options;
 use crate::signal::Role;
 use std::collections::BTreeSet;
@@ -31,8 +31,8 @@ struct Candidate {
 pub fn roles(names: &[Name], options: &Options, numbered: bool) -> Result<Roles, Trouble> {
     let mut found: Roles = vec![None; names.len()];
     for role in ROLES {
-        if let Some(wanted) = options.column(role_name(role)) {
-            let at = told(names, wanted, role_name(role), numbered).map_err(Trouble::Refused)?;
+        if let Some(wanted) = options.column(role.as_str()) {
+            let at = told(names, wanted, role.as_str(), numbered).map_err(Trouble::Refused)?;
             found[at] = Some(role);
         }
     }
@@ -51,7 +51,7 @@ pub fn roles(names: &[Name], options: &Options, numbered: bool) -> Result<Roles,
             },
         })
         .collect();
-    candidates.retain(|c| options.column(role_name(c.role)).is_none());
+    candidates.retain(|c| options.column(c.role.as_str()).is_none());
     // Where nothing else is the controller's output, a vendor's MV (the manipulated variable) is.
     let has = |role, c: &[Candidate]| c.iter().any(|c| c.role == role);
     if options.op.is_none() && options.mv.is_none() && !has(Role::Op, &candidates) {
@@ -68,7 +68,7 @@ pub fn roles(names: &[Name], options: &Options, numbered: bool) -> Result<Roles,
         }
     }
     let missing = [Role::Op, Role::Pv].into_iter().filter(|role| !found.contains(&Some(*role)));
-    let missing: Vec<&str> = missing.map(role_name).collect();
+    let missing: Vec<&str> = missing.map(Role::as_str).collect();
     if missing.is_empty() { Ok(found) } else { Err(Trouble::Missing(missing)) }
 }
 
@@ -94,9 +94,9 @@ fn choose(
             "column {}: {:?} is the second column for {} (after column {}); say which with --{}",
             second.at + 1,
             names[second.at].full,
-            role_name(role),
+            role.as_str(),
             first.at + 1,
-            role_name(role)
+            role.as_str()
         ))));
     }
     if let [one] = plain.as_slice() {
@@ -131,7 +131,7 @@ fn choose(
             let of = listed(several.iter().map(|c| names[c.at].full.as_str()));
             Err(Trouble::Refused(TableError::refused(format!(
                 "{of} may each be {0}; say which with --{0} NAME, or which loop with --loop",
-                role_name(role)
+                role.as_str()
             ))))
         }
     }
@@ -168,7 +168,7 @@ mod tests {
                 let some = roles
                     .iter()
                     .zip(&names)
-                    .filter_map(|(role, name)| Some((role_name((*role)?), name.full.clone())));
+                    .filter_map(|(role, name)| Some((((*role)?).as_str(), name.full.clone())));
                 Ok(some.collect())
             }
             Err(Trouble::Missing(missing)) => Err(format!("no {}", missing.join(", "))),

@@ -5,7 +5,7 @@ use super::delimited::Lines;
 use super::error::{TableError, listed};
 use super::evidence;
 use super::layout::{Body, Layout, Long, Looked, Wide, first_rows, look};
-use super::names::{Meaning, Name, role_name};
+use super::names::{Meaning, Name};
 use super::number::Decimal;
 use super::options::{Options, Told};
 use super::roles::{Trouble, roles};
@@ -416,7 +416,7 @@ fn meant(text: &str) -> &str {
 /// A role's name, or the tag's own.
 pub fn name_of(channel: &Channel) -> &str {
     match channel.role {
-        Some(role) => role_name(role),
+        Some(role) => role.as_str(),
         None => &channel.tag.name,
     }
 }

@@ -4,7 +4,7 @@ use super::channel::Tag;
 use super::error::TableError;
 use super::found::Found;
 use super::layout::Body;
-use super::names::{Name, role_name};
+use super::names::Name;
 use super::number;
 use super::options::Options;
 use super::source::{Cell, Rows, Source};
@@ -198,5 +198,5 @@ fn sample(rows: &dyn Rows, plan: &Plan, at: usize, cell: &Cell<'_>, t: f64, coun
 
 /// The role of a channel, for the line that tells what was read.
 pub fn role_of(role: Option<Role>) -> &'static str {
-    role.map_or("", role_name)
+    role.map_or("", Role::as_str)
 }

@@ -216,31 +216,17 @@ fn first_word(word: &str) -> &str {
 
 fn is_known(word: &str) -> bool {
     let first = first_word(word);
-    by_name(word).is_some()
+    Quality::named(word).is_some()
         || [&GOOD[..], &UNSURE, &BAD].iter().any(|names| names.contains(&first))
         || first.starts_with("good")
         || first.starts_with("bad")
         || first.starts_with("uncertain")
 }
 
-/// A quality as our own exports write it.
-fn by_name(word: &str) -> Option<Quality> {
-    const ALL: [Quality; 7] = [
-        Quality::Good,
-        Quality::Stale,
-        Quality::Bad(BadReason::DeviceException),
-        Quality::Bad(BadReason::Timeout),
-        Quality::Bad(BadReason::LinkDown),
-        Quality::Bad(BadReason::OutOfRange),
-        Quality::Bad(BadReason::NotANumber),
-    ];
-    ALL.into_iter().find(|quality| quality.as_str() == word)
-}
-
 /// What a word says; one that is not known is not good.
 fn quality_of(word: &str) -> Quality {
     let first = first_word(word);
-    if let Some(own) = by_name(word) {
+    if let Some(own) = Quality::named(word) {
         own
     } else if GOOD.contains(&first) || first.starts_with("good") {
         Quality::Good

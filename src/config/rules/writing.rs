@@ -73,8 +73,7 @@ impl Rules<'_, '_, '_> {
                 else {
                     continue;
                 };
-                let name =
-                    role.map_or_else(|| tag.name.clone().unwrap_or_default(), |r| plant::role_name(r).into());
+                let name = role.map_or_else(|| tag.name.clone().unwrap_or_default(), |r| r.as_str().into());
                 let path = [&tag_path(at, tag_at, &tags)[..], &path!["address"]].concat();
                 taken.push(Taken {
                     device: (device.address.clone(), device.unit_id),

@@ -59,7 +59,7 @@ const WORTH: f64 = 40.0;
 const RETURNED: usize = 4;
 /// Ratios J/S tried where J is no threshold: up to this many steps, each so wide, then finer ones.
 const LAGS: (i32, f64, f64) = (13, 0.1, 0.02);
-/// Resolutions tried, as the steps of OP that so many are smaller than: a stem that stops at more of them hardly moves.
+/// Resolutions tried: these quantiles of the steps of OP. A stem that stops at more of them hardly moves.
 const RESOLUTIONS: [f64; 7] = [0.003, 0.006, 0.0125, 0.025, 0.05, 0.1, 0.2];
 /// Places at the start tried, at most.
 const RESTS: usize = 48;

@@ -3,7 +3,7 @@
 use super::{BasisText, Report};
 use crate::results::{Basis, Run, Trigger, basis};
 use crate::serve::LoopInfo;
-use crate::signal::{BadReason, Quality, Record, Sample};
+use crate::signal::{Quality, Record, Sample};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -11,16 +11,6 @@ use utoipa::ToSchema;
 pub const FORMAT: &str = "stictiond bundle 1";
 /// Most samples of all tags in one bundle; about 40 bytes each.
 pub const MOST_SAMPLES: usize = 1_000_000;
-
-const QUALITIES: [Quality; 7] = [
-    Quality::Good,
-    Quality::Stale,
-    Quality::Bad(BadReason::DeviceException),
-    Quality::Bad(BadReason::Timeout),
-    Quality::Bad(BadReason::LinkDown),
-    Quality::Bad(BadReason::OutOfRange),
-    Quality::Bad(BadReason::NotANumber),
-];
 
 /// A diagnosis with everything it rests on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -148,7 +138,7 @@ impl BundleTag {
         }
         let rows = self.t.iter().zip(&self.value).zip(&self.quality);
         rows.map(|((t, value), quality)| {
-            let named = QUALITIES.into_iter().find(|known| known.as_str() == quality);
+            let named = Quality::named(quality);
             let quality = named.ok_or_else(|| wrong("a quality that there is not"))?;
             Ok(Sample { t: *t, value: value.unwrap_or(f64::NAN), quality })
         })
