@@ -63,8 +63,8 @@ fn trace(record: &Record) -> (Diagnosis, Option<Findings>) {
 
 fn effects(found: &Findings) -> String {
     let name = |e: &residual::Effect| match &e.tag {
-        Some(tag) => format!("{} ({tag})", e.kind),
-        None => e.kind.to_string(),
+        Some(tag) => format!("{} ({tag}) {:.2}", e.kind, e.posterior),
+        None => format!("{} {:.2}", e.kind, e.posterior),
     };
     let all: Vec<String> = found.effects.iter().map(name).collect();
     let rest = if found.unexplained { "unexplained" } else { "white" };

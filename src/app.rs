@@ -190,9 +190,9 @@ impl App {
 
     /// The diagnosis that the daemon runs, its residual traced.
     pub fn diagnosis() -> Diagnose {
-        Arc::new(|record, settings, known| {
+        Arc::new(|record, settings, _| {
             let diagnosis = diagnosis::diagnose(record, settings);
-            let tracing = residual::Settings { known: known.to_vec(), ..residual::Settings::default() };
+            let tracing = residual::Settings::default();
             let mut findings = residual::trace_record(record, &diagnosis, settings, &tracing);
             let residuals = findings.as_ref().map(|found| Residuals::from(&found.curves));
             // The curves are for drawing one record; kept for every loop they would be most of the memory.

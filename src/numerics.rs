@@ -9,7 +9,6 @@ pub mod sysid;
 
 pub mod diagnosis;
 pub mod residual;
-pub mod residual_next;
 pub mod sim;
 
 pub mod compensation;

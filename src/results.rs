@@ -9,6 +9,7 @@ mod events;
 mod judged;
 mod kept;
 mod origin;
+pub mod words;
 
 pub use alarm_log::{AlarmChange, MOST_CHANGES};
 pub use alarms::{AlarmView, DeviceSeen, Said, TagsSeen};
@@ -17,6 +18,9 @@ pub use events::{MOST_EVENTS, Past};
 pub use judged::{Judged, KnownEffect, ModelVersion, Residuals};
 pub use kept::{Change, Keeper, KeptAlarm, Remembered, Restored, RestoredAlarm, Summary};
 pub use origin::Origin;
+
+#[cfg(test)]
+pub(crate) use judged::tests::{effect as made_effect, findings as made_findings};
 
 use crate::alarm;
 use crate::compensation::gate::{self, News};

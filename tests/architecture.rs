@@ -21,8 +21,6 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("diagnosis", &["signal", "sysid"]),
     ("sim", &["signal"]),
     ("residual", &["signal", "sysid", "diagnosis"]),
-    // Built beside `residual`, whose names it shares, until it takes its place.
-    ("residual_next", &["signal", "sysid", "diagnosis", "residual"]),
     ("compensation", &["signal"]),
     ("plot", &[]),
     ("reproduce", &["signal", "diagnosis", "sim", "compensation", "plot"]),
@@ -141,8 +139,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
 ];
 
 /// No clock, file, socket, task, log or unseeded number: the same input gives the same answer.
-const PURE: &[&str] =
-    &["signal", "sysid", "diagnosis", "residual", "residual_next", "sim", "compensation", "alarm"];
+const PURE: &[&str] = &["signal", "sysid", "diagnosis", "residual", "sim", "compensation", "alarm"];
 /// What PURE modules may use from outside.
 const NUMERICS: &[&str] =
     &["multiversion", "nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];

@@ -21,9 +21,11 @@ const DOCUMENTS: &[&str] = &[
     "docs/commissioning.md",
     "docs/configuration.md",
     "docs/closing-the-loop.md",
+    "docs/constants.md",
     "docs/dashboard.md",
     "docs/notifications.md",
     "docs/diagnosis.md",
+    "docs/method.md",
     "docs/opcua.md",
     "docs/replay.md",
     "docs/security.md",
@@ -89,6 +91,19 @@ fn agrees<T: DeserializeOwned + Debug + PartialEq>(heading: &str, required: &str
 }
 
 const TAG: &str = "device = 'd'\nregister = 'coil'\naddress = 1\n";
+
+#[test]
+fn how_sure_an_effect_is_said_to_be_is_documented() {
+    let api = read("docs/api.md");
+    for (least, word) in stictiond::results::words::SURE {
+        assert!(api.contains(&format!("| {least} | {word} | ")), "{word}");
+    }
+    let costly = format!("| {} | very likely | the same |", stictiond::results::words::COSTLY_FROM);
+    assert!(
+        api.contains(&costly)
+            && api.contains("| 0.75 | probably | what to look at first, which costs nothing |")
+    );
+}
 
 #[test]
 fn the_reference_of_the_configuration_is_the_configuration() {
@@ -340,6 +355,169 @@ fn the_constants_of_the_method_are_those_of_the_source() {
         assert_eq!(constant(&file, &name), Some(plain(&row[2])), "docs/diagnosis.md: {name} in {file}");
     }
     assert_eq!(constant("evidence.rs", "NO_SUCH_NAME"), None);
+}
+
+/// The files of a folder's source, its tests left out: path below `src`, and text.
+fn sources(folder: &str) -> Vec<(String, String)> {
+    let mut out = Vec::new();
+    for entry in fs::read_dir(root().join("src").join(folder)).expect("the folder can be read").flatten() {
+        let path = format!("{folder}/{}", entry.file_name().to_string_lossy());
+        if entry.path().is_dir() {
+            out.extend(sources(&path));
+        } else if path.ends_with(".rs") && !path.ends_with("/tests.rs") {
+            let text = read(&format!("src/{path}"));
+            let own = text.split("\n#[cfg(test)]\nmod tests {").next().unwrap_or_default();
+            out.push((path, own.to_string()));
+        }
+    }
+    out
+}
+
+/// Name and value of every constant of a text, a value of several lines put on one.
+fn constants(text: &str) -> Vec<(String, String)> {
+    let mut out = Vec::new();
+    let mut lines = text.lines().map(str::trim);
+    while let Some(line) = lines.next() {
+        let line = line.strip_prefix("pub ").unwrap_or(line);
+        let Some((name, _)) = line.strip_prefix("const ").and_then(|rest| rest.split_once(": ")) else {
+            continue;
+        };
+        if !name.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_') {
+            continue;
+        }
+        let mut whole = line.to_string();
+        while !whole.ends_with(';') {
+            whole = format!("{whole} {}", lines.next().expect("a constant ends"));
+        }
+        let (_, value) = whole.split_once(" = ").expect("a constant has a value");
+        out.push((name.to_string(), value.trim_end_matches(';').to_string()));
+    }
+    out
+}
+
+/// Enumerations: what there is, and no number that was chosen.
+const LISTS: &str = "ALL";
+
+#[test]
+fn the_constants_of_the_tracing_are_those_of_the_source() {
+    let mut known = BTreeSet::new();
+    for (file, text) in ["sysid", "residual"].into_iter().flat_map(sources) {
+        let own = constants(&text).into_iter().filter(|(name, _)| name != LISTS);
+        known.extend(own.map(|(name, value)| [file.clone(), name, value]));
+    }
+    let plain = |cell: &&str| cell.trim_matches('`').to_string();
+    let document = read("docs/constants.md");
+    let rows: Vec<Vec<&str>> = document
+        .lines()
+        .filter(|line| line.starts_with("| `"))
+        .map(|line| line.trim_matches('|').trim().split(" | ").map(str::trim).collect())
+        .collect();
+    assert!(rows.iter().all(|row| row.len() == 5 && row[4].len() > 4), "a row without a reason");
+    let told: BTreeSet<[String; 3]> = rows.iter().map(|row| [0, 1, 2].map(|i| plain(&row[i]))).collect();
+    let missing: Vec<_> = known.difference(&told).collect();
+    let gone: Vec<_> = told.difference(&known).collect();
+    assert!(
+        missing.is_empty() && gone.is_empty(),
+        "docs/constants.md lacks {missing:#?}, the source lacks {gone:#?}"
+    );
+    assert_eq!(told.len(), rows.len(), "a constant stands there twice");
+    for row in
+        document.lines().filter(|line| line.starts_with("| ") && line.split(" | ").count() == 3).skip(1)
+    {
+        let cells: Vec<&str> = row.trim_matches('|').trim().split(" | ").map(str::trim).collect();
+        let count = rows.iter().filter(|row| cells[0] == "all" || row[3] == cells[0]).count();
+        assert_eq!(cells[2], count.to_string(), "how many are {}", cells[0]);
+    }
+}
+
+#[test]
+fn a_constant_is_read_as_the_source_writes_it() {
+    let text = "/// What.\npub const A: [usize; 2] = [1, 2];\n    const fn b() {}\nconst C_1: f64 =\n    2.0\n    * PI;\nconst D: [(f64, f64); 1] = [\n    (1.0, 2.0),\n];";
+    let own = |name: &str, value: &str| (name.to_string(), value.to_string());
+    assert_eq!(constants(text), [own("A", "[1, 2]"), own("C_1", "2.0 * PI"), own("D", "[ (1.0, 2.0), ]")]);
+}
+
+/// What each hypothesis costs: its file, rate and alternatives in the source, and both as docs/method.md says them.
+const COSTS: [(&str, [&str; 2], [&str; 2]); 11] = [
+    (
+        "load/oscillating_load.rs",
+        ["FREQUENCY + 2.0 * REGULAR * self.harmonics.len() as f64", "HARMONICS.len() as f64"],
+        ["3/2 + 1 for each harmonic", "3"],
+    ),
+    (
+        "load/measured_disturbance.rs",
+        ["TAPS as f64 * REGULAR", "self.alternatives"],
+        ["2 · 1/2", "tags × delays"],
+    ),
+    ("load/load_step.rs", ["REGULAR + THRESHOLD", "3.0"], ["1/2 + 1", "3"]),
+    (
+        "load/drift.rs",
+        ["REGULAR + if self.from.is_some() { REGULAR } else { 0.0 }", "2.0"],
+        ["1/2, + 1/2 from a time on", "2"],
+    ),
+    ("process/gain_change.rs", ["THRESHOLD + 2.0 * REGULAR", ""], ["1 + 2 · 1/2", "1"]),
+    ("process/dead_time_change.rs", ["THRESHOLD", "2.0 * LONGEST as f64"], ["1", "2 · 8"]),
+    ("process/gain_of_pv.rs", ["REGULAR", "2.0"], ["1/2", "2"]),
+    ("valve/characteristic.rs", ["REGULAR", "2.0"], ["1/2", "2"]),
+    ("valve/saturation.rs", ["REGULAR", "4.0"], ["1/2", "4"]),
+    ("valve/asymmetric_friction.rs", ["THRESHOLD", ""], ["1", "1"]),
+    ("valve/friction_drift.rs", ["THRESHOLD", ""], ["1", "1"]),
+];
+
+#[test]
+fn the_costs_of_the_hypotheses_are_those_of_the_source() {
+    let rows = rows("docs/method.md", "3. What competes (`residual/hypotheses/`)");
+    let of = |text: &str, name: &str| -> Vec<String> {
+        let begin = format!("fn {name}(&self) -> f64 {{\n");
+        let bodies = text.split(&begin).skip(1);
+        bodies.filter_map(|rest| Some(rest.split_once("\n    }")?.0.trim().to_string())).collect()
+    };
+    let mut found = Vec::new();
+    for (file, text) in sources("residual/hypotheses") {
+        let (rates, alternatives) = (of(&text, "rate"), of(&text, "alternatives"));
+        for (at, rate) in rates.into_iter().enumerate() {
+            let file = file.trim_start_matches("residual/hypotheses/").to_string();
+            found.push((file, rate, alternatives.get(at).cloned().unwrap_or_default()));
+        }
+    }
+    let mut listed: Vec<_> =
+        COSTS.iter().map(|(file, [r, a], _)| (file.to_string(), r.to_string(), a.to_string())).collect();
+    found.sort();
+    listed.sort();
+    assert_eq!(found, listed, "a rate has changed: COSTS and docs/method.md say what it was");
+    for (file, _, told) in COSTS {
+        let row = rows.iter().find(|row| row[4].trim_matches('`') == file);
+        let row = row.unwrap_or_else(|| panic!("docs/method.md: no row for {file}"));
+        assert_eq!([row[2].as_str(), row[3].as_str()], told, "docs/method.md: {file}");
+    }
+    let of_valve = read("src/residual/valve_search/mod.rs");
+    let cost = "(THRESHOLD + of_j, StopRule::ALL.len() as f64 * resolutions)";
+    assert!(of_valve.contains(cost) && of_valve.contains("RESOLUTIONS: [f64; 7]"), "what a valve costs");
+    let told =
+        |row: &&Vec<String>| row[3] == "3, times 7 with a resolution" && row[0].starts_with("friction");
+    assert_eq!(rows.iter().filter(told).count(), 2);
+}
+
+#[test]
+fn the_effects_and_their_numbers_are_those_of_the_source() {
+    let rows = rows("docs/closing-the-loop.md", "What it finds");
+    let quoted =
+        |cell: &str| -> Vec<String> { cell.split('`').skip(1).step_by(2).map(str::to_string).collect() };
+    let kinds: Vec<String> = rows.iter().flat_map(|row| quoted(&row[0])).collect();
+    let known: BTreeSet<&str> =
+        stictiond::residual::Kind::ALL.into_iter().map(|kind| kind.as_str()).collect();
+    assert_eq!(kinds.iter().map(String::as_str).collect::<BTreeSet<_>>(), known);
+    assert_eq!(kinds.len(), known.len());
+    let told: BTreeSet<String> = rows.iter().flat_map(|row| quoted(&row[2])).collect();
+    let mut given = BTreeSet::new();
+    for (_, text) in sources("residual") {
+        let calls = text.split(".with(").skip(1).filter_map(|rest| rest.trim_start().strip_prefix('"'));
+        let names = calls.filter_map(|rest| rest.split('"').next());
+        given.extend(names.map(str::to_string));
+    }
+    // Saturation's name depends on the side.
+    given.extend(["low", "high"].map(str::to_string));
+    assert_eq!(told, given);
 }
 
 #[test]

@@ -12,7 +12,7 @@ mod parallel;
 
 use generators::{Case, GENERATORS, Size};
 use stictiond_numerics::diagnosis::{self, diagnose};
-use stictiond_numerics::residual_next::{self as residual, Kind, first_step};
+use stictiond_numerics::residual::{self, Kind, first_step};
 
 fn main() {
     let args: Vec<String> = std::env::args().collect();

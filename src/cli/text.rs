@@ -1,6 +1,7 @@
 //! The report as a page for a person: the verdict first, then what it rests on.
 
 use std::fmt::Write;
+use stictiond::results::words::{between, percent};
 use stictiond::serve::dto::report::{Report, ReportCurve, ReportVerdict};
 
 /// Columns of the plot.
@@ -52,7 +53,18 @@ pub fn page(report: &Report) -> String {
         }
         let evidence = number(report.delta_aic);
         let rival = report.rival.as_deref().unwrap_or("a linear loop");
-        line("evidence", format!("dAIC {evidence} over the next best explanation, {rival}"));
+        line(
+            "evidence",
+            match report.posterior {
+                Some(posterior) => {
+                    format!(
+                        "dAIC {evidence} over the best model without friction, probability {}",
+                        percent(posterior)
+                    )
+                }
+                None => format!("dAIC {evidence} over the next best explanation, {rival}"),
+            },
+        );
         let d = number(report.d_srinivasan);
         line("compare", format!("Srinivasan's d {d} {unit}"));
     }
@@ -128,8 +140,16 @@ pub fn page(report: &Report) -> String {
         let name = if at == 0 { "effects" } else { "" };
         line(
             name,
-            format!("{}{tag}, dAIC {}: {}", effect.kind, number(effect.delta_aic), effect.explanation),
+            format!(
+                "{}{tag}, {}: {}",
+                effect.kind,
+                effect.posterior.map_or("-".into(), percent),
+                effect.explanation
+            ),
         );
+    }
+    if let Some(between) = between(&report.residual.kinds()) {
+        line(if report.residual.effects.is_empty() { "effects" } else { "" }, between);
     }
     if !report.residual.effects.is_empty() {
         let r = &report.residual;
@@ -145,6 +165,9 @@ pub fn page(report: &Report) -> String {
                 number(r.f_after)
             ),
         );
+        if r.simulates_worse {
+            line("", "the free run is worse with the effects than without".into());
+        }
     }
     if report.residual.unexplained {
         line("unexplained", report.residual.failed_tests.join(", "));
@@ -236,6 +259,35 @@ fn sparkline(curve: &ReportCurve) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use stictiond::diagnosis::{Diagnosis, Verdict};
+    use stictiond::serve::dto::report::{ReportCandidate, ReportEffect};
+
+    #[test]
+    fn effects_are_told_with_their_probability_and_what_lies_between_kinds_too() {
+        let mut report =
+            Report::new("FIC101", None, &Diagnosis::bare(Verdict::NoStiction, "made for a test"));
+        let candidate = |(kind, posterior): (&str, f64)| ReportCandidate {
+            kind: kind.into(),
+            posterior: Some(posterior),
+        };
+        report.residual.candidates =
+            [("gain_change", 0.48), ("load_step", 0.41), ("none", 0.04)].map(candidate).into();
+        let between = "the record lies between a gain change (48 %) and a load step (41 %)\n";
+        assert!(page(&report).contains(&format!("\neffects     {between}")), "{}", page(&report));
+        report.residual.effects = vec![ReportEffect {
+            kind: "oscillating_load".into(),
+            posterior: Some(0.99),
+            delta_aic: Some(31.0),
+            tag: None,
+            parameters: Default::default(),
+            explanation: "period 733 s".into(),
+        }];
+        let named = "\neffects     oscillating_load, 99 %: period 733 s\n            ";
+        assert!(page(&report).contains(&format!("{named}{between}")), "{}", page(&report));
+        report.residual.candidates = [("none", 0.9), ("load_step", 0.1)].map(candidate).into();
+        assert!(!page(&report).contains("lies between"));
+        assert!(!page(&report).contains("dAIC 31"));
+    }
 
     #[test]
     fn numbers_have_four_digits() {

@@ -115,14 +115,11 @@ pub(super) fn alerts(alerts: &[Alert<'_>]) -> String {
     json(&alerts)
 }
 
-/// Friction in a person's words: `f 2.50 % OP (2.40 to 2.60), evidence 446`.
+/// Friction in a person's numbers: `f 2.50 % OP (2.40 to 2.60)`.
 pub(super) fn friction(friction: &Friction) -> String {
     let mut text = format!("f {:.2} {}", friction.f, friction.unit);
     if let Some([low, high]) = friction.interval {
         text += &format!(" ({low:.2} to {high:.2})");
-    }
-    if let Some(evidence) = friction.evidence {
-        text += &format!(", evidence {evidence:.0}");
     }
     text
 }

@@ -1,7 +1,7 @@
 //! What is still in the residual: tests of whiteness, lines, changes, dependence and distribution, each at about 1 %.
 
-use super::Test;
-use super::model::{Data, Stage};
+use super::findings::Test;
+use crate::sysid::iddata::IdData;
 use crate::sysid::least_squares::dot;
 use crate::sysid::spectrum;
 use crate::sysid::stats::{mean, median, sd};
@@ -13,10 +13,11 @@ const MANY: f64 = 3.7;
 /// Lags of the cross-correlations.
 const LAGS: usize = 20;
 
-/// The tests that the residual fails. `fitted`: parameters behind the whiteness test.
-pub fn failed(data: &Data, stage: &Stage, e: &[f64], fitted: usize) -> Vec<Test> {
+/// The tests that the residual `e` of a model with stem `x` fails; `dir`: direction of its last move, `fitted`: parameters
+/// behind the whiteness test.
+pub fn failed(data: &IdData, (x, dir): (&[f64], &[f64]), e: &[f64], fitted: usize) -> Vec<Test> {
     let from = data.first;
-    let kept: Vec<f64> = (from..e.len()).filter(|&k| stage.weight[k] > 0.0).map(|k| e[k]).collect();
+    let kept: Vec<f64> = (from..e.len()).filter(|&k| data.weight[k] > 0.0).map(|k| e[k]).collect();
     let spread = sd(&kept);
     if kept.len() < 60 || spread <= 0.0 {
         return Vec::new();
@@ -29,7 +30,7 @@ pub fn failed(data: &Data, stage: &Stage, e: &[f64], fitted: usize) -> Vec<Test>
         }
     };
     check(Test::Whiteness, !is_white(&kept, fitted));
-    check(Test::Input, crossed(e, &stage.z, from, 1) > MANY);
+    check(Test::Input, crossed(e, x, from, 1) > MANY);
     let tags = data.tags.iter().map(|(_, v)| crossed(e, v, from, 1)).fold(0.0, f64::max);
     check(Test::Tags, tags > MANY + 0.25 * (1.0 + data.tags.len() as f64).ln());
     check(Test::Line, fisher(&kept) < 0.01);
@@ -47,8 +48,8 @@ pub fn failed(data: &Data, stage: &Stage, e: &[f64], fitted: usize) -> Vec<Test>
     let time: Vec<f64> = (0..kept.len()).map(|k| k as f64).collect();
     check(Test::Drift, correlation(&kept, &time).abs() * n.sqrt() > ONE);
     let tail = |v: &[f64]| v[from..].to_vec();
-    check(Test::Direction, correlation(&tail(e), &tail(&stage.dir)).abs() * n.sqrt() > ONE);
-    let squares: Vec<f64> = tail(&stage.z).iter().map(|z| z * z).collect();
+    check(Test::Direction, correlation(&tail(e), &tail(dir)).abs() * n.sqrt() > ONE);
+    let squares: Vec<f64> = tail(x).iter().map(|z| z * z).collect();
     check(Test::Travel, correlation(&tail(e), &squares).abs() * n.sqrt() > ONE);
     let half = kept.len() / 2;
     let (a, b) = (sd(&kept[..half]).powi(2), sd(&kept[half..]).powi(2));

@@ -3,7 +3,7 @@
 use super::alarm_log::{AlarmChange, AlarmLog};
 use super::alarms::{AlarmView, Said};
 use super::kept::{KeptAlarm, RestoredAlarm};
-use super::{Run, Summary};
+use super::{Run, Summary, words};
 use crate::alarm::{Alarm, AlarmId, Cause, Config, Flood, Kind, Line, Observation, Transition};
 use crate::diagnosis::Verdict;
 use crate::signal::LoopId;
@@ -242,7 +242,7 @@ impl Board {
         let known = summary.f.zip(summary.delta_aic).filter(|_| identifiable && (sticky || !reinforced));
         let seen = known.map_or(Observation::Unknown, |(f, evidence)| self.config.judge(sticky, f, evidence));
         let priority = self.config.priority(Kind::Stiction, summary.f);
-        let detail = sticky.then(|| summary.reason.clone());
+        let detail = sticky.then(|| summary.words());
         self.change(&of(Kind::Stiction), None, detail, news, |alarm, config| {
             alarm.observe(seen, priority, now, config)
         });
@@ -263,15 +263,12 @@ impl Board {
 
         let code = summary.reason_code.as_deref().unwrap_or(&summary.outcome);
         let fault = !identifiable && !self.config.not_identifiable.ignore.iter().any(|known| known == code);
-        self.level(&of(Kind::NotIdentifiable), fault.then(|| summary.reason.clone()), now, news);
+        self.level(&of(Kind::NotIdentifiable), fault.then(|| summary.words()), now, news);
 
         if let Some(share) = unexplained(run).filter(|_| identifiable) {
             let most = self.config.unexplained_residual.share;
             let (seen, detail) = if share >= most {
-                (
-                    Observation::Present,
-                    Some(format!("{:.0} % of PV's movement is unexplained", 100.0 * share)),
-                )
+                (Observation::Present, Some(words::unexplained(share)))
             } else {
                 // A dead-band of a tenth, so that a share at the limit does not come and go.
                 (if share <= 0.9 * most { Observation::Absent } else { Observation::Between }, None)
@@ -286,8 +283,7 @@ impl Board {
 
 fn rising(line: Line, summary: &Summary) -> String {
     let unit = super::f_unit(summary.f_in_percent);
-    let days = line.span_s / 86_400.0;
-    format!("f has risen by {:.2} {unit} in {days:.0} days, by {:.2} at least", line.rise, line.low.max(0.0))
+    words::rising(line.rise, line.low, line.span_s / 86_400.0, unit)
 }
 
 /// The share of PV's standard deviation that the model, run freely over data it has not seen, does not explain; `None` where

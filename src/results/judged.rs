@@ -52,12 +52,15 @@ impl From<Diagnosis> for Judged {
 }
 
 impl Judged {
-    /// The findings that replace the diagnosis: effects were found, and with them friction can be told.
+    /// Whether findings replace what the declared model says of friction: they do wherever they can tell it, so that verdict,
+    /// f, its interval and evidence come from one table.
+    pub fn decides(found: &Findings) -> bool {
+        !matches!(found.verdict, Verdict::NotIdentifiable(_))
+    }
+
+    /// The findings that replace the diagnosis, see [`Judged::decides`].
     pub fn replaced_by(&self) -> Option<&Findings> {
-        let told = |found: &&Findings| {
-            !found.effects.is_empty() && !matches!(found.verdict, Verdict::NotIdentifiable(_))
-        };
-        self.findings.as_ref().filter(told)
+        self.findings.as_ref().filter(|found| Self::decides(found))
     }
 
     /// The verdict that counts.
@@ -88,4 +91,63 @@ pub struct ModelVersion {
     pub since: f64,
     /// Its effects, in the order they were added.
     pub effects: Vec<KnownEffect>,
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::diagnosis::{Model, NotIdentifiable, Residual};
+    use crate::residual::{Curves, Effect, Friction, Kind, Parameter};
+
+    /// Findings with f 2.208 OP, as if they were traced.
+    pub fn findings(verdict: Verdict, effects: Vec<Effect>) -> Findings {
+        let residual = Residual { white: false, one_step_rmse: 0.031, free_run_rmse: 0.4 };
+        let f = if verdict == Verdict::Stiction { 2.208 } else { 0.0 };
+        Findings {
+            effects,
+            candidates: vec![(Some(Kind::GainChange), 0.48), (Some(Kind::LoadStep), 0.41), (None, 0.11)],
+            after: Residual { white: true, one_step_rmse: 0.012, free_run_rmse: 0.44 },
+            before: residual,
+            simulates_worse: true,
+            unexplained: false,
+            failed: Vec::new(),
+            friction_before: Friction { f: 2.5, ..Friction::default() },
+            friction_after: Friction { f, f_ci95: [f, 2.3], lag: 0.0, delta_aic: 707.0, posterior: 0.9995 },
+            verdict,
+            reason: "f = 2.208 [2.100, 2.300], evidence 707".into(),
+            model: Model { na: 1, nb: 1, nc: 1, nk: 1, a: vec![0.5], b: vec![0.5], c: vec![0.0], rmse: 1.0 },
+            curves: Curves::default(),
+            stem: None,
+        }
+    }
+
+    /// An effect with a posterior.
+    pub fn effect(kind: Kind, posterior: f64) -> Effect {
+        Effect {
+            kind,
+            posterior,
+            delta_aic: 31.0,
+            tag: None,
+            parameters: vec![Parameter { name: "ratio", value: 1.5, unit: "-" }],
+            place: (kind == Kind::StaticNonlinearity).then_some("process"),
+            explanation: "made for a test".into(),
+        }
+    }
+
+    #[test]
+    fn what_was_traced_replaces_the_declared_model_wherever_it_can_tell_friction() {
+        let told = |declared: Verdict, traced: Option<Findings>| {
+            let mut judged = Judged::from(Diagnosis::bare(declared, "made for a test"));
+            judged.findings = traced;
+            (judged.verdict().as_str(), judged.friction().map(|(f, _, evidence)| (f, evidence)))
+        };
+        let unknown = || Verdict::NotIdentifiable(NotIdentifiable::FlatPv);
+        let traced = |verdict| Some(findings(verdict, Vec::new()));
+        // Without any effect too, and in both directions.
+        assert_eq!(told(Verdict::NoStiction, traced(Verdict::Stiction)), ("stiction", Some((2.208, 707.0))));
+        assert_eq!(told(Verdict::Stiction, traced(Verdict::NoStiction)), ("no_stiction", Some((0.0, 707.0))));
+        assert_eq!(told(unknown(), traced(Verdict::Stiction)), ("stiction", Some((2.208, 707.0))));
+        assert_eq!(told(Verdict::NoStiction, traced(unknown())), ("no_stiction", None));
+        assert_eq!(told(Verdict::NoStiction, None), ("no_stiction", None));
+    }
 }

@@ -83,6 +83,25 @@ fn a_failed_run_is_told_and_leaves_the_last_diagnosis_standing() {
 }
 
 #[test]
+fn an_alarm_says_what_the_run_says_in_words() {
+    let results = results(3);
+    (1..3).for_each(|k| drop(results.record(sticky(f64::from(k)))));
+    let said = "The valve sticks: it ignores the first 4 % OP of each reversal.";
+    let known = results.get(&id(), 3.0).expect("A is there");
+    assert_eq!(
+        (known.alarm.detail.as_str(), known.summary.expect("diagnosed").words().as_str()),
+        (said, said)
+    );
+    assert_eq!(results.alarm_log()[0].detail, said);
+    // What was traced is said too, in numbers of OP's span, though no effect was found.
+    let mut judged = diagnosis(Verdict::NoStiction, 0.0, -2.0);
+    judged.findings = Some(made_findings(Verdict::Stiction, Vec::new()));
+    let summary = results.record(run(3.0, Outcome::Diagnosed(judged))).summary();
+    assert_eq!(summary.words(), "The valve sticks: it ignores the first 8.83 % OP of each reversal.");
+    assert_eq!(results.alarm(&stiction(), 4.0).expect("A is there").detail, summary.words());
+}
+
+#[test]
 fn diagnoses_raise_the_alarm_and_everybody_hears_it_in_order() {
     let results = results(3);
     let mut events = results.subscribe();

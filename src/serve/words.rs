@@ -1,215 +1,80 @@
-//! What a diagnosis means, as an operator would say it, and what to do about it.
+//! A report, as an operator would say it: [`crate::results::words`] on what the report has.
 
-use super::dto::report::{Report, ReportVerdict};
+use super::dto::report::{Report, ReportEffect, ReportVerdict};
+use crate::results::words::{self, Said};
 
-/// An effect in words.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Effect {
-    /// In a line.
-    pub title: &'static str,
-    /// What it means.
-    pub meaning: &'static str,
-    /// What to do.
-    pub advice: &'static str,
-}
+pub use crate::results::words::{failed_test, percent, short};
 
-/// An effect by its kind; one that has no words here has only its name.
-pub fn effect(kind: &str) -> Option<Effect> {
-    let (title, meaning, advice) = match kind {
-        "oscillating_load" => (
-            "A load that comes and goes",
-            "Something upstream or downstream swings and this loop follows it.",
-            "Find where the swing comes from: work on this valve will not end it.",
-        ),
-        "measured_disturbance" => (
-            "Another measurement drives this loop",
-            "PV follows another tag, with a delay.",
-            "Look at that tag first; a feed-forward may help.",
-        ),
-        "load_step" => (
-            "The load changed once and stayed",
-            "At one moment the process moved to another balance, as when a stream is opened.",
-            "Check what was switched at that time.",
-        ),
-        "drift" => (
-            "Load or sensor drifts",
-            "PV moves away at a steady rate that the valve does not explain.",
-            "Check transmitter, fouling and feed.",
-        ),
-        "gain_change" => (
-            "The process answers more, or less, than before",
-            "The same movement of the valve has another effect from some time on.",
-            "Check operating point and tuning.",
-        ),
-        "dead_time_change" => (
-            "The process answers later, or earlier, than before",
-            "The delay from valve to PV changed at some time.",
-            "Check flow rate, analyser lag and tuning.",
-        ),
-        "valve_saturation" => (
-            "The valve runs into its stop",
-            "Beyond some OP the stem does not move any further.",
-            "Check sizing and stroke calibration.",
-        ),
-        "static_nonlinearity" => (
-            "The valve's answer is curved",
-            "The same change of OP does more at one opening than at another.",
-            "Check characteristic and sizing; consider a linearisation.",
-        ),
-        "slip_jump" => (
-            "The stem lags while it moves",
-            "It jumps by another amount than it sticks: there is a dead band beside the friction.",
-            "Look for play in linkage and actuator as well as for friction.",
-        ),
-        "asymmetric_friction" => (
-            "It sticks more in one direction",
-            "Opening and closing need different force.",
-            "Check packing, spring and air supply.",
-        ),
-        "friction_drift" => (
-            "Friction changed over the record",
-            "The valve sticks more, or less, at the end than at the beginning.",
-            "Watch f: it may be getting worse.",
-        ),
-        "quantised_pv" => (
-            "PV moves in steps",
-            "The signal's resolution is coarser than its noise.",
-            "Check transmitter range, compression and scaling.",
-        ),
-        "outliers" => (
-            "Single wild PV samples",
-            "Some values lie far off and come back at once.",
-            "Check wiring, transmitter and data link.",
-        ),
-        "frozen_pv" => (
-            "PV stands still at times",
-            "The value repeats although the process moves.",
-            "Check transmitter, impulse lines and data link.",
-        ),
-        "clock_skew" => (
-            "Clocks disagree",
-            "OP and PV are stamped by clocks that are apart.",
-            "Synchronise the clocks of the data sources.",
-        ),
-        _ => return None,
-    };
-    Some(Effect { title, meaning, advice })
-}
-
-/// What a test of the residual that failed has seen.
-pub fn failed_test(name: &str) -> String {
-    let said = match name {
-        "whiteness" => "it still depends on its own past",
-        "input" => "it still follows OP",
-        "tags" => "it follows another tag",
-        "line_spectrum" => "it swings at one period",
-        "change_point" => "its level changes",
-        "drift" => "its level drifts",
-        "direction" => "it depends on the stem's direction",
-        "travel" => "it depends on the stem's position",
-        "variance" => "its spread changes",
-        "tails" => "it has single wild values",
-        other => return other.replace('_', " "),
-    };
-    said.to_string()
-}
-
-/// Why nothing can be said.
-fn not_identifiable(code: &str) -> Option<&'static str> {
-    Some(match code {
-        "too_short" => "There is not enough data yet.",
-        "no_time_base" => "The time stamps make no sense.",
-        "gaps" => "Too much of the data is missing or bad.",
-        "flat_op" => "The controller does not move the valve.",
-        "flat_pv" => "The measurement stands still: check the transmitter.",
-        "saturated" => "The controller pushes against a limit: the valve may be too small or shut off.",
-        "manual" => "The loop is not in automatic.",
-        "not_excited" => "The valve is hardly asked to turn round, so that friction cannot show.",
-        "no_response" => "PV does not follow the valve: stuck altogether, or not this loop's valve.",
-        "out_of_scale" => "The values are too large or too small to compute with.",
-        "deadline_exceeded" => "The analysis took too long.",
-        _ => return None,
-    })
-}
-
-/// Three significant digits, at least the whole part.
-pub fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return "0".to_string();
-    }
-    let decimals = (2 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
-    format!("{value:.decimals$}")
+/// An effect in words; one that has no words has only its name.
+pub fn effect(found: &ReportEffect) -> Option<Said> {
+    Some(words::effect(&found.kind, found.place())?.said(found.posterior))
 }
 
 /// The verdict in a sentence or two, and what stands between it and the valve.
 pub fn verdict(report: &Report) -> String {
+    let said = words::Verdict {
+        outcome: match report.verdict {
+            ReportVerdict::Stiction => "stiction",
+            ReportVerdict::NoStiction => "no_stiction",
+            ReportVerdict::NotIdentifiable => "not_identifiable",
+        },
+        reason_code: report.reason_code.as_deref(),
+        reason: &report.reason,
+        f: report.f,
+        f_high: report.f_ci95.map(|[_, high]| high),
+        unit: &report.f_unit,
+    };
+    let swings = report.oscillation.as_ref().filter(|_| report.verdict == ReportVerdict::Stiction);
+    let period = swings.and_then(|swing| swing.period_s);
+    let swing =
+        period.map_or_else(String::new, |t| format!(" The loop swings with a period of {} s.", short(t)));
     let archived = report.window.history.as_ref();
     let archived = archived.map_or_else(String::new, |found| format!(" The data is not raw: {}", found.note));
-    said(report) + &archived
+    said.words() + &swing + &archived
 }
 
-fn said(report: &Report) -> String {
-    let unit = &report.f_unit;
-    match report.verdict {
-        ReportVerdict::Stiction => {
-            let wide = report.f.map_or_else(String::new, |f| short(2.0 * f));
-            let period = report.oscillation.as_ref().and_then(|swing| swing.period_s);
-            let swing = period
-                .map_or_else(String::new, |t| format!(" The loop swings with a period of {} s.", short(t)));
-            format!(
-                "The valve sticks: on every reversal the controller has to move {wide} {unit} before the stem follows.{swing}"
-            )
-        }
-        ReportVerdict::NoStiction => {
-            let hidden =
-                report.f_ci95.filter(|[_, high]| *high > 0.0).map_or_else(String::new, |[_, high]| {
-                    format!(" The record could hide an f of at most {} {unit}.", short(high))
-                });
-            format!("No sign of sticking.{hidden}")
-        }
-        ReportVerdict::NotIdentifiable => {
-            let why = report.reason_code.as_deref().and_then(not_identifiable);
-            format!("Nothing can be said about the valve. {}", why.unwrap_or(&report.reason))
-        }
-    }
+/// What is to be known beside the effects: between which kinds the record lies, and whether the model is worse with them.
+pub fn notes(report: &Report) -> Vec<String> {
+    let residual = &report.residual;
+    let between = words::between(&residual.kinds()).map(|clause| words::sentence(&clause));
+    let worse = residual.simulates_worse && !residual.effects.is_empty();
+    between.into_iter().chain(worse.then(|| words::SIMULATES_WORSE.to_string())).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnosis::NotIdentifiable;
-    use crate::residual::{Kind, Test};
+    use crate::diagnosis::{Diagnosis, Verdict};
+    use crate::residual::Kind;
+    use crate::results::{made_effect, made_findings};
 
-    #[test]
-    fn everything_that_can_be_found_has_words() {
-        for kind in Kind::ALL {
-            assert!(effect(kind.as_str()).is_some(), "{kind}");
-        }
-        for test in [Test::Whiteness, Test::Input, Test::Tags, Test::Line, Test::ChangePoint, Test::Drift] {
-            assert!(failed_test(test.as_str()).contains(' '), "{test:?}");
-        }
-        let reasons = [
-            NotIdentifiable::NoTimeBase,
-            NotIdentifiable::FlatOp,
-            NotIdentifiable::FlatPv,
-            NotIdentifiable::NoResponse,
-            NotIdentifiable::OutOfScale,
-            NotIdentifiable::DeadlineExceeded,
-            NotIdentifiable::TooShort { n: 0, need: 1 },
-            NotIdentifiable::Gaps { share: 1.0 },
-            NotIdentifiable::Saturated { share: 1.0 },
-            NotIdentifiable::Manual { share_auto: 0.0 },
-            NotIdentifiable::NotExcited { reversals: 0 },
-        ];
-        for reason in reasons {
-            assert!(not_identifiable(reason.code()).is_some(), "{}", reason.code());
-        }
-        assert_eq!((effect("new_kind"), failed_test("new_test").as_str()), (None, "new test"));
+    fn report(effects: &[(Kind, f64)]) -> Report {
+        let effects = effects.iter().map(|(kind, posterior)| made_effect(*kind, *posterior)).collect();
+        let declared = Diagnosis::bare(Verdict::NoStiction, "made for a test");
+        let found = made_findings(Verdict::Stiction, effects);
+        Report::new("FIC101", Some(100.0), &declared).with_findings(Some(100.0), &declared, &found)
     }
 
     #[test]
-    fn numbers_are_short() {
-        let said = [2.4449, 0.049_96, 73.61, 1234.5, 0.0, f64::NAN].map(short);
-        assert_eq!(said, ["2.44", "0.0500", "73.6", "1234", "0", "0"]);
+    fn a_report_is_said_with_what_was_traced() {
+        let report = report(&[(Kind::StaticNonlinearity, 0.6)]);
+        assert_eq!(verdict(&report), "The valve sticks: it ignores the first 4.42 % OP of each reversal.");
+        let said = effect(&report.residual.effects[0]).expect("it has words");
+        assert_eq!(
+            said.meaning,
+            "More likely than not the same movement of the valve moves PV more at one level of PV than at another."
+        );
+        assert!(said.advice.ends_with("at high and at low PV."), "{}", said.advice);
+        let [between, worse] = &notes(&report)[..] else { panic!("two notes") };
+        assert_eq!(
+            between,
+            "The record lies between a gain change (48 %), a load step (41 %) and no other effect (11 %)."
+        );
+        assert!(worse.starts_with("A simulation"), "{worse}");
+    }
+
+    #[test]
+    fn a_model_without_effects_is_not_worse_for_them() {
+        assert_eq!(notes(&report(&[])).len(), 1);
     }
 }

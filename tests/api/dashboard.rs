@@ -50,7 +50,9 @@ async fn the_picture_behind_a_verdict_is_whole() {
     rig.diagnose("FIC1").await;
     let evidence = rig.json("/api/v1/loops/FIC1/evidence").await;
     assert!(
-        evidence["words"].as_str().is_some_and(|said| said.contains("has to move 5.00 % OP")),
+        evidence["words"]
+            .as_str()
+            .is_some_and(|said| said.contains("ignores the first 5 % OP of each reversal")),
         "{evidence}"
     );
     let window = &evidence["window"];

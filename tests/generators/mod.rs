@@ -46,6 +46,9 @@ pub struct Truth {
     pub j: f64,
     /// Undeclared effects that are there beside the one asked for (a slip jump, where the valve has one).
     pub also: Vec<Kind>,
+    /// What a load at the valve is worth (% of OP's span): the size of a step, the amplitude of a wave, a standard deviation of
+    /// a tag, the rise of a ramp over the record; `None` where there is none there, or the generator does not tell it.
+    pub load: Option<f64>,
 }
 
 /// All generators.

@@ -148,6 +148,10 @@ async fn one_alert_a_loop_outlives_a_restart_of_either_side_and_is_resolved() {
         (&alert["annotations"]["f"], &alert["annotations"]["evidence"]),
         (&"2.500 % OP".into(), &"446.0".into())
     );
+    assert_eq!(
+        alert["annotations"]["description"],
+        "The valve sticks: it ignores the first 5 % OP of each reversal."
+    );
 
     // Another f is the same alert, with another annotation.
     daemon.diagnosed("FIC1", Some(2.75));

@@ -39,11 +39,13 @@ async fn mails_go_by_starttls_with_a_password_and_say_what_matters() {
         "HIGH FIC1: the valve sticks",
         "MEDIUM FIC2",
         "high priority",
-        "f 2.50 % OP (2.45 to 2.55)",
+        "found    The valve sticks: it ignores the first 5 % OP of each reversal.",
+        "friction f 2.50 % OP (2.45 to 2.55)",
         "unit 20",
     ] {
         assert!(text.contains(part), "{part}: {text}");
     }
+    assert!(!text.contains("evidence"), "{text}");
 
     // Not now is tried again, never is a dead letter.
     peer.tell("refuse 1 451 later").await;

@@ -13,6 +13,7 @@ struct Diagnosis<'s> {
     group: &'s str,
     time: String,
     outcome: &'s str,
+    words: String,
     reason_code: Option<&'s str>,
     reason: &'s str,
     f: Option<f64>,
@@ -61,6 +62,7 @@ pub(super) fn diagnosis(id: &str, group: &str, summary: &Summary) -> Vec<u8> {
         group,
         time: iso(summary.time),
         outcome: &summary.outcome,
+        words: summary.words(),
         reason_code: summary.reason_code.as_deref(),
         reason: &summary.reason,
         f: summary.f.filter(|f| f.is_finite()),
@@ -111,6 +113,26 @@ mod tests {
         assert_eq!(topic(template, "unit 10", "FIC101"), "stictiond/unit 10/FIC101/diagnosis");
         assert_eq!(topic(template, "", "a/b+#"), "stictiond/_/a_b__/diagnosis");
         assert_eq!(topic("{loop}", "g", "{group}"), "_group_");
+    }
+
+    #[test]
+    fn a_diagnosis_is_told_in_words_and_in_numbers() {
+        let summary = Summary {
+            time: 0.0,
+            took_s: 0.1,
+            trigger: crate::results::Trigger::Periodic,
+            outcome: "stiction".into(),
+            reason_code: None,
+            reason: "f = 2.45, evidence 707".into(),
+            f: Some(2.45),
+            f_ci95: Some([2.4, 2.5]),
+            f_in_percent: true,
+            delta_aic: Some(707.0),
+        };
+        let told =
+            serde_json::from_slice::<serde_json::Value>(&diagnosis("FIC101", "", &summary)).expect("JSON");
+        assert_eq!(told["words"], "The valve sticks: it ignores the first 4.9 % OP of each reversal.");
+        assert_eq!((&told["reason"], &told["delta_aic"]), (&"f = 2.45, evidence 707".into(), &707.0.into()));
     }
 
     #[test]

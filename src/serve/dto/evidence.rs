@@ -19,6 +19,9 @@ pub struct LoopEvidence {
     pub words: String,
     /// The effects that were found, in words, in the report's order.
     pub effects: Vec<EffectWords>,
+    /// What is to be known beside them, in words: between which kinds the record lies, and whether the model simulates worse
+    /// with them.
+    pub notes: Vec<String>,
     /// What is still to be seen in the residual, in words.
     pub left: Vec<String>,
     /// The window that was fitted; null when the record never became one.
@@ -34,25 +37,29 @@ pub struct LoopEvidence {
 pub struct EffectWords {
     /// Which.
     pub kind: String,
-    /// In a line.
+    /// What it is, in a line, with its tag.
     pub title: String,
-    /// What it means.
-    pub meaning: &'static str,
-    /// What to do.
-    pub advice: &'static str,
+    /// What it means, in a sentence that says how sure it is.
+    pub meaning: String,
+    /// What to do: what to look at first, and from a posterior of 0.9 on what costs money or a shutdown.
+    pub advice: String,
+    /// Probability that it is there (0..1).
+    pub posterior: Option<f64>,
     /// With its numbers.
     pub detail: String,
 }
 
 impl From<&ReportEffect> for EffectWords {
     fn from(found: &ReportEffect) -> Self {
-        let said = words::effect(&found.kind);
-        let title = said.map_or_else(|| found.kind.replace('_', " "), |said| said.title.to_string());
+        let said = words::effect(found);
+        let title = said.as_ref().map_or_else(|| found.kind.replace('_', " "), |said| said.title.clone());
+        let (meaning, advice) = said.map(|said| (said.meaning, said.advice)).unwrap_or_default();
         Self {
             kind: found.kind.clone(),
             title: found.tag.as_ref().map_or_else(|| title.clone(), |tag| format!("{title}: {tag}")),
-            meaning: said.map_or("", |said| said.meaning),
-            advice: said.map_or("", |said| said.advice),
+            meaning,
+            advice,
+            posterior: found.posterior,
             detail: found.explanation.clone(),
         }
     }
@@ -167,6 +174,7 @@ impl LoopEvidence {
         Self {
             words: words::verdict(&report),
             effects: report.residual.effects.iter().map(EffectWords::from).collect(),
+            notes: words::notes(&report),
             left: report.residual.failed_tests.iter().map(|test| words::failed_test(test)).collect(),
             time: rfc3339(finished),
             r#loop: report.r#loop,

@@ -47,7 +47,9 @@ pub struct RunItem {
     pub time: Option<String>,
     /// A verdict, `deadline_exceeded` or `panicked`.
     pub outcome: String,
-    /// The outcome in one line.
+    /// The outcome, as an operator would say it.
+    pub words: String,
+    /// The outcome in one line, with the numbers it rests on.
     pub reason: String,
     /// Why nothing could be said, for machines; null otherwise.
     pub reason_code: Option<String>,
@@ -70,6 +72,7 @@ impl From<&Summary> for RunItem {
         Self {
             time: rfc3339(summary.time),
             outcome: summary.outcome.to_string(),
+            words: summary.words(),
             reason: summary.reason.clone(),
             reason_code: summary.reason_code.as_deref().map(str::to_string),
             f: summary.f.and_then(finite),
@@ -96,7 +99,9 @@ pub struct LoopItem {
     pub group: String,
     /// The latest verdict: `stiction`, `no_stiction`, `not_identifiable`; null before the first diagnosis.
     pub verdict: Option<String>,
-    /// The verdict in one line.
+    /// The verdict, as an operator would say it.
+    pub words: Option<String>,
+    /// The verdict in one line, with the numbers it rests on.
     pub reason: Option<String>,
     /// Why nothing can be said, for machines.
     pub reason_code: Option<String>,
@@ -154,6 +159,7 @@ impl LoopItem {
             description: info.description.clone(),
             group: info.group.clone(),
             verdict: verdict.map(str::to_string),
+            words: item.as_ref().map(|i| i.words.clone()),
             reason: summary.map(|s| s.reason.clone()),
             reason_code: summary.and_then(|s| s.reason_code.as_deref()).map(str::to_string),
             f: item.as_ref().and_then(|i| i.f),

@@ -2,12 +2,15 @@
 //!
 //! Numbers have full precision; one that does not exist is null.
 
+mod residual;
 mod unit;
+
+pub use residual::{ReportCandidate, ReportEffect, ReportParameter, ReportResidual, ReportStem};
 
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
-use crate::residual::{self, Findings};
-use crate::results::Run;
+use crate::residual::Findings;
+use crate::results::{Judged, Run};
 use crate::signal::SpanSource;
 use serde::{Deserialize, Serialize};
 use unit::OpUnit;
@@ -40,11 +43,13 @@ pub struct Report {
     pub op_span_source: String,
     /// f as a share of OP's range in the window (-).
     pub f_of_op_range: Option<f64>,
-    /// Evidence for friction against the best explanation without it (-).
+    /// Probability of friction (0..1); null where nothing was traced.
+    pub posterior: Option<f64>,
+    /// Evidence for friction against the best explanation without it (-): twice the logarithm of the odds where it was traced.
     pub delta_aic: Option<f64>,
-    /// That explanation, in words.
+    /// The best explanation without friction that was weighed against the declared model, in words.
     pub rival: Option<String>,
-    /// How evenly the record shares the evidence: its block mean in standard errors (-).
+    /// How evenly the record shares the declared model's evidence: its block mean in standard errors (-).
     pub steadiness: Option<f64>,
     /// Largest f tried (`f_unit`).
     pub f_max: Option<f64>,
@@ -206,73 +211,6 @@ pub struct ReportModel {
     pub c: Vec<Option<f64>>,
 }
 
-/// The residual before and after effects were added to the declared model, on the last 30 % of the window.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ReportResidual {
-    /// White under the declared model; null when not identifiable.
-    pub white_before: Option<bool>,
-    /// White with the effects.
-    pub white_after: Option<bool>,
-    /// One-step-ahead error under the declared model (PV unit).
-    pub one_step_rmse_before: Option<f64>,
-    /// One-step-ahead error with the effects (PV unit).
-    pub one_step_rmse_after: Option<f64>,
-    /// Free-run error under the declared model (PV unit).
-    pub free_run_rmse_before: Option<f64>,
-    /// Free-run error with the effects (PV unit).
-    pub free_run_rmse_after: Option<f64>,
-    /// What was added to the declared model, in that order; empty when it suffices.
-    pub effects: Vec<ReportEffect>,
-    /// The residual is not white and no effect explains it.
-    pub unexplained: bool,
-    /// The tests that the final residual fails: `whiteness`, `line_spectrum`, ….
-    pub failed_tests: Vec<String>,
-    /// Friction before the effects (`f_unit`); the report's own f is the one after.
-    pub f_before: Option<f64>,
-    /// Friction estimated together with the effects (`f_unit`).
-    pub f_after: Option<f64>,
-    /// The verdict before the effects.
-    pub verdict_before: Option<String>,
-    /// Friction and residual of OP -> measured stem; null without one.
-    pub stem: Option<ReportStem>,
-}
-
-/// What OP and the measured stem say directly, without a process in between.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ReportStem {
-    /// Friction fitted on OP -> MV (`f_unit`).
-    pub f: Option<f64>,
-    /// Its 95 % interval (`f_unit`).
-    pub f_ci95: Option<[f64; 2]>,
-    /// Evidence for it (-).
-    pub delta_aic: Option<f64>,
-    /// Kinetic lag (S - J)/2 (`f_unit`).
-    pub lag: Option<f64>,
-    /// White with the effects.
-    pub white_after: Option<bool>,
-    /// One-step-ahead error of the stem before and after the effects (MV unit).
-    pub one_step_rmse: [Option<f64>; 2],
-    /// Free-run error of the stem before and after the effects (MV unit).
-    pub free_run_rmse: [Option<f64>; 2],
-    /// Effects on the way from OP to the stem.
-    pub effects: Vec<ReportEffect>,
-}
-
-/// One effect beside friction and the linear process.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ReportEffect {
-    /// Which effect: `oscillating_load`, `measured_disturbance`, ….
-    pub kind: String,
-    /// Evidence for it (-).
-    pub delta_aic: Option<f64>,
-    /// The tag it comes from, where it is measured.
-    pub tag: Option<String>,
-    /// Its numbers, by name with unit.
-    pub parameters: std::collections::BTreeMap<String, Option<f64>>,
-    /// In one sentence.
-    pub explanation: String,
-}
-
 /// AIC over f, by increasing f.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ReportCurve {
@@ -309,6 +247,7 @@ impl Report {
             op_span: op_span.and_then(finite),
             op_span_source: SpanSource::default().as_str().to_string(),
             f_of_op_range: estimate.and_then(|e| finite(e.f_of_op_range)),
+            posterior: None,
             delta_aic: estimate.and_then(|e| finite(e.delta_aic)),
             rival: estimate.map(|e| e.rival.name().to_string()),
             steadiness: estimate.and_then(|e| finite(e.steadiness)),
@@ -329,7 +268,7 @@ impl Report {
                 op_amplitude: unit.scale(o.op_amplitude),
             }),
             model: estimate.map(|e| model(&e.model)),
-            residual: residual(diagnosis.residual.as_ref()),
+            residual: ReportResidual::declared(diagnosis.residual.as_ref()),
             aic_curve: estimate.map(|e| ReportCurve {
                 f: e.curve.iter().map(|point| unit.scale(point.f)).collect(),
                 aic: e.curve.iter().map(|point| finite(point.aic)).collect(),
@@ -358,11 +297,12 @@ impl Report {
         self
     }
 
-    /// The report with what was traced: its f, verdict and residual are those with the effects.
+    /// The report with what was traced: verdict, f, its interval and evidence come from there, whether or not effects were
+    /// found; where tracing cannot tell friction the declared model's stand.
     pub fn with_findings(mut self, op_span: Option<f64>, diagnosis: &Diagnosis, found: &Findings) -> Self {
         let unit = OpUnit::new(op_span, diagnosis);
-        self.residual = traced(found, &unit, &diagnosis.verdict);
-        if found.effects.is_empty() || matches!(found.verdict, Verdict::NotIdentifiable(_)) {
+        self.residual = ReportResidual::traced(found, &unit, &diagnosis.verdict);
+        if !Judged::decides(found) {
             return self;
         }
         let friction = &found.friction_after;
@@ -371,6 +311,7 @@ impl Report {
         self.reason = found.reason.clone();
         self.f = unit.scale(friction.f);
         self.f_ci95 = unit.scale(friction.f_ci95[0]).zip(unit.scale(friction.f_ci95[1])).map(|(a, b)| [a, b]);
+        self.posterior = finite(friction.posterior);
         self.delta_aic = finite(friction.delta_aic);
         if let Some(window) = &diagnosis.window {
             let (low, high) = crate::sysid::stats::range(&window.op);
@@ -428,78 +369,6 @@ fn model(m: &diagnosis::Model) -> ReportModel {
         a: all(&m.a),
         b: all(&m.b),
         c: all(&m.c),
-    }
-}
-
-/// The residual where nothing was traced: the declared model stands before and after.
-fn residual(residual: Option<&diagnosis::Residual>) -> ReportResidual {
-    let white = residual.map(|r| r.white);
-    let one_step = residual.and_then(|r| finite(r.one_step_rmse));
-    let free_run = residual.and_then(|r| finite(r.free_run_rmse));
-    ReportResidual {
-        white_before: white,
-        white_after: white,
-        one_step_rmse_before: one_step,
-        one_step_rmse_after: one_step,
-        free_run_rmse_before: free_run,
-        free_run_rmse_after: free_run,
-        effects: Vec::new(),
-        unexplained: white == Some(false),
-        failed_tests: Vec::new(),
-        f_before: None,
-        f_after: None,
-        verdict_before: None,
-        stem: None,
-    }
-}
-
-fn effects(findings: &Findings) -> Vec<ReportEffect> {
-    let effect = |e: &residual::Effect| ReportEffect {
-        kind: e.kind.as_str().to_string(),
-        delta_aic: finite(e.delta_aic),
-        tag: e.tag.clone(),
-        parameters: e.parameters.iter().map(|p| (p.name.to_string(), finite(p.value))).collect(),
-        explanation: e.explanation.clone(),
-    };
-    findings.effects.iter().map(effect).collect()
-}
-
-fn traced(findings: &Findings, unit: &OpUnit, verdict_before: &Verdict) -> ReportResidual {
-    let pair = |v: [f64; 2]| Some([unit.scale(v[0])?, unit.scale(v[1])?]);
-    let stem = findings.stem.as_ref().map(|stem| {
-        let inner = stem.findings.as_ref();
-        ReportStem {
-            f: unit.scale(stem.friction.f),
-            f_ci95: pair(stem.friction.f_ci95),
-            delta_aic: finite(stem.friction.delta_aic),
-            lag: unit.scale(stem.friction.lag),
-            white_after: inner.map(|f| f.after.white),
-            one_step_rmse: [
-                inner.and_then(|f| finite(f.before.one_step_rmse)),
-                inner.and_then(|f| finite(f.after.one_step_rmse)),
-            ],
-            free_run_rmse: [
-                inner.and_then(|f| finite(f.before.free_run_rmse)),
-                inner.and_then(|f| finite(f.after.free_run_rmse)),
-            ],
-            effects: inner.map_or_else(Vec::new, |f| effects(f)),
-        }
-    });
-    let known = !matches!(verdict_before, Verdict::NotIdentifiable(_));
-    ReportResidual {
-        white_before: Some(findings.before.white),
-        white_after: Some(findings.after.white),
-        one_step_rmse_before: finite(findings.before.one_step_rmse),
-        one_step_rmse_after: finite(findings.after.one_step_rmse),
-        free_run_rmse_before: finite(findings.before.free_run_rmse),
-        free_run_rmse_after: finite(findings.after.free_run_rmse),
-        effects: effects(findings),
-        unexplained: findings.unexplained,
-        failed_tests: findings.failed.iter().map(|test| test.as_str().to_string()).collect(),
-        f_before: unit.scale(findings.friction_before.f).filter(|_| known),
-        f_after: unit.scale(findings.friction_after.f),
-        verdict_before: Some(verdict_before.as_str().to_string()),
-        stem,
     }
 }
 

@@ -4,7 +4,7 @@ use super::super::dto::alarms::AlarmChangeItem;
 use super::super::dto::evidence::{EvidenceWindow, LoopEvidence};
 use super::super::dto::loops::{LoopDiagnosis, LoopItem, RunItem};
 use super::super::dto::parse_time;
-use super::super::words::short;
+use super::super::words::{percent, short};
 use super::of_plant::{friction_words, verdict_words};
 use super::{document, when};
 use crate::plot::{Panel, Plot, Series, draw, escape, thin};
@@ -69,8 +69,11 @@ fn facts(out: &mut String, subject: &Subject<'_>) {
         facts.push(("window to", when(found.window_end.as_deref())));
         let period = used.ts_s.map_or_else(|| "–".into(), short);
         facts.push(("samples", format!("{}, {period} s apart, {}", used.n, used.quality.as_str())));
+        if let Some(posterior) = found.report.posterior {
+            facts.push(("probability of friction", percent(posterior)));
+        }
         if let Some(rival) = &found.report.rival {
-            facts.push(("best other explanation", rival.clone()));
+            facts.push(("best other explanation of the declared model", rival.clone()));
         }
     }
     out.push_str("<dl>");
@@ -81,7 +84,7 @@ fn facts(out: &mut String, subject: &Subject<'_>) {
 }
 
 fn effects(out: &mut String, evidence: &LoopEvidence) {
-    if evidence.effects.is_empty() {
+    if evidence.effects.is_empty() && evidence.notes.is_empty() {
         return;
     }
     out.push_str("<h2>Beside friction</h2><ul>");
@@ -90,12 +93,15 @@ fn effects(out: &mut String, evidence: &LoopEvidence) {
             out,
             "<li><strong>{}</strong>. {} {} <span class=\"faint\">{}</span></li>",
             escape(&effect.title),
-            effect.meaning,
-            effect.advice,
+            escape(&effect.meaning),
+            escape(&effect.advice),
             escape(&effect.detail)
         );
     }
     out.push_str("</ul>");
+    for note in &evidence.notes {
+        let _ = write!(out, "<p>{}</p>", escape(note));
+    }
 }
 
 fn plots(out: &mut String, subject: &Subject<'_>, evidence: &LoopEvidence) {

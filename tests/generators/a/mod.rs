@@ -39,5 +39,5 @@ fn record(case: &Case) -> (Record, Truth) {
     // Of the slip jump only that there is one is told.
     let also = if truth.slips { vec![Kind::SlipJump] } else { Vec::new() };
     let j = if truth.slips { f64::NAN } else { 2.0 * truth.f };
-    (record, Truth { name, f: truth.f, j, also })
+    (record, Truth { name, f: truth.f, j, also, load: truth.load })
 }

@@ -85,12 +85,12 @@ fn truth(case: &Case, plan: &Plan) -> Truth {
     let (class, asked) = (plan.class.as_str(), case.effect == Some(Kind::SlipJump));
     let Some(friction) = plan.friction else {
         let name = format!("{class}, {}", plan.health.as_str());
-        return Truth { name, f: 0.0, j: 0.0, also: vec![] };
+        return Truth { name, f: 0.0, j: 0.0, also: vec![], load: None };
     };
     let health = if plan.health == Health::Sound { "middling friction" } else { plan.health.as_str() };
     let (model, s, j) = (friction.model, friction.s, friction.j);
     let also = if j < 0.9 * s && !asked { vec![Kind::SlipJump] } else { vec![] };
-    Truth { name: format!("{class}, {health}, {model:?} S {s:.2} J {j:.2}"), f: s / 2.0, j, also }
+    Truth { name: format!("{class}, {health}, {model:?} S {s:.2} J {j:.2}"), f: s / 2.0, j, also, load: None }
 }
 
 /// The record of a run.

@@ -127,5 +127,5 @@ fn truth(case: &Case, plan: &Plan) -> Truth {
     let (f, j) = if sticks { (0.5 * plan.band, plan.jump) } else { (0.0, 0.0) };
     let slips = sticks && plan.jump < SLIP_DIFFERS * plan.band && case.effect != Some(Kind::SlipJump);
     let also = if slips { vec![Kind::SlipJump] } else { Vec::new() };
-    Truth { name: plan.name(), f, j, also }
+    Truth { name: plan.name(), f, j, also, load: None }
 }

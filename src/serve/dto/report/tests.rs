@@ -2,6 +2,7 @@ use super::*;
 use crate::diagnosis::{
     CurvePoint, Denoise, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Residual,
 };
+use crate::residual::Kind;
 use crate::signal::Window;
 
 fn sticky(op: Vec<f64>) -> Diagnosis {
@@ -61,7 +62,7 @@ fn contract_fields_have_their_names_and_values() {
         "loop": "FIC101", "verdict": "stiction", "reason": "f = 2.50 % OP, evidence 446", "reason_code": null,
         "read_as": null, "op_span": null, "op_span_source": "unknown",
         "f": 2.5, "f_ci95": [2.25, 2.75], "f_unit": "% OP", "f_unit_assumed": true, "f_of_op_range": 0.41,
-        "delta_aic": 446.0, "rival": "a linear loop", "steadiness": 9.0, "f_max": 6.0, "d_srinivasan": 4.0,
+        "posterior": null, "delta_aic": 446.0, "rival": "a linear loop", "steadiness": 9.0, "f_max": 6.0, "d_srinivasan": 4.0,
         "window": {"start": 0.0, "end": 49950.0, "n": 1000, "ts_s": 50.0, "quality": "good", "history": null},
         "preparation": {"gap_share": 0.0, "worst_skew_s": 0.0, "duplicates": 0, "out_of_order": 0, "decimation": 1},
         "denoise": {"applied": false, "noise_share": 0.0},
@@ -72,7 +73,7 @@ fn contract_fields_have_their_names_and_values() {
             "white_before": false, "white_after": false,
             "one_step_rmse_before": 0.031, "one_step_rmse_after": 0.031,
             "free_run_rmse_before": 0.4, "free_run_rmse_after": 0.4,
-            "effects": [], "unexplained": true, "failed_tests": [], "f_before": null, "f_after": null,
+            "effects": [], "candidates": [], "simulates_worse": false, "unexplained": true, "failed_tests": [], "f_before": null, "f_after": null,
             "verdict_before": null, "stem": null
         },
         "aic_curve": {"f": [0.0, 2.5, 6.0], "aic": [446.0, 0.0, null]}
@@ -81,6 +82,56 @@ fn contract_fields_have_their_names_and_values() {
     let text = serde_json::to_string(&report).unwrap();
     assert!(!text.contains("-0.0"), "{text}");
     assert_eq!(serde_json::from_str::<Report>(&text).unwrap(), report);
+}
+
+#[test]
+fn what_was_traced_is_told_with_its_posteriors() {
+    use crate::results::{made_effect, made_findings};
+    let kinds = [(Kind::StaticNonlinearity, 0.97), (Kind::GainChange, f64::NAN)];
+    let effects = kinds.map(|(kind, posterior)| made_effect(kind, posterior)).to_vec();
+    let declared = sticky(vec![40.0, 46.0]);
+    let told = |found: &Findings| {
+        Report::new("FIC101", Some(50.0), &declared).with_findings(Some(50.0), &declared, found)
+    };
+    let report = told(&made_findings(Verdict::NoStiction, effects));
+    let json = serde_json::to_value(&report).unwrap();
+    assert_eq!(
+        (&json["verdict"], &json["f"], &json["posterior"]),
+        (&"no_stiction".into(), &0.0.into(), &0.9995.into())
+    );
+    let residual = &json["residual"];
+    assert_eq!((&residual["verdict_before"], &residual["f_before"]), (&"stiction".into(), &5.0.into()));
+    assert_eq!(residual["simulates_worse"], true);
+    let candidates = serde_json::json!([{"kind": "gain_change", "posterior": 0.48}, {"kind": "load_step", "posterior": 0.41},
+        {"kind": "none", "posterior": 0.11}]);
+    assert_eq!(residual["candidates"], candidates);
+    let [curved, changed] = [&residual["effects"][0], &residual["effects"][1]];
+    assert_eq!(curved["posterior"], 0.97);
+    assert_eq!(curved["parameters"], serde_json::json!({"ratio": 1.5, "where": "process"}));
+    assert_eq!((&changed["posterior"], &changed["parameters"]["where"]), (&().into(), &().into()));
+    assert_eq!(
+        report.residual.effects.iter().map(ReportEffect::place).collect::<Vec<_>>(),
+        [Some("process"), None]
+    );
+    assert_eq!(serde_json::from_value::<Report>(json).unwrap(), report);
+}
+
+#[test]
+fn what_was_traced_decides_without_effects_too_unless_it_cannot_tell() {
+    use crate::results::made_findings;
+    let declared = Diagnosis { verdict: Verdict::NoStiction, ..sticky(vec![40.0, 46.0]) };
+    let told = |verdict| {
+        let found = made_findings(verdict, Vec::new());
+        let report = Report::new("x", None, &declared).with_findings(None, &declared, &found);
+        (report.verdict, report.f, report.posterior, report.reason, report.residual.f_after)
+    };
+    let reason = "f = 2.208 [2.100, 2.300], evidence 707".to_string();
+    assert_eq!(
+        told(Verdict::Stiction),
+        (ReportVerdict::Stiction, Some(2.208), Some(0.9995), reason, Some(2.208))
+    );
+    let unknown = told(Verdict::NotIdentifiable(NotIdentifiable::FlatPv));
+    assert_eq!(unknown, (ReportVerdict::NoStiction, Some(2.5), None, declared.reason.clone(), None));
 }
 
 #[test]
@@ -146,6 +197,11 @@ fn what_an_archive_did_is_told_by_kind_evidence_and_note() {
     // A report of before there was the field is read as one where nothing shows.
     let mut old = serde_json::to_value(&report).expect("it can be written");
     old["window"].as_object_mut().expect("an object").remove("history");
+    old.as_object_mut().expect("an object").remove("posterior");
+    for name in ["candidates", "simulates_worse"] {
+        old["residual"].as_object_mut().expect("an object").remove(name);
+    }
     let old: Report = serde_json::from_value(old).expect("it can be read");
-    assert_eq!(old.window.history, None);
+    assert_eq!((old.window.history, old.posterior), (None, None));
+    assert!(old.residual.candidates.is_empty() && !old.residual.simulates_worse);
 }

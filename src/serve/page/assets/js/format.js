@@ -18,6 +18,9 @@ export function lasting(seconds) {
 
 export const ago = (seconds) => (seconds === null || seconds === undefined ? "–" : seconds < 1 ? "now" : `${lasting(seconds)} ago`);
 
+/** A probability in whole per cent, and never as certainty. */
+export const percent = (value) => (value === null || value === undefined ? "–" : value > 0.99 ? "> 99 %" : value < 0.01 ? "< 1 %" : `${short(100 * value, 2)} %`);
+
 export function bytes(count) {
   if (count === null || count === undefined) return "–";
   for (const [unit, size] of [["GB", 1e9], ["MB", 1e6], ["kB", 1e3]]) if (count >= size) return `${short(count / size, 3)} ${unit}`;

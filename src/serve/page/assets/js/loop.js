@@ -3,7 +3,7 @@
 import { get, href, loopPath, orNull, post } from "./api.js";
 import { acknowledge, shelve, unshelve } from "./actions.js";
 import { h, scroll, toast } from "./dom.js";
-import { ago, friction, lasting, short, when } from "./format.js";
+import { ago, friction, lasting, percent, short, when } from "./format.js";
 import { listen, touch } from "./live.js";
 import { drawEvidence } from "./evidence.js";
 import { may } from "./session.js";
@@ -62,7 +62,7 @@ export function loopView(main, [id]) {
   function drawBanner(detail, report, said) {
     const kind = kindOf(detail), state = detail.alarm;
     banner.dataset.kind = kind.key;
-    const f = report && report.verdict !== "not_identifiable" ? ` · f = ${friction(report)} · evidence ${short(report.delta_aic, 3)}` : "";
+    const f = report && report.verdict !== "not_identifiable" ? ` · f = ${friction(report)} · ${report.posterior === null ? `evidence ${short(report.delta_aic, 3)}` : `probability of friction ${percent(report.posterior)}`}` : "";
     const acts = [mayAck(state) && button("Acknowledge", () => acted(acknowledge), true), isShelved(state) ? button("Unshelve", () => acted(unshelve)) : mayShelve(state) && button("Shelve …", () => acted(shelve)),
       button("Diagnose now", run), h("a", { class: "button", href: href(`${loopPath(id)}/report.html`), target: "_blank", rel: "noopener" }, "Report")];
     const focused = banner.contains(document.activeElement) ? document.activeElement.textContent : null;
@@ -81,10 +81,11 @@ export function loopView(main, [id]) {
   function drawEffects(report, said, origin) {
     const { residual: r } = report;
     const gain = (before, after) => (before && after ? ` (${short((100 * (before - after)) / before, 2)} % less)` : "");
-    const found = said.effects.map((one, i) =>
-      h("li", null, h("strong", null, one.title), one.meaning && h("span", null, one.meaning), one.advice && h("span", null, one.advice), h("p", null, `${one.detail}; evidence ${short(r.effects[i]?.delta_aic, 3)}`)));
-    const nothing = r.white_after ? "Friction and a linear process explain PV: what is left over is noise." : r.unexplained ? "Something is left that no known effect explains." : "";
+    const found = said.effects.map((one) =>
+      h("li", null, h("strong", null, one.title), one.meaning && h("span", null, one.meaning), one.advice && h("span", null, one.advice), h("p", null, one.posterior === null ? one.detail : `${one.detail}; probability ${percent(one.posterior)}`)));
+    const nothing = said.notes.length ? "" : r.white_after ? "Friction and a linear process explain PV: what is left over is noise." : r.unexplained ? "Something is left that no known effect explains." : "";
     boxes.effects.replaceChildren(found.length ? h("ul", { class: "effects" }, found) : h("p", null, nothing), found.length && r.unexplained ? h("p", null, "Something more is left that no known effect explains.") : "",
+      ...said.notes.map((note) => h("p", null, note)),
       origin ? h("p", null, "The swing comes along ", origin.path.toReversed().flatMap((id, i) => [i ? " → " : "", h("a", { href: `#/loop/${encodeURIComponent(id)}` }, id)]), origin.starts_in ? `: it starts in ${origin.starts_in}${origin.sticky ? ", whose valve sticks." : "."}` : ": these loops drive each other.") : "",
       said.left.length ? h("p", { class: "note" }, `Still to be seen in it: ${said.left.join("; ")}.`) : "",
       h("dl", { class: "facts" }, pairs([
@@ -109,7 +110,8 @@ export function loopView(main, [id]) {
       facts.push(["window", `${used.n} samples, ${short(used.ts_s)} s apart, quality ${used.quality}`], ["from", when(report.window_start)], ["to", when(report.window_end)]);
       if (swing) facts.push(["oscillation", `period ${lasting(swing.period_s)}, regularity ${short(swing.regularity_r, 3)}, OP ± ${short(swing.op_amplitude, 3)}`]);
       if (model) facts.push(["model", `na ${model.na}, nb ${model.nb}, nc ${model.nc}, delay ${model.nk}; error ${short(model.rmse, 3)}`]);
-      if (report.rival) facts.push(["best other explanation", report.rival]);
+      if (report.posterior !== null) facts.push(["evidence for friction", short(report.delta_aic, 3)]);
+      if (report.rival) facts.push(["best other explanation of the declared model", report.rival]);
       facts.push(["f as a share of OP's range", short(report.f_of_op_range, 3)], ["Srinivasan's d", `${short(report.d_srinivasan, 3)} ${report.f_unit}`], ["evenness of the evidence", short(report.steadiness, 3)]);
       if (made) facts.push(["filled in", `${short(100 * made.gap_share, 2)} %; skew ${short(made.worst_skew_s, 3)} s`]);
       if (denoise) facts.push(["denoised", denoise.applied ? `yes, noise ${short(100 * denoise.noise_share, 2)} %` : "no"]);

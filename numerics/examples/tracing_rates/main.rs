@@ -1,0 +1,307 @@
+//! How often tracing names the true effect, how often it invents one, how well its probabilities and intervals hold, on loops
+//! of three generators that share no code:
+//! `cargo run --release -p stictiond-numerics --example tracing_rates -- --seeds 10 --first-seed 9000`.
+//!
+//! Options: `--generators ABC`, `--seeds N`, `--first-seed K`, `--size small|medium|large`, `--clean N` records a generator
+//! with nothing hidden, `--effects a,b`, `--variant V`, `--threads T`, `--told`, which also fits every missed case told its
+//! effect and true friction (what no such fit finds is not in the data), and `--each`, which prints every case that is not right;
+//! `--records FOLDER` writes the cases as CSV and traces none.
+
+#[path = "../../../tests/generators/mod.rs"]
+#[expect(dead_code, reason = "each user takes a part")]
+mod generators;
+#[expect(dead_code, reason = "each user takes a part")]
+mod judge;
+#[path = "../../../tests/diagnosis_common/parallel.rs"]
+#[expect(dead_code, reason = "each user takes a part")]
+mod parallel;
+
+use generators::{Case, GENERATORS, Generator, Size};
+use judge::{Judged, Naming, judge};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+use std::{fs, io};
+use stictiond_numerics::residual::Kind;
+
+struct Options {
+    generators: String,
+    seeds: std::ops::Range<u64>,
+    size: Size,
+    clean: usize,
+    effects: Vec<Kind>,
+    variant: Option<usize>,
+    threads: usize,
+    told: bool,
+    each: bool,
+    records: Option<PathBuf>,
+}
+
+fn main() -> ExitCode {
+    let options = match options(std::env::args().skip(1)) {
+        Ok(options) => options,
+        Err(why) => {
+            eprintln!("{why}");
+            return ExitCode::from(2);
+        }
+    };
+    println!("seeds {:?}, {:?}; Wilson 95 % intervals in brackets\n", options.seeds, options.size);
+    for generator in GENERATORS.iter().filter(|g| options.generators.contains(g.name)) {
+        if let Some(folder) = &options.records {
+            if let Err(why) = write_records(folder, generator, &options) {
+                eprintln!("{}: {why}", folder.display());
+                return ExitCode::FAILURE;
+            }
+            continue;
+        }
+        rates(generator, &options);
+    }
+    ExitCode::SUCCESS
+}
+
+/// Tags of the cases that have an effect.
+const TAGS: usize = 3;
+
+/// All cases of an effect.
+fn cases(generator: &Generator, kind: Kind, options: &Options) -> Vec<Case> {
+    let variants = (generator.variants)(Some(kind));
+    let wanted = |v: &usize| options.variant.is_none_or(|variant| *v == variant);
+    let of_seed = |seed| {
+        (0..variants).filter(wanted).map(move |variant| Case {
+            effect: Some(kind),
+            size: options.size,
+            variant,
+            seed,
+            tags: TAGS,
+        })
+    };
+    options.seeds.clone().flat_map(of_seed).collect()
+}
+
+/// Records with nothing hidden and up to 50 tags that have nothing to do with the loop.
+fn clean(generator: &Generator, options: &Options) -> Vec<Case> {
+    let variants = (generator.variants)(None);
+    let case = |i: usize| Case {
+        effect: None,
+        size: options.size,
+        variant: i % variants,
+        seed: options.seeds.start + (i / variants) as u64,
+        tags: [0, 5, 20, 50][(i + i / variants) % 4],
+    };
+    (0..options.clean).map(case).collect()
+}
+
+fn rates(generator: &Generator, options: &Options) {
+    let mut all = Vec::new();
+    println!("## Generator {}\n", generator.name);
+    println!(
+        "| true effect | first named right | of identifiable | none | abstained | wrong first | also invented |"
+    );
+    println!("|---|---|---|---|---|---|---|");
+    let mut spent = Vec::new();
+    for &kind in &options.effects {
+        let found = run(generator, options, &cases(generator, kind, options), &mut spent);
+        naming(kind.as_str(), &found, options.told);
+        show(&found, options.each);
+        all.extend(found);
+    }
+    naming("all", &all, options.told);
+    let quiet = run(generator, options, &clean(generator, options), &mut spent);
+    show(&quiet, options.each);
+    println!();
+    invented(&quiet);
+    reliability(&all, &quiet);
+    friction(&all, &quiet);
+    spent.sort_by(f64::total_cmp);
+    let at =
+        |share: f64| spent.get(((spent.len().max(1) - 1) as f64 * share) as usize).copied().unwrap_or(0.0);
+    println!("ms a record, wall: median {:.0}, 90 % {:.0}, worst {:.0}\n", at(0.5), at(0.9), at(1.0));
+}
+
+fn run(generator: &Generator, options: &Options, cases: &[Case], spent: &mut Vec<f64>) -> Vec<Judged> {
+    let found = parallel::on(options.threads, cases, |case| {
+        let begun = Instant::now();
+        let judged = judge(generator, case, options.told);
+        (judged, begun.elapsed().as_secs_f64() * 1e3)
+    });
+    spent.extend(found.iter().map(|found| found.1));
+    found.into_iter().map(|found| found.0).collect()
+}
+
+fn naming(label: &str, found: &[Judged], told: bool) {
+    let count = |naming: Naming| found.iter().filter(|j| j.naming() == naming).count();
+    let right = count(Naming::Right);
+    // What a fit that is told the effect does not find is not in the data; what was named right is.
+    let there = found.iter().filter(|j| j.naming() == Naming::Right || j.identifiable == Some(true)).count();
+    let wrong = found.iter().filter(|j| j.naming() == Naming::Wrong).filter_map(Judged::first);
+    let also = found.iter().flat_map(Judged::beside).map(Kind::as_str);
+    println!(
+        "| {label} | {right} of {}, {} | {} | {} | {} | {} | {} |",
+        found.len(),
+        wilson(right, found.len()),
+        if told { format!("{right} of {there}, {}", wilson(right, there)) } else { "-".into() },
+        count(Naming::None),
+        count(Naming::Abstained),
+        counted(wrong.map(Kind::as_str)),
+        counted(also)
+    );
+}
+
+fn show(found: &[Judged], each: bool) {
+    for j in found.iter().filter(|j| each && (j.naming() != Naming::Right || !j.beside().is_empty())) {
+        println!("  {}", j.line());
+    }
+}
+
+fn invented(quiet: &[Judged]) {
+    let wrong: Vec<&Judged> = quiet.iter().filter(|j| !j.beside().is_empty()).collect();
+    println!(
+        "Nothing hidden: an effect is invented on {} of {}, {}",
+        wrong.len(),
+        quiet.len(),
+        wilson(wrong.len(), quiet.len())
+    );
+    println!("  by kind: {}", counted(wrong.iter().flat_map(|j| j.beside()).map(Kind::as_str)));
+    let worse = quiet.iter().filter(|j| j.simulates_worse).count();
+    println!("  free run worse than the declared model's on {worse}\n");
+}
+
+/// Of the effects named with a posterior in each bin, how many are there.
+fn reliability(all: &[Judged], quiet: &[Judged]) {
+    println!("| posterior | named | right |");
+    println!("|---|---|---|");
+    let named: Vec<(f64, bool)> = all.iter().chain(quiet).flat_map(Judged::competing).collect();
+    for (low, high) in [(0.5, 0.7), (0.7, 0.9), (0.9, 0.99), (0.99, 1.01)] {
+        let own: Vec<bool> = named.iter().filter(|(p, _)| (low..high).contains(p)).map(|n| n.1).collect();
+        let right = own.iter().filter(|right| **right).count();
+        println!(
+            "| {low} to {:.2} | {} | {right}, {} |",
+            f64::min(high, 1.0),
+            own.len(),
+            wilson(right, own.len())
+        );
+    }
+    println!();
+}
+
+/// Verdicts, and how often the interval holds.
+fn friction(all: &[Judged], quiet: &[Judged]) {
+    println!("| | verdict of stiction: sticking valves | sound valves | f within 10 % | interval covers |");
+    println!("|---|---|---|---|---|");
+    for (label, found) in [("with an effect", all), ("nothing hidden", quiet)] {
+        let (sticky, sound): (Vec<&Judged>, Vec<&Judged>) = found.iter().partition(|j| j.f_true > 0.0);
+        let told: Vec<&&Judged> = sticky.iter().filter(|j| j.sticks).collect();
+        let near = told.iter().filter(|j| (j.f / j.f_true - 1.0).abs() < 0.1).count();
+        let covers = told.iter().filter(|j| (j.ci[0]..=j.ci[1]).contains(&j.f_true)).count();
+        let accused = sound.iter().filter(|j| j.sticks).count();
+        println!(
+            "| {label} | {} of {}, {} | {accused} of {}, {} | {near} of {} | {covers} of {}, {} |",
+            told.len(),
+            sticky.len(),
+            wilson(told.len(), sticky.len()),
+            sound.len(),
+            wilson(accused, sound.len()),
+            told.len(),
+            told.len(),
+            wilson(covers, told.len())
+        );
+    }
+    println!();
+}
+
+/// The cases as records, named for generator, effect, variant and seed.
+fn write_records(folder: &Path, generator: &Generator, options: &Options) -> io::Result<()> {
+    fs::create_dir_all(folder)?;
+    let effects = options.effects.iter().flat_map(|kind| cases(generator, *kind, options));
+    for case in effects.chain(clean(generator, options)) {
+        let (record, _) = (generator.record)(&case);
+        let kind = case.effect.map_or("clean", Kind::as_str);
+        let name = format!("{}.{kind}.{}.{}.csv", generator.name, case.variant, case.seed);
+        let mut out = String::from("t,op,pv,sp");
+        record.tags.iter().for_each(|(name, _)| out += &format!(",{name}"));
+        out.push('\n');
+        for (k, (op, pv)) in record.op.iter().zip(&record.pv).enumerate() {
+            out += &format!("{},{:.5},{:.5}", op.t, op.value, pv.value);
+            let sp = record.sp.iter();
+            for series in sp.chain(record.tags.iter().map(|(_, series)| series)) {
+                out += &series.get(k).map_or(String::from(","), |sample| format!(",{:.5}", sample.value));
+            }
+            out.push('\n');
+        }
+        fs::write(folder.join(name), out)?;
+    }
+    Ok(())
+}
+
+fn options(mut args: impl Iterator<Item = String>) -> Result<Options, String> {
+    let (mut seeds, mut first) = (10, 9000);
+    let mut o = Options {
+        generators: "ABC".into(),
+        seeds: 0..0,
+        size: Size::Medium,
+        clean: 300,
+        effects: Kind::ALL.to_vec(),
+        variant: None,
+        threads: std::thread::available_parallelism().map_or(1, usize::from),
+        told: false,
+        each: false,
+        records: None,
+    };
+    while let Some(name) = args.next() {
+        match name.as_str() {
+            "--each" => o.each = true,
+            "--told" => o.told = true,
+            _ => {
+                let value = args.next().ok_or(format!("{name} takes a value"))?;
+                let number = || value.parse::<u64>().map_err(|e| format!("{name} {value}: {e}"));
+                match name.as_str() {
+                    "--generators" => o.generators = value.clone(),
+                    "--seeds" => seeds = number()?,
+                    "--first-seed" => first = number()?,
+                    "--clean" => o.clean = number()? as usize,
+                    "--variant" => o.variant = Some(number()? as usize),
+                    "--threads" => o.threads = number()?.max(1) as usize,
+                    "--records" => o.records = Some(value.clone().into()),
+                    "--size" => {
+                        o.size = match value.as_str() {
+                            "small" => Size::Small,
+                            "medium" => Size::Medium,
+                            "large" => Size::Large,
+                            _ => return Err(format!("no size {value}")),
+                        }
+                    }
+                    "--effects" => {
+                        let kind = |s: &str| {
+                            Kind::ALL.into_iter().find(|k| k.as_str() == s).ok_or(format!("no effect {s}"))
+                        };
+                        let names = value.split(',').filter(|name| !name.is_empty());
+                        o.effects = names.map(kind).collect::<Result<_, _>>()?;
+                    }
+                    _ => return Err(format!("unknown option {name}")),
+                }
+            }
+        }
+    }
+    o.seeds = first..first + seeds;
+    Ok(o)
+}
+
+/// The Wilson 95 % interval of a share, in per cent.
+fn wilson(hits: usize, of: usize) -> String {
+    if of == 0 {
+        return "-".into();
+    }
+    let (n, p, z) = (of as f64, hits as f64 / of as f64, 1.96);
+    let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
+    let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+    format!("{:.1} % [{:.1}, {:.1}]", 100.0 * p, 100.0 * (centre - half).max(0.0), 100.0 * (centre + half))
+}
+
+fn counted<T: Ord + ToString>(items: impl Iterator<Item = T>) -> String {
+    let mut counts: BTreeMap<T, usize> = BTreeMap::new();
+    items.for_each(|item| *counts.entry(item).or_default() += 1);
+    let mut counts: Vec<(usize, String)> = counts.into_iter().map(|(k, n)| (n, k.to_string())).collect();
+    counts.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
+    counts.iter().map(|(n, k)| format!("{k} {n}")).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,212 @@
+//! OP and PV are stamped by clocks that disagree; skew [s], positive when PV's stamps are early, of clocks that part its mean.
+//!
+//! ```text
+//! controller  du[k] = sum_{i=0}^{2} g_i y[k-i] + sum_{i=1}^{2} h_i du[k-i] + sum_{i=0}^{2} r_i sp[k-i] + c + e,   du[k] = u[k] - u[k-1]
+//! process     y[k]  = the high-order ARX on u
+//! ```
+//!
+//! The process hides a skew in its delay, the controller does not: a PI or PID controller, its derivative filtered or not, is
+//! the first equation, and PV of other times does not fit it. PV is moved by every skew, and the likelihood of the controller
+//! is compared with that at honest stamps.
+//!
+//! Where a controller does more than its equation says (feed-forward, a cascade), PV of later samples explains OP's changes,
+//! too, since it answers to them. But then OP's changes explain PV no more. So, where the controller is not exact, both
+//! equations together have to be likelier: by the chain rule of probability their sum gains nothing by what moves from one to
+//! the other. Neither equation is the whole truth, so the gain is compared with its own standard error.
+//!
+//! Source: Vuong, Econometrica 1989, 57, 307.
+
+use super::equations::{Controller, Equations, HONEST, LONGEST, Shift, gain};
+use super::{Fact, TOLD, posterior};
+use crate::residual::Kind;
+use crate::residual::report::Described;
+use crate::sysid::criterion::{THRESHOLD, score};
+use crate::sysid::iddata::IdData;
+
+/// Standard errors by which two equations that are not exact have to be likelier: chance does that once in a thousand.
+const STANDARD_ERRORS: f64 = 3.0;
+
+/// Tells clocks that disagree, and puts PV's stamps right; `step`: the quantum of PV.
+pub fn assess(data: &mut IdData, step: f64) -> Option<Fact> {
+    let (shift, log_odds) = skew(data, step)?;
+    let posterior = posterior(log_odds);
+    if posterior < TOLD {
+        return None;
+    }
+    (data.y, data.weight) = shift.moved(&data.y, &data.weight);
+    Some(Fact { kind: Kind::ClockSkew, posterior, described: describe(data, shift) })
+}
+
+fn describe(data: &IdData, shift: Shift) -> Described {
+    let [first, last] = [shift.first, shift.last].map(|by| by * data.units.ts);
+    let told = |by: f64| format!("{:.3} s {}", by.abs(), if by > 0.0 { "early" } else { "late" });
+    let skew = |explanation| Described::new(explanation).with("skew_s", 0.5 * (first + last), "s");
+    if first == last {
+        return skew(format!("PV's stamps are {} against OP's: the controller says so", told(first)));
+    }
+    let (from, to) = (told(first), told(last));
+    let explanation = format!("PV's stamps drift against OP's, from {from} to {to}: the controller says so");
+    skew(explanation).with("growth_s", last - first, "s")
+}
+
+/// How PV has to be moved, where it may have to, and the log-odds for that.
+fn skew(data: &IdData, step: f64) -> Option<(Shift, f64)> {
+    let equations = Equations::new(data, step);
+    let rows = data.rows();
+    let n = rows.len() as f64;
+    let honest: Vec<Controller> =
+        HONEST.map(|by| equations.controller(Shift::constant(by), rows.clone())).collect();
+    let constant = equations.constant(rows.clone());
+    // One of so many numbers, or two ends that may lie anywhere.
+    let mut best = (&constant, 0.0, f64::from(2 * LONGEST + 1));
+    let worth =
+        |(of, rate, alternatives): (&Controller, f64, f64)| score(of.log_likelihood(), rate, alternatives, n);
+    let growing = equations.growing(rows);
+    if let Some(growing) = &growing {
+        let other = (growing, 2.0 * THRESHOLD, 1.0);
+        if worth(other) > worth(best) && gain(&growing.each, &constant.each).1 > STANDARD_ERRORS {
+            best = other;
+        }
+    }
+    let stamped = honest.iter().map(|honest| worth((honest, 0.0, 1.0))).fold(f64::NEG_INFINITY, f64::max);
+    let (log_odds, (best, rate, alternatives)) = (worth(best) - stamped, best);
+    if !best.shift.is_wrong() || log_odds < 0.0 {
+        return None;
+    }
+    if best.scale <= equations.exact {
+        return Some((best.shift, log_odds));
+    }
+    let both = |of: &Controller| -> Vec<f64> {
+        equations
+            .process(of.shift)
+            .iter()
+            .zip(&of.each)
+            .map(|(process, controller)| process + controller)
+            .collect()
+    };
+    let with = both(best);
+    let rivals = honest.iter().map(|honest| gain(&with, &both(honest)));
+    let (together, errors) = rivals.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    (errors > STANDARD_ERRORS).then(|| (best.shift, log_odds.min(score(together, rate, alternatives, n))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::Window;
+    use crate::sysid::valve::Start;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// What a controller does beside PI.
+    #[derive(Clone, Copy, Debug, Default)]
+    struct Extra {
+        /// Derivative time (samples), filtered over a fifth of it.
+        derivative: f64,
+        /// Standard deviation of what is added to OP: feed-forward, or the set point of a cascade that is not recorded.
+        forward: f64,
+        /// Steps in which OP is written.
+        step: f64,
+        /// Samples between two scans of the controller, less one.
+        idle: usize,
+    }
+
+    /// OP, PV and set point of a loop whose set point moves every 90 samples.
+    fn signals(extra: Extra) -> Window {
+        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(11));
+        let mut draw = || -> f64 { noise.next().unwrap_or(0.0) };
+        let (mut x, mut op, mut last, mut load, mut forward): (f64, f64, f64, f64, f64) =
+            (0.0, 0.0, 0.0, 0.0, 0.0);
+        let (mut slow, mut rate, mut seen) = (0.0, 0.0, 0.0);
+        let mut window = Window { ts: 1.0, sp: Some(Vec::new()), ..Window::default() };
+        for k in 0..1200 {
+            let target = [0.0, 2.0, -1.0, 1.5][k / 90 % 4];
+            let pv = x + 0.1 * draw();
+            if k % (extra.idle + 1) == 0 {
+                let error: f64 = target - pv;
+                op += 0.8 * (error - last + error / 8.0);
+                last = error;
+                slow += (pv - slow) / (1.0 + 0.2 * extra.derivative);
+                let next = if extra.derivative > 0.0 { 0.8 * 5.0 * (pv - slow) } else { 0.0 };
+                op -= next - rate;
+                rate = next;
+                forward = 0.95 * forward + 0.3 * extra.forward * draw();
+                seen = op + forward;
+                seen = if extra.step > 0.0 { (seen / extra.step).round() * extra.step } else { seen };
+            }
+            load = 0.95 * load + 0.05 * draw();
+            x = 0.85 * x + 0.15 * (seen + load);
+            window.op.push(seen);
+            window.pv.push(pv);
+            window.sp.iter_mut().for_each(|sp| sp.push(target));
+        }
+        window
+    }
+
+    fn data(mut window: Window, stamped: Shift, with_sp: bool) -> IdData {
+        let ones = vec![1.0; window.pv.len()];
+        let wrong = Shift { first: -stamped.first, last: -stamped.last };
+        window.pv = wrong.moved(&window.pv, &ones).0;
+        window.sp = window.sp.filter(|_| with_sp);
+        IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough")
+    }
+
+    fn told(window: Window, stamped: Shift, with_sp: bool) -> Option<Shift> {
+        skew(&data(window, stamped, with_sp), 0.0)
+            .filter(|found| posterior(found.1) > TOLD)
+            .map(|found| found.0)
+    }
+
+    #[test]
+    fn a_skew_is_found_to_the_sample_whether_the_set_point_is_recorded_or_not() {
+        for by in [-6, -3, 3, 6] {
+            let stamped = Shift::constant(by);
+            for with_sp in [true, false] {
+                assert_eq!(told(signals(Extra::default()), stamped, with_sp), Some(stamped), "{with_sp}");
+            }
+            let derivative = Extra { derivative: 4.0, ..Extra::default() };
+            assert_eq!(told(signals(derivative), stamped, true), Some(stamped), "with a derivative");
+            let coarse = Extra { step: 0.02, ..Extra::default() };
+            assert_eq!(told(signals(coarse), stamped, true), Some(stamped), "OP in steps");
+        }
+    }
+
+    #[test]
+    fn clocks_that_part_are_found_at_both_ends() {
+        for (first, last) in [(0.0, 4.0), (0.0, -4.0), (2.0, -2.0), (-1.0, -7.0)] {
+            let found = told(signals(Extra::default()), Shift { first, last }, true).expect("they part");
+            // Half of the noise between two samples is lost where PV is written between them.
+            let off = [found.first - first, found.last - last];
+            assert!(off.iter().all(|off| off.abs() < 0.75), "{found:?} for {first} to {last}");
+        }
+    }
+
+    #[test]
+    fn honest_stamps_are_never_wrong() {
+        let extras = [
+            Extra::default(),
+            Extra { derivative: 4.0, ..Extra::default() },
+            Extra { forward: 0.5, ..Extra::default() },
+            Extra { forward: 2.0, derivative: 4.0, ..Extra::default() },
+            Extra { step: 0.01, ..Extra::default() },
+            Extra { step: 0.5, ..Extra::default() },
+            Extra { idle: 2, ..Extra::default() },
+            Extra { idle: 4, forward: 0.5, ..Extra::default() },
+        ];
+        for extra in extras {
+            for (by, with_sp) in [(0, true), (0, false), (1, true)] {
+                assert_eq!(told(signals(extra), Shift::constant(by), with_sp), None, "{extra:?} {by}");
+            }
+        }
+    }
+
+    #[test]
+    fn stamps_are_put_right() {
+        let honest = data(signals(Extra::default()), Shift::constant(0), true);
+        let mut skewed = data(signals(Extra::default()), Shift::constant(3), true);
+        let fact = assess(&mut skewed, 0.0).expect("three samples");
+        assert_eq!(fact.described.parameters[0].value, 3.0);
+        assert!((100..1100).all(|k| (skewed.y[k] - honest.y[k]).abs() < 0.02));
+        assert_eq!((skewed.weight[2], skewed.weight[3]), (0.0, 1.0));
+    }
+}

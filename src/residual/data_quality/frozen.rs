@@ -1,0 +1,116 @@
+//! PV stands still while the process moves: those samples do not count, and are bridged by a straight line.
+//!
+//! Recognised by runs of one value that are apart from all others: of a fine PV all others are of a sample or two, a coarse PV and
+//! a sensor with hysteresis have runs of all lengths. From [s], samples (-).
+
+use super::quantised::{OF_PV, quantum};
+use super::{Fact, bridge};
+use crate::residual::Kind;
+use crate::residual::report::Described;
+use crate::sysid::iddata::IdData;
+use crate::sysid::stats::range;
+
+/// How many times longer than every other run frozen ones are: twofold happens among few.
+const APART: usize = 3;
+/// Shortest run that counts: a PV with two decimals repeats itself a few times by chance.
+const SHORTEST: usize = 8;
+/// Quanta that a coarse PV makes up for at least when it thaws: at rest it goes on by one, or two where it is noisy.
+const LEAP: f64 = 2.5;
+/// Share of OP's range by which OP moves at least, so that a PV could move: OP at rest or at its limit says nothing.
+const MOVES: f64 = 0.002;
+/// Largest share of the samples: a PV that stands still most of the time does so by habit, as a sensor with hysteresis.
+const MOST: f64 = 0.5;
+/// Samples after a run that do not count: its value, bridged or not, is still among the lags of the model that decides.
+const ECHO: usize = 4;
+
+/// Tells a PV that stands still, bridges it and takes its samples out.
+pub fn assess(data: &mut IdData) -> Option<Fact> {
+    let runs = frozen(&data.u, &data.y)?;
+    let fact = Fact { kind: Kind::FrozenPv, posterior: 1.0, described: describe(data, &runs) };
+    for (from, to) in runs {
+        bridge(&mut data.y, from, to);
+        let end = (to + ECHO).min(data.len());
+        data.weight[from..end].fill(0.0);
+    }
+    Some(fact)
+}
+
+fn describe(data: &IdData, runs: &[(usize, usize)]) -> Described {
+    let samples: usize = runs.iter().map(|run| run.1 - run.0).sum();
+    let since = data.time(runs[0].0 as f64);
+    Described::new(format!(
+        "PV stands still for {samples} samples, first from {since:.1} s on, while OP moves"
+    ))
+    .with("from_s", since, "s")
+    .with("duration_s", samples as f64 * data.units.ts, "s")
+    .with("runs", runs.len() as f64, "-")
+}
+
+/// First sample of each run in which PV is frozen and the first after it.
+fn frozen(u: &[f64], y: &[f64]) -> Option<Vec<(usize, usize)>> {
+    let mut runs = Vec::new();
+    let mut from = 0;
+    for k in 1..=y.len() {
+        if k == y.len() || y[k] != y[from] {
+            runs.push((from, k));
+            from = k;
+        }
+    }
+    let mut lengths: Vec<usize> = runs.iter().map(|run| run.1 - run.0).collect();
+    lengths.sort_unstable();
+    let gap = lengths.windows(2).find(|two| two[1] >= SHORTEST && two[1] >= APART * two[0])?;
+    let (low, high) = range(u);
+    let step = quantum(y).map_or(0.0, |quantum| if quantum.size < OF_PV { 0.0 } else { quantum.size });
+    let is_frozen = |&(from, to): &(usize, usize)| {
+        let (least, most) = range(&u[from..to]);
+        let leaps = y.get(to).map_or(step == 0.0, |after| (after - y[from]).abs() > LEAP * step);
+        to - from >= gap[1] && from > 0 && leaps && most - least > MOVES * (high - low)
+    };
+    runs.retain(is_frozen);
+    let samples: usize = runs.iter().map(|run| run.1 - run.0).sum();
+    (samples > 0 && (samples as f64) < MOST * y.len() as f64).then_some(runs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// OP, and PV that follows it with noise, rounded to `quantum`.
+    fn signals(quantum: f64) -> (Vec<f64>, Vec<f64>) {
+        let mut noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(4));
+        let u: Vec<f64> = (0..900).map(|k| (0.05 * f64::from(k)).sin()).collect();
+        let mut pv = || -> f64 { 0.05 * noise.next().unwrap_or(0.0) };
+        let y = u.iter().map(|u| u + pv()).map(|y| (y / quantum).round() * quantum);
+        (u.clone(), y.collect())
+    }
+
+    fn freeze(y: &mut [f64], from: usize, to: usize) {
+        let held = y[from - 1];
+        y[from..to].fill(held);
+    }
+
+    #[test]
+    fn runs_are_found_in_a_fine_and_in_a_coarse_pv() {
+        for quantum in [1e-9, 0.2] {
+            let (u, mut y) = signals(quantum);
+            assert_eq!(frozen(&u, &y), None, "{quantum}");
+            freeze(&mut y, 200, 290);
+            assert_eq!(frozen(&u, &y).map(|runs| runs.len()), Some(1), "{quantum}");
+        }
+        let (u, mut y) = signals(1e-9);
+        freeze(&mut y, 200, 220);
+        freeze(&mut y, 500, 512);
+        // The sample before is of the same value.
+        assert_eq!(frozen(&u, &y), Some(vec![(199, 220), (499, 512)]));
+    }
+
+    #[test]
+    fn a_pv_at_rest_is_not_frozen_while_op_rests_too() {
+        let (mut u, mut y) = signals(1e-9);
+        freeze(&mut y, 200, 240);
+        freeze(&mut u, 190, 250);
+        assert_eq!(frozen(&u, &y), None);
+    }
+}

@@ -1,0 +1,90 @@
+//! A load, or a sensor, that runs away at a constant rate: `gamma (k - t)` from time t on.
+//!
+//! Parameters: slope (OP unit/s), rate 1/2; where it does not begin with the record its time t (s), rate 1/2 as that of any
+//! kink. Alternatives: from the start or from a time.
+
+use super::load_step::near;
+use crate::residual::Kind;
+use crate::residual::effect::EffectModel;
+use crate::residual::hypotheses::{Proposal, Propose};
+use crate::residual::report::{Described, in_op, in_pv};
+use crate::residual::screening::Screen;
+use crate::sysid::armax::Armax;
+use crate::sysid::criterion::REGULAR;
+use crate::sysid::iddata::IdData;
+
+/// Times at which a ramp may begin that are tried.
+const TIMES: usize = 24;
+
+/// The ramps.
+pub struct Ramps;
+
+#[derive(Clone, Debug)]
+struct Ramp {
+    /// `None`: from the start.
+    from: Option<usize>,
+}
+
+impl Ramp {
+    /// The ramp; 1 samples of the whole record high.
+    fn shape(&self, data: &IdData) -> Vec<f64> {
+        let (from, n) = (self.from.unwrap_or(0), data.len());
+        (0..n).map(|k| k.saturating_sub(from) as f64 / n as f64).collect()
+    }
+}
+
+impl EffectModel for Ramp {
+    fn kind(&self) -> Kind {
+        Kind::Drift
+    }
+    fn boxed(&self) -> Box<dyn EffectModel> {
+        Box::new(self.clone())
+    }
+    fn rate(&self) -> f64 {
+        REGULAR + if self.from.is_some() { REGULAR } else { 0.0 }
+    }
+    fn alternatives(&self) -> f64 {
+        2.0
+    }
+    fn shapes(&self, data: &IdData, out: &mut Vec<Vec<f64>>) {
+        out.push(self.shape(data));
+    }
+    fn neighbours(&self, data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
+        let spread = (data.split - data.first) as f64 / (4.0 * TIMES as f64);
+        self.from
+            .into_iter()
+            .flat_map(|from| near(from, data, step * spread.max(1.0)))
+            .map(|from| Ramp { from: Some(from) }.boxed())
+            .collect()
+    }
+    fn describe(&self, data: &IdData, model: &Armax, gamma: &[f64]) -> Described {
+        let per_s = gamma.first().copied().unwrap_or(0.0) / (data.len() as f64 * data.units.ts);
+        let (in_op, in_pv) = (per_s * in_op(data, model), per_s * in_pv(data, model));
+        let from = data.time(self.from.unwrap_or(0) as f64);
+        let since = if self.from.is_some() { format!(" from {from:.1} s on") } else { String::new() };
+        Described::new(format!(
+            "the load or the sensor drifts{since}, by what {:.3} OP an hour would do",
+            in_op * 3600.0
+        ))
+        .with("from_s", from, "s")
+        .with("rate_op_per_s", in_op, "OP/s")
+        .with("rate_pv_per_s", in_pv, "PV/s")
+    }
+}
+
+impl Propose for Ramps {
+    fn kind(&self) -> Kind {
+        Kind::Drift
+    }
+    fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
+        let data = screen.data;
+        let rated = |ramp: Ramp| {
+            let gain = screen.long.alone(screen.rows(&ramp.shape(data))).0;
+            Proposal::new(ramp, gain)
+        };
+        let later = screen.times(((data.split - data.first) / TIMES).max(1));
+        let later = later.map(|from| rated(Ramp { from: Some(from) }));
+        let best = later.max_by(|a, b| a.gain.total_cmp(&b.gain));
+        [rated(Ramp { from: None })].into_iter().chain(best).collect()
+    }
+}

@@ -1,0 +1,161 @@
+//! A periodic load: `sum over h of s_h sin(h w k) + c_h cos(h w k)`.
+//!
+//! Parameters: angular frequency w (rad/sample), rate 3/2; two coefficients a harmonic, rate 1/2 each. Alternatives: sets
+//! of harmonics. Proposed at the lines of the spectra of the errors and of PV.
+
+use crate::residual::Kind;
+use crate::residual::effect::EffectModel;
+use crate::residual::hypotheses::{Proposal, Propose, best};
+use crate::residual::report::{Described, of_wave};
+use crate::residual::screening::Screen;
+use crate::sysid::armax::{Armax, Smooth};
+use crate::sysid::criterion::{FREQUENCY, REGULAR};
+use crate::sysid::iddata::IdData;
+use crate::sysid::spectrum;
+use std::f64::consts::{PI, TAU};
+
+/// Sets of harmonics: a sine, a load with even ones, a square or triangle.
+const HARMONICS: [&[usize]; 3] = [&[1], &[1, 2, 3], &[1, 3, 5, 7, 9]];
+/// Highest angular frequency of a harmonic (rad/sample).
+const HIGHEST: f64 = 0.9 * PI;
+/// Fewest periods in the fitted rows.
+const PERIODS: f64 = 3.0;
+/// Lines of the errors and of PV that are looked at.
+const LINES: [usize; 2] = [4, 3];
+/// Loads proposed.
+const LOADS: usize = 3;
+
+/// The periodic loads.
+pub struct Oscillating;
+
+#[derive(Clone, Debug)]
+struct Load {
+    w: f64,
+    harmonics: &'static [usize],
+}
+
+impl Load {
+    fn shapes(&self, n: usize) -> Vec<Vec<f64>> {
+        let wave = |h: &usize| wave(self.w * *h as f64, n);
+        self.harmonics.iter().flat_map(wave).collect()
+    }
+}
+
+/// `sin(w k)` and `cos(w k)`, turned on sample by sample and anew every 64.
+fn wave(w: f64, n: usize) -> [Vec<f64>; 2] {
+    let (mut sines, mut cosines) = (Vec::with_capacity(n), Vec::with_capacity(n));
+    let (by_s, by_c) = w.sin_cos();
+    let (mut s, mut c) = (0.0, 1.0);
+    for k in 0..n {
+        if k.is_multiple_of(64) {
+            (s, c) = (w * k as f64).sin_cos();
+        }
+        sines.push(s);
+        cosines.push(c);
+        (s, c) = (s * by_c + c * by_s, c * by_c - s * by_s);
+    }
+    [sines, cosines]
+}
+
+impl EffectModel for Load {
+    fn kind(&self) -> Kind {
+        Kind::OscillatingLoad
+    }
+    fn boxed(&self) -> Box<dyn EffectModel> {
+        Box::new(self.clone())
+    }
+    fn rate(&self) -> f64 {
+        FREQUENCY + 2.0 * REGULAR * self.harmonics.len() as f64
+    }
+    fn alternatives(&self) -> f64 {
+        HARMONICS.len() as f64
+    }
+    fn smooth(&self) -> Vec<Smooth> {
+        let highest = HIGHEST / self.harmonics.iter().copied().max().unwrap_or(1) as f64;
+        vec![Smooth { value: self.w, step: 1e-6, bounds: (1e-4, highest) }]
+    }
+    fn set_smooth(&mut self, theta: &[f64]) {
+        self.w = theta[0];
+    }
+    fn shapes(&self, data: &IdData, out: &mut Vec<Vec<f64>>) {
+        out.extend(self.shapes(data.len()));
+    }
+    fn describe(&self, data: &IdData, model: &Armax, gamma: &[f64]) -> Described {
+        let period = TAU / self.w * data.units.ts;
+        let own = gamma.iter().take(2).map(|g| g * g).sum::<f64>().sqrt();
+        let [pv, op] = of_wave(data, model, self.w).map(|worth| own * worth);
+        Described::new(format!(
+            "a load with a period of {period:.4} s drives PV, by {pv:.3} if nothing controlled it, whatever the valve does"
+        ))
+        .with("period_s", period, "s")
+        .with("amplitude", pv, "PV")
+        .with("amplitude_op", op, "OP")
+        .with("harmonics", self.harmonics.len() as f64, "-")
+    }
+}
+
+impl Propose for Oscillating {
+    fn kind(&self) -> Kind {
+        Kind::OscillatingLoad
+    }
+    fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
+        let data = screen.data;
+        let n = screen.long.errors.len();
+        let mut lines = peaks(&screen.long.errors, screen.most(LINES[0]));
+        lines.extend(peaks(&data.y[data.rows()], screen.most(LINES[1])));
+        let rate = |load: &Load| -> f64 {
+            let shapes = load.shapes(data.len());
+            let columns: Vec<Vec<f64>> = shapes.iter().map(|s| screen.rows(s)).collect();
+            screen.long.several(&columns).0
+        };
+        let cost = |load: &Load| load.rate() * (n as f64).ln();
+        let mut out = Vec::new();
+        for w in lines {
+            let mut load = Load { w, harmonics: HARMONICS[0] };
+            let (mut gain, mut step) = (rate(&load), 0.25 * TAU / n as f64);
+            for _ in 0..5 {
+                for w in [load.w - step, load.w + step] {
+                    let other = Load { w, ..load };
+                    let tried = rate(&other);
+                    if tried > gain {
+                        (load, gain) = (other, tried);
+                    }
+                }
+                step *= 0.5;
+            }
+            for harmonics in HARMONICS {
+                let load = Load { harmonics, ..load };
+                if load.w * harmonics[harmonics.len() - 1] as f64 <= HIGHEST {
+                    let gain = if harmonics.len() == 1 { gain } else { rate(&load) };
+                    // Ranked by what is left of the gain once the harmonics are paid for.
+                    let paid = gain - cost(&load);
+                    out.push(Proposal::new(load, paid));
+                }
+            }
+        }
+        let mut out = best(out, screen.most(LOADS));
+        let least = FREQUENCY + 2.0 * REGULAR;
+        out.iter_mut().for_each(|proposal| proposal.gain += least * (n as f64).ln());
+        out
+    }
+}
+
+/// The strongest lines (rad/sample) that fit often enough into the samples.
+fn peaks(v: &[f64], most: usize) -> Vec<f64> {
+    let n = v.len();
+    let size = (2 * n).next_power_of_two();
+    let mean = v.iter().sum::<f64>() / n.max(1) as f64;
+    let mut padded = vec![0.0; size];
+    for (k, (p, v)) in padded.iter_mut().zip(v).enumerate() {
+        // Hann: a strong line must not hide its neighbours.
+        *p = (v - mean) * (0.5 - 0.5 * (TAU * k as f64 / n as f64).cos());
+    }
+    let power = spectrum::power(&mut padded);
+    let low = (PERIODS * size as f64 / n as f64) as usize;
+    let mut found: Vec<usize> = (low.max(1)..(power.len() - 1) * 9 / 10)
+        .filter(|&i| power[i] >= power[i - 1] && power[i] > power[i + 1])
+        .collect();
+    found.sort_by(|&a, &b| power[b].total_cmp(&power[a]));
+    found.truncate(most);
+    found.into_iter().map(|i| TAU * i as f64 / size as f64).collect()
+}

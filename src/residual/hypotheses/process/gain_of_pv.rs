@@ -1,0 +1,70 @@
+//! The process gain depends on PV: the stem counts `1 + r (y - ym)` times.
+//!
+//! Parameter: r (1/PV unit), rate 1/2. Alternatives: in the process or in the valve's characteristic. The constant part of
+//! the stem times y is a part of A, so that only the product of both deviations is new.
+
+use crate::residual::Kind;
+use crate::residual::effect::EffectModel;
+use crate::residual::hypotheses::{Proposal, Propose};
+use crate::residual::report::Described;
+use crate::residual::screening::Screen;
+use crate::sysid::armax::{Armax, Smooth};
+use crate::sysid::criterion::REGULAR;
+use crate::sysid::iddata::IdData;
+
+/// Largest relative change of the gain over one standard deviation of PV (-).
+const MOST: f64 = 0.8;
+
+/// The gains that depend on PV.
+pub struct GainsOfPv;
+
+#[derive(Clone, Debug)]
+struct GainOfPv {
+    r: f64,
+}
+
+impl EffectModel for GainOfPv {
+    fn kind(&self) -> Kind {
+        Kind::StaticNonlinearity
+    }
+    fn boxed(&self) -> Box<dyn EffectModel> {
+        Box::new(self.clone())
+    }
+    fn rate(&self) -> f64 {
+        REGULAR
+    }
+    fn alternatives(&self) -> f64 {
+        2.0
+    }
+    fn smooth(&self) -> Vec<Smooth> {
+        vec![Smooth { value: self.r, step: 1e-4, bounds: (-MOST, MOST) }]
+    }
+    fn set_smooth(&mut self, theta: &[f64]) {
+        self.r = theta[0];
+    }
+    fn bends(&self) -> bool {
+        true
+    }
+    fn bend(&self, data: &IdData, k: usize, x: &mut [f64]) {
+        let gain = 1.0 + self.r * data.y[k];
+        x.iter_mut().for_each(|x| *x *= gain);
+    }
+    fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
+        let r = self.r / data.units.y;
+        let how = if r > 0.0 { "rises" } else { "falls" };
+        Described::new(format!("the process gain {how} by {:.2} % per PV unit as PV rises", 100.0 * r.abs()))
+            .with("gain_per_pv", r, "1/PV")
+            .at("process")
+    }
+}
+
+impl Propose for GainsOfPv {
+    fn kind(&self) -> Kind {
+        Kind::StaticNonlinearity
+    }
+    fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
+        let product: Vec<f64> = screen.signals.x.iter().zip(&screen.data.y).map(|(x, y)| x * y).collect();
+        let (gain, r) = screen.model.alone(screen.stem(&product));
+        vec![Proposal::new(GainOfPv { r: r.clamp(-0.5 * MOST, 0.5 * MOST) }, gain)]
+    }
+}

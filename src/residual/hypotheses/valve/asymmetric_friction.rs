@@ -1,0 +1,65 @@
+//! Friction that differs between opening and closing: turning down takes `S (1 + a)`, turning up `S (1 - a)`.
+//!
+//! Parameter: a (-), rate 1. Proposed by the search over all thresholds at some values of a.
+
+use crate::residual::Kind;
+use crate::residual::effect::EffectModel;
+use crate::residual::hypotheses::{Proposal, Propose};
+use crate::residual::report::Described;
+use crate::residual::screening::Screen;
+use crate::residual::valve_search::banded;
+use crate::sysid::armax::Armax;
+use crate::sysid::criterion::THRESHOLD;
+use crate::sysid::iddata::IdData;
+use crate::sysid::valve::ValveModel;
+
+/// Values of a that are tried.
+const VALUES: [f64; 6] = [-0.7, -0.45, -0.2, 0.2, 0.45, 0.7];
+
+/// The asymmetries.
+pub struct Asymmetries;
+
+#[derive(Clone, Debug)]
+struct Asymmetry {
+    a: f64,
+}
+
+impl EffectModel for Asymmetry {
+    fn kind(&self) -> Kind {
+        Kind::AsymmetricFriction
+    }
+    fn boxed(&self) -> Box<dyn EffectModel> {
+        Box::new(self.clone())
+    }
+    fn rate(&self) -> f64 {
+        THRESHOLD
+    }
+    fn on_valve(&self, valve: &mut ValveModel) {
+        valve.asymmetry += self.a;
+    }
+    fn neighbours(&self, _data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
+        let inside = |a: &f64| a.abs() < 0.95;
+        let sides = [self.a - 0.12 * step, self.a + 0.12 * step];
+        sides.into_iter().filter(inside).map(|a| Asymmetry { a }.boxed()).collect()
+    }
+    fn describe(&self, _data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
+        let ratio = (1.0 + self.a) / (1.0 - self.a);
+        Described::new(format!("closing takes {ratio:.2} times the friction of opening")).with(
+            "closing_to_opening",
+            ratio,
+            "-",
+        )
+    }
+}
+
+impl Propose for Asymmetries {
+    fn kind(&self) -> Kind {
+        Kind::AsymmetricFriction
+    }
+    fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
+        if screen.hypothesis().has(Kind::AsymmetricFriction) {
+            return Vec::new();
+        }
+        banded(screen, &VALUES, |valve, a| valve.asymmetry += a, |a| Box::new(Asymmetry { a }))
+    }
+}

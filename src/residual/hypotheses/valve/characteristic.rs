@@ -1,0 +1,74 @@
+//! A curved valve characteristic: `(exp(Q x) - 1) / Q`, an equal-percentage valve; Q towards 0 is linear.
+//!
+//! Parameter: Q (1/OP unit), rate 1/2. Alternatives: in the valve or in the process gain.
+
+use crate::residual::Kind;
+use crate::residual::effect::EffectModel;
+use crate::residual::hypotheses::{Proposal, Propose};
+use crate::residual::report::Described;
+use crate::residual::screening::Screen;
+use crate::sysid::armax::{Armax, Smooth};
+use crate::sysid::criterion::REGULAR;
+use crate::sysid::iddata::IdData;
+
+/// Largest curvature over one standard deviation of OP (-).
+const MOST: f64 = 1.2;
+/// Farthest stem, in standard deviations of OP, over which the curve goes on.
+const FARTHEST: f64 = 8.0;
+
+/// The characteristics.
+pub struct Characteristics;
+
+#[derive(Clone, Debug)]
+struct Curve {
+    q: f64,
+}
+
+impl EffectModel for Curve {
+    fn kind(&self) -> Kind {
+        Kind::StaticNonlinearity
+    }
+    fn boxed(&self) -> Box<dyn EffectModel> {
+        Box::new(self.clone())
+    }
+    fn rate(&self) -> f64 {
+        REGULAR
+    }
+    fn alternatives(&self) -> f64 {
+        2.0
+    }
+    fn smooth(&self) -> Vec<Smooth> {
+        vec![Smooth { value: self.q, step: 1e-3, bounds: (-MOST, MOST) }]
+    }
+    fn set_smooth(&mut self, theta: &[f64]) {
+        self.q = theta[0];
+    }
+    fn bends(&self) -> bool {
+        true
+    }
+    fn bend(&self, _data: &IdData, _k: usize, x: &mut [f64]) {
+        for x in x {
+            let q = self.q * x.clamp(-FARTHEST, FARTHEST);
+            // The series where the quotient loses its digits.
+            *x = if q.abs() < 1e-4 { *x * (1.0 + 0.5 * q) } else { q.exp_m1() / self.q };
+        }
+    }
+    fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
+        let q = self.q / data.units.u;
+        let how = if q > 0.0 { "rises" } else { "falls" };
+        Described::new(format!("the gain {how} by {:.1} % per OP unit as the valve opens", 100.0 * q.abs()))
+            .with("curvature_per_op", q, "1/OP")
+            .at("valve")
+    }
+}
+
+impl Propose for Characteristics {
+    fn kind(&self) -> Kind {
+        Kind::StaticNonlinearity
+    }
+    fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
+        let square: Vec<f64> = screen.signals.x.iter().map(|x| 0.5 * x * x).collect();
+        let (gain, q) = screen.model.alone(screen.stem(&square));
+        vec![Proposal::new(Curve { q: q.clamp(-0.5 * MOST, 0.5 * MOST) }, gain)]
+    }
+}

@@ -1,0 +1,114 @@
+//! The stem runs into a stop: `min(x, level)` or `max(x, level)`.
+//!
+//! Parameter: level (OP unit), rate 1/2 as that of any kink. Alternatives: above or below; the stem itself is held, so that
+//! it leaves the stop only when the force has turned, or what passes the valve is limited behind it.
+
+use crate::residual::Kind;
+use crate::residual::effect::EffectModel;
+use crate::residual::hypotheses::{Proposal, Propose};
+use crate::residual::report::Described;
+use crate::residual::screening::Screen;
+use crate::sysid::armax::{Armax, Smooth};
+use crate::sysid::criterion::REGULAR;
+use crate::sysid::iddata::IdData;
+use crate::sysid::stats::quantile;
+use crate::sysid::valve::ValveModel;
+
+/// Levels tried to each side: the stem is beyond them for these shares of the time.
+const SHARES: [f64; 8] = [0.01, 0.03, 0.06, 0.1, 0.16, 0.24, 0.34, 0.45];
+/// Levels proposed.
+const LEVELS: usize = 2;
+
+/// The stops.
+pub struct Saturations;
+
+#[derive(Clone, Debug)]
+struct Stop {
+    level: f64,
+    above: bool,
+    /// Whether the stem itself is held.
+    held: bool,
+    bounds: (f64, f64),
+}
+
+impl EffectModel for Stop {
+    fn kind(&self) -> Kind {
+        Kind::ValveSaturation
+    }
+    fn boxed(&self) -> Box<dyn EffectModel> {
+        Box::new(self.clone())
+    }
+    fn rate(&self) -> f64 {
+        REGULAR
+    }
+    fn alternatives(&self) -> f64 {
+        4.0
+    }
+    fn smooth(&self) -> Vec<Smooth> {
+        vec![Smooth { value: self.level, step: 1e-3, bounds: self.bounds }]
+    }
+    fn set_smooth(&mut self, theta: &[f64]) {
+        self.level = theta[0];
+    }
+    fn bends(&self) -> bool {
+        !self.held
+    }
+    fn on_valve(&self, valve: &mut ValveModel) {
+        if self.held {
+            let (low, high) = valve.stops.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+            valve.stops =
+                Some(if self.above { (low, high.min(self.level)) } else { (low.max(self.level), high) });
+        }
+    }
+    fn bend(&self, _data: &IdData, _k: usize, x: &mut [f64]) {
+        for x in x {
+            *x = if self.above { x.min(self.level) } else { x.max(self.level) };
+        }
+    }
+    fn neighbours(&self, _data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
+        let by = 0.1 * step;
+        [-by, by].map(|by| Stop { level: self.level + by, ..self.clone() }.boxed()).into()
+    }
+    fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
+        let level = self.level * data.units.u + data.units.u0;
+        let side = if self.above { "above" } else { "below" };
+        let name = if self.above { "high" } else { "low" };
+        Described::new(format!("the valve does not go {side} {level:.2} % however OP moves"))
+            .with(name, level, "OP")
+    }
+}
+
+impl Propose for Saturations {
+    fn kind(&self) -> Kind {
+        Kind::ValveSaturation
+    }
+    fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
+        if screen.hypothesis().has(Kind::ValveSaturation) {
+            return Vec::new();
+        }
+        let data = screen.data;
+        let stem = &screen.signals.x;
+        let own = &stem[data.rows()];
+        let bounds = (quantile(own, 0.002), quantile(own, 0.998));
+        let mut out = Vec::new();
+        for above in [false, true] {
+            for share in SHARES {
+                let level = quantile(own, if above { 1.0 - share } else { share });
+                let stop = Stop { level, above, held: false, bounds };
+                let mut x = stem.clone();
+                stop.bend(data, 0, &mut x);
+                // A part of the stem that does not arrive: its coefficient is -1 where all of it is lost.
+                let lost: Vec<f64> = x.iter().zip(stem).map(|(x, stem)| x - stem).collect();
+                let gain = screen.model.alone(screen.stem(&lost)).0;
+                out.push((stop, gain));
+            }
+        }
+        out.sort_by(|a: &(Stop, f64), b| b.1.total_cmp(&a.1));
+        out.truncate(screen.most(LEVELS));
+        if screen.hypothesis().valve.is_some() {
+            let held = out.iter().map(|(stop, gain)| (Stop { held: true, ..stop.clone() }, *gain));
+            out.extend(held.collect::<Vec<_>>());
+        }
+        out.into_iter().map(|(stop, gain)| Proposal::new(stop, gain)).collect()
+    }
+}

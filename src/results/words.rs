@@ -1,0 +1,218 @@
+//! What is found, as an operator would say it, and what to do about it: the dashboard, reports, alarms, mails, webhooks and
+//! messages say the same, because they all take it from here. `tests/words.txt` has every sentence; read them as a set.
+
+use super::{Summary, f_unit};
+
+mod effects;
+
+pub use effects::{EFFECTS, Effect, effect};
+
+/// How sure an effect is, by the least posterior that each word asks for; below the last it is [`POSSIBLY`].
+pub const SURE: [(f64, &str); 4] =
+    [(0.99, "almost certainly"), (0.9, "very likely"), (0.75, "probably"), (0.5, "more likely than not")];
+/// The word for what is less likely than that.
+pub const POSSIBLY: &str = "possibly";
+/// Least posterior for advice that costs money or a shutdown: below it is said what to look at first, which costs nothing.
+pub const COSTLY_FROM: f64 = 0.9;
+/// Least posterior of a kind that is told among those between which a record lies.
+const TOLD_FROM: f64 = 0.05;
+
+/// An effect in words, as sure as it is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Said {
+    /// What it is, in a line that does not say that it is there.
+    pub title: String,
+    /// What it means, in one sentence that says how sure it is.
+    pub meaning: String,
+    /// What to do.
+    pub advice: String,
+}
+
+/// How sure a posterior is, in a word or a few.
+pub fn sure(posterior: f64) -> &'static str {
+    SURE.iter().find(|(least, _)| posterior >= *least).map_or(POSSIBLY, |(_, word)| word)
+}
+
+impl Effect {
+    /// What is said of it; without a posterior it is not said how sure it is, and nothing that costs is advised.
+    pub fn said(&self, posterior: Option<f64>) -> Said {
+        let meaning = match posterior {
+            Some(posterior) => format!("{} {}.", capital(sure(posterior)), self.meaning),
+            None => format!("{}.", capital(self.meaning)),
+        };
+        let costly = self.costly.filter(|_| posterior.is_some_and(|posterior| posterior >= COSTLY_FROM));
+        let advice = [Some(self.look), costly].into_iter().flatten().collect::<Vec<_>>().join(" ");
+        Said { title: capital(self.name), meaning, advice }
+    }
+}
+
+/// Between which kinds a record lies: where neither `none` nor any other of them has more than half. In one clause.
+pub fn between(candidates: &[(&str, f64)]) -> Option<String> {
+    if candidates.is_empty() || candidates.iter().any(|(_, posterior)| *posterior > 0.5) {
+        return None;
+    }
+    let name = |kind: &str| match kind {
+        "none" => "no other effect".to_string(),
+        _ => effect(kind, None).map_or_else(|| kind.replace('_', " "), |own| own.name.to_string()),
+    };
+    let told = candidates.iter().filter(|(_, posterior)| *posterior >= TOLD_FROM);
+    let told: Vec<String> =
+        told.map(|(kind, posterior)| format!("{} ({})", name(kind), percent(*posterior))).collect();
+    match &told[..] {
+        [] => None,
+        [one] => Some(format!("the record may show {one}")),
+        [others @ .., last] => Some(format!("the record lies between {} and {last}", others.join(", "))),
+    }
+}
+
+/// A clause as a sentence.
+pub fn sentence(clause: &str) -> String {
+    format!("{}.", capital(clause))
+}
+
+/// What is said where the model with the effects, run freely, is worse than the one without.
+pub const SIMULATES_WORSE: &str =
+    "A simulation with these effects follows PV less closely than one without them: take them with care.";
+
+/// A verdict, or how a run failed, in numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict<'a> {
+    /// `stiction`, `no_stiction`, `not_identifiable`, `deadline_exceeded` or `panicked`.
+    pub outcome: &'a str,
+    /// Why nothing can be said, for machines.
+    pub reason_code: Option<&'a str>,
+    /// The verdict in one line, for those who know the method.
+    pub reason: &'a str,
+    /// Friction (`unit`).
+    pub f: Option<f64>,
+    /// The upper end of its interval (`unit`).
+    pub f_high: Option<f64>,
+    /// Unit along OP.
+    pub unit: &'a str,
+}
+
+impl Verdict<'_> {
+    /// In a sentence or two: what the valve does with a reversal of OP, which is what 2f means.
+    pub fn words(&self) -> String {
+        let band =
+            |f: Option<f64>| f.filter(|f| *f > 0.0).map(|f| format!("{} {}", shortest(2.0 * f), self.unit));
+        match self.outcome {
+            "stiction" => match band(self.f) {
+                Some(band) => format!("The valve sticks: it ignores the first {band} of each reversal."),
+                None => "The valve sticks.".to_string(),
+            },
+            "no_stiction" => {
+                let hidden = band(self.f_high).map(|band| {
+                    format!(" If the valve sticks at all, it ignores at most {band} of each reversal.")
+                });
+                "No sticking is shown.".to_string() + &hidden.unwrap_or_default()
+            }
+            "deadline_exceeded" => "The diagnosis did not end in time.".to_string(),
+            "panicked" => "The diagnosis failed. The daemon's log says why.".to_string(),
+            _ => {
+                let known = self.reason_code.and_then(not_identifiable);
+                let (why, check) = known.unwrap_or((self.reason, ""));
+                format!("Nothing can be said about the valve: {why}.{check}")
+            }
+        }
+    }
+}
+
+impl Summary {
+    /// The run in words, as the loop's page says it.
+    pub fn words(&self) -> String {
+        let verdict = Verdict {
+            outcome: &self.outcome,
+            reason_code: self.reason_code.as_deref(),
+            reason: &self.reason,
+            f: self.f,
+            f_high: self.f_ci95.map(|[_, high]| high),
+            unit: f_unit(self.f_in_percent),
+        };
+        verdict.words()
+    }
+}
+
+/// Why nothing can be said, and what to check.
+fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
+    Some(match code {
+        "too_short" => ("there is not enough data yet", ""),
+        "no_time_base" => ("the time stamps make no sense", ""),
+        "gaps" => ("too much of the data is missing or bad", ""),
+        "flat_op" => ("the controller does not move it", ""),
+        "flat_pv" => ("PV stands still", " Check the transmitter."),
+        "saturated" => ("OP is at its limit", " Check whether the valve is shut off or fully open."),
+        "manual" => ("the loop is not in automatic", ""),
+        "not_excited" => ("the controller hardly ever reverses it, so sticking cannot show", ""),
+        "no_response" => {
+            ("PV does not follow OP", " Check whether the valve moves, and whether it is this loop's.")
+        }
+        "out_of_scale" => ("the values are too large or too small to compute with", ""),
+        "deadline_exceeded" => ("the analysis took too long", ""),
+        _ => return None,
+    })
+}
+
+/// That friction has risen: by how much f, at least by how much (`unit`), in how many days.
+pub fn rising(rise: f64, least: f64, days: f64, unit: &str) -> String {
+    let (rise, least) = (shortest(2.0 * rise), shortest(2.0 * least.max(0.0)));
+    format!(
+        "Friction rises: the valve ignores {rise} {unit} more of each reversal than {days:.0} days ago, at least {least} {unit} more."
+    )
+}
+
+/// That the model leaves this share of PV's movement over (0..1).
+pub fn unexplained(share: f64) -> String {
+    format!("{:.0} % of PV's movement is not explained.", 100.0 * share)
+}
+
+/// What a test of the residual that failed has seen.
+pub fn failed_test(name: &str) -> String {
+    let said = match name {
+        "whiteness" => "it still depends on its own past",
+        "input" => "it still follows OP",
+        "tags" => "it follows another tag",
+        "line_spectrum" => "it swings at one period",
+        "change_point" => "its level changes",
+        "drift" => "its level drifts",
+        "direction" => "it depends on the stem's direction",
+        "travel" => "it depends on the stem's position",
+        "variance" => "its spread changes",
+        "tails" => "it has single wild values",
+        other => return other.replace('_', " "),
+    };
+    said.to_string()
+}
+
+/// A probability in whole per cent, and never as certainty.
+pub fn percent(probability: f64) -> String {
+    match probability {
+        p if p > 0.99 => "> 99 %".to_string(),
+        p if p < 0.01 => "< 1 %".to_string(),
+        p => format!("{:.0} %", 100.0 * p),
+    }
+}
+
+/// Three significant digits, at least the whole part.
+pub fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return "0".to_string();
+    }
+    let decimals = (2 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
+    format!("{value:.decimals$}")
+}
+
+/// [`short`] without zeros at the end.
+fn shortest(value: f64) -> String {
+    let text = short(value);
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_string() } else { text }
+}
+
+/// With its first letter large.
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests;

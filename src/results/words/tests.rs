@@ -1,0 +1,170 @@
+use super::*;
+use crate::diagnosis::NotIdentifiable;
+use crate::residual::{Kind, Test};
+use std::fmt::Write;
+
+fn verdict(outcome: &'static str, f: Option<f64>, f_high: Option<f64>) -> Verdict<'static> {
+    Verdict { outcome, reason_code: None, reason: "PV is missing", f, f_high, unit: "% OP" }
+}
+
+/// Why nothing can be said, all of it.
+fn reasons() -> [NotIdentifiable; 11] {
+    [
+        NotIdentifiable::NoTimeBase,
+        NotIdentifiable::FlatOp,
+        NotIdentifiable::FlatPv,
+        NotIdentifiable::NoResponse,
+        NotIdentifiable::OutOfScale,
+        NotIdentifiable::DeadlineExceeded,
+        NotIdentifiable::TooShort { n: 0, need: 1 },
+        NotIdentifiable::Gaps { share: 1.0 },
+        NotIdentifiable::Saturated { share: 1.0 },
+        NotIdentifiable::Manual { share_auto: 0.0 },
+        NotIdentifiable::NotExcited { reversals: 0 },
+    ]
+}
+
+/// Every sentence, one a line.
+fn all() -> String {
+    let mut out = "Verdicts\n".to_string();
+    let mut line = |text: &str| writeln!(out, "{text}").expect("a String takes it");
+    for (outcome, f, high) in [
+        ("stiction", Some(2.45), Some(2.55)),
+        ("stiction", None, None),
+        ("no_stiction", Some(0.0), Some(0.42)),
+        ("no_stiction", Some(0.0), Some(0.0)),
+        ("not_identifiable", None, None),
+        ("deadline_exceeded", None, None),
+        ("panicked", None, None),
+    ] {
+        line(&verdict(outcome, f, high).words());
+    }
+    for reason in reasons() {
+        let told = Verdict { reason_code: Some(reason.code()), ..verdict("not_identifiable", None, None) };
+        line(&told.words());
+    }
+    line("\nOther alarms");
+    line(&rising(0.6, 0.31, 12.4, "% OP"));
+    line(&unexplained(0.843));
+    line("\nEffects, when they are as good as sure");
+    for (kind, place, effect) in EFFECTS {
+        let Said { title, meaning, advice } = effect.said(Some(0.999));
+        line(&format!("{kind}{}", place.map_or(String::new(), |place| format!(" ({place})"))));
+        line(&format!("  {title}: {meaning}\n  {advice}"));
+    }
+    line("\nOne effect, by how sure it is");
+    let stop = effect("valve_saturation", None).expect("it has words");
+    for posterior in [0.99, 0.989, 0.9, 0.899, 0.75, 0.749, 0.5, 0.499] {
+        let Said { meaning, advice, .. } = stop.said(Some(posterior));
+        line(&format!("{posterior}: {meaning} {advice}"));
+    }
+    let Said { meaning, advice, .. } = stop.said(None);
+    line(&format!("not known: {meaning} {advice}"));
+    line("\nBetween which kinds a record lies");
+    for kind in Kind::ALL {
+        let said = between(&[(kind.as_str(), 0.48), ("none", 0.41)]).expect("none has more than half");
+        line(&sentence(&said));
+    }
+    line("\nThe rest");
+    line(SIMULATES_WORSE);
+    for test in [
+        Test::Whiteness,
+        Test::Input,
+        Test::Tags,
+        Test::Line,
+        Test::ChangePoint,
+        Test::Drift,
+        Test::Direction,
+    ] {
+        line(&format!("Still to be seen: {}", failed_test(test.as_str())));
+    }
+    for test in [Test::Travel, Test::Variance, Test::Tails] {
+        line(&format!("Still to be seen: {}", failed_test(test.as_str())));
+    }
+    out
+}
+
+#[test]
+fn every_sentence_is_the_one_that_was_read_over() {
+    let (said, file) = (all(), concat!(env!("CARGO_MANIFEST_DIR"), "/tests/words.txt"));
+    let read = std::fs::read_to_string(file).expect("it is there");
+    if said != read {
+        let to = std::env::temp_dir().join("words.txt");
+        std::fs::write(&to, &said).expect("a temporary file can be written");
+        let differs = said.lines().zip(read.lines()).find(|(said, read)| said != read);
+        panic!("read {} over, and put it in the place of tests/words.txt; {differs:?}", to.display());
+    }
+}
+
+#[test]
+fn everything_that_can_be_found_has_words() {
+    for kind in Kind::ALL {
+        assert!(effect(kind.as_str(), None).is_some(), "{kind}");
+    }
+    let [valve, process] =
+        ["valve", "process"].map(|place| effect(Kind::StaticNonlinearity.as_str(), Some(place)));
+    assert!(valve.is_some() && process.is_some() && valve != process);
+    for reason in reasons() {
+        assert!(not_identifiable(reason.code()).is_some(), "{}", reason.code());
+    }
+    assert_eq!((effect("new_kind", None), failed_test("new_test").as_str()), (None, "new test"));
+}
+
+#[test]
+fn advice_that_costs_is_given_only_where_the_effect_is_sure_enough() {
+    for (kind, place, effect) in EFFECTS {
+        let costly = effect.costly.unwrap_or("Have");
+        for posterior in [None, Some(0.0), Some(0.5), Some(COSTLY_FROM - 1e-9), Some(f64::NAN)] {
+            let advice = effect.said(posterior).advice;
+            assert!(!advice.contains(costly) && advice == effect.look, "{kind} {place:?}: {advice}");
+        }
+        let advice = effect.said(Some(COSTLY_FROM)).advice;
+        assert_eq!(effect.costly.is_some(), advice.contains(costly), "{kind} {place:?}: {advice}");
+        for word in ["sizing", "calibrat", "packing", "actuator checked", "shutdown", "Have "] {
+            assert!(!effect.look.contains(word), "{kind}: {word} costs money");
+        }
+    }
+}
+
+#[test]
+fn sentences_are_short_and_whole() {
+    for (kind, _, effect) in EFFECTS {
+        let Said { title, meaning, advice } = effect.said(Some(0.8));
+        for text in [&title, &meaning, &advice] {
+            assert!(text.starts_with(char::is_uppercase), "{kind}: {text}");
+            assert!(!text.contains("..") && !text.contains("  "), "{kind}: {text}");
+        }
+        assert!(meaning.split_whitespace().count() <= 22, "{kind}: {meaning}");
+        assert!(
+            meaning.matches(". ").count() == 0 && advice.ends_with('.'),
+            "{kind}: one sentence an effect"
+        );
+    }
+}
+
+#[test]
+fn a_record_lies_between_kinds_where_none_has_more_than_half() {
+    let said = |candidates: &[(&str, f64)]| between(candidates).unwrap_or_default();
+    let two = [("gain_change", 0.48), ("load_step", 0.41), ("drift", 0.04)];
+    assert_eq!(said(&two), "the record lies between a gain change (48 %) and a load step (41 %)");
+    let three = [("gain_change", 0.4), ("none", 0.35), ("load_step", 0.2)];
+    assert_eq!(
+        said(&three),
+        "the record lies between a gain change (40 %), no other effect (35 %) and a load step (20 %)"
+    );
+    assert_eq!(said(&[("new_kind", 0.5)]), "the record may show new kind (50 %)");
+    for none in
+        [&[][..], &[("none", 0.51), ("drift", 0.49)], &[("drift", 0.6), ("none", 0.4)], &[("drift", 0.01)]]
+    {
+        assert_eq!(said(none), "", "{none:?}");
+    }
+}
+
+#[test]
+fn numbers_are_short() {
+    let said = [2.4449, 0.049_96, 73.61, 1234.5, 0.0, f64::NAN].map(short);
+    assert_eq!(said, ["2.44", "0.0500", "73.6", "1234", "0", "0"]);
+    let said = [0.0, 0.01, 0.486, 0.99, 0.991, 1.0].map(percent);
+    assert_eq!(said, ["< 1 %", "1 %", "49 %", "99 %", "> 99 %", "> 99 %"]);
+    assert_eq!([4.9, 5.0, 0.84, 100.0, 0.0].map(shortest), ["4.9", "5", "0.84", "100", "0"]);
+}
