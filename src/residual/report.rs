@@ -119,12 +119,6 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     let Outcome { recorded, data, declared, best, facts, added, candidates, friction, slip_jump } = outcome;
     let (before, after) = (judge(&recorded, &declared, &data), judge(&data, &best, &data));
     let (stem, dir) = best.hypothesis.stem(&data);
-    let friction_before = diagnosis.estimate.as_ref().map_or_else(Friction::default, |e| Friction {
-        f: e.f,
-        f_ci95: e.f_ci95,
-        delta_aic: e.delta_aic,
-        ..Friction::default()
-    });
     let (friction_after, verdict, reason) = friction_found(&data, &best, friction, diagnosis, settings);
     let mut effects: Vec<Effect> = facts
         .into_iter()
@@ -155,7 +149,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         simulates_worse: after.residual.free_run_rmse > 1.0001 * before.residual.free_run_rmse,
         unexplained: !after.residual.white,
         failed: checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER),
-        friction_before,
+        friction_before: friction_before(diagnosis),
         friction_after,
         verdict,
         reason,
@@ -174,6 +168,16 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         after: after.residual,
         stem: None,
     }
+}
+
+/// Friction as the diagnosis has it.
+fn friction_before(diagnosis: &Diagnosis) -> Friction {
+    diagnosis.estimate.as_ref().map_or_else(Friction::default, |e| Friction {
+        f: e.f,
+        f_ci95: e.f_ci95,
+        delta_aic: e.delta_aic,
+        ..Friction::default()
+    })
 }
 
 fn named(
@@ -204,6 +208,10 @@ fn friction_found(
     diagnosis: &Diagnosis,
     settings: &Settings,
 ) -> (Friction, Verdict, String) {
+    // Without a valve that reverses often enough in this window nothing was asked of friction: the diagnosis stands.
+    if log_odds == f64::NEG_INFINITY {
+        return (friction_before(diagnosis), diagnosis.verdict.clone(), diagnosis.reason.clone());
+    }
     let unit = data.units.u;
     let evidence = 2.0 * log_odds;
     let f = best.hypothesis.valve.map_or(0.0, |valve| valve.f() * unit);

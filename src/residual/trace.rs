@@ -66,9 +66,13 @@ fn iddata(window: &Window) -> Option<IdData> {
 fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
     let recorded = iddata(window)?;
     let mut data = recorded.clone();
-    let (mut pool, facts) = prepare(&mut data, settings);
     let f = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f) / data.units.u;
     let valve = (f > 0.0).then(|| ValveModel::one_parameter(f));
+    let (mut pool, facts) = prepare(&mut data, settings);
+    // The window is too short for the friction that was found: hypotheses without it would compete with none.
+    if pool.is_empty() && diagnosis.verdict == Verdict::Stiction {
+        return None;
+    }
     let declared = decide(&recorded, Hypothesis { valve, effects: Vec::new() }, None);
     let mut outcome = select(&data, settings, &mut pool)?;
     outcome.recorded = recorded;

@@ -18,6 +18,9 @@ const SHORTEST: usize = 8;
 const LEAP: f64 = 2.5;
 /// Share of OP's range by which OP moves at least, so that a PV could move: OP at rest or at its limit says nothing.
 const MOVES: f64 = 0.002;
+/// Share of the median increment below which PV has come to rest by itself: without noise a process settles behind a valve
+/// that sticks, and stands still then; a sensor stops at full speed.
+const SETTLED: f64 = 0.01;
 /// Largest share of the samples: a PV that stands still most of the time does so by habit, as a sensor with hysteresis.
 const MOST: f64 = 0.5;
 /// Samples after a run that do not count: its value, bridged or not, is still among the lags of the model that decides.
@@ -61,10 +64,15 @@ fn frozen(u: &[f64], y: &[f64]) -> Option<Vec<(usize, usize)>> {
     let gap = lengths.windows(2).find(|two| two[1] >= SHORTEST && two[1] >= APART * two[0])?;
     let (low, high) = range(u);
     let step = quantum(y).map_or(0.0, |quantum| if quantum.size < OF_PV { 0.0 } else { quantum.size });
+    let mut increments: Vec<f64> =
+        y.windows(2).map(|two| (two[1] - two[0]).abs()).filter(|by| *by > 0.0).collect();
+    increments.sort_unstable_by(f64::total_cmp);
+    let settled = SETTLED * increments.get(increments.len() / 2)?;
     let is_frozen = |&(from, to): &(usize, usize)| {
         let (least, most) = range(&u[from..to]);
         let leaps = y.get(to).map_or(step == 0.0, |after| (after - y[from]).abs() > LEAP * step);
-        to - from >= gap[1] && from > 0 && leaps && most - least > MOVES * (high - low)
+        let halts = from > 0 && (y[from] - y[from - 1]).abs() > settled;
+        to - from >= gap[1] && halts && leaps && most - least > MOVES * (high - low)
     };
     runs.retain(is_frozen);
     let samples: usize = runs.iter().map(|run| run.1 - run.0).sum();
@@ -104,6 +112,18 @@ mod tests {
         freeze(&mut y, 500, 512);
         // The sample before is of the same value.
         assert_eq!(frozen(&u, &y), Some(vec![(199, 220), (499, 512)]));
+    }
+
+    #[test]
+    fn a_pv_that_settles_behind_a_valve_that_sticks_is_not_frozen() {
+        let (u, _) = signals(1e-9);
+        let mut pv = 0.0;
+        // The stem goes on by one now and then, the process follows at its own pace.
+        let y = (0..u.len()).map(|k| {
+            pv += 0.3 * ((k / 150) as f64 - pv);
+            pv
+        });
+        assert_eq!(frozen(&u, &y.collect::<Vec<_>>()), None);
     }
 
     #[test]
