@@ -11,6 +11,7 @@ use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
 use crate::sysid::armax::{Armax, Input, ORDER};
 use crate::sysid::iddata::IdData;
 use crate::sysid::simulate::simulate;
+use crate::sysid::student;
 use crate::sysid::valve::ValveModel;
 use crate::sysid::whiteness::is_white;
 
@@ -84,6 +85,8 @@ pub fn of_wave(data: &IdData, model: &Armax, w: f64) -> [f64; 2] {
 /// A model judged: over all samples its errors and its free run.
 struct Judged {
     residual: Residual,
+    /// Log-likelihood of the held-out samples.
+    log_likelihood: f64,
     e: Vec<f64>,
     free: Vec<f64>,
 }
@@ -107,8 +110,11 @@ fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
         one_step_rmse: rms(&|k| e[k]),
         free_run_rmse: rms(&|k| free[k] - data.y[k]),
     };
+    let weight = &counted.weight[held.clone()];
+    let model = &decided.model;
     Judged {
         residual,
+        log_likelihood: student::log_likelihood(&e[held], weight, model.scale, model.nu),
         e,
         free: simulate(&decided.model, data, &signals, &vec![0.0; data.len()], data.first, stretch),
     }
@@ -119,7 +125,9 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     let Outcome { recorded, data, declared, best, facts, added, candidates, friction, slip_jump } = outcome;
     let (before, after) = (judge(&recorded, &declared, &data), judge(&data, &best, &data));
     let (stem, dir) = best.hypothesis.stem(&data);
-    let (friction_after, verdict, reason) = friction_found(&data, &best, friction, diagnosis, settings);
+    let agrees = after.log_likelihood >= before.log_likelihood;
+    let (friction_after, verdict, reason) =
+        friction_found(&data, &best, (friction, agrees), diagnosis, settings);
     let mut effects: Vec<Effect> = facts
         .into_iter()
         .map(|fact| named(fact.kind, (fact.posterior, f64::NAN), None, fact.described))
@@ -201,10 +209,13 @@ fn slip(s: f64, j: f64) -> Described {
 }
 
 /// Friction beside the effects, and what it means: stiction where f is above its threshold with enough evidence.
+///
+/// `agrees`: whether the samples that no fit has seen are as likely as before at least. The verdict of the diagnosis changes
+/// only where they are.
 fn friction_found(
     data: &IdData,
     best: &Decided,
-    log_odds: f64,
+    (log_odds, agrees): (f64, bool),
     diagnosis: &Diagnosis,
     settings: &Settings,
 ) -> (Friction, Verdict, String) {
@@ -222,6 +233,13 @@ fn friction_found(
         Verdict::NotIdentifiable(why) => Verdict::NotIdentifiable(why.clone()),
         _ => Verdict::NoStiction,
     };
+    if verdict != diagnosis.verdict && !agrees {
+        let reason = format!(
+            "{}; with the effects it would be another verdict, but samples that no fit has seen are predicted worse then",
+            diagnosis.reason
+        );
+        return (friction_before(diagnosis), diagnosis.verdict.clone(), reason);
+    }
     let hidden = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f_ci95[1]).max(within[1]);
     let friction = Friction {
         f: if sticks { f } else { 0.0 },
