@@ -12,6 +12,7 @@
 
 use super::decide::arx;
 use super::hypothesis::Hypothesis;
+use super::valve_search::hidden;
 use crate::sysid::iddata::IdData;
 use crate::sysid::stats::median;
 use crate::sysid::valve::ValveModel;
@@ -24,9 +25,9 @@ const STEPS: [f64; 14] =
 /// Steps beyond the last value inside after which the search to one side ends.
 const BEYOND: usize = 4;
 
-/// The 95 % interval of f beside the effects (normalised OP).
+/// The 95 % interval of f beside the effects (normalised OP); without friction from 0 to what could be hidden.
 pub fn interval(data: &IdData, hypothesis: &Hypothesis) -> [f64; 2] {
-    let Some(valve) = hypothesis.valve else { return [0.0, 0.0] };
+    let Some(valve) = hypothesis.valve else { return [0.0, hidden(data, hypothesis, THRESHOLD_95)] };
     let best = arx(data, hypothesis, None);
     let mut most = best.log_likelihood;
     // J keeps its size or its share of S, whichever is likelier.

@@ -240,7 +240,7 @@ fn friction_found(
         );
         return (friction_before(diagnosis), diagnosis.verdict.clone(), reason);
     }
-    let hidden = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f_ci95[1]).max(within[1]);
+    let hidden = within[1];
     let friction = Friction {
         f: if sticks { f } else { 0.0 },
         f_ci95: if sticks { within } else { [0.0, hidden] },

@@ -21,6 +21,8 @@ pub struct Judged {
     pub identifiable: Option<bool>,
     /// Whether the verdict with the effects is stiction.
     pub sticks: bool,
+    /// Whether it is none.
+    pub denied: bool,
     /// True f, and that with the effects with its interval (% OP).
     pub f_true: f64,
     pub f: f64,
@@ -125,6 +127,7 @@ pub fn judge(generator: &Generator, case: &Case, told: bool) -> Judged {
         also: truth.also,
         identifiable: None,
         sticks: *after == Verdict::Stiction,
+        denied: *after == Verdict::NoStiction,
         f_true: truth.f,
         f: friction.f,
         ci: friction.f_ci95,

@@ -187,16 +187,20 @@ fn reliability(all: &[Judged], quiet: &[Judged]) {
 
 /// Verdicts, and how often the interval holds.
 fn friction(all: &[Judged], quiet: &[Judged]) {
-    println!("| | verdict of stiction: sticking valves | sound valves | f within 10 % | interval covers |");
-    println!("|---|---|---|---|---|");
+    println!(
+        "| | verdict of stiction: sticking valves | sound valves | f within 10 % | interval covers | sticking, told none | of these the bound excludes f |"
+    );
+    println!("|---|---|---|---|---|---|---|");
     for (label, found) in [("with an effect", all), ("nothing hidden", quiet)] {
         let (sticky, sound): (Vec<&Judged>, Vec<&Judged>) = found.iter().partition(|j| j.f_true > 0.0);
         let told: Vec<&&Judged> = sticky.iter().filter(|j| j.sticks).collect();
         let near = told.iter().filter(|j| (j.f / j.f_true - 1.0).abs() < 0.1).count();
         let covers = told.iter().filter(|j| (j.ci[0]..=j.ci[1]).contains(&j.f_true)).count();
         let accused = sound.iter().filter(|j| j.sticks).count();
+        let denied: Vec<&&Judged> = sticky.iter().filter(|j| j.denied).collect();
+        let excluded = denied.iter().filter(|j| j.f_true > j.ci[1]).count();
         println!(
-            "| {label} | {} of {}, {} | {accused} of {}, {} | {near} of {} | {covers} of {}, {} |",
+            "| {label} | {} of {}, {} | {accused} of {}, {} | {near} of {} | {covers} of {}, {} | {} | {excluded}, {} |",
             told.len(),
             sticky.len(),
             wilson(told.len(), sticky.len()),
@@ -204,7 +208,9 @@ fn friction(all: &[Judged], quiet: &[Judged]) {
             wilson(accused, sound.len()),
             told.len(),
             told.len(),
-            wilson(covers, told.len())
+            wilson(covers, told.len()),
+            denied.len(),
+            wilson(excluded, denied.len())
         );
     }
     println!();
