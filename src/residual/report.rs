@@ -1,6 +1,6 @@
 //! What was found, in the plant's units.
 
-use super::decide::Decided;
+use super::decide::{Decided, decide};
 use super::findings::{Curves, Effect, Findings, Friction, Kind, Parameter};
 use super::hypothesis::OnData;
 use super::interval::interval;
@@ -17,6 +17,8 @@ use crate::sysid::whiteness::is_white;
 
 /// J is another than S where they differ by more than this share of S: no model of a valve holds closer.
 const APART: f64 = 0.1;
+/// Standard deviations by which held-out samples speak against effects that are not told then: one in twenty by chance.
+const MISLEADS: f64 = 1.64;
 /// Free runs, one after the other, over the held-out samples.
 const STRETCHES: usize = 4;
 
@@ -85,8 +87,8 @@ pub fn of_wave(data: &IdData, model: &Armax, w: f64) -> [f64; 2] {
 /// A model judged: over all samples its errors and its free run.
 struct Judged {
     residual: Residual,
-    /// Log-likelihood of the held-out samples.
-    log_likelihood: f64,
+    /// Log-likelihood of each held-out sample.
+    log_likelihoods: Vec<f64>,
     e: Vec<f64>,
     free: Vec<f64>,
 }
@@ -110,24 +112,44 @@ fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
         one_step_rmse: rms(&|k| e[k]),
         free_run_rmse: rms(&|k| free[k] - data.y[k]),
     };
-    let weight = &counted.weight[held.clone()];
     let model = &decided.model;
+    let each = |k: usize| student::log_likelihood(&e[k..=k], &counted.weight[k..=k], model.scale, model.nu);
+    let log_likelihoods = held.map(each).collect();
     Judged {
         residual,
-        log_likelihood: student::log_likelihood(&e[held], weight, model.scale, model.nu),
+        log_likelihoods,
         e,
         free: simulate(&decided.model, data, &signals, &vec![0.0; data.len()], data.first, stretch),
     }
 }
 
+/// What the held-out samples gain from the second model in log-likelihood, in standard deviations.
+fn gained(before: &Judged, after: &Judged) -> f64 {
+    let pairs = before.log_likelihoods.iter().zip(&after.log_likelihoods);
+    let by: Vec<f64> = pairs.map(|(before, after)| after - before).collect();
+    by.iter().sum::<f64>() / (by.iter().map(|by| by * by).sum::<f64>().sqrt().max(f64::MIN_POSITIVE))
+}
+
 /// Puts what was found into the plant's units; the held-out samples are read here, once.
 pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> Findings {
-    let Outcome { recorded, data, declared, best, facts, added, candidates, friction, slip_jump } = outcome;
-    let (before, after) = (judge(&recorded, &declared, &data), judge(&data, &best, &data));
-    let (stem, dir) = best.hypothesis.stem(&data);
-    let agrees = after.log_likelihood >= before.log_likelihood;
+    let Outcome { recorded, data, declared, mut best, sound, facts, added, candidates, friction, slip_jump } =
+        outcome;
+    let (before, mut after) = (judge(&recorded, &declared, &data), judge(&data, &best, &data));
+    let unseen = gained(&before, &after);
+    let agrees = unseen >= 0.0;
+    // Effects that mislead on samples that no fit has seen are not told.
+    if unseen < -MISLEADS && !best.hypothesis.effects.is_empty() {
+        best = decide(&data, declared.hypothesis.clone(), None);
+        after = judge(&data, &best, &data);
+    }
     let (friction_after, verdict, reason) =
         friction_found(&data, &best, (friction, agrees), diagnosis, settings);
+    // Friction that is not believed is no part of the model that is published.
+    if let Some(sound) = sound.filter(|_| verdict != Verdict::Stiction && best.hypothesis.valve.is_some()) {
+        after = judge(&data, &sound, &data);
+        best = sound;
+    }
+    let (stem, dir) = best.hypothesis.stem(&data);
     let mut effects: Vec<Effect> = facts
         .into_iter()
         .map(|fact| named(fact.kind, (fact.posterior, f64::NAN), None, fact.described))
