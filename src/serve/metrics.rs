@@ -2,6 +2,7 @@
 
 use super::{Context, DeviceState, Plant};
 use crate::alarm::State;
+use crate::quiet;
 use crate::results::{Known, f_unit};
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
@@ -175,6 +176,8 @@ fn runs(registry: &mut Registry, context: &Context) {
     count(&skipped, &[("reason", "late")], counters.skipped_late as f64);
     gauge(registry, "runs_running", "Diagnoses that run now", counters.running as f64);
     gauge(registry, "runs_queued", "Diagnoses that wait for a slot now", counters.queued as f64);
+    let left_out = quiet::left_out() as f64;
+    counter(registry, "log_lines_left_out", "Lines of libraries that were too many for the log", left_out);
     counter(registry, "runs_busy_seconds", "Time spent in diagnoses, on the wall clock", counters.busy_s);
 }
 
