@@ -129,7 +129,7 @@ fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
         let unit = f_unit(summary.f_in_percent);
         set(&verdict, &[("loop", id), ("verdict", &summary.outcome)], 1.0);
         set(&valid, &[("loop", id)], f64::from(u8::from(summary.f.is_some())));
-        set(&age, &[("loop", id)], now - summary.time);
+        set(&age, &[("loop", id)], (now - summary.time).max(0.0));
         if let Some(value) = summary.f {
             set(&f, &[("loop", id), ("f_unit", unit)], value);
         }
@@ -191,7 +191,7 @@ fn devices(registry: &mut Registry, devices: &[DeviceState], now: f64) {
         let name = device.name.as_str();
         set(&connected, &[("device", name)], f64::from(u8::from(device.connected)));
         if let Some(t) = device.last_good {
-            set(&age, &[("device", name)], now - t);
+            set(&age, &[("device", name)], (now - t).max(0.0));
         }
         for &(event, value) in &device.counters {
             count(&events, &[("device", name), ("event", event)], value as f64);
@@ -223,7 +223,12 @@ fn store(registry: &mut Registry, context: &Context, now: f64) {
     let working = f64::from(u8::from(state.failing.is_none()));
     gauge(registry, "store_working", "1 while what is new is made durable, 0 while the store fails", working);
     if let Some(at) = state.written_at {
-        gauge(registry, "store_written_age_seconds", "Time since something was last made durable", now - at);
+        gauge(
+            registry,
+            "store_written_age_seconds",
+            "Time since something was last made durable",
+            (now - at).max(0.0),
+        );
     }
     if let Some((there, waiting)) = state.database {
         let there = f64::from(u8::from(there));

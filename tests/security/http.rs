@@ -31,6 +31,23 @@ async fn a_path_that_climbs_out_finds_nothing() {
     }
 }
 
+/// A client that closes its half after asking still waits for the answer, however long that takes.
+#[tokio::test]
+async fn who_has_asked_and_closed_their_half_is_answered() {
+    let daemon = daemon("half-closed").await;
+    let token = daemon.token(Role::Viewer);
+    for path in ["/healthz", "/api/v1/report.html", "/api/v1/loops", "/metrics"] {
+        for n in 0..15 {
+            let mut stream = TcpStream::connect(daemon.address).await.expect("connected");
+            let text = request(daemon.address, &format!("GET {path}"), &[&token], "");
+            stream.write_all(text.as_bytes()).await.expect("sent");
+            stream.shutdown().await.expect("its half");
+            let answer = parse(&exchange(stream, b"").await);
+            assert_eq!(answer.status, 200, "{path}, trial {n}");
+        }
+    }
+}
+
 /// Two requests in one for a proxy that reads the length otherwise than the daemon: the second is never answered.
 #[tokio::test]
 async fn a_request_hidden_in_another_is_not_answered() {

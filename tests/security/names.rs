@@ -2,7 +2,8 @@
 //! the browser sees it.
 
 use super::client::{Answer, parse, raw};
-use super::rig::{daemon_with, folder, parsed, text};
+use super::rig::{daemon_with, folder, text};
+use stictiond::config;
 use stictiond::serve::RULES;
 
 /// One request with exactly these lines; without TLS.
@@ -71,11 +72,12 @@ async fn under_its_own_names_it_answers() {
 
 #[test]
 fn a_name_that_is_none_is_refused_in_the_file() {
+    let folder = folder("hosts");
     for (hosts, wrong) in
         [("'a b'", true), ("'http://x'", true), ("''", true), ("'*'", true), ("'x.example:80'", false)]
     {
-        let config = parsed(&text(&folder("hosts"), &format!("hosts = [{hosts}]")));
-        let faults = config.server.validate();
-        assert_eq!(faults.iter().any(|(field, _)| *field == "hosts"), wrong, "{hosts}: {faults:?}");
+        let read = config::parse("f", &text(&folder, &format!("hosts = [{hosts}]")));
+        let told = read.err().map(|errors| errors[0].to_string()).unwrap_or_default();
+        assert_eq!(told.contains("hosts: "), wrong, "{hosts}: {told}");
     }
 }

@@ -81,7 +81,8 @@ async fn a_stream_ends_when_token_or_session_run_out() {
         book.create_token("short", Roles::of(&[Role::Viewer]), (now(), ends), bytes(60))
     });
     let line = format!("authorization: Bearer {}", made.text);
-    super::rig::until(200, || daemon.ask("GET /api/v1/loops", &[&line], "")).await;
+    let (asked, shown) = ("GET /api/v1/loops", [line.as_str()]);
+    super::rig::until(200, || daemon.ask(asked, &shown, "")).await;
     let by_token = opened(&daemon, STREAMS[0], &line).await;
     outlasts(by_token).await;
     assert!((ends..ends + PROMISED.as_secs_f64()).contains(&now()), "{} s after its end", now() - ends);

@@ -28,6 +28,11 @@ pub fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value + 0.0)
 }
 
+/// How old something is at `now` (s); 0 for what a clock that was set back has put into the future.
+pub fn age(now: f64, at: f64) -> Option<f64> {
+    finite((now - at).max(0.0)).filter(|_| at.is_finite())
+}
+
 /// Seconds since the Unix epoch as RFC 3339 in UTC, to the microsecond; `None` for what no calendar holds.
 pub fn rfc3339(t: f64) -> Option<String> {
     if !t.is_finite() || t.abs() > 4e11 {

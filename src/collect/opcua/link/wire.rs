@@ -4,7 +4,8 @@
 use crate::bounded::{Bounded, OPCUA};
 use opcua::client::ConnectionSource;
 use opcua::client::transport::{
-    Connector, RequestRecv, SecureChannelState, StreamConnection, StreamConnector, StreamTransport, TransportConfiguration,
+    Connector, RequestRecv, SecureChannelState, StreamConnection, StreamConnector, StreamTransport,
+    TransportConfiguration,
 };
 use opcua::core::comms::tcp_codec::TcpCodec;
 use opcua::core::comms::url::{hostname_port_from_url, is_opc_ua_binary_url};
