@@ -106,11 +106,17 @@ impl Drop for Daemon {
 /// Most memory while three connections to such a peer ended.
 fn taken(name: &str, config: &str, what: Flood) -> u64 {
     let peer = peer(what);
-    let text = format!("[server]\nlisten = '127.0.0.1:0'\n{}", config.replace("PORT", &peer.port.to_string()));
+    let text =
+        format!("[server]\nlisten = '127.0.0.1:0'\n{}", config.replace("PORT", &peer.port.to_string()));
     let daemon = Daemon::start(&format!("{name}-{}", what.name.replace(' ', "-")), &text);
     let began = Instant::now();
     while peer.ended.load(SeqCst) < 3 {
-        assert!(began.elapsed() < PATIENCE, "{name}, {}: {} bytes were taken", what.name, peer.sent.load(SeqCst));
+        assert!(
+            began.elapsed() < PATIENCE,
+            "{name}, {}: {} bytes were taken",
+            what.name,
+            peer.sent.load(SeqCst)
+        );
         thread::sleep(Duration::from_millis(20));
     }
     daemon.most()
@@ -126,7 +132,11 @@ fn holds(name: &str, config: &str, own: &[Flood]) {
 }
 
 fn control_loop(of_tag: impl Fn(usize) -> String) -> String {
-    format!("[[loop]]\nid = 'A'\n[loop.op]\ndevice = 'd'\n{}[loop.pv]\ndevice = 'd'\n{}", of_tag(0), of_tag(2))
+    format!(
+        "[[loop]]\nid = 'A'\n[loop.op]\ndevice = 'd'\n{}[loop.pv]\ndevice = 'd'\n{}",
+        of_tag(0),
+        of_tag(2)
+    )
 }
 
 fn modbus(framing: &str) -> String {
@@ -139,7 +149,11 @@ fn modbus(framing: &str) -> String {
 
 #[test]
 fn modbus_over_tcp() {
-    holds("modbus tcp", &modbus("tcp"), &[flood("heads of the longest", b"", &[0, 1, 0, 0, 0xff, 0xff, 1, 4])]);
+    holds(
+        "modbus tcp",
+        &modbus("tcp"),
+        &[flood("heads of the longest", b"", &[0, 1, 0, 0, 0xff, 0xff, 1, 4])],
+    );
 }
 
 #[test]

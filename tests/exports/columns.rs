@@ -99,7 +99,8 @@ fn a_file_that_unpacks_to_far_more_than_it_is_costs_nothing() {
     let stamps = Values::Doubles((0..n).map(f64::from).collect());
     let long = "x".repeat(100_000);
     let texts = Values::Texts((0..n).map(|at| format!("{at}{long}")).collect());
-    let schema = "required double t; required double op; required double pv; required binary remark (STRING);";
+    let schema =
+        "required double t; required double op; required double pv; required binary remark (STRING);";
     let path = file("text-bomb", zstd, schema, &[stamps, numbers(0.1), numbers(0.2), texts]);
     let size = std::fs::metadata(&path).expect("written").len();
     assert!(size < 1_000_000, "it packs 120 MB into {size} bytes");

@@ -77,8 +77,10 @@ async fn web_servers_without_end_are_given_up() {
         ("preliminary answers without end", "", "HTTP/1.1 103 Early Hints\r\nx: y\r\n\r\n"),
     ] {
         let (port, told) = endless(first, then);
-        let secret = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("endless-{}", std::process::id()));
-        std::fs::write(&secret, "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSwMfKQ9r8GKYqrTwjU\n").expect("writable");
+        let secret =
+            std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("endless-{}", std::process::id()));
+        std::fs::write(&secret, "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSwMfKQ9r8GKYqrTwjU\n")
+            .expect("writable");
         let text = format!(
             "[[notify.webhook]]\nname = 'w'\nurl = 'http://127.0.0.1:{port}/'\nsecret_file = '{}'\ntimeout_s = 3.0\n{}",
             secret.display(),

@@ -54,6 +54,12 @@ mod tests {
     use super::*;
 
     #[test]
+    fn nothing_is_younger_than_now() {
+        assert_eq!((age(10.0, 4.0), age(10.0, 10.0), age(10.0, 3610.0)), (Some(6.0), Some(0.0), Some(0.0)));
+        assert_eq!((age(10.0, f64::NAN), age(f64::INFINITY, 0.0)), (None, None));
+    }
+
+    #[test]
     fn times_are_written_in_utc_and_read_back() {
         assert_eq!(rfc3339(0.0).as_deref(), Some("1970-01-01T00:00:00Z"));
         assert_eq!(rfc3339(1_700_000_000.25).as_deref(), Some("2023-11-14T22:13:20.25Z"));

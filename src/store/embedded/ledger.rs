@@ -78,6 +78,8 @@ struct Log {
     frames: u32,
     /// Pages in these.
     pages: HashSet<u32>,
+    /// Pages of the database after the last of them.
+    size: u32,
 }
 
 /// The log's two running sums, as SQLite makes them.
@@ -139,7 +141,7 @@ impl Log {
             since.push(big(&frame, 0));
             // A frame that ends a commit says how large the database is.
             if big(&frame, 4) > 0 {
-                log.frames = frames;
+                (log.frames, log.size) = (frames, big(&frame, 4));
                 log.pages.extend(since.drain(..));
             }
         }
@@ -225,8 +227,10 @@ pub(super) fn examine(folder: &Path, most: u32) -> Result<Damage, StoreError> {
         return Ok(found);
     };
     let length = database.metadata().map_err(StoreError::io(&path))?.len();
-    if length < u64::from(told.pages) * PAGE_BYTES {
-        found.add(format!("{DATABASE} is cut: {} of {} pages are there", length / PAGE_BYTES, told.pages));
+    // One that has become shorter is cut when the log is carried over, a moment before that is noted.
+    let pages = if told.frames > 0 && log.frames > 0 { told.pages.min(log.size) } else { told.pages };
+    if length < u64::from(pages) * PAGE_BYTES {
+        found.add(format!("{DATABASE} is cut: {} of {pages} pages are there", length / PAGE_BYTES));
     }
     let sums = read(SUMS).unwrap_or_default();
     let known = |page: u32| sum_in(&sums, page);
@@ -236,7 +240,7 @@ pub(super) fn examine(folder: &Path, most: u32) -> Result<Damage, StoreError> {
     let mut bytes = vec![0; PAGE_BYTES as usize];
     // Of a log that is not whole nothing is believed: what it carries is not in the database yet.
     let skip = |page: u32| told.frames > 0 && log.pages.contains(&page);
-    for page in (1..=told.pages.min(most)).filter(|page| !skip(*page)) {
+    for page in (1..=pages.min(most)).filter(|page| !skip(*page)) {
         let is_there = database.read_exact_at(&mut bytes, u64::from(page - 1) * PAGE_BYTES).is_ok();
         if known(page).is_some_and(|sum| !is_there || crc32fast::hash(&bytes) != sum) {
             found.pages.push(page);
@@ -289,17 +293,26 @@ pub(in crate::store) fn marked(folder: &Path) -> Option<String> {
     Some(String::from_utf8_lossy(&why).into_owned())
 }
 
-/// Every page as the database last had it: the log's where it has one, else its own; `None` where it is damaged.
-pub(super) fn pages(folder: &Path) -> Result<Vec<Option<Vec<u8>>>, StoreError> {
+/// A page as it was found.
+#[derive(Clone, Debug)]
+pub(super) struct Page {
+    pub bytes: Vec<u8>,
+    /// It is what was written.
+    pub good: bool,
+}
+
+/// Every page as the database last had it: the log's where it has one, else its own; `None` where there is none.
+pub(super) fn pages(folder: &Path) -> Result<Vec<Option<Page>>, StoreError> {
     let path = folder.join(DATABASE);
     let bad: HashSet<u32> = examine(folder, u32::MAX)?.pages.into_iter().collect();
-    let mut pages: Vec<Option<Vec<u8>>> = Vec::new();
+    let mut pages: Vec<Option<Page>> = Vec::new();
     if let Ok(database) = File::open(&path) {
         let length = database.metadata().map_err(StoreError::io(&path))?.len();
         for at in 0..length / PAGE_BYTES {
             let mut bytes = vec![0; PAGE_BYTES as usize];
             let is_read = database.read_exact_at(&mut bytes, at * PAGE_BYTES).is_ok();
-            pages.push((is_read && !bad.contains(&(at as u32 + 1))).then_some(bytes));
+            let good = !bad.contains(&(at as u32 + 1));
+            pages.push(is_read.then_some(Page { bytes, good }));
         }
     }
     let told = fs::read(folder.join(ACKNOWLEDGED)).ok().as_deref().and_then(Acknowledged::of_bytes);
@@ -314,7 +327,7 @@ pub(super) fn pages(folder: &Path) -> Result<Vec<Option<Vec<u8>>>, StoreError> {
             if pages.len() <= at {
                 pages.resize(at + 1, None);
             }
-            pages[at] = Some(bytes.to_vec());
+            pages[at] = Some(Page { bytes: bytes.to_vec(), good: true });
         }
     })
     .map_err(StoreError::io(&log))?;

@@ -2,14 +2,14 @@
 //! What led there may be gone. A table's leaves are known by what their rows look like; the order of the columns is that of
 //! `schema`. See the SQLite file format, sections 1.6 and 2.
 
-use super::ledger;
+use super::ledger::{self, Page};
 use super::second::{self, Kept};
 use super::write::{self, PAGE_BYTES};
 use super::{DATABASE, schema, start_and_tag};
 use crate::signal::Sample;
-use crate::store::rows::Row;
-use crate::store::{StoreError, codec};
-use rusqlite::{Connection, Transaction, params_from_iter, types::Value};
+use crate::store::rows::{Row, TagName};
+use crate::store::{StoreError, StoredTag, codec};
+use rusqlite::{Connection, Transaction, params, params_from_iter, types::Value};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
@@ -60,8 +60,10 @@ pub(super) fn salvage(folder: &Path, to: Option<&Path>) -> Result<(Connection, L
     let taking = db.transaction()?;
     let mut counts = [0; TABLES.len()];
     for page in 0..pages.len() {
-        for (key, row) in rows(&pages, page) {
-            if let Some(table) = table_of(&row) {
+        for (key, row, good) in rows(&pages, page) {
+            // Of a page that is not what was written only what has a checksum of its own is believed.
+            let believed = |table: &usize| good || SEALED.contains(&TABLES[*table].0);
+            if let Some(table) = table_of(&row).filter(believed) {
                 match take(&taking, table, key, row)? {
                     true => counts[table] += 1,
                     false => loss.blobs += 1,
@@ -96,6 +98,11 @@ fn whole_tables(folder: &Path, into: &Transaction<'_>) -> Result<(), StoreError>
 }
 
 fn restore(into: &Transaction<'_>, kept: &Kept) -> Result<(), StoreError> {
+    for tag in &kept.tags {
+        let StoredTag { id, name: TagName { control_loop, tag, source, unit }, era } = tag;
+        let sql = "INSERT OR IGNORE INTO tags (id, control_loop, tag, source, era, unit) VALUES (?1, ?2, ?3, ?4, ?5, ?6)";
+        into.prepare_cached(sql)?.execute(params![id, control_loop, tag, source, era, unit])?;
+    }
     let alarms = kept.alarms.iter().cloned().map(Row::Alarm);
     let models = kept.models.iter().cloned().map(Row::Model);
     let changes = kept.changes.iter().cloned().map(Row::Transition);
@@ -129,6 +136,9 @@ const TABLES: [(&str, &[Holds]); 6] = [
     ),
     ("transitions", &[Key, Text, Text, Number, Text, Text, Text, Maybe, Text, Maybe, Maybe]),
 ];
+
+/// Tables whose rows have a checksum of their own.
+const SEALED: [&str; 3] = ["journal", "chunks", "trends"];
 
 fn table_of(row: &[Value]) -> Option<usize> {
     let fits = |(value, holds): (&Value, &Holds)| match holds {
@@ -181,49 +191,53 @@ fn take(into: &Transaction<'_>, table: usize, key: i64, mut row: Vec<Value>) -> 
     Ok(true)
 }
 
-/// The rows of a leaf, with their numbers.
-fn rows(pages: &[Option<Vec<u8>>], at: usize) -> Vec<(i64, Vec<Value>)> {
-    let Some(page) = pages[at].as_deref() else { return Vec::new() };
+/// The rows of a leaf, with their numbers and whether all they lie on is what was written.
+fn rows(pages: &[Option<Page>], at: usize) -> Vec<(i64, Vec<Value>, bool)> {
+    let Some(page) = pages[at].as_ref() else { return Vec::new() };
+    let (good, page) = (page.good, page.bytes.as_slice());
     let start = if at == 0 { 100 } else { 0 };
     if page.get(start) != Some(&LEAF) {
         return Vec::new();
     }
     let count = usize::from(short(page, start + 3));
     let cells = (0..count).map(|n| usize::from(short(page, start + 8 + 2 * n)));
-    cells.filter_map(|cell| row(pages, page, cell)).collect()
+    let found = cells.filter_map(|cell| row(pages, page, cell));
+    found.map(|(key, row, whole)| (key, row, whole && good)).collect()
 }
 
 fn short(page: &[u8], at: usize) -> u16 {
     page.get(at..at + 2).and_then(|two| two.try_into().ok()).map_or(0, u16::from_be_bytes)
 }
 
-fn row(pages: &[Option<Vec<u8>>], page: &[u8], cell: usize) -> Option<(i64, Vec<Value>)> {
+fn row(pages: &[Option<Page>], page: &[u8], cell: usize) -> Option<(i64, Vec<Value>, bool)> {
     let mut at = cell;
     let length = usize::try_from(varint(page, &mut at)?).ok().filter(|length| *length <= LONGEST)?;
     let key = varint(page, &mut at)?;
-    let payload = payload(pages, page, at, length)?;
-    values(&payload).map(|values| (key, values))
+    let (payload, good) = payload(pages, page, at, length)?;
+    values(&payload).map(|values| (key, values, good))
 }
 
-/// A row's bytes: some in its leaf, the rest on pages of their own.
-fn payload(pages: &[Option<Vec<u8>>], page: &[u8], at: usize, length: usize) -> Option<Vec<u8>> {
+/// A row's bytes: some in its leaf, the rest on pages of their own, and whether those are what was written.
+fn payload(pages: &[Option<Page>], page: &[u8], at: usize, length: usize) -> Option<(Vec<u8>, bool)> {
     let usable = PAGE_BYTES as usize;
     let (most, least) = (usable - 35, (usable - 12) * 32 / 255 - 23);
     if length <= most {
-        return page.get(at..at + length).map(<[u8]>::to_vec);
+        return page.get(at..at + length).map(|bytes| (bytes.to_vec(), true));
     }
     let fits = least + (length - least) % (usable - 4);
     let own = if fits <= most { fits } else { least };
     let mut bytes = page.get(at..at + own)?.to_vec();
     let number = |page: &[u8], at: usize| Some(u32::from_be_bytes(page.get(at..at + 4)?.try_into().ok()?));
-    let mut next = number(page, at + own)?;
+    let (mut next, mut good) = (number(page, at + own)?, true);
     while bytes.len() < length {
-        let over = pages.get((next as usize).checked_sub(1)?)?.as_deref()?;
+        let over = pages.get((next as usize).checked_sub(1)?)?.as_ref()?;
+        good &= over.good;
+        let over = over.bytes.as_slice();
         let more = (length - bytes.len()).min(usable - 4);
         bytes.extend_from_slice(over.get(4..4 + more)?);
         next = number(over, 0)?;
     }
-    Some(bytes)
+    Some((bytes, good))
 }
 
 fn varint(bytes: &[u8], at: &mut usize) -> Option<i64> {

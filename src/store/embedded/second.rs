@@ -1,4 +1,5 @@
-//! A second copy of what nobody could measure again: the states of alarms, what happened to them, and the models. Records
+//! A second copy of what nobody could measure again: the states of alarms, what happened to them, the models, and
+//! the names of tags. Records
 //! are appended, each with a checksum that goes on from the one before; so a record that is missing, changed or cut is
 //! known, and everything before it is good.
 //!
@@ -6,8 +7,8 @@
 //! The text has a letter for the kind, and then its fields, each ended by U+001F.
 
 use super::ledger;
-use crate::store::StoreError;
-use crate::store::rows::{AlarmRow, ModelRow, Row, TransitionRow};
+use crate::store::rows::{AlarmRow, ModelRow, Row, TagName, TransitionRow};
+use crate::store::{StoreError, StoredTag};
 use std::collections::{BTreeMap, HashSet};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -43,6 +44,7 @@ pub(super) struct Kept {
     pub alarms: Vec<AlarmRow>,
     pub models: Vec<ModelRow>,
     pub changes: Vec<TransitionRow>,
+    pub tags: Vec<StoredTag>,
     /// Records that were good.
     pub records: u64,
     /// Whether nothing follows that is not.
@@ -51,13 +53,17 @@ pub(super) struct Kept {
 
 impl Second {
     /// Writes it anew with what the store holds, in place of what there is.
-    pub fn begin<'r>(folder: &Path, rows: impl Iterator<Item = &'r Row>) -> Result<Self, StoreError> {
+    pub fn begin<'r>(
+        folder: &Path,
+        tags: &[StoredTag],
+        rows: impl Iterator<Item = &'r Row>,
+    ) -> Result<Self, StoreError> {
         let path = folder.join(NEW);
         let made = || -> io::Result<(File, u64, u64, u32)> {
             let file = OpenOptions::new().read(true).write(true).create(true).truncate(true).open(&path)?;
             let (mut out, mut records, mut sum) = (io::BufWriter::new(&file), 0, 0);
             let mut length = 0;
-            for text in rows.filter_map(text) {
+            for text in tags.iter().map(text_of).chain(rows.filter_map(text)) {
                 let record = record(&text, records, &mut sum);
                 out.write_all(&record)?;
                 (length, records) = (length + record.len() as u64, records + 1);
@@ -74,9 +80,13 @@ impl Second {
     }
 
     /// Adds what is a state, or happened to one; durable when this returns. How many records there are then.
-    pub fn add<'r>(&mut self, rows: impl Iterator<Item = &'r Row>) -> Result<Option<u64>, StoreError> {
+    pub fn add<'r>(
+        &mut self,
+        tags: &[StoredTag],
+        rows: impl Iterator<Item = &'r Row>,
+    ) -> Result<Option<u64>, StoreError> {
         let (mut bytes, mut records, mut sum) = (Vec::new(), self.records, self.sum);
-        for text in rows.filter_map(text) {
+        for text in tags.iter().map(text_of).chain(rows.filter_map(text)) {
             bytes.extend(record(&text, records, &mut sum));
             records += 1;
         }
@@ -134,6 +144,7 @@ fn decode(bytes: &[u8]) -> Kept {
             Some("a") => alarm(&mut fields)
                 .map(|row| alarms.insert((row.control_loop.clone(), row.kind.clone()), row))
                 .map(drop),
+            Some("g") => stored(&mut fields).map(|tag| kept.tags.push(tag)),
             Some("m") => model(&mut fields).map(|row| models.insert(row.control_loop.clone(), row)).map(drop),
             _ => change(&mut fields).map(|row| {
                 if seen.insert(text.clone()) {
@@ -159,6 +170,13 @@ fn next<'b>(bytes: &'b [u8], number: u64, sum: &mut u32) -> Option<(String, &'b 
         *sum = own;
         (text.to_string(), &bytes[HEAD + length..])
     })
+}
+
+/// A tag as text: without its name samples are nobody's.
+fn text_of(StoredTag { id, name, era }: &StoredTag) -> String {
+    let (id, era) = (id.to_string(), era.to_string());
+    let fields = ["g", &id, &era, &name.control_loop, &name.tag, &name.source, &name.unit];
+    fields.iter().flat_map(|field| field.chars().filter(|c| *c != END).chain([END])).collect()
 }
 
 /// A row as text; `None` for what can be said again, or is too long to be a state.
@@ -246,6 +264,12 @@ fn alarm(fields: Fields<'_, '_>) -> Option<AlarmRow> {
         by,
         comment,
     })
+}
+
+fn stored(fields: Fields<'_, '_>) -> Option<StoredTag> {
+    let (id, era) = (own(fields)?.parse().ok()?, own(fields)?.parse().ok()?);
+    let (control_loop, tag, source, unit) = (own(fields)?, own(fields)?, own(fields)?, own(fields)?);
+    Some(StoredTag { id, name: TagName { control_loop, tag, source, unit }, era })
 }
 
 fn model(fields: Fields<'_, '_>) -> Option<ModelRow> {

@@ -127,7 +127,7 @@ impl Store {
     /// [`StoreError`].
     pub fn hold_states(&mut self, rows: &[Row]) -> Result<(), StoreError> {
         self.beyond(|own| rows.iter().filter(|row| row.is_state()).try_for_each(|row| put_row(own, row)))?;
-        self.keep_twice(rows)
+        self.keep_twice(&[], rows)
     }
 
     /// The states that wait are where they belong.
@@ -173,7 +173,7 @@ impl Store {
         })?;
         let models = models.iter().cloned().map(Row::Model);
         let rows: Vec<Row> = models.chain(alarms.iter().cloned().map(Row::Alarm)).collect();
-        self.keep_twice(&rows)
+        self.keep_twice(&[], &rows)
     }
 
     /// The models and alarms that wait, and those that the other store is known to have.

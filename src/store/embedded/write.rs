@@ -7,7 +7,7 @@ use super::{APPLICATION, DATABASE, LOCK, MAX_TAG, key, retain, schema};
 use crate::signal::Sample;
 use crate::store::backend::{Reads, Writes};
 use crate::store::rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow};
-use crate::store::{Config, StoreError, Usage, codec, start_of};
+use crate::store::{Config, StoreError, StoredTag, Usage, codec, start_of};
 use rusqlite::config::DbConfig;
 use rusqlite::hooks::Wal;
 use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
@@ -142,8 +142,15 @@ impl Store {
     }
 
     /// Puts states into their second copy too.
-    pub(super) fn keep_twice(&mut self, rows: &[Row]) -> Result<(), StoreError> {
-        if self.second.add(rows.iter())?.is_some() {
+    pub(super) fn keep_twice(
+        &mut self,
+        tags: &[(Arc<TagName>, u32)],
+        rows: &[Row],
+    ) -> Result<(), StoreError> {
+        let stored =
+            |(name, id): &(Arc<TagName>, u32)| StoredTag { id: *id, name: (**name).clone(), era: self.era };
+        let tags: Vec<StoredTag> = tags.iter().map(stored).collect();
+        if self.second.add(&tags, rows.iter())?.is_some() {
             if self.second.is_large() {
                 self.second = second_of(&self.config.folder)?;
             }
@@ -207,7 +214,7 @@ fn second_of(folder: &Path) -> Result<Second, StoreError> {
     let changes = reader.last_transitions(second::CHANGES)?.into_iter().map(Row::Transition);
     let alarms = reader.alarms()?.into_iter().map(Row::Alarm);
     let rows: Vec<Row> = models.chain(changes).chain(alarms).collect();
-    Second::begin(folder, rows.iter())
+    Second::begin(folder, &reader.tags()?, rows.iter())
 }
 
 impl Writes for Store {
@@ -236,7 +243,7 @@ impl Writes for Store {
         }
         batch.rows.iter().try_for_each(|row| put_row(&taking, row))?;
         taking.commit()?;
-        self.keep_twice(&batch.rows)?;
+        self.keep_twice(&news, &batch.rows)?;
         self.ids.extend(news);
         self.refused += refused;
         for (start, samples) in parts {
@@ -284,7 +291,7 @@ impl Writes for Store {
         }
         batch.rows.iter().try_for_each(|row| put_row(&putting, row))?;
         putting.commit()?;
-        self.keep_twice(&batch.rows)?;
+        self.keep_twice(&news, &batch.rows)?;
         self.ids.extend(news);
         self.refused += refused;
         self.damaged += damaged;
