@@ -10,7 +10,7 @@
 //! not compared, for the log is what counts of it.
 
 use super::DATABASE;
-use super::write::PAGE_BYTES;
+use super::write::{self, PAGE_BYTES};
 use crate::store::StoreError;
 use std::collections::HashSet;
 use std::fs::{self, File, OpenOptions};
@@ -263,7 +263,7 @@ fn sum_in(sums: &[u8], page: u32) -> Option<u32> {
 pub(super) fn examine_beside(folder: &Path) -> Result<Damage, StoreError> {
     let mut found = examine(folder, u32::MAX)?;
     for _ in 0..10 {
-        if found == Damage::default() {
+        if found == Damage::default() || !write::is_in_use(folder) {
             break;
         }
         std::thread::sleep(std::time::Duration::from_millis(100));

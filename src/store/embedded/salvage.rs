@@ -45,6 +45,13 @@ impl fmt::Display for Loss {
     }
 }
 
+/// What happened is told in the order it happened, from whichever copy it came.
+const IN_ORDER: &str = "CREATE TEMP TABLE happened AS SELECT * FROM transitions ORDER BY at, id;
+    UPDATE happened SET id = rowid;
+    DELETE FROM transitions;
+    INSERT INTO transitions SELECT * FROM happened;
+    DROP TABLE happened;";
+
 /// Reads all that can be read into a database of its own: one in memory and on disk as there is room, gone when it is closed,
 /// or at a path.
 pub(super) fn salvage(folder: &Path, to: Option<&Path>) -> Result<(Connection, Loss), StoreError> {
@@ -81,6 +88,7 @@ pub(super) fn salvage(folder: &Path, to: Option<&Path>) -> Result<(Connection, L
         whole_tables(folder, &taking)?;
     }
     restore(&taking, &kept)?;
+    taking.execute_batch(IN_ORDER)?;
     taking.commit()?;
     loss.rows = TABLES.iter().zip(counts).map(|((name, _), count)| (*name, count)).collect();
     Ok((db, loss))

@@ -333,6 +333,11 @@ pub(super) fn lock(folder: &Path) -> Result<File, StoreError> {
     }
 }
 
+/// Whether somebody writes to a store.
+pub(super) fn is_in_use(folder: &Path) -> bool {
+    File::open(folder.join(LOCK)).is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
+}
+
 fn prepare(db: &Connection, config: &Config, path: &Path) -> Result<(), StoreError> {
     db.busy_timeout(Duration::from_secs(5))?;
     let application: i64 = db.pragma_query_value(None, "application_id", |row| row.get(0))?;
