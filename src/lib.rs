@@ -11,11 +11,13 @@ pub mod access;
 pub mod alarm;
 pub mod audit;
 pub mod backfill;
+pub mod bounded;
 pub mod collect;
 pub mod history;
 pub mod host;
 pub mod mqtt;
 pub mod notify;
+pub mod quiet;
 
 pub mod results;
 pub mod schedule;

@@ -232,12 +232,31 @@ fn a_bundle_gives_the_same_report_and_what_is_none_is_refused() {
     short.samples[0].t.pop();
     let mut strange = bundle.clone();
     strange.samples[0].quality[3] = "fine".into();
+    let with = |change: &dyn Fn(&mut Bundle)| {
+        let mut changed = bundle.clone();
+        change(&mut changed);
+        changed
+    };
+    let long = with(&|own| own.basis.settings.window_samples = i64::MAX as usize);
+    let never = with(&|own| own.basis.settings.ts_s = Some(0.0));
+    let all = with(&|own| own.basis.settings.max_gap_share = 1.5);
+    let slow = with(&|own| own.basis.settings.max_delay_samples = usize::MAX);
+    let often = with(&|own| own.r#loop.period_s = -1.0);
+    let span = with(&|own| own.basis.op_span = Some(-100.0));
+    let late = with(&|own| own.finished = 1e300);
     let text = |bundle: &Bundle| serde_json::to_string(bundle).expect("text");
     let format = good.replacen("stictiond bundle 1", "stictiond bundle 9", 1);
     for (name, text, why) in [
         ("moved.json", text(&moved), "the samples of pv are not those that were diagnosed"),
         ("short.json", text(&short), "columns of unequal length"),
         ("strange.json", text(&strange), "a quality that there is not"),
+        ("long.json", text(&long), "window_samples: 9223372036854775807 must be 50 to 20000"),
+        ("never.json", text(&never), "ts_s: 0 must be a number of seconds above 0"),
+        ("all.json", text(&all), "max_gap_share: 1.5 must be 0 to 0.9"),
+        ("slow.json", text(&slow), "max_delay_samples: "),
+        ("often.json", text(&often), "period_s: "),
+        ("span.json", text(&span), "span or limits of OP"),
+        ("late.json", text(&late), "at no time that there is"),
         ("format.json", format, "\"stictiond bundle 9\""),
         ("half.json", good[..good.len() / 2].to_string(), "not a diagnosis bundle: EOF"),
         ("other.json", "{\"loop\": 1}".to_string(), "not a diagnosis bundle"),

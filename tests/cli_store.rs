@@ -66,9 +66,18 @@ fn what_is_exported_can_be_imported_and_checked() {
     fs::write(&database, bytes).expect("writable");
     let (code, out, err) = run(&["check", &old]);
     assert_eq!((code, err), (Some(1), format!("stictiond: {old}: 1 things are damaged\n")), "{out}");
-    assert!(out.contains("damaged     chunk 0 of tag 1"), "{out}");
+    assert!(out.contains(" pages are not what was written") && out.contains("1 blobs damaged"), "{out}");
     let (code, _, err) = run(&["export", &old, &path("rest.csv")]);
-    assert!(code == Some(1) && err.contains("1 damaged chunks left out"), "{err}");
+    assert!(
+        code == Some(1) && err.contains("a store that is damaged") && err.contains("1 blobs damaged"),
+        "{err}"
+    );
+    let rest = fs::read_to_string(path("rest.csv")).expect("what is left is there");
+    assert!(rest.lines().count() > 1, "{rest}");
+    let (code, out, err) = run(&["check", "--repair", &old]);
+    assert!(code == Some(0) && out.contains("repaired") && out.contains("damaged-1"), "{out}{err}");
+    let (code, out, err) = run(&["check", &old]);
+    assert_eq!((code, err.as_str()), (Some(0), ""), "{out}");
     fs::remove_dir_all(&folder).expect("writable");
 }
 

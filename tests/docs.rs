@@ -315,7 +315,7 @@ fn every_attempt_in_the_security_document_is_a_test() {
     let listed = rows("docs/security.md", "What was tried");
     assert!(listed.len() > 15, "only {}", listed.len());
     let mut known = BTreeSet::new();
-    for module in ["access", "commands", "http", "tls"] {
+    for module in ["access", "commands", "http", "names", "streams", "tls"] {
         let text = read(&format!("tests/security/{module}.rs"));
         let tests =
             text.split("test]\n").skip(1).filter_map(|rest| rest.split("fn ").nth(1)?.split('(').next());

@@ -222,13 +222,16 @@ impl Book {
     pub fn token(&self, text: &str, now: f64) -> Result<&Token, Refused> {
         let rest = text.strip_prefix(PREFIX).and_then(|rest| rest.strip_prefix('_'));
         let (id, secret) = rest.and_then(|rest| rest.split_once('_')).ok_or(Refused::Unknown)?;
-        let hash = digest(secret);
-        let found = self.tokens.iter().find(|token| token.id == id && same(&token.hash, &hash));
-        match found {
+        match self.token_of(id, &digest(secret)) {
             Some(token) if token.expires > now => Ok(token),
             Some(_) => Err(Refused::Expired),
             None => Err(Refused::Unknown),
         }
+    }
+
+    /// The token of this name whose secret has this digest, expired or not.
+    pub(super) fn token_of(&self, id: &str, hash: &[u8; 32]) -> Option<&Token> {
+        self.tokens.iter().find(|token| token.id == id && same(&token.hash, hash))
     }
 
     /// Whether a role is had by anybody: by a user, or by a token that is good at `now`.

@@ -6,6 +6,7 @@
 mod book;
 mod config;
 pub mod file;
+mod lease;
 mod role;
 mod secret;
 mod sessions;
@@ -14,6 +15,7 @@ mod throttle;
 pub use book::{Book, BookError, NewToken, Refused, Token, User, is_name};
 pub use config::Config;
 pub use file::FileError;
+pub use lease::Lease;
 pub use role::{Role, Roles};
 pub use secret::{Cost, PasswordHash, random, same_word, wrong_password};
 pub use sessions::Begun;
@@ -24,6 +26,7 @@ use std::net::IpAddr;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use throttle::Throttle;
+use tokio::sync::watch;
 
 /// Somebody who was recognised.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -62,6 +65,8 @@ pub struct Access {
     throttle: Mutex<Throttle>,
     /// Hashed for users that do not exist, so that they take as long.
     nobody: PasswordHash,
+    /// Counts what may have ended a lease.
+    changes: watch::Sender<u64>,
 }
 
 impl Access {
@@ -73,6 +78,7 @@ impl Access {
             throttle: Mutex::default(),
             nobody: PasswordHash { cost, salt: [0; 16], hash: [0; 32] },
             book: RwLock::new(Arc::new(book)),
+            changes: watch::Sender::new(0),
             config,
         }
     }
@@ -95,16 +101,18 @@ impl Access {
     /// Another book: sessions of users whose password or roles differ end.
     pub fn replace(&self, book: Book) {
         *self.book.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(book);
+        self.changed();
     }
 
     /// The program that shows a token, at the wall's `now` (s).
     ///
     /// # Errors
     /// [`Refused`].
-    pub fn of_token(&self, text: &str, now: f64) -> Result<Identity, Refused> {
+    pub fn of_token(&self, text: &str, now: f64) -> Result<(Identity, Lease), Refused> {
         let book = self.book();
         let token = book.token(text, now)?;
-        Ok(Identity { name: token.name.clone(), roles: token.roles.clone(), by: Proof::Token })
+        let lease = Lease::Token(token.id.clone(), token.hash);
+        Ok((Identity { name: token.name.clone(), roles: token.roles.clone(), by: Proof::Token }, lease))
     }
 
     /// The person whose browser shows a cookie, and what a change must carry beside it, at the steady clock's `now` (s).
@@ -147,7 +155,9 @@ impl Access {
 
     /// Ends a session; whether there was one.
     pub fn end(&self, id: &str) -> bool {
-        self.sessions().end(id)
+        let ended = self.sessions().end(id);
+        self.changed();
+        ended
     }
 
     fn sessions(&self) -> MutexGuard<'_, Sessions> {

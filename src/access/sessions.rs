@@ -87,6 +87,12 @@ impl Sessions {
         Some(Found { user: session.user.clone(), csrf: session.csrf.clone(), stamp: session.stamp })
     }
 
+    /// Whose session has this digest, and its stamp, if it has not ended; it does not count as used.
+    pub fn look(&self, key: &[u8; 32], now: f64) -> Option<(String, [u8; 32])> {
+        let session = self.by_digest.get(key).filter(|session| session.lasts(self.bounds, now))?;
+        Some((session.user.clone(), session.stamp))
+    }
+
     /// Ends one; whether there was one.
     pub fn end(&mut self, id: &str) -> bool {
         self.by_digest.remove(&digest(id)).is_some()

@@ -44,6 +44,9 @@ struct Shared {
     changes: Mutex<VecDeque<Change>>,
     lost_samples: AtomicU64,
     dropped_rows: AtomicU64,
+    /// What was left of a store that is damaged, and how many states are in neither copy.
+    left: Mutex<Option<String>>,
+    lost_states: AtomicU64,
 }
 
 /// The store's place in one ring.
@@ -84,11 +87,16 @@ impl Persistence {
         let opened = std::thread::scope(|scope| {
             let opening = scope.spawn(|| {
                 let mut opened = Store::open(own);
-                if let Ok(store) = &mut opened {
-                    persistence.give_back(history, results);
-                    store.disconnect();
+                match &mut opened {
+                    Ok(store) => store.disconnect(),
+                    Err(error) if error.is_damage() => {}
+                    Err(_) => return opened,
                 }
-                opened
+                // Of one that is damaged, what is left.
+                match persistence.give_back(history, results) {
+                    Err(damage) => Err(damage),
+                    Ok(()) => opened,
+                }
             });
             let failed = || StoreError::Io { path: own.folder.clone(), source: io::Error::other("panicked") };
             opening.join().unwrap_or_else(|_| Err(failed()))
@@ -136,7 +144,9 @@ impl Persistence {
             if !durable {
                 tracing::warn!("the store fails: rings that are new begin empty");
             }
-            self.give_back(&history, &results);
+            if let Err(error) = self.give_back(&history, &results) {
+                tracing::error!(%error, "the store fails");
+            }
             self.follow(&history);
         });
         if let Err(error) = replaced.await {
@@ -169,15 +179,30 @@ impl Persistence {
         asked.and_then(|answer| answer.recv().ok()).unwrap_or_else(|| Err("the store has ended".to_string()))
     }
 
-    fn give_back(&self, history: &History, results: &Results) {
-        let Some(config) = &self.config else { return };
+    /// What was kept, as far as it can be read; an error where that is not all, and nobody had said so.
+    fn give_back(&self, history: &History, results: &Results) -> Result<(), StoreError> {
+        let Some(config) = &self.config else { return Ok(()) };
         let began = Instant::now();
         // Samples last: a database that goes away meanwhile is more likely to do so while they are read.
         let given = Reader::at_hand(config).and_then(|mut reader| {
             let loops = restore(&reader, history, results)?;
             let samples = refill(&mut reader, history, Reader::together(config))?;
-            Ok((samples, loops, reader.damaged()))
+            Ok((samples, loops, reader.damaged(), reader.lost()))
         });
+        // Somebody has to hear of it now, and what is left to be read another way.
+        let found = match &given {
+            _ if store::is_damaged(config) => None,
+            Ok((_, _, damaged, None)) if *damaged > 0 && config.url.is_none() => {
+                Some(format!("{damaged} blobs of samples are damaged"))
+            }
+            Err(error) if error.is_damage() && config.url.is_none() => Some(error.to_string()),
+            _ => None,
+        };
+        if let Some(why) = found {
+            let damage = store::mark_damaged(config, &why);
+            self.give_back(history, results)?;
+            return Err(damage);
+        }
         if given.is_err() && config.url.is_some() {
             // Who opened the store is taken to know what the database has, which is remembered in the folder.
             let known = Reader::open(&config.folder).and_then(|spool| restore(&spool, history, results));
@@ -187,11 +212,20 @@ impl Persistence {
         }
         let took_s = began.elapsed().as_secs_f64();
         match given {
-            Ok((samples, loops, damaged)) => {
+            Ok((samples, loops, damaged, lost)) => {
                 tracing::info!(samples, loops, damaged, took_s, "store: history is back");
+                if let Some((left, states)) = &lost {
+                    tracing::error!(
+                        left,
+                        "the store is damaged: what is left of it is back, and nothing is written"
+                    );
+                    self.shared.lost_states.store(*states, Relaxed);
+                }
+                *lock(&self.shared.left) = lost.map(|(left, _)| left);
             }
             Err(error) => tracing::error!(%error, "the store cannot be read: history is not complete"),
         }
+        Ok(())
     }
 
     /// Follows the rings of `history`, from where they are now unless they were followed before.
@@ -290,8 +324,12 @@ fn state(status: store::Status, shared: &Shared) -> StoreState {
     });
     let database = spool.map(|spool| (spool.away.is_none(), if spool.waits { spool.bytes } else { 0 }));
     let of_spool = spool.map_or([0, 0], |spool| [spool.delivered, spool.dropped]);
+    let failing = status.failing.map(|(why, since)| match &*lock(&shared.left) {
+        Some(left) => (format!("{why}; {left}"), since),
+        None => (why, since),
+    });
     StoreState {
-        failing: status.failing,
+        failing,
         spooling,
         database,
         written_at: status.written_at,
@@ -305,6 +343,7 @@ fn state(status: store::Status, shared: &Shared) -> StoreState {
             ("dropped_rows", shared.dropped_rows.load(Relaxed)),
             ("refused_samples", status.refused),
             ("damaged_chunks", status.damaged),
+            ("lost_states", shared.lost_states.load(Relaxed)),
             ("delivered_samples", of_spool[0]),
             ("dropped_samples", of_spool[1]),
         ],

@@ -3,7 +3,11 @@
 use super::Failure;
 use clap::ValueEnum;
 use std::io::stderr;
-use tracing_subscriber::EnvFilter;
+use stictiond::quiet::Quiet;
+use tracing_subscriber::filter::{EnvFilter, FilterExt};
+use tracing_subscriber::layer::{Layer, SubscriberExt};
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{fmt, registry};
 
 #[derive(clap::Args)]
 pub struct LogArgs {
@@ -26,12 +30,14 @@ pub fn start(args: &LogArgs) -> Result<(), Failure> {
     let quiet = if wanted.contains("opcua") { "" } else { ",opcua_core::comms::secure_channel=off" };
     let filter = EnvFilter::try_new(format!("{wanted}{quiet}"))
         .map_err(|error| Failure::BadInput(format!("RUST_LOG={wanted:?}: {error}")))?;
+    let quiet = Quiet::default();
+    quiet.tell().map_err(|error| Failure::Failed(format!("cannot start the log: {error}")))?;
+    let bounded = filter.and(quiet);
     // Where nobody reads the log any more there is nobody to tell that it cannot be written.
-    let log =
-        tracing_subscriber::fmt().with_env_filter(filter).with_writer(stderr).log_internal_errors(false);
+    let log = fmt::layer().with_writer(stderr).log_internal_errors(false);
     let started = match args.log_format {
-        Format::Text => log.with_ansi(false).try_init(),
-        Format::Json => log.json().flatten_event(true).try_init(),
+        Format::Text => registry().with(log.with_ansi(false).with_filter(bounded)).try_init(),
+        Format::Json => registry().with(log.json().flatten_event(true).with_filter(bounded)).try_init(),
     };
     started.map_err(|error| Failure::Failed(format!("cannot start the log: {error}")))
 }

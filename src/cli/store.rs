@@ -27,6 +27,9 @@ enum Command {
     Check {
         /// The folder, as `[store] folder` names it, or a configuration (.toml) with `[store]`
         folder: PathBuf,
+        /// Make a new store of what is left of one that is damaged, which must not be in use; the damaged files stay beside it
+        #[arg(long)]
+        repair: bool,
     },
     /// Write what is kept to a file, also while the store is in use
     Export(Export),
@@ -88,7 +91,7 @@ pub fn time(text: &str) -> Result<f64, String> {
 /// Runs one of them.
 pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.command {
-        Command::Check { folder } => check(folder),
+        Command::Check { folder, repair } => check(folder, *repair),
         Command::Export(args) => export(args),
         Command::Import(args) => import(args),
     }
@@ -129,8 +132,9 @@ fn named(place: &Path) -> Result<Config, Failure> {
     config.store.ok_or_else(|| Failure::in_file(place, "there is no [store] in it"))
 }
 
-fn check(folder: &Path) -> Result<(), Failure> {
-    let found = store::check_of(&named(folder)?).map_err(|error| of_store(&error))?;
+fn check(folder: &Path, repair: bool) -> Result<(), Failure> {
+    let config = named(folder)?;
+    let found = store::check_of(&config).map_err(|error| of_store(&error))?;
     let mut out = String::new();
     // Writing into a String cannot fail.
     let _ = writeln!(
@@ -151,8 +155,19 @@ fn check(folder: &Path) -> Result<(), Failure> {
     for fault in found.faults.iter().take(FAULTS) {
         let _ = writeln!(out, "damaged     {fault}");
     }
+    if let Some(left) = &found.left {
+        let _ = writeln!(out, "left        {left}");
+    }
     print(&out)?;
-    Err(Failure::Failed(format!("{}: {} things are damaged", folder.display(), found.faults.len())))
+    let Some(_) = found.left.as_ref().filter(|_| repair) else {
+        return Err(Failure::Failed(format!(
+            "{}: {} things are damaged",
+            folder.display(),
+            found.faults.len()
+        )));
+    };
+    let done = store::repair(&config).map_err(|error| of_store(&error))?;
+    print(&format!("repaired    {}; the damaged files are in {}\n", done.left, done.aside.display()))
 }
 
 fn export(args: &Export) -> Result<(), Failure> {
@@ -168,10 +183,16 @@ fn export(args: &Export) -> Result<(), Failure> {
     {
         return Err(Failure::BadInput("--from is later than --to-time".to_string()));
     }
-    let mut reader = Reader::of(&named(&args.folder)?).map_err(|error| of_store(&error))?;
+    let mut reader = Reader::looked_at(&named(&args.folder)?).map_err(|error| of_store(&error))?;
     let choice = Choice { loops: args.loops.clone(), from: args.from, to: args.to_time };
     let rows = archive::export(&mut reader, kind, &choice, format, &args.to)
         .map_err(|error| of_archive(&args.to, &error))?;
+    if let Some((left, _)) = reader.lost() {
+        return Err(Failure::Failed(format!(
+            "{}: {rows} rows written of a store that is damaged; {left}",
+            args.to.display()
+        )));
+    }
     if reader.damaged() > 0 {
         let left_out = reader.damaged();
         return Err(Failure::Failed(format!(

@@ -113,10 +113,10 @@ impl Endpoint {
         if !self.tls {
             return talk(stream, request).await;
         }
-        let ca_file = self.ca_file.clone();
-        let made = spawn_blocking(move || connector(ca_file)).await.map_err(|error| error.to_string())??;
-        let name =
-            ServerName::try_from(self.host.clone()).map_err(|_| "the host's name is none".to_string())?;
+        let (ca_file, host) = (self.ca_file.clone(), self.host.clone());
+        let made =
+            spawn_blocking(move || encrypted(ca_file, &host)).await.map_err(|error| error.to_string())?;
+        let (made, name) = made?;
         let stream = made.connect(name, stream).await.map_err(|error| format!("no TLS: {error}"))?;
         talk(stream, request).await
     }
@@ -165,6 +165,15 @@ fn pause(text: &str, now: f64) -> Option<Duration> {
         }
     };
     Duration::try_from_secs_f64(seconds).ok()
+}
+
+/// TLS to a host, that trusts a file or what the system trusts.
+pub(super) fn encrypted(
+    ca_file: Option<PathBuf>,
+    host: &str,
+) -> Result<(TlsConnector, ServerName<'static>), String> {
+    let name = ServerName::try_from(host.trim_matches(['[', ']']).to_string());
+    Ok((connector(ca_file)?, name.map_err(|_| "the host's name is none".to_string())?))
 }
 
 /// TLS that trusts a file, or what the system trusts.

@@ -4,7 +4,7 @@ use super::Context;
 use super::listen::Peer;
 use super::policy::{self, Need};
 use super::problem::Problem;
-use crate::access::{Identity, Proof, Refused, Role, same_word};
+use crate::access::{Identity, Lease, Proof, Refused, Role, same_word};
 use axum::body::{Body, Bytes, to_bytes};
 use axum::extract::{FromRequestParts, MatchedPath, Request, State};
 use axum::http::request::Parts;
@@ -39,6 +39,8 @@ pub struct Actor {
     pub unguarded: bool,
     /// Whether everybody may read.
     pub anyone_may_read: bool,
+    /// What the identity rests on.
+    pub lease: Option<Lease>,
 }
 
 impl Actor {
@@ -116,7 +118,8 @@ fn not_allowed(rules: &[(&str, Need)]) -> Response {
 
 /// Who asks; a token that is no good is refused also where none is needed.
 fn identify(context: &Context, headers: &HeaderMap, from: IpAddr) -> Result<Actor, Problem> {
-    let nobody = Actor { identity: None, from, csrf: None, unguarded: false, anyone_may_read: false };
+    let nobody =
+        Actor { identity: None, from, csrf: None, unguarded: false, anyone_may_read: false, lease: None };
     let Some(access) = &context.access else {
         return Ok(Actor { unguarded: true, ..nobody });
     };
@@ -126,16 +129,18 @@ fn identify(context: &Context, headers: &HeaderMap, from: IpAddr) -> Result<Acto
         let token = token.filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
         let token = token.ok_or_else(|| refused("bad_token", "write it as Authorization: Bearer TOKEN"))?;
         let found = access.of_token(token.1.trim(), context.clock.now());
-        let identity = found.map_err(|why| match why {
+        let (identity, lease) = found.map_err(|why| match why {
             Refused::Unknown => refused("bad_token", "this token was never made here, or was revoked"),
             Refused::Expired => refused("expired_token", "this token has run out: rotate it"),
         })?;
-        return Ok(Actor { identity: Some(identity), ..nobody });
+        return Ok(Actor { identity: Some(identity), lease: Some(lease), ..nobody });
     }
     let now = context.clock.elapsed().as_secs_f64();
-    let session = cookies(headers).find_map(|id| access.of_session(id, now));
+    let session = cookies(headers).find_map(|id| Some((access.of_session(id, now)?, Lease::of_session(id))));
     Ok(match session {
-        Some((identity, found)) => Actor { identity: Some(identity), csrf: Some(found.csrf), ..nobody },
+        Some(((identity, found), lease)) => {
+            Actor { identity: Some(identity), csrf: Some(found.csrf), lease: Some(lease), ..nobody }
+        }
         None => nobody,
     })
 }
@@ -224,6 +229,21 @@ async fn whole(body: Body, context: &Context) -> Result<Bytes, Problem> {
             let detail = "the body did not arrive in time";
             Err(Problem::new(StatusCode::REQUEST_TIMEOUT, "slow_body", detail))
         }
+    }
+}
+
+/// How often a lease is looked at that nobody has said to have ended: it may have run out.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// Ends when what an actor's rights rest on no longer gives them the role; never where they need none.
+pub async fn lost(context: Arc<Context>, actor: Actor, role: Role) {
+    let (Some(access), Some(lease)) = (&context.access, &actor.lease) else {
+        return std::future::pending().await;
+    };
+    let mut changes = access.changes();
+    while access.holds(lease, role, context.clock.now(), context.clock.elapsed().as_secs_f64()) {
+        // The access outlives who waits here: its changes never end.
+        let _ = timeout(LOOK, changes.changed()).await;
     }
 }
 

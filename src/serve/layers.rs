@@ -2,10 +2,11 @@
 
 use super::Context;
 use super::guard::guard;
+use super::names::own_names;
 use super::problem::{PROBLEM_JSON, Problem};
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, Request};
-use axum::http::{HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::http::{HeaderName, HeaderValue, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state, map_response};
 use axum::response::{IntoResponse, Response};
 use std::sync::Arc;
@@ -26,7 +27,7 @@ pub fn wrap(routes: Router, context: &Arc<Context>) -> Router {
         // Outside of the slots: who sends a body slowly takes none.
         .layer(from_fn_with_state(context.clone(), guard))
         .layer(RequestBodyLimitLayer::new(config.max_body_bytes))
-        .layer(from_fn(same_origin))
+        .layer(from_fn_with_state(context.clone(), own_names))
         .layer(map_response(as_problem))
         .layer(CompressionLayer::new())
         .layer(map_response(move |response| with_headers(secure, response)))
@@ -41,22 +42,6 @@ async fn bounded(slots: Arc<Semaphore>, timeout: Duration, request: Request, nex
         Ok(response) => response,
         Err(_) => Problem::busy("timeout", "no answer in time").into_response(),
     }
-}
-
-/// Refuses a change that a page of another origin asks a browser for. Where there is no log-in, the browser's own word is
-/// all there is to tell.
-async fn same_origin(request: Request, next: Next) -> Response {
-    let headers = request.headers();
-    let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
-    let foreign = text(header::ORIGIN).is_some_and(|origin| {
-        let authority = origin.split_once("://").map(|(_, authority)| authority);
-        authority.is_none() || authority != text(header::HOST)
-    });
-    if foreign && !matches!(*request.method(), Method::GET | Method::HEAD) {
-        let detail = "changes are taken from the daemon's own pages and from programs, not from other sites";
-        return Problem::new(StatusCode::FORBIDDEN, "foreign_origin", detail).into_response();
-    }
-    next.run(request).await
 }
 
 /// Gives every error that is not a problem yet the shape of one; keeps its headers that matter (`Allow`).

@@ -100,7 +100,9 @@ async fn connection(
     stop: CancellationToken,
 ) {
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new())
+    // Who has asked and closes their half still waits for the answer.
+    http.half_close(true)
+        .timer(TokioTimer::new())
         .header_read_timeout(head)
         .max_headers(HEAD_LINES)
         .max_buf_size(HEAD_BYTES)

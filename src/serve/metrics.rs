@@ -2,6 +2,7 @@
 
 use super::{Context, DeviceState, Plant};
 use crate::alarm::State;
+use crate::quiet;
 use crate::results::{Known, f_unit};
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
@@ -128,7 +129,7 @@ fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {
         let unit = f_unit(summary.f_in_percent);
         set(&verdict, &[("loop", id), ("verdict", &summary.outcome)], 1.0);
         set(&valid, &[("loop", id)], f64::from(u8::from(summary.f.is_some())));
-        set(&age, &[("loop", id)], now - summary.time);
+        set(&age, &[("loop", id)], (now - summary.time).max(0.0));
         if let Some(value) = summary.f {
             set(&f, &[("loop", id), ("f_unit", unit)], value);
         }
@@ -175,6 +176,8 @@ fn runs(registry: &mut Registry, context: &Context) {
     count(&skipped, &[("reason", "late")], counters.skipped_late as f64);
     gauge(registry, "runs_running", "Diagnoses that run now", counters.running as f64);
     gauge(registry, "runs_queued", "Diagnoses that wait for a slot now", counters.queued as f64);
+    let left_out = quiet::left_out() as f64;
+    counter(registry, "log_lines_left_out", "Lines of libraries that were too many for the log", left_out);
     counter(registry, "runs_busy_seconds", "Time spent in diagnoses, on the wall clock", counters.busy_s);
 }
 
@@ -188,7 +191,7 @@ fn devices(registry: &mut Registry, devices: &[DeviceState], now: f64) {
         let name = device.name.as_str();
         set(&connected, &[("device", name)], f64::from(u8::from(device.connected)));
         if let Some(t) = device.last_good {
-            set(&age, &[("device", name)], now - t);
+            set(&age, &[("device", name)], (now - t).max(0.0));
         }
         for &(event, value) in &device.counters {
             count(&events, &[("device", name), ("event", event)], value as f64);
@@ -220,7 +223,12 @@ fn store(registry: &mut Registry, context: &Context, now: f64) {
     let working = f64::from(u8::from(state.failing.is_none()));
     gauge(registry, "store_working", "1 while what is new is made durable, 0 while the store fails", working);
     if let Some(at) = state.written_at {
-        gauge(registry, "store_written_age_seconds", "Time since something was last made durable", now - at);
+        gauge(
+            registry,
+            "store_written_age_seconds",
+            "Time since something was last made durable",
+            (now - at).max(0.0),
+        );
     }
     if let Some((there, waiting)) = state.database {
         let there = f64::from(u8::from(there));

@@ -9,6 +9,7 @@ mod guard;
 mod layers;
 mod listen;
 mod metrics;
+mod names;
 mod page;
 mod picture;
 mod policy;
@@ -42,6 +43,9 @@ use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 
+/// Most entries of `hosts`: each is compared with every request's.
+const MOST_HOSTS: usize = 32;
+
 /// `[server]`: where to listen, and bounds.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -54,6 +58,8 @@ pub struct Config {
     pub allow_unauthenticated_network: bool,
     /// True to let passwords and tokens be read on the way, or where a proxy before the daemon encrypts.
     pub allow_plain_http_on_network: bool,
+    /// Further names by which the daemon may be asked, with or without a port: what a proxy before it is called, or an alias.
+    pub hosts: Vec<String>,
     /// Requests worked on at the same time.
     pub max_requests: usize,
     /// Connections open at the same time.
@@ -77,6 +83,7 @@ impl Default for Config {
             tls: None,
             allow_unauthenticated_network: false,
             allow_plain_http_on_network: false,
+            hosts: Vec::new(),
             max_requests: 64,
             max_connections: 256,
             max_event_clients: 64,
@@ -107,6 +114,10 @@ impl Config {
             let message = format!("{value} must be {} to {}", range.start(), range.end());
             unless(range.contains(&value), field, message);
         }
+        for fault in self.hosts.iter().filter_map(|listed| names::fault(listed)) {
+            unless(false, "hosts", fault);
+        }
+        unless(self.hosts.len() <= MOST_HOSTS, "hosts", format!("at most {MOST_HOSTS} names"));
         let times = [
             ("read_timeout_s", self.read_timeout_s),
             ("request_timeout_s", self.request_timeout_s),

@@ -4,9 +4,11 @@ use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 use tokio_rustls::TlsAcceptor;
+use tokio_rustls::rustls::client::verify_server_name;
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::{self, PemObject};
-use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName};
+use tokio_rustls::rustls::server::ParsedCertificate;
 use tokio_rustls::rustls::server::WebPkiClientVerifier;
 use tokio_rustls::rustls::{RootCertStore, ServerConfig};
 
@@ -44,7 +46,15 @@ pub enum TlsError {
 /// The certificates in force.
 pub struct Tls {
     config: Config,
-    current: RwLock<Arc<ServerConfig>>,
+    current: RwLock<InForce>,
+}
+
+/// What the next connection is given.
+#[derive(Clone)]
+struct InForce {
+    server: Arc<ServerConfig>,
+    /// The daemon's own certificate, which says what it is called.
+    own: CertificateDer<'static>,
 }
 
 impl Tls {
@@ -53,7 +63,7 @@ impl Tls {
     /// # Errors
     /// [`TlsError`].
     pub fn load(config: &Config) -> Result<Self, TlsError> {
-        let current = RwLock::new(Arc::new(server(config)?));
+        let current = RwLock::new(server(config)?);
         Ok(Self { config: config.clone(), current })
     }
 
@@ -62,19 +72,34 @@ impl Tls {
     /// # Errors
     /// [`TlsError`]; then what was in force stays.
     pub fn reload(&self) -> Result<(), TlsError> {
-        let new = Arc::new(server(&self.config)?);
+        let new = server(&self.config)?;
         *self.current.write().unwrap_or_else(PoisonError::into_inner) = new;
         Ok(())
     }
 
     /// For the next connection.
     pub fn acceptor(&self) -> TlsAcceptor {
-        self.current.read().unwrap_or_else(PoisonError::into_inner).clone().into()
+        self.in_force().server.into()
+    }
+
+    /// Whether the certificate in force is for a host of this name: a browser has made sure that it is.
+    pub(super) fn carries(&self, name: &str) -> bool {
+        let own = self.in_force().own;
+        let (Ok(name), Ok(own)) = (ServerName::try_from(name), ParsedCertificate::try_from(&own)) else {
+            return false;
+        };
+        verify_server_name(&own, &name).is_ok()
+    }
+
+    fn in_force(&self) -> InForce {
+        self.current.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
-fn server(config: &Config) -> Result<ServerConfig, TlsError> {
+fn server(config: &Config) -> Result<InForce, TlsError> {
     let certificates = certificates("cert_file", &config.cert_file)?;
+    let own = certificates.first().cloned();
+    let own = own.ok_or_else(|| refused("cert_file", &config.cert_file, &"there is no certificate in it"))?;
     let key = PrivateKeyDer::from_pem_file(&config.key_file)
         .map_err(|error| unusable("key_file", &config.key_file, error, "private key"))?;
     let provider = Arc::new(ring::default_provider());
@@ -95,7 +120,7 @@ fn server(config: &Config) -> Result<ServerConfig, TlsError> {
     };
     let mut server = begun.with_single_cert(certificates, key).map_err(|error| pair(&error))?;
     server.alpn_protocols = vec![b"http/1.1".to_vec()];
-    Ok(server)
+    Ok(InForce { server: Arc::new(server), own })
 }
 
 fn certificates(key: &'static str, path: &Path) -> Result<Vec<CertificateDer<'static>>, TlsError> {

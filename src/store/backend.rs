@@ -107,6 +107,9 @@ pub(super) trait Reads: Send + Debug {
     fn last_transitions(&self, limit: usize) -> Result<Vec<TransitionRow>, StoreError>;
     fn transitions(&self, after: i64, limit: usize) -> Result<Vec<(i64, TransitionRow)>, StoreError>;
     fn examine(&mut self, found: &mut Checked) -> Result<(), StoreError>;
+    fn loss(&self) -> Option<&embedded::Loss> {
+        None
+    }
 }
 
 /// The store, open for writing. There is one writer at a time.
@@ -241,6 +244,27 @@ impl Reader {
         }
         let main = Box::new(postgresql::Reader::open(config)?);
         Ok(Self { main, spool: embedded::Reader::open(&config.folder).ok() })
+    }
+
+    /// As [`Reader::of`], after looking at all of a store in a folder: where it is damaged what is left of it.
+    ///
+    /// # Errors
+    /// As [`Reader::of`].
+    pub fn looked_at(config: &Config) -> Result<Self, StoreError> {
+        if config.url.is_some() {
+            return Self::of(config);
+        }
+        Ok(Self { main: Box::new(embedded::Reader::looked_at(&config.folder)?), spool: None })
+    }
+
+    /// What was lost of a store that is damaged.
+    pub(super) fn loss(&self) -> Option<&embedded::Loss> {
+        self.main.loss()
+    }
+
+    /// What was lost in one line, and how many states; `None` of a store that is whole.
+    pub fn lost(&self) -> Option<(String, u64)> {
+        self.loss().map(|loss| (loss.to_string(), loss.states))
     }
 
     /// Opens what is at hand of the store that is configured: while its database is away, what waits for it.

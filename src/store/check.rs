@@ -1,8 +1,8 @@
 //! Whether a store is whole: what its database says of itself, every report, and the chain of each alarm's history.
 
-use super::{Config, Reader, StoreError, rows};
+use super::{Config, Reader, StoreError, embedded, rows};
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Rows read in one go.
 const ROWS: usize = 1000;
@@ -28,6 +28,26 @@ pub struct Checked {
     pub transitions: u64,
     /// Everything wrong, a line each; empty when the store is whole.
     pub faults: Vec<String>,
+    /// Of one that is damaged: what a repair would keep, and what it would give up.
+    pub left: Option<String>,
+}
+
+/// What a repair has done.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Repaired {
+    /// What was kept, and what was given up.
+    pub left: String,
+    /// Where the damaged files are.
+    pub aside: PathBuf,
+}
+
+/// Makes a new store of what is left of one in a folder that is damaged; it must not be in use.
+///
+/// # Errors
+/// [`StoreError`]; then it stays as it is.
+pub fn repair(config: &Config) -> Result<Repaired, StoreError> {
+    let (loss, aside) = embedded::repair(config)?;
+    Ok(Repaired { left: loss.to_string(), aside })
 }
 
 /// Reads the whole store in a folder, in bounded memory.
@@ -43,8 +63,12 @@ pub fn check(folder: &Path) -> Result<Checked, StoreError> {
 /// # Errors
 /// [`StoreError`] when it cannot be read at all.
 pub fn check_of(config: &Config) -> Result<Checked, StoreError> {
-    let mut reader = Reader::of(config)?;
+    let mut reader = Reader::looked_at(config)?;
     let mut found = Checked::default();
+    if let Some(loss) = reader.loss() {
+        found.left = Some(loss.to_string());
+        found.faults.push(loss.damage.clone());
+    }
     reader.examine(&mut found)?;
     diagnoses(&reader, &mut found)?;
     transitions(&reader, &mut found)?;

@@ -33,7 +33,7 @@ mod rows;
 mod writer;
 
 pub use backend::{Found, Point, Reader, Spool, Store, StoredTag, Usage};
-pub use check::{Checked, check, check_of};
+pub use check::{Checked, Repaired, check, check_of, repair};
 pub use config::Config;
 pub use rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, pack, unpack};
 pub use writer::{Feed, Status, Writer};
@@ -73,6 +73,11 @@ pub enum StoreError {
     /// The database failed.
     #[error("the store's database: {0}{hint}", hint = hint(.0))]
     Database(#[from] rusqlite::Error),
+    /// What is on disk is not what was written: nothing is written until somebody decides.
+    #[error(
+        "the store is damaged: {0}; nothing is written until `stictiond store check --repair` has made a new one of what is left"
+    )]
+    Damaged(String),
     /// PostgreSQL cannot be reached, or does not let us in.
     #[error("PostgreSQL: {0}")]
     Away(String),
@@ -86,7 +91,7 @@ fn hint(error: &rusqlite::Error) -> &'static str {
     match error.sqlite_error_code() {
         Some(DiskFull) => "; free some room, or lower [store] max_mb",
         Some(DatabaseCorrupt | NotADatabase) => {
-            "; `stictiond store check` says what is damaged; to begin anew, move the folder away"
+            "; `stictiond store check` says what is damaged, with `--repair` it makes a new one of what is left"
         }
         _ => "",
     }
@@ -98,10 +103,32 @@ impl StoreError {
         matches!(self, Self::Database(e) if e.sqlite_error_code() == Some(rusqlite::ErrorCode::DiskFull))
     }
 
+    /// Whether what is on disk is not what was written.
+    pub fn is_damage(&self) -> bool {
+        use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase};
+        let code = |error: &rusqlite::Error| error.sqlite_error_code();
+        match self {
+            Self::Damaged(_) => true,
+            Self::Database(error) => matches!(code(error), Some(DatabaseCorrupt | NotADatabase)),
+            _ => false,
+        }
+    }
+
     fn io(path: &Path) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_path_buf();
         move |source| Self::Io { path, source }
     }
+}
+
+/// Has the store in a folder fail, over restarts too, until somebody decides what becomes of it.
+pub fn mark_damaged(config: &Config, why: &str) -> StoreError {
+    embedded::mark(&config.folder, why);
+    StoreError::Damaged(why.to_string())
+}
+
+/// Whether the store in a folder is known to be damaged, and nobody has decided yet.
+pub fn is_damaged(config: &Config) -> bool {
+    embedded::marked(&config.folder).is_some()
 }
 
 /// First whole second of the chunk of `length` seconds that holds `t`; `None` for a time that no key holds.

@@ -1,7 +1,7 @@
 //! The one thread that writes. It asks for what is new at a steady pace, makes it durable, tidies up, and when the store
 //! fails tries again, from a fresh opening, until it works: nobody else ever waits for the disk.
 
-use super::{Batch, Config, Found, Reader, Spool, Store, StoreError, Usage};
+use super::{Batch, Config, Found, Reader, Spool, Store, StoreError, Usage, embedded};
 use std::collections::VecDeque;
 use std::io;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -326,6 +326,9 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         if let Some(store) = self.store.take() {
             let (refused, damaged) = store.refused_and_damaged();
             self.counted = (self.counted.0 + refused, self.counted.1 + damaged);
+        }
+        if error.is_damage() {
+            embedded::mark(&self.config.folder, &error.to_string());
         }
         let text = error.to_string();
         let mut inner = self.shared.lock();

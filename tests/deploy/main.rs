@@ -103,7 +103,7 @@ fn daemon(folder: &Path) -> (Killed, String) {
     let tag =
         |address: u16| format!("{{ device = 'd', register = 'input', address = {address}, type = 'f32' }}");
     let text = format!(
-        "[server]\nlisten = '127.0.0.1:0'\n[[modbus]]\nname = 'd'\naddress = '127.0.0.1:9'\naddress_base = 0\n\
+        "[server]\nlisten = '127.0.0.1:0'\nhosts = ['stictiond.plant.example']\n[[modbus]]\nname = 'd'\naddress = '127.0.0.1:9'\naddress_base = 0\n\
          [[loop]]\nid = 'A'\nop = {}\npv = {}\n",
         tag(0),
         tag(2)

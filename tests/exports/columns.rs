@@ -11,6 +11,7 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
 use std::fs::File;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::sync::Arc;
 use stictiond::collect::table::{Options, Source, Table, read};
 
@@ -87,6 +88,49 @@ fn every_compression_and_an_index_without_a_name() {
         assert_eq!(found.record.op[1].t, 1_780_293_602.03, "{name}");
         assert!(found.found.read_as.starts_with("Parquet, time as stamps (UTC)"), "{}", found.found.read_as);
     }
+}
+
+/// What unpacks to far more than a file of measurements: a text that nobody asked for is not unpacked, the rest is refused.
+#[test]
+fn a_file_that_unpacks_to_far_more_than_it_is_costs_nothing() {
+    let zstd = Compression::ZSTD(ZstdLevel::default());
+    let n = 1200;
+    let numbers = |scale: f64| Values::Doubles((0..n).map(|at| (f64::from(at) * scale).sin()).collect());
+    let stamps = Values::Doubles((0..n).map(f64::from).collect());
+    let long = "x".repeat(100_000);
+    let texts = Values::Texts((0..n).map(|at| format!("{at}{long}")).collect());
+    let schema =
+        "required double t; required double op; required double pv; required binary remark (STRING);";
+    let path = file("text-bomb", zstd, schema, &[stamps, numbers(0.1), numbers(0.2), texts]);
+    let size = std::fs::metadata(&path).expect("written").len();
+    assert!(size < 1_000_000, "it packs 120 MB into {size} bytes");
+    let found = table(&path, &Options::default()).expect("the others are read");
+    assert_eq!(found.record.op.len(), n as usize);
+    let taken = memory_to_diagnose(&path);
+    assert!(taken < 64 << 20, "{taken} bytes");
+    // Ten million rows of nothing.
+    let rows = 10_000_000;
+    let zeroes = || Values::Doubles(vec![0.0; rows]);
+    let schema = "required double t; required double op; required double pv;";
+    let path = file("row-bomb", zstd, schema, &[zeroes(), zeroes(), zeroes()]);
+    let why = table(&path, &Options::default()).err().expect("refused");
+    assert!(why.contains("10000000 rows in "), "{why}");
+}
+
+/// Most memory that a process takes which reads the file and diagnoses it (bytes).
+fn memory_to_diagnose(path: &Path) -> u64 {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_stictiond"));
+    command.arg("diagnose").arg(path).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut child = command.spawn().expect("it starts");
+    let mut most = 0;
+    while child.try_wait().expect("waited for").is_none() {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap_or_default();
+        let line = status.lines().find(|line| line.starts_with("VmHWM:"));
+        let kb = line.and_then(|line| line.split_whitespace().nth(1)).and_then(|kb| kb.parse::<u64>().ok());
+        most = most.max(kb.unwrap_or(0) * 1024);
+        std::thread::yield_now();
+    }
+    most
 }
 
 #[test]

@@ -6,6 +6,8 @@ mod alertmanager;
 #[cfg(test)]
 mod dashboard;
 #[cfg(test)]
+mod endless;
+#[cfg(test)]
 mod mail;
 #[cfg(test)]
 #[path = "../peers/piped.rs"]

@@ -185,7 +185,8 @@ async fn other_sites_are_not_let_in() {
     let daemon = daemon("cors").await;
     let origin = "origin: https://evil.example";
     let answer = daemon.ask("GET /api/v1/loops", &[&daemon.token(Role::Viewer), origin], "").await;
-    assert!(answer.status == 200 && !answer.head.to_lowercase().contains("access-control-"), "{answer:?}");
+    assert_eq!((answer.status, answer.problem().as_str()), (403, "foreign_origin"));
+    assert!(!answer.head.to_lowercase().contains("access-control-"), "{answer:?}");
     let asked =
         daemon.ask("OPTIONS /api/v1/loops", &[origin, "access-control-request-method: POST"], "").await;
     assert!(

@@ -31,12 +31,29 @@ async fn a_path_that_climbs_out_finds_nothing() {
     }
 }
 
+/// A client that closes its half after asking still waits for the answer, however long that takes.
+#[tokio::test]
+async fn who_has_asked_and_closed_their_half_is_answered() {
+    let daemon = daemon("half-closed").await;
+    let token = daemon.token(Role::Viewer);
+    for path in ["/healthz", "/api/v1/report.html", "/api/v1/loops", "/metrics"] {
+        for n in 0..15 {
+            let mut stream = TcpStream::connect(daemon.address).await.expect("connected");
+            let text = request(daemon.address, &format!("GET {path}"), &[&token], "");
+            stream.write_all(text.as_bytes()).await.expect("sent");
+            stream.shutdown().await.expect("its half");
+            let answer = parse(&exchange(stream, b"").await);
+            assert_eq!(answer.status, 200, "{path}, trial {n}");
+        }
+    }
+}
+
 /// Two requests in one for a proxy that reads the length otherwise than the daemon: the second is never answered.
 #[tokio::test]
 async fn a_request_hidden_in_another_is_not_answered() {
     let daemon = daemon("smuggle").await;
-    let hidden = "GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n";
-    let head = "POST /api/v1/session HTTP/1.1\r\nhost: x\r\n";
+    let hidden = "GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n";
+    let head = "POST /api/v1/session HTTP/1.1\r\nhost: localhost\r\n";
     let chunked = format!(
         "{head}content-length: {}\r\ntransfer-encoding: chunked\r\n\r\n0\r\n\r\n{hidden}",
         5 + hidden.len()
@@ -99,7 +116,7 @@ async fn bodies_that_never_end_take_no_place_and_are_given_up() {
     let daemon = daemon_with("slow-body", "read_timeout_s = 1.0\nmax_requests = 1", |_| {}).await;
     let token = daemon.token(Role::Operator);
     let head = format!(
-        "POST /api/v1/alarms/FIC1/ack HTTP/1.1\r\nhost: x\r\n{token}\r\ncontent-length: 1000\r\n\r\n{{"
+        "POST /api/v1/alarms/FIC1/ack HTTP/1.1\r\nhost: localhost\r\n{token}\r\ncontent-length: 1000\r\n\r\n{{"
     );
     let mut slow = TcpStream::connect(daemon.address).await.expect("connected");
     slow.write_all(head.as_bytes()).await.expect("sent");

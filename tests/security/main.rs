@@ -5,5 +5,7 @@ mod access;
 mod client;
 mod commands;
 mod http;
+mod names;
 mod rig;
+mod streams;
 mod tls;

@@ -27,6 +27,7 @@ use tokio_util::sync::CancellationToken;
 mod browse;
 mod history;
 mod resolve;
+mod wire;
 
 /// The server is told goodbye for no longer than this.
 const GOODBYE: Duration = Duration::from_secs(2);
@@ -101,7 +102,7 @@ impl Link {
         own_files(&config).map_err(Lost::Untrusted)?;
         let token = identity(&config).map_err(Lost::Untrusted)?;
         let limit = Duration::from_millis(config.timeout_ms);
-        let mut client = client(&config).map_err(Lost::Broken)?;
+        let client = client(&config).map_err(Lost::Broken)?;
         let endpoint: EndpointDescription = (
             config.url.as_str(),
             policy_uri(config.security_policy),
@@ -109,7 +110,12 @@ impl Link {
             UserTokenPolicy::anonymous(),
         )
             .into();
-        let connecting = client.connect_to_matching_endpoint(endpoint, token);
+        let connecting = async {
+            let endpoints = client.get_server_endpoints_from_url(wire::to(&config.url)?).await?;
+            let asked = client.session_builder().with_endpoints(endpoints);
+            let asked = asked.connect_to_matching_endpoint(endpoint)?.user_identity_token(token);
+            asked.with_connector(wire::Wire).build(client.certificate_store().clone())
+        };
         let (session, events) = match timeout(limit, connecting).await {
             Err(_) => return Err(Lost::Timeout(format!("{} does not list its endpoints", config.url))),
             Ok(Err(error)) => return Err(unopened(error.status(), &config)),

@@ -3,18 +3,29 @@
 use super::error::TableError;
 use super::source::{Cell, Rows, Source};
 use super::stamp::DAY;
-use parquet::basic::{LogicalType, TimeUnit};
+use parquet::basic::{LogicalType, TimeUnit, Type as PhysicalType};
 use parquet::errors::ParquetError;
+use parquet::file::metadata::ParquetMetaData;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::reader::RowIter;
 use parquet::record::{Field, Row};
+use parquet::schema::types::Type;
+use std::collections::BTreeSet;
 use std::fs::File;
+use std::sync::Arc;
 
 impl From<ParquetError> for TableError {
     fn from(error: ParquetError) -> Self {
         Self::refused(format!("Parquet: {error}"))
     }
 }
+
+/// Rows that any file may have, and rows for each of its bytes.
+const FEW_ROWS: u64 = 1_000_000;
+const ROWS_A_BYTE: u64 = 4;
+/// Bytes that a column of a row group may always unpack to, and how many times the bytes of the file.
+const FEW_BYTES: u64 = 16_000_000;
+const TIMES: u64 = 64;
 
 /// How the stamps of a column are kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -41,9 +52,13 @@ impl Table {
         let Source::File(path) = source else {
             return Err(TableError::refused("Parquet is read from a file only"));
         };
-        let reader = SerializedFileReader::new(File::open(path)?)?;
+        let file = File::open(path)?;
+        let bytes = file.metadata()?.len();
+        let reader = SerializedFileReader::new(file)?;
+        let left_out = measured(reader.metadata(), bytes)?;
         let schema = reader.metadata().file_metadata().schema_descr_ptr();
-        let fields = schema.root_schema().get_fields();
+        let read = |field: &&Arc<Type>| !left_out.contains(field.name());
+        let fields: Vec<Arc<Type>> = schema.root_schema().get_fields().iter().filter(read).cloned().collect();
         let names = fields.iter().map(|field| field.name().to_string()).collect();
         let stamps = fields.iter().map(|field| match field.get_basic_info().logical_type_ref() {
             Some(LogicalType::Timestamp(stamp)) => Stamps {
@@ -57,9 +72,40 @@ impl Table {
             _ => Stamps::default(),
         });
         let stamps = stamps.collect();
-        let rows = RowIter::from_file_into(Box::new(reader));
+        let only =
+            Type::group_type_builder(schema.root_schema().name()).with_fields(fields.clone()).build()?;
+        let rows = RowIter::from_file_into(Box::new(reader)).project(Some(only))?;
         Ok(Self { rows, names, stamps, row: None, at: 0 })
     }
+}
+
+/// Looks at what a file would unpack to before anything of it is unpacked. A file of measurements has a byte or more for a
+/// row, and text that is far larger than its file is no tag's: such a column is left out, as if it were not there.
+fn measured(file: &ParquetMetaData, bytes: u64) -> Result<BTreeSet<String>, TableError> {
+    let rows: u64 = file.row_groups().iter().map(|group| group.num_rows().max(0) as u64).sum();
+    if rows > FEW_ROWS.max(bytes.saturating_mul(ROWS_A_BYTE)) {
+        let why = format!(
+            "Parquet: {rows} rows in {bytes} bytes: more than measurements take; write a shorter file"
+        );
+        return Err(TableError::refused(why));
+    }
+    let most = FEW_BYTES.max(bytes.saturating_mul(TIMES));
+    let mut left_out = BTreeSet::new();
+    for column in file.row_groups().iter().flat_map(|group| group.columns()) {
+        let size = column.uncompressed_size().max(0) as u64;
+        let name = column.column_path().parts().first().cloned().unwrap_or_default();
+        if size > most
+            && matches!(column.column_type(), PhysicalType::BYTE_ARRAY | PhysicalType::FIXED_LEN_BYTE_ARRAY)
+        {
+            left_out.insert(name);
+        } else if size > most {
+            let why = format!(
+                "Parquet: the column {name:?} unpacks to {size} bytes, from {bytes}: {most} are taken"
+            );
+            return Err(TableError::refused(why));
+        }
+    }
+    Ok(left_out)
 }
 
 impl Rows for Table {

@@ -408,8 +408,10 @@ pub fn tag_of(rows: &dyn Rows, long: &Long) -> Tag {
 
 /// What a spreadsheet would take for a formula has a quote before it in our own exports, which is none of the name.
 fn meant(text: &str) -> &str {
-    const FORMULA: [char; 6] = ['=', '+', '-', '@', '\t', '\r'];
-    let formula = |rest: &&str| rest.trim_start_matches('\'').starts_with(FORMULA);
+    const FORMULA: [char; 16] =
+        ['=', '+', '-', '@', '\t', '\r', '\n', '＝', '＋', '－', '＠', '﹦', '﹢', '﹣', '﹫', '−'];
+    const HIDDEN: [char; 6] = ['\'', ' ', '\u{a0}', '\u{3000}', '\u{200b}', '\u{feff}'];
+    let formula = |rest: &&str| rest.trim_start_matches(HIDDEN).starts_with(FORMULA);
     text.strip_prefix('\'').filter(formula).unwrap_or(text)
 }
 

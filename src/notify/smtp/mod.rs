@@ -12,12 +12,12 @@ use super::notice::Source;
 use super::postman::{Carrier, Fault, Postman};
 use super::state::State;
 use super::{http, secret};
+use hello::{Server, Unsent};
+use lettre::Message;
 use lettre::address::Envelope;
 use lettre::message::{Mailbox, header::ContentType};
 use lettre::transport::smtp::authentication::Credentials;
-use lettre::transport::smtp::client::{Certificate, CertificateStore, Tls, TlsParameters};
-use lettre::transport::smtp::extension::ClientId;
-use lettre::{AsyncSmtpTransport, AsyncTransport, Message, Tokio1Executor};
+use lettre::transport::smtp::client::{Certificate, CertificateStore, TlsParameters};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::spawn_blocking;
@@ -49,50 +49,61 @@ impl Carrier for Mail {
         let mail = message(&self.config, letter).map_err(Fault::Never)?;
         let config = self.config.clone();
         let later = |why: String| Fault::Later(why, None);
-        let made =
-            spawn_blocking(move || transport(&config)).await.map_err(|error| later(error.to_string()))?;
+        let made = spawn_blocking(move || server(&config)).await.map_err(|error| later(error.to_string()))?;
         let server = made.map_err(later)?;
-        let limit = STEPS * self.limit();
-        let late = |_| later(format!("not sent within {} s", limit.as_secs_f64()));
-        match timeout(limit, server.send(mail.clone())).await.map_err(late)? {
-            Err(error) if hello::is_unknown(&error) => self.carry_by_helo(&mail, &error, limit).await,
+        match self.send(&server, mail.envelope(), &mail, true).await? {
+            Err(error) if hello::is_unknown(&error) => self.carry_by_helo(&server, &mail, &error).await,
             Err(error) if is_for_good(&error) && self.config.to.len() > 1 => {
-                self.carry_to_each(&server, &mail, limit).await
+                self.carry_to_each(&server, &mail).await
             }
-            sent => sent.map(drop).map_err(fault),
+            sent => sent.map_err(fault),
         }
     }
 }
 
 /// What is refused for good stays refused.
-fn fault(error: lettre::transport::smtp::Error) -> Fault {
+fn fault(error: Unsent) -> Fault {
     if is_for_good(&error) { Fault::Never(error.to_string()) } else { Fault::Later(error.to_string(), None) }
 }
 
 /// A password may be set right without a restart.
-fn is_for_good(error: &lettre::transport::smtp::Error) -> bool {
-    error.is_permanent() && !is_login(error)
+fn is_for_good(error: &Unsent) -> bool {
+    matches!(error, Unsent::Smtp(error) if error.is_permanent() && !is_login(error))
 }
 
 impl Mail {
-    /// One address that is refused must not keep the mail from the others.
-    async fn carry_to_each(
+    /// One conversation, within its time; the outer error is that it took longer.
+    async fn send(
         &self,
-        server: &AsyncSmtpTransport<Tokio1Executor>,
+        server: &Server,
+        to: &Envelope,
         mail: &Message,
-        limit: Duration,
-    ) -> Result<(), Fault> {
+        knows_ehlo: bool,
+    ) -> Result<Result<(), Unsent>, Fault> {
+        let limit = STEPS * self.limit();
+        let talking = async {
+            let mut open = server.connect(knows_ehlo).await?;
+            let sent = open.send(to, &mail.formatted()).await;
+            open.abort().await;
+            sent.map(drop).map_err(Unsent::from)
+        };
+        let late = |_| Fault::Later(format!("not sent within {} s", limit.as_secs_f64()), None);
+        timeout(limit, talking).await.map_err(late)
+    }
+
+    /// One address that is refused must not keep the mail from the others.
+    async fn carry_to_each(&self, server: &Server, mail: &Message) -> Result<(), Fault> {
         let (mut taken, mut refused) = (false, None);
         for to in mail.envelope().to() {
             let own = Envelope::new(mail.envelope().from().cloned(), vec![to.clone()]);
             let own = own.map_err(|error| Fault::Never(error.to_string()))?;
-            match timeout(limit, server.send_raw(&own, &mail.formatted())).await {
-                Ok(Ok(_)) => taken = true,
+            match self.send(server, &own, mail, true).await {
+                Ok(Ok(())) => taken = true,
                 Ok(Err(error)) => {
                     warn!(receiver = self.config.name, to = %to, %error, "an address was refused");
                     refused = Some(fault(error));
                 }
-                Err(_) => refused = Some(Fault::Later("no answer in time".to_string(), None)),
+                Err(late) => refused = Some(late),
             }
         }
         // Sent again it would come twice to those who have it.
@@ -100,12 +111,7 @@ impl Mail {
     }
 
     /// A server that knows no EHLO has neither encryption nor a log-in to offer.
-    async fn carry_by_helo(
-        &self,
-        mail: &Message,
-        refused: &lettre::transport::smtp::Error,
-        limit: Duration,
-    ) -> Result<(), Fault> {
+    async fn carry_by_helo(&self, server: &Server, mail: &Message, refused: &Unsent) -> Result<(), Fault> {
         if self.config.security != Security::None || self.config.login().is_some() {
             let why = format!(
                 "{refused}: a server that knows no EHLO can neither encrypt nor take a log-in; name another, or one on this \
@@ -113,14 +119,7 @@ impl Mail {
             );
             return Err(Fault::Later(why, None));
         }
-        let (host, port) = self.config.host_and_port().ok_or_else(|| Fault::Never("no host:port".into()))?;
-        let greeting = self.config.greeting();
-        let sending = hello::send_by_helo((host, port), greeting, mail);
-        let late = |_| Fault::Later(format!("not sent within {} s", limit.as_secs_f64()), None);
-        timeout(limit, sending).await.map_err(late)?.map_err(|error| match error {
-            hello::HeloError::Connect(error) => Fault::Later(error.to_string(), None),
-            hello::HeloError::Smtp(error) => fault(error),
-        })
+        self.send(server, mail.envelope(), mail, false).await?.map_err(fault)
     }
 
     fn limit(&self) -> Duration {
@@ -147,22 +146,19 @@ fn message(config: &Config, letter: &Letter) -> Result<Message, String> {
     mail.body(text.to_string()).map_err(|error| error.to_string())
 }
 
-/// A connection yet to be made; reads the secrets.
-fn transport(config: &Config) -> Result<AsyncSmtpTransport<Tokio1Executor>, String> {
-    let (host, port) = config.host_and_port().ok_or("the address is not host:port")?;
-    let tls = match config.security {
-        Security::None => Tls::None,
-        Security::Starttls => Tls::Required(parameters(config, host)?),
-        Security::Tls => Tls::Wrapper(parameters(config, host)?),
+/// What a conversation needs; reads the secrets.
+fn server(config: &Config) -> Result<Server, String> {
+    let (host, _) = config.host_and_port().ok_or("the address is not host:port")?;
+    let starttls = config.security == Security::Starttls;
+    let tls = starttls.then(|| parameters(config, host)).transpose()?;
+    let login = match config.login() {
+        None => None,
+        Some((user, password)) => {
+            let password = secret::lines(&password)?.into_iter().next().unwrap_or_default();
+            Some(Credentials::new(user, password))
+        }
     };
-    let limit = Duration::try_from_secs_f64(config.timeout_s).unwrap_or_default();
-    let mut server = AsyncSmtpTransport::<Tokio1Executor>::builder_dangerous(host).port(port).tls(tls);
-    server = server.timeout(Some(limit)).hello_name(ClientId::Domain(config.greeting()));
-    if let Some((user, password)) = config.login() {
-        let password = secret::lines(&password)?.into_iter().next().unwrap_or_default();
-        server = server.credentials(Credentials::new(user, password));
-    }
-    Ok(server.build())
+    Ok(Server { config: config.clone(), login, tls })
 }
 
 fn parameters(config: &Config, host: &str) -> Result<TlsParameters, String> {

@@ -6,12 +6,14 @@ use super::super::dto::events::EventData;
 use super::super::dto::params::NoQuery;
 use super::super::dto::rfc3339;
 use super::super::extract::Params;
+use super::super::guard::{Actor, lost};
 use super::super::problem::Problem;
 use super::event_place;
+use crate::access::Role;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::sse::{Event as Frame, KeepAlive, Sse};
-use futures::stream::{self, Stream};
+use futures::stream::{self, Stream, StreamExt};
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -23,7 +25,7 @@ const AT_ONCE: usize = 64;
 
 /// Diagnoses, alarms and reloads as they happen, each with an id. A client that comes back with `Last-Event-ID` first hears
 /// what it missed; where that is forgotten, or of another run of the daemon, an event `reset`. A client that lags is told
-/// how many events it lost.
+/// how many events it lost. The stream ends with the right to it: a second after a token was revoked, a session ended.
 #[utoipa::path(get, path = "/events", tag = "events",
     params(("Last-Event-ID" = Option<String>, Header, description = "the id of the last event that was heard")),
     responses((status = 200, content_type = "text/event-stream", body = EventData,
@@ -31,15 +33,18 @@ const AT_ONCE: usize = 64;
         (status = 503, description = "problem: too many clients listen already")))]
 pub async fn stream(
     State(context): State<Arc<Context>>,
+    actor: Actor,
     Params(NoQuery {}): Params<NoQuery>,
     asked: HeaderMap,
 ) -> Result<Sse<impl Stream<Item = Result<Frame, Infallible>>>, Problem> {
     let permit = event_place(&context)?;
+    let ended = Box::pin(lost(context.clone(), actor, Role::Viewer));
     let client = Client::new(context, asked.get("last-event-id").and_then(|id| id.to_str().ok()), permit);
     let frames = stream::unfold(client, |mut client| async {
         let frame = client.next().await?;
         Some((Ok(frame), client))
     });
+    let frames = frames.take_until(ended);
     Ok(Sse::new(frames).keep_alive(KeepAlive::new().interval(Duration::from_secs(15))))
 }
 

@@ -7,14 +7,16 @@ use super::super::dto::params::NoQuery;
 use super::super::dto::rfc3339;
 use super::super::dto::samples::TagSamples;
 use super::super::extract::{OfLoop, Params};
+use super::super::guard::{Actor, lost};
 use super::super::problem::Problem;
 use super::{event_place, off_thread};
+use crate::access::Role;
 use crate::history::Trend;
 use crate::signal::LoopId;
 use axum::extract::State;
 use axum::response::Response;
 use axum::response::sse::{Event as Frame, KeepAlive, Sse};
-use futures::stream::{self, Stream};
+use futures::stream::{self, Stream, StreamExt};
 use std::collections::HashMap;
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -60,10 +62,12 @@ pub async fn evidence(
         (status = 503, description = "problem: too many clients listen already")))]
 pub async fn live(
     State(context): Shared,
+    actor: Actor,
     OfLoop(id): OfLoop,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Sse<impl Stream<Item = Result<Frame, Infallible>>>, Problem> {
     let permit = event_place(&context)?;
+    let ended = Box::pin(lost(context.clone(), actor, Role::Viewer));
     let mut ticks = tokio::time::interval(EVERY);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let seen = Seen::of(&context, &id);
@@ -77,6 +81,7 @@ pub async fn live(
         };
         Some((Ok(frame), client))
     });
+    let frames = frames.take_until(ended);
     Ok(Sse::new(frames).keep_alive(KeepAlive::new().interval(Duration::from_secs(15))))
 }
 

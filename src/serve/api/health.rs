@@ -26,7 +26,7 @@ pub async fn healthz(State(context): Shared, Params(NoQuery {}): Params<NoQuery>
         status: "ok",
         version: env!("CARGO_PKG_VERSION"),
         time: rfc3339(now),
-        uptime_s: now - context.started,
+        uptime_s: (now - context.started).max(0.0),
         store: store(&context),
         notifications: notifications(&context),
     })

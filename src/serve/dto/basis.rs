@@ -1,6 +1,6 @@
 //! What a run worked on, as text that is kept beside its report.
 
-use crate::diagnosis::Settings;
+use crate::diagnosis::{self, Settings};
 use crate::residual::Kind;
 use crate::results::{Basis, Extent, KnownEffect};
 use crate::signal::SpanSource;
@@ -115,11 +115,38 @@ impl BasisText {
 
     /// What such a text says; `None` for what this version cannot read.
     pub fn read(text: &str) -> Option<Basis> {
-        serde_json::from_str::<Self>(text).ok()?.basis()
+        serde_json::from_str::<Self>(text).ok()?.basis().ok()
     }
 
-    /// What the run worked on; `None` for effects that this version does not know.
-    pub fn basis(&self) -> Option<Basis> {
+    /// What the run worked on.
+    ///
+    /// # Errors
+    /// Effects that this version does not know, and settings that no configuration may have.
+    pub fn basis(&self) -> Result<Basis, String> {
+        let own = &self.settings;
+        let config = diagnosis::Config {
+            f_threshold_percent: own.f_threshold_percent,
+            evidence_threshold: own.evidence_threshold,
+            window_samples: own.window_samples,
+            min_samples: own.min_samples,
+            max_gap_share: own.max_gap_share,
+            ts_s: own.ts_s,
+            max_delay_samples: own.max_delay_samples,
+        };
+        if let Some((field, message)) = config.validate().into_iter().next() {
+            return Err(format!("its settings cannot be used: {field}: {message}"));
+        }
+        let span = self.op_span.is_none_or(|span| span.is_finite() && span > 0.0);
+        let limits =
+            self.op_limits.is_none_or(|[low, high]| low.is_finite() && high.is_finite() && low < high);
+        if !span || !limits {
+            return Err("its span or limits of OP cannot be used: they must be numbers, and not empty".into());
+        }
+        let known = "it knows effects or tags that this version does not";
+        self.with(Settings::from(&config)).ok_or_else(|| known.to_string())
+    }
+
+    fn with(&self, settings: Settings) -> Option<Basis> {
         let effect = |own: &EffectText| {
             let kind = Kind::ALL.into_iter().find(|kind| kind.as_str() == own.kind)?;
             Some((kind, own.tag.clone()))
@@ -128,17 +155,8 @@ impl BasisText {
             let digest = u64::from_str_radix(&own.digest, 16).ok()?;
             Some(Extent { tag: own.tag.clone(), n: own.n, span: own.span.map(<(f64, f64)>::from), digest })
         };
-        let own = &self.settings;
         Some(Basis {
-            settings: Settings {
-                f_threshold: own.f_threshold_percent,
-                evidence_threshold: own.evidence_threshold,
-                window_samples: own.window_samples,
-                min_samples: own.min_samples,
-                max_gap_share: own.max_gap_share,
-                ts: own.ts_s,
-                max_delay: own.max_delay_samples,
-            },
+            settings,
             known: self.known_effects.iter().map(effect).collect::<Option<_>>()?,
             op_span: self.op_span,
             op_span_source: SpanSource::from_name(&self.op_span_source),
@@ -156,10 +174,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_comes_back_to_the_last_bit(times in proptest::collection::vec(0.0..2e9f64, 0..20), threshold in 1e-9..1e9f64) {
+        fn it_comes_back_to_the_last_bit(times in proptest::collection::vec(0.0..2e9f64, 0..20), threshold in 1e-9..100f64) {
             let op: Vec<Sample> = times.iter().map(|t| Sample::good(*t, t.sin())).collect();
             let settings = Settings { f_threshold: threshold, ts: Some(threshold / 3.0), ..Settings::default() };
-            let record = Record { op, op_limits: Some((0.1, threshold)), ..Record::default() };
+            let record = Record { op, op_limits: Some((-0.1, threshold)), ..Record::default() };
             let known = [(Kind::ALL[0], None), (Kind::ALL[1], Some("a.pv".to_string()))];
             let basis = Basis::of(&record, &settings, &known);
             prop_assert_eq!(BasisText::read(&BasisText::text(&basis).expect("text")), Some(basis));

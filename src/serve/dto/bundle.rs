@@ -2,6 +2,7 @@
 
 use super::{BasisText, Report};
 use crate::results::{Basis, Run, Trigger, basis};
+use crate::schedule;
 use crate::serve::LoopInfo;
 use crate::signal::{Quality, Record, Sample};
 use serde::{Deserialize, Serialize};
@@ -103,7 +104,14 @@ impl Bundle {
     /// # Errors
     /// What does not fit together, in one line.
     pub fn record(&self) -> Result<(Basis, Record), String> {
-        let basis = self.basis.basis().ok_or("it knows effects that this version does not")?;
+        let schedule = schedule::Config { period_s: self.r#loop.period_s, ..schedule::Config::default() };
+        if let Some((_, message)) = schedule.validate().into_iter().find(|(field, _)| *field == "period_s") {
+            return Err(format!("its settings cannot be used: period_s: {message}"));
+        }
+        if ![self.started, self.finished].iter().all(|t| (0.0..1e11).contains(t)) {
+            return Err("it began or ended at no time that there is".into());
+        }
+        let basis = self.basis.basis()?;
         let mut record = Record {
             op_span: basis.op_span,
             op_span_source: basis.op_span_source,

@@ -3,7 +3,7 @@
 use super::params::{AlarmKind, AlarmState};
 use super::report::{Report, ReportModel, ReportResidual};
 use super::writeback::WritebackView;
-use super::{finite, rfc3339};
+use super::{age, finite, rfc3339};
 use crate::history::TagSpec;
 use crate::results::{AlarmView, Known, Origin, Run, Summary, Trigger, f_unit};
 use crate::serve::LoopInfo;
@@ -167,7 +167,7 @@ impl LoopItem {
             f_unit: item.as_ref().map(|i| i.f_unit.clone()),
             delta_aic: item.as_ref().and_then(|i| i.delta_aic),
             time: summary.and_then(|s| rfc3339(s.time)),
-            age_s: summary.and_then(|s| finite(now - s.time)),
+            age_s: summary.and_then(|s| age(now, s.time)),
             quality: diagnosis.map(|d| super::report::quality(d).as_str().to_string()).or_else(restored),
             failure: failed.map(|last| last.outcome.to_string()),
             alarm: known.alarm.state.into(),
@@ -265,7 +265,7 @@ impl LoopDiagnosis {
     fn of(report: Report, finished: f64, took_s: f64, now: f64) -> Self {
         Self {
             time: rfc3339(finished),
-            age_s: finite(now - finished),
+            age_s: age(now, finished),
             window_start: report.window.start.and_then(rfc3339),
             window_end: report.window.end.and_then(rfc3339),
             took_s: finite(took_s),

@@ -28,6 +28,11 @@ pub fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value + 0.0)
 }
 
+/// How old something is at `now` (s); 0 for what a clock that was set back has put into the future.
+pub fn age(now: f64, at: f64) -> Option<f64> {
+    finite((now - at).max(0.0)).filter(|_| at.is_finite())
+}
+
 /// Seconds since the Unix epoch as RFC 3339 in UTC, to the microsecond; `None` for what no calendar holds.
 pub fn rfc3339(t: f64) -> Option<String> {
     if !t.is_finite() || t.abs() > 4e11 {
@@ -47,6 +52,12 @@ pub fn parse_time(text: &str) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nothing_is_younger_than_now() {
+        assert_eq!((age(10.0, 4.0), age(10.0, 10.0), age(10.0, 3610.0)), (Some(6.0), Some(0.0), Some(0.0)));
+        assert_eq!((age(10.0, f64::NAN), age(f64::INFINITY, 0.0)), (None, None));
+    }
 
     #[test]
     fn times_are_written_in_utc_and_read_back() {

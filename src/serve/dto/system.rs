@@ -1,6 +1,6 @@
 //! The daemon itself as JSON: what it is, how it is, and what it was told. Never a secret: facts are chosen one by one.
 
-use super::{finite, rfc3339};
+use super::{age, finite, rfc3339};
 use crate::schedule::Counters;
 use crate::serve::{DeviceState, Setting};
 use serde::Serialize;
@@ -119,7 +119,7 @@ impl CollectorItem {
             name: device.name.clone(),
             connected: device.connected,
             last_good: device.last_good.and_then(rfc3339),
-            age_s: device.last_good.and_then(|t| finite(now - t)),
+            age_s: device.last_good.and_then(|t| age(now, t)),
             counters: device.counters.iter().copied().collect(),
         }
     }

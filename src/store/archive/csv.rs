@@ -4,12 +4,16 @@ use super::{ArchiveError, Cell, Column, Sink};
 use std::borrow::Cow;
 use std::io;
 
-/// What a spreadsheet takes for the beginning of a formula.
-const FORMULA: [char; 6] = ['=', '+', '-', '@', '\t', '\r'];
+/// What a spreadsheet takes for the beginning of a formula; full width and small forms of a sign count as the sign to some.
+const FORMULA: [char; 16] =
+    ['=', '+', '-', '@', '\t', '\r', '\n', '＝', '＋', '－', '＠', '﹦', '﹢', '﹣', '﹫', '−'];
+
+/// What may stand before it and is not seen, or is taken away.
+const HIDDEN: [char; 6] = ['\'', ' ', '\u{a0}', '\u{3000}', '\u{200b}', '\u{feff}'];
 
 /// Whether a spreadsheet would compute this text, were it not for the quotes before it.
 fn is_formula(text: &str) -> bool {
-    text.trim_start_matches('\'').starts_with(FORMULA)
+    text.trim_start_matches(HIDDEN).starts_with(FORMULA)
 }
 
 /// Text that a spreadsheet shows as it is: a name from the plant is no formula.
@@ -62,9 +66,34 @@ mod tests {
 
     #[test]
     fn no_cell_is_a_formula() {
-        for name in ["FIC101", "=1+2", "-x", "@SUM(A1)", "+1", "\t=1", "'=1", "''=1", "'quoted'", "", "'"] {
+        for name in [
+            "FIC101",
+            "=1+2",
+            "-x",
+            "@SUM(A1)",
+            "+1",
+            "\t=1",
+            "'=1",
+            "''=1",
+            "'quoted'",
+            "",
+            "'",
+            "＝1+2",
+            "＋1",
+            "－1",
+            "＠x",
+            "﹦1",
+            "−1",
+            " =1",
+            "\u{feff}＝1",
+            "\n=1",
+        ] {
             let cell = shown(name);
-            assert!(!cell.starts_with(FORMULA), "{name:?} is written as {cell:?}");
+            assert!(!is_formula(&cell) || cell.starts_with('\''), "{name:?} is written as {cell:?}");
+            assert!(
+                !cell.trim_start_matches([' ', '\u{feff}']).starts_with(FORMULA),
+                "{name:?} is written as {cell:?}"
+            );
         }
         assert_eq!((shown("FIC101").as_ref(), shown("=1").as_ref()), ("FIC101", "'=1"));
     }

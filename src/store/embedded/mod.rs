@@ -5,15 +5,25 @@
 //! writing, for every sample then touches a page of its own. Until a chunk is over its samples lie in `journal`, one row for
 //! all tags each [`Config::sync_ms`](super::Config); in one transaction they move to `chunks`. Late samples are merged into
 //! the chunk they belong to.
+//!
+//! Beside the database lie its `ledger`, which knows of every page what it must be, and a `second` copy of what nobody could
+//! measure again. Of a database that is damaged `salvage` reads what is left, and `repair` makes a new one of it.
 
 mod check;
+mod ledger;
 mod read;
+mod repair;
 mod retain;
+mod salvage;
 mod schema;
+mod second;
 mod spool;
 mod write;
 
+pub(super) use ledger::{mark, marked};
 pub(super) use read::Reader;
+pub(super) use repair::repair;
+pub(super) use salvage::Loss;
 pub(super) use spool::Part;
 pub(super) use write::Store;
 

@@ -1,5 +1,7 @@
 //! The reading side: beside the writer, chunk by chunk, so that memory and the time a snapshot is held stay small.
 
+use super::ledger::{self, Damage};
+use super::salvage::{Loss, salvage};
 use super::{APPLICATION, DATABASE, MAX_TAG, TREND_SPAN, key, schema, start_and_tag};
 use crate::signal::Sample;
 use crate::store::backend::{Reads, over};
@@ -22,6 +24,8 @@ pub struct Reader {
     basis: &'static str,
     /// Whether it may hold states that another store is known to have.
     knows: bool,
+    /// What was lost, of one that is damaged: this is what is left of it.
+    loss: Option<Loss>,
 }
 
 impl Reader {
@@ -30,6 +34,34 @@ impl Reader {
     /// # Errors
     /// [`StoreError::Missing`], [`StoreError::Foreign`], [`StoreError::TooNew`], [`StoreError::Database`].
     pub fn open(folder: &Path) -> Result<Self, StoreError> {
+        if ledger::marked(folder).is_some() { Self::of_what_is_left(folder) } else { Self::as_it_is(folder) }
+    }
+
+    /// Opens the store in a folder after looking at all of it; where it is damaged what is left of it.
+    ///
+    /// # Errors
+    /// As [`Reader::open`].
+    pub fn looked_at(folder: &Path) -> Result<Self, StoreError> {
+        let is_there = folder.join(DATABASE).is_file();
+        if is_there && ledger::examine_beside(folder)? == Damage::default() {
+            return Self::open(folder);
+        }
+        if is_there || ledger::marked(folder).is_some() {
+            return Self::of_what_is_left(folder);
+        }
+        Err(StoreError::Missing(folder.to_path_buf()))
+    }
+
+    fn of_what_is_left(folder: &Path) -> Result<Self, StoreError> {
+        let (db, loss) = salvage(folder, None)?;
+        Ok(Self { db, damaged: loss.blobs, basis: "basis", knows: true, loss: Some(loss) })
+    }
+
+    /// Opens the database as SQLite reads it.
+    ///
+    /// # Errors
+    /// As [`Reader::open`].
+    pub(super) fn as_it_is(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(DATABASE);
         if !path.is_file() {
             return Err(StoreError::Missing(folder.to_path_buf()));
@@ -43,7 +75,7 @@ impl Reader {
         let version = schema::version(&db)?;
         let basis = if version >= 2 { "basis" } else { "NULL AS basis" };
         db.set_prepared_statement_cache_capacity(32);
-        Ok(Self { db, damaged: 0, basis, knows: version >= 5 })
+        Ok(Self { db, damaged: 0, basis, knows: version >= 5, loss: None })
     }
 
     pub(super) fn database(&self) -> &Connection {
@@ -305,6 +337,10 @@ impl Reads for Reader {
 
     fn examine(&mut self, found: &mut Checked) -> Result<(), StoreError> {
         super::check::examine(self, found)
+    }
+
+    fn loss(&self) -> Option<&Loss> {
+        self.loss.as_ref()
     }
 }
 

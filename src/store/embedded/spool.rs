@@ -126,7 +126,8 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub fn hold_states(&mut self, rows: &[Row]) -> Result<(), StoreError> {
-        self.beyond(|own| rows.iter().filter(|row| row.is_state()).try_for_each(|row| put_row(own, row)))
+        self.beyond(|own| rows.iter().filter(|row| row.is_state()).try_for_each(|row| put_row(own, row)))?;
+        self.keep_twice(&[], rows)
     }
 
     /// The states that wait are where they belong.
@@ -169,7 +170,10 @@ impl Store {
                     .execute(params![control_loop, version, since, effects])?;
             }
             alarms.iter().try_for_each(|row| put_alarm(own, "known_alarms", row))
-        })
+        })?;
+        let models = models.iter().cloned().map(Row::Model);
+        let rows: Vec<Row> = models.chain(alarms.iter().cloned().map(Row::Alarm)).collect();
+        self.keep_twice(&[], &rows)
     }
 
     /// The models and alarms that wait, and those that the other store is known to have.

@@ -1,22 +1,31 @@
 //! The writing side: batches in, chunks rolled.
 
+use super::ledger::Ledger;
+use super::read::Reader;
+use super::second::{self, Second};
 use super::{APPLICATION, DATABASE, LOCK, MAX_TAG, key, retain, schema};
 use crate::signal::Sample;
-use crate::store::backend::Writes;
+use crate::store::backend::{Reads, Writes};
 use crate::store::rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow};
-use crate::store::{Config, StoreError, Usage, codec, start_of};
+use crate::store::{Config, StoreError, StoredTag, Usage, codec, start_of};
+use rusqlite::config::DbConfig;
+use rusqlite::hooks::Wal;
 use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File, TryLockError};
 use std::path::Path;
-use std::sync::Arc;
-use std::time::Duration;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 /// Bytes of a page: large enough that a chunk of a minute leaves little of it empty.
 pub(super) const PAGE_BYTES: u64 = 8192;
-/// Pages of the write-ahead log after which it is carried over. Many, because the journal's pages are used anew each minute:
-/// what was overwritten meanwhile is carried over once.
-const LOG_PAGES: u64 = 4000;
+/// Pages of the write-ahead log after which it is carried over: 8 MB, so that little hangs on one file.
+const LOG_PAGES: u32 = 1000;
+/// Time after which it is carried over however short it is: the journal's pages are used anew each minute, and what was
+/// overwritten meanwhile is carried over once.
+const LOG_TIME: Duration = Duration::from_secs(60);
+/// Pages that are compared with their checksums each time (32 MB): 20 GB take ten hours.
+const LOOK_AT: u32 = 4096;
 /// A chunk is rolled this long after its end (s), so that what comes a little late need not be merged.
 const GRACE_S: f64 = 3.0;
 /// Samples that are held open at most; more are rolled before their chunk is over.
@@ -29,6 +38,10 @@ pub(super) type Open = BTreeMap<i64, BTreeMap<u32, Vec<Sample>>>;
 #[derive(Debug)]
 pub struct Store {
     pub(super) db: Connection,
+    ledger: Arc<Mutex<Ledger>>,
+    second: Second,
+    /// When the log was carried over last.
+    carried: Instant,
     pub(super) config: Config,
     _lock: File,
     /// Tags of the present era.
@@ -58,14 +71,29 @@ impl Store {
         fs::create_dir_all(folder).map_err(StoreError::io(folder))?;
         let lock = lock(folder)?;
         let path = folder.join(DATABASE);
+        let ledger = Arc::new(Mutex::new(Ledger::open(folder)?));
         let mut db = Connection::open(&path)?;
         prepare(&db, config, &path)?;
+        let own = ledger.clone();
+        let told = move |_: &mut Wal, frames: i32| {
+            // What cannot be noted is not missed at the next start; the data are on disk all the same.
+            if let Err(error) = lock_of(&own).acknowledge(u32::try_from(frames).unwrap_or(0)) {
+                tracing::warn!(%error, "the store's ledger cannot be written");
+            }
+            Ok(())
+        };
+        db.wal_hook(Some(told))?;
         schema::migrate(&mut db)?;
         // A new file is lost with its folder's entry.
         File::open(folder).and_then(|folder| folder.sync_all()).map_err(StoreError::io(folder))?;
+        let second = second_of(folder)?;
+        lock_of(&ledger).acknowledge_states(second.records()).map_err(StoreError::io(folder))?;
         let era = db.query_row("SELECT coalesce(max(era), 0) FROM tags", [], |row| row.get(0))?;
         let mut store = Self {
             db,
+            ledger,
+            second,
+            carried: Instant::now(),
             config: config.clone(),
             _lock: lock,
             ids: HashMap::new(),
@@ -79,7 +107,57 @@ impl Store {
             dropped: 0,
         };
         store.reopen_chunks()?;
+        store.carry_over()?;
         Ok(store)
+    }
+
+    /// Carries the log over into the database when it is time.
+    fn carry_over_when_due(&mut self) -> Result<(), StoreError> {
+        let frames = lock_of(&self.ledger).frames();
+        if frames >= LOG_PAGES || frames > 0 && self.carried.elapsed() >= LOG_TIME {
+            self.carry_over()?;
+        }
+        Ok(())
+    }
+
+    /// Carries the log over, notes what every page is now, and compares some that were noted before.
+    fn carry_over(&mut self) -> Result<(), StoreError> {
+        self.carried = Instant::now();
+        let mut ledger = lock_of(&self.ledger);
+        let changed = ledger.in_log()?;
+        let carry = |how: &str| {
+            self.db.query_row(&format!("PRAGMA wal_checkpoint({how})"), [], |row| {
+                Ok((row.get::<_, i64>(0)?, row.get::<_, i64>(1)?, row.get::<_, i64>(2)?))
+            })
+        };
+        // Who reads may hold some of it back: then it is carried over the next time.
+        let (busy, frames, done) = carry("PASSIVE")?;
+        if busy != 0 || frames != done {
+            return Ok(());
+        }
+        ledger.carried_over(changed)?;
+        // One that is not cut is written over from its begin; it is only longer than it need be.
+        let _ = carry("TRUNCATE");
+        ledger.look(LOOK_AT)
+    }
+
+    /// Puts states into their second copy too.
+    pub(super) fn keep_twice(
+        &mut self,
+        tags: &[(Arc<TagName>, u32)],
+        rows: &[Row],
+    ) -> Result<(), StoreError> {
+        let stored =
+            |(name, id): &(Arc<TagName>, u32)| StoredTag { id: *id, name: (**name).clone(), era: self.era };
+        let tags: Vec<StoredTag> = tags.iter().map(stored).collect();
+        if self.second.add(&tags, rows.iter())?.is_some() {
+            if self.second.is_large() {
+                self.second = second_of(&self.config.folder)?;
+            }
+            let told = lock_of(&self.ledger).acknowledge_states(self.second.records());
+            told.map_err(StoreError::io(&self.config.folder))?;
+        }
+        Ok(())
     }
 
     /// What was open when the last writer ended, however it ended.
@@ -116,6 +194,29 @@ impl Store {
     }
 }
 
+impl Drop for Store {
+    fn drop(&mut self) {
+        // What is not carried over now is in the log at the next start.
+        if let Err(error) = self.carry_over() {
+            tracing::warn!(%error, "the store's log is carried over at the next start");
+        }
+    }
+}
+
+fn lock_of(ledger: &Mutex<Ledger>) -> MutexGuard<'_, Ledger> {
+    ledger.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The second copy, made of what the database holds.
+fn second_of(folder: &Path) -> Result<Second, StoreError> {
+    let reader = Reader::as_it_is(folder)?;
+    let models = reader.known()?.0.into_iter().chain(reader.written()?.0).map(Row::Model);
+    let changes = reader.last_transitions(second::CHANGES)?.into_iter().map(Row::Transition);
+    let alarms = reader.alarms()?.into_iter().map(Row::Alarm);
+    let rows: Vec<Row> = models.chain(changes).chain(alarms).collect();
+    Second::begin(folder, &reader.tags()?, rows.iter())
+}
+
 impl Writes for Store {
     fn write(&mut self, batch: &Batch) -> Result<(), StoreError> {
         let chunk_s = self.config.chunk_s;
@@ -142,6 +243,7 @@ impl Writes for Store {
         }
         batch.rows.iter().try_for_each(|row| put_row(&taking, row))?;
         taking.commit()?;
+        self.keep_twice(&news, &batch.rows)?;
         self.ids.extend(news);
         self.refused += refused;
         for (start, samples) in parts {
@@ -164,6 +266,7 @@ impl Writes for Store {
             }
             self.rolled = current;
         }
+        self.carry_over_when_due()?;
         retain::step(self, now)
     }
 
@@ -188,6 +291,7 @@ impl Writes for Store {
         }
         batch.rows.iter().try_for_each(|row| put_row(&putting, row))?;
         putting.commit()?;
+        self.keep_twice(&news, &batch.rows)?;
         self.ids.extend(news);
         self.refused += refused;
         self.damaged += damaged;
@@ -219,7 +323,7 @@ impl Writes for Store {
     }
 }
 
-fn lock(folder: &Path) -> Result<File, StoreError> {
+pub(super) fn lock(folder: &Path) -> Result<File, StoreError> {
     let path = folder.join(LOCK);
     let file = File::create(&path).map_err(StoreError::io(&path))?;
     match file.try_lock() {
@@ -227,6 +331,11 @@ fn lock(folder: &Path) -> Result<File, StoreError> {
         Err(TryLockError::WouldBlock) => Err(StoreError::InUse(folder.to_path_buf())),
         Err(TryLockError::Error(error)) => Err(StoreError::io(&path)(error)),
     }
+}
+
+/// Whether somebody writes to a store.
+pub(super) fn is_in_use(folder: &Path) -> bool {
+    File::open(folder.join(LOCK)).is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
 }
 
 fn prepare(db: &Connection, config: &Config, path: &Path) -> Result<(), StoreError> {
@@ -244,13 +353,24 @@ fn prepare(db: &Connection, config: &Config, path: &Path) -> Result<(), StoreErr
     db.pragma_update(None, "journal_mode", "WAL")?;
     // FULL: a commit returns when the log is on disk, so that what was acknowledged survives a power failure.
     db.pragma_update(None, "synchronous", "FULL")?;
-    db.pragma_update(None, "wal_autocheckpoint", LOG_PAGES as i64)?;
-    db.pragma_update(None, "journal_size_limit", (2 * LOG_PAGES * PAGE_BYTES) as i64)?;
+    // Carried over by us alone, who note what every page is then.
+    db.pragma_update(None, "wal_autocheckpoint", 0)?;
+    db.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)?;
+    db.pragma_update(None, "journal_size_limit", (2 * u64::from(LOG_PAGES) * PAGE_BYTES) as i64)?;
     db.pragma_update(None, "cache_size", -16_384)?;
     let pages = (config.max_mb * 1_000_000 / PAGE_BYTES) as i64;
     db.pragma_update(None, "max_page_count", pages)?;
     db.set_prepared_statement_cache_capacity(64);
     Ok(())
+}
+
+/// A database with the pages of this store's, and nothing in it yet.
+pub(super) fn fresh(path: &Path) -> Result<Connection, StoreError> {
+    let db = Connection::open(path)?;
+    db.pragma_update(None, "page_size", PAGE_BYTES as i64)?;
+    db.pragma_update(None, "auto_vacuum", "INCREMENTAL")?;
+    db.pragma_update(None, "application_id", APPLICATION)?;
+    Ok(db)
 }
 
 fn hold(open: &mut Open, start: i64, samples: Vec<(u32, Sample)>) {
@@ -287,7 +407,12 @@ fn tag_id(
 }
 
 /// Puts samples of one tag into their chunk, beside those that are there. How many damaged chunks it replaced.
-fn merge(db: &Transaction<'_>, start: i64, tag: u32, samples: &[Sample]) -> Result<u64, StoreError> {
+pub(super) fn merge(
+    db: &Transaction<'_>,
+    start: i64,
+    tag: u32,
+    samples: &[Sample],
+) -> Result<u64, StoreError> {
     let key = key(start, tag);
     let there: Option<Vec<u8>> = db
         .prepare_cached("SELECT samples FROM chunks WHERE key = ?1")?

@@ -2,16 +2,20 @@
 //! hands, and neither keep-alive nor the server's own limits notice what stands between and swallows everything.
 
 use super::super::StoreError;
+use crate::bounded::{Bounded, POSTGRES};
 use std::cell::Cell;
 use std::fmt;
 use std::future::Future;
 use std::io;
 use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::UnixStream;
 use tokio::runtime::{Builder, Runtime};
 use tokio::task::JoinHandle;
-use tokio_postgres::tls::MakeTlsConnect;
+use tokio_postgres::config::Host;
+use tokio_postgres::tls::{MakeTlsConnect, NoTls, TlsStream};
 use tokio_postgres::types::ToSql;
-use tokio_postgres::{Error, Row, Socket, Statement, ToStatement};
+use tokio_postgres::{Connection, Error, Row, Socket, Statement, ToStatement};
 
 /// Longest wait for a connection that is let in, whatever the number of addresses.
 const CONNECT: Duration = Duration::from_secs(10);
@@ -100,8 +104,41 @@ impl Client {
         T: MakeTlsConnect<Socket>,
         T::Stream: Send + 'static,
     {
+        Self::driven(Asking::new(patience)?, options.connect(tls))
+    }
+
+    /// The same by a socket in the file system.
+    ///
+    /// # Errors
+    /// [`StoreError::Away`].
+    pub fn connect_here(options: &tokio_postgres::Config, patience: Duration) -> Result<Self, StoreError> {
+        let port = options.get_ports().first().copied().unwrap_or(5432);
+        let folder = options.get_hosts().iter().find_map(|host| match host {
+            Host::Unix(folder) => Some(folder),
+            Host::Tcp(_) => None,
+        });
+        let path = folder.ok_or_else(gone)?.join(format!(".s.PGSQL.{port}"));
+        let away = |error: io::Error| StoreError::Away(format!("{}: {error}", path.display()));
+        let socket = std::os::unix::net::UnixStream::connect(&path).map_err(away)?;
+        socket.set_nonblocking(true).map_err(away)?;
         let asking = Asking::new(patience)?;
-        let connecting = async { tokio::time::timeout(CONNECT, options.connect(tls)).await };
+        let stream = {
+            let _inside = asking.runtime()?.enter();
+            UnixStream::from_std(socket).map_err(away)?
+        };
+        Self::driven(asking, options.connect_raw(Bounded::new(stream, POSTGRES), NoTls))
+    }
+
+    fn driven<S, T>(
+        asking: Asking,
+        connecting: impl Future<Output = Result<(tokio_postgres::Client, Connection<S, T>), Error>>,
+    ) -> Result<Self, StoreError>
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+        T: TlsStream + Unpin + Send + 'static,
+    {
+        let patience = asking.patience;
+        let connecting = async { tokio::time::timeout(CONNECT, connecting).await };
         let silent = |_| StoreError::Away(format!("no answer within {} s of connecting", CONNECT.as_secs()));
         let refused = |error: Error| StoreError::Away(super::said(&error));
         let (inner, connection) = asking.runtime()?.block_on(connecting).map_err(silent)?.map_err(refused)?;

@@ -2,12 +2,12 @@
 
 use super::super::{Config, StoreError};
 use super::client::{Ask, Client};
+use super::wire::{Clear, Within};
 use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio_postgres::NoTls;
-use tokio_postgres::config::SslMode;
+use tokio_postgres::config::{Host, SslMode, SslNegotiation};
 use tokio_postgres_rustls::MakeRustlsConnect;
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::CertificateDer;
@@ -41,8 +41,15 @@ pub(super) fn connect(config: &Config, patience: Duration) -> Result<Client, Sto
         options.password(password);
     }
     let mut client = match &config.ca_file {
-        Some(ca) => Client::connect(options.ssl_mode(SslMode::Require), encrypted(ca)?, patience)?,
-        None => Client::connect(options.ssl_mode(SslMode::Disable), NoTls, patience)?,
+        Some(ca) => Client::connect(options.ssl_mode(SslMode::Require), Within(encrypted(ca)?), patience)?,
+        None if options.get_hosts().iter().all(|host| matches!(host, Host::Unix(_))) => {
+            Client::connect_here(options.ssl_mode(SslMode::Disable), patience)?
+        }
+        // Not encrypted: what the library takes for it is the socket itself, counted.
+        None => {
+            options.ssl_mode(SslMode::Require).ssl_negotiation(SslNegotiation::Direct);
+            Client::connect(&options, Clear, patience)?
+        }
     };
     client
         .batch_execute(&format!(

@@ -14,6 +14,7 @@ mod read;
 mod retain;
 mod schema;
 mod unknown;
+mod wire;
 mod write;
 
 pub use link::said;

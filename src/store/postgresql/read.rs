@@ -16,6 +16,8 @@ use std::time::SystemTime;
 use tokio_postgres::Row;
 use tokio_postgres::types::ToSql;
 
+/// Tags asked for at once: a minute of so many, ten samples a second, is within what an answer may be.
+const AT_ONCE: usize = 100;
 /// Time that is read as one chunk (s).
 const CHUNK: i64 = 60;
 /// A time no sample has (s), which the database can still count in microseconds.
@@ -56,6 +58,24 @@ impl Reader {
 
     fn rows(&self, sql: &str, values: &[&(dyn ToSql + Sync)]) -> Result<Vec<Row>, StoreError> {
         self.client().query(sql, values)
+    }
+
+    /// Adds the samples of some tags to what was found: an answer is bounded, a plant is not.
+    fn take(
+        &self,
+        sql: &str,
+        span: (SystemTime, SystemTime),
+        wanted: &[i32],
+        found: &mut BTreeMap<u32, Vec<Sample>>,
+    ) -> Result<(), StoreError> {
+        for row in self.rows(sql, &[&span.0, &span.1, &wanted])? {
+            let quality = usize::try_from(row.get::<_, i16>(4)).ok();
+            let Some(&quality) = quality.and_then(|code| codec::QUALITIES.get(code)) else { continue };
+            let value = row.get::<_, Option<f64>>(3).unwrap_or(f64::NAN);
+            let sample = Sample { t: seconds(row.get(1), row.get(2)), value, quality };
+            found.entry(row.get::<_, i32>(0).max(0) as u32).or_default().push(sample);
+        }
+        Ok(())
     }
 
     /// Start of the minute of what an aggregate over `samples` says.
@@ -100,20 +120,14 @@ impl Reads for Reader {
     ) -> Result<BTreeMap<u32, Vec<Sample>>, StoreError> {
         let (from, to) = (time(start), time(start.saturating_add(CHUNK)));
         let sql = "SELECT tag, at, t, value, quality FROM samples WHERE at >= $1 AND at < $2";
-        let rows = match wanted {
-            None => self.rows(sql, &[&from, &to])?,
-            Some(wanted) => {
-                let wanted: Vec<i32> = wanted.iter().filter_map(|id| i32::try_from(*id).ok()).collect();
-                self.rows(&format!("{sql} AND tag = ANY ($3)"), &[&from, &to, &wanted])?
-            }
+        let sql = format!("{sql} AND tag = ANY ($3)");
+        let wanted: Vec<i32> = match wanted {
+            None => self.rows("SELECT id FROM tags", &[])?.iter().map(|row| row.get(0)).collect(),
+            Some(wanted) => wanted.iter().filter_map(|id| i32::try_from(*id).ok()).collect(),
         };
         let mut found: BTreeMap<u32, Vec<Sample>> = BTreeMap::new();
-        for row in rows {
-            let quality = usize::try_from(row.get::<_, i16>(4)).ok();
-            let Some(&quality) = quality.and_then(|code| codec::QUALITIES.get(code)) else { continue };
-            let value = row.get::<_, Option<f64>>(3).unwrap_or(f64::NAN);
-            let sample = Sample { t: seconds(row.get(1), row.get(2)), value, quality };
-            found.entry(row.get::<_, i32>(0).max(0) as u32).or_default().push(sample);
+        for some in wanted.chunks(AT_ONCE) {
+            self.take(&sql, (from, to), some, &mut found)?;
         }
         found.values_mut().for_each(codec::unique);
         Ok(found)

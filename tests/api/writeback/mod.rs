@@ -102,11 +102,12 @@ async fn under_a_name_of_somebody_else_nobody_acts() {
         );
         raw(daemon.api, &request, r#"{"by": "Ann", "duration_s": 60}"#).await
     };
-    for host in [format!("evil.example:{port}"), format!("127.0.0.1.evil.example:{port}"), "10.0.0.5".into()]
-    {
-        let problem = assert_problem(&act(host).await, 403);
-        assert_eq!(problem["type"], "urn:stictiond:problem:loopback_only");
+    for host in [format!("evil.example:{port}"), format!("127.0.0.1.evil.example:{port}")] {
+        let problem = assert_problem(&act(host).await, 421);
+        assert_eq!(problem["type"], "urn:stictiond:problem:unknown_host");
     }
+    let problem = assert_problem(&act("10.0.0.5".into()).await, 403);
+    assert_eq!(problem["type"], "urn:stictiond:problem:loopback_only");
     for host in [format!("localhost:{port}"), format!("[::1]:{port}"), format!("127.0.0.1:{port}")] {
         assert_eq!(act(host).await.status, 200);
     }

@@ -1,0 +1,51 @@
+//! Damages a store at random and says what came of it: `cargo run --example store_damage [CASES] [SEED]`.
+
+#[path = "../tests/store_damage/damage.rs"]
+mod damage;
+
+use std::collections::BTreeMap;
+
+fn main() {
+    let mut arguments = std::env::args().skip(1).filter_map(|argument| argument.parse().ok());
+    let (cases, seed) = (arguments.next().unwrap_or(200), arguments.next().unwrap_or(20));
+    let place = std::env::temp_dir().join(format!("store-damage-{}", std::process::id()));
+    // Cases, working, working with something gone, states back, states, untold, samples back, samples.
+    let mut table: BTreeMap<(String, String), [usize; 8]> = BTreeMap::new();
+    damage::sweep(&place, cases as usize, seed, |file, kind, found| {
+        let row = table.entry((file.to_string(), kind.to_string())).or_default();
+        let gone = found.missing > 0 || found.samples.0 < found.samples.1;
+        let counts = [
+            1,
+            usize::from(found.working),
+            usize::from(found.working && gone),
+            found.states.0,
+            found.states.1,
+            usize::from(found.missing as u64 > found.told),
+            found.samples.0,
+            found.samples.1,
+        ];
+        row.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
+    });
+    println!(
+        "file          kind    cases  working  with data gone  alarm states back  loss untold  samples back"
+    );
+    let mut all = [0; 8];
+    let percent = |part: usize, of: usize| 100.0 * part as f64 / of.max(1) as f64;
+    let line = |file: &str, kind: &str, row: [usize; 8]| {
+        println!(
+            "{file:12}  {kind:6}  {:5}  {:7}  {:14}  {:15.1} %  {:11}  {:10.1} %",
+            row[0],
+            row[1],
+            row[2],
+            percent(row[3], row[4]),
+            row[5],
+            percent(row[6], row[7])
+        );
+    };
+    for ((file, kind), row) in &table {
+        line(file, kind, *row);
+        all.iter_mut().zip(row).for_each(|(sum, count)| *sum += count);
+    }
+    line("all", "", all);
+    let _ = std::fs::remove_dir_all(place);
+}

@@ -1,0 +1,459 @@
+//! What the database must hold, told by somebody else than the database: a checksum of every page, and how far the
+//! write-ahead log was acknowledged. SQLite takes a log as far as it fits and a page as it is; so a flipped bit ends the
+//! log in silence, and a page that was overwritten is read as empty or as something else.
+//!
+//! ```text
+//! commit     -> ACKNOWLEDGED: salts of the log, frames of it that are durable
+//! checkpoint -> SUMS of the pages that the log carried over; then ACKNOWLEDGED: no frames, so many pages
+//! ```
+//! Each is written after what it tells of is on disk: it never promises more than there is. A page that the log holds is
+//! not compared, for the log is what counts of it.
+
+use super::DATABASE;
+use super::write::{self, PAGE_BYTES};
+use crate::store::StoreError;
+use std::collections::HashSet;
+use std::fs::{self, File, OpenOptions};
+use std::io;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// Checksums of pages, four bytes each, in the order of the pages.
+const SUMS: &str = "store.sum";
+/// How far the log was acknowledged.
+const ACKNOWLEDGED: &str = "store.ack";
+/// What was found damaged: as long as it is there nothing is written.
+pub(super) const DAMAGED: &str = "store.damaged";
+const MAGIC: &[u8; 8] = b"stictic1";
+/// Bytes of a frame's head in the log, and of the log's own.
+const FRAME_HEAD: usize = 24;
+const LOG_HEAD: usize = 32;
+/// Pages looked at before a store is opened: 512 MB, half a second. The rest is looked at bit by bit.
+pub(super) const AT_ONCE: u32 = 65_536;
+/// Most pages of a database: `max_mb` allows no more.
+const MOST_PAGES: usize = 1 << 26;
+/// Faults that are named.
+const NAMED: usize = 5;
+
+/// How far the log was acknowledged, and how many pages have a checksum.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Acknowledged {
+    salts: [u8; 8],
+    frames: u32,
+    pages: u32,
+    /// Records of the second copy of the states.
+    states: u64,
+}
+
+impl Acknowledged {
+    const BYTES: usize = 40;
+
+    fn to_bytes(self) -> [u8; Self::BYTES] {
+        let mut bytes = [0; Self::BYTES];
+        bytes[..8].copy_from_slice(MAGIC);
+        bytes[8..16].copy_from_slice(&self.salts);
+        bytes[16..20].copy_from_slice(&self.frames.to_le_bytes());
+        bytes[20..24].copy_from_slice(&self.pages.to_le_bytes());
+        bytes[24..32].copy_from_slice(&self.states.to_le_bytes());
+        let sum = crc32fast::hash(&bytes[..36]);
+        bytes[36..].copy_from_slice(&sum.to_le_bytes());
+        bytes
+    }
+
+    fn of_bytes(bytes: &[u8]) -> Option<Self> {
+        let sum = crc32fast::hash(bytes.get(..36)?);
+        let whole = bytes.len() == Self::BYTES && bytes[..8] == *MAGIC && bytes[36..] == sum.to_le_bytes();
+        let number = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
+        let states = u64::from_le_bytes(bytes[24..32].try_into().ok()?);
+        let salts = bytes[8..16].try_into().ok()?;
+        whole.then_some(Self { salts, frames: number(16)?, pages: number(20)?, states })
+    }
+}
+
+/// The log as it is on disk.
+#[derive(Debug, Default)]
+struct Log {
+    salts: [u8; 8],
+    /// Frames whose checksums fit, one after the other, up to the last commit.
+    frames: u32,
+    /// Pages in these.
+    pages: HashSet<u32>,
+    /// Pages of the database after the last of them.
+    size: u32,
+}
+
+/// The log's two running sums, as SQLite makes them.
+fn running(mut sums: [u32; 2], bytes: &[u8], is_big: bool) -> [u32; 2] {
+    let word = |at: &[u8]| {
+        let bytes = at.try_into().unwrap_or_default();
+        if is_big { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
+    };
+    for pair in bytes.chunks_exact(8) {
+        sums[0] = sums[0].wrapping_add(word(&pair[..4])).wrapping_add(sums[1]);
+        sums[1] = sums[1].wrapping_add(word(&pair[4..])).wrapping_add(sums[0]);
+    }
+    sums
+}
+
+fn big(bytes: &[u8], at: usize) -> u32 {
+    bytes.get(at..at + 4).and_then(|four| four.try_into().ok()).map_or(0, u32::from_be_bytes)
+}
+
+impl Log {
+    /// Reads the log of a database as SQLite does, up to the first frame that does not fit; an empty one where there is none.
+    fn read(path: &Path) -> io::Result<Self> {
+        Self::frames(path, false, |_, _| ())
+    }
+
+    /// The same, or all frames that fit to the one before: its sum is the begin of theirs, whether it was good itself or not.
+    fn frames(path: &Path, all: bool, mut each: impl FnMut(u32, &[u8])) -> io::Result<Self> {
+        let file = match File::open(path) {
+            Ok(file) => file,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Self::default()),
+            Err(error) => return Err(error),
+        };
+        let mut head = [0; LOG_HEAD];
+        if file.read_exact_at(&mut head, 0).is_err() {
+            return Ok(Self::default());
+        }
+        let is_big = big(&head, 0) & 1 == 1;
+        let mut sums = running([0, 0], &head[..24], is_big);
+        let is_ours = big(&head, 0) & !1 == 0x377f_0682 && u64::from(big(&head, 8)) == PAGE_BYTES;
+        if !is_ours || sums != [big(&head, 24), big(&head, 28)] {
+            return Ok(Self::default());
+        }
+        let mut log = Self { salts: head[16..24].try_into().unwrap_or_default(), ..Self::default() };
+        let (mut frame, mut at) = (vec![0; FRAME_HEAD + PAGE_BYTES as usize], LOG_HEAD as u64);
+        let (mut frames, mut since) = (0, Vec::new());
+        while file.read_exact_at(&mut frame, at).is_ok() && frame[8..16] == log.salts {
+            at += frame.len() as u64;
+            frames += 1;
+            let told = [big(&frame, 16), big(&frame, 20)];
+            sums = running(running(sums, &frame[..8], is_big), &frame[FRAME_HEAD..], is_big);
+            if sums != told {
+                if !all {
+                    break;
+                }
+                sums = told;
+                continue;
+            }
+            each(big(&frame, 0), &frame[FRAME_HEAD..]);
+            since.push(big(&frame, 0));
+            // A frame that ends a commit says how large the database is.
+            if big(&frame, 4) > 0 {
+                (log.frames, log.size) = (frames, big(&frame, 4));
+                log.pages.extend(since.drain(..));
+            }
+        }
+        Ok(log)
+    }
+}
+
+/// The files beside a database.
+#[derive(Debug)]
+pub(super) struct Ledger {
+    folder: PathBuf,
+    /// Held open as long as the store is: closing a file of the database gives up the process's locks on it.
+    database: File,
+    sums: File,
+    acknowledged: File,
+    now: Acknowledged,
+    /// Next page that is looked at beside the work.
+    next: u32,
+}
+
+fn log_of(folder: &Path) -> PathBuf {
+    folder.join(format!("{DATABASE}-wal"))
+}
+
+fn open(path: &Path) -> Result<File, StoreError> {
+    OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .open(path)
+        .map_err(StoreError::io(path))
+}
+
+/// What was found in the files of a store.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Damage {
+    /// In words, one thing each.
+    pub faults: Vec<String>,
+    /// Pages of the database that are not what they were.
+    pub pages: Vec<u32>,
+}
+
+impl Damage {
+    /// In one line.
+    pub fn told(&self) -> String {
+        let (named, more) = self.faults.split_at(self.faults.len().min(NAMED));
+        let rest = if more.is_empty() { String::new() } else { format!("; {} more", more.len()) };
+        format!("{}{rest}", named.join("; "))
+    }
+
+    fn add(&mut self, fault: String) {
+        self.faults.push(fault);
+    }
+}
+
+/// Looks at the files of a store, at most at so many pages; nothing is changed. Nothing is said of a store that has no
+/// ledger yet, of an older version.
+pub(super) fn examine(folder: &Path, most: u32) -> Result<Damage, StoreError> {
+    let mut found = Damage::default();
+    let path = folder.join(DATABASE);
+    let read = |name: &str| fs::read(folder.join(name));
+    let empty = |name: &str| fs::metadata(folder.join(name)).map_or(true, |file| file.len() == 0);
+    let ack = read(ACKNOWLEDGED);
+    if empty(ACKNOWLEDGED) && empty(SUMS) {
+        return Ok(found);
+    }
+    let Some(told) = ack.ok().as_deref().and_then(Acknowledged::of_bytes) else {
+        found.add(format!("{ACKNOWLEDGED} is damaged: nobody can say what the log must hold"));
+        return Ok(found);
+    };
+    if told == Acknowledged::default() {
+        return Ok(found);
+    }
+    let log = Log::read(&log_of(folder)).map_err(StoreError::io(&log_of(folder)))?;
+    if told.frames > 0 && (log.salts != told.salts || log.frames < told.frames) {
+        let left = if log.salts == told.salts { log.frames } else { 0 };
+        found.add(format!("the log: {left} of {} pages that were acknowledged can be read", told.frames));
+    }
+    let Ok(database) = File::open(&path) else {
+        found.add(format!("{DATABASE} is gone"));
+        found.pages.extend(1..=told.pages);
+        return Ok(found);
+    };
+    let length = database.metadata().map_err(StoreError::io(&path))?.len();
+    // One that has become shorter is cut when the log is carried over, a moment before that is noted.
+    let pages = if told.frames > 0 && log.frames > 0 { told.pages.min(log.size) } else { told.pages };
+    if length < u64::from(pages) * PAGE_BYTES {
+        found.add(format!("{DATABASE} is cut: {} of {pages} pages are there", length / PAGE_BYTES));
+    }
+    let sums = read(SUMS).unwrap_or_default();
+    let known = |page: u32| sum_in(&sums, page);
+    if told.pages > 0 && known(told.pages).is_none() {
+        found.add(format!("{SUMS} is cut: not every page can be compared"));
+    }
+    let mut bytes = vec![0; PAGE_BYTES as usize];
+    // Of a log that is not whole nothing is believed: what it carries is not in the database yet.
+    let skip = |page: u32| told.frames > 0 && log.pages.contains(&page);
+    for page in (1..=pages.min(most)).filter(|page| !skip(*page)) {
+        let is_there = database.read_exact_at(&mut bytes, u64::from(page - 1) * PAGE_BYTES).is_ok();
+        if known(page).is_some_and(|sum| !is_there || crc32fast::hash(&bytes) != sum) {
+            found.pages.push(page);
+        }
+    }
+    if let Some(first) = found.pages.first() {
+        let count = found.pages.len();
+        found.add(format!("{count} of {} pages are not what was written, the first is {first}", told.pages));
+    }
+    Ok(found)
+}
+
+fn sum_in(sums: &[u8], page: u32) -> Option<u32> {
+    let at = (page as usize).checked_sub(1)? * 4;
+    Some(u32::from_le_bytes(sums.get(at..at + 4)?.try_into().ok()?))
+}
+
+/// As [`examine`], beside a writer that may be at work: what is found is looked for again, for the files are not read in one
+/// moment.
+pub(super) fn examine_beside(folder: &Path) -> Result<Damage, StoreError> {
+    let mut found = examine(folder, u32::MAX)?;
+    for _ in 0..10 {
+        if found == Damage::default() || !write::is_in_use(folder) {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(100));
+        let again = examine(folder, u32::MAX)?;
+        found.pages.retain(|page| again.pages.contains(page));
+        found.faults.retain(|fault| again.faults.contains(fault));
+    }
+    Ok(found)
+}
+
+/// Has the store fail until somebody decides, over restarts too.
+pub(in crate::store) fn mark(folder: &Path, why: &str) {
+    let path = folder.join(DAMAGED);
+    if path.exists() {
+        return;
+    }
+    // Without room for it the store fails all the same, for as long as this process lives.
+    let marked = fs::write(&path, why).and_then(|()| File::open(&path)?.sync_all());
+    if let Err(error) = marked {
+        tracing::error!(%error, "that the store is damaged could not be noted");
+    }
+}
+
+/// Whether somebody has to decide, and why.
+pub(in crate::store) fn marked(folder: &Path) -> Option<String> {
+    let why = fs::read(folder.join(DAMAGED)).ok()?;
+    Some(String::from_utf8_lossy(&why).into_owned())
+}
+
+/// A page as it was found.
+#[derive(Clone, Debug)]
+pub(super) struct Page {
+    pub bytes: Vec<u8>,
+    /// It is what was written.
+    pub good: bool,
+}
+
+/// Every page as the database last had it: the log's where it has one, else its own; `None` where there is none.
+pub(super) fn pages(folder: &Path) -> Result<Vec<Option<Page>>, StoreError> {
+    let path = folder.join(DATABASE);
+    let bad: HashSet<u32> = examine(folder, u32::MAX)?.pages.into_iter().collect();
+    let mut pages: Vec<Option<Page>> = Vec::new();
+    if let Ok(database) = File::open(&path) {
+        let length = database.metadata().map_err(StoreError::io(&path))?.len();
+        for at in 0..length / PAGE_BYTES {
+            let mut bytes = vec![0; PAGE_BYTES as usize];
+            let is_read = database.read_exact_at(&mut bytes, at * PAGE_BYTES).is_ok();
+            let good = !bad.contains(&(at as u32 + 1));
+            pages.push(is_read.then_some(Page { bytes, good }));
+        }
+    }
+    let told = fs::read(folder.join(ACKNOWLEDGED)).ok().as_deref().and_then(Acknowledged::of_bytes);
+    let log = log_of(folder);
+    let over = Log::read(&log).map_err(StoreError::io(&log))?;
+    if told.is_some_and(|told| told.frames == 0 && told.salts == over.salts) {
+        return Ok(pages);
+    }
+    Log::frames(&log, true, |page, bytes| {
+        let at = (page as usize).saturating_sub(1);
+        if at < MOST_PAGES {
+            if pages.len() <= at {
+                pages.resize(at + 1, None);
+            }
+            pages[at] = Some(Page { bytes: bytes.to_vec(), good: true });
+        }
+    })
+    .map_err(StoreError::io(&log))?;
+    Ok(pages)
+}
+
+/// Records of the second copy that were acknowledged; `None` where nobody can say.
+pub(super) fn states_acknowledged(folder: &Path) -> Option<u64> {
+    let told = fs::read(folder.join(ACKNOWLEDGED)).ok().as_deref().and_then(Acknowledged::of_bytes);
+    told.map(|told| told.states)
+}
+
+impl Ledger {
+    /// Opens the ledger of a store before its database is opened, and looks whether that is whole.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`], [`StoreError::Io`].
+    pub fn open(folder: &Path) -> Result<Self, StoreError> {
+        if let Some(why) = marked(folder) {
+            return Err(StoreError::Damaged(why));
+        }
+        let found = examine(folder, AT_ONCE)?;
+        if found != Damage::default() {
+            mark(folder, &found.told());
+            return Err(StoreError::Damaged(found.told()));
+        }
+        let [database, sums, acknowledged] =
+            [DATABASE, SUMS, ACKNOWLEDGED].map(|name| open(&folder.join(name)));
+        let (database, sums, acknowledged) = (database?, sums?, acknowledged?);
+        let mut bytes = [0; Acknowledged::BYTES];
+        let told =
+            acknowledged.read_exact_at(&mut bytes, 0).ok().and_then(|()| Acknowledged::of_bytes(&bytes));
+        let own = Self {
+            folder: folder.to_path_buf(),
+            database,
+            sums,
+            acknowledged,
+            now: told.unwrap_or_default(),
+            next: AT_ONCE.saturating_add(1),
+        };
+        own.drop_what_was_carried_over()?;
+        Ok(own)
+    }
+
+    /// A log that was carried over whole and not cut yet would be read again, and a part of it would turn pages back.
+    fn drop_what_was_carried_over(&self) -> Result<(), StoreError> {
+        let path = log_of(&self.folder);
+        let log = Log::read(&path).map_err(StoreError::io(&path))?;
+        let is_over = self.now.frames == 0 && self.now.salts != [0; 8];
+        if is_over && path.exists() && (log.salts == self.now.salts || log.frames == 0) {
+            let cut = OpenOptions::new().write(true).open(&path).and_then(|file| file.set_len(0));
+            cut.map_err(StoreError::io(&path))?;
+        }
+        Ok(())
+    }
+
+    /// The log has so many frames, and all are on disk.
+    pub fn acknowledge(&mut self, frames: u32) -> io::Result<()> {
+        let mut salts = [0; 8];
+        File::open(log_of(&self.folder))?.read_exact_at(&mut salts, 16)?;
+        self.now = Acknowledged { salts, frames, ..self.now };
+        self.acknowledged.write_all_at(&self.now.to_bytes(), 0)
+    }
+
+    /// The second copy of the states has so many records, and all are on disk.
+    pub fn acknowledge_states(&mut self, states: u64) -> io::Result<()> {
+        self.now.states = states;
+        self.acknowledged.write_all_at(&self.now.to_bytes(), 0)
+    }
+
+    /// Frames of the log that are not carried over.
+    pub fn frames(&self) -> u32 {
+        self.now.frames
+    }
+
+    /// Pages that the log holds, before it is carried over.
+    pub fn in_log(&self) -> Result<HashSet<u32>, StoreError> {
+        let path = log_of(&self.folder);
+        Ok(Log::read(&path).map_err(StoreError::io(&path))?.pages)
+    }
+
+    /// These pages were carried over, whole and on disk; of a database that had no ledger all are taken as they are.
+    pub fn carried_over(&mut self, mut changed: HashSet<u32>) -> Result<(), StoreError> {
+        let (of_database, of_sums) = (self.folder.join(DATABASE), self.folder.join(SUMS));
+        let length = self.database.metadata().map_err(StoreError::io(&of_database))?.len();
+        let pages = u32::try_from(length / PAGE_BYTES).unwrap_or(u32::MAX);
+        changed.extend(self.now.pages + 1..=pages);
+        let mut bytes = vec![0; PAGE_BYTES as usize];
+        for page in changed.into_iter().filter(|page| (1..=pages).contains(page)) {
+            let at = u64::from(page - 1);
+            self.database.read_exact_at(&mut bytes, at * PAGE_BYTES).map_err(StoreError::io(&of_database))?;
+            let sum = crc32fast::hash(&bytes).to_le_bytes();
+            self.sums.write_all_at(&sum, at * 4).map_err(StoreError::io(&of_sums))?;
+        }
+        self.sums.sync_data().map_err(StoreError::io(&of_sums))?;
+        self.now = Acknowledged { frames: 0, pages, ..self.now };
+        let told = self.acknowledged.write_all_at(&self.now.to_bytes(), 0);
+        told.and_then(|()| self.acknowledged.sync_data())
+            .map_err(StoreError::io(&self.folder.join(ACKNOWLEDGED)))
+    }
+
+    /// Looks at some pages beside the work, one after the other; the log must be carried over, so that none is in it.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`]: then the store is marked.
+    pub fn look(&mut self, most: u32) -> Result<(), StoreError> {
+        if self.now.frames > 0 || self.now.pages == 0 {
+            return Ok(());
+        }
+        let mut bytes = vec![0; PAGE_BYTES as usize];
+        for _ in 0..most.min(self.now.pages) {
+            self.next = if self.next > self.now.pages { 1 } else { self.next };
+            let (page, mut sum) = (self.next, [0; 4]);
+            let at = u64::from(page - 1);
+            let read = self.database.read_exact_at(&mut bytes, at * PAGE_BYTES);
+            let read = read.and_then(|()| self.sums.read_exact_at(&mut sum, at * 4));
+            if read.is_err() || crc32fast::hash(&bytes).to_le_bytes() != sum {
+                let why = format!("page {page} of {} is not what was written", self.now.pages);
+                mark(&self.folder, &why);
+                return Err(StoreError::Damaged(why));
+            }
+            self.next += 1;
+        }
+        Ok(())
+    }
+}
+
+/// Files of a ledger, which goes with its database.
+pub(super) const FILES: [&str; 3] = [SUMS, ACKNOWLEDGED, DAMAGED];
