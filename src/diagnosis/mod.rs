@@ -1,6 +1,7 @@
 //! The diagnosis of one loop, pure: `gate -> region -> denoise -> search over f (friction + armax) ->
 //! evidence -> verdict`. No clock, no files, no randomness: the same record gives the same diagnosis.
 
+pub mod acquisition;
 pub mod armax;
 mod config;
 pub mod denoise;
@@ -18,6 +19,7 @@ pub mod search;
 pub mod validation;
 pub mod verdict;
 
+pub use acquisition::Acquisition;
 pub use config::Config;
 pub use history_kind::{HistoryFound, HistoryKind};
 pub use verdict::diagnose;
@@ -131,7 +133,7 @@ impl fmt::Display for NotIdentifiable {
                 let share = share * 100.0;
                 write!(
                     out,
-                    "gaps: {share:.0} % of the samples are missing or bad, too many or in holes too long to bridge"
+                    "gaps: {share:.0} % of the samples are missing or bad, and too few are left together"
                 )
             }
             Self::FlatOp => write!(out, "flat OP: the controller output does not move"),
@@ -186,8 +188,10 @@ pub struct Preparation {
     pub n: usize,
     /// Sample period of the fitted window (s).
     pub ts: f64,
-    /// Share of grid points that were missing or bad and interpolated (0..1).
+    /// Share of the gated record's rows that were missing or bad (0..1).
     pub gap_share: f64,
+    /// Share of the fitted window's rows that are missing and do not count (0..1).
+    pub missing: f64,
     /// Worst time between an OP sample and the PV sample it is paired with (s).
     pub worst_skew: f64,
     /// Samples dropped because their stamp repeats an earlier one.
@@ -200,6 +204,8 @@ pub struct Preparation {
     pub denoise: Denoise,
     /// What an archive did to the record before it came here.
     pub history: Option<Box<HistoryFound>>,
+    /// How the record was acquired; `None` where its stamps do not say.
+    pub acquisition: Option<Acquisition>,
 }
 
 /// What the denoising stage did.

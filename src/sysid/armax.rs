@@ -147,7 +147,7 @@ impl Armax {
                 + c1 * e[k - 1]
                 + c2 * e[k - 2]
                 + c3 * e[k - 3];
-            if data.weight[k] > 0.0 {
+            if data.weight[k] > 0.0 || data.known[k] {
                 e[k] = y[k] - predicted;
             } else {
                 y[k] = predicted;

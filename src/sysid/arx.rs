@@ -248,7 +248,7 @@ mod tests {
         for k in 2..n {
             pv[k] = 0.8 * pv[k - 1] + 0.3 * op[k - 2] + noise * draw.next().unwrap_or(0.0);
         }
-        let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
+        let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
         IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough")
     }
 

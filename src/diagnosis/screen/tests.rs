@@ -37,7 +37,14 @@ impl Case {
     }
 
     fn signals(&self) -> Signals<'_> {
-        Signals { y: &self.y, x: &self.x, dir: &self.dir, start: 0, first: self.first }
+        Signals {
+            y: &self.y,
+            x: &self.x,
+            dir: &self.dir,
+            start: 0,
+            first: self.first,
+            rows: Default::default(),
+        }
     }
 
     fn z(&self, lag: f64) -> Vec<f64> {
@@ -76,7 +83,7 @@ impl Case {
     }
 
     fn loaded(&self) -> Screen {
-        let mut screen = Screen::new(&self.y, self.first, MAX_DELAY);
+        let mut screen = Screen::new(&self.y, Counted { first: self.first, left_out: &[] }, MAX_DELAY);
         screen.load(&self.signals(), true);
         screen
     }
@@ -217,7 +224,7 @@ fn the_lag_stays_within_its_bounds() {
 fn ranking_gives_the_losses_of_the_fits() {
     let case = Case::new(5, 0.05);
     let s = case.signals();
-    let mut screen = Screen::new(&case.y, s.first, MAX_DELAY);
+    let mut screen = Screen::new(&case.y, s.counted(), MAX_DELAY);
     screen.load(&s, true);
     screen.load_errors(&s, LAG);
     let mut fitted = Vec::new();

@@ -118,7 +118,7 @@ pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort
 fn all_counted(data: &IdData) -> IdData {
     let mut filled = data.clone();
     let mut last = None;
-    for k in (0..data.len()).filter(|k| data.weight[*k] > 0.0) {
+    for k in (0..data.len()).filter(|k| data.weight[*k] > 0.0 || data.known[*k]) {
         let from = last.map_or(0, |last: usize| last + 1);
         let before = data.y[last.unwrap_or(k)];
         for (i, y) in filled.y[from..k].iter_mut().enumerate() {

@@ -37,7 +37,7 @@ fn data(noise: f64, ratio: f64) -> IdData {
         pv[k] = 1.5 * pv[k - 1] - 0.56 * pv[k - 2] + 0.1 * gain * op[k - 3] + e - 0.7 * last;
         last = e;
     }
-    let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
+    let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
     IdData::new(&window, valve::Start { index: 0, is_max: true }).expect("long enough")
 }
 

@@ -1,0 +1,199 @@
+//! The gate: from a raw record to a window on equal rows, or the reason why there is none.
+//!
+//! Sorts and de-duplicates each tag, drops what is not good (quality, not finite, drop-outs to 0, not in automatic), asks
+//! how the record was acquired ([`super::acquisition`]) and puts the longest stretch on the controller's ticks, else on the
+//! polls. What was not measured is missing and does not count: OP is there the last known, as the controller holds it.
+
+mod clean;
+mod refuse;
+mod stretches;
+
+pub use clean::zeros_are_outages;
+
+use super::acquisition::{self, Placed};
+use super::history_kind::{HistoryKind, recognise};
+use super::{NotIdentifiable, Preparation, Settings};
+use crate::signal::{Record, Row, Sample, Window};
+use clean::{clean, missing_share, shortage};
+use refuse::refuse;
+use stretches::{automatic, intersect, runs};
+
+/// Most rows for each sample there is; more would be invented.
+const MOST_POINTS: usize = 20;
+/// Missing share from which a record that is too short is one with gaps.
+const FEW_MISSING: f64 = 0.01;
+
+/// What the gate passes on, or why it does not; the preparation is told either way.
+pub type Gated = Result<(Window, Preparation), (NotIdentifiable, Preparation)>;
+
+/// Makes a window of a record.
+///
+/// # Errors
+/// The reason why the record says nothing about the valve, with what was learned of it on the way.
+pub fn gate(record: &Record, settings: &Settings) -> Gated {
+    let mut preparation = Preparation { decimation: 1, ..Preparation::default() };
+    let op = clean(&record.op, &mut preparation);
+    let pv = clean(&record.pv, &mut preparation);
+    preparation.history = recognise(&op.kept, &pv.kept).map(Box::new);
+    let need = settings.min_samples;
+    let stop = |reason: NotIdentifiable, preparation: &Preparation| Err((reason, preparation.clone()));
+    if op.kept.len() < need || pv.kept.len() < need {
+        let n = op.kept.len().min(pv.kept.len());
+        return stop(shortage(&op, &pv, n, need), &preparation);
+    }
+    let given = settings.ts.filter(|ts| !(ts.is_finite() && *ts > 0.0));
+    let history = preparation.history.as_deref();
+    let Some((acquired, placed)) =
+        acquisition::recognise(&op.kept, &pv.kept, settings.ts, history).filter(|_| given.is_none())
+    else {
+        return stop(NotIdentifiable::NoTimeBase, &preparation);
+    };
+    if acquired.recovered && history.is_some_and(|found| found.kind == HistoryKind::Held) {
+        // Values held between scans are no archive's doing, and are one sample a scan now.
+        preparation.history = None;
+    }
+    preparation.acquisition = Some(acquired);
+    let ts = placed.rows.period;
+    let stretches = match stretches_of(record, &placed, &op.kept, &pv.kept, need) {
+        Ok(stretches) => stretches,
+        Err(reason) => return stop(reason, &preparation),
+    };
+    let Some(&(from, to)) = stretches.iter().rev().max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0))) else {
+        return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
+    };
+    let rows = placed.row_of(to) - placed.row_of(from) + 1.0;
+    if !(rows <= (MOST_POINTS * (op.kept.len() + pv.kept.len())) as f64) {
+        return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
+    }
+    let window =
+        fill(record, &placed, (&op.kept, &pv.kept), placed.row_of(from) as i64, rows.max(0.0) as usize);
+    let n = window.len();
+    preparation.gap_share = window.missing();
+    if n < need {
+        let share = missing_share(&pv.kept, ts).max(missing_share(&op.kept, ts)).max(preparation.gap_share);
+        let gaps = share > FEW_MISSING;
+        let reason =
+            if gaps { NotIdentifiable::Gaps { share } } else { NotIdentifiable::TooShort { n, need } };
+        return stop(reason, &preparation);
+    }
+    preparation.worst_skew = worst_skew(&op.kept, &pv.kept, from, to);
+    let mut window = window;
+    describe(&window, &mut preparation);
+    match refuse(&mut window, record, settings, &preparation) {
+        Some(reason) => Err((reason, preparation)),
+        None => Ok((window, preparation)),
+    }
+}
+
+/// The stretches in which OP and PV are there and the loop is in automatic (s).
+fn stretches_of(
+    record: &Record,
+    placed: &Placed,
+    op: &[Sample],
+    pv: &[Sample],
+    need: usize,
+) -> Result<Vec<(f64, f64)>, NotIdentifiable> {
+    let ts = placed.rows.period;
+    // A tag polled more slowly than the rows is held in between, not torn into stretches; of changes, either tag's tell
+    // that the source was there.
+    let own = |series: &[Sample]| acquisition::period(series).unwrap_or(ts).max(ts);
+    let mut stretches = if placed.of_changes() {
+        let mut both: Vec<Sample> = op.iter().chain(pv).copied().collect();
+        both.sort_by(|a, b| a.t.total_cmp(&b.t));
+        runs(&both, ts)
+    } else {
+        intersect(&runs(op, own(op)), &runs(pv, own(pv)))
+    };
+    let longest_of = |stretches: &[(f64, f64)]| stretches.iter().map(|s| s.1 - s.0).fold(0.0, f64::max);
+    let unbroken = longest_of(&stretches);
+    if let Some(mode) = &record.mode {
+        let (auto, share_auto) = automatic(mode, ts);
+        stretches = intersect(&stretches, &auto);
+        let least = (need - 1) as f64 * ts;
+        if longest_of(&stretches) < least && unbroken >= least {
+            return Err(NotIdentifiable::Manual { share_auto });
+        }
+    }
+    Ok(stretches)
+}
+
+/// The window of `n` rows from row `from` on, without missing rows at its ends.
+fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from: i64, n: usize) -> Window {
+    let (op, pv) = (placed.op(op, from, n), placed.pv(pv, from, n));
+    let there = |k: &usize| op[*k].is_some() && pv[*k].is_some();
+    let (Some(first), Some(last)) = ((0..n).find(there), (0..n).rfind(there)) else {
+        return Window { ts: placed.rows.period, ..Window::default() };
+    };
+    let missing: Vec<bool> = (first..=last).map(|k| !there(&k)).collect();
+    let n = missing.len();
+    let from = from + first as i64;
+    let other = |series: &[Sample]| -> Option<Vec<f64>> {
+        let kept = clean(series, &mut Preparation::default()).kept;
+        let end = placed.rows.time((from + n as i64 - 1) as f64);
+        let overlaps = kept.first()?.t <= end && kept.last()?.t >= placed.rows.time(from as f64);
+        overlaps.then(|| held(&placed.other(&kept, from, n)))
+    };
+    let worth = |missing: &bool| if *missing { Row::Missing } else { Row::Counts };
+    Window {
+        t0: placed.rows.time(from as f64),
+        ts: placed.rows.period,
+        op: held(&op[first..=last]),
+        pv: drawn_through(&pv[first..=last]),
+        sp: record.sp.as_deref().and_then(other),
+        mv: record.mv.as_deref().and_then(other),
+        tags: record.tags.iter().filter_map(|(name, s)| Some((name.clone(), other(s)?))).collect(),
+        rows: if missing.contains(&true) { missing.iter().map(worth).collect() } else { Vec::new() },
+    }
+}
+
+/// The last known value where one is missing, and the first where none is known yet.
+fn held(values: &[Option<f64>]) -> Vec<f64> {
+    let mut last = values.iter().copied().flatten().next().unwrap_or(0.0);
+    let mut next = |value: &Option<f64>| {
+        last = value.unwrap_or(last);
+        last
+    };
+    values.iter().map(&mut next).collect()
+}
+
+/// A straight line where values are missing: where PV begins to look for its prediction.
+fn drawn_through(values: &[Option<f64>]) -> Vec<f64> {
+    let mut out = held(values);
+    let mut last: Option<usize> = None;
+    for (k, value) in values.iter().enumerate() {
+        let Some(value) = value else { continue };
+        if let Some(from) = last {
+            let (before, width) = (out[from], (k - from) as f64);
+            for i in from + 1..k {
+                out[i] = before + (value - before) * (i - from) as f64 / width;
+            }
+        }
+        last = Some(k);
+    }
+    out
+}
+
+/// Notes the window's extent.
+pub fn describe(window: &Window, preparation: &mut Preparation) {
+    preparation.n = window.len();
+    preparation.ts = window.ts;
+    preparation.start = window.t0;
+    preparation.end = window.t0 + window.len().saturating_sub(1) as f64 * window.ts;
+    preparation.missing = window.missing();
+}
+
+/// Worst distance between a PV stamp and its nearest OP stamp (s).
+fn worst_skew(op: &[Sample], pv: &[Sample], from: f64, to: f64) -> f64 {
+    let mut worst = 0.0_f64;
+    let mut i = 0;
+    for s in pv.iter().filter(|s| s.t >= from && s.t <= to) {
+        while i + 1 < op.len() && (op[i + 1].t - s.t).abs() <= (op[i].t - s.t).abs() {
+            i += 1;
+        }
+        worst = worst.max((op[i].t - s.t).abs());
+    }
+    worst
+}
+
+#[cfg(test)]
+mod tests;

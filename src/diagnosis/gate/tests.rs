@@ -1,0 +1,153 @@
+//! The gate on records of known flaws.
+
+use super::*;
+use crate::signal::BadReason;
+
+fn wave(n: usize, ts: f64) -> Record {
+    let at = |k: usize, phase: f64| Sample::good(k as f64 * ts, 50.0 + (k as f64 * 0.2 + phase).sin());
+    Record {
+        op: (0..n).map(|k| at(k, 0.0)).collect(),
+        pv: (0..n).map(|k| at(k, 1.0)).collect(),
+        ..Record::default()
+    }
+}
+
+fn reason(record: &Record) -> NotIdentifiable {
+    gate(record, &Settings::default()).expect_err("refused").0
+}
+
+#[test]
+fn a_clean_record_passes_unchanged() {
+    let record = wave(300, 2.0);
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert_eq!((w.ts, w.len(), p.gap_share, p.worst_skew), (2.0, 300, 0.0, 0.0));
+    assert!(w.op.iter().zip(&record.op).all(|(a, s)| *a == s.value));
+}
+
+#[test]
+fn order_and_duplicates_are_repaired_and_counted() {
+    let record = wave(300, 1.0);
+    let mut shuffled = record.clone();
+    shuffled.op.swap(10, 11);
+    shuffled.pv.push(record.pv[299]);
+    let (w, p) = gate(&shuffled, &Settings::default()).expect("passes");
+    assert_eq!((p.out_of_order, p.duplicates), (1, 1));
+    assert_eq!(w, gate(&record, &Settings::default()).expect("passes").0);
+}
+
+#[test]
+fn jitter_and_skew_are_resampled_and_reported() {
+    let mut record = wave(300, 1.0);
+    for (k, s) in record.op.iter_mut().enumerate() {
+        s.t += 0.4 + 0.05 * (k as f64).sin();
+        s.value = 50.0 + (s.t * 0.2).sin();
+    }
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert!((p.worst_skew - 0.45).abs() < 0.01, "{}", p.worst_skew);
+    // Linear interpolation of a sine of 0.2 rad a sample errs by at most 0.2²/8.
+    for (k, u) in w.op.iter().enumerate() {
+        assert!((u - (50.0 + ((w.t0 + k as f64) * 0.2).sin())).abs() < 0.006);
+    }
+}
+
+#[test]
+fn small_holes_are_filled_and_many_are_refused() {
+    let mut record = wave(400, 1.0);
+    for k in (20..380).step_by(10) {
+        record.pv[k].quality = Quality::Bad(BadReason::Timeout);
+    }
+    let (_, p) = gate(&record, &Settings::default()).expect("passes");
+    assert!((p.gap_share - 36.0 / 400.0).abs() < 1e-12);
+    for k in (20..380).step_by(3) {
+        record.pv[k].quality = Quality::Bad(BadReason::Timeout);
+    }
+    assert!(matches!(reason(&record), NotIdentifiable::Gaps { .. }));
+}
+
+#[test]
+fn a_long_hole_leaves_the_longer_side() {
+    let mut record = wave(700, 1.0);
+    record.op.drain(300..350);
+    let (w, _) = gate(&record, &Settings::default()).expect("passes");
+    assert_eq!((w.t0, w.len()), (350.0, 350));
+}
+
+#[test]
+fn drop_outs_to_zero_are_not_measurements() {
+    let mut record = wave(500, 1.0);
+    for s in &mut record.pv[100..103] {
+        s.value = 0.0;
+    }
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert!(w.pv.iter().all(|v| *v > 40.0));
+    assert!((p.gap_share - 3.0 / 500.0).abs() < 1e-12);
+}
+
+#[test]
+fn every_reason_is_reached() {
+    let record = wave(300, 1.0);
+    let settings = |change: &dyn Fn(&mut Record)| {
+        let mut r = record.clone();
+        change(&mut r);
+        reason(&r)
+    };
+    assert_eq!(reason(&wave(50, 1.0)), NotIdentifiable::TooShort { n: 50, need: 200 });
+    assert_eq!(reason(&Record::default()), NotIdentifiable::TooShort { n: 0, need: 200 });
+    let flat = |series: &mut Vec<Sample>| series.iter_mut().for_each(|s| s.value = 7.0);
+    assert_eq!(settings(&|r| flat(&mut r.op)), NotIdentifiable::FlatOp);
+    assert_eq!(settings(&|r| flat(&mut r.pv)), NotIdentifiable::FlatPv);
+    assert_eq!(settings(&|r| r.pv.iter_mut().for_each(|s| s.t = 5.0)), NotIdentifiable::NoTimeBase);
+    assert_eq!(settings(&|r| r.pv.iter_mut().for_each(|s| s.value = 1e308)), NotIdentifiable::OutOfScale);
+    assert_eq!(
+        settings(&|r| r.pv.iter_mut().for_each(|s| s.quality = Quality::Stale)),
+        NotIdentifiable::FlatPv
+    );
+    let top = |r: &mut Record| r.op.iter_mut().for_each(|s| s.value = s.value.min(50.3));
+    assert!(matches!(settings(&top), NotIdentifiable::Saturated { share } if share > 0.3));
+    let manual = |r: &mut Record| {
+        r.mode = Some(r.op.iter().map(|s| Sample::good(s.t, f64::from(u8::from(s.t < 60.0)))).collect());
+    };
+    assert!(
+        matches!(settings(&manual), NotIdentifiable::Manual { share_auto } if (share_auto - 0.2).abs() < 1e-9)
+    );
+}
+
+#[test]
+fn a_valve_at_its_stop_is_saturated_and_not_merely_flat() {
+    let mut record = wave(300, 1.0);
+    record.op.iter_mut().for_each(|s| s.value = 100.0);
+    record.op_limits = Some((0.0, 100.0));
+    assert_eq!(reason(&record), NotIdentifiable::Saturated { share: 1.0 });
+    record.op_limits = Some((0.0, 120.0));
+    assert_eq!(reason(&record), NotIdentifiable::FlatOp);
+}
+
+#[test]
+fn a_mode_that_is_lost_for_a_moment_cuts_no_stretch() {
+    let unknown = |at: &[usize]| {
+        let mut record = wave(600, 1.0);
+        let mut mode: Vec<Sample> = record.op.iter().map(|s| Sample::good(s.t, 1.0)).collect();
+        for &k in at {
+            mode[k] = Sample { value: f64::NAN, quality: Quality::Bad(BadReason::Timeout), ..mode[k] };
+        }
+        record.mode = Some(mode);
+        record
+    };
+    // One poll in fifty without an answer, as OP and PV may be.
+    let lost: Vec<usize> = (25..600).step_by(50).collect();
+    assert_eq!(gate(&unknown(&lost), &Settings::default()).expect("passes").0.len(), 600);
+    // Unknown for longer than a hole may be, it is no longer known to be automatic.
+    let lost: Vec<usize> = (300..310).collect();
+    let (w, _) = gate(&unknown(&lost), &Settings::default()).expect("passes");
+    assert_eq!((w.t0, w.len()), (0.0, 300));
+    let lost: Vec<usize> = (300..600).collect();
+    assert_eq!(gate(&unknown(&lost), &Settings::default()).expect("passes").0.len(), 300);
+}
+
+#[test]
+fn one_stamp_far_away_does_not_make_a_huge_grid() {
+    let mut record = wave(300, 1.0);
+    record.op.push(Sample::good(1e18, 1.0));
+    record.pv.push(Sample::good(1e18, 1.0));
+    assert_eq!(gate(&record, &Settings::default()).expect("passes").0.len(), 300);
+}
