@@ -16,6 +16,7 @@ pub mod region;
 pub mod rivals;
 pub mod screen;
 pub mod search;
+mod undersampling;
 pub mod validation;
 pub mod verdict;
 
@@ -54,7 +55,7 @@ impl Default for Settings {
             evidence_threshold: 20.0,
             window_samples: 1000,
             min_samples: 200,
-            max_gap_share: 0.2,
+            max_gap_share: 0.5,
             ts: None,
             max_delay: 10,
         }
@@ -97,6 +98,13 @@ pub enum NotIdentifiable {
         /// Reversals of OP larger than its noise.
         reversals: usize,
     },
+    /// The oscillation has too few samples a period: another one is seen in its place.
+    Undersampled {
+        /// Samples in one period.
+        samples: f64,
+        /// The slowest poll that would do (s).
+        poll_s: f64,
+    },
     /// OP moves but PV shows no response to it at any friction: stuck throughout, or not this loop's valve.
     NoResponse,
     /// Values too large or too small to compute with.
@@ -117,6 +125,7 @@ impl NotIdentifiable {
             Self::Saturated { .. } => "saturated",
             Self::Manual { .. } => "manual",
             Self::NotExcited { .. } => "not_excited",
+            Self::Undersampled { .. } => "undersampled",
             Self::NoResponse => "no_response",
             Self::OutOfScale => "out_of_scale",
             Self::DeadlineExceeded => "deadline_exceeded",
@@ -148,11 +157,27 @@ impl fmt::Display for NotIdentifiable {
             Self::NotExcited { reversals } => {
                 write!(out, "not excited: OP reverses {reversals} times by more than its noise")
             }
+            Self::Undersampled { samples, poll_s } => write!(
+                out,
+                "undersampled: {samples:.1} samples per period, ten are needed: poll at least every {} s",
+                rounded_down(*poll_s)
+            ),
             Self::NoResponse => write!(out, "no response: PV does not follow OP at any friction"),
             Self::OutOfScale => write!(out, "out of scale: values too large or too small to compute with"),
             Self::DeadlineExceeded => write!(out, "deadline exceeded before the fit was done"),
         }
     }
+}
+
+/// To two figures, never upwards.
+fn rounded_down(seconds: f64) -> f64 {
+    if !(seconds.is_finite() && seconds > 0.0) {
+        return 0.0;
+    }
+    let digits = 1 - seconds.log10().floor() as i32;
+    // Multiplied or divided by a whole number, so that two figures stay two.
+    let unit = 10_f64.powi(digits.abs());
+    if digits >= 0 { (seconds * unit).floor() / unit } else { (seconds / unit).floor() * unit }
 }
 
 /// What the data says about the valve.

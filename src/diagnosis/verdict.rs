@@ -12,6 +12,7 @@ use super::region::{self, Region};
 use super::rivals::Rival;
 use super::screen::{LONGEST_DELAY, Screen};
 use super::search::{GridPoint, Holes, LEAST_REVERSALS, Problem, Refined, Searcher};
+use super::undersampling::too_few;
 use super::{
     CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Settings, Verdict,
 };
@@ -49,9 +50,18 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     };
     let (window, region) = prepare(window, settings, &mut preparation);
     let n = window.len();
+    let few = |unexcited| too_few(&window.op, window.ts, preparation.history.as_deref(), unexcited);
+    if let Some(reason) = few(false) {
+        // The period that is seen is not the one that is there.
+        return refused(reason, preparation, None, Some(window));
+    }
     let oscillation = region.oscillation(0, n, window.ts);
     let (problem, scale) = match pose(&window, &region, settings) {
         Ok(posed) => posed,
+        Err(reason @ NotIdentifiable::NotExcited { .. }) => {
+            let (reason, oscillation) = few(true).map_or((reason, oscillation), |reason| (reason, None));
+            return refused(reason, preparation, oscillation, Some(window));
+        }
         Err(reason) => return refused(reason, preparation, oscillation, Some(window)),
     };
     let mut searcher = Searcher::new(&problem);

@@ -44,7 +44,10 @@ impl Acquisition {
         let (scan, polls) = (self.scan_s?, self.polls_per_scan?);
         // Polled once a scan, the ticks are the polls, whether or not some were missed.
         (self.recovered && !(0.9..1.1).contains(&polls)).then(|| {
-            format!("polled {polls:.1} times per controller scan of {scan:.3} s; diagnosed at the controller's ticks")
+            let often = if (polls - 2.0).abs() < 0.05 { "twice".into() } else { format!("{polls:.1} times") };
+            // Four digits of a period are as many as jitter leaves.
+            let scan = format!("{scan:.3}").trim_end_matches('0').trim_end_matches('.').to_string();
+            format!("polled {often} per controller scan of {scan} s; diagnosed at the controller's ticks")
         })
     }
 }

@@ -23,12 +23,22 @@ const LEAST_HELD: usize = 12;
 const HELD: f64 = 0.6;
 /// Shortest and longest period tried, from the polls' and from the mean time between changes.
 const PERIODS: [f64; 2] = [0.85, 1.15];
+/// Least share of the intervals that are shorter than a period, for it to be asked: the others say nothing.
+const SHORTER: f64 = 0.3;
 /// Step of the periods tried, in periods over the stretch that is looked at.
-const STEP: f64 = 0.04;
+const STEP: f64 = 0.08;
+/// How much further before OP's scan than behind it PV's may lie (share of the period).
+const EARLIER: f64 = 0.15;
 /// Intervals of the first look, how many more each further one has, and candidates that go on to it.
-const FIRST: usize = 200;
+const FIRST: usize = 120;
 const FURTHER: usize = 3;
 const KEPT: usize = 6;
+/// Most periods of the first look.
+const MOST_PERIODS: f64 = 20_000.0;
+/// How far below the best a score is as good.
+const LEVEL: f64 = 0.04;
+/// The same over the whole record.
+const SHARP: f64 = 0.004;
 
 /// The controller's scans.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +65,15 @@ struct Candidate {
     phases: [f64; 2],
 }
 
+/// Neighbouring periods that are as good: short stretches leave the period open.
+#[derive(Clone, Copy, Debug)]
+struct Plateau {
+    /// Its middle.
+    best: Candidate,
+    /// How far the true period may be from there (s).
+    reach: f64,
+}
+
 /// The scans that OP and PV tell; `None` where their values are not held, or polls come too seldom to see it.
 pub fn recognise(op: &[Sample], pv: &[Sample], polled: &Lattice) -> Option<Scan> {
     let t0 = polled.t0;
@@ -65,37 +84,34 @@ pub fn recognise(op: &[Sample], pv: &[Sample], polled: &Lattice) -> Option<Scan>
     }
     let (least, most) = (PERIODS[0] * polled.period, PERIODS[1] * longest.max(polled.period));
     let whole = tags[0].len().min(tags[1].len());
+    let middle = most_held(&tags, whole);
+    let about = |size: usize| {
+        let from = middle.saturating_sub(size / 2).min(whole - size);
+        tags.each_ref().map(|tag| &tag[from..from + size])
+    };
+    let step_of = |part: &[&[Interval]; 2]| STEP * least * least / span(part[1]).max(least);
     let mut size = FIRST.min(whole);
-    let mut step = STEP * least * least / span(&tags[1][..size.min(tags[1].len())]).max(least);
-    let count = ((most - least) / step).ceil().min(20_000.0) as usize;
-    let mut best: Vec<Candidate> = (0..=count)
-        .map(|i| rated(&tags, size, least + (most - least) * i as f64 / count.max(1) as f64))
-        .collect();
-    loop {
-        best.sort_by(|a, b| b.score.total_cmp(&a.score));
-        let mut apart: Vec<Candidate> = Vec::with_capacity(KEPT);
-        for candidate in best {
-            if apart.len() < KEPT
-                && apart.iter().all(|other| (other.period - candidate.period).abs() > 3.0 * step)
-            {
-                apart.push(candidate);
-            }
-        }
-        best = apart;
-        if size == whole {
-            break;
-        }
-        let before = step;
+    let mut part = about(size);
+    let mut step = step_of(&part);
+    let count = ((most - least) / step).ceil().min(MOST_PERIODS) as usize;
+    let all = |i: usize| least + (most - least) * i as f64 / count.max(1) as f64;
+    let mut best = plateaus((0..=count).map(|i| rated(&part, all(i))).collect(), step, LEVEL);
+    while size < whole {
+        // A period that is true fits every part of the record.
+        best.retain(|plateau| plateau.best.score > BELIEVED - LEVEL);
         size = (size * FURTHER).min(whole);
-        step = STEP * least * least / span(&tags[1][..size]).max(least);
-        let reach = (2.0 * before / step).ceil().max(1.0) as i64;
-        best = best
-            .iter()
-            .flat_map(|near| (-reach..=reach).map(|i| near.period + i as f64 * step))
-            .map(|period| rated(&tags, size, period))
-            .collect();
+        part = about(size);
+        step = step_of(&part);
+        let level = if size == whole { SHARP } else { LEVEL };
+        let finer = |near: &Plateau| {
+            let reach = (near.reach / step).ceil() as i64;
+            let at = |i: i64| near.best.period + i as f64 * step;
+            plateaus((-reach..=reach).map(|i| rated(&part, at(i))).collect(), step, level)
+        };
+        best = best.iter().flat_map(finer).collect();
+        keep_best(&mut best);
     }
-    let found = best.first().filter(|found| found.score > BELIEVED)?;
+    let found = best.first().map(|plateau| plateau.best).filter(|found| found.score > BELIEVED)?;
     // A value that is newer at every poll is not held: its polls are its samples.
     let expected = (1.0 - polled.period / found.period).max(0.0);
     let held = |tag: &[Interval]| {
@@ -105,9 +121,27 @@ pub fn recognise(op: &[Sample], pv: &[Sample], polled: &Lattice) -> Option<Scan>
         return None;
     }
     let [of_op, mut of_pv] = found.phases;
-    // The nearer of PV's scans belongs to OP's.
-    of_pv -= ((of_pv - of_op) / found.period).round() * found.period;
+    // The nearer of PV's scans belongs to OP's; of two as near the one before, since PV read late shows its scan early.
+    of_pv -= ((of_pv - of_op) / found.period + EARLIER).round() * found.period;
     Some(Scan { period: found.period, phases: [t0 + of_op, t0 + of_pv] })
+}
+
+/// The best stretches of neighbouring periods, by increasing period.
+fn plateaus(tried: Vec<Candidate>, step: f64, level: f64) -> Vec<Plateau> {
+    let most = tried.iter().map(|candidate| candidate.score).fold(f64::NEG_INFINITY, f64::max);
+    // Short of the best by this a period is not ruled out by a few intervals more.
+    let good = |candidate: &Candidate| candidate.score > most - level;
+    let runs = tried.chunk_by(|a, b| good(a) == good(b)).filter(|run| good(&run[0]));
+    let mut found: Vec<Plateau> = runs
+        .map(|run| Plateau { best: run[run.len() / 2], reach: (0.5 * run.len() as f64 + 1.5) * step })
+        .collect();
+    keep_best(&mut found);
+    found
+}
+
+fn keep_best(found: &mut Vec<Plateau>) {
+    found.sort_by(|a, b| b.best.score.total_cmp(&a.best.score));
+    found.truncate(KEPT);
 }
 
 fn intervals(series: &[Sample], t0: f64) -> Vec<Interval> {
@@ -127,15 +161,29 @@ fn span(tag: &[Interval]) -> f64 {
     tag.last().map_or(0.0, |last| last.to) - tag.first().map_or(0.0, |first| first.from)
 }
 
-/// The first `size` intervals at a period: the mean of both tags' best scores.
-fn rated(tags: &[Vec<Interval>; 2], size: usize, period: f64) -> Candidate {
-    let of = |tag: &Vec<Interval>| best_phase(&tag[..size.min(tag.len())], period);
-    let [(a, of_op), (b, of_pv)] = [of(&tags[0]), of(&tags[1])];
-    Candidate { period, score: 0.5 * (a + b), phases: [of_op, of_pv] }
+/// The middle of the stretch with the most intervals without a change: there the scans show.
+fn most_held(tags: &[Vec<Interval>; 2], whole: usize) -> usize {
+    let size = FIRST.min(whole);
+    let held =
+        |from: &usize| tags.iter().flat_map(|tag| &tag[*from..from + size]).filter(|i| !i.changed).count();
+    let from = (0..=whole - size).step_by((size / 2).max(1)).max_by_key(held).unwrap_or(0);
+    from + size / 2
 }
 
-/// The largest score of a tag and its phase (s).
-fn best_phase(tag: &[Interval], period: f64) -> (f64, f64) {
+/// A stretch at a period: the mean of the tags' best scores.
+fn rated(part: &[&[Interval]; 2], period: f64) -> Candidate {
+    let [op, pv] = part.map(|tag| best_phase(tag, period));
+    // A tag that changes at every poll of this stretch says nothing of it.
+    let score = match (op, pv) {
+        (Some(op), Some(pv)) => 0.5 * (op.0 + pv.0),
+        (Some(one), None) | (None, Some(one)) => one.0,
+        (None, None) => 0.0,
+    };
+    Candidate { period, score, phases: [op, pv].map(|of| of.map_or(0.0, |of| of.1)) }
+}
+
+/// The largest score of a tag and its phase (s); `None` where it has nothing to say.
+fn best_phase(tag: &[Interval], period: f64) -> Option<(f64, f64)> {
     let per = PLACES as f64 / period;
     // How often each place is entered less how often it is left, by intervals with and without a change.
     let mut turns = [[0.0_f64; PLACES + 1]; 2];
@@ -157,8 +205,8 @@ fn best_phase(tag: &[Interval], period: f64) -> (f64, f64) {
             turns[end - PLACES] -= 1.0;
         }
     }
-    if counts[0] < 1.0 || counts[1] < 1.0 {
-        return (0.0, 0.0);
+    if counts[0] < 1.0 || counts[1] < 1.0 || counts[0] + counts[1] < SHORTER * tag.len() as f64 {
+        return None;
     }
     let mut scores = [0.0_f64; PLACES];
     let (mut changed, mut held) = (0.0, 0.0);
@@ -173,5 +221,5 @@ fn best_phase(tag: &[Interval], period: f64) -> (f64, f64) {
     let good = |i: isize| scores[(at as isize + i).rem_euclid(PLACES as isize) as usize] > most - 0.02;
     let after = (1..PLACES as isize).take_while(|i| good(*i)).count() as f64;
     let before = (1..PLACES as isize).take_while(|i| good(-i)).count() as f64;
-    (most, (at as f64 + 0.5 * (after - before) + 0.5) / per)
+    Some((most, (at as f64 + 0.5 * (after - before) + 0.5) / per))
 }

@@ -149,7 +149,7 @@ fn the_sentence_is_said_where_it_matters() {
     };
     assert_eq!(
         twice.sentence().as_deref(),
-        Some("polled 2.0 times per controller scan of 2.000 s; diagnosed at the controller's ticks")
+        Some("polled twice per controller scan of 2 s; diagnosed at the controller's ticks")
     );
     assert_eq!(Acquisition { polls_per_scan: Some(1.02), ..twice }.sentence(), None);
     assert_eq!(Acquisition::default().sentence(), None);

@@ -1,7 +1,7 @@
 //! The gate on records of known flaws.
 
 use super::*;
-use crate::signal::BadReason;
+use crate::signal::{BadReason, Quality};
 
 fn wave(n: usize, ts: f64) -> Record {
     let at = |k: usize, phase: f64| Sample::good(k as f64 * ts, 50.0 + (k as f64 * 0.2 + phase).sin());
