@@ -16,6 +16,7 @@
 mod normal;
 
 use super::screen::Counted;
+use crate::signal::Row;
 use crate::sysid::least_squares::{dot, total};
 pub use crate::sysid::zeros::{draw_inside, is_inside};
 use normal::{CONSTANT, Normal};
@@ -69,8 +70,8 @@ pub struct Signals<'a> {
 pub struct Rows<'a> {
     /// Their indices from `first` on, in order.
     pub left_out: &'a [usize],
-    /// True where y is missing and its prediction takes its place; empty where none is.
-    pub missing: &'a [bool],
+    /// What each sample is worth, where some are missing: the prediction takes the place of y there. Else empty.
+    pub worth: &'a [Row],
 }
 
 impl<'a> Signals<'a> {
@@ -179,7 +180,7 @@ impl Workspace {
         let n = s.y.len();
         let begin = s.start + 1 + orders.na.max(orders.nk + orders.nb - 1);
         self.e[..begin].fill(0.0);
-        if s.rows.missing.is_empty() {
+        if s.rows.worth.is_empty() {
             self.whole(s, orders, theta, begin);
         } else {
             self.with_holes(s, orders, theta, begin);
@@ -214,14 +215,19 @@ impl Workspace {
         let (a, b, c) = (&theta.a[..orders.na], &theta.b[..orders.nb], &theta.c[..orders.nc]);
         for k in begin..n {
             let past = |gains: &[f64], v: &[f64], lag: usize| -> f64 {
-                gains.iter().enumerate().map(|(i, gain)| gain * v[k - lag - i]).sum()
+                // Before the first sample there is none, and before the first error it is 0.
+                gains
+                    .iter()
+                    .zip(v[..(k + 1).saturating_sub(lag)].iter().rev())
+                    .map(|(gain, v)| gain * v)
+                    .sum()
             };
             let predicted = theta.c0 - past(a, y, 1) + past(b, z, orders.nk) + past(c, e, 1);
-            if s.rows.missing[k] {
-                y[k] = predicted;
-                e[k] = 0.0;
-            } else {
-                e[k] = y[k] - predicted;
+            // An error that is none of the process' own must not go through the filter.
+            match s.rows.worth[k] {
+                Row::Counts => e[k] = y[k] - predicted,
+                Row::Silent => e[k] = 0.0,
+                Row::Missing => (y[k], e[k]) = (predicted, 0.0),
             }
         }
     }
@@ -342,7 +348,7 @@ impl Workspace {
         let n = s.y.len();
         let from = s.start;
         let [yf, zf, ef, df] = &mut self.filtered;
-        let y = if s.rows.missing.is_empty() { s.y } else { &self.filled };
+        let y = if s.rows.worth.is_empty() { s.y } else { &self.filled };
         let inputs = [&y[from..n], &self.z[from..n], &self.e[from..n], &s.dir[from..n]];
         let outputs = [&mut yf[from..n], &mut zf[from..n], &mut ef[from..n], &mut df[from..n]];
         match *c {

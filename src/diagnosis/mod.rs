@@ -230,7 +230,7 @@ pub struct Preparation {
     /// What an archive did to the record before it came here.
     pub history: Option<Box<HistoryFound>>,
     /// How the record was acquired; `None` where its stamps do not say.
-    pub acquisition: Option<Acquisition>,
+    pub acquisition: Option<Box<Acquisition>>,
 }
 
 /// What the denoising stage did.

@@ -9,6 +9,7 @@
 //! Source: Hannan & Rissanen, Biometrika 1982, 69, 81; Ljung, System Identification, 2nd ed., section 10.6.
 
 use super::armax::{Fit, ORDER, Orders, Signals, Theta, splits};
+use crate::signal::Row;
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Lags of y in the long ARX.
@@ -364,8 +365,8 @@ impl Screen {
                 *e -= c * (x - lag * d);
             }
         }
-        let missing = s.rows.missing.iter().enumerate().filter(|(_, missing)| **missing);
-        missing.for_each(|(k, _)| self.e[k] = 0.0);
+        let not = s.rows.worth.iter().enumerate().filter(|(_, worth)| **worth != Row::Counts);
+        not.for_each(|(k, _)| self.e[k] = 0.0);
     }
 
     /// Least squares of column 0 on `columns`, all centred (which is what a free constant does); the solution

@@ -65,23 +65,23 @@ pub struct Problem {
 #[derive(Clone, Debug, Default)]
 pub struct Holes {
     left_out: Vec<usize>,
-    missing: Vec<bool>,
+    /// Empty where none is missing.
+    worth: Vec<Row>,
 }
 
 impl Holes {
     /// Of a window whose first sample that counts is `first`.
     pub fn of(window: &Window, first: usize) -> Self {
-        let missing: Vec<bool> = window.rows.iter().map(|row| *row == Row::Missing).collect();
         Self {
             left_out: (first..window.rows.len()).filter(|k| window.rows[*k] != Row::Counts).collect(),
-            missing: if missing.contains(&true) { missing } else { Vec::new() },
+            worth: if window.rows.contains(&Row::Missing) { window.rows.clone() } else { Vec::new() },
         }
     }
 
     /// Those among the first `n` samples.
     pub fn within(&self, n: usize) -> Rows<'_> {
         let end = self.left_out.partition_point(|k| *k < n);
-        Rows { left_out: &self.left_out[..end], missing: &self.missing }
+        Rows { left_out: &self.left_out[..end], worth: &self.worth }
     }
 }
 

@@ -105,8 +105,8 @@ pub fn of_source(op: &[Sample], pv: &[Sample]) -> Option<Lattice> {
             (row - row.round()).abs() > EXACT
         })
     };
-    let tried = (1..=4).filter_map(|part| Lattice::with(&both, shortest / f64::from(part)));
-    let lattice = tried.filter(|lattice| !far(lattice)).next()?;
+    let mut tried = (1..=4).filter_map(|part| Lattice::with(&both, shortest / f64::from(part)));
+    let lattice = tried.find(|lattice| !far(lattice))?;
     let of_changes = |series: &[Sample]| series.windows(2).all(|w| w[0].value != w[1].value);
     let thinned = |series: &[Sample]| series.len() as f64 <= ON_CHANGE * both.len() as f64;
     let is_source = of_changes(op) && of_changes(pv) && (thinned(op) || thinned(pv));

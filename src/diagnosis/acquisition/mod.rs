@@ -68,11 +68,6 @@ pub fn recognise(
     if let Some(ts) = ts {
         return Some((found, Placed::on(Lattice { period: ts, ..polled }, op, pv)));
     }
-    if let Some(role) =
-        history.filter(|found| found.kind == HistoryKind::SwingingDoor).map(|found| found.role)
-    {
-        return Some((found, Placed::on(polled, op, pv).with_lines(role)));
-    }
     let enough = op.len().min(pv.len()) >= LEAST && polled.jitter < ON_LATTICE * polled.period;
     if let Some(scan) = scan::recognise(op, pv, &polled).filter(|_| enough) {
         found.scan_s = Some(scan.period);
@@ -80,7 +75,9 @@ pub fn recognise(
         found.recovered = true;
         return Some((found, Placed::on_ticks(&scan)));
     }
-    if let Some(source) = lattice::of_source(op, pv) {
+    // What a dead band left out may have changed by as much: those rows are missing.
+    let all_changes = history.is_none_or(|found| found.kind != HistoryKind::Exception);
+    if let Some(source) = lattice::of_source(op, pv).filter(|_| all_changes) {
         found.scan_s = Some(source.period);
         found.recovered = true;
         return Some((found, Placed::on_source(source)));

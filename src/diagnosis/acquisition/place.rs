@@ -2,7 +2,7 @@
 
 use super::lattice::{Lattice, period};
 use super::scan::Scan;
-use crate::signal::{Role, Sample};
+use crate::signal::Sample;
 
 /// Share of a scan about its instant within which a poll may be of the scan before or after.
 const NEAR_SCAN: f64 = 0.06;
@@ -20,8 +20,6 @@ enum Way {
     Scan(f64),
     /// Held until the next, and so long at most (s).
     Held(f64),
-    /// On straight lines, as an archive drew them that kept only what a line does not replace.
-    Line,
 }
 
 /// The rows of a record, and how its tags come on them.
@@ -43,16 +41,6 @@ impl Placed {
     pub fn on_ticks(scan: &Scan) -> Self {
         let rows = Lattice { t0: scan.phases[0], period: scan.period, jitter: 0.0 };
         Self { rows, op: Way::Scan(0.0), pv: Way::Scan(scan.phases[1] - scan.phases[0]) }
-    }
-
-    /// The same with this tag on lines: swinging-door compression is undone so, to within its deviation.
-    pub fn with_lines(mut self, role: Role) -> Self {
-        if role == Role::Op {
-            self.op = Way::Line
-        } else {
-            self.pv = Way::Line
-        };
-        self
     }
 
     /// On the scans whose stamps the samples carry: what is not reported has not changed.
@@ -86,7 +74,6 @@ impl Placed {
             Way::Nearest(late) => self.nearest(late, kept, from, n),
             Way::Scan(late) => self.on_scans(late, kept, from, n),
             Way::Held(longest) => self.held(longest, kept, from, n),
-            Way::Line => self.lines(kept, from, n),
         }
     }
 
@@ -96,7 +83,7 @@ impl Placed {
         match self.pv {
             Way::Scan(_) => row.floor(),
             Way::Nearest(late) => ((t - late - self.rows.t0) / self.rows.period).round(),
-            Way::Held(_) | Way::Line => (row - 1e-6).ceil(),
+            Way::Held(_) => (row - 1e-6).ceil(),
         }
     }
 
@@ -160,22 +147,6 @@ impl Placed {
                     at += 1;
                 }
                 kept.get(at).filter(|s| s.t <= t && t - s.t <= longest).map(|s| s.value)
-            })
-            .collect()
-    }
-
-    /// Between the two samples about each row.
-    fn lines(&self, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
-        let mut at = 0;
-        (0..n)
-            .map(|k| {
-                let t = self.rows.time(from as f64 + k as f64);
-                while at + 2 < kept.len() && kept[at + 1].t <= t {
-                    at += 1;
-                }
-                let (a, b) = (kept.get(at)?, kept.get(at + 1).or(kept.get(at))?);
-                let part = if b.t > a.t { ((t - a.t) / (b.t - a.t)).clamp(0.0, 1.0) } else { 0.0 };
-                Some(a.value + part * (b.value - a.value))
             })
             .collect()
     }

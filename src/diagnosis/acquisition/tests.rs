@@ -1,6 +1,4 @@
 use super::*;
-use crate::diagnosis::history_kind::HistoryFound;
-use crate::signal::Role;
 use crate::sim::acquisition::{Acquisition as How, Gaps, Poll, Scans, acquire};
 
 /// A loop's values at its scans: all different, as noise makes them.
@@ -62,7 +60,8 @@ fn a_scan_between_two_polls_is_missing_and_not_made_up() {
     let poll = Poll { phase: 0.98, jitter: 0.05, ..Poll::every(1.0) };
     let (found, rows) = seen(&scans, &How::Polled(poll), 2);
     assert!(found.recovered);
-    assert!(in_step(&scans, &rows) > 0.99);
+    // Next to a scan's instant stamps cannot tell to which side of it a poll belongs.
+    assert!(in_step(&scans, &rows) > 0.97);
     let missing = rows[0].iter().filter(|value| value.is_none()).count();
     assert!((60..240).contains(&missing), "{missing}");
 }
@@ -108,7 +107,8 @@ fn lost_polls_are_missing_rows() {
         let (_, rows) = seen(&scans, &How::Polled(Poll { phase: 0.5, gaps, ..Poll::every(1.0) }), 6);
         assert_eq!(in_step(&scans, &rows), 1.0, "{gaps:?}");
         let missing = rows[0].iter().filter(|value| value.is_none()).count() as f64 / rows[0].len() as f64;
-        assert!((missing - 0.3).abs() < 0.06, "{missing} {gaps:?}");
+        // Bursts of 8 in 1,000 polls: three standard errors of their share are 0.12.
+        assert!((missing - 0.3).abs() < 0.12, "{missing} {gaps:?}");
     }
 }
 
@@ -127,15 +127,12 @@ fn changes_with_the_controllers_stamps_are_held_exactly() {
 }
 
 #[test]
-fn a_slower_tag_is_held_and_lines_are_drawn_only_where_an_archive_drew_them() {
+fn a_slower_tag_is_held_between_its_samples() {
     let pv: Vec<Sample> = (0..100).map(|k| Sample::good(f64::from(k), f64::from(k))).collect();
     let op: Vec<Sample> = (0..50).map(|k| Sample::good(f64::from(2 * k), f64::from(k))).collect();
     let (_, placed) = recognise(&op, &pv, None, None).expect("stamps");
     let values = |rows: Vec<Option<f64>>| rows.into_iter().map(|v| v.expect("held")).collect::<Vec<f64>>();
     assert_eq!(values(placed.op(&op, 4, 4)), [2.0, 2.0, 3.0, 3.0]);
-    let history = HistoryFound { kind: HistoryKind::SwingingDoor, role: Role::Op, evidence: [0.0; 2] };
-    let (_, placed) = recognise(&op, &pv, None, Some(&history)).expect("stamps");
-    assert_eq!(values(placed.op(&op, 4, 4)), [2.0, 2.5, 3.0, 3.5]);
 }
 
 #[test]

@@ -318,3 +318,30 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn missing_samples_are_replaced_by_their_prediction_and_do_not_count() {
+    let n = 600;
+    let (x, dir) = input(n, 3);
+    let theta = truth();
+    let whole = forward(ORDERS, &theta, &x, &dir, &vec![0.0; n]);
+    let (mut y, mut worth) = (whole.clone(), vec![Row::Counts; n]);
+    for k in (100..n).filter(|k| k % 7 < 2) {
+        (y[k], worth[k]) = (1e6, Row::Missing);
+    }
+    // Right, but said not to count: its error is left out, whatever it is.
+    worth[300] = Row::Silent;
+    let left_out: Vec<usize> = (20..n).filter(|k| worth[*k] != Row::Counts).collect();
+    let rows = Rows { left_out: &left_out, worth: &worth };
+    let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 20, rows };
+    let mut work = Workspace::new(n);
+    // Without noise the predictions are the samples, to rounding.
+    assert!(work.evaluate(&s, ORDERS, &theta) < 1e-20);
+    assert!(work.filled.iter().zip(&whole).all(|(filled, y)| (filled - y).abs() < 1e-9));
+    let mut start = theta;
+    start.a[0] += 0.05;
+    start.b[0] *= 1.1;
+    let fit = work.minimise(&s, ORDERS, start, Lag::Fixed, 1e-14, 200);
+    assert!(fit.loss < 1e-16, "{}", fit.loss);
+    assert!((fit.theta.a[0] - theta.a[0]).abs() < 1e-5 && (fit.theta.b[0] - theta.b[0]).abs() < 1e-5);
+}

@@ -20,6 +20,9 @@ use stretches::{automatic, intersect, runs};
 
 /// Most rows for each sample there is; more would be invented.
 const MOST_POINTS: usize = 20;
+/// Rows behind a hole beyond its own length that do not count, and all of them at most: the lags of B and a dead time.
+const SHORT_B: usize = 2;
+const MOST_AFTER: usize = 12;
 /// Missing share from which a record that is too short is one with gaps.
 const FEW_MISSING: f64 = 0.01;
 
@@ -52,7 +55,7 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
         // Values held between scans are no archive's doing, and are one sample a scan now.
         preparation.history = None;
     }
-    preparation.acquisition = Some(acquired);
+    preparation.acquisition = Some(Box::new(acquired));
     let ts = placed.rows.period;
     let stretches = match stretches_of(record, &placed, &op.kept, &pv.kept, need) {
         Ok(stretches) => stretches,
@@ -62,11 +65,12 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
         return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
     };
     let rows = placed.row_of(to) - placed.row_of(from) + 1.0;
-    if !(rows <= (MOST_POINTS * (op.kept.len() + pv.kept.len())) as f64) {
+    let most = (MOST_POINTS * (op.kept.len() + pv.kept.len())) as f64;
+    if rows.is_nan() || rows > most {
         return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
     }
-    let window =
-        fill(record, &placed, (&op.kept, &pv.kept), placed.row_of(from) as i64, rows.max(0.0) as usize);
+    let there = (within(&op.kept, from, to), within(&pv.kept, from, to));
+    let window = fill(record, &placed, there, placed.row_of(from) as i64, rows.max(0.0) as usize);
     let n = window.len();
     preparation.gap_share = window.missing();
     if n < need {
@@ -83,6 +87,13 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
         Some(reason) => Err((reason, preparation)),
         None => Ok((window, preparation)),
     }
+}
+
+/// The samples from one time to another.
+fn within(kept: &[Sample], from: f64, to: f64) -> &[Sample] {
+    let begin = kept.partition_point(|s| s.t < from);
+    let end = kept.partition_point(|s| s.t <= to);
+    &kept[begin..end.max(begin)]
 }
 
 /// The stretches in which OP and PV are there and the loop is in automatic (s).
@@ -125,6 +136,7 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
         return Window { ts: placed.rows.period, ..Window::default() };
     };
     let missing: Vec<bool> = (first..=last).map(|k| !there(&k)).collect();
+    let rows = if missing.contains(&true) { worth(&missing) } else { Vec::new() };
     let n = missing.len();
     let from = from + first as i64;
     let other = |series: &[Sample]| -> Option<Vec<f64>> {
@@ -133,7 +145,6 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
         let overlaps = kept.first()?.t <= end && kept.last()?.t >= placed.rows.time(from as f64);
         overlaps.then(|| held(&placed.other(&kept, from, n)))
     };
-    let worth = |missing: &bool| if *missing { Row::Missing } else { Row::Counts };
     Window {
         t0: placed.rows.time(from as f64),
         ts: placed.rows.period,
@@ -142,8 +153,26 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
         sp: record.sp.as_deref().and_then(other),
         mv: record.mv.as_deref().and_then(other),
         tags: record.tags.iter().filter_map(|(name, s)| Some((name.clone(), other(s)?))).collect(),
-        rows: if missing.contains(&true) { missing.iter().map(worth).collect() } else { Vec::new() },
+        rows,
     }
+}
+
+/// What rows are worth. Behind a hole of several PV comes from an OP that nobody knows: as many rows as the hole has, and
+/// those of a short B, are right but say nothing.
+fn worth(missing: &[bool]) -> Vec<Row> {
+    let mut rows = vec![Row::Counts; missing.len()];
+    let mut at = 0;
+    for run in missing.chunk_by(|a, b| a == b) {
+        let end = at + run.len();
+        if run[0] {
+            rows[at..end].fill(Row::Missing);
+            let after = if run.len() > 1 { (run.len() + SHORT_B).min(MOST_AFTER) } else { 0 };
+            let until = (end + after).min(rows.len());
+            rows[end..until].fill(Row::Silent);
+        }
+        at = end;
+    }
+    rows
 }
 
 /// The last known value where one is missing, and the first where none is known yet.
@@ -164,8 +193,8 @@ fn drawn_through(values: &[Option<f64>]) -> Vec<f64> {
         let Some(value) = value else { continue };
         if let Some(from) = last {
             let (before, width) = (out[from], (k - from) as f64);
-            for i in from + 1..k {
-                out[i] = before + (value - before) * (i - from) as f64 / width;
+            for (i, out) in out[from + 1..k].iter_mut().enumerate() {
+                *out = before + (value - before) * (i + 1) as f64 / width;
             }
         }
         last = Some(k);

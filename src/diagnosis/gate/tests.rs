@@ -1,7 +1,7 @@
 //! The gate on records of known flaws.
 
 use super::*;
-use crate::signal::{BadReason, Quality};
+use crate::signal::{BadReason, Quality, Row};
 
 fn wave(n: usize, ts: f64) -> Record {
     let at = |k: usize, phase: f64| Sample::good(k as f64 * ts, 50.0 + (k as f64 * 0.2 + phase).sin());
@@ -36,7 +36,7 @@ fn order_and_duplicates_are_repaired_and_counted() {
 }
 
 #[test]
-fn jitter_and_skew_are_resampled_and_reported() {
+fn jitter_and_skew_leave_values_as_they_are_and_are_reported() {
     let mut record = wave(300, 1.0);
     for (k, s) in record.op.iter_mut().enumerate() {
         s.t += 0.4 + 0.05 * (k as f64).sin();
@@ -44,21 +44,28 @@ fn jitter_and_skew_are_resampled_and_reported() {
     }
     let (w, p) = gate(&record, &Settings::default()).expect("passes");
     assert!((p.worst_skew - 0.45).abs() < 0.01, "{}", p.worst_skew);
-    // Linear interpolation of a sine of 0.2 rad a sample errs by at most 0.2²/8.
-    for (k, u) in w.op.iter().enumerate() {
-        assert!((u - (50.0 + ((w.t0 + k as f64) * 0.2).sin())).abs() < 0.006);
-    }
+    // OP is held between its samples: the one read beside a PV belongs to it.
+    let read: Vec<f64> = record.op.iter().map(|s| s.value).collect();
+    let at = record.pv.iter().position(|s| s.value == w.pv[0]).expect("a sample's");
+    assert_eq!(w.op, read[at..at + w.len()]);
+    assert!(w.len() >= 298 && w.rows.is_empty());
 }
 
 #[test]
-fn small_holes_are_filled_and_many_are_refused() {
+fn holes_are_masked_and_too_few_rows_are_refused() {
     let mut record = wave(400, 1.0);
     for k in (20..380).step_by(10) {
         record.pv[k].quality = Quality::Bad(BadReason::Timeout);
     }
-    let (_, p) = gate(&record, &Settings::default()).expect("passes");
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
     assert!((p.gap_share - 36.0 / 400.0).abs() < 1e-12);
-    for k in (20..380).step_by(3) {
+    assert_eq!((w.counted(), w.row(19), w.row(20)), (364, Row::Counts, Row::Missing));
+    // Drawn through, and none of it a measurement.
+    assert_eq!(w.pv[20], w.pv[19] + (w.pv[21] - w.pv[19]) * 0.5);
+    record.op[51].value = f64::NAN;
+    let (w, _) = gate(&record, &Settings::default()).expect("passes");
+    assert_eq!((w.op[51], w.row(51)), (w.op[50], Row::Missing));
+    for k in (21..380).step_by(2) {
         record.pv[k].quality = Quality::Bad(BadReason::Timeout);
     }
     assert!(matches!(reason(&record), NotIdentifiable::Gaps { .. }));
@@ -66,10 +73,10 @@ fn small_holes_are_filled_and_many_are_refused() {
 
 #[test]
 fn a_long_hole_leaves_the_longer_side() {
-    let mut record = wave(700, 1.0);
-    record.op.drain(300..350);
+    let mut record = wave(800, 1.0);
+    record.op.drain(300..400);
     let (w, _) = gate(&record, &Settings::default()).expect("passes");
-    assert_eq!((w.t0, w.len()), (350.0, 350));
+    assert_eq!((w.t0, w.len()), (400.0, 400));
 }
 
 #[test]
@@ -150,4 +157,49 @@ fn one_stamp_far_away_does_not_make_a_huge_grid() {
     record.op.push(Sample::good(1e18, 1.0));
     record.pv.push(Sample::good(1e18, 1.0));
     assert_eq!(gate(&record, &Settings::default()).expect("passes").0.len(), 300);
+}
+
+#[test]
+fn a_loop_at_its_limit_for_part_of_the_time_is_judged_by_the_rest() {
+    let mut record = wave(900, 1.0);
+    for s in &mut record.op[300..700] {
+        s.value = 100.0;
+    }
+    record.op_limits = Some((0.0, 100.0));
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert_eq!(
+        (w.counted(), w.row(299), w.row(300), w.row(700)),
+        (500, Row::Counts, Row::Silent, Row::Counts)
+    );
+    assert_eq!((p.gap_share, p.missing), (0.0, 0.0));
+    record.op[100..850].iter_mut().for_each(|s| s.value = 100.0);
+    let share = 750.0 / 900.0;
+    assert_eq!(reason(&record), NotIdentifiable::Saturated { share });
+}
+
+#[test]
+fn two_polls_a_scan_are_one_row() {
+    let mut record = Record::default();
+    for k in 0..1200 {
+        let (t, scan) = (f64::from(k) * 0.5, f64::from(k / 2));
+        record.op.push(Sample::good(t, 50.0 + (0.2 * scan).sin()));
+        record.pv.push(Sample::good(t, 50.0 + (0.2 * scan + 1.0).sin()));
+    }
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert!((w.ts - 1.0).abs() < 1e-3 && w.len() >= 599, "{} {}", w.ts, w.len());
+    let acquired = p.acquisition.expect("told");
+    assert!(acquired.recovered && p.history.is_none());
+    assert!(w.op.windows(2).all(|two| two[0] != two[1]));
+}
+
+#[test]
+fn rows_behind_a_long_hole_say_nothing() {
+    let mut record = wave(400, 1.0);
+    record.op.drain(100..103);
+    record.op.remove(200);
+    let (w, _) = gate(&record, &Settings::default()).expect("passes");
+    let all = |from: usize, to: usize, worth: Row| (from..to).all(|k| w.row(k) == worth);
+    assert!(all(0, 100, Row::Counts) && all(100, 103, Row::Missing) && all(103, 108, Row::Silent));
+    // The hole of one row has none behind it.
+    assert!(all(108, 203, Row::Counts) && w.row(203) == Row::Missing && all(204, 400, Row::Counts));
 }

@@ -114,7 +114,7 @@ pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort
     search.finish()
 }
 
-/// The record with PV drawn straight through the samples that do not count: deviances are quick where all do.
+/// The record with PV drawn straight through the samples that do not count: they are still lags of those that do.
 fn all_counted(data: &IdData) -> IdData {
     let mut filled = data.clone();
     let mut last = None;
@@ -126,7 +126,6 @@ fn all_counted(data: &IdData) -> IdData {
         }
         last = Some(k);
     }
-    filled.weight.fill(1.0);
     filled
 }
 

@@ -293,7 +293,7 @@ impl Report {
                 history: diagnosis.preparation.history.as_deref().map(ReportHistory::new),
                 ..window(prepared)
             },
-            acquisition: diagnosis.preparation.acquisition.as_ref().map(ReportAcquisition::new),
+            acquisition: diagnosis.preparation.acquisition.as_deref().map(ReportAcquisition::new),
             preparation: prepared.map(preparation),
             denoise: prepared.map(|p| ReportDenoise {
                 applied: p.denoise.applied,

@@ -1,6 +1,6 @@
 use super::*;
 use crate::diagnosis::{
-    CurvePoint, Denoise, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Residual,
+    Acquisition, CurvePoint, Denoise, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Residual,
 };
 use crate::residual::Kind;
 use crate::signal::Window;
@@ -16,13 +16,13 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
             ts: 50.0,
             gap_share: 0.0,
             missing: 0.0,
-            acquisition: Some(Acquisition {
+            acquisition: Some(Box::new(Acquisition {
                 scan_s: Some(2.0),
                 poll_s: Some(1.0),
                 jitter_s: Some(0.05),
                 polls_per_scan: Some(2.0),
                 recovered: true,
-            }),
+            })),
             worst_skew: 0.0,
             duplicates: 0,
             out_of_order: 0,
