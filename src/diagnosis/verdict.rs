@@ -46,7 +46,7 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
 fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let (window, mut preparation) = match gate::gate(record, settings) {
         Ok(passed) => passed,
-        Err((reason, preparation)) => return refused(reason, preparation, None, None),
+        Err(why) => return refused(why.0, why.1, None, None),
     };
     let (window, region) = prepare(window, settings, &mut preparation);
     let n = window.len();

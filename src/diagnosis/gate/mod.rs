@@ -23,11 +23,13 @@ const MOST_POINTS: usize = 20;
 /// Rows behind a hole beyond its own length that do not count, and all of them at most: the lags of B and a dead time.
 const SHORT_B: usize = 2;
 const MOST_AFTER: usize = 12;
+/// Rows that a slope of OP beside a hole is taken from.
+const SLOPE: usize = 5;
 /// Missing share from which a record that is too short is one with gaps.
 const FEW_MISSING: f64 = 0.01;
 
 /// What the gate passes on, or why it does not; the preparation is told either way.
-pub type Gated = Result<(Window, Preparation), (NotIdentifiable, Preparation)>;
+pub type Gated = Result<(Window, Preparation), Box<(NotIdentifiable, Preparation)>>;
 
 /// Makes a window of a record.
 ///
@@ -39,7 +41,8 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let pv = clean(&record.pv, &mut preparation);
     preparation.history = recognise(&op.kept, &pv.kept).map(Box::new);
     let need = settings.min_samples;
-    let stop = |reason: NotIdentifiable, preparation: &Preparation| Err((reason, preparation.clone()));
+    let stop =
+        |reason: NotIdentifiable, preparation: &Preparation| Err(Box::new((reason, preparation.clone())));
     if op.kept.len() < need || pv.kept.len() < need {
         let n = op.kept.len().min(pv.kept.len());
         return stop(shortage(&op, &pv, n, need), &preparation);
@@ -84,7 +87,7 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let mut window = window;
     describe(&window, &mut preparation);
     match refuse(&mut window, record, settings, &preparation) {
-        Some(reason) => Err((reason, preparation)),
+        Some(reason) => Err(Box::new((reason, preparation))),
         None => Ok((window, preparation)),
     }
 }
@@ -148,7 +151,7 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
     Window {
         t0: placed.rows.time(from as f64),
         ts: placed.rows.period,
-        op: held(&op[first..=last]),
+        op: carried_on(&op[first..=last]),
         pv: drawn_through(&pv[first..=last]),
         sp: record.sp.as_deref().and_then(other),
         mv: record.mv.as_deref().and_then(other),
@@ -183,6 +186,36 @@ fn held(values: &[Option<f64>]) -> Vec<f64> {
         last
     };
     values.iter().map(&mut next).collect()
+}
+
+/// The last known value where one is missing. Through a hole of several OP did not stand still: there it goes on as it came and
+/// as it leaves, a cubic with the slopes at both ends, so that a turn inside is not lost to the stem.
+fn carried_on(values: &[Option<f64>]) -> Vec<f64> {
+    let mut out = held(values);
+    let slope = |rows: &mut dyn Iterator<Item = usize>| -> f64 {
+        let known: Vec<f64> = rows.map_while(|k| *values.get(k)?).collect();
+        let steps = known.len().saturating_sub(1).max(1) as f64;
+        known.last().zip(known.first()).map_or(0.0, |(last, first)| (last - first) / steps)
+    };
+    let mut at = 0;
+    for run in values.chunk_by(|a, b| a.is_some() == b.is_some()) {
+        let end = at + run.len();
+        if run[0].is_none() && run.len() > 1 && at > 0 && end < values.len() {
+            let (before, after) = (out[at - 1], out[end]);
+            let width = (run.len() + 1) as f64;
+            let came = -slope(&mut (at.saturating_sub(SLOPE)..at).rev()) * width;
+            let leaves = slope(&mut (end..end + SLOPE)) * width;
+            for (i, out) in out[at..end].iter_mut().enumerate() {
+                let t = (i + 1) as f64 / width;
+                let (s, t2) = (1.0 - t, t * t);
+                // Hermite's cubic: values and slopes at 0 and 1.
+                *out = s * s * ((1.0 + 2.0 * t) * before + t * came)
+                    + t2 * ((1.0 + 2.0 * s) * after - s * leaves);
+            }
+        }
+        at = end;
+    }
+    out
 }
 
 /// A straight line where values are missing: where PV begins to look for its prediction.
