@@ -163,7 +163,20 @@ pub struct Record {
     pub op_span_source: SpanSource,
 }
 
-/// One loop's data on an equal grid, every value finite.
+/// What a row of a window is worth to a fit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Row {
+    /// It counts.
+    #[default]
+    Counts,
+    /// OP and PV are right, but say nothing of the valve: their error does not count.
+    Silent,
+    /// OP or PV was not measured: what stands there is no measurement.
+    Missing,
+}
+
+/// One loop's data on an equal grid, every value finite: where OP was not measured it is the last known, as the controller
+/// holds it; where PV was not, it is drawn through, and a model's prediction takes its place.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Window {
     /// Time of the first sample (s).
@@ -180,9 +193,27 @@ pub struct Window {
     pub mv: Option<Vec<f64>>,
     /// Other tags by name, N values each.
     pub tags: Vec<(String, Vec<f64>)>,
+    /// What each row is worth, N values; empty where all count.
+    pub rows: Vec<Row>,
 }
 
 impl Window {
+    /// What row `k` is worth.
+    pub fn row(&self, k: usize) -> Row {
+        self.rows.get(k).copied().unwrap_or_default()
+    }
+
+    /// How many rows count.
+    pub fn counted(&self) -> usize {
+        self.len() - self.rows.iter().filter(|row| **row != Row::Counts).count()
+    }
+
+    /// The share of rows that are missing (0..1).
+    pub fn missing(&self) -> f64 {
+        let missing = self.rows.iter().filter(|row| **row == Row::Missing).count();
+        missing as f64 / self.len().max(1) as f64
+    }
+
     /// Number of samples N.
     pub fn len(&self) -> usize {
         self.op.len()
@@ -204,6 +235,7 @@ impl Window {
             sp: self.sp.as_ref().map(cut),
             mv: self.mv.as_ref().map(cut),
             tags: self.tags.iter().map(|(name, v)| (name.clone(), cut(v))).collect(),
+            rows: self.rows.get(from..to).unwrap_or_default().to_vec(),
         }
     }
 }

@@ -69,7 +69,7 @@ struct Point {
 fn full_grid(p: &Problem) -> Vec<Point> {
     let n = p.y.len();
     let (mut x, mut dir) = (vec![0.0; n], vec![0.0; n]);
-    let mut screen = Screen::new(&p.y, p.first, p.max_delay);
+    let mut screen = Screen::new(&p.y, p.counted(), p.max_delay);
     let mut work = Workspace::new(n);
     let mut points: Vec<Point> = Vec::new();
     for i in 0..GRID {

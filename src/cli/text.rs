@@ -86,7 +86,7 @@ pub fn page(report: &Report) -> String {
         line(
             "",
             format!(
-                "{} % interpolated, worst OP-PV skew {} s, {} duplicates, {} out of order, decimation {}",
+                "{} % missing, worst OP-PV skew {} s, {} duplicates, {} out of order, decimation {}",
                 number(p.gap_share.map(|share| share * 100.0)),
                 number(p.worst_skew_s),
                 p.duplicates,
@@ -94,6 +94,9 @@ pub fn page(report: &Report) -> String {
                 p.decimation
             ),
         );
+    }
+    if let Some(note) = report.acquisition.as_ref().and_then(|acquired| acquired.note.clone()) {
+        line("acquisition", note);
     }
     if let Some(denoise) = &report.denoise {
         let share = number(denoise.noise_share.map(|share| share * 100.0));

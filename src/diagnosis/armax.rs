@@ -15,6 +15,8 @@
 
 mod normal;
 
+use super::screen::Counted;
+use crate::signal::Row;
 use crate::sysid::least_squares::{dot, total};
 pub use crate::sysid::zeros::{draw_inside, is_inside};
 use normal::{CONSTANT, Normal};
@@ -59,6 +61,24 @@ pub struct Signals<'a> {
     pub start: usize,
     /// First index that counts in the loss; at least `start + 1 +` the longest lag.
     pub first: usize,
+    /// The others, where some do not count.
+    pub rows: Rows<'a>,
+}
+
+/// Samples that do not count in the loss.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rows<'a> {
+    /// Their indices from `first` on, in order.
+    pub left_out: &'a [usize],
+    /// What each sample is worth, where some are missing: the prediction takes the place of y there. Else empty.
+    pub worth: &'a [Row],
+}
+
+impl<'a> Signals<'a> {
+    /// The samples that count.
+    pub fn counted(&self) -> Counted<'a> {
+        Counted { first: self.first, left_out: self.rows.left_out }
+    }
 }
 
 /// Coefficients of one model; unused places are 0.
@@ -107,6 +127,8 @@ pub struct Workspace {
     z: Vec<f64>,
     w: Vec<f64>,
     e: Vec<f64>,
+    /// y with its predictions where it is missing, of the last evaluation.
+    filled: Vec<f64>,
     filtered: [Vec<f64>; 4],
     lag_column: Vec<f64>,
 }
@@ -119,6 +141,7 @@ impl Workspace {
             z: buffer(),
             w: buffer(),
             e: buffer(),
+            filled: buffer(),
             filtered: std::array::from_fn(|_| buffer()),
             lag_column: buffer(),
         }
@@ -138,6 +161,7 @@ impl Workspace {
 
     /// y and the loaded z, each divided by C.
     pub(super) fn divide(&mut self, s: &Signals<'_>, c: &[f64]) -> [&[f64]; 2] {
+        self.filled[..s.y.len()].copy_from_slice(s.y);
         self.filter_all(s, c);
         let [y, z, ..] = &self.filtered;
         [y, z]
@@ -156,6 +180,20 @@ impl Workspace {
         let n = s.y.len();
         let begin = s.start + 1 + orders.na.max(orders.nk + orders.nb - 1);
         self.e[..begin].fill(0.0);
+        if s.rows.worth.is_empty() {
+            self.whole(s, orders, theta, begin);
+        } else {
+            self.with_holes(s, orders, theta, begin);
+        }
+        let counted = &self.e[s.first..n];
+        let left_out: f64 = s.rows.left_out.iter().map(|k| self.e[*k] * self.e[*k]).sum();
+        let loss = (dot(counted, counted) - left_out) / (counted.len() - s.rows.left_out.len()) as f64;
+        if loss.is_finite() { loss.max(0.0) } else { f64::INFINITY }
+    }
+
+    /// The errors from `begin` on where every y is there.
+    fn whole(&mut self, s: &Signals<'_>, orders: Orders, theta: &Theta, begin: usize) {
+        let n = s.y.len();
         let c = &theta.c[..orders.nc];
         let w = if c.is_empty() { &mut self.e[begin..n] } else { &mut self.w[begin..n] };
         combine(w, orders, theta, |lag| &s.y[begin - lag..n - lag], |lag| &self.z[begin - lag..n - lag]);
@@ -167,9 +205,31 @@ impl Workspace {
             [c1, c2, c3] => whiten([c1, c2, c3], w, e),
             [c1, c2, c3, c4, ..] => whiten([c1, c2, c3, c4], w, e),
         }
-        let counted = &self.e[s.first..n];
-        let loss = dot(counted, counted) / counted.len() as f64;
-        if loss.is_finite() { loss } else { f64::INFINITY }
+    }
+
+    /// The same where some are missing: their predictions take their places, with no error.
+    fn with_holes(&mut self, s: &Signals<'_>, orders: Orders, theta: &Theta, begin: usize) {
+        let n = s.y.len();
+        let Self { filled: y, z, e, .. } = self;
+        y[..n].copy_from_slice(s.y);
+        let (a, b, c) = (&theta.a[..orders.na], &theta.b[..orders.nb], &theta.c[..orders.nc]);
+        for k in begin..n {
+            let past = |gains: &[f64], v: &[f64], lag: usize| -> f64 {
+                // Before the first sample there is none, and before the first error it is 0.
+                gains
+                    .iter()
+                    .zip(v[..(k + 1).saturating_sub(lag)].iter().rev())
+                    .map(|(gain, v)| gain * v)
+                    .sum()
+            };
+            let predicted = theta.c0 - past(a, y, 1) + past(b, z, orders.nk) + past(c, e, 1);
+            // An error that is none of the process' own must not go through the filter.
+            match s.rows.worth[k] {
+                Row::Counts => e[k] = y[k] - predicted,
+                Row::Silent => e[k] = 0.0,
+                Row::Missing => (y[k], e[k]) = (predicted, 0.0),
+            }
+        }
     }
 
     /// Minimises the loss from `start` by Levenberg–Marquardt.
@@ -230,7 +290,7 @@ impl Workspace {
             self.lag_gradient(s, orders, theta);
         }
         let n = s.y.len();
-        let mut normal = Normal::new(orders, free_lag, n - s.first);
+        let mut normal = Normal::new(orders, free_lag, n - s.first - s.rows.left_out.len());
         // The constant behind 1/C, once its start is forgotten; its products are then sums of the other columns.
         let constant = 1.0 / (1.0 + theta.c[..orders.nc].iter().sum::<f64>());
         let [yf, zf, ef, _] = &self.filtered;
@@ -267,6 +327,18 @@ impl Workspace {
                 dot(&ci[s.first - lag_i..n - lag_i], &self.e[s.first..n])
             };
         }
+        for &k in s.rows.left_out {
+            let at = |i: usize| {
+                let (signal, lag) = columns[i];
+                if signal == CONSTANT { constant } else { signals[signal][k - lag] }
+            };
+            for i in 0..normal.size {
+                for j in 0..=i {
+                    normal.jtj[i][j] -= at(i) * at(j);
+                }
+                normal.jte[i] -= at(i) * self.e[k];
+            }
+        }
         normal.apply_signs();
         normal
     }
@@ -276,7 +348,8 @@ impl Workspace {
         let n = s.y.len();
         let from = s.start;
         let [yf, zf, ef, df] = &mut self.filtered;
-        let inputs = [&s.y[from..n], &self.z[from..n], &self.e[from..n], &s.dir[from..n]];
+        let y = if s.rows.worth.is_empty() { s.y } else { &self.filled };
+        let inputs = [&y[from..n], &self.z[from..n], &self.e[from..n], &s.dir[from..n]];
         let outputs = [&mut yf[from..n], &mut zf[from..n], &mut ef[from..n], &mut df[from..n]];
         match *c {
             [] => outputs.into_iter().zip(inputs).for_each(|(output, input)| output.copy_from_slice(input)),

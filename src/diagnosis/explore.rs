@@ -102,7 +102,7 @@ impl Explorer {
             }
             self.multiply(work, s, noise);
             for i in base..base + (ORDER - 1 - noise.nc) * self.max_delay {
-                let (theta, loss) = self.solve(self.best[i].orders, s.y.len() - s.first);
+                let (theta, loss) = self.solve(self.best[i].orders, s.counted().rows(s.y.len()));
                 let slot = &mut self.best[i];
                 if loss < slot.loss {
                     *slot = Candidate { theta: Theta { c: noise.c, lag, ..theta }, loss, ..*slot };
@@ -132,11 +132,11 @@ impl Explorer {
         let y = Lags { v: y, from: 0, count: ORDER - noise.nc };
         let z = Lags { v: z, from: 1, count: self.max_delay + ORDER - noise.nc - 2 };
         let size = self.sums.len();
-        products(y, y, s.first, true, &mut self.gram, size);
-        products(z, y, s.first, false, &mut self.gram[Y_COLUMNS * size..], size);
-        products(z, z, s.first, true, &mut self.gram[Y_COLUMNS * size + Y_COLUMNS..], size);
-        sums(y, s.first, &mut self.sums[..y.count]);
-        sums(z, s.first, &mut self.sums[Y_COLUMNS..]);
+        products(y, y, s.counted(), true, &mut self.gram, size);
+        products(z, y, s.counted(), false, &mut self.gram[Y_COLUMNS * size..], size);
+        products(z, z, s.counted(), true, &mut self.gram[Y_COLUMNS * size + Y_COLUMNS..], size);
+        sums(y, s.counted(), &mut self.sums[..y.count]);
+        sums(z, s.counted(), &mut self.sums[Y_COLUMNS..]);
     }
 
     /// Least squares of y' on its lags, those of z' and a constant.
@@ -257,7 +257,7 @@ mod tests {
             y[k] = 1.2 * y[k - 1] - 0.4 * y[k - 2] + 0.3 * x[k - 2] + 0.1 * x[k - 3] + noise;
         }
         let dir = vec![1.0; n];
-        let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 40 };
+        let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 40, rows: Default::default() };
         let mut work = Workspace::new(n);
         let mut explorer = Explorer::new(4);
         let best = explorer.explore(&mut work, &s, 0.0);

@@ -1,6 +1,7 @@
 //! The diagnosis of one loop, pure: `gate -> region -> denoise -> search over f (friction + armax) ->
 //! evidence -> verdict`. No clock, no files, no randomness: the same record gives the same diagnosis.
 
+pub mod acquisition;
 pub mod armax;
 mod config;
 pub mod denoise;
@@ -15,9 +16,11 @@ pub mod region;
 pub mod rivals;
 pub mod screen;
 pub mod search;
+mod undersampling;
 pub mod validation;
 pub mod verdict;
 
+pub use acquisition::Acquisition;
 pub use config::Config;
 pub use history_kind::{HistoryFound, HistoryKind};
 pub use verdict::diagnose;
@@ -52,7 +55,7 @@ impl Default for Settings {
             evidence_threshold: 20.0,
             window_samples: 1000,
             min_samples: 200,
-            max_gap_share: 0.2,
+            max_gap_share: 0.5,
             ts: None,
             max_delay: 10,
         }
@@ -95,6 +98,13 @@ pub enum NotIdentifiable {
         /// Reversals of OP larger than its noise.
         reversals: usize,
     },
+    /// The oscillation has too few samples a period: another one is seen in its place.
+    Undersampled {
+        /// Samples in one period.
+        samples: f64,
+        /// The slowest poll that would do (s).
+        poll_s: f64,
+    },
     /// OP moves but PV shows no response to it at any friction: stuck throughout, or not this loop's valve.
     NoResponse,
     /// Values too large or too small to compute with.
@@ -115,6 +125,7 @@ impl NotIdentifiable {
             Self::Saturated { .. } => "saturated",
             Self::Manual { .. } => "manual",
             Self::NotExcited { .. } => "not_excited",
+            Self::Undersampled { .. } => "undersampled",
             Self::NoResponse => "no_response",
             Self::OutOfScale => "out_of_scale",
             Self::DeadlineExceeded => "deadline_exceeded",
@@ -131,7 +142,7 @@ impl fmt::Display for NotIdentifiable {
                 let share = share * 100.0;
                 write!(
                     out,
-                    "gaps: {share:.0} % of the samples are missing or bad, too many or in holes too long to bridge"
+                    "gaps: {share:.0} % of the samples are missing or bad, and too few are left together"
                 )
             }
             Self::FlatOp => write!(out, "flat OP: the controller output does not move"),
@@ -146,11 +157,27 @@ impl fmt::Display for NotIdentifiable {
             Self::NotExcited { reversals } => {
                 write!(out, "not excited: OP reverses {reversals} times by more than its noise")
             }
+            Self::Undersampled { samples, poll_s } => write!(
+                out,
+                "undersampled: {samples:.1} samples per period, ten are needed: poll at least every {} s",
+                rounded_down(*poll_s)
+            ),
             Self::NoResponse => write!(out, "no response: PV does not follow OP at any friction"),
             Self::OutOfScale => write!(out, "out of scale: values too large or too small to compute with"),
             Self::DeadlineExceeded => write!(out, "deadline exceeded before the fit was done"),
         }
     }
+}
+
+/// To two figures, never upwards.
+fn rounded_down(seconds: f64) -> f64 {
+    if !(seconds.is_finite() && seconds > 0.0) {
+        return 0.0;
+    }
+    let digits = 1 - seconds.log10().floor() as i32;
+    // Multiplied or divided by a whole number, so that two figures stay two.
+    let unit = 10_f64.powi(digits.abs());
+    if digits >= 0 { (seconds * unit).floor() / unit } else { (seconds / unit).floor() * unit }
 }
 
 /// What the data says about the valve.
@@ -186,8 +213,10 @@ pub struct Preparation {
     pub n: usize,
     /// Sample period of the fitted window (s).
     pub ts: f64,
-    /// Share of grid points that were missing or bad and interpolated (0..1).
+    /// Share of the gated record's rows that were missing or bad (0..1).
     pub gap_share: f64,
+    /// Share of the fitted window's rows that are missing and do not count (0..1).
+    pub missing: f64,
     /// Worst time between an OP sample and the PV sample it is paired with (s).
     pub worst_skew: f64,
     /// Samples dropped because their stamp repeats an earlier one.
@@ -200,6 +229,8 @@ pub struct Preparation {
     pub denoise: Denoise,
     /// What an archive did to the record before it came here.
     pub history: Option<Box<HistoryFound>>,
+    /// How the record was acquired; `None` where its stamps do not say.
+    pub acquisition: Option<Box<Acquisition>>,
 }
 
 /// What the denoising stage did.

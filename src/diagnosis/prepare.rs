@@ -3,7 +3,7 @@
 
 use super::region::{self, Region};
 use super::{Preparation, Settings, gate};
-use crate::signal::Window;
+use crate::signal::{Row, Window};
 use std::f64::consts::PI;
 
 /// Samples a period that decimation leaves at least.
@@ -66,6 +66,20 @@ pub fn decimate(w: &Window, factor: usize) -> Window {
         sp: w.sp.as_ref().map(filtered),
         mv: w.mv.as_ref().map(filtered),
         tags: w.tags.iter().map(|(name, v)| (name.clone(), filtered(v))).collect(),
+        // A row is worth what most of those about it are: the filter hardly reaches further.
+        rows: w.rows.chunks_exact(factor).map(most).collect(),
+    }
+}
+
+/// What most rows are worth; of as many, the less.
+fn most(rows: &[Row]) -> Row {
+    let count = |worth: Row| rows.iter().filter(|row| **row == worth).count();
+    if 2 * count(Row::Counts) > rows.len() {
+        Row::Counts
+    } else if count(Row::Missing) > 0 {
+        Row::Missing
+    } else {
+        Row::Silent
     }
 }
 

@@ -9,7 +9,7 @@
 //!
 //! The sticky model has to be better than each by AIC, every parameter of the rival paid for.
 
-use super::armax::{LOSS_FLOOR, Signals};
+use super::armax::LOSS_FLOOR;
 use super::screen::{LONG_Y, Screen};
 use super::search::Problem;
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
@@ -148,21 +148,27 @@ fn sharpen(start: Comb, at: &mut impl FnMut((f64, usize)) -> Comb, n: f64) -> Co
 struct Fitter<'a> {
     p: &'a Problem,
     rows: usize,
-    base: Vec<&'a [f64]>,
+    /// Columns and y, 0 where a row does not count.
+    base: Vec<Vec<f64>>,
+    y: Vec<f64>,
     base_gram: Vec<f64>,
     gram: Vec<f64>,
     right: [f64; MOST_COLUMNS],
 }
 
 impl<'a> Fitter<'a> {
-    fn new(p: &'a Problem, stem: &'a [f64]) -> Self {
+    fn new(p: &'a Problem, stem: &[f64]) -> Self {
         let n = p.y.len();
         let nx = Screen::input_lags(p.max_delay);
-        let lagged = |v: &'a [f64], lag: usize| &v[p.first - lag..n - lag];
-        let base: Vec<&[f64]> =
+        let lagged = |v: &[f64], lag: usize| {
+            let mut column = v[p.first - lag..n - lag].to_vec();
+            p.blank(&mut column);
+            column
+        };
+        let base: Vec<Vec<f64>> =
             (1..=LONG_Y).map(|l| lagged(&p.y, l)).chain((1..=nx).map(|l| lagged(stem, l))).collect();
         let mut base_gram = vec![0.0; MOST_COLUMNS * MOST_COLUMNS];
-        let rows = n - p.first;
+        let rows = p.counted().rows(n);
         // The constant comes first.
         base_gram[0] = rows as f64;
         for (i, a) in base.iter().enumerate() {
@@ -174,6 +180,7 @@ impl<'a> Fitter<'a> {
         Self {
             p,
             rows,
+            y: lagged(&p.y, 0),
             base,
             base_gram,
             gram: vec![0.0; MOST_COLUMNS * MOST_COLUMNS],
@@ -181,9 +188,11 @@ impl<'a> Fitter<'a> {
         }
     }
 
-    /// Mean square of the residual with `extra` columns (each as long as the counted samples).
+    /// Mean square of the residual with `extra` columns, one value for each sample from the first on.
     fn loss(&mut self, extra: &[Vec<f64>]) -> f64 {
-        let y = &self.p.y[self.p.first..];
+        let mut extra = extra.to_vec();
+        extra.iter_mut().for_each(|column| self.p.blank(column));
+        let y = &self.y;
         let count = 1 + self.base.len();
         let size = (count + extra.len()).min(MOST_COLUMNS);
         let extra = &extra[..size - count];
@@ -213,12 +222,13 @@ impl<'a> Fitter<'a> {
     /// The residual of the plain long ARX.
     fn residual(&mut self) -> Vec<f64> {
         self.loss(&[]);
-        let mut e: Vec<f64> = self.p.y[self.p.first..].iter().map(|y| y - self.right[0]).collect();
+        let mut e: Vec<f64> = self.y.iter().map(|y| y - self.right[0]).collect();
         for (a, c) in self.base.iter().zip(&self.right[1..]) {
-            for (e, a) in e.iter_mut().zip(*a) {
+            for (e, a) in e.iter_mut().zip(a) {
                 *e -= c * a;
             }
         }
+        self.p.blank(&mut e);
         e
     }
 }
@@ -287,14 +297,14 @@ fn recurring_columns(p: &Problem, period: usize) -> Vec<Vec<f64>> {
 /// The least long-ARX loss over a lower and an upper clip level of OP, each in turn, on finer and finer grids.
 fn clipped(p: &Problem) -> (f64, [f64; 2]) {
     let (low, high) = range(&p.u);
-    let mut screen = Screen::new(&p.y, p.first, p.max_delay);
+    let mut screen = Screen::new(&p.y, p.counted(), p.max_delay);
     let still = vec![1.0; p.u.len()];
     let mut z = vec![0.0; p.u.len()];
     let mut loss_at = |bounds: [f64; 2]| -> f64 {
         for (z, u) in z.iter_mut().zip(&p.u) {
             *z = u.max(bounds[0]).min(bounds[1]);
         }
-        screen.load(&Signals { y: &p.y, x: &z, dir: &still, start: 0, first: p.first }, false);
+        screen.load(&p.signals(&z, &still), false);
         screen.fit_lag(0.0, 0.0).loss
     };
     let mut best = (f64::INFINITY, [low, high]);

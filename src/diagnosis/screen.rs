@@ -9,6 +9,7 @@
 //! Source: Hannan & Rissanen, Biometrika 1982, 69, 81; Ljung, System Identification, 2nd ed., section 10.6.
 
 use super::armax::{Fit, ORDER, Orders, Signals, Theta, splits};
+use crate::signal::Row;
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
 
 /// Lags of y in the long ARX.
@@ -76,7 +77,7 @@ pub struct Screen {
 
 impl Screen {
     /// Buffers for records of `n` samples and delays `1..=max_delay`, with y's own products computed.
-    pub fn new(y: &[f64], first: usize, max_delay: usize) -> Self {
+    pub fn new(y: &[f64], counted: Counted<'_>, max_delay: usize) -> Self {
         let nx = Self::input_lags(max_delay);
         let size = 1 + LONG_Y + nx + E_LAGS;
         let mut screen = Self {
@@ -95,14 +96,14 @@ impl Screen {
             has_dir: false,
             lag: 0.0,
             live: [true; MOST_COLUMNS],
-            rows: y.len() - first,
+            rows: counted.rows(y.len()),
             scratch: vec![0.0; MOST_COLUMNS * MOST_COLUMNS],
             solution: vec![0.0; MOST_COLUMNS],
             e: vec![0.0; y.len()],
         };
         let columns = Lags { v: y, from: 0, count: LONG_Y + 1 };
-        sums(columns, first, &mut screen.sums);
-        products(columns, columns, first, true, &mut screen.gram, size);
+        sums(columns, counted, &mut screen.sums);
+        products(columns, columns, counted, true, &mut screen.gram, size);
         screen
     }
 
@@ -121,15 +122,15 @@ impl Screen {
         let y = Lags { v: s.y, from: 0, count: LONG_Y + 1 };
         let x = Lags { v: s.x, from: 1, count: self.nx };
         let d = Lags { v: s.dir, from: 1, count: self.nx };
-        products(x, y, s.first, false, &mut self.xy, LONG_Y + 1);
-        products(x, x, s.first, true, &mut self.xx, self.nx);
-        sums(x, s.first, &mut self.x_sums);
+        products(x, y, s.counted(), false, &mut self.xy, LONG_Y + 1);
+        products(x, x, s.counted(), true, &mut self.xx, self.nx);
+        sums(x, s.counted(), &mut self.x_sums);
         self.has_dir = with_dir;
         if with_dir {
-            products(d, y, s.first, false, &mut self.dy, LONG_Y + 1);
-            products(x, d, s.first, false, &mut self.xd, self.nx);
-            products(d, d, s.first, true, &mut self.dd, self.nx);
-            sums(d, s.first, &mut self.d_sums);
+            products(d, y, s.counted(), false, &mut self.dy, LONG_Y + 1);
+            products(x, d, s.counted(), false, &mut self.xd, self.nx);
+            products(d, d, s.counted(), true, &mut self.dd, self.nx);
+            sums(d, s.counted(), &mut self.d_sums);
         }
         self.set_lag(0.0);
     }
@@ -181,26 +182,26 @@ impl Screen {
 
     /// The lagged products of ê with every column.
     fn multiply_errors(&mut self, s: &Signals<'_>, lag: f64) {
-        let (first, at) = (s.first, 1 + LONG_Y + self.nx);
+        let (counted, at) = (s.counted(), 1 + LONG_Y + self.nx);
         let e = std::mem::take(&mut self.e);
         let columns = Lags { v: &e, from: 1, count: E_LAGS };
         let size = self.size;
-        products(columns, columns, first, true, &mut self.gram[at * size + at..], size);
+        products(columns, columns, counted, true, &mut self.gram[at * size + at..], size);
         let y = Lags { v: s.y, from: 0, count: LONG_Y + 1 };
-        products(columns, y, first, false, &mut self.gram[at * size..], size);
+        products(columns, y, counted, false, &mut self.gram[at * size..], size);
         let x = Lags { v: s.x, from: 1, count: self.nx };
-        products(columns, x, first, false, &mut self.gram[at * size + 1 + LONG_Y..], size);
+        products(columns, x, counted, false, &mut self.gram[at * size + 1 + LONG_Y..], size);
         if lag != 0.0 {
             let d = Lags { v: s.dir, from: 1, count: self.nx };
             let mut ed = [0.0; E_LAGS * MOST_COLUMNS];
-            products(columns, d, first, false, &mut ed, self.nx);
+            products(columns, d, counted, false, &mut ed, self.nx);
             for i in 0..E_LAGS {
                 for j in 0..self.nx {
                     self.gram[(at + i) * size + 1 + LONG_Y + j] -= lag * ed[i * self.nx + j];
                 }
             }
         }
-        sums(columns, first, &mut self.sums[at..]);
+        sums(columns, counted, &mut self.sums[at..]);
         self.e = e;
     }
 
@@ -364,6 +365,8 @@ impl Screen {
                 *e -= c * (x - lag * d);
             }
         }
+        let not = s.rows.worth.iter().enumerate().filter(|(_, worth)| **worth != Row::Counts);
+        not.for_each(|(k, _)| self.e[k] = 0.0);
     }
 
     /// Least squares of column 0 on `columns`, all centred (which is what a free constant does); the solution
@@ -433,9 +436,32 @@ pub(super) struct Lags<'a> {
     pub(super) count: usize,
 }
 
-/// `out[i][j] = sum over k >= first of a[k - lag_i] b[k - lag_j]`, the lower triangle only when `same`.
-pub(super) fn products(a: Lags<'_>, b: Lags<'_>, first: usize, same: bool, out: &mut [f64], stride: usize) {
-    let n = a.v.len();
+/// Samples that count: from the first on, but those left out.
+#[derive(Clone, Copy, Debug)]
+pub struct Counted<'a> {
+    /// The first.
+    pub first: usize,
+    /// Those behind it that do not count, in order.
+    pub left_out: &'a [usize],
+}
+
+impl Counted<'_> {
+    /// How many of `n` samples count.
+    pub fn rows(&self, n: usize) -> usize {
+        n - self.first - self.left_out.len()
+    }
+}
+
+/// `out[i][j] = sum over k that count of a[k - lag_i] b[k - lag_j]`, the lower triangle only when `same`.
+pub(super) fn products(
+    a: Lags<'_>,
+    b: Lags<'_>,
+    counted: Counted<'_>,
+    same: bool,
+    out: &mut [f64],
+    stride: usize,
+) {
+    let (n, first) = (a.v.len(), counted.first);
     for i in 0..a.count {
         let li = a.from + i;
         let ai = &a.v[first - li..n - li];
@@ -448,14 +474,22 @@ pub(super) fn products(a: Lags<'_>, b: Lags<'_>, first: usize, same: bool, out: 
             };
         }
     }
+    for &k in counted.left_out {
+        for i in 0..a.count {
+            let value = a.v[k - a.from - i];
+            for j in 0..if same { i + 1 } else { b.count } {
+                out[i * stride + j] -= value * b.v[k - b.from - j];
+            }
+        }
+    }
 }
 
 /// The sum of each lagged column.
-pub(super) fn sums(a: Lags<'_>, first: usize, out: &mut [f64]) {
-    let n = a.v.len();
+pub(super) fn sums(a: Lags<'_>, counted: Counted<'_>, out: &mut [f64]) {
+    let (n, first) = (a.v.len(), counted.first);
     let mut sum: f64 = a.v[first - a.from..n - a.from].iter().sum();
     for (lag, out) in (a.from..a.from + a.count).zip(out) {
-        *out = sum;
+        *out = sum - counted.left_out.iter().map(|k| a.v[k - lag]).sum::<f64>();
         // One lag further on the run starts one sample earlier.
         if first > lag {
             sum += a.v[first - lag - 1] - a.v[n - lag - 1];

@@ -6,10 +6,11 @@
 //! a kinetic lag in the best cells of both, settles the best of these from every start there is, and keeps the f with the
 //! least `AIC(ARMAX) + AIC(long ARX)`: two views of the noise err in different places.
 
-use super::armax::{Fit, LOSS_FLOOR, Lag, Orders, Signals, Theta, Workspace};
+use super::armax::{Fit, LOSS_FLOOR, Lag, Orders, Rows, Signals, Theta, Workspace};
 use super::explore::Explorer;
 use super::friction::{Cell, Start, reversals, stick_slip};
-use super::screen::{Candidate, Screen};
+use super::screen::{Candidate, Counted, Screen};
+use crate::signal::{Row, Window};
 
 /// Most cells of the paper's element that the profile visits; more are thinned evenly in f.
 const MOST_CELLS: usize = 1000;
@@ -56,17 +57,54 @@ pub struct Problem {
     pub max_delay: usize,
     /// Largest f at which the stem still reverses.
     pub f_top: f64,
+    /// Which samples do not count.
+    pub holes: Holes,
+}
+
+/// Samples that do not count in a window, as [`armax::Rows`](super::armax::Rows) wants them.
+#[derive(Clone, Debug, Default)]
+pub struct Holes {
+    left_out: Vec<usize>,
+    /// Empty where none is missing.
+    worth: Vec<Row>,
+}
+
+impl Holes {
+    /// Of a window whose first sample that counts is `first`.
+    pub fn of(window: &Window, first: usize) -> Self {
+        Self {
+            left_out: (first..window.rows.len()).filter(|k| window.rows[*k] != Row::Counts).collect(),
+            worth: if window.rows.contains(&Row::Missing) { window.rows.clone() } else { Vec::new() },
+        }
+    }
+
+    /// Those among the first `n` samples.
+    pub fn within(&self, n: usize) -> Rows<'_> {
+        let end = self.left_out.partition_point(|k| *k < n);
+        Rows { left_out: &self.left_out[..end], worth: &self.worth }
+    }
 }
 
 impl Problem {
     /// Samples that count in the loss.
     pub fn rows(&self) -> f64 {
-        (self.y.len() - self.first) as f64
+        self.counted().rows(self.y.len()) as f64
+    }
+
+    /// The samples that count.
+    pub fn counted(&self) -> Counted<'_> {
+        Counted { first: self.first, left_out: &self.holes.left_out }
+    }
+
+    /// Takes what does not count out of one value for each sample from the first on.
+    pub fn blank(&self, values: &mut [f64]) {
+        self.holes.left_out.iter().for_each(|k| values[k - self.first] = 0.0);
     }
 
     /// The signals of a fit with the given stem position.
     pub fn signals<'s>(&'s self, x: &'s [f64], dir: &'s [f64]) -> Signals<'s> {
-        Signals { y: &self.y, x, dir, start: self.start.index, first: self.first }
+        let rows = self.holes.within(self.y.len());
+        Signals { y: &self.y, x, dir, start: self.start.index, first: self.first, rows }
     }
 }
 
@@ -147,7 +185,7 @@ impl<'a> Searcher<'a> {
         let n = p.y.len();
         Self {
             p,
-            screen: Screen::new(&p.y, p.first, p.max_delay),
+            screen: Screen::new(&p.y, p.counted(), p.max_delay),
             work: Workspace::new(n),
             explorer: Explorer::new(p.max_delay),
             x: vec![0.0; n],
@@ -290,7 +328,9 @@ impl<'a> Searcher<'a> {
         let s = self.p.signals(&self.x, &self.dir);
         self.work.evaluate(&s, refined.fit.orders, &refined.fit.theta);
         let stem = self.x.iter().zip(&self.dir).map(|(x, d)| x - refined.fit.theta.lag * d).collect();
-        (self.work.errors()[self.p.first..].to_vec(), stem)
+        let mut errors = self.work.errors()[self.p.first..].to_vec();
+        self.p.blank(&mut errors);
+        (errors, stem)
     }
 
     /// Runs the friction element over OP.

@@ -25,6 +25,7 @@ pub fn validate(p: &Problem, chosen: &Refined, unit: f64) -> Residual {
         dir: &dir[..split],
         start: p.start.index,
         first: p.first,
+        rows: p.holes.within(split),
     };
     let mut work = Workspace::new(n);
     let orders = chosen.fit.orders;
@@ -32,11 +33,13 @@ pub fn validate(p: &Problem, chosen: &Refined, unit: f64) -> Residual {
     // A model for simulation must not explode: one-step errors hide an A just outside the unit circle.
     let mut simulated = fit.theta;
     draw_inside(&mut simulated.a[..orders.na], 1.0);
-    let whole = Signals { y: &p.y, x: &x, dir: &dir, start: p.start.index, first: p.first };
+    let whole = p.signals(&x, &dir);
     work.evaluate(&whole, orders, &fit.theta);
-    let held_out = &work.errors()[split..n];
+    let left_out = whole.rows.left_out;
+    let counts = |k: &usize| left_out.binary_search(k).is_err();
+    let of = |v: &[f64], from: usize| -> Vec<f64> { (from..n).filter(counts).map(|k| v[k]).collect() };
     let rms = |v: &[f64]| (dot(v, v) / v.len().max(1) as f64).sqrt() * unit;
-    let one_step_rmse = rms(held_out);
+    let one_step_rmse = rms(&of(work.errors(), split));
     let mut y = p.y.clone();
     for k in split..n {
         let past: f64 = (0..orders.na).map(|i| simulated.a[i] * y[k - 1 - i]).sum();
@@ -45,8 +48,8 @@ pub fn validate(p: &Problem, chosen: &Refined, unit: f64) -> Residual {
         // An unstable A must not end in infinities; far outside the record is wrong enough.
         y[k] = (input + fit.theta.c0 - past).clamp(-1e6, 1e6);
     }
-    let free: Vec<f64> = y[split..].iter().zip(&p.y[split..]).map(|(a, b)| a - b).collect();
+    let free: Vec<f64> = y.iter().zip(&p.y).map(|(a, b)| a - b).collect();
     work.evaluate(&whole, orders, &chosen.fit.theta);
-    let white = is_white(&work.errors()[p.first..n], orders.na + orders.nc);
-    Residual { white, one_step_rmse, free_run_rmse: rms(&free) }
+    let white = is_white(&of(work.errors(), p.first), orders.na + orders.nc);
+    Residual { white, one_step_rmse, free_run_rmse: rms(&of(&free, split)) }
 }

@@ -11,12 +11,13 @@ use super::prepare::prepare;
 use super::region::{self, Region};
 use super::rivals::Rival;
 use super::screen::{LONGEST_DELAY, Screen};
-use super::search::{GridPoint, LEAST_REVERSALS, Problem, Refined, Searcher};
+use super::search::{GridPoint, Holes, LEAST_REVERSALS, Problem, Refined, Searcher};
+use super::undersampling::too_few;
 use super::{
     CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Settings, Verdict,
 };
 use super::{armax, gate, validation};
-use crate::signal::{Record, Window};
+use crate::signal::{Record, Row, Window};
 use crate::sysid::stats::{mean, range, sd};
 
 /// Fewest large extrema of OP in the window.
@@ -45,13 +46,22 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
 fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let (window, mut preparation) = match gate::gate(record, settings) {
         Ok(passed) => passed,
-        Err((reason, preparation)) => return refused(reason, preparation, None, None),
+        Err(why) => return refused(why.0, why.1, None, None),
     };
     let (window, region) = prepare(window, settings, &mut preparation);
     let n = window.len();
+    let few = |unexcited| too_few(&window.op, window.ts, preparation.history.as_deref(), unexcited);
+    if let Some(reason) = few(false) {
+        // The period that is seen is not the one that is there.
+        return refused(reason, preparation, None, Some(window));
+    }
     let oscillation = region.oscillation(0, n, window.ts);
     let (problem, scale) = match pose(&window, &region, settings) {
         Ok(posed) => posed,
+        Err(reason @ NotIdentifiable::NotExcited { .. }) => {
+            let (reason, oscillation) = few(true).map_or((reason, oscillation), |reason| (reason, None));
+            return refused(reason, preparation, oscillation, Some(window));
+        }
         Err(reason) => return refused(reason, preparation, oscillation, Some(window)),
     };
     let mut searcher = Searcher::new(&problem);
@@ -155,7 +165,8 @@ pub fn pose(
     };
     let max_delay = settings.max_delay.clamp(1, LONGEST_DELAY);
     let first = start.index + Screen::lead(max_delay);
-    if first + LEAST_ROWS > n {
+    let left_out = window.rows.iter().skip(first).filter(|row| **row != Row::Counts).count();
+    if first + left_out + LEAST_ROWS > n {
         return Err(not_excited);
     }
     let scale = Scale { u0: mean(&window.op), u: sd(&window.op), y: sd(&window.pv) };
@@ -168,7 +179,8 @@ pub fn pose(
     };
     let u = normal(&window.op, scale.u);
     let f_top = largest_reversal(&u, start);
-    Ok((Problem { y: normal(&window.pv, scale.y), u, start, first, max_delay, f_top }, scale))
+    let (y, holes) = (normal(&window.pv, scale.y), Holes::of(window, first));
+    Ok((Problem { y, u, start, first, max_delay, f_top, holes }, scale))
 }
 
 /// Why a record without evidence for friction says nothing against it either.
@@ -179,7 +191,7 @@ fn unanswered(p: &Problem, region: &Region) -> Option<NotIdentifiable> {
         return Some(NotIdentifiable::NotExcited { reversals: region.reversals(0, p.u.len()) });
     }
     let s = p.signals(&p.u, &dir);
-    let mut screen = Screen::new(&p.y, p.first, p.max_delay);
+    let mut screen = Screen::new(&p.y, p.counted(), p.max_delay);
     screen.load(&s, false);
     let with_op = screen.fit_lag(0.0, 0.0).loss;
     let without = screen.without_input();
@@ -194,7 +206,7 @@ fn unanswered(p: &Problem, region: &Region) -> Option<NotIdentifiable> {
 
 /// Srinivasan's d: the least long-ARX loss over a grid.
 fn best_d(p: &Problem) -> f64 {
-    let mut screen = Screen::new(&p.y, p.first, p.max_delay);
+    let mut screen = Screen::new(&p.y, p.counted(), p.max_delay);
     let (mut x, dir) = (vec![0.0; p.u.len()], vec![1.0; p.u.len()]);
     let mut best = (f64::INFINITY, 0.0);
     for i in 0..D_GRID {

@@ -30,7 +30,9 @@ pub fn verdict(report: &Report) -> String {
         period.map_or_else(String::new, |t| format!(" The loop swings with a period of {} s.", short(t)));
     let archived = report.window.history.as_ref();
     let archived = archived.map_or_else(String::new, |found| format!(" The data is not raw: {}", found.note));
-    said.words() + &swing + &archived
+    let polled = report.acquisition.as_ref().and_then(|acquired| acquired.note.as_deref());
+    let polled = polled.map_or_else(String::new, |note| format!(" {}", words::sentence(note)));
+    said.words() + &swing + &archived + &polled
 }
 
 /// What is to be known beside the effects: between which kinds the record lies, and whether the model is worse with them.

@@ -2,6 +2,7 @@
 //! as a [`LoopSpec`] and run by [`LoopSim`]. Time is counted in samples and every seed is an argument: the
 //! same specification and seed give the same record. Everything is in % of span; times in seconds.
 
+pub mod acquisition;
 pub mod archive;
 pub mod controller;
 pub mod demo_plant;

@@ -149,9 +149,12 @@ impl Armax {
                 + c3 * e[k - 3];
             if data.weight[k] > 0.0 {
                 e[k] = y[k] - predicted;
-            } else {
+                continue;
+            }
+            // An error that is none of the process' own must not go through the filter.
+            e[k] = 0.0;
+            if !data.known[k] {
                 y[k] = predicted;
-                e[k] = 0.0;
             }
         }
     }

@@ -31,12 +31,14 @@ pub struct Arx<'a> {
     weight: &'a [f64],
     shapes: &'a [Vec<f64>],
     ones: Vec<f64>,
-    /// Gram matrix of the columns without x, factored; of unit weights.
+    /// Gram matrix of the columns without x, factored; of the rows that count.
     gram: Vec<f64>,
     live: [bool; MOST_COLUMNS],
     right: Vec<f64>,
     power: f64,
     plain: bool,
+    /// Rows that do not count.
+    left_out: Vec<usize>,
     /// Least scale of the errors.
     least: f64,
 }
@@ -76,7 +78,8 @@ impl<'a> Arx<'a> {
         let weight = &data.weight[rows.clone()];
         let ones = vec![1.0; rows.len()];
         let shapes = &shapes[..shapes.len().min(MOST_COLUMNS - LAGS_Y - LAGS_X - 1)];
-        let plain = weight.iter().all(|w| *w == 1.0);
+        let plain = weight.iter().all(|w| *w == 1.0 || *w == 0.0);
+        let left_out = (rows.clone()).filter(|k| data.weight[*k] == 0.0).collect();
         let mut arx = Self {
             y,
             weight,
@@ -87,6 +90,7 @@ impl<'a> Arx<'a> {
             right: Vec::new(),
             power: 0.0,
             plain,
+            left_out,
             least: data.least_scale,
             rows,
         };
@@ -95,7 +99,16 @@ impl<'a> Arx<'a> {
         let (mut gram, mut right) = (vec![0.0; size * size], vec![0.0; size]);
         lower(&columns, &mut gram, size);
         products(&[target], &columns, |_, i, sum| right[i] = sum);
-        let power = dot(target, target);
+        let mut power = dot(target, target);
+        for row in arx.left_out.iter().map(|k| k - arx.rows.start) {
+            for (i, a) in columns.iter().enumerate() {
+                right[i] -= a[row] * target[row];
+                for (j, b) in columns[..=i].iter().enumerate() {
+                    gram[i * size + j] -= a[row] * b[row];
+                }
+            }
+            power -= target[row] * target[row];
+        }
         drop(columns);
         factor(&mut gram, size, size, &mut arx.live);
         (arx.gram, arx.right, arx.power) = (gram, right, power);
@@ -119,9 +132,9 @@ impl<'a> Arx<'a> {
         columns
     }
 
-    /// Twice the Gaussian log-likelihood lost with the stem `x`: `N ln V`, all rows of one weight.
+    /// Twice the Gaussian log-likelihood lost with the stem `x`: `N ln V`, all rows that count of one weight.
     pub fn deviance(&self, x: &[f64]) -> f64 {
-        let n = self.rows.len() as f64;
+        let n = (self.rows.len() - self.left_out.len()) as f64;
         if !self.plain {
             return -2.0 * self.fit(x, None).log_likelihood;
         }
@@ -161,6 +174,22 @@ impl<'a> Arx<'a> {
             for j in 1..=i {
                 g[row + fixed + j] =
                     g[row - size + fixed + j - 1] + enters * x[from - j - 1] - leaves * x[to - j - 1];
+            }
+        }
+        for &k in &self.left_out {
+            for i in 0..LAGS_X {
+                let (row, value) = ((fixed + i) * size, x[k - i - 1]);
+                right[fixed + i] -= value * y[k];
+                for l in 1..=LAGS_Y {
+                    g[row + l - 1] -= value * y[k - l];
+                }
+                g[row + LAGS_Y] -= value;
+                for (j, shape) in self.shapes.iter().enumerate() {
+                    g[row + on + j] -= value * shape[k];
+                }
+                for j in 0..=i {
+                    g[row + fixed + j] -= value * x[k - j - 1];
+                }
             }
         }
         let mut live = self.live;
@@ -248,7 +277,7 @@ mod tests {
         for k in 2..n {
             pv[k] = 0.8 * pv[k - 1] + 0.3 * op[k - 2] + noise * draw.next().unwrap_or(0.0);
         }
-        let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
+        let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
         IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough")
     }
 
@@ -266,6 +295,25 @@ mod tests {
         let plain = n * (dot(&found.e, &found.e) / n).ln();
         // Neighbouring lags are summed in another order.
         assert!((arx.deviance(&data.u) - plain).abs() < 1e-4, "{} {plain}", arx.deviance(&data.u));
+    }
+
+    #[test]
+    fn rows_that_do_not_count_are_in_no_sum() {
+        let mut data = data(0.1);
+        let rows = data.rows();
+        for k in rows.clone().filter(|k| k % 13 < 2) {
+            (data.y[k], data.weight[k]) = (data.y[k - 1], 0.0);
+        }
+        let arx = Arx::new(&data, &data.y, &[]);
+        let (mut scratch, mut found) = (vec![0.0; 2000 * MOST_COLUMNS], ArxFit::default());
+        let columns = arx.columns(&data.u);
+        scratch.truncate((columns.len() + 1) * rows.len());
+        let weight = data.weight[rows.clone()].to_vec();
+        arx.weighted(&columns, &data.y[rows.clone()], &weight, &mut scratch, &mut found);
+        let n = weight.iter().sum::<f64>();
+        let squares: f64 = found.e.iter().zip(&weight).map(|(e, w)| w * e * e).sum();
+        let naive = n * (squares / n).ln();
+        assert!((arx.deviance(&data.u) - naive).abs() < 1e-4, "{} {naive}", arx.deviance(&data.u));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::stats::{mean, sd};
 use super::valve::{Start, largest_reversal};
-use crate::signal::Window;
+use crate::signal::{Row, Window};
 
 /// Longest lag of PV or the stem in any regression (samples); a tag may be later.
 pub const LONGEST_LAG: usize = 16;
@@ -22,6 +22,8 @@ pub struct IdData {
     pub y: Vec<f64>,
     /// 1 where PV counts, 0 where it is missing or doubtful.
     pub weight: Vec<f64>,
+    /// Where PV is right although its weight is 0: its prediction does not take its place.
+    pub known: Vec<bool>,
     /// Set point, scaled as PV is.
     pub sp: Option<Vec<f64>>,
     /// Other tags by name, each normalised.
@@ -83,7 +85,8 @@ impl IdData {
         let u = normal(&window.op, units.u0, units.u);
         Some(Self {
             y: normal(&window.pv, units.y0, units.y),
-            weight: vec![1.0; n],
+            weight: (0..n).map(|k| f64::from(u8::from(window.row(k) == Row::Counts))).collect(),
+            known: (0..n).map(|k| window.row(k) == Row::Silent).collect(),
             sp: window.sp.as_ref().filter(|sp| sp.len() == n).map(|sp| normal(sp, units.y0, units.y)),
             tags: tags.collect(),
             start,

@@ -87,7 +87,7 @@ fn the_loss_by_hand() {
     let orders = Orders { na: 1, nb: 1, nc: 1, nk: 1 };
     let mut theta = Theta::default();
     (theta.a[0], theta.b[0], theta.c[0]) = (-0.5, 2.0, 0.5);
-    let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 3 };
+    let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 3, rows: Rows::default() };
     let mut work = Workspace::new(5);
     let loss = work.evaluate(&s, orders, &theta);
     // w = [., ., 3, 4, -3]; e = [0, 0, 3, 2.5, -4.25] (the recursion begins at start + 2 = 2).
@@ -121,7 +121,7 @@ fn a_noise_free_model_is_recovered_exactly() {
     let (x, dir) = input(n, 1);
     let theta = truth();
     let y = forward(ORDERS, &theta, &x, &dir, &vec![0.0; n]);
-    let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 20 };
+    let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 20, rows: Rows::default() };
     let mut start = Theta::default();
     start.a[0] = -0.5;
     start.b[0] = 0.3;
@@ -141,7 +141,7 @@ fn the_gradient_is_that_of_finite_differences() {
     let n = 400;
     let (x, dir) = input(n, 2);
     let y = forward(ORDERS, &truth(), &x, &dir, &normal(n, 3, 0.1));
-    let s = Signals { y: &y, x: &x, dir: &dir, start: 2, first: 30 };
+    let s = Signals { y: &y, x: &x, dir: &dir, start: 2, first: 30, rows: Rows::default() };
     let mut theta = truth();
     theta.a[0] += 0.05;
     theta.b[1] -= 0.1;
@@ -199,7 +199,7 @@ fn a_noisy_model_is_recovered_within_its_standard_errors() {
         let (x, dir) = input(n, 100 + seed);
         let theta = truth();
         let y = forward(ORDERS, &theta, &x, &dir, &normal(n, 200 + seed, sd));
-        let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 30 };
+        let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 30, rows: Rows::default() };
         let mut work = Workspace::new(n);
         let mut start = Theta::default();
         start.a[0] = -0.5;
@@ -254,7 +254,7 @@ fn on_the_bound_no_other_step_is_better() {
     for k in 2..n {
         y[k] = 0.7 * y[k - 1] + 0.4 * x[k - 2] + e[k] - e[k - 1];
     }
-    let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 30 };
+    let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 30, rows: Rows::default() };
     let orders = Orders { na: 1, nb: 1, nc: 1, nk: 2 };
     let mut work = Workspace::new(n);
     let mut start = Theta::default();
@@ -285,7 +285,7 @@ fn every_fit_keeps_c_inside() {
         // Differenced noise puts the zeros of C on the unit circle, where the fit wants to go.
         let e = normal(n + 2, seed, 0.5);
         let y: Vec<f64> = (0..n).map(|k| e[k + 2] - 2.0 * e[k + 1] + e[k]).collect();
-        let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 30 };
+        let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 30, rows: Rows::default() };
         let mut work = Workspace::new(n);
         for orders in splits(1 + seed as usize % 10) {
             let fit = work.minimise(&s, orders, Theta::default(), Lag::Fixed, 1e-8, 40);
@@ -317,4 +317,31 @@ proptest! {
             prop_assert!(!is_inside(&drawn, RHO * (1.0 - 2e-3)), "{:?}", drawn);
         }
     }
+}
+
+#[test]
+fn missing_samples_are_replaced_by_their_prediction_and_do_not_count() {
+    let n = 600;
+    let (x, dir) = input(n, 3);
+    let theta = truth();
+    let whole = forward(ORDERS, &theta, &x, &dir, &vec![0.0; n]);
+    let (mut y, mut worth) = (whole.clone(), vec![Row::Counts; n]);
+    for k in (100..n).filter(|k| k % 7 < 2) {
+        (y[k], worth[k]) = (1e6, Row::Missing);
+    }
+    // Right, but said not to count: its error is left out, whatever it is.
+    worth[300] = Row::Silent;
+    let left_out: Vec<usize> = (20..n).filter(|k| worth[*k] != Row::Counts).collect();
+    let rows = Rows { left_out: &left_out, worth: &worth };
+    let s = Signals { y: &y, x: &x, dir: &dir, start: 0, first: 20, rows };
+    let mut work = Workspace::new(n);
+    // Without noise the predictions are the samples, to rounding.
+    assert!(work.evaluate(&s, ORDERS, &theta) < 1e-20);
+    assert!(work.filled.iter().zip(&whole).all(|(filled, y)| (filled - y).abs() < 1e-9));
+    let mut start = theta;
+    start.a[0] += 0.05;
+    start.b[0] *= 1.1;
+    let fit = work.minimise(&s, ORDERS, start, Lag::Fixed, 1e-14, 200);
+    assert!(fit.loss < 1e-16, "{}", fit.loss);
+    assert!((fit.theta.a[0] - theta.a[0]).abs() < 1e-5 && (fit.theta.b[0] - theta.b[0]).abs() < 1e-5);
 }

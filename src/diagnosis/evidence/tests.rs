@@ -23,7 +23,15 @@ fn the_interval_is_the_hull_of_the_likely_cells_and_a_step() {
     let n = 200;
     let u: Vec<f64> = (0..n).map(|k| if k % 2 == 0 { 0.0 } else { 0.25 }).collect();
     let start = Start { index: 0, is_max: false };
-    let p = Problem { u: u.clone(), y: u, start, first: 100, max_delay: 1, f_top: 4.0 };
+    let p = Problem {
+        u: u.clone(),
+        y: u,
+        start,
+        first: 100,
+        max_delay: 1,
+        f_top: 4.0,
+        holes: Default::default(),
+    };
     // 100 rows: LR = 100 ln V/V0, 7.35 at a loss 7.6 % above.
     let at = |lo: f64, hi: f64, loss: f64| CellPoint { cell: Cell { lo, hi }, resume: 0.0, loss, lag: 0.0 };
     let cells = [

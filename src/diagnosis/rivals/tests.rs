@@ -29,7 +29,15 @@ fn problem(u: Vec<f64>, stem: &[f64], load: &[f64]) -> Problem {
     }
     let start = Start { index: 0, is_max: true };
     let f_top = largest_reversal(&u, start);
-    Problem { u, y, start, first: Screen::lead(MAX_DELAY), max_delay: MAX_DELAY, f_top }
+    Problem {
+        u,
+        y,
+        start,
+        first: Screen::lead(MAX_DELAY),
+        max_delay: MAX_DELAY,
+        f_top,
+        holes: Default::default(),
+    }
 }
 
 fn rated(p: &Problem) -> Vec<Rated> {

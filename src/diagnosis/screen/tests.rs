@@ -37,7 +37,14 @@ impl Case {
     }
 
     fn signals(&self) -> Signals<'_> {
-        Signals { y: &self.y, x: &self.x, dir: &self.dir, start: 0, first: self.first }
+        Signals {
+            y: &self.y,
+            x: &self.x,
+            dir: &self.dir,
+            start: 0,
+            first: self.first,
+            rows: Default::default(),
+        }
     }
 
     fn z(&self, lag: f64) -> Vec<f64> {
@@ -76,7 +83,7 @@ impl Case {
     }
 
     fn loaded(&self) -> Screen {
-        let mut screen = Screen::new(&self.y, self.first, MAX_DELAY);
+        let mut screen = Screen::new(&self.y, Counted { first: self.first, left_out: &[] }, MAX_DELAY);
         screen.load(&self.signals(), true);
         screen
     }
@@ -217,7 +224,7 @@ fn the_lag_stays_within_its_bounds() {
 fn ranking_gives_the_losses_of_the_fits() {
     let case = Case::new(5, 0.05);
     let s = case.signals();
-    let mut screen = Screen::new(&case.y, s.first, MAX_DELAY);
+    let mut screen = Screen::new(&case.y, s.counted(), MAX_DELAY);
     screen.load(&s, true);
     screen.load_errors(&s, LAG);
     let mut fitted = Vec::new();
@@ -230,5 +237,27 @@ fn ranking_gives_the_losses_of_the_fits() {
     for ((a, fit), (b, rank)) in fitted.iter().zip(&ranked) {
         // The same Cholesky factor in another order of operations.
         assert!(a == b && (fit - rank).abs() < 1e-9 * fit, "{a:?} {fit} {rank}");
+    }
+}
+
+#[test]
+fn rows_that_are_left_out_are_in_no_product() {
+    let case = Case::new(5, 0.05);
+    let left_out: Vec<usize> = (case.first + 3..case.y.len()).filter(|k| k % 9 < 2).collect();
+    let counted = Counted { first: case.first, left_out: &left_out };
+    let (y, x) = (Lags { v: &case.y, from: 0, count: 4 }, Lags { v: &case.x, from: 1, count: 3 });
+    let rows: Vec<usize> = (case.first..case.y.len()).filter(|k| !left_out.contains(k)).collect();
+    assert_eq!(rows.len(), counted.rows(case.y.len()));
+    let mut out = [0.0; 12];
+    products(x, y, counted, false, &mut out, 4);
+    let mut of_x = [0.0; 3];
+    sums(x, counted, &mut of_x);
+    for i in 0..3 {
+        let sum: f64 = rows.iter().map(|k| case.x[k - 1 - i]).sum();
+        assert!((of_x[i] - sum).abs() < EXACT);
+        for j in 0..4 {
+            let product: f64 = rows.iter().map(|k| case.x[k - 1 - i] * case.y[k - j]).sum();
+            assert!((out[i * 4 + j] - product).abs() < EXACT, "{i} {j}");
+        }
     }
 }

@@ -20,7 +20,7 @@ fn problem(seed: u64, noise: f64) -> Problem {
         y[k] = 0.8 * y[k - 1] + 0.4 * x[k - 1] + noise * uniform();
     }
     let f_top = largest_reversal(&u, start);
-    Problem { u, y, start, first: Screen::lead(3), max_delay: 3, f_top }
+    Problem { u, y, start, first: Screen::lead(3), max_delay: 3, f_top, holes: Holes::default() }
 }
 
 #[test]
@@ -40,7 +40,7 @@ fn the_least_of_the_profile_is_the_least_of_a_dense_grid() {
         let best = points.iter().min_by(|a, b| a.loss.total_cmp(&b.loss)).expect("cells");
         let n = p.y.len();
         let (mut x, mut dir) = (vec![0.0; n], vec![0.0; n]);
-        let mut screen = Screen::new(&p.y, p.first, p.max_delay);
+        let mut screen = Screen::new(&p.y, p.counted(), p.max_delay);
         let mut dense = (f64::INFINITY, 0.0);
         for i in 0..=4000 {
             let f = p.f_top * f64::from(i) / 4000.0;

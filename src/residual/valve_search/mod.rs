@@ -114,11 +114,11 @@ pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort
     search.finish()
 }
 
-/// The record with PV drawn straight through the samples that do not count: deviances are quick where all do.
+/// The record with PV drawn straight through the samples that do not count: they are still lags of those that do.
 fn all_counted(data: &IdData) -> IdData {
     let mut filled = data.clone();
     let mut last = None;
-    for k in (0..data.len()).filter(|k| data.weight[*k] > 0.0) {
+    for k in (0..data.len()).filter(|k| data.weight[*k] > 0.0 || data.known[*k]) {
         let from = last.map_or(0, |last: usize| last + 1);
         let before = data.y[last.unwrap_or(k)];
         for (i, y) in filled.y[from..k].iter_mut().enumerate() {
@@ -126,7 +126,6 @@ fn all_counted(data: &IdData) -> IdData {
         }
         last = Some(k);
     }
-    filled.weight.fill(1.0);
     filled
 }
 

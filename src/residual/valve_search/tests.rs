@@ -33,7 +33,7 @@ fn record(
         let last = pv.last().copied().unwrap_or(0.0);
         pv.push(through(&x, k, last) + sd * draw());
     }
-    let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
+    let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
     IdData::new(&window, START).expect("long enough")
 }
 

@@ -57,6 +57,9 @@ pub struct Report {
     pub d_srinivasan: Option<f64>,
     /// The samples the verdict rests on.
     pub window: ReportWindow,
+    /// How the record was acquired; null where its stamps do not say.
+    #[serde(default)]
+    pub acquisition: Option<ReportAcquisition>,
     /// How the record became that window; null when it never did.
     pub preparation: Option<ReportPreparation>,
     /// What the denoising stage did; null when there is no window.
@@ -96,9 +99,42 @@ pub struct ReportWindow {
     pub ts_s: Option<f64>,
     /// `good`, `fair` or `poor`, see [`WindowQuality`].
     pub quality: WindowQuality,
+    /// Share of the samples that are missing and do not count (0..1).
+    #[serde(default)]
+    pub missing: Option<f64>,
     /// What an archive did to the record before it came here; null where nothing shows.
     #[serde(default)]
     pub history: Option<ReportHistory>,
+}
+
+/// How the record was acquired; a number that the record does not tell is null.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportAcquisition {
+    /// Period of the controller's scans (s).
+    pub scan_s: Option<f64>,
+    /// Period of the polls (s).
+    pub poll_s: Option<f64>,
+    /// Standard deviation of the polls' instants (s).
+    pub jitter_s: Option<f64>,
+    /// Polls in one scan.
+    pub polls_per_scan: Option<f64>,
+    /// Whether the samples were put on the controller's ticks.
+    pub recovered: bool,
+    /// What it means, where it is worth a sentence.
+    pub note: Option<String>,
+}
+
+impl ReportAcquisition {
+    fn new(found: &diagnosis::Acquisition) -> Self {
+        Self {
+            scan_s: found.scan_s.and_then(finite),
+            poll_s: found.poll_s.and_then(finite),
+            jitter_s: found.jitter_s.and_then(finite),
+            polls_per_scan: found.polls_per_scan.and_then(finite),
+            recovered: found.recovered,
+            note: found.sentence(),
+        }
+    }
 }
 
 /// What an archive did to a record: compressed, averaged or exception-reported values bend f.
@@ -124,9 +160,9 @@ impl ReportHistory {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WindowQuality {
-    /// At most 2 % of the grid interpolated, OP and PV at most half a sample period apart.
+    /// At most 2 % of the samples missing, OP and PV at most half a sample period apart.
     Good,
-    /// At most 10 % interpolated, OP and PV at most one sample period apart.
+    /// At most 10 % missing, OP and PV at most one sample period apart.
     Fair,
     /// Anything worse, and a record that never became a window.
     Poor,
@@ -142,7 +178,7 @@ impl WindowQuality {
         }
     }
 
-    /// The grade of a window, by the share of interpolated grid points (0..1) and the worst time between an OP and
+    /// The grade of a window, by the share of missing samples (0..1) and the worst time between an OP and
     /// its PV sample as a multiple of the sample period.
     fn of(gap_share: f64, skew_of_ts: f64) -> Self {
         if gap_share <= 0.02 && skew_of_ts <= 0.5 {
@@ -158,7 +194,7 @@ impl WindowQuality {
 /// How the record became the window.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ReportPreparation {
-    /// Share of grid points that were missing or bad and interpolated (0..1).
+    /// Share of the record's samples that were missing or bad (0..1).
     pub gap_share: Option<f64>,
     /// Worst time between an OP sample and the PV sample it is paired with (s).
     pub worst_skew_s: Option<f64>,
@@ -257,6 +293,7 @@ impl Report {
                 history: diagnosis.preparation.history.as_deref().map(ReportHistory::new),
                 ..window(prepared)
             },
+            acquisition: diagnosis.preparation.acquisition.as_deref().map(ReportAcquisition::new),
             preparation: prepared.map(preparation),
             denoise: prepared.map(|p| ReportDenoise {
                 applied: p.denoise.applied,
@@ -344,6 +381,7 @@ fn window(prepared: Option<&diagnosis::Preparation>) -> ReportWindow {
         ts_s: prepared.and_then(|p| finite(p.ts)),
         quality: prepared
             .map_or(WindowQuality::Poor, |p| WindowQuality::of(p.gap_share, p.worst_skew / p.ts)),
+        missing: prepared.and_then(|p| finite(p.missing)),
         history: None,
     }
 }

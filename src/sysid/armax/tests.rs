@@ -37,7 +37,7 @@ fn data(noise: f64, ratio: f64) -> IdData {
         pv[k] = 1.5 * pv[k - 1] - 0.56 * pv[k - 2] + 0.1 * gain * op[k - 3] + e - 0.7 * last;
         last = e;
     }
-    let window = Window { t0: 0.0, ts: 1.0, op, pv, sp: None, mv: None, tags: Vec::new() };
+    let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
     IdData::new(&window, valve::Start { index: 0, is_max: true }).expect("long enough")
 }
 
@@ -90,4 +90,24 @@ fn missing_samples_are_left_out_and_the_filter_carries_on() {
         assert!((a - b).abs() < 0.1, "{fit:?} {start:?}");
     }
     assert!((fit.scale / start.scale - 1.0).abs() < 0.1);
+}
+
+#[test]
+fn what_is_missing_and_what_is_silent_leave_the_model_as_it_is() {
+    let mut data = data(0.05, 1.0);
+    let input = Halves { u: &data.u.clone(), ratio: None };
+    let whole = fitted(&data, &input);
+    for k in (100..1500).filter(|k| k % 11 == 0) {
+        (data.y[k], data.weight[k]) = (50.0, 0.0);
+    }
+    (data.weight[777], data.known[777]) = (0.0, true);
+    let signals = input.signals(&[]);
+    let errors = whole.errors(&data, &data.y, &signals, 1500);
+    // A missing PV is its prediction, a silent one stays; neither has an error.
+    assert!(errors.y[110].abs() < 10.0 && errors.y[777] == data.y[777]);
+    assert_eq!((errors.e[110], errors.e[777]), (0.0, 0.0));
+    let holed = whole.clone().fit(&data, &data.y, &input, 20);
+    let gain = |fit: &Armax| fit.b.iter().sum::<f64>() / (1.0 + fit.a.iter().sum::<f64>());
+    // A tenth fewer rows move the gain by less than its own error, some 5 % here.
+    assert!((gain(&holed) / gain(&whole) - 1.0).abs() < 0.05, "{} {}", gain(&holed), gain(&whole));
 }

@@ -1,6 +1,6 @@
 use super::*;
 use crate::diagnosis::{
-    CurvePoint, Denoise, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Residual,
+    Acquisition, CurvePoint, Denoise, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Residual,
 };
 use crate::residual::Kind;
 use crate::signal::Window;
@@ -15,6 +15,14 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
             n: 1000,
             ts: 50.0,
             gap_share: 0.0,
+            missing: 0.0,
+            acquisition: Some(Box::new(Acquisition {
+                scan_s: Some(2.0),
+                poll_s: Some(1.0),
+                jitter_s: Some(0.05),
+                polls_per_scan: Some(2.0),
+                recovered: true,
+            })),
             worst_skew: 0.0,
             duplicates: 0,
             out_of_order: 0,
@@ -63,7 +71,9 @@ fn contract_fields_have_their_names_and_values() {
         "read_as": null, "op_span": null, "op_span_source": "unknown",
         "f": 2.5, "f_ci95": [2.25, 2.75], "f_unit": "% OP", "f_unit_assumed": true, "f_of_op_range": 0.41,
         "posterior": null, "delta_aic": 446.0, "rival": "a linear loop", "steadiness": 9.0, "f_max": 6.0, "d_srinivasan": 4.0,
-        "window": {"start": 0.0, "end": 49950.0, "n": 1000, "ts_s": 50.0, "quality": "good", "history": null},
+        "window": {"start": 0.0, "end": 49950.0, "n": 1000, "ts_s": 50.0, "quality": "good", "missing": 0.0, "history": null},
+        "acquisition": {"scan_s": 2.0, "poll_s": 1.0, "jitter_s": 0.05, "polls_per_scan": 2.0, "recovered": true,
+                        "note": "polled twice per controller scan of 2 s; diagnosed at the controller's ticks"},
         "preparation": {"gap_share": 0.0, "worst_skew_s": 0.0, "duplicates": 0, "out_of_order": 0, "decimation": 1},
         "denoise": {"applied": false, "noise_share": 0.0},
         "oscillation": {"period_s": 1480.0, "regularity_r": null, "op_amplitude": 2.75},

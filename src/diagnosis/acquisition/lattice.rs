@@ -1,0 +1,133 @@
+//! Stamps on equal rows: their period, their phase, and how far they are off.
+
+use super::EXACT;
+use crate::signal::Sample;
+use crate::sysid::stats::{mean, median};
+
+/// Equal rows in time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lattice {
+    /// Time of row 0 (s).
+    pub t0: f64,
+    /// Period (s).
+    pub period: f64,
+    /// Standard deviation of the stamps about their rows (s).
+    pub jitter: f64,
+}
+
+impl Lattice {
+    /// The rows that stamps lie on: the mean of the steps near the median step, and then the straight line through stamps
+    /// over rows that fits best; `None` where stamps give no period.
+    pub fn of(series: &[Sample]) -> Option<Self> {
+        Self::with(series, period(series)?)
+    }
+
+    /// The same about a period.
+    fn with(series: &[Sample], period: f64) -> Option<Self> {
+        let t0 = series.first()?.t;
+        let mut rows: Vec<f64> = Vec::with_capacity(series.len());
+        let (mut row, mut last) = (0.0, t0);
+        for s in series {
+            row += ((s.t - last) / period).round();
+            last = s.t;
+            rows.push(row);
+        }
+        let fitted = Self { t0, period, jitter: 0.0 }.fitted(series, &rows)?;
+        let rows: Vec<f64> = series.iter().map(|s| fitted.row(s.t).round()).collect();
+        let fitted = fitted.fitted(series, &rows)?;
+        // Equal stamps keep their exact period; a straight line through them differs from it by rounding.
+        let exact = Self { t0, period, jitter: 0.0 };
+        let same = (exact.period - fitted.period).abs() <= 1e-6 * exact.period
+            && fitted.jitter <= 1e-6 * fitted.period;
+        Some(if same { exact } else { fitted })
+    }
+
+    /// The straight line through the stamps of these rows.
+    fn fitted(&self, series: &[Sample], rows: &[f64]) -> Option<Self> {
+        let off: Vec<f64> =
+            series.iter().zip(rows).map(|(s, row)| s.t - self.t0 - row * self.period).collect();
+        let (middle, centre) = (mean(&off), mean(rows));
+        let power: f64 = rows.iter().map(|row| (row - centre).powi(2)).sum();
+        let slope = if power > 0.0 {
+            off.iter().zip(rows).map(|(off, row)| (off - middle) * (row - centre)).sum::<f64>() / power
+        } else {
+            0.0
+        };
+        let left = off.iter().zip(rows).map(|(off, row)| (off - middle - slope * (row - centre)).powi(2));
+        let jitter = (left.sum::<f64>() / rows.len().max(1) as f64).sqrt();
+        let (period, t0) = (self.period + slope, self.t0 + middle - slope * centre);
+        (period.is_finite() && period > 0.0 && t0.is_finite()).then_some(Self { t0, period, jitter })
+    }
+
+    /// The row that a time lies at.
+    pub fn row(&self, t: f64) -> f64 {
+        (t - self.t0) / self.period
+    }
+
+    /// The time of a row (s).
+    pub fn time(&self, row: f64) -> f64 {
+        self.t0 + row * self.period
+    }
+}
+
+/// The steps in time that are none of a repeated stamp.
+fn steps(series: &[Sample]) -> Vec<f64> {
+    series.windows(2).map(|w| w[1].t - w[0].t).filter(|d| *d > 0.0).collect()
+}
+
+fn period_of_median(series: &[Sample]) -> Option<f64> {
+    let period = median(&steps(series));
+    (period.is_finite() && period > 0.0).then_some(period)
+}
+
+/// The mean of the steps near the median step (s).
+pub fn period(series: &[Sample]) -> Option<f64> {
+    let steps = steps(series);
+    let middle = period_of_median(series)?;
+    let near: Vec<f64> = steps.into_iter().filter(|d| (d - middle).abs() <= 0.5 * middle).collect();
+    let period = mean(&near);
+    // Equal stamps keep their exact period; the mean of many differs from it by rounding.
+    let period = if (period - middle).abs() <= 1e-6 * middle { middle } else { period };
+    (period.is_finite() && period > 0.0).then_some(period)
+}
+
+/// The scans whose stamps OP and PV carry: both on one lattice, to within rounding, and each tag without the samples that
+/// repeat the one before.
+pub fn of_source(op: &[Sample], pv: &[Sample]) -> Option<Lattice> {
+    let mut both: Vec<Sample> = op.iter().chain(pv).copied().collect();
+    both.sort_by(|a, b| a.t.total_cmp(&b.t));
+    both.dedup_by(|later, earlier| later.t == earlier.t);
+    // Steps are multiples of the scan, not each of them one.
+    let shortest = steps(&both).into_iter().fold(f64::INFINITY, f64::min);
+    let far = |lattice: &Lattice| {
+        both.iter().any(|s| {
+            let row = lattice.row(s.t);
+            (row - row.round()).abs() > EXACT
+        })
+    };
+    let mut tried = (1..=4).filter_map(|part| Lattice::with(&both, shortest / f64::from(part)));
+    let lattice = tried.find(|lattice| !far(lattice))?;
+    let of_changes = |series: &[Sample]| series.windows(2).all(|w| w[0].value != w[1].value);
+    let thinned = |series: &[Sample]| series.len() as f64 <= ON_CHANGE * both.len() as f64;
+    let is_source = of_changes(op) && of_changes(pv) && (thinned(op) || thinned(pv));
+    (is_source && apart(op, &lattice) && apart(pv, &lattice)).then_some(lattice)
+}
+
+/// Largest share of the scans at which a tag has a sample, where only its changes were reported.
+const ON_CHANGE: f64 = 0.95;
+/// Part of the median change below which a change is near none, and the most of them where small ones are not reported.
+const NEAR_NONE: [f64; 2] = [0.25, 0.02];
+
+/// Whether a tag that is not at every scan leaves out what changed too little: it has no small changes. Where samples are
+/// lost, small ones are among those that are left.
+fn apart(series: &[Sample], lattice: &Lattice) -> bool {
+    let (Some(first), Some(last)) = (series.first(), series.last()) else { return false };
+    let scans = (lattice.row(last.t) - lattice.row(first.t)).round() + 1.0;
+    if series.len() as f64 > ON_CHANGE * scans {
+        return true;
+    }
+    let sizes: Vec<f64> = series.windows(2).map(|w| (w[1].value - w[0].value).abs()).collect();
+    let limit = NEAR_NONE[0] * median(&sizes);
+    let near = sizes.iter().filter(|size| **size < limit).count();
+    near as f64 <= NEAR_NONE[1] * sizes.len() as f64
+}

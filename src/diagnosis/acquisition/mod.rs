@@ -1,0 +1,89 @@
+//! How a record was acquired: at which period the controller scans, how it was polled, and on which rows its samples lie.
+//!
+//! Registers are held from scan to scan. A poll that finds a new value comes after a scan, one that finds the old value
+//! of a tag that else changes at every scan comes before the next: so the instants of changes tell the scans' period and
+//! phase ([`scan`]). Where they do, the samples are put on the controller's ticks; else they stay on the polls. Nothing is
+//! interpolated: several polls of one scan are one sample, and a scan that fell between two polls is missing.
+
+mod lattice;
+mod place;
+mod scan;
+
+pub use lattice::period;
+pub use place::Placed;
+
+use super::history_kind::{HistoryFound, HistoryKind};
+use crate::signal::Sample;
+use lattice::Lattice;
+
+/// Fewest samples of a tag that say anything.
+const LEAST: usize = 50;
+/// Largest deviation of stamps that are the controller's own (share of its period).
+const EXACT: f64 = 1e-3;
+/// Largest standard deviation of stamps that lie on a lattice at all (share of its period): three of them are half of it.
+const ON_LATTICE: f64 = 0.17;
+
+/// How a record was acquired.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Acquisition {
+    /// Period of the controller's scans (s), where the changes of held values tell it or stamps are its own.
+    pub scan_s: Option<f64>,
+    /// Period of the polls (s).
+    pub poll_s: Option<f64>,
+    /// Standard deviation of the polls' instants (s).
+    pub jitter_s: Option<f64>,
+    /// Polls in one scan.
+    pub polls_per_scan: Option<f64>,
+    /// Whether the samples were put on the controller's ticks.
+    pub recovered: bool,
+}
+
+impl Acquisition {
+    /// What it means, where it is worth a sentence.
+    pub fn sentence(&self) -> Option<String> {
+        let (scan, polls) = (self.scan_s?, self.polls_per_scan?);
+        // Polled once a scan, the ticks are the polls, whether or not some were missed.
+        (self.recovered && !(0.9..1.1).contains(&polls)).then(|| {
+            let often = if (polls - 2.0).abs() < 0.05 { "twice".into() } else { format!("{polls:.1} times") };
+            // Four digits of a period are as many as jitter leaves.
+            let scan = format!("{scan:.3}").trim_end_matches('0').trim_end_matches('.').to_string();
+            format!("polled {often} per controller scan of {scan} s; diagnosed at the controller's ticks")
+        })
+    }
+}
+
+/// How OP and PV were acquired and where their samples lie; good samples in the order of time, no stamp twice.
+///
+/// `ts`: the period of the rows, where it is given; then no scan is looked for.
+/// `history`: what an archive did to the record.
+pub fn recognise(
+    op: &[Sample],
+    pv: &[Sample],
+    ts: Option<f64>,
+    history: Option<&HistoryFound>,
+) -> Option<(Acquisition, Placed)> {
+    let polled = Lattice::of(pv)?;
+    let mut found =
+        Acquisition { poll_s: Some(polled.period), jitter_s: Some(polled.jitter), ..Acquisition::default() };
+    if let Some(ts) = ts {
+        return Some((found, Placed::on(Lattice { period: ts, ..polled }, op, pv)));
+    }
+    let enough = op.len().min(pv.len()) >= LEAST && polled.jitter < ON_LATTICE * polled.period;
+    if let Some(scan) = scan::recognise(op, pv, &polled).filter(|_| enough) {
+        found.scan_s = Some(scan.period);
+        found.polls_per_scan = Some(scan.period / polled.period);
+        found.recovered = true;
+        return Some((found, Placed::on_ticks(&scan)));
+    }
+    // What a dead band left out may have changed by as much: those rows are missing.
+    let all_changes = history.is_none_or(|found| found.kind != HistoryKind::Exception);
+    if let Some(source) = lattice::of_source(op, pv).filter(|_| all_changes) {
+        found.scan_s = Some(source.period);
+        found.recovered = true;
+        return Some((found, Placed::on_source(source)));
+    }
+    Some((found, Placed::on(polled, op, pv)))
+}
+
+#[cfg(test)]
+mod tests;

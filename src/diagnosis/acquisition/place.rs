@@ -1,0 +1,179 @@
+//! On which rows the samples of a record lie.
+
+use super::lattice::{Lattice, period};
+use super::scan::Scan;
+use crate::signal::Sample;
+
+/// Share of a scan about its instant within which a poll may be of the scan before or after.
+const NEAR_SCAN: f64 = 0.06;
+/// Periods of a tag by which its own differs from the rows' and is no longer one sample a row.
+const OWN_PERIOD: f64 = 0.1;
+/// Own periods for which a slower tag is held.
+const HELD_FOR: f64 = 1.6;
+
+/// How a tag's samples become rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Way {
+    /// Each on the row next to it, after so much is taken from its stamp (s).
+    Nearest(f64),
+    /// Each on the scan it was read in; scans begin so much later than the rows (s).
+    Scan(f64),
+    /// Held until the next, and so long at most (s).
+    Held(f64),
+}
+
+/// The rows of a record, and how its tags come on them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placed {
+    /// The rows.
+    pub rows: Lattice,
+    op: Way,
+    pv: Way,
+}
+
+impl Placed {
+    /// On the rows of the polls, or of a period that was given.
+    pub fn on(rows: Lattice, op: &[Sample], pv: &[Sample]) -> Self {
+        Self { rows, op: way(&rows, op), pv: way(&rows, pv) }
+    }
+
+    /// On the controller's ticks.
+    pub fn on_ticks(scan: &Scan) -> Self {
+        let rows = Lattice { t0: scan.phases[0], period: scan.period, jitter: 0.0 };
+        Self { rows, op: Way::Scan(0.0), pv: Way::Scan(scan.phases[1] - scan.phases[0]) }
+    }
+
+    /// On the scans whose stamps the samples carry: what is not reported has not changed.
+    pub fn on_source(rows: Lattice) -> Self {
+        Self { rows, op: Way::Held(f64::INFINITY), pv: Way::Held(f64::INFINITY) }
+    }
+
+    /// OP's value on `n` rows from row `from` on; `None` where it is missing.
+    pub fn op(&self, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
+        self.placed(self.op, kept, from, n)
+    }
+
+    /// PV's.
+    pub fn pv(&self, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
+        self.placed(self.pv, kept, from, n)
+    }
+
+    /// Another tag's, read as OP is.
+    pub fn other(&self, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
+        let way = if matches!(self.op, Way::Scan(_)) && period(kept).is_some_and(|own| own < self.rows.period)
+        {
+            self.op
+        } else {
+            way(&self.rows, kept)
+        };
+        self.placed(way, kept, from, n)
+    }
+
+    fn placed(&self, way: Way, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
+        match way {
+            Way::Nearest(late) => self.nearest(late, kept, from, n),
+            Way::Scan(late) => self.on_scans(late, kept, from, n),
+            Way::Held(longest) => self.held(longest, kept, from, n),
+        }
+    }
+
+    /// The row that a sample at this time belongs to.
+    pub fn row_of(&self, t: f64) -> f64 {
+        let row = self.rows.row(t);
+        match self.pv {
+            Way::Scan(_) => row.floor(),
+            Way::Nearest(late) => ((t - late - self.rows.t0) / self.rows.period).round(),
+            Way::Held(_) => (row - 1e-6).ceil(),
+        }
+    }
+
+    /// Whether there are samples of changes alone.
+    pub fn of_changes(&self) -> bool {
+        self.pv == Way::Held(f64::INFINITY)
+    }
+
+    /// Of several samples at one row the nearest.
+    fn nearest(&self, late: f64, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
+        let mut out: Vec<Option<(f64, f64)>> = vec![None; n];
+        for s in kept {
+            let row = self.rows.row(s.t - late);
+            let off = (row - row.round()).abs();
+            if let Some(slot) = slot(&mut out, row.round(), from)
+                && slot.is_none_or(|(other, _)| off < other)
+            {
+                *slot = Some((off, s.value));
+            }
+        }
+        out.into_iter().map(|slot| slot.map(|(_, value)| value)).collect()
+    }
+
+    /// Of several polls in one scan one; a poll next to a scan's instant belongs where its value says.
+    fn on_scans(&self, late: f64, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
+        let mut out: Vec<Option<f64>> = vec![None; n];
+        let mut last: Option<(f64, f64, f64)> = None;
+        for s in kept {
+            let at = self.rows.row(s.t - late);
+            let (mut row, part) = (at.floor(), at - at.floor());
+            if let Some((before, of, value)) = last {
+                let changed = s.value != value;
+                if !changed && row == before + 1.0 && part < NEAR_SCAN {
+                    // Nothing new: read before that scan after all.
+                    row = before;
+                } else if changed && row == before && part > 1.0 - NEAR_SCAN {
+                    row += 1.0;
+                } else if changed && row == before && of < NEAR_SCAN {
+                    // The one before was read before this scan.
+                    let earlier = slot(&mut out, before - 1.0, from);
+                    if let Some(earlier) = earlier.filter(|earlier| earlier.is_none()) {
+                        *earlier = Some(value);
+                    }
+                }
+            }
+            if let Some(slot) = slot(&mut out, row, from) {
+                *slot = Some(s.value);
+            }
+            last = Some((row, part, s.value));
+        }
+        out
+    }
+
+    /// The last sample at or before each row, as far as it holds.
+    fn held(&self, longest: f64, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
+        let mut at = 0;
+        (0..n)
+            .map(|k| {
+                let t = self.rows.time(from as f64 + k as f64 + 1e-3);
+                while at + 1 < kept.len() && kept[at + 1].t <= t {
+                    at += 1;
+                }
+                kept.get(at).filter(|s| s.t <= t && t - s.t <= longest).map(|s| s.value)
+            })
+            .collect()
+    }
+}
+
+/// The place of a row counted from `from`, where there is one.
+fn slot<T>(out: &mut [T], row: f64, from: i64) -> Option<&mut T> {
+    let at = row - from as f64;
+    if at >= 0.0 && at < out.len() as f64 { out.get_mut(at as usize) } else { None }
+}
+
+/// One sample a row, where a tag has about the rows' period: its own lag behind them is taken out. A slower one is held; of
+/// a faster one the nearest is taken.
+fn way(rows: &Lattice, series: &[Sample]) -> Way {
+    let Some(own) = period(series) else { return Way::Held(HELD_FOR * rows.period) };
+    if own > (1.0 + OWN_PERIOD) * rows.period {
+        return Way::Held(HELD_FOR * own);
+    }
+    if own < (1.0 - OWN_PERIOD) * rows.period {
+        return Way::Nearest(0.0);
+    }
+    // The mean lag on the circle of one period.
+    let (mut x, mut y) = (0.0, 0.0);
+    for s in series {
+        let (sin, cos) = (std::f64::consts::TAU * rows.row(s.t)).sin_cos();
+        (x, y) = (x + cos, y + sin);
+    }
+    let lag = y.atan2(x) / std::f64::consts::TAU * rows.period;
+    Way::Nearest(if lag.abs() < 1e-6 * rows.period { 0.0 } else { lag })
+}

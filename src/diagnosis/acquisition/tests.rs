@@ -1,0 +1,166 @@
+use super::*;
+use crate::sim::acquisition::{Acquisition as How, Gaps, Poll, Scans, acquire};
+
+/// A loop's values at its scans: all different, as noise makes them.
+fn scans(n: usize, scan_s: f64) -> Scans {
+    let value = |k: usize, w: f64| 50.0 + (w * k as f64).sin() + 1e-3 * (1.7 * k as f64).cos();
+    Scans {
+        t0: 1000.0,
+        scan_s,
+        op: (0..n).map(|k| value(k, 0.11)).collect(),
+        pv: (0..n).map(|k| value(k, 0.07)).collect(),
+        ..Scans::default()
+    }
+}
+
+/// What is recognised of a polled record, and OP and PV on its rows.
+fn seen(scans: &Scans, how: &How, seed: u64) -> (Acquisition, [Vec<Option<f64>>; 2]) {
+    let record = acquire(scans, how, seed);
+    let (found, placed) = recognise(&record.op, &record.pv, None, None).expect("stamps give a period");
+    let from = placed.row_of(record.pv[0].t) as i64;
+    let n = (placed.row_of(record.pv[record.pv.len() - 1].t) as i64 - from + 1) as usize;
+    (found, [placed.op(&record.op, from, n), placed.pv(&record.pv, from, n)])
+}
+
+/// Share of the rows whose OP and PV are of one scan, each row one scan after the one before; missing rows left out.
+fn in_step(scans: &Scans, [op, pv]: &[Vec<Option<f64>>; 2]) -> f64 {
+    let of = |values: &[f64], value: Option<f64>| values.iter().position(|v| Some(*v) == value);
+    let places = op.iter().zip(pv).enumerate().filter_map(|(row, (op, pv))| {
+        let (op, pv) = (of(&scans.op, *op)? as i64, of(&scans.pv, *pv)? as i64);
+        Some((op - row as i64, pv - row as i64))
+    });
+    let mut places: Vec<(i64, i64)> = places.collect();
+    places.sort_unstable();
+    // One row on the wrong side of a scan must not move all others.
+    let usual = places[places.len() / 2].0;
+    places.iter().filter(|place| **place == (usual, usual)).count() as f64 / places.len() as f64
+}
+
+#[test]
+fn two_polls_a_scan_are_one_sample_at_its_tick() {
+    let scans = scans(400, 2.0);
+    for (phase, period) in [(0.1, 1.0), (0.7, 1.0003), (0.3, 0.83)] {
+        let poll = Poll { phase, jitter: 0.05, ..Poll::every(period) };
+        let (found, rows) = seen(&scans, &How::Polled(poll), 1);
+        assert!(found.recovered, "{phase} {period}");
+        let scan = found.scan_s.expect("recovered");
+        assert!((scan / 2.0 - 1.0).abs() < 2e-4, "{scan}");
+        assert!((found.poll_s.expect("polled") / period - 1.0).abs() < 1e-3);
+        assert!((found.jitter_s.expect("polled") / (0.05 * period) - 1.0).abs() < 0.2);
+        assert!((found.polls_per_scan.expect("polled") - 2.0 / period).abs() < 0.01);
+        assert_eq!(in_step(&scans, &rows), 1.0, "{phase} {period}");
+        // Every scan was read at least once, but where polls are almost as slow as scans.
+        assert!(rows[0].iter().all(Option::is_some));
+    }
+}
+
+#[test]
+fn a_scan_between_two_polls_is_missing_and_not_made_up() {
+    let scans = scans(600, 1.0);
+    // At the edge of the scans a poll with jitter reads some twice and others never.
+    let poll = Poll { phase: 0.98, jitter: 0.05, ..Poll::every(1.0) };
+    let (found, rows) = seen(&scans, &How::Polled(poll), 2);
+    assert!(found.recovered);
+    // Next to a scan's instant stamps cannot tell to which side of it a poll belongs.
+    let right = in_step(&scans, &rows);
+    assert!(right > 0.97, "{right}");
+    let missing = rows[0].iter().filter(|value| value.is_none()).count();
+    assert!((60..240).contains(&missing), "{missing}");
+}
+
+#[test]
+fn pv_read_late_is_put_beside_its_op() {
+    let scans = scans(400, 2.0);
+    for phase in [0.05, 0.35, 0.65, 0.95] {
+        let poll = Poll { phase, jitter: 0.03, pv_late: 0.3, ..Poll::every(1.0) };
+        let (found, rows) = seen(&scans, &How::Polled(poll), 3);
+        assert!(found.recovered, "{phase}");
+        assert!(in_step(&scans, &rows) > 0.99, "{phase}");
+    }
+}
+
+#[test]
+fn polls_slower_than_scans_stay_on_the_polls() {
+    let poll = Poll { phase: 0.4, jitter: 0.05, ..Poll::every(2.3) };
+    let (found, rows) = seen(&scans(800, 1.0), &How::Polled(poll), 4);
+    assert_eq!((found.recovered, found.scan_s, found.polls_per_scan), (false, None, None));
+    assert!((found.poll_s.expect("polled") - 2.3).abs() < 1e-3);
+    // Each poll is a row of its own, and none is between two.
+    assert!(rows.iter().flatten().all(Option::is_some));
+}
+
+#[test]
+fn what_is_newer_at_every_poll_is_not_held() {
+    let mut scans = scans(900, 1.0);
+    // OP is written every third sample, PV is measured at each.
+    scans.op = (0..900).map(|k| scans.op[k - k % 3]).collect();
+    let (found, _) = seen(&scans, &How::Polled(Poll { phase: 0.5, jitter: 0.05, ..Poll::every(1.0) }), 5);
+    assert!(!found.recovered);
+}
+
+#[test]
+fn lost_polls_are_missing_rows() {
+    let scans = scans(1000, 1.0);
+    for gaps in [
+        Gaps::Random { share: 0.3 },
+        Gaps::Bursts { share: 0.3, length: 8.0 },
+        Gaps::Periodic { every: 10, lost: 3 },
+    ] {
+        let (_, rows) = seen(&scans, &How::Polled(Poll { phase: 0.5, gaps, ..Poll::every(1.0) }), 6);
+        assert_eq!(in_step(&scans, &rows), 1.0, "{gaps:?}");
+        let missing = rows[0].iter().filter(|value| value.is_none()).count() as f64 / rows[0].len() as f64;
+        // Bursts of 8 in 1,000 polls: three standard errors of their share are 0.12.
+        assert!((missing - 0.3).abs() < 0.12, "{missing} {gaps:?}");
+    }
+}
+
+#[test]
+fn changes_with_the_controllers_stamps_are_held_exactly() {
+    let mut scans = scans(500, 0.5);
+    let coarse = |v: &f64| (v * 20.0).round() / 20.0;
+    scans.op = scans.op.iter().map(coarse).collect();
+    scans.pv = scans.pv.iter().map(coarse).collect();
+    let (found, [op, pv]) = seen(&scans, &How::OnChange { dead_band: 0.0 }, 7);
+    assert_eq!((found.recovered, found.scan_s), (true, Some(0.5)));
+    let all = |rows: &[Option<f64>]| rows.iter().map(|v| v.expect("held")).collect::<Vec<f64>>();
+    let n = op.len();
+    assert!(n > 480);
+    assert_eq!((all(&op), all(&pv)), (scans.op[..n].to_vec(), scans.pv[..n].to_vec()));
+}
+
+#[test]
+fn a_slower_tag_is_held_between_its_samples() {
+    let pv: Vec<Sample> = (0..100).map(|k| Sample::good(f64::from(k), f64::from(k))).collect();
+    let op: Vec<Sample> = (0..50).map(|k| Sample::good(f64::from(2 * k), f64::from(k))).collect();
+    let (_, placed) = recognise(&op, &pv, None, None).expect("stamps");
+    let values = |rows: Vec<Option<f64>>| rows.into_iter().map(|v| v.expect("held")).collect::<Vec<f64>>();
+    assert_eq!(values(placed.op(&op, 4, 4)), [2.0, 2.0, 3.0, 3.0]);
+}
+
+#[test]
+fn the_sentence_is_said_where_it_matters() {
+    let twice = Acquisition {
+        scan_s: Some(2.0),
+        poll_s: Some(1.0),
+        jitter_s: Some(0.0),
+        polls_per_scan: Some(2.0),
+        recovered: true,
+    };
+    assert_eq!(
+        twice.sentence().as_deref(),
+        Some("polled twice per controller scan of 2 s; diagnosed at the controller's ticks")
+    );
+    assert_eq!(Acquisition { polls_per_scan: Some(1.02), ..twice }.sentence(), None);
+    assert_eq!(Acquisition::default().sentence(), None);
+}
+
+#[test]
+fn rubbish_is_no_panic() {
+    let same = vec![Sample::good(5.0, 1.0); 300];
+    assert!(recognise(&same, &same, None, None).is_none());
+    assert!(recognise(&[], &[], None, None).is_none());
+    let wild: Vec<Sample> = (0..300).map(|k| Sample::good(f64::from(k).powi(40), f64::from(k % 2))).collect();
+    let _ = recognise(&wild, &wild, None, None);
+    let far = [Sample::good(0.0, 1.0), Sample::good(1e300, 2.0), Sample::good(2e300, 2.0)];
+    let _ = recognise(&far, &far, None, None);
+}

@@ -1,0 +1,88 @@
+//! One tag's samples in the order of time, freed of what is no measurement.
+
+use crate::diagnosis::{NotIdentifiable, Preparation};
+use crate::signal::{Quality, Sample};
+use crate::sysid::stats::quantile;
+
+/// Values beyond this are no measurement and would overflow the sums.
+const LARGEST_VALUE: f64 = 1e30;
+
+/// One tag's good samples in order of time.
+pub struct Clean {
+    /// Those that are kept.
+    pub kept: Vec<Sample>,
+    /// Before those with the same stamp were taken for one.
+    good: usize,
+    offered: usize,
+    stale: usize,
+    too_large: usize,
+}
+
+/// Sorts, de-duplicates and drops what is not good.
+pub fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
+    let usable = |s: &&Sample| {
+        s.quality.is_good() && s.t.is_finite() && s.value.is_finite() && s.value.abs() <= LARGEST_VALUE
+    };
+    let mut kept: Vec<Sample> = series.iter().filter(usable).copied().collect();
+    let disorder = kept.windows(2).filter(|w| w[1].t < w[0].t).count();
+    if disorder > 0 {
+        kept.sort_by(|a, b| a.t.total_cmp(&b.t));
+    }
+    let before = kept.len();
+    kept.dedup_by(|later, earlier| later.t == earlier.t);
+    preparation.out_of_order += disorder;
+    preparation.duplicates += before - kept.len();
+    drop_zero_runs(&mut kept);
+    Clean {
+        kept,
+        good: before,
+        offered: series.len(),
+        stale: series.iter().filter(|s| s.quality == Quality::Stale).count(),
+        too_large: series.iter().filter(|s| s.value.abs() > LARGEST_VALUE).count(),
+    }
+}
+
+fn drop_zero_runs(kept: &mut Vec<Sample>) {
+    if zeros_are_outages(kept) {
+        kept.retain(|s| s.value != 0.0);
+    }
+}
+
+/// Whether exact zeros among good samples are no measurements: the tag otherwise lives far away from zero, so that a
+/// transmitter or a link was off.
+pub fn zeros_are_outages(samples: &[Sample]) -> bool {
+    let zeros = samples.iter().filter(|s| s.value == 0.0).count();
+    if zeros == 0 || zeros * 2 > samples.len() {
+        return false;
+    }
+    let others: Vec<f64> = samples.iter().filter(|s| s.value != 0.0).map(|s| s.value).collect();
+    let (low, high) = (quantile(&others, 0.02), quantile(&others, 0.98));
+    let spread = high - low;
+    low > spread || high < -spread
+}
+
+/// The share of the samples that a period of `ts` asks for and that are not there.
+pub fn missing_share(kept: &[Sample], ts: f64) -> f64 {
+    let (Some(first), Some(last)) = (kept.first(), kept.last()) else { return 1.0 };
+    let asked = (last.t - first.t) / ts + 1.0;
+    (1.0 - kept.len() as f64 / asked).clamp(0.0, 1.0)
+}
+
+/// Why too few good samples are left.
+pub fn shortage(op: &Clean, pv: &Clean, n: usize, need: usize) -> NotIdentifiable {
+    let worst = if op.kept.len() < pv.kept.len() { op } else { pv };
+    if worst.offered < need {
+        return NotIdentifiable::TooShort { n, need };
+    }
+    if pv.stale * 2 > pv.offered {
+        return NotIdentifiable::FlatPv;
+    }
+    if worst.too_large * 2 > worst.offered {
+        return NotIdentifiable::OutOfScale;
+    }
+    // Good samples whose stamps all coincide leave one after de-duplication.
+    if worst.kept.len() <= 1 && worst.good * 2 > worst.offered {
+        return NotIdentifiable::NoTimeBase;
+    }
+    NotIdentifiable::Gaps { share: 1.0 - worst.kept.len() as f64 / worst.offered as f64 }
+}

@@ -1,0 +1,261 @@
+//! The gate: from a raw record to a window on equal rows, or the reason why there is none.
+//!
+//! Sorts and de-duplicates each tag, drops what is not good (quality, not finite, drop-outs to 0, not in automatic), asks
+//! how the record was acquired ([`super::acquisition`]) and puts the longest stretch on the controller's ticks, else on the
+//! polls. What was not measured is missing and does not count: OP is there the last known, as the controller holds it.
+
+mod clean;
+mod refuse;
+mod stretches;
+
+pub use clean::zeros_are_outages;
+
+use super::acquisition::{self, Placed};
+use super::history_kind::{HistoryKind, recognise};
+use super::{NotIdentifiable, Preparation, Settings};
+use crate::signal::{Record, Row, Sample, Window};
+use clean::{clean, missing_share, shortage};
+use refuse::refuse;
+use stretches::{automatic, intersect, runs};
+
+/// Most rows for each sample there is; more would be invented.
+const MOST_POINTS: usize = 20;
+/// Rows behind a hole beyond its own length that do not count, and all of them at most: the lags of B and a dead time.
+const SHORT_B: usize = 2;
+const MOST_AFTER: usize = 12;
+/// Rows that a slope of OP beside a hole is taken from.
+const SLOPE: usize = 5;
+/// Missing share from which a record that is too short is one with gaps.
+const FEW_MISSING: f64 = 0.01;
+
+/// What the gate passes on, or why it does not; the preparation is told either way.
+pub type Gated = Result<(Window, Preparation), Box<(NotIdentifiable, Preparation)>>;
+
+/// Makes a window of a record.
+///
+/// # Errors
+/// The reason why the record says nothing about the valve, with what was learned of it on the way.
+pub fn gate(record: &Record, settings: &Settings) -> Gated {
+    let mut preparation = Preparation { decimation: 1, ..Preparation::default() };
+    let op = clean(&record.op, &mut preparation);
+    let pv = clean(&record.pv, &mut preparation);
+    preparation.history = recognise(&op.kept, &pv.kept).map(Box::new);
+    let need = settings.min_samples;
+    let stop =
+        |reason: NotIdentifiable, preparation: &Preparation| Err(Box::new((reason, preparation.clone())));
+    if op.kept.len() < need || pv.kept.len() < need {
+        let n = op.kept.len().min(pv.kept.len());
+        return stop(shortage(&op, &pv, n, need), &preparation);
+    }
+    let given = settings.ts.filter(|ts| !(ts.is_finite() && *ts > 0.0));
+    let history = preparation.history.as_deref();
+    let Some((acquired, placed)) =
+        acquisition::recognise(&op.kept, &pv.kept, settings.ts, history).filter(|_| given.is_none())
+    else {
+        return stop(NotIdentifiable::NoTimeBase, &preparation);
+    };
+    if acquired.recovered && history.is_some_and(|found| found.kind == HistoryKind::Held) {
+        // Values held between scans are no archive's doing, and are one sample a scan now.
+        preparation.history = None;
+    }
+    preparation.acquisition = Some(Box::new(acquired));
+    let ts = placed.rows.period;
+    let stretches = match stretches_of(record, &placed, &op.kept, &pv.kept, need) {
+        Ok(stretches) => stretches,
+        Err(reason) => return stop(reason, &preparation),
+    };
+    let Some(&(from, to)) = stretches.iter().rev().max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0))) else {
+        return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
+    };
+    let rows = placed.row_of(to) - placed.row_of(from) + 1.0;
+    let most = (MOST_POINTS * (op.kept.len() + pv.kept.len())) as f64;
+    if rows.is_nan() || rows > most {
+        return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
+    }
+    let there = (within(&op.kept, from, to), within(&pv.kept, from, to));
+    let window = fill(record, &placed, there, placed.row_of(from) as i64, rows.max(0.0) as usize);
+    let n = window.len();
+    preparation.gap_share = window.missing();
+    if n < need {
+        let share = missing_share(&pv.kept, ts).max(missing_share(&op.kept, ts)).max(preparation.gap_share);
+        let gaps = share > FEW_MISSING;
+        let reason =
+            if gaps { NotIdentifiable::Gaps { share } } else { NotIdentifiable::TooShort { n, need } };
+        return stop(reason, &preparation);
+    }
+    preparation.worst_skew = worst_skew(&op.kept, &pv.kept, from, to);
+    let mut window = window;
+    describe(&window, &mut preparation);
+    match refuse(&mut window, record, settings, &preparation) {
+        Some(reason) => Err(Box::new((reason, preparation))),
+        None => Ok((window, preparation)),
+    }
+}
+
+/// The samples from one time to another.
+fn within(kept: &[Sample], from: f64, to: f64) -> &[Sample] {
+    let begin = kept.partition_point(|s| s.t < from);
+    let end = kept.partition_point(|s| s.t <= to);
+    &kept[begin..end.max(begin)]
+}
+
+/// The stretches in which OP and PV are there and the loop is in automatic (s).
+fn stretches_of(
+    record: &Record,
+    placed: &Placed,
+    op: &[Sample],
+    pv: &[Sample],
+    need: usize,
+) -> Result<Vec<(f64, f64)>, NotIdentifiable> {
+    let ts = placed.rows.period;
+    // A tag polled more slowly than the rows is held in between, not torn into stretches; of changes, either tag's tell
+    // that the source was there.
+    let own = |series: &[Sample]| acquisition::period(series).unwrap_or(ts).max(ts);
+    let mut stretches = if placed.of_changes() {
+        let mut both: Vec<Sample> = op.iter().chain(pv).copied().collect();
+        both.sort_by(|a, b| a.t.total_cmp(&b.t));
+        runs(&both, ts)
+    } else {
+        intersect(&runs(op, own(op)), &runs(pv, own(pv)))
+    };
+    let longest_of = |stretches: &[(f64, f64)]| stretches.iter().map(|s| s.1 - s.0).fold(0.0, f64::max);
+    let unbroken = longest_of(&stretches);
+    if let Some(mode) = &record.mode {
+        let (auto, share_auto) = automatic(mode, ts);
+        stretches = intersect(&stretches, &auto);
+        let least = (need - 1) as f64 * ts;
+        if longest_of(&stretches) < least && unbroken >= least {
+            return Err(NotIdentifiable::Manual { share_auto });
+        }
+    }
+    Ok(stretches)
+}
+
+/// The window of `n` rows from row `from` on, without missing rows at its ends.
+fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from: i64, n: usize) -> Window {
+    let (op, pv) = (placed.op(op, from, n), placed.pv(pv, from, n));
+    let there = |k: &usize| op[*k].is_some() && pv[*k].is_some();
+    let (Some(first), Some(last)) = ((0..n).find(there), (0..n).rfind(there)) else {
+        return Window { ts: placed.rows.period, ..Window::default() };
+    };
+    let missing: Vec<bool> = (first..=last).map(|k| !there(&k)).collect();
+    let rows = if missing.contains(&true) { worth(&missing) } else { Vec::new() };
+    let n = missing.len();
+    let from = from + first as i64;
+    let other = |series: &[Sample]| -> Option<Vec<f64>> {
+        let kept = clean(series, &mut Preparation::default()).kept;
+        let end = placed.rows.time((from + n as i64 - 1) as f64);
+        let overlaps = kept.first()?.t <= end && kept.last()?.t >= placed.rows.time(from as f64);
+        overlaps.then(|| held(&placed.other(&kept, from, n)))
+    };
+    Window {
+        t0: placed.rows.time(from as f64),
+        ts: placed.rows.period,
+        op: carried_on(&op[first..=last]),
+        pv: drawn_through(&pv[first..=last]),
+        sp: record.sp.as_deref().and_then(other),
+        mv: record.mv.as_deref().and_then(other),
+        tags: record.tags.iter().filter_map(|(name, s)| Some((name.clone(), other(s)?))).collect(),
+        rows,
+    }
+}
+
+/// What rows are worth. Behind a hole of several PV comes from an OP that nobody knows: as many rows as the hole has, and
+/// those of a short B, are right but say nothing.
+fn worth(missing: &[bool]) -> Vec<Row> {
+    let mut rows = vec![Row::Counts; missing.len()];
+    let mut at = 0;
+    for run in missing.chunk_by(|a, b| a == b) {
+        let end = at + run.len();
+        if run[0] {
+            rows[at..end].fill(Row::Missing);
+            let after = if run.len() > 1 { (run.len() + SHORT_B).min(MOST_AFTER) } else { 0 };
+            let until = (end + after).min(rows.len());
+            rows[end..until].fill(Row::Silent);
+        }
+        at = end;
+    }
+    rows
+}
+
+/// The last known value where one is missing, and the first where none is known yet.
+fn held(values: &[Option<f64>]) -> Vec<f64> {
+    let mut last = values.iter().copied().flatten().next().unwrap_or(0.0);
+    let mut next = |value: &Option<f64>| {
+        last = value.unwrap_or(last);
+        last
+    };
+    values.iter().map(&mut next).collect()
+}
+
+/// The last known value where one is missing. Through a hole of several OP did not stand still: there it goes on as it came and
+/// as it leaves, a cubic with the slopes at both ends, so that a turn inside is not lost to the stem.
+fn carried_on(values: &[Option<f64>]) -> Vec<f64> {
+    let mut out = held(values);
+    let slope = |rows: &mut dyn Iterator<Item = usize>| -> f64 {
+        let known: Vec<f64> = rows.map_while(|k| *values.get(k)?).collect();
+        let steps = known.len().saturating_sub(1).max(1) as f64;
+        known.last().zip(known.first()).map_or(0.0, |(last, first)| (last - first) / steps)
+    };
+    let mut at = 0;
+    for run in values.chunk_by(|a, b| a.is_some() == b.is_some()) {
+        let end = at + run.len();
+        if run[0].is_none() && run.len() > 1 && at > 0 && end < values.len() {
+            let (before, after) = (out[at - 1], out[end]);
+            let width = (run.len() + 1) as f64;
+            let came = -slope(&mut (at.saturating_sub(SLOPE)..at).rev()) * width;
+            let leaves = slope(&mut (end..end + SLOPE)) * width;
+            for (i, out) in out[at..end].iter_mut().enumerate() {
+                let t = (i + 1) as f64 / width;
+                let (s, t2) = (1.0 - t, t * t);
+                // Hermite's cubic: values and slopes at 0 and 1.
+                *out = s * s * ((1.0 + 2.0 * t) * before + t * came)
+                    + t2 * ((1.0 + 2.0 * s) * after - s * leaves);
+            }
+        }
+        at = end;
+    }
+    out
+}
+
+/// A straight line where values are missing: where PV begins to look for its prediction.
+fn drawn_through(values: &[Option<f64>]) -> Vec<f64> {
+    let mut out = held(values);
+    let mut last: Option<usize> = None;
+    for (k, value) in values.iter().enumerate() {
+        let Some(value) = value else { continue };
+        if let Some(from) = last {
+            let (before, width) = (out[from], (k - from) as f64);
+            for (i, out) in out[from + 1..k].iter_mut().enumerate() {
+                *out = before + (value - before) * (i + 1) as f64 / width;
+            }
+        }
+        last = Some(k);
+    }
+    out
+}
+
+/// Notes the window's extent.
+pub fn describe(window: &Window, preparation: &mut Preparation) {
+    preparation.n = window.len();
+    preparation.ts = window.ts;
+    preparation.start = window.t0;
+    preparation.end = window.t0 + window.len().saturating_sub(1) as f64 * window.ts;
+    preparation.missing = window.missing();
+}
+
+/// Worst distance between a PV stamp and its nearest OP stamp (s).
+fn worst_skew(op: &[Sample], pv: &[Sample], from: f64, to: f64) -> f64 {
+    let mut worst = 0.0_f64;
+    let mut i = 0;
+    for s in pv.iter().filter(|s| s.t >= from && s.t <= to) {
+        while i + 1 < op.len() && (op[i + 1].t - s.t).abs() <= (op[i].t - s.t).abs() {
+            i += 1;
+        }
+        worst = worst.max((op[i].t - s.t).abs());
+    }
+    worst
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,67 @@
+//! What disqualifies an otherwise complete window, and the rows that say nothing of the valve.
+
+use crate::diagnosis::{NotIdentifiable, Preparation, Settings};
+use crate::signal::{Record, Row, Window};
+use crate::sysid::stats::range;
+
+/// Share of samples at an OP limit above which only those between the limits count.
+const SATURATED_SHARE: f64 = 0.3;
+/// Share of the window that one unchanging PV value may cover.
+const FROZEN_SHARE: f64 = 0.5;
+/// Fewest samples on end at an OP's own extreme that are a limit: a coarse recording resolution repeats its extremes too.
+const AT_LIMIT: usize = 5;
+
+/// Why a window says nothing; where OP is at a limit for much of it, the rows there no longer count.
+pub fn refuse(
+    w: &mut Window,
+    record: &Record,
+    settings: &Settings,
+    p: &Preparation,
+) -> Option<NotIdentifiable> {
+    let too_few = w.counted() < settings.min_samples;
+    if p.gap_share > settings.max_gap_share || too_few {
+        return Some(NotIdentifiable::Gaps { share: p.gap_share });
+    }
+    let at_limit = at_limits(&w.op, record.op_limits);
+    let share = at_limit.iter().filter(|at| **at).count() as f64 / w.len().max(1) as f64;
+    let saturated = NotIdentifiable::Saturated { share };
+    // At a limit all the time OP is flat too; that it is at its stop says more.
+    if is_flat(&w.op) {
+        let known = record.op_limits.is_some() && share > SATURATED_SHARE;
+        return Some(if known { saturated } else { NotIdentifiable::FlatOp });
+    }
+    if is_flat(&w.pv) || longest_constant_run(&w.pv) as f64 > FROZEN_SHARE * w.len() as f64 {
+        return Some(NotIdentifiable::FlatPv);
+    }
+    if share <= SATURATED_SHARE {
+        return None;
+    }
+    w.rows.resize(w.op.len(), Row::Counts);
+    let silent = w.rows.iter_mut().zip(&at_limit).filter(|(row, at)| **at && **row == Row::Counts);
+    silent.for_each(|(row, _)| *row = Row::Silent);
+    (w.counted() < settings.min_samples).then_some(saturated)
+}
+
+/// True when the values differ by no more than rounding.
+fn is_flat(v: &[f64]) -> bool {
+    let (low, high) = range(v);
+    high - low <= 1e-9 * low.abs().max(high.abs())
+}
+
+/// Length of the longest run of one unchanging value.
+fn longest_constant_run(v: &[f64]) -> usize {
+    v.chunk_by(|a, b| a == b).map(<[f64]>::len).max().unwrap_or(0)
+}
+
+/// Where OP is at an output limit: the given limits, or else flat stretches at the record's own extremes.
+fn at_limits(op: &[f64], limits: Option<(f64, f64)>) -> Vec<bool> {
+    if let Some((low, high)) = limits {
+        let margin = 1e-3 * (high - low).abs();
+        return op.iter().map(|u| *u <= low + margin || *u >= high - margin).collect();
+    }
+    let (low, high) = range(op);
+    let margin = 1e-6 * (high - low);
+    let at = |u: f64| u <= low + margin || u >= high - margin;
+    let runs = op.chunk_by(|a, b| at(*a) && at(*b) && (a - b).abs() <= margin);
+    runs.flat_map(|run| std::iter::repeat_n(run.len() >= AT_LIMIT, run.len())).collect()
+}

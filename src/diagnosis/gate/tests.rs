@@ -1,0 +1,205 @@
+//! The gate on records of known flaws.
+
+use super::*;
+use crate::signal::{BadReason, Quality, Row};
+
+fn wave(n: usize, ts: f64) -> Record {
+    let at = |k: usize, phase: f64| Sample::good(k as f64 * ts, 50.0 + (k as f64 * 0.2 + phase).sin());
+    Record {
+        op: (0..n).map(|k| at(k, 0.0)).collect(),
+        pv: (0..n).map(|k| at(k, 1.0)).collect(),
+        ..Record::default()
+    }
+}
+
+fn reason(record: &Record) -> NotIdentifiable {
+    gate(record, &Settings::default()).expect_err("refused").0
+}
+
+#[test]
+fn a_clean_record_passes_unchanged() {
+    let record = wave(300, 2.0);
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert_eq!((w.ts, w.len(), p.gap_share, p.worst_skew), (2.0, 300, 0.0, 0.0));
+    assert!(w.op.iter().zip(&record.op).all(|(a, s)| *a == s.value));
+}
+
+#[test]
+fn order_and_duplicates_are_repaired_and_counted() {
+    let record = wave(300, 1.0);
+    let mut shuffled = record.clone();
+    shuffled.op.swap(10, 11);
+    shuffled.pv.push(record.pv[299]);
+    let (w, p) = gate(&shuffled, &Settings::default()).expect("passes");
+    assert_eq!((p.out_of_order, p.duplicates), (1, 1));
+    assert_eq!(w, gate(&record, &Settings::default()).expect("passes").0);
+}
+
+#[test]
+fn jitter_and_skew_leave_values_as_they_are_and_are_reported() {
+    let mut record = wave(300, 1.0);
+    for (k, s) in record.op.iter_mut().enumerate() {
+        s.t += 0.4 + 0.05 * (k as f64).sin();
+        s.value = 50.0 + (s.t * 0.2).sin();
+    }
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert!((p.worst_skew - 0.45).abs() < 0.01, "{}", p.worst_skew);
+    // OP is held between its samples: the one read beside a PV belongs to it.
+    let read: Vec<f64> = record.op.iter().map(|s| s.value).collect();
+    let at = record.pv.iter().position(|s| s.value == w.pv[0]).expect("a sample's");
+    assert_eq!(w.op, read[at..at + w.len()]);
+    assert!(w.len() >= 298 && w.rows.is_empty());
+}
+
+#[test]
+fn holes_are_masked_and_too_few_rows_are_refused() {
+    let mut record = wave(400, 1.0);
+    for k in (20..380).step_by(10) {
+        record.pv[k].quality = Quality::Bad(BadReason::Timeout);
+    }
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert!((p.gap_share - 36.0 / 400.0).abs() < 1e-12);
+    assert_eq!((w.counted(), w.row(19), w.row(20)), (364, Row::Counts, Row::Missing));
+    // Drawn through, and none of it a measurement.
+    assert_eq!(w.pv[20], w.pv[19] + (w.pv[21] - w.pv[19]) * 0.5);
+    record.op[51].value = f64::NAN;
+    let (w, _) = gate(&record, &Settings::default()).expect("passes");
+    assert_eq!((w.op[51], w.row(51)), (w.op[50], Row::Missing));
+    for k in (21..380).step_by(2) {
+        record.pv[k].quality = Quality::Bad(BadReason::Timeout);
+    }
+    assert!(matches!(reason(&record), NotIdentifiable::Gaps { .. }));
+}
+
+#[test]
+fn a_long_hole_leaves_the_longer_side() {
+    let mut record = wave(800, 1.0);
+    record.op.drain(300..400);
+    let (w, _) = gate(&record, &Settings::default()).expect("passes");
+    assert_eq!((w.t0, w.len()), (400.0, 400));
+}
+
+#[test]
+fn drop_outs_to_zero_are_not_measurements() {
+    let mut record = wave(500, 1.0);
+    for s in &mut record.pv[100..103] {
+        s.value = 0.0;
+    }
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert!(w.pv.iter().all(|v| *v > 40.0));
+    assert!((p.gap_share - 3.0 / 500.0).abs() < 1e-12);
+}
+
+#[test]
+fn every_reason_is_reached() {
+    let record = wave(300, 1.0);
+    let settings = |change: &dyn Fn(&mut Record)| {
+        let mut r = record.clone();
+        change(&mut r);
+        reason(&r)
+    };
+    assert_eq!(reason(&wave(50, 1.0)), NotIdentifiable::TooShort { n: 50, need: 200 });
+    assert_eq!(reason(&Record::default()), NotIdentifiable::TooShort { n: 0, need: 200 });
+    let flat = |series: &mut Vec<Sample>| series.iter_mut().for_each(|s| s.value = 7.0);
+    assert_eq!(settings(&|r| flat(&mut r.op)), NotIdentifiable::FlatOp);
+    assert_eq!(settings(&|r| flat(&mut r.pv)), NotIdentifiable::FlatPv);
+    assert_eq!(settings(&|r| r.pv.iter_mut().for_each(|s| s.t = 5.0)), NotIdentifiable::NoTimeBase);
+    assert_eq!(settings(&|r| r.pv.iter_mut().for_each(|s| s.value = 1e308)), NotIdentifiable::OutOfScale);
+    assert_eq!(
+        settings(&|r| r.pv.iter_mut().for_each(|s| s.quality = Quality::Stale)),
+        NotIdentifiable::FlatPv
+    );
+    let top = |r: &mut Record| r.op.iter_mut().for_each(|s| s.value = s.value.min(50.3));
+    assert!(matches!(settings(&top), NotIdentifiable::Saturated { share } if share > 0.3));
+    let manual = |r: &mut Record| {
+        r.mode = Some(r.op.iter().map(|s| Sample::good(s.t, f64::from(u8::from(s.t < 60.0)))).collect());
+    };
+    assert!(
+        matches!(settings(&manual), NotIdentifiable::Manual { share_auto } if (share_auto - 0.2).abs() < 1e-9)
+    );
+}
+
+#[test]
+fn a_valve_at_its_stop_is_saturated_and_not_merely_flat() {
+    let mut record = wave(300, 1.0);
+    record.op.iter_mut().for_each(|s| s.value = 100.0);
+    record.op_limits = Some((0.0, 100.0));
+    assert_eq!(reason(&record), NotIdentifiable::Saturated { share: 1.0 });
+    record.op_limits = Some((0.0, 120.0));
+    assert_eq!(reason(&record), NotIdentifiable::FlatOp);
+}
+
+#[test]
+fn a_mode_that_is_lost_for_a_moment_cuts_no_stretch() {
+    let unknown = |at: &[usize]| {
+        let mut record = wave(600, 1.0);
+        let mut mode: Vec<Sample> = record.op.iter().map(|s| Sample::good(s.t, 1.0)).collect();
+        for &k in at {
+            mode[k] = Sample { value: f64::NAN, quality: Quality::Bad(BadReason::Timeout), ..mode[k] };
+        }
+        record.mode = Some(mode);
+        record
+    };
+    // One poll in fifty without an answer, as OP and PV may be.
+    let lost: Vec<usize> = (25..600).step_by(50).collect();
+    assert_eq!(gate(&unknown(&lost), &Settings::default()).expect("passes").0.len(), 600);
+    // Unknown for longer than a hole may be, it is no longer known to be automatic.
+    let lost: Vec<usize> = (300..310).collect();
+    let (w, _) = gate(&unknown(&lost), &Settings::default()).expect("passes");
+    assert_eq!((w.t0, w.len()), (0.0, 300));
+    let lost: Vec<usize> = (300..600).collect();
+    assert_eq!(gate(&unknown(&lost), &Settings::default()).expect("passes").0.len(), 300);
+}
+
+#[test]
+fn one_stamp_far_away_does_not_make_a_huge_grid() {
+    let mut record = wave(300, 1.0);
+    record.op.push(Sample::good(1e18, 1.0));
+    record.pv.push(Sample::good(1e18, 1.0));
+    assert_eq!(gate(&record, &Settings::default()).expect("passes").0.len(), 300);
+}
+
+#[test]
+fn a_loop_at_its_limit_for_part_of_the_time_is_judged_by_the_rest() {
+    let mut record = wave(900, 1.0);
+    for s in &mut record.op[300..700] {
+        s.value = 100.0;
+    }
+    record.op_limits = Some((0.0, 100.0));
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert_eq!(
+        (w.counted(), w.row(299), w.row(300), w.row(700)),
+        (500, Row::Counts, Row::Silent, Row::Counts)
+    );
+    assert_eq!((p.gap_share, p.missing), (0.0, 0.0));
+    record.op[100..850].iter_mut().for_each(|s| s.value = 100.0);
+    let share = 750.0 / 900.0;
+    assert_eq!(reason(&record), NotIdentifiable::Saturated { share });
+}
+
+#[test]
+fn two_polls_a_scan_are_one_row() {
+    let mut record = Record::default();
+    for k in 0..1200 {
+        let (t, scan) = (f64::from(k) * 0.5, f64::from(k / 2));
+        record.op.push(Sample::good(t, 50.0 + (0.2 * scan).sin()));
+        record.pv.push(Sample::good(t, 50.0 + (0.2 * scan + 1.0).sin()));
+    }
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert!((w.ts - 1.0).abs() < 1e-3 && w.len() >= 599, "{} {}", w.ts, w.len());
+    let acquired = p.acquisition.expect("told");
+    assert!(acquired.recovered && p.history.is_none());
+    assert!(w.op.windows(2).all(|two| two[0] != two[1]));
+}
+
+#[test]
+fn rows_behind_a_long_hole_say_nothing() {
+    let mut record = wave(400, 1.0);
+    record.op.drain(100..103);
+    record.op.remove(200);
+    let (w, _) = gate(&record, &Settings::default()).expect("passes");
+    let all = |from: usize, to: usize, worth: Row| (from..to).all(|k| w.row(k) == worth);
+    assert!(all(0, 100, Row::Counts) && all(100, 103, Row::Missing) && all(103, 108, Row::Silent));
+    // The hole of one row has none behind it.
+    assert!(all(108, 203, Row::Counts) && w.row(203) == Row::Missing && all(204, 400, Row::Counts));
+}
