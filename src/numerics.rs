@@ -8,6 +8,7 @@ pub mod signal;
 pub mod sysid;
 
 pub mod diagnosis;
+pub mod detectors;
 pub mod residual;
 pub mod sim;
 
