@@ -7,8 +7,8 @@ pub mod signal;
 
 pub mod sysid;
 
-pub mod diagnosis;
 pub mod detectors;
+pub mod diagnosis;
 pub mod residual;
 pub mod sim;
 

@@ -16,7 +16,8 @@
 //! (thresholds); indices: Choudhury, Shah & Thornhill, Automatica 2004, 40, 1719.
 //! The ellipse of equal moments replaces their fit, which gives the same on an ellipse. Chosen here: segments of four
 //! periods or a sixth of the record, whichever is shorter.
-//! Limits: a window of 1,000 samples is a quarter of what they ask for. Bicoherence sees quadratic coupling: a symmetric cycle
+//! Limits: a window of 1,000 samples is a quarter of what they ask for, and has so few segments that NLI is above its threshold
+//! for Gaussian noise too: NGI alone decides, and is the index. Bicoherence sees quadratic coupling: a symmetric cycle
 //! has odd harmonics alone and little of it. Any other nonlinearity is called stiction, saturation and square loads among it.
 //! The apparent stiction is not S: it grows with the process's lag.
 
@@ -25,10 +26,10 @@ use crate::sysid::stats::{mean, range, sd};
 use realfft::RealFftPlanner;
 
 const ME: Method = Method::Choudhury2006;
-/// The authors' thresholds of NLI (-).
-pub const BY_NLI: Band = Band::at(0.01);
-/// The authors' threshold of NGI (-).
-pub const LEAST_NGI: f64 = 0.001;
+/// The authors' threshold of NGI, the index (-).
+pub const BY_NGI: Band = Band::at(0.001);
+/// The authors' threshold of NLI (-).
+pub const LEAST_NLI: f64 = 0.01;
 /// Normal quantile of the test for NGI.
 const QUANTILE: f64 = 1.645;
 /// Fewest samples of a segment, periods in one, and fewest segments without overlap.
@@ -112,7 +113,8 @@ pub fn ellipse(u: &[f64], y: &[f64]) -> f64 {
 pub fn branches(u: &[f64], y: &[f64]) -> Option<f64> {
     let (low, high) = range(y);
     let (middle, reach) = (mean(y), STRIP * (high - low));
-    let near: Vec<f64> = u.iter().zip(y).filter(|(_, y)| (*y - middle).abs() <= reach).map(|(u, _)| *u).collect();
+    let near: Vec<f64> =
+        u.iter().zip(y).filter(|(_, y)| (*y - middle).abs() <= reach).map(|(u, _)| *u).collect();
     if near.len() < 8 {
         return None;
     }
@@ -166,16 +168,17 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
     };
     let Indices { ngi, nli, at, .. } = found;
     let why = format!("NGI {ngi:.3}, NLI {nli:.3}");
-    let opinion = Opinion::of(ME, nli, BY_NLI, why.clone());
-    if opinion.says == Says::CannotTell {
+    let opinion = Opinion::of(ME, ngi, BY_NGI, format!("{why}: Gaussian, so linear"));
+    if opinion.says != Says::Sticks {
         return opinion;
     }
-    if ngi <= LEAST_NGI || opinion.says == Says::Sound {
-        return Opinion { says: Says::Sound, why: format!("{why}: linear"), ..opinion };
+    if nli <= LEAST_NLI {
+        return Opinion { says: Says::Sound, why: format!("{why}: not Gaussian, but linear"), ..opinion };
     }
     let (low, high) = ((at.0.min(at.1) - HALF_WIDTH).max(0.004), (at.0.max(at.1) + HALF_WIDTH).min(0.5));
     let filtered = band(&facts.u, low, high).zip(band(&facts.y, low, high));
-    let Some((width, ellipse)) = filtered.and_then(|(u, y)| Some((branches(&u, &y)?, ellipse(&u, &y)))) else {
+    let Some((width, ellipse)) = filtered.and_then(|(u, y)| Some((branches(&u, &y)?, ellipse(&u, &y))))
+    else {
         return opinion.but_cannot_tell(format!("{why}: nonlinear, but PV and OP make no plot"));
     };
     let why = format!("{why}: nonlinear, apparent stiction {:.3} by the ellipse", ellipse * facts.unit);

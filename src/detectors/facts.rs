@@ -2,7 +2,7 @@
 
 use super::half_cycles::Cycles;
 use super::integration::{Integration, integration};
-use crate::diagnosis::Oscillation;
+use super::oscillation::{Cycle, REGULAR, cycle};
 use crate::diagnosis::region::{self, Region};
 use crate::signal::Window;
 use crate::sysid::stats::{mean, sd};
@@ -12,9 +12,6 @@ use crate::sysid::valve::Start;
 const LEAST_SAMPLES: usize = 100;
 /// Most samples; of a longer window the most regular stretch is taken.
 const MOST_SAMPLES: usize = 4000;
-/// `r = mean(T) / (3 sd(T))` from which an oscillation is regular (-): Thornhill, Huang & Zhang, J. Process Control 2003,
-/// 13, 91.
-pub(super) const REGULAR: f64 = 1.0;
 /// Shortest period whose shape can be told (samples).
 const SHORTEST_PERIOD: f64 = 10.0;
 
@@ -36,7 +33,7 @@ pub struct Facts<'a> {
     /// Where a stem is followed from.
     pub start: Start,
     /// The oscillation of OP, where there is one.
-    pub oscillation: Option<Oscillation>,
+    pub oscillation: Option<Cycle>,
     /// Whether the process integrates.
     pub integration: Integration,
     /// Half cycles of OP; none where OP does not oscillate regularly.
@@ -59,7 +56,12 @@ impl<'a> Facts<'a> {
         let region = region::analyse(&u);
         let start = region::start_of(&region, &u, 0, n / 2)
             .map_or_else(Start::default, |s| Start { index: s.index, is_max: s.is_max });
-        let oscillation = region.oscillation(0, n, window.ts);
+        // Noise spoils the crossings of OP, few periods those of its autocovariance: the more regular are believed.
+        let by_op = region.oscillation(0, n, 1.0);
+        let by_op = by_op.map(|found| Cycle { period: found.period, regularity: found.regularity_r });
+        let by_covariance = region.typical_period().and_then(|typical| cycle(&u, typical));
+        let oscillation =
+            by_op.into_iter().chain(by_covariance).max_by(|a, b| a.regularity.total_cmp(&b.regularity));
         let mut facts = Self {
             window,
             u,
@@ -86,9 +88,9 @@ impl<'a> Facts<'a> {
     /// Why there is none.
     pub fn oscillates(&self) -> Result<f64, String> {
         let Some(found) = self.oscillation else { return Err("OP does not oscillate".into()) };
-        let period = found.period / self.window.ts;
-        if found.regularity_r <= REGULAR {
-            return Err(format!("OP oscillates irregularly: r {:.2}", found.regularity_r));
+        let Cycle { period, regularity } = found;
+        if regularity <= REGULAR {
+            return Err(format!("OP oscillates irregularly: r {regularity:.2}"));
         }
         if period < SHORTEST_PERIOD {
             return Err(format!("a period is {period:.1} samples, too few to see a shape"));

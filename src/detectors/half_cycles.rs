@@ -42,7 +42,8 @@ impl Cycles {
     pub fn new(v: &[f64], period: f64) -> Self {
         let centred = centre(v, period);
         let noisy = noise_sd(v) > NOISY * sd(v);
-        let halves = if noisy { halves(&centre(&denoise(v), period), period) } else { halves(&centred, period) };
+        let halves =
+            if noisy { halves(&centre(&denoise(v), period), period) } else { halves(&centred, period) };
         Self { centred, halves }
     }
 
@@ -51,9 +52,10 @@ impl Cycles {
         let sign = if half.above { 1.0 } else { -1.0 };
         let (from, length) = (half.from, half.to - half.from);
         let range = (half.from.ceil() as usize)..(half.to.floor() as usize + 1).min(self.centred.len());
-        range.clone().zip(self.centred.get(range).unwrap_or_default()).map(move |(k, c)| {
-            ((k as f64 - from) / length, sign * c)
-        })
+        range
+            .clone()
+            .zip(self.centred.get(range).unwrap_or_default())
+            .map(move |(k, c)| ((k as f64 - from) / length, sign * c))
     }
 }
 

@@ -51,7 +51,10 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
         count += 1;
     }
     if count < LEAST_HALVES {
-        return Opinion::cannot_tell(ME, format!("{name} has {count} half cycles, {LEAST_HALVES} are needed"));
+        return Opinion::cannot_tell(
+            ME,
+            format!("{name} has {count} half cycles, {LEAST_HALVES} are needed"),
+        );
     }
     let index = sin / (sin + tri);
     Opinion::of(ME, index, BAND, format!("{count} half cycles of {name}: SI {index:.2}"))

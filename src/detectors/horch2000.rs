@@ -49,10 +49,8 @@ pub fn index(y: &[f64], period: f64) -> Option<f64> {
     let error = |of: &dyn Fn(f64) -> f64| -> f64 {
         density.iter().enumerate().map(|(i, d)| (d - of((i as f64 + 0.5) * width - REACH)).powi(2)).sum()
     };
-    let gauss = (1..=30)
-        .map(|i| 0.05 * f64::from(i))
-        .map(|q| error(&|x| normal(x, q)))
-        .fold(f64::INFINITY, f64::min);
+    let gauss =
+        (1..=30).map(|i| 0.05 * f64::from(i)).map(|q| error(&|x| normal(x, q))).fold(f64::INFINITY, f64::min);
     let mut camel = f64::INFINITY;
     for a in (3..=9).map(|i| 0.2 * f64::from(i)) {
         for q in [0.1, 0.2, 0.3, 0.4, 0.5].map(|share| share * a) {

@@ -26,8 +26,11 @@ pub const LEAST_FIT: f64 = 0.9;
 /// Longest delay tried, as a share of the period, and how many are tried.
 const LONGEST_DELAY: f64 = 0.25;
 const DELAYS: usize = 10;
-/// Values of S tried up to OP's range.
+/// Values of S tried up to OP's range, and beside the best of them (steps).
 const BANDS: usize = 12;
+const BESIDE: [f64; 6] = [-0.75, -0.5, -0.25, 0.25, 0.5, 0.75];
+/// Values of J tried, as shares of S.
+const JUMPS: [f64; 3] = [0.0, 0.5, 1.0];
 
 /// The answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,7 +61,10 @@ impl Integration {
         match self.lag {
             None => "it is not known whether the process integrates".into(),
             Some(_) if self.fit < LEAST_FIT => {
-                format!("OP explains {:.0} % of PV's changes: whether the process integrates is not known", 100.0 * self.fit)
+                format!(
+                    "OP explains {:.0} % of PV's changes: whether the process integrates is not known",
+                    100.0 * self.fit
+                )
             }
             Some(lag) if lag < LEAST_LAG => {
                 "PV does not answer OP as a process would: whether it integrates is not known".into()
@@ -66,6 +72,23 @@ impl Integration {
             Some(lag) => format!("whether the process integrates is not clear: 1/(w tau) is {lag:.2}"),
         }
     }
+}
+
+/// What a loop's name tells, by the first letter of its instrument (ISA-5.1): levels integrate, flows do not; pressures,
+/// temperatures and analyses may do either.
+///
+/// `name`: as plants write it, with the area before it and anything behind (`2111LIC31102B`, `FIC-101`, `10.FC.7`).
+pub fn told_by_name(name: &str) -> Option<bool> {
+    let words = name.split(|c: char| !c.is_ascii_alphabetic()).filter(|word| !word.is_empty());
+    words.into_iter().find_map(|word| {
+        let word = word.to_ascii_uppercase();
+        let controls = word.len() > 1 && word.len() < 5 && word[1..].contains('C');
+        match word.as_bytes()[0] {
+            b'L' if controls => Some(true),
+            b'F' if controls => Some(false),
+            _ => None,
+        }
+    })
 }
 
 /// Decides; `known` where somebody knows.
@@ -91,24 +114,44 @@ pub(super) fn integration(facts: &Facts<'_>, known: Option<bool>) -> Integration
 /// `1/(w tau)` and the share explained by the best of the valves and delays tried.
 fn measure(facts: &Facts<'_>, period: f64) -> Option<(f64, f64)> {
     let equation = Equation::new(&facts.y, period)?;
-    let mut stems = Vec::new();
-    match &facts.stem {
-        Some(stem) => stems.push(stem.clone()),
-        None => {
-            stems.push(facts.u.clone());
-            let range = facts.op_range();
-            for i in 1..=BANDS {
-                let s = range * i as f64 / (BANDS + 1) as f64;
-                for j in [0.0, s] {
-                    let (mut x, mut dir) = (Vec::new(), Vec::new());
-                    ValveModel { s, j, ..ValveModel::default() }.run(&facts.u, facts.start, facts.len(), &mut x, &mut dir);
-                    stems.push(x);
-                }
+    let (rate, left) = match &facts.stem {
+        Some(stem) => equation.best(stem)?,
+        None => best_valve(facts, &equation)?,
+    };
+    Some((rate * period / std::f64::consts::TAU, 1.0 - left))
+}
+
+/// The best valve of a grid of S, and of a finer one beside it.
+fn best_valve(facts: &Facts<'_>, equation: &Equation) -> Option<(f64, f64)> {
+    let step = facts.op_range() / (BANDS + 1) as f64;
+    let (mut x, mut dir) = (Vec::new(), Vec::new());
+    let mut best = equation.best(&facts.u).map(|found| (found, 0.0));
+    let mut offer = |s: f64, best: &mut Option<((f64, f64), f64)>| {
+        for j in JUMPS.map(|share| share * s) {
+            ValveModel { s, j, ..ValveModel::default() }.run(
+                &facts.u,
+                facts.start,
+                facts.len(),
+                &mut x,
+                &mut dir,
+            );
+            if let Some(found) = equation.best(&x)
+                && best.is_none_or(|best| found.1 < best.0.1)
+            {
+                *best = Some((found, s));
             }
         }
+    };
+    for i in 1..=BANDS {
+        offer(step * i as f64, &mut best);
     }
-    let best = stems.iter().filter_map(|x| equation.best(x)).min_by(|a, b| a.1.total_cmp(&b.1))?;
-    Some((best.0 * period / std::f64::consts::TAU, 1.0 - best.1))
+    let centre = best?.1;
+    for part in BESIDE {
+        if centre + part * step > 0.0 {
+            offer(centre + part * step, &mut best);
+        }
+    }
+    best.map(|(found, _)| found)
 }
 
 /// The integral equation of one PV.
@@ -173,4 +216,27 @@ fn running(v: &[f64]) -> Vec<f64> {
         sum
     }));
     sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::told_by_name;
+
+    #[test]
+    fn names_tell_levels_and_flows() {
+        for (name, told) in [
+            ("2111LIC31102B", Some(true)),
+            ("FIC-101", Some(false)),
+            ("10.FC.7", Some(false)),
+            ("RHT.7050-342_FIC11502", Some(false)),
+            ("PIC10201", None),
+            ("TC1", None),
+            ("LT-5", None),
+            ("flow", None),
+            ("", None),
+            ("é§", None),
+        ] {
+            assert_eq!(told_by_name(name), told, "{name}");
+        }
+    }
 }

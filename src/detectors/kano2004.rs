@@ -26,10 +26,10 @@
 use super::{Band, Facts, Integrates, Method, Opinion};
 use crate::sysid::stats::{mean, range, sd};
 
-/// Thresholds of A's index, calibrated (-).
-pub const BAND_A: Band = Band { sound: 0.2, sticks: 0.3 };
-/// Thresholds of B's index, calibrated (-).
-pub const BAND_B: Band = Band { sound: 0.2, sticks: 0.5 };
+/// Threshold of A's index, calibrated (-): more than a tenth of the valves that stick have an index of 0.
+pub const BAND_A: Band = Band::above(0.19);
+/// Threshold of B's index, calibrated (-): likewise.
+pub const BAND_B: Band = Band::above(0.71);
 /// Changes are taken over the period divided by this.
 const PARTS: f64 = 30.0;
 /// `E_y` as a share of the mean change, and `E_u` as a share of OP's range.
@@ -79,7 +79,8 @@ pub fn opinion_a(facts: &Facts<'_>) -> Opinion {
     let step = ((period / PARTS).round() as usize).max(1);
     let (index, s) = still(&facts.u, stem, step);
     let why = format!("{name} stands still and OP moves for {:.0} % of the time", 100.0 * index);
-    Opinion::of(ME, index, BAND_A, why).with(s * facts.unit, "mean movement of OP while the stem stands still")
+    Opinion::of(ME, index, BAND_A, why)
+        .with(s * facts.unit, "mean movement of OP while the stem stands still")
 }
 
 /// B's index and xi_max; none where nothing correlates.
@@ -127,6 +128,7 @@ pub fn opinion_b(facts: &Facts<'_>) -> Opinion {
     let Some((index, s)) = parallelogram(&facts.u, stem) else {
         return Opinion::cannot_tell(ME, "OP and PV do not correlate");
     };
-    let why = format!("a parallelogram explains {:.0} % of what a line of OP and {name} leaves", 100.0 * index);
+    let why =
+        format!("a parallelogram explains {:.0} % of what a line of OP and {name} leaves", 100.0 * index);
     Opinion::of(ME, index, BAND_B, why).with(s * facts.unit, "dead band plus stick band S")
 }

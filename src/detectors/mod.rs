@@ -16,6 +16,7 @@ pub mod integration;
 pub mod kano2004;
 pub mod lee2008;
 mod opinion;
+pub mod oscillation;
 pub mod rossi_scali2005;
 pub mod srinivasan2005;
 pub mod stem_loop;

@@ -90,7 +90,7 @@ impl Says {
 /// The thresholds of an index that is larger the more a valve sticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Band {
-    /// Largest index of a sound valve.
+    /// Largest index of a sound valve; minus infinity where no index clears a valve.
     pub sound: f64,
     /// Least index of one that sticks.
     pub sticks: f64,
@@ -100,6 +100,11 @@ impl Band {
     /// One threshold, which leaves no doubt.
     pub const fn at(threshold: f64) -> Self {
         Self { sound: threshold, sticks: threshold }
+    }
+
+    /// A threshold for valves that stick, of an index that clears none.
+    pub const fn above(sticks: f64) -> Self {
+        Self { sound: f64::NEG_INFINITY, sticks }
     }
 
     /// What an index says.

@@ -19,8 +19,8 @@ use crate::sysid::stats::range;
 use crate::sysid::valve::{StopRule, ValveModel};
 
 const ME: Method = Method::StemLoop;
-/// Thresholds of the index, calibrated (-).
-pub const BAND: Band = Band { sound: 0.2, sticks: 0.5 };
+/// Thresholds of the index, calibrated (-): 95 % of the sound valves lie below 0.01, 95 % of the sticking above 0.5.
+pub const BAND: Band = Band { sound: 0.1, sticks: 0.3 };
 /// Longest delay of the stem (samples).
 const DELAYS: usize = 3;
 /// Values of S up to OP's range, and of J up to S.
@@ -100,6 +100,9 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
     let Some(stem) = &facts.stem else { return Opinion::cannot_tell(ME, "no stem that moves is measured") };
     let found = fit(facts, stem);
     let (s, j) = (found.s * facts.unit, found.j * facts.unit);
-    let why = format!("S {s:.3}, J {j:.3} explain {:.0} % of what a line of OP and stem leaves", 100.0 * found.index);
+    let why = format!(
+        "S {s:.3}, J {j:.3} explain {:.0} % of what a line of OP and stem leaves",
+        100.0 * found.index
+    );
     Opinion::of(ME, found.index, BAND, why).with(s, "dead band plus stick band S")
 }

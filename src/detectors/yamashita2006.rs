@@ -17,7 +17,8 @@
 //! flow loops. Chosen here: changes are taken over a thirtieth of a period, and a change is steady up to 0.43 standard
 //! deviations, which makes the three symbols of Gaussian changes equally frequent.
 //! Limits: a slow process moves PV while the stem stands still, so that sticking valves are missed; noise makes symbols
-//! random and draws rho_3 below 0.25.
+//! random and draws rho_3 below 0.25; where PV is a sample late the slip coincides with the turn of OP (DI), which rho_3 takes
+//! for impossible.
 
 use super::{Band, Facts, Integrates, Method, Opinion};
 use crate::sysid::stats::{mean, sd};
@@ -88,13 +89,17 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
     let (name, stem) = match (&facts.stem, facts.integration.answer) {
         (Some(stem), _) => ("the measured stem", stem),
         (None, Integrates::No) => ("PV", &facts.y),
-        (None, Integrates::Yes) => return Opinion::cannot_tell(ME, "the process integrates: PV does not stand for the stem"),
+        (None, Integrates::Yes) => {
+            return Opinion::cannot_tell(ME, "the process integrates: PV does not stand for the stem");
+        }
         (None, Integrates::Unknown) => return Opinion::cannot_tell(ME, facts.integration.why()),
     };
     let step = ((period / PARTS).round() as usize).max(1);
     match shares(&symbols(&facts.u, step), &symbols(stem, step)) {
         Some(Shares { rho_1, rho_2, rho_3 }) => {
-            let why = format!("OP moves and {name} is steady: rho_1 {rho_1:.2}, rho_2 {rho_2:.2}, rho_3 {rho_3:.2}");
+            let why = format!(
+                "OP moves and {name} is steady: rho_1 {rho_1:.2}, rho_2 {rho_2:.2}, rho_3 {rho_3:.2}"
+            );
             Opinion::of(ME, rho_3, BAND, why)
         }
         None => Opinion::cannot_tell(ME, "nothing moves"),

@@ -2,7 +2,7 @@
 //!
 //! The indices are those of methods that are told whether the process integrates: otherwise few sound loops would be left.
 //! An index sticks above the value that 5 % of the sound loops pass, and is sound up to the value that 10 % of the sticking
-//! ones do not reach, or up to the first where that is lower.
+//! ones do not reach, or up to the first where that is lower; where more than 10 % of the sticking ones have an index of 0, nothing is cleared.
 
 use super::judged::Judged;
 use super::simulated::{CALIBRATION, random};
@@ -24,7 +24,9 @@ const CALIBRATED: [Method; 6] = [
 pub fn print(loops: u64, threads: usize) {
     let judged = random(CALIBRATION, loops, threads);
     println!("\n### Calibration on {} loops from seed {CALIBRATION}\n", judged.len());
-    println!("| method | sound: n, 50 %, 90 %, 95 % | sticks: n, 5 %, 10 %, 50 % | sound up to | sticks above |");
+    println!(
+        "| method | sound: n, 50 %, 90 %, 95 % | sticks: n, at 0, 5 %, 10 %, 50 % | sound up to | sticks above |"
+    );
     println!("|---|---|---|---|---|");
     for method in Method::ALL {
         let of = |sticky: bool| -> Vec<f64> {
@@ -39,8 +41,9 @@ pub fn print(loops: u64, threads: usize) {
         } else {
             "the author's | the author's".into()
         };
+        let zero = sticky.iter().filter(|index| **index <= 0.0).count();
         println!(
-            "| {} | {}: {:.3}, {:.3}, {:.3} | {}: {:.3}, {:.3}, {:.3} | {note} |",
+            "| {} | {}: {:.3}, {:.3}, {:.3} | {}, {zero}: {:.3}, {:.3}, {:.3} | {note} |",
             method.as_str(),
             sound.len(),
             at(&sound, 0.5),
@@ -83,8 +86,9 @@ fn doubts(judged: &[Judged]) {
     for least in 2..=7 {
         for share in [0.5, 0.6, 0.7, 0.75, 0.8, 0.9, 1.0] {
             let doubt = |of: &Judged| {
-                let told =
-                    || of.opinions.iter().filter(|o| o.method != Method::StemLoop && o.says != Says::CannotTell);
+                let told = || {
+                    of.opinions.iter().filter(|o| o.method != Method::StemLoop && o.says != Says::CannotTell)
+                };
                 let against = told().filter(|o| o.says != of.program).count();
                 of.regular && against >= least && against as f64 >= share * told().count() as f64
             };

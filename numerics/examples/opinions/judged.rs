@@ -90,7 +90,7 @@ fn by_methods(judged: &mut Judged, window: &Window) {
     }
     judged.integration = Some(facts.integration);
     judged.regular = facts.oscillates().is_ok();
-    judged.period_s = facts.oscillation.map(|found| found.period);
+    judged.period_s = facts.oscillation.map(|found| found.period * window.ts);
     judged.lee = lee2008::estimate(&facts);
     for (method, ms) in Method::ALL.into_iter().zip(&mut judged.ms) {
         let start = cpu();

@@ -12,7 +12,8 @@ pub fn print(folder: &str, each: bool, threads: usize) {
     let index = std::fs::read_to_string(folder.join("index.csv")).expect("DIR/index.csv");
     let mut lines = index.lines();
     let head: Vec<&str> = lines.next().expect("a header").split(',').collect();
-    let column = |name: &str| head.iter().position(|h| *h == name).expect("index.csv: set, loop, file, label");
+    let column =
+        |name: &str| head.iter().position(|h| *h == name).expect("index.csv: set, loop, file, label");
     let (set, name, file) = (column("set"), column("loop"), column("file"));
     let (kind, label) = (column("type"), column("label"));
     let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();

@@ -50,13 +50,18 @@ pub fn wilson(hits: usize, of: usize) -> String {
 pub fn quantile(values: &[f64], share: f64) -> f64 {
     let mut values = values.to_vec();
     values.sort_by(f64::total_cmp);
-    values.get(((values.len().saturating_sub(1)) as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
+    values
+        .get(((values.len().saturating_sub(1)) as f64 * share).round() as usize)
+        .copied()
+        .unwrap_or(f64::NAN)
 }
 
 /// One row per method and one for the program; `told` whether the process integrates, or not.
 pub fn methods(all: &[&Judged], told: bool) {
     let opinions = |of: &Judged| if told { of.told.clone() } else { of.opinions.clone() };
-    println!("| method | sticks: found | missed | cannot tell | sound: cleared | false alarm | cannot tell | right where told | ms, median (largest) |");
+    println!(
+        "| method | sticks: found | missed | cannot tell | sound: cleared | false alarm | cannot tell | right where told | ms, median (largest) |"
+    );
     println!("|---|---|---|---|---|---|---|---|---|");
     let print = |name: &str, says: &dyn Fn(&Judged) -> Says, ms: &dyn Fn(&Judged) -> f64| {
         let mut count = Count::default();
@@ -79,7 +84,9 @@ pub fn methods(all: &[&Judged], told: bool) {
     for (i, method) in Method::ALL.into_iter().enumerate() {
         print(method.as_str(), &|of| opinions(of)[i].says, &|of| of.ms[i]);
     }
-    print("most of those that tell", &|of| majority(&opinions(of), of.regular), &|of| of.shared_ms + of.ms[1..].iter().sum::<f64>());
+    print("most of those that tell", &|of| majority(&opinions(of), of.regular), &|of| {
+        of.shared_ms + of.ms[1..].iter().sum::<f64>()
+    });
     print("**the program**", &|of| of.program, &|of| of.program_ms);
 }
 
@@ -152,7 +159,9 @@ pub fn scenarios(all: &[&Judged]) {
 
 /// Estimates of S beside the true one.
 pub fn friction(all: &[&Judged]) {
-    println!("\nEstimates of S over the true S, of loops that stick: median (10 % to 90 %), and how many were said to stick.\n");
+    println!(
+        "\nEstimates of S over the true S, of loops that stick: median (10 % to 90 %), and how many were said to stick.\n"
+    );
     println!("| estimate | all | where it says that the valve sticks |");
     println!("|---|---|---|");
     let row = |name: &str, of: &dyn Fn(&Judged) -> Option<(f64, bool)>| {
@@ -170,10 +179,18 @@ pub fn friction(all: &[&Judged]) {
         let told = ratios.iter().filter(|(_, sticks)| *sticks).map(|(ratio, _)| *ratio).collect();
         println!("| {name} | {} | {} |", text(ratios.iter().map(|(ratio, _)| *ratio).collect()), text(told));
     };
-    let says = |of: &Judged, method: Method| of.opinions.iter().any(|o| o.method == method && o.says == Says::Sticks);
+    let says = |of: &Judged, method: Method| {
+        of.opinions.iter().any(|o| o.method == method && o.says == Says::Sticks)
+    };
     row("2 f (the program)", &|of| Some((2.0 * of.f?, of.program == Says::Sticks)));
     row("fS' + fD' (lee_2008)", &|of| of.lee.map(|l| (l.fs + l.fd, says(of, Method::Lee2008))));
-    for method in [Method::StemLoop, Method::Kano2004A, Method::Kano2004B, Method::Choudhury2006, Method::Srinivasan2005D] {
+    for method in [
+        Method::StemLoop,
+        Method::Kano2004A,
+        Method::Kano2004B,
+        Method::Choudhury2006,
+        Method::Srinivasan2005D,
+    ] {
         row(method.as_str(), &|of| {
             let opinion = of.opinions.iter().find(|o| o.method == method)?;
             Some((opinion.quantity?.value, opinion.says == Says::Sticks))
@@ -207,18 +224,20 @@ pub fn integration(all: &[&Judged]) {
     }
 }
 
-/// How often a verdict is doubted, and how often rightly.
+/// How many right verdicts on loops with a regular cycle are doubted, and how many wrong ones.
 pub fn agreement_of(all: &[&Judged], doubt: &dyn Fn(&Judged) -> bool) -> [(usize, usize); 2] {
     [true, false].map(|right| {
         let of: Vec<&&Judged> =
-            all.iter().filter(|of| verdict(of).is_some_and(|says| (says == of.sticky) == right)).collect();
+            all.iter().filter(|of| of.regular && verdict(of) == Some(of.sticky == right)).collect();
         (of.iter().filter(|of| doubt(of)).count(), of.len())
     })
 }
 
 /// How often a verdict is doubted.
 pub fn agreement(all: &[&Judged]) {
-    println!("\nVerdicts that the methods make doubtful, without the measured stem:\n");
+    println!(
+        "\nVerdicts on loops with a regular cycle that the methods make doubtful, the measured stem not asked:\n"
+    );
     println!("| the verdict is | doubtful |");
     println!("|---|---|");
     let [right, wrong] = agreement_of(all, &|of| {
@@ -231,7 +250,14 @@ pub fn agreement(all: &[&Judged]) {
 
 /// Everything said of one record.
 pub fn one(of: &Judged) {
-    println!("\n{} ({}), program {} f {:?}, integration {:?}", of.name, of.sticky, of.program.as_str(), of.f, of.integration);
+    println!(
+        "\n{} ({}), program {} f {:?}, integration {:?}",
+        of.name,
+        of.sticky,
+        of.program.as_str(),
+        of.f,
+        of.integration
+    );
     for o in &of.opinions {
         println!("  {:22} {:11} {}", o.method.as_str(), o.says.as_str(), o.why);
     }
