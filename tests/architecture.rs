@@ -140,7 +140,8 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
 ];
 
 /// No clock, file, socket, task, log or unseeded number: the same input gives the same answer.
-const PURE: &[&str] = &["signal", "sysid", "diagnosis", "detectors", "residual", "sim", "compensation", "alarm"];
+const PURE: &[&str] =
+    &["signal", "sysid", "diagnosis", "detectors", "residual", "sim", "compensation", "alarm"];
 /// What PURE modules may use from outside.
 const NUMERICS: &[&str] =
     &["multiversion", "nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];

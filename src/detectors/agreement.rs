@@ -22,8 +22,8 @@ pub struct Agreement {
 
 /// Counts the opinions, and holds them against a verdict on a loop whose cycle is regular or not.
 ///
-/// The two numbers are the least demanding that doubt at most 1 % of the right verdicts on simulated loops with a regular
-/// cycle (`numerics/examples/opinions -- --calibrate`): a doubt that is raised without need costs a day.
+/// The two numbers keep the doubted among the right verdicts below 1 % on simulated loops with a regular cycle
+/// (`numerics/examples/opinions -- --calibrate`): a doubt that is raised without need costs a day.
 /// The measured stem is not counted: it is no guess. Where it contradicts the verdict, that is enough. Otherwise most of those
 /// that could tell have to, and several of them: the methods share their blind spots, so that two of them agree by chance.
 /// Without a regular cycle there is no doubt, since most of the methods were made for one.

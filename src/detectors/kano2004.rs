@@ -27,7 +27,7 @@ use super::{Band, Facts, Integrates, Method, Opinion};
 use crate::sysid::stats::{mean, range, sd};
 
 /// Threshold of A's index, calibrated (-): more than a tenth of the valves that stick have an index of 0.
-pub const BAND_A: Band = Band::above(0.19);
+pub const BAND_A: Band = Band::above(0.16);
 /// Threshold of B's index, calibrated (-): likewise.
 pub const BAND_B: Band = Band::above(0.71);
 /// Changes are taken over the period divided by this.

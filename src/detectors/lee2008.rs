@@ -22,7 +22,7 @@ use crate::sysid::valve::{Start, StopRule, ValveModel};
 
 const ME: Method = Method::Lee2008;
 /// Thresholds of the index (-): 0 is the authors' sound valve, fS = 0; the other is calibrated.
-pub const BAND: Band = Band { sound: 0.0, sticks: 0.3 };
+pub const BAND: Band = Band { sound: 0.0, sticks: 0.23 };
 /// Longest delay (samples).
 const DELAYS: usize = 10;
 /// Values of S up to OP's range, and of J up to S. A slip that is a sample early in every cycle costs as much as no friction at

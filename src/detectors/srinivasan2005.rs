@@ -24,9 +24,9 @@ use crate::diagnosis::{Settings, verdict};
 use crate::sysid::stats::{mean, sd};
 
 /// Thresholds of the share of periods, calibrated (-).
-pub const BY_SHAPE: Band = Band { sound: 0.04, sticks: 0.83 };
+pub const BY_SHAPE: Band = Band { sound: 0.09, sticks: 0.83 };
 /// Thresholds of d as a share of OP's range (-): 0 is the authors' sound valve, the other is calibrated.
-pub const BY_D: Band = Band { sound: 0.0, sticks: 0.55 };
+pub const BY_D: Band = Band { sound: 0.0, sticks: 0.58 };
 /// Points of a period, and how far they may be warped.
 const POINTS: usize = 40;
 const WARP: usize = 2;
