@@ -7,6 +7,7 @@ pub mod signal;
 
 pub mod sysid;
 
+pub mod detectors;
 pub mod diagnosis;
 pub mod residual;
 pub mod sim;

@@ -20,6 +20,7 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("sysid", &["signal"]),
     ("diagnosis", &["signal", "sysid"]),
     ("sim", &["signal"]),
+    ("detectors", &["signal", "sysid", "diagnosis"]),
     ("residual", &["signal", "sysid", "diagnosis"]),
     ("compensation", &["signal"]),
     ("plot", &[]),
@@ -144,7 +145,8 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
 ];
 
 /// No clock, file, socket, task, log or unseeded number: the same input gives the same answer.
-const PURE: &[&str] = &["signal", "sysid", "diagnosis", "residual", "sim", "compensation", "alarm"];
+const PURE: &[&str] =
+    &["signal", "sysid", "diagnosis", "detectors", "residual", "sim", "compensation", "alarm"];
 /// What PURE modules may use from outside.
 const NUMERICS: &[&str] =
     &["multiversion", "nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];

@@ -18,6 +18,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/alarms.md",
     "docs/api.md",
     "docs/backfill.md",
+    "docs/benchmark.md",
     "docs/commissioning.md",
     "docs/configuration.md",
     "docs/closing-the-loop.md",

@@ -204,8 +204,8 @@ fn unanswered(p: &Problem, region: &Region) -> Option<NotIdentifiable> {
     (gain <= 0.0).then_some(NotIdentifiable::NoResponse)
 }
 
-/// Srinivasan's d: the least long-ARX loss over a grid.
-fn best_d(p: &Problem) -> f64 {
+/// Srinivasan's d, in the unit of the problem: the least long-ARX loss over a grid.
+pub fn best_d(p: &Problem) -> f64 {
     let mut screen = Screen::new(&p.y, p.counted(), p.max_delay);
     let (mut x, dir) = (vec![0.0; p.u.len()], vec![1.0; p.u.len()]);
     let mut best = (f64::INFINITY, 0.0);

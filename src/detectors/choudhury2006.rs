@@ -1,0 +1,186 @@
+//! Choudhury, Shah, Thornhill & Shook 2006: a test for nonlinearity by the bicoherence, and the width of the plot of PV
+//! against OP as apparent stiction.
+//!
+//! ```text
+//! bic²(f1, f2) = |Σ X(f1) X(f2) X*(f1+f2)|² / (Σ|X(f1) X(f2)|² Σ|X(f1+f2)|²)     sums over K segments
+//! NGI = mean bic² - bic²_crit          bic²_crit = (1.645 + sqrt(4 L - 1))² / (4 K L)
+//! NLI = max bic² - (mean bic² + 2 sd bic²)
+//! S_c: distance along OP of the two branches near the mean of PV (2-means)
+//! S_e = 2 sqrt 2 sd(u) sqrt(1 - r²)    width along OP of the ellipse of the same moments, r: correlation of u and y
+//! ```
+//!
+//! X: transform of a Hann-windowed segment of the control error, half overlapping; L: pairs of frequencies. NGI, NLI (-); u: OP, y: PV, both filtered to the band of the largest bicoherence; S_c, S_e
+//! (OP unit). A loop with NGI > 0.001 and NLI > 0.01 is nonlinear; the authors then look at the plot, and a width is stiction.
+//!
+//! Source: Automatic detection and quantification of stiction in control valves, Control Eng. Practice 2006, 14, 1395
+//! (thresholds); indices: Choudhury, Shah & Thornhill, Automatica 2004, 40, 1719.
+//! The ellipse of equal moments replaces their fit, which gives the same on an ellipse. Chosen here: segments of four
+//! periods or a sixth of the record, whichever is shorter.
+//! Limits: a window of 1,000 samples is a quarter of what they ask for, and has so few segments that NLI is above its threshold
+//! for Gaussian noise too: NGI alone decides, and is the index. Bicoherence sees quadratic coupling: a symmetric cycle
+//! has odd harmonics alone and little of it. Any other nonlinearity is called stiction, saturation and square loads among it.
+//! The apparent stiction is not S: it grows with the process's lag.
+
+use super::{Band, Facts, Method, Opinion, Says};
+use crate::sysid::stats::{mean, range, sd};
+use realfft::RealFftPlanner;
+
+const ME: Method = Method::Choudhury2006;
+/// The authors' threshold of NGI, the index (-).
+pub const BY_NGI: Band = Band::at(0.001);
+/// The authors' threshold of NLI (-).
+pub const LEAST_NLI: f64 = 0.01;
+/// Normal quantile of the test for NGI.
+const QUANTILE: f64 = 1.645;
+/// Fewest samples of a segment, periods in one, and fewest segments without overlap.
+const LEAST_SEGMENT: usize = 32;
+const PERIODS: f64 = 4.0;
+const SEGMENTS: usize = 6;
+/// Half the width of the filter around the frequencies of the largest bicoherence (1/samples).
+const HALF_WIDTH: f64 = 0.05;
+/// Half the width of the strip around the mean of PV, as a share of its range.
+const STRIP: f64 = 0.1;
+
+/// The bicoherence in short.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Indices {
+    /// Non-Gaussianity index (-).
+    pub ngi: f64,
+    /// Nonlinearity index (-).
+    pub nli: f64,
+    /// Largest squared bicoherence (-).
+    pub largest: f64,
+    /// The pair of frequencies where it is (1/samples).
+    pub at: (f64, f64),
+}
+
+/// The indices of a signal from segments of so many samples; none for fewer than two segments.
+pub fn indices(v: &[f64], segment: usize) -> Option<Indices> {
+    let half = segment / 2;
+    if segment < 8 || v.len() < segment + half {
+        return None;
+    }
+    let forward = RealFftPlanner::<f64>::new().plan_fft_forward(segment);
+    let hann: Vec<f64> = (0..segment)
+        .map(|k| 0.5 - 0.5 * (std::f64::consts::TAU * (k as f64 + 0.5) / segment as f64).cos())
+        .collect();
+    let mut spectra = Vec::new();
+    for part in v.windows(segment).step_by(half.max(1)) {
+        let m = mean(part);
+        let mut x: Vec<f64> = part.iter().zip(&hann).map(|(x, h)| (x - m) * h).collect();
+        let mut bins = forward.make_output_vec();
+        forward.process(&mut x, &mut bins).ok()?;
+        spectra.push(bins);
+    }
+    // (numerator, denominator, f1, f2) over the principal domain, without the mean.
+    let mut pairs = Vec::new();
+    for f1 in 1..=segment / 4 {
+        for f2 in f1..=(segment / 2 - f1) {
+            let mut sum = realfft::num_complex::Complex::new(0.0, 0.0);
+            let (mut both, mut third) = (0.0, 0.0);
+            for x in &spectra {
+                let product = x[f1] * x[f2];
+                sum += product * x[f1 + f2].conj();
+                both += product.norm_sqr();
+                third += x[f1 + f2].norm_sqr();
+            }
+            pairs.push((sum.norm_sqr(), both * third, f1, f2));
+        }
+    }
+    let bic: Vec<f64> =
+        pairs.iter().map(|(product, both, ..)| if *both > 0.0 { product / both } else { 0.0 }).collect();
+    let (at, largest) = bic.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let (k, l, mean) = (spectra.len() as f64, bic.len() as f64, mean(&bic));
+    let critical = (QUANTILE + (4.0 * l - 1.0).sqrt()).powi(2) / (4.0 * k * l);
+    let frequency = |bin: usize| bin as f64 / segment as f64;
+    largest.is_finite().then(|| Indices {
+        ngi: mean - critical,
+        nli: largest - (mean + 2.0 * sd(&bic)),
+        largest,
+        at: (frequency(pairs[at].2), frequency(pairs[at].3)),
+    })
+}
+
+/// The width along `u` of the ellipse with the moments of `u` and `y`, in u's unit.
+pub fn ellipse(u: &[f64], y: &[f64]) -> f64 {
+    let (mu, my, su, sy) = (mean(u), mean(y), sd(u), sd(y));
+    let covariance = u.iter().zip(y).map(|(u, y)| (u - mu) * (y - my)).sum::<f64>() / u.len().max(1) as f64;
+    let r = covariance / (su * sy);
+    (8.0 * (1.0 - r * r).max(0.0)).sqrt() * su
+}
+
+/// The distance along `u` of the two branches where `y` is near its mean, in u's unit; none with too few samples there.
+pub fn branches(u: &[f64], y: &[f64]) -> Option<f64> {
+    let (low, high) = range(y);
+    let (middle, reach) = (mean(y), STRIP * (high - low));
+    let near: Vec<f64> =
+        u.iter().zip(y).filter(|(_, y)| (*y - middle).abs() <= reach).map(|(u, _)| *u).collect();
+    if near.len() < 8 {
+        return None;
+    }
+    let (mut a, mut b) = range(&near);
+    for _ in 0..20 {
+        let (left, right): (Vec<f64>, Vec<f64>) = near.iter().partition(|u| (*u - a).abs() <= (*u - b).abs());
+        if left.is_empty() || right.is_empty() {
+            break;
+        }
+        (a, b) = (mean(&left), mean(&right));
+    }
+    Some(b - a)
+}
+
+/// What is left of `v` between two frequencies (1/samples).
+fn band(v: &[f64], low: f64, high: f64) -> Option<Vec<f64>> {
+    let n = v.len();
+    let mut planner = RealFftPlanner::<f64>::new();
+    let (forward, back) = (planner.plan_fft_forward(n), planner.plan_fft_inverse(n));
+    let mut bins = forward.make_output_vec();
+    forward.process(&mut v.to_vec(), &mut bins).ok()?;
+    for (i, bin) in bins.iter_mut().enumerate() {
+        let frequency = i as f64 / n as f64;
+        if frequency < low || frequency > high {
+            *bin = Default::default();
+        }
+    }
+    let mut out = back.make_output_vec();
+    back.process(&mut bins, &mut out).ok()?;
+    Some(out.into_iter().map(|x| x / n as f64).collect())
+}
+
+/// What the method says.
+pub fn opinion(facts: &Facts<'_>) -> Opinion {
+    let period = match facts.oscillates() {
+        Ok(period) => period,
+        Err(why) => return Opinion::cannot_tell(ME, why),
+    };
+    let error: Vec<f64> = match &facts.window.sp {
+        Some(sp) if sp.iter().all(|sp| sp.is_finite()) => {
+            sp.iter().zip(&facts.window.pv).map(|(sp, pv)| sp - pv).collect()
+        }
+        _ => facts.y.clone(),
+    };
+    let segment = (PERIODS * period).min((facts.len() / SEGMENTS) as f64) as usize & !1;
+    if segment < LEAST_SEGMENT || (segment as f64) < period {
+        return Opinion::cannot_tell(ME, format!("fewer than {SEGMENTS} segments of a period"));
+    }
+    let Some(found) = indices(&error, segment) else {
+        return Opinion::cannot_tell(ME, "no bicoherence can be estimated");
+    };
+    let Indices { ngi, nli, at, .. } = found;
+    let why = format!("NGI {ngi:.3}, NLI {nli:.3}");
+    let opinion = Opinion::of(ME, ngi, BY_NGI, format!("{why}: Gaussian, so linear"));
+    if opinion.says != Says::Sticks {
+        return opinion;
+    }
+    if nli <= LEAST_NLI {
+        return Opinion { says: Says::Sound, why: format!("{why}: not Gaussian, but linear"), ..opinion };
+    }
+    let (low, high) = ((at.0.min(at.1) - HALF_WIDTH).max(0.004), (at.0.max(at.1) + HALF_WIDTH).min(0.5));
+    let filtered = band(&facts.u, low, high).zip(band(&facts.y, low, high));
+    let Some((width, ellipse)) = filtered.and_then(|(u, y)| Some((branches(&u, &y)?, ellipse(&u, &y))))
+    else {
+        return opinion.but_cannot_tell(format!("{why}: nonlinear, but PV and OP make no plot"));
+    };
+    let why = format!("{why}: nonlinear, apparent stiction {:.3} by the ellipse", ellipse * facts.unit);
+    Opinion { why, ..opinion }.with(width * facts.unit, "apparent stiction, by two branches")
+}

@@ -1,0 +1,150 @@
+//! What every method needs to know of a window, decided once.
+
+use super::half_cycles::Cycles;
+use super::integration::{Integration, integration};
+use super::oscillation::{Cycle, REGULAR, cycle};
+use crate::diagnosis::region::{self, Region};
+use crate::signal::Window;
+use crate::sysid::stats::{mean, sd};
+use crate::sysid::valve::Start;
+
+/// Fewest samples of a window.
+const LEAST_SAMPLES: usize = 100;
+/// Most samples; of a longer window the most regular stretch is taken.
+const MOST_SAMPLES: usize = 4000;
+/// Shortest period whose shape can be told (samples).
+const SHORTEST_PERIOD: f64 = 10.0;
+
+/// A window, normalised, and what was decided about it.
+#[derive(Clone, Debug)]
+pub struct Facts<'a> {
+    /// The window.
+    pub window: std::borrow::Cow<'a, Window>,
+    /// OP less its mean, in its standard deviations.
+    pub u: Vec<f64>,
+    /// PV likewise.
+    pub y: Vec<f64>,
+    /// The measured stem likewise, where there is one that moves.
+    pub stem: Option<Vec<f64>>,
+    /// Standard deviation of OP (OP unit).
+    pub unit: f64,
+    /// The extrema and zero crossings of OP.
+    pub region: Region,
+    /// Where a stem is followed from.
+    pub start: Start,
+    /// The oscillation of OP, where there is one.
+    pub oscillation: Option<Cycle>,
+    /// Whether the process integrates.
+    pub integration: Integration,
+    /// Half cycles of OP; none where OP does not oscillate regularly.
+    pub op: Cycles,
+    /// Half cycles of PV; likewise.
+    pub pv: Cycles,
+}
+
+impl<'a> Facts<'a> {
+    /// Looks at a window; `integrates` where somebody knows it.
+    ///
+    /// # Errors
+    /// Why no method can say anything: too short, not finite, no movement, no time base.
+    pub fn new(window: &'a Window, integrates: Option<bool>) -> Result<Self, String> {
+        let window = usable(window)?;
+        let (u, unit) = normal(&window.op).ok_or("OP does not move")?;
+        let (y, _) = normal(&window.pv).ok_or("PV does not move")?;
+        let n = u.len();
+        let stem = window.mv.as_ref().filter(|mv| mv.len() == n).and_then(|mv| Some(normal(mv)?.0));
+        let region = region::analyse(&u);
+        let start = region::start_of(&region, &u, 0, n / 2)
+            .map_or_else(Start::default, |s| Start { index: s.index, is_max: s.is_max });
+        // Noise spoils the crossings of OP, few periods those of its autocovariance: the more regular are believed.
+        let by_op = region.oscillation(0, n, 1.0);
+        let by_op = by_op.map(|found| Cycle { period: found.period, regularity: found.regularity_r });
+        let by_covariance = region.typical_period().and_then(|typical| cycle(&u, typical));
+        let oscillation =
+            by_op.into_iter().chain(by_covariance).max_by(|a, b| a.regularity.total_cmp(&b.regularity));
+        let mut facts = Self {
+            window,
+            u,
+            y,
+            stem,
+            unit,
+            region,
+            start,
+            oscillation,
+            integration: Integration::default(),
+            op: Cycles::default(),
+            pv: Cycles::default(),
+        };
+        facts.integration = integration(&facts, integrates);
+        if let Ok(period) = facts.oscillates() {
+            (facts.op, facts.pv) = (Cycles::new(&facts.u, period), Cycles::new(&facts.y, period));
+        }
+        Ok(facts)
+    }
+
+    /// The period of a regular oscillation (samples).
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn oscillates(&self) -> Result<f64, String> {
+        let Some(found) = self.oscillation else { return Err("OP does not oscillate".into()) };
+        let Cycle { period, regularity } = found;
+        if regularity <= REGULAR {
+            return Err(format!("OP oscillates irregularly: r {regularity:.2}"));
+        }
+        if period < SHORTEST_PERIOD {
+            return Err(format!("a period is {period:.1} samples, too few to see a shape"));
+        }
+        Ok(period)
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.u.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.u.is_empty()
+    }
+
+    /// Range of OP, in its standard deviations.
+    pub fn op_range(&self) -> f64 {
+        let (low, high) = crate::sysid::stats::range(&self.u);
+        high - low
+    }
+}
+
+/// The window, or its most regular stretch.
+fn usable(window: &Window) -> Result<std::borrow::Cow<'_, Window>, String> {
+    use std::borrow::Cow::{Borrowed, Owned};
+    let n = window.op.len();
+    if n < LEAST_SAMPLES || window.pv.len() != n {
+        return Err(format!("{n} samples, {LEAST_SAMPLES} are needed"));
+    }
+    let finite = |v: &[f64]| v.iter().all(|x| x.is_finite());
+    if !(window.ts.is_finite() && window.ts > 0.0) {
+        return Err("no time base".into());
+    }
+    let measured = window.mv.as_deref().unwrap_or_default();
+    if !finite(&window.op) || !finite(&window.pv) || !finite(measured) {
+        return Err("values that are not finite".into());
+    }
+    let whole = |v: &Option<Vec<f64>>| v.as_ref().is_none_or(|v| v.len() == n);
+    if !whole(&window.sp) || !whole(&window.mv) || window.tags.iter().any(|(_, v)| v.len() != n) {
+        return Err("tags of unequal length".into());
+    }
+    if n <= MOST_SAMPLES {
+        return Ok(Borrowed(window));
+    }
+    let from = region::analyse(&window.op).most_regular(n, MOST_SAMPLES);
+    Ok(Owned(window.slice(from, from + MOST_SAMPLES)))
+}
+
+/// Zero mean and unit variance, and the standard deviation; none where there is none.
+fn normal(v: &[f64]) -> Option<(Vec<f64>, f64)> {
+    let (m, s) = (mean(v), sd(v));
+    // Movement that is only rounding is none.
+    let moves = s.is_finite() && s > 1e-12 * m.abs().max(f64::MIN_POSITIVE);
+    moves.then(|| (v.iter().map(|x| (x - m) / s).collect(), s))
+}

@@ -1,0 +1,242 @@
+//! Whether the process integrates, as seen at the frequency of the cycle.
+//!
+//! A first-order process integrated over a quarter of a period, so that noise averages out:
+//!
+//! ```text
+//! y(t) - y(t - L) = -(1/tau) ∫ y dt + (K/tau) ∫ x(t - d) dt + c        over t - L .. t
+//! lag = 1/(w tau)        w: angular frequency of the cycle (rad/sample)
+//! ```
+//!
+//! x: the measured stem, else OP through the valve, of a few, with which the equation fits best; d: delay (samples). With
+//! `lag` near 0 PV is the integral of the valve's steps, whatever the plant calls the process; with a large one it follows them.
+//! A negative lag is no process but the controller seen backwards: a load moves PV, and OP follows. Methods that need one kind
+//! or the other get the same answer. Source: integral equations, Whitfield & Messali, Int. J. Control 1987, 45, 1431. The
+//! thresholds are read off what `numerics/examples/opinions -- --calibrate` prints of simulated loops.
+
+use super::{Band, Facts};
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute, total};
+use crate::sysid::valve::ValveModel;
+
+/// `lag` up to which the process integrates, and from which it does not (-).
+pub const BAND: Band = Band { sound: 0.1, sticks: 0.45 };
+/// Least `lag` of a process (-): a little below 0, since an integrator is measured with an error.
+pub const LEAST_LAG: f64 = -0.1;
+/// Least share of the variance of y's changes that the equation has to explain (-).
+pub const LEAST_FIT: f64 = 0.9;
+/// Longest delay tried, as a share of the period, and how many are tried.
+const LONGEST_DELAY: f64 = 0.25;
+const DELAYS: usize = 10;
+/// Values of S tried up to OP's range, and beside the best of them (steps).
+const BANDS: usize = 12;
+const BESIDE: [f64; 6] = [-0.75, -0.5, -0.25, 0.25, 0.5, 0.75];
+/// Values of J tried, as shares of S.
+const JUMPS: [f64; 3] = [0.0, 0.5, 1.0];
+
+/// The answer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Integrates {
+    /// PV integrates the valve's movement.
+    Yes,
+    /// PV follows it.
+    No,
+    /// It lies between, or OP explains too little of PV.
+    #[default]
+    Unknown,
+}
+
+/// The answer and its evidence.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Integration {
+    /// The answer.
+    pub answer: Integrates,
+    /// `1/(w tau)` (-); none where it was said or cannot be measured.
+    pub lag: Option<f64>,
+    /// Share of the variance of y's changes that is explained (-).
+    pub fit: f64,
+}
+
+impl Integration {
+    /// Why it is not known, for a method that has to know.
+    pub fn why(&self) -> String {
+        match self.lag {
+            None => "it is not known whether the process integrates".into(),
+            Some(_) if self.fit < LEAST_FIT => {
+                format!(
+                    "OP explains {:.0} % of PV's changes: whether the process integrates is not known",
+                    100.0 * self.fit
+                )
+            }
+            Some(lag) if lag < LEAST_LAG => {
+                "PV does not answer OP as a process would: whether it integrates is not known".into()
+            }
+            Some(lag) => format!("whether the process integrates is not clear: 1/(w tau) is {lag:.2}"),
+        }
+    }
+}
+
+/// What a loop's name tells, by the first letter of its instrument (ISA-5.1): levels integrate, flows do not; pressures,
+/// temperatures and analyses may do either.
+///
+/// `name`: as plants write it, with the area before it and anything behind (`2111LIC31102B`, `FIC-101`, `10.FC.7`).
+pub fn told_by_name(name: &str) -> Option<bool> {
+    let words = name.split(|c: char| !c.is_ascii_alphabetic()).filter(|word| !word.is_empty());
+    words.into_iter().find_map(|word| {
+        let word = word.to_ascii_uppercase();
+        let controls = word.len() > 1 && word.len() < 5 && word[1..].contains('C');
+        match word.as_bytes()[0] {
+            b'L' if controls => Some(true),
+            b'F' if controls => Some(false),
+            _ => None,
+        }
+    })
+}
+
+/// Decides; `known` where somebody knows.
+pub(super) fn integration(facts: &Facts<'_>, known: Option<bool>) -> Integration {
+    if let Some(known) = known {
+        let answer = if known { Integrates::Yes } else { Integrates::No };
+        return Integration { answer, lag: None, fit: 1.0 };
+    }
+    let Ok(period) = facts.oscillates() else { return Integration::default() };
+    let Some((lag, fit)) = measure(facts, period) else { return Integration::default() };
+    let answer = if fit < LEAST_FIT || lag < LEAST_LAG {
+        Integrates::Unknown
+    } else if lag <= BAND.sound {
+        Integrates::Yes
+    } else if lag > BAND.sticks {
+        Integrates::No
+    } else {
+        Integrates::Unknown
+    };
+    Integration { answer, lag: Some(lag), fit }
+}
+
+/// `1/(w tau)` and the share explained by the best of the valves and delays tried.
+fn measure(facts: &Facts<'_>, period: f64) -> Option<(f64, f64)> {
+    let equation = Equation::new(&facts.y, period)?;
+    let (rate, left) = match &facts.stem {
+        Some(stem) => equation.best(stem)?,
+        None => best_valve(facts, &equation)?,
+    };
+    Some((rate * period / std::f64::consts::TAU, 1.0 - left))
+}
+
+/// The best valve of a grid of S, and of a finer one beside it.
+fn best_valve(facts: &Facts<'_>, equation: &Equation) -> Option<(f64, f64)> {
+    let step = facts.op_range() / (BANDS + 1) as f64;
+    let (mut x, mut dir) = (Vec::new(), Vec::new());
+    let mut best = equation.best(&facts.u).map(|found| (found, 0.0));
+    let mut offer = |s: f64, best: &mut Option<((f64, f64), f64)>| {
+        for j in JUMPS.map(|share| share * s) {
+            ValveModel { s, j, ..ValveModel::default() }.run(
+                &facts.u,
+                facts.start,
+                facts.len(),
+                &mut x,
+                &mut dir,
+            );
+            if let Some(found) = equation.best(&x)
+                && best.is_none_or(|best| found.1 < best.0.1)
+            {
+                *best = Some((found, s));
+            }
+        }
+    };
+    for i in 1..=BANDS {
+        offer(step * i as f64, &mut best);
+    }
+    let centre = best?.1;
+    for part in BESIDE {
+        if centre + part * step > 0.0 {
+            offer(centre + part * step, &mut best);
+        }
+    }
+    best.map(|(found, _)| found)
+}
+
+/// The integral equation of one PV.
+struct Equation {
+    window: usize,
+    longest: usize,
+    changes: Vec<f64>,
+    areas: Vec<f64>,
+}
+
+impl Equation {
+    fn new(y: &[f64], period: f64) -> Option<Self> {
+        let window = ((period / 4.0).round() as usize).max(2);
+        let longest = (LONGEST_DELAY * period).ceil() as usize;
+        let rows = y.len().checked_sub(window + longest).filter(|rows| *rows > 50)?;
+        let first = y.len() - rows;
+        let sums = running(y);
+        let changes = (first..y.len()).map(|k| y[k] - y[k - window]).collect();
+        // By trapezoids: the noise of both ends counts half.
+        let areas =
+            (first..y.len()).map(|k| sums[k] - sums[k - window] + 0.5 * (y[k] - y[k - window])).collect();
+        Some(Self { window, longest, changes, areas })
+    }
+
+    /// 1/tau (per sample) and the share of the changes' variance left, at the best delay.
+    fn best(&self, x: &[f64]) -> Option<(f64, f64)> {
+        let sums = running(x);
+        let rows = self.changes.len();
+        let first = x.len().checked_sub(rows)?;
+        let step = (self.longest / DELAYS).max(1);
+        (0..=self.longest)
+            .step_by(step)
+            .filter_map(|delay| {
+                let flows: Vec<f64> =
+                    (first..x.len()).map(|k| sums[k - delay] - sums[k - delay - self.window]).collect();
+                self.solve(&flows)
+            })
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    fn solve(&self, flows: &[f64]) -> Option<(f64, f64)> {
+        let (a, c) = (&self.areas, &self.changes);
+        let n = c.len() as f64;
+        let mut g = [n, 0.0, 0.0, total(a), dot(a, a), 0.0, total(flows), dot(a, flows), dot(flows, flows)];
+        let right = [total(c), dot(a, c), dot(flows, c)];
+        let mut theta = right;
+        let mut live = [true; MOST_COLUMNS];
+        factor(&mut g, 3, 3, &mut live);
+        substitute(&g, 3, &live, &mut theta);
+        let all = dot(c, c) - right[0] * right[0] / n;
+        let left = dot(c, c) - theta.iter().zip(&right).map(|(t, r)| t * r).sum::<f64>();
+        (all > 0.0 && left.is_finite()).then(|| (-theta[1], (left / all).max(0.0)))
+    }
+}
+
+/// Sums of the samples before each, one more than there are samples.
+fn running(v: &[f64]) -> Vec<f64> {
+    let mut sum = 0.0;
+    let mut sums = vec![0.0];
+    sums.extend(v.iter().map(|x| {
+        sum += x;
+        sum
+    }));
+    sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::told_by_name;
+
+    #[test]
+    fn names_tell_levels_and_flows() {
+        for (name, told) in [
+            ("2111LIC31102B", Some(true)),
+            ("FIC-101", Some(false)),
+            ("10.FC.7", Some(false)),
+            ("RHT.7050-342_FIC11502", Some(false)),
+            ("PIC10201", None),
+            ("TC1", None),
+            ("LT-5", None),
+            ("flow", None),
+            ("", None),
+            ("é§", None),
+        ] {
+            assert_eq!(told_by_name(name), told, "{name}");
+        }
+    }
+}

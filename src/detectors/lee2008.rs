@@ -1,0 +1,216 @@
+//! Lee, Ren & Huang 2008: S and J by a grid of low-order models.
+//!
+//! ```text
+//! y[k] = -a1 y[k-1] - a2 y[k-2] + b1 x[k-n] + b2 x[k-n-1] + c + e[k]       x: OP through He's valve with fS, fD
+//! (fS, fD, n) with the least sum of e², 0 <= fD <= fS, fS + fD <= range of OP
+//! index = ln(V_0 / V)                                                      V_0: of a valve that follows OP
+//! ```
+//!
+//! y: PV, x: stem (OP unit), n: delay (samples); fS, fD: static and kinetic friction, S = fS + fD and J = fS - fD (OP unit);
+//! V: mean square of e (-). A primed fS', fD' is in % of OP's range. Ordinary least squares gives a, b and c.
+//!
+//! Source: Novel closed-loop stiction detection and quantification method via system identification, ADCONIP 2008, 283. With
+//! fS = 0 the valve is sound. The paper takes any other for stiction, and so nearly every record of noise: the threshold above
+//! which it counts is calibrated on simulated loops by `numerics/examples/opinions -- --calibrate`.
+//! Limits: least squares is biased by noise on PV, and takes a load of a valve's shape for one. A delay beyond ten samples is
+//! not found.
+
+use super::{Band, Facts, Method, Opinion};
+use crate::sysid::gram::{Column, gram};
+use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
+use crate::sysid::valve::{Start, StopRule, ValveModel};
+
+const ME: Method = Method::Lee2008;
+/// Thresholds of the index (-): 0 is the authors' sound valve, fS = 0; the other is calibrated.
+pub const BAND: Band = Band { sound: 0.0, sticks: 0.23 };
+/// Longest delay (samples).
+const DELAYS: usize = 10;
+/// Values of S up to OP's range, and of J up to S. A slip that is a sample early in every cycle costs as much as no friction at
+/// all, so that the steps of S are smaller than what OP moves in a sample.
+const COARSE: usize = 200;
+const JUMPS: usize = 5;
+/// Samples before the first extremum of OP at which the stem may have slipped for the last time; the grid knows the first.
+const BEFORE: [usize; 4] = [2, 0, 1, 4];
+/// The best of the grid around which finer ones are laid, their steps as shares of the first one's, and values on either side.
+const LEADERS: usize = 3;
+const FINER: [f64; 3] = [0.5, 0.25, 0.12];
+const BESIDE: i32 = 1;
+/// Mean squared error that counts as none: what rounding leaves (of PV's variance).
+const FLOOR: f64 = 1e-9;
+/// Fewest reversals of OP.
+const LEAST_REVERSALS: usize = 4;
+
+/// The best valve and what it explains.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Static friction fS (OP unit).
+    pub fs: f64,
+    /// Kinetic friction fD (OP unit).
+    pub fd: f64,
+    /// Delay (samples).
+    pub delay: usize,
+    /// `ln(V_0 / V)` (-).
+    pub index: f64,
+    /// Range of OP (OP unit): what fS' and fD' are per cent of.
+    pub range: f64,
+}
+
+/// The best valve of the grid; none where OP reverses too little.
+pub fn estimate(facts: &Facts<'_>) -> Option<Estimate> {
+    if facts.region.reversals(0, facts.len()) < LEAST_REVERSALS {
+        return None;
+    }
+    let mut models = Models::new(facts)?;
+    let (plain, delay) = models.loss(&facts.u);
+    let range = facts.op_range();
+    let step = range / COARSE as f64;
+    let mut best = Fitted { loss: plain, s: 0.0, j: 1.0, delay };
+    let mut grid = Vec::new();
+    for jump in 0..=JUMPS {
+        for i in 1..COARSE {
+            grid.push(models.valve(facts, step * i as f64, jump as f64 / JUMPS as f64, &BEFORE[..1]));
+        }
+    }
+    grid.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+    for leader in grid.into_iter().take(LEADERS) {
+        best = best.or(models.near(facts, leader, step, range));
+    }
+    let Fitted { loss, delay, .. } = best;
+    let (s, j) = (best.s * facts.unit, best.j * best.s * facts.unit);
+    Some(Estimate {
+        fs: 0.5 * (s + j),
+        fd: 0.5 * (s - j),
+        delay,
+        index: ((plain + FLOOR) / (loss + FLOOR)).ln(),
+        range: range * facts.unit,
+    })
+}
+
+/// A valve of the grid and how well it fits.
+#[derive(Clone, Copy)]
+struct Fitted {
+    loss: f64,
+    s: f64,
+    /// J as a share of S.
+    j: f64,
+    delay: usize,
+}
+
+impl Fitted {
+    fn or(self, other: Self) -> Self {
+        if other.loss < self.loss { other } else { self }
+    }
+}
+
+/// The linear models of one PV.
+struct Models {
+    ones: Vec<f64>,
+    y: Vec<f64>,
+    rows: std::ops::Range<usize>,
+    products: Vec<f64>,
+    stem: Vec<f64>,
+    dir: Vec<f64>,
+}
+
+/// Columns: y now and twice late, x from one sample late, a constant.
+const COLUMNS: usize = 3 + DELAYS + 1 + 1;
+
+impl Models {
+    fn new(facts: &Facts<'_>) -> Option<Self> {
+        let n = facts.len();
+        // Where the stem was at the start is not known: the fit begins after a whole cycle, where the record has room for it.
+        let after =
+            facts.region.extrema.iter().map(|e| e.index).find(|at| *at > facts.start.index).unwrap_or(0);
+        let again = facts.region.extrema.iter().map(|e| e.index).find(|at| *at > after).unwrap_or(0);
+        let begin = if again < n / 3 { again.max(facts.start.index) } else { facts.start.index };
+        let first = begin + DELAYS + 2;
+        (n > first + 10 * COLUMNS / 2).then(|| Self {
+            ones: vec![1.0; n],
+            y: facts.y.clone(),
+            rows: first..n,
+            products: vec![0.0; COLUMNS * COLUMNS],
+            stem: Vec::new(),
+            dir: Vec::new(),
+        })
+    }
+
+    /// A valve, its J as a share of S, from the best of a few last slips before the extremum: no signal says which it was, and a
+    /// valve that slips in steps of J keeps it for good.
+    fn valve(&mut self, facts: &Facts<'_>, s: f64, j: f64, before: &[usize]) -> Fitted {
+        let valve = ValveModel { s, j: j * s, rule: StopRule::Slip, ..ValveModel::default() };
+        let (mut stem, mut dir) = (std::mem::take(&mut self.stem), std::mem::take(&mut self.dir));
+        let mut best = Fitted { loss: f64::INFINITY, s, j, delay: 1 };
+        for before in before {
+            let Some(index) = facts.start.index.checked_sub(*before) else { continue };
+            let start = Start { index, ..facts.start };
+            valve.run(&facts.u, start, facts.len(), &mut stem, &mut dir);
+            let (loss, delay) = self.loss(&stem);
+            best = best.or(Fitted { loss, s, j, delay });
+        }
+        (self.stem, self.dir) = (stem, dir);
+        best
+    }
+
+    /// The best of ever finer grids around a valve.
+    fn near(&mut self, facts: &Facts<'_>, mut leader: Fitted, step: f64, range: f64) -> Fitted {
+        leader = leader.or(self.valve(facts, leader.s, leader.j, &BEFORE));
+        for finer in FINER {
+            let centre = leader;
+            for a in -BESIDE..=BESIDE {
+                for b in -BESIDE..=BESIDE {
+                    let s = centre.s + f64::from(a) * finer * step;
+                    let j = centre.j + f64::from(b) * finer / JUMPS as f64;
+                    if s > 0.0 && s <= range && (0.0..=1.0).contains(&j) && (a, b) != (0, 0) {
+                        leader = leader.or(self.valve(facts, s, j, &BEFORE));
+                    }
+                }
+            }
+        }
+        leader
+    }
+
+    /// The least mean squared error over all delays, and the delay.
+    fn loss(&mut self, x: &[f64]) -> (f64, usize) {
+        let columns: Vec<Column<'_>> = Column::lags(&self.y, 0..=2)
+            .chain(Column::lags(x, 1..=DELAYS + 1))
+            .chain([Column::now(&self.ones)])
+            .collect();
+        gram(&columns, &self.rows, &mut self.products, COLUMNS);
+        let product = |i: usize, j: usize| self.products[i.max(j) * COLUMNS + i.min(j)];
+        let rows = self.rows.len() as f64;
+        let of = |delay: usize| -> f64 {
+            let used = [1, 2, 2 + delay, 3 + delay, COLUMNS - 1];
+            let mut g = [0.0; 25];
+            for (i, a) in used.iter().enumerate() {
+                for (j, b) in used[..=i].iter().enumerate() {
+                    g[i * 5 + j] = product(*a, *b);
+                }
+            }
+            let right = used.map(|i| product(i, 0));
+            let (mut theta, mut live) = (right, [true; MOST_COLUMNS]);
+            factor(&mut g, 5, 5, &mut live);
+            substitute(&g, 5, &live, &mut theta);
+            let explained: f64 = theta.iter().zip(right).map(|(t, r)| t * r).sum();
+            ((product(0, 0) - explained) / rows).max(0.0)
+        };
+        (1..=DELAYS)
+            .map(|delay| (of(delay), delay))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .unwrap_or((f64::INFINITY, 1))
+    }
+}
+
+/// What the method says.
+pub fn opinion(facts: &Facts<'_>) -> Opinion {
+    let Some(found) = estimate(facts) else {
+        return Opinion::cannot_tell(ME, "OP reverses too little");
+    };
+    let percent = 100.0 / found.range;
+    let why = format!(
+        "fS' {:.0} and fD' {:.0} % of OP's range, error {:.0} % of that without friction",
+        found.fs * percent,
+        found.fd * percent,
+        100.0 * (-found.index).exp()
+    );
+    Opinion::of(ME, found.index, BAND, why).with(found.fs + found.fd, "dead band plus stick band S = fS + fD")
+}

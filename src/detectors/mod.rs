@@ -1,0 +1,60 @@
+//! What the published methods say of a valve, beside the program's own verdict: one file per method, named after its
+//! author and year. Pure: no clock, no files, no randomness.
+//!
+//! What all methods need is decided once, in [`Facts`]: whether and how fast the loop oscillates, whether its process
+//! integrates, and where the half cycles are. Each method then gives an [`Opinion`]; [`Agreement`] counts them.
+//! How often each is right is measured in `docs/benchmark.md`.
+
+mod agreement;
+pub mod choudhury2006;
+mod facts;
+pub mod half_cycles;
+pub mod he2007;
+pub mod horch1999;
+pub mod horch2000;
+pub mod integration;
+pub mod kano2004;
+pub mod lee2008;
+mod opinion;
+pub mod oscillation;
+pub mod rossi_scali2005;
+pub mod srinivasan2005;
+pub mod stem_loop;
+#[cfg(test)]
+mod tests;
+pub mod yamashita2006;
+
+pub use agreement::{Agreement, agreement};
+pub use facts::Facts;
+pub use integration::{Integrates, Integration};
+pub use opinion::{Band, Method, Opinion, Quantity, Says};
+
+use crate::signal::Window;
+
+/// The opinion of every method on a window, in the order of [`Method::ALL`]; `integrates` where somebody knows it.
+///
+/// Values that are not finite, too few or without movement are no error: every method then cannot tell, and says why.
+pub fn opinions(window: &Window, integrates: Option<bool>) -> Vec<Opinion> {
+    match Facts::new(window, integrates) {
+        Ok(facts) => Method::ALL.into_iter().map(|method| opinion(method, &facts)).collect(),
+        Err(why) => Method::ALL.into_iter().map(|method| Opinion::cannot_tell(method, why.clone())).collect(),
+    }
+}
+
+/// The opinion of one method.
+pub fn opinion(method: Method, facts: &Facts<'_>) -> Opinion {
+    match method {
+        Method::StemLoop => stem_loop::opinion(facts),
+        Method::Horch1999 => horch1999::opinion(facts),
+        Method::Horch2000 => horch2000::opinion(facts),
+        Method::Yamashita2006 => yamashita2006::opinion(facts),
+        Method::Kano2004A => kano2004::opinion_a(facts),
+        Method::Kano2004B => kano2004::opinion_b(facts),
+        Method::He2007 => he2007::opinion(facts),
+        Method::Choudhury2006 => choudhury2006::opinion(facts),
+        Method::Srinivasan2005Shape => srinivasan2005::opinion_shape(facts),
+        Method::Srinivasan2005D => srinivasan2005::opinion_d(facts),
+        Method::Lee2008 => lee2008::opinion(facts),
+        Method::RossiScali2005 => rossi_scali2005::opinion(facts),
+    }
+}

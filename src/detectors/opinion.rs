@@ -1,0 +1,186 @@
+//! What a method says, and what it rests on.
+
+/// A method of the literature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Method {
+    /// The loop of OP and the measured stem: the reference for all others.
+    StemLoop,
+    /// Cross-correlation.
+    Horch1999,
+    /// Distribution of the second derivative.
+    Horch2000,
+    /// Qualitative shapes.
+    Yamashita2006,
+    /// Time in which PV stands still while OP moves.
+    Kano2004A,
+    /// Parallelogram of OP and PV.
+    Kano2004B,
+    /// Curve fit, stiction index.
+    He2007,
+    /// Bicoherence, apparent stiction.
+    Choudhury2006,
+    /// Shapes by dynamic time warping.
+    Srinivasan2005Shape,
+    /// Hammerstein model, parameter d.
+    Srinivasan2005D,
+    /// S and J by a grid of low-order models.
+    Lee2008,
+    /// Relay fit.
+    RossiScali2005,
+}
+
+impl Method {
+    /// Every method, the reference first.
+    pub const ALL: [Method; 12] = [
+        Method::StemLoop,
+        Method::Horch1999,
+        Method::Horch2000,
+        Method::Yamashita2006,
+        Method::Kano2004A,
+        Method::Kano2004B,
+        Method::He2007,
+        Method::Choudhury2006,
+        Method::Srinivasan2005Shape,
+        Method::Srinivasan2005D,
+        Method::Lee2008,
+        Method::RossiScali2005,
+    ];
+
+    /// The stable, machine-readable name.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Method::StemLoop => "stem_loop",
+            Method::Horch1999 => "horch_1999",
+            Method::Horch2000 => "horch_2000",
+            Method::Yamashita2006 => "yamashita_2006",
+            Method::Kano2004A => "kano_2004_a",
+            Method::Kano2004B => "kano_2004_b",
+            Method::He2007 => "he_2007",
+            Method::Choudhury2006 => "choudhury_2006",
+            Method::Srinivasan2005Shape => "srinivasan_2005_shape",
+            Method::Srinivasan2005D => "srinivasan_2005_d",
+            Method::Lee2008 => "lee_2008",
+            Method::RossiScali2005 => "rossi_scali_2005",
+        }
+    }
+}
+
+/// What a method says of the valve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Says {
+    /// The valve sticks.
+    Sticks,
+    /// What oscillates is not the valve.
+    Sound,
+    /// The method does not apply here, or its index lies between its thresholds.
+    CannotTell,
+}
+
+impl Says {
+    /// As reports write it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Says::Sticks => "sticks",
+            Says::Sound => "sound",
+            Says::CannotTell => "cannot_tell",
+        }
+    }
+}
+
+/// The thresholds of an index that is larger the more a valve sticks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Band {
+    /// Largest index of a sound valve; minus infinity where no index clears a valve.
+    pub sound: f64,
+    /// Least index of one that sticks.
+    pub sticks: f64,
+}
+
+impl Band {
+    /// One threshold, which leaves no doubt.
+    pub const fn at(threshold: f64) -> Self {
+        Self { sound: threshold, sticks: threshold }
+    }
+
+    /// A threshold for valves that stick, of an index that clears none.
+    pub const fn above(sticks: f64) -> Self {
+        Self { sound: f64::NEG_INFINITY, sticks }
+    }
+
+    /// What an index says.
+    pub fn says(self, index: f64) -> Says {
+        if index > self.sticks {
+            Says::Sticks
+        } else if index <= self.sound {
+            Says::Sound
+        } else {
+            Says::CannotTell
+        }
+    }
+}
+
+/// What a method measures beside its index.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quantity {
+    /// Its value.
+    pub value: f64,
+    /// Its unit.
+    pub unit: &'static str,
+    /// What it measures.
+    pub measures: &'static str,
+}
+
+/// The unit of what is measured along OP.
+pub const OP_UNIT: &str = "OP unit";
+
+/// What a method says, and what it rests on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Opinion {
+    /// Whose.
+    pub method: Method,
+    /// What it says.
+    pub says: Says,
+    /// Its index (-); none where it does not apply.
+    pub index: Option<f64>,
+    /// The thresholds of the index.
+    pub threshold: Option<Band>,
+    /// What it measures.
+    pub quantity: Option<Quantity>,
+    /// Why, in one line.
+    pub why: String,
+}
+
+impl Opinion {
+    /// Nothing, and why.
+    pub fn cannot_tell(method: Method, why: impl Into<String>) -> Self {
+        Self { method, says: Says::CannotTell, index: None, threshold: None, quantity: None, why: why.into() }
+    }
+
+    /// What an index says; nothing where it is no number.
+    pub fn of(method: Method, index: f64, band: Band, why: impl Into<String>) -> Self {
+        if !index.is_finite() {
+            return Self::cannot_tell(method, "the index is not a number");
+        }
+        Self {
+            method,
+            says: band.says(index),
+            index: Some(index),
+            threshold: Some(band),
+            quantity: None,
+            why: why.into(),
+        }
+    }
+
+    /// The same with a measured quantity along OP.
+    pub fn with(mut self, value: f64, measures: &'static str) -> Self {
+        self.quantity = value.is_finite().then_some(Quantity { value, unit: OP_UNIT, measures });
+        self
+    }
+
+    /// The same without an answer.
+    pub fn but_cannot_tell(mut self, why: impl Into<String>) -> Self {
+        self.says = Says::CannotTell;
+        self.why = why.into();
+        self
+    }
+}

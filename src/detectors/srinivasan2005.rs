@@ -1,0 +1,137 @@
+//! Srinivasan, Rengaswamy, Narasimhan & Miller 2005: shapes by dynamic time warping (part 1), and a Hammerstein model with
+//! one parameter (part 2).
+//!
+//! Part 1: each period is warped onto templates, and belongs to the nearest. OP of a self-regulating process: triangle
+//! (sticks) or sine (does not); its PV: square or sine; PV of one that integrates: triangle or sine.
+//!
+//! ```text
+//! D[i][j] = (v_i - t_j)² + min(D[i-1][j], D[i][j-1], D[i-1][j-1])       |i - j| <= W, both of unit variance
+//! index = share of the periods nearer to the shape of a valve that sticks
+//! ```
+//!
+//! Part 2: the stem jumps to OP whenever OP is more than d away, `x[k] = x[k-1] if |u[k] - x[k-1]| <= d, u[k] otherwise`;
+//! d (OP unit) with the least loss of a linear model behind it, as the program reports it (`d`). The index is d as a share of
+//! OP's range.
+//!
+//! Source: Ind. Eng. Chem. Res. 2005, 44, 6708 (part 1) and 6719 (part 2). Chosen here: 40 points a period, W = 2. A
+//! d of 0 is the authors' sound valve; the other thresholds are not in the papers and are calibrated on simulated loops by `numerics/examples/opinions -- --calibrate`.
+//! Limits: warping makes triangles of noisy sines; loads of these shapes look like a valve. d says little of S, and is 0
+//! for a pure dead band.
+
+use super::half_cycles::{Cycles, sine, triangle};
+use super::{Band, Facts, Integrates, Method, Opinion};
+use crate::diagnosis::{Settings, verdict};
+use crate::sysid::stats::{mean, sd};
+
+/// Thresholds of the share of periods, calibrated (-).
+pub const BY_SHAPE: Band = Band { sound: 0.09, sticks: 0.83 };
+/// Thresholds of d as a share of OP's range (-): 0 is the authors' sound valve, the other is calibrated.
+pub const BY_D: Band = Band { sound: 0.0, sticks: 0.58 };
+/// Points of a period, and how far they may be warped.
+const POINTS: usize = 40;
+const WARP: usize = 2;
+/// Fewest periods.
+const LEAST_PERIODS: usize = 3;
+
+/// A shape over one period.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// A sine.
+    Sine,
+    /// A triangle.
+    Triangle,
+    /// A square wave.
+    Square,
+}
+
+impl Shape {
+    /// Its points, of unit variance, from an upward crossing on.
+    pub fn points(self) -> Vec<f64> {
+        let of = |i: usize| -> f64 {
+            let turn = 2.0 * (i as f64 + 0.5) / POINTS as f64;
+            let (s, sign) = if turn < 1.0 { (turn, 1.0) } else { (turn - 1.0, -1.0) };
+            sign * match self {
+                Shape::Sine => sine(s),
+                Shape::Triangle => triangle(s, 0.5),
+                Shape::Square => 1.0,
+            }
+        };
+        unit((0..POINTS).map(of).collect())
+    }
+}
+
+fn unit(v: Vec<f64>) -> Vec<f64> {
+    let (m, s) = (mean(&v), sd(&v).max(1e-12));
+    v.into_iter().map(|x| (x - m) / s).collect()
+}
+
+/// The warped distance of two periods.
+pub fn distance(v: &[f64], t: &[f64]) -> f64 {
+    let mut above = vec![f64::INFINITY; t.len() + 1];
+    above[0] = 0.0;
+    for (i, v) in v.iter().enumerate() {
+        let mut row = vec![f64::INFINITY; t.len() + 1];
+        for j in i.saturating_sub(WARP)..(i + WARP + 1).min(t.len()) {
+            row[j + 1] = (v - t[j]).powi(2) + above[j].min(above[j + 1]).min(row[j]);
+        }
+        above = row;
+    }
+    above[t.len()]
+}
+
+/// The periods of a signal, each resampled, from an upward crossing on.
+fn periods(cycles: &Cycles) -> Vec<Vec<f64>> {
+    let at = |t: f64| -> f64 {
+        let k = (t.floor() as usize).min(cycles.centred.len() - 1);
+        let next = (k + 1).min(cycles.centred.len() - 1);
+        cycles.centred[k] + (t - k as f64) * (cycles.centred[next] - cycles.centred[k])
+    };
+    let pairs = cycles.halves.windows(2).filter(|pair| pair[0].above && pair[0].to == pair[1].from);
+    let points = |from: f64, to: f64| -> Vec<f64> {
+        unit((0..POINTS).map(|i| at(from + (to - from) * (i as f64 + 0.5) / POINTS as f64)).collect())
+    };
+    pairs.map(|pair| points(pair[0].from, pair[1].to)).collect()
+}
+
+/// How many of the periods are nearer to `shape` than to a sine.
+fn votes(periods: &[Vec<f64>], shape: Shape) -> usize {
+    let (shape, sine) = (shape.points(), Shape::Sine.points());
+    periods.iter().filter(|v| distance(v, &shape) < distance(v, &sine)).count()
+}
+
+/// What part 1 says.
+pub fn opinion_shape(facts: &Facts<'_>) -> Opinion {
+    const ME: Method = Method::Srinivasan2005Shape;
+    if let Err(why) = facts.oscillates() {
+        return Opinion::cannot_tell(ME, why);
+    }
+    let asked: &[(&Cycles, Shape)] = match facts.integration.answer {
+        Integrates::No => &[(&facts.op, Shape::Triangle), (&facts.pv, Shape::Square)],
+        Integrates::Yes => &[(&facts.pv, Shape::Triangle)],
+        Integrates::Unknown => return Opinion::cannot_tell(ME, facts.integration.why()),
+    };
+    let (mut sticking, mut count) = (0, 0);
+    for (cycles, shape) in asked {
+        let periods = periods(cycles);
+        sticking += votes(&periods, *shape);
+        count += periods.len();
+    }
+    if count < LEAST_PERIODS {
+        return Opinion::cannot_tell(ME, format!("{count} whole periods, {LEAST_PERIODS} are needed"));
+    }
+    let index = sticking as f64 / count as f64;
+    Opinion::of(ME, index, BY_SHAPE, format!("{sticking} of {count} periods of a valve's shape"))
+}
+
+/// What part 2 says.
+pub fn opinion_d(facts: &Facts<'_>) -> Opinion {
+    const ME: Method = Method::Srinivasan2005D;
+    let settings = Settings::default();
+    let (problem, scale) = match verdict::pose(&facts.window, &facts.region, &settings) {
+        Ok(posed) => posed,
+        Err(why) => return Opinion::cannot_tell(ME, why.to_string()),
+    };
+    let d = verdict::best_d(&problem) * scale.u;
+    let index = d / (facts.op_range() * facts.unit);
+    Opinion::of(ME, index, BY_D, format!("d is {:.0} % of OP's range", 100.0 * index)).with(d, "stick band d")
+}
