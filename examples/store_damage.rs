@@ -9,8 +9,9 @@ fn main() {
     let mut arguments = std::env::args().skip(1).filter_map(|argument| argument.parse().ok());
     let (cases, seed) = (arguments.next().unwrap_or(200), arguments.next().unwrap_or(20));
     let place = std::env::temp_dir().join(format!("store-damage-{}", std::process::id()));
-    // Cases, working, working with something gone, states back, states, untold, samples back, samples.
-    let mut table: BTreeMap<(String, String), [usize; 8]> = BTreeMap::new();
+    // Cases, working, working with something gone, states back, states, untold, samples back, samples, failing though a
+    // check finds nothing.
+    let mut table: BTreeMap<(String, String), [usize; 9]> = BTreeMap::new();
     damage::sweep(&place, cases as usize, seed, |file, kind, found| {
         let row = table.entry((file.to_string(), kind.to_string())).or_default();
         let gone = found.missing > 0 || found.samples.0 < found.samples.1;
@@ -23,23 +24,25 @@ fn main() {
             usize::from(found.missing as u64 > found.told),
             found.samples.0,
             found.samples.1,
+            usize::from(!found.working && found.checked_good),
         ];
         row.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
     });
     println!(
-        "file          kind    cases  working  with data gone  alarm states back  loss untold  samples back"
+        "file          kind    cases  working  with data gone  alarm states back  loss untold  samples back  failing and checked good"
     );
-    let mut all = [0; 8];
+    let mut all = [0; 9];
     let percent = |part: usize, of: usize| 100.0 * part as f64 / of.max(1) as f64;
-    let line = |file: &str, kind: &str, row: [usize; 8]| {
+    let line = |file: &str, kind: &str, row: [usize; 9]| {
         println!(
-            "{file:12}  {kind:6}  {:5}  {:7}  {:14}  {:15.1} %  {:11}  {:10.1} %",
+            "{file:12}  {kind:6}  {:5}  {:7}  {:14}  {:15.1} %  {:11}  {:10.1} %  {:24}",
             row[0],
             row[1],
             row[2],
             percent(row[3], row[4]),
             row[5],
-            percent(row[6], row[7])
+            percent(row[6], row[7]),
+            row[8]
         );
     };
     for ((file, kind), row) in &table {

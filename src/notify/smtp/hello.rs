@@ -4,7 +4,7 @@
 //! 1995, small relays among them, know HELO and no EHLO, which is all that the library says.
 
 use super::super::http;
-use super::{Config, Security};
+use super::config::{Config, Security};
 use crate::bounded::{Bounded, SMTP};
 use lettre::transport::smtp::Error;
 use lettre::transport::smtp::authentication::{Credentials, DEFAULT_MECHANISMS};
