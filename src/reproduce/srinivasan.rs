@@ -33,7 +33,8 @@ pub fn best_d(op: &[f64], pv: &[f64]) -> Option<f64> {
     for i in 0..GRID {
         let d = top * i as f64 / GRID as f64;
         srinivasan(&u[..n], d, &mut x);
-        let signals = Signals { y: &y[..n], x: &x, dir: &dir, start: 0, first: FIRST, rows: Default::default() };
+        let signals =
+            Signals { y: &y[..n], x: &x, dir: &dir, start: 0, first: FIRST, rows: Default::default() };
         for (orders, neighbour) in splits(1).zip(&mut neighbours) {
             // A start of its own now and then: a neighbour may have led into a local minimum.
             let start = neighbour.filter(|_| i % AFRESH != 0).unwrap_or_default();
