@@ -47,10 +47,13 @@ struct Said {
     reason: String,
 }
 
+/// Draws an acquisition for a scan period (s).
+type Draw = dyn Fn(f64, &mut Pcg64Mcg) -> Acquisition + Sync;
+
 /// A row of the table: its name, and how the record comes about of the scan's period and chances of the loop's own.
 struct Row {
     name: String,
-    how: Box<dyn Fn(f64, &mut Pcg64Mcg) -> Acquisition + Sync>,
+    how: Box<Draw>,
 }
 
 fn main() -> ExitCode {
