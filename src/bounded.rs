@@ -40,8 +40,9 @@ pub const OPCUA: Limits = Limits {
     keeps: 0,
 };
 
-/// SMTP: RFC 5321 has lines of 512 bytes; a chain of certificates is the longest thing that comes before we write again.
-pub const SMTP: Limits = Limits { framing: None, answer: 1 << 18, keeps: 0 };
+/// SMTP: RFC 5321 has lines of 512 bytes; a chain of certificates is the longest thing that comes before we write again. The
+/// library reads an answer anew at each of its lines, so a longer one would cost time too.
+pub const SMTP: Limits = Limits { framing: None, answer: 1 << 15, keeps: 0 };
 
 /// PostgreSQL: a type, then the length of the rest, big endian. A row costs the library about 200 bytes beside its own.
 pub const POSTGRES: Limits = Limits {
