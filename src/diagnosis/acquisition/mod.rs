@@ -2,7 +2,7 @@
 //!
 //! Registers are held from scan to scan. A poll that finds a new value comes after a scan, one that finds the old value
 //! of a tag that else changes at every scan comes before the next: so the instants of changes tell the scans' period and
-//! phase ([`scan`]). Where they do, the samples are put on the controller's ticks; else they stay on the polls. Nothing is
+//! phase (`scan`). Where they do, the samples are put on the controller's ticks; else they stay on the polls. Nothing is
 //! interpolated: several polls of one scan are one sample, and a scan that fell between two polls is missing.
 
 mod lattice;

@@ -40,6 +40,9 @@ const LEVEL: f64 = 0.04;
 /// The same over the whole record.
 const SHARP: f64 = 0.004;
 
+/// Periods and phases tried to each side in the end, and the steps: shares of those before.
+const SHARPER: (i32, f64) = (10, 0.1);
+
 /// The controller's scans.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scan {
@@ -120,10 +123,49 @@ pub fn recognise(op: &[Sample], pv: &[Sample], polled: &Lattice) -> Option<Scan>
     if !tags.iter().all(|tag| held(tag)) {
         return None;
     }
+    let found = sharpened(&tags, found);
     let [of_op, mut of_pv] = found.phases;
     // The nearer of PV's scans belongs to OP's; of two as near the one before, since PV read late shows its scan early.
     of_pv -= ((of_pv - of_op) / found.period + EARLIER).round() * found.period;
     Some(Scan { period: found.period, phases: [t0 + of_op, t0 + of_pv] })
+}
+
+/// The period and the phases on a finer grid: a poll next to a scan must come to lie on its right side over all of the record.
+fn sharpened(tags: &[Vec<Interval>; 2], about: Candidate) -> Candidate {
+    let span = span(&tags[1]).max(about.period);
+    let (most, step) = SHARPER;
+    let mut tried = Vec::new();
+    for i in -most..=most {
+        let period = about.period * (1.0 + f64::from(i) * step * STEP * about.period / span);
+        let of = |tag: usize| {
+            let at = |k: i32| about.phases[tag] + f64::from(k) * step * about.period / PLACES as f64;
+            let scores = (-2 * most..=2 * most).map(|k| (score(&tags[tag], period, at(k)), at(k)));
+            middle(&scores.collect::<Vec<_>>())
+        };
+        let [op, pv] = [of(0), of(1)];
+        tried.push((op.0 + pv.0, Candidate { period, score: about.score, phases: [op.1, pv.1] }));
+    }
+    middle(&tried).1
+}
+
+/// The middle of the best that stand side by side.
+fn middle<T: Copy>(tried: &[(f64, T)]) -> (f64, T) {
+    let most = tried.iter().map(|one| one.0).fold(f64::NEG_INFINITY, f64::max);
+    let first = tried.iter().position(|one| one.0 == most).unwrap_or(0);
+    let run = tried[first..].iter().take_while(|one| one.0 == most).count();
+    tried[first + run / 2]
+}
+
+/// The score of one phase at a period.
+fn score(tag: &[Interval], period: f64, phase: f64) -> f64 {
+    let mut covering = [0.0_f64; 2];
+    let mut counts = [0.0_f64; 2];
+    for interval in tag.iter().filter(|i| i.to - i.from < period) {
+        let scans = ((interval.to - phase) / period).floor() - ((interval.from - phase) / period).floor();
+        counts[usize::from(!interval.changed)] += 1.0;
+        covering[usize::from(!interval.changed)] += scans;
+    }
+    covering[0] / counts[0].max(1.0) - covering[1] / counts[1].max(1.0)
 }
 
 /// The best stretches of neighbouring periods, by increasing period.
