@@ -44,6 +44,9 @@ pub const OPCUA: Limits = Limits {
 /// library reads an answer anew at each of its lines, so a longer one would cost time too.
 pub const SMTP: Limits = Limits { framing: None, answer: 1 << 15, keeps: 0 };
 
+/// HTTP: the library bounds a head and we the body; neither bounds how many heads come before the answer.
+pub const HTTP: Limits = Limits { framing: None, answer: 1 << 20, keeps: 0 };
+
 /// PostgreSQL: a type, then the length of the rest, big endian. A row costs the library about 200 bytes beside its own.
 pub const POSTGRES: Limits = Limits {
     framing: Some(Framing { head: 5, length: postgres_length, most: 1 << 22 }),

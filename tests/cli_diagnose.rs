@@ -98,14 +98,20 @@ fn missing_samples_are_told_as_they_are() {
         let words = report["reason"].as_str().expect("text").to_string();
         (report["reason_code"].as_str().expect("a code").to_string(), words)
     };
-    // Ten of every hundred: nine tenths are there, in stretches too short to fit.
-    let torn = rows(1200, |k| {
-        if k % 100 < 10 { format!("{k},{},", k % 50) } else { format!("{k},{},{}", k % 50, k % 40) }
-    });
-    let (code, words) = reason("torn.csv", torn);
+    // Ten of every hundred are missing: the nine tenths that are there can be judged.
+    let torn = |missing: usize| {
+        rows(1200, move |k| {
+            if k % 100 < missing { format!("{k},{},", k % 50) } else { format!("{k},{},{}", k % 50, k % 40) }
+        })
+    };
+    let report = report(&file("torn.csv", torn(10)));
+    assert_ne!(report["reason_code"], "gaps", "{report}");
+    let missing = report["window"]["missing"].as_f64().expect("a share");
+    assert!((0.08..0.12).contains(&missing), "{missing}");
+    let (code, words) = reason("mostly_missing.csv", torn(70));
     assert_eq!(code, "gaps");
     assert!(
-        words.starts_with("gaps: 9 % of the samples") || words.starts_with("gaps: 10 % of the samples"),
+        words.starts_with("gaps: 70 % of the samples") || words.starts_with("gaps: 69 % of the samples"),
         "{words}"
     );
     // Values that are all bad have stamps all the same.

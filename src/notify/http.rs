@@ -1,6 +1,7 @@
 //! One request by HTTP/1.1, by rustls where it is encrypted. Redirections are not followed; every answer is bounded.
 
 use super::time;
+use crate::bounded::{Bounded, HTTP};
 use http_body_util::{BodyExt, Full, Limited};
 use hyper::body::Bytes;
 use hyper::client::conn::http1;
@@ -110,6 +111,7 @@ impl Endpoint {
         let stream = connected.map_err(|error| format!("no connection: {error}"))?;
         // One small request: waiting for more to send would only delay it.
         let _ = stream.set_nodelay(true);
+        let stream = Bounded::new(stream, HTTP);
         if !self.tls {
             return talk(stream, request).await;
         }

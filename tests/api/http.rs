@@ -112,7 +112,7 @@ impl Events {
 
     async fn ask(to: SocketAddr, path: &str, more: &str) -> Self {
         let mut stream = TcpStream::connect(to).await.expect("the server listens");
-        let request = format!("GET {path} HTTP/1.1\r\nhost: {to}\r\n{more}\r\n");
+        let request = format!("GET {path} HTTP/1.1\r\nhost: {to}\r\nconnection: close\r\n{more}\r\n");
         stream.write_all(request.as_bytes()).await.expect("sent");
         Self { stream: BufReader::new(stream), id: String::new() }
     }

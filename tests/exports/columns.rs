@@ -113,7 +113,7 @@ fn a_file_that_unpacks_to_far_more_than_it_is_costs_nothing() {
     let zeroes = || Values::Doubles(vec![0.0; rows]);
     let schema = "required double t; required double op; required double pv;";
     let path = file("row-bomb", zstd, schema, &[zeroes(), zeroes(), zeroes()]);
-    let why = table(&path, &Options::default()).expect_err("refused");
+    let Err(why) = table(&path, &Options::default()) else { panic!("it is taken") };
     assert!(why.contains("10000000 rows in "), "{why}");
 }
 
