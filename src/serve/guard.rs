@@ -1,7 +1,7 @@
 //! The door: who asks, whether they may, and that every change is put on record. Nothing gets past it unasked.
 
 use super::Context;
-use super::listen::Peer;
+use super::listen::{Gone, Peer};
 use super::policy::{self, Need};
 use super::problem::Problem;
 use crate::access::{Identity, Lease, Proof, Refused, Role, same_word};
@@ -16,6 +16,7 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::timeout;
+use tokio_util::sync::CancellationToken;
 
 /// The cookie of a session.
 pub const COOKIE: &str = "stictiond_session";
@@ -41,6 +42,8 @@ pub struct Actor {
     pub anyone_may_read: bool,
     /// What the identity rests on.
     pub lease: Option<Lease>,
+    /// Cancelled when nothing more comes from them.
+    pub gone: CancellationToken,
 }
 
 impl Actor {
@@ -88,8 +91,9 @@ pub async fn guard(State(context): State<Arc<Context>>, mut request: Request, ne
         return not_allowed(&rules);
     };
     let from = request.extensions().get::<Peer>().map_or(Ipv4Addr::UNSPECIFIED.into(), |peer| peer.0.ip());
+    let gone = request.extensions().get::<Gone>().map(|gone| gone.0.clone()).unwrap_or_default();
     let actor = match identify(&context, request.headers(), from.to_canonical()) {
-        Ok(actor) => actor,
+        Ok(actor) => Actor { gone, ..actor },
         Err(problem) => return problem.into_response(),
     };
     let is_change = !matches!(*request.method(), Method::GET | Method::HEAD);
@@ -118,8 +122,15 @@ fn not_allowed(rules: &[(&str, Need)]) -> Response {
 
 /// Who asks; a token that is no good is refused also where none is needed.
 fn identify(context: &Context, headers: &HeaderMap, from: IpAddr) -> Result<Actor, Problem> {
-    let nobody =
-        Actor { identity: None, from, csrf: None, unguarded: false, anyone_may_read: false, lease: None };
+    let nobody = Actor {
+        identity: None,
+        from,
+        csrf: None,
+        unguarded: false,
+        anyone_may_read: false,
+        lease: None,
+        gone: CancellationToken::new(),
+    };
     let Some(access) = &context.access else {
         return Ok(Actor { unguarded: true, ..nobody });
     };
@@ -235,8 +246,13 @@ async fn whole(body: Body, context: &Context) -> Result<Bytes, Problem> {
 /// How often a lease is looked at that nobody has said to have ended: it may have run out.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// Ends when what an actor's rights rest on no longer gives them the role; never where they need none.
+/// Ends when an actor has gone, or what their rights rest on no longer gives them the role.
 pub async fn lost(context: Arc<Context>, actor: Actor, role: Role) {
+    let gone = actor.gone.clone();
+    let _ = gone.run_until_cancelled(no_longer(&context, actor, role)).await;
+}
+
+async fn no_longer(context: &Context, actor: Actor, role: Role) {
     let (Some(access), Some(lease)) = (&context.access, &actor.lease) else {
         return std::future::pending().await;
     };

@@ -3,17 +3,20 @@
 use super::tls::Tls;
 use axum::Router;
 use axum::body::Body;
+use futures::future::BoxFuture;
+use http_body_util::BodyExt;
 use hyper::Request;
 use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper::service::Service;
 use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::service::{TowerToHyperService, TowerToHyperServiceFuture};
+use hyper_util::service::TowerToHyperService;
 use std::io;
 use std::net::SocketAddr;
 use std::pin::{Pin, pin};
-use std::sync::Arc;
-use std::task::{Context, Poll};
+use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
@@ -75,7 +78,9 @@ pub async fn serve(
         };
         // Without it small events wait for the client's acknowledgement; the connection works all the same.
         let _ = stream.set_nodelay(true);
-        let (stream, service) = (Bounded::new(stream), Served::new(router.clone(), Peer(address)));
+        let half = Arc::new(Half::default());
+        let service = Served::new(router.clone(), Peer(address), half.clone());
+        let stream = Bounded::new(stream, half);
         let (tls, stop) = (tls.clone(), stop.clone());
         open.spawn(async move {
             let _permit = permit;
@@ -100,9 +105,7 @@ async fn connection(
     stop: CancellationToken,
 ) {
     let mut http = http1::Builder::new();
-    // Who has asked and closes their half still waits for the answer.
-    http.half_close(true)
-        .timer(TokioTimer::new())
+    http.timer(TokioTimer::new())
         .header_read_timeout(head)
         .max_headers(HEAD_LINES)
         .max_buf_size(HEAD_BYTES)
@@ -120,27 +123,70 @@ async fn connection(
     }
 }
 
+/// Nothing more comes from a client: streams to it end; who has asked something that ends is still answered.
+#[derive(Clone, Debug)]
+pub struct Gone(pub CancellationToken);
+
+/// What a connection knows of a client that has closed its half. The server library takes that for a client that went
+/// away, so it hears of it only when nothing is being answered any more.
+#[derive(Default)]
+struct Half {
+    closed: CancellationToken,
+    answering: AtomicUsize,
+    waiting: Mutex<Option<Waker>>,
+}
+
+/// An answer that is being given; dropped with its last byte.
+struct Answering(Arc<Half>);
+
+impl Answering {
+    fn new(half: &Arc<Half>) -> Self {
+        half.answering.fetch_add(1, SeqCst);
+        Self(half.clone())
+    }
+}
+
+impl Drop for Answering {
+    fn drop(&mut self) {
+        self.0.answering.fetch_sub(1, SeqCst);
+        if let Some(waker) = self.0.waiting.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            waker.wake();
+        }
+    }
+}
+
 /// The routes, as one client sees them.
 struct Served {
     router: TowerToHyperService<Router>,
     peer: Peer,
+    half: Arc<Half>,
 }
 
 impl Served {
-    fn new(router: Router, peer: Peer) -> Self {
-        Self { router: TowerToHyperService::new(router), peer }
+    fn new(router: Router, peer: Peer, half: Arc<Half>) -> Self {
+        Self { router: TowerToHyperService::new(router), peer, half }
     }
 }
 
 impl Service<Request<Incoming>> for Served {
     type Response = axum::response::Response;
     type Error = std::convert::Infallible;
-    type Future = TowerToHyperServiceFuture<Router, Request<Body>>;
+    type Future = BoxFuture<'static, Result<Self::Response, Self::Error>>;
 
     fn call(&self, request: Request<Incoming>) -> Self::Future {
         let mut request = request.map(Body::new);
         request.extensions_mut().insert(self.peer);
-        self.router.call(request)
+        request.extensions_mut().insert(Gone(self.half.closed.clone()));
+        let (answering, answer) = (Answering::new(&self.half), self.router.call(request));
+        Box::pin(async move {
+            let response = answer.await?;
+            Ok(response.map(|body| {
+                Body::new(body.map_frame(move |frame| {
+                    let _until_the_end = &answering;
+                    frame
+                }))
+            }))
+        })
     }
 }
 
@@ -148,11 +194,24 @@ impl Service<Request<Incoming>> for Served {
 struct Bounded {
     stream: TcpStream,
     silence: Pin<Box<Sleep>>,
+    half: Arc<Half>,
 }
 
 impl Bounded {
-    fn new(stream: TcpStream) -> Self {
-        Self { stream, silence: Box::pin(sleep(IDLE)) }
+    fn new(stream: TcpStream, half: Arc<Half>) -> Self {
+        Self { stream, silence: Box::pin(sleep(IDLE)), half }
+    }
+
+    /// The client's half is closed: that is told once nothing is being answered.
+    fn closed(&mut self, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        self.half.closed.cancel();
+        let mut waiting = self.half.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        // Looked at while the place for the waker is held: an answer that ends now wakes us after that.
+        if self.half.answering.load(SeqCst) == 0 {
+            return Poll::Ready(Ok(()));
+        }
+        *waiting = Some(cx.waker().clone());
+        Poll::Pending
     }
 
     /// Starts the silence anew when something went, else ends it when it was long enough.
@@ -171,7 +230,11 @@ impl AsyncRead for Bounded {
         cx: &mut Context<'_>,
         buf: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        let read = Pin::new(&mut self.stream).poll_read(cx, buf);
+        let before = buf.filled().len();
+        let mut read = Pin::new(&mut self.stream).poll_read(cx, buf);
+        if matches!(read, Poll::Ready(Ok(()))) && buf.filled().len() == before && buf.remaining() > 0 {
+            read = self.closed(cx);
+        }
         self.heard(read, cx)
     }
 }
