@@ -402,7 +402,7 @@ const LISTS: &str = "ALL";
 #[test]
 fn the_constants_of_the_tracing_are_those_of_the_source() {
     let mut known = BTreeSet::new();
-    for (file, text) in ["sysid", "residual"].into_iter().flat_map(sources) {
+    for (file, text) in ["sysid", "residual", "diagnosis/acquisition"].into_iter().flat_map(sources) {
         let own = constants(&text).into_iter().filter(|(name, _)| name != LISTS);
         known.extend(own.map(|(name, value)| [file.clone(), name, value]));
     }

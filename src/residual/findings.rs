@@ -78,6 +78,11 @@ impl Kind {
             Kind::ClockSkew => "clock_skew",
         }
     }
+
+    /// Whether it says how friction differs, so that it means nothing without friction.
+    pub fn is_of_friction(self) -> bool {
+        matches!(self, Kind::AsymmetricFriction | Kind::FrictionDrift)
+    }
 }
 
 impl fmt::Display for Kind {
@@ -127,7 +132,7 @@ pub struct Friction {
     pub lag: f64,
     /// Evidence: twice the logarithm of the odds for friction against the best model without (-).
     pub delta_aic: f64,
-    /// Probability of friction (0..1).
+    /// Probability of friction (0..1); NaN where the diagnosis stands, which has none.
     pub posterior: f64,
 }
 

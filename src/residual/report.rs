@@ -1,8 +1,9 @@
 //! What was found, in the plant's units.
 
-use super::decide::Decided;
+use super::decide::{Decided, decide};
+use super::effect::EffectModel;
 use super::findings::{Curves, Effect, Findings, Friction, Kind, Parameter};
-use super::hypothesis::OnData;
+use super::hypothesis::{Hypothesis, OnData};
 use super::interval::interval;
 use super::posterior::probability;
 use super::trace::Outcome;
@@ -133,18 +134,23 @@ fn gained(before: &Judged, after: &Judged) -> f64 {
 
 /// Puts what was found into the plant's units; the held-out samples are read here, once.
 pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> Findings {
-    let Outcome { recorded, data, declared, mut best, sound, facts, added, candidates, friction, slip_jump } =
+    let Outcome { recorded, data, declared, mut best, facts, mut added, candidates, friction, slip_jump } =
         outcome;
     let (before, mut after) = (judge(&recorded, &declared, &data), judge(&data, &best, &data));
-    let unseen = gained(&before, &after);
-    let agrees = unseen >= 0.0;
-    let (friction_after, verdict, reason) =
-        friction_found(&data, &best, (friction, agrees), diagnosis, settings);
-    // Friction that is not believed is no part of the model that is published.
-    if let Some(sound) = sound.filter(|_| verdict != Verdict::Stiction && best.hypothesis.valve.is_some()) {
-        after = judge(&data, &sound, &data);
-        best = sound;
+    let agrees = gained(&before, &after) >= 0.0;
+    let traced = friction_found(&data, &best, friction, diagnosis, settings);
+    // Without a valve that reverses often enough in this window nothing was asked of friction.
+    let asked = friction > f64::NEG_INFINITY;
+    let decides = asked && (agrees || traced.1 == diagnosis.verdict);
+    let (friction_after, verdict, reason) = if decides { traced } else { standing(diagnosis, asked) };
+    let valve = if decides { best.hypothesis.valve } else { declared.hypothesis.valve };
+    let valve = valve.filter(|_| verdict == Verdict::Stiction);
+    // The published model has the friction that is believed, and no other.
+    if valve != best.hypothesis.valve {
+        best = with_friction(&data, &best.hypothesis, valve, &mut added);
+        after = judge(&data, &best, &data);
     }
+    let misleads = gained(&before, &after) < -MISLEADS;
     let (stem, dir) = best.hypothesis.stem(&data);
     let mut effects: Vec<Effect> = facts
         .into_iter()
@@ -157,9 +163,8 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         let (own, rest) = gamma.split_at(own.len().min(gamma.len()));
         gamma = rest;
         let mut described = effect.describe(&data, &best.model, own);
-        if unseen < -MISLEADS {
-            described.explanation +=
-                "; yet samples that no fit has seen are predicted worse with it: doubt it";
+        if misleads {
+            described.explanation += "; doubt it: with it, samples that were not fitted are predicted worse";
         }
         effects.push(named(effect.kind(), *evidence, effect.tag().map(str::to_string), described));
     }
@@ -200,13 +205,37 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     }
 }
 
+/// The same effects with this valve, fitted; without one those go that say how friction differs.
+fn with_friction(
+    data: &IdData,
+    hypothesis: &Hypothesis,
+    valve: Option<ValveModel>,
+    added: &mut Vec<(f64, f64)>,
+) -> Decided {
+    let mut other = hypothesis.with_valve(valve);
+    let told = std::mem::take(&mut other.effects).into_iter().zip(added.drain(..));
+    let means_something = |effect: &dyn EffectModel| valve.is_some() || !effect.kind().is_of_friction();
+    (other.effects, *added) = told.filter(|(effect, _)| means_something(effect.as_ref())).unzip();
+    decide(data, other, None)
+}
+
+/// What the diagnosis says where tracing does not decide; `asked`: whether it asked at all.
+fn standing(diagnosis: &Diagnosis, asked: bool) -> (Friction, Verdict, String) {
+    let mut reason = diagnosis.reason.clone();
+    if asked {
+        reason += "; tracing would change the verdict, but predicts samples that were not fitted worse";
+    }
+    (friction_before(diagnosis), diagnosis.verdict.clone(), reason)
+}
+
 /// Friction as the diagnosis has it.
 fn friction_before(diagnosis: &Diagnosis) -> Friction {
     diagnosis.estimate.as_ref().map_or_else(Friction::default, |e| Friction {
         f: e.f,
         f_ci95: e.f_ci95,
+        lag: 0.0,
         delta_aic: e.delta_aic,
-        ..Friction::default()
+        posterior: f64::NAN,
     })
 }
 
@@ -231,20 +260,13 @@ fn slip(s: f64, j: f64) -> Described {
 }
 
 /// Friction beside the effects, and what it means: stiction where f is above its threshold with enough evidence.
-///
-/// `agrees`: whether the samples that no fit has seen are as likely as before at least. The verdict of the diagnosis changes
-/// only where they are.
 fn friction_found(
     data: &IdData,
     best: &Decided,
-    (log_odds, agrees): (f64, bool),
+    log_odds: f64,
     diagnosis: &Diagnosis,
     settings: &Settings,
 ) -> (Friction, Verdict, String) {
-    // Without a valve that reverses often enough in this window nothing was asked of friction: the diagnosis stands.
-    if log_odds == f64::NEG_INFINITY {
-        return (friction_before(diagnosis), diagnosis.verdict.clone(), diagnosis.reason.clone());
-    }
     let unit = data.units.u;
     let evidence = 2.0 * log_odds;
     let f = best.hypothesis.valve.map_or(0.0, |valve| valve.f() * unit);
@@ -255,17 +277,9 @@ fn friction_found(
         Verdict::NotIdentifiable(why) => Verdict::NotIdentifiable(why.clone()),
         _ => Verdict::NoStiction,
     };
-    if verdict != diagnosis.verdict && !agrees {
-        let reason = format!(
-            "{}; with the effects it would be another verdict, but samples that no fit has seen are predicted worse then",
-            diagnosis.reason
-        );
-        return (friction_before(diagnosis), diagnosis.verdict.clone(), reason);
-    }
-    let hidden = within[1];
     let friction = Friction {
         f: if sticks { f } else { 0.0 },
-        f_ci95: if sticks { within } else { [0.0, hidden] },
+        f_ci95: if sticks { within } else { [0.0, within[1]] },
         lag: best.hypothesis.valve.filter(|_| sticks).map_or(0.0, |valve| valve.lag() * unit),
         delta_aic: evidence.max(0.0),
         posterior: probability(log_odds),
@@ -275,8 +289,8 @@ fn friction_found(
             format!("f = {f:.3} [{:.3}, {:.3}], evidence {evidence:.0}", within[0], within[1])
         }
         Verdict::NoStiction => format!(
-            "no friction needed, evidence {:.0}; f up to {hidden:.3} could be hidden",
-            friction.delta_aic
+            "no friction needed, evidence {:.0}; f up to {:.3} could be hidden",
+            friction.delta_aic, within[1]
         ),
         Verdict::NotIdentifiable(why) => why.to_string(),
     };

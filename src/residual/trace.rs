@@ -27,8 +27,6 @@ pub struct Outcome {
     pub declared: Decided,
     /// The likeliest hypothesis.
     pub best: Decided,
-    /// The likeliest hypothesis with the same effects and no friction; `None` where an effect is one of friction.
-    pub sound: Option<Decided>,
     /// What the signals alone show.
     pub facts: Vec<Fact>,
     /// Posterior of each effect of the likeliest hypothesis, and twice the log odds against none.
@@ -151,16 +149,11 @@ fn select(data: &IdData, settings: &Settings, pool: &mut Vec<ValveModel>) -> Opt
         let none = table.best(None)?;
         let Some(next) = next else {
             let sticks = |d: &Decided| d.hypothesis.valve.is_some();
-            let of_friction = [Kind::AsymmetricFriction, Kind::FrictionDrift];
-            let mut sound =
-                table.decided().filter(|d| !sticks(d) && d.hypothesis.effects.len() == added.len());
-            let sound = sound.next().filter(|d| !of_friction.iter().any(|kind| d.hypothesis.has(*kind)));
             return Some(Outcome {
                 recorded: IdData::default(),
                 data: IdData::default(),
                 declared: none.clone(),
                 best: none.clone(),
-                sound: sound.cloned(),
                 facts: Vec::new(),
                 added,
                 candidates: kinds.iter().copied().take(3).collect(),

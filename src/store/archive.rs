@@ -4,9 +4,8 @@
 mod csv;
 mod parquet;
 
-use super::codec::QUALITIES;
 use super::{Batch, Reader, Series, StoreError, StoredTag, TagName, rows};
-use crate::signal::Sample;
+use crate::signal::{Quality, Sample};
 use std::collections::HashMap;
 use std::fs::{self, File};
 use std::io::{self, BufWriter};
@@ -242,7 +241,7 @@ fn chosen(reader: &Reader, choice: &Choice) -> Result<Vec<(StoredTag, [Cell; 5])
 fn samples(reader: &mut Reader, choice: &Choice, sink: &mut dyn Sink) -> Result<u64, ArchiveError> {
     let tags = chosen(reader, choice)?;
     let ids: Vec<u32> = tags.iter().map(|(tag, _)| tag.id).collect();
-    let qualities = QUALITIES.map(|quality| (quality, Cell::text(quality.as_str())));
+    let qualities = Quality::ALL.map(|quality| (quality, Cell::text(quality.as_str())));
     let (mut rows, mut from) = (0, Reader::first_start(choice.from.unwrap_or(0.0)));
     while let Some(start) =
         reader.next_start(from)?.filter(|start| choice.to.is_none_or(|to| *start as f64 <= to))

@@ -262,19 +262,9 @@ pub(super) fn code(quality: Quality) -> u8 {
     }
 }
 
-/// Every quality, in the order of its code.
-pub const QUALITIES: [Quality; 7] = [
-    Quality::Good,
-    Quality::Stale,
-    Quality::Bad(BadReason::DeviceException),
-    Quality::Bad(BadReason::Timeout),
-    Quality::Bad(BadReason::LinkDown),
-    Quality::Bad(BadReason::OutOfRange),
-    Quality::Bad(BadReason::NotANumber),
-];
-
-fn quality(code: u8) -> Option<Quality> {
-    QUALITIES.get(usize::from(code)).copied()
+/// The quality of a code; `None` where there is none.
+pub(super) fn quality(of: u8) -> Option<Quality> {
+    Quality::ALL.into_iter().find(|quality| code(*quality) == of)
 }
 
 #[cfg(test)]

@@ -115,8 +115,10 @@ pub fn of_source(op: &[Sample], pv: &[Sample]) -> Option<Lattice> {
 
 /// Largest share of the scans at which a tag has a sample, where only its changes were reported.
 const ON_CHANGE: f64 = 0.95;
-/// Part of the median change below which a change is near none, and the most of them where small ones are not reported.
-const NEAR_NONE: [f64; 2] = [0.25, 0.02];
+/// Part of the median change below which a change is near none: one normal change in eight is smaller.
+const NEAR_NONE: f64 = 0.25;
+/// Most of those near none, as a share of the changes, where small ones are not reported.
+const FEW_NEAR_NONE: f64 = 0.02;
 
 /// Whether a tag that is not at every scan leaves out what changed too little: it has no small changes. Where samples are
 /// lost, small ones are among those that are left.
@@ -127,7 +129,7 @@ fn apart(series: &[Sample], lattice: &Lattice) -> bool {
         return true;
     }
     let sizes: Vec<f64> = series.windows(2).map(|w| (w[1].value - w[0].value).abs()).collect();
-    let limit = NEAR_NONE[0] * median(&sizes);
+    let limit = NEAR_NONE * median(&sizes);
     let near = sizes.iter().filter(|size| **size < limit).count();
-    near as f64 <= NEAR_NONE[1] * sizes.len() as f64
+    near as f64 <= FEW_NEAR_NONE * sizes.len() as f64
 }

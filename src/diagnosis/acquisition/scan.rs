@@ -29,9 +29,11 @@ const SHORTER: f64 = 0.3;
 const STEP: f64 = 0.08;
 /// How much further before OP's scan than behind it PV's may lie (share of the period).
 const EARLIER: f64 = 0.15;
-/// Intervals of the first look, how many more each further one has, and candidates that go on to it.
+/// Intervals of the first look.
 const FIRST: usize = 120;
+/// How many times more each further look has.
 const FURTHER: usize = 3;
+/// Candidates that go on to it.
 const KEPT: usize = 6;
 /// Most periods of the first look.
 const MOST_PERIODS: f64 = 20_000.0;
@@ -39,8 +41,7 @@ const MOST_PERIODS: f64 = 20_000.0;
 const LEVEL: f64 = 0.04;
 /// The same over the whole record.
 const SHARP: f64 = 0.004;
-
-/// Periods and phases tried to each side in the end, and the steps: shares of those before.
+/// Periods tried to each side in the end, and twice as many phases; their steps as shares of those before.
 const SHARPER: (i32, f64) = (10, 0.1);
 
 /// The controller's scans.

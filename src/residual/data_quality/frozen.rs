@@ -8,7 +8,7 @@ use super::{Fact, bridge};
 use crate::residual::Kind;
 use crate::residual::report::Described;
 use crate::sysid::iddata::IdData;
-use crate::sysid::stats::range;
+use crate::sysid::stats::{median, range};
 
 /// How many times longer than every other run frozen ones are: twofold happens among few.
 const APART: usize = 3;
@@ -64,10 +64,8 @@ fn frozen(u: &[f64], y: &[f64]) -> Option<Vec<(usize, usize)>> {
     let gap = lengths.windows(2).find(|two| two[1] >= SHORTEST && two[1] >= APART * two[0])?;
     let (low, high) = range(u);
     let step = quantum(y).map_or(0.0, |quantum| if quantum.size < OF_PV { 0.0 } else { quantum.size });
-    let mut increments: Vec<f64> =
-        y.windows(2).map(|two| (two[1] - two[0]).abs()).filter(|by| *by > 0.0).collect();
-    increments.sort_unstable_by(f64::total_cmp);
-    let settled = SETTLED * increments.get(increments.len() / 2)?;
+    let increments = y.windows(2).map(|two| (two[1] - two[0]).abs()).filter(|by| *by > 0.0);
+    let settled = SETTLED * median(&increments.collect::<Vec<f64>>());
     let is_frozen = |&(from, to): &(usize, usize)| {
         let (least, most) = range(&u[from..to]);
         let leaps = y.get(to).map_or(step == 0.0, |after| (after - y[from]).abs() > LEAP * step);

@@ -1,6 +1,6 @@
 //! What friction a record could hide: the bound that goes with "no friction needed".
 
-use super::{Search, all_counted, places, whole};
+use super::{Search, bridged, places, whole};
 use crate::residual::hypothesis::Hypothesis;
 use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
@@ -24,7 +24,7 @@ const HIDDEN_PLACES: usize = 12;
 /// the bound is the next above the last that is not excluded.
 pub fn hidden(data: &IdData, effects: &Hypothesis, bound: f64) -> f64 {
     let shapes = effects.shapes(data);
-    let counted = all_counted(data);
+    let counted = bridged(data);
     let search = Search::new(data, effects, &shapes, &counted);
     let none = effects.with_valve(None);
     let free = search.arx.fit(&none.to_process(data, none.stem(data).0), None);

@@ -101,7 +101,7 @@ pub enum Effort {
 /// The valves that explain PV best beside the effects of `effects`, the best first and of different kinds.
 pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort: Effort) -> Vec<Found> {
     let shapes = effects.shapes(data);
-    let counted = all_counted(data);
+    let counted = bridged(data);
     let mut search = Search::new(data, effects, &shapes, &counted);
     starts.iter().for_each(|valve| search.rate(*valve, None));
     if effort == Effort::Whole {
@@ -117,7 +117,7 @@ pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort
 }
 
 /// The record with PV drawn straight through the samples that do not count: they are still lags of those that do.
-fn all_counted(data: &IdData) -> IdData {
+fn bridged(data: &IdData) -> IdData {
     let mut filled = data.clone();
     let mut last = None;
     for k in (0..data.len()).filter(|k| data.weight[*k] > 0.0 || data.known[*k]) {

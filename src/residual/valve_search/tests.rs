@@ -125,7 +125,7 @@ fn valves_side_by_side_are_ranked_as_one_by_one() {
     for k in [300, 301, 302, 700] {
         (data.y[k], data.weight[k]) = (50.0, 0.0);
     }
-    let counted = all_counted(&data);
+    let counted = bridged(&data);
     assert!((counted.y[301] - 0.5 * (data.y[299] + data.y[303])).abs() < 1e-12);
     let search = Search::new(&data, &none, &[], &counted);
     let plain = Arx::new(&counted, &counted.y, &[]);

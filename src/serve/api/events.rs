@@ -8,7 +8,7 @@ use super::super::dto::rfc3339;
 use super::super::extract::Params;
 use super::super::guard::{Actor, lost};
 use super::super::problem::Problem;
-use super::{SIGN_OF_LIFE, event_place};
+use super::event_place;
 use crate::access::Role;
 use axum::extract::State;
 use axum::http::HeaderMap;
@@ -17,6 +17,7 @@ use futures::stream::{self, Stream, StreamExt};
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, watch};
 
 /// Events taken out of the log at once.
@@ -44,7 +45,7 @@ pub async fn stream(
         Some((Ok(frame), client))
     });
     let frames = frames.take_until(ended);
-    Ok(Sse::new(frames).keep_alive(KeepAlive::new().interval(SIGN_OF_LIFE)))
+    Ok(Sse::new(frames).keep_alive(KeepAlive::new().interval(Duration::from_secs(15))))
 }
 
 struct Client {

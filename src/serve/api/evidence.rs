@@ -9,7 +9,7 @@ use super::super::dto::samples::TagSamples;
 use super::super::extract::{OfLoop, Params};
 use super::super::guard::{Actor, lost};
 use super::super::problem::Problem;
-use super::{SIGN_OF_LIFE, event_place, off_thread};
+use super::{event_place, off_thread};
 use crate::access::Role;
 use crate::history::Trend;
 use crate::signal::LoopId;
@@ -82,7 +82,7 @@ pub async fn live(
         Some((Ok(frame), client))
     });
     let frames = frames.take_until(ended);
-    Ok(Sse::new(frames).keep_alive(KeepAlive::new().interval(SIGN_OF_LIFE)))
+    Ok(Sse::new(frames).keep_alive(KeepAlive::new().interval(Duration::from_secs(15))))
 }
 
 /// Time of the newest sample that was sent (s), by tag: tags may be stamped by clocks of their own.

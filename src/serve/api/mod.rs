@@ -24,7 +24,6 @@ use axum::response::{IntoResponse, Response};
 use axum::{Json, http::header};
 use serde::Serialize;
 use std::sync::Arc;
-use std::time::Duration;
 use tokio::sync::OwnedSemaphorePermit;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
@@ -131,10 +130,6 @@ impl<T> Page<T> {
         Self { total, items, next }
     }
 }
-
-/// How often a stream without news is written to: a client that has gone is noticed by a write that fails, since one that
-/// closed its half may still listen.
-const SIGN_OF_LIFE: Duration = Duration::from_secs(2);
 
 /// A place among those who listen to events.
 fn event_place(context: &Context) -> Result<OwnedSemaphorePermit, Problem> {

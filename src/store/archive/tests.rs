@@ -16,8 +16,8 @@ fn filled(folder: &Folder) -> Store {
         (0..500i32)
             .map(|i| {
                 let (t, value) = (1_763_700_000.0 + f64::from(i) + 0.1, k * f64::from(i) / 3.0);
-                let quality = QUALITIES[if i % 50 == 7 { i as usize % 7 } else { 0 }];
-                let none = quality == QUALITIES[3];
+                let quality = Quality::ALL[if i % 50 == 7 { i as usize % 7 } else { 0 }];
+                let none = quality == Quality::ALL[3];
                 Sample { t, value: if none { f64::NAN } else { value }, quality }
             })
             .collect()

@@ -42,7 +42,7 @@ fn numbers_on_the_edge_come_back() {
     let samples: Vec<Sample> = edge
         .iter()
         .enumerate()
-        .map(|(i, &value)| Sample { t: edge[(i + 3) % edge.len()], value, quality: QUALITIES[i % 7] })
+        .map(|(i, &value)| Sample { t: edge[(i + 3) % edge.len()], value, quality: Quality::ALL[i % 7] })
         .collect();
     back(&samples);
     back(&[]);
@@ -62,7 +62,7 @@ fn any_sample() -> impl Strategy<Value = Sample> {
         (-40_000i32..40_000).prop_map(|raw| f64::from(raw) * 0.01),
         Just(f64::NAN),
     ];
-    (t, value, 0usize..7).prop_map(|(t, value, quality)| Sample { t, value, quality: QUALITIES[quality] })
+    (t, value, 0usize..7).prop_map(|(t, value, quality)| Sample { t, value, quality: Quality::ALL[quality] })
 }
 
 proptest! {
@@ -108,7 +108,7 @@ proptest! {
 
     #[test]
     fn one_sample_of_each_stamp_is_left(mut samples in proptest::collection::vec(
-        (0u8..20, 0usize..3).prop_map(|(t, q)| Sample { t: f64::from(t), value: 1.0, quality: QUALITIES[q] }), 0..60,
+        (0u8..20, 0usize..3).prop_map(|(t, q)| Sample { t: f64::from(t), value: 1.0, quality: Quality::ALL[q] }), 0..60,
     )) {
         let before = samples.clone();
         unique(&mut samples);

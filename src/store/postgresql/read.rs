@@ -7,7 +7,7 @@ use super::super::{Checked, Config, Point, StoreError, StoredTag, codec};
 use super::client::{Ask, Client};
 use super::write::{at, seconds};
 use super::{link, schema};
-use crate::signal::Sample;
+use crate::signal::{Quality, Sample};
 use std::cell::{RefCell, RefMut};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -69,8 +69,8 @@ impl Reader {
         found: &mut BTreeMap<u32, Vec<Sample>>,
     ) -> Result<(), StoreError> {
         for row in self.rows(sql, &[&span.0, &span.1, &wanted])? {
-            let quality = usize::try_from(row.get::<_, i16>(4)).ok();
-            let Some(&quality) = quality.and_then(|code| codec::QUALITIES.get(code)) else { continue };
+            let code = u8::try_from(row.get::<_, i16>(4)).ok();
+            let Some(quality) = code.and_then(codec::quality) else { continue };
             let value = row.get::<_, Option<f64>>(3).unwrap_or(f64::NAN);
             let sample = Sample { t: seconds(row.get(1), row.get(2)), value, quality };
             found.entry(row.get::<_, i32>(0).max(0) as u32).or_default().push(sample);
@@ -213,7 +213,7 @@ impl Reads for Reader {
         found.points =
             self.client().query_one("SELECT count(*) FROM trends", &[])?.get::<_, i64>(0).max(0) as u64;
         let strays = "SELECT count(*) FROM samples WHERE quality < 0 OR quality >= $1 OR tag NOT IN (SELECT id FROM tags)";
-        let strays: i64 = self.client().query_one(strays, &[&(codec::QUALITIES.len() as i16)])?.get(0);
+        let strays: i64 = self.client().query_one(strays, &[&(Quality::ALL.len() as i16)])?.get(0);
         if strays > 0 {
             found.faults.push(format!("{strays} samples of no tag or with no quality"));
         }
