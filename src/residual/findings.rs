@@ -107,7 +107,7 @@ pub struct Parameter {
 pub struct Effect {
     /// Which.
     pub kind: Kind,
-    /// Probability that it is there, given the record (0..1).
+    /// Probability that it is there, given the record (0..1); NaN where samples that were not fitted speak against it.
     pub posterior: f64,
     /// Evidence: twice the logarithm of the odds for it against none (-).
     pub delta_aic: f64,

@@ -157,7 +157,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         .map(|fact| named(fact.kind, (fact.posterior, f64::NAN), None, fact.described))
         .collect();
     let mut gamma = best.model.gamma.as_slice();
-    for (effect, evidence) in best.hypothesis.effects.iter().zip(&added) {
+    for (effect, (posterior, delta_aic)) in best.hypothesis.effects.iter().zip(added) {
         let mut own = Vec::new();
         effect.shapes(&data, &mut own);
         let (own, rest) = gamma.split_at(own.len().min(gamma.len()));
@@ -166,7 +166,14 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         if misleads {
             described.explanation += "; doubt it: with it, samples that were not fitted are predicted worse";
         }
-        effects.push(named(effect.kind(), *evidence, effect.tag().map(str::to_string), described));
+        // A posterior is one of models; where samples speak against the model it says nothing.
+        let posterior = if misleads { f64::NAN } else { posterior };
+        effects.push(named(
+            effect.kind(),
+            (posterior, delta_aic),
+            effect.tag().map(str::to_string),
+            described,
+        ));
     }
     let apart = |valve: ValveModel| (valve.j / valve.s - 1.0).abs() > APART;
     if verdict == Verdict::Stiction && slip_jump > 0.0 && best.hypothesis.valve.is_some_and(apart) {

@@ -151,7 +151,7 @@ pub fn judge(generator: &Generator, case: &Case, told: bool) -> Judged {
             ..Default::default()
         };
         let first = trace(informed).and_then(|t| t.effects.first().cloned());
-        judged.identifiable = Some(first.is_some_and(|e| e.kind == kind && e.posterior > 0.5));
+        judged.identifiable = Some(first.is_some_and(|e| e.kind == kind));
     }
     judged
 }
