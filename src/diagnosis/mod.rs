@@ -105,6 +105,11 @@ pub enum NotIdentifiable {
         /// The slowest poll that would do (s).
         poll_s: f64,
     },
+    /// Friction would not have shown, whatever its size.
+    HiddenFriction {
+        /// Largest reversal of OP (OP unit).
+        reversal: f64,
+    },
     /// OP moves but PV shows no response to it at any friction: stuck throughout, or not this loop's valve.
     NoResponse,
     /// Values too large or too small to compute with.
@@ -126,6 +131,7 @@ impl NotIdentifiable {
             Self::Manual { .. } => "manual",
             Self::NotExcited { .. } => "not_excited",
             Self::Undersampled { .. } => "undersampled",
+            Self::HiddenFriction { .. } => "hidden_friction",
             Self::NoResponse => "no_response",
             Self::OutOfScale => "out_of_scale",
             Self::DeadlineExceeded => "deadline_exceeded",
@@ -161,6 +167,11 @@ impl fmt::Display for NotIdentifiable {
                 out,
                 "undersampled: {samples:.1} samples per period, ten are needed: poll at least every {} s",
                 rounded_down(*poll_s)
+            ),
+            Self::HiddenFriction { reversal } => write!(
+                out,
+                "hidden friction: OP never reverses by more than {reversal:.3}, and friction would not show beside what \
+                 else moves PV"
             ),
             Self::NoResponse => write!(out, "no response: PV does not follow OP at any friction"),
             Self::OutOfScale => write!(out, "out of scale: values too large or too small to compute with"),
