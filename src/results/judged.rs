@@ -73,6 +73,9 @@ impl Judged {
 
     /// Friction that counts: f, its interval (OP unit) and the evidence (-).
     pub fn friction(&self) -> Option<(f64, [f64; 2], f64)> {
+        if matches!(self.verdict(), Verdict::NotIdentifiable(_)) {
+            return None;
+        }
         let with_effects = self.replaced_by().map(|found| found.friction_after);
         let friction = with_effects.map(|f| (f.f, f.f_ci95, f.delta_aic));
         friction.or_else(|| self.diagnosis.estimate.as_ref().map(|e| (e.f, e.f_ci95, e.delta_aic)))
@@ -112,6 +115,7 @@ pub(crate) mod tests {
             after: Residual { white: true, one_step_rmse: 0.012, free_run_rmse: 0.44 },
             before: residual,
             simulates_worse: true,
+            f_detectable: Some(0.4),
             unexplained: false,
             failed: Vec::new(),
             friction_before: Friction { f: 2.5, ..Friction::default() },
