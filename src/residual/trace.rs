@@ -104,25 +104,18 @@ fn prepare(data: &mut IdData, settings: &Settings) -> (Vec<ValveModel>, Vec<Fact
     (found.into_iter().map(|found| found.valve).collect(), facts)
 }
 
-/// Lets OP act beside the stem where friction is likelier so; `found`: the valves without such a term.
+/// Lets OP act beside the stem where friction is believed only so; `found`: the valves without such a term.
 fn direct(data: &mut IdData, known: &[ValveModel], found: Vec<Found>) -> Vec<Found> {
     let none = Hypothesis::default();
     let sound = scored(data, &none, arx(data, &none, None).log_likelihood);
-    let alone = found.first().map_or(f64::NEG_INFINITY, |found| found.score);
+    if found.first().is_some_and(|found| found.score > sound) {
+        return found;
+    }
     data.direct = true;
-    let score = |valve: ValveModel, data: &IdData| {
-        let hypothesis = none.with_valve(Some(valve));
-        scored(data, &hypothesis, arx(data, &hypothesis, None).log_likelihood)
-    };
-    let beside = if alone <= sound {
-        search(data, &none, known, Effort::Whole)
-    } else if found.iter().any(|found| score(found.valve, data) > alone) {
-        let starts: Vec<ValveModel> = found.iter().map(|found| found.valve).collect();
-        search(data, &none, &starts, Effort::Near)
-    } else {
-        Vec::new()
-    };
-    if beside.first().is_some_and(|found| score(found.valve, data) > sound.max(alone)) {
+    let beside = search(data, &none, known, Effort::Whole);
+    let likelier =
+        |found: &Found| scored(data, &none.with_valve(Some(found.valve)), found.fit.log_likelihood) > sound;
+    if beside.first().is_some_and(likelier) {
         return beside;
     }
     data.direct = false;

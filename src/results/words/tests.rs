@@ -8,7 +8,7 @@ fn verdict(outcome: &'static str, f: Option<f64>, f_high: Option<f64>) -> Verdic
 }
 
 /// Why nothing can be said, all of it.
-fn reasons() -> [NotIdentifiable; 12] {
+fn reasons() -> [NotIdentifiable; 13] {
     [
         NotIdentifiable::NoTimeBase,
         NotIdentifiable::FlatOp,
