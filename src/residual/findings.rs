@@ -1,6 +1,6 @@
 //! What tracing finds: the values that leave the module.
 
-use crate::diagnosis::{Model, Residual, Verdict};
+use crate::diagnosis::{Model, NotIdentifiable, Residual, Verdict};
 use std::fmt;
 
 /// An effect beside friction and linear dynamics: the closed list.
@@ -242,4 +242,15 @@ pub struct Findings {
     pub curves: Curves,
     /// OP -> measured stem, where there is one.
     pub stem: Option<Stem>,
+}
+
+impl Findings {
+    /// Whether they replace what the diagnosis says of friction: they do wherever they can tell it, or know that the record
+    /// cannot, so that verdict, f, its interval and evidence come from one table.
+    pub fn decide(&self) -> bool {
+        match &self.verdict {
+            Verdict::Stiction | Verdict::NoStiction => true,
+            Verdict::NotIdentifiable(why) => matches!(why, NotIdentifiable::HiddenFriction { .. }),
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! What one run says of a loop: the diagnosis, and the effects that its residual was traced to.
 
-use crate::diagnosis::{Diagnosis, NotIdentifiable, Verdict};
+use crate::diagnosis::{Diagnosis, Verdict};
 use crate::residual::{self, Findings};
 
 /// An effect beside friction and linear dynamics, with its tag where it is measured.
@@ -52,18 +52,9 @@ impl From<Diagnosis> for Judged {
 }
 
 impl Judged {
-    /// Whether findings replace what the declared model says of friction: they do wherever they can tell it, or know that
-    /// the record cannot, so that verdict, f, its interval and evidence come from one table.
-    pub fn decides(found: &Findings) -> bool {
-        match &found.verdict {
-            Verdict::Stiction | Verdict::NoStiction => true,
-            Verdict::NotIdentifiable(why) => matches!(why, NotIdentifiable::HiddenFriction { .. }),
-        }
-    }
-
-    /// The findings that replace the diagnosis, see [`Judged::decides`].
+    /// The findings that replace the diagnosis, see [`Findings::decide`].
     pub fn replaced_by(&self) -> Option<&Findings> {
-        self.findings.as_ref().filter(|found| Self::decides(found))
+        self.findings.as_ref().filter(|found| found.decide())
     }
 
     /// The verdict that counts.

@@ -345,7 +345,7 @@ impl Report {
         let unit = OpUnit::new(op_span, diagnosis);
         self.residual = ReportResidual::traced(found, &unit, &diagnosis.verdict);
         self.f_detectable = found.f_detectable.and_then(|f| unit.scale(f));
-        if !Judged::decides(found) {
+        if !found.decide() {
             return self;
         }
         let friction = &found.friction_after;
