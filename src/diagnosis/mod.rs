@@ -229,6 +229,8 @@ pub struct Preparation {
     pub denoise: Denoise,
     /// What an archive did to the record before it came here.
     pub history: Option<Box<HistoryFound>>,
+    /// Least f that counts as stiction: of the span, or of what OP covered where the span is not known (OP unit).
+    pub f_threshold: f64,
     /// How the record was acquired; `None` where its stamps do not say.
     pub acquisition: Option<Box<Acquisition>>,
 }
