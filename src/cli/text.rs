@@ -48,7 +48,12 @@ pub fn page(report: &Report) -> String {
             line("", format!("unit {unit} judged from OP's values: {span}"));
             if report.op_span.is_none() {
                 let least = number(report.f_threshold);
-                line("", format!("f counts from {least} {unit} on: per cent of what OP covered, for its span is no less"));
+                line(
+                    "",
+                    format!(
+                        "f counts from {least} {unit} on: per cent of what OP covered, for its span is no less"
+                    ),
+                );
             }
         } else if let (Some(span), source @ ("limits" | "unit")) =
             (report.op_span, report.op_span_source.as_str())

@@ -119,7 +119,8 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         model: model(&chosen, &scale),
         mv: stem.iter().map(|x| x * scale.u + scale.u0).collect(),
     };
-    let reason = explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), span.map(|span| 100.0 / span));
+    let reason =
+        explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), span.map(|span| 100.0 / span));
     let residual = Some(validation::validate(&problem, &chosen, scale.y));
     Diagnosis {
         verdict,

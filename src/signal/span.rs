@@ -207,7 +207,13 @@ mod tests {
 
     #[test]
     fn numbers_in_sentences_keep_three_figures() {
-        let cases = [(2.5, "2.500"), (0.4123, "0.412"), (0.012_345, "0.0123"), (-4.123e-5, "-0.0000412"), (0.0, "0.000")];
+        let cases = [
+            (2.5, "2.500"),
+            (0.4123, "0.412"),
+            (0.012_345, "0.0123"),
+            (-4.123e-5, "-0.0000412"),
+            (0.0, "0.000"),
+        ];
         for (value, text) in cases {
             assert_eq!(told(value), text);
         }
