@@ -3,7 +3,7 @@
 
 mod span;
 
-pub use span::{MILLIAMPERES, Scale, SpanSource, span_of_unit};
+pub use span::{MILLIAMPERES, Scale, SpanSource, span_at_least, span_of_unit, told};
 use std::fmt;
 use std::sync::Arc;
 

@@ -11,7 +11,7 @@ use crate::diagnosis::Settings;
 use crate::results::{Event, Results};
 use crate::schedule::{Clock, Diagnose};
 use crate::serve::{BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
-use crate::signal::{Record, Sample};
+use crate::signal::{Record, Sample, SpanSource};
 use crate::store::{self, Batch, Reader, Series, StoreError, TagName};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -235,9 +235,14 @@ impl Shared {
         cancel: &CancellationToken,
     ) -> Result<Option<Timeline>, String> {
         if let Some(own) = config.loops.iter().find(|l| l.id == request.id.as_str()) {
-            record.op_span = own.op_span.or(record.op_span);
-            record.op_limits = own.op_limits.map(|[low, high]| (low, high));
+            record.op_limits = own.op_limits.map(|[low, high]| (low, high)).or(record.op_limits);
+            // What the configuration says of OP goes before what its values look like, not before a file's own unit.
+            if own.op_span.is_some() || record.op_span_source == SpanSource::Values {
+                record.op_span = None;
+            }
+            record.find_span(own.op_span, own.op.unit());
         }
+        record.find_span(None, None);
         let marked = Marked::from(record);
         let empty = || BackfillError::Empty.to_string();
         let cut = usual_cut(&marked.record, request.window_s, request.step_s).ok_or_else(empty)?;

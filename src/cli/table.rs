@@ -99,7 +99,8 @@ pub fn scale(
         let why = why.replace("op_span = ", "--op-span ").replace("op_limits = ", "--op-limits ");
         return Err(Failure::in_file(path, why));
     }
-    (record.op_span, record.op_span_source) = scale.span(&record.op);
+    record.op_span = None;
+    record.find_span(given, unit);
     Ok(())
 }
 

@@ -49,6 +49,15 @@ pub fn page(report: &Report) -> String {
                 None => "its span is not known, say it with --op-span: 100 for per cent, 16 for mA".into(),
             };
             line("", format!("unit {unit} judged from OP's values: {span}"));
+            if report.op_span.is_none() {
+                let least = number(report.f_threshold);
+                line(
+                    "",
+                    format!(
+                        "f counts from {least} {unit} on: per cent of what OP covered, for its span is no less"
+                    ),
+                );
+            }
         } else if let (Some(span), source @ ("limits" | "unit")) =
             (report.op_span, report.op_span_source.as_str())
         {

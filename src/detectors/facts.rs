@@ -5,7 +5,7 @@ use super::integration::{Integration, integration};
 use super::oscillation::{Cycle, REGULAR, cycle};
 use crate::diagnosis::region::{self, Region};
 use crate::signal::Window;
-use crate::sysid::stats::{mean, sd};
+use crate::sysid::stats::{mean, normalised, sd};
 use crate::sysid::valve::Start;
 
 /// Fewest samples of a window.
@@ -146,5 +146,5 @@ fn normal(v: &[f64]) -> Option<(Vec<f64>, f64)> {
     let (m, s) = (mean(v), sd(v));
     // Movement that is only rounding is none.
     let moves = s.is_finite() && s > 1e-12 * m.abs().max(f64::MIN_POSITIVE);
-    moves.then(|| (v.iter().map(|x| (x - m) / s).collect(), s))
+    moves.then(|| (normalised(v, m, s), s))
 }

@@ -263,7 +263,7 @@ impl Lines {
         // Rounding of printed values; a line whose step is near it may be chance.
         let rounded = moving.iter().copied().fold(f64::INFINITY, f64::min);
         let tolerance =
-            decimal(values).filter(|unit| 8.0 * unit < scale).map_or(1e-6 * scale, |unit| 1.01 * unit);
+            printed(values).filter(|unit| 8.0 * unit < scale).map_or(1e-6 * scale, |unit| 1.01 * unit);
         let on_line =
             |i: usize| (steps[i] - steps[i - 1]).abs() <= tolerance && steps[i].abs() > 3.0 * rounded;
         let (mut inside, mut i) = (0_usize, 1);
@@ -284,12 +284,28 @@ impl Lines {
     }
 }
 
-/// The decimal unit that all values are multiples of, where there is one.
-fn decimal(values: &[f64]) -> Option<f64> {
-    (0..=6).map(|digits| 10_f64.powi(digits)).find_map(|per| {
-        let whole = |v: &f64| ((v * per).round() - v * per).abs() < 1e-4;
-        values.iter().all(whole).then_some(1.0 / per)
-    })
+/// The largest unit that all values are whole numbers of from each other, where there is one: what their printing rounded
+/// them to, in whatever unit they came since.
+fn printed(values: &[f64]) -> Option<f64> {
+    /// Least unit, in parts of the range of the values: a finer one is a computer's.
+    const FINEST: f64 = 1e-7;
+    /// How far values may be from whole numbers of units.
+    const OFF: f64 = 1e-2;
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let (first, last) = (*sorted.first()?, *sorted.last()?);
+    let least = FINEST * (last - first);
+    // Euclid's algorithm on the gaps, in numbers that are nearly whole.
+    let gaps = sorted.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > least);
+    let unit = gaps.fold(0.0_f64, |unit, gap| {
+        let (mut a, mut b) = (unit.max(gap), unit.min(gap));
+        while b > least {
+            (a, b) = (b, (a - b * (a / b).round()).abs());
+        }
+        a
+    });
+    let whole = |v: &f64| (((v - first) / unit).round() - (v - first) / unit).abs() < OFF;
+    (unit > 10.0 * least && sorted.iter().all(whole)).then_some(unit)
 }
 
 /// Changes at every k-th sample only, and at most of those.
@@ -346,8 +362,16 @@ mod tests {
             irregular(&of(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (4.0, 0.0), (5.0, 0.0), (8.0, 0.0)])),
             0.4
         );
-        assert_eq!(decimal(&[1.5, 2.25, -3.0]), Some(0.01));
-        assert_eq!(decimal(&[1.0 / 3.0]), None);
+        assert_eq!(printed(&[1.5, 2.25, -3.0]), Some(0.75));
+        assert_eq!(printed(&[]), None);
+        let steps: Vec<f64> = (0..300).map(|k| 0.01 * f64::from((k * k) % 97)).collect();
+        for factor in [1.0, 0.01, 276.48, -0.16] {
+            let scaled: Vec<f64> = steps.iter().map(|v| 50.0 + factor * v).collect();
+            let unit = printed(&scaled).expect("all are whole hundredths");
+            assert!((unit / (0.01 * factor.abs()) - 1.0).abs() < 1e-6, "{factor}: {unit}");
+        }
+        let smooth: Vec<f64> = (0..300).map(|k| (0.1 * f64::from(k)).sin()).collect();
+        assert_eq!(printed(&smooth), None);
         assert_eq!(near_zero(&[0.1, 1.0, 1.0, 1.0]), 0.25);
         // One line of six samples, then a turn.
         let lines = Lines::of(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 4.75]);

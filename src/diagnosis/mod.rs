@@ -107,8 +107,8 @@ pub enum NotIdentifiable {
     },
     /// Friction would not have shown, whatever its size.
     HiddenFriction {
-        /// Largest reversal of OP (OP unit).
-        reversal: f64,
+        /// Largest reversal of OP, as sentences say it.
+        reversal: String,
     },
     /// OP moves but PV shows no response to it at any friction: stuck throughout, or not this loop's valve.
     NoResponse,
@@ -170,7 +170,7 @@ impl fmt::Display for NotIdentifiable {
             ),
             Self::HiddenFriction { reversal } => write!(
                 out,
-                "hidden friction: OP never reverses by more than {reversal:.3}, and friction would not show beside what \
+                "hidden friction: OP never reverses by more than {reversal}, and friction would not show beside what \
                  else moves PV"
             ),
             Self::NoResponse => write!(out, "no response: PV does not follow OP at any friction"),
@@ -240,6 +240,8 @@ pub struct Preparation {
     pub denoise: Denoise,
     /// What an archive did to the record before it came here.
     pub history: Option<Box<HistoryFound>>,
+    /// Least f that counts as stiction: of the span, or of what OP covered where the span is not known (OP unit).
+    pub f_threshold: f64,
     /// How the record was acquired; `None` where its stamps do not say.
     pub acquisition: Option<Box<Acquisition>>,
 }

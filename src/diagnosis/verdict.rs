@@ -17,8 +17,8 @@ use super::{
     CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Settings, Verdict,
 };
 use super::{armax, gate, validation};
-use crate::signal::{Record, Row, Window};
-use crate::sysid::stats::{mean, range, sd};
+use crate::signal::{Record, Row, Window, span_at_least, told};
+use crate::sysid::stats::{mean, normalised, range, sd};
 
 /// Fewest large extrema of OP in the window.
 const LEAST_EXTREMA: usize = 4;
@@ -28,9 +28,6 @@ const LEAST_ROWS: usize = 120;
 const EXPLAINED: f64 = 1e-6;
 /// Values of Srinivasan's d tried.
 const D_GRID: usize = 60;
-
-/// Spans of OP that are believed; beyond them nothing can be told in per cent.
-const SPANS: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
 
 /// Diagnoses one loop's record. Never panics on any input; what cannot be judged is a verdict, not an error.
 pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
@@ -76,10 +73,11 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         let evidence = weigh(&problem, &sound, &sticky, [&sound_errors, &errors], period, worth);
         (sticky, evidence)
     });
-    let known_percent = record.op_span.filter(|span| SPANS.contains(span)).map(|span| 100.0 / span);
-    let percent = known_percent.unwrap_or(1.0);
+    let span = record.known_span();
+    let threshold = 0.01 * settings.f_threshold * span_at_least(span, &window.op);
+    preparation.f_threshold = threshold;
     let believed = |(sticky, evidence): &(Refined, Evidence)| {
-        sticky.f * scale.u * percent > settings.f_threshold
+        sticky.f * scale.u > threshold
             && evidence.delta_aic > settings.evidence_threshold
             && evidence.steadiness > STEADY
             && interval(&problem, &cells, sticky)[0] > 0.0
@@ -121,7 +119,8 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         model: model(&chosen, &scale),
         mv: stem.iter().map(|x| x * scale.u + scale.u0).collect(),
     };
-    let reason = explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), known_percent);
+    let reason =
+        explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), span.map(|span| 100.0 / span));
     let residual = Some(validation::validate(&problem, &chosen, scale.y));
     Diagnosis {
         verdict,
@@ -173,13 +172,9 @@ pub fn pose(
     if !(scale.u.is_finite() && scale.y.is_finite() && scale.u > 0.0 && scale.y > 0.0) {
         return Err(NotIdentifiable::OutOfScale);
     }
-    let normal = |v: &[f64], sd: f64| -> Vec<f64> {
-        let m = mean(v);
-        v.iter().map(|x| (x - m) / sd).collect()
-    };
-    let u = normal(&window.op, scale.u);
+    let u = normalised(&window.op, scale.u0, scale.u);
     let f_top = largest_reversal(&u, start);
-    let (y, holes) = (normal(&window.pv, scale.y), Holes::of(window, first));
+    let (y, holes) = (normalised(&window.pv, mean(&window.pv), scale.y), Holes::of(window, first));
     Ok((Problem { y, u, start, first, max_delay, f_top, holes }, scale))
 }
 
@@ -246,10 +241,10 @@ fn explain(verdict: &Verdict, e: &Estimate, evidence: Option<&Evidence>, percent
     let (per, unit) = percent.map_or((1.0, ""), |p| (p, " % OP"));
     match verdict {
         Verdict::Stiction => format!(
-            "f = {:.3}{unit} [{:.3}, {:.3}], evidence {:.0}; next best explanation: {}",
-            e.f * per,
-            e.f_ci95[0] * per,
-            e.f_ci95[1] * per,
+            "f = {}{unit} [{}, {}], evidence {:.0}; next best explanation: {}",
+            told(e.f * per),
+            told(e.f_ci95[0] * per),
+            told(e.f_ci95[1] * per),
             w.delta_aic,
             w.rival.name()
         ),
@@ -263,7 +258,7 @@ fn explain(verdict: &Verdict, e: &Estimate, evidence: Option<&Evidence>, percent
             } else {
                 format!("no friction needed, {evidence}")
             };
-            format!("{why}; f up to {:.3}{unit} could be hidden", e.f_ci95[1] * per)
+            format!("{why}; f up to {}{unit} could be hidden", told(e.f_ci95[1] * per))
         }
     }
 }

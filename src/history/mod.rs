@@ -82,7 +82,7 @@ pub struct LoopTags {
     pub tags: Vec<TagSpec>,
     /// Controller output limits (OP unit).
     pub op_limits: Option<(f64, f64)>,
-    /// Span of OP (OP unit).
+    /// Span of OP as the configuration tells it; where it does not, a record's values may (OP unit).
     pub op_span: Option<f64>,
     /// Where that is known from.
     pub op_span_source: SpanSource,
@@ -201,6 +201,8 @@ impl History {
                 TagKind::Extra(name) => record.tags.push((name.clone(), series)),
             }
         }
+        // What the configuration does not tell OP's values may.
+        record.find_span(None, None);
         Some(record)
     }
 

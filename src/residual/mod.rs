@@ -30,7 +30,7 @@ pub mod valve_search;
 pub use findings::{Curves, Effect, Findings, Friction, Kind, Parameter, Stem, Test};
 
 use crate::diagnosis::{self, Diagnosis, gate, prepare};
-use crate::signal::{Record, Window};
+use crate::signal::{Record, Window, span_at_least};
 
 /// How far to trace.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,13 +43,22 @@ pub struct Settings {
     pub evidence_threshold: f64,
     /// The one effect that is known to be there: it is looked for more thoroughly than the others.
     pub only: Option<Kind>,
+    /// The span of OP, where it is known: sentences are then in per cent of it (OP unit).
+    pub op_span: Option<f64>,
     /// S/2 and J of the valve, where they are known (OP unit): the search begins there, too.
     pub friction: Option<(f64, Option<f64>)>,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { most_effects: 3, f_threshold: 0.05, evidence_threshold: 20.0, only: None, friction: None }
+        Self {
+            most_effects: 3,
+            f_threshold: 0.05,
+            evidence_threshold: 20.0,
+            only: None,
+            op_span: None,
+            friction: None,
+        }
     }
 }
 
@@ -81,10 +90,12 @@ pub fn trace_record(
     settings: &Settings,
 ) -> Option<Findings> {
     let window = window(record, diagnosis, diagnosed)?;
-    let span = record.op_span.filter(|span| span.is_finite() && *span > 0.0).unwrap_or(100.0);
-    // Thresholds are per cent of OP's span there and OP units here.
+    let op_span = record.known_span();
+    // Thresholds are per cent of OP's span there and OP units here; one record has one, whatever window is traced.
+    let covered = diagnosis.window.as_ref().map_or(&window.op, |own| &own.op);
     let settings = Settings {
-        f_threshold: diagnosed.f_threshold * span / 100.0,
+        f_threshold: 0.01 * diagnosed.f_threshold * span_at_least(op_span, covered),
+        op_span,
         evidence_threshold: diagnosed.evidence_threshold,
         ..settings.clone()
     };

@@ -10,8 +10,9 @@ use super::posterior::probability;
 use super::trace::Outcome;
 use super::{Settings, checks};
 use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Residual, Verdict};
+use crate::signal::told;
 use crate::sysid::armax::{Armax, Input, ORDER};
-use crate::sysid::iddata::IdData;
+use crate::sysid::iddata::{IdData, Units};
 use crate::sysid::simulate::simulate;
 use crate::sysid::student;
 use crate::sysid::valve::ValveModel;
@@ -163,11 +164,14 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
             Some(f) => {
                 friction_after.f_ci95[1] = friction_after.f_ci95[1].max(f);
                 if decides {
-                    reason += &format!("; f up to {:.3} could be hidden", friction_after.f_ci95[1]);
+                    let most = data.units.along_op(friction_after.f_ci95[1]);
+                    reason += &format!("; f up to {most} could be hidden");
                 }
             }
             None => {
-                let why = NotIdentifiable::HiddenFriction { reversal: 2.0 * data.f_max * data.units.u };
+                let why = NotIdentifiable::HiddenFriction {
+                    reversal: data.units.along_op(2.0 * data.f_max * data.units.u),
+                };
                 (verdict, reason) = (Verdict::NotIdentifiable(why.clone()), why.to_string());
             }
         }
@@ -202,7 +206,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         let evidence = (probability(slip_jump), 2.0 * slip_jump);
         effects.extend(best.hypothesis.valve.map(|valve| {
             let [s, j] = [valve.s, valve.j].map(|band| band * data.units.u);
-            named(Kind::SlipJump, evidence, None, slip(s, j))
+            named(Kind::SlipJump, evidence, None, slip(s, j, &data.units))
         }));
     }
     let unit = |v: &[f64], data: &IdData| v.iter().map(|y| y * data.units.y + data.units.y0).collect();
@@ -289,11 +293,12 @@ fn named(
 }
 
 /// The slip jump of a valve (OP unit).
-fn slip(s: f64, j: f64) -> Described {
+fn slip(s: f64, j: f64, units: &Units) -> Described {
     let lag = 0.5 * (s - j);
     let does = if lag < 0.0 { "slips beyond OP by" } else { "lags OP by" };
     let while_moving = if lag < 0.0 { "" } else { " while it moves" };
-    Described::new(format!("the stem {does} {:.3}{while_moving}: S {s:.3}, J {j:.3}", lag.abs()))
+    let [lag, told_s, told_j] = [lag.abs(), s, j].map(|band| units.along_op(band));
+    Described::new(format!("the stem {does} {lag}{while_moving}: S {told_s}, J {told_j}"))
         .with("s", s, "OP")
         .with("j", j, "OP")
 }
@@ -325,7 +330,9 @@ fn friction_found(
     };
     let reason = match &verdict {
         Verdict::Stiction => {
-            format!("f = {f:.3} [{:.3}, {:.3}], evidence {evidence:.0}", within[0], within[1])
+            let (per, unit) = settings.op_span.map_or((1.0, ""), |span| (100.0 / span, " % OP"));
+            let [low, high] = within.map(|f| told(per * f));
+            format!("f = {}{unit} [{low}, {high}], evidence {evidence:.0}", told(per * f))
         }
         Verdict::NoStiction => format!("no friction needed, evidence {:.0}", friction.delta_aic),
         Verdict::NotIdentifiable(why) => why.to_string(),

@@ -64,7 +64,8 @@ fn iddata(window: &Window) -> Option<IdData> {
 }
 
 fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
-    let recorded = iddata(window)?;
+    let mut recorded = iddata(window)?;
+    recorded.units.span = settings.op_span;
     let mut data = recorded.clone();
     let f = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f) / data.units.u;
     let valve = (f > 0.0).then(|| ValveModel::one_parameter(f));

@@ -241,14 +241,16 @@ impl Board {
         let sticky = verdict == Some(&Verdict::Stiction);
         let known = summary.f.zip(summary.delta_aic).filter(|_| identifiable && (sticky || !reinforced));
         let seen = known.map_or(Observation::Unknown, |(f, evidence)| self.config.judge(sticky, f, evidence));
-        let priority = self.config.priority(Kind::Stiction, summary.f);
+        // Limits in per cent of a span say nothing of f where that span is not known.
+        let f_percent = summary.f.filter(|_| summary.f_in_percent);
+        let priority = self.config.priority(Kind::Stiction, f_percent);
         let detail = sticky.then(|| summary.words());
         self.change(&of(Kind::Stiction), None, detail, news, |alarm, config| {
             alarm.observe(seen, priority, now, config)
         });
 
         // A term in force hides the friction: what is left of it is no measure of the valve.
-        if let (Some(f), Some(interval), true) = (summary.f, summary.f_ci95, identifiable && !reinforced) {
+        if let (Some(f), Some(interval), true) = (f_percent, summary.f_ci95, identifiable && !reinforced) {
             let id = of(Kind::FRising);
             let mut line = None;
             self.change(&id, None, None, news, |alarm, config| {

@@ -1,6 +1,6 @@
 //! The span of OP, from closed to open: as it is given, or as limits, unit and values tell it.
 
-use super::Sample;
+use super::{Record, Sample};
 
 /// Where the span of OP is known from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -64,6 +64,8 @@ pub fn span_of_unit(unit: &str) -> Option<f64> {
 const SIGNALS: [(f64, f64, f64); 3] = [(0.0038, 0.0205, 0.016), (-0.05, 1.05, 1.0), (-5.0, 110.0, 100.0)];
 /// Values that may be mA, or per cent of a valve that is nearly closed.
 pub const MILLIAMPERES: (f64, f64) = (3.8, 20.5);
+/// Spans of OP that are believed; beyond them nothing can be told in per cent.
+const SPANS: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
 /// Spans that limits are written for.
 const USUAL: [f64; 4] = [1.0, 16.0, 0.016, 100.0];
 
@@ -114,6 +116,38 @@ impl Scale<'_> {
     }
 }
 
+impl Record {
+    /// Finds the span of OP where it is not known yet, from what was given, OP's limits, its unit and its values.
+    pub fn find_span(&mut self, given: Option<f64>, unit: Option<&str>) {
+        if self.op_span.is_none() {
+            let scale = Scale { given, limits: self.op_limits, unit };
+            (self.op_span, self.op_span_source) = scale.span(&self.op);
+        }
+    }
+
+    /// The span of OP, where it is known and can be computed with (OP unit).
+    pub fn known_span(&self) -> Option<f64> {
+        self.op_span.filter(|span| SPANS.contains(span))
+    }
+}
+
+/// The span that a threshold in per cent is of: the known one, else what OP covered, for the span is at least as large
+/// (OP unit).
+pub fn span_at_least(known: Option<f64>, op: &[f64]) -> f64 {
+    known.unwrap_or_else(|| {
+        let finite = op.iter().copied().filter(|u| u.is_finite());
+        let (least, most) = finite.fold((f64::MAX, f64::MIN), |(a, b), u| (a.min(u), b.max(u)));
+        (most - least).max(0.0)
+    })
+}
+
+/// A number in a sentence, in whatever unit: three decimals, and more where three figures need them.
+pub fn told(value: f64) -> String {
+    let size = value.abs();
+    let decimals = if size > 0.0 && size < 0.1 { (2.0 - size.log10().floor()).min(12.0) as usize } else { 3 };
+    format!("{value:.decimals$}")
+}
+
 /// Least and most of the good values; `None` where there is none.
 fn extent(op: &[Sample]) -> Option<(f64, f64)> {
     let good = op.iter().filter(|s| s.quality.is_good() && s.value.is_finite()).map(|s| s.value);
@@ -155,6 +189,36 @@ mod tests {
         for unknown in [&[12.0, 12.3][..], &[13_000.0], &[-1.0, 1.0], &[]] {
             assert_eq!(of(None, None, None, unknown), (None, SpanSource::Unknown), "{unknown:?}");
         }
+    }
+
+    #[test]
+    fn where_the_span_is_not_known_it_is_as_large_as_what_op_covered() {
+        let mut record = Record { op: op(&[-1.0, 2.0]), ..Record::default() };
+        record.find_span(None, None);
+        assert_eq!((record.known_span(), record.op_span_source), (None, SpanSource::Unknown));
+        assert_eq!(span_at_least(record.known_span(), &[-1.0, f64::NAN, 2.0]), 3.0);
+        record.find_span(None, Some("mA"));
+        assert_eq!((record.known_span(), record.op_span_source), (Some(16.0), SpanSource::Unit));
+        // What is known already is not looked for again.
+        record.find_span(Some(100.0), None);
+        assert_eq!(span_at_least(record.known_span(), &[]), 16.0);
+        assert_eq!(span_at_least(None, &[]), 0.0);
+    }
+
+    #[test]
+    fn numbers_in_sentences_keep_three_figures() {
+        let cases = [
+            (2.5, "2.500"),
+            (0.4123, "0.412"),
+            (0.012_345, "0.0123"),
+            (-4.123e-5, "-0.0000412"),
+            (0.0, "0.000"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(told(value), text);
+        }
+        assert_eq!(told(f64::NAN), "NaN");
+        assert_eq!(told(1e-300), "0.000000000000");
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! The record that a model is fitted on: one window, normalised, with a weight for each sample.
 
-use super::stats::{mean, sd};
+use super::stats::{mean, normalised, sd};
 use super::valve::{Start, largest_reversal};
-use crate::signal::{Row, Window};
+use crate::signal::{Row, Window, told};
 
 /// Longest lag of PV or the stem in any regression (samples); a tag may be later.
 pub const LONGEST_LAG: usize = 16;
@@ -60,6 +60,18 @@ pub struct Units {
     pub y0: f64,
     /// PV units in one.
     pub y: f64,
+    /// The span of OP, where it is known (OP unit).
+    pub span: Option<f64>,
+}
+
+impl Units {
+    /// A distance along OP as sentences say it: in per cent of the span where that is known.
+    pub fn along_op(&self, distance: f64) -> String {
+        match self.span {
+            Some(span) => format!("{} % OP", told(100.0 * distance / span)),
+            None => format!("{} OP", told(distance)),
+        }
+    }
 }
 
 impl IdData {
@@ -73,6 +85,7 @@ impl IdData {
             u: sd(&window.op),
             y0: mean(&window.pv),
             y: sd(&window.pv),
+            span: None,
         };
         let usable = |x: f64| x.is_finite() && x > 0.0;
         let first = start.index + LEAD;
@@ -80,17 +93,16 @@ impl IdData {
         if !(usable(units.u) && usable(units.y)) || split < first + LEAST_FITTED {
             return None;
         }
-        let normal = |v: &[f64], m: f64, s: f64| -> Vec<f64> { v.iter().map(|x| (x - m) / s).collect() };
         let tags = window.tags.iter().filter_map(|(name, v)| {
             let spread = sd(v);
-            (v.len() == n && usable(spread)).then(|| (name.clone(), normal(v, mean(v), spread)))
+            (v.len() == n && usable(spread)).then(|| (name.clone(), normalised(v, mean(v), spread)))
         });
-        let u = normal(&window.op, units.u0, units.u);
+        let u = normalised(&window.op, units.u0, units.u);
         Some(Self {
-            y: normal(&window.pv, units.y0, units.y),
+            y: normalised(&window.pv, units.y0, units.y),
             weight: (0..n).map(|k| f64::from(u8::from(window.row(k) == Row::Counts))).collect(),
             known: (0..n).map(|k| window.row(k) == Row::Silent).collect(),
-            sp: window.sp.as_ref().filter(|sp| sp.len() == n).map(|sp| normal(sp, units.y0, units.y)),
+            sp: window.sp.as_ref().filter(|sp| sp.len() == n).map(|sp| normalised(sp, units.y0, units.y)),
             tags: tags.collect(),
             direct: false,
             start,

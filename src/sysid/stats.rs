@@ -16,6 +16,17 @@ pub fn sd(v: &[f64]) -> f64 {
     variance(v).sqrt()
 }
 
+/// Grains in a standard deviation of a normalised signal: far finer than any measurement, far coarser than rounding.
+const GRAINS: f64 = 4_294_967_296.0;
+
+/// Deviations from `m` in units of `s`, to 2^-32 of one.
+///
+/// Another unit of the same signal has another last digit in every value, and a search that chooses the better of two nearly
+/// equal fits may choose the other. Rounded to a grain that no measurement resolves, all units give the same numbers.
+pub fn normalised(v: &[f64], m: f64, s: f64) -> Vec<f64> {
+    v.iter().map(|x| ((x - m) / s * GRAINS).round() / GRAINS).collect()
+}
+
 /// The q-quantile (0..1), interpolated between order statistics.
 pub fn quantile(v: &[f64], q: f64) -> f64 {
     if v.is_empty() {
@@ -54,6 +65,23 @@ mod tests {
         assert_eq!(median(&v), 2.5);
         assert_eq!(quantile(&v, 1.0), 4.0);
         assert_eq!(range(&v), (1.0, 4.0));
+        assert_eq!(normalised(&v, 2.5, 0.5), [3.0, -3.0, 1.0, -1.0]);
         assert_eq!((mean(&[]), sd(&[]), median(&[]), range(&[])), (0.0, 0.0, 0.0, (0.0, 0.0)));
+    }
+
+    #[test]
+    fn a_signal_is_normalised_to_the_same_numbers_in_every_unit() {
+        let v: Vec<f64> = (0..2000).map(|k| 40.0 + (0.37 * f64::from(k)).sin()).collect();
+        let of = |v: &[f64]| normalised(v, mean(v), sd(v));
+        let own = of(&v);
+        let mut differ = 0;
+        for (scale, shift) in [(0.01, 0.0), (1e3, 0.0), (0.16, 4.0), (276.48, 0.0), (1.0, 273.15)] {
+            let other: Vec<f64> = v.iter().map(|x| shift + scale * x).collect();
+            differ += own.iter().zip(of(&other)).filter(|(a, b)| *a != b).count();
+        }
+        // Rounding of values and mean is some thousandths of a grain: so many of 10,000 lie where it decides between two.
+        assert!(differ <= 50, "{differ}");
+        let turned: Vec<f64> = v.iter().map(|x| -x).collect();
+        assert!(own.iter().zip(of(&turned)).all(|(a, b)| *a == -b));
     }
 }

@@ -10,7 +10,7 @@ use super::options::Options;
 use super::source::{Cell, Rows, Source};
 use super::survey::{Plan, name_of, passed_over, tag_of};
 use super::{MAX_VALUES, Table};
-use crate::signal::{BadReason, Quality, Record, Role, Sample, Scale, Series};
+use crate::signal::{BadReason, Quality, Record, Role, Sample, Series};
 
 /// Samples of one loop.
 pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
@@ -42,8 +42,7 @@ pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
             None => record.tags.push((channel.tag.name.clone(), series)),
         }
     }
-    let scale = Scale { unit: found.op_unit.as_deref(), ..Scale::default() };
-    (record.op_span, record.op_span_source) = scale.span(&[]);
+    record.find_span(None, found.op_unit.as_deref());
     Ok(Table { record, found })
 }
 

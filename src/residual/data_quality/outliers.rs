@@ -16,6 +16,7 @@ use super::quantised::error_of;
 use super::{Fact, TOLD, bridge, log_density, posterior};
 use crate::residual::Kind;
 use crate::residual::report::Described;
+use crate::signal::told;
 use crate::sysid::arx::{Arx, ArxFit, LAGS_X, LAGS_Y};
 use crate::sysid::criterion::{REGULAR, log_sum, score};
 use crate::sysid::iddata::{IdData, LONGEST_LAG};
@@ -47,7 +48,7 @@ pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>, step: f64) 
 fn describe(data: &IdData, at: &[usize]) -> Described {
     let off = |k: usize| (data.y[k] - data.y[k - 1]).abs().min((data.y[k] - data.y[k + 1]).abs());
     let size = mean(&at.iter().map(|k| off(*k)).collect::<Vec<f64>>()) * data.units.y;
-    Described::new(format!("{} samples of PV are off by {size:.3} on average", at.len()))
+    Described::new(format!("{} samples of PV are off by {} on average", at.len(), told(size)))
         .with("count", at.len() as f64, "-")
         .with("share", at.len() as f64 / data.len() as f64, "-")
         .with("size", size, "PV")

@@ -7,6 +7,7 @@
 use super::Fact;
 use crate::residual::Kind;
 use crate::residual::report::Described;
+use crate::signal::told;
 use crate::sysid::iddata::IdData;
 use crate::sysid::stats::median;
 
@@ -48,7 +49,7 @@ pub fn assess(data: &IdData) -> Option<Fact> {
 
 fn describe(data: &IdData, quantum: Quantum) -> Described {
     let size = quantum.size * data.units.y;
-    Described::new(format!("PV has only {} values, {size:.4} apart", quantum.distinct))
+    Described::new(format!("PV has only {} values, {} apart", quantum.distinct, told(size)))
         .with("quantum", size, "PV")
         .with("distinct_values", quantum.distinct as f64, "-")
 }

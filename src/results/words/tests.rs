@@ -21,7 +21,7 @@ fn reasons() -> [NotIdentifiable; 13] {
         NotIdentifiable::Saturated { share: 1.0 },
         NotIdentifiable::Manual { share_auto: 0.0 },
         NotIdentifiable::NotExcited { reversals: 0 },
-        NotIdentifiable::HiddenFriction { reversal: 3.1 },
+        NotIdentifiable::HiddenFriction { reversal: "3.1 % OP".into() },
         NotIdentifiable::Undersampled { samples: 2.2, poll_s: 39.0 },
     ]
 }

@@ -10,7 +10,7 @@ pub use residual::{ReportCandidate, ReportEffect, ReportParameter, ReportResidua
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::residual::Findings;
-use crate::results::{Judged, Run};
+use crate::results::Run;
 use crate::signal::SpanSource;
 use serde::{Deserialize, Serialize};
 use unit::OpUnit;
@@ -41,6 +41,10 @@ pub struct Report {
     pub op_span: Option<f64>,
     /// Where the span is known from: `given`, `limits`, `unit`, `values`, or `unknown`.
     pub op_span_source: String,
+    /// Least f that counts as stiction (`f_unit`): of the span, and of what OP covered where the span is not known, which is
+    /// no larger; null where nothing could be weighed.
+    #[serde(default)]
+    pub f_threshold: Option<f64>,
     /// f as a share of OP's range in the window (-).
     pub f_of_op_range: Option<f64>,
     /// Probability of friction (0..1); null where nothing was traced.
@@ -286,6 +290,7 @@ impl Report {
             f_unit_assumed: unit.assumed,
             op_span: op_span.and_then(finite),
             op_span_source: SpanSource::default().as_str().to_string(),
+            f_threshold: estimate.and_then(|_| unit.scale(diagnosis.preparation.f_threshold)),
             f_of_op_range: estimate.and_then(|e| finite(e.f_of_op_range)),
             posterior: None,
             delta_aic: estimate.and_then(|e| finite(e.delta_aic)),

@@ -8,6 +8,7 @@ use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::{Described, in_op, in_pv};
 use crate::residual::screening::{Screen, Since, best_times};
+use crate::signal::told;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::{REGULAR, THRESHOLD};
 use crate::sysid::iddata::IdData;
@@ -121,9 +122,12 @@ impl EffectModel for Step {
         };
         let said = match self.place {
             Place::Pv => {
-                format!("PV's level shifts at {time:.1} s by {:.3} and stays", self.size * data.units.y)
+                format!("PV's level shifts at {time:.1} s by {} and stays", told(self.size * data.units.y))
             }
-            _ => format!("the load changes at {time:.1} s, by what {size:.3} OP would do, and stays"),
+            _ => {
+                let worth = data.units.along_op(size);
+                format!("the load changes at {time:.1} s, by what {worth} would do, and stays")
+            }
         };
         Described::new(said).with("time_s", time, "s").with("size_op", size, "OP")
     }

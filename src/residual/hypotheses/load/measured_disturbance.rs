@@ -73,8 +73,9 @@ impl EffectModel for Tag {
         let (op, pv) = (total * in_op(data, model), total * in_pv(data, model));
         let delay = self.lag as f64 * data.units.ts;
         Described::new(format!(
-            "{} drives PV {delay:.4} s later: a standard deviation of it does what {op:.3} OP would",
-            self.name
+            "{} drives PV {delay:.4} s later: a standard deviation of it does what {} would",
+            self.name,
+            data.units.along_op(op)
         ))
         .with("delay_s", delay, "s")
         .with("gain_per_sd", pv, "PV")

@@ -8,6 +8,7 @@ use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::Screen;
+use crate::signal::told;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
@@ -52,7 +53,8 @@ impl EffectModel for GainOfPv {
     fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let r = self.r / data.units.y;
         let how = if r > 0.0 { "rises" } else { "falls" };
-        Described::new(format!("the process gain {how} by {:.2} % per PV unit as PV rises", 100.0 * r.abs()))
+        let by = told(100.0 * r.abs());
+        Described::new(format!("the process gain {how} by {by} % per PV unit as PV rises"))
             .with("gain_per_pv", r, "1/PV")
             .at("process")
     }

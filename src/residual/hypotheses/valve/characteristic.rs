@@ -7,6 +7,7 @@ use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::Screen;
+use crate::signal::told;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
@@ -56,7 +57,10 @@ impl EffectModel for Curve {
     fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let q = self.q / data.units.u;
         let how = if q > 0.0 { "rises" } else { "falls" };
-        Described::new(format!("the gain {how} by {:.1} % per OP unit as the valve opens", 100.0 * q.abs()))
+        let per = data.units.span.map_or(1.0, |span| 0.01 * span);
+        let unit = if data.units.span.is_some() { "% OP" } else { "OP unit" };
+        let by = 100.0 * per * q.abs();
+        Described::new(format!("the gain {how} by {} % per {unit} as the valve opens", told(by)))
             .with("curvature_per_op", q, "1/OP")
             .at("valve")
     }

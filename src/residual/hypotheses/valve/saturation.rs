@@ -8,6 +8,7 @@ use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::Screen;
+use crate::signal::told;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
@@ -73,7 +74,8 @@ impl EffectModel for Stop {
         let level = self.level * data.units.u + data.units.u0;
         let side = if self.above { "above" } else { "below" };
         let name = if self.above { "high" } else { "low" };
-        Described::new(format!("the valve does not go {side} {level:.2} % however OP moves"))
+        let percent = if data.units.span == Some(100.0) { " %" } else { "" };
+        Described::new(format!("the valve does not go {side} OP {}{percent} however OP moves", told(level)))
             .with(name, level, "OP")
     }
 }

@@ -3,7 +3,6 @@
 use super::{OpUnit, finite};
 use crate::diagnosis::{self, Verdict};
 use crate::residual::{self, Findings, Kind};
-use crate::results::Judged;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
