@@ -14,7 +14,7 @@ use super::decide::arx;
 use super::hypothesis::Hypothesis;
 use super::valve_search::hidden;
 use crate::sysid::iddata::IdData;
-use crate::sysid::stats::median;
+use crate::sysid::stats::{median, quantile};
 use crate::sysid::valve::ValveModel;
 
 /// 95 % point of the likelihood ratio of a threshold.
@@ -22,11 +22,16 @@ const THRESHOLD_95: f64 = 7.35;
 /// S tried to each side, as `ln(S / S_hat)`.
 const STEPS: [f64; 14] =
     [0.001, 0.002, 0.004, 0.007, 0.012, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.6];
+/// The quantile of OP's steps that is fast.
+const FAST: f64 = 0.95;
 /// Steps beyond the last value inside after which the search to one side ends.
 const BEYOND: usize = 4;
 
 /// The 95 % interval of f beside the effects (normalised OP); without friction from 0 to what could be hidden.
-pub fn interval(data: &IdData, hypothesis: &Hypothesis) -> [f64; 2] {
+///
+/// `unseen`: whether the controller scanned between the samples. A turn that no sample met then lies beyond both of its
+/// neighbours, by as much as OP moves from one to the next where it moves fast.
+pub fn interval(data: &IdData, hypothesis: &Hypothesis, unseen: bool) -> [f64; 2] {
     let Some(valve) = hypothesis.valve else { return [0.0, hidden(data, hypothesis, THRESHOLD_95)] };
     let best = arx(data, hypothesis, None);
     let mut most = best.log_likelihood;
@@ -55,6 +60,6 @@ pub fn interval(data: &IdData, hypothesis: &Hypothesis) -> [f64; 2] {
     let inside = rated.iter().filter(|(_, log)| 2.0 * (most - log) <= THRESHOLD_95).map(|(s, _)| 0.5 * s);
     let (low, high) = inside.fold((valve.f(), valve.f()), |(low, high), f| (low.min(f), high.max(f)));
     let steps: Vec<f64> = data.u.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
-    let step = median(&steps);
+    let step = if unseen { quantile(&steps, FAST) } else { median(&steps) };
     [(low - step).max(0.0), high + step]
 }

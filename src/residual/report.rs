@@ -314,7 +314,8 @@ fn friction_found(
     let unit = data.units.u;
     let evidence = 2.0 * log_odds;
     let f = best.hypothesis.valve.map_or(0.0, |valve| valve.f() * unit);
-    let within = interval(data, &best.hypothesis).map(|f| f * unit);
+    let unseen = diagnosis.preparation.acquisition.as_ref().is_some_and(|found| found.unseen_scans());
+    let within = interval(data, &best.hypothesis, unseen).map(|f| f * unit);
     let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
     let verdict = match &diagnosis.verdict {
         _ if sticks => Verdict::Stiction,

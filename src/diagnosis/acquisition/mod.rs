@@ -39,6 +39,12 @@ pub struct Acquisition {
 }
 
 impl Acquisition {
+    /// Whether the controller may have scanned between two samples: polls of a clock of their own that do not tell its ticks.
+    pub fn unseen_scans(&self) -> bool {
+        let jitter = self.jitter_s.zip(self.poll_s).is_some_and(|(jitter, poll)| jitter > EXACT * poll);
+        !self.recovered && jitter
+    }
+
     /// What it means, where it is worth a sentence.
     pub fn sentence(&self) -> Option<String> {
         let (scan, polls) = (self.scan_s?, self.polls_per_scan?);
