@@ -105,6 +105,8 @@ pub enum NotIdentifiable {
         /// The slowest poll that would do (s).
         poll_s: f64,
     },
+    /// A term of write-back acted: it hides the friction, so that none to be seen says nothing.
+    Compensated,
     /// OP moves but PV shows no response to it at any friction: stuck throughout, or not this loop's valve.
     NoResponse,
     /// Values too large or too small to compute with.
@@ -126,6 +128,7 @@ impl NotIdentifiable {
             Self::Manual { .. } => "manual",
             Self::NotExcited { .. } => "not_excited",
             Self::Undersampled { .. } => "undersampled",
+            Self::Compensated => "compensated",
             Self::NoResponse => "no_response",
             Self::OutOfScale => "out_of_scale",
             Self::DeadlineExceeded => "deadline_exceeded",
@@ -162,6 +165,9 @@ impl fmt::Display for NotIdentifiable {
                 "undersampled: {samples:.1} samples per period, ten are needed: poll at least every {} s",
                 rounded_down(*poll_s)
             ),
+            Self::Compensated => {
+                write!(out, "compensated: a term of write-back acted, and hides what friction is left to see")
+            }
             Self::NoResponse => write!(out, "no response: PV does not follow OP at any friction"),
             Self::OutOfScale => write!(out, "out of scale: values too large or too small to compute with"),
             Self::DeadlineExceeded => write!(out, "deadline exceeded before the fit was done"),
@@ -229,6 +235,8 @@ pub struct Preparation {
     pub denoise: Denoise,
     /// What an archive did to the record before it came here.
     pub history: Option<Box<HistoryFound>>,
+    /// Share of the fitted window at which a term of write-back was in force (0..1).
+    pub compensated: f64,
     /// Least f that counts as stiction: of the span, or of what OP covered where the span is not known (OP unit).
     pub f_threshold: f64,
     /// How the record was acquired; `None` where its stamps do not say.

@@ -47,6 +47,8 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     };
     let (window, region) = prepare(window, settings, &mut preparation);
     let n = window.len();
+    let acted = |k: &usize| record.term_at(window.t0 + *k as f64 * window.ts) != 0.0;
+    preparation.compensated = (0..n).filter(acted).count() as f64 / n.max(1) as f64;
     let few = |unexcited| too_few(&window.op, window.ts, preparation.history.as_deref(), unexcited);
     if let Some(reason) = few(false) {
         // The period that is seen is not the one that is there.
@@ -86,6 +88,7 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         Some(found) if believed(found) => Verdict::Stiction,
         _ => match unanswered(&problem, &region) {
             Some(reason) => Verdict::NotIdentifiable(reason),
+            None if preparation.compensated > 0.0 => Verdict::NotIdentifiable(NotIdentifiable::Compensated),
             None => Verdict::NoStiction,
         },
     };

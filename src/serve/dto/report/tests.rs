@@ -73,6 +73,7 @@ fn contract_fields_have_their_names_and_values() {
         "f": 2.5, "f_ci95": [2.25, 2.75], "f_unit": "% OP", "f_unit_assumed": true, "f_threshold": 0.05, "f_of_op_range": 0.41,
         "posterior": null, "delta_aic": 446.0, "rival": "a linear loop", "steadiness": 9.0, "f_max": 6.0, "d_srinivasan": 4.0,
         "window": {"start": 0.0, "end": 49950.0, "n": 1000, "ts_s": 50.0, "quality": "good", "missing": 0.0, "history": null},
+        "compensated": null,
         "acquisition": {"scan_s": 2.0, "poll_s": 1.0, "jitter_s": 0.05, "polls_per_scan": 2.0, "recovered": true,
                         "note": "polled twice per controller scan of 2 s; diagnosed at the controller's ticks"},
         "preparation": {"gap_share": 0.0, "worst_skew_s": 0.0, "duplicates": 0, "out_of_order": 0, "decimation": 1},
