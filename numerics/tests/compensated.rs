@@ -53,32 +53,29 @@ fn is_right(demo: &DemoLoop, found: &Diagnosis) -> bool {
         (Verdict::Stiction, Some(estimate)) => {
             (estimate.f / f - 1.0).abs() < OFF || (estimate.f_ci95[0]..=estimate.f_ci95[1]).contains(&f)
         }
-        (Verdict::NotIdentifiable(why), _) => {
-            matches!(why, NotIdentifiable::Compensated | NotIdentifiable::NotExcited { .. })
-        }
+        (Verdict::NotIdentifiable(why), _) => *why == NotIdentifiable::Compensated,
         _ => false,
     }
 }
 
 #[test]
 fn verdicts_beside_active_terms_are_right() {
-    let (mut visible, mut without) = (0, 0);
+    let (mut visible, mut wrong) = (0, Vec::new());
     for demo in loops() {
         let record = compensated(&demo, BEFORE);
         let found = diagnose(&record, &Settings::default());
         let said = format!("{} {}, S/2 {}: {}", demo.id, demo.truth.kind, 0.5 * demo.truth.s, found.reason);
         println!("{said}");
-        assert!(is_right(&demo, &found), "{said}");
+        wrong.extend((!is_right(&demo, &found)).then(|| said.clone()));
         visible += usize::from(found.verdict == Verdict::Stiction);
         if found.preparation.n > 0 {
             assert!(found.preparation.compensated > 0.5, "{said}: {}", found.preparation.compensated);
         }
-        let forgotten = diagnose(&Record { term: None, ..record }, &Settings::default());
-        without += usize::from(!is_right(&demo, &forgotten));
     }
-    println!("friction is still visible in {visible} of {LOOPS}; without the term {without} are wrong");
-    // With OP alone for the valve's input the same loops are misjudged, else this shows nothing.
-    assert!(visible > LOOPS / 2 && without > LOOPS / 2, "{visible} {without}");
+    println!("friction is still visible in {visible} of {LOOPS}");
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    // Where friction is seen beside the term it is measured: silence alone would be no merit.
+    assert!(visible >= 3, "{visible}");
 }
 
 #[test]

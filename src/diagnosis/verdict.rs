@@ -57,6 +57,9 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let oscillation = region.oscillation(0, n, window.ts);
     let (problem, scale) = match pose(&window, &region, settings) {
         Ok(posed) => posed,
+        Err(NotIdentifiable::NotExcited { .. }) if preparation.compensated > 0.0 => {
+            return refused(NotIdentifiable::Compensated, preparation, oscillation, Some(window));
+        }
         Err(reason @ NotIdentifiable::NotExcited { .. }) => {
             let (reason, oscillation) = few(true).map_or((reason, oscillation), |reason| (reason, None));
             return refused(reason, preparation, oscillation, Some(window));
@@ -87,8 +90,9 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let verdict = match &weighed {
         Some(found) if believed(found) => Verdict::Stiction,
         _ => match unanswered(&problem, &region) {
+            // A valve that a term moves at once leaves OP and PV nothing to show.
+            _ if preparation.compensated > 0.0 => Verdict::NotIdentifiable(NotIdentifiable::Compensated),
             Some(reason) => Verdict::NotIdentifiable(reason),
-            None if preparation.compensated > 0.0 => Verdict::NotIdentifiable(NotIdentifiable::Compensated),
             None => Verdict::NoStiction,
         },
     };

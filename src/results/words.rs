@@ -93,16 +93,13 @@ pub struct Verdict<'a> {
     pub compensated: Option<Compensated>,
 }
 
-/// Reasons that a term of write-back brings about.
-const BY_A_TERM: [&str; 2] = ["compensated", "not_excited"];
-
 impl Verdict<'_> {
     /// In a sentence or two: what the valve does with a reversal of OP, which is what 2f means.
     pub fn words(&self) -> String {
         let band =
             |f: Option<f64>| f.filter(|f| *f > 0.0).map(|f| format!("{} {}", shortest(2.0 * f), self.unit));
-        let by_a_term = self.reason_code.is_some_and(|code| BY_A_TERM.contains(&code));
-        let compensated = self.compensated.filter(|_| self.outcome == "stiction" || by_a_term);
+        let by_a_term = self.outcome == "stiction" || self.reason_code == Some("compensated");
+        let compensated = self.compensated.filter(|_| by_a_term);
         if let Some(own) = compensated {
             return "The valve is compensated. ".to_string()
                 + &match (own.seen, band(self.f), band(own.f_before)) {
