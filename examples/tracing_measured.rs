@@ -63,8 +63,8 @@ fn trace(record: &Record) -> (Diagnosis, Option<Findings>) {
 
 fn effects(found: &Findings) -> String {
     let name = |e: &residual::Effect| match &e.tag {
-        Some(tag) => format!("{} ({tag}) {:.2}", e.kind, e.posterior),
-        None => format!("{} {:.2}", e.kind, e.posterior),
+        Some(tag) => format!("{} ({tag}) {}", e.kind, sure(e.posterior)),
+        None => format!("{} {}", e.kind, sure(e.posterior)),
     };
     let all: Vec<String> = found.effects.iter().map(name).collect();
     let rest = if found.unexplained { "unexplained" } else { "white" };
@@ -143,4 +143,9 @@ fn print_stem(what: &str, record: &Record) {
         stem.friction.f_ci95[1],
         stem.friction.lag
     );
+}
+
+/// A posterior; where samples that were not fitted speak against the effects there is none.
+fn sure(posterior: f64) -> String {
+    if posterior.is_nan() { "doubted".into() } else { format!("{posterior:.2}") }
 }

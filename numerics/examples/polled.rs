@@ -15,7 +15,7 @@ use generators::{Case, GENERATORS, Size};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::process::ExitCode;
-use stictiond_numerics::diagnosis::{self, Verdict, diagnose};
+use stictiond_numerics::diagnosis::{self, diagnose};
 use stictiond_numerics::residual::{self, Kind, trace_record};
 use stictiond_numerics::signal::Record;
 use stictiond_numerics::sim::acquisition::{Acquisition, Gaps, Poll, Scans, acquire};
@@ -177,7 +177,7 @@ fn judge(own: &Loop, record: &Record) -> Said {
     let settings = diagnosis::Settings::default();
     let d = diagnose(record, &settings);
     let found = trace_record(record, &d, &settings, &residual::Settings::default());
-    let decides = found.as_ref().filter(|f| !matches!(f.verdict, Verdict::NotIdentifiable(_)));
+    let decides = found.as_ref().filter(|f| f.decide());
     let (verdict, reason) = decides.map_or((&d.verdict, &d.reason), |f| (&f.verdict, &f.reason));
     let friction = decides.map(|f| (f.friction_after.f, f.friction_after.f_ci95));
     let friction = friction.or(d.estimate.as_ref().map(|e| (e.f, e.f_ci95))).unwrap_or_default();
@@ -221,7 +221,7 @@ fn show(name: &str, loops: &[Loop], at_ticks: &[Said], said: &[Said], each: bool
         let covers = own.f == 0.0 || (said.ci[0]..=said.ci[1]).contains(&own.f);
         if ticks.verdict != said.verdict || !near || !covers || !said.invented.is_empty() {
             println!(
-                "    {}: f {:.3}; ticks {} {:.3} [{:.3}, {:.3}]; here {} {:.3} [{:.3}, {:.3}] {:?}; {}",
+                "    {}: f {:.3}; ticks {} {:.3} [{:.3}, {:.3}]; here {} {:.3} [{:.3}, {:.3}] {:?}; {}; ticks: {}",
                 own.name,
                 own.f,
                 ticks.verdict,
@@ -233,7 +233,8 @@ fn show(name: &str, loops: &[Loop], at_ticks: &[Said], said: &[Said], each: bool
                 said.ci[0],
                 said.ci[1],
                 said.invented,
-                said.reason
+                said.reason,
+                ticks.reason
             );
         }
     }

@@ -25,7 +25,7 @@ pub use config::Config;
 pub use history_kind::{HistoryFound, HistoryKind};
 pub use verdict::diagnose;
 
-use crate::signal::Window;
+use crate::signal::{Window, told};
 use rivals::Rival;
 use std::fmt;
 
@@ -107,6 +107,11 @@ pub enum NotIdentifiable {
     },
     /// A term of write-back acted: it hides the friction, so that none to be seen says nothing.
     Compensated,
+    /// Friction would not have shown, whatever its size.
+    HiddenFriction {
+        /// Largest reversal of OP (OP unit).
+        reversal: f64,
+    },
     /// OP moves but PV shows no response to it at any friction: stuck throughout, or not this loop's valve.
     NoResponse,
     /// Values too large or too small to compute with.
@@ -129,6 +134,7 @@ impl NotIdentifiable {
             Self::NotExcited { .. } => "not_excited",
             Self::Undersampled { .. } => "undersampled",
             Self::Compensated => "compensated",
+            Self::HiddenFriction { .. } => "hidden_friction",
             Self::NoResponse => "no_response",
             Self::OutOfScale => "out_of_scale",
             Self::DeadlineExceeded => "deadline_exceeded",
@@ -168,6 +174,12 @@ impl fmt::Display for NotIdentifiable {
             Self::Compensated => {
                 write!(out, "compensated: a term of write-back acted, and hides what friction is left to see")
             }
+            Self::HiddenFriction { reversal } => write!(
+                out,
+                "hidden friction: OP never reverses by more than {}, and friction would not show beside what \
+                 else moves PV",
+                told(*reversal)
+            ),
             Self::NoResponse => write!(out, "no response: PV does not follow OP at any friction"),
             Self::OutOfScale => write!(out, "out of scale: values too large or too small to compute with"),
             Self::DeadlineExceeded => write!(out, "deadline exceeded before the fit was done"),

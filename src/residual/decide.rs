@@ -54,6 +54,7 @@ impl Decided {
 /// The score of a hypothesis with this log-likelihood.
 pub fn scored(data: &IdData, hypothesis: &Hypothesis, log_likelihood: f64) -> f64 {
     let (mut rate, mut alternatives) = cost(hypothesis.valve.as_ref());
+    rate += hypothesis.direct_rate(data);
     for effect in &hypothesis.effects {
         rate += effect.rate();
         alternatives *= effect.alternatives();

@@ -1,6 +1,6 @@
 //! What tracing finds: the values that leave the module.
 
-use crate::diagnosis::{Model, Residual, Verdict};
+use crate::diagnosis::{Model, NotIdentifiable, Residual, Verdict};
 use std::fmt;
 
 /// An effect beside friction and linear dynamics: the closed list.
@@ -230,6 +230,8 @@ pub struct Findings {
     pub friction_before: Friction,
     /// Friction estimated jointly with the effects: it replaces the one before.
     pub friction_after: Friction,
+    /// The least f that this record would have shown (OP unit); `None` where it could have shown none.
+    pub f_detectable: Option<f64>,
     /// The verdict with the effects.
     pub verdict: Verdict,
     /// That verdict in one line.
@@ -240,4 +242,15 @@ pub struct Findings {
     pub curves: Curves,
     /// OP -> measured stem, where there is one.
     pub stem: Option<Stem>,
+}
+
+impl Findings {
+    /// Whether they replace what the diagnosis says of friction: they do wherever they can tell it, or know that the record
+    /// cannot, so that verdict, f, its interval and evidence come from one table.
+    pub fn decide(&self) -> bool {
+        match &self.verdict {
+            Verdict::Stiction | Verdict::NoStiction => true,
+            Verdict::NotIdentifiable(why) => matches!(why, NotIdentifiable::HiddenFriction { .. }),
+        }
+    }
 }

@@ -3,12 +3,20 @@
 use super::Kind;
 use super::effect::EffectModel;
 use crate::sysid::armax::{Input, Signals, Smooth};
+use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::{StopRule, ValveModel};
 use std::borrow::Cow;
 
+/// Lags of OP beside the stem: a difference and its change, for a load that is known before PV shows it.
+const DIRECT_LAGS: usize = 4;
 /// Step of a difference quotient for J, as a share of S.
 const STEP_OF_J: f64 = 1e-3;
+
+/// Lags of OP that act beside a stem: the first shapes of every hypothesis.
+pub fn direct_lags(data: &IdData) -> usize {
+    if data.direct { DIRECT_LAGS } else { 0 }
+}
 
 /// Friction or none, with effects.
 #[derive(Debug, Default)]
@@ -105,11 +113,17 @@ impl Hypothesis {
         Cow::Owned(data.y.iter().zip(&offset).map(|(y, offset)| y - offset).collect())
     }
 
-    /// The shapes of all effects.
+    /// OP late by one sample and more, where it acts beside a stem ([`IdData::direct`]), then the shapes of all effects.
     pub fn shapes(&self, data: &IdData) -> Vec<Vec<f64>> {
-        let mut shapes = Vec::new();
+        let late = |lag: usize| (0..data.len()).map(|k| data.u[k.saturating_sub(lag)]).collect();
+        let mut shapes: Vec<Vec<f64>> = (1..=direct_lags(data)).map(late).collect();
         self.effects.iter().for_each(|effect| effect.shapes(data, &mut shapes));
         shapes
+    }
+
+    /// Sum of the rates of OP's coefficients beside a stem; without friction the stem is OP, and they are no others than its.
+    pub fn direct_rate(&self, data: &IdData) -> f64 {
+        if self.valve.is_some() { REGULAR * direct_lags(data) as f64 } else { 0.0 }
     }
 
     /// Whether J is a smooth parameter: it is where it decides nothing but the lag.

@@ -14,6 +14,7 @@ mod backward_elimination;
 mod checks;
 pub mod data_quality;
 pub mod decide;
+mod detectable;
 pub mod effect;
 mod findings;
 pub mod forward_selection;

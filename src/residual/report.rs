@@ -1,14 +1,15 @@
 //! What was found, in the plant's units.
 
 use super::decide::{Decided, decide};
+use super::detectable::detectable;
 use super::effect::EffectModel;
 use super::findings::{Curves, Effect, Findings, Friction, Kind, Parameter};
-use super::hypothesis::{Hypothesis, OnData};
+use super::hypothesis::{Hypothesis, OnData, direct_lags};
 use super::interval::interval;
 use super::posterior::probability;
 use super::trace::Outcome;
 use super::{Settings, checks};
-use crate::diagnosis::{Diagnosis, Model, Residual, Verdict};
+use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Residual, Verdict};
 use crate::signal::told;
 use crate::sysid::armax::{Armax, Input, ORDER};
 use crate::sysid::iddata::{IdData, Units};
@@ -135,21 +136,43 @@ fn gained(before: &Judged, after: &Judged) -> f64 {
 
 /// Puts what was found into the plant's units; the held-out samples are read here, once.
 pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> Findings {
-    let Outcome { recorded, data, declared, mut best, facts, mut added, candidates, friction, slip_jump } =
+    let Outcome { recorded, mut data, declared, mut best, facts, mut added, candidates, friction, slip_jump } =
         outcome;
+    if best.hypothesis.valve.is_none() {
+        best = without_direct(&mut data, best);
+    }
     let (before, mut after) = (judge(&recorded, &declared, &data), judge(&data, &best, &data));
     let agrees = gained(&before, &after) >= 0.0;
     let traced = friction_found(&data, &best, friction, diagnosis, settings);
     // Without a valve that reverses often enough in this window nothing was asked of friction.
     let asked = friction > f64::NEG_INFINITY;
     let decides = asked && (agrees || traced.1 == diagnosis.verdict);
-    let (friction_after, verdict, reason) = if decides { traced } else { standing(diagnosis, asked) };
+    let (mut friction_after, mut verdict, mut reason) =
+        if decides { traced } else { standing(diagnosis, asked) };
     let valve = if decides { best.hypothesis.valve } else { declared.hypothesis.valve };
     let valve = valve.filter(|_| verdict == Verdict::Stiction);
     // The published model has the friction that is believed, and no other.
     if valve != best.hypothesis.valve {
+        data.direct &= valve.is_some();
         best = with_friction(&data, &best.hypothesis, valve, &mut added);
         after = judge(&data, &best, &data);
+    }
+    let f_detectable = detectable(&data, &best, settings.evidence_threshold).map(|f| f * data.units.u);
+    if verdict == Verdict::NoStiction {
+        match f_detectable {
+            // Nothing can be excluded that the record would not have shown.
+            Some(f) => {
+                friction_after.f_ci95[1] = friction_after.f_ci95[1].max(f);
+                if decides {
+                    let most = data.units.along_op(friction_after.f_ci95[1]);
+                    reason += &format!("; f up to {most} could be hidden");
+                }
+            }
+            None => {
+                let why = NotIdentifiable::HiddenFriction { reversal: 2.0 * data.f_max * data.units.u };
+                (verdict, reason) = (Verdict::NotIdentifiable(why.clone()), why.to_string());
+            }
+        }
     }
     let misleads = gained(&before, &after) < -MISLEADS;
     let (stem, dir) = best.hypothesis.stem(&data);
@@ -157,7 +180,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         .into_iter()
         .map(|fact| named(fact.kind, (fact.posterior, f64::NAN), None, fact.described))
         .collect();
-    let mut gamma = best.model.gamma.as_slice();
+    let (_, mut gamma) = best.model.gamma.split_at(direct_lags(&data).min(best.model.gamma.len()));
     for (effect, (posterior, delta_aic)) in best.hypothesis.effects.iter().zip(added) {
         let mut own = Vec::new();
         effect.shapes(&data, &mut own);
@@ -194,6 +217,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         failed: checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER),
         friction_before: friction_before(diagnosis),
         friction_after,
+        f_detectable,
         verdict,
         reason,
         model: model(&data, &best.model),
@@ -211,6 +235,15 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         after: after.residual,
         stem: None,
     }
+}
+
+/// The same where OP is the stem and needs no term beside it.
+fn without_direct(data: &mut IdData, best: Decided) -> Decided {
+    if !data.direct {
+        return best;
+    }
+    data.direct = false;
+    decide(data, best.hypothesis, None)
 }
 
 /// The same effects with this valve, fitted; without one those go that say how friction differs.
@@ -299,11 +332,7 @@ fn friction_found(
             let [low, high] = within.map(|f| told(per * f));
             format!("f = {}{unit} [{low}, {high}], evidence {evidence:.0}", told(per * f))
         }
-        Verdict::NoStiction => format!(
-            "no friction needed, evidence {:.0}; f up to {} could be hidden",
-            friction.delta_aic,
-            data.units.along_op(within[1])
-        ),
+        Verdict::NoStiction => format!("no friction needed, evidence {:.0}", friction.delta_aic),
         Verdict::NotIdentifiable(why) => why.to_string(),
     };
     (friction, verdict, reason)

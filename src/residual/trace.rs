@@ -8,7 +8,7 @@ use super::forward_selection::{compare, table};
 use super::hypothesis::Hypothesis;
 use super::posterior::{class, log_prior};
 use super::report::report;
-use super::valve_search::{Effort, search};
+use super::valve_search::{Effort, Found, search};
 use super::{Row, Settings};
 use crate::diagnosis::{Diagnosis, Verdict, region};
 use crate::signal::Window;
@@ -101,7 +101,26 @@ fn prepare(data: &mut IdData, settings: &Settings) -> (Vec<ValveModel>, Vec<Fact
     // What was found on the record as it is now need not be found again.
     let found = valves.into_inner().filter(|(y, _)| *y == data.y && recorded == data.y).map(|found| found.1);
     let found = found.unwrap_or_else(|| search(data, &Hypothesis::default(), &known, Effort::Whole));
+    let found = direct(data, &known, found);
     (found.into_iter().map(|found| found.valve).collect(), facts)
+}
+
+/// Lets OP act beside the stem where friction is believed only so; `found`: the valves without such a term.
+fn direct(data: &mut IdData, known: &[ValveModel], found: Vec<Found>) -> Vec<Found> {
+    let none = Hypothesis::default();
+    let sound = scored(data, &none, arx(data, &none, None).log_likelihood);
+    if found.first().is_some_and(|found| found.score > sound) {
+        return found;
+    }
+    data.direct = true;
+    let beside = search(data, &none, known, Effort::Whole);
+    let likelier =
+        |found: &Found| scored(data, &none.with_valve(Some(found.valve)), found.fit.log_likelihood) > sound;
+    if beside.first().is_some_and(likelier) {
+        return beside;
+    }
+    data.direct = false;
+    found
 }
 
 /// See [`super::first_step`].

@@ -52,15 +52,9 @@ impl From<Diagnosis> for Judged {
 }
 
 impl Judged {
-    /// Whether findings replace what the declared model says of friction: they do wherever they can tell it, so that verdict,
-    /// f, its interval and evidence come from one table.
-    pub fn decides(found: &Findings) -> bool {
-        !matches!(found.verdict, Verdict::NotIdentifiable(_))
-    }
-
-    /// The findings that replace the diagnosis, see [`Judged::decides`].
+    /// The findings that replace the diagnosis, see [`Findings::decide`].
     pub fn replaced_by(&self) -> Option<&Findings> {
-        self.findings.as_ref().filter(|found| Self::decides(found))
+        self.findings.as_ref().filter(|found| found.decide())
     }
 
     /// The verdict that counts.
@@ -70,6 +64,9 @@ impl Judged {
 
     /// Friction that counts: f, its interval (OP unit) and the evidence (-).
     pub fn friction(&self) -> Option<(f64, [f64; 2], f64)> {
+        if matches!(self.verdict(), Verdict::NotIdentifiable(_)) {
+            return None;
+        }
         let with_effects = self.replaced_by().map(|found| found.friction_after);
         let friction = with_effects.map(|f| (f.f, f.f_ci95, f.delta_aic));
         friction.or_else(|| self.diagnosis.estimate.as_ref().map(|e| (e.f, e.f_ci95, e.delta_aic)))
@@ -109,6 +106,7 @@ pub(crate) mod tests {
             after: Residual { white: true, one_step_rmse: 0.012, free_run_rmse: 0.44 },
             before: residual,
             simulates_worse: true,
+            f_detectable: Some(0.4),
             unexplained: false,
             failed: Vec::new(),
             friction_before: Friction { f: 2.5, ..Friction::default() },

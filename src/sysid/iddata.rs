@@ -28,6 +28,9 @@ pub struct IdData {
     pub sp: Option<Vec<f64>>,
     /// Other tags by name, each normalised.
     pub tags: Vec<(String, Vec<f64>)>,
+    /// Whether OP acts beside a stem that sticks, `D(q) u`: with a feed-forward or a slow controller, OP tells of loads before
+    /// PV shows them. A stem that follows OP needs no such term: it is OP.
+    pub direct: bool,
     /// Where stems start.
     pub start: Start,
     /// First row of a fit.
@@ -101,6 +104,7 @@ impl IdData {
             known: (0..n).map(|k| window.row(k) == Row::Silent).collect(),
             sp: window.sp.as_ref().filter(|sp| sp.len() == n).map(|sp| normalised(sp, units.y0, units.y)),
             tags: tags.collect(),
+            direct: false,
             start,
             first,
             split,

@@ -9,7 +9,7 @@ fn verdict(outcome: &'static str, f: Option<f64>, f_high: Option<f64>) -> Verdic
 }
 
 /// Why nothing can be said, all of it.
-fn reasons() -> [NotIdentifiable; 13] {
+fn reasons() -> [NotIdentifiable; 14] {
     [
         NotIdentifiable::NoTimeBase,
         NotIdentifiable::FlatOp,
@@ -23,6 +23,7 @@ fn reasons() -> [NotIdentifiable; 13] {
         NotIdentifiable::Saturated { share: 1.0 },
         NotIdentifiable::Manual { share_auto: 0.0 },
         NotIdentifiable::NotExcited { reversals: 0 },
+        NotIdentifiable::HiddenFriction { reversal: 3.1 },
         NotIdentifiable::Undersampled { samples: 2.2, poll_s: 39.0 },
     ]
 }

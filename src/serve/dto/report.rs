@@ -10,7 +10,7 @@ pub use residual::{ReportCandidate, ReportEffect, ReportParameter, ReportResidua
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::residual::Findings;
-use crate::results::{Compensated, Judged, Run, Seen};
+use crate::results::{Compensated, Run, Seen};
 use crate::signal::SpanSource;
 use serde::{Deserialize, Serialize};
 use unit::OpUnit;
@@ -57,6 +57,10 @@ pub struct Report {
     pub steadiness: Option<f64>,
     /// Largest f tried (`f_unit`).
     pub f_max: Option<f64>,
+    /// The least f that nine of ten records such as this would have shown (`f_unit`); null where this one could have shown
+    /// none, or nothing was traced.
+    #[serde(default)]
+    pub f_detectable: Option<f64>,
     /// Srinivasan's d of the same window, for comparison (`f_unit`).
     pub d_srinivasan: Option<f64>,
     /// The samples the verdict rests on.
@@ -317,6 +321,7 @@ impl Report {
             rival: estimate.map(|e| e.rival.name().to_string()),
             steadiness: estimate.and_then(|e| finite(e.steadiness)),
             f_max: estimate.and_then(|e| unit.scale(e.f_max)),
+            f_detectable: None,
             d_srinivasan: estimate.and_then(|e| unit.scale(e.d)),
             window: ReportWindow {
                 history: diagnosis.preparation.history.as_deref().map(ReportHistory::new),
@@ -372,13 +377,17 @@ impl Report {
     pub fn with_findings(mut self, op_span: Option<f64>, diagnosis: &Diagnosis, found: &Findings) -> Self {
         let unit = OpUnit::new(op_span, diagnosis);
         self.residual = ReportResidual::traced(found, &unit, &diagnosis.verdict);
-        if !Judged::decides(found) {
+        self.f_detectable = found.f_detectable.and_then(|f| unit.scale(f));
+        if !found.decide() {
             return self;
         }
         let friction = &found.friction_after;
-        self.verdict = verdict(&found.verdict).0;
-        self.reason_code = None;
+        (self.verdict, self.reason_code) = verdict(&found.verdict);
         self.reason = found.reason.clone();
+        if self.reason_code.is_some() {
+            (self.f, self.f_ci95, self.f_of_op_range, self.delta_aic) = (None, None, None, None);
+            return self;
+        }
         self.f = unit.scale(friction.f);
         self.f_ci95 = unit.scale(friction.f_ci95[0]).zip(unit.scale(friction.f_ci95[1])).map(|(a, b)| [a, b]);
         self.posterior = finite(friction.posterior);

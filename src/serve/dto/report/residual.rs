@@ -3,7 +3,6 @@
 use super::{OpUnit, finite};
 use crate::diagnosis::{self, Verdict};
 use crate::residual::{self, Findings, Kind};
-use crate::results::Judged;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
@@ -167,7 +166,7 @@ impl ReportResidual {
             unexplained: findings.unexplained,
             failed_tests: findings.failed.iter().map(|test| test.as_str().to_string()).collect(),
             f_before: unit.scale(findings.friction_before.f).filter(|_| known),
-            f_after: unit.scale(findings.friction_after.f).filter(|_| Judged::decides(findings)),
+            f_after: unit.scale(findings.friction_after.f).filter(|_| findings.decide()),
             verdict_before: Some(verdict_before.as_str().to_string()),
             stem: findings.stem.as_ref().map(|own| stem(own, unit)),
         }

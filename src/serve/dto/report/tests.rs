@@ -30,6 +30,7 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
             denoise: Denoise::default(),
             history: None,
             f_threshold: 0.05,
+            compensated: 0.0,
         },
         oscillation: Some(Oscillation { period: 1480.0, regularity_r: f64::INFINITY, op_amplitude: 2.75 }),
         estimate: Some(Estimate {
@@ -78,7 +79,7 @@ fn contract_fields_have_their_names_and_values() {
         "loop": "FIC101", "verdict": "stiction", "reason": "f = 2.50 % OP, evidence 446", "reason_code": null,
         "read_as": null, "op_span": null, "op_span_source": "unknown",
         "f": 2.5, "f_ci95": [2.25, 2.75], "f_unit": "% OP", "f_unit_assumed": true, "f_threshold": 0.05, "f_of_op_range": 0.41,
-        "posterior": null, "delta_aic": 446.0, "rival": "a linear loop", "steadiness": 9.0, "f_max": 6.0, "d_srinivasan": 4.0,
+        "posterior": null, "delta_aic": 446.0, "rival": "a linear loop", "steadiness": 9.0, "f_max": 6.0, "f_detectable": null, "d_srinivasan": 4.0,
         "window": {"start": 0.0, "end": 49950.0, "n": 1000, "ts_s": 50.0, "quality": "good", "missing": 0.0, "history": null},
         "compensated": null,
         "acquisition": {"scan_s": 2.0, "poll_s": 1.0, "jitter_s": 0.05, "polls_per_scan": 2.0, "recovered": true,

@@ -112,6 +112,7 @@ export function loopView(main, [id]) {
       if (model) facts.push(["model", `na ${model.na}, nb ${model.nb}, nc ${model.nc}, delay ${model.nk}; error ${short(model.rmse, 3)}`]);
       if (report.posterior !== null) facts.push(["evidence for friction", short(report.delta_aic, 3)]);
       if (report.rival) facts.push(["best other explanation of the declared model", report.rival]);
+      if (report.f_detectable !== null) facts.push(["would have shown", `f above ${short(report.f_detectable, 3)} ${report.f_unit}`]);
       facts.push(["f as a share of OP's range", short(report.f_of_op_range, 3)], ["Srinivasan's d", `${short(report.d_srinivasan, 3)} ${report.f_unit}`], ["evenness of the evidence", short(report.steadiness, 3)]);
       if (made) facts.push(["filled in", `${short(100 * made.gap_share, 2)} %; skew ${short(made.worst_skew_s, 3)} s`]);
       if (denoise) facts.push(["denoised", denoise.applied ? `yes, noise ${short(100 * denoise.noise_share, 2)} %` : "no"]);

@@ -1,0 +1,239 @@
+//! The least friction that a record would have shown: what "no friction needed" is worth.
+//!
+//! ```text
+//! v_f      = B(q)/C(q) (x_f - x)                                 what friction f adds to PV one step ahead
+//! lambda   = min over theta |v_f - Phi theta|^2 I / s^2          what no linear model takes for its own
+//! LR       ~ N(lambda/2, lambda)                                 log-likelihood ratio for f against none
+//! shown    : tau (lambda/2 - z sqrt lambda) - cost of the valve >= evidence/2,   z = 1.28: nine times of ten
+//! ```
+//!
+//! `x_f`: the stem with friction f under the recorded OP, `x`: the stem of the fitted model, `B/C` its answer one step ahead;
+//! `Phi`: the lags of OP and of PV as it would be, `y + B/A (x_f - x)`, 1 and the effects' shapes, which the model without
+//! friction fits; `s`, `nu`: scale and degrees of freedom of the errors (PV unit, -), `I = (nu + 1)/(nu + 3)` a sample's
+//! information of their location (-). What coefficients that are noise would add, `tr(cov b Q)` with `lambda = b' Q b / s^2`
+//! and 1.64 standard deviations of it, is taken off.
+//!
+//! Source: Kay, Fundamentals of Statistical Signal Processing II, 1998, section 6.5 (power of a likelihood-ratio test);
+//! Lange, Little & Taylor, JASA 1989, 84, 881 (information of a Student-t sample).
+
+use super::decide::Decided;
+use super::hypothesis::Hypothesis;
+use super::valve_search::cost;
+use crate::sysid::armax::{Armax, ORDER};
+use crate::sysid::arx::Arx;
+use crate::sysid::criterion::{REGULAR, TEMPERING};
+use crate::sysid::gram::{lower, products};
+use crate::sysid::iddata::IdData;
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
+use crate::sysid::valve::{StopRule, ValveModel};
+use nalgebra::{SMatrix, SVector};
+
+/// Nine of ten records show more: normal quantile (-).
+const NINE_OF_TEN: f64 = 1.2816;
+/// The same of 95 of 100, for coefficients that are noise (-).
+const CHANCE: f64 = 1.6449;
+/// Values of f, from the least up, each so much larger than the one before.
+const STEP: f64 = 1.25;
+/// What is left of a step of an integrating process after one sample: PV must not run away in the simulation (-).
+const LEAK: f64 = 0.999;
+/// The least, as a share of the largest at which a stem turns.
+const LEAST: f64 = 0.01;
+/// Rules and J/S of the valves of one f; of those that show at all, the one that shows least counts.
+const VALVES: [(StopRule, f64); 3] =
+    [(StopRule::Reversal, 1.0), (StopRule::Reversal, 0.5), (StopRule::Reversal, 0.1)];
+
+/// The least f whose evidence would be `evidence` or more on nine of ten records such as this (normalised OP); `None` where
+/// the record shows no friction at all, whatever its size and kind.
+///
+/// A PV that hardly answers OP, so that B would not pay for itself, shows no friction either.
+///
+/// * `fitted`: the model of the record, with friction or without.
+/// * `evidence`: twice the log odds that a verdict asks for (-).
+pub fn detectable(data: &IdData, fitted: &Decided, evidence: f64) -> Option<f64> {
+    let Decided { hypothesis, model, .. } = fitted;
+    let stem = hypothesis.to_process(data, hypothesis.stem(data).0);
+    let none = Without::new(data, hypothesis);
+    let information = (model.nu + 1.0) / (model.nu + 3.0) / (model.scale * model.scale);
+    let (answer, b) = (information_of_b(data, fitted, &stem), SVector::<f64, ORDER>::from(model.b));
+    let paid = REGULAR * ORDER as f64 * data.counted().ln();
+    if 0.5 * TEMPERING * b.dot(&(answer * b)) * information < paid {
+        return None;
+    }
+    let known = answer.try_inverse().unwrap_or_else(OverB::zeros);
+    let least = |(rule, ratio): (StopRule, f64)| {
+        let shown = |f: &f64| {
+            let valve = ValveModel { s: 2.0 * f, j: 2.0 * f * ratio, rule, ..ValveModel::default() };
+            let other = hypothesis.with_valve(Some(valve));
+            let x = other.to_process(data, other.stem(data).0);
+            let left = none.left(data, &answers(data, model, &x, &stem));
+            // Coefficients that are noise add to it, too.
+            let by_chance = known * left;
+            let chance = by_chance.trace() + CHANCE * (2.0 * (by_chance * by_chance).trace().max(0.0)).sqrt();
+            let lambda = (b.dot(&(left * b)) * information - chance).max(0.0);
+            let cost = cost(Some(&valve)).0 * data.counted().ln();
+            TEMPERING * (0.5 * lambda - NINE_OF_TEN * lambda.sqrt()) - cost >= 0.5 * evidence
+        };
+        values(data).find(shown)
+    };
+    VALVES.into_iter().filter_map(least).reduce(f64::max)
+}
+
+/// The values of f that are tried.
+fn values(data: &IdData) -> impl Iterator<Item = f64> + use<> {
+    let most = data.f_max;
+    std::iter::successors(Some(LEAST * most), |f| Some(f * STEP)).take_while(move |f| *f < most)
+}
+
+/// A matrix over b1, b2, b3.
+type OverB = SMatrix<f64, ORDER, ORDER>;
+
+/// What a stem adds to PV.
+struct Answers {
+    /// One step ahead, on the fitted rows, for each `b` of 1.
+    ahead: [Vec<f64>; ORDER],
+    /// Up to the last of them.
+    free: Vec<f64>,
+}
+
+/// `v / C(q)` from the model's beginning on, on the fitted rows.
+fn filtered(data: &IdData, model: &Armax, v: &dyn Fn(usize) -> f64) -> Vec<f64> {
+    let mut out = vec![0.0; data.split];
+    for k in model.begin(data)..data.split {
+        let past: f64 = model.c.iter().enumerate().map(|(i, c)| c * out[k - 1 - i]).sum();
+        out[k] = v(k) - past;
+    }
+    out.split_off(data.first)
+}
+
+/// What the stem `x` adds to PV over the stem `before`.
+fn answers(data: &IdData, model: &Armax, x: &[f64], before: &[f64]) -> Answers {
+    // A level is none of friction's: the controller takes it away.
+    let mean = data.rows().map(|k| x[k] - before[k]).sum::<f64>() / data.rows().len() as f64;
+    let by = |k: usize| x[k] - before[k] - mean;
+    let ahead = std::array::from_fn(|j| filtered(data, model, &|k| by(k - model.nk - j)));
+    let mut free = vec![0.0; data.split];
+    for k in model.begin(data)..data.split {
+        let driven: f64 = model.b.iter().enumerate().map(|(j, b)| b * by(k - model.nk - j)).sum();
+        let past: f64 = (0..ORDER).map(|i| model.a[i] * LEAK.powi(i as i32 + 1) * free[k - 1 - i]).sum();
+        free[k] = driven - past;
+    }
+    Answers { ahead, free }
+}
+
+/// What the fitted rows say of b1, b2, b3, in units of the squared scale of the errors: the inverse of their covariance.
+fn information_of_b(data: &IdData, fitted: &Decided, stem: &[f64]) -> OverB {
+    let model = &fitted.model;
+    let x: [Vec<f64>; ORDER] = std::array::from_fn(|j| filtered(data, model, &|k| stem[k - model.nk - j]));
+    let y = fitted.hypothesis.pv(data);
+    let mut others: Vec<Vec<f64>> = (1..=ORDER).map(|lag| filtered(data, model, &|k| y[k - lag])).collect();
+    others.push(vec![1.0; data.rows().len()]);
+    let weight = &data.weight[data.rows()];
+    left_of(&x, others, weight)
+}
+
+/// The model without friction.
+struct Without {
+    /// OP as the process sees it.
+    x: Vec<f64>,
+    /// PV less what the effects add to it.
+    y: Vec<f64>,
+    shapes: Vec<Vec<f64>>,
+}
+
+impl Without {
+    fn new(data: &IdData, fitted: &Hypothesis) -> Self {
+        let none = fitted.with_valve(None);
+        let signals = none.signals(data);
+        Self { x: signals.x, y: none.pv(data).into_owned(), shapes: signals.shapes }
+    }
+
+    /// The part of what friction adds one step ahead that it does not explain: the sums of products over b1, b2, b3.
+    fn left(&self, data: &IdData, friction: &Answers) -> OverB {
+        let y: Vec<f64> = self.y.iter().zip(&friction.free).map(|(y, free)| y + free).collect();
+        if !y.iter().all(|y| y.is_finite()) {
+            return OverB::zeros();
+        }
+        let regression = Arx::new(data, &y, &self.shapes);
+        let columns = regression.columns(&self.x).into_iter().map(<[f64]>::to_vec).collect();
+        left_of(&friction.ahead, columns, &data.weight[data.rows()])
+    }
+}
+
+/// Sums of products of `v` over the rows that count, less what `columns` explain of them.
+fn left_of(v: &[Vec<f64>; ORDER], columns: Vec<Vec<f64>>, weight: &[f64]) -> OverB {
+    let weighted = |v: &Vec<f64>| -> Vec<f64> { v.iter().zip(weight).map(|(v, w)| v * w).collect() };
+    let columns: Vec<Vec<f64>> = columns.iter().map(weighted).collect();
+    let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+    let size = columns.len();
+    let (mut factored, mut live) = (vec![0.0; size * size], [true; MOST_COLUMNS]);
+    lower(&columns, &mut factored, size);
+    factor(&mut factored, size, size, &mut live);
+    let v = v.each_ref().map(weighted);
+    let mut right: [Vec<f64>; ORDER] = std::array::from_fn(|_| vec![0.0; size]);
+    products(&v.each_ref().map(Vec::as_slice), &columns, |i, j, sum| right[i][j] = sum);
+    let theta = right.clone().map(|mut theta| {
+        substitute(&factored, size, &live, &mut theta);
+        theta
+    });
+    OverB::from_fn(|i, j| dot(&v[i], &v[j]) - dot(&right[i], &theta[j]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::decide::decide;
+    use crate::signal::Window;
+    use crate::sysid::valve::Start;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// A sound loop whose OP swings by ±5, with this noise on PV, and its model.
+    fn sound(noise: f64) -> (IdData, Decided) {
+        let n = 1200;
+        let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(3));
+        let mut next = || draw.next().unwrap_or(0.0);
+        let swing = |k: usize| 3.0 * (0.11 * k as f64).sin() + 2.0 * (0.043 * k as f64).cos();
+        let op: Vec<f64> = (0..n).map(|k| swing(k) + 0.02 * next()).collect();
+        let (mut y, mut pv) = (0.0, vec![0.0; n]);
+        for k in 1..n {
+            y = 0.8 * y + 0.2 * op[k - 1];
+            pv[k] = y + noise * next();
+        }
+        let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
+        let data = IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough");
+        let none = decide(&data, Hypothesis::default(), None);
+        (data, none)
+    }
+
+    #[test]
+    fn more_noise_hides_more_and_enough_of_it_all() {
+        let least = |noise: f64| {
+            let (data, none) = sound(noise);
+            detectable(&data, &none, 20.0).map(|f| f * data.units.u)
+        };
+        let (quiet, noisy) = (least(0.01), least(0.3));
+        assert!(quiet.is_some_and(|f| f < 0.1), "{quiet:?}");
+        assert!(noisy > quiet && noisy.is_some_and(|f| f < 4.0), "{quiet:?} {noisy:?}");
+        assert_eq!(least(30.0), None);
+    }
+
+    #[test]
+    fn more_evidence_asks_for_more_friction() {
+        let (data, none) = sound(0.1);
+        let [little, much] = [20.0, 100.0].map(|evidence| detectable(&data, &none, evidence));
+        assert!(much > little && little.is_some(), "{little:?} {much:?}");
+    }
+
+    #[test]
+    fn friction_just_above_it_is_found() {
+        let (data, none) = sound(0.1);
+        let f = 1.3 * detectable(&data, &none, 20.0).expect("little noise");
+        let valve = ValveModel { s: 2.0 * f, j: 2.0 * f, ..ValveModel::default() };
+        let stuck = Hypothesis { valve: Some(valve), effects: Vec::new() };
+        let mut sticking = data.clone();
+        let added = answers(&data, &none.model, &stuck.stem(&data).0, &data.u).free;
+        sticking.y.iter_mut().zip(&added).for_each(|(y, added)| *y += added);
+        let [free, stuck] = [Hypothesis::default(), stuck].map(|h| decide(&sticking, h, None));
+        assert!(2.0 * (stuck.score - free.score) > 20.0, "{} {}", stuck.score, free.score);
+    }
+}
