@@ -148,14 +148,14 @@ impl App {
         let persistence = Persistence::new(&config, clock, &history, &results);
         results.apply_design(clock.now());
         let notifications = Arc::new(Notifications::new(&config, clock, &results));
-        let plan = schedule_plan(&config, &history, &writeback);
+        let plan = schedule_plan(&config, &history);
         let backfill =
             BackfillJobs::new(&config, clock, (&persistence, &results), diagnose.clone(), stop.clone());
         let scheduler =
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
         let devices: Vec<Device> =
             wired.into_plans().map(|plan| Device::new(plan, clock, &history)).collect();
-        let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices, &writeback)));
+        let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
         let context = context.with_writeback(writeback.clone()).with_notifications(notifications.clone());
@@ -301,8 +301,8 @@ impl App {
         self.results.watch_devices(&devices_of(&config));
         self.persistence.clone().replace(history.clone(), self.results.clone()).await;
         self.results.apply_design(self.clock.now());
-        self.scheduler.replace(schedule_plan(&config, &history, &self.writeback));
-        self.plant.send_replace(Arc::new(shown(&config, &history, &devices, &self.writeback)));
+        self.scheduler.replace(schedule_plan(&config, &history));
+        self.plant.send_replace(Arc::new(shown(&config, &history, &devices)));
         if state.collecting && !self.stop.is_cancelled() {
             devices.iter_mut().for_each(|device| device.start(&self.stop));
             self.writeback.begin(&config, &history, &devices);
@@ -333,14 +333,10 @@ fn neighbours(config: &Config) -> HashMap<LoopId, Vec<Neighbour>> {
     config.loops.iter().map(|l| (LoopId::new(l.id.as_str()), config.neighbours(l))).collect()
 }
 
-fn schedule_plan(
-    config: &Config,
-    history: &Arc<History>,
-    writeback: &Arc<WritebackControl>,
-) -> schedule::Plan {
+fn schedule_plan(config: &Config, history: &Arc<History>) -> schedule::Plan {
     schedule::Plan {
         jobs: jobs(config),
-        snapshot: snapshot(config, history, writeback),
+        snapshot: snapshot(config, history),
         settings: Settings::from(&config.diagnosis),
     }
 }
@@ -354,15 +350,10 @@ fn jobs(config: &Config) -> Vec<Job> {
 }
 
 /// Copies what is remembered of a loop and of the tags that may explain it.
-fn snapshot(
-    config: &Config,
-    history: &Arc<History>,
-    writeback: &Arc<WritebackControl>,
-) -> schedule::Snapshot {
-    let (history, writeback, neighbours) = (history.clone(), writeback.clone(), neighbours(config));
+fn snapshot(config: &Config, history: &Arc<History>) -> schedule::Snapshot {
+    let (history, neighbours) = (history.clone(), neighbours(config));
     Arc::new(move |id| {
         let mut record = history.snapshot(id)?;
-        writeback.add_terms(id, &mut record);
         for tag in neighbours.get(id).into_iter().flatten() {
             record.tags.extend(history.series(&tag.id, &tag.kind).map(|series| (tag.name.clone(), series)));
         }
@@ -370,12 +361,7 @@ fn snapshot(
     })
 }
 
-fn shown(
-    config: &Config,
-    history: &Arc<History>,
-    devices: &[Device],
-    writeback: &Arc<WritebackControl>,
-) -> serve::Plant {
+fn shown(config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::Plant {
     let info = |control_loop: &config::LoopConfig| LoopInfo {
         id: LoopId::new(control_loop.id.as_str()),
         description: control_loop.description.clone(),
@@ -385,7 +371,7 @@ fn shown(
     let healths: Vec<(String, Arc<DeviceHealth>)> =
         devices.iter().map(|device| (device.plan.name().to_string(), device.health.clone())).collect();
     let states = move || healths.iter().map(|(name, health)| Device::state(name, health)).collect();
-    let snapshot = snapshot(config, history, writeback);
+    let snapshot = snapshot(config, history);
     let recall = recall::recall(snapshot, config.store.clone(), neighbours(config));
     serve::Plant::new(config.loops.iter().map(info).collect(), history.clone(), Arc::new(states))
         .with_facts(facts::of(config))

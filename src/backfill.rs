@@ -117,7 +117,7 @@ fn mark_drop_outs(record: &mut Record) -> [usize; 2] {
         let zeros = series.iter_mut().filter(|s| s.quality.is_good() && s.value == 0.0);
         zeros.map(|s| s.quality = Quality::Bad(BadReason::LinkDown)).count()
     };
-    let others = [&mut record.sp, &mut record.mode, &mut record.mv];
+    let others = [&mut record.sp, &mut record.mode, &mut record.mv, &mut record.term];
     let others = others.into_iter().flatten().chain(record.tags.iter_mut().map(|(_, series)| series));
     others.for_each(|series| series.sort_by(|a, b| a.t.total_cmp(&b.t)));
     [mark(&mut record.op), mark(&mut record.pv)]
@@ -210,12 +210,19 @@ fn between(record: &Record, from: f64, to: f64) -> Record {
         let end = series.partition_point(|s| s.t <= to);
         series[begin..end.max(begin)].to_vec()
     };
+    // A term is in force until the next.
+    let in_force = |series: &Series| -> Series {
+        let begin = series.partition_point(|s| s.t <= from).saturating_sub(1);
+        let end = series.partition_point(|s| s.t <= to);
+        series[begin..end.max(begin)].to_vec()
+    };
     Record {
         op: cut(&record.op),
         pv: cut(&record.pv),
         sp: record.sp.as_ref().map(cut),
         mode: record.mode.as_ref().map(cut),
         mv: record.mv.as_ref().map(cut),
+        term: record.term.as_ref().map(in_force),
         tags: record.tags.iter().map(|(name, series)| (name.clone(), cut(series))).collect(),
         op_limits: record.op_limits,
         op_span: record.op_span,

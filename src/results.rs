@@ -5,6 +5,7 @@ mod alarm_log;
 mod alarms;
 pub mod basis;
 mod board;
+mod compensated;
 mod events;
 mod judged;
 mod kept;
@@ -14,6 +15,7 @@ pub mod words;
 pub use alarm_log::{AlarmChange, MOST_CHANGES};
 pub use alarms::{AlarmView, DeviceSeen, Said, TagsSeen};
 pub use basis::{Basis, Extent};
+pub use compensated::{Before, Compensated, Seen};
 pub use events::{MOST_EVENTS, Past};
 pub use judged::{Judged, KnownEffect, ModelVersion, Residuals};
 pub use kept::{Change, Keeper, KeptAlarm, Remembered, Restored, RestoredAlarm, Summary};
@@ -110,6 +112,19 @@ impl Run {
         Some((estimate.f * percent, estimate.f_ci95.map(|limit| limit * percent)))
     }
 
+    /// What it says of a valve that a term of write-back acted on.
+    pub fn compensated(&self) -> Option<Compensated> {
+        Compensated::of(self)
+    }
+
+    /// A reason, behind what it says of a compensated valve.
+    pub fn reasoned(&self, reason: &str) -> String {
+        match self.compensated() {
+            Some(own) => format!("{}; {reason}", own.reason(self)),
+            None => reason.to_string(),
+        }
+    }
+
     fn summary(&self) -> Summary {
         let judged = self.judged();
         let friction = judged.and_then(Judged::friction);
@@ -123,10 +138,10 @@ impl Run {
                 Some(Verdict::NotIdentifiable(why)) => Some(why.code().into()),
                 _ => None,
             },
+            compensated: self.compensated(),
             reason: match &self.outcome {
-                Outcome::Diagnosed(judged) => judged
-                    .replaced_by()
-                    .map_or_else(|| judged.diagnosis.reason.clone(), |found| found.reason.clone()),
+                Outcome::Diagnosed(judged) => self
+                    .reasoned(judged.replaced_by().map_or(&judged.diagnosis.reason, |found| &found.reason)),
                 Outcome::DeadlineExceeded => "the run was not done before its deadline".to_string(),
                 Outcome::Panicked(_) => "the diagnosis failed; the log says why".to_string(),
             },
@@ -209,6 +224,8 @@ struct Entry {
     restored: Option<(Arc<Restored>, Summary)>,
     summaries: VecDeque<Summary>,
     model: ModelVersion,
+    /// Friction as it was found last while no term acted.
+    before: Option<Before>,
 }
 
 /// The results of all loops.
@@ -257,6 +274,7 @@ impl Results {
                     restored: None,
                     summaries: VecDeque::new(),
                     model: ModelVersion::default(),
+                    before: None,
                 }))
             });
             entries.insert(id.clone(), entry);
@@ -308,6 +326,9 @@ impl Results {
                 entry.model = ModelVersion { version, since: run.finished, effects };
                 new_model = Some((run.id.clone(), entry.model.clone()));
             }
+            if run.sticks() && summary.compensated.is_none() {
+                entry.before = summary.before();
+            }
             entry.diagnosed = Some((run.clone(), summary.clone()));
             entry.restored = None;
         }
@@ -346,6 +367,18 @@ impl Results {
     /// The effects in a loop's model: what the next diagnosis starts from.
     pub fn effects(&self, id: &LoopId) -> Vec<KnownEffect> {
         self.entry(id).map_or_else(Vec::new, |entry| lock(&entry).model.effects.clone())
+    }
+
+    /// Friction as it was found last while no term acted.
+    pub fn before(&self, id: &LoopId) -> Option<Before> {
+        self.entry(id).and_then(|entry| lock(&entry).before)
+    }
+
+    /// Takes it as it was known then.
+    pub fn set_before(&self, id: &LoopId, before: Option<Before>) {
+        if let Some(entry) = self.entry(id) {
+            lock(&entry).before = before;
+        }
     }
 
     /// Summaries of a loop's runs, oldest first.

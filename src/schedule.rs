@@ -369,11 +369,12 @@ impl Scheduler {
         let (diagnose, id) = (self.diagnose.clone(), seat.id.clone());
         let known = self.results.effects(&seat.id);
         let before = known.clone();
+        let friction = self.results.before(&seat.id);
         let mut work = tokio::task::spawn_blocking(move || {
             let Some(record) = (table.plan.snapshot)(&id) else {
                 return (None, None);
             };
-            let basis = Arc::new(Basis::of(&record, &table.plan.settings, &known));
+            let basis = Arc::new(Basis::of(&record, &table.plan.settings, &known).after(friction));
             let judged = catch_unwind(AssertUnwindSafe(|| diagnose(&record, &table.plan.settings, &known)));
             (Some(basis), Some(judged.map_err(|panic| said(panic.as_ref()))))
         });

@@ -4,6 +4,7 @@
 mod span;
 
 pub use span::{MILLIAMPERES, Scale, SpanSource, span_at_least, span_of_unit, told};
+use std::borrow::Cow;
 use std::fmt;
 use std::sync::Arc;
 
@@ -42,6 +43,8 @@ pub enum Role {
     Mode,
     /// The valve's true, measured position.
     Mv,
+    /// What write-back adds to OP behind the controller, in force from each stamp on (OP unit).
+    Term,
 }
 
 impl Role {
@@ -53,6 +56,7 @@ impl Role {
             Role::Sp => "sp",
             Role::Mode => "mode",
             Role::Mv => "mv",
+            Role::Term => "term",
         }
     }
 }
@@ -153,6 +157,8 @@ pub struct Record {
     pub mode: Option<Series>,
     /// Measured stem position, where there is one.
     pub mv: Option<Series>,
+    /// What write-back added to OP, each sample in force until the next (OP unit), where a loop has write-back.
+    pub term: Option<Series>,
     /// Other tags by name.
     pub tags: Vec<(String, Series)>,
     /// The controller's output limits (OP unit), where known: saturation is judged against them.
@@ -161,6 +167,25 @@ pub struct Record {
     pub op_span: Option<f64>,
     /// Where that is known from.
     pub op_span_source: SpanSource,
+}
+
+impl Record {
+    /// The term in force at a time (OP unit); 0 before the first.
+    pub fn term_at(&self, t: f64) -> f64 {
+        let terms = self.term.as_deref().unwrap_or_default();
+        let before = terms[..terms.partition_point(|own| own.t <= t)].iter().rev();
+        let usable = |own: &&Sample| own.quality.is_good() && own.value.is_finite();
+        before.into_iter().find(usable).map_or(0.0, |own| own.value)
+    }
+
+    /// What the valve was told: OP, and the term that was in force at each of its samples.
+    pub fn input(&self) -> Cow<'_, [Sample]> {
+        if self.term.as_ref().is_none_or(Vec::is_empty) {
+            return Cow::Borrowed(&self.op);
+        }
+        let told = |own: &Sample| Sample { value: own.value + self.term_at(own.t), ..*own };
+        Cow::Owned(self.op.iter().map(told).collect())
+    }
 }
 
 /// What a row of a window is worth to a fit.

@@ -280,8 +280,8 @@ fn stored(
 ) -> Result<Option<Record>, String> {
     let said = |error: StoreError| error.to_string();
     let mut reader = Reader::at_hand(config).map_err(said)?;
-    let names = ["op", "pv", "sp", "mode", "mv"];
-    let mut series: [Vec<Sample>; 5] = std::array::from_fn(|_| Vec::new());
+    let names = ["op", "pv", "sp", "mode", "mv", "term"];
+    let mut series: [Vec<Sample>; 6] = std::array::from_fn(|_| Vec::new());
     let mut from = request.from;
     while from < request.to {
         // The next slice begins behind the last sample that this one may hold.
@@ -299,9 +299,10 @@ fn stored(
         }
         from = to;
     }
-    let [op, pv, sp, mode, mv] = series;
+    let [op, pv, sp, mode, mv, term] = series;
     let some = |series: Vec<Sample>| Some(series).filter(|series| !series.is_empty());
-    Ok(Some(Record { op, pv, sp: some(sp), mode: some(mode), mv: some(mv), ..Record::default() }))
+    let (sp, mode, mv, term) = (some(sp), some(mode), some(mv), some(term));
+    Ok(Some(Record { op, pv, sp, mode, mv, term, ..Record::default() }))
 }
 
 /// Puts slices into the daemon's store.

@@ -6,7 +6,8 @@ use crate::history::{self, LoopTags, TagKind};
 use crate::signal::{LoopId, Role, Scale};
 use std::collections::{BTreeMap, HashMap};
 
-/// Who is watched and who is asked. Tags are numbered through all loops: op, pv, sp, mode, mv, then the others.
+/// Who is watched and who is asked. Tags are numbered through all loops: op, pv, sp, mode, mv, the others, then the term of
+/// write-back.
 #[derive(Clone, Debug)]
 pub struct Plant {
     /// The loops, in the file's order; a tag's number counts through them.
@@ -70,6 +71,13 @@ impl Config {
                     own.push(history::TagSpec { unit, source, kind });
                     index += 1;
                 }
+            }
+            if control_loop.writeback.is_some() {
+                // Nobody polls it: write-back itself says what it has in force.
+                let unit = control_loop.op.unit().unwrap_or_default().to_string();
+                let kind = TagKind::Role(Role::Term);
+                own.push(history::TagSpec { unit, source: "write-back".to_string(), kind });
+                index += 1;
             }
             let limits = control_loop.op_limits.map(|[low, high]| (low, high));
             let scale = Scale { given: control_loop.op_span, limits, unit: control_loop.op.unit() };

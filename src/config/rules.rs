@@ -255,6 +255,10 @@ impl Rules<'_, '_, '_> {
                     self.unless(!taken, &field("name"), || {
                         format!("name: write it as [loop.{name}], or give the tag another name")
                     });
+                    let kept = name == Role::Term.as_str();
+                    self.unless(!kept, &field("name"), || {
+                        format!("name: {name} is what write-back adds to OP, give the tag another name")
+                    });
                     self.first(&mut seen, name, &field("name"), "tag");
                 }
                 (Some(_), None) => {}

@@ -91,6 +91,7 @@ mod tests {
             f_ci95: Some([2.4, 2.6]),
             f_in_percent: true,
             delta_aic: Some(446.2),
+            compensated: None,
         };
         let row = |at: usize, said| Row { demo: &plant[at], said };
         let lines = lines(&[row(0, None), row(1, Some(&said)), row(5, Some(&said))]);

@@ -105,6 +105,8 @@ pub enum NotIdentifiable {
         /// The slowest poll that would do (s).
         poll_s: f64,
     },
+    /// A term of write-back acted: it hides the friction, so that none to be seen says nothing.
+    Compensated,
     /// Friction would not have shown, whatever its size.
     HiddenFriction {
         /// Largest reversal of OP, as sentences say it.
@@ -131,6 +133,7 @@ impl NotIdentifiable {
             Self::Manual { .. } => "manual",
             Self::NotExcited { .. } => "not_excited",
             Self::Undersampled { .. } => "undersampled",
+            Self::Compensated => "compensated",
             Self::HiddenFriction { .. } => "hidden_friction",
             Self::NoResponse => "no_response",
             Self::OutOfScale => "out_of_scale",
@@ -168,6 +171,9 @@ impl fmt::Display for NotIdentifiable {
                 "undersampled: {samples:.1} samples per period, ten are needed: poll at least every {} s",
                 rounded_down(*poll_s)
             ),
+            Self::Compensated => {
+                write!(out, "compensated: a term of write-back acted, and hides what friction is left to see")
+            }
             Self::HiddenFriction { reversal } => write!(
                 out,
                 "hidden friction: OP never reverses by more than {reversal}, and friction would not show beside what \
@@ -240,6 +246,8 @@ pub struct Preparation {
     pub denoise: Denoise,
     /// What an archive did to the record before it came here.
     pub history: Option<Box<HistoryFound>>,
+    /// Share of the fitted window at which a term of write-back was in force (0..1).
+    pub compensated: f64,
     /// Least f that counts as stiction: of the span, or of what OP covered where the span is not known (OP unit).
     pub f_threshold: f64,
     /// How the record was acquired; `None` where its stamps do not say.

@@ -47,6 +47,8 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     };
     let (window, region) = prepare(window, settings, &mut preparation);
     let n = window.len();
+    let acted = |k: &usize| record.term_at(window.t0 + *k as f64 * window.ts) != 0.0;
+    preparation.compensated = (0..n).filter(acted).count() as f64 / n.max(1) as f64;
     let few = |unexcited| too_few(&window.op, window.ts, preparation.history.as_deref(), unexcited);
     if let Some(reason) = few(false) {
         // The period that is seen is not the one that is there.
@@ -55,6 +57,9 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let oscillation = region.oscillation(0, n, window.ts);
     let (problem, scale) = match pose(&window, &region, settings) {
         Ok(posed) => posed,
+        Err(NotIdentifiable::NotExcited { .. }) if preparation.compensated > 0.0 => {
+            return refused(NotIdentifiable::Compensated, preparation, oscillation, Some(window));
+        }
         Err(reason @ NotIdentifiable::NotExcited { .. }) => {
             let (reason, oscillation) = few(true).map_or((reason, oscillation), |reason| (reason, None));
             return refused(reason, preparation, oscillation, Some(window));
@@ -85,6 +90,8 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let verdict = match &weighed {
         Some(found) if believed(found) => Verdict::Stiction,
         _ => match unanswered(&problem, &region) {
+            // A valve that a term moves at once leaves OP and PV nothing to show.
+            _ if preparation.compensated > 0.0 => Verdict::NotIdentifiable(NotIdentifiable::Compensated),
             Some(reason) => Verdict::NotIdentifiable(reason),
             None => Verdict::NoStiction,
         },

@@ -41,14 +41,14 @@ impl Config {
 /// What a tag is to its loop: one of the roles, or another measurement by name.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum TagKind {
-    /// OP, PV, SP, mode or valve position.
+    /// OP, PV, SP, mode, valve position or the term of write-back.
     Role(Role),
     /// Any other tag, by its name.
     Extra(String),
 }
 
 impl TagKind {
-    /// The name the API uses: `op`, `pv`, `sp`, `mode`, `mv`, or the extra tag's own.
+    /// The name the API uses: `op`, `pv`, `sp`, `mode`, `mv`, `term`, or the extra tag's own.
     pub fn name(&self) -> &str {
         match self {
             TagKind::Role(Role::Op) => "op",
@@ -56,6 +56,7 @@ impl TagKind {
             TagKind::Role(Role::Sp) => "sp",
             TagKind::Role(Role::Mode) => "mode",
             TagKind::Role(Role::Mv) => "mv",
+            TagKind::Role(Role::Term) => "term",
             TagKind::Extra(name) => name,
         }
     }
@@ -198,6 +199,7 @@ impl History {
                 TagKind::Role(Role::Sp) => record.sp = Some(series),
                 TagKind::Role(Role::Mode) => record.mode = Some(series),
                 TagKind::Role(Role::Mv) => record.mv = Some(series),
+                TagKind::Role(Role::Term) => record.term = Some(series).filter(|terms| !terms.is_empty()),
                 TagKind::Extra(name) => record.tags.push((name.clone(), series)),
             }
         }

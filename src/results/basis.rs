@@ -1,6 +1,6 @@
 //! What a run worked on: enough to find the same samples again, and to know that they are the same.
 
-use super::KnownEffect;
+use super::{Before, KnownEffect};
 use crate::diagnosis::Settings;
 use crate::signal::{Record, Sample, Series, SpanSource};
 
@@ -11,6 +11,8 @@ pub struct Basis {
     pub settings: Settings,
     /// The effects that the model had before.
     pub known: Vec<KnownEffect>,
+    /// Friction as it was found last while no term of write-back acted.
+    pub before: Option<Before>,
     /// The span of OP (OP unit).
     pub op_span: Option<f64>,
     /// Where that is known from.
@@ -24,7 +26,7 @@ pub struct Basis {
 /// Which samples of one tag: all between two stamps. A record's series never falls in time, so this names them all.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Extent {
-    /// The tag's name in the record: `op`, `pv`, `sp`, `mode`, `mv`, or another tag's.
+    /// The tag's name in the record: `op`, `pv`, `sp`, `mode`, `mv`, `term`, or another tag's.
     pub tag: String,
     /// Samples.
     pub n: usize,
@@ -40,11 +42,17 @@ impl Basis {
         Self {
             settings: settings.clone(),
             known: known.to_vec(),
+            before: None,
             op_span: record.op_span,
             op_span_source: record.op_span_source,
             op_limits: record.op_limits,
             extents: series(record).map(|(tag, samples)| Extent::of(tag, samples)).collect(),
         }
+    }
+
+    /// With the friction of before a term acted.
+    pub fn after(self, before: Option<Before>) -> Self {
+        Self { before, ..self }
     }
 
     /// Stamp of the newest sample of all (s).
@@ -92,12 +100,12 @@ impl Extent {
     }
 }
 
-const ROLES: [&str; 5] = ["op", "pv", "sp", "mode", "mv"];
+const ROLES: [&str; 6] = ["op", "pv", "sp", "mode", "mv", "term"];
 
 /// The series of a record by name.
 pub fn series(record: &Record) -> impl Iterator<Item = (&str, &Series)> {
-    let roles =
-        [Some(&record.op), Some(&record.pv), record.sp.as_ref(), record.mode.as_ref(), record.mv.as_ref()];
+    let others = [&record.sp, &record.mode, &record.mv, &record.term].map(Option::as_ref);
+    let roles = [Some(&record.op), Some(&record.pv)].into_iter().chain(others);
     let named = ROLES.into_iter().zip(roles).filter_map(|(name, own)| Some((name, own?)));
     named.chain(record.tags.iter().map(|(name, own)| (name.as_str(), own)))
 }
@@ -110,6 +118,7 @@ pub fn put(record: &mut Record, tag: &str, samples: Series) {
         "sp" => record.sp = Some(samples),
         "mode" => record.mode = Some(samples),
         "mv" => record.mv = Some(samples),
+        "term" => record.term = Some(samples),
         _ => record.tags.push((tag.to_string(), samples)),
     }
 }
@@ -121,6 +130,7 @@ fn take(record: &mut Record, tag: &str) -> Option<Series> {
         "sp" => record.sp.take(),
         "mode" => record.mode.take(),
         "mv" => record.mv.take(),
+        "term" => record.term.take(),
         _ => {
             let at = record.tags.iter().position(|(name, _)| name == tag)?;
             Some(record.tags.swap_remove(at).1)

@@ -238,6 +238,8 @@ impl Board {
         let of = |kind| AlarmId::new(run.id.clone(), kind);
         let (now, verdict) = (run.finished, run.judged().map(super::Judged::verdict));
         let identifiable = !matches!(verdict, None | Some(Verdict::NotIdentifiable(_)));
+        // Of a window that a term acted on nothing else can be expected, though it has ended since.
+        let reinforced = reinforced || summary.compensated.is_some();
         let sticky = verdict == Some(&Verdict::Stiction);
         let known = summary.f.zip(summary.delta_aic).filter(|_| identifiable && (sticky || !reinforced));
         let seen = known.map_or(Observation::Unknown, |(f, evidence)| self.config.judge(sticky, f, evidence));
@@ -264,7 +266,9 @@ impl Board {
         }
 
         let code = summary.reason_code.as_deref().unwrap_or(&summary.outcome);
-        let fault = !identifiable && !self.config.not_identifiable.ignore.iter().any(|known| known == code);
+        let fault = !identifiable
+            && !reinforced
+            && !self.config.not_identifiable.ignore.iter().any(|known| known == code);
         self.level(&of(Kind::NotIdentifiable), fault.then(|| summary.words()), now, news);
 
         if let Some(share) = unexplained(run).filter(|_| identifiable) {

@@ -1,6 +1,6 @@
 //! What outlives a restart: a run in a few numbers, what changed and is to be kept, and what was kept and comes back.
 
-use super::{ModelVersion, Results, Run, Trigger, lock};
+use super::{Before, Compensated, ModelVersion, Results, Run, Trigger, lock};
 use crate::alarm::{AlarmId, Saved, Transition};
 use crate::signal::LoopId;
 use std::borrow::Cow;
@@ -30,6 +30,15 @@ pub struct Summary {
     pub f_in_percent: bool,
     /// Evidence (-).
     pub delta_aic: Option<f64>,
+    /// What it says of a valve that a term of write-back acted on.
+    pub compensated: Option<Compensated>,
+}
+
+impl Summary {
+    /// The friction that it tells, to be compared with while a term acts.
+    pub fn before(&self) -> Option<Before> {
+        self.f.zip(self.f_ci95).map(|(f, f_ci95)| Before { f, f_ci95 })
+    }
 }
 
 /// Something changed: all of it belongs together, and is kept together or not at all.
@@ -146,6 +155,10 @@ impl Results {
         let room = self.keep.saturating_sub(entry.summaries.len());
         let before = kept.summaries.into_iter().rev().filter(|summary| summary.time < begun).take(room);
         before.for_each(|summary| entry.summaries.push_front(summary));
+        if entry.before.is_none() {
+            let own = |summary: &&Summary| summary.outcome == "stiction" && summary.compensated.is_none();
+            entry.before = entry.summaries.iter().rev().find(own).and_then(Summary::before);
+        }
         if entry.diagnosed.is_none() && entry.restored.is_none() {
             entry.restored = kept.diagnosed.map(|(restored, summary)| (Arc::new(restored), summary));
         }

@@ -1,7 +1,7 @@
 //! What is found, as an operator would say it, and what to do about it: the dashboard, reports, alarms, mails, webhooks and
 //! messages say the same, because they all take it from here. `tests/words.txt` has every sentence; read them as a set.
 
-use super::{Summary, f_unit};
+use super::{Compensated, Seen, Summary, f_unit};
 
 mod effects;
 
@@ -89,6 +89,8 @@ pub struct Verdict<'a> {
     pub f_high: Option<f64>,
     /// Unit along OP.
     pub unit: &'a str,
+    /// What is left to see while a term of write-back acts, where one does.
+    pub compensated: Option<Compensated>,
 }
 
 impl Verdict<'_> {
@@ -96,6 +98,24 @@ impl Verdict<'_> {
     pub fn words(&self) -> String {
         let band =
             |f: Option<f64>| f.filter(|f| *f > 0.0).map(|f| format!("{} {}", shortest(2.0 * f), self.unit));
+        let by_a_term = self.outcome == "stiction" || self.reason_code == Some("compensated");
+        let compensated = self.compensated.filter(|_| by_a_term);
+        if let Some(own) = compensated {
+            return "The valve is compensated. ".to_string()
+                + &match (own.seen, band(self.f), band(own.f_before)) {
+                    (Seen::Consistent, Some(now), Some(_)) => {
+                        format!("It sticks as before: it ignores the first {now} of each reversal.")
+                    }
+                    (Seen::Changed, Some(now), Some(before)) => {
+                        format!("It ignores the first {now} of each reversal, and {before} before.")
+                    }
+                    (Seen::Hidden, _, Some(before)) => format!(
+                        "Before it ignored the first {before} of each reversal; that is no longer visible."
+                    ),
+                    (_, Some(now), _) => format!("It ignores the first {now} of each reversal."),
+                    _ => "Whether it sticks is not visible.".to_string(),
+                };
+        }
         match self.outcome {
             "stiction" => match band(self.f) {
                 Some(band) => format!("The valve sticks: it ignores the first {band} of each reversal."),
@@ -128,6 +148,7 @@ impl Summary {
             f: self.f,
             f_high: self.f_ci95.map(|[_, high]| high),
             unit: f_unit(self.f_in_percent),
+            compensated: self.compensated,
         };
         verdict.words()
     }
@@ -149,6 +170,7 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
         "no_response" => {
             ("PV does not follow OP", " Check whether the valve moves, and whether it is this loop's.")
         }
+        "compensated" => ("a term of write-back acts and hides what sticking there is", ""),
         "out_of_scale" => ("the values are too large or too small to compute with", ""),
         "deadline_exceeded" => ("the analysis took too long", ""),
         _ => return None,

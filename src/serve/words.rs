@@ -1,6 +1,6 @@
 //! A report, as an operator would say it: [`crate::results::words`] on what the report has.
 
-use super::dto::report::{Report, ReportEffect, ReportVerdict};
+use super::dto::report::{Report, ReportCompensated, ReportEffect, ReportVerdict};
 use crate::results::words::{self, Said};
 
 pub use crate::results::words::{failed_test, percent, short};
@@ -23,6 +23,7 @@ pub fn verdict(report: &Report) -> String {
         f: report.f,
         f_high: report.f_ci95.map(|[_, high]| high),
         unit: &report.f_unit,
+        compensated: report.compensated.as_ref().and_then(ReportCompensated::read),
     };
     let swings = report.oscillation.as_ref().filter(|_| report.verdict == ReportVerdict::Stiction);
     let period = swings.and_then(|swing| swing.period_s);

@@ -21,7 +21,7 @@ pub use config::{Config, LoopConfig, Target, TermType, WordOrder};
 #[cfg(feature = "writeback")]
 pub use link::Writer;
 #[cfg(feature = "writeback")]
-pub use run::{Clocks, Look, LoopSetup, Tell, Writeback};
+pub use run::{Clocks, Keep, Look, LoopSetup, Tell, Writeback};
 
 /// Whether this binary can write.
 pub const BUILT_IN: bool = cfg!(feature = "writeback");

@@ -6,20 +6,22 @@ use crate::audit::Recorder;
 use crate::compensation::gate::{
     Action, Event, Gate, Inputs, Limits, News, Order, Refusal, State, Status, Time, WriteFault,
 };
-use crate::signal::{LoopId, Record};
-use std::collections::{HashMap, VecDeque};
+use crate::signal::{LoopId, Sample};
+use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::{Notify, oneshot, watch};
 use tokio::task::JoinHandle;
 
-/// Changes of the term that are remembered, for the diagnosis of what the valve was told.
-const TERMS: usize = 65_536;
+/// Time after which a term that has not changed is said again (s).
+const SAID_AGAIN_S: f64 = 60.0;
 /// What the ramp to zero may take longer than its limit, for the last answers to come.
 const GRACE: Duration = Duration::from_secs(2);
 
 /// Looks at a loop: the newest samples, the latest diagnosis, missed polls.
 pub type Look = Arc<dyn Fn() -> Inputs + Send + Sync>;
+/// Takes the term in force from a time on (OP unit).
+pub type Keep = Arc<dyn Fn(Sample) + Send + Sync>;
 /// Both clocks.
 pub type Clocks = Arc<dyn Fn() -> Time + Send + Sync>;
 /// Told of everything that happens.
@@ -39,6 +41,8 @@ pub struct LoopSetup {
     pub polled: watch::Receiver<u64>,
     /// How it sees its loop.
     pub look: Look,
+    /// Where the term in force is kept beside OP.
+    pub keep: Keep,
 }
 
 /// Write-back of all loops that enable it.
@@ -53,8 +57,9 @@ struct Slot {
     id: LoopId,
     gate: Mutex<Gate>,
     wake: Notify,
-    /// When the term in force changed (s, wall), and to what (OP unit).
-    terms: Mutex<VecDeque<(f64, f64)>>,
+    /// What was said last of the term in force: since when (s, wall), and what (OP unit).
+    said: Mutex<Option<(f64, f64)>>,
+    keep: Keep,
     percent: f64,
     clocks: Clocks,
     recorder: Arc<Recorder>,
@@ -75,7 +80,8 @@ impl Writeback {
                 id: own.id.clone(),
                 gate: Mutex::new(gate),
                 wake: Notify::new(),
-                terms: Mutex::default(),
+                said: Mutex::default(),
+                keep: own.keep,
                 percent: 0.01 * own.limits.op_span,
                 clocks: clocks.clone(),
                 recorder: recorder.clone(),
@@ -117,19 +123,6 @@ impl Writeback {
         // Where it cannot be recorded the gate sees that at its next step, and does not open.
         recorded.wait().await;
         Some(acted)
-    }
-
-    /// What the valve was told: adds to each OP of a record the term that was in force. f is that of the valve, so the
-    /// diagnosis has to see the valve's input.
-    pub fn add_terms(&self, id: &LoopId, record: &mut Record) {
-        let Some(slot) = self.slots.get(id) else { return };
-        let terms = slot.terms.lock().unwrap_or_else(PoisonError::into_inner);
-        for sample in &mut record.op {
-            let after = terms.partition_point(|&(t, _)| t <= sample.t);
-            if let Some(&(_, term)) = after.checked_sub(1).and_then(|at| terms.get(at)) {
-                sample.value += term;
-            }
-        }
     }
 
     /// Ramps every term to zero and ends; it takes at most the longest `withdraw_limit_s`, one step and two seconds. What is not at
@@ -189,16 +182,16 @@ impl Slot {
         self.recorder.put(at, "write", fields)
     }
 
+    /// Puts the term in force beside the samples of OP: for the diagnosis, the store and whoever replays them.
     fn remember(&self, at: f64, term: f64) {
-        let mut terms = self.terms.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
         let value = term * self.percent;
-        if terms.back().is_none_or(|&(_, last)| last != value) {
-            // A clock set back would break the order that the look-up needs.
-            terms.retain(|&(t, _)| t <= at);
-            if terms.len() == TERMS {
-                terms.pop_front();
-            }
-            terms.push_back((at, value));
+        // A clock that was set back is no reason to be silent.
+        let known =
+            said.is_some_and(|(since, last)| last == value && (0.0..SAID_AGAIN_S).contains(&(at - since)));
+        if !known {
+            *said = Some((at, value));
+            (self.keep)(Sample::good(at, value));
         }
     }
 }

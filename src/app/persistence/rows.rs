@@ -3,8 +3,8 @@
 use crate::alarm::{AlarmId, Cause, Flags, Kind, Observation, Point, Priority, Saved, State, Transition};
 use crate::residual;
 use crate::results::{
-    AlarmChange, Change, KeptAlarm, KnownEffect, MOST_CHANGES, ModelVersion, Remembered, Restored,
-    RestoredAlarm, Summary, Trigger,
+    AlarmChange, Change, Compensated, KeptAlarm, KnownEffect, MOST_CHANGES, ModelVersion, Remembered,
+    Restored, RestoredAlarm, Summary, Trigger,
 };
 use crate::serve::dto::{BasisText, Report};
 use crate::signal::LoopId;
@@ -176,7 +176,14 @@ fn summary(row: &DiagnosisRow) -> Summary {
         f_ci95: row.f_ci95,
         f_in_percent: row.f_in_percent,
         delta_aic: row.delta_aic,
+        compensated: compensated(row),
     }
+}
+
+/// What a run said of a compensated valve stands in its report, which is read of such runs only.
+fn compensated(row: &DiagnosisRow) -> Option<Compensated> {
+    let report = row.report.as_ref().filter(|_| row.reason.starts_with("compensated"))?;
+    Report::read(&unpack(report)?)?.compensated.as_ref()?.read()
 }
 
 /// An effect that this version knows.

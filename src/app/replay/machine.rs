@@ -272,6 +272,9 @@ impl Machine {
             self.clock.set(*began);
         }
         let recorded = recorded.map(|(basis, _, finished)| (basis, finished));
+        if let Some((basis, _)) = &recorded {
+            self.results.set_before(id, basis.before);
+        }
         *self.due.lock().unwrap_or_else(PoisonError::into_inner) = recorded;
         let asked = self.scheduler.ask(id, trigger);
         let run = asked.map_err(|refused| ReplayError::Failed(format!("loop '{id}': {refused}")))?.await;
@@ -290,6 +293,7 @@ fn kind(name: &str) -> TagKind {
         "sp" => TagKind::Role(Role::Sp),
         "mode" => TagKind::Role(Role::Mode),
         "mv" => TagKind::Role(Role::Mv),
+        "term" => TagKind::Role(Role::Term),
         other => TagKind::Extra(other.to_string()),
     }
 }
@@ -300,7 +304,7 @@ fn last(mut record: Record, room: usize) -> Record {
         samples.drain(..samples.len().saturating_sub(room));
     };
     [&mut record.op, &mut record.pv].into_iter().for_each(cut);
-    [&mut record.sp, &mut record.mode, &mut record.mv].into_iter().flatten().for_each(cut);
+    [&mut record.sp, &mut record.mode, &mut record.mv, &mut record.term].into_iter().flatten().for_each(cut);
     record.tags.iter_mut().for_each(|(_, samples)| cut(samples));
     record
 }

@@ -9,7 +9,7 @@ use crate::history::History;
 use crate::results::Results;
 use crate::schedule::Clock;
 use crate::serve::WritebackPort;
-use crate::signal::{LoopId, Record};
+use crate::signal::LoopId;
 use std::sync::Arc;
 
 pub(in crate::app) struct WritebackControl;
@@ -26,8 +26,6 @@ impl WritebackControl {
     pub(in crate::app) fn begin(&self, _: &Config, _: &Arc<History>, _: &[Device]) {}
 
     pub(in crate::app) async fn end(&self) {}
-
-    pub(in crate::app) fn add_terms(&self, _: &LoopId, _: &mut Record) {}
 }
 
 impl WritebackPort for WritebackControl {

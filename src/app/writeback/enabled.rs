@@ -10,7 +10,7 @@ use crate::history::{History, TagKind};
 use crate::results::Results;
 use crate::schedule::Clock;
 use crate::serve::{Acted, WritebackPort};
-use crate::signal::{LoopId, Record, Role};
+use crate::signal::{LoopId, Role};
 use crate::writeback::{Clocks, Look, LoopSetup, Tell, Writeback};
 use std::collections::BTreeSet;
 use std::sync::{Arc, PoisonError, RwLock};
@@ -84,13 +84,6 @@ impl WritebackControl {
         }
     }
 
-    /// What the valve was told, for the diagnosis.
-    pub(in crate::app) fn add_terms(&self, id: &LoopId, record: &mut Record) {
-        if let Some(current) = self.current() {
-            current.add_terms(id, record);
-        }
-    }
-
     fn current(&self) -> Option<Arc<Writeback>> {
         self.current.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -116,12 +109,15 @@ impl WritebackControl {
         };
         let polled: watch::Receiver<u64> = named(control_loop.op.device())?.rings.polled.subscribe();
         let id = LoopId::new(control_loop.id.as_str());
+        let term =
+            history.tag_index(&id, &TagKind::Role(Role::Term)).and_then(|tag| history.ring(tag)).cloned()?;
         Some(LoopSetup {
             limits: own.limits(span, low_high),
             target: own.target(&device.address, device.unit_id, device.address_base)?,
             pause: Duration::from_millis(own.write_ms),
             polled,
             look: look(id.clone(), history.clone(), self.results.clone(), self.clock, missed),
+            keep: Arc::new(move |sample| term.push(sample)),
             id,
         })
     }
@@ -144,7 +140,7 @@ fn look(
                 TagKind::Role(Role::Sp) => inputs.sp = sample,
                 TagKind::Role(Role::Mode) => inputs.mode = sample,
                 TagKind::Role(Role::Mv) => inputs.mv = sample,
-                TagKind::Extra(_) => {}
+                TagKind::Role(Role::Term) | TagKind::Extra(_) => {}
             }
         }
         let run = results.get(&id, clock.now()).and_then(|known| known.diagnosed);

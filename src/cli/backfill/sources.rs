@@ -77,6 +77,7 @@ fn stored(folder: &Path, args: &Args) -> Result<Record, Failure> {
             "sp" => record.sp = Some(samples),
             "mode" => record.mode = Some(samples),
             "mv" => record.mv = Some(samples),
+            "term" => record.term = Some(samples),
             _ if record.tags.iter().any(|(other, _)| *other == tag) => {}
             _ => record.tags.push((tag, samples)),
         }

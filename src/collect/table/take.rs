@@ -39,6 +39,7 @@ pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
             Some(Role::Sp) => record.sp = Some(series),
             Some(Role::Mode) => record.mode = Some(series),
             Some(Role::Mv) => record.mv = Some(series),
+            Some(Role::Term) => record.term = Some(series),
             None => record.tags.push((channel.tag.name.clone(), series)),
         }
     }

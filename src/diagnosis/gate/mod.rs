@@ -37,7 +37,7 @@ pub type Gated = Result<(Window, Preparation), Box<(NotIdentifiable, Preparation
 /// The reason why the record says nothing about the valve, with what was learned of it on the way.
 pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let mut preparation = Preparation { decimation: 1, ..Preparation::default() };
-    let op = clean(&record.op, &mut preparation);
+    let op = clean(&record.input(), &mut preparation);
     let pv = clean(&record.pv, &mut preparation);
     preparation.history = recognise(&op.kept, &pv.kept).map(Box::new);
     let need = settings.min_samples;

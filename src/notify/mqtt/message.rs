@@ -128,6 +128,7 @@ mod tests {
             f_ci95: Some([2.4, 2.5]),
             f_in_percent: true,
             delta_aic: Some(707.0),
+            compensated: None,
         };
         let told =
             serde_json::from_slice::<serde_json::Value>(&diagnosis("FIC101", "", &summary)).expect("JSON");

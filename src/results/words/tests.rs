@@ -4,17 +4,19 @@ use crate::residual::{Kind, Test};
 use std::fmt::Write;
 
 fn verdict(outcome: &'static str, f: Option<f64>, f_high: Option<f64>) -> Verdict<'static> {
-    Verdict { outcome, reason_code: None, reason: "PV is missing", f, f_high, unit: "% OP" }
+    let (reason, unit) = ("PV is missing", "% OP");
+    Verdict { outcome, reason_code: None, reason, f, f_high, unit, compensated: None }
 }
 
 /// Why nothing can be said, all of it.
-fn reasons() -> [NotIdentifiable; 13] {
+fn reasons() -> [NotIdentifiable; 14] {
     [
         NotIdentifiable::NoTimeBase,
         NotIdentifiable::FlatOp,
         NotIdentifiable::FlatPv,
         NotIdentifiable::NoResponse,
         NotIdentifiable::OutOfScale,
+        NotIdentifiable::Compensated,
         NotIdentifiable::DeadlineExceeded,
         NotIdentifiable::TooShort { n: 0, need: 1 },
         NotIdentifiable::Gaps { share: 1.0 },
@@ -44,6 +46,18 @@ fn all() -> String {
     for reason in reasons() {
         let told = Verdict { reason_code: Some(reason.code()), ..verdict("not_identifiable", None, None) };
         line(&told.words());
+    }
+    line("\nWhile a term of write-back acts");
+    for (outcome, f, seen) in [
+        ("stiction", Some(2.44), Seen::Consistent),
+        ("stiction", Some(3.4), Seen::Changed),
+        ("not_identifiable", None, Seen::Hidden),
+    ] {
+        for f_before in [Some(2.5), None] {
+            let compensated = Some(Compensated { f_before, seen });
+            let reason_code = (outcome != "stiction").then_some("compensated");
+            line(&Verdict { reason_code, compensated, ..verdict(outcome, f, f) }.words());
+        }
     }
     line("\nOther alarms");
     line(&rising(0.6, 0.31, 12.4, "% OP"));

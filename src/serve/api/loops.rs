@@ -358,6 +358,7 @@ mod tests {
             f: None,
             f_ci95: None,
             delta_aic: None,
+            compensated: None,
         };
         let runs: Vec<Summary> = [1.0, 2.0, 2.0, 2.0, 3.0, 3.0].map(at).into();
         for limit in 1..7 {

@@ -2,7 +2,7 @@
 
 use crate::diagnosis::{self, Settings};
 use crate::residual::Kind;
-use crate::results::{Basis, Extent, KnownEffect};
+use crate::results::{Basis, Before, Extent, KnownEffect};
 use crate::signal::SpanSource;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -15,6 +15,10 @@ pub struct BasisText {
     pub settings: SettingsText,
     /// The effects that the model had before.
     pub known_effects: Vec<EffectText>,
+    /// Friction as it was found last while no term of write-back acted, and its 95 % interval (% of OP span); null where
+    /// none is known.
+    #[serde(default)]
+    pub f_before: Option<[f64; 3]>,
     /// The span of OP (OP unit).
     pub op_span: Option<f64>,
     /// Where that is known from.
@@ -99,6 +103,7 @@ impl From<&Basis> for BasisText {
                 max_delay_samples: max_delay,
             },
             known_effects: basis.known.iter().map(effect).collect(),
+            f_before: basis.before.map(|own| [own.f, own.f_ci95[0], own.f_ci95[1]]),
             op_span: basis.op_span,
             op_span_source: basis.op_span_source.as_str().to_string(),
             op_limits: basis.op_limits.map(<[f64; 2]>::from),
@@ -158,6 +163,7 @@ impl BasisText {
         Some(Basis {
             settings,
             known: self.known_effects.iter().map(effect).collect::<Option<_>>()?,
+            before: self.f_before.map(|[f, low, high]| Before { f, f_ci95: [low, high] }),
             op_span: self.op_span,
             op_span_source: SpanSource::from_name(&self.op_span_source),
             op_limits: self.op_limits.map(<(f64, f64)>::from),
@@ -179,7 +185,8 @@ mod tests {
             let settings = Settings { f_threshold: threshold, ts: Some(threshold / 3.0), ..Settings::default() };
             let record = Record { op, op_limits: Some((-0.1, threshold)), ..Record::default() };
             let known = [(Kind::ALL[0], None), (Kind::ALL[1], Some("a.pv".to_string()))];
-            let basis = Basis::of(&record, &settings, &known);
+            let before = (threshold > 50.0).then_some(Before { f: threshold, f_ci95: [0.1, 2.0 * threshold] });
+            let basis = Basis::of(&record, &settings, &known).after(before);
             prop_assert_eq!(BasisText::read(&BasisText::text(&basis).expect("text")), Some(basis));
         }
     }

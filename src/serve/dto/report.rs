@@ -10,7 +10,7 @@ pub use residual::{ReportCandidate, ReportEffect, ReportParameter, ReportResidua
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::residual::Findings;
-use crate::results::Run;
+use crate::results::{Compensated, Run, Seen};
 use crate::signal::SpanSource;
 use serde::{Deserialize, Serialize};
 use unit::OpUnit;
@@ -65,6 +65,9 @@ pub struct Report {
     pub d_srinivasan: Option<f64>,
     /// The samples the verdict rests on.
     pub window: ReportWindow,
+    /// What is left to see of friction while a term of write-back acts; null where none acted in the window.
+    #[serde(default)]
+    pub compensated: Option<ReportCompensated>,
     /// How the record was acquired; null where its stamps do not say.
     #[serde(default)]
     pub acquisition: Option<ReportAcquisition>,
@@ -264,6 +267,27 @@ pub struct ReportCurve {
     pub aic: Vec<Option<f64>>,
 }
 
+/// Friction while a term of write-back acts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportCompensated {
+    /// f as of before the term (`f_unit`); null where it is not known.
+    pub f_before: Option<f64>,
+    /// `consistent`, `changed` or `no_longer_visible`.
+    pub seen: String,
+}
+
+impl ReportCompensated {
+    fn new(own: Compensated) -> Self {
+        Self { f_before: own.f_before.and_then(finite), seen: own.seen.as_str().to_string() }
+    }
+
+    /// What was written; `None` for a word that this version does not know.
+    pub fn read(&self) -> Option<Compensated> {
+        let seen = Seen::ALL.into_iter().find(|own| own.as_str() == self.seen)?;
+        Some(Compensated { f_before: self.f_before, seen })
+    }
+}
+
 /// A loop and its diagnosis, where OP's span is not known.
 impl From<(&str, &Diagnosis)> for Report {
     fn from((name, diagnosis): (&str, &Diagnosis)) -> Self {
@@ -303,6 +327,7 @@ impl Report {
                 history: diagnosis.preparation.history.as_deref().map(ReportHistory::new),
                 ..window(prepared)
             },
+            compensated: None,
             acquisition: diagnosis.preparation.acquisition.as_deref().map(ReportAcquisition::new),
             preparation: prepared.map(preparation),
             denoise: prepared.map(|p| ReportDenoise {
@@ -334,7 +359,10 @@ impl Report {
             Some(found) => report.with_findings(run.op_span, &judged.diagnosis, found),
             None => report,
         };
-        Some(report.with_span_from(source))
+        let mut report = report.with_span_from(source);
+        report.reason = run.reasoned(&report.reason);
+        report.compensated = run.compensated().map(ReportCompensated::new);
+        Some(report)
     }
 
     /// The report with where OP's span is known from.

@@ -58,6 +58,7 @@ async fn what_is_stopped_as_soon_as_it_starts_ends_at_once() {
         pause: Duration::from_millis(10),
         polled,
         look: Arc::new(Inputs::default),
+        keep: Arc::new(|_| {}),
     };
     let clocks: Clocks = Arc::new(|| Time { mono: 0.0, wall: 0.0 });
     let running = Writeback::start(vec![setup], clocks, recorder, Arc::new(|_, _| {}));

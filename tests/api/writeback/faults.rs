@@ -172,6 +172,7 @@ async fn a_jump_of_the_clock_brings_the_term_to_zero() {
             pause: Duration::from_millis(25),
             polled: receiver,
             look: Arc::new(look),
+            keep: Arc::new(|_| ()),
         };
         let writing = Writeback::start(vec![setup], Arc::new(clocks), recorder, Arc::new(|_, _| ()));
         until("ready", PATIENCE, || writing.status(&id).is_some_and(|s| s.denials.len() == 1)).await;
