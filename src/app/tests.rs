@@ -52,7 +52,6 @@ fn an_oscillation_is_traced_through_a_neighbour_to_the_valve_that_sticks() {
     let config = config();
     let wired = config.plant().expect("it was checked");
     let history = Arc::new(History::new(&wired.loops, &config.history));
-    let clock = Clock::wall();
     let results = Arc::new(Results::new(&ids(&config), 3, &config.alarm));
     let plan = schedule_plan(&config, &history);
 
