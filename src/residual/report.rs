@@ -23,6 +23,8 @@ const APART: f64 = 0.1;
 /// Standard deviations by which held-out samples speak against the effects, so that they are told with a doubt: one in a
 /// hundred by chance. An effect whose size is estimated badly extrapolates badly, so it is no proof against its kind.
 const MISLEADS: f64 = 2.33;
+/// Share of the largest f from which a bound excludes nothing.
+const EXCLUDES_NOTHING: f64 = 0.98;
 /// Free runs, one after the other, over the held-out samples.
 const STRETCHES: usize = 4;
 
@@ -159,21 +161,15 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     }
     let f_detectable = detectable(&data, &best, settings.evidence_threshold).map(|f| f * data.units.u);
     if verdict == Verdict::NoStiction {
-        match f_detectable {
-            // Nothing can be excluded that the record would not have shown.
-            Some(f) => {
-                friction_after.f_ci95[1] = friction_after.f_ci95[1].max(f);
-                if decides {
-                    let most = data.units.along_op(friction_after.f_ci95[1]);
-                    reason += &format!("; f up to {most} could be hidden");
-                }
-            }
-            None => {
-                let why = NotIdentifiable::HiddenFriction {
-                    reversal: data.units.along_op(2.0 * data.f_max * data.units.u),
-                };
-                (verdict, reason) = (Verdict::NotIdentifiable(why.clone()), why.to_string());
-            }
+        let most = data.f_max * data.units.u;
+        // What the record would not have shown it does not exclude.
+        let bound = friction_after.f_ci95[1].max(f_detectable.unwrap_or(0.0));
+        friction_after.f_ci95[1] = bound;
+        if f_detectable.is_none() && bound >= EXCLUDES_NOTHING * most {
+            let why = NotIdentifiable::HiddenFriction { reversal: data.units.along_op(2.0 * most) };
+            (verdict, reason) = (Verdict::NotIdentifiable(why.clone()), why.to_string());
+        } else if decides {
+            reason += &format!("; f up to {} could be hidden", data.units.along_op(bound));
         }
     }
     let misleads = gained(&before, &after) < -MISLEADS;

@@ -22,11 +22,7 @@ const HIDDEN_PLACES: usize = 12;
 ///
 /// The likelihood is tempered as in the verdict: a model of a valve is nearly right only. Values of S lie `1 / 0.85` apart:
 /// the bound is the next above the last that is not excluded.
-///
-/// OP acts beside the stem ([`IdData::direct`]): where it tells of loads, a stem alone would predict worse than OP whatever
-/// the valve does, and any friction would seem excluded.
 pub fn hidden(data: &IdData, effects: &Hypothesis, bound: f64) -> f64 {
-    let data = &IdData { direct: true, ..data.clone() };
     let shapes = effects.shapes(data);
     let counted = bridged(data);
     let search = Search::new(data, effects, &shapes, &counted);
