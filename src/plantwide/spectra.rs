@@ -200,7 +200,7 @@ mod tests {
     #[test]
     fn a_wave_in_two_samplings_is_coherent_and_its_delay_is_measured() {
         // The period wanders, so that the delay shows in the band's phase.
-        let phase = |t: f64| t / 600.0 + 0.8 * (TAU * t / 9000.0).sin();
+        let phase = |t: f64| t / 600.0 + 0.2 * (TAU * t / 9000.0).sin();
         let wave = |ts: f64, late: f64| -> Vec<f64> {
             (0..(86_400.0 / ts) as usize).map(|k| (TAU * phase(k as f64 * ts - late)).sin()).collect()
         };
