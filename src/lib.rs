@@ -3,7 +3,9 @@
 //! The code map, in reading order; data walks one way:
 //! `collect -> history -> schedule -> diagnosis -> residual -> results -> serve`.
 
-pub use stictiond_numerics::{compensation, detectors, diagnosis, plot, residual, signal, sim, sysid};
+pub use stictiond_numerics::{
+    compensation, detectors, diagnosis, indicators, plantwide, plot, residual, signal, sim, sysid,
+};
 
 pub mod reproduce;
 

@@ -12,5 +12,8 @@ pub mod diagnosis;
 pub mod residual;
 pub mod sim;
 
+pub mod indicators;
+pub mod plantwide;
+
 pub mod compensation;
 pub mod plot;

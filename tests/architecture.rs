@@ -22,6 +22,8 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("sim", &["signal"]),
     ("detectors", &["signal", "sysid", "diagnosis"]),
     ("residual", &["signal", "sysid", "diagnosis"]),
+    ("indicators", &["signal", "sysid", "diagnosis", "detectors", "residual"]),
+    ("plantwide", &["signal", "sysid", "diagnosis", "detectors", "indicators"]),
     ("compensation", &["signal"]),
     ("plot", &[]),
     ("reproduce", &["signal", "diagnosis", "sim", "compensation", "plot"]),
@@ -137,6 +139,8 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
             "backfill",
             "alarm",
             "results",
+            "indicators",
+            "plantwide",
         ],
     ),
     ("lib", &[]),
@@ -145,8 +149,18 @@ const MAY_IMPORT: &[(&str, &[&str])] = &[
 ];
 
 /// No clock, file, socket, task, log or unseeded number: the same input gives the same answer.
-const PURE: &[&str] =
-    &["signal", "sysid", "diagnosis", "detectors", "residual", "sim", "compensation", "alarm"];
+const PURE: &[&str] = &[
+    "signal",
+    "sysid",
+    "diagnosis",
+    "detectors",
+    "residual",
+    "indicators",
+    "plantwide",
+    "sim",
+    "compensation",
+    "alarm",
+];
 /// What PURE modules may use from outside.
 const NUMERICS: &[&str] =
     &["multiversion", "nalgebra", "realfft", "rand", "rand_distr", "rand_pcg", "thiserror"];
@@ -218,6 +232,7 @@ const SERDE_PLACES: &[&str] = &[
     "src/serve/problem.rs",
     "src/cli/backfill.rs",
     "src/cli/diagnose.rs",
+    "src/cli/plant/json.rs",
     "src/reproduce/json.rs",
     "src/cli/reproduce.rs",
 ];

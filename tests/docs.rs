@@ -28,6 +28,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/diagnosis.md",
     "docs/method.md",
     "docs/opcua.md",
+    "docs/plantwide.md",
     "docs/replay.md",
     "docs/security.md",
     "docs/reproduce.md",

@@ -1,5 +1,5 @@
 //! The command line: `stictiond run | demo | diagnose | backfill | check | user | token | health | store | replay | audit | probe |
-//! import-tags | reproduce`.
+//! import-tags | plant | reproduce`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
 //! line on stderr.
@@ -13,6 +13,7 @@ mod diagnose;
 mod health;
 mod import_tags;
 mod logging;
+mod plant;
 mod plot;
 mod probe;
 mod replay;
@@ -66,6 +67,8 @@ enum Command {
     Probe(probe::Args),
     /// Make [[loop]] sections from a list of tags
     ImportTags(import_tags::Args),
+    /// Analyse the loops of a folder together: who swings with whom, who started it, what to repair first
+    Plant(plant::Args),
     /// Reproduce the paper's tables and figures, ours beside theirs, as HTML and JSON
     Reproduce(reproduce::Args),
 }
@@ -111,6 +114,7 @@ pub fn main() -> ExitCode {
         Command::Audit(args) => audit::run(&args),
         Command::Probe(args) => probe::run(&args),
         Command::ImportTags(args) => import_tags::run(&args),
+        Command::Plant(args) => plant::run(&args),
         Command::Reproduce(args) => reproduce::run(&args),
     };
     let (messages, code) = match done {

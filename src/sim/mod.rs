@@ -11,6 +11,7 @@ pub mod plant;
 pub mod process;
 pub mod scenarios;
 pub mod sensor;
+pub mod units;
 pub mod valve;
 
 pub use controller::{Controller, ControllerSpec, Mode};

@@ -5,7 +5,7 @@ mod clock;
 mod equations;
 mod frozen;
 mod outliers;
-mod quantised;
+pub mod quantised;
 
 use super::Kind;
 use super::report::Described;

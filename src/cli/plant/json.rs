@@ -1,0 +1,138 @@
+//! What `stictiond plant` found, as JSON.
+
+use super::Work;
+use crate::cli::Failure;
+use serde::Serialize;
+use stictiond::plantwide::Analysis;
+
+#[derive(Serialize)]
+struct Found<'a> {
+    loops: Vec<Loop<'a>>,
+    groups: Vec<Group<'a>>,
+    work: Vec<Line<'a>>,
+    skipped: &'a [String],
+}
+
+#[derive(Serialize)]
+struct Loop<'a> {
+    #[serde(rename = "loop")]
+    name: &'a str,
+    score: Option<f64>,
+    service_factor: Option<f64>,
+    at_limits: Option<f64>,
+    iae: Option<f64>,
+    ise: Option<f64>,
+    error_sd: Option<f64>,
+    harris: Option<f64>,
+    harris_ci95: Option<[f64; 2]>,
+    travel_a_day: f64,
+    reversals_a_day: f64,
+    stuck: f64,
+    noise_share: f64,
+    quantisation: f64,
+    compression: f64,
+    oscillations: Vec<Oscillation>,
+    master: Option<&'a str>,
+    group: Option<usize>,
+    cause: Option<&'static str>,
+    cause_probability: Option<f64>,
+    why: Option<&'a str>,
+    neighbour: Option<&'a str>,
+}
+
+#[derive(Serialize)]
+struct Oscillation {
+    period_s: f64,
+    regularity_r: f64,
+    share: f64,
+    amplitude: f64,
+    probability: f64,
+}
+
+#[derive(Serialize)]
+struct Group<'a> {
+    period_s: f64,
+    members: Vec<&'a str>,
+    suspects: Vec<Suspect<'a>>,
+}
+
+#[derive(Serialize)]
+struct Suspect<'a> {
+    #[serde(rename = "loop")]
+    name: &'a str,
+    probability: f64,
+    evidence: &'a [String],
+}
+
+#[derive(Serialize)]
+struct Line<'a> {
+    #[serde(rename = "loop")]
+    name: &'a str,
+    cause: &'static str,
+    probability: f64,
+    why: &'a str,
+    expected_to_calm_down: Vec<&'a str>,
+}
+
+/// The whole, with a line end.
+pub fn text(found: &Analysis, work: &[Work], skipped: &[String]) -> Result<String, Failure> {
+    let name = |i: usize| found.loops[i].name.as_str();
+    let loops = found.loops.iter().map(|of| {
+        let (i, reason) = (&of.indicators, of.reason.as_ref());
+        Loop {
+            name: &of.name,
+            score: i.score,
+            service_factor: i.service_factor,
+            at_limits: i.at_limits,
+            iae: i.error.map(|e| e.iae),
+            ise: i.error.map(|e| e.ise),
+            error_sd: i.error.map(|e| e.sd),
+            harris: i.harris.map(|h| h.index),
+            harris_ci95: i.harris.and_then(|h| h.interval).map(|(low, high)| [low, high]),
+            travel_a_day: i.travel.a_day,
+            reversals_a_day: i.travel.reversals_a_day,
+            stuck: i.stuck,
+            noise_share: i.kept.noise_share,
+            quantisation: i.kept.quantisation,
+            compression: i.kept.compression,
+            oscillations: of
+                .oscillations
+                .iter()
+                .map(|o| Oscillation {
+                    period_s: o.period_s,
+                    regularity_r: o.regularity,
+                    share: o.share,
+                    amplitude: o.amplitude,
+                    probability: o.probability(),
+                })
+                .collect(),
+            master: of.master.map(name),
+            group: of.group,
+            cause: reason.map(|r| r.cause.as_str()),
+            cause_probability: reason.map(|r| r.probability),
+            why: reason.map(|r| r.why.as_str()),
+            neighbour: reason.and_then(|r| r.neighbour).map(name),
+        }
+    });
+    let groups = found.groups.iter().map(|group| Group {
+        period_s: group.period_s,
+        members: group.members.iter().map(|i| name(*i)).collect(),
+        suspects: group
+            .suspects
+            .iter()
+            .map(|s| Suspect { name: name(s.at), probability: s.probability, evidence: &s.evidence })
+            .collect(),
+    });
+    let lines = work.iter().map(|line| Line {
+        name: name(line.at),
+        cause: line.cause.as_str(),
+        probability: line.probability,
+        why: &line.why,
+        expected_to_calm_down: line.victims.iter().map(|i| name(*i)).collect(),
+    });
+    let all = Found { loops: loops.collect(), groups: groups.collect(), work: lines.collect(), skipped };
+    let mut json = serde_json::to_string_pretty(&all)
+        .map_err(|error| Failure::Failed(format!("cannot write what was found: {error}")))?;
+    json.push('\n');
+    Ok(json)
+}

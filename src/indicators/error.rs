@@ -1,0 +1,63 @@
+//! How far PV is from where it should be.
+//!
+//! ```text
+//! e = sp - pv      IAE = ts sum |e|      ISE = ts sum e²      sd = standard deviation of e
+//! ```
+//!
+//! PV, SP and e in PV's unit, ts in seconds; IAE in PV·s, ISE in PV²·s. Both are told per second as well, since records differ
+//! in length. Without a set point it is the mean of PV.
+
+use crate::sysid::stats::{mean, sd};
+
+/// The error of a loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LoopError {
+    /// Integral of |e| (PV·s).
+    pub iae: f64,
+    /// Integral of e² (PV²·s).
+    pub ise: f64,
+    /// Mean of |e| (PV).
+    pub mean_absolute: f64,
+    /// Standard deviation of e (PV).
+    pub sd: f64,
+}
+
+/// `sp - pv` at every sample; of the mean of PV without a set point as long as PV.
+pub fn errors(pv: &[f64], sp: Option<&[f64]>) -> Vec<f64> {
+    let level = mean(pv);
+    match sp.filter(|sp| sp.len() == pv.len()) {
+        Some(sp) => sp.iter().zip(pv).map(|(sp, pv)| sp - pv).collect(),
+        None => pv.iter().map(|pv| level - pv).collect(),
+    }
+}
+
+/// Measures the errors of a record; none without a sample.
+pub fn measure(e: &[f64], ts: f64) -> Option<LoopError> {
+    if e.is_empty() || !e.iter().all(|e| e.is_finite()) {
+        return None;
+    }
+    let absolute: f64 = e.iter().map(|e| e.abs()).sum();
+    let square: f64 = e.iter().map(|e| e * e).sum();
+    Some(LoopError {
+        iae: ts * absolute,
+        ise: ts * square,
+        mean_absolute: absolute / e.len() as f64,
+        sd: sd(e),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn by_hand() {
+        let e = errors(&[1.0, 3.0, 2.0, 2.0], Some(&[2.0, 2.0, 2.0, 2.0]));
+        let found = measure(&e, 10.0).expect("four samples");
+        assert_eq!((found.iae, found.ise, found.mean_absolute), (20.0, 20.0, 0.5));
+        assert!((found.sd - 0.5f64.sqrt()).abs() < 1e-12);
+        assert_eq!(errors(&[1.0, 3.0], None), [1.0, -1.0]);
+        assert_eq!(measure(&[], 1.0), None);
+        assert_eq!(measure(&[f64::NAN], 1.0), None);
+    }
+}

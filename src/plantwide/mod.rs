@@ -1,0 +1,125 @@
+//! The plant, not only the loop: which loops swing together, which of them started it, and why each loop is not at rest.
+//! Pure: no clock, no files, no randomness.
+//!
+//! [`analyse`] takes the windows of all loops, of any sampling, over about the same time. `spectra` brings them to one grid,
+//! `groups` finds those that swing together, `rank` says which is likeliest the source, `cause` gives every loop a cause.
+//! How often each is right is measured in `docs/plantwide.md`.
+
+pub mod cause;
+pub mod groups;
+pub mod rank;
+pub mod spectra;
+pub mod window;
+
+pub use cause::{Cause, Reason};
+pub use groups::Group;
+pub use rank::Suspect;
+
+use crate::indicators::oscillation::{Oscillation, oscillations};
+use crate::indicators::{Indicators, Known, indicators};
+use crate::signal::Window;
+use crate::sysid::spectrum::Transforms;
+use spectra::Spectra;
+
+/// A loop, as the plant-wide analysis takes it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PlantLoop {
+    /// Its tag.
+    pub name: String,
+    /// Its window.
+    pub window: Window,
+    /// The controller's output limits (OP unit), where known.
+    pub op_limits: Option<(f64, f64)>,
+    /// Tags of loops whose stream enters it, where somebody knows them.
+    pub upstream: Vec<String>,
+}
+
+/// What was found of one loop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoopFound {
+    /// Its tag.
+    pub name: String,
+    /// Its indicators.
+    pub indicators: Indicators,
+    /// Oscillations of PV, the largest first.
+    pub oscillations: Vec<Oscillation>,
+    /// The loop whose output is its set point.
+    pub master: Option<usize>,
+    /// The group of its largest oscillation.
+    pub group: Option<usize>,
+    /// Why it is not at rest; none where nothing is wrong with it.
+    pub reason: Option<Reason>,
+}
+
+/// What was found of a plant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Analysis {
+    /// Every loop, in the order given.
+    pub loops: Vec<LoopFound>,
+    /// Groups, the largest first.
+    pub groups: Vec<Group>,
+}
+
+/// Analyses a plant; a loop whose values are not finite is in no group.
+pub fn analyse(plant: &[PlantLoop]) -> Analysis {
+    let mut transforms = Transforms::new();
+    let mut found: Vec<LoopFound> = plant.iter().map(|of| one(of, &mut transforms)).collect();
+    let spectra = Spectra::new(plant, &mut transforms);
+    masters(plant, &mut found);
+    let swings: Vec<&[Oscillation]> = found.iter().map(|of| of.oscillations.as_slice()).collect();
+    let mut groups = groups::groups(&swings, &spectra);
+    for group in &mut groups {
+        group.suspects = rank::rank(group, plant, &found, &spectra, &mut transforms);
+    }
+    for (at, group) in groups.iter().enumerate() {
+        for member in &group.members {
+            found[*member].group.get_or_insert(at);
+        }
+    }
+    for at in 0..found.len() {
+        found[at].reason = cause::reason(at, plant, &found, &groups);
+    }
+    Analysis { loops: found, groups }
+}
+
+fn one(of: &PlantLoop, transforms: &mut Transforms) -> LoopFound {
+    let known = Known { op_limits: of.op_limits, ..Known::default() };
+    let indicators = indicators(&of.window, &known, transforms);
+    let mut swings = oscillations(&of.window.pv, of.window.ts, transforms);
+    // A controller may keep PV still at the cost of its output.
+    if swings.is_empty() {
+        swings = oscillations(&of.window.op, of.window.ts, transforms);
+    }
+    LoopFound {
+        name: of.name.clone(),
+        indicators,
+        oscillations: swings,
+        master: None,
+        group: None,
+        reason: None,
+    }
+}
+
+/// Finds cascades: a set point that moves as another loop's output does, but for scale.
+fn masters(plant: &[PlantLoop], found: &mut [LoopFound]) {
+    /// Squared correlation of a set point with its master's output: the same numbers, but for rounding and sampling.
+    const SAME: f64 = 0.98;
+    /// Changes of a set point that is another's output, as a share of its samples: one set by hand moves seldom.
+    const MOVES: f64 = 0.2;
+    let moving = |of: &&(usize, &Vec<f64>)| {
+        let changes = of.1.windows(2).filter(|w| w[0] != w[1]).count();
+        changes as f64 > MOVES * of.1.len() as f64
+    };
+    let set: Vec<(usize, &Vec<f64>)> =
+        plant.iter().enumerate().filter_map(|(i, of)| Some((i, of.window.sp.as_ref()?))).collect();
+    for (slave, sp) in set.iter().filter(moving) {
+        let of = &plant[*slave].window;
+        let best = plant
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| i != slave)
+            .map(|(i, other)| (i, spectra::correlation((of, sp), (&other.window, &other.window.op))))
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        found[*slave].master = best.filter(|best| best.1 > SAME).map(|best| best.0);
+    }
+}

@@ -1,0 +1,206 @@
+//! Who started it: the members of a group by how likely each is the source.
+//!
+//! ```text
+//! P(i) = exp(w · x_i) / sum over members j of exp(w · x_j)
+//! ```
+//!
+//! | x | sign | why |
+//! |---|---|---|
+//! | share | ln of the share of PV's variance in the band over the group's largest | a wave is strongest where it begins |
+//! | shape of PV | ln of (harmonics' power over the fundamental's, + 0.003) | a limit cycle has corners; every process rounds them off |
+//! | shape of OP | the same of OP | behind a sticking valve PV has more of them than OP |
+//! | stuck | share of the time in which PV stands still while OP moves | friction |
+//! | lead | mean of how much earlier than each other member, in periods, weighted by certainty | a cause comes first |
+//! | master | 1 where it sets another member's set point | it has no valve of its own |
+//! | upstream | share of the members that lie downstream by what the user said, less that upstream | streams carry it |
+//!
+//! The weights are a conditional logit (McFadden 1974) fitted on simulated plants (`calibrate rank`, seeds of its own); the
+//! probability is what such plants say, so that two suspects who cannot be told apart share it.
+//!
+//! Source of the signs: Thornhill & Horch, Control Eng. Practice 2007, 15, 1196 (distortion and share); Bauer et al., IEEE Trans.
+//! Control Syst. Technol. 2007, 15, 12 (direction by what comes first); Thornhill, J. Process Control 2005, 15, 403 (non-linearity
+//! is largest at the source).
+
+use super::groups::Group;
+use super::spectra::{Spectra, delay};
+use super::{LoopFound, PlantLoop};
+use crate::sysid::spectrum::{Spectrum, Transforms};
+use crate::sysid::stats::mean;
+
+/// Signs.
+pub const SIGNS: usize = 7;
+/// Weights of the signs.
+const WEIGHTS: [f64; SIGNS] = [2.766, 0.019, -1.324, 0.069, 3.639, -0.888, 2.0];
+/// Names of the signs.
+pub const NAMES: [&str; SIGNS] =
+    ["share", "shape of PV", "shape of OP", "stands still", "comes first", "is a master", "lies upstream"];
+/// Most members that are ranked: the strongest.
+const MOST: usize = 64;
+/// What is added to a share of harmonics: no measured wave is purer.
+const PURE: f64 = 0.003;
+/// Longest lead (periods).
+const LONGEST: f64 = 1.0;
+
+/// A member of a group, as a suspect.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Suspect {
+    /// Which loop.
+    pub at: usize,
+    /// Probability that it is the source, given that a member is (0..1).
+    pub probability: f64,
+    /// The signs, as [`NAMES`] has them.
+    pub signs: [f64; SIGNS],
+    /// What speaks for it, the strongest first.
+    pub evidence: Vec<String>,
+}
+
+/// Ranks the members of a group.
+pub fn rank(
+    group: &Group,
+    plant: &[PlantLoop],
+    found: &[LoopFound],
+    spectra: &Spectra,
+    transforms: &mut Transforms,
+) -> Vec<Suspect> {
+    let members = &group.members[..group.members.len().min(MOST)];
+    let signs = signs(members, group, plant, found, spectra, transforms);
+    let scores: Vec<f64> =
+        signs.iter().map(|x| x.iter().zip(&WEIGHTS).map(|(x, w)| x * w).sum::<f64>()).collect();
+    let most = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let sum: f64 = scores.iter().map(|s| (s - most).exp()).sum();
+    let average: Vec<f64> =
+        (0..SIGNS).map(|k| mean(&signs.iter().map(|x| x[k]).collect::<Vec<_>>())).collect();
+    let mut suspects: Vec<Suspect> = (0..members.len())
+        .map(|i| Suspect {
+            at: members[i],
+            probability: (scores[i] - most).exp() / sum,
+            signs: signs[i],
+            evidence: evidence(&signs[i], &average),
+        })
+        .collect();
+    suspects.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    suspects
+}
+
+/// The signs that speak for a member more than for the average one.
+fn evidence(signs: &[f64; SIGNS], average: &[f64]) -> Vec<String> {
+    let mut for_it: Vec<(f64, usize)> =
+        (0..SIGNS).map(|k| (WEIGHTS[k] * (signs[k] - average[k]), k)).filter(|e| e.0 > 0.1).collect();
+    for_it.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let say = |k: usize| match k {
+        0 => format!("the swing is {:.0} % as large a part of it as of the largest", 100.0 * signs[0].exp()),
+        1 => format!(
+            "PV has harmonics of {:.1} % of the swing's power",
+            100.0 * (signs[1].exp() - PURE).max(0.0)
+        ),
+        2 => format!("OP has harmonics of {:.1} % only", 100.0 * (signs[2].exp() - PURE).max(0.0)),
+        3 => format!("PV stands still for {:.0} % of the time while OP moves", 100.0 * signs[3]),
+        4 => format!("it comes {:.2} periods before the others", signs[4]),
+        5 => "it moves a valve of its own".to_string(),
+        _ => format!("{:.0} % of the others lie downstream", 100.0 * signs[6]),
+    };
+    for_it.into_iter().map(|(_, k)| say(k)).collect()
+}
+
+fn signs(
+    members: &[usize],
+    group: &Group,
+    plant: &[PlantLoop],
+    found: &[LoopFound],
+    spectra: &Spectra,
+    transforms: &mut Transforms,
+) -> Vec<[f64; SIGNS]> {
+    let band = spectra.band(group.period_s);
+    let share = |i: usize| spectra.share(i, &band).max(1e-9);
+    let most = members.iter().map(|i| share(*i)).fold(1e-9, f64::max);
+    let hz = |s: &Spectrum| 1.0 / (spectra.ts * s.m as f64);
+    let lead = |i: usize| {
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for j in members.iter().filter(|j| **j != i) {
+            let (Some(a), Some(b), Some(s)) =
+                (spectra.inside(i, &band), spectra.inside(*j, &band), spectra.spectrum(i))
+            else {
+                continue;
+            };
+            let (late, error) = delay(a, b, hz(s));
+            let (late, error) = (late / group.period_s, error / group.period_s + 0.05);
+            let weight = 1.0 / (error * error);
+            (sum, weights) = (sum + weight * late.clamp(-LONGEST, LONGEST), weights + weight);
+        }
+        if weights > 0.0 { sum / weights } else { 0.0 }
+    };
+    let downstream = downstream(members, plant);
+    members
+        .iter()
+        .zip(downstream)
+        .map(|(&i, downstream)| {
+            let of = &plant[i].window;
+            let op = whole(&of.op, transforms);
+            let is_master = members.iter().any(|j| found[*j].master == Some(i));
+            [
+                (share(i) / most).ln(),
+                (spectra.spectrum(i).map_or(0.0, |s| harmonics(s, group.period_s / spectra.ts)) + PURE).ln(),
+                (op.map_or(0.0, |s| harmonics(&s, group.period_s / of.ts)) + PURE).ln(),
+                found[i].indicators.stuck,
+                lead(i),
+                f64::from(u8::from(is_master)),
+                downstream,
+            ]
+        })
+        .collect()
+}
+
+fn whole(x: &[f64], transforms: &mut Transforms) -> Option<Spectrum> {
+    let level = mean(x);
+    let x: Vec<f64> = x.iter().map(|x| x - level).collect();
+    (x.len() > 60 && x.iter().all(|x| x.is_finite())).then(|| transforms.spectrum(&x))
+}
+
+/// Power around two and three times the frequency, less that between them, over that around the frequency itself.
+fn harmonics(of: &Spectrum, period: f64) -> f64 {
+    /// Half width of a harmonic, in fundamental frequencies.
+    const HALF: f64 = 0.15;
+    let f = of.m as f64 / period;
+    let around = |times: f64| -> f64 {
+        let (from, to) = (((times - HALF) * f) as usize, ((times + HALF) * f) as usize);
+        of.bins.get(from..=to.min(of.bins.len() - 1)).unwrap_or_default().iter().map(|x| x.norm_sqr()).sum()
+    };
+    let above = |times: f64, beside: f64| {
+        let between = around(times - 0.5).min(around(times + beside));
+        (around(times) - between).max(0.0)
+    };
+    let own = around(1.0);
+    // A multiple beyond the end of the spectrum is not there.
+    if own > 0.0 { (above(2.0, 0.5) + above(3.0, 0.5)) / own } else { 0.0 }
+}
+
+/// Share of the other members that lie downstream, less that upstream, by what the user said.
+fn downstream(members: &[usize], plant: &[PlantLoop]) -> Vec<f64> {
+    let feeds = |a: usize, b: usize| plant[b].upstream.contains(&plant[a].name);
+    let reached = |from: usize| {
+        let mut reached = vec![from];
+        let mut at = 0;
+        while at < reached.len() {
+            for j in members {
+                if feeds(reached[at], *j) && !reached.contains(j) {
+                    reached.push(*j);
+                }
+            }
+            at += 1;
+        }
+        reached
+    };
+    if members.iter().all(|i| plant[*i].upstream.is_empty()) {
+        return vec![0.0; members.len()];
+    }
+    let from: Vec<Vec<usize>> = members.iter().map(|i| reached(*i)).collect();
+    let others = (members.len() - 1).max(1) as f64;
+    members
+        .iter()
+        .enumerate()
+        .map(|(k, i)| {
+            let up = from.iter().enumerate().filter(|(j, reached)| *j != k && reached.contains(i)).count();
+            ((from[k].len() - 1) as f64 - up as f64) / others
+        })
+        .collect()
+}

@@ -1,0 +1,226 @@
+//! All loops on one grid of time, and what two of them have in common in a band.
+//!
+//! ```text
+//! S_ij = sum over the band of X_i[f] conj(X_j[f])      gamma² = |S_ij|² / (S_ii S_jj)
+//! ```
+//!
+//! X is the spectrum of PV without its trend. By Parseval S_ij is the mean product of the two band-passed signals, so that a
+//! period which wanders in both alike leaves them coherent, while two loops that swing by themselves lose each other. Neither a
+//! harmonic nor another sampling changes it: values are interpolated, which leaves an oscillation of four samples and more as it is.
+//!
+//! Source: Bendat & Piersol, Random Data, 2010, section 5.2 (coherence).
+
+use super::PlantLoop;
+use crate::signal::Window;
+use crate::sysid::spectrum::{Spectrum, Transforms};
+use crate::sysid::stats::{mean, median};
+use nalgebra::Complex;
+use std::f64::consts::PI;
+use std::ops::RangeInclusive;
+
+/// Most samples of the grid.
+const MOST: f64 = 8192.0;
+/// Half width of the band in which two loops are compared, as a factor.
+const NARROW: f64 = 1.15;
+/// Part of either end that is tapered.
+const TAPER: f64 = 0.05;
+/// Samples that two set points are compared at.
+const COMPARED: usize = 200;
+
+/// The spectra of all loops.
+pub struct Spectra {
+    /// Period of the grid (s).
+    pub ts: f64,
+    /// Samples of the grid.
+    pub n: usize,
+    /// PV of each loop on the grid, without trend, in its standard deviations; empty where it cannot be used.
+    pub pv: Vec<Vec<f64>>,
+    of: Vec<Option<Spectrum>>,
+}
+
+impl Spectra {
+    /// Brings all loops to the grid of the median sample period over the time that most of them share.
+    pub fn new(plant: &[PlantLoop], transforms: &mut Transforms) -> Self {
+        let usable = |w: &Window| {
+            w.ts > 0.0 && w.pv.len() > 60 && w.pv.iter().all(|x| x.is_finite()) && w.t0.is_finite()
+        };
+        let windows: Vec<&Window> = plant.iter().map(|of| &of.window).filter(|w| usable(w)).collect();
+        let of = |f: &dyn Fn(&Window) -> f64| median(&windows.iter().map(|w| f(w)).collect::<Vec<f64>>());
+        let (from, to) = (of(&|w| w.t0), of(&|w| w.t0 + w.ts * (w.pv.len() - 1) as f64));
+        let ts = of(&|w| w.ts).max((to - from) / MOST);
+        let n = if ts > 0.0 { ((to - from) / ts) as usize + 1 } else { 0 };
+        let mut spectra =
+            Self { ts, n, pv: Vec::with_capacity(plant.len()), of: Vec::with_capacity(plant.len()) };
+        for of in plant {
+            let w = &of.window;
+            // A record that covers less than nine tenths says nothing of the rest.
+            let covers = usable(w)
+                && w.t0 <= from + 0.1 * (to - from)
+                && w.t0 + w.ts * w.pv.len() as f64 >= to - 0.1 * (to - from);
+            let x = if covers && n > 60 { prepared(w, from, ts, n) } else { Vec::new() };
+            spectra.of.push((!x.is_empty()).then(|| transforms.spectrum(&x)));
+            spectra.pv.push(x);
+        }
+        spectra
+    }
+
+    /// Length of the transforms; 0 where no loop can be used.
+    pub fn m(&self) -> usize {
+        self.of.iter().flatten().next().map_or(0, |s| s.m)
+    }
+
+    /// The bins of the band around a period (s).
+    pub fn band(&self, period_s: f64) -> RangeInclusive<usize> {
+        let m = self.m() as f64;
+        let f = self.ts / period_s;
+        let last = (0.5 * m) as usize;
+        ((m * f / NARROW) as usize).clamp(1, last.max(1))..=((m * f * NARROW).ceil() as usize).min(last)
+    }
+
+    /// The spectrum of a loop in a band; none where the loop cannot be used.
+    pub fn inside(&self, of: usize, band: &RangeInclusive<usize>) -> Option<&[Complex<f64>]> {
+        self.of[of].as_ref()?.bins.get(band.clone())
+    }
+
+    /// Share of a loop's variance in a band (0..1).
+    pub fn share(&self, of: usize, band: &RangeInclusive<usize>) -> f64 {
+        let Some(spectrum) = &self.of[of] else { return 0.0 };
+        let all: f64 = spectrum.bins[1..].iter().map(|x| x.norm_sqr()).sum();
+        power(spectrum.bins.get(band.clone()).unwrap_or_default()) / all.max(f64::MIN_POSITIVE)
+    }
+
+    /// The power spectrum of a loop: (period (s), share of the variance per bin) from slow to fast.
+    pub fn power(&self, of: usize) -> Vec<(f64, f64)> {
+        let Some(spectrum) = &self.of[of] else { return Vec::new() };
+        let all: f64 = spectrum.bins[1..].iter().map(|x| x.norm_sqr()).sum();
+        let period = |j: usize| spectrum.m as f64 * self.ts / j as f64;
+        spectrum.bins.iter().enumerate().skip(1).map(|(j, x)| (period(j), x.norm_sqr() / all)).collect()
+    }
+
+    /// Whole spectrum of a loop.
+    pub fn spectrum(&self, of: usize) -> Option<&Spectrum> {
+        self.of[of].as_ref()
+    }
+}
+
+/// Sum of the squares.
+pub fn power(x: &[Complex<f64>]) -> f64 {
+    x.iter().map(|x| x.norm_sqr()).sum()
+}
+
+/// gamma² of two loops in a band, and S_ij.
+pub fn coherence(a: &[Complex<f64>], b: &[Complex<f64>]) -> (f64, Complex<f64>) {
+    let cross: Complex<f64> = a.iter().zip(b).map(|(a, b)| a * b.conj()).sum();
+    let both = power(a) * power(b);
+    (if both > 0.0 { cross.norm_sqr() / both } else { 0.0 }, cross)
+}
+
+/// By how much b is later than a (s), by the slope of the phase over the band; its standard error, too.
+///
+/// `delay = sum w (f - mean f)(phase - mean phase) / (2 pi sum w (f - mean f)²)`, w the size of the cross spectrum, phases
+/// about that of S_ab.
+pub fn delay(a: &[Complex<f64>], b: &[Complex<f64>], step_hz: f64) -> (f64, f64) {
+    let (gamma, cross) = coherence(a, b);
+    let turn = cross.conj() / cross.norm().max(f64::MIN_POSITIVE);
+    let (mut w0, mut w1, mut w2, mut p0, mut p1) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for (k, (a, b)) in a.iter().zip(b).enumerate() {
+        let cross = a * b.conj() * turn;
+        let (w, phase, f) = (cross.norm(), cross.arg(), k as f64 * step_hz);
+        (w0, w1, w2, p0, p1) = (w0 + w, w1 + w * f, w2 + w * f * f, p0 + w * phase, p1 + w * phase * f);
+    }
+    let spread = w2 - w1 * w1 / w0.max(f64::MIN_POSITIVE);
+    if spread.is_nan() || spread <= 0.0 {
+        return (0.0, f64::INFINITY);
+    }
+    let slope = (p1 - p0 * w1 / w0) / spread / (2.0 * PI);
+    // Padding halves the independent bins.
+    let free = (0.5 * a.len() as f64 - 2.0).max(1.0);
+    let error =
+        ((1.0 - gamma).max(1e-6) / (2.0 * gamma.max(1e-6) * free)).sqrt() / (2.0 * PI * (spread / w0).sqrt());
+    (slope, error)
+}
+
+/// The squared correlation of two signals at the same times; 0 where they share too little time.
+pub fn correlation((w, x): (&Window, &[f64]), (v, y): (&Window, &[f64])) -> f64 {
+    let (from, to) = (w.t0.max(v.t0), (w.t0 + w.ts * x.len() as f64).min(v.t0 + v.ts * y.len() as f64));
+    if to <= from || x.is_empty() || y.is_empty() {
+        return 0.0;
+    }
+    let at =
+        |t: f64, w: &Window, x: &[f64]| x[(((t - w.t0) / w.ts + 1e-6).max(0.0) as usize).min(x.len() - 1)];
+    let step = ((to - from) / COMPARED as f64).max(w.ts.max(v.ts));
+    let times = (0..).map(|k| from + f64::from(k) * step).take_while(|t| *t < to);
+    let (a, b): (Vec<f64>, Vec<f64>) = times.map(|t| (at(t, w, x), at(t, v, y))).unzip();
+    let (ma, mb) = (mean(&a), mean(&b));
+    let sum = |f: &dyn Fn(f64, f64) -> f64| a.iter().zip(&b).map(|(a, b)| f(a - ma, b - mb)).sum::<f64>();
+    let (aa, bb, ab) = (sum(&|a, _| a * a), sum(&|_, b| b * b), sum(&|a, b| a * b));
+    if a.len() > 20 && aa > 0.0 && bb > 0.0 { ab * ab / (aa * bb) } else { 0.0 }
+}
+
+/// PV on the grid, without its trend, in standard deviations, its ends tapered; empty where it does not move.
+fn prepared(w: &Window, from: f64, ts: f64, n: usize) -> Vec<f64> {
+    let last = (w.pv.len() - 1) as f64;
+    let at = |k: usize| {
+        let x = ((from + k as f64 * ts - w.t0) / w.ts).clamp(0.0, last);
+        let (before, part) = (x as usize, x.fract());
+        w.pv[before] + part * (w.pv[(before + 1).min(w.pv.len() - 1)] - w.pv[before])
+    };
+    let mut x: Vec<f64> = (0..n).map(at).collect();
+    let (middle, level) = (0.5 * (n - 1) as f64, mean(&x));
+    let square: f64 = (0..n).map(|k| (k as f64 - middle).powi(2)).sum();
+    let slope = x.iter().enumerate().map(|(k, x)| (k as f64 - middle) * (x - level)).sum::<f64>() / square;
+    x.iter_mut().enumerate().for_each(|(k, x)| *x -= level + slope * (k as f64 - middle));
+    let spread = (x.iter().map(|x| x * x).sum::<f64>() / n as f64).sqrt();
+    if !(spread.is_finite() && spread > 1e-12 * level.abs().max(f64::MIN_POSITIVE)) {
+        return Vec::new();
+    }
+    let edge = ((TAPER * n as f64) as usize).max(1);
+    for (k, x) in x.iter_mut().enumerate() {
+        let near = k.min(n - 1 - k);
+        let weight =
+            if near < edge { 0.5 - 0.5 * (PI * (near as f64 + 0.5) / edge as f64).cos() } else { 1.0 };
+        *x *= weight / spread;
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    fn loops(signals: &[Vec<f64>], ts: &[f64]) -> Vec<PlantLoop> {
+        let of = |(pv, ts): (&Vec<f64>, &f64)| PlantLoop {
+            window: Window { ts: *ts, op: pv.clone(), pv: pv.clone(), ..Window::default() },
+            ..PlantLoop::default()
+        };
+        signals.iter().zip(ts).map(of).collect()
+    }
+
+    #[test]
+    fn a_wave_in_two_samplings_is_coherent_and_its_delay_is_measured() {
+        // The period wanders, so that the delay shows in the band's phase.
+        let phase = |t: f64| t / 600.0 + 0.2 * (TAU * t / 9000.0).sin();
+        let wave = |ts: f64, late: f64| -> Vec<f64> {
+            (0..(86_400.0 / ts) as usize).map(|k| (TAU * phase(k as f64 * ts - late)).sin()).collect()
+        };
+        let plant = loops(&[wave(60.0, 0.0), wave(30.0, 90.0), wave(120.0, 0.0)], &[60.0, 30.0, 120.0]);
+        let spectra = Spectra::new(&plant, &mut Transforms::new());
+        let band = spectra.band(600.0);
+        let x: Vec<&[Complex<f64>]> = (0..3).filter_map(|i| spectra.inside(i, &band)).collect();
+        assert!(coherence(x[0], x[1]).0 > 0.95 && coherence(x[0], x[2]).0 > 0.95);
+        let hz = 1.0 / (spectra.ts * spectra.spectrum(0).map_or(1, |s| s.m) as f64);
+        let (late, _) = delay(x[0], x[1], hz);
+        // Weighted phases of a band that is cut off: a tenth of the delay.
+        assert!((late - 90.0).abs() < 20.0, "{late}");
+        assert!((0..3).all(|i| spectra.share(i, &band) > 0.8));
+    }
+
+    #[test]
+    fn rubbish_is_in_no_spectrum() {
+        let plant = loops(&[vec![], vec![1.0; 500], vec![f64::NAN; 500]], &[1.0, 1.0, 1.0]);
+        let spectra = Spectra::new(&plant, &mut Transforms::new());
+        assert!((0..3).all(|i| spectra.inside(i, &spectra.band(10.0)).is_none()));
+        assert_eq!(correlation((&plant[0].window, &[]), (&plant[1].window, &[1.0])), 0.0);
+    }
+}
