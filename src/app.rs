@@ -23,6 +23,7 @@ use crate::access::FileError;
 use crate::audit::AuditError;
 use crate::collect::{DeviceHealth, Issue};
 use crate::config::{self, Config, Diagnostic, Neighbour};
+use crate::detectors::integration::told_by_name;
 use crate::diagnosis::{self, Settings};
 use crate::history::History;
 use crate::residual;
@@ -197,7 +198,7 @@ impl App {
             let residuals = findings.as_ref().map(|found| Residuals::from(&found.curves));
             // The curves are for drawing one record; kept for every loop they would be most of the memory.
             findings.iter_mut().for_each(|found| found.curves = residual::Curves::default());
-            Judged { diagnosis, findings, residuals }
+            Judged { findings, residuals, ..diagnosis.into() }.with_opinions(record.integrates)
         })
     }
 
@@ -354,6 +355,7 @@ fn snapshot(config: &Config, history: &Arc<History>) -> schedule::Snapshot {
     let (history, neighbours) = (history.clone(), neighbours(config));
     Arc::new(move |id| {
         let mut record = history.snapshot(id)?;
+        record.integrates = told_by_name(id.as_str());
         for tag in neighbours.get(id).into_iter().flatten() {
             record.tags.extend(history.series(&tag.id, &tag.kind).map(|series| (tag.name.clone(), series)));
         }

@@ -227,6 +227,7 @@ fn between(record: &Record, from: f64, to: f64) -> Record {
         op_limits: record.op_limits,
         op_span: record.op_span,
         op_span_source: record.op_span_source,
+        integrates: record.integrates,
     }
 }
 

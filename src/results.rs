@@ -10,6 +10,7 @@ mod events;
 mod judged;
 mod kept;
 mod origin;
+mod second;
 pub mod words;
 
 pub use alarm_log::{AlarmChange, MOST_CHANGES};

@@ -167,6 +167,8 @@ pub struct Record {
     pub op_span: Option<f64>,
     /// Where that is known from.
     pub op_span_source: SpanSource,
+    /// Whether the process integrates, where that is known: no verdict rests on it, some of the published methods do.
+    pub integrates: Option<bool>,
 }
 
 impl Record {

@@ -6,8 +6,10 @@ use std::fs;
 use std::io::{self, IsTerminal};
 use std::path::PathBuf;
 use stictiond::collect::table::Table;
+use stictiond::detectors::integration::told_by_name;
 use stictiond::diagnosis::{Settings, diagnose};
 use stictiond::residual::{self, trace_record};
+use stictiond::results::Judged;
 use stictiond::serve::dto::Report;
 
 #[derive(clap::Args)]
@@ -61,21 +63,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let diagnosis = diagnose(&record, &settings);
     let stem = args.file.file_stem().unwrap_or(args.file.as_os_str()).to_string_lossy();
     let name = args.of_loop.as_deref().unwrap_or(&stem);
-    let mut report = Report::new(name, record.op_span, &diagnosis);
-    report.read_as = Some(read.read_as);
-    if let Some(found) = trace_record(&record, &diagnosis, &settings, &residual::Settings::default()) {
-        report = report.with_findings(record.op_span, &diagnosis, &found);
-        if let Some(to) = &args.plot {
-            let drawn = plot::picture(name, &found);
-            fs::write(to, drawn).map_err(|error| Failure::in_file(to, &error))?;
-        }
-    } else if let Some(to) = &args.plot {
-        return Err(Failure::in_file(
-            to,
-            "nothing to draw: the record does not hold a window that can be fitted",
-        ));
+    let findings = trace_record(&record, &diagnosis, &settings, &residual::Settings::default());
+    if let Some(to) = &args.plot {
+        let nothing = "nothing to draw: the record does not hold a window that can be fitted";
+        let found = findings.as_ref().ok_or_else(|| Failure::in_file(to, nothing))?;
+        fs::write(to, plot::picture(name, found)).map_err(|error| Failure::in_file(to, &error))?;
     }
-    let report = report.with_span_from(record.op_span_source);
+    let judged = Judged { findings, ..diagnosis.into() }.with_opinions(told_by_name(name));
+    let mut report = Report::judged(name, (record.op_span, record.op_span_source), &judged);
+    report.read_as = Some(read.read_as);
     let usual = if io::stdout().is_terminal() { Format::Text } else { Format::Json };
     match args.format.unwrap_or(usual) {
         Format::Text => print(&text::page(&report)),

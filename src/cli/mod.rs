@@ -1,4 +1,4 @@
-//! The command line: `stictiond run | demo | diagnose | backfill | check | user | token | health | store | replay | audit | probe |
+//! The command line: `stictiond run | demo | diagnose | backfill | benchmark | check | user | token | health | store | replay | audit | probe |
 //! import-tags | plant | reproduce`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
@@ -6,6 +6,7 @@
 
 mod audit;
 mod backfill;
+mod benchmark;
 mod book;
 mod check;
 mod demo;
@@ -49,6 +50,8 @@ enum Command {
     Diagnose(diagnose::Args),
     /// Diagnose a long record window by window: when did this valve begin to stick?
     Backfill(backfill::Args),
+    /// The published methods and the program on a folder of labelled records: how often is each right?
+    Benchmark(benchmark::Args),
     /// Validate a configuration: every error with line and column
     Check(check::Args),
     /// Add, change, remove and list users: who may log in
@@ -105,6 +108,7 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Backfill(args) => backfill::run(&args),
+        Command::Benchmark(args) => benchmark::run(&args),
         Command::Check(args) => check::run(&args),
         Command::User(args) => user::run(&args),
         Command::Token(args) => token::run(&args),

@@ -1,8 +1,8 @@
 //! The report as a page for a person: the verdict first, then what it rests on.
 
 use std::fmt::Write;
-use stictiond::results::words::{between, percent};
-use stictiond::serve::dto::report::{Report, ReportCurve, ReportVerdict};
+use stictiond::results::words::{between, percent, short};
+use stictiond::serve::dto::report::{Report, ReportCurve, ReportOpinion, ReportSays, ReportVerdict};
 
 /// Columns of the plot.
 const WIDTH: usize = 60;
@@ -191,6 +191,15 @@ pub fn page(report: &Report) -> String {
         let text = format!("f {} {unit} on OP -> stem, dAIC {}", number(stem.f), number(stem.delta_aic));
         line("stem", text);
     }
+    if let Some(agreement) = &report.agreement {
+        line("opinions", agreement.why.clone());
+        for opinion in &report.opinions {
+            line("", one(opinion));
+        }
+        if let Some(doubt) = report.doubt() {
+            line("doubtful", doubt);
+        }
+    }
     if let Some(bars) = report.aic_curve.as_ref().and_then(sparkline) {
         line("AIC over f", bars);
         if let Some(marks) = report.aic_curve.as_ref().and_then(|curve| marks(curve, report)) {
@@ -199,6 +208,17 @@ pub fn page(report: &Report) -> String {
         line("", format!("0 … {} {unit}; ▲ the estimate, ─ its interval", number(report.f_max)));
     }
     out
+}
+
+/// What one method says, in columns: whose, what, its index, why.
+fn one(opinion: &ReportOpinion) -> String {
+    let says = match opinion.says {
+        ReportSays::Sticks => "sticks",
+        ReportSays::Sound => "sound",
+        ReportSays::CannotTell => "cannot tell",
+    };
+    let index = opinion.index.map_or("-".into(), short);
+    format!("{:<22} {says:<12}{index:>7}  {}", opinion.method, opinion.why)
 }
 
 /// Four significant digits, without trailing zeros; `-` when there is no number.

@@ -14,6 +14,10 @@ pub struct Agreement {
     pub sticks: usize,
     /// Methods that could tell.
     pub could_tell: usize,
+    /// Methods that say what the program's verdict says; none where that cannot tell.
+    pub agree: usize,
+    /// True where the measured stem, which is no guess, contradicts the verdict.
+    pub by_stem: bool,
     /// True where the methods contradict the program's verdict so that somebody should look at the loop.
     pub doubtful: bool,
     /// The same in one line.
@@ -33,7 +37,7 @@ pub fn agreement(opinions: &[Opinion], verdict_sticks: Option<bool>, regular: bo
     let sticks = counted().filter(|o| o.says == Says::Sticks).count();
     let mut why = format!("{sticks} of {could_tell} that could tell say that the valve sticks");
     let Some(verdict) = verdict_sticks else {
-        return Agreement { sticks, could_tell, doubtful: false, why };
+        return Agreement { sticks, could_tell, why, ..Agreement::default() };
     };
     let against = if verdict { could_tell - sticks } else { sticks };
     let stem = opinions.iter().find(|o| o.method == Method::StemLoop).map(|o| o.says);
@@ -45,5 +49,5 @@ pub fn agreement(opinions: &[Opinion], verdict_sticks: Option<bool>, regular: bo
     } else if doubtful {
         why += "; on a regular cycle most of them contradict the verdict";
     }
-    Agreement { sticks, could_tell, doubtful, why }
+    Agreement { sticks, could_tell, agree: could_tell - against, by_stem, doubtful, why }
 }

@@ -21,6 +21,7 @@
 //! has odd harmonics alone and little of it. Any other nonlinearity is called stiction, saturation and square loads among it.
 //! The apparent stiction is not S: it grows with the process's lag.
 
+use super::picture::{Layer, Mark, Picture, Tone, excerpt};
 use super::{Band, Facts, Method, Opinion, Says};
 use crate::sysid::stats::{mean, range, sd};
 use realfft::RealFftPlanner;
@@ -40,6 +41,8 @@ const SEGMENTS: usize = 6;
 const HALF_WIDTH: f64 = 0.05;
 /// Half the width of the strip around the mean of PV, as a share of its range.
 const STRIP: f64 = 0.1;
+/// Most cells of the drawn map along its longer side.
+const CELLS: usize = 48;
 
 /// The bicoherence in short.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,51 +57,89 @@ pub struct Indices {
     pub at: (f64, f64),
 }
 
+/// The squared bicoherence over the principal domain, without the mean.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bicoherence {
+    /// Samples of a segment, and how many segments.
+    segment: usize,
+    segments: usize,
+    /// The bins of both frequencies.
+    pairs: Vec<(usize, usize)>,
+    /// Squared bicoherence of each pair (-).
+    values: Vec<f64>,
+}
+
+impl Bicoherence {
+    /// Of a signal from half overlapping segments of so many samples; none for fewer than two segments.
+    pub fn new(v: &[f64], segment: usize) -> Option<Self> {
+        let half = segment / 2;
+        if segment < 8 || v.len() < segment + half {
+            return None;
+        }
+        let forward = RealFftPlanner::<f64>::new().plan_fft_forward(segment);
+        let hann: Vec<f64> = (0..segment)
+            .map(|k| 0.5 - 0.5 * (std::f64::consts::TAU * (k as f64 + 0.5) / segment as f64).cos())
+            .collect();
+        let mut spectra = Vec::new();
+        for part in v.windows(segment).step_by(half.max(1)) {
+            let m = mean(part);
+            let mut x: Vec<f64> = part.iter().zip(&hann).map(|(x, h)| (x - m) * h).collect();
+            let mut bins = forward.make_output_vec();
+            forward.process(&mut x, &mut bins).ok()?;
+            spectra.push(bins);
+        }
+        let (mut pairs, mut values) = (Vec::new(), Vec::new());
+        for f1 in 1..=segment / 4 {
+            for f2 in f1..=(segment / 2 - f1) {
+                let mut sum = realfft::num_complex::Complex::new(0.0, 0.0);
+                let (mut both, mut third) = (0.0, 0.0);
+                for x in &spectra {
+                    let product = x[f1] * x[f2];
+                    sum += product * x[f1 + f2].conj();
+                    both += product.norm_sqr();
+                    third += x[f1 + f2].norm_sqr();
+                }
+                let all = both * third;
+                pairs.push((f1, f2));
+                values.push(if all > 0.0 { sum.norm_sqr() / all } else { 0.0 });
+            }
+        }
+        Some(Self { segment, segments: spectra.len(), pairs, values })
+    }
+
+    /// The indices; none where they are no numbers.
+    pub fn indices(&self) -> Option<Indices> {
+        let bic = &self.values;
+        let (at, largest) = bic.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let (k, l, mean) = (self.segments as f64, bic.len() as f64, mean(bic));
+        let critical = (QUANTILE + (4.0 * l - 1.0).sqrt()).powi(2) / (4.0 * k * l);
+        let frequency = |bin: usize| bin as f64 / self.segment as f64;
+        largest.is_finite().then(|| Indices {
+            ngi: mean - critical,
+            nli: largest - (mean + 2.0 * sd(bic)),
+            largest,
+            at: (frequency(self.pairs[at].0), frequency(self.pairs[at].1)),
+        })
+    }
+
+    /// The map, the second frequency to the right, at most [`CELLS`] cells a side: of several pairs in one the largest.
+    fn cells(&self, ts: f64) -> Mark {
+        let pool = (self.segment / 2).div_ceil(CELLS).max(1);
+        let (columns, rows) = (self.segment / 2 / pool + 1, self.segment / 4 / pool + 1);
+        let mut values = vec![None::<f64>; columns * rows];
+        for ((f1, f2), value) in self.pairs.iter().zip(&self.values) {
+            let cell = &mut values[f1 / pool * columns + f2 / pool];
+            *cell = Some(cell.map_or(*value, |other| other.max(*value)));
+        }
+        let bin = 1.0 / (self.segment as f64 * ts);
+        let size = (bin * pool as f64, bin * pool as f64);
+        Mark::Cells { from: (-0.5 * bin, -0.5 * bin), size, columns, values }
+    }
+}
+
 /// The indices of a signal from segments of so many samples; none for fewer than two segments.
 pub fn indices(v: &[f64], segment: usize) -> Option<Indices> {
-    let half = segment / 2;
-    if segment < 8 || v.len() < segment + half {
-        return None;
-    }
-    let forward = RealFftPlanner::<f64>::new().plan_fft_forward(segment);
-    let hann: Vec<f64> = (0..segment)
-        .map(|k| 0.5 - 0.5 * (std::f64::consts::TAU * (k as f64 + 0.5) / segment as f64).cos())
-        .collect();
-    let mut spectra = Vec::new();
-    for part in v.windows(segment).step_by(half.max(1)) {
-        let m = mean(part);
-        let mut x: Vec<f64> = part.iter().zip(&hann).map(|(x, h)| (x - m) * h).collect();
-        let mut bins = forward.make_output_vec();
-        forward.process(&mut x, &mut bins).ok()?;
-        spectra.push(bins);
-    }
-    // (numerator, denominator, f1, f2) over the principal domain, without the mean.
-    let mut pairs = Vec::new();
-    for f1 in 1..=segment / 4 {
-        for f2 in f1..=(segment / 2 - f1) {
-            let mut sum = realfft::num_complex::Complex::new(0.0, 0.0);
-            let (mut both, mut third) = (0.0, 0.0);
-            for x in &spectra {
-                let product = x[f1] * x[f2];
-                sum += product * x[f1 + f2].conj();
-                both += product.norm_sqr();
-                third += x[f1 + f2].norm_sqr();
-            }
-            pairs.push((sum.norm_sqr(), both * third, f1, f2));
-        }
-    }
-    let bic: Vec<f64> =
-        pairs.iter().map(|(product, both, ..)| if *both > 0.0 { product / both } else { 0.0 }).collect();
-    let (at, largest) = bic.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let (k, l, mean) = (spectra.len() as f64, bic.len() as f64, mean(&bic));
-    let critical = (QUANTILE + (4.0 * l - 1.0).sqrt()).powi(2) / (4.0 * k * l);
-    let frequency = |bin: usize| bin as f64 / segment as f64;
-    largest.is_finite().then(|| Indices {
-        ngi: mean - critical,
-        nli: largest - (mean + 2.0 * sd(&bic)),
-        largest,
-        at: (frequency(pairs[at].2), frequency(pairs[at].3)),
-    })
+    Bicoherence::new(v, segment)?.indices()
 }
 
 /// The width along `u` of the ellipse with the moments of `u` and `y`, in u's unit.
@@ -107,6 +148,20 @@ pub fn ellipse(u: &[f64], y: &[f64]) -> f64 {
     let covariance = u.iter().zip(y).map(|(u, y)| (u - mu) * (y - my)).sum::<f64>() / u.len().max(1) as f64;
     let r = covariance / (su * sy);
     (8.0 * (1.0 - r * r).max(0.0)).sqrt() * su
+}
+
+/// The outline of that ellipse, once around.
+fn outline(u: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
+    let (mu, my, su, sy) = (mean(u), mean(y), sd(u), sd(y));
+    let covariance = u.iter().zip(y).map(|(u, y)| (u - mu) * (y - my)).sum::<f64>() / u.len().max(1) as f64;
+    let r = covariance / (su * sy);
+    let across = (1.0 - r * r).max(0.0).sqrt();
+    let at = |i: u32| {
+        let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / 90.0).sin_cos();
+        let root = std::f64::consts::SQRT_2;
+        (mu + root * su * cos, my + root * sy * (r * cos + across * sin))
+    };
+    (0..=90).map(at).collect()
 }
 
 /// The distance along `u` of the two branches where `y` is near its mean, in u's unit; none with too few samples there.
@@ -147,12 +202,14 @@ fn band(v: &[f64], low: f64, high: f64) -> Option<Vec<f64>> {
     Some(out.into_iter().map(|x| x / n as f64).collect())
 }
 
-/// What the method says.
-pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    let period = match facts.oscillates() {
-        Ok(period) => period,
-        Err(why) => return Opinion::cannot_tell(ME, why),
-    };
+/// What the method looks at.
+struct Looked {
+    map: Bicoherence,
+    found: Indices,
+}
+
+fn look(facts: &Facts<'_>) -> Result<Looked, String> {
+    let period = facts.oscillates()?;
     let error: Vec<f64> = match &facts.window.sp {
         Some(sp) if sp.iter().all(|sp| sp.is_finite()) => {
             sp.iter().zip(&facts.window.pv).map(|(sp, pv)| sp - pv).collect()
@@ -161,26 +218,69 @@ pub fn opinion(facts: &Facts<'_>) -> Opinion {
     };
     let segment = (PERIODS * period).min((facts.len() / SEGMENTS) as f64) as usize & !1;
     if segment < LEAST_SEGMENT || (segment as f64) < period {
-        return Opinion::cannot_tell(ME, format!("fewer than {SEGMENTS} segments of a period"));
+        return Err(format!("fewer than {SEGMENTS} segments of a period"));
     }
-    let Some(found) = indices(&error, segment) else {
-        return Opinion::cannot_tell(ME, "no bicoherence can be estimated");
+    let none = "no bicoherence can be estimated";
+    let map = Bicoherence::new(&error, segment).ok_or(none)?;
+    let found = map.indices().ok_or(none)?;
+    Ok(Looked { map, found })
+}
+
+impl Looked {
+    /// Whether the loop is nonlinear.
+    fn nonlinear(&self) -> bool {
+        BY_NGI.says(self.found.ngi) == Says::Sticks && self.found.nli > LEAST_NLI
+    }
+
+    /// OP and PV around the frequencies of the largest bicoherence (their standard deviations).
+    fn filtered(&self, facts: &Facts<'_>) -> Option<(Vec<f64>, Vec<f64>)> {
+        let at = self.found.at;
+        let (low, high) = ((at.0.min(at.1) - HALF_WIDTH).max(0.004), (at.0.max(at.1) + HALF_WIDTH).min(0.5));
+        band(&facts.u, low, high).zip(band(&facts.y, low, high))
+    }
+}
+
+/// The map of the bicoherence, and where the loop is nonlinear PV against OP with the ellipse.
+pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
+    let Ok(looked) = look(facts) else { return Vec::new() };
+    let name = format!("squared bicoherence, largest {:.2}", looked.found.largest);
+    let cells = Layer { name, tone: Tone::Data, mark: looked.map.cells(facts.window.ts) };
+    let title = "Bicoherence of the control error: coupled frequencies show a loop that is not linear";
+    let mut pictures =
+        vec![Picture::new(title, "second frequency (Hz)", "first frequency (Hz)", vec![cells])];
+    let plane = looked.nonlinear().then(|| looked.filtered(facts)).flatten();
+    if let Some((u, y)) = plane {
+        let path = excerpt(facts).map(|k| (u[k], y[k])).collect();
+        let layers = vec![
+            Layer::line("path, filtered", Tone::Data, path),
+            Layer::line("ellipse of the same moments", Tone::Sticks, outline(&u, &y)),
+        ];
+        let title = "PV against OP: the ellipse's width along OP is the apparent stiction";
+        pictures.push(Picture::new(title, "OP (standard deviations)", "PV (standard deviations)", layers));
+    }
+    pictures
+}
+
+/// What the method says.
+pub fn opinion(facts: &Facts<'_>) -> Opinion {
+    let looked = match look(facts) {
+        Ok(looked) => looked,
+        Err(why) => return Opinion::cannot_tell(ME, why),
     };
-    let Indices { ngi, nli, at, .. } = found;
+    let Indices { ngi, nli, .. } = looked.found;
     let why = format!("NGI {ngi:.3}, NLI {nli:.3}");
     let opinion = Opinion::of(ME, ngi, BY_NGI, format!("{why}: Gaussian, so linear"));
     if opinion.says != Says::Sticks {
         return opinion;
     }
-    if nli <= LEAST_NLI {
+    if !looked.nonlinear() {
         return Opinion { says: Says::Sound, why: format!("{why}: not Gaussian, but linear"), ..opinion };
     }
-    let (low, high) = ((at.0.min(at.1) - HALF_WIDTH).max(0.004), (at.0.max(at.1) + HALF_WIDTH).min(0.5));
-    let filtered = band(&facts.u, low, high).zip(band(&facts.y, low, high));
-    let Some((width, ellipse)) = filtered.and_then(|(u, y)| Some((branches(&u, &y)?, ellipse(&u, &y))))
-    else {
+    let widths = looked.filtered(facts).and_then(|(u, y)| Some((branches(&u, &y)?, ellipse(&u, &y))));
+    let Some((width, ellipse)) = widths else {
         return opinion.but_cannot_tell(format!("{why}: nonlinear, but PV and OP make no plot"));
     };
-    let why = format!("{why}: nonlinear, apparent stiction {:.3} by the ellipse", ellipse * facts.unit);
+    let share = 100.0 * ellipse / facts.op_range();
+    let why = format!("{why}: nonlinear, apparent stiction {share:.0} % of OP's range by the ellipse");
     Opinion { why, ..opinion }.with(width * facts.unit, "apparent stiction, by two branches")
 }

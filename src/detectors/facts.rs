@@ -1,7 +1,7 @@
 //! What every method needs to know of a window, decided once.
 
 use super::half_cycles::Cycles;
-use super::integration::{Integration, integration};
+use super::integration::{Integrates, Integration, integration};
 use super::oscillation::{Cycle, REGULAR, cycle};
 use crate::diagnosis::region::{self, Region};
 use crate::signal::Window;
@@ -106,6 +106,20 @@ impl<'a> Facts<'a> {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.u.is_empty()
+    }
+
+    /// The measured stem, or PV where it stands for one (its unit), and what it is called: PV does where the process does not
+    /// integrate, as in flow loops.
+    ///
+    /// # Errors
+    /// Why nothing stands for the stem.
+    pub fn stem_or_pv(&self) -> Result<(&'static str, &[f64]), String> {
+        match (&self.stem, self.integration.answer) {
+            (Some(stem), _) => Ok(("the measured stem", stem)),
+            (None, Integrates::No) => Ok(("PV", &self.y)),
+            (None, Integrates::Yes) => Err("the process integrates: PV does not stand for the stem".into()),
+            (None, Integrates::Unknown) => Err(self.integration.why()),
+        }
     }
 
     /// Range of OP, in its standard deviations.

@@ -14,8 +14,10 @@
 //! Limits: noise adds to both errors and draws SI to 0.5; a process that is slow beside the cycle bends the triangle of OP
 //! into a parabola, which looks like a sine; a triangular load looks like a valve.
 
-use super::half_cycles::{LEAST_SAMPLES, fit, sine, triangle};
+use super::half_cycles::{Cycles, HalfCycle, LEAST_SAMPLES, fit, sine, triangle};
+use super::picture::{Layer, Picture, Tone, curve};
 use super::{Band, Facts, Integrates, Method, Opinion};
+use crate::sysid::stats::mean;
 
 const ME: Method = Method::He2007;
 /// The authors' thresholds (-).
@@ -25,37 +27,94 @@ const PEAKS: usize = 19;
 /// Fewest half cycles.
 const LEAST_HALVES: usize = 6;
 
-/// What the method says.
-pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    if let Err(why) = facts.oscillates() {
-        return Opinion::cannot_tell(ME, why);
+/// The fits to one half cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Half {
+    half: HalfCycle,
+    /// Mean squared error and height of the sine.
+    sine: (f64, f64),
+    /// Mean squared error and height of the best triangle, and its peak (0..1).
+    triangle: (f64, f64, f64),
+}
+
+/// What the method looks at: the cycles of which signal, and the fits to their halves.
+struct Looked<'a> {
+    name: &'static str,
+    cycles: &'a Cycles,
+    halves: Vec<Half>,
+}
+
+impl Looked<'_> {
+    /// SI.
+    fn index(&self) -> f64 {
+        let sum = |of: &dyn Fn(&Half) -> f64| self.halves.iter().map(of).sum::<f64>();
+        let (sine, triangle) = (sum(&|half| half.sine.0), sum(&|half| half.triangle.0));
+        sine / (sine + triangle)
     }
+}
+
+fn look<'a>(facts: &'a Facts<'_>) -> Result<Looked<'a>, String> {
+    facts.oscillates()?;
     let (name, cycles) = match facts.integration.answer {
         Integrates::No => ("OP", &facts.op),
         Integrates::Yes => ("PV", &facts.pv),
-        Integrates::Unknown => return Opinion::cannot_tell(ME, facts.integration.why()),
+        Integrates::Unknown => return Err(facts.integration.why()),
     };
-    let (mut sin, mut tri, mut count) = (0.0, 0.0, 0);
+    let mut halves = Vec::new();
     for half in &cycles.halves {
         let samples = cycles.samples(half);
         let n = samples.clone().count();
         if n < LEAST_SAMPLES {
             continue;
         }
-        sin += fit(samples.clone(), sine).0 / n as f64;
-        tri += (1..=PEAKS)
-            .map(|p| p as f64 / (PEAKS + 1) as f64)
-            .map(|p| fit(samples.clone(), |s| triangle(s, p)).0)
-            .fold(f64::INFINITY, f64::min)
-            / n as f64;
-        count += 1;
+        let (sse, height) = fit(samples.clone(), sine);
+        let mut best = (f64::INFINITY, 0.0, 0.5);
+        for peak in (1..=PEAKS).map(|p| p as f64 / (PEAKS + 1) as f64) {
+            let (sse, height) = fit(samples.clone(), |s| triangle(s, peak));
+            if sse / (n as f64) < best.0 {
+                best = (sse / n as f64, height, peak);
+            }
+        }
+        halves.push(Half { half: *half, sine: (sse / n as f64, height), triangle: best });
     }
+    let count = halves.len();
     if count < LEAST_HALVES {
-        return Opinion::cannot_tell(
-            ME,
-            format!("{name} has {count} half cycles, {LEAST_HALVES} are needed"),
-        );
+        return Err(format!("{name} has {count} half cycles, {LEAST_HALVES} are needed"));
     }
-    let index = sin / (sin + tri);
-    Opinion::of(ME, index, BAND, format!("{count} half cycles of {name}: SI {index:.2}"))
+    Ok(Looked { name, cycles, halves })
+}
+
+/// The half cycles laid over each other, each divided by the height of its sine, with the sine and the mean triangle.
+pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
+    let Ok(found) = look(facts) else { return Vec::new() };
+    let raised: Vec<&Half> = found.halves.iter().filter(|half| half.sine.1 > 0.0).collect();
+    let dots = raised.iter().flat_map(|own| {
+        found.cycles.samples(&own.half).map(|(s, v)| (s, v / own.sine.1)).collect::<Vec<_>>()
+    });
+    let average = |of: &dyn Fn(&Half) -> f64| mean(&raised.iter().map(|own| of(own)).collect::<Vec<_>>());
+    let height = average(&|own| own.triangle.1 / own.sine.1);
+    let peak = average(&|own| own.triangle.2);
+    let layers = vec![
+        Layer::dots(format!("half cycles of {}", found.name), Tone::Data, dots.collect()),
+        Layer::line("sine", Tone::Sound, curve(sine)),
+        Layer::line("triangle", Tone::Sticks, curve(|s| height * triangle(s, peak))),
+    ];
+    let title = format!(
+        "{} half cycles of {} over each other: triangles where the valve sticks",
+        found.halves.len(),
+        found.name
+    );
+    vec![Picture::new(title, "from crossing to crossing (-)", "height (of the fitted sine)", layers)]
+}
+
+/// What the method says.
+pub fn opinion(facts: &Facts<'_>) -> Opinion {
+    match look(facts) {
+        Ok(found) => {
+            let index = found.index();
+            let why = format!("{} half cycles of {}: SI {index:.2}", found.halves.len(), found.name);
+            Opinion::of(ME, index, BAND, why)
+        }
+        Err(why) => Opinion::cannot_tell(ME, why),
+    }
 }

@@ -17,6 +17,7 @@
 //! Limits: integrating processes and P control are not covered; dead time and a lag turn the phase towards the half period
 //! of a load, so that a valve that sticks weakly in a slow process is called sound.
 
+use super::picture::{Layer, Picture, Tone};
 use super::{Band, Facts, Integrates, Method, Opinion, Says};
 use crate::sysid::least_squares::dot;
 
@@ -35,47 +36,108 @@ pub struct Shape {
     pub by_time: f64,
 }
 
+/// The cross-correlation within a period of 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Correlation {
+    /// r (-) from lag `-reach` to `reach` (samples).
+    pub r: Vec<f64>,
+    /// The zero crossings nearest to 0, before and after it (samples, both positive); none where r does not cross there.
+    pub crossings: Option<[f64; 2]>,
+    /// The largest |r| between them, or up to where r was looked at.
+    pub largest: f64,
+}
+
+impl Correlation {
+    /// Of two centred signals within a period (samples).
+    pub fn new(u: &[f64], y: &[f64], period: f64) -> Self {
+        let n = u.len().min(y.len());
+        let (u, y) = (&u[..n], &y[..n]);
+        let reach = (period.ceil() as usize).min(n / 2);
+        let scale = (dot(u, u) * dot(y, y)).sqrt();
+        let at = |lag: usize| dot(&u[..n - lag], &y[lag..]) / scale;
+        let before = |lag: usize| dot(&u[lag..], &y[..n - lag]) / scale;
+        let r: Vec<f64> = (1..=reach).rev().map(before).chain((0..=reach).map(at)).collect();
+        let mut largest = r[reach].abs();
+        let sides = [1, -1].map(|side| {
+            let mut before = r[reach];
+            (1..=reach).find_map(|lag| {
+                let now = if side < 0 { r[reach + lag] } else { r[reach - lag] };
+                if (now > 0.0) != (before > 0.0) && now != before {
+                    return Some((lag - 1) as f64 + before / (before - now));
+                }
+                largest = largest.max(now.abs());
+                before = now;
+                None
+            })
+        });
+        let [left, right] = sides;
+        Self { r, crossings: left.zip(right).map(<[f64; 2]>::from), largest }
+    }
+
+    /// r at lag 0.
+    fn zero(&self) -> f64 {
+        self.r[self.r.len() / 2]
+    }
+
+    /// `d_rho` and `d_tau`; none where r does not cross zero.
+    pub fn shape(&self) -> Option<Shape> {
+        let crossings = self.crossings?;
+        let (zero, largest, sum) = (self.zero().abs(), self.largest, crossings[0] + crossings[1]);
+        (largest > 0.0 && sum > 0.0).then(|| Shape {
+            by_height: (largest - zero) / (largest + zero),
+            by_time: (crossings[0] - crossings[1]).abs() / sum,
+        })
+    }
+}
+
 /// `d_rho` and `d_tau` of two centred signals within a period (samples); none where r does not cross zero there.
 pub fn shape(u: &[f64], y: &[f64], period: f64) -> Option<Shape> {
-    let n = u.len().min(y.len());
-    let reach = (period.ceil() as usize).min(n / 2);
-    let r = |lag: isize| -> f64 {
-        let by = lag.unsigned_abs();
-        if lag < 0 { dot(&u[by..n], &y[..n - by]) } else { dot(&u[..n - by], &y[by..n]) }
-    };
-    let (zero, mut largest) = (r(0), r(0).abs());
-    let mut crossings = [0.0; 2];
-    for (to, step) in crossings.iter_mut().zip([-1, 1]) {
-        let mut before = zero;
-        *to = (1..=reach as isize).find_map(|lag| {
-            let now = r(step * lag);
-            if (now > 0.0) != (before > 0.0) && now != before {
-                return Some((lag - 1) as f64 + before / (before - now));
-            }
-            largest = largest.max(now.abs());
-            before = now;
-            None
-        })?;
+    Correlation::new(u, y, period).shape()
+}
+
+/// The correlation of a loop.
+fn look(facts: &Facts<'_>) -> Result<Correlation, String> {
+    let period = facts.oscillates()?;
+    match facts.integration.answer {
+        Integrates::No => Ok(Correlation::new(&facts.op.centred, &facts.pv.centred, period)),
+        Integrates::Yes => Err("the process integrates".into()),
+        Integrates::Unknown => Err(facts.integration.why()),
     }
-    let (zero, sum) = (zero.abs(), crossings[0] + crossings[1]);
-    (largest > 0.0 && sum > 0.0).then(|| Shape {
-        by_height: (largest - zero) / (largest + zero),
-        by_time: (crossings[0] - crossings[1]).abs() / sum,
-    })
+}
+
+/// The correlation over the lag, its crossings, r_0 and r_opt.
+pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
+    let Ok(found) = look(facts) else { return Vec::new() };
+    let reach = (found.r.len() / 2) as f64;
+    let lag = |k: usize| (k as f64 - reach) * facts.window.ts;
+    let curve = found.r.iter().enumerate().map(|(k, r)| (lag(k), *r)).collect();
+    let mut layers = vec![
+        Layer::level("0", Tone::Mark, 0.0),
+        Layer::line("r", Tone::Data, curve),
+        Layer::dots("r at lag 0", Tone::Sound, vec![(0.0, found.zero())]),
+    ];
+    if let Some([left, right]) = found.crossings {
+        let seconds = |lag: f64| lag * facts.window.ts;
+        layers.push(Layer::upright("nearest zero crossings", Tone::Mark, seconds(-left)));
+        layers.push(Layer::upright("nearest zero crossings", Tone::Mark, seconds(right)));
+        let within = |k: &usize| (-left..=right).contains(&(*k as f64 - reach));
+        let tops = (0..found.r.len()).filter(within);
+        let top = tops.max_by(|a, b| found.r[*a].abs().total_cmp(&found.r[*b].abs()));
+        let at = top.map(|k| (lag(k), found.r[k])).into_iter().collect();
+        layers.push(Layer::dots("r_opt", Tone::Sticks, at));
+    }
+    let title =
+        "Cross-correlation of OP and PV: odd about lag 0 where the valve sticks, even where a load swings";
+    vec![Picture::new(title, "lag (s)", "correlation (-)", layers)]
 }
 
 /// What the method says.
 pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    let period = match facts.oscillates() {
-        Ok(period) => period,
+    let found = match look(facts) {
+        Ok(found) => found,
         Err(why) => return Opinion::cannot_tell(ME, why),
     };
-    match facts.integration.answer {
-        Integrates::No => {}
-        Integrates::Yes => return Opinion::cannot_tell(ME, "the process integrates"),
-        Integrates::Unknown => return Opinion::cannot_tell(ME, facts.integration.why()),
-    }
-    let Some(Shape { by_height, by_time }) = shape(&facts.op.centred, &facts.pv.centred, period) else {
+    let Some(Shape { by_height, by_time }) = found.shape() else {
         return Opinion::cannot_tell(ME, "the cross-correlation does not cross zero within a period");
     };
     let why = format!("d_tau {by_time:.2}, d_rho {by_height:.2}");

@@ -15,6 +15,7 @@
 //! Chosen here: the filter's width, and `q1 <= A/2`: a camel with more noise has one hump too, and would always fit.
 //! Limits: noise hides both humps and is taken for a valve that sticks; a load that jumps looks like a valve.
 
+use super::picture::{Layer, Picture, Tone};
 use super::{Band, Facts, Integrates, Method, Opinion};
 use crate::sysid::stats::sd;
 
@@ -26,11 +27,39 @@ const SHARE: f64 = 12.0;
 /// Bins of the histogram over ±`REACH` standard deviations.
 const BINS: usize = 33;
 const REACH: f64 = 3.3;
+const WIDTH: f64 = 2.0 * REACH / BINS as f64;
 /// Turns of the sine that the camel is averaged over.
 const TURNS: usize = 16;
 
-/// The index of a sequence whose period is so many samples; none where its second derivative does not move.
-pub fn index(y: &[f64], period: f64) -> Option<f64> {
+/// The distribution of the second derivative and the fits to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Distribution {
+    /// Density of the second derivative in its standard deviations, bin by bin over ±`REACH`.
+    density: [f64; BINS],
+    /// Standard deviation of the Gaussian that fits best.
+    gauss: f64,
+    /// Amplitude and noise of the camel that does.
+    camel: (f64, f64),
+    /// The camel's share of both misfits (-).
+    pub index: f64,
+}
+
+/// The middle of a bin.
+fn middle(bin: usize) -> f64 {
+    (bin as f64 + 0.5) * WIDTH - REACH
+}
+
+/// The density of a camel of amplitude `a` and noise `q`.
+fn camel(x: f64, a: f64, q: f64) -> f64 {
+    let hump = |i: usize| {
+        let phase = std::f64::consts::PI * ((i as f64 + 0.5) / TURNS as f64 - 0.5);
+        normal(x - a * phase.sin(), q)
+    };
+    (0..TURNS).map(hump).sum::<f64>() / TURNS as f64
+}
+
+/// The distribution of a sequence whose period is so many samples; none where its second derivative does not move.
+pub fn distribution(y: &[f64], period: f64) -> Option<Distribution> {
     let h = ((period / SHARE).round() as usize).max(1);
     let s = average(&average(y, h), h);
     let v: Vec<f64> = s.windows(2 * h + 1).map(|w| w[2 * h] - 2.0 * w[h] + w[0]).collect();
@@ -38,29 +67,38 @@ pub fn index(y: &[f64], period: f64) -> Option<f64> {
     if v.len() < 2 * BINS || !(spread.is_finite() && spread > 1e-9) {
         return None;
     }
-    let width = 2.0 * REACH / BINS as f64;
     let mut density = [0.0; BINS];
     for x in &v {
-        let bin = (x / spread + REACH) / width;
+        let bin = (x / spread + REACH) / WIDTH;
         if (0.0..BINS as f64).contains(&bin) {
-            density[bin as usize] += 1.0 / (v.len() as f64 * width);
+            density[bin as usize] += 1.0 / (v.len() as f64 * WIDTH);
         }
     }
     let error = |of: &dyn Fn(f64) -> f64| -> f64 {
-        density.iter().enumerate().map(|(i, d)| (d - of((i as f64 + 0.5) * width - REACH)).powi(2)).sum()
+        density.iter().enumerate().map(|(i, d)| (d - of(middle(i))).powi(2)).sum()
     };
-    let gauss =
-        (1..=30).map(|i| 0.05 * f64::from(i)).map(|q| error(&|x| normal(x, q))).fold(f64::INFINITY, f64::min);
-    let mut camel = f64::INFINITY;
-    for a in (3..=9).map(|i| 0.2 * f64::from(i)) {
-        for q in [0.1, 0.2, 0.3, 0.4, 0.5].map(|share| share * a) {
-            let humps: [f64; TURNS] = std::array::from_fn(|i| {
-                a * (std::f64::consts::PI * ((i as f64 + 0.5) / TURNS as f64 - 0.5)).sin()
-            });
-            camel = camel.min(error(&|x| humps.iter().map(|m| normal(x - m, q)).sum::<f64>() / TURNS as f64));
+    let mut one = (f64::INFINITY, 0.0);
+    for q in (1..=30).map(|i| 0.05 * f64::from(i)) {
+        let misfit = error(&|x| normal(x, q));
+        if misfit < one.0 {
+            one = (misfit, q);
         }
     }
-    Some(camel / (camel + gauss))
+    let mut two = (f64::INFINITY, (0.0, 0.0));
+    for a in (3..=9).map(|i| 0.2 * f64::from(i)) {
+        for q in [0.1, 0.2, 0.3, 0.4, 0.5].map(|share| share * a) {
+            let misfit = error(&|x| camel(x, a, q));
+            if misfit < two.0 {
+                two = (misfit, (a, q));
+            }
+        }
+    }
+    Some(Distribution { density, gauss: one.1, camel: two.1, index: two.0 / (two.0 + one.0) })
+}
+
+/// The index of a sequence; see [`distribution`].
+pub fn index(y: &[f64], period: f64) -> Option<f64> {
+    Some(distribution(y, period)?.index)
 }
 
 fn normal(x: f64, q: f64) -> f64 {
@@ -72,24 +110,43 @@ fn average(v: &[f64], h: usize) -> Vec<f64> {
     v.windows(h.max(1)).map(|w| w.iter().sum::<f64>() / w.len() as f64).collect()
 }
 
-/// What the method says.
-pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    let period = match facts.oscillates() {
-        Ok(period) => period,
-        Err(why) => return Opinion::cannot_tell(ME, why),
-    };
+/// The distribution of a loop's PV.
+fn look(facts: &Facts<'_>) -> Result<Distribution, String> {
+    let period = facts.oscillates()?;
     match facts.integration.answer {
         Integrates::Yes => {}
-        Integrates::No => return Opinion::cannot_tell(ME, "the process does not integrate"),
-        Integrates::Unknown => return Opinion::cannot_tell(ME, facts.integration.why()),
+        Integrates::No => return Err("the process does not integrate".into()),
+        Integrates::Unknown => return Err(facts.integration.why()),
     }
-    match index(&facts.y, period) {
-        Some(index) => Opinion::of(
-            ME,
-            index,
-            BAND,
-            format!("camel's share of the misfit to PV's second derivative {index:.2}"),
-        ),
-        None => Opinion::cannot_tell(ME, "PV's second derivative does not move"),
+    distribution(&facts.y, period).ok_or_else(|| "PV's second derivative does not move".into())
+}
+
+/// The histogram with both fits.
+pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
+    let Ok(found) = look(facts) else { return Vec::new() };
+    let bars = found.density.iter().enumerate().map(|(i, d)| (middle(i), *d)).collect();
+    let over = |of: &dyn Fn(f64) -> f64| -> Vec<(f64, f64)> {
+        (0..=120).map(|i| REACH * (f64::from(i) / 60.0 - 1.0)).map(|x| (x, of(x))).collect()
+    };
+    let (a, q) = found.camel;
+    let layers = vec![
+        Layer::bars("PV's second derivative", Tone::Data, bars, WIDTH),
+        Layer::line("two humps: a sine", Tone::Sound, over(&|x| camel(x, a, q))),
+        Layer::line("one hump: a valve that sticks", Tone::Sticks, over(&|x| normal(x, found.gauss))),
+    ];
+    let title =
+        "Distribution of PV's second derivative: one hump where the valve sticks, two where PV is a sine";
+    vec![Picture::new(title, "second derivative (standard deviations)", "density (-)", layers)]
+}
+
+/// What the method says.
+pub fn opinion(facts: &Facts<'_>) -> Opinion {
+    match look(facts) {
+        Ok(found) => {
+            let index = found.index;
+            let why = format!("camel's share of the misfit to PV's second derivative {index:.2}");
+            Opinion::of(ME, index, BAND, why)
+        }
+        Err(why) => Opinion::cannot_tell(ME, why),
     }
 }

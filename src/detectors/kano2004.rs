@@ -23,7 +23,8 @@
 //! Limits: PV stands for the stem in flow loops alone, so that processes which integrate are refused and slow ones missed;
 //! a pure dead band is found by B and hardly by A; noise hides what stands still.
 
-use super::{Band, Facts, Integrates, Method, Opinion};
+use super::picture::{Layer, Picture, Tone, excerpt};
+use super::{Band, Facts, Method, Opinion};
 use crate::sysid::stats::{mean, range, sd};
 
 /// Threshold of A's index, calibrated (-): more than a tenth of the valves that stick have an index of 0.
@@ -38,23 +39,24 @@ const MOVES: f64 = 0.1;
 /// Values of xi_max tried up to OP's range.
 const BANDS: usize = 40;
 
-/// The stem, or what stands for it.
-fn stem<'a>(facts: &'a Facts<'_>) -> Result<(&'static str, &'a [f64]), String> {
-    match (&facts.stem, facts.integration.answer) {
-        (Some(stem), _) => Ok(("the measured stem", stem)),
-        (None, Integrates::No) => Ok(("PV", &facts.y)),
-        (None, Integrates::Yes) => Err("the process integrates: PV does not stand for the stem".into()),
-        (None, Integrates::Unknown) => Err(facts.integration.why()),
-    }
+/// Where the stem stands still although OP moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Still {
+    /// Share of the samples (-).
+    pub index: f64,
+    /// Mean range of OP over the stretches (unit of OP).
+    pub s: f64,
+    /// The stretches (samples).
+    pub stretches: Vec<std::ops::Range<usize>>,
 }
 
-/// A's index, and the mean range of OP while the stem stands still.
-pub fn still(u: &[f64], y: &[f64], step: usize) -> (f64, f64) {
+/// A's index, and the mean range of OP while the stem stands still; changes are taken over `step` samples.
+pub fn still(u: &[f64], y: &[f64], step: usize) -> Still {
     let n = u.len().min(y.len());
     let changes: Vec<f64> = y[..n].windows(step + 1).map(|w| (w[step] - w[0]).abs()).collect();
     let limit = STILL * mean(&changes);
     let (low, high) = range(&u[..n]);
-    let (mut samples, mut ranges, mut from) = (0, Vec::new(), 0);
+    let (mut samples, mut ranges, mut from, mut stretches) = (0, Vec::new(), 0, Vec::new());
     for run in changes.chunk_by(|a, b| (*a <= limit) == (*b <= limit)) {
         let to = from + run.len() + step;
         if run[0] <= limit {
@@ -62,53 +64,130 @@ pub fn still(u: &[f64], y: &[f64], step: usize) -> (f64, f64) {
             if most - least > MOVES * (high - low) {
                 samples += run.len();
                 ranges.push(most - least);
+                stretches.push(from..to);
             }
         }
         from += run.len();
     }
-    (samples as f64 / n.max(1) as f64, mean(&ranges))
+    Still { index: samples as f64 / n.max(1) as f64, s: mean(&ranges), stretches }
+}
+
+/// What method A looks at: what stands for the stem, and where it stands.
+fn look_a<'a>(facts: &'a Facts<'_>) -> Result<(&'static str, &'a [f64], Still), String> {
+    let period = facts.oscillates()?;
+    let (name, stem) = facts.stem_or_pv()?;
+    let step = ((period / PARTS).round() as usize).max(1);
+    Ok((name, stem, still(&facts.u, stem, step)))
+}
+
+/// OP and stem over time, the still stretches marked.
+pub(super) fn picture_a(facts: &Facts<'_>) -> Vec<Picture> {
+    let Ok((name, stem, found)) = look_a(facts) else { return Vec::new() };
+    let shown = excerpt(facts);
+    let at = |k: usize| (k - shown.start) as f64 * facts.window.ts;
+    let over = |v: &[f64]| shown.clone().map(|k| (at(k), v[k])).collect();
+    let stands = found.stretches.iter().flat_map(Clone::clone).filter(|k| shown.contains(k));
+    let layers = vec![
+        Layer::line("OP", Tone::Beside, over(&facts.u)),
+        Layer::line(name, Tone::Data, over(stem)),
+        Layer::dots("stands still while OP moves", Tone::Sticks, stands.map(|k| (at(k), stem[k])).collect()),
+    ];
+    let title =
+        format!("A few periods from the middle of the record: where {name} stands still while OP moves");
+    vec![Picture::new(title, "time (s)", "standard deviations", layers)]
 }
 
 /// What method A says.
 pub fn opinion_a(facts: &Facts<'_>) -> Opinion {
     const ME: Method = Method::Kano2004A;
-    let (period, (name, stem)) = match facts.oscillates().and_then(|period| Ok((period, stem(facts)?))) {
+    let (name, _, Still { index, s, .. }) = match look_a(facts) {
         Ok(found) => found,
         Err(why) => return Opinion::cannot_tell(ME, why),
     };
-    let step = ((period / PARTS).round() as usize).max(1);
-    let (index, s) = still(&facts.u, stem, step);
     let why = format!("{name} stands still and OP moves for {:.0} % of the time", 100.0 * index);
     Opinion::of(ME, index, BAND_A, why)
         .with(s * facts.unit, "mean movement of OP while the stem stands still")
 }
 
-/// B's index and xi_max; none where nothing correlates.
-pub fn parallelogram(u: &[f64], y: &[f64]) -> Option<(f64, f64)> {
+/// The parallelogram that fits best.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parallelogram {
+    /// B's index (-).
+    pub index: f64,
+    /// xi_max (unit of OP).
+    pub s: f64,
+    /// |r| over xi_max.
+    pub tried: Vec<(f64, f64)>,
+}
+
+/// The stem of a valve that lags behind OP by up to `top` on one side.
+fn behind(u: &[f64], top: f64) -> Vec<f64> {
+    let (mut xi, mut before) = (0.5 * top, u.first().copied().unwrap_or(0.0));
+    let step = |u: &f64| {
+        xi = (xi + u - before).min(top).max(0.0);
+        before = *u;
+        u - xi
+    };
+    u.iter().map(step).collect()
+}
+
+/// The parallelogram of OP and stem; none where nothing correlates.
+pub fn parallelogram(u: &[f64], y: &[f64]) -> Option<Parallelogram> {
+    if u.is_empty() {
+        return None;
+    }
     let (low, high) = range(u);
-    let mut plain = None;
-    let mut best = (f64::NEG_INFINITY, 0.0);
+    let (mut tried, mut best) = (Vec::with_capacity(BANDS), (f64::NEG_INFINITY, 0.0));
     for i in 0..BANDS {
         let top = (high - low) * i as f64 / BANDS as f64;
-        let (mut xi, mut before) = (0.5 * top, *u.first()?);
-        let stem: Vec<f64> = u
-            .iter()
-            .map(|u| {
-                xi = (xi + u - before).min(top).max(0.0);
-                before = *u;
-                u - xi
-            })
-            .collect();
-        let r = correlation(&stem, y)?.abs();
-        plain = plain.or(Some(r));
+        let r = correlation(&behind(u, top), y)?.abs();
+        tried.push((top, r));
         if r > best.0 {
             best = (r, top);
         }
     }
-    let plain = plain?;
+    let plain = tried.first()?.1;
     // Without a dead band the correlation may be perfect already: nothing is left to improve.
     let left = (1.0 - plain).max(1e-9);
-    Some(((best.0 - plain) / left, best.1))
+    Some(Parallelogram { index: (best.0 - plain) / left, s: best.1, tried })
+}
+
+/// What method B looks at: what stands for the stem, and the parallelogram.
+fn look_b<'a>(facts: &'a Facts<'_>) -> Result<(&'static str, &'a [f64], Parallelogram), String> {
+    facts.oscillates()?;
+    let (name, stem) = facts.stem_or_pv()?;
+    let found = parallelogram(&facts.u, stem).ok_or("OP and PV do not correlate")?;
+    Ok((name, stem, found))
+}
+
+/// OP against the stem with the parallelogram, and how its width was found.
+pub(super) fn picture_b(facts: &Facts<'_>) -> Vec<Picture> {
+    let Ok((name, stem, found)) = look_b(facts) else { return Vec::new() };
+    let shown = excerpt(facts);
+    let lagging = behind(&facts.u, found.s);
+    // The line through both that the correlation stands for.
+    let (mx, my) = (mean(&lagging), mean(stem));
+    let slope = correlation(&lagging, stem).unwrap_or(0.0) * sd(stem) / sd(&lagging);
+    let path = shown.clone().map(|k| (facts.u[k], stem[k])).collect();
+    let fitted = shown.map(|k| (facts.u[k], my + slope * (lagging[k] - mx))).collect();
+    let layers =
+        vec![Layer::line("path", Tone::Data, path), Layer::line("parallelogram", Tone::Sticks, fitted)];
+    let widths = found.tried.iter().map(|(top, r)| (top * facts.unit, *r)).collect();
+    let best = vec![
+        Layer::line("correlation", Tone::Data, widths),
+        Layer::upright("the best", Tone::Sticks, found.s * facts.unit),
+    ];
+    let y = format!("{name} (standard deviations)");
+    let title = format!("OP against {name}, and the parallelogram that follows it best");
+    vec![
+        Picture::new(title, "OP (standard deviations)", &y, layers),
+        Picture::new(
+            "How well a parallelogram follows, by its width",
+            "width S (OP unit)",
+            "correlation (-)",
+            best,
+        ),
+    ]
 }
 
 fn correlation(a: &[f64], b: &[f64]) -> Option<f64> {
@@ -121,12 +200,9 @@ fn correlation(a: &[f64], b: &[f64]) -> Option<f64> {
 /// What method B says.
 pub fn opinion_b(facts: &Facts<'_>) -> Opinion {
     const ME: Method = Method::Kano2004B;
-    let (_, (name, stem)) = match facts.oscillates().and_then(|period| Ok((period, stem(facts)?))) {
+    let (name, _, Parallelogram { index, s, .. }) = match look_b(facts) {
         Ok(found) => found,
         Err(why) => return Opinion::cannot_tell(ME, why),
-    };
-    let Some((index, s)) = parallelogram(&facts.u, stem) else {
-        return Opinion::cannot_tell(ME, "OP and PV do not correlate");
     };
     let why =
         format!("a parallelogram explains {:.0} % of what a line of OP and {name} leaves", 100.0 * index);

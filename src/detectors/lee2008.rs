@@ -15,6 +15,7 @@
 //! Limits: least squares is biased by noise on PV, and takes a load of a valve's shape for one. A delay beyond ten samples is
 //! not found.
 
+use super::picture::{Layer, Picture, Tone};
 use super::{Band, Facts, Method, Opinion};
 use crate::sysid::gram::{Column, gram};
 use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
@@ -55,8 +56,17 @@ pub struct Estimate {
     pub range: f64,
 }
 
-/// The best valve of the grid; none where OP reverses too little.
-pub fn estimate(facts: &Facts<'_>) -> Option<Estimate> {
+/// The best valve, and the grid that it was found in.
+struct Searched {
+    estimate: Estimate,
+    /// Loss of a valve that follows OP.
+    plain: f64,
+    /// The grid's valves, J by J, S ascending (OP in its standard deviations).
+    grid: Vec<Fitted>,
+}
+
+/// Searches; none where OP reverses too little.
+fn search(facts: &Facts<'_>) -> Option<Searched> {
     if facts.region.reversals(0, facts.len()) < LEAST_REVERSALS {
         return None;
     }
@@ -71,19 +81,46 @@ pub fn estimate(facts: &Facts<'_>) -> Option<Estimate> {
             grid.push(models.valve(facts, step * i as f64, jump as f64 / JUMPS as f64, &BEFORE[..1]));
         }
     }
-    grid.sort_by(|a, b| a.loss.total_cmp(&b.loss));
-    for leader in grid.into_iter().take(LEADERS) {
+    let mut leaders = grid.clone();
+    leaders.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+    for leader in leaders.into_iter().take(LEADERS) {
         best = best.or(models.near(facts, leader, step, range));
     }
     let Fitted { loss, delay, .. } = best;
     let (s, j) = (best.s * facts.unit, best.j * best.s * facts.unit);
-    Some(Estimate {
+    let estimate = Estimate {
         fs: 0.5 * (s + j),
         fd: 0.5 * (s - j),
         delay,
         index: ((plain + FLOOR) / (loss + FLOOR)).ln(),
         range: range * facts.unit,
-    })
+    };
+    Some(Searched { estimate, plain, grid })
+}
+
+/// The best valve of the grid; none where OP reverses too little.
+pub fn estimate(facts: &Facts<'_>) -> Option<Estimate> {
+    Some(search(facts)?.estimate)
+}
+
+/// The error of the grid's valves over S, for the least, a middle and the largest J.
+pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
+    let Some(found) = search(facts) else { return Vec::new() };
+    let mut layers = vec![Layer::level("without friction", Tone::Sound, 100.0)];
+    let of = |jump: usize| -> Vec<(f64, f64)> {
+        let valves = found.grid.chunks(COARSE - 1).nth(jump).into_iter().flatten();
+        valves.map(|v| (v.s * facts.unit, 100.0 * (v.loss + FLOOR) / (found.plain + FLOOR))).collect()
+    };
+    layers.push(Layer::line("J = 0", Tone::Data, of(0)));
+    layers.push(Layer::line("J = 0.4 S", Tone::Beside, of(2)));
+    layers.push(Layer::line("J = S", Tone::Sticks, of(JUMPS)));
+    let Estimate { fs, fd, .. } = found.estimate;
+    if fs + fd > 0.0 {
+        layers.push(Layer::upright("the best S", Tone::Mark, fs + fd));
+    }
+    let title =
+        "Error of a linear model behind a valve, by its dead band plus stick band S and its slip jump J";
+    vec![Picture::new(title, "S (OP unit)", "error (% of that without friction)", layers)]
 }
 
 /// A valve of the grid and how well it fits.

@@ -17,9 +17,11 @@ pub mod kano2004;
 pub mod lee2008;
 mod opinion;
 pub mod oscillation;
+pub mod picture;
 pub mod rossi_scali2005;
 pub mod srinivasan2005;
 pub mod stem_loop;
+pub mod tally;
 #[cfg(test)]
 mod tests;
 pub mod yamashita2006;
@@ -28,6 +30,7 @@ pub use agreement::{Agreement, agreement};
 pub use facts::Facts;
 pub use integration::{Integrates, Integration};
 pub use opinion::{Band, Method, Opinion, Quantity, Says};
+pub use picture::{Picture, picture};
 
 use crate::signal::Window;
 

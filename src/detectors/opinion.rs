@@ -63,6 +63,29 @@ impl Method {
             Method::RossiScali2005 => "rossi_scali_2005",
         }
     }
+
+    /// The method that [`Method::as_str`] writes so.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|method| method.as_str() == name)
+    }
+
+    /// What people call it: who, when, what it looks at.
+    pub fn title(self) -> &'static str {
+        match self {
+            Method::StemLoop => "Measured stem against OP",
+            Method::Horch1999 => "Horch 1999, cross-correlation",
+            Method::Horch2000 => "Horch 2000, second derivative",
+            Method::Yamashita2006 => "Yamashita 2006, qualitative shapes",
+            Method::Kano2004A => "Kano 2004 A, standstill",
+            Method::Kano2004B => "Kano 2004 B, parallelogram",
+            Method::He2007 => "He 2007, curve fit",
+            Method::Choudhury2006 => "Choudhury 2006, bicoherence",
+            Method::Srinivasan2005Shape => "Srinivasan 2005, shapes",
+            Method::Srinivasan2005D => "Srinivasan 2005, stick band d",
+            Method::Lee2008 => "Lee 2008, grid of S and J",
+            Method::RossiScali2005 => "Rossi & Scali 2005, relay fit",
+        }
+    }
 }
 
 /// What a method says of the valve.

@@ -16,7 +16,8 @@
 //! Limits: noise draws S_I to 0; a self-regulating process that is slow beside the cycle, and one of higher order, make
 //! PV a sine; a square or triangular load looks like a valve.
 
-use super::half_cycles::{LEAST_SAMPLES, fit, sine, triangle};
+use super::half_cycles::{HalfCycle, LEAST_SAMPLES, fit, sine, triangle};
+use super::picture::{Layer, Picture, Tone, curve};
 use super::{Band, Facts, Method, Opinion};
 
 const ME: Method = Method::RossiScali2005;
@@ -37,31 +38,84 @@ pub fn relay(s: f64, ratio: f64) -> f64 {
     }
 }
 
-/// What the method says.
-pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    if let Err(why) = facts.oscillates() {
-        return Opinion::cannot_tell(ME, why);
+/// The shapes that a relay can make, each up to its height: a triangle, and one response for every ratio.
+fn response(shape: usize, s: f64) -> f64 {
+    match shape.checked_sub(1).and_then(|at| RATIOS.get(at)) {
+        Some(ratio) => relay(s, *ratio),
+        None => triangle(s, 0.5),
     }
-    let cycles = &facts.pv;
-    let (mut sin, mut best, mut count) = (0.0, [0.0; RATIOS.len() + 1], 0);
-    for half in &cycles.halves {
-        let samples = cycles.samples(half);
-        let n = samples.clone().count();
-        if n < LEAST_SAMPLES {
+}
+
+/// What the method looks at: half cycles and the height of the sine in each, and the mean squared errors.
+struct Looked {
+    halves: Vec<(HalfCycle, f64)>,
+    /// Of the sine, summed over the half cycles.
+    sine: f64,
+    /// Of the best of the relay's shapes, summed likewise, and which it is.
+    relay: (f64, usize),
+}
+
+impl Looked {
+    /// S_I.
+    fn index(&self) -> f64 {
+        (self.sine - self.relay.0) / (self.sine + self.relay.0)
+    }
+}
+
+fn look(facts: &Facts<'_>) -> Result<Looked, String> {
+    facts.oscillates()?;
+    let (mut sum, mut errors, mut halves) = (0.0, [0.0; RATIOS.len() + 1], Vec::new());
+    for half in &facts.pv.halves {
+        let samples = facts.pv.samples(half);
+        let n = samples.clone().count() as f64;
+        if n < LEAST_SAMPLES as f64 {
             continue;
         }
-        sin += fit(samples.clone(), sine).0 / n as f64;
-        best[0] += fit(samples.clone(), |s| triangle(s, 0.5)).0 / n as f64;
+        let (sse, height) = fit(samples.clone(), sine);
+        sum += sse / n;
         // One process has one time constant: it is the same in all half cycles.
-        for (sum, ratio) in best[1..].iter_mut().zip(RATIOS) {
-            *sum += fit(samples.clone(), |s| relay(s, ratio)).0 / n as f64;
+        for (shape, error) in errors.iter_mut().enumerate() {
+            *error += fit(samples.clone(), |s| response(shape, s)).0 / n;
         }
-        count += 1;
+        halves.push((*half, height));
     }
+    let count = halves.len();
     if count < LEAST_HALVES {
-        return Opinion::cannot_tell(ME, format!("PV has {count} half cycles, {LEAST_HALVES} are needed"));
+        return Err(format!("PV has {count} half cycles, {LEAST_HALVES} are needed"));
     }
-    let relay = best.into_iter().fold(f64::INFINITY, f64::min);
-    let index = (sin - relay) / (sin + relay);
-    Opinion::of(ME, index, BAND, format!("{count} half cycles of PV: S_I {index:.2}"))
+    let best = errors.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
+    let relay = best.map_or((f64::INFINITY, 0), |(shape, error)| (*error, shape));
+    Ok(Looked { halves, sine: sum, relay })
+}
+
+/// The half cycles of PV laid over each other, each divided by the height of its sine, with the sine and the relay's response.
+pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
+    let Ok(found) = look(facts) else { return Vec::new() };
+    let raised = found.halves.iter().filter(|(_, height)| *height > 0.0);
+    let dots: Vec<(f64, f64)> = raised
+        .flat_map(|(half, height)| facts.pv.samples(half).map(|(s, v)| (s, v / height)).collect::<Vec<_>>())
+        .collect();
+    let shape = found.relay.1;
+    let (_, height) = fit(dots.iter().copied(), |s| response(shape, s));
+    let layers = vec![
+        Layer::dots("half cycles of PV", Tone::Data, dots),
+        Layer::line("sine", Tone::Sound, curve(sine)),
+        Layer::line("response to a relay", Tone::Sticks, curve(|s| height * response(shape, s))),
+    ];
+    let title = format!(
+        "{} half cycles of PV over each other: a relay's response where the valve sticks",
+        found.halves.len()
+    );
+    vec![Picture::new(title, "from crossing to crossing (-)", "height (of the fitted sine)", layers)]
+}
+
+/// What the method says.
+pub fn opinion(facts: &Facts<'_>) -> Opinion {
+    match look(facts) {
+        Ok(found) => {
+            let index = found.index();
+            Opinion::of(ME, index, BAND, format!("{} half cycles of PV: S_I {index:.2}", found.halves.len()))
+        }
+        Err(why) => Opinion::cannot_tell(ME, why),
+    }
 }

@@ -19,6 +19,7 @@
 //! for a pure dead band.
 
 use super::half_cycles::{Cycles, sine, triangle};
+use super::picture::{Layer, Picture, Tone, excerpt};
 use super::{Band, Facts, Integrates, Method, Opinion};
 use crate::diagnosis::{Settings, verdict};
 use crate::sysid::stats::{mean, sd};
@@ -45,6 +46,15 @@ pub enum Shape {
 }
 
 impl Shape {
+    /// What it is called.
+    pub fn name(self) -> &'static str {
+        match self {
+            Shape::Sine => "sine",
+            Shape::Triangle => "triangle",
+            Shape::Square => "square wave",
+        }
+    }
+
     /// Its points, of unit variance, from an upward crossing on.
     pub fn points(self) -> Vec<f64> {
         let of = |i: usize| -> f64 {
@@ -99,39 +109,101 @@ fn votes(periods: &[Vec<f64>], shape: Shape) -> usize {
     periods.iter().filter(|v| distance(v, &shape) < distance(v, &sine)).count()
 }
 
+/// What part 1 looks at: a signal's name, the shape that a valve that sticks gives it, and its periods.
+type Asked = (&'static str, Shape, Vec<Vec<f64>>);
+
+fn look_shape(facts: &Facts<'_>) -> Result<Vec<Asked>, String> {
+    facts.oscillates()?;
+    let asked: &[(&'static str, &Cycles, Shape)] = match facts.integration.answer {
+        Integrates::No => &[("OP", &facts.op, Shape::Triangle), ("PV", &facts.pv, Shape::Square)],
+        Integrates::Yes => &[("PV", &facts.pv, Shape::Triangle)],
+        Integrates::Unknown => return Err(facts.integration.why()),
+    };
+    let asked: Vec<Asked> =
+        asked.iter().map(|(name, cycles, shape)| (*name, *shape, periods(cycles))).collect();
+    let count: usize = asked.iter().map(|(.., periods)| periods.len()).sum();
+    if count < LEAST_PERIODS {
+        return Err(format!("{count} whole periods, {LEAST_PERIODS} are needed"));
+    }
+    Ok(asked)
+}
+
+/// The periods of each signal laid over each other, with both templates.
+pub(super) fn picture_shape(facts: &Facts<'_>) -> Vec<Picture> {
+    let over = |points: &[f64]| -> Vec<(f64, f64)> {
+        points.iter().enumerate().map(|(i, v)| ((i as f64 + 0.5) / POINTS as f64, *v)).collect()
+    };
+    let one = |(name, shape, periods): Asked| {
+        let layers = vec![
+            Layer::dots(
+                format!("periods of {name}"),
+                Tone::Data,
+                periods.iter().flat_map(|v| over(v)).collect(),
+            ),
+            Layer::line("sine", Tone::Sound, over(&Shape::Sine.points())),
+            Layer::line(shape.name(), Tone::Sticks, over(&shape.points())),
+        ];
+        let nearer = votes(&periods, shape);
+        let title = format!(
+            "{nearer} of {} periods of {name} are nearer to a {} than to a sine",
+            periods.len(),
+            shape.name()
+        );
+        Picture::new(title, "phase (-)", "standard deviations", layers)
+    };
+    look_shape(facts).into_iter().flatten().map(one).collect()
+}
+
 /// What part 1 says.
 pub fn opinion_shape(facts: &Facts<'_>) -> Opinion {
     const ME: Method = Method::Srinivasan2005Shape;
-    if let Err(why) = facts.oscillates() {
-        return Opinion::cannot_tell(ME, why);
-    }
-    let asked: &[(&Cycles, Shape)] = match facts.integration.answer {
-        Integrates::No => &[(&facts.op, Shape::Triangle), (&facts.pv, Shape::Square)],
-        Integrates::Yes => &[(&facts.pv, Shape::Triangle)],
-        Integrates::Unknown => return Opinion::cannot_tell(ME, facts.integration.why()),
+    let asked = match look_shape(facts) {
+        Ok(asked) => asked,
+        Err(why) => return Opinion::cannot_tell(ME, why),
     };
-    let (mut sticking, mut count) = (0, 0);
-    for (cycles, shape) in asked {
-        let periods = periods(cycles);
-        sticking += votes(&periods, *shape);
-        count += periods.len();
-    }
-    if count < LEAST_PERIODS {
-        return Opinion::cannot_tell(ME, format!("{count} whole periods, {LEAST_PERIODS} are needed"));
-    }
+    let sticking: usize = asked.iter().map(|(_, shape, periods)| votes(periods, *shape)).sum();
+    let count: usize = asked.iter().map(|(.., periods)| periods.len()).sum();
     let index = sticking as f64 / count as f64;
     Opinion::of(ME, index, BY_SHAPE, format!("{sticking} of {count} periods of a valve's shape"))
+}
+
+/// d (OP unit): part 2.
+fn look_d(facts: &Facts<'_>) -> Result<f64, String> {
+    let (problem, scale) =
+        verdict::pose(&facts.window, &facts.region, &Settings::default()).map_err(|why| why.to_string())?;
+    Ok(verdict::best_d(&problem) * scale.u)
+}
+
+/// OP, and the stem that d makes of it, over time.
+pub(super) fn picture_d(facts: &Facts<'_>) -> Vec<Picture> {
+    let Ok(d) = look_d(facts) else { return Vec::new() };
+    let op = &facts.window.op;
+    let mut stem = op.first().copied().unwrap_or(0.0);
+    let jumping: Vec<f64> = op
+        .iter()
+        .map(|u| {
+            stem = if (u - stem).abs() <= d { stem } else { *u };
+            stem
+        })
+        .collect();
+    let shown = excerpt(facts);
+    let at = |k: usize| (k - shown.start) as f64 * facts.window.ts;
+    let over = |v: &[f64]| shown.clone().map(|k| (at(k), v[k])).collect();
+    let layers = vec![
+        Layer::line("OP", Tone::Data, over(op)),
+        Layer::line("stem that jumps once OP is d away", Tone::Sticks, over(&jumping)),
+    ];
+    let title = "A few periods from the middle of the record: OP, and the stem that fits best";
+    vec![Picture::new(title, "time (s)", "OP unit", layers)]
 }
 
 /// What part 2 says.
 pub fn opinion_d(facts: &Facts<'_>) -> Opinion {
     const ME: Method = Method::Srinivasan2005D;
-    let settings = Settings::default();
-    let (problem, scale) = match verdict::pose(&facts.window, &facts.region, &settings) {
-        Ok(posed) => posed,
-        Err(why) => return Opinion::cannot_tell(ME, why.to_string()),
+    let d = match look_d(facts) {
+        Ok(d) => d,
+        Err(why) => return Opinion::cannot_tell(ME, why),
     };
-    let d = verdict::best_d(&problem) * scale.u;
     let index = d / (facts.op_range() * facts.unit);
     Opinion::of(ME, index, BY_D, format!("d is {:.0} % of OP's range", 100.0 * index)).with(d, "stick band d")
 }

@@ -13,9 +13,10 @@
 //! Limits: a positioner that is slow, or a stem that is stored as OP, has no loop; a lag of the positioner beyond the delays
 //! tried widens it.
 
+use super::picture::{Layer, Picture, Tone, excerpt};
 use super::{Band, Facts, Method, Opinion};
 use crate::sysid::least_squares::{dot, total};
-use crate::sysid::stats::range;
+use crate::sysid::stats::mean;
 use crate::sysid::valve::{StopRule, ValveModel};
 
 const ME: Method = Method::StemLoop;
@@ -38,35 +39,47 @@ pub struct Loop {
     pub s: f64,
     /// Slip jump.
     pub j: f64,
+    /// What the stem does where OP stops.
+    pub rule: StopRule,
     /// Share explained (-).
     pub index: f64,
 }
 
+impl Loop {
+    /// The valve that was fitted.
+    fn valve(&self, facts: &Facts<'_>) -> ValveModel {
+        ValveModel { s: self.s, j: self.j, ..plain(facts, self.rule) }
+    }
+}
+
+/// A valve without friction that knows when OP has stopped.
+fn plain(facts: &Facts<'_>, rule: StopRule) -> ValveModel {
+    ValveModel { rule, resolution: RESOLUTION * facts.op_range(), ..ValveModel::default() }
+}
+
 /// Fits the valve to a stem.
 pub fn fit(facts: &Facts<'_>, stem: &[f64]) -> Loop {
-    let (low, high) = range(&facts.u);
-    let plain = left(&facts.u, stem);
-    let mut best = (plain, 0.0, 0.0);
+    let without = left(&facts.u, stem);
+    let mut best = (without, 0.0, 0.0, StopRule::Stop);
     let (mut x, mut dir) = (Vec::new(), Vec::new());
-    let mut offer = |s: f64, j: f64, best: &mut (f64, f64, f64)| {
+    let mut offer = |s: f64, j: f64, best: &mut (f64, f64, f64, StopRule)| {
         for rule in [StopRule::Stop, StopRule::Slip] {
-            let resolution = RESOLUTION * (high - low);
-            let valve = ValveModel { s, j, rule, resolution, ..ValveModel::default() };
+            let valve = ValveModel { s, j, ..plain(facts, rule) };
             valve.run(&facts.u, facts.start, facts.len(), &mut x, &mut dir);
             let left = left(&x, stem);
             if left < best.0 {
-                *best = (left, s, j);
+                *best = (left, s, j, rule);
             }
         }
     };
-    let step = (high - low) / BANDS as f64;
+    let step = facts.op_range() / BANDS as f64;
     for i in 1..BANDS {
         for j in 0..=JUMPS {
             let s = step * i as f64;
             offer(s, s * j as f64 / JUMPS as f64, &mut best);
         }
     }
-    let (_, s, j) = best;
+    let (_, s, j, _) = best;
     for a in -4..=4 {
         for b in -4..=4 {
             let (s, j) = (s + 0.25 * step * f64::from(a), j + 0.25 * s / JUMPS as f64 * f64::from(b));
@@ -75,8 +88,8 @@ pub fn fit(facts: &Facts<'_>, stem: &[f64]) -> Loop {
             }
         }
     }
-    let (left, s, j) = best;
-    Loop { s, j, index: 1.0 - (left + FLOOR) / (plain + FLOOR) }
+    let (left, s, j, rule) = best;
+    Loop { s, j, rule, index: 1.0 - (left + FLOOR) / (without + FLOOR) }
 }
 
 /// Share of the stem's variance that a line of `x`, some samples late, leaves.
@@ -95,14 +108,39 @@ fn left(x: &[f64], stem: &[f64]) -> f64 {
         .fold(1.0, f64::min)
 }
 
+/// The loop of OP and the stem, and the stem that the fitted valve would make.
+pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
+    let Some(stem) = &facts.stem else { return Vec::new() };
+    let found = fit(facts, stem);
+    let (mut x, mut dir) = (Vec::new(), Vec::new());
+    found.valve(facts).run(&facts.u, facts.start, facts.len(), &mut x, &mut dir);
+    // The line of the fitted stem and the measured one, on which the misfit is judged.
+    let (mx, my) = (mean(&x), mean(stem));
+    let slope = {
+        let moved = x.iter().zip(stem).map(|(x, m)| (x - mx) * (m - my)).sum::<f64>();
+        moved / x.iter().map(|x| (x - mx).powi(2)).sum::<f64>()
+    };
+    let shown = excerpt(facts);
+    let path = shown.clone().map(|k| (facts.u[k], stem[k])).collect();
+    let fitted = shown.map(|k| (facts.u[k], my + slope * (x[k] - mx))).collect();
+    let layers = vec![
+        Layer::line("measured", Tone::Data, path),
+        Layer::line("valve with the fitted S and J", Tone::Sticks, fitted),
+    ];
+    let title = "The measured stem against OP: a line where the valve follows, a loop where it sticks";
+    vec![Picture::new(title, "OP (standard deviations)", "stem (standard deviations)", layers)]
+}
+
 /// What the loop says.
 pub fn opinion(facts: &Facts<'_>) -> Opinion {
     let Some(stem) = &facts.stem else { return Opinion::cannot_tell(ME, "no stem that moves is measured") };
     let found = fit(facts, stem);
-    let (s, j) = (found.s * facts.unit, found.j * facts.unit);
+    let percent = 100.0 / facts.op_range();
     let why = format!(
-        "S {s:.3}, J {j:.3} explain {:.0} % of what a line of OP and stem leaves",
+        "S {:.0} and J {:.0} % of OP's range explain {:.0} % of what a line of OP and stem leaves",
+        found.s * percent,
+        found.j * percent,
         100.0 * found.index
     );
-    Opinion::of(ME, found.index, BAND, why).with(s, "dead band plus stick band S")
+    Opinion::of(ME, found.index, BAND, why).with(found.s * facts.unit, "dead band plus stick band S")
 }

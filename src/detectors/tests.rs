@@ -425,3 +425,63 @@ proptest! {
         agreement(&all, Some(true), true);
     }
 }
+
+#[test]
+fn every_opinion_with_an_index_has_a_picture_that_is_bounded() {
+    for (window, integrates) in [
+        (sticking(), false),
+        (loaded(), false),
+        (window(sine, triangle, 0.75), true),
+        (window(sine, sine, 0.75), true),
+    ] {
+        let window = Window { mv: Some(window.pv.clone()), ..window };
+        let facts = Facts::new(&window, Some(integrates)).expect("the signals move");
+        for method in Method::ALL {
+            let (said, drawn) = (opinion(method, &facts), picture(method, &facts));
+            assert!(said.index.is_none() || !drawn.is_empty(), "{said:?}");
+            for picture in drawn {
+                assert!(picture.x.from < picture.x.to && picture.y.from < picture.y.to, "{method:?}");
+                assert!(picture.layers.iter().all(|layer| bounded(&layer.mark)), "{method:?}");
+                assert!(!picture.layers.is_empty() && !picture.title.is_empty());
+            }
+        }
+    }
+}
+
+fn bounded(mark: &picture::Mark) -> bool {
+    use picture::Mark;
+    match mark {
+        Mark::Line(points) | Mark::Dots(points) | Mark::Bars { points, .. } => {
+            points.len() <= picture::MOST_POINTS && points.iter().all(|(x, y)| x.is_finite() && y.is_finite())
+        }
+        Mark::Level(at) | Mark::Upright(at) => at.is_finite(),
+        Mark::Cells { columns, values, .. } => {
+            *columns > 0 && values.len() % columns == 0 && values.len() <= 50 * 50
+        }
+    }
+}
+
+#[test]
+fn pictures_hold_the_numbers_that_opinions_rest_on() {
+    use picture::{Mark, Tone};
+    let window = sticking();
+    let facts = Facts::new(&window, Some(false)).expect("the signals move");
+    // Horch: the correlation is odd, so that it is zero at lag 0, and crosses zero half a period away on one side.
+    let [drawn] = &picture(Method::Horch1999, &facts)[..] else { panic!("one picture") };
+    let at_zero = drawn.layers.iter().find(|layer| layer.name == "r at lag 0").expect("it is marked");
+    assert!(matches!(&at_zero.mark, Mark::Dots(points) if points.len() == 1 && points[0].1.abs() < 0.05));
+    let uprights = drawn.layers.iter().filter(|layer| matches!(layer.mark, Mark::Upright(_)));
+    assert_eq!(uprights.count(), 2);
+    // He: the triangle that is drawn has its peak where OP has it, in the middle, and is higher than the sine.
+    let [drawn] = &picture(Method::He2007, &facts)[..] else { panic!("one picture") };
+    let triangle = drawn.layers.iter().find(|layer| layer.tone == Tone::Sticks).expect("it is drawn");
+    let Mark::Line(points) = &triangle.mark else { panic!("a line") };
+    let top = points.iter().max_by(|a, b| a.1.total_cmp(&b.1)).expect("points");
+    assert!((top.0 - 0.5).abs() < 0.06 && top.1 > 1.0, "{top:?}");
+    // Kano: the samples that stand still are those of the stem's two levels.
+    let [drawn] = &picture(Method::Kano2004A, &facts)[..] else { panic!("one picture") };
+    let still = drawn.layers.iter().find(|layer| layer.tone == Tone::Sticks).expect("it is drawn");
+    assert!(
+        matches!(&still.mark, Mark::Dots(points) if points.len() > 100 && points.iter().all(|p| (p.1.abs() - 1.0).abs() < 0.1))
+    );
+}

@@ -20,7 +20,8 @@
 //! random and draws rho_3 below 0.25; where PV is a sample late the slip coincides with the turn of OP (DI), which rho_3 takes
 //! for impossible.
 
-use super::{Band, Facts, Integrates, Method, Opinion};
+use super::picture::{Layer, Picture, Tone, excerpt};
+use super::{Band, Facts, Method, Opinion};
 use crate::sysid::stats::{mean, sd};
 
 const ME: Method = Method::Yamashita2006;
@@ -54,49 +55,105 @@ pub fn symbols(v: &[f64], step: usize) -> Vec<i8> {
     changes.into_iter().map(of).collect()
 }
 
+/// What a symbol of OP and stem is taken for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Neither moves.
+    Still,
+    /// No sticking state.
+    Moves,
+    /// Sticking, and left as a stem that slips leaves it.
+    Slips,
+    /// Sticking, and left as no stem could.
+    Impossible,
+    /// Sticking, and left for a standstill or not at all.
+    Ends,
+}
+
+/// The states of the symbols of OP and stem.
+pub fn states(u: &[i8], x: &[i8]) -> Vec<State> {
+    let pairs: Vec<(i8, i8)> = u.iter().copied().zip(x.iter().copied()).collect();
+    let mut found = Vec::with_capacity(pairs.len());
+    for run in pairs.chunk_by(|a, b| a == b) {
+        let next = pairs.get(found.len() + run.len());
+        let state = match run[0] {
+            (0, 0) => State::Still,
+            (0, _) => State::Moves,
+            (way, 0) => match next.map(|(u, x)| (way * u, way * x)) {
+                Some((1 | 0, 1)) => State::Slips,
+                Some((0, 0)) | None => State::Ends,
+                Some(_) => State::Impossible,
+            },
+            _ => State::Moves,
+        };
+        found.extend(run.iter().map(|_| state));
+    }
+    found
+}
+
 /// The shares from the symbols of OP and stem; none where nothing moves.
 pub fn shares(u: &[i8], x: &[i8]) -> Option<Shares> {
-    let states: Vec<(i8, i8)> = u.iter().copied().zip(x.iter().copied()).collect();
-    let moving = states.iter().filter(|state| **state != (0, 0)).count();
-    let (mut sticking, mut slips, mut impossible, mut end) = (0, 0, 0, 0);
-    for run in states.chunk_by(|a, b| a == b) {
-        end += run.len();
-        let (way, 0) = run[0] else { continue };
-        if way == 0 {
-            continue;
-        }
-        sticking += run.len();
-        match states.get(end).map(|(u, x)| (way * u, way * x)) {
-            Some((1 | 0, 1)) => slips += run.len(),
-            Some((0, 0)) | None => {}
-            Some(_) => impossible += run.len(),
-        }
+    Shares::of(&states(u, x))
+}
+
+impl Shares {
+    fn of(states: &[State]) -> Option<Self> {
+        let count = |of: &[State]| states.iter().filter(|state| of.contains(state)).count() as f64;
+        let moving = states.len() as f64 - count(&[State::Still]);
+        let sticking = count(&[State::Slips, State::Impossible, State::Ends]);
+        (moving > 0.0).then(|| Self {
+            rho_1: sticking / moving,
+            rho_2: count(&[State::Slips]) / moving,
+            rho_3: (sticking - count(&[State::Impossible])) / moving,
+        })
     }
-    let share = |count: usize| count as f64 / moving as f64;
-    (moving > 0).then(|| Shares {
-        rho_1: share(sticking),
-        rho_2: share(slips),
-        rho_3: share(sticking) - share(impossible),
-    })
+}
+
+/// What the method looks at.
+struct Looked<'a> {
+    /// What stands for the stem, in its standard deviations.
+    name: &'static str,
+    stem: &'a [f64],
+    /// Samples of a symbol.
+    step: usize,
+    states: Vec<State>,
+}
+
+fn look<'a>(facts: &'a Facts<'_>) -> Result<Looked<'a>, String> {
+    let period = facts.oscillates()?;
+    let (name, stem) = facts.stem_or_pv()?;
+    let step = ((period / PARTS).round() as usize).max(1);
+    Ok(Looked { name, stem, step, states: states(&symbols(&facts.u, step), &symbols(stem, step)) })
+}
+
+/// OP against the stem, the sticking samples marked.
+pub(super) fn picture(facts: &Facts<'_>) -> Vec<Picture> {
+    let Ok(found) = look(facts) else { return Vec::new() };
+    let shown = excerpt(facts);
+    let path = shown.clone().map(|k| (facts.u[k], found.stem[k])).collect();
+    let at = |wanted: &[State]| -> Vec<(f64, f64)> {
+        let state = |k: &usize| found.states.get(k / found.step).is_some_and(|state| wanted.contains(state));
+        shown.clone().filter(state).map(|k| (facts.u[k], found.stem[k])).collect()
+    };
+    let layers = vec![
+        Layer::line("path", Tone::Data, path),
+        Layer::dots("stands, and then slips", Tone::Sticks, at(&[State::Slips, State::Ends])),
+        Layer::dots("stands, and ends as no stem could", Tone::Sound, at(&[State::Impossible])),
+    ];
+    let title = format!("OP against {}: where it stands still while OP moves", found.name);
+    let y = format!("{} (standard deviations)", found.name);
+    vec![Picture::new(title, "OP (standard deviations)", &y, layers)]
 }
 
 /// What the method says.
 pub fn opinion(facts: &Facts<'_>) -> Opinion {
-    let period = match facts.oscillates() {
-        Ok(period) => period,
+    let found = match look(facts) {
+        Ok(found) => found,
         Err(why) => return Opinion::cannot_tell(ME, why),
     };
-    let (name, stem) = match (&facts.stem, facts.integration.answer) {
-        (Some(stem), _) => ("the measured stem", stem),
-        (None, Integrates::No) => ("PV", &facts.y),
-        (None, Integrates::Yes) => {
-            return Opinion::cannot_tell(ME, "the process integrates: PV does not stand for the stem");
-        }
-        (None, Integrates::Unknown) => return Opinion::cannot_tell(ME, facts.integration.why()),
-    };
-    let step = ((period / PARTS).round() as usize).max(1);
-    match shares(&symbols(&facts.u, step), &symbols(stem, step)) {
+    match Shares::of(&found.states) {
         Some(Shares { rho_1, rho_2, rho_3 }) => {
+            let name = found.name;
             let why = format!(
                 "OP moves and {name} is steady: rho_1 {rho_1:.2}, rho_2 {rho_2:.2}, rho_3 {rho_3:.2}"
             );

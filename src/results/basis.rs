@@ -19,6 +19,8 @@ pub struct Basis {
     pub op_span_source: SpanSource,
     /// The controller's output limits (OP unit).
     pub op_limits: Option<(f64, f64)>,
+    /// Whether the process integrates, where that was known.
+    pub integrates: Option<bool>,
     /// Which samples of each tag, in the record's order.
     pub extents: Vec<Extent>,
 }
@@ -46,6 +48,7 @@ impl Basis {
             op_span: record.op_span,
             op_span_source: record.op_span_source,
             op_limits: record.op_limits,
+            integrates: record.integrates,
             extents: series(record).map(|(tag, samples)| Extent::of(tag, samples)).collect(),
         }
     }
@@ -67,8 +70,13 @@ impl Basis {
 
     /// The part of a record that the run worked on, and the names of tags whose samples are no longer the same.
     pub fn cut(&self, mut record: Record) -> (Record, Vec<String>) {
-        let (op_span, op_span_source) = (self.op_span, self.op_span_source);
-        let mut part = Record { op_span, op_span_source, op_limits: self.op_limits, ..Record::default() };
+        let mut part = Record {
+            op_span: self.op_span,
+            op_span_source: self.op_span_source,
+            op_limits: self.op_limits,
+            integrates: self.integrates,
+            ..Record::default()
+        };
         let mut lost = Vec::new();
         for extent in &self.extents {
             let from = take(&mut record, &extent.tag).unwrap_or_default();

@@ -1,5 +1,7 @@
 //! What one run says of a loop: the diagnosis, and the effects that its residual was traced to.
 
+use super::second::{Second, second_opinions};
+use crate::detectors::{Agreement, Opinion};
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::residual::{self, Findings};
 
@@ -15,6 +17,10 @@ pub struct Judged {
     pub findings: Option<Findings>,
     /// What both models leave over, for drawing; `None` where nothing could be traced.
     pub residuals: Option<Residuals>,
+    /// What the published methods say of the same window; empty where there is none.
+    pub opinions: Vec<Opinion>,
+    /// How they agree with each other and with the verdict; `None` without a window.
+    pub agreement: Option<Agreement>,
 }
 
 /// One-step residuals before and after the effects, in single precision: they are kept for every loop, only to be drawn.
@@ -47,7 +53,7 @@ impl From<&residual::Curves> for Residuals {
 
 impl From<Diagnosis> for Judged {
     fn from(diagnosis: Diagnosis) -> Self {
-        Self { diagnosis, findings: None, residuals: None }
+        Self { diagnosis, findings: None, residuals: None, opinions: Vec::new(), agreement: None }
     }
 }
 
@@ -60,6 +66,26 @@ impl Judged {
     /// The verdict that counts.
     pub fn verdict(&self) -> &Verdict {
         self.replaced_by().map_or(&self.diagnosis.verdict, |found| &found.verdict)
+    }
+
+    /// The same with what the published methods say of its window; `integrates` as [`crate::signal::Record::integrates`].
+    #[must_use]
+    pub fn with_opinions(mut self, integrates: Option<bool>) -> Self {
+        let sticks = match self.verdict() {
+            Verdict::Stiction => Some(true),
+            Verdict::NoStiction => Some(false),
+            Verdict::NotIdentifiable(_) => None,
+        };
+        if let Some(window) = self.diagnosis.window.as_ref().filter(|window| !window.is_empty()) {
+            let Second { opinions, agreement } = second_opinions(window, integrates, sticks);
+            (self.opinions, self.agreement) = (opinions, Some(agreement));
+        }
+        self
+    }
+
+    /// Whether the methods contradict the verdict so that somebody should look at the loop.
+    pub fn is_doubtful(&self) -> bool {
+        self.agreement.as_ref().is_some_and(|agreement| agreement.doubtful)
     }
 
     /// Friction that counts: f, its interval (OP unit) and the evidence (-).

@@ -98,6 +98,8 @@ pub struct Restored {
     pub took_s: f64,
     /// How good the data behind it was, as the report writes it.
     pub quality: String,
+    /// Whether the published methods contradicted its verdict.
+    pub doubtful: bool,
     /// The whole report, as the API writes it.
     pub report: Arc<str>,
 }

@@ -74,6 +74,35 @@ pub fn sentence(clause: &str) -> String {
 pub const SIMULATES_WORSE: &str =
     "A simulation with these effects follows PV less closely than one without them: take them with care.";
 
+/// Who contradicts a verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Doubt {
+    /// The measured stem.
+    Stem,
+    /// So many of the other methods that could tell.
+    Methods {
+        /// That say otherwise.
+        against: usize,
+        /// That could tell.
+        of: usize,
+    },
+}
+
+/// That a verdict is contradicted, and what to do: `sticks` is what the verdict says.
+pub fn doubtful(sticks: bool, by: Doubt) -> String {
+    let otherwise = if sticks { "the valve does not stick" } else { "the valve sticks" };
+    match by {
+        Doubt::Stem => {
+            format!(
+                "The measured stem says that {otherwise}. Check the stem's signal, and look at the valve."
+            )
+        }
+        Doubt::Methods { against, of } => format!(
+            "{against} of {of} other methods that could tell say that {otherwise}. Look at the loop before you rely on this."
+        ),
+    }
+}
+
 /// A verdict, or how a run failed, in numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict<'a> {

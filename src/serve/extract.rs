@@ -3,6 +3,7 @@
 use super::Context;
 use super::problem::Problem;
 use crate::alarm::AlarmId;
+use crate::detectors::Method;
 use crate::signal::LoopId;
 use axum::body::Bytes;
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
@@ -78,6 +79,26 @@ impl FromRequestParts<Arc<Context>> for OfLoop {
         let id = LoopId::new(Named::from_request_parts(parts, state).await?.0);
         let known = state.plant.borrow().info(&id).is_some();
         if known { Ok(Self(id)) } else { Err(Problem::unknown_loop(id.as_str())) }
+    }
+}
+
+/// The loop and the published method in the path; a problem when either is not there.
+pub struct OfMethod(pub LoopId, pub Method);
+
+impl FromRequestParts<Arc<Context>> for OfMethod {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &Arc<Context>) -> Result<Self, Problem> {
+        let bad =
+            |_| Problem::new(StatusCode::BAD_REQUEST, "bad_path", "the path is not percent-encoded UTF-8");
+        let Path((name, method)) =
+            Path::<(String, String)>::from_request_parts(parts, state).await.map_err(bad)?;
+        let id = LoopId::new(name);
+        if state.plant.borrow().info(&id).is_none() {
+            return Err(Problem::unknown_loop(id.as_str()));
+        }
+        let known = Method::named(&method).ok_or_else(|| Problem::unknown_method(&method))?;
+        Ok(Self(id, known))
     }
 }
 

@@ -15,7 +15,7 @@ mod picture;
 mod policy;
 mod ports;
 mod problem;
-mod report;
+pub mod report;
 mod tls;
 mod words;
 

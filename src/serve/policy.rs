@@ -46,6 +46,7 @@ pub const RULES: &[(&str, &str, Need)] = &[
     ("GET", "/loops/{id}/samples", VIEWER),
     ("GET", "/loops/{id}/model", VIEWER),
     ("GET", "/loops/{id}/evidence", VIEWER),
+    ("GET", "/loops/{id}/opinions/{method}", VIEWER),
     ("GET", "/loops/{id}/live", VIEWER),
     ("GET", "/loops/{id}/report.html", VIEWER),
     ("GET", "/report.html", VIEWER),

@@ -41,6 +41,12 @@ impl Problem {
             .with("alarm", id)
     }
 
+    /// 404: there is no such published method.
+    pub fn unknown_method(name: &str) -> Self {
+        let detail = format!("there is no method '{name}'");
+        Self::new(StatusCode::NOT_FOUND, "unknown_method", detail).with("method", name)
+    }
+
     /// 404: the loop is there, but has never been diagnosed.
     pub fn not_diagnosed_yet(id: &str, failure: Option<&str>) -> Self {
         let detail = match failure {

@@ -36,12 +36,17 @@ pub fn verdict(report: &Report) -> String {
     said.words() + &swing + &archived + &polled
 }
 
-/// What is to be known beside the effects: between which kinds the record lies, and whether the model is worse with them.
+/// What is to be known beside the effects: between which kinds the record lies, whether the model is worse with them, and
+/// whether other methods contradict the verdict.
 pub fn notes(report: &Report) -> Vec<String> {
     let residual = &report.residual;
     let between = words::between(&residual.kinds()).map(|clause| words::sentence(&clause));
     let worse = residual.simulates_worse && !residual.effects.is_empty();
-    between.into_iter().chain(worse.then(|| words::SIMULATES_WORSE.to_string())).collect()
+    between
+        .into_iter()
+        .chain(worse.then(|| words::SIMULATES_WORSE.to_string()))
+        .chain(report.doubt())
+        .collect()
 }
 
 #[cfg(test)]

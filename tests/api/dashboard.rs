@@ -93,6 +93,37 @@ async fn the_picture_behind_a_verdict_is_whole() {
 }
 
 #[tokio::test]
+async fn what_a_method_looked_at_can_be_fetched_and_doubt_is_in_the_list() {
+    let diagnose: Diagnose = Arc::new(|record, _, _| {
+        let sticky = record.tags[0].0 == "sticky";
+        if sticky { pictured().with_opinions(Some(false)) } else { judge(record) }
+    });
+    let rig = start(&FOUR, serve::Config::default(), diagnose).await;
+    let of = |method: &str| format!("/api/v1/loops/FIC1/opinions/{method}");
+    assert_problem(&get(rig.address, &of("kano_2004_b")).await, 404);
+    rig.diagnose("FIC1").await;
+    let report = rig.json("/api/v1/loops/FIC1/diagnosis").await;
+    let opinions = report["opinions"].as_array().expect("opinions");
+    assert_eq!(opinions.len(), 12);
+    let told = opinions.iter().filter(|own| own["says"] != "cannot_tell").count();
+    assert!(told > 0 && report["agreement"]["could_tell"] == told, "{}", report["agreement"]);
+    for own in opinions {
+        let found = rig.json(&of(own["method"].as_str().expect("a name"))).await;
+        assert_eq!(found["opinion"]["why"], own["why"]);
+    }
+    // The run does not say whether its process integrates, and the record tells it by itself or not: one that asks is drawn.
+    let drawn = rig.json(&of("rossi_scali_2005")).await;
+    let layers = drawn["pictures"][0]["layers"].as_array().expect("a picture");
+    assert!(layers.iter().any(|layer| layer["mark"] == "line" && column(&layer["x"]).len() > 10), "{drawn}");
+    let list = rig.json("/api/v1/loops").await;
+    let items = list["items"].as_array().expect("loops");
+    let listed = items.iter().find(|item| item["id"] == "FIC1").expect("it is listed");
+    assert_eq!(listed["doubtful"], report["doubtful"]);
+    assert_problem(&get(rig.address, &of("nobody_1999")).await, 404);
+    assert_problem(&get(rig.address, "/api/v1/loops/nowhere/opinions/he_2007").await, 404);
+}
+
+#[tokio::test]
 async fn samples_are_heard_as_they_arrive_each_once_whatever_their_clock_says() {
     let rig = rig(&FOUR).await;
     // Stamped far behind the daemon's clock: what is there already is not news.

@@ -168,6 +168,41 @@ def one_loop(walk):
     walk.faults.clear()
 
 
+def opinions(walk):
+    """The panel of second opinions: a line for each method, its pictures by click and by keyboard, dark and on a phone."""
+    page = walk.open(1440, 1000)
+    walk.go("loop/FIC102")
+    rows = page.locator(".opinions details")
+    expect(rows).to_have_count(12)
+    report = page.request.get(f"{walk.base}/api/v1/loops/FIC102/diagnosis").json()
+    said = rows.locator(".says").all_text_contents()
+    check(said == [one["says"].replace("_", " ") for one in report["opinions"]], f"each method says what the report has: {said}")
+    check(f"{report['agreement']['sticks']} of {report['agreement']['could_tell']} methods" in page.locator(".agreement").text_content(), "the agreement is said first")
+    drawn = next(one["method"] for one in report["opinions"] if one["method"] == "lee_2008")
+    page.locator(f"details[data-method={drawn}] summary").click()
+    expect(page.locator(f"details[data-method={drawn}] svg.plot path.line").first).to_be_visible()
+    walk.tab_to("details[data-method=rossi_scali_2005] summary", 200)
+    page.keyboard.press("Enter")
+    expect(page.locator("details[data-method=rossi_scali_2005] svg.plot circle.point").first).to_be_visible()
+    print("ok: pictures open by click and by keyboard")
+    for one in page.locator(".opinions details:not([open]) summary").all():
+        one.click()
+    page.wait_for_function("[...document.querySelectorAll('.opinions .pictures')].every((one) => one.childNodes.length && one.textContent !== 'loading …')")
+    panel = page.locator("section[aria-label=Opinions]")
+    panel.screenshot(path=walk.out / "opinions-light.png")
+    walk.axe("the opinions, light")
+    page.emulate_media(color_scheme="dark")
+    panel.screenshot(path=walk.out / "opinions-dark.png")
+    walk.axe("the opinions, dark")
+    page.set_viewport_size({"width": 390, "height": 844})
+    walk.fits("the opinions on a phone")
+    panel.screenshot(path=walk.out / "opinions-phone.png")
+    walk.go("?doubt=yes")
+    doubtful = [one["id"] for one in page.request.get(f"{walk.base}/api/v1/loops").json()["items"] if one["doubtful"]]
+    expect(page.locator(".summary")).to_contain_text("of 6 loops" if doubtful else "No loop is like this.")
+    expect(page.locator(".tile")).to_have_count(len(doubtful))
+
+
 def acknowledge(walk):
     """With the keyboard alone, from the plant to an acknowledged and a shelved alarm."""
     page = walk.open(1440, 900)
@@ -499,7 +534,7 @@ def told(walk):
     print("ok: all are sent again by keyboard alone")
 
 
-PARTS = {"access": [access], "receivers": [told], "walk": [plant, one_loop, acknowledge, looks, report], "speed": [speed]}
+PARTS = {"access": [access], "receivers": [told], "walk": [plant, one_loop, opinions, acknowledge, looks, report], "speed": [speed]}
 
 
 def main():

@@ -2,58 +2,22 @@
 
 use super::judged::Judged;
 use std::collections::BTreeMap;
+use stictiond_numerics::detectors::tally::{self, Tally};
 use stictiond_numerics::detectors::{self, Integrates, Method, Opinion, Says};
-
-/// Right, false and untold of one voice.
-#[derive(Clone, Copy, Default)]
-pub struct Count {
-    found: usize,
-    missed: usize,
-    silent_sticky: usize,
-    cleared: usize,
-    alarms: usize,
-    silent_sound: usize,
-}
-
-impl Count {
-    pub fn add(&mut self, sticky: bool, says: Says) {
-        let to = match (sticky, says) {
-            (true, Says::Sticks) => &mut self.found,
-            (true, Says::Sound) => &mut self.missed,
-            (true, Says::CannotTell) => &mut self.silent_sticky,
-            (false, Says::Sound) => &mut self.cleared,
-            (false, Says::Sticks) => &mut self.alarms,
-            (false, Says::CannotTell) => &mut self.silent_sound,
-        };
-        *to += 1;
-    }
-
-    fn told(self) -> (usize, usize) {
-        let right = self.found + self.cleared;
-        (right, right + self.missed + self.alarms)
-    }
-}
 
 /// A share with its 95 % interval by Wilson.
 pub fn wilson(hits: usize, of: usize) -> String {
-    if of == 0 {
-        return "–".into();
+    match tally::wilson(hits, of) {
+        Some([low, high]) => {
+            format!("{hits} of {of} ({}–{} %)", (100.0 * low).round(), (100.0 * high).round())
+        }
+        None => "–".into(),
     }
-    let (n, p, z) = (of as f64, hits as f64 / of as f64, 1.96);
-    let middle = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
-    let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-    let percent = |x: f64| (100.0 * x.clamp(0.0, 1.0)).round();
-    format!("{hits} of {of} ({}–{} %)", percent(middle - half), percent(middle + half))
 }
 
 /// The value below which a share of them lie.
 pub fn quantile(values: &[f64], share: f64) -> f64 {
-    let mut values = values.to_vec();
-    values.sort_by(f64::total_cmp);
-    values
-        .get(((values.len().saturating_sub(1)) as f64 * share).round() as usize)
-        .copied()
-        .unwrap_or(f64::NAN)
+    tally::quantile(values, share).unwrap_or(f64::NAN)
 }
 
 /// One row per method and one for the program; `told` whether the process integrates, or not.
@@ -64,17 +28,17 @@ pub fn methods(all: &[&Judged], told: bool) {
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     let print = |name: &str, says: &dyn Fn(&Judged) -> Says, ms: &dyn Fn(&Judged) -> f64| {
-        let mut count = Count::default();
+        let mut count = Tally::default();
         all.iter().for_each(|of| count.add(of.sticky, says(of)));
         let ms: Vec<f64> = all.iter().map(|of| ms(of)).collect();
-        let (right, told) = count.told();
+        let (right, told) = (count.right(), count.told());
         println!(
             "| {name} | {} | {} | {} | {} | {} | {} | {} | {:.1} ({:.1}) |",
-            wilson(count.found, count.found + count.missed + count.silent_sticky),
+            wilson(count.found, count.sticky()),
             count.missed,
             count.silent_sticky,
             count.cleared,
-            wilson(count.alarms, count.alarms + count.cleared + count.silent_sound),
+            wilson(count.alarms, count.sound()),
             count.silent_sound,
             wilson(right, told),
             quantile(&ms, 0.5),
@@ -147,9 +111,9 @@ pub fn scenarios(all: &[&Judged]) {
     println!("|---|---|{}---|", "---|".repeat(names.len()));
     for ((_, label), of) in &by {
         let cell = |says: &dyn Fn(&Judged) -> Says| {
-            let mut count = Count::default();
+            let mut count = Tally::default();
             of.iter().for_each(|of| count.add(of.sticky, says(of)));
-            let (right, told) = count.told();
+            let (right, told) = (count.right(), count.told());
             format!("{right} / {} / {}", told - right, of.len() - told)
         };
         let cells: Vec<String> = (0..names.len()).map(|i| cell(&|of| of.opinions[i].says)).collect();

@@ -62,6 +62,11 @@ fn all() -> String {
     line("\nOther alarms");
     line(&rising(0.6, 0.31, 12.4, "% OP"));
     line(&unexplained(0.843));
+    line("\nA verdict that other methods contradict");
+    for sticks in [true, false] {
+        line(&doubtful(sticks, Doubt::Stem));
+        line(&doubtful(sticks, Doubt::Methods { against: 7, of: 8 }));
+    }
     line("\nEffects, when they are as good as sure");
     for (kind, place, effect) in EFFECTS {
         let Said { title, meaning, advice } = effect.said(Some(0.999));

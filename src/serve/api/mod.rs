@@ -10,6 +10,7 @@ mod evidence;
 mod health;
 mod loops;
 mod notifications;
+mod opinions;
 mod report;
 mod session;
 mod system;
@@ -75,6 +76,7 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(loops::samples))
         .routes(routes!(loops::model))
         .routes(routes!(evidence::evidence))
+        .routes(routes!(opinions::opinion))
         .routes(routes!(report::of_loop))
         .routes(routes!(report::of_plant))
         .routes(routes!(bundle::bundle))

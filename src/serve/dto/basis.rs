@@ -25,6 +25,8 @@ pub struct BasisText {
     pub op_span_source: String,
     /// The controller's output limits (OP unit).
     pub op_limits: Option<[f64; 2]>,
+    /// Whether the process integrates; null where that is not known.
+    pub integrates: Option<bool>,
     /// Which samples of each tag.
     pub tags: Vec<ExtentText>,
 }
@@ -107,6 +109,7 @@ impl From<&Basis> for BasisText {
             op_span: basis.op_span,
             op_span_source: basis.op_span_source.as_str().to_string(),
             op_limits: basis.op_limits.map(<[f64; 2]>::from),
+            integrates: basis.integrates,
             tags: basis.extents.iter().map(extent).collect(),
         }
     }
@@ -167,6 +170,7 @@ impl BasisText {
             op_span: self.op_span,
             op_span_source: SpanSource::from_name(&self.op_span_source),
             op_limits: self.op_limits.map(<(f64, f64)>::from),
+            integrates: self.integrates,
             extents: self.tags.iter().map(extent).collect::<Option<_>>()?,
         })
     }
@@ -183,7 +187,8 @@ mod tests {
         fn it_comes_back_to_the_last_bit(times in proptest::collection::vec(0.0..2e9f64, 0..20), threshold in 1e-9..100f64) {
             let op: Vec<Sample> = times.iter().map(|t| Sample::good(*t, t.sin())).collect();
             let settings = Settings { f_threshold: threshold, ts: Some(threshold / 3.0), ..Settings::default() };
-            let record = Record { op, op_limits: Some((-0.1, threshold)), ..Record::default() };
+            let integrates = Some(threshold > 1.0);
+            let record = Record { op, op_limits: Some((-0.1, threshold)), integrates, ..Record::default() };
             let known = [(Kind::ALL[0], None), (Kind::ALL[1], Some("a.pv".to_string()))];
             let before = (threshold > 50.0).then_some(Before { f: threshold, f_ci95: [0.1, 2.0 * threshold] });
             let basis = Basis::of(&record, &settings, &known).after(before);

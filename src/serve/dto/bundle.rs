@@ -116,6 +116,7 @@ impl Bundle {
             op_span: basis.op_span,
             op_span_source: basis.op_span_source,
             op_limits: basis.op_limits,
+            integrates: basis.integrates,
             ..Record::default()
         };
         for own in &self.samples {

@@ -119,6 +119,8 @@ pub struct LoopItem {
     pub age_s: Option<f64>,
     /// How good the data behind it was: `good`, `fair`, `poor`.
     pub quality: Option<String>,
+    /// True where the published methods contradict the verdict so that somebody should look at the loop.
+    pub doubtful: bool,
     /// The latest run, when it failed (`deadline_exceeded`, `panicked`) after that; null otherwise.
     pub failure: Option<String>,
     /// The state of its alarm on stiction.
@@ -151,7 +153,8 @@ impl LoopItem {
         let summary = known.summary.as_ref();
         let item = summary.map(RunItem::from);
         let verdict = summary.map(|s| s.outcome.as_ref());
-        let diagnosis = known.diagnosed.as_ref().and_then(|run| run.judged()).map(|j| &j.diagnosis);
+        let judged = known.diagnosed.as_ref().and_then(|run| run.judged());
+        let diagnosis = judged.map(|judged| &judged.diagnosis);
         let failed = known.last.as_ref().filter(|last| Some(last.outcome.as_ref()) != verdict);
         let restored = || Some(known.restored.as_ref()?.quality.clone());
         Self {
@@ -169,6 +172,10 @@ impl LoopItem {
             time: summary.and_then(|s| rfc3339(s.time)),
             age_s: summary.and_then(|s| age(now, s.time)),
             quality: diagnosis.map(|d| super::report::quality(d).as_str().to_string()).or_else(restored),
+            doubtful: match judged {
+                Some(judged) => judged.is_doubtful(),
+                None => known.restored.as_ref().is_some_and(|restored| restored.doubtful),
+            },
             failure: failed.map(|last| last.outcome.to_string()),
             alarm: known.alarm.state.into(),
             other_alarms: known.others.iter().map(OtherAlarm::from).collect(),

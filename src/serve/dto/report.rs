@@ -2,15 +2,17 @@
 //!
 //! Numbers have full precision; one that does not exist is null.
 
+mod opinions;
 mod residual;
 mod unit;
 
+pub use opinions::{ReportAgreement, ReportOpinion, ReportQuantity, ReportSays, ReportThreshold};
 pub use residual::{ReportCandidate, ReportEffect, ReportParameter, ReportResidual, ReportStem};
 
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::residual::Findings;
-use crate::results::{Compensated, Run, Seen};
+use crate::results::{Compensated, Judged, Run, Seen};
 use crate::signal::SpanSource;
 use serde::{Deserialize, Serialize};
 use unit::OpUnit;
@@ -83,6 +85,15 @@ pub struct Report {
     pub residual: ReportResidual,
     /// AIC over f, for plotting; null when not identifiable.
     pub aic_curve: Option<ReportCurve>,
+    /// What the published methods say of the same window: information beside the verdict; empty without a window.
+    #[serde(default)]
+    pub opinions: Vec<ReportOpinion>,
+    /// How they agree; null without a window.
+    #[serde(default)]
+    pub agreement: Option<ReportAgreement>,
+    /// True where they contradict the verdict so that somebody should look at the loop.
+    #[serde(default)]
+    pub doubtful: bool,
 }
 
 /// What the data says about the valve.
@@ -345,6 +356,9 @@ impl Report {
                 f: e.curve.iter().map(|point| unit.scale(point.f)).collect(),
                 aic: e.curve.iter().map(|point| finite(point.aic)).collect(),
             }),
+            opinions: Vec::new(),
+            agreement: None,
+            doubtful: false,
         }
     }
 }
@@ -352,17 +366,24 @@ impl Report {
 impl Report {
     /// The report of a run, with what was traced; `None` for a run that failed.
     pub fn of(run: &Run) -> Option<Self> {
-        let judged = run.judged()?;
-        let report = Self::new(run.id.as_str(), run.op_span, &judged.diagnosis);
         let source = run.basis.as_ref().map_or_else(SpanSource::default, |basis| basis.op_span_source);
-        let report = match &judged.findings {
-            Some(found) => report.with_findings(run.op_span, &judged.diagnosis, found),
-            None => report,
-        };
-        let mut report = report.with_span_from(source);
+        let mut report = Self::judged(run.id.as_str(), (run.op_span, source), run.judged()?);
         report.reason = run.reasoned(&report.reason);
         report.compensated = run.compensated().map(ReportCompensated::new);
         Some(report)
+    }
+
+    /// The report of a loop with all that was judged; `op_span`: OP's span (OP unit), and where it is known from.
+    pub fn judged(name: &str, (op_span, source): (Option<f64>, SpanSource), judged: &Judged) -> Self {
+        let mut report = Self::new(name, op_span, &judged.diagnosis);
+        if let Some(found) = &judged.findings {
+            report = report.with_findings(op_span, &judged.diagnosis, found);
+        }
+        let unit = OpUnit::new(op_span, &judged.diagnosis);
+        report.opinions = judged.opinions.iter().map(|own| ReportOpinion::new(own, &unit)).collect();
+        report.agreement = judged.agreement.as_ref().map(ReportAgreement::from);
+        report.doubtful = judged.is_doubtful();
+        report.with_span_from(source)
     }
 
     /// The report with where OP's span is known from.

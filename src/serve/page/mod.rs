@@ -29,6 +29,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/js/login.js", SCRIPT, include_str!("assets/js/login.js")),
     ("/js/loop.js", SCRIPT, include_str!("assets/js/loop.js")),
     ("/js/main.js", SCRIPT, include_str!("assets/js/main.js")),
+    ("/js/opinions.js", SCRIPT, include_str!("assets/js/opinions.js")),
     ("/js/plant.js", SCRIPT, include_str!("assets/js/plant.js")),
     ("/js/receivers.js", SCRIPT, include_str!("assets/js/receivers.js")),
     ("/js/session.js", SCRIPT, include_str!("assets/js/session.js")),

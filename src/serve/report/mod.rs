@@ -1,9 +1,11 @@
 //! Reports for printing and for a work order: one file each, with its style and its plots in it and nothing from anywhere
 //! else. Whatever comes from the plant passes [`escape`].
 
+mod of_benchmark;
 mod of_loop;
 mod of_plant;
 
+pub use of_benchmark::{mark, of_benchmark, share};
 pub use of_loop::{Subject, of_loop};
 pub use of_plant::of_plant;
 

@@ -90,6 +90,7 @@ fn contract_fields_have_their_names_and_values() {
         "model": {"na": 2, "nb": 2, "nc": 2, "nk": 1, "rmse": 0.0102,
                   "a": [-1.0, 0.25], "b": [0.5, 0.125], "c": [null, 0.0]},
         "residual": residual,
+        "opinions": [], "agreement": null, "doubtful": false,
         "aic_curve": {"f": [0.0, 2.5, 6.0], "aic": [446.0, 0.0, null]}
     });
     assert_eq!(json, expected);
@@ -218,4 +219,44 @@ fn what_an_archive_did_is_told_by_kind_evidence_and_note() {
     let old: Report = serde_json::from_value(old).expect("it can be read");
     assert_eq!((old.window.history, old.posterior), (None, None));
     assert!(old.residual.candidates.is_empty() && !old.residual.simulates_worse);
+}
+
+#[test]
+fn opinions_are_told_in_the_unit_of_f_and_what_has_no_number_is_null() {
+    use crate::detectors::{Agreement, Band, Method, Opinion};
+    use crate::results::Judged;
+    let diagnosis = sticky(vec![4.0, 12.0]);
+    let lee = Opinion::of(Method::Lee2008, 0.7, Band::above(0.23), "made for a test").with(1.6, "S");
+    let agreement = Agreement { sticks: 0, could_tell: 5, agree: 0, doubtful: true, ..Agreement::default() };
+    let opinions = vec![Opinion::cannot_tell(Method::He2007, "no period"), lee];
+    let judged = Judged { opinions, agreement: Some(agreement), ..diagnosis.into() };
+    // 16 mA are the whole span: 1.6 mA are 10 %.
+    let report = Report::judged("FIC101", (Some(16.0), SpanSource::Given), &judged);
+    let [he, lee] = &report.opinions[..] else { panic!("two") };
+    assert_eq!((he.says, he.index, he.threshold), (ReportSays::CannotTell, None, None));
+    assert_eq!(lee.threshold, Some(ReportThreshold { sound: None, sticks: Some(0.23) }));
+    let measured = lee.quantity.as_ref().expect("it measures S");
+    assert_eq!(
+        (measured.value, measured.unit.as_str(), lee.unit.as_deref()),
+        (Some(10.0), "% OP", Some("% OP"))
+    );
+    assert!(report.doubtful);
+    assert_eq!(
+        report.doubt().as_deref(),
+        Some(
+            "5 of 5 other methods that could tell say that the valve does not stick. Look at the loop before you rely on this."
+        )
+    );
+}
+
+#[test]
+fn a_report_of_before_there_were_opinions_can_be_read() {
+    let report = Report::new("FIC101", None, &sticky(vec![1.0, 2.0]));
+    let mut value = serde_json::to_value(&report).expect("JSON");
+    let fields = value.as_object_mut().expect("an object");
+    for name in ["opinions", "agreement", "doubtful"] {
+        assert!(fields.remove(name).is_some(), "{name}");
+    }
+    let read: Report = serde_json::from_value(value).expect("it is read");
+    assert!(read.opinions.is_empty() && read.agreement.is_none() && !read.doubtful);
 }

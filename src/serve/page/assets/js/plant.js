@@ -21,7 +21,7 @@ const RARE = ["other", "latched", "returned", "shelved", "silent", "waiting"];
 
 export function plantView(main, _parts, query) {
   const known = (name, among, otherwise) => (query.get(name) in among ? query.get(name) : otherwise);
-  const wanted = { q: query.get("q") ?? "", group: query.get("group") ?? "", kind: query.get("kind") ?? "", sort: known("sort", SORTS, "severity"), by: known("by", ARRANGEMENTS, "none") };
+  const wanted = { q: query.get("q") ?? "", group: query.get("group") ?? "", kind: query.get("kind") ?? "", sort: known("sort", SORTS, "severity"), by: known("by", ARRANGEMENTS, "none"), doubt: query.get("doubt") === "yes" ? "yes" : "" };
   const option = (value, text) => h("option", { value }, text);
   const select = (name, label, options) => h("label", null, label, h("select", { name }, options));
   const buttons = new Map(KINDS.map((kind) => [kind.key, h("button", { type: "button", "data-kind": kind.key, "aria-pressed": "false", on: { click: () => set("kind", wanted.kind === kind.key ? "" : kind.key) } },
@@ -30,6 +30,7 @@ export function plantView(main, _parts, query) {
   const form = h("form", { class: "tools", role: "search" },
     h("label", null, "Find", h("input", { id: "q", name: "q", type: "search", maxlength: "100", placeholder: "loop, description or unit  ( / )" })),
     select("group", "Unit", [option("", "all")]),
+    select("doubt", "Opinions", [option("", "all"), option("yes", "contradict the verdict")]),
     select("sort", "Sort by", Object.entries(SORTS).map(([value, [text]]) => option(value, text))),
     select("by", "Arrange", Object.entries(ARRANGEMENTS).map(([value, text]) => option(value, text))),
     h("a", { class: "button", href: href("/report.html"), target: "_blank", rel: "noopener" }, "Report"));
@@ -66,7 +67,7 @@ export function plantView(main, _parts, query) {
       button.setAttribute("aria-pressed", String(wanted.kind === key));
     }
     const found = (item) => !needle || [item.id, item.description, item.group].some((text) => text.toLowerCase().includes(needle));
-    const passing = items.filter((item) => found(item) && (!wanted.group || item.group === wanted.group) && (!wanted.kind || kindOf(item).key === wanted.kind));
+    const passing = items.filter((item) => found(item) && (!wanted.group || item.group === wanted.group) && (!wanted.kind || kindOf(item).key === wanted.kind) && (!wanted.doubt || item.doubtful));
     passing.sort(SORTS[wanted.sort][1]);
     const shown = passing.length === items.length ? `${items.length} loops` : `${passing.length} of ${items.length} loops`;
     const none = state.complete ? (items.length ? "No loop is like this." : "No loops are configured.") : "loading …";

@@ -53,7 +53,7 @@ function path(xs, ys, x, y) {
 }
 
 /**
- * layers: { kind: "line" | "area" | "band" | "interval" | "upright" | "level" | "dots" | "bars" | "flags", … }, drawn in order.
+ * layers: { kind: "line" | "area" | "band" | "interval" | "upright" | "level" | "dots" | "points" | "bars" | "columns" | "cells" | "flags", … }, drawn in order.
  * options: { x: {label, log, time, range}, y: {label, log, range, air}, width, height, label }.
  */
 export function plot(box, layers, options) {
@@ -115,6 +115,17 @@ const KINDS = {
       const out = [s("circle", { class: "dot", cx: a.x(at), cy: a.y(layer.y[i]), r: 3 })];
       if (layer.low?.[i] !== null && layer.low) out.unshift(s("path", { class: "line thin op", d: `M${a.x(at)} ${a.y(layer.low[i])}V${a.y(layer.high[i])}` }));
       return out;
+    }),
+  // Points on their own.
+  points: (layer, a) => layer.x.map((at, i) => s("circle", { class: `point ${layer.class}`, cx: a.x(at).toFixed(1), cy: a.y(layer.y[i]).toFixed(1), r: layer.small ? 1.7 : 4.5 })),
+  // Bars as wide as they stand for.
+  columns: (layer, a) => layer.x.map((at, i) => s("rect", { class: `column ${layer.class}`, x: a.x(at - layer.wide / 2), y: a.y(layer.y[i]), width: Math.max(1, a.x(at + layer.wide / 2) - a.x(at - layer.wide / 2) - 1), height: Math.max(0, a.y(0) - a.y(layer.y[i])) })),
+  // A map: the darker, the larger.
+  cells: (layer, a) =>
+    layer.values.flatMap((value, i) => {
+      if (value === null) return [];
+      const [wide, high] = layer.size, left = layer.from[0] + (i % layer.columns) * wide, below = layer.from[1] + Math.floor(i / layer.columns) * high;
+      return [s("rect", { class: "cell", "fill-opacity": (0.06 + 0.94 * value).toFixed(2), x: a.x(left), y: a.y(below + high), width: a.x(left + wide) - a.x(left) + 0.3, height: a.y(below) - a.y(below + high) + 0.3 })];
     }),
   bars: (layer, a) => layer.x.map((at, i) => s("path", { class: `line ${layer.class}`, "stroke-width": layer.size ?? 3, d: `M${a.x(at) + (layer.shift ?? 0)} ${a.y(0)}V${a.y(layer.y[i])}` })),
   // Marks at the top, with a line down.

@@ -37,7 +37,7 @@ export function tileOf(item) {
   tile.text.textContent = item.description || item.group;
   tile.value.textContent = valueOf(item);
   tile.bar.style.width = sticks ? `${Math.min(100, (100 * item.f) / FULL)}%` : "0";
-  const lines = [`${item.id}: ${kind.label}`, item.description, item.group, item.words, item.verdict && item.verdict !== "not_identifiable" && `f ${friction(item)}`, item.failure && `latest run: ${words(item.failure)}`, item.age_s !== null && `diagnosed ${ago(item.age_s)}`];
+  const lines = [`${item.id}: ${kind.label}`, item.description, item.group, item.words, item.verdict && item.verdict !== "not_identifiable" && `f ${friction(item)}`, item.doubtful && "other methods contradict this", item.failure && `latest run: ${words(item.failure)}`, item.age_s !== null && `diagnosed ${ago(item.age_s)}`];
   tile.link.title = lines.filter(Boolean).join("\n");
   tile.link.setAttribute("aria-label", [item.id, kind.label, sticks && `f ${friction(item)}`, item.description, item.group].filter(Boolean).join(", "));
   return tile.link;
