@@ -24,7 +24,7 @@ pub struct Transforms(RealFftPlanner<f64>);
 /// ```
 #[derive(Clone, Debug)]
 pub struct Spectrum {
-    /// X[0] … X[m/2], in x's unit.
+    /// `X[0]` … `X[m/2]`, in the unit of x.
     pub bins: Vec<Complex<f64>>,
     /// Samples of the signal, n.
     pub n: usize,

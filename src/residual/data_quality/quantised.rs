@@ -1,4 +1,4 @@
-//! PV moves in steps larger than its noise; the quantum [PV].
+//! PV moves in steps larger than its noise; the quantum (PV unit).
 //!
 //! Recognised by its few distinct values, all a whole number of quanta apart, and by second differences that are
 //! mostly of no more than two: what the process does hardly enters them, and noise as large as a quantum makes them larger.
