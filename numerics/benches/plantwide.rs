@@ -16,7 +16,11 @@ fn main() {
         let found = analyse(&plant);
         let swinging = found.loops.iter().filter(|of| !of.oscillations.is_empty()).count();
         let took = begin.elapsed().as_secs_f64();
-        println!("{n} loops: {took:.2} s, {:.2} ms a loop, {swinging} oscillate, {} groups", 1e3 * took / n as f64, found.groups.len());
+        println!(
+            "{n} loops: {took:.2} s, {:.2} ms a loop, {swinging} oscillate, {} groups",
+            1e3 * took / n as f64,
+            found.groups.len()
+        );
     }
 }
 
