@@ -32,7 +32,7 @@ fn one(i: usize) -> PlantLoop {
     let pv: Vec<f64> = (0..1440)
         .map(|k| {
             x = 0.9 * x + next();
-            x + if i % 5 == 0 { 6.0 * (TAU * f64::from(k) / period).sin() } else { 0.0 }
+            x + if i.is_multiple_of(5) { 6.0 * (TAU * f64::from(k) / period).sin() } else { 0.0 }
         })
         .collect();
     let op = pv.iter().map(|y| 50.0 - y).collect();

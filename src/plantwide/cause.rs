@@ -117,7 +117,11 @@ pub fn reason(at: usize, plant: &[PlantLoop], found: &[LoopFound], groups: &[Gro
     if swings.is_none() && group.is_none() && scores.iter().all(|s| s.1 <= 0.0) {
         return None;
     }
-    scores.push((Cause::Unknown, 1.0, "nothing speaks for a cause by enough".into()));
+    let nothing = match group {
+        Some(_) => "it is the likeliest source of its group, but its own signals do not say why it swings",
+        None => "it swings, and its own signals do not say why",
+    };
+    scores.push((Cause::Unknown, 1.0, nothing.into()));
     let most = scores.iter().map(|s| s.1).fold(f64::NEG_INFINITY, f64::max);
     let sum: f64 = scores.iter().map(|s| (s.1 - most).exp()).sum();
     let (cause, score, why) = scores.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
