@@ -85,6 +85,7 @@ struct Counts {
     rand: Vec<f64>,
     quiet: (usize, usize),
     first: BTreeMap<&'static str, (usize, usize, usize)>,
+    causes: BTreeMap<(&'static str, &'static str), usize>,
     doubtful: usize,
     loops: usize,
 }
@@ -99,6 +100,7 @@ fn main() {
         let found = analyse(&loops(&of, &runs));
         count(&of, &shares, &found, &mut counts);
     }
+    println!("causes of sources (is, said): {:?}", counts.causes);
     counts.rand.sort_by(f64::total_cmp);
     let mean = counts.rand.iter().sum::<f64>() / counts.rand.len().max(1) as f64;
     let at = |q: f64| counts.rand.get((q * counts.rand.len() as f64) as usize).copied().unwrap_or(f64::NAN);
@@ -146,6 +148,8 @@ fn count(of: &Plant, shares: &[Vec<f64>], found: &Analysis, counts: &mut Counts)
             Source::Tight => "loop",
             _ => "load",
         };
+        let said = found.loops[*at].reason.as_ref().map_or("at rest", |r| r.cause.as_str());
+        *counts.causes.entry((name, said)).or_default() += 1;
         let entry = counts.first.entry(name).or_default();
         entry.0 += 1;
         entry.1 += usize::from(place == Some(0));

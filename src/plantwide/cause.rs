@@ -6,14 +6,14 @@
 //! | cause | sign |
 //! |---|---|
 //! | `saturation` | OP is at a limit of its output for more than a fifth of the time |
-//! | `sensor` | PV in steps of more than 0.3 standard deviations, noise of more than half its variance, or standing still while OP moves beyond what friction does |
-//! | `valve` | it oscillates, PV's harmonics are larger than OP's or PV stands still while OP moves |
-//! | `tuning` | it oscillates as a sine in PV and OP alike; or the error is slow: a Harris index below 0.1 without an oscillation |
-//! | `load` | it oscillates, and OP's swing lags so that the valve is sound and the loop well damped |
+//! | `sensor` | PV moves in steps of more than 0.3 of its standard deviations |
+//! | `valve` | it swings, and PV has corners (harmonics of 1.5 % of the swing's power and more) or stands still while OP moves |
+//! | `tuning` | it swings with a height that comes and goes, as noise in a loop that hardly damps it |
+//! | `load` | it swings steadily and as a sine |
 //! | `unknown` | none of these by enough |
 //!
 //! The scores are turned into probabilities by a softmax; `unknown` has a score of its own, so that a loop with little evidence
-//! is said to be unknown rather than given the best of bad names.
+//! is said to be unknown rather than given the best of bad names. They are rules: what they are worth is in `docs/plantwide.md`.
 
 use super::groups::Group;
 use super::{LoopFound, PlantLoop};
@@ -78,14 +78,17 @@ pub struct Reason {
 
 /// Share of the time at a limit that is a cause.
 const AT_LIMIT: f64 = 0.2;
-/// Steps of PV in standard deviations, and noise as a share of its variance, that are a cause.
+/// Steps of PV in standard deviations that are a cause.
 const COARSE: f64 = 0.3;
-const NOISY: f64 = 0.5;
+/// Harmonics of PV, as a share of the swing's power, of a wave with corners, and of a sine: a triangle has 1.4 %.
+const CORNERS: f64 = 0.015;
+const SINE: f64 = 0.005;
+/// Steadiness of a swing whose height comes and goes: that of a sine is 1, that of noise 0.67.
+const STEADY: f64 = 0.9;
+/// Share of the time in which PV stands still while OP moves.
+const STUCK: f64 = 0.1;
 /// Share of the variance in the swing below which a loop is at rest.
 const AT_REST: f64 = 0.1;
-/// Harris index of a loop that is far too slow.
-const SLOW: f64 = 0.1;
-
 /// The cause of one loop; none where it is at rest.
 pub fn reason(at: usize, plant: &[PlantLoop], found: &[LoopFound], groups: &[Group]) -> Option<Reason> {
     let of = &found[at];
@@ -109,11 +112,16 @@ pub fn reason(at: usize, plant: &[PlantLoop], found: &[LoopFound], groups: &[Gro
             neighbour: Some(first.at),
         });
     }
-    let mut scores = alone(of);
+    let harmonics = group.and_then(|g| Some(g.suspects.iter().find(|s| s.at == at)?.harmonics()));
+    let mut scores = alone(of, harmonics);
     if swings.is_none() && group.is_none() && scores.iter().all(|s| s.1 <= 0.0) {
         return None;
     }
-    scores.push((Cause::Unknown, 1.0, "nothing speaks for a cause by enough".into()));
+    let nothing = match group {
+        Some(_) => "it is the likeliest source of its group, but its own signals do not say why it swings",
+        None => "it swings, and its own signals do not say why",
+    };
+    scores.push((Cause::Unknown, 1.0, nothing.into()));
     let most = scores.iter().map(|s| s.1).fold(f64::NEG_INFINITY, f64::max);
     let sum: f64 = scores.iter().map(|s| (s.1 - most).exp()).sum();
     let (cause, score, why) = scores.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -132,60 +140,42 @@ pub fn period(s: f64) -> String {
     }
 }
 
-/// Scores of the causes that the loop itself shows, in log-odds against nothing.
-fn alone(of: &LoopFound) -> Vec<(Cause, f64, String)> {
+/// Scores of the causes that the loop itself shows, in log-odds against nothing; `harmonics` of a group's member.
+fn alone(of: &LoopFound, harmonics: Option<f64>) -> Vec<(Cause, f64, String)> {
     let i = &of.indicators;
     let mut scores = Vec::new();
     let limits = i.at_limits.unwrap_or(0.0);
     if limits > AT_LIMIT {
-        scores.push((
-            Cause::Saturation,
-            3.0 + 5.0 * limits,
-            format!("OP is at a limit for {:.0} % of the time", 100.0 * limits),
-        ));
+        let why = format!("OP is at a limit for {:.0} % of the time", 100.0 * limits);
+        scores.push((Cause::Saturation, 3.0 + 5.0 * limits, why));
     }
     if i.kept.quantisation > COARSE {
-        scores.push((
-            Cause::Sensor,
-            3.0 + i.kept.quantisation,
-            format!("PV moves in steps of {:.1} standard deviations", i.kept.quantisation),
-        ));
-    } else if i.kept.noise_share > NOISY {
-        scores.push((
-            Cause::Sensor,
-            2.0 + 4.0 * (i.kept.noise_share - NOISY),
-            format!("{:.0} % of PV's variance is noise", 100.0 * i.kept.noise_share),
-        ));
+        let why = format!("PV moves in steps of {:.1} standard deviations", i.kept.quantisation);
+        scores.push((Cause::Sensor, 3.0 + i.kept.quantisation, why));
     }
-    let index = i.harris.map_or(1.0, |h| h.index);
-    match of.oscillations.first().filter(|o| o.share > AT_REST) {
-        Some(swing) => {
-            let at = period(swing.period_s);
-            if i.stuck > 0.1 {
-                scores.push((
-                    Cause::Valve,
-                    2.0 + 5.0 * i.stuck,
-                    format!(
-                        "PV stands still for {:.0} % of the time while OP moves, and both swing at {at}",
-                        100.0 * i.stuck
-                    ),
-                ));
-            }
-            if swing.regularity > 3.0 && swing.steadiness < 0.9 {
-                scores.push((Cause::Tuning, 2.5, format!("it rings at {at} with a height that comes and goes, as noise in a loop that hardly damps it")));
-            }
-            if swing.regularity > 3.0 && swing.steadiness >= 0.9 && i.stuck <= 0.1 {
-                scores.push((
-                    Cause::Load,
-                    2.0,
-                    format!("it swings steadily at {at} and neither PV nor OP shows a valve that sticks"),
-                ));
-            }
-        }
-        None if index < SLOW => {
-            scores.push((Cause::Tuning, 2.0, format!("{:.0} % of the error's variance could be foretold from before the dead time, and nothing swings", 100.0 * (1.0 - index))));
-        }
-        None => {}
+    let Some(swing) = of.oscillations.first().filter(|o| o.share > AT_REST) else { return scores };
+    let at = period(swing.period_s);
+    let corners = harmonics.unwrap_or(0.0);
+    if i.stuck > STUCK {
+        let why = format!(
+            "PV stands still for {:.0} % of the time while OP moves, and both swing at {at}",
+            100.0 * i.stuck
+        );
+        scores.push((Cause::Valve, 2.0 + 5.0 * i.stuck, why));
+    } else if corners > CORNERS {
+        let why = format!(
+            "PV swings at {at} with corners, harmonics of {:.1} %, as a limit cycle does",
+            100.0 * corners
+        );
+        scores.push((Cause::Valve, 2.0, why));
+    } else if swing.steadiness < STEADY {
+        let why = format!(
+            "it rings at {at} with a height that comes and goes, as noise in a loop that hardly damps it"
+        );
+        scores.push((Cause::Tuning, 2.0, why));
+    } else if harmonics.is_some_and(|h| h < SINE) {
+        let why = format!("it swings steadily at {at} and as a sine, which neither friction nor tuning does");
+        scores.push((Cause::Load, 2.0, why));
     }
     scores
 }

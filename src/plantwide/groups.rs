@@ -6,7 +6,7 @@
 //! members: every loop with gamma² >= g with U, and 10 % of its variance in the band
 //! ```
 //!
-//! g is the larger of 0.6 and of `1 - 0.001^(1/(M - 1))`, which independent waves in M bins pass once in a thousand pairs: of few
+//! g is the larger of 0.6 and of `1 - 0.0001^(1/(M - 1))`, which independent waves in M bins pass once in ten thousand pairs: of few
 //! periods nothing is known. U is the first principal component of the members
 //! after one step of the power method; it is compared with every loop, so that who swings too little to be noticed alone is found
 //! with the others. Two and more make a group.
@@ -21,8 +21,8 @@ use nalgebra::Complex;
 
 /// gamma² from which two swing together.
 const TOGETHER: f64 = 0.6;
-/// Probability that two that have nothing in common are found together.
-const CHANCE: f64 = 1e-3;
+/// Probability that two that have nothing in common are found together: a plant has a thousand pairs and more.
+const CHANCE: f64 = 1e-4;
 /// How far periods may be apart, as a factor.
 const NEAR: f64 = 1.15;
 /// Least share of a loop's variance in the band.

@@ -103,7 +103,7 @@ fn one(of: &PlantLoop, transforms: &mut Transforms) -> LoopFound {
 /// Finds cascades: a set point that moves as another loop's output does, but for scale.
 fn masters(plant: &[PlantLoop], found: &mut [LoopFound]) {
     /// Squared correlation of a set point with its master's output: the same numbers, but for rounding and sampling.
-    const SAME: f64 = 0.98;
+    const SAME: f64 = 0.95;
     /// Changes of a set point that is another's output, as a share of its samples: one set by hand moves seldom.
     const MOVES: f64 = 0.2;
     let moving = |of: &&(usize, &Vec<f64>)| {

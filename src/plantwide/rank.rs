@@ -54,6 +54,13 @@ pub struct Suspect {
     pub evidence: Vec<String>,
 }
 
+impl Suspect {
+    /// Power of PV's harmonics over the fundamental's (-).
+    pub fn harmonics(&self) -> f64 {
+        (self.signs[1].exp() - PURE).max(0.0)
+    }
+}
+
 /// Ranks the members of a group.
 pub fn rank(
     group: &Group,
@@ -95,6 +102,7 @@ fn evidence(signs: &[f64; SIGNS], average: &[f64]) -> Vec<String> {
         ),
         2 => format!("OP has harmonics of {:.1} % only", 100.0 * (signs[2].exp() - PURE).max(0.0)),
         3 => format!("PV stands still for {:.0} % of the time while OP moves", 100.0 * signs[3]),
+        4 if signs[4] <= 0.0 => "hardly any other comes before it".to_string(),
         4 => format!("it comes {:.2} periods before the others", signs[4]),
         5 => "it moves a valve of its own".to_string(),
         _ => format!("{:.0} % of the others lie downstream", 100.0 * signs[6]),

@@ -348,13 +348,16 @@ impl Plant {
             loops.iter().map(|of| Run { ts: TS_S * of.every as f64, ..Run::default() }).collect();
         let mut into = vec![0.0; loops.len()];
         let mut op: Vec<f64> = loops.iter().map(|of| of.op0).collect();
+        // A slave sees the output that its master has just written.
+        let mut order: Vec<usize> = (0..loops.len()).collect();
+        order.sort_by_key(|i| loops[*i].master.is_some());
         for k in 0..n + WARM_UP {
             into.fill(0.0);
             for (stream, lag) in self.streams.iter().zip(&streams) {
                 into[stream.to] += lag.output();
             }
             swings.iter_mut().for_each(|swing| into[swing.at] += swing.step());
-            for i in 0..loops.len() {
+            for &i in &order {
                 let sp = match loops[i].master {
                     Some(master) => loops[i].pv0 + op[master] - loops[master].op0,
                     None => loops[i].pv0,

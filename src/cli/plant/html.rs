@@ -68,10 +68,10 @@ fn list(out: &mut String, found: &Analysis, work: &[Work]) {
         let victims: Vec<String> = line.victims.iter().map(|i| escape(&found.loops[*i].name)).collect();
         let _ = write!(
             out,
-            "<tr><td><strong>{}</strong></td><td>{}</td><td class=\"number\">{:.0} %</td><td>{}</td><td>{}</td></tr>",
+            "<tr><td><strong>{}</strong></td><td>{}</td><td class=\"number\">{}</td><td>{}</td><td>{}</td></tr>",
             escape(&found.loops[line.at].name),
             line.cause.as_str(),
-            100.0 * line.probability,
+            super::sure(line),
             escape(&line.why),
             victims.join(", ")
         );
@@ -110,7 +110,7 @@ fn of_group(out: &mut String, k: usize, group: &Group, plant: &[PlantLoop], foun
     graph(out, members, source, group, found);
     *out += "<figcaption>Who is expected to drive whom: arrows from the suspected source along the strongest coherence</figcaption></figure><figure>";
     matrix(out, members, group, found);
-    *out += "<figcaption>Coherence of every two, dark where they swing as one</figcaption></figure></div></section>";
+    *out += "<figcaption>Coherence of every two, full colour where they swing as one</figcaption></figure></div></section>";
 }
 
 fn trends(
@@ -236,9 +236,9 @@ fn graph(out: &mut String, members: &[usize], source: Option<usize>, group: &Gro
     );
     for (from, to) in edges {
         let ((x, y), (p, q)) = (place(from), place(to));
-        let length = (p - x).hypot(q - y).max(1.0);
         // The arrow ends at the edge of the name's box.
-        let short = (34.0 / length).min(0.4);
+        let edge = (34.0 / (p - x).abs()).min(10.0 / (q - y).abs());
+        let short = edge.min(0.4);
         let _ = write!(
             out,
             "<path class=\"edge\" opacity=\"{:.2}\" marker-end=\"url(#a{root}-{n})\" d=\"M{x:.1} {y:.1}L{:.1} {:.1}\"/>",

@@ -137,6 +137,11 @@ fn work(found: &Analysis) -> Vec<Work> {
     work
 }
 
+/// How sure a cause is; of none there is nothing to be sure of.
+fn sure(line: &Work) -> String {
+    if line.cause == Cause::Unknown { "–".into() } else { format!("{:.0} %", 100.0 * line.probability) }
+}
+
 fn text(found: &Analysis, work: &[Work], skipped: &[String]) -> String {
     let name = |i: usize| found.loops[i].name.as_str();
     let mut out = String::new();
@@ -171,14 +176,8 @@ fn text(found: &Analysis, work: &[Work], skipped: &[String]) -> String {
         } else {
             format!(" — expected to calm down with it: {}", victims.join(" "))
         };
-        let _ = writeln!(
-            out,
-            "  {} {} ({:.0} %): {}{calm}",
-            name(line.at),
-            line.cause.as_str(),
-            100.0 * line.probability,
-            line.why
-        );
+        let _ =
+            writeln!(out, "  {} {} ({}): {}{calm}", name(line.at), line.cause.as_str(), sure(line), line.why);
     }
     for why in skipped {
         let _ = writeln!(out, "skipped {why}");

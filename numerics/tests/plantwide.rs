@@ -1,0 +1,95 @@
+//! Groups, sources and cascades of a few simulated plants; `examples/plantwide_rates.rs` measures them on many.
+
+use stictiond_numerics::plantwide::{Cause, PlantLoop, analyse};
+use stictiond_numerics::signal::Window;
+use stictiond_numerics::sim::Run;
+use stictiond_numerics::sim::units::{Plant, Source, plant};
+
+fn loops(of: &Plant, runs: &[Run]) -> Vec<PlantLoop> {
+    let one = |(of, run): (&stictiond_numerics::sim::units::UnitLoop, &Run)| PlantLoop {
+        name: of.name.clone(),
+        window: Window {
+            ts: run.ts,
+            op: run.op.clone(),
+            pv: run.pv.clone(),
+            sp: Some(run.sp.clone()),
+            ..Window::default()
+        },
+        op_limits: Some((0.0, 100.0)),
+        upstream: Vec::new(),
+    };
+    of.loops.iter().zip(runs).map(one).collect()
+}
+
+#[test]
+fn a_load_is_found_where_it_enters_and_its_victims_are_told_of_it() {
+    let (mut first, mut among, mut missed, mut victims) = (0, 0, 0, 0);
+    for seed in [31, 32, 33, 34] {
+        let of = plant(seed, 5, &[(Source::Load, None)]);
+        let at = of.sources[0].1;
+        let (runs, shares) = of.truth(24.0);
+        let found = analyse(&loops(&of, &runs));
+        let clear: Vec<usize> = (0..60).filter(|i| shares[*i][0] > 0.5).collect();
+        if clear.len() < 2 {
+            continue;
+        }
+        victims += clear.len();
+        missed += clear.iter().filter(|i| found.loops[**i].group != found.loops[at].group).count();
+        let Some(group) = found.loops[at].group.map(|g| &found.groups[g]) else { continue };
+        first += usize::from(group.suspects[0].at == at);
+        among += 1;
+        let sum: f64 = group.suspects.iter().map(|s| s.probability).sum();
+        assert!((sum - 1.0).abs() < 1e-9);
+        let source = group.suspects[0].at;
+        let told = clear.iter().filter(|i| {
+            found.loops[**i]
+                .reason
+                .as_ref()
+                .is_some_and(|r| r.cause == Cause::Neighbour && r.neighbour == Some(source))
+        });
+        assert!(told.count() * 2 >= clear.len() - 1, "seed {seed}");
+    }
+    assert!(victims > 5 && missed * 10 <= victims, "{missed} of {victims}");
+    assert!(among >= 3 && first * 2 >= among, "{first} of {among}");
+}
+
+#[test]
+fn cascades_are_recognised_in_any_sampling() {
+    let of = plant(41, 2, &[]);
+    let found = analyse(&loops(&of, &of.run(12.0, &[])));
+    for (at, one) in of.loops.iter().enumerate() {
+        assert_eq!(found.loops[at].master, one.master, "{}", one.name);
+    }
+}
+
+#[test]
+fn what_the_user_says_of_streams_decides_between_two_alike() {
+    let wave = |late: f64| -> Vec<f64> {
+        (0..1440)
+            .map(|k| ((f64::from(k) - late) * 0.2).sin() + 0.05 * (f64::from(k * k) * 0.7).sin())
+            .collect()
+    };
+    let one = |name: &str, upstream: &[&str]| PlantLoop {
+        name: name.into(),
+        window: Window { ts: 60.0, op: wave(0.0), pv: wave(0.0), ..Window::default() },
+        upstream: upstream.iter().map(|u| (*u).to_string()).collect(),
+        ..PlantLoop::default()
+    };
+    for (a, b, source) in [(vec![], vec!["A"], 0), (vec!["B"], vec![], 1)] {
+        let found = analyse(&[one("A", &a), one("B", &b)]);
+        assert_eq!(found.groups.len(), 1);
+        assert_eq!(found.groups[0].suspects[0].at, source);
+    }
+}
+
+#[test]
+fn rubbish_is_in_no_group_and_no_panic() {
+    let one = |pv: Vec<f64>| PlantLoop {
+        window: Window { ts: 1.0, op: pv.clone(), pv, ..Window::default() },
+        ..PlantLoop::default()
+    };
+    let rubbish = [vec![], vec![f64::NAN; 200], vec![1e300; 200], vec![0.0; 3], vec![f64::INFINITY; 100]];
+    let found = analyse(&rubbish.map(one));
+    assert_eq!((found.loops.len(), found.groups.len()), (5, 0));
+    assert_eq!(analyse(&[]).groups.len(), 0);
+}

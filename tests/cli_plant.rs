@@ -1,0 +1,92 @@
+//! `stictiond plant` as a user meets it: a folder in, text, JSON and a page out.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use stictiond::sim::units::{Source, plant};
+
+fn stictiond(args: &[&str]) -> Output {
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_stictiond")).args(args).output().expect("the binary starts");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(!stderr.contains("panicked"), "{args:?}: {stderr}");
+    output
+}
+
+/// An empty folder of its own for each case.
+fn folder(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_dir_all(&path);
+    fs::create_dir_all(&path).expect("the test directory is writable");
+    path
+}
+
+/// A plant with a load, one file a loop, beside an index and a file that is no record; the loop that the load enters.
+fn with_a_load(name: &str) -> (PathBuf, String) {
+    let path = folder(name);
+    let of = plant(12, 2, &[(Source::Load, Some(3))]);
+    for (of, run) in of.loops.iter().zip(of.run(12.0, &[true])) {
+        let mut text = "t,op,pv,sp\n".to_string();
+        for k in 0..run.t.len() {
+            let _ = writeln!(text, "{},{:.4},{:.4},{:.4}", run.t[k], run.op[k], run.pv[k], run.sp[k]);
+        }
+        fs::write(path.join(&of.name).with_extension("csv"), text).expect("writable");
+    }
+    fs::write(path.join("index.csv"), "file,label\nFIC101.csv,1\n").expect("writable");
+    fs::write(path.join("broken.csv"), "a,b\nx,y\n").expect("writable");
+    (path, of.loops[3].name.clone())
+}
+
+#[test]
+fn a_folder_gives_groups_a_work_list_and_a_page_that_stands_alone() {
+    let (path, at) = with_a_load("plant-load");
+    let page = path.with_extension("html");
+    let (path, to) = (path.to_str().expect("text"), page.to_str().expect("text"));
+    let output = stictiond(&["plant", path, "--format", "json", "--op-limits", "0,100", "--html", to]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(found["loops"].as_array().map(Vec::len), Some(24));
+    let skipped = found["skipped"].as_array().expect("a list");
+    assert!(
+        skipped.len() == 1 && skipped[0].as_str().is_some_and(|s| s.starts_with("broken: ")),
+        "{skipped:?}"
+    );
+    let group = &found["groups"][0];
+    assert!(group["members"].as_array().is_some_and(|m| m.iter().any(|m| *m == at.as_str())), "{group}");
+    assert!(found["work"].as_array().is_some_and(|work| !work.is_empty()));
+    let one =
+        found["loops"].as_array().and_then(|l| l.iter().find(|l| l["loop"] == at.as_str())).expect("named");
+    assert!(
+        one["at_limits"] == 0.0 && one["service_factor"].is_null() && one["score"].as_f64().is_some(),
+        "{one}"
+    );
+
+    let page = fs::read_to_string(page).expect("written");
+    assert!(
+        page.contains("What to do first")
+            && page.contains(&at)
+            && page.contains("prefers-color-scheme: dark")
+    );
+    // Nothing is loaded from anywhere, and nothing runs.
+    for outside in ["<script", "src=", "http:", "https:", "@import"] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    let text = stictiond(&["plant", path, "--format", "text"]);
+    let text = String::from_utf8(text.stdout).expect("text");
+    assert!(text.contains("suspected source: ") && text.contains("skipped broken: "), "{text}");
+}
+
+#[test]
+fn a_folder_without_records_is_bad_input() {
+    let empty = folder("plant-empty");
+    for path in [empty.to_str().expect("text"), "/nowhere/at/all"] {
+        let output = stictiond(&["plant", path]);
+        assert_eq!(output.status.code(), Some(2));
+        let stderr = String::from_utf8(output.stderr).expect("text");
+        assert!(
+            stderr.lines().count() == 1 && stderr.starts_with(&format!("stictiond: {path}: ")),
+            "{stderr}"
+        );
+    }
+}
