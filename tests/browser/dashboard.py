@@ -186,9 +186,12 @@ def opinions(walk):
     page.keyboard.press("Enter")
     expect(page.locator("details[data-method=rossi_scali_2005] svg.plot circle.point").first).to_be_visible()
     print("ok: pictures open by click and by keyboard")
-    for one in page.locator(".opinions details:not([open]) summary").all():
-        one.click()
-    page.wait_for_function("[...document.querySelectorAll('.opinions .pictures')].every((one) => one.childNodes.length && one.textContent !== 'loading …')")
+    for one in page.locator(".opinions details").all():
+        if one.get_attribute("open") is None:
+            one.locator("summary").click()
+    for one in page.locator(".opinions .pictures").all():
+        expect(one).not_to_be_empty()
+        expect(one).not_to_contain_text("loading")
     panel = page.locator("section[aria-label=Opinions]")
     panel.screenshot(path=walk.out / "opinions-light.png")
     walk.axe("the opinions, light")
