@@ -1,7 +1,7 @@
 //! The report as a page for a person: the verdict first, then what it rests on.
 
 use std::fmt::Write;
-use stictiond::results::words::{between, percent, short};
+use stictiond::results::words::{between, percent};
 use stictiond::serve::dto::report::{Report, ReportCurve, ReportOpinion, ReportSays, ReportVerdict};
 
 /// Columns of the plot.
@@ -193,8 +193,11 @@ pub fn page(report: &Report) -> String {
     }
     if let Some(agreement) = &report.agreement {
         line("opinions", agreement.why.clone());
-        for opinion in &report.opinions {
+        for opinion in report.opinions.iter().filter(|own| own.index.is_some()) {
             line("", one(opinion));
+        }
+        for (why, methods) in silent(&report.opinions) {
+            line("", format!("{} cannot tell: {why}", methods.join(", ")));
         }
         if let Some(doubt) = report.doubt() {
             line("doubtful", doubt);
@@ -217,8 +220,20 @@ fn one(opinion: &ReportOpinion) -> String {
         ReportSays::Sound => "sound",
         ReportSays::CannotTell => "cannot tell",
     };
-    let index = opinion.index.map_or("-".into(), short);
-    format!("{:<22} {says:<12}{index:>7}  {}", opinion.method, opinion.why)
+    let index = number(opinion.index);
+    format!("{:<22}{says:<12}{index:>9}  {}", opinion.method, opinion.why)
+}
+
+/// The methods without an index, by why they have none.
+fn silent(opinions: &[ReportOpinion]) -> Vec<(&str, Vec<&str>)> {
+    let mut by: Vec<(&str, Vec<&str>)> = Vec::new();
+    for own in opinions.iter().filter(|own| own.index.is_none()) {
+        match by.iter_mut().find(|(why, _)| *why == own.why) {
+            Some((_, methods)) => methods.push(&own.method),
+            None => by.push((&own.why, vec![&own.method])),
+        }
+    }
+    by
 }
 
 /// Four significant digits, without trailing zeros; `-` when there is no number.
@@ -322,6 +337,26 @@ mod tests {
         report.residual.candidates = [("none", 0.9), ("load_step", 0.1)].map(candidate).into();
         assert!(!page(&report).contains("lies between"));
         assert!(!page(&report).contains("dAIC 31"));
+    }
+
+    #[test]
+    fn opinions_with_an_index_have_a_line_and_the_others_are_told_by_why() {
+        use stictiond::detectors::{Agreement, Band, Method, Opinion};
+        use stictiond::results::Judged;
+        use stictiond::signal::SpanSource;
+        let judged = Judged {
+            opinions: vec![
+                Opinion::cannot_tell(Method::Horch1999, "the process integrates"),
+                Opinion::of(Method::He2007, 0.73456, Band { sound: 0.4, sticks: 0.6 }, "SI 0.73"),
+                Opinion::cannot_tell(Method::Kano2004A, "the process integrates"),
+            ],
+            agreement: Some(Agreement { why: "1 of 1".into(), ..Agreement::default() }),
+            ..Diagnosis::bare(Verdict::NoStiction, "made for a test").into()
+        };
+        let page = page(&Report::judged("LIC1", (None, SpanSource::Unknown), &judged));
+        let lines = "opinions    1 of 1\n            he_2007               sticks         0.7346  SI 0.73\n            \
+                     horch_1999, kano_2004_a cannot tell: the process integrates\n";
+        assert!(page.contains(lines), "{page}");
     }
 
     #[test]
