@@ -7,7 +7,7 @@ import { plot } from "./svg.js";
 
 const SAYS = { sticks: "sticks", sound: "sound", cannot_tell: "cannot tell" };
 // How marks of each meaning look: their class, and the word of the key.
-const TONES = { data: "pv", beside: "sp", sticks: "stem", sound: "op", mark: "alarm" };
+const TONES = { data: "pv", beside: "mv", sticks: "stem", sound: "op", mark: "alarm" };
 const WIDE = 160, HIGH = 22;
 
 // The index on a bar whose zones are its thresholds: sound on the left, sticks on the right, between them nothing is said.
@@ -32,7 +32,7 @@ function layerOf(one) {
   const look = TONES[one.tone] ?? "pv";
   switch (one.mark) {
     case "line": return { kind: "line", class: `${look}${one.tone === "data" ? " thin" : ""}`, x: one.x, y: one.y };
-    case "dots": return { kind: "points", class: look, small: one.x.length > 40, x: one.x, y: one.y };
+    case "dots": return { kind: "points", class: look, size: one.tone === "data" ? 1.6 : one.x.length > 12 ? 2.6 : 4.5, x: one.x, y: one.y };
     case "bars": return { kind: "columns", class: look, wide: one.size[0], x: one.x, y: one.y };
     case "level": return { kind: "level", class: `${look} dash thin`, at: one.at };
     case "upright": return { kind: "upright", class: `${look} dash`, at: one.at };

@@ -117,7 +117,7 @@ const KINDS = {
       return out;
     }),
   // Points on their own.
-  points: (layer, a) => layer.x.map((at, i) => s("circle", { class: `point ${layer.class}`, cx: a.x(at).toFixed(1), cy: a.y(layer.y[i]).toFixed(1), r: layer.small ? 1.7 : 4.5 })),
+  points: (layer, a) => layer.x.map((at, i) => s("circle", { class: `point ${layer.class}`, cx: a.x(at).toFixed(1), cy: a.y(layer.y[i]).toFixed(1), r: layer.size })),
   // Bars as wide as they stand for.
   columns: (layer, a) => layer.x.map((at, i) => s("rect", { class: `column ${layer.class}`, x: a.x(at - layer.wide / 2), y: a.y(layer.y[i]), width: Math.max(1, a.x(at + layer.wide / 2) - a.x(at - layer.wide / 2) - 1), height: Math.max(0, a.y(0) - a.y(layer.y[i])) })),
   // A map: the darker, the larger.
