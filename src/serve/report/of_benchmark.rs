@@ -17,13 +17,13 @@ pub fn of_benchmark(found: &BenchmarkReport) -> String {
         escape(&found.folder),
         found.records.len()
     );
-    for judge in &found.judges {
-        body += &row(judge);
+    for (at, judge) in found.judges.iter().enumerate() {
+        body += &row(at + 1, judge);
     }
-    body += "</tbody></table><h2>Record by record</h2><p class=\"faint\">✓ right, ✗ wrong, · cannot tell</p><table><thead><tr><th>Loop</th><th>Label</th>";
-    for judge in &found.judges {
+    body += "</tbody></table><h2>Record by record</h2><p class=\"faint\">The methods by their numbers above: ✓ right, ✗ wrong, · cannot tell.</p><table><thead><tr><th>Loop</th><th>Label</th>";
+    for (at, judge) in found.judges.iter().enumerate() {
         // Writing into a String cannot fail.
-        let _ = write!(body, "<th>{}</th>", escape(&judge.title));
+        let _ = write!(body, "<th title=\"{}\">{}</th>", escape(&judge.title), at + 1);
     }
     body += "<th>Doubtful</th></tr></thead><tbody>";
     for record in &found.records {
@@ -51,7 +51,7 @@ pub fn mark(sticks: bool, says: ReportSays) -> &'static str {
     }
 }
 
-fn row(judge: &BenchmarkJudge) -> String {
+fn row(number: usize, judge: &BenchmarkJudge) -> String {
     let ms = |value: Option<f64>| value.map_or("–".into(), |ms| format!("{ms:.1}"));
     let cells = [
         share(&judge.found),
@@ -64,7 +64,7 @@ fn row(judge: &BenchmarkJudge) -> String {
         format!("{} ({})", ms(judge.ms_median), ms(judge.ms_longest)),
     ];
     let cells: String = cells.iter().map(|cell| format!("<td class=\"number\">{cell}</td>")).collect();
-    format!("<tr><td>{}</td>{cells}</tr>", escape(&judge.title))
+    format!("<tr><td>{number} {}</td>{cells}</tr>", escape(&judge.title))
 }
 
 fn line(record: &BenchmarkRecord) -> String {
