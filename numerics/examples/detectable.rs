@@ -13,6 +13,7 @@ mod parallel;
 
 use generators::{Case, GENERATORS, Generator, Size};
 use std::process::ExitCode;
+use stictiond_numerics::detectors::tally;
 use stictiond_numerics::diagnosis::{self, Verdict, diagnose};
 use stictiond_numerics::residual::{self, Kind, trace_record};
 
@@ -175,11 +176,6 @@ fn honest(said: &[(&str, Vec<Said>)], each: bool) {
 
 /// Wilson's 95 % interval in per cent.
 fn wilson(count: usize, of: usize) -> String {
-    if of == 0 {
-        return String::new();
-    }
-    let (n, p, z) = (of as f64, count as f64 / of as f64, 1.96);
-    let middle = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
-    let half = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt() / (1.0 + z * z / n);
-    format!("[{:.0}, {:.0}]", 100.0 * (middle - half).max(0.0), 100.0 * (middle + half).min(1.0))
+    tally::wilson(count, of)
+        .map_or_else(String::new, |[low, high]| format!("[{:.0}, {:.0}]", 100.0 * low, 100.0 * high))
 }

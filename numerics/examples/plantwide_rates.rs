@@ -3,6 +3,7 @@
 //! `plantwide_rates [--first 5000] [--plants 100] [--hours 24] [--upstream] [--signs]`
 
 use std::collections::BTreeMap;
+use stictiond_numerics::detectors::tally;
 use stictiond_numerics::plantwide::{Analysis, PlantLoop, analyse};
 use stictiond_numerics::signal::Window;
 use stictiond_numerics::sim::units::{Plant, Source, plant};
@@ -66,18 +67,9 @@ fn rand_index(a: &[usize], b: &[usize]) -> f64 {
 }
 
 fn wilson(right: usize, all: usize) -> String {
-    if all == 0 {
-        return "none".into();
-    }
-    let (n, p, z) = (all as f64, right as f64 / all as f64, 1.96);
-    let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
-    let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-    format!(
-        "{right} of {all}, {:.0} % ({:.0} to {:.0})",
-        100.0 * p,
-        100.0 * (centre - half),
-        100.0 * (centre + half)
-    )
+    let Some([low, high]) = tally::wilson(right, all) else { return "none".into() };
+    let share = right as f64 / all as f64;
+    format!("{right} of {all}, {:.0} % ({:.0} to {:.0})", 100.0 * share, 100.0 * low, 100.0 * high)
 }
 
 #[derive(Default)]

@@ -15,6 +15,7 @@ use generators::{Case, GENERATORS, Size};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::process::ExitCode;
+use stictiond_numerics::detectors::tally;
 use stictiond_numerics::diagnosis::{self, diagnose};
 use stictiond_numerics::residual::{self, Kind, trace_record};
 use stictiond_numerics::signal::Record;
@@ -242,11 +243,8 @@ fn show(name: &str, loops: &[Loop], at_ticks: &[Said], said: &[Said], each: bool
 
 /// Hits, and the Wilson 95 % interval of their share, in per cent.
 fn wilson(hits: usize, of: usize) -> String {
-    if of == 0 {
-        return "-".into();
+    match tally::wilson(hits, of) {
+        Some([low, high]) => format!("{hits} of {of} [{:.0}, {:.0}]", 100.0 * low, 100.0 * high),
+        None => "-".into(),
     }
-    let (n, p, z) = (of as f64, hits as f64 / of as f64, 1.96);
-    let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
-    let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-    format!("{hits} of {of} [{:.0}, {:.0}]", 100.0 * (centre - half).max(0.0), 100.0 * (centre + half))
 }

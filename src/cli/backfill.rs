@@ -3,8 +3,8 @@
 mod sources;
 
 use super::diagnose::{above_zero, limits};
+use super::format::Format;
 use super::{Failure, print};
-use clap::ValueEnum;
 use std::fmt::Write as _;
 use std::fs;
 use std::io::{self, IsTerminal, Write as _};
@@ -72,12 +72,6 @@ pub struct Args {
     table: super::table::TableArgs,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Format {
-    Json,
-    Text,
-}
-
 /// Reads, cuts, diagnoses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let bad = |error: &dyn std::fmt::Display| Failure::in_file(&args.source, error);
@@ -106,8 +100,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         fs::write(to, picture(&name, trends, &found, &report))
             .map_err(|error| Failure::in_file(to, &error))?;
     }
-    let usual = if io::stdout().is_terminal() { Format::Text } else { Format::Json };
-    match args.format.unwrap_or(usual) {
+    match args.format.unwrap_or_else(Format::usual) {
         Format::Text => print(&page(&report)),
         Format::Json => {
             let mut json = serde_json::to_string_pretty(&report)

@@ -1,10 +1,9 @@
 //! `stictiond benchmark DIR`: the published methods and the program on labelled records.
 
+use super::format::Format;
 use super::{Failure, print, table};
-use clap::ValueEnum;
 use std::fmt::Write;
 use std::fs;
-use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use stictiond::collect::table::Options;
@@ -28,12 +27,6 @@ pub struct Args {
     /// Write it as one HTML page too
     #[arg(long, value_name = "FILE.html")]
     html: Option<PathBuf>,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum Format {
-    Json,
-    Text,
 }
 
 /// A line of the index.
@@ -81,8 +74,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(to) = &args.html {
         fs::write(to, of_benchmark(&found)).map_err(|error| Failure::in_file(to, &error))?;
     }
-    let usual = if io::stdout().is_terminal() { Format::Text } else { Format::Json };
-    match args.format.unwrap_or(usual) {
+    match args.format.unwrap_or_else(Format::usual) {
         Format::Text => print(&page(&found)),
         Format::Json => {
             let mut json = serde_json::to_string_pretty(&found)

@@ -1,9 +1,8 @@
 //! `stictiond diagnose FILE.csv`: one record to one report on stdout.
 
+use super::format::Format;
 use super::{Failure, plot, print, table, text};
-use clap::ValueEnum;
 use std::fs;
-use std::io::{self, IsTerminal};
 use std::path::PathBuf;
 use stictiond::collect::table::Table;
 use stictiond::detectors::integration::told_by_name;
@@ -38,12 +37,6 @@ pub struct Args {
     table: table::TableArgs,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Format {
-    Json,
-    Text,
-}
-
 pub fn above_zero(text: &str) -> Result<f64, String> {
     text.parse::<f64>().ok().filter(|x| x.is_finite() && *x > 0.0).ok_or("not a number above 0".into())
 }
@@ -72,8 +65,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let judged = Judged { findings, ..diagnosis.into() }.with_opinions(told_by_name(name));
     let mut report = Report::judged(name, (record.op_span, record.op_span_source), &judged);
     report.read_as = Some(read.read_as);
-    let usual = if io::stdout().is_terminal() { Format::Text } else { Format::Json };
-    match args.format.unwrap_or(usual) {
+    match args.format.unwrap_or_else(Format::usual) {
         Format::Text => print(&text::page(&report)),
         Format::Json => {
             let mut json = serde_json::to_string_pretty(&report)

@@ -11,6 +11,7 @@ mod book;
 mod check;
 mod demo;
 mod diagnose;
+mod format;
 mod health;
 mod import_tags;
 mod logging;

@@ -23,6 +23,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 use std::{fs, io};
+use stictiond_numerics::detectors::tally;
 use stictiond_numerics::residual::Kind;
 
 struct Options {
@@ -295,13 +296,9 @@ fn options(mut args: impl Iterator<Item = String>) -> Result<Options, String> {
 
 /// The Wilson 95 % interval of a share, in per cent.
 fn wilson(hits: usize, of: usize) -> String {
-    if of == 0 {
-        return "-".into();
-    }
-    let (n, p, z) = (of as f64, hits as f64 / of as f64, 1.96);
-    let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
-    let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-    format!("{:.1} % [{:.1}, {:.1}]", 100.0 * p, 100.0 * (centre - half).max(0.0), 100.0 * (centre + half))
+    let Some([low, high]) = tally::wilson(hits, of) else { return "-".into() };
+    let share = hits as f64 / of as f64;
+    format!("{:.1} % [{:.1}, {:.1}]", 100.0 * share, 100.0 * low, 100.0 * high)
 }
 
 fn counted<T: Ord + ToString>(items: impl Iterator<Item = T>) -> String {

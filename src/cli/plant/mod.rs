@@ -3,11 +3,10 @@
 mod html;
 mod json;
 
+use super::format::Format;
 use super::{Failure, print, table};
-use clap::ValueEnum;
 use std::fmt::Write as _;
 use std::fs;
-use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 use stictiond::plantwide::cause::period;
 use stictiond::plantwide::window::of_record;
@@ -31,12 +30,6 @@ pub struct Args {
     op_limits: Option<(f64, f64)>,
     #[command(flatten)]
     table: table::TableArgs,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum Format {
-    Json,
-    Text,
 }
 
 /// One line of the work list: what to do, and whose trouble it is expected to end.
@@ -69,8 +62,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         fs::write(to, html::page(&title, &plant, &found, &work, &skipped))
             .map_err(|error| Failure::in_file(to, &error))?;
     }
-    let usual = if io::stdout().is_terminal() { Format::Text } else { Format::Json };
-    match args.format.unwrap_or(usual) {
+    match args.format.unwrap_or_else(Format::usual) {
         Format::Text => print(&text(&found, &work, &skipped)),
         Format::Json => print(&json::text(&found, &work, &skipped)?),
     }
