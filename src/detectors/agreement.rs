@@ -1,6 +1,6 @@
 //! How the methods agree, with one another and with the program's verdict.
 
-use super::{Method, Opinion, Says};
+use super::opinion::{Method, Opinion, Says};
 
 /// Methods that have to contradict the verdict, at least.
 pub const LEAST_CONTRADICTING: usize = 4;

@@ -21,8 +21,9 @@
 //! has odd harmonics alone and little of it. Any other nonlinearity is called stiction, saturation and square loads among it.
 //! The apparent stiction is not S: it grows with the process's lag.
 
+use super::facts::Facts;
+use super::opinion::{Band, Method, Opinion, Says};
 use super::picture::{Layer, Mark, Picture, Tone, excerpt};
-use super::{Band, Facts, Method, Opinion, Says};
 use crate::sysid::stats::{mean, range, sd};
 use realfft::RealFftPlanner;
 

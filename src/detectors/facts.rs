@@ -1,7 +1,7 @@
 //! What every method needs to know of a window, decided once.
 
 use super::half_cycles::Cycles;
-use super::integration::{Integrates, Integration, integration};
+use super::integration::{Integrates, Integration, Signals, integration};
 use super::oscillation::{Cycle, REGULAR, cycle};
 use crate::diagnosis::region::{self, Region};
 use crate::signal::Window;
@@ -75,7 +75,14 @@ impl<'a> Facts<'a> {
             op: Cycles::default(),
             pv: Cycles::default(),
         };
-        facts.integration = integration(&facts, integrates);
+        let signals = Signals {
+            u: &facts.u,
+            y: &facts.y,
+            stem: facts.stem.as_deref(),
+            start: facts.start,
+            period: facts.oscillates().ok(),
+        };
+        facts.integration = integration(&signals, integrates);
         if let Ok(period) = facts.oscillates() {
             (facts.op, facts.pv) = (Cycles::new(&facts.u, period), Cycles::new(&facts.y, period));
         }

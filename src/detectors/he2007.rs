@@ -14,9 +14,11 @@
 //! Limits: noise adds to both errors and draws SI to 0.5; a process that is slow beside the cycle bends the triangle of OP
 //! into a parabola, which looks like a sine; a triangular load looks like a valve.
 
+use super::facts::Facts;
 use super::half_cycles::{Cycles, HalfCycle, LEAST_SAMPLES, fit, sine, triangle};
+use super::integration::Integrates;
+use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone, curve};
-use super::{Band, Facts, Integrates, Method, Opinion};
 use crate::sysid::stats::mean;
 
 const ME: Method = Method::He2007;

@@ -17,8 +17,10 @@
 //! Limits: integrating processes and P control are not covered; dead time and a lag turn the phase towards the half period
 //! of a load, so that a valve that sticks weakly in a slow process is called sound.
 
+use super::facts::Facts;
+use super::integration::Integrates;
+use super::opinion::{Band, Method, Opinion, Says};
 use super::picture::{Layer, Picture, Tone};
-use super::{Band, Facts, Integrates, Method, Opinion, Says};
 use crate::sysid::least_squares::dot;
 
 const ME: Method = Method::Horch1999;

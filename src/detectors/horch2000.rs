@@ -15,8 +15,10 @@
 //! Chosen here: the filter's width, and `q1 <= A/2`: a camel with more noise has one hump too, and would always fit.
 //! Limits: noise hides both humps and is taken for a valve that sticks; a load that jumps looks like a valve.
 
+use super::facts::Facts;
+use super::integration::Integrates;
+use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone};
-use super::{Band, Facts, Integrates, Method, Opinion};
 use crate::sysid::stats::sd;
 
 const ME: Method = Method::Horch2000;

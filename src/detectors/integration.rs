@@ -13,9 +13,10 @@
 //! or the other get the same answer. Source: integral equations, Whitfield & Messali, Int. J. Control 1987, 45, 1431. The
 //! thresholds are read off what `numerics/examples/opinions -- --calibrate` prints of simulated loops.
 
-use super::{Band, Facts};
+use super::opinion::Band;
 use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute, total};
-use crate::sysid::valve::ValveModel;
+use crate::sysid::stats::range;
+use crate::sysid::valve::{Start, ValveModel};
 
 /// `lag` up to which the process integrates, and from which it does not (-).
 pub const BAND: Band = Band { sound: 0.1, sticks: 0.45 };
@@ -91,14 +92,29 @@ pub fn told_by_name(name: &str) -> Option<bool> {
     })
 }
 
+/// What tells it, as the methods see it.
+pub(super) struct Signals<'a> {
+    /// OP, normalised.
+    pub u: &'a [f64],
+    /// PV likewise.
+    pub y: &'a [f64],
+    /// The measured stem likewise.
+    pub stem: Option<&'a [f64]>,
+    /// Where a stem is followed from.
+    pub start: Start,
+    /// Period of a regular oscillation (samples).
+    pub period: Option<f64>,
+}
+
 /// Decides; `known` where somebody knows.
-pub(super) fn integration(facts: &Facts<'_>, known: Option<bool>) -> Integration {
+pub(super) fn integration(signals: &Signals<'_>, known: Option<bool>) -> Integration {
     if let Some(known) = known {
         let answer = if known { Integrates::Yes } else { Integrates::No };
         return Integration { answer, lag: None, fit: 1.0 };
     }
-    let Ok(period) = facts.oscillates() else { return Integration::default() };
-    let Some((lag, fit)) = measure(facts, period) else { return Integration::default() };
+    let Some((lag, fit)) = signals.period.and_then(|period| measure(signals, period)) else {
+        return Integration::default();
+    };
     let answer = if fit < LEAST_FIT || lag < LEAST_LAG {
         Integrates::Unknown
     } else if lag <= BAND.sound {
@@ -112,26 +128,27 @@ pub(super) fn integration(facts: &Facts<'_>, known: Option<bool>) -> Integration
 }
 
 /// `1/(w tau)` and the share explained by the best of the valves and delays tried.
-fn measure(facts: &Facts<'_>, period: f64) -> Option<(f64, f64)> {
-    let equation = Equation::new(&facts.y, period)?;
-    let (rate, left) = match &facts.stem {
+fn measure(signals: &Signals<'_>, period: f64) -> Option<(f64, f64)> {
+    let equation = Equation::new(signals.y, period)?;
+    let (rate, left) = match signals.stem {
         Some(stem) => equation.best(stem)?,
-        None => best_valve(facts, &equation)?,
+        None => best_valve(signals, &equation)?,
     };
     Some((rate * period / std::f64::consts::TAU, 1.0 - left))
 }
 
 /// The best valve of a grid of S, and of a finer one beside it.
-fn best_valve(facts: &Facts<'_>, equation: &Equation) -> Option<(f64, f64)> {
-    let step = facts.op_range() / (BANDS + 1) as f64;
+fn best_valve(signals: &Signals<'_>, equation: &Equation) -> Option<(f64, f64)> {
+    let (low, high) = range(signals.u);
+    let step = (high - low) / (BANDS + 1) as f64;
     let (mut x, mut dir) = (Vec::new(), Vec::new());
-    let mut best = equation.best(&facts.u).map(|found| (found, 0.0));
+    let mut best = equation.best(signals.u).map(|found| (found, 0.0));
     let mut offer = |s: f64, best: &mut Option<((f64, f64), f64)>| {
         for j in JUMPS.map(|share| share * s) {
             ValveModel { s, j, ..ValveModel::default() }.run(
-                &facts.u,
-                facts.start,
-                facts.len(),
+                signals.u,
+                signals.start,
+                signals.u.len(),
                 &mut x,
                 &mut dir,
             );

@@ -23,8 +23,9 @@
 //! Limits: PV stands for the stem in flow loops alone, so that processes which integrate are refused and slow ones missed;
 //! a pure dead band is found by B and hardly by A; noise hides what stands still.
 
+use super::facts::Facts;
+use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone, excerpt};
-use super::{Band, Facts, Method, Opinion};
 use crate::sysid::stats::{mean, range, sd};
 
 /// Threshold of A's index, calibrated (-): more than a tenth of the valves that stick have an index of 0.

@@ -15,8 +15,9 @@
 //! Limits: least squares is biased by noise on PV, and takes a load of a valve's shape for one. A delay beyond ten samples is
 //! not found.
 
+use super::facts::Facts;
+use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone};
-use super::{Band, Facts, Method, Opinion};
 use crate::sysid::gram::{Column, gram};
 use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
 use crate::sysid::valve::{Start, StopRule, ValveModel};

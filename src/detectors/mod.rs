@@ -30,7 +30,7 @@ pub use agreement::{Agreement, agreement};
 pub use facts::Facts;
 pub use integration::{Integrates, Integration};
 pub use opinion::{Band, Method, Opinion, Quantity, Says};
-pub use picture::{Picture, picture};
+pub use picture::Picture;
 
 use crate::signal::Window;
 
@@ -59,5 +59,23 @@ pub fn opinion(method: Method, facts: &Facts<'_>) -> Opinion {
         Method::Srinivasan2005D => srinivasan2005::opinion_d(facts),
         Method::Lee2008 => lee2008::opinion(facts),
         Method::RossiScali2005 => rossi_scali2005::opinion(facts),
+    }
+}
+
+/// What a method looked at; nothing where it does not apply.
+pub fn picture(method: Method, facts: &Facts<'_>) -> Vec<Picture> {
+    match method {
+        Method::StemLoop => stem_loop::picture(facts),
+        Method::Horch1999 => horch1999::picture(facts),
+        Method::Horch2000 => horch2000::picture(facts),
+        Method::Yamashita2006 => yamashita2006::picture(facts),
+        Method::Kano2004A => kano2004::picture_a(facts),
+        Method::Kano2004B => kano2004::picture_b(facts),
+        Method::He2007 => he2007::picture(facts),
+        Method::Choudhury2006 => choudhury2006::picture(facts),
+        Method::Srinivasan2005Shape => srinivasan2005::picture_shape(facts),
+        Method::Srinivasan2005D => srinivasan2005::picture_d(facts),
+        Method::Lee2008 => lee2008::picture(facts),
+        Method::RossiScali2005 => rossi_scali2005::picture(facts),
     }
 }

@@ -3,7 +3,7 @@
 //! Each method's file makes its own pictures from the very values that its opinion rests on. A picture is bounded in size:
 //! of long curves at most [`MOST_POINTS`] points are kept, evenly taken.
 
-use super::{Facts, Method};
+use super::facts::Facts;
 
 /// Most points of one layer.
 pub const MOST_POINTS: usize = 600;
@@ -209,22 +209,4 @@ pub(super) fn excerpt(facts: &Facts<'_>) -> std::ops::Range<usize> {
 /// One period of `shape` over half a period (0..1), drawn from 0 to 1.
 pub(super) fn curve(shape: impl Fn(f64) -> f64) -> Vec<(f64, f64)> {
     (0..=60).map(|i| f64::from(i) / 60.0).map(|s| (s, shape(s))).collect()
-}
-
-/// What a method looked at; nothing where it does not apply.
-pub fn picture(method: Method, facts: &Facts<'_>) -> Vec<Picture> {
-    match method {
-        Method::StemLoop => super::stem_loop::picture(facts),
-        Method::Horch1999 => super::horch1999::picture(facts),
-        Method::Horch2000 => super::horch2000::picture(facts),
-        Method::Yamashita2006 => super::yamashita2006::picture(facts),
-        Method::Kano2004A => super::kano2004::picture_a(facts),
-        Method::Kano2004B => super::kano2004::picture_b(facts),
-        Method::He2007 => super::he2007::picture(facts),
-        Method::Choudhury2006 => super::choudhury2006::picture(facts),
-        Method::Srinivasan2005Shape => super::srinivasan2005::picture_shape(facts),
-        Method::Srinivasan2005D => super::srinivasan2005::picture_d(facts),
-        Method::Lee2008 => super::lee2008::picture(facts),
-        Method::RossiScali2005 => super::rossi_scali2005::picture(facts),
-    }
 }

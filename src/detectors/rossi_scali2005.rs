@@ -16,9 +16,10 @@
 //! Limits: noise draws S_I to 0; a self-regulating process that is slow beside the cycle, and one of higher order, make
 //! PV a sine; a square or triangular load looks like a valve.
 
+use super::facts::Facts;
 use super::half_cycles::{HalfCycle, LEAST_SAMPLES, fit, sine, triangle};
+use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone, curve};
-use super::{Band, Facts, Method, Opinion};
 
 const ME: Method = Method::RossiScali2005;
 /// The authors' zone of uncertainty (-).

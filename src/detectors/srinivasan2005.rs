@@ -18,9 +18,11 @@
 //! Limits: warping makes triangles of noisy sines; loads of these shapes look like a valve. d says little of S, and is 0
 //! for a pure dead band.
 
+use super::facts::Facts;
 use super::half_cycles::{Cycles, sine, triangle};
+use super::integration::Integrates;
+use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone, excerpt};
-use super::{Band, Facts, Integrates, Method, Opinion};
 use crate::diagnosis::{Settings, verdict};
 use crate::sysid::stats::{mean, sd};
 

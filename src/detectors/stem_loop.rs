@@ -13,8 +13,9 @@
 //! Limits: a positioner that is slow, or a stem that is stored as OP, has no loop; a lag of the positioner beyond the delays
 //! tried widens it.
 
+use super::facts::Facts;
+use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone, excerpt};
-use super::{Band, Facts, Method, Opinion};
 use crate::sysid::least_squares::{dot, total};
 use crate::sysid::stats::mean;
 use crate::sysid::valve::{StopRule, ValveModel};

@@ -1,6 +1,6 @@
 //! How often somebody who judges valves is right, counted on records whose truth is known.
 
-use super::Says;
+use super::opinion::Says;
 
 /// What was said of valves that stick and of sound ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

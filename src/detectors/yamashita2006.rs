@@ -20,8 +20,9 @@
 //! random and draws rho_3 below 0.25; where PV is a sample late the slip coincides with the turn of OP (DI), which rho_3 takes
 //! for impossible.
 
+use super::facts::Facts;
+use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone, excerpt};
-use super::{Band, Facts, Method, Opinion};
 use crate::sysid::stats::{mean, sd};
 
 const ME: Method = Method::Yamashita2006;
