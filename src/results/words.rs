@@ -194,7 +194,7 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
         "saturated" => ("OP is at its limit", " Check whether the valve is shut off or fully open."),
         "manual" => ("the loop is not in automatic", ""),
         "not_excited" => ("the controller hardly ever reverses it, so sticking cannot show", ""),
-        "hidden_friction" => ("friction of no size would have shown in this record", ""),
+        "hidden_friction" => ("this record would not show sticking, however strong it is", ""),
         "undersampled" => ("it swings too fast for the samples", " Poll faster, as the reason says."),
         "no_response" => {
             ("PV does not follow OP", " Check whether the valve moves, and whether it is this loop's.")
