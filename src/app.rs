@@ -12,6 +12,7 @@ mod device;
 mod facts;
 mod notifications;
 mod persistence;
+mod plantwide;
 mod recall;
 pub mod replay;
 mod restart;
@@ -36,6 +37,7 @@ use device::Device;
 use futures::future::BoxFuture;
 use notifications::Notifications;
 use persistence::Persistence;
+use plantwide::Plantwide;
 use security::Security;
 use std::collections::HashMap;
 use std::io;
@@ -110,6 +112,7 @@ pub struct App {
     persistence: Arc<Persistence>,
     notifications: Arc<Notifications>,
     backfill: Arc<BackfillJobs>,
+    plantwide: Arc<Plantwide>,
     security: Arc<Security>,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
@@ -152,6 +155,7 @@ impl App {
         let plan = schedule_plan(&config, &history);
         let backfill =
             BackfillJobs::new(&config, clock, (&persistence, &results), diagnose.clone(), stop.clone());
+        let plantwide = Plantwide::new(&config, clock, &history, &results, &persistence);
         let scheduler =
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
         let devices: Vec<Device> =
@@ -161,6 +165,7 @@ impl App {
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
         let context = context.with_writeback(writeback.clone()).with_notifications(notifications.clone());
         let context = context.with_store(persistence.ask()).with_backfill(backfill.clone());
+        let context = context.with_plantwide(plantwide.clone());
         let context = context.with_access(security.access.clone()).with_audit(security.audit.clone());
         let context =
             Arc::new(context.with_tls(security.tls.clone()).with_durable(persistence.ask_durable()));
@@ -182,6 +187,7 @@ impl App {
             writeback,
             persistence,
             backfill,
+            plantwide,
             notifications,
             security,
             stop,
@@ -247,8 +253,16 @@ impl App {
         let notifications = self.notifications.run(self.stop.clone());
         let scheduling = self.scheduler.run(self.stop.clone());
         let security = self.security.clone().run(self.stop.clone());
-        let (served, (), (), (), (), ()) =
-            tokio::join!(serving, scheduling, self.tick_alarms(), withdrawing, notifications, security);
+        let looking = self.plantwide.clone().run(self.stop.clone());
+        let (served, (), (), (), (), (), ()) = tokio::join!(
+            serving,
+            scheduling,
+            self.tick_alarms(),
+            withdrawing,
+            notifications,
+            security,
+            looking
+        );
         let mut state = self.state.lock().await;
         state.collecting = false;
         for device in &mut state.devices {
@@ -298,6 +312,7 @@ impl App {
         }
         self.notifications.reload(&config).await;
         self.backfill.reload(&config);
+        self.plantwide.reload(&config, &history);
         self.results.reload(&ids(&config), &config.alarm);
         self.results.watch_devices(&devices_of(&config));
         self.persistence.clone().replace(history.clone(), self.results.clone()).await;

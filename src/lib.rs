@@ -25,6 +25,7 @@ pub mod results;
 pub mod schedule;
 pub mod serve;
 pub mod store;
+pub mod work;
 pub mod writeback;
 
 pub mod config;

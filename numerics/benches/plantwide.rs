@@ -40,6 +40,6 @@ fn one(i: usize) -> PlantLoop {
         name: format!("FIC{i}"),
         window: Window { ts: 60.0, op, pv, ..Window::default() },
         op_limits: Some((0.0, 100.0)),
-        upstream: Vec::new(),
+        ..PlantLoop::default()
     }
 }

@@ -44,6 +44,7 @@ fn loops(of: &Plant, runs: &[stictiond_numerics::sim::Run]) -> Vec<PlantLoop> {
                 window: window(&runs[i]),
                 op_limits: Some((0.0, 100.0)),
                 upstream: if asked("--upstream") { up.collect() } else { Vec::new() },
+                ..PlantLoop::default()
             }
         })
         .collect()

@@ -16,7 +16,7 @@ fn loops(of: &Plant, runs: &[Run]) -> Vec<PlantLoop> {
             ..Window::default()
         },
         op_limits: Some((0.0, 100.0)),
-        upstream: Vec::new(),
+        ..PlantLoop::default()
     };
     of.loops.iter().zip(runs).map(one).collect()
 }

@@ -7,13 +7,16 @@ mod feed;
 mod room;
 mod rows;
 
+use super::plantwide;
 use crate::config::Config;
 use crate::history::{History, Ring};
+use crate::indicators::series::Values;
 use crate::results::{Change, Results};
 use crate::schedule::Clock;
 use crate::serve::{AskDurable, AskStore, StoreState};
 use crate::signal::LoopId;
 use crate::store::{self, Found, Reader, Store, StoreError, TagName, Writer};
+use crate::work::Order;
 use feed::StoreFeed;
 use rows::{remembered, remembered_alarms, remembered_changes, remembered_model};
 use std::collections::VecDeque;
@@ -24,6 +27,8 @@ use std::time::{Duration, Instant};
 
 /// Changes that wait for the writer's next round; rows are made of them there.
 const MAX_CHANGES: usize = 4096;
+/// Rows of parts that make their own, which wait for it: one of each of 10,000 loops, twice.
+const MAX_ROWS: usize = 20_000;
 /// Longest wait for what is new to be durable, before rings are replaced.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -37,11 +42,18 @@ pub(super) struct Persistence {
     writer: Arc<Mutex<Option<Writer>>>,
 }
 
+/// A loop's indicators, day by day.
+type Days = (LoopId, Vec<(f64, Values)>);
+
 /// What the collectors' and the scheduler's side shares with the writer's thread.
 #[derive(Default)]
 struct Shared {
     taps: Mutex<Vec<Arc<Tap>>>,
     changes: Mutex<VecDeque<Change>>,
+    /// Rows of parts that make their own.
+    rows: Mutex<VecDeque<store::Row>>,
+    /// Orders and indicators as they were kept, until somebody takes them.
+    plantwide: Mutex<(Vec<Order>, Vec<Days>)>,
     lost_samples: AtomicU64,
     dropped_rows: AtomicU64,
     /// What was left of a store that is damaged, and how many states are in neither copy.
@@ -154,6 +166,23 @@ impl Persistence {
         }
     }
 
+    /// Keeps rows of a part that makes its own; waits for nobody.
+    pub(super) fn note_rows(&self, rows: Vec<store::Row>) {
+        if self.config.is_none() {
+            return;
+        }
+        let mut waiting = lock(&self.shared.rows);
+        waiting.extend(rows);
+        let surplus = waiting.len().saturating_sub(MAX_ROWS);
+        waiting.drain(..surplus);
+        self.shared.dropped_rows.fetch_add(surplus as u64, Relaxed);
+    }
+
+    /// Orders and indicators as they were kept, once.
+    pub(super) fn give_back_plantwide(&self) -> (Vec<Order>, Vec<Days>) {
+        std::mem::take(&mut *lock(&self.shared.plantwide))
+    }
+
     /// How the store is; `None` where there is none.
     pub(super) fn ask(&self) -> Option<AskStore> {
         self.config.as_ref()?;
@@ -185,7 +214,7 @@ impl Persistence {
         let began = Instant::now();
         // Samples last: a database that goes away meanwhile is more likely to do so while they are read.
         let given = Reader::at_hand(config).and_then(|mut reader| {
-            let loops = restore(&reader, history, results)?;
+            let loops = self.restore(&reader, history, results)?;
             let samples = refill(&mut reader, history, Reader::together(config))?;
             Ok((samples, loops, reader.damaged(), reader.lost()))
         });
@@ -205,7 +234,7 @@ impl Persistence {
         }
         if given.is_err() && config.url.is_some() {
             // Who opened the store is taken to know what the database has, which is remembered in the folder.
-            let known = Reader::open(&config.folder).and_then(|spool| restore(&spool, history, results));
+            let known = Reader::open(&config.folder).and_then(|spool| self.restore(&spool, history, results));
             if let Err(error) = known {
                 tracing::error!(%error, "nothing is known of alarms and models of before");
             }
@@ -226,6 +255,22 @@ impl Persistence {
             Err(error) => tracing::error!(%error, "the store cannot be read: history is not complete"),
         }
         Ok(())
+    }
+
+    /// Gives back what was kept of alarms and loops; of how many loops there was anything.
+    fn restore(&self, reader: &Reader, history: &History, results: &Results) -> Result<usize, StoreError> {
+        let states = reader.alarms()?;
+        let orders = states.iter().filter_map(plantwide::rows::order_of).collect();
+        let days = states.iter().filter_map(plantwide::rows::health_of).collect();
+        *lock(&self.shared.plantwide) = (orders, days);
+        results.restore_alarms(remembered_alarms(states), remembered_changes(reader)?);
+        let mut loops = 0;
+        for own in history.loops() {
+            let kept = remembered(reader, &own.id, results.room())?;
+            loops += usize::from(!kept.summaries.is_empty());
+            results.restore(&own.id, kept);
+        }
+        Ok(loops)
     }
 
     /// Follows the rings of `history`, from where they are now unless they were followed before.
@@ -253,18 +298,6 @@ impl Persistence {
         }
         taps.extend(old.into_iter().filter(|tap| tap.retired.load(Relaxed)));
     }
-}
-
-/// Gives back what was kept of alarms and loops; of how many loops there was anything.
-fn restore(reader: &Reader, history: &History, results: &Results) -> Result<usize, StoreError> {
-    results.restore_alarms(remembered_alarms(reader.alarms()?), remembered_changes(reader)?);
-    let mut loops = 0;
-    for own in history.loops() {
-        let kept = remembered(reader, &own.id, results.room())?;
-        loops += usize::from(!kept.summaries.is_empty());
-        results.restore(&own.id, kept);
-    }
-    Ok(loops)
 }
 
 /// Takes what a database has that was away at the start, and was not known here, into what there is.

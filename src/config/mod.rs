@@ -16,7 +16,7 @@ pub use plant::{Plant, tags};
 pub use tag::TagConfig;
 
 use crate::collect::{modbus, mqtt, opcua, table};
-use crate::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, writeback};
+use crate::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, work, writeback};
 use diagnostic::Report;
 use serde::Deserialize;
 use source::Source;
@@ -48,6 +48,8 @@ pub struct Config {
     pub diagnosis: diagnosis::Config,
     /// `[alarm]`.
     pub alarm: alarm::Config,
+    /// `[plantwide]`.
+    pub plantwide: work::Config,
     /// `[writeback]`.
     pub writeback: writeback::Config,
     /// `[notify]`.
@@ -105,6 +107,12 @@ pub struct LoopConfig {
     /// Tags of other loops that may explain this one: `"auto"` for PV of its `group`, or names like `"FIC203.pv"`.
     #[serde(default)]
     pub candidates: Option<Candidates>,
+    /// Loops whose stream enters this one, by their `id`.
+    #[serde(default)]
+    pub upstream: Vec<String>,
+    /// What its swing costs, `[loop.cost]`.
+    #[serde(default)]
+    pub cost: Option<work::Cost>,
     /// Write-back, `[loop.writeback]`; off where it is left out.
     #[serde(default)]
     pub writeback: Option<writeback::LoopConfig>,

@@ -21,6 +21,7 @@ macro_rules! path {
 mod candidates;
 mod clients;
 mod door;
+mod plantwide;
 mod telling;
 mod writing;
 
@@ -133,6 +134,7 @@ impl Rules<'_, '_, '_> {
                 table => self.wrong(&path!["alarm", table, field], message),
             }
         }
+        self.section("plantwide", parts.plantwide.as_ref().map(|c| c.validate()));
         self.section("writeback", parts.writeback.as_ref().map(|c| c.validate()));
         self.notify(parts);
         if let (Some(history), Some(diagnosis)) = (&parts.history, &parts.diagnosis) {
@@ -193,6 +195,8 @@ impl Rules<'_, '_, '_> {
                 self.numbers(at, control_loop);
                 self.tags(at, control_loop, parts);
                 self.candidates(at, control_loop, parts);
+                self.upstream(at, control_loop, parts);
+                self.cost(at, control_loop);
             }
         }
     }

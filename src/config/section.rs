@@ -6,14 +6,14 @@ use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig};
 use crate::collect::{self, modbus, mqtt, opcua};
-use crate::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, writeback};
+use crate::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, work, writeback};
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 15] = [
+const SECTIONS: [&str; 16] = [
     "server",
     "access",
     "audit",
@@ -23,6 +23,7 @@ const SECTIONS: [&str; 15] = [
     "schedule",
     "diagnosis",
     "alarm",
+    "plantwide",
     "writeback",
     "notify",
     "modbus",
@@ -50,6 +51,7 @@ pub struct Parts {
     pub schedule: Option<schedule::Config>,
     pub diagnosis: Option<diagnosis::Config>,
     pub alarm: Option<alarm::Config>,
+    pub plantwide: Option<work::Config>,
     pub writeback: Option<writeback::Config>,
     pub notify: Option<notify::Config>,
     pub modbus: Vec<Option<modbus::Config>>,
@@ -71,6 +73,7 @@ impl Parts {
             schedule: self.schedule?,
             diagnosis: self.diagnosis?,
             alarm: self.alarm?,
+            plantwide: self.plantwide?,
             writeback: self.writeback?,
             notify: self.notify?,
             modbus: self.modbus.into_iter().collect::<Option<_>>()?,
@@ -100,6 +103,7 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
         schedule: table(source, "schedule", report),
         diagnosis: table(source, "diagnosis", report),
         alarm: table(source, "alarm", report),
+        plantwide: table(source, "plantwide", report),
         writeback: table(source, "writeback", report),
         notify: table(source, "notify", report),
         modbus: tables(source, "modbus", report),
@@ -184,7 +188,7 @@ fn refuse_lists(control_loop: &mut Spanned<DeValue>, report: &mut Report) {
     let DeValue::Table(table) = control_loop.get_mut() else {
         return;
     };
-    for role in ROLES.into_iter().chain(["writeback"]) {
+    for role in ROLES.into_iter().chain(["writeback", "cost"]) {
         if let Some(list) = table.get(role).filter(|value| value.get_ref().is_array()) {
             let message = format!("{role}: a loop has one, write it as [loop.{role}]");
             report.at(list.span().start, message);

@@ -177,7 +177,7 @@ description = 'größer'; colour = 1
         "f:51:1: missing key \"pv\" in [[loop]]",
         "f:52:6: loop \"FIC101\" is already on line 33; every loop needs a name of its own",
         "f:54:1: unknown key \"frame\" in [[loop]]; known are id, description, group, period_s, op_span, op_limits, \
-         frozen_pv_s, op, pv, sp, mode, mv, tag, candidates, writeback",
+         frozen_pv_s, op, pv, sp, mode, mv, tag, candidates, upstream, cost, writeback",
     ];
     let found = errors(&text);
     for (found, expected) in found.iter().zip(expected) {

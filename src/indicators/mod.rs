@@ -9,6 +9,7 @@ pub mod harris;
 pub mod noise;
 pub mod oscillation;
 pub mod score;
+pub mod series;
 pub mod service;
 pub mod settling;
 pub mod travel;

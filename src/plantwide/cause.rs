@@ -7,7 +7,7 @@
 //! |---|---|
 //! | `saturation` | OP is at a limit of its output for more than a fifth of the time |
 //! | `sensor` | PV moves in steps of more than 0.3 of its standard deviations |
-//! | `valve` | it swings, and PV has corners (harmonics of 1.5 % of the swing's power and more) or stands still while OP moves |
+//! | `valve` | it swings, and a diagnosis says that the valve sticks; without a diagnosis, PV has corners (harmonics of 1.5 % of the swing's power and more) or stands still while OP moves |
 //! | `tuning` | it swings with a height that comes and goes, as noise in a loop that hardly damps it |
 //! | `load` | it swings steadily and as a sine |
 //! | `unknown` | none of these by enough |
@@ -16,7 +16,7 @@
 //! is said to be unknown rather than given the best of bad names. They are rules: what they are worth is in `docs/plantwide.md`.
 
 use super::groups::Group;
-use super::{LoopFound, PlantLoop};
+use super::{Friction, LoopFound, PlantLoop};
 
 /// A cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -87,6 +87,8 @@ const SINE: f64 = 0.005;
 const STEADY: f64 = 0.9;
 /// Share of the time in which PV stands still while OP moves.
 const STUCK: f64 = 0.1;
+/// The most that a diagnosis of friction counts: its model may be wrong.
+const SURE: f64 = 0.95;
 /// Share of the variance in the swing below which a loop is at rest.
 const AT_REST: f64 = 0.1;
 /// The cause of one loop; none where it is at rest.
@@ -113,7 +115,7 @@ pub fn reason(at: usize, plant: &[PlantLoop], found: &[LoopFound], groups: &[Gro
         });
     }
     let harmonics = group.and_then(|g| Some(g.suspects.iter().find(|s| s.at == at)?.harmonics()));
-    let mut scores = alone(of, harmonics);
+    let mut scores = alone(of, plant[at].friction.as_ref(), harmonics);
     if swings.is_none() && group.is_none() && scores.iter().all(|s| s.1 <= 0.0) {
         return None;
     }
@@ -140,8 +142,9 @@ pub fn period(s: f64) -> String {
     }
 }
 
-/// Scores of the causes that the loop itself shows, in log-odds against nothing; `harmonics` of a group's member.
-fn alone(of: &LoopFound, harmonics: Option<f64>) -> Vec<(Cause, f64, String)> {
+/// Scores of the causes that the loop itself shows, in log-odds against nothing; `harmonics` of a group's member. What a
+/// diagnosis said of the valve goes before the shape of PV.
+fn alone(of: &LoopFound, friction: Option<&Friction>, harmonics: Option<f64>) -> Vec<(Cause, f64, String)> {
     let i = &of.indicators;
     let mut scores = Vec::new();
     let limits = i.at_limits.unwrap_or(0.0);
@@ -156,13 +159,19 @@ fn alone(of: &LoopFound, harmonics: Option<f64>) -> Vec<(Cause, f64, String)> {
     let Some(swing) = of.oscillations.first().filter(|o| o.share > AT_REST) else { return scores };
     let at = period(swing.period_s);
     let corners = harmonics.unwrap_or(0.0);
-    if i.stuck > STUCK {
+    if let Some(friction) = friction.filter(|friction| friction.sticks) {
+        let p = friction.probability.clamp(0.5, SURE);
+        scores.push((Cause::Valve, 2.0 + (p / (1.0 - p)).ln(), friction.says.clone()));
+        return scores;
+    }
+    let is_sound = friction.is_some();
+    if i.stuck > STUCK && !is_sound {
         let why = format!(
             "PV stands still for {:.0} % of the time while OP moves, and both swing at {at}",
             100.0 * i.stuck
         );
         scores.push((Cause::Valve, 2.0 + 5.0 * i.stuck, why));
-    } else if corners > CORNERS {
+    } else if corners > CORNERS && !is_sound {
         let why = format!(
             "PV swings at {at} with corners, harmonics of {:.1} %, as a limit cycle does",
             100.0 * corners

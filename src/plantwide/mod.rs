@@ -2,18 +2,21 @@
 //! Pure: no clock, no files, no randomness.
 //!
 //! [`analyse`] takes the windows of all loops, of any sampling, over about the same time. `spectra` brings them to one grid,
-//! `groups` finds those that swing together, `rank` says which is likeliest the source, `cause` gives every loop a cause.
+//! `groups` finds those that swing together, `rank` says which is likeliest the source, `cause` gives every loop a cause, `tasks`
+//! says what to do first.
 //! How often each is right is measured in `docs/plantwide.md`.
 
 pub mod cause;
 pub mod groups;
 pub mod rank;
 pub mod spectra;
+pub mod tasks;
 pub mod window;
 
 pub use cause::{Cause, Reason};
 pub use groups::Group;
 pub use rank::Suspect;
+pub use tasks::{Task, tasks};
 
 use crate::indicators::oscillation::{Oscillation, oscillations};
 use crate::indicators::{Indicators, Known, indicators};
@@ -28,10 +31,25 @@ pub struct PlantLoop {
     pub name: String,
     /// Its window.
     pub window: Window,
+    /// 1 in automatic, 0 otherwise, at every sample of the window, where recorded.
+    pub mode: Option<Vec<f64>>,
     /// The controller's output limits (OP unit), where known.
     pub op_limits: Option<(f64, f64)>,
     /// Tags of loops whose stream enters it, where somebody knows them.
     pub upstream: Vec<String>,
+    /// What a diagnosis of its valve said, where there was one.
+    pub friction: Option<Friction>,
+}
+
+/// What a diagnosis said of a valve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Friction {
+    /// Whether it sticks.
+    pub sticks: bool,
+    /// Posterior of friction (0..1).
+    pub probability: f64,
+    /// In words.
+    pub says: String,
 }
 
 /// What was found of one loop.
@@ -82,9 +100,14 @@ pub fn analyse(plant: &[PlantLoop]) -> Analysis {
     Analysis { loops: found, groups }
 }
 
+/// The indicators of a loop over its window.
+pub fn health(of: &PlantLoop, transforms: &mut Transforms) -> Indicators {
+    let known = Known { mode: of.mode.as_deref(), op_limits: of.op_limits, ..Known::default() };
+    indicators(&of.window, &known, transforms)
+}
+
 fn one(of: &PlantLoop, transforms: &mut Transforms) -> LoopFound {
-    let known = Known { op_limits: of.op_limits, ..Known::default() };
-    let indicators = indicators(&of.window, &known, transforms);
+    let indicators = health(of, transforms);
     let mut swings = oscillations(&of.window.pv, of.window.ts, transforms);
     // A controller may keep PV still at the cost of its output.
     if swings.is_empty() {

@@ -25,6 +25,7 @@ pub use policy::{Need, RULES};
 pub use ports::Acted;
 pub use ports::{BackfillFile, BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
 pub use ports::{DeadLetter, NotificationPort, ReceiverState, WritebackPort};
+pub use ports::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
 pub use tls::{Config as TlsConfig, Tls, TlsError};
 
 use crate::access::{self, Access};
@@ -315,6 +316,7 @@ pub struct Context {
     store: Option<AskStore>,
     durable: Option<AskDurable>,
     backfill: Option<Arc<dyn BackfillPort>>,
+    plantwide: Option<Arc<dyn PlantwidePort>>,
     access: Option<Arc<Access>>,
     audit: Option<Arc<Recorder>>,
     tls: Option<Arc<Tls>>,
@@ -350,6 +352,7 @@ impl Context {
             store: None,
             durable: None,
             backfill: None,
+            plantwide: None,
             access: None,
             audit: None,
             tls: None,
@@ -381,6 +384,11 @@ impl Context {
     /// Asks `backfill` for what was before.
     pub fn with_backfill(self, backfill: Arc<dyn BackfillPort>) -> Self {
         Self { backfill: Some(backfill), ..self }
+    }
+
+    /// Shows the plant as a whole.
+    pub fn with_plantwide(self, plantwide: Arc<dyn PlantwidePort>) -> Self {
+        Self { plantwide: Some(plantwide), ..self }
     }
 
     /// Lets in whom `access` knows; without it everybody on this machine.

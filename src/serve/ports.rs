@@ -2,12 +2,14 @@
 
 mod backfill;
 mod notifications;
+mod plantwide;
 mod writeback;
 
 pub use backfill::{
     BackfillFile, BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun,
 };
 pub use notifications::{DeadLetter, NotificationPort, ReceiverState};
+pub use plantwide::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
 #[cfg(feature = "writeback")]
 pub use writeback::Acted;
 pub use writeback::WritebackPort;

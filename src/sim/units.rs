@@ -116,7 +116,8 @@ pub struct Plant {
     /// What is wrong, and with which loop.
     pub sources: Vec<(Source, usize)>,
     strength: Vec<f64>,
-    period_s: Vec<f64>,
+    /// Periods of the loads that swing (s), one a source; only that of a [`Source::Load`] counts.
+    pub period_s: Vec<f64>,
     seed: u64,
 }
 

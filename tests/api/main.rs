@@ -8,6 +8,7 @@ mod description;
 mod edges;
 mod http;
 mod lists;
+mod plantwide;
 #[path = "../peers/postgres.rs"]
 mod postgres;
 mod resources;

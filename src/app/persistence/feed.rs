@@ -103,7 +103,8 @@ impl StoreFeed {
 impl Feed for StoreFeed {
     fn gather(&mut self) {
         let changes = std::mem::take(&mut *lock(&self.shared.changes));
-        for row in changes.into_iter().flat_map(rows) {
+        let own = std::mem::take(&mut *lock(&self.shared.rows));
+        for row in changes.into_iter().flat_map(rows).chain(own) {
             self.bytes += row.bytes();
             self.rows.push_back(row);
         }

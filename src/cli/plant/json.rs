@@ -1,9 +1,8 @@
 //! What `stictiond plant` found, as JSON.
 
-use super::Work;
 use crate::cli::Failure;
 use serde::Serialize;
-use stictiond::plantwide::Analysis;
+use stictiond::plantwide::{Analysis, Task};
 
 #[derive(Serialize)]
 struct Found<'a> {
@@ -75,7 +74,7 @@ struct Line<'a> {
 }
 
 /// The whole, with a line end.
-pub fn text(found: &Analysis, work: &[Work], skipped: &[String]) -> Result<String, Failure> {
+pub fn text(found: &Analysis, work: &[Task], skipped: &[String]) -> Result<String, Failure> {
     let name = |i: usize| found.loops[i].name.as_str();
     let loops = found.loops.iter().map(|of| {
         let (i, reason) = (&of.indicators, of.reason.as_ref());

@@ -10,10 +10,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use stictiond::plantwide::cause::period;
 use stictiond::plantwide::window::of_record;
-use stictiond::plantwide::{Analysis, Cause, PlantLoop, analyse};
+use stictiond::plantwide::{Analysis, PlantLoop, Task, analyse, tasks};
 
 /// Most records of a folder.
 const MOST: usize = 20_000;
+/// Most samples of a record; a longer one is thinned.
+const MOST_SAMPLES: usize = 200_000;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -32,16 +34,6 @@ pub struct Args {
     table: table::TableArgs,
 }
 
-/// One line of the work list: what to do, and whose trouble it is expected to end.
-struct Work {
-    at: usize,
-    cause: Cause,
-    probability: f64,
-    why: String,
-    /// Loops that are expected to calm down with it.
-    victims: Vec<usize>,
-}
-
 /// Reads, analyses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let (mut plant, skipped) = read(args)?;
@@ -53,7 +45,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     plant.iter_mut().for_each(|of| of.op_limits = args.op_limits.or(of.op_limits));
     let found = analyse(&plant);
-    let work = work(&found);
+    let work = tasks(&found);
     if let Some(to) = &args.html {
         let title = args
             .folder
@@ -88,7 +80,7 @@ fn read(args: &Args) -> Result<(Vec<PlantLoop>, Vec<String>), Failure> {
     for file in files {
         let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let of = match table::read(&file, &options) {
-            Ok(read) => of_record(&name, &read.record),
+            Ok(read) => of_record(&name, &read.record, MOST_SAMPLES),
             Err(Failure::BadInput(why) | Failure::Failed(why)) => Err(why),
             Err(Failure::BadConfig(_)) => Err("the options contradict each other".into()),
         };
@@ -100,41 +92,12 @@ fn read(args: &Args) -> Result<(Vec<PlantLoop>, Vec<String>), Failure> {
     Ok((plant, skipped))
 }
 
-/// What to do: sources before victims, the surest and those with the most victims first.
-fn work(found: &Analysis) -> Vec<Work> {
-    let mut work: Vec<Work> = Vec::new();
-    for (at, of) in found.loops.iter().enumerate() {
-        let Some(reason) = &of.reason else { continue };
-        if reason.cause == Cause::Neighbour {
-            continue;
-        }
-        let victims = (0..found.loops.len())
-            .filter(|i| found.loops[*i].reason.as_ref().is_some_and(|r| r.neighbour == Some(at)))
-            .collect();
-        let (cause, probability, why) = (reason.cause, reason.probability, reason.why.clone());
-        work.push(Work { at, cause, probability, why, victims });
-    }
-    // A suspect whose members are less sure of themselves than of it is a line of its own all the same.
-    for (at, _) in found.loops.iter().enumerate() {
-        let victims: Vec<usize> = (0..found.loops.len())
-            .filter(|i| found.loops[*i].reason.as_ref().is_some_and(|r| r.neighbour == Some(at)))
-            .collect();
-        if !victims.is_empty() && work.iter().all(|line| line.at != at) {
-            let why = "it is the likeliest source of its group, but not by enough to be sure".to_string();
-            work.push(Work { at, cause: Cause::Unknown, probability: 0.5, why, victims });
-        }
-    }
-    let worth = |w: &Work| w.probability * (1 + w.victims.len()) as f64;
-    work.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
-    work
-}
-
 /// How sure a cause is; of none there is nothing to be sure of.
-fn sure(line: &Work) -> String {
-    if line.cause == Cause::Unknown { "–".into() } else { format!("{:.0} %", 100.0 * line.probability) }
+fn sure(task: &Task) -> String {
+    task.sure().map_or_else(|| "–".into(), |p| format!("{:.0} %", 100.0 * p))
 }
 
-fn text(found: &Analysis, work: &[Work], skipped: &[String]) -> String {
+fn text(found: &Analysis, work: &[Task], skipped: &[String]) -> String {
     let name = |i: usize| found.loops[i].name.as_str();
     let mut out = String::new();
     let swinging = found.loops.iter().filter(|of| !of.oscillations.is_empty()).count();

@@ -11,6 +11,7 @@ mod health;
 mod loops;
 mod notifications;
 mod opinions;
+mod plantwide;
 mod report;
 mod session;
 mod system;
@@ -84,6 +85,11 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(alarms::list))
         .routes(routes!(alarms::history))
         .routes(routes!(system::collectors))
+        .routes(routes!(plantwide::work))
+        .routes(routes!(plantwide::work_csv))
+        .routes(routes!(plantwide::work_html))
+        .routes(routes!(plantwide::group))
+        .routes(routes!(plantwide::indicators))
         .routes(routes!(audit::list))
         .layer(from_fn(conditional));
     description::conditional(kept.get_openapi_mut());
@@ -99,6 +105,11 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(notifications::dead_letters))
         .routes(routes!(notifications::replay))
         .routes(routes!(events::stream))
+        .routes(routes!(plantwide::groups, plantwide::look))
+        .routes(routes!(plantwide::order))
+        .routes(routes!(plantwide::repaired))
+        .routes(routes!(plantwide::dismiss))
+        .routes(routes!(plantwide::reopen))
         .routes(routes!(system::system))
         .routes(routes!(session::state, session::begin, session::end))
         .routes(routes!(backfill::state, backfill::begin, backfill::cancel))

@@ -70,7 +70,9 @@ pub async fn of_plant(
 }
 
 /// Writes a page off the async threads, and sends it under the reports' own policy.
-async fn page(write: impl FnOnce() -> Result<String, Problem> + Send + 'static) -> Result<Response, Problem> {
+pub async fn page(
+    write: impl FnOnce() -> Result<String, Problem> + Send + 'static,
+) -> Result<Response, Problem> {
     let written = tokio::task::spawn_blocking(write).await.unwrap_or_else(|error| {
         tracing::error!(%error, "a report failed inside");
         Err(Problem::internal())

@@ -14,6 +14,7 @@ pub mod loops;
 pub mod notifications;
 pub mod opinions;
 pub mod params;
+pub mod plantwide;
 pub mod report;
 pub mod samples;
 pub mod session;

@@ -2,12 +2,16 @@
 //! else. Whatever comes from the plant passes [`escape`].
 
 mod of_benchmark;
+mod of_group;
 mod of_loop;
 mod of_plant;
+mod of_work;
 
 pub use of_benchmark::{mark, of_benchmark, share};
+pub use of_group::GroupPictures;
 pub use of_loop::{Subject, of_loop};
 pub use of_plant::of_plant;
+pub use of_work::{of_work, work_csv};
 
 use crate::plot::{self, escape};
 use sha2::{Digest, Sha256};

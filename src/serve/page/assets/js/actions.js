@@ -70,3 +70,14 @@ export function shelve(id, name = id, loop = id) {
     return alarm(id, loop, "shelve", { by, comment: said, ...how }, `${name}: shelved`);
   });
 }
+
+const WORK = { order: ["Order the work on", "Order", "ordered"], repaired: ["Say that the work is done on", "Done", "done; the next looks decide whether it helped"], dismiss: ["Take off the list", "Dismiss", "dismissed"], reopen: ["Open again the order for", "Reopen", "open again"] };
+
+/** Asks for a name and a note, then acts on the order of a loop. */
+export function workAct(id, action) {
+  const [title, verb, done] = WORK[action];
+  return ask(`${title} ${id}`, [comment("Note (optional): number of the order, what was done")], verb, async ({ by, comment: note }) => {
+    await post(`/work/${encodeURIComponent(id)}/${action}`, { by, note: note || null });
+    toast(`${id}: ${done}`);
+  });
+}

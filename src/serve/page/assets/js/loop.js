@@ -6,6 +6,7 @@ import { h, scroll, toast } from "./dom.js";
 import { ago, friction, lasting, percent, short, when } from "./format.js";
 import { listen, touch } from "./live.js";
 import { drawEvidence } from "./evidence.js";
+import { health } from "./health.js";
 import { opinionsPanel } from "./opinions.js";
 import { may } from "./session.js";
 import { isShelved, kindOf, mayAck, mayShelve, VERDICTS, words } from "./states.js";
@@ -22,7 +23,7 @@ export function loopView(main, [id]) {
   const head = h("div", { class: "head" }, h("a", { class: "back", href: "#/" }, "← Plant"), h("h1", null, id), h("p"));
   const banner = h("section", { class: "verdict", "aria-label": "Verdict" });
   const values = h("dl", { class: "values", "aria-label": "Latest values" });
-  const boxes = Object.fromEntries(["trend", "pvop", "stem", "position", "aic", "months", "effects", "series", "spectrum", "acf", "ccf", "facts", "runs", "writeback", "opinions"].map((name) => [name, h("div")]));
+  const boxes = Object.fromEntries(["trend", "pvop", "stem", "position", "aic", "months", "effects", "series", "spectrum", "acf", "ccf", "facts", "runs", "writeback", "opinions", "health"].map((name) => [name, h("div")]));
   const figure = (name, caption, keys) => h("figure", { id: name }, boxes[name], keys ? h("div", { class: "keys" }, keys.map(([look, text]) => h("span", { class: look }, text))) : null, h("figcaption", null, caption));
   boxes.effects.className = "story";
   const residual = card("What the model leaves over", "", boxes.effects, h("div", { class: "cards" },
@@ -32,6 +33,7 @@ export function loopView(main, [id]) {
     h("div", { class: "card half" }, h("h3", null, "Correlation with past OP"), figure("ccf", "Outside the dashed lines the valve's way to PV is not fully described."))));
   const writeback = card("Compensation", "", boxes.writeback);
   const opinions = card("Opinions", "", h("p", { class: "note" }, "What published methods say of the same window. They are information beside the verdict; a line opens what the method looked at."), boxes.opinions), second = opinionsPanel(id, boxes.opinions);
+  const indicators = card("Health", "", h("p", { class: "note" }, "How the loop does its work, valve or not: the latest hour beside its shift, day and week."), boxes.health);
   const cards = h("div", { class: "cards" },
     card("Trend", "", values, h("figure", { id: "trend" }, boxes.trend, h("div", { class: "keys" }, h("span", { class: "pv" }, "PV"), h("span", { class: "sp" }, "SP"), h("span", { class: "op" }, "OP"), h("span", { class: "mv" }, "MV, measured stem")))),
     card("PV over OP, with the stick-band", "half", figure("pvop", "Inside the band OP moves and the valve does not.", [["pv", "measured"], ["stem", "PV if it followed the fitted stem"], ["band", "stick-band, 2f wide"]])),
@@ -39,9 +41,9 @@ export function loopView(main, [id]) {
     card("Estimated valve position", "", figure("position", "The steps of a sticking valve beside the OP that asks for a smooth movement.", [["op", "OP"], ["stem", "fitted stem"], ["mv", "measured, where there is one"]])),
     card("How sure: AIC over f", "half", figure("aic", "The lower, the better the model explains PV; the shaded interval holds the true f with 95 %.")),
     card("f over time", "half", figure("months", "Each dot is a diagnosis with its 95 % interval; triangles are changes of the alarm.")),
-    residual, opinions, writeback, card("Facts", "half", boxes.facts), card("Latest diagnoses", "half", boxes.runs));
+    residual, opinions, indicators, writeback, card("Facts", "half", boxes.facts), card("Latest diagnoses", "half", boxes.runs));
   main.append(head, banner, cards);
-  residual.hidden = opinions.hidden = writeback.hidden = true;
+  residual.hidden = opinions.hidden = indicators.hidden = writeback.hidden = true;
 
   const button = (text, act, main_ = false) => may("operator") && h("button", { type: "button", class: main_ ? "main" : null, on: { click: act } }, text);
   const acted = async (act) => (await act(id)) && show();
@@ -143,6 +145,7 @@ export function loopView(main, [id]) {
       residual.hidden = !report || !evidence || report.verdict === "not_identifiable" && !report.residual.effects.length;
       if (!residual.hidden) drawEffects(report, evidence, model?.origin);
       opinions.hidden = !second.show(report, evidence?.notes);
+      health(id, boxes.health).then((known) => (indicators.hidden = !known), () => {});
       writeback.hidden = !detail.writeback;
       if (detail.writeback) drawWriteback(detail.writeback);
       const measured = detail.values.some((v) => v.tag === "mv");

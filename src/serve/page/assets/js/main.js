@@ -12,6 +12,8 @@ const VIEWS = {
   "": async () => plantView,
   loop: async () => (await import("./loop.js")).loopView,
   alarms: async () => (await import("./alarms.js")).alarmsView,
+  work: async () => (await import("./work.js")).workView,
+  groups: async () => (await import("./groups.js")).groupsView,
   audit: async () => (await import("./audit.js")).auditView,
   login: async () => (await import("./login.js")).loginView,
   settings: async () => (await import("./settings.js")).settingsView,
@@ -42,7 +44,7 @@ async function route() {
   main.className = name || "plant";
   document.title = parts[0] ? `${parts[0]} · stictiond` : "stictiond";
   for (const link of document.querySelectorAll("nav [data-view]")) {
-    if (link.dataset.view === (name === "loop" ? "plant" : name || "plant")) link.setAttribute("aria-current", "page");
+    if (link.dataset.view === ({ loop: "plant", groups: "work" }[name] ?? (name || "plant"))) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
   leave = view(main, parts, new URLSearchParams(query ?? ""));
@@ -113,7 +115,7 @@ addEventListener("hashchange", route);
 addEventListener("keydown", (event) => {
   const typing = event.target.closest?.("input, textarea, select, dialog");
   if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
-  const go = { p: "#/", a: "#/alarms", s: "#/settings", Escape: location.hash.startsWith("#/loop/") ? "#/" : null }[event.key];
+  const go = { p: "#/", a: "#/alarms", w: "#/work", s: "#/settings", Escape: location.hash.startsWith("#/loop/") ? "#/" : null }[event.key];
   if (go) location.hash = go;
   if (event.key === "/" && byId("q")) {
     event.preventDefault();

@@ -1,0 +1,298 @@
+//! The plant as a whole: from time to time all rings are looked at together, on one thread that nobody waits for. What is
+//! found is shown, feeds the work list, and is kept as indicators of each loop.
+
+mod health;
+pub(super) mod rows;
+
+use super::persistence::Persistence;
+use crate::config::Config;
+use crate::history::History;
+use crate::indicators::series::{self, Values};
+use crate::plantwide::window::{of_record, tail};
+use crate::plantwide::{Analysis, Friction, PlantLoop, Task, analyse, health as indicators_of, tasks};
+use crate::results::Results;
+use crate::schedule::Clock;
+use crate::serve::report::GroupPictures;
+use crate::serve::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
+use crate::signal::LoopId;
+use crate::sysid::spectrum::Transforms;
+use crate::work::{self, Act, Cost, Measure, Order, Refusal, Said, Seen, WorkList};
+use health::HealthLog;
+use std::collections::{BTreeSet, HashMap};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::sync::Notify;
+use tokio_util::sync::CancellationToken;
+
+/// Most samples of a loop that are looked at: 2,000 loops then take about 300 MB while it lasts.
+const MOST_SAMPLES: usize = 3000;
+/// Groups that are drawn.
+const DRAWN: usize = 64;
+/// What of a record the indicators of a look are taken from, where the record is longer (s).
+const HOUR_S: f64 = 3600.0;
+
+/// Looks at the plant as a whole.
+pub(super) struct Plantwide {
+    clock: Clock,
+    results: Arc<Results>,
+    persistence: Arc<Persistence>,
+    watched: Mutex<Watched>,
+    list: Mutex<WorkList>,
+    health: Mutex<HealthLog>,
+    overview: Mutex<Option<Arc<Overview>>>,
+    looking: AtomicBool,
+    wanted: Notify,
+}
+
+/// What a reload replaces.
+#[derive(Clone)]
+struct Watched {
+    config: work::Config,
+    history: Arc<History>,
+    loops: Arc<Vec<WatchedLoop>>,
+    costs: Arc<HashMap<LoopId, Cost>>,
+}
+
+struct WatchedLoop {
+    id: LoopId,
+    upstream: Vec<String>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn watched(config: &Config, history: &Arc<History>) -> Watched {
+    let own = |own: &crate::config::LoopConfig| WatchedLoop {
+        id: LoopId::new(own.id.as_str()),
+        upstream: own.upstream.clone(),
+    };
+    let cost = |own: &crate::config::LoopConfig| Some((LoopId::new(own.id.as_str()), own.cost.clone()?));
+    Watched {
+        config: config.plantwide.clone(),
+        history: history.clone(),
+        loops: Arc::new(config.loops.iter().map(own).collect()),
+        costs: Arc::new(config.loops.iter().filter_map(cost).collect()),
+    }
+}
+
+impl Plantwide {
+    /// Nothing is looked at before [`Plantwide::run`]; the work list is as it was kept.
+    pub(super) fn new(
+        config: &Config,
+        clock: Clock,
+        history: &Arc<History>,
+        results: &Arc<Results>,
+        persistence: &Arc<Persistence>,
+    ) -> Arc<Self> {
+        let (mut list, mut health) = (WorkList::default(), HealthLog::default());
+        let (orders, days) = persistence.give_back_plantwide();
+        list.restore(orders);
+        days.into_iter().for_each(|(id, days)| health.restore(id, &days));
+        Arc::new(Self {
+            clock,
+            results: results.clone(),
+            persistence: persistence.clone(),
+            watched: Mutex::new(watched(config, history)),
+            list: Mutex::new(list),
+            health: Mutex::new(health),
+            overview: Mutex::default(),
+            looking: AtomicBool::new(false),
+            wanted: Notify::new(),
+        })
+    }
+
+    /// Another configuration; a look that is under way ends with the old one.
+    pub(super) fn reload(&self, config: &Config, history: &Arc<History>) {
+        *lock(&self.watched) = watched(config, history);
+        let ids: BTreeSet<LoopId> = config.loops.iter().map(|own| LoopId::new(own.id.as_str())).collect();
+        lock(&self.list).keep_only(&ids);
+        lock(&self.health).keep_only(&ids);
+        self.wanted.notify_one();
+    }
+
+    /// Looks at the plant every period until `stop` is cancelled.
+    pub(super) async fn run(self: Arc<Self>, stop: CancellationToken) {
+        let period =
+            || Duration::try_from_secs_f64(lock(&self.watched).config.period_s).unwrap_or(Duration::MAX);
+        let mut next = self.clock.elapsed() + period();
+        while !stop.is_cancelled() {
+            let asked = tokio::select! {
+                () = stop.cancelled() => return,
+                () = self.wanted.notified() => true,
+                () = self.clock.sleep_until(next) => false,
+            };
+            // A reload wakes too, because the period may have changed; only a look that was asked for comes early.
+            if asked && !self.looking.load(Relaxed) {
+                next = next.min(self.clock.elapsed() + period());
+                continue;
+            }
+            next = self.clock.elapsed() + period();
+            let is_wanted = lock(&self.watched).config.enabled;
+            self.looking.store(is_wanted, Relaxed);
+            if !is_wanted {
+                continue;
+            }
+            let own = self.clone();
+            let look = move || catch_unwind(AssertUnwindSafe(|| own.look_once()));
+            let looked = tokio::task::spawn_blocking(look).await;
+            self.looking.store(false, Relaxed);
+            if !matches!(looked, Ok(Ok(()))) {
+                tracing::error!("the look at the plant as a whole failed");
+            }
+        }
+    }
+
+    fn look_once(&self) {
+        let began = Instant::now();
+        let now = self.clock.now();
+        let watched = lock(&self.watched).clone();
+        let (mut plant, mut skipped) = (Vec::new(), Vec::new());
+        for own in watched.loops.iter() {
+            let Some(record) = watched.history.snapshot(&own.id) else { continue };
+            match of_record(own.id.as_str(), &record, MOST_SAMPLES) {
+                Ok(mut of) => {
+                    of.upstream.clone_from(&own.upstream);
+                    of.friction = self.friction(&own.id, now);
+                    plant.push(of);
+                }
+                Err(why) => skipped.push((own.id.clone(), why)),
+            }
+        }
+        let found = analyse(&plant);
+        let said = self.said(&plant, &found, now);
+        let days = lock(&self.health).take(&said.values, now);
+        self.persistence.note_rows(days.iter().map(|(id, days)| rows::health_row(id, days)).collect());
+        let changed = lock(&self.list).take(&said.of_loops, now, &watched.config);
+        let moved = changed.iter().filter(|(_, moved)| moved.is_some()).count();
+        let kept = changed.iter().flat_map(|(order, moved)| rows::order_rows(order, moved.as_ref()));
+        self.persistence.note_rows(kept.collect());
+        let groups = groups(&plant, &found);
+        let (looked_at, took_s) = (plant.len(), began.elapsed().as_secs_f64());
+        tracing::info!(
+            loops = looked_at,
+            skipped = skipped.len(),
+            groups = groups.len(),
+            moved,
+            took_s,
+            "plant looked at"
+        );
+        *lock(&self.overview) = Some(Arc::new(Overview { at: now, took_s, looked_at, skipped, groups }));
+    }
+
+    /// What the latest diagnosis said of a loop's valve.
+    fn friction(&self, id: &LoopId, now: f64) -> Option<Friction> {
+        let known = self.results.get(id, now)?;
+        let summary = known.summary?;
+        let sticks = match summary.outcome.as_ref() {
+            "stiction" => true,
+            "no_stiction" => false,
+            _ => return None,
+        };
+        // Twice the log of the odds.
+        let odds = (0.5 * summary.delta_aic.unwrap_or_default()).exp();
+        let words = summary.words();
+        let says = words.trim_end_matches('.').to_string();
+        Some(Friction { sticks, probability: odds / (1.0 + odds), says })
+    }
+
+    /// What the look says of each loop.
+    fn said(&self, plant: &[PlantLoop], found: &Analysis, now: f64) -> LookSaid {
+        let mut transforms = Transforms::new();
+        let todo = tasks(found);
+        let by_loop: HashMap<usize, &Task> = todo.iter().map(|task| (task.at, task)).collect();
+        let id = |at: usize| LoopId::new(plant[at].name.as_str());
+        let (mut of_loops, mut values) = (Vec::new(), Vec::new());
+        for (at, of) in plant.iter().enumerate() {
+            let hour = indicators_of(&tail(of, HOUR_S), &mut transforms);
+            let own = series::latest(&hour, &found.loops[at].indicators);
+            values.push((id(at), own));
+            let f = self.results.get(&id(at), now).and_then(|known| known.summary?.f);
+            let whole = &found.loops[at].indicators;
+            let measure = Measure { error_sd: whole.error.map(|e| e.sd), swing: own[SWING], f };
+            let seen = by_loop.get(&at).map(|task| Seen {
+                cause: task.cause,
+                probability: task.probability,
+                why: task.why.clone(),
+                victims: task.victims.iter().map(|at| id(*at)).collect(),
+            });
+            of_loops.push(Said { id: id(at), measure, seen });
+        }
+        LookSaid { of_loops, values }
+    }
+
+    /// What an order's loop and its victims cost by their swing: price times the part of the error's standard deviation that
+    /// would be gone with it, `sd (1 - sqrt(1 - share))`.
+    fn line(&self, order: Order) -> WorkLine {
+        let costs = lock(&self.watched).costs.clone();
+        let health = lock(&self.health);
+        let victims = order.seen.iter().flat_map(|seen| &seen.victims);
+        let mut sum: Option<(f64, String)> = None;
+        for id in std::iter::once(&order.id).chain(victims) {
+            let (Some(price), Some(values)) = (costs.get(id), health.latest(id)) else { continue };
+            let (Some(sd), Some(swing)) = (values[ERROR_SD], values[SWING]) else { continue };
+            let cost = price.per_sd * sd * (1.0 - (1.0 - swing.clamp(0.0, 1.0)).sqrt());
+            sum.get_or_insert_with(|| (0.0, price.unit.clone())).0 += cost;
+        }
+        WorkLine { order, cost: sum }
+    }
+}
+
+/// Where two of the indicators stand.
+const ERROR_SD: usize = 3;
+const SWING: usize = 6;
+
+struct LookSaid {
+    of_loops: Vec<Said>,
+    values: Vec<(LoopId, Values)>,
+}
+
+fn groups(plant: &[PlantLoop], found: &Analysis) -> Vec<GroupSeen> {
+    let id = |at: usize| LoopId::new(plant[at].name.as_str());
+    let seen = |(number, group): (usize, &crate::plantwide::Group)| GroupSeen {
+        period_s: group.period_s,
+        members: group.members.iter().map(|at| id(*at)).collect(),
+        suspects: group.suspects.iter().map(|s| (id(s.at), s.probability, s.evidence.clone())).collect(),
+        pictures: (number < DRAWN).then(|| GroupPictures::of(number, group, plant, found)),
+    };
+    found.groups.iter().enumerate().map(seen).collect()
+}
+
+impl PlantwidePort for Plantwide {
+    fn overview(&self) -> Option<Arc<Overview>> {
+        lock(&self.overview).clone()
+    }
+
+    fn look(&self) -> bool {
+        let may = lock(&self.watched).config.enabled && !self.looking.swap(true, Relaxed);
+        if may {
+            self.wanted.notify_one();
+        }
+        may
+    }
+
+    fn work(&self) -> Vec<WorkLine> {
+        let orders: Vec<Order> = lock(&self.list).orders().cloned().collect();
+        orders.into_iter().map(|order| self.line(order)).collect()
+    }
+
+    fn act(
+        &self,
+        id: &LoopId,
+        act: Act,
+        by: Option<String>,
+        note: Option<String>,
+    ) -> Option<Result<WorkLine, Refusal>> {
+        let acted = lock(&self.list).act(id, act, by, note, self.clock.now())?;
+        Some(acted.map(|(order, moved)| {
+            self.persistence.note_rows(rows::order_rows(&order, Some(&moved)));
+            self.line(order)
+        }))
+    }
+
+    fn health(&self, id: &LoopId) -> Option<Health> {
+        lock(&self.health).of(id)
+    }
+}

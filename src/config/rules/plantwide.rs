@@ -1,0 +1,38 @@
+//! What a loop says of its neighbours and of its price.
+
+use super::super::LoopConfig;
+use super::super::section::Parts;
+use super::super::source::Step;
+use super::super::wording;
+use super::Rules;
+
+/// Most loops that are said to flow into one.
+const MOST_UPSTREAM: usize = 50;
+
+impl Rules<'_, '_, '_> {
+    pub(super) fn upstream(&mut self, at: usize, control_loop: &LoopConfig, parts: &Parts) {
+        let here = path!["loop", at, "upstream"];
+        let names = &control_loop.upstream;
+        self.unless(names.len() <= MOST_UPSTREAM, &here, || {
+            format!("upstream: {} are more than {MOST_UPSTREAM}; name the nearest", names.len())
+        });
+        let known: Vec<&str> = parts.loops.iter().flatten().map(|other| other.id.as_str()).collect();
+        for (nth, name) in names.iter().enumerate() {
+            let here = [&here[..], &path![nth]].concat();
+            if *name == control_loop.id {
+                self.wrong(&here, format!("upstream: {name:?} is this loop"));
+            } else if names[..nth].contains(name) {
+                self.wrong(&here, format!("upstream: {name:?} is there twice"));
+            } else if !known.contains(&name.as_str()) {
+                let hint = wording::hint(name, &known);
+                self.wrong(&here, format!("upstream: no [[loop]] has the id {name:?}{hint}"));
+            }
+        }
+    }
+
+    pub(super) fn cost(&mut self, at: usize, control_loop: &LoopConfig) {
+        for (field, message) in control_loop.cost.as_ref().map(|cost| cost.validate()).into_iter().flatten() {
+            self.wrong(&path!["loop", at, "cost", field], format!("{field}: {message}"));
+        }
+    }
+}

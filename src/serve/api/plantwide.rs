@@ -1,0 +1,186 @@
+//! The plant as a whole: groups of loops that swing together, the work list, indicators.
+
+use super::super::Context;
+use super::super::dto::params::NoQuery;
+use super::super::dto::plantwide::{
+    GroupDetail, GroupList, LoopHealth, WorkBody, WorkItem, WorkListing, WorkQuery,
+};
+use super::super::extract::{Body, Named, OfLoop, Params, short};
+use super::super::guard::Actor;
+use super::super::ports::PlantwidePort;
+use super::super::problem::Problem;
+use super::super::report;
+use super::off_thread;
+use super::report::page;
+use crate::signal::LoopId;
+use crate::work::Act;
+use axum::Json;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use std::sync::Arc;
+
+type Shared = State<Arc<Context>>;
+
+fn port(context: &Context) -> Result<Arc<dyn PlantwidePort>, Problem> {
+    let none = || {
+        Problem::new(
+            StatusCode::NOT_FOUND,
+            "no_plantwide",
+            "this daemon does not look at the plant as a whole",
+        )
+    };
+    context.plantwide.clone().ok_or_else(none)
+}
+
+fn not_yet() -> Problem {
+    let detail = "the plant has not been looked at yet; POST /groups asks for it";
+    Problem::new(StatusCode::NOT_FOUND, "not_looked_at", detail)
+}
+
+/// Groups of loops that swing together, by the latest look at the plant.
+#[utoipa::path(get, path = "/groups", tag = "plant",
+    responses((status = 200, body = GroupList), (status = 404, description = "problem: not looked at yet")))]
+pub async fn groups(
+    State(context): Shared,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Json<GroupList>, Problem> {
+    port(&context)?.overview().map(|found| Json(GroupList::of(&found))).ok_or_else(not_yet)
+}
+
+/// Looks at the plant now.
+#[utoipa::path(post, path = "/groups", tag = "plant",
+    responses((status = 202, description = "it is looked at"),
+        (status = 409, description = "problem: it is looked at already, or [plantwide] is switched off")))]
+pub async fn look(State(context): Shared, Body(()): Body<()>) -> Result<StatusCode, Problem> {
+    let refused = || {
+        let detail = "the plant is looked at already, or [plantwide] enabled is false";
+        Problem::new(StatusCode::CONFLICT, "looking", detail)
+    };
+    port(&context)?.look().then_some(StatusCode::ACCEPTED).ok_or_else(refused)
+}
+
+/// One group with its pictures.
+#[utoipa::path(get, path = "/groups/{number}", tag = "plant",
+    params(("number" = usize, Path, description = "the group's number")),
+    responses((status = 200, body = GroupDetail), (status = 404, description = "problem: no such group")))]
+pub async fn group(
+    State(context): Shared,
+    Named(number): Named,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Response, Problem> {
+    let found = port(&context)?.overview().ok_or_else(not_yet)?;
+    off_thread(move || {
+        let none =
+            || Problem::new(StatusCode::NOT_FOUND, "unknown_group", format!("there is no group {number}"));
+        number.parse().ok().and_then(|number| GroupDetail::of(&found, number)).ok_or_else(none)
+    })
+    .await
+}
+
+/// What to do, first things first.
+#[utoipa::path(get, path = "/work", tag = "plant", params(WorkQuery), responses((status = 200, body = WorkListing)))]
+pub async fn work(State(context): Shared, Params(query): Params<WorkQuery>) -> Result<Response, Problem> {
+    let port = port(&context)?;
+    off_thread(move || Ok(WorkListing::of(port.work(), query.all, context.clock.now()))).await
+}
+
+/// The work list as CSV: one line each, those that are over too.
+#[utoipa::path(get, path = "/work.csv", tag = "plant",
+    responses((status = 200, content_type = "text/csv", body = String)))]
+pub async fn work_csv(
+    State(context): Shared,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Response, Problem> {
+    let port = port(&context)?;
+    let listing = WorkListing::of(port.work(), true, context.clock.now());
+    let head = [
+        (header::CONTENT_TYPE, "text/csv; charset=utf-8"),
+        (header::CONTENT_DISPOSITION, "attachment; filename=\"work.csv\""),
+    ];
+    Ok((head, report::work_csv(&listing)).into_response())
+}
+
+/// The work list as a page for printing.
+#[utoipa::path(get, path = "/work.html", tag = "reports",
+    responses((status = 200, content_type = "text/html", body = String)))]
+pub async fn work_html(
+    State(context): Shared,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Response, Problem> {
+    let port = port(&context)?;
+    page(move || Ok(report::of_work(&WorkListing::of(port.work(), false, context.clock.now())))).await
+}
+
+/// A route by which somebody acts on an order.
+macro_rules! act {
+    ($(#[$doc:meta])* $name:ident, $path:literal, $act:expr, $refused:literal) => {
+        $(#[$doc])*
+        #[utoipa::path(post, path = $path, tag = "plant", request_body = Option<WorkBody>,
+            params(("id" = String, Path, description = "the loop's name")),
+            responses((status = 200, body = WorkItem), (status = 404, description = "problem: no such order"),
+                (status = 409, description = $refused)))]
+        pub async fn $name(
+            State(context): Shared,
+            OfLoop(id): OfLoop,
+            actor: Actor,
+            Body(body): Body<WorkBody>,
+        ) -> Result<Response, Problem> {
+            act(context, id, $act, &actor, body).await
+        }
+    };
+}
+
+act!(
+    /// Somebody orders the work.
+    order, "/work/{id}/order", Act::Order, "problem: it is ordered already, or over"
+);
+act!(
+    /// Somebody says that the work is done; what is measured from now on verifies it, or opens the order again.
+    repaired, "/work/{id}/repaired", Act::Repaired, "problem: it is done already"
+);
+act!(
+    /// Somebody does not want it.
+    dismiss, "/work/{id}/dismiss", Act::Dismiss, "problem: it is done already, or over"
+);
+act!(
+    /// Somebody opens it again.
+    reopen, "/work/{id}/reopen", Act::Reopen, "problem: it is not ordered yet"
+);
+
+async fn act(
+    context: Arc<Context>,
+    id: LoopId,
+    act: Act,
+    actor: &Actor,
+    body: WorkBody,
+) -> Result<Response, Problem> {
+    let (by, note) = (actor.signed(short("by", body.by, 100)?), short("note", body.note, 1000)?);
+    let port = port(&context)?;
+    off_thread(move || {
+        let none =
+            || Problem::new(StatusCode::NOT_FOUND, "unknown_order", format!("there is no order for {id}"));
+        let refused =
+            |why: crate::work::Refusal| Problem::new(StatusCode::CONFLICT, "work_state", why.to_string());
+        let line = port.act(&id, act, by, note).ok_or_else(none)?.map_err(refused)?;
+        if let Some(durable) = &context.durable {
+            durable();
+        }
+        Ok(WorkItem::of(&line))
+    })
+    .await
+}
+
+/// The indicators of a loop: the latest hour, and its shift, day and week; every look of a week, and the days before.
+#[utoipa::path(get, path = "/loops/{id}/indicators", tag = "plant",
+    params(("id" = String, Path, description = "the loop's name")),
+    responses((status = 200, body = LoopHealth),
+        (status = 404, description = "problem: no such loop, or not looked at yet")))]
+pub async fn indicators(
+    State(context): Shared,
+    OfLoop(id): OfLoop,
+    Params(NoQuery {}): Params<NoQuery>,
+) -> Result<Response, Problem> {
+    let port = port(&context)?;
+    off_thread(move || port.health(&id).map(|own| LoopHealth::from(&own)).ok_or_else(not_yet)).await
+}

@@ -1,0 +1,330 @@
+//! The plant as a whole, as the API writes it: groups, the work list, indicators.
+
+use super::rfc3339;
+use crate::indicators::series::{COUNT, NAMED, Values, over};
+use crate::plantwide::cause::period;
+use crate::serve::ports::{GroupSeen, Health, Overview, WorkLine};
+use crate::signal::LoopId;
+use crate::work::{Measure, State};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use utoipa::{IntoParams, ToSchema};
+
+/// What the latest look at the plant found.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct GroupList {
+    /// When the plant was looked at.
+    pub time: Option<String>,
+    /// How long that took (s).
+    pub took_s: f64,
+    /// Loops that were looked at.
+    pub looked_at: usize,
+    /// Loops whose record could not be used.
+    pub skipped: Vec<SkippedLoop>,
+    /// Groups, the largest first.
+    pub items: Vec<GroupItem>,
+}
+
+/// A loop that could not be looked at.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct SkippedLoop {
+    /// Its name.
+    pub id: String,
+    /// Why.
+    pub why: String,
+}
+
+/// Loops that swing together.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct GroupItem {
+    /// Counted from 1, the largest first; another look counts anew.
+    pub number: usize,
+    /// Period (s).
+    pub period_s: f64,
+    /// In a sentence.
+    pub words: String,
+    /// Its loops, the strongest first.
+    pub members: Vec<String>,
+    /// Who may have started it, the likeliest first.
+    pub suspects: Vec<SuspectItem>,
+}
+
+/// A loop that may have started a group.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct SuspectItem {
+    /// Its name.
+    pub id: String,
+    /// Probability, given that one of the group started it (0..1).
+    pub probability: f64,
+    /// What speaks for it, the strongest first.
+    pub evidence: Vec<String>,
+}
+
+/// A group with its pictures.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct GroupDetail {
+    /// When the plant was looked at.
+    pub time: Option<String>,
+    /// The group.
+    #[serde(flatten)]
+    pub group: GroupItem,
+    /// Trends, spectra, interaction graph and coherence, each an SVG image without colours of its own.
+    pub pictures: Vec<PictureItem>,
+}
+
+/// A picture.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct PictureItem {
+    /// What it shows.
+    pub caption: String,
+    /// An SVG element.
+    pub svg: String,
+}
+
+impl GroupList {
+    /// Of an overview.
+    pub fn of(found: &Overview) -> Self {
+        let skipped = found.skipped.iter();
+        Self {
+            time: rfc3339(found.at),
+            took_s: found.took_s,
+            looked_at: found.looked_at,
+            skipped: skipped.map(|(id, why)| SkippedLoop { id: id.to_string(), why: why.clone() }).collect(),
+            items: found.groups.iter().enumerate().map(|(at, own)| GroupItem::of(at + 1, own)).collect(),
+        }
+    }
+}
+
+fn names(ids: &[LoopId]) -> Vec<String> {
+    ids.iter().map(LoopId::to_string).collect()
+}
+
+impl GroupItem {
+    /// The group with a number.
+    pub fn of(number: usize, own: &GroupSeen) -> Self {
+        let suspect = |(id, probability, evidence): &(LoopId, f64, Vec<String>)| SuspectItem {
+            id: id.to_string(),
+            probability: *probability,
+            evidence: evidence.clone(),
+        };
+        let suspects: Vec<SuspectItem> = own.suspects.iter().map(suspect).collect();
+        let swing = format!("{} loops swing together, {} a period", own.members.len(), period(own.period_s));
+        let words = match suspects.first() {
+            Some(first) if first.probability >= 0.5 => {
+                format!("{swing}. {} is the suspected source ({:.0} %).", first.id, 100.0 * first.probability)
+            }
+            Some(first) => {
+                format!(
+                    "{swing}. No source stands out; {} is the likeliest ({:.0} %).",
+                    first.id,
+                    100.0 * first.probability
+                )
+            }
+            None => format!("{swing}."),
+        };
+        Self { number, period_s: own.period_s, words, members: names(&own.members), suspects }
+    }
+}
+
+impl GroupDetail {
+    /// The group with a number; `None` where there is none.
+    pub fn of(found: &Overview, number: usize) -> Option<Self> {
+        let own = found.groups.get(number.checked_sub(1)?)?;
+        let pictures = own.pictures.iter().flat_map(|pictures| pictures.each());
+        let item = |(svg, caption): (&str, &str)| PictureItem { caption: caption.into(), svg: svg.into() };
+        Some(Self {
+            time: rfc3339(found.at),
+            group: GroupItem::of(number, own),
+            pictures: pictures.map(item).collect(),
+        })
+    }
+}
+
+/// Query of the work list.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields, default)]
+#[into_params(parameter_in = Query)]
+pub struct WorkQuery {
+    /// True for those that are over too, and those that are only watched yet.
+    pub all: bool,
+}
+
+/// The work list.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct WorkListing {
+    /// Now.
+    pub time: Option<String>,
+    /// Orders that somebody has something to do for, in all.
+    pub standing: usize,
+    /// Suspicions that have not lasted yet, in all.
+    pub watched: usize,
+    /// What to do first comes first.
+    pub items: Vec<WorkItem>,
+}
+
+/// One thing to do.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct WorkItem {
+    /// The loop to look at.
+    pub id: String,
+    /// Where it stands.
+    #[schema(value_type = String, example = "open")]
+    pub state: &'static str,
+    /// Since when.
+    pub since: Option<String>,
+    /// When the loop was first suspected.
+    pub first: Option<String>,
+    /// Why the loop is not at rest: `valve`, `tuning`, `load`, `sensor`, `saturation` or `unknown`.
+    #[schema(value_type = Option<String>, example = "valve")]
+    pub cause: Option<&'static str>,
+    /// Probability of the cause (0..1), the mean over the looks.
+    pub probability: Option<f64>,
+    /// In a sentence.
+    pub why: String,
+    /// Loops that are expected to calm down with it.
+    pub victims: Vec<String>,
+    /// What the swing of all of these costs.
+    pub cost: Option<f64>,
+    /// Its unit.
+    pub cost_unit: Option<String>,
+    /// Who acted last.
+    pub by: Option<String>,
+    /// What they said.
+    pub note: Option<String>,
+    /// How often a repair did not help.
+    pub reopened: u32,
+    /// How the loop was before it was repaired.
+    pub before: Option<MeasureItem>,
+    /// How it is since.
+    pub after: Option<MeasureItem>,
+}
+
+/// How a loop was, in the mean over some looks.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct MeasureItem {
+    /// Standard deviation of the error (PV unit).
+    pub error_sd: Option<f64>,
+    /// Share of the error's variance in oscillations (0..1).
+    pub swing: Option<f64>,
+    /// Friction, as the loop's diagnosis tells it.
+    pub f: Option<f64>,
+}
+
+impl From<&Measure> for MeasureItem {
+    fn from(own: &Measure) -> Self {
+        Self { error_sd: own.error_sd, swing: own.swing, f: own.f }
+    }
+}
+
+impl WorkItem {
+    /// One line.
+    pub fn of(line: &WorkLine) -> Self {
+        let order = &line.order;
+        let cause = order.cause();
+        let seen = order.seen.as_ref();
+        Self {
+            id: order.id.to_string(),
+            state: order.state.as_str(),
+            since: rfc3339(order.since),
+            first: rfc3339(order.first),
+            cause: cause.map(|(cause, _)| cause.as_str()),
+            probability: cause.map(|(_, probability)| probability),
+            why: seen.map(|seen| seen.why.clone()).unwrap_or_default(),
+            victims: seen.map(|seen| names(&seen.victims)).unwrap_or_default(),
+            cost: line.cost.as_ref().map(|(cost, _)| *cost),
+            cost_unit: line.cost.as_ref().map(|(_, unit)| unit.clone()),
+            by: order.by.clone(),
+            note: order.note.clone(),
+            reopened: order.reopened,
+            before: order.before.as_ref().map(|(own, _)| own.into()),
+            after: order.after.as_ref().map(MeasureItem::from),
+        }
+    }
+}
+
+impl WorkListing {
+    /// The lines that are wanted, what to do first first.
+    pub fn of(mut lines: Vec<WorkLine>, all: bool, now: f64) -> Self {
+        lines.sort_by(|a, b| {
+            let (a, b) = ((a.rank(), &a.order.id), (b.rank(), &b.order.id));
+            let numbers = b.0.1.total_cmp(&a.0.1).then(b.0.2.total_cmp(&a.0.2));
+            b.0.0.cmp(&a.0.0).then(numbers).then_with(|| a.1.cmp(b.1))
+        });
+        let count = |wanted: fn(State) -> bool| lines.iter().filter(|line| wanted(line.order.state)).count();
+        Self {
+            time: rfc3339(now),
+            standing: count(State::is_standing),
+            watched: count(|state| state == State::Watched),
+            items: lines
+                .iter()
+                .filter(|line| all || line.order.state.is_standing())
+                .map(WorkItem::of)
+                .collect(),
+        }
+    }
+}
+
+/// What somebody says when they act on an order.
+#[derive(Debug, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct WorkBody {
+    /// Who acts; ignored for who is logged in.
+    pub by: Option<String>,
+    /// A remark, as the number of the order.
+    pub note: Option<String>,
+}
+
+/// The indicators of a loop.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct LoopHealth {
+    /// What each is, in the order of every list of values.
+    pub names: Vec<IndicatorName>,
+    /// The latest look, and the means of the latest shift (8 h), day and week, by name.
+    pub over: BTreeMap<&'static str, Vec<Option<f64>>>,
+    /// Every look of the latest week, oldest first.
+    pub looks: Vec<IndicatorPoint>,
+    /// The mean of each day before, oldest first.
+    pub days: Vec<IndicatorPoint>,
+}
+
+/// One indicator.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct IndicatorName {
+    /// Its name.
+    pub name: &'static str,
+    /// Its unit; `PV` and `OP` stand for the tags' own, `-` for none.
+    pub unit: &'static str,
+    /// What it is.
+    pub meaning: &'static str,
+}
+
+/// All indicators at one time.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct IndicatorPoint {
+    /// When.
+    pub time: Option<String>,
+    /// In the order of `names`.
+    pub values: Vec<Option<f64>>,
+}
+
+/// Names of the times that are averaged over, and their length (s).
+const OVER: [(&str, f64); 3] = [("shift", 28_800.0), ("day", 86_400.0), ("week", 604_800.0)];
+
+impl From<&Health> for LoopHealth {
+    fn from(own: &Health) -> Self {
+        let now = own.looks.last().map_or(0.0, |(t, _)| *t);
+        let means = OVER.map(|(name, length_s)| {
+            let looks = own.looks.iter().filter(|(t, _)| now - t < length_s).map(|(_, values)| values);
+            (name, over(looks).to_vec())
+        });
+        let latest = own.looks.last().map_or([None; COUNT], |(_, values)| *values);
+        let point =
+            |(t, values): &(f64, Values)| IndicatorPoint { time: rfc3339(*t), values: values.to_vec() };
+        Self {
+            names: NAMED.map(|(name, unit, meaning)| IndicatorName { name, unit, meaning }).into(),
+            over: means.into_iter().chain([("hour", latest.to_vec())]).collect(),
+            looks: own.looks.iter().map(point).collect(),
+            days: own.days.iter().map(point).collect(),
+        }
+    }
+}

@@ -1,0 +1,90 @@
+// Groups of loops that swing together: the list, and one group with its pictures.
+
+import { get, orNull, post } from "./api.js";
+import { h, s, toast } from "./dom.js";
+import { percent, when } from "./format.js";
+import { may } from "./session.js";
+
+const link = (id) => h("a", { href: `#/loop/${encodeURIComponent(id)}` }, id);
+const names = (list) => list.flatMap((id, i) => [i ? ", " : "", link(id)]);
+
+// Pictures are made by the daemon and taken element by element: nothing but shapes and text comes through.
+const SHAPES = new Set(["svg", "g", "path", "polyline", "rect", "text", "title", "defs", "marker"]);
+const ATTRIBUTES = new Set(["viewBox", "d", "points", "x", "y", "width", "height", "rx", "opacity", "class", "role", "aria-label", "id", "text-anchor", "transform", "marker-end", "refX", "refY", "markerWidth", "markerHeight", "orient"]);
+
+function copied(node) {
+  if (node.nodeType === Node.TEXT_NODE) return node.data;
+  if (!SHAPES.has(node.nodeName)) return null;
+  const kept = [...node.attributes].filter(({ name }) => ATTRIBUTES.has(name)).map(({ name, value }) => [name, value]);
+  return s(node.nodeName, Object.fromEntries(kept), ...[...node.childNodes].map(copied));
+}
+
+function picture({ svg, caption }) {
+  const made = new DOMParser().parseFromString(svg.replace(/^<svg /, '<svg xmlns="http://www.w3.org/2000/svg" '), "image/svg+xml").documentElement;
+  return h("figure", { class: "swing" }, h("div", null, copied(made)), h("figcaption", null, caption));
+}
+
+function suspects(list) {
+  const line = (own, i) => h("li", null, h("strong", null, i === 0 ? "Suspected source " : i === 1 ? "Runner-up " : "", link(own.id), `, ${percent(own.probability)}`), h("span", null, own.evidence.join("; ")));
+  return h("ul", { class: "effects" }, list.slice(0, 3).map(line));
+}
+
+export function groupsView(main, [number]) {
+  let over = false, seen = null;
+  const summary = h("p", { class: "summary", role: "status" }, "loading …"), cards = h("div", { class: "cards" });
+  const look = may("operator") && h("button", { type: "button", on: { click: ask } }, "Look at the plant now");
+  const back = number ? h("a", { class: "back", href: "#/groups" }, "← Groups") : h("a", { class: "back", href: "#/work" }, "← Work list");
+  main.append(h("div", { class: "head" }, back, h("h1", null, number ? `Group ${number}` : "Groups that swing together"), number ? null : look || null), summary, cards);
+
+  async function ask() {
+    look.disabled = true;
+    try {
+      await post("/groups");
+      toast("the plant is looked at; this takes some seconds");
+      for (let i = 0; i < 60 && !over; i++) {
+        await new Promise((done) => setTimeout(done, 1000));
+        if (await show()) break;
+      }
+    } catch (error) {
+      toast(error.message, true);
+    } finally {
+      look.disabled = false;
+    }
+  }
+
+  const card = (item) => h("section", { class: "card", "data-group": item.number }, h("header", null, h("h2", null, h("a", { href: `#/groups/${item.number}` }, `Group ${item.number}`))), h("p", null, item.words), suspects(item.suspects), h("p", { class: "note" }, names(item.members)));
+
+  /** True when another look is shown than before. */
+  async function show() {
+    try {
+      const found = await orNull(get(number ? `/groups/${encodeURIComponent(number)}` : "/groups"));
+      if (over) return true;
+      if (!found) {
+        summary.textContent = number ? `There is no group ${number}: another look at the plant counts anew.` : "The plant has not been looked at yet.";
+        return false;
+      }
+      if (found.time === seen) return false;
+      const first = seen === null;
+      seen = found.time;
+      if (number) {
+        summary.textContent = `${found.words} Looked at ${when(found.time)}.`;
+        cards.replaceChildren(h("section", { class: "card" }, suspects(found.suspects), h("p", { class: "note" }, names(found.members))), h("section", { class: "card" }, h("div", { class: "swings" }, found.pictures.map(picture))));
+      } else {
+        const skipped = found.skipped.length ? `; ${found.skipped.length} could not be looked at` : "";
+        summary.textContent = `${found.items.length ? `${found.items.length} ${found.items.length === 1 ? "group" : "groups"}` : "No loops swing together"}, by a look at ${found.looked_at} loops at ${when(found.time)}${skipped}.`;
+        cards.replaceChildren(...found.items.slice(0, 100).map(card));
+      }
+      return !first;
+    } catch (error) {
+      if (!over) summary.textContent = `the groups cannot be fetched: ${error.message}`;
+      return false;
+    }
+  }
+
+  show();
+  const timer = setInterval(show, 15000);
+  return () => {
+    over = true;
+    clearInterval(timer);
+  };
+}

@@ -1,0 +1,76 @@
+// The work list: what to do, source before victims, and what became of it.
+
+import { workAct } from "./actions.js";
+import { get, href } from "./api.js";
+import { h, scroll } from "./dom.js";
+import { percent, short, when } from "./format.js";
+import { loops } from "./live.js";
+import { may } from "./session.js";
+
+const COLUMNS = ["Loop", "State", "Cause", "Why", "Expected to calm down with it", "Cost", "By, remark", ""];
+// A row of a state has the mark of a tile that is as urgent.
+const MARKS = { open: "unacknowledged", ordered: "acknowledged", repaired: "sticking", watched: "waiting", verified: "sound", calmed: "sound", dismissed: "silent" };
+const MAY = { watched: ["order", "dismiss"], open: ["order", "repaired", "dismiss"], ordered: ["repaired", "dismiss"], repaired: ["reopen"], verified: ["reopen"], calmed: ["reopen"], dismissed: ["reopen"] };
+const VERBS = { order: "Order", repaired: "Done", dismiss: "Dismiss", reopen: "Reopen" };
+const PAGE = 200, VICTIMS = 6;
+
+const link = (id) => h("a", { href: `#/loop/${encodeURIComponent(id)}` }, id);
+
+function victims(list) {
+  const names = (some) => some.flatMap((id, i) => [i ? ", " : "", link(id)]);
+  if (list.length <= VICTIMS) return names(list);
+  return [...names(list.slice(0, VICTIMS)), h("details", null, h("summary", null, `and ${list.length - VICTIMS} more`), names(list.slice(VICTIMS)))];
+}
+
+function changed({ before, after }) {
+  if (!before || before.error_sd === null) return null;
+  const sd = (own) => short(own.error_sd, 3);
+  return h("small", null, after ? ` Error's standard deviation ${sd(before)} before the repair, ${sd(after)} since.` : ` Error's standard deviation ${sd(before)} before the repair; a later look decides.`);
+}
+
+export function workView(main, _parts, query) {
+  let over = false, wanted = PAGE;
+  const all = query.get("show") === "all";
+  const tabs = h("nav", { "aria-label": "Work" }, h("a", { href: "#/work", "aria-current": all ? null : "page" }, "To do"), h("a", { href: "#/work?show=all", "aria-current": all ? "page" : null }, "All, watched and over too"), h("a", { href: "#/groups" }, "Groups that swing together"));
+  const summary = h("p", { class: "summary", role: "status" }, "loading …"), rows = h("tbody");
+  const more = h("button", { type: "button", hidden: true, on: { click: () => ((wanted += PAGE), show()) } }, "More");
+  const acts = h("div", { class: "acts" }, h("a", { class: "button", href: href("/work.csv"), download: "work.csv" }, "CSV"), h("a", { class: "button", href: href("/work.html"), target: "_blank", rel: "noopener" }, "Print"));
+  const head = h("thead", null, h("tr", null, COLUMNS.map((text) => h("th", { scope: "col", class: text === "Cost" ? "number" : null }, text))));
+  main.append(h("h1", null, "Work list"), tabs, h("div", { class: "head" }, summary, acts), h("section", { class: "card", "aria-label": "Work list" }, scroll("Work list", h("table", { class: "stack" }, head, rows)), more));
+
+  function row(item) {
+    const button = (action) => {
+      const name = `${VERBS[action]} ${item.id}`;
+      return h("button", { type: "button", "data-act": name, "aria-label": name, on: { click: async () => (await workAct(item.id, action)) && show() } }, VERBS[action]);
+    };
+    const sure = item.cause && item.cause !== "unknown" ? h("small", null, ` ${percent(item.probability)}`) : null;
+    return h("tr", { "data-kind": MARKS[item.state] ?? "other", "data-id": item.id },
+      h("td", null, h("span", { class: "mark" }), link(item.id), " ", h("small", null, loops.get(item.id)?.description ?? "")),
+      h("td", null, item.state, h("small", null, ` since ${when(item.since)}`), item.reopened ? h("small", null, `, a repair did not help (${item.reopened})`) : null),
+      h("td", null, item.cause ?? "–", sure), h("td", { class: "what" }, item.why, changed(item)), h("td", { class: "what" }, victims(item.victims)),
+      h("td", { class: "number" }, item.cost === null ? "–" : `${short(item.cost, 3)} ${item.cost_unit}`), h("td", null, [item.by, item.note].filter(Boolean).join(": ")),
+      h("td", { class: "act" }, may("operator") ? (MAY[item.state] ?? []).map(button) : null));
+  }
+
+  async function show() {
+    try {
+      const list = await get(`/work?all=${all}`);
+      if (over) return;
+      const focused = document.activeElement?.dataset?.act;
+      rows.replaceChildren(...list.items.slice(0, wanted).map(row));
+      if (focused) main.querySelector(`[data-act="${CSS.escape(focused)}"]`)?.focus();
+      more.hidden = list.items.length <= wanted;
+      const watched = list.watched ? `; ${list.watched} suspected, not for long enough yet` : "";
+      summary.textContent = `${list.standing ? `${list.standing} to do` : "Nothing is to be done"}${watched}.`;
+    } catch (error) {
+      if (!over) summary.textContent = `the work list cannot be fetched: ${error.message}`;
+    }
+  }
+
+  show();
+  const timer = setInterval(show, 15000);
+  return () => {
+    over = true;
+    clearInterval(timer);
+  };
+}

@@ -1,0 +1,232 @@
+//! The pictures of a group of loops that swing together, as SVG whose colours and strokes the page's style gives:
+//! `polyline` trends and spectra, `.look` the suspected source, `.edge` and `.node` of the graph, `.cell` of the matrix.
+
+use crate::plantwide::cause::period;
+use crate::plantwide::spectra::Spectra;
+use crate::plantwide::{Analysis, Group, PlantLoop};
+use crate::plot::{escape, thin};
+use crate::sysid::spectrum::Transforms;
+use std::fmt::Write;
+
+/// Members that are drawn of a group.
+const DRAWN: usize = 16;
+/// Height of one trend or spectrum, and widths.
+const ROW: f64 = 30.0;
+const WIDTH: f64 = 560.0;
+const LEFT: f64 = 90.0;
+/// Points of a trend.
+const POINTS: usize = 500;
+
+/// What is drawn of a group, each with its caption.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GroupPictures([(String, &'static str); 4]);
+
+impl GroupPictures {
+    /// Draws a group; `number` tells the marks of several on one page apart.
+    pub fn of(number: usize, group: &Group, plant: &[PlantLoop], found: &Analysis) -> Self {
+        let members = &group.members[..group.members.len().min(DRAWN)];
+        let drawn = Drawn { members, source: group.suspects.first().map(|s| s.at), group, found };
+        let picture = |draw: &dyn Fn(&mut String)| {
+            let mut out = String::new();
+            draw(&mut out);
+            out
+        };
+        Self([
+            (picture(&|out| drawn.trends(out, plant)), "The last ten periods of PV, each in its own scale"),
+            (
+                picture(&|out| drawn.spectra(out, plant)),
+                "Power of PV against the period, each over its largest",
+            ),
+            (
+                picture(&|out| drawn.graph(out, number)),
+                "Who is expected to drive whom: arrows from the suspected source along the strongest coherence",
+            ),
+            (
+                picture(&|out| drawn.matrix(out)),
+                "Coherence of every two, full colour where they swing as one",
+            ),
+        ])
+    }
+
+    /// Each picture with its caption: trends, spectra, graph, coherence.
+    pub fn each(&self) -> impl Iterator<Item = (&str, &'static str)> {
+        self.0.iter().map(|(picture, caption)| (picture.as_str(), *caption))
+    }
+}
+
+/// A group and those of its members that are drawn.
+struct Drawn<'a> {
+    members: &'a [usize],
+    source: Option<usize>,
+    group: &'a Group,
+    found: &'a Analysis,
+}
+
+impl Drawn<'_> {
+    fn trends(&self, out: &mut String, plant: &[PlantLoop]) {
+        let Self { members, source, group, found } = *self;
+        let height = ROW * members.len() as f64 + 8.0;
+        let _ = write!(out, "<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"trends\">");
+        let end = members
+            .iter()
+            .map(|i| {
+                let w = &plant[*i].window;
+                w.t0 + w.ts * w.pv.len() as f64
+            })
+            .fold(f64::INFINITY, f64::min);
+        let from = end - 10.0 * group.period_s;
+        for (row, i) in members.iter().enumerate() {
+            let w = &plant[*i].window;
+            let points: Vec<(f64, f64)> =
+                w.pv.iter()
+                    .enumerate()
+                    .map(|(k, y)| (w.t0 + k as f64 * w.ts, *y))
+                    .filter(|p| p.0 >= from && p.0 <= end)
+                    .collect();
+            line(out, row, &found.loops[*i].name, &thin(&points, POINTS), (from, end), Some(*i) == source);
+        }
+        *out += "</svg>";
+    }
+
+    fn spectra(&self, out: &mut String, plant: &[PlantLoop]) {
+        let Self { members, source, group, found } = *self;
+        let few: Vec<PlantLoop> = members.iter().map(|i| plant[*i].clone()).collect();
+        let of = Spectra::new(&few, &mut Transforms::new());
+        let height = ROW * members.len() as f64 + 22.0;
+        let _ = write!(out, "<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"spectra\">");
+        // Two octaves slower, three faster than the group.
+        let (from, to) = (-(4.0 * group.period_s).log2(), -(group.period_s / 8.0).log2());
+        for (row, i) in members.iter().enumerate() {
+            let points: Vec<(f64, f64)> = of
+                .power(row)
+                .into_iter()
+                .map(|(p, y)| (-p.log2(), y.sqrt()))
+                .filter(|p| p.0 >= from && p.0 <= to)
+                .collect();
+            line(out, row, &found.loops[*i].name, &thin(&points, POINTS), (from, to), Some(*i) == source);
+        }
+        let x = |v: f64| LEFT + (WIDTH - LEFT - 8.0) * (v - from) / (to - from);
+        for times in [4.0, 1.0, 0.25] {
+            let at = x(-(times * group.period_s).log2());
+            let _ = write!(
+                out,
+                "<text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+                height - 4.0,
+                period(times * group.period_s)
+            );
+        }
+        let at = x(-group.period_s.log2());
+        let _ = write!(out, "<path class=\"mark\" d=\"M{at:.1} 0V{:.1}\"/></svg>", height - 18.0);
+    }
+
+    /// A tree of strongest coherence from the source: each member hangs on the one already there that it swings with most.
+    fn graph(&self, out: &mut String, number: usize) {
+        let Self { members, source, group, found } = *self;
+        let n = members.len();
+        let size = (group.coherence.len() as f64).sqrt() as usize;
+        let gamma = |a: usize, b: usize| group.coherence.get(a * size + b).copied().unwrap_or(0.0);
+        let root = members.iter().position(|i| Some(*i) == source).unwrap_or(0);
+        let (mut there, mut edges) = (vec![root], Vec::new());
+        while there.len() < n {
+            let left = (0..n).filter(|i| !there.contains(i));
+            let pairs = left.flat_map(|i| there.iter().map(move |j| (*j, i)));
+            let Some((from, to)) = pairs.max_by(|a, b| gamma(a.0, a.1).total_cmp(&gamma(b.0, b.1))) else {
+                break;
+            };
+            edges.push((from, to));
+            there.push(to);
+        }
+        let (w, h) = (WIDTH, 360.0);
+        let place = |i: usize| {
+            if i == root {
+                return (0.5 * w, 0.5 * h);
+            }
+            let k = there.iter().position(|j| *j == i).unwrap_or(0) as f64 - 1.0;
+            let turn = std::f64::consts::TAU * k / (n - 1).max(1) as f64;
+            (0.5 * w + 0.4 * w * turn.cos(), 0.5 * h + 0.42 * h * turn.sin())
+        };
+        let _ = write!(
+            out,
+            "<svg viewBox=\"0 0 {w} {h}\" role=\"img\" aria-label=\"interaction graph\"><defs><marker id=\"from{number}\" viewBox=\"0 0 8 8\" refX=\"8\" refY=\"4\" markerWidth=\"7\" markerHeight=\"7\" orient=\"auto\"><path class=\"head\" d=\"M0 0L8 4L0 8z\"/></marker></defs>"
+        );
+        for (from, to) in edges {
+            let ((x, y), (p, q)) = (place(from), place(to));
+            // The arrow ends at the edge of the name's box.
+            let edge = (34.0 / (p - x).abs()).min(10.0 / (q - y).abs());
+            let short = edge.min(0.4);
+            let _ = write!(
+                out,
+                "<path class=\"edge\" opacity=\"{:.2}\" marker-end=\"url(#from{number})\" d=\"M{x:.1} {y:.1}L{:.1} {:.1}\"/>",
+                0.3 + 0.7 * gamma(from, to),
+                p - short * (p - x),
+                q - short * (q - y)
+            );
+        }
+        for (i, member) in members.iter().enumerate() {
+            let (x, y) = place(i);
+            let class = if i == root { "look" } else { "node" };
+            let style = if i == root { "" } else { "" };
+            let _ = write!(
+                out,
+                "<rect class=\"{class}\"{style} x=\"{:.1}\" y=\"{:.1}\" width=\"68\" height=\"20\" rx=\"4\"/><text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+                x - 34.0,
+                y - 10.0,
+                y + 4.0,
+                escape(&found.loops[*member].name)
+            );
+        }
+        *out += "</svg>";
+    }
+
+    fn matrix(&self, out: &mut String) {
+        let Self { members, group, found, .. } = *self;
+        let size = (group.coherence.len() as f64).sqrt() as usize;
+        let side = (0.5 * (WIDTH - LEFT)).min(26.0 * members.len() as f64) / members.len().max(1) as f64;
+        let height = side * members.len() as f64 + 8.0;
+        let _ =
+            write!(out, "<svg viewBox=\"0 0 {WIDTH} {height:.1}\" role=\"img\" aria-label=\"coherence\">");
+        for (i, a) in members.iter().enumerate() {
+            let top = side * i as f64;
+            let _ = write!(
+                out,
+                "<text x=\"2\" y=\"{:.1}\">{}</text>",
+                top + 0.5 * side + 4.0,
+                escape(&found.loops[*a].name)
+            );
+            for (j, b) in members.iter().enumerate() {
+                let gamma = group.coherence.get(i * size + j).copied().unwrap_or(0.0);
+                let _ = write!(
+                    out,
+                    "<rect class=\"cell\" opacity=\"{gamma:.2}\" x=\"{:.1}\" y=\"{top:.1}\" width=\"{side:.1}\" height=\"{side:.1}\"><title>{} and {}: {gamma:.2}</title></rect>",
+                    LEFT + side * j as f64,
+                    escape(&found.loops[*a].name),
+                    escape(&found.loops[*b].name)
+                );
+            }
+        }
+        *out += "</svg>";
+    }
+}
+
+/// One polyline in its row, its name beside it.
+fn line(out: &mut String, row: usize, name: &str, points: &[(f64, f64)], (from, to): (f64, f64), look: bool) {
+    let bottom = ROW * (row + 1) as f64;
+    let (low, high) =
+        points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p.1), h.max(p.1)));
+    let span = (high - low).max(f64::MIN_POSITIVE);
+    let class = if look { " class=\"look\"" } else { "" };
+    let _ = write!(
+        out,
+        "<text x=\"2\" y=\"{:.1}\">{}</text><polyline{class} points=\"",
+        bottom - 10.0,
+        escape(name)
+    );
+    for (x, y) in points {
+        let (px, py) = (
+            LEFT + (WIDTH - LEFT - 8.0) * (x - from) / (to - from),
+            bottom - 3.0 - (ROW - 6.0) * (y - low) / span,
+        );
+        let _ = write!(out, "{px:.1},{py:.1} ");
+    }
+    *out += "\"/>";
+}

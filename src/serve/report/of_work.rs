@@ -1,0 +1,126 @@
+//! The work list, for printing and for a spreadsheet.
+
+use super::super::dto::plantwide::{MeasureItem, WorkItem, WorkListing};
+use super::super::words::{percent, short};
+use super::{document, when};
+use crate::plot::escape;
+use std::fmt::Write;
+
+/// The list as a page.
+pub fn of_work(listing: &WorkListing) -> String {
+    let mut body = format!(
+        "<h1>Work list</h1><p class=\"faint\">stictiond {}, {}</p><p>{} to do, {} suspicions that have not lasted yet.</p>",
+        env!("CARGO_PKG_VERSION"),
+        when(listing.time.as_deref()),
+        listing.standing,
+        listing.watched
+    );
+    if listing.items.is_empty() {
+        body += "<p>Nothing is to be done.</p>";
+        return document("Work list", &body);
+    }
+    body += "<table><thead><tr><th>Loop</th><th>State</th><th>Cause</th><th>Why</th><th>Expected to calm down with it</th>\
+             <th class=\"number\">Cost</th><th>By, remark</th></tr></thead><tbody>";
+    listing.items.iter().for_each(|item| row(&mut body, item));
+    body += "</tbody></table>";
+    document("Work list", &body)
+}
+
+fn row(out: &mut String, item: &WorkItem) {
+    let sure = item.probability.filter(|_| item.cause != Some("unknown"));
+    let cause = format!(
+        "{}{}",
+        item.cause.unwrap_or("–"),
+        sure.map(|p| format!(", {}", percent(p))).unwrap_or_default()
+    );
+    let _ = write!(
+        out,
+        "<tr><td>{}</td><td>{}<br><span class=\"faint\">{}</span></td><td>{cause}</td><td>{}{}</td><td>{}</td>\
+         <td class=\"number\">{}</td><td>{}</td></tr>",
+        escape(&item.id),
+        item.state,
+        when(item.since.as_deref()),
+        escape(&item.why),
+        escape(&helped(item)),
+        escape(&item.victims.join(", ")),
+        cost(item),
+        escape(&[&item.by, &item.note].into_iter().flatten().cloned().collect::<Vec<_>>().join(": ")),
+    );
+}
+
+/// What a repair changed, where that is known.
+fn helped(item: &WorkItem) -> String {
+    let sd = |own: &Option<MeasureItem>| own.as_ref().and_then(|own| own.error_sd);
+    match (sd(&item.before), sd(&item.after)) {
+        (Some(before), Some(after)) => {
+            format!(
+                " The error's standard deviation was {} before the repair and is {} since.",
+                short(before),
+                short(after)
+            )
+        }
+        _ => String::new(),
+    }
+}
+
+fn cost(item: &WorkItem) -> String {
+    let unit = item.cost_unit.as_deref().unwrap_or_default();
+    item.cost.map_or_else(|| "–".into(), |cost| format!("{} {}", short(cost), escape(unit)))
+}
+
+/// The list as CSV after RFC 4180. A cell that a spreadsheet would take for a formula begins with an apostrophe.
+pub fn work_csv(listing: &WorkListing) -> String {
+    let mut out = "loop,state,since,first,cause,probability,why,victims,cost,cost_unit,by,note,reopened,sd_before,sd_after\r\n".to_string();
+    for item in &listing.items {
+        let number = |x: Option<f64>| x.map(|x| x.to_string()).unwrap_or_default();
+        let text = |x: &Option<String>| x.clone().unwrap_or_default();
+        let sd = |own: &Option<MeasureItem>| number(own.as_ref().and_then(|own| own.error_sd));
+        let cells = [
+            item.id.clone(),
+            item.state.to_string(),
+            text(&item.since),
+            text(&item.first),
+            item.cause.unwrap_or_default().to_string(),
+            number(item.probability),
+            item.why.clone(),
+            item.victims.join(" "),
+            number(item.cost),
+            text(&item.cost_unit),
+            text(&item.by),
+            text(&item.note),
+            item.reopened.to_string(),
+            sd(&item.before),
+            sd(&item.after),
+        ];
+        let _ = write!(out, "{}\r\n", cells.map(|cell| quoted(&cell)).join(","));
+    }
+    out
+}
+
+/// First characters by which a spreadsheet takes a cell for a formula.
+const ACTS: [char; 16] =
+    ['=', '+', '-', '@', '\t', '\r', '\n', '＝', '＋', '－', '＠', '﹦', '﹢', '﹣', '﹫', '−'];
+
+fn quoted(cell: &str) -> String {
+    let acts = cell.starts_with(ACTS);
+    let cell = if acts { format!("'{cell}") } else { cell.to_string() };
+    if cell.contains(['"', ',', '\n', '\r']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_quoted_and_no_formulas() {
+        for (cell, written) in [
+            ("FIC1", "FIC1"),
+            ("a, b", "\"a, b\""),
+            ("say \"no\"", "\"say \"\"no\"\"\""),
+            ("=1+1", "'=1+1"),
+            ("＝A1", "'＝A1"),
+        ] {
+            assert_eq!(quoted(cell), written);
+        }
+    }
+}

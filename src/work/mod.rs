@@ -1,0 +1,112 @@
+//! The work list: one order for each loop that somebody should look at, from the first suspicion to the proof that a repair
+//! helped. Pure: no clock, no files; time is an argument.
+//!
+//! The plant-wide analysis says again and again what it suspects ([`WorkList::take`]). A suspicion that lasts becomes an open
+//! order; people order the work and say when it is done; what the analysis says after that verifies the repair or opens the
+//! order again. [`order`] has the states.
+
+mod config;
+pub mod order;
+
+pub use config::{Config, Cost};
+pub use order::{Act, Measure, Move, Order, Refusal, Seen, State};
+
+use crate::signal::LoopId;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Most orders; those that are over go first.
+const MOST: usize = 10_000;
+
+/// What an analysis said of one loop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Said {
+    /// The loop.
+    pub id: LoopId,
+    /// How it is.
+    pub measure: Measure,
+    /// What should be done; `None` where nothing should.
+    pub seen: Option<Seen>,
+}
+
+/// All orders.
+#[derive(Clone, Debug, Default)]
+pub struct WorkList {
+    orders: BTreeMap<LoopId, Order>,
+}
+
+impl WorkList {
+    /// Takes what an analysis said of the loops that it looked at. What it could not look at stays as it is.
+    ///
+    /// Returns the orders that are to be kept, with what happened to their states.
+    pub fn take(&mut self, said: &[Said], now: f64, config: &Config) -> Vec<(Order, Option<Move>)> {
+        let mut changed = Vec::new();
+        for own in said {
+            let order = match (self.orders.get_mut(&own.id), &own.seen) {
+                (Some(order), _) => order,
+                (None, Some(_)) => {
+                    self.orders.entry(own.id.clone()).or_insert_with(|| Order::new(own.id.clone(), now))
+                }
+                (None, None) => continue,
+            };
+            let moved = order.take(own.seen.as_ref(), own.measure, now, config);
+            changed.push((order.clone(), moved));
+        }
+        self.orders.retain(|_, order| !order.is_forgotten(now));
+        self.bound();
+        changed
+    }
+
+    /// Somebody acts on the order of a loop; `None` where there is none.
+    ///
+    /// # Errors
+    /// [`Refusal`], where its state does not allow it.
+    pub fn act(
+        &mut self,
+        id: &LoopId,
+        act: Act,
+        by: Option<String>,
+        note: Option<String>,
+        now: f64,
+    ) -> Option<Result<(Order, Move), Refusal>> {
+        let order = self.orders.get_mut(id)?;
+        Some(order.act(act, by, note, now).map(|moved| (order.clone(), moved)))
+    }
+
+    /// Takes back what was kept, where there is no newer.
+    pub fn restore(&mut self, kept: Vec<Order>) {
+        for order in kept {
+            self.orders.entry(order.id.clone()).or_insert(order);
+        }
+        self.bound();
+    }
+
+    /// Forgets loops that are no longer watched.
+    pub fn keep_only(&mut self, loops: &BTreeSet<LoopId>) {
+        self.orders.retain(|id, _| loops.contains(id));
+    }
+
+    /// The orders of one loop.
+    pub fn get(&self, id: &LoopId) -> Option<&Order> {
+        self.orders.get(id)
+    }
+
+    /// All orders, by loop.
+    pub fn orders(&self) -> impl Iterator<Item = &Order> {
+        self.orders.values()
+    }
+
+    fn bound(&mut self) {
+        while self.orders.len() > MOST {
+            let rank = |order: &&Order| (order.state.is_over(), -order.since);
+            let last = self
+                .orders
+                .values()
+                .max_by(|a, b| rank(a).0.cmp(&rank(b).0).then(rank(a).1.total_cmp(&rank(b).1)));
+            let Some(id) = last.map(|order| order.id.clone()) else { return };
+            self.orders.remove(&id);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,333 @@
+//! One order and its states.
+//!
+//! ```text
+//!                 seen for persist_s              ordered by somebody          done, says somebody
+//!     watched ------------------------> open ------------------------> ordered ------------------> repaired
+//!        |                               ^ |                                                         |   |
+//!        | not seen                      | | not seen for persist_s                                  |   |
+//!        v                               | v                                not seen for persist_s   |   |
+//!     (forgotten)                        | calmed                     verified <--------------------+   |
+//!                                        +--------------------------------------------------------------+
+//!                                                            still seen for persist_s
+//! ```
+//!
+//! Somebody may say that a watched or open order is not wanted (`dismissed`), and open one again that is over.
+//! "Seen for `persist_s`" means in at least [`MOSTLY`] of the looks of the last `persist_s`; "not seen" in at most [`HARDLY`].
+
+use super::Config;
+use crate::plantwide::Cause;
+use crate::signal::LoopId;
+use std::collections::VecDeque;
+
+/// Share of the looks that is most of them.
+pub const MOSTLY: f64 = 0.8;
+/// Share of the looks that is hardly any.
+pub const HARDLY: f64 = 0.2;
+/// Share of the looks of `persist_s` that have to be there before they count: a daemon may have stood still.
+const THERE: f64 = 0.5;
+/// Looks that are remembered of an order.
+const LOOKS: usize = 240;
+/// An order that is over is forgotten after this (s): a quarter of a year.
+const FORGOTTEN_S: f64 = 7_776_000.0;
+
+/// Where an order stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum State {
+    /// Suspected, and not for long.
+    Watched,
+    /// Somebody should order the work.
+    Open,
+    /// Somebody has.
+    Ordered,
+    /// Somebody says that it is done; what is measured has to bear it out.
+    Repaired,
+    /// What is measured bears it out.
+    Verified,
+    /// The loop has calmed down by itself.
+    Calmed,
+    /// Somebody does not want it.
+    Dismissed,
+}
+
+impl State {
+    /// Every state.
+    pub const ALL: [State; 7] = [
+        State::Watched,
+        State::Open,
+        State::Ordered,
+        State::Repaired,
+        State::Verified,
+        State::Calmed,
+        State::Dismissed,
+    ];
+
+    /// As reports write it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            State::Watched => "watched",
+            State::Open => "open",
+            State::Ordered => "ordered",
+            State::Repaired => "repaired",
+            State::Verified => "verified",
+            State::Calmed => "calmed",
+            State::Dismissed => "dismissed",
+        }
+    }
+
+    /// The state of a name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| state.as_str() == name)
+    }
+
+    /// Whether nothing is left to do.
+    pub fn is_over(self) -> bool {
+        matches!(self, State::Verified | State::Calmed | State::Dismissed)
+    }
+
+    /// Whether somebody has something to do.
+    pub fn is_standing(self) -> bool {
+        matches!(self, State::Open | State::Ordered | State::Repaired)
+    }
+}
+
+/// What somebody does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Act {
+    /// Orders the work.
+    Order,
+    /// Says that it is done.
+    Repaired,
+    /// Does not want it.
+    Dismiss,
+    /// Opens it again.
+    Reopen,
+}
+
+/// Why somebody's act is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("an order that is {0} cannot be {1}")]
+pub struct Refusal(pub &'static str, pub &'static str);
+
+/// What a look at the plant said of a loop that it suspects.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Seen {
+    /// Why it is not at rest.
+    pub cause: Cause,
+    /// Probability of the cause (0..1).
+    pub probability: f64,
+    /// One sentence.
+    pub why: String,
+    /// Loops that are expected to calm down with it.
+    pub victims: Vec<LoopId>,
+}
+
+/// How a loop was when it was looked at.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Measure {
+    /// Standard deviation of the error (PV unit).
+    pub error_sd: Option<f64>,
+    /// Share of the error's variance in oscillations (0..1).
+    pub swing: Option<f64>,
+    /// Friction (% of OP span, or OP units).
+    pub f: Option<f64>,
+}
+
+/// One look.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// When (s).
+    pub at: f64,
+    /// The cause that was suspected and its probability; none where nothing was.
+    pub cause: Option<(Cause, f64)>,
+    /// How the loop was.
+    pub measure: Measure,
+}
+
+/// A change of the state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Move {
+    /// State before.
+    pub from: State,
+    /// State after.
+    pub to: State,
+    /// When (s).
+    pub at: f64,
+    /// Who acted; none where the measurements did.
+    pub by: Option<String>,
+    /// What they said.
+    pub note: Option<String>,
+}
+
+/// One order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Order {
+    /// The loop to look at.
+    pub id: LoopId,
+    /// Where it stands.
+    pub state: State,
+    /// Since when (s).
+    pub since: f64,
+    /// When the loop was first suspected (s).
+    pub first: f64,
+    /// What was said of it last.
+    pub seen: Option<Seen>,
+    /// The latest looks, oldest first.
+    pub looks: VecDeque<Look>,
+    /// How the loop was before it was repaired, in the mean, and when somebody said that it was (s).
+    pub before: Option<(Measure, f64)>,
+    /// How it is since then, in the mean, once that is decided.
+    pub after: Option<Measure>,
+    /// Who acted last.
+    pub by: Option<String>,
+    /// What they said.
+    pub note: Option<String>,
+    /// How often a repair did not help.
+    pub reopened: u32,
+}
+
+impl Order {
+    /// An order for a loop that is suspected for the first time.
+    pub fn new(id: LoopId, now: f64) -> Self {
+        Self {
+            id,
+            state: State::Watched,
+            since: now,
+            first: now,
+            seen: None,
+            looks: VecDeque::new(),
+            before: None,
+            after: None,
+            by: None,
+            note: None,
+            reopened: 0,
+        }
+    }
+
+    /// The cause that was suspected most often and its mean probability (0..1), over the looks that are remembered.
+    pub fn cause(&self) -> Option<(Cause, f64)> {
+        let of = |cause: Cause| {
+            let own = self.looks.iter().filter_map(|look| look.cause).filter(|own| own.0 == cause);
+            own.fold((0, 0.0), |(n, sum), own| (n + 1, sum + own.1))
+        };
+        let most = Cause::ALL.into_iter().max_by_key(|cause| of(*cause).0)?;
+        let (n, sum) = of(most);
+        (n > 0).then(|| (most, sum / f64::from(n)))
+    }
+
+    /// Whether it is over for so long that nobody asks.
+    pub fn is_forgotten(&self, now: f64) -> bool {
+        match self.state {
+            State::Watched => self.looks.iter().rev().take(3).all(|look| look.cause.is_none()),
+            state => state.is_over() && now - self.since > FORGOTTEN_S,
+        }
+    }
+
+    /// Takes a look at the loop.
+    pub fn take(&mut self, seen: Option<&Seen>, measure: Measure, now: f64, config: &Config) -> Option<Move> {
+        if self.looks.back().is_some_and(|last| last.at >= now) {
+            // A clock that was set back: what was seen "later" says nothing of now.
+            self.looks.clear();
+        }
+        let cause = seen.map(|seen| (seen.cause, seen.probability));
+        self.looks.push_back(Look { at: now, cause, measure });
+        if self.looks.len() > LOOKS {
+            self.looks.pop_front();
+        }
+        if seen.is_some() {
+            self.seen = seen.cloned();
+        }
+        self.moved(now, config)
+    }
+
+    fn moved(&mut self, now: f64, config: &Config) -> Option<Move> {
+        let share = self.share(now, config);
+        let to = match (self.state, share?) {
+            (State::Watched, share) if share >= MOSTLY => State::Open,
+            (State::Open, share) if share <= HARDLY => State::Calmed,
+            (State::Repaired, share) if share <= HARDLY => State::Verified,
+            (State::Repaired, share) if share >= MOSTLY => State::Open,
+            // What was over begins anew: as a suspicion, and by the next look as an order.
+            (State::Calmed | State::Verified, share) if share >= MOSTLY => State::Open,
+            _ => return None,
+        };
+        if self.state == State::Repaired {
+            self.after = Some(self.mean(self.since));
+            self.reopened += u32::from(to == State::Open);
+        }
+        Some(self.go(to, None, None, now))
+    }
+
+    /// Share of the looks of the last `persist_s` that suspected it; none where there are not enough of this state yet.
+    fn share(&self, now: f64, config: &Config) -> Option<f64> {
+        let from = now - config.persist_s;
+        // A watched order counts from its first look, every other from when its state began.
+        let begun = if self.state == State::Watched { self.first } else { self.since };
+        if begun > from + 0.5 * config.period_s {
+            return None;
+        }
+        let own: Vec<bool> = self
+            .looks
+            .iter()
+            .filter(|look| look.at >= from && look.at >= begun)
+            .map(|look| look.cause.is_some())
+            .collect();
+        let enough = THERE * config.persist_s / config.period_s;
+        let seen = own.iter().filter(|seen| **seen).count();
+        (own.len() as f64 >= enough).then(|| seen as f64 / own.len() as f64)
+    }
+
+    /// The mean of what was measured since a time; standard deviations as the root of the mean square.
+    fn mean(&self, from: f64) -> Measure {
+        let over = |of: &dyn Fn(&Measure) -> Option<f64>| {
+            let all: Vec<f64> = self
+                .looks
+                .iter()
+                .filter(|look| look.at >= from)
+                .filter_map(|look| of(&look.measure))
+                .collect();
+            (!all.is_empty()).then(|| all.iter().sum::<f64>() / all.len() as f64)
+        };
+        Measure {
+            error_sd: over(&|m| m.error_sd.map(|sd| sd * sd)).map(f64::sqrt),
+            swing: over(&|m| m.swing),
+            f: over(&|m| m.f),
+        }
+    }
+
+    /// Somebody acts.
+    ///
+    /// # Errors
+    /// [`Refusal`], where its state does not allow it.
+    pub fn act(
+        &mut self,
+        act: Act,
+        by: Option<String>,
+        note: Option<String>,
+        now: f64,
+    ) -> Result<Move, Refusal> {
+        let to = match (act, self.state) {
+            (Act::Order, State::Watched | State::Open) => State::Ordered,
+            (Act::Order, state) => return Err(Refusal(state.as_str(), "ordered")),
+            (Act::Repaired, State::Watched | State::Open | State::Ordered) => State::Repaired,
+            (Act::Repaired, state) => return Err(Refusal(state.as_str(), "repaired")),
+            (Act::Dismiss, State::Watched | State::Open | State::Ordered) => State::Dismissed,
+            (Act::Dismiss, state) => return Err(Refusal(state.as_str(), "dismissed")),
+            (Act::Reopen, State::Watched | State::Open) => {
+                return Err(Refusal(self.state.as_str(), "reopened"));
+            }
+            (Act::Reopen, _) => State::Open,
+        };
+        if to == State::Repaired {
+            self.before = Some((self.mean(f64::NEG_INFINITY), now));
+            self.after = None;
+        }
+        (self.by, self.note) = (by.clone(), note.clone());
+        Ok(self.go(to, by, note, now))
+    }
+
+    fn go(&mut self, to: State, by: Option<String>, note: Option<String>, now: f64) -> Move {
+        let from = std::mem::replace(&mut self.state, to);
+        self.since = now;
+        Move { from, to, at: now, by, note }
+    }
+}

@@ -1,0 +1,133 @@
+use super::*;
+use crate::plantwide::Cause;
+use proptest::prelude::*;
+
+const HOUR: f64 = 3600.0;
+
+fn config() -> Config {
+    Config { persist_s: 10.0 * HOUR, ..Config::default() }
+}
+
+fn seen() -> Seen {
+    Seen {
+        cause: Cause::Valve,
+        probability: 0.9,
+        why: "it sticks".into(),
+        victims: vec![LoopId::new("LIC1")],
+    }
+}
+
+fn said(is_seen: bool, sd: f64) -> Vec<Said> {
+    let measure = Measure { error_sd: Some(sd), swing: Some(0.5), f: Some(1.0) };
+    vec![Said { id: LoopId::new("FIC1"), measure, seen: is_seen.then(seen) }]
+}
+
+/// Looks once an hour and returns the moves.
+fn look(list: &mut WorkList, hours: std::ops::Range<u32>, is_seen: bool, sd: f64) -> Vec<(State, State)> {
+    let mut moves = Vec::new();
+    for hour in hours {
+        let changed = list.take(&said(is_seen, sd), f64::from(hour) * HOUR, &config());
+        moves.extend(changed.into_iter().filter_map(|(_, moved)| moved).map(|m| (m.from, m.to)));
+    }
+    moves
+}
+
+#[test]
+fn a_suspicion_that_lasts_is_ordered_repaired_and_verified() {
+    let (mut list, id) = (WorkList::default(), LoopId::new("FIC1"));
+    assert_eq!(look(&mut list, 0..10, true, 2.0), []);
+    assert_eq!(look(&mut list, 10..30, true, 2.0), [(State::Watched, State::Open)]);
+    let mut act = |what, hour: f64| {
+        list.act(&id, what, Some("Ann".into()), Some("packing".into()), hour * HOUR).expect("there is one")
+    };
+    assert_eq!(act(Act::Order, 30.0).expect("open").1.to, State::Ordered);
+    assert_eq!(act(Act::Order, 31.0), Err(Refusal("ordered", "ordered")));
+    assert_eq!(act(Act::Repaired, 32.0).expect("ordered").1.to, State::Repaired);
+    assert_eq!(look(&mut list, 33..60, false, 0.5), [(State::Repaired, State::Verified)]);
+    let order = list.get(&id).expect("kept");
+    let (before, at) = order.before.expect("measured");
+    assert_eq!((before.error_sd, at), (Some(2.0), 32.0 * HOUR));
+    assert_eq!(order.after.and_then(|after| after.error_sd), Some(0.5));
+    assert_eq!(order.note.as_deref(), Some("packing"));
+    // It is forgotten after a quarter of a year.
+    list.take(&said(false, 0.5), 2300.0 * HOUR, &config());
+    assert_eq!(list.orders().count(), 0);
+}
+
+#[test]
+fn a_repair_that_does_not_help_opens_the_order_again() {
+    let (mut list, id) = (WorkList::default(), LoopId::new("FIC1"));
+    look(&mut list, 0..20, true, 2.0);
+    list.act(&id, Act::Repaired, None, None, 20.0 * HOUR).expect("there is one").expect("open");
+    assert_eq!(look(&mut list, 21..40, true, 2.0), [(State::Repaired, State::Open)]);
+    assert_eq!(list.get(&id).map(|order| order.reopened), Some(1));
+}
+
+#[test]
+fn what_comes_and_goes_is_no_order() {
+    let mut list = WorkList::default();
+    for hour in 0..100 {
+        let moves = look(&mut list, hour..hour + 1, hour % 2 == 0, 1.0);
+        assert_eq!(moves, [], "hour {hour}");
+    }
+    // Nothing is left of a suspicion that is not renewed.
+    look(&mut list, 100..104, false, 1.0);
+    assert_eq!(list.orders().count(), 0);
+}
+
+#[test]
+fn an_open_order_whose_loop_calms_down_is_over_and_opens_again_with_it() {
+    let mut list = WorkList::default();
+    look(&mut list, 0..20, true, 2.0);
+    assert_eq!(look(&mut list, 20..40, false, 0.5), [(State::Open, State::Calmed)]);
+    assert_eq!(look(&mut list, 40..60, true, 2.0), [(State::Calmed, State::Open)]);
+}
+
+#[test]
+fn looks_that_are_missing_decide_nothing() {
+    let mut list = WorkList::default();
+    list.take(&said(true, 1.0), 0.0, &config());
+    // The daemon stood still for a day: one look is not ten hours of them.
+    assert!(list.take(&said(true, 1.0), 24.0 * HOUR, &config()).iter().all(|(_, moved)| moved.is_none()));
+}
+
+#[test]
+fn the_cause_is_the_most_frequent_one() {
+    let mut order = Order::new(LoopId::new("FIC1"), 0.0);
+    for (at, cause, probability) in
+        [(1.0, Cause::Valve, 0.8), (2.0, Cause::Load, 0.9), (3.0, Cause::Valve, 0.6)]
+    {
+        let seen = Seen { cause, probability, ..seen() };
+        order.take(Some(&seen), Measure::default(), at * HOUR, &config());
+    }
+    let (cause, probability) = order.cause().expect("seen");
+    assert!(cause == Cause::Valve && (probability - 0.7).abs() < 1e-12);
+}
+
+proptest! {
+    /// Whatever is seen and done: states change only as the diagram says, and what people did stays until they act.
+    #[test]
+    fn every_move_is_in_the_diagram(steps in proptest::collection::vec((0..8u8, any::<bool>(), 0.0..5.0f64), 1..200)) {
+        let (mut list, id, mut now) = (WorkList::default(), LoopId::new("FIC1"), 0.0);
+        for (what, is_seen, hours) in steps {
+            now += hours * HOUR;
+            let before = list.get(&id).map(|order| order.state);
+            let act = [Act::Order, Act::Repaired, Act::Dismiss, Act::Reopen].get(usize::from(what)).copied();
+            let moved = match act {
+                Some(act) => list.act(&id, act, None, None, now).and_then(Result::ok).map(|(_, moved)| moved),
+                None => list.take(&said(is_seen, 1.0), now, &config()).pop().and_then(|(_, moved)| moved),
+            };
+            let after = list.get(&id).map(|order| order.state);
+            if let (Some(before), Some(after)) = (before, after) && before != after {
+                let moved = moved.expect("told");
+                prop_assert_eq!((moved.from, moved.to), (before, after));
+                use State::{Calmed, Dismissed, Open, Ordered, Repaired, Verified, Watched};
+                let by_itself = [(Watched, Open), (Open, Calmed), (Repaired, Verified), (Repaired, Open), (Calmed, Open), (Verified, Open)];
+                prop_assert!(act.is_some() || by_itself.contains(&(before, after)), "{before:?} {after:?}");
+                prop_assert!(after != Dismissed || act == Some(Act::Dismiss));
+                prop_assert!(after != Ordered || act == Some(Act::Order));
+            }
+            prop_assert!(list.get(&id).is_none_or(|order| order.looks.len() <= 240));
+        }
+    }
+}

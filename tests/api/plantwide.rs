@@ -1,0 +1,203 @@
+//! The plant as a whole: a daemon over a store that holds half a day of 24 coupled loops, one of which a load swings.
+
+use crate::app::{Daemon, start_at, text};
+use crate::http::{get, post};
+use crate::rig::{START, assert_problem};
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::time::Duration;
+use stictiond::config::{self, Config};
+use stictiond::history::TagKind;
+use stictiond::schedule::Clock;
+use stictiond::signal::{Role, Sample};
+use stictiond::sim::units::{Plant, Source, plant};
+use stictiond::store::{self, Batch, Series, Store, TagName};
+
+/// Looks a minute of plant time apart, 0.2 s on the wall.
+const SPEED: f64 = 300.0;
+const HOURS: f64 = 12.0;
+
+struct Site {
+    folder: PathBuf,
+    config: Config,
+    of: Plant,
+}
+
+impl Drop for Site {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// The loops as a configuration, their past in a store. Nobody answers at the device's address.
+fn site(name: &str) -> Site {
+    let of = plant(12, 2, &[(Source::Load, Some(3))]);
+    let names: Vec<(&str, usize, u16)> =
+        of.loops.iter().enumerate().map(|(at, own)| (own.name.as_str(), 0, 10 * at as u16)).collect();
+    let nobody = "127.0.0.1:1".parse().expect("an address");
+    let text =
+        text(&[nobody], &names).replace("poll_ms = 20\ntimeout_ms = 20", "poll_ms = 60000\ntimeout_ms = 100");
+    let first = &of.loops[3].name;
+    let text = text.replace(
+        &format!("id = \"{first}\"\n"),
+        &format!("id = \"{first}\"\ncost = {{ per_sd = 10.0, unit = \"EUR/day\" }}\n"),
+    );
+    let head = "[plantwide]\nperiod_s = 60\npersist_s = 300\n";
+    let text = format!("{head}{text}").replace("samples_per_tag = 1000", "samples_per_tag = 2000");
+    let mut config = config::parse("test.toml", &text).unwrap_or_else(|wrong| panic!("{wrong:?}\n{text}"));
+    let folder =
+        PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("plantwide-{name}-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder);
+    let own = store::Config { sync_ms: 20, ..store::Config::new(&folder) };
+    let mut kept = Store::open(&own).expect("can be made");
+    kept.insert(&past(&of, &config)).expect("can be written");
+    config.store = Some(own);
+    Site { folder, config, of }
+}
+
+fn past(of: &Plant, config: &Config) -> Batch {
+    let wired = config.plant().expect("checked");
+    let runs = of.run(HOURS, &[true]);
+    let series = wired.loops.iter().zip(&runs).flat_map(|(own, run)| {
+        own.tags.iter().map(move |tag| {
+            let values = if tag.kind == TagKind::Role(Role::Op) { &run.op } else { &run.pv };
+            let at = |t: f64| START - 3600.0 * HOURS + t - run.t[0];
+            let samples = run.t.iter().zip(values).map(|(t, x)| Sample::good(at(*t), *x)).collect();
+            let name = TagName {
+                control_loop: own.id.to_string(),
+                tag: tag.kind.name().to_string(),
+                source: tag.source.clone(),
+                unit: tag.unit.clone(),
+            };
+            Series { tag: name.into(), samples }
+        })
+    });
+    Batch { series: series.collect(), rows: Vec::new() }
+}
+
+/// Asks again and again until the answer is what is waited for.
+async fn until(daemon: &Daemon, path: &str, what: &str, good: impl Fn(&Value) -> bool) -> Value {
+    for _ in 0..600 {
+        let answer = get(daemon.address, path).await;
+        if answer.status == 200 && good(&answer.json()) {
+            return answer.json();
+        }
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    panic!("{what}: {}", get(daemon.address, path).await.text());
+}
+
+async fn stop(daemon: Daemon) {
+    daemon.app.stop().cancel();
+    let ended = tokio::time::timeout(Duration::from_secs(20), daemon.task).await;
+    ended.expect("ends in time").expect("no panic").expect("ends well");
+}
+
+fn named<'a>(work: &'a Value, id: &str) -> &'a Value {
+    let items = work["items"].as_array().expect("a list");
+    items.iter().find(|item| item["id"] == id).unwrap_or(&Value::Null)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn from_a_swing_that_loops_share_to_an_order_that_outlives_a_restart() {
+    let site = site("order");
+    let daemon = start_at(site.config.clone(), Clock::plant(START, SPEED)).await;
+    let groups = until(&daemon, "/api/v1/groups", "looked at", |_| true).await;
+    assert_eq!(
+        (groups["looked_at"].as_u64(), groups["skipped"].as_array().map(Vec::len)),
+        (Some(24), Some(0))
+    );
+    let group = &groups["items"][0];
+    let members: BTreeSet<&str> =
+        group["members"].as_array().expect("names").iter().filter_map(Value::as_str).collect();
+    let entered = site.of.loops[3].name.as_str();
+    assert!(members.len() >= 3 && members.contains(entered), "{groups}");
+    let truth = site.of.period_s[0];
+    assert!((group["period_s"].as_f64().expect("a period") / truth - 1.0).abs() < 0.05, "{group} {truth}");
+    assert!(group["words"].as_str().is_some_and(|words| words.contains("swing together")), "{group}");
+    let drawn = daemon.json("/api/v1/groups/1").await;
+    let pictures = drawn["pictures"].as_array().expect("pictures");
+    assert!(
+        pictures.len() == 4
+            && pictures.iter().all(|own| own["svg"].as_str().is_some_and(|svg| svg.starts_with("<svg")))
+    );
+    assert_problem(&get(daemon.address, "/api/v1/groups/999").await, 404);
+
+    // A suspicion lasts five minutes of plant time, and is an order then.
+    let source = group["suspects"][0]["id"].as_str().expect("a suspect").to_string();
+    let path = "/api/v1/work";
+    let work = until(&daemon, path, "an order", |work| named(work, &source)["state"] == "open").await;
+    let line = named(&work, &source);
+    assert!(line["victims"].as_array().is_some_and(|victims| !victims.is_empty()), "{line}");
+    if source == entered {
+        assert!(
+            line["cost"].as_f64().is_some_and(|cost| cost > 0.0) && line["cost_unit"] == "EUR/day",
+            "{line}"
+        );
+    }
+    let refused = post(daemon.address, &format!("{path}/{source}/reopen"), "").await;
+    assert_problem(&refused, 409);
+    assert_problem(&post(daemon.address, &format!("{path}/nobody/order"), "").await, 404);
+    let said = json!({"by": "ann", "note": "=order 4711"}).to_string();
+    let ordered = post(daemon.address, &format!("{path}/{source}/order"), &said).await;
+    assert_eq!(
+        (ordered.status, ordered.json()["state"].as_str()),
+        (200, Some("ordered")),
+        "{}",
+        ordered.text()
+    );
+    let csv = get(daemon.address, "/api/v1/work.csv").await;
+    assert!(
+        csv.text().contains(&format!("{source},ordered,")) && csv.text().contains("'=order 4711"),
+        "{}",
+        csv.text()
+    );
+    let page = get(daemon.address, "/api/v1/work.html").await;
+    assert!(page.text().contains("Work list") && page.text().contains(&source), "{}", page.text());
+
+    let health = daemon.json(&format!("/api/v1/loops/{entered}/indicators")).await;
+    assert_eq!(health["names"].as_array().map(Vec::len), health["over"]["hour"].as_array().map(Vec::len));
+    assert!(
+        health["over"]["day"][0].as_f64().is_some_and(|score| (0.0..=100.0).contains(&score)),
+        "{health}"
+    );
+    assert!(health["looks"].as_array().is_some_and(|looks| !looks.is_empty()));
+    stop(daemon).await;
+
+    // Another run of the daemon knows of the order before it has looked.
+    let mut config = site.config.clone();
+    config.plantwide.enabled = false;
+    let daemon = start_at(config, Clock::plant(START + 7200.0, SPEED)).await;
+    let work = daemon.json(path).await;
+    let line = named(&work, &source);
+    assert_eq!(
+        (line["state"].as_str(), line["by"].as_str(), line["note"].as_str()),
+        (Some("ordered"), Some("ann"), Some("=order 4711"))
+    );
+    assert_problem(&get(daemon.address, "/api/v1/groups").await, 404);
+    assert_problem(&post(daemon.address, "/api/v1/groups", "").await, 409);
+    stop(daemon).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_look_can_be_asked_for() {
+    let site = site("asked");
+    let mut config = site.config.clone();
+    config.plantwide.period_s = 86_400.0;
+    config.plantwide.persist_s = 86_400.0;
+    let daemon = start_at(config, Clock::plant(START, 1.0)).await;
+    assert_problem(&get(daemon.address, "/api/v1/groups").await, 404);
+    assert_eq!(post(daemon.address, "/api/v1/groups", "").await.status, 202);
+    let groups = until(&daemon, "/api/v1/groups", "looked at", |_| true).await;
+    assert!(groups["items"].as_array().is_some_and(|items| !items.is_empty()), "{groups}");
+    // What has been seen once is watched, and nobody has anything to do yet.
+    let work = daemon.json("/api/v1/work").await;
+    assert!(
+        work["items"].as_array().is_some_and(Vec::is_empty) && work["watched"].as_u64() > Some(0),
+        "{work}"
+    );
+    let all = daemon.json("/api/v1/work?all=true").await;
+    assert!(all["items"].as_array().expect("a list").iter().all(|item| item["state"] == "watched"), "{all}");
+    stop(daemon).await;
+}
