@@ -11,6 +11,7 @@ mod judged;
 mod kept;
 mod origin;
 mod second;
+mod swings;
 pub mod words;
 
 pub use alarm_log::{AlarmChange, MOST_CHANGES};
@@ -190,6 +191,8 @@ pub struct Known {
     pub alarm: AlarmView,
     /// Its other alarms that are not normal.
     pub others: Vec<AlarmView>,
+    /// The loop that it is expected to calm down with.
+    pub swings_with: Option<LoopId>,
 }
 
 /// News.
@@ -236,6 +239,8 @@ pub struct Results {
     keep: usize,
     /// Loops with a term in force.
     reinforced: RwLock<HashSet<LoopId>>,
+    /// Of each loop that is expected to calm down with another, that other.
+    sources: RwLock<HashMap<LoopId, LoopId>>,
     alarms: Alarms,
     events: broadcast::Sender<Event>,
     log: EventLog,
@@ -249,6 +254,7 @@ impl Results {
             entries: RwLock::default(),
             keep: keep.max(1),
             reinforced: RwLock::default(),
+            sources: RwLock::default(),
             alarms: Alarms::default(),
             events: broadcast::channel(MOST_EVENTS).0,
             log: EventLog::default(),
@@ -362,6 +368,7 @@ impl Results {
             model: entry.model.clone(),
             alarm,
             others,
+            swings_with: self.swings_with(id),
         })
     }
 

@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use stictiond::collect::{modbus, mqtt, opcua, table};
 use stictiond::config::{self, LoopConfig};
-use stictiond::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, writeback};
+use stictiond::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, work, writeback};
 
 const DOCUMENTS: &[&str] = &[
     "README.md",
@@ -126,6 +126,8 @@ fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<alarm::CollectorDownConfig>("`[alarm.collector_down]`", "");
     agrees::<alarm::TrippedConfig>("`[alarm.compensation_tripped]`", "");
     agrees::<alarm::UnexplainedConfig>("`[alarm.unexplained_residual]`", "");
+    agrees::<work::Config>("`[plantwide]`", "");
+    agrees::<work::CostConfig>("`[loop.cost]`", "per_sd = 1.0\n");
     agrees::<modbus::Config>("`[[modbus]]`", "name = 'd'\naddress = 'd:502'\naddress_base = 0\n");
     agrees::<opcua::Config>("`[[opcua]]`", "name = 'd'\nurl = 'opc.tcp://d:4840/'\n");
     agrees::<opcua::TagConfig>("A tag of an OPC UA server", "device = 'd'\n");

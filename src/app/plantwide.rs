@@ -7,16 +7,15 @@ pub(super) mod rows;
 use super::persistence::Persistence;
 use crate::config::Config;
 use crate::history::History;
-use crate::indicators::series::{self, Values};
-use crate::plantwide::window::{of_record, tail};
-use crate::plantwide::{Analysis, Friction, PlantLoop, Task, analyse, health as indicators_of, tasks};
+use crate::indicators::series::Values;
+use crate::plantwide::window::of_record;
+use crate::plantwide::{self, Analysis, Friction, PlantLoop, Task, analyse, tasks};
 use crate::results::Results;
 use crate::schedule::Clock;
 use crate::serve::report::GroupPictures;
 use crate::serve::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
 use crate::signal::LoopId;
-use crate::sysid::spectrum::Transforms;
-use crate::work::{self, Act, Cost, Measure, Order, Refusal, Said, Seen, WorkList};
+use crate::work::{self, Act, CostConfig, Measure, Order, Refusal, Said, Seen, WorkList};
 use health::HealthLog;
 use std::collections::{BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -52,7 +51,7 @@ struct Watched {
     config: work::Config,
     history: Arc<History>,
     loops: Arc<Vec<WatchedLoop>>,
-    costs: Arc<HashMap<LoopId, Cost>>,
+    costs: Arc<HashMap<LoopId, CostConfig>>,
 }
 
 struct WatchedLoop {
@@ -90,6 +89,7 @@ impl Plantwide {
         let (mut list, mut health) = (WorkList::default(), HealthLog::default());
         let (orders, days) = persistence.give_back_plantwide();
         list.restore(orders);
+        results.swing(list.sources());
         days.into_iter().for_each(|(id, days)| health.restore(id, &days));
         Arc::new(Self {
             clock,
@@ -166,6 +166,7 @@ impl Plantwide {
         let days = lock(&self.health).take(&said.values, now);
         self.persistence.note_rows(days.iter().map(|(id, days)| rows::health_row(id, days)).collect());
         let changed = lock(&self.list).take(&said.of_loops, now, &watched.config);
+        self.results.swing(lock(&self.list).sources());
         let moved = changed.iter().filter(|(_, moved)| moved.is_some()).count();
         let kept = changed.iter().flat_map(|(order, moved)| rows::order_rows(order, moved.as_ref()));
         self.persistence.note_rows(kept.collect());
@@ -200,14 +201,11 @@ impl Plantwide {
 
     /// What the look says of each loop.
     fn said(&self, plant: &[PlantLoop], found: &Analysis, now: f64) -> LookSaid {
-        let mut transforms = Transforms::new();
         let todo = tasks(found);
         let by_loop: HashMap<usize, &Task> = todo.iter().map(|task| (task.at, task)).collect();
         let id = |at: usize| LoopId::new(plant[at].name.as_str());
         let (mut of_loops, mut values) = (Vec::new(), Vec::new());
-        for (at, of) in plant.iter().enumerate() {
-            let hour = indicators_of(&tail(of, HOUR_S), &mut transforms);
-            let own = series::latest(&hour, &found.loops[at].indicators);
+        for (at, own) in plantwide::values(plant, found, HOUR_S).into_iter().enumerate() {
             values.push((id(at), own));
             let f = self.results.get(&id(at), now).and_then(|known| known.summary?.f);
             let whole = &found.loops[at].indicators;
@@ -286,10 +284,15 @@ impl PlantwidePort for Plantwide {
         note: Option<String>,
     ) -> Option<Result<WorkLine, Refusal>> {
         let acted = lock(&self.list).act(id, act, by, note, self.clock.now())?;
+        self.results.swing(lock(&self.list).sources());
         Some(acted.map(|(order, moved)| {
             self.persistence.note_rows(rows::order_rows(&order, Some(&moved)));
             self.line(order)
         }))
+    }
+
+    fn latest(&self, id: &LoopId) -> Option<Values> {
+        lock(&self.health).latest(id)
     }
 
     fn health(&self, id: &LoopId) -> Option<Health> {

@@ -112,7 +112,7 @@ pub struct LoopConfig {
     pub upstream: Vec<String>,
     /// What its swing costs, `[loop.cost]`.
     #[serde(default)]
-    pub cost: Option<work::Cost>,
+    pub cost: Option<work::CostConfig>,
     /// Write-back, `[loop.writeback]`; off where it is left out.
     #[serde(default)]
     pub writeback: Option<writeback::LoopConfig>,

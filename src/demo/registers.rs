@@ -166,11 +166,16 @@ pub(super) struct Pace {
     pub(super) audit: Option<PathBuf>,
 }
 
+/// Plant time between two looks at the plant as a whole, and how long a suspicion has to last (s): hours would be days here.
+const LOOK_S: f64 = 600.0;
+const PERSIST_S: f64 = 3600.0;
+
 /// The configuration file that `run` would need to watch the plant at `address`.
 pub(super) fn config(plant: &[DemoLoop], listen: SocketAddr, address: SocketAddr, pace: &Pace) -> String {
     let Pace { poll_ms, period_s, audit } = pace;
     let mut text = format!(
-        "[server]\nlisten = \"{listen}\"\nshutdown_s = 0.5\n\n[schedule]\nperiod_s = {period_s:?}\nparallelism = 1\n"
+        "[server]\nlisten = \"{listen}\"\nshutdown_s = 0.5\n\n[schedule]\nperiod_s = {period_s:?}\nparallelism = 1\n\
+         \n[plantwide]\nperiod_s = {LOOK_S:?}\npersist_s = {PERSIST_S:?}\n"
     );
     // Writing to a String cannot fail.
     for device in devices(plant) {

@@ -21,6 +21,7 @@ use error::LoopError;
 use harris::Harris;
 use noise::Kept;
 use oscillation::Oscillation;
+use series::Values;
 use settling::Settling;
 use travel::Travel;
 
@@ -60,6 +61,29 @@ pub struct Indicators {
     pub kept: Kept,
     /// The score (0..100).
     pub score: Option<f64>,
+}
+
+impl Indicators {
+    /// As numbers.
+    pub fn values(&self) -> Values {
+        let swing: f64 = self.oscillations.iter().map(|own| own.share).sum();
+        [
+            self.score,
+            self.service_factor,
+            self.at_limits,
+            self.error.map(|error| error.sd),
+            self.error.map(|error| error.mean_absolute),
+            self.harris.map(|harris| harris.index),
+            Some(swing.min(1.0)),
+            self.oscillations.first().map(|own| own.period_s),
+            Some(self.travel.a_day),
+            Some(self.travel.reversals_a_day),
+            Some(self.stuck),
+            Some(self.kept.noise_share),
+            Some(self.kept.quantisation),
+        ]
+        .map(|value: Option<f64>| value.filter(|x| x.is_finite()))
+    }
 }
 
 /// Takes all indicators; a window with values that are not finite gives those that need none.

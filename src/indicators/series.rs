@@ -4,13 +4,12 @@
 //! over a time:   mean of x over the looks in it        error_sd: sqrt(mean of x²)
 //! ```
 
-use super::Indicators;
 use crate::sysid::stats::mean;
 
 /// How many there are.
 pub const COUNT: usize = 13;
 
-/// Name, unit (`-` for none, `PV` for PV's own) and meaning of each, in the order of [`Indicators::values`].
+/// Name, unit (`-` for none, `PV` for PV's own) and meaning of each, in the order of every [`Values`].
 pub const NAMED: [(&str, &str, &str); COUNT] = [
     ("score", "-", "100 for a loop that does its work, 0 for one that does none of it"),
     ("service_factor", "-", "share of the time in automatic"),
@@ -33,35 +32,11 @@ const SD: usize = 3;
 /// One value of each; none where it is not known.
 pub type Values = [Option<f64>; COUNT];
 
-impl Indicators {
-    /// As numbers.
-    pub fn values(&self) -> Values {
-        let swing: f64 = self.oscillations.iter().map(|own| own.share).sum();
-        [
-            self.score,
-            self.service_factor,
-            self.at_limits,
-            self.error.map(|error| error.sd),
-            self.error.map(|error| error.mean_absolute),
-            self.harris.map(|harris| harris.index),
-            Some(swing.min(1.0)),
-            self.oscillations.first().map(|own| own.period_s),
-            Some(self.travel.a_day),
-            Some(self.travel.reversals_a_day),
-            Some(self.stuck),
-            Some(self.kept.noise_share),
-            Some(self.kept.quantisation),
-        ]
-        .map(|value: Option<f64>| value.filter(|x| x.is_finite()))
-    }
-}
-
 /// Those that need a longer record than an hour.
 const LONG: [&str; 4] = ["score", "harris", "swing", "period_s"];
 
 /// The values of the latest hour, with those that need a longer record from all of it.
-pub fn latest(hour: &Indicators, whole: &Indicators) -> Values {
-    let (hour, whole) = (hour.values(), whole.values());
+pub fn latest(hour: &Values, whole: &Values) -> Values {
     std::array::from_fn(|k| if LONG.contains(&NAMED[k].0) { whole[k] } else { hour[k] })
 }
 

@@ -71,6 +71,8 @@ pub struct Notice {
     pub comment: Option<String>,
     /// Raised in a flood.
     pub grouped: bool,
+    /// The loop that its own is expected to calm down with.
+    pub swings_with: Option<LoopId>,
     /// Where people see it.
     pub link: Option<String>,
 }
@@ -124,6 +126,12 @@ impl Source {
         })
     }
 
+    /// The loop with which that of an alarm is expected to calm down. What its own valve or signal says is its own.
+    pub(super) fn swings_with(&self, alarm: &AlarmId) -> Option<LoopId> {
+        let follows = matches!(alarm.kind, Kind::UnexplainedResidual | Kind::NotIdentifiable);
+        alarm.of_loop().filter(|_| follows).and_then(|id| self.results.swings_with(id))
+    }
+
     /// Where people see an alarm.
     pub(super) fn link(&self, alarm: &AlarmId) -> Option<String> {
         let base = self.public_url.as_ref()?.trim_end_matches('/');
@@ -150,6 +158,7 @@ impl Source {
             by: change.by.clone(),
             comment: change.comment.clone(),
             grouped: change.grouped && what == What::Raised,
+            swings_with: self.swings_with(&change.id),
             link: self.link(&change.id),
         })
     }
@@ -208,6 +217,7 @@ pub(super) mod tests {
             by: None,
             comment: None,
             grouped: false,
+            swings_with: None,
             link: Some("https://plant/#/loop/A".into()),
         }
     }

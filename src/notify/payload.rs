@@ -3,6 +3,7 @@
 use super::batch::Digest;
 use super::notice::{Friction, Notice, Source};
 use super::time::iso;
+use crate::signal::LoopId;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -43,6 +44,7 @@ struct Alarm<'d> {
     delta_aic: Option<f64>,
     by: Option<&'d str>,
     comment: Option<&'d str>,
+    swings_with: Option<&'d str>,
     link: Option<&'d str>,
 }
 
@@ -91,6 +93,7 @@ fn alarm(notice: &Notice) -> Alarm<'_> {
         delta_aic: friction.and_then(|friction| friction.evidence),
         by: notice.by.as_deref(),
         comment: notice.comment.as_deref(),
+        swings_with: notice.swings_with.as_ref().map(LoopId::as_str),
         link: notice.link.as_deref(),
     }
 }

@@ -1,21 +1,16 @@
 //! Why a loop is not at rest: one cause each, with a probability and a sentence.
 //!
-//! A loop whose oscillation is a group's is its `neighbour`'s victim by the probability that another member is the source; for
-//! what is left, and for a loop alone, the signs of the loop itself decide:
+//! ```text
+//! P(cause | x) = exp(w_cause · (x, 1)) / sum over the causes and "at rest" of exp(w · (x, 1))
+//! ```
 //!
-//! | cause | sign |
-//! |---|---|
-//! | `saturation` | OP is at a limit of its output for more than a fifth of the time |
-//! | `sensor` | PV moves in steps of more than 0.3 of its standard deviations |
-//! | `valve` | it swings, and a diagnosis says that the valve sticks; without a diagnosis, PV has corners (harmonics of 1.5 % of the swing's power and more) or stands still while OP moves |
-//! | `tuning` | it swings with a height that comes and goes, as noise in a loop that hardly damps it |
-//! | `load` | it swings steadily and as a sine |
-//! | `unknown` | none of these by enough |
-//!
-//! The scores are turned into probabilities by a softmax; `unknown` has a score of its own, so that a loop with little evidence
-//! is said to be unknown rather than given the best of bad names. They are rules: what they are worth is in `docs/plantwide.md`.
+//! x are the loop's own [`super::signs`]; the weights are a multinomial logit fitted on simulated loops (`causes fit`), so that
+//! the probability is what such loops say. A loop that is likelier at rest than anything else has no cause. Below 1/2 the cause is
+//! `unknown`. A member of a group is its `neighbour`'s victim by the probability that another member is the source, and what is
+//! said of the source is weighted by the probability that it is. What a diagnosis said of the valve is one of the signs.
 
 use super::groups::Group;
+use super::signs::{SIGNS, Signs};
 use super::{Friction, LoopFound, PlantLoop};
 
 /// A cause.
@@ -76,59 +71,80 @@ pub struct Reason {
     pub neighbour: Option<usize>,
 }
 
-/// Share of the time at a limit that is a cause.
-const AT_LIMIT: f64 = 0.2;
-/// Steps of PV in standard deviations that are a cause.
-const COARSE: f64 = 0.3;
-/// Harmonics of PV, as a share of the swing's power, of a wave with corners, and of a sine: a triangle has 1.4 %.
-const CORNERS: f64 = 0.015;
-const SINE: f64 = 0.005;
-/// Steadiness of a swing whose height comes and goes: that of a sine is 1, that of noise 0.67.
-const STEADY: f64 = 0.9;
-/// Share of the time in which PV stands still while OP moves.
-const STUCK: f64 = 0.1;
-/// The most that a diagnosis of friction counts: its model may be wrong.
-const SURE: f64 = 0.95;
-/// Share of the variance in the swing below which a loop is at rest.
-const AT_REST: f64 = 0.1;
+/// What a loop's own signs can say; the last is that nothing is wrong with it.
+pub const CLASSES: [Option<Cause>; 6] = [
+    Some(Cause::Valve),
+    Some(Cause::Tuning),
+    Some(Cause::Load),
+    Some(Cause::Sensor),
+    Some(Cause::Saturation),
+    None,
+];
+/// Weights of the signs and of 1, for each of [`CLASSES`].
+#[rustfmt::skip]
+const WEIGHTS: [[f64; SIGNS + 1]; CLASSES.len()] = [[0.0; SIGNS + 1]; CLASSES.len()];
+
+/// Probability of each of [`CLASSES`], by the signs of a loop.
+pub fn probabilities(signs: &Signs) -> [f64; CLASSES.len()] {
+    let scores = WEIGHTS.map(|w| w.iter().zip(signs.iter().chain([&1.0])).map(|(w, x)| w * x).sum::<f64>());
+    let most = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let sum: f64 = scores.iter().map(|s| (s - most).exp()).sum();
+    scores.map(|s| (s - most).exp() / sum)
+}
+
 /// The cause of one loop; none where it is at rest.
 pub fn reason(at: usize, plant: &[PlantLoop], found: &[LoopFound], groups: &[Group]) -> Option<Reason> {
     let of = &found[at];
-    let swings = of.oscillations.first().filter(|o| o.share > AT_REST);
     let group = of.group.map(|g| &groups[g]);
     let is_source = group.and_then(|g| Some(g.suspects.iter().find(|s| s.at == at)?.probability));
-    if let (Some(group), Some(own)) = (group, is_source)
-        && let Some(first) = group.suspects.first().filter(|s| s.at != at)
-        && own < 0.5
-    {
-        let why = format!(
-            "it swings with {} others at {} and is expected to calm down when {} does",
-            group.members.len() - 1,
-            period(group.period_s),
-            plant[first.at].name
-        );
-        return Some(Reason {
+    if let (Some(group), Some(own)) = (group, is_source.filter(|own| *own < 0.5)) {
+        return Some(shared(at, plant, group, own));
+    }
+    let own = probabilities(&of.signs);
+    let (which, p) = own.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let probability = p * is_source.unwrap_or(1.0);
+    match CLASSES[which] {
+        None if group.is_none() => None,
+        Some(cause) if p >= 0.5 => {
+            Some(Reason { cause, probability, why: why(cause, of, &plant[at]), neighbour: None })
+        }
+        _ => {
+            let why = match group {
+                Some(_) => {
+                    "it is the likeliest source of its group, but its own signals do not say why it swings"
+                }
+                None => "its own signals do not say why it is not at rest",
+            };
+            Some(Reason { cause: Cause::Unknown, probability, why: why.into(), neighbour: None })
+        }
+    }
+}
+
+/// What is said of a member of a group that is likelier not its source.
+fn shared(at: usize, plant: &[PlantLoop], group: &Group, own: f64) -> Reason {
+    let first = group.suspects.first().filter(|s| s.at != at);
+    let many = group.members.len();
+    let swing = period(group.period_s);
+    match first {
+        Some(first) => Reason {
             cause: Cause::Neighbour,
             probability: 1.0 - own,
-            why,
+            why: format!(
+                "it swings with {} others at {swing} and is expected to calm down when {} does",
+                many - 1,
+                plant[first.at].name
+            ),
             neighbour: Some(first.at),
-        });
+        },
+        None => Reason {
+            cause: Cause::Unknown,
+            probability: own,
+            why: format!(
+                "{many} loops swing together at {swing}; no source stands out among them, and this one is the likeliest"
+            ),
+            neighbour: None,
+        },
     }
-    let harmonics = group.and_then(|g| Some(g.suspects.iter().find(|s| s.at == at)?.harmonics()));
-    let mut scores = alone(of, plant[at].friction.as_ref(), harmonics);
-    if swings.is_none() && group.is_none() && scores.iter().all(|s| s.1 <= 0.0) {
-        return None;
-    }
-    let nothing = match group {
-        Some(_) => "it is the likeliest source of its group, but its own signals do not say why it swings",
-        None => "it swings, and its own signals do not say why",
-    };
-    scores.push((Cause::Unknown, 1.0, nothing.into()));
-    let most = scores.iter().map(|s| s.1).fold(f64::NEG_INFINITY, f64::max);
-    let sum: f64 = scores.iter().map(|s| (s.1 - most).exp()).sum();
-    let (cause, score, why) = scores.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let probability = (score - most).exp() / sum * is_source.unwrap_or(1.0);
-    Some(Reason { cause, probability, why, neighbour: None })
 }
 
 /// A period for people.
@@ -142,49 +158,44 @@ pub fn period(s: f64) -> String {
     }
 }
 
-/// Scores of the causes that the loop itself shows, in log-odds against nothing; `harmonics` of a group's member. What a
-/// diagnosis said of the valve goes before the shape of PV.
-fn alone(of: &LoopFound, friction: Option<&Friction>, harmonics: Option<f64>) -> Vec<(Cause, f64, String)> {
-    let i = &of.indicators;
-    let mut scores = Vec::new();
-    let limits = i.at_limits.unwrap_or(0.0);
-    if limits > AT_LIMIT {
-        let why = format!("OP is at a limit for {:.0} % of the time", 100.0 * limits);
-        scores.push((Cause::Saturation, 3.0 + 5.0 * limits, why));
+/// In one sentence what speaks for a cause.
+fn why(cause: Cause, of: &LoopFound, loop_: &PlantLoop) -> String {
+    let (i, signs) = (&of.indicators, &of.signs);
+    let swing = of.oscillations.first();
+    let at = swing.map_or_else(String::new, |own| format!(" at {}", period(own.period_s)));
+    let percent = |x: f64| format!("{:.0} %", 100.0 * x);
+    match cause {
+        Cause::Valve => match loop_.friction.as_ref().filter(|own: &&Friction| own.sticks) {
+            Some(friction) => friction.says.clone(),
+            None if i.stuck > 0.05 => {
+                format!("PV stands still for {} of the time while OP moves", percent(i.stuck))
+            }
+            None => format!("it swings{at} as the limit cycle of a valve that sticks does"),
+        },
+        Cause::Tuning if swing.is_some() => {
+            format!(
+                "it rings{at} with a height that comes and goes, as a loop does that its controller hardly damps"
+            )
+        }
+        Cause::Tuning => "its error comes and goes slowly, and the controller hardly acts on it".into(),
+        Cause::Load if swing.is_some() => {
+            format!(
+                "it swings{at} steadily, as under a load that swings, and neither the valve nor the tuning explains it"
+            )
+        }
+        Cause::Load => "a load from outside moves it faster than it can follow".into(),
+        Cause::Sensor if signs[HELD] > 0.05 => {
+            format!("PV does not change at all for {} of the time in one piece", percent(signs[HELD]))
+        }
+        Cause::Sensor if i.kept.quantisation > 0.1 => {
+            format!("PV moves in steps of {:.1} standard deviations", i.kept.quantisation)
+        }
+        Cause::Sensor => format!("{} of PV's variance is noise", percent(i.kept.noise_share)),
+        Cause::Saturation => format!("OP is at a limit for {} of the time", percent(signs[LIMITS])),
+        Cause::Neighbour | Cause::Unknown => String::new(),
     }
-    if i.kept.quantisation > COARSE {
-        let why = format!("PV moves in steps of {:.1} standard deviations", i.kept.quantisation);
-        scores.push((Cause::Sensor, 3.0 + i.kept.quantisation, why));
-    }
-    let Some(swing) = of.oscillations.first().filter(|o| o.share > AT_REST) else { return scores };
-    let at = period(swing.period_s);
-    let corners = harmonics.unwrap_or(0.0);
-    if let Some(friction) = friction.filter(|friction| friction.sticks) {
-        let p = friction.probability.clamp(0.5, SURE);
-        scores.push((Cause::Valve, 2.0 + (p / (1.0 - p)).ln(), friction.says.clone()));
-        return scores;
-    }
-    let is_sound = friction.is_some();
-    if i.stuck > STUCK && !is_sound {
-        let why = format!(
-            "PV stands still for {:.0} % of the time while OP moves, and both swing at {at}",
-            100.0 * i.stuck
-        );
-        scores.push((Cause::Valve, 2.0 + 5.0 * i.stuck, why));
-    } else if corners > CORNERS && !is_sound {
-        let why = format!(
-            "PV swings at {at} with corners, harmonics of {:.1} %, as a limit cycle does",
-            100.0 * corners
-        );
-        scores.push((Cause::Valve, 2.0, why));
-    } else if swing.steadiness < STEADY {
-        let why = format!(
-            "it rings at {at} with a height that comes and goes, as noise in a loop that hardly damps it"
-        );
-        scores.push((Cause::Tuning, 2.0, why));
-    } else if harmonics.is_some_and(|h| h < SINE) {
-        let why = format!("it swings steadily at {at} and as a sine, which neither friction nor tuning does");
-        scores.push((Cause::Load, 2.0, why));
-    }
-    scores
 }
+
+/// Where two of the signs stand.
+const LIMITS: usize = 0;
+const HELD: usize = 3;

@@ -9,6 +9,7 @@
 pub mod cause;
 pub mod groups;
 pub mod rank;
+pub mod signs;
 pub mod spectra;
 pub mod tasks;
 pub mod window;
@@ -19,9 +20,11 @@ pub use rank::Suspect;
 pub use tasks::{Task, tasks};
 
 use crate::indicators::oscillation::{Oscillation, oscillations};
+use crate::indicators::series::{self, Values};
 use crate::indicators::{Indicators, Known, indicators};
 use crate::signal::Window;
 use crate::sysid::spectrum::Transforms;
+use signs::Signs;
 use spectra::Spectra;
 
 /// A loop, as the plant-wide analysis takes it.
@@ -61,6 +64,8 @@ pub struct LoopFound {
     pub indicators: Indicators,
     /// Oscillations of PV, the largest first.
     pub oscillations: Vec<Oscillation>,
+    /// What its own cause is told by.
+    pub signs: Signs,
     /// The loop whose output is its set point.
     pub master: Option<usize>,
     /// The group of its largest oscillation.
@@ -100,8 +105,17 @@ pub fn analyse(plant: &[PlantLoop]) -> Analysis {
     Analysis { loops: found, groups }
 }
 
-/// The indicators of a loop over its window.
-pub fn health(of: &PlantLoop, transforms: &mut Transforms) -> Indicators {
+/// Of every loop the indicators of its last `hour_s` as numbers, those that need longer over all of its window.
+pub fn values(plant: &[PlantLoop], found: &Analysis, hour_s: f64) -> Vec<Values> {
+    let mut transforms = Transforms::new();
+    let mut latest = |(of, found): (&PlantLoop, &LoopFound)| {
+        let hour = health(&window::tail(of, hour_s), &mut transforms).values();
+        series::latest(&hour, &found.indicators.values())
+    };
+    plant.iter().zip(&found.loops).map(&mut latest).collect()
+}
+
+fn health(of: &PlantLoop, transforms: &mut Transforms) -> Indicators {
     let known = Known { mode: of.mode.as_deref(), op_limits: of.op_limits, ..Known::default() };
     indicators(&of.window, &known, transforms)
 }
@@ -113,14 +127,17 @@ fn one(of: &PlantLoop, transforms: &mut Transforms) -> LoopFound {
     if swings.is_empty() {
         swings = oscillations(&of.window.op, of.window.ts, transforms);
     }
-    LoopFound {
+    let mut found = LoopFound {
         name: of.name.clone(),
         indicators,
         oscillations: swings,
+        signs: [0.0; signs::SIGNS],
         master: None,
         group: None,
         reason: None,
-    }
+    };
+    found.signs = signs::signs(of, &found, transforms);
+    found
 }
 
 /// Finds cascades: a set point that moves as another loop's output does, but for scale.

@@ -22,6 +22,7 @@
 //! is largest at the source).
 
 use super::groups::Group;
+use super::signs::{PURE, whole};
 use super::spectra::{Spectra, delay};
 use super::{LoopFound, PlantLoop};
 use crate::sysid::spectrum::{Spectrum, Transforms};
@@ -36,8 +37,6 @@ pub const NAMES: [&str; SIGNS] =
     ["share", "shape of PV", "shape of OP", "stands still", "comes first", "is a master", "lies upstream"];
 /// Most members that are ranked: the strongest.
 const MOST: usize = 64;
-/// What is added to a share of harmonics: no measured wave is purer.
-const PURE: f64 = 0.003;
 /// Longest lead (periods).
 const LONGEST: f64 = 1.0;
 
@@ -52,13 +51,6 @@ pub struct Suspect {
     pub signs: [f64; SIGNS],
     /// What speaks for it, the strongest first.
     pub evidence: Vec<String>,
-}
-
-impl Suspect {
-    /// Power of PV's harmonics over the fundamental's (-).
-    pub fn harmonics(&self) -> f64 {
-        (self.signs[1].exp() - PURE).max(0.0)
-    }
 }
 
 /// Ranks the members of a group.
@@ -94,16 +86,18 @@ fn evidence(signs: &[f64; SIGNS], average: &[f64]) -> Vec<String> {
     let mut for_it: Vec<(f64, usize)> =
         (0..SIGNS).map(|k| (WEIGHTS[k] * (signs[k] - average[k]), k)).filter(|e| e.0 > 0.1).collect();
     for_it.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let harmonics = |sign: f64| 100.0 * (sign.exp() - PURE).max(0.0);
     let say = |k: usize| match k {
-        0 => format!("the swing is {:.0} % as large a part of it as of the largest", 100.0 * signs[0].exp()),
-        1 => format!(
-            "PV has harmonics of {:.1} % of the swing's power",
-            100.0 * (signs[1].exp() - PURE).max(0.0)
+        0 if signs[0] > -0.01 => "no other loop swings as much, for its size".to_string(),
+        0 => format!(
+            "it swings {:.0} % as much as the loop that swings most, for its size",
+            100.0 * signs[0].exp()
         ),
-        2 => format!("OP has harmonics of {:.1} % only", 100.0 * (signs[2].exp() - PURE).max(0.0)),
+        1 => format!("PV's swing has corners, harmonics of {:.1} % of its power", harmonics(signs[1])),
+        2 => format!("OP's swing is nearly a sine, harmonics of {:.1} % of its power", harmonics(signs[2])),
         3 => format!("PV stands still for {:.0} % of the time while OP moves", 100.0 * signs[3]),
-        4 if signs[4] <= 0.0 => "hardly any other comes before it".to_string(),
-        4 => format!("it comes {:.2} periods before the others", signs[4]),
+        4 if signs[4] <= 0.0 => "hardly any other loop swings before it".to_string(),
+        4 => format!("it swings {:.2} periods before the others", signs[4]),
         5 => "it moves a valve of its own".to_string(),
         _ => format!("{:.0} % of the others lie downstream", 100.0 * signs[6]),
     };
@@ -158,14 +152,8 @@ fn signs(
         .collect()
 }
 
-fn whole(x: &[f64], transforms: &mut Transforms) -> Option<Spectrum> {
-    let level = mean(x);
-    let x: Vec<f64> = x.iter().map(|x| x - level).collect();
-    (x.len() > 60 && x.iter().all(|x| x.is_finite())).then(|| transforms.spectrum(&x))
-}
-
 /// Power around two and three times the frequency, less that between them, over that around the frequency itself.
-fn harmonics(of: &Spectrum, period: f64) -> f64 {
+pub fn harmonics(of: &Spectrum, period: f64) -> f64 {
     /// Half width of a harmonic, in fundamental frequencies.
     const HALF: f64 = 0.15;
     let f = of.m as f64 / period;

@@ -214,6 +214,11 @@ pub fn rising(rise: f64, least: f64, days: f64, unit: &str) -> String {
     )
 }
 
+/// That a loop is expected to calm down when another is repaired.
+pub fn swings_with(source: &str) -> String {
+    format!("It swings with {source} and is expected to calm down when {source} does.")
+}
+
 /// That the model leaves this share of PV's movement over (0..1).
 pub fn unexplained(share: f64) -> String {
     format!("{:.0} % of PV's movement is not explained.", 100.0 * share)

@@ -2,8 +2,10 @@
 
 use super::{Context, DeviceState, Plant};
 use crate::alarm::State;
+use crate::indicators::series::NAMED;
 use crate::quiet;
 use crate::results::{Known, f_unit};
+use crate::work::State as WorkState;
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
@@ -23,6 +25,7 @@ pub fn text(context: &Context) -> String {
     let now = context.clock.now();
     loops(&mut registry, context, &plant, now);
     alarms(&mut registry, context, now);
+    plantwide(&mut registry, context, &plant);
     runs(&mut registry, context);
     devices(&mut registry, &(plant.devices)(), now);
     gauge(
@@ -102,6 +105,37 @@ fn set(family: &Gauges, pairs: &[(&'static str, &str)], value: f64) {
 
 fn count(family: &Counts, pairs: &[(&'static str, &str)], value: f64) {
     family.get_or_create(&labels(pairs)).inc_by(value);
+}
+
+/// Indicators that are worth a series for each loop.
+const INDICATORS: [&str; 5] = ["score", "service_factor", "error_sd", "harris", "swing"];
+
+fn plantwide(registry: &mut Registry, context: &Context, plant: &Plant) {
+    let Some(port) = &context.plantwide else { return };
+    let indicator =
+        gauges(registry, "loop_indicator", "Indicators of the loop by the latest look at the plant");
+    let wanted: Vec<(usize, &str)> = NAMED
+        .iter()
+        .enumerate()
+        .filter(|(_, own)| INDICATORS.contains(&own.0))
+        .map(|(at, own)| (at, own.0))
+        .collect();
+    for info in plant.loops() {
+        let Some(values) = port.latest(&info.id) else { continue };
+        for (at, name) in &wanted {
+            if let Some(value) = values[*at] {
+                set(&indicator, &[("loop", info.id.as_str()), ("indicator", name)], value);
+            }
+        }
+    }
+    let orders = gauges(registry, "work_orders", "Orders of the work list by state");
+    let work = port.work();
+    for state in WorkState::ALL {
+        let count = work.iter().filter(|line| line.order.state == state).count();
+        set(&orders, &[("state", state.as_str())], count as f64);
+    }
+    let groups = port.overview().map_or(0, |found| found.groups.len());
+    gauge(registry, "swing_groups", "Groups of loops that swing together", groups as f64);
 }
 
 fn loops(registry: &mut Registry, context: &Context, plant: &Plant, now: f64) {

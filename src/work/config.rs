@@ -38,7 +38,7 @@ impl Config {
 /// `[loop.cost]`: what a loop's swing costs.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Cost {
+pub struct CostConfig {
     /// Price of a standard deviation of one PV unit, for as long as `unit` says.
     pub per_sd: f64,
     /// Unit of the price, for people: `EUR/day`.
@@ -46,7 +46,7 @@ pub struct Cost {
     pub unit: String,
 }
 
-impl Cost {
+impl CostConfig {
     /// Everything wrong with it, by field; empty when it can be used.
     pub fn validate(&self) -> Vec<(&'static str, String)> {
         let mut wrong = Vec::new();

@@ -8,11 +8,11 @@
 mod config;
 pub mod order;
 
-pub use config::{Config, Cost};
+pub use config::{Config, CostConfig};
 pub use order::{Act, Measure, Move, Order, Refusal, Seen, State};
 
 use crate::signal::LoopId;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// Most orders; those that are over go first.
 const MOST: usize = 10_000;
@@ -88,6 +88,17 @@ impl WorkList {
     /// The orders of one loop.
     pub fn get(&self, id: &LoopId) -> Option<&Order> {
         self.orders.get(id)
+    }
+
+    /// Of each loop that is expected to calm down with one whose order stands, that one.
+    pub fn sources(&self) -> HashMap<LoopId, LoopId> {
+        let standing =
+            self.orders.values().filter(|order| matches!(order.state, State::Open | State::Ordered));
+        let pairs = standing.flat_map(|order| {
+            let victims = order.seen.iter().flat_map(|seen| &seen.victims);
+            victims.map(|victim| (victim.clone(), order.id.clone()))
+        });
+        pairs.collect()
     }
 
     /// All orders, by loop.

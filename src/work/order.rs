@@ -14,7 +14,7 @@
 //! Somebody may say that a watched or open order is not wanted (`dismissed`), and open one again that is over.
 //! "Seen for `persist_s`" means in at least [`MOSTLY`] of the looks of the last `persist_s`; "not seen" in at most [`HARDLY`].
 
-use super::Config;
+use super::config::Config;
 use crate::plantwide::Cause;
 use crate::signal::LoopId;
 use std::collections::VecDeque;

@@ -14,5 +14,7 @@ mod postgres;
 mod resources;
 mod rig;
 mod store;
+#[path = "../swinging/mod.rs"]
+mod swinging;
 #[cfg(feature = "writeback")]
 mod writeback;

@@ -1,81 +1,16 @@
 //! The plant as a whole: a daemon over a store that holds half a day of 24 coupled loops, one of which a load swings.
 
-use crate::app::{Daemon, start_at, text};
+use crate::app::{Daemon, start_at};
 use crate::http::{get, post};
-use crate::rig::{START, assert_problem};
+use crate::rig::assert_problem;
+use crate::swinging::{START, site};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
-use std::path::PathBuf;
 use std::time::Duration;
-use stictiond::config::{self, Config};
-use stictiond::history::TagKind;
 use stictiond::schedule::Clock;
-use stictiond::signal::{Role, Sample};
-use stictiond::sim::units::{Plant, Source, plant};
-use stictiond::store::{self, Batch, Series, Store, TagName};
 
 /// Looks a minute of plant time apart, 0.2 s on the wall.
 const SPEED: f64 = 300.0;
-const HOURS: f64 = 12.0;
-
-struct Site {
-    folder: PathBuf,
-    config: Config,
-    of: Plant,
-}
-
-impl Drop for Site {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.folder);
-    }
-}
-
-/// The loops as a configuration, their past in a store. Nobody answers at the device's address.
-fn site(name: &str) -> Site {
-    let of = plant(12, 2, &[(Source::Load, Some(3))]);
-    let names: Vec<(&str, usize, u16)> =
-        of.loops.iter().enumerate().map(|(at, own)| (own.name.as_str(), 0, 10 * at as u16)).collect();
-    let nobody = "127.0.0.1:1".parse().expect("an address");
-    let text =
-        text(&[nobody], &names).replace("poll_ms = 20\ntimeout_ms = 20", "poll_ms = 60000\ntimeout_ms = 100");
-    let first = &of.loops[3].name;
-    let text = text.replace(
-        &format!("id = \"{first}\"\n"),
-        &format!("id = \"{first}\"\ncost = {{ per_sd = 10.0, unit = \"EUR/day\" }}\n"),
-    );
-    let head = "[plantwide]\nperiod_s = 60\npersist_s = 300\n";
-    let text = format!("{head}{text}").replace("samples_per_tag = 1000", "samples_per_tag = 2000");
-    let mut config = config::parse("test.toml", &text).unwrap_or_else(|wrong| panic!("{wrong:?}\n{text}"));
-    let folder =
-        PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("plantwide-{name}-{}", std::process::id()));
-    let _ = std::fs::remove_dir_all(&folder);
-    let own = store::Config { sync_ms: 20, ..store::Config::new(&folder) };
-    let mut kept = Store::open(&own).expect("can be made");
-    kept.insert(&past(&of, &config)).expect("can be written");
-    config.store = Some(own);
-    Site { folder, config, of }
-}
-
-fn past(of: &Plant, config: &Config) -> Batch {
-    let wired = config.plant().expect("checked");
-    let runs = of.run(HOURS, &[true]);
-    let series = wired.loops.iter().zip(&runs).flat_map(|(own, run)| {
-        own.tags.iter().map(move |tag| {
-            let values = if tag.kind == TagKind::Role(Role::Op) { &run.op } else { &run.pv };
-            let at = |t: f64| START - 3600.0 * HOURS + t - run.t[0];
-            let samples = run.t.iter().zip(values).map(|(t, x)| Sample::good(at(*t), *x)).collect();
-            let name = TagName {
-                control_loop: own.id.to_string(),
-                tag: tag.kind.name().to_string(),
-                source: tag.source.clone(),
-                unit: tag.unit.clone(),
-            };
-            Series { tag: name.into(), samples }
-        })
-    });
-    Batch { series: series.collect(), rows: Vec::new() }
-}
-
 /// Asks again and again until the answer is what is waited for.
 async fn until(daemon: &Daemon, path: &str, what: &str, good: impl Fn(&Value) -> bool) -> Value {
     for _ in 0..600 {
@@ -103,7 +38,7 @@ fn named<'a>(work: &'a Value, id: &str) -> &'a Value {
 async fn from_a_swing_that_loops_share_to_an_order_that_outlives_a_restart() {
     let site = site("order");
     let daemon = start_at(site.config.clone(), Clock::plant(START, SPEED)).await;
-    let groups = until(&daemon, "/api/v1/groups", "looked at", |_| true).await;
+    let groups = until(&daemon, "/api/v1/groups", "looked at", |groups| !groups["time"].is_null()).await;
     assert_eq!(
         (groups["looked_at"].as_u64(), groups["skipped"].as_array().map(Vec::len)),
         (Some(24), Some(0))
@@ -163,6 +98,17 @@ async fn from_a_swing_that_loops_share_to_an_order_that_outlives_a_restart() {
         "{health}"
     );
     assert!(health["looks"].as_array().is_some_and(|looks| !looks.is_empty()));
+    let metrics = get(daemon.address, "/metrics").await.text();
+    for series in [
+        "stictiond_work_orders{state=\"ordered\"} 1",
+        "stictiond_loop_indicator{loop=",
+        "stictiond_swing_groups ",
+    ] {
+        assert!(metrics.contains(series), "{series} in {metrics}");
+    }
+    // Who swings with it is told so wherever the loop is shown.
+    let victim = line["victims"][0].as_str().expect("a victim");
+    assert_eq!(daemon.json(&format!("/api/v1/loops/{victim}")).await["swings_with"], source.as_str());
     stop(daemon).await;
 
     // Another run of the daemon knows of the order before it has looked.
@@ -175,7 +121,7 @@ async fn from_a_swing_that_loops_share_to_an_order_that_outlives_a_restart() {
         (line["state"].as_str(), line["by"].as_str(), line["note"].as_str()),
         (Some("ordered"), Some("ann"), Some("=order 4711"))
     );
-    assert_problem(&get(daemon.address, "/api/v1/groups").await, 404);
+    assert!(daemon.json("/api/v1/groups").await["time"].is_null());
     assert_problem(&post(daemon.address, "/api/v1/groups", "").await, 409);
     stop(daemon).await;
 }
@@ -187,9 +133,9 @@ async fn a_look_can_be_asked_for() {
     config.plantwide.period_s = 86_400.0;
     config.plantwide.persist_s = 86_400.0;
     let daemon = start_at(config, Clock::plant(START, 1.0)).await;
-    assert_problem(&get(daemon.address, "/api/v1/groups").await, 404);
+    assert!(daemon.json("/api/v1/groups").await["time"].is_null());
     assert_eq!(post(daemon.address, "/api/v1/groups", "").await.status, 202);
-    let groups = until(&daemon, "/api/v1/groups", "looked at", |_| true).await;
+    let groups = until(&daemon, "/api/v1/groups", "looked at", |groups| !groups["time"].is_null()).await;
     assert!(groups["items"].as_array().is_some_and(|items| !items.is_empty()), "{groups}");
     // What has been seen once is watched, and nobody has anything to do yet.
     let work = daemon.json("/api/v1/work").await;

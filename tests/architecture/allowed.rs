@@ -43,6 +43,7 @@ pub const MAY_IMPORT: &[(&str, &[&str])] = &[
             "residual",
             "history",
             "results",
+            "indicators",
             "plantwide",
             "work",
             "backfill",
@@ -156,6 +157,7 @@ pub const PURE: &[&str] = &[
     "sim",
     "compensation",
     "alarm",
+    "work",
 ];
 /// What PURE modules may use from outside.
 pub const NUMERICS: &[&str] =
@@ -211,6 +213,7 @@ pub const CONFIG_FILES: &[&str] = &[
     "src/serve/mod.rs",
     "src/serve/tls.rs",
     "src/store/config.rs",
+    "src/work/config.rs",
     "src/writeback/config.rs",
 ];
 /// Other places that may name serde: the file of users and tokens, a broker's messages, what receivers are sent, the loader of the file, the DTOs, and where those are turned from and into text.
@@ -251,6 +254,7 @@ pub const NO_CIRCLES: &[&str] = &[
     "src/notify",
     "src/reproduce",
     "src/schedule",
+    "src/work",
     "src/writeback",
 ];
 

@@ -1,11 +1,17 @@
 //! The dashboard in headless Chromium: what an operator sees and does, by keyboard too, and how fast it is with 2,000 loops.
 //! Screenshots lie in target/browser afterwards.
 
+mod orders;
 mod rig;
+#[path = "../swinging/mod.rs"]
+mod swinging;
 
 use rig::{Rig, crowd, guarded, plant};
 use std::path::Path;
 use std::time::Duration;
+use stictiond::app::App;
+use stictiond::schedule::Clock;
+use tokio::net::TcpListener;
 use tokio::process::Command;
 
 /// Far longer than the walk through all views takes; reached only when the test has failed.
@@ -44,4 +50,18 @@ async fn two_thousand_loops_are_there_within_a_second_and_answer_at_once() {
     let rig = crowd(2000).await;
     browse(&rig, "speed").await;
     rig.stop.cancel();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn loops_that_swing_together_are_found_and_the_work_on_their_source_is_ordered() {
+    let site = swinging::site("browser");
+    assert_eq!(site.config.loops.len(), site.of.loops.len());
+    let app = App::build(site.config.clone(), Clock::plant(swinging::START, 300.0), App::diagnosis());
+    let app = app.expect("a sound configuration");
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
+    let rig = Rig { address: listener.local_addr().expect("bound"), stop: app.stop() };
+    let running = tokio::spawn(async move { app.run(listener).await });
+    browse(&rig, "swinging").await;
+    rig.stop.cancel();
+    running.await.expect("no panic").expect("ends well");
 }

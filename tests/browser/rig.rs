@@ -1,5 +1,6 @@
 //! Daemons without devices: one with recorded loops of the demo's plant and real diagnoses, one with very many loops.
 
+use crate::orders::Orders;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
@@ -49,6 +50,7 @@ struct Parts {
 /// Serves what the parts describe; hands back the history, for who fills it, and the scheduler.
 async fn serve(parts: Parts) -> (Rig, Arc<History>, Arc<Scheduler>) {
     let ids: Vec<LoopId> = parts.tags.iter().map(|t| t.id.clone()).collect();
+    let crowd = ids.len() > 100;
     let history = Arc::new(History::new(&parts.tags, &history::Config { samples_per_tag: parts.samples }));
     let alarms = alarm::Config { k: 1, n: 1, ..alarm::Config::default() };
     let results = Arc::new(Results::new(&ids, 20, &alarms));
@@ -83,6 +85,7 @@ async fn serve(parts: Parts) -> (Rig, Arc<History>, Arc<Scheduler>) {
     let context =
         Context::new(serve::Config::default(), clock, results, scheduler.clone(), plant, stop.clone())
             .with_access(parts.door)
+            .with_plantwide(Arc::new(Orders(if crowd { ids } else { Vec::new() })))
             .with_audit(audit);
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("bound");

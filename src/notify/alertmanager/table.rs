@@ -118,6 +118,13 @@ fn alert(view: &AlarmView, source: &Source) -> Alert {
     if let Some(site) = &source.site {
         labels.insert("site", site.clone());
     }
+    // Days apart from each diagnosis: it says so while an order stands, and an alert that it changes is another one.
+    let source_of = source.swings_with(&view.id);
+    let is_source = view.id.of_loop().is_some_and(|id| source.results.is_source(id));
+    if let Some(of) = source_of.as_ref().or(view.id.of_loop().filter(|_| is_source)) {
+        labels.insert("swings_with", of.to_string());
+        labels.insert("swing", if source_of.is_some() { "victim" } else { "source" }.to_string());
+    }
     let mut annotations = Texts::from([
         ("summary", format!("{subject}: {}", words(view.id.kind))),
         ("state", view.state.as_str().to_string()),

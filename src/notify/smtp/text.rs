@@ -6,6 +6,7 @@ use crate::notify::filter::What;
 use crate::notify::notice::{Notice, Source, words};
 use crate::notify::payload;
 use crate::notify::time::iso;
+use crate::results::words::swings_with as swings;
 
 /// Longest subject (characters).
 const MOST_SUBJECT: usize = 120;
@@ -72,6 +73,8 @@ fn paragraph(notice: &Notice, out: &mut String) {
     say("time", &iso(notice.at));
     say("group", &notice.groups.join(", "));
     say("found", &notice.detail);
+    let swings_with = notice.swings_with.as_ref();
+    say("expected", &swings_with.map(|source| swings(source.as_str())).unwrap_or_default());
     say("friction", &notice.friction.as_ref().map(payload::friction).unwrap_or_default());
     say("state", notice.state.as_str());
     say("by", notice.by.as_deref().unwrap_or_default());

@@ -62,6 +62,7 @@ fn all() -> String {
     line("\nOther alarms");
     line(&rising(0.6, 0.31, 12.4, "% OP"));
     line(&unexplained(0.843));
+    line(&swings_with("FIC102"));
     line("\nA verdict that other methods contradict");
     for sticks in [true, false] {
         line(&doubtful(sticks, Doubt::Stem));

@@ -33,19 +33,13 @@ fn port(context: &Context) -> Result<Arc<dyn PlantwidePort>, Problem> {
     context.plantwide.clone().ok_or_else(none)
 }
 
-fn not_yet() -> Problem {
-    let detail = "the plant has not been looked at yet; POST /groups asks for it";
-    Problem::new(StatusCode::NOT_FOUND, "not_looked_at", detail)
-}
-
-/// Groups of loops that swing together, by the latest look at the plant.
-#[utoipa::path(get, path = "/groups", tag = "plant",
-    responses((status = 200, body = GroupList), (status = 404, description = "problem: not looked at yet")))]
+/// Groups of loops that swing together, by the latest look at the plant; without a time before the first.
+#[utoipa::path(get, path = "/groups", tag = "plant", responses((status = 200, body = GroupList)))]
 pub async fn groups(
     State(context): Shared,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Json<GroupList>, Problem> {
-    port(&context)?.overview().map(|found| Json(GroupList::of(&found))).ok_or_else(not_yet)
+    Ok(Json(port(&context)?.overview().map(|found| GroupList::of(&found)).unwrap_or_default()))
 }
 
 /// Looks at the plant now.
@@ -69,7 +63,7 @@ pub async fn group(
     Named(number): Named,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Response, Problem> {
-    let found = port(&context)?.overview().ok_or_else(not_yet)?;
+    let found = port(&context)?.overview().unwrap_or_default();
     off_thread(move || {
         let none =
             || Problem::new(StatusCode::NOT_FOUND, "unknown_group", format!("there is no group {number}"));
@@ -171,16 +165,19 @@ async fn act(
     .await
 }
 
-/// The indicators of a loop: the latest hour, and its shift, day and week; every look of a week, and the days before.
+/// The indicators of a loop: the latest hour, and its shift, day and week; every look of a week, and the days before. Without
+/// any look before the first.
 #[utoipa::path(get, path = "/loops/{id}/indicators", tag = "plant",
     params(("id" = String, Path, description = "the loop's name")),
-    responses((status = 200, body = LoopHealth),
-        (status = 404, description = "problem: no such loop, or not looked at yet")))]
+    responses((status = 200, body = LoopHealth), (status = 404, description = "problem: no such loop")))]
 pub async fn indicators(
     State(context): Shared,
     OfLoop(id): OfLoop,
     Params(NoQuery {}): Params<NoQuery>,
 ) -> Result<Response, Problem> {
-    let port = port(&context)?;
-    off_thread(move || port.health(&id).map(|own| LoopHealth::from(&own)).ok_or_else(not_yet)).await
+    off_thread(move || {
+        let found = context.plantwide.as_ref().and_then(|port| port.health(&id)).unwrap_or_default();
+        Ok(LoopHealth::from(&found))
+    })
+    .await
 }

@@ -127,6 +127,8 @@ pub struct LoopItem {
     pub alarm: AlarmState,
     /// Its other alarms that are not normal.
     pub other_alarms: Vec<OtherAlarm>,
+    /// The loop that this one is expected to calm down with, by an order of the work list that stands.
+    pub swings_with: Option<String>,
     /// What needs looking at: 5 unacknowledged, 4 acknowledged, 3 stiction without alarm yet, 2 returned unacknowledged
     /// or latched, 1 cannot be told, 0 nothing; an alarm that is silent counts as 1.
     pub severity: u8,
@@ -178,6 +180,7 @@ impl LoopItem {
             },
             failure: failed.map(|last| last.outcome.to_string()),
             alarm: known.alarm.state.into(),
+            swings_with: known.swings_with.as_ref().map(|id| id.to_string()),
             other_alarms: known.others.iter().map(OtherAlarm::from).collect(),
             severity: severity(known.alarm.state.into(), verdict),
         }

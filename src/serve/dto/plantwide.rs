@@ -11,9 +11,9 @@ use std::collections::BTreeMap;
 use utoipa::{IntoParams, ToSchema};
 
 /// What the latest look at the plant found.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Default, Serialize, ToSchema)]
 pub struct GroupList {
-    /// When the plant was looked at.
+    /// When the plant was looked at; null before the first look.
     pub time: Option<String>,
     /// How long that took (s).
     pub took_s: f64,

@@ -59,7 +59,7 @@ impl WorkLine {
 }
 
 /// The indicators of one loop.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Health {
     /// The looks of the latest week, oldest first: when (s), and what.
     pub looks: Vec<(f64, Values)>,
@@ -90,6 +90,9 @@ pub trait PlantwidePort: Send + Sync {
         note: Option<String>,
     ) -> Option<Result<WorkLine, Refusal>>;
 
-    /// The indicators of a loop; `None` before the first look at it.
+    /// The indicators of a loop by the latest look; `None` before the first look at it.
+    fn latest(&self, id: &LoopId) -> Option<Values>;
+
+    /// The indicators of a loop over time; `None` before the first look at it.
     fn health(&self, id: &LoopId) -> Option<Health>;
 }

@@ -165,10 +165,9 @@ impl Drawn<'_> {
         for (i, member) in members.iter().enumerate() {
             let (x, y) = place(i);
             let class = if i == root { "look" } else { "node" };
-            let style = if i == root { "" } else { "" };
             let _ = write!(
                 out,
-                "<rect class=\"{class}\"{style} x=\"{:.1}\" y=\"{:.1}\" width=\"68\" height=\"20\" rx=\"4\"/><text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+                "<rect class=\"{class}\" x=\"{:.1}\" y=\"{:.1}\" width=\"68\" height=\"20\" rx=\"4\"/><text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
                 x - 34.0,
                 y - 10.0,
                 y + 4.0,

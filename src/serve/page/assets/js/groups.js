@@ -59,7 +59,7 @@ export function groupsView(main, [number]) {
     try {
       const found = await orNull(get(number ? `/groups/${encodeURIComponent(number)}` : "/groups"));
       if (over) return true;
-      if (!found) {
+      if (!found?.time) {
         summary.textContent = number ? `There is no group ${number}: another look at the plant counts anew.` : "The plant has not been looked at yet.";
         return false;
       }

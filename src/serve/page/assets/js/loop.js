@@ -71,6 +71,7 @@ export function loopView(main, [id]) {
       button("Diagnose now", run), h("a", { class: "button", href: href(`${loopPath(id)}/report.html`), target: "_blank", rel: "noopener" }, "Report")];
     const focused = banner.contains(document.activeElement) ? document.activeElement.textContent : null;
     banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, said ? said.words : "Not diagnosed yet."), h("p", null, `${kind.label}${f}${report ? ` · diagnosed ${ago(report.age_s)}` : ""}${detail.failure ? ` · latest run: ${words(detail.failure)}` : ""}`),
+      detail.swings_with ? h("p", null, "It swings with ", h("a", { href: `#/loop/${encodeURIComponent(detail.swings_with)}` }, detail.swings_with), ` and is expected to calm down when ${detail.swings_with} does: see the `, h("a", { href: "#/work" }, "work list"), ".") : null,
       detail.other_alarms?.length ? h("p", { class: "others" }, h("a", { href: "#/alarms" }, "Other alarms"), `: ${detail.other_alarms.map((one) => `${words(one.kind)}, ${words(one.state)}`).join("; ")}`) : null), h("div", { class: "acts" }, acts));
     if (focused) [...banner.querySelectorAll("button, a")].find((one) => one.textContent === focused)?.focus();
   }

@@ -1,0 +1,103 @@
+//! What the causes of a loop are told by: one number a sign, none of which depends on units.
+//!
+//! | sign | what |
+//! |---|---|
+//! | limits | share of the time with OP at a limit, or at the largest or least value that it has |
+//! | steps | ln of (PV's step over its standard deviation + 0.01) |
+//! | noise | share of PV's variance that is noise |
+//! | held | longest stretch in which PV does not change at all, as a share of the record |
+//! | swing | share of the variance in the largest oscillation; 0 without one |
+//! | steady | its steadiness: 1 for a sine, 0.67 for noise in a band |
+//! | corners of PV, of OP | ln of (power of its harmonics over its own + 0.003) |
+//! | stuck | share of the time in which PV stands still while OP moves |
+//! | sticks | ln of the odds of friction by a diagnosis that says so, at most 3; else 0 |
+//! | sound | 1 where a diagnosis says that the valve is sound |
+//! | Harris | the index, 0.5 where it is not known |
+//! | slow | share of the error's variance that is slower than a twentieth of the record |
+//! | effort | ln of OP's standard deviation over PV's, both in their noise |
+
+use super::rank::harmonics;
+use super::{LoopFound, PlantLoop};
+use crate::diagnosis::denoise::noise_sd;
+use crate::indicators::error::errors;
+use crate::sysid::spectrum::{Spectrum, Transforms};
+use crate::sysid::stats::{mean, range, sd};
+
+/// How many.
+pub const SIGNS: usize = 14;
+/// The signs of one loop.
+pub type Signs = [f64; SIGNS];
+/// What is added to a share of harmonics: no measured wave is purer.
+pub const PURE: f64 = 0.003;
+/// What is added to a step: finer ones are none.
+const FINE: f64 = 0.01;
+/// The most that a diagnosis of friction counts (log odds): its model may be wrong.
+const SURE: f64 = 3.0;
+/// Part of the record that is slow.
+const SLOW: f64 = 20.0;
+
+/// The signs of a loop.
+pub fn signs(of: &PlantLoop, found: &LoopFound, transforms: &mut Transforms) -> Signs {
+    let (w, i) = (&of.window, &found.indicators);
+    let swing = found.oscillations.first();
+    let corners = |x: &[f64], transforms: &mut Transforms| {
+        let power = swing.zip(whole(x, transforms)).map(|(own, s)| harmonics(&s, own.period_s / w.ts));
+        (power.unwrap_or(0.0) + PURE).ln()
+    };
+    let friction = of.friction.as_ref();
+    let odds = |p: f64| (p / (1.0 - p).max(1e-9)).max(1.0).ln().min(SURE);
+    [
+        i.at_limits.unwrap_or(0.0).max(at_extremes(&w.op)),
+        (i.kept.quantisation + FINE).ln(),
+        i.kept.noise_share,
+        held(&w.pv),
+        swing.map_or(0.0, |own| own.share),
+        swing.map_or(0.67, |own| own.steadiness),
+        corners(&w.pv, transforms),
+        corners(&w.op, transforms),
+        i.stuck,
+        friction.filter(|own| own.sticks).map_or(0.0, |own| odds(own.probability)),
+        f64::from(u8::from(friction.is_some_and(|own| !own.sticks))),
+        i.harris.map_or(0.5, |own| own.index),
+        slow(&errors(&w.pv, w.sp.as_deref()), transforms),
+        effort(&w.op, &w.pv),
+    ]
+}
+
+/// The spectrum of a signal about its mean; none where it is too short or not finite.
+pub fn whole(x: &[f64], transforms: &mut Transforms) -> Option<Spectrum> {
+    let level = mean(x);
+    let x: Vec<f64> = x.iter().map(|x| x - level).collect();
+    (x.len() > 60 && x.iter().all(|x| x.is_finite())).then(|| transforms.spectrum(&x))
+}
+
+/// Share of the samples at the largest and at the least value, within a thousandth of the range between them.
+fn at_extremes(op: &[f64]) -> f64 {
+    let (low, high) = range(op);
+    let near = 1e-3 * (high - low);
+    let at = op.iter().filter(|u| **u <= low + near || **u >= high - near).count();
+    if near > 0.0 { at as f64 / op.len() as f64 } else { 0.0 }
+}
+
+/// Longest stretch of equal values, as a share.
+pub fn held(x: &[f64]) -> f64 {
+    let (mut longest, mut run) = (0, 0);
+    for pair in x.windows(2) {
+        run = if pair[0] == pair[1] { run + 1 } else { 0 };
+        longest = longest.max(run);
+    }
+    longest as f64 / x.len().max(1) as f64
+}
+
+fn slow(e: &[f64], transforms: &mut Transforms) -> f64 {
+    let Some(spectrum) = whole(e, transforms) else { return 0.0 };
+    let power = |bins: &[nalgebra::Complex<f64>]| bins.iter().map(|x| x.norm_sqr()).sum::<f64>();
+    let first = ((SLOW * spectrum.m as f64 / e.len() as f64) as usize).clamp(1, spectrum.bins.len() - 1);
+    let all = power(&spectrum.bins[1..]);
+    if all > 0.0 { power(&spectrum.bins[1..=first]) / all } else { 0.0 }
+}
+
+fn effort(op: &[f64], pv: &[f64]) -> f64 {
+    let over = |x: &[f64]| sd(x) / noise_sd(x).max(1e-3 * sd(x)).max(f64::MIN_POSITIVE);
+    (over(op).max(1e-3) / over(pv).max(1e-3)).ln()
+}

@@ -1,0 +1,59 @@
+"""The work list, the groups of loops that swing together, and a loop's indicators."""
+
+from playwright.sync_api import expect
+
+from walk import check
+
+
+def swinging(walk):
+    page = walk.open(1366, 900)
+    walk.go("work")
+    row = page.locator("tbody tr[data-kind=unacknowledged]")
+    expect(row.first).to_be_visible(timeout=60_000)
+    source = row.first.get_attribute("data-id")
+    check("open" in row.first.text_content(), f"{source} is to be looked at")
+    check(page.locator("#main").get_by_text("to do").first.is_visible(), "how much there is to do is told")
+    walk.shot("work", whole=True)
+    walk.axe("the work list, light")
+    walk.tab_to(f"[data-act='Order {source}']")
+    page.keyboard.press("Enter")
+    page.get_by_label("Your name").fill("A. Fitter")
+    page.get_by_label("Note").fill("order 4711")
+    page.keyboard.press("Tab")
+    page.get_by_role("dialog").get_by_role("button", name="Order", exact=True).press("Enter")
+    line = page.locator(f"tr[data-id='{source}']")
+    expect(line).to_contain_text("ordered")
+    expect(line).to_contain_text("A. Fitter: order 4711")
+    check(True, "the work is ordered by keyboard alone, with a name and a note")
+    page.keyboard.press("p")
+    expect(page.locator(".tile").first).to_be_visible()
+    page.keyboard.press("w")
+    expect(line).to_contain_text("ordered")
+
+    walk.go("groups")
+    group = page.locator("[data-group='1']")
+    expect(group).to_contain_text("swing together")
+    walk.axe("the groups, light")
+    group.get_by_role("link", name="Group 1").click()
+    expect(page.locator(".swing svg")).to_have_count(4)
+    shapes = page.locator(".swing polyline").count()
+    check(shapes >= 6 and page.locator(".swing script, .swing foreignObject").count() == 0, f"trends and spectra of {shapes // 2} loops are drawn")
+    check(page.locator(".swing polyline.look").count() == 2, "the suspected source stands out in both")
+    walk.shot("group", whole=True)
+    walk.axe("a group, light")
+
+    walk.go(f"loop/{source}")
+    expect(page.locator(".spark").first).to_be_visible()
+    card = page.locator(".card", has=page.locator("h2", has_text="Health"))
+    check("Harris index" in card.text_content() and "week" in card.text_content(), "indicators are shown over hour, shift, day and week")
+    card.screenshot(path=walk.out / "health.png")
+
+    for name, width, height, scheme in [("dark", 1366, 900, "dark"), ("phone", 390, 844, "light")]:
+        page = walk.open(width, height, scheme)
+        for route, ready in [("work", "tbody tr"), ("groups/1", ".swing svg")]:
+            walk.go(route)
+            expect(page.locator(ready).first).to_be_visible()
+            walk.shot(f"{route.split('/')[0]}-{name}", whole=True)
+            walk.axe(f"{route}, {name}")
+            if width < 500:
+                walk.fits(f"{route} on a phone")
