@@ -18,11 +18,12 @@ pub mod replay;
 mod restart;
 mod rings;
 mod security;
+mod surroundings;
 mod writeback;
 
 use crate::access::FileError;
 use crate::audit::AuditError;
-use crate::collect::{DeviceHealth, Issue};
+use crate::collect::{DeviceHealth, Issue, modbus};
 use crate::config::{self, Config, Diagnostic, Neighbour};
 use crate::detectors::integration::told_by_name;
 use crate::diagnosis::{self, Settings};
@@ -50,6 +51,8 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{Mutex, watch};
 use tokio_util::sync::CancellationToken;
 use writeback::WritebackControl;
+
+pub use surroundings::Surroundings;
 
 /// How often a shelving is looked at that may have run out.
 const ALARM_TICK: Duration = Duration::from_secs(1);
@@ -104,6 +107,7 @@ fn lines(diagnostics: &[Diagnostic]) -> String {
 /// The daemon, built and not yet running.
 pub struct App {
     clock: Clock,
+    dial: modbus::Dial,
     results: Arc<Results>,
     scheduler: Arc<Scheduler>,
     plant: watch::Sender<Arc<serve::Plant>>,
@@ -142,6 +146,15 @@ impl App {
     /// # Errors
     /// [`AppError::Plan`], [`AppError::Audit`], [`AppError::Access`], [`AppError::Tls`].
     pub fn build(config: Config, clock: Clock, diagnose: Diagnose) -> Result<Self, AppError> {
+        Self::build_in(Surroundings::of_machine(clock), config, diagnose)
+    }
+
+    /// As [`App::build`], on another network and disk than the machine's.
+    ///
+    /// # Errors
+    /// As [`App::build`].
+    pub fn build_in(around: Surroundings, config: Config, diagnose: Diagnose) -> Result<Self, AppError> {
+        let Surroundings { clock, dial, store } = around;
         let stop = CancellationToken::new();
         let wired = config.plant().map_err(AppError::Plan)?;
         let history = Arc::new(History::new(&wired.loops, &config.history));
@@ -149,7 +162,7 @@ impl App {
         let writeback = WritebackControl::new(&config, clock, &results)?;
         results.watch_devices(&devices_of(&config));
         let security = Arc::new(Security::new(&config, clock, writeback.recorder())?);
-        let persistence = Persistence::new(&config, clock, &history, &results);
+        let persistence = Persistence::new(&config, clock, store, (&history, &results));
         results.apply_design(clock.now());
         let notifications = Arc::new(Notifications::new(&config, clock, &results));
         let plan = schedule_plan(&config, &history);
@@ -159,7 +172,7 @@ impl App {
         let scheduler =
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
         let devices: Vec<Device> =
-            wired.into_plans().map(|plan| Device::new(plan, clock, &history)).collect();
+            wired.into_plans().map(|plan| Device::new(plan, clock, &dial, &history)).collect();
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
@@ -180,6 +193,7 @@ impl App {
         let state = Mutex::new(Running { config, history, devices, collecting: false, since: clock.now() });
         Ok(Self {
             clock,
+            dial,
             results,
             scheduler,
             plant,
@@ -216,6 +230,16 @@ impl App {
     /// Write-back, as the API sees it.
     pub fn writeback(&self) -> Arc<dyn serve::WritebackPort> {
         self.writeback.clone()
+    }
+
+    /// Every route, for who asks without a socket.
+    pub fn routes(&self) -> axum::Router {
+        serve::router(self.context.clone())
+    }
+
+    /// Has everything made durable that there is; false where that failed, or there is no store.
+    pub fn make_durable(&self) -> bool {
+        self.persistence.ask_durable().is_some_and(|durable| durable())
     }
 
     /// Cancel it to stop the daemon.
@@ -303,7 +327,7 @@ impl App {
             let same = before.iter().position(|device| device.carries_on(&plan, &history));
             devices.push(match same {
                 Some(at) => before.swap_remove(at),
-                None => Device::new(plan, self.clock, &history),
+                None => Device::new(plan, self.clock, &self.dial, &history),
             });
         }
         // A ring has one writer: the old ones end before the new ones begin.

@@ -1,7 +1,7 @@
 //! One device of the plant: its plan, the rings it fills, and the task that polls it.
 
 use super::rings::Rings;
-use crate::collect::{self, Collector, DeviceHealth, Plan};
+use crate::collect::{self, Collector, DeviceHealth, Plan, modbus};
 use crate::history::{History, Ring};
 use crate::schedule::Clock;
 use crate::serve::DeviceState;
@@ -20,9 +20,9 @@ pub(super) struct Device {
 }
 
 impl Device {
-    pub(super) fn new(plan: Plan, clock: Clock, history: &Arc<History>) -> Self {
+    pub(super) fn new(plan: Plan, clock: Clock, dial: &modbus::Dial, history: &Arc<History>) -> Self {
         let now: Arc<dyn collect::Clock> = Arc::new(move || clock.now());
-        let collector = Collector::new(plan.clone(), now, plan.device() as u64);
+        let collector = Collector::new(plan.clone(), now, plan.device() as u64).dialling(dial.clone());
         let ring = |tag: usize| Some((tag, history.ring(tag)?.clone()));
         let by_tag = plan.tags().into_iter().filter_map(ring).collect();
         let rings = Arc::new(Rings { by_tag, polled: watch::Sender::new(0) });

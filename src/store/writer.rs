@@ -1,7 +1,7 @@
 //! The one thread that writes. It asks for what is new at a steady pace, makes it durable, tidies up, and when the store
 //! fails tries again, from a fresh opening, until it works: nobody else ever waits for the disk.
 
-use super::{Batch, Config, Found, Reader, Spool, Store, StoreError, Usage, embedded};
+use super::{Batch, Config, Found, Opener, Reader, Spool, Store, StoreError, Usage, embedded};
 use std::collections::VecDeque;
 use std::io;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -80,10 +80,32 @@ impl Shared {
     }
 }
 
-/// The writer's thread.
+/// How the store is opened, and who has its rounds done.
+#[derive(Clone)]
+pub struct Driven {
+    /// Opens it.
+    pub open: Opener,
+    /// No thread: a round is done when it is asked for and at no other time, by whoever asks. What is dropped without
+    /// [`Writer::stop`] ends as a process that is killed does.
+    pub by_hand: bool,
+}
+
+impl Default for Driven {
+    fn default() -> Self {
+        Self { open: Arc::new(Store::opened), by_hand: false }
+    }
+}
+
+/// The writer: a thread, or rounds by hand.
 pub struct Writer {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
+    by_hand: Option<Mutex<Box<dyn Rounds>>>,
+}
+
+/// What does one round.
+trait Rounds: Send {
+    fn round(&mut self);
 }
 
 impl Writer {
@@ -97,9 +119,24 @@ impl Writer {
         feed: impl Feed,
         now: impl Fn() -> f64 + Send + 'static,
     ) -> io::Result<Self> {
+        Self::driven(&Driven::default(), config, opened, feed, now)
+    }
+
+    /// As [`Writer::start`], on a store that is opened and driven in another way.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn driven(
+        driven: &Driven,
+        config: &Config,
+        opened: Result<Store, StoreError>,
+        feed: impl Feed,
+        now: impl Fn() -> f64 + Send + 'static,
+    ) -> io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let mut round = Round {
             config: config.clone(),
+            open: driven.open.clone(),
             store: None,
             feed,
             now,
@@ -113,14 +150,18 @@ impl Writer {
             Ok(store) => round.take_on(store),
             Err(error) => round.failed(&error),
         }
+        if driven.by_hand {
+            return Ok(Self { shared, thread: None, by_hand: Some(Mutex::new(Box::new(round))) });
+        }
         let thread = std::thread::Builder::new().name("store".into()).spawn(move || round.run())?;
-        Ok(Self { shared, thread: Some(thread) })
+        Ok(Self { shared, thread: Some(thread), by_hand: None })
     }
 
     /// How the store is.
     pub fn status(&self) -> Status {
         let mut inner = self.shared.lock();
-        if self.thread.as_ref().is_none_or(JoinHandle::is_finished) && inner.status.failing.is_none() {
+        let ended = self.by_hand.is_none() && self.thread.as_ref().is_none_or(JoinHandle::is_finished);
+        if ended && inner.status.failing.is_none() {
             let since = inner.status.written_at.unwrap_or(f64::NAN);
             inner.status.failing =
                 Some(("the thread of the store has ended; start the daemon anew".to_string(), since));
@@ -135,6 +176,9 @@ impl Writer {
         inner.asked += 1;
         let round = inner.asked;
         self.shared.changed.notify_all();
+        drop(inner);
+        self.round_by_hand();
+        let inner = self.shared.lock();
         let waiting = |inner: &mut Inner| inner.done < round && !inner.stop;
         let waited = self.shared.changed.wait_timeout_while(inner, patience, waiting);
         let (inner, timed_out) = waited.unwrap_or_else(PoisonError::into_inner);
@@ -147,12 +191,20 @@ impl Writer {
         let (told, answer) = channel();
         self.shared.lock().inserts.push_back((batch, told));
         self.shared.changed.notify_all();
+        self.round_by_hand();
         answer
     }
 
     /// Writes what is left and ends; on a store that fails it is tried once.
     pub fn stop(mut self) {
+        self.round_by_hand();
         self.end();
+    }
+
+    fn round_by_hand(&self) {
+        if let Some(rounds) = &self.by_hand {
+            rounds.lock().unwrap_or_else(PoisonError::into_inner).round();
+        }
     }
 
     fn end(&mut self) {
@@ -174,6 +226,7 @@ impl Drop for Writer {
 
 struct Round<F, N> {
     config: Config,
+    open: Opener,
     store: Option<Store>,
     feed: F,
     now: N,
@@ -187,20 +240,32 @@ struct Round<F, N> {
     unread: bool,
 }
 
+impl<F: Feed, N: Fn() -> f64 + Send> Rounds for Round<F, N> {
+    fn round(&mut self) {
+        let asked = self.shared.lock().asked;
+        self.do_one(asked);
+    }
+}
+
 impl<F: Feed, N: Fn() -> f64> Round<F, N> {
     fn run(&mut self) {
         loop {
             let (stop, asked) = self.wait();
-            let good = self.write_all();
-            self.insert_all();
-            let mut inner = self.shared.lock();
-            (inner.done, inner.good) = (asked, good);
-            drop(inner);
-            self.shared.changed.notify_all();
+            self.do_one(asked);
             if stop {
                 return;
             }
         }
+    }
+
+    /// Does the rounds up to the one with number `asked`, in one.
+    fn do_one(&mut self, asked: u64) {
+        let good = self.write_all();
+        self.insert_all();
+        let mut inner = self.shared.lock();
+        (inner.done, inner.good) = (asked, good);
+        drop(inner);
+        self.shared.changed.notify_all();
     }
 
     /// Until the next round is due or asked for, or the end.
@@ -258,7 +323,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
 
     /// Nothing is written before what is there has been read: it would be replaced by what was made without it.
     fn reopen(&mut self) -> Result<(), StoreError> {
-        let store = Store::reopen(&self.config)?;
+        let store = (self.open)(&self.config, false)?;
         if self.unread {
             let found = Reader::at_hand(&self.config)?.states()?;
             self.feed.merge(found);

@@ -5,6 +5,7 @@ use super::config::{ByteOrder, Framing, MAX_BITS, MAX_REGISTERS, Register, is_ho
 use super::decode::bytes;
 use super::link::Link;
 use super::plan::Span;
+use super::wire::sockets;
 use std::fmt;
 use std::time::Duration;
 use thiserror::Error;
@@ -76,7 +77,8 @@ pub struct Table {
 pub async fn probe(target: &ProbeTarget) -> Result<Table, ProbeError> {
     let span = span(target)?;
     let lost = |why: String| ProbeError::Link { address: target.address.clone(), why };
-    let link = Link::open(&target.address, Framing::Tcp, target.timeout);
+    let dial = sockets();
+    let link = Link::open(&dial, &target.address, Framing::Tcp, target.timeout);
     let link = link.await.map_err(|why| lost(why.to_string()))?;
     let (_, answer) =
         link.read(target.unit_id, span, &[], target.timeout).await.map_err(|why| lost(why.to_string()))?;
