@@ -129,8 +129,8 @@ struct Running {
     history: Arc<History>,
     devices: Vec<Device>,
     collecting: bool,
-    /// When this configuration came into force (s).
-    since: f64,
+    /// How long after the start this configuration came into force.
+    since: Duration,
 }
 
 impl App {
@@ -190,7 +190,8 @@ impl App {
             total_bytes = history.memory_bytes(),
             "history: memory taken"
         );
-        let state = Mutex::new(Running { config, history, devices, collecting: false, since: clock.now() });
+        let state =
+            Mutex::new(Running { config, history, devices, collecting: false, since: clock.elapsed() });
         Ok(Self {
             clock,
             dial,
@@ -259,7 +260,7 @@ impl App {
     async fn work(&self, listener: TcpListener) -> Result<(), AppError> {
         {
             let mut state = self.state.lock().await;
-            (state.collecting, state.since) = (true, self.clock.now());
+            (state.collecting, state.since) = (true, self.clock.elapsed());
             self.persistence.begin(self.results.clone());
             state.devices.iter_mut().for_each(|device| device.start(&self.stop));
             self.writeback.begin(&state.config, &state.history, &state.devices);
@@ -298,10 +299,16 @@ impl App {
     }
 
     async fn tick_alarms(&self) {
+        let mut watch = alarm_inputs::Watch::new(self.clock);
         while self.stop.run_until_cancelled(tokio::time::sleep(ALARM_TICK)).await.is_some() {
-            let now = self.clock.now();
+            let (now, elapsed) = (self.clock.now(), self.clock.elapsed());
+            if let Some(by) = watch.set(now, elapsed) {
+                tracing::warn!(by_s = by, "the clock was set");
+                self.results.clock_was_set(by);
+            }
             self.results.tick(now);
-            alarm_inputs::observe(&*self.state.lock().await, &self.results, &*self.writeback, now);
+            let state = &mut *self.state.lock().await;
+            alarm_inputs::observe(state, &self.results, &*self.writeback, (now, elapsed));
         }
     }
 
@@ -353,7 +360,7 @@ impl App {
             "another configuration is in force"
         );
         (state.config, state.history, state.devices) = (config, history, devices);
-        state.since = self.clock.now();
+        state.since = self.clock.elapsed();
         Ok(())
     }
 }

@@ -6,6 +6,7 @@ use crate::history::{History, Ring};
 use crate::schedule::Clock;
 use crate::serve::DeviceState;
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -15,6 +16,8 @@ pub(super) struct Device {
     pub(super) plan: Plan,
     pub(super) rings: Arc<Rings>,
     pub(super) health: Arc<DeviceHealth>,
+    /// Stamp of the newest good sample (s), and how long after the start it was first seen.
+    pub(super) heard: Option<(f64, Duration)>,
     collector: Option<Collector>,
     task: Option<(CancellationToken, JoinHandle<()>)>,
 }
@@ -27,7 +30,7 @@ impl Device {
         let by_tag = plan.tags().into_iter().filter_map(ring).collect();
         let rings = Arc::new(Rings { by_tag, polled: watch::Sender::new(0) });
         let health = collector.health();
-        Self { plan, rings, health, collector: Some(collector), task: None }
+        Self { plan, rings, health, heard: None, collector: Some(collector), task: None }
     }
 
     pub(super) fn start(&mut self, stop: &CancellationToken) {

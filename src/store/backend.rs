@@ -82,6 +82,8 @@ pub trait Writes: Send + Debug {
     fn make_room(&mut self, now: f64) -> Result<bool, StoreError>;
     /// See [`Store::begin_era`].
     fn begin_era(&mut self);
+    /// See [`Store::era`].
+    fn era(&self) -> i64;
     /// See [`Store::usage`].
     fn usage(&self) -> Result<Usage, StoreError>;
     /// See [`Store::refused_and_damaged`].
@@ -197,6 +199,11 @@ impl Store {
     /// The clock was set back: what comes from now on is kept apart from what is there.
     pub fn begin_era(&mut self) {
         self.0.begin_era();
+    }
+
+    /// The era of what comes now.
+    pub fn era(&self) -> i64 {
+        self.0.era()
     }
 
     /// What the database takes.

@@ -145,6 +145,7 @@ impl Writer {
             looked: None,
             counted: (0, 0),
             unread: opened.is_err(),
+            era: 0,
         };
         match opened {
             Ok(store) => round.take_on(store),
@@ -238,6 +239,8 @@ struct Round<F, N> {
     counted: (u64, u64),
     /// Nobody could read at the start what is there.
     unread: bool,
+    /// The era that was begun: a store that is opened anew knows it only once something of it is there.
+    era: i64,
 }
 
 impl<F: Feed, N: Fn() -> f64 + Send> Rounds for Round<F, N> {
@@ -300,6 +303,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
                     "the clock was set back: samples from now on are kept apart from those before"
                 );
                 store.begin_era();
+                self.era = store.era();
             }
             let batch = self.feed.take();
             let (samples, rows) = (batch.samples() as u64, batch.rows.len() as u64);
@@ -351,7 +355,11 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         }
     }
 
-    fn take_on(&mut self, store: Store) {
+    fn take_on(&mut self, mut store: Store) {
+        if store.era() < self.era {
+            store.begin_era();
+            self.era = store.era();
+        }
         self.store = Some(store);
         self.looked = None;
     }
@@ -430,63 +438,4 @@ fn tidy(store: &mut Store, now: f64) -> Result<(), StoreError> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::store::embedded::tests::Folder;
-    use crate::store::{AlarmRow, ModelRow, Row};
-
-    /// Remembers what it is to merge, and has nothing to write.
-    #[derive(Default)]
-    struct Merging(Batch, Arc<Mutex<Vec<Found>>>);
-
-    impl Feed for Merging {
-        fn gather(&mut self) {}
-        fn take(&mut self) -> &Batch {
-            &self.0
-        }
-        fn settled(&mut self) -> bool {
-            false
-        }
-        fn set_back(&mut self) -> bool {
-            false
-        }
-        fn merge(&mut self, found: Found) {
-            self.1.lock().expect("no panic").push(found);
-        }
-    }
-
-    #[test]
-    fn what_could_not_be_read_at_the_start_is_merged_once_the_store_works() {
-        let folder = Folder::new();
-        let config = Config::new(&folder.0);
-        let alarm = AlarmRow {
-            control_loop: "A".into(),
-            kind: "stiction".into(),
-            acknowledged: true,
-            ..AlarmRow::default()
-        };
-        let model = |version| ModelRow { control_loop: "A".into(), version, ..ModelRow::default() };
-        let mut other = Store::open(&config).expect("opens");
-        let rows = vec![Row::Alarm(alarm.clone()), Row::Model(model(1)), Row::Model(model(2))];
-        other.write(&Batch { series: Vec::new(), rows }).expect("writes");
-        let patience = Duration::from_secs(60);
-        let merged = Arc::<Mutex<Vec<Found>>>::default();
-        let feed = Merging(Batch::default(), merged.clone());
-        let writer = Writer::start(&config, Store::open(&config), feed, || 1.0).expect("a thread");
-        assert!(!writer.flush(patience) && merged.lock().expect("no panic").is_empty(), "in use");
-        drop(other);
-        assert!(writer.flush(patience) && writer.flush(patience), "{:?}", writer.status());
-        writer.stop();
-        let found = Found { models: vec![model(2)], alarms: vec![alarm] };
-        assert_eq!(*merged.lock().expect("no panic"), [found], "once");
-
-        // Who has read it has it.
-        let opened = Store::open(&config);
-        let merged = Arc::<Mutex<Vec<Found>>>::default();
-        let writer = Writer::start(&config, opened, Merging(Batch::default(), merged.clone()), || 1.0)
-            .expect("a thread");
-        assert!(writer.flush(patience));
-        writer.stop();
-        assert!(merged.lock().expect("no panic").is_empty());
-    }
-}
+mod tests;

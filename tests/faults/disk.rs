@@ -12,7 +12,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use stictiond::signal::Sample;
-use stictiond::store::{Batch, Config, Driven, Found, Row, Spool, Store, StoreError, TransitionRow, Usage, Writes};
+use stictiond::store::{
+    Batch, Config, Driven, Found, Row, Spool, Store, StoreError, TransitionRow, Usage, Writes,
+};
 
 /// A deliberate bug, to show that it is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -276,7 +278,7 @@ impl Writes for OnDisk {
         let asked = self.asked(batch);
         let batch = &*asked;
         let given = self.given(batch);
-        let mut write = |store: &mut Store| given.as_ref().map_or(Ok(()), |given| store.write(given));
+        let write = |store: &mut Store| given.as_ref().map_or(Ok(()), |given| store.write(given));
         // With a bug that changes what is written, the truth is what was asked for.
         match fate {
             Fate::FailsBefore(error) => Err(error),
@@ -328,6 +330,10 @@ impl Writes for OnDisk {
 
     fn begin_era(&mut self) {
         self.store.begin_era();
+    }
+
+    fn era(&self) -> i64 {
+        self.store.era()
     }
 
     fn usage(&self) -> Result<Usage, StoreError> {

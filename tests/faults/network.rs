@@ -93,8 +93,8 @@ struct Net {
     /// Links that are cut, of each device.
     cut: [bool; 2],
     sticks: [bool; 2 * PAIRS],
-    /// When a device last answered soundly (s).
-    answered: [f64; 2],
+    /// When a device answered soundly, and nothing was in the way (s).
+    answered: [Vec<f64>; 2],
     /// A device that lies so that nobody can tell: the harness must.
     undetectable: bool,
     counts: BTreeMap<&'static str, u64>,
@@ -116,7 +116,7 @@ impl Network {
             faults: [0.0; 2],
             cut: [false; 2],
             sticks: [false; 2 * PAIRS],
-            answered: [0.0; 2],
+            answered: [Vec::new(), Vec::new()],
             undetectable,
             counts: BTreeMap::new(),
         };
@@ -135,9 +135,10 @@ impl Network {
         self.lock().said.get(&value.bits()).copied()
     }
 
-    /// When a device last answered soundly, and nothing was in the way (s).
-    pub fn answered(&self, device: usize) -> f64 {
-        self.lock().answered[device]
+    /// When a device last answered soundly up to a moment (s).
+    pub fn answered(&self, device: usize, until: f64) -> f64 {
+        let net = self.lock();
+        net.answered[device].iter().rev().find(|at| **at <= until).copied().unwrap_or(0.0)
     }
 
     pub fn set_faults(&self, device: usize, likely: f64) {
@@ -305,7 +306,7 @@ impl Network {
         stream.write_all(answer).await.ok()?;
         if does == Does::Answers {
             let now = self.now();
-            self.lock().answered[device] = now;
+            self.lock().answered[device].push(now);
         }
         if does == Does::Twice && self.lock().undetectable {
             self.lies_well(stream, answer).await?;

@@ -22,8 +22,8 @@ use stictiond::signal::LoopId;
 use stictiond::store::Reader;
 use tokio::net::TcpListener;
 
-/// Slack of what is looked at once a step (s).
-const STEP_S: f64 = 3.0;
+/// What happens within so long of each other happens at once (s).
+const SAME_S: f64 = 0.1;
 
 /// What a run came to.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -90,6 +90,10 @@ struct Life {
     /// When it began (s).
     began: f64,
     reloaded: bool,
+    /// When it was last looked at (s).
+    looked: f64,
+    /// Samples that were in the store when it began.
+    samples: usize,
 }
 
 impl World {
@@ -108,9 +112,13 @@ impl World {
                 .start_paused(true)
                 .build()
                 .expect("a runtime");
-            let lived = runtime.block_on(self.one_life());
-            let rest = self.random.random_range(1..30_000);
-            self.time().end(Duration::from_millis(rest));
+            let lived = runtime.block_on(async {
+                let lived = self.one_life().await;
+                let rest = self.random.random_range(1..30_000);
+                // Here, where its time is known.
+                self.time().end(Duration::from_millis(rest));
+                lived
+            });
             // Whatever was under way is dropped where it waits.
             drop(runtime);
             lived?;
@@ -148,7 +156,8 @@ impl World {
         let clock = Clock::adjusted(self.time().wall());
         let around = Surroundings { clock, dial: self.network.dial(), store: self.disk.driven() };
         let config = plant::config(self.variant, &self.disk.folder());
-        let app = App::build_in(around, config, verdict::made_up(clock)).map_err(|error| error.to_string())?;
+        let app =
+            App::build_in(around, config, verdict::made_up(clock)).map_err(|error| error.to_string())?;
         let app = Arc::new(app);
         if self.disk.folder().join("store.db").exists() {
             self.hold()?;
@@ -157,7 +166,9 @@ impl World {
         let running = app.clone();
         let task = tokio::spawn(async move { running.run(listener).await });
         let began = self.time().now();
-        let mut life = Life { seen: app.results().latest_change(), app, clock, began, reloaded: false };
+        let samples = self.disk.truth(|truth| truth.samples());
+        let seen = app.results().latest_change();
+        let mut life = Life { seen, app, clock, began, reloaded: false, looked: began, samples };
         let ends = began + f64::from(self.random.random_range(20..150));
         while self.time().now() < ends && !self.disk.is_dead() {
             tokio::time::sleep(Duration::from_millis(self.random.random_range(100..2500))).await;
@@ -179,7 +190,8 @@ impl World {
                 self.round(life);
             }
             50..58 => {
-                let likely = if self.random.random_bool(0.5) { self.random.random_range(0.0..0.6) } else { 0.0 };
+                let likely =
+                    if self.random.random_bool(0.5) { self.random.random_range(0.0..0.6) } else { 0.0 };
                 self.network.set_faults(device, likely);
             }
             58..63 => {
@@ -257,7 +269,8 @@ impl World {
         if ![200, 404, 409].contains(&status) {
             return Err(format!("an acknowledgement is answered with {status}"));
         }
-        let body = axum::body::to_bytes(answer.into_body(), 1 << 20).await.map_err(|error| error.to_string())?;
+        let body =
+            axum::body::to_bytes(answer.into_body(), 1 << 20).await.map_err(|error| error.to_string())?;
         if status != 200 || self.disk.is_dead() {
             return Ok(());
         }
@@ -286,14 +299,17 @@ impl World {
                 continue;
             }
             self.count("alarms");
+            // The moment of it; where clocks were set, the earliest that it can be.
+            let raised = self.time().when(change.transition.at, life.looked, now).unwrap_or(life.looked);
             if change.id.kind == Kind::CollectorDown {
                 let device = usize::from(change.id.subject.as_str() == "d1");
-                let silent = now - self.network.answered(device).max(life.began);
-                if silent < plant::DOWN_AFTER_S - 0.5 {
+                let silent = raised - self.network.answered(device, raised - SAME_S).max(life.began);
+                if silent < plant::DOWN_AFTER_S - SAME_S {
                     return Err(format!("{:?} was raised after {silent:.1} s: {}", change.id, change.detail));
                 }
             }
         }
+        life.looked = now;
         life.seen = results.latest_change();
         Ok(())
     }
@@ -305,21 +321,18 @@ impl World {
         task: tokio::task::JoinHandle<Result<(), stictiond::app::AppError>>,
     ) -> Result<(), String> {
         self.disk.set_faults(0.0, false);
-        self.round(&life);
-        if self.disk.is_dead() {
-            return Ok(());
-        }
         life.app.stop().cancel();
         let ended = tokio::time::timeout(Duration::from_secs(60), task).await;
         ended.map_err(|_| "it does not stop")?.map_err(|e| e.to_string())?.map_err(|e| e.to_string())?;
-        if life.reloaded {
+        if life.reloaded || self.disk.is_dead() {
             return Ok(());
         }
         let told = plant::told(&life.app).await?;
-        let (measured, kept) = (told("device", "good_samples") + told("device", "bad_samples"), told("store", "samples"));
+        let measured = told("device", "good_samples") + told("device", "bad_samples");
         let lost = told("store", "lost_samples") + told("store", "refused_samples");
-        if lost > 0.0 || kept < measured {
-            return Err(format!("{measured} samples were measured, {kept} stored, {lost} lost"));
+        let stored = self.disk.truth(|truth| truth.samples()) - life.samples;
+        if lost > 0.0 || stored as f64 != measured {
+            return Err(format!("{measured} samples were measured, {stored} stored, {lost} lost"));
         }
         Ok(())
     }

@@ -51,6 +51,12 @@ impl TimeLine {
         self.ahead.push((now, ahead + by));
     }
 
+    /// When clocks showed `stamp`, between two moments.
+    pub fn when(&self, stamp: f64, from: f64, to: f64) -> Option<f64> {
+        let moments = self.ahead.iter().map(|(_, ahead)| stamp - ahead);
+        moments.filter(|moment| (from - NEAR_S..=to + NEAR_S).contains(moment)).last()
+    }
+
     /// Whether clocks showed `stamp` at some moment between two.
     pub fn showed(&self, stamp: f64, from: f64, to: f64) -> bool {
         let ends = self.ahead.iter().skip(1).map(|(end, _)| *end).chain([f64::INFINITY]);

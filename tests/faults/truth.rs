@@ -112,8 +112,9 @@ impl Truth {
         self.rows.iter().any(|row| matches!(row, Row::Transition(t) if t.by.as_deref() == Some(by)))
     }
 
-    pub fn rows(&self) -> &[Row] {
-        &self.rows
+    /// Samples that are known to be there.
+    pub fn samples(&self) -> usize {
+        self.samples.len()
     }
 
     /// Holds what is in the store against what is known of it; then what is there is known.
@@ -142,7 +143,11 @@ impl Truth {
         }
         let doubted: BTreeSet<Key> = self.doubts.iter().flat_map(samples).collect();
         if let Some(new) = there.difference(&self.samples).find(|key| !doubted.contains(key)) {
-            return Err(format!("a sample is there that nobody wrote: {:?} at {}", new.0, f64::from_bits(new.1)));
+            return Err(format!(
+                "a sample is there that nobody wrote: {:?} at {}",
+                new.0,
+                f64::from_bits(new.1)
+            ));
         }
         self.samples = there;
         Ok(())
@@ -204,7 +209,10 @@ impl Truth {
                     let own = votes.entry(&t.control_loop).or_default();
                     let said = own.iter().rev().take(VOTES.0).filter(|sticks| **sticks).count();
                     if said < VOTES.1 {
-                        return Err(format!("an alarm without a cause: {t:?}, {said} of the last {} runs", VOTES.0));
+                        return Err(format!(
+                            "an alarm without a cause: {t:?}, {said} of the last {} runs",
+                            VOTES.0
+                        ));
                     }
                 }
                 _ => {}

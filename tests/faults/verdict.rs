@@ -12,7 +12,8 @@ pub fn made_up(clock: Clock) -> Diagnose {
     Arc::new(move |record: &Record, _: &_, _: &_| {
         let now = clock.now();
         let newest = record.op.iter().rev().find(|sample| sample.t != now);
-        let value = newest.filter(|sample| sample.quality.is_good()).and_then(|sample| Value::of(sample.value));
+        let value =
+            newest.filter(|sample| sample.quality.is_good()).and_then(|sample| Value::of(sample.value));
         match value {
             Some(value) if value.sticks => verdict(Verdict::Stiction, 2.5, 446.0),
             Some(_) => verdict(Verdict::NoStiction, 0.0, -2.0),
@@ -23,8 +24,7 @@ pub fn made_up(clock: Clock) -> Diagnose {
 }
 
 fn verdict(verdict: Verdict, f: f64, delta_aic: f64) -> Diagnosis {
-    let model =
-        Model { na: 1, nb: 1, nc: 1, nk: 1, a: vec![-0.5], b: vec![0.1], c: vec![0.0], rmse: 0.01 };
+    let model = Model { na: 1, nb: 1, nc: 1, nk: 1, a: vec![-0.5], b: vec![0.1], c: vec![0.0], rmse: 0.01 };
     let estimate = Estimate {
         f,
         f_ci95: [f - 0.06, f + 0.05],
