@@ -30,6 +30,7 @@ mod config;
 mod embedded;
 mod postgresql;
 mod rows;
+mod sides;
 mod writer;
 
 pub use backend::{Found, Opener, Point, Reader, Spool, Store, StoredTag, Usage, Writes};
