@@ -55,6 +55,8 @@ struct Shared {
     rows: Mutex<VecDeque<store::Row>>,
     /// Orders and indicators as they were kept, until somebody takes them.
     plantwide: Mutex<(Vec<Order>, Vec<Days>)>,
+    /// The clock was set back, and what is of before is not written yet.
+    leaving: AtomicBool,
     lost_samples: AtomicU64,
     dropped_rows: AtomicU64,
     /// What was left of a store that is damaged, and how many states are in neither copy.
@@ -166,7 +168,9 @@ impl Persistence {
             if let Err(error) = self.give_back(&history, &results) {
                 tracing::error!(%error, "the store fails");
             }
-            self.follow(&history, self.clock.now());
+            // What is to be told apart still needs what it is told from.
+            let leaving = self.shared.leaving.load(Relaxed);
+            self.follow(&history, if leaving { f64::INFINITY } else { self.clock.now() });
         });
         if let Err(error) = replaced.await {
             tracing::error!(%error, "the store does not follow the new configuration");

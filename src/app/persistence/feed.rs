@@ -82,6 +82,10 @@ impl StoreFeed {
         }
     }
 
+    fn say_leaving(&self) {
+        self.shared.leaving.store(self.back != Back::No, Relaxed);
+    }
+
     /// Keeps what waits within its bound: the oldest reports go first, then the oldest rows.
     fn bound(&mut self) {
         let mut at = 0;
@@ -120,6 +124,7 @@ impl Feed for StoreFeed {
             }
         }
         self.told = now;
+        self.say_leaving();
     }
 
     fn set_back(&mut self) -> bool {
@@ -131,6 +136,7 @@ impl Feed for StoreFeed {
             // Whatever comes is of the new era: what was before is no measure for it.
             let begun = f64::NAN.to_bits();
             lock(&self.shared.taps).iter().for_each(|tap| tap.last.store(begun, Relaxed));
+            self.say_leaving();
         }
         now
     }
@@ -171,6 +177,7 @@ impl Feed for StoreFeed {
                 self.batch.series.push(Series { tag: tap.tag.clone(), samples });
             }
         }
+        self.say_leaving();
         &self.batch
     }
 

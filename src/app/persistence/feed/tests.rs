@@ -124,7 +124,9 @@ fn a_clock_that_is_set_back_twice_while_the_store_fails_begins_two_eras() {
     assert_eq!(world.taken(), one([1000, 1001]));
     assert!(world.feed.settled() && world.feed.set_back());
     assert_eq!(world.taken(), one([500, 501]));
+    assert!(world.shared.leaving.load(Relaxed), "there is another one");
     assert!(world.feed.settled() && world.feed.set_back());
+    assert!(!world.shared.leaving.load(Relaxed));
     assert_eq!(world.taken(), one([200, 201]));
     assert!(!world.feed.settled() && !world.feed.set_back());
 }
