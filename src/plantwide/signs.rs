@@ -25,6 +25,8 @@ use crate::sysid::stats::{mean, range, sd};
 
 /// How many.
 pub const SIGNS: usize = 14;
+/// Where the one of a diagnosis that says that the valve sticks stands.
+pub const STICKS: usize = 9;
 /// The signs of one loop.
 pub type Signs = [f64; SIGNS];
 /// What is added to a share of harmonics: no measured wave is purer.
@@ -32,7 +34,7 @@ pub const PURE: f64 = 0.003;
 /// What is added to a step: finer ones are none.
 const FINE: f64 = 0.01;
 /// The most that a diagnosis of friction counts (log odds): its model may be wrong.
-const SURE: f64 = 3.0;
+pub const SURE: f64 = 3.0;
 /// Part of the record that is slow.
 const SLOW: f64 = 20.0;
 
