@@ -83,12 +83,12 @@ pub const CLASSES: [Option<Cause>; 6] = [
 /// Weights of the signs and of 1, for each of [`CLASSES`].
 #[rustfmt::skip]
 const WEIGHTS: [[f64; SIGNS + 1]; CLASSES.len()] = [
-    [-3.162, -0.004, -1.239, -3.336, -0.902, 9.972, 0.239, -0.010, -2.786, 2.500, -1.156, -3.160, -4.614, -0.818, -2.732], // valve
-    [-1.758, -0.001, 6.510, -11.879, 6.202, -13.572, 0.078, 0.069, -1.326, 1.209, -0.781, -5.522, 7.960, 1.880, 7.643], // tuning
-    [-11.506, -0.216, 0.378, -11.750, -1.734, 19.813, -0.665, -1.226, 3.352, -0.079, 2.350, -0.538, -3.636, -0.026, -24.657], // load
-    [20.330, 0.674, 2.121, 80.797, 0.114, 6.897, 0.366, 0.494, 20.861, -0.013, 0.260, 5.500, -1.853, -2.249, -0.431], // sensor
-    [30.896, -0.003, -3.500, -21.258, -0.532, -11.140, -0.218, 0.559, 0.963, -3.045, -1.605, -1.067, 2.802, 0.529, 10.299], // saturation
-    [-34.800, -0.449, -4.269, -32.574, -3.149, -11.969, 0.201, 0.113, -21.063, -0.572, 0.932, 4.788, -0.660, 0.684, 9.877], // at rest
+    [-6.322, -0.003, -1.523, -5.305, -1.077, 11.223, 0.142, -0.233, -3.931, 1.763, -1.786, -3.854, -4.942, -1.283, -4.457], // valve
+    [-11.408, -0.001, 6.644, -9.882, 6.819, -14.189, 0.125, 0.085, -1.850, -0.271, -0.645, -2.767, 7.871, 1.704, 8.251], // tuning
+    [-8.771, -0.214, -1.548, -10.748, -1.954, 19.940, -0.569, -1.198, 2.085, -0.401, 1.455, -0.048, -5.286, -0.511, -22.844], // load
+    [17.573, 0.651, 3.766, 63.614, 0.291, 6.088, 0.116, 0.704, 25.040, -0.048, 1.134, 5.423, -0.147, -0.524, -1.090], // sensor
+    [39.772, -0.003, -4.625, -12.879, -0.378, -11.179, -0.230, 0.541, 0.202, -0.196, -1.276, -1.315, 3.308, 0.567, 8.905], // saturation
+    [-30.844, -0.430, -2.714, -24.801, -3.701, -11.883, 0.415, 0.101, -21.547, -0.848, 1.118, 2.560, -0.804, 0.047, 11.235], // at rest
 ];
 
 /// Probability of each of [`CLASSES`], by the signs of a loop.
@@ -99,9 +99,12 @@ pub fn probabilities(signs: &Signs) -> [f64; CLASSES.len()] {
     scores.map(|s| (s - most).exp() / sum)
 }
 
-/// The cause of one loop; none where it is at rest.
+/// The cause of one loop; none where it is at rest, or in manual for most of the time.
 pub fn reason(at: usize, plant: &[PlantLoop], found: &[LoopFound], groups: &[Group]) -> Option<Reason> {
     let of = &found[at];
+    if of.indicators.service_factor.is_some_and(|share| share < IN_MANUAL) {
+        return None;
+    }
     let group = of.group.map(|g| &groups[g]);
     let is_source = group.and_then(|g| Some(g.suspects.iter().find(|s| s.at == at)?.probability));
     if let (Some(group), Some(own)) = (group, is_source.filter(|own| *own < 0.5)) {
@@ -197,12 +200,16 @@ fn why(cause: Cause, of: &LoopFound, loop_: &PlantLoop) -> String {
         Cause::Sensor if i.kept.quantisation > 0.1 => {
             format!("PV moves in steps of {:.1} standard deviations", i.kept.quantisation)
         }
-        Cause::Sensor => format!("{} of PV's variance is noise", percent(i.kept.noise_share)),
+        Cause::Sensor => {
+            format!("{} of PV's variance is noise, and OP follows it", percent(i.kept.noise_share))
+        }
         Cause::Saturation => format!("OP is at a limit for {} of the time", percent(signs[LIMITS])),
         Cause::Neighbour | Cause::Unknown => String::new(),
     }
 }
 
+/// Share of the time in automatic below which nothing is said of a controller.
+const IN_MANUAL: f64 = 0.5;
 /// Where two of the signs stand.
 const LIMITS: usize = 0;
 const HELD: usize = 3;
