@@ -2,7 +2,7 @@
 //! `cargo run --release -p stictiond-numerics --example holes -- --records 100 --first-seed 8000`.
 //!
 //! Options: `--records N` sticking loops of three generators that share no code, `--first-seed K`, `--threads T`,
-//! `--shares A,B` per cent missing, `--each`, which prints the loops of whom another verdict is said than without holes.
+//! `--shares A,B` per cent missing, `--of op` or `--of pv` where only that tag has holes, `--each`, which prints the loops of whom another verdict is said than without holes.
 
 #[path = "../tests/acquired_common/mod.rs"]
 mod acquired_common;
@@ -18,10 +18,12 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 use stictiond_numerics::detectors::tally;
 use stictiond_numerics::diagnosis;
+use stictiond_numerics::signal::Record;
 use stictiond_numerics::sim::acquisition::Gaps;
 
 fn main() -> ExitCode {
     let (mut count, mut first, mut each, mut shares) = (100, 8000, false, vec![2, 5, 10, 20, 30]);
+    let mut only = String::new();
     let mut threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut args = std::env::args().skip(1);
     while let Some(name) = args.next() {
@@ -34,6 +36,7 @@ fn main() -> ExitCode {
             ("--records", Ok(n)) => count = n as usize,
             ("--first-seed", Ok(n)) => first = n,
             ("--threads", Ok(n)) => threads = n.max(1) as usize,
+            ("--of", _) => only = value.clone(),
             ("--shares", _) => shares = value.split(',').filter_map(|share| share.parse().ok()).collect(),
             _ => {
                 eprintln!("{name} {value}: not an option, see the first lines of the example");
@@ -51,7 +54,15 @@ fn main() -> ExitCode {
     show("0 %", &loops, &whole, &whole, false);
     for percent in shares {
         for (how, gaps) in kinds_of_gaps(percent) {
-            let said = parallel::on(threads, &loops, |own| judge(own, &with_gaps(own, gaps)));
+            let said = parallel::on(threads, &loops, |own| {
+                let (whole, holes) = (with_gaps(own, Gaps::None), with_gaps(own, gaps));
+                let record = match only.as_str() {
+                    "pv" => Record { pv: holes.pv, ..whole },
+                    "op" => Record { op: holes.op, ..whole },
+                    _ => holes,
+                };
+                judge(own, &record)
+            });
             show(&format!("{percent} % {how}"), &loops, &whole, &said, each);
         }
     }

@@ -14,6 +14,7 @@ use super::acquisition::{self, Placed};
 use super::history_kind::{HistoryKind, recognise};
 use super::{NotIdentifiable, Preparation, Settings};
 use crate::signal::{Record, Row, Sample, Window};
+use crate::sysid::missing::likeliest;
 use clean::{clean, missing_share, shortage};
 use refuse::refuse;
 use stretches::{automatic, intersect, runs};
@@ -148,13 +149,16 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
         let overlaps = kept.first()?.t <= end && kept.last()?.t >= placed.rows.time(from as f64);
         overlaps.then(|| held(&placed.other(&kept, from, n)))
     };
+    let sp = record.sp.as_deref().and_then(&other);
+    let (op, pv) = (&op[first..=last], &pv[first..=last]);
+    let [op, pv] = likeliest(op, pv, [carried_on(op), drawn_through(pv)], sp.as_deref());
     Window {
         t0: placed.rows.time(from as f64),
         ts: placed.rows.period,
-        op: carried_on(&op[first..=last]),
-        pv: drawn_through(&pv[first..=last]),
-        sp: record.sp.as_deref().and_then(other),
-        mv: record.mv.as_deref().and_then(other),
+        op,
+        pv,
+        sp,
+        mv: record.mv.as_deref().and_then(&other),
         tags: record.tags.iter().filter_map(|(name, s)| Some((name.clone(), other(s)?))).collect(),
         rows,
     }
