@@ -1,7 +1,7 @@
 //! What a diagnosis says of sticking loops of whose samples some are lost, at random, in bursts and periodically:
 //! `cargo run --release -p stictiond-numerics --example holes -- --records 100 --first-seed 8000`.
 //!
-//! Options: `--records N` sticking loops of three generators that share no code, `--first-seed K`, `--threads T`,
+//! Options: `--records N` sticking loops of three generators that share no code, `--skip N` of them, `--first-seed K`, `--threads T`,
 //! `--shares A,B` per cent missing, `--of op` or `--of pv` where only that tag has holes, `--each`, which prints the loops of whom another verdict is said than without holes.
 
 #[path = "../tests/acquired_common/mod.rs"]
@@ -23,7 +23,7 @@ use stictiond_numerics::sim::acquisition::Gaps;
 
 fn main() -> ExitCode {
     let (mut count, mut first, mut each, mut shares) = (100, 8000, false, vec![2, 5, 10, 20, 30]);
-    let mut only = String::new();
+    let (mut only, mut skipped) = (String::new(), 0);
     let mut threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut args = std::env::args().skip(1);
     while let Some(name) = args.next() {
@@ -36,6 +36,7 @@ fn main() -> ExitCode {
             ("--records", Ok(n)) => count = n as usize,
             ("--first-seed", Ok(n)) => first = n,
             ("--threads", Ok(n)) => threads = n.max(1) as usize,
+            ("--skip", Ok(n)) => skipped = n as usize,
             ("--of", _) => only = value.clone(),
             ("--shares", _) => shares = value.split(',').filter_map(|share| share.parse().ok()).collect(),
             _ => {
@@ -44,7 +45,7 @@ fn main() -> ExitCode {
             }
         }
     }
-    let loops: Vec<Loop> = (0..).map(|i| draw(i, first + i)).filter(|own| own.f > 0.0).take(count).collect();
+    let loops: Vec<Loop> = (0..).map(|i| draw(i, first + i)).filter(|own| own.f > 0.0).skip(skipped).take(count).collect();
     let whole = parallel::on(threads, &loops, |own| judge(own, &with_gaps(own, Gaps::None)));
     println!("{count} sticking loops, seeds from {first}; Wilson 95 % intervals in brackets\n");
     println!(
