@@ -24,8 +24,6 @@ const ROWS_EACH: usize = 10;
 const MOST_ROWS: usize = 4000;
 /// Passes of reweighted least squares.
 const PASSES: usize = 4;
-/// Least error of a law as a share of its signal's spread: weights of a law that is exact stay numbers.
-const EXACT: f64 = 1e-5;
 /// Rows of a set point that never moves say nothing of it.
 const SIGNALS: usize = 3;
 
@@ -142,7 +140,7 @@ impl Signals {
         for (term, theta) in terms.iter_mut().zip(&theta) {
             term.2 = *theta;
         }
-        Some(Law { of, terms, constant: theta[size - 1], scale: scale.max(EXACT) })
+        Some(Law { of, terms, constant: theta[size - 1], scale })
     }
 
     /// Puts the least sum of squares in place of what is missing, from row `lags` on; false where there is none.
@@ -203,7 +201,7 @@ fn fitted(table: &[Vec<f64>], size: usize) -> (Vec<f64>, f64) {
         theta = right;
         let error = |row: &Vec<f64>| row[size] - theta.iter().zip(row).map(|(t, v)| t * v).sum::<f64>();
         let e: Vec<f64> = table.iter().map(error).collect();
-        let (s, nu, _) = student::tails(&e, &ones, student::first_scale(&e, &ones), EXACT);
+        let (s, nu, _) = student::tails(&e, &ones, student::first_scale(&e, &ones), 0.0);
         student::reweigh(&e, &ones, (s, nu), &mut omega);
         scale = s;
     }
@@ -264,5 +262,96 @@ impl Banded {
             }
         }
         x.iter().all(|x| x.is_finite()).then_some(x)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_pcg::Pcg64Mcg;
+
+    /// A PI loop behind a valve that sticks, with noise on PV: OP, PV and SP.
+    fn limit_cycle(n: usize) -> [Vec<f64>; 3] {
+        let mut rng = Pcg64Mcg::seed_from_u64(5);
+        let (mut y, mut stem, mut op, mut last) = (0.0, 0.0, 0.0, 0.0);
+        let mut out = [const { Vec::new() }; 3];
+        for k in 0..n {
+            let sp = if k % 400 < 200 { 0.0 } else { 0.5 };
+            let noise: f64 = StandardNormal.sample(&mut rng);
+            let error = sp - (y + 0.02 * noise);
+            op += 0.8 * (error - last) + 0.08 * error;
+            last = error;
+            if f64::abs(op - stem) > 1.0 {
+                stem = op;
+            }
+            [op, sp - error, sp].iter().zip(&mut out).for_each(|(v, out)| out.push(*v));
+            y += 0.15 * (stem - y);
+        }
+        out
+    }
+
+    fn with_holes(v: &[f64], lost: impl Fn(usize) -> bool) -> Vec<Option<f64>> {
+        v.iter().enumerate().map(|(k, v)| (!lost(k)).then_some(*v)).collect()
+    }
+
+    fn held(v: &[Option<f64>]) -> Vec<f64> {
+        let mut last = 0.0;
+        let next = |v: &Option<f64>| {
+            last = v.unwrap_or(last);
+            last
+        };
+        v.iter().map(next).collect()
+    }
+
+    #[test]
+    fn a_turn_of_op_in_a_hole_is_found_again() {
+        let [op, pv, sp] = limit_cycle(1500);
+        let mut rng = Pcg64Mcg::seed_from_u64(6);
+        let chance: Vec<bool> = (0..1500).map(|_| rng.random::<f64>() < 0.1).collect();
+        let patterns: [&dyn Fn(usize) -> bool; 3] =
+            [&|k| chance[k], &|k| k % 60 < 6, &|k| k % 10 < 3];
+        for lost in patterns {
+            let lost = |k: usize| lost(k) && k > 30;
+            let (some_op, some_pv) = (with_holes(&op, lost), with_holes(&pv, lost));
+            let guess = [held(&some_op), held(&some_pv)];
+            let found = likeliest(&some_op, &some_pv, guess.clone(), Some(&sp));
+            let off = |v: &[f64], of: &[f64]| -> f64 {
+                v.iter().zip(of).map(|(v, of)| (v - of).powi(2)).sum::<f64>().sqrt()
+            };
+            // Held values are off by several steps; what is left is PV's noise, which nothing tells.
+            for (tag, of) in [(0, &op), (1, &pv)] {
+                let (before, after) = (off(&guess[tag], of), off(&found[tag], of));
+                assert!(after < 0.4 * before, "{tag}: {after} {before}");
+            }
+            let measured = (0..1500).filter(|k| !lost(*k));
+            measured.for_each(|k| assert_eq!((found[0][k], found[1][k]), (op[k], pv[k])));
+        }
+    }
+
+    #[test]
+    fn where_no_law_can_be_told_the_guess_stays() {
+        let [op, pv, _] = limit_cycle(200);
+        // Never two rows on end.
+        let some = with_holes(&op, |k| k % 2 > 0);
+        let guess = [held(&some), pv.clone()];
+        let pv: Vec<Option<f64>> = pv.into_iter().map(Some).collect();
+        assert_eq!(likeliest(&some, &pv, guess.clone(), None), guess);
+        let still = vec![Some(1.0); 200];
+        assert_eq!(likeliest(&some, &still, guess.clone(), None), guess);
+        assert_eq!(likeliest(&[], &[], [vec![], vec![]], None), [vec![], vec![]] as [Vec<f64>; 2]);
+    }
+
+    #[test]
+    fn a_banded_system_is_solved() {
+        // (x0 - 1)^2 + (x1 - x0 - 2)^2 + 4 (x2 + x1 - 5)^2 is 0 at 1, 3, 2.
+        let mut system = Banded::new(3, 2);
+        system.add(&[(0, 1.0)], -1.0, 1.0);
+        system.add(&[(1, 1.0), (0, -1.0)], -2.0, 1.0);
+        system.add(&[(2, 1.0), (1, 1.0)], -5.0, 4.0);
+        let x = system.solved().expect("three squares, three unknowns");
+        assert!(x.iter().zip([1.0, 3.0, 2.0]).all(|(x, known)| (x - known).abs() < 1e-12), "{x:?}");
+        assert!(Banded::new(1, 1).solved().is_none());
     }
 }
