@@ -16,10 +16,13 @@ use super::least_squares::{MOST_COLUMNS, factor, substitute};
 use super::stats::{mean, sd};
 use super::student;
 
-/// Lags p of both laws, the longest that the rows without holes allow.
-const LAGS: [usize; 4] = [6, 4, 3, 2];
-/// Rows without holes for each coefficient that allow it.
+/// Lags p of a law: those tried, of which the rows without holes tell the best.
+const LAGS: [usize; 6] = [1, 2, 3, 4, 6, 8];
+/// Rows without holes for each coefficient that allow so many lags.
 const ROWS_EACH: usize = 10;
+/// Power, as a share of a signal's own, below which rounding makes the difference between signals: OP is recorded to so many
+/// digits, and what a controller computes exactly is a combination of the rest.
+const ROUNDING: f64 = 1e-10;
 /// Rows that a law is estimated from, at most.
 const MOST_ROWS: usize = 4000;
 /// Passes of reweighted least squares.
@@ -67,10 +70,9 @@ pub fn likeliest(
         return guess;
     }
     let Some(mut signals) = Signals::new([op, pv], &guess, sp) else { return guess };
-    let Some((lags, laws)) = LAGS.iter().find_map(|lags| Some((*lags, signals.laws(*lags)?))) else {
-        return guess;
-    };
-    if !signals.solve(lags, &laws) {
+    let laws = [Tag::Op, Tag::Pv].map(|of| signals.law(of));
+    let [Some(of_op), Some(of_pv)] = laws else { return guess };
+    if !signals.solve(&[of_op, of_pv]) {
         return guess;
     }
     let mut out = guess;
@@ -107,45 +109,52 @@ impl Signals {
         tag == Tag::Sp || self.there[tag as usize][k]
     }
 
-    /// Both laws with so many lags; `None` where the rows without holes are too few.
-    fn laws(&self, lags: usize) -> Option<[Law; 2]> {
-        Some([self.law(Tag::Op, lags)?, self.law(Tag::Pv, lags)?])
+    /// One law, with the lags that tell most; `None` where the rows without holes are too few for any.
+    fn law(&self, of: Tag) -> Option<Law> {
+        let rows_of = |terms: &[(Tag, usize)]| -> Vec<usize> {
+            let whole = |k: &usize| self.there(of, *k) && terms.iter().all(|(tag, lag)| self.there(*tag, k - lag));
+            (self.longest(terms)..self.values[0].len()).filter(whole).collect()
+        };
+        let each = LAGS.map(|lags| self.terms(of, lags));
+        let enough = |terms: &Vec<(Tag, usize)>| rows_of(terms).len() >= ROWS_EACH * (terms.len() + 1);
+        let most = each.iter().rposition(enough)?;
+        let rows = rows_of(&each[most]);
+        let rows: Vec<usize> = rows.iter().copied().step_by(rows.len().div_ceil(MOST_ROWS)).collect();
+        let fits = each[..=most].iter().map(|terms| {
+            let row = |k: &usize| -> Vec<f64> {
+                let terms = terms.iter().map(|(tag, lag)| self.values[*tag as usize][k - lag]);
+                terms.chain([1.0, self.values[of as usize][*k]]).collect()
+            };
+            let size = terms.len() + 1;
+            let (theta, scale, log_likelihood) = fitted(&rows.iter().map(row).collect::<Vec<_>>(), size);
+            // Schwarz's criterion: a coefficient more has to pay for itself.
+            let score = log_likelihood - 0.5 * size as f64 * (rows.len() as f64).ln();
+            let terms = terms.iter().zip(&theta).map(|((tag, lag), theta)| (*tag, *lag, *theta)).collect();
+            (score, Law { of, terms, constant: theta[size - 1], scale })
+        });
+        fits.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, law)| law)
     }
 
-    /// One law, by reweighted least squares.
-    fn law(&self, of: Tag, lags: usize) -> Option<Law> {
-        let mut terms: Vec<(Tag, usize, f64)> = Vec::new();
+    /// What a law with so many lags predicts from.
+    fn terms(&self, of: Tag, lags: usize) -> Vec<(Tag, usize)> {
+        let mut terms = Vec::new();
         for tag in [Tag::Op, Tag::Pv, Tag::Sp] {
             let used = !self.values[tag as usize].is_empty() && !(of == Tag::Pv && tag == Tag::Sp);
             // OP follows from this scan's PV, PV from an earlier OP.
-            let from = usize::from(!(of == Tag::Op && tag != Tag::Op));
-            terms.extend((from..=lags).filter(|_| used).map(|lag| (tag, lag, 0.0)));
+            let from = usize::from(of == Tag::Pv || tag == Tag::Op);
+            terms.extend((from..=lags).filter(|_| used).map(|lag| (tag, lag)));
         }
-        let n = self.values[0].len();
-        let whole = |k: &usize| {
-            self.there(of, *k) && terms.iter().all(|(tag, lag, _)| self.there(*tag, k - lag))
-        };
-        let rows: Vec<usize> = (lags..n).filter(whole).collect();
-        let size = terms.len() + 1;
-        if rows.len() < ROWS_EACH * size {
-            return None;
-        }
-        let rows: Vec<usize> = rows.iter().copied().step_by(rows.len().div_ceil(MOST_ROWS)).collect();
-        let row = |k: usize| -> Vec<f64> {
-            let terms = terms.iter().map(|(tag, lag, _)| self.values[*tag as usize][k - lag]);
-            terms.chain([1.0, self.values[of as usize][k]]).collect()
-        };
-        let table: Vec<Vec<f64>> = rows.iter().map(|k| row(*k)).collect();
-        let (theta, scale) = fitted(&table, size);
-        for (term, theta) in terms.iter_mut().zip(&theta) {
-            term.2 = *theta;
-        }
-        Some(Law { of, terms, constant: theta[size - 1], scale })
+        terms
     }
 
-    /// Puts the least sum of squares in place of what is missing, from row `lags` on; false where there is none.
-    fn solve(&mut self, lags: usize, laws: &[Law; 2]) -> bool {
+    fn longest(&self, terms: &[(Tag, usize)]) -> usize {
+        terms.iter().map(|(_, lag)| *lag).max().unwrap_or(0)
+    }
+
+    /// Puts the least sum of squares in place of what is missing, behind the longest lag; false where there is none.
+    fn solve(&mut self, laws: &[Law; 2]) -> bool {
         let n = self.values[0].len();
+        let lags = laws.iter().flat_map(|law| &law.terms).map(|(_, lag, _)| *lag).max().unwrap_or(0);
         let mut places = [vec![None; n], vec![None; n]];
         let mut count = 0;
         for k in lags..n {
@@ -172,7 +181,7 @@ impl Signals {
                 system.add(&unknown, rest, 1.0 / (law.scale * law.scale));
             }
         }
-        let Some(found) = system.solved() else { return false };
+        let Some(found) = system.solved().filter(|found| self.plausible(&places, found)) else { return false };
         for (places, values) in places.iter().zip(&mut self.values) {
             for (value, at) in values.iter_mut().zip(places) {
                 *value = at.map_or(*value, |at| found[at]);
@@ -182,10 +191,23 @@ impl Signals {
     }
 }
 
-/// Coefficients of the last column of a table by those before it, and the scale of the errors.
-fn fitted(table: &[Vec<f64>], size: usize) -> (Vec<f64>, f64) {
+impl Signals {
+    /// Whether nothing lies farther beyond what was measured than that is wide.
+    fn plausible(&self, places: &[Vec<Option<usize>>; 2], found: &[f64]) -> bool {
+        (0..2).all(|tag| {
+            let there = self.values[tag].iter().zip(&self.there[tag]).filter(|(_, there)| **there);
+            let measured = there.map(|(v, _)| *v);
+            let (low, high) = measured.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            let reach = high - low;
+            places[tag].iter().flatten().all(|at| (low - reach..=high + reach).contains(&found[*at]))
+        })
+    }
+}
+
+/// Coefficients of the last column of a table by those before it, the scale of the errors and their log-likelihood.
+fn fitted(table: &[Vec<f64>], size: usize) -> (Vec<f64>, f64, f64) {
     let ones = vec![1.0; table.len()];
-    let (mut omega, mut theta, mut scale) = (ones.clone(), Vec::new(), 0.0);
+    let (mut omega, mut theta, mut scale, mut log_likelihood) = (ones.clone(), Vec::new(), 0.0, 0.0);
     for _ in 0..PASSES {
         let (mut g, mut right) = (vec![0.0; size * size], vec![0.0; size]);
         for (row, omega) in table.iter().zip(&omega) {
@@ -195,17 +217,18 @@ fn fitted(table: &[Vec<f64>], size: usize) -> (Vec<f64>, f64) {
                 (0..=i).for_each(|j| g[i * size + j] += by * row[j]);
             }
         }
+        (0..size).for_each(|i| g[i * size + i] *= 1.0 + ROUNDING);
         let mut live = [true; MOST_COLUMNS];
         factor(&mut g, size, size, &mut live);
         substitute(&g, size, &live, &mut right);
         theta = right;
         let error = |row: &Vec<f64>| row[size] - theta.iter().zip(row).map(|(t, v)| t * v).sum::<f64>();
         let e: Vec<f64> = table.iter().map(error).collect();
-        let (s, nu, _) = student::tails(&e, &ones, student::first_scale(&e, &ones), 0.0);
+        let (s, nu, log) = student::tails(&e, &ones, student::first_scale(&e, &ones), 0.0);
         student::reweigh(&e, &ones, (s, nu), &mut omega);
-        scale = s;
+        (scale, log_likelihood) = (s, log);
     }
-    (theta, scale)
+    (theta, scale, log_likelihood)
 }
 
 /// A symmetric system whose unknowns meet only their neighbours.
