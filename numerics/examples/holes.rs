@@ -1,8 +1,8 @@
 //! What a diagnosis says of sticking loops of whose samples some are lost, at random, in bursts and periodically:
 //! `cargo run --release -p stictiond-numerics --example holes -- --records 100 --first-seed 8000`.
 //!
-//! Options: `--records N` sticking loops of three generators that share no code, `--skip N` of them, `--first-seed K`, `--threads T`,
-//! `--shares A,B` per cent missing, `--of op` or `--of pv` where only that tag has holes, `--each`, which prints the loops of whom another verdict is said than without holes.
+//! Options: `--records N` sticking loops of three generators that share no code, `--first-seed K`, `--threads T`,
+//! `--shares A,B` per cent missing, `--kinds A,B` only those whose names contain one of these, `--of op` or `--of pv` where only that tag has holes, `--each`, which prints the loops of whom another verdict is said than without holes.
 
 #[path = "../tests/acquired_common/mod.rs"]
 mod acquired_common;
@@ -23,7 +23,7 @@ use stictiond_numerics::sim::acquisition::Gaps;
 
 fn main() -> ExitCode {
     let (mut count, mut first, mut each, mut shares) = (100, 8000, false, vec![2, 5, 10, 20, 30]);
-    let (mut only, mut skipped) = (String::new(), 0);
+    let (mut only, mut kinds) = (String::new(), Vec::<String>::new());
     let mut threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut args = std::env::args().skip(1);
     while let Some(name) = args.next() {
@@ -36,7 +36,7 @@ fn main() -> ExitCode {
             ("--records", Ok(n)) => count = n as usize,
             ("--first-seed", Ok(n)) => first = n,
             ("--threads", Ok(n)) => threads = n.max(1) as usize,
-            ("--skip", Ok(n)) => skipped = n as usize,
+            ("--kinds", _) => kinds = value.split(',').map(str::to_string).collect(),
             ("--of", _) => only = value.clone(),
             ("--shares", _) => shares = value.split(',').filter_map(|share| share.parse().ok()).collect(),
             _ => {
@@ -45,7 +45,7 @@ fn main() -> ExitCode {
             }
         }
     }
-    let loops: Vec<Loop> = (0..).map(|i| draw(i, first + i)).filter(|own| own.f > 0.0).skip(skipped).take(count).collect();
+    let loops: Vec<Loop> = (0..).map(|i| draw(i, first + i)).filter(|own| own.f > 0.0).take(count).collect();
     let whole = parallel::on(threads, &loops, |own| judge(own, &with_gaps(own, Gaps::None)));
     println!("{count} sticking loops, seeds from {first}; Wilson 95 % intervals in brackets\n");
     println!(
@@ -54,7 +54,8 @@ fn main() -> ExitCode {
     println!("|---|---|---|---|---|---|---|---|---|");
     show("0 %", &loops, &whole, &whole, false);
     for percent in shares {
-        for (how, gaps) in kinds_of_gaps(percent) {
+        let wanted = |how: &str| kinds.is_empty() || kinds.iter().any(|kind| how.contains(kind));
+        for (how, gaps) in kinds_of_gaps(percent).into_iter().filter(|(how, _)| wanted(how)) {
             let said = parallel::on(threads, &loops, |own| {
                 let (whole, holes) = (with_gaps(own, Gaps::None), with_gaps(own, gaps));
                 let record = match only.as_str() {
@@ -79,12 +80,17 @@ fn show(name: &str, loops: &[Loop], whole: &[Said], said: &[Said], each: bool) {
     let found = of(&|_, _, said| said.sticks());
     let sound = of(&|_, _, said| said.verdict == "no_stiction");
     let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
-    said.iter().filter(|said| !said.code.is_empty()).for_each(|said| *reasons.entry(said.code).or_default() += 1);
+    said.iter()
+        .filter(|said| !said.code.is_empty())
+        .for_each(|said| *reasons.entry(said.code).or_default() += 1);
     let reasons: Vec<String> = reasons.iter().map(|(code, count)| format!("{count} {code}")).collect();
     println!(
         "| {name} | {} | {found} | {} | {} | {} | {} | {} | {} |",
         wilson(of(&|_, whole, said| whole.verdict == said.verdict), all.len()),
-        wilson(of(&|_, whole, said| whole.sticks() && said.sticks()), whole.iter().filter(|own| own.sticks()).count()),
+        wilson(
+            of(&|_, whole, said| whole.sticks() && said.sticks()),
+            whole.iter().filter(|own| own.sticks()).count()
+        ),
         wilson(of(&|own, _, said| said.sticks() && said.near(own.f)), found),
         wilson(of(&|own, _, said| said.sticks() && said.covers(own.f)), found),
         wilson(of(&|_, _, said| said.verdict != "no_stiction"), all.len()),
@@ -105,7 +111,9 @@ fn show(name: &str, loops: &[Loop], whole: &[Said], said: &[Said], each: bool) {
         let near = |said: &Said| (said.evidence - limit).abs() < 0.5 * limit;
         let changed = of(&|_, whole, said| whole.verdict != said.verdict);
         let marginal = of(&|_, whole, said| whole.verdict != said.verdict && near(whole));
-        println!("    {changed} changed, of them {marginal} whose evidence without holes lies within half of the limit of it");
+        println!(
+            "    {changed} changed, of them {marginal} whose evidence without holes lies within half of the limit of it"
+        );
     }
 }
 

@@ -25,8 +25,8 @@ use super::iddata::IdData;
 use super::student;
 use super::zeros::draw_inside;
 use gradient::Normal;
-use holes::Gains;
 pub use gradient::{Gradient, filtered};
+use holes::Gains;
 
 /// `na = nb = nc` of every model.
 pub const ORDER: usize = 3;

@@ -27,7 +27,7 @@ const ROUNDING: f64 = 1e-10;
 const MOST_ROWS: usize = 4000;
 /// Passes of reweighted least squares.
 const PASSES: usize = 4;
-/// Rows of a set point that never moves say nothing of it.
+/// OP, PV and SP.
 const SIGNALS: usize = 3;
 
 /// A signal's place among the three.
@@ -91,11 +91,13 @@ impl Signals {
             let there: Vec<f64> = v.iter().copied().flatten().collect();
             (mean(&there), sd(&there))
         });
-        let usable = |(middle, spread): &(f64, f64)| middle.is_finite() && spread.is_finite() && *spread > 0.0;
+        let usable =
+            |(middle, spread): &(f64, f64)| middle.is_finite() && spread.is_finite() && *spread > 0.0;
         if !scale.iter().all(usable) {
             return None;
         }
-        let scaled = |v: &[f64], (middle, spread): (f64, f64)| v.iter().map(|v| (v - middle) / spread).collect();
+        let scaled =
+            |v: &[f64], (middle, spread): (f64, f64)| v.iter().map(|v| (v - middle) / spread).collect();
         let moves = |sp: &&[f64]| sp.len() == guess[0].len() && sp.iter().any(|v| *v != sp[0]);
         let sp = sp.filter(moves).map_or_else(Vec::new, |sp| scaled(sp, (mean(sp), sd(sp))));
         Some(Self {
@@ -112,7 +114,8 @@ impl Signals {
     /// One law, with the lags that tell most; `None` where the rows without holes are too few for any.
     fn law(&self, of: Tag) -> Option<Law> {
         let rows_of = |terms: &[(Tag, usize)]| -> Vec<usize> {
-            let whole = |k: &usize| self.there(of, *k) && terms.iter().all(|(tag, lag)| self.there(*tag, k - lag));
+            let whole =
+                |k: &usize| self.there(of, *k) && terms.iter().all(|(tag, lag)| self.there(*tag, k - lag));
             (self.longest(terms)..self.values[0].len()).filter(whole).collect()
         };
         let each = LAGS.map(|lags| self.terms(of, lags));
@@ -139,7 +142,7 @@ impl Signals {
     fn terms(&self, of: Tag, lags: usize) -> Vec<(Tag, usize)> {
         let mut terms = Vec::new();
         for tag in [Tag::Op, Tag::Pv, Tag::Sp] {
-            let used = !self.values[tag as usize].is_empty() && !(of == Tag::Pv && tag == Tag::Sp);
+            let used = !(self.values[tag as usize].is_empty() || of == Tag::Pv && tag == Tag::Sp);
             // OP follows from this scan's PV, PV from an earlier OP.
             let from = usize::from(of == Tag::Pv || tag == Tag::Op);
             terms.extend((from..=lags).filter(|_| used).map(|lag| (tag, lag)));
@@ -181,10 +184,14 @@ impl Signals {
                 system.add(&unknown, rest, 1.0 / (law.scale * law.scale));
             }
         }
-        let Some(found) = system.solved().filter(|found| self.plausible(&places, found)) else { return false };
-        for (places, values) in places.iter().zip(&mut self.values) {
+        let Some(found) = system.solved().filter(|found| self.plausible(&places, found)) else {
+            return false;
+        };
+        // A turn beyond all that was measured is a law's, not a loop's.
+        let ranges = [0, 1].map(|tag| self.range(tag));
+        for ((places, values), (low, high)) in places.iter().zip(&mut self.values).zip(ranges) {
             for (value, at) in values.iter_mut().zip(places) {
-                *value = at.map_or(*value, |at| found[at]);
+                *value = at.map_or(*value, |at| found[at].clamp(low, high));
             }
         }
         true
@@ -192,14 +199,18 @@ impl Signals {
 }
 
 impl Signals {
+    /// Least and largest measured value of a signal.
+    fn range(&self, tag: usize) -> (f64, f64) {
+        let there = self.values[tag].iter().zip(&self.there[tag]).filter(|(_, there)| **there);
+        there.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (v, _)| (low.min(*v), high.max(*v)))
+    }
+
     /// Whether nothing lies farther beyond what was measured than that is wide.
     fn plausible(&self, places: &[Vec<Option<usize>>; 2], found: &[f64]) -> bool {
-        (0..2).all(|tag| {
-            let there = self.values[tag].iter().zip(&self.there[tag]).filter(|(_, there)| **there);
-            let measured = there.map(|(v, _)| *v);
-            let (low, high) = measured.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        places.iter().enumerate().all(|(tag, places)| {
+            let (low, high) = self.range(tag);
             let reach = high - low;
-            places[tag].iter().flatten().all(|at| (low - reach..=high + reach).contains(&found[*at]))
+            places.iter().flatten().all(|at| (low - reach..=high + reach).contains(&found[*at]))
         })
     }
 }
@@ -279,9 +290,9 @@ impl Banded {
         }
         for i in (0..n).rev() {
             x[i] /= *self.at(i, i);
-            let value = x[i];
-            for j in (i + 1).saturating_sub(self.width)..i {
-                x[j] -= *self.at(i, j) * value;
+            let (value, first) = (x[i], (i + 1).saturating_sub(self.width));
+            for (j, x) in x[first..i].iter_mut().enumerate() {
+                *x -= *self.at(i, first + j) * value;
             }
         }
         x.iter().all(|x| x.is_finite()).then_some(x)
@@ -333,8 +344,7 @@ mod tests {
         let [op, pv, sp] = limit_cycle(1500);
         let mut rng = Pcg64Mcg::seed_from_u64(6);
         let chance: Vec<bool> = (0..1500).map(|_| rng.random::<f64>() < 0.1).collect();
-        let patterns: [&dyn Fn(usize) -> bool; 3] =
-            [&|k| chance[k], &|k| k % 60 < 6, &|k| k % 10 < 3];
+        let patterns: [&dyn Fn(usize) -> bool; 3] = [&|k| chance[k], &|k| k % 60 < 6, &|k| k % 10 < 3];
         for lost in patterns {
             let lost = |k: usize| lost(k) && k > 30;
             let (some_op, some_pv) = (with_holes(&op, lost), with_holes(&pv, lost));

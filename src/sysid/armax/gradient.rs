@@ -96,8 +96,7 @@ fn with_holes(
 ) -> Vec<Vec<f64>> {
     let (rows, begin) = (data.rows(), data.start.index);
     let cut = |v: Vec<f64>| v[rows.clone()].to_vec();
-    let of_state =
-        |i: usize, sign: f64, v: &[f64]| cut(at.gains.through(begin, |_| 0.0, Some((i, sign, v))));
+    let of_state = |i: usize, sign: f64, v: &[f64]| cut(at.gains.through(begin, |_| 0.0, Some((i, sign, v))));
     let mut columns: Vec<Vec<f64>> = (0..ORDER).map(|i| of_state(i, -1.0, &at.y)).collect();
     let x = |j: usize| move |k: usize| signals.x[k.saturating_sub(model.nk + j)];
     columns.extend((0..ORDER).map(|j| cut(at.gains.through(begin, x(j), None))));

@@ -77,7 +77,15 @@ impl Gains {
 
 impl Armax {
     /// The errors from `begin` on, each in its own standard deviation; PV is filled with its prediction where it is missing.
-    pub(super) fn filter(&self, data: &IdData, known: &[f64], begin: usize, y: &mut [f64], e: &mut [f64], gains: &mut Gains) {
+    pub(super) fn filter(
+        &self,
+        data: &IdData,
+        known: &[f64],
+        begin: usize,
+        y: &mut [f64],
+        e: &mut [f64],
+        gains: &mut Gains,
+    ) {
         let (a, c, to) = (self.a, self.c, y.len());
         let steady: [f64; ORDER] = std::array::from_fn(|i| c[i] - a[i]);
         gains.gain.clear();
@@ -99,7 +107,9 @@ impl Armax {
             let (gain, root) = if counts {
                 let (gain, s) = p.as_ref().map_or((steady, 1.0), |p| self.gain(p));
                 (e[k], gains.likeliest[k]) = (error / s.sqrt(), error / s);
-                p = p.map(|p| self.observed(&p, &gain, s)).filter(|p| p.iter().flatten().any(|v| v.abs() > KNOWN));
+                p = p
+                    .map(|p| self.observed(&p, &gain, s))
+                    .filter(|p| p.iter().flatten().any(|v| v.abs() > KNOWN));
                 (gain, s.sqrt())
             } else if data.known[k] {
                 p = Some(self.passed(&p.unwrap_or_default()));
