@@ -110,6 +110,7 @@ impl Plantwide {
         let ids: BTreeSet<LoopId> = config.loops.iter().map(|own| LoopId::new(own.id.as_str())).collect();
         lock(&self.list).keep_only(&ids);
         lock(&self.health).keep_only(&ids);
+        self.results.swing(lock(&self.list).sources());
         self.wanted.notify_one();
     }
 
@@ -137,7 +138,12 @@ impl Plantwide {
             }
             let own = self.clone();
             let look = move || catch_unwind(AssertUnwindSafe(|| own.look_once()));
-            let looked = tokio::task::spawn_blocking(look).await;
+            let look = tokio::task::spawn_blocking(look);
+            let looked = tokio::select! {
+                // Nobody waits for a look that nobody will see.
+                () = stop.cancelled() => return,
+                looked = look => looked,
+            };
             self.looking.store(false, Relaxed);
             if !matches!(looked, Ok(Ok(()))) {
                 tracing::error!("the look at the plant as a whole failed");
