@@ -21,6 +21,7 @@ fn every_input_of_the_corpus_is_taken() {
     for target in targets::TARGETS {
         let inputs = corpus(target.name);
         assert!(inputs.len() >= 2, "{}: a target needs something to begin with", target.name);
+        assert!(target.most_mib > 0, "{}: a target needs a bound of memory", target.name);
         for (name, bytes) in inputs {
             let run = target.run;
             let ran = std::panic::catch_unwind(|| run(&bytes));

@@ -22,7 +22,7 @@ fn daemon() -> SocketAddr {
         let tables = scratch("http");
         std::fs::write(tables.join("a.csv"), "t,op,pv\n0,50,20\n1,51,21\n2,52,22\n").expect("written");
         let text = format!(
-            "[server]\nlisten = \"127.0.0.1:0\"\n[tables]\nfolder = \"{}\"\n\
+            "[server]\nlisten = \"127.0.0.1:0\"\nread_timeout_s = 0.1\n[tables]\nfolder = \"{}\"\n\
              [[modbus]]\nname = \"d\"\naddress = \"127.0.0.1:9\"\naddress_base = 0\npoll_ms = 60000\n\
              [[loop]]\nid = \"FIC1\"\ngroup = \"u\"\nop_span = 100.0\n\
              op = {{ device = \"d\", register = \"holding\", address = 0, type = \"f32\" }}\n\

@@ -38,7 +38,8 @@ pub const TARGETS: &[Target] = &[
     target("config", config::run, 64),
     target("access", records::access, 64),
     target("modbus", modbus::run, 16),
-    target("opcua", opcua::run, 32),
+    // The library reserves as much as the length of a structure says, and touches only what came of it.
+    target("opcua", opcua::run, 2048 + 32),
     target("json", mqtt::json, 32),
     target("sparkplug", mqtt::sparkplug, 32),
     target("blocks", blocks::run, 64),
