@@ -76,11 +76,10 @@ pub fn likeliest(
         return guess;
     }
     let mut out = guess;
-    for (tag, out) in out.iter_mut().enumerate() {
-        let (middle, spread) = signals.scale[tag];
-        for k in (0..out.len()).filter(|k| !signals.there[tag][*k]) {
-            out[k] = middle + spread * signals.values[tag][k];
-        }
+    let rows: Vec<usize> = (0..op.len()).collect();
+    let whole = |k: &usize| op[*k].is_some() && pv[*k].is_some();
+    for hole in rows.chunk_by(|a, b| whole(a) == whole(b)).filter(|run| !whole(&run[0])) {
+        signals.take(hole, &mut out);
     }
     out
 }
@@ -184,14 +183,10 @@ impl Signals {
                 system.add(&unknown, rest, 1.0 / (law.scale * law.scale));
             }
         }
-        let Some(found) = system.solved().filter(|found| self.plausible(&places, found)) else {
-            return false;
-        };
-        // A turn beyond all that was measured is a law's, not a loop's.
-        let ranges = [0, 1].map(|tag| self.range(tag));
-        for ((places, values), (low, high)) in places.iter().zip(&mut self.values).zip(ranges) {
+        let Some(found) = system.solved() else { return false };
+        for (places, values) in places.iter().zip(&mut self.values) {
             for (value, at) in values.iter_mut().zip(places) {
-                *value = at.map_or(*value, |at| found[at].clamp(low, high));
+                *value = at.map_or(*value, |at| found[at]);
             }
         }
         true
@@ -205,13 +200,21 @@ impl Signals {
         there.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (v, _)| (low.min(*v), high.max(*v)))
     }
 
-    /// Whether nothing lies farther beyond what was measured than that is wide.
-    fn plausible(&self, places: &[Vec<Option<usize>>; 2], found: &[f64]) -> bool {
-        places.iter().enumerate().all(|(tag, places)| {
-            let (low, high) = self.range(tag);
+    /// Puts the values of one hole into `out`. Where one lies farther beyond what was measured than that is wide the law is none
+    /// of this loop there, and the hole stays as it is.
+    fn take(&self, hole: &[usize], out: &mut [Vec<f64>; 2]) {
+        let ranges = [0, 1].map(|tag| self.range(tag));
+        let plausible = ranges.iter().enumerate().all(|(tag, (low, high))| {
             let reach = high - low;
-            places.iter().flatten().all(|at| (low - reach..=high + reach).contains(&found[*at]))
-        })
+            hole.iter().all(|k| (low - reach..=high + reach).contains(&self.values[tag][*k]))
+        });
+        for (tag, (low, high)) in ranges.into_iter().enumerate().filter(|_| plausible) {
+            let (middle, spread) = self.scale[tag];
+            for &k in hole.iter().filter(|k| !self.there[tag][**k]) {
+                // A turn beyond all that was measured is a law's, not a loop's.
+                out[tag][k] = middle + spread * self.values[tag][k].clamp(low, high);
+            }
+        }
     }
 }
 
@@ -312,7 +315,7 @@ mod tests {
         let (mut y, mut stem, mut op, mut last) = (0.0, 0.0, 0.0, 0.0);
         let mut out = [const { Vec::new() }; 3];
         for k in 0..n {
-            let sp = if k % 400 < 200 { 0.0 } else { 0.5 };
+            let sp = if k % 406 < 203 { 0.0 } else { 0.5 };
             let noise: f64 = StandardNormal.sample(&mut rng);
             let error = sp - (y + 0.02 * noise);
             op += 0.8 * (error - last) + 0.08 * error;
