@@ -18,11 +18,12 @@ pub mod replay;
 mod restart;
 mod rings;
 mod security;
+mod surroundings;
 mod writeback;
 
 use crate::access::FileError;
 use crate::audit::AuditError;
-use crate::collect::{DeviceHealth, Issue};
+use crate::collect::{DeviceHealth, Issue, modbus};
 use crate::config::{self, Config, Diagnostic, Neighbour};
 use crate::detectors::integration::told_by_name;
 use crate::diagnosis::{self, Settings};
@@ -51,6 +52,8 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{Mutex, watch};
 use tokio_util::sync::CancellationToken;
 use writeback::WritebackControl;
+
+pub use surroundings::Surroundings;
 
 /// How often a shelving is looked at that may have run out.
 const ALARM_TICK: Duration = Duration::from_secs(1);
@@ -105,6 +108,7 @@ fn lines(diagnostics: &[Diagnostic]) -> String {
 /// The daemon, built and not yet running.
 pub struct App {
     clock: Clock,
+    dial: modbus::Dial,
     results: Arc<Results>,
     scheduler: Arc<Scheduler>,
     plant: watch::Sender<Arc<serve::Plant>>,
@@ -126,8 +130,8 @@ struct Running {
     history: Arc<History>,
     devices: Vec<Device>,
     collecting: bool,
-    /// When this configuration came into force (s).
-    since: f64,
+    /// How long after the start this configuration came into force.
+    since: Duration,
 }
 
 impl App {
@@ -143,6 +147,15 @@ impl App {
     /// # Errors
     /// [`AppError::Plan`], [`AppError::Audit`], [`AppError::Access`], [`AppError::Tls`].
     pub fn build(config: Config, clock: Clock, diagnose: Diagnose) -> Result<Self, AppError> {
+        Self::build_in(Surroundings::of_machine(clock), config, diagnose)
+    }
+
+    /// As [`App::build`], on another network and disk than the machine's.
+    ///
+    /// # Errors
+    /// As [`App::build`].
+    pub fn build_in(around: Surroundings, config: Config, diagnose: Diagnose) -> Result<Self, AppError> {
+        let Surroundings { clock, dial, store } = around;
         let stop = CancellationToken::new();
         let wired = config.plant().map_err(AppError::Plan)?;
         let history = Arc::new(History::new(&wired.loops, &config.history));
@@ -150,7 +163,7 @@ impl App {
         let writeback = WritebackControl::new(&config, clock, &results)?;
         results.watch_devices(&devices_of(&config));
         let security = Arc::new(Security::new(&config, clock, writeback.recorder())?);
-        let persistence = Persistence::new(&config, clock, &history, &results);
+        let persistence = Persistence::new(&config, clock, store, (&history, &results));
         results.apply_design(clock.now());
         let notifications = Arc::new(Notifications::new(&config, clock, &results));
         let plan = schedule_plan(&config, &history);
@@ -160,7 +173,7 @@ impl App {
         let scheduler =
             Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
         let devices: Vec<Device> =
-            wired.into_plans().map(|plan| Device::new(plan, clock, &history)).collect();
+            wired.into_plans().map(|plan| Device::new(plan, clock, &dial, &history)).collect();
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices)));
         let (served, ended) = (config.server.clone(), stop.clone());
         let context = Context::new(served, clock, results.clone(), scheduler.clone(), watched, ended);
@@ -178,9 +191,11 @@ impl App {
             total_bytes = history.memory_bytes(),
             "history: memory taken"
         );
-        let state = Mutex::new(Running { config, history, devices, collecting: false, since: clock.now() });
+        let state =
+            Mutex::new(Running { config, history, devices, collecting: false, since: clock.elapsed() });
         Ok(Self {
             clock,
+            dial,
             results,
             scheduler,
             plant,
@@ -219,6 +234,16 @@ impl App {
         self.writeback.clone()
     }
 
+    /// Every route, for who asks without a socket.
+    pub fn routes(&self) -> axum::Router {
+        serve::router(self.context.clone())
+    }
+
+    /// Has everything made durable that there is; false where that failed, or there is no store.
+    pub fn make_durable(&self) -> bool {
+        self.persistence.ask_durable().is_some_and(|durable| durable())
+    }
+
     /// Cancel it to stop the daemon.
     pub fn stop(&self) -> CancellationToken {
         self.stop.clone()
@@ -236,7 +261,7 @@ impl App {
     async fn work(&self, listener: TcpListener) -> Result<(), AppError> {
         {
             let mut state = self.state.lock().await;
-            (state.collecting, state.since) = (true, self.clock.now());
+            (state.collecting, state.since) = (true, self.clock.elapsed());
             self.persistence.begin(self.results.clone());
             state.devices.iter_mut().for_each(|device| device.start(&self.stop));
             self.writeback.begin(&state.config, &state.history, &state.devices);
@@ -275,10 +300,16 @@ impl App {
     }
 
     async fn tick_alarms(&self) {
+        let mut watch = alarm_inputs::Watch::new(self.clock);
         while self.stop.run_until_cancelled(tokio::time::sleep(ALARM_TICK)).await.is_some() {
-            let now = self.clock.now();
+            let (now, elapsed) = (self.clock.now(), self.clock.elapsed());
+            if let Some(by) = watch.set(now, elapsed) {
+                tracing::warn!(by_s = by, "the clock was set");
+                self.results.clock_was_set(by);
+            }
             self.results.tick(now);
-            alarm_inputs::observe(&*self.state.lock().await, &self.results, &*self.writeback, now);
+            let state = &mut *self.state.lock().await;
+            alarm_inputs::observe(state, &self.results, &*self.writeback, (now, elapsed));
         }
     }
 
@@ -304,7 +335,7 @@ impl App {
             let same = before.iter().position(|device| device.carries_on(&plan, &history));
             devices.push(match same {
                 Some(at) => before.swap_remove(at),
-                None => Device::new(plan, self.clock, &history),
+                None => Device::new(plan, self.clock, &self.dial, &history),
             });
         }
         // A ring has one writer: the old ones end before the new ones begin.
@@ -330,7 +361,7 @@ impl App {
             "another configuration is in force"
         );
         (state.config, state.history, state.devices) = (config, history, devices);
-        state.since = self.clock.now();
+        state.since = self.clock.elapsed();
         Ok(())
     }
 }

@@ -207,6 +207,11 @@ impl Alarm {
         self.observe(seen, config.priority(self.kind, None), now, config)
     }
 
+    /// The clock was set by so much (s): a condition that has to hold for longer has held for as long as before.
+    pub fn clock_was_set(&mut self, by: f64) {
+        self.pending = self.pending.map(|since| since + by);
+    }
+
     /// Takes f and its interval (% of OP span), for the alarm on friction that grows.
     pub fn estimate(&mut self, f: f64, interval: [f64; 2], now: f64, config: &Config) -> Vec<Transition> {
         let seen = self.trend.take(f, interval, now, &config.f_rising);

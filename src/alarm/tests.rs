@@ -219,6 +219,15 @@ fn a_condition_counts_once_it_has_held_for_the_delay() {
     assert_eq!(other.state(), State::Normal);
     other.level(true, 310.0, &config);
     assert_eq!(other.state(), State::Unacknowledged);
+    // Of one that is set, and told of it, nothing but the time that passes counts.
+    let mut third = Alarm::new(Kind::TagBad);
+    third.level(true, 0.0, &config);
+    third.clock_was_set(4000.0);
+    third.level(true, 4299.0, &config);
+    assert_eq!(third.state(), State::Normal);
+    third.clock_was_set(-4200.0);
+    third.level(true, 100.0, &config);
+    assert_eq!(third.state(), State::Unacknowledged);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! What collectors and tags are like, told to their alarms.
+//! What collectors and tags are like, told to their alarms; and how far clocks were set, which is no time that has passed.
 
 use super::Running;
 use super::device::Device;
@@ -7,17 +7,47 @@ use crate::compensation::gate::State;
 use crate::config::LoopConfig;
 use crate::history::{History, TagKind};
 use crate::results::{DeviceSeen, Results, TagsSeen};
+use crate::schedule::Clock;
 use crate::serve::WritebackPort;
 use crate::signal::LoopId;
 use std::collections::BTreeSet;
+use std::time::Duration;
 
-/// Tells the alarms what everything is like at `now` (s).
-pub(super) fn observe(running: &Running, results: &Results, writeback: &dyn WritebackPort, now: f64) {
+/// A clock that is off by less (s) was only corrected.
+const SET_S: f64 = 1.0;
+
+/// Notices when the clock is set.
+pub(super) struct Watch {
+    /// What it showed, and the time that had passed.
+    last: (f64, Duration),
+}
+
+impl Watch {
+    pub(super) fn new(clock: Clock) -> Self {
+        Self { last: (clock.now(), clock.elapsed()) }
+    }
+
+    /// By how much it was set since this was asked last (s).
+    pub(super) fn set(&mut self, now: f64, elapsed: Duration) -> Option<f64> {
+        let (showed, before) = std::mem::replace(&mut self.last, (now, elapsed));
+        let by = now - showed - elapsed.saturating_sub(before).as_secs_f64();
+        (by.abs() > SET_S).then_some(by)
+    }
+}
+
+/// Tells the alarms what everything is like at `now` (s), `elapsed` after the start.
+pub(super) fn observe(
+    running: &mut Running,
+    results: &Results,
+    writeback: &dyn WritebackPort,
+    (now, elapsed): (f64, Duration),
+) {
     if !running.collecting {
         return;
     }
     let after_s = running.config.alarm.collector_down.after_s;
-    let devices = running.devices.iter().map(|device| seen(device, running.since, after_s, now)).collect();
+    let began = running.since;
+    let devices = running.devices.iter_mut().map(|device| seen(device, began, after_s, elapsed)).collect();
     let loops = running.config.loops.iter().map(|own| tags(own, &running.history)).collect();
     results.watch(devices, loops, now);
     // A trip of before the restart is over when write-back begins again in shadow.
@@ -28,11 +58,16 @@ pub(super) fn observe(running: &Running, results: &Results, writeback: &dyn Writ
     }
 }
 
-/// A collector by the age of its newest good sample: a connection may be open to a device that says nothing.
-fn seen(device: &Device, began: f64, after_s: f64, now: f64) -> DeviceSeen {
+/// A collector by the age of its newest good sample: a connection may be open to a device that says nothing. The age is counted
+/// by a clock that nobody sets, from when the sample was first seen here.
+fn seen(device: &mut Device, began: Duration, after_s: f64, elapsed: Duration) -> DeviceSeen {
     let name = LoopId::new(device.plan.name());
     let last = device.health.snapshot().last_good;
-    let age = now - last.unwrap_or(began);
+    if last != device.heard.map(|(stamp, _)| stamp) {
+        device.heard = last.map(|stamp| (stamp, elapsed));
+    }
+    let since = device.heard.map_or(began, |(_, seen)| seen);
+    let age = elapsed.saturating_sub(since).as_secs_f64();
     let down = match last {
         _ if age > after_s => Some(Some(match last {
             Some(_) => format!("no good sample for {age:.0} s"),

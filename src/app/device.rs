@@ -1,11 +1,12 @@
 //! One device of the plant: its plan, the rings it fills, and the task that polls it.
 
 use super::rings::Rings;
-use crate::collect::{self, Collector, DeviceHealth, Plan};
+use crate::collect::{self, Collector, DeviceHealth, Plan, modbus};
 use crate::history::{History, Ring};
 use crate::schedule::Clock;
 use crate::serve::DeviceState;
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -15,19 +16,21 @@ pub(super) struct Device {
     pub(super) plan: Plan,
     pub(super) rings: Arc<Rings>,
     pub(super) health: Arc<DeviceHealth>,
+    /// Stamp of the newest good sample (s), and how long after the start it was first seen.
+    pub(super) heard: Option<(f64, Duration)>,
     collector: Option<Collector>,
     task: Option<(CancellationToken, JoinHandle<()>)>,
 }
 
 impl Device {
-    pub(super) fn new(plan: Plan, clock: Clock, history: &Arc<History>) -> Self {
+    pub(super) fn new(plan: Plan, clock: Clock, dial: &modbus::Dial, history: &Arc<History>) -> Self {
         let now: Arc<dyn collect::Clock> = Arc::new(move || clock.now());
-        let collector = Collector::new(plan.clone(), now, plan.device() as u64);
+        let collector = Collector::new(plan.clone(), now, plan.device() as u64).dialling(dial.clone());
         let ring = |tag: usize| Some((tag, history.ring(tag)?.clone()));
         let by_tag = plan.tags().into_iter().filter_map(ring).collect();
         let rings = Arc::new(Rings { by_tag, polled: watch::Sender::new(0) });
         let health = collector.health();
-        Self { plan, rings, health, collector: Some(collector), task: None }
+        Self { plan, rings, health, heard: None, collector: Some(collector), task: None }
     }
 
     pub(super) fn start(&mut self, stop: &CancellationToken) {

@@ -36,6 +36,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 pub(super) struct Persistence {
     config: Option<store::Config>,
     clock: Clock,
+    driven: store::Driven,
     shared: Arc<Shared>,
     /// Opened and not begun yet.
     opened: Mutex<Option<Result<Store, StoreError>>>,
@@ -80,10 +81,16 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Persistence {
     /// Opens the store and gives back what was kept: samples to the rings, diagnoses, models and alarms to the results. A
     /// store that cannot be opened is an entry in the log and in health; the daemon starts without.
-    pub(super) fn new(config: &Config, clock: Clock, history: &History, results: &Results) -> Arc<Self> {
+    pub(super) fn new(
+        config: &Config,
+        clock: Clock,
+        driven: store::Driven,
+        (history, results): (&History, &Results),
+    ) -> Arc<Self> {
         let persistence = Self {
             config: config.store.clone(),
             clock,
+            driven,
             shared: Arc::default(),
             opened: Mutex::default(),
             writer: Arc::default(),
@@ -98,7 +105,7 @@ impl Persistence {
         // On a thread of its own: a connection to a database waits, which a thread of the runtime must not.
         let opened = std::thread::scope(|scope| {
             let opening = scope.spawn(|| {
-                let mut opened = Store::open(own);
+                let mut opened = (persistence.driven.open)(own, true);
                 match &mut opened {
                     Ok(store) => store.disconnect(),
                     Err(error) if error.is_damage() => {}
@@ -130,7 +137,7 @@ impl Persistence {
             Box::new(move |found| merge(&own, &results, found, clock.now())),
             config.queue_mb as usize * 1_000_000,
         );
-        match Writer::start(config, opened, feed, move || clock.now()) {
+        match Writer::driven(&self.driven, config, opened, feed, move || clock.now()) {
             Ok(writer) => *lock(&self.writer) = Some(writer),
             Err(error) => tracing::error!(%error, "nothing is stored: there is no thread for it"),
         }

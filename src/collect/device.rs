@@ -74,6 +74,14 @@ impl Collector {
         }
     }
 
+    /// Connects by `dial` and not by TCP, where it polls: a simulated network.
+    pub fn dialling(self, dial: modbus::Dial) -> Self {
+        match self {
+            Self::Modbus(collector) => Self::Modbus(Box::new(collector.dialling(dial))),
+            other => other,
+        }
+    }
+
     /// The device's counters, live.
     pub fn health(&self) -> Arc<DeviceHealth> {
         match self {

@@ -209,6 +209,11 @@ impl Results {
         acted
     }
 
+    /// The clock was set by so much (s): no condition has held for longer by that.
+    pub fn clock_was_set(&self, by: f64) {
+        self.alarms.lock().alarms.values_mut().for_each(|own| own.alarm.clock_was_set(by));
+    }
+
     /// Lets time pass for all alarms: shelvings that have run out end, a flood too, and everybody hears of it.
     pub fn tick(&self, now: f64) {
         self.flood(now);

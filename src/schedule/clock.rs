@@ -25,6 +25,8 @@ enum Goes {
     Watched { longest: Duration, seen: &'static Mutex<Seen> },
     /// Whoever sets it (s since the Unix epoch, as bits).
     ByHand(&'static AtomicU64),
+    /// Time on the wall, and what it shows is ahead of that by so much (s, as bits).
+    Adjusted(&'static AtomicU64),
 }
 
 /// The latest look at a clock, and the time on the wall that counted until then.
@@ -65,10 +67,22 @@ impl Clock {
         Self { goes: Goes::ByHand(hand), ..Self::plant(epoch, 1.0) }
     }
 
-    /// Sets a clock made by [`Clock::by_hand`]; any other goes on as it does.
+    /// As [`Clock::plant`] at the wall's speed, but it can be set while it goes, as a machine's clock can: what it shows jumps,
+    /// and [`Clock::elapsed`] does not.
+    pub fn adjusted(epoch: f64) -> Self {
+        let ahead = Box::leak(Box::new(AtomicU64::new(0.0f64.to_bits())));
+        Self { goes: Goes::Adjusted(ahead), ..Self::plant(epoch, 1.0) }
+    }
+
+    /// Sets a clock made by [`Clock::by_hand`] or [`Clock::adjusted`]; any other goes on as it does.
     pub fn set(&self, now: f64) {
-        if let Goes::ByHand(hand) = self.goes {
-            hand.store(now.to_bits(), SeqCst);
+        match self.goes {
+            Goes::ByHand(hand) => hand.store(now.to_bits(), SeqCst),
+            Goes::Adjusted(ahead) => {
+                let ahead_s = now - (self.now() - f64::from_bits(ahead.load(SeqCst)));
+                ahead.store(ahead_s.to_bits(), SeqCst);
+            }
+            Goes::Always | Goes::Watched { .. } => {}
         }
     }
 
@@ -78,7 +92,13 @@ impl Clock {
             return f64::from_bits(hand.load(SeqCst));
         }
         match self.epoch {
-            Some(epoch) => epoch + self.elapsed().as_secs_f64(),
+            Some(epoch) => {
+                let ahead = match self.goes {
+                    Goes::Adjusted(ahead) => f64::from_bits(ahead.load(SeqCst)),
+                    _ => 0.0,
+                };
+                epoch + self.elapsed().as_secs_f64() + ahead
+            }
             None => SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64()),
         }
     }
@@ -86,7 +106,7 @@ impl Clock {
     /// Plant time since the clock was made; never goes backwards.
     pub fn elapsed(&self) -> Duration {
         let on_the_wall = match self.goes {
-            Goes::Always => self.start.elapsed(),
+            Goes::Always | Goes::Adjusted(_) => self.start.elapsed(),
             Goes::Watched { longest, seen } => {
                 let mut seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
                 let now = Instant::now();
@@ -105,7 +125,9 @@ impl Clock {
     /// Waits until that much plant time has passed since the clock was made.
     pub async fn sleep_until(&self, elapsed: Duration) {
         match self.goes {
-            Goes::Always => tokio::time::sleep_until(self.start + elapsed.div_f64(self.speed)).await,
+            Goes::Always | Goes::Adjusted(_) => {
+                tokio::time::sleep_until(self.start + elapsed.div_f64(self.speed)).await;
+            }
             Goes::Watched { longest, .. } => loop {
                 let left = elapsed.saturating_sub(self.elapsed());
                 if left.is_zero() {

@@ -9,6 +9,7 @@ use crate::signal::Sample;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Debug;
 use std::path::Path;
+use std::sync::Arc;
 
 /// A tag as it is kept.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,24 +70,37 @@ pub struct Found {
     pub alarms: Vec<AlarmRow>,
 }
 
-/// The writing side. See [`Store`] for what each promises.
-pub(super) trait Writes: Send + Debug {
+/// The writing side of a store: one of ours, or what a simulated disk makes of it. See [`Store`] for what each promises.
+pub trait Writes: Send + Debug {
+    /// See [`Store::write`].
     fn write(&mut self, batch: &Batch) -> Result<(), StoreError>;
+    /// See [`Store::insert`].
     fn insert(&mut self, batch: &Batch) -> Result<(), StoreError>;
+    /// See [`Store::tidy`].
     fn tidy(&mut self, now: f64) -> Result<bool, StoreError>;
+    /// See [`Store::make_room`].
     fn make_room(&mut self, now: f64) -> Result<bool, StoreError>;
+    /// See [`Store::begin_era`].
     fn begin_era(&mut self);
+    /// See [`Store::era`].
+    fn era(&self) -> i64;
+    /// See [`Store::usage`].
     fn usage(&self) -> Result<Usage, StoreError>;
+    /// See [`Store::refused_and_damaged`].
     fn refused_and_damaged(&self) -> (u64, u64);
+    /// See [`Store::spool`].
     fn spool(&self) -> Option<Spool> {
         None
     }
+    /// See [`Store::found`].
     fn found(&mut self) -> Option<Found> {
         None
     }
+    /// See [`Store::merged`].
     fn merged(&mut self) -> Result<(), StoreError> {
         Ok(())
     }
+    /// See [`Store::disconnect`].
     fn disconnect(&mut self) {}
 }
 
@@ -116,7 +130,15 @@ pub(super) trait Reads: Send + Debug {
 #[derive(Debug)]
 pub struct Store(Box<dyn Writes>);
 
+/// Opens the store of a configuration; told whether who opens it goes on to read it.
+pub type Opener = Arc<dyn Fn(&Config, bool) -> Result<Store, StoreError> + Send + Sync>;
+
 impl Store {
+    /// A store on a disk of somebody else's.
+    pub fn over(writes: impl Writes + 'static) -> Self {
+        Self(Box::new(writes))
+    }
+
     /// Opens the store, makes what is not there, and brings it to this version. One in PostgreSQL opens also while the
     /// database is away, on its spool.
     ///
@@ -134,7 +156,7 @@ impl Store {
         Self::opened(config, false)
     }
 
-    fn opened(config: &Config, is_read: bool) -> Result<Self, StoreError> {
+    pub(super) fn opened(config: &Config, is_read: bool) -> Result<Self, StoreError> {
         Ok(Self(match config.url {
             None => Box::new(embedded::Store::open(config)?),
             Some(_) => Box::new(postgresql::Store::open(config, is_read)?),
@@ -177,6 +199,11 @@ impl Store {
     /// The clock was set back: what comes from now on is kept apart from what is there.
     pub fn begin_era(&mut self) {
         self.0.begin_era();
+    }
+
+    /// The era of what comes now.
+    pub fn era(&self) -> i64 {
+        self.0.era()
     }
 
     /// What the database takes.

@@ -32,11 +32,11 @@ mod postgresql;
 mod rows;
 mod writer;
 
-pub use backend::{Found, Point, Reader, Spool, Store, StoredTag, Usage};
+pub use backend::{Found, Opener, Point, Reader, Spool, Store, StoredTag, Usage, Writes};
 pub use check::{Checked, Repaired, check, check_of, repair};
 pub use config::Config;
 pub use rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, pack, unpack};
-pub use writer::{Feed, Status, Writer};
+pub use writer::{Driven, Feed, Status, Writer};
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! The one thread that writes. It asks for what is new at a steady pace, makes it durable, tidies up, and when the store
 //! fails tries again, from a fresh opening, until it works: nobody else ever waits for the disk.
 
-use super::{Batch, Config, Found, Reader, Spool, Store, StoreError, Usage, embedded};
+use super::{Batch, Config, Found, Opener, Reader, Spool, Store, StoreError, Usage, embedded};
 use std::collections::VecDeque;
 use std::io;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -80,10 +80,32 @@ impl Shared {
     }
 }
 
-/// The writer's thread.
+/// How the store is opened, and who has its rounds done.
+#[derive(Clone)]
+pub struct Driven {
+    /// Opens it.
+    pub open: Opener,
+    /// No thread: a round is done when it is asked for and at no other time, by whoever asks. What is dropped without
+    /// [`Writer::stop`] ends as a process that is killed does.
+    pub by_hand: bool,
+}
+
+impl Default for Driven {
+    fn default() -> Self {
+        Self { open: Arc::new(Store::opened), by_hand: false }
+    }
+}
+
+/// The writer: a thread, or rounds by hand.
 pub struct Writer {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
+    by_hand: Option<Mutex<Box<dyn Rounds>>>,
+}
+
+/// What does one round.
+trait Rounds: Send {
+    fn round(&mut self);
 }
 
 impl Writer {
@@ -97,9 +119,24 @@ impl Writer {
         feed: impl Feed,
         now: impl Fn() -> f64 + Send + 'static,
     ) -> io::Result<Self> {
+        Self::driven(&Driven::default(), config, opened, feed, now)
+    }
+
+    /// As [`Writer::start`], on a store that is opened and driven in another way.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn driven(
+        driven: &Driven,
+        config: &Config,
+        opened: Result<Store, StoreError>,
+        feed: impl Feed,
+        now: impl Fn() -> f64 + Send + 'static,
+    ) -> io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let mut round = Round {
             config: config.clone(),
+            open: driven.open.clone(),
             store: None,
             feed,
             now,
@@ -108,19 +145,24 @@ impl Writer {
             looked: None,
             counted: (0, 0),
             unread: opened.is_err(),
+            era: 0,
         };
         match opened {
             Ok(store) => round.take_on(store),
             Err(error) => round.failed(&error),
         }
+        if driven.by_hand {
+            return Ok(Self { shared, thread: None, by_hand: Some(Mutex::new(Box::new(round))) });
+        }
         let thread = std::thread::Builder::new().name("store".into()).spawn(move || round.run())?;
-        Ok(Self { shared, thread: Some(thread) })
+        Ok(Self { shared, thread: Some(thread), by_hand: None })
     }
 
     /// How the store is.
     pub fn status(&self) -> Status {
         let mut inner = self.shared.lock();
-        if self.thread.as_ref().is_none_or(JoinHandle::is_finished) && inner.status.failing.is_none() {
+        let ended = self.by_hand.is_none() && self.thread.as_ref().is_none_or(JoinHandle::is_finished);
+        if ended && inner.status.failing.is_none() {
             let since = inner.status.written_at.unwrap_or(f64::NAN);
             inner.status.failing =
                 Some(("the thread of the store has ended; start the daemon anew".to_string(), since));
@@ -135,6 +177,9 @@ impl Writer {
         inner.asked += 1;
         let round = inner.asked;
         self.shared.changed.notify_all();
+        drop(inner);
+        self.round_by_hand();
+        let inner = self.shared.lock();
         let waiting = |inner: &mut Inner| inner.done < round && !inner.stop;
         let waited = self.shared.changed.wait_timeout_while(inner, patience, waiting);
         let (inner, timed_out) = waited.unwrap_or_else(PoisonError::into_inner);
@@ -147,12 +192,20 @@ impl Writer {
         let (told, answer) = channel();
         self.shared.lock().inserts.push_back((batch, told));
         self.shared.changed.notify_all();
+        self.round_by_hand();
         answer
     }
 
     /// Writes what is left and ends; on a store that fails it is tried once.
     pub fn stop(mut self) {
+        self.round_by_hand();
         self.end();
+    }
+
+    fn round_by_hand(&self) {
+        if let Some(rounds) = &self.by_hand {
+            rounds.lock().unwrap_or_else(PoisonError::into_inner).round();
+        }
     }
 
     fn end(&mut self) {
@@ -174,6 +227,7 @@ impl Drop for Writer {
 
 struct Round<F, N> {
     config: Config,
+    open: Opener,
     store: Option<Store>,
     feed: F,
     now: N,
@@ -185,22 +239,36 @@ struct Round<F, N> {
     counted: (u64, u64),
     /// Nobody could read at the start what is there.
     unread: bool,
+    /// The era that was begun: a store that is opened anew knows it only once something of it is there.
+    era: i64,
+}
+
+impl<F: Feed, N: Fn() -> f64 + Send> Rounds for Round<F, N> {
+    fn round(&mut self) {
+        let asked = self.shared.lock().asked;
+        self.do_one(asked);
+    }
 }
 
 impl<F: Feed, N: Fn() -> f64> Round<F, N> {
     fn run(&mut self) {
         loop {
             let (stop, asked) = self.wait();
-            let good = self.write_all();
-            self.insert_all();
-            let mut inner = self.shared.lock();
-            (inner.done, inner.good) = (asked, good);
-            drop(inner);
-            self.shared.changed.notify_all();
+            self.do_one(asked);
             if stop {
                 return;
             }
         }
+    }
+
+    /// Does the rounds up to the one with number `asked`, in one.
+    fn do_one(&mut self, asked: u64) {
+        let good = self.write_all();
+        self.insert_all();
+        let mut inner = self.shared.lock();
+        (inner.done, inner.good) = (asked, good);
+        drop(inner);
+        self.shared.changed.notify_all();
     }
 
     /// Until the next round is due or asked for, or the end.
@@ -235,6 +303,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
                     "the clock was set back: samples from now on are kept apart from those before"
                 );
                 store.begin_era();
+                self.era = store.era();
             }
             let batch = self.feed.take();
             let (samples, rows) = (batch.samples() as u64, batch.rows.len() as u64);
@@ -258,7 +327,7 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
 
     /// Nothing is written before what is there has been read: it would be replaced by what was made without it.
     fn reopen(&mut self) -> Result<(), StoreError> {
-        let store = Store::reopen(&self.config)?;
+        let store = (self.open)(&self.config, false)?;
         if self.unread {
             let found = Reader::at_hand(&self.config)?.states()?;
             self.feed.merge(found);
@@ -286,7 +355,11 @@ impl<F: Feed, N: Fn() -> f64> Round<F, N> {
         }
     }
 
-    fn take_on(&mut self, store: Store) {
+    fn take_on(&mut self, mut store: Store) {
+        if store.era() < self.era {
+            store.begin_era();
+            self.era = store.era();
+        }
         self.store = Some(store);
         self.looked = None;
     }
@@ -365,63 +438,4 @@ fn tidy(store: &mut Store, now: f64) -> Result<(), StoreError> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::store::embedded::tests::Folder;
-    use crate::store::{AlarmRow, ModelRow, Row};
-
-    /// Remembers what it is to merge, and has nothing to write.
-    #[derive(Default)]
-    struct Merging(Batch, Arc<Mutex<Vec<Found>>>);
-
-    impl Feed for Merging {
-        fn gather(&mut self) {}
-        fn take(&mut self) -> &Batch {
-            &self.0
-        }
-        fn settled(&mut self) -> bool {
-            false
-        }
-        fn set_back(&mut self) -> bool {
-            false
-        }
-        fn merge(&mut self, found: Found) {
-            self.1.lock().expect("no panic").push(found);
-        }
-    }
-
-    #[test]
-    fn what_could_not_be_read_at_the_start_is_merged_once_the_store_works() {
-        let folder = Folder::new();
-        let config = Config::new(&folder.0);
-        let alarm = AlarmRow {
-            control_loop: "A".into(),
-            kind: "stiction".into(),
-            acknowledged: true,
-            ..AlarmRow::default()
-        };
-        let model = |version| ModelRow { control_loop: "A".into(), version, ..ModelRow::default() };
-        let mut other = Store::open(&config).expect("opens");
-        let rows = vec![Row::Alarm(alarm.clone()), Row::Model(model(1)), Row::Model(model(2))];
-        other.write(&Batch { series: Vec::new(), rows }).expect("writes");
-        let patience = Duration::from_secs(60);
-        let merged = Arc::<Mutex<Vec<Found>>>::default();
-        let feed = Merging(Batch::default(), merged.clone());
-        let writer = Writer::start(&config, Store::open(&config), feed, || 1.0).expect("a thread");
-        assert!(!writer.flush(patience) && merged.lock().expect("no panic").is_empty(), "in use");
-        drop(other);
-        assert!(writer.flush(patience) && writer.flush(patience), "{:?}", writer.status());
-        writer.stop();
-        let found = Found { models: vec![model(2)], alarms: vec![alarm] };
-        assert_eq!(*merged.lock().expect("no panic"), [found], "once");
-
-        // Who has read it has it.
-        let opened = Store::open(&config);
-        let merged = Arc::<Mutex<Vec<Found>>>::default();
-        let writer = Writer::start(&config, opened, Merging(Batch::default(), merged.clone()), || 1.0)
-            .expect("a thread");
-        assert!(writer.flush(patience));
-        writer.stop();
-        assert!(merged.lock().expect("no panic").is_empty());
-    }
-}
+mod tests;

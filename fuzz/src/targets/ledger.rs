@@ -117,7 +117,7 @@ pub fn files(bytes: &[u8]) {
     let killed = killed();
     let which = usize::from(file & 0x7f) % FILES.len();
     let mut content = killed.files[which].1.clone();
-    let at = (usize::from(*high) << 8 | usize::from(*low)) * content.len().max(1) >> 16;
+    let at = (usize::from(u16::from_be_bytes([*high, *low])) * content.len().max(1)) >> 16;
     let end = (at + over.len()).max(content.len());
     content.resize(end, 0);
     content[at..at + over.len()].copy_from_slice(over);

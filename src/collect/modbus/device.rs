@@ -13,6 +13,7 @@ use super::line::{Line, State};
 use super::link::{Answer, Link, Lost, Refusal};
 use super::plan::{Plan, Tag};
 use super::slots::Slots;
+use super::wire::{Dial, sockets};
 use crate::collect::backoff::Backoff;
 use crate::collect::{Clock, DeviceHealth, Frozen, Poll, Reading, Sink};
 use crate::signal::{BadReason, Quality, Sample};
@@ -36,6 +37,7 @@ const LONGEST_STAGGER: Duration = Duration::from_secs(1);
 pub struct Collector {
     plan: Plan,
     clock: Arc<dyn Clock>,
+    dial: Dial,
     health: Arc<DeviceHealth>,
     slots: Slots,
     frozen: Vec<Option<Frozen>>,
@@ -80,6 +82,7 @@ impl Collector {
             Backoff::new(plan.period / 2, plan.reconnect_max, Pcg32::seed_from_u64(random.random()));
         Self {
             clock,
+            dial: sockets(),
             health: Arc::default(),
             slots: Slots::new(plan.requests.clone()),
             frozen: plan.tags.iter().map(|tag| tag.frozen_after_s.map(Frozen::new)).collect(),
@@ -91,6 +94,11 @@ impl Collector {
             closes: 0,
             plan,
         }
+    }
+
+    /// Connects by `dial` and not by TCP: a simulated network.
+    pub fn dialling(self, dial: Dial) -> Self {
+        Self { dial, ..self }
     }
 
     /// The device's counters, live.
@@ -236,7 +244,7 @@ impl Collector {
             }
         }
         let plan = &self.plan;
-        match Link::open(&plan.address, plan.framing, plan.timeout).await {
+        match Link::open(&self.dial, &plan.address, plan.framing, plan.timeout).await {
             Ok(link) => {
                 debug!(device = %plan.name, address = %plan.address, "connected");
                 self.health.connected();

@@ -3,11 +3,11 @@
 use super::config::{Framing, Register, Tolerated};
 use super::head;
 use super::plan::Span;
+use super::wire::{Asked, Dial};
 use std::fmt;
 use std::io;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::net::{TcpSocket, TcpStream, lookup_host};
 use tokio::time::timeout;
 use tokio_modbus::client::{Client, Context, rtu, tcp};
 use tokio_modbus::slave::SlaveContext;
@@ -90,13 +90,18 @@ pub(super) type Answer = Result<Vec<u16>, Refusal>;
 
 impl Link {
     /// Connects to `host:port`, within the time-out.
-    pub(super) async fn open(address: &str, framing: Framing, limit: Duration) -> Result<Link, Lost> {
-        match timeout(limit, connect(address)).await {
+    pub(super) async fn open(
+        dial: &Dial,
+        address: &str,
+        framing: Framing,
+        limit: Duration,
+    ) -> Result<Link, Lost> {
+        match timeout(limit, dial(address)).await {
             Err(_) => {
                 Err(Lost::Broken(format!("no connection to {address} within {} ms", limit.as_millis())))
             }
             Ok(Err(error)) => Err(Lost::Broken(format!("cannot connect to {address}: {error}"))),
-            Ok(Ok(stream)) => Ok(Link::over(stream, framing)),
+            Ok(Ok(stream)) => Ok(Link::over(Asked::new(stream), framing)),
         }
     }
 
@@ -186,19 +191,4 @@ fn is_closed(error: &io::Error) -> bool {
     use io::ErrorKind::{BrokenPipe, ConnectionAborted, ConnectionReset, NotConnected};
     let ended = matches!(error.kind(), BrokenPipe | ConnectionAborted | ConnectionReset | NotConnected);
     ended || error.raw_os_error().is_some()
-}
-
-async fn connect(address: &str) -> io::Result<TcpStream> {
-    let mut last = io::Error::new(io::ErrorKind::NotFound, "the name has no address");
-    for socket_address in lookup_host(address).await? {
-        let socket = if socket_address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
-        // A request is one small segment; waiting for more to send would only delay it.
-        socket.set_nodelay(true)?;
-        socket.set_keepalive(true)?;
-        match socket.connect(socket_address).await {
-            Ok(stream) => return Ok(stream),
-            Err(error) => last = error,
-        }
-    }
-    Err(last)
 }

@@ -3,8 +3,8 @@
 //! `config` says what to read and `overlap` finds tags that contradict each other; `plan` groups them into
 //! requests without I/O; `device` polls one device. `slots` decides which request is asked when, `decode` makes
 //! values of registers: both are pure. `head` judges whether an answer belongs to its
-//! request and is pure too. `link` is the only place that talks to a socket; `line` is whose turn it is
-//! on one. `probe` helps at commissioning.
+//! request and is pure too. `link` asks over one connection, and `wire`, the only place that opens a socket, is what it is made of;
+//! `line` is whose turn it is on one. `probe` helps at commissioning.
 
 mod config;
 mod decode;
@@ -16,6 +16,7 @@ mod overlap;
 mod plan;
 mod probe;
 mod slots;
+mod wire;
 
 pub use config::{ByteOrder, Config, Framing, Register, TagConfig, Tolerated, ValueType};
 pub use decode::Decoder;
@@ -23,3 +24,4 @@ pub use device::Collector;
 pub use overlap::{Contradiction, contradictions};
 pub use plan::{Limits, Plan, Request, Span, Tag, TagSpec, group};
 pub use probe::{ProbeError, ProbeTarget, Table, probe, probe_over};
+pub use wire::{Dial, Dialled, Wire, sockets};

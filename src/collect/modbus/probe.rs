@@ -5,6 +5,7 @@ use super::config::{ByteOrder, Framing, MAX_BITS, MAX_REGISTERS, Register, Toler
 use super::decode::bytes;
 use super::link::{Link, Lost};
 use super::plan::Span;
+use super::wire::sockets;
 use std::fmt;
 use std::time::Duration;
 use thiserror::Error;
@@ -76,7 +77,7 @@ pub struct Table {
 /// [`ProbeError`]: impossible arguments, no link, or a device that refuses.
 pub async fn probe(target: &ProbeTarget) -> Result<Table, ProbeError> {
     let span = span(target)?;
-    let link = Link::open(&target.address, Framing::Tcp, target.timeout).await;
+    let link = Link::open(&sockets(), &target.address, Framing::Tcp, target.timeout).await;
     ask(link.map_err(|why| lost(target, &why))?, target, span, &[]).await
 }
 

@@ -307,6 +307,10 @@ impl Writes for Store {
         self.ids.clear();
     }
 
+    fn era(&self) -> i64 {
+        self.era
+    }
+
     fn usage(&self) -> Result<Usage, StoreError> {
         let number = |name: &str| self.db.pragma_query_value(None, name, |row| row.get::<_, i64>(0));
         let page = number("page_size")?.max(0) as u64;

@@ -279,6 +279,10 @@ impl Writes for Store {
         }
     }
 
+    fn era(&self) -> i64 {
+        self.era
+    }
+
     fn usage(&self) -> Result<Usage, StoreError> {
         let bytes = self.retention.bytes;
         Ok(Usage { used_bytes: bytes, file_bytes: bytes, max_bytes: self.config.max_mb * 1_000_000 })

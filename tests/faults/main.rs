@@ -1,0 +1,108 @@
+//! The daemon under faults that are made: one seeded clock, one network, one disk, and lives that end anywhere. A run is a
+//! function of its seed: `STICTIOND_SEED=7 cargo nextest run --test faults one_seed --no-capture` is run 7 again.
+
+mod check;
+mod crash;
+mod disk;
+mod network;
+mod plant;
+mod run;
+mod time;
+mod truth;
+mod verdict;
+
+use disk::Bug;
+use run::{Outcome, run};
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::time::Instant;
+
+/// Seeds that run with all other tests.
+const SEEDS: u64 = 200;
+
+fn number(name: &str) -> Option<u64> {
+    std::env::var(name).ok()?.parse().ok()
+}
+
+/// Runs a seed; a panic anywhere is something that did not hold.
+fn tried(seed: u64, bug: Bug) -> Result<Outcome, String> {
+    let ran = catch_unwind(AssertUnwindSafe(|| run(seed, bug)));
+    let ran = ran.unwrap_or_else(|panic| {
+        let said = panic.downcast_ref::<String>().cloned();
+        Err(said.or_else(|| Some(panic.downcast_ref::<&str>()?.to_string())).unwrap_or("a panic".into()))
+    });
+    ran.map_err(|why| format!("seed {seed}: {why}"))
+}
+
+/// Runs seeds on all cores; what was counted, and what did not hold.
+fn sweep(first: u64, count: u64) -> (Outcome, Vec<String>) {
+    let (next, total) = (AtomicU64::new(first), Mutex::new((Outcome::default(), Vec::new())));
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        for _ in 0..cores {
+            scope.spawn(|| {
+                loop {
+                    let seed = next.fetch_add(1, Relaxed);
+                    if seed >= first + count {
+                        break;
+                    }
+                    let ran = tried(seed, Bug::None);
+                    let mut total = total.lock().expect("no panic");
+                    match ran {
+                        Ok(outcome) => {
+                            total.0.samples += outcome.samples;
+                            for (what, n) in outcome.counts {
+                                *total.0.counts.entry(what).or_default() += n;
+                            }
+                        }
+                        Err(why) => {
+                            println!("{why}");
+                            total.1.push(why);
+                        }
+                    }
+                }
+            });
+        }
+    });
+    total.into_inner().expect("no panic")
+}
+
+/// With `STICTIOND_SEEDS` and `STICTIOND_SEED` so many seeds from that one on.
+#[test]
+fn nothing_is_lost_twice_or_invented_under_faults() {
+    let (first, count) = (number("STICTIOND_SEED").unwrap_or(1), number("STICTIOND_SEEDS").unwrap_or(SEEDS));
+    let began = Instant::now();
+    let (total, wrong) = sweep(first, count);
+    let table: BTreeMap<_, _> = total.counts.iter().collect();
+    println!("{count} seeds from {first}, {} samples, {:.0} s", total.samples, began.elapsed().as_secs_f64());
+    table.iter().for_each(|(what, n)| println!("{n:>10}  {what}"));
+    assert_eq!(wrong, [""; 0]);
+}
+
+/// The run of one seed again, for who looks for its cause.
+#[test]
+fn one_seed() {
+    let seed = number("STICTIOND_SEED").unwrap_or(1);
+    let first = tried(seed, Bug::None).unwrap_or_else(|why| panic!("{why}"));
+    let again = tried(seed, Bug::None).unwrap_or_else(|why| panic!("{why}"));
+    assert_eq!(first, again, "a run is a function of its seed");
+    println!("{first:#?}");
+}
+
+/// A check that cannot fail checks nothing.
+#[test]
+fn deliberate_bugs_are_found() {
+    for (bug, words) in [
+        (Bug::AcknowledgesBeforeWriting, "lost"),
+        (Bug::WritesTwice, "nobody wrote"),
+        (Bug::Invents, "nobody wrote"),
+        (Bug::RaisesByItself, "without a cause"),
+        (Bug::TakesAnswerForNext, "not at its stamp"),
+    ] {
+        let found = (1..40).find_map(|seed| tried(seed, bug).err());
+        let found = found.unwrap_or_else(|| panic!("{bug:?} is not found"));
+        assert!(found.contains(words), "{bug:?}: {found}");
+    }
+}
