@@ -54,7 +54,7 @@ impl TimeLine {
     /// When clocks showed `stamp`, between two moments.
     pub fn when(&self, stamp: f64, from: f64, to: f64) -> Option<f64> {
         let moments = self.ahead.iter().map(|(_, ahead)| stamp - ahead);
-        moments.filter(|moment| (from - NEAR_S..=to + NEAR_S).contains(moment)).last()
+        moments.rev().find(|moment| (from - NEAR_S..=to + NEAR_S).contains(moment))
     }
 
     /// Whether clocks showed `stamp` at some moment between two.
