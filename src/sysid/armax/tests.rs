@@ -139,7 +139,8 @@ fn the_gradient_with_holes_is_that_of_the_errors() {
     let mut data = data(0.05, 1.0);
     let input = Halves { u: &data.u.clone(), ratio: None };
     let (a, c) = ([-1.5, 0.56, 0.0], [-0.7, 0.0, 0.0]);
-    let whole = Armax { nk: 3, a, b: [0.1, 0.0, 0.0], c, scale: 0.1, nu: 5.0, ..Armax::default() };
+    let b = [0.1 * data.units.u / data.units.y, 0.0, 0.0];
+    let whole = Armax { nk: 3, a, b, c, scale: 0.1, nu: 5.0, ..Armax::default() };
     for k in (100..1500).filter(|k| k % 7 < 2) {
         (data.y[k], data.weight[k]) = (50.0, 0.0);
     }
