@@ -99,3 +99,21 @@ fn tags(own: &LoopConfig, history: &History) -> TagsSeen {
         devices: devices.into_iter().map(LoopId::new).collect(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_that_is_set_is_told_from_one_that_goes() {
+        let mut watch = Watch { last: (1000.0, Duration::ZERO) };
+        let s = Duration::from_secs;
+        assert_eq!(watch.set(1001.0, s(1)), None);
+        assert_eq!(watch.set(1002.5, s(2)), None, "corrected");
+        assert_eq!(watch.set(4603.5, s(3)), Some(3600.0));
+        assert_eq!(watch.set(4604.5, s(4)), None, "told once");
+        assert_eq!(watch.set(5.5, s(5)), Some(-4600.0));
+        // A machine that slept has lost no time.
+        assert_eq!(watch.set(1005.5, s(1005)), None);
+    }
+}

@@ -31,7 +31,10 @@ pub fn samples(content: &Content, network: &Network, time: &TimeLine) -> Result<
                 return invented("one answer is there twice");
             }
             if before.replace(value.number).is_some_and(|before| before > value.number) {
-                return invented("it was measured before the sample before it");
+                return invented(&format!(
+                    "it was asked for at {} s, before the sample before it",
+                    said.asked
+                ));
             }
         }
     }

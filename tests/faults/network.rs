@@ -109,13 +109,14 @@ pub struct Network {
 
 impl Network {
     pub fn new(seed: u64, time: Arc<Mutex<TimeLine>>, undetectable: bool) -> Self {
+        let mut random = Pcg64::seed_from_u64(seed);
         let net = Net {
-            random: Pcg64::seed_from_u64(seed),
+            sticks: random.random(),
+            random,
             said: HashMap::new(),
             number: 0,
             faults: [0.0; 2],
             cut: [false; 2],
-            sticks: [false; 2 * PAIRS],
             answered: [Vec::new(), Vec::new()],
             undetectable,
             counts: BTreeMap::new(),

@@ -47,7 +47,7 @@ impl Drop for Folder {
 ///
 /// # Errors
 /// What did not hold.
-pub fn run(seed: u64, bug: Bug) -> Result<Outcome, String> {
+pub fn run(seed: u64, bug: Bug, told: bool) -> Result<Outcome, String> {
     // In memory, where the system has such a place: nobody waits for a disk that is simulated.
     let memory = Path::new("/dev/shm");
     let place = if memory.is_dir() { memory.to_path_buf() } else { std::env::temp_dir() };
@@ -64,6 +64,7 @@ pub fn run(seed: u64, bug: Bug) -> Result<Outcome, String> {
         counts: BTreeMap::new(),
         variant: 0,
         jumped: false,
+        told,
     };
     world.live()
 }
@@ -79,6 +80,8 @@ struct World {
     variant: usize,
     /// Clocks were set since the last round of the store.
     jumped: bool,
+    /// Says what happens.
+    told: bool,
 }
 
 /// One life, while it lasts.
@@ -99,6 +102,15 @@ struct Life {
 impl World {
     fn time(&self) -> MutexGuard<'_, TimeLine> {
         self.time.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Says what happens, to who runs one seed again.
+    fn say(&self, what: &str) {
+        if self.told {
+            let time = self.time().clone();
+            let (now, wall) = (time.now(), time.wall());
+            println!("{now:10.3} s  clock {wall:.3}  {what}");
+        }
     }
 
     fn count(&mut self, what: &'static str) {
@@ -166,6 +178,7 @@ impl World {
         let running = app.clone();
         let task = tokio::spawn(async move { running.run(listener).await });
         let began = self.time().now();
+        self.say("begins");
         let samples = self.disk.truth(|truth| truth.samples());
         let seen = app.results().latest_change();
         let mut life = Life { seen, app, clock, began, reloaded: false, looked: began, samples };
@@ -177,9 +190,11 @@ impl World {
         }
         if self.disk.is_dead() || self.random.random_bool(0.6) {
             self.disk.kill();
+            self.say("killed");
             return Ok(());
         }
         self.count("stops");
+        self.say("stopped");
         self.stop(life, task).await
     }
 
@@ -192,6 +207,7 @@ impl World {
             50..58 => {
                 let likely =
                     if self.random.random_bool(0.5) { self.random.random_range(0.0..0.6) } else { 0.0 };
+                self.say(&format!("device {device} fails {likely:.2} of the time"));
                 self.network.set_faults(device, likely);
             }
             58..63 => {
@@ -202,9 +218,13 @@ impl World {
             72..77 => {
                 let fails = self.random.random_range(0.0..0.5);
                 let full = self.random.random_bool(0.3);
+                self.say(&format!("the disk fails {fails:.2} of the time, full: {full}"));
                 self.disk.set_faults(fails, full);
             }
-            77..84 => self.disk.set_faults(0.0, false),
+            77..84 => {
+                self.say("the disk works");
+                self.disk.set_faults(0.0, false);
+            }
             84..88 => {
                 let pair = self.random.random_range(0..2 * PAIRS);
                 let sticks = self.random.random_bool(0.6);
@@ -213,14 +233,18 @@ impl World {
             88..91 => self.jump(Some(life.clock)),
             91..93 => self.reload(life).await?,
             93..98 => self.act(life).await?,
-            _ => self.disk.die(),
+            _ => {
+                self.say("it is to die in the next write");
+                self.disk.die();
+            }
         }
         Ok(())
     }
 
     fn round(&mut self, life: &Life) {
         self.count("rounds of the store");
-        life.app.make_durable();
+        let durable = life.app.make_durable();
+        self.say(if durable { "the store has all" } else { "the store fails" });
         self.jumped = false;
     }
 
@@ -238,6 +262,7 @@ impl World {
         };
         self.count(if forward { "clocks set forward" } else { "clocks set back" });
         self.time().jump(by);
+        self.say(&format!("clocks are set by {by:.1} s"));
         if let Some(clock) = clock {
             clock.set(clock.now() + by);
         }
@@ -246,6 +271,7 @@ impl World {
     async fn reload(&mut self, life: &mut Life) -> Result<(), String> {
         self.count("reloads");
         self.variant = self.random.random_range(0..plant::VARIANTS);
+        self.say(&format!("reloaded, configuration {}", self.variant));
         life.reloaded = true;
         let config = plant::config(self.variant, &self.disk.folder());
         life.app.reload(config).await.map_err(|error| format!("a reload is refused: {error}"))?;

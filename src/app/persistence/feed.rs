@@ -44,6 +44,8 @@ pub(super) struct StoreFeed {
     /// When a ring last told of a clock that was set back (s).
     fell: f64,
     back: Back,
+    /// How often the clock was set back and no era was begun for it yet.
+    owed: u32,
 }
 
 /// Where a clock that was set back has taken us.
@@ -76,6 +78,7 @@ impl StoreFeed {
             first: 0,
             full: false,
             back: Back::No,
+            owed: 0,
         }
     }
 
@@ -111,7 +114,10 @@ impl Feed for StoreFeed {
         self.bound();
         let now = (self.clock)();
         if now < self.told - SET_BACK_S {
-            self.back = Back::Before;
+            self.owed = self.owed.saturating_add(1);
+            if self.back == Back::No {
+                self.back = Back::Before;
+            }
         }
         self.told = now;
     }
@@ -119,7 +125,9 @@ impl Feed for StoreFeed {
     fn set_back(&mut self) -> bool {
         let now = self.back == Back::Now;
         if now {
-            self.back = Back::No;
+            // While the store failed it may have been set back again: those samples are still to be told apart.
+            self.owed = self.owed.saturating_sub(1);
+            self.back = if self.owed > 0 { Back::Before } else { Back::No };
             // Whatever comes is of the new era: what was before is no measure for it.
             let begun = f64::NAN.to_bits();
             lock(&self.shared.taps).iter().for_each(|tap| tap.last.store(begun, Relaxed));

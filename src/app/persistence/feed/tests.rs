@@ -108,6 +108,27 @@ fn samples_of_before_and_after_a_set_back_are_told_apart() {
     assert!(!world.feed.settled() && !world.feed.set_back(), "told once");
 }
 
+#[test]
+fn a_clock_that_is_set_back_twice_while_the_store_fails_begins_two_eras() {
+    let mut world = world(&[100], 1 << 20);
+    let at = |world: &World, t: f64| *lock(&world.now) = t;
+    at(&world, 1001.0);
+    world.push(0, [1000, 1001]);
+    assert_eq!(world.taken(), one([1000, 1001]));
+    // That was not written, and neither is what follows.
+    world.push(0, [500, 501]);
+    at(&world, 501.0);
+    assert_eq!(world.taken(), one([1000, 1001]));
+    world.push(0, [200, 201]);
+    at(&world, 201.0);
+    assert_eq!(world.taken(), one([1000, 1001]));
+    assert!(world.feed.settled() && world.feed.set_back());
+    assert_eq!(world.taken(), one([500, 501]));
+    assert!(world.feed.settled() && world.feed.set_back());
+    assert_eq!(world.taken(), one([200, 201]));
+    assert!(!world.feed.settled() && !world.feed.set_back());
+}
+
 /// A device stamps its samples itself, and its clock is set back while ours is not.
 #[test]
 fn a_ring_that_falls_back_tells_of_a_clock_that_was_set_back() {
