@@ -121,7 +121,7 @@ impl Persistence {
             opening.join().unwrap_or_else(|_| Err(failed()))
         });
         *lock(&persistence.opened) = Some(opened);
-        persistence.follow(history);
+        persistence.follow(history, f64::INFINITY);
         let shared = persistence.shared.clone();
         results.keep_with(Arc::new(move |change| shared.note(change)));
         Arc::new(persistence)
@@ -166,7 +166,7 @@ impl Persistence {
             if let Err(error) = self.give_back(&history, &results) {
                 tracing::error!(%error, "the store fails");
             }
-            self.follow(&history);
+            self.follow(&history, self.clock.now());
         });
         if let Err(error) = replaced.await {
             tracing::error!(%error, "the store does not follow the new configuration");
@@ -280,8 +280,9 @@ impl Persistence {
         Ok(loops)
     }
 
-    /// Follows the rings of `history`, from where they are now unless they were followed before.
-    fn follow(&self, history: &History) {
+    /// Follows the rings of `history`, from where they are now unless they were followed before. What is stamped later than
+    /// `now` (s) is of before a clock was set back, and no measure for what comes.
+    fn follow(&self, history: &History, now: f64) {
         let mut taps = lock(&self.shared.taps);
         let old = std::mem::take(&mut *taps);
         for tap in &old {
@@ -297,7 +298,7 @@ impl Persistence {
                 None => Arc::new(Tap {
                     tag: Arc::new(tag),
                     next: ring.pushed().into(),
-                    last: ring.latest().map_or(f64::NAN, |sample| sample.t).to_bits().into(),
+                    last: ring.latest().filter(|s| s.t <= now).map_or(f64::NAN, |s| s.t).to_bits().into(),
                     ring,
                     retired: false.into(),
                 }),
@@ -401,3 +402,6 @@ impl Shared {
         changes.push_back(change);
     }
 }
+
+#[cfg(test)]
+mod tests;

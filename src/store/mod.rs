@@ -30,6 +30,7 @@ mod config;
 mod embedded;
 mod postgresql;
 mod rows;
+mod sides;
 mod walk;
 mod writer;
 

@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Instant;
 
 /// Seeds that run with all other tests.
-const SEEDS: u64 = 100;
+const SEEDS: u64 = 50;
 
 fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok()?.parse().ok()
@@ -81,14 +81,18 @@ fn nothing_is_lost_twice_or_invented_under_faults() {
     assert_eq!(wrong, [""; 0]);
 }
 
-/// The run of one seed again, for who looks for its cause.
+/// The run of one seed again, told step by step, for who looks for a cause; without `STICTIOND_SEED` a few of them, untold.
 #[test]
 fn one_seed() {
-    let seed = number("STICTIOND_SEED").unwrap_or(1);
-    let first = tried(seed, Bug::None, true).unwrap_or_else(|why| panic!("{why}"));
-    let again = tried(seed, Bug::None, false).unwrap_or_else(|why| panic!("{why}"));
-    assert_eq!(first, again, "a run is a function of its seed");
-    println!("{first:#?}");
+    let asked = number("STICTIOND_SEED");
+    for seed in asked.map_or(1..=4, |seed| seed..=seed) {
+        let first = tried(seed, Bug::None, asked.is_some()).unwrap_or_else(|why| panic!("{why}"));
+        let again = tried(seed, Bug::None, false).unwrap_or_else(|why| panic!("{why}"));
+        assert_eq!(first, again, "seed {seed}: a run is a function of its seed");
+        if asked.is_some() {
+            println!("{first:#?}");
+        }
+    }
 }
 
 /// A check that cannot fail checks nothing.

@@ -38,7 +38,7 @@ impl Value {
     }
 
     fn bits(self) -> u32 {
-        self.tag << 25 | u32::from(self.sticks) << 24 | (self.number % NUMBERS)
+        (self.tag << 25) | (u32::from(self.sticks) << 24) | (self.number % NUMBERS)
     }
 }
 

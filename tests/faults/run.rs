@@ -179,6 +179,8 @@ impl World {
         let task = tokio::spawn(async move { running.run(listener).await });
         let began = self.time().now();
         self.say("begins");
+        // It is the first round that looks how late it is.
+        self.jumped = true;
         let samples = self.disk.truth(|truth| truth.samples());
         let seen = app.results().latest_change();
         let mut life = Life { seen, app, clock, began, reloaded: false, looked: began, samples };
