@@ -7,7 +7,6 @@ mod acquired_common;
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
 #[path = "../../tests/diagnosis_common/parallel.rs"]
-#[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 
 use acquired_common::{draw, judge, kinds_of_gaps, with_gaps};
