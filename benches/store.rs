@@ -159,7 +159,7 @@ fn read(config: &Config, minutes: usize) {
     }
     let clock = Instant::now();
     for tag in 1..=200 {
-        let mut start = Reader::first_start(START);
+        let mut start = stictiond::store::first_start(START);
         for _ in 0..5 {
             let at = reader.next_start(start).expect("reads").expect("there");
             assert!(!reader.chunk(at, Some(&[tag])).expect("reads").is_empty());

@@ -39,6 +39,7 @@ use futures::future::BoxFuture;
 use notifications::Notifications;
 use persistence::Persistence;
 use plantwide::Plantwide;
+pub use plantwide::friction_of;
 use security::Security;
 use std::collections::HashMap;
 use std::io;

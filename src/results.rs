@@ -127,7 +127,8 @@ impl Run {
         }
     }
 
-    fn summary(&self) -> Summary {
+    /// The run in a few numbers.
+    pub fn summary(&self) -> Summary {
         let judged = self.judged();
         let friction = judged.and_then(Judged::friction);
         let percent = self.percent();

@@ -202,8 +202,8 @@ pub enum Row {
     Missing,
 }
 
-/// One loop's data on an equal grid, every value finite: where OP was not measured it is the last known, as the controller
-/// holds it; where PV was not, it is drawn through, and a model's prediction takes its place.
+/// One loop's data on an equal grid, every value finite: what was not measured of OP and PV is what the loop makes likeliest,
+/// and a model's own prediction takes PV's place.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Window {
     /// Time of the first sample (s).

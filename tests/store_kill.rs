@@ -122,7 +122,7 @@ fn run_and_kill(folder: &Path, after: Duration) -> u64 {
 fn all_there(folder: &Path, from: u64, to: u64) {
     let mut reader = Reader::open(folder).expect("opens");
     let mut next = vec![from; TAGS as usize];
-    let mut start = Reader::first_start(from as f64);
+    let mut start = stictiond::store::first_start(from as f64);
     while let Some(at) = reader.next_start(start).expect("reads") {
         for (tag, samples) in reader.chunk(at, None).expect("reads") {
             for s in samples.iter().filter(|s| s.t >= from as f64) {

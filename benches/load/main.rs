@@ -6,8 +6,8 @@
 //! listen to events meanwhile and so many requests a second are made, by a third process, which says how long they took.
 
 mod asking;
+mod plant;
 
-use std::future;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::process::{Child, Command, Stdio};
@@ -16,22 +16,14 @@ use std::time::{Duration, Instant};
 use stictiond::app::App;
 use stictiond::config::{self, Config};
 use stictiond::schedule::Clock;
-use stictiond::sim::Run;
-use stictiond::sim::scenarios::{random_sound, random_sticky};
 use tokio::net::TcpListener;
-use tokio_modbus::prelude::*;
-use tokio_modbus::server::tcp::{Server, accept_tcp_connection};
-
-const DEVICES: usize = 8;
-/// Records that the loops replay, half of sticking valves.
-const RECORDS: u64 = 32;
 
 type Failed = Box<dyn std::error::Error + Send + Sync>;
 
 fn main() -> Result<(), Failed> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     if std::env::args().any(|argument| argument == "--server") {
-        return runtime.block_on(serve_plant(option("--speed", 10.0)));
+        return runtime.block_on(plant::serve(option("--speed", 10.0), false));
     }
     if let Some(address) = std::env::args().skip_while(|argument| argument != "--asking").nth(1) {
         return runtime.block_on(asking::run(address.parse()?));
@@ -58,7 +50,7 @@ async fn drive() -> Result<(), Failed> {
     let output = server.stdout.take().ok_or("the server has no output")?;
     let mut lines = BufReader::new(output).lines();
     let mut addresses = Vec::new();
-    for _ in 0..DEVICES {
+    for _ in 0..plant::DEVICES {
         addresses.push(lines.next().ok_or("the server ended")??);
     }
     let app = Arc::new(App::build(
@@ -148,82 +140,9 @@ fn configuration(addresses: &[String], loops: usize, speed: f64, period_s: f64) 
     let mut text = format!(
         "[server]\nmax_event_clients = 256\nmax_connections = 512\n[schedule]\nperiod_s = {period_s:.1}\nparallelism = 1\n[history]\nsamples_per_tag = 4096\n"
     );
-    for (at, address) in addresses.iter().enumerate() {
-        text += &format!(
-            "[[modbus]]\nname = \"d{at}\"\naddress = \"{address}\"\npoll_ms = {poll_ms}\ntimeout_ms = {poll_ms}\naddress_base = 0\n"
-        );
-    }
-    for at in 0..loops {
-        let (device, register) = (at % DEVICES, at / DEVICES * 4);
-        text += &format!("[[loop]]\nid = \"L{at:04}\"\nop_span = 100.0\n");
-        for (role, address) in [("op", register), ("pv", register + 2)] {
-            text += &format!(
-                "[loop.{role}]\ndevice = \"d{device}\"\nregister = \"holding\"\naddress = {address}\ntype = \"f32\"\n"
-            );
-        }
-    }
+    text += &plant::sections(addresses, loops, poll_ms);
     config::parse("load.toml", &text)
         .map_err(|wrong| wrong.iter().map(|d| d.to_string() + "\n").collect::<String>().into())
-}
-
-/// Loop l of a device has OP in registers 4l and 4l + 1, PV in the next two, and replays one of the records.
-#[derive(Clone)]
-struct Plant {
-    records: Arc<Vec<Run>>,
-    start: Instant,
-    speed: f64,
-    device: usize,
-}
-
-impl Plant {
-    fn register(&self, register: u16, now: usize) -> u16 {
-        let at = usize::from(register / 4) * DEVICES + self.device;
-        let record = &self.records[at % self.records.len()];
-        let values = if register % 4 < 2 { &record.op } else { &record.pv };
-        let bits = (values[(now + 7 * at) % values.len()] as f32).to_bits();
-        if register.is_multiple_of(2) { (bits >> 16) as u16 } else { bits as u16 }
-    }
-}
-
-impl tokio_modbus::server::Service for Plant {
-    type Request = Request<'static>;
-    type Response = Response;
-    type Exception = ExceptionCode;
-    type Future = future::Ready<Result<Response, ExceptionCode>>;
-
-    fn call(&self, request: Self::Request) -> Self::Future {
-        let now = (self.start.elapsed().as_secs_f64() * self.speed) as usize;
-        future::ready(match request {
-            Request::ReadHoldingRegisters(start, count) => Ok(Response::ReadHoldingRegisters(
-                (start..start + count).map(|r| self.register(r, now)).collect(),
-            )),
-            _ => Err(ExceptionCode::IllegalFunction),
-        })
-    }
-}
-
-/// The other process: serves until its standard input is closed.
-async fn serve_plant(speed: f64) -> Result<(), Failed> {
-    let scenario = |seed| {
-        if seed % 2 == 0 { random_sticky(seed) } else { random_sound(seed) }
-    };
-    let records: Result<Vec<Run>, _> = (0..RECORDS).map(|seed| scenario(seed).run()).collect();
-    let plant = Plant { records: Arc::new(records?), start: Instant::now(), speed, device: 0 };
-    for device in 0..DEVICES {
-        let listener = TcpListener::bind("127.0.0.1:0").await?;
-        println!("{}", listener.local_addr()?);
-        let plant = Plant { device, ..plant.clone() };
-        tokio::spawn(async move {
-            let connected = |stream, peer| {
-                let plant = plant.clone();
-                async move { accept_tcp_connection(stream, peer, move |_| Ok(Some(plant.clone()))) }
-            };
-            Server::new(listener).serve(&connected, |_| {}).await
-        });
-    }
-    std::io::stdout().flush()?;
-    tokio::task::spawn_blocking(|| std::io::stdin().read(&mut [0])).await??;
-    Ok(())
 }
 
 fn get(to: SocketAddr, path: &str) -> std::io::Result<String> {

@@ -4,6 +4,9 @@
 //! Options: `--records N` loops of three generators that share no code, sound and sticking, `--first-seed K`, `--threads T`,
 //! `--rows A,B` only the rows whose names contain one of these, `--each`, which prints what differs from the ticks.
 
+#[path = "../tests/acquired_common/mod.rs"]
+#[expect(dead_code, reason = "each user takes a part")]
+mod acquired_common;
 #[path = "../../tests/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
@@ -11,43 +14,16 @@ mod generators;
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 
-use generators::{Case, GENERATORS, Size};
+use acquired_common::{Loop, Said, draw, judge, kinds_of_gaps, scans};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::process::ExitCode;
 use stictiond_numerics::detectors::tally;
-use stictiond_numerics::diagnosis::{self, diagnose};
-use stictiond_numerics::residual::{self, Kind, trace_record};
 use stictiond_numerics::signal::Record;
-use stictiond_numerics::sim::acquisition::{Acquisition, Gaps, Poll, Scans, acquire};
+use stictiond_numerics::sim::acquisition::{Acquisition, Poll, acquire};
 
 /// Largest share by which the clock of who polls differs from the controller's.
 const CLOCK: f64 = 3e-4;
-/// Mean length of a burst of lost polls.
-const BURST: f64 = 8.0;
-/// Tags that have nothing to do with the loop.
-const TAGS: usize = 2;
-
-/// One loop, at the controller's ticks.
-struct Loop {
-    name: String,
-    record: Record,
-    /// S/2 (% OP).
-    f: f64,
-    also: Vec<Kind>,
-    seed: u64,
-}
-
-/// What was said of one record.
-#[derive(Clone)]
-struct Said {
-    verdict: &'static str,
-    f: f64,
-    ci: [f64; 2],
-    invented: Vec<Kind>,
-    reason: String,
-}
-
 /// Draws an acquisition for a scan period (s).
 type Draw = dyn Fn(f64, &mut Pcg64Mcg) -> Acquisition + Sync;
 
@@ -102,38 +78,6 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// The `i`-th loop: the generators in turn, each with all its classes and valves.
-fn draw(i: u64, seed: u64) -> Loop {
-    let generator = &GENERATORS[i as usize % GENERATORS.len()];
-    let variants = (generator.variants)(None);
-    // Steps of five meet all variants, but where their number is a multiple of it.
-    let step = if variants.is_multiple_of(5) { 7 } else { 5 };
-    let variant = i as usize / GENERATORS.len() * step % variants;
-    let case = Case { effect: None, size: Size::Medium, variant, seed, tags: TAGS };
-    let (record, truth) = (generator.record)(&case);
-    Loop {
-        name: format!("{} v{variant} {seed} {}", generator.name, truth.name),
-        record,
-        f: truth.f,
-        also: truth.also,
-        seed,
-    }
-}
-
-fn scans(record: &Record) -> Option<Scans> {
-    let values =
-        |series: &[stictiond_numerics::signal::Sample]| series.iter().map(|s| s.value).collect::<Vec<f64>>();
-    Some(Scans {
-        t0: record.op.first()?.t,
-        scan_s: record.op.get(1)?.t - record.op[0].t,
-        op: values(&record.op),
-        pv: values(&record.pv),
-        sp: record.sp.as_deref().map(values),
-        mv: None,
-        tags: record.tags.iter().map(|(name, series)| (name.clone(), values(series))).collect(),
-    })
-}
-
 fn rows() -> Vec<Row> {
     fn row(name: &str, how: impl Fn(f64, &mut Pcg64Mcg) -> Acquisition + Sync + 'static) -> Row {
         Row { name: name.to_string(), how: Box::new(how) }
@@ -156,15 +100,7 @@ fn rows() -> Vec<Row> {
         row("on change, with source stamps", |_, _| Acquisition::OnChange { dead_band: 0.0 }),
     ];
     for percent in [5, 10, 30] {
-        let share = f64::from(percent) / 100.0;
-        // 1 of 20, 1 of 10, 3 of 10.
-        let (every, lost) = if percent == 30 { (10, 3) } else { (100 / percent as usize, 1) };
-        let kinds = [
-            ("at random", Gaps::Random { share }),
-            ("in bursts", Gaps::Bursts { share, length: BURST }),
-            ("periodic", Gaps::Periodic { every, lost }),
-        ];
-        rows.extend(kinds.map(|(how, gaps)| {
+        rows.extend(kinds_of_gaps(percent).map(|(how, gaps)| {
             row(&format!("{percent} % missing, {how}"), move |s, _| {
                 Acquisition::Polled(Poll { gaps, phase: 0.5, ..Poll::every(s) })
             })
@@ -173,36 +109,16 @@ fn rows() -> Vec<Row> {
     rows
 }
 
-/// What the daemon says of a record.
-fn judge(own: &Loop, record: &Record) -> Said {
-    let settings = diagnosis::Settings::default();
-    let d = diagnose(record, &settings);
-    let found = trace_record(record, &d, &settings, &residual::Settings::default());
-    let decides = found.as_ref().filter(|f| f.decide());
-    let (verdict, reason) = decides.map_or((&d.verdict, &d.reason), |f| (&f.verdict, &f.reason));
-    let friction = decides.map(|f| (f.friction_after.f, f.friction_after.f_ci95));
-    let friction = friction.or(d.estimate.as_ref().map(|e| (e.f, e.f_ci95))).unwrap_or_default();
-    let named = found.iter().flat_map(|f| &f.effects).map(|e| e.kind);
-    Said {
-        verdict: verdict.as_str(),
-        f: friction.0,
-        ci: friction.1,
-        invented: named.filter(|kind| !own.also.contains(kind)).collect(),
-        reason: reason.clone(),
-    }
-}
-
 fn show(name: &str, loops: &[Loop], at_ticks: &[Said], said: &[Said], each: bool) {
-    let sticks = |said: &Said| said.verdict == "stiction";
     let all: Vec<(&Loop, &Said, &Said)> =
         loops.iter().zip(at_ticks).zip(said).map(|((own, ticks), said)| (own, ticks, said)).collect();
     let sticking: Vec<_> = all.iter().filter(|(own, ..)| own.f > 0.0).collect();
-    let found: Vec<_> = sticking.iter().filter(|(_, _, said)| sticks(said)).collect();
-    let known: Vec<_> = sticking.iter().filter(|(_, ticks, _)| sticks(ticks)).collect();
-    let again = known.iter().filter(|(_, _, said)| sticks(said)).count();
-    let near = found.iter().filter(|(own, _, said)| (said.f / own.f - 1.0).abs() < 0.1).count();
-    let covers = found.iter().filter(|(own, _, said)| (said.ci[0]..=said.ci[1]).contains(&own.f)).count();
-    let accused = all.iter().filter(|(own, _, said)| own.f == 0.0 && sticks(said)).count();
+    let found: Vec<_> = sticking.iter().filter(|(_, _, said)| said.sticks()).collect();
+    let known: Vec<_> = sticking.iter().filter(|(_, ticks, _)| ticks.sticks()).collect();
+    let again = known.iter().filter(|(_, _, said)| said.sticks()).count();
+    let near = found.iter().filter(|(own, _, said)| said.near(own.f)).count();
+    let covers = found.iter().filter(|(own, _, said)| said.covers(own.f)).count();
+    let accused = all.iter().filter(|(own, _, said)| own.f == 0.0 && said.sticks()).count();
     let invented = all.iter().filter(|(_, _, said)| !said.invented.is_empty()).count();
     let same = all.iter().filter(|(_, ticks, said)| ticks.verdict == said.verdict).count();
     let silent = all.iter().filter(|(_, _, said)| said.verdict == "not_identifiable").count();
@@ -218,8 +134,8 @@ fn show(name: &str, loops: &[Loop], at_ticks: &[Said], said: &[Said], each: bool
         wilson(same, all.len())
     );
     for (own, ticks, said) in all.iter().filter(|_| each) {
-        let near = own.f == 0.0 || (said.f / own.f - 1.0).abs() < 0.1;
-        let covers = own.f == 0.0 || (said.ci[0]..=said.ci[1]).contains(&own.f);
+        let near = own.f == 0.0 || said.near(own.f);
+        let covers = own.f == 0.0 || said.covers(own.f);
         if ticks.verdict != said.verdict || !near || !covers || !said.invented.is_empty() {
             println!(
                 "    {}: f {:.3}; ticks {} {:.3} [{:.3}, {:.3}]; here {} {:.3} [{:.3}, {:.3}] {:?}; {}; ticks: {}",

@@ -10,7 +10,7 @@ use crate::history::History;
 use crate::indicators::series::Values;
 use crate::plantwide::window::of_record;
 use crate::plantwide::{self, Analysis, Friction, PlantLoop, Task, analyse, tasks};
-use crate::results::Results;
+use crate::results::{Results, Summary};
 use crate::schedule::Clock;
 use crate::serve::report::GroupPictures;
 use crate::serve::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
@@ -110,6 +110,7 @@ impl Plantwide {
         let ids: BTreeSet<LoopId> = config.loops.iter().map(|own| LoopId::new(own.id.as_str())).collect();
         lock(&self.list).keep_only(&ids);
         lock(&self.health).keep_only(&ids);
+        self.results.swing(lock(&self.list).sources());
         self.wanted.notify_one();
     }
 
@@ -137,7 +138,12 @@ impl Plantwide {
             }
             let own = self.clone();
             let look = move || catch_unwind(AssertUnwindSafe(|| own.look_once()));
-            let looked = tokio::task::spawn_blocking(look).await;
+            let look = tokio::task::spawn_blocking(look);
+            let looked = tokio::select! {
+                // Nobody waits for a look that nobody will see.
+                () = stop.cancelled() => return,
+                looked = look => looked,
+            };
             self.looking.store(false, Relaxed);
             if !matches!(looked, Ok(Ok(()))) {
                 tracing::error!("the look at the plant as a whole failed");
@@ -155,7 +161,8 @@ impl Plantwide {
             match of_record(own.id.as_str(), &record, MOST_SAMPLES) {
                 Ok(mut of) => {
                     of.upstream.clone_from(&own.upstream);
-                    of.friction = self.friction(&own.id, now);
+                    of.friction =
+                        self.results.get(&own.id, now).and_then(|known| friction_of(&known.summary?));
                     plant.push(of);
                 }
                 Err(why) => skipped.push((own.id.clone(), why)),
@@ -181,22 +188,6 @@ impl Plantwide {
             "plant looked at"
         );
         *lock(&self.overview) = Some(Arc::new(Overview { at: now, took_s, looked_at, skipped, groups }));
-    }
-
-    /// What the latest diagnosis said of a loop's valve.
-    fn friction(&self, id: &LoopId, now: f64) -> Option<Friction> {
-        let known = self.results.get(id, now)?;
-        let summary = known.summary?;
-        let sticks = match summary.outcome.as_ref() {
-            "stiction" => true,
-            "no_stiction" => false,
-            _ => return None,
-        };
-        // Twice the log of the odds.
-        let odds = (0.5 * summary.delta_aic.unwrap_or_default()).exp();
-        let words = summary.words();
-        let says = words.trim_end_matches('.').to_string();
-        Some(Friction { sticks, probability: odds / (1.0 + odds), says })
     }
 
     /// What the look says of each loop.
@@ -236,6 +227,20 @@ impl Plantwide {
         }
         WorkLine { order, cost: sum }
     }
+}
+
+/// What a diagnosis says of a loop's valve; `None` where it cannot tell.
+pub fn friction_of(summary: &Summary) -> Option<Friction> {
+    let sticks = match summary.outcome.as_ref() {
+        "stiction" => true,
+        "no_stiction" => false,
+        _ => return None,
+    };
+    // Twice the log of the odds; beyond 100 they are no longer told apart.
+    let odds = (0.5 * summary.delta_aic.unwrap_or_default().min(100.0)).exp();
+    let words = summary.words();
+    let says = words.trim_end_matches('.').to_string();
+    Some(Friction { sticks, probability: odds / (1.0 + odds), says })
 }
 
 /// Where two of the indicators stand.

@@ -74,7 +74,7 @@ impl Indicators {
             self.error.map(|error| error.sd),
             self.error.map(|error| error.mean_absolute),
             self.harris.map(|harris| harris.index),
-            Some(swing.min(1.0)),
+            Some(swing.clamp(0.0, 1.0)),
             self.oscillations.first().map(|own| own.period_s),
             Some(self.travel.a_day),
             Some(self.travel.reversals_a_day),

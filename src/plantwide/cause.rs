@@ -82,7 +82,14 @@ pub const CLASSES: [Option<Cause>; 6] = [
 ];
 /// Weights of the signs and of 1, for each of [`CLASSES`].
 #[rustfmt::skip]
-const WEIGHTS: [[f64; SIGNS + 1]; CLASSES.len()] = [[0.0; SIGNS + 1]; CLASSES.len()];
+const WEIGHTS: [[f64; SIGNS + 1]; CLASSES.len()] = [
+    [-6.322, -0.003, -1.523, -5.305, -1.077, 11.223, 0.142, -0.233, -3.931, 1.763, -1.786, -3.854, -4.942, -1.283, -4.457], // valve
+    [-11.408, -0.001, 6.644, -9.882, 6.819, -14.189, 0.125, 0.085, -1.850, -0.271, -0.645, -2.767, 7.871, 1.704, 8.251], // tuning
+    [-8.771, -0.214, -1.548, -10.748, -1.954, 19.940, -0.569, -1.198, 2.085, -0.401, 1.455, -0.048, -5.286, -0.511, -22.844], // load
+    [17.573, 0.651, 3.766, 63.614, 0.291, 6.088, 0.116, 0.704, 25.040, -0.048, 1.134, 5.423, -0.147, -0.524, -1.090], // sensor
+    [39.772, -0.003, -4.625, -12.879, -0.378, -11.179, -0.230, 0.541, 0.202, -0.196, -1.276, -1.315, 3.308, 0.567, 8.905], // saturation
+    [-30.844, -0.430, -2.714, -24.801, -3.701, -11.883, 0.415, 0.101, -21.547, -0.848, 1.118, 2.560, -0.804, 0.047, 11.235], // at rest
+];
 
 /// Probability of each of [`CLASSES`], by the signs of a loop.
 pub fn probabilities(signs: &Signs) -> [f64; CLASSES.len()] {
@@ -92,9 +99,12 @@ pub fn probabilities(signs: &Signs) -> [f64; CLASSES.len()] {
     scores.map(|s| (s - most).exp() / sum)
 }
 
-/// The cause of one loop; none where it is at rest.
+/// The cause of one loop; none where it is at rest, or in manual for most of the time.
 pub fn reason(at: usize, plant: &[PlantLoop], found: &[LoopFound], groups: &[Group]) -> Option<Reason> {
     let of = &found[at];
+    if of.indicators.service_factor.is_some_and(|share| share < IN_MANUAL) {
+        return None;
+    }
     let group = of.group.map(|g| &groups[g]);
     let is_source = group.and_then(|g| Some(g.suspects.iter().find(|s| s.at == at)?.probability));
     if let (Some(group), Some(own)) = (group, is_source.filter(|own| *own < 0.5)) {
@@ -190,12 +200,16 @@ fn why(cause: Cause, of: &LoopFound, loop_: &PlantLoop) -> String {
         Cause::Sensor if i.kept.quantisation > 0.1 => {
             format!("PV moves in steps of {:.1} standard deviations", i.kept.quantisation)
         }
-        Cause::Sensor => format!("{} of PV's variance is noise", percent(i.kept.noise_share)),
+        Cause::Sensor => {
+            format!("{} of PV's variance is noise, and OP follows it", percent(i.kept.noise_share))
+        }
         Cause::Saturation => format!("OP is at a limit for {} of the time", percent(signs[LIMITS])),
         Cause::Neighbour | Cause::Unknown => String::new(),
     }
 }
 
+/// Share of the time in automatic below which nothing is said of a controller.
+const IN_MANUAL: f64 = 0.5;
 /// Where two of the signs stand.
 const LIMITS: usize = 0;
 const HELD: usize = 3;

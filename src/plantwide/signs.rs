@@ -4,7 +4,7 @@
 //! |---|---|
 //! | limits | share of the time with OP at a limit, or at the largest or least value that it has |
 //! | steps | ln of (PV's step over its standard deviation + 0.01) |
-//! | noise | share of PV's variance that is noise |
+//! | noise | share of PV's variance that is noise, times that of OP: noise of a loop at rest moves nothing |
 //! | held | longest stretch in which PV does not change at all, as a share of the record |
 //! | swing | share of the variance in the largest oscillation; 0 without one |
 //! | steady | its steadiness: 1 for a sine, 0.67 for noise in a band |
@@ -25,6 +25,8 @@ use crate::sysid::stats::{mean, range, sd};
 
 /// How many.
 pub const SIGNS: usize = 14;
+/// Where the one of a diagnosis that says that the valve sticks stands.
+pub const STICKS: usize = 9;
 /// The signs of one loop.
 pub type Signs = [f64; SIGNS];
 /// What is added to a share of harmonics: no measured wave is purer.
@@ -32,7 +34,7 @@ pub const PURE: f64 = 0.003;
 /// What is added to a step: finer ones are none.
 const FINE: f64 = 0.01;
 /// The most that a diagnosis of friction counts (log odds): its model may be wrong.
-const SURE: f64 = 3.0;
+pub const SURE: f64 = 3.0;
 /// Part of the record that is slow.
 const SLOW: f64 = 20.0;
 
@@ -49,7 +51,7 @@ pub fn signs(of: &PlantLoop, found: &LoopFound, transforms: &mut Transforms) -> 
     [
         i.at_limits.unwrap_or(0.0).max(at_extremes(&w.op)),
         (i.kept.quantisation + FINE).ln(),
-        i.kept.noise_share,
+        i.kept.noise_share * noise_share(&w.op),
         held(&w.pv),
         swing.map_or(0.0, |own| own.share),
         swing.map_or(0.67, |own| own.steadiness),
@@ -69,6 +71,11 @@ pub fn whole(x: &[f64], transforms: &mut Transforms) -> Option<Spectrum> {
     let level = mean(x);
     let x: Vec<f64> = x.iter().map(|x| x - level).collect();
     (x.len() > 60 && x.iter().all(|x| x.is_finite())).then(|| transforms.spectrum(&x))
+}
+
+fn noise_share(x: &[f64]) -> f64 {
+    let spread = sd(x);
+    if spread > 0.0 { (noise_sd(x) / spread).powi(2).min(1.0) } else { 0.0 }
 }
 
 /// Share of the samples at the largest and at the least value, within a thousandth of the range between them.

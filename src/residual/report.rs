@@ -11,7 +11,7 @@ use super::trace::Outcome;
 use super::{Settings, checks};
 use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Residual, Verdict};
 use crate::signal::told;
-use crate::sysid::armax::{Armax, Input, ORDER};
+use crate::sysid::armax::{Armax, Errors, Input, ORDER};
 use crate::sysid::iddata::{IdData, Units};
 use crate::sysid::simulate::simulate;
 use crate::sysid::student;
@@ -103,7 +103,7 @@ struct Judged {
 fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
     let input = OnData { hypothesis: &decided.hypothesis, data };
     let signals = input.signals(&decided.model.theta);
-    let e = decided.model.errors(data, &data.y, &signals, data.len()).e;
+    let Errors { e, gains, .. } = decided.model.errors(data, &data.y, &signals, data.len());
     let held = data.split..data.len();
     let stretch = held.len().div_ceil(STRETCHES).max(1);
     let free = simulate(&decided.model, data, &signals, &e, data.split, stretch);
@@ -119,7 +119,10 @@ fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
         free_run_rmse: rms(&|k| free[k] - data.y[k]),
     };
     let model = &decided.model;
-    let each = |k: usize| student::log_likelihood(&e[k..=k], &counted.weight[k..=k], model.scale, model.nu);
+    let each = |k: usize| {
+        let lost = gains.root.get(k).map_or(0.0, |root| counted.weight[k] * root.ln());
+        student::log_likelihood(&e[k..=k], &counted.weight[k..=k], model.scale, model.nu) - lost
+    };
     let log_likelihoods = held.map(each).collect();
     Judged {
         residual,

@@ -4,6 +4,7 @@
 mod csv;
 mod parquet;
 
+use super::walk::first_start;
 use super::{Batch, Reader, Series, StoreError, StoredTag, TagName, rows};
 use crate::signal::{Quality, Sample};
 use std::collections::HashMap;
@@ -242,7 +243,7 @@ fn samples(reader: &mut Reader, choice: &Choice, sink: &mut dyn Sink) -> Result<
     let tags = chosen(reader, choice)?;
     let ids: Vec<u32> = tags.iter().map(|(tag, _)| tag.id).collect();
     let qualities = Quality::ALL.map(|quality| (quality, Cell::text(quality.as_str())));
-    let (mut rows, mut from) = (0, Reader::first_start(choice.from.unwrap_or(0.0)));
+    let (mut rows, mut from) = (0, first_start(choice.from.unwrap_or(0.0)));
     while let Some(start) =
         reader.next_start(from)?.filter(|start| choice.to.is_none_or(|to| *start as f64 <= to))
     {

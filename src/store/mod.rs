@@ -31,12 +31,14 @@ mod embedded;
 mod postgresql;
 mod rows;
 mod sides;
+mod walk;
 mod writer;
 
 pub use backend::{Found, Opener, Point, Reader, Spool, Store, StoredTag, Usage, Writes};
 pub use check::{Checked, Repaired, check, check_of, repair};
 pub use config::Config;
 pub use rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, pack, unpack};
+pub use walk::first_start;
 pub use writer::{Driven, Feed, Status, Writer};
 
 use std::io;

@@ -6,8 +6,8 @@
 //! ```
 //!
 //! `x` and the shapes `phi` may depend on parameters `theta` of the hypothesis in which the likelihood is smooth; they are
-//! estimated with the coefficients. Where PV is missing its prediction takes its place: the row does not count and the
-//! filter carries on.
+//! estimated with the coefficients. Where PV is missing its prediction takes its place: the row does not count, and those
+//! behind it count for less until the state is known again (`holes`).
 //!
 //! Start: Hannan–Rissanen with the errors of the high-order ARX. Gradient: lags of y, x and e filtered by 1/C, so that one
 //! pass of filters serves all coefficients. Minimisation: Levenberg–Marquardt on the reweighted errors.
@@ -16,6 +16,7 @@
 //! 1982, 69, 81.
 
 mod gradient;
+mod holes;
 mod start;
 
 pub use start::{Start, hannan_rissanen};
@@ -25,6 +26,7 @@ use super::student;
 use super::zeros::draw_inside;
 use gradient::Normal;
 pub use gradient::{Gradient, filtered};
+use holes::Gains;
 
 /// `na = nb = nc` of every model.
 pub const ORDER: usize = 3;
@@ -99,8 +101,10 @@ pub struct Armax {
 pub struct Errors {
     /// PV; its prediction where it is missing.
     pub y: Vec<f64>,
-    /// Prediction errors; 0 before the recursion starts and where PV is missing.
+    /// Prediction errors, behind a hole in their own standard deviation; 0 before the recursion starts and where PV is missing.
     pub e: Vec<f64>,
+    /// How they pass on.
+    pub gains: Gains,
 }
 
 impl Errors {
@@ -122,14 +126,15 @@ impl Armax {
 
     /// One-step errors up to sample `to`.
     pub fn errors(&self, data: &IdData, y: &[f64], signals: &Signals, to: usize) -> Errors {
-        let mut out = Errors { y: Vec::new(), e: Vec::new() };
+        let mut out = Errors::default();
         out.restart(y, signals, to);
         self.errors_into(data, signals, &mut out);
         out
     }
 
     fn errors_into(&self, data: &IdData, signals: &Signals, out: &mut Errors) {
-        let (y, e, x) = (&mut out.y, &mut out.e, &signals.x);
+        let Errors { y, e, gains } = out;
+        let x = &signals.x;
         let begin = self.begin(data);
         let to = y.len();
         // What no error enters, by passes that become vectors; then the recursion.
@@ -141,28 +146,24 @@ impl Armax {
         for (gamma, shape) in self.gamma.iter().zip(&signals.shapes) {
             known.iter_mut().zip(shape).for_each(|(known, shape)| *known += gamma * shape);
         }
+        if data.weight[..to].contains(&0.0) {
+            self.filter(data, &known, begin, y, e, gains);
+            return;
+        }
         let ([a1, a2, a3], [c1, c2, c3]) = (self.a, self.c);
         for k in begin..to {
             let predicted = known[k] - a1 * y[k - 1] - a2 * y[k - 2] - a3 * y[k - 3]
                 + c1 * e[k - 1]
                 + c2 * e[k - 2]
                 + c3 * e[k - 3];
-            if data.weight[k] > 0.0 {
-                e[k] = y[k] - predicted;
-                continue;
-            }
-            // An error that is none of the process' own must not go through the filter.
-            e[k] = 0.0;
-            if !data.known[k] {
-                y[k] = predicted;
-            }
+            e[k] = y[k] - predicted;
         }
     }
 
     /// The log-likelihood of these errors, at their own scale.
-    fn rate(&mut self, data: &IdData, e: &[f64]) {
+    fn rate(&mut self, data: &IdData, errors: &Errors) {
         let rows = data.rows();
-        let (e, weight) = (&e[rows.clone()], &data.weight[rows]);
+        let (e, weight, lost) = (&errors.e[rows.clone()], &data.weight[rows], errors.gains.lost(data));
         if !e.iter().all(|e| e.is_finite() && e.abs() < 1e9) {
             self.log_likelihood = f64::NEG_INFINITY;
             return;
@@ -170,10 +171,11 @@ impl Armax {
         let guess = if self.scale > 0.0 { self.scale } else { student::first_scale(e, weight) };
         if self.nu <= 0.0 {
             (self.scale, self.nu, self.log_likelihood) = student::tails(e, weight, guess, data.least_scale);
+            self.log_likelihood -= lost;
             return;
         }
         self.scale = student::scale(e, weight, guess, self.nu, data.least_scale);
-        self.log_likelihood = student::log_likelihood(e, weight, self.scale, self.nu);
+        self.log_likelihood = student::log_likelihood(e, weight, self.scale, self.nu) - lost;
     }
 
     /// Maximises the likelihood from this model on, in at most `most` iterations.
@@ -188,7 +190,7 @@ impl Armax {
         let mut at = self.errors(data, y, &signals, data.split);
         // The tails are estimated anew where a fit begins.
         self.nu = 0.0;
-        self.rate(data, &at.e);
+        self.rate(data, &at);
         let mut trial = Errors::default();
         let mut damping = DAMPING.0;
         for _ in 0..most {
@@ -202,7 +204,7 @@ impl Armax {
                 let with = other.as_ref().unwrap_or(&signals);
                 trial.restart(y, with, data.split);
                 next.errors_into(data, with, &mut trial);
-                next.rate(data, &trial.e);
+                next.rate(data, &trial);
                 if next.log_likelihood > self.log_likelihood {
                     gained = next.log_likelihood - self.log_likelihood;
                     self = next;

@@ -6,6 +6,7 @@ pub mod criterion;
 pub mod gram;
 pub mod iddata;
 pub mod least_squares;
+pub mod missing;
 pub mod simulate;
 pub mod spectrum;
 pub mod stats;

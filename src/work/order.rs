@@ -233,8 +233,12 @@ impl Order {
         if self.looks.len() > LOOKS {
             self.looks.pop_front();
         }
-        if seen.is_some() {
-            self.seen = seen.cloned();
+        // The sentence is that of the cause which is shown.
+        let shown = self.cause().map(|(cause, _)| cause);
+        if let Some(seen) = seen
+            && (shown == Some(seen.cause) || self.seen.as_ref().map(|own| own.cause) != shown)
+        {
+            self.seen = Some(seen.clone());
         }
         self.moved(now, config)
     }

@@ -102,6 +102,9 @@ fn the_cause_is_the_most_frequent_one() {
     }
     let (cause, probability) = order.cause().expect("seen");
     assert!(cause == Cause::Valve && (probability - 0.7).abs() < 1e-12);
+    let load = Seen { cause: Cause::Load, why: "a load".into(), ..seen() };
+    order.take(Some(&load), Measure::default(), 4.0 * HOUR, &config());
+    assert_eq!(order.seen.as_ref().map(|own| own.cause), order.cause().map(|own| own.0));
 }
 
 proptest! {

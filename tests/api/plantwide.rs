@@ -98,6 +98,12 @@ async fn from_a_swing_that_loops_share_to_an_order_that_outlives_a_restart() {
         "{health}"
     );
     assert!(health["looks"].as_array().is_some_and(|looks| !looks.is_empty()));
+    let victim = line["victims"][0].as_str().expect("a victim");
+    let report = get(daemon.address, &format!("/api/v1/loops/{victim}/report.html")).await.text();
+    assert!(
+        report.contains("<h2>Health</h2>") && report.contains(&format!("It swings with {source}")),
+        "{report}"
+    );
     let metrics = get(daemon.address, "/metrics").await.text();
     for series in [
         "stictiond_work_orders{state=\"ordered\"} 1",
@@ -107,7 +113,6 @@ async fn from_a_swing_that_loops_share_to_an_order_that_outlives_a_restart() {
         assert!(metrics.contains(series), "{series} in {metrics}");
     }
     // Who swings with it is told so wherever the loop is shown.
-    let victim = line["victims"][0].as_str().expect("a victim");
     assert_eq!(daemon.json(&format!("/api/v1/loops/{victim}")).await["swings_with"], source.as_str());
     stop(daemon).await;
 

@@ -1,12 +1,13 @@
 //! Alertmanager, as Debian has it.
 
-use super::rig::{Daemon, PATIENCE, folder, http, plant};
+use super::rig::{Daemon, PATIENCE, folder, http, plant, root};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
+use stictiond::signal::LoopId;
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::TcpListener;
 use tokio::process::{Child, Command};
@@ -193,5 +194,51 @@ async fn one_alert_a_loop_outlives_a_restart_of_either_side_and_is_resolved() {
     all.sort();
     let expected = [("firing", "FIC1"), ("firing", "FIC2"), ("resolved", "FIC1"), ("resolved", "FIC2")];
     assert_eq!(all, expected.map(|(status, id)| (status.to_string(), id.to_string())));
+    daemon.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn who_swings_with_another_is_inhibited_while_that_one_stands_by_the_rules_of_deploy() {
+    let folder = folder("inhibition");
+    std::fs::copy(root().join("deploy/alertmanager/alertmanager.yml"), folder.join("alertmanager.yml"))
+        .unwrap();
+    let port = TcpListener::bind("127.0.0.1:0").await.unwrap().local_addr().unwrap().port();
+    let text = format!(
+        "[alarm.not_identifiable]\nafter_s = 1.0\n[[notify.alertmanager]]\nname = 'am'\nurl = 'http://127.0.0.1:{port}'\nresend_s = 1.0\nexpires_s = 60.0\n"
+    );
+    let daemon = Daemon::start(&plant(None, &text)).await;
+    let alertmanager = Alertmanager::start(&folder, port).await;
+    daemon.diagnosed("FIC1", Some(2.5));
+    daemon.not_identifiable("FIC2");
+    let both = alertmanager.until("both loops", 2).await;
+    assert_eq!(both.keys().collect::<Vec<_>>(), ["FIC1", "FIC2"]);
+    let inhibited = |alert: &&Value| !alert["status"]["inhibitedBy"].as_array().unwrap().is_empty();
+    assert_eq!(alertmanager.active().await.iter().filter(inhibited).count(), 0);
+
+    // An order on FIC1 stands, and FIC2 is expected to calm down with it.
+    let [source, victim] = ["FIC1", "FIC2"].map(LoopId::new);
+    daemon.app.results().swing([(victim, source)].into());
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        let active = alertmanager.active().await;
+        let of = |id: &str| {
+            active
+                .iter()
+                .filter(|own| own["labels"]["loop"] == id && own["labels"]["swing"].is_string())
+                .collect::<Vec<_>>()
+        };
+        if let ([source], [victim]) = (&of("FIC1")[..], &of("FIC2")[..])
+            && inhibited(victim)
+        {
+            assert!(!inhibited(source), "{active:?}");
+            assert_eq!(
+                (&source["labels"]["swing"], &victim["labels"]["swings_with"]),
+                (&"source".into(), &"FIC1".into())
+            );
+            break;
+        }
+        assert!(Instant::now() < deadline, "{active:?}");
+        sleep(Duration::from_millis(50)).await;
+    }
     daemon.stop().await;
 }

@@ -96,11 +96,19 @@ impl Daemon {
 
     /// A diagnosis ends: the valve sticks by `f`, or does not.
     pub fn diagnosed(&self, id: &str, f: Option<f64>) {
-        let judged = match f {
-            Some(f) => verdict(Verdict::Stiction, f),
-            None => verdict(Verdict::NoStiction, 0.0),
-        };
-        let now = Clock::wall().now();
+        let judged = f.map_or_else(|| verdict(Verdict::NoStiction, 0.0), |f| verdict(Verdict::Stiction, f));
+        self.ended(id, judged, 0.0);
+    }
+
+    /// Diagnoses end that cannot tell, for a minute now.
+    pub fn not_identifiable(&self, id: &str) {
+        for ago_s in [60.0, 0.0] {
+            self.ended(id, verdict(Verdict::NotIdentifiable(NotIdentifiable::FlatPv), 0.0), ago_s);
+        }
+    }
+
+    fn ended(&self, id: &str, judged: Diagnosis, ago_s: f64) {
+        let now = Clock::wall().now() - ago_s;
         self.app.results().record(Run {
             id: LoopId::new(id),
             started: now,

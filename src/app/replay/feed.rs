@@ -5,7 +5,7 @@ use crate::collect::table::{self, Found, Options, Source, TableError};
 use crate::history::{History, LoopTags};
 use crate::results::basis;
 use crate::signal::{Record, Sample};
-use crate::store::Reader;
+use crate::store::{self, Reader};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -46,7 +46,7 @@ impl Stored {
         let tags: HashMap<u32, usize> = reader.tags()?.iter().filter_map(own).collect();
         let mut wanted: Vec<u32> = tags.keys().copied().collect();
         wanted.sort_unstable();
-        Ok(Self { from: Reader::first_start(first), reader, tags, wanted, first, pending: Vec::new() })
+        Ok(Self { from: store::first_start(first), reader, tags, wanted, first, pending: Vec::new() })
     }
 }
 

@@ -8,9 +8,13 @@ use super::{Failure, print, table};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
+use stictiond::app::{App, friction_of};
+use stictiond::diagnosis::Settings;
 use stictiond::plantwide::cause::period;
 use stictiond::plantwide::window::of_record;
-use stictiond::plantwide::{Analysis, PlantLoop, Task, analyse, tasks};
+use stictiond::plantwide::{Analysis, Friction, PlantLoop, Task, analyse, tasks};
+use stictiond::results::{Outcome, Run, Trigger};
+use stictiond::signal::LoopId;
 
 /// Most records of a folder.
 const MOST: usize = 20_000;
@@ -30,21 +34,43 @@ pub struct Args {
     /// The controllers' output limits (OP unit): saturation is judged against them
     #[arg(long, value_name = "LOW,HIGH", value_parser = super::diagnose::limits, allow_hyphen_values = true)]
     op_limits: Option<(f64, f64)>,
+    /// Diagnose the valves of at most so many loops that swing; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    diagnose: usize,
+    /// Loops whose stream enters another: `TIC3=FIC101,FIC102`, once for each that is entered
+    #[arg(long, value_name = "LOOP=FROM,…", value_parser = upstream)]
+    upstream: Vec<(String, Vec<String>)>,
     #[command(flatten)]
     table: table::TableArgs,
 }
 
+fn upstream(text: &str) -> Result<(String, Vec<String>), String> {
+    let (into, from) = text.split_once('=').ok_or("write it as LOOP=FROM,FROM")?;
+    Ok((into.to_string(), from.split(',').map(str::to_string).collect()))
+}
+
 /// Reads, analyses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let (mut plant, skipped) = read(args)?;
+    let (mut plant, files, skipped) = read(args)?;
     if plant.is_empty() {
         return Err(Failure::in_file(
             &args.folder,
             format!("no record could be used, {} skipped", skipped.len()),
         ));
     }
-    plant.iter_mut().for_each(|of| of.op_limits = args.op_limits.or(of.op_limits));
-    let found = analyse(&plant);
+    for of in &mut plant {
+        of.op_limits = args.op_limits.or(of.op_limits);
+        let from = args.upstream.iter().filter(|(into, _)| *into == of.name);
+        of.upstream = from.flat_map(|(_, from)| from.clone()).collect();
+    }
+    let mut found = analyse(&plant);
+    let swinging = swinging(&found, args.diagnose);
+    for at in &swinging {
+        plant[*at].friction = friction(args, &files[*at], &plant[*at].name);
+    }
+    if !swinging.is_empty() {
+        found = analyse(&plant);
+    }
     let work = tasks(&found);
     if let Some(to) = &args.html {
         let title = args
@@ -60,8 +86,39 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// Every record of the folder, and what could not be read.
-fn read(args: &Args) -> Result<(Vec<PlantLoop>, Vec<String>), Failure> {
+/// Loops that swing in a group or by themselves, those that swing most first.
+fn swinging(found: &Analysis, most: usize) -> Vec<usize> {
+    let share = |at: usize| found.loops[at].oscillations.first().map_or(0.0, |own| own.share);
+    let mut all: Vec<usize> =
+        (0..found.loops.len()).filter(|at| found.loops[*at].group.is_some() || share(*at) > 0.0).collect();
+    all.sort_by(|a, b| share(*b).total_cmp(&share(*a)));
+    all.truncate(most);
+    all
+}
+
+/// What a diagnosis says of a loop's valve. The record is read again: all of them at once would not fit.
+fn friction(args: &Args, file: &Path, name: &str) -> Option<Friction> {
+    let mut record = table::read(file, &args.table.options(None)).ok()?.record;
+    record.op_limits = args.op_limits.or(record.op_limits);
+    record.find_span(None, None);
+    let judged = App::diagnosis()(&record, &Settings::default(), &[]);
+    let run = Run {
+        id: LoopId::new(name),
+        started: 0.0,
+        finished: 0.0,
+        took_s: 0.0,
+        trigger: Trigger::OnDemand,
+        op_span: record.op_span,
+        basis: None,
+        outcome: Outcome::Diagnosed(Box::new(judged)),
+    };
+    friction_of(&run.summary())
+}
+
+/// The loops of the folder and their files, and what could not be read.
+type Folder = (Vec<PlantLoop>, Vec<PathBuf>, Vec<String>);
+
+fn read(args: &Args) -> Result<Folder, Failure> {
     let entries = fs::read_dir(&args.folder).map_err(|error| Failure::in_file(&args.folder, &error))?;
     let is_table = |path: &Path| {
         let known = ["csv", "txt", "tsv", "xlsx", "xls", "xlsb", "ods", "parquet"];
@@ -75,7 +132,7 @@ fn read(args: &Args) -> Result<(Vec<PlantLoop>, Vec<String>), Failure> {
     if files.len() > MOST {
         return Err(Failure::in_file(&args.folder, format!("{} records, {MOST} are the most", files.len())));
     }
-    let (mut plant, mut skipped) = (Vec::new(), Vec::new());
+    let (mut plant, mut used, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
     let options = args.table.options(None);
     for file in files {
         let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -85,11 +142,14 @@ fn read(args: &Args) -> Result<(Vec<PlantLoop>, Vec<String>), Failure> {
             Err(Failure::BadConfig(_)) => Err("the options contradict each other".into()),
         };
         match of {
-            Ok(of) => plant.push(of),
+            Ok(of) => {
+                plant.push(of);
+                used.push(file);
+            }
             Err(why) => skipped.push(format!("{name}: {why}")),
         }
     }
-    Ok((plant, skipped))
+    Ok((plant, used, skipped))
 }
 
 /// How sure a cause is; of none there is nothing to be sure of.

@@ -7,6 +7,7 @@ use super::wire::{Asked, Dial};
 use std::fmt;
 use std::io;
 use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::timeout;
 use tokio_modbus::client::{Client, Context, rtu, tcp};
 use tokio_modbus::slave::SlaveContext;
@@ -100,15 +101,20 @@ impl Link {
                 Err(Lost::Broken(format!("no connection to {address} within {} ms", limit.as_millis())))
             }
             Ok(Err(error)) => Err(Lost::Broken(format!("cannot connect to {address}: {error}"))),
-            Ok(Ok(stream)) => {
-                let stream = Asked::new(stream);
-                let context = match framing {
-                    Framing::Tcp => tcp::attach(stream),
-                    Framing::Rtu => rtu::attach(stream),
-                };
-                Ok(Link { context })
-            }
+            Ok(Ok(stream)) => Ok(Link::over(Asked::new(stream), framing)),
         }
+    }
+
+    /// A link over a stream that is there.
+    pub(super) fn over<S>(stream: S, framing: Framing) -> Link
+    where
+        S: AsyncRead + AsyncWrite + fmt::Debug + Unpin + Send + 'static,
+    {
+        let context = match framing {
+            Framing::Tcp => tcp::attach(stream),
+            Framing::Rtu => rtu::attach(stream),
+        };
+        Link { context }
     }
 
     /// Asks `unit` for `span`. Gives the link back with the answer, or tells why it is lost.

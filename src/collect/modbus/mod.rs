@@ -23,5 +23,5 @@ pub use decode::Decoder;
 pub use device::Collector;
 pub use overlap::{Contradiction, contradictions};
 pub use plan::{Limits, Plan, Request, Span, Tag, TagSpec, group};
-pub use probe::{ProbeError, ProbeTarget, Table, probe};
+pub use probe::{ProbeError, ProbeTarget, Table, probe, probe_over};
 pub use wire::{Dial, Dialled, Wire, sockets};

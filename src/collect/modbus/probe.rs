@@ -1,14 +1,15 @@
 //! `probe`: shows registers in every type and byte order, for the day the addresses are checked against
 //! the plant's screens. Reads only.
 
-use super::config::{ByteOrder, Framing, MAX_BITS, MAX_REGISTERS, Register, is_host_and_port};
+use super::config::{ByteOrder, Framing, MAX_BITS, MAX_REGISTERS, Register, Tolerated, is_host_and_port};
 use super::decode::bytes;
-use super::link::Link;
+use super::link::{Link, Lost};
 use super::plan::Span;
 use super::wire::sockets;
 use std::fmt;
 use std::time::Duration;
 use thiserror::Error;
+use tokio::io::{AsyncRead, AsyncWrite};
 
 /// What to read, once.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,12 +77,38 @@ pub struct Table {
 /// [`ProbeError`]: impossible arguments, no link, or a device that refuses.
 pub async fn probe(target: &ProbeTarget) -> Result<Table, ProbeError> {
     let span = span(target)?;
-    let lost = |why: String| ProbeError::Link { address: target.address.clone(), why };
-    let dial = sockets();
-    let link = Link::open(&dial, &target.address, Framing::Tcp, target.timeout);
-    let link = link.await.map_err(|why| lost(why.to_string()))?;
-    let (_, answer) =
-        link.read(target.unit_id, span, &[], target.timeout).await.map_err(|why| lost(why.to_string()))?;
+    let link = Link::open(&sockets(), &target.address, Framing::Tcp, target.timeout).await;
+    ask(link.map_err(|why| lost(target, &why))?, target, span, &[]).await
+}
+
+/// Reads the target's registers once, over a connection that is there.
+///
+/// # Errors
+/// As [`probe`].
+pub async fn probe_over<S>(
+    stream: S,
+    framing: Framing,
+    tolerate: &[Tolerated],
+    target: &ProbeTarget,
+) -> Result<Table, ProbeError>
+where
+    S: AsyncRead + AsyncWrite + fmt::Debug + Unpin + Send + 'static,
+{
+    ask(Link::over(stream, framing), target, span(target)?, tolerate).await
+}
+
+fn lost(target: &ProbeTarget, why: &Lost) -> ProbeError {
+    ProbeError::Link { address: target.address.clone(), why: why.to_string() }
+}
+
+async fn ask(
+    link: Link,
+    target: &ProbeTarget,
+    span: Span,
+    tolerate: &[Tolerated],
+) -> Result<Table, ProbeError> {
+    let asked = link.read(target.unit_id, span, tolerate, target.timeout).await;
+    let (_, answer) = asked.map_err(|why| lost(target, &why))?;
     let words = answer.map_err(|refusal| ProbeError::Device {
         address: target.address.clone(),
         register: target.register,

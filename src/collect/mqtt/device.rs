@@ -24,7 +24,7 @@ use prost::Message;
 use rand::SeedableRng;
 use rand_pcg::Pcg32;
 use rumqttc::{
-    AsyncClient, ConnectReturnCode, ConnectionError, Event, EventLoop, Packet, Publish, PublishOptions, QoS,
+    AsyncClient, ConnectReturnCode, ConnectionError, Event, EventLoop, Packet, PublishOptions, QoS,
     SubscribeFilterInput,
 };
 use std::collections::HashMap;
@@ -162,7 +162,12 @@ impl Collector {
         loop {
             tokio::select! {
                 event = events.next() => match event {
-                    Some(Ok(Event::Incoming(Packet::Publish(publish)))) => self.message(&publish, &client, sink),
+                    Some(Ok(Event::Incoming(Packet::Publish(publish)))) => {
+                        let (topic, payload) = (&publish.topic, &publish.payload);
+                        if let Some(edge) = self.message(topic, payload, publish.retain, sink) {
+                            self.ask_for_births(edge, &client);
+                        }
+                    }
                     Some(Ok(Event::Incoming(Packet::SubAck(answer)))) => self.subscribed(&answer.return_codes),
                     Some(Ok(_)) => {}
                     Some(Err(error)) => {
@@ -251,21 +256,31 @@ impl Collector {
         }
     }
 
-    fn message(&mut self, publish: &Publish, client: &AsyncClient, sink: &dyn Sink) {
+    /// Takes one message as a broker sends it. Which edge node, by number, has to be asked for its births.
+    pub fn message(
+        &mut self,
+        topic: &[u8],
+        payload: &[u8],
+        retained: bool,
+        sink: &dyn Sink,
+    ) -> Option<usize> {
         let began = Instant::now();
         self.health.poll_done(false);
-        let came = Arrival { t: self.clock.now(), steady: self.steady(), retained: publish.retain };
-        let Ok(topic) = std::str::from_utf8(&publish.topic) else {
-            return self.refuse("?", "the topic is no text", 1);
+        let came = Arrival { t: self.clock.now(), steady: self.steady(), retained };
+        let Ok(topic) = std::str::from_utf8(topic) else {
+            self.refuse("?", "the topic is no text", 1);
+            return None;
         };
-        if publish.payload.len() > self.plan.config.max_payload_bytes {
-            return self.refuse(topic, "larger than max_payload_bytes", 1);
+        if payload.len() > self.plan.config.max_payload_bytes {
+            self.refuse(topic, "larger than max_payload_bytes", 1);
+            return None;
         }
+        let mut births = None;
         let (good, bad) = match (self.topics.get(topic).cloned(), Topic::parse(topic)) {
-            (Some(tags), _) => self.plain(topic, &tags, &publish.payload, came, sink),
-            (None, Some(parsed)) => self.sparkplug(topic, &parsed, &publish.payload, came, client, sink),
+            (Some(tags), _) => self.plain(topic, &tags, payload, came, sink),
+            (None, Some(parsed)) => self.sparkplug(topic, &parsed, payload, came, &mut births, sink),
             // Commands to an edge node come with its other messages.
-            (None, None) => return,
+            (None, None) => return None,
         };
         if good + bad > 0 {
             self.heard = came.steady;
@@ -275,6 +290,7 @@ impl Collector {
             }
             sink.poll(self.plan.device, Poll { t: came.t, good, bad, took: began.elapsed() });
         }
+        births
     }
 
     fn plain(
@@ -322,7 +338,7 @@ impl Collector {
         parsed: &Topic,
         payload: &[u8],
         came: Arrival,
-        client: &AsyncClient,
+        births: &mut Option<usize>,
         sink: &dyn Sink,
     ) -> (usize, usize) {
         let Some(at) = self.edges.iter().position(|edge| edge.is_of(parsed)) else { return (0, 0) };
@@ -337,9 +353,7 @@ impl Collector {
         if gap {
             self.health.missed_messages();
         }
-        if wants_births {
-            self.ask_for_births(at, client);
-        }
+        *births = wants_births.then_some(at);
         let (mut good, mut bad) = (0, 0);
         for (tag, told) in values {
             match self.take(tag, told, came, sink) {

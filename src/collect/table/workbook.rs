@@ -5,6 +5,7 @@ use super::source::{Cell, Rows, Source};
 use super::stamp::DAY;
 use calamine::{Data, DataRef, ExcelDateTime, Reader, Sheets, open_workbook_auto_from_rs};
 use std::io::{Cursor, Read};
+use std::panic::catch_unwind;
 use std::sync::Arc;
 
 /// Most cells of a sheet: Excel's most rows with a dozen columns.
@@ -45,6 +46,12 @@ pub fn read(source: Source<'_>, wanted: Option<&str>) -> Result<Sheet, TableErro
             "a workbook of more than {MAX_BYTES} bytes; save the sheet as CSV"
         )));
     }
+    // The library panics at some that are damaged.
+    catch_unwind(|| read_bytes(bytes, wanted))
+        .unwrap_or_else(|_| Err(TableError::refused("a workbook that cannot be read: it is damaged")))
+}
+
+fn read_bytes(bytes: Vec<u8>, wanted: Option<&str>) -> Result<Sheet, TableError> {
     let mut book: Book = open_workbook_auto_from_rs(Cursor::new(bytes.into()))
         .map_err(|error| TableError::refused(format!("a workbook that cannot be read: {error}")))?;
     let names = book.sheet_names();

@@ -2,7 +2,8 @@
 //!
 //! Sorts and de-duplicates each tag, drops what is not good (quality, not finite, drop-outs to 0, not in automatic), asks
 //! how the record was acquired ([`super::acquisition`]) and puts the longest stretch on the controller's ticks, else on the
-//! polls. What was not measured is missing and does not count: OP is there the last known, as the controller holds it.
+//! polls. What was not measured is missing and does not count: OP and PV are there what the loop makes likeliest
+//! ([`crate::sysid::missing`]).
 
 mod clean;
 mod refuse;
@@ -14,15 +15,13 @@ use super::acquisition::{self, Placed};
 use super::history_kind::{HistoryKind, recognise};
 use super::{NotIdentifiable, Preparation, Settings};
 use crate::signal::{Record, Row, Sample, Window};
+use crate::sysid::missing::likeliest;
 use clean::{clean, missing_share, shortage};
 use refuse::refuse;
 use stretches::{automatic, intersect, runs};
 
 /// Most rows for each sample there is; more would be invented.
 const MOST_POINTS: usize = 20;
-/// Rows behind a hole beyond its own length that do not count, and all of them at most: the lags of B and a dead time.
-const SHORT_B: usize = 2;
-const MOST_AFTER: usize = 12;
 /// Rows that a slope of OP beside a hole is taken from.
 const SLOPE: usize = 5;
 /// Missing share from which a record that is too short is one with gaps.
@@ -139,7 +138,8 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
         return Window { ts: placed.rows.period, ..Window::default() };
     };
     let missing: Vec<bool> = (first..=last).map(|k| !there(&k)).collect();
-    let rows = if missing.contains(&true) { worth(&missing) } else { Vec::new() };
+    let worth = |missing: &bool| if *missing { Row::Missing } else { Row::Counts };
+    let rows = if missing.contains(&true) { missing.iter().map(worth).collect() } else { Vec::new() };
     let n = missing.len();
     let from = from + first as i64;
     let other = |series: &[Sample]| -> Option<Vec<f64>> {
@@ -148,34 +148,19 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
         let overlaps = kept.first()?.t <= end && kept.last()?.t >= placed.rows.time(from as f64);
         overlaps.then(|| held(&placed.other(&kept, from, n)))
     };
+    let sp = record.sp.as_deref().and_then(&other);
+    let (op, pv) = (&op[first..=last], &pv[first..=last]);
+    let [op, pv] = likeliest(op, pv, [carried_on(op), drawn_through(pv)], sp.as_deref());
     Window {
         t0: placed.rows.time(from as f64),
         ts: placed.rows.period,
-        op: carried_on(&op[first..=last]),
-        pv: drawn_through(&pv[first..=last]),
-        sp: record.sp.as_deref().and_then(other),
-        mv: record.mv.as_deref().and_then(other),
+        op,
+        pv,
+        sp,
+        mv: record.mv.as_deref().and_then(&other),
         tags: record.tags.iter().filter_map(|(name, s)| Some((name.clone(), other(s)?))).collect(),
         rows,
     }
-}
-
-/// What rows are worth. Behind a hole of several PV comes from an OP that nobody knows: as many rows as the hole has, and
-/// those of a short B, are right but say nothing.
-fn worth(missing: &[bool]) -> Vec<Row> {
-    let mut rows = vec![Row::Counts; missing.len()];
-    let mut at = 0;
-    for run in missing.chunk_by(|a, b| a == b) {
-        let end = at + run.len();
-        if run[0] {
-            rows[at..end].fill(Row::Missing);
-            let after = if run.len() > 1 { (run.len() + SHORT_B).min(MOST_AFTER) } else { 0 };
-            let until = (end + after).min(rows.len());
-            rows[end..until].fill(Row::Silent);
-        }
-        at = end;
-    }
-    rows
 }
 
 /// The last known value where one is missing, and the first where none is known yet.

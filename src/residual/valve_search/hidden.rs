@@ -1,6 +1,6 @@
 //! What friction a record could hide: the bound that goes with "no friction needed".
 
-use super::{Search, bridged, places, whole};
+use super::{Search, places, whole};
 use crate::residual::hypothesis::Hypothesis;
 use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
@@ -24,8 +24,7 @@ const HIDDEN_PLACES: usize = 12;
 /// the bound is the next above the last that is not excluded.
 pub fn hidden(data: &IdData, effects: &Hypothesis, bound: f64) -> f64 {
     let shapes = effects.shapes(data);
-    let counted = bridged(data);
-    let search = Search::new(data, effects, &shapes, &counted);
+    let search = Search::new(data, effects, &shapes);
     let none = effects.with_valve(None);
     let free = search.arx.fit(&none.to_process(data, none.stem(data).0), None);
     let (least, most) = whole(data);
@@ -37,7 +36,7 @@ pub fn hidden(data: &IdData, effects: &Hypothesis, bound: f64) -> f64 {
             rests.map(move |rest| ValveModel { rest, ..valve })
         });
         let stems = valves.map(|valve| search.stem(valve));
-        let rated = stems.map(|stem| (search.ranking.deviance(&stem), stem));
+        let rated = stems.map(|stem| (search.arx.deviance(&stem), stem));
         let best = rated.min_by(|a, b| a.0.total_cmp(&b.0));
         let excluded = best.is_some_and(|(_, stem)| {
             let fit = search.arx.fit(&stem, Some(&free));

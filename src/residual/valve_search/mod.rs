@@ -101,8 +101,7 @@ pub enum Effort {
 /// The valves that explain PV best beside the effects of `effects`, the best first and of different kinds.
 pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort: Effort) -> Vec<Found> {
     let shapes = effects.shapes(data);
-    let counted = bridged(data);
-    let mut search = Search::new(data, effects, &shapes, &counted);
+    let mut search = Search::new(data, effects, &shapes);
     starts.iter().for_each(|valve| search.rate(*valve, None));
     if effort == Effort::Whole {
         search.grid().into_iter().take(STARTS).for_each(|valve| search.rate(valve, None));
@@ -114,21 +113,6 @@ pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort
         }
     }
     search.finish()
-}
-
-/// The record with PV drawn straight through the samples that do not count: they are still lags of those that do.
-fn bridged(data: &IdData) -> IdData {
-    let mut filled = data.clone();
-    let mut last = None;
-    for k in (0..data.len()).filter(|k| data.weight[*k] > 0.0 || data.known[*k]) {
-        let from = last.map_or(0, |last: usize| last + 1);
-        let before = data.y[last.unwrap_or(k)];
-        for (i, y) in filled.y[from..k].iter_mut().enumerate() {
-            *y = before + (data.y[k] - before) * (i + 1) as f64 / (k - from + 1) as f64;
-        }
-        last = Some(k);
-    }
-    filled
 }
 
 /// S from the least that is told from none to the largest at which a stem turns.
@@ -148,9 +132,6 @@ struct Search<'a> {
     effects: &'a Hypothesis,
     shapes: &'a [Vec<f64>],
     arx: Arx<'a>,
-    /// What ranks valves before they are fitted.
-    counted: &'a IdData,
-    ranking: Arx<'a>,
     /// What the effects change about any valve.
     full: ValveModel,
     /// What was found, and whether it was a start already.
@@ -160,11 +141,11 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(data: &'a IdData, effects: &'a Hypothesis, shapes: &'a [Vec<f64>], counted: &'a IdData) -> Self {
+    fn new(data: &'a IdData, effects: &'a Hypothesis, shapes: &'a [Vec<f64>]) -> Self {
         let mut full = ValveModel::default();
         effects.effects.iter().for_each(|effect| effect.on_valve(&mut full));
-        let [arx, ranking] = [data, counted].map(|data| Arx::new(data, &data.y, shapes));
-        Self { data, effects, full, shapes, arx, counted, ranking, found: Vec::new(), every: 0 }
+        let arx = Arx::new(data, &data.y, shapes);
+        Self { data, effects, full, shapes, arx, found: Vec::new(), every: 0 }
     }
 
     /// The stem of a valve as the process sees it.
@@ -193,7 +174,7 @@ impl<'a> Search<'a> {
             let rate = |short: &IdData, valves: &[ValveModel]| {
                 self.deviances(short, &Arx::new(short, &short.y, self.shapes), valves)
             };
-            let found = staged(self.counted, &self.full, family, whole(self.data), rate);
+            let found = staged(self.data, &self.full, family, whole(self.data), rate);
             let mut taken: Vec<f64> = Vec::new();
             for valve in found {
                 if taken.len() < OF_STAGED.0 && taken.iter().all(|s| (valve.s / s - 1.0).abs() > OF_STAGED.1)
@@ -238,7 +219,7 @@ impl<'a> Search<'a> {
         let each = 2.0 * self.data.counted().ln() / TEMPERING;
         let costs = valves.iter().map(|valve| each * cost(Some(valve)).0);
         let mut ranked: Vec<(f64, ValveModel)> = self
-            .deviances(self.counted, &self.ranking, valves)
+            .deviances(self.data, &self.arx, valves)
             .into_iter()
             .zip(costs)
             .zip(valves)

@@ -5,6 +5,7 @@ use super::super::dto::alarms::AlarmChangeItem;
 use super::super::dto::evidence::LoopEvidence;
 use super::super::dto::loops::{LoopDiagnosis, LoopItem, RunItem};
 use super::super::dto::params::NoQuery;
+use super::super::dto::plantwide::LoopHealth;
 use super::super::dto::rfc3339;
 use super::super::extract::{OfLoop, Params};
 use super::super::problem::Problem;
@@ -36,7 +37,9 @@ pub async fn of_loop(
         let log = context.results.alarm_log();
         let own = log.iter().filter(|change| change.id.of_loop() == Some(&id));
         let alarms: Vec<AlarmChangeItem> = own.map(|change| AlarmChangeItem::from(&**change)).collect();
+        let health = context.plantwide.as_ref().and_then(|port| port.health(&id)).unwrap_or_default();
         Ok(report::of_loop(&report::Subject {
+            health: &LoopHealth::from(&health),
             item: &item,
             diagnosis: LoopDiagnosis::latest(&known, now).as_ref(),
             evidence: LoopEvidence::latest(&known).as_ref(),

@@ -4,10 +4,12 @@ use super::super::dto::alarms::AlarmChangeItem;
 use super::super::dto::evidence::{EvidenceWindow, LoopEvidence};
 use super::super::dto::loops::{LoopDiagnosis, LoopItem, RunItem};
 use super::super::dto::parse_time;
+use super::super::dto::plantwide::LoopHealth;
 use super::super::words::{percent, short};
 use super::of_plant::{friction_words, verdict_words};
 use super::{document, when};
 use crate::plot::{Panel, Plot, Series, draw, escape, thin};
+use crate::results::words::swings_with;
 use std::fmt::Write;
 
 /// Points of a curve over time.
@@ -27,6 +29,8 @@ pub struct Subject<'a> {
     pub runs: &'a [RunItem],
     /// Changes of its alarm, newest first.
     pub alarms: &'a [AlarmChangeItem],
+    /// Its indicators; without a look there are none.
+    pub health: &'a LoopHealth,
     /// When.
     pub now: Option<&'a str>,
 }
@@ -49,9 +53,37 @@ pub fn of_loop(subject: &Subject<'_>) -> String {
         effects(&mut body, evidence);
         plots(&mut body, subject, evidence);
     }
+    health(&mut body, subject);
     history(&mut body, subject.alarms);
     work_order(&mut body);
     document(&format!("{}: valve report", item.id), &body)
+}
+
+/// How the loop does its work, and with whom it swings.
+fn health(out: &mut String, subject: &Subject<'_>) {
+    const OVER: [&str; 4] = ["hour", "shift", "day", "week"];
+    if let Some(source) = &subject.item.swings_with {
+        let _ = write!(out, "<p>{}</p>", escape(&swings_with(source)));
+    }
+    let found = subject.health;
+    if found.looks.is_empty() {
+        return;
+    }
+    *out += "<h2>Health</h2><table><thead><tr><th>Indicator</th>";
+    OVER.iter().for_each(|over| {
+        let _ = write!(out, "<th class=\"number\">{over}</th>");
+    });
+    *out += "<th></th></tr></thead><tbody>";
+    for (at, named) in found.names.iter().enumerate() {
+        let _ = write!(out, "<tr><td>{}</td>", named.name.replace('_', " "));
+        for over in OVER {
+            let value = found.over.get(over).and_then(|values| values[at]);
+            let _ = write!(out, "<td class=\"number\">{}</td>", value.map_or_else(|| "–".into(), short));
+        }
+        let unit = if named.unit == "-" { String::new() } else { format!(", {}", named.unit) };
+        let _ = write!(out, "<td class=\"faint\">{}{unit}</td></tr>", named.meaning);
+    }
+    *out += "</tbody></table>";
 }
 
 fn facts(out: &mut String, subject: &Subject<'_>) {

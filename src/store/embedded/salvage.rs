@@ -55,7 +55,11 @@ const IN_ORDER: &str = "CREATE TEMP TABLE happened AS SELECT * FROM transitions 
 /// Reads all that can be read into a database of its own: one in memory and on disk as there is room, gone when it is closed,
 /// or at a path.
 pub(super) fn salvage(folder: &Path, to: Option<&Path>) -> Result<(Connection, Loss), StoreError> {
-    let found = ledger::examine_beside(folder)?;
+    let found = match to {
+        // Who makes a new one has the lock: nobody else is at work.
+        Some(_) => ledger::examine(folder, u32::MAX)?,
+        None => ledger::examine_beside(folder)?,
+    };
     let why = ledger::marked(folder).filter(|_| found.faults.is_empty());
     let mut loss = Loss { damage: why.unwrap_or_else(|| found.told()), ..Loss::default() };
     let pages = ledger::pages(folder)?;

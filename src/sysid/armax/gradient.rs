@@ -66,6 +66,9 @@ fn columns(
 ) -> Vec<Vec<f64>> {
     let rows = data.rows();
     let (begin, to) = (data.start.index, data.split);
+    if !at.gains.is_empty() {
+        return with_holes(data, model, smooth, signals, input, at);
+    }
     let of = |v: &[f64]| filtered(|k| v[k], model.c, begin, to);
     let (y, x, e) = (of(&at.y), of(&signals.x), of(&at.e));
     let late = |v: &[f64], lag: usize| v[rows.start - lag..rows.end - lag].to_vec();
@@ -75,7 +78,36 @@ fn columns(
     columns.extend((1..=ORDER).map(|lag| late(&e, lag)));
     columns.push(late(&filtered(|_| 1.0, model.c, begin, to), 0));
     columns.extend(signals.shapes.iter().map(|shape| late(&of(shape), 0)));
-    columns.extend((0..smooth.len()).map(|i| late(&slope(model, smooth, signals, input, begin, to, i), 0)));
+    columns.extend((0..smooth.len()).map(|i| {
+        let slope = slope(model, smooth, signals, input, begin, i);
+        late(&filtered(slope, model.c, begin, to), 0)
+    }));
+    columns
+}
+
+/// The same where some samples do not count: no two columns are one signal sooner or later then.
+fn with_holes(
+    data: &IdData,
+    model: &Armax,
+    smooth: &[Smooth],
+    signals: &Signals,
+    input: &dyn Input,
+    at: &Errors,
+) -> Vec<Vec<f64>> {
+    let (rows, begin) = (data.rows(), data.start.index);
+    let cut = |v: Vec<f64>| v[rows.clone()].to_vec();
+    let of_state = |i: usize, sign: f64, v: &[f64]| cut(at.gains.through(begin, |_| 0.0, Some((i, sign, v))));
+    let mut columns: Vec<Vec<f64>> = (0..ORDER).map(|i| of_state(i, -1.0, &at.y)).collect();
+    let x = |j: usize| move |k: usize| signals.x[k.saturating_sub(model.nk + j)];
+    columns.extend((0..ORDER).map(|j| cut(at.gains.through(begin, x(j), None))));
+    columns.extend((0..ORDER).map(|i| of_state(i, 1.0, &at.gains.likeliest)));
+    columns.push(cut(at.gains.through(begin, |_| 1.0, None)));
+    let of_shape = |shape: &Vec<f64>| cut(at.gains.through(begin, |k| shape[k], None));
+    columns.extend(signals.shapes.iter().map(of_shape));
+    columns.extend((0..smooth.len()).map(|i| {
+        let slope = slope(model, smooth, signals, input, begin, i);
+        cut(at.gains.through(begin, slope, None))
+    }));
     columns
 }
 
@@ -125,37 +157,32 @@ impl Normal {
     }
 }
 
-/// What the prediction gains by smooth parameter `i`, by a difference of the signals.
-fn slope(
-    model: &Armax,
+/// What smooth parameter `i` adds to each sample before the filter, by a difference of the signals.
+fn slope<'a>(
+    model: &'a Armax,
     smooth: &[Smooth],
-    signals: &Signals,
+    signals: &'a Signals,
     input: &dyn Input,
     begin: usize,
-    to: usize,
     i: usize,
-) -> Vec<f64> {
+) -> impl Fn(usize) -> f64 + 'a {
     let mut theta = model.theta.clone();
     let up = theta[i] + smooth[i].step <= smooth[i].bounds.1;
     let step = if up { smooth[i].step } else { -smooth[i].step };
     theta[i] += step;
     let other = input.signals(&theta);
-    let shapes: Vec<(f64, &Vec<f64>, &Vec<f64>)> = model
-        .gamma
-        .iter()
-        .zip(&other.shapes)
-        .zip(&signals.shapes)
-        .filter(|((_, new), old)| new != old)
-        .map(|((gamma, new), old)| (*gamma, new, old))
-        .collect();
+    let differ = |(m, (new, old)): (usize, (&Vec<f64>, &Vec<f64>))| (new != old).then_some(m);
+    let pairs = other.shapes.iter().zip(&signals.shapes).enumerate();
+    let shapes: Vec<usize> = pairs.filter_map(differ).filter(|m| *m < model.gamma.len()).collect();
     let first = begin + 1 + model.nk + ORDER;
-    let value = |k: usize| -> f64 {
+    move |k: usize| -> f64 {
         if k < first {
             return 0.0;
         }
         let late = |j: usize| k - model.nk - j;
         let stem: f64 = (0..ORDER).map(|j| model.b[j] * (other.x[late(j)] - signals.x[late(j)])).sum();
-        let load: f64 = shapes.iter().map(|(gamma, new, old)| gamma * (new[k] - old[k])).sum();
+        let load = |m: &usize| model.gamma[*m] * (other.shapes[*m][k] - signals.shapes[*m][k]);
+        let load: f64 = shapes.iter().map(load).sum();
         // What PV shows beside the output comes through A.
         let shift = |k: usize| other.offset[k] - signals.offset[k];
         let shown = if signals.offset.is_empty() {
@@ -164,6 +191,5 @@ fn slope(
             shift(k) + model.a.iter().enumerate().map(|(i, a)| a * shift(k - 1 - i)).sum::<f64>()
         };
         (stem + load + shown) / step
-    };
-    filtered(value, model.c, begin, to)
+    }
 }

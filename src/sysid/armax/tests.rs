@@ -111,3 +111,62 @@ fn what_is_missing_and_what_is_silent_leave_the_model_as_it_is() {
     // A tenth fewer rows move the gain by less than its own error, some 5 % here.
     assert!((gain(&holed) / gain(&whole) - 1.0).abs() < 0.05, "{} {}", gain(&holed), gain(&whole));
 }
+
+#[test]
+fn errors_behind_a_hole_are_as_large_as_the_filter_says() {
+    // At one noise level alone a hole is worth as much as it is.
+    let mut data = data(0.05, 1.0);
+    let input = Halves { u: &data.u.clone(), ratio: None };
+    let whole = fitted(&data, &input);
+    for k in (100..1500).filter(|k| k % 4 < 2) {
+        (data.y[k], data.weight[k]) = (50.0, 0.0);
+    }
+    let errors = whole.errors(&data, &data.y, &input.signals(&[]), 1500);
+    let (mut sum, mut raw, mut count) = (0.0, 0.0, 0.0);
+    for k in (102..1500).filter(|k| k % 4 == 2) {
+        let e = errors.e[k] / whole.scale;
+        (sum, raw, count) = (sum + e * e, raw + (e * errors.gains.root[k]).powi(2), count + 1.0);
+    }
+    let usual = data.rows().filter(|k| k % 4 == 3).map(|k| (errors.e[k] / whole.scale).powi(2));
+    let usual = usual.sum::<f64>() / data.rows().filter(|k| k % 4 == 3).count() as f64;
+    // 350 squares: their mean is known to 8 %.
+    assert!((sum / count / usual - 1.0).abs() < 0.25, "{} {usual}", sum / count);
+    assert!(raw / count > 1.3 * usual, "{} {usual}", raw / count);
+}
+
+#[test]
+fn the_gradient_with_holes_is_that_of_the_errors() {
+    let mut data = data(0.05, 1.0);
+    let input = Halves { u: &data.u.clone(), ratio: None };
+    let (a, c) = ([-1.5, 0.56, 0.0], [-0.7, 0.0, 0.0]);
+    let b = [0.1 * data.units.u / data.units.y, 0.0, 0.0];
+    let whole = Armax { nk: 3, a, b, c, scale: 0.1, nu: 5.0, ..Armax::default() };
+    for k in (100..1500).filter(|k| k % 7 < 2) {
+        (data.y[k], data.weight[k]) = (50.0, 0.0);
+    }
+    // One that is measured.
+    (data.weight[779], data.known[779]) = (0.0, true);
+    let gradient = Gradient::new(&data, &data.y, &whole, &input);
+    let signals = input.signals(&[]);
+    let at = |model: &Armax| model.errors(&data, &data.y, &signals, data.split).e[data.rows()].to_vec();
+    let step = 1e-6;
+    for (column, change) in [0, 4, 6, 9].into_iter().zip([
+        &(|m: &mut Armax| m.a[0] += step) as &dyn Fn(&mut Armax),
+        &|m: &mut Armax| m.b[1] += step,
+        &|m: &mut Armax| m.c[0] += step,
+        &|m: &mut Armax| m.c0 += step,
+    ]) {
+        let mut moved = whole.clone();
+        change(&mut moved);
+        let slopes: Vec<f64> = at(&whole).iter().zip(at(&moved)).map(|(e, f)| (e - f) / step).collect();
+        let counts = &data.weight[data.rows()];
+        let sum = |v: &dyn Fn(usize) -> f64| (0..counts.len()).map(|k| counts[k] * v(k)).sum::<f64>();
+        let own = &gradient.columns[column];
+        let off = sum(&|k| (slopes[k] - own[k]).powi(2)) / sum(&|k| slopes[k] * slopes[k]);
+        // How the variance of the state changes is left out: that hardly depends on A, and with C it adds what has nothing to do
+        // with the column, so that the step is neither too long nor too short.
+        let along = sum(&|k| slopes[k] * own[k]) / sum(&|k| own[k] * own[k]);
+        let holds = if column == 6 { (along - 1.0).abs() < 0.15 } else { off < 1e-3 };
+        assert!(holds, "{column}: {off} off, {along} along");
+    }
+}

@@ -136,7 +136,8 @@ export async function trend(box, id, period, onValues) {
     if (!plots.length) build();
     const [from, to] = window_();
     plots.forEach((plot, i) => {
-      const tables = shown[i].map((one) => columns.get(one.tag));
+      // A tag may have no sample in what is shown.
+      const tables = shown[i].map((one) => columns.get(one.tag) ?? [[], []]);
       plot.batch(() => {
         plot.setData(uPlot.join(tables), false);
         plot.setScale("x", { min: from, max: to });

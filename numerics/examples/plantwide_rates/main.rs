@@ -1,6 +1,9 @@
 //! How often groups, sources and causes are right on simulated plants, with Wilson intervals.
 //!
-//! `plantwide_rates [--first 5000] [--plants 100] [--hours 24] [--upstream] [--signs]`
+//! `plantwide_rates [--first 5000] [--plants 100] [--hours 24] [--upstream] [--signs] [--diagnose]`; with the last, loops that
+//! swing together are diagnosed and the plant is looked at again, as in the daemon.
+
+mod friction;
 
 use std::collections::BTreeMap;
 use stictiond_numerics::detectors::tally;
@@ -90,7 +93,14 @@ fn main() {
     for seed in first..first + plants {
         let of = plant(seed, 5, &sources(seed));
         let (runs, shares) = of.truth(hours);
-        let found = analyse(&loops(&of, &runs));
+        let mut plant = loops(&of, &runs);
+        let mut found = analyse(&plant);
+        if asked("--diagnose") {
+            found.groups.iter().flat_map(|group| &group.members).for_each(|at| {
+                plant[*at].friction = friction::friction(&runs[*at]);
+            });
+            found = analyse(&plant);
+        }
         count(&of, &shares, &found, &mut counts);
     }
     println!("causes of sources (is, said): {:?}", counts.causes);

@@ -1,0 +1,146 @@
+//! What came of it: the slope of memory, bounds, and the picture.
+
+use super::sampled::Sample;
+use stictiond::plot::{Panel, Plot, Series, sheet, thin};
+
+/// Memory that rings do not take may grow by so much (MB an hour).
+const MOST_MB_AN_HOUR: f64 = 1.0;
+/// Handles and threads may be so many more at the end than after the first part.
+const MOST_MORE: f64 = 8.0;
+/// One poll in so many may be missed.
+const MISSED: f64 = 1e-3;
+/// Points of a curve.
+const POINTS: usize = 400;
+
+/// What rings of so many samples hold by then, at one a second (MB): their memory is taken as they fill.
+fn filled(sample: &Sample, ring: f64) -> f64 {
+    sample.rings * (sample.t / ring).min(1.0)
+}
+
+/// The result.
+pub struct Told {
+    /// Of memory beyond what rings fill (MB an hour).
+    slope: f64,
+    /// Handles and threads more than after the first part.
+    handles: f64,
+    threads: f64,
+    first_part: f64,
+}
+
+impl Told {
+    pub fn of(samples: &[Sample], first_part: f64, ring: f64) -> Self {
+        let later: Vec<&Sample> = samples.iter().filter(|sample| sample.t >= first_part).collect();
+        let points: Vec<(f64, f64)> =
+            later.iter().map(|sample| (sample.t / 3600.0, sample.memory - filled(sample, ring))).collect();
+        let more = |of: fn(&Sample) -> f64| {
+            let first = later.first().map_or(f64::NAN, |sample| of(sample));
+            later.last().map_or(f64::NAN, |sample| of(sample)) - first
+        };
+        Self { slope: slope(&points), handles: more(|s| s.handles), threads: more(|s| s.threads), first_part }
+    }
+
+    /// Says it, with each bound; whether all of them hold.
+    pub fn print(&self, samples: &[Sample]) -> bool {
+        let last = samples.last().copied().unwrap_or_default();
+        let of = |part: fn(&Sample) -> f64| {
+            let mut values: Vec<f64> = samples.iter().map(part).collect();
+            values.sort_by(f64::total_cmp);
+            let at = |share: f64| {
+                values.get(((values.len() - 1) as f64 * share) as usize).copied().unwrap_or(f64::NAN)
+            };
+            format!("p50 {:.1} ms, p99 {:.1} ms, worst {:.1} ms", at(0.5), at(0.99), at(1.0))
+        };
+        println!("page of loops  {}", of(|sample| sample.list));
+        println!("one loop       {}", of(|sample| sample.one));
+        println!("metrics        {}", of(|sample| sample.metrics));
+        println!("memory         {:.0} MB at the end, {:.0} MB of them rings", last.memory, last.rings);
+        println!("disk           {:.0} MB at the end", last.disk);
+        let part = self.first_part / 60.0;
+        let mut good = true;
+        let mut bound = |what: &str, value: f64, most: f64| {
+            let holds = value <= most;
+            good &= holds;
+            println!("{what}: {value:.3}, at most {most}: {}", if holds { "holds" } else { "BROKEN" });
+        };
+        bound(
+            &format!("slope of memory beyond the rings after {part:.0} min (MB/h)"),
+            self.slope,
+            MOST_MB_AN_HOUR,
+        );
+        bound(&format!("handles more than after {part:.0} min"), self.handles, MOST_MORE);
+        bound(&format!("threads more than after {part:.0} min"), self.threads, MOST_MORE);
+        bound(
+            "polls missed for each that was due",
+            last.missed / (last.polls + last.missed).max(1.0),
+            MISSED,
+        );
+        bound("diagnoses that panicked", last.panicked, 0.0);
+        good
+    }
+}
+
+/// Of the line of least squares.
+fn slope(points: &[(f64, f64)]) -> f64 {
+    let n = points.len() as f64;
+    let (x, y) = points.iter().fold((0.0, 0.0), |(x, y), point| (x + point.0 / n, y + point.1 / n));
+    let (mut over, mut under) = (0.0, 0.0);
+    for point in points {
+        over += (point.0 - x) * (point.1 - y);
+        under += (point.0 - x).powi(2);
+    }
+    over / under
+}
+
+/// Everything over time.
+pub fn picture(samples: &[Sample], reloads: &[f64], first_part: f64, ring: f64) -> String {
+    let curve = |name: &str, class: &'static str, of: &dyn Fn(&Sample) -> f64| Series {
+        name: name.into(),
+        class,
+        points: thin(&samples.iter().map(|s| (s.t / 60.0, of(s))).collect::<Vec<_>>(), POINTS),
+    };
+    let panel = |y, log, series| Panel { y, log, series };
+    let missed: Vec<f64> = samples.iter().map(|sample| sample.missed).collect();
+    let new = |at: usize| missed[at] - if at == 0 { 0.0 } else { missed[at - 1] };
+    let missed = Series {
+        name: "polls missed".into(),
+        class: "other",
+        points: samples.iter().enumerate().map(|(at, sample)| (sample.t / 60.0, new(at))).collect(),
+    };
+    let marks = reloads.iter().map(|t| (t / 60.0, "")).chain([(first_part / 60.0, "slope from here")]);
+    let plot = Plot {
+        title: "A daemon at work: what it takes, and how fast it answers; lines are reloads".into(),
+        x: "time since the start (min)",
+        panels: vec![
+            panel(
+                "memory (MB)",
+                false,
+                vec![
+                    curve("resident", "pv", &|s| s.memory),
+                    curve("beyond what rings fill", "op", &|s| s.memory - filled(s, ring)),
+                ],
+            ),
+            panel(
+                "number",
+                false,
+                vec![
+                    curve("handles", "pv", &|s| s.handles),
+                    curve("threads", "op", &|s| s.threads),
+                    curve("alarms", "other", &|s| s.alarms),
+                ],
+            ),
+            panel("disk (MB)", false, vec![curve("store", "pv", &|s| s.disk)]),
+            panel(
+                "answer after (ms)",
+                true,
+                vec![
+                    curve("metrics", "other", &|s| s.metrics),
+                    curve("page of 100 loops", "pv", &|s| s.list),
+                    curve("one loop", "op", &|s| s.one),
+                ],
+            ),
+            panel("missed (1/10 s)", false, vec![missed]),
+        ],
+        marks: marks.collect(),
+    };
+    sheet(&[plot])
+}

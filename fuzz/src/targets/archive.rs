@@ -1,0 +1,6 @@
+//! Workbooks are archives: the fuzzer changes what is inside, and the archive is made around it.
+
+#[path = "../../../tests/exports/archive.rs"]
+mod stored;
+
+pub use stored::archive;

@@ -1,0 +1,103 @@
+//! Tables: text, Parquet, workbooks. Each is read as a record and as a stream, told nothing and told everything.
+
+use super::archive::archive;
+use super::scratch;
+use std::path::PathBuf;
+use std::sync::OnceLock;
+use stictiond::collect::table::{Options, Source, TableError, read, stream};
+
+/// What a table that leaves doubts may be told.
+fn told() -> &'static [Options; 3] {
+    static TOLD: OnceLock<[Options; 3]> = OnceLock::new();
+    TOLD.get_or_init(|| {
+        let set = |options: &[(&str, &str)]| {
+            let mut all = Options::default();
+            options.iter().for_each(|(name, value)| assert!(all.set(name, (*value).to_string()), "{name}"));
+            all
+        };
+        let columns = [("time", "1"), ("op", "2"), ("pv", "3")];
+        let european = [("decimal", "comma"), ("time_format", "dmy"), ("tz", "Europe/Berlin")];
+        let counted = [("decimal", "point"), ("time_unit", "ms"), ("mode", "4"), ("auto_values", "AUTO,1")];
+        [
+            Options::default(),
+            set(&[&columns[..], &european].concat()),
+            set(&[&columns[..], &counted].concat()),
+        ]
+    })
+}
+
+fn all(source: Source<'_>) {
+    for options in told() {
+        if let Ok(table) = read(source, options) {
+            let record = &table.record;
+            assert!(
+                record.op.iter().chain(&record.pv).all(|sample| sample.t.is_finite()),
+                "a time that is none"
+            );
+        }
+        let mut count = 0u64;
+        let _ = stream::<TableError>(source, options, &mut |_, sample| {
+            count += 1;
+            assert!(sample.t.is_finite(), "a time that is none");
+            Ok(())
+        });
+    }
+}
+
+/// Text of any dialect.
+pub fn text(bytes: &[u8]) {
+    all(Source::Bytes(bytes));
+}
+
+/// A Parquet file, which is read from a file only.
+pub fn parquet(bytes: &[u8]) {
+    static PATH: OnceLock<PathBuf> = OnceLock::new();
+    let path = PATH.get_or_init(|| scratch("tables").join("table.parquet"));
+    std::fs::write(path, bytes).expect("written");
+    all(Source::File(path));
+}
+
+/// A workbook as it is; anything else is the sheet, or the workbook's list and the sheet, of one that is whole.
+pub fn excel(bytes: &[u8]) {
+    if bytes.starts_with(b"PK") || bytes.starts_with(&[0xd0, 0xcf, 0x11, 0xe0]) {
+        return all(Source::Bytes(bytes));
+    }
+    const MAIN: &str = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
+    const RELATIONS: &str = "http://schemas.openxmlformats.org/officeDocument/2006/relationships";
+    const PACKAGE: &str = "http://schemas.openxmlformats.org/package/2006/relationships";
+    const PARTS: [(&str, &str); 3] =
+        [("worksheet", "worksheets/sheet1"), ("styles", "styles"), ("sharedStrings", "strings")];
+    let inside = String::from_utf8_lossy(bytes);
+    let mut parts = inside.splitn(3, '\0');
+    let sheet = format!("<worksheet xmlns=\"{MAIN}\">{}</worksheet>", parts.next().unwrap_or_default());
+    let styles =
+        parts.next().unwrap_or("<cellXfs count=\"2\"><xf numFmtId=\"0\"/><xf numFmtId=\"22\"/></cellXfs>");
+    let styles = format!("<styleSheet xmlns=\"{MAIN}\">{styles}</styleSheet>");
+    let strings = format!("<sst xmlns=\"{MAIN}\">{}</sst>", parts.next().unwrap_or("<si><t>PV</t></si>"));
+    let related: String = PARTS
+        .iter()
+        .map(|(kind, file)| {
+            format!("<Relationship Id=\"{kind}\" Type=\"{RELATIONS}/{kind}\" Target=\"{file}.xml\"/>")
+        })
+        .collect();
+    let book = format!(
+        "<workbook xmlns=\"{MAIN}\" xmlns:r=\"{RELATIONS}\"><sheets><sheet name=\"1\" sheetId=\"1\" r:id=\"worksheet\"/>\
+         </sheets></workbook>"
+    );
+    let root = format!(
+        "<Relationships xmlns=\"{PACKAGE}\"><Relationship Id=\"rId1\" Type=\"{RELATIONS}/officeDocument\" \
+         Target=\"xl/workbook.xml\"/></Relationships>"
+    );
+    let related = format!("<Relationships xmlns=\"{PACKAGE}\">{related}</Relationships>");
+    let types = "<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\
+                 <Default Extension=\"xml\" ContentType=\"application/xml\"/></Types>";
+    all(Source::Bytes(&archive(&[
+        ("[Content_Types].xml", types),
+        ("_rels/.rels", &root),
+        ("xl/workbook.xml", &book),
+        ("xl/_rels/workbook.xml.rels", &related),
+        ("xl/styles.xml", &styles),
+        ("xl/strings.xml", &strings),
+        ("xl/worksheets/sheet1.xml", &sheet),
+    ])));
+}
