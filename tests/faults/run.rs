@@ -11,7 +11,6 @@ use hyper_util::service::TowerToHyperService;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::collections::BTreeMap;
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -143,11 +142,9 @@ impl World {
         let mut counts = self.counts.clone();
         counts.extend(self.network.counts());
         counts.extend(self.disk.counts());
-        let mut print = DefaultHasher::new();
-        self.disk.truth(|truth| format!("{truth:?}")).hash(&mut print);
-        format!("{counts:?}").hash(&mut print);
+        let print = self.disk.truth(|truth| truth.print());
         let samples = content.samples.iter().map(|(_, own)| own.len()).sum();
-        Ok(Outcome { print: print.finish(), samples, counts })
+        Ok(Outcome { print, samples, counts })
     }
 
     /// Holds the store against the truth.

@@ -1,6 +1,7 @@
 //! What the store was given and what it acknowledged, held against what is in it.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::hash::{DefaultHasher, Hash, Hasher};
 use stictiond::signal::Sample;
 use stictiond::store::{AlarmRow, Batch, Reader, Row, StoredTag, TagName, TransitionRow};
 
@@ -110,6 +111,14 @@ impl Truth {
     /// Whether something that somebody did to an alarm was acknowledged.
     pub fn has_act(&self, by: &str) -> bool {
         self.rows.iter().any(|row| matches!(row, Row::Transition(t) if t.by.as_deref() == Some(by)))
+    }
+
+    /// A number for all that is known to be there. Which samples a run worked on is not in it: one of the very moment of its
+    /// begin is copied or not, as threads fall.
+    pub fn print(&self) -> u64 {
+        let mut print = DefaultHasher::new();
+        format!("{:?} {:?} {:?}", self.samples, self.known, self.alarms).hash(&mut print);
+        print.finish()
     }
 
     /// Samples that are known to be there.
