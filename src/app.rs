@@ -10,9 +10,11 @@ mod alarm_inputs;
 mod backfill;
 mod device;
 mod facts;
+mod fleet;
 mod notifications;
 mod persistence;
 mod plantwide;
+mod process;
 mod recall;
 pub mod replay;
 mod restart;
@@ -35,6 +37,7 @@ use crate::serve::{self, Context, LoopInfo, ServeError, TlsError};
 use crate::signal::LoopId;
 use backfill::BackfillJobs;
 use device::Device;
+use fleet::Fleet;
 use futures::future::BoxFuture;
 use notifications::Notifications;
 use persistence::Persistence;
@@ -44,15 +47,15 @@ use security::Security;
 use std::collections::HashMap;
 use std::io;
 use std::net::SocketAddr;
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{Mutex, watch};
 use tokio_util::sync::CancellationToken;
 use writeback::WritebackControl;
 
+pub use fleet::Role;
+pub use process::{daemon, listen};
 pub use surroundings::Surroundings;
 
 /// How often a shelving is looked at that may have run out.
@@ -84,6 +87,9 @@ pub enum AppError {
     /// There are no certificates.
     #[error(transparent)]
     Tls(#[from] TlsError),
+    /// This machine cannot take its part in the fleet.
+    #[error("{0}")]
+    Fleet(String),
     /// The API failed.
     #[error(transparent)]
     Serve(#[from] ServeError),
@@ -119,6 +125,9 @@ pub struct App {
     backfill: Arc<BackfillJobs>,
     plantwide: Arc<Plantwide>,
     security: Arc<Security>,
+    /// `None` where this machine is alone.
+    fleet: Option<Arc<Fleet>>,
+    diagnose: Diagnose,
     /// Cancelled when the daemon stops.
     stop: CancellationToken,
     state: Mutex<Running>,
@@ -155,23 +164,42 @@ impl App {
     /// # Errors
     /// As [`App::build`].
     pub fn build_in(around: Surroundings, config: Config, diagnose: Diagnose) -> Result<Self, AppError> {
+        Self::build_as(Role::Alone, around, config, diagnose)
+    }
+
+    /// As [`App::build_in`], as a part of a fleet.
+    ///
+    /// # Errors
+    /// As [`App::build`], and [`AppError::Fleet`].
+    pub fn build_as(
+        role: Role,
+        around: Surroundings,
+        config: Config,
+        diagnose: Diagnose,
+    ) -> Result<Self, AppError> {
         let Surroundings { clock, dial, store } = around;
         let stop = CancellationToken::new();
         let wired = config.plant().map_err(AppError::Plan)?;
         let history = Arc::new(History::new(&wired.loops, &config.history));
         let results = Arc::new(Results::new(&ids(&config), config.schedule.keep_results, &config.alarm));
+        let fleet = Fleet::new(role, &config, clock, &history, &results)?;
         let writeback = WritebackControl::new(&config, clock, &results)?;
         results.watch_devices(&devices_of(&config));
         let security = Arc::new(Security::new(&config, clock, writeback.recorder())?);
         let persistence = Persistence::new(&config, clock, store, (&history, &results));
         results.apply_design(clock.now());
-        let notifications = Arc::new(Notifications::new(&config, clock, &results));
+        let outlet = fleet.as_ref().map(|fleet| fleet.outlet());
+        let notifications = Arc::new(Notifications::new(&config, clock, &results, outlet));
         let plan = schedule_plan(&config, &history);
         let backfill =
             BackfillJobs::new(&config, clock, (&persistence, &results), diagnose.clone(), stop.clone());
         let plantwide = Plantwide::new(&config, clock, &history, &results, &persistence);
-        let scheduler =
-            Arc::new(Scheduler::new(config.schedule.clone(), clock, diagnose, results.clone(), plan));
+        let own = (config.schedule.clone(), diagnose.clone());
+        let scheduler = Scheduler::new(own.0, clock, own.1, results.clone(), plan);
+        let scheduler = Arc::new(match fleet.as_ref().and_then(Fleet::elsewhere) {
+            Some(elsewhere) => scheduler.asking(elsewhere),
+            None => scheduler,
+        });
         let devices: Vec<Device> =
             wired.into_plans().map(|plan| Device::new(plan, clock, &dial, &history)).collect();
         let (plant, watched) = watch::channel(Arc::new(shown(&config, &history, &devices)));
@@ -181,8 +209,12 @@ impl App {
         let context = context.with_store(persistence.ask()).with_backfill(backfill.clone());
         let context = context.with_plantwide(plantwide.clone());
         let context = context.with_access(security.access.clone()).with_audit(security.audit.clone());
-        let context =
-            Arc::new(context.with_tls(security.tls.clone()).with_durable(persistence.ask_durable()));
+        let durable = persistence.ask_durable();
+        let durable = match &fleet {
+            Some(fleet) => durable.map(|durable| fleet.clone().with_orders(durable)),
+            None => durable,
+        };
+        let context = Arc::new(context.with_tls(security.tls.clone()).with_durable(durable));
         tracing::info!(
             loops = history.loops().len(),
             tags = history.tag_count(),
@@ -206,6 +238,8 @@ impl App {
             plantwide,
             notifications,
             security,
+            fleet,
+            diagnose,
             stop,
             state,
         })
@@ -280,7 +314,18 @@ impl App {
         let scheduling = self.scheduler.run(self.stop.clone());
         let security = self.security.clone().run(self.stop.clone());
         let looking = self.plantwide.clone().run(self.stop.clone());
-        let (served, (), (), (), (), (), ()) = tokio::join!(
+        let joined = async {
+            let part = match &self.fleet {
+                Some(fleet) => fleet.clone().run(self).await,
+                None => Ok(()),
+            };
+            if part.is_err() {
+                self.stop.cancel();
+            }
+            part
+        };
+        let (joined, served, (), (), (), (), (), ()) = tokio::join!(
+            joined,
             serving,
             scheduling,
             self.tick_alarms(),
@@ -296,6 +341,7 @@ impl App {
         }
         // Last, so that the last samples and results are kept too.
         self.persistence.end().await;
+        joined?;
         Ok(served?)
     }
 
@@ -308,6 +354,10 @@ impl App {
                 self.results.clock_was_set(by);
             }
             self.results.tick(now);
+            if self.fleet.as_ref().is_some_and(|fleet| fleet.follows()) {
+                // What tags and collectors are like, their edges say.
+                continue;
+            }
             let state = &mut *self.state.lock().await;
             alarm_inputs::observe(state, &self.results, &*self.writeback, (now, elapsed));
         }
@@ -323,6 +373,10 @@ impl App {
     }
 
     async fn take(&self, config: Config) -> Result<(), AppError> {
+        let config = match &self.fleet {
+            Some(fleet) => fleet.composed(config),
+            None => config,
+        };
         let wired = config.plant().map_err(AppError::Plan)?;
         let mut state = self.state.lock().await;
         self.security.reload()?;
@@ -345,11 +399,19 @@ impl App {
         self.notifications.reload(&config).await;
         self.backfill.reload(&config);
         self.plantwide.reload(&config, &history);
+        if let Some(fleet) = &self.fleet {
+            fleet.replace(&config, &history);
+        }
         self.results.reload(&ids(&config), &config.alarm);
         self.results.watch_devices(&devices_of(&config));
         self.persistence.clone().replace(history.clone(), self.results.clone()).await;
         self.results.apply_design(self.clock.now());
-        self.scheduler.replace(schedule_plan(&config, &history));
+        let mut plan = schedule_plan(&config, &history);
+        if self.fleet.as_ref().is_some_and(|fleet| fleet.follows()) {
+            // Their edges diagnose them.
+            plan.jobs.clear();
+        }
+        self.scheduler.replace(plan);
         self.plant.send_replace(Arc::new(shown(&config, &history, &devices)));
         if state.collecting && !self.stop.is_cancelled() {
             devices.iter_mut().for_each(|device| device.start(&self.stop));
@@ -374,7 +436,8 @@ fn devices_of(config: &Config) -> Vec<LoopId> {
     let modbus = config.modbus.iter().map(|device| device.name.as_str());
     let opcua = config.opcua.iter().map(|device| device.name.as_str());
     let mqtt = config.mqtt.iter().map(|device| device.name.as_str());
-    modbus.chain(opcua).chain(mqtt).map(LoopId::new).collect()
+    let forwarded = config.forwarded.iter().map(String::as_str);
+    modbus.chain(opcua).chain(mqtt).chain(forwarded).map(LoopId::new).collect()
 }
 
 fn neighbours(config: &Config) -> HashMap<LoopId, Vec<Neighbour>> {
@@ -425,69 +488,6 @@ fn shown(config: &Config, history: &Arc<History>, devices: &[Device]) -> serve::
     serve::Plant::new(config.loops.iter().map(info).collect(), history.clone(), Arc::new(states))
         .with_facts(facts::of(config))
         .with_recall(recall)
-}
-
-/// Listens where the configuration says.
-///
-/// # Errors
-/// [`AppError::Bind`].
-pub async fn listen(config: &Config) -> Result<TcpListener, AppError> {
-    let address = config.server.listen;
-    TcpListener::bind(address).await.map_err(|source| AppError::Bind { address, source })
-}
-
-/// The daemon as a command: loads the file, runs until SIGTERM or SIGINT, reloads the file on SIGHUP. A file that
-/// cannot be used is refused at a reload, everything wrong with it in the log, and the old one stays in force.
-///
-/// # Errors
-/// [`AppError`], when it cannot start or the API fails.
-pub async fn daemon(path: &Path) -> Result<(), AppError> {
-    // Before anything that takes time: a SIGHUP that nobody listens to ends the process.
-    let on = |kind| signal(kind).map_err(AppError::Signal);
-    let (hup, term, int) =
-        (on(SignalKind::hangup())?, on(SignalKind::terminate())?, on(SignalKind::interrupt())?);
-    let config = config::load(path).map_err(AppError::Config)?;
-    let listener = listen(&config).await?;
-    let app = App::build(config, Clock::wall(), App::diagnosis())?;
-    if let Ok(address) = listener.local_addr() {
-        tracing::info!(%address, "serving");
-    }
-    let (ran, ()) = tokio::join!(app.run(listener), obey(&app, path, hup, term, int, app.stop()));
-    ran
-}
-
-async fn obey(
-    app: &App,
-    path: &Path,
-    mut hup: Signal,
-    mut term: Signal,
-    mut int: Signal,
-    stop: CancellationToken,
-) {
-    loop {
-        tokio::select! {
-            () = stop.cancelled() => return,
-            _ = term.recv() => break,
-            _ = int.recv() => break,
-            _ = hup.recv() => reload(app, path).await,
-        }
-    }
-    tracing::info!("stopping");
-    stop.cancel();
-}
-
-async fn reload(app: &App, path: &Path) {
-    let loaded = config::load(path).map_err(AppError::Config);
-    let taken = match loaded {
-        Ok(config) => app.reload(config).await,
-        Err(error) => Err(error),
-    };
-    if let Err(error) = taken {
-        // One entry for each error: an entry of many lines is hard to find and harder to parse.
-        for error in error.to_string().lines() {
-            tracing::error!(error, "the configuration is refused, the old one stays in force");
-        }
-    }
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ pub mod audit;
 pub mod backfill;
 pub mod bounded;
 pub mod collect;
+pub mod fleet;
 pub mod history;
 pub mod host;
 pub mod mqtt;

@@ -12,16 +12,19 @@ mod kept;
 mod origin;
 mod second;
 mod swings;
+mod told;
 pub mod words;
 
 pub use alarm_log::{AlarmChange, MOST_CHANGES};
 pub use alarms::{AlarmView, DeviceSeen, Said, TagsSeen};
 pub use basis::{Basis, Extent};
+pub use board::{Order, Wanted};
 pub use compensated::{Before, Compensated, Seen};
 pub use events::{MOST_EVENTS, Past};
 pub use judged::{Judged, KnownEffect, ModelVersion, Residuals};
 pub use kept::{Change, Keeper, KeptAlarm, Remembered, Restored, RestoredAlarm, Summary};
 pub use origin::Origin;
+pub use told::Told;
 
 #[cfg(test)]
 pub(crate) use judged::tests::{effect as made_effect, findings as made_findings};
@@ -50,6 +53,8 @@ pub enum Trigger {
 pub enum Outcome {
     /// With a diagnosis, whatever its verdict.
     Diagnosed(Box<Judged>),
+    /// With what another machine says of it.
+    Elsewhere(Box<Told>),
     /// Not before its deadline.
     DeadlineExceeded,
     /// With a panic, and what it said.
@@ -58,9 +63,10 @@ pub enum Outcome {
 
 impl Outcome {
     /// The stable, machine-readable name: a verdict or a failure.
-    pub fn as_str(&self) -> &'static str {
+    pub fn as_str(&self) -> &str {
         match self {
             Outcome::Diagnosed(judged) => judged.verdict().as_str(),
+            Outcome::Elsewhere(told) => &told.summary.outcome,
             Outcome::DeadlineExceeded => "deadline_exceeded",
             Outcome::Panicked(_) => "panicked",
         }
@@ -99,7 +105,7 @@ impl Run {
 
     /// Whether the valve sticks by this run.
     pub fn sticks(&self) -> bool {
-        self.judged().is_some_and(|judged| *judged.verdict() == Verdict::Stiction)
+        self.outcome.as_str() == Verdict::Stiction.as_str()
     }
 
     /// What turns OP units into % of OP span; a span that is not known is taken for 100.
@@ -116,7 +122,10 @@ impl Run {
 
     /// What it says of a valve that a term of write-back acted on.
     pub fn compensated(&self) -> Option<Compensated> {
-        Compensated::of(self)
+        match &self.outcome {
+            Outcome::Elsewhere(told) => told.summary.compensated,
+            _ => Compensated::of(self),
+        }
     }
 
     /// A reason, behind what it says of a compensated valve.
@@ -129,6 +138,9 @@ impl Run {
 
     /// The run in a few numbers.
     pub fn summary(&self) -> Summary {
+        if let Outcome::Elsewhere(told) = &self.outcome {
+            return told.summary.clone();
+        }
         let judged = self.judged();
         let friction = judged.and_then(Judged::friction);
         let percent = self.percent();
@@ -136,7 +148,7 @@ impl Run {
             time: self.finished,
             took_s: self.took_s,
             trigger: self.trigger,
-            outcome: self.outcome.as_str().into(),
+            outcome: self.outcome.as_str().to_string().into(),
             reason_code: match judged.map(Judged::verdict) {
                 Some(Verdict::NotIdentifiable(why)) => Some(why.code().into()),
                 _ => None,
@@ -145,6 +157,7 @@ impl Run {
             reason: match &self.outcome {
                 Outcome::Diagnosed(judged) => self
                     .reasoned(judged.replaced_by().map_or(&judged.diagnosis.reason, |found| &found.reason)),
+                Outcome::Elsewhere(told) => told.summary.reason.clone(),
                 Outcome::DeadlineExceeded => "the run was not done before its deadline".to_string(),
                 Outcome::Panicked(_) => "the diagnosis failed; the log says why".to_string(),
             },
@@ -327,8 +340,7 @@ impl Results {
         }
         entry.summaries.push_back(summary.clone());
         let mut new_model = None;
-        if let Some(judged) = run.judged() {
-            let effects = judged.effects();
+        if let Some(effects) = run.effects() {
             if entry.model.version == 0 || entry.model.effects != effects {
                 let version = entry.model.version + 1;
                 entry.model = ModelVersion { version, since: run.finished, effects };
@@ -337,8 +349,10 @@ impl Results {
             if run.sticks() && summary.compensated.is_none() {
                 entry.before = summary.before();
             }
-            entry.diagnosed = Some((run.clone(), summary.clone()));
-            entry.restored = None;
+            match &run.outcome {
+                Outcome::Elsewhere(told) => entry.take(told),
+                _ => (entry.diagnosed, entry.restored) = (Some((run.clone(), summary.clone())), None),
+            }
         }
         // Before the loop is let go, so that its runs reach its alarms, the store and who listens in order.
         self.judge(&run, summary, new_model);

@@ -9,11 +9,13 @@
 //! A panic ends one run, is counted, and harms nothing else.
 
 mod clock;
+mod stagger;
 
 pub use clock::Clock;
+pub use stagger::{Job, next_due, stagger};
 
 use crate::diagnosis::Settings;
-use crate::results::{Basis, Judged, KnownEffect, Outcome, Results, Run, Trigger};
+use crate::results::{Basis, Judged, KnownEffect, Outcome, Results, Run, Told, Trigger};
 use crate::signal::{LoopId, Record};
 use futures::future::BoxFuture;
 use serde::Deserialize;
@@ -23,11 +25,13 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
 /// Callers that may wait for one run.
 const MAX_WAITERS: usize = 16;
+/// Runs that may wait for another machine at the same time.
+const MAX_ASKED: usize = 64;
 
 /// `[schedule]`: how often, how many at once, how long.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -78,17 +82,26 @@ impl Config {
 /// The function that judges a record, starting from the effects that the loop's model had.
 pub type Diagnose = Arc<dyn Fn(&Record, &Settings, &[KnownEffect]) -> Judged + Send + Sync>;
 
-/// Copies what is remembered of a loop.
-pub type Snapshot = Arc<dyn Fn(&LoopId) -> Option<Record> + Send + Sync>;
-
-/// A loop and how often it is due.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Job {
+/// What somebody else is asked to diagnose.
+#[derive(Clone)]
+pub struct Asked {
     /// Which loop.
     pub id: LoopId,
-    /// Time between two runs (s of plant time).
-    pub period_s: f64,
+    /// The copy of what is remembered of it.
+    pub record: Arc<Record>,
+    /// What a diagnosis of it depends on beside the samples.
+    pub basis: Arc<Basis>,
+    /// When the copy was made (s).
+    pub started: f64,
+    /// Who wants it.
+    pub trigger: Trigger,
 }
+
+/// Asks another machine for a diagnosis; `None` when nobody answers: then it is made here.
+pub type Elsewhere = Arc<dyn Fn(Asked) -> BoxFuture<'static, Option<Told>> + Send + Sync>;
+
+/// Copies what is remembered of a loop.
+pub type Snapshot = Arc<dyn Fn(&LoopId) -> Option<Record> + Send + Sync>;
 
 /// What to run, on what, and how to judge it; replaced as a whole on reload.
 #[derive(Clone)]
@@ -200,6 +213,9 @@ pub struct Scheduler {
     table: watch::Sender<Arc<Table>>,
     queue: mpsc::Sender<Arc<Seat>>,
     waiting: tokio::sync::Mutex<mpsc::Receiver<Arc<Seat>>>,
+    elsewhere: Option<Elsewhere>,
+    /// Diagnoses that may be made here at the same time.
+    here: Semaphore,
     counts: Counts,
 }
 
@@ -209,6 +225,8 @@ impl Scheduler {
         let (queue, waiting) = mpsc::channel(config.queue.max(1));
         Self {
             table: watch::Sender::new(Arc::new(Table::new(plan, None))),
+            here: Semaphore::new(config.parallelism.max(1)),
+            elsewhere: None,
             config,
             clock,
             diagnose,
@@ -217,6 +235,13 @@ impl Scheduler {
             waiting: tokio::sync::Mutex::new(waiting),
             counts: Counts::default(),
         }
+    }
+
+    /// Asks another machine first.
+    #[must_use]
+    pub fn asking(mut self, elsewhere: Elsewhere) -> Self {
+        self.elsewhere = Some(elsewhere);
+        self
     }
 
     /// Takes another plan; runs in progress end as they would have. `parallelism`, `deadline_s` and `queue` stay as they
@@ -277,7 +302,8 @@ impl Scheduler {
     }
 
     async fn until(&self, token: CancellationToken) {
-        let slots = (0..self.config.parallelism.max(1)).map(|_| self.slot(&token));
+        let asked = if self.elsewhere.is_some() { MAX_ASKED } else { 0 };
+        let slots = (0..self.config.parallelism.max(1) + asked).map(|_| self.slot(&token));
         tokio::join!(self.tick(&token), futures::future::join_all(slots));
     }
 
@@ -364,64 +390,107 @@ impl Scheduler {
             Phase::Queued(trigger) => trigger,
             _ => Trigger::Periodic,
         };
-        let table = self.table.borrow().clone();
         let (started, began) = (self.clock.now(), tokio::time::Instant::now());
-        let (diagnose, id) = (self.diagnose.clone(), seat.id.clone());
-        let known = self.results.effects(&seat.id);
-        let before = known.clone();
-        let friction = self.results.before(&seat.id);
-        let mut work = tokio::task::spawn_blocking(move || {
-            let Some(record) = (table.plan.snapshot)(&id) else {
-                return (None, None);
-            };
-            let basis = Arc::new(Basis::of(&record, &table.plan.settings, &known).after(friction));
-            let judged = catch_unwind(AssertUnwindSafe(|| diagnose(&record, &table.plan.settings, &known)));
-            (Some(basis), Some(judged.map_err(|panic| said(panic.as_ref()))))
+        // The loop may have gone away between being due and being run.
+        match self.copied(&seat.id, started, trigger).await {
+            None => drop(seat.enter(Phase::Idle)),
+            Some(asked) => match self.told(&asked).await {
+                Some(told) => {
+                    self.counts.diagnosed.fetch_add(1, Relaxed);
+                    // It ended when it says so: the same on every machine that keeps it.
+                    let finished = told.summary.time;
+                    self.finish(
+                        seat,
+                        (&asked, began, finished),
+                        Outcome::Elsewhere(Box::new(told)),
+                        Phase::Idle,
+                    );
+                }
+                None => self.judge(seat, &asked, began).await,
+            },
+        }
+        self.counts.busy_us.fetch_add(began.elapsed().as_micros() as u64, Relaxed);
+    }
+
+    /// What is remembered of a loop, and what a diagnosis of it depends on.
+    async fn copied(&self, id: &LoopId, started: f64, trigger: Trigger) -> Option<Asked> {
+        let (table, own) = (self.table.borrow().clone(), id.clone());
+        let (known, friction) = (self.results.effects(id), self.results.before(id));
+        let copied = tokio::task::spawn_blocking(move || {
+            let record = (table.plan.snapshot)(&own)?;
+            let basis = Basis::of(&record, &table.plan.settings, &known).after(friction);
+            Some((Arc::new(record), Arc::new(basis)))
         });
-        let finish = |basis: Option<Arc<Basis>>, outcome, phase| {
-            let run = Run {
-                id: seat.id.clone(),
-                started,
-                finished: self.clock.now(),
-                took_s: began.elapsed().as_secs_f64(),
-                trigger,
-                op_span: basis.as_ref().and_then(|basis| basis.op_span),
-                basis,
-                outcome,
-            };
-            let run = self.results.record(run);
-            for waiter in seat.enter(phase) {
-                // An error here only means that the caller did not wait.
-                let _ = waiter.send(run.clone());
-            }
-        };
+        let (record, basis) = copied.await.ok().flatten()?;
+        Some(Asked { id: id.clone(), record, basis, started, trigger })
+    }
+
+    async fn told(&self, asked: &Asked) -> Option<Told> {
+        (self.elsewhere.as_ref()?)(asked.clone()).await
+    }
+
+    /// Diagnoses here.
+    async fn judge(&self, seat: &Arc<Seat>, asked: &Asked, began: tokio::time::Instant) {
+        let Ok(_permit) = self.here.acquire().await else { return };
+        let (diagnose, own) = (self.diagnose.clone(), asked.clone());
+        let mut work = tokio::task::spawn_blocking(move || {
+            let Asked { record, basis, .. } = &own;
+            let judged = catch_unwind(AssertUnwindSafe(|| diagnose(record, &basis.settings, &basis.known)));
+            judged.map_err(|panic| said(panic.as_ref()))
+        });
+        let finish = |outcome, phase| self.finish(seat, (asked, began, self.clock.now()), outcome, phase);
         let deadline = Duration::try_from_secs_f64(self.config.deadline_s).unwrap_or(Duration::MAX);
         match tokio::time::timeout(deadline, &mut work).await {
-            Ok(Ok((basis, Some(Ok(judged))))) => {
+            Ok(Ok(Ok(judged))) => {
                 self.counts.diagnosed.fetch_add(1, Relaxed);
-                let after = judged.effects();
-                if after != before {
-                    tracing::info!(control_loop = %seat.id, before = ?before, after = ?after, "the effects in a loop's model changed");
+                let (before, after) = (&asked.basis.known, judged.effects());
+                if after != *before {
+                    tracing::info!(control_loop = %seat.id, ?before, ?after, "the effects in a loop's model changed");
                 }
-                finish(basis, Outcome::Diagnosed(Box::new(judged)), Phase::Idle);
+                finish(Outcome::Diagnosed(Box::new(judged)), Phase::Idle);
             }
-            Ok(Ok((basis, Some(Err(message))))) => {
+            Ok(Ok(Err(message))) => {
                 self.counts.panicked.fetch_add(1, Relaxed);
                 tracing::error!(control_loop = %seat.id, message, "a diagnosis panicked");
-                finish(basis, Outcome::Panicked(message), Phase::Idle);
+                finish(Outcome::Panicked(message), Phase::Idle);
             }
-            // The loop went away between being due and being run, or the runtime is going down.
-            Ok(Ok((_, None)) | Err(_)) => drop(seat.enter(Phase::Idle)),
+            // The runtime is going down.
+            Ok(Err(_)) => drop(seat.enter(Phase::Idle)),
             Err(_) => {
                 self.counts.deadline_exceeded.fetch_add(1, Relaxed);
                 tracing::warn!(control_loop = %seat.id, deadline_s = self.config.deadline_s, "a diagnosis passed its deadline");
-                finish(None, Outcome::DeadlineExceeded, Phase::Overrunning);
+                finish(Outcome::DeadlineExceeded, Phase::Overrunning);
                 // Its result, whatever it is, comes too late to be told.
                 let _ = work.await;
                 seat.enter(Phase::Idle);
             }
         }
-        self.counts.busy_us.fetch_add(began.elapsed().as_micros() as u64, Relaxed);
+    }
+
+    /// Records a run, and hands it to those who wait for it.
+    fn finish(
+        &self,
+        seat: &Arc<Seat>,
+        (asked, began, finished): (&Asked, tokio::time::Instant, f64),
+        outcome: Outcome,
+        phase: Phase,
+    ) {
+        let basis = (!matches!(outcome, Outcome::DeadlineExceeded)).then(|| asked.basis.clone());
+        let run = Run {
+            id: seat.id.clone(),
+            started: asked.started,
+            finished,
+            took_s: began.elapsed().as_secs_f64(),
+            trigger: asked.trigger,
+            op_span: basis.as_ref().and_then(|basis| basis.op_span),
+            basis,
+            outcome,
+        };
+        let run = self.results.record(run);
+        for waiter in seat.enter(phase) {
+            // An error here only means that the caller did not wait.
+            let _ = waiter.send(run.clone());
+        }
     }
 }
 
@@ -437,41 +506,6 @@ impl Table {
         let by_id = plan.jobs.iter().enumerate().map(|(at, job)| (job.id.clone(), at)).collect();
         Self { seats, by_id, plan }
     }
-}
-
-/// First due time and period of each job: of m jobs with the same period P the i-th is due at (i + 1/2) P / m, then every
-/// P. A period that is not a positive number counts as a day.
-pub fn stagger(jobs: &[Job]) -> Vec<(Duration, Duration)> {
-    let period = |job: &Job| {
-        let period = Duration::try_from_secs_f64(job.period_s).unwrap_or(Duration::from_secs(86_400));
-        period.max(Duration::from_millis(1))
-    };
-    let mut sizes: HashMap<Duration, u32> = HashMap::new();
-    let places: Vec<(Duration, u32)> = jobs
-        .iter()
-        .map(|job| {
-            let size = sizes.entry(period(job)).or_default();
-            *size += 1;
-            (period(job), *size - 1)
-        })
-        .collect();
-    places
-        .into_iter()
-        .map(|(period, place)| {
-            let share = (f64::from(place) + 0.5) / f64::from(sizes[&period]);
-            (period.mul_f64(share), period)
-        })
-        .collect()
-}
-
-/// The first of `offset + k period` that is later than `now`, and that k.
-pub fn next_due(offset: Duration, period: Duration, now: Duration) -> (Duration, u64) {
-    let Some(since) = now.checked_sub(offset) else {
-        return (offset, 0);
-    };
-    let k = (since.as_nanos() / period.as_nanos().max(1)) as u64 + 1;
-    let ahead = Duration::from_nanos((period.as_nanos() - since.as_nanos() % period.as_nanos()) as u64);
-    (now + ahead, k)
 }
 
 /// What a panic said.

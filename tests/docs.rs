@@ -8,7 +8,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use stictiond::collect::{modbus, mqtt, opcua, table};
 use stictiond::config::{self, LoopConfig};
-use stictiond::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, work, writeback};
+use stictiond::{
+    access, alarm, audit, diagnosis, fleet, history, notify, schedule, serve, store, work, writeback,
+};
 
 const DOCUMENTS: &[&str] = &[
     "README.md",
@@ -26,6 +28,7 @@ const DOCUMENTS: &[&str] = &[
     "docs/dashboard.md",
     "docs/notifications.md",
     "docs/diagnosis.md",
+    "docs/fleet.md",
     "docs/method.md",
     "docs/opcua.md",
     "docs/plantwide.md",
@@ -127,6 +130,7 @@ fn the_reference_of_the_configuration_is_the_configuration() {
     agrees::<alarm::TrippedConfig>("`[alarm.compensation_tripped]`", "");
     agrees::<alarm::UnexplainedConfig>("`[alarm.unexplained_residual]`", "");
     agrees::<work::Config>("`[plantwide]`", "");
+    agrees::<fleet::Config>("`[fleet]`", "servers = ['nats://d:4222']\n");
     agrees::<work::CostConfig>("`[loop.cost]`", "per_sd = 1.0\n");
     agrees::<modbus::Config>("`[[modbus]]`", "name = 'd'\naddress = 'd:502'\naddress_base = 0\n");
     agrees::<opcua::Config>("`[[opcua]]`", "name = 'd'\nurl = 'opc.tcp://d:4840/'\n");

@@ -1,15 +1,18 @@
 //! `stictiond run` with a store, as a machine treats it: killed under load and started again, and a disk that is full.
 
+#[path = "peers/daemon.rs"]
+mod daemon;
 #[path = "peers/postgres.rs"]
 mod postgres;
 
+use daemon::Daemon;
 use postgres::Cluster;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 use stictiond::demo::{DEFAULT_SPEED, Demo, Options, Screen};
@@ -17,73 +20,6 @@ use stictiond::store::{Config, Reader, check, check_of};
 
 /// Time between two diagnoses of a loop in these tests (s).
 const PERIOD_S: u64 = 10;
-
-struct Daemon {
-    child: Child,
-    address: SocketAddr,
-}
-
-impl Drop for Daemon {
-    /// SIGKILL: one that a failed test leaves behind would go on. Of one that has ended nothing is left to kill.
-    fn drop(&mut self) {
-        self.child.kill().ok();
-        self.child.wait().ok();
-    }
-}
-
-impl Daemon {
-    /// Runs `program` with arguments that end in those of `stictiond run`, and waits until it serves.
-    fn start(mut command: Command, config: &Path) -> Self {
-        command.args(["run", "--log-format", "json", "--config"]).arg(config).env_remove("RUST_LOG");
-        let mut child = command.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("runs");
-        let mut log = BufReader::new(child.stderr.take().expect("piped"));
-        let address = loop {
-            let mut line = String::new();
-            assert!(log.read_line(&mut line).expect("text") > 0, "the log ended before it served");
-            let entry: Value = serde_json::from_str(&line).unwrap_or_default();
-            if entry["message"] == "serving" {
-                break entry["address"].as_str().and_then(|a| a.parse().ok()).expect("an address");
-            }
-        };
-        // A pipe that nobody reads would stop the daemon.
-        std::thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
-        Self { child, address }
-    }
-
-    fn ask(&self, method: &str, path: &str, body: &str) -> String {
-        let mut stream = TcpStream::connect(self.address).expect("it listens");
-        let length = body.len();
-        let head = format!("{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n", self.address);
-        let head = head + &format!("Content-Type: application/json\r\nContent-Length: {length}\r\n\r\n");
-        stream.write_all((head + body).as_bytes()).expect("it takes a request");
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).expect("it answers");
-        answer.split_once("\r\n\r\n").expect("an HTTP answer").1.to_string()
-    }
-
-    fn json(&self, path: &str) -> Value {
-        serde_json::from_str(&self.ask("GET", path, "")).unwrap_or_else(|error| panic!("{path}: {error}"))
-    }
-
-    fn until(&self, what: &str, patience: Duration, good: impl Fn(&Self) -> bool) {
-        let begun = Instant::now();
-        while !good(self) {
-            let health = self.ask("GET", "/healthz", "");
-            assert!(begun.elapsed() < patience, "{what}: not after {patience:?}; {health}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-    }
-
-    fn signal(&self, name: &str) {
-        let id = self.child.id().to_string();
-        assert!(Command::new("kill").args([name, &id]).status().expect("kill is there").success());
-    }
-
-    fn stop(mut self) {
-        self.signal("-TERM");
-        assert!(self.child.wait().expect("it ends").success());
-    }
-}
 
 fn stictiond() -> Command {
     Command::new(env!("CARGO_BIN_EXE_stictiond"))
@@ -144,7 +80,7 @@ async fn killed_under_load_it_goes_on_where_it_was() {
     std::fs::write(&config, text).expect("writable");
     let plant = tokio::spawn(demo.run(Screen::new(Vec::new(), false)));
     let done = tokio::task::spawn_blocking(move || {
-        let daemon = Daemon::start(stictiond(), &config);
+        let daemon = Daemon::start(stictiond(), "run", &config);
         daemon.until("every loop diagnosed and alarms raised", Duration::from_secs(240), |daemon| {
             let loops = loops(daemon);
             let raised = loops.iter().filter(|(_, alarm, ..)| alarm == "unacknowledged").count();
@@ -164,7 +100,7 @@ async fn killed_under_load_it_goes_on_where_it_was() {
         drop(daemon);
 
         let down = Instant::now();
-        let daemon = Daemon::start(stictiond(), &config);
+        let daemon = Daemon::start(stictiond(), "run", &config);
         let (after, started_s) = (loops(&daemon), down.elapsed().as_secs_f64());
         for (was, is) in before.iter().zip(&after) {
             // A run of the last 200 ms before the kill may not have been durable, or have come after we looked.
@@ -243,7 +179,7 @@ fn a_start_without_the_database_neither_forgets_nor_overwrites_what_people_did()
     };
     let store = |daemon: &Daemon| daemon.json("/healthz")["store"]["state"].as_str().map(str::to_string);
 
-    let daemon = Daemon::start(stictiond(), &path);
+    let daemon = Daemon::start(stictiond(), "run", &path);
     until(&daemon, "unacknowledged", "unacknowledged");
     daemon.ask("POST", "/api/v1/alarms/d/collector_down/ack", "{\"by\":\"eve\"}");
     daemon.ask("POST", "/api/v1/alarms/e/collector_down/shelve", "{\"by\":\"kim\",\"duration_s\":3600}");
@@ -253,7 +189,7 @@ fn a_start_without_the_database_neither_forgets_nor_overwrites_what_people_did()
     cluster.end();
 
     // The same disk: everything is as it was, before anything is observed.
-    let daemon = Daemon::start(stictiond(), &path);
+    let daemon = Daemon::start(stictiond(), "run", &path);
     assert_eq!(collectors(&daemon), are("acknowledged", "shelved"));
     let spooling = |daemon: &Daemon| store(daemon).as_deref() == Some("spooling");
     daemon.until("it spools", patience, spooling);
@@ -261,7 +197,7 @@ fn a_start_without_the_database_neither_forgets_nor_overwrites_what_people_did()
 
     // A fresh disk: it begins anew, and says so.
     std::fs::remove_dir_all(&spool).expect("there");
-    let daemon = Daemon::start(stictiond(), &path);
+    let daemon = Daemon::start(stictiond(), "run", &path);
     until(&daemon, "unacknowledged", "unacknowledged");
     cluster.begin();
     until(&daemon, "acknowledged", "shelved");
@@ -296,7 +232,7 @@ fn a_start_without_the_database_neither_forgets_nor_overwrites_what_people_did()
     );
     let text = text.replace("after_s = 1.0", "after_s = 3600.0") + &told_of;
     std::fs::write(&path, &text).expect("writable");
-    let daemon = Daemon::start(stictiond(), &path);
+    let daemon = Daemon::start(stictiond(), "run", &path);
     daemon.until("it spools or waits", patience, |daemon| store(daemon).as_deref() != Some("working"));
     assert_eq!(collectors(&daemon), []);
     cluster.begin();
@@ -375,7 +311,7 @@ fn a_disk_that_is_full_is_said_and_costs_nothing_when_there_is_room_again() {
         "sh",
         env!("CARGO_BIN_EXE_stictiond"),
     ]);
-    let daemon = Daemon::start(command, &config);
+    let daemon = Daemon::start(command, "run", &config);
     let written = |daemon: &Daemon| !daemon.json("/healthz")["store"]["written"].is_null();
     daemon.until("the store works", Duration::from_secs(10), written);
     let state = |daemon: &Daemon| daemon.json("/healthz")["store"]["state"].as_str().map(str::to_string);
@@ -383,7 +319,7 @@ fn a_disk_that_is_full_is_said_and_costs_nothing_when_there_is_room_again() {
     daemon.until("the store fails", Duration::from_secs(30), failing);
     assert!(daemon.json("/readyz")["store"]["reason"].is_string());
     assert!(daemon.ask("GET", "/metrics", "").contains("stictiond_store_working 0.0"));
-    let id = daemon.child.id().to_string();
+    let id = daemon.id();
     // Samples come meanwhile; where a little room is left the store works for a moment between two failures.
     let samples = |daemon: &Daemon| {
         daemon.json("/api/v1/loops/A/samples?points=5")["tags"][0]["found"].as_u64().expect("a number")

@@ -195,4 +195,7 @@ pub enum Refusal {
         /// The longest time allowed (s).
         max_s: f64,
     },
+    /// The alarm is another machine's, and another centre gives the orders.
+    #[error("another centre acts for the fleet at present: do it there")]
+    NotLeading,
 }

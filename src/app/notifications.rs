@@ -4,7 +4,7 @@
 use super::Clock;
 use crate::config::Config;
 use crate::notify::mqtt::{self, LoopName, Publisher};
-use crate::notify::{Letters, Places, Source, State, alertmanager, smtp, webhook};
+use crate::notify::{Letters, Outlet, Places, Source, State, alertmanager, smtp, webhook};
 use crate::results::Results;
 use crate::serve::{DeadLetter, NotificationPort, ReceiverState};
 use crate::signal::LoopId;
@@ -28,6 +28,8 @@ pub struct Notifications {
     results: Arc<Results>,
     clock: Clock,
     folder: Option<PathBuf>,
+    /// Where what is to be told comes from, and whether to tell at all, in a fleet.
+    outlet: Option<Outlet>,
     receivers: Mutex<Receivers>,
 }
 
@@ -94,7 +96,7 @@ impl Spec {
 
 impl Notifications {
     /// Nothing connects yet.
-    pub fn new(config: &Config, clock: Clock, results: &Arc<Results>) -> Self {
+    pub fn new(config: &Config, clock: Clock, results: &Arc<Results>, outlet: Option<Outlet>) -> Self {
         let loops = Arc::new(Mutex::new(names(config)));
         let known = loops.clone();
         let known = Arc::new(move || lock(&known).clone());
@@ -111,6 +113,7 @@ impl Notifications {
             results: results.clone(),
             clock,
             folder: config.store.as_ref().map(|store| store.folder.join(LETTERS)),
+            outlet,
             receivers: Mutex::default(),
         };
         lock(&own.receivers).all = specs(config).into_iter().map(|spec| own.receiver(spec, None)).collect();
@@ -172,6 +175,7 @@ impl Notifications {
             now,
             site: spec.site.clone(),
             public_url: spec.public_url.clone(),
+            outlet: self.outlet.clone(),
         };
         let state: Arc<State> = Arc::default();
         let letters = spec.most_letters().map(|most| {

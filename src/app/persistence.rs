@@ -5,7 +5,7 @@
 
 mod feed;
 mod room;
-mod rows;
+pub(super) mod rows;
 
 use super::plantwide;
 use crate::config::Config;

@@ -2,6 +2,7 @@
 
 use super::{Failure, logging};
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use stictiond::app::AppError;
 use stictiond::demo::{self, DEFAULT_SPEED, DemoError, Options, WRITEBACK_SPEED};
 
@@ -19,6 +20,9 @@ pub struct Args {
     /// Reinforce the sticky loops: two demo operators grant and approve, the simulated DCS adds the terms
     #[arg(long)]
     writeback: bool,
+    /// Write here with which configuration another daemon watches the same plant
+    #[arg(long, value_name = "FILE")]
+    config_to: Option<PathBuf>,
     #[command(flatten)]
     log: logging::LogArgs,
 }
@@ -32,7 +36,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let usual = if args.writeback { WRITEBACK_SPEED } else { DEFAULT_SPEED };
     let speed = args.speed.unwrap_or(usual);
     let options = Options { listen: args.listen, speed, seed: args.seed, writeback: args.writeback };
-    demo::command(&options).map_err(|error| match error {
+    demo::command(&options, args.config_to.as_deref()).map_err(|error| match error {
         DemoError::Speed(_) | DemoError::NotBuiltIn => Failure::BadInput(error.to_string()),
         // The only line of the demo's configuration that comes from outside.
         DemoError::App(AppError::Config(errors)) => Failure::BadInput(format!(

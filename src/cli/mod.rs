@@ -1,4 +1,4 @@
-//! The command line: `stictiond run | demo | diagnose | backfill | benchmark | check | user | token | health | store | replay | audit | probe |
+//! The command line: `stictiond run | edge | worker | centre | demo | diagnose | backfill | benchmark | check | user | token | health | store | replay | audit | probe |
 //! import-tags | plant | reproduce`.
 //!
 //! Exit codes: 0 done, whatever the verdict; 1 failed; 2 bad arguments, config or input. Every error is one clear
@@ -31,6 +31,7 @@ use clap::{Parser, Subcommand};
 use std::fmt::Display;
 use std::io::{self, Write};
 use std::process::ExitCode;
+use stictiond::app::Role;
 use stictiond::config::Diagnostic;
 
 /// Finds sticking control valves from OP and PV, online, beside the DCS.
@@ -45,6 +46,12 @@ struct Args {
 enum Command {
     /// Poll the plant, diagnose its loops, serve the results; SIGHUP reads the configuration again
     Run(run::Args),
+    /// Be the edge of a fleet: collect at a site, forward to the centre, let workers diagnose
+    Edge(run::Args),
+    /// Be a worker of a fleet: diagnose what edges send
+    Worker(run::Args),
+    /// Be the centre of a fleet: show the loops of all sites, tell people
+    Centre(run::Args),
     /// Watch a simulated plant of twenty loops: no configuration, no plant
     Demo(demo::Args),
     /// Diagnose one record: columns t,op,pv[,sp][,other tags…]
@@ -105,7 +112,10 @@ pub fn main() -> ExitCode {
         }
     };
     let done = match args.command {
-        Command::Run(args) => run::run(&args),
+        Command::Run(args) => run::run(&args, Role::Alone),
+        Command::Edge(args) => run::run(&args, Role::Edge),
+        Command::Worker(args) => run::run(&args, Role::Worker),
+        Command::Centre(args) => run::run(&args, Role::Centre),
         Command::Demo(args) => demo::run(&args),
         Command::Diagnose(args) => diagnose::run(&args),
         Command::Backfill(args) => backfill::run(&args),

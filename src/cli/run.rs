@@ -1,8 +1,8 @@
-//! `stictiond run --config FILE`: the daemon, until SIGTERM or SIGINT.
+//! `stictiond run | edge | worker | centre --config FILE`: the daemon, alone or as a part of a fleet, until SIGTERM or SIGINT.
 
 use super::{Failure, logging};
 use std::path::PathBuf;
-use stictiond::app::{self, AppError};
+use stictiond::app::{self, AppError, Role};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -14,16 +14,16 @@ pub struct Args {
 }
 
 /// Runs until it is told to stop.
-pub fn run(args: &Args) -> Result<(), Failure> {
+pub fn run(args: &Args, role: Role) -> Result<(), Failure> {
     logging::start(&args.log)?;
     let runtime =
         tokio::runtime::Runtime::new().map_err(|error| Failure::Failed(format!("cannot start: {error}")))?;
-    let ended = runtime.block_on(app::daemon(&args.config));
+    let ended = runtime.block_on(app::daemon(&args.config, role));
     // A diagnosis under way has nothing to save; waiting for it would hold up a restart.
     runtime.shutdown_background();
     ended.map_err(|error| match error {
         AppError::Config(errors) => Failure::BadConfig(errors),
-        AppError::Plan(_) => Failure::in_file(&args.config, error),
+        AppError::Plan(_) | AppError::Fleet(_) => Failure::in_file(&args.config, error),
         _ => Failure::Failed(error.to_string()),
     })
 }

@@ -13,10 +13,12 @@ mod wording;
 pub use diagnostic::Diagnostic;
 pub use neighbours::{Candidates, MOST_CANDIDATES, Neighbour};
 pub use plant::{Plant, tags};
-pub use tag::TagConfig;
+pub use tag::{ForwardedTag, TagConfig};
 
 use crate::collect::{modbus, mqtt, opcua, table};
-use crate::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, work, writeback};
+use crate::{
+    access, alarm, audit, diagnosis, fleet, history, notify, schedule, serve, store, work, writeback,
+};
 use diagnostic::Report;
 use serde::Deserialize;
 use source::Source;
@@ -52,6 +54,8 @@ pub struct Config {
     pub plantwide: work::Config,
     /// `[writeback]`.
     pub writeback: writeback::Config,
+    /// `[fleet]`; without it this machine is alone.
+    pub fleet: Option<fleet::Config>,
     /// `[notify]`.
     pub notify: notify::Config,
     /// `[[modbus]]`, one per device.
@@ -62,6 +66,8 @@ pub struct Config {
     pub mqtt: Vec<mqtt::Config>,
     /// `[[loop]]`, one per control loop.
     pub loops: Vec<LoopConfig>,
+    /// Collectors of edges, which a centre shows; no file has them.
+    pub forwarded: Vec<String>,
 }
 
 /// One control loop, `[[loop]]`.

@@ -65,6 +65,7 @@ impl Config {
                         topics[at].push(mqtt::TagSpec { index, name, role, config, frozen_after_s });
                         source_at_broker(&self.mqtt[at], tag)
                     }),
+                    TagConfig::Forwarded(tag) => Some(tag.source.clone()),
                 };
                 if let Some(source) = source {
                     let unit = tag.unit().unwrap_or_default().to_string();

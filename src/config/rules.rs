@@ -135,6 +135,7 @@ impl Rules<'_, '_, '_> {
             }
         }
         self.section("plantwide", parts.plantwide.as_ref().map(|c| c.validate()));
+        self.section("fleet", parts.fleet.as_ref().and_then(|c| c.as_ref()).map(|c| c.validate()));
         self.section("writeback", parts.writeback.as_ref().map(|c| c.validate()));
         self.notify(parts);
         if let (Some(history), Some(diagnosis)) = (&parts.history, &parts.diagnosis) {
@@ -181,7 +182,9 @@ impl Rules<'_, '_, '_> {
     }
 
     fn loops(&mut self, parts: &Parts) {
-        if self.source.root().get("loop").is_none() {
+        // A worker and a centre have none of their own, and belong to no site.
+        let of_fleet = self.source.has(&path!["fleet"]) && !self.source.has(&path!["fleet", "site"]);
+        if self.source.root().get("loop").is_none() && !of_fleet {
             self.report.at(0, "no [[loop]]: name at least one control loop to watch".into());
         }
         let mut seen = HashMap::new();

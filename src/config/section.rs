@@ -6,14 +6,16 @@ use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
 use super::{Config, LoopConfig};
 use crate::collect::{self, modbus, mqtt, opcua};
-use crate::{access, alarm, audit, diagnosis, history, notify, schedule, serve, store, work, writeback};
+use crate::{
+    access, alarm, audit, diagnosis, fleet, history, notify, schedule, serve, store, work, writeback,
+};
 use serde::de::DeserializeOwned;
 use std::borrow::Cow;
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Sections of the file.
-const SECTIONS: [&str; 16] = [
+const SECTIONS: [&str; 17] = [
     "server",
     "access",
     "audit",
@@ -25,6 +27,7 @@ const SECTIONS: [&str; 16] = [
     "alarm",
     "plantwide",
     "writeback",
+    "fleet",
     "notify",
     "modbus",
     "opcua",
@@ -53,6 +56,8 @@ pub struct Parts {
     pub alarm: Option<alarm::Config>,
     pub plantwide: Option<work::Config>,
     pub writeback: Option<writeback::Config>,
+    /// Inside, `None` where the section is left out.
+    pub fleet: Option<Option<fleet::Config>>,
     pub notify: Option<notify::Config>,
     pub modbus: Vec<Option<modbus::Config>>,
     pub opcua: Vec<Option<opcua::Config>>,
@@ -75,11 +80,13 @@ impl Parts {
             alarm: self.alarm?,
             plantwide: self.plantwide?,
             writeback: self.writeback?,
+            fleet: self.fleet?,
             notify: self.notify?,
             modbus: self.modbus.into_iter().collect::<Option<_>>()?,
             opcua: self.opcua.into_iter().collect::<Option<_>>()?,
             mqtt: self.mqtt.into_iter().collect::<Option<_>>()?,
             loops: self.loops.into_iter().collect::<Option<_>>()?,
+            forwarded: Vec::new(),
         })
     }
 }
@@ -105,6 +112,7 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
         alarm: table(source, "alarm", report),
         plantwide: table(source, "plantwide", report),
         writeback: table(source, "writeback", report),
+        fleet: optional(source, "fleet", report),
         notify: table(source, "notify", report),
         modbus: tables(source, "modbus", report),
         opcua: tables(source, "opcua", report),

@@ -12,6 +12,21 @@ pub enum TagConfig {
     Opcua(opcua::TagConfig),
     /// With `topic` or `sparkplug`.
     Mqtt(mqtt::TagConfig),
+    /// Read by an edge, which forwards it; no file has one.
+    Forwarded(ForwardedTag),
+}
+
+/// A tag that an edge reads and a centre shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ForwardedTag {
+    /// Name of an extra tag.
+    pub name: Option<String>,
+    /// The collector, with its site.
+    pub device: String,
+    /// Where the edge reads it and how it is decoded.
+    pub source: String,
+    /// Engineering unit, for people.
+    pub unit: Option<String>,
 }
 
 impl TagConfig {
@@ -21,6 +36,7 @@ impl TagConfig {
             Self::Modbus(tag) => tag.name.as_deref(),
             Self::Opcua(tag) => tag.name.as_deref(),
             Self::Mqtt(tag) => tag.name.as_deref(),
+            Self::Forwarded(tag) => tag.name.as_deref(),
         }
     }
 
@@ -30,6 +46,7 @@ impl TagConfig {
             Self::Modbus(tag) => &tag.device,
             Self::Opcua(tag) => &tag.device,
             Self::Mqtt(tag) => &tag.device,
+            Self::Forwarded(tag) => &tag.device,
         }
     }
 
@@ -39,6 +56,7 @@ impl TagConfig {
             Self::Modbus(tag) => tag.unit.as_deref(),
             Self::Opcua(tag) => tag.unit.as_deref(),
             Self::Mqtt(tag) => tag.unit.as_deref(),
+            Self::Forwarded(tag) => tag.unit.as_deref(),
         }
     }
 
@@ -46,7 +64,7 @@ impl TagConfig {
     pub fn as_modbus(&self) -> Option<&modbus::TagConfig> {
         match self {
             Self::Modbus(tag) => Some(tag),
-            Self::Opcua(_) | Self::Mqtt(_) => None,
+            Self::Opcua(_) | Self::Mqtt(_) | Self::Forwarded(_) => None,
         }
     }
 
@@ -58,6 +76,7 @@ impl TagConfig {
             Self::Opcua(_) => "node",
             Self::Mqtt(tag) if tag.sparkplug.is_some() => "sparkplug",
             Self::Mqtt(_) => "topic",
+            Self::Forwarded(_) => "source",
         }
     }
 

@@ -299,17 +299,22 @@ impl View<'_> {
     }
 }
 
-/// The command: runs until Ctrl-C, SIGTERM or a failure.
+/// The command: runs until Ctrl-C, SIGTERM or a failure. With `config_to`, writes there with which configuration another daemon
+/// watches the same plant.
 ///
 /// # Errors
 /// [`DemoError`].
-pub fn command(options: &Options) -> Result<(), DemoError> {
+pub fn command(options: &Options, config_to: Option<&Path>) -> Result<(), DemoError> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
         .map_err(DemoError::io("cannot start the runtime"))?;
     let done = runtime.block_on(async {
         let demo = Demo::build(options).await?;
+        if let Some(path) = config_to {
+            let text = demo.config().replace(&demo.address().to_string(), "127.0.0.1:0");
+            std::fs::write(path, text).map_err(DemoError::io("cannot write the configuration"))?;
+        }
         let stop = demo.stop();
         let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())
             .map_err(DemoError::io("cannot listen to signals"))?;

@@ -31,7 +31,7 @@ pub use batch::Pace;
 pub use config::Config;
 pub use filter::{Filter, What};
 pub use letters::{Letter, Letters};
-pub use notice::{Places, Source};
+pub use notice::{Outlet, Places, Source};
 pub use postman::{Carrier, Fault, Postman, Retry};
 pub use state::{Snapshot, State};
 pub use wrong::Wrong;

@@ -2,10 +2,12 @@
 
 use super::filter::What;
 use crate::alarm::{AlarmId, Cause, Kind, Priority, State, Transition};
-use crate::results::{AlarmChange, AlarmView, Results, f_unit};
+use crate::results::{AlarmChange, AlarmView, Event, Results, f_unit};
 use crate::signal::LoopId;
 use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, PoisonError, RwLock};
+use tokio::sync::broadcast;
 
 /// The groups that alarms belong to.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,6 +17,9 @@ pub struct Places {
     /// Of the loops that each collector serves.
     pub devices: HashMap<LoopId, Vec<String>>,
 }
+
+/// Where what is to be told comes from when this machine is not alone, and whether it tells people now.
+pub type Outlet = (broadcast::Sender<Event>, Arc<AtomicBool>);
 
 /// What receivers look things up in.
 #[derive(Clone)]
@@ -29,6 +34,8 @@ pub struct Source {
     pub site: Option<String>,
     /// Where people reach the dashboard.
     pub public_url: Option<String>,
+    /// `None` where this machine is alone: then it tells everything that happens.
+    pub outlet: Option<Outlet>,
 }
 
 /// How much friction, by the latest diagnosis.
@@ -104,6 +111,19 @@ pub(super) fn what(transition: &Transition) -> Option<What> {
 }
 
 impl Source {
+    /// Hears what is to be told.
+    pub(super) fn news(&self) -> broadcast::Receiver<Event> {
+        match &self.outlet {
+            Some((outlet, _)) => outlet.subscribe(),
+            None => self.results.subscribe(),
+        }
+    }
+
+    /// Whether this machine tells people now.
+    pub(super) fn speaks(&self) -> bool {
+        self.outlet.as_ref().is_none_or(|(_, speaks)| speaks.load(Relaxed))
+    }
+
     /// The groups that an alarm belongs to.
     pub(super) fn groups(&self, alarm: &AlarmId) -> Vec<String> {
         let places = self.places.read().unwrap_or_else(PoisonError::into_inner).clone();

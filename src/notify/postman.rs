@@ -118,7 +118,7 @@ struct Trial {
 impl<C: Carrier> Postman<C> {
     /// Hears of everything from now on.
     pub fn new(name: &str, carrier: C, source: Source, letters: Arc<Letters>, state: Arc<State>) -> Self {
-        let news = source.results.subscribe();
+        let news = source.news();
         // After a reload it goes on where the one before ended.
         let heard = letters.heard().unwrap_or_else(|| source.results.latest_change());
         Self {

@@ -26,6 +26,8 @@ pub struct AlarmChange {
     pub by: Option<String>,
     /// What they said.
     pub comment: Option<String>,
+    /// People have been told of it by another machine.
+    pub told: bool,
 }
 
 /// Numbers of changes of before the start: as many as are remembered.
@@ -48,6 +50,11 @@ impl AlarmLog {
         let change = Arc::new(AlarmChange { number: self.latest(), ..change });
         self.kept.push_back(change.clone());
         change
+    }
+
+    /// Whether this change is remembered.
+    pub fn has(&self, id: &AlarmId, transition: &Transition) -> bool {
+        self.kept.iter().rev().any(|own| own.id == *id && own.transition == *transition)
     }
 
     /// Takes back what was kept, oldest first, before what there is: once or again, at the start or when it comes to light.
@@ -88,6 +95,7 @@ mod tests {
             detail: String::new(),
             by: None,
             comment: None,
+            told: false,
         }
     }
 

@@ -1,7 +1,7 @@
 //! The alarms of the plant: what runs, tags and collectors say to them, and what people do about them.
 
 use super::alarm_log::AlarmChange;
-use super::board::{Board, News, Standing};
+use super::board::{Board, News, Order, Standing, Wanted};
 use super::kept::RestoredAlarm;
 use super::{Event, ModelVersion, Results, Run, Summary};
 use crate::alarm::{Action, AlarmId, Config, FloodView, Kind, Priority, Refusal, State};
@@ -197,7 +197,15 @@ impl Results {
                 // Tried on a copy: what is refused leaves no trace.
                 result = own.alarm.clone().act(action, now, &board.config).1;
             }
-            if result.is_ok() {
+            if result.is_ok()
+                && let Some(order) = board.orders.0.clone()
+            {
+                let raised_at = board.alarms.get(id).and_then(|own| own.alarm.flags().raised_at);
+                let wanted = Wanted { id: id.clone(), action, said: said.clone(), raised_at, at: now };
+                if !order(wanted) {
+                    result = Err(Refusal::NotLeading);
+                }
+            } else if result.is_ok() {
                 board.change(id, Some(&said), None, news, |alarm, config| alarm.act(action, now, config).0);
             }
             let done_already = ended && action == Action::Unshelve;
@@ -252,6 +260,23 @@ impl Results {
         });
     }
 
+    /// From now on the alarms are those of other machines: they change by [`Results::follow_alarm`] alone, and `order` is told
+    /// what people want done.
+    pub fn follow_others(&self, order: Order) {
+        self.alarms.lock().orders.0 = Some(order);
+    }
+
+    /// Takes an alarm as another machine has it, which is the only one to change it, and what happened to it there.
+    /// What happened, where that is news.
+    pub fn follow_alarm(&self, kept: RestoredAlarm, change: Option<AlarmChange>) -> Option<Arc<AlarmChange>> {
+        let mut told = None;
+        self.with_board(|board, news| {
+            board.follow(kept, change, news);
+            told = news.told.first().cloned();
+        });
+        told
+    }
+
     /// The design that the configuration in force has for its alarms, from `now` on.
     pub fn apply_design(&self, now: f64) {
         self.with_board(|board, news| board.design(now, news));
@@ -266,7 +291,7 @@ impl Results {
         let reinforced = self.is_reinforced(&run.id);
         let mut board = self.alarms.lock();
         let mut news = News::default();
-        board.judge(run, &summary, reinforced, &mut news);
+        board.judge(run.short(), &summary, reinforced, &mut news);
         self.keep(Some((run.clone(), summary.clone())), new_model, news.kept);
         self.tell(Event::Run(run.id.clone(), summary));
         self.tell_alarms(news.told);

@@ -3,11 +3,11 @@
 use super::alarm_log::{AlarmChange, AlarmLog};
 use super::alarms::{AlarmView, Said};
 use super::kept::{KeptAlarm, RestoredAlarm};
-use super::{Run, Summary, words};
-use crate::alarm::{Alarm, AlarmId, Cause, Config, Flood, Kind, Line, Observation, Transition};
-use crate::diagnosis::Verdict;
+use super::{Summary, words};
+use crate::alarm::{Action, Alarm, AlarmId, Cause, Config, Flood, Kind, Line, Observation, Transition};
 use crate::signal::LoopId;
 use std::collections::{BTreeMap, HashSet};
+use std::fmt;
 use std::sync::Arc;
 
 /// An alarm and what is remembered beside it.
@@ -34,6 +34,47 @@ impl Standing {
     }
 }
 
+/// What alarms need of a run.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ShortRun<'r> {
+    pub id: &'r LoopId,
+    pub finished: f64,
+    /// The valve sticks.
+    pub sticky: bool,
+    /// Whether it sticks can be told.
+    pub identifiable: bool,
+    /// Share of PV's standard deviation that the model does not explain.
+    pub unexplained: Option<f64>,
+}
+
+/// What somebody wants done about an alarm of another machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wanted {
+    /// Which alarm.
+    pub id: AlarmId,
+    /// What.
+    pub action: Action,
+    /// By whom, and what they say.
+    pub said: Said,
+    /// When the condition was raised that they have seen (s).
+    pub raised_at: Option<f64>,
+    /// When (s).
+    pub at: f64,
+}
+
+/// Takes what is wanted, and waits for nothing; false where it cannot be passed on.
+pub type Order = Arc<dyn Fn(Wanted) -> bool + Send + Sync>;
+
+/// Who takes what is wanted, where the alarms are another machine's.
+#[derive(Clone, Default)]
+pub(super) struct Orders(pub Option<Order>);
+
+impl fmt::Debug for Orders {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.debug_tuple("Orders").field(&self.0.is_some()).finish()
+    }
+}
+
 /// What came of something: what is to be kept, and what is to be told.
 #[derive(Debug, Default)]
 pub(super) struct News {
@@ -51,6 +92,8 @@ pub(super) struct Board {
     pub flood: Flood,
     /// What they did: a change gets its number while nobody else can make one.
     pub log: AlarmLog,
+    /// Who is told what people want done, where the alarms are another machine's: nothing changes them here.
+    pub orders: Orders,
 }
 
 impl Board {
@@ -68,7 +111,7 @@ impl Board {
         news: &mut News,
         act: impl FnOnce(&mut Alarm, &Config) -> Vec<Transition>,
     ) {
-        if !self.has(id) {
+        if !self.has(id) || self.orders.0.is_some() {
             return;
         }
         let own = self.alarms.entry(id.clone()).or_insert_with(|| Standing::new(Alarm::new(id.kind)));
@@ -102,6 +145,7 @@ impl Board {
                 detail: own.detail.clone(),
                 by,
                 comment,
+                told: false,
             }));
         }
         if said.is_some() || !transitions.is_empty() || before != after {
@@ -162,6 +206,26 @@ impl Board {
         }
         let detail = own.detail.is_empty().then_some(kept.detail);
         self.change(&kept.id, None, detail, news, |alarm, config| alarm.merge(kept.saved, now, config));
+    }
+
+    /// Takes an alarm as another machine has it, which is the only one to change it, and what happened to it there.
+    pub fn follow(&mut self, kept: RestoredAlarm, change: Option<AlarmChange>, news: &mut News) {
+        if !self.has(&kept.id) {
+            return;
+        }
+        let RestoredAlarm { id, saved, by, comment, detail } = kept;
+        let change = change.filter(|change| !self.log.has(&id, &change.transition));
+        let alarm = Alarm::restored(id.kind, &self.config, saved.clone());
+        let said = Said { by: by.clone(), comment: comment.clone() };
+        let standing = Standing { alarm, said, detail: detail.clone(), grouped: false, follows: false };
+        let before = self.alarms.insert(id.clone(), standing);
+        let transitions: Vec<Transition> = change.iter().map(|change| change.transition).collect();
+        if transitions.is_empty() && before.is_some_and(|own| own.alarm.saved() == saved) {
+            return;
+        }
+        let acted = change.as_ref().is_some_and(|change| change.by.is_some());
+        news.told.extend(change.map(|change| self.log.push(change)));
+        news.kept.push(KeptAlarm { id, saved, transitions, acted, by, comment, detail });
     }
 
     /// Takes an alarm as it was kept, unless something has happened to it since.
@@ -234,13 +298,11 @@ impl Board {
     }
 
     /// What a run says, to each kind that listens.
-    pub fn judge(&mut self, run: &Run, summary: &Summary, reinforced: bool, news: &mut News) {
+    pub fn judge(&mut self, run: ShortRun<'_>, summary: &Summary, reinforced: bool, news: &mut News) {
         let of = |kind| AlarmId::new(run.id.clone(), kind);
-        let (now, verdict) = (run.finished, run.judged().map(super::Judged::verdict));
-        let identifiable = !matches!(verdict, None | Some(Verdict::NotIdentifiable(_)));
+        let ShortRun { finished: now, sticky, identifiable, .. } = run;
         // Of a window that a term acted on nothing else can be expected, though it has ended since.
         let reinforced = reinforced || summary.compensated.is_some();
-        let sticky = verdict == Some(&Verdict::Stiction);
         let known = summary.f.zip(summary.delta_aic).filter(|_| identifiable && (sticky || !reinforced));
         let seen = known.map_or(Observation::Unknown, |(f, evidence)| self.config.judge(sticky, f, evidence));
         // Limits in per cent of a span say nothing of f where that span is not known.
@@ -271,7 +333,7 @@ impl Board {
             && !self.config.not_identifiable.ignore.iter().any(|known| known == code);
         self.level(&of(Kind::NotIdentifiable), fault.then(|| summary.words()), now, news);
 
-        if let Some(share) = unexplained(run).filter(|_| identifiable) {
+        if let Some(share) = run.unexplained.filter(|_| identifiable) {
             let most = self.config.unexplained_residual.share;
             let (seen, detail) = if share >= most {
                 (Observation::Present, Some(words::unexplained(share)))
@@ -290,16 +352,4 @@ impl Board {
 fn rising(line: Line, summary: &Summary) -> String {
     let unit = super::f_unit(summary.f_in_percent);
     words::rising(line.rise, line.low, line.span_s / 86_400.0, unit)
-}
-
-/// The share of PV's standard deviation that the model, run freely over data it has not seen, does not explain; `None` where
-/// that was not looked at, or where the residual is white.
-fn unexplained(run: &Run) -> Option<f64> {
-    let judged = run.judged()?;
-    let (found, window) = (judged.findings.as_ref()?, judged.diagnosis.window.as_ref()?);
-    let n = window.pv.len().max(1) as f64;
-    let mean = window.pv.iter().sum::<f64>() / n;
-    let spread = (window.pv.iter().map(|pv| (pv - mean).powi(2)).sum::<f64>() / n).sqrt();
-    let share = found.after.free_run_rmse / spread;
-    (spread > 0.0 && share.is_finite()).then_some(if found.unexplained { share } else { 0.0 })
 }

@@ -17,7 +17,7 @@ fn samples_per_s(config: &Config) -> f64 {
             let server = config.opcua.iter().find(|own| own.name == tag.device);
             tag.sampling_ms.or(server.map(|own| own.sampling_ms))
         }
-        TagConfig::Mqtt(_) => None,
+        TagConfig::Mqtt(_) | TagConfig::Forwarded(_) => None,
     };
     let all = config.loops.iter().flat_map(tags);
     all.filter_map(|(_, tag)| every_ms(tag)).map(|ms| 1000.0 / ms.max(1) as f64).sum()
@@ -28,7 +28,7 @@ pub(super) fn too_little(config: &Config, own: &store::Config) -> Option<String>
     let bytes = SAMPLE_BYTES[usize::from(own.url.is_some())];
     let mb_a_day = samples_per_s(config) * bytes * DAY_S / 1e6;
     let days = own.max_mb as f64 / mb_a_day;
-    (days < own.samples_days).then(|| {
+    (mb_a_day > 0.0 && days < own.samples_days).then(|| {
         format!(
             "[store] max_mb = {} holds about {days:.1} days of samples as fast as they are configured, not samples_days = {}: \
              that takes {:.0} MB; see docs/store.md",

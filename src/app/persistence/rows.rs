@@ -4,7 +4,7 @@ use crate::alarm::{AlarmId, Cause, Flags, Kind, Observation, Point, Priority, Sa
 use crate::residual;
 use crate::results::{
     AlarmChange, Change, Compensated, KeptAlarm, KnownEffect, MOST_CHANGES, ModelVersion, Remembered,
-    Restored, RestoredAlarm, Summary, Trigger,
+    Restored, RestoredAlarm, Run, Summary, Trigger,
 };
 use crate::serve::dto::{BasisText, Report};
 use crate::signal::LoopId;
@@ -13,24 +13,8 @@ use crate::store::{AlarmRow, DiagnosisRow, ModelRow, Reader, Row, StoreError, Tr
 /// A change as rows.
 pub(super) fn rows(change: Change) -> Vec<Row> {
     let mut rows = Vec::with_capacity(2 + 2 * change.alarms.len());
-    let control_loop = change.run.as_ref().map(|(run, _)| run.id.to_string()).unwrap_or_default();
     if let Some((run, summary)) = &change.run {
-        rows.push(Row::Diagnosis(DiagnosisRow {
-            control_loop: control_loop.clone(),
-            finished: summary.time,
-            took_s: summary.took_s,
-            on_demand: summary.trigger == Trigger::OnDemand,
-            outcome: summary.outcome.to_string(),
-            reason_code: summary.reason_code.as_deref().map(str::to_string),
-            reason: summary.reason.clone(),
-            f: summary.f,
-            f_ci95: summary.f_ci95,
-            f_in_percent: summary.f_in_percent,
-            delta_aic: summary.delta_aic,
-            version: env!("CARGO_PKG_VERSION").to_string(),
-            report: Report::text(run).as_deref().and_then(pack),
-            basis: run.basis.as_deref().and_then(BasisText::text).as_deref().and_then(pack),
-        }));
+        rows.push(Row::Diagnosis(diagnosis_row(run, summary)));
     }
     if let Some((id, ModelVersion { version, since, effects })) = change.model {
         let control_loop = id.to_string();
@@ -42,6 +26,26 @@ pub(super) fn rows(change: Change) -> Vec<Row> {
         alarm_rows(alarm, &mut rows);
     }
     rows
+}
+
+/// A run as a row.
+pub(in crate::app) fn diagnosis_row(run: &Run, summary: &Summary) -> DiagnosisRow {
+    DiagnosisRow {
+        control_loop: run.id.to_string(),
+        finished: summary.time,
+        took_s: summary.took_s,
+        on_demand: summary.trigger == Trigger::OnDemand,
+        outcome: summary.outcome.to_string(),
+        reason_code: summary.reason_code.as_deref().map(str::to_string),
+        reason: summary.reason.clone(),
+        f: summary.f,
+        f_ci95: summary.f_ci95,
+        f_in_percent: summary.f_in_percent,
+        delta_aic: summary.delta_aic,
+        version: env!("CARGO_PKG_VERSION").to_string(),
+        report: Report::text(run).as_deref().and_then(pack),
+        basis: run.basis.as_deref().and_then(BasisText::text).as_deref().and_then(pack),
+    }
 }
 
 fn alarm_rows(kept: KeptAlarm, rows: &mut Vec<Row>) {
@@ -87,7 +91,7 @@ fn alarm_rows(kept: KeptAlarm, rows: &mut Vec<Row>) {
 }
 
 /// Alarms as they were kept; of kinds that this version knows.
-pub(super) fn remembered_alarms(rows: Vec<AlarmRow>) -> Vec<RestoredAlarm> {
+pub(in crate::app) fn remembered_alarms(rows: Vec<AlarmRow>) -> Vec<RestoredAlarm> {
     let restored = |row: AlarmRow| {
         let id = AlarmId::new(LoopId::new(row.control_loop), Kind::named(&row.kind)?);
         let flags = Flags {
@@ -116,7 +120,7 @@ pub(super) fn remembered_alarms(rows: Vec<AlarmRow>) -> Vec<RestoredAlarm> {
 }
 
 /// A model as it was kept.
-pub(super) fn remembered_model(row: &ModelRow) -> ModelVersion {
+pub(in crate::app) fn remembered_model(row: &ModelRow) -> ModelVersion {
     ModelVersion {
         version: row.version,
         since: row.since,
@@ -126,25 +130,28 @@ pub(super) fn remembered_model(row: &ModelRow) -> ModelVersion {
 
 /// What alarms did, the last of it, oldest first.
 pub(super) fn remembered_changes(reader: &Reader) -> Result<Vec<AlarmChange>, StoreError> {
-    let change = |row: TransitionRow| {
-        let transition = Transition {
-            from: State::named(&row.before)?,
-            to: State::named(&row.after)?,
-            at: row.at,
-            cause: Cause::named(&row.cause)?,
-        };
-        Some(AlarmChange {
-            number: 0,
-            id: AlarmId::new(LoopId::new(row.control_loop), Kind::named(&row.kind)?),
-            transition,
-            priority: row.priority.as_deref().and_then(Priority::named).unwrap_or(Priority::Low),
-            grouped: false,
-            detail: row.detail,
-            by: row.by,
-            comment: row.comment,
-        })
+    Ok(reader.last_transitions(MOST_CHANGES)?.into_iter().filter_map(remembered_change).collect())
+}
+
+/// A change of which people know; `None` for a kind that this version does not.
+pub(in crate::app) fn remembered_change(row: TransitionRow) -> Option<AlarmChange> {
+    let transition = Transition {
+        from: State::named(&row.before)?,
+        to: State::named(&row.after)?,
+        at: row.at,
+        cause: Cause::named(&row.cause)?,
     };
-    Ok(reader.last_transitions(MOST_CHANGES)?.into_iter().filter_map(change).collect())
+    Some(AlarmChange {
+        number: 0,
+        id: AlarmId::new(LoopId::new(row.control_loop), Kind::named(&row.kind)?),
+        transition,
+        priority: row.priority.as_deref().and_then(Priority::named).unwrap_or(Priority::Low),
+        grouped: false,
+        detail: row.detail,
+        by: row.by,
+        comment: row.comment,
+        told: true,
+    })
 }
 
 /// What was kept of a loop.
@@ -166,7 +173,8 @@ pub(super) fn remembered(reader: &Reader, id: &LoopId, room: usize) -> Result<Re
     })
 }
 
-fn summary(row: &DiagnosisRow) -> Summary {
+/// A run in a few numbers.
+pub(in crate::app) fn summary(row: &DiagnosisRow) -> Summary {
     Summary {
         time: row.finished,
         took_s: row.took_s,

@@ -48,7 +48,7 @@ impl Informer {
     /// # Errors
     /// Why its address cannot be used; `check` says so before.
     pub fn new(config: &Config, source: Source, state: Arc<State>) -> Result<Self, String> {
-        let (config, endpoint, news) = (config.clone(), config.endpoint()?, source.results.subscribe());
+        let (config, endpoint, news) = (config.clone(), config.endpoint()?, source.news());
         Ok(Self { config, endpoint, source, state, news })
     }
 
@@ -95,6 +95,10 @@ impl Informer {
 
     /// Sends everything that stands and what is over.
     async fn inform(&self, table: &mut Table) -> Result<(), String> {
+        if !self.source.speaks() {
+            // Another machine of the fleet informs.
+            return Ok(());
+        }
         let (source, filter, now) = (self.source.clone(), self.config.filter.clone(), (self.source.now)());
         let mut own = std::mem::take(table);
         let expires = now + self.config.expires_s;

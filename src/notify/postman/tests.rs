@@ -40,8 +40,14 @@ fn rig(loops: usize, faults: Vec<Fault>, retry: Retry) -> Rig {
     let script =
         Arc::new(Script { began: Instant::now(), tried: Mutex::default(), faults: Mutex::new(faults) });
     let places = Arc::new(RwLock::new(Arc::new(Places::default())));
-    let source =
-        Source { results: results.clone(), places, now: Arc::new(|| 0.0), site: None, public_url: None };
+    let source = Source {
+        results: results.clone(),
+        places,
+        now: Arc::new(|| 0.0),
+        site: None,
+        public_url: None,
+        outlet: None,
+    };
     let (letters, state) = (Arc::new(Letters::open(None, 5)), Arc::new(State::default()));
     let postman = Postman::new("it", Scripted(script.clone()), source, letters.clone(), state.clone());
     let pace = Pace { wait_s: 0.0, interval_s: 0.0, ..Pace::default() };

@@ -1,13 +1,16 @@
 //! The report as text that is kept and read again after a restart.
 
 use super::report::Report;
-use crate::results::Run;
+use crate::results::{Outcome, Run};
 use serde_json::Value;
 use std::collections::BTreeSet;
 
 impl Report {
     /// The report of a run as text; `None` for a run that failed.
     pub fn text(run: &Run) -> Option<String> {
+        if let Outcome::Elsewhere(told) = &run.outcome {
+            return told.report.as_deref().map(str::to_string);
+        }
         serde_json::to_string(&Self::of(run)?).ok()
     }
 

@@ -12,7 +12,7 @@ pub use residual::{ReportCandidate, ReportEffect, ReportParameter, ReportResidua
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::residual::Findings;
-use crate::results::{Compensated, Judged, Run, Seen};
+use crate::results::{Compensated, Judged, Outcome, Run, Seen};
 use crate::signal::SpanSource;
 use serde::{Deserialize, Serialize};
 use unit::OpUnit;
@@ -366,6 +366,9 @@ impl Report {
 impl Report {
     /// The report of a run, with what was traced; `None` for a run that failed.
     pub fn of(run: &Run) -> Option<Self> {
+        if let Outcome::Elsewhere(told) = &run.outcome {
+            return Self::read(told.report.as_ref()?);
+        }
         let source = run.basis.as_ref().map_or_else(SpanSource::default, |basis| basis.op_span_source);
         let mut report = Self::judged(run.id.as_str(), (run.op_span, source), run.judged()?);
         report.reason = run.reasoned(&report.reason);

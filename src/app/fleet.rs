@@ -1,0 +1,249 @@
+//! This machine among others: what each role adds to the daemon. Every role is the whole daemon; a worker has no loops, and a
+//! centre has those of the edges.
+
+mod asking;
+mod centre;
+mod edge;
+mod forward;
+mod inventory;
+mod orders;
+mod standing;
+mod window;
+mod worker;
+
+use super::{App, AppError};
+use crate::config::Config;
+use crate::fleet;
+use crate::fleet::link::{Link, Outgoing};
+use crate::fleet::message::{Hello, Pulse};
+use crate::fleet::subject::{NO_SITE, Subject, What};
+use crate::history::History;
+use crate::host;
+use crate::results::{Event, Results, Wanted};
+use crate::schedule::{Clock, Elsewhere};
+use asking::Asking;
+use prost::Message;
+use standing::Standing;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::sync::{broadcast, mpsc, watch};
+use tokio_util::sync::CancellationToken;
+
+/// Changes that wait for those who tell people.
+const UNTOLD: usize = 4096;
+/// Orders of people that wait for the streams.
+const ORDERS: usize = 1024;
+/// How often a machine says that it is there.
+const PULSE: Duration = Duration::from_secs(5);
+/// Pause after the server could not be reached.
+const PAUSE: Duration = Duration::from_secs(2);
+
+/// What this process is in a fleet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Role {
+    /// All of it, with no other machine.
+    #[default]
+    Alone,
+    /// Collects at a site, and forwards.
+    Edge,
+    /// Diagnoses windows for others.
+    Worker,
+    /// Shows all sites.
+    Centre,
+}
+
+impl Role {
+    /// As it is written.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Alone => "alone",
+            Self::Edge => "edge",
+            Self::Worker => "worker",
+            Self::Centre => "centre",
+        }
+    }
+}
+
+/// What is watched, as of the configuration in force.
+pub(super) struct Scene {
+    pub config: Config,
+    pub history: Arc<History>,
+}
+
+/// This machine's part in the fleet.
+pub(super) struct Fleet {
+    role: Role,
+    config: fleet::Config,
+    name: String,
+    /// The site of an edge; what stands in its place for others.
+    site: String,
+    clock: Clock,
+    results: Arc<Results>,
+    asking: Arc<Asking>,
+    scene: watch::Sender<Arc<Scene>>,
+    /// What those who tell people hear.
+    outlet: broadcast::Sender<Event>,
+    /// Whether this machine tells people now.
+    speaks: Arc<AtomicBool>,
+    /// Age of the oldest that waits to be forwarded (ms).
+    lag_ms: AtomicU64,
+    since: f64,
+    diagnosed: AtomicU64,
+    /// What edges say of themselves, by site and name.
+    edges: Mutex<BTreeMap<(String, String), Hello>>,
+    standing: Arc<Standing>,
+    /// What people want done, on its way to the edges.
+    wanted: tokio::sync::Mutex<mpsc::Receiver<Wanted>>,
+    orders_waiting: Arc<AtomicUsize>,
+}
+
+impl Fleet {
+    /// The part of a role; nothing connects yet.
+    ///
+    /// # Errors
+    /// [`AppError::Fleet`]: a role without `[fleet]`, an edge without a site or a store.
+    pub(super) fn new(
+        role: Role,
+        config: &Config,
+        clock: Clock,
+        history: &Arc<History>,
+        results: &Arc<Results>,
+    ) -> Result<Option<Arc<Self>>, AppError> {
+        let own = match (role, &config.fleet) {
+            (Role::Alone, None) => return Ok(None),
+            (Role::Alone, Some(_)) => {
+                return Err(AppError::Fleet(
+                    "[fleet] is for `stictiond edge`, `worker` and `centre`: take it out, or start one of them".into(),
+                ));
+            }
+            (role, None) => {
+                return Err(AppError::Fleet(format!(
+                    "`stictiond {}` needs a section [fleet]",
+                    role.as_str()
+                )));
+            }
+            (_, Some(own)) => own.clone(),
+        };
+        check(role, config, &own).map_err(AppError::Fleet)?;
+        let site = own.site.clone().filter(|_| role == Role::Edge).unwrap_or_else(|| NO_SITE.to_string());
+        let scene = Scene { config: config.clone(), history: history.clone() };
+        let (want, wanted) = mpsc::channel(ORDERS);
+        let (standing, orders_waiting) = (Arc::new(Standing::new()), Arc::new(AtomicUsize::new(0)));
+        if role == Role::Centre {
+            let (leads, waiting) = (standing.clone(), orders_waiting.clone());
+            results.follow_others(Arc::new(move |own| {
+                waiting.fetch_add(1, Relaxed);
+                let taken = leads.epoch().is_some() && want.try_send(own).is_ok();
+                if !taken {
+                    waiting.fetch_sub(1, Relaxed);
+                }
+                taken
+            }));
+        }
+        let asking = Arc::new(Asking::new(&site, own.answer_within_s, clock));
+        Ok(Some(Arc::new(Self {
+            role,
+            name: own.name.clone().unwrap_or_else(host::name),
+            site,
+            clock,
+            results: results.clone(),
+            asking,
+            scene: watch::Sender::new(Arc::new(scene)),
+            outlet: broadcast::channel(UNTOLD).0,
+            speaks: Arc::default(),
+            lag_ms: AtomicU64::new(0),
+            since: clock.now(),
+            diagnosed: AtomicU64::new(0),
+            edges: Mutex::default(),
+            standing,
+            wanted: tokio::sync::Mutex::new(wanted),
+            orders_waiting,
+            config: own,
+        })))
+    }
+
+    /// Asks workers, where this is an edge.
+    pub(super) fn elsewhere(self: &Arc<Self>) -> Option<Elsewhere> {
+        (self.role == Role::Edge).then(|| self.asking.clone().elsewhere())
+    }
+
+    /// Where those who tell people hear what is theirs to tell.
+    pub(super) fn outlet(&self) -> (broadcast::Sender<Event>, Arc<AtomicBool>) {
+        (self.outlet.clone(), self.speaks.clone())
+    }
+
+    /// Whether loops and alarms are those of other machines.
+    pub(super) fn follows(&self) -> bool {
+        self.role == Role::Centre
+    }
+
+    /// Another configuration is in force.
+    pub(super) fn replace(&self, config: &Config, history: &Arc<History>) {
+        self.scene.send_replace(Arc::new(Scene { config: config.clone(), history: history.clone() }));
+    }
+
+    /// Does its part until the daemon stops.
+    pub(super) async fn run(self: Arc<Self>, app: &App) -> Result<(), AppError> {
+        let link = Link::connect(&self.config, &self.name)
+            .await
+            .map_err(|error| AppError::Fleet(error.to_string()))?;
+        let stop = app.stop.clone();
+        tokio::join!(self.pulse(&link, &stop), async {
+            match self.role {
+                Role::Alone => {}
+                Role::Edge => self.edge(&link, app).await,
+                Role::Worker => self.worker(&link, app).await,
+                Role::Centre => self.centre(&link, app).await,
+            }
+        });
+        Ok(())
+    }
+
+    /// Says every few seconds that this machine is there.
+    async fn pulse(&self, link: &Link, stop: &CancellationToken) {
+        let subject = Subject::new(&self.site, &self.name, What::Pulse).to_string();
+        while stop.run_until_cancelled(tokio::time::sleep(PULSE)).await.is_some() {
+            let loops = self.scene.borrow().config.loops.len();
+            let pulse = Pulse {
+                role: self.role.as_str().to_string(),
+                version: env!("CARGO_PKG_VERSION").to_string(),
+                at: self.clock.now(),
+                since: self.since,
+                lag_s: self.lag_ms.load(Relaxed) as f64 * 1e-3,
+                diagnosed: self.diagnosed.load(Relaxed),
+                certificate_ends: None,
+                loops: loops as u64,
+            };
+            let message = Outgoing { subject: subject.clone(), body: pulse.encode_to_vec() };
+            if let Err((_, error)) = link.send(&[message]).await {
+                tracing::debug!(%error, "the fleet does not hear that this machine is there");
+            }
+        }
+    }
+
+    fn lag(&self, s: f64) {
+        self.lag_ms.store((s.max(0.0) * 1e3) as u64, Relaxed);
+    }
+}
+
+fn check(role: Role, config: &Config, own: &fleet::Config) -> Result<(), String> {
+    match role {
+        Role::Edge if own.site.is_none() => Err("[fleet] site: an edge needs one".into()),
+        Role::Edge if config.store.is_none() => {
+            Err("an edge needs a [store]: what cannot be forwarded waits there".into())
+        }
+        Role::Worker if !config.loops.is_empty() => {
+            Err("a worker has no loops of its own: take out [[loop]]".into())
+        }
+        Role::Centre if !config.loops.is_empty() => {
+            Err("a centre has the loops of the edges: take out [[loop]]".into())
+        }
+        Role::Centre if config.store.is_none() => {
+            Err("a centre needs a [store]: what edges forward is deleted from the streams once it is there"
+                .into())
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,129 @@
+//! What an edge says of its loops, and the configuration that a centre makes of what all edges say.
+
+use super::Scene;
+use crate::config::{Config, ForwardedTag, LoopConfig, TagConfig, tags};
+use crate::fleet::message::{Hello, Loop, Tag};
+use crate::fleet::subject::of_site;
+use crate::history::TagKind;
+use crate::signal::{LoopId, Role};
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+
+/// Most loops that a centre takes.
+const MAX_LOOPS: usize = 100_000;
+/// Longest name of a loop with its site (characters).
+const MAX_NAME: usize = 160;
+
+/// What an edge is.
+pub(super) fn hello(scene: &Scene, collectors: Vec<String>) -> Hello {
+    let config = &scene.config;
+    let described = |own: &LoopConfig| Loop {
+        id: own.id.clone(),
+        description: own.description.clone(),
+        group: own.group.clone(),
+        period_s: config.period_s(own),
+        op_span: own.op_span,
+        op_low: own.op_limits.map(|[low, _]| low),
+        op_high: own.op_limits.map(|[_, high]| high),
+        tags: sources(scene, own),
+        upstream: own.upstream.clone(),
+    };
+    Hello {
+        version: env!("CARGO_PKG_VERSION").to_string(),
+        loops: config.loops.iter().map(described).collect(),
+        collectors,
+    }
+}
+
+/// A loop's tags, but for the term of write-back, which never leaves the edge.
+fn sources(scene: &Scene, own: &LoopConfig) -> Vec<Tag> {
+    let id = LoopId::new(own.id.as_str());
+    let known: Vec<_> = scene.history.latest(&id).into_iter().map(|(spec, _)| spec).collect();
+    let tag = |(role, tag): (Option<Role>, &TagConfig)| {
+        let name = role.map(Role::as_str).or(tag.name())?;
+        let spec = known.iter().find(|spec| spec.kind.name() == name)?;
+        Some(Tag {
+            name: name.to_string(),
+            source: spec.source.clone(),
+            unit: spec.unit.clone(),
+            collector: tag.device().to_string(),
+        })
+    };
+    tags(own).filter_map(tag).collect()
+}
+
+/// The configuration of a centre with the loops of all edges, in the order of their names. What cannot be taken is left out
+/// and told.
+pub(super) fn composed(base: &Config, edges: &BTreeMap<(String, String), Hello>) -> (Config, Vec<String>) {
+    let (mut loops, mut collectors, mut left) = (BTreeMap::new(), Vec::new(), Vec::new());
+    for ((site, edge), hello) in edges {
+        collectors.extend(hello.collectors.iter().map(|name| of_site(site, name)));
+        for own in &hello.loops {
+            let id = of_site(site, &own.id);
+            let many = loops.len() == MAX_LOOPS || id.len() > MAX_NAME;
+            match (loops.entry(id), many) {
+                (place, true) => {
+                    left.push(format!("{} of {edge}: too many loops, or too long a name", place.key()));
+                }
+                (Entry::Occupied(place), _) => {
+                    let id = place.key();
+                    left.push(format!("{id} of {edge}: another edge of the site has a loop of this name"));
+                }
+                (Entry::Vacant(place), _) => match loop_config(site, place.key(), own) {
+                    Some(config) => {
+                        place.insert(config);
+                    }
+                    None => left.push(format!("{} of {edge}: it has no op or no pv", place.key())),
+                },
+            }
+        }
+    }
+    let config = Config { loops: loops.into_values().collect(), forwarded: collectors, ..base.clone() };
+    (config, left)
+}
+
+fn loop_config(site: &str, id: &str, own: &Loop) -> Option<LoopConfig> {
+    let forwarded = |tag: &Tag, name: Option<String>| {
+        TagConfig::Forwarded(ForwardedTag {
+            name,
+            device: of_site(site, &tag.collector),
+            source: tag.source.clone(),
+            unit: Some(tag.unit.clone()).filter(|unit| !unit.is_empty()),
+        })
+    };
+    let role = |role: Role| {
+        let tag = own.tags.iter().find(|tag| tag.name == role.as_str())?;
+        Some(forwarded(tag, None))
+    };
+    let roles = [Role::Op, Role::Pv, Role::Sp, Role::Mode, Role::Mv, Role::Term].map(Role::as_str);
+    let others = own.tags.iter().filter(|tag| !roles.contains(&tag.name.as_str()));
+    let limits = own.op_low.zip(own.op_high).map(|(low, high)| [low, high]);
+    Some(LoopConfig {
+        id: id.to_string(),
+        description: own.description.clone(),
+        group: if own.group.is_empty() { site.to_string() } else { format!("{site} / {}", own.group) },
+        period_s: Some(own.period_s).filter(|period| period.is_finite() && *period >= 1.0),
+        op_span: own.op_span.filter(|span| span.is_finite() && *span > 0.0),
+        op_limits: limits.filter(|[low, high]| low.is_finite() && high.is_finite() && low < high),
+        op: role(Role::Op)?,
+        pv: role(Role::Pv)?,
+        sp: role(Role::Sp),
+        mode: role(Role::Mode),
+        mv: role(Role::Mv),
+        tag: others.map(|tag| forwarded(tag, Some(tag.name.clone()))).collect(),
+        upstream: own.upstream.iter().map(|other| of_site(site, other)).collect(),
+        frozen_pv_s: None,
+        candidates: None,
+        cost: None,
+        writeback: None,
+    })
+}
+
+/// The kind of a tag by its name.
+pub(super) fn kind(name: &str) -> TagKind {
+    let roles = [Role::Op, Role::Pv, Role::Sp, Role::Mode, Role::Mv, Role::Term];
+    match roles.into_iter().find(|role| role.as_str() == name) {
+        Some(role) => TagKind::Role(role),
+        None => TagKind::Extra(name.to_string()),
+    }
+}

@@ -1,0 +1,411 @@
+//! The only code that talks to NATS.
+
+use super::config::Config;
+use super::lease::Seen;
+use super::streams::{self, LATEST, LEASE};
+use async_nats::connection::State;
+use async_nats::jetstream::consumer::{AckPolicy, Consumer, DeliverPolicy, pull};
+use async_nats::jetstream::context::{ContextBuilder, PublishErrorKind};
+use async_nats::jetstream::message::{AckKind, PublishMessage};
+use async_nats::jetstream::stream::LastRawMessageErrorKind;
+use async_nats::jetstream::{self, Context};
+use async_nats::{Client, ConnectOptions, Subscriber};
+use futures::StreamExt;
+use sha2::{Digest, Sha256};
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+/// Longest wait for one answer of a server (s).
+const ANSWER: Duration = Duration::from_secs(5);
+/// Messages that are on their way at once.
+const UNDER_WAY: usize = 128;
+/// Messages that the client holds for the socket; what does not fit waits.
+const BUFFERED: usize = 256;
+/// Messages that a subscription holds for us.
+const SUBSCRIBED: usize = 1024;
+/// A consumer that nobody asked for longer is forgotten by the server.
+const FORGOTTEN_AFTER: Duration = Duration::from_secs(7 * 86_400);
+/// How often a server asks whether we are there, and we whether it is.
+const PING: Duration = Duration::from_secs(5);
+/// Longest pause between two attempts to connect.
+const MAX_PAUSE: Duration = Duration::from_secs(5);
+
+/// Why the link does not do what it was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// A file that it was told of cannot be used.
+    #[error("[fleet] {0}")]
+    Settings(String),
+    /// Nobody answers.
+    #[error("NATS: {0}")]
+    Away(String),
+    /// Somebody else wrote first.
+    #[error("NATS: another message came first")]
+    Overtaken,
+    /// The message is larger than a server takes (bytes).
+    #[error("NATS: a message of {0} bytes is larger than the server takes")]
+    TooLarge(usize),
+}
+
+fn away(error: impl std::fmt::Display) -> LinkError {
+    LinkError::Away(error.to_string())
+}
+
+/// A message to be kept by a stream.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outgoing {
+    /// Where to.
+    pub subject: String,
+    /// What.
+    pub body: Vec<u8>,
+}
+
+/// A message that a stream kept.
+#[derive(Debug)]
+pub struct Incoming {
+    message: jetstream::Message,
+}
+
+impl Incoming {
+    /// Where it was sent to.
+    pub fn subject(&self) -> &str {
+        self.message.subject.as_str()
+    }
+
+    /// What was sent.
+    pub fn body(&self) -> &[u8] {
+        &self.message.payload
+    }
+
+    /// Its number in the stream.
+    pub fn sequence(&self) -> u64 {
+        self.message.info().map_or(0, |info| info.stream_sequence)
+    }
+
+    /// When the stream took it (s since the Unix epoch), by the server's clock.
+    pub fn taken_at(&self) -> Option<f64> {
+        let taken = self.message.info().ok()?.published;
+        Some(taken.unix_timestamp_nanos() as f64 * 1e-9)
+    }
+
+    /// Whether it was delivered before.
+    pub fn is_again(&self) -> bool {
+        self.message.info().is_ok_and(|info| info.delivered > 1)
+    }
+
+    /// Messages behind it that have not been delivered.
+    pub fn waiting(&self) -> u64 {
+        self.message.info().map_or(0, |info| info.pending)
+    }
+
+    /// It is done, and never delivered again.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`]; then it will be delivered again.
+    pub async fn done(&self) -> Result<(), LinkError> {
+        match tokio::time::timeout(ANSWER, self.message.double_ack()).await {
+            Ok(done) => done.map_err(away),
+            Err(late) => Err(away(late)),
+        }
+    }
+
+    /// It is still being worked on.
+    pub async fn under_way(&self) {
+        // Where this fails it is delivered again, which is what happens without it too.
+        let _ = self.message.ack_with(AckKind::Progress).await;
+    }
+
+    /// It is to be delivered again, after `pause`.
+    pub async fn again(&self, pause: Duration) {
+        let _ = self.message.ack_with(AckKind::Nak(Some(pause))).await;
+    }
+}
+
+/// What a stream has for one reader, which it remembers by name.
+#[derive(Debug)]
+pub struct Reading {
+    consumer: Consumer<pull::Config>,
+}
+
+impl Reading {
+    /// Up to `most` messages; those that are there after `patience`.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn next(&self, most: usize, patience: Duration) -> Result<Vec<Incoming>, LinkError> {
+        let asked = self.consumer.batch().max_messages(most).expires(patience).messages();
+        let mut messages = asked.await.map_err(away)?;
+        let mut all = Vec::new();
+        let reading = async {
+            while let Some(message) = messages.next().await {
+                all.push(Incoming { message: message.map_err(away)? });
+            }
+            Ok::<_, LinkError>(())
+        };
+        // A server that has gone says nothing more; what came before is taken all the same.
+        match tokio::time::timeout(patience + ANSWER, reading).await {
+            Ok(Err(error)) if all.is_empty() => Err(error),
+            Err(_) if all.is_empty() => Err(away("no answer")),
+            _ => Ok(all),
+        }
+    }
+}
+
+/// A connection to the fleet.
+#[derive(Clone, Debug)]
+pub struct Link {
+    client: Client,
+    js: Context,
+}
+
+impl Link {
+    /// Begins to connect, for ever; files are read now.
+    ///
+    /// # Errors
+    /// [`LinkError::Settings`].
+    pub async fn connect(config: &Config, name: &str) -> Result<Self, LinkError> {
+        let options = options(config)?
+            .name(format!("stictiond {name}"))
+            .retry_on_initial_connect()
+            .client_capacity(BUFFERED)
+            .subscription_capacity(SUBSCRIBED)
+            .ping_interval(PING)
+            .connection_timeout(ANSWER)
+            .request_timeout(Some(ANSWER))
+            .reconnect_delay_callback(|attempt| {
+                Duration::from_millis(100 * 2u64.saturating_pow(attempt.min(10) as u32)).min(MAX_PAUSE)
+            })
+            .event_callback(|event| async move { tracing::info!(%event, "NATS") });
+        let client = options.connect(config.servers.clone()).await.map_err(away)?;
+        let js = ContextBuilder::new()
+            .domain(&config.domain)
+            .timeout(ANSWER)
+            .ack_timeout(ANSWER)
+            .build(client.clone());
+        Ok(Self { client, js })
+    }
+
+    /// Whether a server is at the other end.
+    pub fn is_up(&self) -> bool {
+        self.client.connection_state() == State::Connected
+    }
+
+    /// Largest message that the server takes (bytes).
+    pub fn max_bytes(&self) -> usize {
+        self.client.max_payload()
+    }
+
+    /// Makes the streams that are not there; those that are stay as they are.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn make_streams(&self, config: &Config) -> Result<(), LinkError> {
+        for stream in streams::of(config) {
+            self.js.get_or_create_stream(stream).await.map_err(away)?;
+        }
+        Ok(())
+    }
+
+    /// Sends messages in order, each under a digest of its bytes, so that one that was sent before is not kept twice. How
+    /// many from the first on are kept.
+    ///
+    /// # Errors
+    /// Why the first that is not kept is not.
+    pub async fn send(&self, messages: &[Outgoing]) -> Result<(), (usize, LinkError)> {
+        for (part, some) in messages.chunks(UNDER_WAY).enumerate() {
+            let mut answers = Vec::with_capacity(some.len());
+            for (at, message) in some.iter().enumerate() {
+                let fail = |error| (UNDER_WAY * part + at, error);
+                if !self.is_up() {
+                    return Err(fail(away("not connected")));
+                }
+                if message.body.len() + 512 > self.max_bytes() {
+                    return Err(fail(LinkError::TooLarge(message.body.len())));
+                }
+                let outgoing = PublishMessage::build()
+                    .payload(message.body.clone().into())
+                    .message_id(hex(&digest(&message.subject, &message.body)));
+                let sent = self.js.send_publish(message.subject.clone(), outgoing).await;
+                answers.push(sent.map_err(|error| fail(away(error)))?);
+            }
+            for (at, answer) in answers.into_iter().enumerate() {
+                answer.await.map_err(|error| (UNDER_WAY * part + at, away(error)))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends a message that nobody keeps.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn tell(&self, subject: String, body: Vec<u8>) -> Result<(), LinkError> {
+        self.client.publish(subject, body.into()).await.map_err(away)?;
+        match tokio::time::timeout(ANSWER, self.client.flush()).await {
+            Ok(flushed) => flushed.map_err(away),
+            Err(late) => Err(away(late)),
+        }
+    }
+
+    /// Hears messages that nobody keeps.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn hear(&self, subject: String) -> Result<Subscriber, LinkError> {
+        self.client.subscribe(subject).await.map_err(away)
+    }
+
+    /// The last message of a subject, with its number in the stream.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn last(&self, stream: &str, subject: &str) -> Result<Option<(u64, Vec<u8>)>, LinkError> {
+        let stream = self.js.get_stream_no_info(stream).await.map_err(away)?;
+        match stream.get_last_raw_message_by_subject(subject).await {
+            Ok(message) => Ok(Some((message.sequence, message.payload.to_vec()))),
+            Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => Ok(None),
+            Err(error) => Err(away(error)),
+        }
+    }
+
+    /// What a stream has for the reader called `name`, from the first message on that it has not done. One that is not done
+    /// within `patience` is delivered again, `attempts` times in all.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn read(
+        &self,
+        stream: &str,
+        name: &str,
+        filter: &str,
+        (patience, attempts): (Duration, i64),
+    ) -> Result<Reading, LinkError> {
+        let stream = self.js.get_stream_no_info(stream).await.map_err(away)?;
+        let config = pull::Config {
+            durable_name: Some(name.to_string()),
+            filter_subject: filter.to_string(),
+            deliver_policy: DeliverPolicy::All,
+            ack_policy: AckPolicy::Explicit,
+            ack_wait: patience,
+            max_deliver: attempts,
+            max_ack_pending: 4096,
+            inactive_threshold: FORGOTTEN_AFTER,
+            ..pull::Config::default()
+        };
+        let consumer = stream.get_or_create_consumer(name, config).await.map_err(away)?;
+        Ok(Reading { consumer })
+    }
+
+    /// The latest message of each subject, and every one that comes after, for this process alone.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn follow(&self, stream: &str, filter: &str) -> Result<Reading, LinkError> {
+        let stream = self.js.get_stream_no_info(stream).await.map_err(away)?;
+        let config = pull::Config {
+            filter_subject: filter.to_string(),
+            deliver_policy: DeliverPolicy::LastPerSubject,
+            ack_policy: AckPolicy::None,
+            inactive_threshold: Duration::from_secs(300),
+            ..pull::Config::default()
+        };
+        Ok(Reading { consumer: stream.create_consumer(config).await.map_err(away)? })
+    }
+
+    /// The lease as it stands.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn lease(&self) -> Result<Option<Seen>, LinkError> {
+        let last = self.last(LATEST, LEASE).await?;
+        Ok(last.and_then(|(sequence, body)| Seen::read(sequence, std::str::from_utf8(&body).ok()?)))
+    }
+
+    /// Writes the lease, if the last message still has the number `after`; the number of what was written.
+    ///
+    /// # Errors
+    /// [`LinkError::Overtaken`], [`LinkError::Away`].
+    pub async fn write_lease(&self, after: u64, text: String) -> Result<u64, LinkError> {
+        let message = PublishMessage::build().payload(text.into()).expected_last_subject_sequence(after);
+        let refused = |error: jetstream::context::PublishError| match error.kind() {
+            PublishErrorKind::WrongLastSequence => LinkError::Overtaken,
+            _ => away(error),
+        };
+        let sent = self.js.send_publish(LEASE, message).await.map_err(refused)?;
+        Ok(sent.await.map_err(refused)?.sequence)
+    }
+
+    /// Number of the last message of a stream that a reader has done, and with it all before; 0 for a reader that there is not.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn done_by(&self, stream: &str, name: &str) -> Result<u64, LinkError> {
+        let stream = self.js.get_stream_no_info(stream).await.map_err(away)?;
+        match stream.consumer_info(name).await {
+            Ok(info) => Ok(info.ack_floor.stream_sequence),
+            Err(_) if self.is_up() => Ok(0),
+            Err(error) => Err(away(error)),
+        }
+    }
+
+    /// Deletes what every reader of a stream has done.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn purge_done(&self, stream: &str) -> Result<(), LinkError> {
+        let stream = self.js.get_stream(stream).await.map_err(away)?;
+        let (mut consumers, mut done) = (stream.consumers(), None::<u64>);
+        while let Some(consumer) = consumers.next().await {
+            let floor = consumer.map_err(away)?.ack_floor.stream_sequence;
+            done = Some(done.map_or(floor, |least| least.min(floor)));
+        }
+        if let Some(done) = done.filter(|done| *done > 0) {
+            stream.purge().sequence(done + 1).await.map_err(away)?;
+        }
+        Ok(())
+    }
+}
+
+/// What a message is known by: the same bytes to the same subject have the same.
+pub fn digest(subject: &str, body: &[u8]) -> [u8; 32] {
+    let mut hash = Sha256::new();
+    hash.update(subject.as_bytes());
+    hash.update([0]);
+    hash.update(body);
+    hash.finalize().into()
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn options(config: &Config) -> Result<ConnectOptions, LinkError> {
+    let mut options = ConnectOptions::new();
+    if let Some(file) = &config.credentials_file {
+        options = options
+            .credentials(&secret("credentials_file", file)?)
+            .map_err(|error| LinkError::Settings(format!("credentials_file {}: {error}", file.display())))?;
+    }
+    if let Some(file) = &config.nkey_file {
+        options = options.nkey(secret("nkey_file", file)?.trim().to_string());
+    }
+    if let Some((user, file)) = config.user.as_ref().zip(config.password_file.as_ref()) {
+        let password = secret("password_file", file)?;
+        options =
+            options.user_and_password(user.clone(), password.trim_end_matches(['\r', '\n']).to_string());
+    }
+    if let Some(file) = &config.ca_file {
+        options = options.add_root_certificates(file.clone());
+    }
+    if let Some((certificate, key)) = config.certificate_file.as_ref().zip(config.key_file.as_ref()) {
+        options = options.add_client_certificate(certificate.clone(), key.clone());
+    }
+    let tls = config.servers.iter().all(|server| server.starts_with("tls://"));
+    Ok(options.require_tls(tls))
+}
+
+fn secret(field: &str, file: &Path) -> Result<String, LinkError> {
+    fs::read_to_string(file)
+        .map_err(|error| LinkError::Settings(format!("{field} {}: {error}", file.display())))
+}

@@ -1,0 +1,26 @@
+//! Many machines as one, over NATS JetStream: what they say to each other, and the only code that talks to NATS.
+//!
+//! ```text
+//! edge    --samples, diagnoses, alarms, hello-->  streams  -->  centre
+//! edge    --window-->  work queue  -->  worker  --answer-->  edge
+//! centre  --action-->  stream  -->  edge
+//! ```
+//! An *edge* collects at a site, keeps everything in its own store, and forwards it from there.
+//! A *worker* diagnoses windows for others.
+//! A *centre* shows all sites, tells people, and passes on what they do about alarms.
+//!
+//! # What is guaranteed
+//! - The edge is the only writer of what it measured and of its alarms, so nothing has to be merged.
+//! - What was forwarded is known from the streams themselves: an edge goes on behind the last message of each loop.
+//! - A message is sent again until it is acknowledged; its id is a digest of its bytes, so the stream keeps it once.
+//! - Write-back never crosses the fleet: there is no message for it.
+
+pub mod config;
+pub mod convert;
+pub mod lease;
+pub mod link;
+pub mod message;
+pub mod streams;
+pub mod subject;
+
+pub use config::Config;

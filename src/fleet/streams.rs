@@ -1,0 +1,102 @@
+//! The streams of a fleet: what is in which, and what goes when one is full.
+
+use super::config::Config;
+use super::subject::{What, all};
+use async_nats::jetstream::stream::{self, DiscardPolicy, RetentionPolicy, StorageType};
+use std::time::Duration;
+
+/// Raw samples; when it is full the oldest go.
+pub const SAMPLES: &str = "stictiond_samples";
+/// Windows that wait for a worker; each is taken out when it is answered.
+pub const WINDOWS: &str = "stictiond_windows";
+/// Diagnoses and alarms; when it is full what is new waits at the edge.
+pub const EVENTS: &str = "stictiond_events";
+/// What people at the centre did about alarms; when it is full nothing more can be done.
+pub const ACTIONS: &str = "stictiond_actions";
+/// The latest message of each edge, worker and centre, and the lease.
+pub const LATEST: &str = "stictiond_latest";
+
+/// Subject of the lease.
+pub const LEASE: &str = "stictiond.v1.fleet.centre.lease";
+/// An id that was seen within this time is a message sent twice.
+const SAME_WITHIN: Duration = Duration::from_secs(600);
+/// A window that nobody took for longer is no longer asked for.
+const WINDOW_LASTS: Duration = Duration::from_secs(300);
+/// An action that a site did not take for longer is no longer meant.
+const ACTION_LASTS: Duration = Duration::from_secs(7 * 86_400);
+/// Most bytes of windows that wait.
+const WINDOW_BYTES: i64 = 256_000_000;
+/// Most bytes of actions that wait.
+const ACTION_BYTES: i64 = 64_000_000;
+/// Most bytes of the latest messages: 100,000 loops take about 30 MB.
+const LATEST_BYTES: i64 = 256_000_000;
+
+/// All streams, with the room that a configuration gives them.
+pub fn of(config: &Config) -> [stream::Config; 5] {
+    let bytes = |mb: u64| i64::try_from(mb * 1_000_000).unwrap_or(i64::MAX);
+    let base = |name: &str, subjects: Vec<String>, max_bytes: i64| stream::Config {
+        name: name.to_string(),
+        subjects,
+        max_bytes,
+        storage: StorageType::File,
+        duplicate_window: SAME_WITHIN,
+        num_replicas: 1,
+        ..stream::Config::default()
+    };
+    let each = |whats: &[What]| whats.iter().map(|what| all(None, *what)).collect::<Vec<_>>();
+    let mut latest = each(&[What::Hello, What::Pulse, What::Cursor]);
+    latest.push(LEASE.to_string());
+    [
+        stream::Config {
+            discard: DiscardPolicy::Old,
+            ..base(SAMPLES, each(&[What::Samples]), bytes(config.samples_mb))
+        },
+        stream::Config {
+            retention: RetentionPolicy::WorkQueue,
+            discard: DiscardPolicy::Old,
+            max_age: WINDOW_LASTS,
+            duplicate_window: WINDOW_LASTS,
+            ..base(WINDOWS, each(&[What::Window]), WINDOW_BYTES)
+        },
+        stream::Config {
+            discard: DiscardPolicy::New,
+            ..base(EVENTS, each(&[What::Diagnosis, What::Alarm]), bytes(config.events_mb))
+        },
+        stream::Config {
+            discard: DiscardPolicy::New,
+            max_age: ACTION_LASTS,
+            ..base(ACTIONS, each(&[What::Action]), ACTION_BYTES)
+        },
+        stream::Config {
+            discard: DiscardPolicy::Old,
+            max_messages_per_subject: 1,
+            ..base(LATEST, latest, LATEST_BYTES)
+        },
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_give_way_and_events_never_do() {
+        let config: Config = toml::from_str("servers = ['nats://hub']\nevents_mb = 16").expect("readable");
+        let [samples, windows, events, actions, latest] = of(&config);
+        assert_eq!((samples.discard, samples.max_bytes), (DiscardPolicy::Old, 4_096_000_000));
+        assert_eq!((events.discard, events.max_bytes), (DiscardPolicy::New, 16_000_000));
+        assert_eq!(events.max_age, Duration::ZERO);
+        assert_eq!(windows.retention, RetentionPolicy::WorkQueue);
+        assert_eq!(actions.discard, DiscardPolicy::New);
+        // A server refuses a stream that forgets ids later than messages.
+        let all = [&samples, &windows, &events, &actions, &latest];
+        assert!(all.iter().all(|own| own.max_age.is_zero() || own.duplicate_window <= own.max_age));
+        assert_eq!(latest.max_messages_per_subject, 1);
+        // Every kind of message but the answer, which an edge waits for, is in exactly one stream.
+        let all: Vec<String> =
+            [samples, windows, events, actions, latest].into_iter().flat_map(|s| s.subjects).collect();
+        for what in What::ALL.into_iter().filter(|what| *what != What::Answer) {
+            assert_eq!(all.iter().filter(|own| own.ends_with(what.as_str())).count(), 1, "{what:?}");
+        }
+    }
+}

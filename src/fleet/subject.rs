@@ -1,0 +1,185 @@
+//! Names on the wire: `stictiond.v1.<site>.<loop>.<what>`.
+
+use std::fmt::{self, Write as _};
+
+/// What every subject begins with; the number changes when a payload does so that old readers would misread it.
+const PREFIX: &str = "stictiond.v1";
+/// Stands in a site's place for what belongs to none.
+pub const NO_SITE: &str = "fleet";
+/// Longest name of a site (characters).
+const MAX_SITE: usize = 32;
+
+/// What a message is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum What {
+    /// Samples of a loop, [`Samples`](super::message::Samples).
+    Samples,
+    /// A window to be diagnosed, [`Window`](super::message::Window).
+    Window,
+    /// What a worker says of a window, [`Answer`](super::message::Answer).
+    Answer,
+    /// What an edge says of a loop, [`Diagnosis`](super::message::Diagnosis).
+    Diagnosis,
+    /// An alarm of an edge, [`Alarm`](super::message::Alarm).
+    Alarm,
+    /// What somebody at the centre did about an alarm, [`Action`](super::message::Action).
+    Action,
+    /// What an edge is, [`Hello`](super::message::Hello); the edge's name stands in the loop's place.
+    Hello,
+    /// That an edge or a worker is there, [`Pulse`](super::message::Pulse); its name stands in the loop's place.
+    Pulse,
+    /// How far an edge has forwarded, [`Cursor`](super::message::Cursor); its name stands in the loop's place.
+    Cursor,
+}
+
+impl What {
+    /// All of them.
+    pub const ALL: [Self; 9] = [
+        Self::Samples,
+        Self::Window,
+        Self::Answer,
+        Self::Diagnosis,
+        Self::Alarm,
+        Self::Action,
+        Self::Hello,
+        Self::Pulse,
+        Self::Cursor,
+    ];
+
+    /// As it stands in a subject.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Samples => "samples",
+            Self::Window => "window",
+            Self::Answer => "answer",
+            Self::Diagnosis => "diagnosis",
+            Self::Alarm => "alarm",
+            Self::Action => "action",
+            Self::Hello => "hello",
+            Self::Pulse => "pulse",
+            Self::Cursor => "cursor",
+        }
+    }
+}
+
+/// Whose message it is and what it is about.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Subject {
+    /// The site.
+    pub site: String,
+    /// The loop, or the edge or worker.
+    pub name: String,
+    /// What it is about.
+    pub what: What,
+}
+
+impl Subject {
+    /// Its parts.
+    pub fn new(site: &str, name: &str, what: What) -> Self {
+        Self { site: site.to_string(), name: name.to_string(), what }
+    }
+
+    /// A subject as it is written; `None` for another's.
+    pub fn read(text: &str) -> Option<Self> {
+        let mut parts = text.strip_prefix(PREFIX)?.strip_prefix('.')?.split('.');
+        let (site, name, what) = (parts.next()?, parts.next()?, parts.next()?);
+        let what = What::ALL.into_iter().find(|own| own.as_str() == what)?;
+        (parts.next().is_none() && is_site(site)).then_some(())?;
+        Some(Self { site: site.to_string(), name: unescaped(name)?, what })
+    }
+}
+
+impl fmt::Display for Subject {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(out, "{PREFIX}.{}.{}.{}", self.site, escaped(&self.name), self.what.as_str())
+    }
+}
+
+/// All subjects about `what`, of one site or of all.
+pub fn all(site: Option<&str>, what: What) -> String {
+    format!("{PREFIX}.{}.*.{}", site.unwrap_or("*"), what.as_str())
+}
+
+/// Whether this may stand in a site's place: it stands in subjects, loop names and file names as it is.
+pub fn is_site(text: &str) -> bool {
+    let good = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+    (1..=MAX_SITE).contains(&text.len()) && text.chars().all(good)
+}
+
+/// The name of a site's loop where loops of many sites are together.
+pub fn of_site(site: &str, control_loop: &str) -> String {
+    format!("{site}:{control_loop}")
+}
+
+/// Site and loop of such a name.
+pub fn split(name: &str) -> Option<(&str, &str)> {
+    name.split_once(':').filter(|(site, _)| is_site(site))
+}
+
+/// A name as one token: what is no letter, digit, `-` or `_` by its bytes, as in an address.
+fn escaped(name: &str) -> String {
+    let mut out = String::with_capacity(name.len());
+    for byte in name.bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' => out.push(char::from(byte)),
+            _ => {
+                let _ = write!(out, "%{byte:02X}");
+            }
+        }
+    }
+    out
+}
+
+fn unescaped(token: &str) -> Option<String> {
+    let (mut bytes, mut rest) = (Vec::with_capacity(token.len()), token.as_bytes());
+    while let Some((&first, behind)) = rest.split_first() {
+        rest = behind;
+        if first == b'%' {
+            let digits = std::str::from_utf8(rest.get(..2)?).ok()?;
+            bytes.push(u8::from_str_radix(digits, 16).ok()?);
+            rest = &rest[2..];
+        } else {
+            bytes.push(first);
+        }
+    }
+    String::from_utf8(bytes).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_subject_is_written_as_documented() {
+        let subject = Subject::new("north", "FIC 101.A", What::Samples);
+        assert_eq!(subject.to_string(), "stictiond.v1.north.FIC%20101%2EA.samples");
+        assert_eq!(all(Some("north"), What::Hello), "stictiond.v1.north.*.hello");
+        assert_eq!(all(None, What::Alarm), "stictiond.v1.*.*.alarm");
+    }
+
+    #[test]
+    fn another_s_subject_is_none_of_ours() {
+        for text in ["", "stictiond.v2.a.b.samples", "stictiond.v1.a.b", "stictiond.v1.a.b.c.samples"] {
+            assert_eq!(Subject::read(text), None, "{text}");
+        }
+        for text in ["stictiond.v1.A.b.samples", "stictiond.v1.a.%4.samples", "stictiond.v1.a.b.other"] {
+            assert_eq!(Subject::read(text), None, "{text}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_a_loop_is_called_it_comes_back(name in "\\PC{1,40}", at in 0..What::ALL.len()) {
+            let subject = Subject::new("site-1", &name, What::ALL[at]);
+            let text = subject.to_string();
+            prop_assert!(text.split('.').count() == 5 && !text.contains([' ', '*', '>']));
+            prop_assert_eq!(Subject::read(&text), Some(subject));
+        }
+
+        #[test]
+        fn no_text_makes_it_panic(text in "\\PC{0,60}") {
+            let _ = Subject::read(&format!("stictiond.v1.{text}"));
+        }
+    }
+}

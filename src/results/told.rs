@@ -1,0 +1,113 @@
+//! What somebody else's diagnosis says: everything that people and alarms need, without what it looked at.
+
+use super::board::{News, ShortRun};
+use super::{Entry, Outcome, Run, Summary, lock};
+use super::{KnownEffect, ModelVersion, Restored, Results};
+use std::sync::Arc;
+
+/// What somebody else's diagnosis says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Told {
+    /// In a few numbers.
+    pub summary: Summary,
+    /// The whole report, as the API writes it; `None` for a run that failed.
+    pub report: Option<Arc<str>>,
+    /// How good the data behind it was, as the report writes it.
+    pub quality: String,
+    /// Whether the published methods contradicted its verdict.
+    pub doubtful: bool,
+    /// The effects in the model, in the order they were added.
+    pub effects: Vec<KnownEffect>,
+    /// The share of PV's standard deviation that the model does not explain; `None` where that was not looked at.
+    pub unexplained: Option<f64>,
+}
+
+impl Told {
+    /// As a diagnosis of before the start is kept; `None` for a run that failed.
+    fn restored(&self) -> Option<Restored> {
+        Some(Restored {
+            finished: self.summary.time,
+            took_s: self.summary.took_s,
+            quality: self.quality.clone(),
+            doubtful: self.doubtful,
+            report: self.report.clone()?,
+        })
+    }
+}
+
+impl Entry {
+    /// Takes a run that was made elsewhere as the latest.
+    pub(super) fn take(&mut self, told: &Told) {
+        if let Some(restored) = told.restored() {
+            self.diagnosed = None;
+            self.restored = Some((Arc::new(restored), told.summary.clone()));
+        }
+    }
+}
+
+impl Results {
+    /// Takes a run that another machine has recorded, with the model after it, where that is new: alarms follow from what
+    /// that machine says of them, not from this. False for one that is known already, or whose loop is not there.
+    pub fn learn(&self, run: Run, model: Option<ModelVersion>) -> bool {
+        let run = Arc::new(run);
+        let Some(entry) = self.entry(&run.id) else { return false };
+        let summary = run.summary();
+        let mut entry = lock(&entry);
+        if entry.summaries.iter().any(|known| known.time.to_bits() == summary.time.to_bits()) {
+            return false;
+        }
+        if entry.summaries.len() == self.keep {
+            entry.summaries.pop_front();
+        }
+        entry.summaries.push_back(summary.clone());
+        if let Outcome::Elsewhere(told) = &run.outcome {
+            entry.take(told);
+        }
+        let new = model.filter(|new| *new != entry.model);
+        if let Some(new) = &new {
+            entry.model = new.clone();
+        }
+        let new = new.map(|new| (run.id.clone(), new));
+        self.keep(Some((run.clone(), summary.clone())), new, News::default().kept);
+        self.tell(super::Event::Run(run.id.clone(), summary));
+        true
+    }
+}
+
+impl Run {
+    /// As the alarms see it.
+    pub(super) fn short(&self) -> ShortRun<'_> {
+        let outcome = self.outcome.as_str();
+        ShortRun {
+            id: &self.id,
+            finished: self.finished,
+            sticky: outcome == "stiction",
+            identifiable: matches!(outcome, "stiction" | "no_stiction"),
+            unexplained: self.unexplained(),
+        }
+    }
+
+    /// The share of PV's standard deviation that the model, run freely over data it has not seen, does not explain (0..1); 0
+    /// where the residual is white; `None` where that was not looked at.
+    pub fn unexplained(&self) -> Option<f64> {
+        if let Outcome::Elsewhere(told) = &self.outcome {
+            return told.unexplained;
+        }
+        let judged = self.judged()?;
+        let (found, window) = (judged.findings.as_ref()?, judged.diagnosis.window.as_ref()?);
+        let n = window.pv.len().max(1) as f64;
+        let mean = window.pv.iter().sum::<f64>() / n;
+        let spread = (window.pv.iter().map(|pv| (pv - mean).powi(2)).sum::<f64>() / n).sqrt();
+        let share = found.after.free_run_rmse / spread;
+        (spread > 0.0 && share.is_finite()).then_some(if found.unexplained { share } else { 0.0 })
+    }
+
+    /// The effects in the model after it; `None` for a run that failed.
+    pub fn effects(&self) -> Option<Vec<KnownEffect>> {
+        match &self.outcome {
+            Outcome::Diagnosed(judged) => Some(judged.effects()),
+            Outcome::Elsewhere(told) => told.report.as_ref().map(|_| told.effects.clone()),
+            Outcome::DeadlineExceeded | Outcome::Panicked(_) => None,
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! nats-server from Debian in a folder of its own, on ports that it chooses, gone with the test.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+/// Far longer than a start takes even on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A server, running or stopped, that keeps its ports.
+pub struct Nats {
+    folder: PathBuf,
+    config: PathBuf,
+    process: Option<Child>,
+    /// For clients, and for leaf nodes.
+    ports: [u16; 2],
+}
+
+impl Nats {
+    /// The server that keeps the streams.
+    pub fn hub() -> Self {
+        Self::new("hub", |folder, [clients, leaves]| {
+            format!(
+                "server_name: hub\nlisten: 127.0.0.1:{clients}\njetstream {{ domain: stictiond, store_dir: {:?} }}\n\
+                 leafnodes {{ listen: 127.0.0.1:{leaves} }}\n",
+                folder.join("js").display()
+            )
+        })
+    }
+
+    /// A server at a site, which passes everything on to the hub.
+    pub fn leaf(hub: &Nats) -> Self {
+        let to = hub.ports[1];
+        Self::new("leaf", |_, [clients, _]| {
+            format!(
+                "server_name: leaf-{clients}\nlisten: 127.0.0.1:{clients}\n\
+                 leafnodes {{ reconnect: 1, remotes: [ {{ url: \"nats://127.0.0.1:{to}\" }} ] }}\n"
+            )
+        })
+    }
+
+    fn new(name: &str, text: impl FnOnce(&Path, [u16; 2]) -> String) -> Self {
+        static COUNT: AtomicUsize = AtomicUsize::new(0);
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let folder =
+            std::env::temp_dir().join(format!("stictiond-nats-{name}-{}-{number}", std::process::id()));
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).expect("writable");
+        let free = || {
+            let socket = std::net::TcpListener::bind("127.0.0.1:0").expect("a free port");
+            socket.local_addr().expect("bound").port()
+        };
+        let ports = [free(), free()];
+        let config = folder.join("nats.conf");
+        fs::write(&config, text(&folder, ports)).expect("writable");
+        let mut server = Self { folder, config, process: None, ports };
+        server.begin();
+        server
+    }
+
+    /// Where clients connect to.
+    pub fn url(&self) -> String {
+        format!("nats://127.0.0.1:{}", self.ports[0])
+    }
+
+    /// Starts it, again or for the first time.
+    pub fn begin(&mut self) {
+        let log =
+            fs::File::options().append(true).create(true).open(self.folder.join("log")).expect("writable");
+        let debian = Path::new("/usr/sbin/nats-server");
+        let process = Command::new(if debian.exists() { debian } else { Path::new("nats-server") })
+            .arg("-c")
+            .arg(&self.config)
+            .stdout(Stdio::null())
+            .stderr(log)
+            .spawn()
+            .expect("nats-server is not installed: run scripts/peers once, then the tests again");
+        self.process = Some(process);
+        let begun = Instant::now();
+        while std::net::TcpStream::connect(("127.0.0.1", self.ports[0])).is_err() {
+            assert!(begun.elapsed() < PATIENCE, "{}", self.log());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Kills it; what it has stored stays.
+    pub fn end(&mut self) {
+        if let Some(mut process) = self.process.take() {
+            process.kill().ok();
+            process.wait().ok();
+        }
+    }
+
+    fn log(&self) -> String {
+        fs::read_to_string(self.folder.join("log")).unwrap_or_default()
+    }
+}
+
+impl Drop for Nats {
+    fn drop(&mut self) {
+        self.end();
+        fs::remove_dir_all(&self.folder).ok();
+    }
+}
