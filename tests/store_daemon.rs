@@ -4,6 +4,8 @@
 mod daemon;
 #[path = "peers/postgres.rs"]
 mod postgres;
+#[path = "peers/webhook.rs"]
+mod webhook;
 
 use daemon::Daemon;
 use postgres::Cluster;
@@ -223,7 +225,7 @@ fn a_start_without_the_database_neither_forgets_nor_overwrites_what_people_did()
     // is told, and not what happened before the start.
     std::fs::remove_dir_all(&spool).expect("there");
     cluster.end();
-    let (receiver, told) = webhook();
+    let (receiver, told) = webhook::receiver();
     let secret = folder.join("secret");
     std::fs::write(&secret, "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw").expect("writable");
     let told_of = format!(
@@ -256,33 +258,6 @@ fn a_start_without_the_database_neither_forgets_nor_overwrites_what_people_did()
     assert_eq!(causes.collect::<Vec<_>>(), expected.map(Some), "{history}");
     daemon.stop();
     std::fs::remove_dir_all(&folder).expect("writable");
-}
-
-/// Somebody who takes whatever is posted: where, and the bodies.
-fn webhook() -> (SocketAddr, Receiver<String>) {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-    let (address, (tell, told)) = (listener.local_addr().expect("bound"), channel());
-    std::thread::spawn(move || {
-        for stream in listener.incoming() {
-            let mut stream = BufReader::new(stream.expect("a connection"));
-            let (mut line, mut length) = (String::new(), 0);
-            while stream.read_line(&mut line).expect("text") > 2 {
-                let lower = line.to_lowercase();
-                length = lower
-                    .strip_prefix("content-length:")
-                    .map_or(length, |n| n.trim().parse().expect("a number"));
-                line.clear();
-            }
-            let mut body = vec![0; length];
-            stream.read_exact(&mut body).expect("a body");
-            let answer = "HTTP/1.1 204 No Content\r\nConnection: close\r\n\r\n";
-            stream.get_mut().write_all(answer.as_bytes()).expect("it listens");
-            if tell.send(String::from_utf8(body).expect("text")).is_err() {
-                return;
-            }
-        }
-    });
-    (address, told)
 }
 
 /// A limit on the size of files, set from outside and lifted while it runs, is a disk that is full and has room again.

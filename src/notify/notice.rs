@@ -119,6 +119,11 @@ impl Source {
         }
     }
 
+    /// Whether what is to be told is picked by somebody else.
+    pub(super) fn is_fed(&self) -> bool {
+        self.outlet.is_some()
+    }
+
     /// Whether this machine tells people now.
     pub(super) fn speaks(&self) -> bool {
         self.outlet.as_ref().is_none_or(|(_, speaks)| speaks.load(Relaxed))

@@ -165,6 +165,7 @@ impl<C: Carrier> Postman<C> {
                 event = self.news.recv() => match event {
                     Ok(Event::Alarm(change)) => self.hear(&change, &mut batch, now()),
                     Ok(_) => {}
+                    Err(RecvError::Lagged(lost)) if self.source.is_fed() => batch.lose(lost, now()),
                     Err(RecvError::Lagged(_)) => self.catch_up(&mut batch, now()),
                     Err(RecvError::Closed) => break,
                 },
@@ -195,6 +196,10 @@ impl<C: Carrier> Postman<C> {
 
     /// The channel may begin after the log: that has the one that is missing.
     fn hear(&mut self, change: &AlarmChange, batch: &mut Batch, now: f64) {
+        if self.source.is_fed() {
+            // Of others' changes only those come that are to be told, and they have other numbers.
+            return self.tell(change, batch, now);
+        }
         if change.number > self.heard + 1 {
             self.catch_up(batch, now);
         }
@@ -207,6 +212,10 @@ impl<C: Carrier> Postman<C> {
         }
         self.heard = change.number;
         self.letters.hear(change.number);
+        self.tell(change, batch, now);
+    }
+
+    fn tell(&mut self, change: &AlarmChange, batch: &mut Batch, now: f64) {
         let Some(notice) = self.source.notice(change).filter(|notice| self.events.contains(&notice.what))
         else {
             return;
@@ -218,6 +227,9 @@ impl<C: Carrier> Postman<C> {
 
     /// More happened than was taken from the channel: the log of changes has most of it.
     fn catch_up(&mut self, batch: &mut Batch, now: f64) {
+        if self.source.is_fed() {
+            return;
+        }
         let log = self.source.results.alarm_log();
         let oldest = log.last().map_or(0, |change| change.number);
         let lost = oldest.saturating_sub(self.heard + 1);

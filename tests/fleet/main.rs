@@ -4,12 +4,15 @@
 mod daemon;
 #[path = "../peers/nats.rs"]
 mod nats;
+#[path = "../peers/webhook.rs"]
+mod webhook;
 
 use daemon::Daemon;
 use nats::Nats;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
@@ -53,7 +56,7 @@ impl Fleet {
     }
 
     /// The demo's plant, polled by an edge behind the leaf node.
-    fn edge(&self, demo: &Demo) -> Daemon {
+    fn edge(&self, demo: &Demo, told: SocketAddr) -> Daemon {
         let text = demo.config().replace(&demo.address().to_string(), "127.0.0.1:0");
         let period = text.find("period_s").expect("there");
         let line = period..period + text[period..].find('\n').expect("a line");
@@ -62,9 +65,10 @@ impl Fleet {
             text,
             "\n[store]\nfolder = {:?}\nsync_ms = 200\nchunk_s = 10\n[alarm]\nk = 1\nn = 1\n\
              [fleet]\nsite = 'north'\nname = 'edge-1'\nservers = ['{}']\nforward_s = 0.5\nanswer_within_s = 20\n\
-             cut_off_after_s = 4\n",
+             cut_off_after_s = 4\n{}",
             self.store("edge").display().to_string(),
-            self.leaf.url()
+            self.leaf.url(),
+            self.telling("edge", told)
         );
         Daemon::start(stictiond(), "edge", &self.config("edge", &text))
     }
@@ -77,14 +81,24 @@ impl Fleet {
         Daemon::start(stictiond(), "worker", &self.config(name, &text))
     }
 
-    fn centre(&self, name: &str) -> Daemon {
+    fn centre(&self, name: &str, told: SocketAddr) -> Daemon {
         let text = format!(
             "[server]\nlisten = '127.0.0.1:0'\n[store]\nfolder = {:?}\nsync_ms = 200\nchunk_s = 10\n\
-             [fleet]\nname = '{name}'\nservers = ['{}']\ncut_off_after_s = 4\n",
+             [fleet]\nname = '{name}'\nservers = ['{}']\ncut_off_after_s = 4\n{}",
             self.store(name).display().to_string(),
-            self.hub.url()
+            self.hub.url(),
+            self.telling(name, told)
         );
         Daemon::start(stictiond(), "centre", &self.config(name, &text))
+    }
+
+    /// Everybody tells the same receiver what is raised.
+    fn telling(&self, name: &str, told: SocketAddr) -> String {
+        let secret = self.config("secret", "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw");
+        format!(
+            "[notify]\nsite = '{name}'\n[[notify.webhook]]\nname = 'w'\nurl = 'http://{told}/'\nsecret_file = {secret:?}\nevents = ['raised']\n\
+             pace = {{ wait_s = 0.0 }}\n"
+        )
     }
 
     fn store(&self, name: &str) -> PathBuf {
@@ -107,8 +121,8 @@ fn reports(store: &Path) -> BTreeMap<(String, u64), Vec<u8>> {
     {
         for (number, row) in rows {
             after = number;
-            let name = row.control_loop.strip_prefix("north:").unwrap_or(&row.control_loop).to_string();
-            let known = all.insert((name, row.finished.to_bits()), row.report.unwrap_or_default());
+            let known = all
+                .insert((at_site(&row.control_loop), row.finished.to_bits()), row.report.unwrap_or_default());
             assert!(known.is_none(), "nothing is there twice");
         }
     }
@@ -119,14 +133,50 @@ fn reports(store: &Path) -> BTreeMap<(String, u64), Vec<u8>> {
 fn changes(store: &Path) -> Vec<(String, String, u64, String)> {
     let reader = Reader::open(store).expect("can be read");
     let rows = reader.transitions(0, 10_000).expect("reads").into_iter();
-    let mut all: Vec<_> = rows
-        .map(|(_, row)| {
-            let subject = row.control_loop.strip_prefix("north:").unwrap_or(&row.control_loop).to_string();
-            (subject, row.kind, row.at.to_bits(), row.cause)
-        })
-        .collect();
+    let mut all: Vec<_> =
+        rows.map(|(_, row)| (at_site(&row.control_loop), row.kind, row.at.to_bits(), row.cause)).collect();
     all.sort();
     all
+}
+
+/// The name of a loop or collector at its site.
+fn at_site(name: &str) -> String {
+    name.strip_prefix("north:").unwrap_or(name).to_string()
+}
+
+/// Of each tag of a store, its samples: stamps and values as bits.
+fn samples(store: &Path) -> BTreeMap<(String, String), Vec<(u64, u64)>> {
+    let mut reader = Reader::open(store).expect("can be read");
+    let names: Vec<_> = reader.tags().expect("reads").into_iter().map(|tag| tag.name).collect();
+    let mut all = BTreeMap::new();
+    for name in names {
+        let found = reader.between(&name.control_loop, &name.tag, 0.0, 1e11).expect("reads");
+        let bits = found.iter().map(|sample| (sample.t.to_bits(), sample.value.to_bits())).collect();
+        all.insert((at_site(&name.control_loop), name.tag.clone()), bits);
+    }
+    all
+}
+
+/// A centre's store has what the edge's has, but for the end: once, to the last bit.
+fn compare(edge: &Path, centre: &Path) {
+    let (here, there) = (reports(edge), reports(centre));
+    assert!(there.iter().all(|(key, report)| here.get(key) == Some(report)), "bit for bit");
+    // What an edge finds as it stops it forwards at its next start.
+    let missing: Vec<_> = here.keys().filter(|key| !there.contains_key(key)).collect();
+    assert!(there.len() >= 20 && missing.len() <= 20, "{} and without {missing:?}", there.len());
+    let (own, known) = (changes(edge), changes(centre));
+    assert!(!known.is_empty() && known.iter().all(|change| own.contains(change)), "{known:?}");
+    let mut once = known.clone();
+    once.dedup();
+    assert_eq!(once, known);
+    let (own, known) = (samples(edge), samples(centre));
+    assert_eq!(own.len(), known.len());
+    for (tag, some) in &known {
+        let all = &own[tag];
+        let begin = all.iter().position(|sample| sample == &some[0]).expect("the same samples");
+        assert_eq!(all[begin..begin + some.len()], some[..], "{tag:?}: none is missing, none is twice");
+        assert!(some.len() > 200 && all.len() - some.len() < 400, "{tag:?}: {} of {}", some.len(), all.len());
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -136,27 +186,42 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
     let demo = Demo::build(&options).await.expect("builds");
     let stop = demo.stop();
     let mut fleet = Fleet::new("fleet");
-    let (centre, edge) = (fleet.centre("c1"), fleet.edge(&demo));
-    let worker = fleet.worker("w1");
+    let (receiver, told) = webhook::receiver();
+    let first = fleet.centre("c1", receiver);
+    let (edge, worker) = (fleet.edge(&demo, receiver), fleet.worker("w1"));
     let plant = tokio::spawn(demo.run(Screen::new(Vec::new(), false)));
     let done = tokio::task::spawn_blocking(move || {
-        let verdicts = |daemon: &Daemon, least: usize| {
-            let loops = loops(daemon);
-            loops.values().filter(|own| own["verdict"].is_string()).count() >= least
+        let verdicts =
+            |daemon: &Daemon| loops(daemon).values().filter(|own| own["verdict"].is_string()).count();
+        first.until("the centre has every loop and its verdict", PATIENCE, |first| verdicts(first) >= 20);
+        let raised = |daemon: &Daemon| {
+            loops(daemon).into_iter().find(|(_, own)| own["alarm"] == "unacknowledged").map(|(id, _)| id)
         };
-        centre.until("the centre has every loop and its verdict", PATIENCE, |centre| verdicts(centre, 20));
-        let raised = |centre: &Daemon| {
-            loops(centre).into_iter().find(|(_, own)| own["alarm"] == "unacknowledged").map(|(id, _)| id)
-        };
-        centre.until("an alarm is raised", PATIENCE, |centre| raised(centre).is_some());
+        first.until("an alarm is raised", PATIENCE, |first| raised(first).is_some());
 
         // What people do at the centre is done at the edge, and shown.
-        let id = raised(&centre).expect("one");
-        let name = id.strip_prefix("north:").expect("of its site").to_string();
-        let answer = centre.ask("POST", &format!("/api/v1/alarms/{id}/ack"), "{\"by\":\"eve\"}");
-        assert!(answer.contains("acknowledged"), "{answer}");
-        edge.until("the edge knows", PATIENCE, |edge| loops(edge)[&name]["alarm"] == "acknowledged");
-        centre.until("the centre knows", PATIENCE, |centre| loops(centre)[&id]["alarm"] == "acknowledged");
+        let id = raised(&first).expect("one");
+        let name = at_site(&id);
+        let is = |daemon: &Daemon, id: &str, state: &str| loops(daemon)[id]["alarm"] == state;
+        first.ask("POST", &format!("/api/v1/alarms/{id}/ack"), "{\"by\":\"eve\"}");
+        edge.until("the edge knows", PATIENCE, |edge| is(edge, &name, "acknowledged"));
+        first.until("the centre knows", PATIENCE, |first| is(first, &id, "acknowledged"));
+
+        // A second centre takes over; before that it gives no orders.
+        let second = fleet.centre("c2", receiver);
+        second.until("the second centre knows", PATIENCE, |second| {
+            loops(second).get(&id).is_some_and(|own| own["alarm"] == "acknowledged")
+        });
+        let refused =
+            second.ask("POST", &format!("/api/v1/alarms/{id}/shelve"), "{\"by\":\"kim\",\"duration_s\":60}");
+        assert!(refused.contains("another centre"), "{refused}");
+        // SIGKILL.
+        drop(first);
+        let order = |duration: u32| format!("{{\"by\":\"kim\",\"duration_s\":{duration}}}");
+        second.until("the second centre acts", PATIENCE, |second| {
+            second.ask("POST", &format!("/api/v1/alarms/{id}/shelve"), &order(3600));
+            is(second, &id, "shelved")
+        });
 
         // The line to the hub is cut, the worker killed: the edge goes on by itself.
         let time = |daemon: &Daemon| loops(daemon).values().map(|own| own["time"].to_string()).max();
@@ -164,31 +229,36 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
         fleet.leaf.end();
         drop(worker);
         edge.until("the edge diagnoses by itself", PATIENCE, |edge| time(edge) > before);
-        let alone = edge.json(&format!("/api/v1/loops/{name}"));
-        edge.ask("POST", &format!("/api/v1/alarms/{name}/shelve"), "{\"by\":\"kim\",\"duration_s\":3600}");
-        assert!(alone["id"] == name.as_str(), "{alone}");
+        edge.ask("POST", &format!("/api/v1/alarms/{name}/unshelve"), "{\"by\":\"kim\"}");
 
         // It comes back: nothing is missing, nothing is there twice.
         fleet.leaf.begin();
-        centre
-            .until("what was done at the edge", PATIENCE, |centre| loops(centre)[&id]["alarm"] == "shelved");
+        second.until("what was done at the edge", PATIENCE, |second| !is(second, &id, "shelved"));
         let latest = time(&edge);
-        centre.until("the diagnoses of meanwhile", PATIENCE, |centre| time(centre) >= latest);
+        second.until("the diagnoses of meanwhile", PATIENCE, |second| time(second) >= latest);
         edge.stop();
-        let (at_edge, at_centre) = (reports(&fleet.store("edge")), reports(&fleet.store("c1")));
-        let missing: Vec<_> = at_edge.keys().filter(|key| !at_centre.contains_key(key)).collect();
-        // What an edge finds as it stops it forwards at its next start.
-        assert!(missing.len() <= 20, "{missing:?}");
-        assert!(at_centre.iter().all(|(key, report)| at_edge.get(key) == Some(report)), "bit for bit");
-        assert!(at_centre.len() > 40, "{}", at_centre.len());
-        let edge = changes(&fleet.store("edge"));
-        let here = changes(&fleet.store("c1"));
-        assert!(here.iter().all(|change| edge.contains(change)), "{here:?}");
-        centre.stop();
+        second.stop();
+        compare(&fleet.store("edge"), &fleet.store("c2"));
+
+        // Each alarm was told once, by whichever machine.
+        let mut told: Vec<String> = told.try_iter().flat_map(|body| notices(&body)).collect();
+        told.sort();
+        let mut once = told.clone();
+        once.dedup();
+        assert_eq!(told, once);
+        let raised = changes(&fleet.store("edge")).into_iter().filter(|change| change.3 == "raised").count();
+        assert!(told.len() + 3 >= raised && !told.is_empty(), "{} of {raised}: {told:?}", told.len());
         std::fs::remove_dir_all(&fleet.folder).expect("writable");
     });
     let done = done.await;
     stop.cancel();
     plant.await.expect("no panic").expect("ends well");
     done.expect("all is well");
+}
+
+/// The alarms of a webhook's body, each with the time of the change: the end of a shelving raises an alarm too.
+fn notices(body: &str) -> Vec<String> {
+    let message: Value = serde_json::from_str(body).expect("JSON");
+    let alarms = message["data"]["alarms"].as_array().expect("alarms").iter();
+    alarms.map(|own| format!("{} {}", at_site(own["id"].as_str().expect("a name")), own["time"])).collect()
 }

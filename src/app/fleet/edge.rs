@@ -57,7 +57,7 @@ impl Fleet {
         let Some(store) = scene.config.store.clone() else { return };
         let mut forward = Forward::new(&self.site, &self.name);
         let mut centre = Centre { seen: None, epoch: 0 };
-        let (mut greeted, mut told) = (None, 0);
+        let (mut greeted, mut told, mut forwarded) = (None, 0, 0);
         let mut done = self.clock.elapsed();
         loop {
             let scene = self.scene.borrow().clone();
@@ -78,7 +78,9 @@ impl Fleet {
                 ))
             };
             let now = self.clock.elapsed();
-            let pause = match round.await {
+            let round = round.await;
+            forwarded = forward.forwarded().unwrap_or(forwarded);
+            let pause = match round {
                 Ok((lease, more)) => {
                     greeted = Some(scene);
                     done = if more { done } else { self.clock.elapsed() };
@@ -108,18 +110,17 @@ impl Fleet {
                 tracing::warn!(silent_s = silent.as_secs_f64(), "{who}");
             }
             if alone {
-                told = self.tell(&store, forward.forwarded(), told).await;
+                told = self.tell(&store, forwarded.max(told)).await;
             }
             tokio::time::sleep(pause).await;
         }
     }
 
-    /// Tells people of changes that no centre has heard of; the number of the last.
-    async fn tell(&self, store: &store::Config, forwarded: Option<u64>, told: u64) -> u64 {
-        let after = forwarded.unwrap_or(0).max(told);
+    /// Tells people of changes behind the one with the number `told`, of which no centre has heard; the number of the last.
+    async fn tell(&self, store: &store::Config, told: u64) -> u64 {
         let own = store.clone();
         let read = tokio::task::spawn_blocking(move || {
-            Reader::of(&own)?.transitions(i64::try_from(after).unwrap_or(i64::MAX), ROWS)
+            Reader::of(&own)?.transitions(i64::try_from(told).unwrap_or(i64::MAX), ROWS)
         });
         let rows = match read.await {
             Ok(Ok(rows)) => rows,

@@ -70,7 +70,9 @@ impl Fleet {
                 // What the centre that leads has done, people know.
                 if let Some(Seen { holder, .. }) = last {
                     let done = link.done_by(EVENTS, &reader(&holder)).await?;
-                    self.standing.lock().retain(|(sequence, _)| *sequence > done);
+                    let mut untold = self.standing.lock();
+                    untold.retain(|(sequence, _)| *sequence > done);
+                    tracing::debug!(holder, done, left = untold.len(), "what the centre that leads has done");
                 }
             }
             Step::Write { after, epoch } => {
