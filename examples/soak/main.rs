@@ -113,6 +113,7 @@ impl Soak {
             tokio::spawn(listen(address, heard.clone()));
         }
         let (mut samples, mut reloads, mut went) = (Vec::new(), Vec::new(), (0, 0));
+        let mut unanswered = Vec::new();
         let (mut ticks, mut there) = (tokio::time::interval(TICK), There::ALL);
         for tick in 0.. {
             ticks.tick().await;
@@ -134,7 +135,10 @@ impl Soak {
             }
             there = should;
             if u64::is_multiple_of(tick, EVERY) {
-                samples.push(daemon.look(began, samples.len(), self.loops).await?);
+                match daemon.look(began, samples.len(), self.loops).await {
+                    Ok(sample) => samples.push(sample),
+                    Err(error) => unanswered.push(format!("{:.0} s: {error}", t.as_secs_f64())),
+                }
             }
             if t > RELOAD * (reloads.len() as u32 + 1) {
                 configure(reloads.len().is_multiple_of(2))?;
@@ -152,7 +156,9 @@ impl Soak {
         std::fs::write(picture, told::picture(&samples, &reloads, self.first_part(), RING as f64))?;
         self.print(&samples, reloads.len(), heard.load(Ordering::Relaxed));
         println!("away           database {} times, disk full {} times", went.0, went.1);
-        let good = told.print(&samples, &told::Kept { panics, settled, gap }) && ended.success();
+        unanswered.iter().for_each(|what| println!("no answer      {what}"));
+        let kept = told::Kept { panics, settled, gap, unanswered: unanswered.len() as f64 };
+        let good = told.print(&samples, &kept) && ended.success();
         std::fs::remove_dir_all(&folder)?;
         Ok(if good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }

@@ -27,6 +27,8 @@ pub struct Kept {
     pub settled: bool,
     /// Longest time between two samples of a tag in the database (s).
     pub gap: f64,
+    /// Looks that were not answered.
+    pub unanswered: f64,
 }
 
 /// The result.
@@ -81,6 +83,7 @@ impl Told {
         );
         bound(&format!("handles more than after {part:.0} min"), self.handles, MOST_MORE);
         bound(&format!("threads more than after {part:.0} min"), self.threads, MOST_MORE);
+        bound("looks without an answer", kept.unanswered, 0.0);
         bound(
             "polls missed for each that was due",
             last.missed / (last.polls + last.missed).max(1.0),
