@@ -1,6 +1,9 @@
 //! Peers that send without end, whatever is asked of them: no client of ours keeps what it cannot use. The daemon is a process
 //! of its own, and its memory is what the system says of it.
 
+#[path = "endless/limits.rs"]
+mod limits;
+
 use std::fs;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -90,9 +93,14 @@ impl Daemon {
 
     /// Most memory it has taken so far (bytes).
     fn most(&self) -> u64 {
+        self.status("VmHWM:") * 1024
+    }
+
+    /// A number that the system tells of it.
+    fn status(&self, name: &str) -> u64 {
         let status = fs::read_to_string(format!("/proc/{}/status", self.0.id())).expect("it runs");
-        let line = status.lines().find(|line| line.starts_with("VmHWM:")).expect("a line");
-        line.split_whitespace().nth(1).and_then(|kb| kb.parse::<u64>().ok()).expect("a number") * 1024
+        let line = status.lines().find(|line| line.starts_with(name)).expect("a line");
+        line.split_whitespace().nth(1).and_then(|number| number.parse().ok()).expect("a number")
     }
 }
 
@@ -148,74 +156,75 @@ fn modbus(framing: &str) -> String {
     )
 }
 
+const MODBUS: [Flood; 1] = [flood("heads of the longest", b"", &[0, 1, 0, 0, 0xff, 0xff, 1, 4])];
+
 #[test]
 fn modbus_over_tcp() {
-    holds(
-        "modbus tcp",
-        &modbus("tcp"),
-        &[flood("heads of the longest", b"", &[0, 1, 0, 0, 0xff, 0xff, 1, 4])],
-    );
+    holds("modbus tcp", &modbus("tcp"), &MODBUS);
 }
+
+const RTU: [Flood; 1] = [flood("answers of 255 bytes", b"", &[1, 4, 255])];
 
 #[test]
 fn modbus_rtu_over_tcp() {
-    holds("modbus rtu", &modbus("rtu"), &[flood("answers of 255 bytes", b"", &[1, 4, 255])]);
+    holds("modbus rtu", &modbus("rtu"), &RTU);
+}
+
+const ACK: &[u8] =
+    &[b'A', b'C', b'K', b'F', 28, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+const OPC_UA: [Flood; 4] = [
+    flood("a length of 4 GB", b"ACKF\xf0\xff\xff\xff", &[7]),
+    flood("a chunk of 4 GB after the greeting", ACK, b"MSGF\xf0\xff\xff\xff"),
+    flood("chunks that never end", ACK, b"MSGC\x10\0\0\0\0\0\0\0\0\0\0\0"),
+    flood("acknowledgements", ACK, ACK),
+];
+
+fn opcua() -> String {
+    format!(
+        "[[opcua]]\nname = 'd'\nurl = 'opc.tcp://127.0.0.1:PORT/'\nsecurity_policy = 'None'\ntimeout_ms = 4000\n\
+         reconnect_max_ms = 100\n{}",
+        control_loop(|at| format!("node = 'ns=2;i={at}'\n"))
+    )
 }
 
 #[test]
 fn opc_ua() {
-    let config = format!(
-        "[[opcua]]\nname = 'd'\nurl = 'opc.tcp://127.0.0.1:PORT/'\nsecurity_policy = 'None'\ntimeout_ms = 4000\n\
-         reconnect_max_ms = 100\n{}",
-        control_loop(|at| format!("node = 'ns=2;i={at}'\n"))
-    );
-    let ack: &[u8] =
-        &[b'A', b'C', b'K', b'F', 28, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
-    holds(
-        "opc ua",
-        &config,
-        &[
-            flood("a length of 4 GB", b"ACKF\xf0\xff\xff\xff", &[7]),
-            flood("a chunk of 4 GB after the greeting", ack, b"MSGF\xf0\xff\xff\xff"),
-            flood("chunks that never end", ack, b"MSGC\x10\0\0\0\0\0\0\0\0\0\0\0"),
-            flood("acknowledgements", ack, ack),
-        ],
-    );
+    holds("opc ua", &opcua(), &OPC_UA);
 }
 
-#[test]
-fn mqtt() {
-    let config = format!(
+const MQTT: [Flood; 3] = [
+    flood("a packet of 268 MB", &[0x20, 2, 0, 0, 0x30, 0xff, 0xff, 0xff, 0x7f], &[0, 1, b'a']),
+    flood("messages", &[0x20, 2, 0, 0], &[0x30, 5, 0, 1, b'a', b'1', b'2']),
+    flood("a length that never ends", b"", &[0x30, 0x80]),
+];
+
+fn mqtt() -> String {
+    format!(
         "[[mqtt]]\nname = 'd'\naddress = '127.0.0.1:PORT'\ntimeout_s = 4\nreconnect_max_ms = 500\n{}",
         control_loop(|at| format!("topic = 'a/{at}'\n"))
-    );
-    holds(
-        "mqtt",
-        &config,
-        &[
-            flood("a packet of 268 MB", &[0x20, 2, 0, 0, 0x30, 0xff, 0xff, 0xff, 0x7f], &[0, 1, b'a']),
-            flood("messages", &[0x20, 2, 0, 0], &[0x30, 5, 0, 1, b'a', b'1', b'2']),
-            flood("a length that never ends", b"", &[0x30, 0x80]),
-        ],
-    );
+    )
 }
 
 #[test]
-fn postgresql() {
-    let config = format!(
-        "[store]\nfolder = 'FOLDER'\nurl = 'postgres://stictiond@127.0.0.1:PORT/history'\n{}",
-        modbus("tcp").replace("PORT", "9")
-    );
-    let let_in: &[u8] = b"R\0\0\0\x08\0\0\0\0Z\0\0\0\x05I";
-    holds(
-        "postgresql",
-        &config,
-        &[
-            flood("a message of 2 GB before log-in", b"R\x7f\xff\xff\xf0", &[0]),
-            flood("settings without end", b"R\0\0\0\x08\0\0\0\0", b"S\0\0\0\x0ca\0b\0c\0d\0"),
-            flood("notices without end", let_in, b"N\0\0\0\x0cSFATAL\0\0"),
-            flood("rows without end", let_in, b"D\0\0\0\x06\0\0"),
-            flood("a row of 2 GB", let_in, b"D\x7f\xff\xff\xf0\0\0"),
-        ],
-    );
+fn mqtt_brokers() {
+    holds("mqtt", &mqtt(), &MQTT);
+}
+
+const LET_IN: &[u8] = b"R\0\0\0\x08\0\0\0\0Z\0\0\0\x05I";
+const POSTGRESQL: [Flood; 5] = [
+    flood("a message of 2 GB before log-in", b"R\x7f\xff\xff\xf0", &[0]),
+    flood("settings without end", b"R\0\0\0\x08\0\0\0\0", b"S\0\0\0\x0ca\0b\0c\0d\0"),
+    flood("notices without end", LET_IN, b"N\0\0\0\x0cSFATAL\0\0"),
+    flood("rows without end", LET_IN, b"D\0\0\0\x06\0\0"),
+    flood("a row of 2 GB", LET_IN, b"D\x7f\xff\xff\xf0\0\0"),
+];
+
+fn postgresql() -> String {
+    "[store]\nfolder = 'FOLDER'\nurl = 'postgres://stictiond@127.0.0.1:PORT/history'\n".to_string()
+}
+
+#[test]
+fn postgresql_servers() {
+    let plant = modbus("tcp").replace("PORT", "9");
+    holds("postgresql", &(postgresql() + &plant), &POSTGRESQL);
 }

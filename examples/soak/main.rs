@@ -1,17 +1,21 @@
 //! A daemon in a process of its own watches a plant at real time for hours, among listeners, reloads and alarms that flap,
-//! while somebody looks at what it takes. `scripts/soak HOURS` builds and runs it.
+//! while its database and its disk go away and come back, and one loop's diagnosis panics. Somebody looks at what it takes.
+//! `scripts/soak HOURS` builds and runs it.
 //!
-//! `cargo run --release --example soak -- HOURS DAEMON PICTURE [--loops 2000] [--listeners 50]`
+//! `cargo run --release --example soak -- HOURS PICTURE [--loops 2000] [--listeners 50]`
 
+mod away;
+mod daemon;
 #[path = "../../benches/load/plant.rs"]
 mod plant;
 mod sampled;
 mod told;
 
+use away::{Database, There};
 use sampled::{Daemon, Sample};
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -22,13 +26,20 @@ use tokio::net::TcpStream;
 type Failed = Box<dyn std::error::Error + Send + Sync>;
 
 /// From one look to the next.
-const EVERY: Duration = Duration::from_secs(10);
+const EVERY: u64 = 10;
+/// Between two looks at whether something is to go away or come back.
+const TICK: Duration = Duration::from_secs(1);
+/// Longest wait at the end, for what was written while the database was away.
+const SETTLES: Duration = Duration::from_secs(120);
 /// From one reload to the next.
 const RELOAD: Duration = Duration::from_secs(300);
 /// Samples of each tag; a ring is full after as many seconds.
 const RING: usize = 1800;
 /// Time between two diagnoses of a loop (s).
 const PERIOD_S: f64 = 900.0;
+/// The loop whose diagnosis panics, and the time between two of these (s).
+const PANICS: &str = "L0013";
+const PANICS_S: f64 = 60.0;
 
 fn main() -> Result<ExitCode, Failed> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
@@ -36,8 +47,15 @@ fn main() -> Result<ExitCode, Failed> {
         return runtime.block_on(plant::serve(1.0, true)).map(|()| ExitCode::SUCCESS);
     }
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [hours, daemon, picture, ..] = &arguments[..] else {
-        return Err("usage: soak HOURS DAEMON PICTURE [--loops N] [--listeners N]".into());
+    if let [daemon, file] = &arguments[..]
+        && daemon == "--daemon"
+    {
+        let ran = runtime.block_on(daemon::run(Path::new(file)));
+        runtime.shutdown_background();
+        return ran.map(|()| ExitCode::SUCCESS);
+    }
+    let [hours, picture, ..] = &arguments[..] else {
+        return Err("usage: soak HOURS PICTURE [--loops N] [--listeners N]".into());
     };
     let number = |name: &str, default: usize| -> usize {
         let after = arguments.iter().skip_while(|argument| *argument != name).nth(1);
@@ -45,7 +63,6 @@ fn main() -> Result<ExitCode, Failed> {
     };
     let soak = Soak {
         lasts: Duration::try_from_secs_f64(3600.0 * hours.parse::<f64>()?)?,
-        daemon: daemon.into(),
         loops: number("--loops", 2000),
         listeners: number("--listeners", 50),
     };
@@ -57,7 +74,6 @@ fn main() -> Result<ExitCode, Failed> {
 /// What is to be done.
 struct Soak {
     lasts: Duration,
-    daemon: PathBuf,
     loops: usize,
     listeners: usize,
 }
@@ -79,43 +95,70 @@ impl Soak {
         std::fs::create_dir_all(&folder)?;
         let (_plant, devices) = plant_beside()?;
         let address = free_address()?;
-        let file = folder.join("soak.toml");
-        std::fs::write(&file, self.configuration(&folder, address, &devices, false))?;
+        let (file, store) = (folder.join("soak.toml"), folder.join("store"));
+        let database = Database::begin(&store)?;
+        let configure =
+            |odd| std::fs::write(&file, self.configuration(&store, &database.url, address, &devices, odd));
+        configure(false)?;
         let began = Instant::now();
-        let mut command = Command::new(&self.daemon);
-        command
-            .arg("run")
-            .arg(&file)
-            .stdout(Stdio::null())
-            .stderr(std::fs::File::create(folder.join("log"))?);
-        let mut process = Ended(command.spawn()?);
-        let daemon = Daemon { pid: process.0.id(), address, store: folder.join("store") };
+        let mut process = Ended(daemon_beside(&file)?);
+        let panics = Arc::new(AtomicUsize::new(0));
+        let log = process.0.stderr.take().ok_or("the daemon has no log")?;
+        let (counted, kept) = (panics.clone(), std::fs::File::create(folder.join("log"))?);
+        std::thread::spawn(move || keep(BufReader::new(log), kept, &counted));
+        let daemon = Daemon { pid: process.0.id(), address, store: store.clone() };
         daemon.answers().await?;
         let heard = Arc::new(AtomicUsize::new(0));
         for _ in 0..self.listeners {
             tokio::spawn(listen(address, heard.clone()));
         }
-        let (mut samples, mut reloads) = (Vec::new(), Vec::new());
-        let mut looks = tokio::time::interval(EVERY);
-        while began.elapsed() < self.lasts {
-            looks.tick().await;
+        let (mut samples, mut reloads, mut went) = (Vec::new(), Vec::new(), (0, 0));
+        let mut unanswered = Vec::new();
+        let (mut ticks, mut there) = (tokio::time::interval(TICK), There::ALL);
+        for tick in 0.. {
+            ticks.tick().await;
+            let t = began.elapsed();
+            if t >= self.lasts {
+                break;
+            }
             if let Some(ended) = process.0.try_wait()? {
                 return Err(format!("the daemon ended: {ended}; its log is in {}", folder.display()).into());
             }
-            samples.push(daemon.look(began, samples.len(), self.loops).await?);
-            if began.elapsed() > RELOAD * (reloads.len() as u32 + 1) {
-                let odd = reloads.len().is_multiple_of(2);
-                std::fs::write(&file, self.configuration(&folder, address, &devices, odd))?;
+            let should = There::at(t.as_secs_f64(), self.lasts.as_secs_f64());
+            if should.database != there.database {
+                database.there(should.database)?;
+                went.0 += usize::from(!should.database);
+            }
+            if should.disk != there.disk {
+                away::disk(daemon.pid, should.disk)?;
+                went.1 += usize::from(!should.disk);
+            }
+            there = should;
+            if u64::is_multiple_of(tick, EVERY) {
+                match daemon.look(began, samples.len(), self.loops).await {
+                    Ok(sample) => samples.push(sample),
+                    Err(error) => unanswered.push(format!("{:.0} s: {error}", t.as_secs_f64())),
+                }
+            }
+            if t > RELOAD * (reloads.len() as u32 + 1) {
+                configure(reloads.len().is_multiple_of(2))?;
                 daemon.hang_up()?;
-                reloads.push(began.elapsed().as_secs_f64());
+                reloads.push(t.as_secs_f64());
             }
         }
+        let settled = daemon.settles(SETTLES).await?;
+        samples.push(daemon.look(began, samples.len(), self.loops).await?);
+        let panics = panics.load(Ordering::Relaxed) as f64;
         daemon.terminate()?;
         let ended = process.0.wait()?;
+        let gap = database.end()?;
         let told = told::Told::of(&samples, self.first_part(), RING as f64);
         std::fs::write(picture, told::picture(&samples, &reloads, self.first_part(), RING as f64))?;
         self.print(&samples, reloads.len(), heard.load(Ordering::Relaxed));
-        let good = told.print(&samples) && ended.success();
+        println!("away           database {} times, disk full {} times", went.0, went.1);
+        unanswered.iter().for_each(|what| println!("no answer      {what}"));
+        let kept = told::Kept { panics, settled, gap, unanswered: unanswered.len() as f64 };
+        let good = told.print(&samples, &kept) && ended.success();
         std::fs::remove_dir_all(&folder)?;
         Ok(if good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }
@@ -126,14 +169,23 @@ impl Soak {
     }
 
     /// Every other reload watches one loop less, and judges alarms otherwise.
-    fn configuration(&self, folder: &Path, address: SocketAddr, devices: &[String], odd: bool) -> String {
-        let store = folder.join("store");
+    fn configuration(
+        &self,
+        store: &Path,
+        url: &str,
+        address: SocketAddr,
+        devices: &[String],
+        odd: bool,
+    ) -> String {
         let (loops, after_s) = (self.loops - usize::from(odd), if odd { 15.0 } else { 10.0 });
+        let (low, high) = daemon::LIMITS;
+        let named = format!("id = \"{PANICS}\"\n");
+        let panics = format!("{named}period_s = {PANICS_S:.1}\nop_limits = [{low:.1}, {high:.1}]\n");
         format!(
             "[server]\nlisten = \"{address}\"\nmax_event_clients = 128\nmax_connections = 256\n\
              [schedule]\nperiod_s = {PERIOD_S:.1}\nparallelism = 1\n[history]\nsamples_per_tag = {RING}\n\
-             [store]\nfolder = {store:?}\nmax_mb = 1000\n[alarm.tag_bad]\nafter_s = {after_s:.1}\n{}",
-            plant::sections(devices, loops, 1000.0)
+             [store]\nfolder = {store:?}\nurl = \"{url}\"\n[alarm.tag_bad]\nafter_s = {after_s:.1}\n{}",
+            plant::sections(devices, loops, 1000.0).replace(&named, &panics)
         )
     }
 
@@ -161,6 +213,23 @@ fn plant_beside() -> Result<(Ended, Vec<String>), Failed> {
     let output = plant.0.stdout.take().ok_or("the plant has no output")?;
     let addresses: Result<Vec<String>, _> = BufReader::new(output).lines().take(plant::DEVICES).collect();
     Ok((plant, addresses?))
+}
+
+/// The daemon in another process. The signal that comes with a limit on files is ignored, as a full disk sends none.
+fn daemon_beside(file: &Path) -> Result<Child, Failed> {
+    let mut command = Command::new("sh");
+    command.args(["-c", "trap '' XFSZ; exec \"$@\"", "sh"]).arg(std::env::current_exe()?);
+    command.arg("--daemon").arg(file).stdout(Stdio::null()).stderr(Stdio::piped());
+    Ok(command.spawn()?)
+}
+
+/// Writes the log to a file, which no limit of the daemon's reaches, and counts the panics on purpose.
+fn keep(log: impl BufRead, mut kept: impl Write, panics: &AtomicUsize) {
+    for line in log.lines().map_while(Result::ok) {
+        panics.fetch_add(usize::from(line == daemon::BEFORE), Ordering::Relaxed);
+        // A daemon whose log nobody takes would stand still, so it is taken even where it cannot be kept.
+        let _ = writeln!(kept, "{line}");
+    }
 }
 
 /// An address that nobody has now.

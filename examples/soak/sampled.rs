@@ -12,6 +12,10 @@ use tokio::net::TcpStream;
 /// Longest start of the daemon, and longest answer.
 const PATIENCE: Duration = Duration::from_secs(30);
 
+/// Counters of the store that stay 0 where nothing is lost.
+const LOSSES: [&str; 6] =
+    ["lost_samples", "dropped_samples", "refused_samples", "dropped_rows", "damaged_chunks", "lost_states"];
+
 /// One look.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sample {
@@ -39,6 +43,10 @@ pub struct Sample {
     pub panicked: f64,
     /// Alarms that are not normal.
     pub alarms: f64,
+    /// What waits on disk for the database (MB).
+    pub waits: f64,
+    /// Samples and rows that are in no store, or were not readable there.
+    pub lost: f64,
 }
 
 /// The daemon that is looked at.
@@ -61,11 +69,24 @@ impl Daemon {
         Err("the daemon does not answer".into())
     }
 
+    /// Waits until the store works and nothing waits; whether it came to that.
+    pub async fn settles(&self, patience: Duration) -> Result<bool, Failed> {
+        let began = Instant::now();
+        while began.elapsed() < patience {
+            if self.get("/healthz").await?.1.contains("\"store\":{\"state\":\"working\"") {
+                return Ok(true);
+            }
+            tokio::time::sleep(Duration::from_millis(200)).await;
+        }
+        Ok(false)
+    }
+
     pub async fn look(&self, began: Instant, number: usize, loops: usize) -> Result<Sample, Failed> {
         let (list, _) = self.get("/api/v1/loops?limit=100").await?;
         let (one, _) = self.get(&format!("/api/v1/loops/L{:04}", 37 * number % (loops - 1))).await?;
         let (metrics, text) = self.get("/metrics").await?;
         let device = |event: &str| sum(&text, "stictiond_device_events_total", &format!("event=\"{event}\""));
+        let kept = |event: &str| sum(&text, "stictiond_store_events_total", &format!("event=\"{event}\""));
         let ended = |outcome: &str| sum(&text, "stictiond_runs_total", &format!("outcome=\"{outcome}\""));
         Ok(Sample {
             t: began.elapsed().as_secs_f64(),
@@ -84,6 +105,8 @@ impl Daemon {
             skipped: sum(&text, "stictiond_runs_skipped_total", ""),
             panicked: ended("panicked"),
             alarms: sum(&text, "stictiond_alarm_state{", ""),
+            waits: sum(&text, "stictiond_store_spool_bytes", "") / 1e6,
+            lost: LOSSES.iter().map(|event| kept(event)).sum(),
         })
     }
 

@@ -9,12 +9,26 @@ const MOST_MB_AN_HOUR: f64 = 1.0;
 const MOST_MORE: f64 = 8.0;
 /// One poll in so many may be missed.
 const MISSED: f64 = 1e-3;
+/// Longest time between two samples of a tag in the database (s): a reload that changes a device connects to it anew.
+const LONGEST_S: f64 = 10.0;
 /// Points of a curve.
 const POINTS: usize = 400;
 
 /// What rings of so many samples hold by then, at one a second (MB): their memory is taken as they fill.
 fn filled(sample: &Sample, ring: f64) -> f64 {
     sample.rings * (sample.t / ring).min(1.0)
+}
+
+/// What came of what was written, and of the panics.
+pub struct Kept {
+    /// Panics on purpose, as the log has them.
+    pub panics: f64,
+    /// Whether the store works at the end and nothing waits.
+    pub settled: bool,
+    /// Longest time between two samples of a tag in the database (s).
+    pub gap: f64,
+    /// Looks that were not answered.
+    pub unanswered: f64,
 }
 
 /// The result.
@@ -40,7 +54,7 @@ impl Told {
     }
 
     /// Says it, with each bound; whether all of them hold.
-    pub fn print(&self, samples: &[Sample]) -> bool {
+    pub fn print(&self, samples: &[Sample], kept: &Kept) -> bool {
         let last = samples.last().copied().unwrap_or_default();
         let of = |part: fn(&Sample) -> f64| {
             let mut values: Vec<f64> = samples.iter().map(part).collect();
@@ -69,12 +83,18 @@ impl Told {
         );
         bound(&format!("handles more than after {part:.0} min"), self.handles, MOST_MORE);
         bound(&format!("threads more than after {part:.0} min"), self.threads, MOST_MORE);
+        bound("looks without an answer", kept.unanswered, 0.0);
         bound(
             "polls missed for each that was due",
             last.missed / (last.polls + last.missed).max(1.0),
             MISSED,
         );
-        bound("diagnoses that panicked", last.panicked, 0.0);
+        let panics = (last.panicked - kept.panics).abs();
+        bound("diagnoses that panicked, less those of the one loop", panics, 0.0);
+        bound("samples, rows and states lost", last.lost, 0.0);
+        bound("waits for the database at the end (MB)", last.waits, 0.0);
+        bound("stores that do not work at the end", f64::from(u8::from(!kept.settled)), 0.0);
+        bound("longest time between two samples in the database (s)", kept.gap, LONGEST_S);
         good
     }
 }
@@ -128,7 +148,14 @@ pub fn picture(samples: &[Sample], reloads: &[f64], first_part: f64, ring: f64) 
                     curve("alarms", "other", &|s| s.alarms),
                 ],
             ),
-            panel("disk (MB)", false, vec![curve("store", "pv", &|s| s.disk)]),
+            panel(
+                "disk (MB)",
+                false,
+                vec![
+                    curve("folder of the store", "pv", &|s| s.disk),
+                    curve("waits for the database", "op", &|s| s.waits),
+                ],
+            ),
             panel(
                 "answer after (ms)",
                 true,

@@ -15,7 +15,7 @@ use crate::results::{Change, Results};
 use crate::schedule::Clock;
 use crate::serve::{AskDurable, AskStore, StoreState};
 use crate::signal::LoopId;
-use crate::store::{self, Found, Reader, Store, StoreError, TagName, Writer};
+use crate::store::{self, Flusher, Found, Reader, Store, StoreError, TagName, Writer};
 use crate::work::Order;
 use feed::StoreFeed;
 use rows::{remembered, remembered_alarms, remembered_changes, remembered_model};
@@ -78,6 +78,11 @@ struct Tap {
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Who waits must not hold the writer: health and metrics ask it on the runtime's threads.
+fn flusher(writer: &Mutex<Option<Writer>>) -> Option<Flusher> {
+    lock(writer).as_ref().map(Writer::flusher)
 }
 
 impl Persistence {
@@ -161,7 +166,7 @@ impl Persistence {
         }
         let replaced = tokio::task::spawn_blocking(move || {
             // What the old rings hold belongs into the new ones too.
-            let durable = lock(&self.writer).as_ref().is_none_or(|writer| writer.flush(PATIENCE));
+            let durable = flusher(&self.writer).is_none_or(|flusher| flusher.flush(PATIENCE));
             if !durable {
                 tracing::warn!("the store fails: rings that are new begin empty");
             }
@@ -205,7 +210,7 @@ impl Persistence {
     pub(super) fn ask_durable(&self) -> Option<AskDurable> {
         self.config.as_ref()?;
         let writer = self.writer.clone();
-        Some(Arc::new(move || lock(&writer).as_ref().is_some_and(|writer| writer.flush(PATIENCE))))
+        Some(Arc::new(move || flusher(&writer).is_some_and(|flusher| flusher.flush(PATIENCE))))
     }
 
     /// As it is configured since the start; `None` where there is none.

@@ -39,7 +39,7 @@ pub use check::{Checked, Repaired, check, check_of, repair};
 pub use config::Config;
 pub use rows::{AlarmRow, Batch, DiagnosisRow, ModelRow, Row, Series, TagName, TransitionRow, pack, unpack};
 pub use walk::first_start;
-pub use writer::{Driven, Feed, Status, Writer};
+pub use writer::{Driven, Feed, Flusher, Status, Writer};
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -98,9 +98,15 @@ impl Default for Driven {
 
 /// The writer: a thread, or rounds by hand.
 pub struct Writer {
-    shared: Arc<Shared>,
+    flusher: Flusher,
     thread: Option<JoinHandle<()>>,
-    by_hand: Option<Mutex<Box<dyn Rounds>>>,
+}
+
+/// Who waits for what is new, while others ask the writer how the store is.
+#[derive(Clone)]
+pub struct Flusher {
+    shared: Arc<Shared>,
+    by_hand: Option<Arc<Mutex<Box<dyn Rounds>>>>,
 }
 
 /// What does one round.
@@ -152,16 +158,19 @@ impl Writer {
             Err(error) => round.failed(&error),
         }
         if driven.by_hand {
-            return Ok(Self { shared, thread: None, by_hand: Some(Mutex::new(Box::new(round))) });
+            let by_hand: Box<dyn Rounds> = Box::new(round);
+            let flusher = Flusher { shared, by_hand: Some(Arc::new(Mutex::new(by_hand))) };
+            return Ok(Self { flusher, thread: None });
         }
         let thread = std::thread::Builder::new().name("store".into()).spawn(move || round.run())?;
-        Ok(Self { shared, thread: Some(thread), by_hand: None })
+        Ok(Self { flusher: Flusher { shared, by_hand: None }, thread: Some(thread) })
     }
 
     /// How the store is.
     pub fn status(&self) -> Status {
-        let mut inner = self.shared.lock();
-        let ended = self.by_hand.is_none() && self.thread.as_ref().is_none_or(JoinHandle::is_finished);
+        let mut inner = self.flusher.shared.lock();
+        let ended =
+            self.flusher.by_hand.is_none() && self.thread.as_ref().is_none_or(JoinHandle::is_finished);
         if ended && inner.status.failing.is_none() {
             let since = inner.status.written_at.unwrap_or(f64::NAN);
             inner.status.failing =
@@ -170,6 +179,44 @@ impl Writer {
         inner.status.clone()
     }
 
+    /// As [`Flusher::flush`].
+    pub fn flush(&self, patience: Duration) -> bool {
+        self.flusher.flush(patience)
+    }
+
+    /// Who waits without the writer.
+    pub fn flusher(&self) -> Flusher {
+        self.flusher.clone()
+    }
+
+    /// Has recorded history put into its place. The answer comes when it is durable, or why it is not; who asks again only
+    /// then keeps what waits bounded.
+    pub fn insert(&self, batch: Batch) -> Receiver<Result<(), String>> {
+        let (told, answer) = channel();
+        self.flusher.shared.lock().inserts.push_back((batch, told));
+        self.flusher.shared.changed.notify_all();
+        self.flusher.round_by_hand();
+        answer
+    }
+
+    /// Writes what is left and ends; on a store that fails it is tried once.
+    pub fn stop(mut self) {
+        self.flusher.round_by_hand();
+        self.end();
+    }
+
+    fn end(&mut self) {
+        self.flusher.shared.lock().stop = true;
+        self.flusher.shared.changed.notify_all();
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread of the store failed");
+        }
+    }
+}
+
+impl Flusher {
     /// Waits until everything that was there when this was called is durable; false when that failed, or took longer
     /// than `patience`.
     pub fn flush(&self, patience: Duration) -> bool {
@@ -186,35 +233,9 @@ impl Writer {
         !timed_out.timed_out() && inner.good
     }
 
-    /// Has recorded history put into its place. The answer comes when it is durable, or why it is not; who asks again only
-    /// then keeps what waits bounded.
-    pub fn insert(&self, batch: Batch) -> Receiver<Result<(), String>> {
-        let (told, answer) = channel();
-        self.shared.lock().inserts.push_back((batch, told));
-        self.shared.changed.notify_all();
-        self.round_by_hand();
-        answer
-    }
-
-    /// Writes what is left and ends; on a store that fails it is tried once.
-    pub fn stop(mut self) {
-        self.round_by_hand();
-        self.end();
-    }
-
     fn round_by_hand(&self) {
         if let Some(rounds) = &self.by_hand {
             rounds.lock().unwrap_or_else(PoisonError::into_inner).round();
-        }
-    }
-
-    fn end(&mut self) {
-        self.shared.lock().stop = true;
-        self.shared.changed.notify_all();
-        if let Some(thread) = self.thread.take()
-            && thread.join().is_err()
-        {
-            tracing::error!("the thread of the store failed");
         }
     }
 }

@@ -13,7 +13,7 @@ mod opcua;
 mod records;
 mod tables;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 /// One way in.
@@ -50,15 +50,22 @@ pub const TARGETS: &[Target] = &[
     target("http", http::run, 64),
 ];
 
-/// A folder of this process, in memory where the system has such a place.
-fn scratch(name: &str) -> PathBuf {
+/// Where everything is that targets write: `FUZZ_SCRATCH`, or a folder of this process, in memory where the system has such a
+/// place. Whoever runs targets removes it.
+pub fn root() -> &'static Path {
     static ROOT: OnceLock<PathBuf> = OnceLock::new();
-    let root = ROOT.get_or_init(|| {
-        let memory = PathBuf::from("/dev/shm");
-        let root = if memory.is_dir() { memory } else { std::env::temp_dir() };
-        root.join(format!("stictiond-fuzz-{}", std::process::id()))
-    });
-    let folder = root.join(name);
+    ROOT.get_or_init(|| {
+        let own = || {
+            let memory = PathBuf::from("/dev/shm");
+            let root = if memory.is_dir() { memory } else { std::env::temp_dir() };
+            root.join(format!("stictiond-fuzz-{}", std::process::id()))
+        };
+        std::env::var_os("FUZZ_SCRATCH").map_or_else(own, PathBuf::from)
+    })
+}
+
+fn scratch(name: &str) -> PathBuf {
+    let folder = root().join(name);
     std::fs::create_dir_all(&folder).expect("a folder for what is fuzzed");
     folder
 }
