@@ -208,6 +208,7 @@ impl App {
         let context = context.with_writeback(writeback.clone()).with_notifications(notifications.clone());
         let context = context.with_store(persistence.ask()).with_backfill(backfill.clone());
         let context = context.with_plantwide(plantwide.clone());
+        let context = context.with_fleet(fleet.clone().map(|fleet| fleet as Arc<dyn serve::FleetPort>));
         let context = context.with_access(security.access.clone()).with_audit(security.audit.clone());
         let durable = persistence.ask_durable();
         let durable = match &fleet {

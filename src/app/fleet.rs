@@ -8,6 +8,7 @@ mod forward;
 mod inventory;
 mod orders;
 mod standing;
+mod watching;
 mod window;
 mod worker;
 
@@ -21,12 +22,13 @@ use crate::history::History;
 use crate::host;
 use crate::results::{Event, Results, Wanted};
 use crate::schedule::{Clock, Elsewhere};
+use crate::serve::Machine;
 use asking::Asking;
 use prost::Message;
 use standing::Standing;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 use tokio::sync::{broadcast, mpsc, watch};
 use tokio_util::sync::CancellationToken;
@@ -97,6 +99,9 @@ pub(super) struct Fleet {
     /// What people want done, on its way to the edges.
     wanted: tokio::sync::Mutex<mpsc::Receiver<Wanted>>,
     orders_waiting: Arc<AtomicUsize>,
+    link: OnceLock<Link>,
+    /// Machines that were heard of, by role, site and name.
+    machines: Mutex<BTreeMap<(String, String, String), Machine>>,
 }
 
 impl Fleet {
@@ -160,6 +165,8 @@ impl Fleet {
             standing,
             wanted: tokio::sync::Mutex::new(wanted),
             orders_waiting,
+            link: OnceLock::new(),
+            machines: Mutex::default(),
             config: own,
         })))
     }
@@ -189,6 +196,7 @@ impl Fleet {
         let link = Link::connect(&self.config, &self.name)
             .await
             .map_err(|error| AppError::Fleet(error.to_string()))?;
+        let _ = self.link.set(link.clone());
         let stop = app.stop.clone();
         tokio::join!(self.pulse(&link, &stop), async {
             match self.role {

@@ -25,6 +25,7 @@ pub use policy::{Need, RULES};
 pub use ports::Acted;
 pub use ports::{BackfillFile, BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
 pub use ports::{DeadLetter, NotificationPort, ReceiverState, WritebackPort};
+pub use ports::{FleetPort, FleetSeen, Machine};
 pub use ports::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
 pub use tls::{Config as TlsConfig, Tls, TlsError};
 
@@ -317,6 +318,7 @@ pub struct Context {
     durable: Option<AskDurable>,
     backfill: Option<Arc<dyn BackfillPort>>,
     plantwide: Option<Arc<dyn PlantwidePort>>,
+    fleet: Option<Arc<dyn FleetPort>>,
     access: Option<Arc<Access>>,
     audit: Option<Arc<Recorder>>,
     tls: Option<Arc<Tls>>,
@@ -353,6 +355,7 @@ impl Context {
             durable: None,
             backfill: None,
             plantwide: None,
+            fleet: None,
             access: None,
             audit: None,
             tls: None,
@@ -379,6 +382,11 @@ impl Context {
     /// Answers what was done to an alarm once `durable` says so.
     pub fn with_durable(self, durable: Option<AskDurable>) -> Self {
         Self { durable, ..self }
+    }
+
+    /// Asks `fleet` for the machines that this one works with.
+    pub fn with_fleet(self, fleet: Option<Arc<dyn FleetPort>>) -> Self {
+        Self { fleet, ..self }
     }
 
     /// Asks `backfill` for what was before.

@@ -65,6 +65,7 @@ pub const RULES: &[(&str, &str, Need)] = &[
     ("GET", "/events", VIEWER),
     ("GET", "/collectors", VIEWER),
     ("GET", "/system", VIEWER),
+    ("GET", "/fleet", VIEWER),
     ("GET", "/audit", ENGINEER),
     ("GET", "/backfill", VIEWER),
     ("POST", "/backfill", ENGINEER),

@@ -75,6 +75,7 @@ impl Fleet {
             stop.run_until_cancelled(self.take_events(link, app)),
             stop.run_until_cancelled(self.leading(link)),
             stop.run_until_cancelled(self.pass_on(link)),
+            stop.run_until_cancelled(self.watching(link)),
         );
     }
 

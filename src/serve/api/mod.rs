@@ -7,6 +7,7 @@ mod bundle;
 mod description;
 mod events;
 mod evidence;
+mod fleet;
 mod health;
 mod loops;
 mod notifications;
@@ -111,6 +112,7 @@ fn described() -> OpenApiRouter<Arc<Context>> {
         .routes(routes!(plantwide::dismiss))
         .routes(routes!(plantwide::reopen))
         .routes(routes!(system::system))
+        .routes(routes!(fleet::fleet))
         .routes(routes!(session::state, session::begin, session::end))
         .routes(routes!(backfill::state, backfill::begin, backfill::cancel))
         .merge(common());

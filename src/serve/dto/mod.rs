@@ -8,6 +8,7 @@ pub mod benchmark;
 pub mod bundle;
 pub mod events;
 pub mod evidence;
+pub mod fleet;
 pub mod health;
 mod kept;
 pub mod loops;

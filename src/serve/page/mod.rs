@@ -25,6 +25,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/js/dom.js", SCRIPT, include_str!("assets/js/dom.js")),
     ("/js/evidence.js", SCRIPT, include_str!("assets/js/evidence.js")),
     ("/js/format.js", SCRIPT, include_str!("assets/js/format.js")),
+    ("/js/fleet.js", SCRIPT, include_str!("assets/js/fleet.js")),
     ("/js/groups.js", SCRIPT, include_str!("assets/js/groups.js")),
     ("/js/health.js", SCRIPT, include_str!("assets/js/health.js")),
     ("/js/live.js", SCRIPT, include_str!("assets/js/live.js")),

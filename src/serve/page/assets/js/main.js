@@ -1,6 +1,6 @@
 // The shell: routes, theme, the bar on top. Data only ever becomes text.
 
-import { all } from "./api.js";
+import { all, get } from "./api.js";
 import { byId, memory, toast } from "./dom.js";
 import { ago, when } from "./format.js";
 import { begin, listen, loops, state } from "./live.js";
@@ -14,6 +14,7 @@ const VIEWS = {
   alarms: async () => (await import("./alarms.js")).alarmsView,
   work: async () => (await import("./work.js")).workView,
   groups: async () => (await import("./groups.js")).groupsView,
+  fleet: async () => (await import("./fleet.js")).fleetView,
   audit: async () => (await import("./audit.js")).auditView,
   login: async () => (await import("./login.js")).loginView,
   settings: async () => (await import("./settings.js")).settingsView,
@@ -130,7 +131,13 @@ function identity() {
   byId("who").title = session.roles.join(", ");
   byId("log-in").hidden = Boolean(session.name) || !session.log_in || !may("viewer");
   document.querySelector('nav [data-view="audit"]').hidden = !(session.audited && may("engineer"));
-  for (const link of document.querySelectorAll("nav [data-view]:not([data-view=audit]), #collectors, #link")) link.hidden = !may("viewer");
+  for (const link of document.querySelectorAll("nav [data-view]:not([data-view=audit], [data-view=fleet]), #collectors, #link")) link.hidden = !may("viewer");
+}
+
+// Who is alone has no fleet to show.
+async function inFleet() {
+  const fleet = may("viewer") && (await get("/fleet").catch(() => null));
+  document.querySelector('nav [data-view="fleet"]').hidden = !fleet || fleet.role === "alone";
 }
 
 byId("log-out").addEventListener("click", async () => {
@@ -148,6 +155,7 @@ try {
 }
 identity();
 route();
+inFleet();
 if (may("viewer")) {
   begin();
   collectors();

@@ -1,0 +1,47 @@
+//! What the API may know of the fleet that this machine is a part of.
+
+/// A machine of the fleet, as it says of itself.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Machine {
+    /// `edge`, `worker` or `centre`.
+    pub role: String,
+    /// The site of an edge; empty for others.
+    pub site: String,
+    /// What it is called.
+    pub name: String,
+    /// Version of its program.
+    pub version: String,
+    /// When it said so (s), by the clock of the NATS server.
+    pub heard_at: f64,
+    /// How far its clock is ahead of that server's (s).
+    pub clock_offset_s: f64,
+    /// Since when it runs (s).
+    pub since: f64,
+    /// Age of the oldest that waits to be forwarded, or to be taken (s).
+    pub lag_s: f64,
+    /// Diagnoses that it made, or a centre took.
+    pub diagnosed: u64,
+    /// Loops that it has.
+    pub loops: u64,
+}
+
+/// The fleet as this machine sees it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FleetSeen {
+    /// What this machine is.
+    pub role: &'static str,
+    /// What it is called.
+    pub name: String,
+    /// Whether it reaches NATS.
+    pub connected: bool,
+    /// Whether it is the one that tells people now.
+    pub tells: bool,
+    /// Every machine that was heard of, by role, site and name.
+    pub machines: Vec<Machine>,
+}
+
+/// Answers for the fleet.
+pub trait FleetPort: Send + Sync {
+    /// The fleet as it is seen now.
+    fn seen(&self) -> FleetSeen;
+}
