@@ -411,6 +411,7 @@ impl App {
         if self.fleet.as_ref().is_some_and(|fleet| fleet.follows()) {
             // Their edges diagnose them.
             plan.jobs.clear();
+            plan.follows = true;
         }
         self.scheduler.replace(plan);
         self.plant.send_replace(Arc::new(shown(&config, &history, &devices)));
@@ -450,6 +451,7 @@ fn schedule_plan(config: &Config, history: &Arc<History>) -> schedule::Plan {
         jobs: jobs(config),
         snapshot: snapshot(config, history),
         settings: Settings::from(&config.diagnosis),
+        follows: false,
     }
 }
 

@@ -9,16 +9,17 @@
 //! A panic ends one run, is counted, and harms nothing else.
 
 mod clock;
+mod config;
 mod stagger;
 
 pub use clock::Clock;
+pub use config::Config;
 pub use stagger::{Job, next_due, stagger};
 
 use crate::diagnosis::Settings;
 use crate::results::{Basis, Judged, KnownEffect, Outcome, Results, Run, Told, Trigger};
 use crate::signal::{LoopId, Record};
 use futures::future::BoxFuture;
-use serde::Deserialize;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -30,54 +31,10 @@ use tokio_util::sync::CancellationToken;
 
 /// Callers that may wait for one run.
 const MAX_WAITERS: usize = 16;
+/// Later than anything is waited for.
+const NEVER: Duration = Duration::from_secs(100 * 365 * 86_400);
 /// Runs that may wait for another machine at the same time.
 const MAX_ASKED: usize = 64;
-
-/// `[schedule]`: how often, how many at once, how long.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// Time between two diagnoses of a loop (s); a loop may have its own.
-    pub period_s: f64,
-    /// Diagnoses that run at the same time.
-    pub parallelism: usize,
-    /// Longest time a diagnosis may take (s), on the wall clock.
-    pub deadline_s: f64,
-    /// Runs that may wait for a free slot.
-    pub queue: usize,
-    /// Diagnoses remembered of each loop, as summaries.
-    pub keep_results: usize,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self { period_s: 3600.0, parallelism: 1, deadline_s: 30.0, queue: 256, keep_results: 200 }
-    }
-}
-
-impl Config {
-    /// Everything wrong with it, by field; empty when it can be used.
-    pub fn validate(&self) -> Vec<(&'static str, String)> {
-        let mut wrong = Vec::new();
-        let mut unless = |ok: bool, field, message: String| {
-            if !ok {
-                wrong.push((field, message));
-            }
-        };
-        let (period, deadline) = (self.period_s, self.deadline_s);
-        unless(
-            (1.0..=31.0 * 86_400.0).contains(&period),
-            "period_s",
-            format!("{period} must be 1 to 2678400"),
-        );
-        unless((0.1..=3600.0).contains(&deadline), "deadline_s", format!("{deadline} must be 0.1 to 3600"));
-        let (slots, queue, keep) = (self.parallelism, self.queue, self.keep_results);
-        unless((1..=256).contains(&slots), "parallelism", format!("{slots} must be 1 to 256"));
-        unless((1..=100_000).contains(&queue), "queue", format!("{queue} must be 1 to 100000"));
-        unless((1..=10_000).contains(&keep), "keep_results", format!("{keep} must be 1 to 10000"));
-        wrong
-    }
-}
 
 /// The function that judges a record, starting from the effects that the loop's model had.
 pub type Diagnose = Arc<dyn Fn(&Record, &Settings, &[KnownEffect]) -> Judged + Send + Sync>;
@@ -112,6 +69,8 @@ pub struct Plan {
     pub snapshot: Snapshot,
     /// Settings of the diagnosis.
     pub settings: Settings,
+    /// Loops that have no job are those of other machines.
+    pub follows: bool,
 }
 
 /// Counters since the start, and what is going on now.
@@ -143,6 +102,9 @@ pub enum Refused {
     /// The loop is not there.
     #[error("there is no such loop")]
     UnknownLoop,
+    /// The loop is another machine's.
+    #[error("this loop is diagnosed at its site: ask there")]
+    NotHere,
     /// The queue is full, or too many wait for this loop already.
     #[error("too many diagnoses are waiting; try again later")]
     Busy,
@@ -281,7 +243,8 @@ impl Scheduler {
     /// [`Refused`], when nothing was begun.
     pub fn ask(&self, id: &LoopId, trigger: Trigger) -> Result<oneshot::Receiver<Arc<Run>>, Refused> {
         let table = self.table.borrow().clone();
-        let seat = &table.seats[*table.by_id.get(id).ok_or(Refused::UnknownLoop)?];
+        let unknown = if table.plan.follows { Refused::NotHere } else { Refused::UnknownLoop };
+        let seat = &table.seats[*table.by_id.get(id).ok_or(unknown)?];
         let (done, receiver) = oneshot::channel();
         let mut inner = seat.lock();
         inner.1.retain(|waiter| !waiter.is_closed());
@@ -439,8 +402,10 @@ impl Scheduler {
             judged.map_err(|panic| said(panic.as_ref()))
         });
         let finish = |outcome, phase| self.finish(seat, (asked, began, self.clock.now()), outcome, phase);
-        let deadline = Duration::try_from_secs_f64(self.config.deadline_s).unwrap_or(Duration::MAX);
-        match tokio::time::timeout(deadline, &mut work).await {
+        // What others took to answer counts for nothing.
+        let from = if self.elsewhere.is_some() { tokio::time::Instant::now() } else { began };
+        let deadline = Duration::try_from_secs_f64(self.config.deadline_s).unwrap_or(NEVER);
+        match tokio::time::timeout_at(from + deadline, &mut work).await {
             Ok(Ok(Ok(judged))) => {
                 self.counts.diagnosed.fetch_add(1, Relaxed);
                 let (before, after) = (&asked.basis.known, judged.effects());

@@ -5,6 +5,7 @@ use crate::signal::Record;
 use std::sync::Mutex;
 
 mod compensated;
+mod told;
 
 pub(super) fn diagnosis(verdict: Verdict, f: f64, delta_aic: f64) -> Box<Judged> {
     let model = Model { na: 1, nb: 1, nc: 1, nk: 1, a: vec![0.0], b: vec![0.0], c: vec![0.0], rmse: 1.0 };

@@ -25,7 +25,7 @@ struct Rig {
 fn plan(jobs: Vec<Job>) -> Plan {
     let snapshot: Snapshot =
         Arc::new(|id| Some(Record { tags: vec![(id.to_string(), vec![])], ..Record::default() }));
-    Plan { jobs, snapshot, settings: Settings::default() }
+    Plan { jobs, snapshot, settings: Settings::default(), follows: false }
 }
 
 fn rig(config: Config, jobs: Vec<Job>, diagnose: impl Fn(&str) + Send + Sync + 'static) -> Rig {
@@ -168,6 +168,70 @@ async fn past_its_deadline_a_run_is_reported_and_its_late_result_dropped() {
     assert_eq!(slow[0].outcome, "deadline_exceeded");
     assert_eq!(rig.scheduler.counters().deadline_exceeded, 1);
     rig.stop().await;
+}
+
+/// What another machine says of a loop.
+fn told(time: f64) -> Told {
+    Told {
+        summary: crate::results::Summary {
+            time,
+            took_s: 0.5,
+            trigger: Trigger::Periodic,
+            outcome: "stiction".into(),
+            reason_code: None,
+            reason: "made for a test".into(),
+            f: Some(1.0),
+            f_ci95: Some([0.9, 1.1]),
+            f_in_percent: true,
+            delta_aic: Some(400.0),
+            compensated: None,
+        },
+        report: Some("{}".into()),
+        quality: "good".into(),
+        doubtful: false,
+        effects: Vec::new(),
+        unexplained: None,
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn others_are_asked_first_and_what_they_do_not_answer_is_diagnosed_here() {
+    let ids = ["theirs", "ours"].map(LoopId::new);
+    let results = Arc::new(Results::new(&ids, 10, &alarm::Config::default()));
+    let judge: Diagnose = Arc::new(|record, _, _| {
+        assert_eq!(record.tags[0].0, "ours");
+        nothing_to_say()
+    });
+    let elsewhere: Elsewhere = Arc::new(|asked| {
+        assert_eq!(asked.basis.samples(), 0);
+        let answer = (asked.id.as_str() == "theirs").then(|| told(asked.started + 0.25));
+        Box::pin(async move { answer })
+    });
+    let (clock, plan) = (Clock::plant(0.0, 1.0), plan(jobs(&["theirs", "ours"], 100.0)));
+    let scheduler = Scheduler::new(Config::default(), clock, judge, results.clone(), plan).asking(elsewhere);
+    let (scheduler, token) = (Arc::new(scheduler), CancellationToken::new());
+    let running = (scheduler.clone(), token.clone());
+    let task = tokio::spawn(async move { running.0.run(running.1).await });
+    for (id, outcome) in ids.iter().zip(["stiction", "not_identifiable"]) {
+        let run = scheduler.request(id).expect("idle").await.expect("runs");
+        assert_eq!(run.outcome.as_str(), outcome);
+        if outcome == "stiction" {
+            // By the clock of who asked, and the same wherever it is kept.
+            assert_eq!(run.finished, run.started + 0.25);
+        }
+    }
+    assert_eq!(scheduler.counters().diagnosed, 2);
+    token.cancel();
+    task.await.expect("the scheduler ends by itself");
+}
+
+#[test]
+fn a_loop_of_another_machine_is_not_diagnosed_here() {
+    let results = Arc::new(Results::new(&[LoopId::new("a")], 10, &alarm::Config::default()));
+    let judge: Diagnose = Arc::new(|_, _, _| nothing_to_say());
+    let plan = Plan { follows: true, ..plan(Vec::new()) };
+    let scheduler = Scheduler::new(Config::default(), Clock::plant(0.0, 1.0), judge, results, plan);
+    assert_eq!(scheduler.request(&LoopId::new("a")).err(), Some(Refused::NotHere));
 }
 
 #[tokio::test(start_paused = true)]

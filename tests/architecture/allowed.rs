@@ -214,7 +214,7 @@ pub const CONFIG_FILES: &[&str] = &[
     "src/notify/postman.rs",
     "src/notify/smtp/config.rs",
     "src/notify/webhook/config.rs",
-    "src/schedule.rs",
+    "src/schedule/config.rs",
     "src/serve/mod.rs",
     "src/serve/tls.rs",
     "src/store/config.rs",

@@ -171,6 +171,7 @@ fn not_yet(id: &LoopId, known: &Known) -> Problem {
     responses((status = 200, body = LoopDiagnosis, description = "done"),
         (status = 202, body = Begun, description = "begun; Location says where the result will be"),
         (status = 404, description = "problem: no such loop"),
+        (status = 409, description = "problem: the loop is diagnosed by another machine"),
         (status = 500, description = "problem: the run failed"),
         (status = 503, description = "problem: too much is waiting already")))]
 pub async fn diagnose_now(
@@ -181,6 +182,7 @@ pub async fn diagnose_now(
     let wait = Duration::from_secs_f64(within("wait_s", query.wait_s.unwrap_or(5.0), 0.0..=60.0)?);
     let run = context.scheduler.request(&id).map_err(|refused| match refused {
         Refused::UnknownLoop => Problem::unknown_loop(id.as_str()),
+        Refused::NotHere => Problem::new(StatusCode::CONFLICT, "not_here", refused.to_string()),
         Refused::Busy => Problem::busy("diagnoses_waiting", refused.to_string()),
         Refused::Overrunning => Problem::busy("diagnosis_overrunning", refused.to_string()),
         Refused::Stopping => Problem::busy("stopping", refused.to_string()),

@@ -14,6 +14,9 @@ function bulk(...columns) {
 
 const numbers = (column) => column.filter((v) => v !== null);
 
+// What is drawn is not kept with a report.
+const NOT_HERE = "There is nothing to draw: the data could not be used, or the diagnosis is from before the start or of another machine.";
+
 export async function drawEvidence(boxes, { detail, report, evidence, runs, alarms }) {
   const unit = (tag) => detail.values.find((v) => v.tag === tag)?.unit;
   const label = (name, tag) => (unit(tag) ? `${name} [${unit(tag)}]` : name);
@@ -22,7 +25,7 @@ export async function drawEvidence(boxes, { detail, report, evidence, runs, alar
     const text = band ? `The stick-band is ${short(2 * band.f_op, 3)} ${unit("op") || "OP units"} wide.` : "No stick-band: no friction was found.";
     pvOp(boxes.pvop, used, band, { x: { label: label("OP", "op"), range: bulk(used.op) }, y: { label: label("PV", "pv"), range: bulk(used.pv) }, height: 340, label: `PV over OP. ${text}` });
     stemOp(boxes.stem, used, band, { x: { label: label("OP", "op"), range: bulk(used.op) }, y: { label: `stem [${unit("op") || "OP units"}]`, range: bulk(used.stem ?? [], used.mv ?? []) }, height: 340, label: `Stem over OP. ${text}` });
-  } else for (const box of [boxes.pvop, boxes.stem]) nothing(box, "There is no window to show: the data could not be used, or the diagnosis is from before the start.");
+  } else for (const box of [boxes.pvop, boxes.stem]) nothing(box, NOT_HERE);
   curve(boxes.aic, report);
   months(boxes.months, detail, report, runs, alarms);
   await series(boxes, used, evidence?.residual, label);
@@ -109,9 +112,9 @@ async function series(boxes, used, residual, label) {
     }
     // A few swings show the steps; the rest is a zoom away.
     await timeline(boxes.position, columns, looks, { label: label("OP, stem", "op"), height: 210, from: t[Math.max(0, t.length - 300)] });
-  } else nothing(boxes.position, "The stem cannot be estimated: f is not known.");
+  } else nothing(boxes.position, used ? "The stem cannot be estimated: f is not known." : NOT_HERE);
   if (!residual) {
-    for (const name of ["series", "spectrum", "acf", "ccf"]) nothing(boxes[name], "Nothing was traced.");
+    for (const name of ["series", "spectrum", "acf", "ccf"]) nothing(boxes[name], used ? "Nothing was traced." : NOT_HERE);
     return;
   }
   const t = times(residual.start, residual.ts_s, residual.before.length);

@@ -57,7 +57,7 @@ export function opinionsPanel(id, box) {
     try {
       const { pictures } = await get(`${loopPath(id)}/opinions/${opinion.method}`);
       const figures = pictures.map(figure);
-      target.replaceChildren(...(figures.length ? figures.map((one) => one.element) : [h("p", { class: "note" }, "There is nothing to draw: the method does not apply here, or the diagnosis is from before the start.")]));
+      target.replaceChildren(...(figures.length ? figures.map((one) => one.element) : [h("p", { class: "note" }, "There is nothing to draw: the method does not apply here, or the diagnosis is from before the start or of another machine.")]));
       const draw = () => figures.forEach((one) => one.draw());
       draw();
       if (open.has(opinion.method)) open.set(opinion.method, draw);

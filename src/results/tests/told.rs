@@ -1,0 +1,104 @@
+use super::*;
+use crate::results::{Said, Told, Wanted};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+/// What another machine says of the run that `of` is.
+fn elsewhere(of: &Run) -> Run {
+    let told = Told {
+        summary: of.summary(),
+        report: Some("{}".into()),
+        quality: "good".into(),
+        doubtful: false,
+        effects: vec![(crate::residual::Kind::Drift, None)],
+        unexplained: None,
+    };
+    Run { outcome: Outcome::Elsewhere(Box::new(told)), ..of.clone() }
+}
+
+#[test]
+fn a_diagnosis_of_another_machine_is_to_alarms_and_people_what_our_own_is() {
+    let (own, other) = (results(9), results(9));
+    for time in [1.0, 2.0, 3.0] {
+        own.record(sticky(time));
+        other.record(elsewhere(&sticky(time)));
+    }
+    let state = |results: &Results| results.alarm(&stiction(), 4.0).map(|alarm| (alarm.state, alarm.detail));
+    assert_eq!(state(&other), state(&own));
+    assert_eq!(state(&other).map(|(state, _)| state), Some(State::Unacknowledged));
+    let known = other.get(&id(), 4.0).expect("A is there");
+    assert!(known.diagnosed.is_none());
+    assert_eq!(known.restored.map(|restored| restored.finished), Some(3.0));
+    assert_eq!(known.summary, own.get(&id(), 4.0).expect("A is there").summary);
+    assert_eq!(other.effects(&id()), [(crate::residual::Kind::Drift, None)]);
+    assert_eq!(other.before(&id()).map(|before| before.f), Some(2.0));
+}
+
+#[test]
+fn what_another_machine_has_recorded_is_taken_once_and_moves_no_alarm() {
+    let results = results(9);
+    for time in [1.0, 2.0, 3.0] {
+        assert!(results.learn(elsewhere(&sticky(time)), None));
+    }
+    assert!(!results.learn(elsewhere(&sticky(2.0)), None), "it is known");
+    assert_eq!(results.summaries(&id()).map(|all| all.len()), Some(3));
+    assert_eq!(results.alarm(&stiction(), 4.0).map(|alarm| alarm.state), Some(State::Normal));
+}
+
+/// The board of a machine that follows another, and what is wanted of it.
+fn follower(passes_on: bool) -> (Results, Arc<Mutex<Vec<Wanted>>>, Arc<AtomicBool>) {
+    let (results, wanted) = (results(9), Arc::new(Mutex::new(Vec::new())));
+    let (told, may) = (wanted.clone(), Arc::new(AtomicBool::new(passes_on)));
+    let passes = may.clone();
+    results.follow_others(Arc::new(move |own| {
+        let passes = passes.load(Relaxed);
+        if passes {
+            told.lock().expect("no panic").push(own);
+        }
+        passes
+    }));
+    (results, wanted, may)
+}
+
+#[test]
+fn alarms_of_another_machine_change_by_what_it_says_and_by_nothing_else() {
+    let (edge, (centre, wanted, may)) = (results(9), follower(true));
+    let kept = Arc::new(Mutex::new(Vec::new()));
+    let seen = kept.clone();
+    edge.keep_with(Arc::new(move |change: Change| seen.lock().expect("no panic").extend(change.alarms)));
+    (1..4).for_each(|time| drop(edge.record(sticky(f64::from(time)))));
+    let log = edge.alarm_log();
+    let raised = log.iter().find(|change| change.id == stiction()).expect("raised");
+    let last =
+        kept.lock().expect("no panic").iter().rev().find(|own: &&KeptAlarm| own.id == stiction()).cloned();
+    let last = last.expect("kept");
+    let standing =
+        RestoredAlarm { id: last.id, saved: last.saved, by: None, comment: None, detail: last.detail };
+    // Whatever comes of its own diagnoses, tags and time.
+    centre.record(sticky(1.0));
+    centre.record(sticky(2.0));
+    centre.tick(9.0);
+    assert_eq!(centre.alarm(&stiction(), 9.0).map(|alarm| alarm.state), Some(State::Normal));
+
+    let news = centre.follow_alarm(standing.clone(), Some((**raised).clone()));
+    assert_eq!(news.map(|change| change.transition), Some(raised.transition));
+    assert_eq!(centre.follow_alarm(standing, Some((**raised).clone())), None, "told twice");
+    let state = || centre.alarm(&stiction(), 9.0).map(|alarm| alarm.state);
+    assert_eq!(state(), Some(State::Unacknowledged));
+    assert_eq!(centre.alarm_log().len(), 1);
+
+    // What people want is passed on, and done by the other machine alone.
+    let eve = Said { by: Some("eve".into()), comment: None };
+    let done = centre.act(&stiction(), Action::Acknowledge, eve.clone(), 10.0);
+    assert!(matches!(done, Some(Ok(_))));
+    assert_eq!(state(), Some(State::Unacknowledged));
+    let orders = wanted.lock().expect("no panic").clone();
+    assert_eq!(orders.len(), 1);
+    assert_eq!((orders[0].action, &orders[0].said, orders[0].at), (Action::Acknowledge, &eve, 10.0));
+    assert_eq!(orders[0].raised_at, edge.alarm(&stiction(), 9.0).and_then(|alarm| alarm.raised_at));
+    // What cannot be is refused, and so is what cannot be passed on.
+    assert!(matches!(centre.act(&stiction(), Action::Unshelve, eve.clone(), 11.0), Some(Err(_))));
+    may.store(false, Relaxed);
+    let refused = centre.act(&stiction(), Action::Acknowledge, eve, 12.0);
+    assert_eq!(refused, Some(Err(crate::alarm::Refusal::NotLeading)));
+    assert_eq!(wanted.lock().expect("no panic").len(), 1);
+}
