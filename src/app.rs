@@ -370,16 +370,22 @@ impl App {
     /// # Errors
     /// [`AppError::Plan`], [`AppError::Access`], [`AppError::Tls`]; then everything stays as it was.
     pub fn reload(&self, config: Config) -> BoxFuture<'_, Result<(), AppError>> {
-        Box::pin(self.take(config))
+        Box::pin(self.take(Some(config)))
     }
 
-    async fn take(&self, config: Config) -> Result<(), AppError> {
+    /// Takes another configuration, or the one in force anew where the fleet's loops have changed.
+    async fn take(&self, config: Option<Config>) -> Result<(), AppError> {
+        let mut state = self.state.lock().await;
+        let config = config.unwrap_or_else(|| state.config.clone());
         let config = match &self.fleet {
             Some(fleet) => fleet.composed(config),
             None => config,
         };
+        let _paused = match &self.fleet {
+            Some(fleet) => Some(fleet.pause().await),
+            None => None,
+        };
         let wired = config.plant().map_err(AppError::Plan)?;
-        let mut state = self.state.lock().await;
         self.security.reload()?;
         // Granted was what the old configuration says: every term goes to zero first.
         self.writeback.end().await;

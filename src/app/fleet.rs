@@ -30,7 +30,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
-use tokio::sync::{broadcast, mpsc, watch};
+use tokio::sync::{RwLock, RwLockWriteGuard, broadcast, mpsc, watch};
 use tokio_util::sync::CancellationToken;
 
 /// Changes that wait for those who tell people.
@@ -96,10 +96,16 @@ pub(super) struct Fleet {
     /// What edges say of themselves, by site and name.
     edges: Mutex<BTreeMap<(String, String), Hello>>,
     standing: Arc<Standing>,
+    /// Since when the loops of the edges are in force, on a steady clock.
+    known: watch::Sender<Option<Duration>>,
     /// What people want done, on its way to the edges.
-    wanted: tokio::sync::Mutex<mpsc::Receiver<Wanted>>,
+    wanted: tokio::sync::Mutex<mpsc::Receiver<(Wanted, u64)>>,
     orders_waiting: Arc<AtomicUsize>,
     link: OnceLock<Link>,
+    /// The newest lease that was seen.
+    epoch: AtomicU64,
+    /// Held for reading while what came is taken and stored, and for writing while rings are replaced.
+    taking: RwLock<()>,
     /// Machines that were heard of, by role, site and name.
     machines: Mutex<BTreeMap<(String, String, String), Machine>>,
 }
@@ -140,7 +146,8 @@ impl Fleet {
             let (leads, waiting) = (standing.clone(), orders_waiting.clone());
             results.follow_others(Arc::new(move |own| {
                 waiting.fetch_add(1, Relaxed);
-                let taken = leads.epoch().is_some() && want.try_send(own).is_ok();
+                let epoch = leads.epoch(clock.elapsed());
+                let taken = epoch.is_some_and(|epoch| want.try_send((own, epoch)).is_ok());
                 if !taken {
                     waiting.fetch_sub(1, Relaxed);
                 }
@@ -163,9 +170,12 @@ impl Fleet {
             diagnosed: AtomicU64::new(0),
             edges: Mutex::default(),
             standing,
+            known: watch::Sender::new(None),
             wanted: tokio::sync::Mutex::new(wanted),
             orders_waiting,
             link: OnceLock::new(),
+            epoch: AtomicU64::new(0),
+            taking: RwLock::default(),
             machines: Mutex::default(),
             config: own,
         })))
@@ -184,6 +194,19 @@ impl Fleet {
     /// Whether loops and alarms are those of other machines.
     pub(super) fn follows(&self) -> bool {
         self.role == Role::Centre
+    }
+
+    /// Nothing is taken while the guard lives: rings, results and store are replaced.
+    pub(super) async fn pause(&self) -> RwLockWriteGuard<'_, ()> {
+        self.taking.write().await
+    }
+
+    /// Has everything that was noted made durable.
+    async fn is_durable(&self, app: &App) -> bool {
+        let persistence = app.persistence.clone();
+        let durable =
+            tokio::task::spawn_blocking(move || persistence.ask_durable().is_some_and(|durable| durable()));
+        durable.await.unwrap_or(false)
     }
 
     /// Another configuration is in force.
@@ -224,7 +247,7 @@ impl Fleet {
                 certificate_ends: None,
                 loops: loops as u64,
             };
-            let message = Outgoing { subject: subject.clone(), body: pulse.encode_to_vec() };
+            let message = Outgoing::latest(subject.clone(), pulse.encode_to_vec());
             if let Err((_, error)) = link.send(&[message]).await {
                 tracing::debug!(%error, "the fleet does not hear that this machine is there");
             }

@@ -6,7 +6,8 @@ use crate::store::{AlarmRow, DiagnosisRow, ModelRow, TransitionRow, codec};
 
 /// Samples of a tag.
 pub fn block(tag: &str, source: &str, samples: &[Sample]) -> TagSamples {
-    TagSamples { tag: tag.to_string(), source: source.to_string(), block: codec::encode(samples) }
+    let (tag, source, block) = (tag.to_string(), source.to_string(), codec::encode(samples));
+    TagSamples { tag, source, block, set_back: false }
 }
 
 /// A run, with what a store does not keep of it: effects and the unexplained share.

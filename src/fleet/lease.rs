@@ -95,6 +95,11 @@ impl Lease {
         self.holds_until = sent + self.lasts / 2;
     }
 
+    /// Until when our last message holds, on the clock that was given.
+    pub fn holds_until(&self) -> Duration {
+        self.holds_until
+    }
+
     /// Our epoch while we hold the lease at `now`.
     pub fn epoch(&self, now: Duration) -> Option<u64> {
         let (seen, _) = self.seen.as_ref()?;

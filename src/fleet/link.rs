@@ -59,6 +59,20 @@ pub struct Outgoing {
     pub subject: String,
     /// What.
     pub body: Vec<u8>,
+    /// The same bytes are the same message; else they are news each time.
+    pub once: bool,
+}
+
+impl Outgoing {
+    /// A message that is kept once however often it is sent.
+    pub fn once(subject: String, body: Vec<u8>) -> Self {
+        Self { subject, body, once: true }
+    }
+
+    /// How something is now, in place of what was said before.
+    pub fn latest(subject: String, body: Vec<u8>) -> Self {
+        Self { subject, body, once: false }
+    }
 }
 
 /// A message that a stream kept.
@@ -207,11 +221,10 @@ impl Link {
         Ok(())
     }
 
-    /// Sends messages in order, each under a digest of its bytes, so that one that was sent before is not kept twice. How
-    /// many from the first on are kept.
+    /// Sends messages in order.
     ///
     /// # Errors
-    /// Why the first that is not kept is not.
+    /// How many from the first on are kept, and why the next is not.
     pub async fn send(&self, messages: &[Outgoing]) -> Result<(), (usize, LinkError)> {
         for (part, some) in messages.chunks(UNDER_WAY).enumerate() {
             let mut answers = Vec::with_capacity(some.len());
@@ -223,9 +236,11 @@ impl Link {
                 if message.body.len() + 512 > self.max_bytes() {
                     return Err(fail(LinkError::TooLarge(message.body.len())));
                 }
-                let outgoing = PublishMessage::build()
-                    .payload(message.body.clone().into())
-                    .message_id(hex(&digest(&message.subject, &message.body)));
+                let outgoing = PublishMessage::build().payload(message.body.clone().into());
+                let outgoing = match message.once {
+                    true => outgoing.message_id(hex(&digest(&message.subject, &message.body))),
+                    false => outgoing,
+                };
                 let sent = self.js.send_publish(message.subject.clone(), outgoing).await;
                 answers.push(sent.map_err(|error| fail(away(error)))?);
             }

@@ -6,9 +6,26 @@ use prost::Message;
 /// Samples of one loop that came since the last such message.
 #[derive(Clone, PartialEq, Message)]
 pub struct Samples {
-    /// Its tags.
+    /// Its tags that have new ones.
     #[prost(message, repeated, tag = "1")]
     pub tags: Vec<TagSamples>,
+    /// Where each tag of the loop is after this message, those without new samples too.
+    #[prost(message, repeated, tag = "2")]
+    pub places: Vec<Place>,
+}
+
+/// How far a tag has been forwarded.
+#[derive(Clone, PartialEq, Message)]
+pub struct Place {
+    /// The tag.
+    #[prost(string, tag = "1")]
+    pub tag: String,
+    /// Where it is read.
+    #[prost(string, tag = "2")]
+    pub source: String,
+    /// Stamp of the last sample that was forwarded (s).
+    #[prost(double, tag = "3")]
+    pub last: f64,
 }
 
 /// Samples of one tag.
@@ -23,6 +40,9 @@ pub struct TagSamples {
     /// The samples as [`codec::encode`](crate::store::codec::encode) writes them.
     #[prost(bytes = "vec", tag = "3")]
     pub block: Vec<u8>,
+    /// The edge's clock was set back before the first of them: they are earlier than what came before, and no repetition.
+    #[prost(bool, tag = "4")]
+    pub set_back: bool,
 }
 
 /// A window to be diagnosed, with everything that a diagnosis depends on.

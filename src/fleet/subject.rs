@@ -117,7 +117,7 @@ pub fn split(name: &str) -> Option<(&str, &str)> {
 }
 
 /// A name as one token: what is no letter, digit, `-` or `_` by its bytes, as in an address.
-fn escaped(name: &str) -> String {
+pub fn escaped(name: &str) -> String {
     let mut out = String::with_capacity(name.len());
     for byte in name.bytes() {
         match byte {

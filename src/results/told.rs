@@ -60,10 +60,13 @@ impl Results {
             entry.summaries.pop_front();
         }
         entry.summaries.push_back(summary.clone());
-        if let Outcome::Elsewhere(told) = &run.outcome {
+        let is_latest = entry.summaries.iter().all(|known| known.time <= summary.time);
+        if let Outcome::Elsewhere(told) = &run.outcome
+            && is_latest
+        {
             entry.take(told);
         }
-        let new = model.filter(|new| *new != entry.model);
+        let new = model.filter(|new| new.version > entry.model.version);
         if let Some(new) = &new {
             entry.model = new.clone();
         }

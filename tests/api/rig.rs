@@ -110,6 +110,7 @@ pub async fn start(loops: &[(&str, &str)], config: serve::Config, diagnose: Diag
         jobs: ids.iter().map(|id| Job { id: id.clone(), period_s: 1e6 }).collect(),
         snapshot: Arc::new(move |id| records.snapshot(id)),
         settings: Settings::default(),
+        follows: false,
     };
     let scheduler =
         Arc::new(Scheduler::new(schedule::Config::default(), clock, diagnose, results.clone(), plan));

@@ -22,7 +22,7 @@ use stictiond::store::Reader;
 /// Time between two diagnoses of a loop (s).
 const PERIOD_S: u64 = 10;
 /// Far longer than anything takes even on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(240);
+const PATIENCE: Duration = Duration::from_secs(60);
 
 fn stictiond() -> Command {
     Command::new(env!("CARGO_BIN_EXE_stictiond"))
@@ -173,9 +173,8 @@ fn compare(edge: &Path, centre: &Path) {
     assert_eq!(own.len(), known.len());
     for (tag, some) in &known {
         let all = &own[tag];
-        let begin = all.iter().position(|sample| sample == &some[0]).expect("the same samples");
-        assert_eq!(all[begin..begin + some.len()], some[..], "{tag:?}: none is missing, none is twice");
-        assert!(some.len() > 200 && all.len() - some.len() < 400, "{tag:?}: {} of {}", some.len(), all.len());
+        assert!(some.len() > 200 && some.len() <= all.len(), "{tag:?}: {} of {}", some.len(), all.len());
+        assert_eq!(all[..some.len()], some[..], "{tag:?}: none is missing, none is twice");
     }
 }
 
@@ -236,6 +235,11 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
         second.until("what was done at the edge", PATIENCE, |second| !is(second, &id, "shelved"));
         let latest = time(&edge);
         second.until("the diagnoses of meanwhile", PATIENCE, |second| time(second) >= latest);
+        let value = |daemon: &Daemon, id: &str| {
+            daemon.json(&format!("/api/v1/loops/{id}"))["values"][0]["time"].to_string()
+        };
+        let newest = value(&edge, &name);
+        second.until("the samples of meanwhile", PATIENCE, |second| value(second, &id) >= newest);
         edge.stop();
         second.stop();
         compare(&fleet.store("edge"), &fleet.store("c2"));

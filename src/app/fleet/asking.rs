@@ -71,7 +71,7 @@ impl Asking {
         let (tell, told) = oneshot::channel();
         lock(&self.pending).insert(key, tell);
         let answer = async {
-            match link.send(&[Outgoing { subject, body }]).await {
+            match link.send(&[Outgoing::once(subject, body)]).await {
                 Err((_, LinkError::TooLarge(bytes))) => {
                     tracing::info!(control_loop = %asked.id, bytes, "a window is too large to be sent: diagnosed here");
                     return None;

@@ -22,8 +22,8 @@ use futures::FutureExt;
 use futures::future::BoxFuture;
 use prost::Message;
 use std::collections::HashMap;
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Messages that are taken in one go, and made durable together.
@@ -36,6 +36,8 @@ const AGAIN: Duration = Duration::from_secs(60);
 const UNKNOWN: Duration = Duration::from_secs(2);
 /// A message of a loop that is still not known after this time (s) is dropped: its edge has it no more.
 const GIVEN_UP_S: f64 = 600.0;
+/// What happened longer ago (s) is history, which nobody is told of.
+const NEWS_S: f64 = 86_400.0;
 /// How long what edges say of themselves is gathered before loops are added.
 const GATHER: Duration = Duration::from_millis(500);
 
@@ -44,17 +46,24 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// See [`PATIENCE`].
 const LOOK: Duration = Duration::from_millis(10);
 
-/// Up to which message what a loop said has been taken, by the stream's numbers.
+/// The latest message that was taken of each loop, or of each alarm, by the stream's numbers.
 #[derive(Default)]
-struct Taken(HashMap<LoopId, u64>);
+struct Taken(HashMap<String, u64>);
 
 impl Taken {
-    /// Whether this was taken already; if not, it is now.
-    fn before(&mut self, id: &LoopId, sequence: u64) -> bool {
-        let last = self.0.entry(id.clone()).or_default();
-        let known = sequence <= *last;
-        *last = sequence.max(*last);
-        known
+    /// Whether a later one was taken already, or this; if not, it is now.
+    fn is_past(&mut self, of: &str, sequence: u64) -> bool {
+        match self.0.get_mut(of) {
+            Some(last) if sequence <= *last => true,
+            Some(last) => {
+                *last = sequence;
+                false
+            }
+            None => {
+                self.0.insert(of.to_string(), sequence);
+                false
+            }
+        }
     }
 }
 
@@ -71,8 +80,10 @@ impl Fleet {
         }
         tokio::join!(
             stop.run_until_cancelled(self.inventory(link, app)),
-            stop.run_until_cancelled(self.take_samples(link, app)),
-            stop.run_until_cancelled(self.take_events(link, app)),
+            stop.run_until_cancelled(async {
+                self.loops_are_known().await;
+                tokio::join!(self.take_samples(link, app), self.take_events(link, app));
+            }),
             stop.run_until_cancelled(self.leading(link)),
             stop.run_until_cancelled(self.pass_on(link)),
             stop.run_until_cancelled(self.watching(link)),
@@ -84,7 +95,7 @@ impl Fleet {
         if self.role != Role::Centre {
             return base;
         }
-        let edges = self.edges.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
         let (config, left) = composed(&base, &edges);
         for left in left {
             tracing::warn!("{left}");
@@ -92,8 +103,17 @@ impl Fleet {
         config
     }
 
+    /// Waits until what edges have said of themselves before is in force.
+    async fn loops_are_known(&self) {
+        let mut known = self.known.subscribe();
+        // An error here would mean that we are gone ourselves.
+        let _ = known.wait_for(Option::is_some).await;
+    }
+
     /// Follows what edges say of themselves.
     async fn inventory(&self, link: &Link, app: &App) {
+        // What is not in force yet, because it could not be taken.
+        let mut new = false;
         loop {
             let reading = match link.follow(LATEST, &all(None, What::Hello)).await {
                 Ok(reading) => reading,
@@ -107,19 +127,28 @@ impl Fleet {
                     Ok(heard) => heard,
                     Err(error) => break self.rest(&error, "what edges are is not heard").await,
                 };
-                let mut new = false;
                 for message in heard {
                     let hello = Hello::decode(message.body()).ok();
                     let Some((own, hello)) = Subject::read(message.subject()).zip(hello) else { continue };
-                    let mut edges = self.edges.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-                    new |= edges.insert((own.site, own.name), hello.clone()).as_ref() != Some(&hello);
+                    let mut edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
+                    let key = (own.site, own.name);
+                    // One that has no loops any more is forgotten.
+                    new |= match hello.loops.is_empty() {
+                        true => edges.remove(&key).is_some(),
+                        false => edges.insert(key, hello.clone()).as_ref() != Some(&hello),
+                    };
                 }
                 if new {
-                    let base = app.state.lock().await.config.clone();
-                    if let Err(error) = app.reload(base).await {
-                        tracing::error!(%error, "the loops of the edges cannot be taken");
+                    match app.take(None).await {
+                        Ok(()) => new = false,
+                        Err(error) => tracing::error!(%error, "the loops of the edges cannot be taken"),
                     }
                 }
+                let now = self.clock.elapsed();
+                self.known.send_if_modified(|known| {
+                    let first = known.is_none() && !new;
+                    first.then(|| *known = Some(now)).is_some()
+                });
             }
         }
     }
@@ -140,6 +169,7 @@ impl Fleet {
                     Ok(messages) => messages,
                     Err(error) => break self.rest(&error, "no samples are taken").await,
                 };
+                let _taking = self.taking.read().await;
                 let history = self.scene.borrow().history.clone();
                 let (mut done, mut pushed) = (Vec::new(), 0);
                 for message in messages {
@@ -166,10 +196,8 @@ impl Fleet {
     fn take_block(&self, message: &Incoming, history: &History, taken: &mut Taken) -> Option<usize> {
         let own = Subject::read(message.subject())?;
         let id = LoopId::new(of_site(&own.site, &own.name));
-        history.loops().iter().any(|known| known.id == id).then_some(())?;
-        if taken.before(&id, message.sequence()) {
-            return Some(0);
-        }
+        history.tag_index(&id, &kind("op"))?;
+        let again = taken.is_past(id.as_str(), message.sequence());
         let Ok(samples) = Samples::decode(message.body()) else {
             tracing::warn!(control_loop = %id, "samples cannot be read");
             return Some(0);
@@ -178,17 +206,17 @@ impl Fleet {
         for tag in samples.tags {
             let ring = history.tag_index(&id, &kind(&tag.tag)).and_then(|index| history.ring(index));
             let Some((ring, samples)) = ring.zip(codec::decode(&tag.block)) else { continue };
-            // Of a message that was delivered before, perhaps to an earlier life, what is known is left out.
-            let known = ring.latest().filter(|_| message.is_again()).map_or(f64::NEG_INFINITY, |last| last.t);
-            let new = samples.iter().filter(|sample: &&Sample| sample.t > known);
+            // What is known is left out; only a clock that was set back makes what is earlier new, once.
+            let new = tag.set_back && !again && !message.is_again();
+            let known = ring.latest().filter(|_| !new).map_or(f64::NEG_INFINITY, |last| last.t);
             most = most.max(samples.len());
-            new.for_each(|sample| ring.push(*sample));
+            samples.iter().filter(|sample: &&Sample| sample.t > known).for_each(|sample| ring.push(*sample));
         }
         Some(most)
     }
 
     async fn take_events(&self, link: &Link, app: &App) {
-        let name = reader(&self.name);
+        let (name, mut taken) = (reader(&self.name), Taken::default());
         loop {
             let reading = match link.read(EVENTS, &name, "", (AGAIN, -1)).await {
                 Ok(reading) => reading,
@@ -202,9 +230,10 @@ impl Fleet {
                     Ok(messages) => messages,
                     Err(error) => break self.rest(&error, "no diagnoses and alarms are taken").await,
                 };
+                let _taking = self.taking.read().await;
                 let mut done = Vec::new();
                 for message in messages {
-                    match self.take_event(&message) {
+                    match self.take_event(&message, &mut taken) {
                         Some(()) => done.push(message),
                         None => self.later(&message).await,
                     }
@@ -215,7 +244,7 @@ impl Fleet {
     }
 
     /// Takes a diagnosis or a change of an alarm; `None` where its loop is not known.
-    fn take_event(&self, message: &Incoming) -> Option<()> {
+    fn take_event(&self, message: &Incoming, taken: &mut Taken) -> Option<()> {
         let own = Subject::read(message.subject())?;
         let id = LoopId::new(of_site(&own.site, &own.name));
         match own.what {
@@ -243,8 +272,13 @@ impl Fleet {
                 let row = crate::store::AlarmRow { control_loop: id.to_string(), ..row };
                 for kept in remembered_alarms(vec![row]) {
                     self.results.alarm(&kept.id, self.clock.now())?;
+                    if taken.is_past(&kept.id.to_string(), message.sequence()) {
+                        // How it stands since then is known.
+                        continue;
+                    }
                     if let Some(change) = self.results.follow_alarm(kept, change.clone())
                         && !change.told
+                        && change.transition.at > self.clock.now() - NEWS_S
                     {
                         self.tell_or_wait(message.sequence(), change);
                     }
@@ -258,30 +292,29 @@ impl Fleet {
     /// Leaves a message of a loop that is not known for later, or for good.
     async fn later(&self, message: &Incoming) {
         let age = message.taken_at().map_or(0.0, |taken| self.clock.now() - taken);
-        if age < GIVEN_UP_S {
+        let known =
+            self.known.borrow().map_or(Duration::ZERO, |since| self.clock.elapsed().saturating_sub(since));
+        // Both: what waited while no centre ran is not old to us.
+        if age.min(known.as_secs_f64()) < GIVEN_UP_S {
             return message.again(UNKNOWN).await;
         }
         tracing::warn!(subject = message.subject(), "a message of a loop that no edge has is dropped");
         let _ = message.done().await;
     }
 
-    /// Makes durable what was taken, and acknowledges it. What cannot be is delivered again.
+    /// Makes durable what was taken, however long that takes, and acknowledges it.
     async fn settle(&self, app: &App, done: &mut Vec<Incoming>) {
         if done.is_empty() {
             return;
         }
-        let persistence = app.persistence.clone();
-        let durable =
-            tokio::task::spawn_blocking(move || persistence.ask_durable().is_some_and(|durable| durable()));
-        if durable.await.unwrap_or(false) {
-            let acknowledged: Vec<BoxFuture<'_, _>> = done.iter().map(|own| own.done().boxed()).collect();
-            let done: Vec<Result<(), LinkError>> = futures::future::join_all(acknowledged).await;
-            if let Some(error) = done.into_iter().find_map(Result::err) {
-                tracing::debug!(%error, "what is stored comes again");
-            }
-        } else {
+        while !self.is_durable(app).await {
             tracing::warn!("the store fails: what edges forward stays in the streams");
             tokio::time::sleep(PAUSE).await;
+        }
+        let acknowledged: Vec<BoxFuture<'_, _>> = done.iter().map(|own| own.done().boxed()).collect();
+        let results: Vec<Result<(), LinkError>> = futures::future::join_all(acknowledged).await;
+        if let Some(error) = results.into_iter().find_map(Result::err) {
+            tracing::debug!(%error, "what is stored comes again");
         }
         done.clear();
     }
@@ -289,14 +322,18 @@ impl Fleet {
     /// Passes on what people want done about alarms.
     async fn pass_on(&self, link: &Link) {
         let mut wanted = self.wanted.lock().await;
-        while let Some(own) = wanted.recv().await {
+        while let Some((own, epoch)) = wanted.recv().await {
             let subject = own.id.subject.to_string();
             if let Some((site, name)) = subject::split(&subject) {
                 let to = Subject::new(site, name, What::Action).to_string();
-                let body = action(own, name, self.standing.epoch().unwrap_or(0)).encode_to_vec();
-                let message = [Outgoing { subject: to, body }];
-                while let Err((_, error)) = link.send(&message).await {
-                    self.rest(&error, "an order waits").await;
+                let message = [Outgoing::once(to, action(own, name, epoch).encode_to_vec())];
+                let sending = async {
+                    while let Err((_, error)) = link.send(&message).await {
+                        self.rest(&error, "an order waits").await;
+                    }
+                };
+                if tokio::time::timeout(PATIENCE, sending).await.is_err() {
+                    tracing::error!(subject, "an order is given up: the streams do not take it");
                 }
             }
             self.orders_waiting.fetch_sub(1, Relaxed);

@@ -4,13 +4,13 @@
 use super::forward::{Forward, Told};
 use super::inventory::hello;
 use super::orders::read_action;
-use super::{Fleet, PAUSE};
+use super::{Fleet, PAUSE, Scene};
 use crate::app::App;
 use crate::app::persistence::rows::remembered_change;
 use crate::fleet::link::{Link, LinkError, Outgoing};
 use crate::fleet::message::Action;
 use crate::fleet::streams::ACTIONS;
-use crate::fleet::subject::{Subject, What, all};
+use crate::fleet::subject::{Subject, What, all, escaped};
 use crate::results::Event;
 use crate::signal::LoopId;
 use crate::store::{self, Reader};
@@ -20,19 +20,11 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 /// Changes of alarms that are read from the store in one go.
-const ROWS: usize = 100;
+const ROWS: usize = 1000;
 /// An order that is not done within this time is given again.
 const ORDER_WAITS: Duration = Duration::from_secs(30);
 /// Orders that are taken at once.
 const ORDERS: usize = 64;
-
-/// Whether a centre is there, as this edge sees it.
-struct Centre {
-    /// The lease as it was seen last, and when that was new.
-    seen: Option<(u64, Duration)>,
-    /// The newest epoch that was seen.
-    epoch: u64,
-}
 
 impl Fleet {
     pub(super) async fn edge(self: &Arc<Self>, link: &Link, app: &App) {
@@ -48,48 +40,49 @@ impl Fleet {
         tokio::join!(
             stop.run_until_cancelled(hearing),
             stop.run_until_cancelled(self.forwarding(link)),
-            stop.run_until_cancelled(self.obeying(link)),
+            stop.run_until_cancelled(self.obeying(link, app)),
         );
     }
 
     async fn forwarding(&self, link: &Link) {
-        let scene = self.scene.borrow().clone();
-        let Some(store) = scene.config.store.clone() else { return };
+        let Some(store) = self.scene.borrow().config.store.clone() else { return };
         let mut forward = Forward::new(&self.site, &self.name);
-        let mut centre = Centre { seen: None, epoch: 0 };
-        let (mut greeted, mut told, mut forwarded) = (None, 0, 0);
+        // The lease as it was seen last, and when that was new.
+        let mut seen: Option<(u64, Duration)> = None;
+        // The scene that the centre knows; the last change that was told here; the last that a centre has heard of.
+        let (mut greeted, mut told, mut heard) = (None, 0, 0);
         let mut done = self.clock.elapsed();
         loop {
             let scene = self.scene.borrow().clone();
             self.asking.keep(writing(&scene.config));
-            let was_greeted = greeted.as_ref().is_some_and(|greeted| Arc::ptr_eq(greeted, &scene));
-            let round = async {
-                if !was_greeted {
-                    let names = crate::app::devices_of(&scene.config).iter().map(LoopId::to_string).collect();
-                    let subject = Subject::new(&self.site, &self.name, What::Hello).to_string();
-                    let body = hello(&scene, names).encode_to_vec();
-                    link.send(&[Outgoing { subject, body }]).await.map_err(|(_, error)| error)?;
-                }
-                let lease = link.lease().await?;
-                let more = forward.samples(link, &scene.history, &store).await?;
-                Ok::<_, LinkError>((
-                    lease,
-                    forward.events(link, &store, Told { last: told, since: self.since }).await? || more,
-                ))
-            };
             let now = self.clock.elapsed();
-            let round = round.await;
-            forwarded = forward.forwarded().unwrap_or(forwarded);
-            let pause = match round {
-                Ok((lease, more)) => {
+            match link.lease().await {
+                Ok(Some(lease)) => {
+                    self.epoch.fetch_max(lease.epoch(), Relaxed);
+                    if seen.is_none_or(|(sequence, _)| sequence != lease.sequence) {
+                        seen = Some((lease.sequence, now));
+                    }
+                }
+                Ok(None) => {}
+                Err(error) => tracing::debug!(%error, "the lease cannot be looked at"),
+            }
+            let alone = self.is_alone(now.saturating_sub(seen.map_or(Duration::ZERO, |(_, since)| since)));
+            if alone {
+                // Before it is forwarded, so that what is told here is marked as told.
+                told = self.tell(&store, heard.max(told)).await;
+            }
+            let round = async {
+                if !greeted.as_ref().is_some_and(|greeted| Arc::ptr_eq(greeted, &scene)) {
+                    self.greet(link, &scene).await?;
+                }
+                let more = forward.samples(link, &scene.history, &store).await?;
+                let told = Told { after: heard, last: told, since: self.since };
+                Ok::<_, LinkError>(forward.events(link, &store, told).await? || more)
+            };
+            let pause = match round.await {
+                Ok(more) => {
                     greeted = Some(scene);
                     done = if more { done } else { self.clock.elapsed() };
-                    if let Some(lease) = lease
-                        && centre.seen.is_none_or(|(sequence, _)| sequence != lease.sequence)
-                    {
-                        centre.seen = Some((lease.sequence, now));
-                        centre.epoch = centre.epoch.max(lease.epoch());
-                    }
                     if more { Duration::ZERO } else { Duration::from_secs_f64(self.config.forward_s) }
                 }
                 Err(error) => {
@@ -98,21 +91,42 @@ impl Fleet {
                     PAUSE
                 }
             };
+            if !alone {
+                heard = forward.forwarded().unwrap_or(heard);
+            }
             self.lag(self.clock.elapsed().saturating_sub(done).as_secs_f64());
-            let silent = now.saturating_sub(centre.seen.map_or(Duration::ZERO, |(_, since)| since));
-            let alone = silent.as_secs_f64() > self.config.cut_off_after_s;
-            if alone != self.speaks.swap(alone, Relaxed) {
-                let who = if alone {
-                    "this edge tells people: it reaches no centre"
-                } else {
-                    "the centre tells people"
-                };
-                tracing::warn!(silent_s = silent.as_secs_f64(), "{who}");
-            }
-            if alone {
-                told = self.tell(&store, forwarded.max(told)).await;
-            }
             tokio::time::sleep(pause).await;
+        }
+    }
+
+    /// Whether this edge tells people by itself, after no centre was seen for so long.
+    fn is_alone(&self, silent: Duration) -> bool {
+        let alone = silent.as_secs_f64() > self.config.cut_off_after_s;
+        if alone != self.speaks.swap(alone, Relaxed) {
+            let who = if alone {
+                "this edge tells people: it reaches no centre"
+            } else {
+                "the centre tells people"
+            };
+            tracing::warn!(silent_s = silent.as_secs_f64(), "{who}");
+        }
+        alone
+    }
+
+    /// Says what this edge is.
+    async fn greet(&self, link: &Link, scene: &Scene) -> Result<(), LinkError> {
+        let names = crate::app::devices_of(&scene.config).iter().map(LoopId::to_string).collect();
+        let subject = Subject::new(&self.site, &self.name, What::Hello).to_string();
+        let message = Outgoing::latest(subject, hello(scene, names).encode_to_vec());
+        match link.send(&[message]).await {
+            Err((_, LinkError::TooLarge(bytes))) => {
+                tracing::error!(
+                    bytes,
+                    "the centre does not know this edge's loops: max_payload of the NATS servers is too small"
+                );
+                Ok(())
+            }
+            sent => sent.map_err(|(_, error)| error),
         }
     }
 
@@ -143,13 +157,13 @@ impl Fleet {
         last
     }
 
-    /// Does what people at the centre want done about alarms.
-    async fn obeying(&self, link: &Link) {
-        let reader =
-            format!("edge-{}-{}", self.site, self.name.replace(|c: char| !c.is_ascii_alphanumeric(), "-"));
-        let mut newest = 0;
+    /// Does what people at the centre want done about alarms. An order is done with once what came of it is in the store.
+    async fn obeying(&self, link: &Link, app: &App) {
+        let reader = format!("edge_{}_{}", self.site, escaped(&self.name));
+        let filter = all(Some(&self.site), What::Action);
+        // Of one that comes again although it was done nothing is done.
+        let mut last = 0;
         loop {
-            let filter = all(Some(&self.site), What::Action);
             let reading = match link.read(ACTIONS, &reader, &filter, (ORDER_WAITS, -1)).await {
                 Ok(reading) => reading,
                 Err(error) => {
@@ -159,20 +173,25 @@ impl Fleet {
                 }
             };
             while let Ok(orders) = reading.next(ORDERS, Duration::from_secs(2)).await {
-                for order in orders {
+                let new: Vec<_> = orders.iter().filter(|order| order.sequence() > last).collect();
+                for order in &new {
+                    last = order.sequence().max(last);
                     match Action::decode(order.body()) {
-                        Ok(action) if action.epoch < newest => {
+                        Ok(action) if action.epoch < self.epoch.fetch_max(action.epoch, Relaxed) => {
                             tracing::warn!(
                                 by = action.by,
                                 "an order of a centre that was replaced is refused"
                             );
                         }
-                        Ok(action) => {
-                            newest = action.epoch;
-                            self.obey(&action);
-                        }
+                        Ok(action) => self.obey(&action),
                         Err(error) => tracing::warn!(%error, "an order cannot be read"),
                     }
+                }
+                if !new.is_empty() && !self.is_durable(app).await {
+                    tracing::warn!("the store fails: orders of the centre come again after a restart");
+                    continue;
+                }
+                for order in orders {
                     if let Err(error) = order.done().await {
                         tracing::debug!(%error, "an order comes again");
                     }
@@ -182,11 +201,12 @@ impl Fleet {
     }
 
     fn obey(&self, order: &Action) {
-        let Some((id, action, said)) = read_action(order) else {
+        let late_s = (self.clock.now() - order.at).max(0.0);
+        let Some((id, action, said)) = read_action(order, late_s) else {
             tracing::warn!(
                 action = order.action,
                 kind = order.kind,
-                "an order is of a kind that this version does not know"
+                "an order is over, or of a kind that this version does not know"
             );
             return;
         };

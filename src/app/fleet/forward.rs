@@ -4,17 +4,21 @@
 
 use crate::fleet::convert::{self, block};
 use crate::fleet::link::{Link, LinkError, Outgoing};
-use crate::fleet::message::{Alarm, Cursor, Diagnosis, Effect, Samples};
+use crate::fleet::message::{self, Alarm, Cursor, Diagnosis, Effect, Samples, TagSamples};
 use crate::fleet::streams::{LATEST, SAMPLES};
 use crate::fleet::subject::{Subject, What};
-use crate::history::{History, Ring};
+use crate::history::{History, LoopTags, Ring};
 use crate::signal::{LoopId, Sample};
-use crate::store::{self, Reader, StoreError, codec};
+use crate::store::{self, Reader, StoreError};
 use futures::{StreamExt, stream};
 use prost::Message;
 use std::collections::HashMap;
 use std::sync::Arc;
 
+/// A stamp that falls by less (s) is only late.
+const SET_BACK_S: f64 = 1.0;
+/// Of a message beside its report (bytes).
+const HEAD_BYTES: usize = 64 * 1024;
 /// Samples of one tag in one message.
 const MOST_SAMPLES: usize = 2000;
 /// Loops that the server is asked about at the same time.
@@ -59,7 +63,8 @@ pub(super) struct Forward {
 
 /// What is to be sent of one loop, and where its tags are after it.
 struct Part {
-    message: Outgoing,
+    id: LoopId,
+    tags: Vec<TagSamples>,
     after: Vec<After>,
     /// There is more of it.
     more: bool,
@@ -68,6 +73,8 @@ struct Part {
 /// Changes of alarms of which this edge has told people by itself.
 #[derive(Clone, Copy)]
 pub(super) struct Told {
+    /// Those up to this number a centre has heard of before.
+    pub after: u64,
     /// Number of the last.
     pub last: u64,
     /// None that happened before this was (s).
@@ -101,12 +108,12 @@ impl Forward {
         self.place(link, history).await?;
         let (mut parts, mut missing) = (Vec::new(), Vec::new());
         for own in history.loops() {
-            parts.extend(self.part(&own.id, history, &mut missing));
+            parts.extend(self.part(own, &mut missing));
         }
         if !missing.is_empty() {
             // The store first: a centre's rings go forward only.
-            let (site, config) = (self.site.clone(), config.clone());
-            let read = tokio::task::spawn_blocking(move || from_store(&site, &config, missing)).await;
+            let config = config.clone();
+            let read = tokio::task::spawn_blocking(move || from_store(&config, missing)).await;
             match read {
                 Ok(Ok((found, nothing))) => {
                     parts = found;
@@ -119,7 +126,12 @@ impl Forward {
                 Err(error) => return Err(LinkError::Away(error.to_string())),
             }
         }
-        let messages: Vec<Outgoing> = parts.iter().map(|part| part.message.clone()).collect();
+        let mut places: HashMap<&LoopId, Vec<(&TagKey, f64)>> = HashMap::new();
+        for (key, place) in &self.places {
+            places.entry(&key.0).or_default().push((key, place.last));
+        }
+        let messages: Vec<Outgoing> =
+            parts.iter_mut().map(|part| message(&self.site, part, &places)).collect();
         let sent = link.send(&messages).await;
         let kept = sent.as_ref().err().map_or(parts.len(), |(kept, _)| *kept);
         let more = parts.iter().any(|part| part.more) || self.places.values().any(|place| place.behind);
@@ -157,11 +169,9 @@ impl Forward {
         let last: Vec<_> = stream::iter(loops).map(ask).buffer_unordered(AT_ONCE).collect().await;
         let last: HashMap<LoopId, Samples> = last.into_iter().collect::<Result<_, LinkError>>()?;
         for (key, ring) in new {
-            let of_tag = last.get(&key.0).into_iter().flat_map(|message| &message.tags);
-            let of_tag = of_tag.filter(|tag| tag.tag == key.1 && tag.source == key.2);
-            let stamp =
-                of_tag.filter_map(|tag| codec::decode(&tag.block)?.last().map(|sample| sample.t)).next_back();
-            let last = stamp.unwrap_or(f64::NAN);
+            let places = last.get(&key.0).into_iter().flat_map(|message| &message.places);
+            let place = places.into_iter().find(|place| place.tag == key.1 && place.source == key.2);
+            let last = place.map_or(f64::NAN, |place| place.last);
             let (next, behind) = first_after(&ring, last);
             known.insert(key, Place { ring, next, last, behind });
         }
@@ -170,8 +180,8 @@ impl Forward {
     }
 
     /// What is new of a loop; what the rings no longer hold of it, instead, in `missing`.
-    fn part(&self, id: &LoopId, history: &History, missing: &mut Vec<Missing>) -> Option<Part> {
-        let own = history.loops().iter().find(|own| own.id == *id)?;
+    fn part(&self, own: &LoopTags, missing: &mut Vec<Missing>) -> Option<Part> {
+        let id = &own.id;
         let (mut tags, mut after, mut more) = (Vec::new(), Vec::new(), false);
         for tag in &own.tags {
             let key = (id.clone(), tag.kind.name().to_string(), tag.source.clone());
@@ -184,14 +194,26 @@ impl Forward {
                 missing.push(Missing { key, last: place.last, until: sample.t, next: first });
                 continue;
             }
-            let Some(last) = samples.last() else { continue };
-            more |= samples.len() == MOST_SAMPLES;
-            after.push((key, first + samples.len() as u64, last.t, false));
-            tags.push(block(tag.kind.name(), &tag.source, &samples));
+            // What is stamped before what came before it begins a message of its own, which says so.
+            let mut before = place.last;
+            let falls = |sample: &Sample| sample.t < std::mem::replace(&mut before, sample.t) - SET_BACK_S;
+            let fall = samples.iter().position(falls);
+            let (set_back, end) = match fall {
+                Some(0) => {
+                    let mut before = samples[0].t;
+                    let falls = |s: &Sample| s.t < std::mem::replace(&mut before, s.t) - SET_BACK_S;
+                    (true, samples.iter().position(falls).unwrap_or(samples.len()))
+                }
+                Some(at) => (false, at),
+                None => (false, samples.len()),
+            };
+            let some = &samples[..end];
+            let Some(last) = some.last() else { continue };
+            more |= samples.len() == MOST_SAMPLES || end < samples.len();
+            after.push((key, first + some.len() as u64, last.t, false));
+            tags.push(TagSamples { set_back, ..block(tag.kind.name(), &tag.source, some) });
         }
-        let body = Samples { tags }.encode_to_vec();
-        let subject = Subject::new(&self.site, id.as_str(), What::Samples).to_string();
-        (!after.is_empty()).then_some(Part { message: Outgoing { subject, body }, after, more })
+        (!after.is_empty()).then(|| Part { id: id.clone(), tags, after, more })
     }
 
     /// Forwards diagnoses and changes of alarms that are new; whether there is more.
@@ -213,7 +235,8 @@ impl Forward {
             }
         };
         let (site, own) = (self.site.clone(), config.clone());
-        let read = tokio::task::spawn_blocking(move || news(&site, &own, cursor, told)).await;
+        let most = link.max_bytes().saturating_sub(HEAD_BYTES);
+        let read = tokio::task::spawn_blocking(move || news(&site, &own, cursor, (told, most))).await;
         let (messages, after, more) = match read {
             Ok(Ok(read)) => read,
             Ok(Err(error)) => {
@@ -225,7 +248,7 @@ impl Forward {
         link.send(&messages).await.map_err(|(_, error)| error)?;
         if self.cursor != Some(after) {
             let body = after.encode_to_vec();
-            link.send(&[Outgoing { subject, body }]).await.map_err(|(_, error)| error)?;
+            link.send(&[Outgoing::latest(subject, body)]).await.map_err(|(_, error)| error)?;
         }
         self.cursor = Some(after);
         Ok(more)
@@ -235,6 +258,19 @@ impl Forward {
     pub(super) fn forwarded(&self) -> Option<u64> {
         self.cursor.map(|cursor| cursor.change)
     }
+}
+
+/// The message of a part, with where every tag of its loop is after it.
+fn message(site: &str, part: &mut Part, places: &HashMap<&LoopId, Vec<(&TagKey, f64)>>) -> Outgoing {
+    let own = places.get(&part.id).into_iter().flatten();
+    let places = own.map(|(key, before)| {
+        let after = part.after.iter().find(|(other, ..)| other == *key);
+        let last = after.map_or(*before, |(_, _, last, _)| *last);
+        message::Place { tag: key.1.clone(), source: key.2.clone(), last }
+    });
+    let places = places.filter(|place| place.last.is_finite()).collect();
+    let body = Samples { tags: std::mem::take(&mut part.tags), places }.encode_to_vec();
+    Outgoing::once(Subject::new(site, part.id.as_str(), What::Samples).to_string(), body)
 }
 
 /// The last message of samples of a loop.
@@ -254,11 +290,7 @@ fn first_after(ring: &Ring, stamp: f64) -> (u64, bool) {
 }
 
 /// The next slice of what rings no longer hold, and the tags of which there is nothing in it.
-fn from_store(
-    site: &str,
-    config: &store::Config,
-    missing: Vec<Missing>,
-) -> Result<(Vec<Part>, Vec<After>), StoreError> {
+fn from_store(config: &store::Config, missing: Vec<Missing>) -> Result<(Vec<Part>, Vec<After>), StoreError> {
     let mut reader = Reader::of(config)?;
     let (mut parts, mut nothing) = (Vec::new(), Vec::new());
     for Missing { key, last, until, next } in missing {
@@ -271,14 +303,17 @@ fn from_store(
             nothing.push((key, next, if behind { end } else { last }, behind));
             continue;
         }
-        let subject = Subject::new(site, id.as_str(), What::Samples).to_string();
-        let some: Vec<&[Sample]> = samples.chunks(MOST_SAMPLES).collect();
-        for (at, chunk) in some.iter().enumerate() {
-            let stamp = chunk.last().map_or(last, |sample| sample.t);
-            let behind = behind || at + 1 < some.len();
-            let body = Samples { tags: vec![block(tag, source, chunk)] }.encode_to_vec();
-            let message = Outgoing { subject: subject.clone(), body };
-            parts.push(Part { message, after: vec![(key.clone(), next, stamp, behind)], more: true });
+        // One message of a tag at a time: of two under way the second may arrive and the first not.
+        let some = &samples[..samples.len().min(MOST_SAMPLES)];
+        let stamp = some.last().map_or(last, |sample| sample.t);
+        let after = (key.clone(), next, stamp, behind || some.len() < samples.len());
+        let tag = block(tag, source, some);
+        match parts.iter_mut().find(|part: &&mut Part| part.id == *id) {
+            Some(part) => {
+                part.tags.push(tag);
+                part.after.push(after);
+            }
+            None => parts.push(Part { id: id.clone(), tags: vec![tag], after: vec![after], more: true }),
         }
     }
     Ok((parts, nothing))
@@ -289,12 +324,20 @@ fn news(
     site: &str,
     config: &store::Config,
     before: Cursor,
-    told: Told,
+    (told, most): (Told, usize),
 ) -> Result<(Vec<Outgoing>, Cursor, bool), StoreError> {
     let reader = Reader::of(config)?;
-    let (mut messages, mut cursor) = (Vec::new(), before);
     let number = |number: i64| u64::try_from(number).unwrap_or(0);
     let after = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
+    // A store that was made anew numbers from 1 again: what it has is sent from the first on. What is known is known by its time.
+    let mut cursor = before;
+    if cursor.diagnosis > 0 && reader.diagnoses(after(cursor.diagnosis) - 1, 1)?.is_empty() {
+        cursor.diagnosis = 0;
+    }
+    if cursor.change > 0 && reader.transitions(after(cursor.change) - 1, 1)?.is_empty() {
+        cursor.change = 0;
+    }
+    let (before, mut messages) = (cursor, Vec::new());
     let runs = reader.diagnoses(after(before.diagnosis), ROWS)?;
     let changes = reader.transitions(after(before.change), ROWS)?;
     let more = runs.len() == ROWS || changes.len() == ROWS;
@@ -307,20 +350,28 @@ fn news(
             kind: kind.to_string(),
             tag: Some(tag.to_string()).filter(|tag| !tag.is_empty()),
         });
-        let run = convert::run(row, effects.collect(), None);
+        let mut run = convert::run(row, effects.collect(), None);
+        if run.encoded_len() > most {
+            tracing::warn!(
+                control_loop,
+                bytes = run.encoded_len(),
+                "a report is too large to be forwarded: it stays at the edge"
+            );
+            (run.report, run.basis) = (None, None);
+        }
         let message =
             Diagnosis { number: cursor.diagnosis, run: Some(run), model: model.map(convert::model) };
         let subject = Subject::new(site, &control_loop, What::Diagnosis).to_string();
-        messages.push(Outgoing { subject, body: message.encode_to_vec() });
+        messages.push(Outgoing::once(subject, message.encode_to_vec()));
     }
     for (at, row) in changes {
         cursor.change = number(at);
         let subject = Subject::new(site, &row.control_loop, What::Alarm).to_string();
         let state = reader.alarm(&row.control_loop, &row.kind)?.map(convert::alarm);
-        let known = cursor.change <= told.last && row.at >= told.since;
+        let known = (told.after + 1..=told.last).contains(&cursor.change) && row.at >= told.since;
         let change = Some(convert::change(row));
         let message = Alarm { number: cursor.change, state, change, told: known };
-        messages.push(Outgoing { subject, body: message.encode_to_vec() });
+        messages.push(Outgoing::once(subject, message.encode_to_vec()));
     }
     Ok((messages, cursor, more))
 }

@@ -29,9 +29,10 @@ pub(super) fn action(wanted: Wanted, subject: &str, epoch: u64) -> message::Acti
     }
 }
 
-/// What an order says; `None` for one that this version does not know.
-pub(super) fn read_action(order: &message::Action) -> Option<(AlarmId, Action, Said)> {
-    let duration = order.duration_s.filter(|s| s.is_finite() && *s > 0.0);
+/// What an order says that comes so much later than it was given (s); `None` for one that this version does not know, and for
+/// a shelving that is over.
+pub(super) fn read_action(order: &message::Action, late_s: f64) -> Option<(AlarmId, Action, Said)> {
+    let duration = order.duration_s.map(|s| s - late_s).filter(|s| s.is_finite() && *s > 0.0);
     let action = match order.action.as_str() {
         "acknowledge" => Action::Acknowledge,
         "reset" => Action::Reset,
@@ -67,11 +68,22 @@ mod tests {
                 Wanted { id: id.clone(), action: own, said: said.clone(), raised_at: Some(3.0), at: 4.0 };
             let order = action(wanted, "FIC101", 7);
             assert_eq!((order.epoch, order.raised_at), (7, Some(3.0)));
-            assert_eq!(read_action(&order), Some((id.clone(), own, said)));
+            assert_eq!(read_action(&order, 0.0), Some((id.clone(), own, said)));
         }
+        let wanted = Wanted {
+            id: id.clone(),
+            action: Action::Shelve(Shelving::For(60.0)),
+            said: Said::default(),
+            raised_at: None,
+            at: 4.0,
+        };
+        let order = action(wanted, "FIC101", 7);
+        let late = |s| read_action(&order, s).map(|(_, action, _)| action);
+        assert_eq!(late(20.0), Some(Action::Shelve(Shelving::For(40.0))));
+        assert_eq!(late(61.0), None);
         let order = message::Action { kind: "stiction".into(), action: "open".into(), ..Default::default() };
-        assert_eq!(read_action(&order), None);
+        assert_eq!(read_action(&order, 0.0), None);
         let order = message::Action { action: "shelve".into(), duration_s: Some(f64::NAN), ..order };
-        assert_eq!(read_action(&order), None);
+        assert_eq!(read_action(&order, 0.0), None);
     }
 }

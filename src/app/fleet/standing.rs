@@ -3,7 +3,8 @@
 use super::{Fleet, PAUSE};
 use crate::fleet::lease::{Lease, Seen, Step};
 use crate::fleet::link::{Link, LinkError};
-use crate::fleet::streams::{EVENTS, SAMPLES};
+use crate::fleet::streams::EVENTS;
+use crate::fleet::subject::escaped;
 use crate::results::{AlarmChange, Event};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -17,20 +18,22 @@ const PURGE: Duration = Duration::from_secs(60);
 
 /// This centre among several.
 pub(super) struct Standing {
-    /// Our epoch while we lead; 0 while we do not.
+    /// Our epoch while we lead, and until when we do without another look (ms of a steady clock); 0 while we do not.
     epoch: AtomicU64,
+    until_ms: AtomicU64,
     /// Changes of which nobody may have told people, by their number in the stream.
     untold: Mutex<VecDeque<(u64, Arc<AlarmChange>)>>,
 }
 
 impl Standing {
     pub(super) fn new() -> Self {
-        Self { epoch: AtomicU64::new(0), untold: Mutex::default() }
+        Self { epoch: AtomicU64::new(0), until_ms: AtomicU64::new(0), untold: Mutex::default() }
     }
 
-    /// Our epoch while we lead.
-    pub(super) fn epoch(&self) -> Option<u64> {
-        Some(self.epoch.load(Relaxed)).filter(|epoch| *epoch > 0)
+    /// Our epoch while we lead at `now`.
+    pub(super) fn epoch(&self, now: Duration) -> Option<u64> {
+        let leads = now.as_millis() < u128::from(self.until_ms.load(Relaxed));
+        Some(self.epoch.load(Relaxed)).filter(|epoch| *epoch > 0 && leads)
     }
 
     fn lock(&self) -> MutexGuard<'_, VecDeque<(u64, Arc<AlarmChange>)>> {
@@ -43,22 +46,30 @@ impl Fleet {
     pub(super) async fn leading(&self, link: &Link) {
         let lasts = Duration::from_secs_f64(self.config.cut_off_after_s * 0.8);
         let mut lease = Lease::new(&self.name, lasts);
-        let mut purged = self.clock.elapsed();
-        loop {
-            if let Err(error) = self.look(link, &mut lease).await {
-                tracing::debug!(%error, "the lease cannot be looked at");
-            }
-            let now = self.clock.elapsed();
-            self.lead(lease.epoch(now));
-            if self.standing.epoch().is_some() && now >= purged + PURGE {
-                purged = now;
-                for stream in [EVENTS, SAMPLES] {
-                    if let Err(error) = link.purge_done(stream).await {
-                        tracing::debug!(%error, stream, "what is done is not deleted yet");
-                    }
+        let looking = async {
+            loop {
+                // A server that does not answer is no reason to believe that we still lead.
+                match tokio::time::timeout(lasts / 4, self.look(link, &mut lease)).await {
+                    Ok(Ok(())) => {}
+                    Ok(Err(error)) => tracing::debug!(%error, "the lease cannot be looked at"),
+                    Err(late) => tracing::debug!(error = %late, "the lease cannot be looked at"),
                 }
+                self.lead(&lease);
+                tokio::time::sleep(lasts / 8).await;
             }
-            tokio::time::sleep(lasts / 8).await;
+        };
+        tokio::join!(looking, self.purging(link));
+    }
+
+    /// Deletes what every centre has of diagnoses and alarms; samples go when there is no room for them.
+    async fn purging(&self, link: &Link) {
+        loop {
+            tokio::time::sleep(PURGE).await;
+            if self.standing.epoch(self.clock.elapsed()).is_some()
+                && let Err(error) = link.purge_done(EVENTS).await
+            {
+                tracing::debug!(%error, "what is done is not deleted yet");
+            }
         }
     }
 
@@ -68,7 +79,8 @@ impl Fleet {
         match lease.look(last.clone(), now) {
             Step::Wait => {
                 // What the centre that leads has done, people know.
-                if let Some(Seen { holder, .. }) = last {
+                // What we have taken ourselves without leading, nobody has told.
+                if let Some(Seen { holder, .. }) = last.filter(|last| last.holder != self.name) {
                     let done = link.done_by(EVENTS, &reader(&holder)).await?;
                     let mut untold = self.standing.lock();
                     untold.retain(|(sequence, _)| *sequence > done);
@@ -87,7 +99,11 @@ impl Fleet {
     }
 
     /// Takes over, or stands back.
-    fn lead(&self, epoch: Option<u64>) {
+    fn lead(&self, lease: &Lease) {
+        let now = self.clock.elapsed();
+        let epoch = lease.epoch(now);
+        let until = lease.holds_until().as_millis();
+        self.standing.until_ms.store(u64::try_from(until).unwrap_or(0), Relaxed);
         let before = self.standing.epoch.swap(epoch.unwrap_or(0), Relaxed);
         self.speaks.store(epoch.is_some(), Relaxed);
         match (before, epoch) {
@@ -104,7 +120,7 @@ impl Fleet {
 
     /// Tells people of a change, or remembers it until it is known that they are told.
     pub(super) fn tell_or_wait(&self, sequence: u64, change: Arc<AlarmChange>) {
-        if self.standing.epoch().is_some() {
+        if self.standing.epoch(self.clock.elapsed()).is_some() {
             let _ = self.outlet.send(Event::Alarm(change));
             return;
         }
@@ -124,5 +140,5 @@ impl Fleet {
 
 /// What a centre is called where it reads events.
 pub(super) fn reader(name: &str) -> String {
-    format!("centre-{}", name.replace(|c: char| !c.is_ascii_alphanumeric(), "-"))
+    format!("centre_{}", escaped(name))
 }
