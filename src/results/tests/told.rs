@@ -1,3 +1,5 @@
+//! Diagnoses and alarms that are other machines'.
+
 use super::*;
 use crate::results::{Said, Told, Wanted};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
