@@ -22,7 +22,7 @@ use stictiond::store::Reader;
 /// Time between two diagnoses of a loop (s).
 const PERIOD_S: u64 = 10;
 /// Far longer than anything takes even on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 fn stictiond() -> Command {
     Command::new(env!("CARGO_BIN_EXE_stictiond"))
