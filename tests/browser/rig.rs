@@ -60,6 +60,7 @@ async fn serve(parts: Parts) -> (Rig, Arc<History>, Arc<Scheduler>) {
         jobs: ids.iter().map(|id| Job { id: id.clone(), period_s: 1e7 }).collect(),
         snapshot: Arc::new(move |id| records.snapshot(id)),
         settings: Settings::default(),
+        follows: false,
     };
     // Everything asked for at once may wait.
     let config = schedule::Config { queue: 4000, parallelism: 2, ..schedule::Config::default() };
