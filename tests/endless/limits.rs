@@ -75,7 +75,6 @@ fn asked(address: &str) -> Option<String> {
 }
 
 #[test]
-#[ignore = "has not passed yet: the machine it was written on was too busy for it"]
 fn all_at_once_under_the_limits_of_the_unit() {
     let unit = Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/systemd/stictiond.service");
     let unit = fs::read_to_string(unit).expect("the unit");
