@@ -276,7 +276,7 @@ impl App {
 
     /// Has everything made durable that there is; false where that failed, or there is no store.
     pub fn make_durable(&self) -> bool {
-        self.persistence.ask_durable().is_some_and(|durable| durable())
+        self.persistence.make_durable()
     }
 
     /// Cancel it to stop the daemon.

@@ -7,11 +7,10 @@ mod postgres;
 #[path = "peers/webhook.rs"]
 mod webhook;
 
-use daemon::Daemon;
+use daemon::{Daemon, folder, stictiond};
 use postgres::Cluster;
 use serde_json::Value;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 use stictiond::demo::{DEFAULT_SPEED, Demo, Options, Screen};
@@ -19,17 +18,6 @@ use stictiond::store::{Config, Reader, check, check_of};
 
 /// Time between two diagnoses of a loop in these tests (s).
 const PERIOD_S: u64 = 10;
-
-fn stictiond() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_stictiond"))
-}
-
-fn folder(name: &str) -> PathBuf {
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
-    let _ = std::fs::remove_dir_all(&path);
-    std::fs::create_dir_all(&path).expect("writable");
-    path
-}
 
 /// Replays, and finds at least `least` diagnoses and every one identical.
 fn replayed(command: &mut Command, least: u64) {

@@ -8,6 +8,7 @@ mod forward;
 mod inventory;
 mod orders;
 mod standing;
+mod waiting;
 mod watching;
 mod window;
 mod worker;
@@ -27,11 +28,12 @@ use asking::Asking;
 use prost::Message;
 use standing::Standing;
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 use tokio::sync::{RwLock, RwLockWriteGuard, broadcast, mpsc, watch};
 use tokio_util::sync::CancellationToken;
+use waiting::Waiting;
 
 /// Changes that wait for those who tell people.
 const UNTOLD: usize = 4096;
@@ -100,7 +102,7 @@ pub(super) struct Fleet {
     known: watch::Sender<Option<Duration>>,
     /// What people want done, on its way to the edges.
     wanted: tokio::sync::Mutex<mpsc::Receiver<(Wanted, u64)>>,
-    orders_waiting: Arc<AtomicUsize>,
+    orders_waiting: Arc<Waiting>,
     link: OnceLock<Link>,
     /// The newest lease that was seen.
     epoch: AtomicU64,
@@ -141,15 +143,15 @@ impl Fleet {
         let site = own.site.clone().filter(|_| role == Role::Edge).unwrap_or_else(|| NO_SITE.to_string());
         let scene = Scene { config: config.clone(), history: history.clone() };
         let (want, wanted) = mpsc::channel(ORDERS);
-        let (standing, orders_waiting) = (Arc::new(Standing::new()), Arc::new(AtomicUsize::new(0)));
+        let (standing, orders_waiting) = (Arc::new(Standing::new()), Arc::<Waiting>::default());
         if role == Role::Centre {
             let (leads, waiting) = (standing.clone(), orders_waiting.clone());
             results.follow_others(Arc::new(move |own| {
-                waiting.fetch_add(1, Relaxed);
+                waiting.begin();
                 let epoch = leads.epoch(clock.elapsed());
                 let taken = epoch.is_some_and(|epoch| want.try_send((own, epoch)).is_ok());
                 if !taken {
-                    waiting.fetch_sub(1, Relaxed);
+                    waiting.end(false);
                 }
                 taken
             }));
@@ -204,9 +206,7 @@ impl Fleet {
     /// Has everything that was noted made durable.
     async fn is_durable(&self, app: &App) -> bool {
         let persistence = app.persistence.clone();
-        let durable =
-            tokio::task::spawn_blocking(move || persistence.ask_durable().is_some_and(|durable| durable()));
-        durable.await.unwrap_or(false)
+        tokio::task::spawn_blocking(move || persistence.make_durable()).await.unwrap_or(false)
     }
 
     /// Another configuration is in force.
@@ -244,7 +244,6 @@ impl Fleet {
                 since: self.since,
                 lag_s: self.lag_ms.load(Relaxed) as f64 * 1e-3,
                 diagnosed: self.diagnosed.load(Relaxed),
-                certificate_ends: None,
                 loops: loops as u64,
             };
             let message = Outgoing::latest(subject.clone(), pulse.encode_to_vec());

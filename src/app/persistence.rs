@@ -213,6 +213,11 @@ impl Persistence {
         Some(Arc::new(move || flusher(&writer).is_some_and(|flusher| flusher.flush(PATIENCE))))
     }
 
+    /// Has everything noted made durable; false where that failed, or there is no store. It blocks its thread.
+    pub(super) fn make_durable(&self) -> bool {
+        self.ask_durable().is_some_and(|durable| durable())
+    }
+
     /// As it is configured since the start; `None` where there is none.
     pub(super) fn configured(&self) -> Option<store::Config> {
         self.config.clone()

@@ -108,11 +108,6 @@ impl Incoming {
         self.message.info().is_ok_and(|info| info.delivered > 1)
     }
 
-    /// Messages behind it that have not been delivered.
-    pub fn waiting(&self) -> u64 {
-        self.message.info().map_or(0, |info| info.pending)
-    }
-
     /// It is done, and never delivered again.
     ///
     /// # Errors

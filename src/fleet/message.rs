@@ -323,14 +323,11 @@ pub struct Action {
 /// What an edge is.
 #[derive(Clone, PartialEq, Message)]
 pub struct Hello {
-    /// Version of its program.
-    #[prost(string, tag = "1")]
-    pub version: String,
     /// Its loops.
-    #[prost(message, repeated, tag = "2")]
+    #[prost(message, repeated, tag = "1")]
     pub loops: Vec<Loop>,
     /// Its collectors, whose alarms it has.
-    #[prost(string, repeated, tag = "3")]
+    #[prost(string, repeated, tag = "2")]
     pub collectors: Vec<String>,
 }
 
@@ -404,11 +401,8 @@ pub struct Pulse {
     /// Diagnoses that it made.
     #[prost(uint64, tag = "6")]
     pub diagnosed: u64,
-    /// When its certificate ends (s), where it has one.
-    #[prost(double, optional, tag = "7")]
-    pub certificate_ends: Option<f64>,
     /// Loops that it has.
-    #[prost(uint64, tag = "8")]
+    #[prost(uint64, tag = "7")]
     pub loops: u64,
 }
 

@@ -60,6 +60,13 @@ impl TagKind {
             TagKind::Extra(name) => name,
         }
     }
+
+    /// The kind with this name: a role, or else another tag.
+    pub fn named(name: &str) -> Self {
+        let roles = [Role::Op, Role::Pv, Role::Sp, Role::Mode, Role::Mv, Role::Term].map(TagKind::Role);
+        let role = roles.into_iter().find(|role| role.name() == name);
+        role.unwrap_or_else(|| TagKind::Extra(name.to_string()))
+    }
 }
 
 /// One tag of a loop.

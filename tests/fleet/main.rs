@@ -7,14 +7,13 @@ mod nats;
 #[path = "../peers/webhook.rs"]
 mod webhook;
 
-use daemon::Daemon;
+use daemon::{Daemon, folder, stictiond};
 use nats::Nats;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Duration;
 use stictiond::demo::{DEFAULT_SPEED, Demo, Options, Screen};
 use stictiond::store::Reader;
@@ -23,17 +22,6 @@ use stictiond::store::Reader;
 const PERIOD_S: u64 = 10;
 /// Far longer than anything takes even on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
-
-fn stictiond() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_stictiond"))
-}
-
-fn folder(name: &str) -> PathBuf {
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
-    let _ = std::fs::remove_dir_all(&path);
-    std::fs::create_dir_all(&path).expect("writable");
-    path
-}
 
 /// A fleet on loopback, and the files that its parts are started with.
 struct Fleet {

@@ -4,7 +4,7 @@
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -79,4 +79,17 @@ impl Daemon {
         self.signal("-TERM");
         assert!(self.child.wait().expect("it ends").success());
     }
+}
+
+/// The binary.
+pub fn stictiond() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_stictiond"))
+}
+
+/// An empty folder of this process.
+pub fn folder(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&path);
+    std::fs::create_dir_all(&path).expect("writable");
+    path
 }

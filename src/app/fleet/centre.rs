@@ -1,10 +1,10 @@
 //! A centre: has the loops of all edges, takes what they forward into its own rings, results and store, and passes on what
 //! people do about alarms. A message is acknowledged once what it brought is in the store.
 
-use super::inventory::{composed, kind};
+use super::inventory::composed;
 use super::orders::action;
 use super::standing::reader;
-use super::{Fleet, PAUSE, Role, window};
+use super::{Fleet, PAUSE, window};
 use crate::app::App;
 use crate::app::persistence::rows::{remembered_alarms, remembered_change, remembered_model};
 use crate::config::Config;
@@ -13,10 +13,10 @@ use crate::fleet::link::{Incoming, Link, LinkError, Outgoing};
 use crate::fleet::message::{Alarm, Diagnosis, Hello, Samples};
 use crate::fleet::streams::{EVENTS, LATEST, SAMPLES};
 use crate::fleet::subject::{self, Subject, What, all, of_site};
-use crate::history::History;
+use crate::history::{History, TagKind};
 use crate::results::AlarmChange;
 use crate::serve::AskDurable;
-use crate::signal::{LoopId, Sample};
+use crate::signal::{LoopId, Role, Sample};
 use crate::store::codec;
 use futures::FutureExt;
 use futures::future::BoxFuture;
@@ -24,7 +24,7 @@ use prost::Message;
 use std::collections::HashMap;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Messages that are taken in one go, and made durable together.
 const MOST: usize = 256;
@@ -41,10 +41,8 @@ const NEWS_S: f64 = 86_400.0;
 /// How long what edges say of themselves is gathered before loops are added.
 const GATHER: Duration = Duration::from_millis(500);
 
-/// Longest wait for an order to be kept, and how often that is looked at: whoever asks is on a thread that may wait.
+/// Longest wait for an order to be kept: longer than one answer of the server takes.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// See [`PATIENCE`].
-const LOOK: Duration = Duration::from_millis(10);
 
 /// The latest message that was taken of each loop, or of each alarm, by the stream's numbers.
 #[derive(Default)]
@@ -92,7 +90,7 @@ impl Fleet {
 
     /// The configuration with the loops of all edges, where this is a centre.
     pub(in crate::app) fn composed(&self, base: Config) -> Config {
-        if self.role != Role::Centre {
+        if !self.follows() {
             return base;
         }
         let edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
@@ -196,7 +194,7 @@ impl Fleet {
     fn take_block(&self, message: &Incoming, history: &History, taken: &mut Taken) -> Option<usize> {
         let own = Subject::read(message.subject())?;
         let id = LoopId::new(of_site(&own.site, &own.name));
-        history.tag_index(&id, &kind("op"))?;
+        history.tag_index(&id, &TagKind::Role(Role::Op))?;
         let again = taken.is_past(id.as_str(), message.sequence());
         let Ok(samples) = Samples::decode(message.body()) else {
             tracing::warn!(control_loop = %id, "samples cannot be read");
@@ -204,7 +202,8 @@ impl Fleet {
         };
         let mut most = 0;
         for tag in samples.tags {
-            let ring = history.tag_index(&id, &kind(&tag.tag)).and_then(|index| history.ring(index));
+            let ring =
+                history.tag_index(&id, &TagKind::named(&tag.tag)).and_then(|index| history.ring(index));
             let Some((ring, samples)) = ring.zip(codec::decode(&tag.block)) else { continue };
             // What is known is left out; only a clock that was set back makes what is earlier new, once.
             let new = tag.set_back && !again && !message.is_again();
@@ -324,6 +323,7 @@ impl Fleet {
         let mut wanted = self.wanted.lock().await;
         while let Some((own, epoch)) = wanted.recv().await {
             let subject = own.id.subject.to_string();
+            let mut kept = false;
             if let Some((site, name)) = subject::split(&subject) {
                 let to = Subject::new(site, name, What::Action).to_string();
                 let message = [Outgoing::once(to, action(own, name, epoch).encode_to_vec())];
@@ -332,27 +332,17 @@ impl Fleet {
                         self.rest(&error, "an order waits").await;
                     }
                 };
-                if tokio::time::timeout(PATIENCE, sending).await.is_err() {
+                kept = tokio::time::timeout(PATIENCE, sending).await.is_ok();
+                if !kept {
                     tracing::error!(subject, "an order is given up: the streams do not take it");
                 }
             }
-            self.orders_waiting.fetch_sub(1, Relaxed);
+            self.orders_waiting.end(kept);
         }
     }
 
     /// Waits for orders of people to be in the streams too, where this is a centre.
     pub(in crate::app) fn with_orders(self: Arc<Self>, durable: AskDurable) -> AskDurable {
-        Arc::new(move || self.orders_are_kept() && durable())
-    }
-
-    fn orders_are_kept(&self) -> bool {
-        let begun = Instant::now();
-        while self.orders_waiting.load(Relaxed) > 0 {
-            if begun.elapsed() > PATIENCE {
-                return false;
-            }
-            std::thread::sleep(LOOK);
-        }
-        true
+        Arc::new(move || self.orders_waiting.are_kept(PATIENCE) && durable())
     }
 }

@@ -4,7 +4,7 @@
 
 use crate::fleet::convert::{self, block};
 use crate::fleet::link::{Link, LinkError, Outgoing};
-use crate::fleet::message::{self, Alarm, Cursor, Diagnosis, Effect, Samples, TagSamples};
+use crate::fleet::message::{self, Alarm, Cursor, Diagnosis, Samples, TagSamples};
 use crate::fleet::streams::{LATEST, SAMPLES};
 use crate::fleet::subject::{Subject, What};
 use crate::history::{History, LoopTags, Ring};
@@ -345,12 +345,8 @@ fn news(
         cursor.diagnosis = number(at);
         let control_loop = row.control_loop.clone();
         let model = reader.model(&control_loop)?;
-        let effects = model.iter().flat_map(|model| model.effects.lines());
-        let effects = effects.filter_map(|line| line.split_once('\t')).map(|(kind, tag)| Effect {
-            kind: kind.to_string(),
-            tag: Some(tag.to_string()).filter(|tag| !tag.is_empty()),
-        });
-        let mut run = convert::run(row, effects.collect(), None);
+        // The model beside it has the effects, and alarms are the edge's own.
+        let mut run = convert::run(row, Vec::new(), None);
         if run.encoded_len() > most {
             tracing::warn!(
                 control_loop,

@@ -4,7 +4,6 @@ use super::Scene;
 use crate::config::{Config, ForwardedTag, LoopConfig, TagConfig, tags};
 use crate::fleet::message::{Hello, Loop, Tag};
 use crate::fleet::subject::of_site;
-use crate::history::TagKind;
 use crate::signal::{LoopId, Role};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -28,11 +27,7 @@ pub(super) fn hello(scene: &Scene, collectors: Vec<String>) -> Hello {
         tags: sources(scene, own),
         upstream: own.upstream.clone(),
     };
-    Hello {
-        version: env!("CARGO_PKG_VERSION").to_string(),
-        loops: config.loops.iter().map(described).collect(),
-        collectors,
-    }
+    Hello { loops: config.loops.iter().map(described).collect(), collectors }
 }
 
 /// A loop's tags, but for the term of write-back, which never leaves the edge.
@@ -117,13 +112,4 @@ fn loop_config(site: &str, id: &str, own: &Loop) -> Option<LoopConfig> {
         cost: None,
         writeback: None,
     })
-}
-
-/// The kind of a tag by its name.
-pub(super) fn kind(name: &str) -> TagKind {
-    let roles = [Role::Op, Role::Pv, Role::Sp, Role::Mode, Role::Mv, Role::Term];
-    match roles.into_iter().find(|role| role.as_str() == name) {
-        Some(role) => TagKind::Role(role),
-        None => TagKind::Extra(name.to_string()),
-    }
 }

@@ -13,6 +13,12 @@ use std::time::Duration;
 
 /// Changes that are remembered until it is known that the centre that leads has told people.
 const UNTOLD: usize = 10_000;
+/// A lease lasts for this share of `cut_off_after_s`: another centre leads before edges tell people by themselves.
+const LEASE_SHARE: f64 = 0.8;
+/// Looks at the lease while it lasts: several may fail before it is lost.
+const LOOKS: u32 = 8;
+/// Longest look, as a share of the lease: half of what a holder counts on.
+const LONGEST_LOOK: u32 = 4;
 /// How often what everybody has done is deleted from the streams.
 const PURGE: Duration = Duration::from_secs(60);
 
@@ -44,18 +50,18 @@ impl Standing {
 impl Fleet {
     /// Takes the lease where it can, and keeps it.
     pub(super) async fn leading(&self, link: &Link) {
-        let lasts = Duration::from_secs_f64(self.config.cut_off_after_s * 0.8);
+        let lasts = Duration::from_secs_f64(self.config.cut_off_after_s * LEASE_SHARE);
         let mut lease = Lease::new(&self.name, lasts);
         let looking = async {
             loop {
                 // A server that does not answer is no reason to believe that we still lead.
-                match tokio::time::timeout(lasts / 4, self.look(link, &mut lease)).await {
+                match tokio::time::timeout(lasts / LONGEST_LOOK, self.look(link, &mut lease)).await {
                     Ok(Ok(())) => {}
                     Ok(Err(error)) => tracing::debug!(%error, "the lease cannot be looked at"),
                     Err(late) => tracing::debug!(error = %late, "the lease cannot be looked at"),
                 }
                 self.lead(&lease);
-                tokio::time::sleep(lasts / 8).await;
+                tokio::time::sleep(lasts / LOOKS).await;
             }
         };
         tokio::join!(looking, self.purging(link));
@@ -78,8 +84,7 @@ impl Fleet {
         let now = self.clock.elapsed();
         match lease.look(last.clone(), now) {
             Step::Wait => {
-                // What the centre that leads has done, people know.
-                // What we have taken ourselves without leading, nobody has told.
+                // What the centre that leads has done, people know. What we took without leading, nobody has told.
                 if let Some(Seen { holder, .. }) = last.filter(|last| last.holder != self.name) {
                     let done = link.done_by(EVENTS, &reader(&holder)).await?;
                     let mut untold = self.standing.lock();

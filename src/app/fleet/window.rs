@@ -30,13 +30,7 @@ pub(super) fn of(asked: &Asked, answer_within_s: f64) -> Option<Window> {
 /// What does not fit together, in one line.
 pub(super) fn read(window: &Window) -> Result<(Basis, Record), String> {
     let basis = BasisText::read(&window.basis).ok_or("its settings cannot be read by this version")?;
-    let mut record = Record {
-        op_span: basis.op_span,
-        op_span_source: basis.op_span_source,
-        op_limits: basis.op_limits,
-        integrates: basis.integrates,
-        ..Record::default()
-    };
+    let mut record = Record::default();
     for tag in &window.tags {
         let samples = codec::decode(&tag.block).ok_or_else(|| format!("tag {:?} is damaged", tag.tag))?;
         basis::put(&mut record, &tag.tag, samples);

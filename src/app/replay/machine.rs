@@ -11,7 +11,7 @@ use crate::results::{Basis, Results, Run, Trigger, basis};
 use crate::schedule::{self, Clock, Job, Scheduler, Snapshot};
 use crate::serve::dto::bundle::Bundle;
 use crate::serve::{self, Context, LoopInfo};
-use crate::signal::{LoopId, Record, Role};
+use crate::signal::{LoopId, Record};
 use crate::{alarm, serve::dto::rfc3339};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -98,7 +98,11 @@ impl Machine {
         options: &Options,
     ) -> Result<Self, ReplayError> {
         let id = LoopId::new(bundle.r#loop.id.as_str());
-        let spec = |name: &str| TagSpec { kind: kind(name), unit: String::new(), source: name.to_string() };
+        let spec = |name: &str| TagSpec {
+            kind: TagKind::named(name),
+            unit: String::new(),
+            source: name.to_string(),
+        };
         let tags = LoopTags {
             id: id.clone(),
             tags: basis::series(record).map(|(name, _)| spec(name)).collect(),
@@ -282,19 +286,6 @@ impl Machine {
         self.now = self.now.max(ended.unwrap_or(self.now));
         self.clock.set(self.now);
         run.map_err(|_| ReplayError::Failed(format!("loop '{id}': the run was given up")))
-    }
-}
-
-/// What is a role by its name is that, all else another tag.
-fn kind(name: &str) -> TagKind {
-    match name {
-        "op" => TagKind::Role(Role::Op),
-        "pv" => TagKind::Role(Role::Pv),
-        "sp" => TagKind::Role(Role::Sp),
-        "mode" => TagKind::Role(Role::Mode),
-        "mv" => TagKind::Role(Role::Mv),
-        "term" => TagKind::Role(Role::Term),
-        other => TagKind::Extra(other.to_string()),
     }
 }
 

@@ -112,13 +112,7 @@ impl Bundle {
             return Err("it began or ended at no time that there is".into());
         }
         let basis = self.basis.basis()?;
-        let mut record = Record {
-            op_span: basis.op_span,
-            op_span_source: basis.op_span_source,
-            op_limits: basis.op_limits,
-            integrates: basis.integrates,
-            ..Record::default()
-        };
+        let mut record = Record::default();
         for own in &self.samples {
             basis::put(&mut record, &own.tag, own.samples()?);
         }
