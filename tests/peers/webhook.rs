@@ -1,7 +1,7 @@
 //! Somebody who takes webhooks.
 
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::{SocketAddr, TcpListener};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::mpsc::{Receiver, channel};
 
 /// Somebody who takes whatever is posted: where, and the bodies.
@@ -10,23 +10,34 @@ pub fn receiver() -> (SocketAddr, Receiver<String>) {
     let (address, (tell, told)) = (listener.local_addr().expect("bound"), channel());
     std::thread::spawn(move || {
         for stream in listener.incoming() {
-            let mut stream = BufReader::new(stream.expect("a connection"));
-            let (mut line, mut length) = (String::new(), 0);
-            while stream.read_line(&mut line).expect("text") > 2 {
-                let lower = line.to_lowercase();
-                length = lower
-                    .strip_prefix("content-length:")
-                    .map_or(length, |n| n.trim().parse().expect("a number"));
-                line.clear();
-            }
-            let mut body = vec![0; length];
-            stream.read_exact(&mut body).expect("a body");
-            let answer = "HTTP/1.1 204 No Content\r\nConnection: close\r\n\r\n";
-            stream.get_mut().write_all(answer.as_bytes()).expect("it listens");
-            if tell.send(String::from_utf8(body).expect("text")).is_err() {
+            let Ok(body) = stream.and_then(|stream| whole_body(&mut BufReader::new(stream))) else {
+                continue;
+            };
+            if tell.send(body).is_err() {
                 return;
             }
         }
     });
     (address, told)
+}
+
+/// The body of one request, which is answered; an error if its sender went away first, as one that is killed does.
+fn whole_body(stream: &mut BufReader<TcpStream>) -> std::io::Result<String> {
+    let mut length = 0;
+    loop {
+        let mut line = String::new();
+        match stream.read_line(&mut line)? {
+            0 => return Err(ErrorKind::UnexpectedEof.into()),
+            1 | 2 => break,
+            _ => (),
+        }
+        let lower = line.to_lowercase();
+        length =
+            lower.strip_prefix("content-length:").map_or(length, |n| n.trim().parse().expect("a number"));
+    }
+    let mut body = vec![0; length];
+    stream.read_exact(&mut body)?;
+    // A sender that is killed now has told all the same.
+    let _ = stream.get_mut().write_all(b"HTTP/1.1 204 No Content\r\nConnection: close\r\n\r\n");
+    Ok(String::from_utf8(body).expect("text"))
 }
