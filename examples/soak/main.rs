@@ -37,6 +37,8 @@ const RELOAD: Duration = Duration::from_secs(300);
 const RING: usize = 1800;
 /// Time between two diagnoses of a loop (s).
 const PERIOD_S: f64 = 900.0;
+/// Diagnoses that are remembered of each loop: so few that they are as many after the first part.
+const REMEMBERED: usize = 2;
 /// The loop whose diagnosis panics, and the time between two of these (s).
 const PANICS: &str = "L0013";
 const PANICS_S: f64 = 60.0;
@@ -163,9 +165,10 @@ impl Soak {
         Ok(if good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }
 
-    /// Half an hour, or the first half of what is shorter (s): stores, lists and buffers fill until then.
+    /// Until rings are full and every loop is diagnosed once more, or the first half of what is shorter (s): stores, lists,
+    /// reports and buffers fill until then.
     fn first_part(&self) -> f64 {
-        (self.lasts.as_secs_f64() / 2.0).min(1800.0)
+        (self.lasts.as_secs_f64() / 2.0).min(RING as f64 + PERIOD_S)
     }
 
     /// Every other reload watches one loop less, and judges alarms otherwise.
@@ -183,7 +186,8 @@ impl Soak {
         let panics = format!("{named}period_s = {PANICS_S:.1}\nop_limits = [{low:.1}, {high:.1}]\n");
         format!(
             "[server]\nlisten = \"{address}\"\nmax_event_clients = 128\nmax_connections = 256\n\
-             [schedule]\nperiod_s = {PERIOD_S:.1}\nparallelism = 1\n[history]\nsamples_per_tag = {RING}\n\
+             [schedule]\nperiod_s = {PERIOD_S:.1}\nparallelism = 1\nkeep_results = {REMEMBERED}\n\
+                 [history]\nsamples_per_tag = {RING}\n\
              [store]\nfolder = {store:?}\nurl = \"{url}\"\n[alarm.tag_bad]\nafter_s = {after_s:.1}\n{}",
             plant::sections(devices, loops, 1000.0).replace(&named, &panics)
         )
