@@ -3,7 +3,10 @@
 use super::archive::archive;
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
-use std::fmt::Write;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::Path;
+use std::process::{Command, Stdio};
 use stictiond::collect::table::Options;
 use stictiond::signal::Record;
 
@@ -127,6 +130,44 @@ fn sheets_of_excel_are_read_with_their_dates() {
         "{}",
         found.found.read_as
     );
+}
+
+/// A workbook of Excel 97, as xlwt writes it.
+fn xls(record: &Record) -> Vec<u8> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let python = root.join("target/peers-venv/bin/python");
+    assert!(python.exists(), "there are no peers: run scripts/peers once, then the tests again");
+    let mut writer = Command::new(python)
+        .arg(root.join("tests/peers/xls_writer.py"))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("starts");
+    let mut rows = String::new();
+    for (op, pv) in record.op.iter().zip(&record.pv) {
+        // Writing into a String cannot fail.
+        let _ = writeln!(rows, "{},{},{}", BEGIN as f64 + op.t, op.value, pv.value);
+    }
+    // All is taken before anything is said.
+    writer.stdin.take().expect("a pipe").write_all(rows.as_bytes()).expect("it listens");
+    let said = writer.wait_with_output().expect("ends");
+    assert!(said.status.success());
+    said.stdout
+}
+
+#[test]
+fn sheets_of_excel_97_are_read_with_their_dates() {
+    let example = example();
+    let book = xls(&example);
+    let found = of_bytes(&book, &Options::default()).expect("a workbook");
+    assert!(bits(&found.record) == bits(&example));
+    let off = found.record.op.iter().zip(&example.op).map(|(a, b)| (a.t - BEGIN as f64 - b.t).abs());
+    assert!(off.fold(0.0, f64::max) < 1e-3);
+    assert!(found.found.read_as.starts_with("workbook, time as stamps (UTC)"), "{}", found.found.read_as);
+    for cut in [10, 600, book.len() / 2, book.len() - 600] {
+        let said = of_bytes(&book[..cut], &Options::default()).expect_err("cut");
+        assert!(said.contains("workbook"), "{said}");
+    }
 }
 
 #[test]

@@ -21,7 +21,8 @@ pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
         values += 1;
         if values > MAX_VALUES {
             return Err(TableError::refused(format!(
-                "more than {MAX_VALUES} values; cut the record into shorter files"
+                "more than {MAX_VALUES} values: cut the record into shorter files, or take it into a store with \
+                 `stictiond store import`, which has no such limit, and `backfill` that"
             )));
         }
         Ok(())
