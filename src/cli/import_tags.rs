@@ -158,7 +158,8 @@ fn place_of<'p>(
         return Ok(said);
     }
     let cells = || {
-        let all = rows.iter().flat_map(|row| roles.iter().filter_map(move |(_, at)| Some((row, row.get(*at)?))));
+        let all =
+            rows.iter().flat_map(|row| roles.iter().filter_map(move |(_, at)| Some((row, row.get(*at)?))));
         all.filter(|(_, cell)| !cell.is_empty())
     };
     let is_node = |cell: &str| {

@@ -8,6 +8,22 @@ use stictiond_numerics::signal::{Record, Sample};
 
 /// Reads, judges and prints.
 pub fn print(folder: &str, each: bool, threads: usize) {
+    let sets = sets(folder, threads);
+    for (set, of) in &sets {
+        let of: Vec<&Judged> = of.iter().collect();
+        println!("\n### Measured: {set}\n");
+        tables::methods(&of, false);
+        println!("\nTold whether the process integrates (levels do):\n");
+        tables::methods(&of, true);
+        tables::loops(&of);
+    }
+    if each {
+        sets.iter().flat_map(|(_, of)| of).for_each(tables::one);
+    }
+}
+
+/// The records of a folder, judged, by set.
+pub fn sets(folder: &str, threads: usize) -> Vec<(String, Vec<Judged>)> {
     let folder = Path::new(folder);
     let index = std::fs::read_to_string(folder.join("index.csv")).expect("DIR/index.csv");
     let mut lines = index.lines();
@@ -28,20 +44,11 @@ pub fn print(folder: &str, each: bool, threads: usize) {
         judged.scenarios.push(row[set].to_owned());
         judged
     });
-    let mut sets: BTreeMap<&str, Vec<&Judged>> = BTreeMap::new();
-    for of in &judged {
-        sets.entry(&of.scenarios[0]).or_default().push(of);
+    let mut sets: BTreeMap<String, Vec<Judged>> = BTreeMap::new();
+    for of in judged {
+        sets.entry(of.scenarios[0].clone()).or_default().push(of);
     }
-    for (set, of) in &sets {
-        println!("\n### Measured: {set}\n");
-        tables::methods(of, false);
-        println!("\nTold whether the process integrates (levels do):\n");
-        tables::methods(of, true);
-        tables::loops(of);
-    }
-    if each {
-        judged.iter().for_each(tables::one);
-    }
+    sets.into_iter().collect()
 }
 
 /// Columns t, op, pv, sp, and mv or mv_stem, by their header; a blank is no sample.

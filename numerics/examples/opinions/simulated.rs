@@ -9,7 +9,7 @@ use stictiond_numerics::sim::scenarios::{random_sound, random_sticky, table2};
 use stictiond_numerics::sim::{ProcessKind, Scenario};
 
 /// First seed of the benchmark, and of the calibration: nothing was tuned on the former.
-const BENCHMARK: u64 = 7_000_000;
+pub const BENCHMARK: u64 = 7_000_000;
 pub const CALIBRATION: u64 = 3_000_000;
 /// Noise of a measured stem (% of span).
 const STEM_NOISE: f64 = 0.05;
