@@ -38,9 +38,6 @@ pub fn page(report: &Report) -> String {
         line("f", text);
         if let (ReportVerdict::NoStiction, Some([_, high])) = (report.verdict, report.f_ci95) {
             line("", format!("friction up to {} {unit} could be hidden in this record", number(Some(high))));
-            if let Some(least) = report.f_detectable {
-                line("", format!("this record would have shown f above {} {unit}", number(Some(least))));
-            }
         }
         if report.f_unit_assumed {
             let span = match report.op_span {

@@ -230,7 +230,8 @@ pub struct Findings {
     pub friction_before: Friction,
     /// Friction estimated jointly with the effects: it replaces the one before.
     pub friction_after: Friction,
-    /// The least f that this record would have shown (OP unit); `None` where it could have shown none.
+    /// The least f that this record would have shown (OP unit), where no stiction is told no less than what the likelihood
+    /// leaves possible; `None` where it could have shown none.
     pub f_detectable: Option<f64>,
     /// The verdict with the effects.
     pub verdict: Verdict,

@@ -162,12 +162,14 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         best = with_friction(&data, &best.hypothesis, valve, &mut added);
         after = judge(&data, &best, &data);
     }
-    let f_detectable = detectable(&data, &best, settings.evidence_threshold).map(|f| f * data.units.u);
+    let mut f_detectable = detectable(&data, &best, settings.evidence_threshold).map(|f| f * data.units.u);
     if verdict == Verdict::NoStiction {
         let most = data.f_max * data.units.u;
         // What the record would not have shown it does not exclude.
         let bound = friction_after.f_ci95[1].max(f_detectable.unwrap_or(0.0));
         friction_after.f_ci95[1] = bound;
+        // Nor would it have shown what its likelihood leaves possible.
+        f_detectable = f_detectable.map(|_| bound);
         if f_detectable.is_none() && bound >= EXCLUDES_NOTHING * most {
             let why = NotIdentifiable::HiddenFriction { reversal: data.units.along_op(2.0 * most) };
             (verdict, reason) = (Verdict::NotIdentifiable(why.clone()), why.to_string());

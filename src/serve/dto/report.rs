@@ -59,8 +59,8 @@ pub struct Report {
     pub steadiness: Option<f64>,
     /// Largest f tried (`f_unit`).
     pub f_max: Option<f64>,
-    /// The least f that nine of ten records such as this would have shown (`f_unit`); null where this one could have shown
-    /// none, or nothing was traced.
+    /// The least f that nine of ten records such as this would have shown (`f_unit`), for `no_stiction` no less than the upper
+    /// end of `f_ci95`; null where this one could have shown none, or nothing was traced.
     #[serde(default)]
     pub f_detectable: Option<f64>,
     /// Srinivasan's d of the same window, for comparison (`f_unit`).
