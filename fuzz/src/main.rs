@@ -16,7 +16,7 @@ static MEMORY: PeakAlloc = PeakAlloc;
 static TARGET: OnceLock<&Target> = OnceLock::new();
 
 /// Libraries whose panics are caught where they are called: the panic is an error there.
-const CAUGHT: [&str; 1] = ["/calamine-"];
+const CAUGHT: [&str; 2] = ["/calamine-", "/parquet-"];
 
 /// Ends the process at a panic, on whatever thread, so that none is taken for an answer.
 fn end(panic: &PanicHookInfo) {

@@ -12,6 +12,7 @@ use parquet::record::{Field, Row};
 use parquet::schema::types::Type;
 use std::collections::BTreeSet;
 use std::fs::File;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 impl From<ParquetError> for TableError {
@@ -49,6 +50,10 @@ pub struct Table {
 
 impl Table {
     pub fn open(source: Source<'_>) -> Result<Self, TableError> {
+        unless_it_panics(|| Self::begin(source))
+    }
+
+    fn begin(source: Source<'_>) -> Result<Self, TableError> {
         let Source::File(path) = source else {
             return Err(TableError::refused("Parquet is read from a file only"));
         };
@@ -77,6 +82,13 @@ impl Table {
         let rows = RowIter::from_file_into(Box::new(reader)).project(Some(only))?;
         Ok(Self { rows, names, stamps, row: None, at: 0 })
     }
+}
+
+/// The library panics at some files that are damaged.
+fn unless_it_panics<T>(read: impl FnOnce() -> Result<T, TableError>) -> Result<T, TableError> {
+    // What was read half is not asked again: an error ends the reading.
+    catch_unwind(AssertUnwindSafe(read))
+        .unwrap_or_else(|_| Err(TableError::refused("Parquet: the file is damaged, and cannot be read")))
 }
 
 /// Looks at what a file would unpack to before anything of it is unpacked. A file of measurements has a byte or more for a
@@ -111,7 +123,7 @@ fn measured(file: &ParquetMetaData, bytes: u64) -> Result<BTreeSet<String>, Tabl
 impl Rows for Table {
     fn next(&mut self) -> Result<Option<u64>, TableError> {
         if self.at > 0 {
-            self.row = self.rows.next().transpose()?;
+            self.row = unless_it_panics(|| Ok(self.rows.next().transpose()?))?;
         }
         // Rows are counted from 1 behind the names.
         let line = self.at;
