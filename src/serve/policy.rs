@@ -66,6 +66,7 @@ pub const RULES: &[(&str, &str, Need)] = &[
     ("GET", "/collectors", VIEWER),
     ("GET", "/system", VIEWER),
     ("GET", "/fleet", VIEWER),
+    ("GET", "/map", VIEWER),
     ("GET", "/audit", ENGINEER),
     ("GET", "/backfill", VIEWER),
     ("POST", "/backfill", ENGINEER),

@@ -4,6 +4,7 @@ use super::error::{TableError, shown};
 use super::evidence::Evidence;
 use super::number::{self, Decimal};
 use super::source::Cell;
+use super::stamp;
 use super::words::Words;
 use crate::signal::Role;
 
@@ -48,6 +49,8 @@ pub struct Channel {
     units: Vec<(String, u64, u64)>,
     /// Its words, where it is a mode.
     pub words: Option<Words>,
+    /// Cells that are stamps, and others than that of their row.
+    pub other_times: u64,
     last: Option<f64>,
 }
 
@@ -64,6 +67,7 @@ impl Channel {
             first_bad: None,
             units: Vec::new(),
             words: (role == Some(Role::Mode)).then(Words::default),
+            other_times: 0,
             last: None,
         }
     }
@@ -98,6 +102,18 @@ impl Channel {
                 self.first_bad.get_or_insert_with(|| (line, shown(&cell.shown())));
             }
         }
+    }
+
+    /// Counts a stamp that is not that of its row.
+    pub fn compare(&mut self, cell: &Cell<'_>, time: &Cell<'_>) {
+        let other = match cell {
+            Cell::Text(text) => {
+                stamp::scan(text).is_some_and(|own| own.has_date()) && cell.shown() != time.shown()
+            }
+            Cell::Moment { ns, .. } => !matches!(time, Cell::Moment { ns: own, .. } if own == ns),
+            _ => false,
+        };
+        self.other_times += u64::from(other);
     }
 
     fn unit(&mut self, unit: &str, line: u64) {

@@ -106,6 +106,8 @@ impl Evidence {
     }
 }
 
+/// Cells of OP that make a sign strange.
+const FEW: u64 = 10;
 /// Cells that contradict all others and are taken for mistakes: one in so many.
 const MISTAKES: u64 = 200;
 
@@ -113,13 +115,33 @@ const MISTAKES: u64 = 200;
 ///
 /// # Errors
 /// A cell that can be read in two ways, with the option that decides.
-pub fn decide(columns: &[&Evidence], op: Option<&Evidence>, times: &Evidence) -> Result<Decimal, TableError> {
+pub fn decide(
+    columns: &[&Evidence],
+    op: Option<&Evidence>,
+    times: &Evidence,
+    separator: Option<u8>,
+) -> Result<Decimal, TableError> {
     let mut all = Evidence::default();
     columns.iter().for_each(|column| all.join(column));
+    // Every value of OP has the other sign before three digits: thousands in each of them, or a fraction.
+    let strange =
+        |sign: Decimal| op.filter(|op| op.uniform(sign.other()) && op.either[at(sign.other())] >= FEW);
+    let refused = |op: &Evidence, proved: Decimal| {
+        let told = |place: &Option<Place>| place.as_ref().map(ToString::to_string).unwrap_or_default();
+        TableError::refused(format!(
+            "{} has a decimal {}, and in every cell of OP, {}, the other sign stands before three digits; say which is \
+             decimal with --decimal . or --decimal ,",
+            told(&all.proved_at[at(proved)]),
+            if proved == Decimal::Point { "point" } else { "comma" },
+            told(&op.either_at[at(proved.other())]),
+        ))
+    };
     match all.proves {
         [0, 0] => {}
-        [_, 0] => return Ok(Decimal::Point),
-        [0, _] => return Ok(Decimal::Comma),
+        [_, 0] | [0, _] => {
+            let proved = if all.proves[1] == 0 { Decimal::Point } else { Decimal::Comma };
+            return strange(proved).map_or(Ok(proved), |op| Err(refused(op, proved)));
+        }
         [point, comma] if comma * MISTAKES < point => return Ok(Decimal::Point),
         [point, comma] if point * MISTAKES < comma => return Ok(Decimal::Comma),
         _ => {
@@ -137,7 +159,11 @@ pub fn decide(columns: &[&Evidence], op: Option<&Evidence>, times: &Evidence) ->
     }
     // An output of a controller has no thousands, in per cent as in mA: three digits behind its sign are a fraction.
     for sign in [Decimal::Point, Decimal::Comma] {
-        let mixed = columns.iter().any(|column| column.either[at(sign)] > 0 && !column.uniform(sign));
+        // Where commas divide cells, one within a cell is as likely to mark thousands.
+        if sign == Decimal::Comma && separator == Some(b',') {
+            continue;
+        }
+        let mixed = columns.iter().any(|column| column.any() && !column.uniform(sign));
         if op.is_some_and(|op| op.uniform(sign)) && !mixed {
             return Ok(sign);
         }
@@ -169,7 +195,7 @@ mod tests {
 
     fn decided(op: &[&str], pv: &[&str]) -> Result<Decimal, String> {
         let (op, pv) = (of(op), of(pv));
-        decide(&[&op, &pv], Some(&op), &Evidence::default()).map_err(|error| error.to_string())
+        decide(&[&op, &pv], Some(&op), &Evidence::default(), Some(b';')).map_err(|error| error.to_string())
     }
 
     #[test]
@@ -182,8 +208,12 @@ mod tests {
         assert_eq!(decided(&["51"], &["52"]), Ok(Point));
         assert_eq!(decided(&["51.812", "51.717"], &["1.002", "1.004"]), Ok(Point));
         assert_eq!(decided(&["51,812", "51,717"], &["51,227"]), Ok(Comma));
-        assert_eq!(decided(&["51.812", "51.717"], &["1,002", "1,004"]), Ok(Point), "OP has no thousands");
-        assert_eq!(decided(&["51,812", "51,717"], &["1.002", "1.004"]), Ok(Comma));
+        assert!(
+            decided(&["51.812", "51.717"], &["1,002", "1,004"]).is_err(),
+            "thousands, or two ways to write"
+        );
+        let (op, pv) = (["14,325"; 10], ["51.23", "51.38"]);
+        assert!(decided(&op, &pv).is_err_and(|said| said.contains("every cell of OP")));
     }
 
     #[test]

@@ -271,7 +271,7 @@ fn times(names: &[Name], below: &[SeenRow], options: &Options) -> Result<(usize,
     }
 }
 
-const TAGS: [&str; 16] = [
+const TAGS: [&str; 24] = [
     "tag",
     "tagname",
     "tag name",
@@ -288,8 +288,17 @@ const TAGS: [&str; 16] = [
     "metric",
     "channel",
     "parameter",
+    "varname",
+    "object",
+    "displayname",
+    "display name",
+    "series",
+    "messstelle",
+    "attribute",
+    "browsename",
 ];
-const VALUES: [&str; 5] = ["value", "val", "wert", "messwert", "reading"];
+const VALUES: [&str; 8] =
+    ["value", "val", "wert", "messwert", "reading", "varvalue", "floatvalue", "ip trend value"];
 
 /// The columns of a long table, where it is one.
 fn long(names: &[Name], time: usize, options: &Options) -> Option<Long> {
@@ -312,7 +321,8 @@ fn long(names: &[Name], time: usize, options: &Options) -> Option<Long> {
 }
 
 fn columns(names: &[Name], roles: &Roles) -> Wide {
-    let named = |at: &usize| !names[*at].is_none();
+    // One without a name may be told by its number.
+    let named = |at: &usize| !names[*at].is_none() || roles[*at].is_some();
     let (says, values): (Vec<usize>, Vec<usize>) =
         (0..names.len()).filter(named).partition(|at| names[*at].quality_of().is_some());
     let alone = says.iter().filter(|at| names[**at].quality_of().is_some_and(|of| of.is_empty())).count();

@@ -42,6 +42,27 @@ const TIME: &[&str] = &[
     "sample time",
     "event time",
     "index level 0",
+    "timestring",
+    "time string",
+    "t stamp",
+    "ip trend time",
+    "elapsed",
+    "elapsed time",
+    "datenum",
+    "ticks",
+    "hora",
+    "fecha",
+    "fecha hora",
+    "horodatage",
+    "date heure",
+    "tijd",
+    "tijdstip",
+    "čas",
+    "idő",
+    "日時",
+    "時間",
+    "时间",
+    "시간",
 ];
 const OP: &[&str] = &[
     "op",
@@ -116,8 +137,29 @@ const CLOCKS: &[&str] = &["time", "zeit", "uhrzeit", "clock", "time of day"];
 /// Last parts of a path that say "its value": what they are the value of stands before them.
 const VALUES: &[&str] = &["cv", "f cv", "val", "value", "present value", "presentvalue"];
 /// Names of a column that says whether the value beside it is good.
-const QUALITIES: &[&str] =
-    &["quality", "qual", "status", "statuscode", "status code", "data quality", "q", "st"];
+const QUALITIES: &[&str] = &[
+    "quality",
+    "qual",
+    "status",
+    "statuscode",
+    "status code",
+    "data quality",
+    "dataintegrity",
+    "data integrity",
+    "validity",
+    "valid",
+    "isgood",
+    "is good",
+    "confidence",
+    "qualität",
+    "qualitaet",
+    "qualité",
+    "qualite",
+    "calidad",
+    "品質",
+    "q",
+    "st",
+];
 /// Those of them that mean nothing without the name of a value before them.
 const SHORT_QUALITIES: &[&str] = &["q", "st"];
 
@@ -132,6 +174,40 @@ const UNITS: &[&str] = &[
 
 /// What may stand as a unit behind a name of times.
 const ZONES: [&str; 5] = ["utc", "gmt", "local", "-", ""];
+
+/// Letters for zones that more than one country has, or that hold for half of a year.
+const ZONE_LETTERS: [&str; 20] = [
+    "cet", "cest", "mez", "mesz", "est", "edt", "cst", "cdt", "mst", "mdt", "pst", "pdt", "bst", "ist",
+    "jst", "wet", "west", "eet", "eest", "msk",
+];
+
+/// What the unit of a column of times says of its zone.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum HeaderZone {
+    /// An offset, as `--tz` has it: `+02:00`.
+    Offset(String),
+    /// Letters, which `--tz` has to say more of.
+    Letters(String),
+}
+
+impl HeaderZone {
+    /// `UTC+02:00`, `GMT-5`, `CEST`; `None` where nothing of the kind stands there, or UTC itself.
+    pub fn of(unit: &str) -> Option<Self> {
+        let small = unit.trim().to_lowercase();
+        if ZONE_LETTERS.contains(&small.as_str()) {
+            return Some(Self::Letters(unit.trim().to_string()));
+        }
+        let rest = small.strip_prefix("utc").or_else(|| small.strip_prefix("gmt")).unwrap_or(&small).trim();
+        let digits = rest.strip_prefix(['+', '-'])?;
+        let (hours, minutes) = match (digits.split_once(':'), digits.len()) {
+            (Some(parts), _) => parts,
+            (None, 4) => digits.split_at(2),
+            (None, _) => (digits, "0"),
+        };
+        let (hours, minutes): (u8, u8) = (hours.parse().ok()?, minutes.parse().ok()?);
+        (hours <= 15 && minutes < 60).then(|| Self::Offset(format!("{}{hours:02}:{minutes:02}", &rest[..1])))
+    }
+}
 
 /// A name of a column or a tag, taken apart.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -171,8 +247,11 @@ impl Name {
     /// What it says of itself.
     pub fn said(&self) -> Option<Said> {
         // `T_C` is a temperature: a time has a unit of time, or the name of a zone.
-        let of_time =
-            |unit: &String| Unit::of(unit).is_some() || ZONES.contains(&unit.to_lowercase().as_str());
+        let of_time = |unit: &String| {
+            Unit::of(unit).is_some()
+                || ZONES.contains(&unit.to_lowercase().as_str())
+                || HeaderZone::of(unit).is_some()
+        };
         let time = self.unit.as_ref().is_none_or(of_time);
         if let Some(meaning) = whole(&self.plain).filter(|meaning| *meaning != Meaning::Time || time) {
             return Some(Said { meaning, owner: String::new() });

@@ -126,10 +126,15 @@ fn digits_end(text: &str) -> usize {
     end
 }
 
-/// The bytes of an exponent, 0 without one.
+/// The bytes of an exponent, 0 without one; Fortran writes `D+02`.
 fn exponent(text: &str) -> usize {
-    let Some(rest) = text.strip_prefix(['e', 'E']) else { return 0 };
-    let digits = rest.strip_prefix(['+', '-']).unwrap_or(rest);
+    let Some(rest) = text.strip_prefix(['e', 'E', 'd', 'D']) else { return 0 };
+    let signed = rest.strip_prefix(['+', '-']);
+    // `5 d` and `5D2` are no numbers with an exponent.
+    if signed.is_none() && text.starts_with(['d', 'D']) {
+        return 0;
+    }
+    let digits = signed.unwrap_or(rest);
     let count = digits.bytes().take_while(u8::is_ascii_digit).count();
     if count == 0 { 0 } else { text.len() - digits.len() + count }
 }
@@ -194,6 +199,7 @@ impl Number<'_> {
         for c in self.text.chars() {
             digits[n] = match c {
                 '\u{2212}' => b'-',
+                'd' | 'D' => b'e',
                 '.' | ',' if c as u8 == decimal.sign() => b'.',
                 '.' | ',' => continue,
                 c if is_gap(c) => continue,
@@ -230,6 +236,7 @@ mod tests {
             ("\u{2212}5", Form::Plain, Some(-5.0), Some(-5.0)),
             ("1e-3", Form::Plain, Some(0.001), Some(0.001)),
             ("1,5E+02", Form::Decimal(Comma), None, Some(150.0)),
+            ("0.51812D+02", Form::Decimal(Point), Some(51.812), None),
             (".5", Form::Decimal(Point), Some(0.5), None),
             ("5.", Form::Decimal(Point), Some(5.0), None),
             ("7\0", Form::Plain, Some(7.0), Some(7.0)),

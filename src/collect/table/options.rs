@@ -82,6 +82,10 @@ pub enum Unit {
     Days,
     /// Tenths of a microsecond since 1601, as Windows counts.
     FileTime,
+    /// Tenths of a microsecond since the year 1, as .NET counts.
+    Ticks,
+    /// Days since the year 0, as MATLAB counts.
+    DateNum,
 }
 
 impl Unit {
@@ -95,6 +99,8 @@ impl Unit {
             "min" | "mins" | "minutes" => Unit::Minutes,
             "h" | "hours" => Unit::Hours,
             "d" | "days" | "serial" => Unit::Days,
+            "ticks" => Unit::Ticks,
+            "datenum" => Unit::DateNum,
             _ => return None,
         })
     }
@@ -186,8 +192,9 @@ impl Options {
             other => Err(wrong("separator", other, "it is one sign, such as ; or tab")),
         });
         let unit = self.time_unit.as_deref().map(|value| {
-            Unit::of(value)
-                .ok_or_else(|| wrong("time-unit", value, "known are s, ms, us, ns, min, h and days"))
+            Unit::of(value).ok_or_else(|| {
+                wrong("time-unit", value, "known are s, ms, us, ns, min, h, days, ticks and datenum")
+            })
         });
         let format = self.time_format.as_deref().map(|value| {
             format(value).ok_or_else(|| {
@@ -217,7 +224,8 @@ impl Options {
     }
 }
 
-fn zone(name: &str) -> Option<TimeZone> {
+/// A zone by its name or its offset.
+pub fn zone(name: &str) -> Option<TimeZone> {
     if name.eq_ignore_ascii_case("utc") || name.eq_ignore_ascii_case("z") {
         return Some(TimeZone::UTC);
     }

@@ -139,6 +139,11 @@ fn choose(
 
 /// The column that an option names.
 pub fn told(names: &[Name], wanted: &str, option: &str, numbered: bool) -> Result<usize, TableError> {
+    // Who writes a name as it stands there means no other.
+    let exactly = (0..names.len()).filter(|at| names[*at].full == wanted.trim());
+    if let [one] = exactly.collect::<Vec<_>>().as_slice() {
+        return Ok(*one);
+    }
     let mut found = (0..names.len()).filter(|at| names[*at].is(wanted));
     if let Some(at) = found.next() {
         return match found.next() {

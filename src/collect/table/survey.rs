@@ -199,7 +199,11 @@ impl Counting {
                     }
                     self.groups.add(&first, second.as_ref(), moved);
                     for (channel, at) in self.channels.iter_mut().zip(&wide.columns) {
-                        channel.add(&rows.cell(*at), line);
+                        let cell = rows.cell(*at);
+                        channel.add(&cell, line);
+                        if channel.role.is_none() {
+                            channel.compare(&cell, &first);
+                        }
                     }
                 }
                 Body::Long(long) => self.long(rows, long, line)?,
@@ -262,7 +266,10 @@ impl Counting {
         let decimal = match told.decimal {
             Some(decimal) => decimal,
             None if own => Decimal::Point,
-            None => evidence::decide(&columns, op.map(|c| &c.evidence), &self.times.evidence)?,
+            None => {
+                let sign = matches!(kind, Kind::Text(_)).then_some(separator);
+                evidence::decide(&columns, op.map(|c| &c.evidence), &self.times.evidence, sign)?
+            }
         };
         let signs = columns.iter().any(|column| column.any());
         let name = layout.names[layout.time].full.as_str();
@@ -271,8 +278,12 @@ impl Counting {
         let groups = matches!(layout.body, Body::Wide(_)).then(|| std::mem::take(&mut self.groups));
         let reading = self.times.decide(&column, told, decimal, groups)?;
         let units = self.channels.iter().map(unit_of).collect::<Result<Vec<_>, _>>()?;
+        self.one_column_of_times(&layout)?;
         for channel in self.channels.iter().filter(|c| c.role.is_some()) {
             self.numbers(channel, layout.line, row_name)?;
+        }
+        if whole && told.good_values.is_some() && self.quality_columns.is_empty() {
+            return Err(unused("good-values", "quality, such as \"pv_status\" or \"Quality\""));
         }
         let modes = self.modes(told)?;
         let mut qualities = Vec::new();
@@ -282,6 +293,24 @@ impl Counting {
         }
         let (channels, tags) = (self.channels, self.tags);
         Ok(Plan { kind, separator, layout, reading, decimal, signs, channels, tags, units, modes, qualities })
+    }
+
+    /// Refuses a second column of times between OP and PV: then each has its own.
+    fn one_column_of_times(&self, layout: &Layout) -> Result<(), TableError> {
+        let at = |role: Role| self.channels.iter().find(|c| c.role == Some(role)).map_or(0, |c| c.column);
+        let (op, pv) = (at(Role::Op), at(Role::Pv));
+        let between = |c: &&Channel| c.column > op.min(pv) && c.column < op.max(pv);
+        let other = self.channels.iter().filter(between).find(|c| c.other_times * 2 > c.cells);
+        other.map_or(Ok(()), |other| {
+            Err(TableError::refused(format!(
+                "column {} ({}) holds other times than column {} ({}): each tag has its own; save them on common times, or as \
+                 rows of tag, time and value",
+                other.column,
+                other.tag.name,
+                layout.time + 1,
+                layout.names[layout.time].full
+            )))
+        })
     }
 
     /// A role without a single number is refused.
@@ -358,6 +387,11 @@ impl Counting {
         }
         Ok(())
     }
+}
+
+/// An option that has nothing to decide: what it means is not read.
+fn unused(option: &str, column: &str) -> TableError {
+    TableError::refused(format!("--{option}: no column says anything of {column}: call it so"))
 }
 
 /// The unit behind a channel's numbers; that of a tag which is no role may be anything.

@@ -31,7 +31,7 @@ pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
     for (channel, series) in plan.channels.iter().zip(series) {
         // A tag of text only (an operator's remark) or a column that is blank throughout was not recorded.
         let recorded = channel.numbers > 0 || channel.words.is_some() && !series.is_empty();
-        if !recorded || channel.tag.name.is_empty() {
+        if !recorded || channel.tag.name.is_empty() && channel.role.is_none() {
             continue;
         }
         match channel.role {

@@ -188,7 +188,7 @@ pub enum Says {
 }
 
 /// Words of a good value.
-const GOOD: [&str; 14] = [
+const GOOD: [&str; 18] = [
     "good",
     "ok",
     "normal",
@@ -203,12 +203,18 @@ const GOOD: [&str; 14] = [
     "healthy",
     "192",
     "goodnonspecific",
+    "bon",
+    "buena",
+    "bueno",
+    "良",
 ];
 /// Words of one that is repeated, or of which the source is not sure.
 const UNSURE: [&str; 6] = ["stale", "uncertain", "questionable", "substituted", "u", "old"];
 /// Words of a bad one.
-const BAD: [&str; 12] =
-    ["bad", "invalid", "iop", "fail", "failed", "error", "b", "false", "nok", "no", "timeout", "schlecht"];
+const BAD: [&str; 16] = [
+    "bad", "invalid", "iop", "fail", "failed", "error", "b", "false", "nok", "no", "timeout", "schlecht",
+    "mauvais", "mala", "malo", "不良",
+];
 
 fn first_word(word: &str) -> &str {
     word.split(|c: char| !c.is_alphanumeric()).find(|part| !part.is_empty()).unwrap_or("")

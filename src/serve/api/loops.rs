@@ -3,13 +3,14 @@
 use super::super::dto::loops::{
     Begun, LoopDetail, LoopDiagnosis, LoopItem, LoopList, LoopModel, Quantity, RunItem, RunList,
 };
+use super::super::dto::map::PlantMap;
 use super::super::dto::params::{LoopsQuery, NoQuery, Order, RunQuery, RunsQuery, SamplesQuery, Sort};
 use super::super::dto::samples::{Samples, TagSamples};
 use super::super::dto::writeback::WritebackView;
 use super::super::dto::{finite, parse_time, rfc3339};
 use super::super::extract::{OfLoop, Params, within};
 use super::super::problem::Problem;
-use super::super::{Context, Plant};
+use super::super::{Context, LoopInfo, Plant};
 use super::off_thread;
 use crate::results::{Known, Summary};
 use crate::schedule::Refused;
@@ -35,18 +36,22 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
     let after = query.after.as_deref().map(decode_cursor).transpose()?;
     let now = context.clock.now();
     let plant = context.plant();
-    let items = plant.loops().iter().filter_map(|info| {
+    let needle = query.q.as_deref().map(str::to_lowercase);
+    // What is known by the configuration alone comes first: of many loops few are looked up.
+    let is_meant = |info: &&LoopInfo| {
+        query.group.as_ref().is_none_or(|wanted| *wanted == info.group)
+            && needle.as_ref().is_none_or(|needle| {
+                let holds = |text: &str| text.to_lowercase().contains(needle);
+                holds(info.id.as_str()) || holds(&info.description)
+            })
+    };
+    let items = plant.loops().iter().filter(is_meant).filter_map(|info| {
         let known = context.results.get(&info.id, now)?;
         Some(LoopItem::new(info, &known, now))
     });
-    let needle = query.q.as_deref().map(str::to_lowercase);
     let passes = |item: &LoopItem| {
         query.verdict.is_none_or(|wanted| wanted.passes(item.verdict.as_deref()))
             && query.alarm.is_none_or(|wanted| wanted == item.alarm)
-            && query.group.as_ref().is_none_or(|wanted| *wanted == item.group)
-            && needle.as_ref().is_none_or(|needle| {
-                item.id.to_lowercase().contains(needle) || item.description.to_lowercase().contains(needle)
-            })
     };
     let mut sorted: Vec<((String, String), LoopItem)> =
         items.filter(passes).map(|item| ((sort_key(query.sort, &item), item.id.clone()), item)).collect();
@@ -110,6 +115,21 @@ fn decode_cursor(text: &str) -> Result<(String, String), Problem> {
 
 fn known(context: &Context, id: &LoopId, now: f64) -> Result<Known, Problem> {
     context.results.get(id, now).ok_or_else(|| Problem::unknown_loop(id.as_str()))
+}
+
+/// All loops as letters by unit, for a map.
+#[utoipa::path(get, path = "/map", tag = "loops", responses((status = 200, body = PlantMap)))]
+pub async fn map(State(context): Shared, Params(NoQuery {}): Params<NoQuery>) -> Result<Response, Problem> {
+    off_thread(move || {
+        let (now, plant) = (context.clock.now(), context.plant());
+        let looks = plant.loops().iter().filter_map(|info| {
+            let known = context.results.get(&info.id, now)?;
+            let verdict = known.summary.as_ref().map(|summary| summary.outcome.to_string());
+            Some((info.group.as_str(), known.alarm.state.into(), verdict))
+        });
+        Ok(PlantMap::of(looks, now))
+    })
+    .await
 }
 
 /// One loop with its newest values.

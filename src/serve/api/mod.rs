@@ -72,6 +72,7 @@ fn described() -> OpenApiRouter<Arc<Context>> {
     // Who holds an answer of these may ask whether it is still good.
     let mut kept = OpenApiRouter::new()
         .routes(routes!(loops::list))
+        .routes(routes!(loops::map))
         .routes(routes!(loops::detail))
         .routes(routes!(loops::diagnosis, loops::diagnose_now))
         .routes(routes!(loops::diagnoses))

@@ -12,6 +12,7 @@ pub mod fleet;
 pub mod health;
 mod kept;
 pub mod loops;
+pub mod map;
 pub mod notifications;
 pub mod opinions;
 pub mod params;

@@ -32,6 +32,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/js/login.js", SCRIPT, include_str!("assets/js/login.js")),
     ("/js/loop.js", SCRIPT, include_str!("assets/js/loop.js")),
     ("/js/main.js", SCRIPT, include_str!("assets/js/main.js")),
+    ("/js/map.js", SCRIPT, include_str!("assets/js/map.js")),
     ("/js/opinions.js", SCRIPT, include_str!("assets/js/opinions.js")),
     ("/js/plant.js", SCRIPT, include_str!("assets/js/plant.js")),
     ("/js/receivers.js", SCRIPT, include_str!("assets/js/receivers.js")),

@@ -1,8 +1,9 @@
 //! Which of the ways to read the column is right, or why none is.
 
 use super::super::error::{TableError, shown};
+use super::super::names::HeaderZone;
 use super::super::number::Decimal;
-use super::super::options::{Format, Told, Unit};
+use super::super::options::{self, Format, Told, Unit, Zone};
 use super::super::stamp::Order;
 use super::reading::{How, Reading, Spread};
 use super::tally::{Groups, Numbers, Times, Track};
@@ -24,6 +25,10 @@ const REST: f64 = 10.0 * 86_400.0;
 const LEAP: f64 = 25.0 * 86_400.0;
 /// Stamps are cut to one of these (s) where several rows share them.
 const CUT: [f64; 3] = [1.0, 60.0, 3600.0];
+/// A step back that is told (s): less is a late sample.
+const BACK_S: f64 = 600.0;
+/// By how much clocks go back where daylight saving time ends (s).
+const HOUR: f64 = 3600.0;
 
 /// Where the column stands, for messages.
 pub struct Column<'a> {
@@ -53,19 +58,25 @@ impl Times {
         let dated = self.dates.iter().map(|track| track.count).max().unwrap_or(0);
         let best = [numbers.track.count, dated, self.clocks.count, self.moments.count, self.formatted.count];
         let most = best.into_iter().max().unwrap_or(0);
-        let zone = || zone_said(told);
-        let new = |how, said: String| Reading::new(how, &told.zone, said);
-        let (track, mut reading, per_s) = if most == 0 || numbers.track.count == most {
+        let of_header = if told.zone.name.is_none() { header_zone(column)? } else { None };
+        let zone = || match &of_header {
+            Some(zone) => format!(" ({} by the header)", zone.name.as_deref().unwrap_or_default()),
+            None => zone_said(told),
+        };
+        let new = |how, said: String| Reading::new(how, of_header.as_ref().unwrap_or(&told.zone), said);
+        let by_pattern = matches!(told.format, Some(Format::Pattern(_)));
+        let (track, mut reading, per_s) = if !by_pattern && (most == 0 || numbers.track.count == most) {
             let unit = self.unit(numbers, column, told, most)?;
             let said = unit_said(unit, numbers, &zone());
             (&numbers.track, new(How::Number(decimal, unit), said), per_second(unit))
-        } else if dated == most {
+        } else if !by_pattern && dated == most {
             let order = self.order(column, told)?;
             let said = self.date_said(order) + &if self.offsets[1] { zone() } else { String::new() };
             (&self.dates[order as usize], new(How::Dated(order), said), 1.0)
-        } else if self.clocks.count == most {
+        } else if !by_pattern && self.clocks.count == most {
+            self.minutes(column)?;
             (&self.clocks, new(How::Clock, "time of day without a date".into()), 1.0)
-        } else if self.moments.count == most {
+        } else if !by_pattern && self.moments.count == most {
             (&self.moments, new(How::Moment, format!("time as stamps{}", zone())), 1.0)
         } else {
             let pattern = match &told.format {
@@ -75,8 +86,20 @@ impl Times {
             let said = format!("time {pattern} by --time-format{}", zone());
             (&self.formatted, new(How::Pattern(pattern), said), 1.0)
         };
-        self.enough(track, column)?;
+        self.enough(track, column, told)?;
+        let shared = groups.as_ref().is_some_and(Groups::is_cut);
         reading.spread = groups.and_then(|groups| spread(groups, track, per_s));
+        if shared && reading.spread.is_none() {
+            return Err(TableError::refused(format!(
+                "column {} ({}): nearly every row has the time of the row before, and other values: the times were cut, as \
+                 a spreadsheet cuts what it shows; save them whole",
+                column.number, column.name
+            )));
+        }
+        // Times of day come back every day by themselves.
+        if matches!(reading.how, How::Dated(_) | How::Moment) {
+            reading.said += &self.back(track, told, column)?;
+        }
         if let Some(spread) = &reading.spread {
             reading.said += &format!(", {} rows a stamp spread over its {} s", spread.usual, spread.step);
         }
@@ -84,7 +107,7 @@ impl Times {
     }
 
     /// Whether so many cells can be read that the rest may be left out.
-    fn enough(&self, track: &Track, column: &Column<'_>) -> Result<(), TableError> {
+    fn enough(&self, track: &Track, column: &Column<'_>, told: &Told) -> Result<(), TableError> {
         let trailing = self.rows - track.last_row;
         let within = track.last_row - track.count;
         let trailer =
@@ -94,9 +117,47 @@ impl Times {
         }
         let (line, cell) = track.first_miss.clone().unwrap_or_default();
         let Column { row_name, number, name, .. } = column;
+        if let Some(Format::Pattern(pattern)) = &told.format {
+            return Err(TableError::refused(format!(
+                "{row_name} {line}, column {number} ({name}): {cell:?} is not written as --time-format {pattern}"
+            )));
+        }
         Err(TableError::refused(format!(
             "{row_name} {line}, column {number} ({name}): {cell:?} is no time; dates with a time of day in the usual formats, \
              RFC 3339 and numbers are read, others with --time-format"
+        )))
+    }
+
+    /// What is remarkable where times go back and go on from there, in words.
+    ///
+    /// # Errors
+    /// They go back by an hour on a clock whose zone nobody told.
+    fn back(&self, track: &Track, told: &Told, column: &Column<'_>) -> Result<String, TableError> {
+        let ([forward, back], Some((step, line))) = (track.ways, track.back) else {
+            return Ok(String::new());
+        };
+        if back * BAD > forward || step < BACK_S {
+            return Ok(String::new());
+        }
+        let Column { row_name, number, name, .. } = column;
+        let local = told.zone.name.is_none() && self.offsets == [false, true];
+        if local && back == 1 && (HOUR * 0.9..=HOUR).contains(&step) {
+            return Err(TableError::refused(format!(
+                "{row_name} {line}, column {number} ({name}): times go back by an hour, as where daylight saving time ends; say \
+                 the zone with --tz, such as Europe/Berlin, or --tz UTC where they are right"
+            )));
+        }
+        let times = if back == 1 { "once".to_string() } else { format!("{back} times") };
+        Ok(format!(", times go back {times}, by up to {step:.0} s in {row_name} {line}: rows are sorted"))
+    }
+
+    /// Refuses times of two numbers, which may be hours and minutes, or minutes and seconds.
+    fn minutes(&self, column: &Column<'_>) -> Result<(), TableError> {
+        let Some((line, cell)) = &self.short_clock else { return Ok(()) };
+        let Column { row_name, number, name, .. } = column;
+        Err(TableError::refused(format!(
+            "{row_name} {line}, column {number} ({name}): {cell:?} may be hours and minutes or minutes and seconds; say \
+             --time-format %H:%M or %M:%S, or save the times whole: a spreadsheet shows less than it has"
         )))
     }
 
@@ -114,7 +175,8 @@ impl Times {
                 "column {number} ({name}): {what}; say --time-unit s, ms, us, ns or days"
             )))
         };
-        const UNITS: [Unit; 5] = [Unit::Seconds, Unit::Millis, Unit::Micros, Unit::Nanos, Unit::FileTime];
+        const UNITS: [Unit; 6] =
+            [Unit::Seconds, Unit::Millis, Unit::Micros, Unit::Ticks, Unit::Nanos, Unit::FileTime];
         let most = |count: u64| count > 0 && (all - count) * BAD <= all;
         let shown = numbers.track.least;
         let by_range = numbers.ranges.iter().position(|count| most(*count)).map(|at| UNITS[at]);
@@ -144,6 +206,7 @@ impl Times {
         match named {
             Some(unit) => Ok(unit),
             None if most(numbers.serial) && step > 0.0 && step < STEP_OF_DAYS => Ok(Unit::Days),
+            None if most(numbers.date_num) && step > 0.0 && step < STEP_OF_DAYS => Ok(Unit::DateNum),
             None if most(numbers.serial) && step > 0.0 && step < STEP_OF_SECONDS => {
                 doubt(format!("{shown} in steps of {step} may be seconds or days of a spreadsheet"))
             }
@@ -236,6 +299,24 @@ fn short(order: Order) -> &'static str {
     }
 }
 
+/// The zone that the header says.
+///
+/// # Errors
+/// Letters that do not say whose zone it is.
+fn header_zone(column: &Column<'_>) -> Result<Option<Zone>, TableError> {
+    match column.unit.and_then(HeaderZone::of) {
+        None => Ok(None),
+        Some(HeaderZone::Offset(name)) => {
+            let rules = options::zone(&name);
+            Ok(rules.map(|rules| Zone { name: Some(name), rules: Some(rules) }))
+        }
+        Some(HeaderZone::Letters(letters)) => Err(TableError::refused(format!(
+            "column {} ({}): {letters} alone is no zone; say which with --tz, such as Europe/Berlin or +02:00",
+            column.number, column.name
+        ))),
+    }
+}
+
 fn zone_said(told: &Told) -> String {
     told.zone.name.as_ref().map_or_else(|| " (UTC)".to_string(), |name| format!(" ({} by --tz)", shown(name)))
 }
@@ -250,6 +331,8 @@ fn of(unit: Unit) -> &'static str {
         Unit::Hours => "hours",
         Unit::Days => "days of a spreadsheet",
         Unit::FileTime => "tenths of a microsecond since 1601",
+        Unit::Ticks => "tenths of a microsecond since the year 1 (.NET)",
+        Unit::DateNum => "days since the year 0 (MATLAB)",
     }
 }
 
@@ -261,16 +344,18 @@ fn per_second(unit: Unit) -> f64 {
         Unit::Nanos => 1e9,
         Unit::Minutes => 1.0 / 60.0,
         Unit::Hours => 1.0 / 3600.0,
-        Unit::Days => 1.0 / 86_400.0,
-        Unit::FileTime => 1e7,
+        Unit::Days | Unit::DateNum => 1.0 / 86_400.0,
+        Unit::FileTime | Unit::Ticks => 1e7,
     }
 }
 
 fn unit_said(unit: Unit, numbers: &Numbers, zone: &str) -> String {
     let epoch = numbers.ranges.iter().any(|count| *count * 2 > numbers.track.count);
     match unit {
-        Unit::Days => format!("time in {}{zone}", of(unit)),
-        _ if epoch && unit != Unit::FileTime => format!("time in {} since 1970", of(unit)),
+        Unit::Days | Unit::DateNum => format!("time in {}{zone}", of(unit)),
+        _ if epoch && !matches!(unit, Unit::FileTime | Unit::Ticks) => {
+            format!("time in {} since 1970", of(unit))
+        }
         _ => format!("time in {}", of(unit)),
     }
 }
@@ -280,5 +365,11 @@ fn spread(groups: Groups, track: &Track, per_s: f64) -> Option<Spread> {
     let usual = groups.usual()?;
     let step = track.usual_step()? / per_s;
     let cut = CUT.iter().any(|cut| (step - cut).abs() < 1e-6);
-    (cut && track.share_of_step(step * per_s) > 0.9).then_some(Spread { sizes: groups.sizes, usual, step })
+    let falls = track.falls();
+    (cut && track.share_of_step(step * per_s) > 0.9).then_some(Spread {
+        sizes: groups.sizes,
+        usual,
+        step,
+        falls,
+    })
 }

@@ -28,6 +28,8 @@ pub struct Spread {
     pub usual: u32,
     /// From one stamp to the next (s).
     pub step: f64,
+    /// The newest stands first.
+    pub falls: bool,
 }
 
 pub(super) enum How {
@@ -55,11 +57,16 @@ impl Reading {
         let size = spread.sizes.get(group).copied().unwrap_or(1);
         let last = within + 1 >= size;
         self.place = if last { (group + 1, 0) } else { (group, within + 1) };
-        let share = if group == 0 {
+        let (earliest, within) = match spread.falls {
+            true => (group + 1 == spread.sizes.len(), (size - 1).saturating_sub(within)),
+            false => (group == 0, within),
+        };
+        let latest = if spread.falls { group == 0 } else { group + 1 == spread.sizes.len() };
+        let share = if earliest {
             // The record may begin within a stamp: what is there of it is its end.
             let missing = spread.usual.saturating_sub(size);
             f64::from(missing + within) / f64::from(size.max(spread.usual))
-        } else if group + 1 == spread.sizes.len() {
+        } else if latest {
             f64::from(within) / f64::from(size.max(spread.usual))
         } else {
             f64::from(within) / f64::from(size)
@@ -74,7 +81,10 @@ impl Reading {
                 None => first.shown(),
             };
             let (ns, offset) = by_pattern(pattern, &text)?;
-            return self.moment(ns, offset);
+            return match period(pattern) {
+                None => self.moment(ns, offset),
+                Some(period) => Some(self.unwrapped(ns, period)),
+            };
         }
         match (&self.how, What::of(first, second)) {
             (How::Number(_, unit), What::Number(value)) => self.counted(value, *unit),
@@ -84,21 +94,26 @@ impl Reading {
             (How::Dated(order), What::Dated(stamp)) => self.moment(stamp.civil(*order)?, stamp.offset),
             // A spreadsheet keeps most stamps as such and some as text.
             (How::Moment, What::Moment { ns, civil }) => self.moment(ns, (!civil).then_some(0)),
-            (How::Clock, What::Clock(ns)) => {
-                let t = seconds(ns.saturating_add(self.midnight));
-                if self.before - t > 43_200.0 {
-                    self.midnight = self.midnight.saturating_add(DAY);
-                }
-                Some(seconds(ns.saturating_add(self.midnight)))
-            }
+            (How::Clock, What::Clock(ns)) => Some(self.unwrapped(ns, DAY)),
             _ => None,
         }
     }
 
+    /// A time of day, or of an hour, that goes on where the day or the hour ends.
+    fn unwrapped(&mut self, ns: i64, period: i64) -> f64 {
+        let t = seconds(ns.saturating_add(self.midnight));
+        if self.before - t > seconds(period) / 2.0 {
+            self.midnight = self.midnight.saturating_add(period);
+        }
+        seconds(ns.saturating_add(self.midnight))
+    }
+
     fn counted(&self, value: f64, unit: Unit) -> Option<f64> {
         const SINCE_1601: f64 = 11_644_473_600.0;
-        /// 1970-01-01 as spreadsheets count.
+        const SINCE_1: f64 = 62_135_596_800.0;
+        /// 1970-01-01 as spreadsheets count, and as MATLAB does.
         const EPOCH: f64 = 25_569.0;
+        const EPOCH_OF_DATE_NUM: f64 = 719_529.0;
         let t = match unit {
             Unit::Seconds => value,
             Unit::Millis => value / 1e3,
@@ -107,8 +122,10 @@ impl Reading {
             Unit::Minutes => value * 60.0,
             Unit::Hours => value * 3600.0,
             Unit::FileTime => value / 1e7 - SINCE_1601,
-            Unit::Days => {
-                let ms = ((value - EPOCH) * 86_400e3).round();
+            Unit::Ticks => value / 1e7 - SINCE_1,
+            Unit::Days | Unit::DateNum => {
+                let epoch = if unit == Unit::Days { EPOCH } else { EPOCH_OF_DATE_NUM };
+                let ms = ((value - epoch) * 86_400e3).round();
                 return self.moment((ms.abs() < 1e13).then_some(ms as i64)?.checked_mul(1_000_000)?, None);
             }
         };
@@ -143,14 +160,34 @@ fn seconds(ns: i64) -> f64 {
     ns.div_euclid(SECOND) as f64 + ns.rem_euclid(SECOND) as f64 * 1e-9
 }
 
+/// What a pattern without a date comes back after (ns); `None` for one with a date.
+fn period(pattern: &str) -> Option<i64> {
+    let mut letters = pattern.split('%').skip(1).filter_map(|part| {
+        part.trim_start_matches(|c: char| c.is_ascii_digit() || ".-_0^:".contains(c)).chars().next()
+    });
+    let all: Vec<char> = letters.by_ref().collect();
+    if all.iter().any(|c| !"HIklMSfNLpPTRrXZz".contains(*c)) {
+        return None;
+    }
+    let hours = all.iter().any(|c| "HIklTRrX".contains(*c));
+    Some(if hours { DAY } else { 3600 * SECOND })
+}
+
 /// Nanoseconds on the written clock, and the offset where the pattern has one.
 pub(super) fn by_pattern(pattern: &str, text: &str) -> Option<(i64, Option<i32>)> {
     let text = super::super::number::bare(text);
     let parts = jiff::fmt::strtime::parse(pattern, text).ok()?;
-    let civil = match parts.to_datetime() {
-        Ok(civil) => civil,
+    let civil = match (parts.to_datetime(), parts.to_date()) {
+        (Ok(civil), _) => civil,
         // A date without a time of day.
-        Err(_) => parts.to_date().ok()?.to_datetime(jiff::civil::Time::midnight()),
+        (Err(_), Ok(date)) => date.to_datetime(jiff::civil::Time::midnight()),
+        // A time of day, or minutes and seconds alone.
+        (Err(_), Err(_)) => {
+            let nanos = parts.subsec_nanosecond().unwrap_or(0);
+            let (hour, minute) = (parts.hour().unwrap_or(0), parts.minute()?);
+            let time = jiff::civil::Time::new(hour, minute, parts.second().unwrap_or(0), nanos).ok()?;
+            jiff::civil::date(1970, 1, 1).to_datetime(time)
+        }
     };
     let moment = jiff::tz::Offset::UTC.to_timestamp(civil).ok()?;
     let ns = i64::try_from(moment.as_nanosecond()).ok()?;

@@ -27,7 +27,12 @@ pub struct Track {
     pub jump: f64,
     /// Sum of the readings: two ways that agree everywhere have the same.
     pub sum: f64,
-    steps: Vec<f64>,
+    /// Steps forward, and back as positive numbers.
+    steps: [Vec<f64>; 2],
+    /// How many of each there are.
+    pub ways: [u64; 2],
+    /// The largest step back, and its line.
+    pub back: Option<(f64, u64)>,
     before: Option<f64>,
 }
 
@@ -41,7 +46,9 @@ impl Default for Track {
             most: f64::NEG_INFINITY,
             jump: 0.0,
             sum: 0.0,
-            steps: Vec::new(),
+            steps: [Vec::new(), Vec::new()],
+            ways: [0; 2],
+            back: None,
             before: None,
         }
     }
@@ -61,51 +68,71 @@ impl Track {
         if let Some(before) = self.before {
             let step = value - before;
             self.jump = self.jump.max(step.abs());
-            if step > 0.0 && self.steps.len() < STEPS {
-                self.steps.push(step);
+            if step != 0.0 {
+                let way = usize::from(step < 0.0);
+                self.ways[way] += 1;
+                if self.steps[way].len() < STEPS {
+                    self.steps[way].push(step.abs());
+                }
+            }
+            if step < 0.0 && self.back.is_none_or(|(most, _)| -step > most) {
+                self.back = Some((-step, line));
             }
         }
         self.before = Some(value);
     }
 
-    /// The usual step forward; `None` where there is none.
+    /// Whether the newest stands first.
+    pub fn falls(&self) -> bool {
+        self.ways[1] > self.ways[0]
+    }
+
+    /// The usual step in the direction of most; `None` where there is none.
     pub fn usual_step(&self) -> Option<f64> {
-        let mut steps = self.steps.clone();
+        let mut steps = self.steps[usize::from(self.falls())].clone();
         steps.sort_unstable_by(f64::total_cmp);
         steps.get(steps.len() / 2).copied()
     }
 
     /// The share of steps that are this long.
     pub fn share_of_step(&self, length: f64) -> f64 {
-        let same = self.steps.iter().filter(|step| (*step - length).abs() < 1e-6).count();
-        same as f64 / self.steps.len().max(1) as f64
+        let steps = &self.steps[usize::from(self.falls())];
+        let same = steps.iter().filter(|step| (*step - length).abs() < 1e-6).count();
+        same as f64 / steps.len().max(1) as f64
     }
 }
 
-/// Ranges of numbers in which a unit of time puts the years 1990 to 2100.
-pub const RANGES: [(f64, f64); 5] = {
+/// Ranges of numbers in which a unit of time puts the years 1990 to 2100. Nanoseconds of 1990 are ticks of .NET in our days,
+/// which are likelier, so those come first.
+pub const RANGES: [(f64, f64); 6] = {
     const FROM: f64 = 631_152_000.0;
     const TO: f64 = 4_102_444_800.0;
     const SINCE_1601: f64 = 11_644_473_600.0;
+    const SINCE_1: f64 = 62_135_596_800.0;
     [
         (FROM, TO),
         (FROM * 1e3, TO * 1e3),
         (FROM * 1e6, TO * 1e6),
+        ((FROM + SINCE_1) * 1e7, (TO + SINCE_1) * 1e7),
         (FROM * 1e9, TO * 1e9),
         ((FROM + SINCE_1601) * 1e7, (TO + SINCE_1601) * 1e7),
     ]
 };
 /// Days as a spreadsheet counts them, 1990 to 2100.
 pub const SERIAL: (f64, f64) = (32_874.0, 73_050.0);
+/// Days as MATLAB counts them, 1990 to 2100.
+pub const DATE_NUM: (f64, f64) = (726_834.0, 767_011.0);
 
 /// Numbers as times, under one decimal sign.
 #[derive(Clone, Debug, Default)]
 pub struct Numbers {
     pub track: Track,
     /// How many lie in each of [`RANGES`].
-    pub ranges: [u64; 5],
+    pub ranges: [u64; 6],
     /// How many are days of a spreadsheet.
     pub serial: u64,
+    /// How many are days of MATLAB.
+    pub date_num: u64,
     /// How many are below every range: seconds since the record began.
     pub small: u64,
 }
@@ -119,6 +146,7 @@ impl Numbers {
             None => self.small += u64::from(value.abs() < RANGES[0].0),
         }
         self.serial += u64::from((SERIAL.0..SERIAL.1).contains(&value));
+        self.date_num += u64::from((DATE_NUM.0..DATE_NUM.1).contains(&value));
     }
 }
 
@@ -141,6 +169,8 @@ pub struct Times {
     pub example: Option<(u64, String)>,
     /// Times of day without a date.
     pub clocks: Track,
+    /// The first of them with two numbers only, and its line.
+    pub short_clock: Option<(u64, String)>,
     /// Moments as such (s).
     pub moments: Track,
     /// By the pattern that was told.
@@ -180,10 +210,19 @@ impl Times {
             self.example.get_or_insert_with(|| (line, shown(&text())));
         }
         let clock = if let What::Clock(ns) = what { Some(ns as f64 * 1e-9) } else { None };
+        if clock.is_some() && self.short_clock.is_none() && is_short(&text()) {
+            self.short_clock = Some((line, shown(&text())));
+        }
         self.clocks.add(row, line, &text, clock);
         let moment = if let What::Moment { ns, .. } = what { Some(ns as f64 * 1e-9) } else { None };
         self.moments.add(row, line, &text, moment);
     }
+}
+
+/// Whether a time of day is two numbers: `06:00`, `00:02.5`.
+fn is_short(text: &str) -> bool {
+    text.bytes().filter(|byte| *byte == b':').count() == 1
+        && text.bytes().all(|byte| byte.is_ascii_digit() || b":., ".contains(&byte))
 }
 
 fn both(first: &Cell<'_>, second: Option<&Cell<'_>>) -> String {
@@ -250,6 +289,8 @@ fn text_alone(text: &str) -> What<'_> {
 pub struct Groups {
     /// How many rows each has.
     pub sizes: Vec<u32>,
+    /// Rows in all.
+    pub rows: u64,
     /// Rows under the stamp of the row before, and those of them with other values than it.
     pub repeated: u64,
     /// See `repeated`.
@@ -260,6 +301,8 @@ pub struct Groups {
 
 /// Groups that are remembered; a table of more is read as it is.
 const MOST_GROUPS: usize = 1 << 22;
+/// Rows from which stamps that were cut can be told.
+const FEW_ROWS: u64 = 20;
 /// Groups after which it is clear whether there are any.
 const FIRST_GROUPS: usize = 1 << 12;
 
@@ -270,6 +313,7 @@ impl Groups {
             return;
         }
         let text = both(first, second);
+        self.rows += 1;
         match self.sizes.last_mut() {
             Some(size) if text == self.before => {
                 *size += 1;
@@ -285,6 +329,11 @@ impl Groups {
         if single || self.sizes.len() > MOST_GROUPS {
             *self = Self { given_up: true, ..Self::default() };
         }
+    }
+
+    /// Whether nearly every row has the stamp of the row before, and other values.
+    pub fn is_cut(&self) -> bool {
+        self.rows >= FEW_ROWS && self.repeated * 10 >= self.rows * 9 && self.moved * 10 >= self.repeated
     }
 
     /// How many rows a stamp usually has, where most have several of other values.

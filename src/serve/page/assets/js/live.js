@@ -4,7 +4,7 @@ import { events, get, loopPath } from "./api.js";
 
 /** By name. */
 export const loops = new Map();
-export const state = { time: null, timeAt: 0, link: "connecting", complete: false };
+export const state = { time: null, timeAt: 0, link: "connecting", complete: false, total: 0 };
 const listeners = new Set();
 const changed = new Set();
 let all = true, pending = null, working = false;
@@ -27,7 +27,8 @@ function noted(list) {
 }
 
 // Few changes are fetched one by one, many as pages; the first page is small, so that the worst loops show at once.
-const FEW = 12, FIRST = 300, PAGE = 1000;
+// Of very many only the worst are held: the page of the fleet lists all of them.
+const FEW = 12, FIRST = 300, PAGE = 1000, MOST = 5000;
 
 async function refresh() {
   pending = null;
@@ -65,7 +66,8 @@ async function pages() {
       loops.set(item.id, item);
       seen.add(item.id);
     }
-    after = list.next;
+    after = seen.size < MOST ? list.next : null;
+    state.total = list.total;
     if (!state.complete) tell("loops", null);
   } while (after);
   for (const id of loops.keys()) if (!seen.has(id)) loops.delete(id);

@@ -71,7 +71,8 @@ export function plantView(main, _parts, query) {
     passing.sort(SORTS[wanted.sort][1]);
     const shown = passing.length === items.length ? `${items.length} loops` : `${passing.length} of ${items.length} loops`;
     const none = state.complete ? (items.length ? "No loop is like this." : "No loops are configured.") : "loading …";
-    summary.textContent = passing.length ? shown : none;
+    const held = state.complete && state.total > items.length;
+    summary.replaceChildren(passing.length ? shown : none, held ? `, the worst of ${state.total}: ` : "", held ? h("a", { href: "#/fleet" }, "all are on the page of the fleet") : "");
     board.show(arranged(passing));
   }
 
