@@ -5,6 +5,8 @@
 mod archive;
 #[path = "exports/columns.rs"]
 mod columns;
+#[path = "exports/doubts.rs"]
+mod doubts;
 #[path = "exports/dress.rs"]
 mod dress;
 #[path = "exports/forms.rs"]

@@ -87,6 +87,8 @@ impl Times {
             (&self.formatted, new(How::Pattern(pattern), said), 1.0)
         };
         self.enough(track, column, told)?;
+        // A table of tags may have them one after the other.
+        let is_wide = groups.is_some();
         let shared = groups.as_ref().is_some_and(Groups::is_cut);
         reading.spread = groups.and_then(|groups| spread(groups, track, per_s));
         if shared && reading.spread.is_none() {
@@ -97,7 +99,7 @@ impl Times {
             )));
         }
         // Times of day come back every day by themselves.
-        if matches!(reading.how, How::Dated(_) | How::Moment) {
+        if is_wide && matches!(reading.how, How::Dated(_) | How::Moment) {
             reading.said += &self.back(track, told, column)?;
         }
         if let Some(spread) = &reading.spread {
@@ -136,7 +138,8 @@ impl Times {
         let ([forward, back], Some((step, line))) = (track.ways, track.back) else {
             return Ok(String::new());
         };
-        if back * BAD > forward || step < BACK_S {
+        // Where a zone is told, the hour that comes twice is known by it.
+        if back * BAD > forward || step < BACK_S || told.zone.name.is_some() && step <= HOUR {
             return Ok(String::new());
         }
         let Column { row_name, number, name, .. } = column;
