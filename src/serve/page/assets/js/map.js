@@ -57,7 +57,7 @@ const inside = (box, top) => ({ x: box.x + GAP, y: box.y + top, w: Math.max(0, b
 
 /** What the cells of a map mean. */
 export function legend() {
-  const swatch = (letter) => h("i", { class: HOLLOW.has(letter) ? "hollow" : null, style: `--paint: var(${PAINT[letter]})` });
+  const swatch = (letter) => h("i", { class: HOLLOW.has(letter) ? `${PAINT[letter].slice(2)} hollow` : PAINT[letter].slice(2) });
   return h("p", { class: "map-legend" }, ...["U", "A", "S", "L", "H", "N", "W", "O"].map((letter) => h("span", null, swatch(letter), { L: "Returned or latched", H: "Shelved or off" }[letter] ?? kind(LETTERS[letter]).label)));
 }
 
