@@ -46,6 +46,9 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
         plant.loops.len(),
         if longest > shortest { format!(" to {longest} s") } else { String::new() }
     );
+    if config.fleet.is_some() {
+        out += "fleet    for `stictiond edge`, `worker` and `centre`; `stictiond run` refuses [fleet]\n";
+    }
     let requests: usize = plant.plans.iter().map(|plan| plan.requests.len()).sum();
     let tags: usize = plant.loops.iter().map(|own| own.tags.len()).sum();
     let devices = plant.plans.len() + plant.opcua.len() + plant.mqtt.len();

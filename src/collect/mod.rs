@@ -14,7 +14,7 @@ mod backoff;
 mod device;
 mod frozen;
 mod health;
-mod scaling;
+pub(crate) mod scaling;
 mod series;
 mod text_value;
 

@@ -89,7 +89,7 @@ pub struct LoopConfig {
     #[serde(default)]
     pub op_span: Option<f64>,
     /// The controller's output limits (OP unit): saturation is judged against them.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "crate::collect::scaling::pair")]
     pub op_limits: Option<[f64; 2]>,
     /// A PV that has not changed for longer is flagged as stale (s).
     #[serde(default)]

@@ -404,6 +404,16 @@ nod = 1
 }
 
 #[test]
+fn a_pair_has_two_numbers() {
+    for (limits, message) in
+        [("[0, 50, 100]", "and here are 3"), ("[50]", "and here are 1"), ("['a', 'b']", "a number")]
+    {
+        let found = errors(&minimal("").replace("id = 'A'", &format!("id = 'A'\nop_limits = {limits}")));
+        assert!(found.len() == 1 && found[0].contains(message), "{limits}: {found:?}");
+    }
+}
+
+#[test]
 fn candidates_are_tags_of_other_loops() {
     let with =
         |candidates: &str| minimal("").replace("id = 'A'", &format!("id = 'A'\ncandidates = {candidates}"));

@@ -62,11 +62,11 @@ fn rows_under_one_stamp_are_spread_in_either_direction() {
 fn times_that_a_spreadsheet_has_cut_are_asked_for() {
     let example = example();
     let cut = rows(&example, ',', |t| format!("1.78{}E+12", (t as i64 / 5000) % 10));
-    let said = read("Time,OP,PV", &cut, &Options::default()).err().expect("refused");
+    let said = read("Time,OP,PV", &cut, &Options::default()).expect_err("refused");
     assert!(said.contains("column 1 (Time)") && said.contains("the times were cut"), "{said}");
 
     let minutes = rows(&example, ',', |t| civil(t)[14..].to_string() + ".0");
-    let said = read("Time,OP,PV", &minutes, &Options::default()).err().expect("refused");
+    let said = read("Time,OP,PV", &minutes, &Options::default()).expect_err("refused");
     assert!(said.contains("--time-format %H:%M or %M:%S"), "{said}");
     let told = Options { time_format: Some("%M:%S.%f".into()), ..Options::default() };
     let table = read("Time,OP,PV", &minutes, &told).expect("told");
@@ -74,7 +74,7 @@ fn times_that_a_spreadsheet_has_cut_are_asked_for() {
     assert_eq!(since(&table), right);
 
     let told = Options { time_format: Some("%d.%m.%Y".into()), ..Options::default() };
-    let said = read("Time,OP,PV", &minutes, &told).err().expect("refused");
+    let said = read("Time,OP,PV", &minutes, &told).expect_err("refused");
     assert!(
         said.starts_with("line 2, column 1 (Time): \"") && said.ends_with("--time-format %d.%m.%Y"),
         "{said}"
@@ -90,7 +90,7 @@ fn an_hour_back_and_a_zone_in_the_header_are_times_of_a_zone() {
         let t = moved(t);
         civil(t + if t < 1_792_890_000.0 { 7200.0 } else { 3600.0 })
     });
-    let said = read("Time,OP,PV", &local, &Options::default()).err().expect("refused");
+    let said = read("Time,OP,PV", &local, &Options::default()).expect_err("refused");
     assert!(said.contains("go back by an hour") && said.contains("--tz"), "{said}");
     let told = Options { tz: Some("Europe/Berlin".into()), ..Options::default() };
     let table = read("Time,OP,PV", &local, &told).expect("told");
@@ -101,7 +101,7 @@ fn an_hour_back_and_a_zone_in_the_header_are_times_of_a_zone() {
     let table = read("Time (UTC+02:00),OP,PV", &rows, &Options::default()).expect("an offset");
     assert!(table.found.read_as.contains("(+02:00 by the header)"), "{}", table.found.read_as);
     assert_eq!(table.record.op[0].t, BEGIN as f64 - 7200.0);
-    let said = read("Time (CEST),OP,PV", &rows, &Options::default()).err().expect("letters");
+    let said = read("Time (CEST),OP,PV", &rows, &Options::default()).expect_err("letters");
     assert!(said.contains("CEST alone is no zone") && said.contains("--tz"), "{said}");
 }
 
@@ -117,7 +117,7 @@ fn two_signs_or_two_columns_of_times_are_refused() {
             format!("{};{}", before.replace('.', ","), &pv[..pv.len() - 1])
         })
         .collect();
-    let said = read("Zeit;OP;PV", &mixed, &plain).err().expect("refused");
+    let said = read("Zeit;OP;PV", &mixed, &plain).expect_err("refused");
     assert!(said.contains("every cell of OP") && said.contains("--decimal"), "{said}");
 
     let own: Vec<String> = rows(&example, ',', civil)
@@ -128,7 +128,7 @@ fn two_signs_or_two_columns_of_times_are_refused() {
         })
         .collect();
     let named = Options { time: Some("time1".into()), ..plain };
-    let said = read("time1,op,time2,pv", &own, &named).err().expect("refused");
+    let said = read("time1,op,time2,pv", &own, &named).expect_err("refused");
     assert!(said.contains("column 3 (time2) holds other times"), "{said}");
 }
 
@@ -146,10 +146,10 @@ fn quality_by_other_names_is_used_and_an_option_without_a_column_is_refused() {
         let table = read(&format!("Time,OP,PV,{name}"), &worded(good, bad), &plain).expect("read");
         assert!(table.found.read_as.contains(&format!("not good by {name}")), "{}", table.found.read_as);
     }
-    let said = read("Time,OP,PV,Validity", &worded("1", "0"), &plain).err().expect("numbers");
+    let said = read("Time,OP,PV,Validity", &worded("1", "0"), &plain).expect_err("numbers");
     assert!(said.contains("--good-values"), "{said}");
     let told = Options { good_values: Some("1".into()), ..plain };
     assert!(read("Time,OP,PV,Validity", &worded("1", "0"), &told).is_ok());
-    let said = read("Time,OP,PV", &rows(&example, ',', civil), &told).err().expect("nothing to decide");
+    let said = read("Time,OP,PV", &rows(&example, ',', civil), &told).expect_err("nothing to decide");
     assert!(said.contains("--good-values: no column says anything of quality"), "{said}");
 }

@@ -193,7 +193,7 @@ pub struct TagConfig {
     #[serde(default)]
     pub offset: f64,
     /// Least and greatest believable value, after scaling.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "crate::collect::scaling::pair")]
     pub range: Option<[f64; 2]>,
     /// Engineering unit, for people.
     #[serde(default)]
@@ -340,6 +340,12 @@ impl TagConfig {
                 let metric = match (&self.metric, self.alias) {
                     (Some(name), None) if !name.is_empty() => MetricKey::Name(name.clone()),
                     (None, Some(alias)) => MetricKey::Alias(alias),
+                    (None, None) => {
+                        return Err(issue(
+                            "metric",
+                            "which metric of the node: give metric, or alias".into(),
+                        ));
+                    }
                     _ => return Err(issue("metric", "name the metric, or give its alias, not both".into())),
                 };
                 let parts: Vec<&str> = text.split('/').collect();

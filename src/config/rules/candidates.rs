@@ -33,11 +33,12 @@ impl Rules<'_, '_, '_> {
             } else if control_loop.tag.iter().any(|tag| tag.name() == Some(name)) {
                 self.wrong(&here, format!("candidates: {name:?} is also a [[loop.tag]] of this loop"));
             } else if find(name, others).is_none() {
-                let what = if own(name) { "is this loop's own" } else { "is no tag of another loop" };
-                self.wrong(
-                    &here,
-                    format!("candidates: {name:?} {what}; write them as loop.tag, like \"FIC203.pv\""),
-                );
+                let what = match (own(name), name.contains('.')) {
+                    (true, _) => "is this loop's own: name tags of other loops",
+                    (false, true) => "is no tag of another loop: look at how the loop and the tag are called",
+                    (false, false) => "is no tag of another loop; write them as loop.tag, like \"FIC203.pv\"",
+                };
+                self.wrong(&here, format!("candidates: {name:?} {what}"));
             }
         }
     }
