@@ -14,7 +14,8 @@ mod backoff;
 mod device;
 mod frozen;
 mod health;
-pub(crate) mod scaling;
+pub(crate) mod pair;
+mod scaling;
 mod series;
 mod text_value;
 

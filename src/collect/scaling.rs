@@ -19,19 +19,6 @@ impl Reading {
     }
 }
 
-/// Reads a pair as `[low, high]`: of more numbers the rest would be passed over.
-///
-/// # Errors
-/// Not two numbers.
-pub fn pair<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<[f64; 2]>, D::Error> {
-    let numbers = <Vec<f64> as serde::Deserialize>::deserialize(from)?;
-    let count = numbers.len();
-    let pair = numbers.try_into().map_err(|_| {
-        serde::de::Error::custom(format!("two numbers are needed, [lowest, highest], and here are {count}"))
-    });
-    pair.map(Some)
-}
-
 /// What a raw number means.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Scaling {

@@ -7,6 +7,7 @@ mod plant;
 mod rules;
 mod section;
 mod source;
+mod syntax;
 mod tag;
 mod wording;
 
@@ -89,7 +90,7 @@ pub struct LoopConfig {
     #[serde(default)]
     pub op_span: Option<f64>,
     /// The controller's output limits (OP unit): saturation is judged against them.
-    #[serde(default, deserialize_with = "crate::collect::scaling::pair")]
+    #[serde(default, deserialize_with = "crate::collect::pair::pair")]
     pub op_limits: Option<[f64; 2]>,
     /// A PV that has not changed for longer is flagged as stale (s).
     #[serde(default)]

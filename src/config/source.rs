@@ -1,6 +1,7 @@
 //! The file as a tree whose every key and value knows its place in the text.
 
 use super::diagnostic::Report;
+use super::syntax;
 use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -33,15 +34,11 @@ impl<'a> Source<'a> {
     /// Parses the text; every syntax error goes to the report and what could be read is kept.
     pub fn parse(text: &'a str, report: &mut Report) -> Self {
         let (root, errors) = DeTable::parse_recoverable(text);
-        let mut in_array = false;
-        for error in errors {
-            // A bracket left open makes every line after it wrong.
-            if in_array {
-                break;
-            }
-            in_array = error.message().contains("array");
-            let at = error.span().map_or(text.len(), |span| span.start);
-            report.broken(at, decimal_comma(text, at).unwrap_or_else(|| error.message().into()));
+        let found = errors
+            .into_iter()
+            .map(|error| (error.span().map_or(text.len(), |span| span.start), error.message().to_string()));
+        for fault in syntax::faults(text, found) {
+            report.broken(fault.at, fault.said);
         }
         Self { root: root.into_inner() }
     }
@@ -85,14 +82,6 @@ impl<'a> Source<'a> {
     pub fn text(&self, path: &[Step]) -> Option<&str> {
         self.get(path)?.get_ref().as_str()
     }
-}
-
-/// `scale = 0,1`: the parser stops at the comma.
-fn decimal_comma(text: &str, at: usize) -> Option<String> {
-    let digit = |at: Option<usize>| at.and_then(|at| text.as_bytes().get(at)).is_some_and(u8::is_ascii_digit);
-    let comma = text.as_bytes().get(at) == Some(&b',');
-    (comma && digit(at.checked_sub(1)) && digit(at.checked_add(1)))
-        .then(|| "a decimal comma: write the number with a point, such as 0.1".into())
 }
 
 /// The variable that a text waits to have filled in: `PLC` of `${PLC}:502`.

@@ -148,7 +148,7 @@ struct Keys {
     scale: f64,
     #[serde(default)]
     offset: f64,
-    #[serde(default, deserialize_with = "crate::collect::scaling::pair")]
+    #[serde(default, deserialize_with = "crate::collect::pair::pair")]
     range: Option<[f64; 2]>,
     unit: Option<String>,
     auto_values: Option<Vec<i64>>,

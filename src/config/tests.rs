@@ -219,7 +219,7 @@ fn structure_is_judged_tag_by_tag() {
             "f:17:1: tag: invalid type: map, expected several, each in [[double brackets]]",
         ),
         ("deadband = 1.0\n", "f:17:12: deadband: a tag with a register has none"),
-        ("range = [1.0]\n", "f:17:9: range: invalid length 1, expected two numbers in brackets"),
+        ("range = [1.0]\n", "f:17:9: range: two numbers are needed, [lowest, highest], and here are 1"),
         ("range = [1.0, 'x']\n", "f:17:15: range: invalid type: string \"x\", expected a number"),
         ("range = [9.0, 1.0]\n", "f:17:9: range: [9, 1] must be the least, then the greatest value"),
         (

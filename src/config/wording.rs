@@ -33,6 +33,9 @@ pub fn of_entry(message: &str, key: &str, section: &str) -> String {
     if let Some(number) = decimal_comma(message) {
         return format!("{key}: a decimal comma in quotes: write {key} = {number}");
     }
+    if let Some(number) = quoted_number(message) {
+        return format!("{key}: a number without quotes is expected, write {key} = {number}");
+    }
     if let Some(list) = list_of_one(message) {
         return format!("{key}: a list is expected, write {key} = [{list}]");
     }
@@ -45,6 +48,20 @@ fn decimal_comma(message: &str) -> Option<String> {
     let number = text.trim().replacen(',', ".", 1);
     let is_number = expected == "f64" && text.contains(',') && number.parse::<f64>().is_ok();
     is_number.then_some(number)
+}
+
+/// `invalid type: string "100", expected f64`, or `floating point `100.0`, expected u16`: the number as it should stand there.
+fn quoted_number(message: &str) -> Option<String> {
+    let (found, expected) = message.strip_prefix("invalid type: ")?.split_once(", expected ")?;
+    let whole = ["u8", "u16", "u32", "u64", "usize", "i64"].contains(&expected);
+    let text = found.strip_prefix("string \"").and_then(|text| text.strip_suffix('"'));
+    let text = text.or_else(|| found.strip_prefix("floating point `")?.strip_suffix('`'))?;
+    let number: f64 = text.trim().parse().ok().filter(|number: &f64| number.is_finite())?;
+    match (whole, number.fract() == 0.0) {
+        (true, true) => Some(format!("{number:.0}")),
+        (false, _) if expected == "f64" => Some(text.trim().to_string()),
+        _ => None,
+    }
 }
 
 /// `invalid type: string "a@b.c", expected a sequence`: the text in quotes.

@@ -201,6 +201,7 @@ pub const CONFIG_FILES: &[&str] = &[
     "src/collect/modbus/config.rs",
     "src/collect/mqtt/config.rs",
     "src/collect/opcua/config.rs",
+    "src/collect/pair.rs",
     "src/collect/table/options.rs",
     "src/collect/text_value.rs",
     "src/diagnosis/config.rs",

@@ -193,7 +193,7 @@ pub struct TagConfig {
     #[serde(default)]
     pub offset: f64,
     /// Least and greatest believable value, after scaling.
-    #[serde(default, deserialize_with = "crate::collect::scaling::pair")]
+    #[serde(default, deserialize_with = "crate::collect::pair::pair")]
     pub range: Option<[f64; 2]>,
     /// Engineering unit, for people.
     #[serde(default)]

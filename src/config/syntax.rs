@@ -1,0 +1,156 @@
+//! What is wrong with text that is no TOML, as the person who wrote it needs it.
+
+/// Quotes that word processors put in place of `"` and `'`.
+const TYPOGRAPHIC: [char; 6] = ['“', '”', '„', '‘', '’', '«'];
+
+/// A fault of syntax.
+pub struct Fault {
+    /// Byte at which it stands.
+    pub at: usize,
+    /// What is wrong and what to do.
+    pub said: String,
+}
+
+/// The faults that a parser found, by place and message. What follows from one that was told is left out.
+pub fn faults(text: &str, found: impl Iterator<Item = (usize, String)>) -> Vec<Fault> {
+    let mut told: Vec<Fault> = Vec::new();
+    let mut twice = None;
+    for (at, message) in found {
+        let at = at.min(text.len());
+        if text.trim_start().starts_with('{') {
+            let said = "this is JSON: a configuration is TOML, such as config/stictiond.toml".to_string();
+            return vec![Fault { at: 0, said }];
+        }
+        // A section that is there twice has every key twice.
+        if message.starts_with("duplicate key") && twice.replace(section(text, at)) == Some(section(text, at))
+        {
+            continue;
+        }
+        let said = said(text, at, &message);
+        let ends = message.contains("array") || said.contains("YAML");
+        told.push(Fault { at, said });
+        // A bracket left open makes every line after it wrong.
+        if ends {
+            break;
+        }
+    }
+    told
+}
+
+fn said(text: &str, at: usize, message: &str) -> String {
+    let line = line(text, at);
+    let value = line.split_once('=').map_or("", |(_, value)| value.trim());
+    if decimal_comma(text, at) {
+        return "a decimal comma: write the number with a point, such as 0.1".into();
+    }
+    if line.contains(TYPOGRAPHIC) {
+        return "typographic quotes: write the text as \"…\"".into();
+    }
+    let word = || message.split([',', ':']).next().unwrap_or(message);
+    match word() {
+        "missing escaped value" | "invalid escape sequence" => {
+            "a backslash within \"…\" begins an escape: write the text as '…', or a path with /".into()
+        }
+        "invalid basic string" | "invalid literal string" => {
+            "a text that is not closed: its last quote is missing".into()
+        }
+        "string values must be quoted"
+            if value.starts_with(|c: char| c.is_ascii_digit()) && !value.contains(" //") =>
+        {
+            "a number stands alone: leave out the unit behind it, or write a text in quotes".into()
+        }
+        "string values must be quoted" | "invalid boolean" => match value.contains(" //") {
+            true => "a remark begins with #, not with //".into(),
+            false => "a text stands in quotes, \"…\"; only numbers, true and false do not".into(),
+        },
+        "key with no value" if line.contains(": ") || line.trim_end().ends_with(':') => {
+            "this looks like YAML: a configuration is TOML, such as config/stictiond.toml".into()
+        }
+        "key with no value" => "a key without a value: write key = value".into(),
+        "unclosed array table" | "unclosed table" => {
+            "a section that is not closed: write [name] or [[name]]".into()
+        }
+        "duplicate key" => twice(text, at),
+        _ => message.into(),
+    }
+}
+
+/// Which key is there twice, and where it is first.
+fn twice(text: &str, at: usize) -> String {
+    let name = |line: &str| line.split('=').next().unwrap_or_default().trim().to_string();
+    let key = name(line(text, at));
+    let begin = section(text, at).unwrap_or(0);
+    let before = &text[begin..at];
+    let first = before.lines().position(|line| line.contains('=') && name(line) == key);
+    match first {
+        Some(first) if !key.starts_with('[') => {
+            let line = text[..begin].matches('\n').count() + first + 1;
+            format!("the key {key:?} is there twice, first in line {line}: take one out")
+        }
+        _ if key.starts_with('[') => {
+            format!("the section {key} is there twice: take one out, or write [[…]] before it")
+        }
+        _ => format!("the key {key:?} is there twice: perhaps its section is, take one out"),
+    }
+}
+
+/// The line around a byte.
+fn line(text: &str, at: usize) -> &str {
+    let begin = text.get(..at).and_then(|before| before.rfind('\n')).map_or(0, |end| end + 1);
+    text.get(begin..).and_then(|rest| rest.lines().next()).unwrap_or_default()
+}
+
+/// Where the line of the section begins that holds a byte; `None` above the first.
+fn section(text: &str, at: usize) -> Option<usize> {
+    let mut begin = 0;
+    let mut last = None;
+    for line in text.split_inclusive('\n') {
+        if begin > at {
+            break;
+        }
+        if line.trim_start().starts_with('[') {
+            last = Some(begin);
+        }
+        begin += line.len();
+    }
+    last
+}
+
+/// `scale = 0,1`: the parser stops at the comma.
+fn decimal_comma(text: &str, at: usize) -> bool {
+    let digit = |at: Option<usize>| at.and_then(|at| text.as_bytes().get(at)).is_some_and(u8::is_ascii_digit);
+    text.as_bytes().get(at) == Some(&b',') && digit(at.checked_sub(1)) && digit(at.checked_add(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::parse;
+
+    fn errors(text: &str) -> Vec<String> {
+        parse("f", text).err().unwrap_or_default().iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn what_is_no_toml_is_told_once_and_with_what_to_do() {
+        let cases = [
+            ("[[loop]]\nid = FIC101\n", "f:2:6: a text stands in quotes"),
+            ("[[loop]]\nid = “FIC101”\n", "f:2:6: typographic quotes"),
+            ("[[loop]]\nid = \"FIC101\n", "a text that is not closed"),
+            ("[[loop]]\nid = \"A\"\nop_span = 100.0 // per cent\n", "a remark begins with #"),
+            ("[store]\nfolder = \"C:\\stictiond\\store\"\n", "write the text as '…', or a path with /"),
+            ("{\"loop\": [{\"id\": \"A\"}]}\n", "f:1:1: this is JSON"),
+            ("loop:\n  - id: A\n    op: 1\n", "this looks like YAML"),
+            ("[[loop]]\nid = \"A\"\nid = \"B\"\n", "f:3:1: the key \"id\" is there twice, first in line 2"),
+            ("[[loop]\nid = \"A\"\n", "a section that is not closed"),
+            ("[server]\nscale = 0,1\n", "a decimal comma"),
+        ];
+        for (text, expected) in cases {
+            let found = errors(text);
+            let same = found.iter().filter(|line| line.contains(expected)).count();
+            assert_eq!(same, 1, "{text}: {found:#?}");
+        }
+        let section = "[[loop]]\nid = \"A\"\n[loop.op]\ndevice = \"d\"\naddress = 0\n[loop.op]\ndevice = \"d\"\naddress = 2\n";
+        let found = errors(section);
+        assert_eq!(found.iter().filter(|line| line.contains("twice")).count(), 1, "{found:#?}");
+    }
+}
