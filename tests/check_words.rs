@@ -167,3 +167,25 @@ fn an_address_that_names_the_kind_of_register_is_remarked() {
     assert!(remarks[0].starts_with("A.op: address = 40101 is read as holding register 40101"), "{remarks:?}");
     assert!(remarks[0].ends_with("write address = 101"), "{remarks:?}");
 }
+
+#[test]
+fn what_was_copied_or_goes_in_the_clear_is_remarked() {
+    let section = &SOUND[SOUND.find("[[loop]]").expect("there")..];
+    let broker =
+        "[[mqtt]]\nname = \"b\"\naddress = \"broker.plant:1883\"\nuser = \"u\"\npassword_env = \"PW\"\n";
+    let history = "[history]\nsamples_per_tag = 512\n";
+    let text = [SOUND, &section.replacen("\"A\"", "\"B\"", 1), broker, history].join("\n");
+    let remarks_of = |text: &str| {
+        config::parse("plant.toml", text).unwrap_or_else(|errors| panic!("{errors:?}")).remarks()
+    };
+    let remarks = remarks_of(&text);
+    for said in [
+        "B: it reads OP and PV where A does",
+        "b: the password goes to broker.plant:1883 in the clear: write tls = true",
+        "[history] holds 512 samples of a tag, and a diagnosis looks at up to 1000",
+    ] {
+        assert!(remarks.iter().any(|remark| remark.starts_with(said)), "{said}: {remarks:?}");
+    }
+    assert_eq!(remarks.len(), 3, "{remarks:?}");
+    assert!(remarks_of(&format!("{SOUND}\n{}", broker.replace("broker.plant", "127.0.0.1"))).is_empty());
+}

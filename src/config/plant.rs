@@ -4,6 +4,7 @@ use super::{Config, LoopConfig, TagConfig};
 use crate::collect::{DecimalSign, Issue, Plan, modbus, mqtt, opcua};
 use crate::history::{self, LoopTags, TagKind};
 use crate::signal::{LoopId, Role, Scale};
+use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, HashMap};
 
 /// Who is watched and who is asked. Tags are numbered through all loops: op, pv, sp, mode, mv, the others, then the term of
@@ -130,6 +131,42 @@ impl Config {
                  write nsu=URI instead, as stictiond probe shows it"
             )
         }));
+        out.extend(self.copied());
+        let is_near =
+            |address: &str| ["127.", "localhost", "[::1]"].iter().any(|own| address.starts_with(own));
+        out.extend(
+            self.mqtt
+                .iter()
+                .filter(|b| b.user.is_some() && !(b.tls || b.ca_file.is_some()) && !is_near(&b.address))
+                .map(|broker| {
+                    format!(
+                        "{}: the password goes to {} in the clear: write tls = true",
+                        broker.name, broker.address
+                    )
+                }),
+        );
+        let (held, wanted) = (self.history.samples_per_tag, self.diagnosis.window_samples);
+        if held < wanted {
+            out.push(format!(
+                "[history] holds {held} samples of a tag, and a diagnosis looks at up to {wanted}: samples_per_tag may be larger"
+            ));
+        }
+        out
+    }
+
+    /// Loops that read OP and PV where another does.
+    fn copied(&self) -> Vec<String> {
+        let mut first: HashMap<String, &str> = HashMap::new();
+        let told = |own: &'_ LoopConfig, other: &str| {
+            format!("{}: it reads OP and PV where {other} does: was its section copied?", own.id)
+        };
+        let mut out = Vec::new();
+        for own in &self.loops {
+            match first.entry(format!("{:?} {:?}", own.op, own.pv)) {
+                Entry::Occupied(other) => out.push(told(own, other.get())),
+                Entry::Vacant(place) => drop(place.insert(&own.id)),
+            }
+        }
         out
     }
 }

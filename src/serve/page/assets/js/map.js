@@ -71,7 +71,9 @@ export function plantMap(choose) {
     // The largest squares that fit.
     let across = Math.ceil(Math.sqrt((letters.length * box.w) / box.h));
     if (Math.ceil(letters.length / across) * (box.w / across) > box.h) across += 1;
-    const step = Math.min(box.w / across, MOST_CELL), gap = step > 5 ? 1 : 0;
+    const step = Math.min(box.w / across, MOST_CELL);
+    if (step === MOST_CELL) across = Math.floor(box.w / step);
+    const gap = step > 5 ? 1 : 0;
     [...letters].forEach((letter, at) => {
       const x = box.x + (at % across) * step, y = box.y + Math.floor(at / across) * step, side = step - gap;
       paint.fillStyle = paint.strokeStyle = colours[letter] ?? colours.X;
