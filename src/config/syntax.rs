@@ -22,9 +22,11 @@ pub fn faults(text: &str, found: impl Iterator<Item = (usize, String)>) -> Vec<F
             return vec![Fault { at: 0, said }];
         }
         // A section that is there twice has every key twice.
-        if message.starts_with("duplicate key") && twice.replace(section(text, at)) == Some(section(text, at))
-        {
-            continue;
+        if message.starts_with("duplicate key") {
+            let section = section(text, at);
+            if twice.replace(section) == Some(section) {
+                continue;
+            }
         }
         let said = said(text, at, &message);
         let ends = message.contains("array") || said.contains("YAML");

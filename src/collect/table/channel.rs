@@ -72,15 +72,15 @@ impl Channel {
         }
     }
 
-    /// One more cell.
-    pub fn add(&mut self, cell: &Cell<'_>, line: u64) {
+    /// One more cell; whether it may be a stamp: it is there, and neither a number nor a mode.
+    pub fn add(&mut self, cell: &Cell<'_>, line: u64) -> bool {
         if cell.is_blank() {
-            return;
+            return false;
         }
         self.cells += 1;
         if let Some(words) = &mut self.words {
             words.add(cell);
-            return;
+            return false;
         }
         let value = match cell {
             Cell::Number(value) => Some(*value).filter(|value| value.is_finite()),
@@ -102,6 +102,7 @@ impl Channel {
                 self.first_bad.get_or_insert_with(|| (line, shown(&cell.shown())));
             }
         }
+        value.is_none()
     }
 
     /// Counts a stamp that is not that of its row.

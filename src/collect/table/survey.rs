@@ -200,8 +200,7 @@ impl Counting {
                     self.groups.add(&first, second.as_ref(), moved);
                     for (channel, at) in self.channels.iter_mut().zip(&wide.columns) {
                         let cell = rows.cell(*at);
-                        channel.add(&cell, line);
-                        if channel.role.is_none() {
+                        if channel.add(&cell, line) && channel.role.is_none() {
                             channel.compare(&cell, &first);
                         }
                     }
