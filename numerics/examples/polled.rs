@@ -97,6 +97,9 @@ fn rows() -> Vec<Row> {
         row("PV read 0.3 scans late", |s, rng| {
             Acquisition::Polled(Poll { pv_late: 0.3, ..poll(s, 1.0, rng) })
         }),
+        row("PV recorded a scan late", |s, rng| {
+            Acquisition::Polled(Poll { pv_late: -1.0, ..poll(s, 1.0, rng) })
+        }),
         row("on change, with source stamps", |_, _| Acquisition::OnChange { dead_band: 0.0 }),
     ];
     for percent in [5, 10, 30] {

@@ -70,7 +70,7 @@ pub struct Poll {
     pub jitter: f64,
     /// Step of the scaled integers that hold the values; 0 for none.
     pub step: f64,
-    /// How much later than OP PV is read (share of a scan); its stamp is the poll's.
+    /// How much later than OP PV is read (share of a scan); its stamp is the poll's. Below 0: what is read is older than that.
     pub pv_late: f64,
     /// Share of polls without an answer.
     pub dropped: f64,

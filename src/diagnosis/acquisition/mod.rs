@@ -5,10 +5,12 @@
 //! phase (`scan`). Where they do, the samples are put on the controller's ticks; else they stay on the polls. Nothing is
 //! interpolated: several polls of one scan are one sample, and a scan that fell between two polls is missing.
 
+mod late;
 mod lattice;
 mod place;
 mod scan;
 
+pub use late::rows_late;
 pub use lattice::period;
 pub use place::Placed;
 
@@ -36,6 +38,8 @@ pub struct Acquisition {
     pub polls_per_scan: Option<f64>,
     /// Whether the samples were put on the controller's ticks.
     pub recovered: bool,
+    /// By how much later than OP PV is recorded (s), where OP tells that the controller had it before; it was moved back.
+    pub pv_late_s: f64,
 }
 
 impl Acquisition {
@@ -47,15 +51,31 @@ impl Acquisition {
 
     /// What it means, where it is worth a sentence.
     pub fn sentence(&self) -> Option<String> {
+        let told: Vec<String> = self.scans().into_iter().chain(self.late()).collect();
+        (!told.is_empty()).then(|| told.join("; "))
+    }
+
+    /// How often a scan was polled, where that is not once: then the ticks are the polls, whether or not some were missed.
+    fn scans(&self) -> Option<String> {
         let (scan, polls) = (self.scan_s?, self.polls_per_scan?);
-        // Polled once a scan, the ticks are the polls, whether or not some were missed.
         (self.recovered && !(0.9..1.1).contains(&polls)).then(|| {
             let often = if (polls - 2.0).abs() < 0.05 { "twice".into() } else { format!("{polls:.1} times") };
-            // Four digits of a period are as many as jitter leaves.
-            let scan = format!("{scan:.3}").trim_end_matches('0').trim_end_matches('.').to_string();
+            let scan = seconds(scan);
             format!("polled {often} per controller scan of {scan} s; diagnosed at the controller's ticks")
         })
     }
+
+    fn late(&self) -> Option<String> {
+        let late = seconds(self.pv_late_s);
+        (self.pv_late_s > 0.0).then(|| {
+            format!("PV is recorded {late} s later than OP, which answers to it before; diagnosed with PV moved back")
+        })
+    }
+}
+
+/// Four digits of a period are as many as jitter leaves.
+fn seconds(seconds: f64) -> String {
+    format!("{seconds:.3}").trim_end_matches('0').trim_end_matches('.').to_string()
 }
 
 /// How OP and PV were acquired and where their samples lie; good samples in the order of time, no stamp twice.

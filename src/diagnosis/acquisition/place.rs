@@ -29,23 +29,25 @@ pub struct Placed {
     pub rows: Lattice,
     op: Way,
     pv: Way,
+    /// Rows by which PV is recorded later than the controller read it.
+    pub pv_late: usize,
 }
 
 impl Placed {
     /// On the rows of the polls, or of a period that was given.
     pub fn on(rows: Lattice, op: &[Sample], pv: &[Sample]) -> Self {
-        Self { rows, op: way(&rows, op), pv: way(&rows, pv) }
+        Self { rows, op: way(&rows, op), pv: way(&rows, pv), pv_late: 0 }
     }
 
     /// On the controller's ticks.
     pub fn on_ticks(scan: &Scan) -> Self {
         let rows = Lattice { t0: scan.phases[0], period: scan.period, jitter: 0.0 };
-        Self { rows, op: Way::Scan(0.0), pv: Way::Scan(scan.phases[1] - scan.phases[0]) }
+        Self { rows, op: Way::Scan(0.0), pv: Way::Scan(scan.phases[1] - scan.phases[0]), pv_late: 0 }
     }
 
     /// On the scans whose stamps the samples carry: what is not reported has not changed.
     pub fn on_source(rows: Lattice) -> Self {
-        Self { rows, op: Way::Held(f64::INFINITY), pv: Way::Held(f64::INFINITY) }
+        Self { rows, op: Way::Held(f64::INFINITY), pv: Way::Held(f64::INFINITY), pv_late: 0 }
     }
 
     /// OP's value on `n` rows from row `from` on; `None` where it is missing.
@@ -53,9 +55,9 @@ impl Placed {
         self.placed(self.op, kept, from, n)
     }
 
-    /// PV's.
+    /// PV's, moved back by as many rows as it is late.
     pub fn pv(&self, kept: &[Sample], from: i64, n: usize) -> Vec<Option<f64>> {
-        self.placed(self.pv, kept, from, n)
+        self.placed(self.pv, kept, from + self.pv_late as i64, n)
     }
 
     /// Another tag's, read as OP is.

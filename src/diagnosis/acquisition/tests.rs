@@ -145,6 +145,7 @@ fn the_sentence_is_said_where_it_matters() {
         jitter_s: Some(0.0),
         polls_per_scan: Some(2.0),
         recovered: true,
+        pv_late_s: 0.0,
     };
     assert_eq!(
         twice.sentence().as_deref(),
@@ -152,6 +153,13 @@ fn the_sentence_is_said_where_it_matters() {
     );
     assert_eq!(Acquisition { polls_per_scan: Some(1.02), ..twice }.sentence(), None);
     assert_eq!(Acquisition::default().sentence(), None);
+    assert_eq!(
+        Acquisition { pv_late_s: 2.0, ..twice }.sentence().as_deref(),
+        Some(
+            "polled twice per controller scan of 2 s; diagnosed at the controller's ticks; PV is recorded 2 s later than \
+             OP, which answers to it before; diagnosed with PV moved back"
+        )
+    );
 }
 
 #[test]

@@ -48,7 +48,7 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     }
     let given = settings.ts.filter(|ts| !(ts.is_finite() && *ts > 0.0));
     let history = preparation.history.as_deref();
-    let Some((acquired, placed)) =
+    let Some((mut acquired, mut placed)) =
         acquisition::recognise(&op.kept, &pv.kept, settings.ts, history).filter(|_| given.is_none())
     else {
         return stop(NotIdentifiable::NoTimeBase, &preparation);
@@ -57,8 +57,8 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
         // Values held between scans are no archive's doing, and are one sample a scan now.
         preparation.history = None;
     }
-    preparation.acquisition = Some(Box::new(acquired));
     let ts = placed.rows.period;
+    preparation.acquisition = Some(Box::new(acquired));
     let stretches = match stretches_of(record, &placed, &op.kept, &pv.kept, need) {
         Ok(stretches) => stretches,
         Err(reason) => return stop(reason, &preparation),
@@ -72,7 +72,11 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
         return stop(NotIdentifiable::Gaps { share: 1.0 }, &preparation);
     }
     let there = (within(&op.kept, from, to), within(&pv.kept, from, to));
-    let window = fill(record, &placed, there, placed.row_of(from) as i64, rows.max(0.0) as usize);
+    let (first, rows) = (placed.row_of(from) as i64, rows.max(0.0) as usize);
+    placed.pv_late = rows_late(record, &placed, there, first, rows);
+    acquired.pv_late_s = placed.pv_late as f64 * ts;
+    preparation.acquisition = Some(Box::new(acquired));
+    let window = fill(record, &placed, there, first, rows);
     let n = window.len();
     preparation.gap_share = window.missing();
     if n < need {
@@ -128,6 +132,23 @@ fn stretches_of(
         }
     }
     Ok(stretches)
+}
+
+/// Rows by which PV is late, by what the controller computed: OP without what write-back added to it.
+fn rows_late(
+    record: &Record,
+    placed: &Placed,
+    (op, pv): (&[Sample], &[Sample]),
+    from: i64,
+    n: usize,
+) -> usize {
+    let own = |(k, value): (usize, Option<f64>)| {
+        value.map(|value| value - record.term_at(placed.rows.time((from + k as i64) as f64)))
+    };
+    let op: Vec<Option<f64>> = placed.op(op, from, n).into_iter().enumerate().map(own).collect();
+    let sp = record.sp.as_deref().map(|sp| clean(sp, &mut Preparation::default()).kept);
+    let sp = sp.filter(|kept| !kept.is_empty()).map(|kept| placed.other(&kept, from, n));
+    acquisition::rows_late(&op, &placed.pv(pv, from, n), sp.as_deref())
 }
 
 /// The window of `n` rows from row `from` on, without missing rows at its ends.

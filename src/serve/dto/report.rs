@@ -142,6 +142,9 @@ pub struct ReportAcquisition {
     pub polls_per_scan: Option<f64>,
     /// Whether the samples were put on the controller's ticks.
     pub recovered: bool,
+    /// By how much later than OP PV is recorded (s), where OP tells that the controller had it before; it was moved back.
+    #[serde(default)]
+    pub pv_late_s: f64,
     /// What it means, where it is worth a sentence.
     pub note: Option<String>,
 }
@@ -154,6 +157,7 @@ impl ReportAcquisition {
             jitter_s: found.jitter_s.and_then(finite),
             polls_per_scan: found.polls_per_scan.and_then(finite),
             recovered: found.recovered,
+            pv_late_s: found.pv_late_s,
             note: found.sentence(),
         }
     }

@@ -1,0 +1,79 @@
+//! How late PV is recorded, over drawn and measured loops: by as many rows as it is, or nothing is told.
+
+#[path = "acquired_common/mod.rs"]
+#[expect(dead_code, reason = "each user takes a part")]
+mod acquired_common;
+#[path = "../../tests/generators/mod.rs"]
+#[expect(dead_code, reason = "each user takes a part")]
+mod generators;
+#[path = "../../tests/diagnosis_common/parallel.rs"]
+mod parallel;
+#[path = "../../tests/diagnosis_common/units.rs"]
+#[expect(dead_code, reason = "each user takes a part")]
+mod units;
+
+use acquired_common::{draw, judge};
+use std::path::Path;
+use stictiond_numerics::diagnosis::{Settings, gate};
+use stictiond_numerics::signal::{Record, Sample};
+
+/// From the package's root; records that are not there are not looked at.
+const DATA: &str = "../../shared/data";
+/// Loops drawn; the first seeds of those that the method was developed on.
+const LOOPS: u64 = 60;
+const FIRST: u64 = 6100;
+
+/// The record with each PV, and a set point read with it, stamped so many rows later.
+fn later(record: &Record, rows: usize) -> Record {
+    let moved = |series: &[Sample]| -> Vec<Sample> {
+        series.iter().zip(series.iter().skip(rows)).map(|(own, then)| Sample { t: then.t, ..*own }).collect()
+    };
+    Record { pv: moved(&record.pv), ..record.clone() }
+}
+
+/// Rows by which the gate finds PV late; `None` where it refuses the record before.
+fn found(record: &Record) -> Option<usize> {
+    let (window, told) = gate::gate(record, &Settings::default()).ok()?;
+    Some((told.acquisition?.pv_late_s / window.ts).round() as usize)
+}
+
+/// How often the gate finds `rows`, fewer, and more. Fewer are right where OP is late, too.
+fn counts(records: &[Record], rows: usize) -> [usize; 3] {
+    let mut out = [0; 3];
+    for told in parallel::each(records, |record| found(&later(record, rows))).into_iter().flatten() {
+        let at = [told == rows, told < rows, told > rows];
+        out.iter_mut().zip(at).for_each(|(count, own)| *count += usize::from(own));
+    }
+    out
+}
+
+#[test]
+fn no_loop_is_late_that_is_not_and_most_that_are_are_known() {
+    let drawn: Vec<Record> = (0..LOOPS).map(|i| draw(i, FIRST + i).record).collect();
+    let measured: Vec<Record> =
+        units::measured(Path::new(DATA)).into_iter().map(|(_, record)| record).collect();
+    for (kind, records) in [("drawn", drawn), ("measured", measured)] {
+        for rows in 0..=3 {
+            let [right, fewer, more] = counts(&records, rows);
+            println!("{kind}, {rows} rows late: {right} right, {fewer} fewer, {more} more");
+            assert_eq!(more, 0, "{kind}, {rows} rows late");
+            assert!(rows == 0 || right >= fewer, "{kind}, {rows} rows late: {right} of {}", right + fewer);
+        }
+    }
+}
+
+#[test]
+fn a_sticking_valve_is_not_called_sound_because_pv_is_late() {
+    let clear = |i: &u64| {
+        let own = draw(*i, FIRST + i);
+        let at_ticks = judge(&own, &own.record);
+        (at_ticks.sticks() && at_ticks.evidence > 40.0).then_some((own, at_ticks))
+    };
+    let loops: Vec<_> =
+        parallel::each((0..18).collect::<Vec<_>>().iter(), clear).into_iter().flatten().collect();
+    assert!(loops.len() >= 4, "too few loops are clear: {}", loops.len());
+    for (own, at_ticks) in &loops {
+        let said = judge(own, &later(&own.record, 1));
+        assert!(said.sticks() && said.near(at_ticks.f), "{}: {} {}", own.name, said.verdict, said.reason);
+    }
+}

@@ -1,0 +1,177 @@
+//! By how many rows PV is recorded later than the controller read it.
+//!
+//! A controller with an integrator computes the moves of OP from PV and set point of its own scans:
+//!
+//! ```text
+//! OP[k] - OP[k-1] = b0 PV[k+L] + b1 PV[k+L-1] + b2 PV[k+L-2] + c0 SP[k] + c1 SP[k-1] + d
+//! ```
+//!
+//! `L`: rows by which PV is late. With `L = 0` this holds in a record whose tags were read together. In a record whose PV is
+//! late it holds with that `L` alone, and then OP seems to cause PV exactly: a model of the process would find the
+//! controller's inverse, explain everything by it and call any valve sound.
+//!
+//! A fast process, which really causes PV a row later, is told apart by its steady gain:
+//!
+//! ```text
+//! OP[k] = b0 PV[k+L] + b1 PV[k+L-1] + b2 PV[k+L-2] + d
+//! ```
+//!
+//! holds for it, but not for a controller, whose OP is a sum over all of PV's past.
+
+use crate::sysid::least_squares::{MOST_COLUMNS, dot, factor, substitute};
+use crate::sysid::stats::mean;
+
+/// Most rows by which PV is looked for.
+const LATEST: usize = 3;
+/// Fewest rows that say anything.
+const LEAST_ROWS: usize = 100;
+/// Part of the moves of OP that the controller may leave unexplained, and of what a row less and a process leave.
+const HALF: f64 = 0.5;
+/// Share left unexplained below which a row less, or a process, tells OP well enough: PV is not late.
+const EXPLAINED: f64 = 0.01;
+
+/// One tag on rows; `None` where it is missing.
+type Rows<'a> = &'a [Option<f64>];
+
+/// Rows by which PV is recorded late; 0 where nothing shows it.
+pub fn rows_late(op: Rows, pv: Rows, sp: Option<Rows>) -> usize {
+    let left: Vec<Option<Left>> = (0..=LATEST).map(|late| left(op, pv, sp, late)).collect();
+    let known = |late: usize| {
+        let (before, own) = (left[late - 1].as_ref()?, left[late].as_ref()?);
+        let others = before.by_controller.min(own.by_process).min(1.0);
+        (others > EXPLAINED && own.by_controller < HALF * others).then_some((late, own.by_controller))
+    };
+    let best = (1..=LATEST).filter_map(known).min_by(|a, b| a.1.total_cmp(&b.1));
+    best.map_or(0, |(late, _)| late)
+}
+
+/// What both equations leave unexplained, in parts of the moves of OP.
+struct Left {
+    by_controller: f64,
+    by_process: f64,
+}
+
+/// What is left with PV so many rows late; `None` where too few rows say anything. OP that did not move is left out: it may
+/// have been at a limit or in a dead band.
+fn left(op: Rows, pv: Rows, sp: Option<Rows>, late: usize) -> Option<Left> {
+    // As many rows for every `late`, so that the shares compare.
+    let rows = 1.max(2_usize.saturating_sub(late))..op.len().checked_sub(LATEST)?;
+    let (mut columns, mut outputs, mut moves) = (vec![Vec::new(); 5], Vec::new(), Vec::new());
+    for k in rows {
+        let all = || {
+            let own = op[k]?;
+            let pv = [pv[k + late]?, pv[k + late - 1]?, pv[k + late - 2]?];
+            let sp = match sp {
+                Some(sp) => [sp[k]?, sp[k - 1]?],
+                None => [0.0; 2],
+            };
+            // Differences, because neighbours are nearly the same.
+            let row = [pv[0], pv[0] - pv[1], pv[0] - 2.0 * pv[1] + pv[2], sp[0], sp[0] - sp[1]];
+            Some((own, own - op[k - 1]?, row))
+        };
+        let Some((own, moved, row)) = all().filter(|(_, moved, _)| *moved != 0.0) else { continue };
+        outputs.push(own);
+        moves.push(moved);
+        columns.iter_mut().zip(row).for_each(|(column, value)| column.push(value));
+    }
+    let power = dot(&moves, &moves);
+    if moves.len() < LEAST_ROWS || power.is_nan() || power <= 0.0 {
+        return None;
+    }
+    columns.iter_mut().chain([&mut moves, &mut outputs]).for_each(|column| centred(column));
+    let share = |columns: &[Vec<f64>], y: &[f64]| {
+        let rest = residual(columns, y);
+        dot(&rest, &rest) / power
+    };
+    Some(Left { by_controller: share(&columns, &moves), by_process: share(&columns[..3], &outputs) })
+}
+
+/// Takes the mean out.
+fn centred(column: &mut [f64]) {
+    let middle = mean(column);
+    column.iter_mut().for_each(|value| *value -= middle);
+}
+
+/// What least squares leaves of `y`.
+fn residual(columns: &[Vec<f64>], y: &[f64]) -> Vec<f64> {
+    let n = columns.len();
+    let mut g: Vec<f64> = (0..n * n).map(|at| dot(&columns[at / n], &columns[at % n])).collect();
+    let mut theta: Vec<f64> = columns.iter().map(|column| dot(column, y)).collect();
+    let mut live = [true; MOST_COLUMNS];
+    factor(&mut g, n, n, &mut live);
+    substitute(&g, n, &live, &mut theta);
+    let explained =
+        |k: usize| columns.iter().zip(&theta).map(|(column, theta)| theta * column[k]).sum::<f64>();
+    (0..y.len()).map(|k| y[k] - explained(k)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+    use std::f64::consts::TAU;
+
+    /// PV that swings and rambles, and OP that a PI controller computes of it.
+    fn pi(n: usize, seed: u64) -> (Vec<Option<f64>>, Vec<Option<f64>>) {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        let (mut ramble, mut integral) = (0.0, 0.0);
+        let mut row = |k: usize| {
+            ramble = 0.9 * ramble + rng.random_range(-0.3..0.3);
+            let pv = 50.0 + 2.0 * (TAU * k as f64 / 40.0).sin() + ramble;
+            integral += 0.1 * (50.0 - pv);
+            (Some(40.0 + 0.8 * (50.0 - pv) + integral), Some(pv))
+        };
+        (0..n).map(&mut row).unzip()
+    }
+
+    fn later(pv: &[Option<f64>], rows: usize) -> Vec<Option<f64>> {
+        (0..pv.len()).map(|k| pv[k.saturating_sub(rows)]).collect()
+    }
+
+    #[test]
+    fn the_controller_tells_how_late_pv_is() {
+        for seed in 0..20 {
+            let (op, mut pv) = pi(600, seed);
+            for k in (5..600).step_by(17) {
+                pv[k] = None;
+            }
+            for rows in 0..=LATEST {
+                assert_eq!(rows_late(&op, &later(&pv, rows), None), rows, "seed {seed}");
+            }
+            // OP that is late makes the dead time longer, and nothing else.
+            assert_eq!(rows_late(&later(&op, 1), &pv, None), 0);
+        }
+    }
+
+    #[test]
+    fn a_fast_process_is_not_the_controller() {
+        // PV follows OP at once and exactly, or with noise; OP is moved by something else.
+        let (_, u) = pi(600, 1);
+        for (pole, zero, noise) in
+            [(0.3, 0.0, 0.0), (0.0, 0.0, 0.0), (0.6, 0.5, 0.0), (0.3, 0.0, 0.05), (0.0, 0.0, 0.3)]
+        {
+            let mut rng = Pcg64Mcg::seed_from_u64(7);
+            let (mut y, mut last) = (0.0, 0.0);
+            let mut follows = |u: &Option<f64>| {
+                let u = u.unwrap_or_default();
+                y = pole * y + u + zero * last;
+                last = u;
+                Some(y + noise * rng.random_range(-1.0..1.0))
+            };
+            let pv: Vec<Option<f64>> = u.iter().map(&mut follows).collect();
+            for delay in 1..=LATEST {
+                assert_eq!(rows_late(&u, &later(&pv, delay), None), 0, "{pole} {zero} {noise} {delay}");
+            }
+        }
+    }
+
+    #[test]
+    fn short_and_still_records_say_nothing() {
+        let (op, pv) = pi(90, 1);
+        assert_eq!(rows_late(&op, &later(&pv, 1), None), 0);
+        assert_eq!(rows_late(&[], &[], None), 0);
+        assert_eq!(rows_late(&[Some(1.0); 300], &[Some(2.0); 300], Some(&[Some(2.0); 300])), 0);
+        assert_eq!(rows_late(&[None; 300], &[None; 300], None), 0);
+    }
+}
