@@ -9,10 +9,11 @@
 //! | `source`, `text` | what kind of file, which encoding |
 //! | `layout`, `names`, `roles` | what divides cells, where the header is, which column is what |
 //! | `evidence`, `number` | the decimal sign, thousands, units behind numbers |
-//! | `time`, `stamp` | how times are written |
+//! | `time`, `stamp`, `calendar` | how times are written |
 //! | `words` | which modes are automatic, which qualities good |
 //! | `take` | samples, and which rows are left out |
 
+mod calendar;
 mod channel;
 mod delimited;
 mod error;

@@ -75,6 +75,8 @@ pub struct Number<'a> {
     pub form: Form,
     /// What stands behind it: `%`, `kPa`; empty without one.
     pub unit: &'a str,
+    /// As accountants write it: `12.5-`, `(12.5)`.
+    negated: bool,
 }
 
 /// What marks thousands without doubt: blanks and apostrophes.
@@ -90,6 +92,16 @@ pub fn bare(cell: &str) -> &str {
 /// The cell as a number; `None` for anything else, dates and addresses among it.
 pub fn scan(cell: &str) -> Option<Number<'_>> {
     let cell = bare(cell);
+    let inner =
+        cell.strip_prefix('(').and_then(|cell| cell.strip_suffix(')')).or_else(|| cell.strip_suffix('-'));
+    if let Some(inner) = inner.filter(|inner| {
+        let digit = |c: char| c.is_ascii_digit();
+        inner.starts_with(digit) && inner.ends_with(digit)
+    }) {
+        return scan(inner)
+            .filter(|number| number.unit.is_empty())
+            .map(|number| Number { negated: true, ..number });
+    }
     let signed = cell.strip_prefix(['+', '-', '\u{2212}']).unwrap_or(cell);
     let at = cell.len() - signed.len();
     let mut end = digits_end(signed);
@@ -106,7 +118,7 @@ pub fn scan(cell: &str) -> Option<Number<'_>> {
     }
     let text = &cell[..at + end];
     let form = form(whole)?;
-    (text.len() <= LONGEST).then_some(Number { text, form, unit })
+    (text.len() <= LONGEST).then_some(Number { text, form, unit, negated: false })
 }
 
 /// Where digits with their signs end; a blank belongs to them only between digits.
@@ -146,15 +158,18 @@ fn form(text: &str) -> Option<Form> {
     let (mut count, mut kinds) = (0, 0);
     let mut run = 0;
     let mut first = 0;
-    let mut grouped = true;
+    // In threes, or as in India: a three at the end, twos before it.
+    let (mut threes, mut twos) = (true, true);
     for byte in text.bytes() {
         if byte.is_ascii_digit() {
             run += 1;
         } else if matches!(byte, b'.' | b',') {
             if count == 0 {
                 first = run;
-            } else if run != 3 {
-                grouped = false;
+            } else {
+                let last = signs[kinds - 1] != byte;
+                threes &= run == 3;
+                twos &= run == if last { 3 } else { 2 };
             }
             if kinds == 0 || signs[kinds - 1] != byte {
                 if kinds == 2 {
@@ -172,6 +187,7 @@ fn form(text: &str) -> Option<Form> {
         }
     }
     let leads = (1..=3).contains(&first) && !text.starts_with('0');
+    let grouped = threes || twos && first <= 2;
     match kinds {
         0 => Some(Form::Plain),
         1 if count == 1 => {
@@ -208,7 +224,7 @@ impl Number<'_> {
             n += 1;
         }
         let value: f64 = std::str::from_utf8(&digits[..n]).ok()?.parse().ok()?;
-        value.is_finite().then_some(value)
+        value.is_finite().then_some(if self.negated { -value } else { value })
     }
 }
 
@@ -227,6 +243,10 @@ mod tests {
             ("0,002", Form::Decimal(Comma), None, Some(0.002)),
             ("1234,567", Form::Decimal(Comma), None, Some(1234.567)),
             ("1,234,567", Form::Grouped(Comma), Some(1_234_567.0), None),
+            ("12,34,567", Form::Grouped(Comma), Some(1_234_567.0), None),
+            ("12,34,567.5", Form::Both(Point), Some(1_234_567.5), None),
+            ("51.8-", Form::Decimal(Point), Some(-51.8), None),
+            ("(1,234.5)", Form::Both(Point), Some(-1234.5), None),
             ("1.234,5", Form::Both(Comma), None, Some(1234.5)),
             ("1,234.5", Form::Both(Point), Some(1234.5), None),
             ("1 234,5", Form::Decimal(Comma), None, Some(1234.5)),

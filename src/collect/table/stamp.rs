@@ -1,6 +1,8 @@
 //! One cell as a date or a time of day, whatever its format: the cell is cut into numbers, words and signs, and what they
 //! are follows from their place. Only the order of day, month and year is left open, for the whole column decides it.
 
+use super::calendar::{half, half_before, is_weekday, month, zone};
+
 /// Nanoseconds of a second, of a day.
 pub const SECOND: i64 = 1_000_000_000;
 pub const DAY: i64 = 86_400 * SECOND;
@@ -98,7 +100,8 @@ impl Stamp {
 
     /// The date of this cell with the time of day of another.
     pub fn at(&self, clock: &Stamp) -> Option<Stamp> {
-        if self.clock.is_some_and(|clock| clock != 0) || clock.date.is_some() {
+        let of_a_day = clock.clock.is_some_and(|clock| clock <= DAY);
+        if self.clock.is_some_and(|clock| clock != 0) || clock.date.is_some() || !of_a_day {
             return None;
         }
         Some(Stamp { date: self.date, clock: clock.clock, offset: clock.offset })
@@ -145,37 +148,6 @@ fn pieces(text: &str) -> Option<Vec<Piece<'_>>> {
     Some(out)
 }
 
-/// Names of months by their first letters: English, German, French, Spanish, Italian, Dutch.
-const MONTHS: [&[&str]; 12] = [
-    &["jan", "jän", "ene", "gen"],
-    &["feb", "fév", "fev"],
-    &["mar", "mär", "mrz", "maa", "mrt"],
-    &["apr", "avr", "abr"],
-    &["may", "mai", "mei", "mag"],
-    &["jun", "juin", "giu"],
-    &["jul", "juil", "lug"],
-    &["aug", "aoû", "aou", "ago"],
-    &["sep", "set"],
-    &["oct", "okt", "ott"],
-    &["nov"],
-    &["dec", "dez", "déc", "dic"],
-];
-/// Days of the week say nothing that the date does not.
-const WEEKDAYS: [&str; 16] = [
-    "mon", "tue", "wed", "thu", "fri", "sat", "sun", "mo", "di", "mi", "do", "fr", "sa", "so", "tues", "thur",
-];
-
-fn month(word: &str) -> Option<u32> {
-    let word = word.to_lowercase();
-    let of = |names: &[&str]| names.iter().any(|name| word.starts_with(name));
-    MONTHS.iter().position(|names| of(names)).map(|at| at as u32 + 1)
-}
-
-fn is_weekday(word: &str) -> bool {
-    let word = word.to_lowercase();
-    WEEKDAYS.contains(&word.as_str()) || word.ends_with("day") || word.ends_with("tag")
-}
-
 /// The cell as a date, a time of day, or both.
 pub fn scan(cell: &str) -> Option<Stamp> {
     let cell = super::number::bare(cell);
@@ -192,8 +164,13 @@ pub fn scan(cell: &str) -> Option<Stamp> {
         }
         _ => cell,
     };
-    let pieces = pieces(cell)?;
+    // `+02:00[Europe/Berlin]`: the offset says it already.
+    let named = cell.strip_suffix(']').and_then(|cell| cell.rsplit_once('[')).map(|(before, _)| before);
+    let pieces = pieces(named.filter(|before| before.contains(['+', '-', 'Z'])).unwrap_or(cell))?;
     let mut left = Left(&pieces);
+    if let Some(elapsed) = left.elapsed() {
+        return left.0.is_empty().then_some(Stamp { date: None, clock: Some(elapsed), offset: None });
+    }
     left.skip_weekday();
     let (mut date, mut clock) = (left.date(), None);
     if date.is_some() {
@@ -222,6 +199,22 @@ pub fn scan(cell: &str) -> Option<Stamp> {
 struct Left<'p, 'a>(&'p [Piece<'a>]);
 
 impl Left<'_, '_> {
+    /// Time since something began (ns): `1 day, 0:00:02`, `0 days 00:00:02.030`, `25:00:00`.
+    fn elapsed(&mut self) -> Option<i64> {
+        use Piece::{Number, Sign, Word};
+        let days = match self.0 {
+            [Number(days, 1..=5), Sign(' '), Word("day" | "days"), rest @ ..] => {
+                self.0 = rest;
+                self.between();
+                *days
+            }
+            [Number(24.., 2..=4), Sign(':'), Number(_, 2), Sign(':'), Number(_, 2), ..] => 0,
+            _ => return None,
+        };
+        let clock = if self.0.is_empty() { 0 } else { self.clock_below(10_000)? };
+        days.checked_mul(DAY)?.checked_add(clock)
+    }
+
     fn skip_weekday(&mut self) {
         if let [Piece::Word(word), rest @ ..] = self.0
             && is_weekday(word)
@@ -256,10 +249,28 @@ impl Left<'_, '_> {
             [Number(all, 8), rest @ ..] if !matches!(rest, [Sign('.' | ','), ..]) => {
                 (Date::Known(all / 10_000, (all / 100 % 100) as u32, (all % 100) as u32), rest)
             }
-            // Japanese and Chinese exports say year, month and day behind the numbers.
-            [Number(y, 4), Word("年"), Number(m, _), Word("月"), Number(d, _), Word("日"), rest @ ..] => {
-                (Date::Known(*y, *m as u32, *d as u32), rest)
-            }
+            // Exports of East Asia say year, month and day behind the numbers.
+            [Number(y, 4), Word("年"), Number(m, _), Word("月"), Number(d, _), Word("日"), rest @ ..]
+            | [
+                Number(y, 4),
+                Word("년"),
+                Sign(' '),
+                Number(m, _),
+                Word("월"),
+                Sign(' '),
+                Number(d, _),
+                Word("일"),
+                rest @ ..,
+            ] => (Date::Known(*y, *m as u32, *d as u32), rest),
+            [
+                Number(d, 1..=2),
+                Sign('-'),
+                Number(m, 1..=2),
+                Word("月"),
+                Sign('-'),
+                Number(y, n @ (2 | 4)),
+                rest @ ..,
+            ] => (Date::Known(century(*y, *n == 4), *m as u32, *d as u32), rest),
             [Number(y, 4), Sign(a), Number(m, 1..=2), Sign(b), Number(d, 1..=2), rest @ ..]
                 if a == b && matches!(a, '-' | '/' | '.') =>
             {
@@ -324,9 +335,22 @@ impl Left<'_, '_> {
 
     /// Nanoseconds since midnight, 24:00 included.
     fn clock(&mut self) -> Option<i64> {
-        use Piece::{Number, Sign};
+        self.clock_below(24)
+    }
+
+    /// The same of fewer hours than these.
+    fn clock_below(&mut self, hours: i64) -> Option<i64> {
+        use Piece::{Number, Sign, Word};
+        let before = match self.0 {
+            [Word(word), rest @ ..] => {
+                let past_noon = half_before(word)?;
+                self.0 = without_blank(rest);
+                Some(past_noon)
+            }
+            _ => None,
+        };
         let (hour, minute, mut second, mut rest) = match self.0 {
-            [Number(h, 1..=2), Sign(':'), Number(m, 2), Sign(':'), Number(s, 2), rest @ ..]
+            [Number(h, 1..=4), Sign(':'), Number(m, 2), Sign(':'), Number(s, 2), rest @ ..]
             | [Number(h, 1..=2), Sign('.'), Number(m, 2), Sign('.'), Number(s, 2), rest @ ..] => {
                 (*h, *m, *s, rest)
             }
@@ -346,19 +370,22 @@ impl Left<'_, '_> {
             rest = after;
         }
         let mut hour = hour;
-        if let Some((after, past_noon)) = noon(without_blank(rest)) {
+        let behind = noon(without_blank(rest));
+        if let Some((after, _)) = behind {
+            rest = after;
+        }
+        if let Some(past_noon) = before.or(behind.map(|(_, past_noon)| past_noon)) {
             if !(1..=12).contains(&hour) {
                 return None;
             }
             hour = hour % 12 + if past_noon { 12 } else { 0 };
-            rest = after;
         }
         // A leap second is told as the last nanosecond of its minute.
         if second == 60 {
             (second, fraction) = (59, SECOND - 1);
         }
         let midnight = hour == 24 && minute == 0 && second == 0 && fraction == 0;
-        if !(midnight || hour < 24) || minute > 59 || second > 59 {
+        if !(midnight || hour < hours) || minute > 59 || second > 59 {
             return None;
         }
         self.0 = rest;
@@ -369,14 +396,12 @@ impl Left<'_, '_> {
     fn offset(&mut self) -> Option<Option<i32>> {
         use Piece::{Number, Sign, Word};
         self.blanks();
-        if let [Word(zone), rest @ ..] = self.0 {
-            if !["z", "utc", "gmt"].contains(&zone.to_lowercase().as_str()) {
-                return None;
-            }
+        if let [Word(name), rest @ ..] = self.0 {
+            let offset = zone(name)?;
             self.0 = rest;
             self.blanks();
-            if !matches!(self.0, [Sign('+' | '-'), ..]) {
-                return Some(Some(0));
+            if offset != 0 || !matches!(self.0, [Sign('+' | '-'), ..]) {
+                return Some(Some(offset));
             }
         }
         let [Sign(sign @ ('+' | '-')), rest @ ..] = self.0 else { return Some(None) };
@@ -403,15 +428,16 @@ fn without_blank<'p, 'a>(pieces: &'p [Piece<'a>]) -> &'p [Piece<'a>] {
 fn noon<'p, 'a>(pieces: &'p [Piece<'a>]) -> Option<(&'p [Piece<'a>], bool)> {
     use Piece::{Sign, Word};
     let (word, rest) = match pieces {
-        [Word(word), Sign('.'), Word("m" | "M"), Sign('.'), rest @ ..] if word.len() == 1 => (*word, rest),
+        [Word(word), Sign('.'), Word("m" | "M"), Sign('.'), rest @ ..]
+        | [Word(word), Sign('.'), Sign(' '), Word("m" | "M"), Sign('.'), rest @ ..]
+            if word.len() == 1 =>
+        {
+            (*word, rest)
+        }
         [Word(word), rest @ ..] if word.len() == 2 => (*word, rest),
         _ => return None,
     };
-    match word {
-        "a" | "A" | "am" | "AM" | "Am" => Some((rest, false)),
-        "p" | "P" | "pm" | "PM" | "Pm" => Some((rest, true)),
-        _ => None,
-    }
+    half(word).map(|past_noon| (rest, past_noon))
 }
 
 #[cfg(test)]
@@ -456,6 +482,16 @@ mod tests {
             ("2026年06月01日 06:00:00", six, None),
             ("2026-06-01", 0.0, None),
             ("01-Mai-26 06:00:00", six - 31.0 * 86_400.0, None),
+            ("01-6月-26 06:00:00", six, None),
+            ("2026년 06월 01일 06:00:00", six, None),
+            ("2026/6/1 上午 06:00:00", six, None),
+            ("2026-06-01 오후 6:00:00", six + 43200.0, None),
+            ("1 июня 2026 06:00:00", six, None),
+            ("01-cze-2026 06:00:00", six, None),
+            ("01 jun. 2026 6:00:00 a. m.", six, None),
+            ("2026-06-01 06:00:00 CEST", six, Some(7200)),
+            ("Mon Jun 01 06:00:00 CET 2026", six, Some(3600)),
+            ("2026-06-01T06:00:00+02:00[Europe/Berlin]", six, Some(7200)),
         ] {
             for order in Order::ALL {
                 assert_eq!(read(cell, order), Some((seconds, offset)), "{cell} {order:?}");
@@ -483,7 +519,9 @@ mod tests {
             "1.002",
             "10.0.0.5",
             "2024-02-30x",
-            "25:00:00",
+            "25:00",
+            "2026-06-01 25:00:00",
+            "06:00:00 CST",
             "06:61",
             "13:00 PM",
             "2026-06-01 06:00:00 Mars",
@@ -494,9 +532,13 @@ mod tests {
             assert_eq!(scan(cell), None, "{cell}");
         }
         assert_eq!(scan("2024-02-30").and_then(|stamp| stamp.civil(Order::Dmy)), None);
-        assert_eq!(
-            scan("06:00:02.5").and_then(|stamp| stamp.time_of_day()),
-            Some(21_602 * SECOND + SECOND / 2)
-        );
+        let clock =
+            |cell: &str| scan(cell).and_then(|stamp| stamp.time_of_day()).map(|ns| ns as f64 / SECOND as f64);
+        assert_eq!(clock("06:00:02.5"), Some(21_602.5));
+        for (cell, hours) in
+            [("25:00:00", 25.0), ("1 day, 1:00:00", 25.0), ("0 days 06:00:00", 6.0), ("2 days", 48.0)]
+        {
+            assert_eq!(clock(cell), Some(hours * 3600.0), "{cell}");
+        }
     }
 }

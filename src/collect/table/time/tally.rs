@@ -3,7 +3,7 @@
 use super::super::error::shown;
 use super::super::evidence::Evidence;
 use super::super::number::{self, Decimal};
-use super::super::options::{Format, Told};
+use super::super::options::{Format, Told, Unit};
 use super::super::source::Cell;
 use super::super::stamp::{self, DAY, Order, Stamp};
 
@@ -273,7 +273,9 @@ fn time_of_day(cell: &Cell<'_>) -> Option<i64> {
 
 fn text_alone(text: &str) -> What<'_> {
     let compact = number::bare(text).len() == 14;
-    match number::scan(text).filter(|number| number.unit.is_empty()) {
+    // `2.03 sec`: seconds are what a number without a unit counts, too.
+    let of_time = |unit: &str| unit.is_empty() || Unit::of(unit) == Some(Unit::Seconds);
+    match number::scan(text).filter(|number| of_time(number.unit)) {
         Some(number) if !compact => What::Digits(number),
         found => match (stamp::scan(text), found) {
             (Some(stamp), _) if stamp.has_date() => What::Dated(stamp),

@@ -1,0 +1,111 @@
+//! The words in stamps: names of months and days, halves of a day, letters for time zones.
+
+/// Names of months by their first letters, in the languages of Europe's spreadsheets.
+const MONTHS: [&[&str]; 12] = [
+    &["jan", "jän", "ene", "gen", "sty", "led", "янв", "oca", "tammi"],
+    &["feb", "fév", "fev", "lut", "úno", "фев", "şub", "helmi"],
+    &["mar", "mär", "mrz", "maa", "mrt", "már", "bře", "мар"],
+    &["apr", "avr", "abr", "kwi", "dub", "ápr", "апр", "nis", "huhti"],
+    &["may", "mai", "mei", "mag", "maj", "máj", "kvě", "май", "мая", "touko"],
+    &["jun", "juin", "giu", "cze", "jún", "čvn", "июн", "haz", "kesä"],
+    &["jul", "juil", "lug", "lip", "júl", "čvc", "июл", "tem", "heinä"],
+    &["aug", "aoû", "aou", "ago", "sie", "srp", "авг", "ağu", "elo"],
+    &["sep", "set", "wrz", "zář", "szept", "сен", "eyl", "syys"],
+    &["oct", "okt", "ott", "out", "paź", "paz", "říj", "окт", "eki", "loka"],
+    &["nov", "lis", "ноя", "kas", "marras"],
+    &["dec", "dez", "déc", "dic", "des", "gru", "pro", "дек", "ara", "joulu"],
+];
+/// Days of the week say nothing that the date does not.
+const WEEKDAYS: [&str; 37] = [
+    "mon", "tue", "wed", "thu", "fri", "sat", "sun", "mo", "di", "mi", "do", "fr", "sa", "so", "tues",
+    "thur", "lun", "mer", "jeu", "ven", "sam", "dim", "mié", "jue", "vie", "sáb", "dom", "ma", "wo", "пн",
+    "вт", "ср", "чт", "пт", "сб", "вс", "za",
+];
+/// Time zones whose letters are those of one zone only, and their offset (s).
+const ZONES: [(&str, i32); 14] = [
+    ("z", 0),
+    ("utc", 0),
+    ("gmt", 0),
+    ("wet", 0),
+    ("west", 3600),
+    ("cet", 3600),
+    ("cest", 7200),
+    ("mez", 3600),
+    ("mesz", 7200),
+    ("eet", 7200),
+    ("eest", 10_800),
+    ("msk", 10_800),
+    ("jst", 32_400),
+    ("kst", 32_400),
+];
+
+/// The month of a name, from 1. `mar` is March, and no Tuesday.
+pub fn month(word: &str) -> Option<u32> {
+    let word = word.to_lowercase();
+    let of = |names: &[&str]| names.iter().any(|name| word.starts_with(name));
+    // The longest name decides: `marras` is November.
+    if word.starts_with("marras") {
+        return Some(11);
+    }
+    MONTHS.iter().position(|names| of(names)).map(|at| at as u32 + 1)
+}
+
+/// Whether a word is a day of the week.
+pub fn is_weekday(word: &str) -> bool {
+    let word = word.to_lowercase();
+    WEEKDAYS.contains(&word.as_str()) || word.ends_with("day") || word.ends_with("tag")
+}
+
+/// The offset of a zone's letters (s east of Greenwich); `None` where several zones have them, as CST.
+pub fn zone(word: &str) -> Option<i32> {
+    let word = word.to_lowercase();
+    ZONES.iter().find(|(name, _)| *name == word).map(|(_, offset)| *offset)
+}
+
+/// Whether a word behind a time of day, `am` or `pm`, says that it is past noon.
+pub fn half(word: &str) -> Option<bool> {
+    match word {
+        "a" | "A" | "am" | "AM" | "Am" => Some(false),
+        "p" | "P" | "pm" | "PM" | "Pm" => Some(true),
+        _ => None,
+    }
+}
+
+/// The same of a word before it, as East Asia writes it.
+pub fn half_before(word: &str) -> Option<bool> {
+    match word {
+        "上午" | "오전" | "午前" => Some(false),
+        "下午" | "오후" | "午後" => Some(true),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn months_of_many_languages() {
+        for (word, number) in [
+            ("January", 1),
+            ("März", 3),
+            ("mars", 3),
+            ("maart", 3),
+            ("maj", 5),
+            ("мая", 5),
+            ("czerwca", 6),
+            ("junio", 6),
+            ("июл", 7),
+            ("août", 8),
+            ("sierpnia", 8),
+            ("settembre", 9),
+            ("październik", 10),
+            ("marraskuuta", 11),
+            ("desember", 12),
+        ] {
+            assert_eq!(month(word), Some(number), "{word}");
+        }
+        assert_eq!(month("Average"), None);
+        assert_eq!((zone("CEST"), zone("CST"), zone("utc")), (Some(7200), None, Some(0)));
+    }
+}
