@@ -4,7 +4,7 @@
 //! what the daemon would have said, and when a valve began to stick. Pure: no clock, no file.
 
 use crate::alarm;
-use crate::diagnosis::{HistoryFound, Settings, gate::zeros_are_outages};
+use crate::diagnosis::{HistoryFound, Settings, gate::outages};
 use crate::results::{Judged, KnownEffect, Outcome, Results, Run, Summary, Trigger};
 use crate::signal::{BadReason, LoopId, Quality, Record, Sample, Series};
 
@@ -61,7 +61,7 @@ pub struct Timeline {
     pub items: Vec<Item>,
     /// The alarms.
     pub raised: Vec<Raised>,
-    /// Samples of OP and of PV that are drop-outs to zero, marked bad and not fitted.
+    /// Samples of OP and of PV that are drop-outs, to zero or to a value that stands for none, marked bad and not fitted.
     pub drop_outs: [usize; 2],
     /// Time without a sample of PV for longer than five sample periods (s).
     pub gaps_s: f64,
@@ -106,16 +106,14 @@ impl From<Record> for Marked {
     }
 }
 
-/// Sorts a record by time and marks drop-outs to zero as bad; returns how many there are of OP and of PV.
+/// Sorts a record by time and marks drop-outs as bad; returns how many there are of OP and of PV.
 fn mark_drop_outs(record: &mut Record) -> [usize; 2] {
     let mark = |series: &mut Series| {
         series.sort_by(|a, b| a.t.total_cmp(&b.t));
         let good: Vec<Sample> = series.iter().filter(|s| s.quality.is_good()).copied().collect();
-        if !zeros_are_outages(&good) {
-            return 0;
-        }
-        let zeros = series.iter_mut().filter(|s| s.quality.is_good() && s.value == 0.0);
-        zeros.map(|s| s.quality = Quality::Bad(BadReason::LinkDown)).count()
+        let outages = outages(&good);
+        let marked = series.iter_mut().filter(|s| s.quality.is_good() && outages.contains(&s.value));
+        marked.map(|s| s.quality = Quality::Bad(BadReason::LinkDown)).count()
     };
     let others = [&mut record.sp, &mut record.mode, &mut record.mv, &mut record.term];
     let others = others.into_iter().flatten().chain(record.tags.iter_mut().map(|(_, series)| series));

@@ -153,3 +153,86 @@ fn quality_by_other_names_is_used_and_an_option_without_a_column_is_refused() {
     let said = read("Time,OP,PV", &rows(&example, ',', civil), &told).expect_err("nothing to decide");
     assert!(said.contains("--good-values: no column says anything of quality"), "{said}");
 }
+
+#[test]
+fn milliseconds_may_stand_in_a_column_of_their_own() {
+    let example = example();
+    let row = |at: usize, op: f64, pv: f64| {
+        let t = 0.4 * at as f64;
+        format!("{};{:.0};{op:.3};{pv:.3}", civil(BEGIN as f64 + t), (t - t.floor()) * 1e3)
+    };
+    let pairs = example.op.iter().zip(&example.pv).enumerate();
+    let rows: Vec<String> = pairs.map(|(at, (op, pv))| row(at, op.value, pv.value)).collect();
+    let table = read("DateTime;Millitm;OP;PV", &rows, &Options::default()).expect("read");
+    for (at, t) in since(&table).into_iter().enumerate() {
+        assert!((t - 0.4 * at as f64).abs() < 1e-6, "row {at}: {t}");
+    }
+    assert!(table.record.tags.is_empty());
+    // A column of that name with anything else is a tag.
+    let rows: Vec<String> = rows.iter().map(|row| row.replacen(";0;", ";1500;", 1)).collect();
+    let table = read("DateTime;Millitm;OP;PV", &rows, &Options::default());
+    assert!(table.is_err() || table.is_ok_and(|table| table.record.tags.len() == 1));
+}
+
+#[test]
+fn a_table_without_a_header_loses_no_row_where_numbers_name_its_columns() {
+    let example = example();
+    let rows = rows(&example, ',', civil);
+    let by_number =
+        Options { time: Some("1".into()), op: Some("2".into()), pv: Some("3".into()), ..Options::default() };
+    let table = read(&rows[0], &rows[1..], &by_number).expect("read");
+    assert_eq!(table.record.op.len(), example.op.len());
+    assert!(bits(&table.record) == bits(&example));
+}
+
+#[test]
+fn blanks_divide_where_no_sign_does() {
+    let example = example();
+    let plain = Options::default();
+    let wide = |t: f64| format!("{}    ", civil(t));
+    let table = read(
+        "Time                   OP      PV",
+        &rows(&example, ' ', wide)
+            .iter()
+            .map(|row| row.replace(' ', "   ").replace("01   0", "01 0"))
+            .collect::<Vec<_>>(),
+        &plain,
+    );
+    let table = table.expect("read");
+    assert!(table.found.read_as.contains("separated by blanks"), "{}", table.found.read_as);
+    assert!(bits(&table.record) == bits(&example));
+    let single = rows(&example, ' ', |t| format!("{t}"));
+    let table = read("t op pv", &single, &plain).expect("read");
+    assert!(bits(&table.record) == bits(&example));
+    let date_and_time = rows(&example, ' ', civil);
+    let table = read("Date Time OP PV", &date_and_time, &plain).expect("read");
+    assert!(bits(&table.record) == bits(&example));
+}
+
+#[test]
+fn a_table_packed_by_gzip_is_the_table() {
+    use std::io::Write;
+    let example = example();
+    let text = format!("t,op,pv\n{}\n", rows(&example, ',', |t| format!("{t}")).join("\n"));
+    let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    packed.write_all(text.as_bytes()).expect("memory");
+    let table = of_bytes(&packed.finish().expect("memory"), &Options::default()).expect("read");
+    assert!(bits(&table.record) == bits(&example));
+}
+
+#[test]
+fn elapsed_times_go_on_beyond_a_day() {
+    let example = example();
+    let plain = Options::default();
+    let clock = |s: i64| format!("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60);
+    let elapsed = |t: f64| clock(86_400 - 600 + t as i64 - BEGIN);
+    let days =
+        |t: f64| format!("{} days {:0>8}", (t as i64 - BEGIN) / 86_400, clock((t as i64 - BEGIN) % 86_400));
+    let seconds = |t: f64| format!("{:.2} sec", t - BEGIN as f64);
+    for rows in [rows(&example, ',', elapsed), rows(&example, ',', days), rows(&example, ',', seconds)] {
+        let table = read("Time,OP,PV", &rows, &plain).expect("read");
+        assert!(bits(&table.record) == bits(&example));
+        let last = example.op.last().expect("samples").t - example.op[0].t;
+        assert!((since(&table).last().expect("samples") - last).abs() < 1.0, "{}", rows[1]);
+    }
+}

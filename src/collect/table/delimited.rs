@@ -2,7 +2,7 @@
 
 use super::error::TableError;
 use super::source::{Cell, Rows};
-use super::text::{Encoding, MAX_LINE, Text};
+use super::text::{Blanks, Encoding, MAX_LINE, Text};
 use std::io::{self, Read};
 
 /// Bytes read at a time.
@@ -21,7 +21,7 @@ impl<R: Read> Lines<R> {
             .has_headers(false)
             .flexible(true)
             .buffer_capacity(BUFFER)
-            .from_reader(Text::new(inner, encoding));
+            .from_reader(Text::new(inner, encoding, Blanks::of(separator)));
         Self { rows, row: csv::StringRecord::new() }
     }
 }

@@ -5,6 +5,7 @@ use super::layout::Body;
 use super::source::Kind;
 use super::survey::Plan;
 use super::take::Counted;
+use super::text::Blanks;
 use crate::signal::Role;
 use std::fmt::Write;
 
@@ -55,6 +56,7 @@ fn file(plan: &Plan) -> String {
         let encoding = encoding.map(|name| format!("{name}, ")).unwrap_or_default();
         match plan.separator {
             b'\t' => format!("{encoding}tab separated"),
+            sign if Blanks::of(sign).is_some() => format!("{encoding}separated by blanks"),
             sign => format!("{encoding}{} separated", char::from(sign)),
         }
     };

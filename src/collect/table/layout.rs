@@ -54,6 +54,8 @@ pub struct Layout {
     pub time: usize,
     /// The column of the time of day, where the other is the date only.
     pub clock: Option<usize>,
+    /// The column of milliseconds, where the times are whole seconds.
+    pub millis: Option<usize>,
     /// The unit of times, from the header or below it.
     pub time_unit: Option<String>,
     /// Where the samples are.
@@ -118,7 +120,12 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
             if comment(row) != comments {
                 continue;
             }
-            let names: Vec<Name> = row.iter().map(|cell| Name::new(&cell.text)).collect();
+            // A table without a header, whose columns are told by number: its first row is a sample.
+            let bare = is_sample(row, options);
+            let names: Vec<Name> = match bare {
+                true => (1..=row.len()).map(|number| Name::new(&format!("column {number}"))).collect(),
+                false => row.iter().map(|cell| Name::new(&cell.text)).collect(),
+            };
             let known = known(&names, options);
             if best.is_none_or(|(most, _)| known > most) {
                 best = Some((known, at));
@@ -126,7 +133,7 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
             match header(names, &rows[at + 1..], options) {
                 Ok(mut layout) => {
                     layout.line = *line;
-                    layout.skip += at + 1;
+                    layout.skip += at + usize::from(!bare);
                     let even = even(&rows[at + 1..], row.len());
                     return Looked { layout: Ok(layout), known, even, cells: row.len(), numbers_only: false };
                 }
@@ -152,6 +159,13 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
         cells: row.len(),
         numbers_only,
     }
+}
+
+/// Whether a row has a time where the option says, by number, that times stand.
+fn is_sample(row: &[Seen], options: &Options) -> bool {
+    let number = options.time.as_ref().and_then(|time| time.parse::<usize>().ok());
+    let cell = number.and_then(|number| row.get(number.checked_sub(1)?));
+    cell.is_some_and(|cell| matches!(cell.kind, WhatKind::Number | WhatKind::Dated))
 }
 
 impl Looked {
@@ -220,7 +234,9 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
         ))));
     }
     let (time, clock) = times(&names, below, options)?;
-    let wide = |name: &Name, at: usize| at != time && Some(at) != clock && !name.is_none();
+    let millis = millis(&names, time, below);
+    let wide =
+        |name: &Name, at: usize| at != time && Some(at) != clock && Some(at) != millis && !name.is_none();
     let masked: Vec<Name> =
         names.iter().enumerate().map(|(at, n)| if wide(n, at) { n.clone() } else { Name::new("") }).collect();
     let body = match (long(&names, time, options), roles(&masked, options, true)) {
@@ -230,7 +246,7 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
         (None, Err(trouble)) => return Err(trouble),
     };
     let mut layout =
-        Layout { line: 0, skip: 0, time, clock, time_unit: names[time].unit.clone(), names, body };
+        Layout { line: 0, skip: 0, time, clock, millis, time_unit: names[time].unit.clone(), names, body };
     units(&mut layout, below);
     Ok(layout)
 }
@@ -269,6 +285,20 @@ fn times(names: &[Name], below: &[SeenRow], options: &Options) -> Result<(usize,
             first + 1
         )))),
     }
+}
+
+/// Names of a column of milliseconds beside one of whole seconds.
+const MILLIS: [&str; 6] = ["millitm", "millis", "millisecond", "milliseconds", "msec", "ms"];
+
+/// The column of milliseconds: whole numbers below a thousand beside dates.
+fn millis(names: &[Name], time: usize, below: &[SeenRow]) -> Option<usize> {
+    let at = names.iter().position(|name| MILLIS.contains(&name.plain()))?;
+    let dated = |row: &&SeenRow| row.1.get(time).is_some_and(|cell| cell.kind == WhatKind::Dated);
+    let small = |row: &SeenRow| {
+        row.1.get(at).and_then(|cell| cell.text.trim().parse::<u32>().ok()).is_some_and(|ms| ms < 1000)
+    };
+    let mut rows = below.iter().filter(dated).peekable();
+    (rows.peek().is_some() && rows.all(small)).then_some(at)
 }
 
 const TAGS: [&str; 24] = [

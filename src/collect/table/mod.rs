@@ -6,7 +6,7 @@
 //!
 //! | step | decides |
 //! |---|---|
-//! | `source`, `text` | what kind of file, which encoding |
+//! | `source`, `kinds`, `text` | what kind of file, which encoding |
 //! | `layout`, `names`, `roles` | what divides cells, where the header is, which column is what |
 //! | `evidence`, `number` | the decimal sign, thousands, units behind numbers |
 //! | `time`, `stamp`, `calendar` | how times are written |
@@ -19,6 +19,7 @@ mod delimited;
 mod error;
 mod evidence;
 mod found;
+mod kinds;
 mod layout;
 pub(super) mod names;
 pub(super) mod number;

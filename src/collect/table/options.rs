@@ -186,6 +186,7 @@ impl Options {
         });
         let separator = self.separator.as_deref().map(|value| match value {
             "tab" | "\\t" | "\t" => Ok(b'\t'),
+            "blank" | "space" => Ok(b' '),
             one if one.len() == 1 && !one.as_bytes()[0].is_ascii_alphanumeric() && one != "\"" => {
                 Ok(one.as_bytes()[0])
             }

@@ -2,13 +2,16 @@
 
 use super::error::TableError;
 use super::text::{self, Encoding};
-use super::{delimited, parquet, workbook};
+use super::{delimited, kinds, parquet, workbook};
+use flate2::read::MultiGzDecoder;
 use std::fs::File;
-use std::io::{Cursor, Read};
+use std::io::{self, Cursor, Read};
 use std::path::Path;
 
 /// Bytes looked at to tell what a file is.
 const HEAD: u64 = 1 << 16;
+/// Most bytes that a compressed file may unpack to: it is streamed, and each costs time.
+const MOST_UNPACKED: u64 = 1 << 34;
 
 /// Where a table comes from. It is read more than once, so it is no stream.
 #[derive(Clone, Copy, Debug)]
@@ -20,11 +23,21 @@ pub enum Source<'s> {
 }
 
 impl<'s> Source<'s> {
+    /// Its bytes, unpacked where they are gzip's.
     pub(super) fn open(&self) -> Result<Box<dyn Read + 's>, TableError> {
-        Ok(match self {
+        let mut raw: Box<dyn Read + 's> = match self {
             Source::File(path) => Box::new(File::open(path)?),
             Source::Bytes(bytes) => Box::new(Cursor::new(*bytes)),
-        })
+        };
+        let mut begin = Vec::new();
+        raw.by_ref().take(2).read_to_end(&mut begin)?;
+        let packed = begin == kinds::GZIP;
+        let whole = Cursor::new(begin).chain(raw);
+        if !packed {
+            return Ok(Box::new(whole));
+        }
+        let bound = Bound { inner: MultiGzDecoder::new(whole), left: MOST_UNPACKED };
+        Ok(Box::new(bound))
     }
 
     /// The beginning of the file.
@@ -32,6 +45,22 @@ impl<'s> Source<'s> {
         let mut head = Vec::new();
         self.open()?.take(HEAD).read_to_end(&mut head)?;
         Ok(head)
+    }
+}
+
+/// A reader that fails beyond so many bytes.
+struct Bound<R> {
+    inner: R,
+    left: u64,
+}
+
+impl<R: Read> Read for Bound<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let n = self.inner.read(buffer)?;
+        self.left = self.left.checked_sub(n as u64).ok_or_else(|| {
+            io::Error::other(format!("it unpacks to more than {MOST_UNPACKED} bytes; unpack and cut it"))
+        })?;
+        Ok(n)
     }
 }
 
@@ -99,14 +128,12 @@ pub enum Kind {
 impl Kind {
     /// Which kind it is.
     pub fn of(source: Source<'_>, head: &[u8], sheet: Option<&str>) -> Result<Self, TableError> {
-        const PARQUET: &[u8] = b"PAR1";
-        const ZIP: &[u8] = b"PK\x03\x04";
-        const OLE: &[u8] = &[0xd0, 0xcf, 0x11, 0xe0, 0xa1, 0xb1, 0x1a, 0xe1];
-        if head.starts_with(PARQUET) {
+        if head.starts_with(kinds::PARQUET) {
             Ok(Kind::Parquet)
-        } else if head.starts_with(ZIP) || head.starts_with(OLE) {
+        } else if head.starts_with(kinds::ZIP) || head.starts_with(kinds::OLE) {
             Ok(Kind::Sheet(workbook::read(source, sheet)?))
         } else {
+            kinds::refuse(head)?;
             Ok(Kind::Text(text::encoding(head)?))
         }
     }

@@ -10,6 +10,7 @@ use super::number::Decimal;
 use super::options::{Options, Told};
 use super::roles::{Trouble, roles};
 use super::source::{Cell, Kind, Rows, Source};
+use super::text::Blanks;
 use super::time::{self, Groups, Reading, Times};
 use super::words::{Modes, Says, Words};
 use crate::signal::Role;
@@ -74,12 +75,18 @@ fn dialect(
     let whole = head.iter().rposition(|byte| *byte == b'\n').filter(|_| head.len() >= 1 << 16);
     let head = &head[..whole.map_or(head.len(), |at| at + 1)];
     let said = said_separator(head, encoding);
-    let separators = match told.separator.or(said) {
+    let mut separators = match told.separator.or(said) {
         Some(one) => vec![one],
         None => SEPARATORS.to_vec(),
     };
+    let open = separators.len() > 1;
+    // Blanks divide where no sign does.
+    separators.extend([Blanks::Two, Blanks::One].map(Blanks::separator).into_iter().filter(|_| open));
     let mut best: Option<(Looked, u8)> = None;
     for separator in separators {
+        if Blanks::of(separator).is_some() && best.as_ref().is_some_and(|(other, _)| !other.single()) {
+            continue;
+        }
         let mut lines = Lines::new(head, encoding, separator);
         let mut first = first_rows(&mut lines)?;
         if said.is_some() && !first.is_empty() {
@@ -96,7 +103,7 @@ fn dialect(
     let (looked, separator) = best.ok_or_else(|| TableError::refused("no separator"))?;
     if looked.single() && !looked.headless() && looked.layout.is_err() {
         return Err(TableError::refused(format!(
-            "{}; cells are divided by comma, semicolon, tab or |, others with --separator",
+            "{}; cells are divided by comma, semicolon, tab, | or blanks, others with --separator",
             one_column(head, encoding)
         )));
     }
@@ -197,7 +204,9 @@ impl Counting {
                             *before = shown;
                         }
                     }
-                    self.groups.add(&first, second.as_ref(), moved);
+                    if layout.millis.is_none() {
+                        self.groups.add(&first, second.as_ref(), moved);
+                    }
                     for (channel, at) in self.channels.iter_mut().zip(&wide.columns) {
                         let cell = rows.cell(*at);
                         if channel.add(&cell, line) && channel.role.is_none() {
@@ -446,12 +455,4 @@ fn meant(text: &str) -> &str {
     const HIDDEN: [char; 6] = ['\'', ' ', '\u{a0}', '\u{3000}', '\u{200b}', '\u{feff}'];
     let formula = |rest: &&str| rest.trim_start_matches(HIDDEN).starts_with(FORMULA);
     text.strip_prefix('\'').filter(formula).unwrap_or(text)
-}
-
-/// A role's name, or the tag's own.
-pub fn name_of(channel: &Channel) -> &str {
-    match channel.role {
-        Some(role) => role.as_str(),
-        None => &channel.tag.name,
-    }
 }

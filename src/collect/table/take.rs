@@ -1,6 +1,6 @@
 //! The second reading: rows become samples by what the first one decided.
 
-use super::channel::Tag;
+use super::channel::{Channel, Tag};
 use super::error::TableError;
 use super::found::Found;
 use super::layout::Body;
@@ -8,7 +8,7 @@ use super::names::Name;
 use super::number;
 use super::options::Options;
 use super::source::{Cell, Rows, Source};
-use super::survey::{Plan, name_of, passed_over, tag_of};
+use super::survey::{Plan, passed_over, tag_of};
 use super::{MAX_VALUES, Table};
 use crate::signal::{BadReason, Quality, Record, Role, Sample, Series};
 
@@ -58,7 +58,7 @@ pub fn stream<E: From<TableError>>(
     let tags = plan.channels.iter().map(|channel| {
         let mut tag = channel.tag.clone();
         if tag.owner.is_empty() {
-            (tag.owner, tag.name) = owned(&tag.name, name_of(channel), options)?;
+            (tag.owner, tag.name) = owned(channel, options)?;
         }
         Ok(tag)
     });
@@ -76,11 +76,14 @@ pub fn stream<E: From<TableError>>(
     }
 }
 
-/// The loop of a tag that names none beside it, and what the tag is to it: `FIC101.PV` is `pv` of `FIC101`.
-fn owned(full: &str, name: &str, options: &Options) -> Result<(String, String), TableError> {
-    let said = Name::new(full).said().map(|said| said.meaning.as_str());
+/// The loop of a tag that names none beside it, and what the tag is to it: `FIC101.PV` is `pv` of `FIC101`. What the tag is
+/// was decided with the other columns in sight: `MV` may be the controller's output.
+fn owned(channel: &Channel, options: &Options) -> Result<(String, String), TableError> {
+    let full = &channel.tag.name;
+    let said =
+        channel.role.map(Role::as_str).or_else(|| Name::new(full).said().map(|said| said.meaning.as_str()));
     if let Some(own) = &options.of_loop {
-        return Ok((own.clone(), said.unwrap_or(name).to_string()));
+        return Ok((own.clone(), said.unwrap_or(full).to_string()));
     }
     let path = full.rsplit_once(['.', '/']).filter(|_| said.is_some());
     match (path, said) {
@@ -127,11 +130,22 @@ fn all(source: Source<'_>, mut plan: Plan, take: Take<'_>) -> Result<(Plan, Foun
                 }
                 continue;
             };
+            let t = t + plan.layout.millis.map_or(0.0, |at| millis(&rows.cell(at)));
             row(rows.as_ref(), &plan, t, &mut counted, take)?;
         }
     }
     let found = Found::new(&plan, &counted);
     Ok((plan, found))
+}
+
+/// A cell of milliseconds (s).
+fn millis(cell: &Cell<'_>) -> f64 {
+    let ms = match cell {
+        Cell::Number(ms) => *ms,
+        Cell::Text(text) => number::bare(text).parse().unwrap_or(0.0),
+        _ => 0.0,
+    };
+    if (0.0..1000.0).contains(&ms) { ms / 1e3 } else { 0.0 }
 }
 
 /// The samples of one row.

@@ -252,7 +252,7 @@ fn refusals_say_where_and_what_to_do() {
         ("\n \r\n", "line 1: empty file; a header such as t,op,pv and one line per sample are needed"),
         (
             "pv\n1\n",
-            "line 1: only one column, \"pv\"; cells are divided by comma, semicolon, tab or |, others with --separator",
+            "line 1: only one column, \"pv\"; cells are divided by comma, semicolon, tab, | or blanks, others with --separator",
         ),
         ("1\n2\n", "line 1: numbers where the header should be; put a line such as t,op,pv above them"),
         (

@@ -78,6 +78,61 @@ fn guessed(head: &[u8]) -> &'static encoding_rs::Encoding {
     if own == UTF_8 || LATIN.contains(&own.name()) { WINDOWS_1252 } else { own }
 }
 
+/// Which runs of blanks divide cells, where no sign does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Blanks {
+    /// Each: `0 50.1 51.2`.
+    One,
+    /// Of two or more: `2026-06-01 06:00:00   50.1   51.2`.
+    Two,
+}
+
+impl Blanks {
+    /// The sign that they become: a blank, or one that stands in no line.
+    pub fn separator(self) -> u8 {
+        match self {
+            Blanks::One => b' ',
+            Blanks::Two => 0x1e,
+        }
+    }
+
+    /// Which of them a separator stands for.
+    pub fn of(separator: u8) -> Option<Self> {
+        [Blanks::One, Blanks::Two].into_iter().find(|own| own.separator() == separator)
+    }
+}
+
+/// Makes one separator of each run of blanks that divides, and none at the ends of a line.
+struct Runs {
+    blanks: Blanks,
+    pending: usize,
+    line_begins: bool,
+}
+
+impl Runs {
+    /// Works on `bytes[from..to]`, and puts what it makes from 0 on; `from` is at least 1, for a run that began before.
+    fn apply(&mut self, bytes: &mut [u8], from: usize, to: usize) -> usize {
+        let mut out = 0;
+        for at in from..to {
+            let byte = bytes[at];
+            if byte == b' ' {
+                self.pending += 1;
+                continue;
+            }
+            if self.pending > 0 && !self.line_begins && byte != b'\n' {
+                let divides = self.blanks == Blanks::One || self.pending > 1;
+                bytes[out] = if divides { self.blanks.separator() } else { b' ' };
+                out += 1;
+            }
+            self.pending = 0;
+            self.line_begins = byte == b'\n';
+            bytes[out] = byte;
+            out += 1;
+        }
+        out
+    }
+}
+
 /// Hands out UTF-8 without a byte order mark, with every line ended in one `\n`: `csv` counts lines right only then.
 pub struct Text<R> {
     inner: R,
@@ -94,11 +149,13 @@ pub struct Text<R> {
     since_line: usize,
     /// A line was too long.
     pub tripped: bool,
+    runs: Option<Runs>,
 }
 
 impl<R: Read> Text<R> {
-    pub fn new(inner: R, encoding: &Encoding) -> Self {
+    pub fn new(inner: R, encoding: &Encoding, blanks: Option<Blanks>) -> Self {
         Self {
+            runs: blanks.map(|blanks| Runs { blanks, pending: 0, line_begins: true }),
             inner,
             decoder: encoding.own.new_decoder_with_bom_removal(),
             old_mac: encoding.old_mac,
@@ -124,7 +181,7 @@ impl<R: Read> Read for Text<R> {
             self.tripped = true;
             return Err(io::Error::other("line too long"));
         }
-        if buffer.len() < 4 {
+        if buffer.len() < 5 {
             return Err(io::Error::other("a buffer too small for a character"));
         }
         loop {
@@ -136,10 +193,16 @@ impl<R: Read> Read for Text<R> {
             let mut written = 0;
             if !self.finished {
                 let raw = &self.raw[self.left.clone()];
-                let (result, read, out, _) = self.decoder.decode_to_utf8(raw, buffer, self.ended);
+                // A run of blanks that ends here needs room for its separator.
+                let from = usize::from(self.runs.is_some());
+                let (result, read, out, _) =
+                    self.decoder.decode_to_utf8(raw, &mut buffer[from..], self.ended);
                 self.left.start += read;
                 self.finished = self.ended && result == CoderResult::InputEmpty;
                 written = out;
+                if out > 0 {
+                    written = self.written(buffer, from, from + out);
+                }
             }
             if written == 0 {
                 if !self.finished {
@@ -151,14 +214,24 @@ impl<R: Read> Read for Text<R> {
                 buffer[0] = b'\n';
                 written = 1;
             }
-            for byte in &mut buffer[..written] {
-                if *byte == b'\r' {
-                    *byte = if self.old_mac { b'\n' } else { b' ' };
-                }
-            }
             self.last = buffer[written - 1];
             self.since_line += written;
             return Ok(written);
+        }
+    }
+}
+
+impl<R> Text<R> {
+    /// Puts the decoded bytes at the beginning, with lines ended alike and runs of blanks as one sign; returns how many.
+    fn written(&mut self, buffer: &mut [u8], from: usize, to: usize) -> usize {
+        for byte in &mut buffer[from..to] {
+            if *byte == b'\r' {
+                *byte = if self.old_mac { b'\n' } else { b' ' };
+            }
+        }
+        match &mut self.runs {
+            Some(runs) => runs.apply(buffer, from, to),
+            None => to,
         }
     }
 }
@@ -170,7 +243,7 @@ mod tests {
     fn read(bytes: &[u8]) -> String {
         let mut out = String::new();
         let encoding = encoding(bytes).expect("text");
-        Text::new(bytes, &encoding).read_to_string(&mut out).expect("UTF-8");
+        Text::new(bytes, &encoding, None).read_to_string(&mut out).expect("UTF-8");
         out
     }
 
@@ -193,6 +266,27 @@ mod tests {
             assert_eq!(read(&bytes), text);
         }
         assert_eq!(read(b"t,op\r\n0,1"), "t,op \n0,1\n");
+    }
+
+    #[test]
+    fn runs_of_blanks_are_one_sign() {
+        let text = "  t   op value  pv \r\n  0   50.1   51.2\n\n1  2    3";
+        let of = |blanks: Blanks, step: usize| {
+            let encoding = encoding(text.as_bytes()).expect("text");
+            let mut reader = Text::new(text.as_bytes(), &encoding, Some(blanks));
+            let (mut out, mut part) = (String::new(), vec![0; step]);
+            while let Ok(n @ 1..) = reader.read(&mut part) {
+                out += std::str::from_utf8(&part[..n]).expect("UTF-8");
+            }
+            out
+        };
+        for step in [5, 6, 7, 64] {
+            assert_eq!(of(Blanks::One, step), "t op value pv\n0 50.1 51.2\n\n1 2 3\n");
+            assert_eq!(
+                of(Blanks::Two, step),
+                "t\u{1e}op value\u{1e}pv\n0\u{1e}50.1\u{1e}51.2\n\n1\u{1e}2\u{1e}3\n"
+            );
+        }
     }
 
     #[test]

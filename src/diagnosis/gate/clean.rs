@@ -32,7 +32,7 @@ pub fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
     kept.dedup_by(|later, earlier| later.t == earlier.t);
     preparation.out_of_order += disorder;
     preparation.duplicates += before - kept.len();
-    drop_zero_runs(&mut kept);
+    drop_outages(&mut kept);
     Clean {
         kept,
         good: before,
@@ -42,23 +42,46 @@ pub fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
     }
 }
 
-fn drop_zero_runs(kept: &mut Vec<Sample>) {
-    if zeros_are_outages(kept) {
-        kept.retain(|s| s.value != 0.0);
+/// Drops what is written where nothing was measured.
+fn drop_outages(kept: &mut Vec<Sample>) {
+    let outages = outages(kept);
+    if !outages.is_empty() {
+        kept.retain(|s| !outages.contains(&s.value));
     }
 }
 
-/// Whether exact zeros among good samples are no measurements: the tag otherwise lives far away from zero, so that a
-/// transmitter or a link was off.
-pub fn zeros_are_outages(samples: &[Sample]) -> bool {
-    let zeros = samples.iter().filter(|s| s.value == 0.0).count();
-    if zeros == 0 || zeros * 2 > samples.len() {
-        return false;
-    }
-    let others: Vec<f64> = samples.iter().filter(|s| s.value != 0.0).map(|s| s.value).collect();
-    let (low, high) = (quantile(&others, 0.02), quantile(&others, 0.98));
-    let spread = high - low;
-    low > spread || high < -spread
+/// Values that links, historians and loggers write where nothing was measured.
+const OUTAGES: [f64; 14] = [
+    0.0,
+    -1.0,
+    -99.0,
+    -999.0,
+    -999.25,
+    -9999.0,
+    -99_999.0,
+    999.0,
+    9999.0,
+    99_999.0,
+    -32_768.0,
+    32_767.0,
+    65_535.0,
+    4_294_967_295.0,
+];
+
+/// Which of these values are no measurements among good samples: the tag otherwise lives further away from them than it
+/// spreads.
+pub fn outages(samples: &[Sample]) -> Vec<f64> {
+    let far = |value: &f64| {
+        let times = samples.iter().filter(|s| s.value == *value).count();
+        if times == 0 || times * 2 > samples.len() {
+            return false;
+        }
+        let others: Vec<f64> = samples.iter().map(|s| s.value).filter(|v| v != value).collect();
+        let (low, high) = (quantile(&others, 0.02), quantile(&others, 0.98));
+        let spread = high - low;
+        low - value > spread || value - high > spread
+    };
+    OUTAGES.into_iter().filter(far).collect()
 }
 
 /// The share of the samples that a period of `ts` asks for and that are not there.

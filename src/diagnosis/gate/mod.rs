@@ -1,6 +1,6 @@
 //! The gate: from a raw record to a window on equal rows, or the reason why there is none.
 //!
-//! Sorts and de-duplicates each tag, drops what is not good (quality, not finite, drop-outs to 0, not in automatic), asks
+//! Sorts and de-duplicates each tag, drops what is not good (quality, not finite, drop-outs, not in automatic), asks
 //! how the record was acquired ([`super::acquisition`]) and puts the longest stretch on the controller's ticks, else on the
 //! polls. What was not measured is missing and does not count: OP and PV are there what the loop makes likeliest
 //! ([`crate::sysid::missing`]).
@@ -9,7 +9,7 @@ mod clean;
 mod refuse;
 mod stretches;
 
-pub use clean::zeros_are_outages;
+pub use clean::outages;
 
 use super::acquisition::{self, Placed};
 use super::history_kind::{HistoryKind, recognise};

@@ -90,6 +90,27 @@ fn drop_outs_to_zero_are_not_measurements() {
     let (w, p) = gate(&record, &Settings::default()).expect("passes");
     assert!(w.pv.iter().all(|v| *v > 40.0));
     assert!((p.gap_share - 3.0 / 500.0).abs() < 1e-12);
+    // What loggers write where nothing was measured, also more than one of it.
+    for (k, value) in [-9999.0, -32_768.0, 65_535.0, -999.25].into_iter().enumerate() {
+        record.pv[200 + 10 * k].value = value;
+    }
+    let (w, p) = gate(&record, &Settings::default()).expect("passes");
+    assert!(w.pv.iter().all(|v| (40.0..70.0).contains(v)));
+    assert!((p.gap_share - 7.0 / 500.0).abs() < 1e-12);
+}
+
+#[test]
+fn a_tag_that_lives_near_such_a_value_has_it() {
+    let mut record = wave(500, 1.0);
+    let (low, high) =
+        record.pv.iter().fold((f64::MAX, f64::MIN), |(l, h), s| (l.min(s.value), h.max(s.value)));
+    for s in &mut record.pv {
+        s.value = 990.0 + 20.0 * (s.value - low) / (high - low);
+    }
+    record.pv[100].value = 999.0;
+    assert!(outages(&record.pv).is_empty());
+    record.pv[100].value = 0.0;
+    assert_eq!(outages(&record.pv), [0.0]);
 }
 
 #[test]

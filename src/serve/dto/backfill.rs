@@ -101,9 +101,9 @@ pub struct BackfillReport {
     pub window_s: f64,
     /// From the end of one window to the end of the next (s).
     pub step_s: f64,
-    /// Drop-outs to zero of OP, marked bad and not fitted (samples).
+    /// Drop-outs of OP, to zero or to a value that stands for none, marked bad and not fitted (samples).
     pub op_drop_outs: usize,
-    /// Drop-outs to zero of PV, marked bad and not fitted (samples).
+    /// The same of PV, marked bad and not fitted (samples).
     pub pv_drop_outs: usize,
     /// Time in gaps of PV longer than five sample periods (s).
     pub gaps_s: Option<f64>,

@@ -1,0 +1,101 @@
+//! Stamps as people write them.
+
+use super::*;
+
+/// Seconds since 2026-06-01 00:00 on the written clock, and the offset.
+fn read(cell: &str, order: Order) -> Option<(f64, Option<i32>)> {
+    let stamp = scan(cell)?;
+    let begin = days(2026, 6, 1)? * DAY;
+    Some(((stamp.civil(order)? - begin) as f64 / SECOND as f64, stamp.offset))
+}
+
+#[test]
+fn dates_of_every_kind_are_the_same_moment() {
+    let six = 6.0 * 3600.0;
+    for (cell, seconds, offset) in [
+        ("2026-06-01T06:00:00Z", six, Some(0)),
+        ("2026-06-01 06:00:00", six, None),
+        ("2026-06-01 06:00:00+02:00", six, Some(7200)),
+        ("2026-06-01 06:00:00 +0200", six, Some(7200)),
+        ("2026-06-01 06:00:00 UTC", six, Some(0)),
+        ("2026-06-01T06:00:02.030000Z", six + 2.03, Some(0)),
+        ("2026/06/01 06:00", six, None),
+        ("2026.06.01 06:00:00", six, None),
+        ("20260601 060000", six, None),
+        ("20260601060000", six, None),
+        ("20260601T060000Z", six, Some(0)),
+        ("01.06.2026 06:00:00", six, None),
+        ("1.6.26 6:00", six, None),
+        ("01.06.2026 06:00:02,030", six + 2.03, None),
+        ("01-Jun-26 06:00:00", six, None),
+        ("01-JUN-2026 06:00:00.030", six + 0.03, None),
+        ("1 June 2026 06:00:00", six, None),
+        ("Jun 1, 2026 6:00:00 AM", six, None),
+        ("Mon Jun  1 06:00:00 2026", six, None),
+        ("Mon, 01 Jun 2026 06:00:00 GMT", six, Some(0)),
+        ("06:00:00 01.06.2026", six, None),
+        ("2026-06-01 12:00:00 AM", 0.0, None),
+        ("2026-06-01 06:00:00 p.m.", six + 43200.0, None),
+        ("2026-05-31 24:00:00", 0.0, None),
+        ("2026年06月01日 06:00:00", six, None),
+        ("2026-06-01", 0.0, None),
+        ("01-Mai-26 06:00:00", six - 31.0 * 86_400.0, None),
+        ("01-6月-26 06:00:00", six, None),
+        ("2026년 06월 01일 06:00:00", six, None),
+        ("2026/6/1 上午 06:00:00", six, None),
+        ("2026-06-01 오후 6:00:00", six + 43200.0, None),
+        ("1 июня 2026 06:00:00", six, None),
+        ("01-cze-2026 06:00:00", six, None),
+        ("01 jun. 2026 6:00:00 a. m.", six, None),
+        ("2026-06-01 06:00:00 CEST", six, Some(7200)),
+        ("Mon Jun 01 06:00:00 CET 2026", six, Some(3600)),
+        ("2026-06-01T06:00:00+02:00[Europe/Berlin]", six, Some(7200)),
+    ] {
+        for order in Order::ALL {
+            assert_eq!(read(cell, order), Some((seconds, offset)), "{cell} {order:?}");
+        }
+    }
+}
+
+#[test]
+fn three_numbers_are_read_in_the_order_that_is_decided() {
+    let day = |cell, order| read(cell, order).map(|(seconds, _)| seconds / 86_400.0);
+    assert_eq!(day("01/06/2026 00:00:00", Order::Dmy), Some(0.0));
+    assert_eq!(day("06/01/2026 12:00:00 AM", Order::Mdy), Some(0.0));
+    assert_eq!(day("06/13/2026", Order::Dmy), None);
+    assert_eq!(day("26/06/01", Order::Ymd), Some(0.0));
+    assert_eq!(day("01/06/2026", Order::Ymd), None);
+}
+
+#[test]
+fn what_is_no_stamp_is_none() {
+    for cell in [
+        "",
+        "Average",
+        "Total samples: 1200",
+        "51.812",
+        "1.002",
+        "10.0.0.5",
+        "2024-02-30x",
+        "25:00",
+        "2026-06-01 25:00:00",
+        "06:00:00 CST",
+        "06:61",
+        "13:00 PM",
+        "2026-06-01 06:00:00 Mars",
+        "Jun 1",
+        "1780293600",
+        "2026-06-01 06:00:00+99:00",
+    ] {
+        assert_eq!(scan(cell), None, "{cell}");
+    }
+    assert_eq!(scan("2024-02-30").and_then(|stamp| stamp.civil(Order::Dmy)), None);
+    let clock =
+        |cell: &str| scan(cell).and_then(|stamp| stamp.time_of_day()).map(|ns| ns as f64 / SECOND as f64);
+    assert_eq!(clock("06:00:02.5"), Some(21_602.5));
+    for (cell, hours) in
+        [("25:00:00", 25.0), ("1 day, 1:00:00", 25.0), ("0 days 06:00:00", 6.0), ("2 days", 48.0)]
+    {
+        assert_eq!(clock(cell), Some(hours * 3600.0), "{cell}");
+    }
+}
