@@ -318,6 +318,9 @@ pub struct Action {
     /// When the condition that was seen was raised (s): an acknowledgement counts for that one only.
     #[prost(double, optional, tag = "9")]
     pub raised_at: Option<f64>,
+    /// When the state that was seen began, by the edge's clock (s): what a person did there since was not known.
+    #[prost(double, optional, tag = "10")]
+    pub since: Option<f64>,
 }
 
 /// What an edge is.

@@ -200,8 +200,9 @@ impl Results {
             if result.is_ok()
                 && let Some(order) = board.orders.0.clone()
             {
-                let raised_at = board.alarms.get(id).and_then(|own| own.alarm.flags().raised_at);
-                let wanted = Wanted { id: id.clone(), action, said: said.clone(), raised_at, at: now };
+                let seen = board.view(id, now);
+                let (raised_at, since) = (seen.raised_at, seen.since);
+                let wanted = Wanted { id: id.clone(), action, said: said.clone(), raised_at, since, at: now };
                 if !order(wanted) {
                     result = Err(Refusal::NotLeading);
                 }

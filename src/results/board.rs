@@ -58,6 +58,8 @@ pub struct Wanted {
     pub said: Said,
     /// When the condition was raised that they have seen (s).
     pub raised_at: Option<f64>,
+    /// When the state began that they have seen (s).
+    pub since: Option<f64>,
     /// When (s).
     pub at: f64,
 }

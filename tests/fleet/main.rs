@@ -221,12 +221,18 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
         drop(worker);
         edge.until("the edge diagnoses by itself", PATIENCE, |edge| time(edge) > before);
         edge.ask("POST", &format!("/api/v1/alarms/{name}/unshelve"), "{\"by\":\"kim\"}");
+        // The centre does not know of it, and what it orders now is refused there.
+        let taken = second.ask("POST", &format!("/api/v1/alarms/{id}/out-of-service"), "{\"by\":\"kim\"}");
+        assert!(!taken.contains("error"), "the order is given: {taken}");
 
         // It comes back: nothing is missing, nothing is there twice.
         fleet.leaf.begin();
         second.until("what was done at the edge", PATIENCE, |second| !is(second, &id, "shelved"));
         let latest = time(&edge);
         second.until("the diagnoses of meanwhile", PATIENCE, |second| time(second) >= latest);
+        // Orders are heard one after the other: once this one is done the one before it was refused.
+        second.ask("POST", &format!("/api/v1/alarms/{id}/shelve"), &order(3600));
+        edge.until("the next order is done", PATIENCE, |edge| is(edge, &name, "shelved"));
 
         // The hub and the edge are restarted with what is on their disks; what was found meanwhile is forwarded.
         fleet.hub.end();

@@ -5,6 +5,7 @@ use super::forward::{Forward, Told};
 use super::inventory::hello;
 use super::orders::read_action;
 use super::{Fleet, PAUSE, Scene};
+use crate::alarm::AlarmId;
 use crate::app::App;
 use crate::app::persistence::rows::remembered_change;
 use crate::fleet::link::{Link, LinkError, Outgoing};
@@ -15,6 +16,7 @@ use crate::results::Event;
 use crate::signal::LoopId;
 use crate::store::{self, Reader};
 use prost::Message;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
@@ -163,6 +165,7 @@ impl Fleet {
         let filter = all(Some(&self.site), What::Action);
         // Of one that comes again although it was done nothing is done.
         let mut last = 0;
+        let mut obeyed = Obeyed::default();
         loop {
             let reading = match link.read(ACTIONS, &reader, &filter, (ORDER_WAITS, -1)).await {
                 Ok(reading) => reading,
@@ -183,7 +186,7 @@ impl Fleet {
                                 "an order of a centre that was replaced is refused"
                             );
                         }
-                        Ok(action) => self.obey(&action),
+                        Ok(action) => self.obey(&action, &mut obeyed),
                         Err(error) => tracing::warn!(%error, "an order cannot be read"),
                     }
                 }
@@ -200,7 +203,7 @@ impl Fleet {
         }
     }
 
-    fn obey(&self, order: &Action) {
+    fn obey(&self, order: &Action, obeyed: &mut Obeyed) {
         let late_s = (self.clock.now() - order.at).max(0.0);
         let Some((id, action, said)) = read_action(order, late_s) else {
             tracing::warn!(
@@ -217,12 +220,45 @@ impl Fleet {
             tracing::info!(alarm = %id, "an acknowledgement is of an earlier alarm");
             return;
         }
+        // What a person did here since was not known to whoever gave the order, and they are nearer to the valve.
+        let log = self.results.alarm_log();
+        let acted = log
+            .iter()
+            .filter(|change| change.id == id && change.by.is_some())
+            .map(|change| change.transition.at);
+        if let Some(since) = order.since
+            && let Some(at) = acted.filter(|at| *at > since).find(|at| !obeyed.contains(&id, *at))
+        {
+            tracing::info!(alarm = %id, action = order.action, by = order.by, at, "an order is refused: somebody acted here since");
+            return;
+        }
+        obeyed.push(id.clone(), now);
         match self.results.act(&id, action, said, now) {
             Some(Err(refusal)) => tracing::info!(alarm = %id, %refusal, "an order is not done"),
             _ => {
                 tracing::info!(alarm = %id, action = order.action, by = order.by, "done as the centre wants")
             }
         }
+    }
+}
+
+/// Orders of the centre that were done here lately: which alarm, and when (s).
+#[derive(Default)]
+struct Obeyed(VecDeque<(AlarmId, f64)>);
+
+/// How many of them are remembered.
+const MOST_OBEYED: usize = 1024;
+
+impl Obeyed {
+    fn push(&mut self, id: AlarmId, at: f64) {
+        if self.0.len() >= MOST_OBEYED {
+            self.0.pop_front();
+        }
+        self.0.push_back((id, at));
+    }
+
+    fn contains(&self, id: &AlarmId, at: f64) -> bool {
+        self.0.iter().any(|(own, then)| own == id && *then == at)
     }
 }
 

@@ -26,6 +26,7 @@ pub(super) fn action(wanted: Wanted, subject: &str, epoch: u64) -> message::Acti
         at: wanted.at,
         epoch,
         raised_at: wanted.raised_at,
+        since: wanted.since,
     }
 }
 
@@ -64,10 +65,16 @@ mod tests {
             Action::GiveBack,
         ] {
             let said = Said { by: Some("eve".into()), comment: Some("seen".into()) };
-            let wanted =
-                Wanted { id: id.clone(), action: own, said: said.clone(), raised_at: Some(3.0), at: 4.0 };
+            let wanted = Wanted {
+                id: id.clone(),
+                action: own,
+                said: said.clone(),
+                raised_at: Some(3.0),
+                since: Some(3.5),
+                at: 4.0,
+            };
             let order = action(wanted, "FIC101", 7);
-            assert_eq!((order.epoch, order.raised_at), (7, Some(3.0)));
+            assert_eq!((order.epoch, order.raised_at, order.since), (7, Some(3.0), Some(3.5)));
             assert_eq!(read_action(&order, 0.0), Some((id.clone(), own, said)));
         }
         let wanted = Wanted {
@@ -75,6 +82,7 @@ mod tests {
             action: Action::Shelve(Shelving::For(60.0)),
             said: Said::default(),
             raised_at: None,
+            since: None,
             at: 4.0,
         };
         let order = action(wanted, "FIC101", 7);
