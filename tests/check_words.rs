@@ -114,7 +114,12 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         12,
         &["to", "write to = [\"a@b.c\"]"],
     ),
-    ("[[loop]]", "[tables.defaults]\ndecimal = \";\"\n[[loop]]", 8, &["defaults", "--decimal", ". or ,"]),
+    (
+        "[[loop]]",
+        "[tables.defaults]\ndecimal = \";\"\n[[loop]]",
+        9,
+        &["decimal", "\";\" cannot be read", ". or ,"],
+    ),
     ("[[loop]]", "[store]\n[[loop]]", 8, &["missing key \"folder\" in [store]"]),
     (
         "[[loop]]",
@@ -127,6 +132,12 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         "[server]\nlisten = \"8080\"\n[[loop]]",
         9,
         &["listen", "address and port such as 127.0.0.1:8080"],
+    ),
+    (
+        "[[loop]]",
+        "[tables.defaults]\ndecimal = \",\"\ntz = \"Mars/Base\"\n[[loop]]",
+        10,
+        &["tz: \"Mars/Base\" cannot be read", "say a zone such as Europe/Berlin"],
     ),
 ];
 

@@ -124,7 +124,9 @@ impl Rules<'_, '_, '_> {
         self.door(parts);
         self.section("history", parts.history.as_ref().map(|c| c.validate()));
         self.section("store", parts.store.as_ref().and_then(|c| c.as_ref()).map(|c| c.validate()));
-        self.section("tables", parts.tables.as_ref().map(|c| c.validate()));
+        for (field, message) in parts.tables.as_ref().map(|c| c.validate()).into_iter().flatten() {
+            self.wrong(&path!["tables", "defaults", field], message);
+        }
         self.section("schedule", parts.schedule.as_ref().map(|c| c.validate()));
         self.section("diagnosis", parts.diagnosis.as_ref().map(|c| c.validate()));
         for (table, field, message) in parts.alarm.as_ref().map(|c| c.validate()).into_iter().flatten() {
