@@ -36,6 +36,10 @@ type = "u16"
 auto_values = [1]
 "#;
 
+/// Its controller output, for cases that read it elsewhere.
+const OP: &str =
+    "[loop.op]\ndevice = \"d\"\nregister = \"holding\"\naddress = 101\ntype = \"f32\"\nunit = \"%\"\n";
+
 /// What is replaced by what, and what the one error says: its line, the thing, the remedy.
 const WRONG: &[(&str, &str, usize, &[&str])] = &[
     ("10.0.0.5:502", "${PLC}:502", 4, &["variables are not filled in", "${PLC}", "write the value itself"]),
@@ -132,6 +136,65 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         "[server]\nlisten = \"8080\"\n[[loop]]",
         9,
         &["listen", "address and port such as 127.0.0.1:8080"],
+    ),
+    ("address_base = 1", "address_base = 40001", 5, &["address_base", "40001 must be 0 or 1", "write 1"]),
+    (
+        "unit = \"%\"",
+        "hysteresis = 1",
+        18,
+        &[
+            "\"hysteresis\"",
+            "known are device, register, address, type, byte_order, bit, scale, offset, range, unit",
+        ],
+    ),
+    (
+        OP,
+        "[[mqtt]]\nname = \"b\"\naddress = \"h:1883\"\n[loop.op]\ndevice = \"b\"\ntopic = \"op\"\nhysteresis = 1\n",
+        19,
+        &[
+            "\"hysteresis\"",
+            "known are device, path, decimal, topic, time_path, quality_path, sparkplug, metric, alias",
+        ],
+    ),
+    (
+        "unit = \"%\"",
+        "frozen_pv_s = 60.0",
+        18,
+        &["frozen_pv_s: belongs to [[loop]] and stands in [loop.op]", "put it above [loop.op]"],
+    ),
+    (
+        "auto_values = [1]",
+        "auto_values = [1]\ngroup = \"U\"",
+        32,
+        &["group: belongs to [[loop]] and stands in [loop.mode]", "put it above [loop.op]"],
+    ),
+    (
+        "id = \"A\"\nop_span = 100.0\nop_limits = [0.0, 100.0]\n\n[loop.op]\n",
+        "op_span = 100.0\n\n[loop.op]\nid = \"A\"\n",
+        12,
+        &["id: belongs to [[loop]] and stands in [loop.op]", "put it above [loop.op]"],
+    ),
+    ("id = \"A\"", "", 8, &["missing key \"id\" in [[loop]]"]),
+    ("id = \"A\"", "name = \"A\"", 9, &["unknown key \"name\" in [[loop]]", "did you mean \"id\"?"]),
+    ("[loop.op]", "[loops.op]", 13, &["unknown section \"loops\"", "did you mean \"loop\"?"]),
+    ("[loop.op]", "[op]", 13, &["unknown section \"op\"", "write it as [loop.op], below its [[loop]]"]),
+    (
+        "[[loop]]\n",
+        "[loop.sp]\ndevice = \"d\"\n\n[[loop]]\n",
+        8,
+        &["[loop.sp] stands above the first [[loop]]", "put it below its own [[loop]]"],
+    ),
+    (
+        "[[loop]]\nid = \"A\"\nop_span = 100.0\nop_limits = [0.0, 100.0]\n",
+        "",
+        9,
+        &["[loop.op] has no [[loop]] above it", "write [[loop]] and the id there"],
+    ),
+    (
+        "[loop.pv]",
+        "[loop.writeback]\nenabled = false\n[loop.pv]",
+        20,
+        &["31 keys are missing in [loop.writeback]: device, term_address, ", "travel_limit"],
     ),
     (
         "[[loop]]",

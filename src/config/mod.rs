@@ -2,6 +2,7 @@
 //! once, each error with its line and column.
 
 mod diagnostic;
+mod keys;
 mod neighbours;
 mod plant;
 mod rules;

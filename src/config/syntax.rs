@@ -21,6 +21,10 @@ pub fn faults(text: &str, found: impl Iterator<Item = (usize, String)>) -> Vec<F
             let said = "this is JSON: a configuration is TOML, such as config/stictiond.toml".to_string();
             return vec![Fault { at: 0, said }];
         }
+        if let Some(fault) = below_nothing(text, at).filter(|_| message.starts_with("duplicate key")) {
+            told.push(fault);
+            continue;
+        }
         // A section that is there twice has every key twice.
         if message.starts_with("duplicate key") {
             let section = section(text, at);
@@ -94,6 +98,26 @@ fn twice(text: &str, at: usize) -> String {
         }
         _ => format!("the key {key:?} is there twice: perhaps its section is, take one out"),
     }
+}
+
+/// `[loop.op]` above the first `[[loop]]`, whose line is the second fault then.
+fn below_nothing(text: &str, at: usize) -> Option<Fault> {
+    let name = line(text, at).trim().strip_prefix("[[")?.split("]]").next()?.trim();
+    let begins = |line: &str, with: &str| line.trim_start().starts_with(with);
+    let (single, several) = (format!("[{name}."), format!("[[{name}]]"));
+    let mut begin = 0;
+    for line in text.split_inclusive('\n') {
+        if begins(line, &several) && begin < at && begin + line.len() <= at {
+            return None;
+        }
+        if begins(line, &single) && begin < at {
+            let table = line.trim().split(']').next().unwrap_or_default();
+            let said = format!("{table}] stands above the first [[{name}]]: put it below its own [[{name}]]");
+            return Some(Fault { at: begin + line.len() - line.trim_start().len(), said });
+        }
+        begin += line.len();
+    }
+    None
 }
 
 /// The line around a byte.
