@@ -263,3 +263,16 @@ fn what_was_copied_or_goes_in_the_clear_is_remarked() {
     assert_eq!(remarks.len(), 3, "{remarks:?}");
     assert!(remarks_of(&format!("{SOUND}\n{}", broker.replace("broker.plant", "127.0.0.1"))).is_empty());
 }
+
+#[test]
+fn a_file_in_utf_16_is_told_how_to_be_saved() {
+    let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("utf16.toml");
+    for mark in [&[0xff, 0xfe][..], &[]] {
+        let text = SOUND.trim_start().encode_utf16().flat_map(u16::to_le_bytes);
+        let bytes: Vec<u8> = mark.iter().copied().chain(text).collect();
+        std::fs::write(&path, bytes).expect("the folder is there");
+        let errors = config::load(&path).expect_err("it cannot be read");
+        assert_eq!((errors.len(), errors[0].line), (1, 1), "{errors:?}");
+        assert!(errors[0].message.starts_with("this is UTF-16 text: save it as UTF-8"), "{errors:?}");
+    }
+}
