@@ -264,6 +264,50 @@ fn what_was_copied_or_goes_in_the_clear_is_remarked() {
     assert!(remarks_of(&format!("{SOUND}\n{}", broker.replace("broker.plant", "127.0.0.1"))).is_empty());
 }
 
+/// What is accepted and remarked: a section that stands before the loop, its `[loop.op]`, and what is said.
+const REMARKED: &[(&str, &str, &str)] = &[
+    (
+        "sampling_ms = 100\npublishing_ms = 5000\n",
+        "",
+        "s: of A.op the server takes 50 samples between two sendings (sampling_ms = 100, publishing_ms = 5000) and keeps 10, \
+         the others are lost: write queue_size = 50 or more",
+    ),
+    ("", "sampling_ms = 50\n", "s: of A.op the server takes 20 samples between two sendings"),
+    (
+        "",
+        "deadband = 0.5\n",
+        "A.op: a dead band hides small movements of OP, by which friction is seen: leave it out",
+    ),
+    ("deadband_percent = 1.0\n", "", "A.op: a dead band hides small movements of OP"),
+    ("", "range = [10.0, 110.0]\n", "A.op: op_limits = [0, 100] reach beyond range = [10, 110]"),
+    ("", "range = [-1e4, 1e4]\n", "A.op: range = [-10000, 10000] is far wider than op_span = 100"),
+    ("password_file = \"none/pw\"\nuser = \"u\"\n", "", "s: password_file = \"none/pw\" is not there"),
+    (
+        "user_certificate = \"none/c\"\nuser_key = \"none/k\"\n",
+        "",
+        "s: user_certificate = \"none/c\" is not there: make it, or correct the path; it is looked for from the folder in which \
+         stictiond starts",
+    ),
+];
+
+#[test]
+fn what_may_be_meant_otherwise_is_remarked() {
+    let server = "[[opcua]]\nname = \"s\"\nurl = \"opc.tcp://h:4840/\"\nsecurity_policy = \"None\"\n";
+    let op = "[loop.op]\ndevice = \"s\"\nnode = \"nsu=urn:plant;s=OP\"\n";
+    let remarks_of = |own: &str, of_op: &str| {
+        let text = SOUND.replacen(OP, &format!("{server}{own}{op}{of_op}"), 1);
+        let config = config::parse("plant.toml", &text).unwrap_or_else(|errors| panic!("{errors:?}"));
+        [config.remarks(), config.missing_files()].concat()
+    };
+    assert_eq!(remarks_of("", ""), Vec::<String>::new());
+    for (own, of_op, said) in REMARKED {
+        let remarks = remarks_of(own, of_op);
+        assert!(remarks.iter().any(|remark| remark.starts_with(said)), "{said}: {remarks:?}");
+        assert!(remarks.len() == 1 || said.contains("user_certificate"), "{remarks:?}");
+    }
+    assert!(remarks_of("sampling_ms = 100\nqueue_size = 10\n", "deadband = 0.0\n").is_empty());
+}
+
 #[test]
 fn a_file_in_utf_16_is_told_how_to_be_saved() {
     let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("utf16.toml");

@@ -6,6 +6,7 @@ mod files;
 mod keys;
 mod neighbours;
 mod plant;
+mod remarks;
 mod rules;
 mod section;
 mod source;
