@@ -13,6 +13,9 @@ use std::collections::{HashMap, HashSet};
 /// Longest name of a loop, device or tag (characters).
 const MAX_NAME: usize = 100;
 
+/// A range of OP that is so many times narrower than its span belongs to another unit.
+const NARROWER: f64 = 4.0;
+
 /// A path into the file.
 macro_rules! path {
     ($($step:expr),+) => { [$(Step::from($step)),+] };
@@ -22,6 +25,8 @@ mod candidates;
 mod clients;
 mod door;
 mod plantwide;
+mod ports;
+mod sampling;
 mod telling;
 mod writing;
 
@@ -39,6 +44,7 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
     let blamed = report.places();
     let mut rules = Rules { source, report, devices, blamed };
     rules.variables();
+    rules.ports();
     rules.sections(parts);
     rules.devices(parts);
     rules.clients(parts);
@@ -129,23 +135,20 @@ impl Rules<'_, '_, '_> {
         }
         self.section("schedule", parts.schedule.as_ref().map(|c| c.validate()));
         self.section("diagnosis", parts.diagnosis.as_ref().map(|c| c.validate()));
-        for (table, field, message) in parts.alarm.as_ref().map(|c| c.validate()).into_iter().flatten() {
+        let alarm = parts.alarm.as_ref().map(|c| c.validate()).into_iter().flatten();
+        for (table, field, message) in alarm.filter(|(_, field, _)| *field != "suppressed") {
             let message = format!("{field}: {message}");
             match table {
                 "" => self.wrong(&path!["alarm", field], message),
                 table => self.wrong(&path!["alarm", table, field], message),
             }
         }
+        self.suppressed(parts);
         self.section("plantwide", parts.plantwide.as_ref().map(|c| c.validate()));
         self.section("fleet", parts.fleet.as_ref().and_then(|c| c.as_ref()).map(|c| c.validate()));
         self.section("writeback", parts.writeback.as_ref().map(|c| c.validate()));
         self.notify(parts);
-        if let (Some(history), Some(diagnosis)) = (&parts.history, &parts.diagnosis) {
-            let (kept, needed) = (history.samples_per_tag, diagnosis.min_samples);
-            self.unless(kept >= needed, &path!["history", "samples_per_tag"], || {
-                format!("samples_per_tag: {kept} is fewer than [diagnosis] min_samples = {needed}")
-            });
-        }
+        self.history(parts);
     }
 
     fn devices(&mut self, parts: &Parts) {
@@ -184,9 +187,7 @@ impl Rules<'_, '_, '_> {
     }
 
     fn loops(&mut self, parts: &Parts) {
-        // A worker and a centre have none of their own, and belong to no site.
-        let of_fleet = self.source.has(&path!["fleet"]) && !self.source.has(&path!["fleet", "site"]);
-        if self.source.root().get("loop").is_none() && !of_fleet {
+        if self.source.root().get("loop").is_none() && !self.of_fleet() {
             self.report.at(0, "no [[loop]]: name at least one control loop to watch".into());
         }
         let mut seen = HashMap::new();
@@ -198,12 +199,18 @@ impl Rules<'_, '_, '_> {
             }
             if let Some(control_loop) = control_loop {
                 self.numbers(at, control_loop);
+                self.frozen(at, control_loop, parts);
                 self.tags(at, control_loop, parts);
                 self.candidates(at, control_loop, parts);
                 self.upstream(at, control_loop, parts);
                 self.cost(at, control_loop);
             }
         }
+    }
+
+    /// A worker and a centre have no loops of their own, and belong to no site.
+    fn of_fleet(&self) -> bool {
+        self.source.has(&path!["fleet"]) && !self.source.has(&path!["fleet", "site"])
     }
 
     /// Names stand in addresses of the API and in labels of metrics.
@@ -243,6 +250,13 @@ impl Rules<'_, '_, '_> {
         let scale = Scale { given: control_loop.op_span, limits, unit: control_loop.op.unit() };
         if let Some(why) = scale.contradiction(&[]) {
             self.wrong(&path!["loop", at, "op_span"], why);
+        }
+        let said = limits.map(|(low, high)| (format!("op_limits = [{low}, {high}]"), high - low));
+        let said = said.or(control_loop.op_span.map(|span| (format!("op_span = {span}"), span)));
+        if let (Some([least, most]), Some((said, wide))) = (control_loop.op.range(), said) {
+            self.unless(NARROWER * (most - least) >= wide, &path!["loop", at, "op", "range"], || {
+                format!("range: [{least}, {most}] leaves out most of {said}: both are in OP's own unit, after scaling")
+            });
         }
     }
 
