@@ -292,6 +292,18 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         10,
         &["tz: \"Mars/Base\" cannot be read", "say a zone such as Europe/Berlin"],
     ),
+    (
+        "[[loop]]",
+        "[[notify.smtp]]\nname = \"m\"\naddress = \"mail:25\"\nfrom = \"nobody\"\nto = [\"a@b.c\"]\n[[loop]]",
+        11,
+        &["from: \"nobody\" is not a mail address such as"],
+    ),
+    (
+        "[[loop]]",
+        "[notify]\npublic_url = \"stictiond.plant\"\n[[loop]]",
+        9,
+        &["public_url", "is not an address that begins with http:// or https://"],
+    ),
 ];
 
 #[test]

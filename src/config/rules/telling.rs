@@ -147,7 +147,7 @@ kinds = ['stiktion']
         let found: Vec<String> = parse("f", &text).unwrap_err().iter().map(ToString::to_string).collect();
         let from = text.lines().position(|line| line == "[notify]").unwrap() + 1;
         for (after, expected) in [
-            (1, "public_url: \"stictiond.plant\" is no address"),
+            (1, "public_url: \"stictiond.plant\" is not an address"),
             (4, "url: is not encrypted"),
             (6, "events: unknown value \"razed\", did you mean \"raised\"?"),
             (8, "name: \"b/c\" must be"),
@@ -158,7 +158,7 @@ kinds = ['stiktion']
             (17, "expires_s: 100 must be three times resend_s"),
             (19, "receiver \"am\" is already on line"),
             (21, "security: \"none\" is for a server on this machine only"),
-            (22, "from: \"nobody\" is no address of mail"),
+            (22, "from: \"nobody\" is not a mail address"),
             (23, "to: must name 1 to 100 addresses"),
             (25, "kinds: unknown value \"stiktion\", did you mean \"stiction\"?"),
         ] {
