@@ -196,6 +196,26 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         20,
         &["31 keys are missing in [loop.writeback]: device, term_address, ", "travel_limit"],
     ),
+    ("name = \"d\"\n", "", 2, &["missing key \"name\" in [[modbus]]"]),
+    ("name = \"d\"", "id = \"d\"", 3, &["unknown key \"id\" in [[modbus]]", "did you mean \"name\"?"]),
+    (
+        "[[loop]]",
+        "[[opcua]]\nname = \"s\"\nurl = \"opc.tcp://h:4840/\"\nsecurity_policy = \"none\"\n[[loop]]",
+        11,
+        &["security_policy: unknown value \"none\", did you mean \"None\"?"],
+    ),
+    (
+        "[[loop]]",
+        "[[loop]]\nid = \"B\"\n[loop.op]\ndevice = \"d\"\n[loop.pv]\ndevice = \"d\"\n[loop.op]\n[loop.pv]\n[[loop]]",
+        14,
+        &["the section [loop.op] is there twice", "write [[loop]] above the second"],
+    ),
+    (
+        "[[loop]]\nid = \"A\"",
+        "[[loops]]\nid = \"A\"",
+        8,
+        &["unknown section \"loops\"", "did you mean \"loop\"?"],
+    ),
     ("10.0.0.5:502", "10.0.0.5:70000", 4, &["address", "the port must be 1 to 65535"]),
     (
         "[[loop]]",

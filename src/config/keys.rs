@@ -73,7 +73,9 @@ impl Keys {
             self.elsewhere.push(key.into());
             let section = wording::section(path);
             let first = first_table(path, value).unwrap_or_else(|| table.clone());
-            return format!("{key}: belongs to {section} and stands in {table}: put it above {first}");
+            return format!(
+                "{key}: belongs to {section} and stands in {table}: put it above {first}, under {section}"
+            );
         }
         let hint = match known.contains(&"register") && known.contains(&"topic") {
             true => tag::hint(key, &beside, &known, table.starts_with("[[")),

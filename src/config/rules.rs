@@ -167,11 +167,21 @@ impl Rules<'_, '_, '_> {
                 }
                 self.first(&mut seen, name, &here, "device");
             }
-            for issue in issues.into_iter().flatten() {
+            // What follows from the policy cannot be judged where the policy could not be read.
+            let unread = self.blamed.contains(&self.source.place(&path![section, at, "security_policy"]));
+            let follows = |issue: &Issue| unread && ["pki_dir", "security_mode"].contains(&issue.field);
+            for issue in issues.into_iter().flatten().filter(|issue| !follows(issue)) {
                 let message = format!("{}: {}", issue.field, issue.message);
                 self.wrong(&path![section, at, issue.field], message);
             }
         }
+    }
+
+    /// Whether a device has no name that tags could refer to.
+    fn some_are_nameless(&self, parts: &Parts) -> bool {
+        let all = [("modbus", parts.modbus.len()), ("opcua", parts.opcua.len()), ("mqtt", parts.mqtt.len())];
+        let nameless = |section: &str, at: usize| !self.source.has(&path![section, at, "name"]);
+        all.into_iter().any(|(section, count)| (0..count).any(|at| nameless(section, at)))
     }
 
     /// Refuses a name that was seen before.
@@ -187,7 +197,8 @@ impl Rules<'_, '_, '_> {
     }
 
     fn loops(&mut self, parts: &Parts) {
-        if self.source.root().get("loop").is_none() && !self.of_fleet() {
+        let misspelt = self.source.root().keys().any(|key| close(key.get_ref(), "loop"));
+        if self.source.root().get("loop").is_none() && !misspelt && !self.of_fleet() {
             self.report.at(0, "no [[loop]]: name at least one control loop to watch".into());
         }
         let mut seen = HashMap::new();
@@ -301,8 +312,8 @@ impl Rules<'_, '_, '_> {
     fn tag(&mut self, role: Option<Role>, tag: &TagConfig, here: &[Step], parts: &Parts) {
         let field = |name: &str| [here, &path![name]].concat();
         let Some(&device) = self.devices.get(tag.device()) else {
-            // Their section was not understood, which is told there.
-            if self.devices.is_empty() && self.report.has_section_errors() {
+            // Their section was not understood, or has no name, which is told there.
+            if self.devices.is_empty() && self.report.has_section_errors() || self.some_are_nameless(parts) {
                 return;
             }
             let mut names: Vec<&str> = self.devices.keys().copied().collect();

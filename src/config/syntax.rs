@@ -15,6 +15,7 @@ pub struct Fault {
 pub fn faults(text: &str, found: impl Iterator<Item = (usize, String)>) -> Vec<Fault> {
     let mut told: Vec<Fault> = Vec::new();
     let mut twice = None;
+    let mut headless: Option<(&str, usize)> = None;
     for (at, message) in found {
         let at = at.min(text.len());
         if text.trim_start().starts_with('{') {
@@ -30,6 +31,16 @@ pub fn faults(text: &str, found: impl Iterator<Item = (usize, String)>) -> Vec<F
             let section = section(text, at);
             if twice.replace(section) == Some(section) {
                 continue;
+            }
+            // Every table of a section is there twice that has no head of its own.
+            if let Some(of) = table_of(line(text, at)) {
+                let head = format!("[[{of}]]");
+                let same =
+                    headless.is_some_and(|(other, from)| other == of && !text[from..at].contains(&head));
+                headless = Some((of, at));
+                if same {
+                    continue;
+                }
             }
         }
         let said = said(text, at, &message);
@@ -81,6 +92,12 @@ fn said(text: &str, at: usize, message: &str) -> String {
     }
 }
 
+/// The section that a line opens a table of: `loop` of `[loop.op]`.
+fn table_of(line: &str) -> Option<&str> {
+    let name = line.trim().strip_prefix('[')?.trim_start_matches('[');
+    name.split_once('.').map(|(of, _)| of.trim())
+}
+
 /// Which key is there twice, and where it is first.
 fn twice(text: &str, at: usize) -> String {
     let name = |line: &str| line.split('=').next().unwrap_or_default().trim().to_string();
@@ -94,7 +111,9 @@ fn twice(text: &str, at: usize) -> String {
             format!("the key {key:?} is there twice, first in line {line}: take one out")
         }
         _ if key.starts_with('[') => {
-            format!("the section {key} is there twice: take one out, or write [[…]] before it")
+            let head = table_of(&key).filter(|_| !key.starts_with("[["));
+            let head = head.map(|of| format!(", or write [[{of}]] above the second")).unwrap_or_default();
+            format!("the section {key} is there twice: take one out{head}")
         }
         _ => format!("the key {key:?} is there twice: perhaps its section is, take one out"),
     }
