@@ -196,6 +196,12 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         20,
         &["31 keys are missing in [loop.writeback]: device, term_address, ", "travel_limit"],
     ),
+    (
+        "unit = \"%\"",
+        "range = [100.0, 0.0]",
+        18,
+        &["range: [100, 0] must be the least, then the greatest value"],
+    ),
     ("name = \"d\"\n", "", 2, &["missing key \"name\" in [[modbus]]"]),
     ("name = \"d\"", "id = \"d\"", 3, &["unknown key \"id\" in [[modbus]]", "did you mean \"name\"?"]),
     (
