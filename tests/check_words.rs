@@ -36,6 +36,10 @@ type = "u16"
 auto_values = [1]
 "#;
 
+/// Its controller output, for cases that read it elsewhere.
+const OP: &str =
+    "[loop.op]\ndevice = \"d\"\nregister = \"holding\"\naddress = 101\ntype = \"f32\"\nunit = \"%\"\n";
+
 /// What is replaced by what, and what the one error says: its line, the thing, the remedy.
 const WRONG: &[(&str, &str, usize, &[&str])] = &[
     ("10.0.0.5:502", "${PLC}:502", 4, &["variables are not filled in", "${PLC}", "write the value itself"]),
@@ -114,7 +118,12 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         12,
         &["to", "write to = [\"a@b.c\"]"],
     ),
-    ("[[loop]]", "[tables.defaults]\ndecimal = \";\"\n[[loop]]", 8, &["defaults", "--decimal", ". or ,"]),
+    (
+        "[[loop]]",
+        "[tables.defaults]\ndecimal = \";\"\n[[loop]]",
+        9,
+        &["decimal", "\";\" cannot be read", ". or ,"],
+    ),
     ("[[loop]]", "[store]\n[[loop]]", 8, &["missing key \"folder\" in [store]"]),
     (
         "[[loop]]",
@@ -127,6 +136,199 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         "[server]\nlisten = \"8080\"\n[[loop]]",
         9,
         &["listen", "address and port such as 127.0.0.1:8080"],
+    ),
+    ("address_base = 1", "address_base = 40001", 5, &["address_base", "40001 must be 0 or 1", "write 1"]),
+    (
+        "unit = \"%\"",
+        "hysteresis = 1",
+        18,
+        &[
+            "\"hysteresis\"",
+            "known are device, register, address, type, byte_order, bit, scale, offset, range, unit",
+        ],
+    ),
+    (
+        OP,
+        "[[mqtt]]\nname = \"b\"\naddress = \"h:1883\"\n[loop.op]\ndevice = \"b\"\ntopic = \"op\"\nhysteresis = 1\n",
+        19,
+        &[
+            "\"hysteresis\"",
+            "known are device, path, decimal, topic, time_path, quality_path, sparkplug, metric, alias",
+        ],
+    ),
+    (
+        "unit = \"%\"",
+        "frozen_pv_s = 60.0",
+        18,
+        &["frozen_pv_s: belongs to [[loop]] and stands in [loop.op]", "put it above [loop.op]"],
+    ),
+    (
+        "auto_values = [1]",
+        "auto_values = [1]\ngroup = \"U\"",
+        32,
+        &["group: belongs to [[loop]] and stands in [loop.mode]", "put it above [loop.op]"],
+    ),
+    (
+        "id = \"A\"\nop_span = 100.0\nop_limits = [0.0, 100.0]\n\n[loop.op]\n",
+        "op_span = 100.0\n\n[loop.op]\nid = \"A\"\n",
+        12,
+        &["id: belongs to [[loop]] and stands in [loop.op]", "put it above [loop.op]"],
+    ),
+    ("id = \"A\"", "", 8, &["missing key \"id\" in [[loop]]"]),
+    ("id = \"A\"", "name = \"A\"", 9, &["unknown key \"name\" in [[loop]]", "did you mean \"id\"?"]),
+    ("[loop.op]", "[loops.op]", 13, &["unknown section \"loops\"", "did you mean \"loop\"?"]),
+    ("[loop.op]", "[op]", 13, &["unknown section \"op\"", "write it as [loop.op], below its [[loop]]"]),
+    (
+        "[[loop]]\n",
+        "[loop.sp]\ndevice = \"d\"\n\n[[loop]]\n",
+        8,
+        &["[loop.sp] stands above the first [[loop]]", "put it below its own [[loop]]"],
+    ),
+    (
+        "[[loop]]\nid = \"A\"\nop_span = 100.0\nop_limits = [0.0, 100.0]\n",
+        "",
+        9,
+        &["[loop.op] has no [[loop]] above it", "write [[loop]] and the id there"],
+    ),
+    (
+        "[loop.pv]",
+        "[loop.writeback]\nenabled = false\n[loop.pv]",
+        20,
+        &["31 keys are missing in [loop.writeback]: device, term_address, ", "travel_limit"],
+    ),
+    (
+        "unit = \"%\"",
+        "range = [100.0, 0.0]",
+        18,
+        &["range: [100, 0] must be the least, then the greatest value"],
+    ),
+    ("name = \"d\"\n", "", 2, &["missing key \"name\" in [[modbus]]"]),
+    ("name = \"d\"", "id = \"d\"", 3, &["unknown key \"id\" in [[modbus]]", "did you mean \"name\"?"]),
+    (
+        "[[loop]]",
+        "[[opcua]]\nname = \"s\"\nurl = \"opc.tcp://h:4840/\"\nsecurity_policy = \"none\"\n[[loop]]",
+        11,
+        &["security_policy: unknown value \"none\", did you mean \"None\"?"],
+    ),
+    (
+        "[[loop]]",
+        "[[loop]]\nid = \"B\"\n[loop.op]\ndevice = \"d\"\n[loop.pv]\ndevice = \"d\"\n[loop.op]\n[loop.pv]\n[[loop]]",
+        14,
+        &["the section [loop.op] is there twice", "write [[loop]] above the second"],
+    ),
+    (
+        "[[loop]]\nid = \"A\"",
+        "[[loops]]\nid = \"A\"",
+        8,
+        &["unknown section \"loops\"", "did you mean \"loop\"?"],
+    ),
+    ("10.0.0.5:502", "10.0.0.5:70000", 4, &["address", "the port must be 1 to 65535"]),
+    (
+        "[[loop]]",
+        "[[opcua]]\nname = \"s\"\nurl = \"opc.tcp://h:70000/\"\nsecurity_policy = \"None\"\n[[loop]]",
+        10,
+        &["url: the port 70000 must be 1 to 65535"],
+    ),
+    (
+        "[[loop]]",
+        "[diagnosis]\nts_s = 60.0\n[[loop]]",
+        9,
+        &[
+            "ts_s: min_samples = 200 of 60 s take 12000 s",
+            "hold 4096 s of A",
+            "write samples_per_tag = 12000 or more",
+        ],
+    ),
+    ("[[loop]]", "[history]\nsamples_per_tag = 100\n[[loop]]", 9, &["samples_per_tag: 100 must be 200 to"]),
+    (
+        "op_span = 100.0",
+        "op_span = 100.0\nfrozen_pv_s = 0.5",
+        11,
+        &["frozen_pv_s: 0.5 is shorter than poll_ms = 1000", "write 3 or more"],
+    ),
+    (
+        "unit = \"%\"",
+        "range = [0.0, 1.0]",
+        18,
+        &["range: [0, 1] leaves out most of op_limits = [0, 100]", "own unit"],
+    ),
+    (
+        "[[loop]]",
+        "[alarm]\nsuppressed = [\"*/f_rising\", \"B/f_rising\"]\n[[loop]]",
+        9,
+        &["suppressed: no [[loop]] is called \"B\", did you mean \"A\"?"],
+    ),
+    (
+        "[[loop]]",
+        "[alarm]\nsuppressed = [\"A/f_risin\"]\n[[loop]]",
+        9,
+        &["suppressed: no alarm is called \"f_risin\", did you mean \"f_rising\"?"],
+    ),
+    (
+        "[[loop]]",
+        "[alarm]\nsuppressed = [\"dcs/collector_down\"]\n[[loop]]",
+        9,
+        &["suppressed: no collector is called \"dcs\"; known are d"],
+    ),
+    (
+        "[[loop]]",
+        "[alarm]\nsuppressed = [\"A\"]\n[[loop]]",
+        9,
+        &["suppressed: \"A\" must be a loop or *", "*/f_rising"],
+    ),
+    (
+        "op_limits = [0.0, 100.0]\n",
+        "group = \"Unit 1\"\n[[notify.webhook]]\nname = \"w\"\nurl = \"https://h/x\"\nsecret_env = \"S\"\nfilter.groups = [\"Unit1\"]\n",
+        16,
+        &["groups: no [[loop]] has the group \"Unit1\", did you mean \"Unit 1\"?"],
+    ),
+    (
+        "[[loop]]",
+        "[[notify.alertmanager]]\nname = \"a\"\nurl = \"https://h/api/v2/\"\n[[loop]]",
+        10,
+        &["url: leave out its end /api/v2", "is added here"],
+    ),
+    (
+        OP,
+        "[[mqtt]]\nname = \"b\"\naddress = \"h:1883\"\n[loop.op]\ndevice = \"b\"\ntopic = \"op\"\npath = \"$.\"\n",
+        19,
+        &["path: '$.' names nothing in the message", "a path such as values.op"],
+    ),
+    (
+        OP,
+        "[[mqtt]]\nname = \"b\"\naddress = \"h:1883\"\nquality_path = \"$\"\n[loop.op]\ndevice = \"b\"\ntopic = \"op\"\npath = \"v\"\n",
+        16,
+        &["quality_path: '$' names nothing in the message"],
+    ),
+    (
+        "[[loop]]",
+        "[plantwide]\nperiod_s = 7200000.0\n[[loop]]",
+        9,
+        &["period_s: 7200000 must be 60 to 604800"],
+    ),
+    (
+        "[[loop]]",
+        "[plantwide]\nperiod_s = 259200.0\n[[loop]]",
+        8,
+        &["persist_s: 172800 must be 259200 (period_s) to 51840000"],
+    ),
+    (
+        "[[loop]]",
+        "[tables.defaults]\ndecimal = \",\"\ntz = \"Mars/Base\"\n[[loop]]",
+        10,
+        &["tz: \"Mars/Base\" cannot be read", "say a zone such as Europe/Berlin"],
+    ),
+    (
+        "[[loop]]",
+        "[[notify.smtp]]\nname = \"m\"\naddress = \"mail:25\"\nfrom = \"nobody\"\nto = [\"a@b.c\"]\n[[loop]]",
+        11,
+        &["from: \"nobody\" is not a mail address such as"],
+    ),
+    (
+        "[[loop]]",
+        "[notify]\npublic_url = \"stictiond.plant\"\n[[loop]]",
+        9,
+        &["public_url", "is not an address that begins with http:// or https://"],
     ),
 ];
 
@@ -188,4 +390,61 @@ fn what_was_copied_or_goes_in_the_clear_is_remarked() {
     }
     assert_eq!(remarks.len(), 3, "{remarks:?}");
     assert!(remarks_of(&format!("{SOUND}\n{}", broker.replace("broker.plant", "127.0.0.1"))).is_empty());
+}
+
+/// What is accepted and remarked: a section that stands before the loop, its `[loop.op]`, and what is said.
+const REMARKED: &[(&str, &str, &str)] = &[
+    (
+        "sampling_ms = 100\npublishing_ms = 5000\n",
+        "",
+        "s: of A.op the server takes 50 samples between two sendings (sampling_ms = 100, publishing_ms = 5000) and keeps 10, \
+         the others are lost: write queue_size = 50 or more",
+    ),
+    ("", "sampling_ms = 50\n", "s: of A.op the server takes 20 samples between two sendings"),
+    (
+        "",
+        "deadband = 0.5\n",
+        "A.op: a dead band hides small movements of OP, by which friction is seen: leave it out",
+    ),
+    ("deadband_percent = 1.0\n", "", "A.op: a dead band hides small movements of OP"),
+    ("", "range = [10.0, 110.0]\n", "A.op: op_limits = [0, 100] reach beyond range = [10, 110]"),
+    ("", "range = [-1e4, 1e4]\n", "A.op: range = [-10000, 10000] is far wider than op_span = 100"),
+    ("password_file = \"none/pw\"\nuser = \"u\"\n", "", "s: password_file = \"none/pw\" is not there"),
+    (
+        "user_certificate = \"none/c\"\nuser_key = \"none/k\"\n",
+        "",
+        "s: user_certificate = \"none/c\" is not there: make it, or correct the path; it is looked for from the folder in which \
+         stictiond starts",
+    ),
+];
+
+#[test]
+fn what_may_be_meant_otherwise_is_remarked() {
+    let server = "[[opcua]]\nname = \"s\"\nurl = \"opc.tcp://h:4840/\"\nsecurity_policy = \"None\"\n";
+    let op = "[loop.op]\ndevice = \"s\"\nnode = \"nsu=urn:plant;s=OP\"\n";
+    let remarks_of = |own: &str, of_op: &str| {
+        let text = SOUND.replacen(OP, &format!("{server}{own}{op}{of_op}"), 1);
+        let config = config::parse("plant.toml", &text).unwrap_or_else(|errors| panic!("{errors:?}"));
+        [config.remarks(), config.missing_files()].concat()
+    };
+    assert_eq!(remarks_of("", ""), Vec::<String>::new());
+    for (own, of_op, said) in REMARKED {
+        let remarks = remarks_of(own, of_op);
+        assert!(remarks.iter().any(|remark| remark.starts_with(said)), "{said}: {remarks:?}");
+        assert!(remarks.len() == 1 || said.contains("user_certificate"), "{remarks:?}");
+    }
+    assert!(remarks_of("sampling_ms = 100\nqueue_size = 10\n", "deadband = 0.0\n").is_empty());
+}
+
+#[test]
+fn a_file_in_utf_16_is_told_how_to_be_saved() {
+    let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("utf16.toml");
+    for mark in [&[0xff, 0xfe][..], &[]] {
+        let text = SOUND.trim_start().encode_utf16().flat_map(u16::to_le_bytes);
+        let bytes: Vec<u8> = mark.iter().copied().chain(text).collect();
+        std::fs::write(&path, bytes).expect("the folder is there");
+        let errors = config::load(&path).expect_err("it cannot be read");
+        assert_eq!((errors.len(), errors[0].line), (1, 1), "{errors:?}");
+        assert!(errors[0].message.starts_with("this is UTF-16 text: save it as UTF-8"), "{errors:?}");
+    }
 }

@@ -53,7 +53,10 @@ fn every_error_is_a_line_with_its_place() {
 fn a_file_that_is_not_there() {
     let (code, _, stderr) = stictiond(&["check", "--config", "none/such.toml"]);
     assert_eq!(code, Some(2));
-    assert_eq!(stderr, "none/such.toml: cannot read: No such file or directory (os error 2)\n");
+    assert_eq!(
+        stderr,
+        "none/such.toml: cannot read: No such file: look at the path and at the folder it is read from\n"
+    );
     assert_eq!(stictiond(&["check"]).0, Some(2));
 }
 

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use stictiond::access::{Role, file};
 use stictiond::collect::opcua;
-use stictiond::config::{self, Config, Plant};
+use stictiond::config::{self, Config, Plant, without_number};
 use stictiond::history::BYTES_PER_SAMPLE;
 use stictiond::schedule::Clock;
 use stictiond::serve;
@@ -100,7 +100,7 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
     let _ = writeln!(out, "listen   {}", config.server.listen);
     let mut faults = Vec::new();
     let _ = writeln!(out, "access   {}", access(config, &mut faults));
-    for remark in config.remarks() {
+    for remark in config.remarks().into_iter().chain(config.missing_files()) {
         let _ = writeln!(out, "remark   {remark}");
     }
     (out, faults)
@@ -117,7 +117,8 @@ fn access(config: &Config, faults: &mut Vec<String>) -> String {
     let way = match &server.tls {
         Some(tls) => match serve::Tls::load(tls) {
             Err(error) => {
-                faults.push(error.to_string());
+                let error = without_number(&error.to_string());
+                faults.push(error.clone());
                 format!("; BUT RUN WILL NOT START: {error}")
             }
             Ok(_) if tls.client_ca_file.is_some() => {
@@ -154,6 +155,7 @@ fn access(config: &Config, faults: &mut Vec<String>) -> String {
             who
         }
         Err(error) => {
+            let error = without_number(&error.to_string());
             faults.push(format!("[access] file: {error}"));
             format!("NOBODY GETS IN, run will not start: {error}")
         }

@@ -2,8 +2,11 @@
 //! once, each error with its line and column.
 
 mod diagnostic;
+mod files;
+mod keys;
 mod neighbours;
 mod plant;
+mod remarks;
 mod rules;
 mod section;
 mod source;
@@ -12,6 +15,7 @@ mod tag;
 mod wording;
 
 pub use diagnostic::Diagnostic;
+pub use files::without_number;
 pub use neighbours::{Candidates, MOST_CANDIDATES, Neighbour};
 pub use plant::{Plant, tags};
 pub use tag::{ForwardedTag, TagConfig};
@@ -131,23 +135,33 @@ pub struct LoopConfig {
 /// Everything wrong with it, in the order of the file.
 pub fn load(path: &Path) -> Result<Config, Vec<Diagnostic>> {
     let file = path.display().to_string();
-    let unreadable =
-        |why: &dyn std::fmt::Display| vec![Diagnostic::of_file(&file, format!("cannot read: {why}"))];
+    let unreadable = |why: String| vec![Diagnostic::of_file(&file, format!("cannot read: {why}"))];
+    let in_words = |error| unreadable(files::in_words(&error));
     let mut bytes = Vec::new();
-    let opened = File::open(path).map_err(|error| unreadable(&error))?;
-    opened.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|error| unreadable(&error))?;
+    let opened = File::open(path).map_err(in_words)?;
+    opened.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(in_words)?;
     if bytes.len() as u64 > MAX_BYTES {
-        return Err(unreadable(&format!("larger than {MAX_BYTES} bytes")));
+        return Err(unreadable(format!("larger than {MAX_BYTES} bytes")));
+    }
+    if is_utf16(&bytes) {
+        let said = "this is UTF-16 text: save it as UTF-8, which editors offer when a file is saved";
+        return Err(vec![Diagnostic { line: 1, column: 1, ..Diagnostic::of_file(&file, said.into()) }]);
     }
     match std::str::from_utf8(&bytes) {
         Ok(text) => parse(&file, text),
         Err(error) => {
             let good = String::from_utf8_lossy(&bytes[..error.valid_up_to()]);
             let mut report = Report::new(&file, &good);
-            report.at(good.len(), "not UTF-8 text".into());
+            report.at(good.len(), "not UTF-8 text: save the file as UTF-8".into());
             Err(report.finish())
         }
     }
+}
+
+/// Whether a text is two bytes a sign, by its mark or by the zeros of its first two.
+fn is_utf16(bytes: &[u8]) -> bool {
+    let mark = bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]);
+    mark || matches!(bytes, [0, low, 0, other, ..] | [low, 0, other, 0, ..] if *low > 0 && *other > 0)
 }
 
 /// Reads the text of a file that is called `file` in the errors.

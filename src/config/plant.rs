@@ -4,8 +4,7 @@ use super::{Config, LoopConfig, TagConfig};
 use crate::collect::{DecimalSign, Issue, Plan, modbus, mqtt, opcua};
 use crate::history::{self, LoopTags, TagKind};
 use crate::signal::{LoopId, Role, Scale};
-use std::collections::hash_map::Entry;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
 /// Who is watched and who is asked. Tags are numbered through all loops: op, pv, sp, mode, mv, the others, then the term of
 /// write-back.
@@ -105,69 +104,6 @@ impl Config {
     /// Time between two diagnoses of a loop (s).
     pub fn period_s(&self, control_loop: &LoopConfig) -> f64 {
         control_loop.period_s.unwrap_or(self.schedule.period_s)
-    }
-}
-
-impl Config {
-    /// What is right by itself and often meant otherwise, each with its loop and tag.
-    pub fn remarks(&self) -> Vec<String> {
-        let mut out = Vec::new();
-        let mut numbered: BTreeMap<&str, usize> = BTreeMap::new();
-        for control_loop in &self.loops {
-            for (role, tag) in tags(control_loop) {
-                if let TagConfig::Opcua(own) = tag
-                    && own.place().is_ok_and(|place| place.is_numbered())
-                {
-                    *numbered.entry(own.device.as_str()).or_default() += 1;
-                }
-                let TagConfig::Modbus(own) = tag else { continue };
-                let name = role.map(Role::as_str).or(tag.name()).unwrap_or_default();
-                out.extend(own.remark().map(|remark| format!("{}.{name}: {remark}", control_loop.id)));
-            }
-        }
-        out.extend(numbered.into_iter().map(|(device, tags)| {
-            format!(
-                "{device}: {tags} tags name their namespace by its number, which a server may give to another when it starts: \
-                 write nsu=URI instead, as stictiond probe shows it"
-            )
-        }));
-        out.extend(self.copied());
-        let is_near =
-            |address: &str| ["127.", "localhost", "[::1]"].iter().any(|own| address.starts_with(own));
-        out.extend(
-            self.mqtt
-                .iter()
-                .filter(|b| b.user.is_some() && !(b.tls || b.ca_file.is_some()) && !is_near(&b.address))
-                .map(|broker| {
-                    format!(
-                        "{}: the password goes to {} in the clear: write tls = true",
-                        broker.name, broker.address
-                    )
-                }),
-        );
-        let (held, wanted) = (self.history.samples_per_tag, self.diagnosis.window_samples);
-        if held < wanted {
-            out.push(format!(
-                "[history] holds {held} samples of a tag, and a diagnosis looks at up to {wanted}: samples_per_tag may be larger"
-            ));
-        }
-        out
-    }
-
-    /// Loops that read OP and PV where another does.
-    fn copied(&self) -> Vec<String> {
-        let mut first: HashMap<String, &str> = HashMap::new();
-        let told = |own: &'_ LoopConfig, other: &str| {
-            format!("{}: it reads OP and PV where {other} does: was its section copied?", own.id)
-        };
-        let mut out = Vec::new();
-        for own in &self.loops {
-            match first.entry(format!("{:?} {:?}", own.op, own.pv)) {
-                Entry::Occupied(other) => out.push(told(own, other.get())),
-                Entry::Vacant(place) => drop(place.insert(&own.id)),
-            }
-        }
-        out
     }
 }
 

@@ -13,6 +13,9 @@ use std::collections::{HashMap, HashSet};
 /// Longest name of a loop, device or tag (characters).
 const MAX_NAME: usize = 100;
 
+/// A range of OP that is so many times narrower than its span belongs to another unit.
+const NARROWER: f64 = 4.0;
+
 /// A path into the file.
 macro_rules! path {
     ($($step:expr),+) => { [$(Step::from($step)),+] };
@@ -22,6 +25,8 @@ mod candidates;
 mod clients;
 mod door;
 mod plantwide;
+mod ports;
+mod sampling;
 mod telling;
 mod writing;
 
@@ -39,6 +44,7 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
     let blamed = report.places();
     let mut rules = Rules { source, report, devices, blamed };
     rules.variables();
+    rules.ports();
     rules.sections(parts);
     rules.devices(parts);
     rules.clients(parts);
@@ -124,26 +130,25 @@ impl Rules<'_, '_, '_> {
         self.door(parts);
         self.section("history", parts.history.as_ref().map(|c| c.validate()));
         self.section("store", parts.store.as_ref().and_then(|c| c.as_ref()).map(|c| c.validate()));
-        self.section("tables", parts.tables.as_ref().map(|c| c.validate()));
+        for (field, message) in parts.tables.as_ref().map(|c| c.validate()).into_iter().flatten() {
+            self.wrong(&path!["tables", "defaults", field], message);
+        }
         self.section("schedule", parts.schedule.as_ref().map(|c| c.validate()));
         self.section("diagnosis", parts.diagnosis.as_ref().map(|c| c.validate()));
-        for (table, field, message) in parts.alarm.as_ref().map(|c| c.validate()).into_iter().flatten() {
+        let alarm = parts.alarm.as_ref().map(|c| c.validate()).into_iter().flatten();
+        for (table, field, message) in alarm.filter(|(_, field, _)| *field != "suppressed") {
             let message = format!("{field}: {message}");
             match table {
                 "" => self.wrong(&path!["alarm", field], message),
                 table => self.wrong(&path!["alarm", table, field], message),
             }
         }
+        self.suppressed(parts);
         self.section("plantwide", parts.plantwide.as_ref().map(|c| c.validate()));
         self.section("fleet", parts.fleet.as_ref().and_then(|c| c.as_ref()).map(|c| c.validate()));
         self.section("writeback", parts.writeback.as_ref().map(|c| c.validate()));
         self.notify(parts);
-        if let (Some(history), Some(diagnosis)) = (&parts.history, &parts.diagnosis) {
-            let (kept, needed) = (history.samples_per_tag, diagnosis.min_samples);
-            self.unless(kept >= needed, &path!["history", "samples_per_tag"], || {
-                format!("samples_per_tag: {kept} is fewer than [diagnosis] min_samples = {needed}")
-            });
-        }
+        self.history(parts);
     }
 
     fn devices(&mut self, parts: &Parts) {
@@ -162,11 +167,21 @@ impl Rules<'_, '_, '_> {
                 }
                 self.first(&mut seen, name, &here, "device");
             }
-            for issue in issues.into_iter().flatten() {
+            // What follows from the policy cannot be judged where the policy could not be read.
+            let unread = self.blamed.contains(&self.source.place(&path![section, at, "security_policy"]));
+            let follows = |issue: &Issue| unread && ["pki_dir", "security_mode"].contains(&issue.field);
+            for issue in issues.into_iter().flatten().filter(|issue| !follows(issue)) {
                 let message = format!("{}: {}", issue.field, issue.message);
                 self.wrong(&path![section, at, issue.field], message);
             }
         }
+    }
+
+    /// Whether a device has no name that tags could refer to.
+    fn some_are_nameless(&self, parts: &Parts) -> bool {
+        let all = [("modbus", parts.modbus.len()), ("opcua", parts.opcua.len()), ("mqtt", parts.mqtt.len())];
+        let nameless = |section: &str, at: usize| !self.source.has(&path![section, at, "name"]);
+        all.into_iter().any(|(section, count)| (0..count).any(|at| nameless(section, at)))
     }
 
     /// Refuses a name that was seen before.
@@ -182,9 +197,8 @@ impl Rules<'_, '_, '_> {
     }
 
     fn loops(&mut self, parts: &Parts) {
-        // A worker and a centre have none of their own, and belong to no site.
-        let of_fleet = self.source.has(&path!["fleet"]) && !self.source.has(&path!["fleet", "site"]);
-        if self.source.root().get("loop").is_none() && !of_fleet {
+        let misspelt = self.source.root().keys().any(|key| close(key.get_ref(), "loop"));
+        if self.source.root().get("loop").is_none() && !misspelt && !self.of_fleet() {
             self.report.at(0, "no [[loop]]: name at least one control loop to watch".into());
         }
         let mut seen = HashMap::new();
@@ -196,12 +210,18 @@ impl Rules<'_, '_, '_> {
             }
             if let Some(control_loop) = control_loop {
                 self.numbers(at, control_loop);
+                self.frozen(at, control_loop, parts);
                 self.tags(at, control_loop, parts);
                 self.candidates(at, control_loop, parts);
                 self.upstream(at, control_loop, parts);
                 self.cost(at, control_loop);
             }
         }
+    }
+
+    /// A worker and a centre have no loops of their own, and belong to no site.
+    fn of_fleet(&self) -> bool {
+        self.source.has(&path!["fleet"]) && !self.source.has(&path!["fleet", "site"])
     }
 
     /// Names stand in addresses of the API and in labels of metrics.
@@ -242,6 +262,27 @@ impl Rules<'_, '_, '_> {
         if let Some(why) = scale.contradiction(&[]) {
             self.wrong(&path!["loop", at, "op_span"], why);
         }
+        self.op_range(at, control_loop);
+    }
+
+    /// A range that leaves out most of OP's span is in another unit.
+    fn op_range(&mut self, at: usize, control_loop: &LoopConfig) {
+        // What is no range at all is told with the tag.
+        let Some([least, most]) = control_loop.op.range().filter(|[least, most]| least < most) else {
+            return;
+        };
+        let limits = control_loop.op_limits;
+        let said = limits.map(|[low, high]| (format!("op_limits = [{low}, {high}]"), high - low));
+        let Some((said, wide)) =
+            said.or(control_loop.op_span.map(|span| (format!("op_span = {span}"), span)))
+        else {
+            return;
+        };
+        self.unless(NARROWER * (most - least) >= wide, &path!["loop", at, "op", "range"], || {
+            format!(
+                "range: [{least}, {most}] leaves out most of {said}: both are in OP's own unit, after scaling"
+            )
+        });
     }
 
     fn tags(&mut self, at: usize, control_loop: &LoopConfig, parts: &Parts) {
@@ -285,8 +326,8 @@ impl Rules<'_, '_, '_> {
     fn tag(&mut self, role: Option<Role>, tag: &TagConfig, here: &[Step], parts: &Parts) {
         let field = |name: &str| [here, &path![name]].concat();
         let Some(&device) = self.devices.get(tag.device()) else {
-            // Their section was not understood, which is told there.
-            if self.devices.is_empty() && self.report.has_section_errors() {
+            // Their section was not understood, or has no name, which is told there.
+            if self.devices.is_empty() && self.report.has_section_errors() || self.some_are_nameless(parts) {
                 return;
             }
             let mut names: Vec<&str> = self.devices.keys().copied().collect();

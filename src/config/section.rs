@@ -2,9 +2,10 @@
 //! section read again until nothing is left to complain of.
 
 use super::diagnostic::Report;
+use super::keys::Keys;
 use super::source::{Source, Step, entry_at, table_mut, tables_at};
 use super::wording;
-use super::{Config, LoopConfig};
+use super::{Config, LoopConfig, keys};
 use crate::collect::{self, modbus, mqtt, opcua};
 use crate::{
     access, alarm, audit, diagnosis, fleet, history, notify, schedule, serve, store, work, writeback,
@@ -96,7 +97,10 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
     for key in source.root().keys() {
         let name = key.get_ref();
         if !SECTIONS.contains(&name.as_ref()) {
-            let hint = wording::hint(name, &SECTIONS);
+            let hint = match ROLES.contains(&name.as_ref()) {
+                true => format!(": write it as [loop.{name}], below its [[loop]]"),
+                false => wording::hint(name, &SECTIONS),
+            };
             report.section(key.span().start, format!("unknown section {name:?}{hint}"));
         }
     }
@@ -130,7 +134,7 @@ fn table<T: DeserializeOwned + Default>(source: &Source, name: &str, report: &mu
 fn optional<T: DeserializeOwned>(source: &Source, name: &str, report: &mut Report) -> Option<Option<T>> {
     match source.root().get(name) {
         None => Some(None),
-        Some(value) if value.get_ref().is_table() => read(&[name.into()], value, report).map(Some),
+        Some(value) if value.get_ref().is_table() => read(source, &[name.into()], value, report).map(Some),
         Some(value) => {
             report.at(value.span().start, format!("{name}: write it as a section, [{name}]"));
             None
@@ -145,6 +149,7 @@ fn tables<T: DeserializeOwned>(source: &Source, name: &str, report: &mut Report)
     };
     let wrong = format!("{name}: there may be several, write each as [[{name}]]");
     let Some(items) = value.get_ref().as_array() else {
+        let wrong = headless(name, value).unwrap_or(wrong);
         // `[[loops]]` with `[loop.op]` below it: what is misspelt is told already.
         let misspelt = |key: &str| !SECTIONS.contains(&key) && wording::close(key, name);
         if !source.root().keys().any(|key| misspelt(key.get_ref())) {
@@ -154,7 +159,7 @@ fn tables<T: DeserializeOwned>(source: &Source, name: &str, report: &mut Report)
     };
     let item = |(at, item): (usize, &Spanned<DeValue>)| {
         if item.get_ref().is_table() {
-            return read(&[name.into(), at.into()], item, report);
+            return read(source, &[name.into(), at.into()], item, report);
         }
         report.at(item.span().start, wrong.clone());
         None
@@ -162,8 +167,38 @@ fn tables<T: DeserializeOwned>(source: &Source, name: &str, report: &mut Report)
     items.iter().enumerate().map(item).collect()
 }
 
+/// `[loop.op]` where no `[[loop]]` stands above it.
+fn headless(name: &str, value: &Spanned<DeValue>) -> Option<String> {
+    let table = value.get_ref().as_table()?;
+    let is_table = |value: &Spanned<DeValue>| value.get_ref().is_table();
+    let first = ROLES.into_iter().find(|role| table.get(*role).is_some_and(is_table))?;
+    if !table.values().all(is_table) {
+        return None;
+    }
+    Some(format!("[{name}.{first}] has no [[{name}]] above it: write [[{name}]] and the id there"))
+}
+
 /// Reads one section at `path`, every error to the report.
-fn read<T: DeserializeOwned>(path: &[Step], value: &Spanned<DeValue>, report: &mut Report) -> Option<T> {
+fn read<T: DeserializeOwned>(
+    source: &Source,
+    path: &[Step],
+    value: &Spanned<DeValue>,
+    report: &mut Report,
+) -> Option<T> {
+    let mut keys = Keys::default();
+    let read = read_on(source, path, value, &mut keys, report);
+    keys.tell(report);
+    read
+}
+
+/// Reads until nothing is left to complain of.
+fn read_on<T: DeserializeOwned>(
+    source: &Source,
+    path: &[Step],
+    value: &Spanned<DeValue>,
+    keys: &mut Keys,
+    report: &mut Report,
+) -> Option<T> {
     let mut rest = value.clone();
     if path.first() == Some(&Step::from("loop")) {
         refuse_lists(&mut rest, report);
@@ -179,8 +214,12 @@ fn read<T: DeserializeOwned>(path: &[Step], value: &Spanned<DeValue>, report: &m
         let span = error.span().unwrap_or(value.span());
         let message = error.message();
         let went_on = match wording::missing(message) {
-            Some(key) => missing(path, value, &mut rest, (key, span.clone()), &mut inserted, report),
-            None => offending(path, &mut rest, (message, span.clone()), report),
+            Some(key) => {
+                let told = report.is_broken() || stands_elsewhere(source, path, key);
+                let keys = (!told).then_some(&mut *keys);
+                missing(path, value, &mut rest, (key, span.clone()), &mut inserted, keys)
+            }
+            None => offending::<T>((path, value), &mut rest, (message, span.clone()), keys, report),
         };
         if !went_on {
             report.at(span.start.min(value.span().end), wording::plain(message));
@@ -217,7 +256,7 @@ fn missing(
     rest: &mut Spanned<DeValue>,
     (key, span): (&str, std::ops::Range<usize>),
     inserted: &mut usize,
-    report: &mut Report,
+    keys: Option<&mut Keys>,
 ) -> bool {
     let lacking = tables_at(rest, &span);
     let found = lacking
@@ -231,14 +270,19 @@ fn missing(
     let told = |own: &str| own == key || !left.iter().any(|left| left == own) && wording::close(own, key);
     let was_there = table_mut(value.clone().get_mut(), &below)
         .is_some_and(|table| table.keys().any(|own| told(own.get_ref())));
-    if !was_there && span.start < NOWHERE && !report.is_broken() {
-        let section = wording::section(&[path, &below].concat());
-        report.at(span.start, format!("missing key {key:?} in {section}"));
+    let keys = keys.filter(|keys| !was_there && span.start < NOWHERE && !keys.is_elsewhere(key));
+    if let Some(keys) = keys {
+        keys.lack(span.start, wording::section(&[path, &below].concat()), key);
     }
     let Some(table) = table_mut(rest.get_mut(), &below) else {
         return false;
     };
     fill(table, key, 0, None, inserted)
+}
+
+/// Whether a key of a section stands under a name that is no section's.
+fn stands_elsewhere(source: &Source, path: &[Step], key: &str) -> bool {
+    matches!(path.first(), Some(Step::Key(section)) if keys::is_in_unknown(source, &SECTIONS, section, key))
 }
 
 /// Values for a missing key, tried in turn until one has the right type.
@@ -270,10 +314,11 @@ fn fill(
 }
 
 /// An entry that cannot be used: reported and taken out, or, when it was filled in here, filled in otherwise.
-fn offending(
-    path: &[Step],
+fn offending<T: DeserializeOwned>(
+    (path, value): (&[Step], &Spanned<DeValue>),
     rest: &mut Spanned<DeValue>,
     (message, span): (&str, std::ops::Range<usize>),
+    keys: &mut Keys,
     report: &mut Report,
 ) -> bool {
     let Some(mut below) = entry_at(rest.get_ref(), &span) else {
@@ -292,7 +337,10 @@ fn offending(
         return fill(table, &key, filler + 1, word, &mut { before });
     }
     table.remove(key.as_str());
-    let section = wording::section(&[path, &below].concat());
-    report.at(span.start, wording::of_entry(message, &key, &section));
+    let said = match message.starts_with("unknown field") {
+        true => keys.unknown::<T>((message, &key), (path, &below), value),
+        false => wording::of_entry(message, &key),
+    };
+    report.at(span.start, said);
     true
 }

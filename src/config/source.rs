@@ -151,6 +151,15 @@ pub fn tables_at(value: &Spanned<DeValue>, span: &Range<usize>) -> Vec<Vec<Step>
     found
 }
 
+/// The table at a path below a value, to be looked at.
+pub fn table_at<'t, 'a>(value: &'t DeValue<'a>, path: &[Step]) -> Option<&'t DeTable<'a>> {
+    let inner = path.iter().try_fold(value, |value, step| match step {
+        Step::Key(key) => value.as_table()?.get(key.as_str()).map(Spanned::get_ref),
+        Step::Item(at) => value.as_array()?.get(*at).map(Spanned::get_ref),
+    })?;
+    inner.as_table()
+}
+
 /// The table at a path below a value.
 pub fn table_mut<'t, 'a>(value: &'t mut DeValue<'a>, path: &[Step]) -> Option<&'t mut DeTable<'a>> {
     let inner = path.iter().try_fold(value, |value, step| match (step, value) {

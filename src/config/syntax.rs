@@ -15,17 +15,32 @@ pub struct Fault {
 pub fn faults(text: &str, found: impl Iterator<Item = (usize, String)>) -> Vec<Fault> {
     let mut told: Vec<Fault> = Vec::new();
     let mut twice = None;
+    let mut headless: Option<(&str, usize)> = None;
     for (at, message) in found {
         let at = at.min(text.len());
         if text.trim_start().starts_with('{') {
             let said = "this is JSON: a configuration is TOML, such as config/stictiond.toml".to_string();
             return vec![Fault { at: 0, said }];
         }
+        if let Some(fault) = below_nothing(text, at).filter(|_| message.starts_with("duplicate key")) {
+            told.push(fault);
+            continue;
+        }
         // A section that is there twice has every key twice.
         if message.starts_with("duplicate key") {
             let section = section(text, at);
             if twice.replace(section) == Some(section) {
                 continue;
+            }
+            // Every table of a section is there twice that has no head of its own.
+            if let Some(of) = table_of(line(text, at)) {
+                let head = format!("[[{of}]]");
+                let same =
+                    headless.is_some_and(|(other, from)| other == of && !text[from..at].contains(&head));
+                headless = Some((of, at));
+                if same {
+                    continue;
+                }
             }
         }
         let said = said(text, at, &message);
@@ -77,6 +92,12 @@ fn said(text: &str, at: usize, message: &str) -> String {
     }
 }
 
+/// The section that a line opens a table of: `loop` of `[loop.op]`.
+fn table_of(line: &str) -> Option<&str> {
+    let name = line.trim().strip_prefix('[')?.trim_start_matches('[');
+    name.split_once('.').map(|(of, _)| of.trim())
+}
+
 /// Which key is there twice, and where it is first.
 fn twice(text: &str, at: usize) -> String {
     let name = |line: &str| line.split('=').next().unwrap_or_default().trim().to_string();
@@ -90,10 +111,32 @@ fn twice(text: &str, at: usize) -> String {
             format!("the key {key:?} is there twice, first in line {line}: take one out")
         }
         _ if key.starts_with('[') => {
-            format!("the section {key} is there twice: take one out, or write [[…]] before it")
+            let head = table_of(&key).filter(|_| !key.starts_with("[["));
+            let head = head.map(|of| format!(", or write [[{of}]] above the second")).unwrap_or_default();
+            format!("the section {key} is there twice: take one out{head}")
         }
         _ => format!("the key {key:?} is there twice: perhaps its section is, take one out"),
     }
+}
+
+/// `[loop.op]` above the first `[[loop]]`, whose line is the second fault then.
+fn below_nothing(text: &str, at: usize) -> Option<Fault> {
+    let name = line(text, at).trim().strip_prefix("[[")?.split("]]").next()?.trim();
+    let begins = |line: &str, with: &str| line.trim_start().starts_with(with);
+    let (single, several) = (format!("[{name}."), format!("[[{name}]]"));
+    let mut begin = 0;
+    for line in text.split_inclusive('\n') {
+        if begins(line, &several) && begin < at && begin + line.len() <= at {
+            return None;
+        }
+        if begins(line, &single) && begin < at {
+            let table = line.trim().split(']').next().unwrap_or_default();
+            let said = format!("{table}] stands above the first [[{name}]]: put it below its own [[{name}]]");
+            return Some(Fault { at: begin + line.len() - line.trim_start().len(), said });
+        }
+        begin += line.len();
+    }
+    None
 }
 
 /// The line around a byte.

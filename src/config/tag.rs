@@ -1,5 +1,6 @@
 //! A tag of a loop, on whatever kind of device: its keys say which.
 
+use super::wording::{self, close};
 use crate::collect::{DecimalSign, modbus, mqtt, opcua};
 use serde::{Deserialize, Deserializer, de};
 
@@ -60,6 +61,16 @@ impl TagConfig {
         }
     }
 
+    /// Least and greatest believable value, after scaling.
+    pub fn range(&self) -> Option<[f64; 2]> {
+        match self {
+            Self::Modbus(tag) => tag.range,
+            Self::Opcua(tag) => tag.range,
+            Self::Mqtt(tag) => tag.range,
+            Self::Forwarded(_) => None,
+        }
+    }
+
     /// As a tag of a Modbus device.
     pub fn as_modbus(&self) -> Option<&modbus::TagConfig> {
         match self {
@@ -117,6 +128,44 @@ pub const TEXT_KEYS: [&str; 1] = ["decimal"];
 
 /// And those that only a broker's tags have.
 pub const MQTT_KEYS: [&str; 6] = ["topic", "time_path", "quality_path", "sparkplug", "metric", "alias"];
+
+/// Which of all keys a tag may have, by the kind that those beside it show; `None` where they show none.
+fn of_kind<'k>(beside: &[&str], known: &[&'k str]) -> Option<Vec<&'k str>> {
+    let any = |keys: &[&str]| beside.iter().any(|own| keys.contains(own));
+    let others = if any(&MODBUS_KEYS) {
+        [&OPCUA_KEYS[..], &MQTT_KEYS, &TEXT_KEYS, &["node", "path"]].concat()
+    } else if any(&MQTT_KEYS) {
+        [&MODBUS_KEYS[..], &OPCUA_KEYS, &["node"]].concat()
+    } else if any(&OPCUA_KEYS) || any(&["node", "path"]) {
+        [&MODBUS_KEYS[..], &MQTT_KEYS].concat()
+    } else {
+        return None;
+    };
+    Some(known.iter().copied().filter(|key| !others.contains(key)).collect())
+}
+
+/// What may have been meant by a key that no tag has; only an extra tag has a name.
+pub fn hint(key: &str, beside: &[&str], known: &[&str], extra: bool) -> String {
+    let known: Vec<&str> = known.iter().copied().filter(|own| extra || *own != "name").collect();
+    let own = of_kind(beside, &known);
+    if known.iter().any(|other| close(key, other)) {
+        let near = own.filter(|own| own.iter().any(|other| close(key, other)));
+        return wording::hint(key, &near.unwrap_or(known));
+    }
+    if let Some(own) = own {
+        return wording::hint(key, &own);
+    }
+    let listed = |keys: &[&str]| keys.join(", ");
+    let special = [&MODBUS_KEYS[..], &OPCUA_KEYS, &MQTT_KEYS, &TEXT_KEYS, &["node", "path"]].concat();
+    let common: Vec<&str> = known.into_iter().filter(|own| !special.contains(own)).collect();
+    format!(
+        "; known are {}, and of Modbus {}, of OPC UA node, path, {}, of MQTT path, {}",
+        listed(&common),
+        listed(&MODBUS_KEYS),
+        listed(&OPCUA_KEYS),
+        listed(&MQTT_KEYS)
+    )
+}
 
 /// Every key of every kind. Read as one table, so that each wrong key keeps its place in the file.
 #[derive(Deserialize)]

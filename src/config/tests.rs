@@ -276,7 +276,10 @@ fn files_that_cannot_be_read() {
     let missing = load(&folder.join("none.toml")).unwrap_err();
     let directory = load(&folder).unwrap_err();
     std::fs::remove_dir_all(&folder).unwrap();
-    assert_eq!((utf8[0].line, utf8[0].column, utf8[0].message.as_str()), (2, 11, "not UTF-8 text"));
+    assert_eq!(
+        (utf8[0].line, utf8[0].column, utf8[0].message.as_str()),
+        (2, 11, "not UTF-8 text: save the file as UTF-8")
+    );
     assert!(missing[0].message.starts_with("cannot read: No such file"), "{}", missing[0]);
     assert!(directory[0].to_string().contains("Is a directory"), "{}", directory[0]);
 }

@@ -2,6 +2,9 @@
 
 use super::source::Step;
 
+/// Most names that are listed: keys, or loops of a plant.
+const MOST_LISTED: usize = 30;
+
 /// The key of `missing field`.
 pub fn missing(message: &str) -> Option<&str> {
     message.strip_prefix("missing field `")?.split('`').next()
@@ -23,10 +26,7 @@ pub fn section(path: &[Step]) -> String {
 }
 
 /// The message about an entry that cannot be used.
-pub fn of_entry(message: &str, key: &str, section: &str) -> String {
-    if message.starts_with("unknown field") {
-        return format!("unknown key {key:?} in {section}{}", hint(key, &choices(message)));
-    }
+pub fn of_entry(message: &str, key: &str) -> String {
     if let Some(word) = message.strip_prefix("unknown variant `").and_then(|rest| rest.split('`').next()) {
         return format!("{key}: unknown value {word:?}{}", hint(word, &choices(message)));
     }
@@ -35,6 +35,12 @@ pub fn of_entry(message: &str, key: &str, section: &str) -> String {
     }
     if let Some(number) = quoted_number(message) {
         return format!("{key}: a number without quotes is expected, write {key} = {number}");
+    }
+    if let Some(number) = base(message).filter(|_| key == "address_base") {
+        return format!(
+            "{key}: {number} must be 0 or 1, the number of the device's first register: write 1 where its list begins with \
+             1 or 40001"
+        );
     }
     if let Some(list) = list_of_one(message) {
         return format!("{key}: a list is expected, write {key} = [{list}]");
@@ -62,6 +68,11 @@ fn quoted_number(message: &str) -> Option<String> {
         (false, _) if expected == "f64" => Some(text.trim().to_string()),
         _ => None,
     }
+}
+
+/// `invalid value: integer `40001`, expected u8`: the number.
+fn base(message: &str) -> Option<&str> {
+    message.strip_prefix("invalid value: integer `")?.strip_suffix("`, expected u8")
 }
 
 /// `invalid type: string "a@b.c", expected a sequence`: the text in quotes.
@@ -122,6 +133,13 @@ pub fn hint(word: &str, choices: &[&str]) -> String {
     let nearest = choices.iter().map(|choice| (distance(word, choice), choice)).min();
     match nearest {
         Some((distance, choice)) if distance <= allowed => format!(", did you mean {choice:?}?"),
+        Some(_) if choices.len() > MOST_LISTED => {
+            format!(
+                "; known are {} and {} more",
+                choices[..MOST_LISTED].join(", "),
+                choices.len() - MOST_LISTED
+            )
+        }
         Some(_) => format!("; known are {}", choices.join(", ")),
         None => String::new(),
     }

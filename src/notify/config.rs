@@ -41,7 +41,10 @@ impl Config {
             rest.is_some_and(|rest| !rest.is_empty()) && url.parse::<hyper::Uri>().is_ok()
         };
         if let Some(url) = self.public_url.as_ref().filter(|url| !is_url(url)) {
-            wrong.push(("public_url", format!("{url:?} is no address that begins with http:// or https://")));
+            wrong.push((
+                "public_url",
+                format!("{url:?} is not an address that begins with http:// or https://"),
+            ));
         }
         wrong
     }

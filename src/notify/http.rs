@@ -60,7 +60,7 @@ impl Endpoint {
     /// Why it cannot be used, for people.
     pub(super) fn of(url: &str, plain: bool, ca_file: Option<PathBuf>) -> Result<Self, String> {
         // An address may carry a secret: it is never quoted.
-        let uri: Uri = url.parse().map_err(|_| "is no address such as https://host/path".to_string())?;
+        let uri: Uri = url.parse().map_err(|_| "is not an address such as https://host/path".to_string())?;
         let tls = match uri.scheme_str() {
             Some("https") => true,
             Some("http") => false,
@@ -221,7 +221,7 @@ mod tests {
             ("/x", "must begin with"),
             ("https://u:p@h/", "must not hold a password"),
             ("https://h:0/", "names no host"),
-            ("", "is no address"),
+            ("", "is not an address"),
         ] {
             let found = of(bad).unwrap_err();
             assert!(found.contains(why), "{bad}: {found}");

@@ -28,8 +28,12 @@ impl Config {
             wrong.push(("period_s", format!("{} must be 60 to 604800", self.period_s)));
         }
         let most = 200.0 * self.period_s;
-        if !(self.period_s..=most).contains(&self.persist_s) {
-            wrong.push(("persist_s", format!("{} must be period_s to 200 times as long", self.persist_s)));
+        if wrong.is_empty() && !(self.period_s..=most).contains(&self.persist_s) {
+            let (own, least) = (self.persist_s, self.period_s);
+            wrong.push((
+                "persist_s",
+                format!("{own} must be {least} (period_s) to {most}, 200 times as long"),
+            ));
         }
         wrong
     }

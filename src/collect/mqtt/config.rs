@@ -374,7 +374,14 @@ impl TagConfig {
 
     /// Everything wrong with the tag at this broker, in this role (`None` for an extra tag).
     pub fn validate(&self, broker: &Config, role: Option<Role>) -> Vec<Issue> {
-        let mut issues: Vec<Issue> = self.place(broker).err().into_iter().collect();
+        // What the broker's own section says wrongly is told there.
+        let inherited = |issue: &Issue| match issue.field {
+            "time_path" => self.time_path.is_none(),
+            "quality_path" => self.quality_path.is_none(),
+            _ => false,
+        };
+        let mut issues: Vec<Issue> =
+            self.place(broker).err().into_iter().filter(|issue| !inherited(issue)).collect();
         issues.extend(self.scaling().validate(role));
         issues
     }

@@ -61,6 +61,12 @@ impl Path {
                 None => return Err(wrong()),
             }
         }
+        if steps.is_empty() {
+            return Err(format!(
+                "'{text}' names nothing in the message: write a path such as values.op, or leave the key out where the \
+                 message is a plain number"
+            ));
+        }
         if (1..=MAX_STEPS).contains(&steps.len()) { Ok(Self(steps)) } else { Err(wrong()) }
     }
 

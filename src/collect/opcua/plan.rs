@@ -46,7 +46,8 @@ pub enum Deadband {
 }
 
 impl Sampling {
-    pub(super) fn new(server: &Config, tag: &TagConfig) -> Self {
+    /// Of a tag at its server.
+    pub fn new(server: &Config, tag: &TagConfig) -> Self {
         let percent = tag.deadband_percent.unwrap_or(server.deadband_percent);
         Self {
             every_ms: tag.sampling_ms.unwrap_or(server.sampling_ms),

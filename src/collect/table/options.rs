@@ -57,9 +57,12 @@ pub struct Config {
 }
 
 impl Config {
-    /// What is wrong with it: the field, and why.
+    /// What is wrong with `[tables.defaults]`: the field, and why.
     pub fn validate(&self) -> Vec<(&'static str, String)> {
-        self.defaults.told().err().map(|error| ("defaults", error.to_string())).into_iter().collect()
+        let said = |wrong: Wrong| {
+            (wrong.key, format!("{}: {:?} cannot be read: {}", wrong.key, wrong.value, wrong.right))
+        };
+        self.defaults.wrong().into_iter().map(said).collect()
     }
 }
 
@@ -171,58 +174,94 @@ impl Options {
         true
     }
 
+    /// Those that cannot be understood.
+    fn wrong(&self) -> Vec<Wrong> {
+        let all = [
+            self.decimal().err(),
+            self.separator().err(),
+            self.unit().err(),
+            self.format().err(),
+            self.rules().err(),
+        ];
+        all.into_iter().flatten().collect()
+    }
+
     /// Understands them.
     ///
     /// # Errors
     /// One that cannot be understood, by its name.
     pub fn told(&self) -> Result<Told, TableError> {
-        let wrong = |name: &str, value: &str, right: &str| {
-            TableError::refused(format!("--{name} {value:?}: {right}"))
+        let refused = |wrong: Wrong| {
+            let option = wrong.key.replace('_', "-");
+            TableError::refused(format!("--{option} {:?}: {}", wrong.value, wrong.right))
         };
-        let decimal = self.decimal.as_deref().map(|value| match value {
-            "." | "point" => Ok(Decimal::Point),
-            "," | "comma" => Ok(Decimal::Comma),
-            other => Err(wrong("decimal", other, "the decimal sign is . or ,")),
-        });
-        let separator = self.separator.as_deref().map(|value| match value {
-            "tab" | "\\t" | "\t" => Ok(b'\t'),
-            "blank" | "space" => Ok(b' '),
-            one if one.len() == 1 && !one.as_bytes()[0].is_ascii_alphanumeric() && one != "\"" => {
-                Ok(one.as_bytes()[0])
-            }
-            other => Err(wrong("separator", other, "it is one sign, such as ; or tab")),
-        });
-        let unit = self.time_unit.as_deref().map(|value| {
-            Unit::of(value).ok_or_else(|| {
-                wrong("time-unit", value, "known are s, ms, us, ns, min, h, days, ticks and datenum")
-            })
-        });
-        let format = self.time_format.as_deref().map(|value| {
-            format(value).ok_or_else(|| {
-                wrong(
-                    "time-format",
-                    value,
-                    "say dmy, mdy or ymd, or a pattern such as dd/mm/yyyy or %d/%m/%Y %H:%M:%S",
-                )
-            })
-        });
-        let rules = self.tz.as_deref().map(|value| {
-            zone(value).ok_or_else(|| wrong("tz", value, "say a zone such as Europe/Berlin, UTC or +02:00"))
-        });
         let list = |text: &Option<String>| {
             let own = text.as_deref()?.split(',').map(|one| one.trim().to_lowercase());
             Some(own.filter(|one| !one.is_empty()).collect::<Vec<_>>())
         };
         Ok(Told {
-            decimal: decimal.transpose()?,
-            separator: separator.transpose()?,
-            zone: Zone { name: self.tz.clone(), rules: rules.transpose()? },
-            unit: unit.transpose()?,
-            format: format.transpose()?,
+            decimal: self.decimal().map_err(refused)?,
+            separator: self.separator().map_err(refused)?,
+            zone: Zone { name: self.tz.clone(), rules: self.rules().map_err(refused)? },
+            unit: self.unit().map_err(refused)?,
+            format: self.format().map_err(refused)?,
             auto_values: list(&self.auto_values),
             good_values: list(&self.good_values),
         })
     }
+
+    fn decimal(&self) -> Result<Option<Decimal>, Wrong> {
+        understood("decimal", &self.decimal, "the decimal sign is . or ,", |value| match value {
+            "." | "point" => Some(Decimal::Point),
+            "," | "comma" => Some(Decimal::Comma),
+            _ => None,
+        })
+    }
+
+    fn separator(&self) -> Result<Option<u8>, Wrong> {
+        let right = "it is one sign, such as ; or tab";
+        understood("separator", &self.separator, right, |value| match value {
+            "tab" | "\\t" | "\t" => Some(b'\t'),
+            "blank" | "space" => Some(b' '),
+            one if one.len() == 1 && !one.as_bytes()[0].is_ascii_alphanumeric() && one != "\"" => {
+                Some(one.as_bytes()[0])
+            }
+            _ => None,
+        })
+    }
+
+    fn unit(&self) -> Result<Option<Unit>, Wrong> {
+        let right = "known are s, ms, us, ns, min, h, days, ticks and datenum";
+        understood("time_unit", &self.time_unit, right, Unit::of)
+    }
+
+    fn format(&self) -> Result<Option<Format>, Wrong> {
+        let right = "say dmy, mdy or ymd, or a pattern such as dd/mm/yyyy or %d/%m/%Y %H:%M:%S";
+        understood("time_format", &self.time_format, right, format)
+    }
+
+    fn rules(&self) -> Result<Option<TimeZone>, Wrong> {
+        understood("tz", &self.tz, "say a zone such as Europe/Berlin, UTC or +02:00", zone)
+    }
+}
+
+/// An option that cannot be understood.
+struct Wrong {
+    /// Its name in a configuration.
+    key: &'static str,
+    value: String,
+    /// What would be right.
+    right: &'static str,
+}
+
+fn understood<T>(
+    key: &'static str,
+    told: &Option<String>,
+    right: &'static str,
+    read: impl Fn(&str) -> Option<T>,
+) -> Result<Option<T>, Wrong> {
+    let Some(value) = told else { return Ok(None) };
+    read(value).map(Some).ok_or_else(|| Wrong { key, value: value.clone(), right })
 }
 
 /// A zone by its name or its offset.

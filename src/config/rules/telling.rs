@@ -1,8 +1,10 @@
 //! Who is told: every receiver has a name of its own, and no rule of its is broken.
 
+use super::super::wording;
 use super::{Parts, Rules, Step};
-use crate::notify::Wrong;
-use std::collections::HashMap;
+use crate::alarm::Kind;
+use crate::notify::{Config, Wrong};
+use std::collections::{BTreeSet, HashMap};
 
 impl Rules<'_, '_, '_> {
     pub(super) fn notify(&mut self, parts: &Parts) {
@@ -17,6 +19,67 @@ impl Rules<'_, '_, '_> {
         let mut seen = HashMap::new();
         for (kind, all) in [("webhook", webhooks), ("alertmanager", alertmanagers), ("smtp", smtp)] {
             self.receivers(kind, all, &mut seen);
+        }
+        self.groups(notify, parts);
+    }
+
+    /// A receiver for a group that no loop has would never hear of anything.
+    fn groups(&mut self, notify: &Config, parts: &Parts) {
+        if self.of_fleet() {
+            return;
+        }
+        let groups = parts.loops.iter().flatten().map(|own| own.group.as_str());
+        let known: BTreeSet<&str> = groups.filter(|group| !group.is_empty()).collect();
+        let known: Vec<&str> = known.into_iter().collect();
+        let webhook = notify.webhook.iter().map(|own| &own.filter).enumerate();
+        let alertmanager = notify.alertmanager.iter().map(|own| &own.filter).enumerate();
+        let smtp = notify.smtp.iter().map(|own| &own.filter).enumerate();
+        let all = webhook.map(|one| ("webhook", one)).chain(alertmanager.map(|one| ("alertmanager", one)));
+        for (kind, (at, filter)) in all.chain(smtp.map(|one| ("smtp", one))) {
+            for (nth, group) in filter.groups.iter().enumerate() {
+                let here = path!["notify", kind, at, "filter", "groups", nth];
+                let hint = match known.is_empty() {
+                    true => format!(": write group = {group:?} in the loops that are meant"),
+                    false => wording::hint(group, &known),
+                };
+                self.unless(known.contains(&group.as_str()), &here, || {
+                    format!("groups: no [[loop]] has the group {group:?}{hint}")
+                });
+            }
+        }
+    }
+
+    /// What is suppressed by design is a kind of alarm, of a loop or of a collector that there is.
+    pub(super) fn suppressed(&mut self, parts: &Parts) {
+        let Some(alarm) = &parts.alarm else { return };
+        let loops = (0..parts.loops.len()).filter_map(|at| self.source.text(&path!["loop", at, "id"]));
+        let loops: Vec<&str> = loops.collect();
+        let mut devices: Vec<&str> = self.devices.keys().copied().collect();
+        devices.sort_unstable();
+        let kinds = Kind::ALL.map(Kind::as_str);
+        for (nth, text) in alarm.suppressed.iter().enumerate() {
+            let here = path!["alarm", "suppressed", nth];
+            let Some((whose, kind)) = text.rsplit_once('/') else {
+                let message = format!(
+                    "suppressed: {text:?} must be a loop or *, / and a kind of alarm, such as */f_rising"
+                );
+                self.wrong(&here, message);
+                continue;
+            };
+            let Some(kind) = Kind::named(kind) else {
+                let message =
+                    format!("suppressed: no alarm is called {kind:?}{}", wording::hint(kind, &kinds));
+                self.wrong(&here, message);
+                continue;
+            };
+            let (what, known) = match kind.of_device() {
+                true => ("collector", &devices),
+                false => ("[[loop]]", &loops),
+            };
+            let there = whose == "*" || known.contains(&whose) || self.of_fleet();
+            self.unless(there, &here, || {
+                format!("suppressed: no {what} is called {whose:?}{}", wording::hint(whose, known))
+            });
         }
     }
 
@@ -84,7 +147,7 @@ kinds = ['stiktion']
         let found: Vec<String> = parse("f", &text).unwrap_err().iter().map(ToString::to_string).collect();
         let from = text.lines().position(|line| line == "[notify]").unwrap() + 1;
         for (after, expected) in [
-            (1, "public_url: \"stictiond.plant\" is no address"),
+            (1, "public_url: \"stictiond.plant\" is not an address"),
             (4, "url: is not encrypted"),
             (6, "events: unknown value \"razed\", did you mean \"raised\"?"),
             (8, "name: \"b/c\" must be"),
@@ -95,7 +158,7 @@ kinds = ['stiktion']
             (17, "expires_s: 100 must be three times resend_s"),
             (19, "receiver \"am\" is already on line"),
             (21, "security: \"none\" is for a server on this machine only"),
-            (22, "from: \"nobody\" is no address of mail"),
+            (22, "from: \"nobody\" is not a mail address"),
             (23, "to: must name 1 to 100 addresses"),
             (25, "kinds: unknown value \"stiktion\", did you mean \"stiction\"?"),
         ] {

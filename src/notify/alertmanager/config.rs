@@ -63,7 +63,12 @@ impl Config {
                 wrong.push(("", field, message));
             }
         };
-        if let Err(why) = self.endpoint() {
+        let bare = self.url.trim_end_matches('/');
+        if let Some(end) =
+            ["/api/v2/alerts", "/api/v2", "/api/v1"].into_iter().find(|end| bare.ends_with(end))
+        {
+            unless(false, "url", format!("leave out its end {end}: /api/v2/alerts is added here"));
+        } else if let Err(why) = self.endpoint() {
             unless(false, "url", why);
         }
         if let Some((field, why)) = wrong_login(&self.user, &self.password_file, &self.password_env) {

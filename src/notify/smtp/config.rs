@@ -14,6 +14,9 @@ use std::path::PathBuf;
 /// Most people a mail goes to.
 const MOST_RECEIVERS: usize = 100;
 
+/// What is wrong with a text that nobody gets mail at.
+const NO_MAIL: &str = "is not a mail address such as operator@plant.example";
+
 /// Mails by one server to one list of people.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -106,9 +109,9 @@ impl Config {
             unless(false, field, why.into());
         }
         let is_address = |text: &String| text.parse::<Mailbox>().is_ok();
-        unless(is_address(&self.from), "from", format!("{:?} is no address of mail", self.from));
+        unless(is_address(&self.from), "from", format!("{:?} {NO_MAIL}", self.from));
         for to in self.to.iter().filter(|to| !is_address(to)) {
-            unless(false, "to", format!("{to:?} is no address of mail"));
+            unless(false, "to", format!("{to:?} {NO_MAIL}"));
         }
         let ok = (1..=MOST_RECEIVERS).contains(&self.to.len());
         unless(ok, "to", format!("must name 1 to {MOST_RECEIVERS} addresses"));

@@ -1,0 +1,131 @@
+//! What is said of keys: those that a section does not know, those that it lacks, and those that belong elsewhere.
+
+use super::diagnostic::Report;
+use super::source::{Source, Step, table_at};
+use super::{tag, wording};
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+use toml::Spanned;
+use toml::de::{DeValue, ValueDeserializer};
+
+/// So many missing keys of a table are named one by one, more in one line.
+const MOST_SINGLE: usize = 6;
+
+/// Words that people take for a key of another name.
+const MISTAKEN: [(&str, &str); 11] = [
+    ("name", "id"),
+    ("tag", "id"),
+    ("id", "name"),
+    ("host", "address"),
+    ("ip", "address"),
+    ("url", "address"),
+    ("address", "url"),
+    ("endpoint", "url"),
+    ("zone", "tz"),
+    ("timezone", "tz"),
+    ("time_zone", "tz"),
+];
+
+/// What was found of the keys of one section.
+#[derive(Default)]
+pub struct Keys {
+    /// Missing ones, by place and table.
+    lacking: BTreeMap<(usize, String), Vec<String>>,
+    /// Those that are there, in a table that does not have them or by another name.
+    elsewhere: Vec<String>,
+}
+
+impl Keys {
+    /// A key is missing.
+    pub fn lack(&mut self, place: usize, table: String, key: &str) {
+        self.lacking.entry((place, table)).or_default().push(key.into());
+    }
+
+    /// Whether a missing key was found elsewhere, which was told.
+    pub fn is_elsewhere(&self, key: &str) -> bool {
+        self.elsewhere.iter().any(|own| own == key)
+    }
+
+    /// What is wrong with a key that serde does not know. `T` is the section at `path`, whose text is `value`; the key is
+    /// in the table `below`.
+    pub fn unknown<T: DeserializeOwned>(
+        &mut self,
+        (message, key): (&str, &str),
+        (path, below): (&[Step], &[Step]),
+        value: &Spanned<DeValue>,
+    ) -> String {
+        let table = wording::section(&[path, below].concat());
+        let known = wording::choices(message);
+        let beside = table_at(value.get_ref(), below).map(|table| table.keys()).into_iter().flatten();
+        let beside: Vec<&str> = beside.map(|own| own.get_ref().as_ref()).filter(|own| *own != key).collect();
+        let belongs = !below.is_empty() && keys_of::<T>().iter().any(|own| own == key);
+        let there = table_at(value.get_ref(), &[]).is_some_and(|own| own.contains_key(key));
+        let mistaken = MISTAKEN.iter().find(|(word, meant)| {
+            let fits = known.contains(meant) && !beside.contains(meant);
+            // Only one of several has a name.
+            *word == key && fits && (*meant != "name" || table.starts_with("[[")) && (there || !belongs)
+        });
+        if let Some((_, meant)) = mistaken {
+            self.elsewhere.push((*meant).into());
+            return format!("unknown key {key:?} in {table}, did you mean {meant:?}?");
+        }
+        if belongs {
+            self.elsewhere.push(key.into());
+            let section = wording::section(path);
+            let first = first_table(path, value).unwrap_or_else(|| table.clone());
+            return format!(
+                "{key}: belongs to {section} and stands in {table}: put it above {first}, under {section}"
+            );
+        }
+        let hint = match known.contains(&"register") && known.contains(&"topic") {
+            true => tag::hint(key, &beside, &known, table.starts_with("[[")),
+            false => wording::hint(key, &known),
+        };
+        format!("unknown key {key:?} in {table}{hint}")
+    }
+
+    /// Tells what is missing.
+    pub fn tell(self, report: &mut Report) {
+        for ((place, table), keys) in self.lacking {
+            if keys.len() > MOST_SINGLE {
+                report.at(place, format!("{} keys are missing in {table}: {}", keys.len(), keys.join(", ")));
+                continue;
+            }
+            for key in keys {
+                report.at(place, format!("missing key {key:?} in {table}"));
+            }
+        }
+    }
+}
+
+/// The keys that a section knows, in serde's own words.
+fn keys_of<T: DeserializeOwned>() -> Vec<String> {
+    let Ok(strange) = DeValue::parse("{ '?' = 0 }") else { return Vec::new() };
+    match T::deserialize(ValueDeserializer::from(strange)) {
+        Ok(_) => Vec::new(),
+        Err(error) => wording::choices(error.message()).into_iter().map(str::to_string).collect(),
+    }
+}
+
+/// The first table below a section, as the file writes it: what is the section's own stands above.
+fn first_table(path: &[Step], value: &Spanned<DeValue>) -> Option<String> {
+    let tables = value.get_ref().as_table()?.iter().filter_map(|(key, value)| {
+        let items = value.get_ref().as_array().and_then(|items| items.first());
+        let several = items.is_some_and(|item| item.get_ref().is_table());
+        (several || value.get_ref().is_table()).then(|| (key.span().start, key.get_ref(), several))
+    });
+    let (_, key, several) = tables.min()?;
+    let item = several.then_some(Step::Item(0));
+    let below: Vec<Step> = [Step::Key(key.to_string())].into_iter().chain(item).collect();
+    Some(wording::section(&[path, &below].concat()))
+}
+
+/// Whether a key that a section lacks stands under a section that is not known, which was told: `[loops.op]`, `[op]`.
+pub fn is_in_unknown(source: &Source, sections: &[&str], section: &str, key: &str) -> bool {
+    let unknown = source.root().iter().filter(|(name, _)| !sections.contains(&name.get_ref().as_ref()));
+    unknown.into_iter().any(|(name, value)| {
+        let misspelt = wording::close(name.get_ref(), section);
+        let holds = value.get_ref().as_table().is_some_and(|table| table.contains_key(key));
+        misspelt && holds || name.get_ref() == key && value.get_ref().is_table()
+    })
+}
