@@ -6,6 +6,7 @@
 #[path = "../peers/daemon.rs"]
 mod daemon;
 #[path = "../peers/nats.rs"]
+#[expect(dead_code, reason = "each user takes a part")]
 mod nats;
 #[path = "../peers/webhook.rs"]
 mod webhook;
@@ -222,8 +223,9 @@ fn compare(edge: &Path, centre: &Path, site: &str, loops: usize) {
         assert_eq!(all[..some.len()], some[..], "{tag:?}: none is missing, none is twice");
     }
     let count = |of: &BTreeMap<_, Vec<_>>| of.values().map(Vec::len).sum::<usize>();
+    let bytes = there.values().map(Vec::len).sum::<usize>() / there.len();
     println!(
-        "{site}: {} of {} diagnoses, {} of {} changes of alarms, {} of {} samples at the centre, the rest of its last seconds",
+        "{site}: reports of {bytes} bytes; {} of {} diagnoses, {} of {} changes of alarms, {} of {} samples at the centre, the rest of its last seconds",
         there.len(),
         here.len(),
         once.len(),

@@ -65,6 +65,16 @@ impl Nats {
         format!("nats://127.0.0.1:{}", self.ports[0])
     }
 
+    /// Where it keeps what it has.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The process that runs.
+    pub fn pid(&self) -> String {
+        self.process.as_ref().map(|process| process.id().to_string()).unwrap_or_default()
+    }
+
     /// Starts it, again or for the first time.
     pub fn begin(&mut self) {
         let log =
