@@ -3,6 +3,7 @@
 
 mod asking;
 mod centre;
+mod certificates;
 mod edge;
 mod forward;
 mod inventory;
@@ -236,7 +237,8 @@ impl Fleet {
     async fn pulse(&self, link: &Link, stop: &CancellationToken) {
         let subject = Subject::new(&self.site, &self.name, What::Pulse).to_string();
         while stop.run_until_cancelled(tokio::time::sleep(PULSE)).await.is_some() {
-            let loops = self.scene.borrow().config.loops.len();
+            let scene = self.scene.borrow().clone();
+            let ends = certificates::first(&scene.config);
             let pulse = Pulse {
                 role: self.role.as_str().to_string(),
                 version: env!("CARGO_PKG_VERSION").to_string(),
@@ -244,7 +246,9 @@ impl Fleet {
                 since: self.since,
                 lag_s: self.lag_ms.load(Relaxed) as f64 * 1e-3,
                 diagnosed: self.diagnosed.load(Relaxed),
-                loops: loops as u64,
+                loops: scene.config.loops.len() as u64,
+                certificate: ends.as_ref().map(|ends| ends.of.clone()),
+                certificate_until: ends.map(|ends| ends.until),
             };
             let message = Outgoing::latest(subject.clone(), pulse.encode_to_vec());
             if let Err((_, error)) = link.send(&[message]).await {

@@ -407,6 +407,12 @@ pub struct Pulse {
     /// Loops that it has.
     #[prost(uint64, tag = "7")]
     pub loops: u64,
+    /// Which of its certificates ends first: the section and key that name it.
+    #[prost(string, optional, tag = "8")]
+    pub certificate: Option<String>,
+    /// When that ends (s).
+    #[prost(double, optional, tag = "9")]
+    pub certificate_until: Option<f64>,
 }
 
 /// How far an edge has forwarded what its store numbers.

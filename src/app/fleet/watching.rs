@@ -57,6 +57,7 @@ impl Fleet {
                             lag_s: pulse.lag_s,
                             diagnosed: pulse.diagnosed,
                             loops: pulse.loops,
+                            certificate: pulse.certificate.zip(pulse.certificate_until),
                         },
                     );
                 }

@@ -52,6 +52,10 @@ pub struct MachineItem {
     pub diagnosed: u64,
     /// Loops that it has.
     pub loops: u64,
+    /// Which of its certificates ends first: the section and key that name it; null where it has none.
+    pub certificate: Option<String>,
+    /// When that ends.
+    pub certificate_until: Option<String>,
 }
 
 impl Fleet {
@@ -76,6 +80,7 @@ impl Fleet {
 impl MachineItem {
     fn of(own: Machine, now: f64) -> Self {
         let age_s = (now - own.heard_at).max(0.0);
+        let (certificate, until) = own.certificate.unzip();
         Self {
             role: own.role,
             site: Some(own.site).filter(|site| !site.is_empty()),
@@ -89,6 +94,8 @@ impl MachineItem {
             lag_s: finite(own.lag_s),
             diagnosed: own.diagnosed,
             loops: own.loops,
+            certificate,
+            certificate_until: until.and_then(rfc3339),
         }
     }
 }

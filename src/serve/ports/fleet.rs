@@ -23,6 +23,8 @@ pub struct Machine {
     pub diagnosed: u64,
     /// Loops that it has.
     pub loops: u64,
+    /// The certificate of it that ends first, and when (s).
+    pub certificate: Option<(String, f64)>,
 }
 
 /// The fleet as this machine sees it.

@@ -8,6 +8,7 @@ import { counts, legend, placeOf, plantMap } from "./map.js";
 import { kindOf } from "./states.js";
 
 const SKEW_S = 1; // A clock that is off by more is told: alarms and trends are stamped by it.
+const ENDS_S = 30 * 86400; // A certificate that ends sooner is told.
 const BEHIND_S = 60; // What waits for longer is told.
 const EVERY_MS = 5000;
 const PAGE = 50; // Loops that are listed at a time.
@@ -23,7 +24,9 @@ function machine(own) {
   const state = own.silent ? doubt(true, `silent since ${when(own.heard)}`) : "here";
   const lag = doubt(own.lag_s > BEHIND_S, seconds(own.lag_s));
   const clock = doubt(Math.abs(own.clock_offset_s) > SKEW_S, own.clock_offset_s === null ? "–" : `${own.clock_offset_s > 0 ? "+" : ""}${own.clock_offset_s.toFixed(2)} s`);
-  return h("tr", { "data-machine": own.name }, ...cells(own.site ?? "–", own.name, own.role, own.version, state, own.role === "worker" ? "–" : own.loops, lag, clock, own.diagnosed, when(own.since)));
+  const soon = own.certificate_until && Date.parse(own.certificate_until) - Date.now() < ENDS_S * 1000;
+  const certificate = own.certificate_until ? h("span", { title: own.certificate }, doubt(soon, when(own.certificate_until))) : "–";
+  return h("tr", { "data-machine": own.name }, ...cells(own.site ?? "–", own.name, own.role, own.version, state, own.role === "worker" ? "–" : own.loops, lag, clock, own.diagnosed, when(own.since), certificate));
 }
 
 export function fleetView(main, _parts, query) {
@@ -42,7 +45,7 @@ export function fleetView(main, _parts, query) {
     scroll("Loops that were found", table(["Loop", "Description", "Unit", "State", "Friction", "Diagnosed"], found)), more);
   main.append(h("div", { class: "head" }, h("h1", null, "Fleet")), summary,
     h("section", { class: "card wide", "aria-label": "Map" }, h("h2", null, "Sites and units"), map.element, legend(), scroll("Units", table(["Site", "Unit", "Loops", "Alarms", "Acknowledged", "Sticks, no alarm yet", "Cannot be told", "Sound"], units)), further),
-    list, h("section", { class: "card wide", "aria-label": "Machines" }, h("h2", null, "Machines"), scroll("Machines", table(["Site", "Machine", "Role", "Version", "State", "Loops", "Behind", "Clock", "Diagnoses", "Runs since"], machines))));
+    list, h("section", { class: "card wide", "aria-label": "Machines" }, h("h2", null, "Machines"), scroll("Machines", table(["Site", "Machine", "Role", "Version", "State", "Loops", "Behind", "Clock", "Diagnoses", "Runs since", "Certificate until"], machines))));
   search.value = wanted.q;
 
   function set(name, value) {
