@@ -247,12 +247,6 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         &["frozen_pv_s: 0.5 is shorter than poll_ms = 1000", "write 3 or more"],
     ),
     (
-        "unit = \"%\"",
-        "range = [0.0, 1.0]",
-        18,
-        &["range: [0, 1] leaves out most of op_limits = [0, 100]", "own unit"],
-    ),
-    (
         "[[loop]]",
         "[alarm]\nsuppressed = [\"*/f_rising\", \"B/f_rising\"]\n[[loop]]",
         9,
@@ -397,10 +391,10 @@ const REMARKED: &[(&str, &str, &str)] = &[
     (
         "sampling_ms = 100\npublishing_ms = 5000\n",
         "",
-        "s: of A.op the server takes 50 samples between two sendings (sampling_ms = 100, publishing_ms = 5000) and keeps 10, \
+        "s: of A.op the server takes 50 samples between two publishes (sampling_ms = 100, publishing_ms = 5000) and keeps 10, \
          the others are lost: write queue_size = 50 or more",
     ),
-    ("", "sampling_ms = 50\n", "s: of A.op the server takes 20 samples between two sendings"),
+    ("", "sampling_ms = 50\n", "s: of A.op the server takes 20 samples between two publishes"),
     (
         "",
         "deadband = 0.5\n",
@@ -408,6 +402,7 @@ const REMARKED: &[(&str, &str, &str)] = &[
     ),
     ("deadband_percent = 1.0\n", "", "A.op: a dead band hides small movements of OP"),
     ("", "range = [10.0, 110.0]\n", "A.op: op_limits = [0, 100] reach beyond range = [10, 110]"),
+    ("", "range = [0.0, 1.0]\n", "A.op: op_limits = [0, 100] reach beyond range = [0, 1]"),
     ("", "range = [-1e4, 1e4]\n", "A.op: range = [-10000, 10000] is far wider than op_span = 100"),
     ("password_file = \"none/pw\"\nuser = \"u\"\n", "", "s: password_file = \"none/pw\" is not there"),
     (

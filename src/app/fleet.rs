@@ -40,6 +40,8 @@ use waiting::Waiting;
 const UNTOLD: usize = 4096;
 /// Orders of people that wait for the streams.
 const ORDERS: usize = 1024;
+/// How often certificates are looked at.
+const CERTIFICATES: Duration = Duration::from_secs(60);
 /// How often a machine says that it is there.
 const PULSE: Duration = Duration::from_secs(5);
 /// Pause after the server could not be reached.
@@ -236,9 +238,13 @@ impl Fleet {
     /// Says every few seconds that this machine is there.
     async fn pulse(&self, link: &Link, stop: &CancellationToken) {
         let subject = Subject::new(&self.site, &self.name, What::Pulse).to_string();
+        let (mut looked, mut ends) = (None::<Duration>, None);
         while stop.run_until_cancelled(tokio::time::sleep(PULSE)).await.is_some() {
             let scene = self.scene.borrow().clone();
-            let ends = certificates::first(&scene.config);
+            let now = self.clock.elapsed();
+            if looked.is_none_or(|then| now.saturating_sub(then) >= CERTIFICATES) {
+                (looked, ends) = (Some(now), certificates::first(&scene.config));
+            }
             let pulse = Pulse {
                 role: self.role.as_str().to_string(),
                 version: env!("CARGO_PKG_VERSION").to_string(),
@@ -248,7 +254,7 @@ impl Fleet {
                 diagnosed: self.diagnosed.load(Relaxed),
                 loops: scene.config.loops.len() as u64,
                 certificate: ends.as_ref().map(|ends| ends.of.clone()),
-                certificate_until: ends.map(|ends| ends.until),
+                certificate_until: ends.as_ref().map(|ends| ends.until),
             };
             let message = Outgoing::latest(subject.clone(), pulse.encode_to_vec());
             if let Err((_, error)) = link.send(&[message]).await {

@@ -8,6 +8,8 @@ use std::collections::{BTreeMap, HashMap};
 
 /// A range of believable values that is so many times wider than the span belongs to another unit.
 const WIDER: f64 = 10.0;
+/// So does one that is so many times narrower.
+const NARROWER: f64 = 4.0;
 
 impl Config {
     /// What is right by itself and often meant otherwise, each with its loop and tag.
@@ -103,7 +105,7 @@ impl Config {
             let made = publishing_ms.div_ceil(every_ms.max(1));
             let others = if tags > 1 { format!(" and {} others", tags - 1) } else { String::new() };
             format!(
-                "{device}: of {first}{others} the server takes {made} samples between two sendings (sampling_ms = {every_ms}, \
+                "{device}: of {first}{others} the server takes {made} samples between two publishes (sampling_ms = {every_ms}, \
                  publishing_ms = {publishing_ms}) and keeps {queue}, the others are lost: write queue_size = {made} or more"
             )
         }));
@@ -137,8 +139,13 @@ fn beyond_range(control_loop: &LoopConfig) -> Option<String> {
              widen range, or correct op_limits"
         ));
     }
-    let span = control_loop.op_span.filter(|span| most - least > WIDER * span)?;
+    let (span, wide) = (control_loop.op_span?, most - least);
+    let than = match wide {
+        wide if wide > WIDER * span => "wider",
+        wide if NARROWER * wide < span => "narrower",
+        _ => return None,
+    };
     Some(format!(
-        "{id}.op: range = [{least}, {most}] is far wider than op_span = {span}: both are in OP's own unit, after scaling"
+        "{id}.op: range = [{least}, {most}] is far {than} than op_span = {span}: both are in OP's own unit, after scaling"
     ))
 }

@@ -13,9 +13,6 @@ use std::collections::{HashMap, HashSet};
 /// Longest name of a loop, device or tag (characters).
 const MAX_NAME: usize = 100;
 
-/// A range of OP that is so many times narrower than its span belongs to another unit.
-const NARROWER: f64 = 4.0;
-
 /// A path into the file.
 macro_rules! path {
     ($($step:expr),+) => { [$(Step::from($step)),+] };
@@ -262,27 +259,6 @@ impl Rules<'_, '_, '_> {
         if let Some(why) = scale.contradiction(&[]) {
             self.wrong(&path!["loop", at, "op_span"], why);
         }
-        self.op_range(at, control_loop);
-    }
-
-    /// A range that leaves out most of OP's span is in another unit.
-    fn op_range(&mut self, at: usize, control_loop: &LoopConfig) {
-        // What is no range at all is told with the tag.
-        let Some([least, most]) = control_loop.op.range().filter(|[least, most]| least < most) else {
-            return;
-        };
-        let limits = control_loop.op_limits;
-        let said = limits.map(|[low, high]| (format!("op_limits = [{low}, {high}]"), high - low));
-        let Some((said, wide)) =
-            said.or(control_loop.op_span.map(|span| (format!("op_span = {span}"), span)))
-        else {
-            return;
-        };
-        self.unless(NARROWER * (most - least) >= wide, &path!["loop", at, "op", "range"], || {
-            format!(
-                "range: [{least}, {most}] leaves out most of {said}: both are in OP's own unit, after scaling"
-            )
-        });
     }
 
     fn tags(&mut self, at: usize, control_loop: &LoopConfig, parts: &Parts) {

@@ -236,3 +236,28 @@ fn elapsed_times_go_on_beyond_a_day() {
         assert!((since(&table).last().expect("samples") - last).abs() < 1.0, "{}", rows[1]);
     }
 }
+
+#[test]
+fn an_empty_cell_has_no_place_between_blanks() {
+    let plain = Options::default();
+    let even: Vec<String> = (0..60).map(|k| format!("{k}  {}.5  51.2  50.0", 40 + k % 7)).collect();
+    assert!(read("t  op  pv  sp", &even, &plain).is_ok());
+    let mut gap = even.clone();
+    gap[30] = "30          51.2  50.0".into();
+    for (header, rows) in [("t  op  pv  sp", &gap), ("t OP % PV % SP %", &even)] {
+        let refused = read(header, rows, &plain).expect_err("refused");
+        assert!(refused.contains("cells where the header has"), "{refused}");
+    }
+}
+
+#[test]
+fn an_hour_that_starts_again_is_told() {
+    let run = |k: usize| format!("{}:{:02}:{:02},{}.5,51.2", k / 60, k % 60, 0, 40 + k % 7);
+    let rows: Vec<String> = (0..2000).chain(0..2000).map(run).collect();
+    let table = read("Time,OP,PV", &rows, &Options::default()).expect("read");
+    assert!(
+        table.found.read_as.contains("time since the start, times go back once"),
+        "{}",
+        table.found.read_as
+    );
+}

@@ -133,7 +133,7 @@ fn copied(text: &str, copies: usize) -> String {
             let line = own.lines().find(|line| line.starts_with("id")).expect("a name");
             let end = line.rfind('"').expect("quoted");
             let named = if copy == 1 { line.to_string() } else { format!("{}-{copy}\"", &line[..end]) };
-            let _ = write!(out, "[[loop]]{}\n", own.replacen(line, &named, 1).trim_end());
+            let _ = writeln!(out, "[[loop]]{}", own.replacen(line, &named, 1).trim_end());
         }
     }
     out

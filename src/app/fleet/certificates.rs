@@ -1,7 +1,10 @@
 //! Until when the certificates of a machine hold, so that a page shows it before a line goes dead.
 
+use crate::collect::opcua::SecurityPolicy;
 use crate::config::Config;
 use std::path::{Path, PathBuf};
+use tokio_rustls::rustls::pki_types::CertificateDer;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
 use x509_cert::Certificate;
 use x509_cert::der::Decode;
 
@@ -35,7 +38,11 @@ fn named(config: &Config) -> Vec<(String, PathBuf)> {
     for broker in &config.mqtt {
         put(format!("[[mqtt]] {} certificate_file", broker.name), broker.certificate_file.as_ref());
     }
-    for device in &config.opcua {
+    put(
+        "[notify.mqtt] certificate_file".into(),
+        config.notify.mqtt.as_ref().and_then(|own| own.certificate_file.as_ref()),
+    );
+    for device in config.opcua.iter().filter(|device| device.security_policy != SecurityPolicy::None) {
         put(format!("[[opcua]] {} user_certificate", device.name), device.user_certificate.as_ref());
         let own = device.pki_dir.as_ref().map(|folder| folder.join("own").join("cert.der"));
         put(format!("[[opcua]] {} pki_dir", device.name), own.as_ref());
@@ -47,10 +54,9 @@ fn named(config: &Config) -> Vec<(String, PathBuf)> {
 fn until(path: &Path) -> Option<f64> {
     let small = std::fs::metadata(path).ok()?.len() <= MOST;
     let bytes = small.then(|| std::fs::read(path).ok()).flatten()?;
-    let read = match Certificate::load_pem_chain(&bytes) {
-        Ok(chain) => chain.into_iter().next()?,
-        Err(_) => Certificate::from_der(&bytes).ok()?,
-    };
+    // A file may hold the key, too: what is no certificate is passed over.
+    let of_pem = CertificateDer::pem_slice_iter(&bytes).find_map(Result::ok);
+    let read = Certificate::from_der(of_pem.as_deref().unwrap_or(&bytes)).ok()?;
     Some(read.tbs_certificate.validity.not_after.to_unix_duration().as_secs_f64())
 }
 
@@ -65,10 +71,13 @@ mod tests {
         let write = |name: &str, year: i32| {
             let mut params = rcgen::CertificateParams::new(vec!["localhost".into()]).expect("a name");
             params.not_after = rcgen::date_time_ymd(year, 1, 1);
-            let own = params.self_signed(&rcgen::KeyPair::generate().expect("a key")).expect("signs");
-            std::fs::write(folder.join(format!("{name}.pem")), own.pem()).expect("writable");
+            let key = rcgen::KeyPair::generate().expect("a key");
+            let own = params.self_signed(&key).expect("signs");
+            std::fs::write(folder.join(format!("{name}.pem")), own.pem() + &key.serialize_pem())
+                .expect("writable");
             std::fs::write(folder.join(format!("{name}.der")), own.der()).expect("writable");
         };
+        std::fs::write(folder.join("empty.pem"), "").expect("writable");
         write("web", 2031);
         write("line", 2030);
         // 2030-01-01 and 2031-01-01.
@@ -76,7 +85,7 @@ mod tests {
         for (name, end) in [("web.pem", web), ("web.der", web), ("line.pem", line), ("line.der", line)] {
             assert_eq!(until(&folder.join(name)), Some(end), "{name}");
         }
-        assert_eq!(until(&folder.join("none.pem")), None);
+        assert_eq!((until(&folder.join("none.pem")), until(&folder.join("empty.pem"))), (None, None));
         std::fs::write(folder.join("rubbish.pem"), "-----BEGIN CERTIFICATE-----\nAA==\n").expect("writable");
         assert_eq!(until(&folder.join("rubbish.pem")), None);
 

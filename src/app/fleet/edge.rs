@@ -5,7 +5,7 @@ use super::forward::{Forward, Told};
 use super::inventory::hello;
 use super::orders::read_action;
 use super::{Fleet, PAUSE, Scene};
-use crate::alarm::AlarmId;
+use crate::alarm::{AlarmId, Cause};
 use crate::app::App;
 use crate::app::persistence::rows::remembered_change;
 use crate::fleet::link::{Link, LinkError, Outgoing};
@@ -220,14 +220,13 @@ impl Fleet {
             tracing::info!(alarm = %id, "an acknowledgement is of an earlier alarm");
             return;
         }
-        // What a person did here since was not known to whoever gave the order, and they are nearer to the valve.
+        // Whoever gave the order did not know what a person did here since, and who is here is nearer to the valve. A stamp that
+        // lies ahead is of before the clock was set back.
         let log = self.results.alarm_log();
-        let acted = log
-            .iter()
-            .filter(|change| change.id == id && change.by.is_some())
-            .map(|change| change.transition.at);
+        let by_hand = log.iter().filter(|change| change.id == id && is_by_hand(change.transition.cause));
+        let mut acted = by_hand.map(|change| change.transition.at).filter(|at| *at <= now);
         if let Some(since) = order.since
-            && let Some(at) = acted.filter(|at| *at > since).find(|at| !obeyed.contains(&id, *at))
+            && let Some(at) = acted.find(|at| *at > since && !obeyed.contains(&id, *at))
         {
             tracing::info!(alarm = %id, action = order.action, by = order.by, at, "an order is refused: somebody acted here since");
             return;
@@ -240,6 +239,12 @@ impl Fleet {
             }
         }
     }
+}
+
+/// Whether a person makes an alarm change so.
+fn is_by_hand(cause: Cause) -> bool {
+    use Cause::{Acknowledged, Reset, Returned, Shelved, TakenOut, Unshelved};
+    matches!(cause, Acknowledged | Reset | Shelved | Unshelved | TakenOut | Returned)
 }
 
 /// Orders of the centre that were done here lately: which alarm, and when (s).

@@ -28,6 +28,9 @@ impl Found {
             parts.push(plan.decimal.name().into());
         }
         parts.push(plan.reading.said.clone());
+        if let Some(at) = plan.layout.millis {
+            parts.push(format!("milliseconds from {:?}", shown(&plan.layout.names[at].full)));
+        }
         let mut op_unit = None;
         for (at, channel) in plan.channels.iter().enumerate() {
             let Some(role) = channel.role else { continue };

@@ -46,7 +46,8 @@ pub fn refuse(head: &[u8]) -> Result<(), TableError> {
             "open it in a spreadsheet and save it as CSV or .xlsx",
         );
     }
-    if text.starts_with('<') {
+    let tags = ["</", "/>", "<!"].iter().any(|tag| text.contains(tag));
+    if text.starts_with("<?xml") || text.starts_with('<') && tags {
         let office = text.contains("office:spreadsheet");
         let what = if office { "line 1: an XML spreadsheet of Excel 2003" } else { "line 1: XML" };
         return refused(what, "save its table as CSV or .xlsx");
@@ -107,7 +108,15 @@ mod tests {
         ] {
             assert!(said(head).contains(what), "{head}: {}", said(head));
         }
-        for head in ["t,op,pv\n0,1,2\n", "[s],op,pv\n", "{t};op;pv\n", "Date Time OP\n", "a=1 b=2 3\n", ""] {
+        for head in [
+            "t,op,pv\n0,1,2\n",
+            "[s],op,pv\n",
+            "<DATE>;<TIME>;<OP>;<PV>\n1;2;3;4\n",
+            "{t};op;pv\n",
+            "Date Time OP\n",
+            "a=1 b=2 3\n",
+            "",
+        ] {
             assert_eq!(said(head), "", "{head}");
         }
     }

@@ -5,6 +5,7 @@ use super::names::{Meaning, Name, as_unit};
 use super::options::Options;
 use super::roles::{Roles, Trouble, roles, told};
 use super::source::{Cell, Rows};
+use super::stamp;
 use super::time::{What, WhatKind};
 
 /// Most columns of a table.
@@ -114,14 +115,13 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
     let comment = |row: &[Seen]| row.first().is_some_and(|cell| cell.text.trim_start().starts_with('#'));
     let mut best: Option<(usize, usize)> = None;
     let mut refused = None;
-    // The second time a comment may be the header: `# t, op, pv`.
-    for comments in [false, true] {
+    // The second time a comment may be the header: `# t, op, pv`. The third time the table has none, and its columns are told by
+    // number: then the first sample stands in its place.
+    for (comments, bare) in [(false, false), (true, false), (false, true)] {
         for (at, (line, row)) in rows.iter().enumerate().take(PREAMBLE) {
-            if comment(row) != comments {
+            if comment(row) != comments || is_sample(row, options) != bare {
                 continue;
             }
-            // A table without a header, whose columns are told by number: its first row is a sample.
-            let bare = is_sample(row, options);
             let names: Vec<Name> = match bare {
                 true => (1..=row.len()).map(|number| Name::new(&format!("column {number}"))).collect(),
                 false => row.iter().map(|cell| Name::new(&cell.text)).collect(),
@@ -130,7 +130,7 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
             if best.is_none_or(|(most, _)| known > most) {
                 best = Some((known, at));
             }
-            match header(names, &rows[at + 1..], options) {
+            match header(names, &rows[at + usize::from(!bare)..], options) {
                 Ok(mut layout) => {
                     layout.line = *line;
                     layout.skip += at + usize::from(!bare);
@@ -287,18 +287,25 @@ fn times(names: &[Name], below: &[SeenRow], options: &Options) -> Result<(usize,
     }
 }
 
-/// Names of a column of milliseconds beside one of whole seconds.
+/// Names of a column of milliseconds beside one of whole seconds. The first is a logger's and means nothing else.
 const MILLIS: [&str; 6] = ["millitm", "millis", "millisecond", "milliseconds", "msec", "ms"];
 
-/// The column of milliseconds: whole numbers below a thousand beside dates.
+/// The column of milliseconds: whole numbers below a thousand beside whole seconds, of which one comes more than once where
+/// the name may mean something else.
 fn millis(names: &[Name], time: usize, below: &[SeenRow]) -> Option<usize> {
-    let at = names.iter().position(|name| MILLIS.contains(&name.plain()))?;
-    let dated = |row: &&SeenRow| row.1.get(time).is_some_and(|cell| cell.kind == WhatKind::Dated);
-    let small = |row: &SeenRow| {
-        row.1.get(at).and_then(|cell| cell.text.trim().parse::<u32>().ok()).is_some_and(|ms| ms < 1000)
-    };
-    let mut rows = below.iter().filter(dated).peekable();
-    (rows.peek().is_some() && rows.all(small)).then_some(at)
+    let (at, name) = names.iter().enumerate().find(|(_, name)| MILLIS.contains(&name.plain()))?;
+    let dated: Vec<&SeenRow> =
+        below.iter().filter(|row| row.1.get(time).is_some_and(|cell| cell.kind == WhatKind::Dated)).collect();
+    let whole = |row: &&SeenRow| stamp::scan(&row.1[time].text).is_some_and(|own| own.is_whole_second());
+    let small = |row: &&SeenRow| row.1.get(at).is_some_and(|cell| whole_millis(&cell.text).is_some());
+    let repeats = dated.windows(2).any(|pair| pair[0].1[time].text == pair[1].1[time].text);
+    let meant = name.plain() == MILLIS[0] || repeats;
+    (meant && !dated.is_empty() && dated.iter().all(|row| whole(row) && small(row))).then_some(at)
+}
+
+/// A cell of milliseconds of a second.
+pub fn whole_millis(cell: &str) -> Option<u32> {
+    cell.trim().parse().ok().filter(|ms| *ms < 1000)
 }
 
 const TAGS: [&str; 24] = [

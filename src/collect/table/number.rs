@@ -187,7 +187,7 @@ fn form(text: &str) -> Option<Form> {
         }
     }
     let leads = (1..=3).contains(&first) && !text.starts_with('0');
-    let grouped = threes || twos && first <= 2;
+    let grouped = threes || twos && first <= 2 && signs[0] == b',';
     match kinds {
         0 => Some(Form::Plain),
         1 if count == 1 => {

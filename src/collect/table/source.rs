@@ -40,6 +40,15 @@ impl<'s> Source<'s> {
         Ok(Box::new(bound))
     }
 
+    fn is_packed(&self) -> Result<bool, TableError> {
+        let mut begin = Vec::new();
+        match self {
+            Source::File(path) => File::open(path)?.take(2).read_to_end(&mut begin)?,
+            Source::Bytes(bytes) => bytes.take(2).read_to_end(&mut begin)?,
+        };
+        Ok(begin == kinds::GZIP)
+    }
+
     /// The beginning of the file.
     pub(super) fn head(&self) -> Result<Vec<u8>, TableError> {
         let mut head = Vec::new();
@@ -129,7 +138,10 @@ impl Kind {
     /// Which kind it is.
     pub fn of(source: Source<'_>, head: &[u8], sheet: Option<&str>) -> Result<Self, TableError> {
         if head.starts_with(kinds::PARQUET) {
-            Ok(Kind::Parquet)
+            match source.is_packed()? {
+                true => Err(TableError::refused("Parquet within gzip: unpack it first")),
+                false => Ok(Kind::Parquet),
+            }
         } else if head.starts_with(kinds::ZIP) || head.starts_with(kinds::OLE) {
             Ok(Kind::Sheet(workbook::read(source, sheet)?))
         } else {

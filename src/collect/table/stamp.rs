@@ -88,6 +88,11 @@ impl Stamp {
         self.clock.filter(|_| self.date.is_none())
     }
 
+    /// Whether its time of day is a whole second.
+    pub fn is_whole_second(&self) -> bool {
+        self.clock.is_none_or(|clock| clock % SECOND == 0)
+    }
+
     /// Whether there is a date.
     pub fn has_date(&self) -> bool {
         self.date.is_some()
@@ -151,6 +156,10 @@ fn pieces(text: &str) -> Option<Vec<Piece<'_>>> {
 /// The cell as a date, a time of day, or both.
 pub fn scan(cell: &str) -> Option<Stamp> {
     let cell = super::number::bare(cell);
+    // `+02:00[Europe/Berlin]`: the offset says it already.
+    if let Some((before, _)) = cell.strip_suffix(']').and_then(|cell| cell.rsplit_once('[')) {
+        return scan(before).filter(|stamp| stamp.offset.is_some());
+    }
     // Shorter is no stamp, longer is prose.
     if !(3..=48).contains(&cell.len()) || !cell.bytes().any(|byte| byte.is_ascii_digit()) {
         return None;
@@ -164,9 +173,7 @@ pub fn scan(cell: &str) -> Option<Stamp> {
         }
         _ => cell,
     };
-    // `+02:00[Europe/Berlin]`: the offset says it already.
-    let named = cell.strip_suffix(']').and_then(|cell| cell.rsplit_once('[')).map(|(before, _)| before);
-    let pieces = pieces(named.filter(|before| before.contains(['+', '-', 'Z'])).unwrap_or(cell))?;
+    let pieces = pieces(cell)?;
     let mut left = Left(&pieces);
     if let Some(elapsed) = left.elapsed() {
         return left.0.is_empty().then_some(Stamp { date: None, clock: Some(elapsed), offset: None });
@@ -216,8 +223,18 @@ impl Left<'_, '_> {
     }
 
     fn skip_weekday(&mut self) {
-        if let [Piece::Word(word), rest @ ..] = self.0
-            && is_weekday(word)
+        use Piece::{Number, Sign, Word};
+        // `mar 02/06/2026` is a Tuesday, `mar 02 2026` a day of March.
+        let before_date = |rest: &[Piece<'_>]| {
+            let rest =
+                &rest[rest.iter().take_while(|piece| matches!(piece, Sign(',' | '.' | ' '))).count()..];
+            matches!(
+                rest,
+                [Number(..), Sign('/' | '-' | '.'), Number(..), Sign('/' | '-' | '.'), Number(..), ..]
+            )
+        };
+        if let [Word(word), rest @ ..] = self.0
+            && (is_weekday(word) || word.eq_ignore_ascii_case("mar") && before_date(rest))
         {
             self.0 = rest;
             while let [Piece::Sign(',' | '.' | ' '), rest @ ..] = self.0 {

@@ -52,7 +52,7 @@ pub fn survey(source: Source<'_>, options: &Options, whole: bool) -> Result<Plan
     let mut counting = Counting::new(&layout, options);
     let row_name = {
         let mut rows = kind.rows(source, separator)?;
-        counting.all(rows.as_mut(), &layout, &told)?;
+        counting.all(rows.as_mut(), &layout, &told, Blanks::of(separator).is_some())?;
         rows.row_name()
     };
     counting.plan(kind, separator, layout, options, &told, row_name, whole)
@@ -176,8 +176,14 @@ impl Counting {
         self.quality_columns.clone_from(&wide.qualities);
     }
 
-    /// Counts every row below the header.
-    fn all(&mut self, rows: &mut dyn Rows, layout: &Layout, told: &Told) -> Result<(), TableError> {
+    /// Counts every row below the header; `blanks` divide the cells of the table, or a sign does.
+    fn all(
+        &mut self,
+        rows: &mut dyn Rows,
+        layout: &Layout,
+        told: &Told,
+        blanks: bool,
+    ) -> Result<(), TableError> {
         for _ in 0..layout.skip {
             rows.next()?;
         }
@@ -189,6 +195,9 @@ impl Counting {
             let first = rows.cell(layout.time);
             let second = layout.clock.map(|at| rows.cell(at));
             self.times.add(line, &first, second.as_ref(), time_name, told);
+            if blanks {
+                not_even(rows, layout, line, &first)?;
+            }
             match &layout.body {
                 Body::Wide(wide) => {
                     // A sheet may have remarks beside the table; in a text they are decimal commas.
@@ -430,6 +439,18 @@ fn too_many(rows: &dyn Rows, layout: &Layout, line: u64, first: &Cell<'_>) -> Re
     }
     Err(TableError::refused(format!(
         "line {line}: {got} cells where the header has {want}; decimal commas need quotes, or semicolons between cells"
+    )))
+}
+
+/// Another number of cells than the header has, where blanks divide them: an empty cell has no place there.
+fn not_even(rows: &dyn Rows, layout: &Layout, line: u64, first: &Cell<'_>) -> Result<(), TableError> {
+    let (got, want) = (rows.len(), layout.names.len());
+    if got == want || time::What::of(first, None).kind() == time::WhatKind::Nothing {
+        return Ok(());
+    }
+    Err(TableError::refused(format!(
+        "line {line}: {got} cells where the header has {want}; blanks divide them, so that none may be empty, and names have \
+         none within; save the table with a sign between cells"
     )))
 }
 

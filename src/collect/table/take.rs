@@ -3,7 +3,7 @@
 use super::channel::{Channel, Tag};
 use super::error::TableError;
 use super::found::Found;
-use super::layout::Body;
+use super::layout::{Body, whole_millis};
 use super::names::Name;
 use super::number;
 use super::options::Options;
@@ -55,10 +55,12 @@ pub fn stream<E: From<TableError>>(
     options: &Options,
     take: &mut dyn FnMut(&Tag, Sample) -> Result<(), E>,
 ) -> Result<Found, E> {
+    let taken: Vec<&str> =
+        plan.channels.iter().filter_map(|channel| channel.role.map(Role::as_str)).collect();
     let tags = plan.channels.iter().map(|channel| {
         let mut tag = channel.tag.clone();
         if tag.owner.is_empty() {
-            (tag.owner, tag.name) = owned(channel, options)?;
+            (tag.owner, tag.name) = owned(channel, options, &taken)?;
         }
         Ok(tag)
     });
@@ -77,11 +79,13 @@ pub fn stream<E: From<TableError>>(
 }
 
 /// The loop of a tag that names none beside it, and what the tag is to it: `FIC101.PV` is `pv` of `FIC101`. What the tag is
-/// was decided with the other columns in sight: `MV` may be the controller's output.
-fn owned(channel: &Channel, options: &Options) -> Result<(String, String), TableError> {
+/// was decided with the other columns in sight: `MV` may be the controller's output. What another column is already (`taken`) it
+/// is not.
+fn owned(channel: &Channel, options: &Options, taken: &[&str]) -> Result<(String, String), TableError> {
     let full = &channel.tag.name;
-    let said =
-        channel.role.map(Role::as_str).or_else(|| Name::new(full).said().map(|said| said.meaning.as_str()));
+    let by_name = || Name::new(full).said().map(|said| said.meaning.as_str());
+    let free = |said: &&str| options.of_loop.is_none() || !taken.contains(said);
+    let said = channel.role.map(Role::as_str).or_else(|| by_name().filter(free));
     if let Some(own) = &options.of_loop {
         return Ok((own.clone(), said.unwrap_or(full).to_string()));
     }
@@ -123,14 +127,15 @@ fn all(source: Source<'_>, mut plan: Plan, take: Take<'_>) -> Result<(Plan, Foun
             }
             let first = rows.cell(plan.layout.time);
             let second = plan.layout.clock.map(|at| rows.cell(at));
-            let Some(t) = plan.reading.next(&first, second.as_ref()) else {
+            let part = plan.layout.millis.map_or(Some(0.0), |at| millis(&rows.cell(at)));
+            let Some(t) = plan.reading.next(&first, second.as_ref()).zip(part).map(|(t, part)| t + part)
+            else {
                 counted.left_out.1 += 1;
                 if counted.left_out.0.len() < LINES {
                     counted.left_out.0.push(line);
                 }
                 continue;
             };
-            let t = t + plan.layout.millis.map_or(0.0, |at| millis(&rows.cell(at)));
             row(rows.as_ref(), &plan, t, &mut counted, take)?;
         }
     }
@@ -139,13 +144,8 @@ fn all(source: Source<'_>, mut plan: Plan, take: Take<'_>) -> Result<(Plan, Foun
 }
 
 /// A cell of milliseconds (s).
-fn millis(cell: &Cell<'_>) -> f64 {
-    let ms = match cell {
-        Cell::Number(ms) => *ms,
-        Cell::Text(text) => number::bare(text).parse().unwrap_or(0.0),
-        _ => 0.0,
-    };
-    if (0.0..1000.0).contains(&ms) { ms / 1e3 } else { 0.0 }
+fn millis(cell: &Cell<'_>) -> Option<f64> {
+    whole_millis(&cell.shown()).map(|ms| f64::from(ms) / 1e3)
 }
 
 /// The samples of one row.

@@ -21,8 +21,9 @@ impl Rules<'_, '_, '_> {
         let Some(ts) = diagnosis.ts_s else { return };
         let needed = ts * least as f64;
         let held = |own: &LoopConfig| Some((own.id.clone(), self.period_s(own, parts)? * kept as f64));
-        let short = parts.loops.iter().flatten().filter_map(held).find(|(_, held)| *held < needed);
-        if let Some((id, held)) = short.filter(|_| kept >= least) {
+        // One loop that is polled faster than the others is told of by its own diagnoses.
+        let longest = parts.loops.iter().flatten().filter_map(held).max_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((id, held)) = longest.filter(|(_, held)| kept >= least && *held < needed) {
             let more = (needed / held * kept as f64).ceil();
             let message = format!(
                 "ts_s: min_samples = {least} of {ts} s take {needed} s, and samples_per_tag = {kept} hold {held} s of {id}: \

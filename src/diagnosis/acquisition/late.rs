@@ -26,7 +26,7 @@ const LATEST: usize = 3;
 /// Fewest rows that say anything.
 const LEAST_ROWS: usize = 100;
 /// Part of the moves of OP that the controller may leave unexplained, and of what a row less and a process leave.
-const HALF: f64 = 0.5;
+const QUARTER: f64 = 0.25;
 /// Share left unexplained below which a row less, or a process, tells OP well enough: PV is not late.
 const EXPLAINED: f64 = 0.01;
 
@@ -39,7 +39,7 @@ pub fn rows_late(op: Rows, pv: Rows, sp: Option<Rows>) -> usize {
     let known = |late: usize| {
         let (before, own) = (left[late - 1].as_ref()?, left[late].as_ref()?);
         let others = before.by_controller.min(own.by_process).min(1.0);
-        (others > EXPLAINED && own.by_controller < HALF * others).then_some((late, own.by_controller))
+        (others > EXPLAINED && own.by_controller < QUARTER * others).then_some((late, own.by_controller))
     };
     let best = (1..=LATEST).filter_map(known).min_by(|a, b| a.1.total_cmp(&b.1));
     best.map_or(0, |(late, _)| late)
@@ -54,8 +54,8 @@ struct Left {
 /// What is left with PV so many rows late; `None` where too few rows say anything. OP that did not move is left out: it may
 /// have been at a limit or in a dead band.
 fn left(op: Rows, pv: Rows, sp: Option<Rows>, late: usize) -> Option<Left> {
-    // As many rows for every `late`, so that the shares compare.
-    let rows = 1.max(2_usize.saturating_sub(late))..op.len().checked_sub(LATEST)?;
+    // The same rows for every `late`, so that the shares compare.
+    let rows = 2..op.len().checked_sub(LATEST)?;
     let (mut columns, mut outputs, mut moves) = (vec![Vec::new(); 5], Vec::new(), Vec::new());
     for k in rows {
         let all = || {

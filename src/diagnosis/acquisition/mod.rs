@@ -68,7 +68,7 @@ impl Acquisition {
     fn late(&self) -> Option<String> {
         let late = seconds(self.pv_late_s);
         (self.pv_late_s > 0.0).then(|| {
-            format!("PV is recorded {late} s later than OP, which answers to it before; diagnosed with PV moved back")
+            format!("PV is recorded {late} s late: OP reacts before PV shows the change; diagnosed with PV moved back")
         })
     }
 }

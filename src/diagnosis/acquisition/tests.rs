@@ -156,8 +156,8 @@ fn the_sentence_is_said_where_it_matters() {
     assert_eq!(
         Acquisition { pv_late_s: 2.0, ..twice }.sentence().as_deref(),
         Some(
-            "polled twice per controller scan of 2 s; diagnosed at the controller's ticks; PV is recorded 2 s later than \
-             OP, which answers to it before; diagnosed with PV moved back"
+            "polled twice per controller scan of 2 s; diagnosed at the controller's ticks; PV is recorded 2 s late: OP reacts \
+             before PV shows the change; diagnosed with PV moved back"
         )
     );
 }

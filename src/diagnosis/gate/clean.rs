@@ -51,9 +51,8 @@ fn drop_outages(kept: &mut Vec<Sample>) {
 }
 
 /// Values that links, historians and loggers write where nothing was measured.
-const OUTAGES: [f64; 14] = [
+const OUTAGES: [f64; 13] = [
     0.0,
-    -1.0,
     -99.0,
     -999.0,
     -999.25,
@@ -67,21 +66,30 @@ const OUTAGES: [f64; 14] = [
     65_535.0,
     4_294_967_295.0,
 ];
+/// How many times further than it spreads a tag lives from such a value; from zero it is once.
+const FAR: f64 = 10.0;
 
-/// Which of these values are no measurements among good samples: the tag otherwise lives further away from them than it
-/// spreads.
+/// Which of these values are no measurements among good samples: the tag lives far from them otherwise. A tag that stands still
+/// lives far from nothing but zero.
 pub fn outages(samples: &[Sample]) -> Vec<f64> {
+    let times = |value: f64| samples.iter().filter(|s| s.value == value).count();
+    let few = |value: &f64| (1..=samples.len() / 2).contains(&times(*value));
+    let candidates: Vec<f64> = OUTAGES.into_iter().filter(few).collect();
+    if candidates.is_empty() {
+        return candidates;
+    }
+    // None of them is among the others, so that two kinds do not hide each other.
+    let others: Vec<f64> = samples.iter().map(|s| s.value).filter(|v| !candidates.contains(v)).collect();
+    if others.is_empty() {
+        return Vec::new();
+    }
+    let (low, high) = (quantile(&others, 0.02), quantile(&others, 0.98));
+    let spread = high - low;
     let far = |value: &f64| {
-        let times = samples.iter().filter(|s| s.value == *value).count();
-        if times == 0 || times * 2 > samples.len() {
-            return false;
-        }
-        let others: Vec<f64> = samples.iter().map(|s| s.value).filter(|v| v != value).collect();
-        let (low, high) = (quantile(&others, 0.02), quantile(&others, 0.98));
-        let spread = high - low;
-        low - value > spread || value - high > spread
+        let away = (low - value).max(value - high);
+        if *value == 0.0 { away > spread } else { spread > 0.0 && away > FAR * spread }
     };
-    OUTAGES.into_iter().filter(far).collect()
+    candidates.into_iter().filter(far).collect()
 }
 
 /// The share of the samples that a period of `ts` asks for and that are not there.

@@ -64,9 +64,7 @@ impl Config {
             }
         };
         let bare = self.url.trim_end_matches('/');
-        if let Some(end) =
-            ["/api/v2/alerts", "/api/v2", "/api/v1"].into_iter().find(|end| bare.ends_with(end))
-        {
+        if let Some(end) = ["/api/v2/alerts", "/api/v2"].into_iter().find(|end| bare.ends_with(end)) {
             unless(false, "url", format!("leave out its end {end}: /api/v2/alerts is added here"));
         } else if let Err(why) = self.endpoint() {
             unless(false, "url", why);

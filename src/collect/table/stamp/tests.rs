@@ -50,6 +50,8 @@ fn dates_of_every_kind_are_the_same_moment() {
         ("2026-06-01 06:00:00 CEST", six, Some(7200)),
         ("Mon Jun 01 06:00:00 CET 2026", six, Some(3600)),
         ("2026-06-01T06:00:00+02:00[Europe/Berlin]", six, Some(7200)),
+        ("2026-06-01T06:00:00.000000000+02:00[America/Argentina/Buenos_Aires]", six, Some(7200)),
+        ("mar. 02.06.2026 06:00:00", six + 86_400.0, None),
     ] {
         for order in Order::ALL {
             assert_eq!(read(cell, order), Some((seconds, offset)), "{cell} {order:?}");
@@ -80,6 +82,8 @@ fn what_is_no_stamp_is_none() {
         "25:00",
         "2026-06-01 25:00:00",
         "06:00:00 CST",
+        "2026-06-01T06:00:00[Europe/Berlin]",
+        "2026-06-01 06:00:00 [bad]",
         "06:61",
         "13:00 PM",
         "2026-06-01 06:00:00 Mars",

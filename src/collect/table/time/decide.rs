@@ -27,6 +27,8 @@ const LEAP: f64 = 25.0 * 86_400.0;
 const CUT: [f64; 3] = [1.0, 60.0, 3600.0];
 /// A step back that is told (s): less is a late sample.
 const BACK_S: f64 = 600.0;
+/// A time of day is no more (s).
+const A_DAY: f64 = 86_400.0;
 /// By how much clocks go back where daylight saving time ends (s).
 const HOUR: f64 = 3600.0;
 
@@ -75,7 +77,10 @@ impl Times {
             (&self.dates[order as usize], new(How::Dated(order), said), 1.0)
         } else if !by_pattern && self.clocks.count == most {
             self.minutes(column)?;
-            (&self.clocks, new(How::Clock, "time of day without a date".into()), 1.0)
+            match self.clocks.most > A_DAY {
+                true => (&self.clocks, new(How::Elapsed, "time since the start".into()), 1.0),
+                false => (&self.clocks, new(How::Clock, "time of day without a date".into()), 1.0),
+            }
         } else if !by_pattern && self.moments.count == most {
             (&self.moments, new(How::Moment, format!("time as stamps{}", zone())), 1.0)
         } else {
@@ -99,7 +104,7 @@ impl Times {
             )));
         }
         // Times of day come back every day by themselves.
-        if is_wide && matches!(reading.how, How::Dated(_) | How::Moment) {
+        if is_wide && matches!(reading.how, How::Dated(_) | How::Moment | How::Elapsed) {
             reading.said += &self.back(track, told, column)?;
         }
         if let Some(spread) = &reading.spread {

@@ -36,6 +36,8 @@ pub(super) enum How {
     Number(Decimal, Unit),
     Dated(Order),
     Clock,
+    /// Since something began, also beyond a day.
+    Elapsed,
     Moment,
     Pattern(String),
 }
@@ -95,6 +97,7 @@ impl Reading {
             // A spreadsheet keeps most stamps as such and some as text.
             (How::Moment, What::Moment { ns, civil }) => self.moment(ns, (!civil).then_some(0)),
             (How::Clock, What::Clock(ns)) => Some(self.unwrapped(ns, DAY)),
+            (How::Elapsed, What::Clock(ns)) => Some(seconds(ns)),
             _ => None,
         }
     }

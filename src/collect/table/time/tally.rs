@@ -265,7 +265,7 @@ impl<'a> What<'a> {
 fn time_of_day(cell: &Cell<'_>) -> Option<i64> {
     match cell {
         Cell::Clock(ns) => Some(*ns),
-        Cell::Text(text) => stamp::scan(text)?.time_of_day(),
+        Cell::Text(text) => stamp::scan(text)?.time_of_day().filter(|clock| *clock <= DAY),
         Cell::Number(days) if (0.0..1.0).contains(days) => Some((days * 86_400e3).round() as i64 * 1_000_000),
         _ => None,
     }
