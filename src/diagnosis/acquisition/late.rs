@@ -28,7 +28,7 @@ const LEAST_ROWS: usize = 100;
 /// Part of the moves of OP that the controller may leave unexplained, and of what a row less and a process leave.
 const QUARTER: f64 = 0.25;
 /// Share left unexplained below which a row less, or a process, tells OP well enough: PV is not late.
-const EXPLAINED: f64 = 0.01;
+const EXPLAINED: f64 = 1e-3;
 
 /// One tag on rows; `None` where it is missing.
 type Rows<'a> = &'a [Option<f64>];
