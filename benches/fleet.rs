@@ -56,7 +56,7 @@ async fn measure(loops: usize) -> Result<[f64; 8], Failed> {
     let hub = Nats::hub();
     let folder = std::env::temp_dir().join(format!("stictiond-bench-fleet-{}-{loops}", std::process::id()));
     let _ = fs::remove_dir_all(&folder);
-    let config: Config = toml::from_str(&format!("servers = [{:?}]\nsamples_mb = 100000", hub.url()))?;
+    let config: Config = toml::from_str(&format!("servers = [{:?}]\nsamples_mb = 1000", hub.url()))?;
     let link = Link::connect(&config, "bench").await?;
     while !link.is_up() {
         tokio::time::sleep(Duration::from_millis(10)).await;
