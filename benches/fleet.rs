@@ -5,7 +5,7 @@
 //! stage is that of the process in which it runs; bytes are those of the messages and of the files. Prints a table.
 
 #[path = "../tests/peers/nats.rs"]
-#[allow(dead_code, reason = "each user takes a part")]
+#[expect(dead_code, reason = "each user takes a part")]
 mod nats;
 
 use nats::Nats;

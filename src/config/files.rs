@@ -16,7 +16,7 @@ impl Config {
     }
 
     /// Whose, by which key, and where.
-    fn files(&self) -> Vec<(String, &'static str, Option<PathBuf>)> {
+    pub fn files(&self) -> Vec<(String, &'static str, Option<PathBuf>)> {
         let mut all = Vec::new();
         let mut add = |whose: &str, files: &[(&'static str, &Option<PathBuf>)]| {
             all.extend(files.iter().map(|(key, path)| (whose.to_string(), *key, (*path).clone())));

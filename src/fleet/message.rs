@@ -407,7 +407,7 @@ pub struct Pulse {
     /// Loops that it has.
     #[prost(uint64, tag = "7")]
     pub loops: u64,
-    /// Which of its certificates ends first: the section and key that name it.
+    /// Which of its certificates ends first: the section, or the device or broker, and the key that names it.
     #[prost(string, optional, tag = "8")]
     pub certificate: Option<String>,
     /// When that ends (s).

@@ -1,6 +1,5 @@
 //! Until when the certificates of a machine hold, so that a page shows it before a line goes dead.
 
-use crate::collect::opcua::SecurityPolicy;
 use crate::config::Config;
 use std::path::{Path, PathBuf};
 use tokio_rustls::rustls::pki_types::CertificateDer;
@@ -14,7 +13,7 @@ const MOST: u64 = 1 << 20;
 /// The certificate of a machine that ends first.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Ends {
-    /// The section and key that name it.
+    /// The section, or the device or broker, and the key that names it.
     pub of: String,
     /// When it ends (s).
     pub until: f64,
@@ -28,26 +27,17 @@ pub(super) fn first(config: &Config) -> Option<Ends> {
 
 /// Every file that holds a certificate of this machine.
 fn named(config: &Config) -> Vec<(String, PathBuf)> {
-    let mut out = Vec::new();
-    let mut put = |of: String, path: Option<&PathBuf>| out.extend(path.map(|path| (of, path.clone())));
-    put("[server.tls] cert_file".into(), config.server.tls.as_ref().map(|tls| &tls.cert_file));
-    put(
-        "[fleet] certificate_file".into(),
-        config.fleet.as_ref().and_then(|own| own.certificate_file.as_ref()),
-    );
-    for broker in &config.mqtt {
-        put(format!("[[mqtt]] {} certificate_file", broker.name), broker.certificate_file.as_ref());
-    }
-    put(
-        "[notify.mqtt] certificate_file".into(),
-        config.notify.mqtt.as_ref().and_then(|own| own.certificate_file.as_ref()),
-    );
-    for device in config.opcua.iter().filter(|device| device.security_policy != SecurityPolicy::None) {
-        put(format!("[[opcua]] {} user_certificate", device.name), device.user_certificate.as_ref());
-        let own = device.pki_dir.as_ref().map(|folder| folder.join("own").join("cert.der"));
-        put(format!("[[opcua]] {} pki_dir", device.name), own.as_ref());
-    }
-    out
+    let of_web =
+        config.server.tls.as_ref().map(|tls| ("[server.tls] cert_file".into(), tls.cert_file.clone()));
+    let certificate = |(whose, key, path): (String, &'static str, Option<PathBuf>)| {
+        let path = match key {
+            "certificate_file" | "user_certificate" => path?,
+            "pki_dir" => path?.join("own").join("cert.der"),
+            _ => return None,
+        };
+        Some((format!("{whose} {key}"), path))
+    };
+    of_web.into_iter().chain(config.files().into_iter().filter_map(certificate)).collect()
 }
 
 /// When the certificate in a file ends (s), by PEM's first or as DER.

@@ -220,8 +220,8 @@ impl Fleet {
             tracing::info!(alarm = %id, "an acknowledgement is of an earlier alarm");
             return;
         }
-        // Whoever gave the order did not know what a person did here since, and who is here is nearer to the valve. A stamp that
-        // lies ahead is of before the clock was set back.
+        // The centre did not know what a person did here after the state that it saw. That person is nearer to the valve. A stamp
+        // in the future was made before the clock was set back, and does not count.
         let log = self.results.alarm_log();
         let by_hand = log.iter().filter(|change| change.id == id && is_by_hand(change.transition.cause));
         let mut acted = by_hand.map(|change| change.transition.at).filter(|at| *at <= now);

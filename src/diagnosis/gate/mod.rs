@@ -11,7 +11,7 @@ mod stretches;
 
 pub use clean::outages;
 
-use super::acquisition::{self, Placed};
+use super::acquisition::{self, Acquisition, Placed};
 use super::history_kind::{HistoryKind, recognise};
 use super::{NotIdentifiable, Preparation, Settings};
 use crate::signal::{Record, Row, Sample, Window};
@@ -48,7 +48,7 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     }
     let given = settings.ts.filter(|ts| !(ts.is_finite() && *ts > 0.0));
     let history = preparation.history.as_deref();
-    let Some((mut acquired, mut placed)) =
+    let Some((acquired, mut placed)) =
         acquisition::recognise(&op.kept, &pv.kept, settings.ts, history).filter(|_| given.is_none())
     else {
         return stop(NotIdentifiable::NoTimeBase, &preparation);
@@ -74,8 +74,8 @@ pub fn gate(record: &Record, settings: &Settings) -> Gated {
     let there = (within(&op.kept, from, to), within(&pv.kept, from, to));
     let (first, rows) = (placed.row_of(from) as i64, rows.max(0.0) as usize);
     placed.pv_late = rows_late(record, &placed, there, first, rows);
-    acquired.pv_late_s = placed.pv_late as f64 * ts;
-    preparation.acquisition = Some(Box::new(acquired));
+    let pv_late_s = placed.pv_late as f64 * ts;
+    preparation.acquisition = Some(Box::new(Acquisition { pv_late_s, ..acquired }));
     let window = fill(record, &placed, there, first, rows);
     let n = window.len();
     preparation.gap_share = window.missing();

@@ -52,7 +52,7 @@ pub struct MachineItem {
     pub diagnosed: u64,
     /// Loops that it has.
     pub loops: u64,
-    /// Which of its certificates ends first: the section and key that name it; null where it has none.
+    /// Which of its certificates ends first: the section, or the device or broker, and the key; null where it has none.
     pub certificate: Option<String>,
     /// When that ends.
     pub certificate_until: Option<String>,
