@@ -248,10 +248,17 @@ impl App {
 
     /// The diagnosis that the daemon runs, its residual traced.
     pub fn diagnosis() -> Diagnose {
-        Arc::new(|record, settings, _| {
-            let diagnosis = diagnosis::diagnose(record, settings);
+        Arc::new(|record, settings, structure| {
             let tracing = residual::Settings::default();
-            let mut findings = residual::trace_record(record, &diagnosis, settings, &tracing);
+            let confirmed = structure.and_then(|last| residual::confirm(record, settings, &tracing, last));
+            let (diagnosis, mut findings) = match confirmed {
+                Some((diagnosis, findings)) => (diagnosis, Some(findings)),
+                None => {
+                    let diagnosis = diagnosis::diagnose(record, settings);
+                    let findings = residual::trace_record(record, &diagnosis, settings, &tracing);
+                    (diagnosis, findings)
+                }
+            };
             let residuals = findings.as_ref().map(|found| Residuals::from(&found.curves));
             // The curves are for drawing one record; kept for every loop they would be most of the memory.
             findings.iter_mut().for_each(|found| found.curves = residual::Curves::default());

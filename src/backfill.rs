@@ -5,7 +5,7 @@
 
 use crate::alarm;
 use crate::diagnosis::{HistoryFound, Settings, gate::outages};
-use crate::results::{Judged, KnownEffect, Outcome, Results, Run, Summary, Trigger};
+use crate::results::{Judged, KnownEffect, Outcome, Results, Run, Structure, Summary, Trigger};
 use crate::signal::{BadReason, LoopId, Quality, Record, Sample, Series};
 
 /// Most windows of one timeline.
@@ -81,8 +81,8 @@ pub enum BackfillError {
     Cancelled,
 }
 
-/// The function that judges a window, starting from the effects that the model had.
-pub type Judge<'f> = &'f dyn Fn(&Record, &Settings, &[KnownEffect]) -> Judged;
+/// The function that judges a window, see [`Diagnose`](crate::schedule::Diagnose).
+pub type Judge<'f> = &'f dyn Fn(&Record, &Settings, Option<&Structure>) -> Judged;
 
 /// A cut where none, or only a part of one, is given: windows of 1,500 sample periods, each a quarter of that further on.
 pub fn usual_cut(record: &Record, window_s: Option<f64>, step_s: Option<f64>) -> Option<Cut> {
@@ -159,7 +159,7 @@ pub fn timeline(
         let from = to - cut.window_s;
         let window = between(&record, from, to);
         let good = window.pv.iter().filter(|s| s.quality.is_good()).count() as f64;
-        let judged = judge(&window, settings, &results.effects(id));
+        let judged = judge(&window, settings, results.structure(id).as_ref());
         let effects = judged.effects();
         let history = judged.diagnosis.preparation.history.as_deref().copied();
         let run = Run {

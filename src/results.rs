@@ -15,6 +15,7 @@ mod swings;
 mod told;
 pub mod words;
 
+pub use crate::residual::Structure;
 pub use alarm_log::{AlarmChange, MOST_CHANGES};
 pub use alarms::{AlarmView, DeviceSeen, Said, TagsSeen};
 pub use basis::{Basis, Extent};
@@ -390,6 +391,17 @@ impl Results {
     /// The effects in a loop's model: what the next diagnosis starts from.
     pub fn effects(&self, id: &LoopId) -> Vec<KnownEffect> {
         self.entry(id).map_or_else(Vec::new, |entry| lock(&entry).model.effects.clone())
+    }
+
+    /// What the last run found and the next may take as given.
+    pub fn structure(&self, id: &LoopId) -> Option<Structure> {
+        let entry = self.entry(id)?;
+        let entry = lock(&entry);
+        let restored = || entry.restored.as_ref().and_then(|(restored, _)| restored.structure.clone());
+        match &entry.diagnosed {
+            Some((run, _)) => run.judged()?.structure().cloned(),
+            None => restored(),
+        }
     }
 
     /// Friction as it was found last while no term acted.

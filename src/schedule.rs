@@ -17,7 +17,8 @@ pub use config::Config;
 pub use stagger::{Job, next_due, stagger};
 
 use crate::diagnosis::Settings;
-use crate::results::{Basis, Judged, KnownEffect, Outcome, Results, Run, Told, Trigger};
+use crate::residual::Structure;
+use crate::results::{Basis, Judged, Outcome, Results, Run, Told, Trigger};
 use crate::signal::{LoopId, Record};
 use futures::future::BoxFuture;
 use std::cmp::Reverse;
@@ -36,8 +37,8 @@ const NEVER: Duration = Duration::from_secs(100 * 365 * 86_400);
 /// Runs that may wait for another machine at the same time.
 const MAX_ASKED: usize = 64;
 
-/// The function that judges a record, starting from the effects that the loop's model had.
-pub type Diagnose = Arc<dyn Fn(&Record, &Settings, &[KnownEffect]) -> Judged + Send + Sync>;
+/// The function that judges a record; it searches for nothing where the structure that the loop's last run found still holds.
+pub type Diagnose = Arc<dyn Fn(&Record, &Settings, Option<&Structure>) -> Judged + Send + Sync>;
 
 /// What somebody else is asked to diagnose.
 #[derive(Clone)]
@@ -78,6 +79,8 @@ pub struct Plan {
 pub struct Counters {
     /// Runs that ended with a diagnosis.
     pub diagnosed: u64,
+    /// Those of them that searched for nothing, because the last model still fits.
+    pub confirmed: u64,
     /// Runs that passed their deadline.
     pub deadline_exceeded: u64,
     /// Runs that panicked.
@@ -156,6 +159,7 @@ struct Table {
 #[derive(Default)]
 struct Counts {
     diagnosed: AtomicU64,
+    confirmed: AtomicU64,
     deadline_exceeded: AtomicU64,
     panicked: AtomicU64,
     skipped_running: AtomicU64,
@@ -217,6 +221,7 @@ impl Scheduler {
         let count = |counter: &AtomicU64| counter.load(Relaxed);
         Counters {
             diagnosed: count(&self.counts.diagnosed),
+            confirmed: count(&self.counts.confirmed),
             deadline_exceeded: count(&self.counts.deadline_exceeded),
             panicked: count(&self.counts.panicked),
             skipped_running: count(&self.counts.skipped_running),
@@ -359,7 +364,7 @@ impl Scheduler {
             None => drop(seat.enter(Phase::Idle)),
             Some(asked) => match self.told(&asked).await {
                 Some(told) => {
-                    self.counts.diagnosed.fetch_add(1, Relaxed);
+                    self.count(told.structure.as_ref());
                     // It ended when it says so: the same on every machine that keeps it.
                     let finished = told.summary.time;
                     self.finish(
@@ -378,10 +383,12 @@ impl Scheduler {
     /// What is remembered of a loop, and what a diagnosis of it depends on.
     async fn copied(&self, id: &LoopId, started: f64, trigger: Trigger) -> Option<Asked> {
         let (table, own) = (self.table.borrow().clone(), id.clone());
-        let (known, friction) = (self.results.effects(id), self.results.before(id));
+        // Who asks wants everything looked at.
+        let structure = (trigger == Trigger::Periodic).then(|| self.results.structure(id)).flatten();
+        let friction = self.results.before(id);
         let copied = tokio::task::spawn_blocking(move || {
             let record = (table.plan.snapshot)(&own)?;
-            let basis = Basis::of(&record, &table.plan.settings, &known).after(friction);
+            let basis = Basis::of(&record, &table.plan.settings, structure).after(friction);
             Some((Arc::new(record), Arc::new(basis)))
         });
         let (record, basis) = copied.await.ok().flatten()?;
@@ -398,7 +405,8 @@ impl Scheduler {
         let (diagnose, own) = (self.diagnose.clone(), asked.clone());
         let mut work = tokio::task::spawn_blocking(move || {
             let Asked { record, basis, .. } = &own;
-            let judged = catch_unwind(AssertUnwindSafe(|| diagnose(record, &basis.settings, &basis.known)));
+            let judged = || diagnose(record, &basis.settings, basis.structure.as_ref());
+            let judged = catch_unwind(AssertUnwindSafe(judged));
             judged.map_err(|panic| said(panic.as_ref()))
         });
         let finish = |outcome, phase| self.finish(seat, (asked, began, self.clock.now()), outcome, phase);
@@ -407,9 +415,9 @@ impl Scheduler {
         let deadline = Duration::try_from_secs_f64(self.config.deadline_s).unwrap_or(NEVER);
         match tokio::time::timeout_at(from + deadline, &mut work).await {
             Ok(Ok(Ok(judged))) => {
-                self.counts.diagnosed.fetch_add(1, Relaxed);
-                let (before, after) = (&asked.basis.known, judged.effects());
-                if after != *before {
+                self.count(judged.structure());
+                let (before, after) = (self.results.effects(&asked.id), judged.effects());
+                if after != before {
                     tracing::info!(control_loop = %seat.id, ?before, ?after, "the effects in a loop's model changed");
                 }
                 finish(Outcome::Diagnosed(Box::new(judged)), Phase::Idle);
@@ -430,6 +438,13 @@ impl Scheduler {
                 seat.enter(Phase::Idle);
             }
         }
+    }
+
+    /// Counts a run that ended with a diagnosis.
+    fn count(&self, structure: Option<&Structure>) {
+        self.counts.diagnosed.fetch_add(1, Relaxed);
+        let confirmed = structure.is_some_and(|structure| structure.confirmed > 0);
+        self.counts.confirmed.fetch_add(u64::from(confirmed), Relaxed);
     }
 
     /// Records a run, and hands it to those who wait for it.

@@ -6,7 +6,8 @@ use std::process::Command;
 use std::sync::Arc;
 use stictiond::app::App;
 use stictiond::diagnosis::Settings;
-use stictiond::results::{Basis, Judged, KnownEffect, Outcome, Run, Trigger};
+use stictiond::residual::Structure;
+use stictiond::results::{Basis, Judged, Outcome, Run, Trigger};
 use stictiond::serve::LoopInfo;
 use stictiond::serve::dto::bundle::Bundle;
 use stictiond::serve::dto::{BasisText, Report};
@@ -86,7 +87,7 @@ fn said(
     id: &str,
     own: &[Series; 2],
     other: (&str, &Series),
-    known: &[KnownEffect],
+    structure: Option<Structure>,
     now: f64,
 ) -> (Run, Record) {
     let record = Record {
@@ -98,7 +99,7 @@ fn said(
         ..Record::default()
     };
     let settings = Settings::default();
-    let judged: Judged = App::diagnosis()(&record, &settings, known);
+    let judged: Judged = App::diagnosis()(&record, &settings, structure.as_ref());
     let run = Run {
         id: LoopId::new(id),
         started: now,
@@ -106,7 +107,7 @@ fn said(
         took_s: 0.25,
         trigger: Trigger::Periodic,
         op_span: record.op_span,
-        basis: Some(Arc::new(Basis::of(&record, &settings, known))),
+        basis: Some(Arc::new(Basis::of(&record, &settings, structure))),
         outcome: Outcome::Diagnosed(Box::new(judged)),
     };
     (run, record)
@@ -145,15 +146,15 @@ fn a_recorded_day_gives_identical_diagnoses() {
             series.push(store::Series { tag: Arc::new(name), samples: samples.clone() });
         }
     }
-    let mut known = [Vec::new(), Vec::new()];
+    let mut known = [None, None];
     for k in 0..8 {
         for at in 0..2 {
             let now = START + PERIOD_S * (f64::from(k) + 0.25 + 0.5 * at as f64);
             let (id, own) = &days[at];
             let (other, neighbour) = &days[1 - at];
             let name = format!("{other}.pv");
-            let (run, _) = said(id, own, (&name, &neighbour[1]), &known[at], now);
-            known[at] = run.judged().expect("diagnosed").effects();
+            let (run, _) = said(id, own, (&name, &neighbour[1]), known[at].clone(), now);
+            known[at] = run.judged().expect("diagnosed").structure().cloned();
             stuck += usize::from(run.sticks());
             rows.push(row(&run));
         }
@@ -207,7 +208,7 @@ fn a_recorded_day_gives_identical_diagnoses() {
 fn a_bundle_gives_the_same_report_and_what_is_none_is_refused() {
     let folder = folder("replay-bundle");
     let (own, other) = (day(1), day(0));
-    let (run, record) = said("A", &own, ("B.pv", &other[1]), &[], START + 40_000.0);
+    let (run, record) = said("A", &own, ("B.pv", &other[1]), None, START + 40_000.0);
     let info = LoopInfo {
         id: LoopId::new("A"),
         description: "feed".into(),

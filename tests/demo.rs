@@ -137,7 +137,7 @@ fn the_verdicts_do_not_hang_on_the_seed() {
                 op_span: Some(100.0),
                 ..Record::default()
             };
-            let judged = judge(&record, &Settings::default(), &[]);
+            let judged = judge(&record, &Settings::default(), None);
             let found = judged.findings.iter().flat_map(|found| &found.effects);
             let effects: Vec<String> = found.map(|e| format!("{} {:.2}", e.kind, e.posterior)).collect();
             let f = judged.friction().map(|(f, within, _)| (f, within));

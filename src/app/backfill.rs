@@ -258,7 +258,7 @@ impl Shared {
             !cancel.is_cancelled()
         };
         let (settings, judge) = (Settings::from(&config.diagnosis), self.diagnose.as_ref());
-        let judge = |record: &Record, settings: &Settings, known: &[_]| judge(record, settings, known);
+        let judge = |record: &Record, settings: &Settings, last: Option<&_>| judge(record, settings, last);
         match timeline(&request.id, marked, cut, &settings, &config.alarm, &judge, progress) {
             Err(BackfillError::Cancelled) => Ok(None),
             found => found.map(Some).map_err(|error| error.to_string()),

@@ -77,7 +77,7 @@ fn an_oscillation_is_traced_through_a_neighbour_to_the_valve_that_sticks() {
     for id in ids(&config) {
         let record = (plan.snapshot)(&id).expect("the loop is there");
         assert_eq!(record.tags.len(), 2, "{id}");
-        let judged = diagnose(&record, &plan.settings, &[]);
+        let judged = diagnose(&record, &plan.settings, None);
         let outcome = Outcome::Diagnosed(Box::new(judged));
         let trigger = Trigger::Periodic;
         results.record(Run {

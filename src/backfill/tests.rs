@@ -2,7 +2,7 @@ use super::*;
 use crate::diagnosis::diagnose;
 use crate::sim::scenarios;
 
-fn judge(record: &Record, settings: &Settings, _: &[KnownEffect]) -> Judged {
+fn judge(record: &Record, settings: &Settings, _: Option<&Structure>) -> Judged {
     diagnose(record, settings).into()
 }
 
@@ -38,7 +38,7 @@ fn windows_end_with_the_record_and_hold_what_lies_between() {
     let id = LoopId::new("A");
     let cut = Cut { window_s: 600.0, step_s: 250.0 };
     let seen = std::cell::RefCell::new(Vec::new());
-    let judge = |record: &Record, settings: &Settings, known: &[KnownEffect]| {
+    let judge = |record: &Record, settings: &Settings, known: Option<&Structure>| {
         seen.borrow_mut().push((record.pv[0].t, record.pv[record.pv.len() - 1].t, record.pv.len()));
         judge(record, settings, known)
     };

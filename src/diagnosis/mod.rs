@@ -4,6 +4,7 @@
 pub mod acquisition;
 pub mod armax;
 mod config;
+pub mod confirmed;
 pub mod denoise;
 pub mod evidence;
 pub mod explore;

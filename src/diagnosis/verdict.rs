@@ -31,7 +31,11 @@ const D_GRID: usize = 60;
 
 /// Diagnoses one loop's record. Never panics on any input; what cannot be judged is a verdict, not an error.
 pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
-    let mut found = judge(record, settings);
+    with_history(judge(record, settings))
+}
+
+/// Says what an archive did to the data.
+pub fn with_history(mut found: Diagnosis) -> Diagnosis {
     if let Some(history) = &found.preparation.history {
         // Measured on simulated loops: docs/backfill.md. It is said, and changes no verdict.
         let kind = history.kind.as_str();
@@ -40,10 +44,36 @@ pub fn diagnose(record: &Record, settings: &Settings) -> Diagnosis {
     found
 }
 
-fn judge(record: &Record, settings: &Settings) -> Diagnosis {
+/// A record that can be fitted.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The window that is fitted.
+    pub window: Window,
+    /// How it came about.
+    pub preparation: Preparation,
+    /// Where OP turns.
+    pub region: Region,
+    /// How OP oscillates.
+    pub oscillation: Option<Oscillation>,
+    /// The window as a problem of the search.
+    pub problem: Problem,
+    /// How it was normalised.
+    pub scale: Scale,
+    /// The span of OP, where it is known (OP unit).
+    pub span: Option<f64>,
+}
+
+/// Prepares a record for the fits.
+///
+/// # Errors
+/// The diagnosis of a record that cannot be fitted.
+pub fn prepared(record: &Record, settings: &Settings) -> Result<Prepared, Box<Diagnosis>> {
+    let stop = |reason, preparation, oscillation, window| {
+        Err(Box::new(refused(reason, preparation, oscillation, window)))
+    };
     let (window, mut preparation) = match gate::gate(record, settings) {
         Ok(passed) => passed,
-        Err(why) => return refused(why.0, why.1, None, None),
+        Err(why) => return stop(why.0, why.1, None, None),
     };
     let (window, region) = prepare(window, settings, &mut preparation);
     let n = window.len();
@@ -52,20 +82,33 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
     let few = |unexcited| too_few(&window.op, window.ts, preparation.history.as_deref(), unexcited);
     if let Some(reason) = few(false) {
         // The period that is seen is not the one that is there.
-        return refused(reason, preparation, None, Some(window));
+        return stop(reason, preparation, None, Some(window));
     }
     let oscillation = region.oscillation(0, n, window.ts);
-    let (problem, scale) = match pose(&window, &region, settings) {
-        Ok(posed) => posed,
+    match pose(&window, &region, settings) {
+        Ok((problem, scale)) => {
+            let span = record.known_span();
+            preparation.f_threshold = 0.01 * settings.f_threshold * span_at_least(span, &window.op);
+            Ok(Prepared { window, preparation, region, oscillation, problem, scale, span })
+        }
         Err(NotIdentifiable::NotExcited { .. }) if preparation.compensated > 0.0 => {
-            return refused(NotIdentifiable::Compensated, preparation, oscillation, Some(window));
+            stop(NotIdentifiable::Compensated, preparation, oscillation, Some(window))
         }
         Err(reason @ NotIdentifiable::NotExcited { .. }) => {
             let (reason, oscillation) = few(true).map_or((reason, oscillation), |reason| (reason, None));
-            return refused(reason, preparation, oscillation, Some(window));
+            stop(reason, preparation, oscillation, Some(window))
         }
-        Err(reason) => return refused(reason, preparation, oscillation, Some(window)),
+        Err(reason) => stop(reason, preparation, oscillation, Some(window)),
+    }
+}
+
+fn judge(record: &Record, settings: &Settings) -> Diagnosis {
+    let prepared = match prepared(record, settings) {
+        Ok(prepared) => prepared,
+        Err(refused) => return *refused,
     };
+    let Prepared { window, preparation, region, oscillation, problem, scale, span } = prepared;
+    let n = window.len();
     let mut searcher = Searcher::new(&problem);
     let grid = searcher.grid(GRID);
     let cells = searcher.full_profile();
@@ -78,11 +121,8 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         let evidence = weigh(&problem, &sound, &sticky, [&sound_errors, &errors], period, worth);
         (sticky, evidence)
     });
-    let span = record.known_span();
-    let threshold = 0.01 * settings.f_threshold * span_at_least(span, &window.op);
-    preparation.f_threshold = threshold;
     let believed = |(sticky, evidence): &(Refined, Evidence)| {
-        sticky.f * scale.u > threshold
+        sticky.f * scale.u > preparation.f_threshold
             && evidence.delta_aic > settings.evidence_threshold
             && evidence.steadiness > STEADY
             && interval(&problem, &cells, sticky)[0] > 0.0
@@ -186,7 +226,7 @@ pub fn pose(
 }
 
 /// Why a record without evidence for friction says nothing against it either.
-fn unanswered(p: &Problem, region: &Region) -> Option<NotIdentifiable> {
+pub fn unanswered(p: &Problem, region: &Region) -> Option<NotIdentifiable> {
     let (mut x, mut dir) = (p.u.clone(), vec![0.0; p.u.len()]);
     stick_slip(&p.u, 0.5 * p.f_top, 0.0, p.start, &mut x, &mut dir);
     if reversals(&dir) < LEAST_REVERSALS - 1 {

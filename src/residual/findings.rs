@@ -1,6 +1,7 @@
 //! What tracing finds: the values that leave the module.
 
 use crate::diagnosis::{Model, NotIdentifiable, Residual, Verdict};
+use crate::sysid::valve::ValveModel;
 use std::fmt;
 
 /// An effect beside friction and linear dynamics: the closed list.
@@ -162,6 +163,20 @@ pub enum Test {
 }
 
 impl Test {
+    /// All tests.
+    pub const ALL: [Test; 10] = [
+        Test::Whiteness,
+        Test::Input,
+        Test::Tags,
+        Test::Line,
+        Test::ChangePoint,
+        Test::Drift,
+        Test::Direction,
+        Test::Travel,
+        Test::Variance,
+        Test::Tails,
+    ];
+
     /// The test as the report writes it.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -209,6 +224,19 @@ pub struct Stem {
     pub findings: Option<Box<Findings>>,
 }
 
+/// What a search found, and the next fit may take as given.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Structure {
+    /// The valve, its place at the start left out (OP unit); `None` where the stem follows OP.
+    pub valve: Option<ValveModel>,
+    /// Whether OP acts beside a stem that sticks.
+    pub direct: bool,
+    /// The tests that the residual failed when the structure was found.
+    pub failed: Vec<Test>,
+    /// Windows on which it was confirmed since.
+    pub confirmed: u32,
+}
+
 /// Everything that tracing found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Findings {
@@ -243,6 +271,8 @@ pub struct Findings {
     pub curves: Curves,
     /// OP -> measured stem, where there is one.
     pub stem: Option<Stem>,
+    /// What the next window's fit may take as given; `None` where it has to search.
+    pub structure: Option<Structure>,
 }
 
 impl Findings {

@@ -12,6 +12,7 @@
 
 mod backward_elimination;
 mod checks;
+mod confirm;
 pub mod data_quality;
 pub mod decide;
 mod detectable;
@@ -27,7 +28,8 @@ pub mod screening;
 mod trace;
 pub mod valve_search;
 
-pub use findings::{Curves, Effect, Findings, Friction, Kind, Parameter, Stem, Test};
+pub use confirm::{MOST_CONFIRMED, confirm};
+pub use findings::{Curves, Effect, Findings, Friction, Kind, Parameter, Stem, Structure, Test};
 
 use crate::diagnosis::{self, Diagnosis, gate, prepare};
 use crate::signal::{Record, Window, span_at_least};
@@ -90,16 +92,26 @@ pub fn trace_record(
     settings: &Settings,
 ) -> Option<Findings> {
     let window = window(record, diagnosis, diagnosed)?;
+    let covered = diagnosis.window.as_ref().unwrap_or(&window);
+    let settings = settings_of(record, covered, diagnosed, settings);
+    trace(&window, diagnosis, &settings)
+}
+
+/// The settings for a record whose diagnosis looked at the window `covered`: thresholds are per cent of OP's span there and OP
+/// units here; one record has one, whatever window is traced.
+fn settings_of(
+    record: &Record,
+    covered: &Window,
+    diagnosed: &diagnosis::Settings,
+    settings: &Settings,
+) -> Settings {
     let op_span = record.known_span();
-    // Thresholds are per cent of OP's span there and OP units here; one record has one, whatever window is traced.
-    let covered = diagnosis.window.as_ref().map_or(&window.op, |own| &own.op);
-    let settings = Settings {
-        f_threshold: 0.01 * diagnosed.f_threshold * span_at_least(op_span, covered),
+    Settings {
+        f_threshold: 0.01 * diagnosed.f_threshold * span_at_least(op_span, &covered.op),
         op_span,
         evidence_threshold: diagnosed.evidence_threshold,
         ..settings.clone()
-    };
-    trace(&window, diagnosis, &settings)
+    }
 }
 
 /// A hypothesis of the first step: friction or none, with one effect or none.

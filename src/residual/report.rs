@@ -1,9 +1,10 @@
 //! What was found, in the plant's units.
 
+use super::data_quality::Fact;
 use super::decide::{Decided, decide};
 use super::detectable::detectable;
 use super::effect::EffectModel;
-use super::findings::{Curves, Effect, Findings, Friction, Kind, Parameter};
+use super::findings::{Curves, Effect, Findings, Friction, Kind, Parameter, Structure, Test};
 use super::hypothesis::{Hypothesis, OnData, direct_lags};
 use super::interval::interval;
 use super::posterior::probability;
@@ -15,7 +16,7 @@ use crate::sysid::armax::{Armax, Errors, Input, ORDER};
 use crate::sysid::iddata::{IdData, Units};
 use crate::sysid::simulate::simulate;
 use crate::sysid::student;
-use crate::sysid::valve::ValveModel;
+use crate::sysid::valve::{Rest, ValveModel};
 use crate::sysid::whiteness::is_white;
 
 /// J is another than S where they differ by more than this share of S: no model of a valve holds closer.
@@ -179,6 +180,9 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     }
     let misleads = gained(&before, &after) < -MISLEADS;
     let (stem, dir) = best.hypothesis.stem(&data);
+    let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
+    let told = decides && matches!(verdict, Verdict::Stiction | Verdict::NoStiction);
+    let structure = structure(&data, &best.hypothesis, &facts, &failed).filter(|_| told);
     let mut effects: Vec<Effect> = facts
         .into_iter()
         .map(|fact| named(fact.kind, (fact.posterior, f64::NAN), None, fact.described))
@@ -217,7 +221,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         candidates,
         simulates_worse: after.residual.free_run_rmse > 1.0001 * before.residual.free_run_rmse,
         unexplained: !after.residual.white,
-        failed: checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER),
+        failed,
         friction_before: friction_before(diagnosis),
         friction_after,
         f_detectable,
@@ -237,7 +241,30 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         before: before.residual,
         after: after.residual,
         stem: None,
+        structure,
     }
+}
+
+/// A valve in another unit of OP.
+pub fn scaled(valve: ValveModel, by: f64) -> ValveModel {
+    ValveModel { s: by * valve.s, j: by * valve.j, resolution: by * valve.resolution, ..valve }
+}
+
+/// Whether a fact belongs to the tag and not to this window.
+pub fn lasts(fact: &Fact) -> bool {
+    fact.kind == Kind::QuantisedPv
+}
+
+/// What the next window's fit may take as given: nothing with effects, which come and go, and where samples are wrong.
+fn structure(data: &IdData, hypothesis: &Hypothesis, facts: &[Fact], failed: &[Test]) -> Option<Structure> {
+    let plain = hypothesis.effects.is_empty() && facts.iter().all(lasts);
+    let in_plant = |valve: ValveModel| ValveModel { rest: Rest::default(), ..scaled(valve, data.units.u) };
+    plain.then(|| Structure {
+        valve: hypothesis.valve.map(in_plant),
+        direct: data.direct,
+        failed: failed.to_vec(),
+        confirmed: 0,
+    })
 }
 
 /// The same where OP is the stem and needs no term beside it.

@@ -55,7 +55,7 @@ fn stem(window: &Window, mv: &[f64], settings: &Settings) -> Option<Stem> {
 }
 
 /// The record that is fitted; stems start at the first large extremum of OP.
-fn iddata(window: &Window) -> Option<IdData> {
+pub fn iddata(window: &Window) -> Option<IdData> {
     let found = region::analyse(&window.op);
     let start = region::start_of(&found, &window.op, 0, window.len() / 3);
     let start =

@@ -1,7 +1,8 @@
 //! What a run worked on: enough to find the same samples again, and to know that they are the same.
 
-use super::{Before, KnownEffect};
+use super::Before;
 use crate::diagnosis::Settings;
+use crate::residual::Structure;
 use crate::signal::{Record, Sample, Series, SpanSource};
 
 /// What a run worked on, beside the samples themselves.
@@ -9,8 +10,8 @@ use crate::signal::{Record, Sample, Series, SpanSource};
 pub struct Basis {
     /// Settings of the diagnosis.
     pub settings: Settings,
-    /// The effects that the model had before.
-    pub known: Vec<KnownEffect>,
+    /// What the last run found and this one may take as given; `None` where everything is searched for.
+    pub structure: Option<Structure>,
     /// Friction as it was found last while no term of write-back acted.
     pub before: Option<Before>,
     /// The span of OP (OP unit).
@@ -40,10 +41,10 @@ pub struct Extent {
 
 impl Basis {
     /// What a run on `record` works on.
-    pub fn of(record: &Record, settings: &Settings, known: &[KnownEffect]) -> Self {
+    pub fn of(record: &Record, settings: &Settings, structure: Option<Structure>) -> Self {
         Self {
             settings: settings.clone(),
-            known: known.to_vec(),
+            structure,
             before: None,
             op_span: record.op_span,
             op_span_source: record.op_span_source,
@@ -175,14 +176,14 @@ mod tests {
 
     #[test]
     fn the_part_that_a_run_worked_on_is_found_in_a_longer_record() {
-        let basis = Basis::of(&record(50), &Settings::default(), &[]);
+        let basis = Basis::of(&record(50), &Settings::default(), None);
         assert_eq!((basis.newest(), basis.samples()), (Some(49.0), 200));
         assert_eq!(basis.cut(record(80)), (record(50), vec![]));
     }
 
     #[test]
     fn whatever_is_not_the_same_is_named() {
-        let basis = Basis::of(&record(50), &Settings::default(), &[]);
+        let basis = Basis::of(&record(50), &Settings::default(), None);
         assert_eq!(basis.cut(record(49)).1, ["op", "pv", "a", "b"], "one sample is missing");
         let mut other = record(50);
         other.pv[7].value += 1e-13;

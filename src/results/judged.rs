@@ -3,7 +3,7 @@
 use super::second::{Second, second_opinions};
 use crate::detectors::{Agreement, Opinion};
 use crate::diagnosis::{Diagnosis, Verdict};
-use crate::residual::{self, Findings};
+use crate::residual::{self, Findings, Structure};
 
 /// An effect beside friction and linear dynamics, with its tag where it is measured.
 pub type KnownEffect = (residual::Kind, Option<String>);
@@ -98,6 +98,11 @@ impl Judged {
         friction.or_else(|| self.diagnosis.estimate.as_ref().map(|e| (e.f, e.f_ci95, e.delta_aic)))
     }
 
+    /// What the next run may take as given.
+    pub fn structure(&self) -> Option<&Structure> {
+        self.findings.as_ref()?.structure.as_ref()
+    }
+
     /// The effects in the model, in the order they were added.
     pub fn effects(&self) -> Vec<KnownEffect> {
         let effects = self.findings.iter().flat_map(|found| &found.effects);
@@ -142,6 +147,7 @@ pub(crate) mod tests {
             model: Model { na: 1, nb: 1, nc: 1, nk: 1, a: vec![0.5], b: vec![0.5], c: vec![0.0], rmse: 1.0 },
             curves: Curves::default(),
             stem: None,
+            structure: None,
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::{Before, Compensated, ModelVersion, Results, Run, Trigger, lock};
 use crate::alarm::{AlarmId, Saved, Transition};
+use crate::residual::Structure;
 use crate::signal::LoopId;
 use std::borrow::Cow;
 use std::fmt;
@@ -100,6 +101,8 @@ pub struct Restored {
     pub quality: String,
     /// Whether the published methods contradicted its verdict.
     pub doubtful: bool,
+    /// What the next run may take as given.
+    pub structure: Option<Structure>,
     /// The whole report, as the API writes it.
     pub report: Arc<str>,
 }

@@ -3,6 +3,7 @@
 use super::board::{News, ShortRun};
 use super::{Entry, Outcome, Run, Summary, lock};
 use super::{KnownEffect, ModelVersion, Restored, Results};
+use crate::residual::Structure;
 use std::sync::Arc;
 
 /// What somebody else's diagnosis says.
@@ -18,6 +19,8 @@ pub struct Told {
     pub doubtful: bool,
     /// The effects in the model, in the order they were added.
     pub effects: Vec<KnownEffect>,
+    /// What the next run may take as given.
+    pub structure: Option<Structure>,
     /// The share of PV's standard deviation that the model does not explain; `None` where that was not looked at.
     pub unexplained: Option<f64>,
 }
@@ -30,6 +33,7 @@ impl Told {
             took_s: self.summary.took_s,
             quality: self.quality.clone(),
             doubtful: self.doubtful,
+            structure: self.structure.clone(),
             report: self.report.clone()?,
         })
     }

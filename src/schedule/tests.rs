@@ -1,7 +1,7 @@
 use super::*;
 use crate::alarm;
 use crate::diagnosis::{Diagnosis, NotIdentifiable, Verdict};
-use crate::results::Event;
+use crate::results::{Event, made_findings};
 use tokio::sync::broadcast;
 
 fn nothing_to_say() -> Judged {
@@ -188,6 +188,7 @@ fn told(time: f64) -> Told {
         },
         report: Some("{}".into()),
         quality: "good".into(),
+        structure: None,
         doubtful: false,
         effects: Vec::new(),
         unexplained: None,
@@ -221,6 +222,33 @@ async fn others_are_asked_first_and_what_they_do_not_answer_is_diagnosed_here() 
         }
     }
     assert_eq!(scheduler.counters().diagnosed, 2);
+    token.cancel();
+    task.await.expect("the scheduler ends by itself");
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_a_run_found_is_given_to_the_next_that_is_due_and_to_none_that_is_asked_for() {
+    let ids = [LoopId::new("a")];
+    let results = Arc::new(Results::new(&ids, 10, &alarm::Config::default()));
+    let given = Arc::new(Mutex::new(Vec::new()));
+    let heard = given.clone();
+    let judge: Diagnose = Arc::new(move |_, _, last| {
+        heard.lock().expect("no panic").push(last.map(|last| last.confirmed));
+        let confirmed = last.map_or(0, |last| last.confirmed + 1);
+        let mut found = made_findings(Verdict::NoStiction, Vec::new());
+        found.structure = Some(Structure { confirmed, ..Structure::default() });
+        Judged { findings: Some(found), ..nothing_to_say() }
+    });
+    let (clock, plan) = (Clock::plant(0.0, 1.0), plan(jobs(&["a"], 1e6)));
+    let scheduler = Arc::new(Scheduler::new(Config::default(), clock, judge, results.clone(), plan));
+    let token = CancellationToken::new();
+    let running = (scheduler.clone(), token.clone());
+    let task = tokio::spawn(async move { running.0.run(running.1).await });
+    for trigger in [Trigger::Periodic, Trigger::Periodic, Trigger::OnDemand, Trigger::Periodic] {
+        scheduler.ask(&ids[0], trigger).expect("idle").await.expect("runs");
+    }
+    assert_eq!(*given.lock().expect("no panic"), [None, Some(0), None, Some(0)]);
+    assert_eq!((scheduler.counters().diagnosed, scheduler.counters().confirmed), (4, 2));
     token.cancel();
     task.await.expect("the scheduler ends by itself");
 }

@@ -204,6 +204,13 @@ fn runs(registry: &mut Registry, context: &Context) {
     count(&ended, &[("outcome", "diagnosed")], counters.diagnosed as f64);
     count(&ended, &[("outcome", "deadline_exceeded")], counters.deadline_exceeded as f64);
     count(&ended, &[("outcome", "panicked")], counters.panicked as f64);
+    let confirmed = counters.confirmed as f64;
+    counter(
+        registry,
+        "runs_confirmed",
+        "Diagnoses that searched for nothing, because the last model still fits",
+        confirmed,
+    );
     let skipped = counts(registry, "runs_skipped", "Diagnoses that were due and not begun");
     count(&skipped, &[("reason", "still_running")], counters.skipped_running as f64);
     count(&skipped, &[("reason", "queue_full")], counters.skipped_queue_full as f64);

@@ -94,10 +94,11 @@ pub async fn start(config: Config) -> Daemon {
 
 /// The same with a clock of the test's.
 pub async fn start_at(config: Config, clock: Clock) -> Daemon {
-    let diagnose = Arc::new(|record: &stictiond::signal::Record, _: &_, _: &_| match record.op.last() {
-        Some(sample) if sample.value == 10.0 => verdict_of(Verdict::Stiction, 2.5, 446.0).into(),
-        _ => verdict_of(Verdict::NoStiction, 0.0, -2.0).into(),
-    });
+    let diagnose =
+        Arc::new(|record: &stictiond::signal::Record, _: &_, _: Option<&_>| match record.op.last() {
+            Some(sample) if sample.value == 10.0 => verdict_of(Verdict::Stiction, 2.5, 446.0).into(),
+            _ => verdict_of(Verdict::NoStiction, 0.0, -2.0).into(),
+        });
     let app = Arc::new(App::build(config, clock, diagnose).expect("a sound configuration"));
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("bound");

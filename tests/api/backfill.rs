@@ -79,7 +79,7 @@ async fn until(events: &mut Events, phase: &str) {
 }
 
 fn sticky_at_ten() -> Diagnose {
-    Arc::new(|record: &Record, _: &_, _: &_| match record.op.last() {
+    Arc::new(|record: &Record, _: &_, _: Option<&_>| match record.op.last() {
         Some(sample) if sample.value == 10.0 => verdict_of(Verdict::Stiction, 2.5, 446.0).into(),
         _ => verdict_of(Verdict::NoStiction, 0.0, -2.0).into(),
     })
@@ -139,7 +139,7 @@ async fn one_at_a_time_and_it_ends_when_it_is_told_to() {
     // The first window waits until it is let go.
     let gate = Arc::new((Mutex::new(false), Condvar::new()));
     let held = gate.clone();
-    let diagnose: Diagnose = Arc::new(move |_: &Record, _: &_, _: &_| {
+    let diagnose: Diagnose = Arc::new(move |_: &Record, _: &_, _: Option<&_>| {
         let open = held.0.lock().expect("no panic");
         drop(held.1.wait_while(open, |open| !*open).expect("no panic"));
         verdict_of(Verdict::NoStiction, 0.0, -2.0).into()

@@ -9,7 +9,7 @@ use stictiond::signal::Record;
 
 /// The function that judges. A sample of this very moment does not count: it may come before or after the record is copied.
 pub fn made_up(clock: Clock) -> Diagnose {
-    Arc::new(move |record: &Record, _: &_, _: &_| {
+    Arc::new(move |record: &Record, _: &_, _: Option<&_>| {
         let now = clock.now();
         let newest = record.op.iter().rev().find(|sample| sample.t != now);
         let value =

@@ -279,6 +279,10 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
         let refused =
             second.ask("POST", &format!("/api/v1/alarms/{id}/shelve"), "{\"by\":\"kim\",\"duration_s\":60}");
         assert!(refused.contains("another centre"), "{refused}");
+        let times = |daemon: &Daemon| -> BTreeMap<String, String> {
+            loops(daemon).into_iter().map(|(id, own)| (id, own["time"].to_string())).collect()
+        };
+        let began = times(&second);
         // SIGKILL.
         drop(first);
         let order = |duration: u32| format!("{{\"by\":\"kim\",\"duration_s\":{duration}}}");
@@ -323,6 +327,9 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
         };
         let newest = value(&edge, &name);
         second.until("the samples of meanwhile", patience, |second| value(second, &id) >= newest);
+        second.until("every loop is diagnosed again", patience, |second| {
+            times(second).iter().all(|(id, time)| began.get(id) != Some(time))
+        });
         edge.stop();
         edges.into_iter().for_each(Daemon::stop);
         second.stop();

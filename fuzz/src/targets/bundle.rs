@@ -45,5 +45,5 @@ fn made_good(bundle: &Bundle) -> Option<Basis> {
         });
         basis::put(&mut record, &own.tag, samples.collect());
     }
-    Some(Basis::of(&record, &told.settings, &told.known))
+    Some(Basis::of(&record, &told.settings, told.structure))
 }

@@ -86,6 +86,7 @@ fn told(message: &RunMessage) -> Option<Told> {
         summary: summary(&row),
         quality: read.as_ref().map(|report| report.quality().to_string()).unwrap_or_default(),
         doubtful: read.as_ref().is_some_and(|report| report.doubtful),
+        structure: read.as_ref().and_then(Report::structure),
         report: report.map(Into::into),
         effects: message.effects.iter().filter_map(effect).collect(),
         unexplained: message.unexplained,

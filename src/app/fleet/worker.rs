@@ -131,7 +131,8 @@ impl Fleet {
 fn run(id: LoopId, window: &Window, diagnose: &Diagnose) -> Result<Run, String> {
     let (basis, record) = window::read(window)?;
     let began = Instant::now();
-    let judged = catch_unwind(AssertUnwindSafe(|| diagnose(&record, &basis.settings, &basis.known)));
+    let judged = || diagnose(&record, &basis.settings, basis.structure.as_ref());
+    let judged = catch_unwind(AssertUnwindSafe(judged));
     let outcome = match judged {
         Ok(judged) => Outcome::Diagnosed(Box::new(judged)),
         Err(_) => {

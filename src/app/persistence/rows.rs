@@ -160,9 +160,14 @@ pub(super) fn remembered(reader: &Reader, id: &LoopId, room: usize) -> Result<Re
     let diagnosed = rows.iter().rev().find_map(|row| {
         let text = unpack(row.report.as_ref()?)?;
         let report = Report::read(&text)?;
-        let (quality, doubtful) = (report.quality().to_string(), report.doubtful);
-        let (finished, took_s) = (row.finished, row.took_s);
-        let restored = Restored { finished, took_s, quality, doubtful, report: text.into() };
+        let restored = Restored {
+            finished: row.finished,
+            took_s: row.took_s,
+            quality: report.quality().to_string(),
+            doubtful: report.doubtful,
+            structure: report.structure(),
+            report: text.into(),
+        };
         Some((restored, summary(row)))
     });
     let model = reader.model(id.as_str())?.as_ref().map(remembered_model);

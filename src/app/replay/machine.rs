@@ -154,15 +154,15 @@ impl Machine {
             })
         });
         let (inner, waits) = (App::diagnosis(), due.clone());
-        let diagnose: schedule::Diagnose = Arc::new(move |record, settings, known| {
+        let diagnose: schedule::Diagnose = Arc::new(move |record, settings, structure| {
             let recorded = waits.lock().unwrap_or_else(PoisonError::into_inner).clone();
             match recorded {
                 Some((basis, finished)) => {
-                    let judged = inner(record, &basis.settings, &basis.known);
+                    let judged = inner(record, &basis.settings, basis.structure.as_ref());
                     clock.set(finished);
                     judged
                 }
-                None => inner(record, settings, known),
+                None => inner(record, settings, structure),
             }
         });
         // However slow this machine is, what was done in time once is done.

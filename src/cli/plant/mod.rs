@@ -101,7 +101,7 @@ fn friction(args: &Args, file: &Path, name: &str) -> Option<Friction> {
     let mut record = table::read(file, &args.table.options(None)).ok()?.record;
     record.op_limits = args.op_limits.or(record.op_limits);
     record.find_span(None, None);
-    let judged = App::diagnosis()(&record, &Settings::default(), &[]);
+    let judged = App::diagnosis()(&record, &Settings::default(), None);
     let run = Run {
         id: LoopId::new(name),
         started: 0.0,

@@ -96,6 +96,10 @@ pub enum Effort {
     Whole,
     /// Beams from the valves given.
     Near,
+    /// Beams from the valves given, each among valves of its own kind.
+    Same,
+    /// The grid alone: whether there may be friction at all.
+    Grid,
 }
 
 /// The valves that explain PV best beside the effects of `effects`, the best first and of different kinds.
@@ -103,11 +107,20 @@ pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort
     let shapes = effects.shapes(data);
     let mut search = Search::new(data, effects, &shapes);
     starts.iter().for_each(|valve| search.rate(*valve, None));
-    if effort == Effort::Whole {
+    if matches!(effort, Effort::Whole | Effort::Grid) {
         search.grid().into_iter().take(STARTS).for_each(|valve| search.rate(valve, None));
+    }
+    if effort == Effort::Whole {
         search.halve();
     }
-    for _ in 0..if effort == Effort::Whole { ROUNDS.0 } else { ROUNDS.1 } {
+    let rounds = match effort {
+        Effort::Whole => ROUNDS.0,
+        Effort::Near | Effort::Same => ROUNDS.1,
+        Effort::Grid => 0,
+    };
+    // As if every family had been tried.
+    search.every = if effort == Effort::Same { EVERY } else { 0 };
+    for _ in 0..rounds {
         if !search.improve() {
             break;
         }

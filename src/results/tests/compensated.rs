@@ -8,7 +8,7 @@ fn a_compensated_loop_says_whether_it_sticks_as_before() {
     let told = |time: f64, verdict: Verdict, f: f64| {
         let mut judged = diagnosis(verdict, f, 400.0);
         judged.diagnosis.preparation.compensated = 1.0;
-        let basis = Basis::of(&Record::default(), &Settings::default(), &[]).after(results.before(&id()));
+        let basis = Basis::of(&Record::default(), &Settings::default(), None).after(results.before(&id()));
         let own = Run { basis: Some(Arc::new(basis)), ..run(time, Outcome::Diagnosed(judged)) };
         results.record(own);
         results.get(&id(), time).and_then(|known| known.summary).expect("diagnosed")

@@ -12,6 +12,7 @@ fn elsewhere(of: &Run) -> Run {
         quality: "good".into(),
         doubtful: false,
         effects: vec![(crate::residual::Kind::Drift, None)],
+        structure: None,
         unexplained: None,
     };
     Run { outcome: Outcome::Elsewhere(Box::new(told)), ..of.clone() }

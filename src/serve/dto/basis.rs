@@ -1,8 +1,8 @@
 //! What a run worked on, as text that is kept beside its report.
 
+use super::Structure;
 use crate::diagnosis::{self, Settings};
-use crate::residual::Kind;
-use crate::results::{Basis, Before, Extent, KnownEffect};
+use crate::results::{Basis, Before, Extent};
 use crate::signal::SpanSource;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -13,8 +13,8 @@ use utoipa::ToSchema;
 pub struct BasisText {
     /// Settings of the diagnosis.
     pub settings: SettingsText,
-    /// The effects that the model had before.
-    pub known_effects: Vec<EffectText>,
+    /// What the last run found and this one may take as given; null where everything is searched for.
+    pub structure: Option<Structure>,
     /// Friction as it was found last while no term of write-back acted, and its 95 % interval (% of OP span); null where
     /// none is known.
     #[serde(default)]
@@ -51,16 +51,6 @@ pub struct SettingsText {
     pub max_delay_samples: usize,
 }
 
-/// An effect in a model.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct EffectText {
-    /// Which.
-    pub kind: String,
-    /// Its tag, where it is measured.
-    pub tag: Option<String>,
-}
-
 /// Which samples of a tag: all between two stamps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -77,8 +67,6 @@ pub struct ExtentText {
 
 impl From<&Basis> for BasisText {
     fn from(basis: &Basis) -> Self {
-        let effect =
-            |(kind, tag): &KnownEffect| EffectText { kind: kind.as_str().to_string(), tag: tag.clone() };
         let extent = |own: &Extent| ExtentText {
             tag: own.tag.clone(),
             n: own.n,
@@ -104,7 +92,7 @@ impl From<&Basis> for BasisText {
                 ts_s: ts,
                 max_delay_samples: max_delay,
             },
-            known_effects: basis.known.iter().map(effect).collect(),
+            structure: basis.structure.as_ref().map(Structure::from),
             f_before: basis.before.map(|own| [own.f, own.f_ci95[0], own.f_ci95[1]]),
             op_span: basis.op_span,
             op_span_source: basis.op_span_source.as_str().to_string(),
@@ -129,7 +117,7 @@ impl BasisText {
     /// What the run worked on.
     ///
     /// # Errors
-    /// Effects that this version does not know, and settings that no configuration may have.
+    /// A structure that this version does not know, and settings that no configuration may have.
     pub fn basis(&self) -> Result<Basis, String> {
         let own = &self.settings;
         let config = diagnosis::Config {
@@ -150,22 +138,21 @@ impl BasisText {
         if !span || !limits {
             return Err("its span or limits of OP cannot be used: they must be numbers, and not empty".into());
         }
-        let known = "it knows effects or tags that this version does not";
+        let known = "it knows a structure or tags that this version does not";
         self.with(Settings::from(&config)).ok_or_else(|| known.to_string())
     }
 
     fn with(&self, settings: Settings) -> Option<Basis> {
-        let effect = |own: &EffectText| {
-            let kind = Kind::ALL.into_iter().find(|kind| kind.as_str() == own.kind)?;
-            Some((kind, own.tag.clone()))
-        };
         let extent = |own: &ExtentText| {
             let digest = u64::from_str_radix(&own.digest, 16).ok()?;
             Some(Extent { tag: own.tag.clone(), n: own.n, span: own.span.map(<(f64, f64)>::from), digest })
         };
         Some(Basis {
             settings,
-            known: self.known_effects.iter().map(effect).collect::<Option<_>>()?,
+            structure: match &self.structure {
+                Some(own) => Some(own.read()?),
+                None => None,
+            },
             before: self.f_before.map(|[f, low, high]| Before { f, f_ci95: [low, high] }),
             op_span: self.op_span,
             op_span_source: SpanSource::from_name(&self.op_span_source),
@@ -179,7 +166,9 @@ impl BasisText {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::residual::{self, Test};
     use crate::signal::{Record, Sample};
+    use crate::sysid::valve::{StopRule, ValveModel};
     use proptest::prelude::*;
 
     proptest! {
@@ -189,9 +178,18 @@ mod tests {
             let settings = Settings { f_threshold: threshold, ts: Some(threshold / 3.0), ..Settings::default() };
             let integrates = Some(threshold > 1.0);
             let record = Record { op, op_limits: Some((-0.1, threshold)), integrates, ..Record::default() };
-            let known = [(Kind::ALL[0], None), (Kind::ALL[1], Some("a.pv".to_string()))];
+            let valve = (threshold > 1.0).then(|| ValveModel {
+                s: threshold,
+                j: threshold / 3.0,
+                rule: StopRule::ALL[(threshold * 10.0) as usize % 3],
+                resolution: threshold / 700.0,
+                ..ValveModel::default()
+            });
+            let failed = Test::ALL[..(threshold / 10.0) as usize].to_vec();
+            let known = residual::Structure { valve, direct: threshold > 3.0, failed, confirmed: threshold as u32 };
+            let known = (threshold > 0.1).then_some(known);
             let before = (threshold > 50.0).then_some(Before { f: threshold, f_ci95: [0.1, 2.0 * threshold] });
-            let basis = Basis::of(&record, &settings, &known).after(before);
+            let basis = Basis::of(&record, &settings, known).after(before);
             prop_assert_eq!(BasisText::read(&BasisText::text(&basis).expect("text")), Some(basis));
         }
     }

@@ -20,11 +20,13 @@ pub mod plantwide;
 pub mod report;
 pub mod samples;
 pub mod session;
+mod structure;
 pub mod system;
 pub mod writeback;
 
 pub use basis::BasisText;
 pub use report::Report;
+pub use structure::Structure;
 
 use jiff::Timestamp;
 

@@ -11,7 +11,7 @@ pub use residual::{ReportCandidate, ReportEffect, ReportParameter, ReportResidua
 
 use super::finite;
 use crate::diagnosis::{self, Diagnosis, Verdict};
-use crate::residual::Findings;
+use crate::residual::{Findings, Structure};
 use crate::results::{Compensated, Judged, Outcome, Run, Seen};
 use crate::signal::SpanSource;
 use serde::{Deserialize, Serialize};
@@ -398,6 +398,11 @@ impl Report {
         self.op_span_source = source.as_str().to_string();
         self.f_unit_assumed |= source == SpanSource::Values;
         self
+    }
+
+    /// What the next run may take as given.
+    pub fn structure(&self) -> Option<Structure> {
+        self.residual.structure.as_ref()?.read()
     }
 
     /// The report with what was traced: verdict, f, its interval and evidence come from there, whether or not effects were

@@ -43,6 +43,8 @@ pub struct SchedulerItem {
     pub running: u64,
     /// Runs that ended with a diagnosis.
     pub diagnosed: u64,
+    /// Those of them that searched for nothing, because the last model still fits.
+    pub confirmed: u64,
     /// Runs that passed their deadline.
     pub deadline_exceeded: u64,
     /// Runs that failed inside.
@@ -61,6 +63,7 @@ impl From<Counters> for SchedulerItem {
             diagnosed: c.diagnosed,
             deadline_exceeded: c.deadline_exceeded,
             panicked: c.panicked,
+            confirmed: c.confirmed,
             skipped: c.skipped_running + c.skipped_queue_full + c.skipped_late,
             busy_s: finite(c.busy_s),
         }

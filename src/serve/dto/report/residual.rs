@@ -3,6 +3,7 @@
 use super::{OpUnit, finite};
 use crate::diagnosis::{self, Verdict};
 use crate::residual::{self, Findings, Kind};
+use crate::serve::dto::Structure;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
@@ -41,6 +42,9 @@ pub struct ReportResidual {
     pub unexplained: bool,
     /// The tests that the final residual fails: `whiteness`, `line_spectrum`, ….
     pub failed_tests: Vec<String>,
+    /// What the next run may take as given; null where it has to search.
+    #[serde(default)]
+    pub structure: Option<Structure>,
     /// Friction before the effects (`f_unit`); the report's own f is the one after.
     pub f_before: Option<f64>,
     /// Friction estimated together with the effects (`f_unit`).
@@ -143,6 +147,7 @@ impl ReportResidual {
             simulates_worse: false,
             unexplained: white == Some(false),
             failed_tests: Vec::new(),
+            structure: None,
             f_before: None,
             f_after: None,
             verdict_before: None,
@@ -165,6 +170,7 @@ impl ReportResidual {
             simulates_worse: findings.simulates_worse,
             unexplained: findings.unexplained,
             failed_tests: findings.failed.iter().map(|test| test.as_str().to_string()).collect(),
+            structure: findings.structure.as_ref().map(Structure::from),
             f_before: unit.scale(findings.friction_before.f).filter(|_| known),
             f_after: unit.scale(findings.friction_after.f).filter(|_| findings.decide()),
             verdict_before: Some(verdict_before.as_str().to_string()),

@@ -73,7 +73,7 @@ fn contract_fields_have_their_names_and_values() {
         "white_before": false, "white_after": false,
         "one_step_rmse_before": 0.031, "one_step_rmse_after": 0.031,
         "free_run_rmse_before": 0.4, "free_run_rmse_after": 0.4,
-        "effects": [], "candidates": [], "simulates_worse": false, "unexplained": true, "failed_tests": [], "f_before": null, "f_after": null,
+        "effects": [], "candidates": [], "simulates_worse": false, "unexplained": true, "failed_tests": [], "structure": null, "f_before": null, "f_after": null,
         "verdict_before": null, "stem": null
     });
     let expected = serde_json::json!({

@@ -1,0 +1,75 @@
+//! A diagnosis without a search: of a record whose model is known from elsewhere.
+
+use super::friction::stick_slip;
+use super::rivals::Rival;
+use super::search::{CellPoint, Problem, Searcher};
+use super::verdict::{Prepared, best_d, with_history};
+use super::{CurvePoint, Diagnosis, Estimate, Model, Residual, Verdict};
+use crate::sysid::stats::range;
+
+/// Points of the curve over f: the paper's grid has as many.
+const POINTS: usize = super::grid::GRID;
+
+/// What is known of a record.
+#[derive(Clone, Debug)]
+pub struct Known {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// The verdict in one line.
+    pub reason: String,
+    /// Friction (OP unit).
+    pub f: f64,
+    /// Its 95 % interval (OP unit).
+    pub f_ci95: [f64; 2],
+    /// Evidence for it (-).
+    pub delta_aic: f64,
+    /// The model.
+    pub model: Model,
+    /// Its residual.
+    pub residual: Residual,
+}
+
+/// The diagnosis of a prepared record by what is known of it. The curve over f is that of the long ARX, thinned; the evidence
+/// was not shared out over the record, so that its steadiness is no number.
+pub fn confirmed(prepared: Prepared, known: Known) -> Diagnosis {
+    let Prepared { window, preparation, region, oscillation, problem, scale, .. } = prepared;
+    let n = window.len();
+    let (low, high) = range(&window.op);
+    let estimate = Estimate {
+        f: known.f,
+        f_ci95: known.f_ci95,
+        f_of_op_range: known.f / (high - low),
+        delta_aic: known.delta_aic,
+        rival: Rival::Linear,
+        steadiness: f64::NAN,
+        f_max: region.f_max(0, n),
+        d: best_d(&problem) * scale.u,
+        curve: curve(&problem, scale.u),
+        model: known.model,
+        mv: stem(&problem, known.f / scale.u).iter().map(|x| x * scale.u + scale.u0).collect(),
+    };
+    with_history(Diagnosis {
+        verdict: known.verdict,
+        reason: known.reason,
+        preparation,
+        oscillation,
+        estimate: Some(estimate),
+        residual: Some(known.residual),
+        window: Some(window),
+    })
+}
+
+/// The stem of the paper's element.
+fn stem(p: &Problem, f: f64) -> Vec<f64> {
+    let (mut x, mut dir) = (p.u.clone(), vec![0.0; p.u.len()]);
+    stick_slip(&p.u, f, 0.0, p.start, &mut x, &mut dir);
+    x
+}
+
+fn curve(p: &Problem, unit: f64) -> Vec<CurvePoint> {
+    let cells = Searcher::new(p).profile(0.0, 0.0, p.f_top, POINTS);
+    let least = cells.iter().map(|cell| cell.loss).fold(f64::INFINITY, f64::min);
+    let point =
+        |cell: &CellPoint| CurvePoint { f: cell.f() * unit, aic: p.rows() * (cell.loss / least).ln() };
+    cells.iter().map(point).collect()
+}

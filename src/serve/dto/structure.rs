@@ -1,0 +1,81 @@
+//! What a run found and the next may take as given, as text.
+
+use crate::residual::{self, Test};
+use crate::sysid::valve::{StopRule, ValveModel};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// What a search found of a loop's model: a later run fits it anew, and searches only where it no longer holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Structure {
+    /// The valve; null where the stem follows OP.
+    pub valve: Option<StructureValve>,
+    /// Whether OP acts beside a stem that sticks.
+    pub direct: bool,
+    /// The tests that the residual failed when it was found.
+    pub failed_tests: Vec<String>,
+    /// Runs in a row that found it still holds, without a search; 0 where this run searched.
+    pub confirmed: u32,
+}
+
+/// A valve that sticks.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct StructureValve {
+    /// When the stem rests: `reversal`, `stop` or `slip`.
+    pub rule: String,
+    /// Deadband plus stickband S (OP unit).
+    pub s: f64,
+    /// Slip jump J (OP unit).
+    pub j: f64,
+    /// Step of OP up to which a stem that moves comes to rest (OP unit).
+    pub resolution: f64,
+}
+
+fn rule(rule: StopRule) -> &'static str {
+    match rule {
+        StopRule::Reversal => "reversal",
+        StopRule::Stop => "stop",
+        StopRule::Slip => "slip",
+    }
+}
+
+impl From<&residual::Structure> for Structure {
+    fn from(own: &residual::Structure) -> Self {
+        let valve = |valve: ValveModel| StructureValve {
+            rule: rule(valve.rule).to_string(),
+            s: valve.s,
+            j: valve.j,
+            resolution: valve.resolution,
+        };
+        Self {
+            valve: own.valve.map(valve),
+            direct: own.direct,
+            failed_tests: own.failed.iter().map(|test| test.as_str().to_string()).collect(),
+            confirmed: own.confirmed,
+        }
+    }
+}
+
+impl Structure {
+    /// What it says; `None` for names that this version does not know, and for no valve's numbers.
+    pub fn read(&self) -> Option<residual::Structure> {
+        let valve = |own: &StructureValve| {
+            let rule = StopRule::ALL.into_iter().find(|known| rule(*known) == own.rule)?;
+            let StructureValve { s, j, resolution, .. } = *own;
+            Some(ValveModel { s, j, rule, resolution, ..ValveModel::default() })
+                .filter(|valve| valve.is_valid() && [s, j, resolution].iter().all(|band| band.is_finite()))
+        };
+        let test = |name: &String| Test::ALL.into_iter().find(|test| test.as_str() == name);
+        Some(residual::Structure {
+            valve: match &self.valve {
+                Some(own) => Some(valve(own)?),
+                None => None,
+            },
+            direct: self.direct,
+            failed: self.failed_tests.iter().map(test).collect::<Option<_>>()?,
+            confirmed: self.confirmed,
+        })
+    }
+}
