@@ -1,7 +1,7 @@
 //! A plant of 2,000 loops at 1 Hz for ten minutes of plant time, over Modbus/TCP from a server in another process, through
 //! the real collectors, history, scheduler, diagnosis and API. Prints CPU, memory and what was missed.
 //!
-//! `cargo bench --bench load -- [--speed 10] [--loops 2000] [--plant-s 600] [--period-s 300]`; with `--speed 1` it takes
+//! `cargo bench --bench load -- [--speed 10] [--loops 2000] [--plant-s 600] [--period-s 300] [--samples 4096]`; with `--speed 1` it takes
 //! ten minutes, with the default one, and the polls come ten times as fast. With `--listeners 200 --rate 50` so many clients
 //! listen to events meanwhile and so many requests a second are made, by a third process, which says how long they took.
 
@@ -85,7 +85,7 @@ async fn drive() -> Result<(), Failed> {
     let ended = |outcome: &str| sum(&metrics, "stictiond_runs_total", &format!("outcome=\"{outcome}\""));
     let skipped = sum(&metrics, "stictiond_runs_skipped_total", "");
     let diagnosed = ended("diagnosed");
-    println!("{loops} loops x 2 tags, {plant_s} s of plant time at {speed} x in {wall:.1} s");
+    println!("{loops} loops x 3 tags, {plant_s} s of plant time at {speed} x in {wall:.1} s");
     println!("cpu            {used:.1} s = {:.1} % of one core in plant time", 100.0 * used / plant_s);
     println!("  diagnoses    {:.1} s", sum(&metrics, "stictiond_runs_busy_seconds_total", ""));
     println!(
@@ -103,7 +103,8 @@ async fn drive() -> Result<(), Failed> {
     );
     println!("samples        {} good, {} bad", device("good_samples"), device("bad_samples"));
     println!(
-        "diagnoses      {diagnosed} done, {} late, {} panicked, {skipped} skipped",
+        "diagnoses      {diagnosed} done, {} of them without a search, {} late, {} panicked, {skipped} skipped",
+        sum(&metrics, "stictiond_runs_confirmed_total", ""),
         ended("deadline_exceeded"),
         ended("panicked")
     );
@@ -136,9 +137,9 @@ fn ask(to: SocketAddr, loops: usize, wall: Duration) -> std::io::Result<Child> {
 }
 
 fn configuration(addresses: &[String], loops: usize, speed: f64, period_s: f64) -> Result<Config, Failed> {
-    let poll_ms = (1000.0 / speed).round();
+    let (poll_ms, room) = ((1000.0 / speed).round(), option("--samples", 4096.0));
     let mut text = format!(
-        "[server]\nmax_event_clients = 256\nmax_connections = 512\n[schedule]\nperiod_s = {period_s:.1}\nparallelism = 1\n[history]\nsamples_per_tag = 4096\n"
+        "[server]\nmax_event_clients = 256\nmax_connections = 512\n[schedule]\nperiod_s = {period_s:.1}\nparallelism = 1\n[history]\nsamples_per_tag = {room:.0}\n"
     );
     text += &plant::sections(addresses, loops, poll_ms);
     config::parse("load.toml", &text)

@@ -5,15 +5,19 @@ use std::future;
 use std::io::{Read, Write};
 use std::sync::Arc;
 use std::time::Instant;
-use stictiond::sim::Run;
-use stictiond::sim::scenarios::{random_sound, random_sticky};
+use stictiond::sim::scenarios::{calibration, random_sound};
+use stictiond::sim::{Load, LoadKind, Run};
 use tokio::net::TcpListener;
 use tokio_modbus::prelude::*;
 use tokio_modbus::server::tcp::{Server, accept_tcp_connection};
 
 pub const DEVICES: usize = 8;
-/// Records that the loops replay, half of sticking valves.
-const RECORDS: u64 = 32;
+/// Records that the loops replay: a third of sticking valves, a third of sound ones that a load drives, a third at rest.
+const RECORDS: u64 = 48;
+/// Samples of each: so long that a loop is hardly seen at the seam.
+const SAMPLES: usize = 12_000;
+/// Registers of a loop: OP, PV and the set point, two for each.
+const REGISTERS: usize = 6;
 /// One loop in so many flaps: its PV is no number in every other stretch of so many seconds.
 const FLAPPING: usize = 20;
 const FLAP_S: usize = 45;
@@ -27,9 +31,9 @@ pub fn sections(addresses: &[String], loops: usize, poll_ms: f64) -> String {
         );
     }
     for at in 0..loops {
-        let (device, register) = (at % DEVICES, at / DEVICES * 4);
+        let (device, register) = (at % DEVICES, at / DEVICES * REGISTERS);
         text += &format!("[[loop]]\nid = \"L{at:04}\"\nop_span = 100.0\n");
-        for (role, address) in [("op", register), ("pv", register + 2)] {
+        for (role, address) in [("op", register), ("pv", register + 2), ("sp", register + 4)] {
             text += &format!(
                 "[loop.{role}]\ndevice = \"d{device}\"\nregister = \"holding\"\naddress = {address}\ntype = \"f32\"\n"
             );
@@ -38,7 +42,8 @@ pub fn sections(addresses: &[String], loops: usize, poll_ms: f64) -> String {
     text
 }
 
-/// Loop l of a device has OP in registers 4l and 4l + 1, PV in the next two, and replays one of the records.
+/// Loop l of a device has OP in registers 6l and 6l + 1, PV in the next two, its set point in the last, and replays one of the
+/// records.
 #[derive(Clone)]
 struct Plant {
     records: Arc<Vec<Run>>,
@@ -50,12 +55,16 @@ struct Plant {
 
 impl Plant {
     fn register(&self, register: u16, now: usize) -> u16 {
-        let at = usize::from(register / 4) * DEVICES + self.device;
+        let (own, within) = (usize::from(register) / REGISTERS, usize::from(register) % REGISTERS);
+        let at = own * DEVICES + self.device;
         let record = &self.records[at % self.records.len()];
-        let is_op = register % 4 < 2;
-        let values = if is_op { &record.op } else { &record.pv };
+        let values = [&record.op, &record.pv, &record.sp][within / 2];
         let mut value = values[(now + 7 * at) % values.len()] as f32;
-        if self.flaps && !is_op && at.is_multiple_of(FLAPPING) && ((now + at) / FLAP_S).is_multiple_of(2) {
+        if self.flaps
+            && within / 2 == 1
+            && at.is_multiple_of(FLAPPING)
+            && ((now + at) / FLAP_S).is_multiple_of(2)
+        {
             value = f32::NAN;
         }
         let bits = value.to_bits();
@@ -83,7 +92,23 @@ impl tokio_modbus::server::Service for Plant {
 /// A process of its own: prints its addresses and serves until its standard input is closed.
 pub async fn serve(speed: f64, flaps: bool) -> Result<(), Failed> {
     let scenario = |seed| {
-        if seed % 2 == 0 { random_sticky(seed) } else { random_sound(seed) }
+        let mut scenario = if seed % 3 == 0 { calibration(seed) } else { random_sound(seed) };
+        scenario.n = SAMPLES + scenario.warm_up;
+        let spec = &mut scenario.spec;
+        if seed % 3 > 0 {
+            spec.loads.clear();
+            spec.sp_schedule.clear();
+            spec.sp = spec.pv0;
+        }
+        if seed % 3 == 1 {
+            spec.loads.push(Load::input(LoadKind::Sine {
+                amplitude: 2.0,
+                period_s: (40 + seed) as f64 * spec.ts_s,
+                phase: 0.0,
+                growth_per_s: 0.0,
+            }));
+        }
+        scenario
     };
     let records: Result<Vec<Run>, _> = (0..RECORDS).map(|seed| scenario(seed).run()).collect();
     let plant = Plant { records: Arc::new(records?), start: Instant::now(), speed, device: 0, flaps };

@@ -1,6 +1,6 @@
 //! What an effect does to the model: the interface behind every hypothesis beside friction.
 
-use super::Kind;
+use super::findings::{Kind, Lasting};
 use super::report::Described;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::iddata::IdData;
@@ -62,6 +62,10 @@ pub trait EffectModel: Debug + Send + Sync {
     /// Whether it does.
     fn shifts_pv(&self) -> bool {
         false
+    }
+    /// What the next window may take as given; `None` for what comes and goes.
+    fn lasting(&self, _data: &IdData) -> Option<Lasting> {
+        None
     }
     /// Adds the shapes of loads.
     fn shapes(&self, _data: &IdData, _out: &mut Vec<Vec<f64>>) {}

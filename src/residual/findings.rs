@@ -224,6 +224,25 @@ pub struct Stem {
     pub findings: Option<Box<Findings>>,
 }
 
+/// An effect that lasts: it is there in the next window, too, or its cause has gone.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Lasting {
+    /// A periodic load.
+    OscillatingLoad {
+        /// Its period (s).
+        period_s: f64,
+        /// How many harmonics it has (-).
+        harmonics: usize,
+    },
+    /// A recorded tag drives PV.
+    MeasuredDisturbance {
+        /// The tag.
+        tag: String,
+        /// How much later PV follows (s).
+        delay_s: f64,
+    },
+}
+
 /// What a search found, and the next fit may take as given.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Structure {
@@ -231,6 +250,8 @@ pub struct Structure {
     pub valve: Option<ValveModel>,
     /// Whether OP acts beside a stem that sticks.
     pub direct: bool,
+    /// The effects beside it, in the order they were added.
+    pub effects: Vec<Lasting>,
     /// The tests that the residual failed when the structure was found.
     pub failed: Vec<Test>,
     /// Windows on which it was confirmed since.

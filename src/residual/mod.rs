@@ -29,7 +29,7 @@ mod trace;
 pub mod valve_search;
 
 pub use confirm::{MOST_CONFIRMED, confirm};
-pub use findings::{Curves, Effect, Findings, Friction, Kind, Parameter, Stem, Structure, Test};
+pub use findings::{Curves, Effect, Findings, Friction, Kind, Lasting, Parameter, Stem, Structure, Test};
 
 use crate::diagnosis::{self, Diagnosis, gate, prepare};
 use crate::signal::{Record, Window, span_at_least};

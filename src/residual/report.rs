@@ -4,7 +4,7 @@ use super::data_quality::Fact;
 use super::decide::{Decided, decide};
 use super::detectable::detectable;
 use super::effect::EffectModel;
-use super::findings::{Curves, Effect, Findings, Friction, Kind, Parameter, Structure, Test};
+use super::findings::{Curves, Effect, Findings, Friction, Kind, Lasting, Parameter, Structure, Test};
 use super::hypothesis::{Hypothesis, OnData, direct_lags};
 use super::interval::interval;
 use super::posterior::probability;
@@ -181,8 +181,8 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     let misleads = gained(&before, &after) < -MISLEADS;
     let (stem, dir) = best.hypothesis.stem(&data);
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
-    let told = decides && matches!(verdict, Verdict::Stiction | Verdict::NoStiction);
-    let structure = structure(&data, &best.hypothesis, &facts, &failed).filter(|_| told);
+    let undisputed = (decides || !asked) && valve.is_some() == (verdict == Verdict::Stiction);
+    let structure = structure(&data, &best.hypothesis, &facts, &failed).filter(|_| undisputed);
     let mut effects: Vec<Effect> = facts
         .into_iter()
         .map(|fact| named(fact.kind, (fact.posterior, f64::NAN), None, fact.described))
@@ -255,13 +255,16 @@ pub fn lasts(fact: &Fact) -> bool {
     fact.kind == Kind::QuantisedPv
 }
 
-/// What the next window's fit may take as given: nothing with effects, which come and go, and where samples are wrong.
+/// What the next window's fit may take as given: nothing with an effect that comes and goes, or where samples are wrong.
 fn structure(data: &IdData, hypothesis: &Hypothesis, facts: &[Fact], failed: &[Test]) -> Option<Structure> {
-    let plain = hypothesis.effects.is_empty() && facts.iter().all(lasts);
+    let effects: Option<Vec<Lasting>> =
+        hypothesis.effects.iter().map(|effect| effect.lasting(data)).collect();
+    let effects = effects.filter(|_| facts.iter().all(lasts))?;
     let in_plant = |valve: ValveModel| ValveModel { rest: Rest::default(), ..scaled(valve, data.units.u) };
-    plain.then(|| Structure {
+    Some(Structure {
         valve: hypothesis.valve.map(in_plant),
         direct: data.direct,
+        effects,
         failed: failed.to_vec(),
         confirmed: 0,
     })

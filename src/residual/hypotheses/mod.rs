@@ -4,9 +4,10 @@ pub mod load;
 pub mod process;
 pub mod valve;
 
-use super::Kind;
 use super::effect::EffectModel;
+use super::findings::{Kind, Lasting};
 use super::screening::Screen;
+use crate::sysid::iddata::IdData;
 use crate::sysid::valve::ValveModel;
 
 /// An effect worth a fit.
@@ -24,6 +25,18 @@ impl Proposal {
     /// Of an effect beside the present valve.
     pub fn new(effect: impl EffectModel + 'static, gain: f64) -> Self {
         Self { effect: Box::new(effect), valve: None, gain }
+    }
+}
+
+/// An effect that was found in another window.
+pub fn again(data: &IdData, lasting: &Lasting) -> Option<Box<dyn EffectModel>> {
+    match lasting {
+        Lasting::OscillatingLoad { period_s, harmonics } => {
+            load::oscillating_load::again(data, *period_s, *harmonics)
+        }
+        Lasting::MeasuredDisturbance { tag, delay_s } => {
+            load::measured_disturbance::again(data, tag, *delay_s)
+        }
     }
 }
 

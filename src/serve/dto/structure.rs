@@ -13,10 +13,54 @@ pub struct Structure {
     pub valve: Option<StructureValve>,
     /// Whether OP acts beside a stem that sticks.
     pub direct: bool,
+    /// The effects beside it, in the order they were added.
+    pub effects: Vec<Lasting>,
     /// The tests that the residual failed when it was found.
     pub failed_tests: Vec<String>,
     /// Runs in a row that found it still holds, without a search; 0 where this run searched.
     pub confirmed: u32,
+}
+
+/// An effect that lasts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Lasting {
+    /// A periodic load.
+    OscillatingLoad {
+        /// Its period (s).
+        period_s: f64,
+        /// How many harmonics it has (-).
+        harmonics: usize,
+    },
+    /// A recorded tag drives PV.
+    MeasuredDisturbance {
+        /// The tag.
+        tag: String,
+        /// How much later PV follows (s).
+        delay_s: f64,
+    },
+}
+
+impl From<&residual::Lasting> for Lasting {
+    fn from(own: &residual::Lasting) -> Self {
+        match own.clone() {
+            residual::Lasting::OscillatingLoad { period_s, harmonics } => {
+                Self::OscillatingLoad { period_s, harmonics }
+            }
+            residual::Lasting::MeasuredDisturbance { tag, delay_s } => {
+                Self::MeasuredDisturbance { tag, delay_s }
+            }
+        }
+    }
+}
+
+impl From<&Lasting> for residual::Lasting {
+    fn from(own: &Lasting) -> Self {
+        match own.clone() {
+            Lasting::OscillatingLoad { period_s, harmonics } => Self::OscillatingLoad { period_s, harmonics },
+            Lasting::MeasuredDisturbance { tag, delay_s } => Self::MeasuredDisturbance { tag, delay_s },
+        }
+    }
 }
 
 /// A valve that sticks.
@@ -52,6 +96,7 @@ impl From<&residual::Structure> for Structure {
         Self {
             valve: own.valve.map(valve),
             direct: own.direct,
+            effects: own.effects.iter().map(Lasting::from).collect(),
             failed_tests: own.failed.iter().map(|test| test.as_str().to_string()).collect(),
             confirmed: own.confirmed,
         }
@@ -74,6 +119,7 @@ impl Structure {
                 None => None,
             },
             direct: self.direct,
+            effects: self.effects.iter().map(residual::Lasting::from).collect(),
             failed: self.failed_tests.iter().map(test).collect::<Option<_>>()?,
             confirmed: self.confirmed,
         })

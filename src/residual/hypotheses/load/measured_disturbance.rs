@@ -3,11 +3,11 @@
 //! Parameters: two coefficients (OP unit per standard deviation), rate 1/2 each. Alternatives: tags times delays.
 //! Only the past of a tag counts: a tag that follows PV is correlated with it as well, but at negative lags.
 
-use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose, best};
 use crate::residual::report::{Described, in_op, in_pv};
 use crate::residual::screening::Screen;
+use crate::residual::{Kind, Lasting};
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
@@ -60,6 +60,10 @@ impl EffectModel for Tag {
             out.extend((0..TAPS).map(|more| delayed(v, self.lag + more)));
         }
     }
+    fn lasting(&self, data: &IdData) -> Option<Lasting> {
+        let delay_s = self.lag as f64 * data.units.ts;
+        Some(Lasting::MeasuredDisturbance { tag: self.name.clone(), delay_s })
+    }
     fn neighbours(&self, _data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
         if step < 0.5 {
             return Vec::new();
@@ -83,6 +87,20 @@ impl EffectModel for Tag {
     }
 }
 
+/// The tag of this name with this delay.
+pub fn again(data: &IdData, name: &str, delay_s: f64) -> Option<Box<dyn EffectModel>> {
+    let index = data.tags.iter().position(|tag| tag.0 == name)?;
+    let (lag, longest) = ((delay_s / data.units.ts).round(), longest(data));
+    let inside = lag >= 1.0 && lag <= longest as f64;
+    let alternatives = (data.tags.len() * longest) as f64;
+    inside.then(|| Tag { index, name: name.to_string(), lag: lag as usize, alternatives }.boxed())
+}
+
+/// Longest delay that the fitted rows allow (samples).
+fn longest(data: &IdData) -> usize {
+    LONGEST.min(data.first - 1)
+}
+
 impl Propose for Measured {
     fn kind(&self) -> Kind {
         Kind::MeasuredDisturbance
@@ -91,7 +109,7 @@ impl Propose for Measured {
         let data = screen.data;
         let rows = data.rows();
         let taken: Vec<&str> = screen.hypothesis().effects.iter().filter_map(|effect| effect.tag()).collect();
-        let longest = LONGEST.min(data.first - 1);
+        let longest = longest(data);
         let alternatives = (data.tags.len() * longest) as f64;
         let y = &data.y[rows.clone()];
         let n = y.len() as f64;

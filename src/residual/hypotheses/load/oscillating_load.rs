@@ -3,11 +3,11 @@
 //! Parameters: angular frequency w (rad/sample), rate 3/2; two coefficients a harmonic, rate 1/2 each. Alternatives: sets
 //! of harmonics. Proposed at the lines of the spectra of the errors and of PV.
 
-use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose, best};
 use crate::residual::report::{Described, of_wave};
 use crate::residual::screening::Screen;
+use crate::residual::{Kind, Lasting};
 use crate::signal::told;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::{FREQUENCY, REGULAR};
@@ -78,6 +78,10 @@ impl EffectModel for Load {
     fn set_smooth(&mut self, theta: &[f64]) {
         self.w = theta[0];
     }
+    fn lasting(&self, data: &IdData) -> Option<Lasting> {
+        let period_s = TAU / self.w * data.units.ts;
+        Some(Lasting::OscillatingLoad { period_s, harmonics: self.harmonics.len() })
+    }
     fn shapes(&self, data: &IdData, out: &mut Vec<Vec<f64>>) {
         out.extend(self.shapes(data.len()));
     }
@@ -94,6 +98,14 @@ impl EffectModel for Load {
         .with("amplitude_op", op, "OP")
         .with("harmonics", self.harmonics.len() as f64, "-")
     }
+}
+
+/// The load with this period and so many harmonics.
+pub fn again(data: &IdData, period_s: f64, harmonics: usize) -> Option<Box<dyn EffectModel>> {
+    let harmonics = HARMONICS.into_iter().find(|known| known.len() == harmonics)?;
+    let w = TAU * data.units.ts / period_s;
+    let inside = w * *harmonics.last()? as f64 <= HIGHEST && w * data.rows().len() as f64 >= PERIODS * TAU;
+    inside.then(|| Load { w, harmonics }.boxed())
 }
 
 impl Propose for Oscillating {
