@@ -44,7 +44,7 @@ use persistence::Persistence;
 use plantwide::Plantwide;
 pub use plantwide::friction_of;
 use security::Security;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -465,7 +465,14 @@ fn schedule_plan(config: &Config, history: &Arc<History>) -> schedule::Plan {
         snapshot: snapshot(config, history),
         settings: Settings::from(&config.diagnosis),
         follows: false,
+        searched: may_be_written(config),
     }
+}
+
+/// Loops that write-back may act on: their evidence has to be as good as it can be.
+fn may_be_written(config: &Config) -> HashSet<LoopId> {
+    let loops = config.loops.iter().filter(|own| own.writeback.is_some());
+    loops.map(|own| LoopId::new(own.id.as_str())).collect()
 }
 
 fn jobs(config: &Config) -> Vec<Job> {

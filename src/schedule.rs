@@ -22,7 +22,7 @@ use crate::results::{Basis, Judged, Outcome, Results, Run, Told, Trigger};
 use crate::signal::{LoopId, Record};
 use futures::future::BoxFuture;
 use std::cmp::Reverse;
-use std::collections::{BinaryHeap, HashMap};
+use std::collections::{BinaryHeap, HashMap, HashSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -72,6 +72,8 @@ pub struct Plan {
     pub settings: Settings,
     /// Loops that have no job are those of other machines.
     pub follows: bool,
+    /// Loops whose every run searches: write-back may act on them.
+    pub searched: HashSet<LoopId>,
 }
 
 /// Counters since the start, and what is going on now.
@@ -256,6 +258,8 @@ impl Scheduler {
         match inner.0 {
             Phase::Overrunning => return Err(Refused::Overrunning),
             _ if inner.1.len() >= MAX_WAITERS => return Err(Refused::Busy),
+            // Who asks wants a search.
+            Phase::Queued(_) if trigger == Trigger::OnDemand => inner.0 = Phase::Queued(trigger),
             Phase::Queued(_) | Phase::Running => {}
             Phase::Idle => self.enqueue(seat, &mut inner.0, trigger)?,
         }
@@ -384,7 +388,8 @@ impl Scheduler {
     async fn copied(&self, id: &LoopId, started: f64, trigger: Trigger) -> Option<Asked> {
         let (table, own) = (self.table.borrow().clone(), id.clone());
         // Who asks wants everything looked at.
-        let structure = (trigger == Trigger::Periodic).then(|| self.results.structure(id)).flatten();
+        let given = trigger == Trigger::Periodic && !table.plan.searched.contains(id);
+        let structure = given.then(|| self.results.structure(id)).flatten();
         let friction = self.results.before(id);
         let copied = tokio::task::spawn_blocking(move || {
             let record = (table.plan.snapshot)(&own)?;

@@ -1,4 +1,4 @@
-//! What a plant's diagnoses cost a processor: a day of windows of each loop, one after the other, as a daemon sees them.
+//! What a plant's diagnoses cost a processor: two days of windows of each loop, one after the other, as a daemon sees them.
 //!
 //! `cargo bench -p stictiond-numerics --bench hourly`. A third of the loops stick, a third are driven by a load that oscillates,
 //! a third are at rest. Whatever a run found is given to the next, which searches only where that no longer holds.
@@ -10,10 +10,10 @@ use stictiond_numerics::signal::{Record, Sample};
 use stictiond_numerics::sim::scenarios::{Scenario, calibration, random_sound};
 use stictiond_numerics::sim::{Load, LoadKind, Run};
 
-/// Samples of a window, windows of a day, loops of each kind.
+/// Samples of a window, windows of two days, loops of each kind.
 const SAMPLES: usize = 2000;
-const WINDOWS: usize = 24;
-const LOOPS: u64 = 12;
+const WINDOWS: usize = 48;
+const LOOPS: u64 = 8;
 /// Loops of a large plant, each diagnosed once an hour.
 const PLANT: f64 = 10_000.0;
 
@@ -74,7 +74,8 @@ fn judge(record: &Record, last: Option<&Structure>) -> (Option<Findings>, bool) 
 
 fn record(run: &Run, window: usize) -> Record {
     let part = window * SAMPLES..(window + 1) * SAMPLES;
-    let series = |v: &[f64]| part.clone().map(|k| Sample::good(run.t[k], v[k])).collect();
+    let at = |k: usize| k as f64 * 3600.0 / SAMPLES as f64;
+    let series = |v: &[f64]| part.clone().map(|k| Sample::good(at(k), v[k])).collect();
     let (op, pv, sp) = (series(&run.op), series(&run.pv), Some(series(&run.sp)));
     Record { op, pv, sp, op_span: Some(100.0), ..Record::default() }
 }

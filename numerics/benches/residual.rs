@@ -31,7 +31,7 @@ fn main() {
         let (found, of_tracing) = clock.spent(|| residual::trace_record(record, &diagnosis, &settings, &of));
         diagnosing.push(of_diagnosis);
         together.push(of_diagnosis + of_tracing);
-        // The same window again: its structure holds for certain.
+        // The same window again: its structure mostly holds.
         if let Some(structure) = found.and_then(|found| found.structure) {
             let (again, of_it) = clock.spent(|| residual::confirm(record, &settings, &of, &structure));
             again.iter().for_each(|_| confirming.push(of_it));

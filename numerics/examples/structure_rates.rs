@@ -99,9 +99,10 @@ fn row(own: &[&Said]) -> String {
     )
 }
 
-/// Whether a search names an effect that a structure has not.
+/// Whether a search names an effect that no structure has.
 fn names(found: &Findings) -> bool {
-    found.effects.iter().any(|effect| !matches!(effect.kind, Kind::SlipJump | Kind::QuantisedPv))
+    let carried = [Kind::SlipJump, Kind::QuantisedPv, Kind::OscillatingLoad, Kind::MeasuredDisturbance];
+    found.effects.iter().any(|effect| !carried.contains(&effect.kind))
 }
 
 fn differs(said: &Said) -> bool {

@@ -1,7 +1,7 @@
 //! A structure that still holds is not searched for again; one that no longer holds is.
 
 use stictiond_numerics::diagnosis::{Settings, Verdict, diagnose};
-use stictiond_numerics::residual::{self, Findings, MOST_CONFIRMED, Structure, confirm, trace_record};
+use stictiond_numerics::residual::{self, Findings, LASTS_S, Structure, Test, confirm, trace_record};
 use stictiond_numerics::signal::{Record, Sample};
 use stictiond_numerics::sim::scenarios::{Scenario, random_sound, random_sticky};
 use stictiond_numerics::sim::{Load, LoadKind};
@@ -19,6 +19,12 @@ fn windows<const N: usize>(mut scenario: Scenario) -> [Record; N] {
             |v: &[f64]| -> Vec<Sample> { part.clone().map(|k| Sample::good(run.t[k], v[k])).collect() };
         Record { op: series(&run.op), pv: series(&run.pv), op_span: Some(100.0), ..Record::default() }
     })
+}
+
+/// A structure without anything, just found.
+fn none(record: &Record) -> Structure {
+    let end = record.op.last().expect("some").t;
+    Structure { searched: end, failed: Test::ALL.to_vec(), ..Structure::default() }
 }
 
 fn search(record: &Record) -> Findings {
@@ -58,11 +64,13 @@ fn a_valve_that_goes_on_sticking_is_fitted_and_not_searched_for() {
 
 #[test]
 fn friction_that_begins_or_ends_is_searched_for() {
+    let mut asked = [0, 0];
     for seed in 510..516 {
         let [sticking] = windows(random_sticky(seed));
         let found = search(&sticking);
         if found.verdict == Verdict::Stiction {
-            assert_eq!(confirmed(&sticking, &Structure::default()), None, "seed {seed}: it was sound");
+            asked[0] += 1;
+            assert_eq!(confirmed(&sticking, &none(&sticking)), None, "seed {seed}: it was sound");
         }
         let [sound] = windows(random_sound(seed));
         let stuck = Structure {
@@ -70,9 +78,11 @@ fn friction_that_begins_or_ends_is_searched_for() {
             ..Structure::default()
         };
         if search(&sound).verdict == Verdict::NoStiction && stuck.valve.is_some() {
+            asked[1] += 1;
             assert_eq!(confirmed(&sound, &stuck), None, "seed {seed}: it stuck");
         }
     }
+    assert!(asked[0] >= 3 && asked[1] >= 2, "{asked:?}");
 }
 
 #[test]
@@ -110,8 +120,10 @@ fn everything_is_searched_for_again_in_the_end() {
         confirmed(&first, &structure).map(|_| (first, structure))
     });
     let (record, structure) = last.expect("one of eight holds on its own window");
-    let at = |confirmed| Structure { confirmed, ..structure.clone() };
-    let before = confirmed(&record, &at(MOST_CONFIRMED - 1)).expect("it holds");
-    assert_eq!(before.structure.expect("it holds").confirmed, MOST_CONFIRMED);
-    assert_eq!(confirmed(&record, &at(MOST_CONFIRMED)), None);
+    let until =
+        |age: f64| confirmed(&record, &Structure { searched: structure.searched - age, ..structure.clone() });
+    let before = until(LASTS_S - 1.0).expect("it holds").structure.expect("it holds");
+    assert_eq!((before.confirmed, before.searched), (1, structure.searched - LASTS_S + 1.0));
+    assert_eq!(until(LASTS_S), None);
+    assert_eq!(until(-1.0), None, "it is of later");
 }

@@ -1,7 +1,7 @@
 //! Recorded samples through the daemon's own rings, scheduler, diagnosis, residual, results and alarms, on the record's
 //! clock: the same diagnoses at the same plant times.
 //!
-//! A diagnosis depends on nothing but its record, the settings and the effects that were known. Which samples the record
+//! A diagnosis depends on nothing but its record, the settings and what the run before it found. Which samples the record
 //! had depends on when the rings were copied; so every run keeps its [`Basis`](crate::results::Basis), which names them,
 //! and a replay shows the run those and no others.
 

@@ -4,21 +4,23 @@
 //! window all coefficients, S and J are fitted anew. The structure holds where
 //!
 //! 1. friction is told as before: a valve with nearly the last one's S has the evidence that a verdict asks for, or, where there
-//!    was none, no valve of a coarse grid has half of it,
+//!    was none, no valve of a coarse grid is likelier,
 //! 2. the residual fails no test that it passed when the structure was found (each is failed by chance once in a hundred), or
-//!    no effect that a search would begin with is likelier than none,
+//!    no effect promises more than it costs by the score tests with which a search begins, and a whole search finds no valve
+//!    where there was none,
 //! 3. each of its effects is likelier than not,
 //! 4. the signals show no sample that is wrong.
 //!
-//! Elsewhere, and after [`MOST_CONFIRMED`] windows in a row, everything is searched for again.
+//! Elsewhere, and after [`LASTS_S`], everything is searched for again.
 //!
 //! Source: Ljung, System Identification, 1999, chapter 16 (model validation).
 
 use super::data_quality::{Fact, assess};
-use super::decide::{Decided, NEAR, decide, decide_near, scored};
-use super::findings::{Findings, Structure};
+use super::decide::{Decided, arx, decide, scored};
+use super::findings::{Findings, Friction, Structure};
 use super::forward_selection::table;
-use super::hypotheses::{ALL, again};
+use super::hypotheses::load::oscillating_load::Oscillating;
+use super::hypotheses::{ALL, Propose, again};
 use super::hypothesis::Hypothesis;
 use super::posterior::{class, log_prior, probability};
 use super::report::{lasts, report, scaled};
@@ -27,17 +29,15 @@ use super::trace::{Outcome, iddata};
 use super::valve_search::{Effort, search};
 use super::{Settings, settings_of, window};
 use crate::diagnosis::confirmed::{Known, confirmed};
-use crate::diagnosis::verdict::{Prepared, prepared, unanswered};
+use crate::diagnosis::verdict::{Prepared, prepared, unanswered, with_history};
 use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::signal::{Record, Window};
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::ValveModel;
 
-/// Windows in a row on which a structure may be confirmed before all is searched for again: what the tests overlook is found
-/// within half a day of hourly diagnoses.
-pub const MOST_CONFIRMED: u32 = 11;
-/// Share of the evidence that a verdict asks for, from which friction is searched for where there was none (-).
-const WORTH: f64 = 0.5;
+/// Time for which a structure may be confirmed before all is searched for again: what the tests overlook is found within a day
+/// (s).
+pub const LASTS_S: f64 = 86_400.0;
 /// Factor within which S stays from one window to the next: a valve that changes more is searched for.
 const STAYS: f64 = 1.1;
 
@@ -48,45 +48,49 @@ pub fn confirm(
     settings: &Settings,
     last: &Structure,
 ) -> Option<(Diagnosis, Findings)> {
-    if last.confirmed >= MOST_CONFIRMED {
-        return None;
-    }
     let prepared = prepared(record, diagnosed);
     let bare = match &prepared {
         Ok(prepared) => standing(prepared, last),
         Err(refused) => (**refused).clone(),
     };
     let whole = window(record, &bare, diagnosed)?;
-    if bare.preparation.compensated > 0.0 || whole.mv.is_some() {
+    let age = whole.t0 + whole.len() as f64 * whole.ts - last.searched;
+    if !(0.0..LASTS_S).contains(&age) || bare.preparation.compensated > 0.0 || whole.mv.is_some() {
         return None;
     }
     let settings = settings_of(record, bare.window.as_ref().unwrap_or(&whole), diagnosed, settings);
     let (data, facts) = assessed(&whole, &settings, last)?;
-    let outcome = fitted(&data, facts, last, WORTH * settings.evidence_threshold)?;
-    if outcome.friction == f64::NEG_INFINITY && bare.verdict == Verdict::NoStiction {
+    let outcome = fitted(&data, facts, last)?;
+    // Friction was asked, or is known not to show.
+    let unasked = matches!(bare.verdict, Verdict::NotIdentifiable(_)) && last.valve.is_none();
+    if outcome.friction == f64::NEG_INFINITY && !unasked {
         return None;
     }
     let likeliest = outcome.best.clone();
     let mut findings = report(outcome, &bare, &settings);
     let as_before = (findings.verdict == Verdict::Stiction) == last.valve.is_some();
     let passes = findings.failed.iter().all(|test| last.failed.contains(test));
-    if !as_before || !(passes || !another(&data, &likeliest)) {
+    if !as_before || !(passes || !promising(&data, &likeliest) && !sticks_now(&data, &likeliest)) {
         return None;
     }
+    let Structure { ref failed, confirmed, searched, .. } = *last;
+    let (failed, confirmed) = (failed.clone(), confirmed + 1);
     findings.reason += "; the last model still fits";
-    let (failed, confirmed_now) = (last.failed.clone(), last.confirmed + 1);
-    findings.structure = Some(Structure { failed, confirmed: confirmed_now, ..findings.structure.take()? });
-    let known = Known {
-        verdict: findings.verdict.clone(),
-        reason: findings.reason.clone(),
-        f: findings.friction_after.f,
-        f_ci95: findings.friction_after.f_ci95,
-        delta_aic: findings.friction_after.delta_aic,
-        model: findings.model.clone(),
-        residual: findings.after,
+    findings.structure = Some(Structure { failed, confirmed, searched, ..findings.structure.take()? });
+    let diagnosis = match (prepared, &bare.verdict) {
+        (Ok(prepared), Verdict::Stiction | Verdict::NoStiction) => confirmed_as(prepared, bare, &findings),
+        _ => with_history(Diagnosis { reason: findings.reason.clone(), ..bare }),
     };
-    let diagnosis = prepared.map_or(bare, |prepared| confirmed(prepared, known));
     Some((diagnosis, findings))
+}
+
+/// The diagnosis with what was found.
+fn confirmed_as(prepared: Prepared, bare: Diagnosis, findings: &Findings) -> Diagnosis {
+    let Friction { f, f_ci95, delta_aic, .. } = findings.friction_after;
+    let (reason, model) = (findings.reason.clone(), findings.model.clone());
+    let known =
+        Known { verdict: bare.verdict, reason, f, f_ci95, delta_aic, model, residual: findings.after };
+    confirmed(prepared, known)
 }
 
 /// What a diagnosis says where friction is as it was.
@@ -100,19 +104,23 @@ fn standing(prepared: &Prepared, last: &Structure) -> Diagnosis {
     Diagnosis { preparation, window, ..Diagnosis::bare(verdict, reason) }
 }
 
-/// Whether any effect is likelier than none: the best of each kind that promises to be is fitted.
-fn another(data: &IdData, base: &Decided) -> bool {
+/// Whether any effect promises more than it costs.
+fn promising(data: &IdData, base: &Decided) -> bool {
     let screen = Screen::new(data, base);
-    let pays = |score: f64| score + log_prior(1) > base.score;
-    ALL.iter().any(|kind| {
-        let promised = kind.propose(&screen).into_iter().map(|proposal| {
-            let other = base.hypothesis.with(proposal.effect);
-            let other = other.with_valve(proposal.valve.or(base.hypothesis.valve));
-            (scored(data, &other, base.model.log_likelihood + proposal.gain), other)
-        });
-        let best = promised.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|best| pays(best.0));
-        best.is_some_and(|(_, other)| pays(decide_near(data, other, &base.model, NEAR).score))
-    })
+    let promised = ALL.iter().flat_map(|hypothesis| hypothesis.propose(&screen)).map(|proposal| {
+        let other = base.hypothesis.with(proposal.effect);
+        let other = other.with_valve(proposal.valve.or(base.hypothesis.valve));
+        scored(data, &other, base.model.log_likelihood + proposal.gain)
+    });
+    promised.fold(f64::NEG_INFINITY, f64::max) + log_prior(1) > base.score
+}
+
+/// Whether a whole search finds a valve that is likelier than none, where there was none.
+fn sticks_now(data: &IdData, base: &Decided) -> bool {
+    let none = &base.hypothesis;
+    let sound = scored(data, none, arx(data, none, None).log_likelihood);
+    let found = || search(data, none, &[], Effort::Whole);
+    none.valve.is_none() && found().first().is_some_and(|found| found.score > sound)
 }
 
 /// The record that is fitted, where no sample of it is wrong.
@@ -127,16 +135,17 @@ fn assessed(whole: &Window, settings: &Settings, last: &Structure) -> Option<(Id
 
 /// The last valve in the units of the data.
 fn valve_of(data: &IdData, last: &Structure) -> Option<ValveModel> {
-    last.valve.map(|valve| scaled(valve, 1.0 / data.units.u))
+    last.valve.map(|valve| scaled(valve, 1.0 / data.units.u)).filter(|valve| valve.s.is_finite())
 }
 
 /// The models of the structure and of what competes with it; `None` where something else is likelier.
-///
-/// * `worth`: evidence for friction from which it is looked for, where there was none (-).
-fn fitted(data: &IdData, facts: Vec<Fact>, last: &Structure, worth: f64) -> Option<Outcome> {
+fn fitted(data: &IdData, facts: Vec<Fact>, last: &Structure) -> Option<Outcome> {
     let effects = last.effects.iter().map(|effect| again(data, effect)).collect::<Option<Vec<_>>>()?;
     let none = Hypothesis { valve: None, effects };
     let valve = valve_of(data, last);
+    if valve.is_some() != last.valve.is_some() {
+        return None;
+    }
     let effort = if valve.is_none() { Effort::Grid } else { Effort::Same };
     let starts: Vec<ValveModel> = valve.into_iter().collect();
     let mut decided = vec![decide(data, none.clone(), None)];
@@ -149,16 +158,20 @@ fn fitted(data: &IdData, facts: Vec<Fact>, last: &Structure, worth: f64) -> Opti
         }
     }
     let sticks = |d: &Decided| d.hypothesis.valve.is_some();
+    if valve.is_some() {
+        // What imitates a sticking valve best, without one.
+        let screen = Screen::new(data, decided.first()?);
+        let load = Oscillating.propose(&screen).into_iter().next();
+        decided.extend(load.map(|load| decide(data, none.with(load.effect), None)));
+    }
     let sound = decided.first()?;
-    let stuck = decided.iter().skip(1).max_by(|a, b| a.score.total_cmp(&b.score));
+    let stuck = decided.iter().filter(|d| sticks(d)).max_by(|a, b| a.score.total_cmp(&b.score));
     let likeliest = match (valve, stuck.map(|stuck| (stuck, stuck.hypothesis.valve))) {
         (Some(last), Some((stuck, Some(now)))) => {
             Some(stuck).filter(|_| (now.s / last.s).ln().abs() <= STAYS.ln())?
         }
         (Some(_), _) => return None,
-        (None, stuck) => {
-            Some(sound).filter(|_| stuck.is_none_or(|s| 2.0 * (s.0.score - sound.score) <= worth))?
-        }
+        (None, stuck) => Some(sound).filter(|_| stuck.is_none_or(|s| s.0.score <= sound.score))?,
     };
     let declared = match likeliest.hypothesis.effects.is_empty() {
         true => likeliest.clone(),

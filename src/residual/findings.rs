@@ -256,6 +256,8 @@ pub struct Structure {
     pub failed: Vec<Test>,
     /// Windows on which it was confirmed since.
     pub confirmed: u32,
+    /// Where the window ended in which it was searched for (s).
+    pub searched: f64,
 }
 
 /// Everything that tracing found.

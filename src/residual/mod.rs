@@ -28,7 +28,7 @@ pub mod screening;
 mod trace;
 pub mod valve_search;
 
-pub use confirm::{MOST_CONFIRMED, confirm};
+pub use confirm::{LASTS_S, confirm};
 pub use findings::{Curves, Effect, Findings, Friction, Kind, Lasting, Parameter, Stem, Structure, Test};
 
 use crate::diagnosis::{self, Diagnosis, gate, prepare};

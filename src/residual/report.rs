@@ -181,7 +181,12 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     let misleads = gained(&before, &after) < -MISLEADS;
     let (stem, dir) = best.hypothesis.stem(&data);
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
-    let undisputed = (decides || !asked) && valve.is_some() == (verdict == Verdict::Stiction);
+    let sticks = |verdict: &Verdict| *verdict == Verdict::Stiction;
+    let undisputed = (decides || !asked)
+        && valve.is_some() == sticks(&verdict)
+        && sticks(&diagnosis.verdict) == sticks(&verdict)
+        && candidates.first().is_none_or(|(kind, posterior)| kind.is_none() && *posterior > 0.5)
+        && diagnosis.preparation.compensated == 0.0;
     let structure = structure(&data, &best.hypothesis, &facts, &failed).filter(|_| undisputed);
     let mut effects: Vec<Effect> = facts
         .into_iter()
@@ -255,7 +260,8 @@ pub fn lasts(fact: &Fact) -> bool {
     fact.kind == Kind::QuantisedPv
 }
 
-/// What the next window's fit may take as given: nothing with an effect that comes and goes, or where samples are wrong.
+/// What the next window's fit may take as given: nothing with an effect that comes and goes, or where samples are wrong. Where
+/// tracing and diagnosis differ, or the record lies between kinds, there is none either.
 fn structure(data: &IdData, hypothesis: &Hypothesis, facts: &[Fact], failed: &[Test]) -> Option<Structure> {
     let effects: Option<Vec<Lasting>> =
         hypothesis.effects.iter().map(|effect| effect.lasting(data)).collect();
@@ -267,6 +273,7 @@ fn structure(data: &IdData, hypothesis: &Hypothesis, facts: &[Fact], failed: &[T
         effects,
         failed: failed.to_vec(),
         confirmed: 0,
+        searched: data.time(data.len() as f64),
     })
 }
 

@@ -25,7 +25,7 @@ struct Rig {
 fn plan(jobs: Vec<Job>) -> Plan {
     let snapshot: Snapshot =
         Arc::new(|id| Some(Record { tags: vec![(id.to_string(), vec![])], ..Record::default() }));
-    Plan { jobs, snapshot, settings: Settings::default(), follows: false }
+    Plan { jobs, snapshot, settings: Settings::default(), follows: false, searched: HashSet::new() }
 }
 
 fn rig(config: Config, jobs: Vec<Job>, diagnose: impl Fn(&str) + Send + Sync + 'static) -> Rig {
@@ -228,7 +228,7 @@ async fn others_are_asked_first_and_what_they_do_not_answer_is_diagnosed_here() 
 
 #[tokio::test(start_paused = true)]
 async fn what_a_run_found_is_given_to_the_next_that_is_due_and_to_none_that_is_asked_for() {
-    let ids = [LoopId::new("a")];
+    let ids = ["a", "written"].map(LoopId::new);
     let results = Arc::new(Results::new(&ids, 10, &alarm::Config::default()));
     let given = Arc::new(Mutex::new(Vec::new()));
     let heard = given.clone();
@@ -239,7 +239,8 @@ async fn what_a_run_found_is_given_to_the_next_that_is_due_and_to_none_that_is_a
         found.structure = Some(Structure { confirmed, ..Structure::default() });
         Judged { findings: Some(found), ..nothing_to_say() }
     });
-    let (clock, plan) = (Clock::plant(0.0, 1.0), plan(jobs(&["a"], 1e6)));
+    let clock = Clock::plant(0.0, 1.0);
+    let plan = Plan { searched: HashSet::from([ids[1].clone()]), ..plan(jobs(&["a", "written"], 1e6)) };
     let scheduler = Arc::new(Scheduler::new(Config::default(), clock, judge, results.clone(), plan));
     let token = CancellationToken::new();
     let running = (scheduler.clone(), token.clone());
@@ -249,6 +250,11 @@ async fn what_a_run_found_is_given_to_the_next_that_is_due_and_to_none_that_is_a
     }
     assert_eq!(*given.lock().expect("no panic"), [None, Some(0), None, Some(0)]);
     assert_eq!((scheduler.counters().diagnosed, scheduler.counters().confirmed), (4, 2));
+    // Nor to one of a loop that write-back may act on.
+    for _ in 0..2 {
+        scheduler.ask(&ids[1], Trigger::Periodic).expect("idle").await.expect("runs");
+    }
+    assert_eq!(given.lock().expect("no panic")[4..], [None, None]);
     token.cancel();
     task.await.expect("the scheduler ends by itself");
 }

@@ -111,6 +111,7 @@ pub async fn start(loops: &[(&str, &str)], config: serve::Config, diagnose: Diag
         snapshot: Arc::new(move |id| records.snapshot(id)),
         settings: Settings::default(),
         follows: false,
+        searched: Default::default(),
     };
     let scheduler =
         Arc::new(Scheduler::new(schedule::Config::default(), clock, diagnose, results.clone(), plan));

@@ -61,6 +61,7 @@ async fn serve(parts: Parts) -> (Rig, Arc<History>, Arc<Scheduler>) {
         snapshot: Arc::new(move |id| records.snapshot(id)),
         settings: Settings::default(),
         follows: false,
+        searched: Default::default(),
     };
     // Everything asked for at once may wait.
     let config = schedule::Config { queue: 4000, parallelism: 2, ..schedule::Config::default() };

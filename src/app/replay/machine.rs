@@ -167,7 +167,13 @@ impl Machine {
         });
         // However slow this machine is, what was done in time once is done.
         let own = schedule::Config { parallelism: 1, deadline_s: 3600.0, ..schedule };
-        let plan = schedule::Plan { jobs, snapshot: part, settings, follows: false };
+        let plan = schedule::Plan {
+            jobs,
+            snapshot: part,
+            settings,
+            follows: false,
+            searched: std::collections::HashSet::new(),
+        };
         let scheduler = Arc::new(Scheduler::new(own, clock, diagnose, results.clone(), plan));
         if let Some(address) = options.listen {
             server.listen = address;

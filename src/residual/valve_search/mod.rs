@@ -96,7 +96,7 @@ pub enum Effort {
     Whole,
     /// Beams from the valves given.
     Near,
-    /// Beams from the valves given, each among valves of its own kind.
+    /// Beams from the valves given and the best of the coarse grid, with no other family.
     Same,
     /// The grid alone: whether there may be friction at all.
     Grid,
@@ -109,6 +109,9 @@ pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort
     starts.iter().for_each(|valve| search.rate(*valve, None));
     if matches!(effort, Effort::Whole | Effort::Grid) {
         search.grid().into_iter().take(STARTS).for_each(|valve| search.rate(valve, None));
+    }
+    if effort == Effort::Same {
+        search.coarse().into_iter().take(1).for_each(|valve| search.rate(valve, None));
     }
     if effort == Effort::Whole {
         search.halve();
@@ -241,6 +244,16 @@ impl<'a> Search<'a> {
             .collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
         ranked
+    }
+
+    /// The valves of the coarse grid, the best first.
+    fn coarse(&self) -> Vec<ValveModel> {
+        let with = |i: usize, (rule, ratio): (StopRule, f64)| {
+            let s = 2.0 * self.data.f_max * (i as f64 / VALUES as f64).powf(CROWDED);
+            ValveModel { s, j: ratio * s, rule, ..ValveModel::default() }
+        };
+        let all: Vec<ValveModel> = (1..=VALUES).flat_map(|i| GRID.map(|family| with(i, family))).collect();
+        self.ranked(&all).into_iter().map(|ranked| ranked.1).collect()
     }
 
     /// The grid over families and S: the best valves of different families.

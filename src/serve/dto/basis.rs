@@ -189,7 +189,7 @@ mod tests {
             let (tag, delay_s) = ("a.pv".to_string(), threshold / 9.0);
             let effects = vec![wave, residual::Lasting::MeasuredDisturbance { tag, delay_s }];
             let failed = Test::ALL[..(threshold / 10.0) as usize].to_vec();
-            let known = residual::Structure { valve, direct: threshold > 3.0, effects, failed, confirmed: threshold as u32 };
+            let known = residual::Structure { valve, direct: threshold > 3.0, effects, failed, searched: threshold / 11.0, confirmed: threshold as u32 };
             let known = (threshold > 0.1).then_some(known);
             let before = (threshold > 50.0).then_some(Before { f: threshold, f_ci95: [0.1, 2.0 * threshold] });
             let basis = Basis::of(&record, &settings, known).after(before);

@@ -29,7 +29,7 @@ pub struct Bundle {
     pub finished: f64,
     /// Whether somebody asked for it.
     pub on_demand: bool,
-    /// Settings, effects known before, and which samples.
+    /// Settings, what the run before found, and which samples.
     pub basis: BasisText,
     /// The report.
     pub report: Report,

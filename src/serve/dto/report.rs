@@ -410,6 +410,10 @@ impl Report {
     pub fn with_findings(mut self, op_span: Option<f64>, diagnosis: &Diagnosis, found: &Findings) -> Self {
         let unit = OpUnit::new(op_span, diagnosis);
         self.residual = ReportResidual::traced(found, &unit, &diagnosis.verdict);
+        if found.structure.as_ref().is_some_and(|structure| structure.confirmed > 0) {
+            // None was weighed.
+            self.rival = None;
+        }
         self.f_detectable = found.f_detectable.and_then(|f| unit.scale(f));
         if !found.decide() {
             return self;

@@ -17,6 +17,8 @@ pub struct Structure {
     pub effects: Vec<Lasting>,
     /// The tests that the residual failed when it was found.
     pub failed_tests: Vec<String>,
+    /// Where the window ended in which it was searched for (s).
+    pub searched: f64,
     /// Runs in a row that found it still holds, without a search; 0 where this run searched.
     pub confirmed: u32,
 }
@@ -98,6 +100,7 @@ impl From<&residual::Structure> for Structure {
             direct: own.direct,
             effects: own.effects.iter().map(Lasting::from).collect(),
             failed_tests: own.failed.iter().map(|test| test.as_str().to_string()).collect(),
+            searched: own.searched,
             confirmed: own.confirmed,
         }
     }
@@ -112,6 +115,10 @@ impl Structure {
             Some(ValveModel { s, j, rule, resolution, ..ValveModel::default() })
                 .filter(|valve| valve.is_valid() && [s, j, resolution].iter().all(|band| band.is_finite()))
         };
+        // As many as one model ever has.
+        if self.effects.len() > residual::Settings::default().most_effects {
+            return None;
+        }
         let test = |name: &String| Test::ALL.into_iter().find(|test| test.as_str() == name);
         Some(residual::Structure {
             valve: match &self.valve {
@@ -121,6 +128,7 @@ impl Structure {
             direct: self.direct,
             effects: self.effects.iter().map(residual::Lasting::from).collect(),
             failed: self.failed_tests.iter().map(test).collect::<Option<_>>()?,
+            searched: self.searched,
             confirmed: self.confirmed,
         })
     }

@@ -4,7 +4,7 @@ use super::{OpUnit, finite};
 use crate::diagnosis::{self, Verdict};
 use crate::residual::{self, Findings, Kind};
 use crate::serve::dto::Structure;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
@@ -43,7 +43,7 @@ pub struct ReportResidual {
     /// The tests that the final residual fails: `whiteness`, `line_spectrum`, ….
     pub failed_tests: Vec<String>,
     /// What the next run may take as given; null where it has to search.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "known_structure")]
     pub structure: Option<Structure>,
     /// Friction before the effects (`f_unit`); the report's own f is the one after.
     pub f_before: Option<f64>,
@@ -157,7 +157,9 @@ impl ReportResidual {
 
     /// The residual as it was traced.
     pub(super) fn traced(findings: &Findings, unit: &OpUnit, verdict_before: &Verdict) -> Self {
-        let known = !matches!(verdict_before, Verdict::NotIdentifiable(_));
+        // Without a search the declared model was not asked.
+        let asked = findings.structure.as_ref().is_none_or(|structure| structure.confirmed == 0);
+        let known = asked && !matches!(verdict_before, Verdict::NotIdentifiable(_));
         ReportResidual {
             white_before: Some(findings.before.white),
             white_after: Some(findings.after.white),
@@ -173,10 +175,15 @@ impl ReportResidual {
             structure: findings.structure.as_ref().map(Structure::from),
             f_before: unit.scale(findings.friction_before.f).filter(|_| known),
             f_after: unit.scale(findings.friction_after.f).filter(|_| findings.decide()),
-            verdict_before: Some(verdict_before.as_str().to_string()),
+            verdict_before: asked.then(|| verdict_before.as_str().to_string()),
             stem: findings.stem.as_ref().map(|own| stem(own, unit)),
         }
     }
+}
+
+/// A structure of another version is none: the report is read all the same.
+fn known_structure<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Structure>, D::Error> {
+    Ok(serde_json::from_value(serde_json::Value::deserialize(from)?).ok())
 }
 
 fn effects(findings: &Findings) -> Vec<ReportEffect> {
