@@ -23,9 +23,7 @@ fn main() {
         "| loops | runs | without a search | mean of these, ms | mean of the others, ms | mean, ms | sticks |"
     );
     println!("|---|---|---|---|---|---|---|");
-    let kinds: [(&str, fn(u64) -> Scenario); 3] =
-        [("stick", calibration), ("driven by a load", driven), ("at rest", at_rest)];
-    let means = kinds.map(|(name, scenario)| row(name, scenario));
+    let means = [row("stick", calibration), row("driven by a load", driven), row("at rest", at_rest)];
     let mean = means.iter().sum::<f64>() / means.len() as f64;
     println!("{PLANT} such loops once an hour: {:.0} % of a core", 100.0 * PLANT * mean / 3.6e6);
 }
