@@ -289,13 +289,24 @@ impl Link {
         stream: &str,
         name: &str,
         filter: &str,
+        limits: (Duration, i64),
+    ) -> Result<Reading, LinkError> {
+        self.read_from(stream, name, filter, limits, DeliverPolicy::All).await
+    }
+
+    async fn read_from(
+        &self,
+        stream: &str,
+        name: &str,
+        filter: &str,
         (patience, attempts): (Duration, i64),
+        deliver_policy: DeliverPolicy,
     ) -> Result<Reading, LinkError> {
         let stream = self.js.get_stream_no_info(stream).await.map_err(away)?;
         let config = pull::Config {
             durable_name: Some(name.to_string()),
             filter_subject: filter.to_string(),
-            deliver_policy: DeliverPolicy::All,
+            deliver_policy,
             ack_policy: AckPolicy::Explicit,
             ack_wait: patience,
             max_deliver: attempts,
@@ -305,6 +316,30 @@ impl Link {
         };
         let consumer = stream.get_or_create_consumer(name, config).await.map_err(away)?;
         Ok(Reading { consumer })
+    }
+
+    /// As [`Link::read`], in the order of the stream: what was delivered to a process that has ended without doing it comes first,
+    /// and not after what is newer.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn read_in_order(
+        &self,
+        stream: &str,
+        name: &str,
+        filter: &str,
+        limits: (Duration, i64),
+    ) -> Result<Reading, LinkError> {
+        let own = self.js.get_stream_no_info(stream).await.map_err(away)?;
+        let mut start = DeliverPolicy::All;
+        if let Ok(info) = own.consumer_info(name).await
+            && info.num_ack_pending > 0
+        {
+            // A server gives again only after the patience, so the reader is made anew where it has come to.
+            start = DeliverPolicy::ByStartSequence { start_sequence: info.ack_floor.stream_sequence + 1 };
+            own.delete_consumer(name).await.map_err(away)?;
+        }
+        self.read_from(stream, name, filter, limits, start).await
     }
 
     /// The latest message of each subject, and every one that comes after, for this process alone.

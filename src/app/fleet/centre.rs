@@ -155,7 +155,8 @@ impl Fleet {
         let (name, filter) = (reader(&self.name), all(None, What::Samples));
         let mut taken = Taken::default();
         loop {
-            let reading = match link.read(SAMPLES, &name, &filter, (AGAIN, -1)).await {
+            // A ring goes forward only: what comes late would be left out.
+            let reading = match link.read_in_order(SAMPLES, &name, &filter, (AGAIN, -1)).await {
                 Ok(reading) => reading,
                 Err(error) => {
                     self.rest(&error, "no samples are taken").await;
