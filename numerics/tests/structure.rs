@@ -7,7 +7,7 @@ use stictiond_numerics::sim::scenarios::{Scenario, random_sound, random_sticky};
 use stictiond_numerics::sim::{Load, LoadKind};
 
 /// Samples of each window.
-const WINDOW: usize = 1500;
+const WINDOW: usize = 1000;
 
 /// So many windows of a scenario, one after the other.
 fn windows<const N: usize>(mut scenario: Scenario) -> [Record; N] {
