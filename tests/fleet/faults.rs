@@ -1,6 +1,6 @@
 //! A fleet among faults that a seed draws: lines cut, servers and daemons killed, one at a time or several at once.
 //!
-//! `FLEET_SEED=7 cargo nextest run --test fleet faults --no-capture` draws those of seed 7, `FLEET_ROUNDS` so many of them. What
+//! `scripts/fleet faults 7` draws those of seed 7; `FLEET_ROUNDS` says how many. What
 //! is killed when is a function of the seed; what the processes make of it is not, as in a plant.
 
 use crate::daemon::Daemon;
@@ -14,7 +14,7 @@ use std::thread::sleep;
 use std::time::Duration;
 use stictiond::demo::{DEFAULT_SPEED, Demo, Options, Screen};
 
-/// Faults with all other tests.
+/// Faults where nothing else is said.
 const ROUNDS: u64 = 5;
 const SITE: &str = "north";
 
@@ -74,6 +74,7 @@ fn times(daemon: &Daemon) -> BTreeMap<String, String> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+#[ignore = "a search for faults and no check: scripts/fleet faults SEED runs it"]
 async fn whatever_goes_away_nothing_is_lost_and_nothing_is_there_twice() {
     let (seed, rounds) = (number("FLEET_SEED", 1), number("FLEET_ROUNDS", ROUNDS));
     let listen = ([127, 0, 0, 1], 0).into();
