@@ -29,8 +29,8 @@ pub struct Known {
     pub residual: Residual,
 }
 
-/// The diagnosis of a prepared record by what is known of it. The curve over f is that of the long ARX, thinned; the evidence
-/// was not shared out over the record, so that its steadiness is no number.
+/// The diagnosis of a prepared record by what is known of it. The curve over f is that of the long ARX, at the grid's number of
+/// points. Steadiness is NaN: it is a number of the search, which was not made.
 pub fn confirmed(prepared: Prepared, known: Known) -> Diagnosis {
     let Prepared { window, preparation, region, oscillation, problem, scale, .. } = prepared;
     let n = window.len();

@@ -318,8 +318,7 @@ impl Link {
         Ok(Reading { consumer })
     }
 
-    /// As [`Link::read`], in the order of the stream: what was delivered to a process that has ended without doing it comes first,
-    /// and not after what is newer.
+    /// As [`Link::read`], in the order of the stream. A message that was delivered and not acknowledged comes before newer ones.
     ///
     /// # Errors
     /// [`LinkError::Away`].

@@ -95,8 +95,9 @@ fn confirmed_as(prepared: Prepared, bare: Diagnosis, findings: &Findings) -> Dia
 
 /// What a diagnosis says where friction is as it was.
 fn standing(prepared: &Prepared, last: &Structure) -> Diagnosis {
-    let (verdict, reason) = match unanswered(&prepared.problem, &prepared.region) {
-        _ if last.valve.is_some() => (Verdict::Stiction, String::new()),
+    let asked = || unanswered(&prepared.problem, &prepared.region);
+    let (verdict, reason) = match last.valve.is_none().then(asked).flatten() {
+        None if last.valve.is_some() => (Verdict::Stiction, String::new()),
         Some(why) => (Verdict::NotIdentifiable(why.clone()), why.to_string()),
         None => (Verdict::NoStiction, String::new()),
     };

@@ -224,7 +224,7 @@ pub struct Stem {
     pub findings: Option<Box<Findings>>,
 }
 
-/// An effect that lasts: it is there in the next window, too, or its cause has gone.
+/// An effect that is expected in the next window, too.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Lasting {
     /// A periodic load.
