@@ -7,6 +7,7 @@ mod certificates;
 mod edge;
 mod forward;
 mod inventory;
+mod order;
 mod orders;
 mod standing;
 mod waiting;

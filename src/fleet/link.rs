@@ -26,6 +26,10 @@ const BUFFERED: usize = 256;
 const SUBSCRIBED: usize = 1024;
 /// A consumer that nobody asked for longer is forgotten by the server.
 const FORGOTTEN_AFTER: Duration = Duration::from_secs(7 * 86_400);
+/// A message that its only reader has not done within this time is given to it again.
+const GIVEN_AGAIN: Duration = Duration::from_secs(10);
+/// How late a server may be with that.
+const MARGIN: Duration = Duration::from_secs(1);
 /// How often a server asks whether we are there, and we whether it is.
 const PING: Duration = Duration::from_secs(5);
 /// Longest pause between two attempts to connect.
@@ -135,14 +139,24 @@ impl Incoming {
 #[derive(Debug)]
 pub struct Reading {
     consumer: Consumer<pull::Config>,
+    /// Why the last answer broke off.
+    broken: Option<LinkError>,
 }
 
 impl Reading {
-    /// Up to `most` messages; those that are there after `patience`.
+    fn new(consumer: Consumer<pull::Config>) -> Self {
+        Self { consumer, broken: None }
+    }
+
+    /// Up to `most` messages; those that are there after `patience`. An answer that broke off is given, and is the last: what
+    /// was still on its way comes to the next reading.
     ///
     /// # Errors
-    /// [`LinkError::Away`].
-    pub async fn next(&self, most: usize, patience: Duration) -> Result<Vec<Incoming>, LinkError> {
+    /// [`LinkError::Away`]; then the reading is over.
+    pub async fn next(&mut self, most: usize, patience: Duration) -> Result<Vec<Incoming>, LinkError> {
+        if let Some(error) = self.broken.take() {
+            return Err(error);
+        }
         let asked = self.consumer.batch().max_messages(most).expires(patience).messages();
         let mut messages = asked.await.map_err(away)?;
         let mut all = Vec::new();
@@ -153,10 +167,13 @@ impl Reading {
             Ok::<_, LinkError>(())
         };
         // A server that has gone says nothing more; what came before is taken all the same.
-        match tokio::time::timeout(patience + ANSWER, reading).await {
-            Ok(Err(error)) if all.is_empty() => Err(error),
-            Err(_) if all.is_empty() => Err(away("no answer")),
-            _ => Ok(all),
+        let ended = tokio::time::timeout(patience + ANSWER, reading).await;
+        match ended.unwrap_or_else(|_| Err(away("no answer"))) {
+            Err(error) if all.is_empty() => Err(error),
+            ended => {
+                self.broken = ended.err();
+                Ok(all)
+            }
         }
     }
 }
@@ -279,34 +296,47 @@ impl Link {
         }
     }
 
-    /// What a stream has for the reader called `name`, from the first message on that it has not done. One that is not done
-    /// within `patience` is delivered again, `attempts` times in all.
+    /// What a stream has for the only reader called `name`, from the first message on that it has not done, in the order of the
+    /// stream. Where messages were given to it before and it has not done them, it waits until the server gives them again.
     ///
     /// # Errors
     /// [`LinkError::Away`].
-    pub async fn read(
+    pub async fn read(&self, stream: &str, name: &str, filter: &str) -> Result<Reading, LinkError> {
+        let consumer = self.consumer(stream, name, filter, (GIVEN_AGAIN, -1)).await?;
+        if consumer.cached_info().num_ack_pending > 0 {
+            // What is given again comes before what is new; what is not yet due would come after it.
+            tokio::time::sleep(GIVEN_AGAIN + MARGIN).await;
+        }
+        Ok(Reading::new(consumer))
+    }
+
+    /// What a stream has for all who read as `name`, each message for one of them. One that is not done within `patience` is
+    /// given to another, `attempts` times in all.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn share(
         &self,
         stream: &str,
         name: &str,
         filter: &str,
         limits: (Duration, i64),
     ) -> Result<Reading, LinkError> {
-        self.read_from(stream, name, filter, limits, DeliverPolicy::All).await
+        Ok(Reading::new(self.consumer(stream, name, filter, limits).await?))
     }
 
-    async fn read_from(
+    async fn consumer(
         &self,
         stream: &str,
         name: &str,
         filter: &str,
         (patience, attempts): (Duration, i64),
-        deliver_policy: DeliverPolicy,
-    ) -> Result<Reading, LinkError> {
+    ) -> Result<Consumer<pull::Config>, LinkError> {
         let stream = self.js.get_stream_no_info(stream).await.map_err(away)?;
         let config = pull::Config {
             durable_name: Some(name.to_string()),
             filter_subject: filter.to_string(),
-            deliver_policy,
+            deliver_policy: DeliverPolicy::All,
             ack_policy: AckPolicy::Explicit,
             ack_wait: patience,
             max_deliver: attempts,
@@ -314,31 +344,7 @@ impl Link {
             inactive_threshold: FORGOTTEN_AFTER,
             ..pull::Config::default()
         };
-        let consumer = stream.get_or_create_consumer(name, config).await.map_err(away)?;
-        Ok(Reading { consumer })
-    }
-
-    /// As [`Link::read`], in the order of the stream. A message that was delivered and not acknowledged comes before newer ones.
-    ///
-    /// # Errors
-    /// [`LinkError::Away`].
-    pub async fn read_in_order(
-        &self,
-        stream: &str,
-        name: &str,
-        filter: &str,
-        limits: (Duration, i64),
-    ) -> Result<Reading, LinkError> {
-        let own = self.js.get_stream_no_info(stream).await.map_err(away)?;
-        let mut start = DeliverPolicy::All;
-        if let Ok(info) = own.consumer_info(name).await
-            && info.num_ack_pending > 0
-        {
-            // A server gives again only after the patience, so the reader is made anew where it has come to.
-            start = DeliverPolicy::ByStartSequence { start_sequence: info.ack_floor.stream_sequence + 1 };
-            own.delete_consumer(name).await.map_err(away)?;
-        }
-        self.read_from(stream, name, filter, limits, start).await
+        stream.get_or_create_consumer(name, config).await.map_err(away)
     }
 
     /// The latest message of each subject, and every one that comes after, for this process alone.
@@ -354,7 +360,7 @@ impl Link {
             inactive_threshold: Duration::from_secs(300),
             ..pull::Config::default()
         };
-        Ok(Reading { consumer: stream.create_consumer(config).await.map_err(away)? })
+        Ok(Reading::new(stream.create_consumer(config).await.map_err(away)?))
     }
 
     /// The lease as it stands.

@@ -2,6 +2,7 @@
 //! people do about alarms. A message is acknowledged once what it brought is in the store.
 
 use super::inventory::composed;
+use super::order::Order;
 use super::orders::action;
 use super::standing::reader;
 use super::{Fleet, PAUSE, window};
@@ -30,8 +31,6 @@ use std::time::Duration;
 const MOST: usize = 256;
 /// Longest wait for the first of them.
 const WAIT: Duration = Duration::from_secs(1);
-/// A message that is not done within this time is delivered again.
-const AGAIN: Duration = Duration::from_secs(60);
 /// A message of a loop that is not known yet is looked at again after this time.
 const UNKNOWN: Duration = Duration::from_secs(2);
 /// A message of a loop that is still not known after this time (s) is dropped: its edge has it no more.
@@ -113,7 +112,7 @@ impl Fleet {
         // What is not in force yet, because it could not be taken.
         let mut new = false;
         loop {
-            let reading = match link.follow(LATEST, &all(None, What::Hello)).await {
+            let mut reading = match link.follow(LATEST, &all(None, What::Hello)).await {
                 Ok(reading) => reading,
                 Err(error) => {
                     self.rest(&error, "what edges are is not heard").await;
@@ -153,10 +152,9 @@ impl Fleet {
 
     async fn take_samples(&self, link: &Link, app: &App) {
         let (name, filter) = (reader(&self.name), all(None, What::Samples));
-        let mut taken = Taken::default();
+        let (mut taken, mut order) = (Taken::default(), Order::default());
         loop {
-            // A ring goes forward only: what comes late would be left out.
-            let reading = match link.read_in_order(SAMPLES, &name, &filter, (AGAIN, -1)).await {
+            let mut reading = match link.read(SAMPLES, &name, &filter).await {
                 Ok(reading) => reading,
                 Err(error) => {
                     self.rest(&error, "no samples are taken").await;
@@ -173,12 +171,14 @@ impl Fleet {
                 let (mut done, mut pushed) = (Vec::new(), 0);
                 for message in messages {
                     self.lag(message.taken_at().map_or(0.0, |taken| self.clock.now() - taken));
-                    match self.take_block(&message, &history, &mut taken) {
+                    let next = self.is_next(&message, &mut order);
+                    match next.and_then(|()| self.take_block(&message, &history, &mut taken)) {
                         Some(count) => {
                             pushed += count;
+                            order.end(message.subject(), message.sequence());
                             done.push(message);
                         }
-                        None => self.later(&message).await,
+                        None => self.later(&message, &mut order).await,
                     }
                     // No ring may go round before the store has read it.
                     if pushed > self.scene.borrow().config.history.samples_per_tag / 2 {
@@ -216,9 +216,9 @@ impl Fleet {
     }
 
     async fn take_events(&self, link: &Link, app: &App) {
-        let (name, mut taken) = (reader(&self.name), Taken::default());
+        let (name, mut taken, mut order) = (reader(&self.name), Taken::default(), Order::default());
         loop {
-            let reading = match link.read(EVENTS, &name, "", (AGAIN, -1)).await {
+            let mut reading = match link.read(EVENTS, &name, "").await {
                 Ok(reading) => reading,
                 Err(error) => {
                     self.rest(&error, "no diagnoses and alarms are taken").await;
@@ -233,9 +233,13 @@ impl Fleet {
                 let _taking = self.taking.read().await;
                 let mut done = Vec::new();
                 for message in messages {
-                    match self.take_event(&message, &mut taken) {
-                        Some(()) => done.push(message),
-                        None => self.later(&message).await,
+                    let next = self.is_next(&message, &mut order);
+                    match next.and_then(|()| self.take_event(&message, &mut taken)) {
+                        Some(()) => {
+                            order.end(message.subject(), message.sequence());
+                            done.push(message);
+                        }
+                        None => self.later(&message, &mut order).await,
                     }
                 }
                 self.settle(app, &mut done).await;
@@ -289,15 +293,22 @@ impl Fleet {
         Some(())
     }
 
-    /// Leaves a message of a loop that is not known for later, or for good.
-    async fn later(&self, message: &Incoming) {
+    /// `None` for a message that has to wait for an earlier one of its subject.
+    fn is_next(&self, message: &Incoming, order: &mut Order) -> Option<()> {
+        order.is_next(message.subject(), message.sequence(), self.clock.elapsed()).then_some(())
+    }
+
+    /// Leaves a message of a loop that is not known, or that waits for such a one, for later or for good.
+    async fn later(&self, message: &Incoming, order: &mut Order) {
         let age = message.taken_at().map_or(0.0, |taken| self.clock.now() - taken);
         let known =
             self.known.borrow().map_or(Duration::ZERO, |since| self.clock.elapsed().saturating_sub(since));
         // Both: what waited while no centre ran is not old to us.
         if age.min(known.as_secs_f64()) < GIVEN_UP_S {
+            order.put_off(message.subject(), message.sequence(), self.clock.elapsed());
             return message.again(UNKNOWN).await;
         }
+        order.end(message.subject(), message.sequence());
         tracing::warn!(subject = message.subject(), "a message of a loop that no edge has is dropped");
         let _ = message.done().await;
     }

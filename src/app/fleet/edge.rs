@@ -23,8 +23,6 @@ use std::time::Duration;
 
 /// Changes of alarms that are read from the store in one go.
 const ROWS: usize = 1000;
-/// An order that is not done within this time is given again.
-const ORDER_WAITS: Duration = Duration::from_secs(30);
 /// Orders that are taken at once.
 const ORDERS: usize = 64;
 
@@ -167,7 +165,7 @@ impl Fleet {
         let mut last = 0;
         let mut obeyed = Obeyed::default();
         loop {
-            let reading = match link.read(ACTIONS, &reader, &filter, (ORDER_WAITS, -1)).await {
+            let mut reading = match link.read(ACTIONS, &reader, &filter).await {
                 Ok(reading) => reading,
                 Err(error) => {
                     tracing::debug!(%error, "orders of the centre are not heard");

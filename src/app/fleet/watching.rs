@@ -22,7 +22,7 @@ impl Fleet {
     /// Hears which machines are there.
     pub(super) async fn watching(&self, link: &Link) {
         loop {
-            let reading = match link.follow(LATEST, &all(None, What::Pulse)).await {
+            let mut reading = match link.follow(LATEST, &all(None, What::Pulse)).await {
                 Ok(reading) => reading,
                 Err(error) => {
                     self.rest(&error, "who is there is not heard").await;

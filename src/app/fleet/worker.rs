@@ -33,8 +33,8 @@ impl Fleet {
         let slots = self.scene.borrow().config.schedule.parallelism.max(1);
         let (free, stop) = (Arc::new(Semaphore::new(slots)), app.stop.clone());
         while !stop.is_cancelled() {
-            let reading = link.read(WINDOWS, WORKERS, &all(None, What::Window), (SILENCE, ATTEMPTS)).await;
-            let reading = match reading {
+            let reading = link.share(WINDOWS, WORKERS, &all(None, What::Window), (SILENCE, ATTEMPTS)).await;
+            let mut reading = match reading {
                 Ok(reading) => reading,
                 Err(error) => {
                     tracing::warn!(%error, "there are no windows to be had");

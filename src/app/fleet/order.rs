@@ -1,0 +1,100 @@
+//! Messages of one subject are taken in the order of their stream, also where one of them had to be put off: rings and the
+//! history of an alarm go forward only.
+
+use std::collections::{BTreeMap, HashMap};
+use std::time::Duration;
+
+/// A message that was put off and has not come again for this long was deleted from its stream; nothing waits for it any more.
+pub(super) const GONE: Duration = Duration::from_secs(600);
+
+/// The messages that were put off: by subject, their numbers in the stream, and when that was, on a steady clock.
+#[derive(Default)]
+pub(super) struct Order(HashMap<String, BTreeMap<u64, Duration>>);
+
+impl Order {
+    /// Whether no earlier message of `subject` is still to come.
+    pub(super) fn is_next(&mut self, subject: &str, sequence: u64, now: Duration) -> bool {
+        let Some(waiting) = self.0.get_mut(subject) else { return true };
+        waiting.retain(|_, since| now.saturating_sub(*since) < GONE);
+        waiting.keys().next().is_none_or(|first| sequence <= *first)
+    }
+
+    /// The message comes again.
+    pub(super) fn put_off(&mut self, subject: &str, sequence: u64, now: Duration) {
+        self.0.entry(subject.to_string()).or_default().insert(sequence, now);
+    }
+
+    /// The message does not come again.
+    pub(super) fn end(&mut self, subject: &str, sequence: u64) {
+        if let Some(waiting) = self.0.get_mut(subject) {
+            waiting.remove(&sequence);
+            if waiting.is_empty() {
+                self.0.remove(subject);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const SECOND: Duration = Duration::from_secs(1);
+
+    #[test]
+    fn what_comes_after_a_message_that_was_put_off_waits_for_it() {
+        let mut order = Order::default();
+        assert!(order.is_next("a", 1, SECOND));
+        order.put_off("a", 1, SECOND);
+        assert!(!order.is_next("a", 2, SECOND), "1 is still to come");
+        assert!(order.is_next("b", 3, SECOND), "another loop does not wait");
+        order.put_off("a", 2, SECOND);
+        assert!(order.is_next("a", 1, 3 * SECOND));
+        order.end("a", 1);
+        assert!(order.is_next("a", 2, 3 * SECOND));
+        assert!(!order.is_next("a", 4, 3 * SECOND));
+        order.end("a", 2);
+        assert!(order.is_next("a", 4, 3 * SECOND));
+        assert!(order.0.is_empty(), "nothing is remembered of what is done");
+    }
+
+    #[test]
+    fn a_message_that_was_deleted_holds_nobody_up_for_ever() {
+        let mut order = Order::default();
+        order.put_off("a", 1, SECOND);
+        assert!(!order.is_next("a", 2, GONE));
+        assert!(order.is_next("a", 2, SECOND + GONE));
+    }
+
+    proptest! {
+        /// Messages that come again and again, each unknown for a while, are taken in order.
+        #[test]
+        fn whatever_is_put_off_messages_are_taken_in_order(
+            unknown in proptest::collection::vec(0u64..4, 1..30),
+            turns in proptest::collection::vec(any::<u16>(), 0..60),
+        ) {
+            let (mut order, mut taken) = (Order::default(), Vec::new());
+            let mut pending: Vec<(u64, u64)> = unknown.iter().enumerate().map(|(at, n)| (at as u64, *n)).collect();
+            let mut put_off: Vec<(u64, u64)> = Vec::new();
+            let mut turns = turns.into_iter();
+            while !(pending.is_empty() && put_off.is_empty()) {
+                // New ones come in their order; between them, those that were put off, in any.
+                let again = turns.next().map_or(pending.is_empty(), |turn| turn % 2 == 0) && !put_off.is_empty();
+                let (sequence, left) = match again || pending.is_empty() {
+                    true => put_off.remove(usize::from(turns.next().unwrap_or(0)) % put_off.len()),
+                    false => pending.remove(0),
+                };
+                if order.is_next("a", sequence, SECOND) && left == 0 {
+                    order.end("a", sequence);
+                    taken.push(sequence);
+                } else {
+                    order.put_off("a", sequence, SECOND);
+                    put_off.push((sequence, left.saturating_sub(1)));
+                }
+            }
+            prop_assert!(taken.is_sorted());
+            prop_assert_eq!(taken.len(), unknown.len());
+        }
+    }
+}
