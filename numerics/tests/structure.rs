@@ -1,10 +1,12 @@
 //! A structure that still holds is not searched for again; one that no longer holds is.
 
 use stictiond_numerics::diagnosis::{Settings, Verdict, diagnose};
-use stictiond_numerics::residual::{self, Findings, LASTS_S, Structure, Test, confirm, trace_record};
+use stictiond_numerics::residual::{
+    self, Findings, Kind, LASTS_S, Lasting, Structure, Test, confirm, trace_record,
+};
 use stictiond_numerics::signal::{Record, Sample};
 use stictiond_numerics::sim::scenarios::{Scenario, random_sound, random_sticky};
-use stictiond_numerics::sim::{Load, LoadKind};
+use stictiond_numerics::sim::{Characteristic, Load, LoadKind};
 
 /// Samples of each window.
 const WINDOW: usize = 1000;
@@ -126,4 +128,106 @@ fn everything_is_searched_for_again_in_the_end() {
     assert_eq!((before.confirmed, before.searched), (1, structure.searched - LASTS_S + 1.0));
     assert_eq!(until(LASTS_S), None);
     assert_eq!(until(-1.0), None, "it is of later");
+}
+
+/// The first of some loops without a load of their own whose first window, with `load` added, is found to have what `lasts`; and its
+/// windows, with the load and without.
+fn driven(
+    of: fn(u64) -> Scenario,
+    load: impl Fn(&mut Record),
+    lasts: impl Fn(&Record, &Lasting) -> bool,
+) -> (Structure, [Record; 2], Record) {
+    let found = (530..545).find_map(|seed| {
+        let mut scenario = of(seed);
+        scenario.spec.loads.clear();
+        let [mut first, second] = windows(scenario);
+        let mut loaded = second.clone();
+        [&mut first, &mut loaded].into_iter().for_each(&load);
+        let settings = Settings::default();
+        let found =
+            trace_record(&first, &diagnose(&first, &settings), &settings, &residual::Settings::default());
+        let structure = found?.structure?;
+        let holds = structure.effects.iter().any(|own| lasts(&first, own)) && structure.effects.len() == 1;
+        (holds && confirmed(&loaded, &structure).is_some()).then_some((structure, [first, loaded], second))
+    });
+    found.expect("one of fifteen is found and holds")
+}
+
+/// Adds what `of` gives at a sample's number and time to PV, in its own range.
+fn added(record: &mut Record, of: impl Fn(usize, f64) -> f64) {
+    let values = || record.pv.iter().map(|s| s.value);
+    let range = values().fold(f64::MIN, f64::max) - values().fold(f64::MAX, f64::min);
+    record.pv.iter_mut().enumerate().for_each(|(k, sample)| sample.value += range * of(k, sample.t));
+}
+
+#[test]
+fn a_periodic_load_that_goes_on_is_fitted_and_one_that_ends_is_searched_for() {
+    let period = |record: &Record| 23.7 * (record.op[1].t - record.op[0].t);
+    let load = |record: &mut Record| {
+        let period = period(record);
+        added(record, |_, t| 0.4 * (std::f64::consts::TAU * t / period).sin());
+    };
+    let is_it = |record: &Record, own: &Lasting| matches!(own, Lasting::OscillatingLoad { period_s, .. } if (period_s / period(record) - 1.0).abs() < 0.02);
+    let (structure, [_, goes_on], ended) = driven(random_sticky, load, is_it);
+    let found = confirmed(&goes_on, &structure).expect("it holds");
+    let effect = found.effects.first().expect("the load");
+    assert_eq!(effect.kind, Kind::OscillatingLoad);
+    let lasting = |own: &Lasting| is_it(&goes_on, own);
+    assert!(found.structure.expect("it holds").effects.iter().all(lasting));
+    assert_eq!(confirmed(&ended, &structure), None, "the load is not there any more");
+    // The same record with every other sample: a load is known by its time, not by its samples.
+    let half = |of: &[Sample]| of.iter().copied().step_by(2).collect();
+    let slower = Record { op: half(&goes_on.op), pv: half(&goes_on.pv), ..goes_on.clone() };
+    if let Some(found) = confirmed(&slower, &structure) {
+        assert!(found.structure.expect("it holds").effects.iter().all(lasting));
+    }
+}
+
+#[test]
+fn a_tag_that_goes_on_driving_pv_is_fitted_and_one_that_is_missing_is_searched_for() {
+    // Slow and irregular, and the same whoever asks.
+    let wave = |k: usize| (0.031 * k as f64).sin() + (0.0737 * k as f64).cos() + (0.0113 * k as f64).sin();
+    let load = |record: &mut Record| {
+        added(record, |k, _| if k < 4 { 0.0 } else { 0.4 * wave(k - 4) });
+        let tag = record.pv.iter().enumerate().map(|(k, s)| Sample::good(s.t, wave(k))).collect();
+        record.tags = vec![("FIC7.pv".into(), tag)];
+    };
+    let is_it = |_: &Record, own: &Lasting| matches!(own, Lasting::MeasuredDisturbance { tag, .. } if tag == "FIC7.pv");
+    let (structure, [_, goes_on], ended) = driven(random_sound, load, is_it);
+    let found = confirmed(&goes_on, &structure).expect("it holds");
+    assert_eq!(found.effects.first().expect("the tag").kind, Kind::MeasuredDisturbance);
+    let missing = Record { tags: Vec::new(), ..goes_on.clone() };
+    assert_eq!(confirmed(&missing, &structure), None, "the tag is not recorded any more");
+    let idle = Record { tags: goes_on.tags.clone(), ..ended };
+    assert_eq!(confirmed(&idle, &structure), None, "the tag does not drive PV any more");
+}
+
+#[test]
+fn a_curved_valve_stays_curved_and_one_that_is_linear_by_now_is_searched_for() {
+    let of = |seed: u64, characteristic| {
+        let mut scenario = random_sticky(seed);
+        scenario.spec.loads.clear();
+        scenario.spec.valve.characteristic = characteristic;
+        windows::<2>(scenario)
+    };
+    let curved = |own: &Lasting| matches!(own, Lasting::Characteristic { .. } | Lasting::GainOfPv { .. });
+    let (mut known, mut held) = (0, 0);
+    for seed in 550..562 {
+        let [first, second] = of(seed, Characteristic::EqualPercentage { rangeability: 80.0 });
+        let settings = Settings::default();
+        let found =
+            trace_record(&first, &diagnose(&first, &settings), &settings, &residual::Settings::default());
+        let Some(structure) = found.and_then(|found| found.structure) else { continue };
+        if !structure.effects.iter().any(curved) {
+            continue;
+        }
+        known += 1;
+        let Some(found) = confirmed(&second, &structure) else { continue };
+        held += 1;
+        assert!(found.effects.iter().any(|effect| effect.kind == Kind::StaticNonlinearity));
+        assert!(found.structure.expect("it holds").effects.iter().any(curved));
+        let [_, linear] = of(seed, Characteristic::Linear);
+        assert_eq!(confirmed(&linear, &structure), None, "seed {seed}: it is linear by now");
+    }
+    assert!(held >= 2, "{held} hold of {known}");
 }

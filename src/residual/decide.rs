@@ -77,11 +77,17 @@ pub fn decide(data: &IdData, hypothesis: Hypothesis, near: Option<&ArxFit>) -> D
     let input = OnData { hypothesis: &hypothesis, data };
     let starts = hannan_rissanen(data, &y, &signals, &long, &theta);
     let begun = starts.into_iter().take(DELAYS).map(|start| start.model.fit(data, &data.y, &input, FIRST));
-    let begun: Vec<Armax> = begun.collect();
-    let enough = begun.iter().map(|model| model.log_likelihood).fold(f64::NEG_INFINITY, f64::max) - VALLEY;
-    let go_on = begun.into_iter().filter(|model| model.log_likelihood >= enough);
-    let fitted = go_on.map(|model| model.fit(data, &data.y, &input, MOST));
-    let model = fitted.max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood)).unwrap_or_default();
+    let mut begun: Vec<Armax> = begun.collect();
+    begun.sort_by(|a, b| b.log_likelihood.total_cmp(&a.log_likelihood));
+    let mut model: Option<Armax> = None;
+    for start in begun {
+        let most = model.as_ref().map_or(f64::NEG_INFINITY, |model| model.log_likelihood);
+        if start.log_likelihood >= most - VALLEY {
+            let fitted = start.fit(data, &data.y, &input, MOST);
+            model = model.filter(|_| most >= fitted.log_likelihood).or(Some(fitted));
+        }
+    }
+    let model = model.unwrap_or_default();
     Decided::new(data, hypothesis, model)
 }
 

@@ -241,6 +241,30 @@ pub enum Lasting {
         /// How much later PV follows (s).
         delay_s: f64,
     },
+    /// A curved valve characteristic.
+    Characteristic {
+        /// Its curvature (1/OP).
+        curvature_per_op: f64,
+    },
+    /// A process gain that depends on PV.
+    GainOfPv {
+        /// Its relative slope (1/PV).
+        gain_per_pv: f64,
+    },
+    /// The valve runs into a stop.
+    ValveSaturation {
+        /// Where the stop is (OP unit).
+        level: f64,
+        /// Whether it is the upper one.
+        above: bool,
+        /// Whether it holds the stem itself, which then leaves it only when the force has turned.
+        held: bool,
+    },
+    /// Friction that differs between opening and closing.
+    AsymmetricFriction {
+        /// S is `S (1 + asymmetry)` where the stem closes, `S (1 - asymmetry)` where it opens (-).
+        asymmetry: f64,
+    },
 }
 
 /// What a search found, and the next fit may take as given.

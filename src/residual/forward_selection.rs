@@ -6,14 +6,14 @@ use super::hypotheses::ALL;
 use super::hypothesis::Hypothesis;
 use super::posterior::{Table, class};
 use super::screening::Screen;
-use super::valve_search::{Effort, search};
+use super::valve_search::{Effort, Found, search};
 use crate::sysid::armax::Armax;
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::ValveModel;
 
-/// Score behind the best up to which a hypothesis is looked at closely (-).
+/// Promise behind the best of its kind up to which a proposal is fitted; twice this behind the best score it is left (-).
 const REACH: f64 = 25.0;
-/// Score behind the best up to which a hypothesis is fitted to the end: beyond it its posterior is none (-).
+/// Score behind the best up to which a kind leads and is fitted to the end: beyond it its posterior is none (-).
 const CLOSE: f64 = 12.0;
 /// Kinds beside which friction is searched again.
 const SEARCHED: usize = 3;
@@ -21,6 +21,8 @@ const SEARCHED: usize = 3;
 const SCREENED: usize = 2;
 /// Proposals of one kind that are fitted, with friction and without.
 const FITTED: usize = 5;
+/// Times of other changes that are fitted to the end for each change.
+const OFFERED: usize = 2;
 /// Iterations after which they are compared.
 const BEGUN: usize = 2;
 /// How many of them go on.
@@ -58,7 +60,7 @@ impl Comparison<'_> {
             }
         }
         kinds.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let enough = kinds.first().map_or(0.0, |k| k.1) - REACH;
+        let enough = kinds.first().map_or(0.0, |k| k.1) - CLOSE;
         kinds.retain(|k| k.1 >= enough || k.0.is_none());
         kinds.into_iter().map(|k| k.0).collect()
     }
@@ -140,9 +142,13 @@ impl Comparison<'_> {
             times.retain(|time| (self.data.first..self.data.split).contains(time));
             times.sort_unstable();
             times.dedup();
-            for effect in times.into_iter().flat_map(|time| last.moved(time).variants()) {
-                self.decided.push(decide_near(self.data, others.with(effect), &own.model, NEAR));
-            }
+            let offered = times.into_iter().flat_map(|time| last.moved(time).variants());
+            let mut begun: Vec<Decided> = offered
+                .map(|effect| decide_near(self.data, others.with(effect), &own.model, BEGUN))
+                .collect();
+            begun.sort_by(|a, b| b.score.total_cmp(&a.score));
+            let best = begun.into_iter().take(OFFERED);
+            self.decided.extend(best.map(|d| decide_near(self.data, d.hypothesis, &d.model, NEAR)));
         }
     }
 
@@ -193,7 +199,7 @@ impl Comparison<'_> {
             };
             let others = pool.iter().filter(|valve| Some(**valve) != best.hypothesis.valve).map(rate);
             let other = others.max_by(|a, b| a.0.total_cmp(&b.0));
-            self.decided.extend(other.map(|(_, other)| decide(self.data, other, None)));
+            self.decided.extend(other.map(|(_, other)| decide_quick(self.data, other, &best.model)));
         }
     }
 
@@ -226,15 +232,17 @@ impl Comparison<'_> {
     }
 }
 
-/// The hypotheses with at most one effect more than `effects` has, fitted; `pool`: valves found before, which are offered to
-/// all and added to.
+/// The hypotheses with at most one effect more than `effects` has, fitted.
+///
+/// * `valves`: those found beside `effects`.
+/// * `pool`: valves found before, which are offered to all and added to.
 pub fn compare(
     data: &IdData,
     effects: &Hypothesis,
+    valves: &[Found],
     pool: &mut Vec<ValveModel>,
     told: Option<Kind>,
 ) -> Vec<Decided> {
-    let valves = search(data, effects, pool, Effort::Near);
     add(pool, valves.iter().map(|found| found.valve));
     let mut decided = vec![decide(data, effects.with_valve(None), None)];
     decided.extend(

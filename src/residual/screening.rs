@@ -201,7 +201,10 @@ impl<'a> Screen<'a> {
     pub fn stem(&self, signal: &[f64]) -> Vec<f64> {
         let (model, rows) = (&self.base.model, self.data.rows());
         let b = |k: usize| -> f64 { (0..ORDER).map(|j| model.b[j] * signal[k - model.nk - j]).sum() };
-        filtered(b, model.c, self.data.start.index + model.nk + ORDER, rows.end)[rows].to_vec()
+        // A part that begins late is 0 before.
+        let from = signal.iter().position(|x| *x != 0.0).unwrap_or(signal.len());
+        let begin = from.max(self.data.start.index + model.nk + ORDER);
+        filtered(b, model.c, begin, rows.end)[rows].to_vec()
     }
 
     /// `few`, or many where the kind is known to be there.

@@ -69,13 +69,13 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     let mut data = recorded.clone();
     let f = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f) / data.units.u;
     let valve = (f > 0.0).then(|| ValveModel::one_parameter(f));
-    let (mut pool, facts) = prepare(&mut data, settings);
+    let (found, facts) = prepare(&mut data, settings);
     // The window is too short for the friction that was found: hypotheses without it would compete with none.
-    if pool.is_empty() && diagnosis.verdict == Verdict::Stiction {
+    if found.is_empty() && diagnosis.verdict == Verdict::Stiction {
         return None;
     }
     let declared = decide(&recorded, Hypothesis { valve, effects: Vec::new() }, None);
-    let mut outcome = select(&data, settings, &mut pool)?;
+    let mut outcome = select(&data, settings, found)?;
     outcome.recorded = recorded;
     outcome.facts = facts;
     outcome.declared = declared;
@@ -84,7 +84,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
 }
 
 /// Repairs what the signals alone show to be wrong, and finds the valves of the repaired record.
-fn prepare(data: &mut IdData, settings: &Settings) -> (Vec<ValveModel>, Vec<Fact>) {
+fn prepare(data: &mut IdData, settings: &Settings) -> (Vec<Found>, Vec<Fact>) {
     let known = informed(settings, data.units.u);
     let recorded = data.y.clone();
     let valves = RefCell::new(None);
@@ -101,8 +101,7 @@ fn prepare(data: &mut IdData, settings: &Settings) -> (Vec<ValveModel>, Vec<Fact
     // What was found on the record as it is now need not be found again.
     let found = valves.into_inner().filter(|(y, _)| *y == data.y && recorded == data.y).map(|found| found.1);
     let found = found.unwrap_or_else(|| search(data, &Hypothesis::default(), &known, Effort::Whole));
-    let found = direct(data, &known, found);
-    (found.into_iter().map(|found| found.valve).collect(), facts)
+    (direct(data, &known, found), facts)
 }
 
 /// Lets OP act beside the stem where friction is believed only so; `found`: the valves without such a term.
@@ -126,8 +125,8 @@ fn direct(data: &mut IdData, known: &[ValveModel], found: Vec<Found>) -> Vec<Fou
 /// See [`super::first_step`].
 pub fn first_step(window: &Window, settings: &Settings) -> Vec<Row> {
     let Some(mut data) = iddata(window) else { return Vec::new() };
-    let (mut pool, _) = prepare(&mut data, settings);
-    let decided = compare(&data, &Hypothesis::default(), &mut pool, None);
+    let (found, _) = prepare(&mut data, settings);
+    let decided = compare(&data, &Hypothesis::default(), &found, &mut Vec::new(), None);
     let row = |d: &Decided| Row {
         kind: d.kind(),
         friction: class(&d.hypothesis),
@@ -152,14 +151,15 @@ fn informed(settings: &Settings, unit: f64) -> Vec<ValveModel> {
     valves.flat_map(|valve| shares.iter().map(move |share| ValveModel { j: share * s, ..valve })).collect()
 }
 
-/// Forward selection with backward elimination.
-fn select(data: &IdData, settings: &Settings, pool: &mut Vec<ValveModel>) -> Option<Outcome> {
+/// Forward selection with backward elimination; `found`: the valves without an effect.
+fn select(data: &IdData, settings: &Settings, mut found: Vec<Found>) -> Option<Outcome> {
+    let mut pool = Vec::new();
     let mut effects = Hypothesis::default();
     let mut added: Vec<(f64, f64)> = Vec::new();
     let mut steps = 0;
     loop {
         steps += 1;
-        let decided = compare(data, &effects, pool, settings.only);
+        let decided = compare(data, &effects, &found, &mut pool, settings.only);
         let table = table(&decided, &effects);
         let kinds = table.kinds();
         let (kind, posterior) = *kinds.first()?;
@@ -183,12 +183,13 @@ fn select(data: &IdData, settings: &Settings, pool: &mut Vec<ValveModel>) -> Opt
         };
         added.push((posterior, 2.0 * (next.score - none.score)));
         let mut keep: Vec<usize> = (0..added.len()).collect();
-        let best = eliminate(data, next.clone(), pool, &mut keep);
+        let best = eliminate(data, next.clone(), &pool, &mut keep);
         added = keep.iter().map(|at| added[*at]).collect();
         effects = best.hypothesis.clone();
         if let Some(valve) = effects.valve {
             pool.retain(|other| *other != valve);
             pool.insert(0, valve);
         }
+        found = search(data, &effects, &pool, Effort::Near);
     }
 }

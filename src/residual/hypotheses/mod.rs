@@ -37,6 +37,12 @@ pub fn again(data: &IdData, lasting: &Lasting) -> Option<Box<dyn EffectModel>> {
         Lasting::MeasuredDisturbance { tag, delay_s } => {
             load::measured_disturbance::again(data, tag, *delay_s)
         }
+        Lasting::Characteristic { curvature_per_op } => valve::characteristic::again(data, *curvature_per_op),
+        Lasting::GainOfPv { gain_per_pv } => process::gain_of_pv::again(data, *gain_per_pv),
+        Lasting::ValveSaturation { level, above, held } => {
+            valve::saturation::again(data, *level, *above, *held)
+        }
+        Lasting::AsymmetricFriction { asymmetry } => valve::asymmetric_friction::again(*asymmetry),
     }
 }
 

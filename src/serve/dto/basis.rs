@@ -185,9 +185,16 @@ mod tests {
                 resolution: threshold / 700.0,
                 ..ValveModel::default()
             });
-            let wave = residual::Lasting::OscillatingLoad { period_s: threshold / 7.0, harmonics: 3 };
-            let (tag, delay_s) = ("a.pv".to_string(), threshold / 9.0);
-            let effects = vec![wave, residual::Lasting::MeasuredDisturbance { tag, delay_s }];
+            let effects = vec![
+                residual::Lasting::OscillatingLoad { period_s: threshold / 7.0, harmonics: 3 },
+                residual::Lasting::MeasuredDisturbance { tag: "a.pv".to_string(), delay_s: threshold / 9.0 },
+                residual::Lasting::Characteristic { curvature_per_op: -threshold / 13.0 },
+                residual::Lasting::GainOfPv { gain_per_pv: threshold / 17.0 },
+                residual::Lasting::ValveSaturation { level: threshold / 19.0, above: threshold > 2.0, held: threshold > 4.0 },
+                residual::Lasting::AsymmetricFriction { asymmetry: threshold / 101.0 },
+            ];
+            // As many as one model ever has.
+            let effects = effects.into_iter().skip(threshold as usize % 5).take(3).collect();
             let failed = Test::ALL[..(threshold / 10.0) as usize].to_vec();
             let known = residual::Structure { valve, direct: threshold > 3.0, effects, failed, searched: threshold / 11.0, confirmed: threshold as u32 };
             let known = (threshold > 0.1).then_some(known);

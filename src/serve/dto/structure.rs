@@ -41,28 +41,60 @@ pub enum Lasting {
         /// How much later PV follows (s).
         delay_s: f64,
     },
+    /// A curved valve characteristic.
+    Characteristic {
+        /// Its curvature (1/OP).
+        curvature_per_op: f64,
+    },
+    /// A process gain that depends on PV.
+    GainOfPv {
+        /// Its relative slope (1/PV).
+        gain_per_pv: f64,
+    },
+    /// The valve runs into a stop.
+    ValveSaturation {
+        /// Where the stop is (OP unit).
+        level: f64,
+        /// Whether it is the upper one.
+        above: bool,
+        /// Whether it holds the stem itself.
+        held: bool,
+    },
+    /// Friction that differs between opening and closing.
+    AsymmetricFriction {
+        /// S is `S (1 + asymmetry)` where the stem closes, `S (1 - asymmetry)` where it opens (-).
+        asymmetry: f64,
+    },
 }
 
-impl From<&residual::Lasting> for Lasting {
-    fn from(own: &residual::Lasting) -> Self {
-        match own.clone() {
-            residual::Lasting::OscillatingLoad { period_s, harmonics } => {
-                Self::OscillatingLoad { period_s, harmonics }
-            }
-            residual::Lasting::MeasuredDisturbance { tag, delay_s } => {
-                Self::MeasuredDisturbance { tag, delay_s }
+/// Both ways between two enums whose variants and fields have the same names.
+macro_rules! same {
+    ($($variant:ident { $($field:ident),+ })+) => {
+        impl From<&residual::Lasting> for Lasting {
+            fn from(own: &residual::Lasting) -> Self {
+                match own.clone() {
+                    $(residual::Lasting::$variant { $($field),+ } => Self::$variant { $($field),+ },)+
+                }
             }
         }
-    }
+
+        impl From<&Lasting> for residual::Lasting {
+            fn from(own: &Lasting) -> Self {
+                match own.clone() {
+                    $(Lasting::$variant { $($field),+ } => Self::$variant { $($field),+ },)+
+                }
+            }
+        }
+    };
 }
 
-impl From<&Lasting> for residual::Lasting {
-    fn from(own: &Lasting) -> Self {
-        match own.clone() {
-            Lasting::OscillatingLoad { period_s, harmonics } => Self::OscillatingLoad { period_s, harmonics },
-            Lasting::MeasuredDisturbance { tag, delay_s } => Self::MeasuredDisturbance { tag, delay_s },
-        }
-    }
+same! {
+    OscillatingLoad { period_s, harmonics }
+    MeasuredDisturbance { tag, delay_s }
+    Characteristic { curvature_per_op }
+    GainOfPv { gain_per_pv }
+    ValveSaturation { level, above, held }
+    AsymmetricFriction { asymmetry }
 }
 
 /// A valve that sticks.

@@ -17,8 +17,8 @@ use crate::sysid::iddata::IdData;
 const LONGEST: usize = 8;
 /// Changes tried (samples); the others are their neighbours.
 const CHANGES_TRIED: [usize; 6] = [1, 2, 3, 4, 6, 8];
-/// Samples between times that are tried.
-const STRIDE: usize = 16;
+/// Samples between times that are tried: the best is moved to its sample later.
+const STRIDE: usize = 32;
 /// Changes proposed.
 const CHANGES: usize = 4;
 

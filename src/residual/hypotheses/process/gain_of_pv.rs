@@ -3,11 +3,11 @@
 //! Parameter: r (1/PV unit), rate 1/2. Alternatives: in the process or in the valve's characteristic. The constant part of
 //! the stem times y is a part of A, so that only the product of both deviations is new.
 
-use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::Screen;
+use crate::residual::{Kind, Lasting};
 use crate::signal::told;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::REGULAR;
@@ -50,6 +50,9 @@ impl EffectModel for GainOfPv {
         let gain = 1.0 + self.r * data.y[k];
         x.iter_mut().for_each(|x| *x *= gain);
     }
+    fn lasting(&self, data: &IdData) -> Option<Lasting> {
+        Some(Lasting::GainOfPv { gain_per_pv: self.r / data.units.y })
+    }
     fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let r = self.r / data.units.y;
         let how = if r > 0.0 { "rises" } else { "falls" };
@@ -58,6 +61,12 @@ impl EffectModel for GainOfPv {
             .with("gain_per_pv", r, "1/PV")
             .at("process")
     }
+}
+
+/// The gain with this relative slope (1/PV).
+pub fn again(data: &IdData, gain_per_pv: f64) -> Option<Box<dyn EffectModel>> {
+    let r = gain_per_pv * data.units.y;
+    r.is_finite().then(|| GainOfPv { r: r.clamp(-MOST, MOST) }.boxed())
 }
 
 impl Propose for GainsOfPv {

@@ -2,12 +2,12 @@
 //!
 //! Parameter: a (-), rate 1. Proposed by the search over all thresholds at some values of a.
 
-use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::Screen;
 use crate::residual::valve_search::banded;
+use crate::residual::{Kind, Lasting};
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::THRESHOLD;
 use crate::sysid::iddata::IdData;
@@ -15,6 +15,8 @@ use crate::sysid::valve::ValveModel;
 
 /// Values of a that are tried.
 const VALUES: [f64; 6] = [-0.7, -0.45, -0.2, 0.2, 0.45, 0.7];
+/// Largest a: beyond it the stem would stick in one direction alone.
+const MOST: f64 = 0.95;
 
 /// The asymmetries.
 pub struct Asymmetries;
@@ -38,9 +40,12 @@ impl EffectModel for Asymmetry {
         valve.asymmetry += self.a;
     }
     fn neighbours(&self, _data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
-        let inside = |a: &f64| a.abs() < 0.95;
+        let inside = |a: &f64| a.abs() < MOST;
         let sides = [self.a - 0.12 * step, self.a + 0.12 * step];
         sides.into_iter().filter(inside).map(|a| Asymmetry { a }.boxed()).collect()
+    }
+    fn lasting(&self, _data: &IdData) -> Option<Lasting> {
+        Some(Lasting::AsymmetricFriction { asymmetry: self.a })
     }
     fn describe(&self, _data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let ratio = (1.0 + self.a) / (1.0 - self.a);
@@ -50,6 +55,11 @@ impl EffectModel for Asymmetry {
             "-",
         )
     }
+}
+
+/// The asymmetry.
+pub fn again(asymmetry: f64) -> Option<Box<dyn EffectModel>> {
+    (asymmetry.abs() < MOST).then(|| Asymmetry { a: asymmetry }.boxed())
 }
 
 impl Propose for Asymmetries {

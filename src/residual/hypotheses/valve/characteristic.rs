@@ -2,11 +2,11 @@
 //!
 //! Parameter: Q (1/OP unit), rate 1/2. Alternatives: in the valve or in the process gain.
 
-use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::Screen;
+use crate::residual::{Kind, Lasting};
 use crate::signal::told;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::REGULAR;
@@ -54,6 +54,9 @@ impl EffectModel for Curve {
             *x = if q.abs() < 1e-4 { *x * (1.0 + 0.5 * q) } else { q.exp_m1() / self.q };
         }
     }
+    fn lasting(&self, data: &IdData) -> Option<Lasting> {
+        Some(Lasting::Characteristic { curvature_per_op: self.q / data.units.u })
+    }
     fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let q = self.q / data.units.u;
         let how = if q > 0.0 { "rises" } else { "falls" };
@@ -64,6 +67,12 @@ impl EffectModel for Curve {
             .with("curvature_per_op", q, "1/OP")
             .at("valve")
     }
+}
+
+/// The curve with this curvature (1/OP).
+pub fn again(data: &IdData, curvature_per_op: f64) -> Option<Box<dyn EffectModel>> {
+    let q = curvature_per_op * data.units.u;
+    q.is_finite().then(|| Curve { q: q.clamp(-MOST, MOST) }.boxed())
 }
 
 impl Propose for Characteristics {

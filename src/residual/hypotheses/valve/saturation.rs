@@ -3,11 +3,11 @@
 //! Parameter: level (OP unit), rate 1/2 as that of any kink. Alternatives: above or below; the stem itself is held, so that
 //! it leaves the stop only when the force has turned, or what passes the valve is limited behind it.
 
-use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::Screen;
+use crate::residual::{Kind, Lasting};
 use crate::signal::told;
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::REGULAR;
@@ -70,6 +70,10 @@ impl EffectModel for Stop {
         let by = 0.1 * step;
         [-by, by].map(|by| Stop { level: self.level + by, ..self.clone() }.boxed()).into()
     }
+    fn lasting(&self, data: &IdData) -> Option<Lasting> {
+        let level = self.level * data.units.u + data.units.u0;
+        Some(Lasting::ValveSaturation { level, above: self.above, held: self.held })
+    }
     fn describe(&self, data: &IdData, _model: &Armax, _gamma: &[f64]) -> Described {
         let level = self.level * data.units.u + data.units.u0;
         let side = if self.above { "above" } else { "below" };
@@ -78,6 +82,18 @@ impl EffectModel for Stop {
         Described::new(format!("the valve does not go {side} OP {}{percent} however OP moves", told(level)))
             .with(name, level, "OP")
     }
+}
+
+/// The stop at this level (OP unit); `None` where OP does not reach it.
+pub fn again(data: &IdData, level: f64, above: bool, held: bool) -> Option<Box<dyn EffectModel>> {
+    let level = (level - data.units.u0) / data.units.u;
+    let bounds = within(&data.u[data.rows()]);
+    (bounds.0..=bounds.1).contains(&level).then(|| Stop { level, above, held, bounds }.boxed())
+}
+
+/// Levels that a stem reaches, or OP.
+fn within(x: &[f64]) -> (f64, f64) {
+    (quantile(x, 0.002), quantile(x, 0.998))
 }
 
 impl Propose for Saturations {
@@ -91,7 +107,7 @@ impl Propose for Saturations {
         let data = screen.data;
         let stem = &screen.signals.x;
         let own = &stem[data.rows()];
-        let bounds = (quantile(own, 0.002), quantile(own, 0.998));
+        let bounds = within(own);
         let mut out = Vec::new();
         for above in [false, true] {
             for share in SHARES {
