@@ -134,7 +134,7 @@ fn a_recorded_day_gives_identical_diagnoses() {
     let path = |name: &str| folder.join(name).display().to_string();
     let plant = config(&folder).display().to_string();
     let days = [("A", day(1)), ("B", day(0))];
-    let (mut series, mut rows, mut stuck) = (Vec::new(), Vec::new(), 0);
+    let (mut series, mut rows, mut stuck, mut confirmed) = (Vec::new(), Vec::new(), 0, 0);
     for (id, tags) in &days {
         for (tag, samples) in ["op", "pv"].into_iter().zip(tags) {
             let name = TagName {
@@ -155,11 +155,13 @@ fn a_recorded_day_gives_identical_diagnoses() {
             let name = format!("{other}.pv");
             let (run, _) = said(id, own, (&name, &neighbour[1]), known[at].clone(), now);
             known[at] = run.judged().expect("diagnosed").structure().cloned();
+            confirmed += usize::from(known[at].as_ref().is_some_and(|structure| structure.confirmed > 0));
             stuck += usize::from(run.sticks());
             rows.push(row(&run));
         }
     }
     assert!(stuck >= 4, "{stuck} of 16 say that the valve sticks: the day says too little");
+    assert!(confirmed >= 1, "no run found that the last model still fits: the day says nothing of those");
     let kept = store::Config { max_mb: 1000, ..store::Config::new(folder.join("store")) };
     let mut store = Store::open(&kept).expect("opens");
     store.insert(&Batch { series, rows: rows.clone() }).expect("writes");

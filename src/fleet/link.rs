@@ -96,6 +96,11 @@ impl Incoming {
         &self.message.payload
     }
 
+    /// Its number among all that were given to its reader.
+    fn given(&self) -> u64 {
+        self.message.info().map_or(0, |info| info.consumer_sequence)
+    }
+
     /// Its number in the stream.
     pub fn sequence(&self) -> u64 {
         self.message.info().map_or(0, |info| info.stream_sequence)
@@ -141,19 +146,35 @@ pub struct Reading {
     consumer: Consumer<pull::Config>,
     /// Why the last answer broke off.
     broken: Option<LinkError>,
+    /// The number that the server gives to the next message, where this is the only reader.
+    next: Option<u64>,
+    /// What was given before and not done, in the order of the stream: it comes first.
+    again: Vec<Incoming>,
 }
 
 impl Reading {
-    fn new(consumer: Consumer<pull::Config>) -> Self {
-        Self { consumer, broken: None }
+    fn shared(consumer: Consumer<pull::Config>) -> Self {
+        Self { consumer, broken: None, next: None, again: Vec::new() }
     }
 
-    /// Up to `most` messages; those that are there after `patience`. An answer that broke off is given, and is the last: what
-    /// was still on its way comes to the next reading.
+    fn alone(consumer: Consumer<pull::Config>) -> Self {
+        let given = consumer.cached_info().delivered.consumer_sequence;
+        Self { next: Some(given + 1), ..Self::shared(consumer) }
+    }
+
+    /// Up to `most` messages; those that are there after `patience`. Where the answer breaks off, or a message was lost on its
+    /// way, what came before is the last of this reading: the rest comes to the next.
     ///
     /// # Errors
     /// [`LinkError::Away`]; then the reading is over.
     pub async fn next(&mut self, most: usize, patience: Duration) -> Result<Vec<Incoming>, LinkError> {
+        if !self.again.is_empty() {
+            return Ok(self.again.drain(..most.min(self.again.len())).collect());
+        }
+        self.ask(most, patience).await
+    }
+
+    async fn ask(&mut self, most: usize, patience: Duration) -> Result<Vec<Incoming>, LinkError> {
         if let Some(error) = self.broken.take() {
             return Err(error);
         }
@@ -162,7 +183,14 @@ impl Reading {
         let mut all = Vec::new();
         let reading = async {
             while let Some(message) = messages.next().await {
-                all.push(Incoming { message: message.map_err(away)? });
+                let message = Incoming { message: message.map_err(away)? };
+                if let Some(next) = &mut self.next {
+                    if message.given() != *next {
+                        return Err(away("a message was lost on its way"));
+                    }
+                    *next += 1;
+                }
+                all.push(message);
             }
             Ok::<_, LinkError>(())
         };
@@ -302,12 +330,15 @@ impl Link {
     /// # Errors
     /// [`LinkError::Away`].
     pub async fn read(&self, stream: &str, name: &str, filter: &str) -> Result<Reading, LinkError> {
-        let consumer = self.consumer(stream, name, filter, (GIVEN_AGAIN, -1)).await?;
-        if consumer.cached_info().num_ack_pending > 0 {
-            // What is given again comes before what is new; what is not yet due would come after it.
+        let mut reading = Reading::alone(self.consumer(stream, name, filter, (GIVEN_AGAIN, -1)).await?);
+        let pending = reading.consumer.cached_info().num_ack_pending;
+        if pending > 0 {
+            // By then the server gives all of it again, in any order, and before what is new.
             tokio::time::sleep(GIVEN_AGAIN + MARGIN).await;
+            reading.again = reading.ask(pending, MARGIN).await?;
+            reading.again.sort_by_key(Incoming::sequence);
         }
-        Ok(Reading::new(consumer))
+        Ok(reading)
     }
 
     /// What a stream has for all who read as `name`, each message for one of them. One that is not done within `patience` is
@@ -322,7 +353,7 @@ impl Link {
         filter: &str,
         limits: (Duration, i64),
     ) -> Result<Reading, LinkError> {
-        Ok(Reading::new(self.consumer(stream, name, filter, limits).await?))
+        Ok(Reading::shared(self.consumer(stream, name, filter, limits).await?))
     }
 
     async fn consumer(
@@ -360,7 +391,7 @@ impl Link {
             inactive_threshold: Duration::from_secs(300),
             ..pull::Config::default()
         };
-        Ok(Reading::new(stream.create_consumer(config).await.map_err(away)?))
+        Ok(Reading::alone(stream.create_consumer(config).await.map_err(away)?))
     }
 
     /// The lease as it stands.

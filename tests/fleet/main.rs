@@ -122,7 +122,7 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
         drop(other);
         let store = |site: &str| fleet.store(&format!("edge-{site}"));
         for site in fleet.sites() {
-            compare(&store(site), &fleet.store("c2"), site, LOOPS * fleet.copies);
+            compare(&store(site), &fleet.store("c2"), site, LOOPS * fleet.copies, &[]);
         }
 
         // Each alarm was told once, by whichever machine.

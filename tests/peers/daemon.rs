@@ -39,7 +39,10 @@ impl Daemon {
             }
         };
         // A pipe that nobody reads would stop the daemon.
-        std::thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
+        let file = config.with_extension("log");
+        let file = std::fs::OpenOptions::new().create(true).append(true).open(file);
+        let mut file = file.expect("beside the configuration");
+        std::thread::spawn(move || std::io::copy(&mut log, &mut file));
         Self { child, address }
     }
 

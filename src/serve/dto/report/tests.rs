@@ -151,6 +151,31 @@ fn what_was_traced_decides_without_effects_too_unless_it_cannot_tell() {
 }
 
 #[test]
+fn what_a_run_without_a_search_did_not_ask_is_null() {
+    use crate::results::made_findings;
+    let declared = sticky(vec![40.0, 46.0]);
+    let told = |structure: Option<residual::Structure>| {
+        let found = Findings { structure, ..made_findings(Verdict::Stiction, Vec::new()) };
+        let report = Report::new("FIC101", None, &declared).with_findings(None, &declared, &found);
+        let json = serde_json::to_value(&report).unwrap();
+        assert_eq!(serde_json::from_value::<Report>(json.clone()).unwrap(), report);
+        json
+    };
+    let asked = |json: &serde_json::Value| {
+        let residual = &json["residual"];
+        [&json["rival"], &residual["verdict_before"], &residual["f_before"]].map(|value| !value.is_null())
+    };
+    let of = |confirmed| Some(residual::Structure { confirmed, searched: 7200.0, ..Default::default() });
+    assert_eq!(asked(&told(None)), [true; 3]);
+    assert_eq!(asked(&told(of(0))), [true; 3]);
+    let confirmed = told(of(3));
+    assert_eq!(asked(&confirmed), [false; 3]);
+    assert_eq!((&confirmed["f"], &confirmed["residual"]["f_after"]), (&2.208.into(), &2.208.into()));
+    let structure = &confirmed["residual"]["structure"];
+    assert_eq!((&structure["confirmed"], &structure["searched"]), (&3.into(), &7200.0.into()));
+}
+
+#[test]
 fn nothing_known_is_null() {
     let diagnosis = Diagnosis::bare(Verdict::NotIdentifiable(NotIdentifiable::FlatPv), "flat PV");
     let json = serde_json::to_value(Report::from(("x", &diagnosis))).unwrap();
