@@ -1,7 +1,7 @@
 //! A fleet among faults that a seed draws: lines cut, servers and daemons killed, one at a time or several at once.
 //!
-//! `scripts/fleet faults 7` draws those of seed 7; `FLEET_ROUNDS` says how many. What
-//! is killed when is a function of the seed; what the processes make of it is not, as in a plant.
+//! `scripts/fleet faults 7` draws those of seed 7; `FLEET_ROUNDS` says how many. What is killed when is a function of the seed;
+//! what the processes make of it is not, as in a plant.
 
 use crate::daemon::Daemon;
 use crate::rig::{Fleet, LOOPS, loops};

@@ -9,6 +9,7 @@ mod faults;
 #[path = "../peers/nats.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod nats;
+mod reader;
 mod rig;
 mod told;
 #[path = "../peers/webhook.rs"]

@@ -1,0 +1,66 @@
+//! The only reader of a stream gets its messages in their order, whatever became of the one before it.
+
+use crate::nats::Nats;
+use std::time::{Duration, Instant};
+use stictiond::fleet::config::Config;
+use stictiond::fleet::link::{Link, Outgoing, Reading};
+use stictiond::fleet::streams::EVENTS;
+use stictiond::fleet::subject::{Subject, What};
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+async fn send(link: &Link, numbers: std::ops::Range<u32>) {
+    let subject = Subject::new("north", "FIC1", What::Diagnosis).to_string();
+    let messages: Vec<Outgoing> =
+        numbers.map(|n| Outgoing::once(subject.clone(), n.to_le_bytes().to_vec())).collect();
+    link.send(&messages).await.map_err(|(_, error)| error).expect("it is kept");
+}
+
+/// The numbers of the next `count` messages, each of them done or not.
+async fn take(reading: &mut Reading, count: usize, done: impl Fn(u32) -> bool) -> Vec<u32> {
+    let (mut numbers, begun) = (Vec::new(), Instant::now());
+    while numbers.len() < count {
+        assert!(begun.elapsed() < PATIENCE, "{numbers:?}");
+        let most = (count - numbers.len()).min(7);
+        for message in reading.next(most, Duration::from_secs(1)).await.expect("the server is there") {
+            let number = u32::from_le_bytes(message.body().try_into().expect("four bytes"));
+            if done(number) {
+                message.done().await.expect("the server is there");
+            }
+            numbers.push(number);
+        }
+    }
+    numbers
+}
+
+#[tokio::test]
+async fn what_was_given_and_not_done_comes_first_and_in_order() {
+    let hub = Nats::hub();
+    let config: Config = toml::from_str(&format!("servers = [{:?}]", hub.url())).expect("readable");
+    let link = Link::connect(&config, "reader").await.expect("begins");
+    let begun = Instant::now();
+    while link.make_streams(&config).await.is_err() {
+        assert!(begun.elapsed() < PATIENCE, "no server");
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    send(&link, 0..40).await;
+    let mut first = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    // Some are done and others not, as where a centre is killed.
+    let some = take(&mut first, 30, |number| number < 5 || number % 3 == 0).await;
+    assert_eq!(some, (0..30).collect::<Vec<_>>());
+    drop(first);
+    send(&link, 40..50).await;
+    let mut second = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    let left = (5..30).filter(|number| number % 3 != 0).chain(30..50).collect::<Vec<_>>();
+    assert_eq!(take(&mut second, left.len(), |_| true).await, left);
+
+    // A message that another took away is missed, and what comes after it is not taken before it.
+    send(&link, 50..51).await;
+    let mut thief = link.share(EVENTS, "centre_c1", "", (PATIENCE, -1)).await.expect("the server is there");
+    assert_eq!(take(&mut thief, 1, |_| false).await, [50]);
+    send(&link, 51..53).await;
+    let missed = second.next(9, Duration::from_secs(1)).await.map(|messages| messages.len());
+    assert!(missed.is_err_and(|error| error.to_string().contains("lost on its way")));
+    let mut third = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    assert_eq!(take(&mut third, 3, |_| true).await, [50, 51, 52]);
+}
