@@ -102,12 +102,12 @@ impl Fleet {
         Daemon::start(stictiond(), "centre", &self.config(name, &text))
     }
 
-    /// Everybody tells the same receiver what is raised, each alarm by itself however many there are.
+    /// Everybody tells the same receiver what is raised, each alarm by itself and at once, however many there are.
     pub fn telling(&self, name: &str, told: SocketAddr) -> String {
         let secret = self.config("secret", "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw");
         format!(
             "[notify]\nsite = '{name}'\n[[notify.webhook]]\nname = 'w'\nurl = 'http://{told}/'\nsecret_file = {secret:?}\nevents = ['raised']\n\
-             pace = {{ wait_s = 0.0 }}\n"
+             pace = {{ wait_s = 0.0, most_per_hour = 3600 }}\n"
         )
     }
 
