@@ -144,7 +144,7 @@ fn packed(id: &str, samples: &[Vec<Sample>; 3]) -> Outgoing {
 /// As a centre takes it.
 async fn unpacked(link: &Link, messages: usize) -> Result<Batch, Failed> {
     let filter = all(None, What::Samples);
-    let reading = link.read(SAMPLES, "centre", &filter, (Duration::from_secs(60), -1)).await?;
+    let mut reading = link.read(SAMPLES, "centre", &filter).await?;
     let (mut batch, mut taken) = (Batch::default(), 0);
     while taken < messages {
         for message in reading.next(500, Duration::from_secs(5)).await? {

@@ -154,7 +154,7 @@ fn what_was_traced_decides_without_effects_too_unless_it_cannot_tell() {
 fn what_a_run_without_a_search_did_not_ask_is_null() {
     use crate::results::made_findings;
     let declared = sticky(vec![40.0, 46.0]);
-    let told = |structure: Option<residual::Structure>| {
+    let told = |structure: Option<crate::residual::Structure>| {
         let found = Findings { structure, ..made_findings(Verdict::Stiction, Vec::new()) };
         let report = Report::new("FIC101", None, &declared).with_findings(None, &declared, &found);
         let json = serde_json::to_value(&report).unwrap();
@@ -165,7 +165,8 @@ fn what_a_run_without_a_search_did_not_ask_is_null() {
         let residual = &json["residual"];
         [&json["rival"], &residual["verdict_before"], &residual["f_before"]].map(|value| !value.is_null())
     };
-    let of = |confirmed| Some(residual::Structure { confirmed, searched: 7200.0, ..Default::default() });
+    let of =
+        |confirmed| Some(crate::residual::Structure { confirmed, searched: 7200.0, ..Default::default() });
     assert_eq!(asked(&told(None)), [true; 3]);
     assert_eq!(asked(&told(of(0))), [true; 3]);
     let confirmed = told(of(3));
