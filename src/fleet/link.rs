@@ -335,8 +335,17 @@ impl Link {
         if pending > 0 {
             // By then the server gives all of it again, in any order, and before what is new.
             tokio::time::sleep(GIVEN_AGAIN + MARGIN).await;
-            reading.again = reading.ask(pending, MARGIN).await?;
-            reading.again.sort_by_key(Incoming::sequence);
+            let mut again = Vec::new();
+            while again.len() < pending {
+                let some = reading.ask((pending - again.len()).min(UNDER_WAY), MARGIN).await?;
+                // What is missing was deleted from the stream meanwhile.
+                if some.is_empty() {
+                    break;
+                }
+                again.extend(some);
+            }
+            again.sort_by_key(Incoming::sequence);
+            reading.again = again;
         }
         Ok(reading)
     }

@@ -34,7 +34,7 @@ const WAIT: Duration = Duration::from_secs(1);
 /// A message of a loop that is not known yet is looked at again after this time.
 const UNKNOWN: Duration = Duration::from_secs(2);
 /// A message of a loop that is still not known after this time (s) is dropped: its edge has it no more.
-const GIVEN_UP_S: f64 = 600.0;
+pub(super) const GIVEN_UP_S: f64 = 600.0;
 /// What happened longer ago (s) is history, which nobody is told of.
 const NEWS_S: f64 = 86_400.0;
 /// How long what edges say of themselves is gathered before loops are added.

@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
 /// A message that was put off and has not come again for this long was deleted from its stream; nothing waits for it any more.
-pub(super) const GONE: Duration = Duration::from_secs(600);
+/// It is as long as a loop may stay unknown.
+const GONE: Duration = Duration::from_secs(super::centre::GIVEN_UP_S as u64);
 
 /// The messages that were put off: by subject, their numbers in the stream, and when that was, on a steady clock.
 #[derive(Default)]
