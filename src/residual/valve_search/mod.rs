@@ -63,6 +63,8 @@ const RETURNED: usize = 4;
 const LAGS: (i32, f64, f64) = (13, 0.1, 0.02);
 /// Resolutions tried: these quantiles of the steps of OP. A stem that stops at more of them hardly moves.
 const RESOLUTIONS: [f64; 7] = [0.003, 0.006, 0.0125, 0.025, 0.05, 0.1, 0.2];
+/// Largest asymmetry and drift of friction: at 1 one direction, or one end of the record, would have none.
+pub const MOST_UNEQUAL: f64 = 0.95;
 /// Places at the start tried, at most.
 const RESTS: usize = 48;
 
@@ -452,7 +454,7 @@ pub fn banded(
     for &value in values {
         let mut bands = full;
         set(&mut bands, value);
-        if bands.asymmetry.abs() < 0.95 && bands.drift.abs() < 0.95 {
+        if bands.asymmetry.abs() < MOST_UNEQUAL && bands.drift.abs() < MOST_UNEQUAL {
             let found = held.best(family, about(data, &own, BANDED), &bands, 1);
             rated.extend(found.into_iter().map(|(loss, valve)| (loss, value, valve)));
         }

@@ -6,7 +6,7 @@ use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::Screen;
-use crate::residual::valve_search::banded;
+use crate::residual::valve_search::{MOST_UNEQUAL, banded};
 use crate::residual::{Kind, Lasting};
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::THRESHOLD;
@@ -15,8 +15,6 @@ use crate::sysid::valve::ValveModel;
 
 /// Values of a that are tried.
 const VALUES: [f64; 6] = [-0.7, -0.45, -0.2, 0.2, 0.45, 0.7];
-/// Largest a: beyond it the stem would stick in one direction alone.
-const MOST: f64 = 0.95;
 
 /// The asymmetries.
 pub struct Asymmetries;
@@ -40,7 +38,7 @@ impl EffectModel for Asymmetry {
         valve.asymmetry += self.a;
     }
     fn neighbours(&self, _data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
-        let inside = |a: &f64| a.abs() < MOST;
+        let inside = |a: &f64| a.abs() < MOST_UNEQUAL;
         let sides = [self.a - 0.12 * step, self.a + 0.12 * step];
         sides.into_iter().filter(inside).map(|a| Asymmetry { a }.boxed()).collect()
     }
@@ -59,7 +57,7 @@ impl EffectModel for Asymmetry {
 
 /// The asymmetry.
 pub fn again(asymmetry: f64) -> Option<Box<dyn EffectModel>> {
-    (asymmetry.abs() < MOST).then(|| Asymmetry { a: asymmetry }.boxed())
+    (asymmetry.abs() < MOST_UNEQUAL).then(|| Asymmetry { a: asymmetry }.boxed())
 }
 
 impl Propose for Asymmetries {

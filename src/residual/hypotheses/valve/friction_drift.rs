@@ -7,7 +7,7 @@ use crate::residual::effect::EffectModel;
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::Screen;
-use crate::residual::valve_search::banded;
+use crate::residual::valve_search::{MOST_UNEQUAL, banded};
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::THRESHOLD;
 use crate::sysid::iddata::IdData;
@@ -38,7 +38,7 @@ impl EffectModel for Drift {
         valve.drift += self.d;
     }
     fn neighbours(&self, _data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
-        let inside = |d: &f64| d.abs() < 0.95;
+        let inside = |d: &f64| d.abs() < MOST_UNEQUAL;
         let sides = [self.d - 0.12 * step, self.d + 0.12 * step];
         sides.into_iter().filter(inside).map(|d| Drift { d }.boxed()).collect()
     }
