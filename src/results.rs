@@ -7,6 +7,7 @@ pub mod basis;
 mod board;
 mod compensated;
 mod events;
+mod glance;
 mod judged;
 mod kept;
 mod origin;
@@ -22,6 +23,7 @@ pub use basis::{Basis, Extent};
 pub use board::{Order, Wanted};
 pub use compensated::{Before, Compensated, Seen};
 pub use events::{MOST_EVENTS, Past};
+pub use glance::Glance;
 pub use judged::{Judged, KnownEffect, ModelVersion, Residuals};
 pub use kept::{Change, Keeper, KeptAlarm, Remembered, Restored, RestoredAlarm, Summary};
 pub use origin::Origin;
@@ -247,6 +249,14 @@ struct Entry {
     before: Option<Before>,
 }
 
+impl Entry {
+    /// What is said of the loop: by the latest diagnosis, or by the one of before the start.
+    fn summary(&self) -> Option<&Summary> {
+        let restored = self.restored.as_ref().map(|(_, summary)| summary);
+        self.diagnosed.as_ref().map(|(_, summary)| summary).or(restored)
+    }
+}
+
 /// The results of all loops.
 #[derive(Debug)]
 pub struct Results {
@@ -375,12 +385,7 @@ impl Results {
             diagnosed: entry.diagnosed.as_ref().map(|(run, _)| run.clone()),
             restored: entry.restored.as_ref().map(|(restored, _)| restored.clone()),
             last: entry.summaries.back().cloned(),
-            summary: entry
-                .diagnosed
-                .as_ref()
-                .map(|(_, summary)| summary)
-                .or(entry.restored.as_ref().map(|(_, summary)| summary))
-                .cloned(),
+            summary: entry.summary().cloned(),
             model: entry.model.clone(),
             alarm,
             others,

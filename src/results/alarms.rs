@@ -6,7 +6,7 @@ use super::kept::RestoredAlarm;
 use super::{Event, ModelVersion, Results, Run, Summary};
 use crate::alarm::{Action, AlarmId, Config, FloodView, Kind, Priority, Refusal, State};
 use crate::signal::LoopId;
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// An alarm at one moment.
@@ -140,6 +140,15 @@ impl Results {
         self.tick(now);
         let board = self.alarms.lock();
         board.alarms.keys().map(|id| board.view(id, now)).collect()
+    }
+
+    /// The states of the loops whose alarm on stiction is not normal, at `now`.
+    pub(super) fn stiction_states(&self, now: f64) -> HashMap<LoopId, State> {
+        self.tick(now);
+        let board = self.alarms.lock();
+        let of = |(id, own): (&AlarmId, &Standing)| (id.subject.clone(), own.alarm.state());
+        let stiction = board.alarms.iter().filter(|(id, _)| id.kind == Kind::Stiction);
+        stiction.map(of).filter(|(_, state)| *state != State::Normal).collect()
     }
 
     /// One alarm at `now`; `None` when there is no such loop, collector or kind.

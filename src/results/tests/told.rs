@@ -47,6 +47,39 @@ fn what_another_machine_has_recorded_is_taken_once_and_moves_no_alarm() {
     assert_eq!(results.alarm(&stiction(), 4.0).map(|alarm| alarm.state), Some(State::Normal));
 }
 
+#[test]
+fn a_glance_is_what_the_whole_says_of_a_loop_alarms_shelved_and_gone_and_loops_elsewhere_included() {
+    let names = ["A", "B", "nowhere"].map(LoopId::new);
+    let results = results(9);
+    let check = |now: f64, verdict: Option<&str>, state: State| {
+        let seen = results.glances(&names, now);
+        for (id, seen) in names.iter().zip(&seen) {
+            let known = results.get(id, now);
+            assert_eq!(seen.as_ref().map(|seen| seen.alarm), known.as_ref().map(|known| known.alarm.state));
+            let summary = known.and_then(|known| known.summary);
+            let told = seen
+                .as_ref()
+                .and_then(|seen| Some((seen.verdict.clone()?, seen.f, seen.delta_aic, seen.time)));
+            assert_eq!(told, summary.map(|own| (own.outcome, own.f, own.delta_aic, Some(own.time))));
+        }
+        let first = seen[0].as_ref().expect("A is there");
+        assert_eq!((first.verdict.as_deref(), first.alarm), (verdict, state));
+    };
+    check(0.0, None, State::Normal);
+    for time in [1.0, 2.0] {
+        results.record(sticky(time));
+    }
+    check(3.0, Some("stiction"), State::Unacknowledged);
+    let shelve = Action::Shelve(Shelving::For(10.0));
+    results.act(&stiction(), shelve, Said::default(), 4.0).expect("A is there").expect("a sound duration");
+    check(13.0, Some("stiction"), State::Shelved);
+    check(14.0, Some("stiction"), State::Unacknowledged);
+    results.record(run(15.0, Outcome::DeadlineExceeded));
+    check(16.0, Some("stiction"), State::Unacknowledged);
+    results.record(elsewhere(&run(17.0, Outcome::Diagnosed(diagnosis(Verdict::NoStiction, 0.0, 1.0)))));
+    check(18.0, Some("no_stiction"), State::Unacknowledged);
+}
+
 /// The board of a machine that follows another, and what is wanted of it.
 fn follower(passes_on: bool) -> (Results, Arc<Mutex<Vec<Wanted>>>, Arc<AtomicBool>) {
     let (results, wanted) = (results(9), Arc::new(Mutex::new(Vec::new())));

@@ -1,7 +1,7 @@
 //! Loops, their diagnoses, samples and models.
 
 use super::super::dto::loops::{
-    Begun, LoopDetail, LoopDiagnosis, LoopItem, LoopList, LoopModel, Quantity, RunItem, RunList,
+    Begun, LoopDetail, LoopDiagnosis, LoopItem, LoopList, LoopModel, Quantity, RunItem, RunList, severity,
 };
 use super::super::dto::map::PlantMap;
 use super::super::dto::params::{LoopsQuery, NoQuery, Order, RunQuery, RunsQuery, SamplesQuery, Sort};
@@ -12,7 +12,7 @@ use super::super::extract::{OfLoop, Params, within};
 use super::super::problem::Problem;
 use super::super::{Context, LoopInfo, Plant};
 use super::off_thread;
-use crate::results::{Known, Summary};
+use crate::results::{Glance, Known, Summary};
 use crate::schedule::Refused;
 use crate::signal::LoopId;
 use axum::Json;
@@ -45,72 +45,92 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
                 holds(info.id.as_str()) || holds(&info.description)
             })
     };
-    let items = plant.loops().iter().filter(is_meant).filter_map(|info| {
-        let known = context.results.get(&info.id, now)?;
-        Some(LoopItem::new(info, &known, now))
-    });
-    let passes = |item: &LoopItem| {
-        query.verdict.is_none_or(|wanted| wanted.passes(item.verdict.as_deref()))
-            && query.alarm.is_none_or(|wanted| wanted == item.alarm)
+    let infos: Vec<&LoopInfo> = plant.loops().iter().filter(is_meant).collect();
+    let seen = context.results.glances(infos.iter().map(|info| &info.id), now);
+    let passes = |seen: &Glance| {
+        query.verdict.is_none_or(|wanted| wanted.passes(seen.verdict.as_deref()))
+            && query.alarm.is_none_or(|wanted| wanted == seen.alarm.into())
     };
-    let mut sorted: Vec<((String, String), LoopItem)> =
-        items.filter(passes).map(|item| ((sort_key(query.sort, &item), item.id.clone()), item)).collect();
+    let seen = infos.into_iter().zip(seen).filter_map(|(info, seen)| Some((info, seen.filter(&passes)?)));
+    let mut places: Vec<(Key, &LoopInfo)> =
+        seen.map(|(info, seen)| (Key::new(query.sort, info, &seen), info)).collect();
+    let total = places.len();
     let textual = matches!(query.sort, Sort::Id | Sort::Group);
     let ascending = query.order.unwrap_or(if textual { Order::Asc } else { Order::Desc }) == Order::Asc;
     // By key in the order asked for, equal keys always by id: a total order, on which a cursor is a cut.
-    let compare = |a: &(String, String), b: &(String, String)| {
-        let by_key = a.0.cmp(&b.0);
-        (if ascending { by_key } else { by_key.reverse() }).then_with(|| a.1.cmp(&b.1))
+    let compare = |(a, an): (&Key, &str), (b, bn): (&Key, &str)| {
+        let by_key = a.cmp(b);
+        (if ascending { by_key } else { by_key.reverse() }).then_with(|| an.cmp(bn))
     };
-    sorted.sort_by(|a, b| compare(&a.0, &b.0));
-    let total = sorted.len();
-    if let Some(after) = &after {
-        sorted.retain(|(key, _)| compare(key, after).is_gt());
+    if let Some((key, id)) = &after {
+        places.retain(|(own, info)| compare((own, info.id.as_str()), (key, id)).is_gt());
     }
-    let more = sorted.len() > limit;
-    sorted.truncate(limit);
-    let next = sorted.last().filter(|_| more).map(|(key, _)| encode_cursor(key));
-    let items = sorted.into_iter().map(|(_, item)| item).collect();
+    let by = |a: &(Key, &LoopInfo), b: &(Key, &LoopInfo)| {
+        compare((&a.0, a.1.id.as_str()), (&b.0, b.1.id.as_str()))
+    };
+    let more = places.len() > limit;
+    if more {
+        places.select_nth_unstable_by(limit, by);
+        places.truncate(limit);
+    }
+    places.sort_unstable_by(by);
+    let next = places.last().filter(|_| more).map(|(key, info)| encode_cursor(key, info.id.as_str()));
+    let item =
+        |(_, info): (Key, &LoopInfo)| Some(LoopItem::new(info, &context.results.get(&info.id, now)?, now));
+    let items = places.into_iter().filter_map(item).collect();
     Ok(LoopList { time: rfc3339(now), total, items, next })
 }
 
-/// The sort key as text whose order is the key's own.
-fn sort_key(sort: Sort, item: &LoopItem) -> String {
-    let number = |value: Option<f64>| ordered(value.unwrap_or(f64::NEG_INFINITY));
-    match sort {
-        Sort::Severity => format!("{}{}", item.severity, number(item.f)),
-        Sort::Id => item.id.clone(),
-        Sort::Group => item.group.clone(),
-        Sort::F => number(item.f),
-        Sort::DeltaAic => number(item.delta_aic),
-        Sort::Age => number(item.age_s.map(|_| 0.0)) + &older_first(item),
+/// What a loop is sorted by; parts that are not asked for are equal.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Key {
+    severity: u8,
+    number: u64,
+    group: String,
+}
+
+impl Key {
+    fn new(sort: Sort, info: &LoopInfo, seen: &Glance) -> Self {
+        let of = |severity, value: Option<f64>, group| Self {
+            severity,
+            number: ordered(value.unwrap_or(f64::NEG_INFINITY)),
+            group,
+        };
+        match sort {
+            Sort::Severity => of(severity(seen.alarm.into(), seen.verdict.as_deref()), seen.f, String::new()),
+            Sort::Id => of(0, None, String::new()),
+            Sort::Group => of(0, None, info.group.clone()),
+            Sort::F => of(0, seen.f, String::new()),
+            Sort::DeltaAic => of(0, seen.delta_aic, String::new()),
+            // By time of diagnosis, which unlike the age does not change between two pages.
+            Sort::Age => of(0, seen.time.map(|t| -t), String::new()),
+        }
     }
 }
 
-/// By age means by time of diagnosis, which unlike the age does not change between two pages.
-fn older_first(item: &LoopItem) -> String {
-    let time = item.time.as_deref().and_then(parse_time);
-    ordered(time.map_or(f64::NEG_INFINITY, |t| -t))
-}
-
-/// A number as 16 hexadecimal digits that sort as the numbers do.
-fn ordered(value: f64) -> String {
+/// A number as bits that sort as the numbers do.
+fn ordered(value: f64) -> u64 {
     let bits = value.to_bits();
-    let flipped = if bits >> 63 == 1 { !bits } else { bits | 1 << 63 };
-    format!("{flipped:016x}")
+    if bits >> 63 == 1 { !bits } else { bits | 1 << 63 }
 }
 
-fn encode_cursor((key, id): &(String, String)) -> String {
-    format!("{key}\0{id}").bytes().map(|byte| format!("{byte:02x}")).collect()
+fn encode_cursor(key: &Key, id: &str) -> String {
+    let text = format!("{:02x}{:016x}{}\0{id}", key.severity, key.number, key.group);
+    text.bytes().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn decode_cursor(text: &str) -> Result<(String, String), Problem> {
+fn decode_cursor(text: &str) -> Result<(Key, String), Problem> {
     let byte = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
-    let bytes: Option<Vec<u8>> = text.as_bytes().chunks(2).map(byte).collect();
-    let decoded = bytes.and_then(|bytes| String::from_utf8(bytes).ok());
-    let parts = decoded.as_deref().and_then(|decoded| decoded.rsplit_once('\0'));
-    let parts = parts.map(|(key, id)| (key.to_string(), id.to_string()));
-    parts.ok_or_else(not_a_cursor)
+    let key = || {
+        let bytes: Vec<u8> = text.as_bytes().chunks(2).map(byte).collect::<Option<_>>()?;
+        let decoded = String::from_utf8(bytes).ok()?;
+        let (key, id) = decoded.rsplit_once('\0')?;
+        let (severity, number, group) = (key.get(..2)?, key.get(2..18)?, key.get(18..)?);
+        let severity = u8::from_str_radix(severity, 16).ok()?;
+        let number = u64::from_str_radix(number, 16).ok()?;
+        Some((Key { severity, number, group: group.to_string() }, id.to_string()))
+    };
+    key().ok_or_else(not_a_cursor)
 }
 
 fn known(context: &Context, id: &LoopId, now: f64) -> Result<Known, Problem> {
@@ -122,10 +142,10 @@ fn known(context: &Context, id: &LoopId, now: f64) -> Result<Known, Problem> {
 pub async fn map(State(context): Shared, Params(NoQuery {}): Params<NoQuery>) -> Result<Response, Problem> {
     off_thread(move || {
         let (now, plant) = (context.clock.now(), context.plant());
-        let looks = plant.loops().iter().filter_map(|info| {
-            let known = context.results.get(&info.id, now)?;
-            let verdict = known.summary.as_ref().map(|summary| summary.outcome.to_string());
-            Some((info.group.as_str(), known.alarm.state.into(), verdict))
+        let seen = context.results.glances(plant.loops().iter().map(|info| &info.id), now);
+        let looks = plant.loops().iter().zip(&seen).filter_map(|(info, seen)| {
+            let seen = seen.as_ref()?;
+            Some((info.group.as_str(), seen.alarm.into(), seen.verdict.as_deref()))
         });
         Ok(PlantMap::of(looks, now))
     })
@@ -359,9 +379,11 @@ mod tests {
         }
 
         #[test]
-        fn cursors_come_back_and_anything_else_is_refused(key in "[0-9a-f]{0,20}", id in "\\PC{0,20}", junk in "\\PC{0,40}") {
-            let cut = (key, id);
-            prop_assert_eq!(decode_cursor(&encode_cursor(&cut)).ok(), Some(cut));
+        fn cursors_come_back_and_anything_else_is_refused(
+            severity: u8, number: u64, group in "\\PC{0,20}", id in "\\PC{0,20}", junk in "\\PC{0,40}",
+        ) {
+            let key = Key { severity, number, group };
+            prop_assert_eq!(decode_cursor(&encode_cursor(&key, &id)).ok(), Some((key, id)));
             // Whatever it is, it is an answer and no panic.
             let _ = decode_cursor(&junk);
         }

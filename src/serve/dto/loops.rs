@@ -187,7 +187,8 @@ impl LoopItem {
     }
 }
 
-fn severity(alarm: AlarmState, verdict: Option<&str>) -> u8 {
+/// See `LoopItem::severity`.
+pub fn severity(alarm: AlarmState, verdict: Option<&str>) -> u8 {
     match (alarm, verdict) {
         (AlarmState::Unacknowledged, _) => 5,
         (AlarmState::Acknowledged, _) => 4,

@@ -49,11 +49,11 @@ fn letter(alarm: AlarmState, verdict: Option<&str>) -> char {
 
 impl PlantMap {
     /// The map of loops, each with its unit, its alarm's state and its verdict.
-    pub fn of<'a>(loops: impl Iterator<Item = (&'a str, AlarmState, Option<String>)>, now: f64) -> Self {
+    pub fn of<'a>(loops: impl Iterator<Item = (&'a str, AlarmState, Option<&'a str>)>, now: f64) -> Self {
         let mut groups: BTreeMap<&str, Vec<char>> = BTreeMap::new();
         let mut total = 0;
         for (group, alarm, verdict) in loops {
-            groups.entry(group).or_default().push(letter(alarm, verdict.as_deref()));
+            groups.entry(group).or_default().push(letter(alarm, verdict));
             total += 1;
         }
         let group = |(group, mut loops): (&str, Vec<char>)| {
@@ -70,14 +70,13 @@ mod tests {
 
     #[test]
     fn a_letter_for_each_loop_by_unit_worst_first() {
-        let verdict = |word: &str| Some(word.to_string());
         let loops = [
-            ("north / 2", AlarmState::Normal, verdict("no_stiction")),
+            ("north / 2", AlarmState::Normal, Some("no_stiction")),
             ("north / 1", AlarmState::Normal, None),
-            ("north / 1", AlarmState::Normal, verdict("not_identifiable")),
-            ("north / 1", AlarmState::Shelved, verdict("stiction")),
-            ("north / 1", AlarmState::Unacknowledged, verdict("stiction")),
-            ("north / 1", AlarmState::Normal, verdict("stiction")),
+            ("north / 1", AlarmState::Normal, Some("not_identifiable")),
+            ("north / 1", AlarmState::Shelved, Some("stiction")),
+            ("north / 1", AlarmState::Unacknowledged, Some("stiction")),
+            ("north / 1", AlarmState::Normal, Some("stiction")),
         ];
         let map = PlantMap::of(loops.into_iter(), 0.0);
         let groups: Vec<_> = map.groups.iter().map(|own| (own.group.as_str(), own.loops.as_str())).collect();
