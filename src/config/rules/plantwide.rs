@@ -13,6 +13,10 @@ impl Rules<'_, '_, '_> {
     pub(super) fn upstream(&mut self, at: usize, control_loop: &LoopConfig, parts: &Parts) {
         let here = path!["loop", at, "upstream"];
         let names = &control_loop.upstream;
+        if names.is_empty() {
+            // Of many loops few have any: the names of all are not gathered for each.
+            return;
+        }
         self.unless(names.len() <= MOST_UPSTREAM, &here, || {
             format!("upstream: {} are more than {MOST_UPSTREAM}; name the nearest", names.len())
         });
