@@ -107,7 +107,7 @@ impl Fleet {
         let secret = self.config("secret", "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw");
         format!(
             "[notify]\nsite = '{name}'\n[[notify.webhook]]\nname = 'w'\nurl = 'http://{told}/'\nsecret_file = {secret:?}\nevents = ['raised']\n\
-             pace = {{ wait_s = 0.0, most_per_hour = 3600 }}\n"
+             pace = {{ wait_s = 0.0, interval_s = 0.0, most_per_hour = 3600 }}\n"
         )
     }
 

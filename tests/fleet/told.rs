@@ -3,6 +3,7 @@
 use serde_json::Value;
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
+use stictiond::serve::dto::parse_time;
 use stictiond::store::Reader;
 
 /// Reports of a store by loop and time, those of one site.
@@ -106,5 +107,17 @@ pub fn compare(edge: &Path, centre: &Path, site: &str, loops: usize, killed: &[f
 pub fn notices(body: &str) -> Vec<String> {
     let message: Value = serde_json::from_str(body).expect("JSON");
     let alarms = message["data"]["alarms"].as_array().expect("alarms").iter();
-    alarms.map(|own| format!("{} {}", at_site(own["id"].as_str().expect("a name")), own["time"])).collect()
+    let text = |own: &Value, key: &str| own[key].as_str().expect("a text").to_string();
+    let at = |own: &Value| parse_time(&text(own, "time")).expect("a time");
+    alarms.map(|own| named(&at_site(&text(own, "id")), at(own))).collect()
+}
+
+/// A change that `changes` has, as `notices` has it.
+pub fn notice((name, kind, at, _): &(String, String, u64, String)) -> String {
+    named(&format!("{name}/{kind}"), f64::from_bits(*at))
+}
+
+/// To the millisecond, as a webhook has the time.
+fn named(id: &str, at: f64) -> String {
+    format!("{id} {:.0}", (at * 1e3).round())
 }
