@@ -64,6 +64,8 @@ pub(super) struct Batch {
     urgent: bool,
     /// When the last messages were made.
     made: VecDeque<f64>,
+    /// How often something came.
+    came: u64,
 }
 
 /// What goes into one message.
@@ -94,12 +96,19 @@ impl Batch {
             first: None,
             urgent: false,
             made: VecDeque::new(),
+            came: 0,
         }
+    }
+
+    /// How often something came: another number, other contents.
+    pub(super) fn came(&self) -> u64 {
+        self.came
     }
 
     /// Takes a notice; false when it will only be counted, for want of room or because it was raised in a flood.
     pub(super) fn put(&mut self, notice: Notice, now: f64) -> bool {
         self.first.get_or_insert(now);
+        self.came += 1;
         self.urgent |= notice.priority == Priority::High && notice.what == What::Raised;
         if notice.grouped {
             self.fold(&notice);
@@ -129,6 +138,7 @@ impl Batch {
     /// Changes that came faster than they could be followed.
     pub(super) fn lose(&mut self, count: u64, now: f64) {
         self.first.get_or_insert(now);
+        self.came += 1;
         self.lost += count;
     }
 
@@ -151,22 +161,27 @@ impl Batch {
         Some(due)
     }
 
-    /// All that waits, whether it is due or not.
+    /// All that waits, as it would be told now; `None` where nothing does.
+    pub(super) fn digest(&self) -> Option<Digest> {
+        self.first?;
+        Some(Digest {
+            notices: self.waiting.iter().cloned().collect(),
+            more: self.folded.iter().map(|((what, kind), n)| (*what, *kind, *n)).collect(),
+            lost: self.lost,
+        })
+    }
+
+    /// All that waits, whether it is due or not; nothing does any more.
     pub(super) fn take(&mut self, now: f64) -> Option<Digest> {
-        self.first.take()?;
-        self.urgent = false;
+        let digest = self.digest()?;
+        (self.first, self.urgent, self.lost) = (None, false, 0);
+        self.waiting.clear();
+        self.folded.clear();
         while self.made.len() >= self.pace.most_per_hour {
             self.made.pop_front();
         }
         self.made.push_back(now);
-        Some(Digest {
-            notices: std::mem::take(&mut self.waiting).into(),
-            more: std::mem::take(&mut self.folded)
-                .into_iter()
-                .map(|((what, kind), n)| (what, kind, n))
-                .collect(),
-            lost: std::mem::take(&mut self.lost),
-        })
+        Some(digest)
     }
 }
 

@@ -124,6 +124,11 @@ impl Letters {
         self.lock().waiting.front().cloned()
     }
 
+    /// Writes a letter that is not finished: it waits to be sent only where it is found at the next start.
+    pub(super) fn draft(&self, letter: &Letter) {
+        self.write(letter);
+    }
+
     pub(super) fn put(&self, letter: Letter) {
         let mut inner = self.lock();
         self.write(&letter);

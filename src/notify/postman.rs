@@ -8,7 +8,8 @@
 //!                     |      v
 //!                    dead letter: refused for good, not taken for `for_s`, or the receiver is gone (410)
 //! ```
-//! Letters go one at a time, oldest first; while one is tried everything new stays in the batch, which is bounded.
+//! Letters go one at a time, oldest first; while one is tried everything new stays in the batch, which is bounded. What
+//! waits in the batch is on disk as a draft of its letter: after a power failure it is sent at the next start.
 
 use super::batch::{Batch, Digest, Pace};
 use super::filter::{self, Filter, What};
@@ -30,6 +31,9 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::{error, info, warn};
+
+/// Least time between two drafts (s): what came within it before a power failure is not told.
+const DRAFT_S: f64 = 1.0;
 
 /// `retry`: how long a message is tried that is not taken.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -115,6 +119,24 @@ struct Trial {
     failures: u32,
 }
 
+/// The letter that the batch will be, as it is on disk.
+#[derive(Default)]
+struct Draft {
+    /// Its name, once it is there.
+    id: Option<String>,
+    /// What it has, by the batch's count.
+    came: u64,
+    /// When the next may be written (s).
+    next: f64,
+}
+
+impl Draft {
+    /// When it is to be written again; `None` while it has everything.
+    fn due(&self, batch: &Batch) -> Option<f64> {
+        batch.due().filter(|_| batch.came() != self.came).map(|_| self.next)
+    }
+}
+
 impl<C: Carrier> Postman<C> {
     /// Hears of everything from now on.
     pub fn new(name: &str, carrier: C, source: Source, letters: Arc<Letters>, state: Arc<State>) -> Self {
@@ -147,6 +169,7 @@ impl<C: Carrier> Postman<C> {
         let began = Instant::now();
         let now = || began.elapsed().as_secs_f64();
         let (mut batch, mut trial, mut gone) = (Batch::new(self.pace.clone()), Trial::default(), false);
+        let mut draft = Draft::default();
         let mut random = Pcg32::seed_from_u64(time::wall().to_bits());
         let mut under_way = JoinSet::new();
         self.catch_up(&mut batch, now());
@@ -158,7 +181,10 @@ impl<C: Carrier> Postman<C> {
             }
             let due = if letter.is_some() { Some(trial.next) } else { batch.due() };
             let due = due.filter(|_| idle);
-            let at = began + Duration::try_from_secs_f64(due.unwrap_or(0.0)).unwrap_or_default();
+            let instant = |t: f64| began + Duration::try_from_secs_f64(t).unwrap_or_default();
+            let at = instant(due.unwrap_or(0.0));
+            // What becomes a letter now needs no draft.
+            let drafted = draft.due(&batch).filter(|_| due.is_none_or(|due| due > now()));
             self.state.queue.store(batch.len() + self.letters.counts().0 as u64, Relaxed);
             tokio::select! {
                 () = stop.cancelled() => break,
@@ -175,13 +201,17 @@ impl<C: Carrier> Postman<C> {
                     let pause = self.pause(trial.failures).mul_f64(random.random_range(0.5..1.0));
                     self.settle(carried, &mut trial, &mut gone, pause, now()).await;
                 }
+                () = sleep_until(instant(drafted.unwrap_or(0.0))), if drafted.is_some() => {
+                    self.keep(&mut draft, &batch).await;
+                    draft.next = now() + DRAFT_S;
+                }
                 () = sleep_until(at), if due.is_some() => match letter {
                     Some(letter) => {
                         let carrier = self.carrier.clone();
                         under_way.spawn(async move { carrier.carry(&letter).await });
                     }
                     None => if let Some(digest) = batch.take(now()) {
-                        let id = self.post(&digest).await;
+                        let id = self.post(&digest, draft.id.take()).await;
                         if let Some(id) = id.filter(|_| gone) {
                             self.bury(id, "the receiver has said that it is gone").await;
                         }
@@ -190,7 +220,7 @@ impl<C: Carrier> Postman<C> {
             }
         }
         if let Some(digest) = batch.take(now()) {
-            self.post(&digest).await;
+            self.post(&digest, draft.id.take()).await;
         }
     }
 
@@ -240,10 +270,18 @@ impl<C: Carrier> Postman<C> {
         log.iter().rev().for_each(|change| self.take(change, batch, now));
     }
 
-    /// Makes a letter of a digest; its name.
-    async fn post(&self, digest: &Digest) -> Option<String> {
-        let now = (self.source.now)();
-        let Some(letter) = Letter::new(self.carrier.compose(digest, &self.source, now), now) else {
+    /// Has on disk what waits.
+    async fn keep(&self, draft: &mut Draft, batch: &Batch) {
+        draft.came = batch.came();
+        if let Some(letter) = batch.digest().and_then(|digest| self.letter(&digest, draft.id.take())) {
+            draft.id = Some(letter.id.clone());
+            self.on_disk(move |letters| letters.draft(&letter)).await;
+        }
+    }
+
+    /// Makes a letter of a digest, in place of its draft; its name.
+    async fn post(&self, digest: &Digest, draft: Option<String>) -> Option<String> {
+        let Some(letter) = self.letter(digest, draft) else {
             error!(
                 receiver = self.name,
                 changes = digest.changes(),
@@ -255,6 +293,13 @@ impl<C: Carrier> Postman<C> {
         let id = letter.id.clone();
         self.on_disk(move |letters| letters.put(letter)).await;
         Some(id)
+    }
+
+    fn letter(&self, digest: &Digest, draft: Option<String>) -> Option<Letter> {
+        let now = (self.source.now)();
+        let letter = Letter::new(self.carrier.compose(digest, &self.source, now), now)?;
+        let id = draft.unwrap_or_else(|| letter.id.clone());
+        Some(Letter { id, ..letter })
     }
 
     /// What came of an attempt.

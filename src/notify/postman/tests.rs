@@ -131,6 +131,45 @@ async fn what_was_gathered_when_it_stopped_is_a_letter_for_the_next() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn what_was_gathered_when_the_power_failed_is_a_letter_for_the_next_start() {
+    let Rig { results, script, postman, .. } = rig(3, Vec::new(), Retry::default());
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tmp/drafts");
+    let _ = std::fs::remove_dir_all(&folder);
+    let files = || std::fs::read_dir(&folder).map_or(0, |all| all.count());
+    let pace = Pace { wait_s: 100.0, ..Pace::default() };
+    let source = postman.source.clone();
+    let begin = |letters| {
+        let own = Postman::new("it", Scripted(script.clone()), source.clone(), letters, Arc::default());
+        own.with(&[What::Raised], &Filter::default(), &pace, &Retry::default())
+    };
+    let open = || Arc::new(Letters::open(Some(folder.clone()), 5));
+    let letters = open();
+    let task = tokio::spawn(begin(letters.clone()).run(CancellationToken::new()));
+    tokio::task::yield_now().await;
+    for at in 0..2 {
+        trip(&results, at);
+        // Longer than between two drafts.
+        tokio::time::sleep(Duration::from_secs(5)).await;
+    }
+    assert_eq!((files(), letters.counts()), (1, (0, 0)), "on disk, and not to be sent yet");
+    task.abort();
+    assert!(task.await.unwrap_err().is_cancelled());
+
+    // The next start sends it at once; what comes then is another letter, whose draft goes with it.
+    let letters = open();
+    assert_eq!(letters.counts(), (1, 0));
+    let task = tokio::spawn(begin(letters.clone()).run(CancellationToken::new()));
+    tokio::time::sleep(Duration::from_secs(5)).await;
+    trip(&results, 2);
+    tokio::time::sleep(Duration::from_secs(5)).await;
+    assert_eq!(files(), 1);
+    tokio::time::sleep(Duration::from_secs(100)).await;
+    let told: Vec<String> = script.tried.lock().unwrap().iter().map(|(_, body)| body.clone()).collect();
+    assert_eq!((told, files(), letters.counts()), (vec!["2 0".to_string(), "1 0".to_string()], 0, (0, 0)));
+    task.abort();
+}
+
+#[tokio::test(start_paused = true)]
 async fn what_comes_to_light_of_before_the_start_is_not_told() {
     let before = rig(2, Vec::new(), Retry::default()).results;
     (0..2).for_each(|at| trip(&before, at));
