@@ -1,7 +1,6 @@
 //! Why loops are not at rest: draws loops of known cause in plants, and fits or measures what is said of them.
 //!
-//! `causes rows --first 20000 --plants 1200 > rows.txt`, one loop a line: its class, whether it is named in a group, its signs;
-//! `causes fit rows.txt` prints the weights; `causes measure rows.txt` the confusion matrix and the reliability diagram.
+//! `cargo run --release -p stictiond-numerics --example causes -- rows --first 20000 --plants 1200 > rows.txt`.
 //! Rows are made of plants of two units for 24 hours with one thing wrong, each loop of interest diagnosed as the daemon would.
 
 #[path = "plantwide_rates/friction.rs"]
@@ -9,9 +8,9 @@ mod friction;
 #[path = "calibrate/logistic.rs"]
 mod logistic;
 
+use clap::Parser;
 use friction::friction;
-
-use std::process::ExitCode;
+use std::path::{Path, PathBuf};
 use stictiond_numerics::detectors::tally;
 use stictiond_numerics::plantwide::cause::{CLASSES, probabilities};
 use stictiond_numerics::plantwide::signs::{SIGNS, Signs};
@@ -37,23 +36,36 @@ const SOURCES: [(Source, Cause); 9] = [
     (Source::Saturated, Cause::Saturation),
 ];
 
-fn value(name: &str, otherwise: u64) -> u64 {
-    let mut args = std::env::args().skip_while(|arg| arg != name);
-    args.nth(1).and_then(|value| value.parse().ok()).unwrap_or(otherwise)
+/// Why loops are not at rest
+#[derive(Parser)]
+enum Asked {
+    /// Draw loops, and print a line for each: its true class, what is said and how sure, the source, its signs
+    Rows {
+        /// Seed of the first plant
+        #[arg(long, default_value_t = 20_000)]
+        first: u64,
+        /// Plants to draw
+        #[arg(long, default_value_t = 1200)]
+        plants: u64,
+    },
+    /// Print the weights that fit such lines best
+    Fit {
+        /// File with what `rows` has printed
+        file: PathBuf,
+    },
+    /// Print the confusion matrix and the reliability diagram of such lines
+    Measure {
+        /// File with what `rows` has printed
+        file: PathBuf,
+    },
 }
 
-fn main() -> ExitCode {
-    let file = || std::fs::read_to_string(std::env::args().nth(2).unwrap_or_default()).unwrap_or_default();
-    match std::env::args().nth(1).as_deref() {
-        Some("rows") => rows(value("--first", 20_000), value("--plants", 1200)),
-        Some("fit") => fit(&read(&file())),
-        Some("measure") => measure(&read(&file())),
-        _ => {
-            eprintln!("causes rows|fit FILE|measure FILE");
-            return ExitCode::FAILURE;
-        }
+fn main() {
+    match Asked::parse() {
+        Asked::Rows { first, plants } => rows(first, plants),
+        Asked::Fit { file } => fit(&read(&file)),
+        Asked::Measure { file } => measure(&read(&file)),
     }
-    ExitCode::SUCCESS
 }
 
 fn loops(of: &Plant, runs: &[Run]) -> Vec<PlantLoop> {
@@ -111,7 +123,8 @@ struct Row {
     signs: Signs,
 }
 
-fn read(text: &str) -> Vec<Row> {
+fn read(file: &Path) -> Vec<Row> {
+    let text = std::fs::read_to_string(file).unwrap_or_default();
     let named = |name: &str| Cause::ALL.into_iter().find(|cause| cause.as_str() == name);
     let row = |line: &str| {
         let cells: Vec<&str> = line.split_whitespace().collect();

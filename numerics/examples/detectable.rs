@@ -1,8 +1,5 @@
 //! What `f_detectable` and the bound of "no friction needed" are worth, on sticking valves of three generators:
 //! `cargo run --release -p stictiond-numerics --example detectable -- --records 100 --first-seed 8800`.
-//!
-//! Options: `--records N` sticking loops of each generator, half of them with an effect that is not declared, `--first-seed K`,
-//! `--threads T`, `--each`, which prints the loops on which a bound excludes the truth or that are missed above `f_detectable`.
 
 #[path = "../../tests/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
@@ -11,8 +8,8 @@ mod generators;
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 
+use clap::Parser;
 use generators::{Case, GENERATORS, Generator, Size};
-use std::process::ExitCode;
 use stictiond_numerics::detectors::tally;
 use stictiond_numerics::diagnosis::{self, Verdict, diagnose};
 use stictiond_numerics::residual::{self, Kind, trace_record};
@@ -34,32 +31,30 @@ struct Said {
     detectable: Option<f64>,
 }
 
-fn main() -> ExitCode {
-    let (mut records, mut first, mut threads, mut each) = (60, 8800, 2, false);
-    let mut args = std::env::args().skip(1);
-    while let Some(arg) = args.next() {
-        let mut number = || args.next().and_then(|n| n.parse::<u64>().ok());
-        let known = match arg.as_str() {
-            "--records" => number().map(|n| records = n as usize),
-            "--first-seed" => number().map(|n| first = n),
-            "--threads" => number().map(|n| threads = n as usize),
-            "--each" => {
-                each = true;
-                Some(())
-            }
-            _ => None,
-        };
-        if known.is_none() {
-            eprintln!("{arg}: --records N, --first-seed K, --threads T or --each");
-            return ExitCode::from(2);
-        }
-    }
+/// What `f_detectable` and the bound of "no friction needed" are worth
+#[derive(Parser)]
+struct Args {
+    /// Sticking loops of each generator, half of them with an effect that is not declared
+    #[arg(long, default_value_t = 60)]
+    records: usize,
+    /// First seed
+    #[arg(long, default_value_t = 8800)]
+    first_seed: u64,
+    /// Loops judged at once
+    #[arg(long, default_value_t = 2)]
+    threads: usize,
+    /// Print the loops on which a bound excludes the truth, or that are missed above `f_detectable`
+    #[arg(long)]
+    each: bool,
+}
+
+fn main() {
+    let Args { records, first_seed: first, threads, each } = Args::parse();
     println!("{records} sticking loops a generator, seeds from {first}; Wilson 95 % intervals in brackets\n");
     let said: Vec<(&str, Vec<Said>)> =
         GENERATORS.iter().map(|g| (g.name, of(g, records, first, threads))).collect();
     power(&said);
     honest(&said, each);
-    ExitCode::SUCCESS
 }
 
 /// Sticking loops of a generator, judged.

@@ -1,8 +1,5 @@
 //! What a diagnosis says of sticking loops of whose samples some are lost, at random, in bursts and periodically:
 //! `cargo run --release -p stictiond-numerics --example holes -- --records 100 --first-seed 8000`.
-//!
-//! Options: `--records N` sticking loops of three generators that share no code, `--first-seed K`, `--threads T`,
-//! `--shares A,B` per cent missing, `--kinds A,B` only those whose names contain one of these, `--of op` or `--of pv` where only that tag has holes, `--each`, which prints the loops of whom another verdict is said than without holes.
 
 #[path = "../tests/acquired_common/mod.rs"]
 mod acquired_common;
@@ -14,37 +11,42 @@ mod generators;
 mod parallel;
 
 use acquired_common::{Loop, Said, draw, judge, kinds_of_gaps, with_gaps};
+use clap::Parser;
 use std::collections::BTreeMap;
-use std::process::ExitCode;
 use stictiond_numerics::detectors::tally;
 use stictiond_numerics::diagnosis;
 use stictiond_numerics::signal::Record;
 use stictiond_numerics::sim::acquisition::Gaps;
 
-fn main() -> ExitCode {
-    let (mut count, mut first, mut each, mut shares) = (100, 8000, false, vec![2, 5, 10, 20, 30]);
-    let (mut only, mut kinds) = (String::new(), Vec::<String>::new());
-    let mut threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut args = std::env::args().skip(1);
-    while let Some(name) = args.next() {
-        if name == "--each" {
-            each = true;
-            continue;
-        }
-        let value = args.next().unwrap_or_default();
-        match (name.as_str(), value.parse::<u64>()) {
-            ("--records", Ok(n)) => count = n as usize,
-            ("--first-seed", Ok(n)) => first = n,
-            ("--threads", Ok(n)) => threads = n.max(1) as usize,
-            ("--kinds", _) => kinds = value.split(',').map(str::to_string).collect(),
-            ("--of", _) => only = value.clone(),
-            ("--shares", _) => shares = value.split(',').filter_map(|share| share.parse().ok()).collect(),
-            _ => {
-                eprintln!("{name} {value}: not an option, see the first lines of the example");
-                return ExitCode::from(2);
-            }
-        }
-    }
+/// What a diagnosis says of sticking loops of whose samples some are lost
+#[derive(Parser)]
+struct Args {
+    /// Sticking loops of three generators that share no code
+    #[arg(long, default_value_t = 100)]
+    records: usize,
+    /// First seed
+    #[arg(long, default_value_t = 8000)]
+    first_seed: u64,
+    /// Loops judged at once
+    #[arg(long, default_value_t = std::thread::available_parallelism().map_or(1, usize::from))]
+    threads: usize,
+    /// Shares of the samples that are lost (%), separated by commas
+    #[arg(long, value_delimiter = ',', default_values_t = [2, 5, 10, 20, 30])]
+    shares: Vec<usize>,
+    /// Only holes whose names contain one of these words, separated by commas
+    #[arg(long, value_delimiter = ',')]
+    kinds: Vec<String>,
+    /// Only this tag has holes
+    #[arg(long, value_parser = ["op", "pv"])]
+    of: Option<String>,
+    /// Print the loops whose verdict differs from that without holes
+    #[arg(long)]
+    each: bool,
+}
+
+fn main() {
+    let Args { records: count, first_seed: first, threads, shares, kinds, of, each } = Args::parse();
+    let threads = threads.max(1);
     let loops: Vec<Loop> = (0..).map(|i| draw(i, first + i)).filter(|own| own.f > 0.0).take(count).collect();
     let whole = parallel::on(threads, &loops, |own| judge(own, &with_gaps(own, Gaps::None)));
     println!("{count} sticking loops, seeds from {first}; Wilson 95 % intervals in brackets\n");
@@ -58,9 +60,9 @@ fn main() -> ExitCode {
         for (how, gaps) in kinds_of_gaps(percent).into_iter().filter(|(how, _)| wanted(how)) {
             let said = parallel::on(threads, &loops, |own| {
                 let (whole, holes) = (with_gaps(own, Gaps::None), with_gaps(own, gaps));
-                let record = match only.as_str() {
-                    "pv" => Record { pv: holes.pv, ..whole },
-                    "op" => Record { op: holes.op, ..whole },
+                let record = match of.as_deref() {
+                    Some("pv") => Record { pv: holes.pv, ..whole },
+                    Some("op") => Record { op: holes.op, ..whole },
                     _ => holes,
                 };
                 judge(own, &record)
@@ -68,7 +70,6 @@ fn main() -> ExitCode {
             show(&format!("{percent} % {how}"), &loops, &whole, &said, each);
         }
     }
-    ExitCode::SUCCESS
 }
 
 fn show(name: &str, loops: &[Loop], whole: &[Said], said: &[Said], each: bool) {

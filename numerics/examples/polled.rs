@@ -1,8 +1,5 @@
 //! What a diagnosis says of the same loops at the controller's ticks and as a historian holds them, polled and with holes:
 //! `cargo run --release -p stictiond-numerics --example polled -- --records 100 --first-seed 7000`.
-//!
-//! Options: `--records N` loops of three generators that share no code, sound and sticking, `--first-seed K`, `--threads T`,
-//! `--rows A,B` only the rows whose names contain one of these, `--each`, which prints what differs from the ticks.
 
 #[path = "../tests/acquired_common/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
@@ -15,9 +12,9 @@ mod generators;
 mod parallel;
 
 use acquired_common::{Loop, Said, draw, judge, kinds_of_gaps, scans};
+use clap::Parser;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use std::process::ExitCode;
 use stictiond_numerics::detectors::tally;
 use stictiond_numerics::signal::Record;
 use stictiond_numerics::sim::acquisition::{Acquisition, Poll, acquire};
@@ -33,27 +30,29 @@ struct Row {
     how: Box<Draw>,
 }
 
-fn main() -> ExitCode {
-    let (mut count, mut first, mut each, mut wanted) = (60, 7000, false, Vec::new());
-    let mut threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut args = std::env::args().skip(1);
-    while let Some(name) = args.next() {
-        if name == "--each" {
-            each = true;
-            continue;
-        }
-        let value = args.next().unwrap_or_default();
-        match (name.as_str(), value.parse::<u64>()) {
-            ("--records", Ok(n)) => count = n,
-            ("--first-seed", Ok(n)) => first = n,
-            ("--threads", Ok(n)) => threads = n.max(1) as usize,
-            ("--rows", _) => wanted = value.split(',').map(str::to_string).collect(),
-            _ => {
-                eprintln!("{name} {value}: not an option, see the first lines of the example");
-                return ExitCode::from(2);
-            }
-        }
-    }
+/// What a diagnosis says of the same loops at the controller's ticks, polled and with holes
+#[derive(Parser)]
+struct Args {
+    /// Loops of three generators that share no code, sound and sticking
+    #[arg(long, default_value_t = 60)]
+    records: u64,
+    /// First seed
+    #[arg(long, default_value_t = 7000)]
+    first_seed: u64,
+    /// Loops judged at once
+    #[arg(long, default_value_t = std::thread::available_parallelism().map_or(1, usize::from))]
+    threads: usize,
+    /// Only the rows whose names contain one of these words, separated by commas
+    #[arg(long = "rows", value_name = "ROWS", value_delimiter = ',')]
+    wanted: Vec<String>,
+    /// Print what differs from the ticks
+    #[arg(long)]
+    each: bool,
+}
+
+fn main() {
+    let Args { records: count, first_seed: first, threads, wanted, each } = Args::parse();
+    let threads = threads.max(1);
     let loops: Vec<Loop> = parallel::on(threads, 0..count, |i| draw(i, first + i));
     println!("{count} loops, seeds from {first}; Wilson 95 % intervals in brackets\n");
     println!(
@@ -75,7 +74,6 @@ fn main() -> ExitCode {
         });
         show(&row.name, &loops, &at_ticks, &said, each);
     }
-    ExitCode::SUCCESS
 }
 
 fn rows() -> Vec<Row> {

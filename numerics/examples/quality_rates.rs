@@ -1,6 +1,6 @@
 //! How often what the signals alone show is told where it is there, and where it is not.
 //!
-//! `quality_rates [--gen ABC] [--seed 1] [--seeds 5] [--kind outliers,…|clean] [--others] [--each]`
+//! `cargo run --release -p stictiond-numerics --example quality_rates -- --gen A --kind outliers,clean`.
 
 #[path = "../../tests/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
@@ -8,6 +8,7 @@ mod generators;
 #[path = "../../tests/diagnosis_common/parallel.rs"]
 mod parallel;
 
+use clap::Parser;
 use generators::{Case, Generator, Size};
 use std::collections::BTreeMap;
 use stictiond_numerics::diagnosis::{self, gate, region};
@@ -22,52 +23,42 @@ use stictiond_numerics::sysid::valve::Start;
 /// The facts of the signals.
 const FACTS: [Kind; 4] = [Kind::QuantisedPv, Kind::FrozenPv, Kind::ClockSkew, Kind::Outliers];
 
+/// How often what the signals alone show is told where it is there, and where it is not
+#[derive(Parser)]
 struct Asked {
-    generators: String,
-    seeds: std::ops::Range<u64>,
-    kinds: Vec<Option<Kind>>,
+    /// Letters of the generators
+    #[arg(long, default_value = "ABC")]
+    r#gen: String,
+    /// First seed
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Number of seeds
+    #[arg(long, default_value_t = 5)]
+    seeds: u64,
+    /// Only records with these effects, separated by commas; `clean` is none
+    #[arg(long, value_delimiter = ',', value_parser = kind)]
+    kind: Vec<Option<Kind>>,
+    /// Print the records on which a fact is missed or invented
+    #[arg(long)]
     each: bool,
 }
 
+fn kind(name: &str) -> Result<Option<Kind>, &'static str> {
+    let known = Kind::ALL.into_iter().find(|kind| kind.as_str() == name);
+    if known.is_some() || name == "clean" { Ok(known) } else { Err("neither an effect nor clean") }
+}
+
 fn main() {
-    let asked = asked();
+    let mut asked = Asked::parse();
+    if asked.kind.is_empty() {
+        let others = Kind::ALL.into_iter().filter(|kind| !FACTS.contains(kind));
+        asked.kind = FACTS.into_iter().chain(others).map(Some).chain([None]).collect();
+    }
     for generator in [generators::a::A, generators::b::B, generators::c::C] {
-        if asked.generators.contains(generator.name) {
+        if asked.r#gen.contains(generator.name) {
             rates(&generator, &asked);
         }
     }
-}
-
-fn asked() -> Asked {
-    let mut args = std::env::args().skip(1);
-    let mut asked = Asked { generators: "ABC".into(), seeds: 1..6, kinds: Vec::new(), each: false };
-    let value = |args: &mut dyn Iterator<Item = String>| args.next().expect("a value follows");
-    while let Some(arg) = args.next() {
-        match arg.as_str() {
-            "--gen" => asked.generators = value(&mut args),
-            "--seed" => {
-                let (first, count) =
-                    (value(&mut args).parse().expect("a number"), asked.seeds.end - asked.seeds.start);
-                asked.seeds = first..first + count;
-            }
-            "--seeds" => {
-                let count: u64 = value(&mut args).parse().expect("a number");
-                asked.seeds.end = asked.seeds.start + count;
-            }
-            "--kind" => {
-                let names = value(&mut args);
-                let named = |name: &str| Kind::ALL.into_iter().find(|kind| kind.as_str() == name);
-                asked.kinds.extend(names.split(',').map(named));
-            }
-            "--each" => asked.each = true,
-            _ => panic!("{arg} is not known"),
-        }
-    }
-    if asked.kinds.is_empty() {
-        let others = Kind::ALL.into_iter().filter(|kind| !FACTS.contains(kind));
-        asked.kinds = FACTS.into_iter().chain(others).map(Some).chain([None]).collect();
-    }
-    asked
 }
 
 /// The stem of the best valve, or OP where that is likelier.
@@ -103,9 +94,9 @@ fn judge(generator: &Generator, case: Case) -> Option<Told> {
 }
 
 fn rates(generator: &Generator, asked: &Asked) {
-    for &kind in &asked.kinds {
+    for &kind in &asked.kind {
         let mut cases = Vec::new();
-        for seed in asked.seeds.clone() {
+        for seed in asked.seed..asked.seed + asked.seeds {
             let case = |variant| Case { effect: kind, size: Size::Medium, variant, seed, tags: 0 };
             cases.extend((0..(generator.variants)(kind)).map(case));
         }

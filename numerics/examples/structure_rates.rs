@@ -2,7 +2,7 @@
 //! `cargo run --release -p stictiond-numerics --example structure_rates -- --records 60 --first-seed 91000`.
 //!
 //! A record is searched as a whole, and another one is judged twice: by a search, and by what is confirmed of the structure that
-//! the first one had. Nothing was tuned on these seeds. `--each` prints what was confirmed and searched differently.
+//! the first one had. Nothing was tuned on these seeds.
 
 #[path = "../../tests/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
@@ -11,8 +11,8 @@ mod generators;
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 
+use clap::Parser;
 use generators::{Case, GENERATORS, Generator, Size};
-use std::process::ExitCode;
 use stictiond_numerics::detectors::tally;
 use stictiond_numerics::diagnosis::{Settings, Verdict, diagnose};
 use stictiond_numerics::residual::{self, Findings, Kind, Structure, confirm, trace_record};
@@ -33,26 +33,25 @@ struct Said {
     before: f64,
 }
 
-fn main() -> ExitCode {
-    let (mut records, mut first, mut threads, mut each) = (60, 91_000, 2, false);
-    let mut args = std::env::args().skip(1);
-    while let Some(arg) = args.next() {
-        let mut number = || args.next().and_then(|n| n.parse::<u64>().ok());
-        let known = match arg.as_str() {
-            "--records" => number().map(|n| records = n),
-            "--first-seed" => number().map(|n| first = n),
-            "--threads" => number().map(|n| threads = n as usize),
-            "--each" => {
-                each = true;
-                Some(())
-            }
-            _ => None,
-        };
-        if known.is_none() {
-            eprintln!("{arg}: --records N, --first-seed K, --threads T or --each");
-            return ExitCode::from(2);
-        }
-    }
+/// What it costs in errors that a structure which still holds is not searched for again
+#[derive(Parser)]
+struct Args {
+    /// Pairs of windows of each generator and change
+    #[arg(long, default_value_t = 60)]
+    records: u64,
+    /// First seed
+    #[arg(long, default_value_t = 91_000)]
+    first_seed: u64,
+    /// Pairs judged at once
+    #[arg(long, default_value_t = 2)]
+    threads: usize,
+    /// Print the confirmed pairs on which the search says something else
+    #[arg(long)]
+    each: bool,
+}
+
+fn main() {
+    let Args { records, first_seed: first, threads, each } = Args::parse();
     println!("{records} pairs of windows a generator and change, seeds from {first}\n");
     println!(
         "| | between the windows | first has a structure | confirmed | verdict as searched | f within 10 % of the search's | \
@@ -69,7 +68,6 @@ fn main() -> ExitCode {
             own.iter().filter(|said| each && differs(said)).for_each(|said| print(said));
         }
     }
-    ExitCode::SUCCESS
 }
 
 /// The cells of one row.

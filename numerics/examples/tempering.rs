@@ -10,19 +10,27 @@ mod generators;
 #[path = "../../tests/diagnosis_common/parallel.rs"]
 mod parallel;
 
+use clap::Parser;
 use generators::{Case, GENERATORS, Size};
 use stictiond_numerics::diagnosis::{self, diagnose};
 use stictiond_numerics::residual::{self, Kind, first_step};
 
+/// What a tempering exponent of the likelihood does on simulated loops
+#[derive(Parser)]
+struct Args {
+    /// First seed
+    #[arg(long, default_value_t = 2000)]
+    first_seed: u64,
+    /// Number of seeds
+    #[arg(long, default_value_t = 3)]
+    seeds: u64,
+    /// Letters of the generators
+    #[arg(long, default_value = "A")]
+    generators: String,
+}
+
 fn main() {
-    let args: Vec<String> = std::env::args().collect();
-    let value = |name: &str, default: &str| {
-        let at = args.iter().position(|arg| arg == name).and_then(|at| args.get(at + 1));
-        at.cloned().unwrap_or_else(|| default.to_string())
-    };
-    let first: u64 = value("--first-seed", "2000").parse().expect("a number");
-    let seeds: u64 = value("--seeds", "3").parse().expect("a number");
-    let letters = value("--generators", "A");
+    let Args { first_seed: first, seeds, generators: letters } = Args::parse();
     for generator in GENERATORS.iter().filter(|g| letters.contains(g.name)) {
         let of_signals = [Kind::QuantisedPv, Kind::Outliers, Kind::FrozenPv, Kind::ClockSkew, Kind::SlipJump];
         let kinds = Kind::ALL.into_iter().filter(|kind| !of_signals.contains(kind)).map(Some);

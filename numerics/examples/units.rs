@@ -1,8 +1,5 @@
 //! What is said of the same loops in other units, signs, offsets and clocks, over measured and drawn records:
 //! `cargo run --release -p stictiond-numerics --example units -- --data ../shared/data --drawn 200`.
-//!
-//! Options: `--data FOLDER` of folders of records, `--drawn N` records of three generators that share no code, `--first-seed K`,
-//! `--threads T`, `--untraced` stops at the diagnosis, `--each` prints what differs.
 
 #[path = "../../tests/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
@@ -13,48 +10,61 @@ mod parallel;
 #[path = "../../tests/diagnosis_common/units.rs"]
 mod units;
 
+use clap::Parser;
 use generators::{Case, GENERATORS, Size};
-use std::path::Path;
-use std::process::ExitCode;
+use std::path::PathBuf;
 use stictiond_numerics::signal::Record;
 use units::{CHANGES, Change, Said, judge, measured, off};
 
 /// f counts as the same within this share of it.
 const SAME_F: f64 = 0.01;
 
-struct Options {
-    data: String,
+/// What is said of the same loops in other units, signs, offsets and clocks
+#[derive(Parser)]
+struct Args {
+    /// Folder of folders of measured records
+    #[arg(long, value_name = "FOLDER")]
+    data: Option<PathBuf>,
+    /// Records to draw, of three generators that share no code
+    #[arg(long, default_value_t = 0)]
     drawn: u64,
-    first: u64,
+    /// First seed
+    #[arg(long, default_value_t = 7000)]
+    first_seed: u64,
+    /// Records judged at once
+    #[arg(long, default_value_t = std::thread::available_parallelism().map_or(1, usize::from))]
     threads: usize,
-    traced: bool,
+    /// Stop at the diagnosis
+    #[arg(long)]
+    untraced: bool,
+    /// Print what differs
+    #[arg(long)]
     each: bool,
 }
 
-fn main() -> ExitCode {
-    let Some(options) = options() else { return ExitCode::from(2) };
-    let mut records = measured(Path::new(&options.data));
+fn main() {
+    let Args { data, drawn: count, first_seed: first, threads, untraced, each } = Args::parse();
+    let (threads, traced) = (threads.max(1), !untraced);
+    let mut records = data.as_deref().map_or_else(Vec::new, measured);
     let of_plants = records.len();
-    records.extend((0..options.drawn).map(|i| drawn(i, options.first + i)));
-    println!("{of_plants} measured records, {} drawn, seeds from {}\n", options.drawn, options.first);
-    let own = parallel::on(options.threads, &records, |(_, record)| judge(record, options.traced));
+    records.extend((0..count).map(|i| drawn(i, first + i)));
+    println!("{of_plants} measured records, {count} drawn, seeds from {first}\n");
+    let own = parallel::on(threads, &records, |(_, record)| judge(record, traced));
     println!(
         "| the same loop elsewhere | span told: same verdict | same f | worst f | not told: same verdict | in per cent, as told |"
     );
     println!("|---|---|---|---|---|---|");
     for change in &CHANGES {
         let jobs = records.iter().zip(&own);
-        let said = parallel::on(options.threads, jobs, |((name, record), own)| {
+        let said = parallel::on(threads, jobs, |((name, record), own)| {
             let [told, guessed] = [true, false].map(|told| change.of(record, told));
-            let told_said = judge(&told, options.traced);
+            let told_said = judge(&told, traced);
             // The same record with the same span has nothing else to say.
-            let guessed_said =
-                if guessed == told { told_said.clone() } else { judge(&guessed, options.traced) };
+            let guessed_said = if guessed == told { told_said.clone() } else { judge(&guessed, traced) };
             One { name, own, told: told_said, guessed: guessed_said }
         });
-        show(change, &said, options.each);
+        show(change, &said, each);
     }
-    ExitCode::SUCCESS
 }
 
 /// One record elsewhere.
@@ -108,30 +118,4 @@ fn drawn(i: u64, seed: u64) -> (String, Record) {
     let case = Case { effect: None, size: Size::Medium, variant, seed, tags: 1 };
     let (record, truth) = (generator.record)(&case);
     (format!("{} {seed} {}", generator.name, truth.name), Record { op_span: Some(100.0), ..record })
-}
-
-fn options() -> Option<Options> {
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut out = Options { data: String::new(), drawn: 0, first: 7000, threads, traced: true, each: false };
-    let mut args = std::env::args().skip(1);
-    while let Some(name) = args.next() {
-        match name.as_str() {
-            "--each" => out.each = true,
-            "--untraced" => out.traced = false,
-            _ => {
-                let value = args.next().unwrap_or_default();
-                match (name.as_str(), value.parse::<u64>()) {
-                    ("--data", _) => out.data = value,
-                    ("--drawn", Ok(n)) => out.drawn = n,
-                    ("--first-seed", Ok(n)) => out.first = n,
-                    ("--threads", Ok(n)) => out.threads = n.max(1) as usize,
-                    _ => {
-                        eprintln!("{name} {value}: not an option, see the first lines of the example");
-                        return None;
-                    }
-                }
-            }
-        }
-    }
-    Some(out)
 }

@@ -3,10 +3,6 @@
 //!
 //! A record's best score is the largest that any search has reached, among them one that starts from the true valve in many
 //! forms. With a file as `--known` the best scores are kept between runs, so that versions are compared with the same.
-//!
-//! Options: `--gen ABC`, `--from K` and `--to K` (seeds, the last not included), `--effects` records with an effect instead of
-//! clean ones, `--near` also times a search beside a valve that is 5 % off, `--uninformed` starts none from the true valve,
-//! `--known FILE`, `--threads N`, and `--each`, which prints every miss.
 
 #[path = "../../tests/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
@@ -15,8 +11,10 @@ mod generators;
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 
+use clap::Parser;
 use generators::{Case, Generator, Size, Truth};
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use stictiond_numerics::diagnosis::{self, gate, region};
 use stictiond_numerics::residual::Kind;
 use stictiond_numerics::residual::hypothesis::Hypothesis;
@@ -27,52 +25,40 @@ use stictiond_numerics::sysid::valve::{Rest, Start, StopRule, ValveModel};
 /// Score behind the best at which a valve counts as missed.
 const MISSED: f64 = 2.0;
 
-/// What is asked for.
+/// How often the search for a valve misses the best one, and what it costs
+#[derive(Parser)]
 struct Args {
-    generators: String,
-    seeds: std::ops::Range<u64>,
+    /// Letters of the generators
+    #[arg(long, default_value = "ABC")]
+    r#gen: String,
+    /// First seed
+    #[arg(long, default_value_t = 1)]
+    from: u64,
+    /// Seed after the last one
+    #[arg(long, default_value_t = 7)]
+    to: u64,
+    /// Records with an effect instead of clean ones
+    #[arg(long)]
     effects: bool,
+    /// Print every miss
+    #[arg(long)]
     each: bool,
+    /// Also time a search beside a valve that is 5 % off
+    #[arg(long)]
     near: bool,
-    informed: bool,
-    known: Option<String>,
+    /// Start no search from the true valve, and write no scores
+    #[arg(long)]
+    uninformed: bool,
+    /// File that keeps the best scores between runs
+    #[arg(long, value_name = "FILE")]
+    known: Option<PathBuf>,
+    /// Records searched at once
+    #[arg(long, default_value_t = 2)]
     threads: usize,
 }
 
-impl Args {
-    fn read() -> Self {
-        let mut args = Self {
-            generators: "ABC".into(),
-            seeds: 1..7,
-            effects: false,
-            each: false,
-            near: false,
-            informed: true,
-            known: None,
-            threads: 2,
-        };
-        let mut given = std::env::args().skip(1);
-        while let Some(name) = given.next() {
-            let mut value = || given.next().expect("a value");
-            match name.as_str() {
-                "--gen" => args.generators = value(),
-                "--from" => args.seeds.start = value().parse().expect("a seed"),
-                "--to" => args.seeds.end = value().parse().expect("a seed"),
-                "--known" => args.known = Some(value()),
-                "--threads" => args.threads = value().parse().expect("a number"),
-                "--effects" => args.effects = true,
-                "--each" => args.each = true,
-                "--near" => args.near = true,
-                "--uninformed" => args.informed = false,
-                other => panic!("{other}?"),
-            }
-        }
-        args
-    }
-}
-
 fn main() {
-    let args = Args::read();
+    let args = Args::parse();
     let mut known = BTreeMap::new();
     if let Some(text) = args.known.as_ref().and_then(|file| std::fs::read_to_string(file).ok()) {
         for line in text.lines() {
@@ -81,11 +67,11 @@ fn main() {
         }
     }
     for generator in [generators::a::A, generators::b::B, generators::c::C] {
-        if args.generators.contains(generator.name) {
+        if args.r#gen.contains(generator.name) {
             rates(&generator, &args, &mut known);
         }
     }
-    if let Some(file) = args.known.as_ref().filter(|_| args.informed) {
+    if let Some(file) = args.known.as_ref().filter(|_| !args.uninformed) {
         let text: String = known.iter().map(|(key, score)| format!("{key} {score}\n")).collect();
         std::fs::write(file, text).expect("the file can be written");
     }
@@ -101,7 +87,7 @@ fn cases(generator: &Generator, args: &Args) -> Vec<Case> {
     };
     let mut cases = Vec::new();
     for effect in kinds {
-        for seed in args.seeds.clone() {
+        for seed in args.from..args.to {
             for variant in 0..(generator.variants)(effect) {
                 cases.push(Case { effect, size: Size::Medium, variant, seed, tags: 0 });
             }
@@ -181,7 +167,7 @@ fn judge(generator: &Generator, case: &Case, args: &Args, known: &BTreeMap<Strin
     let ms = cpu() - t;
     let score = |found: &Option<Found>| found.as_ref().map_or(f64::NEG_INFINITY, |found| found.score);
     let mut best = score(&found).max(known.get(&key).copied().unwrap_or(f64::NEG_INFINITY));
-    if args.informed {
+    if !args.uninformed {
         let told = search(&data, &none, &informed(&data, &truth), Effort::Whole);
         best = best.max(score(&told.into_iter().next()));
     }

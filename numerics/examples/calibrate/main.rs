@@ -1,19 +1,32 @@
 //! Fits the weights that stand in the sources, on simulated signals alone; prints them, and how right they are on others.
 //!
-//! `calibrate oscillation`, or `calibrate rank FILE` with what `plantwide_rates --signs` has printed of plants of other seeds.
+//! `cargo run --release -p stictiond-numerics --example calibrate -- oscillation`.
 
 mod logistic;
 mod waves;
 
+use clap::Parser;
+use std::path::{Path, PathBuf};
 use stictiond_numerics::indicators::oscillation::candidates;
 use stictiond_numerics::sim::scenarios::{SOUND_KINDS, random_sound};
 use stictiond_numerics::sysid::spectrum::Transforms;
 
+/// Fits the weights that stand in the sources, on simulated signals alone
+#[derive(Parser)]
+enum Asked {
+    /// Fit the weights by which an oscillation is told from noise
+    Oscillation,
+    /// Fit the weights by which the members of a group are ranked
+    Rank {
+        /// File with what `plantwide_rates --signs` has printed of plants of other seeds
+        file: PathBuf,
+    },
+}
+
 fn main() {
-    match std::env::args().nth(1).as_deref() {
-        Some("oscillation") => oscillation(),
-        Some("rank") => rank(&std::env::args().nth(2).unwrap_or_default()),
-        _ => eprintln!("calibrate oscillation | rank FILE"),
+    match Asked::parse() {
+        Asked::Oscillation => oscillation(),
+        Asked::Rank { file } => rank(&file),
     }
 }
 
@@ -69,7 +82,7 @@ fn oscillation() {
 }
 
 /// A conditional logit over the members of each group, by gradient ascent with momentum.
-fn rank(file: &str) {
+fn rank(file: &Path) {
     let text = std::fs::read_to_string(file).unwrap_or_default();
     let mut groups: Vec<(Vec<Vec<f64>>, usize)> = Vec::new();
     let (mut members, mut source) = (Vec::new(), 0);

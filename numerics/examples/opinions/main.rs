@@ -1,14 +1,7 @@
 //! How often each published method, and the program's own verdict, is right: on a folder of labelled records, and on
 //! simulated loops. `docs/benchmark.md` is made of what this prints.
 //!
-//! ```text
-//! opinions DIR                 labelled records: DIR/index.csv with columns loop, file, label
-//! opinions --simulated 500     so many simulated loops, by scenario
-//! opinions --calibrate 600     what the thresholds that no author gives are taken from, on other seeds
-//! opinions --combine 600 [DIR] whether a probability from all votes is better than the verdict alone
-//! ```
-//!
-//! Options: `--each` prints every record; `--threads N`.
+//! `cargo run --release -p stictiond-numerics --example opinions -- --simulated 500`.
 
 mod calibrate;
 mod combine;
@@ -20,30 +13,32 @@ mod parallel;
 mod simulated;
 mod tables;
 
-/// What is asked for.
+use clap::Parser;
+
+/// How often each published method, and the program's own verdict, is right
+#[derive(Parser)]
 struct Args {
+    /// Labelled records: a folder with index.csv, with columns loop, file, label
     folder: Option<String>,
+    /// Simulated loops to judge, by scenario
+    #[arg(long, default_value_t = 0)]
     simulated: u64,
+    /// Simulated loops of other seeds, by which the thresholds that no author gives are chosen
+    #[arg(long, default_value_t = 0)]
     calibrate: u64,
+    /// Simulated loops on which a probability from all votes is held against the verdict alone; also on FOLDER
+    #[arg(long, default_value_t = 0)]
     combine: u64,
+    /// Print every record
+    #[arg(long)]
     each: bool,
+    /// Records judged at once
+    #[arg(long, default_value_t = 2)]
     threads: usize,
 }
 
 fn main() {
-    let mut args = Args { folder: None, simulated: 0, calibrate: 0, combine: 0, each: false, threads: 2 };
-    let mut given = std::env::args().skip(1);
-    while let Some(word) = given.next() {
-        let mut number = || given.next().and_then(|n| n.parse().ok()).expect("a number");
-        match word.as_str() {
-            "--simulated" => args.simulated = number(),
-            "--calibrate" => args.calibrate = number(),
-            "--combine" => args.combine = number(),
-            "--threads" => args.threads = number() as usize,
-            "--each" => args.each = true,
-            folder => args.folder = Some(folder.to_owned()),
-        }
-    }
+    let args = Args::parse();
     if args.combine > 0 {
         let sets =
             args.folder.as_deref().map_or_else(Vec::new, |folder| measured::sets(folder, args.threads));

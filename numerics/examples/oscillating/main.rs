@@ -1,15 +1,23 @@
 //! Which measured records oscillate, beside what people said, and how often simulated loops do.
 //!
-//! `oscillating [FOLDER]`, a folder with `index.csv` (file, sample period, label) and the records, `shared/data/isdb_op`
+//! `cargo run --release -p stictiond-numerics --example oscillating`.
 
+use clap::Parser;
 use std::path::PathBuf;
 use stictiond_numerics::indicators::oscillation::{candidates, oscillations};
 use stictiond_numerics::sim::scenarios::{SOUND_KINDS, random_sound, random_sticky};
 use stictiond_numerics::sysid::spectrum::Transforms;
 
+/// Which measured records oscillate, and how often simulated loops do
+#[derive(Parser)]
+struct Args {
+    /// Folder of the records, with index.csv: file, sample period (s), label
+    #[arg(default_value = "../shared/data/isdb_op")]
+    folder: PathBuf,
+}
+
 fn main() {
-    let folder = std::env::args().nth(1).unwrap_or_else(|| "../shared/data/isdb_op".into());
-    measured(&PathBuf::from(folder));
+    measured(&Args::parse().folder);
     simulated(100);
 }
 

@@ -1,10 +1,10 @@
 //! How often groups, sources and causes are right on simulated plants, with Wilson intervals.
 //!
-//! `plantwide_rates [--first 5000] [--plants 100] [--hours 24] [--upstream] [--signs] [--diagnose]`; with the last, loops that
-//! swing together are diagnosed and the plant is looked at again, as in the daemon.
+//! `cargo run --release -p stictiond-numerics --example plantwide_rates -- --first 9000 --diagnose`.
 
 mod friction;
 
+use clap::Parser;
 use std::collections::BTreeMap;
 use stictiond_numerics::detectors::tally;
 use stictiond_numerics::plantwide::{Analysis, PlantLoop, analyse};
@@ -13,15 +13,28 @@ use stictiond_numerics::sim::units::{Plant, Source, plant};
 
 /// Share of PV's variance from which a loop is a source's victim, and below which it is not; between them nobody can say.
 const VICTIM: [f64; 2] = [0.08, 0.3];
-const HOURS: f64 = 24.0;
 
-fn value(name: &str, otherwise: f64) -> f64 {
-    let mut args = std::env::args().skip_while(|a| a != name);
-    args.nth(1).and_then(|v| v.parse().ok()).unwrap_or(otherwise)
-}
-
-fn asked(name: &str) -> bool {
-    std::env::args().any(|a| a == name)
+/// How often groups, sources and causes are right on simulated plants
+#[derive(Parser)]
+struct Args {
+    /// Seed of the first plant
+    #[arg(long, default_value_t = 5000)]
+    first: u64,
+    /// Plants to draw
+    #[arg(long, default_value_t = 100)]
+    plants: u64,
+    /// Length of the records (h)
+    #[arg(long, default_value_t = 24.0)]
+    hours: f64,
+    /// Tell each loop which loops are upstream of it
+    #[arg(long)]
+    upstream: bool,
+    /// Print the signs of every suspect, for `calibrate rank`
+    #[arg(long)]
+    signs: bool,
+    /// Diagnose loops that swing together and look at the plant again, as in the daemon
+    #[arg(long)]
+    diagnose: bool,
 }
 
 /// One to three sources by the seed; every fifth plant has none.
@@ -31,7 +44,7 @@ fn sources(seed: u64) -> Vec<(Source, Option<usize>)> {
     (0..count).map(|i| (kinds[((seed / 5 + i) % 3) as usize], None)).collect()
 }
 
-fn loops(of: &Plant, runs: &[stictiond_numerics::sim::Run]) -> Vec<PlantLoop> {
+fn loops(of: &Plant, runs: &[stictiond_numerics::sim::Run], upstream: bool) -> Vec<PlantLoop> {
     let window = |run: &stictiond_numerics::sim::Run| Window {
         ts: run.ts,
         op: run.op.clone(),
@@ -46,7 +59,7 @@ fn loops(of: &Plant, runs: &[stictiond_numerics::sim::Run]) -> Vec<PlantLoop> {
                 name: of.loops[i].name.clone(),
                 window: window(&runs[i]),
                 op_limits: Some((0.0, 100.0)),
-                upstream: if asked("--upstream") { up.collect() } else { Vec::new() },
+                upstream: if upstream { up.collect() } else { Vec::new() },
                 ..PlantLoop::default()
             }
         })
@@ -87,21 +100,20 @@ struct Counts {
 }
 
 fn main() {
-    let (first, plants) = (value("--first", 5000.0) as u64, value("--plants", 100.0) as u64);
-    let hours = value("--hours", HOURS);
+    let args = Args::parse();
     let mut counts = Counts::default();
-    for seed in first..first + plants {
+    for seed in args.first..args.first + args.plants {
         let of = plant(seed, 5, &sources(seed));
-        let (runs, shares) = of.truth(hours);
-        let mut plant = loops(&of, &runs);
+        let (runs, shares) = of.truth(args.hours);
+        let mut plant = loops(&of, &runs, args.upstream);
         let mut found = analyse(&plant);
-        if asked("--diagnose") {
+        if args.diagnose {
             found.groups.iter().flat_map(|group| &group.members).for_each(|at| {
                 plant[*at].friction = friction::friction(&runs[*at]);
             });
             found = analyse(&plant);
         }
-        count(&of, &shares, &found, &mut counts);
+        count(&of, &shares, &found, args.signs, &mut counts);
     }
     println!("causes of sources (is, said): {:?}", counts.causes);
     counts.rand.sort_by(f64::total_cmp);
@@ -121,7 +133,7 @@ fn main() {
     }
 }
 
-fn count(of: &Plant, shares: &[Vec<f64>], found: &Analysis, counts: &mut Counts) {
+fn count(of: &Plant, shares: &[Vec<f64>], found: &Analysis, signs: bool, counts: &mut Counts) {
     if of.sources.is_empty() {
         counts.quiet.1 += 1;
         counts.quiet.0 += usize::from(found.groups.is_empty());
@@ -157,7 +169,7 @@ fn count(of: &Plant, shares: &[Vec<f64>], found: &Analysis, counts: &mut Counts)
         entry.0 += 1;
         entry.1 += usize::from(place == Some(0));
         entry.2 += usize::from(place.is_some_and(|p| p < 2));
-        if asked("--signs") && place.is_some() {
+        if signs && place.is_some() {
             for suspect in &group.suspects {
                 let signs: Vec<String> = suspect.signs.iter().map(|x| format!("{x:.4}")).collect();
                 println!(

@@ -1,11 +1,6 @@
 //! How often tracing names the true effect, how often it invents one, how well its probabilities and intervals hold, on loops
 //! of three generators that share no code:
 //! `cargo run --release -p stictiond-numerics --example tracing_rates -- --seeds 10 --first-seed 9000`.
-//!
-//! Options: `--generators ABC`, `--seeds N`, `--first-seed K`, `--size small|medium|large`, `--clean N` records a generator
-//! with nothing hidden, `--effects a,b`, `--variant V`, `--threads T`, `--told`, which also fits every missed case told its
-//! effect and true friction (what no such fit finds is not in the data), and `--each`, which prints every case that is not right;
-//! `--records FOLDER` writes the cases as CSV and traces none.
 
 #[path = "../../../tests/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
@@ -16,6 +11,7 @@ mod judge;
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 
+use clap::Parser;
 use generators::{Case, GENERATORS, Generator, Size};
 use judge::{Judged, Naming, judge};
 use std::collections::BTreeMap;
@@ -26,28 +22,68 @@ use std::{fs, io};
 use stictiond_numerics::detectors::tally;
 use stictiond_numerics::residual::Kind;
 
+/// How often tracing names the true effect, and how often it invents one
+#[derive(Parser)]
 struct Options {
+    /// Letters of the generators
+    #[arg(long, default_value = "ABC")]
     generators: String,
-    seeds: std::ops::Range<u64>,
+    /// Number of seeds
+    #[arg(long, default_value_t = 10)]
+    seeds: u64,
+    /// First seed
+    #[arg(long, default_value_t = 9000)]
+    first_seed: u64,
+    /// How large the effects are: small, medium or large
+    #[arg(long, default_value = "medium", value_parser = size)]
     size: Size,
+    /// Records of each generator with nothing hidden
+    #[arg(long, default_value_t = 300)]
     clean: usize,
-    effects: Vec<Kind>,
+    /// Only these effects, separated by commas
+    #[arg(long, value_parser = kinds)]
+    effects: Option<Box<[Kind]>>,
+    /// Only this variant of each effect
+    #[arg(long)]
     variant: Option<usize>,
+    /// Cases traced at once
+    #[arg(long, default_value_t = std::thread::available_parallelism().map_or(1, usize::from))]
     threads: usize,
+    /// Also fit every missed case told its effect and true friction: what no such fit finds is not in the data
+    #[arg(long)]
     told: bool,
+    /// Print every case that is not right
+    #[arg(long)]
     each: bool,
+    /// Write the cases as CSV to this folder, and trace none
+    #[arg(long, value_name = "FOLDER")]
     records: Option<PathBuf>,
 }
 
+impl Options {
+    fn range(&self) -> std::ops::Range<u64> {
+        self.first_seed..self.first_seed + self.seeds
+    }
+
+    fn kinds(&self) -> &[Kind] {
+        self.effects.as_deref().unwrap_or(&Kind::ALL)
+    }
+}
+
+fn size(name: &str) -> Result<Size, &'static str> {
+    let sizes = [("small", Size::Small), ("medium", Size::Medium), ("large", Size::Large)];
+    sizes.into_iter().find(|own| own.0 == name).map(|own| own.1).ok_or("small, medium or large")
+}
+
+/// Names of effects; an empty value is none of them, so that only records with nothing hidden are traced.
+fn kinds(names: &str) -> Result<Box<[Kind]>, String> {
+    let kind = |s: &str| Kind::ALL.into_iter().find(|k| k.as_str() == s).ok_or(format!("no effect {s}"));
+    names.split(',').filter(|name| !name.is_empty()).map(kind).collect()
+}
+
 fn main() -> ExitCode {
-    let options = match options(std::env::args().skip(1)) {
-        Ok(options) => options,
-        Err(why) => {
-            eprintln!("{why}");
-            return ExitCode::from(2);
-        }
-    };
-    println!("seeds {:?}, {:?}; Wilson 95 % intervals in brackets\n", options.seeds, options.size);
+    let options = Options::parse();
+    println!("seeds {:?}, {:?}; Wilson 95 % intervals in brackets\n", options.range(), options.size);
     for generator in GENERATORS.iter().filter(|g| options.generators.contains(g.name)) {
         if let Some(folder) = &options.records {
             if let Err(why) = write_records(folder, generator, &options) {
@@ -77,7 +113,7 @@ fn cases(generator: &Generator, kind: Kind, options: &Options) -> Vec<Case> {
             tags: TAGS,
         })
     };
-    options.seeds.clone().flat_map(of_seed).collect()
+    options.range().flat_map(of_seed).collect()
 }
 
 /// Records with nothing hidden and up to 50 tags that have nothing to do with the loop.
@@ -87,7 +123,7 @@ fn clean(generator: &Generator, options: &Options) -> Vec<Case> {
         effect: None,
         size: options.size,
         variant: i % variants,
-        seed: options.seeds.start + (i / variants) as u64,
+        seed: options.first_seed + (i / variants) as u64,
         tags: [0, 5, 20, 50][(i + i / variants) % 4],
     };
     (0..options.clean).map(case).collect()
@@ -101,7 +137,7 @@ fn rates(generator: &Generator, options: &Options) {
     );
     println!("|---|---|---|---|---|---|---|");
     let mut spent = Vec::new();
-    for &kind in &options.effects {
+    for &kind in options.kinds() {
         let found = run(generator, options, &cases(generator, kind, options), &mut spent);
         naming(kind.as_str(), &found, options.told);
         show(&found, options.each);
@@ -121,7 +157,7 @@ fn rates(generator: &Generator, options: &Options) {
 }
 
 fn run(generator: &Generator, options: &Options, cases: &[Case], spent: &mut Vec<f64>) -> Vec<Judged> {
-    let found = parallel::on(options.threads, cases, |case| {
+    let found = parallel::on(options.threads.max(1), cases, |case| {
         let begun = Instant::now();
         let judged = judge(generator, case, options.told);
         (judged, begun.elapsed().as_secs_f64() * 1e3)
@@ -220,7 +256,7 @@ fn friction(all: &[Judged], quiet: &[Judged]) {
 /// The cases as records, named for generator, effect, variant and seed.
 fn write_records(folder: &Path, generator: &Generator, options: &Options) -> io::Result<()> {
     fs::create_dir_all(folder)?;
-    let effects = options.effects.iter().flat_map(|kind| cases(generator, *kind, options));
+    let effects = options.kinds().iter().flat_map(|kind| cases(generator, *kind, options));
     for case in effects.chain(clean(generator, options)) {
         let (record, _) = (generator.record)(&case);
         let kind = case.effect.map_or("clean", Kind::as_str);
@@ -239,59 +275,6 @@ fn write_records(folder: &Path, generator: &Generator, options: &Options) -> io:
         fs::write(folder.join(name), out)?;
     }
     Ok(())
-}
-
-fn options(mut args: impl Iterator<Item = String>) -> Result<Options, String> {
-    let (mut seeds, mut first) = (10, 9000);
-    let mut o = Options {
-        generators: "ABC".into(),
-        seeds: 0..0,
-        size: Size::Medium,
-        clean: 300,
-        effects: Kind::ALL.to_vec(),
-        variant: None,
-        threads: std::thread::available_parallelism().map_or(1, usize::from),
-        told: false,
-        each: false,
-        records: None,
-    };
-    while let Some(name) = args.next() {
-        match name.as_str() {
-            "--each" => o.each = true,
-            "--told" => o.told = true,
-            _ => {
-                let value = args.next().ok_or(format!("{name} takes a value"))?;
-                let number = || value.parse::<u64>().map_err(|e| format!("{name} {value}: {e}"));
-                match name.as_str() {
-                    "--generators" => o.generators = value.clone(),
-                    "--seeds" => seeds = number()?,
-                    "--first-seed" => first = number()?,
-                    "--clean" => o.clean = number()? as usize,
-                    "--variant" => o.variant = Some(number()? as usize),
-                    "--threads" => o.threads = number()?.max(1) as usize,
-                    "--records" => o.records = Some(value.clone().into()),
-                    "--size" => {
-                        o.size = match value.as_str() {
-                            "small" => Size::Small,
-                            "medium" => Size::Medium,
-                            "large" => Size::Large,
-                            _ => return Err(format!("no size {value}")),
-                        }
-                    }
-                    "--effects" => {
-                        let kind = |s: &str| {
-                            Kind::ALL.into_iter().find(|k| k.as_str() == s).ok_or(format!("no effect {s}"))
-                        };
-                        let names = value.split(',').filter(|name| !name.is_empty());
-                        o.effects = names.map(kind).collect::<Result<_, _>>()?;
-                    }
-                    _ => return Err(format!("unknown option {name}")),
-                }
-            }
-        }
-    }
-    o.seeds = first..first + seeds;
-    Ok(o)
 }
 
 /// The Wilson 95 % interval of a share, in per cent.
