@@ -86,19 +86,19 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
 struct Key {
     severity: u8,
     number: u64,
-    group: String,
+    text: String,
 }
 
 impl Key {
     fn new(sort: Sort, info: &LoopInfo, seen: &Glance) -> Self {
-        let of = |severity, value: Option<f64>, group| Self {
+        let of = |severity, value: Option<f64>, text| Self {
             severity,
             number: ordered(value.unwrap_or(f64::NEG_INFINITY)),
-            group,
+            text,
         };
         match sort {
             Sort::Severity => of(severity(seen.alarm.into(), seen.verdict.as_deref()), seen.f, String::new()),
-            Sort::Id => of(0, None, String::new()),
+            Sort::Id => of(0, None, info.id.to_string()),
             Sort::Group => of(0, None, info.group.clone()),
             Sort::F => of(0, seen.f, String::new()),
             Sort::DeltaAic => of(0, seen.delta_aic, String::new()),
@@ -115,7 +115,7 @@ fn ordered(value: f64) -> u64 {
 }
 
 fn encode_cursor(key: &Key, id: &str) -> String {
-    let text = format!("{:02x}{:016x}{}\0{id}", key.severity, key.number, key.group);
+    let text = format!("{:02x}{:016x}{}\0{id}", key.severity, key.number, key.text);
     text.bytes().map(|byte| format!("{byte:02x}")).collect()
 }
 
@@ -125,10 +125,10 @@ fn decode_cursor(text: &str) -> Result<(Key, String), Problem> {
         let bytes: Vec<u8> = text.as_bytes().chunks(2).map(byte).collect::<Option<_>>()?;
         let decoded = String::from_utf8(bytes).ok()?;
         let (key, id) = decoded.rsplit_once('\0')?;
-        let (severity, number, group) = (key.get(..2)?, key.get(2..18)?, key.get(18..)?);
+        let (severity, number, text) = (key.get(..2)?, key.get(2..18)?, key.get(18..)?);
         let severity = u8::from_str_radix(severity, 16).ok()?;
         let number = u64::from_str_radix(number, 16).ok()?;
-        Some((Key { severity, number, group: group.to_string() }, id.to_string()))
+        Some((Key { severity, number, text: text.to_string() }, id.to_string()))
     };
     key().ok_or_else(not_a_cursor)
 }
@@ -380,9 +380,9 @@ mod tests {
 
         #[test]
         fn cursors_come_back_and_anything_else_is_refused(
-            severity: u8, number: u64, group in "\\PC{0,20}", id in "\\PC{0,20}", junk in "\\PC{0,40}",
+            severity: u8, number: u64, text in "\\PC{0,20}", id in "\\PC{0,20}", junk in "\\PC{0,40}",
         ) {
-            let key = Key { severity, number, group };
+            let key = Key { severity, number, text };
             prop_assert_eq!(decode_cursor(&encode_cursor(&key, &id)).ok(), Some((key, id)));
             // Whatever it is, it is an answer and no panic.
             let _ = decode_cursor(&junk);
