@@ -23,7 +23,8 @@ const table = (heads, body) => h("table", null, h("thead", null, h("tr", null, .
 function machine(own) {
   const state = own.silent ? doubt(true, `silent since ${when(own.heard)}`) : "here";
   const lag = doubt(own.lag_s > BEHIND_S, seconds(own.lag_s));
-  const clock = doubt(Math.abs(own.clock_offset_s) > SKEW_S, own.clock_offset_s === null ? "–" : `${own.clock_offset_s > 0 ? "+" : ""}${own.clock_offset_s.toFixed(2)} s`);
+  const off = Math.round(100 * own.clock_offset_s) / 100 || 0; // No -0.00.
+  const clock = doubt(Math.abs(off) > SKEW_S, own.clock_offset_s === null ? "–" : `${off > 0 ? "+" : ""}${off.toFixed(2)} s`);
   const soon = own.certificate_until && Date.parse(own.certificate_until) - Date.now() < ENDS_S * 1000;
   const certificate = own.certificate_until ? h("span", { title: own.certificate }, doubt(soon, when(own.certificate_until))) : "–";
   return h("tr", { "data-machine": own.name }, ...cells(own.site ?? "–", own.name, own.role, own.version, state, own.role === "worker" ? "–" : own.loops, lag, clock, own.diagnosed, when(own.since), certificate));

@@ -8,7 +8,9 @@ const LETTERS = { U: "unacknowledged", A: "acknowledged", S: "sticking", R: "ret
 const PAINT = { U: "--alarm", A: "--alarm", S: "--warn", R: "--warn", L: "--warn", H: "--faint", X: "--faint", N: "--faint", W: "--rule", O: "--rule" };
 // Drawn as outlines: seen already, or nothing known.
 const HOLLOW = new Set(["A", "R", "L", "N", "W"]);
-const SITE_TITLE = 22, UNIT_TITLE = 16, GAP = 3, LEAST_TITLE = 60, MOST_CELL = 28; // px
+const SITE_TITLE = 22, UNIT_TITLE = 16, GAP = 3, LEAST_TITLE = 60, MOST_CELL = 28, LEAST_HIGH = 150; // px
+// The map is no higher than so many times what the largest cells take: a few loops do not leave it empty.
+const ROOM = 3;
 
 /** Loops of a unit by kind: `{ sticking: 3, … }`. */
 export function counts(letters) {
@@ -84,7 +86,9 @@ export function plantMap(choose) {
 
   function draw() {
     if (!latest || !canvas.isConnected) return;
-    const ratio = devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+    const ratio = devicePixelRatio || 1, width = canvas.clientWidth;
+    canvas.style.maxHeight = `${Math.max(LEAST_HIGH, (ROOM * latest.total * MOST_CELL ** 2) / width)}px`;
+    const height = canvas.clientHeight;
     [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
     const paint = canvas.getContext("2d");
     paint.scale(ratio, ratio);
