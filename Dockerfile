@@ -1,5 +1,8 @@
 # syntax=docker/dockerfile:1
 FROM rust:1-slim-bookworm AS build
+# The allocator is built with make, of whatever version.
+# hadolint ignore=DL3008
+RUN apt-get update && apt-get install -y --no-install-recommends make && rm -rf /var/lib/apt/lists/*
 WORKDIR /src
 COPY Cargo.toml Cargo.lock ./
 COPY numerics numerics

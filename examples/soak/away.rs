@@ -18,6 +18,16 @@ const SHORTEST: f64 = 60.0;
 /// Parts of a round.
 const PARTS: f64 = 15.0;
 
+/// Time from one time away to the next, in a run that lasts so long (s).
+fn round(lasts: f64) -> f64 {
+    (lasts / ROUNDS).clamp(SHORTEST, ROUND)
+}
+
+/// Time after which what is away when recurs (s): the disk is full at another time in every other round.
+pub fn recurs(lasts: f64) -> f64 {
+    2.0 * round(lasts)
+}
+
 /// What is there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct There {
@@ -31,7 +41,7 @@ impl There {
     /// At a time of a run that lasts so long (s). The database is away for 2 of 15 parts of each round, and for half of that
     /// the disk is full: in the middle of it, and when the database is there, by turns.
     pub fn at(t: f64, lasts: f64) -> Self {
-        let round = (lasts / ROUNDS).clamp(SHORTEST, ROUND);
+        let round = round(lasts);
         let part = t % round / round * PARTS;
         if lasts - t < round * 4.0 / PARTS {
             return Self::ALL;

@@ -23,6 +23,11 @@ use std::time::{Duration, Instant};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader as Lines};
 use tokio::net::TcpStream;
 
+/// The one that `stictiond` has.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+#[global_allocator]
+static ALLOCATOR: tikv_jemallocator::Jemalloc = tikv_jemallocator::Jemalloc;
+
 type Failed = Box<dyn std::error::Error + Send + Sync>;
 
 /// From one look to the next.
@@ -34,9 +39,9 @@ const SETTLES: Duration = Duration::from_secs(120);
 /// From one reload to the next.
 const RELOAD: Duration = Duration::from_secs(300);
 /// Samples of each tag; a ring is full after as many seconds.
-const RING: usize = 1800;
+const RING: usize = 900;
 /// Time between two diagnoses of a loop (s): one core diagnoses 2,000 loops in it.
-const PERIOD_S: f64 = 1800.0;
+const PERIOD_S: f64 = 900.0;
 /// Time between two looks at all loops together (s): the first of them comes before the bounds hold.
 const LOOK_S: f64 = 900.0;
 /// Diagnoses that are remembered of each loop: so few that they are as many after the first part.
@@ -156,7 +161,8 @@ impl Soak {
         daemon.terminate()?;
         let ended = process.0.wait()?;
         let gap = database.end()?;
-        let told = told::Told::of(&samples, self.first_part(), RING as f64);
+        let told =
+            told::Told::of(&samples, self.first_part(), RING as f64, away::recurs(self.lasts.as_secs_f64()));
         std::fs::write(picture, told::picture(&samples, &reloads, self.first_part(), RING as f64))?;
         self.print(&samples, reloads.len(), heard.load(Ordering::Relaxed));
         println!("away           database {} times, disk full {} times", went.0, went.1);

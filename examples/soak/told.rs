@@ -1,6 +1,7 @@
 //! What came of it: the slope of memory, bounds, and the picture.
 
 use super::sampled::Sample;
+use std::collections::BTreeMap;
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
 
 /// Memory that rings do not take may grow by so much (MB an hour).
@@ -11,6 +12,8 @@ const MOST_MORE: f64 = 8.0;
 const MISSED: f64 = 1e-3;
 /// Longest time between two samples of a tag in the database (s): a reload that changes a device connects to it anew.
 const LONGEST_S: f64 = 10.0;
+/// Looks with the same place in a round are at most so far apart in it (s).
+const ALIKE_S: f64 = 10.0;
 /// Points of a curve.
 const POINTS: usize = 400;
 
@@ -42,15 +45,20 @@ pub struct Told {
 }
 
 impl Told {
-    pub fn of(samples: &[Sample], first_part: f64, ring: f64) -> Self {
+    pub fn of(samples: &[Sample], first_part: f64, ring: f64, recurs: f64) -> Self {
         let later: Vec<&Sample> = samples.iter().filter(|sample| sample.t >= first_part).collect();
         let points: Vec<(f64, f64)> =
-            later.iter().map(|sample| (sample.t / 3600.0, sample.memory - filled(sample, ring))).collect();
+            later.iter().map(|sample| (sample.t, sample.memory - filled(sample, ring))).collect();
         let more = |of: fn(&Sample) -> f64| {
             let first = later.first().map_or(f64::NAN, |sample| of(sample));
             later.last().map_or(f64::NAN, |sample| of(sample)) - first
         };
-        Self { slope: slope(&points), handles: more(|s| s.handles), threads: more(|s| s.threads), first_part }
+        Self {
+            slope: 3600.0 * slope(&points, recurs),
+            handles: more(|s| s.handles),
+            threads: more(|s| s.threads),
+            first_part,
+        }
     }
 
     /// Says it, with each bound; whether all of them hold.
@@ -99,14 +107,21 @@ impl Told {
     }
 }
 
-/// Of the line of least squares.
-fn slope(points: &[(f64, f64)]) -> f64 {
-    let n = points.len() as f64;
-    let (x, y) = points.iter().fold((0.0, 0.0), |(x, y), point| (x + point.0 / n, y + point.1 / n));
+/// b of y = b x + c(phase), by least squares: each place in a round has a level c of its own, so that only looks at the same
+/// place are compared and what recurs in every round is no slope.
+fn slope(points: &[(f64, f64)], round: f64) -> f64 {
+    let mut alike: BTreeMap<u64, Vec<(f64, f64)>> = BTreeMap::new();
+    for &(x, y) in points {
+        alike.entry(((x % round) / ALIKE_S).round() as u64).or_default().push((x, y));
+    }
     let (mut over, mut under) = (0.0, 0.0);
-    for point in points {
-        over += (point.0 - x) * (point.1 - y);
-        under += (point.0 - x).powi(2);
+    for points in alike.values() {
+        let n = points.len() as f64;
+        let (x, y) = points.iter().fold((0.0, 0.0), |(x, y), point| (x + point.0 / n, y + point.1 / n));
+        for point in points {
+            over += (point.0 - x) * (point.1 - y);
+            under += (point.0 - x).powi(2);
+        }
     }
     over / under
 }
