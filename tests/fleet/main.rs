@@ -20,7 +20,10 @@ use rig::{Fleet, LOOPS, loops};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use stictiond::demo::{DEFAULT_SPEED, Demo, Options, Screen};
-use told::{at_site, changes, compare, notice, notices};
+use told::{at_site, changes, compare, notice, notices, told_at};
+
+/// What a centre has told is acknowledged within this time (s), however busy the machine.
+const SETTLED_S: f64 = 10.0;
 
 /// Since the Unix epoch (s).
 fn now() -> f64 {
@@ -109,10 +112,12 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
         // The hub and the edge are restarted with what is on their disks; what was found meanwhile is forwarded.
         fleet.hub.end();
         let before = time(&edge);
+        let stopped = now();
         edge.stop();
         let edge = fleet.again("edge", "edge-north");
         edge.until("the edge goes on", patience, |edge| time(edge) > before);
         fleet.hub.begin();
+        let again = now();
         let latest = time(&edge);
         second.until("the diagnoses of both lives", patience, |second| time(second) >= latest);
         let value = |daemon: &Daemon, id: &str| {
@@ -132,12 +137,20 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
             compare(&store(site), &fleet.store("c2"), site, LOOPS * fleet.copies, &[]);
         }
 
-        // Each alarm was told once, by whichever machine.
+        // Each alarm was told once, by whichever machine. People may be told again of what a centre had told and not yet
+        // acknowledged as it was killed, and where an edge that is cut off stops and starts.
         let mut told: Vec<String> = told.try_iter().flat_map(|body| notices(&body)).collect();
+        let letters = told.len();
         told.sort();
         let mut once = told.clone();
         once.dedup();
-        assert_eq!(told, once);
+        for own in &once {
+            told.remove(told.binary_search(own).expect("it is there"));
+        }
+        let may = [(killed - SETTLED_S, killed + SETTLED_S), (stopped - SETTLED_S, again + SETTLED_S)];
+        let may = |at: f64| may.iter().any(|(from, to)| (*from..*to).contains(&at));
+        let twice: Vec<&String> = told.iter().filter(|own| !may(told_at(own))).collect();
+        assert!(twice.is_empty() && told.len() < once.len(), "{twice:?} and {told:?} of {once:?}");
         // All that a centre knows of; of what the first had taken in the second before it was killed people may not know.
         let centres =
             || ["c1", "c2"].into_iter().flat_map(|name| fleet.sites().iter().map(move |site| (name, site)));
@@ -147,14 +160,14 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
             .collect();
         known.sort();
         known.dedup();
-        let untold: Vec<_> = known.iter().filter(|own| !told.contains(&notice(own))).collect();
+        let untold: Vec<_> = known.iter().filter(|own| !once.contains(&notice(own))).collect();
         let (around, missing): (Vec<_>, Vec<_>) =
             untold.into_iter().partition(|own| (killed - f64::from_bits(own.2)).abs() < 2.0);
-        assert!(!told.is_empty() && missing.is_empty(), "{missing:?} of {told:?}");
+        assert!(!once.is_empty() && missing.is_empty(), "{missing:?} of {once:?}");
         println!(
-            "{all} loops: {} letters of {} alarms, none twice, {} raised as the first centre was killed untold",
-            told.len(),
+            "{all} loops: {letters} letters of {} alarms, {} told twice and {} untold around what was killed",
             known.len(),
+            told.len(),
             around.len()
         );
         std::fs::remove_dir_all(&fleet.folder).expect("writable");

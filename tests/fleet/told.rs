@@ -121,3 +121,9 @@ pub fn notice((name, kind, at, _): &(String, String, u64, String)) -> String {
 fn named(id: &str, at: f64) -> String {
     format!("{id} {:.0}", (at * 1e3).round())
 }
+
+/// When the change was that `notices` has (s).
+pub fn told_at(notice: &str) -> f64 {
+    let ms = notice.rsplit(' ').next().and_then(|ms| ms.parse::<f64>().ok());
+    ms.expect("a time") / 1e3
+}
