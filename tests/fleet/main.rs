@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 use stictiond::demo::{DEFAULT_SPEED, Demo, Options, Screen};
 use told::{at_site, changes, compare, notice, notices, told_at};
 
-/// What a centre has told is acknowledged within this time (s), however busy the machine.
+/// An alarm raised so long before a centre is killed may not be acknowledged by then (s); 4 s were seen, why is not known.
 const SETTLED_S: f64 = 10.0;
 
 /// Since the Unix epoch (s).
@@ -112,12 +112,10 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
         // The hub and the edge are restarted with what is on their disks; what was found meanwhile is forwarded.
         fleet.hub.end();
         let before = time(&edge);
-        let stopped = now();
         edge.stop();
         let edge = fleet.again("edge", "edge-north");
         edge.until("the edge goes on", patience, |edge| time(edge) > before);
         fleet.hub.begin();
-        let again = now();
         let latest = time(&edge);
         second.until("the diagnoses of both lives", patience, |second| time(second) >= latest);
         let value = |daemon: &Daemon, id: &str| {
@@ -137,8 +135,8 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
             compare(&store(site), &fleet.store("c2"), site, LOOPS * fleet.copies, &[]);
         }
 
-        // Each alarm was told once, by whichever machine. People may be told again of what a centre had told and not yet
-        // acknowledged as it was killed, and where an edge that is cut off stops and starts.
+        // Each alarm was told once, by whichever machine, but for what the first centre had told and not yet acknowledged as it
+        // was killed.
         let mut told: Vec<String> = told.try_iter().flat_map(|body| notices(&body)).collect();
         let letters = told.len();
         told.sort();
@@ -147,8 +145,7 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
         for own in &once {
             told.remove(told.binary_search(own).expect("it is there"));
         }
-        let may = [(killed - SETTLED_S, killed + SETTLED_S), (stopped - SETTLED_S, again + SETTLED_S)];
-        let may = |at: f64| may.iter().any(|(from, to)| (*from..*to).contains(&at));
+        let may = |at: f64| (killed - SETTLED_S..killed).contains(&at);
         let twice: Vec<&String> = told.iter().filter(|own| !may(told_at(own))).collect();
         assert!(twice.is_empty() && told.len() < once.len(), "{twice:?} and {told:?} of {once:?}");
         // All that a centre knows of; of what the first had taken in the second before it was killed people may not know.
