@@ -19,7 +19,7 @@ const MOST: u64 = 32 << 20;
 /// Bytes sent at once.
 const PIECE: usize = 1 << 16;
 /// Longest wait; reached only when the test has failed.
-const PATIENCE: Duration = Duration::from_secs(180);
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// What a peer sends: first once, then again and again.
 #[derive(Clone, Copy)]
