@@ -19,6 +19,7 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -52,20 +53,21 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
             && query.alarm.is_none_or(|wanted| wanted == seen.alarm.into())
     };
     let seen = infos.into_iter().zip(seen).filter_map(|(info, seen)| Some((info, seen.filter(&passes)?)));
-    let mut places: Vec<(Key, &LoopInfo)> =
+    let mut places: Vec<(Key<'_>, &LoopInfo)> =
         seen.map(|(info, seen)| (Key::new(query.sort, info, &seen), info)).collect();
     let total = places.len();
     let textual = matches!(query.sort, Sort::Id | Sort::Group);
     let ascending = query.order.unwrap_or(if textual { Order::Asc } else { Order::Desc }) == Order::Asc;
     // By key in the order asked for, equal keys always by id: a total order, on which a cursor is a cut.
-    let compare = |(a, an): (&Key, &str), (b, bn): (&Key, &str)| {
+    let compare = |(a, an): (&Key<'_>, &str), (b, bn): (&Key<'_>, &str)| {
         let by_key = a.cmp(b);
         (if ascending { by_key } else { by_key.reverse() }).then_with(|| an.cmp(bn))
     };
     if let Some((key, id)) = &after {
-        places.retain(|(own, info)| compare((own, info.id.as_str()), (key, id)).is_gt());
+        let key = key.borrowed();
+        places.retain(|(own, info)| compare((own, info.id.as_str()), (&key, id)).is_gt());
     }
-    let by = |a: &(Key, &LoopInfo), b: &(Key, &LoopInfo)| {
+    let by = |a: &(Key<'_>, &LoopInfo), b: &(Key<'_>, &LoopInfo)| {
         compare((&a.0, a.1.id.as_str()), (&b.0, b.1.id.as_str()))
     };
     let more = places.len() > limit;
@@ -75,35 +77,41 @@ fn page_of_loops(context: &Context, query: &LoopsQuery) -> Result<LoopList, Prob
     }
     places.sort_unstable_by(by);
     let next = places.last().filter(|_| more).map(|(key, info)| encode_cursor(key, info.id.as_str()));
-    let item =
-        |(_, info): (Key, &LoopInfo)| Some(LoopItem::new(info, &context.results.get(&info.id, now)?, now));
+    let item = |(_, info): (Key<'_>, &LoopInfo)| {
+        Some(LoopItem::new(info, &context.results.get(&info.id, now)?, now))
+    };
     let items = places.into_iter().filter_map(item).collect();
     Ok(LoopList { time: rfc3339(now), total, items, next })
 }
 
 /// What a loop is sorted by; parts that are not asked for are equal.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Key {
+struct Key<'a> {
     severity: u8,
     number: u64,
-    text: String,
+    text: Cow<'a, str>,
 }
 
-impl Key {
-    fn new(sort: Sort, info: &LoopInfo, seen: &Glance) -> Self {
+impl<'a> Key<'a> {
+    /// The same without a text of its own.
+    fn borrowed(&self) -> Key<'_> {
+        Key { text: Cow::Borrowed(&self.text), ..*self }
+    }
+
+    fn new(sort: Sort, info: &'a LoopInfo, seen: &Glance) -> Self {
         let of = |severity, value: Option<f64>, text| Self {
             severity,
             number: ordered(value.unwrap_or(f64::NEG_INFINITY)),
-            text,
+            text: Cow::Borrowed(text),
         };
         match sort {
-            Sort::Severity => of(severity(seen.alarm.into(), seen.verdict.as_deref()), seen.f, String::new()),
-            Sort::Id => of(0, None, info.id.to_string()),
-            Sort::Group => of(0, None, info.group.clone()),
-            Sort::F => of(0, seen.f, String::new()),
-            Sort::DeltaAic => of(0, seen.delta_aic, String::new()),
+            Sort::Severity => of(severity(seen.alarm.into(), seen.verdict.as_deref()), seen.f, ""),
+            Sort::Id => of(0, None, info.id.as_str()),
+            Sort::Group => of(0, None, &info.group),
+            Sort::F => of(0, seen.f, ""),
+            Sort::DeltaAic => of(0, seen.delta_aic, ""),
             // By time of diagnosis, which unlike the age does not change between two pages.
-            Sort::Age => of(0, seen.time.map(|t| -t), String::new()),
+            Sort::Age => of(0, seen.time.map(|t| -t), ""),
         }
     }
 }
@@ -114,12 +122,12 @@ fn ordered(value: f64) -> u64 {
     if bits >> 63 == 1 { !bits } else { bits | 1 << 63 }
 }
 
-fn encode_cursor(key: &Key, id: &str) -> String {
+fn encode_cursor(key: &Key<'_>, id: &str) -> String {
     let text = format!("{:02x}{:016x}{}\0{id}", key.severity, key.number, key.text);
     text.bytes().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn decode_cursor(text: &str) -> Result<(Key, String), Problem> {
+fn decode_cursor(text: &str) -> Result<(Key<'static>, String), Problem> {
     let byte = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
     let key = || {
         let bytes: Vec<u8> = text.as_bytes().chunks(2).map(byte).collect::<Option<_>>()?;
@@ -128,7 +136,7 @@ fn decode_cursor(text: &str) -> Result<(Key, String), Problem> {
         let (severity, number, text) = (key.get(..2)?, key.get(2..18)?, key.get(18..)?);
         let severity = u8::from_str_radix(severity, 16).ok()?;
         let number = u64::from_str_radix(number, 16).ok()?;
-        Some((Key { severity, number, text: text.to_string() }, id.to_string()))
+        Some((Key { severity, number, text: Cow::Owned(text.to_string()) }, id.to_string()))
     };
     key().ok_or_else(not_a_cursor)
 }
@@ -382,7 +390,7 @@ mod tests {
         fn cursors_come_back_and_anything_else_is_refused(
             severity: u8, number: u64, text in "\\PC{0,20}", id in "\\PC{0,20}", junk in "\\PC{0,40}",
         ) {
-            let key = Key { severity, number, text };
+            let key = Key { severity, number, text: Cow::Owned(text) };
             prop_assert_eq!(decode_cursor(&encode_cursor(&key, &id)).ok(), Some((key, id)));
             // Whatever it is, it is an answer and no panic.
             let _ = decode_cursor(&junk);
