@@ -12,9 +12,10 @@ use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions, Subscriber};
 use futures::StreamExt;
 use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Longest wait for one answer of a server (s).
 const ANSWER: Duration = Duration::from_secs(5);
@@ -333,19 +334,20 @@ impl Link {
         let mut reading = Reading::alone(self.consumer(stream, name, filter, (GIVEN_AGAIN, -1)).await?);
         let pending = reading.consumer.cached_info().num_ack_pending;
         if pending > 0 {
-            // By then the server gives all of it again, in any order, and before what is new.
+            // By then the server gives all of it again, in any order. One that was started meanwhile counts from its start,
+            // and gives what is new before that.
             tokio::time::sleep(GIVEN_AGAIN + MARGIN).await;
-            let mut again = Vec::new();
-            while again.len() < pending {
-                let some = reading.ask((pending - again.len()).min(UNDER_WAY), MARGIN).await?;
-                // What is missing was deleted from the stream meanwhile.
-                if some.is_empty() {
-                    break;
+            let (mut again, mut left, mut since) = (BTreeMap::new(), pending, Instant::now());
+            // What is still missing then was deleted from the stream.
+            while left > 0 && since.elapsed() < GIVEN_AGAIN + MARGIN {
+                for message in reading.ask(UNDER_WAY, MARGIN).await? {
+                    if message.is_again() && !again.contains_key(&message.sequence()) {
+                        (left, since) = (left.saturating_sub(1), Instant::now());
+                    }
+                    again.insert(message.sequence(), message);
                 }
-                again.extend(some);
             }
-            again.sort_by_key(Incoming::sequence);
-            reading.again = again;
+            reading.again = again.into_values().collect();
         }
         Ok(reading)
     }

@@ -33,9 +33,7 @@ async fn take(reading: &mut Reading, count: usize, done: impl Fn(u32) -> bool) -
     numbers
 }
 
-#[tokio::test]
-async fn what_was_given_and_not_done_comes_first_and_in_order() {
-    let hub = Nats::hub();
+async fn connected(hub: &Nats) -> Link {
     let config: Config = toml::from_str(&format!("servers = [{:?}]", hub.url())).expect("readable");
     let link = Link::connect(&config, "reader").await.expect("begins");
     let begun = Instant::now();
@@ -43,6 +41,13 @@ async fn what_was_given_and_not_done_comes_first_and_in_order() {
         assert!(begun.elapsed() < PATIENCE, "no server");
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
+    link
+}
+
+#[tokio::test]
+async fn what_was_given_and_not_done_comes_first_and_in_order() {
+    let hub = Nats::hub();
+    let link = connected(&hub).await;
     send(&link, 0..40).await;
     let mut first = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
     // Some are done and others not, as where a centre is killed.
@@ -63,4 +68,35 @@ async fn what_was_given_and_not_done_comes_first_and_in_order() {
     assert!(missed.is_err_and(|error| error.to_string().contains("lost on its way")));
     let mut third = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
     assert_eq!(take(&mut third, 3, |_| true).await, [50, 51, 52]);
+}
+
+/// A server that is started begins to count from then, and gives what is new before what it had given: of what was given ten
+/// messages and then new ones, unless the reader waits for the rest.
+#[tokio::test]
+async fn what_was_given_comes_before_what_is_new_also_from_a_server_that_was_killed_meanwhile() {
+    let mut hub = Nats::hub();
+    let link = connected(&hub).await;
+    send(&link, 0..30).await;
+    let mut first = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    take(&mut first, 30, |number| number < 10).await;
+    drop(first);
+    let again = async {
+        // Just before the reader asks, 11 s after it began.
+        tokio::time::sleep(Duration::from_millis(10_500)).await;
+        hub.end();
+        hub.begin();
+        let own = connected(&hub).await;
+        send(&own, 30..40).await;
+    };
+    let read = async {
+        let begun = Instant::now();
+        loop {
+            match link.read(EVENTS, "centre_c1", "").await {
+                Ok(reading) => break reading,
+                Err(error) => assert!(begun.elapsed() < PATIENCE, "{error}"),
+            }
+        }
+    };
+    let (mut second, ()) = tokio::join!(read, again);
+    assert_eq!(take(&mut second, 30, |_| true).await, (10..40).collect::<Vec<_>>());
 }
