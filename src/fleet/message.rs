@@ -43,6 +43,9 @@ pub struct TagSamples {
     /// The edge's clock was set back before the first of them: they are earlier than what came before, and no repetition.
     #[prost(bool, tag = "4")]
     pub set_back: bool,
+    /// Stamp of the sample of this tag that was forwarded last before these (s); none where that is not known.
+    #[prost(double, optional, tag = "5")]
+    pub after: Option<f64>,
 }
 
 /// A window to be diagnosed, with everything that a diagnosis depends on.

@@ -2,7 +2,7 @@
 //! people do about alarms. A message is acknowledged once what it brought is in the store.
 
 use super::inventory::composed;
-use super::order::Order;
+use super::order::{Early, Order};
 use super::orders::action;
 use super::standing::reader;
 use super::{Fleet, PAUSE, window};
@@ -42,6 +42,14 @@ const GATHER: Duration = Duration::from_millis(500);
 
 /// Longest wait for an order to be kept: longer than one answer of the server takes.
 const PATIENCE: Duration = Duration::from_secs(5);
+
+/// What became of a message of samples.
+enum Block {
+    /// Taken: the most of one tag.
+    Taken(usize),
+    /// It waits for an earlier one.
+    Early,
+}
 
 /// The latest message that was taken of each loop, or of each alarm, by the stream's numbers.
 #[derive(Default)]
@@ -152,7 +160,7 @@ impl Fleet {
 
     async fn take_samples(&self, link: &Link, app: &App) {
         let (name, filter) = (reader(&self.name), all(None, What::Samples));
-        let (mut taken, mut order) = (Taken::default(), Order::default());
+        let (mut taken, mut order, mut early) = (Taken::default(), Order::default(), Early::default());
         loop {
             let mut reading = match link.read(SAMPLES, &name, &filter).await {
                 Ok(reading) => reading,
@@ -172,12 +180,13 @@ impl Fleet {
                 for message in messages {
                     self.lag(message.taken_at().map_or(0.0, |taken| self.clock.now() - taken));
                     let next = self.is_next(&message, &mut order);
-                    match next.and_then(|()| self.take_block(&message, &history, &mut taken)) {
-                        Some(count) => {
+                    match next.and_then(|()| self.take_block(&message, &history, (&mut taken, &mut early))) {
+                        Some(Block::Taken(count)) => {
                             pushed += count;
                             order.end(message.subject(), message.sequence());
                             done.push(message);
                         }
+                        Some(Block::Early) => self.put_off(&message, &mut order).await,
                         None => self.later(&message, &mut order).await,
                     }
                     // No ring may go round before the store has read it.
@@ -191,28 +200,45 @@ impl Fleet {
         }
     }
 
-    /// Takes the samples of a message; the most of one tag; `None` where its loop is not known.
-    fn take_block(&self, message: &Incoming, history: &History, taken: &mut Taken) -> Option<usize> {
+    /// Takes the samples of a message; `None` where its loop is not known.
+    fn take_block(
+        &self,
+        message: &Incoming,
+        history: &History,
+        (taken, early): (&mut Taken, &mut Early),
+    ) -> Option<Block> {
         let own = Subject::read(message.subject())?;
         let id = LoopId::new(of_site(&own.site, &own.name));
         history.tag_index(&id, &TagKind::Role(Role::Op))?;
-        let again = taken.is_past(id.as_str(), message.sequence());
         let Ok(samples) = Samples::decode(message.body()) else {
             tracing::warn!(control_loop = %id, "samples cannot be read");
-            return Some(0);
+            return Some(Block::Taken(0));
         };
+        let ring =
+            |tag: &str| history.tag_index(&id, &TagKind::named(tag)).and_then(|index| history.ring(index));
+        // What comes before it can still come: rings go forward only, so it would be lost then.
+        let is_early = samples.tags.iter().any(|tag| {
+            let last = ring(&tag.tag).and_then(|ring| ring.latest());
+            last.zip(tag.after).is_some_and(|(last, after)| last.t < after)
+        });
+        if is_early && early.waits(message.subject(), message.sequence(), self.clock.elapsed()) {
+            return Some(Block::Early);
+        }
+        if is_early {
+            tracing::warn!(control_loop = %id, "samples are missing: they were deleted from the stream before they were taken");
+        }
+        early.end(message.subject());
+        let again = taken.is_past(id.as_str(), message.sequence());
         let mut most = 0;
         for tag in samples.tags {
-            let ring =
-                history.tag_index(&id, &TagKind::named(&tag.tag)).and_then(|index| history.ring(index));
-            let Some((ring, samples)) = ring.zip(codec::decode(&tag.block)) else { continue };
+            let Some((ring, samples)) = ring(&tag.tag).zip(codec::decode(&tag.block)) else { continue };
             // What is known is left out; only a clock that was set back makes what is earlier new, once.
             let new = tag.set_back && !again && !message.is_again();
             let known = ring.latest().filter(|_| !new).map_or(f64::NEG_INFINITY, |last| last.t);
             most = most.max(samples.len());
             samples.iter().filter(|sample: &&Sample| sample.t > known).for_each(|sample| ring.push(*sample));
         }
-        Some(most)
+        Some(Block::Taken(most))
     }
 
     async fn take_events(&self, link: &Link, app: &App) {
@@ -305,12 +331,16 @@ impl Fleet {
             self.known.borrow().map_or(Duration::ZERO, |since| self.clock.elapsed().saturating_sub(since));
         // Both: what waited while no centre ran is not old to us.
         if age.min(known.as_secs_f64()) < GIVEN_UP_S {
-            order.put_off(message.subject(), message.sequence(), self.clock.elapsed());
-            return message.again(UNKNOWN).await;
+            return self.put_off(message, order).await;
         }
         order.end(message.subject(), message.sequence());
         tracing::warn!(subject = message.subject(), "a message of a loop that no edge has is dropped");
         let _ = message.done().await;
+    }
+
+    async fn put_off(&self, message: &Incoming, order: &mut Order) {
+        order.put_off(message.subject(), message.sequence(), self.clock.elapsed());
+        message.again(UNKNOWN).await;
     }
 
     /// Makes durable what was taken, however long that takes, and acknowledges it.

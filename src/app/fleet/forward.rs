@@ -37,8 +37,10 @@ struct Place {
     ring: Arc<Ring>,
     /// Number of the first sample in the ring that has not been.
     next: u64,
-    /// Stamp of the last that has been (s); NaN before there is one.
+    /// Stamp of the last that has been (s), or up to which there is none to be found; NaN before there is one.
     last: f64,
+    /// Stamp of the last that has been (s); NaN before there is one.
+    sent: f64,
     /// What lies between that and the ring's first may be in the store.
     behind: bool,
 }
@@ -117,7 +119,7 @@ impl Forward {
             match read {
                 Ok(Ok((found, nothing))) => {
                     parts = found;
-                    self.advance(nothing);
+                    self.advance(nothing, false);
                 }
                 Ok(Err(error)) => {
                     tracing::warn!(%error, "samples of the past are not forwarded: the store cannot be read");
@@ -126,23 +128,25 @@ impl Forward {
                 Err(error) => return Err(LinkError::Away(error.to_string())),
             }
         }
-        let mut places: HashMap<&LoopId, Vec<(&TagKey, f64)>> = HashMap::new();
+        let mut places: HashMap<&LoopId, Vec<(&TagKey, &Place)>> = HashMap::new();
         for (key, place) in &self.places {
-            places.entry(&key.0).or_default().push((key, place.last));
+            places.entry(&key.0).or_default().push((key, place));
         }
         let messages: Vec<Outgoing> =
             parts.iter_mut().map(|part| message(&self.site, part, &places)).collect();
         let sent = link.send(&messages).await;
         let kept = sent.as_ref().err().map_or(parts.len(), |(kept, _)| *kept);
         let more = parts.iter().any(|part| part.more) || self.places.values().any(|place| place.behind);
-        self.advance(parts.into_iter().take(kept).flat_map(|part| part.after).collect());
+        self.advance(parts.into_iter().take(kept).flat_map(|part| part.after).collect(), true);
         sent.map(|()| more).map_err(|(_, error)| error)
     }
 
-    fn advance(&mut self, after: Vec<After>) {
+    /// `sent`: the last stamps are those of samples.
+    fn advance(&mut self, after: Vec<After>, sent: bool) {
         for (key, next, last, behind) in after {
             if let Some(place) = self.places.get_mut(&key) {
                 (place.next, place.last, place.behind) = (next, last, behind);
+                place.sent = if sent { last } else { place.sent };
             }
         }
     }
@@ -173,7 +177,7 @@ impl Forward {
             let place = places.into_iter().find(|place| place.tag == key.1 && place.source == key.2);
             let last = place.map_or(f64::NAN, |place| place.last);
             let (next, behind) = first_after(&ring, last);
-            known.insert(key, Place { ring, next, last, behind });
+            known.insert(key, Place { ring, next, last, sent: last, behind });
         }
         self.places = known;
         Ok(())
@@ -261,11 +265,15 @@ impl Forward {
 }
 
 /// The message of a part, with where every tag of its loop is after it.
-fn message(site: &str, part: &mut Part, places: &HashMap<&LoopId, Vec<(&TagKey, f64)>>) -> Outgoing {
-    let own = places.get(&part.id).into_iter().flatten();
-    let places = own.map(|(key, before)| {
+fn message(site: &str, part: &mut Part, places: &HashMap<&LoopId, Vec<(&TagKey, &Place)>>) -> Outgoing {
+    let own = || places.get(&part.id).into_iter().flatten();
+    for tag in &mut part.tags {
+        let place = own().find(|(key, _)| (&key.1, &key.2) == (&tag.tag, &tag.source));
+        tag.after = place.map(|(_, place)| place.sent).filter(|sent| sent.is_finite());
+    }
+    let places = own().map(|(key, before)| {
         let after = part.after.iter().find(|(other, ..)| other == *key);
-        let last = after.map_or(*before, |(_, _, last, _)| *last);
+        let last = after.map_or(before.last, |(_, _, last, _)| *last);
         message::Place { tag: key.1.clone(), source: key.2.clone(), last }
     });
     let places = places.filter(|place| place.last.is_finite()).collect();

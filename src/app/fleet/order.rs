@@ -36,6 +36,34 @@ impl Order {
     }
 }
 
+/// A message that comes before an earlier one of its subject waits for so long: twice as long as a server takes to give that
+/// again.
+const EARLY: Duration = Duration::from_secs(22);
+
+/// Messages that came before an earlier one: by subject, which, and since when it waits, on a steady clock.
+#[derive(Default)]
+pub(super) struct Early(HashMap<String, (u64, Duration)>);
+
+impl Early {
+    /// Whether this one still waits for the earlier one, which may be lost.
+    pub(super) fn waits(&mut self, subject: &str, sequence: u64, now: Duration) -> bool {
+        let (own, since) = self.0.entry(subject.to_string()).or_insert((sequence, now));
+        if *own != sequence {
+            (*own, *since) = (sequence, now);
+        }
+        if now.saturating_sub(*since) < EARLY {
+            return true;
+        }
+        self.0.remove(subject);
+        false
+    }
+
+    /// What was to come first has come.
+    pub(super) fn end(&mut self, subject: &str) {
+        self.0.remove(subject);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -66,6 +94,16 @@ mod tests {
         order.put_off("a", 1, SECOND);
         assert!(!order.is_next("a", 2, GONE));
         assert!(order.is_next("a", 2, SECOND + GONE));
+    }
+
+    #[test]
+    fn a_message_waits_for_an_earlier_one_for_a_bounded_time() {
+        let mut early = Early::default();
+        assert!(early.waits("a", 7, SECOND) && early.waits("a", 7, EARLY));
+        assert!(!early.waits("a", 7, SECOND + EARLY));
+        assert!(early.waits("a", 9, SECOND + EARLY), "another message, another wait");
+        early.end("a");
+        assert!(early.waits("a", 9, 3 * EARLY) && early.0.len() == 1);
     }
 
     proptest! {
