@@ -231,7 +231,7 @@ fn a_start_without_the_database_neither_forgets_nor_overwrites_what_people_did()
     let read_again = |daemon: &Daemon| daemon.json("/api/v1/loops/Ld")["description"] == "read again";
     daemon.until("the file is read again", patience, read_again);
     daemon.ask("POST", "/api/v1/alarms/d/collector_down/out-of-service", "{\"by\":\"eve\"}");
-    let message: Value = serde_json::from_str(&told.recv_timeout(patience).expect("told")).expect("JSON");
+    let message: Value = serde_json::from_str(&told.recv_timeout(patience).expect("told").1).expect("JSON");
     let alarms = message["data"]["alarms"].as_array().expect("alarms").iter();
     let alarms: Vec<_> = alarms.map(|own| (own["id"].as_str(), own["state"].as_str())).collect();
     assert_eq!(alarms, [(Some("d/collector_down"), Some("out-of-service"))], "{message}");

@@ -10,6 +10,7 @@ mod inventory;
 mod order;
 mod orders;
 mod standing;
+mod teller;
 mod waiting;
 mod watching;
 mod window;
@@ -23,22 +24,21 @@ use crate::fleet::message::{Hello, Pulse};
 use crate::fleet::subject::{NO_SITE, Subject, What};
 use crate::history::History;
 use crate::host;
-use crate::results::{Event, Results, Wanted};
+use crate::notify::Outlet;
+use crate::results::{Results, Wanted};
 use crate::schedule::{Clock, Elsewhere};
 use crate::serve::Machine;
 use asking::Asking;
 use prost::Message;
 use standing::Standing;
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
-use tokio::sync::{RwLock, RwLockWriteGuard, broadcast, mpsc, watch};
+use tokio::sync::{RwLock, RwLockWriteGuard, mpsc, watch};
 use tokio_util::sync::CancellationToken;
 use waiting::Waiting;
 
-/// Changes that wait for those who tell people.
-const UNTOLD: usize = 4096;
 /// Orders of people that wait for the streams.
 const ORDERS: usize = 1024;
 /// How often certificates are looked at.
@@ -91,10 +91,8 @@ pub(super) struct Fleet {
     results: Arc<Results>,
     asking: Arc<Asking>,
     scene: watch::Sender<Arc<Scene>>,
-    /// What those who tell people hear.
-    outlet: broadcast::Sender<Event>,
-    /// Whether this machine tells people now.
-    speaks: Arc<AtomicBool>,
+    /// To those who tell people.
+    outlet: Outlet,
     /// Age of the oldest that waits to be forwarded (ms).
     lag_ms: AtomicU64,
     since: f64,
@@ -104,6 +102,8 @@ pub(super) struct Fleet {
     standing: Arc<Standing>,
     /// Since when the loops of the edges are in force, on a steady clock.
     known: watch::Sender<Option<Duration>>,
+    /// Number of the last message of diagnoses and alarms that was looked at.
+    looked_at: watch::Sender<u64>,
     /// What people want done, on its way to the edges.
     wanted: tokio::sync::Mutex<mpsc::Receiver<(Wanted, u64)>>,
     orders_waiting: Arc<Waiting>,
@@ -169,14 +169,14 @@ impl Fleet {
             results: results.clone(),
             asking,
             scene: watch::Sender::new(Arc::new(scene)),
-            outlet: broadcast::channel(UNTOLD).0,
-            speaks: Arc::default(),
+            outlet: Outlet::default(),
             lag_ms: AtomicU64::new(0),
             since: clock.now(),
             diagnosed: AtomicU64::new(0),
             edges: Mutex::default(),
             standing,
             known: watch::Sender::new(None),
+            looked_at: watch::Sender::new(0),
             wanted: tokio::sync::Mutex::new(wanted),
             orders_waiting,
             link: OnceLock::new(),
@@ -193,8 +193,8 @@ impl Fleet {
     }
 
     /// Where those who tell people hear what is theirs to tell.
-    pub(super) fn outlet(&self) -> (broadcast::Sender<Event>, Arc<AtomicBool>) {
-        (self.outlet.clone(), self.speaks.clone())
+    pub(super) fn outlet(&self) -> Outlet {
+        self.outlet.clone()
     }
 
     /// Whether loops and alarms are those of other machines.

@@ -428,29 +428,25 @@ impl Link {
         Ok(sent.await.map_err(refused)?.sequence)
     }
 
-    /// Number of the last message of a stream that a reader has done, and with it all before; 0 for a reader that there is not.
+    /// Deletes what every reader of a stream has done. One of them, `part`, reads some of the subjects only; without it
+    /// nothing is deleted.
     ///
     /// # Errors
     /// [`LinkError::Away`].
-    pub async fn done_by(&self, stream: &str, name: &str) -> Result<u64, LinkError> {
-        let stream = self.js.get_stream_no_info(stream).await.map_err(away)?;
-        match stream.consumer_info(name).await {
-            Ok(info) => Ok(info.ack_floor.stream_sequence),
-            Err(_) if self.is_up() => Ok(0),
-            Err(error) => Err(away(error)),
-        }
-    }
-
-    /// Deletes what every reader of a stream has done.
-    ///
-    /// # Errors
-    /// [`LinkError::Away`].
-    pub async fn purge_done(&self, stream: &str) -> Result<(), LinkError> {
+    pub async fn purge_done(&self, stream: &str, part: &str) -> Result<(), LinkError> {
         let stream = self.js.get_stream(stream).await.map_err(away)?;
         let (mut consumers, mut done) = (stream.consumers(), None::<u64>);
         while let Some(consumer) = consumers.next().await {
-            let floor = consumer.map_err(away)?.ack_floor.stream_sequence;
-            done = Some(done.map_or(floor, |least| least.min(floor)));
+            let consumer = consumer.map_err(away)?;
+            if consumer.name != part {
+                let floor = consumer.ack_floor.stream_sequence;
+                done = Some(done.map_or(floor, |least| least.min(floor)));
+            }
+        }
+        // Asked after the others: where nothing is left for it now, it has done all that they have.
+        let part = stream.consumer_info(part).await.map_err(away)?;
+        if part.num_pending > 0 || part.num_ack_pending > 0 {
+            done = done.map(|least| least.min(part.ack_floor.stream_sequence));
         }
         if let Some(done) = done.filter(|done| *done > 0) {
             stream.purge().sequence(done + 1).await.map_err(away)?;

@@ -181,7 +181,8 @@ impl Letters {
             let mut file = fs::File::create(&new)?;
             file.write_all(&text)?;
             file.sync_all()?;
-            fs::rename(&new, path)
+            fs::rename(&new, path)?;
+            fs::File::open(folder)?.sync_all()
         });
         if let Err(error) = written {
             tracing::warn!(folder = %folder.display(), %error, "a message is kept in memory only");

@@ -1,13 +1,12 @@
 //! What is told of one change of an alarm, and where it is looked up.
 
 use super::filter::What;
+use super::outlet::{News, Outlet};
 use crate::alarm::{AlarmId, Cause, Kind, Priority, State, Transition};
-use crate::results::{AlarmChange, AlarmView, Event, Results, f_unit};
+use crate::results::{AlarmChange, AlarmView, Results, f_unit};
 use crate::signal::LoopId;
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, PoisonError, RwLock};
-use tokio::sync::broadcast;
 
 /// The groups that alarms belong to.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,9 +16,6 @@ pub struct Places {
     /// Of the loops that each collector serves.
     pub devices: HashMap<LoopId, Vec<String>>,
 }
-
-/// Where what is to be told comes from when this machine is not alone, and whether it tells people now.
-pub type Outlet = (broadcast::Sender<Event>, Arc<AtomicBool>);
 
 /// What receivers look things up in.
 #[derive(Clone)]
@@ -34,7 +30,7 @@ pub struct Source {
     pub site: Option<String>,
     /// Where people reach the dashboard.
     pub public_url: Option<String>,
-    /// `None` where this machine is alone: then it tells everything that happens.
+    /// Where what is to be told comes from; `None` where this machine is alone: then it tells everything that happens.
     pub outlet: Option<Outlet>,
 }
 
@@ -112,10 +108,10 @@ pub(super) fn what(transition: &Transition) -> Option<What> {
 
 impl Source {
     /// Hears what is to be told.
-    pub(super) fn news(&self) -> broadcast::Receiver<Event> {
+    pub(super) fn news(&self) -> News {
         match &self.outlet {
-            Some((outlet, _)) => outlet.subscribe(),
-            None => self.results.subscribe(),
+            Some(outlet) => News::Picked(outlet.hear()),
+            None => News::All(self.results.subscribe()),
         }
     }
 
@@ -126,7 +122,7 @@ impl Source {
 
     /// Whether this machine tells people now.
     pub(super) fn speaks(&self) -> bool {
-        self.outlet.as_ref().is_none_or(|(_, speaks)| speaks.load(Relaxed))
+        self.outlet.as_ref().is_none_or(Outlet::speaks)
     }
 
     /// The groups that an alarm belongs to.
@@ -244,6 +240,25 @@ pub(super) mod tests {
             grouped: false,
             swings_with: None,
             link: Some("https://plant/#/loop/A".into()),
+        }
+    }
+
+    pub fn change() -> AlarmChange {
+        AlarmChange {
+            number: 1,
+            id: AlarmId::named("L0/stiction"),
+            transition: Transition {
+                from: State::Normal,
+                to: State::Unacknowledged,
+                at: 0.0,
+                cause: Cause::Raised,
+            },
+            priority: Priority::Medium,
+            grouped: false,
+            detail: String::new(),
+            by: None,
+            comment: None,
+            told: false,
         }
     }
 

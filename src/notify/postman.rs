@@ -15,6 +15,7 @@ use super::batch::{Batch, Digest, Pace};
 use super::filter::{self, Filter, What};
 use super::letters::{Letter, Letters};
 use super::notice::Source;
+use super::outlet::{Heard, News, Untold};
 use super::state::State;
 use super::time;
 use super::wrong::Wrong;
@@ -26,7 +27,7 @@ use std::future::Future;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
-use tokio::sync::broadcast::{Receiver, error::RecvError};
+use tokio::sync::broadcast::error::RecvError;
 use tokio::task::{JoinSet, spawn_blocking};
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
@@ -105,9 +106,11 @@ pub struct Postman<C> {
     retry: Retry,
     letters: Arc<Letters>,
     state: Arc<State>,
-    news: Receiver<Event>,
+    news: News,
     /// Number of the last change that was heard of.
     heard: u64,
+    /// What was picked for it and is not on disk yet.
+    held: Vec<Arc<Untold>>,
 }
 
 /// The letter that is tried.
@@ -155,6 +158,7 @@ impl<C: Carrier> Postman<C> {
             state,
             news,
             heard,
+            held: Vec::new(),
         }
     }
 
@@ -188,9 +192,10 @@ impl<C: Carrier> Postman<C> {
             self.state.queue.store(batch.len() + self.letters.counts().0 as u64, Relaxed);
             tokio::select! {
                 () = stop.cancelled() => break,
-                event = self.news.recv() => match event {
-                    Ok(Event::Alarm(change)) => self.hear(&change, &mut batch, now()),
-                    Ok(_) => {}
+                heard = self.news.recv() => match heard {
+                    Ok(Heard::Event(Event::Alarm(change))) => self.hear(&change, &mut batch, now()),
+                    Ok(Heard::Event(_)) => {}
+                    Ok(Heard::Untold(untold)) => self.hold(untold, &mut batch, now()),
                     Err(RecvError::Lagged(lost)) if self.source.is_fed() => batch.lose(lost, now()),
                     Err(RecvError::Lagged(_)) => self.catch_up(&mut batch, now()),
                     Err(RecvError::Closed) => break,
@@ -219,17 +224,32 @@ impl<C: Carrier> Postman<C> {
                 },
             }
         }
+        while let Ok(untold) = self.news.try_recv() {
+            self.hold(untold, &mut batch, now());
+        }
         if let Some(digest) = batch.take(now()) {
             self.post(&digest, draft.id.take()).await;
         }
     }
 
+    /// Takes what was picked, and holds it until it is on disk.
+    fn hold(&mut self, untold: Arc<Untold>, batch: &mut Batch, now: f64) {
+        let came = batch.came();
+        self.tell(&untold.change, batch, now);
+        match batch.came() == came {
+            // It is not for this receiver.
+            true => untold.keep(),
+            false => self.held.push(untold),
+        }
+    }
+
+    /// Everything that came is on disk, or counted as dropped.
+    fn let_go(&mut self) {
+        self.held.drain(..).for_each(|untold| untold.keep());
+    }
+
     /// The channel may begin after the log: that has the one that is missing.
     fn hear(&mut self, change: &AlarmChange, batch: &mut Batch, now: f64) {
-        if self.source.is_fed() {
-            // Of others' changes only those come that are to be told, and they have other numbers.
-            return self.tell(change, batch, now);
-        }
         if change.number > self.heard + 1 {
             self.catch_up(batch, now);
         }
@@ -271,16 +291,17 @@ impl<C: Carrier> Postman<C> {
     }
 
     /// Has on disk what waits.
-    async fn keep(&self, draft: &mut Draft, batch: &Batch) {
+    async fn keep(&mut self, draft: &mut Draft, batch: &Batch) {
         draft.came = batch.came();
         if let Some(letter) = batch.digest().and_then(|digest| self.letter(&digest, draft.id.take())) {
             draft.id = Some(letter.id.clone());
             self.on_disk(move |letters| letters.draft(&letter)).await;
+            self.let_go();
         }
     }
 
     /// Makes a letter of a digest, in place of its draft; its name.
-    async fn post(&self, digest: &Digest, draft: Option<String>) -> Option<String> {
+    async fn post(&mut self, digest: &Digest, draft: Option<String>) -> Option<String> {
         let Some(letter) = self.letter(digest, draft) else {
             error!(
                 receiver = self.name,
@@ -288,10 +309,12 @@ impl<C: Carrier> Postman<C> {
                 "not told: the machine has no randomness"
             );
             self.state.dropped.fetch_add(digest.changes(), Relaxed);
+            self.let_go();
             return None;
         };
         let id = letter.id.clone();
         self.on_disk(move |letters| letters.put(letter)).await;
+        self.let_go();
         Some(id)
     }
 

@@ -277,14 +277,8 @@ impl Results {
     }
 
     /// Takes an alarm as another machine has it, which is the only one to change it, and what happened to it there.
-    /// What happened, where that is news.
-    pub fn follow_alarm(&self, kept: RestoredAlarm, change: Option<AlarmChange>) -> Option<Arc<AlarmChange>> {
-        let mut told = None;
-        self.with_board(|board, news| {
-            board.follow(kept, change, news);
-            told = news.told.first().cloned();
-        });
-        told
+    pub fn follow_alarm(&self, kept: RestoredAlarm, change: Option<AlarmChange>) {
+        self.with_board(|board, news| board.follow(kept, change, news));
     }
 
     /// The design that the configuration in force has for its alarms, from `now` on.

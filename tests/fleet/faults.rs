@@ -5,7 +5,7 @@
 
 use crate::daemon::Daemon;
 use crate::rig::{Fleet, LOOPS, loops};
-use crate::told::{at_site, changes, compare, notices};
+use crate::told::{at_site, changes, compare, notices, untold};
 use crate::webhook;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -101,17 +101,24 @@ async fn whatever_goes_away_nothing_is_lost_and_nothing_is_there_twice() {
     let worker = Some(fleet.worker("w1"));
     let parts = Parts { fleet, edge, worker, centres, killed: Vec::new(), tellers: 0 };
     let done = tokio::task::spawn_blocking(move || {
-        let (told, tellers) = among_faults(parts, seed, rounds);
-        let mut letters: Vec<String> = letters.try_iter().flat_map(|body| notices(&body)).collect();
+        let (fleet, faults, kills) = among_faults(parts, seed, rounds);
+        let mut letters: Vec<String> = letters.try_iter().flat_map(|(_, body)| notices(&body)).collect();
         let all = letters.len();
         letters.sort();
         letters.dedup();
         // Who is killed between a letter and its record writes it again.
-        println!("seed {seed}: {rounds} faults {told:?}, {} alarms told by {all} letters", letters.len());
+        println!("seed {seed}: {rounds} faults {faults:?}, {} alarms told by {all} letters", letters.len());
         assert!(
-            !letters.is_empty() && all <= letters.len() * (1 + tellers),
-            "{all} letters, {tellers} kills: {letters:?}"
+            !letters.is_empty() && all <= letters.len() * (1 + kills),
+            "{all} letters, {kills} kills: {letters:?}"
         );
+        let [one, other] = CENTRES.map(|centre| fleet.store(centre));
+        let tellers = [one, other, fleet.store("edge-north")];
+        for store in &tellers[..2] {
+            let missing = untold(store, SITE, &letters, &tellers);
+            assert!(missing.is_empty(), "{missing:?} of {letters:?}");
+        }
+        std::fs::remove_dir_all(&fleet.folder).expect("writable");
     });
     let done = done.await;
     stop.cancel();
@@ -119,9 +126,9 @@ async fn whatever_goes_away_nothing_is_lost_and_nothing_is_there_twice() {
     done.expect("all is well");
 }
 
-/// Lets faults happen, puts everything right, and compares what an edge has with what both centres have; the faults, and how
-/// often anybody was killed who tells people.
-fn among_faults(mut parts: Parts, seed: u64, rounds: u64) -> (Vec<Vec<Part>>, usize) {
+/// Lets faults happen, puts everything right, and compares what an edge has with what both centres have; the fleet, the faults,
+/// and how often anybody was killed who tells people.
+fn among_faults(mut parts: Parts, seed: u64, rounds: u64) -> (Fleet, Vec<Vec<Part>>, usize) {
     let mut draw = Pcg64Mcg::seed_from_u64(seed);
     let patience = parts.fleet.patience();
     let known = |centre: &Daemon| times(centre).values().filter(|time| *time != "null").count() >= LOOPS;
@@ -175,6 +182,5 @@ fn among_faults(mut parts: Parts, seed: u64, rounds: u64) -> (Vec<Vec<Part>>, us
     let edge = store("edge-north");
     CENTRES.iter().for_each(|centre| compare(&edge, &store(centre), SITE, LOOPS, &killed));
     assert!(!changes(&edge, SITE).is_empty());
-    std::fs::remove_dir_all(&fleet.folder).expect("writable");
-    (happened, tellers)
+    (fleet, happened, tellers)
 }

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 use std::collections::{BTreeMap, HashSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use stictiond::serve::dto::parse_time;
 use stictiond::store::Reader;
 
@@ -112,18 +112,33 @@ pub fn notices(body: &str) -> Vec<String> {
     alarms.map(|own| named(&at_site(&text(own, "id")), at(own))).collect()
 }
 
+/// What waits on the disk of a daemon that tells people, as `notices` has it.
+pub fn unsent(store: &Path) -> Vec<String> {
+    let Ok(files) = std::fs::read_dir(store.join("letters/w")) else { return Vec::new() };
+    let files = files.map(|file| file.expect("readable").path());
+    let letters = files.filter(|path| path.extension().is_some_and(|extension| extension == "json"));
+    let body = |path: PathBuf| {
+        let text = std::fs::read_to_string(path).expect("readable");
+        let letter: Value = serde_json::from_str(&text).expect("JSON");
+        notices(letter["body"].as_str().expect("a text"))
+    };
+    letters.flat_map(body).collect()
+}
+
+/// What was raised at a site by a store, and nobody was told of although nothing on the disks of `tellers` has it.
+pub fn untold(store: &Path, site: &str, told: &[String], tellers: &[PathBuf]) -> Vec<String> {
+    let raised = changes(store, site).into_iter().filter(|own| own.3 == "raised");
+    let mut waits: Vec<String> = tellers.iter().flat_map(|own| unsent(own)).collect();
+    waits.extend_from_slice(told);
+    raised.map(|own| notice(&own)).filter(|own| !waits.contains(own)).collect()
+}
+
 /// A change that `changes` has, as `notices` has it.
-pub fn notice((name, kind, at, _): &(String, String, u64, String)) -> String {
+fn notice((name, kind, at, _): &(String, String, u64, String)) -> String {
     named(&format!("{name}/{kind}"), f64::from_bits(*at))
 }
 
 /// To the millisecond, as a webhook has the time.
 fn named(id: &str, at: f64) -> String {
     format!("{id} {:.0}", (at * 1e3).round())
-}
-
-/// When the change was that `notices` has (s).
-pub fn told_at(notice: &str) -> f64 {
-    let ms = notice.rsplit(' ').next().and_then(|ms| ms.parse::<f64>().ok());
-    ms.expect("a time") / 1e3
 }

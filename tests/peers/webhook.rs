@@ -3,9 +3,10 @@
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::mpsc::{Receiver, channel};
+use std::time::SystemTime;
 
-/// Somebody who takes whatever is posted: where, and the bodies.
-pub fn receiver() -> (SocketAddr, Receiver<String>) {
+/// Somebody who takes whatever is posted: where, and the bodies with when they came.
+pub fn receiver() -> (SocketAddr, Receiver<(SystemTime, String)>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let (address, (tell, told)) = (listener.local_addr().expect("bound"), channel());
     std::thread::spawn(move || {
@@ -13,7 +14,7 @@ pub fn receiver() -> (SocketAddr, Receiver<String>) {
             let Ok(body) = stream.and_then(|stream| whole_body(&mut BufReader::new(stream))) else {
                 continue;
             };
-            if tell.send(body).is_err() {
+            if tell.send((SystemTime::now(), body)).is_err() {
                 return;
             }
         }

@@ -15,10 +15,10 @@ use crate::fleet::message::{Alarm, Diagnosis, Hello, Samples};
 use crate::fleet::streams::{EVENTS, LATEST, SAMPLES};
 use crate::fleet::subject::{self, Subject, What, all, of_site};
 use crate::history::{History, TagKind};
-use crate::results::AlarmChange;
+use crate::results::{AlarmChange, RestoredAlarm};
 use crate::serve::AskDurable;
 use crate::signal::{LoopId, Role, Sample};
-use crate::store::codec;
+use crate::store::{AlarmRow, codec};
 use futures::FutureExt;
 use futures::future::BoxFuture;
 use prost::Message;
@@ -35,8 +35,6 @@ const WAIT: Duration = Duration::from_secs(1);
 const UNKNOWN: Duration = Duration::from_secs(2);
 /// A message of a loop that is still not known after this time (s) is dropped: its edge has it no more.
 pub(super) const GIVEN_UP_S: f64 = 600.0;
-/// What happened longer ago (s) is history, which nobody is told of.
-const NEWS_S: f64 = 86_400.0;
 /// How long what edges say of themselves is gathered before loops are added.
 const GATHER: Duration = Duration::from_millis(500);
 
@@ -90,6 +88,7 @@ impl Fleet {
                 tokio::join!(self.take_samples(link, app), self.take_events(link, app));
             }),
             stop.run_until_cancelled(self.leading(link)),
+            self.telling(link, &stop),
             stop.run_until_cancelled(self.pass_on(link)),
             stop.run_until_cancelled(self.watching(link)),
         );
@@ -258,6 +257,7 @@ impl Fleet {
                 };
                 let _taking = self.taking.read().await;
                 let mut done = Vec::new();
+                let last = messages.last().map_or(0, Incoming::sequence);
                 for message in messages {
                     let next = self.is_next(&message, &mut order);
                     match next.and_then(|()| self.take_event(&message, &mut taken)) {
@@ -268,6 +268,7 @@ impl Fleet {
                         None => self.later(&message, &mut order).await,
                     }
                 }
+                self.looked_at.send_modify(|known| *known = last.max(*known));
                 self.settle(app, &mut done).await;
             }
         }
@@ -292,26 +293,11 @@ impl Fleet {
                 }
             }
             What::Alarm => {
-                let Ok(Alarm { state: Some(state), change, told, .. }) = Alarm::decode(message.body()) else {
-                    tracing::warn!(subject = %id, "an alarm cannot be read");
-                    return Some(());
-                };
-                let row = convert::alarm_row(state);
-                let change = change.map(|change| convert::change_row(id.as_str(), &row.kind, &change));
-                let change = change.and_then(remembered_change).map(|change| AlarmChange { told, ..change });
-                let row = crate::store::AlarmRow { control_loop: id.to_string(), ..row };
-                for kept in remembered_alarms(vec![row]) {
-                    self.results.alarm(&kept.id, self.clock.now())?;
-                    if taken.is_past(&kept.id.to_string(), message.sequence()) {
-                        // How it stands since then is known.
-                        continue;
-                    }
-                    if let Some(change) = self.results.follow_alarm(kept, change.clone())
-                        && !change.told
-                        && change.transition.at > self.clock.now() - NEWS_S
-                    {
-                        self.tell_or_wait(message.sequence(), change);
-                    }
+                let Some((kept, change)) = alarm(&id, message) else { return Some(()) };
+                self.results.alarm(&kept.id, self.clock.now())?;
+                // Else it is known how it stands since then.
+                if !taken.is_past(&kept.id.to_string(), message.sequence()) {
+                    self.results.follow_alarm(kept, change);
                 }
             }
             _ => {}
@@ -320,12 +306,12 @@ impl Fleet {
     }
 
     /// `None` for a message that has to wait for an earlier one of its subject.
-    fn is_next(&self, message: &Incoming, order: &mut Order) -> Option<()> {
+    pub(super) fn is_next(&self, message: &Incoming, order: &mut Order) -> Option<()> {
         order.is_next(message.subject(), message.sequence(), self.clock.elapsed()).then_some(())
     }
 
     /// Leaves a message of a loop that is not known, or that waits for such a one, for later or for good.
-    async fn later(&self, message: &Incoming, order: &mut Order) {
+    pub(super) async fn later(&self, message: &Incoming, order: &mut Order) {
         let age = message.taken_at().map_or(0.0, |taken| self.clock.now() - taken);
         let known =
             self.known.borrow().map_or(Duration::ZERO, |since| self.clock.elapsed().saturating_sub(since));
@@ -387,4 +373,16 @@ impl Fleet {
     pub(in crate::app) fn with_orders(self: Arc<Self>, durable: AskDurable) -> AskDurable {
         Arc::new(move || self.orders_waiting.are_kept(PATIENCE) && durable())
     }
+}
+
+/// An alarm as its edge has it, and what happened to it, by a message of the loop or collector `id`.
+pub(super) fn alarm(id: &LoopId, message: &Incoming) -> Option<(RestoredAlarm, Option<AlarmChange>)> {
+    let Ok(Alarm { state: Some(state), change, told, .. }) = Alarm::decode(message.body()) else {
+        tracing::warn!(subject = %id, "an alarm cannot be read");
+        return None;
+    };
+    let row = AlarmRow { control_loop: id.to_string(), ..convert::alarm_row(state) };
+    let change = change.map(|change| convert::change_row(id.as_str(), &row.kind, &change));
+    let change = change.and_then(remembered_change).map(|change| AlarmChange { told, ..change });
+    Some((remembered_alarms(vec![row]).pop()?, change))
 }

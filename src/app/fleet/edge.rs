@@ -12,7 +12,6 @@ use crate::fleet::link::{Link, LinkError, Outgoing};
 use crate::fleet::message::Action;
 use crate::fleet::streams::ACTIONS;
 use crate::fleet::subject::{Subject, What, all, escaped};
-use crate::results::Event;
 use crate::signal::LoopId;
 use crate::store::{self, Reader};
 use prost::Message;
@@ -102,7 +101,7 @@ impl Fleet {
     /// Whether this edge tells people by itself, after no centre was seen for so long.
     fn is_alone(&self, silent: Duration) -> bool {
         let alone = silent.as_secs_f64() > self.config.cut_off_after_s;
-        if alone != self.speaks.swap(alone, Relaxed) {
+        if self.outlet.speak(alone) {
             let who = if alone {
                 "this edge tells people: it reaches no centre"
             } else {
@@ -150,8 +149,7 @@ impl Fleet {
             if row.at >= self.since
                 && let Some(change) = remembered_change(row)
             {
-                // An error here only means that nobody is to be told.
-                let _ = self.outlet.send(Event::Alarm(Arc::new(change)));
+                self.outlet.tell(change);
             }
         }
         last

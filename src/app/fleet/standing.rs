@@ -1,18 +1,14 @@
-//! Which of several centres acts, and what it has to tell people when it takes over.
+//! Which of several centres acts.
 
+use super::teller::TELLER;
 use super::{Fleet, PAUSE};
 use crate::fleet::lease::{Lease, Seen, Step};
 use crate::fleet::link::{Link, LinkError};
 use crate::fleet::streams::EVENTS;
 use crate::fleet::subject::escaped;
-use crate::results::{AlarmChange, Event};
-use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Changes that are remembered until it is known that the centre that leads has told people.
-const UNTOLD: usize = 10_000;
 /// A lease lasts for this share of `cut_off_after_s`: another centre leads before edges tell people by themselves.
 const LEASE_SHARE: f64 = 0.8;
 /// Looks at the lease while it lasts: several may fail before it is lost.
@@ -27,23 +23,17 @@ pub(super) struct Standing {
     /// Our epoch while we lead, and until when we do without another look (ms of a steady clock); 0 while we do not.
     epoch: AtomicU64,
     until_ms: AtomicU64,
-    /// Changes of which nobody may have told people, by their number in the stream.
-    untold: Mutex<VecDeque<(u64, Arc<AlarmChange>)>>,
 }
 
 impl Standing {
     pub(super) fn new() -> Self {
-        Self { epoch: AtomicU64::new(0), until_ms: AtomicU64::new(0), untold: Mutex::default() }
+        Self { epoch: AtomicU64::new(0), until_ms: AtomicU64::new(0) }
     }
 
     /// Our epoch while we lead at `now`.
     pub(super) fn epoch(&self, now: Duration) -> Option<u64> {
         let leads = now.as_millis() < u128::from(self.until_ms.load(Relaxed));
         Some(self.epoch.load(Relaxed)).filter(|epoch| *epoch > 0 && leads)
-    }
-
-    fn lock(&self) -> MutexGuard<'_, VecDeque<(u64, Arc<AlarmChange>)>> {
-        self.untold.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -67,12 +57,12 @@ impl Fleet {
         tokio::join!(looking, self.purging(link));
     }
 
-    /// Deletes what every centre has of diagnoses and alarms; samples go when there is no room for them.
+    /// Deletes diagnoses and alarms that every centre has, and of which people are told; samples go when there is no room.
     async fn purging(&self, link: &Link) {
         loop {
             tokio::time::sleep(PURGE).await;
-            if self.standing.epoch(self.clock.elapsed()).is_some()
-                && let Err(error) = link.purge_done(EVENTS).await
+            if self.leads()
+                && let Err(error) = link.purge_done(EVENTS, TELLER).await
             {
                 tracing::debug!(%error, "what is done is not deleted yet");
             }
@@ -82,22 +72,11 @@ impl Fleet {
     async fn look(&self, link: &Link, lease: &mut Lease) -> Result<(), LinkError> {
         let last = link.lease().await?;
         let now = self.clock.elapsed();
-        match lease.look(last.clone(), now) {
-            Step::Wait => {
-                // What the centre that leads has done, people know. What we took without leading, nobody has told.
-                if let Some(Seen { holder, .. }) = last.filter(|last| last.holder != self.name) {
-                    let done = link.done_by(EVENTS, &reader(&holder)).await?;
-                    let mut untold = self.standing.lock();
-                    untold.retain(|(sequence, _)| *sequence > done);
-                    tracing::debug!(holder, done, left = untold.len(), "what the centre that leads has done");
-                }
-            }
-            Step::Write { after, epoch } => {
-                match link.write_lease(after, Seen::text(&self.name, epoch)).await {
-                    Ok(sequence) => lease.wrote(sequence, epoch, now),
-                    Err(LinkError::Overtaken) => tracing::info!("another centre was first"),
-                    Err(error) => return Err(error),
-                }
+        if let Step::Write { after, epoch } = lease.look(last, now) {
+            match link.write_lease(after, Seen::text(&self.name, epoch)).await {
+                Ok(sequence) => lease.wrote(sequence, epoch, now),
+                Err(LinkError::Overtaken) => tracing::info!("another centre was first"),
+                Err(error) => return Err(error),
             }
         }
         Ok(())
@@ -110,30 +89,17 @@ impl Fleet {
         let until = lease.holds_until().as_millis();
         self.standing.until_ms.store(u64::try_from(until).unwrap_or(0), Relaxed);
         let before = self.standing.epoch.swap(epoch.unwrap_or(0), Relaxed);
-        self.speaks.store(epoch.is_some(), Relaxed);
+        self.outlet.speak(epoch.is_some());
         match (before, epoch) {
-            (0, Some(epoch)) => {
-                tracing::warn!(epoch, "this centre leads");
-                for (_, change) in self.standing.lock().drain(..) {
-                    let _ = self.outlet.send(Event::Alarm(change));
-                }
-            }
+            (0, Some(epoch)) => tracing::warn!(epoch, "this centre leads"),
             (1.., None) => tracing::warn!("this centre does not lead any more"),
             _ => {}
         }
     }
 
-    /// Tells people of a change, or remembers it until it is known that they are told.
-    pub(super) fn tell_or_wait(&self, sequence: u64, change: Arc<AlarmChange>) {
-        if self.standing.epoch(self.clock.elapsed()).is_some() {
-            let _ = self.outlet.send(Event::Alarm(change));
-            return;
-        }
-        let mut untold = self.standing.lock();
-        if untold.len() == UNTOLD {
-            untold.pop_front();
-        }
-        untold.push_back((sequence, change));
+    /// Whether we lead now.
+    pub(super) fn leads(&self) -> bool {
+        self.standing.epoch(self.clock.elapsed()).is_some()
     }
 
     /// Waits a little where the server is away.

@@ -8,7 +8,6 @@ use crate::fleet::subject::{NO_SITE, Subject, What, all};
 use crate::serve::{FleetPort, FleetSeen, Machine};
 use prost::Message;
 use std::sync::PoisonError;
-use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 /// Machines that are taken in one go, and how long they are waited for.
@@ -73,7 +72,7 @@ impl FleetPort for Fleet {
             role: self.role.as_str(),
             name: self.name.clone(),
             connected: self.link.get().is_some_and(Link::is_up),
-            tells: self.role == Role::Alone || self.speaks.load(Relaxed),
+            tells: self.role == Role::Alone || self.outlet.speaks(),
             machines: machines.values().cloned().collect(),
         }
     }

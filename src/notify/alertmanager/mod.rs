@@ -7,6 +7,7 @@ mod table;
 pub use config::Config;
 
 use super::notice::Source;
+use super::outlet::{Heard, News};
 use super::payload;
 use super::state::State;
 use super::{http::Endpoint, secret, time};
@@ -20,7 +21,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 use table::Table;
-use tokio::sync::broadcast::{Receiver, error::RecvError};
+use tokio::sync::broadcast::error::RecvError;
 use tokio::task::spawn_blocking;
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
@@ -39,7 +40,7 @@ pub struct Informer {
     endpoint: Endpoint,
     source: Source,
     state: Arc<State>,
-    news: Receiver<Event>,
+    news: News,
 }
 
 impl Informer {
@@ -60,16 +61,22 @@ impl Informer {
         loop {
             tokio::select! {
                 () = stop.cancelled() => return,
-                event = self.news.recv() => match event {
-                    // What an event says is looked up when alerts are sent. After a failure its own pause counts.
-                    Ok(Event::Alarm(_) | Event::Reloaded { .. }) | Err(RecvError::Lagged(_)) => {
-                        if failures == 0 {
-                            next = next.min(Instant::now() + GATHER);
+                heard = self.news.recv() => {
+                    // What an event says is looked up when alerts are sent.
+                    let soon = match heard {
+                        Ok(Heard::Untold(untold)) => {
+                            untold.keep();
+                            true
                         }
+                        Ok(Heard::Event(Event::Alarm(_) | Event::Reloaded { .. })) | Err(RecvError::Lagged(_)) => true,
+                        Ok(Heard::Event(_)) => false,
+                        Err(RecvError::Closed) => return,
+                    };
+                    // After a failure its own pause counts.
+                    if soon && failures == 0 {
+                        next = next.min(Instant::now() + GATHER);
                     }
-                    Ok(_) => {}
-                    Err(RecvError::Closed) => return,
-                },
+                }
                 () = sleep_until(next) => {
                     let Some(informed) = stop.run_until_cancelled(self.inform(&mut table)).await else { return };
                     let again = Duration::try_from_secs_f64(self.config.resend_s).unwrap_or_default();

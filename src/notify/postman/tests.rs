@@ -1,6 +1,8 @@
 use super::*;
 use crate::alarm;
+use crate::notify::Outlet;
 use crate::notify::notice::Places;
+use crate::notify::notice::tests::change;
 use crate::results::Results;
 use crate::signal::LoopId;
 use std::sync::{Mutex, RwLock};
@@ -167,6 +169,43 @@ async fn what_was_gathered_when_the_power_failed_is_a_letter_for_the_next_start(
     let told: Vec<String> = script.tried.lock().unwrap().iter().map(|(_, body)| body.clone()).collect();
     assert_eq!((told, files(), letters.counts()), (vec!["2 0".to_string(), "1 0".to_string()], 0, (0, 0)));
     task.abort();
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_was_picked_is_held_until_it_is_on_disk() {
+    let Rig { postman, letters, script, .. } = rig(1, Vec::new(), Retry::default());
+    let outlet = Outlet::default();
+    let source = Source { outlet: Some(outlet.clone()), ..postman.source.clone() };
+    let begin = |events: &[What], stop: &CancellationToken| {
+        let own =
+            Postman::new("it", Scripted(script.clone()), source.clone(), letters.clone(), Arc::default());
+        let pace = Pace { wait_s: 100.0, ..Pace::default() };
+        let own = own.with(events, &Filter::default(), &pace, &Retry::default());
+        tokio::spawn(own.run(stop.clone()))
+    };
+    let stop = CancellationToken::new();
+    let tasks = [begin(&[What::Raised], &stop), begin(&[What::Cleared], &stop)];
+    let telling = outlet.tell(change());
+    assert_eq!(telling.is_kept(), None, "in memory only");
+    tokio::time::sleep(Duration::from_secs(5)).await;
+    assert_eq!(telling.is_kept(), Some(true), "one has a draft of it, the other nothing to tell");
+
+    // Within a second of a draft it is not on disk yet; who stops writes what is left.
+    let telling = outlet.tell(change());
+    stop.cancel();
+    assert_eq!(telling.is_kept(), None);
+    for task in tasks {
+        task.await.unwrap();
+    }
+    assert_eq!((telling.is_kept(), letters.counts()), (Some(true), (1, 0)));
+
+    // Who dies without it says so.
+    let task = begin(&[What::Raised], &CancellationToken::new());
+    tokio::task::yield_now().await;
+    let telling = outlet.tell(change());
+    task.abort();
+    assert!(task.await.unwrap_err().is_cancelled());
+    assert_eq!(telling.is_kept(), Some(false));
 }
 
 #[tokio::test(start_paused = true)]

@@ -1,0 +1,224 @@
+//! Who tells people what happened to alarms: all centres read it under one name, and only the one that leads asks. A message
+//! is acknowledged once its receivers have it on disk; so what a centre was given and had not told when it was killed comes
+//! to the one that leads next, and so does what came while none led.
+
+use super::Fleet;
+use super::centre::alarm;
+use super::order::Order;
+use crate::alarm::{AlarmId, State};
+use crate::fleet::link::{Incoming, Link, LinkError};
+use crate::fleet::streams::EVENTS;
+use crate::fleet::subject::{Subject, What, all, of_site};
+use crate::notify::Telling;
+use crate::results::AlarmChange;
+use crate::signal::LoopId;
+use futures::FutureExt;
+use futures::future::BoxFuture;
+use std::collections::VecDeque;
+use std::time::Duration;
+use tokio_util::sync::CancellationToken;
+
+/// The name under which all centres read; that of a centre's own begins otherwise.
+pub(super) const TELLER: &str = "centres_tell";
+/// Changes that are told in one go.
+const MOST: usize = 256;
+/// Longest wait for the first of them.
+const WAIT: Duration = Duration::from_secs(1);
+/// How often it is looked whether we lead, and whether receivers have on disk what they were handed.
+const LOOK: Duration = Duration::from_millis(20);
+/// Longest wait until the page shows what people are told of.
+const SHOWN: Duration = Duration::from_secs(5);
+/// A change that a receiver lost is told again after this time.
+const AGAIN: Duration = Duration::from_secs(2);
+/// Messages are kept from being given to another centre so often while receivers work on them.
+const UNDER_WAY: Duration = Duration::from_secs(3);
+/// What happened longer ago (s) is history, which nobody is told of.
+const NEWS_S: f64 = 86_400.0;
+/// Changes that are known to be told: an edge that does not know whether a message arrived sends it again.
+const TOLD: usize = 4096;
+
+/// What a change is known by: which alarm, when (as bits), and its state since.
+type Key = (AlarmId, u64, State);
+
+/// The last changes that were told.
+#[derive(Default)]
+struct Told(VecDeque<Key>);
+
+impl Told {
+    fn key(change: &AlarmChange) -> Key {
+        (change.id.clone(), change.transition.at.to_bits(), change.transition.to)
+    }
+
+    /// Whether a change is told for the first time; from now on it was.
+    fn is_new(&mut self, change: &AlarmChange) -> bool {
+        let key = Self::key(change);
+        if self.0.contains(&key) {
+            return false;
+        }
+        if self.0.len() == TOLD {
+            self.0.pop_front();
+        }
+        self.0.push_back(key);
+        true
+    }
+
+    /// It was not told after all.
+    fn forget(&mut self, key: &Key) {
+        self.0.retain(|own| own != key);
+    }
+}
+
+/// A message whose change receivers have been handed; with nothing to tell it has none.
+type Handed = (Incoming, Option<(Key, Telling)>);
+
+impl Fleet {
+    /// Tells people while we lead, until `stop` is cancelled; receivers end later.
+    pub(super) async fn telling(&self, link: &Link, stop: &CancellationToken) {
+        let mut told = Told::default();
+        while !stop.is_cancelled() {
+            if !self.leads() {
+                stop.run_until_cancelled(tokio::time::sleep(LOOK)).await;
+                continue;
+            }
+            if let Err(error) = self.tell_while_leading(link, stop, &mut told).await {
+                stop.run_until_cancelled(self.rest(&error, "people are not told")).await;
+            }
+        }
+    }
+
+    /// Tells people until we do not lead any more.
+    async fn tell_while_leading(
+        &self,
+        link: &Link,
+        stop: &CancellationToken,
+        told: &mut Told,
+    ) -> Result<(), LinkError> {
+        let filter = all(None, What::Alarm);
+        let Some(reading) = stop.run_until_cancelled(link.read(EVENTS, TELLER, &filter)).await else {
+            return Ok(());
+        };
+        let (mut reading, mut order) = (reading?, Order::default());
+        while self.leads() {
+            let Some(messages) = stop.run_until_cancelled(reading.next(MOST, WAIT)).await else { break };
+            self.tell_all(messages?, stop, &mut order, told).await;
+        }
+        Ok(())
+    }
+
+    async fn tell_all(
+        &self,
+        messages: Vec<Incoming>,
+        stop: &CancellationToken,
+        order: &mut Order,
+        told: &mut Told,
+    ) {
+        let Some(last) = messages.last().map(Incoming::sequence) else { return };
+        let mut looked_at = self.looked_at.subscribe();
+        // People are told all the same where that takes longer.
+        let _ = tokio::time::timeout(SHOWN, looked_at.wait_for(|known| *known >= last)).await;
+        let mut handed: Vec<Handed> = Vec::new();
+        {
+            // Receivers are not replaced meanwhile.
+            let _taking = self.taking.read().await;
+            for message in messages.into_iter().take_while(|_| self.leads()) {
+                let next = self.is_next(&message, order);
+                let Some(change) = next.and_then(|()| self.news(&message)) else {
+                    self.later(&message, order).await;
+                    continue;
+                };
+                order.end(message.subject(), message.sequence());
+                let change = change.filter(|change| told.is_new(change));
+                let telling = change.map(|change| (Told::key(&change), self.outlet.tell(change)));
+                if stop.is_cancelled() {
+                    // Receivers may have ended before they heard of it: it is told after the next start.
+                    break;
+                }
+                handed.push((message, telling));
+            }
+        }
+        self.finish(handed, told).await;
+    }
+
+    /// What a message has to tell, if anything; `None` where its loop is not known.
+    fn news(&self, message: &Incoming) -> Option<Option<AlarmChange>> {
+        let own = Subject::read(message.subject())?;
+        let id = LoopId::new(of_site(&own.site, &own.name));
+        let Some((kept, change)) = alarm(&id, message) else { return Some(None) };
+        self.results.alarm(&kept.id, self.clock.now())?;
+        let news = |change: &AlarmChange| !change.told && change.transition.at > self.clock.now() - NEWS_S;
+        Some(change.filter(news))
+    }
+
+    /// Acknowledges messages as their receivers have them on disk.
+    async fn finish(&self, mut handed: Vec<Handed>, told: &mut Told) {
+        let mut since = self.clock.elapsed();
+        loop {
+            let (mut done, mut waiting) = (Vec::new(), Vec::new());
+            for (message, telling) in handed {
+                match telling.as_ref().map_or(Some(true), |(_, telling)| telling.is_kept()) {
+                    Some(true) => done.push(message),
+                    Some(false) => {
+                        telling.iter().for_each(|(key, _)| told.forget(key));
+                        message.again(AGAIN).await;
+                    }
+                    None => waiting.push((message, telling)),
+                }
+            }
+            let acknowledged: Vec<BoxFuture<'_, _>> = done.iter().map(|own| own.done().boxed()).collect();
+            let results: Vec<Result<(), LinkError>> = futures::future::join_all(acknowledged).await;
+            if let Some(error) = results.into_iter().find_map(Result::err) {
+                tracing::debug!(%error, "what is told comes again");
+            }
+            if waiting.is_empty() {
+                return;
+            }
+            handed = waiting;
+            if self.clock.elapsed().saturating_sub(since) > UNDER_WAY {
+                since = self.clock.elapsed();
+                futures::future::join_all(handed.iter().map(|(message, _)| message.under_way())).await;
+            }
+            tokio::time::sleep(LOOK).await;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::alarm::{Cause, Priority, Transition};
+
+    fn change(at: f64) -> AlarmChange {
+        AlarmChange {
+            number: 0,
+            id: AlarmId::named("L1/stiction"),
+            transition: Transition {
+                from: State::Normal,
+                to: State::Unacknowledged,
+                at,
+                cause: Cause::Raised,
+            },
+            priority: Priority::Medium,
+            grouped: false,
+            detail: String::new(),
+            by: None,
+            comment: None,
+            told: false,
+        }
+    }
+
+    #[test]
+    fn a_change_that_is_sent_again_is_told_once_also_after_later_ones() {
+        let mut told = Told::default();
+        assert!(told.is_new(&change(1.0)) && told.is_new(&change(2.0)));
+        assert!(!told.is_new(&change(1.0)) && !told.is_new(&change(2.0)));
+        told.forget(&Told::key(&change(1.0)));
+        assert!(told.is_new(&change(1.0)), "a receiver had lost it");
+    }
+
+    #[test]
+    fn what_is_remembered_of_changes_is_bounded() {
+        let mut told = Told::default();
+        assert!((0..2 * TOLD).all(|at| told.is_new(&change(at as f64))));
+        assert_eq!(told.0.len(), TOLD);
+    }
+}
