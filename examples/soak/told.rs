@@ -14,6 +14,8 @@ const MISSED: f64 = 1e-3;
 const LONGEST_S: f64 = 10.0;
 /// Looks with the same place in a round are at most so far apart in it (s).
 const ALIKE_S: f64 = 10.0;
+/// Memory is told as medians over so long (s).
+const MEDIAN_S: f64 = 600.0;
 /// Points of a curve.
 const POINTS: usize = 400;
 
@@ -42,6 +44,8 @@ pub struct Told {
     handles: f64,
     threads: f64,
     first_part: f64,
+    /// Memory beyond what rings fill, each the median of [`MEDIAN_S`] (MB).
+    medians: Vec<f64>,
 }
 
 impl Told {
@@ -53,7 +57,15 @@ impl Told {
             let first = later.first().map_or(f64::NAN, |sample| of(sample));
             later.last().map_or(f64::NAN, |sample| of(sample)) - first
         };
+        let parts = samples.chunk_by(|a, b| (a.t / MEDIAN_S).floor() == (b.t / MEDIAN_S).floor());
+        let median = |part: &[Sample]| {
+            let mut memory: Vec<f64> =
+                part.iter().map(|sample| sample.memory - filled(sample, ring)).collect();
+            memory.sort_by(f64::total_cmp);
+            memory[memory.len() / 2]
+        };
         Self {
+            medians: parts.map(median).collect(),
             slope: 3600.0 * slope(&points, recurs),
             handles: more(|s| s.handles),
             threads: more(|s| s.threads),
@@ -76,6 +88,8 @@ impl Told {
         println!("one loop       {}", of(|sample| sample.one));
         println!("metrics        {}", of(|sample| sample.metrics));
         println!("memory         {:.0} MB at the end, {:.0} MB of them rings", last.memory, last.rings);
+        let medians: Vec<String> = self.medians.iter().map(|mb| format!("{mb:.0}")).collect();
+        println!("  beyond the rings, medians of {:.0} min: {} MB", MEDIAN_S / 60.0, medians.join(", "));
         println!("disk           {:.0} MB at the end", last.disk);
         let part = self.first_part / 60.0;
         let mut good = true;
