@@ -132,12 +132,12 @@ impl Incoming {
     /// It is still being worked on.
     pub async fn under_way(&self) {
         // Where this fails it is delivered again, which is what happens without it too.
-        let _ = self.message.ack_with(AckKind::Progress).await;
+        let _ = tokio::time::timeout(ANSWER, self.message.ack_with(AckKind::Progress)).await;
     }
 
     /// It is to be delivered again, after `pause`.
     pub async fn again(&self, pause: Duration) {
-        let _ = self.message.ack_with(AckKind::Nak(Some(pause))).await;
+        let _ = tokio::time::timeout(ANSWER, self.message.ack_with(AckKind::Nak(Some(pause)))).await;
     }
 }
 
@@ -161,6 +161,11 @@ impl Reading {
     fn alone(consumer: Consumer<pull::Config>) -> Self {
         let given = consumer.cached_info().delivered.consumer_sequence;
         Self { next: Some(given + 1), ..Self::shared(consumer) }
+    }
+
+    /// Number of the last message of the stream that was done when this reading began, and with it all before.
+    pub fn done_before(&self) -> u64 {
+        self.consumer.cached_info().ack_floor.stream_sequence
     }
 
     /// Up to `most` messages; those that are there after `patience`. Where the answer breaks off, or a message was lost on its
@@ -428,8 +433,8 @@ impl Link {
         Ok(sent.await.map_err(refused)?.sequence)
     }
 
-    /// Deletes what every reader of a stream has done. One of them, `part`, reads some of the subjects only; without it
-    /// nothing is deleted.
+    /// Deletes what every reader of a stream has done. One of them, `part`, reads some of the subjects only. Deletes nothing
+    /// where that does not exist, or while a message is under way: servers before 2.9.15 forget such a message then.
     ///
     /// # Errors
     /// [`LinkError::Away`].
@@ -438,6 +443,9 @@ impl Link {
         let (mut consumers, mut done) = (stream.consumers(), None::<u64>);
         while let Some(consumer) = consumers.next().await {
             let consumer = consumer.map_err(away)?;
+            if consumer.num_ack_pending > 0 {
+                return Ok(());
+            }
             if consumer.name != part {
                 let floor = consumer.ack_floor.stream_sequence;
                 done = Some(done.map_or(floor, |least| least.min(floor)));
@@ -445,7 +453,10 @@ impl Link {
         }
         // Asked after the others: where nothing is left for it now, it has done all that they have.
         let part = stream.consumer_info(part).await.map_err(away)?;
-        if part.num_pending > 0 || part.num_ack_pending > 0 {
+        if part.num_ack_pending > 0 {
+            return Ok(());
+        }
+        if part.num_pending > 0 {
             done = done.map(|least| least.min(part.ack_floor.stream_sequence));
         }
         if let Some(done) = done.filter(|done| *done > 0) {
