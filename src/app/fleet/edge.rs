@@ -22,6 +22,10 @@ use std::time::Duration;
 
 /// Changes of alarms that are read from the store in one go.
 const ROWS: usize = 1000;
+/// Longest wait until receivers have on disk what people are to be told.
+const KEPT: Duration = Duration::from_secs(3);
+/// How often that is looked at.
+const LOOK: Duration = Duration::from_millis(20);
 /// Orders that are taken at once.
 const ORDERS: usize = 64;
 
@@ -143,14 +147,21 @@ impl Fleet {
             }
             Err(_) => return told,
         };
-        let mut last = told;
+        let (mut last, mut telling) = (told, Vec::new());
         for (number, row) in rows {
             last = u64::try_from(number).unwrap_or(last);
             if row.at >= self.since
                 && let Some(change) = remembered_change(row)
             {
-                self.outlet.tell(change);
+                telling.push(self.outlet.tell(change));
             }
+        }
+        // The centre is told that people know only once that is on disk; a receiver that is slow gets its letter all the same.
+        let begun = self.clock.elapsed();
+        while telling.iter().any(|own| own.is_kept().is_none())
+            && self.clock.elapsed().saturating_sub(begun) < KEPT
+        {
+            tokio::time::sleep(LOOK).await;
         }
         last
     }
