@@ -35,6 +35,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
+use teller::Firsts;
 use tokio::sync::{RwLock, RwLockWriteGuard, mpsc, watch};
 use tokio_util::sync::CancellationToken;
 use waiting::Waiting;
@@ -104,6 +105,7 @@ pub(super) struct Fleet {
     known: watch::Sender<Option<Duration>>,
     /// Number of the last message of diagnoses and alarms that was looked at.
     looked_at: watch::Sender<u64>,
+    firsts: Firsts,
     /// What people want done, on its way to the edges.
     wanted: tokio::sync::Mutex<mpsc::Receiver<(Wanted, u64)>>,
     orders_waiting: Arc<Waiting>,
@@ -177,6 +179,7 @@ impl Fleet {
             standing,
             known: watch::Sender::new(None),
             looked_at: watch::Sender::new(0),
+            firsts: Firsts::default(),
             wanted: tokio::sync::Mutex::new(wanted),
             orders_waiting,
             link: OnceLock::new(),

@@ -73,7 +73,7 @@ pub struct Telling {
 impl Telling {
     /// Whether every receiver has it on disk; `None` while one holds it that has not.
     pub fn is_kept(&self) -> Option<bool> {
-        // In this order: what is let go was kept before.
+        // Looked at first: a receiver says that it has a change on disk before it lets go of it.
         let held = self.held.strong_count() > 0;
         match self.kept.load(Ordering::Acquire) >= self.receivers {
             true => Some(true),

@@ -33,8 +33,8 @@ const MOST: usize = 256;
 const WAIT: Duration = Duration::from_secs(1);
 /// A message of a loop that is not known yet is looked at again after this time.
 const UNKNOWN: Duration = Duration::from_secs(2);
-/// A message of a loop that is still not known after this time (s) is dropped: its edge has it no more.
-pub(super) const GIVEN_UP_S: f64 = 600.0;
+/// A message of a loop that is still not known after this time is dropped: its edge has it no more.
+const GIVEN_UP: Duration = Duration::from_secs(600);
 /// How long what edges say of themselves is gathered before loops are added.
 const GATHER: Duration = Duration::from_millis(500);
 
@@ -178,8 +178,11 @@ impl Fleet {
                 let (mut done, mut pushed) = (Vec::new(), 0);
                 for message in messages {
                     self.lag(message.taken_at().map_or(0.0, |taken| self.clock.now() - taken));
-                    let next = self.is_next(&message, &mut order);
-                    match next.and_then(|()| self.take_block(&message, &history, (&mut taken, &mut early))) {
+                    if !self.is_next(&message, &mut order) {
+                        self.put_off(&message, &mut order).await;
+                        continue;
+                    }
+                    match self.take_block(&message, &history, (&mut taken, &mut early)) {
                         Some(Block::Taken(count)) => {
                             pushed += count;
                             order.end(message.subject(), message.sequence());
@@ -224,16 +227,18 @@ impl Fleet {
             return Some(Block::Early);
         }
         if is_early {
-            tracing::warn!(control_loop = %id, "samples are missing: they were deleted from the stream before they were taken");
+            tracing::warn!(control_loop = %id, "samples are missing: they did not come, so they may have been deleted from the stream");
         }
         early.end(message.subject());
         let again = taken.is_past(id.as_str(), message.sequence());
         let mut most = 0;
         for tag in samples.tags {
             let Some((ring, samples)) = ring(&tag.tag).zip(codec::decode(&tag.block)) else { continue };
-            // What is known is left out; only a clock that was set back makes what is earlier new, once.
-            let new = tag.set_back && !again && !message.is_again();
-            let known = ring.latest().filter(|_| !new).map_or(f64::NEG_INFINITY, |last| last.t);
+            // What is known is left out; only a clock that was set back makes what is earlier new, once: behind what came
+            // before it.
+            let last = ring.latest().map_or(f64::NEG_INFINITY, |last| last.t);
+            let new = tag.set_back && tag.after.map_or(!again && !message.is_again(), |after| last == after);
+            let known = if new { f64::NEG_INFINITY } else { last };
             most = most.max(samples.len());
             samples.iter().filter(|sample: &&Sample| sample.t > known).for_each(|sample| ring.push(*sample));
         }
@@ -250,6 +255,7 @@ impl Fleet {
                     continue;
                 }
             };
+            self.looked_at.send_modify(|known| *known = reading.done_before().max(*known));
             loop {
                 let messages = match reading.next(MOST, WAIT).await {
                     Ok(messages) => messages,
@@ -259,8 +265,11 @@ impl Fleet {
                 let mut done = Vec::new();
                 let last = messages.last().map_or(0, Incoming::sequence);
                 for message in messages {
-                    let next = self.is_next(&message, &mut order);
-                    match next.and_then(|()| self.take_event(&message, &mut taken)) {
+                    if !self.is_next(&message, &mut order) {
+                        self.put_off(&message, &mut order).await;
+                        continue;
+                    }
+                    match self.take_event(&message, &mut taken) {
                         Some(()) => {
                             order.end(message.subject(), message.sequence());
                             done.push(message);
@@ -294,6 +303,9 @@ impl Fleet {
             }
             What::Alarm => {
                 let Some((kept, change)) = alarm(&id, message) else { return Some(()) };
+                if let Some(change) = &change {
+                    self.firsts.note(change, message.sequence());
+                }
                 self.results.alarm(&kept.id, self.clock.now())?;
                 // Else it is known how it stands since then.
                 if !taken.is_past(&kept.id.to_string(), message.sequence()) {
@@ -305,28 +317,25 @@ impl Fleet {
         Some(())
     }
 
-    /// `None` for a message that has to wait for an earlier one of its subject.
-    pub(super) fn is_next(&self, message: &Incoming, order: &mut Order) -> Option<()> {
-        order.is_next(message.subject(), message.sequence(), self.clock.elapsed()).then_some(())
+    /// Whether a message need not wait for an earlier one of its subject.
+    pub(super) fn is_next(&self, message: &Incoming, order: &mut Order) -> bool {
+        order.is_next(message.subject(), message.sequence(), self.clock.elapsed())
     }
 
-    /// Leaves a message of a loop that is not known, or that waits for such a one, for later or for good.
+    /// Leaves a message for later.
+    pub(super) async fn put_off(&self, message: &Incoming, order: &mut Order) {
+        order.put_off(message.subject(), message.sequence(), self.clock.elapsed());
+        message.again(UNKNOWN).await;
+    }
+
+    /// Leaves a message of a loop that is not known for later, or for good where it has waited for long.
     pub(super) async fn later(&self, message: &Incoming, order: &mut Order) {
-        let age = message.taken_at().map_or(0.0, |taken| self.clock.now() - taken);
-        let known =
-            self.known.borrow().map_or(Duration::ZERO, |since| self.clock.elapsed().saturating_sub(since));
-        // Both: what waited while no centre ran is not old to us.
-        if age.min(known.as_secs_f64()) < GIVEN_UP_S {
+        if order.waits(message.subject(), message.sequence(), self.clock.elapsed()) < GIVEN_UP {
             return self.put_off(message, order).await;
         }
         order.end(message.subject(), message.sequence());
         tracing::warn!(subject = message.subject(), "a message of a loop that no edge has is dropped");
         let _ = message.done().await;
-    }
-
-    async fn put_off(&self, message: &Incoming, order: &mut Order) {
-        order.put_off(message.subject(), message.sequence(), self.clock.elapsed());
-        message.again(UNKNOWN).await;
     }
 
     /// Makes durable what was taken, however long that takes, and acknowledges it.

@@ -37,7 +37,8 @@ struct Place {
     ring: Arc<Ring>,
     /// Number of the first sample in the ring that has not been.
     next: u64,
-    /// Stamp of the last that has been (s), or up to which there is none to be found; NaN before there is one.
+    /// Stamp of the last that has been (s); where the store had nothing, the end of what was looked through. NaN before there
+    /// is one.
     last: f64,
     /// Stamp of the last that has been (s); NaN before there is one.
     sent: f64,

@@ -4,25 +4,38 @@
 use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
-/// A message that was put off and has not come again for this long was deleted from its stream; nothing waits for it any more.
-/// It is as long as a loop may stay unknown.
-const GONE: Duration = Duration::from_secs(super::centre::GIVEN_UP_S as u64);
+/// A message that was put off and has not come again for this long was deleted from its stream: it comes every few seconds.
+/// Nothing waits for it any more.
+const GONE: Duration = Duration::from_secs(60);
+
+/// When a message was put off for the first time, and the last time.
+struct PutOff {
+    first: Duration,
+    last: Duration,
+}
 
 /// The messages that were put off: by subject, their numbers in the stream, and when that was, on a steady clock.
 #[derive(Default)]
-pub(super) struct Order(HashMap<String, BTreeMap<u64, Duration>>);
+pub(super) struct Order(HashMap<String, BTreeMap<u64, PutOff>>);
 
 impl Order {
     /// Whether no earlier message of `subject` is still to come.
     pub(super) fn is_next(&mut self, subject: &str, sequence: u64, now: Duration) -> bool {
         let Some(waiting) = self.0.get_mut(subject) else { return true };
-        waiting.retain(|_, since| now.saturating_sub(*since) < GONE);
+        waiting.retain(|_, put_off| now.saturating_sub(put_off.last) < GONE);
         waiting.keys().next().is_none_or(|first| sequence <= *first)
     }
 
     /// The message comes again.
     pub(super) fn put_off(&mut self, subject: &str, sequence: u64, now: Duration) {
-        self.0.entry(subject.to_string()).or_default().insert(sequence, now);
+        let waiting = self.0.entry(subject.to_string()).or_default();
+        waiting.entry(sequence).or_insert(PutOff { first: now, last: now }).last = now;
+    }
+
+    /// For how long the message has been put off.
+    pub(super) fn waits(&self, subject: &str, sequence: u64, now: Duration) -> Duration {
+        let waiting = self.0.get(subject).and_then(|waiting| waiting.get(&sequence));
+        waiting.map_or(Duration::ZERO, |put_off| now.saturating_sub(put_off.first))
     }
 
     /// The message does not come again.
@@ -36,8 +49,7 @@ impl Order {
     }
 }
 
-/// A message that comes before an earlier one of its subject waits for so long: twice as long as a server takes to give that
-/// again.
+/// A message waits for so long for an earlier one of its subject: twice as long as a server takes to give that again.
 const EARLY: Duration = Duration::from_secs(22);
 
 /// Messages that came before an earlier one: by subject, which, and since when it waits, on a steady clock.
@@ -94,6 +106,10 @@ mod tests {
         order.put_off("a", 1, SECOND);
         assert!(!order.is_next("a", 2, GONE));
         assert!(order.is_next("a", 2, SECOND + GONE));
+        assert_eq!(order.waits("b", 7, SECOND), Duration::ZERO);
+        (1..9).for_each(|at| order.put_off("b", 7, at * GONE / 2));
+        assert_eq!(order.waits("b", 7, 5 * GONE), 9 * GONE / 2, "since the first time");
+        assert!(!order.is_next("b", 8, 5 * GONE - SECOND), "it still comes");
     }
 
     #[test]

@@ -1,6 +1,6 @@
-//! Who tells people what happened to alarms: all centres read it under one name, and only the one that leads asks. A message
-//! is acknowledged once its receivers have it on disk; so what a centre was given and had not told when it was killed comes
-//! to the one that leads next, and so does what came while none led.
+//! Telling people what happened to alarms. All centres read under one name, and only the one that leads asks. A message is
+//! acknowledged once its receivers have it on disk. What a killed centre had not told comes to the one that leads next. What
+//! came while none led comes to it too.
 
 use super::Fleet;
 use super::centre::alarm;
@@ -15,6 +15,7 @@ use crate::signal::LoopId;
 use futures::FutureExt;
 use futures::future::BoxFuture;
 use std::collections::VecDeque;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use tokio_util::sync::CancellationToken;
 
@@ -34,42 +35,69 @@ const AGAIN: Duration = Duration::from_secs(2);
 const UNDER_WAY: Duration = Duration::from_secs(3);
 /// What happened longer ago (s) is history, which nobody is told of.
 const NEWS_S: f64 = 86_400.0;
-/// Changes that are known to be told: an edge that does not know whether a message arrived sends it again.
-const TOLD: usize = 4096;
+/// Changes and messages that are remembered.
+const REMEMBERED: usize = 4096;
 
 /// What a change is known by: which alarm, when (as bits), and its state since.
 type Key = (AlarmId, u64, State);
 
-/// The last changes that were told.
-#[derive(Default)]
-struct Told(VecDeque<Key>);
+fn key(change: &AlarmChange) -> Key {
+    (change.id.clone(), change.transition.at.to_bits(), change.transition.to)
+}
 
-impl Told {
-    fn key(change: &AlarmChange) -> Key {
-        (change.id.clone(), change.transition.at.to_bits(), change.transition.to)
+/// In which message of the stream each of the last changes came first: an edge that does not know whether a message arrived
+/// sends its change again.
+#[derive(Default)]
+pub(super) struct Firsts(Mutex<VecDeque<(Key, u64)>>);
+
+impl Firsts {
+    /// A change came in this message.
+    pub(super) fn note(&self, change: &AlarmChange, sequence: u64) {
+        let key = key(change);
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, first)) = all.iter_mut().find(|(own, _)| *own == key) {
+            *first = sequence.min(*first);
+            return;
+        }
+        if all.len() == REMEMBERED {
+            all.pop_front();
+        }
+        all.push_back((key, sequence));
     }
 
-    /// Whether a change is told for the first time; from now on it was.
-    fn is_new(&mut self, change: &AlarmChange) -> bool {
-        let key = Self::key(change);
-        if self.0.contains(&key) {
+    /// Whether a change came in an earlier message than this.
+    fn is_repeated(&self, change: &AlarmChange, sequence: u64) -> bool {
+        let key = key(change);
+        let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        all.iter().any(|(own, first)| *own == key && *first < sequence)
+    }
+}
+
+/// The last messages that were told, by number: one whose acknowledgement was lost comes again.
+#[derive(Default)]
+struct Told(VecDeque<u64>);
+
+impl Told {
+    /// Whether a message is told for the first time; from now on it was.
+    fn is_new(&mut self, sequence: u64) -> bool {
+        if self.0.contains(&sequence) {
             return false;
         }
-        if self.0.len() == TOLD {
+        if self.0.len() == REMEMBERED {
             self.0.pop_front();
         }
-        self.0.push_back(key);
+        self.0.push_back(sequence);
         true
     }
 
     /// It was not told after all.
-    fn forget(&mut self, key: &Key) {
-        self.0.retain(|own| own != key);
+    fn forget(&mut self, sequence: u64) {
+        self.0.retain(|own| *own != sequence);
     }
 }
 
 /// A message whose change receivers have been handed; with nothing to tell it has none.
-type Handed = (Incoming, Option<(Key, Telling)>);
+type Handed = (Incoming, Option<Telling>);
 
 impl Fleet {
     /// Tells people while we lead, until `stop` is cancelled; receivers end later.
@@ -94,8 +122,10 @@ impl Fleet {
         told: &mut Told,
     ) -> Result<(), LinkError> {
         let filter = all(None, What::Alarm);
-        let Some(reading) = stop.run_until_cancelled(link.read(EVENTS, TELLER, &filter)).await else {
-            return Ok(());
+        // Who has stopped to lead takes nothing that another is to tell.
+        let reading = tokio::select! {
+            reading = link.read(EVENTS, TELLER, &filter) => reading,
+            () = self.is_over(stop) => return Ok(()),
         };
         let (mut reading, mut order) = (reading?, Order::default());
         while self.leads() {
@@ -103,6 +133,13 @@ impl Fleet {
             self.tell_all(messages?, stop, &mut order, told).await;
         }
         Ok(())
+    }
+
+    /// Waits until we do not lead any more, or the daemon stops.
+    async fn is_over(&self, stop: &CancellationToken) {
+        while self.leads() && !stop.is_cancelled() {
+            tokio::time::sleep(LOOK).await;
+        }
     }
 
     async fn tell_all(
@@ -121,14 +158,17 @@ impl Fleet {
             // Receivers are not replaced meanwhile.
             let _taking = self.taking.read().await;
             for message in messages.into_iter().take_while(|_| self.leads()) {
-                let next = self.is_next(&message, order);
-                let Some(change) = next.and_then(|()| self.news(&message)) else {
+                if !self.is_next(&message, order) {
+                    self.put_off(&message, order).await;
+                    continue;
+                }
+                let Some(change) = self.news(&message) else {
                     self.later(&message, order).await;
                     continue;
                 };
                 order.end(message.subject(), message.sequence());
-                let change = change.filter(|change| told.is_new(change));
-                let telling = change.map(|change| (Told::key(&change), self.outlet.tell(change)));
+                let change = change.filter(|_| told.is_new(message.sequence()));
+                let telling = change.map(|change| self.outlet.tell(change));
                 if stop.is_cancelled() {
                     // Receivers may have ended before they heard of it: it is told after the next start.
                     break;
@@ -145,8 +185,10 @@ impl Fleet {
         let id = LoopId::new(of_site(&own.site, &own.name));
         let Some((kept, change)) = alarm(&id, message) else { return Some(None) };
         self.results.alarm(&kept.id, self.clock.now())?;
-        let news = |change: &AlarmChange| !change.told && change.transition.at > self.clock.now() - NEWS_S;
-        Some(change.filter(news))
+        let is_told =
+            |change: &AlarmChange| change.told || self.firsts.is_repeated(change, message.sequence());
+        let is_past = |change: &AlarmChange| change.transition.at < self.clock.now() - NEWS_S;
+        Some(change.filter(|change| !is_told(change) && !is_past(change)))
     }
 
     /// Acknowledges messages as their receivers have them on disk.
@@ -155,10 +197,10 @@ impl Fleet {
         loop {
             let (mut done, mut waiting) = (Vec::new(), Vec::new());
             for (message, telling) in handed {
-                match telling.as_ref().map_or(Some(true), |(_, telling)| telling.is_kept()) {
+                match telling.as_ref().map_or(Some(true), Telling::is_kept) {
                     Some(true) => done.push(message),
                     Some(false) => {
-                        telling.iter().for_each(|(key, _)| told.forget(key));
+                        told.forget(message.sequence());
                         message.again(AGAIN).await;
                     }
                     None => waiting.push((message, telling)),
@@ -207,18 +249,32 @@ mod tests {
     }
 
     #[test]
-    fn a_change_that_is_sent_again_is_told_once_also_after_later_ones() {
-        let mut told = Told::default();
-        assert!(told.is_new(&change(1.0)) && told.is_new(&change(2.0)));
-        assert!(!told.is_new(&change(1.0)) && !told.is_new(&change(2.0)));
-        told.forget(&Told::key(&change(1.0)));
-        assert!(told.is_new(&change(1.0)), "a receiver had lost it");
+    fn a_change_that_an_edge_sends_again_is_repeated_and_the_first_is_not() {
+        let firsts = Firsts::default();
+        (1..4u64).for_each(|at| firsts.note(&change(at as f64), at));
+        // In whatever order they come.
+        firsts.note(&change(1.0), 8);
+        firsts.note(&change(2.0), 1);
+        let repeated = |at: f64, sequence| firsts.is_repeated(&change(at), sequence);
+        assert!(repeated(1.0, 8) && !repeated(1.0, 1));
+        assert!(repeated(2.0, 2) && !repeated(2.0, 1));
+        assert!(!repeated(4.0, 9), "it was not heard of before");
     }
 
     #[test]
-    fn what_is_remembered_of_changes_is_bounded() {
+    fn a_message_that_comes_again_is_told_once_unless_a_receiver_lost_it() {
         let mut told = Told::default();
-        assert!((0..2 * TOLD).all(|at| told.is_new(&change(at as f64))));
-        assert_eq!(told.0.len(), TOLD);
+        assert!(told.is_new(1) && told.is_new(2) && !told.is_new(1) && !told.is_new(2));
+        told.forget(1);
+        assert!(told.is_new(1));
+    }
+
+    #[test]
+    fn what_is_remembered_is_bounded() {
+        let (mut told, firsts) = (Told::default(), Firsts::default());
+        let most = 2 * REMEMBERED as u64;
+        assert!((0..most).all(|at| told.is_new(at)));
+        (0..most).for_each(|at| firsts.note(&change(at as f64), at));
+        assert_eq!((told.0.len(), firsts.0.lock().unwrap().len()), (REMEMBERED, REMEMBERED));
     }
 }
