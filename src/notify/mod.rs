@@ -34,6 +34,9 @@ pub use filter::{Filter, What};
 pub use letters::{Letter, Letters};
 pub use notice::{Places, Source};
 pub use outlet::{Outlet, Telling};
+
+#[cfg(test)]
+pub(crate) use notice::tests::change;
 pub use postman::{Carrier, Fault, Postman, Retry};
 pub use state::{Snapshot, State};
 pub use wrong::Wrong;

@@ -1,9 +1,10 @@
 //! What a machine of a fleet has to tell people: who hands it over learns when all receivers have it on disk.
 
 use crate::results::{AlarmChange, Event};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Weak};
 use tokio::sync::broadcast::{self, error::RecvError, error::TryRecvError};
+use tokio::sync::oneshot;
 
 /// Changes that wait for a receiver.
 const WAITING: usize = 4096;
@@ -14,6 +15,8 @@ pub(super) struct Untold {
     pub(super) change: AlarmChange,
     /// Receivers that have it on disk, or have nothing to tell of it.
     kept: Arc<AtomicUsize>,
+    /// Goes with it: who waits for that learns that no receiver holds it any more.
+    _held: oneshot::Sender<()>,
 }
 
 impl Untold {
@@ -50,11 +53,11 @@ impl Outlet {
     /// Has every receiver tell of a change.
     pub fn tell(&self, change: AlarmChange) -> Telling {
         let kept: Arc<AtomicUsize> = Arc::default();
-        let untold = Arc::new(Untold { change, kept: kept.clone() });
-        let held = Arc::downgrade(&untold);
+        let (held, let_go) = oneshot::channel();
         // An error says that there are no receivers.
-        let receivers = self.sender.send(untold).unwrap_or(0);
-        Telling { receivers, kept, held }
+        let receivers =
+            self.sender.send(Arc::new(Untold { change, kept: kept.clone(), _held: held })).unwrap_or(0);
+        Telling { receivers, kept, let_go }
     }
 
     pub(super) fn hear(&self) -> broadcast::Receiver<Arc<Untold>> {
@@ -67,18 +70,15 @@ impl Outlet {
 pub struct Telling {
     receivers: usize,
     kept: Arc<AtomicUsize>,
-    held: Weak<Untold>,
+    let_go: oneshot::Receiver<()>,
 }
 
 impl Telling {
-    /// Whether every receiver has it on disk; `None` while one holds it that has not.
-    pub fn is_kept(&self) -> Option<bool> {
-        // Looked at first: a receiver says that it has a change on disk before it lets go of it.
-        let held = self.held.strong_count() > 0;
-        match self.kept.load(Ordering::Acquire) >= self.receivers {
-            true => Some(true),
-            false => (!held).then_some(false),
-        }
+    /// Waits until no receiver holds it any more; whether every one has it on disk. It is asked once.
+    pub async fn kept(&mut self) -> bool {
+        // An error is what comes: nothing is ever sent.
+        let _ = (&mut self.let_go).await;
+        self.kept.load(Ordering::Acquire) >= self.receivers
     }
 }
 
@@ -119,27 +119,28 @@ impl News {
 mod tests {
     use super::*;
     use crate::notify::notice::tests::change;
+    use futures::FutureExt;
 
     #[test]
     fn a_change_is_kept_once_every_receiver_has_it() {
         let outlet = Outlet::default();
-        assert_eq!(outlet.tell(change()).is_kept(), Some(true), "nobody is to be told");
+        assert_eq!(outlet.tell(change()).kept().now_or_never(), Some(true), "nobody is to be told");
         let (mut one, mut two) = (outlet.hear(), outlet.hear());
-        let telling = outlet.tell(change());
-        assert_eq!(telling.is_kept(), None);
+        let mut telling = outlet.tell(change());
+        assert_eq!(telling.kept().now_or_never(), None);
         one.try_recv().expect("heard").keep();
-        assert_eq!(telling.is_kept(), None, "the other has not");
+        assert_eq!(telling.kept().now_or_never(), None, "the other has not");
         two.try_recv().expect("heard").keep();
-        assert_eq!(telling.is_kept(), Some(true));
+        assert_eq!(telling.kept().now_or_never(), Some(true));
     }
 
     #[test]
     fn a_receiver_that_ends_without_it_is_noticed() {
         let outlet = Outlet::default();
         let (mut one, two) = (outlet.hear(), outlet.hear());
-        let telling = outlet.tell(change());
+        let mut telling = outlet.tell(change());
         one.try_recv().expect("heard").keep();
         drop(two);
-        assert_eq!(telling.is_kept(), Some(false));
+        assert_eq!(telling.kept().now_or_never(), Some(false));
     }
 }

@@ -24,8 +24,6 @@ use std::time::Duration;
 const ROWS: usize = 1000;
 /// Longest wait until receivers have on disk what people are to be told.
 const KEPT: Duration = Duration::from_secs(3);
-/// How often that is looked at.
-const LOOK: Duration = Duration::from_millis(20);
 /// Orders that are taken at once.
 const ORDERS: usize = 64;
 
@@ -157,12 +155,8 @@ impl Fleet {
             }
         }
         // The centre is told that people know only once that is on disk; a receiver that is slow gets its letter all the same.
-        let begun = self.clock.elapsed();
-        while telling.iter().any(|own| own.is_kept().is_none())
-            && self.clock.elapsed().saturating_sub(begun) < KEPT
-        {
-            tokio::time::sleep(LOOK).await;
-        }
+        let kept = futures::future::join_all(telling.iter_mut().map(|own| own.kept()));
+        let _ = tokio::time::timeout(KEPT, kept).await;
         last
     }
 

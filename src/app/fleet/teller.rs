@@ -12,8 +12,6 @@ use crate::fleet::subject::{Subject, What, all, of_site};
 use crate::notify::Telling;
 use crate::results::AlarmChange;
 use crate::signal::LoopId;
-use futures::FutureExt;
-use futures::future::BoxFuture;
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -25,7 +23,7 @@ pub(super) const TELLER: &str = "centres_tell";
 const MOST: usize = 256;
 /// Longest wait for the first of them.
 const WAIT: Duration = Duration::from_secs(1);
-/// How often it is looked whether we lead, and whether receivers have on disk what they were handed.
+/// How often it is looked whether we lead: a lease runs out by time alone.
 const LOOK: Duration = Duration::from_millis(20);
 /// Longest wait until the page shows what people are told of.
 const SHOWN: Duration = Duration::from_secs(5);
@@ -176,7 +174,7 @@ impl Fleet {
                 handed.push((message, telling));
             }
         }
-        self.finish(handed, told).await;
+        finish(handed, told).await;
     }
 
     /// What a message has to tell, if anything; `None` where its loop is not known.
@@ -190,62 +188,40 @@ impl Fleet {
         let is_past = |change: &AlarmChange| change.transition.at < self.clock.now() - NEWS_S;
         Some(change.filter(|change| !is_told(change) && !is_past(change)))
     }
+}
 
-    /// Acknowledges messages as their receivers have them on disk.
-    async fn finish(&self, mut handed: Vec<Handed>, told: &mut Told) {
-        let mut since = self.clock.elapsed();
-        loop {
-            let (mut done, mut waiting) = (Vec::new(), Vec::new());
-            for (message, telling) in handed {
-                match telling.as_ref().map_or(Some(true), Telling::is_kept) {
-                    Some(true) => done.push(message),
-                    Some(false) => {
-                        told.forget(message.sequence());
-                        message.again(AGAIN).await;
-                    }
-                    None => waiting.push((message, telling)),
+/// Acknowledges messages as their receivers have them on disk.
+async fn finish(handed: Vec<Handed>, told: &mut Told) {
+    let ends = handed.into_iter().map(|(message, telling)| async move {
+        if let Some(mut telling) = telling {
+            let kept = loop {
+                tokio::select! {
+                    kept = telling.kept() => break kept,
+                    () = tokio::time::sleep(UNDER_WAY) => message.under_way().await,
                 }
+            };
+            if !kept {
+                message.again(AGAIN).await;
+                return Some(message.sequence());
             }
-            let acknowledged: Vec<BoxFuture<'_, _>> = done.iter().map(|own| own.done().boxed()).collect();
-            let results: Vec<Result<(), LinkError>> = futures::future::join_all(acknowledged).await;
-            if let Some(error) = results.into_iter().find_map(Result::err) {
-                tracing::debug!(%error, "what is told comes again");
-            }
-            if waiting.is_empty() {
-                return;
-            }
-            handed = waiting;
-            if self.clock.elapsed().saturating_sub(since) > UNDER_WAY {
-                since = self.clock.elapsed();
-                futures::future::join_all(handed.iter().map(|(message, _)| message.under_way())).await;
-            }
-            tokio::time::sleep(LOOK).await;
         }
-    }
+        if let Err(error) = message.done().await {
+            tracing::debug!(%error, "what is told comes again");
+        }
+        None
+    });
+    let lost = futures::future::join_all(ends).await.into_iter().flatten();
+    lost.for_each(|sequence| told.forget(sequence));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::alarm::{Cause, Priority, Transition};
+    use crate::alarm::Transition;
 
     fn change(at: f64) -> AlarmChange {
-        AlarmChange {
-            number: 0,
-            id: AlarmId::named("L1/stiction"),
-            transition: Transition {
-                from: State::Normal,
-                to: State::Unacknowledged,
-                at,
-                cause: Cause::Raised,
-            },
-            priority: Priority::Medium,
-            grouped: false,
-            detail: String::new(),
-            by: None,
-            comment: None,
-            told: false,
-        }
+        let change = crate::notify::change();
+        AlarmChange { transition: Transition { at, ..change.transition }, ..change }
     }
 
     #[test]

@@ -5,6 +5,7 @@ use crate::notify::notice::Places;
 use crate::notify::notice::tests::change;
 use crate::results::Results;
 use crate::signal::LoopId;
+use futures::FutureExt;
 use std::sync::{Mutex, RwLock};
 
 /// Notes when it is asked and what for, and answers as it was told, in the end with thanks.
@@ -185,27 +186,27 @@ async fn what_was_picked_is_held_until_it_is_on_disk() {
     };
     let stop = CancellationToken::new();
     let tasks = [begin(&[What::Raised], &stop), begin(&[What::Cleared], &stop)];
-    let telling = outlet.tell(change());
-    assert_eq!(telling.is_kept(), None, "in memory only");
+    let mut telling = outlet.tell(change());
+    assert_eq!(telling.kept().now_or_never(), None, "in memory only");
     tokio::time::sleep(Duration::from_secs(5)).await;
-    assert_eq!(telling.is_kept(), Some(true), "one has a draft of it, the other nothing to tell");
+    assert_eq!(telling.kept().now_or_never(), Some(true), "one has a draft of it, the other nothing to tell");
 
     // Within a second of a draft it is not on disk yet; who stops writes what is left.
-    let telling = outlet.tell(change());
+    let mut telling = outlet.tell(change());
     stop.cancel();
-    assert_eq!(telling.is_kept(), None);
+    assert_eq!(telling.kept().now_or_never(), None);
     for task in tasks {
         task.await.unwrap();
     }
-    assert_eq!((telling.is_kept(), letters.counts()), (Some(true), (1, 0)));
+    assert_eq!((telling.kept().now_or_never(), letters.counts()), (Some(true), (1, 0)));
 
     // Who dies without it says so.
     let task = begin(&[What::Raised], &CancellationToken::new());
     tokio::task::yield_now().await;
-    let telling = outlet.tell(change());
+    let mut telling = outlet.tell(change());
     task.abort();
     assert!(task.await.unwrap_err().is_cancelled());
-    assert_eq!(telling.is_kept(), Some(false));
+    assert_eq!(telling.kept().now_or_never(), Some(false));
 }
 
 #[tokio::test(start_paused = true)]
