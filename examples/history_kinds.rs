@@ -2,7 +2,7 @@
 //! `cargo run --release --example history_kinds -- 24` diagnoses so many sticky and so many sound loops, raw and as each
 //! archive would have kept them.
 
-#[path = "../tests/diagnosis_common/parallel.rs"]
+#[path = "../numerics/tests/common/parallel.rs"]
 mod parallel;
 
 use std::process::ExitCode;

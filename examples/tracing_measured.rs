@@ -2,7 +2,7 @@
 //!
 //! The folder holds `index.csv` with `isdb/` and `plant/`, `long/*.csv`, and `damadics/*.csv` with a measured stem.
 
-#[path = "../tests/diagnosis_common/parallel.rs"]
+#[path = "../numerics/tests/common/parallel.rs"]
 mod parallel;
 
 use std::error::Error;

@@ -1,10 +1,10 @@
 //! What `f_detectable` and the bound of "no friction needed" are worth, on sticking valves of three generators:
 //! `cargo run --release -p stictiond-numerics --example detectable -- --records 100 --first-seed 8800`.
 
-#[path = "../../tests/generators/mod.rs"]
+#[path = "../tests/common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
-#[path = "../../tests/diagnosis_common/parallel.rs"]
+#[path = "../tests/common/parallel.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 

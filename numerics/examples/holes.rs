@@ -1,16 +1,16 @@
 //! What a diagnosis says of sticking loops of whose samples some are lost, at random, in bursts and periodically:
 //! `cargo run --release -p stictiond-numerics --example holes -- --records 100 --first-seed 8000`.
 
-#[path = "../tests/acquired_common/mod.rs"]
-mod acquired_common;
-#[path = "../../tests/generators/mod.rs"]
+#[path = "../tests/common/acquired.rs"]
+mod acquired;
+#[path = "../tests/common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
-#[path = "../../tests/diagnosis_common/parallel.rs"]
+#[path = "../tests/common/parallel.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 
-use acquired_common::{Loop, Said, draw, judge, kinds_of_gaps, with_gaps};
+use acquired::{Loop, Said, draw, judge, kinds_of_gaps, with_gaps};
 use clap::Parser;
 use std::collections::BTreeMap;
 use stictiond_numerics::detectors::tally;

@@ -1,17 +1,17 @@
 //! What a diagnosis says of the same loops at the controller's ticks and as a historian holds them, polled and with holes:
 //! `cargo run --release -p stictiond-numerics --example polled -- --records 100 --first-seed 7000`.
 
-#[path = "../tests/acquired_common/mod.rs"]
+#[path = "../tests/common/acquired.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
-mod acquired_common;
-#[path = "../../tests/generators/mod.rs"]
+mod acquired;
+#[path = "../tests/common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
-#[path = "../../tests/diagnosis_common/parallel.rs"]
+#[path = "../tests/common/parallel.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 
-use acquired_common::{Loop, Said, draw, judge, kinds_of_gaps, scans};
+use acquired::{Loop, Said, draw, judge, kinds_of_gaps, scans};
 use clap::Parser;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;

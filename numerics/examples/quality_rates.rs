@@ -2,10 +2,10 @@
 //!
 //! `cargo run --release -p stictiond-numerics --example quality_rates -- --gen A --kind outliers,clean`.
 
-#[path = "../../tests/generators/mod.rs"]
+#[path = "../tests/common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
-#[path = "../../tests/diagnosis_common/parallel.rs"]
+#[path = "../tests/common/parallel.rs"]
 mod parallel;
 
 use clap::Parser;

@@ -4,10 +4,10 @@
 //! A record is searched as a whole, and another one is judged twice: by a search, and by what is confirmed of the structure that
 //! the first one had. Nothing was tuned on these seeds.
 
-#[path = "../../tests/generators/mod.rs"]
+#[path = "../tests/common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
-#[path = "../../tests/diagnosis_common/parallel.rs"]
+#[path = "../tests/common/parallel.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 

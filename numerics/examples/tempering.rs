@@ -4,10 +4,10 @@
 //! For each exponent: the mean logarithmic score of the true kind's posterior at the first step, and how many kinds are named
 //! right, named wrongly and missed.
 
-#[path = "../../tests/generators/mod.rs"]
+#[path = "../tests/common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
-#[path = "../../tests/diagnosis_common/parallel.rs"]
+#[path = "../tests/common/parallel.rs"]
 mod parallel;
 
 use clap::Parser;

@@ -1,20 +1,23 @@
 //! What is said of the same loops in other units, signs, offsets and clocks, over measured and drawn records:
 //! `cargo run --release -p stictiond-numerics --example units -- --data ../shared/data --drawn 200`.
 
-#[path = "../../tests/generators/mod.rs"]
+#[path = "../tests/common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
-#[path = "../../tests/diagnosis_common/parallel.rs"]
+#[path = "../tests/common/measured.rs"]
+#[expect(dead_code, reason = "each user takes a part")]
+mod measured;
+#[path = "../tests/common/parallel.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
-#[path = "../../tests/diagnosis_common/units.rs"]
+#[path = "../tests/common/units.rs"]
 mod units;
 
 use clap::Parser;
 use generators::{Case, GENERATORS, Size};
 use std::path::PathBuf;
 use stictiond_numerics::signal::Record;
-use units::{CHANGES, Change, Said, judge, measured, off};
+use units::{CHANGES, Change, Said, judge, off};
 
 /// f counts as the same within this share of it.
 const SAME_F: f64 = 0.01;
@@ -45,7 +48,7 @@ struct Args {
 fn main() {
     let Args { data, drawn: count, first_seed: first, threads, untraced, each } = Args::parse();
     let (threads, traced) = (threads.max(1), !untraced);
-    let mut records = data.as_deref().map_or_else(Vec::new, measured);
+    let mut records = data.as_deref().map_or_else(Vec::new, measured::below);
     let of_plants = records.len();
     records.extend((0..count).map(|i| drawn(i, first + i)));
     println!("{of_plants} measured records, {count} drawn, seeds from {first}\n");

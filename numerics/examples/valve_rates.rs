@@ -4,10 +4,10 @@
 //! A record's best score is the largest that any search has reached, among them one that starts from the true valve in many
 //! forms. With a file as `--known` the best scores are kept between runs, so that versions are compared with the same.
 
-#[path = "../../tests/generators/mod.rs"]
+#[path = "../tests/common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
-#[path = "../../tests/diagnosis_common/parallel.rs"]
+#[path = "../tests/common/parallel.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 

@@ -1,6 +1,6 @@
 //! The generators of simulated loops: the same case gives the same record, and what a case asks for is in it.
 
-#[path = "../../tests/generators/mod.rs"]
+#[path = "common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
 

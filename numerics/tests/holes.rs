@@ -1,15 +1,15 @@
 //! Verdicts on sticking loops of whose samples a tenth is lost. `numerics/examples/holes.rs` measures it on a hundred.
 
-#[path = "acquired_common/mod.rs"]
+#[path = "common/acquired.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
-mod acquired_common;
-#[path = "../../tests/generators/mod.rs"]
+mod acquired;
+#[path = "common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
-#[path = "../../tests/diagnosis_common/parallel.rs"]
+#[path = "common/parallel.rs"]
 mod parallel;
 
-use acquired_common::{draw, judge, kinds_of_gaps, with_gaps};
+use acquired::{draw, judge, kinds_of_gaps, with_gaps};
 use stictiond_numerics::sim::acquisition::Gaps;
 
 /// Sticking loops of the three generators; the first seeds of those that the method was developed on.
@@ -21,7 +21,7 @@ const CLEAR: f64 = 40.0;
 #[test]
 fn a_tenth_of_the_samples_is_not_missed() {
     let drawn = (0..).map(|i| draw(i, FIRST + i)).filter(|own| own.f > 0.0).take(LOOPS);
-    let of_one = |own: acquired_common::Loop| -> Vec<(String, bool)> {
+    let of_one = |own: acquired::Loop| -> Vec<(String, bool)> {
         let whole = judge(&own, &with_gaps(&own, Gaps::None));
         if !whole.sticks() || whole.evidence < CLEAR {
             return Vec::new();

@@ -1,24 +1,23 @@
 //! How late PV is recorded, over drawn and measured loops: by as many rows as it is, or nothing is told.
 
-#[path = "acquired_common/mod.rs"]
+#[path = "common/acquired.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
-mod acquired_common;
-#[path = "../../tests/generators/mod.rs"]
+mod acquired;
+#[path = "common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
-#[path = "../../tests/diagnosis_common/parallel.rs"]
-mod parallel;
-#[path = "../../tests/diagnosis_common/units.rs"]
+#[path = "common/measured.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
-mod units;
+mod measured;
+#[path = "common/parallel.rs"]
+mod parallel;
 
-use acquired_common::{draw, judge};
+use acquired::{draw, judge};
+use measured::FOLDER;
 use std::path::Path;
 use stictiond_numerics::diagnosis::{Settings, gate};
 use stictiond_numerics::signal::{Record, Sample};
 
-/// From the package's root; records that are not there are not looked at.
-const DATA: &str = "../../shared/data";
 /// Loops drawn; the first seeds of those that the method was developed on.
 const LOOPS: u64 = 60;
 const FIRST: u64 = 6100;
@@ -51,7 +50,7 @@ fn counts(records: &[Record], rows: usize) -> [usize; 3] {
 fn no_loop_is_late_that_is_not_and_most_that_are_are_known() {
     let drawn: Vec<Record> = (0..LOOPS).map(|i| draw(i, FIRST + i).record).collect();
     let measured: Vec<Record> =
-        units::measured(Path::new(DATA)).into_iter().map(|(_, record)| record).collect();
+        measured::below(Path::new(FOLDER)).into_iter().map(|(_, record)| record).collect();
     for (kind, records) in [("drawn", drawn), ("measured", measured)] {
         for rows in 0..=3 {
             let [right, fewer, more] = counts(&records, rows);

@@ -4,15 +4,15 @@
 //! A few cases of what `cargo run --release -p stictiond-numerics --example tracing_rates` sweeps. A bound is the sweep's share
 //! less what chance does to as many cases as there are here.
 
-#[path = "residual_common/bounds.rs"]
+#[path = "common/bounds.rs"]
 mod bounds;
-#[path = "../../tests/generators/mod.rs"]
+#[path = "common/generators/mod.rs"]
 #[allow(dead_code, reason = "each user takes a part")]
 mod generators;
 #[path = "../examples/tracing_rates/judge.rs"]
 #[allow(dead_code, reason = "each user takes a part")]
 mod judge;
-#[path = "../../tests/diagnosis_common/parallel.rs"]
+#[path = "common/parallel.rs"]
 mod parallel;
 
 use bounds::{fewest, most};

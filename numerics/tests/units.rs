@@ -1,20 +1,22 @@
 //! Units, signs, offsets and clocks change no verdict, and f only by rounding.
 
-#[path = "../../tests/generators/mod.rs"]
+#[path = "common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
-#[path = "../../tests/diagnosis_common/units.rs"]
+#[path = "common/measured.rs"]
+#[expect(dead_code, reason = "each user takes a part")]
+mod measured;
+#[path = "common/units.rs"]
 mod units;
 
 use generators::{Case, GENERATORS, Size};
+use measured::FOLDER;
 use proptest::prelude::*;
 use std::path::Path;
 use std::sync::OnceLock;
 use stictiond_numerics::signal::{Record, SpanSource};
-use units::{CHANGES, Change, Line, SAME, Said, judge, measured, off};
+use units::{CHANGES, Change, Line, SAME, Said, judge, off};
 
-/// From the package's root.
-const DATA: &str = "../../shared/data";
 /// Sticking, sound and silent records, in per cent and in units of their own.
 const SAMPLE: [&str; 5] = [
     "isdb/CHEM23.csv",
@@ -41,9 +43,9 @@ fn holds(name: &str, record: &Record, own: &Said, change: &Change, traced: bool)
 
 #[test]
 fn measured_loops_are_told_the_same_whatever_they_are_written_in() {
-    let records = measured(Path::new(DATA));
+    let records = measured::below(Path::new(FOLDER));
     if records.is_empty() {
-        eprintln!("SKIPPED: no measured records, {DATA} is missing");
+        eprintln!("SKIPPED: no measured records, {FOLDER} is missing");
         return;
     }
     let mut sticking = 0;

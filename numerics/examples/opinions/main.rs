@@ -7,7 +7,7 @@ mod calibrate;
 mod combine;
 mod judged;
 mod measured;
-#[path = "../../../tests/diagnosis_common/parallel.rs"]
+#[path = "../../tests/common/parallel.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 mod simulated;

@@ -2,12 +2,12 @@
 //! of three generators that share no code:
 //! `cargo run --release -p stictiond-numerics --example tracing_rates -- --seeds 10 --first-seed 9000`.
 
-#[path = "../../../tests/generators/mod.rs"]
+#[path = "../../tests/common/generators/mod.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod generators;
 #[expect(dead_code, reason = "each user takes a part")]
 mod judge;
-#[path = "../../../tests/diagnosis_common/parallel.rs"]
+#[path = "../../tests/common/parallel.rs"]
 #[expect(dead_code, reason = "each user takes a part")]
 mod parallel;
 

@@ -1,12 +1,8 @@
 //! Table 2 of the paper: its six loops, simulated with Choudhury's valve, diagnosed with the defaults.
 
-mod diagnosis_common {
-    pub mod records;
-}
-
-use diagnosis_common::records::simulated;
-use stictiond::diagnosis::{Settings, Verdict, diagnose};
-use stictiond::sim::scenarios::table2;
+use super::common::records::simulated;
+use stictiond_numerics::diagnosis::{Settings, Verdict, diagnose};
+use stictiond_numerics::sim::scenarios::table2;
 
 #[test]
 fn table_2_is_reproduced() {

@@ -1,24 +1,17 @@
 //! The prediction-error variance against a slow reference written here: every split and delay from several random
 //! stable starts, its own recursions, its own Levenberg–Marquardt; only the constraint on C is shared.
 
-mod diagnosis_common {
-    pub mod measured;
-    pub mod parallel;
-    pub mod pose;
-    pub mod records;
-}
-
-use diagnosis_common::measured::measured;
-use diagnosis_common::parallel;
-use diagnosis_common::pose::pose;
-use diagnosis_common::records::simulated;
+use super::common::measured::labelled;
+use super::common::parallel;
+use super::common::pose::pose;
+use super::common::records::simulated;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use stictiond::diagnosis::armax::{LOSS_FLOOR, Orders, RHO, draw_inside, splits};
-use stictiond::diagnosis::friction::stick_slip;
-use stictiond::diagnosis::grid::GRID;
-use stictiond::diagnosis::search::{Problem, Refined, Searcher};
-use stictiond::sim::scenarios::{calibration, random_sound, random_sticky};
+use stictiond_numerics::diagnosis::armax::{LOSS_FLOOR, Orders, RHO, draw_inside, splits};
+use stictiond_numerics::diagnosis::friction::stick_slip;
+use stictiond_numerics::diagnosis::grid::GRID;
+use stictiond_numerics::diagnosis::search::{Problem, Refined, Searcher};
+use stictiond_numerics::sim::scenarios::{calibration, random_sound, random_sticky};
 
 /// Random starts of each structure.
 const STARTS: usize = 4;
@@ -248,7 +241,7 @@ fn no_random_start_finds_a_model_that_is_better() {
         .chain((0..12).map(random_sound))
         .map(|scenario| (scenario.truth.kind.clone(), simulated(&scenario)))
         .chain(
-            measured().into_iter().filter(|(row, _)| row[0] == "isdb").map(|(row, r)| (row[1].clone(), r)),
+            labelled().into_iter().filter(|(row, _)| row[0] == "isdb").map(|(row, r)| (row[1].clone(), r)),
         );
     // A reference on windows of several thousand samples takes minutes and shows nothing more.
     let problems: Vec<(String, Problem)> = records

@@ -1,16 +1,11 @@
 //! Measured records: no sound loop is accused, and a free run that is farther off is told so. Without the records, which
 //! are no part of the repository, a line that begins with SKIPPED says so.
 
-mod diagnosis_common {
-    pub mod measured;
-    pub mod parallel;
-}
-
-use diagnosis_common::measured::measured;
-use diagnosis_common::parallel;
-use stictiond::diagnosis::{Settings, Verdict, diagnose};
-use stictiond::residual::{self, trace_record};
-use stictiond::signal::Record;
+use super::common::measured::labelled;
+use super::common::parallel;
+use stictiond_numerics::diagnosis::{Settings, Verdict, diagnose};
+use stictiond_numerics::residual::{self, trace_record};
+use stictiond_numerics::signal::Record;
 
 /// What is made of a record.
 struct Found {
@@ -38,7 +33,7 @@ fn traced(name: &str, record: &Record) -> Found {
 
 #[test]
 fn measured_records_are_accused_of_nothing_and_a_worse_free_run_is_told() {
-    let loops = measured();
+    let loops = labelled();
     if loops.is_empty() {
         return;
     }

@@ -1,7 +1,7 @@
 //! Simulated runs as records.
 
-use stictiond::signal::{Record, Sample, Series};
-use stictiond::sim::{Run, Scenario};
+use stictiond_numerics::signal::{Record, Sample, Series};
+use stictiond_numerics::sim::{Run, Scenario};
 
 /// The run as a collector would have recorded it: OP and PV, in % of span.
 pub fn record(run: &Run) -> Record {

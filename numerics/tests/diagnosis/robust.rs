@@ -1,8 +1,8 @@
 //! Any record at all gets a diagnosis made of numbers: no panic, no NaN, no infinity in any field.
 
 use proptest::prelude::*;
-use stictiond::diagnosis::{Settings, diagnose};
-use stictiond::signal::{BadReason, Quality, Record, Sample, Series};
+use stictiond_numerics::diagnosis::{Settings, diagnose};
+use stictiond_numerics::signal::{BadReason, Quality, Record, Sample, Series};
 
 /// One stretch of values.
 #[derive(Clone, Debug)]

@@ -1,23 +1,16 @@
 //! The search against evaluating everything: the grid pass ends at the f of the full fine grid, and the refined
 //! profile at the f of refining every cell.
 
-mod diagnosis_common {
-    pub mod measured;
-    pub mod parallel;
-    pub mod pose;
-    pub mod records;
-}
-
-use diagnosis_common::measured::measured;
-use diagnosis_common::parallel;
-use diagnosis_common::pose::pose;
-use diagnosis_common::records::simulated;
-use stictiond::diagnosis::armax::{LOSS_FLOOR, Lag, Workspace};
-use stictiond::diagnosis::friction::{Cell, stick_slip};
-use stictiond::diagnosis::grid::GRID;
-use stictiond::diagnosis::screen::Screen;
-use stictiond::diagnosis::search::{CellPoint, Problem, Refined, Searcher};
-use stictiond::sim::scenarios::{calibration, random_sound, random_sticky, table2};
+use super::common::measured::labelled;
+use super::common::parallel;
+use super::common::pose::pose;
+use super::common::records::simulated;
+use stictiond_numerics::diagnosis::armax::{LOSS_FLOOR, Lag, Workspace};
+use stictiond_numerics::diagnosis::friction::{Cell, stick_slip};
+use stictiond_numerics::diagnosis::grid::GRID;
+use stictiond_numerics::diagnosis::screen::Screen;
+use stictiond_numerics::diagnosis::search::{CellPoint, Problem, Refined, Searcher};
+use stictiond_numerics::sim::scenarios::{calibration, random_sound, random_sticky, table2};
 
 /// A search problem with its name.
 type Named = (String, Problem);
@@ -46,7 +39,7 @@ fn problems() -> Vec<Named> {
         .chain((0..3).map(random_sticky))
         .chain((0..3).map(random_sound))
         .map(|scenario| (scenario.truth.kind.clone(), simulated(&scenario)));
-    let measured = measured().into_iter().map(|(row, record)| (row[1].clone(), record));
+    let measured = labelled().into_iter().map(|(row, record)| (row[1].clone(), record));
     let measured = measured.filter(|(name, _)| MEASURED.contains(&name.as_str()));
     let named = |(name, record)| pose(&record).map(|(problem, _)| (name, problem));
     simulated.chain(measured).filter_map(named).collect()

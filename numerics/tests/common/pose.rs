@@ -1,8 +1,8 @@
 //! From a record to the search problem, by the same steps as `diagnose`.
 
-use stictiond::diagnosis::search::Problem;
-use stictiond::diagnosis::{Settings, gate, prepare, verdict};
-use stictiond::signal::Record;
+use stictiond_numerics::diagnosis::search::Problem;
+use stictiond_numerics::diagnosis::{Settings, gate, prepare, verdict};
+use stictiond_numerics::signal::Record;
 
 /// The problem of a record and the OP unit of its normalised OP; `None` where the gate or the excitation refuse.
 pub fn pose(record: &Record) -> Option<(Problem, f64)> {

@@ -1,19 +1,14 @@
 //! How often the diagnosis is right on random loops of known truth, beside the floor that the issue names: the
 //! argmin of the paper's AIC curve at a fixed delay of one sample, believed when it gains more than 20.
 
-mod diagnosis_common {
-    pub mod parallel;
-    pub mod records;
-}
-
-use diagnosis_common::parallel;
-use diagnosis_common::records::simulated;
+use super::common::parallel;
+use super::common::records::simulated;
 use std::collections::BTreeMap;
-use stictiond::diagnosis::grid::GRID;
-use stictiond::diagnosis::search::Searcher;
-use stictiond::diagnosis::{Diagnosis, Settings, Verdict, diagnose, gate, prepare, verdict};
-use stictiond::sim::Scenario;
-use stictiond::sim::scenarios::{calibration, random_sound, random_sticky};
+use stictiond_numerics::diagnosis::grid::GRID;
+use stictiond_numerics::diagnosis::search::Searcher;
+use stictiond_numerics::diagnosis::{Diagnosis, Settings, Verdict, diagnose, gate, prepare, verdict};
+use stictiond_numerics::sim::Scenario;
+use stictiond_numerics::sim::scenarios::{calibration, random_sound, random_sticky};
 
 /// Largest relative error of an f that counts as right.
 const CLOSE: f64 = 0.10;

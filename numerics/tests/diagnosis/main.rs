@@ -1,0 +1,16 @@
+//! The diagnosis and tracing as a whole: against a slow search, on drawn loops, on the paper's and on measured ones.
+
+#[path = "../common"]
+mod common {
+    #[expect(dead_code, reason = "each user takes a part")]
+    pub mod measured;
+    pub mod parallel;
+    pub mod pose;
+    pub mod records;
+}
+mod paper;
+mod rates;
+mod reference;
+mod robust;
+mod search;
+mod traced;
