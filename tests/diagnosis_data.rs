@@ -1,38 +1,20 @@
 //! Measured loops, read as a user's file and diagnosed with the defaults: the whole table is printed.
 
+#[path = "../numerics/tests/common/labelled.rs"]
+mod labelled;
 #[path = "../numerics/tests/common/parallel.rs"]
 mod parallel;
 
-use std::fs;
-use std::path::Path;
+use labelled::labelled;
 use stictiond::collect::table;
 use stictiond::diagnosis::{Diagnosis, Settings, Verdict, diagnose};
-use stictiond::signal::Record;
 
 /// From the package's root, where cargo runs the tests.
 const FOLDER: &str = "../shared/data";
 
-/// Every record of the sets `isdb` and `plant`, behind its row of the index (`set,loop,file,type,Ts_s,n,label,…`); none, and a
-/// line that says so, where the folder is missing.
-fn measured() -> Vec<(Vec<String>, Record)> {
-    let index = Path::new(FOLDER).join("index.csv");
-    let Ok(text) = fs::read_to_string(&index) else {
-        eprintln!("SKIPPED: no measured records, {} is missing", index.display());
-        return Vec::new();
-    };
-    text.lines()
-        .filter(|line| line.starts_with("isdb,") || line.starts_with("plant,"))
-        .map(|line| {
-            let row: Vec<String> = line.split(',').map(str::to_owned).collect();
-            let file = Path::new(FOLDER).join(&row[2]);
-            (row, table::record(&file).expect("the measured records are readable"))
-        })
-        .collect()
-}
-
 #[test]
 fn measured_loops_are_judged_as_their_owners_do() {
-    let loops = measured();
+    let loops = labelled(FOLDER, |file| table::record(file).expect("the measured records are readable"));
     if loops.is_empty() {
         return;
     }

@@ -1,32 +1,10 @@
 //! The measured records beside the project, where they are.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use stictiond_numerics::signal::{Record, Sample, Series};
 
 /// From the package's root, where cargo runs the tests.
 pub const FOLDER: &str = "../../shared/data";
-
-/// A measured loop: its row of the index (`set,loop,file,type,Ts_s,n,label,…`) and its record.
-pub type Measured = (Vec<String>, Record);
-
-/// Every record of the sets `isdb` and `plant` in the index's order; none, and a line that says so, where the folder is
-/// missing.
-pub fn labelled() -> Vec<Measured> {
-    let index = Path::new(FOLDER).join("index.csv");
-    let Ok(text) = fs::read_to_string(&index) else {
-        eprintln!("SKIPPED: no measured records, {} is missing", index.display());
-        return Vec::new();
-    };
-    text.lines()
-        .filter(|line| line.starts_with("isdb,") || line.starts_with("plant,"))
-        .map(|line| {
-            let row: Vec<String> = line.split(',').map(str::to_owned).collect();
-            let file = Path::new(FOLDER).join(&row[2]);
-            (row, read(&file).expect("the measured records are readable"))
-        })
-        .collect()
-}
 
 /// Every record with OP and PV below a folder of data, by its path; columns `t`, `op`, `pv`, `sp`, and `mv_stem`, by their
 /// header. Its span is what its values tell. Empty where there is no folder.
@@ -41,6 +19,12 @@ pub fn below(folder: &Path) -> Vec<(String, Record)> {
     files.iter().filter_map(|path| Some((name(path), read(path)?))).collect()
 }
 
+/// One file that has OP and PV.
+pub fn readable(file: &Path) -> Record {
+    read(file).expect("the measured records are readable")
+}
+
+/// One file; `None` where OP or PV is missing.
 fn read(file: &Path) -> Option<Record> {
     let text = std::fs::read_to_string(file).ok()?;
     let mut lines = text.lines();

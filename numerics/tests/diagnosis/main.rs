@@ -2,6 +2,7 @@
 
 #[path = "../common"]
 mod common {
+    pub mod labelled;
     #[expect(dead_code, reason = "each user takes a part")]
     pub mod measured;
     pub mod parallel;

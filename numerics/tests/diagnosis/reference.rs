@@ -1,7 +1,8 @@
 //! The prediction-error variance against a slow reference written here: every split and delay from several random
 //! stable starts, its own recursions, its own Levenberg–Marquardt; only the constraint on C is shared.
 
-use super::common::measured::labelled;
+use super::common::labelled::labelled;
+use super::common::measured::{FOLDER, readable};
 use super::common::parallel;
 use super::common::pose::pose;
 use super::common::records::simulated;
@@ -241,7 +242,10 @@ fn no_random_start_finds_a_model_that_is_better() {
         .chain((0..12).map(random_sound))
         .map(|scenario| (scenario.truth.kind.clone(), simulated(&scenario)))
         .chain(
-            labelled().into_iter().filter(|(row, _)| row[0] == "isdb").map(|(row, r)| (row[1].clone(), r)),
+            labelled(FOLDER, readable)
+                .into_iter()
+                .filter(|(row, _)| row[0] == "isdb")
+                .map(|(row, r)| (row[1].clone(), r)),
         );
     // A reference on windows of several thousand samples takes minutes and shows nothing more.
     let problems: Vec<(String, Problem)> = records

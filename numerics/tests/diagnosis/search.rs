@@ -1,7 +1,8 @@
 //! The search against evaluating everything: the grid pass ends at the f of the full fine grid, and the refined
 //! profile at the f of refining every cell.
 
-use super::common::measured::labelled;
+use super::common::labelled::labelled;
+use super::common::measured::{FOLDER, readable};
 use super::common::parallel;
 use super::common::pose::pose;
 use super::common::records::simulated;
@@ -39,7 +40,7 @@ fn problems() -> Vec<Named> {
         .chain((0..3).map(random_sticky))
         .chain((0..3).map(random_sound))
         .map(|scenario| (scenario.truth.kind.clone(), simulated(&scenario)));
-    let measured = labelled().into_iter().map(|(row, record)| (row[1].clone(), record));
+    let measured = labelled(FOLDER, readable).into_iter().map(|(row, record)| (row[1].clone(), record));
     let measured = measured.filter(|(name, _)| MEASURED.contains(&name.as_str()));
     let named = |(name, record)| pose(&record).map(|(problem, _)| (name, problem));
     simulated.chain(measured).filter_map(named).collect()

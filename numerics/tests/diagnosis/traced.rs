@@ -1,7 +1,8 @@
 //! Measured records: no sound loop is accused, and a free run that is farther off is told so. Without the records, which
 //! are no part of the repository, a line that begins with SKIPPED says so.
 
-use super::common::measured::labelled;
+use super::common::labelled::labelled;
+use super::common::measured::{FOLDER, readable};
 use super::common::parallel;
 use stictiond_numerics::diagnosis::{Settings, Verdict, diagnose};
 use stictiond_numerics::residual::{self, trace_record};
@@ -33,7 +34,7 @@ fn traced(name: &str, record: &Record) -> Found {
 
 #[test]
 fn measured_records_are_accused_of_nothing_and_a_worse_free_run_is_told() {
-    let loops = labelled();
+    let loops = labelled(FOLDER, readable);
     if loops.is_empty() {
         return;
     }
