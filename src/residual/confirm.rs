@@ -17,15 +17,16 @@
 
 use super::data_quality::{Fact, assess};
 use super::decide::{Decided, arx, decide, scored};
-use super::findings::{Findings, Friction, Structure};
+use super::findings::{Evidence, Findings, Friction, Structure};
 use super::forward_selection::table;
+use super::held_out::{gained, judge};
 use super::hypotheses::load::oscillating_load::Oscillating;
 use super::hypotheses::{ALL, Propose, again};
 use super::hypothesis::Hypothesis;
-use super::posterior::{class, log_prior, probability};
+use super::posterior::{class, log_prior};
 use super::report::{lasts, report, scaled};
 use super::screening::Screen;
-use super::trace::{Outcome, iddata};
+use super::trace::{Outcome, iddata, slip_jump};
 use super::valve_search::{Effort, search};
 use super::{Settings, settings_of, window};
 use crate::diagnosis::confirmed::{Known, confirmed};
@@ -188,18 +189,21 @@ fn fitted(data: &IdData, facts: Vec<Fact>, last: &Structure) -> Option<Outcome> 
         facts,
         candidates: Vec::new(),
         friction: table.log_odds(sticks),
-        slip_jump: table.log_odds_within(sticks, |d| class(&d.hypothesis) == 2) + log_prior(1),
+        slip_jump: slip_jump(&table),
+        rejected: Vec::new(),
     })
 }
 
-/// Posterior of each effect, and twice the log odds against none; `None` where one is not needed.
-fn needed(data: &IdData, best: &Decided) -> Option<Vec<(f64, f64)>> {
-    let each = 0..best.hypothesis.effects.len();
-    each.map(|at| {
+/// What speaks for each effect, and twice the log odds against none; `None` where one is not needed.
+fn needed(data: &IdData, best: &Decided) -> Option<Vec<(Evidence, f64)>> {
+    let with = judge(data, best, data);
+    let each = best.hypothesis.effects.iter().enumerate();
+    each.map(|(at, effect)| {
         let without = decide(data, best.hypothesis.without(at), None);
-        let gained = best.score - without.score;
-        let posterior = probability(gained + log_prior(1));
-        (posterior > 0.5).then_some((posterior, 2.0 * gained))
+        let gain = best.score - without.score;
+        let held_out = gained(&judge(data, &without, data), &with);
+        let evidence = Evidence { log_odds: gain + log_prior(1), held_out };
+        (evidence.posterior(effect.kind()) > 0.5).then_some((evidence, 2.0 * gain))
     })
     .collect()
 }

@@ -84,6 +84,11 @@ impl Kind {
     pub fn is_of_friction(self) -> bool {
         matches!(self, Kind::AsymmetricFriction | Kind::FrictionDrift)
     }
+
+    /// Whether it sets in at a time and stays.
+    pub fn is_change(self) -> bool {
+        matches!(self, Kind::LoadStep | Kind::GainChange | Kind::DeadTimeChange)
+    }
 }
 
 impl fmt::Display for Kind {
@@ -103,14 +108,25 @@ pub struct Parameter {
     pub unit: &'static str,
 }
 
+/// What speaks for an effect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evidence {
+    /// Logarithm of the odds for its kind, none and the other kinds together against it, on the samples that were fitted (-).
+    pub log_odds: f64,
+    /// Standard deviations by which the samples that nothing was fitted to speak for it (-).
+    pub held_out: f64,
+}
+
 /// One effect that was added to the model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Effect {
     /// Which.
     pub kind: Kind,
-    /// Probability that it is there, given the record (0..1); NaN where samples that were not fitted speak against it.
+    /// Probability that it is there, given the record (0..1).
     pub posterior: f64,
-    /// Evidence: twice the logarithm of the odds for it against none (-).
+    /// What that follows from; `None` where the signals alone show the effect.
+    pub evidence: Option<Evidence>,
+    /// Twice the logarithm of the odds for it against none (-).
     pub delta_aic: f64,
     /// The tag it comes from, where it is measured.
     pub tag: Option<String>,
@@ -289,7 +305,9 @@ pub struct Structure {
 pub struct Findings {
     /// In the order they were added; empty when the declared model suffices.
     pub effects: Vec<Effect>,
-    /// The likeliest kinds at the last step, none (`None`) among them, with their posteriors.
+    /// What was likeliest until samples spoke against it that nothing was fitted to.
+    pub rejected: Vec<(Kind, Evidence)>,
+    /// The likeliest kinds at the last step, those rejected and none (`None`) among them, with their posteriors.
     pub candidates: Vec<(Option<Kind>, f64)>,
     /// The declared model on the held-out samples, which are read once.
     pub before: Residual,

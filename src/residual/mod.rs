@@ -7,7 +7,8 @@
 //!
 //! x is the stem of the valve driven by OP, g and K what valve and process do to it (a stop, a curve, a change of gain or
 //! delay) and phi the shapes of loads. Friction and effects compete by one criterion ([`crate::sysid::criterion`]).
-//! Everything is fitted on the first 80 % of the window; the last 20 % is read once, for the errors before and after.
+//! Everything is fitted on the first 80 % of the window; the last 20 % is read once, for the errors before and after, and for
+//! what it says against an effect.
 //! Pure: the same window gives the same findings.
 
 mod backward_elimination;
@@ -19,6 +20,7 @@ mod detectable;
 pub mod effect;
 mod findings;
 pub mod forward_selection;
+mod held_out;
 pub mod hypotheses;
 pub mod hypothesis;
 mod interval;
@@ -29,7 +31,9 @@ mod trace;
 pub mod valve_search;
 
 pub use confirm::{LASTS_S, confirm};
-pub use findings::{Curves, Effect, Findings, Friction, Kind, Lasting, Parameter, Stem, Structure, Test};
+pub use findings::{
+    Curves, Effect, Evidence, Findings, Friction, Kind, Lasting, Parameter, Stem, Structure, Test,
+};
 
 use crate::diagnosis::{self, Diagnosis, gate, prepare};
 use crate::signal::{Record, Window, span_at_least};

@@ -4,30 +4,27 @@ use super::data_quality::Fact;
 use super::decide::{Decided, decide};
 use super::detectable::detectable;
 use super::effect::EffectModel;
-use super::findings::{Curves, Effect, Findings, Friction, Kind, Lasting, Parameter, Structure, Test};
-use super::hypothesis::{Hypothesis, OnData, direct_lags};
+use super::findings::{
+    Curves, Effect, Evidence, Findings, Friction, Kind, Lasting, Parameter, Structure, Test,
+};
+use super::held_out::{gained, judge};
+use super::hypothesis::{Hypothesis, direct_lags};
 use super::interval::interval;
 use super::posterior::probability;
 use super::trace::Outcome;
 use super::{Settings, checks};
-use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Residual, Verdict};
+use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Verdict};
 use crate::signal::told;
-use crate::sysid::armax::{Armax, Errors, Input, ORDER};
+use crate::sysid::armax::{Armax, ORDER};
 use crate::sysid::iddata::{IdData, Units};
-use crate::sysid::simulate::simulate;
-use crate::sysid::student;
 use crate::sysid::valve::{Rest, ValveModel};
-use crate::sysid::whiteness::is_white;
 
-/// J is another than S where they differ by more than this share of S: no model of a valve holds closer.
-const APART: f64 = 0.1;
-/// Standard deviations by which held-out samples speak against the effects, so that they are told with a doubt: one in a
-/// hundred by chance. An effect whose size is estimated badly extrapolates badly, so it is no proof against its kind.
-const MISLEADS: f64 = 2.33;
+/// J is another than S where it is told to differ by more than this share of S: no model of a valve holds closer than a tenth,
+/// and J/S is told within another tenth on 48 of 67 valves whose stems have mass
+/// (`tracing_rates --generators C --effects slip_jump --seeds 2 --first-seed 311 --clean 172 --evidence`).
+const APART: f64 = 0.2;
 /// Share of the largest f from which a bound excludes nothing.
 const EXCLUDES_NOTHING: f64 = 0.98;
-/// Free runs, one after the other, over the held-out samples.
-const STRETCHES: usize = 4;
 
 /// An effect in numbers and in one sentence.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,59 +88,20 @@ pub fn of_wave(data: &IdData, model: &Armax, w: f64) -> [f64; 2] {
     [a * data.units.y, b * data.units.u]
 }
 
-/// A model judged: over all samples its errors and its free run.
-struct Judged {
-    residual: Residual,
-    /// Log-likelihood of each held-out sample.
-    log_likelihoods: Vec<f64>,
-    e: Vec<f64>,
-    free: Vec<f64>,
-}
-
-/// Judges a model on the held-out samples that count in `counted`.
-fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
-    let input = OnData { hypothesis: &decided.hypothesis, data };
-    let signals = input.signals(&decided.model.theta);
-    let Errors { e, gains, .. } = decided.model.errors(data, &data.y, &signals, data.len());
-    let held = data.split..data.len();
-    let stretch = held.len().div_ceil(STRETCHES).max(1);
-    let free = simulate(&decided.model, data, &signals, &e, data.split, stretch);
-    let rms = |error: &dyn Fn(usize) -> f64| {
-        let sum: f64 = held.clone().map(|k| counted.weight[k] * error(k).powi(2)).sum();
-        let count: f64 = counted.weight[held.clone()].iter().sum();
-        (sum / count.max(1.0)).sqrt() * data.units.y
-    };
-    let kept: Vec<f64> = (data.first..data.len()).filter(|&k| data.weight[k] > 0.0).map(|k| e[k]).collect();
-    let residual = Residual {
-        white: is_white(&kept, 2 * ORDER),
-        one_step_rmse: rms(&|k| e[k]),
-        free_run_rmse: rms(&|k| free[k] - data.y[k]),
-    };
-    let model = &decided.model;
-    let each = |k: usize| {
-        let lost = gains.root.get(k).map_or(0.0, |root| counted.weight[k] * root.ln());
-        student::log_likelihood(&e[k..=k], &counted.weight[k..=k], model.scale, model.nu) - lost
-    };
-    let log_likelihoods = held.map(each).collect();
-    Judged {
-        residual,
-        log_likelihoods,
-        e,
-        free: simulate(&decided.model, data, &signals, &vec![0.0; data.len()], data.first, stretch),
-    }
-}
-
-/// What the held-out samples gain from the second model in log-likelihood, in standard deviations.
-fn gained(before: &Judged, after: &Judged) -> f64 {
-    let pairs = before.log_likelihoods.iter().zip(&after.log_likelihoods);
-    let by: Vec<f64> = pairs.map(|(before, after)| after - before).collect();
-    by.iter().sum::<f64>() / (by.iter().map(|by| by * by).sum::<f64>().sqrt().max(f64::MIN_POSITIVE))
-}
-
 /// Puts what was found into the plant's units; the held-out samples are read here, once.
 pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> Findings {
-    let Outcome { recorded, mut data, declared, mut best, facts, mut added, candidates, friction, slip_jump } =
-        outcome;
+    let Outcome {
+        recorded,
+        mut data,
+        declared,
+        mut best,
+        facts,
+        mut added,
+        rejected,
+        candidates,
+        friction,
+        slip_jump,
+    } = outcome;
     if best.hypothesis.valve.is_none() {
         best = without_direct(&mut data, best);
     }
@@ -178,7 +136,6 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
             reason += &format!("; f up to {} could be hidden", data.units.along_op(bound));
         }
     }
-    let misleads = gained(&before, &after) < -MISLEADS;
     let (stem, dir) = best.hypothesis.stem(&data);
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
     let sticks = |verdict: &Verdict| *verdict == Verdict::Stiction;
@@ -190,39 +147,33 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     let structure = structure(&data, &best.hypothesis, &facts, &failed).filter(|_| undisputed);
     let mut effects: Vec<Effect> = facts
         .into_iter()
-        .map(|fact| named(fact.kind, (fact.posterior, f64::NAN), None, fact.described))
+        .map(|fact| Effect {
+            posterior: fact.posterior,
+            ..named(fact.kind, None, f64::NAN, None, fact.described)
+        })
         .collect();
     let (_, mut gamma) = best.model.gamma.split_at(direct_lags(&data).min(best.model.gamma.len()));
-    for (effect, (posterior, delta_aic)) in best.hypothesis.effects.iter().zip(added) {
+    for (effect, (evidence, delta_aic)) in best.hypothesis.effects.iter().zip(added) {
         let mut own = Vec::new();
         effect.shapes(&data, &mut own);
         let (own, rest) = gamma.split_at(own.len().min(gamma.len()));
         gamma = rest;
-        let mut described = effect.describe(&data, &best.model, own);
-        if misleads {
-            described.explanation += "; doubt it: with it, samples that were not fitted are predicted worse";
-        }
-        // A posterior is one of models; where samples speak against the model it says nothing.
-        let posterior = if misleads { f64::NAN } else { posterior };
-        effects.push(named(
-            effect.kind(),
-            (posterior, delta_aic),
-            effect.tag().map(str::to_string),
-            described,
-        ));
+        let described = effect.describe(&data, &best.model, own);
+        let tag = effect.tag().map(str::to_string);
+        effects.push(named(effect.kind(), Some(evidence), delta_aic, tag, described));
     }
-    let apart = |valve: ValveModel| (valve.j / valve.s - 1.0).abs() > APART;
-    if verdict == Verdict::Stiction && slip_jump > 0.0 && best.hypothesis.valve.is_some_and(apart) {
-        let evidence = (probability(slip_jump), 2.0 * slip_jump);
-        effects.extend(best.hypothesis.valve.map(|valve| {
-            let [s, j] = [valve.s, valve.j].map(|band| band * data.units.u);
-            named(Kind::SlipJump, evidence, None, slip(s, j, &data.units))
-        }));
+    let apart = |valve: &ValveModel| (valve.j / valve.s - 1.0).abs() > APART;
+    let slips = verdict == Verdict::Stiction && slip_jump.posterior(Kind::SlipJump) > 0.5;
+    if let Some(valve) = best.hypothesis.valve.filter(|valve| slips && apart(valve)) {
+        let [s, j] = [valve.s, valve.j].map(|band| band * data.units.u);
+        let described = slip(s, j, &data.units);
+        effects.push(named(Kind::SlipJump, Some(slip_jump), 2.0 * slip_jump.log_odds, None, described));
     }
     let unit = |v: &[f64], data: &IdData| v.iter().map(|y| y * data.units.y + data.units.y0).collect();
     let scaled = |v: &[f64]| v.iter().map(|y| y * data.units.y).collect();
     Findings {
         effects,
+        rejected,
         candidates,
         simulates_worse: after.residual.free_run_rmse > 1.0001 * before.residual.free_run_rmse,
         unexplained: !after.residual.white,
@@ -291,7 +242,7 @@ fn with_friction(
     data: &IdData,
     hypothesis: &Hypothesis,
     valve: Option<ValveModel>,
-    added: &mut Vec<(f64, f64)>,
+    added: &mut Vec<(Evidence, f64)>,
 ) -> Decided {
     let mut other = hypothesis.with_valve(valve);
     let told = std::mem::take(&mut other.effects).into_iter().zip(added.drain(..));
@@ -322,12 +273,14 @@ fn friction_before(diagnosis: &Diagnosis) -> Friction {
 
 fn named(
     kind: Kind,
-    (posterior, delta_aic): (f64, f64),
+    evidence: Option<Evidence>,
+    delta_aic: f64,
     tag: Option<String>,
     described: Described,
 ) -> Effect {
     let Described { parameters, place, explanation } = described;
-    Effect { kind, posterior, delta_aic, tag, parameters, place, explanation }
+    let posterior = evidence.map_or(1.0, |evidence| evidence.posterior(kind));
+    Effect { kind, posterior, evidence, delta_aic, tag, parameters, place, explanation }
 }
 
 /// The slip jump of a valve (OP unit).

@@ -3,10 +3,11 @@
 use super::backward_elimination::eliminate;
 use super::data_quality::{Fact, assess};
 use super::decide::{Decided, arx, decide, scored};
-use super::findings::{Findings, Kind, Stem};
+use super::findings::{Evidence, Findings, Kind, Stem};
 use super::forward_selection::{compare, table};
+use super::held_out::speak_for;
 use super::hypothesis::Hypothesis;
-use super::posterior::{class, log_prior};
+use super::posterior::{Table, class, log_prior};
 use super::report::report;
 use super::valve_search::{Effort, Found, search};
 use super::{Row, Settings};
@@ -29,14 +30,16 @@ pub struct Outcome {
     pub best: Decided,
     /// What the signals alone show.
     pub facts: Vec<Fact>,
-    /// Posterior of each effect of the likeliest hypothesis, and twice the log odds against none.
-    pub added: Vec<(f64, f64)>,
+    /// What speaks for each effect of the likeliest hypothesis, and twice the log odds against none.
+    pub added: Vec<(Evidence, f64)>,
+    /// What was likeliest until held-out samples spoke against it.
+    pub rejected: Vec<(Kind, Evidence)>,
     /// The kinds at the last step.
     pub candidates: Vec<(Option<Kind>, f64)>,
     /// Logarithm of the odds for friction, over all hypotheses of the last step.
     pub friction: f64,
-    /// Logarithm of the odds for a J of its own, where there is friction.
-    pub slip_jump: f64,
+    /// What speaks for a J of its own, where there is friction.
+    pub slip_jump: Evidence,
 }
 
 /// See [`super::trace`].
@@ -75,7 +78,7 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
         return None;
     }
     let declared = decide(&recorded, Hypothesis { valve, effects: Vec::new() }, None);
-    let mut outcome = select(&data, settings, found)?;
+    let mut outcome = select_confirmed(&data, settings, found)?;
     outcome.recorded = recorded;
     outcome.facts = facts;
     outcome.declared = declared;
@@ -151,11 +154,78 @@ fn informed(settings: &Settings, unit: f64) -> Vec<ValveModel> {
     valves.flat_map(|valve| shares.iter().map(move |share| ValveModel { j: share * s, ..valve })).collect()
 }
 
-/// Forward selection with backward elimination; `found`: the valves without an effect.
-fn select(data: &IdData, settings: &Settings, mut found: Vec<Found>) -> Option<Outcome> {
-    let mut pool = Vec::new();
-    let mut effects = Hypothesis::default();
-    let mut added: Vec<(f64, f64)> = Vec::new();
+/// What a selection goes on from: effects, what was found to speak for them, and the valves beside them.
+struct Begun {
+    effects: Hypothesis,
+    added: Vec<(Evidence, f64)>,
+    found: Vec<Found>,
+    pool: Vec<ValveModel>,
+}
+
+/// Selects effects, then asks the held-out samples about each: one that is less likely than not with them goes, is not added
+/// again, and the selection goes on. `found`: the valves without an effect.
+fn select_confirmed(data: &IdData, settings: &Settings, found: Vec<Found>) -> Option<Outcome> {
+    let mut rejected: Vec<(Kind, Evidence)> = Vec::new();
+    let effects = Hypothesis::default();
+    let mut begun = Begun { effects, added: Vec::new(), found: found.clone(), pool: Vec::new() };
+    loop {
+        let mut outcome = select(data, settings, &rejected, begun)?;
+        let mut posteriors = Vec::new();
+        for (at, (evidence, _)) in outcome.added.iter_mut().enumerate() {
+            evidence.held_out = speak_for(data, &outcome.best, at);
+            let kind = outcome.best.hypothesis.effects[at].kind();
+            posteriors.push((evidence.posterior(kind), at, kind));
+        }
+        let least = posteriors.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((_, at, kind)) = least.filter(|least| least.0 <= 0.5) else {
+            outcome.candidates = with_rejected(outcome.candidates, &rejected);
+            outcome.rejected = rejected;
+            return Some(outcome);
+        };
+        rejected.push((kind, outcome.added.remove(at).0));
+        let effects = outcome.best.hypothesis.without(at);
+        let mut pool: Vec<ValveModel> = outcome.best.hypothesis.valve.into_iter().collect();
+        pool.extend(found.iter().map(|found| found.valve));
+        let found = match effects.effects.is_empty() {
+            true => found.clone(),
+            false => search(data, &effects, &pool, Effort::Near),
+        };
+        begun = Begun { effects, added: outcome.added, found, pool };
+    }
+}
+
+/// The candidates with those that were rejected, which take their share from the others.
+fn with_rejected(
+    candidates: Vec<(Option<Kind>, f64)>,
+    rejected: &[(Kind, Evidence)],
+) -> Vec<(Option<Kind>, f64)> {
+    let mut all = candidates;
+    for (kind, evidence) in rejected {
+        let own = evidence.posterior(*kind);
+        all.iter_mut().for_each(|other| other.1 *= 1.0 - own);
+        all.push((Some(*kind), own));
+    }
+    all.sort_by(|a, b| b.1.total_cmp(&a.1));
+    all
+}
+
+/// What speaks for a J of its own among the hypotheses with friction; held-out samples are not asked, because they hardly tell
+/// one J from another.
+pub fn slip_jump(table: &Table<'_>) -> Evidence {
+    let sticks = |d: &Decided| d.hypothesis.valve.is_some();
+    let log_odds = table.log_odds_within(sticks, |d| class(&d.hypothesis) == 2) + log_prior(1);
+    Evidence { log_odds, held_out: 0.0 }
+}
+
+/// Forward selection with backward elimination; where what was `rejected` is likeliest, nothing takes its place.
+fn select(
+    data: &IdData,
+    settings: &Settings,
+    rejected: &[(Kind, Evidence)],
+    begun: Begun,
+) -> Option<Outcome> {
+    let most = settings.most_effects;
+    let Begun { mut effects, mut added, mut found, mut pool } = begun;
     let mut steps = 0;
     loop {
         steps += 1;
@@ -164,8 +234,10 @@ fn select(data: &IdData, settings: &Settings, mut found: Vec<Found>) -> Option<O
         let kinds = table.kinds();
         let (kind, posterior) = *kinds.first()?;
         // Two effects that stand in for each other would take turns without end.
-        let full = added.len() >= settings.most_effects || steps > 2 * settings.most_effects;
-        let next = table.best(kind).filter(|_| kind.is_some() && posterior > 0.5 && !full);
+        let full = added.len() >= most || steps > 2 * most;
+        let was_rejected = |kind: Option<Kind>| rejected.iter().any(|own| Some(own.0) == kind);
+        let addable = kind.is_some() && !was_rejected(kind) && posterior > 0.5 && !full;
+        let next = table.best(kind).filter(|_| addable);
         let none = table.best(None)?;
         let Some(next) = next else {
             let sticks = |d: &Decided| d.hypothesis.valve.is_some();
@@ -176,12 +248,15 @@ fn select(data: &IdData, settings: &Settings, mut found: Vec<Found>) -> Option<O
                 best: none.clone(),
                 facts: Vec::new(),
                 added,
-                candidates: kinds.iter().copied().take(3).collect(),
+                rejected: Vec::new(),
+                candidates: kinds.into_iter().filter(|own| !was_rejected(own.0)).collect(),
                 friction: table.log_odds(sticks),
-                slip_jump: table.log_odds_within(sticks, |d| class(&d.hypothesis) == 2) + log_prior(1),
+                slip_jump: slip_jump(&table),
             });
         };
-        added.push((posterior, 2.0 * (next.score - none.score)));
+        // Held-out samples are asked once everything is selected.
+        let evidence = Evidence { log_odds: table.log_odds_of(kind), held_out: 0.0 };
+        added.push((evidence, 2.0 * (next.score - none.score)));
         let mut keep: Vec<usize> = (0..added.len()).collect();
         let best = eliminate(data, next.clone(), &pool, &mut keep);
         added = keep.iter().map(|at| added[*at]).collect();

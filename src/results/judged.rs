@@ -133,6 +133,7 @@ pub(crate) mod tests {
         let f = if verdict == Verdict::Stiction { 2.208 } else { 0.0 };
         Findings {
             effects,
+            rejected: Vec::new(),
             candidates: vec![(Some(Kind::GainChange), 0.48), (Some(Kind::LoadStep), 0.41), (None, 0.11)],
             after: Residual { white: true, one_step_rmse: 0.012, free_run_rmse: 0.44 },
             before: residual,
@@ -156,6 +157,7 @@ pub(crate) mod tests {
         Effect {
             kind,
             posterior,
+            evidence: None,
             delta_aic: 31.0,
             tag: None,
             parameters: vec![Parameter { name: "ratio", value: 1.5, unit: "-" }],

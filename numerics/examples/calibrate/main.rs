@@ -3,6 +3,7 @@
 //! `cargo run --release -p stictiond-numerics --example calibrate -- oscillation`.
 
 mod logistic;
+mod posterior;
 mod waves;
 
 use clap::Parser;
@@ -21,12 +22,19 @@ enum Asked {
         /// File with what `plantwide_rates --signs` has printed of plants of other seeds
         file: PathBuf,
     },
+    /// Fit how often an effect is there for which so much speaks
+    Posterior {
+        /// Files with what `tracing_rates --evidence` has printed of loops of other seeds
+        #[arg(required = true)]
+        files: Vec<PathBuf>,
+    },
 }
 
 fn main() {
     match Asked::parse() {
         Asked::Oscillation => oscillation(),
         Asked::Rank { file } => rank(&file),
+        Asked::Posterior { files } => posterior::posterior(&files),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::generators::{Case, Generator};
 use stictiond_numerics::diagnosis::{self, Verdict, diagnose};
-use stictiond_numerics::residual::{self, Findings, Kind, trace_record};
+use stictiond_numerics::residual::{self, Effect, Evidence, Findings, Kind, trace_record};
 
 /// What was found on one case.
 pub struct Judged {
@@ -13,6 +13,10 @@ pub struct Judged {
     pub named: Vec<(Kind, f64)>,
     /// Twice the log odds of each against none.
     pub evidence: Vec<f64>,
+    /// The numbers of each.
+    pub numbers: Vec<String>,
+    /// Effects that are no facts of the signals, named or rejected, with what speaks for them.
+    pub weighed: Vec<(Kind, Evidence, String)>,
     /// The kinds at the last step, none among them, with their posteriors.
     pub candidates: Vec<(Option<Kind>, f64)>,
     /// Effects that are there beside the one asked for.
@@ -80,13 +84,29 @@ impl Judged {
         self.named.iter().map(|(kind, p)| (*p, self.is_there(*kind))).collect()
     }
 
+    /// Each effect that was named or rejected: generator, true effect, seed, kind, log odds, what held-out samples say, whether it
+    /// is there, its numbers and the loop in words.
+    pub fn evidence_lines(&self) -> Vec<String> {
+        let generator = self.name.chars().next().unwrap_or('?');
+        let truth = self.case.effect.map_or("clean", Kind::as_str);
+        let line = |(kind, Evidence { log_odds, held_out }, numbers): &(Kind, Evidence, String)| {
+            let there = u8::from(self.is_there(*kind));
+            format!(
+                "evidence {generator} {truth} {} {kind} {log_odds:.3} {held_out:.3} {there}{numbers} of {}",
+                self.case.seed, self.name
+            )
+        };
+        self.weighed.iter().map(line).collect()
+    }
+
     /// The case in a line.
     pub fn line(&self) -> String {
         let names: Vec<String> = self
             .named
             .iter()
             .zip(&self.evidence)
-            .map(|((kind, p), e)| format!("{kind} {p:.2} ({e:.0})"))
+            .zip(&self.numbers)
+            .map(|(((kind, p), e), numbers)| format!("{kind}{numbers} {p:.2} ({e:.0})"))
             .collect();
         let of = |c: &(Option<Kind>, f64)| format!("{} {:.2}", c.0.map_or("none", Kind::as_str), c.1);
         let candidates: Vec<String> = self.candidates.iter().map(of).collect();
@@ -123,6 +143,8 @@ pub fn judge(generator: &Generator, case: &Case, told: bool) -> Judged {
         name: format!("{} {kind} v{} seed {} {}", generator.name, case.variant, case.seed, truth.name),
         named: found.iter().flat_map(|f| &f.effects).map(|e| (e.kind, e.posterior)).collect(),
         evidence: found.iter().flat_map(|f| &f.effects).map(|e| e.delta_aic).collect(),
+        numbers: found.iter().flat_map(|f| &f.effects).map(numbers).collect(),
+        weighed: found.as_ref().map(weighed).unwrap_or_default(),
         candidates: found.as_ref().map(|f| f.candidates.clone()).unwrap_or_default(),
         also: truth.also,
         identifiable: None,
@@ -154,6 +176,18 @@ pub fn judge(generator: &Generator, case: &Case, told: bool) -> Judged {
         judged.identifiable = Some(first.is_some_and(|e| e.kind == kind));
     }
     judged
+}
+
+/// What speaks for the effects that were named or rejected.
+fn weighed(found: &Findings) -> Vec<(Kind, Evidence, String)> {
+    let named = found.effects.iter().filter_map(|e| Some((e.kind, e.evidence?, numbers(e))));
+    let rejected = found.rejected.iter().map(|(kind, evidence)| (*kind, *evidence, String::new()));
+    named.chain(rejected).collect()
+}
+
+/// The numbers of an effect.
+fn numbers(effect: &Effect) -> String {
+    effect.parameters.iter().map(|p| format!(" {} {:.3}", p.name, p.value)).collect()
 }
 
 /// What a load of this kind is worth at the valve (OP): as the generators count it, of a ramp its rise over the record.

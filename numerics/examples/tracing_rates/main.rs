@@ -55,6 +55,9 @@ struct Options {
     /// Print every case that is not right
     #[arg(long)]
     each: bool,
+    /// Print what speaks for every effect that is named or rejected, for `calibrate posterior`
+    #[arg(long)]
+    evidence: bool,
     /// Write the cases as CSV to this folder, and trace none
     #[arg(long, value_name = "FOLDER")]
     records: Option<PathBuf>,
@@ -140,12 +143,12 @@ fn rates(generator: &Generator, options: &Options) {
     for &kind in options.kinds() {
         let found = run(generator, options, &cases(generator, kind, options), &mut spent);
         naming(kind.as_str(), &found, options.told);
-        show(&found, options.each);
+        show(&found, options);
         all.extend(found);
     }
     naming("all", &all, options.told);
     let quiet = run(generator, options, &clean(generator, options), &mut spent);
-    show(&quiet, options.each);
+    show(&quiet, options);
     println!();
     invented(&quiet);
     reliability(&all, &quiet);
@@ -185,9 +188,14 @@ fn naming(label: &str, found: &[Judged], told: bool) {
     );
 }
 
-fn show(found: &[Judged], each: bool) {
-    for j in found.iter().filter(|j| each && (j.naming() != Naming::Right || !j.beside().is_empty())) {
-        println!("  {}", j.line());
+fn show(found: &[Judged], options: &Options) {
+    for j in found {
+        if options.each && (j.naming() != Naming::Right || !j.beside().is_empty()) {
+            println!("  {}", j.line());
+        }
+        if options.evidence {
+            j.evidence_lines().iter().for_each(|line| println!("{line}"));
+        }
     }
 }
 

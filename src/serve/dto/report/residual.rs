@@ -83,7 +83,7 @@ pub struct ReportStem {
 pub struct ReportEffect {
     /// Which effect: `oscillating_load`, `measured_disturbance`, ….
     pub kind: String,
-    /// Probability that it is there (0..1); null where samples that were not fitted speak against it.
+    /// Probability that it is there (0..1).
     pub posterior: Option<f64>,
     /// Evidence for it, twice the logarithm of the odds against none (-); null where the signals alone show it.
     pub delta_aic: Option<f64>,

@@ -1,0 +1,59 @@
+//! How often an effect is there for which so much speaks.
+
+use std::path::PathBuf;
+use stictiond_numerics::residual::Kind;
+
+/// Limits of the logarithm of the odds.
+const ODDS: [f64; 6] = [0.0, 2.5, 5.0, 10.0, 20.0, f64::INFINITY];
+/// Limits of what held-out samples say (standard deviations).
+const HELD_OUT: [f64; 4] = [f64::NEG_INFINITY, -1.0, 1.0, f64::INFINITY];
+
+/// An effect that was named or rejected.
+struct Weighed {
+    kind: Kind,
+    log_odds: f64,
+    held_out: f64,
+    there: bool,
+}
+
+/// Prints how many were there, of how many, by the odds and by what held-out samples say.
+pub fn posterior(files: &[PathBuf]) {
+    let text: String = files.iter().map(|file| std::fs::read_to_string(file).unwrap_or_default()).collect();
+    let rows: Vec<Weighed> = text.lines().filter_map(weighed).collect();
+    println!("| | log odds | z < -1 | -1 to 1 | from 1 |");
+    println!("|---|---|---|---|---|");
+    for group in ["changes", "slip jumps", "others"] {
+        for odds in ODDS.windows(2) {
+            let cell = |held_out: &[f64]| {
+                let own = rows.iter().filter(|row| {
+                    group_of(row.kind) == group
+                        && (odds[0]..odds[1]).contains(&row.log_odds)
+                        && (held_out[0]..held_out[1]).contains(&row.held_out)
+                });
+                let (there, of) =
+                    own.fold((0, 0), |(there, of), row| (there + usize::from(row.there), of + 1));
+                format!("{there} of {of}")
+            };
+            let cells: Vec<String> = HELD_OUT.windows(2).map(cell).collect();
+            println!("| {group} | {} to {} | {} |", odds[0], odds[1], cells.join(" | "));
+        }
+    }
+}
+
+/// The row of the table that a kind counts in.
+fn group_of(kind: Kind) -> &'static str {
+    match kind {
+        Kind::SlipJump => "slip jumps",
+        _ if kind.is_change() => "changes",
+        _ => "others",
+    }
+}
+
+/// A line as `evidence C clean 301 slip_jump 6.205 -0.310 0 ...`.
+fn weighed(line: &str) -> Option<Weighed> {
+    let cells: Vec<&str> = line.split_whitespace().collect();
+    let ["evidence", _, _, _, kind, log_odds, held_out, there, ..] = cells[..] else { return None };
+    let kind = Kind::ALL.into_iter().find(|own| own.as_str() == kind)?;
+    let [log_odds, held_out] = [log_odds.parse().ok()?, held_out.parse().ok()?];
+    Some(Weighed { kind, log_odds, held_out, there: there == "1" })
+}

@@ -1,0 +1,73 @@
+//! A model on the samples that nothing was fitted to: they are the last of the window, so what changed must stay changed there,
+//! and what goes on must go on.
+
+use super::decide::{Decided, decide};
+use super::hypothesis::OnData;
+use crate::diagnosis::Residual;
+use crate::sysid::armax::{Errors, Input, ORDER};
+use crate::sysid::iddata::IdData;
+use crate::sysid::simulate::simulate;
+use crate::sysid::student;
+use crate::sysid::whiteness::is_white;
+
+/// Free runs, one after the other, over the held-out samples.
+const STRETCHES: usize = 4;
+
+/// A model judged: over all samples its errors and its free run.
+pub struct Judged {
+    /// Its errors on the held-out samples.
+    pub residual: Residual,
+    /// Log-likelihood of each held-out sample.
+    log_likelihoods: Vec<f64>,
+    /// Its errors one step ahead.
+    pub e: Vec<f64>,
+    /// Its free run.
+    pub free: Vec<f64>,
+}
+
+/// Judges a model on the held-out samples that count in `counted`.
+pub fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
+    let input = OnData { hypothesis: &decided.hypothesis, data };
+    let signals = input.signals(&decided.model.theta);
+    let Errors { e, gains, .. } = decided.model.errors(data, &data.y, &signals, data.len());
+    let held = data.split..data.len();
+    let stretch = held.len().div_ceil(STRETCHES).max(1);
+    let free = simulate(&decided.model, data, &signals, &e, data.split, stretch);
+    let rms = |error: &dyn Fn(usize) -> f64| {
+        let sum: f64 = held.clone().map(|k| counted.weight[k] * error(k).powi(2)).sum();
+        let count: f64 = counted.weight[held.clone()].iter().sum();
+        (sum / count.max(1.0)).sqrt() * data.units.y
+    };
+    let kept: Vec<f64> = (data.first..data.len()).filter(|&k| data.weight[k] > 0.0).map(|k| e[k]).collect();
+    let residual = Residual {
+        white: is_white(&kept, 2 * ORDER),
+        one_step_rmse: rms(&|k| e[k]),
+        free_run_rmse: rms(&|k| free[k] - data.y[k]),
+    };
+    let model = &decided.model;
+    let each = |k: usize| {
+        let lost = gains.root.get(k).map_or(0.0, |root| counted.weight[k] * root.ln());
+        student::log_likelihood(&e[k..=k], &counted.weight[k..=k], model.scale, model.nu) - lost
+    };
+    let log_likelihoods = held.map(each).collect();
+    Judged {
+        residual,
+        log_likelihoods,
+        e,
+        free: simulate(&decided.model, data, &signals, &vec![0.0; data.len()], data.first, stretch),
+    }
+}
+
+/// What the held-out samples gain from the second model in log-likelihood, in standard deviations.
+pub fn gained(before: &Judged, after: &Judged) -> f64 {
+    let pairs = before.log_likelihoods.iter().zip(&after.log_likelihoods);
+    let by: Vec<f64> = pairs.map(|(before, after)| after - before).collect();
+    by.iter().sum::<f64>() / (by.iter().map(|by| by * by).sum::<f64>().sqrt().max(f64::MIN_POSITIVE))
+}
+
+/// By how many standard deviations the held-out samples speak for the effect at `at` of a fitted hypothesis: for it with that
+/// effect, against the same fitted without.
+pub fn speak_for(data: &IdData, best: &Decided, at: usize) -> f64 {
+    let without = decide(data, best.hypothesis.without(at), None);
+    gained(&judge(data, &without, data), &judge(data, best, data))
+}
