@@ -54,7 +54,7 @@ fn serves_until_told_to_stop_and_refuses_a_bad_reload() {
     signal(&child, "-HUP");
     // One entry for each of the two errors, in the order of the file.
     for error in ["run.toml:1:1: no [[loop]]", "run.toml:2:10: listen: "] {
-        let refused = wait_for(&mut log, "refused");
+        let refused = wait_for(&mut log, "the configuration is refused");
         assert_eq!(refused["level"], "ERROR");
         assert!(refused["error"].as_str().unwrap().contains(error), "{refused}");
     }
