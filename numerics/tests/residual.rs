@@ -96,6 +96,10 @@ fn holds(generator: &Generator, rates: &Rates) {
     at_least("named right", right, hidden.len(), rates.named);
     let invented = quiet.iter().filter(|j| !j.beside().is_empty()).count();
     at_most("invented on", invented, quiet.len(), rates.invented);
+    let named: Vec<(f64, bool)> = found.iter().flat_map(Judged::competing).collect();
+    let share = named.iter().map(|own| own.0).sum::<f64>() / named.len() as f64;
+    let there = named.iter().filter(|own| own.1).count();
+    at_least("there of what is named, as often as the posteriors say", there, named.len(), share);
     let accused: Vec<&&Judged> = sound.iter().filter(|j| j.sticks).collect();
     at_most("accused", accused.len(), sound.len(), rates.accused);
     assert!(accused.iter().all(|j| j.case.effect.is_some()), "a sound loop with nothing hidden is accused");
