@@ -1,5 +1,6 @@
 //! How often an effect is there for which so much speaks.
 
+use std::collections::HashMap;
 use std::path::PathBuf;
 use stictiond_numerics::residual::Kind;
 
@@ -7,6 +8,10 @@ use stictiond_numerics::residual::Kind;
 const ODDS: [f64; 6] = [0.0, 2.5, 5.0, 10.0, 20.0, f64::INFINITY];
 /// Limits of what held-out samples say (standard deviations).
 const HELD_OUT: [f64; 4] = [f64::NEG_INFINITY, -1.0, 1.0, f64::INFINITY];
+
+/// Values tried of the two limits that the program has: of the odds, and of what held-out samples say.
+const LIKELY: [f64; 6] = [1.0, 2.5, 4.0, 5.0, 7.5, 10.0];
+const SPEAKS: [f64; 6] = [0.5, 0.75, 1.0, 1.5, 2.0, 2.5];
 
 /// An effect that was named or rejected.
 struct Weighed {
@@ -16,7 +21,7 @@ struct Weighed {
     there: bool,
 }
 
-/// Prints how many were there, of how many, by the odds and by what held-out samples say.
+/// Prints how many were there, of how many, by the odds and by what held-out samples say, and how good other limits are.
 pub fn posterior(files: &[PathBuf]) {
     let text: String = files.iter().map(|file| std::fs::read_to_string(file).unwrap_or_default()).collect();
     let rows: Vec<Weighed> = text.lines().filter_map(weighed).collect();
@@ -38,6 +43,41 @@ pub fn posterior(files: &[PathBuf]) {
             println!("| {group} | {} to {} | {} |", odds[0], odds[1], cells.join(" | "));
         }
     }
+    println!("\nmean log score of each effect by the share among the others, for each limit of z");
+    println!("| limit of the log odds | {} |", SPEAKS.map(|speaks| speaks.to_string()).join(" | "));
+    println!("|---|{}", "---|".repeat(SPEAKS.len()));
+    for likely in LIKELY {
+        let scores = SPEAKS.map(|speaks| format!("{:.4}", score(&rows, likely, speaks)));
+        println!("| {likely} | {} |", scores.join(" | "));
+    }
+}
+
+/// The cell of the program's table that an effect counts in.
+fn cell(row: &Weighed, likely: f64, speaks: f64) -> (&'static str, bool, usize) {
+    let (group, is_likely) = (group_of(row.kind), row.log_odds >= likely);
+    let said = usize::from(row.held_out >= -speaks) + usize::from(row.held_out >= speaks);
+    match group {
+        "changes" => (group, true, said),
+        "slip jumps" => (group, is_likely, 0),
+        _ if is_likely => (group, true, said),
+        _ => (group, false, said.min(1)),
+    }
+}
+
+/// The mean logarithmic score, each effect left out of its own share.
+fn score(rows: &[Weighed], likely: f64, speaks: f64) -> f64 {
+    let mut counts: HashMap<(&str, bool, usize), (f64, f64)> = HashMap::new();
+    for row in rows {
+        let count = counts.entry(cell(row, likely, speaks)).or_default();
+        *count = (count.0 + f64::from(u8::from(row.there)), count.1 + 1.0);
+    }
+    let of = |row: &Weighed| {
+        let (there, of) = counts[&cell(row, likely, speaks)];
+        let own = f64::from(u8::from(row.there));
+        let p = (there - own + 0.5) / of;
+        if row.there { p.ln() } else { (1.0 - p).ln() }
+    };
+    rows.iter().map(of).sum::<f64>() / rows.len().max(1) as f64
 }
 
 /// The row of the table that a kind counts in.
