@@ -19,7 +19,7 @@ use super::data_quality::{Fact, assess};
 use super::decide::{Decided, arx, decide, scored};
 use super::findings::{Evidence, Findings, Friction, Structure};
 use super::forward_selection::table;
-use super::held_out::{gained, judge};
+use super::held_out::{judge, without};
 use super::hypotheses::load::oscillating_load::Oscillating;
 use super::hypotheses::{ALL, Propose, again};
 use super::hypothesis::Hypothesis;
@@ -199,9 +199,8 @@ fn needed(data: &IdData, best: &Decided) -> Option<Vec<(Evidence, f64)>> {
     let with = judge(data, best, data);
     let each = best.hypothesis.effects.iter().enumerate();
     each.map(|(at, effect)| {
-        let without = decide(data, best.hypothesis.without(at), None);
+        let (without, held_out) = without(data, best, &with, at);
         let gain = best.score - without.score;
-        let held_out = gained(&judge(data, &without, data), &with);
         let evidence = Evidence { log_odds: gain + log_prior(1), held_out };
         (evidence.posterior(effect.kind()) > 0.5).then_some((evidence, 2.0 * gain))
     })

@@ -65,9 +65,10 @@ pub fn gained(before: &Judged, after: &Judged) -> f64 {
     by.iter().sum::<f64>() / (by.iter().map(|by| by * by).sum::<f64>().sqrt().max(f64::MIN_POSITIVE))
 }
 
-/// By how many standard deviations the held-out samples speak for the effect at `at` of a fitted hypothesis: for it with that
-/// effect, against the same fitted without.
-pub fn speak_for(data: &IdData, best: &Decided, at: usize) -> f64 {
+/// The model without the effect at `at`, fitted, and by how many standard deviations the held-out samples speak for the model with
+/// it, which is judged already.
+pub fn without(data: &IdData, best: &Decided, with: &Judged, at: usize) -> (Decided, f64) {
     let without = decide(data, best.hypothesis.without(at), None);
-    gained(&judge(data, &without, data), &judge(data, best, data))
+    let held_out = gained(&judge(data, &without, data), with);
+    (without, held_out)
 }

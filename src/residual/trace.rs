@@ -5,7 +5,7 @@ use super::data_quality::{Fact, assess};
 use super::decide::{Decided, arx, decide, scored};
 use super::findings::{Evidence, Findings, Kind, Stem};
 use super::forward_selection::{compare, table};
-use super::held_out::speak_for;
+use super::held_out::{judge, without};
 use super::hypothesis::Hypothesis;
 use super::posterior::{Table, class, log_prior};
 use super::report::report;
@@ -171,8 +171,9 @@ fn select_confirmed(data: &IdData, settings: &Settings, found: Vec<Found>) -> Op
     loop {
         let mut outcome = select(data, settings, &rejected, begun)?;
         let mut posteriors = Vec::new();
+        let with = judge(data, &outcome.best, data);
         for (at, (evidence, _)) in outcome.added.iter_mut().enumerate() {
-            evidence.held_out = speak_for(data, &outcome.best, at);
+            evidence.held_out = without(data, &outcome.best, &with, at).1;
             let kind = outcome.best.hypothesis.effects[at].kind();
             posteriors.push((evidence.posterior(kind), at, kind));
         }
