@@ -60,21 +60,33 @@ pub fn span_of_unit(unit: &str) -> Option<f64> {
     }
 }
 
+/// The usual span that limits are written for: as wide, or beyond both of its ends.
+fn usual((low, high): (f64, f64)) -> Option<f64> {
+    let fits = |(zero, span): &(f64, f64)| {
+        let (below, above) = ((zero - low) / span, (high - zero - span) / span);
+        let beyond = |share: f64| (1e-6..=OVERTRAVEL).contains(&share);
+        ((high - low) / span - 1.0).abs() < 1e-6 || beyond(below) && beyond(above)
+    };
+    USUAL.into_iter().find(fits).map(|(_, span)| span)
+}
+
 /// Signals whose values tell them: least and most value, and the span. Values of 4 to 20 could be mA and per cent alike.
 const SIGNALS: [(f64, f64, f64); 3] = [(0.0038, 0.0205, 0.016), (-0.05, 1.05, 1.0), (-5.0, 110.0, 100.0)];
 /// Values that may be mA, or per cent of a valve that is nearly closed.
 pub const MILLIAMPERES: (f64, f64) = (3.8, 20.5);
 /// Spans of OP that are believed; beyond them nothing can be told in per cent.
 const SPANS: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
-/// Spans that limits are written for.
-const USUAL: [f64; 4] = [1.0, 16.0, 0.016, 100.0];
+/// Zero and span that limits are written for.
+const USUAL: [(f64, f64); 4] = [(0.0, 1.0), (4.0, 16.0), (0.004, 0.016), (0.0, 100.0)];
+/// Output limits may reach beyond the span by this share of it to each side: a valve is closed tightly at -5 %.
+const OVERTRAVEL: f64 = 0.15;
 
 impl Scale<'_> {
     /// The span of OP, and where it is known from; `op` may be empty.
     pub fn span(&self, op: &[Sample]) -> (Option<f64>, SpanSource) {
         let limits = self.limits.map(|(low, high)| high - low).filter(|span| *span > 0.0);
         let unit = self.unit.and_then(span_of_unit);
-        let usual = limits.filter(|span| USUAL.iter().any(|usual| (span - usual).abs() < 1e-6 * usual));
+        let usual = self.limits.and_then(usual);
         let told = [(self.given, SpanSource::Given), (usual, SpanSource::Limits), (unit, SpanSource::Unit)];
         for (span, source) in told.into_iter().chain([(limits, SpanSource::Limits)]) {
             if span.is_some() {
@@ -94,7 +106,7 @@ impl Scale<'_> {
         let span = self.given.filter(|span| span.is_finite() && *span > 0.0)?;
         if let Some((low, high)) = self.limits.filter(|(low, high)| low < high) {
             let wide = high - low;
-            if wide > 1.01 * span || wide * NARROWER < span {
+            if wide > (1.01 + 2.0 * OVERTRAVEL) * span || wide * NARROWER < span {
                 return Some(format!(
                     "op_span = {span} and op_limits = [{low}, {high}] contradict each other: the limits are {wide} apart; \
                      both are in OP's own unit, 100 for per cent, 16 for mA"
@@ -181,6 +193,11 @@ mod tests {
         assert_eq!(of(Some(50.0), Some((0.0, 100.0)), Some("%"), &[]), (Some(50.0), SpanSource::Given));
         assert_eq!(of(None, Some((0.0, 1.0)), None, &[0.4]), (Some(1.0), SpanSource::Limits));
         assert_eq!(of(None, Some((5.0, 95.0)), Some("%"), &[]), (Some(100.0), SpanSource::Unit));
+        for over in [(-5.0, 105.0), (-6.9, 106.9), (-10.0, 110.0)] {
+            assert_eq!(of(None, Some(over), None, &[]), (Some(100.0), SpanSource::Limits), "{over:?}");
+        }
+        assert_eq!(of(None, Some((3.8, 20.5)), None, &[]), (Some(16.0), SpanSource::Limits));
+        assert_eq!(of(None, Some((0.0, 110.0)), None, &[]), (Some(110.0), SpanSource::Limits));
         assert_eq!(of(None, Some((0.0, 27_648.0)), None, &[]), (Some(27_648.0), SpanSource::Limits));
         assert_eq!(of(None, None, Some("mA"), &[12.0]), (Some(16.0), SpanSource::Unit));
         assert_eq!(of(None, None, None, &[0.50, 0.52]), (Some(1.0), SpanSource::Values));
@@ -232,6 +249,9 @@ mod tests {
         assert!(of(Some(1.0), None, None, &[49.0, 52.0]).is_some());
         assert_eq!(of(Some(100.0), Some((5.0, 95.0)), Some("%"), &[51.0]), None);
         assert_eq!(of(Some(16.0), Some((4.0, 20.0)), Some("mA"), &[12.0]), None);
+        assert_eq!(of(Some(16.0), Some((3.8, 20.5)), Some("mA"), &[12.0]), None);
+        assert_eq!(of(Some(100.0), Some((-5.0, 105.0)), Some("%"), &[51.0]), None);
+        assert!(of(Some(100.0), Some((0.0, 150.0)), None, &[]).is_some());
         assert_eq!(of(None, Some((0.0, 100.0)), Some("mA"), &[]), None);
     }
 }
