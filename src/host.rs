@@ -1,4 +1,6 @@
-//! What this machine is called, where a program that we ask wants to know.
+//! Hosts: what this machine is called, where a program that we ask wants to know, and addresses as `host:port`.
+
+use std::net::{Ipv4Addr, Ipv6Addr};
 
 /// Longest name (bytes), as the domain name system has it.
 const LONGEST: usize = 253;
@@ -13,6 +15,53 @@ fn plain(told: &str) -> String {
     let name: String = told.chars().take(LONGEST).map(fits).collect();
     let name = name.trim_matches(['-', '.']);
     if name.is_empty() { "localhost".into() } else { name.into() }
+}
+
+/// Host, without brackets, and port of `host:port`.
+///
+/// # Errors
+/// What is wrong, as the rest of a sentence about the address.
+pub fn host_and_port(address: &str) -> Result<(String, u16), &'static str> {
+    if address.contains("://") {
+        return Err("leave out the scheme, up to ://");
+    }
+    if address.contains(char::is_whitespace) {
+        return Err("there is a blank in it");
+    }
+    let (host, port) = address.rsplit_once(':').ok_or("the port is missing")?;
+    let bracketed = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
+    if bracketed.is_none() && host.contains(':') {
+        return Err("an IPv6 address stands in brackets, as in [fe80::1]:502");
+    }
+    let port = port.parse().ok().filter(|port| *port > 0).ok_or("the port must be 1 to 65535")?;
+    match bracketed {
+        Some(inner) => {
+            let known = inner.parse::<Ipv6Addr>().map_err(|_| "what is in brackets is no IPv6 address")?;
+            Ok((known.to_string(), port))
+        }
+        None => host_fault(host).map_or_else(|| Ok((host.to_string(), port)), Err),
+    }
+}
+
+/// What is wrong with a host's name or IPv4 address.
+fn host_fault(host: &str) -> Option<&'static str> {
+    let plain = |c: char| c.is_alphanumeric() || matches!(c, '.' | '-' | '_');
+    if host.is_empty() {
+        return Some("the host is missing");
+    }
+    if !host.chars().all(plain) {
+        return Some("the host has a sign that no name has");
+    }
+    // A dot at the end says that the name is whole.
+    if host.strip_suffix('.').unwrap_or(host).split('.').any(str::is_empty) || host.len() > LONGEST {
+        return Some("no host is called so");
+    }
+    let numbers = host.chars().all(|c| c.is_ascii_digit() || c == '.');
+    match host.parse::<Ipv4Addr>() {
+        Ok(known) if known.is_unspecified() => Some("0.0.0.0 is no machine's address"),
+        Err(_) if numbers => Some("an IPv4 address is four numbers from 0 to 255"),
+        _ => None,
+    }
 }
 
 #[cfg(test)]
@@ -32,5 +81,40 @@ mod tests {
         }
         assert!(plain(&"x".repeat(1000)).len() <= LONGEST);
         assert_eq!(plain(&name()), name());
+    }
+
+    #[test]
+    fn addresses_are_taken_apart_or_refused_with_the_reason() {
+        for (address, host, port) in [
+            ("10.0.0.5:502", "10.0.0.5", 502),
+            ("[fe80::1]:502", "fe80::1", 502),
+            ("localhost:65535", "localhost", 65_535),
+            ("plc_1.plant.:1883", "plc_1.plant.", 1883),
+            ("leitstand-ä:1", "leitstand-ä", 1),
+        ] {
+            assert_eq!(host_and_port(address), Ok((host.to_string(), port)), "{address}");
+        }
+        for (address, why) in [
+            ("tcp://10.0.0.5:502", "scheme"),
+            ("10.0.0.5", "port is missing"),
+            ("10.0.0.5:0", "1 to 65535"),
+            ("10.0.0.5:70000", "1 to 65535"),
+            ("10.0.0.5 :502", "blank"),
+            ("fe80::1:502", "brackets"),
+            ("[10.0.0.5]:502", "no IPv6"),
+            ("10.0.0.256:502", "IPv4"),
+            ("10.0.0.5.1:502", "IPv4"),
+            ("10,0,0,5:502", "sign"),
+            ("plc?:502", "sign"),
+            ("plc..plant:502", "no host"),
+            ("0.0.0.0:502", "no machine"),
+            (":502", "missing"),
+            ("", "port is missing"),
+            ("h:", "1 to 65535"),
+            ("[fd00::5]", "brackets"),
+        ] {
+            let told = host_and_port(address).expect_err(address);
+            assert!(told.contains(why), "{address}: {told}");
+        }
     }
 }

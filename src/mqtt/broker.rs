@@ -1,5 +1,6 @@
 //! How a broker is reached: address, TLS, identity. Secrets are read at every connect and never shown.
 
+use crate::host::host_and_port;
 use rumqttc::{MqttOptions, Transport};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -69,8 +70,13 @@ impl Broker {
                 issues.push((field, message));
             }
         };
-        let host_port = host_and_port(&self.address).is_some();
-        unless(host_port, "address", format!("'{}' is not host:port, such as 10.0.0.5:1883", self.address));
+        if let Err(why) = host_and_port(&self.address) {
+            unless(
+                false,
+                "address",
+                format!("'{}' is not host:port, such as 10.0.0.5:1883: {why}", self.address),
+            );
+        }
         let named = (1..=128).contains(&self.client_id.len()) && !self.client_id.contains(char::is_control);
         unless(named, "client_id", "must be 1 to 128 bytes".into());
         let ok = (1..=3600).contains(&self.keep_alive_s);
@@ -86,7 +92,7 @@ impl Broker {
     /// [`BrokerError`].
     pub fn options(&self) -> Result<MqttOptions, BrokerError> {
         let (host, port) = host_and_port(&self.address)
-            .ok_or_else(|| BrokerError::Options(format!("'{}' is not host:port", self.address)))?;
+            .map_err(|why| BrokerError::Options(format!("'{}' is not host:port: {why}", self.address)))?;
         let mut options = MqttOptions::new(self.client_id.clone(), (host, port));
         options.set_keep_alive(self.keep_alive_s);
         options
@@ -139,17 +145,6 @@ fn read(path: &Path) -> Result<Vec<u8>, BrokerError> {
     fs::read(path).map_err(|error| wrong(error.to_string()))
 }
 
-fn host_and_port(address: &str) -> Option<(String, u16)> {
-    let (host, port) = address.rsplit_once(':')?;
-    let bare = !host.is_empty() && !host.contains(|c: char| c.is_whitespace() || c == ':' || c == '/');
-    let host = match host.strip_prefix('[').and_then(|host| host.strip_suffix(']')) {
-        Some(inner) => inner.parse::<std::net::Ipv6Addr>().ok()?.to_string(),
-        None if bare => host.to_string(),
-        None => return None,
-    };
-    port.parse().ok().filter(|port| *port > 0).map(|port| (host, port))
-}
-
 /// What is wrong with a topic that is to be published or subscribed as such, without wildcards.
 pub fn topic_fault(topic: &str) -> Option<&'static str> {
     if topic.is_empty() || topic.len() > MAX_TOPIC {
@@ -165,15 +160,6 @@ pub fn topic_fault(topic: &str) -> Option<&'static str> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-
-    #[test]
-    fn hosts_and_ports() {
-        assert_eq!(host_and_port("plant:1883"), Some(("plant".into(), 1883)));
-        assert_eq!(host_and_port("[fd00::5]:8883"), Some(("fd00::5".into(), 8883)));
-        for wrong in ["plant", ":1", "plant:0", "plant:70000", "a b:1", "fd00::5:1", "mqtt://h:1"] {
-            assert_eq!(host_and_port(wrong), None, "{wrong}");
-        }
-    }
 
     proptest! {
         #[test]

@@ -19,7 +19,7 @@ pub const MAY_IMPORT: &[(&str, &[&str])] = &[
     ("host", &[]),
     ("bounded", &[]),
     ("quiet", &[]),
-    ("mqtt", &[]),
+    ("mqtt", &["host"]),
     ("collect", &["signal", "bounded", "host", "mqtt"]),
     ("notify", &["signal", "alarm", "bounded", "results", "host", "mqtt"]),
     ("history", &["signal"]),

@@ -2,9 +2,11 @@
 
 use crate::collect::Issue;
 use crate::collect::scaling::Scaling;
+use crate::host::host_and_port;
 use crate::signal::Role;
 use serde::Deserialize;
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 /// Most registers that one answer can carry (Modbus application protocol V1.1b3, 6.3).
@@ -310,9 +312,10 @@ impl Config {
     pub fn validate(&self) -> Vec<Issue> {
         let mut issues = Issues(Vec::new());
         issues.unless(!self.name.trim().is_empty(), "name", || "a device needs a name".into());
-        issues.unless(is_host_and_port(&self.address), "address", || {
-            format!("'{}' is not host:port, such as 10.0.0.5:502", self.address)
-        });
+        if let Err(why) = host_and_port(&self.address) {
+            let message = || format!("'{}' is not host:port, such as 10.0.0.5:502: {why}", self.address);
+            issues.unless(false, "address", message);
+        }
         issues.unless(self.poll_ms >= 1, "poll_ms", || "must be at least 1".into());
         issues.unless(self.poll_ms <= 86_400_000, "poll_ms", || "must be at most a day, 86400000".into());
         issues.unless(self.timeout_ms >= 1, "timeout_ms", || "must be at least 1".into());
@@ -378,13 +381,22 @@ impl TagConfig {
         (first > 0 && (1..unit).contains(&number)).then_some(number)
     }
 
-    /// What is right by itself and often meant otherwise.
-    pub fn remark(&self) -> Option<String> {
-        let (number, address, register) = (self.notation(5)?, self.address, self.register);
-        Some(format!(
-            "address = {address} is read as {register} register {address}; where the device's list writes the kind of register \
-             as the first digit, write address = {number}"
-        ))
+    /// What is right by itself and often meant otherwise, on a device that counts from `base`.
+    pub fn remark(&self, base: u8) -> Option<String> {
+        let (address, register) = (self.address, self.register);
+        let read =
+            format!("address = {address} is read as {register} register {address}; where the device's list");
+        if let Some(number) = self.notation(5) {
+            let write = counted("address", number, base);
+            return Some(format!("{read} writes the kind of register as the first digit, write {write}"));
+        }
+        let is_input = register == Register::Holding && INPUTS.contains(&address);
+        is_input.then(|| {
+            let write = counted("address", address - INPUTS.start(), base);
+            format!(
+                "{read} means an input register by the first digit, write register = \"input\" and {write}"
+            )
+        })
     }
 
     /// What its raw numbers mean.
@@ -416,9 +428,10 @@ impl TagConfig {
         let width = value_type.width();
         issues.unless(self.wire_address(device).is_some(), "address", || {
             let last = 65536 - i64::from(width) + base;
-            let number = self
-                .notation(6)
-                .map(|number| format!("; the first digit names the kind of register: write {number}"));
+            let number = self.notation(6).map(|number| {
+                let write = counted("address", number, device.address_base);
+                format!("; the first digit names the kind of register: write {write}")
+            });
             let number = number.unwrap_or_default();
             format!("{} must be {base} to {last} (address_base = {base}){number}", self.address)
         });
@@ -442,14 +455,15 @@ impl TagConfig {
     }
 }
 
-/// Whether it reads as `host:port`.
-pub(super) fn is_host_and_port(address: &str) -> bool {
-    address.rsplit_once(':').is_some_and(|(host, port)| {
-        let bare = !host.is_empty() && !host.contains(|c: char| c.is_whitespace() || c == ':' || c == '/');
-        let bracketed = host.strip_prefix('[').and_then(|h| h.strip_suffix(']'));
-        let host_ok = bracketed.map_or(bare, |h| h.parse::<std::net::Ipv6Addr>().is_ok());
-        host_ok && port.parse::<u16>().is_ok_and(|p| p > 0)
-    })
+/// Input registers as lists write them whose first digit is the kind: number 1 is 30001.
+const INPUTS: RangeInclusive<i64> = 30_000..=39_999;
+
+/// How register `number` of a list that counts from 1 is written on a device that counts from `base`.
+pub fn counted(key: &str, number: i64, base: u8) -> String {
+    match base {
+        0 => format!("{key} = {}, counted from 0", number - 1),
+        _ => format!("{key} = {number}"),
+    }
 }
 
 #[cfg(test)]

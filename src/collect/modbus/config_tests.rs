@@ -57,18 +57,6 @@ fn every_bad_device_field_is_named_at_once() {
 }
 
 #[test]
-fn addresses_of_devices() {
-    for good in ["10.0.0.5:502", "plc-1.site:1502", "[fd00::5]:502", "localhost:65535"] {
-        assert!(is_host_and_port(good), "{good}");
-    }
-    for bad in
-        ["", ":502", "h:", "h:0", "h:65536", "fd00::5:502", "[fd00::5]", "[h]:502", "tcp://h:502", "a b:1"]
-    {
-        assert!(!is_host_and_port(bad), "{bad}");
-    }
-}
-
-#[test]
 fn the_address_base_moves_the_wire_address_and_its_limits() {
     let mut device = plain_device();
     let f64_at = |address: i64| tag(&format!("register='holding'\ntype='f64'\naddress={address}"));

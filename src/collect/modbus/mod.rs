@@ -18,7 +18,7 @@ mod probe;
 mod slots;
 mod wire;
 
-pub use config::{ByteOrder, Config, Framing, Register, TagConfig, Tolerated, ValueType};
+pub use config::{ByteOrder, Config, Framing, Register, TagConfig, Tolerated, ValueType, counted};
 pub use decode::Decoder;
 pub use device::Collector;
 pub use overlap::{Contradiction, contradictions};

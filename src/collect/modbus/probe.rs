@@ -1,11 +1,12 @@
 //! `probe`: shows registers in every type and byte order, for the day the addresses are checked against
 //! the plant's screens. Reads only.
 
-use super::config::{ByteOrder, Framing, MAX_BITS, MAX_REGISTERS, Register, Tolerated, is_host_and_port};
+use super::config::{ByteOrder, Framing, MAX_BITS, MAX_REGISTERS, Register, Tolerated};
 use super::decode::bytes;
 use super::link::{Link, Lost};
 use super::plan::Span;
 use super::wire::sockets;
+use crate::host::host_and_port;
 use std::fmt;
 use std::time::Duration;
 use thiserror::Error;
@@ -121,8 +122,8 @@ async fn ask(
 
 fn span(target: &ProbeTarget) -> Result<Span, ProbeError> {
     let most = if target.register.is_bits() { MAX_BITS } else { MAX_REGISTERS };
-    if !is_host_and_port(&target.address) {
-        let message = format!("'{}' is not host:port, such as 10.0.0.5:502", target.address);
+    if let Err(why) = host_and_port(&target.address) {
+        let message = format!("'{}' is not host:port, such as 10.0.0.5:502: {why}", target.address);
         return Err(ProbeError::Arguments(message));
     }
     if target.address_base > 1 {

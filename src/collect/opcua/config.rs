@@ -4,6 +4,7 @@ use super::names::{NodeName, PathName};
 use super::value::Meaning;
 use crate::collect::scaling::Scaling;
 use crate::collect::{DecimalSign, Issue};
+use crate::host::host_and_port;
 use crate::signal::Role;
 use serde::Deserialize;
 use std::ops::RangeInclusive;
@@ -256,7 +257,11 @@ impl Config {
             }
         };
         unless(!self.name.trim().is_empty(), "name", "a device needs a name".into());
-        unless(is_url(&self.url), "url", format!("'{}' is not opc.tcp://host:port/path", self.url));
+        if let Err(why) = host_of(&self.url) {
+            // An address with a log-in has a password in it.
+            let told = if self.url.contains('@') { "the address" } else { &format!("'{}'", self.url) };
+            unless(false, "url", format!("{told} is not opc.tcp://host:port/path: {why}"));
+        }
         for (field, value, least) in [
             ("sampling_ms", self.sampling_ms, 10),
             ("publishing_ms", self.publishing_ms, 10),
@@ -385,13 +390,17 @@ fn is_percent(band: f64) -> bool {
     (0.0..100.0).contains(&band)
 }
 
-fn is_url(url: &str) -> bool {
-    let Some(rest) = url.strip_prefix("opc.tcp://") else { return false };
+/// The host of a server's address, or what is wrong with the address.
+fn host_of(url: &str) -> Result<String, &'static str> {
+    let rest = url.strip_prefix("opc.tcp://").ok_or("it begins otherwise")?;
     let (authority, _) = rest.split_once('/').unwrap_or((rest, ""));
-    !url.contains(char::is_whitespace)
-        && authority
-            .rsplit_once(':')
-            .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0))
+    if authority.contains('@') {
+        return Err("a log-in stands in user and password_env, not in the address");
+    }
+    if url.contains(char::is_whitespace) {
+        return Err("there is a blank in it");
+    }
+    host_and_port(authority).map(|(host, _)| host)
 }
 
 #[cfg(test)]

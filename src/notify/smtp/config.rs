@@ -1,6 +1,7 @@
 //! `[[notify.smtp]]`: by which server, to whom, and which alarms.
 
 use crate::host;
+use crate::host::host_and_port;
 use crate::notify::batch::Pace;
 use crate::notify::filter::{Filter, What, usual};
 use crate::notify::http::is_loopback;
@@ -95,13 +96,13 @@ impl Config {
                 wrong.push(("", field, message));
             }
         };
-        match self.host_and_port() {
-            None => {
-                let message = format!("'{}' is not host:port, such as mail.plant:587", self.address);
+        match host_and_port(&self.address) {
+            Err(why) => {
+                let message = format!("'{}' is not host:port, such as mail.plant:587: {why}", self.address);
                 unless(false, "address", message);
             }
-            Some((host, _)) => {
-                let ok = self.security != Security::None || is_loopback(host);
+            Ok((host, _)) => {
+                let ok = self.security != Security::None || is_loopback(&host);
                 unless(ok, "security", "\"none\" is for a server on this machine only".into());
             }
         }
@@ -133,11 +134,8 @@ impl Config {
     }
 
     /// The server.
-    pub(super) fn host_and_port(&self) -> Option<(&str, u16)> {
-        let (host, port) = self.address.rsplit_once(':')?;
-        let port = port.parse().ok().filter(|port| *port > 0)?;
-        let plain = !host.is_empty() && !host.contains(['/', '@', ' ']);
-        plain.then_some((host, port))
+    pub(super) fn host_and_port(&self) -> Result<(String, u16), String> {
+        host_and_port(&self.address).map_err(|why| format!("the address is not host:port: {why}"))
     }
 
     pub(super) fn login(&self) -> Option<(String, Secret)> {

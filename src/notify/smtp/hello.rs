@@ -66,16 +66,15 @@ impl Server {
 
     async fn stream(&self, helo: bool) -> Result<Box<dyn AsyncTokioStream>, Unsent> {
         let none = |why: &dyn fmt::Display| Unsent::Connect(why.to_string());
-        let (host, port) =
-            self.config.host_and_port().ok_or_else(|| none(&"the address is not host:port"))?;
-        let connected = TcpStream::connect((host.trim_matches(['[', ']']), port)).await;
+        let (host, port) = self.config.host_and_port().map_err(|why| none(&why))?;
+        let connected = TcpStream::connect((host.as_str(), port)).await;
         let stream = connected.map_err(|error| none(&format!("no connection: {error}")))?;
         let peer = stream.peer_addr().map_err(|error| none(&error))?;
         let stream = Bounded::new(stream, SMTP);
         if self.config.security != Security::Tls {
             return Ok(Box::new(Wire { stream, peer, greeted: !helo }));
         }
-        let (ca, name) = (self.config.ca_file.clone(), host.to_string());
+        let (ca, name) = (self.config.ca_file.clone(), host);
         let made = spawn_blocking(move || http::encrypted(ca, &name)).await.map_err(|error| none(&error))?;
         let (connector, name) = made.map_err(|why| none(&why))?;
         let stream =

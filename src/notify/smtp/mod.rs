@@ -148,9 +148,9 @@ fn message(config: &Config, letter: &Letter) -> Result<Message, String> {
 
 /// What a conversation needs; reads the secrets.
 fn server(config: &Config) -> Result<Server, String> {
-    let (host, _) = config.host_and_port().ok_or("the address is not host:port")?;
+    let (host, _) = config.host_and_port()?;
     let starttls = config.security == Security::Starttls;
-    let tls = starttls.then(|| parameters(config, host)).transpose()?;
+    let tls = starttls.then(|| parameters(config, &host)).transpose()?;
     let login = match config.login() {
         None => None,
         Some((user, password)) => {
