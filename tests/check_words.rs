@@ -44,7 +44,52 @@ const OP: &str =
 const WRONG: &[(&str, &str, usize, &[&str])] = &[
     ("10.0.0.5:502", "${PLC}:502", 4, &["variables are not filled in", "${PLC}", "write the value itself"]),
     ("10.0.0.5:502", "10.0.0.5", 4, &["address", "'10.0.0.5' is not host:port", "10.0.0.5:502"]),
-    ("10.0.0.5:502", "tcp://10.0.0.5:502", 4, &["address", "is not host:port"]),
+    ("10.0.0.5:502", "tcp://10.0.0.5:502", 4, &["address", "is not host:port", "leave out the scheme"]),
+    ("10.0.0.5:502", "10.0.0.256:502", 4, &["address", "is not host:port", "four numbers from 0 to 255"]),
+    ("10.0.0.5:502", "10,0,0,5:502", 4, &["address", "is not host:port", "a sign that no name has"]),
+    ("10.0.0.5:502", "fe80::1:502", 4, &["address", "is not host:port", "in brackets"]),
+    ("\"10.0.0.5:502\"", "10.0.0.5:502", 4, &["in quotes: write address = \"10.0.0.5:502\""]),
+    (
+        "poll_ms = 1000",
+        "poll_s = 1",
+        6,
+        &["unknown key \"poll_s\"", "did you mean \"poll_ms\", in milliseconds?"],
+    ),
+    ("poll_ms = 1000", "poll_ms = 1000.0", 6, &["a whole number is expected, write poll_ms = 1000"]),
+    ("poll_ms = 1000", "poll_ms = 1,000", 6, &["a comma within a number: leave it out between thousands"]),
+    ("type = \"f32\"", "type = \"REAL\"", 17, &["unknown value \"REAL\"", "did you mean \"f32\"?"]),
+    ("type = \"f32\"", "type = \"DINT\"", 17, &["unknown value \"DINT\"", "did you mean \"i32\"?"]),
+    (
+        "register = \"holding\"",
+        "register = \"4x\"",
+        15,
+        &["unknown value \"4x\"", "did you mean \"holding\"?"],
+    ),
+    (
+        "type = \"f32\"",
+        "type = \"f32\"\nbyte_order = \"little_endian\"",
+        18,
+        &["unknown value \"little_endian\"", "did you mean \"DCBA\"?"],
+    ),
+    (
+        "[[loop]]",
+        "[alarm.not_identifiable]\nignore = [\"manuel\"]\n[[loop]]",
+        9,
+        &["ignore", "no diagnosis gives the reason \"manuel\"", "did you mean \"manual\"?"],
+    ),
+    (
+        "[[loop]]",
+        "[[mqtt]]\nname = \"b\"\naddress = \"mqtts://h\"\n[[loop]]",
+        10,
+        &["address", "'mqtts://h' is not host:port", "leave out the scheme"],
+    ),
+    (
+        "[[loop]]",
+        "[[opcua]]\nname = \"s\"\nurl = \"opc.tcp://op:pw@dcs:4840\"\nsecurity_policy = \"None\"\n[[loop]]",
+        10,
+        &["url", "the address is not opc.tcp://host:port/path", "a log-in stands in user and password_env"],
+    ),
+    ("id = \"A\"", "id = \"A\"\nupstream = [\"B\"]", 10, &["upstream: no [[loop]] has the id \"B\""]),
     ("10.0.0.5:502", "10.0.0.5:70000", 4, &["address", "is not host:port"]),
     (
         "address = \"10",
@@ -54,7 +99,7 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
     ),
     ("address_base = 1", "", 2, &["missing key \"address_base\" in [[modbus]]"]),
     ("address_base = 1", "address_base = 2", 5, &["address_base", "2 must be 0 or 1"]),
-    ("poll_ms = 1000", "poll_ms = 1s", 6, &["leave out the unit"]),
+    ("poll_ms = 1000", "poll_ms = 1s", 6, &["of milliseconds", "write poll_ms = 1000"]),
     ("poll_ms = 1000", "poll_ms = \"1000\"", 6, &["without quotes", "write poll_ms = 1000"]),
     ("poll_ms = 1000", "pol_ms = 1000", 6, &["unknown key \"pol_ms\"", "did you mean \"poll_ms\"?"]),
     ("poll_ms = 1000", "poll_ms = 0", 6, &["poll_ms"]),
@@ -89,7 +134,7 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         &["unknown key \"adress\" in [loop.op]", "did you mean \"address\"?"],
     ),
     ("address = 101", "address = 0", 16, &["address", "0 must be 1 to 65535 (address_base = 1)"]),
-    ("address = 101", "address = 400101", 16, &["address", "400101 must be 1 to", "write 101"]),
+    ("address = 101", "address = 400101", 16, &["address", "400101 must be 1 to", "write address = 101"]),
     ("address = 101", "address = \"101\"", 16, &["without quotes", "write address = 101"]),
     ("type = \"f32\"\nunit", "type = \"float\"\nunit", 17, &["type", "\"float\"", "f32"]),
     ("type = \"f32\"\nunit", "typ = \"f32\"\nunit", 17, &["unknown key \"typ\"", "did you mean \"type\"?"]),
@@ -135,7 +180,7 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         "[[loop]]",
         "[server]\nlisten = \"8080\"\n[[loop]]",
         9,
-        &["listen", "address and port such as 127.0.0.1:8080"],
+        &["listen", "an address in numbers and a port", "127.0.0.1:8080"],
     ),
     ("address_base = 1", "address_base = 40001", 5, &["address_base", "40001 must be 0 or 1", "write 1"]),
     (
@@ -362,6 +407,13 @@ fn an_address_that_names_the_kind_of_register_is_remarked() {
     assert_eq!(remarks.len(), 1, "{remarks:?}");
     assert!(remarks[0].starts_with("A.op: address = 40101 is read as holding register 40101"), "{remarks:?}");
     assert!(remarks[0].ends_with("write address = 101"), "{remarks:?}");
+    // Counted from 0, number 101 of the list is register 100.
+    let from_zero = text.replacen("address_base = 1", "address_base = 0", 1);
+    let remarks = config::parse("plant.toml", &from_zero).expect("sound").remarks();
+    assert!(remarks[0].ends_with("write address = 100, counted from 0"), "{remarks:?}");
+    let input = SOUND.replacen("address = 101", "address = 30101", 1);
+    let remarks = config::parse("plant.toml", &input).expect("sound").remarks();
+    assert!(remarks[0].ends_with("write register = \"input\" and address = 101"), "{remarks:?}");
 }
 
 #[test]
@@ -370,19 +422,21 @@ fn what_was_copied_or_goes_in_the_clear_is_remarked() {
     let broker =
         "[[mqtt]]\nname = \"b\"\naddress = \"broker.plant:1883\"\nuser = \"u\"\npassword_env = \"PW\"\n";
     let history = "[history]\nsamples_per_tag = 512\n";
-    let text = [SOUND, &section.replacen("\"A\"", "\"B\"", 1), broker, history].join("\n");
+    let tls = "[[mqtt]]\nname = \"s\"\naddress = \"broker.plant:8883\"\n";
+    let text = [SOUND, &section.replacen("\"A\"", "\"B\"", 1), broker, tls, history].join("\n");
     let remarks_of = |text: &str| {
         config::parse("plant.toml", text).unwrap_or_else(|errors| panic!("{errors:?}")).remarks()
     };
     let remarks = remarks_of(&text);
     for said in [
         "B: it reads OP and PV where A does",
+        "s: 8883 is the port of brokers that speak TLS: write tls = true",
         "b: the password goes to broker.plant:1883 in the clear: write tls = true",
         "[history] holds 512 samples of a tag, and a diagnosis looks at up to 1000",
     ] {
         assert!(remarks.iter().any(|remark| remark.starts_with(said)), "{said}: {remarks:?}");
     }
-    assert_eq!(remarks.len(), 3, "{remarks:?}");
+    assert_eq!(remarks.len(), 4, "{remarks:?}");
     assert!(remarks_of(&format!("{SOUND}\n{}", broker.replace("broker.plant", "127.0.0.1"))).is_empty());
 }
 

@@ -71,7 +71,10 @@ fn a_bad_configuration_ends_with_2_and_a_taken_address_with_1() {
     assert_eq!(output.status.code(), Some(2), "{stderr}");
     assert_eq!(
         stderr,
-        format!("{}:2:10: listen: not an address and port such as 127.0.0.1:8080\n", bad.display())
+        format!(
+            "{}:2:10: listen: not an address in numbers and a port, such as 127.0.0.1:8080 for this machine alone or 0.0.0.0:8080 for all\n",
+            bad.display()
+        )
     );
 
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();

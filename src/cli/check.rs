@@ -100,7 +100,8 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
     let _ = writeln!(out, "listen   {}", config.server.listen);
     let mut faults = Vec::new();
     let _ = writeln!(out, "access   {}", access(config, &mut faults));
-    for remark in config.remarks().into_iter().chain(config.missing_files()) {
+    faults.extend(config.unwritable());
+    for remark in config.remarks().into_iter().chain(config.missing_files()).chain(config.no_store()) {
         let _ = writeln!(out, "remark   {remark}");
     }
     (out, faults)

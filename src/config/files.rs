@@ -15,6 +15,37 @@ impl Config {
         self.files().iter().filter_map(told).collect()
     }
 
+    /// Why `run` could not write its audit logs, so that it would not start.
+    pub fn unwritable(&self) -> Vec<String> {
+        let changes = self.audit.as_ref().map(|own| ("[audit] file", &own.file));
+        let terms = self.writeback.audit_file.as_ref().map(|file| ("[writeback] audit_file", file));
+        let access = self.access.as_ref().map(|own| &own.file);
+        let told = |(key, file): (&str, &PathBuf)| {
+            let why = match file.parent().filter(|folder| *folder != Path::new("")) {
+                _ if file.is_dir() => "is a folder: name the file in it",
+                _ if Some(file) == access => "is the file of [access] too: each has a file of its own",
+                Some(folder) if !folder.is_dir() => "lies in a folder that is not there: make it",
+                _ => return None,
+            };
+            Some(format!("{key} = {:?} {why}", file.display().to_string()))
+        };
+        changes.into_iter().chain(terms).filter_map(told).collect()
+    }
+
+    /// Why the store could not be made, so that nothing would outlive a restart.
+    pub fn no_store(&self) -> Option<String> {
+        let folder = &self.store.as_ref()?.folder;
+        let text = folder.display().to_string();
+        let there = folder.ancestors().find(|path| *path != Path::new("") && path.exists());
+        let why = match there {
+            _ if text.starts_with('~') || text.contains('$') => "is taken as it is: write the whole path",
+            Some(there) if !there.is_dir() && there == folder => "is a file: name a folder",
+            Some(there) if !there.is_dir() => "lies below a file: name another folder",
+            _ => return None,
+        };
+        Some(format!("[store] folder = {text:?} {why}; nothing would outlive a restart"))
+    }
+
     /// Whose, by which key, and where.
     pub fn files(&self) -> Vec<(String, &'static str, Option<PathBuf>)> {
         let mut all = Vec::new();
@@ -98,6 +129,33 @@ pub fn without_number(message: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_run_could_not_write_is_known_before() {
+        let folder = std::env::temp_dir().join(format!("stictiond-files-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("writable");
+        let file = folder.join("file");
+        std::fs::write(&file, "").expect("writable");
+        let config = |text: String| super::super::parse("f", &text).expect("right");
+        let a_loop = "[[mqtt]]\nname = \"b\"\naddress = \"h:1\"\n[[loop]]\nid = \"A\"\n\
+                      op = { device = \"b\", topic = \"o\" }\npv = { device = \"b\", topic = \"p\" }\n";
+        let audit = |path: &Path| config(format!("[audit]\nfile = {path:?}\n{a_loop}")).unwritable();
+        let store = |path: &Path| config(format!("[store]\nfolder = {path:?}\n{a_loop}")).no_store();
+        assert_eq!(audit(&folder.join("audit.log")), Vec::<String>::new());
+        assert_eq!(store(&folder.join("new/store")), None);
+        for (told, why) in [
+            (audit(&folder).pop(), "is a folder"),
+            (audit(&folder.join("none/audit.log")).pop(), "is not there"),
+            (store(&file), "is a file"),
+            (store(&file.join("store")), "below a file"),
+            (store(Path::new("~/store")), "whole path"),
+        ] {
+            assert!(told.as_ref().is_some_and(|told| told.contains(why)), "{told:?}: {why}");
+        }
+        let same = format!("[access]\nfile = {file:?}\n[audit]\nfile = {file:?}\n{a_loop}");
+        assert!(config(same).unwritable()[0].contains("[access]"));
+        std::fs::remove_dir_all(&folder).expect("ours");
+    }
 
     #[test]
     fn numbers_of_errors_are_left_out() {

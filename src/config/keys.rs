@@ -77,6 +77,9 @@ impl Keys {
                 "{key}: belongs to {section} and stands in {table}: put it above {first}, under {section}"
             );
         }
+        if let Some(meant) = in_other_words(key, &known) {
+            return format!("unknown key {key:?} in {table}{meant}");
+        }
         let hint = match known.contains(&"register") && known.contains(&"topic") {
             true => tag::hint(key, &beside, &known, table.starts_with("[[")),
             false => wording::hint(key, &known),
@@ -96,6 +99,18 @@ impl Keys {
             }
         }
     }
+}
+
+/// `poll_s` for `poll_ms`, and `disabled` for the opposite of `enabled`: the nearest key would mean something else.
+fn in_other_words(key: &str, known: &[&str]) -> Option<String> {
+    if key == "disabled" && known.contains(&"enabled") {
+        return Some(": write enabled = false for disabled = true".into());
+    }
+    let other = |end: &str, own: &str| key.strip_suffix(end).map(|stem| format!("{stem}{own}"));
+    let of_unit = [("_s", "_ms", "milliseconds"), ("_ms", "_s", "seconds")].into_iter();
+    let mut found = of_unit.filter_map(|(end, own, unit)| Some((other(end, own)?, unit)));
+    let (meant, unit) = found.find(|(meant, _)| known.contains(&meant.as_str()))?;
+    Some(format!(", did you mean {meant:?}, in {unit}?"))
 }
 
 /// The keys that a section knows, in serde's own words.

@@ -81,6 +81,17 @@ pub(super) fn find<'l>(name: &str, loops: impl Iterator<Item = &'l LoopConfig>) 
     None
 }
 
+/// The tag that is called `name` but for capitals.
+pub(super) fn in_other_letters<'l>(
+    name: &str,
+    mut loops: impl Iterator<Item = &'l LoopConfig>,
+) -> Option<String> {
+    loops.find_map(|other| {
+        let called = |(role, tag)| format!("{}.{}", other.id, plant::kind(role, tag).name());
+        plant::tags(other).map(called).find(|own| own.eq_ignore_ascii_case(name))
+    })
+}
+
 impl Config {
     /// The tags of other loops that may explain this one.
     pub fn neighbours(&self, control_loop: &LoopConfig) -> Vec<Neighbour> {

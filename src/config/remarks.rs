@@ -1,7 +1,8 @@
 //! What is right by itself and often meant otherwise.
 
 use super::{Config, LoopConfig, TagConfig, tags};
-use crate::collect::opcua;
+use crate::collect::{modbus, mqtt, opcua};
+use crate::notify::smtp;
 use crate::signal::Role;
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, HashMap};
@@ -19,14 +20,18 @@ impl Config {
             for (role, tag) in tags(control_loop) {
                 let TagConfig::Modbus(own) = tag else { continue };
                 let name = role.map(Role::as_str).or(tag.name()).unwrap_or_default();
-                out.extend(own.remark().map(|remark| format!("{}.{name}: {remark}", control_loop.id)));
+                let remark = own.remark(self.address_base(&own.device));
+                out.extend(remark.map(|remark| format!("{}.{name}: {remark}", control_loop.id)));
             }
+            out.extend(self.written(control_loop));
+            out.extend(one_bit(control_loop));
             out.extend(beyond_range(control_loop));
         }
         out.extend(self.numbered());
         out.extend(self.copied());
         out.extend(self.subscriptions());
         out.extend(self.in_the_clear());
+        out.extend(self.ports_of_tls());
         let (held, wanted) = (self.history.samples_per_tag, self.diagnosis.window_samples);
         if held < wanted {
             out.push(format!(
@@ -34,6 +39,28 @@ impl Config {
             ));
         }
         out
+    }
+
+    /// From which number a device counts its registers.
+    fn address_base(&self, device: &str) -> u8 {
+        self.modbus.iter().find(|own| own.name == device).map_or(0, |own| own.address_base)
+    }
+
+    /// Registers of write-back that look like 40001 notation.
+    fn written(&self, control_loop: &LoopConfig) -> Vec<String> {
+        let Some(own) = control_loop.writeback.as_ref().filter(|own| own.enabled) else { return Vec::new() };
+        let base = self.address_base(&own.device);
+        let told = |(key, address): (&str, i64)| {
+            let number = (40_001..50_000).contains(&address).then_some(address - 40_000)?;
+            let write = modbus::counted(key, number, base);
+            Some(format!(
+                "{}.writeback: {key} = {address} is WRITTEN as holding register {address}; where the device's list writes the \
+                 kind of register as the first digit, write {write}",
+                control_loop.id
+            ))
+        };
+        let keys = [("term_address", own.term_address), ("heartbeat_address", own.heartbeat_address)];
+        keys.into_iter().filter_map(told).collect()
     }
 
     /// Servers whose nodes are named by the number of their namespace.
@@ -67,6 +94,31 @@ impl Config {
             format!("{name}: the password goes to {address} in the clear: write tls = true")
         };
         clear.map(|broker| told((&broker.name, &broker.address))).collect()
+    }
+
+    /// Ports that go with TLS, or with none, and are used the other way.
+    fn ports_of_tls(&self) -> Vec<String> {
+        let of_broker = |own: &mqtt::Config| {
+            let (port, tls) = (own.address.rsplit_once(':')?.1, own.tls || own.ca_file.is_some());
+            let said = match (port, tls) {
+                ("8883", false) => "8883 is the port of brokers that speak TLS: write tls = true",
+                ("1883", true) => "1883 is the port of brokers that speak no TLS: theirs for TLS is 8883",
+                _ => return None,
+            };
+            Some(format!("{}: {said}", own.name))
+        };
+        let of_mail = |own: &smtp::Config| {
+            let said = match (own.address.rsplit_once(':')?.1, own.security) {
+                ("465", smtp::Security::Starttls) => {
+                    "465 speaks TLS from the start: write security = \"tls\""
+                }
+                ("587", smtp::Security::Tls) => "587 begins without TLS: write security = \"starttls\"",
+                _ => return None,
+            };
+            Some(format!("{}: {said}", own.name))
+        };
+        let brokers = self.mqtt.iter().filter_map(of_broker);
+        brokers.chain(self.notify.smtp.iter().filter_map(of_mail)).collect()
     }
 
     /// What servers are asked for that costs samples, or small movements of OP.
@@ -112,21 +164,36 @@ impl Config {
         out
     }
 
-    /// Loops that read OP and PV where another does.
+    /// Loops that read OP where another does.
     fn copied(&self) -> Vec<String> {
-        let mut first: HashMap<String, &str> = HashMap::new();
-        let told = |own: &'_ LoopConfig, other: &str| {
-            format!("{}: it reads OP and PV where {other} does: was its section copied?", own.id)
-        };
+        let mut first: HashMap<String, &LoopConfig> = HashMap::new();
         let mut out = Vec::new();
         for own in &self.loops {
-            match first.entry(format!("{:?} {:?}", own.op, own.pv)) {
-                Entry::Occupied(other) => out.push(told(own, other.get())),
-                Entry::Vacant(place) => drop(place.insert(&own.id)),
+            match first.entry(own.op.source()) {
+                Entry::Occupied(other) => {
+                    let both = other.get().pv.source() == own.pv.source();
+                    let what = if both { "OP and PV" } else { "OP" };
+                    let other = &other.get().id;
+                    out.push(format!(
+                        "{}: it reads {what} where {other} does: was its section copied?",
+                        own.id
+                    ));
+                }
+                Entry::Vacant(place) => drop(place.insert(own)),
             }
         }
         out
     }
+}
+
+/// A controller output or process variable that can only be 0 or 1.
+fn one_bit(control_loop: &LoopConfig) -> Vec<String> {
+    let is_bit = |tag: &TagConfig| {
+        tag.as_modbus().is_some_and(|own| own.effective_type() == Some(modbus::ValueType::Bit))
+    };
+    let both = [("op", &control_loop.op), ("pv", &control_loop.pv)].into_iter();
+    let told = |role| format!("{}.{role}: a single bit: it is never anything but 0 and 1", control_loop.id);
+    both.filter(|(_, tag)| is_bit(tag)).map(|(role, _)| told(role)).collect()
 }
 
 /// Limits and span of OP that its range does not go with.

@@ -141,6 +141,7 @@ impl Rules<'_, '_, '_> {
             }
         }
         self.suppressed(parts);
+        self.ignored(parts);
         self.section("plantwide", parts.plantwide.as_ref().map(|c| c.validate()));
         self.section("fleet", parts.fleet.as_ref().and_then(|c| c.as_ref()).map(|c| c.validate()));
         self.section("writeback", parts.writeback.as_ref().map(|c| c.validate()));
@@ -288,8 +289,9 @@ impl Rules<'_, '_, '_> {
                 (Some(_), None) => {}
             }
             self.tag(*role, tag, &here, parts);
-            let same =
-                tags[..tag_at].iter().find(|(other, earlier)| other.is_some() && earlier.same_source(tag));
+            let same = tags[..tag_at]
+                .iter()
+                .find(|(other, earlier)| other.is_some() && earlier.source() == tag.source());
             if let (Some(role), Some((Some(other), _))) = (role, same) {
                 let (role, other) = (role.as_str(), other.as_str());
                 let key = tag.place_key();

@@ -3,6 +3,9 @@
 /// Quotes that word processors put in place of `"` and `'`.
 const TYPOGRAPHIC: [char; 6] = ['“', '”', '„', '‘', '’', '«'];
 
+/// A blank that is none.
+const NO_BREAK: [char; 2] = ['\u{a0}', '\u{202f}'];
+
 /// A fault of syntax.
 pub struct Fault {
     /// Byte at which it stands.
@@ -58,10 +61,22 @@ fn said(text: &str, at: usize, message: &str) -> String {
     let line = line(text, at);
     let value = line.split_once('=').map_or("", |(_, value)| value.trim());
     if decimal_comma(text, at) {
-        return "a decimal comma: write the number with a point, such as 0.1".into();
+        let thousands = value.split_once(',').is_some_and(|(_, rest)| rest.trim().len() == 3);
+        return match thousands {
+            true => "a comma within a number: leave it out between thousands, or write a point for a decimal comma".into(),
+            false => "a decimal comma: write the number with a point, such as 0.1".into(),
+        };
     }
     if line.contains(TYPOGRAPHIC) {
         return "typographic quotes: write the text as \"…\"".into();
+    }
+    if line.contains(NO_BREAK) {
+        return "a no-break space, which looks like a blank: delete it and write a blank".into();
+    }
+    if let Some((key, _)) = line.split_once('=')
+        && let Some(said) = of_value(key.trim(), value)
+    {
+        return said;
     }
     let word = || message.split([',', ':']).next().unwrap_or(message);
     match word() {
@@ -88,8 +103,61 @@ fn said(text: &str, at: usize, message: &str) -> String {
             "a section that is not closed: write [name] or [[name]]".into()
         }
         "duplicate key" => twice(text, at),
+        word if word.starts_with("invalid") && !value.is_empty() => format!(
+            "{message}: write a number such as 100.0, a list such as [0.0, 100.0], true, false, or a text in quotes"
+        ),
         _ => message.into(),
     }
+}
+
+/// What is wrong with a value that is no TOML, where its text shows what was meant.
+fn of_value(key: &str, value: &str) -> Option<String> {
+    let value = value.split(" #").next().unwrap_or_default().trim();
+    if value.is_empty() || value.starts_with('#') {
+        return Some(format!("the value is missing: write {key} = value"));
+    }
+    match value.to_lowercase().as_str() {
+        "true" | "yes" | "on" => return Some(format!("write {key} = true")),
+        "false" | "no" | "off" => return Some(format!("write {key} = false")),
+        _ => {}
+    }
+    if let Some(rest) = value.strip_prefix(['−', '–', '—']) {
+        return Some(format!("a dash in place of the minus sign: write {key} = -{rest}"));
+    }
+    let of_address = |c: char| c.is_ascii_digit() || c == '.' || c == ':';
+    if value.chars().all(of_address) && (value.contains(':') || value.matches('.').count() == 3) {
+        return Some(format!("a text stands in quotes: write {key} = \"{value}\""));
+    }
+    if value.starts_with('[') && value.contains(';') {
+        return Some("values of a list are parted by commas".into());
+    }
+    let quotes = value.matches('"').count();
+    if value.starts_with('"') && value.ends_with('"') && quotes > 2 && !value.contains('\\') {
+        let inner = value.get(1..value.len() - 1).unwrap_or_default();
+        return Some(format!("quotes within a text: write {key} = '{inner}'"));
+    }
+    duration(key, value)
+}
+
+/// `period_s = 1h`: the number that the key wants.
+fn duration(key: &str, value: &str) -> Option<String> {
+    let (number, unit) = value.split_at(value.find(|c: char| !c.is_ascii_digit() && c != '.')?);
+    let seconds = match unit.trim() {
+        "ms" => 1e-3,
+        "s" | "sec" => 1.0,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        "d" => 86_400.0,
+        _ => return None,
+    };
+    let per_unit = match key {
+        key if key.ends_with("_ms") => 1e3,
+        key if key.ends_with("_s") => 1.0,
+        _ => return None,
+    };
+    let number = number.parse::<f64>().ok()? * seconds * per_unit;
+    let unit = if per_unit > 1.0 { "milliseconds" } else { "seconds" };
+    Some(format!("a number stands alone, here of {unit}: write {key} = {number}"))
 }
 
 /// The section that a line opens a table of: `loop` of `[loop.op]`.
@@ -188,6 +256,21 @@ mod tests {
             ("[[loop]]\nid = \"A\"\nid = \"B\"\n", "f:3:1: the key \"id\" is there twice, first in line 2"),
             ("[[loop]\nid = \"A\"\n", "a section that is not closed"),
             ("[server]\nscale = 0,1\n", "a decimal comma"),
+            ("[schedule]\nperiod_s = 3,600\n", "a comma within a number: leave it out between thousands"),
+            ("[schedule]\nperiod_s = 1h\n", "write period_s = 3600"),
+            ("[[modbus]]\npoll_ms = 2s\n", "write poll_ms = 2000"),
+            ("[[modbus]]\naddress = 10.0.0.5:502\n", "write address = \"10.0.0.5:502\""),
+            ("[store]\nenabled = True\n", "write enabled = true"),
+            ("[store]\nenabled = no # yet\n", "write enabled = false"),
+            ("[[loop]]\nid =\n", "the value is missing: write id = value"),
+            ("[[loop]]\noffset = −5.0\n", "write offset = -5.0"),
+            ("[[loop]]\nop_limits = [0.0; 100.0]\n", "values of a list are parted by commas"),
+            ("[[loop]]\nop_limits = 0-100\n", "a list such as [0.0, 100.0]"),
+            ("[[loop]]\n\u{a0}id = \"A\"\n", "a no-break space"),
+            (
+                "[[loop]]\nnode = \"ns=3;s=\"DB1\".\"OP\"\"\n",
+                "quotes within a text: write node = 'ns=3;s=\"DB1\".\"OP\"'",
+            ),
         ];
         for (text, expected) in cases {
             let found = errors(text);

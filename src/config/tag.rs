@@ -91,28 +91,16 @@ impl TagConfig {
         }
     }
 
-    /// Whether both read the same thing.
-    pub fn same_source(&self, other: &TagConfig) -> bool {
-        match (self, other) {
-            (Self::Modbus(a), Self::Modbus(b)) => {
-                (&a.device, a.register, a.address, a.bit) == (&b.device, b.register, b.address, b.bit)
+    /// Where it is read; the same text for two tags that read the same thing.
+    pub fn source(&self) -> String {
+        match self {
+            Self::Modbus(own) => format!("{:?}", (&own.device, own.register, own.address, own.bit)),
+            Self::Opcua(own) => format!("{:?}", (&own.device, &own.node, &own.path, own.element)),
+            Self::Mqtt(own) => {
+                let metric = (&own.sparkplug, &own.metric, own.alias);
+                format!("{:?}", (&own.device, &own.topic, &own.path, metric))
             }
-            (Self::Opcua(a), Self::Opcua(b)) => {
-                (&a.device, &a.node, &a.path, a.element) == (&b.device, &b.node, &b.path, b.element)
-            }
-            (Self::Mqtt(a), Self::Mqtt(b)) => {
-                let place = |tag: &mqtt::TagConfig| {
-                    (
-                        tag.topic.clone(),
-                        tag.path.clone(),
-                        tag.sparkplug.clone(),
-                        tag.metric.clone(),
-                        tag.alias,
-                    )
-                };
-                a.device == b.device && place(a) == place(b)
-            }
-            _ => false,
+            Self::Forwarded(own) => format!("{:?}", (&own.device, &own.source)),
         }
     }
 }

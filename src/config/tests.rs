@@ -152,7 +152,7 @@ description = 'größer'; colour = 1
     );
     let text = text.replace("'größer'; colour = 1", "'größer'\nframe = { 'größe' = 'ü', x = 1 }");
     let expected = [
-        "f:2:10: listen: not an address and port such as 127.0.0.1:8080",
+        "f:2:10: listen: not an address in numbers and a port, such as 127.0.0.1:8080 for this machine alone or 0.0.0.0:8080 for all",
         "f:3:2: unknown section \"histroy\", did you mean \"history\"?",
         "f:6:12: period_s: 0 must be 1 to 2678400",
         "f:7:15: parallelism: invalid type: floating point `1.5`, expected a whole number from 0",

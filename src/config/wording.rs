@@ -28,10 +28,16 @@ pub fn section(path: &[Step]) -> String {
 /// The message about an entry that cannot be used.
 pub fn of_entry(message: &str, key: &str) -> String {
     if let Some(word) = message.strip_prefix("unknown variant `").and_then(|rest| rest.split('`').next()) {
-        return format!("{key}: unknown value {word:?}{}", hint(word, &choices(message)));
+        let known = choices(message);
+        let hint = meant(key, word).filter(|own| known.contains(own));
+        let hint = hint.map_or_else(|| self::hint(word, &known), |own| format!(", did you mean {own:?}?"));
+        return format!("{key}: unknown value {word:?}{hint}");
     }
     if let Some(number) = decimal_comma(message) {
         return format!("{key}: a decimal comma in quotes: write {key} = {number}");
+    }
+    if let Some(number) = quoted_number(message).filter(|_| message.contains("floating point")) {
+        return format!("{key}: a whole number is expected, write {key} = {number}");
     }
     if let Some(number) = quoted_number(message) {
         return format!("{key}: a number without quotes is expected, write {key} = {number}");
@@ -47,6 +53,43 @@ pub fn of_entry(message: &str, key: &str) -> String {
     }
     format!("{key}: {}", plain(message))
 }
+
+/// What devices' lists call a type, a register or an order of bytes.
+fn meant(key: &str, word: &str) -> Option<&'static str> {
+    let word = word.to_lowercase().replace(['-', ' '], "_");
+    let names: &[(&str, &[&str])] = match key {
+        "type" => &TYPES,
+        "register" => &REGISTERS,
+        "byte_order" => &ORDERS,
+        _ => return None,
+    };
+    names.iter().find(|(_, others)| others.contains(&word.as_str())).map(|(own, _)| *own)
+}
+
+/// Types of IEC 61131-3 and of programming languages.
+const TYPES: [(&str, &[&str]); 9] = [
+    ("f32", &["real", "float", "float32", "single"]),
+    ("f64", &["lreal", "double", "float64"]),
+    ("i16", &["int", "int16", "short", "sint16"]),
+    ("i32", &["dint", "int32", "sint32"]),
+    ("i64", &["lint", "int64"]),
+    ("u16", &["word", "uint", "uint16"]),
+    ("u32", &["dword", "udint", "uint32"]),
+    ("u64", &["lword", "ulint", "uint64"]),
+    ("bit", &["bool", "boolean"]),
+];
+const REGISTERS: [(&str, &[&str]); 4] = [
+    ("holding", &["hr", "4x", "holding_register", "holding_registers", "holdingregister"]),
+    ("input", &["ir", "3x", "input_register", "input_registers", "inputregister"]),
+    ("discrete", &["di", "1x", "discrete_input", "discrete_inputs", "discreteinput"]),
+    ("coil", &["0x", "coils", "do"]),
+];
+const ORDERS: [(&str, &[&str]); 4] = [
+    ("ABCD", &["big", "big_endian", "be", "msb"]),
+    ("CDAB", &["word_swap", "word_swapped", "swap_words", "swapped"]),
+    ("BADC", &["byte_swap", "byte_swapped", "swap_bytes"]),
+    ("DCBA", &["little", "little_endian", "le", "lsb"]),
+];
 
 /// `invalid type: string "0,1", expected f64`: the number with a point.
 fn decimal_comma(message: &str) -> Option<String> {
@@ -97,7 +140,8 @@ fn allowed(word: &str) -> usize {
 /// Rust's names of types in plain words.
 pub fn plain(message: &str) -> String {
     if message.contains("socket address") {
-        return "not an address and port such as 127.0.0.1:8080".into();
+        return "not an address in numbers and a port, such as 127.0.0.1:8080 for this machine alone or 0.0.0.0:8080 for all"
+            .into();
     }
     let (head, expected) = match message.rsplit_once("expected ") {
         Some(parts) => parts,

@@ -122,6 +122,24 @@ pub enum NotIdentifiable {
 }
 
 impl NotIdentifiable {
+    /// Every [`NotIdentifiable::code`].
+    pub const CODES: [&str; 14] = [
+        "too_short",
+        "no_time_base",
+        "gaps",
+        "flat_op",
+        "flat_pv",
+        "saturated",
+        "manual",
+        "not_excited",
+        "undersampled",
+        "compensated",
+        "hidden_friction",
+        "no_response",
+        "out_of_scale",
+        "deadline_exceeded",
+    ];
+
     /// The stable, machine-readable name of the reason.
     pub fn code(&self) -> &'static str {
         match self {

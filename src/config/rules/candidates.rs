@@ -1,7 +1,7 @@
 //! Whether the tags of other loops that may explain a loop are there.
 
 use super::super::LoopConfig;
-use super::super::neighbours::{Candidates, MOST_CANDIDATES, find};
+use super::super::neighbours::{Candidates, MOST_CANDIDATES, find, in_other_letters};
 use super::super::section::Parts;
 use super::super::source::Step;
 use super::Rules;
@@ -27,17 +27,19 @@ impl Rules<'_, '_, '_> {
         };
         for (nth, name) in names.iter().enumerate() {
             let here = [&here[..], &path![nth]].concat();
-            let others = parts.loops.iter().flatten().filter(|other| other.id != control_loop.id);
+            let others = || parts.loops.iter().flatten().filter(|other| other.id != control_loop.id);
             if names[..nth].contains(name) {
                 self.wrong(&here, format!("candidates: {name:?} is there twice"));
             } else if control_loop.tag.iter().any(|tag| tag.name() == Some(name)) {
                 self.wrong(&here, format!("candidates: {name:?} is also a [[loop.tag]] of this loop"));
-            } else if find(name, others).is_none() {
+            } else if find(name, others()).is_none() {
                 let what = match (own(name), name.contains('.')) {
                     (true, _) => "is this loop's own: name tags of other loops",
                     (false, true) => "is no tag of another loop: look at how the loop and the tag are called",
                     (false, false) => "is no tag of another loop; write them as loop.tag, like \"FIC203.pv\"",
                 };
+                let hint = in_other_letters(name, others()).map(|own| format!("did you mean {own:?}?"));
+                let what = hint.as_deref().unwrap_or(what);
                 self.wrong(&here, format!("candidates: {name:?} {what}"));
             }
         }

@@ -28,7 +28,9 @@ impl Rules<'_, '_, '_> {
             } else if names[..nth].contains(name) {
                 self.wrong(&here, format!("upstream: {name:?} is there twice"));
             } else if !known.contains(&name.as_str()) {
-                let hint = wording::hint(name, &known);
+                let others: Vec<&str> =
+                    known.iter().copied().filter(|other| *other != control_loop.id).collect();
+                let hint = wording::hint(name, &others);
                 self.wrong(&here, format!("upstream: no [[loop]] has the id {name:?}{hint}"));
             }
         }

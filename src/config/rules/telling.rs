@@ -3,6 +3,7 @@
 use super::super::wording;
 use super::{Parts, Rules, Step};
 use crate::alarm::Kind;
+use crate::diagnosis::NotIdentifiable;
 use crate::notify::{Config, Wrong};
 use std::collections::{BTreeSet, HashMap};
 
@@ -46,6 +47,17 @@ impl Rules<'_, '_, '_> {
                     format!("groups: no [[loop]] has the group {group:?}{hint}")
                 });
             }
+        }
+    }
+
+    /// What is no fault is the reason of a diagnosis.
+    pub(super) fn ignored(&mut self, parts: &Parts) {
+        let known = NotIdentifiable::CODES;
+        let ignore = parts.alarm.iter().flat_map(|alarm| &alarm.not_identifiable.ignore).enumerate();
+        for (nth, reason) in ignore.filter(|(_, reason)| !known.contains(&reason.as_str())) {
+            let hint = wording::hint(reason, &known);
+            let here = path!["alarm", "not_identifiable", "ignore", nth];
+            self.wrong(&here, format!("ignore: no diagnosis gives the reason {reason:?}{hint}"));
         }
     }
 
