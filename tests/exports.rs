@@ -11,6 +11,8 @@ mod doubts;
 mod dress;
 #[path = "exports/forms.rs"]
 mod forms;
+#[path = "exports/joined.rs"]
+mod joined;
 #[path = "exports/random.rs"]
 mod random;
 #[path = "exports/shared.rs"]

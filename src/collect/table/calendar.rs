@@ -75,6 +75,15 @@ pub fn zone(word: &str) -> Option<i32> {
     ZONES.iter().find(|(name, _)| *name == word).map(|(_, offset)| *offset)
 }
 
+/// Letters of zones that more than one country has.
+const AMBIGUOUS: [&str; 13] =
+    ["est", "edt", "cst", "cdt", "mst", "mdt", "pst", "pdt", "bst", "ist", "msk", "ast", "akst"];
+
+/// Whether a word is letters of a zone that do not say which.
+pub fn is_ambiguous(word: &str) -> bool {
+    AMBIGUOUS.contains(&word.to_lowercase().as_str())
+}
+
 /// Whether a word behind a time of day, `am` or `pm`, says that it is past noon.
 pub fn half(word: &str) -> Option<bool> {
     match word {

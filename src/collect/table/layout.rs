@@ -1,12 +1,12 @@
 //! Where the header is, and what stands in which column.
 
-use super::error::{TableError, listed, shown};
-use super::names::{Meaning, Name, as_unit};
+use super::error::{TableError, listed};
+use super::names::{Name, as_unit};
 use super::options::Options;
-use super::roles::{Roles, Trouble, roles, told};
+use super::roles::{Roles, Trouble, roles};
 use super::source::{Cell, Rows};
-use super::stamp;
 use super::time::{What, WhatKind};
+use super::time_columns::{millis, times};
 
 /// Most columns of a table.
 const MAX_COLUMNS: usize = 1 << 12;
@@ -14,14 +14,18 @@ const MAX_COLUMNS: usize = 1 << 12;
 const PREAMBLE: usize = 60;
 /// Rows between the header and the first sample: units, descriptions, limits.
 const BELOW: usize = 4;
+/// Rows by which a table of R is known.
+const R_ROWS: usize = 3;
 /// Rows looked at.
 const LOOKED_AT: usize = 400;
 
 /// A cell of the first rows.
 #[derive(Clone, Debug)]
 pub struct Seen {
-    text: String,
-    kind: WhatKind,
+    /// What stands there.
+    pub text: String,
+    /// What it can be.
+    pub kind: WhatKind,
 }
 
 /// A row of them and its line.
@@ -124,7 +128,7 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
             }
             let names: Vec<Name> = match bare {
                 true => (1..=row.len()).map(|number| Name::new(&format!("column {number}"))).collect(),
-                false => row.iter().map(|cell| Name::new(&cell.text)).collect(),
+                false => named(row, &rows[at + 1..]),
             };
             let known = known(&names, options);
             if best.is_none_or(|(most, _)| known > most) {
@@ -134,8 +138,9 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
                 Ok(mut layout) => {
                     layout.line = *line;
                     layout.skip += at + usize::from(!bare);
-                    let even = even(&rows[at + 1..], row.len());
-                    return Looked { layout: Ok(layout), known, even, cells: row.len(), numbers_only: false };
+                    let cells = layout.names.len();
+                    let even = even(&rows[at + 1..], cells);
+                    return Looked { layout: Ok(layout), known, even, cells, numbers_only: false };
                 }
                 Err(Trouble::Refused(error)) => {
                     refused.get_or_insert((error, *line, known, row.len()));
@@ -159,6 +164,17 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
         cells: row.len(),
         numbers_only,
     }
+}
+
+/// The names of a header; R numbers its rows and has no name for that column, which is the first.
+fn named(header: &[Seen], below: &[SeenRow]) -> Vec<Name> {
+    let numbered = |(row, (_, cells)): (usize, &SeenRow)| {
+        cells.len() == header.len() + 1 && cells[0].text.trim_matches('"') == (row + 1).to_string()
+    };
+    let first = &below[..below.len().min(R_ROWS)];
+    let is_r = first.len() == R_ROWS && first.iter().enumerate().all(numbered);
+    let names = header.iter().map(|cell| Name::new(&cell.text));
+    is_r.then(|| Name::new("")).into_iter().chain(names).collect()
 }
 
 /// Whether a row has a time where the option says, by number, that times stand.
@@ -189,7 +205,8 @@ impl Looked {
 fn none(line: u64, row: &[Seen], numbers_only: bool, options: &Options, row_name: &str) -> TableError {
     if numbers_only {
         return TableError::refused(format!(
-            "{row_name} {line}: numbers where the header should be; put a line such as t,op,pv above them"
+            "{row_name} {line}: numbers where the header should be; put a line such as t,op,pv above them, or say which column is \
+             which, such as --time 1 --op 2 --pv 3"
         ));
     }
     let names: Vec<Name> = row.iter().map(|cell| Name::new(&cell.text)).collect();
@@ -203,13 +220,20 @@ fn none(line: u64, row: &[Seen], numbers_only: bool, options: &Options, row_name
     };
     let missing = [missing, others].concat().join(", ");
     let found = listed(names.iter().map(|name| name.full.as_str()));
+    if missing.is_empty() {
+        return TableError::refused(format!(
+            "{row_name} {line}: the header has {found}, and no times stand below it; name columns by their number with --time, \
+             --op and --pv"
+        ));
+    }
     TableError::refused(format!(
         "{row_name} {line}: no column {missing} (t the time, op the controller's output, pv the measured value); \
          the header has {found}; name them with --time, --op and --pv"
     ))
 }
 
-fn known(names: &[Name], options: &Options) -> usize {
+/// How many names are known, or told by an option.
+pub fn known(names: &[Name], options: &Options) -> usize {
     let told = |name: &Name| {
         ["t", "op", "pv"].iter().any(|role| options.column(role).is_some_and(|own| name.is(own)))
     };
@@ -246,69 +270,12 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
         (None, Err(trouble)) => return Err(trouble),
     };
     let mut layout =
-        Layout { line: 0, skip: 0, time, clock, millis, time_unit: names[time].unit.clone(), names, body };
+        Layout { line: 0, skip: 0, time, clock, millis, time_unit: names[time].unit_of_time(), names, body };
     units(&mut layout, below);
     Ok(layout)
 }
 
-/// The column of times, and that of the time of day where the first is the date.
-fn times(names: &[Name], below: &[SeenRow], options: &Options) -> Result<(usize, Option<usize>), Trouble> {
-    if let Some(wanted) = &options.time {
-        let at = told(names, wanted, "time", true).map_err(|error| {
-            if known(names, options) > 1 { Trouble::Refused(error) } else { Trouble::Missing(vec!["t"]) }
-        })?;
-        let clock = names[at].is_date().then(|| names.iter().position(Name::is_clock)).flatten();
-        return Ok((at, clock.filter(|clock| *clock != at)));
-    }
-    let is_time = |name: &Name| name.said().is_some_and(|said| said.meaning == Meaning::Time);
-    let found: Vec<usize> = (0..names.len()).filter(|at| is_time(&names[*at])).collect();
-    match found.as_slice() {
-        [one] => Ok((*one, None)),
-        [a, b] if names[*a].is_date() && names[*b].is_clock() => Ok((*a, Some(*b))),
-        [a, b] if names[*b].is_date() && names[*a].is_clock() => Ok((*b, Some(*a))),
-        [] => {
-            // An index without a name, or a column of dates under any name.
-            let kind = |at: usize| below.first().and_then(|(_, row)| row.get(at)).map(|cell| cell.kind);
-            let nameless = names.first().is_some_and(Name::is_none)
-                && matches!(kind(0), Some(WhatKind::Number | WhatKind::Dated));
-            let mut dated = (0..names.len()).filter(|at| kind(*at) == Some(WhatKind::Dated));
-            match (dated.next(), dated.next(), nameless) {
-                (Some(at), None, _) => Ok((at, None)),
-                (None, _, true) => Ok((0, None)),
-                _ => Err(Trouble::Missing(vec!["t"])),
-            }
-        }
-        [first, second, ..] => Err(Trouble::Refused(TableError::refused(format!(
-            "column {}: {:?} is the second column for t (after column {}); say which with --time",
-            second + 1,
-            shown(&names[*second].full),
-            first + 1
-        )))),
-    }
-}
-
-/// Names of a column of milliseconds beside one of whole seconds. The first is a logger's and means nothing else.
-const MILLIS: [&str; 6] = ["millitm", "millis", "millisecond", "milliseconds", "msec", "ms"];
-
-/// The column of milliseconds: whole numbers below a thousand beside whole seconds, of which one comes more than once where
-/// the name may mean something else.
-fn millis(names: &[Name], time: usize, below: &[SeenRow]) -> Option<usize> {
-    let (at, name) = names.iter().enumerate().find(|(_, name)| MILLIS.contains(&name.plain()))?;
-    let dated: Vec<&SeenRow> =
-        below.iter().filter(|row| row.1.get(time).is_some_and(|cell| cell.kind == WhatKind::Dated)).collect();
-    let whole = |row: &&SeenRow| stamp::scan(&row.1[time].text).is_some_and(|own| own.is_whole_second());
-    let small = |row: &&SeenRow| row.1.get(at).is_some_and(|cell| whole_millis(&cell.text).is_some());
-    let repeats = dated.windows(2).any(|pair| pair[0].1[time].text == pair[1].1[time].text);
-    let meant = name.plain() == MILLIS[0] || repeats;
-    (meant && !dated.is_empty() && dated.iter().all(|row| whole(row) && small(row))).then_some(at)
-}
-
-/// A cell of milliseconds of a second.
-pub fn whole_millis(cell: &str) -> Option<u32> {
-    cell.trim().parse().ok().filter(|ms| *ms < 1000)
-}
-
-const TAGS: [&str; 24] = [
+const TAGS: [&str; 27] = [
     "tag",
     "tagname",
     "tag name",
@@ -333,6 +300,9 @@ const TAGS: [&str; 24] = [
     "messstelle",
     "attribute",
     "browsename",
+    "path",
+    "data item",
+    "alias",
 ];
 const VALUES: [&str; 8] =
     ["value", "val", "wert", "messwert", "reading", "varvalue", "floatvalue", "ip trend value"];

@@ -7,7 +7,7 @@
 //! | step | decides |
 //! |---|---|
 //! | `source`, `kinds`, `text` | what kind of file, which encoding |
-//! | `layout`, `names`, `roles` | what divides cells, where the header is, which column is what |
+//! | `layout`, `time_columns`, `names`, `roles` | what divides cells, where the header is, which column is what |
 //! | `evidence`, `number` | the decimal sign, thousands, units behind numbers |
 //! | `time`, `stamp`, `calendar` | how times are written |
 //! | `words` | which modes are automatic, which qualities good |
@@ -32,6 +32,7 @@ mod survey;
 mod take;
 mod text;
 mod time;
+mod time_columns;
 mod words;
 mod workbook;
 

@@ -45,6 +45,9 @@ const TIME: &[&str] = &[
     "timestring",
     "time string",
     "t stamp",
+    "seconds",
+    "minutes",
+    "hours",
     "ip trend time",
     "elapsed",
     "elapsed time",
@@ -168,8 +171,8 @@ const UNITS: &[&str] = &[
     "%", "pct", "percent", "ma", "a", "v", "degc", "degf", "°c", "°f", "c", "k", "bar", "mbar", "bara",
     "barg", "pa", "kpa", "mpa", "psi", "psig", "m3/h", "m³/h", "nm3/h", "l/h", "l/min", "l/s", "gpm", "kg/h",
     "kg/s", "t/h", "lb/h", "m", "mm", "cm", "kw", "mw", "rpm", "ph", "ppm", "s", "sec", "secs", "second",
-    "seconds", "ms", "us", "µs", "ns", "min", "minutes", "h", "hours", "d", "days", "-", "utc", "gmt",
-    "local", "counts", "raw", "m3/s", "mol/s",
+    "seconds", "ms", "us", "µs", "ns", "min", "minutes", "h", "hr", "hrs", "hours", "d", "days", "-", "utc",
+    "gmt", "local", "counts", "raw", "m3/s", "mol/s",
 ];
 
 /// What may stand as a unit behind a name of times.
@@ -279,6 +282,12 @@ impl Name {
         role(&plain(last))
             .filter(|_| short && !before.trim().is_empty())
             .map(|meaning| said(meaning, &[before]))
+    }
+
+    /// The unit of times in this column: `Time [min]`, and `Minutes`.
+    pub fn unit_of_time(&self) -> Option<String> {
+        let by_name = || Unit::of(&self.plain).map(|_| self.plain.clone());
+        self.unit.clone().or_else(by_name)
     }
 
     fn path(&self) -> String {

@@ -1,7 +1,7 @@
 //! One cell as a date or a time of day, whatever its format: the cell is cut into numbers, words and signs, and what they
 //! are follows from their place. Only the order of day, month and year is left open, for the whole column decides it.
 
-use super::calendar::{half, half_before, is_weekday, month, zone};
+use super::calendar::{half, half_before, is_ambiguous, is_weekday, month, zone};
 
 /// Nanoseconds of a second, of a day.
 pub const SECOND: i64 = 1_000_000_000;
@@ -40,6 +40,8 @@ pub struct Stamp {
     clock: Option<i64>,
     /// Seconds east of Greenwich, where the cell says so.
     pub offset: Option<i32>,
+    /// Letters of a zone stand there that more than one country has: `EST`.
+    pub has_letters: bool,
 }
 
 /// Days from 1970-01-01 to a date of the Gregorian calendar; `None` where there is no such date.
@@ -93,6 +95,11 @@ impl Stamp {
         self.clock.is_none_or(|clock| clock % SECOND == 0)
     }
 
+    /// Whether it is a date without a time of day.
+    pub fn is_date_only(&self) -> bool {
+        self.date.is_some() && self.clock.is_none()
+    }
+
     /// Whether there is a date.
     pub fn has_date(&self) -> bool {
         self.date.is_some()
@@ -109,7 +116,7 @@ impl Stamp {
         if self.clock.is_some_and(|clock| clock != 0) || clock.date.is_some() || !of_a_day {
             return None;
         }
-        Some(Stamp { date: self.date, clock: clock.clock, offset: clock.offset })
+        Some(Stamp { date: self.date, ..*clock })
     }
 }
 
@@ -176,7 +183,12 @@ pub fn scan(cell: &str) -> Option<Stamp> {
     let pieces = pieces(cell)?;
     let mut left = Left(&pieces);
     if let Some(elapsed) = left.elapsed() {
-        return left.0.is_empty().then_some(Stamp { date: None, clock: Some(elapsed), offset: None });
+        return left.0.is_empty().then_some(Stamp {
+            date: None,
+            clock: Some(elapsed),
+            offset: None,
+            has_letters: false,
+        });
     }
     left.skip_weekday();
     let (mut date, mut clock) = (left.date(), None);
@@ -191,7 +203,7 @@ pub fn scan(cell: &str) -> Option<Stamp> {
         left.between();
         date = left.date();
     }
-    let offset = left.offset()?;
+    let (offset, has_letters) = left.offset()?;
     left.blanks();
     // `Jun 1 06:00:00 2026`: the year at the end.
     if let (Some(Date::Known(0, month, day)), [Piece::Number(year, 4)]) = (date, left.0) {
@@ -199,7 +211,7 @@ pub fn scan(cell: &str) -> Option<Stamp> {
         left.0 = &[];
     }
     let whole = left.0.is_empty() && !matches!(date, Some(Date::Known(0, ..)));
-    (whole && (date.is_some() || clock.is_some())).then_some(Stamp { date, clock, offset })
+    (whole && (date.is_some() || clock.is_some())).then_some(Stamp { date, clock, offset, has_letters })
 }
 
 /// The pieces that are not understood yet.
@@ -409,19 +421,24 @@ impl Left<'_, '_> {
         Some((hour * 3600 + minute * 60 + second) * SECOND + fraction)
     }
 
-    /// The offset from Greenwich; `Some(None)` where none is given, `None` where one cannot be read.
-    fn offset(&mut self) -> Option<Option<i32>> {
+    /// The offset from Greenwich where one is given, and whether letters stand there that do not say which; `None` where what
+    /// stands there is neither.
+    fn offset(&mut self) -> Option<(Option<i32>, bool)> {
         use Piece::{Number, Sign, Word};
         self.blanks();
         if let [Word(name), rest @ ..] = self.0 {
-            let offset = zone(name)?;
+            let known = zone(name);
+            if known.is_none() && !is_ambiguous(name) {
+                return None;
+            }
             self.0 = rest;
             self.blanks();
+            let Some(offset) = known else { return Some((None, true)) };
             if offset != 0 || !matches!(self.0, [Sign('+' | '-'), ..]) {
-                return Some(Some(offset));
+                return Some((Some(offset), false));
             }
         }
-        let [Sign(sign @ ('+' | '-')), rest @ ..] = self.0 else { return Some(None) };
+        let [Sign(sign @ ('+' | '-')), rest @ ..] = self.0 else { return Some((None, false)) };
         let (hours, minutes, rest) = match rest {
             [Number(h, 2), Sign(':'), Number(m, 2), rest @ ..] => (*h, *m, rest),
             [Number(hm, 4), rest @ ..] => (hm / 100, hm % 100, rest),
@@ -433,7 +450,7 @@ impl Left<'_, '_> {
         }
         self.0 = rest;
         let seconds = i32::try_from(hours * 3600 + minutes * 60).ok()?;
-        Some(Some(if *sign == '-' { -seconds } else { seconds }))
+        Some((Some(if *sign == '-' { -seconds } else { seconds }), false))
     }
 }
 

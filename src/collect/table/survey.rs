@@ -190,6 +190,7 @@ impl Counting {
         let time_name = layout.names[layout.time].full.as_str();
         while let Some(line) = rows.next()? {
             if passed_over(rows, layout) {
+                same_header(rows, layout, line)?;
                 continue;
             }
             let first = rows.cell(layout.time);
@@ -424,7 +425,33 @@ pub fn passed_over(rows: &dyn Rows, layout: &Layout) -> bool {
     let header = layout.names[layout.time].full.as_str();
     let again =
         matches!(rows.cell(layout.time), Cell::Text(text) if text.trim().trim_matches('"').trim() == header);
-    again && !header.is_empty() || rows.cell(0).is_comment()
+    again && !header.is_empty() || rows.cell(0).is_comment() || is_ruler(rows)
+}
+
+/// Refuses the header once more with its columns in another order: two tables in one file.
+fn same_header(rows: &dyn Rows, layout: &Layout, line: u64) -> Result<(), TableError> {
+    if rows.cell(0).is_comment() || is_ruler(rows) || rows.len() != layout.names.len() {
+        return Ok(());
+    }
+    let other = (0..rows.len()).find(|at| Name::new(&rows.cell(*at).shown()).full != layout.names[*at].full);
+    other.map_or(Ok(()), |at| {
+        Err(TableError::refused(format!(
+            "line {line}: the header comes again with {:?} where {:?} was: two tables in one file; save them apart",
+            super::error::shown(&rows.cell(at).shown()),
+            super::error::shown(&layout.names[at].full)
+        )))
+    })
+}
+
+/// A row of dashes below the header, as tools for databases print it.
+fn is_ruler(rows: &dyn Rows) -> bool {
+    let dashes = |at: usize| {
+        let text = rows.cell(at).shown();
+        let text = text.trim();
+        text.len() > 1 && text.bytes().all(|byte| byte == b'-')
+    };
+    let begins = matches!(rows.cell(0), Cell::Text(text) if text.trim_start().starts_with("--"));
+    begins && rows.len() > 1 && (0..rows.len()).all(dashes)
 }
 
 /// More cells than the header has: a decimal comma in a table that commas divide.
@@ -450,7 +477,7 @@ fn not_even(rows: &dyn Rows, layout: &Layout, line: u64, first: &Cell<'_>) -> Re
     }
     Err(TableError::refused(format!(
         "line {line}: {got} cells where the header has {want}; blanks divide them, so that none may be empty, and names have \
-         none within; save the table with a sign between cells"
+         none within; try --separator blank, or save the table with a sign between cells"
     )))
 }
 

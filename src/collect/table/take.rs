@@ -3,12 +3,13 @@
 use super::channel::{Channel, Tag};
 use super::error::TableError;
 use super::found::Found;
-use super::layout::{Body, whole_millis};
+use super::layout::Body;
 use super::names::Name;
 use super::number;
 use super::options::Options;
 use super::source::{Cell, Rows, Source};
 use super::survey::{Plan, passed_over, tag_of};
+use super::time_columns::whole_millis;
 use super::{MAX_VALUES, Table};
 use crate::signal::{BadReason, Quality, Record, Role, Sample, Series};
 

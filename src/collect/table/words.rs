@@ -277,7 +277,11 @@ impl Says {
             };
         }
         let known = words.counts.iter().filter(|(word, _)| is_known(word)).count();
-        if known == 0 {
+        // A word that nobody knows may say good: where most of the column is such, it is asked for.
+        let rows: u64 = words.counts.iter().map(|(_, count)| *count).sum();
+        let strange: u64 =
+            words.counts.iter().filter(|(word, _)| !is_known(word)).map(|(_, count)| *count).sum();
+        if known == 0 || strange * 2 > rows {
             return doubt();
         }
         let any_good = words.counts.iter().any(|(word, _)| quality_of(word).is_good());

@@ -6,7 +6,7 @@ use super::super::number::Decimal;
 use super::super::options::{self, Format, Told, Unit, Zone};
 use super::super::stamp::Order;
 use super::reading::{How, Reading, Spread};
-use super::tally::{Groups, Numbers, Times, Track};
+use super::tally::{Groups, Numbers, SERIAL, Times, Track};
 
 /// Stamps that may be missing or wrong within a column: one in so many.
 const BAD: u64 = 50;
@@ -29,6 +29,8 @@ const CUT: [f64; 3] = [1.0, 60.0, 3600.0];
 const BACK_S: f64 = 600.0;
 /// A time of day is no more (s).
 const A_DAY: f64 = 86_400.0;
+/// By how much a clock of twelve hours goes back at noon and at midnight (s).
+const HALF_A_DAY: f64 = 43_200.0;
 /// By how much clocks go back where daylight saving time ends (s).
 const HOUR: f64 = 3600.0;
 
@@ -61,6 +63,13 @@ impl Times {
         let best = [numbers.track.count, dated, self.clocks.count, self.moments.count, self.formatted.count];
         let most = best.into_iter().max().unwrap_or(0);
         let of_header = if told.zone.name.is_none() { header_zone(column)? } else { None };
+        if let (Some((line, cell)), None, None) = (&self.letters, &told.zone.name, &of_header) {
+            return Err(TableError::refused(format!(
+                "{} {line}, column {} ({}): the letters in {cell:?} are those of several zones; say which with --tz, such as \
+                 America/New_York or -05:00",
+                column.row_name, column.number, column.name
+            )));
+        }
         let zone = || match &of_header {
             Some(zone) => format!(" ({} by the header)", zone.name.as_deref().unwrap_or_default()),
             None => zone_said(told),
@@ -140,9 +149,12 @@ impl Times {
     /// # Errors
     /// They go back by an hour on a clock whose zone nobody told.
     fn back(&self, track: &Track, told: &Told, column: &Column<'_>) -> Result<String, TableError> {
-        let ([forward, back], Some((step, line))) = (track.ways, track.back) else {
-            return Ok(String::new());
+        // Where the newest stands first, times that go on are those that go back in time.
+        let ([forward, back], turned) = match track.falls() {
+            true => ([track.ways[1], track.ways[0]], track.largest[0]),
+            false => (track.ways, track.largest[1]),
         };
+        let Some((step, line)) = turned else { return Ok(String::new()) };
         // Where a zone is told, the hour that comes twice is known by it.
         if back * BAD > forward || step < BACK_S || told.zone.name.is_some() && step <= HOUR {
             return Ok(String::new());
@@ -153,6 +165,12 @@ impl Times {
             return Err(TableError::refused(format!(
                 "{row_name} {line}, column {number} ({name}): times go back by an hour, as where daylight saving time ends; say \
                  the zone with --tz, such as Europe/Berlin, or --tz UTC where they are right"
+            )));
+        }
+        if (HALF_A_DAY - 60.0..=HALF_A_DAY).contains(&step) {
+            return Err(TableError::refused(format!(
+                "{row_name} {line}, column {number} ({name}): times go back by twelve hours, as on a clock of twelve hours that \
+                 says neither AM nor PM; save the times with it, or on a clock of 24 hours"
             )));
         }
         let times = if back == 1 { "once".to_string() } else { format!("{back} times") };
@@ -211,12 +229,19 @@ impl Times {
             ));
         }
         let step = numbers.track.usual_step().unwrap_or(0.0);
+        let of_wincc = |value: f64| (SERIAL.0 * 1e6..SERIAL.1 * 1e6).contains(&value);
         match named {
+            Some(Unit::Millis) if of_wincc(shown) => doubt(format!(
+                "{shown} is no time in milliseconds but, as WinCC counts, in millionths of a day: take the column of dates with --time"
+            )),
             Some(unit) => Ok(unit),
             None if most(numbers.serial) && step > 0.0 && step < STEP_OF_DAYS => Ok(Unit::Days),
             None if most(numbers.date_num) && step > 0.0 && step < STEP_OF_DAYS => Ok(Unit::DateNum),
             None if most(numbers.serial) && step > 0.0 && step < STEP_OF_SECONDS => {
                 doubt(format!("{shown} in steps of {step} may be seconds or days of a spreadsheet"))
+            }
+            None if step > 0.0 && step < STEP_OF_DAYS => {
+                doubt(format!("steps of {step} are too short for seconds"))
             }
             None if step >= LONG_STEP => doubt(format!("steps of {step} may be seconds or milliseconds")),
             None => Ok(Unit::Seconds),

@@ -31,8 +31,8 @@ pub struct Track {
     steps: [Vec<f64>; 2],
     /// How many of each there are.
     pub ways: [u64; 2],
-    /// The largest step back, and its line.
-    pub back: Option<(f64, u64)>,
+    /// The largest step forward and the largest back, as a positive number, and their lines.
+    pub largest: [Option<(f64, u64)>; 2],
     before: Option<f64>,
 }
 
@@ -48,7 +48,7 @@ impl Default for Track {
             sum: 0.0,
             steps: [Vec::new(), Vec::new()],
             ways: [0; 2],
-            back: None,
+            largest: [None; 2],
             before: None,
         }
     }
@@ -74,9 +74,9 @@ impl Track {
                 if self.steps[way].len() < STEPS {
                     self.steps[way].push(step.abs());
                 }
-            }
-            if step < 0.0 && self.back.is_none_or(|(most, _)| -step > most) {
-                self.back = Some((-step, line));
+                if self.largest[way].is_none_or(|(most, _)| step.abs() > most) {
+                    self.largest[way] = Some((step.abs(), line));
+                }
             }
         }
         self.before = Some(value);
@@ -165,6 +165,8 @@ pub struct Times {
     pub open: bool,
     /// Whether a stamp had an offset, and whether one had none.
     pub offsets: [bool; 2],
+    /// The first cell with letters of a zone that do not say which: its line and what stands there.
+    pub letters: Option<(u64, String)>,
     /// The first dated cell: its line and what stands there.
     pub example: Option<(u64, String)>,
     /// Times of day without a date.
@@ -207,6 +209,9 @@ impl Times {
         if let Some(stamp) = stamp {
             self.offsets[usize::from(stamp.offset.is_none())] = true;
             self.open |= stamp.is_open();
+            if stamp.has_letters && self.letters.is_none() {
+                self.letters = Some((line, shown(&text())));
+            }
             self.example.get_or_insert_with(|| (line, shown(&text())));
         }
         let clock = if let What::Clock(ns) = what { Some(ns as f64 * 1e-9) } else { None };

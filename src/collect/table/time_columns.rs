@@ -1,0 +1,162 @@
+//! Which column holds the times: one, or a date and the time of day beside it, or whole seconds and milliseconds.
+
+use super::error::{TableError, shown};
+use super::layout::{SeenRow, known};
+use super::names::{Meaning, Name};
+use super::options::Options;
+use super::roles::{Trouble, told};
+use super::stamp;
+use super::time::WhatKind;
+
+/// Rows below the header that are looked at: units and descriptions stand above the samples.
+const FIRST: usize = 12;
+
+/// The column of times, and that of the time of day where the first is the date.
+pub fn times(
+    names: &[Name],
+    below: &[SeenRow],
+    options: &Options,
+) -> Result<(usize, Option<usize>), Trouble> {
+    let (at, other) = column(names, below, options)?;
+    match (cells(below, at), other) {
+        (Some(Holds::Date), _) => {
+            let clocks: Vec<usize> = of_kind(names, below, Holds::Clock).collect();
+            Ok((at, clock_beside(at, &clocks, names)))
+        }
+        (Some(Holds::Clock), _) => {
+            let dates: Vec<usize> = of_kind(names, below, Holds::Date).collect();
+            match dates.as_slice() {
+                [date] => Ok((*date, Some(at))),
+                _ => Ok((at, None)),
+            }
+        }
+        (_, other) => Ok((at, other)),
+    }
+}
+
+/// Of several columns of times of day the one that is called so, else the one beside the date.
+fn clock_beside(date: usize, clocks: &[usize], names: &[Name]) -> Option<usize> {
+    let called = clocks.iter().find(|at| names[**at].is_clock());
+    let next = || clocks.iter().find(|at| at.abs_diff(date) == 1);
+    called.or_else(next).copied().or(if let [one] = clocks { Some(*one) } else { None })
+}
+
+/// What the cells of a column of times hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Holds {
+    /// Dates without a time of day.
+    Date,
+    /// Times of day without a date.
+    Clock,
+    /// Dates with a time of day.
+    Moment,
+    /// Numbers.
+    Number,
+}
+
+/// What the first cells of a column hold; `None` where they are no times.
+fn cells(below: &[SeenRow], at: usize) -> Option<Holds> {
+    let (mut held, mut times, mut others) = (None, 0, 0);
+    for cell in below.iter().take(FIRST).filter_map(|(_, row)| row.get(at)) {
+        let own = match cell.kind {
+            WhatKind::Clock => Holds::Clock,
+            WhatKind::Dated if stamp::scan(&cell.text).is_some_and(|own| own.is_date_only()) => Holds::Date,
+            WhatKind::Dated => Holds::Moment,
+            WhatKind::Number => Holds::Number,
+            WhatKind::Blank => continue,
+            WhatKind::Nothing => {
+                others += 1;
+                continue;
+            }
+        };
+        times += 1;
+        held = match held {
+            Some(before) if before != own => Some(Holds::Moment),
+            _ => Some(own),
+        };
+    }
+    held.filter(|_| times > others)
+}
+
+fn of_kind(names: &[Name], below: &[SeenRow], wanted: Holds) -> impl Iterator<Item = usize> {
+    (0..names.len()).filter(move |at| cells(below, *at) == Some(wanted))
+}
+
+/// The column of times by its name, or by what stands in it; with that of the time of day where names say so.
+fn column(names: &[Name], below: &[SeenRow], options: &Options) -> Result<(usize, Option<usize>), Trouble> {
+    if let Some(wanted) = &options.time {
+        let at = told(names, wanted, "time", true).map_err(|error| {
+            if known(names, options) > 1 { Trouble::Refused(error) } else { Trouble::Missing(vec!["t"]) }
+        })?;
+        // By number any row has such a column; by a pattern anything may be a time.
+        let by_pattern = options.time_format.as_ref().is_some_and(|format| format.contains('%'));
+        let by_number = !names[at].is(wanted) && !by_pattern;
+        if by_number && !below.is_empty() && cells(below, at).is_none() {
+            return Err(Trouble::Missing(vec!["t"]));
+        }
+        let clock = names[at].is_date().then(|| names.iter().position(Name::is_clock)).flatten();
+        return Ok((at, clock.filter(|clock| *clock != at)));
+    }
+    let is_time = |name: &Name| name.said().is_some_and(|said| said.meaning == Meaning::Time);
+    let found: Vec<usize> = (0..names.len()).filter(|at| is_time(&names[*at])).collect();
+    match found.as_slice() {
+        [one] => Ok((*one, None)),
+        [a, b] if names[*a].is_date() && names[*b].is_clock() => Ok((*a, Some(*b))),
+        [a, b] if names[*b].is_date() && names[*a].is_clock() => Ok((*b, Some(*a))),
+        [] => {
+            // An index without a name, or a column of dates under any name.
+            let holds = |at: usize| cells(below, at);
+            let nameless = names.first().is_some_and(Name::is_none)
+                && matches!(holds(0), Some(Holds::Number | Holds::Moment | Holds::Date));
+            let is_dated = |at: &usize| matches!(holds(*at), Some(Holds::Moment | Holds::Date));
+            let mut dated = (0..names.len()).filter(is_dated);
+            match (dated.next(), dated.next(), nameless) {
+                (Some(at), None, _) => Ok((at, None)),
+                (None, _, true) => Ok((0, None)),
+                _ => Err(Trouble::Missing(vec!["t"])),
+            }
+        }
+        [first, second, ..] => by_cells(&found, below).map(|at| (at, None)).ok_or_else(|| {
+            Trouble::Refused(TableError::refused(format!(
+                "column {}: {:?} is the second column for t (after column {}); say which with --time",
+                second + 1,
+                shown(&names[*second].full),
+                first + 1
+            )))
+        }),
+    }
+}
+
+/// Of several columns that are called times, the date of a date and a time of day, or the only one of dates among numbers:
+/// WinCC writes a number of its own beside the date.
+fn by_cells(found: &[usize], below: &[SeenRow]) -> Option<usize> {
+    let of = |wanted: Holds| found.iter().copied().filter(move |at| cells(below, *at) == Some(wanted));
+    let (dates, clocks): (Vec<usize>, Vec<usize>) = (of(Holds::Date).collect(), of(Holds::Clock).collect());
+    let (moments, numbers): (Vec<usize>, usize) = (of(Holds::Moment).collect(), of(Holds::Number).count());
+    match (dates.as_slice(), clocks.as_slice(), moments.as_slice()) {
+        ([date], [_], []) if found.len() == 2 => Some(*date),
+        ([], [], [moment]) if numbers + 1 == found.len() => Some(*moment),
+        _ => None,
+    }
+}
+
+/// Names of a column of milliseconds beside one of whole seconds. The first is a logger's and means nothing else.
+const MILLIS: [&str; 6] = ["millitm", "millis", "millisecond", "milliseconds", "msec", "ms"];
+
+/// The column of milliseconds: whole numbers below a thousand beside whole seconds, of which one comes more than once where
+/// the name may mean something else.
+pub fn millis(names: &[Name], time: usize, below: &[SeenRow]) -> Option<usize> {
+    let (at, name) = names.iter().enumerate().find(|(_, name)| MILLIS.contains(&name.plain()))?;
+    let dated: Vec<&SeenRow> =
+        below.iter().filter(|row| row.1.get(time).is_some_and(|cell| cell.kind == WhatKind::Dated)).collect();
+    let whole = |row: &&SeenRow| stamp::scan(&row.1[time].text).is_some_and(|own| own.is_whole_second());
+    let small = |row: &&SeenRow| row.1.get(at).is_some_and(|cell| whole_millis(&cell.text).is_some());
+    let repeats = dated.windows(2).any(|pair| pair[0].1[time].text == pair[1].1[time].text);
+    let meant = name.plain() == MILLIS[0] || repeats;
+    (meant && !dated.is_empty() && dated.iter().all(|row| whole(row) && small(row))).then_some(at)
+}
+
+/// A cell of milliseconds of a second.
+pub fn whole_millis(cell: &str) -> Option<u32> {
+    cell.trim().parse().ok().filter(|ms| *ms < 1000)
+}

@@ -1,0 +1,162 @@
+//! Exports whose times, header or quality are spread or written in ways that only the cells tell.
+
+use super::dress::BEGIN;
+use super::{bits, example, of_bytes};
+use stictiond::collect::table::{Options, Table};
+use stictiond::signal::Record;
+
+/// A row for each sample: times by a function of seconds since 1970, then OP and PV.
+fn rows(record: &Record, separator: char, time: impl Fn(f64) -> String) -> Vec<String> {
+    let pair = record.op.iter().zip(&record.pv);
+    let row = |t: f64, op: f64, pv: f64| format!("{}{separator}{op:.3}{separator}{pv:.3}", time(t));
+    pair.map(|(op, pv)| row(BEGIN as f64 + op.t, op.value, pv.value)).collect()
+}
+
+fn read(header: &str, rows: &[String], options: &Options) -> Result<Table, String> {
+    of_bytes(format!("{header}\n{}\n", rows.join("\n")).as_bytes(), options)
+}
+
+/// A moment in jiff's words.
+fn written(format: &str, t: f64) -> String {
+    let moment = jiff::Timestamp::from_second(t.floor() as i64).expect("a time of ours");
+    jiff::tz::Offset::UTC.to_datetime(moment).strftime(format).to_string()
+}
+
+fn refused(table: Result<Table, String>, by: &str) {
+    let said = table.err().unwrap_or_default();
+    assert!(said.contains(by), "{said:?} has no {by:?}");
+}
+
+#[test]
+fn a_date_and_its_time_of_day_are_found_in_any_language() {
+    let example = example();
+    let pair = |t| written("%d.%m.%Y;%H:%M:%S", t);
+    let rows_of = rows(&example, ';', pair);
+    for names in ["Date;Heure", "Data;Ora", "Fecha;Hora", "Datum;Tid", "Дата;Время", "日付;時刻", "Data;Hora"]
+    {
+        let table = read(&format!("{names};OP;PV"), &rows_of, &Options::default()).expect(names);
+        assert!(bits(&table.record) == bits(&example), "{names}: {}", table.found.read_as);
+    }
+    let told = Options { time: Some("Jour".into()), ..Options::default() };
+    let table = read("Jour;Moment;OP;PV", &rows_of, &told).expect("told");
+    assert!(bits(&table.record) == bits(&example), "{}", table.found.read_as);
+}
+
+#[test]
+fn a_column_that_is_called_by_its_unit_counts_in_it() {
+    let example = example();
+    for (name, per_s) in [("Seconds", 1.0), ("Minutes", 60.0), ("Hours", 3600.0), ("Time (hr)", 3600.0)] {
+        let elapsed = rows(&example, ',', |t| format!("{:.12}", (t - BEGIN as f64) / per_s));
+        let table = read(&format!("{name},OP,PV"), &elapsed, &Options::default()).expect(name);
+        let off = table.record.op.iter().zip(&example.op).map(|(a, b)| (a.t - b.t).abs());
+        assert!(off.fold(0.0, f64::max) < 1e-5, "{name}: {}", table.found.read_as);
+    }
+}
+
+#[test]
+fn wincc_counts_millionths_of_a_day_beside_the_date() {
+    let example = example();
+    let header = "TimeString;Time_ms;OP;PV";
+    let both = |t: f64| format!("{};{:.0}", written("%d.%m.%Y %H:%M:%S", t), (t / 86_400.0 + 25_569.0) * 1e6);
+    let rows = rows(&example, ';', both);
+    let table = read(header, &rows, &Options::default()).expect("read");
+    assert!(bits(&table.record) == bits(&example), "{}", table.found.read_as);
+    let told = Options { time: Some("Time_ms".into()), ..Options::default() };
+    refused(read(header, &rows, &told), "WinCC");
+}
+
+#[test]
+fn clocks_that_turn_back_are_asked_about_in_either_direction() {
+    let example = example();
+    // The sixth hour stands for the hour in which daylight saving time ends.
+    let turned = rows(&example, ',', |t| {
+        let half = BEGIN as f64 + 1200.0;
+        written("%Y-%m-%d %H:%M:%S", if t < half { t } else { t - 3600.0 })
+    });
+    let backwards: Vec<String> = turned.iter().rev().cloned().collect();
+    for rows in [turned, backwards] {
+        refused(read("Time,OP,PV", &rows, &Options::default()), "daylight saving time");
+    }
+    let twelve =
+        rows(&example, ',', |t| written("%Y-%m-%d %I:%M:%S", t - BEGIN as f64 % 86_400.0 + 12.6 * 3600.0));
+    refused(read("Time,OP,PV", &twelve, &Options::default()), "twelve hours");
+}
+
+#[test]
+fn a_header_that_comes_again_in_another_order_is_refused() {
+    let example = example();
+    let mut rows = rows(&example, ',', |t| written("%Y-%m-%d %H:%M:%S", t));
+    rows.insert(600, "Time,OP,PV".into());
+    let table = read("Time,OP,PV", &rows, &Options::default()).expect("the same once more");
+    assert!(bits(&table.record) == bits(&example));
+    rows[600] = "Time,PV,OP".into();
+    refused(read("Time,OP,PV", &rows, &Options::default()), "line 602: the header comes again");
+}
+
+#[test]
+fn a_word_of_quality_that_most_rows_have_is_asked_about() {
+    let example = example();
+    let mut rows = rows(&example, ',', |t| written("%Y-%m-%d %H:%M:%S", t));
+    for (at, row) in rows.iter_mut().enumerate() {
+        *row += if at % 400 == 7 { ",Bad" } else { ",Measured" };
+    }
+    refused(read("Time,OP,PV,Quality", &rows, &Options::default()), "--good-values");
+    let told = Options { good_values: Some("Measured".into()), ..Options::default() };
+    let table = read("Time,OP,PV,Quality", &rows, &told).expect("told");
+    assert_eq!(
+        table.record.pv.iter().filter(|sample| sample.quality.is_good()).count(),
+        example.pv.len() - 3
+    );
+}
+
+#[test]
+fn columns_told_by_number_do_not_make_a_separator_right() {
+    let example = example();
+    let comma = |number: f64| format!("{number:.3}").replace('.', ",");
+    let pairs = example.op.iter().zip(&example.pv);
+    let rows: Vec<String> = pairs
+        .map(|(op, pv)| {
+            let t = written("%d/%m/%Y %H:%M:%S", BEGIN as f64 + op.t);
+            format!("{t};{};{}", comma(op.value), comma(pv.value))
+        })
+        .collect();
+    let by_number = Options {
+        time: Some("1".into()),
+        time_format: Some("dmy".into()),
+        op: Some("2".into()),
+        pv: Some("3".into()),
+        ..Options::default()
+    };
+    let table = read("Date et heure;Sortie;Mesure", &rows, &by_number).expect("read");
+    assert!(bits(&table.record) == bits(&example), "{}", table.found.read_as);
+}
+
+#[test]
+fn rulers_of_databases_and_row_numbers_of_r_are_no_samples() {
+    let example = example();
+    let plain = rows(&example, '\t', |t| written("%Y-%m-%d %H:%M:%S", t));
+    let ruled = [vec!["-------------------\t------\t------".to_string()], plain.clone()].concat();
+    let numbered: Vec<String> =
+        plain.iter().enumerate().map(|(at, row)| format!("\"{}\"\t{row}", at + 1)).collect();
+    for rows in [ruled, numbered] {
+        let table = read("Time\tOP\tPV", &rows, &Options::default()).expect("read");
+        assert!(bits(&table.record) == bits(&example), "{}", table.found.read_as);
+    }
+}
+
+#[test]
+fn steps_far_below_a_millisecond_are_asked_about() {
+    let julian = rows(&example(), ',', |t| format!("{:.9}", t / 86_400.0 + 2_440_587.5));
+    refused(read("t,OP,PV", &julian, &Options::default()), "too short for seconds");
+}
+
+#[test]
+fn letters_of_several_zones_are_asked_for() {
+    let example = example();
+    let rows = rows(&example, ',', |t| written("%Y-%m-%d %H:%M:%S EST", t - 5.0 * 3600.0));
+    refused(read("Time,OP,PV", &rows, &Options::default()), "--tz");
+    let told = Options { tz: Some("-05:00".into()), ..Options::default() };
+    let table = read("Time,OP,PV", &rows, &told).expect("told");
+    assert_eq!(table.record.op[0].t, BEGIN as f64, "{}", table.found.read_as);
+    assert!(bits(&table.record) == bits(&example));
+}
