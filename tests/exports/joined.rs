@@ -160,3 +160,24 @@ fn letters_of_several_zones_are_asked_for() {
     assert_eq!(table.record.op[0].t, BEGIN as f64, "{}", table.found.read_as);
     assert!(bits(&table.record) == bits(&example));
 }
+
+#[test]
+fn the_hour_that_comes_twice_is_known_by_the_zone_in_either_direction() {
+    let example = example();
+    let begin: jiff::Timestamp = "2026-10-25T00:40:00Z".parse().expect("a moment");
+    let zone = jiff::tz::TimeZone::get("Europe/Berlin").expect("known");
+    let first = rows(&example, ',', |t| {
+        let moment = begin + jiff::SignedDuration::from_secs(t as i64 - BEGIN);
+        moment.to_zoned(zone.clone()).strftime("%Y-%m-%d %H:%M:%S").to_string()
+    });
+    let newest_first: Vec<String> = first.iter().rev().cloned().collect();
+    let told = Options { tz: Some("Europe/Berlin".into()), ..Options::default() };
+    for rows in [first, newest_first] {
+        let table = read("Time,OP,PV", &rows, &told).expect("read");
+        let times = table.record.op.iter().map(|sample| sample.t);
+        let (least, most) = times.fold((f64::MAX, f64::MIN), |(a, b), t| (a.min(t), b.max(t)));
+        assert_eq!(least, begin.as_second() as f64, "{}", table.found.read_as);
+        let lasts = example.op[example.op.len() - 1].t - example.op[0].t;
+        assert!((most - least - lasts).abs() < 2.0, "{} {lasts}", most - least);
+    }
+}

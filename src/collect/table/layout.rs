@@ -135,6 +135,8 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
                 best = Some((known, at));
             }
             match header(names, &rows[at + usize::from(!bare)..], options) {
+                // A sample is no header, though columns may be told by their numbers.
+                Ok(layout) if !bare && is_time(row, layout.time) => {}
                 Ok(mut layout) => {
                     layout.line = *line;
                     layout.skip += at + usize::from(!bare);
@@ -164,6 +166,11 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
         cells: row.len(),
         numbers_only,
     }
+}
+
+/// Whether a date or a time of day stands in this column.
+fn is_time(row: &[Seen], at: usize) -> bool {
+    row.get(at).is_some_and(|cell| matches!(cell.kind, WhatKind::Dated | WhatKind::Clock))
 }
 
 /// The names of a header; R numbers its rows and has no name for that column, which is the first.
@@ -275,7 +282,7 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
     Ok(layout)
 }
 
-const TAGS: [&str; 27] = [
+const TAGS: [&str; 26] = [
     "tag",
     "tagname",
     "tag name",
@@ -302,7 +309,6 @@ const TAGS: [&str; 27] = [
     "browsename",
     "path",
     "data item",
-    "alias",
 ];
 const VALUES: [&str; 8] =
     ["value", "val", "wert", "messwert", "reading", "varvalue", "floatvalue", "ip trend value"];

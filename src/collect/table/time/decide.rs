@@ -104,6 +104,7 @@ impl Times {
         // A table of tags may have them one after the other.
         let is_wide = groups.is_some();
         let shared = groups.as_ref().is_some_and(Groups::is_cut);
+        reading.falls = track.falls();
         reading.spread = groups.and_then(|groups| spread(groups, track, per_s));
         if shared && reading.spread.is_none() {
             return Err(TableError::refused(format!(

@@ -16,6 +16,8 @@ pub struct Reading {
     /// Rows under one stamp, spread over it.
     pub spread: Option<Spread>,
     before: f64,
+    /// The newest stands first.
+    pub(super) falls: bool,
     midnight: i64,
     place: (usize, u32),
 }
@@ -45,7 +47,16 @@ pub(super) enum How {
 impl Reading {
     pub(super) fn new(how: How, zone: &Zone, said: String) -> Self {
         let zone = zone.rules.clone();
-        Self { how, zone, said, spread: None, before: f64::NEG_INFINITY, midnight: 0, place: (0, 0) }
+        Self {
+            how,
+            zone,
+            said,
+            spread: None,
+            before: f64::NEG_INFINITY,
+            falls: false,
+            midnight: 0,
+            place: (0, 0),
+        }
     }
 
     /// The time of the next row (s); `None` where its cell is none.
@@ -146,10 +157,15 @@ impl Reading {
                 let offset = match zone.to_ambiguous_timestamp(civil).offset() {
                     AmbiguousOffset::Unambiguous { offset } => offset,
                     AmbiguousOffset::Gap { before, .. } => before,
-                    // The hour that comes twice: the second time once the first would go back.
+                    // The hour that comes twice: the other time once the first would turn back.
                     AmbiguousOffset::Fold { before, after } => {
-                        let early = seconds(ns) - f64::from(before.seconds());
-                        if early > self.before { before } else { after }
+                        let [early, late] =
+                            [before, after].map(|offset| seconds(ns) - f64::from(offset.seconds()));
+                        let is_early = match self.falls {
+                            true => self.before.is_finite() && late >= self.before,
+                            false => early > self.before,
+                        };
+                        if is_early { before } else { after }
                     }
                 };
                 i64::from(offset.seconds())
