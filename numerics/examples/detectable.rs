@@ -23,6 +23,8 @@ const BOUNDS: [f64; 5] = [0.5, 1.0, 2.0, 4.0, f64::INFINITY];
 /// What was said of a sticking loop.
 struct Said {
     name: String,
+    /// Whether it has an effect that is not declared.
+    has_effect: bool,
     /// S/2 (% OP).
     f: f64,
     verdict: Verdict,
@@ -96,6 +98,7 @@ fn judge(generator: &Generator, case: &Case) -> Option<Said> {
     let own = diagnosed.estimate.as_ref().map_or(f64::NAN, |e| e.f_ci95[1]);
     Some(Said {
         name: format!("{} {kind} v{} seed {} {}", generator.name, case.variant, case.seed, truth.name),
+        has_effect: case.effect.is_some(),
         f: truth.f,
         verdict: found.as_ref().map_or(diagnosed.verdict, |found| found.verdict.clone()),
         bound: found.as_ref().map_or(own, |found| found.friction_after.f_ci95[1]),
@@ -139,20 +142,12 @@ fn honest(said: &[(&str, Vec<Said>)], each: bool) {
         "| | sticking | told stiction | told none | of these the bound excludes f | true f above `f_detectable` | not identifiable |"
     );
     println!("|---|---|---|---|---|---|---|");
-    for (name, all) in said {
-        let count = |of: &dyn Fn(&&Said) -> bool| all.iter().filter(of).count();
-        let none: Vec<&Said> = all.iter().filter(|s| s.verdict == Verdict::NoStiction).collect();
-        let excluded = none.iter().filter(|s| s.f > s.bound).count();
-        let above = none.iter().filter(|s| s.detectable.is_some_and(|d| s.f > d)).count();
-        println!(
-            "| {name} | {} | {} | {} | {excluded} {} | {above} {} | {} |",
-            all.len(),
-            count(&|s| s.verdict == Verdict::Stiction),
-            none.len(),
-            wilson(excluded, none.len()),
-            wilson(above, none.len()),
-            count(&|s| matches!(s.verdict, Verdict::NotIdentifiable(_)))
-        );
+    for (which, has_effect) in [("nothing undeclared", false), ("with an effect", true)] {
+        for (name, all) in said {
+            row(&format!("{name}, {which}"), &of_either(all, has_effect));
+        }
+        let all: Vec<&Said> = said.iter().flat_map(|(_, all)| of_either(all, has_effect)).collect();
+        row(&format!("all, {which}"), &all);
     }
     let missed = |s: &&Said| {
         s.verdict != Verdict::Stiction && (s.f > s.bound || s.detectable.is_some_and(|d| s.f > d))
@@ -167,6 +162,28 @@ fn honest(said: &[(&str, Vec<Said>)], each: bool) {
             said.detectable
         );
     }
+}
+
+/// Those with an effect that is not declared, or those without.
+fn of_either(all: &[Said], has_effect: bool) -> Vec<&Said> {
+    all.iter().filter(|said| said.has_effect == has_effect).collect()
+}
+
+/// A row of the table of [`honest`].
+fn row(name: &str, all: &[&Said]) {
+    let count = |of: &dyn Fn(&&&Said) -> bool| all.iter().filter(of).count();
+    let none: Vec<&&Said> = all.iter().filter(|s| s.verdict == Verdict::NoStiction).collect();
+    let excluded = none.iter().filter(|s| s.f > s.bound).count();
+    let above = none.iter().filter(|s| s.detectable.is_some_and(|d| s.f > d)).count();
+    println!(
+        "| {name} | {} | {} | {} | {excluded} {} | {above} {} | {} |",
+        all.len(),
+        count(&|s| s.verdict == Verdict::Stiction),
+        none.len(),
+        wilson(excluded, none.len()),
+        wilson(above, none.len()),
+        count(&|s| matches!(s.verdict, Verdict::NotIdentifiable(_)))
+    );
 }
 
 /// Wilson's 95 % interval in per cent.
