@@ -1,7 +1,7 @@
 //! A plant of 2,000 loops at 1 Hz for ten minutes of plant time, over Modbus/TCP from a server in another process, through
 //! the real collectors, history, scheduler, diagnosis and API. Prints CPU, memory and what was missed.
 //!
-//! `cargo bench --bench load -- [--speed 10] [--loops 2000] [--plant-s 600] [--period-s 300] [--samples 4096]`; with `--speed 1` it takes
+//! `cargo bench --bench load -- [--speed 10] [--loops 2000] [--plant-s 600] [--period-s 300] [--samples 4096] [--parallelism 1]`; with `--speed 1` it takes
 //! ten minutes, with the default one, and the polls come ten times as fast. With `--listeners 200 --rate 50` so many clients
 //! listen to events meanwhile and so many requests a second are made, by a third process, which says how long they took.
 
@@ -66,7 +66,12 @@ async fn drive() -> Result<(), Failed> {
     let daemon = tokio::spawn(async move { running.run(listener).await });
     let wall = Duration::from_secs_f64(plant_s / speed);
     let asking = (option("--rate", 0.0) > 0.0).then(|| ask(address, loops, wall)).transpose()?;
-    tokio::time::sleep(wall).await;
+    // In the first period nothing is known of any loop; what comes after goes on for years.
+    let first_s = period_s.min(plant_s);
+    let first = Duration::from_secs_f64(first_s / speed);
+    tokio::time::sleep(first).await;
+    let (cpu_first, known) = (cpu_s(), tokio::task::spawn_blocking(move || get(address, "/metrics")).await??);
+    tokio::time::sleep(wall.saturating_sub(first)).await;
     let (wall, used) = (began.elapsed().as_secs_f64(), cpu_s() - cpu);
     let asked = Instant::now();
     let metrics = tokio::task::spawn_blocking(move || get(address, "/metrics")).await??;
@@ -88,6 +93,11 @@ async fn drive() -> Result<(), Failed> {
     println!("{loops} loops x 3 tags, {plant_s} s of plant time at {speed} x in {wall:.1} s");
     println!("cpu            {used:.1} s = {:.1} % of one core in plant time", 100.0 * used / plant_s);
     println!("  diagnoses    {:.1} s", sum(&metrics, "stictiond_runs_busy_seconds_total", ""));
+    if plant_s > first_s {
+        let after = 100.0 * (cpu + used - cpu_first) / (plant_s - first_s);
+        let skipped_since = skipped - sum(&known, "stictiond_runs_skipped_total", "");
+        println!("after a period {after:.1} % of one core in plant time, {skipped_since} diagnoses skipped");
+    }
     println!(
         "memory         {:.0} MiB resident, {:.0} MiB at most, {:.0} MiB before the first poll",
         kib("VmRSS:") / 1024.0,
@@ -138,8 +148,9 @@ fn ask(to: SocketAddr, loops: usize, wall: Duration) -> std::io::Result<Child> {
 
 fn configuration(addresses: &[String], loops: usize, speed: f64, period_s: f64) -> Result<Config, Failed> {
     let (poll_ms, room) = ((1000.0 / speed).round(), option("--samples", 4096.0));
+    let parallelism = option("--parallelism", 1.0);
     let mut text = format!(
-        "[server]\nmax_event_clients = 256\nmax_connections = 512\n[schedule]\nperiod_s = {period_s:.1}\nparallelism = 1\n[history]\nsamples_per_tag = {room:.0}\n"
+        "[server]\nmax_event_clients = 256\nmax_connections = 512\n[schedule]\nperiod_s = {period_s:.1}\nparallelism = {parallelism:.0}\n[history]\nsamples_per_tag = {room:.0}\n"
     );
     text += &plant::sections(addresses, loops, poll_ms);
     config::parse("load.toml", &text)
