@@ -21,7 +21,8 @@ pub fn times(
     match (cells(below, at), other) {
         (Some(Holds::Date), _) => {
             let clocks: Vec<usize> = of_kind(names, below, Holds::Clock).collect();
-            Ok((at, clock_beside(at, &clocks, names)))
+            // A spreadsheet may have the time of day as a number, which only its name tells.
+            Ok((at, clock_beside(at, &clocks, names).or(other)))
         }
         (Some(Holds::Clock), _) => {
             let dates: Vec<usize> = of_kind(names, below, Holds::Date).collect();
