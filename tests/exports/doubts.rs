@@ -6,13 +6,14 @@ use stictiond::collect::table::{Options, Table};
 use stictiond::signal::Record;
 
 /// A row for each sample: the time by a function of seconds since 1970, then OP and PV.
-fn rows(record: &Record, separator: char, time: impl Fn(f64) -> String) -> Vec<String> {
+pub fn rows(record: &Record, separator: char, time: impl Fn(f64) -> String) -> Vec<String> {
     let pair = record.op.iter().zip(&record.pv);
     let row = |t: f64, op: f64, pv: f64| format!("{}{separator}{op:.3}{separator}{pv:.3}", time(t));
     pair.map(|(op, pv)| row(BEGIN as f64 + op.t, op.value, pv.value)).collect()
 }
 
-fn read(header: &str, rows: &[String], options: &Options) -> Result<Table, String> {
+/// A table of this header and these rows.
+pub fn read(header: &str, rows: &[String], options: &Options) -> Result<Table, String> {
     of_bytes(format!("{header}\n{}\n", rows.join("\n")).as_bytes(), options)
 }
 

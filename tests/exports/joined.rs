@@ -1,20 +1,9 @@
 //! Exports whose times, header or quality are spread or written in ways that only the cells tell.
 
+use super::doubts::{read, rows};
 use super::dress::BEGIN;
-use super::{bits, example, of_bytes};
+use super::{bits, example};
 use stictiond::collect::table::{Options, Table};
-use stictiond::signal::Record;
-
-/// A row for each sample: times by a function of seconds since 1970, then OP and PV.
-fn rows(record: &Record, separator: char, time: impl Fn(f64) -> String) -> Vec<String> {
-    let pair = record.op.iter().zip(&record.pv);
-    let row = |t: f64, op: f64, pv: f64| format!("{}{separator}{op:.3}{separator}{pv:.3}", time(t));
-    pair.map(|(op, pv)| row(BEGIN as f64 + op.t, op.value, pv.value)).collect()
-}
-
-fn read(header: &str, rows: &[String], options: &Options) -> Result<Table, String> {
-    of_bytes(format!("{header}\n{}\n", rows.join("\n")).as_bytes(), options)
-}
 
 /// A moment in jiff's words.
 fn written(format: &str, t: f64) -> String {
