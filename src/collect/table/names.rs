@@ -1,5 +1,6 @@
 //! What the names of columns mean: the words of the field, of vendors, and of a few languages.
 
+use super::calendar::{is_ambiguous, zone};
 use super::options::Unit;
 use crate::signal::Role;
 
@@ -178,11 +179,8 @@ const UNITS: &[&str] = &[
 /// What may stand as a unit behind a name of times.
 const ZONES: [&str; 5] = ["utc", "gmt", "local", "-", ""];
 
-/// Letters for zones that more than one country has, or that hold for half of a year.
-const ZONE_LETTERS: [&str; 20] = [
-    "cet", "cest", "mez", "mesz", "est", "edt", "cst", "cdt", "mst", "mdt", "pst", "pdt", "bst", "ist",
-    "jst", "wet", "west", "eet", "eest", "msk",
-];
+/// Letters for Greenwich.
+const UTC: [&str; 3] = ["utc", "gmt", "z"];
 
 /// What the unit of a column of times says of its zone.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -197,7 +195,9 @@ impl HeaderZone {
     /// `UTC+02:00`, `GMT-5`, `CEST`; `None` where nothing of the kind stands there, or UTC itself.
     pub fn of(unit: &str) -> Option<Self> {
         let small = unit.trim().to_lowercase();
-        if ZONE_LETTERS.contains(&small.as_str()) {
+        // Letters that only one zone has hold for half of a year.
+        let of_one = !UTC.contains(&small.as_str()) && zone(&small).is_some();
+        if of_one || is_ambiguous(&small) {
             return Some(Self::Letters(unit.trim().to_string()));
         }
         let rest = small.strip_prefix("utc").or_else(|| small.strip_prefix("gmt")).unwrap_or(&small).trim();
