@@ -36,11 +36,10 @@ pub fn of_entry(message: &str, key: &str) -> String {
     if let Some(number) = decimal_comma(message) {
         return format!("{key}: a decimal comma in quotes: write {key} = {number}");
     }
-    if let Some(number) = quoted_number(message).filter(|_| message.contains("floating point")) {
-        return format!("{key}: a whole number is expected, write {key} = {number}");
-    }
     if let Some(number) = quoted_number(message) {
-        return format!("{key}: a number without quotes is expected, write {key} = {number}");
+        let is_quoted = message.contains("string");
+        let wanted = if is_quoted { "a number without quotes" } else { "a whole number" };
+        return format!("{key}: {wanted} is expected, write {key} = {number}");
     }
     if let Some(number) = base(message).filter(|_| key == "address_base") {
         return format!(
