@@ -17,6 +17,8 @@ mod joined;
 mod random;
 #[path = "exports/shared.rs"]
 mod shared;
+#[path = "exports/told.rs"]
+mod told;
 #[path = "exports/workbooks.rs"]
 mod workbooks;
 

@@ -27,15 +27,24 @@ pub struct TableArgs {
     /// Column or tag of the controller's mode
     #[arg(long, value_name = "NAME")]
     mode: Option<String>,
+    /// Column of tags, where each row is one sample of one tag
+    #[arg(long, value_name = "NAME")]
+    tag: Option<String>,
+    /// Column of values, where each row is one sample of one tag
+    #[arg(long, value_name = "NAME")]
+    value: Option<String>,
     /// How times are written: dmy, mdy, ymd, dd/mm/yyyy hh:mm:ss, or as strptime has it: %d/%m/%Y %H:%M:%S
     #[arg(long, value_name = "FORMAT")]
     time_format: Option<String>,
     /// Time zone of times without an offset: Europe/Berlin, +02:00 [default: UTC]
     #[arg(long, value_name = "ZONE", allow_hyphen_values = true)]
     tz: Option<String>,
-    /// What times as numbers count: s, ms, us, ns, min, h, or days of a spreadsheet
+    /// What times as numbers count: s, ms, us, ns, min, h, days of a spreadsheet, s1904 (LabVIEW), ticks (.NET) or datenum (MATLAB)
     #[arg(long, value_name = "UNIT")]
     time_unit: Option<String>,
+    /// How text is encoded: utf-8, windows-1250, shift_jis, gb18030 [default: guessed]
+    #[arg(long, value_name = "LABEL")]
+    encoding: Option<String>,
     /// The decimal sign: . or ,
     #[arg(long, value_name = "SIGN")]
     decimal: Option<String>,
@@ -64,6 +73,9 @@ impl TableArgs {
             sp: own.sp,
             mv: own.mv,
             mode: own.mode,
+            tag: own.tag,
+            value: own.value,
+            encoding: own.encoding,
             time_format: own.time_format,
             tz: own.tz,
             time_unit: own.time_unit,

@@ -29,13 +29,15 @@ fn civil(t: f64) -> String {
 }
 
 #[test]
-fn counts_of_net_and_matlab_are_the_same_times() {
+fn counts_of_net_matlab_and_labview_are_the_same_times() {
     let example = example();
     let plain = Options::default();
     let ticks = rows(&example, ',', |t| format!("{:.0}0000", (t + 62_135_596_800.0) * 1e3));
     let days = rows(&example, ',', |t| format!("{:.9}", t / 86_400.0 + 719_529.0));
-    for (rows, word) in [(ticks, ".NET"), (days, "MATLAB")] {
-        let table = read("Time,OP,PV", &rows, &plain).expect("read");
+    let since_1904 = rows(&example, ',', |t| format!("{:.3}", t + 2_082_844_800.0));
+    for (rows, word) in [(ticks, ".NET"), (days, "MATLAB"), (since_1904, "LabVIEW")] {
+        let header = if word == "LabVIEW" { "Time (s),OP,PV" } else { "Time,OP,PV" };
+        let table = read(header, &rows, &plain).expect("read");
         assert!(table.found.read_as.contains(word), "{}", table.found.read_as);
         assert!(bits(&table.record) == bits(&example));
         let off = table.record.op.iter().zip(&example.op).map(|(a, b)| (a.t - BEGIN as f64 - b.t).abs());

@@ -7,8 +7,8 @@ use std::sync::OnceLock;
 use stictiond::collect::table::{Options, Source, TableError, read, stream};
 
 /// What a table that leaves doubts may be told.
-fn told() -> &'static [Options; 3] {
-    static TOLD: OnceLock<[Options; 3]> = OnceLock::new();
+fn told() -> &'static [Options; 4] {
+    static TOLD: OnceLock<[Options; 4]> = OnceLock::new();
     TOLD.get_or_init(|| {
         let set = |options: &[(&str, &str)]| {
             let mut all = Options::default();
@@ -18,10 +18,12 @@ fn told() -> &'static [Options; 3] {
         let columns = [("time", "1"), ("op", "2"), ("pv", "3")];
         let european = [("decimal", "comma"), ("time_format", "dmy"), ("tz", "Europe/Berlin")];
         let counted = [("decimal", "point"), ("time_unit", "ms"), ("mode", "4"), ("auto_values", "AUTO,1")];
+        let of_tags = [("time", "1"), ("tag", "2"), ("value", "3"), ("encoding", "shift_jis")];
         [
             Options::default(),
             set(&[&columns[..], &european].concat()),
             set(&[&columns[..], &counted].concat()),
+            set(&of_tags),
         ]
     })
 }

@@ -3,7 +3,7 @@
 use super::error::{TableError, listed};
 use super::names::{Name, as_unit};
 use super::options::Options;
-use super::roles::{Roles, Trouble, roles};
+use super::roles::{Roles, Trouble, roles, told};
 use super::source::{Cell, Rows};
 use super::time::{What, WhatKind};
 use super::time_columns::{millis, times};
@@ -217,6 +217,9 @@ fn none(line: u64, row: &[Seen], numbers_only: bool, options: &Options, row_name
         ));
     }
     let names: Vec<Name> = row.iter().map(|cell| Name::new(&cell.text)).collect();
+    if let Some(Err(error)) = options.time.as_ref().map(|time| told(&names, time, "time", true)) {
+        return TableError::refused(format!("{row_name} {line}: {error}"));
+    }
     let missing = match times(&names, &[], options) {
         Ok(_) => Vec::new(),
         Err(_) => vec!["t"],
@@ -235,14 +238,17 @@ fn none(line: u64, row: &[Seen], numbers_only: bool, options: &Options, row_name
     }
     TableError::refused(format!(
         "{row_name} {line}: no column {missing} (t the time, op the controller's output, pv the measured value); \
-         the header has {found}; name them with --time, --op and --pv"
+         the header has {found}; name them with --time, --op and --pv, or with --time, --tag and --value where each row is one \
+         sample of one tag"
     ))
 }
 
 /// How many names are known, or told by an option.
 pub fn known(names: &[Name], options: &Options) -> usize {
     let told = |name: &Name| {
-        ["t", "op", "pv"].iter().any(|role| options.column(role).is_some_and(|own| name.is(own)))
+        ["t", "op", "pv", "tag", "value"]
+            .iter()
+            .any(|role| options.column(role).is_some_and(|own| name.is(own)))
     };
     names.iter().filter(|name| name.said().is_some() || told(name)).count()
 }
@@ -270,7 +276,7 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
         |name: &Name, at: usize| at != time && Some(at) != clock && Some(at) != millis && !name.is_none();
     let masked: Vec<Name> =
         names.iter().enumerate().map(|(at, n)| if wide(n, at) { n.clone() } else { Name::new("") }).collect();
-    let body = match (long(&names, time, options), roles(&masked, options, true)) {
+    let body = match (long(&names, time, options)?, roles(&masked, options, true)) {
         // A table of tags and values has no columns of OP and PV.
         (Some(long), _) => Body::Long(long),
         (None, Ok(roles)) => Body::Wide(columns(&masked, &roles)),
@@ -314,14 +320,26 @@ const VALUES: [&str; 8] =
     ["value", "val", "wert", "messwert", "reading", "varvalue", "floatvalue", "ip trend value"];
 
 /// The columns of a long table, where it is one.
-fn long(names: &[Name], time: usize, options: &Options) -> Option<Long> {
+fn long(names: &[Name], time: usize, options: &Options) -> Result<Option<Long>, Trouble> {
     let place =
         |wanted: &[&str]| (0..names.len()).find(|at| *at != time && wanted.contains(&names[*at].plain()));
-    let by_number = ["op", "pv"]
+    let told = |option: &str, known: &[&str]| match options.column(option) {
+        Some(own) => told(names, own, option, true).map(Some).map_err(Trouble::Refused),
+        None => Ok(place(known)),
+    };
+    let (tag, value) = (told("tag", &TAGS)?, told("value", &VALUES)?);
+    let is_told = options.tag.is_some() || options.value.is_some();
+    // Who names columns of OP and PV has no long table, unless they are names of tags.
+    let named = ["op", "pv"]
         .iter()
         .any(|role| options.column(role).is_some_and(|own| names.iter().any(|name| name.is(own))));
-    let (tag, value) = place(&TAGS).zip(place(&VALUES)).filter(|_| !by_number)?;
-    Some(Long {
+    let (tag, value) = match (tag, value) {
+        (Some(tag), Some(value)) if is_told || !named => (tag, value),
+        (Some(_), None) if is_told => return Err(other("tag", "value")),
+        (None, Some(_)) if is_told => return Err(other("value", "tag")),
+        _ => return Ok(None),
+    };
+    Ok(Some(Long {
         tag,
         value,
         owner: place(&["loop"]).or_else(|| place(&["measurement"])),
@@ -330,7 +348,14 @@ fn long(names: &[Name], time: usize, options: &Options) -> Option<Long> {
         }),
         source: place(&["source"]),
         unit: place(&["unit", "units", "uom"]),
-    })
+    }))
+}
+
+/// One of the two options of a long table without the other.
+fn other(told: &str, missing: &str) -> Trouble {
+    Trouble::Refused(TableError::refused(format!(
+        "--{told} says that each row is one sample of one tag; say the column of its {missing} with --{missing}"
+    )))
 }
 
 fn columns(names: &[Name], roles: &Roles) -> Wide {

@@ -25,12 +25,18 @@ pub struct Options {
     pub mv: Option<String>,
     /// The same of the controller's mode.
     pub mode: Option<String>,
+    /// The column of tags of a long table, by name or by number from 1.
+    pub tag: Option<String>,
+    /// The column of values of a long table.
+    pub value: Option<String>,
     /// `dmy`, `mdy`, `ymd`, a pattern such as `dd/mm/yyyy hh:mm:ss`, or one of strptime (`%d/%m/%Y %H:%M:%S`).
     pub time_format: Option<String>,
     /// The time zone of stamps without an offset: an IANA name (`Europe/Berlin`), or `+02:00`; UTC where it is left out.
     pub tz: Option<String>,
-    /// What times as numbers count: `s`, `ms`, `us`, `ns`, `min`, `h`, or `days` of a spreadsheet.
+    /// What times as numbers count: `s`, `ms`, `us`, `ns`, `min`, `h`, `days` of a spreadsheet, `s1904`, `ticks`, `datenum`.
     pub time_unit: Option<String>,
+    /// How text is encoded, by its label on the web: `utf-8`, `windows-1250`, `shift_jis`; guessed where it is left out.
+    pub encoding: Option<String>,
     /// The decimal sign: `.` or `,` (`point` or `comma`).
     pub decimal: Option<String>,
     /// What divides cells: `,`, `;`, `|`, `tab`.
@@ -71,6 +77,8 @@ impl Config {
 pub enum Unit {
     /// Seconds, since 1970 or since anything.
     Seconds,
+    /// Seconds since 1904, as LabVIEW and the Macintosh count.
+    SecondsSince1904,
     /// Thousandths.
     Millis,
     /// Millionths.
@@ -102,6 +110,7 @@ impl Unit {
             "min" | "mins" | "minute" | "minutes" => Unit::Minutes,
             "h" | "hr" | "hrs" | "hour" | "hours" => Unit::Hours,
             "d" | "days" | "serial" => Unit::Days,
+            "s1904" => Unit::SecondsSince1904,
             "ticks" => Unit::Ticks,
             "datenum" => Unit::DateNum,
             _ => return None,
@@ -111,6 +120,7 @@ impl Unit {
 
 /// The options, understood.
 pub struct Told {
+    pub encoding: Option<&'static encoding_rs::Encoding>,
     pub decimal: Option<Decimal>,
     pub separator: Option<u8>,
     pub zone: Zone,
@@ -146,6 +156,8 @@ impl Options {
             "sp" => &self.sp,
             "mv" => &self.mv,
             "mode" => &self.mode,
+            "tag" => &self.tag,
+            "value" => &self.value,
             _ => &None,
         }
         .as_deref()
@@ -160,6 +172,9 @@ impl Options {
             "sp" => &mut self.sp,
             "mv" => &mut self.mv,
             "mode" => &mut self.mode,
+            "tag" => &mut self.tag,
+            "value" => &mut self.value,
+            "encoding" => &mut self.encoding,
             "time_format" => &mut self.time_format,
             "tz" => &mut self.tz,
             "time_unit" => &mut self.time_unit,
@@ -177,6 +192,7 @@ impl Options {
     /// Those that cannot be understood.
     fn wrong(&self) -> Vec<Wrong> {
         let all = [
+            self.encoding().err(),
             self.decimal().err(),
             self.separator().err(),
             self.unit().err(),
@@ -200,6 +216,7 @@ impl Options {
             Some(own.filter(|one| !one.is_empty()).collect::<Vec<_>>())
         };
         Ok(Told {
+            encoding: self.encoding().map_err(refused)?,
             decimal: self.decimal().map_err(refused)?,
             separator: self.separator().map_err(refused)?,
             zone: Zone { name: self.tz.clone(), rules: self.rules().map_err(refused)? },
@@ -207,6 +224,13 @@ impl Options {
             format: self.format().map_err(refused)?,
             auto_values: list(&self.auto_values),
             good_values: list(&self.good_values),
+        })
+    }
+
+    fn encoding(&self) -> Result<Option<&'static encoding_rs::Encoding>, Wrong> {
+        let right = "say a label of the web's encodings, such as utf-8, windows-1250, shift_jis or gb18030";
+        understood("encoding", &self.encoding, right, |label| {
+            encoding_rs::Encoding::for_label_no_replacement(label.as_bytes())
         })
     }
 
@@ -231,7 +255,7 @@ impl Options {
     }
 
     fn unit(&self) -> Result<Option<Unit>, Wrong> {
-        let right = "known are s, ms, us, ns, min, h, days, ticks and datenum";
+        let right = "known are s, ms, us, ns, min, h, days, s1904, ticks and datenum";
         understood("time_unit", &self.time_unit, right, Unit::of)
     }
 
@@ -315,6 +339,7 @@ mod tests {
         assert_eq!(order("dd.mm.yyyy HH:MM"), Some(Order::Dmy));
         assert_eq!(order("soon"), None);
         for (name, options) in [
+            ("--encoding", Options { encoding: Some("cp1".into()), ..Options::default() }),
             ("--decimal", Options { decimal: Some(";".into()), ..Options::default() }),
             ("--tz", Options { tz: Some("Mars/Base".into()), ..Options::default() }),
             ("--time-unit", Options { time_unit: Some("weeks".into()), ..Options::default() }),

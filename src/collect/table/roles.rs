@@ -158,7 +158,9 @@ pub fn told(names: &[Name], wanted: &str, option: &str, numbered: bool) -> Resul
     let number = wanted.parse::<usize>().ok().filter(|number| numbered && (1..=names.len()).contains(number));
     number.map(|number| number - 1).ok_or_else(|| {
         let have = listed(names.iter().filter(|name| !name.is_none()).map(|name| name.full.as_str()));
-        TableError::refused(format!("--{option} {wanted:?}: no column is called so; there are {have}"))
+        let of_a_tag = numbered && ROLES.iter().any(|role| role.as_str() == option);
+        let or = if of_a_tag { "; a tag's name needs --tag and --value" } else { "" };
+        TableError::refused(format!("--{option} {wanted:?}: no column is called so; there are {have}{or}"))
     })
 }
 

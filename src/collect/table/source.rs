@@ -136,7 +136,12 @@ pub enum Kind {
 
 impl Kind {
     /// Which kind it is.
-    pub fn of(source: Source<'_>, head: &[u8], sheet: Option<&str>) -> Result<Self, TableError> {
+    pub fn of(
+        source: Source<'_>,
+        head: &[u8],
+        sheet: Option<&str>,
+        encoding: Option<&'static encoding_rs::Encoding>,
+    ) -> Result<Self, TableError> {
         if head.starts_with(kinds::PARQUET) {
             match source.is_packed()? {
                 true => Err(TableError::refused("Parquet within gzip: unpack it first")),
@@ -146,7 +151,7 @@ impl Kind {
             Ok(Kind::Sheet(workbook::read(source, sheet)?))
         } else {
             kinds::refuse(head)?;
-            Ok(Kind::Text(text::encoding(head)?))
+            Ok(Kind::Text(text::encoding(head, encoding)?))
         }
     }
 

@@ -47,7 +47,7 @@ pub struct Plan {
 pub fn survey(source: Source<'_>, options: &Options, whole: bool) -> Result<Plan, TableError> {
     let told = options.told()?;
     let head = source.head()?;
-    let kind = Kind::of(source, &head, options.sheet.as_deref())?;
+    let kind = Kind::of(source, &head, options.sheet.as_deref(), told.encoding)?;
     let (separator, layout) = dialect(source, &kind, &head, options, &told)?;
     let mut counting = Counting::new(&layout, options);
     let row_name = {

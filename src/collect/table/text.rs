@@ -25,15 +25,15 @@ impl Encoding {
     }
 }
 
-/// The encoding of a file that begins so.
-pub fn encoding(head: &[u8]) -> Result<Encoding, TableError> {
+/// The encoding of a file that begins so: by its byte order mark, else as told, else as guessed.
+pub fn encoding(head: &[u8], told: Option<&'static encoding_rs::Encoding>) -> Result<Encoding, TableError> {
     if head.iter().all(u8::is_ascii_whitespace) {
         return Err(TableError::refused(
             "line 1: empty file; a header such as t,op,pv and one line per sample are needed",
         ));
     }
-    let own = match encoding_rs::Encoding::for_bom(head) {
-        Some((own, _)) => own,
+    let own = match encoding_rs::Encoding::for_bom(head).map(|(own, _)| own).or(told) {
+        Some(own) => own,
         None => match zeros(head) {
             [0, 0] => guessed(head),
             // Text of western letters in UTF-16 has every other byte zero.
@@ -242,7 +242,7 @@ mod tests {
 
     fn read(bytes: &[u8]) -> String {
         let mut out = String::new();
-        let encoding = encoding(bytes).expect("text");
+        let encoding = encoding(bytes, None).expect("text");
         Text::new(bytes, &encoding, None).read_to_string(&mut out).expect("UTF-8");
         out
     }
@@ -272,7 +272,7 @@ mod tests {
     fn runs_of_blanks_are_one_sign() {
         let text = "  t   op value  pv \r\n  0   50.1   51.2\n\n1  2    3";
         let of = |blanks: Blanks, step: usize| {
-            let encoding = encoding(text.as_bytes()).expect("text");
+            let encoding = encoding(text.as_bytes(), None).expect("text");
             let mut reader = Text::new(text.as_bytes(), &encoding, Some(blanks));
             let (mut out, mut part) = (String::new(), vec![0; step]);
             while let Ok(n @ 1..) = reader.read(&mut part) {
@@ -291,7 +291,7 @@ mod tests {
 
     #[test]
     fn what_is_no_text_is_refused() {
-        assert!(encoding(b" \r\n").is_err());
-        assert!(encoding(&[0x7f, b'E', b'L', b'F', 0, 0, 1, 0, 0, 0]).is_err());
+        assert!(encoding(b" \r\n", None).is_err());
+        assert!(encoding(&[0x7f, b'E', b'L', b'F', 0, 0, 1, 0, 0, 0], None).is_err());
     }
 }

@@ -35,7 +35,7 @@ pub struct BackfillBody {
     #[serde(default)]
     pub file: Option<String>,
     /// What the table leaves in doubt, by the names of the command line's options: `time`, `op`, `pv`, `sp`, `mv`, `mode`,
-    /// `time_format`, `tz`, `time_unit`, `decimal`, `separator`, `auto_values`, `good_values`, `sheet`.
+    /// `tag`, `value`, `time_format`, `tz`, `time_unit`, `encoding`, `decimal`, `separator`, `auto_values`, `good_values`, `sheet`.
     #[serde(default)]
     pub table: BTreeMap<String, String>,
 }

@@ -202,8 +202,15 @@ impl Times {
                 "column {number} ({name}): {what}; say --time-unit s, ms, us, ns or days"
             )))
         };
-        const UNITS: [Unit; 6] =
-            [Unit::Seconds, Unit::Millis, Unit::Micros, Unit::Ticks, Unit::Nanos, Unit::FileTime];
+        const UNITS: [Unit; 7] = [
+            Unit::Seconds,
+            Unit::Millis,
+            Unit::Micros,
+            Unit::Ticks,
+            Unit::Nanos,
+            Unit::FileTime,
+            Unit::SecondsSince1904,
+        ];
         let most = |count: u64| count > 0 && (all - count) * BAD <= all;
         let shown = numbers.track.least;
         let by_range = numbers.ranges.iter().position(|count| most(*count)).map(|at| UNITS[at]);
@@ -213,6 +220,7 @@ impl Times {
         match (by_range, named) {
             (Some(found), None) => return Ok(found),
             (Some(found), Some(named)) if found == named => return Ok(found),
+            (Some(Unit::SecondsSince1904), Some(Unit::Seconds)) => return Ok(Unit::SecondsSince1904),
             (Some(found), Some(named)) => {
                 return doubt(format!(
                     "{shown} would be a date of our time in {}, and its unit is {}",
@@ -361,6 +369,7 @@ fn of(unit: Unit) -> &'static str {
         Unit::Millis => "milliseconds",
         Unit::Micros => "microseconds",
         Unit::Nanos => "nanoseconds",
+        Unit::SecondsSince1904 => "seconds since 1904 (LabVIEW)",
         Unit::Minutes => "minutes",
         Unit::Hours => "hours",
         Unit::Days => "days of a spreadsheet",
@@ -372,7 +381,7 @@ fn of(unit: Unit) -> &'static str {
 
 fn per_second(unit: Unit) -> f64 {
     match unit {
-        Unit::Seconds => 1.0,
+        Unit::Seconds | Unit::SecondsSince1904 => 1.0,
         Unit::Millis => 1e3,
         Unit::Micros => 1e6,
         Unit::Nanos => 1e9,
@@ -387,7 +396,7 @@ fn unit_said(unit: Unit, numbers: &Numbers, zone: &str) -> String {
     let epoch = numbers.ranges.iter().any(|count| *count * 2 > numbers.track.count);
     match unit {
         Unit::Days | Unit::DateNum => format!("time in {}{zone}", of(unit)),
-        _ if epoch && !matches!(unit, Unit::FileTime | Unit::Ticks) => {
+        _ if epoch && !matches!(unit, Unit::FileTime | Unit::Ticks | Unit::SecondsSince1904) => {
             format!("time in {} since 1970", of(unit))
         }
         _ => format!("time in {}", of(unit)),

@@ -4,7 +4,7 @@ use super::super::number::Decimal;
 use super::super::options::{Unit, Zone};
 use super::super::source::Cell;
 use super::super::stamp::{DAY, Order, SECOND};
-use super::tally::What;
+use super::tally::{SINCE_1904, What};
 use jiff::tz::{AmbiguousOffset, TimeZone};
 
 /// How the column is read.
@@ -130,6 +130,7 @@ impl Reading {
         const EPOCH_OF_DATE_NUM: f64 = 719_529.0;
         let t = match unit {
             Unit::Seconds => value,
+            Unit::SecondsSince1904 => value - SINCE_1904,
             Unit::Millis => value / 1e3,
             Unit::Micros => value / 1e6,
             Unit::Nanos => value / 1e9,

@@ -102,20 +102,23 @@ impl Track {
     }
 }
 
+/// From 1904, when LabVIEW's and the Macintosh's clocks begin, to 1970 (s).
+pub const SINCE_1904: f64 = 2_082_844_800.0;
 /// Ranges of numbers in which a unit of time puts the years 1990 to 2100. Nanoseconds of 1990 are ticks of .NET in our days,
-/// which are likelier, so those come first.
-pub const RANGES: [(f64, f64); 6] = {
+/// which are likelier, so those come first. Seconds beyond 2055 are those since 1904, which are then of our days.
+pub const RANGES: [(f64, f64); 7] = {
     const FROM: f64 = 631_152_000.0;
     const TO: f64 = 4_102_444_800.0;
     const SINCE_1601: f64 = 11_644_473_600.0;
     const SINCE_1: f64 = 62_135_596_800.0;
     [
-        (FROM, TO),
+        (FROM, FROM + SINCE_1904),
         (FROM * 1e3, TO * 1e3),
         (FROM * 1e6, TO * 1e6),
         ((FROM + SINCE_1) * 1e7, (TO + SINCE_1) * 1e7),
         (FROM * 1e9, TO * 1e9),
         ((FROM + SINCE_1601) * 1e7, (TO + SINCE_1601) * 1e7),
+        (FROM + SINCE_1904, TO + SINCE_1904),
     ]
 };
 /// Days as a spreadsheet counts them, 1990 to 2100.
@@ -128,7 +131,7 @@ pub const DATE_NUM: (f64, f64) = (726_834.0, 767_011.0);
 pub struct Numbers {
     pub track: Track,
     /// How many lie in each of [`RANGES`].
-    pub ranges: [u64; 6],
+    pub ranges: [u64; 7],
     /// How many are days of a spreadsheet.
     pub serial: u64,
     /// How many are days of MATLAB.
