@@ -106,6 +106,14 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
     ("[[modbus]]", "[modbus]", 2, &["modbus", "write each as [[modbus]]"]),
     ("[[modbus]]", "[[modbuss]]", 2, &["unknown section \"modbuss\"", "did you mean \"modbus\"?"]),
     ("[[loop]]", "[[loops]]", 8, &["unknown section \"loops\"", "did you mean \"loop\"?"]),
+    (
+        "[[loop]]",
+        "[tls]\ncert_file = \"c\"\n[[loop]]",
+        8,
+        &["unknown section \"tls\"", "write it as [server.tls]"],
+    ),
+    ("[[loop]]", "[[smtp]]\nname = \"m\"\n[[loop]]", 8, &["unknown section \"smtp\"", "[[notify.smtp]]"]),
+    ("[[loop]]", "[logging]\n[[loop]]", 8, &["unknown section \"logging\"", "RUST_LOG"]),
     ("id = \"A\"", "id = \"A/B\"", 9, &["id", "none of them /"]),
     ("id = \"A\"", "id = A", 9, &["a text stands in quotes"]),
     (
@@ -482,7 +490,19 @@ fn what_may_be_meant_otherwise_is_remarked() {
         assert!(remarks.iter().any(|remark| remark.starts_with(said)), "{said}: {remarks:?}");
         assert!(remarks.len() == 1 || said.contains("user_certificate"), "{remarks:?}");
     }
+    let bare = SOUND.replacen(OP, &format!("{server}{op}"), 1).replacen("nsu=urn:plant;s=OP", "s=OP", 1);
+    let remarks = config::parse("plant.toml", &bare).expect("sound").remarks();
+    assert!(remarks.len() == 1 && remarks[0].starts_with("s: 1 tag names no namespace"), "{remarks:?}");
     assert!(remarks_of("sampling_ms = 100\nqueue_size = 10\n", "deadband = 0.0\n").is_empty());
+}
+
+#[test]
+fn a_device_that_there_is_not_is_told_once() {
+    let text = SOUND.replace("device = \"d\"", "device = \"dcs\"");
+    let errors = config::parse("plant.toml", &text).expect_err("no such device");
+    let told: Vec<String> = errors.iter().map(ToString::to_string).collect();
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].contains(":14:") && told[0].ends_with("(2 more tags name it)"), "{told:?}");
 }
 
 #[test]

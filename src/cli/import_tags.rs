@@ -1,14 +1,15 @@
-//! `stictiond import-tags LIST.csv`: `[[loop]]` sections from the list of tags that a site has: a row for each tag, or a row for
+//! `stictiond import-tags LIST`: `[[loop]]` sections from the list of tags that a site has: a row for each tag, or a row for
 //! each loop with a column for each role.
 
 use super::{Failure, print};
 use std::path::PathBuf;
 use stictiond::collect::stub::{self, Tag, quoted};
+use stictiond::collect::table::{self, Source, TextRow};
 
-/// Longest list (bytes).
-const MAX_BYTES: u64 = 64 << 20;
 /// Rows that are read, at most.
 const MAX_ROWS: usize = 200_000;
+/// Rows looked at for the header, below titles.
+const HEADER_WITHIN: usize = 20;
 /// Columns whose values are texts of a tag's section.
 const TEXTS: [&str; 13] = [
     "device",
@@ -28,16 +29,50 @@ const TEXTS: [&str; 13] = [
 /// Columns whose values are numbers of it.
 const NUMBERS: [&str; 9] =
     ["address", "bit", "alias", "element", "scale", "offset", "sampling_ms", "queue_size", "deadband"];
+/// Columns that say which tag it is.
+const WHICH: [&str; 3] = ["tag", "loop", "role"];
+/// What lists of sites call these columns.
+const OTHER_WORDS: [(&str, &[&str]); 9] = [
+    ("tag", &["tagname", "tag_name", "name", "point", "point_name"]),
+    ("loop", &["loop_id", "loop_name", "controller"]),
+    ("node", &["nodeid", "node_id", "opc_node", "opc_node_id"]),
+    ("type", &["datatype", "data_type"]),
+    ("byte_order", &["byteorder", "endianness"]),
+    ("unit", &["units", "eu", "uom", "engineering_unit", "engineering_units"]),
+    ("device", &["plc", "server", "controller_name", "source"]),
+    ("register", &["register_type", "function"]),
+    ("address", &["register_address", "modbus_address"]),
+];
+/// Columns for people, which no section has.
+const FOR_PEOPLE: [&str; 16] = [
+    "description",
+    "desc",
+    "comment",
+    "comments",
+    "remark",
+    "remarks",
+    "note",
+    "notes",
+    "area",
+    "plant",
+    "service",
+    "no",
+    "no.",
+    "nr",
+    "#",
+    "p&id",
+];
 
 /// Keys that say where a tag is, which is what a role's column of a list by loops may hold.
 const PLACES: [&str; 5] = ["node", "path", "topic", "metric", "address"];
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The list: a row for each tag, with a column `tag` (FIC101.OP) or the columns `loop` and `role`, and a column for each key
-    /// of a tag's section: node, topic, register, address, type, scale, …; or a row for each loop, with the columns `loop`, `op`,
-    /// `pv` and the like that say where each is, keys for the whole row (`type`), and keys for one role (`pv.scale`)
-    #[arg(value_name = "LIST.csv")]
+    /// The list, as CSV or as a workbook: a row for each tag, with a column `tag` (FIC101.OP) or the columns `loop` and `role`,
+    /// and a column for each key of a tag's section: node, topic, register, address, type, scale, …; or a row for each loop, with
+    /// the columns `loop`, `op`, `pv` and the like that say where each is, keys for the whole row (`type`), and keys for one role
+    /// (`pv.scale`)
+    #[arg(value_name = "LIST")]
     list: PathBuf,
     /// What the columns `op`, `pv` and the like of a row for each loop hold; OPC UA node ids and numbers are known without it
     #[arg(long = "as", value_name = "KEY", value_parser = PLACES)]
@@ -45,29 +80,32 @@ pub struct Args {
     /// The device of tags whose row names none
     #[arg(long)]
     device: Option<String>,
+    /// A column to pass over; may come again. Descriptions and remarks are passed over without it
+    #[arg(long, value_name = "COLUMN")]
+    without: Vec<String>,
+    /// Sheet of a workbook
+    #[arg(long, value_name = "NAME")]
+    sheet: Option<String>,
 }
 
 /// Prints the sections; what was left out stands in comments.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let size = std::fs::metadata(&args.list).map_err(|error| Failure::in_file(&args.list, error))?.len();
-    if size > MAX_BYTES {
-        return Err(Failure::in_file(&args.list, format!("larger than {MAX_BYTES} bytes: divide the list")));
-    }
-    let bytes = std::fs::read(&args.list).map_err(|error| Failure::in_file(&args.list, error))?;
-    // Spreadsheets save UTF-8, UTF-16 with its mark, or what Windows had before.
-    let text = match std::str::from_utf8(&bytes) {
-        Ok(text) => text.into(),
-        Err(_) => encoding_rs::WINDOWS_1252.decode(&bytes).0,
-    };
-    let tags = tags(&text, args.device.as_deref(), args.place.as_deref())
-        .map_err(|why| Failure::in_file(&args.list, why))?;
+    let refused = |why: String| Failure::in_file(&args.list, why);
+    let rows = table::texts(Source::File(&args.list), args.sheet.as_deref(), MAX_ROWS);
+    let list = List::of(rows.map_err(|error| super::table::failure(&args.list, &error))?, &args.without);
+    let list = list.map_err(refused)?;
+    let tags = list.tags(args.device.as_deref(), args.place.as_deref()).map_err(refused)?;
     let stub = stub::loops(&tags);
     if stub.loops == 0 {
         let why = stub.left_out.first().cloned().unwrap_or_else(|| "there is no row below the header".into());
-        return Err(Failure::in_file(&args.list, format!("no loop with an op and a pv: {why}")));
+        return Err(refused(format!("no loop with an op and a pv: {why}")));
     }
+    let passed = match list.passed_over.as_slice() {
+        [] => String::new(),
+        columns => format!("# columns passed over: {}\n", columns.join(", ").replace(char::is_control, " ")),
+    };
     print(&format!(
-        "# {} loops, {} left out\n{}\n{}",
+        "# {} loops, {} left out\n{passed}{}\n{}",
         stub.loops,
         stub.left_out.len(),
         stub.remarks(),
@@ -75,49 +113,89 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     ))
 }
 
-fn tags(text: &str, device: Option<&str>, place: Option<&str>) -> Result<Vec<Tag>, String> {
-    let text = text.trim_start_matches('\u{feff}');
-    let first = text.lines().next().unwrap_or_default();
-    let separator =
-        [b';', b'\t', b','].into_iter().max_by_key(|sign| first.bytes().filter(|byte| byte == sign).count());
-    let mut table = csv::ReaderBuilder::new()
-        .delimiter(separator.unwrap_or(b','))
-        .flexible(true)
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let header: Vec<String> =
-        table.headers().map_err(|error| error.to_string())?.iter().map(|name| name.to_lowercase()).collect();
-    let at = |name: &str| header.iter().position(|own| own == name);
-    let rows: Vec<csv::StringRecord> =
-        table.records().collect::<Result<_, _>>().map_err(|error| error.to_string())?;
-    let roles = roles(&header)?;
-    let place = if roles.is_empty() { None } else { Some(place_of(&roles, &rows, place)?) };
-    let mut tags = Vec::new();
-    for row in &rows {
-        let line = row.position().map_or(0, csv::Position::line);
-        let cell = |name: &str| at(name).and_then(|at| row.get(at)).filter(|cell| !cell.is_empty());
-        if row.iter().all(str::is_empty) {
-            continue;
-        }
-        if tags.len() >= MAX_ROWS {
-            return Err(format!("line {line}: more than {MAX_ROWS} tags"));
-        }
-        let wrong = |why: String| format!("line {line}: {why}");
-        let Some(place) = place else {
-            tags.push(tag(&cell, device).map_err(wrong)?);
-            continue;
+/// A list of tags, its columns by the names of keys.
+struct List {
+    /// The name of each column; empty where it is passed over.
+    header: Vec<String>,
+    rows: Vec<TextRow>,
+    /// Columns that say nothing of a tag.
+    passed_over: Vec<String>,
+    /// The columns of roles, by name and number, where each row is a loop; none where each row is a tag.
+    roles: Vec<(String, usize)>,
+}
+
+impl List {
+    /// Finds the header, and what its columns are.
+    fn of(mut rows: Vec<TextRow>, without: &[String]) -> Result<Self, String> {
+        let is_header = |(_, cells): &TextRow| {
+            cells.iter().any(|cell| matches!(key(cell).as_str(), "tag" | "loop")) && cells.len() > 1
         };
-        cell("loop").ok_or_else(|| wrong("it names no loop".into()))?;
-        for (role, _) in roles.iter().filter(|(role, _)| cell(role).is_some()) {
-            let own = |name: &str| match name {
-                "role" => Some(role.as_str()),
-                name if name == place => cell(role),
-                name => cell(&format!("{role}.{name}")).or_else(|| cell(name)),
-            };
-            tags.push(tag(&own, device).map_err(|why| wrong(format!("{role}: {why}")))?);
+        let at = rows.iter().take(HEADER_WITHIN).position(is_header).unwrap_or(0);
+        if rows.is_empty() {
+            return Err("there is no row".into());
         }
+        let (line, cells) = rows.remove(at);
+        rows.drain(..at);
+        let mut header: Vec<String> = cells.iter().map(|cell| key(cell)).collect();
+        for wanted in without {
+            if !header.contains(&key(wanted)) {
+                return Err(format!("--without {wanted:?}: line {line} has no column of that name"));
+            }
+        }
+        let is_passed = |name: &str| FOR_PEOPLE.contains(&name) || without.iter().any(|own| key(own) == name);
+        let mut passed_over = Vec::new();
+        for (name, cell) in header.iter_mut().zip(&cells).filter(|(name, _)| is_passed(name)) {
+            name.clear();
+            passed_over.push(cell.clone());
+        }
+        for (at, name) in header.iter().enumerate().filter(|(_, name)| !name.is_empty()) {
+            if let Some(first) = header[..at].iter().position(|other| other == name) {
+                let (first, second) = (&cells[first], &cells[at]);
+                return Err(format!(
+                    "line {line}: columns '{first}' and '{second}' are both '{name}': say --without for one of them"
+                ));
+            }
+        }
+        let roles = roles(&header).map_err(|why| format!("line {line}: {why}"))?;
+        Ok(Self { header, rows, passed_over, roles })
     }
-    Ok(tags)
+
+    /// The tags of all rows.
+    fn tags(&self, device: Option<&str>, place: Option<&str>) -> Result<Vec<Tag>, String> {
+        let at = |name: &str| self.header.iter().position(|own| own == name);
+        let place = match self.roles.is_empty() {
+            true => None,
+            false => Some(place_of(&self.roles, &self.rows, place)?),
+        };
+        let mut tags = Vec::new();
+        for (line, row) in &self.rows {
+            let cell = |name: &str| {
+                at(name).and_then(|at| row.get(at)).map(String::as_str).filter(|c| !c.is_empty())
+            };
+            let wrong = |why: String| format!("line {line}: {why}");
+            let Some(place) = place else {
+                tags.push(tag(&cell, device).map_err(wrong)?);
+                continue;
+            };
+            cell("loop").ok_or_else(|| wrong("it names no loop".into()))?;
+            for (role, _) in self.roles.iter().filter(|(role, _)| cell(role).is_some()) {
+                let own = |name: &str| match name {
+                    "role" => Some(role.as_str()),
+                    name if name == place => cell(role),
+                    name => cell(&format!("{role}.{name}")).or_else(|| cell(name)),
+                };
+                tags.push(tag(&own, device).map_err(|why| wrong(format!("{role}: {why}")))?);
+            }
+        }
+        Ok(tags)
+    }
+}
+
+/// A column's name as a key is written: `Data Type` is `type`.
+fn key(name: &str) -> String {
+    let name = name.trim().to_lowercase().replace([' ', '-'], "_");
+    let own = OTHER_WORDS.iter().find(|(_, others)| others.contains(&name.as_str()));
+    own.map_or(name, |(own, _)| (*own).to_string())
 }
 
 /// The columns of roles, by name and number, where each row of the list is a loop; none where each row is a tag.
@@ -129,20 +207,19 @@ fn roles(header: &[String]) -> Result<Vec<(String, usize)>, String> {
     let known = |name: &str| {
         let of_role =
             name.split_once('.').is_some_and(|(role, key)| is_role(role) && has(role) && is_key(key));
-        name.is_empty() || ["tag", "loop", "role"].contains(&name) || is_key(name) || is_role(name) || of_role
+        name.is_empty() || WHICH.contains(&name) || is_key(name) || is_role(name) || of_role
     };
     if let Some(strange) = header.iter().find(|name| !known(name)) {
-        let names = [&["tag", "loop", "role"][..], &TEXTS, &NUMBERS].concat().join(", ");
+        let names = [&WHICH[..], &TEXTS, &NUMBERS].concat().join(", ");
         return Err(format!(
-            "line 1: no key of a tag is called '{strange}': take the column out, or call it one of {names}"
+            "no key of a tag is called '{strange}': pass over the column with --without '{strange}', or call it one of {names}"
         ));
     }
     let named = header.iter().enumerate().filter(|(_, name)| is_role(name));
     let roles: Vec<(String, usize)> = named.map(|(at, name)| (name.clone(), at)).collect();
     if !has("tag") && !(has("loop") && (has("role") || !roles.is_empty())) {
         return Err(
-            "line 1: a column 'tag' is needed, or the columns 'loop' and 'role', or 'loop', 'op' and 'pv'"
-                .into(),
+            "a column 'tag' is needed, or the columns 'loop' and 'role', or 'loop', 'op' and 'pv'".into()
         );
     }
     Ok(roles)
@@ -151,31 +228,35 @@ fn roles(header: &[String]) -> Result<Vec<(String, usize)>, String> {
 /// Which key the columns of roles hold: as was said, or as every cell of them looks.
 fn place_of<'p>(
     roles: &[(String, usize)],
-    rows: &[csv::StringRecord],
+    rows: &[TextRow],
     said: Option<&'p str>,
 ) -> Result<&'p str, String> {
     if let Some(said) = said {
         return Ok(said);
     }
     let cells = || {
-        let all =
-            rows.iter().flat_map(|row| roles.iter().filter_map(move |(_, at)| Some((row, row.get(*at)?))));
+        let all = rows
+            .iter()
+            .flat_map(|row| roles.iter().filter_map(move |(_, at)| Some((row.0, row.1.get(*at)?))));
         all.filter(|(_, cell)| !cell.is_empty())
     };
-    let is_node = |cell: &str| {
-        let id = cell.split_once(';').filter(|(space, _)| space.starts_with("ns")).map_or(cell, |(_, id)| id);
+    let is_node = |cell: &String| {
+        let id = cell
+            .split_once(';')
+            .filter(|(space, _)| space.starts_with("ns"))
+            .map_or(cell.as_str(), |(_, id)| id);
         ["i=", "s=", "g=", "b="].iter().any(|kind| id.starts_with(kind))
     };
-    let is_address = |cell: &str| cell.parse::<u32>().is_ok();
+    let is_address = |cell: &String| cell.parse::<u32>().is_ok();
     if cells().all(|(_, cell)| is_node(cell)) {
         return Ok("node");
     }
     if cells().all(|(_, cell)| is_address(cell)) {
         return Ok("address");
     }
-    let (row, cell) = cells().find(|(_, cell)| !is_node(cell)).unwrap_or((&rows[0], ""));
-    let line = row.position().map_or(0, csv::Position::line);
-    Err(format!("line {line}: what is '{cell}'? Say it with --as {}", PLACES.join(", --as ")))
+    let strange = cells().find(|(_, cell)| !is_node(cell));
+    let strange = strange.map_or_else(String::new, |(line, cell)| format!("line {line}: what is '{cell}'? "));
+    Err(format!("{strange}Say it with --as {}", PLACES.join(", --as ")))
 }
 
 fn tag<'r>(cell: &impl Fn(&str) -> Option<&'r str>, device: Option<&str>) -> Result<Tag, String> {
@@ -217,6 +298,11 @@ fn tag<'r>(cell: &impl Fn(&str) -> Option<&'r str>, device: Option<&str>) -> Res
 mod tests {
     use super::*;
 
+    fn tags(text: &str, device: Option<&str>, place: Option<&str>) -> Result<Vec<Tag>, String> {
+        let rows = table::texts(Source::Bytes(text.as_bytes()), None, MAX_ROWS);
+        List::of(rows.map_err(|error| error.to_string())?, &[])?.tags(device, place)
+    }
+
     #[test]
     fn a_wrong_row_is_named_by_its_line() {
         for (text, part) in [
@@ -234,6 +320,8 @@ mod tests {
             ("loop,op,pv,device,sp.scale\nA,i=1,i=2,d,2\n", "no key of a tag is called 'sp.scale'"),
             ("loop,op,pv,device,pv.scale\nA,i=1,i=2,d,x\n", "line 2: pv: scale: 'x'"),
             ("loop,device\nA,d\n", "or 'loop', 'op' and 'pv'"),
+            ("tag,device,name\nA.OP,d,x\n", "columns 'tag' and 'name' are both 'tag'"),
+            ("tag,device,dcs block\nA.OP,d,x\n", "with --without 'dcs_block'"),
         ] {
             let why = tags(text, None, None).unwrap_err();
             assert!(why.contains(part), "{text}: {why}");
@@ -254,5 +342,21 @@ mod tests {
         assert_eq!(found[1].keys[1], ("topic".to_string(), "\"plant/a/pv\"".to_string()));
         let nodes = tags("loop,op,pv\nA,ns=2;s=A.OP,nsu=urn:x;s=A.PV\n", Some("opc"), None).unwrap();
         assert_eq!(nodes[0].keys[1], ("node".to_string(), "\"ns=2;s=A.OP\"".to_string()));
+    }
+
+    #[test]
+    fn a_list_of_a_site_needs_no_other_words() {
+        let list = "Instrument list;;;;;\nrev. 3;;;;;\nNo.;Tag Name;Description;NodeId;Data Type;PLC\n\
+                    1;FIC101.OP;feed;ns=2;f32;opc\n\n2;FIC101.PV;\"feed; flow\";ns=3;f32;opc\n";
+        let found = tags(list, None, None).unwrap();
+        assert_eq!(found.iter().map(|tag| tag.name.as_str()).collect::<Vec<_>>(), ["FIC101.OP", "FIC101.PV"]);
+        let keys =
+            |tag: &Tag| tag.keys.iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<_>>();
+        assert_eq!(keys(&found[1]), ["device=\"opc\"", "node=\"ns=3\"", "type=\"f32\""]);
+        let rows = table::texts(Source::Bytes(list.as_bytes()), None, MAX_ROWS).unwrap();
+        assert_eq!(List::of(rows.clone(), &[]).unwrap().passed_over, ["No.", "Description"]);
+        let without = |name: &str| List::of(rows.clone(), &[name.to_string()]);
+        assert_eq!(without("Data Type").unwrap().passed_over, ["No.", "Description", "Data Type"]);
+        assert!(without("Area").is_err_and(|why| why.contains("--without \"Area\"")));
     }
 }

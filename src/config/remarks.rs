@@ -63,23 +63,34 @@ impl Config {
         keys.into_iter().filter_map(told).collect()
     }
 
-    /// Servers whose nodes are named by the number of their namespace.
+    /// Servers whose nodes are named by the number of their namespace, or by none.
     fn numbered(&self) -> Vec<String> {
-        let mut numbered: BTreeMap<&str, usize> = BTreeMap::new();
+        let (mut numbered, mut without) = (BTreeMap::<&str, usize>::new(), BTreeMap::<&str, usize>::new());
         for (_, tag) in self.loops.iter().flat_map(tags) {
-            if let TagConfig::Opcua(own) = tag
-                && own.place().is_ok_and(|place| place.is_numbered())
-            {
+            let TagConfig::Opcua(own) = tag else { continue };
+            let Ok(place) = own.place() else { continue };
+            if place.is_numbered() {
                 *numbered.entry(own.device.as_str()).or_default() += 1;
             }
+            if place.has_no_namespace() {
+                *without.entry(own.device.as_str()).or_default() += 1;
+            }
         }
-        let told = |(device, tags)| {
+        let by_number = numbered.into_iter().map(|(device, tags)| {
             format!(
-                "{device}: {tags} tags name their namespace by its number, which a server may give to another when it starts: \
-                 write nsu=URI instead, as stictiond probe shows it"
+                "{device}: {} their namespace by its number, which a server may give to another when it starts: \
+                 write nsu=URI instead, as stictiond probe shows it",
+                tags_name(tags)
             )
-        };
-        numbered.into_iter().map(told).collect()
+        });
+        let by_none = without.into_iter().map(|(device, tags)| {
+            format!(
+                "{device}: {} no namespace, which means OPC UA's own, and no plant's node is there: write \
+                 nsu=URI;s=NAME, as stictiond probe shows it",
+                tags_name(tags)
+            )
+        });
+        by_number.chain(by_none).collect()
     }
 
     /// Passwords that anybody on the way can read.
@@ -215,4 +226,9 @@ fn beyond_range(control_loop: &LoopConfig) -> Option<String> {
     Some(format!(
         "{id}.op: range = [{least}, {most}] is far {than} than op_span = {span}: both are in OP's own unit, after scaling"
     ))
+}
+
+/// `1 tag names`, `5 tags name`.
+fn tags_name(count: usize) -> String {
+    if count == 1 { "1 tag names".into() } else { format!("{count} tags name") }
 }

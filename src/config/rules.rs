@@ -8,7 +8,7 @@ use super::{LoopConfig, TagConfig, plant, tag};
 use crate::collect::{Issue, modbus};
 use crate::schedule;
 use crate::signal::{Role, Scale};
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Longest name of a loop, device or tag (characters).
 const MAX_NAME: usize = 100;
@@ -39,13 +39,14 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
         }
     }
     let blamed = report.places();
-    let mut rules = Rules { source, report, devices, blamed };
+    let mut rules = Rules { source, report, devices, blamed, strangers: BTreeMap::new() };
     rules.variables();
     rules.ports();
     rules.sections(parts);
     rules.devices(parts);
     rules.clients(parts);
     rules.loops(parts);
+    rules.strangers();
     rules.registers(parts);
     rules.writing(parts);
 }
@@ -77,6 +78,8 @@ struct Rules<'r, 'a, 't> {
     devices: HashMap<&'r str, Device>,
     /// Values that could not be read: what stands in for them is not the file's fault.
     blamed: HashSet<usize>,
+    /// Names of devices that there are not, with the tags that name them.
+    strangers: BTreeMap<String, Vec<Vec<Step>>>,
 }
 
 impl Rules<'_, '_, '_> {
@@ -308,12 +311,7 @@ impl Rules<'_, '_, '_> {
             if self.devices.is_empty() && self.report.has_section_errors() || self.some_are_nameless(parts) {
                 return;
             }
-            let mut names: Vec<&str> = self.devices.keys().copied().collect();
-            names.sort_unstable();
-            let hint = super::wording::hint(tag.device(), &names);
-            let message =
-                format!("device: no [[modbus]], [[opcua]] or [[mqtt]] is called {:?}{hint}", tag.device());
-            self.wrong(&field("device"), message);
+            self.strangers.entry(tag.device().into()).or_default().push(field("device"));
             return;
         };
         let strange = |keys: &[&'static str], message: &str| {
@@ -354,6 +352,24 @@ impl Rules<'_, '_, '_> {
         };
         for issue in issues {
             self.wrong(&field(issue.field), format!("{}: {}", issue.field, issue.message));
+        }
+    }
+
+    /// Devices that there are not, each told at its first tag: a name that is wrong once is wrong in hundreds of tags.
+    fn strangers(&mut self) {
+        let mut names: Vec<&str> = self.devices.keys().copied().collect();
+        names.sort_unstable();
+        for (device, places) in std::mem::take(&mut self.strangers) {
+            let Some((first, others)) = places.split_first() else { continue };
+            let hint = super::wording::hint(&device, &names);
+            let others = match others.len() {
+                0 => String::new(),
+                1 => " (1 more tag names it)".into(),
+                more => format!(" ({more} more tags name it)"),
+            };
+            let message =
+                format!("device: no [[modbus]], [[opcua]] or [[mqtt]] is called {device:?}{hint}{others}");
+            self.wrong(first, message);
         }
     }
 

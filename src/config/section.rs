@@ -97,9 +97,10 @@ pub fn parts(source: &Source, report: &mut Report) -> Parts {
     for key in source.root().keys() {
         let name = key.get_ref();
         if !SECTIONS.contains(&name.as_ref()) {
-            let hint = match ROLES.contains(&name.as_ref()) {
-                true => format!(": write it as [loop.{name}], below its [[loop]]"),
-                false => wording::hint(name, &SECTIONS),
+            let hint = match (ROLES.contains(&name.as_ref()), wording::elsewhere(name)) {
+                (true, _) => format!(": write it as [loop.{name}], below its [[loop]]"),
+                (_, Some(own)) => format!(": {own}"),
+                _ => wording::hint(name, &SECTIONS),
             };
             report.section(key.span().start, format!("unknown section {name:?}{hint}"));
         }

@@ -90,6 +90,34 @@ const ORDERS: [(&str, &[&str]); 4] = [
     ("DCBA", &["little", "little_endian", "le", "lsb"]),
 ];
 
+/// Where a section stands that other programs have at the top of their file.
+pub fn elsewhere(section: &str) -> Option<&'static str> {
+    let section = section.to_lowercase();
+    let found = ELSEWHERE.iter().find(|(names, _)| names.contains(&section.as_str()));
+    found.map(|(_, own)| *own)
+}
+
+const ELSEWHERE: [(&[&str], &str); 12] = [
+    (&["tls", "https", "ssl"], "write it as [server.tls]"),
+    (&["http", "api", "web", "listen", "dashboard"], "where the daemon listens stands in [server]"),
+    (&["auth", "users", "user", "login", "ldap", "oidc"], "who may do what stands in [access]"),
+    (
+        &["database", "db", "postgres", "postgresql", "sqlite", "storage"],
+        "where samples are kept stands in [store]",
+    ),
+    (&["smtp", "mail", "email"], "write it as [[notify.smtp]]"),
+    (&["webhook", "webhooks"], "write it as [[notify.webhook]]"),
+    (&["alertmanager"], "write it as [[notify.alertmanager]]"),
+    (&["nats", "jetstream"], "it stands in [fleet]"),
+    (
+        &["log", "logs", "logging"],
+        "the log goes to the standard error, and RUST_LOG says how much: take the section out",
+    ),
+    (&["device", "devices", "plc", "plcs"], "a device is a [[modbus]], an [[opcua]] or an [[mqtt]]"),
+    (&["tag", "tags"], "write it as [[loop.tag]], or as [loop.op] and the like, below its [[loop]]"),
+    (&["limits", "thresholds", "threshold"], "what raises an alarm stands in [alarm]"),
+];
+
 /// `invalid type: string "0,1", expected f64`: the number with a point.
 fn decimal_comma(message: &str) -> Option<String> {
     let (text, expected) = message.strip_prefix("invalid type: string \"")?.split_once("\", expected ")?;

@@ -237,6 +237,11 @@ impl Place {
             Self::Path(name) => name.is_numbered(),
         }
     }
+
+    /// Whether it is a node with a name in the standard's own namespace, whose nodes have numbers.
+    pub fn has_no_namespace(&self) -> bool {
+        matches!(self, Self::Node(name) if name.has_no_namespace())
+    }
 }
 
 impl Config {

@@ -3,7 +3,7 @@
 //! A server may number its namespaces anew whenever it starts. A URI means the same namespace for ever; a plain number
 //! means the URI that it had at first, and nothing else after that.
 
-use opcua::types::{NodeId, QualifiedName, RelativePath, RelativePathElement};
+use opcua::types::{Identifier, NodeId, QualifiedName, RelativePath, RelativePathElement};
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
@@ -69,6 +69,12 @@ impl Namespace {
 impl NodeName {
     pub(super) fn is_numbered(&self) -> bool {
         self.namespace.is_numbered()
+    }
+
+    /// Whether a name stands in the standard's own namespace, whose nodes have numbers.
+    pub(super) fn has_no_namespace(&self) -> bool {
+        matches!(self.namespace, Namespace::Number(0))
+            && matches!(self.bare.identifier, Identifier::String(_))
     }
 
     /// The node in a session, or why it has none.

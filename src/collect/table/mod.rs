@@ -86,5 +86,31 @@ pub fn stream<E: From<TableError>>(
     take::stream(source, survey::survey(source, options, false)?, options, take)
 }
 
+/// The rows of a list that is no record, as they stand: the line of each in its file, and its cells as text.
+///
+/// What divides the cells of text is the sign of `;`, tab and `,` that its first line has most of.
+///
+/// # Errors
+/// [`TableError`] for what is no table, and for one of more than `most` rows.
+pub fn texts(source: Source<'_>, sheet: Option<&str>, most: usize) -> Result<Vec<TextRow>, TableError> {
+    let head = source.head()?;
+    let kind = source::Kind::of(source, &head, sheet, None)?;
+    let first = head.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    let count = |sign: &u8| first.iter().filter(|byte| *byte == sign).count();
+    let separator = [b',', b'\t', b';'].into_iter().max_by_key(count).unwrap_or(b',');
+    let mut rows = kind.rows(source, separator)?;
+    let mut out = Vec::new();
+    while let Some(line) = rows.next()? {
+        if out.len() >= most {
+            return Err(TableError::refused(format!("{} {line}: more than {most} rows", rows.row_name())));
+        }
+        out.push((line, (0..rows.len()).map(|at| rows.cell(at).shown().trim().to_string()).collect()));
+    }
+    Ok(out)
+}
+
+/// A row of [`texts`]: its line in the file, and its cells.
+pub type TextRow = (u64, Vec<String>);
+
 #[cfg(test)]
 mod tests;
