@@ -123,6 +123,15 @@ fn loops_of_generator_c_are_read_right() {
     holds(&GENERATORS[2], &RATES_OF_C);
 }
 
+/// Its valve rests in four fifths of what was fitted on before starts were sought; then the loop swings to the end.
+#[test]
+fn a_loop_that_begins_to_swing_late_keeps_its_friction() {
+    let case = Case { effect: None, size: Size::Medium, variant: 8, seed: 9205, tags: 2 };
+    let judged = judge(&GENERATORS[0], &case, false);
+    assert!(judged.sticks && judged.named.is_empty(), "{}", judged.line());
+    assert!((judged.ci[0]..=judged.ci[1]).contains(&judged.f_true), "{}", judged.line());
+}
+
 const LOADS: [Kind; 4] = [Kind::OscillatingLoad, Kind::MeasuredDisturbance, Kind::LoadStep, Kind::Drift];
 /// Large loads that a fit which is told of them finds: on these 13 of 16, two drifts and a step are missed.
 const FOUND_WHEN_TOLD: f64 = 0.81;

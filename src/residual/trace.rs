@@ -9,9 +9,10 @@ use super::held_out::{judge, without};
 use super::hypothesis::Hypothesis;
 use super::posterior::{Table, class, log_prior};
 use super::report::report;
-use super::valve_search::{Effort, Found, search};
+use super::valve_search::{Effort, Found, LEAST_REVERSALS, search};
 use super::{Row, Settings};
-use crate::diagnosis::{Diagnosis, Verdict, region};
+use crate::diagnosis::region::{self, Region};
+use crate::diagnosis::{Diagnosis, Verdict};
 use crate::signal::Window;
 use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
@@ -60,14 +61,35 @@ fn stem(window: &Window, mv: &[f64], settings: &Settings) -> Option<Stem> {
 /// The record that is fitted; stems start at the first large extremum of OP.
 pub fn iddata(window: &Window) -> Option<IdData> {
     let found = region::analyse(&window.op);
-    let start = region::start_of(&found, &window.op, 0, window.len() / 3);
-    let start =
-        start.map_or(Start { index: 0, is_max: true }, |s| Start { index: s.index, is_max: s.is_max });
-    IdData::new(window, start)
+    let start = start_of(&found, window, 0, window.len() / 3);
+    IdData::new(window, start.unwrap_or(Start { index: 0, is_max: true }))
+}
+
+/// The first large extremum of OP between two samples.
+fn start_of(found: &Region, window: &Window, from: usize, to: usize) -> Option<Start> {
+    let start = region::start_of(found, &window.op, from, to)?;
+    Some(Start { index: start.index, is_max: start.is_max })
+}
+
+/// The record that is fitted beside what the diagnosis found: where the stem of its friction hardly turns within the fitted
+/// samples, because the loop began to swing late, from the large extremum after which it turns most. `None` where it always hardly
+/// does: hypotheses without that friction would compete with none.
+fn iddata_beside(window: &Window, diagnosis: &Diagnosis) -> Option<IdData> {
+    let data = iddata(window)?;
+    let f = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f) / data.units.u;
+    let valve = ValveModel::one_parameter(f);
+    if diagnosis.verdict != Verdict::Stiction || turns(&data, &valve) >= LEAST_REVERSALS {
+        return Some(data);
+    }
+    let found = region::analyse(&window.op);
+    let later = found.extrema.iter().map(|extremum| extremum.index).filter(|at| *at > data.start.index);
+    let begun = later.filter_map(|from| IdData::new(window, start_of(&found, window, from, window.len())?));
+    let rated = begun.map(|data| (turns(&data, &valve), data));
+    rated.filter(|own| own.0 >= LEAST_REVERSALS).max_by(|a, b| a.0.total_cmp(&b.0)).map(|own| own.1)
 }
 
 fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
-    let mut recorded = iddata(window)?;
+    let mut recorded = iddata_beside(window, diagnosis)?;
     recorded.units.span = settings.op_span;
     let mut data = recorded.clone();
     let f = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f) / data.units.u;
@@ -84,6 +106,13 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
     outcome.declared = declared;
     outcome.data = data;
     Some(report(outcome, diagnosis, settings))
+}
+
+/// How often a stem turns within the fitted samples.
+fn turns(data: &IdData, valve: &ValveModel) -> f64 {
+    let (mut stem, mut direction) = (Vec::new(), Vec::new());
+    valve.run(&data.u, data.start, data.split, &mut stem, &mut direction);
+    direction[data.start.index..data.split].windows(2).filter(|pair| pair[0] != pair[1]).count() as f64
 }
 
 /// Repairs what the signals alone show to be wrong, and finds the valves of the repaired record.
