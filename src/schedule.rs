@@ -1,8 +1,10 @@
 //! When and where a diagnosis runs.
 //!
 //! Every loop has a period; within it the loops are spread evenly by position, so that 2,000 loops are a steady trickle
-//! and never a burst. Runs go through one bounded queue to `parallelism` slots, each of which runs one diagnosis at a
-//! time on a blocking thread. A loop is in the queue or running at most once: what is due meanwhile is skipped and counted.
+//! and never a burst. Runs wait in two queues for one of `parallelism` slots, each of which runs one diagnosis at a time on a
+//! blocking thread: what somebody asks for goes before what is due. A loop waits or runs at most once, so that no more runs are
+//! due than there are loops: after a start, when every loop is new, they are late. What is due again meanwhile is skipped and
+//! counted.
 //!
 //! A diagnosis cannot be interrupted. One past its deadline is reported as failed and its late result dropped, but its slot
 //! and its loop count as busy until it returns: otherwise a diagnosis that hangs would take thread after thread.
@@ -10,6 +12,7 @@
 
 mod clock;
 mod config;
+mod queues;
 mod stagger;
 
 pub use clock::Clock;
@@ -21,13 +24,14 @@ use crate::residual::Structure;
 use crate::results::{Basis, Judged, Outcome, Results, Run, Told, Trigger};
 use crate::signal::{LoopId, Record};
 use futures::future::BoxFuture;
+use queues::Queues;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap, HashSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use tokio::sync::{Semaphore, mpsc, oneshot, watch};
+use tokio::sync::{Semaphore, oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
 /// Callers that may wait for one run.
@@ -87,10 +91,8 @@ pub struct Counters {
     pub deadline_exceeded: u64,
     /// Runs that panicked.
     pub panicked: u64,
-    /// Due, but the loop's previous run was not done.
-    pub skipped_running: u64,
-    /// Due, but the queue was full.
-    pub skipped_queue_full: u64,
+    /// Due, but the loop's previous run still waited or was not done.
+    pub skipped_waiting: u64,
     /// Due while the scheduler itself was held up (a suspended machine).
     pub skipped_late: u64,
     /// Runs waiting for a slot, now.
@@ -110,7 +112,7 @@ pub enum Refused {
     /// The loop is another machine's.
     #[error("this loop is diagnosed at its site: ask there")]
     NotHere,
-    /// The queue is full, or too many wait for this loop already.
+    /// Too many were asked for, or too many wait for this loop already.
     #[error("too many diagnoses are waiting; try again later")]
     Busy,
     /// The previous run passed its deadline and has not returned.
@@ -164,10 +166,8 @@ struct Counts {
     confirmed: AtomicU64,
     deadline_exceeded: AtomicU64,
     panicked: AtomicU64,
-    skipped_running: AtomicU64,
-    skipped_queue_full: AtomicU64,
+    skipped_waiting: AtomicU64,
     skipped_late: AtomicU64,
-    queued: AtomicU64,
     running: AtomicU64,
     busy_us: AtomicU64,
 }
@@ -179,8 +179,7 @@ pub struct Scheduler {
     diagnose: Diagnose,
     results: Arc<Results>,
     table: watch::Sender<Arc<Table>>,
-    queue: mpsc::Sender<Arc<Seat>>,
-    waiting: tokio::sync::Mutex<mpsc::Receiver<Arc<Seat>>>,
+    queues: Queues<Arc<Seat>>,
     elsewhere: Option<Elsewhere>,
     /// Diagnoses that may be made here at the same time.
     here: Semaphore,
@@ -190,7 +189,7 @@ pub struct Scheduler {
 impl Scheduler {
     /// A scheduler that does nothing until [`Scheduler::run`].
     pub fn new(config: Config, clock: Clock, diagnose: Diagnose, results: Arc<Results>, plan: Plan) -> Self {
-        let (queue, waiting) = mpsc::channel(config.queue.max(1));
+        let queues = Queues::new(config.queue);
         Self {
             table: watch::Sender::new(Arc::new(Table::new(plan, None))),
             here: Semaphore::new(config.parallelism.max(1)),
@@ -199,8 +198,7 @@ impl Scheduler {
             clock,
             diagnose,
             results,
-            queue,
-            waiting: tokio::sync::Mutex::new(waiting),
+            queues,
             counts: Counts::default(),
         }
     }
@@ -226,10 +224,9 @@ impl Scheduler {
             confirmed: count(&self.counts.confirmed),
             deadline_exceeded: count(&self.counts.deadline_exceeded),
             panicked: count(&self.counts.panicked),
-            skipped_running: count(&self.counts.skipped_running),
-            skipped_queue_full: count(&self.counts.skipped_queue_full),
+            skipped_waiting: count(&self.counts.skipped_waiting),
             skipped_late: count(&self.counts.skipped_late),
-            queued: count(&self.counts.queued),
+            queued: self.queues.waiting(),
             running: count(&self.counts.running),
             busy_s: count(&self.counts.busy_us) as f64 * 1e-6,
         }
@@ -258,8 +255,12 @@ impl Scheduler {
         match inner.0 {
             Phase::Overrunning => return Err(Refused::Overrunning),
             _ if inner.1.len() >= MAX_WAITERS => return Err(Refused::Busy),
-            // Who asks wants a search.
-            Phase::Queued(_) if trigger == Trigger::OnDemand => inner.0 = Phase::Queued(trigger),
+            // Who asks wants a search, and at once.
+            Phase::Queued(Trigger::Periodic) if trigger == Trigger::OnDemand => {
+                // Where too many were asked for, it waits where it is.
+                let _ = self.enqueue(seat, &mut inner.0, trigger);
+                inner.0 = Phase::Queued(trigger);
+            }
             Phase::Queued(_) | Phase::Running => {}
             Phase::Idle => self.enqueue(seat, &mut inner.0, trigger)?,
         }
@@ -314,40 +315,32 @@ impl Scheduler {
 
     fn begin(&self, seat: &Arc<Seat>) {
         let mut inner = seat.lock();
-        if inner.0 == Phase::Idle {
-            if self.enqueue(seat, &mut inner.0, Trigger::Periodic).is_err() {
-                self.counts.skipped_queue_full.fetch_add(1, Relaxed);
-            }
-        } else {
-            self.counts.skipped_running.fetch_add(1, Relaxed);
+        // A daemon that shuts down refuses; what was due then counts for nothing.
+        if inner.0 != Phase::Idle {
+            self.counts.skipped_waiting.fetch_add(1, Relaxed);
+        } else if self.enqueue(seat, &mut inner.0, Trigger::Periodic).is_err() {
+            tracing::debug!(r#loop = %seat.id, "due while the daemon shuts down");
         }
     }
 
     fn enqueue(&self, seat: &Arc<Seat>, phase: &mut Phase, trigger: Trigger) -> Result<(), Refused> {
-        // Counted before it can be taken out, so that the gauge never goes below zero.
-        self.counts.queued.fetch_add(1, Relaxed);
-        self.queue.try_send(seat.clone()).map_err(|refused| {
-            self.counts.queued.fetch_sub(1, Relaxed);
-            match refused {
-                mpsc::error::TrySendError::Full(_) => Refused::Busy,
-                mpsc::error::TrySendError::Closed(_) => Refused::Stopping,
-            }
-        })?;
+        match trigger {
+            Trigger::OnDemand => self.queues.ask(seat.clone())?,
+            Trigger::Periodic => self.queues.due(seat.clone())?,
+        }
         *phase = Phase::Queued(trigger);
         Ok(())
     }
 
     async fn slot(&self, token: &CancellationToken) {
         loop {
-            let next = async { self.waiting.lock().await.recv().await };
             let seat = tokio::select! {
                 () = token.cancelled() => return,
-                seat = next => match seat {
+                seat = self.queues.next() => match seat {
                     Some(seat) => seat,
                     None => return,
                 },
             };
-            self.counts.queued.fetch_sub(1, Relaxed);
             self.counts.running.fetch_add(1, Relaxed);
             tokio::select! {
                 () = token.cancelled() => return,
@@ -358,9 +351,11 @@ impl Scheduler {
     }
 
     async fn run_one(&self, seat: &Arc<Seat>) {
-        let trigger = match std::mem::replace(&mut seat.lock().0, Phase::Running) {
-            Phase::Queued(trigger) => trigger,
-            _ => Trigger::Periodic,
+        let trigger = {
+            let mut inner = seat.lock();
+            let Phase::Queued(trigger) = inner.0 else { return };
+            inner.0 = Phase::Running;
+            trigger
         };
         let (started, began) = (self.clock.now(), tokio::time::Instant::now());
         // The loop may have gone away between being due and being run.

@@ -67,11 +67,11 @@ async fn drive() -> Result<(), Failed> {
     let wall = Duration::from_secs_f64(plant_s / speed);
     let asking = (option("--rate", 0.0) > 0.0).then(|| ask(address, loops, wall)).transpose()?;
     // In the first period nothing is known of any loop; what comes after goes on for years.
-    let first_s = period_s.min(plant_s);
-    let first = Duration::from_secs_f64(first_s / speed);
-    tokio::time::sleep(first).await;
-    let (cpu_first, known) = (cpu_s(), tokio::task::spawn_blocking(move || get(address, "/metrics")).await??);
-    tokio::time::sleep(wall.saturating_sub(first)).await;
+    let mut looks = vec![Look { cpu_s: cpu, ..Look::default() }];
+    for at in 1..=LOOKS {
+        tokio::time::sleep((wall * at / LOOKS).saturating_sub(began.elapsed())).await;
+        looks.push(tokio::task::spawn_blocking(move || look(address)).await??);
+    }
     let (wall, used) = (began.elapsed().as_secs_f64(), cpu_s() - cpu);
     let asked = Instant::now();
     let metrics = tokio::task::spawn_blocking(move || get(address, "/metrics")).await??;
@@ -93,11 +93,7 @@ async fn drive() -> Result<(), Failed> {
     println!("{loops} loops x 3 tags, {plant_s} s of plant time at {speed} x in {wall:.1} s");
     println!("cpu            {used:.1} s = {:.1} % of one core in plant time", 100.0 * used / plant_s);
     println!("  diagnoses    {:.1} s", sum(&metrics, "stictiond_runs_busy_seconds_total", ""));
-    if plant_s > first_s {
-        let after = 100.0 * (cpu + used - cpu_first) / (plant_s - first_s);
-        let skipped_since = skipped - sum(&known, "stictiond_runs_skipped_total", "");
-        println!("after a period {after:.1} % of one core in plant time, {skipped_since} diagnoses skipped");
-    }
+    table(&looks, plant_s);
     println!(
         "memory         {:.0} MiB resident, {:.0} MiB at most, {:.0} MiB before the first poll",
         kib("VmRSS:") / 1024.0,
@@ -130,6 +126,51 @@ async fn drive() -> Result<(), Failed> {
         list.as_secs_f64() * 1e3
     );
     Ok(())
+}
+
+/// Looks at the counters meanwhile.
+const LOOKS: u32 = 8;
+
+/// The counters at one time.
+#[derive(Clone, Copy, Default)]
+struct Look {
+    cpu_s: f64,
+    diagnosed: f64,
+    confirmed: f64,
+    skipped: f64,
+    waiting: f64,
+    kib: f64,
+}
+
+fn look(address: SocketAddr) -> Result<Look, Failed> {
+    let metrics = get(address, "/metrics")?;
+    Ok(Look {
+        cpu_s: cpu_s(),
+        diagnosed: sum(&metrics, "stictiond_runs_total", "outcome=\"diagnosed\""),
+        confirmed: sum(&metrics, "stictiond_runs_confirmed_total", ""),
+        skipped: sum(&metrics, "stictiond_runs_skipped_total", ""),
+        waiting: sum(&metrics, "stictiond_runs_queued", ""),
+        kib: kib("VmRSS:"),
+    })
+}
+
+/// What happened between two looks.
+fn table(looks: &[Look], plant_s: f64) {
+    let step_s = plant_s / f64::from(LOOKS);
+    println!("  until (s)  % of a core  diagnoses  without a search  skipped  waiting  MiB");
+    for (at, pair) in looks.windows(2).enumerate() {
+        let (before, after) = (pair[0], pair[1]);
+        println!(
+            "{:>11.0} {:>12.1} {:>10} {:>17} {:>8} {:>8} {:>4.0}",
+            (at + 1) as f64 * step_s,
+            100.0 * (after.cpu_s - before.cpu_s) / step_s,
+            after.diagnosed - before.diagnosed,
+            after.confirmed - before.confirmed,
+            after.skipped - before.skipped,
+            after.waiting,
+            after.kib / 1024.0
+        );
+    }
 }
 
 /// Starts who asks meanwhile.

@@ -12,7 +12,7 @@ pub struct Config {
     pub parallelism: usize,
     /// Longest time a diagnosis may take (s), on the wall clock.
     pub deadline_s: f64,
-    /// Runs that may wait for a free slot.
+    /// Runs on demand that may wait for a free slot; those that are due wait as long as it takes, each loop once.
     pub queue: usize,
     /// Diagnoses remembered of each loop, as summaries.
     pub keep_results: usize,

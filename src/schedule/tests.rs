@@ -157,7 +157,7 @@ async fn past_its_deadline_a_run_is_reported_and_its_late_result_dropped() {
     assert_eq!(quick.await.expect("runs").outcome.as_str(), "not_identifiable");
     assert_eq!(rig.next_run().await.0, "quick");
     tokio::time::advance(Duration::from_secs(100)).await;
-    while rig.scheduler.counters().skipped_running == 0 {
+    while rig.scheduler.counters().skipped_waiting == 0 {
         tokio::task::yield_now().await;
     }
     drop(open);
@@ -269,7 +269,7 @@ fn a_loop_of_another_machine_is_not_diagnosed_here() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_full_queue_skips_and_counts_and_refuses_callers() {
+async fn a_full_queue_refuses_callers_and_what_is_due_waits() {
     let (open, wait) = gate();
     let config = Config { queue: 1, deadline_s: 1e6, ..Config::default() };
     let rig = rig(config, jobs(&["a", "b", "c"], 1e6), move |_| wait());
@@ -279,9 +279,13 @@ async fn a_full_queue_skips_and_counts_and_refuses_callers() {
     }
     let second = rig.scheduler.request(&LoopId::new("b")).expect("one may wait");
     assert_eq!(rig.scheduler.request(&LoopId::new("c")).err(), Some(Refused::Busy));
-    rig.scheduler.begin(&rig.scheduler.table.borrow().seats[2].clone());
+    // What is due waits, once, and what is asked for goes before it.
+    let due = rig.scheduler.table.borrow().seats[2].clone();
+    rig.scheduler.begin(&due);
+    rig.scheduler.begin(&due);
     let counters = rig.scheduler.counters();
-    assert_eq!((counters.queued, counters.running, counters.skipped_queue_full), (1, 1, 1));
+    assert_eq!((counters.queued, counters.running, counters.skipped_waiting), (2, 1, 1));
+    let third = rig.scheduler.request(&LoopId::new("c")).expect("it waits already");
     // A second caller for a running loop shares the run.
     let shared = rig.scheduler.request(&LoopId::new("a")).expect("joins");
     drop(open);
@@ -289,6 +293,7 @@ async fn a_full_queue_skips_and_counts_and_refuses_callers() {
     assert!(Arc::ptr_eq(&first, &shared));
     assert_eq!(first.trigger, Trigger::OnDemand);
     second.await.expect("done");
+    assert_eq!(third.await.expect("done").trigger, Trigger::OnDemand);
     assert_eq!(rig.scheduler.request(&LoopId::new("nobody")).err(), Some(Refused::UnknownLoop));
     rig.stop().await;
 }

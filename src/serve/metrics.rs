@@ -212,8 +212,7 @@ fn runs(registry: &mut Registry, context: &Context) {
         confirmed,
     );
     let skipped = counts(registry, "runs_skipped", "Diagnoses that were due and not begun");
-    count(&skipped, &[("reason", "still_running")], counters.skipped_running as f64);
-    count(&skipped, &[("reason", "queue_full")], counters.skipped_queue_full as f64);
+    count(&skipped, &[("reason", "not_done")], counters.skipped_waiting as f64);
     count(&skipped, &[("reason", "late")], counters.skipped_late as f64);
     gauge(registry, "runs_running", "Diagnoses that run now", counters.running as f64);
     gauge(registry, "runs_queued", "Diagnoses that wait for a slot now", counters.queued as f64);

@@ -64,7 +64,7 @@ impl From<Counters> for SchedulerItem {
             deadline_exceeded: c.deadline_exceeded,
             panicked: c.panicked,
             confirmed: c.confirmed,
-            skipped: c.skipped_running + c.skipped_queue_full + c.skipped_late,
+            skipped: c.skipped_waiting + c.skipped_late,
             busy_s: finite(c.busy_s),
         }
     }
