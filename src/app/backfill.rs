@@ -79,8 +79,10 @@ impl BackfillPort for BackfillJobs {
         let config = lock(&self.shared.config).clone();
         // Where it is kept does not change by a reload.
         let past = match &request.file {
-            Some(file) => Past::File(file::named(file, &request.id, &config.tables)?),
-            None => Past::Store(self.shared.persistence.configured().ok_or(BackfillRefusal::NoStore)?),
+            Some(file) => Past::File(Box::new(file::named(file, &request.id, &config.tables)?)),
+            None => {
+                Past::Store(Box::new(self.shared.persistence.configured().ok_or(BackfillRefusal::NoStore)?))
+            }
         };
         let mut job = lock(&self.shared.job);
         if job.as_ref().is_some_and(|(job, _)| job.phase.runs()) {
@@ -268,8 +270,8 @@ impl Shared {
 
 /// Where the past is read.
 enum Past {
-    Store(store::Config),
-    File(file::Table),
+    Store(Box<store::Config>),
+    File(Box<file::Table>),
 }
 
 /// A loop's own tags as the store has them, read a day at a time; `None` where nobody wants them any more.
