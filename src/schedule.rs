@@ -2,9 +2,9 @@
 //!
 //! Every loop has a period; within it the loops are spread evenly by position, so that 2,000 loops are a steady trickle
 //! and never a burst. Runs wait in two queues for one of `parallelism` slots, each of which runs one diagnosis at a time on a
-//! blocking thread: what somebody asks for goes before what is due. A loop waits or runs at most once, so that no more runs are
-//! due than there are loops: after a start, when every loop is new, they are late. What is due again meanwhile is skipped and
-//! counted.
+//! blocking thread. What somebody asks for goes before what is due. A loop waits or runs once at most, so the queue of due runs
+//! is bounded by the number of loops. After a start every loop needs a full search, and runs are late. A run that falls due while
+//! the previous one waits or runs is skipped and counted.
 //!
 //! A diagnosis cannot be interrupted. One past its deadline is reported as failed and its late result dropped, but its slot
 //! and its loop count as busy until it returns: otherwise a diagnosis that hangs would take thread after thread.
@@ -257,9 +257,7 @@ impl Scheduler {
             _ if inner.1.len() >= MAX_WAITERS => return Err(Refused::Busy),
             // Who asks wants a search, and at once.
             Phase::Queued(Trigger::Periodic) if trigger == Trigger::OnDemand => {
-                // Where too many were asked for, it waits where it is.
-                let _ = self.enqueue(seat, &mut inner.0, trigger);
-                inner.0 = Phase::Queued(trigger);
+                self.enqueue(seat, &mut inner.0, trigger)?;
             }
             Phase::Queued(_) | Phase::Running => {}
             Phase::Idle => self.enqueue(seat, &mut inner.0, trigger)?,
@@ -315,7 +313,6 @@ impl Scheduler {
 
     fn begin(&self, seat: &Arc<Seat>) {
         let mut inner = seat.lock();
-        // A daemon that shuts down refuses; what was due then counts for nothing.
         if inner.0 != Phase::Idle {
             self.counts.skipped_waiting.fetch_add(1, Relaxed);
         } else if self.enqueue(seat, &mut inner.0, Trigger::Periodic).is_err() {

@@ -492,7 +492,10 @@ fn what_may_be_meant_otherwise_is_remarked() {
     }
     let bare = SOUND.replacen(OP, &format!("{server}{op}"), 1).replacen("nsu=urn:plant;s=OP", "s=OP", 1);
     let remarks = config::parse("plant.toml", &bare).expect("sound").remarks();
-    assert!(remarks.len() == 1 && remarks[0].starts_with("s: 1 tag names no namespace"), "{remarks:?}");
+    assert!(
+        remarks.len() == 1 && remarks[0].starts_with("s: 1 tag names a node in OPC UA's own namespace"),
+        "{remarks:?}"
+    );
     assert!(remarks_of("sampling_ms = 100\nqueue_size = 10\n", "deadband = 0.0\n").is_empty());
 }
 

@@ -133,7 +133,7 @@ fn a_list_of_tags_becomes_loops_that_check_takes() {
     fs::write(&file, format!("{device}{stdout}").replace("nsu=urn:plant;", "ns=2;")).unwrap();
     let (code, summed, _) = stictiond(&["check", "--config", file.to_str().unwrap()]);
     assert_eq!(code, Some(0));
-    assert!(summed.contains("remark   dcs1: 1000 tags name their namespace by its number"), "{summed}");
+    assert!(summed.contains("remark   dcs1: 1000 tags name the namespace by its number"), "{summed}");
 
     fs::write(&list, "tag,nod\nA.OP,i=1\n").unwrap();
     let (code, stdout, stderr) = stictiond(&["import-tags", list.to_str().unwrap()]);

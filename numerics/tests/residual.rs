@@ -123,7 +123,7 @@ fn loops_of_generator_c_are_read_right() {
     holds(&GENERATORS[2], &RATES_OF_C);
 }
 
-/// Its valve rests in four fifths of what was fitted on before starts were sought; then the loop swings to the end.
+/// Its valve rests in the first two thirds of the window; then the loop swings to the end.
 #[test]
 fn a_loop_that_begins_to_swing_late_keeps_its_friction() {
     let case = Case { effect: None, size: Size::Medium, variant: 8, seed: 9205, tags: 2 };

@@ -4,7 +4,8 @@
 use super::{Failure, print};
 use std::path::PathBuf;
 use stictiond::collect::stub::{self, Tag, quoted};
-use stictiond::collect::table::{self, Source, TextRow};
+use stictiond::collect::table::{self, Options, Source, TextRow};
+use stictiond::config;
 
 /// Rows that are read, at most.
 const MAX_ROWS: usize = 200_000;
@@ -34,16 +35,16 @@ const WHICH: [&str; 3] = ["tag", "loop", "role"];
 /// What lists of sites call these columns.
 const OTHER_WORDS: [(&str, &[&str]); 9] = [
     ("tag", &["tagname", "tag_name", "name", "point", "point_name"]),
-    ("loop", &["loop_id", "loop_name", "controller"]),
+    ("loop", &["loop_id", "loop_name"]),
     ("node", &["nodeid", "node_id", "opc_node", "opc_node_id"]),
     ("type", &["datatype", "data_type"]),
     ("byte_order", &["byteorder", "endianness"]),
     ("unit", &["units", "eu", "uom", "engineering_unit", "engineering_units"]),
-    ("device", &["plc", "server", "controller_name", "source"]),
+    ("device", &["plc", "server"]),
     ("register", &["register_type", "function"]),
     ("address", &["register_address", "modbus_address"]),
 ];
-/// Columns for people, which no section has.
+/// Columns for readers: the configuration has no such keys.
 const FOR_PEOPLE: [&str; 16] = [
     "description",
     "desc",
@@ -63,6 +64,8 @@ const FOR_PEOPLE: [&str; 16] = [
     "p&id",
 ];
 
+/// Keys that only registers have.
+const OF_REGISTERS: [&str; 5] = ["register", "address", "type", "byte_order", "bit"];
 /// Keys that say where a tag is, which is what a role's column of a list by loops may hold.
 const PLACES: [&str; 5] = ["node", "path", "topic", "metric", "address"];
 
@@ -80,18 +83,23 @@ pub struct Args {
     /// The device of tags whose row names none
     #[arg(long)]
     device: Option<String>,
-    /// A column to pass over; may come again. Descriptions and remarks are passed over without it
+    /// A column to ignore; may be repeated. Descriptions and remarks are ignored without it
     #[arg(long, value_name = "COLUMN")]
     without: Vec<String>,
     /// Sheet of a workbook
     #[arg(long, value_name = "NAME")]
     sheet: Option<String>,
+    /// How text is encoded: utf-8, windows-1250, shift_jis, gb18030 [default: guessed]
+    #[arg(long, value_name = "LABEL")]
+    encoding: Option<String>,
 }
 
 /// Prints the sections; what was left out stands in comments.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let refused = |why: String| Failure::in_file(&args.list, why);
-    let rows = table::texts(Source::File(&args.list), args.sheet.as_deref(), MAX_ROWS);
+    let options =
+        Options { sheet: args.sheet.clone(), encoding: args.encoding.clone(), ..Options::default() };
+    let rows = table::texts(Source::File(&args.list), &options, MAX_ROWS, is_header);
     let list = List::of(rows.map_err(|error| super::table::failure(&args.list, &error))?, &args.without);
     let list = list.map_err(refused)?;
     let tags = list.tags(args.device.as_deref(), args.place.as_deref()).map_err(refused)?;
@@ -127,10 +135,8 @@ struct List {
 impl List {
     /// Finds the header, and what its columns are.
     fn of(mut rows: Vec<TextRow>, without: &[String]) -> Result<Self, String> {
-        let is_header = |(_, cells): &TextRow| {
-            cells.iter().any(|cell| matches!(key(cell).as_str(), "tag" | "loop")) && cells.len() > 1
-        };
-        let at = rows.iter().take(HEADER_WITHIN).position(is_header).unwrap_or(0);
+        let first = rows.iter().take(HEADER_WITHIN);
+        let at = first.clone().position(|(_, cells)| is_header(cells)).unwrap_or(0);
         if rows.is_empty() {
             return Err("there is no row".into());
         }
@@ -142,9 +148,17 @@ impl List {
                 return Err(format!("--without {wanted:?}: line {line} has no column of that name"));
             }
         }
-        let is_passed = |name: &str| FOR_PEOPLE.contains(&name) || without.iter().any(|own| key(own) == name);
+        // A column is meant by its name as it stands there, and by what that means only where none is called so.
+        let as_written = |wanted: &str| cells.iter().any(|cell| cell.eq_ignore_ascii_case(wanted.trim()));
+        let is_passed = |name: &str, cell: &str| {
+            FOR_PEOPLE.contains(&name)
+                || without.iter().any(|own| match as_written(own) {
+                    true => cell.eq_ignore_ascii_case(own.trim()),
+                    false => key(own) == name,
+                })
+        };
         let mut passed_over = Vec::new();
-        for (name, cell) in header.iter_mut().zip(&cells).filter(|(name, _)| is_passed(name)) {
+        for (name, cell) in header.iter_mut().zip(&cells).filter(|(name, cell)| is_passed(name, cell)) {
             name.clear();
             passed_over.push(cell.clone());
         }
@@ -189,6 +203,19 @@ impl List {
         }
         Ok(tags)
     }
+}
+
+/// Whether a row names the tags or loops, and something else that is known.
+fn is_header(cells: &[String]) -> bool {
+    let names: Vec<String> = cells.iter().map(|cell| key(cell)).collect();
+    let known = |name: &&String| {
+        let name = name.as_str();
+        WHICH.contains(&name)
+            || TEXTS.contains(&name)
+            || NUMBERS.contains(&name)
+            || stub::role(name).is_some()
+    };
+    names.iter().any(|name| name == "tag" || name == "loop") && names.iter().filter(known).count() > 1
 }
 
 /// A column's name as a key is written: `Data Type` is `type`.
@@ -274,10 +301,14 @@ fn tag<'r>(cell: &impl Fn(&str) -> Option<&'r str>, device: Option<&str>) -> Res
     let own = cell("device").or(device);
     let own = own.ok_or("no device: add a column 'device', or write --device NAME")?;
     keys.push(("device".to_string(), quoted(own)));
-    for key in TEXTS.into_iter().filter(|key| *key != "device") {
-        keys.extend(cell(key).map(|value| (key.to_string(), quoted(value))));
+    // Lists of servers and brokers have columns of types, which say nothing of a tag that is no register.
+    let elsewhere = ["node", "path", "topic", "metric"].iter().any(|key| cell(key).is_some());
+    let is_told = |key: &&str| !(elsewhere && OF_REGISTERS.contains(key));
+    for key in TEXTS.into_iter().filter(|key| *key != "device").filter(is_told) {
+        let own = |value: &str| config::type_meant(value).filter(|_| key == "type").map(str::to_string);
+        keys.extend(cell(key).map(|value| (key.to_string(), quoted(&own(value).unwrap_or(value.into())))));
     }
-    for key in NUMBERS {
+    for key in NUMBERS.into_iter().filter(is_told) {
         let Some(value) = cell(key) else { continue };
         let number: f64 =
             value.parse().map_err(|_| format!("{key}: '{value}' is no number with a decimal point"))?;
@@ -299,7 +330,7 @@ mod tests {
     use super::*;
 
     fn tags(text: &str, device: Option<&str>, place: Option<&str>) -> Result<Vec<Tag>, String> {
-        let rows = table::texts(Source::Bytes(text.as_bytes()), None, MAX_ROWS);
+        let rows = table::texts(Source::Bytes(text.as_bytes()), &Options::default(), MAX_ROWS, is_header);
         List::of(rows.map_err(|error| error.to_string())?, &[])?.tags(device, place)
     }
 
@@ -346,17 +377,25 @@ mod tests {
 
     #[test]
     fn a_list_of_a_site_needs_no_other_words() {
-        let list = "Instrument list;;;;;\nrev. 3;;;;;\nNo.;Tag Name;Description;NodeId;Data Type;PLC\n\
-                    1;FIC101.OP;feed;ns=2;f32;opc\n\n2;FIC101.PV;\"feed; flow\";ns=3;f32;opc\n";
+        let list = "Instrument list\nName;Plant 10\nNo.;Tag Name;Description;Address;Data Type;PLC\n\
+                    1;FIC101.OP;feed;1;f32;dcs\n\n2;FIC101.PV;\"feed; flow\";3;REAL;dcs\n";
         let found = tags(list, None, None).unwrap();
         assert_eq!(found.iter().map(|tag| tag.name.as_str()).collect::<Vec<_>>(), ["FIC101.OP", "FIC101.PV"]);
         let keys =
             |tag: &Tag| tag.keys.iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<_>>();
-        assert_eq!(keys(&found[1]), ["device=\"opc\"", "node=\"ns=3\"", "type=\"f32\""]);
-        let rows = table::texts(Source::Bytes(list.as_bytes()), None, MAX_ROWS).unwrap();
+        assert_eq!(keys(&found[1]), ["device=\"dcs\"", "type=\"f32\"", "address=3"]);
+        // What a server's own list says of types is nothing for the configuration.
+        let nodes = "Tag Name,NodeId,Data Type\nFIC101.OP,i=7,Float\n";
+        assert_eq!(keys(&tags(nodes, Some("opc"), None).unwrap()[0]), ["device=\"opc\"", "node=\"i=7\""]);
+        let rows =
+            table::texts(Source::Bytes(list.as_bytes()), &Options::default(), MAX_ROWS, is_header).unwrap();
         assert_eq!(List::of(rows.clone(), &[]).unwrap().passed_over, ["No.", "Description"]);
         let without = |name: &str| List::of(rows.clone(), &[name.to_string()]);
         assert_eq!(without("Data Type").unwrap().passed_over, ["No.", "Description", "Data Type"]);
+        let both = "tag,device,name\nA.OP,d,x\n";
+        let both =
+            table::texts(Source::Bytes(both.as_bytes()), &Options::default(), MAX_ROWS, is_header).unwrap();
+        assert_eq!(List::of(both, &["name".to_string()]).unwrap().header, ["tag", "device", ""]);
         assert!(without("Area").is_err_and(|why| why.contains("--without \"Area\"")));
     }
 }

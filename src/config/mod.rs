@@ -19,6 +19,7 @@ pub use files::without_number;
 pub use neighbours::{Candidates, MOST_CANDIDATES, Neighbour};
 pub use plant::{Plant, tags};
 pub use tag::{ForwardedTag, TagConfig};
+pub use wording::type_meant;
 
 use crate::collect::{modbus, mqtt, opcua, table};
 use crate::{

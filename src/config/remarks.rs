@@ -78,14 +78,14 @@ impl Config {
         }
         let by_number = numbered.into_iter().map(|(device, tags)| {
             format!(
-                "{device}: {} their namespace by its number, which a server may give to another when it starts: \
+                "{device}: {} the namespace by its number, which a server may give to another when it starts: \
                  write nsu=URI instead, as stictiond probe shows it",
                 tags_name(tags)
             )
         });
         let by_none = without.into_iter().map(|(device, tags)| {
             format!(
-                "{device}: {} no namespace, which means OPC UA's own, and no plant's node is there: write \
+                "{device}: {} a node in OPC UA's own namespace (ns=0), where plants have none: write \
                  nsu=URI;s=NAME, as stictiond probe shows it",
                 tags_name(tags)
             )

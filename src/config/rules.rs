@@ -39,14 +39,14 @@ pub fn check(source: &Source, parts: &Parts, report: &mut Report) {
         }
     }
     let blamed = report.places();
-    let mut rules = Rules { source, report, devices, blamed, strangers: BTreeMap::new() };
+    let mut rules = Rules { source, report, devices, blamed, unknown: BTreeMap::new() };
     rules.variables();
     rules.ports();
     rules.sections(parts);
     rules.devices(parts);
     rules.clients(parts);
     rules.loops(parts);
-    rules.strangers();
+    rules.unknown_devices();
     rules.registers(parts);
     rules.writing(parts);
 }
@@ -79,7 +79,7 @@ struct Rules<'r, 'a, 't> {
     /// Values that could not be read: what stands in for them is not the file's fault.
     blamed: HashSet<usize>,
     /// Names of devices that there are not, with the tags that name them.
-    strangers: BTreeMap<String, Vec<Vec<Step>>>,
+    unknown: BTreeMap<String, Vec<Vec<Step>>>,
 }
 
 impl Rules<'_, '_, '_> {
@@ -311,7 +311,10 @@ impl Rules<'_, '_, '_> {
             if self.devices.is_empty() && self.report.has_section_errors() || self.some_are_nameless(parts) {
                 return;
             }
-            self.strangers.entry(tag.device().into()).or_default().push(field("device"));
+            let place = field("device");
+            if !self.blamed.contains(&self.source.place(&place)) && !self.misspelt(&place) {
+                self.unknown.entry(tag.device().into()).or_default().push(place);
+            }
             return;
         };
         let strange = |keys: &[&'static str], message: &str| {
@@ -355,11 +358,11 @@ impl Rules<'_, '_, '_> {
         }
     }
 
-    /// Devices that there are not, each told at its first tag: a name that is wrong once is wrong in hundreds of tags.
-    fn strangers(&mut self) {
+    /// Unknown devices: each is told once, at its first tag, with the number of the others.
+    fn unknown_devices(&mut self) {
         let mut names: Vec<&str> = self.devices.keys().copied().collect();
         names.sort_unstable();
-        for (device, places) in std::mem::take(&mut self.strangers) {
+        for (device, places) in std::mem::take(&mut self.unknown) {
             let Some((first, others)) = places.split_first() else { continue };
             let hint = super::wording::hint(&device, &names);
             let others = match others.len() {

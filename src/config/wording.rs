@@ -65,6 +65,11 @@ fn meant(key: &str, word: &str) -> Option<&'static str> {
     names.iter().find(|(_, others)| others.contains(&word.as_str())).map(|(own, _)| *own)
 }
 
+/// A type of the configuration by the word of a device's list.
+pub fn type_meant(word: &str) -> Option<&'static str> {
+    meant("type", word)
+}
+
 /// Types of IEC 61131-3 and of programming languages.
 const TYPES: [(&str, &[&str]); 9] = [
     ("f32", &["real", "float", "float32", "single"]),
@@ -90,7 +95,7 @@ const ORDERS: [(&str, &[&str]); 4] = [
     ("DCBA", &["little", "little_endian", "le", "lsb"]),
 ];
 
-/// Where a section stands that other programs have at the top of their file.
+/// Hints for names of sections that other programs use.
 pub fn elsewhere(section: &str) -> Option<&'static str> {
     let section = section.to_lowercase();
     let found = ELSEWHERE.iter().find(|(names, _)| names.contains(&section.as_str()));
@@ -108,10 +113,10 @@ const ELSEWHERE: [(&[&str], &str); 12] = [
     (&["smtp", "mail", "email"], "write it as [[notify.smtp]]"),
     (&["webhook", "webhooks"], "write it as [[notify.webhook]]"),
     (&["alertmanager"], "write it as [[notify.alertmanager]]"),
-    (&["nats", "jetstream"], "it stands in [fleet]"),
+    (&["nats", "jetstream"], "NATS is configured in [fleet]"),
     (
         &["log", "logs", "logging"],
-        "the log goes to the standard error, and RUST_LOG says how much: take the section out",
+        "the log goes to the standard error, set its level by the environment variable RUST_LOG, and take the section out",
     ),
     (&["device", "devices", "plc", "plcs"], "a device is a [[modbus]], an [[opcua]] or an [[mqtt]]"),
     (&["tag", "tags"], "write it as [[loop.tag]], or as [loop.op] and the like, below its [[loop]]"),

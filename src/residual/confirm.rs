@@ -26,7 +26,7 @@ use super::hypothesis::Hypothesis;
 use super::posterior::{class, log_prior};
 use super::report::{lasts, report, scaled};
 use super::screening::Screen;
-use super::trace::{Outcome, iddata, slip_jump};
+use super::trace::{Outcome, iddata_beside, slip_jump};
 use super::valve_search::{Effort, search};
 use super::{Settings, settings_of, window};
 use crate::diagnosis::confirmed::{Known, confirmed};
@@ -127,7 +127,7 @@ fn sticks_now(data: &IdData, base: &Decided) -> bool {
 
 /// The record that is fitted, where no sample of it is wrong.
 fn assessed(whole: &Window, settings: &Settings, last: &Structure) -> Option<(IdData, Vec<Fact>)> {
-    let mut data = iddata(whole)?;
+    let mut data = iddata_beside(whole, last.valve.map_or(0.0, |valve| valve.f()))?;
     data.units.span = settings.op_span;
     let stem = |data: &IdData| Hypothesis { valve: valve_of(data, last), effects: Vec::new() }.stem(data).0;
     let facts = assess(&mut data, &stem, None);

@@ -71,25 +71,26 @@ fn start_of(found: &Region, window: &Window, from: usize, to: usize) -> Option<S
     Some(Start { index: start.index, is_max: start.is_max })
 }
 
-/// The record that is fitted beside what the diagnosis found: where the stem of its friction hardly turns within the fitted
-/// samples, because the loop began to swing late, from the large extremum after which it turns most. `None` where it always hardly
-/// does: hypotheses without that friction would compete with none.
-fn iddata_beside(window: &Window, diagnosis: &Diagnosis) -> Option<IdData> {
+/// The record that is fitted where friction `f` (OP unit) is known. Usually it starts at the first large extremum of OP. If the
+/// stem turns fewer than [`LEAST_REVERSALS`] times in its fitted samples, it starts at the extremum after which the stem turns
+/// most. `None` if no start gives enough turns: the friction could not be tested there.
+pub fn iddata_beside(window: &Window, f: f64) -> Option<IdData> {
     let data = iddata(window)?;
-    let f = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f) / data.units.u;
-    let valve = ValveModel::one_parameter(f);
-    if diagnosis.verdict != Verdict::Stiction || turns(&data, &valve) >= LEAST_REVERSALS {
+    let valve = ValveModel::one_parameter(f / data.units.u);
+    if f <= 0.0 || turns(&data, &valve) >= LEAST_REVERSALS {
         return Some(data);
     }
     let found = region::analyse(&window.op);
-    let later = found.extrema.iter().map(|extremum| extremum.index).filter(|at| *at > data.start.index);
+    // The earliest of equals has most samples.
+    let later = found.extrema.iter().rev().map(|extremum| extremum.index).filter(|at| *at > data.start.index);
     let begun = later.filter_map(|from| IdData::new(window, start_of(&found, window, from, window.len())?));
     let rated = begun.map(|data| (turns(&data, &valve), data));
     rated.filter(|own| own.0 >= LEAST_REVERSALS).max_by(|a, b| a.0.total_cmp(&b.0)).map(|own| own.1)
 }
 
 fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
-    let mut recorded = iddata_beside(window, diagnosis)?;
+    let diagnosed = diagnosis.estimate.as_ref().filter(|_| diagnosis.verdict == Verdict::Stiction);
+    let mut recorded = iddata_beside(window, diagnosed.map_or(0.0, |estimate| estimate.f))?;
     recorded.units.span = settings.op_span;
     let mut data = recorded.clone();
     let f = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f) / data.units.u;

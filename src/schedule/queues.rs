@@ -4,10 +4,10 @@ use super::Refused;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use tokio::sync::{Mutex, mpsc};
 
-/// Two queues. What is in both comes out twice; who takes it second has to find that it waits no longer.
+/// Two queues. A run that is in both comes out twice; its taker ignores the second, whose loop is no longer queued.
 pub struct Queues<T> {
     asked: mpsc::Sender<T>,
-    /// No more are due than there are loops, so this one needs no bound.
+    /// Each loop is due at most once, and once more for each time that it was asked for meanwhile, so this one needs no bound.
     due: mpsc::UnboundedSender<T>,
     out: Mutex<(mpsc::Receiver<T>, mpsc::UnboundedReceiver<T>)>,
     waiting: AtomicU64,

@@ -212,10 +212,15 @@ fn runs(registry: &mut Registry, context: &Context) {
         confirmed,
     );
     let skipped = counts(registry, "runs_skipped", "Diagnoses that were due and not begun");
-    count(&skipped, &[("reason", "not_done")], counters.skipped_waiting as f64);
+    count(&skipped, &[("reason", "waits_or_runs")], counters.skipped_waiting as f64);
     count(&skipped, &[("reason", "late")], counters.skipped_late as f64);
     gauge(registry, "runs_running", "Diagnoses that run now", counters.running as f64);
-    gauge(registry, "runs_queued", "Diagnoses that wait for a slot now", counters.queued as f64);
+    gauge(
+        registry,
+        "runs_queued",
+        "Diagnoses that wait for a slot now; one that was asked for while it was due counts twice",
+        counters.queued as f64,
+    );
     let left_out = quiet::left_out() as f64;
     counter(registry, "log_lines_left_out", "Lines of libraries that were too many for the log", left_out);
     counter(registry, "runs_busy_seconds", "Time spent in diagnoses, on the wall clock", counters.busy_s);

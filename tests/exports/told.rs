@@ -68,6 +68,6 @@ fn columns_of_tags_and_values_are_told_by_name_or_number() {
         let column = if one == "tag" { "2" } else { "3" };
         let options = told(&[&[("time", "1"), (one, column)], &tags[..]].concat());
         let said = of_bytes(&text("Ts;Kks;Y\n"), &options).err().unwrap_or_default();
-        assert!(said.contains(&format!("say the column of its {other} with --{other}")), "{said}");
+        assert!(said.contains(&format!("name the column of {other}s with --{other}")), "{said}");
     }
 }

@@ -335,26 +335,33 @@ fn long(names: &[Name], time: usize, options: &Options) -> Result<Option<Long>, 
         .any(|role| options.column(role).is_some_and(|own| names.iter().any(|name| name.is(own))));
     let (tag, value) = match (tag, value) {
         (Some(tag), Some(value)) if is_told || !named => (tag, value),
-        (Some(_), None) if is_told => return Err(other("tag", "value")),
-        (None, Some(_)) if is_told => return Err(other("value", "tag")),
+        (Some(_), None) if is_told => return Err(alone("tag", "value")),
+        (None, Some(_)) if is_told => return Err(alone("value", "tag")),
         _ => return Ok(None),
     };
+    if tag == value || tag == time || value == time {
+        return Err(Trouble::Refused(TableError::refused(
+            "--time, --tag and --value must be three columns: two of them are one",
+        )));
+    }
+    let other = |wanted: &[&str]| place(wanted).filter(|at| ![tag, value].contains(at));
     Ok(Some(Long {
         tag,
         value,
-        owner: place(&["loop"]).or_else(|| place(&["measurement"])),
+        owner: other(&["loop"]).or_else(|| other(&["measurement"])),
         quality: (0..names.len()).find(|at| {
-            names[*at].quality_of().is_some_and(|of| of.is_empty() || VALUES.contains(&of.as_str()))
+            let of_value = |of: &String| VALUES.contains(&of.as_str()) || names[value].owns_quality(of);
+            names[*at].quality_of().is_some_and(|of| of.is_empty() || of_value(&of))
         }),
-        source: place(&["source"]),
-        unit: place(&["unit", "units", "uom"]),
+        source: other(&["source"]),
+        unit: other(&["unit", "units", "uom"]),
     }))
 }
 
 /// One of the two options of a long table without the other.
-fn other(told: &str, missing: &str) -> Trouble {
+fn alone(told: &str, missing: &str) -> Trouble {
     Trouble::Refused(TableError::refused(format!(
-        "--{told} says that each row is one sample of one tag; say the column of its {missing} with --{missing}"
+        "--{told} says that each row is one sample of one tag; name the column of {missing}s with --{missing}"
     )))
 }
 

@@ -88,23 +88,60 @@ pub fn stream<E: From<TableError>>(
 
 /// The rows of a list that is no record, as they stand: the line of each in its file, and its cells as text.
 ///
-/// What divides the cells of text is the sign of `;`, tab and `,` that its first line has most of.
+/// Of `;`, tab and `,` that sign divides the cells of text by which a header is found among the first rows, else the one that
+/// they have most of.
 ///
 /// # Errors
-/// [`TableError`] for what is no table, and for one of more than `most` rows.
-pub fn texts(source: Source<'_>, sheet: Option<&str>, most: usize) -> Result<Vec<TextRow>, TableError> {
+/// [`TableError`] for what is no table, and for one of more than `most` rows or [`MAX_TEXT`] bytes of text.
+pub fn texts(
+    source: Source<'_>,
+    options: &Options,
+    most: usize,
+    is_header: impl Fn(&[String]) -> bool,
+) -> Result<Vec<TextRow>, TableError> {
+    let told = options.told()?;
     let head = source.head()?;
-    let kind = source::Kind::of(source, &head, sheet, None)?;
-    let first = head.split(|byte| *byte == b'\n').next().unwrap_or_default();
-    let count = |sign: &u8| first.iter().filter(|byte| *byte == sign).count();
-    let separator = [b',', b'\t', b';'].into_iter().max_by_key(count).unwrap_or(b',');
-    let mut rows = kind.rows(source, separator)?;
-    let mut out = Vec::new();
-    while let Some(line) = rows.next()? {
-        if out.len() >= most {
-            return Err(TableError::refused(format!("{} {line}: more than {most} rows", rows.row_name())));
+    let kind = source::Kind::of(source, &head, options.sheet.as_deref(), told.encoding)?;
+    let has_header = |separator: &u8| -> Result<bool, TableError> {
+        let first = rows_of(kind.rows(source, *separator)?, HEADER_WITHIN, false)?;
+        Ok(first.iter().any(|(_, cells)| is_header(cells)))
+    };
+    let mut found = None;
+    for separator in [b',', b'\t', b';'] {
+        if found.is_none() && has_header(&separator)? {
+            found = Some(separator);
         }
-        out.push((line, (0..rows.len()).map(|at| rows.cell(at).shown().trim().to_string()).collect()));
+    }
+    let count = |sign: &u8| head.iter().filter(|byte| *byte == sign).count();
+    let usual = || [b';', b'\t', b','].into_iter().max_by_key(count).unwrap_or(b',');
+    rows_of(kind.rows(source, told.separator.or(found).unwrap_or_else(usual))?, most, true)
+}
+
+/// Rows of a list among which its header is.
+const HEADER_WITHIN: usize = 20;
+/// Most bytes of text in a list.
+pub const MAX_TEXT: usize = 64 << 20;
+
+/// The first `most` rows; more are an error where all are `wanted`.
+fn rows_of(
+    mut rows: Box<dyn source::Rows + '_>,
+    most: usize,
+    wanted: bool,
+) -> Result<Vec<TextRow>, TableError> {
+    let (mut out, mut bytes): (Vec<TextRow>, usize) = (Vec::new(), 0);
+    while let Some(line) = rows.next()? {
+        if out.len() >= most && !wanted {
+            break;
+        }
+        let cells: Vec<String> = (0..rows.len()).map(|at| rows.cell(at).shown().trim().to_string()).collect();
+        bytes += cells.iter().map(String::len).sum::<usize>();
+        if out.len() >= most || bytes > MAX_TEXT {
+            let name = rows.row_name();
+            return Err(TableError::refused(format!(
+                "{name} {line}: more than {most} rows or {MAX_TEXT} bytes"
+            )));
+        }
+        out.push((line, cells));
     }
     Ok(out)
 }

@@ -228,7 +228,7 @@ impl Options {
     }
 
     fn encoding(&self) -> Result<Option<&'static encoding_rs::Encoding>, Wrong> {
-        let right = "say a label of the web's encodings, such as utf-8, windows-1250, shift_jis or gb18030";
+        let right = "use a WHATWG encoding label, such as utf-8, windows-1250, shift_jis or gb18030";
         understood("encoding", &self.encoding, right, |label| {
             encoding_rs::Encoding::for_label_no_replacement(label.as_bytes())
         })

@@ -159,7 +159,11 @@ pub fn told(names: &[Name], wanted: &str, option: &str, numbered: bool) -> Resul
     number.map(|number| number - 1).ok_or_else(|| {
         let have = listed(names.iter().filter(|name| !name.is_none()).map(|name| name.full.as_str()));
         let of_a_tag = numbered && ROLES.iter().any(|role| role.as_str() == option);
-        let or = if of_a_tag { "; a tag's name needs --tag and --value" } else { "" };
+        let or = if of_a_tag {
+            "; if it is a tag of a table with one sample a row, also give --tag and --value"
+        } else {
+            ""
+        };
         TableError::refused(format!("--{option} {wanted:?}: no column is called so; there are {have}{or}"))
     })
 }

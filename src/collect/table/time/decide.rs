@@ -199,7 +199,7 @@ impl Times {
         let Column { row_name, number, name, .. } = column;
         let doubt = |what: String| {
             Err(TableError::refused(format!(
-                "column {number} ({name}): {what}; say --time-unit s, ms, us, ns or days"
+                "column {number} ({name}): {what}; say --time-unit s, ms, us, ns, min, h, days, s1904, ticks or datenum"
             )))
         };
         const UNITS: [Unit; 7] = [
