@@ -261,7 +261,7 @@ impl App {
             };
             let residuals = findings.as_ref().map(|found| Residuals::from(&found.curves));
             // The curves are for drawing one record; kept for every loop they would be most of the memory.
-            findings.iter_mut().for_each(|found| found.curves = residual::Curves::default());
+            findings.iter_mut().for_each(residual::Findings::drop_curves);
             Judged { findings, residuals, ..diagnosis.into() }.with_opinions(record.integrates)
         })
     }

@@ -17,6 +17,7 @@ mod stagger;
 
 pub use clock::Clock;
 pub use config::Config;
+pub use queues::Refused;
 pub use stagger::{Job, next_due, stagger};
 
 use crate::diagnosis::Settings;
@@ -101,26 +102,6 @@ pub struct Counters {
     pub running: u64,
     /// Time spent in diagnoses (s on the wall clock).
     pub busy_s: f64,
-}
-
-/// Why a diagnosis on demand is not begun.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Refused {
-    /// The loop is not there.
-    #[error("there is no such loop")]
-    UnknownLoop,
-    /// The loop is another machine's.
-    #[error("this loop is diagnosed at its site: ask there")]
-    NotHere,
-    /// Too many were asked for, or too many wait for this loop already.
-    #[error("too many diagnoses are waiting; try again later")]
-    Busy,
-    /// The previous run passed its deadline and has not returned.
-    #[error("the previous diagnosis of this loop passed its deadline and still runs")]
-    Overrunning,
-    /// The daemon is shutting down.
-    #[error("the daemon is shutting down")]
-    Stopping,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

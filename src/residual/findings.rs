@@ -341,6 +341,13 @@ pub struct Findings {
 }
 
 impl Findings {
+    /// Drops what is only drawn, of the stem too.
+    pub fn drop_curves(&mut self) {
+        self.curves = Curves::default();
+        let of_stem = self.stem.as_mut().and_then(|stem| stem.findings.as_mut());
+        of_stem.into_iter().for_each(|own| own.curves = Curves::default());
+    }
+
     /// Whether they replace what the diagnosis says of friction: they do wherever they can tell it, or know that the record
     /// cannot, so that verdict, f, its interval and evidence come from one table.
     pub fn decide(&self) -> bool {

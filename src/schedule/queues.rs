@@ -1,8 +1,27 @@
 //! What waits for a slot: runs that somebody asked for go before those that are due.
 
-use super::Refused;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use tokio::sync::{Mutex, mpsc};
+
+/// Why a diagnosis on demand is not begun.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Refused {
+    /// The loop is not there.
+    #[error("there is no such loop")]
+    UnknownLoop,
+    /// The loop is another machine's.
+    #[error("this loop is diagnosed at its site: ask there")]
+    NotHere,
+    /// Too many were asked for, or too many wait for this loop already.
+    #[error("too many diagnoses are waiting; try again later")]
+    Busy,
+    /// The previous run passed its deadline and has not returned.
+    #[error("the previous diagnosis of this loop passed its deadline and still runs")]
+    Overrunning,
+    /// The daemon is shutting down.
+    #[error("the daemon is shutting down")]
+    Stopping,
+}
 
 /// Two queues. A run that is in both comes out twice; its taker ignores the second, whose loop is no longer queued.
 pub struct Queues<T> {
