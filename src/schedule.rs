@@ -257,6 +257,10 @@ impl Scheduler {
         let asked = if self.elsewhere.is_some() { MAX_ASKED } else { 0 };
         let slots = (0..self.config.parallelism.max(1) + asked).map(|_| self.slot(&token));
         tokio::join!(self.tick(&token), futures::future::join_all(slots));
+        // Who waits is told that nothing comes.
+        for seat in self.queues.close().await {
+            drop(seat.enter(Phase::Idle));
+        }
     }
 
     /// Begins what is due, when it is due.
@@ -329,6 +333,11 @@ impl Scheduler {
     }
 
     async fn run_one(&self, seat: &Arc<Seat>) {
+        // A loop that went away and came back while it waited has another seat now.
+        let is_own = |table: &Table| table.by_id.get(&seat.id).map(|at| Arc::ptr_eq(&table.seats[*at], seat));
+        if is_own(&self.table.borrow()) == Some(false) {
+            return drop(seat.enter(Phase::Idle));
+        }
         let trigger = {
             let mut inner = seat.lock();
             let Phase::Queued(trigger) = inner.0 else { return };

@@ -9,8 +9,6 @@ use stictiond::config;
 
 /// Rows that are read, at most.
 const MAX_ROWS: usize = 200_000;
-/// Rows looked at for the header, below titles.
-const HEADER_WITHIN: usize = 20;
 /// Columns whose values are texts of a tag's section.
 const TEXTS: [&str; 13] = [
     "device",
@@ -64,8 +62,6 @@ const FOR_PEOPLE: [&str; 16] = [
     "p&id",
 ];
 
-/// Keys that only registers have.
-const OF_REGISTERS: [&str; 5] = ["register", "address", "type", "byte_order", "bit"];
 /// Keys that say where a tag is, which is what a role's column of a list by loops may hold.
 const PLACES: [&str; 5] = ["node", "path", "topic", "metric", "address"];
 
@@ -110,7 +106,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let passed = match list.passed_over.as_slice() {
         [] => String::new(),
-        columns => format!("# columns passed over: {}\n", columns.join(", ").replace(char::is_control, " ")),
+        columns => format!("# columns ignored: {}\n", columns.join(", ").replace(char::is_control, " ")),
     };
     print(&format!(
         "# {} loops, {} left out\n{passed}{}\n{}",
@@ -135,7 +131,7 @@ struct List {
 impl List {
     /// Finds the header, and what its columns are.
     fn of(mut rows: Vec<TextRow>, without: &[String]) -> Result<Self, String> {
-        let first = rows.iter().take(HEADER_WITHIN);
+        let first = rows.iter().take(table::HEADER_WITHIN);
         let at = first.clone().position(|(_, cells)| is_header(cells)).unwrap_or(0);
         if rows.is_empty() {
             return Err("there is no row".into());
@@ -239,7 +235,7 @@ fn roles(header: &[String]) -> Result<Vec<(String, usize)>, String> {
     if let Some(strange) = header.iter().find(|name| !known(name)) {
         let names = [&WHICH[..], &TEXTS, &NUMBERS].concat().join(", ");
         return Err(format!(
-            "no key of a tag is called '{strange}': pass over the column with --without '{strange}', or call it one of {names}"
+            "no key of a tag is called '{strange}': ignore the column with --without '{strange}', or call it one of {names}"
         ));
     }
     let named = header.iter().enumerate().filter(|(_, name)| is_role(name));
@@ -303,7 +299,7 @@ fn tag<'r>(cell: &impl Fn(&str) -> Option<&'r str>, device: Option<&str>) -> Res
     keys.push(("device".to_string(), quoted(own)));
     // Lists of servers and brokers have columns of types, which say nothing of a tag that is no register.
     let elsewhere = ["node", "path", "topic", "metric"].iter().any(|key| cell(key).is_some());
-    let is_told = |key: &&str| !(elsewhere && OF_REGISTERS.contains(key));
+    let is_told = |key: &&str| !(elsewhere && config::MODBUS_KEYS.contains(key));
     for key in TEXTS.into_iter().filter(|key| *key != "device").filter(is_told) {
         let own = |value: &str| config::type_meant(value).filter(|_| key == "type").map(str::to_string);
         keys.extend(cell(key).map(|value| (key.to_string(), quoted(&own(value).unwrap_or(value.into())))));

@@ -18,6 +18,7 @@ pub use diagnostic::Diagnostic;
 pub use files::without_number;
 pub use neighbours::{Candidates, MOST_CANDIDATES, Neighbour};
 pub use plant::{Plant, tags};
+pub use tag::MODBUS_KEYS;
 pub use tag::{ForwardedTag, TagConfig};
 pub use wording::type_meant;
 

@@ -298,6 +298,34 @@ async fn a_full_queue_refuses_callers_and_what_is_due_waits() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_loop_that_went_away_and_came_back_while_it_waited_runs_once() {
+    let (open, wait) = gate();
+    let config = Config { deadline_s: 1e6, ..Config::default() };
+    let rig = rig(config, jobs(&["a", "b"], 1e6), move |id| {
+        if id == "a" {
+            wait();
+        }
+    });
+    let first = rig.scheduler.request(&LoopId::new("a")).expect("idle");
+    while rig.scheduler.counters().running == 0 {
+        tokio::task::yield_now().await;
+    }
+    let before = rig.scheduler.table.borrow().seats[1].clone();
+    rig.scheduler.begin(&before);
+    rig.scheduler.replace(plan(jobs(&["a"], 1e6)));
+    rig.scheduler.replace(plan(jobs(&["a", "b"], 1e6)));
+    let again = rig.scheduler.request(&LoopId::new("b")).expect("a new seat");
+    drop(open);
+    first.await.expect("done");
+    assert_eq!(again.await.expect("done").trigger, Trigger::OnDemand);
+    while rig.scheduler.counters().queued + rig.scheduler.counters().running > 0 {
+        tokio::task::yield_now().await;
+    }
+    assert_eq!(rig.scheduler.counters().diagnosed, 2);
+    rig.stop().await;
+}
+
+#[tokio::test(start_paused = true)]
 async fn at_most_parallelism_diagnoses_run_at_once() {
     let now = Arc::new((AtomicU64::new(0), AtomicU64::new(0)));
     let seen = now.clone();

@@ -117,8 +117,8 @@ pub fn texts(
     rows_of(kind.rows(source, told.separator.or(found).unwrap_or_else(usual))?, most, true)
 }
 
-/// Rows of a list among which its header is.
-const HEADER_WITHIN: usize = 20;
+/// Rows of a list among which its header is, below titles.
+pub const HEADER_WITHIN: usize = 20;
 /// Most bytes of text in a list.
 pub const MAX_TEXT: usize = 64 << 20;
 
