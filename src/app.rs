@@ -31,7 +31,7 @@ use crate::detectors::integration::told_by_name;
 use crate::diagnosis::{self, Settings};
 use crate::history::History;
 use crate::residual;
-use crate::results::{Judged, Residuals, Results};
+use crate::results::{Judged, Results};
 use crate::schedule::{self, Clock, Diagnose, Job, Scheduler};
 use crate::serve::{self, Context, LoopInfo, ServeError, TlsError};
 use crate::signal::LoopId;
@@ -251,7 +251,7 @@ impl App {
         Arc::new(|record, settings, structure| {
             let tracing = residual::Settings::default();
             let confirmed = structure.and_then(|last| residual::confirm(record, settings, &tracing, last));
-            let (diagnosis, mut findings) = match confirmed {
+            let (diagnosis, findings) = match confirmed {
                 Some((diagnosis, findings)) => (diagnosis, Some(findings)),
                 None => {
                     let diagnosis = diagnosis::diagnose(record, settings);
@@ -259,10 +259,9 @@ impl App {
                     (diagnosis, findings)
                 }
             };
-            let residuals = findings.as_ref().map(|found| Residuals::from(&found.curves));
-            // The curves are for drawing one record; kept for every loop they would be most of the memory.
-            findings.iter_mut().for_each(residual::Findings::drop_curves);
-            Judged { findings, residuals, ..diagnosis.into() }.with_opinions(record.integrates)
+            let judged = Judged { findings, ..diagnosis.into() }.with_opinions(record.integrates);
+            // It is kept for every loop, and would be most of the memory.
+            judged.packed()
         })
     }
 

@@ -179,9 +179,7 @@ pub fn op_in_percent(op_span: Option<f64>, diagnosis: &Diagnosis) -> bool {
     if op_span.is_some_and(|span| span.is_finite() && span > 0.0) {
         return true;
     }
-    let op = diagnosis.window.as_ref().map_or(&[][..], |window| &window.op);
-    let least = op.iter().copied().fold(f64::INFINITY, f64::min);
-    let most = op.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let (least, most) = diagnosis.op_range().unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
     let milliamperes = MILLIAMPERES.0 <= least && most <= MILLIAMPERES.1;
     least >= 0.0 && most <= 100.0 && most > 1.0 && !milliamperes
 }

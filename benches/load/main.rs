@@ -18,6 +18,10 @@ use stictiond::config::{self, Config};
 use stictiond::schedule::Clock;
 use tokio::net::TcpListener;
 
+/// As the daemon's own.
+#[global_allocator]
+static ALLOCATOR: tikv_jemallocator::Jemalloc = tikv_jemallocator::Jemalloc;
+
 type Failed = Box<dyn std::error::Error + Send + Sync>;
 
 fn main() -> Result<(), Failed> {

@@ -15,7 +15,7 @@ pub const DEVICES: usize = 8;
 /// Records that the loops replay: a third of sticking valves, a third of sound ones that a load drives, a third at rest.
 const RECORDS: u64 = 48;
 /// Samples of each: so long that a loop is hardly seen at the seam.
-const SAMPLES: usize = 12_000;
+const SAMPLES: usize = 48_000;
 /// Registers of a loop: OP, PV and the set point, two for each.
 const REGISTERS: usize = 6;
 /// One loop in so many flaps: its PV is no number in every other stretch of so many seconds.

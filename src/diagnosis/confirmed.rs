@@ -56,6 +56,7 @@ pub fn confirmed(prepared: Prepared, known: Known) -> Diagnosis {
         estimate: Some(estimate),
         residual: Some(known.residual),
         window: Some(window),
+        packed: None,
     })
 }
 

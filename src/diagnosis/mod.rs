@@ -12,6 +12,7 @@ pub mod friction;
 pub mod gate;
 pub mod grid;
 pub mod history_kind;
+pub mod packed;
 pub mod prepare;
 pub mod region;
 pub mod rivals;
@@ -378,6 +379,8 @@ pub struct Diagnosis {
     pub residual: Option<Residual>,
     /// The window that was fitted; `None` when the record never became one.
     pub window: Option<Window>,
+    /// That window, once the diagnosis is kept only to be looked at; see [`Diagnosis::pack`].
+    pub packed: Option<Box<packed::PackedWindow>>,
 }
 
 impl Diagnosis {
@@ -391,6 +394,7 @@ impl Diagnosis {
             estimate: None,
             residual: None,
             window: None,
+            packed: None,
         }
     }
 }

@@ -177,6 +177,7 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         estimate: Some(estimate),
         residual,
         window: Some(window),
+        packed: None,
     }
 }
 
@@ -317,12 +318,9 @@ fn refused(
     window: Option<Window>,
 ) -> Diagnosis {
     Diagnosis {
-        reason: reason.to_string(),
-        verdict: Verdict::NotIdentifiable(reason),
         preparation,
         oscillation,
-        estimate: None,
-        residual: None,
         window,
+        ..Diagnosis::bare(Verdict::NotIdentifiable(reason.clone()), reason.to_string())
     }
 }

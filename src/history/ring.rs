@@ -18,7 +18,7 @@
 //!   the load, so the fences synchronise and the reader's `h2` is at least `k`. The reader keeps only `i` with
 //!   `i + slots > h2`; here `i + slots <= k <= h2`, so that sample is dropped.
 //!
-//! One slot more than the capacity is kept, so that a full ring at rest is returned whole. The argument needs one
+//! At least one slot more than the capacity is kept, so that a full ring at rest is returned whole. The argument needs one
 //! writer at a time; `writing` enforces it without a lock: a second writer that arrives during a push is refused
 //! and its sample counted, never mixed in.
 
@@ -28,12 +28,33 @@ use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering, fence};
 /// Bytes that one sample takes: stamp, value, quality.
 pub const BYTES_PER_SAMPLE: usize = 8 + 8 + 1;
 
+/// Slots of a block.
+const SLOTS: usize = 60;
+
+/// Slots in 1 KiB, which an allocator gives whole; one array for a ring, of whatever length it is configured, costs up to a
+/// quarter more than it holds.
+#[derive(Debug)]
+struct Block {
+    t: [AtomicU64; SLOTS],
+    value: [AtomicU64; SLOTS],
+    quality: [AtomicU8; SLOTS],
+}
+
+impl Block {
+    fn new() -> Box<Self> {
+        Box::new(Self {
+            t: [const { AtomicU64::new(0) }; SLOTS],
+            value: [const { AtomicU64::new(0) }; SLOTS],
+            quality: [const { AtomicU8::new(0) }; SLOTS],
+        })
+    }
+}
+
 /// The last samples of one tag.
 #[derive(Debug)]
 pub struct Ring {
-    t: Box<[AtomicU64]>,
-    value: Box<[AtomicU64]>,
-    quality: Box<[AtomicU8]>,
+    blocks: Box<[Box<Block>]>,
+    capacity: usize,
     head: AtomicU64,
     writing: AtomicBool,
     refused: AtomicU64,
@@ -42,11 +63,10 @@ pub struct Ring {
 impl Ring {
     /// A ring that keeps the last `capacity` samples (at least one); its memory is taken, and touched, here.
     pub fn new(capacity: usize) -> Self {
-        let slots = capacity.max(1) + 1;
+        let capacity = capacity.max(1);
         Self {
-            t: (0..slots).map(|_| AtomicU64::new(0)).collect(),
-            value: (0..slots).map(|_| AtomicU64::new(0)).collect(),
-            quality: (0..slots).map(|_| AtomicU8::new(0)).collect(),
+            blocks: (0..(capacity + 1).div_ceil(SLOTS)).map(|_| Block::new()).collect(),
+            capacity,
             head: AtomicU64::new(0),
             writing: AtomicBool::new(false),
             refused: AtomicU64::new(0),
@@ -55,12 +75,22 @@ impl Ring {
 
     /// Samples kept at most.
     pub fn capacity(&self) -> usize {
-        self.t.len() - 1
+        self.capacity
+    }
+
+    /// The block of sample `i`, and its place there.
+    fn slot(&self, i: u64) -> (&Block, usize) {
+        let slot = (i % self.slots()) as usize;
+        (&self.blocks[slot / SLOTS], slot % SLOTS)
+    }
+
+    fn slots(&self) -> u64 {
+        (self.blocks.len() * SLOTS) as u64
     }
 
     /// Bytes held, whatever was pushed.
     pub fn memory_bytes(&self) -> usize {
-        self.t.len() * BYTES_PER_SAMPLE + size_of::<Self>()
+        self.blocks.len() * (size_of::<Block>() + size_of::<Box<Block>>()) + size_of::<Self>()
     }
 
     /// Samples ever pushed.
@@ -80,11 +110,11 @@ impl Ring {
             return;
         }
         let head = self.head.load(Ordering::Relaxed);
-        let slot = (head % self.t.len() as u64) as usize;
+        let (block, slot) = self.slot(head);
         fence(Ordering::Release);
-        self.t[slot].store(sample.t.to_bits(), Ordering::Relaxed);
-        self.value[slot].store(sample.value.to_bits(), Ordering::Relaxed);
-        self.quality[slot].store(encode(sample.quality), Ordering::Relaxed);
+        block.t[slot].store(sample.t.to_bits(), Ordering::Relaxed);
+        block.value[slot].store(sample.value.to_bits(), Ordering::Relaxed);
+        block.quality[slot].store(encode(sample.quality), Ordering::Relaxed);
         self.head.store(head + 1, Ordering::Release);
         self.writing.store(false, Ordering::Release);
     }
@@ -116,20 +146,19 @@ impl Ring {
     /// Samples `from..to`, `to` at most a head that was loaded before, less those overwritten meanwhile; and the number of
     /// the first.
     fn copy(&self, from: u64, to: u64) -> (u64, Vec<Sample>) {
-        let slots = self.t.len() as u64;
         let mut copy: Vec<Sample> = (from..to)
             .map(|i| {
-                let slot = (i % slots) as usize;
+                let (block, slot) = self.slot(i);
                 Sample {
-                    t: f64::from_bits(self.t[slot].load(Ordering::Relaxed)),
-                    value: f64::from_bits(self.value[slot].load(Ordering::Relaxed)),
-                    quality: decode(self.quality[slot].load(Ordering::Relaxed)),
+                    t: f64::from_bits(block.t[slot].load(Ordering::Relaxed)),
+                    value: f64::from_bits(block.value[slot].load(Ordering::Relaxed)),
+                    quality: decode(block.quality[slot].load(Ordering::Relaxed)),
                 }
             })
             .collect();
         fence(Ordering::Acquire);
         let after = self.head.load(Ordering::Relaxed);
-        let oldest_whole = (after + 1).saturating_sub(slots);
+        let oldest_whole = (after + 1).saturating_sub(self.slots());
         let lost = oldest_whole.saturating_sub(from).min(copy.len() as u64);
         copy.drain(..lost as usize);
         (from + lost, copy)
@@ -220,9 +249,9 @@ mod tests {
 
     #[test]
     fn no_torn_sample_is_ever_seen_under_a_hammering_writer() {
-        // A tiny ring is lapped thousands of times during the copies; a reader preempted between two loads
-        // meets every interleaving. Two sizes: one coprime with the 7 qualities, one not.
-        for capacity in [3usize, 6] {
+        // A ring without a slot to spare is lapped thousands of times during the copies; a reader preempted between two
+        // loads meets every interleaving. Two sizes: one coprime with the 7 qualities, one not.
+        for capacity in [SLOTS - 1, 7 * SLOTS - 1] {
             let ring = Ring::new(capacity);
             let done = AtomicBool::new(false);
             let total = 2_000_000u64;

@@ -2,6 +2,7 @@
 
 use super::second::{Second, second_opinions};
 use crate::detectors::{Agreement, Opinion};
+use crate::diagnosis::packed::Packed;
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::residual::{self, Findings, Structure};
 
@@ -23,7 +24,7 @@ pub struct Judged {
     pub agreement: Option<Agreement>,
 }
 
-/// One-step residuals before and after the effects, in single precision: they are kept for every loop, only to be drawn.
+/// One-step residuals before and after the effects, packed: they are kept for every loop, only to be drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Residuals {
     /// Time of the first sample (s).
@@ -33,20 +34,19 @@ pub struct Residuals {
     /// First sample that no fit has seen.
     pub split: usize,
     /// Of the declared model (PV unit).
-    pub before: Vec<f32>,
+    pub before: Packed,
     /// With the effects (PV unit).
-    pub after: Vec<f32>,
+    pub after: Packed,
 }
 
 impl From<&residual::Curves> for Residuals {
     fn from(curves: &residual::Curves) -> Self {
-        let single = |v: &[f64]| v.iter().map(|e| *e as f32).collect();
         Self {
             t0: curves.t0,
             ts: curves.ts,
             split: curves.split,
-            before: single(&curves.residual_before),
-            after: single(&curves.residual_after),
+            before: Packed::new(&curves.residual_before),
+            after: Packed::new(&curves.residual_after),
         }
     }
 }
@@ -80,6 +80,15 @@ impl Judged {
             let Second { opinions, agreement } = second_opinions(window, integrates, sticks);
             (self.opinions, self.agreement) = (opinions, Some(agreement));
         }
+        self
+    }
+
+    /// The same, without what only a look at one record needs: what is kept of every loop.
+    #[must_use]
+    pub fn packed(mut self) -> Self {
+        self.residuals = self.findings.as_ref().map(|found| Residuals::from(&found.curves));
+        self.findings.iter_mut().for_each(Findings::drop_curves);
+        self.diagnosis.pack();
         self
     }
 

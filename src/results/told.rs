@@ -101,7 +101,7 @@ impl Run {
             return told.unexplained;
         }
         let judged = self.judged()?;
-        let (found, window) = (judged.findings.as_ref()?, judged.diagnosis.window.as_ref()?);
+        let (found, window) = (judged.findings.as_ref()?, judged.diagnosis.shown_window()?);
         let n = window.pv.len().max(1) as f64;
         let mean = window.pv.iter().sum::<f64>() / n;
         let spread = (window.pv.iter().map(|pv| (pv - mean).powi(2)).sum::<f64>() / n).sqrt();

@@ -6,6 +6,7 @@ use crate::results::{Judged, Residuals};
 use crate::signal::Window;
 use crate::sysid::spectrum;
 use crate::sysid::stats::{mean, median, range, sd};
+use std::borrow::Cow;
 
 /// Lags of the correlations (samples).
 const LAGS: usize = 40;
@@ -33,12 +34,11 @@ pub struct Band {
 
 /// The position of the stem (OP unit) that the friction that counts implies, one value per sample of the window.
 pub fn stem(judged: &Judged) -> Option<Vec<f64>> {
-    let window = judged.diagnosis.window.as_ref().filter(|window| !window.is_empty())?;
+    let window = judged.diagnosis.shown_window().filter(|window| !window.is_empty())?;
     let (f, ..) = judged.friction()?;
-    match &judged.diagnosis.estimate {
-        Some(estimate) if estimate.f == f && estimate.mv.len() == window.len() => Some(estimate.mv.clone()),
-        _ => Some(driven(&window.op, f)),
-    }
+    let declared = judged.diagnosis.estimate.as_ref().is_some_and(|estimate| estimate.f == f);
+    let stem = judged.diagnosis.shown_stem().filter(|stem| declared && stem.len() == window.len());
+    Some(stem.map_or_else(|| driven(&window.op, f), Cow::into_owned))
 }
 
 /// OP through the element with friction f.
@@ -119,10 +119,9 @@ pub struct Inside {
 
 /// Spectrum and correlations of the residuals.
 pub fn inside(residuals: &Residuals, diagnosis: &Diagnosis) -> Inside {
-    let both = [&residuals.before, &residuals.after];
-    let e = both.map(|v| v.iter().map(|e| f64::from(*e)).collect::<Vec<f64>>());
-    let with_op = match &diagnosis.window {
-        Some(window) => [crossed(&e[0], residuals, window), crossed(&e[1], residuals, window)],
+    let e = [residuals.before.values(), residuals.after.values()];
+    let with_op = match diagnosis.shown_window() {
+        Some(window) => [crossed(&e[0], residuals, &window), crossed(&e[1], residuals, &window)],
         None => [vec![], vec![]],
     };
     let segment = SEGMENT.min(e[0].len());
@@ -198,6 +197,7 @@ fn spectrum(e: &[f64], segment: usize) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnosis::packed::Packed;
 
     #[test]
     fn the_stem_of_friction_stands_on_a_reversal_until_op_came_back_by_2f() {
@@ -235,9 +235,10 @@ mod tests {
 
     #[test]
     fn a_line_in_the_residual_stands_at_its_period_and_its_power() {
-        let wave = |k: usize| (2.0 * (2.0 * std::f64::consts::PI * k as f64 / 32.0).sin()) as f32;
-        let before: Vec<f32> = (0..1024).map(wave).collect();
-        let residuals = Residuals { t0: 0.0, ts: 2.0, split: 700, after: vec![0.0; 1024], before };
+        let wave = |k: usize| 2.0 * (2.0 * std::f64::consts::PI * k as f64 / 32.0).sin();
+        let before = Packed::new(&(0..1024).map(wave).collect::<Vec<_>>());
+        let after = Packed::new(&[0.0; 1024]);
+        let residuals = Residuals { t0: 0.0, ts: 2.0, split: 700, after, before };
         let found = inside(&residuals, &crate::diagnosis::diagnose(&Default::default(), &Default::default()));
         let at = (0..found.period.len()).max_by(|a, b| found.power[0][*a].total_cmp(&found.power[0][*b]));
         assert_eq!(found.period[at.expect("a spectrum")], 64.0);

@@ -6,6 +6,7 @@ use crate::rig::{FOUR, NASTY, Rig, START, assert_problem, judge, rig, start, ver
 use serde_json::Value;
 use std::sync::Arc;
 use stictiond::diagnosis::Verdict;
+use stictiond::diagnosis::packed::Packed;
 use stictiond::results::{Judged, Residuals};
 use stictiond::schedule::Diagnose;
 use stictiond::serve;
@@ -25,9 +26,10 @@ fn pictured() -> Judged {
     let pv = stem.iter().map(|x| 20.0 + 2.0 * (x - 50.0)).collect();
     diagnosis.estimate.as_mut().expect("stiction").mv = stem;
     diagnosis.window = Some(Window { t0: START, ts: 1.0, op, pv, ..Window::default() });
-    let wave = |k: i32| (0.5 * f64::from(k)).sin() as f32;
-    let before = (0..1000).map(wave).collect();
-    let residuals = Residuals { t0: START, ts: 1.0, split: 700, before, after: vec![0.0; 1000] };
+    let wave = |k: i32| (0.5 * f64::from(k)).sin();
+    let before = Packed::new(&(0..1000).map(wave).collect::<Vec<_>>());
+    let after = Packed::new(&[0.0; 1000]);
+    let residuals = Residuals { t0: START, ts: 1.0, split: 700, before, after };
     Judged { residuals: Some(residuals), ..diagnosis.into() }
 }
 

@@ -148,7 +148,8 @@ impl LoopEvidence {
     /// The picture behind a run; `None` for a run that failed.
     fn new(run: &Run) -> Option<Self> {
         let judged = run.judged()?;
-        let window = judged.diagnosis.window.as_ref().filter(|window| !window.is_empty());
+        let window = judged.diagnosis.shown_window();
+        let window = window.as_deref().filter(|window| !window.is_empty());
         let stem = picture::stem(judged);
         let f = judged.friction().map_or(0.0, |(f, ..)| f);
         let band = window.zip(stem.as_ref()).and_then(|(window, stem)| picture::band(window, stem, f));
@@ -201,13 +202,12 @@ impl EvidenceBand {
 impl EvidenceResidual {
     fn new(residual: &Residuals, diagnosis: &crate::diagnosis::Diagnosis) -> Self {
         let inside = picture::inside(residual, diagnosis);
-        let single = |v: &[f32]| v.iter().map(|e| finite(f64::from(*e))).collect();
         Self {
             start: rfc3339(residual.t0),
             ts_s: finite(residual.ts),
             split: residual.split,
-            before: single(&residual.before),
-            after: single(&residual.after),
+            before: column(&residual.before.values()),
+            after: column(&residual.after.values()),
             period_s: column(&inside.period),
             power_before: column(&inside.power[0]),
             power_after: column(&inside.power[1]),

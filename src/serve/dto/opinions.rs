@@ -77,9 +77,9 @@ impl LoopOpinion {
             |report: &Report| report.opinions.iter().find(|own| own.method == method.as_str()).cloned();
         if let Some(run) = &known.diagnosed {
             let report = Report::of(run)?;
-            let window = run.judged()?.diagnosis.window.as_ref().filter(|window| !window.is_empty());
+            let window = run.judged()?.diagnosis.shown_window().filter(|window| !window.is_empty());
             let integrates = run.basis.as_ref().and_then(|basis| basis.integrates);
-            let facts = window.and_then(|window| Facts::new(window, integrates).ok());
+            let facts = window.as_deref().and_then(|window| Facts::new(window, integrates).ok());
             let pictures = facts.map(|facts| picture(method, &facts)).unwrap_or_default();
             return Some(Self {
                 time: rfc3339(run.finished),

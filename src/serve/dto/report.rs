@@ -429,8 +429,7 @@ impl Report {
         self.f_ci95 = unit.scale(friction.f_ci95[0]).zip(unit.scale(friction.f_ci95[1])).map(|(a, b)| [a, b]);
         self.posterior = finite(friction.posterior);
         self.delta_aic = finite(friction.delta_aic);
-        if let Some(window) = &diagnosis.window {
-            let (low, high) = crate::sysid::stats::range(&window.op);
+        if let Some((low, high)) = diagnosis.op_range() {
             self.f_of_op_range = finite(friction.f / (high - low));
         }
         self.model = Some(model(&found.model));

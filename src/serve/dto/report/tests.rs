@@ -61,6 +61,7 @@ fn sticky(op: Vec<f64>) -> Diagnosis {
             mv: vec![],
         }),
         residual: Some(Residual { white: false, one_step_rmse: 0.031, free_run_rmse: 0.4 }),
+        packed: None,
         window: Some(Window { op, ..Window::default() }),
     }
 }

@@ -1,0 +1,194 @@
+//! The signals of a diagnosis that is kept only to be looked at: two bytes a value instead of eight.
+//!
+//! A signal y is kept as `y = least + step q`, q = 0..65534 and `step = (greatest - least) / 65534`: no value is off by more
+//! than half a step, 0.0008 % of the signal's range.
+
+use super::Diagnosis;
+use crate::signal::{Row, Window};
+use crate::sysid::stats::range;
+use std::borrow::Cow;
+
+/// Codes between the least and the greatest value.
+const STEPS: u16 = u16::MAX - 1;
+/// The code of what is no number.
+const NO_NUMBER: u16 = u16::MAX;
+
+/// A signal in two bytes a value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Packed {
+    least: f64,
+    step: f64,
+    codes: Box<[u16]>,
+}
+
+impl Packed {
+    /// A signal as it is kept.
+    pub fn new(values: &[f64]) -> Self {
+        let finite = || values.iter().copied().filter(|value| value.is_finite());
+        let (least, most) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
+        // Halves first: the range of two finite numbers may be infinite.
+        let step = 2.0 * ((most / 2.0 - least / 2.0) / f64::from(STEPS));
+        let code = |value: &f64| match value.is_finite() {
+            true if step > 0.0 => ((value / step - least / step).round().max(0.0) as u16).min(STEPS),
+            true => 0,
+            false => NO_NUMBER,
+        };
+        Self { least, step, codes: values.iter().map(code).collect() }
+    }
+
+    /// The signal again; what was no finite number is NaN.
+    pub fn values(&self) -> Vec<f64> {
+        let value = |code: &u16| match *code {
+            NO_NUMBER => f64::NAN,
+            code => self.least + self.step * f64::from(code),
+        };
+        self.codes.iter().map(value).collect()
+    }
+
+    /// Values.
+    pub fn len(&self) -> usize {
+        self.codes.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.codes.is_empty()
+    }
+}
+
+/// A window as it is kept, with the stem that the diagnosis implies. Other tags are left out: nothing draws them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PackedWindow {
+    t0: f64,
+    ts: f64,
+    op_range: (f64, f64),
+    op: Packed,
+    pv: Packed,
+    sp: Option<Packed>,
+    mv: Option<Packed>,
+    rows: Vec<Row>,
+    stem: Packed,
+}
+
+impl PackedWindow {
+    fn new(window: &Window, stem: &[f64]) -> Self {
+        let packed = |signal: &Option<Vec<f64>>| signal.as_deref().map(Packed::new);
+        Self {
+            t0: window.t0,
+            ts: window.ts,
+            op_range: range(&window.op),
+            op: Packed::new(&window.op),
+            pv: Packed::new(&window.pv),
+            sp: packed(&window.sp),
+            mv: packed(&window.mv),
+            rows: window.rows.clone(),
+            stem: Packed::new(stem),
+        }
+    }
+
+    fn window(&self) -> Window {
+        Window {
+            t0: self.t0,
+            ts: self.ts,
+            op: self.op.values(),
+            pv: self.pv.values(),
+            sp: self.sp.as_ref().map(Packed::values),
+            mv: self.mv.as_ref().map(Packed::values),
+            tags: Vec::new(),
+            rows: self.rows.clone(),
+        }
+    }
+}
+
+impl Diagnosis {
+    /// Packs the window and the stem, for a diagnosis that is kept only to be looked at.
+    pub fn pack(&mut self) {
+        if let Some(window) = self.window.take() {
+            let stem = self.estimate.as_mut().map(|estimate| std::mem::take(&mut estimate.mv));
+            self.packed = Some(Box::new(PackedWindow::new(&window, &stem.unwrap_or_default())));
+        }
+    }
+
+    /// The window that was fitted, packed or not; `None` when the record never became one.
+    pub fn shown_window(&self) -> Option<Cow<'_, Window>> {
+        let packed = || self.packed.as_ref().map(|packed| Cow::Owned(packed.window()));
+        self.window.as_ref().map(Cow::Borrowed).or_else(packed)
+    }
+
+    /// The stem position that the declared model's f implies, packed or not, one value per sample of the window (OP unit).
+    pub fn shown_stem(&self) -> Option<Cow<'_, [f64]>> {
+        let estimate = self.estimate.as_ref()?;
+        Some(match &self.packed {
+            Some(packed) => Cow::Owned(packed.stem.values()),
+            None => Cow::Borrowed(&estimate.mv),
+        })
+    }
+
+    /// The least and the greatest OP of the window (OP unit); `None` without a window.
+    pub fn op_range(&self) -> Option<(f64, f64)> {
+        let packed = || self.packed.as_ref().map(|packed| packed.op_range);
+        self.window.as_ref().map(|window| range(&window.op)).or_else(packed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnosis::{NotIdentifiable, Verdict};
+    use proptest::prelude::*;
+
+    #[test]
+    fn hand_values() {
+        let packed = Packed::new(&[10.0, 75.534, f64::NAN, 42.7675, f64::INFINITY]);
+        let values = packed.values();
+        assert_eq!((packed.len(), packed.step), (5, (75.534 - 10.0) / 65534.0));
+        assert_eq!((values[0], values[3]), (10.0, 10.0 + 32768.0 * packed.step));
+        assert!((values[1] - 75.534).abs() < 1e-12 && values[2].is_nan() && values[4].is_nan());
+        assert_eq!(Packed::new(&[50.0; 3]).values(), [50.0; 3], "a constant stays what it is");
+        assert!(Packed::new(&[f64::NAN]).values()[0].is_nan());
+        assert!(Packed::new(&[]).is_empty());
+    }
+
+    proptest! {
+        #[test]
+        fn no_value_is_off_by_more_than_half_a_step(values in prop::collection::vec(-1e300..1e300f64, 1..50), scale in -600..0i32) {
+            let values: Vec<f64> = values.iter().map(|value| value * 2f64.powi(scale)).collect();
+            let (least, most) = range(&values);
+            // Half a step, and what is lost where a small range lies far from zero.
+            let most_off = (most - least) / 65534.0 * 0.5 + 4.0 * f64::EPSILON * least.abs().max(most.abs());
+            for (value, again) in values.iter().zip(Packed::new(&values).values()) {
+                prop_assert!((value - again).abs() <= most_off, "{value} {again}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_packed_diagnosis_shows_what_it_did_without_its_other_tags() {
+        let ramp = |step: f64| (0..400).map(|k| 40.0 + step * f64::from(k)).collect::<Vec<_>>();
+        let window = Window {
+            t0: 7.0,
+            ts: 2.0,
+            op: ramp(0.1),
+            pv: ramp(-0.2),
+            mv: Some(ramp(0.09)),
+            tags: vec![("other".into(), ramp(1.0))],
+            rows: vec![Row::Missing; 400],
+            ..Window::default()
+        };
+        let whole =
+            Diagnosis { window: Some(window.clone()), ..Diagnosis::bare(Verdict::NoStiction, "made for a test") };
+        let mut packed = whole.clone();
+        packed.pack();
+        assert!(packed.window.is_none() && packed.shown_stem().is_none());
+        assert_eq!((packed.op_range(), whole.op_range()), (Some((40.0, 79.9)), Some((40.0, 79.9))));
+        let shown = packed.shown_window().expect("a window").into_owned();
+        assert_eq!((shown.t0, shown.ts, &shown.sp, &shown.rows), (7.0, 2.0, &None, &window.rows));
+        assert!(shown.tags.is_empty());
+        let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3) && a.len() == b.len();
+        assert!(near(&shown.op, &window.op) && near(&shown.pv, &window.pv));
+        assert!(near(&shown.mv.expect("a stem"), &window.mv.expect("a stem")));
+        let mut none = Diagnosis::bare(Verdict::NotIdentifiable(NotIdentifiable::FlatPv), "made for a test");
+        none.pack();
+        assert!(none.shown_window().is_none() && none.op_range().is_none());
+    }
+}
