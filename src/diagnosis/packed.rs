@@ -25,7 +25,8 @@ impl Packed {
     /// A signal as it is kept.
     pub fn new(values: &[f64]) -> Self {
         let finite = || values.iter().copied().filter(|value| value.is_finite());
-        let (least, most) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
+        let (least, most) =
+            (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
         // Halves first: the range of two finite numbers may be infinite.
         let step = 2.0 * ((most / 2.0 - least / 2.0) / f64::from(STEPS));
         let code = |value: &f64| match value.is_finite() {
@@ -175,8 +176,10 @@ mod tests {
             rows: vec![Row::Missing; 400],
             ..Window::default()
         };
-        let whole =
-            Diagnosis { window: Some(window.clone()), ..Diagnosis::bare(Verdict::NoStiction, "made for a test") };
+        let whole = Diagnosis {
+            window: Some(window.clone()),
+            ..Diagnosis::bare(Verdict::NoStiction, "made for a test")
+        };
         let mut packed = whole.clone();
         packed.pack();
         assert!(packed.window.is_none() && packed.shown_stem().is_none());
@@ -184,7 +187,8 @@ mod tests {
         let shown = packed.shown_window().expect("a window").into_owned();
         assert_eq!((shown.t0, shown.ts, &shown.sp, &shown.rows), (7.0, 2.0, &None, &window.rows));
         assert!(shown.tags.is_empty());
-        let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3) && a.len() == b.len();
+        let near =
+            |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3) && a.len() == b.len();
         assert!(near(&shown.op, &window.op) && near(&shown.pv, &window.pv));
         assert!(near(&shown.mv.expect("a stem"), &window.mv.expect("a stem")));
         let mut none = Diagnosis::bare(Verdict::NotIdentifiable(NotIdentifiable::FlatPv), "made for a test");

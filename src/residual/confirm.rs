@@ -3,22 +3,22 @@
 //! A structure is what a search finds and a fit takes as given: friction or none, the kind of valve, effects that last. On a new
 //! window all coefficients, S and J are fitted anew. The structure holds where
 //!
-//! 1. friction is told as before: a valve with nearly the last one's S has the evidence that a verdict asks for, or, where there
-//!    was none, no valve of a coarse grid is likelier,
+//! 1. friction is told as before: a valve has the evidence that a verdict asks for, and its f is nearly the last one's or does
+//!    not differ from it significantly, or, where there was none, no valve of a coarse grid is likelier,
 //! 2. the residual fails no test that it passed when the structure was found (each is failed by chance once in a hundred), or
-//!    no effect promises more than it costs by the score tests with which a search begins, and a whole search finds no valve
-//!    where there was none,
-//! 3. each of its effects is likelier than not,
-//! 4. the signals show no sample that is wrong.
+//!    no effect beside it is likelier than none, and a whole search finds no valve where there was none,
+//! 3. the signals show no sample that is wrong.
+//!
+//! An effect that is no longer likelier than not is left out.
 //!
 //! Elsewhere, and after [`LASTS_S`], everything is searched for again.
 //!
 //! Source: Ljung, System Identification, 1999, chapter 16 (model validation).
 
 use super::data_quality::{Fact, assess};
-use super::decide::{Decided, arx, decide, scored};
+use super::decide::{Decided, NEAR, arx, decide, decide_near, retime, scored};
 use super::findings::{Evidence, Findings, Friction, Structure};
-use super::forward_selection::table;
+use super::forward_selection::{FITTED, table};
 use super::held_out::{judge, without};
 use super::hypotheses::load::oscillating_load::Oscillating;
 use super::hypotheses::{ALL, Propose, again};
@@ -27,7 +27,7 @@ use super::posterior::{class, log_prior};
 use super::report::{lasts, report, scaled};
 use super::screening::Screen;
 use super::trace::{Outcome, iddata_beside, slip_jump};
-use super::valve_search::{Effort, search};
+use super::valve_search::{Effort, Found, search};
 use super::{Settings, settings_of, window};
 use crate::diagnosis::confirmed::{Known, confirmed};
 use crate::diagnosis::verdict::{Prepared, prepared, unanswered, with_history};
@@ -35,11 +35,13 @@ use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::signal::{Record, Window};
 use crate::sysid::iddata::IdData;
 use crate::sysid::valve::ValveModel;
+use std::f64::consts::SQRT_2;
 
 /// Time for which a structure may be confirmed before all is searched for again: what the tests overlook is found within a day
 /// (s).
 pub const LASTS_S: f64 = 86_400.0;
-/// Factor within which S stays from one window to the next: a valve that changes more is searched for.
+/// Factor within which f stays from one window to the next, however narrow its interval: a valve that changes more is searched
+/// for.
 const STAYS: f64 = 1.1;
 
 /// The diagnosis and its findings where the structure `last` still holds on a record; `None` where all has to be searched for.
@@ -69,7 +71,10 @@ pub fn confirm(
     }
     let likeliest = outcome.best.clone();
     let mut findings = report(outcome, &bare, &settings);
-    let as_before = (findings.verdict == Verdict::Stiction) == last.valve.is_some();
+    let as_before = match last.valve {
+        Some(last) => findings.verdict == Verdict::Stiction && stays(&last, &findings.friction_after),
+        None => findings.verdict != Verdict::Stiction,
+    };
     let passes = findings.failed.iter().all(|test| last.failed.contains(test));
     if !as_before || !(passes || !promising(&data, &likeliest) && !sticks_now(&data, &likeliest)) {
         return None;
@@ -83,6 +88,14 @@ pub fn confirm(
         _ => with_history(Diagnosis { reason: findings.reason.clone(), ..bare }),
     };
     Some((diagnosis, findings))
+}
+
+/// Whether f is the last valve's, as far as the two windows can tell: the difference of two estimates with one variance has an
+/// interval √2 times as wide as theirs.
+fn stays(last: &ValveModel, now: &Friction) -> bool {
+    let apart = last.f() - now.f;
+    let limit = if apart > 0.0 { now.f_ci95[1] - now.f } else { now.f - now.f_ci95[0] };
+    (now.f / last.f()).ln().abs() <= STAYS.ln() || apart.abs() <= SQRT_2 * limit
 }
 
 /// The diagnosis with what was found.
@@ -106,23 +119,34 @@ fn standing(prepared: &Prepared, last: &Structure) -> Diagnosis {
     Diagnosis { preparation, window, ..Diagnosis::bare(verdict, reason) }
 }
 
-/// Whether any effect promises more than it costs.
+/// Whether any effect beside the structure is likelier than none. Those that promise more than they cost by the score tests
+/// with which a search begins are fitted.
 fn promising(data: &IdData, base: &Decided) -> bool {
     let screen = Screen::new(data, base);
-    let promised = ALL.iter().flat_map(|hypothesis| hypothesis.propose(&screen)).map(|proposal| {
-        let other = base.hypothesis.with(proposal.effect);
-        let other = other.with_valve(proposal.valve.or(base.hypothesis.valve));
-        scored(data, &other, base.model.log_likelihood + proposal.gain)
-    });
-    promised.fold(f64::NEG_INFINITY, f64::max) + log_prior(1) > base.score
+    let enough = base.score - log_prior(1);
+    ALL.iter().any(|kind| {
+        let promised = kind.propose(&screen).into_iter().filter_map(|proposal| {
+            let other = base.hypothesis.with(proposal.effect);
+            let other = other.with_valve(proposal.valve.or(base.hypothesis.valve));
+            let promised = scored(data, &other, base.model.log_likelihood + proposal.gain);
+            (promised > enough).then_some((promised, other))
+        });
+        let mut promised: Vec<(f64, Hypothesis)> = promised.collect();
+        promised.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let fitted = |other| retime(data, decide_near(data, other, &base.model, NEAR));
+        promised.into_iter().take(FITTED).any(|(_, other)| fitted(other).score > enough)
+    })
 }
 
 /// Whether a whole search finds a valve that is likelier than none, where there was none.
 fn sticks_now(data: &IdData, base: &Decided) -> bool {
     let none = &base.hypothesis;
     let sound = scored(data, none, arx(data, none, None).log_likelihood);
-    let found = || search(data, none, &[], Effort::Whole);
-    none.valve.is_none() && found().first().is_some_and(|found| found.score > sound)
+    let likelier = |found: &Found| {
+        let sticks = none.with_valve(Some(found.valve));
+        found.score > sound && decide(data, sticks, Some(&found.fit)).score > base.score
+    };
+    none.valve.is_none() && search(data, none, &[], Effort::Whole).iter().any(likelier)
 }
 
 /// The record that is fitted, where no sample of it is wrong.
@@ -140,10 +164,26 @@ fn valve_of(data: &IdData, last: &Structure) -> Option<ValveModel> {
     last.valve.map(|valve| scaled(valve, 1.0 / data.units.u)).filter(|valve| valve.s.is_finite())
 }
 
-/// The models of the structure and of what competes with it; `None` where something else is likelier.
+/// The models of the structure, without the effects that are no longer needed, and of what competes with it; `None` where
+/// something else is likelier.
 fn fitted(data: &IdData, facts: Vec<Fact>, last: &Structure) -> Option<Outcome> {
     let effects = last.effects.iter().map(|effect| again(data, effect)).collect::<Option<Vec<_>>>()?;
-    let none = Hypothesis { valve: None, effects };
+    let mut none = Hypothesis { valve: None, effects };
+    loop {
+        match fitted_beside(data, &facts, last, &none)? {
+            Ok(outcome) => return Some(outcome),
+            Err(needless) => none = none.without(needless),
+        }
+    }
+}
+
+/// The same with these effects, or the number of one that is not needed.
+fn fitted_beside(
+    data: &IdData,
+    facts: &[Fact],
+    last: &Structure,
+    none: &Hypothesis,
+) -> Option<Result<Outcome, usize>> {
     let valve = valve_of(data, last);
     if valve.is_some() != last.valve.is_some() {
         return None;
@@ -152,7 +192,7 @@ fn fitted(data: &IdData, facts: Vec<Fact>, last: &Structure) -> Option<Outcome> 
     let starts: Vec<ValveModel> = valve.into_iter().collect();
     let mut decided = vec![decide(data, none.clone(), None)];
     let mut classes = Vec::new();
-    for found in search(data, &none, &starts, effort) {
+    for found in search(data, none, &starts, effort) {
         let hypothesis = none.with_valve(Some(found.valve));
         if !classes.contains(&class(&hypothesis)) {
             classes.push(class(&hypothesis));
@@ -168,41 +208,47 @@ fn fitted(data: &IdData, facts: Vec<Fact>, last: &Structure) -> Option<Outcome> 
     }
     let sound = decided.first()?;
     let stuck = decided.iter().filter(|d| sticks(d)).max_by(|a, b| a.score.total_cmp(&b.score));
-    let likeliest = match (valve, stuck.map(|stuck| (stuck, stuck.hypothesis.valve))) {
-        (Some(last), Some((stuck, Some(now)))) => {
-            Some(stuck).filter(|_| (now.s / last.s).ln().abs() <= STAYS.ln())?
-        }
-        (Some(_), _) => return None,
-        (None, stuck) => Some(sound).filter(|_| stuck.is_none_or(|s| s.0.score <= sound.score))?,
+    let likeliest = match (valve, stuck) {
+        (Some(_), stuck) => stuck?,
+        (None, stuck) => Some(sound).filter(|_| stuck.is_none_or(|s| s.score <= sound.score))?,
     };
     let declared = match likeliest.hypothesis.effects.is_empty() {
         true => likeliest.clone(),
         false => decide(data, Hypothesis { effects: Vec::new(), ..likeliest.hypothesis.clone() }, None),
     };
-    let table = table(&decided, &none);
-    Some(Outcome {
+    let added = match needed(data, likeliest) {
+        Ok(added) => added,
+        Err(needless) => return Some(Err(needless)),
+    };
+    let table = table(&decided, none);
+    Some(Ok(Outcome {
         recorded: data.clone(),
         data: data.clone(),
         declared,
-        added: needed(data, likeliest)?,
+        added,
         best: likeliest.clone(),
-        facts,
+        facts: facts.to_vec(),
         candidates: Vec::new(),
         friction: table.log_odds(sticks),
         slip_jump: slip_jump(&table),
         rejected: Vec::new(),
-    })
+    }))
 }
 
-/// What speaks for each effect, and twice the log odds against none; `None` where one is not needed.
-fn needed(data: &IdData, best: &Decided) -> Option<Vec<(Evidence, f64)>> {
+/// What speaks for each effect, and twice the log odds against none; or the number of the one that is needed least, where that
+/// is less likely than not.
+fn needed(data: &IdData, best: &Decided) -> Result<Vec<(Evidence, f64)>, usize> {
     let with = judge(data, best, data);
-    let each = best.hypothesis.effects.iter().enumerate();
-    each.map(|(at, effect)| {
+    let (mut added, mut least) = (Vec::new(), (0.5, None));
+    for (at, effect) in best.hypothesis.effects.iter().enumerate() {
         let (without, held_out) = without(data, best, &with, at);
         let gain = best.score - without.score;
         let evidence = Evidence { log_odds: gain + log_prior(1), held_out };
-        (evidence.posterior(effect.kind()) > 0.5).then_some((evidence, 2.0 * gain))
-    })
-    .collect()
+        let posterior = evidence.posterior(effect.kind());
+        if posterior <= least.0 {
+            least = (posterior, Some(at));
+        }
+        added.push((evidence, 2.0 * gain));
+    }
+    least.1.map_or(Ok(added), Err)
 }

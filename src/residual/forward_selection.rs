@@ -20,7 +20,7 @@ const SEARCHED: usize = 3;
 /// Valves beside which effects are screened.
 const SCREENED: usize = 2;
 /// Proposals of one kind that are fitted, with friction and without.
-const FITTED: usize = 5;
+pub const FITTED: usize = 5;
 /// Times of other changes that are fitted to the end for each change.
 const OFFERED: usize = 2;
 /// Iterations after which they are compared.

@@ -141,7 +141,6 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     let sticks = |verdict: &Verdict| *verdict == Verdict::Stiction;
     let undisputed = (decides || !asked)
         && valve.is_some() == sticks(&verdict)
-        && sticks(&diagnosis.verdict) == sticks(&verdict)
         && candidates.first().is_none_or(|(kind, posterior)| kind.is_none() && *posterior > 0.5)
         && diagnosis.preparation.compensated == 0.0;
     let structure = structure(&data, &best.hypothesis, &facts, &failed).filter(|_| undisputed);
@@ -212,7 +211,7 @@ pub fn lasts(fact: &Fact) -> bool {
 }
 
 /// What the next window's fit may take as given: nothing with an effect that comes and goes, or where samples are wrong. Where
-/// tracing and diagnosis differ, or the record lies between kinds, there is none either.
+/// tracing does not decide, or the record lies between kinds, there is none either.
 fn structure(data: &IdData, hypothesis: &Hypothesis, facts: &[Fact], failed: &[Test]) -> Option<Structure> {
     let effects: Option<Vec<Lasting>> =
         hypothesis.effects.iter().map(|effect| effect.lasting(data)).collect();
