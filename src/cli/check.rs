@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use stictiond::access::{Role, file};
 use stictiond::collect::opcua;
 use stictiond::config::{self, Config, Plant, without_number};
-use stictiond::history::BYTES_PER_SAMPLE;
+use stictiond::history::{BYTES_PER_SAMPLE, Ring};
 use stictiond::schedule::Clock;
 use stictiond::serve;
 
@@ -92,7 +92,7 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
         );
     }
     let samples = config.history.samples_per_tag;
-    let megabytes = (tags * samples * BYTES_PER_SAMPLE) as f64 / 1e6;
+    let megabytes = (tags * Ring::bytes(samples)) as f64 / 1e6;
     let _ = writeln!(
         out,
         "memory   {megabytes:.1} MB for {tags} tags, {samples} samples each, {BYTES_PER_SAMPLE} bytes a sample"

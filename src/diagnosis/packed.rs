@@ -1,7 +1,7 @@
 //! The signals of a diagnosis that is kept only to be looked at: two bytes a value instead of eight.
 //!
-//! A signal y is kept as `y = least + step q`, q = 0..65534 and `step = (greatest - least) / 65534`: no value is off by more
-//! than half a step, 0.0008 % of the signal's range.
+//! A signal y is kept as `y = (1 - w) least + w greatest`, w = q / 65534 and q = 0..65534: no value is off by more than half a
+//! step, 0.0008 % of the signal's range.
 
 use super::Diagnosis;
 use crate::signal::{Row, Window};
@@ -17,7 +17,7 @@ const NO_NUMBER: u16 = u16::MAX;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Packed {
     least: f64,
-    step: f64,
+    greatest: f64,
     codes: Box<[u16]>,
 }
 
@@ -25,23 +25,26 @@ impl Packed {
     /// A signal as it is kept.
     pub fn new(values: &[f64]) -> Self {
         let finite = || values.iter().copied().filter(|value| value.is_finite());
-        let (least, most) =
-            (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
-        // Halves first: the range of two finite numbers may be infinite.
-        let step = 2.0 * ((most / 2.0 - least / 2.0) / f64::from(STEPS));
+        let least = finite().fold(f64::INFINITY, f64::min);
+        let greatest = finite().fold(f64::NEG_INFINITY, f64::max);
+        // Halves, because the range of two finite numbers may be infinite.
+        let above = |value: f64| value / 2.0 - least / 2.0;
         let code = |value: &f64| match value.is_finite() {
-            true if step > 0.0 => ((value / step - least / step).round().max(0.0) as u16).min(STEPS),
-            true => 0,
+            // 0 for a constant, whose range is 0.
+            true => (above(*value) / above(greatest) * f64::from(STEPS)).round() as u16,
             false => NO_NUMBER,
         };
-        Self { least, step, codes: values.iter().map(code).collect() }
+        Self { least, greatest, codes: values.iter().map(code).collect() }
     }
 
     /// The signal again; what was no finite number is NaN.
     pub fn values(&self) -> Vec<f64> {
         let value = |code: &u16| match *code {
             NO_NUMBER => f64::NAN,
-            code => self.least + self.step * f64::from(code),
+            code => {
+                let w = f64::from(code) / f64::from(STEPS);
+                (1.0 - w) * self.least + w * self.greatest
+            }
         };
         self.codes.iter().map(value).collect()
     }
@@ -72,7 +75,7 @@ pub struct PackedWindow {
 }
 
 impl PackedWindow {
-    fn new(window: &Window, stem: &[f64]) -> Self {
+    fn new(window: Window, stem: &[f64]) -> Self {
         let packed = |signal: &Option<Vec<f64>>| signal.as_deref().map(Packed::new);
         Self {
             t0: window.t0,
@@ -82,7 +85,7 @@ impl PackedWindow {
             pv: Packed::new(&window.pv),
             sp: packed(&window.sp),
             mv: packed(&window.mv),
-            rows: window.rows.clone(),
+            rows: window.rows,
             stem: Packed::new(stem),
         }
     }
@@ -106,7 +109,7 @@ impl Diagnosis {
     pub fn pack(&mut self) {
         if let Some(window) = self.window.take() {
             let stem = self.estimate.as_mut().map(|estimate| std::mem::take(&mut estimate.mv));
-            self.packed = Some(Box::new(PackedWindow::new(&window, &stem.unwrap_or_default())));
+            self.packed = Some(Box::new(PackedWindow::new(window, &stem.unwrap_or_default())));
         }
     }
 
@@ -142,9 +145,10 @@ mod tests {
     fn hand_values() {
         let packed = Packed::new(&[10.0, 75.534, f64::NAN, 42.7675, f64::INFINITY]);
         let values = packed.values();
-        assert_eq!((packed.len(), packed.step), (5, (75.534 - 10.0) / 65534.0));
-        assert_eq!((values[0], values[3]), (10.0, 10.0 + 32768.0 * packed.step));
-        assert!((values[1] - 75.534).abs() < 1e-12 && values[2].is_nan() && values[4].is_nan());
+        // A step of 0.001: 42.7675 lies half way between two.
+        assert_eq!((packed.len(), values[0], values[1]), (5, 10.0, 75.534));
+        assert!((values[3] - 42.7675).abs() < 6e-4 && values[2].is_nan() && values[4].is_nan());
+        assert_eq!(Packed::new(&[f64::MIN, 0.0, f64::MAX]).values(), [f64::MIN, 0.0, f64::MAX]);
         assert_eq!(Packed::new(&[50.0; 3]).values(), [50.0; 3], "a constant stays what it is");
         assert!(Packed::new(&[f64::NAN]).values()[0].is_nan());
         assert!(Packed::new(&[]).is_empty());
@@ -152,11 +156,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_value_is_off_by_more_than_half_a_step(values in prop::collection::vec(-1e300..1e300f64, 1..50), scale in -600..0i32) {
-            let values: Vec<f64> = values.iter().map(|value| value * 2f64.powi(scale)).collect();
+        fn no_value_is_off_by_more_than_half_a_step(values in prop::collection::vec(f64::MIN..f64::MAX, 1..50), scale in -1000..0i32, offset in -1.0..1.0f64) {
+            let values: Vec<f64> = values.iter().map(|value| value * 2f64.powi(scale) + offset).collect();
             let (least, most) = range(&values);
             // Half a step, and what is lost where a small range lies far from zero.
-            let most_off = (most - least) / 65534.0 * 0.5 + 4.0 * f64::EPSILON * least.abs().max(most.abs());
+            let most_off = (most / 65534.0 - least / 65534.0) * 0.5 + 4.0 * f64::EPSILON * least.abs().max(most.abs());
             for (value, again) in values.iter().zip(Packed::new(&values).values()) {
                 prop_assert!((value - again).abs() <= most_off, "{value} {again}");
             }

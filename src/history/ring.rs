@@ -40,6 +40,11 @@ struct Block {
     quality: [AtomicU8; SLOTS],
 }
 
+/// Blocks of a ring: one slot is to spare.
+fn blocks(capacity: usize) -> usize {
+    (capacity.max(1) + 1).div_ceil(SLOTS)
+}
+
 impl Block {
     fn new() -> Box<Self> {
         Box::new(Self {
@@ -65,12 +70,17 @@ impl Ring {
     pub fn new(capacity: usize) -> Self {
         let capacity = capacity.max(1);
         Self {
-            blocks: (0..(capacity + 1).div_ceil(SLOTS)).map(|_| Block::new()).collect(),
+            blocks: (0..blocks(capacity)).map(|_| Block::new()).collect(),
             capacity,
             head: AtomicU64::new(0),
             writing: AtomicBool::new(false),
             refused: AtomicU64::new(0),
         }
+    }
+
+    /// Bytes that a ring of this capacity holds.
+    pub fn bytes(capacity: usize) -> usize {
+        blocks(capacity) * (size_of::<Block>() + size_of::<Box<Block>>()) + size_of::<Self>()
     }
 
     /// Samples kept at most.
@@ -239,7 +249,7 @@ mod tests {
         let before = ring.memory_bytes();
         (0..1000).for_each(|i| ring.push(Sample::good(f64::from(i), 0.0)));
         assert_eq!(ring.memory_bytes(), before);
-        assert!(before >= 100 * BYTES_PER_SAMPLE);
+        assert!(before == Ring::bytes(100) && before >= 100 * BYTES_PER_SAMPLE);
     }
 
     /// The i-th sample of the hammer: every part is a function of i, so that a mixture shows.

@@ -5,8 +5,9 @@
 //!
 //! 1. friction is told as before: a valve has the evidence that a verdict asks for, and its f is nearly the last one's or does
 //!    not differ from it significantly, or, where there was none, no valve of a coarse grid is likelier,
-//! 2. the residual fails no test that it passed when the structure was found (each is failed by chance once in a hundred), or
-//!    no effect beside it is likelier than none, and a whole search finds no valve where there was none,
+//! 2. the residual fails no test that it passed when the structure was found (each is failed by chance once in a hundred), all
+//!    its effects are still needed, and friction is not asked for the first time; or no effect beside it is likelier than none,
+//!    and a whole search finds no valve where there was none,
 //! 3. the signals show no sample that is wrong.
 //!
 //! An effect that is no longer likelier than not is left out.
@@ -16,9 +17,9 @@
 //! Source: Ljung, System Identification, 1999, chapter 16 (model validation).
 
 use super::data_quality::{Fact, assess};
-use super::decide::{Decided, NEAR, arx, decide, decide_near, retime, scored};
+use super::decide::{Decided, NEAR, decide, decide_near, retime, scored};
 use super::findings::{Evidence, Findings, Friction, Structure};
-use super::forward_selection::{FITTED, table};
+use super::forward_selection::{CLOSE, FITTED, table};
 use super::held_out::{judge, without};
 use super::hypotheses::load::oscillating_load::Oscillating;
 use super::hypotheses::{ALL, Propose, again};
@@ -40,8 +41,8 @@ use std::f64::consts::SQRT_2;
 /// Time for which a structure may be confirmed before all is searched for again: what the tests overlook is found within a day
 /// (s).
 pub const LASTS_S: f64 = 86_400.0;
-/// Factor within which f stays from one window to the next, however narrow its interval: a valve that changes more is searched
-/// for.
+/// Factor within which f stays from one window to the next, however narrow its interval: a change that is larger and
+/// significant is searched for.
 const STAYS: f64 = 1.1;
 
 /// The diagnosis and its findings where the structure `last` still holds on a record; `None` where all has to be searched for.
@@ -66,7 +67,8 @@ pub fn confirm(
     let outcome = fitted(&data, facts, last)?;
     // Friction was asked, or is known not to show.
     let unasked = matches!(bare.verdict, Verdict::NotIdentifiable(_)) && last.valve.is_none();
-    if outcome.friction == f64::NEG_INFINITY && !unasked {
+    let asked = outcome.friction > f64::NEG_INFINITY;
+    if !asked && !unasked {
         return None;
     }
     let likeliest = outcome.best.clone();
@@ -75,14 +77,15 @@ pub fn confirm(
         Some(last) => findings.verdict == Verdict::Stiction && stays(&last, &findings.friction_after),
         None => findings.verdict != Verdict::Stiction,
     };
-    let passes = findings.failed.iter().all(|test| last.failed.contains(test));
+    let whole = likeliest.hypothesis.effects.len() == last.effects.len() && (last.asked || !asked);
+    let passes = whole && findings.failed.iter().all(|test| last.failed.contains(test));
     if !as_before || !(passes || !promising(&data, &likeliest) && !sticks_now(&data, &likeliest)) {
         return None;
     }
     let Structure { ref failed, confirmed, searched, .. } = *last;
-    let (failed, confirmed) = (failed.clone(), confirmed + 1);
+    let (failed, confirmed, asked) = (failed.clone(), confirmed + 1, last.asked || asked);
     findings.reason += "; the last model still fits";
-    findings.structure = Some(Structure { failed, confirmed, searched, ..findings.structure.take()? });
+    findings.structure = Some(Structure { failed, confirmed, searched, asked, ..findings.structure.take()? });
     let diagnosis = match (prepared, &bare.verdict) {
         (Ok(prepared), Verdict::Stiction | Verdict::NoStiction) => confirmed_as(prepared, bare, &findings),
         _ => with_history(Diagnosis { reason: findings.reason.clone(), ..bare }),
@@ -120,7 +123,7 @@ fn standing(prepared: &Prepared, last: &Structure) -> Diagnosis {
 }
 
 /// Whether any effect beside the structure is likelier than none. Those that promise more than they cost by the score tests
-/// with which a search begins are fitted.
+/// with which a search begins are fitted, and what ends near is fitted to the end.
 fn promising(data: &IdData, base: &Decided) -> bool {
     let screen = Screen::new(data, base);
     let enough = base.score - log_prior(1);
@@ -133,20 +136,20 @@ fn promising(data: &IdData, base: &Decided) -> bool {
         });
         let mut promised: Vec<(f64, Hypothesis)> = promised.collect();
         promised.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let fitted = |other| retime(data, decide_near(data, other, &base.model, NEAR));
-        promised.into_iter().take(FITTED).any(|(_, other)| fitted(other).score > enough)
+        let near = |other| retime(data, decide_near(data, other, &base.model, NEAR));
+        let fitted = promised.into_iter().take(FITTED).map(|(_, other)| near(other));
+        let best = fitted.max_by(|a, b| a.score.total_cmp(&b.score));
+        best.filter(|best| best.score > enough - CLOSE)
+            .is_some_and(|best| best.score > enough || decide(data, best.hypothesis, None).score > enough)
     })
 }
 
 /// Whether a whole search finds a valve that is likelier than none, where there was none.
 fn sticks_now(data: &IdData, base: &Decided) -> bool {
     let none = &base.hypothesis;
-    let sound = scored(data, none, arx(data, none, None).log_likelihood);
-    let likelier = |found: &Found| {
-        let sticks = none.with_valve(Some(found.valve));
-        found.score > sound && decide(data, sticks, Some(&found.fit)).score > base.score
-    };
-    none.valve.is_none() && search(data, none, &[], Effort::Whole).iter().any(likelier)
+    let found = || search(data, none, &[], Effort::Whole).into_iter();
+    let sticks = |found: Found| decide(data, none.with_valve(Some(found.valve)), Some(&found.fit));
+    none.valve.is_none() && found().any(|found| sticks(found).score > base.score)
 }
 
 /// The record that is fitted, where no sample of it is wrong.
@@ -235,20 +238,21 @@ fn fitted_beside(
     }))
 }
 
-/// What speaks for each effect, and twice the log odds against none; or the number of the one that is needed least, where that
-/// is less likely than not.
+/// What speaks for each effect, and twice the log odds against none; or the number of the least likely one, where that is not
+/// likelier than not.
 fn needed(data: &IdData, best: &Decided) -> Result<Vec<(Evidence, f64)>, usize> {
     let with = judge(data, best, data);
-    let (mut added, mut least) = (Vec::new(), (0.5, None));
-    for (at, effect) in best.hypothesis.effects.iter().enumerate() {
+    let each = best.hypothesis.effects.iter().enumerate().map(|(at, effect)| {
         let (without, held_out) = without(data, best, &with, at);
         let gain = best.score - without.score;
         let evidence = Evidence { log_odds: gain + log_prior(1), held_out };
-        let posterior = evidence.posterior(effect.kind());
-        if posterior <= least.0 {
-            least = (posterior, Some(at));
-        }
-        added.push((evidence, 2.0 * gain));
+        (evidence.posterior(effect.kind()), (evidence, 2.0 * gain))
+    });
+    let (posteriors, added): (Vec<f64>, Vec<_>) = each.unzip();
+    let least = (0..added.len()).min_by(|a, b| posteriors[*a].total_cmp(&posteriors[*b]));
+    match least {
+        // What is no number is not needed either.
+        Some(least) if !posteriors.iter().all(|own| *own > 0.5) => Err(least),
+        _ => Ok(added),
     }
-    least.1.map_or(Ok(added), Err)
 }

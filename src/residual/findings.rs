@@ -290,6 +290,8 @@ pub struct Structure {
     pub valve: Option<ValveModel>,
     /// Whether OP acts beside a stem that sticks.
     pub direct: bool,
+    /// Whether a search asked for friction; a record in which OP hardly reverses is not asked.
+    pub asked: bool,
     /// The effects beside it, in the order they were added.
     pub effects: Vec<Lasting>,
     /// The tests that the residual failed when the structure was found.

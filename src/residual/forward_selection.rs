@@ -14,7 +14,7 @@ use crate::sysid::valve::ValveModel;
 /// Promise behind the best of its kind up to which a proposal is fitted; twice this behind the best score it is left (-).
 const REACH: f64 = 25.0;
 /// Score behind the best up to which a kind leads and is fitted to the end: beyond it its posterior is none (-).
-const CLOSE: f64 = 12.0;
+pub const CLOSE: f64 = 12.0;
 /// Kinds beside which friction is searched again.
 const SEARCHED: usize = 3;
 /// Valves beside which effects are screened.

@@ -4,9 +4,7 @@ use super::data_quality::Fact;
 use super::decide::{Decided, decide};
 use super::detectable::detectable;
 use super::effect::EffectModel;
-use super::findings::{
-    Curves, Effect, Evidence, Findings, Friction, Kind, Lasting, Parameter, Structure, Test,
-};
+use super::findings::{Curves, Effect, Evidence, Findings, Friction, Kind, Lasting, Parameter, Structure};
 use super::held_out::{gained, judge};
 use super::hypothesis::{Hypothesis, direct_lags};
 use super::interval::interval;
@@ -141,9 +139,11 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     let sticks = |verdict: &Verdict| *verdict == Verdict::Stiction;
     let undisputed = (decides || !asked)
         && valve.is_some() == sticks(&verdict)
+        && sticks(&diagnosis.verdict) == sticks(&verdict)
         && candidates.first().is_none_or(|(kind, posterior)| kind.is_none() && *posterior > 0.5)
         && diagnosis.preparation.compensated == 0.0;
-    let structure = structure(&data, &best.hypothesis, &facts, &failed).filter(|_| undisputed);
+    let structure = structure(&data, &best.hypothesis, &facts).filter(|_| undisputed);
+    let structure = structure.map(|found| Structure { asked, failed: failed.clone(), ..found });
     let mut effects: Vec<Effect> = facts
         .into_iter()
         .map(|fact| Effect {
@@ -211,8 +211,8 @@ pub fn lasts(fact: &Fact) -> bool {
 }
 
 /// What the next window's fit may take as given: nothing with an effect that comes and goes, or where samples are wrong. Where
-/// tracing does not decide, or the record lies between kinds, there is none either.
-fn structure(data: &IdData, hypothesis: &Hypothesis, facts: &[Fact], failed: &[Test]) -> Option<Structure> {
+/// tracing and diagnosis differ, or the record lies between kinds, there is none either.
+fn structure(data: &IdData, hypothesis: &Hypothesis, facts: &[Fact]) -> Option<Structure> {
     let effects: Option<Vec<Lasting>> =
         hypothesis.effects.iter().map(|effect| effect.lasting(data)).collect();
     let effects = effects.filter(|_| facts.iter().all(lasts))?;
@@ -221,9 +221,8 @@ fn structure(data: &IdData, hypothesis: &Hypothesis, facts: &[Fact], failed: &[T
         valve: hypothesis.valve.map(in_plant),
         direct: data.direct,
         effects,
-        failed: failed.to_vec(),
-        confirmed: 0,
         searched: data.time(data.len() as f64),
+        ..Structure::default()
     })
 }
 

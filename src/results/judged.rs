@@ -76,8 +76,9 @@ impl Judged {
             Verdict::NoStiction => Some(false),
             Verdict::NotIdentifiable(_) => None,
         };
-        if let Some(window) = self.diagnosis.window.as_ref().filter(|window| !window.is_empty()) {
-            let Second { opinions, agreement } = second_opinions(window, integrates, sticks);
+        let window = self.diagnosis.shown_window().filter(|window| !window.is_empty());
+        let second = window.map(|window| second_opinions(&window, integrates, sticks));
+        if let Some(Second { opinions, agreement }) = second {
             (self.opinions, self.agreement) = (opinions, Some(agreement));
         }
         self
@@ -86,7 +87,8 @@ impl Judged {
     /// The same, without what only a look at one record needs: what is kept of every loop.
     #[must_use]
     pub fn packed(mut self) -> Self {
-        self.residuals = self.findings.as_ref().map(|found| Residuals::from(&found.curves));
+        let drawn = self.findings.as_ref().filter(|found| !found.curves.residual_before.is_empty());
+        self.residuals = drawn.map(|found| Residuals::from(&found.curves)).or(self.residuals);
         self.findings.iter_mut().for_each(Findings::drop_curves);
         self.diagnosis.pack();
         self

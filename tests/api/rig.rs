@@ -59,6 +59,7 @@ pub fn verdict_of(verdict: Verdict, f: f64, delta_aic: f64) -> Diagnosis {
         oscillation: None,
         estimate: identifiable.then_some(estimate),
         residual: None,
+        packed: None,
         window: None,
     }
 }

@@ -245,6 +245,7 @@ fn made_up(at: usize) -> Diagnosis {
         oscillation: None,
         estimate: known.then_some(estimate),
         residual: None,
+        packed: None,
         window: None,
     }
 }

@@ -46,6 +46,7 @@ fn verdict(verdict: Verdict, f: f64, delta_aic: f64) -> Diagnosis {
         oscillation: None,
         estimate: told.then_some(estimate),
         residual: None,
+        packed: None,
         window: None,
     }
 }

@@ -194,6 +194,7 @@ fn verdict(verdict: Verdict, f: f64) -> Diagnosis {
         oscillation: None,
         estimate: identifiable.then_some(estimate),
         residual: None,
+        packed: None,
         window: None,
     }
 }

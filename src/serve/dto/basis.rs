@@ -196,7 +196,7 @@ mod tests {
             // As many as one model ever has.
             let effects = effects.into_iter().skip(threshold as usize % 5).take(3).collect();
             let failed = Test::ALL[..(threshold / 10.0) as usize].to_vec();
-            let known = residual::Structure { valve, direct: threshold > 3.0, effects, failed, searched: threshold / 11.0, confirmed: threshold as u32 };
+            let known = residual::Structure { valve, direct: threshold > 3.0, asked: threshold > 6.0, effects, failed, searched: threshold / 11.0, confirmed: threshold as u32 };
             let known = (threshold > 0.1).then_some(known);
             let before = (threshold > 50.0).then_some(Before { f: threshold, f_ci95: [0.1, 2.0 * threshold] });
             let basis = Basis::of(&record, &settings, known).after(before);

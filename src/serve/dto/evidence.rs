@@ -65,7 +65,7 @@ impl From<&ReportEffect> for EffectWords {
     }
 }
 
-/// The window that was fitted, on an equal grid.
+/// The window that was fitted, on an equal grid; of a kept report each value to 1/65534 of its signal's range.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct EvidenceWindow {
     /// First time.

@@ -13,6 +13,9 @@ pub struct Structure {
     pub valve: Option<StructureValve>,
     /// Whether OP acts beside a stem that sticks.
     pub direct: bool,
+    /// Whether a search asked for friction; a record in which OP hardly reverses is not asked.
+    #[serde(default)]
+    pub asked: bool,
     /// The effects beside it, in the order they were added.
     pub effects: Vec<Lasting>,
     /// The tests that the residual failed when it was found.
@@ -130,6 +133,7 @@ impl From<&residual::Structure> for Structure {
         Self {
             valve: own.valve.map(valve),
             direct: own.direct,
+            asked: own.asked,
             effects: own.effects.iter().map(Lasting::from).collect(),
             failed_tests: own.failed.iter().map(|test| test.as_str().to_string()).collect(),
             searched: own.searched,
@@ -158,6 +162,7 @@ impl Structure {
                 None => None,
             },
             direct: self.direct,
+            asked: self.asked,
             effects: self.effects.iter().map(residual::Lasting::from).collect(),
             failed: self.failed_tests.iter().map(test).collect::<Option<_>>()?,
             searched: self.searched,
