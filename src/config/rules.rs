@@ -261,7 +261,8 @@ impl Rules<'_, '_, '_> {
         let limits = control_loop.op_limits.map(|[low, high]| (low, high));
         let scale = Scale { given: control_loop.op_span, limits, unit: control_loop.op.unit() };
         if let Some(why) = scale.contradiction(&[]) {
-            self.wrong(&path!["loop", at, "op_span"], why);
+            let key = if scale.given.is_some() { "op_span" } else { "op_limits" };
+            self.wrong(&path!["loop", at, key], why);
         }
     }
 

@@ -101,20 +101,23 @@ impl Scale<'_> {
 
     /// What contradicts what: a message for who gave it.
     pub fn contradiction(&self, op: &[Sample]) -> Option<String> {
-        /// The controller's limits may be narrower than the span, but not by so much.
-        const NARROWER: f64 = 20.0;
-        let span = self.given.filter(|span| span.is_finite() && *span > 0.0)?;
-        if let Some((low, high)) = self.limits.filter(|(low, high)| low < high) {
+        let limits = self.limits.filter(|(low, high)| low < high);
+        let Some(span) = self.given.filter(|span| span.is_finite() && *span > 0.0) else {
+            return self.unit_contradicted(limits, op);
+        };
+        if let Some((low, high)) = limits {
             let wide = high - low;
-            if wide > (1.01 + 2.0 * OVERTRAVEL) * span || wide * NARROWER < span {
+            if apart(wide, span) {
                 return Some(format!(
                     "op_span = {span} and op_limits = [{low}, {high}] contradict each other: the limits are {wide} apart; \
                      both are in OP's own unit, 100 for per cent, 16 for mA"
                 ));
             }
         }
+        // What is given decides where the values fit no unit.
         if let Some((unit, own)) = self.unit.and_then(|unit| Some((unit, span_of_unit(unit)?)))
             && (own > 4.0 * span || span > 4.0 * own)
+            && fits(own, op)
         {
             return Some(format!(
                 "op_span = {span} contradicts OP's unit {unit:?}, in which the span is {own}"
@@ -126,6 +129,45 @@ impl Scale<'_> {
         (beyond || most - least > 1.5 * span)
             .then(|| format!("op_span = {span} contradicts the record: OP goes from {least} to {most}"))
     }
+
+    /// What contradicts OP's unit where no span is given.
+    fn unit_contradicted(&self, limits: Option<(f64, f64)>, op: &[Sample]) -> Option<String> {
+        if limits.and_then(usual).is_some() {
+            return None;
+        }
+        let unit = self.unit?;
+        let own = span_of_unit(unit)?;
+        if let Some((low, high)) = limits.filter(|(low, high)| apart(high - low, own)) {
+            return Some(format!(
+                "op_limits = [{low}, {high}] contradict OP's unit {unit:?}, in which the span is {own}; \
+                 both are in OP's own unit: say what is right with op_span = {} or op_span = {own}",
+                high - low
+            ));
+        }
+        let (least, most) = extent(op).filter(|_| !fits(own, op))?;
+        let other = of_values(op).filter(|other| *other != own);
+        let other = other.map_or_else(String::new, |other| format!("op_span = {other} or "));
+        Some(format!(
+            "OP's unit is {unit:?}, in which the span is {own}, but its values go from {least} to {most}; \
+             say what is right with {other}op_span = {own}"
+        ))
+    }
+}
+
+/// Whether limits so wide are none of a controller with this span: they may be narrower, but not by so much.
+fn apart(wide: f64, span: f64) -> bool {
+    const NARROWER: f64 = 20.0;
+    wide > (1.01 + 2.0 * OVERTRAVEL) * span || wide * NARROWER < span
+}
+
+/// Whether values can be those of a unit with this span: none is far beyond its end, and they are not all within a signal of a
+/// much smaller span.
+fn fits(span: f64, op: &[Sample]) -> bool {
+    let Some((least, most)) = extent(op) else { return true };
+    // A zero that is lifted by a quarter of the span lies within.
+    let beyond = most.max(-least) > 1.5 * span;
+    let within = |(low, high, own): &(f64, f64, f64)| *low <= least && most <= *high && own * 4.0 < span;
+    !beyond && (most <= 0.0 || !SIGNALS.iter().any(within))
 }
 
 impl Record {
@@ -253,5 +295,34 @@ mod tests {
         assert_eq!(of(Some(100.0), Some((-5.0, 105.0)), Some("%"), &[51.0]), None);
         assert!(of(Some(100.0), Some((0.0, 150.0)), None, &[]).is_some());
         assert_eq!(of(None, Some((0.0, 100.0)), Some("mA"), &[]), None);
+        let said = of(None, Some((0.0, 32_767.0)), Some("%"), &[]).expect("counts");
+        assert!(said.ends_with("say what is right with op_span = 32767 or op_span = 100"), "{said}");
+    }
+
+    #[test]
+    fn a_unit_that_its_values_contradict_is_doubted_until_a_span_decides() {
+        let of = |given, unit, values: &[f64]| {
+            Scale { given, limits: None, unit: Some(unit) }.contradiction(&op(values))
+        };
+        for (unit, values, other) in [
+            ("%", &[0.41, 0.62][..], "op_span = 1 or "),
+            ("%", &[14_265.0, 14_325.0], ""),
+            ("mA", &[0.0121, 0.0123], "op_span = 0.016 or "),
+            ("mA", &[49.0, 51.8], "op_span = 100 or "),
+            ("A", &[12.1, 12.3], ""),
+        ] {
+            let said = of(None, unit, values).expect(unit);
+            let own = span_of_unit(unit).expect(unit);
+            assert!(said.ends_with(&format!("say what is right with {other}op_span = {own}")), "{said}");
+        }
+        for (unit, values) in
+            [("%", &[0.0, 0.0][..]), ("%", &[-5.0, 105.0]), ("mA", &[3.8, 20.5]), ("A", &[0.004, 0.02])]
+        {
+            assert_eq!(of(None, unit, values), None, "{unit} {values:?}");
+        }
+        // What is given decides, as far as the values are possible in it.
+        assert_eq!(of(Some(1.0), "%", &[0.41, 0.62]), None);
+        assert_eq!(of(Some(100.0), "%", &[0.41, 0.62]), None);
+        assert!(of(Some(1.0), "%", &[41.0, 62.0]).is_some());
     }
 }
