@@ -82,8 +82,11 @@ fn remarks(plan: &Plan, counted: &Counted) -> Vec<String> {
         out.push(format!("{unknown} rows of an unknown mode (--auto-values)"));
     }
     if counted.not_good > 0 {
-        let names: Vec<&str> =
-            plan.qualities.iter().map(|(at, ..)| plan.layout.names[*at].full.as_str()).collect();
+        let name = |at: usize| match &plan.layout.names[at] {
+            name if name.is_none() => format!("column {}", at + 1),
+            name => name.full.clone(),
+        };
+        let names: Vec<String> = plan.qualities.iter().map(|(at, ..)| name(*at)).collect();
         out.push(format!("{} samples not good by {}", counted.not_good, names.join(", ")));
     }
     if counted.no_number > 0 {

@@ -3,6 +3,7 @@
 use super::error::{TableError, listed};
 use super::names::{Name, as_unit};
 use super::options::Options;
+use super::qualities::owners;
 use super::roles::{Roles, Trouble, roles, told};
 use super::source::{Cell, Rows};
 use super::time::{What, WhatKind};
@@ -11,7 +12,7 @@ use super::time_columns::{millis, times};
 /// Most columns of a table.
 const MAX_COLUMNS: usize = 1 << 12;
 /// Lines above the header: a title, who exported it, and when.
-const PREAMBLE: usize = 60;
+const PREAMBLE: usize = 200;
 /// Rows between the header and the first sample: units, descriptions, limits.
 const BELOW: usize = 4;
 /// Rows by which a table of R is known.
@@ -370,16 +371,7 @@ fn columns(names: &[Name], roles: &Roles) -> Wide {
     let named = |at: &usize| !names[*at].is_none() || roles[*at].is_some();
     let (says, values): (Vec<usize>, Vec<usize>) =
         (0..names.len()).filter(named).partition(|at| names[*at].quality_of().is_some());
-    let alone = says.iter().filter(|at| names[**at].quality_of().is_some_and(|of| of.is_empty())).count();
-    let owner = |at: usize| {
-        let of = names[at].quality_of()?;
-        if !of.is_empty() {
-            return values.iter().copied().find(|c| names[*c].owns_quality(&of)).map(Some);
-        }
-        // One says it of the row; several stand each behind its value.
-        if alone == 1 { Some(None) } else { values.iter().copied().rfind(|c| *c < at).map(Some) }
-    };
-    let owners: Vec<(usize, Option<Option<usize>>)> = says.iter().map(|at| (*at, owner(*at))).collect();
+    let owners = owners(names, &says, &values);
     // The status of something else is a tag like any other.
     let others = owners.iter().filter(|(_, owner)| owner.is_none()).map(|(at, _)| *at);
     let mut columns: Vec<usize> = values.iter().copied().chain(others).collect();

@@ -25,6 +25,7 @@ pub(super) mod names;
 pub(super) mod number;
 mod options;
 mod parquet;
+mod qualities;
 mod roles;
 mod source;
 mod stamp;

@@ -160,7 +160,17 @@ const QUALITIES: &[&str] = &[
     "qualité",
     "qualite",
     "calidad",
+    "qualidade",
+    "kvalitet",
+    "güte",
+    "jakość",
     "品質",
+    "质量",
+    "dataquality",
+    "opcquality",
+    "opc quality",
+    "qualitydetail",
+    "quality detail",
     "q",
     "st",
 ];
@@ -235,7 +245,7 @@ pub struct Said {
 impl Name {
     /// Takes a cell of a header apart.
     pub fn new(cell: &str) -> Self {
-        let full = super::number::bare(cell).trim_matches('"').trim().to_string();
+        let full = super::number::bare(cell).trim_matches(['"', '\'']).trim().to_string();
         let bare = full.trim_start_matches('#').trim();
         let (bare, unit) = split_unit(bare);
         Self { plain: plain(bare), unit: unit.map(str::to_string), full }

@@ -84,9 +84,13 @@ fn is_gap(c: char) -> bool {
     matches!(c, ' ' | '\u{a0}' | '\u{202f}' | '\u{2009}' | '\'' | '\u{2019}')
 }
 
-/// The cell without what surrounds it: blanks, a byte order mark, the zero byte of a C string.
+/// The cell without what surrounds it: blanks, a byte order mark, the zero byte of a C string, quotes that a blank before them
+/// hides from a reader of tables.
 pub fn bare(cell: &str) -> &str {
-    cell.trim_matches(|c: char| c.is_whitespace() || matches!(c, '\0' | '\u{feff}'))
+    let around = |c: char| c.is_whitespace() || matches!(c, '\0' | '\u{feff}');
+    let cell = cell.trim_matches(around);
+    let quoted = |sign: char| cell.strip_prefix(sign)?.strip_suffix(sign);
+    quoted('"').or_else(|| quoted('\'')).map_or(cell, |inner| inner.trim_matches(around))
 }
 
 /// The cell as a number; `None` for anything else, dates and addresses among it.

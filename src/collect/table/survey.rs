@@ -8,6 +8,7 @@ use super::layout::{Body, Layout, Long, Looked, Wide, first_rows, look};
 use super::names::{Meaning, Name};
 use super::number::Decimal;
 use super::options::{Options, Told};
+use super::qualities::{Others, Quality};
 use super::roles::{Trouble, roles};
 use super::source::{Cell, Kind, Rows, Source};
 use super::text::Blanks;
@@ -138,7 +139,9 @@ struct Counting {
     tags: HashMap<Tag, usize>,
     /// Words of the columns of quality.
     words: Vec<Words>,
-    quality_columns: Vec<(usize, Option<usize>)>,
+    quality_columns: Vec<Quality>,
+    /// The columns that may be anything.
+    others: Others,
     /// Columns of OP and PV, and what stood there in the row before.
     moving: Vec<(usize, String)>,
     mode_name: Option<String>,
@@ -153,6 +156,7 @@ impl Counting {
             tags: HashMap::new(),
             words: Vec::new(),
             quality_columns: Vec::new(),
+            others: Others::default(),
             moving: Vec::new(),
             mode_name: options.mode.clone(),
         };
@@ -161,6 +165,7 @@ impl Counting {
             Body::Long(long) => own.quality_columns = long.quality.map(|at| (at, None)).into_iter().collect(),
         }
         own.words = vec![Words::default(); own.quality_columns.len()];
+        own.others = Others::of(layout, &own.quality_columns);
         own
     }
 
@@ -226,6 +231,7 @@ impl Counting {
                 }
                 Body::Long(long) => self.long(rows, long, line)?,
             }
+            self.others.add(rows, &first, line);
             for (words, (at, _)) in self.words.iter_mut().zip(&self.quality_columns) {
                 let cell = rows.cell(*at);
                 if !cell.is_blank() {
@@ -300,6 +306,12 @@ impl Counting {
         for channel in self.channels.iter().filter(|c| c.role.is_some()) {
             self.numbers(channel, layout.line, row_name)?;
         }
+        for (column, words) in
+            std::mem::take(&mut self.others).qualities(&layout, told.good_values.as_deref())?
+        {
+            self.quality_columns.push(column);
+            self.words.push(words);
+        }
         if whole && told.good_values.is_some() && self.quality_columns.is_empty() {
             return Err(unused("good-values", "quality, such as \"pv_status\" or \"Quality\""));
         }
@@ -318,7 +330,8 @@ impl Counting {
         let at = |role: Role| self.channels.iter().find(|c| c.role == Some(role)).map_or(0, |c| c.column);
         let (op, pv) = (at(Role::Op), at(Role::Pv));
         let between = |c: &&Channel| c.column > op.min(pv) && c.column < op.max(pv);
-        let other = self.channels.iter().filter(between).find(|c| c.other_times * 2 > c.cells);
+        let named = self.channels.iter().filter(|c| c.other_times * 2 > c.cells);
+        let other = named.chain(self.others.times()).find(between);
         other.map_or(Ok(()), |other| {
             Err(TableError::refused(format!(
                 "column {} ({}) holds other times than column {} ({}): each tag has its own; save them on common times, or as \
@@ -448,10 +461,10 @@ fn is_ruler(rows: &dyn Rows) -> bool {
     let dashes = |at: usize| {
         let text = rows.cell(at).shown();
         let text = text.trim();
-        text.len() > 1 && text.bytes().all(|byte| byte == b'-')
+        text.len() > 1 && text.bytes().all(|byte| matches!(byte, b'-' | b'+' | b' '))
     };
     let begins = matches!(rows.cell(0), Cell::Text(text) if text.trim_start().starts_with("--"));
-    begins && rows.len() > 1 && (0..rows.len()).all(dashes)
+    begins && (0..rows.len()).all(dashes)
 }
 
 /// More cells than the header has: a decimal comma in a table that commas divide.

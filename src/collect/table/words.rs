@@ -53,6 +53,38 @@ impl Words {
         }
     }
 
+    /// Whether they tell good values from others beyond doubt: in words that mean nothing else, most rows, or in the numbers of
+    /// OPC, some of them not good.
+    pub fn speak_of_quality(&self) -> bool {
+        if self.more {
+            return false;
+        }
+        let rows = |of: &dyn Fn(&str) -> bool| -> u64 {
+            self.counts.iter().filter(|(word, _)| of(word)).map(|(_, count)| *count).sum()
+        };
+        let all = rows(&|_| true);
+        if let Some(numbers) = self.numbers() {
+            let good = rows(&|word| word.parse().is_ok_and(|n: f64| (192.0..220.0).contains(&n)));
+            let zero = rows(&|word| word == "0");
+            let da = numbers.iter().all(|n| OPC_DA.contains(n)) && good * 2 > all && good < all;
+            let severe = |n: &f64| *n == 0.0 || (OPC_UA..4.0 * OPC_UA).contains(n) && n.fract() == 0.0;
+            return da || numbers.iter().all(severe) && zero * 2 > all && zero < all;
+        }
+        let plain = rows(&|word| UNMISTAKABLE.iter().any(|own| first_word(word).starts_with(own)));
+        plain * 2 > all
+    }
+
+    /// Whether any of them is one of these.
+    pub fn any_of(&self, told: &[String]) -> bool {
+        told.iter().any(|own| {
+            let same = |word: &str| match (own.parse::<f64>(), word.parse::<f64>()) {
+                (Ok(own), Ok(word)) => own == word,
+                _ => own == word,
+            };
+            self.counts.iter().any(|(word, _)| same(word))
+        })
+    }
+
     /// The numbers among them; `None` where one is none.
     fn numbers(&self) -> Option<Vec<f64>> {
         self.counts.iter().map(|(word, _)| word.parse().ok()).collect()
@@ -72,7 +104,7 @@ impl Words {
 }
 
 /// Words of automatic: the controller moves the valve by itself.
-const AUTOMATIC: [&str; 14] = [
+const AUTOMATIC: [&str; 20] = [
     "auto",
     "automatic",
     "aut",
@@ -87,6 +119,12 @@ const AUTOMATIC: [&str; 14] = [
     "automatisch",
     "pid",
     "closed",
+    "lauto",
+    "kaskade",
+    "automático",
+    "automatico",
+    "automatique",
+    "cascada",
 ];
 /// Words of not automatic.
 const NOT_AUTOMATIC: [&str; 20] = [
@@ -158,10 +196,12 @@ impl Modes {
         if words.numbers().is_some_and(|numbers| numbers.iter().any(|n| *n != 0.0 && *n != 1.0)) {
             return doubt();
         }
-        if words.counts.iter().any(|(word, _)| usual(word).is_some()) {
-            return Ok(plain);
-        }
-        if words.counts.is_empty() { Ok(plain) } else { doubt() }
+        // A word that nobody knows may say automatic: where most of the column is such, it is asked for.
+        let rows = |known: bool| -> u64 {
+            let of = words.counts.iter().filter(|(word, _)| usual(word).is_some() == known);
+            of.map(|(_, count)| *count).sum()
+        };
+        if rows(false) > rows(true) { doubt() } else { Ok(plain) }
     }
 
     /// 1 in automatic, 0 otherwise; `None` for a word that cannot be told.
@@ -215,6 +255,26 @@ const BAD: [&str; 16] = [
     "bad", "invalid", "iop", "fail", "failed", "error", "b", "false", "nok", "no", "timeout", "schlecht",
     "mauvais", "mala", "malo", "不良",
 ];
+
+/// How words begin that say nothing but how good a value is.
+const UNMISTAKABLE: [&str; 11] = [
+    "good",
+    "bad",
+    "uncertain",
+    "questionable",
+    "invalid",
+    "gut",
+    "schlecht",
+    "bon",
+    "mauvais",
+    "buen",
+    "良",
+];
+/// Numbers that OPC DA has for quality: good, uncertain and bad, with and without their reasons.
+const OPC_DA: [f64; 15] =
+    [0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0, 64.0, 68.0, 80.0, 84.0, 88.0, 192.0, 216.0];
+/// The least number of OPC UA that is not good.
+const OPC_UA: f64 = 1_073_741_824.0;
 
 fn first_word(word: &str) -> &str {
     word.split(|c: char| !c.is_alphanumeric()).find(|part| !part.is_empty()).unwrap_or("")

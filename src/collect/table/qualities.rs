@@ -1,0 +1,141 @@
+//! Columns that say whether a value is good: which value each belongs to, and columns that say it under a name that nobody knows.
+
+use super::channel::{Channel, Tag};
+use super::error::TableError;
+use super::layout::{Body, Layout};
+use super::names::Name;
+use super::source::{Cell, Rows};
+use super::words::Words;
+
+/// A column of quality, and the place of the value it speaks of among the values; `None` where it speaks of the row.
+pub type Quality = (usize, Option<usize>);
+
+/// The values that columns of quality named `says` belong to; the outer `None` is none of these values.
+///
+/// A name tells it: `pv_status`. One column without such a name speaks of the row. Several stand each behind its value, or each
+/// before it where the first of all stands before every value.
+pub fn owners(names: &[Name], says: &[usize], values: &[usize]) -> Vec<(usize, Option<Option<usize>>)> {
+    let of = |at: usize| names[at].quality_of().filter(|of| !of.is_empty());
+    let alone: Vec<usize> = says.iter().copied().filter(|at| of(*at).is_none()).collect();
+    let owner = |at: usize| match of(at) {
+        Some(of) => values.iter().copied().find(|c| names[*c].owns_quality(&of)).map(Some),
+        None if alone.len() == 1 => Some(None),
+        None => beside(at, &alone, values).map(Some),
+    };
+    says.iter().map(|at| (*at, owner(*at))).collect()
+}
+
+/// The value beside a column of quality, one of several.
+fn beside(at: usize, all: &[usize], values: &[usize]) -> Option<usize> {
+    let first = all.iter().min() < values.iter().min();
+    let before = first && all.iter().max() < values.iter().max();
+    if before {
+        values.iter().copied().find(|value| *value > at)
+    } else {
+        values.iter().copied().rfind(|value| *value < at)
+    }
+}
+
+/// A column that is neither a time nor a role, counted over the whole file.
+struct Other {
+    at: usize,
+    words: Words,
+    /// What stamps are in it, where it has no name.
+    times: Option<Channel>,
+}
+
+/// The columns that are neither times nor roles nor known to speak of quality.
+#[derive(Default)]
+pub struct Others(Vec<Other>);
+
+impl Others {
+    pub fn of(layout: &Layout, known: &[Quality]) -> Self {
+        let mut used: Vec<usize> = known.iter().map(|known| known.0).collect();
+        used.extend([Some(layout.time), layout.clock, layout.millis].into_iter().flatten());
+        match &layout.body {
+            Body::Wide(wide) => {
+                let roles = wide.columns.iter().zip(&wide.roles).filter(|(_, role)| role.is_some());
+                used.extend(roles.map(|(at, _)| *at));
+            }
+            Body::Long(long) => {
+                used.extend([long.tag, long.value]);
+                used.extend([long.owner, long.source, long.unit].into_iter().flatten());
+            }
+        }
+        let other = |at: usize| Other {
+            at,
+            words: Words::default(),
+            times: layout.names[at].is_none().then(|| Channel::new(Tag::default(), None, at + 1)),
+        };
+        Self((0..layout.names.len()).filter(|at| !used.contains(at)).map(other).collect())
+    }
+
+    /// Counts a row whose time is `first`.
+    pub fn add(&mut self, rows: &dyn Rows, first: &Cell<'_>, line: u64) {
+        for other in &mut self.0 {
+            let cell = rows.cell(other.at);
+            if cell.is_blank() {
+                continue;
+            }
+            other.words.add(&cell);
+            if let Some(times) = &mut other.times
+                && times.add(&cell, line)
+            {
+                times.compare(&cell, first);
+            }
+        }
+    }
+
+    /// Those without a name that hold other times than their rows.
+    pub fn times(&self) -> impl Iterator<Item = &Channel> {
+        self.0
+            .iter()
+            .filter_map(|other| other.times.as_ref())
+            .filter(|times| times.other_times * 2 > times.cells)
+    }
+
+    /// Those that speak of quality by what stands in them, or by words that `--good-values` tells.
+    ///
+    /// # Errors
+    /// A column of which nobody knows which value it speaks of.
+    pub fn qualities(
+        self,
+        layout: &Layout,
+        told: Option<&[String]>,
+    ) -> Result<Vec<(Quality, Words)>, TableError> {
+        let speaks = |other: &Other| {
+            other.words.speak_of_quality() || told.is_some_and(|told| other.words.any_of(told))
+        };
+        let found: Vec<Other> = self.0.into_iter().filter(speaks).collect();
+        let Body::Wide(wide) = &layout.body else {
+            return Ok(found.into_iter().map(|other| ((other.at, None), other.words)).collect());
+        };
+        let says: Vec<usize> = found.iter().map(|other| other.at).collect();
+        // Of a column that speaks of quality nothing is measured.
+        let values: Vec<usize> = wide.columns.iter().copied().filter(|at| !says.contains(at)).collect();
+        let by_name = |at: usize| {
+            let of = layout.names[at].plain().rsplit_once(' ')?.0;
+            values.iter().copied().find(|value| layout.names[*value].owns_quality(of))
+        };
+        let alone: Vec<usize> = says.iter().copied().filter(|at| by_name(*at).is_none()).collect();
+        let owner = |at: usize| {
+            match by_name(at) {
+            Some(value) => Ok(Some(value)),
+            None if alone.len() == 1 && !layout.names[at].is_none() => Ok(None),
+            None => beside(at, &alone, &values).map(Some).ok_or_else(|| {
+                TableError::refused(format!(
+                    "column {} ({:?}) tells good from bad, of which value nobody knows; call it such as \"pv_status\"",
+                    at + 1,
+                    layout.names[at].full
+                ))
+            }),
+        }
+        };
+        let place = |value: usize| wide.columns.iter().position(|at| *at == value);
+        let each = found.into_iter().map(|other| {
+            let value = owner(other.at)?;
+            Ok(((other.at, value.and_then(place)), other.words))
+        });
+        each.collect()
+    }
+}
