@@ -264,3 +264,36 @@ fn an_hour_that_starts_again_is_told() {
         table.found.read_as
     );
 }
+
+#[test]
+fn dates_with_points_and_two_digits_of_the_year_begin_with_the_day_unless_told() {
+    let example = example();
+    let rows = rows(&example, ';', |t| {
+        let day = civil(t);
+        format!("{}.{}.{}{}", &day[2..4], &day[5..7], &day[8..10], &day[10..])
+    });
+    let begin = |format: Option<&str>| {
+        let told = Options { time_format: format.map(str::to_string), ..Options::default() };
+        read("Time;OP;PV", &rows, &told).expect("read").record.op[0].t
+    };
+    assert_eq!(begin(Some("ymd")), BEGIN as f64);
+    assert_eq!(begin(None), begin(Some("dmy")));
+    assert!(begin(None) < BEGIN as f64 - 20.0 * 365.0 * 86_400.0, "2001-06-26");
+}
+
+#[test]
+fn minutes_since_1970_are_no_seconds_and_days_cut_to_four_decimals_are_spread() {
+    let example = example();
+    let minutes = rows(&example, ',', |t| format!("{:.4}", t / 60.0));
+    let said = read("Time,OP,PV", &minutes, &Options::default()).expect_err("a doubt");
+    assert!(said.contains("may be seconds or minutes since 1970; say --time-unit"), "{said}");
+    let told = Options { time_unit: Some("min".into()), ..Options::default() };
+    let step = |table: &super::Table| table.record.op[200].t - table.record.op[0].t;
+    let table = read("Time,OP,PV", &minutes, &told).expect("told");
+    assert!((step(&table) - example.op[200].t + example.op[0].t).abs() < 0.1);
+
+    let days = rows(&example, ';', |t| format!("{:.4}", (t / 8.64).floor() * 8.64 / 86_400.0 + 25_569.0));
+    let table = read("Time;OP;PV", &days, &Options::default()).expect("spread");
+    assert!(table.found.read_as.contains("rows a stamp spread over its 8.64 s"), "{}", table.found.read_as);
+    assert!((step(&table) - example.op[200].t + example.op[0].t).abs() < 9.0);
+}

@@ -30,6 +30,8 @@ enum Date {
     Known(i64, u32, u32),
     /// Three numbers, and whether the last has the four digits of a year.
     Open([i64; 3], bool),
+    /// Three numbers of two digits with points between: day, month and year unless somebody says otherwise.
+    Dotted([i64; 3]),
 }
 
 /// A cell that holds a date, a time of day, or both.
@@ -67,7 +69,8 @@ impl Stamp {
     fn day(&self, order: Order) -> Option<i64> {
         let (year, month, day) = match self.date? {
             Date::Known(year, month, day) => (year, month, day),
-            Date::Open([a, b, c], four) => {
+            Date::Open([a, b, c], _) | Date::Dotted([a, b, c]) => {
+                let four = matches!(self.date, Some(Date::Open(_, true)));
                 let [year, month, day] = match order {
                     Order::Dmy => [century(c, four), b, a],
                     Order::Mdy => [century(c, four), a, b],
@@ -108,6 +111,11 @@ impl Stamp {
     /// Whether its date is three bare numbers, whose order the whole column decides.
     pub fn is_open(&self) -> bool {
         matches!(self.date, Some(Date::Open(..)))
+    }
+
+    /// Whether its date is three numbers of two digits with points between.
+    pub fn is_dotted(&self) -> bool {
+        matches!(self.date, Some(Date::Dotted(_)))
     }
 
     /// The date of this cell with the time of day of another.
@@ -313,8 +321,11 @@ impl Left<'_, '_> {
                 Number(d, 1..=2),
                 rest @ ..,
             ] => (Date::Known(*y, month(m)?, *d as u32), rest),
-            [Number(d, 1..=2), Sign('.'), Number(m, 1..=2), Sign('.'), Number(y, n @ (2 | 4)), rest @ ..] => {
-                (Date::Known(century(*y, *n == 4), *m as u32, *d as u32), rest)
+            [Number(d, 1..=2), Sign('.'), Number(m, 1..=2), Sign('.'), Number(y, 4), rest @ ..] => {
+                (Date::Known(*y, *m as u32, *d as u32), rest)
+            }
+            [Number(a, 1..=2), Sign('.'), Number(b, 1..=2), Sign('.'), Number(c, 2), rest @ ..] => {
+                (Date::Dotted([*a, *b, *c]), rest)
             }
             [Number(a, 1..=2), Sign(s), Number(b, 1..=2), Sign(t), Number(c, n @ (2 | 4)), rest @ ..]
                 if s == t && matches!(s, '/' | '-' | ' ') =>

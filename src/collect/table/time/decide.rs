@@ -20,11 +20,16 @@ const STEP_OF_DAYS: f64 = 1e-3;
 const STEP_OF_SECONDS: f64 = 0.05;
 /// Seconds between samples from which milliseconds may be meant instead.
 const LONG_STEP: f64 = 500.0;
+/// Minutes since 1970 from 2010 to 2045; as seconds they are the clock of a device that has run for most of a year.
+const MINUTES_SINCE_1970: std::ops::Range<f64> = 21_000_000.0..39_500_000.0;
+/// Steps below which they may be minutes.
+const SHORT_STEP: f64 = 0.5;
 /// A record may rest for so long (s), and a wrong order of day and month leaps by at least four weeks.
 const REST: f64 = 10.0 * 86_400.0;
 const LEAP: f64 = 25.0 * 86_400.0;
 /// Stamps are cut to one of these (s) where several rows share them.
-const CUT: [f64; 3] = [1.0, 60.0, 3600.0];
+/// Days of a spreadsheet with three to five decimals are cut to multiples of the last three.
+const CUT: [f64; 6] = [1.0, 60.0, 3600.0, 0.864, 8.64, 86.4];
 /// A step back that is told (s): less is a late sample.
 const BACK_S: f64 = 600.0;
 /// A time of day is no more (s).
@@ -118,7 +123,8 @@ impl Times {
             reading.said += &self.back(track, told, column)?;
         }
         if let Some(spread) = &reading.spread {
-            reading.said += &format!(", {} rows a stamp spread over its {} s", spread.usual, spread.step);
+            let step = (spread.step * 1e3).round() * 1e-3;
+            reading.said += &format!(", {} rows a stamp spread over its {step} s", spread.usual);
         }
         Ok(reading)
     }
@@ -252,6 +258,9 @@ impl Times {
             None if step > 0.0 && step < STEP_OF_DAYS => {
                 doubt(format!("steps of {step} are too short for seconds"))
             }
+            None if step > 0.0 && step < SHORT_STEP && MINUTES_SINCE_1970.contains(&shown) => {
+                doubt(format!("{shown} in steps of {step:.3} may be seconds or minutes since 1970"))
+            }
             None if step >= LONG_STEP => doubt(format!("steps of {step} may be seconds or milliseconds")),
             None => Ok(Unit::Seconds),
         }
@@ -269,6 +278,9 @@ impl Times {
         let most = self.dates.iter().map(|track| track.count).max().unwrap_or(0);
         let mut left: Vec<Order> =
             Order::ALL.into_iter().filter(|o| self.dates[*o as usize].count == most).collect();
+        if self.dotted && left.contains(&Order::Dmy) {
+            return Ok(Order::Dmy);
+        }
         let track = |order: &Order| &self.dates[*order as usize];
         let same = |a: &Order, b: &Order| {
             let (a, b) = (track(a), track(b));

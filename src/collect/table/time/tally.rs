@@ -167,6 +167,8 @@ pub struct Times {
     pub dates: [Track; 3],
     /// Whether a date was three bare numbers.
     pub open: bool,
+    /// Whether a date is written with points and two digits of the year.
+    pub dotted: bool,
     /// Whether a stamp had an offset, and whether one had none.
     pub offsets: [bool; 2],
     /// The first cell with letters of a zone that do not say which: its line and what stands there.
@@ -213,6 +215,7 @@ impl Times {
         if let Some(stamp) = stamp {
             self.offsets[usize::from(stamp.offset.is_none())] = true;
             self.open |= stamp.is_open();
+            self.dotted |= stamp.is_dotted();
             if stamp.has_letters && self.letters.is_none() {
                 self.letters = Some((line, shown(&text())));
             }
