@@ -145,11 +145,18 @@ impl Scale<'_> {
             ));
         }
         let (least, most) = extent(op).filter(|_| !fits(own, op))?;
-        let other = of_values(op).filter(|other| *other != own);
-        let other = other.map_or_else(String::new, |other| format!("op_span = {other} or "));
+        // Values far beyond the unit's span cannot be in it, those within a smaller one may.
+        let own_may = (most.max(-least) <= 1.5 * own).then_some(own);
+        let spans = of_values(op).filter(|other| *other != own).into_iter().chain(own_may);
+        let spans: Vec<String> = spans.map(|span| format!("op_span = {span}")).collect();
+        let say = if spans.is_empty() {
+            "op_span = N, its span from closed to open".into()
+        } else {
+            spans.join(" or ")
+        };
         Some(format!(
             "OP's unit is {unit:?}, in which the span is {own}, but its values go from {least} to {most}; \
-             say what is right with {other}op_span = {own}"
+             say what is right with {say}"
         ))
     }
 }
@@ -304,16 +311,15 @@ mod tests {
         let of = |given, unit, values: &[f64]| {
             Scale { given, limits: None, unit: Some(unit) }.contradiction(&op(values))
         };
-        for (unit, values, other) in [
-            ("%", &[0.41, 0.62][..], "op_span = 1 or "),
-            ("%", &[14_265.0, 14_325.0], ""),
-            ("mA", &[0.0121, 0.0123], "op_span = 0.016 or "),
-            ("mA", &[49.0, 51.8], "op_span = 100 or "),
-            ("A", &[12.1, 12.3], ""),
+        for (unit, values, spans) in [
+            ("%", &[0.41, 0.62][..], "op_span = 1 or op_span = 100"),
+            ("%", &[14_265.0, 14_325.0], "op_span = N, its span from closed to open"),
+            ("mA", &[0.0121, 0.0123], "op_span = 0.016 or op_span = 16"),
+            ("mA", &[49.0, 51.8], "op_span = 100"),
+            ("A", &[12.1, 12.3], "op_span = N, its span from closed to open"),
         ] {
             let said = of(None, unit, values).expect(unit);
-            let own = span_of_unit(unit).expect(unit);
-            assert!(said.ends_with(&format!("say what is right with {other}op_span = {own}")), "{said}");
+            assert!(said.ends_with(&format!("say what is right with {spans}")), "{said}");
         }
         for (unit, values) in
             [("%", &[0.0, 0.0][..]), ("%", &[-5.0, 105.0]), ("mA", &[3.8, 20.5]), ("A", &[0.004, 0.02])]

@@ -51,6 +51,15 @@ fn a_column_that_tells_good_from_bad_is_known_by_what_stands_in_it() {
         let table = of_bytes(&spoilt("Time,OP,PV,PV code\n", words, own), &Options::default());
         assert_left_out(words[1], table, false);
     }
+    for words in [["OK", "BAD"], ["NR", "Bad"]] {
+        let table = of_bytes(&spoilt("Time,OP,PV,PV state\n", words, own), &Options::default());
+        assert_left_out(words[0], table, false);
+    }
+    // A flag that is set where the value is bad.
+    for (header, words) in [("PV_BAD", ["0", "1"]), ("pv questionable", ["False", "True"])] {
+        let header = format!("Time,OP,PV,{header}\n");
+        assert_left_out(&header, of_bytes(&spoilt(&header, words, own), &Options::default()), false);
+    }
     // What is told is looked for in every column.
     let told = Options { good_values: Some("x7".into()), ..Options::default() };
     let table = of_bytes(&spoilt("Time,OP,PV,PV code\n", ["x7", "x9"], own), &told);

@@ -5,7 +5,7 @@ use super::error::TableError;
 use super::layout::{Body, Layout};
 use super::names::Name;
 use super::source::{Cell, Rows};
-use super::words::Words;
+use super::words::{Words, is_bad_flag};
 
 /// A column of quality, and the place of the value it speaks of among the values; `None` where it speaks of the row.
 pub type Quality = (usize, Option<usize>);
@@ -103,9 +103,9 @@ impl Others {
         layout: &Layout,
         told: Option<&[String]>,
     ) -> Result<Vec<(Quality, Words)>, TableError> {
-        let speaks = |other: &Other| {
-            other.words.speak_of_quality() || told.is_some_and(|told| other.words.any_of(told))
-        };
+        let flag = |other: &Other| is_bad_flag(&layout.names[other.at].full) && other.words.are_flags();
+        let by_told = |other: &Other| told.is_some_and(|told| other.words.any_of(told));
+        let speaks = |other: &Other| other.words.speak_of_quality() || flag(other) || by_told(other);
         let found: Vec<Other> = self.0.into_iter().filter(speaks).collect();
         let Body::Wide(wide) = &layout.body else {
             return Ok(found.into_iter().map(|other| ((other.at, None), other.words)).collect());

@@ -337,7 +337,7 @@ impl Counting {
                 "column {} ({}) holds other times than column {} ({}): each tag has its own; save them on common times, or as \
                  rows of tag, time and value",
                 other.column,
-                other.tag.name,
+                if other.tag.name.is_empty() { "no name" } else { &other.tag.name },
                 layout.time + 1,
                 layout.names[layout.time].full
             )))

@@ -53,8 +53,8 @@ impl Words {
         }
     }
 
-    /// Whether they tell good values from others beyond doubt: in words that mean nothing else, most rows, or in the numbers of
-    /// OPC, some of them not good.
+    /// Whether they tell good values from others beyond doubt: in words of which most, or one beside others that may, mean nothing
+    /// else, or in the numbers of OPC, some of them not good.
     pub fn speak_of_quality(&self) -> bool {
         if self.more {
             return false;
@@ -71,7 +71,12 @@ impl Words {
             return da || numbers.iter().all(severe) && zero * 2 > all && zero < all;
         }
         let plain = rows(&|word| UNMISTAKABLE.iter().any(|own| first_word(word).starts_with(own)));
-        plain * 2 > all
+        plain * 2 > all || plain > 0 && self.counts.iter().all(|(word, _)| is_known(word))
+    }
+
+    /// Whether they are all yes or no.
+    pub fn are_flags(&self) -> bool {
+        !self.counts.is_empty() && self.counts.iter().all(|(word, _)| FLAGS.concat().contains(&word.as_str()))
     }
 
     /// Whether any of them is one of these.
@@ -219,6 +224,8 @@ impl Modes {
 pub enum Says {
     /// These are good.
     Told(Vec<String>),
+    /// By a flag that is set where the value is bad.
+    Flag,
     /// In words; whether a blank cell is good, as where only what is bad is written.
     Words(bool),
     /// As OPC DA numbers it: 192 and above is good, 64 to 127 uncertain.
@@ -255,6 +262,18 @@ const BAD: [&str; 16] = [
     "bad", "invalid", "iop", "fail", "failed", "error", "b", "false", "nok", "no", "timeout", "schlecht",
     "mauvais", "mala", "malo", "不良",
 ];
+
+/// Words of a flag that is not set, and of one that is.
+const FLAGS: [[&str; 4]; 2] = [["0", "false", "no", "n"], ["1", "true", "yes", "y"]];
+/// Names of flags that are set where a value is bad.
+const BAD_FLAGS: [&str; 5] = ["bad", "isbad", "questionable", "invalid", "substituted"];
+
+/// Whether a column of this name holds a flag that is set where a value is bad: `PV_BAD`, `Questionable`.
+pub fn is_bad_flag(name: &str) -> bool {
+    let small = name.trim().to_lowercase();
+    let last = small.rsplit(|c: char| !c.is_alphanumeric()).find(|part| !part.is_empty());
+    last.is_some_and(|last| BAD_FLAGS.contains(&last))
+}
 
 /// How words begin that say nothing but how good a value is.
 const UNMISTAKABLE: [&str; 11] = [
@@ -314,6 +333,9 @@ impl Says {
                 |one: &String| one.parse::<f64>().map_or_else(|_| one.clone(), |value| value.to_string());
             return Ok(Some(Says::Told(told.iter().map(same).collect())));
         }
+        if is_bad_flag(name) && words.are_flags() {
+            return Ok(Some(Says::Flag));
+        }
         let doubt = || {
             Err(TableError::refused(format!(
                 "column {name}: it holds {}; say which of them are good with --good-values",
@@ -356,6 +378,8 @@ impl Says {
         match self {
             Says::Told(good) if good.contains(&word) => Quality::Good,
             Says::Told(_) => bad,
+            Says::Flag if FLAGS[1].contains(&word.as_str()) => bad,
+            Says::Flag => Quality::Good,
             Says::OpcDa => match number().map(|n| n & 0xc0) {
                 Some(0xc0) => Quality::Good,
                 Some(0x40) => Quality::Stale,
