@@ -28,7 +28,14 @@ pub fn host_and_port(address: &str) -> Result<(String, u16), &'static str> {
     if address.contains(char::is_whitespace) {
         return Err("there is a blank in it");
     }
-    let (host, port) = address.rsplit_once(':').ok_or("the port is missing")?;
+    let Some((host, port)) = address.rsplit_once(':') else {
+        let comma = address.contains([',', ';']);
+        return Err(if comma {
+            "a colon stands before the port, as in 10.0.0.5:502"
+        } else {
+            "the port is missing"
+        });
+    };
     let bracketed = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
     if bracketed.is_none() && host.contains(':') {
         return Err("an IPv6 address stands in brackets, as in [fe80::1]:502");
@@ -105,6 +112,7 @@ mod tests {
             ("10.0.0.256:502", "IPv4"),
             ("10.0.0.5.1:502", "IPv4"),
             ("10,0,0,5:502", "sign"),
+            ("10.0.0.5,502", "a colon"),
             ("plc?:502", "sign"),
             ("plc..plant:502", "no host"),
             ("0.0.0.0:502", "no machine"),
