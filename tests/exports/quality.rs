@@ -64,6 +64,12 @@ fn a_column_that_tells_good_from_bad_is_known_by_what_stands_in_it() {
     let told = Options { good_values: Some("x7".into()), ..Options::default() };
     let table = of_bytes(&spoilt("Time,OP,PV,PV code\n", ["x7", "x9"], own), &told);
     assert_left_out("told", table, false);
+    // Where a column is known by its name, what is told is not looked for among measurements.
+    let told = Options { good_values: Some("192".into()), ..Options::default() };
+    let with_tag =
+        |t: f64, op: f64, pv: f64, said: &str| format!("{t},{op},{pv},{said},{}\n", 190 + (t as u64) % 3);
+    let table = of_bytes(&spoilt("Time,OP,PV,pv_status,TI5\n", ["192", "0"], with_tag), &told);
+    assert_left_out("measurements", table, false);
     // What is measured is no quality.
     let table = of_bytes(&spoilt("Time,OP,PV,TI5\n", ["192", "193"], own), &Options::default());
     assert!(table.expect("read").record.pv.iter().all(|sample| sample.quality.is_good()));

@@ -46,7 +46,11 @@ struct Other {
 
 /// The columns that are neither times nor roles nor known to speak of quality.
 #[derive(Default)]
-pub struct Others(Vec<Other>);
+pub struct Others {
+    columns: Vec<Other>,
+    /// Whether another column is known by its name to speak of quality.
+    any_known: bool,
+}
 
 impl Others {
     pub fn of(layout: &Layout, known: &[Quality]) -> Self {
@@ -67,12 +71,13 @@ impl Others {
             words: Words::default(),
             times: layout.names[at].is_none().then(|| Channel::new(Tag::default(), None, at + 1)),
         };
-        Self((0..layout.names.len()).filter(|at| !used.contains(at)).map(other).collect())
+        let columns = (0..layout.names.len()).filter(|at| !used.contains(at)).map(other).collect();
+        Self { columns, any_known: !known.is_empty() }
     }
 
     /// Counts a row whose time is `first`.
     pub fn add(&mut self, rows: &dyn Rows, first: &Cell<'_>, line: u64) {
-        for other in &mut self.0 {
+        for other in &mut self.columns {
             let cell = rows.cell(other.at);
             if cell.is_blank() {
                 continue;
@@ -88,7 +93,7 @@ impl Others {
 
     /// Those without a name that hold other times than their rows.
     pub fn times(&self) -> impl Iterator<Item = &Channel> {
-        self.0
+        self.columns
             .iter()
             .filter_map(|other| other.times.as_ref())
             .filter(|times| times.other_times * 2 > times.cells)
@@ -104,9 +109,13 @@ impl Others {
         told: Option<&[String]>,
     ) -> Result<Vec<(Quality, Words)>, TableError> {
         let flag = |other: &Other| is_bad_flag(&layout.names[other.at].full) && other.words.are_flags();
-        let by_told = |other: &Other| told.is_some_and(|told| other.words.any_of(told));
-        let speaks = |other: &Other| other.words.speak_of_quality() || flag(other) || by_told(other);
-        let found: Vec<Other> = self.0.into_iter().filter(speaks).collect();
+        let speaks = |other: &Other| other.words.speak_of_quality() || flag(other);
+        let (mut found, others): (Vec<Other>, Vec<Other>) = self.columns.into_iter().partition(speaks);
+        // Words that somebody tells may stand in columns of measurements, too: one column alone may be meant.
+        if let Some(told) = told.filter(|_| found.is_empty() && !self.any_known) {
+            found = others.into_iter().filter(|other| other.words.any_of(told)).collect();
+            found.truncate(if found.len() == 1 { 1 } else { 0 });
+        }
         let Body::Wide(wide) = &layout.body else {
             return Ok(found.into_iter().map(|other| ((other.at, None), other.words)).collect());
         };
@@ -118,18 +127,17 @@ impl Others {
             values.iter().copied().find(|value| layout.names[*value].owns_quality(of))
         };
         let alone: Vec<usize> = says.iter().copied().filter(|at| by_name(*at).is_none()).collect();
-        let owner = |at: usize| {
-            match by_name(at) {
+        let unknown = |at: usize| {
+            TableError::refused(format!(
+                "column {} ({:?}) tells good from bad, of which value nobody knows; call it such as \"pv_status\"",
+                at + 1,
+                layout.names[at].full
+            ))
+        };
+        let owner = |at: usize| match by_name(at) {
             Some(value) => Ok(Some(value)),
             None if alone.len() == 1 && !layout.names[at].is_none() => Ok(None),
-            None => beside(at, &alone, &values).map(Some).ok_or_else(|| {
-                TableError::refused(format!(
-                    "column {} ({:?}) tells good from bad, of which value nobody knows; call it such as \"pv_status\"",
-                    at + 1,
-                    layout.names[at].full
-                ))
-            }),
-        }
+            None => beside(at, &alone, &values).map(Some).ok_or_else(|| unknown(at)),
         };
         let place = |value: usize| wide.columns.iter().position(|at| *at == value);
         let each = found.into_iter().map(|other| {

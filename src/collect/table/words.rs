@@ -76,18 +76,20 @@ impl Words {
 
     /// Whether they are all yes or no.
     pub fn are_flags(&self) -> bool {
-        !self.counts.is_empty() && self.counts.iter().all(|(word, _)| FLAGS.concat().contains(&word.as_str()))
+        !self.counts.is_empty()
+            && self.counts.iter().all(|(word, _)| FLAGS.as_flattened().contains(&word.as_str()))
     }
 
-    /// Whether any of them is one of these.
+    /// Whether any of them is one of these; measurements, of which there are many, are none.
     pub fn any_of(&self, told: &[String]) -> bool {
-        told.iter().any(|own| {
-            let same = |word: &str| match (own.parse::<f64>(), word.parse::<f64>()) {
-                (Ok(own), Ok(word)) => own == word,
-                _ => own == word,
-            };
-            self.counts.iter().any(|(word, _)| same(word))
-        })
+        !self.more
+            && told.iter().any(|own| {
+                let same = |word: &str| match (own.parse::<f64>(), word.parse::<f64>()) {
+                    (Ok(own), Ok(word)) => own == word,
+                    _ => own == word,
+                };
+                self.counts.iter().any(|(word, _)| same(word))
+            })
     }
 
     /// The numbers among them; `None` where one is none.

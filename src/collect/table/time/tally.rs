@@ -105,8 +105,8 @@ impl Track {
 /// From 1904, when LabVIEW's and the Macintosh's clocks begin, to 1970 (s).
 pub const SINCE_1904: f64 = 2_082_844_800.0;
 /// Ranges of numbers in which a unit of time puts the years 1990 to 2100. Nanoseconds of 1990 are ticks of .NET in our days,
-/// which are likelier, so those come first. Numbers that would be after 2055 as
-/// seconds since 1970 are read as seconds since 1904, which gives 1990 or later.
+/// which are likelier, so those come first.
+/// Numbers that would be after 2055 as seconds since 1970 are read as seconds since 1904, which gives 1990 or later.
 pub const RANGES: [(f64, f64); 7] = {
     const FROM: f64 = 631_152_000.0;
     const TO: f64 = 4_102_444_800.0;
