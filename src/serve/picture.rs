@@ -1,7 +1,7 @@
 //! What is drawn behind a verdict: the stem that the friction implies, the stick-band over PV and OP, and what the
 //! residual looks like: its spectrum and its correlations.
 
-use crate::diagnosis::{Diagnosis, friction, region};
+use crate::diagnosis::{friction, region};
 use crate::results::{Judged, Residuals};
 use crate::signal::Window;
 use crate::sysid::spectrum;
@@ -117,15 +117,20 @@ pub struct Inside {
     pub limit: f64,
 }
 
-/// Spectrum and correlations of the residuals.
-pub fn inside(residuals: &Residuals, diagnosis: &Diagnosis) -> Inside {
+/// Spectrum and correlations of the residuals; `window` as the diagnosis had it.
+pub fn inside(residuals: &Residuals, window: Option<&Window>) -> Inside {
     let e = [residuals.before.values(), residuals.after.values()];
-    let with_op = match diagnosis.shown_window() {
-        Some(window) => [crossed(&e[0], residuals, &window), crossed(&e[1], residuals, &window)],
+    within(&e, [residuals.t0, residuals.ts], window)
+}
+
+/// The same of residuals before and after, which begin at `t0` and have a sample every `ts` (s).
+fn within(e: &[Vec<f64>; 2], [t0, ts]: [f64; 2], window: Option<&Window>) -> Inside {
+    let with_op = match window {
+        Some(window) => [crossed(&e[0], [t0, ts], window), crossed(&e[1], [t0, ts], window)],
         None => [vec![], vec![]],
     };
     let segment = SEGMENT.min(e[0].len());
-    let periods = (1..=segment / 2).map(|k| segment as f64 * residuals.ts / k as f64);
+    let periods = (1..=segment / 2).map(|k| segment as f64 * ts / k as f64);
     Inside {
         period: periods.collect(),
         power: [spectrum(&e[0], segment), spectrum(&e[1], segment)],
@@ -136,9 +141,9 @@ pub fn inside(residuals: &Residuals, diagnosis: &Diagnosis) -> Inside {
 }
 
 /// The residual against past OP over the samples that both have.
-fn crossed(e: &[f64], residuals: &Residuals, window: &Window) -> Vec<f64> {
-    let ahead = (window.t0 - residuals.t0) / residuals.ts;
-    if !(ahead.is_finite() && (window.ts / residuals.ts - 1.0).abs() < 1e-6) {
+fn crossed(e: &[f64], [t0, ts]: [f64; 2], window: &Window) -> Vec<f64> {
+    let ahead = (window.t0 - t0) / ts;
+    if !(ahead.is_finite() && (window.ts / ts - 1.0).abs() < 1e-6) {
         return Vec::new();
     }
     let ahead = ahead.round();
@@ -197,7 +202,6 @@ fn spectrum(e: &[f64], segment: usize) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnosis::packed::Packed;
 
     #[test]
     fn the_stem_of_friction_stands_on_a_reversal_until_op_came_back_by_2f() {
@@ -236,17 +240,14 @@ mod tests {
     #[test]
     fn a_line_in_the_residual_stands_at_its_period_and_its_power() {
         let wave = |k: usize| 2.0 * (2.0 * std::f64::consts::PI * k as f64 / 32.0).sin();
-        let before = Packed::new(&(0..1024).map(wave).collect::<Vec<_>>());
-        let after = Packed::new(&[0.0; 1024]);
-        let residuals = Residuals { t0: 0.0, ts: 2.0, split: 700, after, before };
-        let found = inside(&residuals, &crate::diagnosis::diagnose(&Default::default(), &Default::default()));
+        let found = within(&[(0..1024).map(wave).collect(), vec![0.0; 1024]], [0.0, 2.0], None);
         let at = (0..found.period.len()).max_by(|a, b| found.power[0][*a].total_cmp(&found.power[0][*b]));
         assert_eq!(found.period[at.expect("a spectrum")], 64.0);
-        // A sine of height 2 has variance 2; the Hann window spreads it over three bins, exactly. Packed it has 65,535 levels.
-        assert!((found.power[0].iter().sum::<f64>() - 2.0).abs() < 1e-4);
+        // A sine of height 2 has variance 2; the Hann window spreads it over three bins, exactly.
+        assert!((found.power[0].iter().sum::<f64>() - 2.0).abs() < 1e-6);
         assert!(found.power[1].iter().all(|p| *p == 0.0));
         // Half a period later it is its own opposite; the sum has 16 terms fewer than the variance.
-        assert!((found.with_itself[0][15] + 1008.0 / 1024.0).abs() < 1e-4, "{:?}", found.with_itself[0]);
+        assert!((found.with_itself[0][15] + 1008.0 / 1024.0).abs() < 1e-6, "{:?}", found.with_itself[0]);
         assert!(found.with_op[0].is_empty(), "there is no window to compare with");
     }
 }

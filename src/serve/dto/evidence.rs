@@ -5,6 +5,7 @@ use super::{finite, rfc3339};
 use crate::results::{Known, Residuals, Run};
 use crate::serve::picture::{self, Band};
 use crate::serve::words;
+use crate::signal::Window;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -165,7 +166,7 @@ impl LoopEvidence {
                 stem: stem.as_deref().map(column),
             }),
             band: window.zip(band).map(|(window, band)| EvidenceBand::new(&band, &window.pv)),
-            residual: residual.map(|residual| EvidenceResidual::new(residual, &judged.diagnosis)),
+            residual: residual.map(|residual| EvidenceResidual::new(residual, window)),
             ..Self::said(Report::of(run)?, run.finished)
         })
     }
@@ -200,8 +201,8 @@ impl EvidenceBand {
 }
 
 impl EvidenceResidual {
-    fn new(residual: &Residuals, diagnosis: &crate::diagnosis::Diagnosis) -> Self {
-        let inside = picture::inside(residual, diagnosis);
+    fn new(residual: &Residuals, window: Option<&Window>) -> Self {
+        let inside = picture::inside(residual, window);
         Self {
             start: rfc3339(residual.t0),
             ts_s: finite(residual.ts),
