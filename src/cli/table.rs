@@ -39,7 +39,7 @@ pub struct TableArgs {
     /// Time zone of times without an offset: Europe/Berlin, +02:00 [default: UTC]
     #[arg(long, value_name = "ZONE", allow_hyphen_values = true)]
     tz: Option<String>,
-    /// What times as numbers count: s, ms, us, ns, min, h, days of a spreadsheet, s1904 (LabVIEW), ticks (.NET) or datenum (MATLAB)
+    /// What times as numbers count: s, ms, us, ns, min, h, days of a spreadsheet, s1904 (LabVIEW), ticks (.NET), datenum (MATLAB) or mjd (modified Julian days)
     #[arg(long, value_name = "UNIT")]
     time_unit: Option<String>,
     /// How text is encoded: utf-8, windows-1250, shift_jis, gb18030 [default: guessed]

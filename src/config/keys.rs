@@ -80,6 +80,11 @@ impl Keys {
         if let Some(meant) = in_other_words(key, &known) {
             return format!("unknown key {key:?} in {table}{meant}");
         }
+        if table == "[tables]" {
+            return format!(
+                "unknown key {key:?} in [tables]: how files are read stands in [tables.defaults]"
+            );
+        }
         let hint = match known.contains(&"register") && known.contains(&"topic") {
             true => tag::hint(key, &beside, &known, table.starts_with("[[")),
             false => wording::hint(key, &known),
@@ -143,4 +148,59 @@ pub fn is_in_unknown(source: &Source, sections: &[&str], section: &str, key: &st
         let holds = value.get_ref().as_table().is_some_and(|table| table.contains_key(key));
         misspelt && holds || name.get_ref() == key && value.get_ref().is_table()
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::parse;
+
+    /// A device and a loop, with some text put in place of other.
+    fn errors(changes: &[(&str, &str)]) -> Vec<String> {
+        let mut text = "[[modbus]]\nname = 'd'\naddress = '10.0.0.5:502'\naddress_base = 0\n\
+                        [[loop]]\nid = 'A'\nop_limits = [0.0, 100.0]\n\
+                        [loop.op]\ndevice = 'd'\nregister = 'holding'\naddress = 100\ntype = 'f32'\n\
+                        [loop.pv]\ndevice = 'd'\nregister = 'holding'\naddress = 102\ntype = 'f32'\n"
+            .to_string();
+        for (from, to) in changes {
+            assert!(text.contains(from), "{from}");
+            text = text.replacen(from, to, 1);
+        }
+        parse("f", &text).err().unwrap_or_default().iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn a_value_of_the_wrong_kind_is_told_as_it_should_be() {
+        assert_eq!(errors(&[]), [""; 0]);
+        let cases = [
+            (
+                ("address = 100", "address = '0x64'"),
+                "f:11:11: address: a number without quotes is expected, write address = 0x64",
+            ),
+            (
+                ("op_limits", "candidates = 'X'\nop_limits"),
+                "f:7:14: candidates: \"X\" is one name: expected \"auto\" or a list of names",
+            ),
+            (("op_limits", "mode = 'AUTO'\nop_limits"), "f:7:8: mode: a tag is expected: write [loop.mode]"),
+            (
+                ("address_base", "poll_ms = 1\naddress_base"),
+                "f:4:11: poll_ms: 1 is shorter than timeout_ms = 500",
+            ),
+            (
+                ("[[loop]]", "[tables]\nauto_values = [1]\n[[loop]]"),
+                "f:6:1: unknown key \"auto_values\" in [tables]: how files are read stands in [tables.defaults]",
+            ),
+        ];
+        for (change, expected) in &cases {
+            let found = errors(&[*change]);
+            assert!(found.len() == 1 && found[0].starts_with(expected), "{expected}: {found:#?}");
+        }
+        let limits = errors(&[("[0.0, 100.0]", "[4.0, 20.0]"), ("[loop.op]", "[loop.op]\nunit = '%'")]);
+        assert!(limits.len() == 1 && limits[0].contains("op_span = 16 or op_span = 100"), "{limits:#?}");
+        let none = errors(&[("[[modbus]]\nname = 'd'\naddress = '10.0.0.5:502'\naddress_base = 0\n", "")]);
+        assert!(none.len() == 1 && none[0].contains("such as [[modbus]] with name = \"d\""), "{none:#?}");
+        let mail = "[[notify.smtp]]\nname = 'm'\naddress = '127.0.0.1:25'\nsecurity = 'none'\nfrom = 'a@b.example'\n\
+                    to = ['a@b.example; c@d.example']\n[[loop]]";
+        let mail = errors(&[("[[loop]]", mail)]);
+        assert!(mail.len() == 1 && mail[0].ends_with("to = [\"a@b.example\", \"c@d.example\"]"), "{mail:#?}");
+    }
 }

@@ -33,7 +33,8 @@ impl<'de> Deserialize<'de> for Candidates {
                 if word == "auto" {
                     Ok(Candidates::Auto)
                 } else {
-                    Err(E::invalid_value(serde::de::Unexpected::Str(word), &self))
+                    let wanted = "expected \"auto\" or a list of names like \"FIC203.pv\"";
+                    Err(E::custom(format!("{word:?} is one name: {wanted}, candidates = [{word:?}]")))
                 }
             }
 

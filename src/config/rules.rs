@@ -365,7 +365,12 @@ impl Rules<'_, '_, '_> {
         names.sort_unstable();
         for (device, places) in std::mem::take(&mut self.unknown) {
             let Some((first, others)) = places.split_first() else { continue };
-            let hint = super::wording::hint(&device, &names);
+            let hint = match names.is_empty() {
+                true => {
+                    format!(": write the section of the device, such as [[modbus]] with name = {device:?}")
+                }
+                false => super::wording::hint(&device, &names),
+            };
             let others = match others.len() {
                 0 => String::new(),
                 1 => " (1 more tag names it)".into(),

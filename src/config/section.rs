@@ -338,9 +338,14 @@ fn offending<T: DeserializeOwned>(
         return fill(table, &key, filler + 1, word, &mut { before });
     }
     table.remove(key.as_str());
-    let said = match message.starts_with("unknown field") {
-        true => keys.unknown::<T>((message, &key), (path, &below), value),
-        false => wording::of_entry(message, &key),
+    let is_tag =
+        ROLES.contains(&key.as_str()) && below.is_empty() && message.starts_with("invalid type: string");
+    let said = if message.starts_with("unknown field") {
+        keys.unknown::<T>((message, &key), (path, &below), value)
+    } else if is_tag {
+        format!("{key}: a tag is expected: write [loop.{key}] and below it where its values are read from")
+    } else {
+        wording::of_entry(message, &key)
     };
     report.at(span.start, said);
     true

@@ -60,6 +60,10 @@ pub fn faults(text: &str, found: impl Iterator<Item = (usize, String)>) -> Vec<F
 fn said(text: &str, at: usize, message: &str) -> String {
     let line = line(text, at);
     let value = line.split_once('=').map_or("", |(_, value)| value.trim());
+    let begin = line.trim_start();
+    if begin.starts_with("//") || begin.starts_with(';') || value.contains(" //") {
+        return "a remark begins with #, not with // or ;".into();
+    }
     if decimal_comma(text, at) {
         let thousands = value.split_once(',').is_some_and(|(_, rest)| rest.trim().len() == 3);
         return match thousands {
@@ -86,15 +90,12 @@ fn said(text: &str, at: usize, message: &str) -> String {
         "invalid basic string" | "invalid literal string" => {
             "a text that is not closed: its last quote is missing".into()
         }
-        "string values must be quoted"
-            if value.starts_with(|c: char| c.is_ascii_digit()) && !value.contains(" //") =>
-        {
+        "string values must be quoted" if value.starts_with(|c: char| c.is_ascii_digit()) => {
             "a number stands alone: leave out the unit behind it, or write a text in quotes".into()
         }
-        "string values must be quoted" | "invalid boolean" => match value.contains(" //") {
-            true => "a remark begins with #, not with //".into(),
-            false => "a text stands in quotes, \"…\"; only numbers, true and false do not".into(),
-        },
+        "string values must be quoted" | "invalid boolean" => {
+            "a text stands in quotes, \"…\"; only numbers, true and false do not".into()
+        }
         "key with no value" if line.contains(": ") || line.trim_end().ends_with(':') => {
             "this looks like YAML: a configuration is TOML, such as config/stictiond.toml".into()
         }
@@ -123,6 +124,13 @@ fn of_value(key: &str, value: &str) -> Option<String> {
     }
     if let Some(rest) = value.strip_prefix(['−', '–', '—']) {
         return Some(format!("a dash in place of the minus sign: write {key} = -{rest}"));
+    }
+    let without_zeros = value.trim_start_matches('0');
+    if without_zeros.len() < value.len()
+        && without_zeros.starts_with(|c: char| c.is_ascii_digit() && c != '0')
+        && without_zeros.bytes().all(|byte| byte.is_ascii_digit())
+    {
+        return Some(format!("a number does not begin with 0: write {key} = {without_zeros}"));
     }
     let of_address = |c: char| c.is_ascii_digit() || c == '.' || c == ':';
     if value.chars().all(of_address) && (value.contains(':') || value.matches('.').count() == 3) {
@@ -250,6 +258,9 @@ mod tests {
             ("[[loop]]\nid = “FIC101”\n", "f:2:6: typographic quotes"),
             ("[[loop]]\nid = \"FIC101\n", "a text that is not closed"),
             ("[[loop]]\nid = \"A\"\nop_span = 100.0 // per cent\n", "a remark begins with #"),
+            ("// the loops\n[[loop]]\nid = \"A\"\n", "a remark begins with #, not with // or ;"),
+            ("; the loops\n[[loop]]\nid = \"A\"\n", "a remark begins with #, not with // or ;"),
+            ("[loop.op]\naddress = 0100\n", "a number does not begin with 0: write address = 100"),
             ("[store]\nfolder = \"C:\\stictiond\\store\"\n", "write the text as '…', or a path with /"),
             ("{\"loop\": [{\"id\": \"A\"}]}\n", "f:1:1: this is JSON"),
             ("loop:\n  - id: A\n    op: 1\n", "this looks like YAML"),

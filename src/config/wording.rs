@@ -47,6 +47,9 @@ pub fn of_entry(message: &str, key: &str) -> String {
              1 or 40001"
         );
     }
+    if let Some(number) = hexadecimal(message) {
+        return format!("{key}: a number without quotes is expected, write {key} = {number}");
+    }
     if let Some(list) = list_of_one(message) {
         return format!("{key}: a list is expected, write {key} = [{list}]");
     }
@@ -143,6 +146,14 @@ fn quoted_number(message: &str) -> Option<String> {
         (false, _) if expected == "f64" => Some(text.trim().to_string()),
         _ => None,
     }
+}
+
+/// `invalid type: string "0x64", expected u16`: the number as TOML has it.
+fn hexadecimal(message: &str) -> Option<&str> {
+    let (text, expected) = message.strip_prefix("invalid type: string \"")?.split_once("\", expected ")?;
+    let digits = text.trim().strip_prefix("0x")?;
+    let is_number = expected.starts_with(['u', 'i']) && !digits.is_empty();
+    (is_number && digits.bytes().all(|byte| byte.is_ascii_hexdigit())).then(|| text.trim())
 }
 
 /// `invalid value: integer `40001`, expected u8`: the number.

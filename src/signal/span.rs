@@ -132,17 +132,24 @@ impl Scale<'_> {
 
     /// What contradicts OP's unit where no span is given.
     fn unit_contradicted(&self, limits: Option<(f64, f64)>, op: &[Sample]) -> Option<String> {
-        if limits.and_then(usual).is_some() {
-            return None;
-        }
         let unit = self.unit?;
         let own = span_of_unit(unit)?;
-        if let Some((low, high)) = limits.filter(|(low, high)| apart(high - low, own)) {
+        let of_limits = limits.and_then(usual);
+        // [4, 20] in per cent: milliamperes, or a controller that keeps OP from both of its ends. Limits beyond the unit's span
+        // are right where the unit cannot be.
+        let other = |(low, high): &(f64, f64)| match of_limits {
+            Some(span) => *low > 0.0 && span < own,
+            None => apart(high - low, own),
+        };
+        if let Some((low, high)) = limits.filter(other) {
             return Some(format!(
                 "op_limits = [{low}, {high}] contradict OP's unit {unit:?}, in which the span is {own}; \
                  both are in OP's own unit: say what is right with op_span = {} or op_span = {own}",
-                high - low
+                of_limits.unwrap_or(high - low)
             ));
+        }
+        if of_limits.is_some() {
+            return None;
         }
         let (least, most) = extent(op).filter(|_| !fits(own, op))?;
         // Values far beyond the unit's span cannot be in it, those within a smaller one may.
@@ -302,6 +309,8 @@ mod tests {
         assert_eq!(of(Some(100.0), Some((-5.0, 105.0)), Some("%"), &[51.0]), None);
         assert!(of(Some(100.0), Some((0.0, 150.0)), None, &[]).is_some());
         assert_eq!(of(None, Some((0.0, 100.0)), Some("mA"), &[]), None);
+        let said = of(None, Some((4.0, 20.0)), Some("%"), &[]).expect("milliamperes");
+        assert!(said.ends_with("say what is right with op_span = 16 or op_span = 100"), "{said}");
         let said = of(None, Some((0.0, 32_767.0)), Some("%"), &[]).expect("counts");
         assert!(said.ends_with("say what is right with op_span = 32767 or op_span = 100"), "{said}");
     }

@@ -282,6 +282,19 @@ fn dates_with_points_and_two_digits_of_the_year_begin_with_the_day_unless_told()
 }
 
 #[test]
+fn modified_julian_days_are_asked_for_as_a_spreadsheet_would_put_them_after_2051() {
+    let example = example();
+    let days = rows(&example, ',', |t| format!("{:.9}", t / 86_400.0 + 40_587.0));
+    let said = read("Time,OP,PV", &days, &Options::default()).expect_err("a doubt");
+    assert!(said.contains("2051 or later, or modified Julian days; say --time-unit"), "{said}");
+    let told = Options { time_unit: Some("mjd".into()), ..Options::default() };
+    let table = read("Time,OP,PV", &days, &told).expect("told");
+    assert!(bits(&table.record) == bits(&example));
+    let off = table.record.op.iter().zip(&example.op).map(|(a, b)| (a.t - BEGIN as f64 - b.t).abs());
+    assert!(off.fold(0.0, f64::max) < 2e-3);
+}
+
+#[test]
 fn minutes_since_1970_are_no_seconds_and_days_cut_to_four_decimals_are_spread() {
     let example = example();
     let minutes = rows(&example, ',', |t| format!("{:.4}", t / 60.0));

@@ -170,3 +170,67 @@ fn the_hour_that_comes_twice_is_known_by_the_zone_in_either_direction() {
         assert!((most - least - lasts).abs() < 2.0, "{} {lasts}", most - least);
     }
 }
+
+#[test]
+fn a_row_of_loops_above_the_header_belongs_to_it() {
+    let example = example();
+    let two = |name: &str| {
+        let other = |row: &String| {
+            let cells: Vec<&str> = row.split(',').collect();
+            format!("{row},{},{}", 100.0 - cells[1].parse::<f64>().expect("OP"), cells[2])
+        };
+        let header = match name {
+            "merged" => ",FIC101,,FIC102,\nTime,OP,PV,OP,PV",
+            "repeated" => ",FIC101,FIC101,FIC102,FIC102\nTime,OP,PV,OP,PV",
+            "pandas" => ",FIC101,FIC101,FIC102,FIC102\n,OP,PV,OP,PV\nTime,,,,",
+            _ => "Time,\"('FIC101', 'OP')\",\"('FIC101', 'PV')\",\"('FIC102', 'OP')\",\"('FIC102', 'PV')\"",
+        };
+        (header, rows(&example, ',', civil_of).iter().map(other).collect::<Vec<_>>())
+    };
+    for name in ["merged", "repeated", "pandas", "tuples"] {
+        let (header, rows) = two(name);
+        refused(read(header, &rows, &Options::default()), "may each be op; say which with --op NAME");
+        let of = |id: &str| Options { of_loop: Some(id.into()), ..Options::default() };
+        let table = read(header, &rows, &of("FIC101")).expect(name);
+        assert!(bits(&table.record) == bits(&example), "{name}: {}", table.found.read_as);
+        let other = read(header, &rows, &of("FIC102")).expect(name);
+        assert_eq!(other.record.op[0].value, 100.0 - example.op[0].value, "{name}");
+    }
+}
+
+#[test]
+fn labview_says_where_its_properties_end() {
+    let example = example();
+    let rows = rows(&example, '\t', |t| format!("{:.6}", t - BEGIN as f64));
+    let header = "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDate\t2026/06/01\nTime\t06:00:00.0\n\
+                  ***End_of_Header***\t\n\t\nChannels\t2\t\t\nDate\t2026/06/01\t2026/06/01\t\nTime\t06:00:00\t06:00:00\t\n\
+                  X_Dimension\tTime\tTime\t\nX0\t0.0E+0\t0.0E+0\t\nDelta_X\t2.0\t2.0\t\n***End_of_Header***\t\t\t\n\
+                  X_Value\tOP\tPV\tComment";
+    let table = read(header, &rows, &Options::default()).expect("read");
+    assert!(bits(&table.record) == bits(&example), "{}", table.found.read_as);
+}
+
+#[test]
+fn what_helps_is_said_where_a_form_is_not_read() {
+    let example = example();
+    let plain = Options::default();
+    let compact = rows(&example, ',', |t| written("%y%m%d%H%M%S", t));
+    refused(read("Time,OP,PV", &compact, &plain), "--time-format, such as %y%m%d%H%M%S");
+    let told = Options { time_format: Some("%y%m%d%H%M%S".into()), ..Options::default() };
+    assert!(bits(&read("Time,OP,PV", &compact, &told).expect("told").record) == bits(&example));
+    let dates = rows(&example, ',', |t| written("%Y-%m-%d", t));
+    refused(read("Date,OP,PV", &dates, &plain), "dates without a time of day");
+    let quoted: Vec<String> = rows(&example, ',', civil_of).iter().map(|row| format!("\"{row}\"")).collect();
+    refused(read("\"Time,OP,PV\"", &quoted, &plain), "each line stands in quotes as a whole");
+    // A value that stands for none is left out and says nothing of the decimal sign.
+    let mut none = rows(&example, ',', civil_of);
+    let at = none[7].rfind(',').expect("PV") + 1;
+    none[7].replace_range(at.., "1E+30");
+    let table = read("Time,OP,PV", &none, &plain).expect("read");
+    assert_eq!(table.record.pv.len(), example.pv.len());
+}
+
+/// `2026-06-01 06:00:02`.
+fn civil_of(t: f64) -> String {
+    written("%Y-%m-%d %H:%M:%S", t)
+}

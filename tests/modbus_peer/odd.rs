@@ -4,15 +4,26 @@ use super::peers::{Server, Watch, checked, device, patient, plan, truth_tag};
 use super::{all_bad, all_good};
 use std::io::Write;
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 use stictiond::signal::BadReason;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
+use tokio::time::timeout;
 
 /// What becomes of an answer, by the number of the request since the start.
 type Change = fn(usize, &mut Vec<u8>);
 
-/// A proxy that changes every answer of the server; `close` after each.
-async fn odd(server: u16, close: bool, change: Change) -> u16 {
+/// When the proxy closes a connection.
+#[derive(Clone, Copy)]
+enum Closes {
+    Never,
+    AfterEachAnswer,
+    /// Once no request has come for so long.
+    Idle(Duration),
+}
+
+/// A proxy that changes every answer of the server.
+async fn odd(server: u16, closes: Closes, change: Change) -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
     tokio::spawn(async move {
@@ -20,7 +31,11 @@ async fn odd(server: u16, close: bool, change: Change) -> u16 {
         while let Ok((mut client, _)) = listener.accept().await {
             let mut upstream = TcpStream::connect(("127.0.0.1", server)).await.unwrap();
             let (mut request, mut head) = ([0u8; 12], [0u8; 6]);
-            while client.read_exact(&mut request).await.is_ok() {
+            let idle = match closes {
+                Closes::Idle(time) => time,
+                _ => Duration::MAX,
+            };
+            while let Ok(Ok(_)) = timeout(idle, client.read_exact(&mut request)).await {
                 upstream.write_all(&request).await.unwrap();
                 upstream.read_exact(&mut head).await.unwrap();
                 let mut answer = head.to_vec();
@@ -28,7 +43,8 @@ async fn odd(server: u16, close: bool, change: Change) -> u16 {
                 upstream.read_exact(&mut answer[6..]).await.unwrap();
                 change(number, &mut answer);
                 number += 1;
-                if client.write_all(&answer).await.is_err() || close {
+                let sent = client.write_all(&answer).await;
+                if sent.is_err() || matches!(closes, Closes::AfterEachAnswer) {
                     break;
                 }
             }
@@ -92,7 +108,7 @@ async fn a_gateway_with_heads_of_its_own_is_named_with_the_option_and_read_by_it
     let server = Server::start(0, 1).await;
     for (change, option, said) in cases {
         let (log, _guard) = Log::start();
-        let port = odd(server.port, false, change).await;
+        let port = odd(server.port, Closes::Never, change).await;
         let mut refused = watch(port, "");
         refused.until("refused", |poll| all_bad(poll, BadReason::LinkDown)).await;
         refused.stop().await;
@@ -108,7 +124,7 @@ async fn a_gateway_with_heads_of_its_own_is_named_with_the_option_and_read_by_it
         taken.stop().await;
     }
     // Another device's answer is none of ours, whatever is tolerated.
-    let port = odd(server.port, false, |_, answer| answer[6] = 9).await;
+    let port = odd(server.port, Closes::Never, |_, answer| answer[6] = 9).await;
     let mut other = watch(port, "tolerate = [\"transaction_id\", \"unit_id\"]");
     for _ in 0..5 {
         assert!(all_bad(&other.poll().await, BadReason::LinkDown));
@@ -120,7 +136,7 @@ async fn a_gateway_with_heads_of_its_own_is_named_with_the_option_and_read_by_it
 async fn a_device_that_closes_after_each_answer_costs_no_sample_and_no_warning() {
     let (log, _guard) = Log::start();
     let server = Server::start(0, 1).await;
-    let port = odd(server.port, true, |_, _| {}).await;
+    let port = odd(server.port, Closes::AfterEachAnswer, |_, _| {}).await;
     let mut watch = watch(port, "");
     let mut polls = Vec::new();
     for _ in 0..30 {
@@ -136,6 +152,26 @@ async fn a_device_that_closes_after_each_answer_costs_no_sample_and_no_warning()
 }
 
 #[tokio::test]
+async fn a_device_that_closes_when_idle_costs_no_sample_and_no_warning() {
+    let (log, _guard) = Log::start();
+    let server = Server::start(0, 1).await;
+    // Shorter than the time between two polls, so that each begins on a connection that is closed or about to be.
+    let port = odd(server.port, Closes::Idle(Duration::from_millis(30)), |_, _| {}).await;
+    let mut watch = watch(port, "");
+    let mut polls = Vec::new();
+    for _ in 0..30 {
+        polls.push(watch.poll().await);
+    }
+    assert!(polls.iter().all(|poll| all_good(poll)), "{:?}", polls.iter().find(|poll| !all_good(poll)));
+    checked(&polls, &ADDRESSES);
+    let health = watch.health.snapshot();
+    assert!(health.reconnects >= 15, "it was idle before most polls: {health:?}");
+    assert_eq!((health.link_errors, health.timeouts), (0, 0));
+    assert_eq!(log.warnings(), [""; 0]);
+    watch.stop().await;
+}
+
+#[tokio::test]
 async fn a_device_that_is_busy_is_asked_once_more_within_the_poll() {
     let server = Server::start(0, 1).await;
     let busy: Change = |number, answer| {
@@ -145,7 +181,7 @@ async fn a_device_that_is_busy_is_asked_once_more_within_the_poll() {
             (answer[5], answer[7], answer[8]) = (3, answer[7] | 0x80, if number % 2 == 0 { 5 } else { 6 });
         }
     };
-    let port = odd(server.port, false, busy).await;
+    let port = odd(server.port, Closes::Never, busy).await;
     let config = device(port, "poll_ms = 400\ntimeout_ms = 200\nmax_gap = 0");
     let mut watch = Watch::start(patient(plan(&config, &ADDRESSES.map(truth_tag))));
     let mut polls = Vec::new();
@@ -161,7 +197,7 @@ async fn a_device_that_is_busy_is_asked_once_more_within_the_poll() {
         answer.truncate(9);
         (answer[5], answer[7], answer[8]) = (3, answer[7] | 0x80, 6);
     };
-    let port = odd(server.port, false, always).await;
+    let port = odd(server.port, Closes::Never, always).await;
     let config = device(port, "poll_ms = 400\ntimeout_ms = 200\nmax_gap = 0");
     let mut watch = Watch::start(patient(plan(&config, &ADDRESSES.map(truth_tag))));
     for _ in 0..2 {

@@ -319,12 +319,21 @@ impl Config {
         issues.unless(self.poll_ms >= 1, "poll_ms", || "must be at least 1".into());
         issues.unless(self.poll_ms <= 86_400_000, "poll_ms", || "must be at most a day, 86400000".into());
         issues.unless(self.timeout_ms >= 1, "timeout_ms", || "must be at least 1".into());
-        issues.unless(self.poll_ms == 0 || self.timeout_ms <= self.poll_ms, "timeout_ms", || {
-            format!(
-                "{} is longer than poll_ms = {}: one lost answer would cost the next poll",
-                self.timeout_ms, self.poll_ms
-            )
-        });
+        if self.poll_ms > 0 && self.timeout_ms > self.poll_ms {
+            let (timeout, poll) = (self.timeout_ms, self.poll_ms);
+            let why = "one lost answer would cost the next poll";
+            // The default stands in no file, so what the file may have is told.
+            let (field, message) = match timeout == default_timeout_ms() {
+                true => (
+                    "poll_ms",
+                    format!(
+                        "{poll} is shorter than timeout_ms = {timeout}: {why}; poll more slowly, or write a shorter timeout_ms"
+                    ),
+                ),
+                false => ("timeout_ms", format!("{timeout} is longer than poll_ms = {poll}: {why}")),
+            };
+            issues.unless(false, field, || message);
+        }
         issues.unless((1..=86_400_000).contains(&self.reconnect_max_ms), "reconnect_max_ms", || {
             "must be 1 to 86400000".into()
         });

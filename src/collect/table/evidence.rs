@@ -51,6 +51,8 @@ impl Evidence {
     pub fn add(&mut self, number: &Number<'_>, line: u64, column: &str, cell: &str) {
         let place = || Place::new(line, column, cell);
         let proved = match number.form {
+            // `1E+30`: an exponent is no sign of whole numbers.
+            Form::Plain if number.has_exponent() => return,
             Form::Plain => {
                 self.whole += u64::from(number.value(Decimal::Point) != Some(0.0));
                 return;

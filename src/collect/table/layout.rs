@@ -8,6 +8,7 @@ use super::roles::{Roles, Trouble, roles, told};
 use super::source::{Cell, Rows};
 use super::time::{What, WhatKind};
 use super::time_columns::{millis, times};
+use std::collections::BTreeSet;
 
 /// Most columns of a table.
 const MAX_COLUMNS: usize = 1 << 12;
@@ -120,10 +121,13 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
     let comment = |row: &[Seen]| row.first().is_some_and(|cell| cell.text.trim_start().starts_with('#'));
     let mut best: Option<(usize, usize)> = None;
     let mut refused = None;
+    // LabVIEW writes properties above the header, times among them, and says where they end.
+    let ends = |row: &[Seen]| row.first().is_some_and(|cell| cell.text.trim() == "***End_of_Header***");
+    let from = rows.iter().take(PREAMBLE).rposition(|(_, row)| ends(row)).map_or(0, |at| at + 1);
     // The second time a comment may be the header: `# t, op, pv`. The third time the table has none, and its columns are told by
     // number: then the first sample stands in its place.
     for (comments, bare) in [(false, false), (true, false), (false, true)] {
-        for (at, (line, row)) in rows.iter().enumerate().take(PREAMBLE) {
+        for (at, (line, row)) in rows.iter().enumerate().take(PREAMBLE).skip(from) {
             if comment(row) != comments || is_sample(row, options) != bare {
                 continue;
             }
@@ -135,7 +139,14 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
             if best.is_none_or(|(most, _)| known > most) {
                 best = Some((known, at));
             }
-            match header(names, &rows[at + usize::from(!bare)..], options) {
+            let below = &rows[at + usize::from(!bare)..];
+            let found = match (header(names, below, options), at.checked_sub(1)) {
+                // Two columns for OP: the row above may say of which loop each is.
+                (Err(Trouble::Refused(error)), Some(above)) if !bare => under_loops(&rows[above].1, row)
+                    .map_or(Err(Trouble::Refused(error)), |names| header(names, below, options)),
+                (found, _) => found,
+            };
+            match found {
                 // A sample is no header, though columns may be told by their numbers.
                 Ok(layout) if !bare && is_time(row, layout.time) => {}
                 Ok(mut layout) => {
@@ -183,6 +194,25 @@ fn named(header: &[Seen], below: &[SeenRow]) -> Vec<Name> {
     let is_r = first.len() == R_ROWS && first.iter().enumerate().all(numbered);
     let names = header.iter().map(|cell| Name::new(&cell.text));
     is_r.then(|| Name::new("")).into_iter().chain(names).collect()
+}
+
+/// The names of a header below a row of loops, `FIC101.OP`; a cell that is merged over several columns names the first of them.
+/// `None` where the row above does not name two.
+fn under_loops(above: &[Seen], header: &[Seen]) -> Option<Vec<Name>> {
+    fn text(cell: &Seen) -> Option<&str> {
+        (cell.kind == WhatKind::Nothing).then_some(cell.text.trim())
+    }
+    let (mut loops, mut owner) = (BTreeSet::new(), None);
+    let name = |(at, cell): (usize, &Seen)| {
+        owner = above.get(at).and_then(text).or(owner);
+        loops.extend(owner);
+        match owner {
+            Some(owner) if cell.kind != WhatKind::Blank => Name::new(&format!("{owner}.{}", cell.text)),
+            _ => Name::new(&cell.text),
+        }
+    };
+    let names = header.iter().enumerate().map(name).collect();
+    (loops.len() > 1).then_some(names)
 }
 
 /// Whether a row has a time where the option says, by number, that times stand.

@@ -16,6 +16,7 @@
 mod calendar;
 mod channel;
 mod delimited;
+mod dialect;
 mod error;
 mod evidence;
 mod found;

@@ -53,6 +53,7 @@ const TIME: &[&str] = &[
     "elapsed",
     "elapsed time",
     "datenum",
+    "x value",
     "ticks",
     "hora",
     "fecha",
@@ -245,7 +246,11 @@ pub struct Said {
 impl Name {
     /// Takes a cell of a header apart.
     pub fn new(cell: &str) -> Self {
-        let full = super::number::bare(cell).trim_matches(['"', '\'']).trim().to_string();
+        let mut full = super::number::bare(cell).trim_matches(['"', '\'']).trim().to_string();
+        // pandas writes names of several levels so: `('FIC101', 'OP')`.
+        if let Some(levels) = full.strip_prefix("('").and_then(|rest| rest.strip_suffix("')")) {
+            full = levels.split("', '").collect::<Vec<_>>().join(".");
+        }
         let bare = full.trim_start_matches('#').trim();
         let (bare, unit) = split_unit(bare);
         Self { plain: plain(bare), unit: unit.map(str::to_string), full }
@@ -434,6 +439,7 @@ mod tests {
             ("FIC101/PID1/MODE.ACTUAL", "mode", "fic101 pid1"),
             ("FIC101:PV [m3/h]", "pv", "fic101"),
             ("FIC101_PV", "pv", "fic101"),
+            ("('FIC101', 'PV')", "pv", "fic101"),
             ("\\\\SERVER\\FIC101.PV", "pv", "server fic101"),
             ("FIC101 OP %", "op", "fic101"),
             ("CV", "op", ""),

@@ -205,6 +205,11 @@ fn form(text: &str) -> Option<Form> {
 }
 
 impl Number<'_> {
+    /// Whether it is written with one.
+    pub fn has_exponent(&self) -> bool {
+        self.text.contains(['e', 'E', 'd', 'D'])
+    }
+
     /// Its value under a decimal sign; `None` where it is not written so, or is not finite.
     pub fn value(&self, decimal: Decimal) -> Option<f64> {
         let fits = match self.form {

@@ -97,6 +97,8 @@ pub enum Unit {
     Ticks,
     /// Days since the year 0, as MATLAB counts.
     DateNum,
+    /// Days since 1858-11-17, as astronomers count (modified Julian days).
+    Mjd,
 }
 
 impl Unit {
@@ -113,6 +115,7 @@ impl Unit {
             "s1904" => Unit::SecondsSince1904,
             "ticks" => Unit::Ticks,
             "datenum" => Unit::DateNum,
+            "mjd" => Unit::Mjd,
             _ => return None,
         })
     }

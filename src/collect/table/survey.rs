@@ -1,10 +1,10 @@
 //! The first reading of a table: everything is counted, then what the table means is decided.
 
 use super::channel::{Channel, Tag};
-use super::delimited::Lines;
+use super::dialect::dialect;
 use super::error::{TableError, listed};
 use super::evidence;
-use super::layout::{Body, Layout, Long, Looked, Wide, first_rows, look};
+use super::layout::{Body, Layout, Long, Wide};
 use super::names::{Meaning, Name};
 use super::number::Decimal;
 use super::options::{Options, Told};
@@ -17,10 +17,6 @@ use super::words::{Modes, Says, Words};
 use crate::signal::Role;
 use std::collections::{BTreeSet, HashMap};
 
-/// What divides cells, the usual ones.
-const SEPARATORS: [u8; 4] = [b',', b';', b'\t', b'|'];
-/// A sign that stands in no line, so that it is one cell.
-const NO_SEPARATOR: u8 = 0x1f;
 /// Most tags of a long table.
 const MAX_TAGS: usize = 1 << 16;
 
@@ -57,78 +53,6 @@ pub fn survey(source: Source<'_>, options: &Options, whole: bool) -> Result<Plan
         rows.row_name()
     };
     counting.plan(kind, separator, layout, options, &told, row_name, whole)
-}
-
-/// What divides cells, and the header that it gives.
-fn dialect(
-    source: Source<'_>,
-    kind: &Kind,
-    head: &[u8],
-    options: &Options,
-    told: &Told,
-) -> Result<(u8, Layout), TableError> {
-    let Kind::Text(encoding) = kind else {
-        let mut rows = kind.rows(source, b',')?;
-        let first = first_rows(rows.as_mut())?;
-        return Ok((b',', look(&first, options, rows.row_name()).layout?));
-    };
-    // The last line of the head may be cut.
-    let whole = head.iter().rposition(|byte| *byte == b'\n').filter(|_| head.len() >= 1 << 16);
-    let head = &head[..whole.map_or(head.len(), |at| at + 1)];
-    let said = said_separator(head, encoding);
-    let mut separators = match told.separator.or(said) {
-        Some(one) => vec![one],
-        None => SEPARATORS.to_vec(),
-    };
-    let open = separators.len() > 1;
-    // Blanks divide where no sign does.
-    separators.extend([Blanks::Two, Blanks::One].map(Blanks::separator).into_iter().filter(|_| open));
-    let mut best: Option<(Looked, u8)> = None;
-    for separator in separators {
-        if Blanks::of(separator).is_some() && best.as_ref().is_some_and(|(other, _)| !other.single()) {
-            continue;
-        }
-        let mut lines = Lines::new(head, encoding, separator);
-        let mut first = first_rows(&mut lines)?;
-        if said.is_some() && !first.is_empty() {
-            first.remove(0);
-        }
-        let mut looked = look(&first, options, "line");
-        if let (Ok(layout), true) = (&mut looked.layout, said.is_some()) {
-            layout.skip += 1;
-        }
-        if best.as_ref().is_none_or(|(other, _)| looked.worth() > other.worth()) {
-            best = Some((looked, separator));
-        }
-    }
-    let (looked, separator) = best.ok_or_else(|| TableError::refused("no separator"))?;
-    if looked.single() && !looked.headless() && looked.layout.is_err() {
-        return Err(TableError::refused(format!(
-            "{}; cells are divided by comma, semicolon, tab, | or blanks, others with --separator",
-            one_column(head, encoding)
-        )));
-    }
-    Ok((separator, looked.layout?))
-}
-
-/// `sep=;` in the first line, as spreadsheets want it.
-fn said_separator(head: &[u8], encoding: &super::text::Encoding) -> Option<u8> {
-    let mut lines = Lines::new(head, encoding, NO_SEPARATOR);
-    lines.next().ok()??;
-    let first = lines.cell(0).shown();
-    let said = first.trim().trim_matches('"').strip_prefix("sep=")?.as_bytes().first().copied();
-    // A tab at the end of the line is trimmed away.
-    Some(said.filter(u8::is_ascii).unwrap_or(b'\t'))
-}
-
-fn one_column(head: &[u8], encoding: &super::text::Encoding) -> String {
-    let mut lines = Lines::new(head, encoding, NO_SEPARATOR);
-    match lines.next() {
-        Ok(Some(line)) => {
-            format!("line {line}: only one column, {:?}", super::error::shown(&lines.cell(0).shown()))
-        }
-        _ => "line 1: only one column".into(),
-    }
 }
 
 /// What is counted of a table.
@@ -404,7 +328,7 @@ impl Counting {
                 let tags = listed(names.iter().filter(|name| !name.is_none()).map(|name| name.full.as_str()));
                 let options: Vec<String> = missing.iter().map(|role| format!("--{role}")).collect();
                 TableError::refused(format!(
-                    "no tag for {}; the table has {tags}; name it with {}",
+                    "no tag for {}; the table has {tags}; name it with {}, or another column of tags with --tag",
                     missing.join(", "),
                     options.join(" and ")
                 ))

@@ -237,7 +237,7 @@ pub enum Says {
 }
 
 /// Words of a good value.
-const GOOD: [&str; 18] = [
+const GOOD: [&str; 27] = [
     "good",
     "ok",
     "normal",
@@ -255,14 +255,47 @@ const GOOD: [&str; 18] = [
     "bon",
     "buena",
     "bueno",
+    "god",
+    "goed",
+    "bom",
+    "buono",
+    "dobry",
+    "dobrá",
+    "hyvä",
+    "iyi",
+    "хорошее",
     "良",
 ];
 /// Words of one that is repeated, or of which the source is not sure.
 const UNSURE: [&str; 6] = ["stale", "uncertain", "questionable", "substituted", "u", "old"];
 /// Words of a bad one.
-const BAD: [&str; 16] = [
-    "bad", "invalid", "iop", "fail", "failed", "error", "b", "false", "nok", "no", "timeout", "schlecht",
-    "mauvais", "mala", "malo", "不良",
+const BAD: [&str; 26] = [
+    "bad",
+    "invalid",
+    "iop",
+    "fail",
+    "failed",
+    "error",
+    "b",
+    "false",
+    "nok",
+    "no",
+    "timeout",
+    "schlecht",
+    "mauvais",
+    "mala",
+    "malo",
+    "dålig",
+    "dårlig",
+    "slecht",
+    "mau",
+    "ruim",
+    "cattivo",
+    "zły",
+    "huono",
+    "kötü",
+    "плохое",
+    "不良",
 ];
 
 /// Words of a flag that is not set, and of one that is.

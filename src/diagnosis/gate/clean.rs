@@ -4,7 +4,7 @@ use crate::diagnosis::{NotIdentifiable, Preparation};
 use crate::signal::{Quality, Sample};
 use crate::sysid::stats::quantile;
 
-/// Values beyond this are no measurement and would overflow the sums.
+/// Values of this and beyond are no measurement: 1E+30 stands for none in some exports, and more would overflow the sums.
 const LARGEST_VALUE: f64 = 1e30;
 
 /// One tag's good samples in order of time.
@@ -21,7 +21,7 @@ pub struct Clean {
 /// Sorts, de-duplicates and drops what is not good.
 pub fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
     let usable = |s: &&Sample| {
-        s.quality.is_good() && s.t.is_finite() && s.value.is_finite() && s.value.abs() <= LARGEST_VALUE
+        s.quality.is_good() && s.t.is_finite() && s.value.is_finite() && s.value.abs() < LARGEST_VALUE
     };
     let mut kept: Vec<Sample> = series.iter().filter(usable).copied().collect();
     let disorder = kept.windows(2).filter(|w| w[1].t < w[0].t).count();
@@ -38,7 +38,7 @@ pub fn clean(series: &[Sample], preparation: &mut Preparation) -> Clean {
         good: before,
         offered: series.len(),
         stale: series.iter().filter(|s| s.quality == Quality::Stale).count(),
-        too_large: series.iter().filter(|s| s.value.abs() > LARGEST_VALUE).count(),
+        too_large: series.iter().filter(|s| s.value.abs() >= LARGEST_VALUE).count(),
     }
 }
 

@@ -112,7 +112,12 @@ impl Config {
         let is_address = |text: &String| text.parse::<Mailbox>().is_ok();
         unless(is_address(&self.from), "from", format!("{:?} {NO_MAIL}", self.from));
         for to in self.to.iter().filter(|to| !is_address(to)) {
-            unless(false, "to", format!("{to:?} {NO_MAIL}"));
+            let parts: Vec<String> = to.split([',', ';']).map(|one| format!("{:?}", one.trim())).collect();
+            let hint = match parts.len() {
+                1 => String::new(),
+                _ => format!(": write each in quotes of its own, to = [{}]", parts.join(", ")),
+            };
+            unless(false, "to", format!("{to:?} {NO_MAIL}{hint}"));
         }
         let ok = (1..=MOST_RECEIVERS).contains(&self.to.len());
         unless(ok, "to", format!("must name 1 to {MOST_RECEIVERS} addresses"));

@@ -6,7 +6,7 @@ use super::super::number::Decimal;
 use super::super::options::{self, Format, Told, Unit, Zone};
 use super::super::stamp::Order;
 use super::reading::{How, Reading, Spread};
-use super::tally::{Groups, Numbers, SERIAL, Times, Track};
+use super::tally::{Groups, Numbers, SERIAL, SERIAL_OR_MJD, Times, Track};
 
 /// Stamps that may be missing or wrong within a column: one in so many.
 const BAD: u64 = 50;
@@ -114,7 +114,7 @@ impl Times {
         if shared && reading.spread.is_none() {
             return Err(TableError::refused(format!(
                 "column {} ({}): nearly every row has the time of the row before, and other values: the times were cut, as \
-                 a spreadsheet cuts what it shows; save them whole",
+                 a spreadsheet cuts what it shows, or are dates without a time of day; save them whole",
                 column.number, column.name
             )));
         }
@@ -205,7 +205,7 @@ impl Times {
         let Column { row_name, number, name, .. } = column;
         let doubt = |what: String| {
             Err(TableError::refused(format!(
-                "column {number} ({name}): {what}; say --time-unit s, ms, us, ns, min, h, days, s1904, ticks or datenum"
+                "column {number} ({name}): {what}; say --time-unit s, ms, us, ns, min, h, days, s1904, ticks, datenum or mjd"
             )))
         };
         const UNITS: [Unit; 7] = [
@@ -238,10 +238,11 @@ impl Times {
         }
         if numbers.track.count > 0 && !most(numbers.small) && named.is_none() {
             let beyond = if numbers.track.most.abs() > -shown { numbers.track.most } else { shown };
-            return doubt(format!(
-                "{beyond:e} is a time of our days in no unit (first {row_name} {})",
+            return Err(TableError::refused(format!(
+                "{row_name} {}, column {number} ({name}): {beyond} is a time of our days in no unit; say --time-unit, or where the \
+                 digits are a date --time-format, such as %y%m%d%H%M%S",
                 self.first_line()
-            ));
+            )));
         }
         let step = numbers.track.usual_step().unwrap_or(0.0);
         let of_wincc = |value: f64| (SERIAL.0 * 1e6..SERIAL.1 * 1e6).contains(&value);
@@ -250,7 +251,14 @@ impl Times {
                 "{shown} is no time in milliseconds but, as WinCC counts, in millionths of a day: take the column of dates with --time"
             )),
             Some(unit) => Ok(unit),
-            None if most(numbers.serial) && step > 0.0 && step < STEP_OF_DAYS => Ok(Unit::Days),
+            None if most(numbers.serial) && step > 0.0 && step < STEP_OF_DAYS => {
+                match shown < SERIAL_OR_MJD {
+                    true => Ok(Unit::Days),
+                    false => doubt(format!(
+                        "{shown} may be days of a spreadsheet, which is 2051 or later, or modified Julian days"
+                    )),
+                }
+            }
             None if most(numbers.date_num) && step > 0.0 && step < STEP_OF_DAYS => Ok(Unit::DateNum),
             None if most(numbers.serial) && step > 0.0 && step < STEP_OF_SECONDS => {
                 doubt(format!("{shown} in steps of {step} may be seconds or days of a spreadsheet"))
@@ -388,6 +396,7 @@ fn of(unit: Unit) -> &'static str {
         Unit::FileTime => "tenths of a microsecond since 1601",
         Unit::Ticks => "tenths of a microsecond since the year 1 (.NET)",
         Unit::DateNum => "days since the year 0 (MATLAB)",
+        Unit::Mjd => "modified Julian days",
     }
 }
 
@@ -399,7 +408,7 @@ fn per_second(unit: Unit) -> f64 {
         Unit::Nanos => 1e9,
         Unit::Minutes => 1.0 / 60.0,
         Unit::Hours => 1.0 / 3600.0,
-        Unit::Days | Unit::DateNum => 1.0 / 86_400.0,
+        Unit::Days | Unit::DateNum | Unit::Mjd => 1.0 / 86_400.0,
         Unit::FileTime | Unit::Ticks => 1e7,
     }
 }
@@ -407,7 +416,7 @@ fn per_second(unit: Unit) -> f64 {
 fn unit_said(unit: Unit, numbers: &Numbers, zone: &str) -> String {
     let epoch = numbers.ranges.iter().any(|count| *count * 2 > numbers.track.count);
     match unit {
-        Unit::Days | Unit::DateNum => format!("time in {}{zone}", of(unit)),
+        Unit::Days | Unit::DateNum | Unit::Mjd => format!("time in {}{zone}", of(unit)),
         _ if epoch && !matches!(unit, Unit::FileTime | Unit::Ticks | Unit::SecondsSince1904) => {
             format!("time in {} since 1970", of(unit))
         }

@@ -125,9 +125,10 @@ impl Reading {
     fn counted(&self, value: f64, unit: Unit) -> Option<f64> {
         const SINCE_1601: f64 = 11_644_473_600.0;
         const SINCE_1: f64 = 62_135_596_800.0;
-        /// 1970-01-01 as spreadsheets count, and as MATLAB does.
+        /// 1970-01-01 as spreadsheets, MATLAB and astronomers count.
         const EPOCH: f64 = 25_569.0;
         const EPOCH_OF_DATE_NUM: f64 = 719_529.0;
+        const EPOCH_OF_MJD: f64 = 40_587.0;
         let t = match unit {
             Unit::Seconds => value,
             Unit::SecondsSince1904 => value - SINCE_1904,
@@ -138,8 +139,12 @@ impl Reading {
             Unit::Hours => value * 3600.0,
             Unit::FileTime => value / 1e7 - SINCE_1601,
             Unit::Ticks => value / 1e7 - SINCE_1,
-            Unit::Days | Unit::DateNum => {
-                let epoch = if unit == Unit::Days { EPOCH } else { EPOCH_OF_DATE_NUM };
+            Unit::Days | Unit::DateNum | Unit::Mjd => {
+                let epoch = match unit {
+                    Unit::DateNum => EPOCH_OF_DATE_NUM,
+                    Unit::Mjd => EPOCH_OF_MJD,
+                    _ => EPOCH,
+                };
                 let ms = ((value - epoch) * 86_400e3).round();
                 return self.moment((ms.abs() < 1e13).then_some(ms as i64)?.checked_mul(1_000_000)?, None);
             }

@@ -124,6 +124,8 @@ pub const RANGES: [(f64, f64); 7] = {
 };
 /// Days as a spreadsheet counts them, 1990 to 2100.
 pub const SERIAL: (f64, f64) = (32_874.0, 73_050.0);
+/// Days of a spreadsheet from here on are 2051 or later; as modified Julian days they are 2010 to 2058.
+pub const SERIAL_OR_MJD: f64 = 55_197.0;
 /// Days as MATLAB counts them, 1990 to 2100.
 pub const DATE_NUM: (f64, f64) = (726_834.0, 767_011.0);
 
@@ -347,10 +349,7 @@ impl Groups {
 
     /// Whether nearly every row has the stamp of the row before, and other values.
     pub fn is_cut(&self) -> bool {
-        self.rows >= FEW_ROWS
-            && self.sizes.len() > 1
-            && self.repeated * 10 >= self.rows * 9
-            && self.moved * 10 >= self.repeated
+        self.rows >= FEW_ROWS && self.repeated * 10 >= self.rows * 9 && self.moved * 10 >= self.repeated
     }
 
     /// How many rows a stamp usually has, where most have several of other values.
