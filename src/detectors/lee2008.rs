@@ -20,7 +20,9 @@ use super::opinion::{Band, Method, Opinion};
 use super::picture::{Layer, Picture, Tone};
 use crate::sysid::gram::{Column, gram};
 use crate::sysid::least_squares::{MOST_COLUMNS, factor, substitute};
+use crate::sysid::valve::batch::{Batch, LANES, Lane};
 use crate::sysid::valve::{Start, StopRule, ValveModel};
+use std::array::from_fn;
 
 const ME: Method = Method::Lee2008;
 /// Thresholds of the index (-): 0 is the authors' sound valve, fS = 0; the other is calibrated.
@@ -76,12 +78,9 @@ fn search(facts: &Facts<'_>) -> Option<Searched> {
     let range = facts.op_range();
     let step = range / COARSE as f64;
     let mut best = Fitted { loss: plain, s: 0.0, j: 1.0, delay };
-    let mut grid = Vec::new();
-    for jump in 0..=JUMPS {
-        for i in 1..COARSE {
-            grid.push(models.valve(facts, step * i as f64, jump as f64 / JUMPS as f64, &BEFORE[..1]));
-        }
-    }
+    let of = |jump: usize| (1..COARSE).map(move |i| (step * i as f64, jump as f64 / JUMPS as f64));
+    let valves: Vec<(f64, f64)> = (0..=JUMPS).flat_map(of).collect();
+    let grid = models.fitted(facts, &valves, &BEFORE[..1]);
     let mut leaders = grid.clone();
     leaders.sort_by(|a, b| a.loss.total_cmp(&b.loss));
     for leader in leaders.into_iter().take(LEADERS) {
@@ -146,8 +145,8 @@ struct Models {
     y: Vec<f64>,
     rows: std::ops::Range<usize>,
     products: Vec<f64>,
+    stems: Vec<Lane>,
     stem: Vec<f64>,
-    dir: Vec<f64>,
 }
 
 /// Columns: y now and twice late, x from one sample late, a constant.
@@ -167,42 +166,57 @@ impl Models {
             y: facts.y.clone(),
             rows: first..n,
             products: vec![0.0; COLUMNS * COLUMNS],
+            stems: Vec::new(),
             stem: Vec::new(),
-            dir: Vec::new(),
         })
     }
 
-    /// A valve, its J as a share of S, from the best of a few last slips before the extremum: no signal says which it was, and a
-    /// valve that slips in steps of J keeps it for good.
-    fn valve(&mut self, facts: &Facts<'_>, s: f64, j: f64, before: &[usize]) -> Fitted {
-        let valve = ValveModel { s, j: j * s, rule: StopRule::Slip, ..ValveModel::default() };
-        let (mut stem, mut dir) = (std::mem::take(&mut self.stem), std::mem::take(&mut self.dir));
-        let mut best = Fitted { loss: f64::INFINITY, s, j, delay: 1 };
+    /// Valves of S and J as a share of S, each from the best of a few last slips before the extremum: no signal says which it was,
+    /// and a valve that slips in steps of J keeps it for good.
+    fn fitted(&mut self, facts: &Facts<'_>, valves: &[(f64, f64)], before: &[usize]) -> Vec<Fitted> {
+        let none = |&(s, j): &(f64, f64)| Fitted { loss: f64::INFINITY, s, j, delay: 1 };
+        let mut all: Vec<Fitted> = valves.iter().map(none).collect();
+        let (mut stems, mut stem) = (std::mem::take(&mut self.stems), std::mem::take(&mut self.stem));
         for before in before {
             let Some(index) = facts.start.index.checked_sub(*before) else { continue };
             let start = Start { index, ..facts.start };
-            valve.run(&facts.u, start, facts.len(), &mut stem, &mut dir);
-            let (loss, delay) = self.loss(&stem);
-            best = best.or(Fitted { loss, s, j, delay });
+            for few in all.chunks_mut(LANES) {
+                let valve = |Fitted { s, j, .. }: Fitted| ValveModel {
+                    s,
+                    j: j * s,
+                    rule: StopRule::Slip,
+                    ..ValveModel::default()
+                };
+                let lanes = from_fn(|l| valve(few[l.min(few.len() - 1)]));
+                Batch::new(&lanes, start, facts.len()).run(&facts.u, &mut stems);
+                for (l, own) in few.iter_mut().enumerate() {
+                    stem.clear();
+                    stem.extend(stems.iter().map(|stems| stems[l]));
+                    let (loss, delay) = self.loss(&stem);
+                    *own = own.or(Fitted { loss, delay, ..*own });
+                }
+            }
         }
-        (self.stem, self.dir) = (stem, dir);
-        best
+        (self.stems, self.stem) = (stems, stem);
+        all
     }
 
     /// The best of ever finer grids around a valve.
-    fn near(&mut self, facts: &Facts<'_>, mut leader: Fitted, step: f64, range: f64) -> Fitted {
-        leader = leader.or(self.valve(facts, leader.s, leader.j, &BEFORE));
+    fn near(&mut self, facts: &Facts<'_>, leader: Fitted, step: f64, range: f64) -> Fitted {
+        let centre = [(leader.s, leader.j)];
+        let mut leader = self.fitted(facts, &centre, &BEFORE).into_iter().fold(leader, Fitted::or);
         for finer in FINER {
-            let centre = leader;
+            let mut around = Vec::new();
             for a in -BESIDE..=BESIDE {
                 for b in -BESIDE..=BESIDE {
-                    let s = centre.s + f64::from(a) * finer * step;
-                    let j = centre.j + f64::from(b) * finer / JUMPS as f64;
+                    let s = leader.s + f64::from(a) * finer * step;
+                    let j = leader.j + f64::from(b) * finer / JUMPS as f64;
                     if s > 0.0 && s <= range && (0.0..=1.0).contains(&j) && (a, b) != (0, 0) {
-                        leader = leader.or(self.valve(facts, s, j, &BEFORE));
+                        around.push((s, j));
                     }
                 }
             }
+            leader = self.fitted(facts, &around, &BEFORE).into_iter().fold(leader, Fitted::or);
         }
         leader
     }

@@ -96,8 +96,10 @@ pub fn gram(columns: &[Column<'_>], rows: &Range<usize>, g: &mut [f64], stride: 
     products(&of_firsts, &of(&nexts), |i, j, sum| g[at(firsts[i], nexts[j])] = sum);
     triangle(&of_firsts, |i, j, sum| g[at(firsts[i], firsts[j])] = sum);
     let Range { start, end } = *rows;
-    for (i, a) in columns.iter().enumerate().filter(|(_, column)| column.next) {
-        for (j, b) in columns[..=i].iter().enumerate().filter(|(_, column)| column.next) {
+    for (nth, &i) in nexts.iter().enumerate() {
+        let a = &columns[i];
+        for &j in &nexts[..=nth] {
+            let b = &columns[j];
             let ends = a.of[start - a.lag] * b.of[start - b.lag] - a.of[end - a.lag] * b.of[end - b.lag];
             g[i * stride + j] = g[(i - 1) * stride + j - 1] + ends;
         }

@@ -2,12 +2,21 @@
 
 use super::{Start, StopRule, ValveModel, growth};
 use multiversion::multiversion;
-use std::array::from_fn;
 
 /// Valves that go side by side.
 pub const LANES: usize = 8;
 /// A number of each of them.
 pub type Lane = [f64; LANES];
+
+/// A number of each valve. It takes the place of `array::from_fn`, of which the compiler makes a call within the loop.
+#[inline(always)]
+fn each(mut number: impl FnMut(usize) -> f64) -> Lane {
+    let mut all = [0.0; LANES];
+    for (l, own) in all.iter_mut().enumerate() {
+        *own = number(l);
+    }
+    all
+}
 
 /// Valves on their way through OP.
 pub struct Batch {
@@ -30,7 +39,7 @@ pub struct Batch {
 impl Batch {
     /// Before the first sample.
     pub fn new(valves: &[ValveModel; LANES], start: Start, span: usize) -> Self {
-        let of = |number: fn(&ValveModel) -> f64| -> Lane { from_fn(|l| number(&valves[l])) };
+        let of = |number: fn(&ValveModel) -> f64| -> Lane { each(|l| number(&valves[l])) };
         let rested = of(|v| if v.rule == StopRule::Reversal { 0.0 } else { v.j });
         Self {
             start,
@@ -43,7 +52,7 @@ impl Batch {
             band: of(|v| v.s),
             asymmetry: of(|v| v.asymmetry),
             limits: [of(|v| v.limits().0), of(|v| v.limits().1)],
-            direction: from_fn(|l| if start.is_max != valves[l].rest.turned { 1.0 } else { -1.0 }),
+            direction: each(|l| if start.is_max != valves[l].rest.turned { 1.0 } else { -1.0 }),
             position: [0.0; LANES],
             turns: [0.0; LANES],
         }
@@ -54,10 +63,10 @@ impl Batch {
         x.clear();
         x.resize(u.len(), [0.0; LANES]);
         for (k, (&u, x)) in u.iter().zip(x.iter_mut()).enumerate().take(self.start.index + 1) {
-            let grown: Lane = from_fn(|l| growth(self.drift[l], k, self.span));
+            let grown: Lane = each(|l| growth(self.drift[l], k, self.span));
             let there = if k == self.start.index { 1.0 } else { 0.0 };
-            self.position = from_fn(|l| u + self.direction[l] * self.beyond[l] * grown[l] * there);
-            *x = from_fn(|l| self.position[l] - self.lag[l] * grown[l] * self.direction[l]);
+            self.position = each(|l| u + self.direction[l] * self.beyond[l] * grown[l] * there);
+            *x = each(|l| self.position[l] - self.lag[l] * grown[l] * self.direction[l]);
         }
         let from = (self.start.index + 1).min(u.len());
         if self.drift == [0.0; LANES] {
@@ -79,17 +88,17 @@ impl Batch {
         let Self { mut ahead, mut direction, mut position, mut turns, .. } = *self;
         for (k, (&u, x)) in u.iter().zip(x).enumerate() {
             let grown: Lane =
-                if CONSTANT { [1.0; LANES] } else { from_fn(|l| growth(drift[l], from + k, span)) };
-            let onward: Lane = from_fn(|l| direction[l] * (u - position[l]));
+                if CONSTANT { [1.0; LANES] } else { each(|l| growth(drift[l], from + k, span)) };
+            let onward: Lane = each(|l| direction[l] * (u - position[l]));
             let turn = |l: usize| -onward[l] > band[l] * grown[l] * (1.0 + asymmetry[l] * direction[l]);
             let goes = |l: usize| turn(l) || onward[l] > ahead[l] * grown[l];
-            let after: Lane = from_fn(|l| if goes(l) { moved[l] } else { rested[l] });
-            let held: Lane = from_fn(|l| u.max(limits[0][l]).min(limits[1][l]));
-            let place: Lane = from_fn(|l| if goes(l) { held[l] } else { position[l] });
-            let back: Lane = from_fn(|l| if turn(l) { -direction[l] } else { direction[l] });
-            turns = from_fn(|l| turns[l] + if turn(l) { 1.0 } else { 0.0 });
+            let after: Lane = each(|l| if goes(l) { moved[l] } else { rested[l] });
+            let held: Lane = each(|l| u.max(limits[0][l]).min(limits[1][l]));
+            let place: Lane = each(|l| if goes(l) { held[l] } else { position[l] });
+            let back: Lane = each(|l| if turn(l) { -direction[l] } else { direction[l] });
+            turns = each(|l| turns[l] + if turn(l) { 1.0 } else { 0.0 });
             (ahead, position, direction) = (after, place, back);
-            *x = from_fn(|l| position[l] - lag[l] * grown[l] * direction[l]);
+            *x = each(|l| position[l] - lag[l] * grown[l] * direction[l]);
         }
         (self.ahead, self.direction, self.position, self.turns) = (ahead, direction, position, turns);
     }
