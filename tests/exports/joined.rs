@@ -219,7 +219,7 @@ fn what_helps_is_said_where_a_form_is_not_read() {
     let told = Options { time_format: Some("%y%m%d%H%M%S".into()), ..Options::default() };
     assert!(bits(&read("Time,OP,PV", &compact, &told).expect("told").record) == bits(&example));
     let dates = rows(&example, ',', |t| written("%Y-%m-%d", t));
-    refused(read("Date,OP,PV", &dates, &plain), "dates without a time of day");
+    refused(read("Date,OP,PV", &dates, &plain), "every row has the same date and no time of day");
     let quoted: Vec<String> = rows(&example, ',', civil_of).iter().map(|row| format!("\"{row}\"")).collect();
     refused(read("\"Time,OP,PV\"", &quoted, &plain), "each line stands in quotes as a whole");
     // A value that stands for none is left out and says nothing of the decimal sign.

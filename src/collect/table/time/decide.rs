@@ -111,13 +111,8 @@ impl Times {
         let shared = groups.as_ref().is_some_and(Groups::is_cut);
         reading.falls = track.falls();
         reading.spread = groups.and_then(|groups| spread(groups, track, per_s));
-        if shared && reading.spread.is_none() {
-            return Err(TableError::refused(format!(
-                "column {} ({}): nearly every row has the time of the row before, and other values: the times were cut, as \
-                 a spreadsheet cuts what it shows, or are dates without a time of day; save them whole",
-                column.number, column.name
-            )));
-        }
+        let dated = is_wide && matches!(reading.how, How::Dated(_) | How::Moment);
+        whole(column, dated.then_some(track), shared && reading.spread.is_none())?;
         // Times of day come back every day by themselves.
         if is_wide && matches!(reading.how, How::Dated(_) | How::Moment | How::Elapsed) {
             reading.said += &self.back(track, told, column)?;
@@ -343,6 +338,20 @@ impl Times {
         };
         format!("time {kind}")
     }
+}
+
+/// Refuses times that were cut: to dates, or so that nearly every row has the time of the row before.
+fn whole(column: &Column<'_>, dated: Option<&Track>, shared: bool) -> Result<(), TableError> {
+    let one_date = |track: &Track| track.count > 1 && track.least == track.most && track.least % A_DAY == 0.0;
+    let what = if dated.is_some_and(one_date) {
+        "every row has the same date and no time of day; save the times whole, or name their column with --time"
+    } else if shared {
+        "nearly every row has the time of the row before, and other values: the times were cut, as a spreadsheet cuts what it \
+         shows; save them whole"
+    } else {
+        return Ok(());
+    };
+    Err(TableError::refused(format!("column {} ({}): {what}", column.number, column.name)))
 }
 
 fn letters(order: Order) -> &'static str {

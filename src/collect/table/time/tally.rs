@@ -349,7 +349,10 @@ impl Groups {
 
     /// Whether nearly every row has the stamp of the row before, and other values.
     pub fn is_cut(&self) -> bool {
-        self.rows >= FEW_ROWS && self.repeated * 10 >= self.rows * 9 && self.moved * 10 >= self.repeated
+        self.rows >= FEW_ROWS
+            && self.sizes.len() > 1
+            && self.repeated * 10 >= self.rows * 9
+            && self.moved * 10 >= self.repeated
     }
 
     /// How many rows a stamp usually has, where most have several of other values.
