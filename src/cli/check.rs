@@ -91,6 +91,14 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
             broker.client_id()
         );
     }
+    for control_loop in &config.loops {
+        let Some(own) = control_loop.writeback.as_ref().filter(|own| own.enabled) else { continue };
+        let _ = writeln!(
+            out,
+            "WRITES   {}: holding registers {} (term) and {} (heartbeat) of {}, at most ±{} % of OP",
+            control_loop.id, own.term_address, own.heartbeat_address, own.device, own.clamp_percent
+        );
+    }
     let samples = config.history.samples_per_tag;
     let megabytes = (tags * Ring::bytes(samples)) as f64 / 1e6;
     let _ = writeln!(

@@ -12,7 +12,7 @@ use toml::de::{DeValue, ValueDeserializer};
 const MOST_SINGLE: usize = 6;
 
 /// Words that people take for a key of another name.
-const MISTAKEN: [(&str, &str); 11] = [
+const MISTAKEN: [(&str, &str); 30] = [
     ("name", "id"),
     ("tag", "id"),
     ("id", "name"),
@@ -24,6 +24,25 @@ const MISTAKEN: [(&str, &str); 11] = [
     ("zone", "tz"),
     ("timezone", "tz"),
     ("time_zone", "tz"),
+    ("port", "address"),
+    ("broker", "address"),
+    ("server", "address"),
+    ("slave", "unit_id"),
+    ("slave_id", "unit_id"),
+    ("device_id", "unit_id"),
+    ("interval", "poll_ms"),
+    ("poll_interval", "poll_ms"),
+    ("polling_interval", "poll_ms"),
+    ("username", "user"),
+    ("factor", "scale"),
+    ("gain", "scale"),
+    ("setpoint", "sp"),
+    ("out", "op"),
+    ("output", "op"),
+    ("cv", "op"),
+    ("position", "mv"),
+    ("valve", "mv"),
+    ("path", "folder"),
 ];
 
 /// What was found of the keys of one section.
@@ -79,6 +98,9 @@ impl Keys {
         }
         if let Some(meant) = in_other_words(key, &known) {
             return format!("unknown key {key:?} in {table}{meant}");
+        }
+        if key == "password" && known.contains(&"password_file") {
+            return "password: no password stands in this file: write password_file or password_env".into();
         }
         if table == "[tables]" {
             return format!(
@@ -193,6 +215,15 @@ mod tests {
         for (change, expected) in &cases {
             let found = errors(&[*change]);
             assert!(found.len() == 1 && found[0].starts_with(expected), "{expected}: {found:#?}");
+        }
+        for (change, expected) in [
+            (("address_base", "slave_id = 1\naddress_base"), "did you mean \"unit_id\"?"),
+            (("address_base", "poll_ms = '1s'\naddress_base"), "write poll_ms = 1000"),
+            (("[loop.op]", "[loop.cv]"), "did you mean \"op\"?"),
+            (("op_limits", "period_s = true\nop_limits"), "period_s: a number is expected, not true"),
+        ] {
+            let found = errors(&[change]);
+            assert!(found.iter().any(|line| line.contains(expected)), "{expected}: {found:#?}");
         }
         let limits = errors(&[("[0.0, 100.0]", "[4.0, 20.0]"), ("[loop.op]", "[loop.op]\nunit = '%'")]);
         assert!(limits.len() == 1 && limits[0].contains("op_span = 16 or op_span = 100"), "{limits:#?}");

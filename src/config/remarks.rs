@@ -12,6 +12,11 @@ const WIDER: f64 = 10.0;
 /// So does one that is so many times narrower.
 const NARROWER: f64 = 4.0;
 
+/// A first diagnosis that takes longer is told (s).
+const LONGEST_START_S: f64 = 86_400.0;
+/// A shorter time between two polls is told (ms): most controllers scan no faster.
+const SHORTEST_MS: u64 = 50;
+
 impl Config {
     /// What is right by itself and often meant otherwise, each with its loop and tag.
     pub fn remarks(&self) -> Vec<String> {
@@ -27,6 +32,7 @@ impl Config {
             out.extend(one_bit(control_loop));
             out.extend(beyond_range(control_loop));
         }
+        out.extend(self.pace());
         out.extend(self.numbered());
         out.extend(self.copied());
         out.extend(self.subscriptions());
@@ -39,6 +45,28 @@ impl Config {
             ));
         }
         out
+    }
+
+    /// Devices that are polled so slowly, or so often, that another unit may have been meant.
+    fn pace(&self) -> Vec<String> {
+        let told = |device: &modbus::Config| {
+            let (name, ms) = (&device.name, device.poll_ms);
+            let first_s = ms as f64 / 1000.0 * self.diagnosis.min_samples as f64;
+            if first_s > LONGEST_START_S {
+                Some(format!(
+                    "{name}: at poll_ms = {ms} the first diagnosis takes {:.0} h: poll_ms is in milliseconds",
+                    first_s / 3600.0
+                ))
+            } else if ms < SHORTEST_MS {
+                Some(format!(
+                    "{name}: at poll_ms = {ms} it is asked {} times a second: poll_ms is in milliseconds",
+                    1000 / ms.max(1)
+                ))
+            } else {
+                None
+            }
+        };
+        self.modbus.iter().filter_map(told).collect()
     }
 
     /// From which number a device counts its registers.
@@ -203,7 +231,12 @@ fn one_bit(control_loop: &LoopConfig) -> Vec<String> {
         tag.as_modbus().is_some_and(|own| own.effective_type() == Some(modbus::ValueType::Bit))
     };
     let both = [("op", &control_loop.op), ("pv", &control_loop.pv)].into_iter();
-    let told = |role| format!("{}.{role}: a single bit: it is never anything but 0 and 1", control_loop.id);
+    let told = |role| {
+        format!(
+            "{}.{role}: a single bit, 0 or 1, cannot be diagnosed: name the register of the value",
+            control_loop.id
+        )
+    };
     both.filter(|(_, tag)| is_bit(tag)).map(|(role, _)| told(role)).collect()
 }
 

@@ -145,6 +145,7 @@ impl Rules<'_, '_, '_> {
         }
         self.suppressed(parts);
         self.ignored(parts);
+        self.clearing(parts);
         self.section("plantwide", parts.plantwide.as_ref().map(|c| c.validate()));
         self.section("fleet", parts.fleet.as_ref().and_then(|c| c.as_ref()).map(|c| c.validate()));
         self.section("writeback", parts.writeback.as_ref().map(|c| c.validate()));

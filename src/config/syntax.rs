@@ -68,7 +68,12 @@ fn said(text: &str, at: usize, message: &str) -> String {
         let thousands = value.split_once(',').is_some_and(|(_, rest)| rest.trim().len() == 3);
         return match thousands {
             true => "a comma within a number: leave it out between thousands, or write a point for a decimal comma".into(),
-            false => "a decimal comma: write the number with a point, such as 0.1".into(),
+            false => match line.split_once('=') {
+                Some((key, _)) if decimal(value) => {
+                    format!("a decimal comma: write the number with a point, {} = {}", key.trim(), value.replacen(',', ".", 1))
+                }
+                _ => "a decimal comma: write the number with a point, such as 0.1".into(),
+            },
         };
     }
     if line.contains(TYPOGRAPHIC) {
@@ -122,6 +127,22 @@ fn of_value(key: &str, value: &str) -> Option<String> {
         "false" | "no" | "off" => return Some(format!("write {key} = false")),
         _ => {}
     }
+    match value {
+        "null" | "None" | "none" | "nil" => return Some(format!("there is no such value: leave {key} out")),
+        _ => {}
+    }
+    if let Some(fraction) = value.strip_prefix('.').filter(|rest| rest.bytes().all(|b| b.is_ascii_digit())) {
+        return Some(format!("a number begins with a digit: write {key} = 0.{fraction}"));
+    }
+    if let Some(list) = value.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
+        return Some(format!("a list stands in square brackets: write {key} = [{list}]"));
+    }
+    if let Some(alone) = value.strip_suffix([',', ';']) {
+        return Some(format!("a line ends with its value: write {key} = {alone}"));
+    }
+    if value.contains(" ; ") {
+        return Some("a remark begins with #, not with // or ;".into());
+    }
     if let Some(rest) = value.strip_prefix(['−', '–', '—']) {
         return Some(format!("a dash in place of the minus sign: write {key} = -{rest}"));
     }
@@ -148,7 +169,7 @@ fn of_value(key: &str, value: &str) -> Option<String> {
 }
 
 /// `period_s = 1h`: the number that the key wants.
-fn duration(key: &str, value: &str) -> Option<String> {
+pub fn duration(key: &str, value: &str) -> Option<String> {
     let (number, unit) = value.split_at(value.find(|c: char| !c.is_ascii_digit() && c != '.')?);
     let seconds = match unit.trim() {
         "ms" => 1e-3,
@@ -237,6 +258,11 @@ fn section(text: &str, at: usize) -> Option<usize> {
     last
 }
 
+/// Whether a value is one number with a decimal comma.
+fn decimal(value: &str) -> bool {
+    value.matches(',').count() == 1 && value.replacen(',', ".", 1).parse::<f64>().is_ok()
+}
+
 /// `scale = 0,1`: the parser stops at the comma.
 fn decimal_comma(text: &str, at: usize) -> bool {
     let digit = |at: Option<usize>| at.and_then(|at| text.as_bytes().get(at)).is_some_and(u8::is_ascii_digit);
@@ -275,6 +301,12 @@ mod tests {
             ("[store]\nenabled = no # yet\n", "write enabled = false"),
             ("[[loop]]\nid =\n", "the value is missing: write id = value"),
             ("[[loop]]\noffset = −5.0\n", "write offset = -5.0"),
+            ("[[loop]]\nscale = 0,01\n", "a decimal comma: write the number with a point, scale = 0.01"),
+            ("[[loop]]\nop_limits = (0.0, 100.0)\n", "write op_limits = [0.0, 100.0]"),
+            ("[[loop]]\nscale = .01\n", "write scale = 0.01"),
+            ("[[loop]]\nscale = null\n", "there is no such value: leave scale out"),
+            ("[[loop]]\nscale = 0.1,\n", "a line ends with its value: write scale = 0.1"),
+            ("[[loop]]\nscale = 1 ; boiler\n", "a remark begins with #"),
             ("[[loop]]\nop_limits = [0.0; 100.0]\n", "values of a list are parted by commas"),
             ("[[loop]]\nop_limits = 0-100\n", "a list such as [0.0, 100.0]"),
             ("[[loop]]\n\u{a0}id = \"A\"\n", "a no-break space"),

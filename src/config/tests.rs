@@ -155,16 +155,16 @@ description = 'größer'; colour = 1
         "f:2:10: listen: not an address in numbers and a port, such as 127.0.0.1:8080 for this machine alone or 0.0.0.0:8080 for all",
         "f:3:2: unknown section \"histroy\", did you mean \"history\"?",
         "f:6:12: period_s: 0 must be 1 to 2678400",
-        "f:7:15: parallelism: invalid type: floating point `1.5`, expected a whole number from 0",
+        "f:7:15: parallelism: a whole number from 0 is expected, not 1.5",
         "f:8:14: deadline_s: -1 must be 0.1 to 3600",
-        "f:10:23: f_threshold_percent: invalid type: string \"half\", expected a number",
+        "f:10:23: f_threshold_percent: a number is expected, not the text \"half\"",
         "f:11:1: unknown key \"window\" in [diagnosis]; known are f_threshold_percent, evidence_threshold, \
          window_samples, min_samples, max_gap_share, ts_s, max_delay_samples",
         "f:16:1: unknown key \"polll_ms\" in [[modbus]], did you mean \"poll_ms\"?",
-        "f:17:14: timeout_ms: invalid type: string \"long\", expected a whole number from 0",
+        "f:17:14: timeout_ms: a whole number from 0 is expected, not the text \"long\"",
         "f:18:14: byte_order: unknown value \"ABDC\", did you mean \"ABCD\"?",
         "f:19:1: missing key \"address_base\" in [[modbus]]",
-        "f:22:11: unit_id: invalid value: integer `256`, expected a whole number from 0 to 255",
+        "f:22:11: unit_id: a whole number from 0 to 255 is expected, not 256",
         "f:27:11: poll_ms: must be at least 1",
         "f:29:8: device \"dcs3\" is already on line 24; every device needs a name of its own",
         "f:31:16: address_base: 2 must be 0 or 1",
@@ -216,16 +216,13 @@ fn structure_is_judged_tag_by_tag() {
         ("[[loop.sp]]\ndevice = 'd'\n", "f:17:1: sp: a loop has one, write it as [loop.sp]"),
         (
             "[loop.tag]\ndevice = 'd'\n",
-            "f:17:1: tag: invalid type: map, expected several, each in [[double brackets]]",
+            "f:17:1: tag: there may be several: write each in [[double brackets]]",
         ),
         ("deadband = 1.0\n", "f:17:12: deadband: a tag with a register has none"),
         ("range = [1.0]\n", "f:17:9: range: two numbers are needed, [lowest, highest], and here are 1"),
-        ("range = [1.0, 'x']\n", "f:17:15: range: invalid type: string \"x\", expected a number"),
+        ("range = [1.0, 'x']\n", "f:17:15: range: a number is expected, not the text \"x\""),
         ("range = [9.0, 1.0]\n", "f:17:9: range: [9, 1] must be the least, then the greatest value"),
-        (
-            "[[loop]]\nid = 'a/b'\nop = 1\n[loop.pv]\ndevice = 'd'\n",
-            "f:19:6: op: invalid type: integer `1`, expected a table",
-        ),
+        ("[[loop]]\nid = 'a/b'\nop = 1\n[loop.pv]\ndevice = 'd'\n", "f:19:6: op: a table is expected, not 1"),
     ];
     for (more, expected) in cases {
         let found = errors(&minimal(more));
@@ -422,7 +419,7 @@ fn candidates_are_tags_of_other_loops() {
         |candidates: &str| minimal("").replace("id = 'A'", &format!("id = 'A'\ncandidates = {candidates}"));
     for (candidates, message) in [
         ("'all'", "expected \"auto\" or a list of names like \"FIC203.pv\""),
-        ("7", "expected \"auto\" or a list of names like \"FIC203.pv\""),
+        ("7", "\"auto\" or a list of names like \"FIC203.pv\" is expected, not 7"),
         ("'auto'", "\"auto\" takes the loops of the same group; give this loop a group"),
         ("['X.pv']", "\"X.pv\" is no tag of another loop"),
         ("['A.pv']", "\"A.pv\" is this loop's own"),
@@ -473,7 +470,7 @@ node = 'ns=2;s=X'
     let found = errors(text);
     for expected in [
         "f:3:11: address: 'mqtt://h' is not host:port",
-        "f:4:8: user: a user name and one of password_file and password_env",
+        "f:4:8: user: a user name needs password_file or password_env",
         "f:5:12: silent_s: must be 0.1",
         "f:8:15: alarm_topic: needs {loop}",
         "f:13:9: topic: 'plant/#' must name one topic",

@@ -47,6 +47,9 @@ pub fn of_entry(message: &str, key: &str) -> String {
              1 or 40001"
         );
     }
+    if let Some(said) = quoted_duration(message, key) {
+        return format!("{key}: {said}");
+    }
     if let Some(number) = hexadecimal(message) {
         return format!("{key}: a number without quotes is expected, write {key} = {number}");
     }
@@ -156,6 +159,12 @@ fn hexadecimal(message: &str) -> Option<&str> {
     (is_number && digits.bytes().all(|byte| byte.is_ascii_hexdigit())).then(|| text.trim())
 }
 
+/// `invalid type: string "30min", expected f64`: the number that the key wants.
+fn quoted_duration(message: &str, key: &str) -> Option<String> {
+    let (text, expected) = message.strip_prefix("invalid type: string \"")?.split_once("\", expected ")?;
+    ["f64", "u32", "u64"].contains(&expected).then(|| super::syntax::duration(key, text.trim()))?
+}
+
 /// `invalid value: integer `40001`, expected u8`: the number.
 fn base(message: &str) -> Option<&str> {
     message.strip_prefix("invalid value: integer `")?.strip_suffix("`, expected u8")
@@ -186,6 +195,12 @@ pub fn plain(message: &str) -> String {
         return "not an address in numbers and a port, such as 127.0.0.1:8080 for this machine alone or 0.0.0.0:8080 for all"
             .into();
     }
+    if message.starts_with("invalid type: map, expected a sequence") {
+        return "there may be several: write each in [[double brackets]]".into();
+    }
+    if message.starts_with("invalid type: sequence, expected struct") {
+        return "there is one: write it in [single brackets]".into();
+    }
     let (head, expected) = match message.rsplit_once("expected ") {
         Some(parts) => parts,
         None => return message.into(),
@@ -203,7 +218,27 @@ pub fn plain(message: &str) -> String {
         other if other.starts_with("struct ") => "a table",
         other => other,
     };
-    format!("{head}expected {expected}")
+    let found = head.strip_prefix("invalid type: ").or_else(|| head.strip_prefix("invalid value: "));
+    match found.and_then(|found| found.strip_suffix(", ")) {
+        Some(found) => format!("{expected} is expected, not {}", in_words(found)),
+        None => format!("{head}expected {expected}"),
+    }
+}
+
+/// What serde found: `string "x"`, `integer `1``, `map`.
+fn in_words(found: &str) -> String {
+    match found {
+        "map" => return "a table".into(),
+        "sequence" => return "a list".into(),
+        _ => {}
+    }
+    let number = ["integer `", "floating point `", "boolean `"];
+    let number = number.iter().find_map(|kind| found.strip_prefix(kind)?.strip_suffix('`'));
+    match (number, found.strip_prefix("string ")) {
+        (Some(number), _) => number.into(),
+        (None, Some(text)) => format!("the text {text}"),
+        (None, None) => found.into(),
+    }
 }
 
 /// The names that serde lists after `expected`.
@@ -227,7 +262,13 @@ pub fn hint(word: &str, choices: &[&str]) -> String {
                 choices.len() - MOST_LISTED
             )
         }
-        Some(_) => format!("; known are {}", choices.join(", ")),
+        Some(_) if choices.iter().all(|choice| choice.contains(char::is_alphanumeric)) => {
+            format!("; known are {}", choices.join(", "))
+        }
+        Some(_) => format!(
+            "; known are {}",
+            choices.iter().map(|c| format!("{c:?}")).collect::<Vec<_>>().join(" and ")
+        ),
         None => String::new(),
     }
 }

@@ -33,7 +33,7 @@ pub(super) fn wrong_login(
         return Some(("password_env", "there is password_file too: leave one out"));
     }
     let alone = user.is_some() != (file.is_some() || env.is_some());
-    alone.then_some(("user", "a user name and one of password_file and password_env belong together"))
+    alone.then_some(("user", "a user name needs password_file or password_env, and they a user name"))
 }
 
 /// The lines of a secret that are not empty. Files are read on the caller's thread: not on an async one.

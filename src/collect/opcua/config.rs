@@ -313,7 +313,7 @@ impl Config {
         unless(
             self.user.is_some() == (passwords > 0),
             "user",
-            "a user name and one of password_file and password_env belong together",
+            "a user name needs password_file or password_env, and they a user name",
         );
         unless(passwords < 2, "password_env", "there is password_file too: leave one out");
         unless(

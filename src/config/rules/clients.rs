@@ -1,7 +1,9 @@
 //! Clients of one broker: each has a name of its own there, or they throw each other out.
 
+use super::super::{LoopConfig, TagConfig, plant};
 use super::{Parts, Rules, Step};
-use std::collections::HashMap;
+use crate::collect::mqtt;
+use std::collections::{HashMap, HashSet};
 
 impl Rules<'_, '_, '_> {
     pub(super) fn clients(&mut self, parts: &Parts) {
@@ -33,6 +35,35 @@ impl Rules<'_, '_, '_> {
                 self.wrong(&place, message);
             } else {
                 seen.insert(key, section);
+            }
+        }
+        self.echoed(parts);
+    }
+
+    /// A topic that is published and read would make what is said of a loop its next sample.
+    fn echoed(&mut self, parts: &Parts) {
+        let Some(own) = parts.notify.as_ref().and_then(|notify| notify.mqtt.as_ref()) else { return };
+        let read_there = |tag: &mqtt::TagConfig| {
+            let broker = parts.mqtt.iter().flatten().find(|broker| broker.name == tag.device);
+            broker.is_some_and(|broker| broker.address.eq_ignore_ascii_case(&own.address))
+        };
+        let loops: Vec<&LoopConfig> = parts.loops.iter().flatten().collect();
+        let of_loop = |own: &'_ LoopConfig| -> Vec<String> {
+            let tags = plant::tags(own).filter_map(|(_, tag)| match tag {
+                TagConfig::Mqtt(tag) if read_there(tag) => tag.topic.clone(),
+                _ => None,
+            });
+            tags.collect()
+        };
+        let read: HashSet<String> = loops.iter().flat_map(|own| of_loop(own)).collect();
+        let written = |own_loop: &&LoopConfig| own.topics(&own_loop.id, &own_loop.group);
+        let written: Vec<[String; 2]> = loops.iter().map(written).collect();
+        for (at, field) in ["diagnosis_topic", "alarm_topic"].into_iter().enumerate() {
+            if let Some(topic) = written.iter().map(|topics| &topics[at]).find(|topic| read.contains(*topic))
+            {
+                let message =
+                    format!("{field}: {topic:?} is a topic that a tag is read from: publish to another");
+                self.wrong(&path!["notify", "mqtt", field], message);
             }
         }
     }
@@ -74,5 +105,23 @@ mod tests {
         let edge = "[notify.mqtt.sparkplug]\ngroup = 'g'\n";
         let found = errors(&(broker("a", "plant:1883", "client_id = 'x-sparkplug'") + publisher + edge));
         assert!(found.len() == 1, "{found:?}");
+    }
+
+    #[test]
+    fn what_is_published_is_not_read_again() {
+        let text = |topic: &str| {
+            let of = broker("a", "plant:1883", "");
+            format!(
+                "{of}[notify.mqtt]\naddress = 'Plant:1883'\nalarm_topic = 'al/{{loop}}'\ndiagnosis_topic = '{topic}'\n"
+            )
+        };
+        assert_eq!(errors(&text("said/{loop}")), [""; 0]);
+        let read = LOOP.replace("topic = 'p'", "topic = 'plant/A'");
+        let parsed = parse("f", &(text("plant/{loop}") + &read));
+        let found: Vec<String> = parsed.err().unwrap_or_default().iter().map(ToString::to_string).collect();
+        assert!(
+            found.len() == 1 && found[0].contains("diagnosis_topic: \"plant/A\" is a topic"),
+            "{found:?}"
+        );
     }
 }

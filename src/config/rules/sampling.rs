@@ -15,8 +15,14 @@ impl Rules<'_, '_, '_> {
         if !history.validate().is_empty() || !diagnosis.validate().is_empty() {
             return;
         }
-        self.unless(kept >= least, &path!["history", "samples_per_tag"], || {
-            format!("samples_per_tag: {kept} is fewer than [diagnosis] min_samples = {least}")
+        let (holds, needs) = (path!["history", "samples_per_tag"], path!["diagnosis", "min_samples"]);
+        // The default stands in no file, so what the file has is told.
+        let place = if self.source.has(&holds) { &holds } else { &needs };
+        self.unless(kept >= least, place, || {
+            format!(
+                "samples_per_tag: {kept} is fewer than [diagnosis] min_samples = {least}: write [history] samples_per_tag = \
+                 {least} or more"
+            )
         });
         let Some(ts) = diagnosis.ts_s else { return };
         let needed = ts * least as f64;

@@ -61,6 +61,24 @@ impl Rules<'_, '_, '_> {
         }
     }
 
+    /// What clears an alarm is no more than what raises it.
+    pub(super) fn clearing(&mut self, parts: &Parts) {
+        let (Some(alarm), Some(diagnosis)) = (&parts.alarm, &parts.diagnosis) else { return };
+        let pairs = [
+            ("clear_f_percent", alarm.clear_f_percent, "f_threshold_percent", diagnosis.f_threshold_percent),
+            ("clear_evidence", alarm.clear_evidence, "evidence_threshold", diagnosis.evidence_threshold),
+        ];
+        for (clears, least, raises, most) in pairs {
+            let here = path!["alarm", clears];
+            let there = path!["diagnosis", raises];
+            // The default stands in no file, so what the file has is told.
+            let place = if self.source.has(&here) { &here } else { &there };
+            self.unless(least.is_nan() || most.is_nan() || least <= most, place, || {
+                format!("{clears} = {least} must be at most {raises} = {most}: what clears an alarm is less than what raises it")
+            });
+        }
+    }
+
     /// What is suppressed by design is a kind of alarm, of a loop or of a collector that there is.
     pub(super) fn suppressed(&mut self, parts: &Parts) {
         let Some(alarm) = &parts.alarm else { return };

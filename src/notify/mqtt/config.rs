@@ -1,5 +1,6 @@
 //! `[notify.mqtt]`: to which broker, as whom, under which topics.
 
+use super::message;
 use crate::host;
 use crate::mqtt::{Broker, Password, default_client_id, topic_fault};
 use crate::notify::secret::wrong_login;
@@ -130,6 +131,11 @@ impl Config {
             login: self.user.clone().zip(password),
             max_bytes: 1 << 20,
         }
+    }
+
+    /// The topics of a loop: of its diagnoses and of its alarm.
+    pub fn topics(&self, id: &str, group: &str) -> [String; 2] {
+        [&self.diagnosis_topic, &self.alarm_topic].map(|template| message::topic(template, group, id))
     }
 
     /// Everything wrong with it, by field; empty when it can be used.

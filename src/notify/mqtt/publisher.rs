@@ -231,7 +231,7 @@ impl Publisher {
     fn refresh(&self, outbox: &mut Outbox) -> HashMap<LoopId, String> {
         let loops = (self.loops)();
         let topics: HashSet<String> =
-            loops.iter().flat_map(|name| self.topics(&name.id, &name.group)).collect();
+            loops.iter().flat_map(|name| self.config.topics(name.id.as_str(), &name.group)).collect();
         outbox.empty_all_but(|topic| topics.contains(topic));
         for name in &loops {
             self.put(&name.id, &name.group, outbox);
@@ -239,14 +239,9 @@ impl Publisher {
         loops.into_iter().map(|name| (name.id, name.group)).collect()
     }
 
-    fn topics(&self, id: &LoopId, group: &str) -> [String; 2] {
-        [&self.config.diagnosis_topic, &self.config.alarm_topic]
-            .map(|template| message::topic(template, group, id.as_str()))
-    }
-
     fn put(&self, id: &LoopId, group: &str, outbox: &mut Outbox) {
         let Some(known) = self.results.get(id, (self.now)()) else { return };
-        let [diagnosis, alarm] = self.topics(id, group);
+        let [diagnosis, alarm] = self.config.topics(id.as_str(), group);
         let diagnosed =
             known.last.map(|summary| (diagnosis, message::diagnosis(id.as_str(), group, &summary)));
         for (topic, payload) in diagnosed.into_iter().chain([(alarm, message::alarm(group, &known.alarm))]) {
