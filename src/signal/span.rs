@@ -60,6 +60,18 @@ pub fn span_of_unit(unit: &str) -> Option<f64> {
     }
 }
 
+/// Units of an output that say what it is and not how far it goes.
+const PHYSICAL: [&str; 32] = [
+    "v", "vdc", "mv", "mm", "cm", "m", "in", "hz", "rpm", "1/min", "bar", "mbar", "barg", "kpa", "mpa", "pa",
+    "psi", "psig", "kg/cm2", "m3/h", "l/h", "l/min", "l/s", "gpm", "kg/h", "kg/s", "t/h", "deg", "°", "kw",
+    "degc", "°c",
+];
+
+/// Whether a unit tells that values are no share of a span.
+fn is_physical(unit: &str) -> bool {
+    PHYSICAL.contains(&unit.trim().to_lowercase().as_str())
+}
+
 /// The usual span that limits are written for: as wide, or beyond both of its ends.
 fn usual((low, high): (f64, f64)) -> Option<f64> {
     let fits = |(zero, span): &(f64, f64)| {
@@ -93,7 +105,9 @@ impl Scale<'_> {
                 return (span, source);
             }
         }
-        match of_values(op) {
+        // Values of 20 to 100 kPa are no per cent.
+        let physical = self.unit.is_some_and(is_physical);
+        match of_values(op).filter(|_| !physical) {
             Some(span) => (Some(span), SpanSource::Values),
             None => (None, SpanSource::Unknown),
         }

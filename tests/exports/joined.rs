@@ -234,3 +234,68 @@ fn what_helps_is_said_where_a_form_is_not_read() {
 fn civil_of(t: f64) -> String {
     written("%Y-%m-%d %H:%M:%S", t)
 }
+
+#[test]
+fn rows_of_several_loops_are_told_apart_by_the_column_that_names_them() {
+    let example = example();
+    let both = |row: &String| {
+        let (time, values) = row.split_once(',').expect("a time");
+        [format!("{time},FIC101,{values}"), format!("{time},FIC102,50.0,30.0")]
+    };
+    let alternating: Vec<String> = rows(&example, ',', civil_of).iter().flat_map(both).collect();
+    let mut stacked = alternating.clone();
+    stacked.sort_by_key(|row| row.contains("FIC101"));
+    for rows in [&alternating, &stacked] {
+        for name in ["loop", "Asset", "Controller", "Tag"] {
+            let header = format!("Time,{name},OP,PV");
+            refused(
+                read(&header, rows, &Options::default()),
+                "rows of several loops, \"FIC101\", \"FIC102\": say which",
+            );
+            let of = |id: &str| Options { of_loop: Some(id.into()), ..Options::default() };
+            let table = read(&header, rows, &of("fic101")).expect(name);
+            assert!(bits(&table.record) == bits(&example), "{name}: {}", table.found.read_as);
+            let other = read(&header, rows, &of("FIC102")).expect(name);
+            assert!(other.record.op.len() == example.op.len() && other.record.op[9].value == 50.0);
+            refused(read(&header, rows, &of("FIC9")), "names no such loop; there are \"FIC101\", \"FIC102\"");
+        }
+    }
+}
+
+#[test]
+fn what_only_looks_like_op_a_comment_or_a_good_value_is_not_taken_for_it() {
+    let example = example();
+    let plain = Options::default();
+    let least: Vec<String> = rows(&example, ',', civil_of);
+    refused(read("Time,OP Min,PV Min", &least, &plain), "no column op");
+    // A column too narrow for its times: they are told, and too many of them refused.
+    let mut narrow = rows(&example, ',', civil_of);
+    for row in narrow.iter_mut().step_by(4) {
+        let at = row.find(',').expect("a time");
+        row.replace_range(..at, "########");
+    }
+    refused(read("Time,OP,PV", &narrow, &plain), "########");
+    // PI's web API and a word in Cyrillic.
+    for (header, good, bad) in [("Time,Good,OP,PV", "True", "False"), ("Time,Качество,OP,PV", "good", "bad")]
+    {
+        let mark = |(at, row): (usize, String)| {
+            let (time, values) = row.split_once(',').expect("a time");
+            format!("{time},{},{values}", if at % 50 == 7 { bad } else { good })
+        };
+        let marked: Vec<String> = rows(&example, ',', civil_of).into_iter().enumerate().map(mark).collect();
+        let table = read(header, &marked, &plain).expect(header);
+        let not_good = table.record.pv.iter().filter(|sample| !sample.quality.is_good()).count();
+        assert_eq!(not_good, example.pv.len().div_ceil(50), "{header}");
+    }
+    // The zone in the header, as loggers write it.
+    let hours = |header: &str| {
+        let table = read(header, &rows(&example, ',', civil_of), &plain).expect(header);
+        (table.record.op[0].t - BEGIN as f64).round() / 3600.0
+    };
+    assert_eq!(hours("\"Date Time, GMT+02:00\",OP,PV"), -2.0);
+    assert_eq!(hours("Time UTC+02:00,OP,PV"), -2.0);
+    assert_eq!(hours("Time (Europe/Berlin),OP,PV"), -2.0);
+    // Volts are no per cent.
+    let volts = read("Time,OP [V],PV", &rows(&example, ',', civil_of), &plain).expect("volts");
+    assert_eq!(volts.record.op_span, None);
+}

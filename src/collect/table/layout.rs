@@ -89,6 +89,8 @@ pub struct Wide {
     pub units: Vec<Option<String>>,
     /// Columns that say whether the value of one of `columns`, or of all, is good.
     pub qualities: Vec<(usize, Option<usize>)>,
+    /// The column that says of which loop a row is.
+    pub owner: Option<usize>,
 }
 
 /// A row for each sample.
@@ -409,8 +411,9 @@ fn columns(names: &[Name], roles: &Roles) -> Wide {
     let place = |at: usize| columns.iter().position(|c| *c == at);
     let qualities = owners.iter().filter_map(|(at, owner)| Some((*at, (*owner)?.and_then(place)))).collect();
     let units = columns.iter().map(|at| names[*at].unit.clone()).collect();
-    let roles = columns.iter().map(|at| roles[*at]).collect();
-    Wide { columns, roles, units, qualities }
+    let roles: Roles = columns.iter().map(|at| roles[*at]).collect();
+    let owner = values.into_iter().find(|at| names[*at].is_owner());
+    Wide { columns, roles, units, qualities, owner }
 }
 
 /// Passes over the rows between header and samples, and takes units from them.
@@ -438,6 +441,7 @@ fn units(layout: &mut Layout, below: &[SeenRow]) {
 impl Cell<'_> {
     /// Whether a row that begins with it is a comment.
     pub fn is_comment(&self) -> bool {
-        matches!(self, Cell::Text(text) if text.trim_start().starts_with('#'))
+        // `########` is a time that a spreadsheet had no room for.
+        matches!(self, Cell::Text(text) if text.trim_start().starts_with('#') && text.trim().trim_matches('#') != "")
     }
 }

@@ -25,6 +25,7 @@ mod layout;
 pub(super) mod names;
 pub(super) mod number;
 mod options;
+mod owner;
 mod parquet;
 mod qualities;
 mod roles;

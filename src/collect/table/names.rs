@@ -1,7 +1,7 @@
 //! What the names of columns mean: the words of the field, of vendors, and of a few languages.
 
 use super::calendar::{is_ambiguous, zone};
-use super::options::Unit;
+use super::options::{self, Unit};
 use crate::signal::Role;
 
 /// What a column's name says it is.
@@ -171,12 +171,34 @@ const QUALITIES: &[&str] = &[
     "opcquality",
     "opc quality",
     "qualitydetail",
+    "qualitycode",
+    "quality code",
+    "good",
+    "качество",
     "quality detail",
     "q",
     "st",
 ];
 /// Those of them that mean nothing without the name of a value before them.
 const SHORT_QUALITIES: &[&str] = &["q", "st"];
+
+/// Columns that name the loop of a row.
+const OWNERS: [&str; 14] = [
+    "loop",
+    "loop id",
+    "loopid",
+    "loop name",
+    "controller",
+    "asset",
+    "equipment",
+    "host",
+    "machine",
+    "tag",
+    "tagname",
+    "tag name",
+    "block",
+    "regelkreis",
+];
 
 /// Units that may stand behind a name without brackets: `OP %`, `PV degC`.
 const UNITS: &[&str] = &[
@@ -196,7 +218,7 @@ const UTC: [&str; 3] = ["utc", "gmt", "z"];
 /// What the unit of a column of times says of its zone.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum HeaderZone {
-    /// An offset, as `--tz` has it: `+02:00`.
+    /// An offset or a name, as `--tz` has it: `+02:00`, `Europe/Berlin`.
     Offset(String),
     /// Letters, which `--tz` has to say more of.
     Letters(String),
@@ -210,6 +232,10 @@ impl HeaderZone {
         let of_one = !UTC.contains(&small.as_str()) && zone(&small).is_some();
         if of_one || is_ambiguous(&small) {
             return Some(Self::Letters(unit.trim().to_string()));
+        }
+        // `Europe/Berlin`; `m3/h` is none.
+        if unit.contains('/') && options::zone(unit.trim()).is_some() {
+            return Some(Self::Offset(unit.trim().to_string()));
         }
         let rest = small.strip_prefix("utc").or_else(|| small.strip_prefix("gmt")).unwrap_or(&small).trim();
         let digits = rest.strip_prefix(['+', '-'])?;
@@ -334,6 +360,11 @@ impl Name {
         QUALITIES.iter().filter_map(of).min_by_key(String::len)
     }
 
+    /// Whether its cells may name the loop of their row, where OP and PV have columns of their own.
+    pub fn is_owner(&self) -> bool {
+        OWNERS.contains(&self.plain.as_str())
+    }
+
     /// Whether a quality column of this name (see [`Self::quality_of`]) belongs to it.
     pub fn owns_quality(&self, of: &str) -> bool {
         let short = self.said().map(|said| said.meaning.as_str());
@@ -397,9 +428,14 @@ fn split_unit(name: &str) -> (&str, Option<&str>) {
     }
     if let Some((before, unit)) = name.rsplit_once([' ', ',', '_'])
         && !before.trim().is_empty()
-        && is_unit(unit)
     {
-        return (before.trim_end_matches([' ', ',', '_']), Some(unit));
+        let before = before.trim_end_matches([' ', ',', '_']);
+        let is_time = || whole(&plain(before)) == Some(Meaning::Time);
+        // `OP Min` is the least of something, and only times are counted in minutes.
+        let is_least = unit.eq_ignore_ascii_case("min") && !is_time();
+        if is_unit(unit) && !is_least || HeaderZone::of(unit).is_some() && is_time() {
+            return (before, Some(unit));
+        }
     }
     if let Some(before) = name.strip_suffix('%').filter(|before| !before.trim().is_empty()) {
         return (before.trim(), Some("%"));
@@ -440,15 +476,19 @@ mod tests {
             ("FIC101:PV [m3/h]", "pv", "fic101"),
             ("FIC101_PV", "pv", "fic101"),
             ("('FIC101', 'PV')", "pv", "fic101"),
+            ("Date Time, GMT+02:00", "t", ""),
+            ("Time (Europe/Berlin)", "t", ""),
+            ("Time min", "t", ""),
             ("\\\\SERVER\\FIC101.PV", "pv", "server fic101"),
             ("FIC101 OP %", "op", "fic101"),
             ("CV", "op", ""),
         ] {
             assert_eq!(said(name), Some((meaning, owner.to_string())), "{name}");
         }
-        for name in
-            ["flow", "flow_out", "T5", "T_C", "T [degC]", "P1_kPa", "remark", "", "XMEAS1", "temp out"]
-        {
+        for name in [
+            "flow", "flow_out", "T5", "T_C", "T [degC]", "P1_kPa", "remark", "", "XMEAS1", "OP Min",
+            "temp out",
+        ] {
             assert_eq!(said(name), None, "{name}");
         }
     }

@@ -8,6 +8,7 @@ use super::layout::{Body, Layout, Long, Wide};
 use super::names::{Meaning, Name};
 use super::number::Decimal;
 use super::options::{Options, Told};
+use super::owner::Owner;
 use super::qualities::{Others, Quality};
 use super::roles::{Trouble, roles};
 use super::source::{Cell, Kind, Rows, Source};
@@ -38,6 +39,8 @@ pub struct Plan {
     pub modes: Vec<Option<Modes>>,
     /// Columns of quality: where, of which channel, and how they say it.
     pub qualities: Vec<(usize, Option<usize>, Says)>,
+    /// Which rows are the loop's, where a column names loops.
+    pub owner: Option<Owner>,
 }
 
 /// Reads a table for the first time. `whole` wants OP and PV of one loop, else every tag is taken as it is.
@@ -68,6 +71,8 @@ struct Counting {
     others: Others,
     /// Columns of OP and PV, and what stood there in the row before.
     moving: Vec<(usize, String)>,
+    /// Which rows are the loop's.
+    owner: Option<Owner>,
     mode_name: Option<String>,
 }
 
@@ -83,6 +88,7 @@ impl Counting {
             others: Others::default(),
             moving: Vec::new(),
             mode_name: options.mode.clone(),
+            owner: Owner::of(layout, options),
         };
         match &layout.body {
             Body::Wide(wide) => own.wide(wide, layout),
@@ -120,6 +126,9 @@ impl Counting {
         while let Some(line) = rows.next()? {
             if passed_over(rows, layout) {
                 same_header(rows, layout, line)?;
+                continue;
+            }
+            if self.owner.as_mut().is_some_and(|owner| !owner.takes(rows)) {
                 continue;
             }
             let first = rows.cell(layout.time);
@@ -197,6 +206,7 @@ impl Counting {
         row_name: &str,
         whole: bool,
     ) -> Result<Plan, TableError> {
+        self.owner.as_ref().map_or(Ok(()), Owner::decided)?;
         if self.times.rows == 0 {
             return Err(TableError::refused(format!(
                 "{row_name} {}: no samples below the header",
@@ -245,8 +255,21 @@ impl Counting {
             let says = Says::decide(words, told.good_values.as_deref(), &layout.names[*at].full)?;
             qualities.extend(says.map(|says| (*at, *of, says)));
         }
-        let (channels, tags) = (self.channels, self.tags);
-        Ok(Plan { kind, separator, layout, reading, decimal, signs, channels, tags, units, modes, qualities })
+        let Self { channels, tags, owner, .. } = self;
+        Ok(Plan {
+            kind,
+            separator,
+            layout,
+            reading,
+            decimal,
+            signs,
+            channels,
+            tags,
+            units,
+            modes,
+            qualities,
+            owner,
+        })
     }
 
     /// Refuses a second column of times between OP and PV: then each has its own.

@@ -7,6 +7,7 @@ use super::layout::Body;
 use super::names::Name;
 use super::number;
 use super::options::Options;
+use super::owner::Owner;
 use super::source::{Cell, Rows, Source};
 use super::survey::{Plan, passed_over, tag_of};
 use super::time_columns::whole_millis;
@@ -123,7 +124,8 @@ fn all(source: Source<'_>, mut plan: Plan, take: Take<'_>) -> Result<(Plan, Foun
             rows.next()?;
         }
         while let Some(line) = rows.next()? {
-            if passed_over(rows.as_ref(), &plan.layout) {
+            let other = |owner: &mut Owner| !owner.takes(rows.as_ref());
+            if passed_over(rows.as_ref(), &plan.layout) || plan.owner.as_mut().is_some_and(other) {
                 continue;
             }
             let first = rows.cell(plan.layout.time);
