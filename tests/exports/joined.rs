@@ -299,3 +299,18 @@ fn what_only_looks_like_op_a_comment_or_a_good_value_is_not_taken_for_it() {
     let volts = read("Time,OP [V],PV", &rows(&example, ',', civil_of), &plain).expect("volts");
     assert_eq!(volts.record.op_span, None);
 }
+
+#[test]
+fn times_of_pv_behind_it_are_no_times_of_op() {
+    let example = example();
+    let two = |row: String| {
+        let (time, values) = row.split_once(',').expect("a time");
+        format!("{time},{values},{}", time.replacen("2026", "2027", 1))
+    };
+    let rows: Vec<String> = rows(&example, ',', civil_of).into_iter().map(two).collect();
+    for name in ["PV Time", "FIC101_PV_TIMESTAMP"] {
+        refused(read(&format!("Time,OP,PV,{name}"), &rows, &Options::default()), "each tag has its own");
+    }
+    let table = read("Time,OP,PV,Archived", &rows, &Options::default()).expect("when it was written down");
+    assert!(bits(&table.record) == bits(&example));
+}

@@ -20,6 +20,7 @@ mod dialect;
 mod error;
 mod evidence;
 mod found;
+mod header_zone;
 mod kinds;
 mod layout;
 pub(super) mod names;

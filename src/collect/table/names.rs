@@ -1,7 +1,7 @@
 //! What the names of columns mean: the words of the field, of vendors, and of a few languages.
 
-use super::calendar::{is_ambiguous, zone};
-use super::options::{self, Unit};
+use super::header_zone::HeaderZone;
+use super::options::Unit;
 use crate::signal::Role;
 
 /// What a column's name says it is.
@@ -205,49 +205,12 @@ const UNITS: &[&str] = &[
     "%", "pct", "percent", "ma", "a", "v", "degc", "degf", "°c", "°f", "c", "k", "bar", "mbar", "bara",
     "barg", "pa", "kpa", "mpa", "psi", "psig", "m3/h", "m³/h", "nm3/h", "l/h", "l/min", "l/s", "gpm", "kg/h",
     "kg/s", "t/h", "lb/h", "m", "mm", "cm", "kw", "mw", "rpm", "ph", "ppm", "s", "sec", "secs", "second",
-    "seconds", "ms", "us", "µs", "ns", "min", "minutes", "h", "hr", "hrs", "hours", "d", "days", "-", "utc",
-    "gmt", "local", "counts", "raw", "m3/s", "mol/s",
+    "seconds", "ms", "us", "µs", "ns", "min", "minutes", "minuten", "h", "hr", "hrs", "hours", "stunden",
+    "sekunden", "d", "days", "-", "utc", "gmt", "local", "counts", "raw", "m3/s", "mol/s",
 ];
 
 /// What may stand as a unit behind a name of times.
 const ZONES: [&str; 5] = ["utc", "gmt", "local", "-", ""];
-
-/// Letters for Greenwich.
-const UTC: [&str; 3] = ["utc", "gmt", "z"];
-
-/// What the unit of a column of times says of its zone.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum HeaderZone {
-    /// An offset or a name, as `--tz` has it: `+02:00`, `Europe/Berlin`.
-    Offset(String),
-    /// Letters, which `--tz` has to say more of.
-    Letters(String),
-}
-
-impl HeaderZone {
-    /// `UTC+02:00`, `GMT-5`, `CEST`; `None` where nothing of the kind stands there, or UTC itself.
-    pub fn of(unit: &str) -> Option<Self> {
-        let small = unit.trim().to_lowercase();
-        // Letters that only one zone has hold for half of a year.
-        let of_one = !UTC.contains(&small.as_str()) && zone(&small).is_some();
-        if of_one || is_ambiguous(&small) {
-            return Some(Self::Letters(unit.trim().to_string()));
-        }
-        // `Europe/Berlin`; `m3/h` is none.
-        if unit.contains('/') && options::zone(unit.trim()).is_some() {
-            return Some(Self::Offset(unit.trim().to_string()));
-        }
-        let rest = small.strip_prefix("utc").or_else(|| small.strip_prefix("gmt")).unwrap_or(&small).trim();
-        let digits = rest.strip_prefix(['+', '-'])?;
-        let (hours, minutes) = match (digits.split_once(':'), digits.len()) {
-            (Some(parts), _) => parts,
-            (None, 4) => digits.split_at(2),
-            (None, _) => (digits, "0"),
-        };
-        let (hours, minutes): (u8, u8) = (hours.parse().ok()?, minutes.parse().ok()?);
-        (hours <= 15 && minutes < 60).then(|| Self::Offset(format!("{}{hours:02}:{minutes:02}", &rest[..1])))
-    }
-}
 
 /// A name of a column or a tag, taken apart.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -105,12 +105,12 @@ impl Unit {
     /// By the name in an option, a header or a row of units.
     pub fn of(name: &str) -> Option<Self> {
         Some(match name.trim().to_lowercase().as_str() {
-            "s" | "sec" | "secs" | "second" | "seconds" => Unit::Seconds,
+            "s" | "sec" | "secs" | "second" | "seconds" | "sekunden" => Unit::Seconds,
             "ms" | "millis" | "milliseconds" => Unit::Millis,
             "us" | "µs" | "micros" | "microseconds" => Unit::Micros,
             "ns" | "nanos" | "nanoseconds" => Unit::Nanos,
-            "min" | "mins" | "minute" | "minutes" => Unit::Minutes,
-            "h" | "hr" | "hrs" | "hour" | "hours" => Unit::Hours,
+            "min" | "mins" | "minute" | "minutes" | "minuten" => Unit::Minutes,
+            "h" | "hr" | "hrs" | "hour" | "hours" | "stunden" => Unit::Hours,
             "d" | "days" | "serial" => Unit::Days,
             "s1904" => Unit::SecondsSince1904,
             "ticks" => Unit::Ticks,

@@ -272,11 +272,13 @@ impl Counting {
         })
     }
 
-    /// Refuses a second column of times between OP and PV: then each has its own.
+    /// Refuses a second column of times between OP and PV, or with the name of one of them: then each has its own.
     fn one_column_of_times(&self, layout: &Layout) -> Result<(), TableError> {
         let at = |role: Role| self.channels.iter().find(|c| c.role == Some(role)).map_or(0, |c| c.column);
         let (op, pv) = (at(Role::Op), at(Role::Pv));
-        let between = |c: &&Channel| c.column > op.min(pv) && c.column < op.max(pv);
+        let named_so =
+            |c: &Channel| Name::new(&c.tag.name).plain().split(' ').any(|word| matches!(word, "op" | "pv"));
+        let between = |c: &&Channel| c.column > op.min(pv) && c.column < op.max(pv) || named_so(c);
         let named = self.channels.iter().filter(|c| c.other_times * 2 > c.cells);
         let other = named.chain(self.others.times()).find(between);
         other.map_or(Ok(()), |other| {

@@ -1,7 +1,7 @@
 //! Which of the ways to read the column is right, or why none is.
 
 use super::super::error::{TableError, shown};
-use super::super::names::HeaderZone;
+use super::super::header_zone::HeaderZone;
 use super::super::number::Decimal;
 use super::super::options::{self, Format, Told, Unit, Zone};
 use super::super::stamp::Order;
