@@ -442,6 +442,6 @@ impl Cell<'_> {
     /// Whether a row that begins with it is a comment.
     pub fn is_comment(&self) -> bool {
         // `########` is a time that a spreadsheet had no room for.
-        matches!(self, Cell::Text(text) if text.trim_start().starts_with('#') && text.trim().trim_matches('#') != "")
+        matches!(self, Cell::Text(text) if text.trim_start().starts_with('#') && !text.trim().trim_matches('#').is_empty())
     }
 }

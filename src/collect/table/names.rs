@@ -385,7 +385,9 @@ fn is_unit(text: &str) -> bool {
 /// `OP [%]`, `OP (%)`, `OP %`, `PV, m3/h`, `t_ms` as name and unit.
 fn split_unit(name: &str) -> (&str, Option<&str>) {
     for (open, close) in [('[', ']'), ('(', ')'), ('{', '}')] {
-        if let Some((before, unit)) = name.strip_suffix(close).and_then(|n| n.rsplit_once(open)) {
+        if let Some((before, unit)) = name.strip_suffix(close).and_then(|n| n.rsplit_once(open))
+            && !before.trim().is_empty()
+        {
             return (before.trim_end_matches(['_', ' ', ',']).trim(), Some(unit.trim()));
         }
     }
@@ -439,6 +441,7 @@ mod tests {
             ("FIC101:PV [m3/h]", "pv", "fic101"),
             ("FIC101_PV", "pv", "fic101"),
             ("('FIC101', 'PV')", "pv", "fic101"),
+            ("[FIC101.PV]", "pv", "fic101"),
             ("Date Time, GMT+02:00", "t", ""),
             ("Time (Europe/Berlin)", "t", ""),
             ("Time min", "t", ""),
