@@ -253,6 +253,10 @@ impl Name {
 
     /// What it says of itself.
     pub fn said(&self) -> Option<Said> {
+        // InfluxDB's name of a table, in which PV may stand beside it.
+        if self.full == "_measurement" {
+            return None;
+        }
         // `T_C` is a temperature: a time has a unit of time, or the name of a zone.
         let of_time = |unit: &String| {
             Unit::of(unit).is_some()
@@ -452,7 +456,17 @@ mod tests {
             assert_eq!(said(name), Some((meaning, owner.to_string())), "{name}");
         }
         for name in [
-            "flow", "flow_out", "T5", "T_C", "T [degC]", "P1_kPa", "remark", "", "XMEAS1", "OP Min",
+            "flow",
+            "flow_out",
+            "T5",
+            "T_C",
+            "T [degC]",
+            "P1_kPa",
+            "remark",
+            "",
+            "XMEAS1",
+            "OP Min",
+            "_measurement",
             "temp out",
         ] {
             assert_eq!(said(name), None, "{name}");

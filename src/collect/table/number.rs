@@ -89,6 +89,10 @@ fn is_gap(c: char) -> bool {
 pub fn bare(cell: &str) -> &str {
     let around = |c: char| c.is_whitespace() || matches!(c, '\0' | '\u{feff}');
     let cell = cell.trim_matches(around);
+    // `="51.8"` and `'51.8` keep a spreadsheet from reading a number.
+    let cell = cell.strip_prefix('=').filter(|rest| rest.starts_with('"')).unwrap_or(cell);
+    let digit = |text: &&str| text.starts_with(|c: char| c.is_ascii_digit()) && !text.ends_with('\'');
+    let cell = cell.strip_prefix('\'').filter(digit).unwrap_or(cell);
     let quoted = |sign: char| cell.strip_prefix(sign)?.strip_suffix(sign);
     quoted('"').or_else(|| quoted('\'')).map_or(cell, |inner| inner.trim_matches(around))
 }
@@ -106,7 +110,8 @@ pub fn scan(cell: &str) -> Option<Number<'_>> {
             .filter(|number| number.unit.is_empty())
             .map(|number| Number { negated: true, ..number });
     }
-    let signed = cell.strip_prefix(['+', '-', '\u{2212}']).unwrap_or(cell);
+    // Loggers write `+  51.8`.
+    let signed = cell.strip_prefix(['+', '-', '\u{2212}']).map_or(cell, |rest| rest.trim_start_matches(' '));
     let at = cell.len() - signed.len();
     let mut end = digits_end(signed);
     if !signed[..end].bytes().any(|byte| byte.is_ascii_digit()) {
@@ -262,6 +267,9 @@ mod tests {
             ("1\u{202f}234", Form::Plain, Some(1234.0), Some(1234.0)),
             ("1'234.50", Form::Decimal(Point), Some(1234.5), None),
             ("+50.1", Form::Decimal(Point), Some(50.1), None),
+            ("-  50.1", Form::Decimal(Point), Some(-50.1), None),
+            ("=\"50.1\"", Form::Decimal(Point), Some(50.1), None),
+            ("'50.1", Form::Decimal(Point), Some(50.1), None),
             ("\u{2212}5", Form::Plain, Some(-5.0), Some(-5.0)),
             ("1e-3", Form::Plain, Some(0.001), Some(0.001)),
             ("1,5E+02", Form::Decimal(Comma), None, Some(150.0)),
