@@ -39,6 +39,7 @@ impl Config {
         let there = folder.ancestors().find(|path| *path != Path::new("") && path.exists());
         let why = match there {
             _ if text.starts_with('~') || text.contains('$') => "is taken as it is: write the whole path",
+            _ if text.contains('\\') => "has backslashes, which are no path here: write one with /",
             Some(there) if !there.is_dir() && there == folder => "is a file: name a folder",
             Some(there) if !there.is_dir() => "lies below a file: name another folder",
             _ => return None,

@@ -234,4 +234,36 @@ mod tests {
         let mail = errors(&[("[[loop]]", mail)]);
         assert!(mail.len() == 1 && mail[0].ends_with("to = [\"a@b.example\", \"c@d.example\"]"), "{mail:#?}");
     }
+
+    #[test]
+    fn what_is_right_and_may_be_meant_otherwise_is_remarked() {
+        let remarks = |from: &str, to: &str| {
+            let text = "[[modbus]]\nname = 'd'\naddress = '10.0.0.5:502'\naddress_base = 0\npoll_ms = 1000\n\
+                        [[loop]]\nid = 'A'\n[loop.op]\ndevice = 'd'\nregister = 'holding'\naddress = 100\ntype = 'f32'\n\
+                        [loop.pv]\ndevice = 'd'\nregister = 'holding'\naddress = 102\ntype = 'f32'\n";
+            parse("f", &text.replacen(from, to, 1)).map(|config| config.remarks()).unwrap_or_default()
+        };
+        assert_eq!(remarks("", ""), [""; 0]);
+        let cases = [
+            (
+                "poll_ms = 1000",
+                "poll_ms = 3600000",
+                "d: at poll_ms = 3600000 the first diagnosis takes 200 h",
+            ),
+            (
+                "poll_ms = 1000",
+                "poll_ms = 5\ntimeout_ms = 5",
+                "d: at poll_ms = 5 it is asked 200 times a second",
+            ),
+            (
+                "[[loop]]",
+                "[fleet]\nservers = ['nats://127.0.0.1:4222']\n[[loop]]",
+                "[fleet]: `stictiond edge` needs a site and a [store]",
+            ),
+        ];
+        for (from, to, expected) in cases {
+            let found = remarks(from, to);
+            assert!(found.len() == 1 && found[0].starts_with(expected), "{expected}: {found:#?}");
+        }
+    }
 }

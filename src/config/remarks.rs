@@ -32,6 +32,7 @@ impl Config {
             out.extend(one_bit(control_loop));
             out.extend(beyond_range(control_loop));
         }
+        out.extend(self.of_edge());
         out.extend(self.pace());
         out.extend(self.numbered());
         out.extend(self.copied());
@@ -45,6 +46,15 @@ impl Config {
             ));
         }
         out
+    }
+
+    /// What an edge would not start without.
+    fn of_edge(&self) -> Option<String> {
+        let fleet = self.fleet.as_ref().filter(|_| !self.loops.is_empty())?;
+        let needed = [("a site", fleet.site.is_none()), ("a [store]", self.store.is_none())];
+        let missing: Vec<&str> =
+            needed.iter().filter(|(_, missing)| *missing).map(|(what, _)| *what).collect();
+        (!missing.is_empty()).then(|| format!("[fleet]: `stictiond edge` needs {}", missing.join(" and ")))
     }
 
     /// Devices that are polled so slowly, or so often, that another unit may have been meant.
