@@ -67,6 +67,32 @@ fn hadolint_finds_nothing_in_the_dockerfile() {
 }
 
 #[test]
+fn what_the_dockerfile_copies_is_sent_to_the_builder_and_is_there() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let read = |name: &str| fs::read_to_string(root.join(name)).expect(name);
+    let (dockerfile, ignore) = (read("Dockerfile"), read(".dockerignore"));
+    let sent: Vec<&str> = ignore.lines().filter_map(|line| line.strip_prefix('!')).collect();
+    let copies = dockerfile
+        .lines()
+        .filter_map(|line| line.strip_prefix("COPY "))
+        .filter(|line| !line.starts_with("--"));
+    let mut copied = 0;
+    for line in copies {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        for source in &words[..words.len() - 1] {
+            assert!(sent.contains(source), "{source} is copied and not sent: .dockerignore leaves it out");
+            assert!(root.join(source).exists(), "{source} is not there");
+            copied += 1;
+        }
+    }
+    assert!(copied >= 7, "{copied}");
+    // What the manifests name has to be there for a build.
+    for member in ["numerics", "benches", ".cargo"] {
+        assert!(sent.contains(&member), "{member}");
+    }
+}
+
+#[test]
 fn systemd_takes_the_unit_and_finds_little_that_it_may() {
     let folder = folder("deploy-systemd");
     let unit = fs::read_to_string(deploy("systemd/stictiond.service")).expect("the unit");
