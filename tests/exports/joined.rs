@@ -314,3 +314,15 @@ fn times_of_pv_behind_it_are_no_times_of_op() {
     let table = read("Time,OP,PV,Archived", &rows, &Options::default()).expect("when it was written down");
     assert!(bits(&table.record) == bits(&example));
 }
+
+#[test]
+fn a_recorder_has_its_tags_above_the_names_of_its_columns() {
+    let example = example();
+    let stamp =
+        |t: f64| format!("{},{:03.0}", written("%Y/%m/%d,%H:%M:%S", t), (t.fract() * 100.0).round() * 10.0);
+    let header = "\"Tag\",,,\"FIC101.OP\",\"FIC101.PV\"\n\"Unit\",,,\"%\",\"m3/h\"\n\"Date\",\"Time\",\"msec\",\"INST\",\"INST\"";
+    let table = read(header, &rows(&example, ',', stamp), &Options::default()).expect("read");
+    assert!(bits(&table.record) == bits(&example), "{}", table.found.read_as);
+    let off = table.record.op.iter().zip(&example.op).map(|(a, b)| (a.t - BEGIN as f64 - b.t).abs());
+    assert!(off.fold(0.0, f64::max) < 0.006, "the milliseconds are read");
+}

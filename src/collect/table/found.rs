@@ -29,7 +29,13 @@ impl Found {
         }
         parts.push(plan.reading.said.clone());
         if let Some(at) = plan.layout.millis {
-            parts.push(format!("milliseconds from {:?}", shown(&plan.layout.names[at].full)));
+            let name = &plan.layout.names[at];
+            let from = if name.is_none() {
+                format!("column {}", at + 1)
+            } else {
+                format!("{:?}", shown(&name.full))
+            };
+            parts.push(format!("milliseconds from {from}"));
         }
         let mut op_unit = None;
         for (at, channel) in plan.channels.iter().enumerate() {

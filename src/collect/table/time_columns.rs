@@ -141,19 +141,29 @@ fn by_cells(found: &[usize], below: &[SeenRow]) -> Option<usize> {
     }
 }
 
+/// Rows below the header in which the names of columns may stand.
+const UNDER: usize = 4;
 /// Names of a column of milliseconds beside one of whole seconds. The first is a logger's and means nothing else.
 const MILLIS: [&str; 6] = ["millitm", "millis", "millisecond", "milliseconds", "msec", "ms"];
 
-/// The column of milliseconds: whole numbers below a thousand beside whole seconds, of which one comes more than once where
-/// the name may mean something else.
+/// The column of milliseconds: whole numbers below a thousand beside whole seconds. Where the name may mean something else, one
+/// of the seconds comes more than once, or all have three digits and one begins with 0. The name may stand in a row below the
+/// header, where that has the tags.
 pub fn millis(names: &[Name], time: usize, below: &[SeenRow]) -> Option<usize> {
-    let (at, name) = names.iter().enumerate().find(|(_, name)| MILLIS.contains(&name.plain()))?;
+    let of_column = |at: usize| {
+        let under = below.iter().take(UNDER).filter_map(move |(_, row)| row.get(at));
+        let under = under.filter(|cell| cell.kind == WhatKind::Nothing).map(|cell| Name::new(&cell.text));
+        [names[at].clone()].into_iter().chain(under).find(|name| MILLIS.contains(&name.plain()))
+    };
+    let (at, name) = (0..names.len()).find_map(|at| Some((at, of_column(at)?)))?;
     let dated: Vec<&SeenRow> =
         below.iter().filter(|row| row.1.get(time).is_some_and(|cell| cell.kind == WhatKind::Dated)).collect();
     let whole = |row: &&SeenRow| stamp::scan(&row.1[time].text).is_some_and(|own| own.is_whole_second());
     let small = |row: &&SeenRow| row.1.get(at).is_some_and(|cell| whole_millis(&cell.text).is_some());
     let repeats = dated.windows(2).any(|pair| pair[0].1[time].text == pair[1].1[time].text);
-    let meant = name.plain() == MILLIS[0] || repeats;
+    let cells = || dated.iter().filter_map(|row| row.1.get(at)).map(|cell| cell.text.trim());
+    let padded = cells().all(|text| text.len() == 3) && cells().any(|text| text.starts_with('0'));
+    let meant = name.plain() == MILLIS[0] || repeats || padded;
     (meant && !dated.is_empty() && dated.iter().all(|row| whole(row) && small(row))).then_some(at)
 }
 
