@@ -61,7 +61,10 @@ fn said(text: &str, at: usize, message: &str) -> String {
     let line = line(text, at);
     let value = line.split_once('=').map_or("", |(_, value)| value.trim());
     let begin = line.trim_start();
-    if begin.starts_with("//") || begin.starts_with(';') || value.contains(" //") {
+    if begin.starts_with("//")
+        || begin.starts_with(';')
+        || value.split('#').next().is_some_and(|value| value.contains(" //"))
+    {
         return "a remark begins with #, not with // or ;".into();
     }
     if decimal_comma(text, at) {

@@ -152,7 +152,7 @@ impl Scale<'_> {
         // [4, 20] in per cent: milliamperes, or a controller that keeps OP from both of its ends. Limits beyond the unit's span
         // are right where the unit cannot be.
         let other = |(low, high): &(f64, f64)| match of_limits {
-            Some(span) => *low > 0.0 && span < own,
+            Some(span) => span < own && *low > 0.0 && (low - 0.25 * span).abs() <= OVERTRAVEL * span,
             None => apart(high - low, own),
         };
         if let Some((low, high)) = limits.filter(other) {

@@ -75,7 +75,7 @@ fn one_column(head: &[u8], encoding: &Encoding) -> TableError {
     let mut lines = Lines::new(head, encoding, NO_SEPARATOR);
     let Ok(Some(line)) = lines.next() else { return TableError::refused("line 1: only one column") };
     let text = lines.cell(0).shown();
-    let quoted = SEPARATORS.iter().any(|sign| text.contains(char::from(*sign)));
+    let quoted = head.starts_with(b"\"") && SEPARATORS.iter().any(|sign| text.contains(char::from(*sign)));
     let hint = match quoted {
         true => "each line stands in quotes as a whole: take these quotes off",
         false => "cells are divided by comma, semicolon, tab, | or blanks, others with --separator",

@@ -384,7 +384,8 @@ fn long(names: &[Name], time: usize, options: &Options) -> Result<Option<Long>, 
         owner: other(&["loop"]).or_else(|| other(&["measurement"])),
         quality: (0..names.len()).find(|at| {
             let of_value = |of: &String| VALUES.contains(&of.as_str()) || names[value].owns_quality(of);
-            names[*at].quality_of().is_some_and(|of| of.is_empty() || of_value(&of))
+            let of_web_api = names[*at].plain() == "good";
+            of_web_api || names[*at].quality_of().is_some_and(|of| of.is_empty() || of_value(&of))
         }),
         source: other(&["source"]),
         unit: other(&["unit", "units", "uom"]),
@@ -411,8 +412,13 @@ fn columns(names: &[Name], roles: &Roles) -> Wide {
     let place = |at: usize| columns.iter().position(|c| *c == at);
     let qualities = owners.iter().filter_map(|(at, owner)| Some((*at, (*owner)?.and_then(place)))).collect();
     let units = columns.iter().map(|at| names[*at].unit.clone()).collect();
+    let taken: Vec<usize> = (0..roles.len()).filter(|at| roles[*at].is_some()).collect();
     let roles: Roles = columns.iter().map(|at| roles[*at]).collect();
-    let owner = values.into_iter().find(|at| names[*at].is_owner());
+    // Where the columns themselves name their loops, no other column does.
+    let named = |at: &usize| names[*at].said().is_some_and(|said| !said.owner.is_empty());
+    let by_name = taken.iter().any(named);
+    let owner =
+        values.into_iter().find(|at| names[*at].is_owner() && !taken.contains(at)).filter(|_| !by_name);
     Wide { columns, roles, units, qualities, owner }
 }
 
@@ -442,6 +448,7 @@ impl Cell<'_> {
     /// Whether a row that begins with it is a comment.
     pub fn is_comment(&self) -> bool {
         // `########` is a time that a spreadsheet had no room for.
-        matches!(self, Cell::Text(text) if text.trim_start().starts_with('#') && !text.trim().trim_matches('#').is_empty())
+        let narrow = |text: &str| text.trim().len() >= 4 && text.trim().trim_matches('#').is_empty();
+        matches!(self, Cell::Text(text) if text.trim_start().starts_with('#') && !narrow(text))
     }
 }

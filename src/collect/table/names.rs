@@ -173,7 +173,6 @@ const QUALITIES: &[&str] = &[
     "qualitydetail",
     "qualitycode",
     "quality code",
-    "good",
     "качество",
     "quality detail",
     "q",
@@ -183,20 +182,16 @@ const QUALITIES: &[&str] = &[
 const SHORT_QUALITIES: &[&str] = &["q", "st"];
 
 /// Columns that name the loop of a row.
-const OWNERS: [&str; 14] = [
+const OWNERS: [&str; 10] = [
     "loop",
     "loop id",
     "loopid",
     "loop name",
     "controller",
     "asset",
-    "equipment",
-    "host",
-    "machine",
     "tag",
     "tagname",
     "tag name",
-    "block",
     "regelkreis",
 ];
 
@@ -402,7 +397,8 @@ fn split_unit(name: &str) -> (&str, Option<&str>) {
         let is_time = || whole(&plain(before)) == Some(Meaning::Time);
         // `OP Min` is the least of something, and only times are counted in minutes.
         let is_least = unit.eq_ignore_ascii_case("min") && !is_time();
-        if is_unit(unit) && !is_least || HeaderZone::of(unit).is_some() && is_time() {
+        let is_zone = !name.contains('_') && HeaderZone::of(unit).is_some();
+        if is_unit(unit) && !is_least || is_zone && is_time() {
             return (before, Some(unit));
         }
     }

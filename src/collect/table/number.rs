@@ -91,7 +91,9 @@ pub fn bare(cell: &str) -> &str {
     let cell = cell.trim_matches(around);
     // `="51.8"` and `'51.8` keep a spreadsheet from reading a number.
     let cell = cell.strip_prefix('=').filter(|rest| rest.starts_with('"')).unwrap_or(cell);
-    let digit = |text: &&str| text.starts_with(|c: char| c.is_ascii_digit()) && !text.ends_with('\'');
+    let digit = |text: &&str| {
+        text.trim_start_matches(['+', '-']).starts_with(|c: char| c.is_ascii_digit()) && !text.ends_with('\'')
+    };
     let cell = cell.strip_prefix('\'').filter(digit).unwrap_or(cell);
     let quoted = |sign: char| cell.strip_prefix(sign)?.strip_suffix(sign);
     quoted('"').or_else(|| quoted('\'')).map_or(cell, |inner| inner.trim_matches(around))

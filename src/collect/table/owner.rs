@@ -2,6 +2,7 @@
 
 use super::error::{TableError, listed};
 use super::layout::{Body, Layout};
+use super::number;
 use super::options::Options;
 use super::source::Rows;
 use std::collections::BTreeSet;
@@ -12,47 +13,89 @@ const MOST: usize = 64;
 /// The column that names the loop of a row, and which loop is wanted.
 pub struct Owner {
     at: usize,
+    time: usize,
     name: String,
     wanted: Option<String>,
     found: BTreeSet<String>,
     matched: bool,
+    /// The word of the row before; a blank cell below it is merged with it.
+    last: String,
+    /// How often the word is another than in the row before.
+    changes: usize,
+    /// The first time of the table, and whether another word begins with it too.
+    first: Option<String>,
+    again: bool,
+    /// Rows, those without a word, and those with a number.
+    rows: [u64; 3],
 }
 
 impl Owner {
     /// `None` where no column names loops.
     pub fn of(layout: &Layout, options: &Options) -> Option<Self> {
         let Body::Wide(wide) = &layout.body else { return None };
-        let (at, wanted) = (wide.owner?, options.of_loop.clone());
-        Some(Self { at, name: layout.names[at].full.clone(), wanted, found: BTreeSet::new(), matched: false })
+        let at = wide.owner?;
+        Some(Self {
+            at,
+            time: layout.time,
+            name: layout.names[at].full.clone(),
+            wanted: options.of_loop.clone(),
+            found: BTreeSet::new(),
+            matched: false,
+            last: String::new(),
+            changes: 0,
+            first: None,
+            again: false,
+            rows: [0; 3],
+        })
     }
 
     /// Whether a row is the wanted loop's.
     pub fn takes(&mut self, rows: &dyn Rows) -> bool {
-        let cell = rows.cell(self.at);
-        if cell.is_blank() {
-            return true;
+        let (cell, time) = (rows.cell(self.at), rows.cell(self.time).shown());
+        self.rows[0] += 1;
+        self.rows[1] += u64::from(cell.is_blank());
+        if !cell.is_blank() {
+            let own = cell.shown().trim().to_string();
+            self.rows[2] += u64::from(number::scan(&own).is_some());
+            if own != self.last {
+                self.changes += 1;
+                self.again |= self.first.as_ref() == Some(&time);
+                if self.found.len() < MOST {
+                    self.found.insert(own.to_lowercase());
+                }
+                self.last = own;
+            }
         }
-        let own = cell.shown();
-        let own = own.trim();
-        if self.found.len() < MOST && !self.found.contains(own) {
-            self.found.insert(own.to_string());
-        }
-        let is_wanted = self.wanted.as_ref().is_none_or(|wanted| wanted.eq_ignore_ascii_case(own));
+        self.first.get_or_insert(time);
+        let is_wanted = self.wanted.as_ref().is_none_or(|wanted| wanted.eq_ignore_ascii_case(&self.last));
         self.matched |= is_wanted;
         is_wanted
     }
 
+    /// Whether the words are those of several loops: they come again and again, or their times begin again, and most rows have
+    /// one that is no number.
+    fn several(&self) -> bool {
+        let [rows, blank, numbers] = self.rows;
+        let recur = self.changes > self.found.len() || self.again;
+        self.found.len() > 1 && recur && numbers == 0 && (blank * 2 < rows || self.again)
+    }
+
+    /// Whether the column has nothing to say of the wanted loop, so that all rows count.
+    pub fn is_none(&self) -> bool {
+        self.wanted.is_some() && !self.matched && !self.several()
+    }
+
     /// Refuses rows of several loops of which nobody says which is wanted, and a loop that has none.
     pub fn decided(&self) -> Result<(), TableError> {
-        let Self { at, name, wanted, found, matched } = self;
+        let Self { at, name, wanted, found, matched, .. } = self;
         let column = at + 1;
         let loops = || listed(found.iter().map(String::as_str));
         match wanted {
-            None if found.len() > 1 => Err(TableError::refused(format!(
+            None if self.several() => Err(TableError::refused(format!(
                 "column {column} ({name}): rows of several loops, {}: say which with --loop",
                 loops()
             ))),
-            Some(wanted) if !matched && !found.is_empty() => Err(TableError::refused(format!(
+            Some(wanted) if !matched && self.several() => Err(TableError::refused(format!(
                 "--loop {wanted:?}: column {column} ({name}) names no such loop; there are {}",
                 loops()
             ))),

@@ -51,8 +51,14 @@ pub fn survey(source: Source<'_>, options: &Options, whole: bool) -> Result<Plan
     let (separator, layout) = dialect(source, &kind, &head, options, &told)?;
     let mut counting = Counting::new(&layout, options);
     let row_name = {
+        let blanks = Blanks::of(separator).is_some();
         let mut rows = kind.rows(source, separator)?;
-        counting.all(rows.as_mut(), &layout, &told, Blanks::of(separator).is_some())?;
+        counting.all(rows.as_mut(), &layout, &told, blanks)?;
+        if counting.owner.as_ref().is_some_and(Owner::is_none) {
+            counting = Counting { owner: None, ..Counting::new(&layout, options) };
+            rows = kind.rows(source, separator)?;
+            counting.all(rows.as_mut(), &layout, &told, blanks)?;
+        }
         rows.row_name()
     };
     counting.plan(kind, separator, layout, options, &told, row_name, whole)

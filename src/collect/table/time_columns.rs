@@ -99,7 +99,11 @@ fn column(names: &[Name], below: &[SeenRow], options: &Options) -> Result<(usize
         return Ok((at, clock.filter(|clock| *clock != at)));
     }
     let is_time = |name: &Name| name.said().is_some_and(|said| said.meaning == Meaning::Time);
-    let found: Vec<usize> = (0..names.len()).filter(|at| is_time(&names[*at])).collect();
+    let mut found: Vec<usize> = (0..names.len()).filter(|at| is_time(&names[*at])).collect();
+    // LabVIEW's name of a time is one of anything beside a better one.
+    if found.len() > 1 {
+        found.retain(|at| names[*at].plain() != "x value");
+    }
     match found.as_slice() {
         [one] => Ok((*one, None)),
         [a, b] if names[*a].is_date() && names[*b].is_clock() => Ok((*a, Some(*b))),
@@ -151,7 +155,11 @@ const MILLIS: [&str; 6] = ["millitm", "millis", "millisecond", "milliseconds", "
 /// header, where that has the tags.
 pub fn millis(names: &[Name], time: usize, below: &[SeenRow]) -> Option<usize> {
     let of_column = |at: usize| {
-        let under = below.iter().take(UNDER).filter_map(move |(_, row)| row.get(at));
+        let named = |row: &&SeenRow| {
+            let said = row.1.get(time).and_then(|cell| Name::new(&cell.text).said());
+            said.is_some_and(|said| said.meaning == Meaning::Time)
+        };
+        let under = below.iter().take(UNDER).filter(named).filter_map(move |(_, row)| row.get(at));
         let under = under.filter(|cell| cell.kind == WhatKind::Nothing).map(|cell| Name::new(&cell.text));
         [names[at].clone()].into_iter().chain(under).find(|name| MILLIS.contains(&name.plain()))
     };

@@ -73,7 +73,7 @@ impl Rules<'_, '_, '_> {
             let there = path!["diagnosis", raises];
             // The default stands in no file, so what the file has is told.
             let place = if self.source.has(&here) { &here } else { &there };
-            self.unless(least.is_nan() || most.is_nan() || least <= most, place, || {
+            self.unless(!self.source.has(&here) || least.is_nan() || most.is_nan() || least <= most, place, || {
                 format!("{clears} = {least} must be at most {raises} = {most}: what clears an alarm is less than what raises it")
             });
         }

@@ -234,7 +234,7 @@ impl Times {
         if numbers.track.count > 0 && !most(numbers.small) && named.is_none() {
             let beyond = if numbers.track.most.abs() > -shown { numbers.track.most } else { shown };
             return Err(TableError::refused(format!(
-                "{row_name} {}, column {number} ({name}): {beyond} is a time of our days in no unit; say --time-unit, or where the \
+                "{row_name} {}, column {number} ({name}): {beyond:?} is a time of our days in no unit; say --time-unit, or where the \
                  digits are a date --time-format, such as %y%m%d%H%M%S",
                 self.first_line()
             )));
