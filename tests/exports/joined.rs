@@ -275,8 +275,10 @@ fn what_only_looks_like_op_a_comment_or_a_good_value_is_not_taken_for_it() {
         row.replace_range(..at, "########");
     }
     refused(read("Time,OP,PV", &narrow, &plain), "########");
-    // PI's web API and a word in Cyrillic.
-    for (header, good, bad) in [("Time,Качество,OP,PV", "good", "bad")] {
+    // A name in Cyrillic, and OPC's numbers.
+    for (header, good, bad) in
+        [("Time,Качество,OP,PV", "good", "bad"), ("Time,Quality code,OP,PV", "192", "0")]
+    {
         let mark = |(at, row): (usize, String)| {
             let (time, values) = row.split_once(',').expect("a time");
             format!("{time},{},{values}", if at % 50 == 7 { bad } else { good })

@@ -49,6 +49,11 @@ impl Owner {
         })
     }
 
+    /// Before the first row is read again.
+    pub fn begin(&mut self) {
+        self.last.clear();
+    }
+
     /// Whether a row is the wanted loop's.
     pub fn takes(&mut self, rows: &dyn Rows) -> bool {
         let (cell, time) = (rows.cell(self.at), rows.cell(self.time).shown());

@@ -118,6 +118,7 @@ type Take<'t> = &'t mut dyn FnMut(usize, Sample) -> Result<(), TableError>;
 
 fn all(source: Source<'_>, mut plan: Plan, take: Take<'_>) -> Result<(Plan, Found), TableError> {
     let mut counted = Counted::default();
+    plan.owner.iter_mut().for_each(Owner::begin);
     {
         let mut rows = plan.kind.rows(source, plan.separator)?;
         for _ in 0..plan.layout.skip {
