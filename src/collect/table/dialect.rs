@@ -11,6 +11,7 @@ use super::text::{Blanks, Encoding};
 const SEPARATORS: [u8; 4] = [b',', b';', b'\t', b'|'];
 /// A sign that stands in no line, so that it is one cell.
 const NO_SEPARATOR: u8 = 0x1f;
+
 /// What divides cells, and the header that it gives.
 pub fn dialect(
     source: Source<'_>,
