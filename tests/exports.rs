@@ -13,6 +13,8 @@ mod dress;
 mod forms;
 #[path = "exports/joined.rs"]
 mod joined;
+#[path = "exports/plants.rs"]
+mod plants;
 #[path = "exports/quality.rs"]
 mod quality;
 #[path = "exports/random.rs"]

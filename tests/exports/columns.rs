@@ -189,8 +189,8 @@ fn a_long_table_gives_the_loop_that_is_wanted() {
             Values::Doubles(vec![50.0, 7.0, 9.0, 51.0]),
         ],
     );
-    let of =
-        |own: Option<&str>| table(&path, &Options { of_loop: own.map(str::to_string), ..Options::default() });
+    let told = Options { tz: Some("UTC".into()), ..Options::default() };
+    let of = |own: Option<&str>| table(&path, &Options { of_loop: own.map(str::to_string), ..told.clone() });
     let record = of(Some("FIC101")).expect("a record").record;
     assert_eq!(record.op.iter().map(|s| s.value).collect::<Vec<_>>(), [50.0, 51.0]);
     assert_eq!((record.op[0].t, record.pv.len()), (record.pv[0].t, 1));

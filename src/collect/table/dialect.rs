@@ -2,7 +2,7 @@
 
 use super::delimited::Lines;
 use super::error::{TableError, shown};
-use super::layout::{Layout, Looked, first_rows, look};
+use super::layout::{Layout, Looked, PREAMBLE, first_rows, look};
 use super::options::{Options, Told};
 use super::source::{Kind, Rows, Source};
 use super::text::{Blanks, Encoding};
@@ -28,6 +28,7 @@ pub fn dialect(
     // The last line of the head may be cut.
     let whole = head.iter().rposition(|byte| *byte == b'\n').filter(|_| head.len() >= 1 << 16);
     let head = &head[..whole.map_or(head.len(), |at| at + 1)];
+    factor(head, encoding)?;
     let said = said_separator(head, encoding);
     let mut separators = match told.separator.or(said) {
         Some(one) => vec![one],
@@ -69,6 +70,23 @@ fn said_separator(head: &[u8], encoding: &Encoding) -> Option<u8> {
     let said = first.trim().trim_matches('"').strip_prefix("sep=")?.as_bytes().first().copied();
     // A tab at the end of the line is trimmed away.
     Some(said.filter(u8::is_ascii).unwrap_or(b'\t'))
+}
+
+/// Refuses the display of a matrix whose numbers have a common factor: `1.0e+03 *`.
+fn factor(head: &[u8], encoding: &Encoding) -> Result<(), TableError> {
+    let mut lines = Lines::new(head, encoding, NO_SEPARATOR);
+    for _ in 0..PREAMBLE {
+        let Some(line) = lines.next()? else { break };
+        let text = lines.cell(0).shown();
+        let number = text.trim().strip_suffix('*').map(str::trim).filter(|number| number.contains('e'));
+        if number.is_some_and(|number| number.parse::<f64>().is_ok()) {
+            return Err(TableError::refused(format!(
+                "line {line}: {:?} is a common factor of all numbers, as MATLAB shows a matrix; save it with writematrix or writetable",
+                shown(text.trim())
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// Why a text of one column is no table.

@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 /// Most columns of a table.
 const MAX_COLUMNS: usize = 1 << 12;
 /// Lines above the header: a title, who exported it, and when.
-const PREAMBLE: usize = 200;
+pub const PREAMBLE: usize = 200;
 /// Rows between the header and the first sample: units, descriptions, limits.
 const BELOW: usize = 4;
 /// Rows by which a table of R is known.
@@ -99,7 +99,8 @@ pub struct Long {
     pub tag: usize,
     pub value: usize,
     pub owner: Option<usize>,
-    pub quality: Option<usize>,
+    /// Columns that say whether the value is good.
+    pub qualities: Vec<usize>,
     pub source: Option<usize>,
     pub unit: Option<usize>,
 }
@@ -382,14 +383,22 @@ fn long(names: &[Name], time: usize, options: &Options) -> Result<Option<Long>, 
         tag,
         value,
         owner: other(&["loop"]).or_else(|| other(&["measurement"])),
-        quality: (0..names.len()).find(|at| {
-            let of_value = |of: &String| VALUES.contains(&of.as_str()) || names[value].owns_quality(of);
-            let of_web_api = names[*at].plain() == "good";
-            of_web_api || names[*at].quality_of().is_some_and(|of| of.is_empty() || of_value(&of))
-        }),
+        qualities: qualities_of(names, value),
         source: other(&["source"]),
         unit: other(&["unit", "units", "uom"]),
     }))
+}
+
+/// The columns that say whether the one of values is good: the first of them, and each that holds OPC's numbers beside it.
+fn qualities_of(names: &[Name], value: usize) -> Vec<usize> {
+    let of_value = |of: &String| VALUES.contains(&of.as_str()) || names[value].owns_quality(of);
+    let says = |name: &Name| {
+        let of_web_api = name.plain() == "good";
+        of_web_api || name.quality_of().is_some_and(|of| of.is_empty() || of_value(&of))
+    };
+    let all = || (0..names.len()).filter(|at| says(&names[*at]));
+    let first = all().next();
+    all().filter(|at| Some(*at) == first || names[*at].is_detail()).collect()
 }
 
 /// One of the two options of a long table without the other.

@@ -181,6 +181,9 @@ const QUALITIES: &[&str] = &[
 /// Those of them that mean nothing without the name of a value before them.
 const SHORT_QUALITIES: &[&str] = &["q", "st"];
 
+/// Those of them that hold the numbers of OPC.
+const DETAILS: [&str; 4] = ["opcquality", "opc quality", "qualitydetail", "quality detail"];
+
 /// Columns that name the loop of a row.
 const OWNERS: [&str; 10] = [
     "loop",
@@ -320,6 +323,13 @@ impl Name {
         }
         let of = |name: &&str| self.plain.strip_suffix(*name)?.strip_suffix(' ').map(str::to_string);
         QUALITIES.iter().filter_map(of).min_by_key(String::len)
+    }
+
+    /// Whether it holds OPC's numbers beside a column of another numbering, as in AVEVA's historian.
+    pub fn is_detail(&self) -> bool {
+        DETAILS.iter().any(|detail| {
+            self.plain.strip_suffix(detail).is_some_and(|of| of.is_empty() || of.ends_with(' '))
+        })
     }
 
     /// Whether its cells may name the loop of their row, where OP and PV have columns of their own.

@@ -78,11 +78,12 @@ impl Owner {
     }
 
     /// Whether the words are those of several loops: they come again and again, or their times begin again, and most rows have
-    /// one that is no number.
+    /// one. Numbers are those of loops where few of them come again, since a measurement or a counter has many.
     fn several(&self) -> bool {
         let [rows, blank, numbers] = self.rows;
         let recur = self.changes > self.found.len() || self.again;
-        self.found.len() > 1 && recur && numbers == 0 && (blank * 2 < rows || self.again)
+        let one_kind = numbers == 0 || numbers + blank == rows && self.found.len() < MOST;
+        self.found.len() > 1 && recur && one_kind && (blank * 2 < rows || self.again)
     }
 
     /// Whether the column has nothing to say of the wanted loop, so that all rows count.

@@ -5,7 +5,8 @@ use super::error::TableError;
 use super::layout::{Body, Layout};
 use super::names::Name;
 use super::source::{Cell, Rows};
-use super::words::{Words, is_bad_flag};
+use super::words::{Words, is_alarm, is_bad_flag, is_good_flag};
+use crate::signal::Role;
 
 /// A column of quality, and the place of the value it speaks of among the values; `None` where it speaks of the row.
 pub type Quality = (usize, Option<usize>);
@@ -108,8 +109,31 @@ impl Others {
         layout: &Layout,
         told: Option<&[String]>,
     ) -> Result<Vec<(Quality, Words)>, TableError> {
-        let flag = |other: &Other| is_bad_flag(&layout.names[other.at].full) && other.words.are_flags();
-        let speaks = |other: &Other| other.words.speak_of_quality() || flag(other);
+        // `Good` speaks of the row and `PV_GOOD` of a value; `Batch valid` of neither.
+        let of_a_value = |name: &Name| {
+            let of = name.plain().rsplit_once(' ').map_or("", |(of, _)| of);
+            ["", "is"].contains(&of) || layout.names.iter().any(|value| value.owns_quality(of))
+        };
+        let flag = |other: &Other| {
+            let name = &layout.names[other.at];
+            let says = is_bad_flag(&name.full) || is_good_flag(&name.full) && of_a_value(name);
+            says && other.words.are_flags()
+        };
+        let control_loop: Option<String> = match &layout.body {
+            Body::Wide(wide) => {
+                let op = wide.roles.iter().position(|role| *role == Some(Role::Op));
+                op.and_then(|op| Some(layout.names[wide.columns[op]].said()?.owner))
+            }
+            Body::Long(_) => None,
+        };
+        let alarm = |other: &Other| {
+            let name = &layout.names[other.at];
+            let of = name.plain().rsplit_once(' ').map_or("", |(of, _)| of);
+            // The alarms of another loop say nothing of this one.
+            let own = of.is_empty() || control_loop.as_deref().is_none_or(|own| own.is_empty() || own == of);
+            is_alarm(&name.full) && own && other.words.tell_open()
+        };
+        let speaks = |other: &Other| other.words.speak_of_quality() || flag(other) || alarm(other);
         let (mut found, others): (Vec<Other>, Vec<Other>) = self.columns.into_iter().partition(speaks);
         // Words that somebody tells may stand in columns of measurements, too: one column alone may be meant.
         if let Some(told) = told.filter(|_| found.is_empty() && !self.any_known) {
@@ -126,7 +150,9 @@ impl Others {
             let of = layout.names[at].plain().rsplit_once(' ')?.0;
             values.iter().copied().find(|value| layout.names[*value].owns_quality(of))
         };
-        let alone: Vec<usize> = says.iter().copied().filter(|at| by_name(*at).is_none()).collect();
+        let of_row = |at: usize| is_alarm(&layout.names[at].full);
+        let alone: Vec<usize> =
+            says.iter().copied().filter(|at| by_name(*at).is_none() && !of_row(*at)).collect();
         let unknown = |at: usize| {
             TableError::refused(format!(
                 "column {} ({:?}) tells good from bad, of which value nobody knows; call it such as \"pv_status\"",
@@ -136,6 +162,7 @@ impl Others {
         };
         let owner = |at: usize| match by_name(at) {
             Some(value) => Ok(Some(value)),
+            None if of_row(at) => Ok(None),
             None if alone.len() == 1 && !layout.names[at].is_none() => Ok(None),
             None => beside(at, &alone, &values).map(Some).ok_or_else(|| unknown(at)),
         };

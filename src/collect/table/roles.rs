@@ -52,10 +52,13 @@ pub fn roles(names: &[Name], options: &Options, numbered: bool) -> Result<Roles,
         })
         .collect();
     candidates.retain(|c| options.column(c.role.as_str()).is_none());
-    // Where nothing else is the controller's output, a vendor's MV (the manipulated variable) is.
-    let has = |role, c: &[Candidate]| c.iter().any(|c| c.role == role);
-    if options.op.is_none() && options.mv.is_none() && !has(Role::Op, &candidates) {
-        candidates.iter_mut().filter(|c| c.role == Role::Mv).for_each(|c| c.role = Role::Op);
+    // Where nothing else is the controller's output, a vendor's MV (the manipulated variable) is; a stem's position is not.
+    // A CV may be a controlled variable beside it.
+    let says = |c: &Candidate, short: &str| names[c.at].plain().split(' ').any(|word| word == short);
+    let all_cv = candidates.iter().filter(|c| c.role == Role::Op).all(|c| says(c, "cv"));
+    if options.op.is_none() && options.mv.is_none() && all_cv {
+        let is_mv = |c: &&mut Candidate| c.role == Role::Mv && says(c, "mv") && !says(c, "stem");
+        candidates.iter_mut().filter(is_mv).for_each(|c| c.role = Role::Op);
     }
     let mut owner = None;
     for role in ROLES {
@@ -79,6 +82,31 @@ fn owns(own: &str, path: &str) -> bool {
         || path.strip_prefix(own).is_some_and(|p| p.starts_with(' '))
 }
 
+fn second_column(names: &[Name], (first, second): (usize, usize), role: Role) -> Trouble {
+    Trouble::Refused(TableError::refused(format!(
+        "column {0}: {1:?} is the second column for {2} (after column {3}); say which with --{2}",
+        second + 1,
+        names[second].full,
+        role.as_str(),
+        first + 1
+    )))
+}
+
+/// The tag of a controller (ISA-5.1: letters that end with C, and a number) in the path of a name: `fic101` of `unit1 fic 101`.
+/// Transmitters and valves have other letters, and belong to a controller of another name.
+fn controller(path: &str) -> Option<String> {
+    let words: Vec<&str> = path.split(' ').collect();
+    let joined = words.windows(2).map(<[&str]>::concat);
+    let tags = words.iter().map(|word| (*word).to_string()).chain(joined);
+    let is_tag = |tag: &String| {
+        let letters = tag.trim_start_matches(|c: char| c.is_ascii_lowercase());
+        let (letters, number) = tag.split_at(tag.len() - letters.len());
+        let digits = number.bytes().take_while(u8::is_ascii_digit).count();
+        (2..=4).contains(&letters.len()) && letters.ends_with('c') && letters != "plc" && digits > 1
+    };
+    tags.filter(is_tag).last()
+}
+
 /// The one candidate for a role, and the loop it belongs to.
 fn choose(
     names: &[Name],
@@ -90,16 +118,14 @@ fn choose(
     let of = |role: Role| candidates.iter().filter(move |c| c.role == role);
     let plain: Vec<&Candidate> = of(role).filter(|c| c.owner.is_empty()).collect();
     if let [first, second, ..] = plain.as_slice() {
-        return Err(Trouble::Refused(TableError::refused(format!(
-            "column {}: {:?} is the second column for {} (after column {}); say which with --{}",
-            second.at + 1,
-            names[second.at].full,
-            role.as_str(),
-            first.at + 1,
-            role.as_str()
-        ))));
+        return Err(second_column(names, (first.at, second.at), role));
     }
     if let [one] = plain.as_slice() {
+        // pandas calls the second of two columns of one name so.
+        let copy = format!("{}.1", names[one.at].full);
+        if let Some(second) = names.iter().position(|name| name.full == copy) {
+            return Err(second_column(names, (one.at, second), role));
+        }
         owner.get_or_insert_default();
         return Ok(Some(one.at));
     }
@@ -117,6 +143,17 @@ fn choose(
         if let [own] = both.as_slice() {
             left.retain(|c| c.owner == *own);
         }
+    }
+    if let ([one], Some(owner), true) = (left.as_slice(), owner.as_ref(), needed)
+        && let (Some(own), Some(other)) = (controller(&one.owner), controller(owner))
+        && own != other
+    {
+        return Err(Trouble::Refused(TableError::refused(format!(
+            "{:?} is of {}, and the other columns are of {}: if they are one loop, name them with --op and --pv",
+            names[one.at].full,
+            own.to_uppercase(),
+            other.to_uppercase()
+        ))));
     }
     match left.as_slice() {
         [] => Ok(None),
@@ -205,6 +242,8 @@ mod tests {
             (&["op", "pv", "TI205.PV", "FIC102.OP"], "op=op pv=pv"),
             (&["FIC101/PID1/OUT.CV", "FT101/AI1/PV.CV"], "op=FIC101/PID1/OUT.CV pv=FT101/AI1/PV.CV"),
             (&["OP %", "pv_status", "PV degC"], "op=OP % pv=PV degC"),
+            (&["FV-101.OP", "FIC-102.PV"], "op=FV-101.OP pv=FIC-102.PV"),
+            (&["FIC101A.OP", "PLC01.FIC101A.PV"], "op=FIC101A.OP pv=PLC01.FIC101A.PV"),
         ] {
             assert_eq!(pairs(of(names, &plain)), expected, "{names:?}");
         }
@@ -229,6 +268,12 @@ mod tests {
                 .contains("\"OP\" is the second column for op (after column 1)")
         );
         assert_eq!(refused(&["flow", "pv"], &plain), "no op");
+        for pv in ["FIC102.PV", "TIC-101.PV", "FIC101B.PV", "Unit1/FIC_102/PV"] {
+            let said = refused(&["FIC101.OP", pv], &plain);
+            assert!(said.contains("the other columns are of FIC101: if they are one loop"), "{said}");
+        }
+        let named = Options { op: Some("FIC101.OP".into()), pv: Some("FIC102.PV".into()), ..plain.clone() };
+        assert!(of(&["FIC101.OP", "FIC102.PV"], &named).is_ok(), "told by name");
         let named = Options { op: Some("valve".into()), ..Options::default() };
         assert!(
             refused(&["a", "pv"], &named)

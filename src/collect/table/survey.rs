@@ -98,7 +98,7 @@ impl Counting {
         };
         match &layout.body {
             Body::Wide(wide) => own.wide(wide, layout),
-            Body::Long(long) => own.quality_columns = long.quality.map(|at| (at, None)).into_iter().collect(),
+            Body::Long(long) => own.quality_columns = long.qualities.iter().map(|at| (*at, None)).collect(),
         }
         own.words = vec![Words::default(); own.quality_columns.len()];
         own.others = Others::of(layout, &own.quality_columns);
@@ -139,7 +139,11 @@ impl Counting {
             }
             let first = rows.cell(layout.time);
             let second = layout.clock.map(|at| rows.cell(at));
-            self.times.add(line, &first, second.as_ref(), time_name, told);
+            let tag = match &layout.body {
+                Body::Wide(_) => 0,
+                Body::Long(long) => self.tag(rows, long, line)?,
+            };
+            self.times.add((line, tag), &first, second.as_ref(), time_name, told);
             if blanks {
                 not_even(rows, layout, line, &first)?;
             }
@@ -168,7 +172,9 @@ impl Counting {
                         }
                     }
                 }
-                Body::Long(long) => self.long(rows, long, line)?,
+                Body::Long(long) => {
+                    self.channels[tag].add(&rows.cell(long.value), line);
+                }
             }
             self.others.add(rows, &first, line);
             for (words, (at, _)) in self.words.iter_mut().zip(&self.quality_columns) {
@@ -181,9 +187,10 @@ impl Counting {
         Ok(())
     }
 
-    fn long(&mut self, rows: &dyn Rows, long: &Long, line: u64) -> Result<(), TableError> {
+    /// The channel of a row of a long table.
+    fn tag(&mut self, rows: &dyn Rows, long: &Long, line: u64) -> Result<usize, TableError> {
         let tag = tag_of(rows, long);
-        let at = match self.tags.get(&tag) {
+        Ok(match self.tags.get(&tag) {
             Some(at) => *at,
             None if self.tags.len() == MAX_TAGS => {
                 return Err(TableError::refused(format!("line {line}: more than {MAX_TAGS} tags")));
@@ -196,9 +203,7 @@ impl Counting {
                 self.tags.insert(tag, self.channels.len() - 1);
                 self.channels.len() - 1
             }
-        };
-        self.channels[at].add(&rows.cell(long.value), line);
-        Ok(())
+        })
     }
 
     #[expect(clippy::too_many_arguments, reason = "the parts of a plan, each found by another step")]
@@ -256,11 +261,7 @@ impl Counting {
             return Err(unused("good-values", "quality, such as \"pv_status\" or \"Quality\""));
         }
         let modes = self.modes(told)?;
-        let mut qualities = Vec::new();
-        for (words, (at, of)) in self.words.iter().zip(&self.quality_columns) {
-            let says = Says::decide(words, told.good_values.as_deref(), &layout.names[*at].full)?;
-            qualities.extend(says.map(|says| (*at, *of, says)));
-        }
+        let qualities = self.qualities(&layout, told)?;
         let Self { channels, tags, owner, .. } = self;
         Ok(Plan {
             kind,
@@ -317,6 +318,34 @@ impl Counting {
             }
             None => format!("{row_name} {header}, {at}: nothing in the whole column"),
         }))
+    }
+
+    /// How each column of quality says it.
+    ///
+    /// # Errors
+    /// One that nobody knows to read, unless OPC's numbers stand beside it.
+    fn qualities(
+        &self,
+        layout: &Layout,
+        told: &Told,
+    ) -> Result<Vec<(usize, Option<usize>, Says)>, TableError> {
+        let good = told.good_values.as_deref();
+        let columns = || self.words.iter().zip(&self.quality_columns);
+        let has_detail = |of: Option<usize>| {
+            columns().any(|(words, (at, own))| {
+                let name = &layout.names[*at];
+                *own == of && name.is_detail() && matches!(Says::decide(words, good, &name.full), Ok(Some(_)))
+            })
+        };
+        let mut out = Vec::new();
+        for (words, (at, of)) in columns() {
+            match Says::decide(words, good, &layout.names[*at].full) {
+                Ok(says) => out.extend(says.map(|says| (*at, *of, says))),
+                Err(_) if has_detail(*of) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(out)
     }
 
     fn modes(&self, told: &Told) -> Result<Vec<Option<Modes>>, TableError> {

@@ -132,15 +132,19 @@ fn all(source: Source<'_>, mut plan: Plan, take: Take<'_>) -> Result<(Plan, Foun
             let first = rows.cell(plan.layout.time);
             let second = plan.layout.clock.map(|at| rows.cell(at));
             let part = plan.layout.millis.map_or(Some(0.0), |at| millis(&rows.cell(at)));
-            let Some(t) = plan.reading.next(&first, second.as_ref()).zip(part).map(|(t, part)| t + part)
-            else {
+            let tag = match &plan.layout.body {
+                Body::Wide(_) => None,
+                Body::Long(long) => plan.tags.get(&tag_of(rows.as_ref(), long)).copied(),
+            };
+            let read = plan.reading.next(&first, second.as_ref(), tag.unwrap_or(0));
+            let Some(t) = read.zip(part).map(|(t, part)| t + part) else {
                 counted.left_out.1 += 1;
                 if counted.left_out.0.len() < LINES {
                     counted.left_out.0.push(line);
                 }
                 continue;
             };
-            row(rows.as_ref(), &plan, t, &mut counted, take)?;
+            row(rows.as_ref(), &plan, (t, tag), &mut counted, take)?;
         }
     }
     let found = Found::new(&plan, &counted);
@@ -152,11 +156,11 @@ fn millis(cell: &Cell<'_>) -> Option<f64> {
     whole_millis(&cell.shown()).map(|ms| f64::from(ms) / 1e3)
 }
 
-/// The samples of one row.
+/// The samples of one row at `t`, which is one of `tag` where each row is a sample of one tag.
 fn row(
     rows: &dyn Rows,
     plan: &Plan,
-    t: f64,
+    (t, tag): (f64, Option<usize>),
     counted: &mut Counted,
     take: Take<'_>,
 ) -> Result<(), TableError> {
@@ -171,7 +175,7 @@ fn row(
             }
         }
         Body::Long(long) => {
-            let Some(&at) = plan.tags.get(&tag_of(rows, long)) else { return Ok(()) };
+            let Some(at) = tag else { return Ok(()) };
             if !plan.channels[at].tag.name.is_empty() {
                 let sample = sample(rows, plan, at, &rows.cell(long.value), t, counted);
                 take(at, sample)?;

@@ -80,6 +80,11 @@ impl Words {
             && self.counts.iter().all(|(word, _)| FLAGS.as_flattened().contains(&word.as_str()))
     }
 
+    /// Whether any of them says that an input or output is open.
+    pub fn tell_open(&self) -> bool {
+        self.counts.iter().any(|(word, _)| OPEN.contains(&word.as_str()))
+    }
+
     /// Whether any of them is one of these; measurements, of which there are many, are none.
     pub fn any_of(&self, told: &[String]) -> bool {
         !self.more
@@ -226,8 +231,10 @@ impl Modes {
 pub enum Says {
     /// These are good.
     Told(Vec<String>),
-    /// By a flag that is set where the value is bad.
-    Flag,
+    /// By a loop's alarms as Yokogawa's CENTUM writes them: an open input or output is bad, a limit that is passed is not.
+    Alarm,
+    /// By a flag; whether it is set where the value is good, or where it is bad.
+    Flag(bool),
     /// In words; whether a blank cell is good, as where only what is bad is written.
     Words(bool),
     /// As OPC DA numbers it: 192 and above is good, 64 to 127 uncertain.
@@ -302,12 +309,38 @@ const BAD: [&str; 26] = [
 const FLAGS: [[&str; 4]; 2] = [["0", "false", "no", "n"], ["1", "true", "yes", "y"]];
 /// Names of flags that are set where a value is bad.
 const BAD_FLAGS: [&str; 5] = ["bad", "isbad", "questionable", "invalid", "substituted"];
+/// Names of flags that are set where a value is good.
+const GOOD_FLAGS: [&str; 4] = ["good", "isgood", "valid", "isvalid"];
+
+/// The last word of a name.
+fn last_word(name: &str) -> String {
+    let small = name.trim().to_lowercase();
+    small.rsplit(|c: char| !c.is_alphanumeric()).find(|part| !part.is_empty()).unwrap_or("").to_string()
+}
+
+/// Names of a loop's alarms.
+const ALARMS: [&str; 3] = ["alrm", "alarm", "alst"];
+/// Alarms of CENTUM that say of a value that it is none: input open, output open.
+const OPEN: [&str; 4] = ["iop", "iop-", "iop+", "oop"];
+
+/// Whether a column of this name holds the alarms of a loop: `FIC101.ALRM`.
+pub fn is_alarm(name: &str) -> bool {
+    ALARMS.contains(&last_word(name).as_str())
+}
+
+/// Whether a column of this name holds the confidence of Honeywell's PHD: 100 is good, 0 and -1 are not.
+fn is_confidence(name: &str) -> bool {
+    last_word(name) == "confidence"
+}
 
 /// Whether a column of this name holds a flag that is set where a value is bad: `PV_BAD`, `Questionable`.
 pub fn is_bad_flag(name: &str) -> bool {
-    let small = name.trim().to_lowercase();
-    let last = small.rsplit(|c: char| !c.is_alphanumeric()).find(|part| !part.is_empty());
-    last.is_some_and(|last| BAD_FLAGS.contains(&last))
+    BAD_FLAGS.contains(&last_word(name).as_str())
+}
+
+/// Whether a column of this name holds a flag that is set where a value is good: `PV_GOOD`, `IsValid`.
+pub fn is_good_flag(name: &str) -> bool {
+    GOOD_FLAGS.contains(&last_word(name).as_str())
 }
 
 /// How words begin that say nothing but how good a value is.
@@ -368,8 +401,11 @@ impl Says {
                 |one: &String| one.parse::<f64>().map_or_else(|_| one.clone(), |value| value.to_string());
             return Ok(Some(Says::Told(told.iter().map(same).collect())));
         }
-        if is_bad_flag(name) && words.are_flags() {
-            return Ok(Some(Says::Flag));
+        if (is_bad_flag(name) || is_good_flag(name)) && words.are_flags() {
+            return Ok(Some(Says::Flag(is_good_flag(name))));
+        }
+        if is_alarm(name) && words.tell_open() {
+            return Ok(Some(Says::Alarm));
         }
         let doubt = || {
             Err(TableError::refused(format!(
@@ -382,8 +418,14 @@ impl Says {
         }
         if let Some(numbers) = words.numbers() {
             let da = |n: &f64| n.fract() == 0.0 && (0.0..65_536.0).contains(n);
+            // Above 255 a vendor's number may have the bits of good without being so: Ignition's 500 is bad.
+            let doubtful = numbers.iter().any(|n| *n > 255.0 && da(n) && *n as u64 & 0xc0 == 0xc0);
             // 0 is bad in one numbering and good in the other: another number has to say which it is.
-            return if numbers.iter().any(|n| (192.0..256.0).contains(n)) && numbers.iter().all(da) {
+            return if doubtful {
+                doubt()
+            } else if is_confidence(name) && numbers.iter().all(|n| [-1.0, 0.0, 100.0].contains(n)) {
+                Ok(Some(Says::Told(vec!["100".into()])))
+            } else if numbers.iter().any(|n| (192.0..256.0).contains(n)) && numbers.iter().all(da) {
                 Ok(Some(Says::OpcDa))
             } else if numbers.iter().any(|n| *n >= f64::from(0x4000_0000u32))
                 && numbers.iter().all(|n| *n >= 0.0)
@@ -413,8 +455,10 @@ impl Says {
         match self {
             Says::Told(good) if good.contains(&word) => Quality::Good,
             Says::Told(_) => bad,
-            Says::Flag if FLAGS[1].contains(&word.as_str()) => bad,
-            Says::Flag => Quality::Good,
+            Says::Alarm if OPEN.contains(&word.as_str()) => bad,
+            Says::Alarm => Quality::Good,
+            Says::Flag(good) if FLAGS[1].contains(&word.as_str()) == *good => Quality::Good,
+            Says::Flag(_) => bad,
             Says::OpcDa => match number().map(|n| n & 0xc0) {
                 Some(0xc0) => Quality::Good,
                 Some(0x40) => Quality::Stale,

@@ -87,7 +87,10 @@ impl Times {
             (&numbers.track, new(How::Number(decimal, unit), said), per_second(unit))
         } else if !by_pattern && dated == most {
             let order = self.order(column, told)?;
-            let said = self.date_said(order) + &if self.offsets[1] { zone() } else { String::new() };
+            let has_zone = told.zone.name.is_some() || of_header.is_some();
+            self.one_way_of_offsets(column, has_zone)?;
+            let said =
+                self.date_said(order) + &if self.offsets[1].is_some() { zone() } else { String::new() };
             (&self.dates[order as usize], new(How::Dated(order), said), 1.0)
         } else if !by_pattern && self.clocks.count == most {
             self.minutes(column)?;
@@ -106,7 +109,6 @@ impl Times {
             (&self.formatted, new(How::Pattern(pattern), said), 1.0)
         };
         self.enough(track, column, told)?;
-        // A table of tags may have them one after the other.
         let is_wide = groups.is_some();
         let shared = groups.as_ref().is_some_and(Groups::is_cut);
         reading.falls = track.falls();
@@ -114,8 +116,11 @@ impl Times {
         let dated = is_wide && matches!(reading.how, How::Dated(_) | How::Moment);
         whole(column, dated.then_some(track), shared && reading.spread.is_none())?;
         // Times of day come back every day by themselves.
-        if is_wide && matches!(reading.how, How::Dated(_) | How::Moment | How::Elapsed) {
-            reading.said += &self.back(track, told, column)?;
+        if matches!(reading.how, How::Dated(_) | How::Moment | How::Elapsed | How::Number(..)) {
+            if let How::Number(..) = reading.how {
+                again(track, column)?;
+            }
+            reading.said += &self.back(track, per_s, told, column)?;
         }
         if let Some(spread) = &reading.spread {
             let step = (spread.step * 1e3).round() * 1e-3;
@@ -150,20 +155,28 @@ impl Times {
     ///
     /// # Errors
     /// They go back by an hour on a clock whose zone nobody told.
-    fn back(&self, track: &Track, told: &Told, column: &Column<'_>) -> Result<String, TableError> {
+    fn back(
+        &self,
+        track: &Track,
+        per_s: f64,
+        told: &Told,
+        column: &Column<'_>,
+    ) -> Result<String, TableError> {
         // Where the newest stands first, times that go on are those that go back in time.
         let ([forward, back], turned) = match track.falls() {
             true => ([track.ways[1], track.ways[0]], track.largest[0]),
             false => (track.ways, track.largest[1]),
         };
-        let Some((step, line)) = turned else { return Ok(String::new()) };
+        let Some((step, line)) = turned.map(|(step, line)| (step / per_s, line)) else {
+            return Ok(String::new());
+        };
         // Where a zone is told, the hour that comes twice is known by it.
         if back * BAD > forward || step < BACK_S || told.zone.name.is_some() && step <= HOUR {
             return Ok(String::new());
         }
         let Column { row_name, number, name, .. } = column;
-        let local = told.zone.name.is_none() && self.offsets == [false, true];
-        if local && back == 1 && (HOUR * 0.9..=HOUR).contains(&step) {
+        let local = told.zone.name.is_none() && matches!(self.offsets, [None, Some(_)]);
+        if local && back <= track.tags() && (HOUR * 0.9..=HOUR).contains(&step) {
             return Err(TableError::refused(format!(
                 "{row_name} {line}, column {number} ({name}): times go back by an hour, as where daylight saving time ends; say \
                  the zone with --tz, such as Europe/Berlin, or --tz UTC where they are right"
@@ -177,6 +190,19 @@ impl Times {
         }
         let times = if back == 1 { "once".to_string() } else { format!("{back} times") };
         Ok(format!(", times go back {times}, by up to {step:.0} s in {row_name} {line}: rows are sorted"))
+    }
+
+    /// Refuses times of which some say their offset and others do not, where nobody told the zone of these.
+    fn one_way_of_offsets(&self, column: &Column<'_>, has_zone: bool) -> Result<(), TableError> {
+        let [Some((_, with)), Some((line, without))] = &self.offsets else { return Ok(()) };
+        if has_zone {
+            return Ok(());
+        }
+        let Column { row_name, number, name, .. } = column;
+        Err(TableError::refused(format!(
+            "{row_name} {line}, column {number} ({name}): {without:?} has no offset, and {with:?} has one; say the zone of those \
+             without with --tz, such as Europe/Berlin or UTC"
+        )))
     }
 
     /// Refuses times of two numbers, which may be hours and minutes, or minutes and seconds.
@@ -338,6 +364,18 @@ impl Times {
         };
         format!("time {kind}")
     }
+}
+
+/// Refuses numbers that begin again, such as seconds of the day: sorted, one part would lie within the other.
+fn again(track: &Track, column: &Column<'_>) -> Result<(), TableError> {
+    let turned = track.largest[usize::from(!track.falls())];
+    let begins = |(step, _): &(f64, u64)| step * 2.0 > track.most - track.least && track.count > 2;
+    let Some((step, line)) = turned.filter(begins) else { return Ok(()) };
+    let Column { row_name, number, name, .. } = column;
+    Err(TableError::refused(format!(
+        "{row_name} {line}, column {number} ({name}): times begin again, by {step} less than in the row before, as a counter or seconds \
+         of the day do; save the parts apart, or with dates"
+    )))
 }
 
 /// Refuses times that were cut: to dates, or so that nearly every row has the time of the row before.

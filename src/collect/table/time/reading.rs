@@ -15,11 +15,20 @@ pub struct Reading {
     pub said: String,
     /// Rows under one stamp, spread over it.
     pub spread: Option<Spread>,
-    before: f64,
+    /// Of each tag, where each row is a sample of one; else of all rows.
+    last: Vec<Last>,
     /// The newest stands first.
     pub(super) falls: bool,
-    midnight: i64,
     place: (usize, u32),
+}
+
+/// The row of a tag before.
+#[derive(Clone, Copy)]
+struct Last {
+    /// Its time (s).
+    t: f64,
+    /// Days or hours that have gone by since the first row, of a clock without a date (ns).
+    midnight: i64,
 }
 
 /// Stamps that several rows share.
@@ -44,27 +53,32 @@ pub(super) enum How {
     Pattern(String),
 }
 
+impl Last {
+    /// A time of day, or of an hour, that goes on where the day or the hour ends.
+    fn unwrapped(&mut self, ns: i64, period: i64) -> f64 {
+        let t = seconds(ns.saturating_add(self.midnight));
+        if self.t - t > seconds(period) / 2.0 {
+            self.midnight = self.midnight.saturating_add(period);
+        }
+        seconds(ns.saturating_add(self.midnight))
+    }
+}
+
 impl Reading {
     pub(super) fn new(how: How, zone: &Zone, said: String) -> Self {
         let zone = zone.rules.clone();
-        Self {
-            how,
-            zone,
-            said,
-            spread: None,
-            before: f64::NEG_INFINITY,
-            falls: false,
-            midnight: 0,
-            place: (0, 0),
-        }
+        Self { how, zone, said, spread: None, last: Vec::new(), falls: false, place: (0, 0) }
     }
 
-    /// The time of the next row (s); `None` where its cell is none.
-    pub fn next(&mut self, first: &Cell<'_>, second: Option<&Cell<'_>>) -> Option<f64> {
-        let t = self.time(first, second);
-        if let Some(t) = t {
-            self.before = t;
+    /// The time of the next row (s), which is one of `tag` where each row is a sample of one tag; `None` where its cell is none.
+    pub fn next(&mut self, first: &Cell<'_>, second: Option<&Cell<'_>>, tag: usize) -> Option<f64> {
+        if self.last.len() <= tag {
+            self.last.resize(tag + 1, Last { t: f64::NEG_INFINITY, midnight: 0 });
         }
+        let mut last = self.last[tag];
+        let t = self.time(first, second, &mut last);
+        last.t = t.unwrap_or(last.t);
+        self.last[tag] = last;
         let Some(spread) = &self.spread else { return t };
         let (group, within) = self.place;
         let size = spread.sizes.get(group).copied().unwrap_or(1);
@@ -87,7 +101,7 @@ impl Reading {
         t.map(|t| t + share * spread.step)
     }
 
-    fn time(&mut self, first: &Cell<'_>, second: Option<&Cell<'_>>) -> Option<f64> {
+    fn time(&self, first: &Cell<'_>, second: Option<&Cell<'_>>, last: &mut Last) -> Option<f64> {
         if let How::Pattern(pattern) = &self.how {
             let text = match second {
                 Some(second) => format!("{} {}", first.shown(), second.shown()),
@@ -95,34 +109,25 @@ impl Reading {
             };
             let (ns, offset) = by_pattern(pattern, &text)?;
             return match period(pattern) {
-                None => self.moment(ns, offset),
-                Some(period) => Some(self.unwrapped(ns, period)),
+                None => self.moment(ns, offset, last),
+                Some(period) => Some(last.unwrapped(ns, period)),
             };
         }
         match (&self.how, What::of(first, second)) {
-            (How::Number(_, unit), What::Number(value)) => self.counted(value, *unit),
+            (How::Number(_, unit), What::Number(value)) => self.counted(value, *unit, last),
             (How::Number(decimal, unit), What::Digits(number)) => {
-                self.counted(number.value(*decimal)?, *unit)
+                self.counted(number.value(*decimal)?, *unit, last)
             }
-            (How::Dated(order), What::Dated(stamp)) => self.moment(stamp.civil(*order)?, stamp.offset),
+            (How::Dated(order), What::Dated(stamp)) => self.moment(stamp.civil(*order)?, stamp.offset, last),
             // A spreadsheet keeps most stamps as such and some as text.
-            (How::Moment, What::Moment { ns, civil }) => self.moment(ns, (!civil).then_some(0)),
-            (How::Clock, What::Clock(ns)) => Some(self.unwrapped(ns, DAY)),
+            (How::Moment, What::Moment { ns, civil }) => self.moment(ns, (!civil).then_some(0), last),
+            (How::Clock, What::Clock(ns)) => Some(last.unwrapped(ns, DAY)),
             (How::Elapsed, What::Clock(ns)) => Some(seconds(ns)),
             _ => None,
         }
     }
 
-    /// A time of day, or of an hour, that goes on where the day or the hour ends.
-    fn unwrapped(&mut self, ns: i64, period: i64) -> f64 {
-        let t = seconds(ns.saturating_add(self.midnight));
-        if self.before - t > seconds(period) / 2.0 {
-            self.midnight = self.midnight.saturating_add(period);
-        }
-        seconds(ns.saturating_add(self.midnight))
-    }
-
-    fn counted(&self, value: f64, unit: Unit) -> Option<f64> {
+    fn counted(&self, value: f64, unit: Unit, last: &Last) -> Option<f64> {
         const SINCE_1601: f64 = 11_644_473_600.0;
         const SINCE_1: f64 = 62_135_596_800.0;
         /// 1970-01-01 as spreadsheets, MATLAB and astronomers count.
@@ -146,14 +151,18 @@ impl Reading {
                     _ => EPOCH,
                 };
                 let ms = ((value - epoch) * 86_400e3).round();
-                return self.moment((ms.abs() < 1e13).then_some(ms as i64)?.checked_mul(1_000_000)?, None);
+                return self.moment(
+                    (ms.abs() < 1e13).then_some(ms as i64)?.checked_mul(1_000_000)?,
+                    None,
+                    last,
+                );
             }
         };
         t.is_finite().then_some(t)
     }
 
     /// A moment on the written clock; without an offset it is that of the time zone.
-    fn moment(&self, ns: i64, offset: Option<i32>) -> Option<f64> {
+    fn moment(&self, ns: i64, offset: Option<i32>, last: &Last) -> Option<f64> {
         let offset = match (offset, &self.zone) {
             (Some(offset), _) => i64::from(offset),
             (None, None) => 0,
@@ -168,8 +177,8 @@ impl Reading {
                         let [early, late] =
                             [before, after].map(|offset| seconds(ns) - f64::from(offset.seconds()));
                         let is_early = match self.falls {
-                            true => self.before.is_finite() && late >= self.before,
-                            false => early > self.before,
+                            true => last.t.is_finite() && late > last.t,
+                            false => early >= last.t,
                         };
                         if is_early { before } else { after }
                     }

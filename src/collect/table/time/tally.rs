@@ -27,13 +27,24 @@ pub struct Track {
     pub jump: f64,
     /// Sum of the readings: two ways that agree everywhere have the same.
     pub sum: f64,
-    /// Steps forward, and back as positive numbers.
+    /// Steps from one row of a tag to its next: forward, and back as positive numbers.
     steps: [Vec<f64>; 2],
     /// How many of each there are.
     pub ways: [u64; 2],
     /// The largest step forward and the largest back, as a positive number, and their lines.
     pub largest: [Option<(f64, u64)>; 2],
-    before: Option<f64>,
+    /// The reading of the last row of each tag.
+    before: Vec<Option<f64>>,
+}
+
+/// A row of the table as messages name it.
+#[derive(Clone, Copy)]
+struct Row {
+    /// Its number among those with anything in them, from 1.
+    number: u64,
+    line: u64,
+    /// Which tag it is a sample of, where each row is one of one tag; else 0.
+    tag: usize,
 }
 
 impl Default for Track {
@@ -49,23 +60,26 @@ impl Default for Track {
             steps: [Vec::new(), Vec::new()],
             ways: [0; 2],
             largest: [None; 2],
-            before: None,
+            before: Vec::new(),
         }
     }
 }
 
 impl Track {
-    fn add(&mut self, row: u64, line: u64, cell: &dyn Fn() -> String, value: Option<f64>) {
+    fn add(&mut self, row: Row, cell: &dyn Fn() -> String, value: Option<f64>) {
         let Some(value) = value else {
-            self.first_miss.get_or_insert_with(|| (line, shown(&cell())));
+            self.first_miss.get_or_insert_with(|| (row.line, shown(&cell())));
             return;
         };
         self.count += 1;
-        self.last_row = row;
+        self.last_row = row.number;
         self.least = self.least.min(value);
         self.most = self.most.max(value);
         self.sum += value;
-        if let Some(before) = self.before {
+        if self.before.len() <= row.tag {
+            self.before.resize(row.tag + 1, None);
+        }
+        if let Some(before) = self.before[row.tag].replace(value) {
             let step = value - before;
             self.jump = self.jump.max(step.abs());
             if step != 0.0 {
@@ -75,16 +89,20 @@ impl Track {
                     self.steps[way].push(step.abs());
                 }
                 if self.largest[way].is_none_or(|(most, _)| step.abs() > most) {
-                    self.largest[way] = Some((step.abs(), line));
+                    self.largest[way] = Some((step.abs(), row.line));
                 }
             }
         }
-        self.before = Some(value);
     }
 
     /// Whether the newest stands first.
     pub fn falls(&self) -> bool {
         self.ways[1] > self.ways[0]
+    }
+
+    /// How many tags have a reading.
+    pub fn tags(&self) -> u64 {
+        self.before.iter().flatten().count() as u64
     }
 
     /// The usual step in the direction of most; `None` where there is none.
@@ -144,8 +162,8 @@ pub struct Numbers {
 }
 
 impl Numbers {
-    fn add(&mut self, row: u64, line: u64, cell: &dyn Fn() -> String, value: Option<f64>) {
-        self.track.add(row, line, cell, value);
+    fn add(&mut self, row: Row, cell: &dyn Fn() -> String, value: Option<f64>) {
+        self.track.add(row, cell, value);
         let Some(value) = value else { return };
         match RANGES.iter().position(|(from, to)| (*from..*to).contains(&value)) {
             Some(at) => self.ranges[at] += 1,
@@ -171,8 +189,8 @@ pub struct Times {
     pub open: bool,
     /// Whether a date is written with points and two digits of the year.
     pub dotted: bool,
-    /// Whether a stamp had an offset, and whether one had none.
-    pub offsets: [bool; 2],
+    /// The first stamp with an offset, and the first without: its line and what stands there.
+    pub offsets: [Option<(u64, String)>; 2],
     /// The first cell with letters of a zone that do not say which: its line and what stands there.
     pub letters: Option<(u64, String)>,
     /// The first dated cell: its line and what stands there.
@@ -188,14 +206,21 @@ pub struct Times {
 }
 
 impl Times {
-    /// One more row.
-    pub fn add(&mut self, line: u64, first: &Cell<'_>, second: Option<&Cell<'_>>, name: &str, told: &Told) {
+    /// One more row, `tag` of which it is where each row is a sample of one tag.
+    pub fn add(
+        &mut self,
+        (line, tag): (u64, usize),
+        first: &Cell<'_>,
+        second: Option<&Cell<'_>>,
+        name: &str,
+        told: &Told,
+    ) {
         self.rows += 1;
-        let row = self.rows;
+        let row = Row { number: self.rows, line, tag };
         let text = || both(first, second);
         if let Some(Format::Pattern(pattern)) = &told.format {
             let t = super::reading::by_pattern(pattern, &text()).map(|(ns, _)| ns as f64 * 1e-9);
-            self.formatted.add(row, line, &text, t);
+            self.formatted.add(row, &text, t);
             return;
         }
         let what = What::of(first, second);
@@ -208,14 +233,14 @@ impl Times {
             _ => [None; 2],
         };
         for (numbers, value) in self.numbers.iter_mut().zip(numbers) {
-            numbers.add(row, line, &text, value);
+            numbers.add(row, &text, value);
         }
         let stamp = if let What::Dated(stamp) = &what { Some(*stamp) } else { None };
         for (track, order) in self.dates.iter_mut().zip(Order::ALL) {
-            track.add(row, line, &text, stamp.and_then(|s| s.civil(order)).map(|ns| ns as f64 * 1e-9));
+            track.add(row, &text, stamp.and_then(|s| s.civil(order)).map(|ns| ns as f64 * 1e-9));
         }
         if let Some(stamp) = stamp {
-            self.offsets[usize::from(stamp.offset.is_none())] = true;
+            self.offsets[usize::from(stamp.offset.is_none())].get_or_insert_with(|| (line, shown(&text())));
             self.open |= stamp.is_open();
             self.dotted |= stamp.is_dotted();
             if stamp.has_letters && self.letters.is_none() {
@@ -227,9 +252,9 @@ impl Times {
         if clock.is_some() && self.short_clock.is_none() && is_short(&text()) {
             self.short_clock = Some((line, shown(&text())));
         }
-        self.clocks.add(row, line, &text, clock);
+        self.clocks.add(row, &text, clock);
         let moment = if let What::Moment { ns, .. } = what { Some(ns as f64 * 1e-9) } else { None };
-        self.moments.add(row, line, &text, moment);
+        self.moments.add(row, &text, moment);
     }
 }
 
