@@ -28,6 +28,9 @@ pub fn host_and_port(address: &str) -> Result<(String, u16), &'static str> {
     if address.contains(char::is_whitespace) {
         return Err("there is a blank in it");
     }
+    if address.contains('@') {
+        return Err("a log-in stands in keys of its own, not in the address");
+    }
     let Some((host, port)) = address.rsplit_once(':') else {
         let comma = address.contains([',', ';']);
         return Err(if comma {
@@ -36,6 +39,12 @@ pub fn host_and_port(address: &str) -> Result<(String, u16), &'static str> {
             "the port is missing"
         });
     };
+    if host.contains(':') && host.contains([',', ';']) {
+        return Err("one address only: another device is another section");
+    }
+    if host.contains('.') && host.contains(':') {
+        return Err("there is a second colon: only the port follows the host");
+    }
     let bracketed = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
     if bracketed.is_none() && host.contains(':') {
         return Err("an IPv6 address stands in brackets, as in [fe80::1]:502");
@@ -47,6 +56,14 @@ pub fn host_and_port(address: &str) -> Result<(String, u16), &'static str> {
             Ok((known.to_string(), port))
         }
         None => host_fault(host).map_or_else(|| Ok((host.to_string(), port)), Err),
+    }
+}
+
+/// An address as it may be shown: a log-in in it is a secret.
+pub fn shown(address: &str) -> String {
+    match address.rsplit_once('@') {
+        Some((_, host)) => format!("…@{host}"),
+        None => address.to_string(),
     }
 }
 
@@ -113,6 +130,9 @@ mod tests {
             ("10.0.0.5.1:502", "IPv4"),
             ("10,0,0,5:502", "sign"),
             ("10.0.0.5,502", "a colon"),
+            ("u:p@plc:502", "log-in"),
+            ("10.0.0.5:5020:1", "a second colon"),
+            ("10.0.0.5:502,10.0.0.6:502", "one address"),
             ("plc?:502", "sign"),
             ("plc..plant:502", "no host"),
             ("0.0.0.0:502", "no machine"),

@@ -129,11 +129,36 @@ fn registers_that_another_uses_are_refused() {
         let errors = overlapping(from, to);
         assert!(errors.contains(what), "{to}: {errors}");
     }
-    // The same device under another name is the same device.
-    let twin = "[[modbus]]\nname = 'e'\naddress = '127.0.0.1:9'\naddress_base = 1\n[[loop]]";
-    let text = config(false)
-        .replacen("[[loop]]", twin, 1)
-        .replace("device = 'd'\nterm_address = 100", "device = 'e'\nterm_address = 1");
-    let (code, errors) = check("twin.toml", &text);
-    assert!(code == Some(2) && errors.contains("overlaps op of loop A"), "{errors}");
+    // The same device under another name, address or unit may be the same device.
+    let twin = |first: &str, second: &str, unit: u8| {
+        let other = format!(
+            "[[modbus]]\nname = 'e'\naddress = '{second}'\naddress_base = 1\nunit_id = {unit}\n[[loop]]"
+        );
+        let text = config(false)
+            .replacen("127.0.0.1:9", first, 1)
+            .replacen("[[loop]]", &other, 1)
+            .replace("device = 'd'\nterm_address = 100", "device = 'e'\nterm_address = 1");
+        check("twin.toml", &text)
+    };
+    for (first, second, unit) in [
+        ("127.0.0.1:9", "127.0.0.1:9", 1),
+        ("127.0.0.1:9", "localhost:9", 1),
+        ("[::1]:9", "localhost:9", 1),
+        ("plc1:9", "PLC1:09", 1),
+        ("plc1:9", "plc1.plant.example.:9", 1),
+        ("plc1:9", "plc1:9", 255),
+    ] {
+        let (code, errors) = twin(first, second, unit);
+        assert!(
+            code == Some(2) && errors.contains("overlaps op of loop A"),
+            "{first} {second} {unit}: {errors}"
+        );
+    }
+    for (first, second, unit) in
+        [("plc1:9", "plc2:9", 1), ("plc1:9", "plc11:9", 1), ("plc1:9", "plc1:10", 1), ("plc1:9", "plc1:9", 2)]
+    {
+        assert_eq!(twin(first, second, unit).0, Some(0), "{first} {second} {unit} are two devices");
+    }
+    let (code, errors) = twin("plc1:9", "plc2:9", 0);
+    assert!(code == Some(2) && errors.contains("device: \"e\" has unit_id = 0"), "{errors}");
 }

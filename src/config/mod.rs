@@ -2,6 +2,7 @@
 //! once, each error with its line and column.
 
 mod diagnostic;
+mod doubts;
 mod files;
 mod keys;
 mod neighbours;

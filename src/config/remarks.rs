@@ -39,6 +39,7 @@ impl Config {
         out.extend(self.subscriptions());
         out.extend(self.in_the_clear());
         out.extend(self.ports_of_tls());
+        out.extend(self.doubts());
         let (held, wanted) = (self.history.samples_per_tag, self.diagnosis.window_samples);
         if held < wanted {
             out.push(format!(
@@ -57,11 +58,21 @@ impl Config {
         (!missing.is_empty()).then(|| format!("[fleet]: `stictiond edge` needs {}", missing.join(" and ")))
     }
 
+    /// How long a first diagnosis takes at this time between two polls (s).
+    fn first_s(&self, ms: u64) -> f64 {
+        ms as f64 / 1000.0 * self.diagnosis.min_samples as f64
+    }
+
+    /// Whether the time between two polls (ms) is so long that it is told as such.
+    pub(super) fn is_slow(&self, ms: u64) -> bool {
+        self.first_s(ms) > LONGEST_START_S
+    }
+
     /// Devices that are polled so slowly, or so often, that another unit may have been meant.
     fn pace(&self) -> Vec<String> {
         let told = |device: &modbus::Config| {
             let (name, ms) = (&device.name, device.poll_ms);
-            let first_s = ms as f64 / 1000.0 * self.diagnosis.min_samples as f64;
+            let first_s = self.first_s(ms);
             if first_s > LONGEST_START_S {
                 Some(format!(
                     "{name}: at poll_ms = {ms} the first diagnosis takes {:.0} h: poll_ms is in milliseconds",

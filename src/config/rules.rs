@@ -84,10 +84,25 @@ struct Rules<'r, 'a, 't> {
 
 impl Rules<'_, '_, '_> {
     fn wrong(&mut self, path: &[Step], message: String) {
-        let place = self.source.place(path);
+        let (place, message) = match self.beside(path, &message) {
+            Some((place, key)) => {
+                (place, format!("{message}; {key} is not in the file, and its default counts"))
+            }
+            None => (self.source.place(path), message),
+        };
         if !self.blamed.contains(&place) && !self.misspelt(path) {
             self.report.at(place, message);
         }
+    }
+
+    /// The place of a key in the file that a message names beside one which is not in it, and the latter.
+    fn beside<'p>(&self, path: &'p [Step], message: &str) -> Option<(usize, &'p str)> {
+        let (Step::Key(key), table) = path.split_last()? else { return None };
+        let is_default = !self.source.has(path) && message.starts_with(&format!("{key}: "));
+        let words: Vec<&str> = message.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
+        let keys = self.source.keys(table).into_iter();
+        let named = keys.filter(|(own, _)| own != key && own.contains('_') && words.contains(own)).next();
+        named.filter(|_| is_default).map(|(_, place)| (place, key.as_str()))
     }
 
     /// Whether a key is not there because it is misspelt, which was told.

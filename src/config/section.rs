@@ -337,7 +337,7 @@ fn offending<T: DeserializeOwned>(
         let word = wording::choices(message).first().map(|word| word.to_string());
         return fill(table, &key, filler + 1, word, &mut { before });
     }
-    table.remove(key.as_str());
+    let entry = table.remove(key.as_str());
     let is_tag =
         ROLES.contains(&key.as_str()) && below.is_empty() && message.starts_with("invalid type: string");
     let said = if message.starts_with("unknown field") {
@@ -345,7 +345,10 @@ fn offending<T: DeserializeOwned>(
     } else if is_tag {
         format!("{key}: a tag is expected: write [loop.{key}] and below it where its values are read from")
     } else {
-        wording::of_entry(message, &key)
+        let said = wording::of_entry(message, &key);
+        // Of a list one item is wrong, and the others stay.
+        let in_list = entry.is_some_and(|entry| entry.get_ref().is_array());
+        if in_list { said.replace(&format!("write {key} = "), "write in the list ") } else { said }
     };
     report.at(span.start, said);
     true

@@ -56,13 +56,28 @@ pub fn of_entry(message: &str, key: &str) -> String {
     if let Some(list) = list_of_one(message) {
         return format!("{key}: a list is expected, write {key} = [{list}]");
     }
+    if message.starts_with("invalid type: map, expected a sequence") && !SEVERAL.contains(&key) {
+        return format!("{key}: a list is expected, in [square brackets]");
+    }
+    if key == "tls" && message.contains("expected struct") {
+        return "tls: write it as [server.tls], with cert_file and key_file".into();
+    }
     format!("{key}: {}", plain(message))
 }
+
+/// Sections of which there may be several, in double brackets.
+const SEVERAL: [&str; 8] = ["loop", "tag", "modbus", "opcua", "mqtt", "webhook", "alertmanager", "smtp"];
 
 /// What devices' lists call a type, a register or an order of bytes.
 fn meant(key: &str, word: &str) -> Option<&'static str> {
     let word = word.to_lowercase().replace(['-', ' '], "_");
+    if key == "security_policy" {
+        // Servers show it as a URI.
+        let name = word.rsplit('#').next()?;
+        return POLICIES.into_iter().find(|own| own.eq_ignore_ascii_case(name));
+    }
     let names: &[(&str, &[&str])] = match key {
+        "security" => &SECURITIES,
         "type" => &TYPES,
         "register" => &REGISTERS,
         "byte_order" => &ORDERS,
@@ -100,6 +115,10 @@ const ORDERS: [(&str, &[&str]); 4] = [
     ("BADC", &["byte_swap", "byte_swapped", "swap_bytes"]),
     ("DCBA", &["little", "little_endian", "le", "lsb"]),
 ];
+
+const SECURITIES: [(&str, &[&str]); 2] =
+    [("tls", &["ssl", "smtps", "implicit", "ssl/tls"]), ("starttls", &["start_tls", "explicit"])];
+const POLICIES: [&str; 3] = ["None", "Basic256Sha256", "Aes256_Sha256_RsaPss"];
 
 /// Hints for names of sections that other programs use.
 pub fn elsewhere(section: &str) -> Option<&'static str> {

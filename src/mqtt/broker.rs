@@ -1,6 +1,6 @@
 //! How a broker is reached: address, TLS, identity. Secrets are read at every connect and never shown.
 
-use crate::host::host_and_port;
+use crate::host::{host_and_port, shown};
 use rumqttc::{MqttOptions, Transport};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -74,7 +74,7 @@ impl Broker {
             unless(
                 false,
                 "address",
-                format!("'{}' is not host:port, such as 10.0.0.5:1883: {why}", self.address),
+                format!("'{}' is not host:port, such as 10.0.0.5:1883: {why}", shown(&self.address)),
             );
         }
         let named = (1..=128).contains(&self.client_id.len()) && !self.client_id.contains(char::is_control);
@@ -91,8 +91,9 @@ impl Broker {
     /// # Errors
     /// [`BrokerError`].
     pub fn options(&self) -> Result<MqttOptions, BrokerError> {
-        let (host, port) = host_and_port(&self.address)
-            .map_err(|why| BrokerError::Options(format!("'{}' is not host:port: {why}", self.address)))?;
+        let (host, port) = host_and_port(&self.address).map_err(|why| {
+            BrokerError::Options(format!("'{}' is not host:port: {why}", shown(&self.address)))
+        })?;
         let mut options = MqttOptions::new(self.client_id.clone(), (host, port));
         options.set_keep_alive(self.keep_alive_s);
         options
@@ -152,6 +153,9 @@ pub fn topic_fault(topic: &str) -> Option<&'static str> {
     }
     if topic.contains(['+', '#']) {
         return Some("must name one topic, without + and #");
+    }
+    if topic.trim() != topic {
+        return Some("has a blank before or after it, which is part of the topic's name");
     }
     topic.contains(char::is_control).then_some("must not contain control characters")
 }

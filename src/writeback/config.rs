@@ -165,6 +165,18 @@ pub enum WordOrder {
     Dcba,
 }
 
+impl WordOrder {
+    /// The name as the configuration writes it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            WordOrder::Abcd => "ABCD",
+            WordOrder::Cdab => "CDAB",
+            WordOrder::Badc => "BADC",
+            WordOrder::Dcba => "DCBA",
+        }
+    }
+}
+
 /// Where and how to write, on the wire.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {

@@ -2,7 +2,7 @@
 
 use crate::collect::Issue;
 use crate::collect::scaling::Scaling;
-use crate::host::host_and_port;
+use crate::host::{host_and_port, shown};
 use crate::signal::Role;
 use serde::Deserialize;
 use std::fmt;
@@ -248,6 +248,19 @@ impl ValueType {
         }
     }
 
+    /// The least and the greatest raw number of a whole-number type or a bit; `None` of one with a fraction.
+    pub fn raw_range(self) -> Option<[f64; 2]> {
+        let bits = 16 * i32::from(self.width());
+        match self {
+            ValueType::U16 | ValueType::U32 | ValueType::U64 => Some([0.0, 2f64.powi(bits) - 1.0]),
+            ValueType::I16 | ValueType::I32 | ValueType::I64 => {
+                Some([-2f64.powi(bits - 1), 2f64.powi(bits - 1) - 1.0])
+            }
+            ValueType::Bit => Some([0.0, 1.0]),
+            ValueType::F32 | ValueType::F64 => None,
+        }
+    }
+
     pub(super) fn is_integer(self) -> bool {
         !matches!(self, ValueType::F32 | ValueType::F64 | ValueType::Bit)
     }
@@ -313,7 +326,8 @@ impl Config {
         let mut issues = Issues(Vec::new());
         issues.unless(!self.name.trim().is_empty(), "name", || "a device needs a name".into());
         if let Err(why) = host_and_port(&self.address) {
-            let message = || format!("'{}' is not host:port, such as 10.0.0.5:502: {why}", self.address);
+            let message =
+                || format!("'{}' is not host:port, such as 10.0.0.5:502: {why}", shown(&self.address));
             issues.unless(false, "address", message);
         }
         issues.unless(self.poll_ms >= 1, "poll_ms", || "must be at least 1".into());
@@ -369,6 +383,12 @@ impl TagConfig {
         self.value_type.or(self.register.is_bits().then_some(ValueType::Bit))
     }
 
+    /// The least and the greatest value that the type can send, after scaling; `None` where it has a fraction.
+    pub fn reach(&self) -> Option<[f64; 2]> {
+        let [a, b] = self.effective_type()?.raw_range()?.map(|raw| raw * self.scale + self.offset);
+        (a.is_finite() && b.is_finite()).then(|| [a.min(b), a.max(b)])
+    }
+
     /// Address on the wire, counted from 0, when the whole value lies inside the device's 65536 addresses.
     pub fn wire_address(&self, device: &Config) -> Option<u16> {
         let start = self.address.checked_sub(i64::from(device.address_base))?;
@@ -418,8 +438,38 @@ impl TagConfig {
     pub fn validate(&self, device: &Config, role: Option<Role>) -> Vec<Issue> {
         let mut issues = Issues(Vec::new());
         self.validate_type(device, &mut issues);
+        self.validate_reach(&mut issues);
         issues.0.extend(self.scaling().validate(role));
         issues.0
+    }
+
+    /// What a whole number of this type can never be.
+    fn validate_reach(&self, issues: &mut Issues) {
+        let Some((value_type, [least, most])) =
+            self.effective_type().and_then(|own| Some((own, own.raw_range()?)))
+        else {
+            return;
+        };
+        let beyond = |value: &&i64| !(least..=most).contains(&(**value as f64));
+        if let Some(value) = self.auto_values.iter().flatten().find(beyond) {
+            let what = match self.register.is_bits() {
+                true => format!("a {}", self.register),
+                false => format!("a {}", value_type.as_str()),
+            };
+            let message = || format!("{value} never comes: {what} is {least} to {most}");
+            issues.unless(false, "auto_values", message);
+        }
+        let met = |[from, to]: [f64; 2]| self.reach().is_none_or(|[least, most]| from <= most && to >= least);
+        if let (Some(range), Some([least, most])) = (self.range.filter(|range| !met(*range)), self.reach()) {
+            issues.unless(false, "range", || {
+                format!(
+                    "[{}, {}] is never met: a {} with this scale and offset is {least} to {most}",
+                    range[0],
+                    range[1],
+                    value_type.as_str()
+                )
+            });
+        }
     }
 
     fn validate_type(&self, device: &Config, issues: &mut Issues) {

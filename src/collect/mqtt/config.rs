@@ -324,6 +324,11 @@ impl TagConfig {
                     }
                 }
                 let quality = quality.filter(|_| !plain);
+                if time.is_none() && broker.time_fallback == TimeFallback::None {
+                    let message =
+                        "with time_fallback = \"none\" a value needs a time_path: every one would be refused";
+                    return Err(issue(if plain { "topic" } else { "path" }, message.into()));
+                }
                 Ok(Place::Topic { topic: topic.clone(), value, decimal: self.decimal, time, quality })
             }
             (None, Some(text)) => {
@@ -346,6 +351,7 @@ impl TagConfig {
                             "which metric of the node: give metric, or alias".into(),
                         ));
                     }
+                    (Some(_), None) => return Err(issue("metric", "the name of the metric is empty".into())),
                     _ => return Err(issue("metric", "name the metric, or give its alias, not both".into())),
                 };
                 let parts: Vec<&str> = text.split('/').collect();

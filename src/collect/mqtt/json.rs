@@ -31,6 +31,15 @@ impl Path {
     /// What is wrong with it.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
         let wrong = || format!("'{text}' is not a path such as values.op, items[0].v or ['a.b'].v");
+        if text.contains('/') && !text.contains('[') {
+            let dotted = text.trim_matches('/').replace('/', ".");
+            return Err(format!(
+                "'{text}' has / where a path has points: write {dotted}, or ['{text}'] for one name"
+            ));
+        }
+        if text.trim() != text {
+            return Err(format!("'{text}' has a blank before or after it: write '{}'", text.trim()));
+        }
         let mut steps = Vec::new();
         let mut rest = text.strip_prefix('$').unwrap_or(text);
         rest = rest.strip_prefix('.').unwrap_or(rest);

@@ -344,6 +344,11 @@ impl TagConfig {
                 let example = "nsu=urn:plant;s=FIC101.OP or ns=2;s=FIC101.OP";
                 issue("node", &format!("'{node}' is not a node id such as {example}"))
             }),
+            // Clients show paths from the root; those of a tag begin below Objects.
+            (None, Some(path)) if below_objects(path).is_some() => {
+                let below = below_objects(path).unwrap_or_default();
+                issue("path", &format!("'{path}' begins below Objects: write {below}"))
+            }
             (None, Some(path)) => path.parse().map(Place::Path).or_else(|()| {
                 let example = "/nsu=urn:plant;Unit10/nsu=urn:plant;OP or /2:Unit10/2:OP";
                 issue("path", &format!("'{path}' is not a browse path such as {example}"))
@@ -384,6 +389,17 @@ impl TagConfig {
         issues.extend(self.scaling().validate(role));
         issues
     }
+}
+
+/// What follows the root and its Objects folder in a path that begins with them.
+fn below_objects(path: &str) -> Option<&str> {
+    let step = |path: &'_ str, name: &str| {
+        let rest = path.strip_prefix('/')?;
+        let rest = rest.strip_prefix("0:").unwrap_or(rest).strip_prefix(name)?;
+        rest.starts_with('/').then(|| path.len() - rest.len())
+    };
+    let from_root = step(path, "Root").map_or(path, |at| &path[at..]);
+    step(from_root, "Objects").map(|at| &from_root[at..])
 }
 
 /// Most array elements of an answer: the library's default drops long ones without a word.

@@ -38,7 +38,10 @@ impl Rules<'_, '_, '_> {
                     (false, true) => "is no tag of another loop: look at how the loop and the tag are called",
                     (false, false) => "is no tag of another loop; write them as loop.tag, like \"FIC203.pv\"",
                 };
-                let hint = in_other_letters(name, others()).map(|own| format!("did you mean {own:?}?"));
+                let hint = in_other_letters(name, others()).map(|own| match own == *name {
+                    true => "is a mode, which is no measurement: name a tag such as a loop's pv".to_string(),
+                    false => format!("did you mean {own:?}?"),
+                });
                 let what = hint.as_deref().unwrap_or(what);
                 self.wrong(&here, format!("candidates: {name:?} {what}"));
             }

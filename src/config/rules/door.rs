@@ -1,6 +1,7 @@
 //! Who may come in, and by which way: what `[server]`, `[access]` and `[audit]` mean together.
 
 use super::{Parts, Rules, Step};
+use std::path::{Component, Path, PathBuf};
 
 impl Rules<'_, '_, '_> {
     pub(super) fn door(&mut self, parts: &Parts) {
@@ -18,9 +19,24 @@ impl Rules<'_, '_, '_> {
             self.wrong(&path!["access"], message.to_string());
         }
         let theirs = parts.writeback.as_ref().and_then(|writeback| writeback.audit_file.as_ref());
-        if audit.zip(theirs).is_some_and(|(audit, theirs)| audit.file == *theirs) {
+        if audit.zip(theirs).is_some_and(|(audit, theirs)| plain(&audit.file) == plain(theirs)) {
             let message = "file: is the log of [writeback] too; a log has one writer, give each its own";
             self.wrong(&path!["audit", "file"], message.to_string());
         }
+        let logs = [("audit", "file", audit.map(|audit| &audit.file)), ("writeback", "audit_file", theirs)];
+        for (section, key, file) in logs {
+            let is_access = |file: &PathBuf| access.is_some_and(|access| plain(&access.file) == plain(file));
+            self.unless(!file.is_some_and(is_access), &path![section, key], || {
+                format!("{key}: is the file of [access] too, which holds the users: give the log another")
+            });
+            self.unless(file.is_none_or(|file| file != Path::new("/dev/null")), &path![section, key], || {
+                format!("{key}: /dev/null keeps nothing: name a file")
+            });
+        }
     }
+}
+
+/// A path without the steps that lead nowhere: `./a.json` is `a.json`.
+fn plain(path: &Path) -> PathBuf {
+    path.components().filter(|step| *step != Component::CurDir).collect()
 }

@@ -1,6 +1,7 @@
 //! Ports that are none: an address that is refused as a whole would leave the reader to find out why.
 
 use super::Rules;
+use crate::host::shown;
 use toml::Spanned;
 use toml::de::DeValue;
 
@@ -15,7 +16,7 @@ impl Rules<'_, '_, '_> {
         let mut found = Vec::new();
         for (name, value) in self.source.root() {
             addresses(name.get_ref(), value, &mut |place, key, text| {
-                found.extend(too_large(text).map(|port| (place, key.to_string(), text.to_string(), port)));
+                found.extend(too_large(text).map(|port| (place, key.to_string(), shown(text), port)));
             });
         }
         for (place, key, text, port) in found {

@@ -6,16 +6,48 @@ use super::super::section::Parts;
 use super::super::source::Step;
 use super::{Device, Rules, tag_path};
 use crate::collect::modbus::{self, Register};
+use crate::host::host_and_port;
 use crate::writeback;
+use std::net::IpAddr;
 
 /// Holding registers in use, and by what.
 struct Taken {
-    /// Address and unit of the device: two entries may be one device.
-    device: (String, u8),
+    /// Where it is: two entries may be one device.
+    device: Endpoint,
     from: u32,
     to: u32,
     what: String,
     line: usize,
+}
+
+/// Where a device is.
+#[derive(Clone)]
+struct Endpoint {
+    host: String,
+    port: u16,
+    unit_id: u8,
+}
+
+impl Endpoint {
+    /// Whatever the address is written like: `PLC1.:502` is `plc1:502`, and `127.0.0.1` is `localhost`.
+    fn of(device: &modbus::Config) -> Option<Self> {
+        let (host, port) = host_and_port(&device.address).ok()?;
+        let host = host.trim_end_matches('.').to_lowercase();
+        let is_here = host == "localhost" || host.parse().is_ok_and(|ip: IpAddr| ip.is_loopback());
+        let host = if is_here { "localhost".into() } else { host };
+        Some(Self { host, port, unit_id: device.unit_id })
+    }
+
+    /// Whether both may be one device. The first label of a host's name may stand for the whole, and the units 0 and 255 for
+    /// the one device that is there.
+    fn may_be(&self, other: &Self) -> bool {
+        let short =
+            |a: &str, b: &str| b.strip_prefix(a).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
+        let one_host = short(&self.host, &other.host) || short(&other.host, &self.host);
+        let any = |unit: u8| unit == 0 || unit == 255;
+        let one_unit = self.unit_id == other.unit_id || any(self.unit_id) || any(other.unit_id);
+        one_host && self.port == other.port && one_unit
+    }
 }
 
 impl Rules<'_, '_, '_> {
@@ -75,8 +107,9 @@ impl Rules<'_, '_, '_> {
                 };
                 let name = role.map_or_else(|| tag.name.clone().unwrap_or_default(), |r| r.as_str().into());
                 let path = [&tag_path(at, tag_at, &tags)[..], &path!["address"]].concat();
+                let Some(endpoint) = Endpoint::of(device) else { continue };
                 taken.push(Taken {
-                    device: (device.address.clone(), device.unit_id),
+                    device: endpoint,
                     from: u32::from(start),
                     to: u32::from(start) + u32::from(width),
                     what: format!("{name} of loop {}", control_loop.id),
@@ -103,7 +136,13 @@ impl Rules<'_, '_, '_> {
             }
             return;
         };
-        let unit = (device.address.clone(), device.unit_id);
+        self.unless(device.unit_id != 0, &here("device"), || {
+            format!(
+                "device: {:?} has unit_id = 0, which a gateway takes for every unit behind it: write the unit's own number",
+                device.name
+            )
+        });
+        let Some(unit) = Endpoint::of(device) else { return };
         for (field, start, width) in own.registers(device.address_base) {
             let Some(start) = start.map(u32::from) else {
                 let base = i64::from(device.address_base);
@@ -113,7 +152,7 @@ impl Rules<'_, '_, '_> {
                 continue;
             };
             let end = start + u32::from(width);
-            let meets = |other: &&Taken| other.device == unit && other.from < end && start < other.to;
+            let meets = |other: &&Taken| other.device.may_be(&unit) && other.from < end && start < other.to;
             if let Some(other) = taken.iter().find(meets) {
                 let message = format!(
                     "{field}: overlaps {} (line {}); write-back needs registers of its own and never writes what \

@@ -1,7 +1,7 @@
 //! `[[notify.smtp]]`: by which server, to whom, and which alarms.
 
 use crate::host;
-use crate::host::host_and_port;
+use crate::host::{host_and_port, shown};
 use crate::notify::batch::Pace;
 use crate::notify::filter::{Filter, What, usual};
 use crate::notify::http::is_loopback;
@@ -98,7 +98,8 @@ impl Config {
         };
         match host_and_port(&self.address) {
             Err(why) => {
-                let message = format!("'{}' is not host:port, such as mail.plant:587: {why}", self.address);
+                let message =
+                    format!("'{}' is not host:port, such as mail.plant:587: {why}", shown(&self.address));
                 unless(false, "address", message);
             }
             Ok((host, _)) => {

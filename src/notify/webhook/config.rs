@@ -64,6 +64,13 @@ impl Config {
         }
         let secrets = usize::from(self.secret_file.is_some()) + usize::from(self.secret_env.is_some());
         unless(secrets > 0, "name", "needs secret_file or secret_env: every message is signed".into());
+        let is_secret = |file: &PathBuf| file.to_str().is_some_and(|file| file.starts_with(super::PREFIX));
+        let ok = !self.secret_file.as_ref().is_some_and(is_secret);
+        unless(
+            ok,
+            "secret_file",
+            "is the secret itself: write it into a file, and the file's path here".into(),
+        );
         unless(secrets < 2, "secret_env", "there is secret_file too: leave one out".into());
         let ok = (0.1..=300.0).contains(&self.timeout_s);
         unless(ok, "timeout_s", format!("{} must be 0.1 to 300", self.timeout_s));

@@ -21,7 +21,7 @@ use std::time::Duration;
 use tokio::task::spawn_blocking;
 
 /// What a secret begins with.
-const PREFIX: &str = "whsec_";
+pub(super) const PREFIX: &str = "whsec_";
 /// Shortest and longest secret (bytes), as Standard Webhooks has it.
 const LENGTH: std::ops::RangeInclusive<usize> = 24..=64;
 

@@ -1,0 +1,373 @@
+//! Numbers that are each right and do not go together: what a register can send, what is waited for, who is told.
+
+use super::{Config, LoopConfig, TagConfig, tags};
+use crate::alarm::{Kind, Priority};
+use crate::collect::{modbus, opcua};
+use crate::signal::Role;
+use std::collections::HashMap;
+
+/// A step of OP that is so many times the threshold of f hides friction that would count.
+const COARSE: f64 = 10.0;
+/// A range that reaches so many times further than the register belongs to another scale.
+const BEYOND: f64 = 10.0;
+/// OP and PV so many times further apart in time are told: what OP does between two values of PV is not seen.
+const APART: u64 = 5;
+/// An alarm waits for so many polls at least.
+const POLLS: f64 = 3.0;
+
+impl Config {
+    /// Each with its loop, device or receiver.
+    pub(super) fn doubts(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        for own in &self.loops {
+            for (role, tag) in tags(own) {
+                let TagConfig::Modbus(tag) = tag else { continue };
+                let name = role.map(Role::as_str).or(tag.name.as_deref()).unwrap_or_default();
+                out.extend(reach(tag).map(|said| format!("{}.{name}: {said}", own.id)));
+            }
+            out.extend(self.steps_of_op(own));
+            out.extend(self.apart(own));
+            out.extend(always_automatic(own));
+            out.extend(self.term(own));
+        }
+        out.extend(self.one_device());
+        out.extend(self.too_soon());
+        out.extend(self.never_told());
+        out
+    }
+
+    /// OP in steps by which friction is hidden.
+    fn steps_of_op(&self, own: &LoopConfig) -> Option<String> {
+        let op = own.op.as_modbus()?;
+        op.effective_type()?.raw_range()?;
+        let limits = own.op_limits.map(|[low, high]| high - low);
+        let percent = own.op.unit().is_some_and(|unit| unit.trim() == "%").then_some(100.0);
+        let span = own.op_span.or(limits).or(percent)?;
+        let step = 100.0 * op.scale.abs() / span;
+        let least = self.diagnosis.f_threshold_percent;
+        (step > COARSE * least).then(|| {
+            format!(
+                "{}.op: it comes in steps of {step} % of its span, and friction counts from {least} %: read a finer register, or \
+                 look at scale",
+                own.id
+            )
+        })
+    }
+
+    /// How often a tag comes (ms), where anybody asks for it.
+    fn every_ms(&self, tag: &TagConfig) -> Option<u64> {
+        match tag {
+            TagConfig::Modbus(tag) => {
+                self.modbus.iter().find(|own| own.name == tag.device).map(|own| own.poll_ms)
+            }
+            TagConfig::Opcua(tag) => {
+                let server = self.opcua.iter().find(|own| own.name == tag.device)?;
+                Some(opcua::Sampling::new(server, tag).every_ms)
+            }
+            TagConfig::Mqtt(_) | TagConfig::Forwarded(_) => None,
+        }
+    }
+
+    fn apart(&self, own: &LoopConfig) -> Option<String> {
+        let (op, pv) = (self.every_ms(&own.op)?, self.every_ms(&own.pv)?);
+        (op.max(pv) > APART * op.min(pv)).then(|| {
+            format!(
+                "{}: op comes every {op} ms and pv every {pv} ms: a diagnosis sees no more than the slower of both",
+                own.id
+            )
+        })
+    }
+
+    /// The term of write-back in another order of bytes than the device's tags, and samples that are too old at once.
+    fn term(&self, own: &LoopConfig) -> Vec<String> {
+        let Some(writeback) = own.writeback.as_ref().filter(|own| own.enabled) else { return Vec::new() };
+        let Some(device) = self.modbus.iter().find(|device| device.name == writeback.device) else {
+            return Vec::new();
+        };
+        let mut out = Vec::new();
+        let (term, read) = (writeback.term_byte_order.as_str(), device.byte_order.as_str());
+        if term != read && writeback.term_type.width() > 1 {
+            out.push(format!(
+                "{}.writeback: the term is WRITTEN as {term}, and {} is read as {read}: write term_byte_order = \"{read}\" unless \
+                 the DCS takes it so",
+                own.id, device.name
+            ));
+        }
+        let age = writeback.max_sample_age_ms;
+        let slowest = [Some(&own.op), Some(&own.pv), own.sp.as_ref(), own.mode.as_ref()];
+        let slowest = slowest.into_iter().flatten().filter_map(|tag| self.every_ms(tag)).max();
+        if let Some(every) = slowest.filter(|every| *every >= age) {
+            out.push(format!(
+                "{}.writeback: max_sample_age_ms = {age}, and its samples come every {every} ms: the gate never opens; write {} or \
+                 more",
+                own.id,
+                2 * every
+            ));
+        }
+        out
+    }
+
+    /// One unit at one address that is read in two ways.
+    fn one_device(&self) -> Vec<String> {
+        let mut first: HashMap<(String, u8), &modbus::Config> = HashMap::new();
+        let mut out = Vec::new();
+        for own in &self.modbus {
+            let other = *first.entry((own.address.to_lowercase(), own.unit_id)).or_insert(own);
+            let mut differ = Vec::new();
+            if other.address_base != own.address_base {
+                differ.push("address_base");
+            }
+            if other.byte_order != own.byte_order {
+                differ.push("byte_order");
+            }
+            if !differ.is_empty() {
+                out.push(format!(
+                    "{}: it is unit {} at {} as {} is, with another {}",
+                    own.name,
+                    own.unit_id,
+                    own.address,
+                    other.name,
+                    differ.join(" and another ")
+                ));
+            }
+        }
+        out
+    }
+
+    /// Alarms of a device that would be raised between two of its polls.
+    fn too_soon(&self) -> Vec<String> {
+        let down = &self.alarm.collector_down;
+        let polls = self.modbus.iter().map(|own| (&own.name, own.poll_ms));
+        let all = polls.chain(self.opcua.iter().map(|own| (&own.name, own.sampling_ms)));
+        let told = |(name, ms): (&String, u64)| {
+            let every = ms as f64 / 1000.0;
+            (down.enabled && down.after_s < every && !self.is_slow(ms)).then(|| {
+                format!(
+                    "{name}: it is asked every {every} s, and [alarm.collector_down] after_s = {} takes it for down before the next \
+                     answer: write {} or more",
+                    down.after_s,
+                    POLLS * every
+                )
+            })
+        };
+        all.filter_map(told).collect()
+    }
+
+    /// Kinds of alarms that a receiver asks for and its least priority keeps away.
+    fn never_told(&self) -> Vec<String> {
+        let webhooks = self.notify.webhook.iter().map(|own| (&own.name, &own.filter));
+        let managers = self.notify.alertmanager.iter().map(|own| (&own.name, &own.filter));
+        let mails = self.notify.smtp.iter().map(|own| (&own.name, &own.filter));
+        let mut out = Vec::new();
+        for (name, filter) in webhooks.chain(managers).chain(mails) {
+            for kind in &filter.kinds {
+                // That of stiction goes with f.
+                let most = match kind {
+                    Kind::Stiction => Priority::High,
+                    kind => self.alarm.priority(*kind, None),
+                };
+                if most < filter.min_priority {
+                    out.push(format!(
+                        "{name}: it never hears of {0}, which has the priority {1}: write min_priority = \"{1}\", or [alarm.{0}] \
+                         priority",
+                        kind.as_str(),
+                        most.as_str()
+                    ));
+                }
+            }
+        }
+        out
+    }
+}
+
+/// A range that the register cannot fill.
+fn reach(tag: &modbus::TagConfig) -> Option<String> {
+    let ([least, most], [low, high]) = (tag.reach()?, tag.range?);
+    let own = tag.effective_type()?;
+    let unsigned = own.raw_range()?[0] == 0.0;
+    if unsigned && low < 0.0 && least >= 0.0 {
+        return Some(format!(
+            "range begins at {low}, and a {} is never below {least}: write type = \"{}\" where the device counts below 0",
+            own.as_str(),
+            own.as_str().replacen('u', "i", 1)
+        ));
+    }
+    let far = high - low > BEYOND * (most - least);
+    far.then(|| {
+        format!(
+            "range = [{low}, {high}], and a {} with this scale is {least} to {most}: range is in the tag's own unit, after scaling",
+            own.as_str()
+        )
+    })
+}
+
+/// A mode of which every value counts as automatic.
+fn always_automatic(own: &LoopConfig) -> Option<String> {
+    let mode = own.mode.as_ref()?.as_modbus()?;
+    let values = mode.auto_values.as_ref()?;
+    let bit = mode.effective_type() == Some(modbus::ValueType::Bit);
+    (bit && values.contains(&0) && values.contains(&1)).then(|| {
+        format!(
+            "{}.mode: 0 and 1 are both automatic, and a bit is nothing else: name the one that is",
+            own.id
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::parse;
+
+    const DEVICE: &str = "[[modbus]]\nname = 'd'\naddress = 'plc1:502'\naddress_base = 0\n";
+
+    /// A loop of a device `d`; what `op` and `more` say stands in its sections.
+    fn of_loop(op: &str, more: &str) -> String {
+        let tag = |role: &str, address: u8, own: &str| {
+            format!("[loop.{role}]\ndevice = 'd'\nregister = 'holding'\naddress = {address}\n{own}\n")
+        };
+        let (op, pv) = (tag("op", 0, op), tag("pv", 2, "type = 'f32'"));
+        format!("[[loop]]\nid = 'A'\nop_span = 100.0\nop_limits = [0, 100]\n{op}{pv}{more}")
+    }
+
+    fn remarks(text: &str) -> String {
+        parse("f", text).unwrap_or_else(|errors| panic!("{text}\n{errors:?}")).remarks().join("\n")
+    }
+
+    fn errors(text: &str) -> String {
+        let errors = parse("f", text).expect_err(text);
+        errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+    }
+
+    const PLAIN: &str = "type = 'f32'";
+
+    #[test]
+    fn what_a_register_cannot_send_is_told() {
+        for (op, said) in [
+            (
+                "type = 'u16'\nscale = 0.1\nrange = [-50, 200]",
+                "A.op: range begins at -50, and a u16 is never below 0: write type = \"i16\"",
+            ),
+            (
+                "type = 'i16'\nscale = 0.01\nrange = [0, 10000]",
+                "is -327.68 to 327.67: range is in the tag's own unit",
+            ),
+            (
+                "type = 'u16'\nscale = 1.0",
+                "A.op: it comes in steps of 1 % of its span, and friction counts from 0.05 %",
+            ),
+        ] {
+            let found = remarks(&(DEVICE.to_string() + &of_loop(op, "")));
+            assert!(found.contains(said), "{op}: {found}");
+        }
+        let fine =
+            remarks(&(DEVICE.to_string() + &of_loop("type = 'u16'\nscale = 0.01\nrange = [0, 100]", "")));
+        assert_eq!(fine, "");
+        let never = of_loop("type = 'u16'\nscale = 0.001\nrange = [100, 700]", "");
+        let found = errors(&(DEVICE.to_string() + &never));
+        assert!(
+            found.contains("range: [100, 700] is never met: a u16 with this scale and offset is 0 to 65.535"),
+            "{found}"
+        );
+        let mode = |own: &str| of_loop(PLAIN, &format!("[loop.mode]\ndevice = 'd'\n{own}\n"));
+        for (own, said) in [
+            (
+                "register = 'coil'\naddress = 6\nauto_values = [2]",
+                "auto_values: 2 never comes: a coil is 0 to 1",
+            ),
+            (
+                "register = 'holding'\ntype = 'u16'\naddress = 6\nauto_values = [-1]",
+                "-1 never comes: a u16 is 0 to 65535",
+            ),
+        ] {
+            let found = errors(&(DEVICE.to_string() + &mode(own)));
+            assert!(found.contains(said), "{own}: {found}");
+        }
+        let both = mode("register = 'coil'\naddress = 6\nauto_values = [0, 1]");
+        assert!(remarks(&(DEVICE.to_string() + &both)).contains("A.mode: 0 and 1 are both automatic"));
+    }
+
+    #[test]
+    fn times_that_do_not_go_together_are_told() {
+        let slow = DEVICE.to_string() + "poll_ms = 300000\n" + &of_loop(PLAIN, "");
+        let found = remarks(&slow);
+        assert!(
+            found.contains("d: it is asked every 300 s, and [alarm.collector_down] after_s = 120"),
+            "{found}"
+        );
+        assert!(found.contains("write 900 or more"), "{found}");
+        let waits = format!("[alarm.collector_down]\nafter_s = 900\n{slow}");
+        assert_eq!(remarks(&waits), "");
+        let found = errors(&format!("[diagnosis]\nts_s = 0.1\n{DEVICE}{}", of_loop(PLAIN, "")));
+        assert!(found.contains("ts_s: 0.1 is shorter than A is polled, every 1 s"), "{found}");
+        let other = "[[modbus]]\nname = 'e'\naddress = 'plc2:502'\naddress_base = 0\npoll_ms = 60000\n";
+        let apart = of_loop(PLAIN, "").replace("[loop.pv]\ndevice = 'd'", "[loop.pv]\ndevice = 'e'");
+        let found = remarks(&format!("{DEVICE}{other}{apart}"));
+        assert!(found.contains("A: op comes every 1000 ms and pv every 60000 ms"), "{found}");
+    }
+
+    #[test]
+    fn a_unit_that_is_read_in_two_ways_is_told() {
+        let second = "[[modbus]]\nname = 'e'\naddress = 'PLC1:502'\naddress_base = 1\nbyte_order = 'CDAB'\n";
+        let found = remarks(&format!("{DEVICE}{second}{}", of_loop(PLAIN, "")));
+        assert!(
+            found.contains(
+                "e: it is unit 1 at PLC1:502 as d is, with another address_base and another byte_order"
+            ),
+            "{found}"
+        );
+    }
+
+    #[test]
+    fn a_receiver_that_never_hears_of_what_it_asks_for_is_told() {
+        let mail = "[[notify.smtp]]\nname = 'm'\naddress = 'mail.plant:587'\nfrom = 'a@b.c'\nto = ['d@e.f']\n\
+            [notify.smtp.filter]\nmin_priority = 'medium'\nkinds = ['stiction', 'f_rising']\n";
+        let found = remarks(&format!("{mail}{DEVICE}{}", of_loop(PLAIN, "")));
+        assert!(found.contains("m: it never hears of f_rising, which has the priority low"), "{found}");
+        let raised = format!("[alarm.f_rising]\npriority = 'medium'\n{mail}{DEVICE}{}", of_loop(PLAIN, ""));
+        assert!(!remarks(&raised).contains("never hears"), "{}", remarks(&raised));
+    }
+
+    #[test]
+    fn secrets_are_not_shown_and_advice_can_be_followed() {
+        let broker = "[[mqtt]]\nname = 'b'\naddress = 'user:geheim@broker:1883'\n";
+        let found = errors(&format!("{broker}{DEVICE}{}", of_loop(PLAIN, "")));
+        assert!(found.contains("a log-in stands in keys of its own") && !found.contains("geheim"), "{found}");
+        let hook = "[[notify.webhook]]\nname = 'w'\nurl = 'https://h/x'\nsecret_file = 'whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw'\n";
+        let found = errors(&format!("{hook}{DEVICE}{}", of_loop(PLAIN, "")));
+        assert!(found.contains("is the secret itself") && !found.contains("MfKQ"), "{found}");
+        let found = errors(&(DEVICE.to_string() + &of_loop("type = 'f32'\nrange = ['0', '100']", "")));
+        assert!(found.contains("range: a number without quotes is expected, write in the list 0"), "{found}");
+        let found =
+            errors(&format!("[alarm]\nsuppressed = {{ A = 'stiction' }}\n{DEVICE}{}", of_loop(PLAIN, "")));
+        assert!(found.contains("suppressed: a list is expected, in [square brackets]"), "{found}");
+        let found = errors(&format!("[alarm]\nmedium_f_percent = 50.0\n{DEVICE}{}", of_loop(PLAIN, "")));
+        assert!(found.starts_with("f:2:") && found.contains("high_f_percent is not in the file"), "{found}");
+    }
+
+    #[test]
+    fn paths_and_topics_that_find_nothing_are_refused() {
+        let mqtt = |broker: &str, op: &str| {
+            format!(
+                "[[mqtt]]\nname = 'b'\naddress = 'broker:1883'\n{broker}\n[[loop]]\nid = 'A'\n[loop.op]\ndevice = 'b'\n{op}\n\
+                [loop.pv]\ndevice = 'b'\ntopic = 'p'\npath = 'v'\ntime_path = 't'\n"
+            )
+        };
+        for (broker, op, said) in [
+            (
+                "time_fallback = 'none'",
+                "topic = 'o'\npath = 'v'",
+                "a value needs a time_path: every one would be refused",
+            ),
+            ("", "topic = 'o '", "has a blank before or after it"),
+            ("", "topic = 'o'\npath = '/values/op'", "write values.op, or"),
+            ("", "topic = 'o'\npath = 'op '", "write 'op'"),
+        ] {
+            let found = errors(&mqtt(broker, op));
+            assert!(found.contains(said), "{op}: {found}");
+        }
+        let path = "[[opcua]]\nname = 's'\nurl = 'opc.tcp://h:4840/'\nsecurity_policy = 'None'\n[[loop]]\nid = 'A'\n[loop.op]\n\
+            device = 's'\npath = '/0:Root/0:Objects/2:Unit/2:OP'\n[loop.pv]\ndevice = 's'\npath = '/Objects/2:Unit/2:PV'\n";
+        let found = errors(path);
+        assert!(found.contains("write /2:Unit/2:OP") && found.contains("write /2:Unit/2:PV"), "{found}");
+    }
+}
