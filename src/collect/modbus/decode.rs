@@ -1,6 +1,7 @@
 //! From registers to a value with a quality. Never panics, whatever the registers.
 
-use super::config::{ByteOrder, TagConfig, ValueType};
+use super::config::TagConfig;
+use super::kinds::{ByteOrder, ValueType};
 use crate::collect::scaling::{Reading, Scaling};
 use crate::signal::Role;
 

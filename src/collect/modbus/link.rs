@@ -1,7 +1,8 @@
 //! One connection to one device, and the only place that talks to a socket. It can only read.
 
-use super::config::{Framing, Register, Tolerated};
+use super::config::{Framing, Tolerated};
 use super::head;
+use super::kinds::Register;
 use super::plan::Span;
 use super::wire::{Asked, Dial};
 use std::fmt;

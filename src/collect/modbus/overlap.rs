@@ -1,6 +1,7 @@
 //! Finds tags that read one register as two different things.
 
-use super::config::{Config, Register, TagConfig, ValueType};
+use super::config::{Config, TagConfig};
+use super::kinds::{Register, ValueType};
 
 /// Two tags that read the same registers as different things.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,7 +1,8 @@
 //! What to ask a device, decided once and without I/O: neighbouring registers go into one request.
 
-use super::config::{Config, Framing, Register, TagConfig, Tolerated, ValueType};
+use super::config::{Config, Framing, TagConfig, Tolerated};
 use super::decode::Decoder;
+use super::kinds::{Register, ValueType};
 use super::overlap::contradictions;
 use crate::collect::{self, Issue};
 use std::time::Duration;

@@ -1,8 +1,9 @@
 //! `probe`: shows registers in every type and byte order, for the day the addresses are checked against
 //! the plant's screens. Reads only.
 
-use super::config::{ByteOrder, Framing, MAX_BITS, MAX_REGISTERS, Register, Tolerated};
+use super::config::{Framing, MAX_BITS, MAX_REGISTERS, Tolerated};
 use super::decode::bytes;
+use super::kinds::{ByteOrder, Register};
 use super::link::{Link, Lost};
 use super::plan::Span;
 use super::wire::sockets;

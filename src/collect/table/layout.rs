@@ -322,7 +322,9 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
     Ok(layout)
 }
 
-const TAGS: [&str; 26] = [
+const TAGS: [&str; 28] = [
+    "tagindex",
+    "tag index",
     "tag",
     "tagname",
     "tag name",

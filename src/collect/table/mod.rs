@@ -10,7 +10,8 @@
 //! | `layout`, `time_columns`, `names`, `roles` | what divides cells, where the header is, which column is what |
 //! | `evidence`, `number` | the decimal sign, thousands, units behind numbers |
 //! | `time`, `stamp`, `calendar` | how times are written |
-//! | `words` | which modes are automatic, which qualities good |
+//! | `words`, `qualities`, `says` | which modes are automatic, which qualities good |
+//! | `owner` | which rows are the loop's |
 //! | `take` | samples, and which rows are left out |
 
 mod calendar;
@@ -30,6 +31,7 @@ mod owner;
 mod parquet;
 mod qualities;
 mod roles;
+mod says;
 mod source;
 mod stamp;
 mod survey;

@@ -50,6 +50,8 @@ const TIME: &[&str] = &[
     "minutes",
     "hours",
     "ip trend time",
+    "dateandtime",
+    "date and time",
     "elapsed",
     "elapsed time",
     "datenum",

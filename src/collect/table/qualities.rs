@@ -4,8 +4,9 @@ use super::channel::{Channel, Tag};
 use super::error::TableError;
 use super::layout::{Body, Layout};
 use super::names::Name;
+use super::says::{is_alarm, is_bad_flag, is_good_flag};
 use super::source::{Cell, Rows};
-use super::words::{Words, is_alarm, is_bad_flag, is_good_flag};
+use super::words::Words;
 use crate::signal::Role;
 
 /// A column of quality, and the place of the value it speaks of among the values; `None` where it speaks of the row.

@@ -11,10 +11,11 @@ use super::options::{Options, Told};
 use super::owner::Owner;
 use super::qualities::{Others, Quality};
 use super::roles::{Trouble, roles};
+use super::says::Says;
 use super::source::{Cell, Kind, Rows, Source};
 use super::text::Blanks;
 use super::time::{self, Groups, Reading, Times};
-use super::words::{Modes, Says, Words};
+use super::words::{Modes, Words};
 use crate::signal::Role;
 use std::collections::{BTreeSet, HashMap};
 

@@ -1,0 +1,328 @@
+//! How a column says that a value is good: in words, by a flag, by alarms, in the numbers of OPC, or as somebody tells.
+
+use super::error::TableError;
+use super::source::Cell;
+use super::words::{Words, word};
+use crate::signal::{BadReason, Quality};
+
+/// How a column says that a value is good.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Says {
+    /// These are good.
+    Told(Vec<String>),
+    /// By a loop's alarms as Yokogawa's CENTUM writes them: an open input or output is bad, a limit that is passed is not.
+    Alarm,
+    /// By a flag; whether it is set where the value is good, or where it is bad.
+    Flag(bool),
+    /// In words; whether a blank cell is good, as where only what is bad is written.
+    Words(bool),
+    /// As OPC DA numbers it: 192 and above is good, 64 to 127 uncertain.
+    OpcDa,
+    /// As OPC UA numbers it: severity in the two highest of 32 bits.
+    OpcUa,
+}
+
+/// Words of a good value.
+const GOOD: [&str; 27] = [
+    "good",
+    "ok",
+    "normal",
+    "norm",
+    "nr",
+    "valid",
+    "g",
+    "true",
+    "goodnoncascade",
+    "goodcascade",
+    "gut",
+    "healthy",
+    "192",
+    "goodnonspecific",
+    "bon",
+    "buena",
+    "bueno",
+    "god",
+    "goed",
+    "bom",
+    "buono",
+    "dobry",
+    "dobrá",
+    "hyvä",
+    "iyi",
+    "хорошее",
+    "良",
+];
+/// Words of one that is repeated, or of which the source is not sure.
+const UNSURE: [&str; 6] = ["stale", "uncertain", "questionable", "substituted", "u", "old"];
+/// Words of a bad one.
+const BAD: [&str; 26] = [
+    "bad",
+    "invalid",
+    "iop",
+    "fail",
+    "failed",
+    "error",
+    "b",
+    "false",
+    "nok",
+    "no",
+    "timeout",
+    "schlecht",
+    "mauvais",
+    "mala",
+    "malo",
+    "dålig",
+    "dårlig",
+    "slecht",
+    "mau",
+    "ruim",
+    "cattivo",
+    "zły",
+    "huono",
+    "kötü",
+    "плохое",
+    "不良",
+];
+
+/// Words of a flag that is not set, and of one that is.
+const FLAGS: [[&str; 4]; 2] = [["0", "false", "no", "n"], ["1", "true", "yes", "y"]];
+/// Names of flags that are set where a value is bad.
+const BAD_FLAGS: [&str; 5] = ["bad", "isbad", "questionable", "invalid", "substituted"];
+/// Names of flags that are set where a value is good.
+const GOOD_FLAGS: [&str; 4] = ["good", "isgood", "valid", "isvalid"];
+
+/// The last word of a name.
+fn last_word(name: &str) -> String {
+    let small = name.trim().to_lowercase();
+    small.rsplit(|c: char| !c.is_alphanumeric()).find(|part| !part.is_empty()).unwrap_or("").to_string()
+}
+
+/// Names of a loop's alarms.
+const ALARMS: [&str; 3] = ["alrm", "alarm", "alst"];
+/// Alarms of CENTUM that say of a value that it is none: input open, output open.
+const OPEN: [&str; 4] = ["iop", "iop-", "iop+", "oop"];
+
+/// Whether a column of this name holds the alarms of a loop: `FIC101.ALRM`.
+pub fn is_alarm(name: &str) -> bool {
+    ALARMS.contains(&last_word(name).as_str())
+}
+
+/// Whether a column of this name holds the confidence of Honeywell's PHD: 100 is good, 0 and -1 are not.
+fn is_confidence(name: &str) -> bool {
+    last_word(name) == "confidence"
+}
+
+/// Whether a column of this name holds a flag that is set where a value is bad: `PV_BAD`, `Questionable`.
+pub fn is_bad_flag(name: &str) -> bool {
+    BAD_FLAGS.contains(&last_word(name).as_str())
+}
+
+/// Whether a column of this name holds a flag that is set where a value is good: `PV_GOOD`, `IsValid`.
+pub fn is_good_flag(name: &str) -> bool {
+    GOOD_FLAGS.contains(&last_word(name).as_str())
+}
+
+/// How words begin that say nothing but how good a value is.
+const UNMISTAKABLE: [&str; 11] = [
+    "good",
+    "bad",
+    "uncertain",
+    "questionable",
+    "invalid",
+    "gut",
+    "schlecht",
+    "bon",
+    "mauvais",
+    "buen",
+    "良",
+];
+/// Numbers that OPC DA has for quality: good, uncertain and bad, with and without their reasons.
+const OPC_DA: [f64; 15] =
+    [0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0, 64.0, 68.0, 80.0, 84.0, 88.0, 192.0, 216.0];
+/// The least number of OPC UA that is not good.
+const OPC_UA: f64 = 1_073_741_824.0;
+
+fn first_word(word: &str) -> &str {
+    word.split(|c: char| !c.is_alphanumeric()).find(|part| !part.is_empty()).unwrap_or("")
+}
+
+fn is_known(word: &str) -> bool {
+    let first = first_word(word);
+    Quality::named(word).is_some()
+        || [&GOOD[..], &UNSURE, &BAD].iter().any(|names| names.contains(&first))
+        || first.starts_with("good")
+        || first.starts_with("bad")
+        || first.starts_with("uncertain")
+}
+
+/// What a word says; one that is not known is not good.
+fn quality_of(word: &str) -> Quality {
+    let first = first_word(word);
+    if let Some(own) = Quality::named(word) {
+        own
+    } else if GOOD.contains(&first) || first.starts_with("good") {
+        Quality::Good
+    } else if UNSURE.contains(&first) || first.starts_with("uncertain") {
+        Quality::Stale
+    } else {
+        Quality::Bad(BadReason::DeviceException)
+    }
+}
+
+impl Words {
+    /// Whether they tell good values from others beyond doubt: in words of which most, or one beside others that may, mean nothing
+    /// else, or in the numbers of OPC, some of them not good.
+    pub fn speak_of_quality(&self) -> bool {
+        if self.more {
+            return false;
+        }
+        let rows = |of: &dyn Fn(&str) -> bool| -> u64 {
+            self.counts.iter().filter(|(word, _)| of(word)).map(|(_, count)| *count).sum()
+        };
+        let all = rows(&|_| true);
+        if let Some(numbers) = self.numbers() {
+            let good = rows(&|word| word.parse().is_ok_and(|n: f64| (192.0..220.0).contains(&n)));
+            let zero = rows(&|word| word == "0");
+            let da = numbers.iter().all(|n| OPC_DA.contains(n)) && good * 2 > all && good < all;
+            let severe = |n: &f64| *n == 0.0 || (OPC_UA..4.0 * OPC_UA).contains(n) && n.fract() == 0.0;
+            return da || numbers.iter().all(severe) && zero * 2 > all && zero < all;
+        }
+        let plain = rows(&|word| UNMISTAKABLE.iter().any(|own| first_word(word).starts_with(own)));
+        plain * 2 > all || plain > 0 && self.counts.iter().all(|(word, _)| is_known(word))
+    }
+
+    /// Whether they are all yes or no.
+    pub fn are_flags(&self) -> bool {
+        !self.counts.is_empty()
+            && self.counts.iter().all(|(word, _)| FLAGS.as_flattened().contains(&word.as_str()))
+    }
+
+    /// Whether any of them says that an input or output is open.
+    pub fn tell_open(&self) -> bool {
+        self.counts.iter().any(|(word, _)| OPEN.contains(&word.as_str()))
+    }
+}
+
+impl Says {
+    /// Decides; `None` where the column says nothing of the kind.
+    ///
+    /// # Errors
+    /// Numbers or words that two sources mean in two ways.
+    pub fn decide(words: &Words, told: Option<&[String]>, name: &str) -> Result<Option<Self>, TableError> {
+        if let Some(told) = told {
+            let same =
+                |one: &String| one.parse::<f64>().map_or_else(|_| one.clone(), |value| value.to_string());
+            return Ok(Some(Says::Told(told.iter().map(same).collect())));
+        }
+        if (is_bad_flag(name) || is_good_flag(name)) && words.are_flags() {
+            return Ok(Some(Says::Flag(is_good_flag(name))));
+        }
+        if is_alarm(name) && words.tell_open() {
+            return Ok(Some(Says::Alarm));
+        }
+        let doubt = || {
+            Err(TableError::refused(format!(
+                "column {name}: it holds {}; say which of them are good with --good-values",
+                words.listed()
+            )))
+        };
+        if words.counts.is_empty() {
+            return Ok(None);
+        }
+        if let Some(numbers) = words.numbers() {
+            let da = |n: &f64| n.fract() == 0.0 && (0.0..65_536.0).contains(n);
+            // Above 255 a vendor's number may have the bits of good without being so: Ignition's 500 is bad.
+            let doubtful = numbers.iter().any(|n| *n > 255.0 && da(n) && *n as u64 & 0xc0 == 0xc0);
+            // 0 is bad in one numbering and good in the other: another number has to say which it is.
+            return if doubtful {
+                doubt()
+            } else if is_confidence(name) && numbers.iter().all(|n| [-1.0, 0.0, 100.0].contains(n)) {
+                Ok(Some(Says::Told(vec!["100".into()])))
+            } else if numbers.iter().any(|n| (192.0..256.0).contains(n)) && numbers.iter().all(da) {
+                Ok(Some(Says::OpcDa))
+            } else if numbers.iter().any(|n| *n >= f64::from(0x4000_0000u32))
+                && numbers.iter().all(|n| *n >= 0.0)
+            {
+                Ok(Some(Says::OpcUa))
+            } else {
+                doubt()
+            };
+        }
+        let known = words.counts.iter().filter(|(word, _)| is_known(word)).count();
+        // A word that nobody knows may say good: where most of the column is such, it is asked for.
+        let rows: u64 = words.counts.iter().map(|(_, count)| *count).sum();
+        let strange: u64 =
+            words.counts.iter().filter(|(word, _)| !is_known(word)).map(|(_, count)| *count).sum();
+        if known == 0 || strange * 2 > rows {
+            return doubt();
+        }
+        let any_good = words.counts.iter().any(|(word, _)| quality_of(word).is_good());
+        Ok(Some(Says::Words(!any_good)))
+    }
+
+    /// The quality that a cell says; a blank one says nothing good.
+    pub fn quality(&self, cell: &Cell<'_>) -> Quality {
+        let bad = Quality::Bad(BadReason::DeviceException);
+        let word = word(cell);
+        let number = || word.parse::<f64>().ok().filter(|n| *n >= 0.0 && n.fract() == 0.0).map(|n| n as u64);
+        match self {
+            Says::Told(good) if good.contains(&word) => Quality::Good,
+            Says::Told(_) => bad,
+            Says::Alarm if OPEN.contains(&word.as_str()) => bad,
+            Says::Alarm => Quality::Good,
+            Says::Flag(good) if FLAGS[1].contains(&word.as_str()) == *good => Quality::Good,
+            Says::Flag(_) => bad,
+            Says::OpcDa => match number().map(|n| n & 0xc0) {
+                Some(0xc0) => Quality::Good,
+                Some(0x40) => Quality::Stale,
+                _ => bad,
+            },
+            Says::OpcUa => match number().map(|n| n >> 30) {
+                Some(0) => Quality::Good,
+                Some(1) => Quality::Stale,
+                _ => bad,
+            },
+            Says::Words(blank_is_good) if word.is_empty() => {
+                if *blank_is_good {
+                    Quality::Good
+                } else {
+                    bad
+                }
+            }
+            Says::Words(_) => quality_of(&word),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(cells: &[&str]) -> Words {
+        let mut words = Words::default();
+        cells.iter().for_each(|cell| words.add(&Cell::Text(cell)));
+        words
+    }
+
+    #[test]
+    fn qualities_are_those_of_opc_or_words() {
+        let bad = Quality::Bad(BadReason::DeviceException);
+        let says = |cells: &[&str]| Says::decide(&of(cells), None, "q").map_err(|error| error.to_string());
+        let da = says(&["192", "0", "64"]).expect("OPC DA").expect("some");
+        assert_eq!(
+            ["192", "216", "64", "0"].map(|q| da.quality(&Cell::Text(q))),
+            [Quality::Good, Quality::Good, Quality::Stale, bad]
+        );
+        let ua = says(&["0", "2147483648"]).expect("OPC UA").expect("some");
+        assert_eq!([0.0, 2_147_483_648.0].map(|q| ua.quality(&Cell::Number(q))), [Quality::Good, bad]);
+        let words = says(&["Good", "Bad - no comm"]).expect("words").expect("some");
+        assert_eq!(
+            ["Good [192]", "GoodNonCascade", "Uncertain", "Bad - no comm", "I/O Timeout", "bad:timeout"]
+                .map(|q| words.quality(&Cell::Text(q))),
+            [Quality::Good, Quality::Good, Quality::Stale, bad, bad, Quality::Bad(BadReason::Timeout)]
+        );
+        assert!(says(&["0", "0"]).expect_err("a doubt").contains("--good-values"));
+        assert!(says(&["0", "1"]).expect_err("a doubt").contains("--good-values"));
+        assert!(says(&["running"]).expect_err("a doubt").contains("--good-values"));
+    }
+}
