@@ -39,14 +39,14 @@ pub fn host_and_port(address: &str) -> Result<(String, u16), &'static str> {
             "the port is missing"
         });
     };
-    if host.contains(':') && host.contains([',', ';']) {
-        return Err("one address only: another device is another section");
-    }
-    if host.contains('.') && host.contains(':') {
-        return Err("there is a second colon: only the port follows the host");
-    }
     let bracketed = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
     if bracketed.is_none() && host.contains(':') {
+        if host.contains([',', ';']) {
+            return Err("one address only: another device is another section");
+        }
+        if host.contains('.') && host.parse::<Ipv6Addr>().is_err() {
+            return Err("there is a second colon: only the port follows the host");
+        }
         return Err("an IPv6 address stands in brackets, as in [fe80::1]:502");
     }
     let port = port.parse().ok().filter(|port| *port > 0).ok_or("the port must be 1 to 65535")?;
@@ -112,6 +112,7 @@ mod tests {
         for (address, host, port) in [
             ("10.0.0.5:502", "10.0.0.5", 502),
             ("[fe80::1]:502", "fe80::1", 502),
+            ("[::ffff:10.0.0.5]:502", "::ffff:10.0.0.5", 502),
             ("localhost:65535", "localhost", 65_535),
             ("plc_1.plant.:1883", "plc_1.plant.", 1883),
             ("leitstand-ä:1", "leitstand-ä", 1),
@@ -132,6 +133,7 @@ mod tests {
             ("10.0.0.5,502", "a colon"),
             ("u:p@plc:502", "log-in"),
             ("10.0.0.5:5020:1", "a second colon"),
+            ("::ffff:10.0.0.5:502", "brackets"),
             ("10.0.0.5:502,10.0.0.6:502", "one address"),
             ("plc?:502", "sign"),
             ("plc..plant:502", "no host"),

@@ -134,7 +134,8 @@ fn registers_that_another_uses_are_refused() {
         let other = format!(
             "[[modbus]]\nname = 'e'\naddress = '{second}'\naddress_base = 1\nunit_id = {unit}\n[[loop]]"
         );
-        let text = config(false)
+        // A unit that must not be written to is refused where somebody writes.
+        let text = config(unit == 0)
             .replacen("127.0.0.1:9", first, 1)
             .replacen("[[loop]]", &other, 1)
             .replace("device = 'd'\nterm_address = 100", "device = 'e'\nterm_address = 1");

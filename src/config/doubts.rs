@@ -10,6 +10,8 @@ use std::collections::HashMap;
 const COARSE: f64 = 10.0;
 /// A range that reaches so many times further than the register belongs to another scale.
 const BEYOND: f64 = 10.0;
+/// A range may reach below 0 by such a part of itself though the register does not.
+const MARGIN: f64 = 0.1;
 /// OP and PV so many times further apart in time are told: what OP does between two values of PV is not seen.
 const APART: u64 = 5;
 /// An alarm waits for so many polls at least.
@@ -27,6 +29,7 @@ impl Config {
             }
             out.extend(self.steps_of_op(own));
             out.extend(self.apart(own));
+            out.extend(self.finer(own));
             out.extend(always_automatic(own));
             out.extend(self.term(own));
         }
@@ -47,7 +50,7 @@ impl Config {
         let least = self.diagnosis.f_threshold_percent;
         (step > COARSE * least).then(|| {
             format!(
-                "{}.op: it comes in steps of {step} % of its span, and friction counts from {least} %: read a finer register, or \
+                "{}.op: it comes in steps of {step:.2} % of its span, and friction counts from {least} %: read a finer register, or \
                  look at scale",
                 own.id
             )
@@ -78,6 +81,18 @@ impl Config {
         })
     }
 
+    /// A loop that is resampled to a shorter period than it has samples.
+    fn finer(&self, own: &LoopConfig) -> Option<String> {
+        let ts = self.diagnosis.ts_s?;
+        let slower = self.every_ms(&own.op)?.max(self.every_ms(&own.pv)?) as f64 / 1000.0;
+        (ts < slower).then(|| {
+            format!(
+                "{}: its samples come every {slower} s, and [diagnosis] ts_s = {ts}: what is drawn between them is no evidence",
+                own.id
+            )
+        })
+    }
+
     /// The term of write-back in another order of bytes than the device's tags, and samples that are too old at once.
     fn term(&self, own: &LoopConfig) -> Vec<String> {
         let Some(writeback) = own.writeback.as_ref().filter(|own| own.enabled) else { return Vec::new() };
@@ -98,10 +113,9 @@ impl Config {
         let slowest = slowest.into_iter().flatten().filter_map(|tag| self.every_ms(tag)).max();
         if let Some(every) = slowest.filter(|every| *every >= age) {
             out.push(format!(
-                "{}.writeback: max_sample_age_ms = {age}, and its samples come every {every} ms: the gate never opens; write {} or \
-                 more",
-                own.id,
-                2 * every
+                "{}.writeback: max_sample_age_ms = {age}, and its samples come every {every} ms: the gate never opens; read them \
+                 more often, or write more",
+                own.id
             ));
         }
         out
@@ -184,10 +198,11 @@ impl Config {
 fn reach(tag: &modbus::TagConfig) -> Option<String> {
     let ([least, most], [low, high]) = (tag.reach()?, tag.range?);
     let own = tag.effective_type()?;
-    let unsigned = own.raw_range()?[0] == 0.0;
-    if unsigned && low < 0.0 && least >= 0.0 {
+    let unsigned = own.raw_range()?[0] == 0.0 && own != modbus::ValueType::Bit;
+    // A little below 0 is a margin.
+    if unsigned && low < -MARGIN * (high - low) && least >= 0.0 {
         return Some(format!(
-            "range begins at {low}, and a {} is never below {least}: write type = \"{}\" where the device counts below 0",
+            "range begins at {low}, and {} is never below {least}: write type = \"{}\" where the device counts below 0",
             own.as_str(),
             own.as_str().replacen('u', "i", 1)
         ));
@@ -195,7 +210,7 @@ fn reach(tag: &modbus::TagConfig) -> Option<String> {
     let far = high - low > BEYOND * (most - least);
     far.then(|| {
         format!(
-            "range = [{low}, {high}], and a {} with this scale is {least} to {most}: range is in the tag's own unit, after scaling",
+            "range = [{low}, {high}], and {} with this scale is {least} to {most}: range is in the tag's own unit, after scaling",
             own.as_str()
         )
     })
@@ -245,7 +260,7 @@ mod tests {
         for (op, said) in [
             (
                 "type = 'u16'\nscale = 0.1\nrange = [-50, 200]",
-                "A.op: range begins at -50, and a u16 is never below 0: write type = \"i16\"",
+                "A.op: range begins at -50, and u16 is never below 0: write type = \"i16\"",
             ),
             (
                 "type = 'i16'\nscale = 0.01\nrange = [0, 10000]",
@@ -253,7 +268,7 @@ mod tests {
             ),
             (
                 "type = 'u16'\nscale = 1.0",
-                "A.op: it comes in steps of 1 % of its span, and friction counts from 0.05 %",
+                "A.op: it comes in steps of 1.00 % of its span, and friction counts from 0.05 %",
             ),
         ] {
             let found = remarks(&(DEVICE.to_string() + &of_loop(op, "")));
@@ -265,7 +280,7 @@ mod tests {
         let never = of_loop("type = 'u16'\nscale = 0.001\nrange = [100, 700]", "");
         let found = errors(&(DEVICE.to_string() + &never));
         assert!(
-            found.contains("range: [100, 700] is never met: a u16 with this scale and offset is 0 to 65.535"),
+            found.contains("range: [100, 700] is never met: u16 with this scale and offset is 0 to 65.535"),
             "{found}"
         );
         let mode = |own: &str| of_loop(PLAIN, &format!("[loop.mode]\ndevice = 'd'\n{own}\n"));
@@ -276,7 +291,7 @@ mod tests {
             ),
             (
                 "register = 'holding'\ntype = 'u16'\naddress = 6\nauto_values = [-1]",
-                "-1 never comes: a u16 is 0 to 65535",
+                "-1 never comes: u16 is 0 to 65535",
             ),
         ] {
             let found = errors(&(DEVICE.to_string() + &mode(own)));
@@ -298,7 +313,10 @@ mod tests {
         let waits = format!("[alarm.collector_down]\nafter_s = 900\n{slow}");
         assert_eq!(remarks(&waits), "");
         let found = errors(&format!("[diagnosis]\nts_s = 0.1\n{DEVICE}{}", of_loop(PLAIN, "")));
-        assert!(found.contains("ts_s: 0.1 is shorter than A is polled, every 1 s"), "{found}");
+        assert!(
+            found.contains("ts_s: 0.1 is shorter than the time between two polls of every loop, 1 s of A"),
+            "{found}"
+        );
         let other = "[[modbus]]\nname = 'e'\naddress = 'plc2:502'\naddress_base = 0\npoll_ms = 60000\n";
         let apart = of_loop(PLAIN, "").replace("[loop.pv]\ndevice = 'd'", "[loop.pv]\ndevice = 'e'");
         let found = remarks(&format!("{DEVICE}{other}{apart}"));
@@ -359,7 +377,7 @@ mod tests {
                 "a value needs a time_path: every one would be refused",
             ),
             ("", "topic = 'o '", "has a blank before or after it"),
-            ("", "topic = 'o'\npath = '/values/op'", "write values.op, or"),
+            ("", "topic = 'o'\npath = '/values/op'", "write values.op"),
             ("", "topic = 'o'\npath = 'op '", "write 'op'"),
         ] {
             let found = errors(&mqtt(broker, op));

@@ -13,6 +13,7 @@ mod section;
 mod source;
 mod syntax;
 mod tag;
+mod unlikely;
 mod wording;
 
 pub use diagnostic::Diagnostic;

@@ -40,6 +40,7 @@ impl Config {
         out.extend(self.in_the_clear());
         out.extend(self.ports_of_tls());
         out.extend(self.doubts());
+        out.extend(self.unlikely());
         let (held, wanted) = (self.history.samples_per_tag, self.diagnosis.window_samples);
         if held < wanted {
             out.push(format!(

@@ -1,7 +1,7 @@
 //! `[store]`: where what was measured and said is kept, and for how long.
 
 use serde::Deserialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// `[store]`; without the section nothing is kept.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -139,6 +139,12 @@ impl Config {
             && self.schema.chars().all(plain)
             && !self.schema.starts_with(|c: char| c.is_ascii_digit());
         unless(sound, "schema", "must be 1 to 40 of a to z, 0 to 9 and _, no digit first".to_string());
+        let own = self.schema.starts_with("pg_") || self.schema == "information_schema";
+        unless(!own, "schema", format!("{:?} is a schema of the database itself", self.schema));
+        let is_url = self.folder.to_string_lossy().contains("://");
+        unless(!is_url, "folder", "is a path, without file:// before it".to_string());
+        let is_root = self.folder == Path::new("/");
+        unless(!is_root, "folder", "must be a folder of its own, not the whole machine".to_string());
         if let Some(url) = &self.url {
             let fault = url_fault(url, self.ca_file.is_some());
             unless(fault.is_none(), "url", fault.unwrap_or_default());
@@ -201,7 +207,9 @@ fn url_fault(url: &str, has_ca: bool) -> Option<String> {
         }
         tokio_postgres::config::Host::Unix(_) => true,
     };
-    if !has_ca && !parsed.get_hosts().iter().all(near) {
+    let all_near = parsed.get_hosts().iter().all(near)
+        && parsed.get_hostaddrs().iter().all(std::net::IpAddr::is_loopback);
+    if !has_ca && !all_near {
         return Some(
             "is another machine; name the ca_file that it is to be trusted by, or reach it by a tunnel"
                 .to_string(),
@@ -221,6 +229,8 @@ mod tests {
         let fault = |url: &str, ca| url_fault(url, ca);
         assert_eq!(fault("postgres://stictiond@db.plant:5432/history", true), None);
         assert_eq!(fault("postgres://stictiond@[::1]:5432/history", false), None);
+        let elsewhere = "postgres://stictiond@localhost/history?hostaddr=10.1.1.1";
+        assert!(fault(elsewhere, false).is_some_and(|t| t.contains("ca_file")));
         assert!(
             fault("postgres://stictiond@db.plant:5432/history", false).is_some_and(|t| t.contains("ca_file"))
         );

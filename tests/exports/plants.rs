@@ -211,6 +211,28 @@ fn loops_may_have_numbers_and_a_counter_is_no_loop() {
 }
 
 #[test]
+fn what_stands_in_columns_of_its_own_is_named() {
+    let parts = rows(&example(), ',', |t| civil(t).replace(['-', ' ', ':'], ","));
+    refused(read("Year,Month,Day,Hour,Minute,Second,OP,PV", &parts, &plain()), "join them into one column");
+    let script = |t: f64| {
+        let moment = jiff::Timestamp::from_second(t.floor() as i64).expect("a time of ours");
+        let local = jiff::tz::Offset::constant(2).to_datetime(moment);
+        local.strftime("%a %b %d %Y %H:%M:%S GMT+0200 (CEST)").to_string()
+    };
+    let table = read("Time,OP,PV", &rows(&example(), ',', script), &plain()).expect("JavaScript");
+    assert!(bits(&table.record) == bits(&example()), "{}", table.found.read_as);
+    assert_eq!(table.record.op[0].t, BEGIN as f64);
+    let index: Vec<String> = long(true, civil, |_, _| "")
+        .iter()
+        .map(|row| row.replace("FIC1.OP", "0").replace("FIC1.PV", "1"))
+        .collect();
+    refused(read("DateAndTime,TagIndex,Val", &index, &plain()), "no tag for op, pv");
+    let told = Options { op: Some("0".into()), pv: Some("1".into()), ..plain() };
+    let table = read("DateAndTime,TagIndex,Val", &index, &told).expect("FactoryTalk");
+    assert!(bits(&table.record) == bits(&example()), "{}", table.found.read_as);
+}
+
+#[test]
 fn a_matrix_as_matlab_shows_it_has_a_factor_that_is_not_passed_over() {
     let lines = ["   1.0e+03 *", "", "   1.7803   0.0518   0.0512"].map(String::from);
     refused(read("t   op   pv", &lines, &plain()), "common factor of all numbers");

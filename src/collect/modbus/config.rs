@@ -293,9 +293,10 @@ impl TagConfig {
         };
         let beyond = |value: &&i64| !(least..=most).contains(&(**value as f64));
         if let Some(value) = self.auto_values.iter().flatten().find(beyond) {
-            let what = match self.register.is_bits() {
-                true => format!("a {}", self.register),
-                false => format!("a {}", value_type.as_str()),
+            let what = match self.register {
+                Register::Coil => "a coil",
+                Register::Discrete => "a discrete input",
+                _ => value_type.as_str(),
             };
             let message = || format!("{value} never comes: {what} is {least} to {most}");
             issues.unless(false, "auto_values", message);
@@ -304,7 +305,7 @@ impl TagConfig {
         if let (Some(range), Some([least, most])) = (self.range.filter(|range| !met(*range)), self.reach()) {
             issues.unless(false, "range", || {
                 format!(
-                    "[{}, {}] is never met: a {} with this scale and offset is {least} to {most}",
+                    "[{}, {}] is never met: {} with this scale and offset is {least} to {most}",
                     range[0],
                     range[1],
                     value_type.as_str()

@@ -325,8 +325,15 @@ impl TagConfig {
                 }
                 let quality = quality.filter(|_| !plain);
                 if time.is_none() && broker.time_fallback == TimeFallback::None {
-                    let message =
-                        "with time_fallback = \"none\" a value needs a time_path: every one would be refused";
+                    let message = match plain {
+                        true => {
+                            "a plain number carries no time, and time_fallback = \"none\" refuses it: write path and time_path, or \
+                             time_fallback = \"arrival\""
+                        }
+                        false => {
+                            "with time_fallback = \"none\" a value needs a time_path: every one would be refused"
+                        }
+                    };
                     return Err(issue(if plain { "topic" } else { "path" }, message.into()));
                 }
                 Ok(Place::Topic { topic: topic.clone(), value, decimal: self.decimal, time, quality })

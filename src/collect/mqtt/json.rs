@@ -31,11 +31,9 @@ impl Path {
     /// What is wrong with it.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
         let wrong = || format!("'{text}' is not a path such as values.op, items[0].v or ['a.b'].v");
-        if text.contains('/') && !text.contains('[') {
+        if text.starts_with('/') {
             let dotted = text.trim_matches('/').replace('/', ".");
-            return Err(format!(
-                "'{text}' has / where a path has points: write {dotted}, or ['{text}'] for one name"
-            ));
+            return Err(format!("'{text}' has / where a path has points: write {dotted}"));
         }
         if text.trim() != text {
             return Err(format!("'{text}' has a blank before or after it: write '{}'", text.trim()));

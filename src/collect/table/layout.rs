@@ -264,6 +264,13 @@ fn none(line: u64, row: &[Seen], numbers_only: bool, options: &Options, row_name
     };
     let missing = [missing, others].concat().join(", ");
     let found = listed(names.iter().map(|name| name.full.as_str()));
+    let has = |part: &str| names.iter().any(|name| name.plain() == part);
+    if missing.starts_with('t') && has("year") && (has("month") && has("day") || has("doy")) {
+        return TableError::refused(format!(
+            "{row_name} {line}: the time stands in columns of year, month and others; join them into one column, such as \
+             2026-06-01 06:00:00"
+        ));
+    }
     if missing.is_empty() {
         return TableError::refused(format!(
             "{row_name} {line}: the header has {found}, and no times stand below it; name columns by their number with --time, \
@@ -272,7 +279,7 @@ fn none(line: u64, row: &[Seen], numbers_only: bool, options: &Options, row_name
     }
     TableError::refused(format!(
         "{row_name} {line}: no column {missing} (t the time, op the controller's output, pv the measured value); \
-         the header has {found}; name them with --time, --op and --pv, or with --time, --tag and --value where each row is one \
+         the header has {found}; name them with --time, --op and --pv, by name or by number from 1, or with --time, --tag and --value where each row is one \
          sample of one tag"
     ))
 }
@@ -322,7 +329,8 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
     Ok(layout)
 }
 
-const TAGS: [&str; 28] = [
+const TAGS: [&str; 29] = [
+    "measure name",
     "tagindex",
     "tag index",
     "tag",
@@ -352,8 +360,17 @@ const TAGS: [&str; 28] = [
     "path",
     "data item",
 ];
-const VALUES: [&str; 8] =
-    ["value", "val", "wert", "messwert", "reading", "varvalue", "floatvalue", "ip trend value"];
+const VALUES: [&str; 9] = [
+    "value",
+    "val",
+    "wert",
+    "messwert",
+    "reading",
+    "varvalue",
+    "floatvalue",
+    "ip trend value",
+    "measure value double",
+];
 
 /// The columns of a long table, where it is one.
 fn long(names: &[Name], time: usize, options: &Options) -> Result<Option<Long>, Trouble> {

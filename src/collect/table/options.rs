@@ -263,7 +263,11 @@ impl Options {
     }
 
     fn format(&self) -> Result<Option<Format>, Wrong> {
-        let right = "say dmy, mdy or ymd, or a pattern such as dd/mm/yyyy or %d/%m/%Y %H:%M:%S";
+        let text = self.time_format.as_deref().unwrap_or_default();
+        let right = match text.contains('%') && lacks_month(text) {
+            true => "%m is the month, and %M the minute",
+            false => "say dmy, mdy or ymd, or a pattern such as dd/mm/yyyy or %d/%m/%Y %H:%M:%S",
+        };
         understood("time_format", &self.time_format, right, format)
     }
 
@@ -308,10 +312,20 @@ pub fn zone(name: &str) -> Option<TimeZone> {
     TimeZone::get(name).ok()
 }
 
+/// Whether a pattern of strptime has a day of the month and no month, or the month in the place of minutes.
+fn lacks_month(pattern: &str) -> bool {
+    let letters = pattern.split('%').skip(1).filter_map(|part| {
+        part.trim_start_matches(|c: char| c.is_ascii_digit() || ".-_0^:".contains(c)).chars().next()
+    });
+    let letters: Vec<char> = letters.collect();
+    let has = |of: &str| letters.iter().any(|letter| of.contains(*letter));
+    has("de") && !has("mbBhDFcx") || pattern.contains("%H:%m")
+}
+
 /// An order, a pattern with `%`, or the order of the letters in a pattern such as `dd.mm.yyyy hh:mm`.
 fn format(text: &str) -> Option<Format> {
     if text.contains('%') {
-        return Some(Format::Pattern(text.to_string()));
+        return (!lacks_month(text)).then(|| Format::Pattern(text.to_string()));
     }
     let small = text.to_lowercase();
     let date = small.split([' ', 't']).find(|part| part.contains('y'))?;
@@ -341,6 +355,11 @@ mod tests {
         assert_eq!(order("yyyy-mm-dd"), Some(Order::Ymd));
         assert_eq!(order("dd.mm.yyyy HH:MM"), Some(Order::Dmy));
         assert_eq!(order("soon"), None);
+        for (pattern, is_right) in
+            [("%d/%M/%Y", false), ("%d/%M/%Y %H:%m", false), ("%Y-%m-%d %H:%M", true), ("%j %Y", true)]
+        {
+            assert_eq!(format(pattern).is_some(), is_right, "{pattern}");
+        }
         for (name, options) in [
             ("--encoding", Options { encoding: Some("cp1".into()), ..Options::default() }),
             ("--decimal", Options { decimal: Some(";".into()), ..Options::default() }),

@@ -25,6 +25,9 @@ pub struct Owner {
     /// The first time of the table, and whether another word begins with it too.
     first: Option<String>,
     again: bool,
+    /// The time of the row before, and whether another word has the same.
+    before: String,
+    shared: bool,
     /// Rows, those without a word, and those with a number.
     rows: [u64; 3],
 }
@@ -45,6 +48,8 @@ impl Owner {
             changes: 0,
             first: None,
             again: false,
+            before: String::new(),
+            shared: false,
             rows: [0; 3],
         })
     }
@@ -65,24 +70,27 @@ impl Owner {
             if own != self.last {
                 self.changes += 1;
                 self.again |= self.first.as_ref() == Some(&time);
+                self.shared |= self.before == time;
                 if self.found.len() < MOST {
                     self.found.insert(own.to_lowercase());
                 }
                 self.last = own;
             }
         }
-        self.first.get_or_insert(time);
+        self.first.get_or_insert_with(|| time.clone());
+        self.before = time;
         let is_wanted = self.wanted.as_ref().is_none_or(|wanted| wanted.eq_ignore_ascii_case(&self.last));
         self.matched |= is_wanted;
         is_wanted
     }
 
     /// Whether the words are those of several loops: they come again and again, or their times begin again, and most rows have
-    /// one. Numbers are those of loops where few of them come again, since a measurement or a counter has many.
+    /// one. Numbers are those of loops where two of them share a time, and are few: a state or a counter has one at a time.
     fn several(&self) -> bool {
         let [rows, blank, numbers] = self.rows;
         let recur = self.changes > self.found.len() || self.again;
-        let one_kind = numbers == 0 || numbers + blank == rows && self.found.len() < MOST;
+        let counted = numbers + blank == rows && self.found.len() < MOST && (self.again || self.shared);
+        let one_kind = numbers == 0 || counted;
         self.found.len() > 1 && recur && one_kind && (blank * 2 < rows || self.again)
     }
 

@@ -122,8 +122,11 @@ impl Others {
         };
         let control_loop: Option<String> = match &layout.body {
             Body::Wide(wide) => {
-                let op = wide.roles.iter().position(|role| *role == Some(Role::Op));
-                op.and_then(|op| Some(layout.names[wide.columns[op]].said()?.owner))
+                let owner = |role: Role| {
+                    let at = wide.roles.iter().position(|own| *own == Some(role))?;
+                    Some(layout.names[wide.columns[at]].said()?.owner)
+                };
+                owner(Role::Op).or_else(|| owner(Role::Pv))
             }
             Body::Long(_) => None,
         };
@@ -131,7 +134,7 @@ impl Others {
             let name = &layout.names[other.at];
             let of = name.plain().rsplit_once(' ').map_or("", |(of, _)| of);
             // The alarms of another loop say nothing of this one.
-            let own = of.is_empty() || control_loop.as_deref().is_none_or(|own| own.is_empty() || own == of);
+            let own = of.is_empty() || control_loop.as_deref() == Some(of);
             is_alarm(&name.full) && own && other.words.tell_open()
         };
         let speaks = |other: &Other| other.words.speak_of_quality() || flag(other) || alarm(other);

@@ -55,7 +55,10 @@ pub fn roles(names: &[Name], options: &Options, numbered: bool) -> Result<Roles,
     // Where nothing else is the controller's output, a vendor's MV (the manipulated variable) is; a stem's position is not.
     // A CV may be a controlled variable beside it.
     let says = |c: &Candidate, short: &str| names[c.at].plain().split(' ').any(|word| word == short);
-    let all_cv = candidates.iter().filter(|c| c.role == Role::Op).all(|c| says(c, "cv"));
+    let is_cv = |c: &Candidate| {
+        names[c.at].plain().strip_prefix(c.owner.as_str()).is_some_and(|name| name.trim() == "cv")
+    };
+    let all_cv = candidates.iter().filter(|c| c.role == Role::Op).all(is_cv);
     if options.op.is_none() && options.mv.is_none() && all_cv {
         let is_mv = |c: &&mut Candidate| c.role == Role::Mv && says(c, "mv") && !says(c, "stem");
         candidates.iter_mut().filter(is_mv).for_each(|c| c.role = Role::Op);
@@ -92,19 +95,23 @@ fn second_column(names: &[Name], (first, second): (usize, usize), role: Role) ->
     )))
 }
 
-/// The tag of a controller (ISA-5.1: letters that end with C, and a number) in the path of a name: `fic101` of `unit1 fic 101`.
-/// Transmitters and valves have other letters, and belong to a controller of another name.
+/// The tag of a controller (ISA-5.1: letters that end with C, and a number) that the path of a name ends with, but for its blocks:
+/// `fic101` of `unit1 fic 101 pida`. Transmitters and valves have other letters, and belong to a controller of another name.
 fn controller(path: &str) -> Option<String> {
     let words: Vec<&str> = path.split(' ').collect();
-    let joined = words.windows(2).map(<[&str]>::concat);
-    let tags = words.iter().map(|word| (*word).to_string()).chain(joined);
-    let is_tag = |tag: &String| {
-        let letters = tag.trim_start_matches(|c: char| c.is_ascii_lowercase());
-        let (letters, number) = tag.split_at(tag.len() - letters.len());
-        let digits = number.bytes().take_while(u8::is_ascii_digit).count();
-        (2..=4).contains(&letters.len()) && letters.ends_with('c') && letters != "plc" && digits > 1
+    let letters = |word: &str| word.bytes().take_while(u8::is_ascii_lowercase).count();
+    let is_tag = |tag: &str| {
+        let n = letters(tag);
+        (2..=4).contains(&n) && tag.bytes().skip(n).take_while(u8::is_ascii_digit).count() > 1
     };
-    tags.filter(is_tag).last()
+    // `FIC-101` is two words.
+    let joined = |at: usize| {
+        let before = at.checked_sub(1).map(|at| words[at]).filter(|word| letters(word) == word.len());
+        let number = words[at].starts_with(|c: char| c.is_ascii_digit());
+        before.filter(|_| number).unwrap_or_default().to_string() + words[at]
+    };
+    let last = (0..words.len()).rev().map(joined).find(|tag| is_tag(tag))?;
+    (last.as_bytes()[letters(&last) - 1] == b'c').then_some(last)
 }
 
 /// The one candidate for a role, and the loop it belongs to.
@@ -244,6 +251,12 @@ mod tests {
             (&["OP %", "pv_status", "PV degC"], "op=OP % pv=PV degC"),
             (&["FV-101.OP", "FIC-102.PV"], "op=FV-101.OP pv=FIC-102.PV"),
             (&["FIC101A.OP", "PLC01.FIC101A.PV"], "op=FIC101A.OP pv=PLC01.FIC101A.PV"),
+            (&["FIC101.PIDA.OP", "FIC101.DACA.PV"], "op=FIC101.PIDA.OP pv=FIC101.DACA.PV"),
+            (&["SEC01.FIC101.OP", "SEC01.FT101.PV"], "op=SEC01.FIC101.OP pv=SEC01.FT101.PV"),
+            (
+                &["FIC101/PID1/OUT.CV", "FIC101/PID1/PV.CV", "mv"],
+                "op=FIC101/PID1/OUT.CV pv=FIC101/PID1/PV.CV mv=mv",
+            ),
         ] {
             assert_eq!(pairs(of(names, &plain)), expected, "{names:?}");
         }

@@ -171,8 +171,9 @@ fn pieces(text: &str) -> Option<Vec<Piece<'_>>> {
 /// The cell as a date, a time of day, or both.
 pub fn scan(cell: &str) -> Option<Stamp> {
     let cell = super::number::bare(cell);
-    // `+02:00[Europe/Berlin]`: the offset says it already.
-    if let Some((before, _)) = cell.strip_suffix(']').and_then(|cell| cell.rsplit_once('[')) {
+    // `+02:00[Europe/Berlin]`, `GMT+0200 (CEST)`: the offset says it already.
+    let named = cell.strip_suffix(']').and_then(|cell| cell.rsplit_once('['));
+    if let Some((before, _)) = named.or_else(|| cell.strip_suffix(')')?.rsplit_once(" (")) {
         return scan(before).filter(|stamp| stamp.offset.is_some());
     }
     // Shorter is no stamp, longer is prose.

@@ -338,8 +338,17 @@ impl Counting {
                 *own == of && name.is_detail() && matches!(Says::decide(words, good, &name.full), Ok(Some(_)))
             })
         };
+        // One list of good values is meant for one of two numberings.
+        let meant = |words: &Words| good.is_none_or(|good| words.any_of(good));
+        let other_is_meant = |of: Option<usize>, at: usize| {
+            columns().any(|(words, (other, own))| *own == of && *other != at && meant(words))
+        };
+        let any_detail = self.quality_columns.iter().any(|(at, _)| layout.names[*at].is_detail());
         let mut out = Vec::new();
         for (words, (at, of)) in columns() {
+            if any_detail && !meant(words) && other_is_meant(*of, *at) {
+                continue;
+            }
             match Says::decide(words, good, &layout.names[*at].full) {
                 Ok(says) => out.extend(says.map(|says| (*at, *of, says))),
                 Err(_) if has_detail(*of) => {}

@@ -3,6 +3,7 @@
 use super::super::{LoopConfig, TagConfig, plant};
 use super::{Parts, Rules, Step};
 use crate::collect::mqtt;
+use crate::notify;
 use std::collections::{HashMap, HashSet};
 
 impl Rules<'_, '_, '_> {
@@ -38,15 +39,31 @@ impl Rules<'_, '_, '_> {
             }
         }
         self.echoed(parts);
+        self.one_edge(parts);
+    }
+
+    /// Two programs that are one edge node mix their births and deaths for everybody who listens.
+    fn one_edge(&mut self, parts: &Parts) {
+        let Some(own) = parts.notify.as_ref().and_then(|notify| notify.mqtt.as_ref()) else { return };
+        let Some(edge) = &own.sparkplug else { return };
+        let name = format!("{}/{}", edge.group, edge.edge);
+        let is_it = |(_, tag): (_, &TagConfig)| match tag {
+            TagConfig::Mqtt(tag) if is_there(parts, own, tag) => tag.sparkplug.as_ref().is_some_and(|read| {
+                *read == name || read.strip_prefix(&name).is_some_and(|rest| rest.starts_with('/'))
+            }),
+            _ => false,
+        };
+        if parts.loops.iter().flatten().any(|own| plant::tags(own).any(is_it)) {
+            let message =
+                format!("edge: {name} is an edge node that tags are read from: appear under another name");
+            self.wrong(&path!["notify", "mqtt", "sparkplug", "edge"], message);
+        }
     }
 
     /// A topic that is published and read would make what is said of a loop its next sample.
     fn echoed(&mut self, parts: &Parts) {
         let Some(own) = parts.notify.as_ref().and_then(|notify| notify.mqtt.as_ref()) else { return };
-        let read_there = |tag: &mqtt::TagConfig| {
-            let broker = parts.mqtt.iter().flatten().find(|broker| broker.name == tag.device);
-            broker.is_some_and(|broker| broker.address.eq_ignore_ascii_case(&own.address))
-        };
+        let read_there = |tag: &mqtt::TagConfig| is_there(parts, own, tag);
         let loops: Vec<&LoopConfig> = parts.loops.iter().flatten().collect();
         let of_loop = |own: &'_ LoopConfig| -> Vec<String> {
             let tags = plant::tags(own).filter_map(|(_, tag)| match tag {
@@ -67,6 +84,12 @@ impl Rules<'_, '_, '_> {
             }
         }
     }
+}
+
+/// Whether a tag is read from the broker that results are published to.
+fn is_there(parts: &Parts, own: &notify::mqtt::Config, tag: &mqtt::TagConfig) -> bool {
+    let broker = parts.mqtt.iter().flatten().find(|broker| broker.name == tag.device);
+    broker.is_some_and(|broker| broker.address.eq_ignore_ascii_case(&own.address))
 }
 
 #[cfg(test)]
@@ -105,6 +128,23 @@ mod tests {
         let edge = "[notify.mqtt.sparkplug]\ngroup = 'g'\n";
         let found = errors(&(broker("a", "plant:1883", "client_id = 'x-sparkplug'") + publisher + edge));
         assert!(found.len() == 1, "{found:?}");
+    }
+
+    #[test]
+    fn the_edge_node_that_is_read_is_not_our_own() {
+        let text = |edge: &str| {
+            let of = broker("a", "plant:1883", "");
+            format!(
+                "{of}[notify.mqtt]\naddress = 'plant:1883'\n[notify.mqtt.sparkplug]\ngroup = 'g'\nedge = '{edge}'\n"
+            )
+        };
+        let read = LOOP.replace("topic = 'p'", "sparkplug = 'g/e/FIC1'\nmetric = 'pv'");
+        let found = |edge: &str| -> Vec<String> {
+            let parsed = parse("f", &(text(edge) + &read));
+            parsed.err().unwrap_or_default().iter().map(ToString::to_string).collect()
+        };
+        assert!(found("e").len() == 1 && found("e")[0].contains("g/e is an edge node"), "{:?}", found("e"));
+        assert_eq!(found("e2"), [""; 0]);
     }
 
     #[test]

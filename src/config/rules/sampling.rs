@@ -26,16 +26,16 @@ impl Rules<'_, '_, '_> {
         });
         let Some(ts) = diagnosis.ts_s else { return };
         // Between two polls nothing is known: what is drawn there would count as evidence.
-        let longest = |own: &LoopConfig| {
+        let polls = parts.loops.iter().flatten().filter_map(|own| {
             let both = [&own.op, &own.pv].map(|tag| polled_ms(tag, parts));
             let ms = both.into_iter().flatten().map(|(_, ms)| ms).max()?;
             Some((own.id.clone(), ms as f64 / 1000.0))
-        };
-        let slow = parts.loops.iter().flatten().filter_map(longest).max_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((id, poll)) = slow.filter(|(_, poll)| ts < *poll) {
+        });
+        let fastest = polls.min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((id, poll)) = fastest.filter(|(_, poll)| ts < *poll) {
             let message = format!(
-                "ts_s: {ts} is shorter than {id} is polled, every {poll} s: between two polls nothing is known; write {poll} or \
-                 more, or leave it out"
+                "ts_s: {ts} is shorter than the time between two polls of every loop, {poll} s of {id}: between them nothing is \
+                 known; write {poll} or more, or leave it out"
             );
             self.wrong(&path!["diagnosis", "ts_s"], message);
             return;

@@ -8,7 +8,6 @@ use super::{Device, Rules, tag_path};
 use crate::collect::modbus::{self, Register};
 use crate::host::host_and_port;
 use crate::writeback;
-use std::net::IpAddr;
 
 /// Holding registers in use, and by what.
 struct Taken {
@@ -33,7 +32,7 @@ impl Endpoint {
     fn of(device: &modbus::Config) -> Option<Self> {
         let (host, port) = host_and_port(&device.address).ok()?;
         let host = host.trim_end_matches('.').to_lowercase();
-        let is_here = host == "localhost" || host.parse().is_ok_and(|ip: IpAddr| ip.is_loopback());
+        let is_here = ["127.0.0.1", "::1"].contains(&host.as_str());
         let host = if is_here { "localhost".into() } else { host };
         Some(Self { host, port, unit_id: device.unit_id })
     }
@@ -136,9 +135,10 @@ impl Rules<'_, '_, '_> {
             }
             return;
         };
-        self.unless(device.unit_id != 0, &here("device"), || {
+        self.unless(device.unit_id != 0 || !own.enabled, &here("device"), || {
             format!(
-                "device: {:?} has unit_id = 0, which a gateway takes for every unit behind it: write the unit's own number",
+                "device: {:?} has unit_id = 0, which a gateway takes for every unit behind it: write the unit's own number, or \
+                 255 for the device at the address itself",
                 device.name
             )
         });

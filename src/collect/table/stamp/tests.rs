@@ -49,6 +49,7 @@ fn dates_of_every_kind_are_the_same_moment() {
         ("2026-06-01 06:00:00 CEST", six, Some(7200)),
         ("Mon Jun 01 06:00:00 CET 2026", six, Some(3600)),
         ("2026-06-01T06:00:00+02:00[Europe/Berlin]", six, Some(7200)),
+        ("Mon Jun 01 2026 06:00:00 GMT+0200 (Central European Summer Time)", six, Some(7200)),
         ("2026-06-01T06:00:00.000000000+02:00[America/Argentina/Buenos_Aires]", six, Some(7200)),
         ("mar. 02.06.2026 06:00:00", six + 86_400.0, None),
     ] {
@@ -85,6 +86,7 @@ fn what_is_no_stamp_is_none() {
         "25:00",
         "2026-06-01 25:00:00",
         "2026-06-01T06:00:00[Europe/Berlin]",
+        "2026-06-01 06:00:00 (CEST)",
         "2026-06-01 06:00:00 [bad]",
         "06:61",
         "13:00 PM",

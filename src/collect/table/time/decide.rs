@@ -12,6 +12,8 @@ use super::tally::{Groups, Numbers, SERIAL, SERIAL_OR_MJD, Times, Track};
 const BAD: u64 = 50;
 /// Rows behind the last sample that a report adds: averages, counts, a signature.
 const TRAILER: u64 = 20;
+/// Rows in which nothing begins again.
+const FEW: u64 = 3;
 /// Rows from which a trailer can be told from a table that is none.
 const ROWS: u64 = 10;
 /// Steps of seconds below which days of a spreadsheet are meant (s read as days: 86 s).
@@ -112,13 +114,14 @@ impl Times {
         let is_wide = groups.is_some();
         let shared = groups.as_ref().is_some_and(Groups::is_cut);
         reading.falls = track.falls();
+        reading.stacked = track.is_stacked();
         reading.spread = groups.and_then(|groups| spread(groups, track, per_s));
         let dated = is_wide && matches!(reading.how, How::Dated(_) | How::Moment);
         whole(column, dated.then_some(track), shared && reading.spread.is_none())?;
         // Times of day come back every day by themselves.
         if matches!(reading.how, How::Dated(_) | How::Moment | How::Elapsed | How::Number(..)) {
             if let How::Number(..) = reading.how {
-                again(track, column)?;
+                again(track, per_s, column)?;
             }
             reading.said += &self.back(track, per_s, told, column)?;
         }
@@ -182,7 +185,9 @@ impl Times {
                  the zone with --tz, such as Europe/Berlin, or --tz UTC where they are right"
             )));
         }
-        if (HALF_A_DAY - 60.0..=HALF_A_DAY).contains(&step) {
+        // A clock of numbers has no noon.
+        let is_clock = self.offsets.iter().any(Option::is_some) || self.moments.count > 0;
+        if is_clock && (HALF_A_DAY - 60.0..=HALF_A_DAY).contains(&step) {
             return Err(TableError::refused(format!(
                 "{row_name} {line}, column {number} ({name}): times go back by twelve hours, as on a clock of twelve hours that \
                  says neither AM nor PM; save the times with it, or on a clock of 24 hours"
@@ -366,15 +371,24 @@ impl Times {
     }
 }
 
-/// Refuses numbers that begin again, such as seconds of the day: sorted, one part would lie within the other.
-fn again(track: &Track, column: &Column<'_>) -> Result<(), TableError> {
-    let turned = track.largest[usize::from(!track.falls())];
-    let begins = |(step, _): &(f64, u64)| step * 2.0 > track.most - track.least && track.count > 2;
-    let Some((step, line)) = turned.filter(begins) else { return Ok(()) };
+/// Refuses numbers that begin again, such as seconds of the day: sorted, one part would lie within the other. A single number
+/// that is off leads back, too.
+fn again(track: &Track, per_s: f64, column: &Column<'_>) -> Result<(), TableError> {
+    let half = 0.5 * (track.most - track.least);
+    let [on, back] = if track.falls() { [1, 0] } else { [0, 1] };
+    let is_long = |step: &(f64, u64)| step.0 > half;
+    let (Some((step, line)), None) = (track.largest[back].filter(is_long), track.largest[on].filter(is_long))
+    else {
+        return Ok(());
+    };
+    if track.count <= FEW {
+        return Ok(());
+    }
     let Column { row_name, number, name, .. } = column;
     Err(TableError::refused(format!(
-        "{row_name} {line}, column {number} ({name}): times begin again, by {step} less than in the row before, as a counter or seconds \
-         of the day do; save the parts apart, or with dates"
+        "{row_name} {line}, column {number} ({name}): times begin again, {:.0} s before the row above, as a counter or seconds of \
+         the day do; save the parts apart, or with dates",
+        step / per_s
     )))
 }
 

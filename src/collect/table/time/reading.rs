@@ -15,14 +15,16 @@ pub struct Reading {
     pub said: String,
     /// Rows under one stamp, spread over it.
     pub spread: Option<Spread>,
-    /// Of each tag, where each row is a sample of one; else of all rows.
+    /// Of all rows, or of each tag where `stacked`.
     last: Vec<Last>,
+    /// Tags stand one after the other, so that the clock of each begins anew.
+    pub(super) stacked: bool,
     /// The newest stands first.
     pub(super) falls: bool,
     place: (usize, u32),
 }
 
-/// The row of a tag before.
+/// The row before, of all or of a tag.
 #[derive(Clone, Copy)]
 struct Last {
     /// Its time (s).
@@ -67,11 +69,12 @@ impl Last {
 impl Reading {
     pub(super) fn new(how: How, zone: &Zone, said: String) -> Self {
         let zone = zone.rules.clone();
-        Self { how, zone, said, spread: None, last: Vec::new(), falls: false, place: (0, 0) }
+        Self { how, zone, said, spread: None, last: Vec::new(), stacked: false, falls: false, place: (0, 0) }
     }
 
     /// The time of the next row (s), which is one of `tag` where each row is a sample of one tag; `None` where its cell is none.
     pub fn next(&mut self, first: &Cell<'_>, second: Option<&Cell<'_>>, tag: usize) -> Option<f64> {
+        let tag = if self.stacked { tag } else { 0 };
         if self.last.len() <= tag {
             self.last.resize(tag + 1, Last { t: f64::NEG_INFINITY, midnight: 0 });
         }

@@ -35,6 +35,9 @@ pub struct Track {
     pub largest: [Option<(f64, u64)>; 2],
     /// The reading of the last row of each tag.
     before: Vec<Option<f64>>,
+    /// The tag of the row before, and how often it is another.
+    last_tag: Option<usize>,
+    turns: u64,
 }
 
 /// A row of the table as messages name it.
@@ -61,6 +64,8 @@ impl Default for Track {
             ways: [0; 2],
             largest: [None; 2],
             before: Vec::new(),
+            last_tag: None,
+            turns: 0,
         }
     }
 }
@@ -76,6 +81,7 @@ impl Track {
         self.least = self.least.min(value);
         self.most = self.most.max(value);
         self.sum += value;
+        self.turns += u64::from(self.last_tag.replace(row.tag).is_some_and(|last| last != row.tag));
         if self.before.len() <= row.tag {
             self.before.resize(row.tag + 1, None);
         }
@@ -98,6 +104,11 @@ impl Track {
     /// Whether the newest stands first.
     pub fn falls(&self) -> bool {
         self.ways[1] > self.ways[0]
+    }
+
+    /// Whether the tags stand one after the other, each with all its rows.
+    pub fn is_stacked(&self) -> bool {
+        self.turns > 0 && self.turns + 1 == self.tags()
     }
 
     /// How many tags have a reading.
@@ -206,7 +217,7 @@ pub struct Times {
 }
 
 impl Times {
-    /// One more row, `tag` of which it is where each row is a sample of one tag.
+    /// One more row; `tag` is the tag that it is a sample of, 0 in a table with a column for each.
     pub fn add(
         &mut self,
         (line, tag): (u64, usize),
