@@ -76,7 +76,7 @@ fn what_the_user_says_of_streams_decides_between_two_alike() {
         ..PlantLoop::default()
     };
     for (a, b, source) in [(vec![], vec!["A"], 0), (vec!["B"], vec![], 1)] {
-        let found = analyse(&[one("A", &a), one("B", &b)]);
+        let found = analyse(&vec![one("A", &a), one("B", &b)]);
         assert_eq!(found.groups.len(), 1);
         assert_eq!(found.groups[0].suspects[0].at, source);
     }
@@ -89,7 +89,7 @@ fn rubbish_is_in_no_group_and_no_panic() {
         ..PlantLoop::default()
     };
     let rubbish = [vec![], vec![f64::NAN; 200], vec![1e300; 200], vec![0.0; 3], vec![f64::INFINITY; 100]];
-    let found = analyse(&rubbish.map(one));
+    let found = analyse(&rubbish.map(one).to_vec());
     assert_eq!((found.loops.len(), found.groups.len()), (5, 0));
-    assert_eq!(analyse(&[]).groups.len(), 0);
+    assert_eq!(analyse(&Vec::new()).groups.len(), 0);
 }

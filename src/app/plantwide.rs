@@ -9,7 +9,7 @@ use crate::config::Config;
 use crate::history::History;
 use crate::indicators::series::Values;
 use crate::plantwide::window::of_record;
-use crate::plantwide::{self, Analysis, Friction, PlantLoop, Task, analyse, tasks};
+use crate::plantwide::{self, Analysis, Friction, Plant, PlantLoop, Task, analyse, tasks};
 use crate::results::{Results, Summary};
 use crate::schedule::Clock;
 use crate::serve::report::GroupPictures;
@@ -17,6 +17,7 @@ use crate::serve::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
 use crate::signal::LoopId;
 use crate::work::{self, Act, CostConfig, Measure, Order, Refusal, Said, Seen, WorkList};
 use health::HealthLog;
+use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -25,7 +26,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
-/// Most samples of a loop that are looked at: 2,000 loops then take about 300 MB while it lasts.
+/// Most samples of a loop that are looked at.
 const MOST_SAMPLES: usize = 3000;
 /// Groups that are drawn.
 const DRAWN: usize = 64;
@@ -61,6 +62,36 @@ struct WatchedLoop {
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The watched loops as their rings have them, one window in memory at a time.
+struct Live<'a> {
+    history: &'a History,
+    /// Those with samples enough when the look began.
+    loops: Vec<&'a WatchedLoop>,
+    results: &'a Results,
+    now: f64,
+}
+
+impl Plant for Live<'_> {
+    fn count(&self) -> usize {
+        self.loops.len()
+    }
+
+    fn get(&self, at: usize) -> Cow<'_, PlantLoop> {
+        let own = self.loops[at];
+        // One whose samples have all turned bad since is empty, and in no group.
+        let mut of = window(self.history, &own.id).and_then(Result::ok).unwrap_or_default();
+        of.name = own.id.to_string();
+        of.upstream.clone_from(&own.upstream);
+        of.friction = self.results.get(&own.id, self.now).and_then(|known| friction_of(&known.summary?));
+        Cow::Owned(of)
+    }
+}
+
+/// The window of a loop; `None` where it has no ring.
+fn window(history: &History, id: &LoopId) -> Option<Result<PlantLoop, String>> {
+    Some(of_record(id.as_str(), &history.snapshot(id)?, MOST_SAMPLES))
 }
 
 fn watched(config: &Config, history: &Arc<History>) -> Watched {
@@ -155,19 +186,15 @@ impl Plantwide {
         let began = Instant::now();
         let now = self.clock.now();
         let watched = lock(&self.watched).clone();
-        let (mut plant, mut skipped) = (Vec::new(), Vec::new());
+        let (mut loops, mut skipped) = (Vec::new(), Vec::new());
         for own in watched.loops.iter() {
-            let Some(record) = watched.history.snapshot(&own.id) else { continue };
-            match of_record(own.id.as_str(), &record, MOST_SAMPLES) {
-                Ok(mut of) => {
-                    of.upstream.clone_from(&own.upstream);
-                    of.friction =
-                        self.results.get(&own.id, now).and_then(|known| friction_of(&known.summary?));
-                    plant.push(of);
-                }
-                Err(why) => skipped.push((own.id.clone(), why)),
+            match window(&watched.history, &own.id) {
+                Some(Ok(_)) => loops.push(own),
+                Some(Err(why)) => skipped.push((own.id.clone(), why)),
+                None => {}
             }
         }
+        let plant = Live { history: &watched.history, loops, results: &self.results, now };
         let found = analyse(&plant);
         let said = self.said(&plant, &found, now);
         let days = lock(&self.health).take(&said.values, now);
@@ -178,7 +205,7 @@ impl Plantwide {
         let kept = changed.iter().flat_map(|(order, moved)| rows::order_rows(order, moved.as_ref()));
         self.persistence.note_rows(kept.collect());
         let groups = groups(&plant, &found);
-        let (looked_at, took_s) = (plant.len(), began.elapsed().as_secs_f64());
+        let (looked_at, took_s) = (plant.count(), began.elapsed().as_secs_f64());
         tracing::info!(
             loops = looked_at,
             skipped = skipped.len(),
@@ -191,10 +218,10 @@ impl Plantwide {
     }
 
     /// What the look says of each loop.
-    fn said(&self, plant: &[PlantLoop], found: &Analysis, now: f64) -> LookSaid {
+    fn said(&self, plant: &dyn Plant, found: &Analysis, now: f64) -> LookSaid {
         let todo = tasks(found);
         let by_loop: HashMap<usize, &Task> = todo.iter().map(|task| (task.at, task)).collect();
-        let id = |at: usize| LoopId::new(plant[at].name.as_str());
+        let id = |at: usize| LoopId::new(found.loops[at].name.as_str());
         let (mut of_loops, mut values) = (Vec::new(), Vec::new());
         for (at, own) in plantwide::values(plant, found, HOUR_S).into_iter().enumerate() {
             values.push((id(at), own));
@@ -252,8 +279,8 @@ struct LookSaid {
     values: Vec<(LoopId, Values)>,
 }
 
-fn groups(plant: &[PlantLoop], found: &Analysis) -> Vec<GroupSeen> {
-    let id = |at: usize| LoopId::new(plant[at].name.as_str());
+fn groups(plant: &dyn Plant, found: &Analysis) -> Vec<GroupSeen> {
+    let id = |at: usize| LoopId::new(found.loops[at].name.as_str());
     let seen = |(number, group): (usize, &crate::plantwide::Group)| GroupSeen {
         period_s: group.period_s,
         members: group.members.iter().map(|at| id(*at)).collect(),

@@ -11,7 +11,7 @@
 
 use super::groups::Group;
 use super::signs::{SIGNS, Signs};
-use super::{Friction, LoopFound, PlantLoop};
+use super::{Friction, LoopFound};
 
 /// A cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -100,7 +100,7 @@ pub fn probabilities(signs: &Signs) -> [f64; CLASSES.len()] {
 }
 
 /// The cause of one loop; none where it is at rest, or in manual for most of the time.
-pub fn reason(at: usize, plant: &[PlantLoop], found: &[LoopFound], groups: &[Group]) -> Option<Reason> {
+pub fn reason(at: usize, found: &[LoopFound], groups: &[Group]) -> Option<Reason> {
     let of = &found[at];
     if of.indicators.service_factor.is_some_and(|share| share < IN_MANUAL) {
         return None;
@@ -108,16 +108,14 @@ pub fn reason(at: usize, plant: &[PlantLoop], found: &[LoopFound], groups: &[Gro
     let group = of.group.map(|g| &groups[g]);
     let is_source = group.and_then(|g| Some(g.suspects.iter().find(|s| s.at == at)?.probability));
     if let (Some(group), Some(own)) = (group, is_source.filter(|own| *own < 0.5)) {
-        return Some(shared(at, plant, group, own));
+        return Some(shared(at, found, group, own));
     }
     let own = probabilities(&of.signs);
     let (which, p) = own.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let probability = p * is_source.unwrap_or(1.0);
     match CLASSES[which] {
         None if group.is_none() => None,
-        Some(cause) if p >= 0.5 => {
-            Some(Reason { cause, probability, why: why(cause, of, &plant[at]), neighbour: None })
-        }
+        Some(cause) if p >= 0.5 => Some(Reason { cause, probability, why: why(cause, of), neighbour: None }),
         _ => {
             let why = match group {
                 Some(_) => {
@@ -131,7 +129,7 @@ pub fn reason(at: usize, plant: &[PlantLoop], found: &[LoopFound], groups: &[Gro
 }
 
 /// What is said of a member of a group that is likelier not its source.
-fn shared(at: usize, plant: &[PlantLoop], group: &Group, own: f64) -> Reason {
+fn shared(at: usize, found: &[LoopFound], group: &Group, own: f64) -> Reason {
     let first = group.suspects.first().filter(|s| s.at != at);
     let many = group.members.len();
     let swing = period(group.period_s);
@@ -142,7 +140,7 @@ fn shared(at: usize, plant: &[PlantLoop], group: &Group, own: f64) -> Reason {
             why: format!(
                 "it swings with {} others at {swing} and is expected to calm down when {} does",
                 many - 1,
-                plant[first.at].name
+                found[first.at].name
             ),
             neighbour: Some(first.at),
         },
@@ -169,13 +167,13 @@ pub fn period(s: f64) -> String {
 }
 
 /// In one sentence what speaks for a cause.
-fn why(cause: Cause, of: &LoopFound, loop_: &PlantLoop) -> String {
+fn why(cause: Cause, of: &LoopFound) -> String {
     let (i, signs) = (&of.indicators, &of.signs);
     let swing = of.oscillations.first();
     let at = swing.map_or_else(String::new, |own| format!(" at {}", period(own.period_s)));
     let percent = |x: f64| format!("{:.0} %", 100.0 * x);
     match cause {
-        Cause::Valve => match loop_.friction.as_ref().filter(|own: &&Friction| own.sticks) {
+        Cause::Valve => match of.friction.as_ref().filter(|own: &&Friction| own.sticks) {
             Some(friction) => friction.says.clone(),
             None if i.stuck > 0.05 => {
                 format!("PV stands still for {} of the time while OP moves", percent(i.stuck))

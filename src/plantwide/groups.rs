@@ -85,8 +85,11 @@ pub fn groups(swings: &[&[Oscillation]], spectra: &Spectra) -> Vec<Group> {
         {
             let (_, cross) = coherence(x, own);
             let turn = cross.conj() / (cross.norm() * power(x).sqrt()).max(f64::MIN_POSITIVE);
-            wave.iter_mut().zip(x).for_each(|(w, x)| *w += x * turn);
+            wave.iter_mut()
+                .zip(x)
+                .for_each(|(w, x)| *w += Complex::new(f64::from(x.re), f64::from(x.im)) * turn);
         }
+        let wave: Vec<Complex<f32>> = wave.iter().map(|w| Complex::new(w.re as f32, w.im as f32)).collect();
         let mut members: Vec<(usize, f64, f64)> = (0..swings.len())
             .filter_map(|i| {
                 let gamma = coherence(spectra.inside(i, &band)?, &wave).0;
@@ -120,7 +123,7 @@ const DRAWN: usize = 64;
 
 fn group(period_s: f64, members: &[(usize, f64, f64)], spectra: &Spectra) -> Group {
     let band = spectra.band(period_s);
-    let drawn: Vec<&[Complex<f64>]> =
+    let drawn: Vec<&[Complex<f32>]> =
         members.iter().take(DRAWN).filter_map(|m| spectra.inside(m.0, &band)).collect();
     let matrix = drawn.iter().flat_map(|a| drawn.iter().map(|b| coherence(a, b).0)).collect();
     Group {

@@ -24,10 +24,11 @@
 
 use super::groups::Group;
 use super::signs::{PURE, whole};
-use super::spectra::{Spectra, delay};
-use super::{LoopFound, PlantLoop};
-use crate::sysid::spectrum::{Spectrum, Transforms};
+use super::spectra::{Spectra, delay, power};
+use super::{LoopFound, Plant};
+use crate::sysid::spectrum::Transforms;
 use crate::sysid::stats::mean;
+use nalgebra::Complex;
 
 /// Signs.
 pub const SIGNS: usize = 8;
@@ -68,7 +69,7 @@ pub struct Suspect {
 /// Ranks the members of a group.
 pub fn rank(
     group: &Group,
-    plant: &[PlantLoop],
+    plant: &dyn Plant,
     found: &[LoopFound],
     spectra: &Spectra,
     transforms: &mut Transforms,
@@ -81,7 +82,7 @@ pub fn rank(
     let sum: f64 = scores.iter().map(|s| (s - most).exp()).sum();
     let average: Vec<f64> =
         (0..SIGNS).map(|k| mean(&signs.iter().map(|x| x[k]).collect::<Vec<_>>())).collect();
-    let says = |at: usize| plant[at].friction.as_ref().map_or("", |own| own.says.as_str());
+    let says = |at: usize| found[at].friction.as_ref().map_or("", |own| own.says.as_str());
     let mut suspects: Vec<Suspect> = (0..members.len())
         .map(|i| Suspect {
             at: members[i],
@@ -121,7 +122,7 @@ fn evidence(signs: &[f64; SIGNS], average: &[f64], says: &str) -> Vec<String> {
 fn signs(
     members: &[usize],
     group: &Group,
-    plant: &[PlantLoop],
+    plant: &dyn Plant,
     found: &[LoopFound],
     spectra: &Spectra,
     transforms: &mut Transforms,
@@ -129,34 +130,33 @@ fn signs(
     let band = spectra.band(group.period_s);
     let share = |i: usize| spectra.share(i, &band).max(1e-9);
     let most = members.iter().map(|i| share(*i)).fold(1e-9, f64::max);
-    let hz = |s: &Spectrum| 1.0 / (spectra.ts * s.m as f64);
+    let hz = 1.0 / (spectra.ts * spectra.m() as f64);
     let lead = |i: usize| {
         let (mut sum, mut weights) = (0.0, 0.0);
         for j in members.iter().filter(|j| **j != i) {
-            let (Some(a), Some(b), Some(s)) =
-                (spectra.inside(i, &band), spectra.inside(*j, &band), spectra.spectrum(i))
-            else {
-                continue;
-            };
-            let (late, error) = delay(a, b, hz(s));
+            let (Some(a), Some(b)) = (spectra.inside(i, &band), spectra.inside(*j, &band)) else { continue };
+            let (late, error) = delay(a, b, hz);
             let (late, error) = (late / group.period_s, error / group.period_s + 0.05);
             let weight = 1.0 / (error * error);
             (sum, weights) = (sum + weight * late.clamp(-LONGEST, LONGEST), weights + weight);
         }
         if weights > 0.0 { sum / weights } else { 0.0 }
     };
-    let downstream = downstream(members, plant);
+    let downstream = downstream(members, found);
     members
         .iter()
         .zip(downstream)
         .map(|(&i, downstream)| {
-            let of = &plant[i].window;
+            let own = plant.get(i);
+            let of = &own.window;
             let op = whole(&of.op, transforms);
+            let pv = spectra.spectrum(i);
             let is_master = members.iter().any(|j| found[*j].master == Some(i));
             [
                 (share(i) / most).ln(),
-                (spectra.spectrum(i).map_or(0.0, |s| harmonics(s, group.period_s / spectra.ts)) + PURE).ln(),
-                (op.map_or(0.0, |s| harmonics(&s, group.period_s / of.ts)) + PURE).ln(),
+                (pv.map_or(0.0, |bins| harmonics(bins, spectra.m(), group.period_s / spectra.ts)) + PURE)
+                    .ln(),
+                (op.map_or(0.0, |s| harmonics(&s.bins, s.m, group.period_s / of.ts)) + PURE).ln(),
                 found[i].indicators.stuck,
                 lead(i),
                 f64::from(u8::from(is_master)),
@@ -167,14 +167,15 @@ fn signs(
         .collect()
 }
 
-/// Power around two and three times the frequency, less that between them, over that around the frequency itself.
-pub fn harmonics(of: &Spectrum, period: f64) -> f64 {
+/// Power around two and three times the frequency, less that between them, over that around the frequency itself; `bins` of a
+/// transform of length `m`, the period in samples.
+pub fn harmonics<T: Copy + Into<f64>>(bins: &[Complex<T>], m: usize, period: f64) -> f64 {
     /// Half width of a harmonic, in fundamental frequencies.
     const HALF: f64 = 0.15;
-    let f = of.m as f64 / period;
+    let f = m as f64 / period;
     let around = |times: f64| -> f64 {
         let (from, to) = (((times - HALF) * f) as usize, ((times + HALF) * f) as usize);
-        of.bins.get(from..=to.min(of.bins.len() - 1)).unwrap_or_default().iter().map(|x| x.norm_sqr()).sum()
+        power(bins.get(from..=to.min(bins.len() - 1)).unwrap_or_default())
     };
     let above = |times: f64, beside: f64| {
         let between = around(times - 0.5).min(around(times + beside));
@@ -186,8 +187,8 @@ pub fn harmonics(of: &Spectrum, period: f64) -> f64 {
 }
 
 /// Share of the other members that lie downstream, less that upstream, by what the user said.
-fn downstream(members: &[usize], plant: &[PlantLoop]) -> Vec<f64> {
-    let feeds = |a: usize, b: usize| plant[b].upstream.contains(&plant[a].name);
+fn downstream(members: &[usize], found: &[LoopFound]) -> Vec<f64> {
+    let feeds = |a: usize, b: usize| found[b].upstream.contains(&found[a].name);
     let reached = |from: usize| {
         let mut reached = vec![from];
         let mut at = 0;
@@ -201,7 +202,7 @@ fn downstream(members: &[usize], plant: &[PlantLoop]) -> Vec<f64> {
         }
         reached
     };
-    if members.iter().all(|i| plant[*i].upstream.is_empty()) {
+    if members.iter().all(|i| found[*i].upstream.is_empty()) {
         return vec![0.0; members.len()];
     }
     let from: Vec<Vec<usize>> = members.iter().map(|i| reached(*i)).collect();

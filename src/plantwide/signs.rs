@@ -43,7 +43,8 @@ pub fn signs(of: &PlantLoop, found: &LoopFound, transforms: &mut Transforms) -> 
     let (w, i) = (&of.window, &found.indicators);
     let swing = found.oscillations.first();
     let corners = |x: &[f64], transforms: &mut Transforms| {
-        let power = swing.zip(whole(x, transforms)).map(|(own, s)| harmonics(&s, own.period_s / w.ts));
+        let power =
+            swing.zip(whole(x, transforms)).map(|(own, s)| harmonics(&s.bins, s.m, own.period_s / w.ts));
         (power.unwrap_or(0.0) + PURE).ln()
     };
     let friction = of.friction.as_ref();

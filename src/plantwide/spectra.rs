@@ -12,12 +12,14 @@
 
 use super::PlantLoop;
 use crate::signal::Window;
-use crate::sysid::spectrum::{Spectrum, Transforms};
+use crate::sysid::spectrum::Transforms;
 use crate::sysid::stats::{mean, median};
 use nalgebra::Complex;
 use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 
+/// Fewest samples.
+const LEAST: usize = 60;
 /// Most samples of the grid.
 const MOST: f64 = 8192.0;
 /// Half width of the band in which two loops are compared, as a factor.
@@ -27,46 +29,111 @@ const TAPER: f64 = 0.05;
 /// Samples that two set points are compared at.
 const COMPARED: usize = 200;
 
+/// Over which time a window goes, and in what steps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Span {
+    t0: f64,
+    ts: f64,
+    samples: usize,
+    /// Whether there is enough of it, and all of it finite.
+    usable: bool,
+}
+
+impl Span {
+    /// That of PV.
+    pub fn of(w: &Window) -> Self {
+        let usable =
+            w.ts > 0.0 && w.pv.len() > LEAST && w.pv.iter().all(|x| x.is_finite()) && w.t0.is_finite();
+        Self { t0: w.t0, ts: w.ts, samples: w.pv.len(), usable }
+    }
+
+    fn end(&self) -> f64 {
+        self.t0 + self.ts * (self.samples as f64 - 1.0)
+    }
+}
+
+/// A signal with its times, in single precision: of all loops it is kept at once.
+#[derive(Clone, Debug)]
+pub struct Track {
+    t0: f64,
+    ts: f64,
+    x: Vec<f32>,
+}
+
+impl Track {
+    /// One of a window's signals.
+    pub fn of(w: &Window, x: &[f64]) -> Self {
+        Self { t0: w.t0, ts: w.ts, x: x.iter().map(|x| *x as f32).collect() }
+    }
+
+    /// The value at a time, or the last before it.
+    fn at(&self, t: f64) -> f64 {
+        f64::from(self.x[(((t - self.t0) / self.ts + 1e-6).max(0.0) as usize).min(self.x.len() - 1)])
+    }
+}
+
+/// The spectrum of one loop, in single precision: of all loops it is kept at once.
+struct Bins {
+    x: Vec<Complex<f32>>,
+    /// Sum of the squares of all bins but the first.
+    power: f64,
+}
+
 /// The spectra of all loops.
 pub struct Spectra {
     /// Period of the grid (s).
     pub ts: f64,
     /// Samples of the grid.
     pub n: usize,
-    /// PV of each loop on the grid, without trend, in its standard deviations; empty where it cannot be used.
-    pub pv: Vec<Vec<f64>>,
-    of: Vec<Option<Spectrum>>,
+    /// Where the grid begins and ends (s).
+    from: f64,
+    to: f64,
+    /// Length of the transforms; 0 where no loop can be used.
+    m: usize,
+    of: Vec<Option<Bins>>,
 }
 
 impl Spectra {
-    /// Brings all loops to the grid of the median sample period over the time that most of them share.
-    pub fn new(plant: &[PlantLoop], transforms: &mut Transforms) -> Self {
-        let usable = |w: &Window| {
-            w.ts > 0.0 && w.pv.len() > 60 && w.pv.iter().all(|x| x.is_finite()) && w.t0.is_finite()
-        };
-        let windows: Vec<&Window> = plant.iter().map(|of| &of.window).filter(|w| usable(w)).collect();
-        let of = |f: &dyn Fn(&Window) -> f64| median(&windows.iter().map(|w| f(w)).collect::<Vec<f64>>());
-        let (from, to) = (of(&|w| w.t0), of(&|w| w.t0 + w.ts * (w.pv.len() - 1) as f64));
-        let ts = of(&|w| w.ts).max((to - from) / MOST);
+    /// The grid of the median sample period over the time that most loops share; the loops are added one after the other.
+    pub fn new(spans: &[Span]) -> Self {
+        let usable: Vec<&Span> = spans.iter().filter(|span| span.usable).collect();
+        let of = |f: &dyn Fn(&Span) -> f64| median(&usable.iter().map(|span| f(span)).collect::<Vec<f64>>());
+        let (from, to) = (of(&|span| span.t0), of(&Span::end));
+        let ts = of(&|span| span.ts).max((to - from) / MOST);
         let n = if ts > 0.0 { ((to - from) / ts) as usize + 1 } else { 0 };
-        let mut spectra =
-            Self { ts, n, pv: Vec::with_capacity(plant.len()), of: Vec::with_capacity(plant.len()) };
-        for of in plant {
-            let w = &of.window;
-            // A record that covers less than nine tenths says nothing of the rest.
-            let covers = usable(w)
-                && w.t0 <= from + 0.1 * (to - from)
-                && w.t0 + w.ts * w.pv.len() as f64 >= to - 0.1 * (to - from);
-            let x = if covers && n > 60 { prepared(w, from, ts, n) } else { Vec::new() };
-            spectra.of.push((!x.is_empty()).then(|| transforms.spectrum(&x)));
-            spectra.pv.push(x);
-        }
-        spectra
+        Self { ts, n, from, to, m: 0, of: Vec::with_capacity(spans.len()) }
+    }
+
+    /// Brings the next loop to the grid. Its window may have moved on since `span` was taken.
+    pub fn add(&mut self, span: &Span, w: &Window, transforms: &mut Transforms) {
+        // A record that covers less than nine tenths says nothing of the rest.
+        let (from, to) = (self.from, self.to);
+        let covers = span.usable
+            && span.t0 <= from + 0.1 * (to - from)
+            && span.end() + span.ts >= to - 0.1 * (to - from);
+        let still = covers && self.n > LEAST && Span::of(w).usable;
+        let x = if still { prepared(w, from, self.ts, self.n) } else { Vec::new() };
+        let bins = (!x.is_empty()).then(|| {
+            let spectrum = transforms.spectrum(&x);
+            self.m = spectrum.m;
+            let power = power(&spectrum.bins[1..]);
+            let narrow = |x: &Complex<f64>| Complex::new(x.re as f32, x.im as f32);
+            Bins { x: spectrum.bins.iter().map(narrow).collect(), power }
+        });
+        self.of.push(bins);
+    }
+
+    /// The spectra of a few loops at once.
+    pub fn of(plant: &[PlantLoop]) -> Self {
+        let spans: Vec<Span> = plant.iter().map(|of| Span::of(&of.window)).collect();
+        let (mut own, mut transforms) = (Self::new(&spans), Transforms::new());
+        spans.iter().zip(plant).for_each(|(span, of)| own.add(span, &of.window, &mut transforms));
+        own
     }
 
     /// Length of the transforms; 0 where no loop can be used.
     pub fn m(&self) -> usize {
-        self.of.iter().flatten().next().map_or(0, |s| s.m)
+        self.m
     }
 
     /// The bins of the band around a period (s).
@@ -78,39 +145,43 @@ impl Spectra {
     }
 
     /// The spectrum of a loop in a band; none where the loop cannot be used.
-    pub fn inside(&self, of: usize, band: &RangeInclusive<usize>) -> Option<&[Complex<f64>]> {
-        self.of[of].as_ref()?.bins.get(band.clone())
+    pub fn inside(&self, of: usize, band: &RangeInclusive<usize>) -> Option<&[Complex<f32>]> {
+        self.of[of].as_ref()?.x.get(band.clone())
     }
 
     /// Share of a loop's variance in a band (0..1).
     pub fn share(&self, of: usize, band: &RangeInclusive<usize>) -> f64 {
-        let Some(spectrum) = &self.of[of] else { return 0.0 };
-        let all: f64 = spectrum.bins[1..].iter().map(|x| x.norm_sqr()).sum();
-        power(spectrum.bins.get(band.clone()).unwrap_or_default()) / all.max(f64::MIN_POSITIVE)
+        let Some(own) = &self.of[of] else { return 0.0 };
+        power(own.x.get(band.clone()).unwrap_or_default()) / own.power.max(f64::MIN_POSITIVE)
     }
 
     /// The power spectrum of a loop: (period (s), share of the variance per bin) from slow to fast.
     pub fn power(&self, of: usize) -> Vec<(f64, f64)> {
-        let Some(spectrum) = &self.of[of] else { return Vec::new() };
-        let all: f64 = spectrum.bins[1..].iter().map(|x| x.norm_sqr()).sum();
-        let period = |j: usize| spectrum.m as f64 * self.ts / j as f64;
-        spectrum.bins.iter().enumerate().skip(1).map(|(j, x)| (period(j), x.norm_sqr() / all)).collect()
+        let Some(own) = &self.of[of] else { return Vec::new() };
+        let period = |j: usize| self.m as f64 * self.ts / j as f64;
+        let share = |x: &Complex<f32>| wide(*x).norm_sqr() / own.power;
+        own.x.iter().enumerate().skip(1).map(|(j, x)| (period(j), share(x))).collect()
     }
 
     /// Whole spectrum of a loop.
-    pub fn spectrum(&self, of: usize) -> Option<&Spectrum> {
-        self.of[of].as_ref()
+    pub fn spectrum(&self, of: usize) -> Option<&[Complex<f32>]> {
+        self.of[of].as_ref().map(|own| own.x.as_slice())
     }
 }
 
+/// In double precision, in which all sums are taken.
+fn wide<T: Copy + Into<f64>>(x: Complex<T>) -> Complex<f64> {
+    Complex::new(x.re.into(), x.im.into())
+}
+
 /// Sum of the squares.
-pub fn power(x: &[Complex<f64>]) -> f64 {
-    x.iter().map(|x| x.norm_sqr()).sum()
+pub fn power<T: Copy + Into<f64>>(x: &[Complex<T>]) -> f64 {
+    x.iter().map(|x| wide(*x).norm_sqr()).sum()
 }
 
 /// gamma² of two loops in a band, and S_ij.
-pub fn coherence(a: &[Complex<f64>], b: &[Complex<f64>]) -> (f64, Complex<f64>) {
-    let cross: Complex<f64> = a.iter().zip(b).map(|(a, b)| a * b.conj()).sum();
+pub fn coherence(a: &[Complex<f32>], b: &[Complex<f32>]) -> (f64, Complex<f64>) {
+    let cross: Complex<f64> = a.iter().zip(b).map(|(a, b)| wide(*a) * wide(*b).conj()).sum();
     let both = power(a) * power(b);
     (if both > 0.0 { cross.norm_sqr() / both } else { 0.0 }, cross)
 }
@@ -119,12 +190,12 @@ pub fn coherence(a: &[Complex<f64>], b: &[Complex<f64>]) -> (f64, Complex<f64>) 
 ///
 /// `delay = sum w (f - mean f)(phase - mean phase) / (2 pi sum w (f - mean f)²)`, w the size of the cross spectrum, phases
 /// about that of S_ab.
-pub fn delay(a: &[Complex<f64>], b: &[Complex<f64>], step_hz: f64) -> (f64, f64) {
+pub fn delay(a: &[Complex<f32>], b: &[Complex<f32>], step_hz: f64) -> (f64, f64) {
     let (gamma, cross) = coherence(a, b);
     let turn = cross.conj() / cross.norm().max(f64::MIN_POSITIVE);
     let (mut w0, mut w1, mut w2, mut p0, mut p1) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for (k, (a, b)) in a.iter().zip(b).enumerate() {
-        let cross = a * b.conj() * turn;
+        let cross = wide(*a) * wide(*b).conj() * turn;
         let (w, phase, f) = (cross.norm(), cross.arg(), k as f64 * step_hz);
         (w0, w1, w2, p0, p1) = (w0 + w, w1 + w * f, w2 + w * f * f, p0 + w * phase, p1 + w * phase * f);
     }
@@ -141,19 +212,18 @@ pub fn delay(a: &[Complex<f64>], b: &[Complex<f64>], step_hz: f64) -> (f64, f64)
 }
 
 /// The squared correlation of two signals at the same times; 0 where they share too little time.
-pub fn correlation((w, x): (&Window, &[f64]), (v, y): (&Window, &[f64])) -> f64 {
-    let (from, to) = (w.t0.max(v.t0), (w.t0 + w.ts * x.len() as f64).min(v.t0 + v.ts * y.len() as f64));
-    if to <= from || x.is_empty() || y.is_empty() {
+pub fn correlation(a: &Track, b: &Track) -> f64 {
+    let end = |of: &Track| of.t0 + of.ts * of.x.len() as f64;
+    let (from, to) = (a.t0.max(b.t0), end(a).min(end(b)));
+    if to <= from || a.x.is_empty() || b.x.is_empty() {
         return 0.0;
     }
-    let at =
-        |t: f64, w: &Window, x: &[f64]| x[(((t - w.t0) / w.ts + 1e-6).max(0.0) as usize).min(x.len() - 1)];
     // At the stamps of the coarser one: between them the other has moved on.
-    let coarse = if w.ts >= v.ts { w } else { v };
+    let coarse = if a.ts >= b.ts { a } else { b };
     let first = coarse.t0 + ((from - coarse.t0) / coarse.ts).ceil() * coarse.ts;
     let step = ((to - from) / (COMPARED as f64 * coarse.ts)).ceil().max(1.0) * coarse.ts;
     let times = (0..).map(|k| first + f64::from(k) * step).take_while(|t| *t < to);
-    let (a, b): (Vec<f64>, Vec<f64>) = times.map(|t| (at(t, w, x), at(t, v, y))).unzip();
+    let (a, b): (Vec<f64>, Vec<f64>) = times.map(|t| (a.at(t), b.at(t))).unzip();
     let (ma, mb) = (mean(&a), mean(&b));
     let sum = |f: &dyn Fn(f64, f64) -> f64| a.iter().zip(&b).map(|(a, b)| f(a - ma, b - mb)).sum::<f64>();
     let (aa, bb, ab) = (sum(&|a, _| a * a), sum(&|_, b| b * b), sum(&|a, b| a * b));
@@ -208,11 +278,11 @@ mod tests {
             (0..(86_400.0 / ts) as usize).map(|k| (TAU * phase(k as f64 * ts - late)).sin()).collect()
         };
         let plant = loops(&[wave(60.0, 0.0), wave(30.0, 90.0), wave(120.0, 0.0)], &[60.0, 30.0, 120.0]);
-        let spectra = Spectra::new(&plant, &mut Transforms::new());
+        let spectra = Spectra::of(&plant);
         let band = spectra.band(600.0);
-        let x: Vec<&[Complex<f64>]> = (0..3).filter_map(|i| spectra.inside(i, &band)).collect();
+        let x: Vec<&[Complex<f32>]> = (0..3).filter_map(|i| spectra.inside(i, &band)).collect();
         assert!(coherence(x[0], x[1]).0 > 0.95 && coherence(x[0], x[2]).0 > 0.95);
-        let hz = 1.0 / (spectra.ts * spectra.spectrum(0).map_or(1, |s| s.m) as f64);
+        let hz = 1.0 / (spectra.ts * spectra.m() as f64);
         let (late, _) = delay(x[0], x[1], hz);
         // Weighted phases of a band that is cut off: a tenth of the delay.
         assert!((late - 90.0).abs() < 20.0, "{late}");
@@ -226,18 +296,18 @@ mod tests {
         let coarse: Vec<f64> = (0..500).map(|k| 3.0 + 0.5 * jagged(4 * k)).collect();
         let plant = loops(&[fine.clone(), coarse.clone()], &[30.0, 120.0]);
         let (w, v) = (&plant[0].window, &plant[1].window);
-        assert!(
-            correlation((w, &fine), (v, &coarse)) > 0.999 && correlation((v, &coarse), (w, &fine)) > 0.999
-        );
+        let (fine, coarse) = (Track::of(w, &fine), Track::of(v, &coarse));
+        assert!(correlation(&fine, &coarse) > 0.999 && correlation(&coarse, &fine) > 0.999);
         let other: Vec<f64> = (0..500).map(|k| jagged(3 * k + 7)).collect();
-        assert!(correlation((w, &fine), (v, &other)) < 0.2);
+        assert!(correlation(&fine, &Track::of(v, &other)) < 0.2);
     }
 
     #[test]
     fn rubbish_is_in_no_spectrum() {
         let plant = loops(&[vec![], vec![1.0; 500], vec![f64::NAN; 500]], &[1.0, 1.0, 1.0]);
-        let spectra = Spectra::new(&plant, &mut Transforms::new());
+        let spectra = Spectra::of(&plant);
         assert!((0..3).all(|i| spectra.inside(i, &spectra.band(10.0)).is_none()));
-        assert_eq!(correlation((&plant[0].window, &[]), (&plant[1].window, &[1.0])), 0.0);
+        let track = |x: &[f64]| Track::of(&plant[1].window, x);
+        assert_eq!(correlation(&track(&[]), &track(&[1.0])), 0.0);
     }
 }

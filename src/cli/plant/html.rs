@@ -3,7 +3,7 @@
 use super::sure;
 use std::fmt::Write;
 use stictiond::plantwide::cause::period;
-use stictiond::plantwide::{Analysis, Group, PlantLoop, Task};
+use stictiond::plantwide::{Analysis, Group, Plant, Task};
 use stictiond::plot::{COLOURS, escape};
 use stictiond::serve::report::GroupPictures;
 
@@ -22,7 +22,7 @@ svg .mark { stroke: var(--look); stroke-dasharray: 2 3; } svg .cell { fill: var(
 ";
 
 /// The page.
-pub fn page(title: &str, plant: &[PlantLoop], found: &Analysis, work: &[Task], skipped: &[String]) -> String {
+pub fn page(title: &str, plant: &dyn Plant, found: &Analysis, work: &[Task], skipped: &[String]) -> String {
     let mut body = format!("<h1>{}</h1>", escape(title));
     let swinging = found.loops.iter().filter(|of| !of.oscillations.is_empty()).count();
     let _ = write!(
@@ -72,7 +72,7 @@ fn list(out: &mut String, found: &Analysis, work: &[Task]) {
     *out += "</tbody></table></div></section>";
 }
 
-fn of_group(out: &mut String, k: usize, group: &Group, plant: &[PlantLoop], found: &Analysis) {
+fn of_group(out: &mut String, k: usize, group: &Group, plant: &dyn Plant, found: &Analysis) {
     let name = |i: usize| escape(&found.loops[i].name);
     let _ = write!(
         out,

@@ -3,9 +3,8 @@
 
 use crate::plantwide::cause::period;
 use crate::plantwide::spectra::Spectra;
-use crate::plantwide::{Analysis, Group, PlantLoop};
+use crate::plantwide::{Analysis, Group, Plant, PlantLoop};
 use crate::plot::{escape, thin};
-use crate::sysid::spectrum::Transforms;
 use std::fmt::Write;
 
 /// Members that are drawn of a group.
@@ -23,8 +22,9 @@ pub struct GroupPictures([(String, &'static str); 4]);
 
 impl GroupPictures {
     /// Draws a group; `number` tells the marks of several on one page apart.
-    pub fn of(number: usize, group: &Group, plant: &[PlantLoop], found: &Analysis) -> Self {
+    pub fn of(number: usize, group: &Group, plant: &dyn Plant, found: &Analysis) -> Self {
         let members = &group.members[..group.members.len().min(DRAWN)];
+        let few: Vec<PlantLoop> = members.iter().map(|i| plant.get(*i).into_owned()).collect();
         let drawn = Drawn { members, source: group.suspects.first().map(|s| s.at), group, found };
         let picture = |draw: &dyn Fn(&mut String)| {
             let mut out = String::new();
@@ -32,9 +32,9 @@ impl GroupPictures {
             out
         };
         Self([
-            (picture(&|out| drawn.trends(out, plant)), "The last ten periods of PV, each in its own scale"),
+            (picture(&|out| drawn.trends(out, &few)), "The last ten periods of PV, each in its own scale"),
             (
-                picture(&|out| drawn.spectra(out, plant)),
+                picture(&|out| drawn.spectra(out, &few)),
                 "Power of PV against the period, each over its largest",
             ),
             (
@@ -63,20 +63,17 @@ struct Drawn<'a> {
 }
 
 impl Drawn<'_> {
-    fn trends(&self, out: &mut String, plant: &[PlantLoop]) {
+    fn trends(&self, out: &mut String, few: &[PlantLoop]) {
         let Self { members, source, group, found } = *self;
         let height = ROW * members.len() as f64 + 8.0;
         let _ = write!(out, "<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"trends\">");
-        let end = members
+        let end = few
             .iter()
-            .map(|i| {
-                let w = &plant[*i].window;
-                w.t0 + w.ts * w.pv.len() as f64
-            })
+            .map(|of| of.window.t0 + of.window.ts * of.window.pv.len() as f64)
             .fold(f64::INFINITY, f64::min);
         let from = end - 10.0 * group.period_s;
         for (row, i) in members.iter().enumerate() {
-            let w = &plant[*i].window;
+            let w = &few[row].window;
             let points: Vec<(f64, f64)> =
                 w.pv.iter()
                     .enumerate()
@@ -88,10 +85,9 @@ impl Drawn<'_> {
         *out += "</svg>";
     }
 
-    fn spectra(&self, out: &mut String, plant: &[PlantLoop]) {
+    fn spectra(&self, out: &mut String, few: &[PlantLoop]) {
         let Self { members, source, group, found } = *self;
-        let few: Vec<PlantLoop> = members.iter().map(|i| plant[*i].clone()).collect();
-        let of = Spectra::new(&few, &mut Transforms::new());
+        let of = Spectra::of(few);
         let height = ROW * members.len() as f64 + 22.0;
         let _ = write!(out, "<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"spectra\">");
         // Two octaves slower, three faster than the group.
