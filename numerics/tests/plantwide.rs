@@ -1,6 +1,8 @@
 //! Groups, sources and cascades of a few simulated plants; `examples/plantwide_rates.rs` measures them on many.
 
-use stictiond_numerics::plantwide::{Cause, PlantLoop, analyse};
+use std::borrow::Cow;
+use std::cell::Cell;
+use stictiond_numerics::plantwide::{self, Cause, PlantLoop, analyse};
 use stictiond_numerics::signal::Window;
 use stictiond_numerics::sim::Run;
 use stictiond_numerics::sim::units::{Plant, Source, plant};
@@ -80,6 +82,45 @@ fn what_the_user_says_of_streams_decides_between_two_alike() {
         assert_eq!(found.groups.len(), 1);
         assert_eq!(found.groups[0].suspects[0].at, source);
     }
+}
+
+/// Loops whose rings go on while they are looked at: each time that one is asked for, its window begins a sample later.
+struct Live {
+    loops: Vec<PlantLoop>,
+    asked: Cell<usize>,
+}
+
+impl plantwide::Plant for Live {
+    fn count(&self) -> usize {
+        self.loops.len()
+    }
+
+    fn get(&self, at: usize) -> Cow<'_, PlantLoop> {
+        let late = self.asked.get() / self.loops.len();
+        self.asked.set(self.asked.get() + 1);
+        let mut of = self.loops[at].clone();
+        let w = &mut of.window;
+        w.t0 += late as f64 * w.ts;
+        for x in [&mut w.op, &mut w.pv].into_iter().chain(&mut w.sp) {
+            x.drain(..late);
+        }
+        Cow::Owned(of)
+    }
+}
+
+#[test]
+fn rings_may_go_on_between_two_looks_at_a_loop() {
+    let of = plant(31, 5, &[(Source::Load, None)]);
+    let loops = loops(&of, &of.truth(24.0).0);
+    let still = analyse(&loops);
+    let live = Live { loops, asked: Cell::new(0) };
+    let found = analyse(&live);
+    assert!(live.asked.get() >= 2 * found.loops.len(), "a loop is asked for again");
+    let members = |found: &plantwide::Analysis| -> Vec<Vec<usize>> {
+        found.groups.iter().map(|group| group.members.clone()).collect()
+    };
+    assert!(!still.groups.is_empty());
+    assert_eq!(members(&found), members(&still));
 }
 
 #[test]

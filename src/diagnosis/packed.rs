@@ -1,24 +1,70 @@
 //! The signals of a diagnosis that is kept only to be looked at: two bytes a value instead of eight.
 //!
 //! A signal y is kept as `y = (1 - w) least + w greatest`, w = q / 65534 and q = 0..65534: no value is off by more than half a
-//! step, 0.0008 % of the signal's range.
+//! step, 0.0008 % of the signal's range. A signal that stands still for long, as a set point or the stem of a sticking valve, is kept
+//! as runs of equal values, and a signal that is another is kept once.
 
 use super::Diagnosis;
 use crate::signal::{Row, Window};
 use crate::sysid::stats::range;
 use std::borrow::Cow;
+use std::sync::Arc;
 
 /// Codes between the least and the greatest value.
 const STEPS: u16 = u16::MAX - 1;
 /// The code of what is no number.
 const NO_NUMBER: u16 = u16::MAX;
 
-/// A signal in two bytes a value.
+/// A signal in two bytes a value, or less.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Packed {
     least: f64,
     greatest: f64,
-    codes: Box<[u16]>,
+    codes: Codes,
+}
+
+/// The codes of a signal, in the form that takes less.
+#[derive(Clone, Debug, PartialEq)]
+enum Codes {
+    /// One by one.
+    Each(Box<[u16]>),
+    /// Runs of equal ones.
+    Runs(Runs<u16>),
+}
+
+/// Runs of equal values: each value, and where its run ends.
+#[derive(Clone, Debug, PartialEq)]
+struct Runs<T>(Box<[(T, u32)]>);
+
+impl<T: Copy + PartialEq> Runs<T> {
+    fn new(values: &[T]) -> Self {
+        let mut end = 0;
+        let run = |run: &[T]| {
+            end += run.len() as u32;
+            (run[0], end)
+        };
+        Self(values.chunk_by(|a, b| a == b).map(run).collect())
+    }
+
+    fn len(&self) -> usize {
+        self.0.last().map_or(0, |(_, end)| *end as usize)
+    }
+
+    fn values(&self) -> Vec<T> {
+        let mut out = Vec::with_capacity(self.len());
+        self.0.iter().for_each(|(value, end)| out.resize(*end as usize, *value));
+        out
+    }
+}
+
+impl Codes {
+    fn new(codes: &[u16]) -> Self {
+        let runs = codes.chunk_by(|a, b| a == b).count();
+        match runs * size_of::<(u16, u32)>() < size_of_val(codes) {
+            true => Self::Runs(Runs::new(codes)),
+            false => Self::Each(codes.into()),
+        }
+    }
 }
 
 impl Packed {
@@ -34,7 +80,7 @@ impl Packed {
             true => (above(*value) / above(greatest) * f64::from(STEPS)).round() as u16,
             false => NO_NUMBER,
         };
-        Self { least, greatest, codes: values.iter().map(code).collect() }
+        Self { least, greatest, codes: Codes::new(&values.iter().map(code).collect::<Vec<u16>>()) }
     }
 
     /// The signal again; what was no finite number is NaN.
@@ -46,17 +92,29 @@ impl Packed {
                 (1.0 - w) * self.least + w * self.greatest
             }
         };
-        self.codes.iter().map(value).collect()
+        match &self.codes {
+            Codes::Each(codes) => codes.iter().map(value).collect(),
+            Codes::Runs(runs) => runs.values().iter().map(value).collect(),
+        }
     }
 
     /// Values.
     pub fn len(&self) -> usize {
-        self.codes.len()
+        match &self.codes {
+            Codes::Each(codes) => codes.len(),
+            Codes::Runs(runs) => runs.len(),
+        }
     }
 
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
-        self.codes.is_empty()
+        self.len() == 0
+    }
+
+    /// A second signal, which shares the memory of this one where it is the same.
+    pub fn second(first: &Arc<Self>, values: &[f64]) -> Arc<Self> {
+        let second = Self::new(values);
+        if second == **first { first.clone() } else { Arc::new(second) }
     }
 }
 
@@ -66,27 +124,29 @@ pub struct PackedWindow {
     t0: f64,
     ts: f64,
     op_range: (f64, f64),
-    op: Packed,
+    op: Arc<Packed>,
     pv: Packed,
     sp: Option<Packed>,
     mv: Option<Packed>,
-    rows: Vec<Row>,
-    stem: Packed,
+    rows: Runs<Row>,
+    /// Without friction it is OP.
+    stem: Arc<Packed>,
 }
 
 impl PackedWindow {
     fn new(window: Window, stem: &[f64]) -> Self {
         let packed = |signal: &Option<Vec<f64>>| signal.as_deref().map(Packed::new);
+        let op = Arc::new(Packed::new(&window.op));
         Self {
             t0: window.t0,
             ts: window.ts,
             op_range: range(&window.op),
-            op: Packed::new(&window.op),
+            stem: Packed::second(&op, stem),
+            op,
             pv: Packed::new(&window.pv),
             sp: packed(&window.sp),
             mv: packed(&window.mv),
-            rows: window.rows,
-            stem: Packed::new(stem),
+            rows: Runs::new(&window.rows),
         }
     }
 
@@ -99,7 +159,7 @@ impl PackedWindow {
             sp: self.sp.as_ref().map(Packed::values),
             mv: self.mv.as_ref().map(Packed::values),
             tags: Vec::new(),
-            rows: self.rows.clone(),
+            rows: self.rows.values(),
         }
     }
 }
@@ -152,6 +212,27 @@ mod tests {
         assert_eq!(Packed::new(&[50.0; 3]).values(), [50.0; 3], "a constant stays what it is");
         assert!(Packed::new(&[f64::NAN]).values()[0].is_nan());
         assert!(Packed::new(&[]).is_empty());
+    }
+
+    #[test]
+    fn what_stands_still_takes_little_and_comes_back_the_same() {
+        let steps: Vec<f64> = (0..2048).map(|k| f64::from(k / 100)).collect();
+        let packed = Packed::new(&steps);
+        assert!(matches!(&packed.codes, Codes::Runs(runs) if runs.0.len() == 21), "{packed:?}");
+        let each = Packed { codes: Codes::Each(code_of(&packed)), ..packed.clone() };
+        assert_eq!((packed.values(), packed.len()), (each.values(), each.len()));
+        let moving: Vec<f64> = (0..2048).map(|k| f64::from(k).sin()).collect();
+        assert!(matches!(Packed::new(&moving).codes, Codes::Each(_)));
+        let first = Arc::new(packed);
+        assert!(Arc::ptr_eq(&first, &Packed::second(&first, &steps)));
+        assert!(!Arc::ptr_eq(&first, &Packed::second(&first, &moving)));
+    }
+
+    fn code_of(packed: &Packed) -> Box<[u16]> {
+        match &packed.codes {
+            Codes::Each(codes) => codes.clone(),
+            Codes::Runs(runs) => runs.values().into(),
+        }
     }
 
     proptest! {

@@ -5,6 +5,7 @@ use crate::detectors::{Agreement, Opinion};
 use crate::diagnosis::packed::Packed;
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::residual::{self, Findings, Structure};
+use std::sync::Arc;
 
 /// An effect beside friction and linear dynamics, with its tag where it is measured.
 pub type KnownEffect = (residual::Kind, Option<String>);
@@ -34,20 +35,16 @@ pub struct Residuals {
     /// First sample that no fit has seen.
     pub split: usize,
     /// Of the declared model (PV unit).
-    pub before: Packed,
-    /// With the effects (PV unit).
-    pub after: Packed,
+    pub before: Arc<Packed>,
+    /// With the effects (PV unit); where there is none, the same.
+    pub after: Arc<Packed>,
 }
 
 impl From<&residual::Curves> for Residuals {
     fn from(curves: &residual::Curves) -> Self {
-        Self {
-            t0: curves.t0,
-            ts: curves.ts,
-            split: curves.split,
-            before: Packed::new(&curves.residual_before),
-            after: Packed::new(&curves.residual_after),
-        }
+        let before = Arc::new(Packed::new(&curves.residual_before));
+        let after = Packed::second(&before, &curves.residual_after);
+        Self { t0: curves.t0, ts: curves.ts, split: curves.split, before, after }
     }
 }
 

@@ -29,7 +29,8 @@ fn pictured() -> Judged {
     let wave = |k: i32| (0.5 * f64::from(k)).sin();
     let before = Packed::new(&(0..1000).map(wave).collect::<Vec<_>>());
     let after = Packed::new(&[0.0; 1000]);
-    let residuals = Residuals { t0: START, ts: 1.0, split: 700, before, after };
+    let residuals =
+        Residuals { t0: START, ts: 1.0, split: 700, before: Arc::new(before), after: Arc::new(after) };
     Judged { residuals: Some(residuals), ..diagnosis.into() }
 }
 

@@ -57,6 +57,7 @@ pub const MAY_IMPORT: &[(&str, &[&str])] = &[
     (
         "config",
         &[
+            "host",
             "signal",
             "access",
             "audit",
@@ -199,6 +200,7 @@ pub const CONFIG_FILES: &[&str] = &[
     "src/alarm/config.rs",
     "src/audit/config.rs",
     "src/collect/modbus/config.rs",
+    "src/collect/modbus/kinds.rs",
     "src/collect/mqtt/config.rs",
     "src/collect/opcua/config.rs",
     "src/collect/pair.rs",

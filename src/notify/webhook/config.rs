@@ -9,6 +9,9 @@ use crate::notify::wrong::Wrong;
 use serde::Deserialize;
 use std::path::PathBuf;
 
+/// What a secret begins with.
+pub(super) const PREFIX: &str = "whsec_";
+
 /// One webhook.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -64,7 +67,7 @@ impl Config {
         }
         let secrets = usize::from(self.secret_file.is_some()) + usize::from(self.secret_env.is_some());
         unless(secrets > 0, "name", "needs secret_file or secret_env: every message is signed".into());
-        let is_secret = |file: &PathBuf| file.to_str().is_some_and(|file| file.starts_with(super::PREFIX));
+        let is_secret = |file: &PathBuf| file.to_str().is_some_and(|file| file.starts_with(PREFIX));
         let ok = !self.secret_file.as_ref().is_some_and(is_secret);
         unless(
             ok,

@@ -20,8 +20,6 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::spawn_blocking;
 
-/// What a secret begins with.
-pub(super) const PREFIX: &str = "whsec_";
 /// Shortest and longest secret (bytes), as Standard Webhooks has it.
 const LENGTH: std::ops::RangeInclusive<usize> = 24..=64;
 
@@ -87,7 +85,7 @@ fn judge(answer: Answer) -> Result<(), Fault> {
 /// The keys of secrets, one a line.
 fn keys(lines: &[String]) -> Result<Vec<hmac::Key>, String> {
     let key = |line: &String| {
-        let text = line.strip_prefix(PREFIX)?;
+        let text = line.strip_prefix(config::PREFIX)?;
         let bytes = STANDARD.decode(text).ok().filter(|bytes| LENGTH.contains(&bytes.len()))?;
         Some(hmac::Key::new(hmac::HMAC_SHA256, &bytes))
     };
