@@ -356,7 +356,7 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
     (
         "[[loop]]",
         "[plantwide]\nperiod_s = 259200.0\n[[loop]]",
-        8,
+        9,
         &["persist_s: 172800 must be 259200 (period_s) to 51840000"],
     ),
     (
@@ -477,7 +477,7 @@ const REMARKED: &[(&str, &str, &str)] = &[
 
 #[test]
 fn what_may_be_meant_otherwise_is_remarked() {
-    let server = "[[opcua]]\nname = \"s\"\nurl = \"opc.tcp://h:4840/\"\nsecurity_policy = \"None\"\n";
+    let server = "[[opcua]]\nname = \"s\"\nurl = \"opc.tcp://localhost:4840/\"\nsecurity_policy = \"None\"\n";
     let op = "[loop.op]\ndevice = \"s\"\nnode = \"nsu=urn:plant;s=OP\"\n";
     let remarks_of = |own: &str, of_op: &str| {
         let text = SOUND.replacen(OP, &format!("{server}{own}{op}{of_op}"), 1);

@@ -13,7 +13,7 @@ const BEYOND: f64 = 10.0;
 /// A range may reach below 0 by such a part of itself though the register does not.
 const MARGIN: f64 = 0.1;
 /// OP and PV so many times further apart in time are told: what OP does between two values of PV is not seen.
-const APART: u64 = 5;
+const APART: u64 = 20;
 /// An alarm waits for so many polls at least.
 const POLLS: f64 = 3.0;
 

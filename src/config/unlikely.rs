@@ -216,12 +216,15 @@ fn unlikely_device(own: &modbus::Config) -> Vec<String> {
     out
 }
 
-/// A log-in at an OPC UA server without encryption.
+/// A log-in at an OPC UA server without encryption of its own: the server may ask for the password encrypted.
 fn bare_password(own: &opcua::Config) -> Option<String> {
     let far = !is_near(own.url.strip_prefix("opc.tcp://").unwrap_or(&own.url));
     let bare = own.security_policy == opcua::SecurityPolicy::None && own.user.is_some();
     (bare && far).then(|| {
-        format!("{}: with security_policy = \"None\" the password goes to {} in the clear", own.name, own.url)
+        format!(
+            "{}: security_policy = \"None\" leaves it to {} whether the password is encrypted on its way",
+            own.name, own.url
+        )
     })
 }
 
