@@ -100,8 +100,8 @@ impl Rules<'_, '_, '_> {
         let (Step::Key(key), table) = path.split_last()? else { return None };
         let is_default = !self.source.has(path) && message.starts_with(&format!("{key}: "));
         let words: Vec<&str> = message.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
-        let keys = self.source.keys(table).into_iter();
-        let named = keys.filter(|(own, _)| own != key && own.contains('_') && words.contains(own)).next();
+        let mut keys = self.source.keys(table).into_iter();
+        let named = keys.find(|(own, _)| own != key && own.contains('_') && words.contains(own));
         named.filter(|_| is_default).map(|(_, place)| (place, key.as_str()))
     }
 
