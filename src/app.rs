@@ -135,7 +135,7 @@ pub struct App {
 
 /// What a reload replaces.
 struct Running {
-    config: Config,
+    config: Arc<Config>,
     history: Arc<History>,
     devices: Vec<Device>,
     collecting: bool,
@@ -178,6 +178,7 @@ impl App {
         diagnose: Diagnose,
     ) -> Result<Self, AppError> {
         let Surroundings { clock, dial, store } = around;
+        let config = Arc::new(config);
         let stop = CancellationToken::new();
         let wired = config.plant().map_err(AppError::Plan)?;
         let history = Arc::new(History::new(&wired.loops, &config.history));
@@ -382,11 +383,11 @@ impl App {
     /// Takes another configuration, or the one in force anew where the fleet's loops have changed.
     async fn take(&self, config: Option<Config>) -> Result<(), AppError> {
         let mut state = self.state.lock().await;
-        let config = config.unwrap_or_else(|| state.config.clone());
-        let config = match &self.fleet {
+        let config = config.unwrap_or_else(|| Config::clone(&state.config));
+        let config = Arc::new(match &self.fleet {
             Some(fleet) => fleet.composed(config),
             None => config,
-        };
+        });
         let _paused = match &self.fleet {
             Some(fleet) => Some(fleet.pause().await),
             None => None,

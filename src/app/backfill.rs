@@ -40,7 +40,7 @@ struct Shared {
     results: Arc<Results>,
     clock: Clock,
     diagnose: Diagnose,
-    config: Mutex<Config>,
+    config: Mutex<Arc<Config>>,
     job: Mutex<Option<(BackfillRun, CancellationToken)>>,
 }
 
@@ -50,7 +50,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl BackfillJobs {
     pub(super) fn new(
-        config: &Config,
+        config: &Arc<Config>,
         clock: Clock,
         (persistence, results): (&Arc<Persistence>, &Arc<Results>),
         diagnose: Diagnose,
@@ -65,7 +65,7 @@ impl BackfillJobs {
     }
 
     /// Another configuration; a job that runs goes on with its own.
-    pub(super) fn reload(&self, config: &Config) {
+    pub(super) fn reload(&self, config: &Arc<Config>) {
         *lock(&self.shared.config) = config.clone();
     }
 }
@@ -119,7 +119,7 @@ impl Shared {
     async fn work(
         self: Arc<Self>,
         request: BackfillRequest,
-        config: Config,
+        config: Arc<Config>,
         past: Past,
         cancel: CancellationToken,
     ) {

@@ -77,7 +77,7 @@ impl Role {
 
 /// What is watched, as of the configuration in force.
 pub(super) struct Scene {
-    pub config: Config,
+    pub config: Arc<Config>,
     pub history: Arc<History>,
 }
 
@@ -125,7 +125,7 @@ impl Fleet {
     /// [`AppError::Fleet`]: a role without `[fleet]`, an edge without a site or a store.
     pub(super) fn new(
         role: Role,
-        config: &Config,
+        config: &Arc<Config>,
         clock: Clock,
         history: &Arc<History>,
         results: &Arc<Results>,
@@ -217,7 +217,7 @@ impl Fleet {
     }
 
     /// Another configuration is in force.
-    pub(super) fn replace(&self, config: &Config, history: &Arc<History>) {
+    pub(super) fn replace(&self, config: &Arc<Config>, history: &Arc<History>) {
         self.scene.send_replace(Arc::new(Scene { config: config.clone(), history: history.clone() }));
     }
 
