@@ -1,8 +1,10 @@
 //! The values that walk through the house: samples with a quality, the raw record of one loop, and the
 //! equally sampled window that the diagnosis works on. Imports nothing internal.
 
+mod outages;
 mod span;
 
+pub use outages::{LARGEST_VALUE, outages, quantile};
 pub use span::{MILLIAMPERES, Scale, SpanSource, span_at_least, span_of_unit, told};
 use std::borrow::Cow;
 use std::fmt;

@@ -1,6 +1,6 @@
 //! The span of OP, from closed to open: as it is given, or as limits, unit and values tell it.
 
-use super::{Record, Sample};
+use super::{LARGEST_VALUE, Record, Sample, outages};
 
 /// Where the span of OP is known from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -230,13 +230,18 @@ pub fn told(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-/// Least and most of the good values; `None` where there is none.
+/// Least and most of the good values that are measurements; `None` where there is none.
 fn extent(op: &[Sample]) -> Option<(f64, f64)> {
-    let good = op.iter().filter(|s| s.quality.is_good() && s.value.is_finite()).map(|s| s.value);
-    good.fold(None, |found: Option<(f64, f64)>, value| {
-        let (least, most) = found.unwrap_or((value, value));
-        Some((least.min(value), most.max(value)))
-    })
+    let is_good = |s: &&Sample| s.quality.is_good() && s.value.is_finite() && s.value.abs() < LARGEST_VALUE;
+    let good: Vec<Sample> = op.iter().filter(is_good).copied().collect();
+    let outages = outages(&good);
+    good.iter().map(|s| s.value).filter(|value| !outages.contains(value)).fold(
+        None,
+        |found: Option<(f64, f64)>, value| {
+            let (least, most) = found.unwrap_or((value, value));
+            Some((least.min(value), most.max(value)))
+        },
+    )
 }
 
 fn of_values(op: &[Sample]) -> Option<f64> {

@@ -1,5 +1,7 @@
 //! Small statistics over slices: means, spreads, quantiles. Empty input gives 0.
 
+pub use crate::signal::quantile;
+
 /// Arithmetic mean.
 pub fn mean(v: &[f64]) -> f64 {
     if v.is_empty() { 0.0 } else { v.iter().sum::<f64>() / v.len() as f64 }
@@ -25,19 +27,6 @@ const GRAINS: f64 = 4_294_967_296.0;
 /// equal fits may choose the other. Rounded to a grain that no measurement resolves, all units give the same numbers.
 pub fn normalised(v: &[f64], m: f64, s: f64) -> Vec<f64> {
     v.iter().map(|x| ((x - m) / s * GRAINS).round() / GRAINS).collect()
-}
-
-/// The q-quantile (0..1), interpolated between order statistics.
-pub fn quantile(v: &[f64], q: f64) -> f64 {
-    if v.is_empty() {
-        return 0.0;
-    }
-    let at = q.clamp(0.0, 1.0) * (v.len() - 1) as f64;
-    let (place, part) = (at.floor() as usize, at.fract());
-    let mut own = v.to_vec();
-    let (_, &mut low, above) = own.select_nth_unstable_by(place, f64::total_cmp);
-    let high = above.iter().copied().min_by(f64::total_cmp).unwrap_or(low);
-    low + part * (high - low)
 }
 
 /// The median.

@@ -233,6 +233,70 @@ fn what_stands_in_columns_of_its_own_is_named() {
 }
 
 #[test]
+fn values_that_stand_for_none_are_told_and_leave_the_span_alone() {
+    let example = example();
+    for none in ["-9999.000", "9.96921E+36", "32767.000"] {
+        let mut spoilt = rows(&example, ',', civil);
+        for row in spoilt.iter_mut().step_by(20) {
+            let (time, values) = row.split_once(',').expect("a time");
+            *row = format!("{time},{none},{}", values.split_once(',').expect("PV").1);
+        }
+        let table = read("Time,OP,PV", &spoilt, &plain()).expect(none);
+        assert_eq!(table.record.op_span, Some(100.0), "{none}");
+        let said = &table.found.read_as;
+        assert!(said.contains("60 samples of op are no measurements"), "{none}: {said}");
+    }
+}
+
+#[test]
+fn rows_of_several_devices_and_series_of_one_tag_are_refused() {
+    let both = |row: &String| {
+        let (time, values) = row.split_once(',').expect("a time");
+        [format!("{time},North,{values}"), format!("{time},South,50.0,30.0")]
+    };
+    let two: Vec<String> = rows(&example(), ',', civil).iter().flat_map(both).collect();
+    for name in ["plant", "Device ID", "Regler", "name"] {
+        refused(
+            read(&format!("Time,{name},OP,PV"), &two, &plain()),
+            "rows of several loops, \"north\", \"south\"",
+        );
+    }
+    let kinds = long(true, civil, |_, _| ",avg").into_iter().flat_map(|row| {
+        let most = row.replace(",avg", "9,max");
+        [row, most]
+    });
+    let kinds: Vec<String> = kinds.collect();
+    refused(read("Time,Tag,Value,Aggregate", &kinds, &plain()), "another column tells them apart");
+    // What comes twice with the same value is one sample.
+    let twice: Vec<String> =
+        long(true, civil, |_, _| "").into_iter().flat_map(|row| [row.clone(), row]).collect();
+    assert!(read("Time,Tag,Value", &twice, &plain()).is_ok());
+}
+
+#[test]
+fn a_loop_may_be_named_in_brackets_or_by_its_area() {
+    let own = rows(&example(), ',', civil);
+    for header in [
+        "Time,OP [FIC101],PV [TIC102]",
+        "Time,\"op{loop=\"\"FIC101\"\"}\",\"pv{loop=\"\"TIC102\"\"}\"",
+        "Time,UNIT1.FIC101.OP,UNIT2.FIC101.PV",
+        "Time,Area1/FIC-101/OP,Area2/FIC-101/PV",
+    ] {
+        refused(read(header, &own, &plain()), "name them with --op and --pv");
+    }
+    for header in [
+        "Time,OP [FIC101],PV [FIC101]",
+        "Time,UNIT1.FIC101.OP,UNIT1.FIC101.PV",
+        "Time,FIC101.CVEU,FIC101.PV",
+        "Time,OP [%],PV [m3/h]",
+    ] {
+        let table = read(header, &own, &plain()).expect(header);
+        assert!(bits(&table.record) == bits(&example()), "{header}");
+    }
+    refused(read("Time,FIC101/AI1/OUT.CV,FIC101/PID1/PV.CV", &own, &plain()), "no column op");
+}
+
+#[test]
 fn a_matrix_as_matlab_shows_it_has_a_factor_that_is_not_passed_over() {
     let lines = ["   1.0e+03 *", "", "   1.7803   0.0518   0.0512"].map(String::from);
     refused(read("t   op   pv", &lines, &plain()), "common factor of all numbers");

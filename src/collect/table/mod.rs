@@ -26,6 +26,7 @@ mod kinds;
 mod layout;
 pub(super) mod names;
 pub(super) mod number;
+mod odd_rows;
 mod options;
 mod owner;
 mod parquet;
@@ -39,6 +40,7 @@ mod take;
 mod text;
 mod time;
 mod time_columns;
+mod vocabulary;
 mod words;
 mod workbook;
 

@@ -2,6 +2,9 @@
 
 use super::header_zone::HeaderZone;
 use super::options::Unit;
+use super::vocabulary::{
+    CLOCKS, DATES, DETAILS, MODE, MV, OP, OWNERS, PV, QUALITIES, SHORT_QUALITIES, SP, TIME, VALUES,
+};
 use crate::signal::Role;
 
 /// What a column's name says it is.
@@ -22,183 +25,6 @@ impl Meaning {
         }
     }
 }
-
-const TIME: &[&str] = &[
-    "t",
-    "time",
-    "timestamp",
-    "time stamp",
-    "date",
-    "datetime",
-    "date time",
-    "ts",
-    "datum",
-    "zeit",
-    "uhrzeit",
-    "datum uhrzeit",
-    "datum zeit",
-    "zeitstempel",
-    "sourcetimestamp",
-    "source timestamp",
-    "sample time",
-    "event time",
-    "index level 0",
-    "timestring",
-    "time string",
-    "t stamp",
-    "seconds",
-    "minutes",
-    "hours",
-    "ip trend time",
-    "dateandtime",
-    "date and time",
-    "elapsed",
-    "elapsed time",
-    "datenum",
-    "x value",
-    "ticks",
-    "hora",
-    "fecha",
-    "fecha hora",
-    "horodatage",
-    "date heure",
-    "tijd",
-    "tijdstip",
-    "čas",
-    "idő",
-    "日時",
-    "時間",
-    "时间",
-    "시간",
-];
-const OP: &[&str] = &[
-    "op",
-    "co",
-    "out",
-    "output",
-    "controller output",
-    "control output",
-    "manipulated variable",
-    "lmn",
-    "cout",
-    "cv",
-    "stellgröße",
-    "stellgrösse",
-    "stellgroesse",
-    "stellwert",
-    "op value",
-    "valve demand",
-];
-const PV: &[&str] = &[
-    "pv",
-    "process value",
-    "process variable",
-    "measured value",
-    "meas",
-    "measurement",
-    "istwert",
-    "actual value",
-    "pv value",
-    "pv in",
-];
-const SP: &[&str] = &[
-    "sp",
-    "sv",
-    "spt",
-    "setpoint",
-    "set point",
-    "set value",
-    "sollwert",
-    "sp value",
-    "wsp",
-    "working setpoint",
-];
-const MV: &[&str] = &[
-    "mv",
-    "mv stem",
-    "stem",
-    "stem position",
-    "valve position",
-    "travel",
-    "valve travel",
-    "position feedback",
-];
-const MODE: &[&str] = &[
-    "mode",
-    "mode actual",
-    "controller mode",
-    "loop mode",
-    "block mode",
-    "auto man",
-    "auto manual",
-    "man auto",
-    "betriebsart",
-    "mode act",
-];
-
-/// Names that hold a date, whose time of day may stand in a column of its own.
-const DATES: &[&str] = &["date", "datum", "day"];
-/// Names that hold the time of day beside a date.
-const CLOCKS: &[&str] = &["time", "zeit", "uhrzeit", "clock", "time of day"];
-
-/// Last parts of a path that say "its value": what they are the value of stands before them.
-const VALUES: &[&str] = &["cv", "f cv", "val", "value", "present value", "presentvalue"];
-/// Names of a column that says whether the value beside it is good.
-const QUALITIES: &[&str] = &[
-    "quality",
-    "qual",
-    "status",
-    "statuscode",
-    "status code",
-    "data quality",
-    "dataintegrity",
-    "data integrity",
-    "validity",
-    "valid",
-    "isgood",
-    "is good",
-    "confidence",
-    "qualität",
-    "qualitaet",
-    "qualité",
-    "qualite",
-    "calidad",
-    "qualidade",
-    "kvalitet",
-    "güte",
-    "jakość",
-    "品質",
-    "质量",
-    "dataquality",
-    "opcquality",
-    "opc quality",
-    "qualitydetail",
-    "qualitycode",
-    "quality code",
-    "качество",
-    "quality detail",
-    "q",
-    "st",
-];
-/// Those of them that mean nothing without the name of a value before them.
-const SHORT_QUALITIES: &[&str] = &["q", "st"];
-
-/// Those of them that hold the numbers of OPC.
-const DETAILS: [&str; 4] = ["opcquality", "opc quality", "qualitydetail", "quality detail"];
-
-/// Columns that name the loop of a row.
-const OWNERS: [&str; 10] = [
-    "loop",
-    "loop id",
-    "loopid",
-    "loop name",
-    "controller",
-    "asset",
-    "tag",
-    "tagname",
-    "tag name",
-    "regelkreis",
-];
 
 /// Units that may stand behind a name without brackets: `OP %`, `PV degC`.
 const UNITS: &[&str] = &[
@@ -273,7 +99,18 @@ impl Name {
         if let [before @ .., last] = parts.as_slice()
             && !before.is_empty()
         {
+            // The output of an analog input's block is what it measures.
+            if before.last().is_some_and(|block| is_input(block))
+                && role(&plain(last)) == Some(Meaning::Role(Role::Op))
+            {
+                return None;
+            }
             if let [earlier @ .., named] = before {
+                if VALUES.contains(&plain(last).as_str())
+                    && earlier.last().is_some_and(|block| is_input(block))
+                {
+                    return None;
+                }
                 let both = plain(&format!("{named} {last}"));
                 let of_value = VALUES.contains(&plain(last).as_str()).then(|| plain(named));
                 if let Some(meaning) = of_value.as_deref().and_then(role).or_else(|| role(&both)) {
@@ -372,6 +209,13 @@ fn plain(name: &str) -> String {
 fn role(name: &str) -> Option<Meaning> {
     let lists = [(Role::Op, OP), (Role::Pv, PV), (Role::Sp, SP), (Role::Mv, MV), (Role::Mode, MODE)];
     lists.iter().find(|(_, names)| names.contains(&name)).map(|(role, _)| Meaning::Role(*role))
+}
+
+/// Whether a block of a path is an analog input: `AI1`.
+fn is_input(block: &str) -> bool {
+    let small = plain(block);
+    let number = small.strip_prefix("ai").or_else(|| small.rsplit_once(' ')?.1.strip_prefix("ai"));
+    number.is_some_and(|number| number.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 fn whole(name: &str) -> Option<Meaning> {

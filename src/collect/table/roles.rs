@@ -46,7 +46,13 @@ pub fn roles(names: &[Name], options: &Options, numbered: bool) -> Result<Roles,
                 None
             }
             said => match said.meaning {
-                Meaning::Role(role) => Some(Candidate { at, role, owner: said.owner }),
+                // `OP [FIC101]`, `op{loop="FIC101"}`: what stands in brackets is no unit.
+                Meaning::Role(role) => {
+                    let bracketed = || name.unit.as_deref().map(|unit| Name::new(unit).plain().to_string());
+                    let labelled = said.owner.is_empty().then(bracketed).flatten();
+                    let owner = labelled.filter(|unit| controller(unit).is_some()).unwrap_or(said.owner);
+                    Some(Candidate { at, role, owner })
+                }
                 Meaning::Time => None,
             },
         })
@@ -83,6 +89,13 @@ fn owns(own: &str, path: &str) -> bool {
     path == own
         || path.strip_suffix(own).is_some_and(|p| p.ends_with(' '))
         || path.strip_prefix(own).is_some_and(|p| p.starts_with(' '))
+}
+
+/// What stands before the tag of a controller in a path: its unit or area.
+fn before<'p>(path: &'p str, tag: &str) -> &'p str {
+    let compact = |at: usize| path[at..].replace(' ', "").starts_with(tag);
+    let begins = path.char_indices().map(|(at, _)| at).filter(|at| *at == 0 || path[..*at].ends_with(' '));
+    begins.filter(|at| compact(*at)).last().map_or("", |at| path[..at].trim_end())
 }
 
 fn second_column(names: &[Name], (first, second): (usize, usize), role: Role) -> Trouble {
@@ -153,13 +166,13 @@ fn choose(
     }
     if let ([one], Some(owner), true) = (left.as_slice(), owner.as_ref(), needed)
         && let (Some(own), Some(other)) = (controller(&one.owner), controller(owner))
-        && own != other
+        && (own != other || before(&one.owner, &own) != before(owner, &other))
     {
         return Err(Trouble::Refused(TableError::refused(format!(
             "{:?} is of {}, and the other columns are of {}: if they are one loop, name them with --op and --pv",
             names[one.at].full,
-            own.to_uppercase(),
-            other.to_uppercase()
+            one.owner.to_uppercase(),
+            owner.to_uppercase()
         ))));
     }
     match left.as_slice() {

@@ -7,6 +7,7 @@ use super::evidence;
 use super::layout::{Body, Layout, Long, Wide};
 use super::names::{Meaning, Name};
 use super::number::Decimal;
+use super::odd_rows::{not_even, passed_over, same_header, too_many};
 use super::options::{Options, Told};
 use super::owner::Owner;
 use super::qualities::{Others, Quality};
@@ -18,7 +19,10 @@ use super::time::{self, Groups, Reading, Times};
 use super::words::{Modes, Words};
 use crate::signal::Role;
 use std::collections::{BTreeSet, HashMap};
+use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
 
+/// One row in so many may have the tag and the time of the row before.
+const REPEATED: u64 = 10;
 /// Most tags of a long table.
 const MAX_TAGS: usize = 1 << 16;
 
@@ -80,6 +84,10 @@ struct Counting {
     moving: Vec<(usize, String)>,
     /// Which rows are the loop's.
     owner: Option<Owner>,
+    /// Of each tag of a long table the last time and value, as hashes; and the rows with the time of the one before and another
+    /// value.
+    last: Vec<(u64, u64)>,
+    repeated: u64,
     mode_name: Option<String>,
 }
 
@@ -93,6 +101,8 @@ impl Counting {
             words: Vec::new(),
             quality_columns: Vec::new(),
             others: Others::default(),
+            last: Vec::new(),
+            repeated: 0,
             moving: Vec::new(),
             mode_name: options.mode.clone(),
             owner: Owner::of(layout, options),
@@ -174,7 +184,9 @@ impl Counting {
                     }
                 }
                 Body::Long(long) => {
-                    self.channels[tag].add(&rows.cell(long.value), line);
+                    let value = rows.cell(long.value);
+                    self.repeat(tag, &first, &value);
+                    self.channels[tag].add(&value, line);
                 }
             }
             self.others.add(rows, &first, line);
@@ -186,6 +198,17 @@ impl Counting {
             }
         }
         Ok(())
+    }
+
+    /// Counts a row of a long table whose tag had another value at the same time.
+    fn repeat(&mut self, tag: usize, time: &Cell<'_>, value: &Cell<'_>) {
+        let hash = |cell: &Cell<'_>| BuildHasherDefault::<DefaultHasher>::default().hash_one(cell.shown());
+        let own = (hash(time), hash(value));
+        if self.last.len() <= tag {
+            self.last.resize(tag + 1, (0, 0));
+        }
+        let before = std::mem::replace(&mut self.last[tag], own);
+        self.repeated += u64::from(before.0 == own.0 && before.1 != own.1);
     }
 
     /// The channel of a row of a long table.
@@ -223,6 +246,13 @@ impl Counting {
             return Err(TableError::refused(format!(
                 "{row_name} {}: no samples below the header",
                 layout.line
+            )));
+        }
+        if self.repeated * REPEATED > self.times.rows {
+            return Err(TableError::refused(format!(
+                "{} of {} rows have the tag and the time of a row before and another value: another column tells them apart, or \
+                 times were cut; keep the rows of one kind, and the times whole",
+                self.repeated, self.times.rows
             )));
         }
         if matches!(layout.body, Body::Long(_)) && whole {
@@ -425,67 +455,6 @@ fn unit_of(channel: &Channel) -> Result<String, TableError> {
         Err(error) if channel.role.is_some() => Err(error),
         unit => Ok(unit.unwrap_or("").to_string()),
     }
-}
-
-/// A comment, or the header once more.
-pub fn passed_over(rows: &dyn Rows, layout: &Layout) -> bool {
-    let header = layout.names[layout.time].full.as_str();
-    let again =
-        matches!(rows.cell(layout.time), Cell::Text(text) if text.trim().trim_matches('"').trim() == header);
-    again && !header.is_empty() || rows.cell(0).is_comment() || is_ruler(rows)
-}
-
-/// Refuses the header once more with its columns in another order: two tables in one file.
-fn same_header(rows: &dyn Rows, layout: &Layout, line: u64) -> Result<(), TableError> {
-    if rows.cell(0).is_comment() || is_ruler(rows) || rows.len() != layout.names.len() {
-        return Ok(());
-    }
-    let other = (0..rows.len()).find(|at| Name::new(&rows.cell(*at).shown()).full != layout.names[*at].full);
-    other.map_or(Ok(()), |at| {
-        Err(TableError::refused(format!(
-            "line {line}: the header comes again with {:?} where {:?} was: two tables in one file; save them apart",
-            super::error::shown(&rows.cell(at).shown()),
-            super::error::shown(&layout.names[at].full)
-        )))
-    })
-}
-
-/// A row of dashes below the header, as tools for databases print it.
-fn is_ruler(rows: &dyn Rows) -> bool {
-    let dashes = |at: usize| {
-        let text = rows.cell(at).shown();
-        let text = text.trim();
-        text.len() > 1 && text.bytes().all(|byte| matches!(byte, b'-' | b'+' | b' '))
-    };
-    let begins = matches!(rows.cell(0), Cell::Text(text) if text.trim_start().starts_with("--"));
-    begins && (0..rows.len()).all(dashes)
-}
-
-/// More cells than the header has: a decimal comma in a table that commas divide.
-fn too_many(rows: &dyn Rows, layout: &Layout, line: u64, first: &Cell<'_>) -> Result<(), TableError> {
-    let (got, want) = (rows.len(), layout.names.len());
-    let filled = |at: usize| !rows.cell(at).is_blank();
-    if got <= want || first.is_blank() || !(want..got).any(filled) {
-        return Ok(());
-    }
-    if time::What::of(first, None).kind() == time::WhatKind::Nothing {
-        return Ok(());
-    }
-    Err(TableError::refused(format!(
-        "line {line}: {got} cells where the header has {want}; decimal commas need quotes, or semicolons between cells"
-    )))
-}
-
-/// Another number of cells than the header has, where blanks divide them: an empty cell has no place there.
-fn not_even(rows: &dyn Rows, layout: &Layout, line: u64, first: &Cell<'_>) -> Result<(), TableError> {
-    let (got, want) = (rows.len(), layout.names.len());
-    if got == want || time::What::of(first, None).kind() == time::WhatKind::Nothing {
-        return Ok(());
-    }
-    Err(TableError::refused(format!(
-        "line {line}: {got} cells where the header has {want}; blanks divide them, so that none may be empty, and names have \
-         none within; try --separator blank, or save the table with a sign between cells"
-    )))
 }
 
 /// The tag of a row of a long table.

@@ -6,19 +6,20 @@ use super::found::Found;
 use super::layout::Body;
 use super::names::Name;
 use super::number;
+use super::odd_rows::passed_over;
 use super::options::Options;
 use super::owner::Owner;
 use super::source::{Cell, Rows, Source};
-use super::survey::{Plan, passed_over, tag_of};
+use super::survey::{Plan, tag_of};
 use super::time_columns::whole_millis;
 use super::{MAX_VALUES, Table};
-use crate::signal::{BadReason, Quality, Record, Role, Sample, Series};
+use crate::signal::{BadReason, LARGEST_VALUE, Quality, Record, Role, Sample, Series, outages};
 
 /// Samples of one loop.
 pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
     let mut series: Vec<Series> = plan.channels.iter().map(|_| Series::new()).collect();
     let mut values = 0;
-    let (plan, found) = all(source, plan, &mut |at, sample| {
+    let (plan, mut found) = all(source, plan, &mut |at, sample| {
         series[at].push(sample);
         values += 1;
         if values > MAX_VALUES {
@@ -47,7 +48,25 @@ pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
         }
     }
     record.find_span(None, found.op_unit.as_deref());
+    for (role, series) in [(Role::Op, &record.op), (Role::Pv, &record.pv)] {
+        found.read_as.extend(none_of(role, series));
+    }
     Ok(Table { record, found })
+}
+
+/// What is said of good values that stand for no measurement: the diagnosis leaves them out.
+fn none_of(role: Role, series: &[Sample]) -> Option<String> {
+    let good: Vec<Sample> =
+        series.iter().filter(|s| s.quality.is_good() && s.value.is_finite()).copied().collect();
+    let outages = outages(&good);
+    let is_none = |s: &&Sample| outages.contains(&s.value) || s.value.abs() >= LARGEST_VALUE;
+    let mut values: Vec<f64> = good.iter().filter(is_none).map(|s| s.value).collect();
+    let count = values.len();
+    values.sort_by(f64::total_cmp);
+    values.dedup();
+    let named: Vec<String> = values.iter().take(LINES).map(|value| format!("{value:?}")).collect();
+    (count > 0)
+        .then(|| format!(", {count} samples of {} are no measurements: {}", role.as_str(), named.join(", ")))
 }
 
 /// Samples of every tag, one after the other.

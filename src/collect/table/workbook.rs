@@ -146,7 +146,8 @@ fn held(value: &Data) -> Held {
         Data::Int(value) => Held::Number(*value as f64),
         Data::Float(value) => Held::Number(*value),
         Data::String(text) => text_of(text),
-        Data::Bool(on) => Held::Number(f64::from(u8::from(*on))),
+        // No measurement is one; flags and modes are read as words.
+        Data::Bool(on) => Held::Text(on.to_string().into()),
         Data::DateTime(stamp) => moment(stamp),
         Data::DateTimeIso(text) | Data::DurationIso(text) => text_of(text),
         Data::Error(error) => text_of(&error.to_string()),

@@ -9,7 +9,7 @@ mod clean;
 mod refuse;
 mod stretches;
 
-pub use clean::outages;
+pub use crate::signal::outages;
 
 use super::acquisition::{self, Acquisition, Placed};
 use super::history_kind::{HistoryKind, recognise};

@@ -381,7 +381,8 @@ fn again(track: &Track, per_s: f64, column: &Column<'_>) -> Result<(), TableErro
     else {
         return Ok(());
     };
-    if track.count <= FEW {
+    // Rows that lead back more often are in no order, and are sorted.
+    if track.count <= FEW || track.ways[back] > track.tags() {
         return Ok(());
     }
     let Column { row_name, number, name, .. } = column;

@@ -1,0 +1,68 @@
+//! Rows that are no samples, and rows by which a table is another than it seems.
+
+use super::error::{TableError, shown};
+use super::layout::Layout;
+use super::names::Name;
+use super::source::{Cell, Rows};
+use super::time;
+
+/// A comment, or the header once more.
+pub fn passed_over(rows: &dyn Rows, layout: &Layout) -> bool {
+    let header = layout.names[layout.time].full.as_str();
+    let again =
+        matches!(rows.cell(layout.time), Cell::Text(text) if text.trim().trim_matches('"').trim() == header);
+    again && !header.is_empty() || rows.cell(0).is_comment() || is_ruler(rows)
+}
+
+/// Refuses the header once more with its columns in another order: two tables in one file.
+pub fn same_header(rows: &dyn Rows, layout: &Layout, line: u64) -> Result<(), TableError> {
+    if rows.cell(0).is_comment() || is_ruler(rows) || rows.len() != layout.names.len() {
+        return Ok(());
+    }
+    let other = (0..rows.len()).find(|at| Name::new(&rows.cell(*at).shown()).full != layout.names[*at].full);
+    other.map_or(Ok(()), |at| {
+        Err(TableError::refused(format!(
+            "line {line}: the header comes again with {:?} where {:?} was: two tables in one file; save them apart",
+            shown(&rows.cell(at).shown()),
+            shown(&layout.names[at].full)
+        )))
+    })
+}
+
+/// A row of dashes below the header, as tools for databases print it.
+fn is_ruler(rows: &dyn Rows) -> bool {
+    let dashes = |at: usize| {
+        let text = rows.cell(at).shown();
+        let text = text.trim();
+        text.len() > 1 && text.bytes().all(|byte| matches!(byte, b'-' | b'+' | b' '))
+    };
+    let begins = matches!(rows.cell(0), Cell::Text(text) if text.trim_start().starts_with("--"));
+    begins && (0..rows.len()).all(dashes)
+}
+
+/// More cells than the header has: a decimal comma in a table that commas divide.
+pub fn too_many(rows: &dyn Rows, layout: &Layout, line: u64, first: &Cell<'_>) -> Result<(), TableError> {
+    let (got, want) = (rows.len(), layout.names.len());
+    let filled = |at: usize| !rows.cell(at).is_blank();
+    if got <= want || first.is_blank() || !(want..got).any(filled) {
+        return Ok(());
+    }
+    if time::What::of(first, None).kind() == time::WhatKind::Nothing {
+        return Ok(());
+    }
+    Err(TableError::refused(format!(
+        "line {line}: {got} cells where the header has {want}; decimal commas need quotes, or semicolons between cells"
+    )))
+}
+
+/// Another number of cells than the header has, where blanks divide them: an empty cell has no place there.
+pub fn not_even(rows: &dyn Rows, layout: &Layout, line: u64, first: &Cell<'_>) -> Result<(), TableError> {
+    let (got, want) = (rows.len(), layout.names.len());
+    if got == want || time::What::of(first, None).kind() == time::WhatKind::Nothing {
+        return Ok(());
+    }
+    Err(TableError::refused(format!(
+        "line {line}: {got} cells where the header has {want}; blanks divide them, so that none may be empty, and names have \
+         none within; try --separator blank, or save the table with a sign between cells"
+    )))
+}
