@@ -95,7 +95,7 @@ fn owns(own: &str, path: &str) -> bool {
 fn before<'p>(path: &'p str, tag: &str) -> &'p str {
     let compact = |at: usize| path[at..].replace(' ', "").starts_with(tag);
     let begins = path.char_indices().map(|(at, _)| at).filter(|at| *at == 0 || path[..*at].ends_with(' '));
-    begins.filter(|at| compact(*at)).last().map_or("", |at| path[..at].trim_end())
+    begins.rev().find(|at| compact(*at)).map_or("", |at| path[..at].trim_end())
 }
 
 fn second_column(names: &[Name], (first, second): (usize, usize), role: Role) -> Trouble {
