@@ -100,15 +100,15 @@ impl Name {
             && !before.is_empty()
         {
             // The output of an analog input's block is what it measures.
-            if before.last().is_some_and(|block| is_input(block))
-                && role(&plain(last)) == Some(Meaning::Role(Role::Op))
-            {
+            let is_measured = |name: &str, before: &[&str]| {
+                role(&plain(name)) == Some(Meaning::Role(Role::Op))
+                    && before.last().is_some_and(|block| is_input(block))
+            };
+            if is_measured(last, before) {
                 return None;
             }
             if let [earlier @ .., named] = before {
-                if VALUES.contains(&plain(last).as_str())
-                    && earlier.last().is_some_and(|block| is_input(block))
-                {
+                if VALUES.contains(&plain(last).as_str()) && is_measured(named, earlier) {
                     return None;
                 }
                 let both = plain(&format!("{named} {last}"));

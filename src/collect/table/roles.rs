@@ -91,6 +91,11 @@ fn owns(own: &str, path: &str) -> bool {
         || path.strip_prefix(own).is_some_and(|p| p.starts_with(' '))
 }
 
+/// Whether two areas are known and not the same.
+fn are_apart(a: &str, b: &str) -> bool {
+    !a.is_empty() && !b.is_empty() && a != b
+}
+
 /// What stands before the tag of a controller in a path: its unit or area.
 fn before<'p>(path: &'p str, tag: &str) -> &'p str {
     let compact = |at: usize| path[at..].replace(' ', "").starts_with(tag);
@@ -166,7 +171,7 @@ fn choose(
     }
     if let ([one], Some(owner), true) = (left.as_slice(), owner.as_ref(), needed)
         && let (Some(own), Some(other)) = (controller(&one.owner), controller(owner))
-        && (own != other || before(&one.owner, &own) != before(owner, &other))
+        && (own != other || are_apart(before(&one.owner, &own), before(owner, &other)))
     {
         return Err(Trouble::Refused(TableError::refused(format!(
             "{:?} is of {}, and the other columns are of {}: if they are one loop, name them with --op and --pv",
