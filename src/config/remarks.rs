@@ -1,7 +1,7 @@
 //! What is right by itself and often meant otherwise.
 
 use super::{Config, LoopConfig, TagConfig, tags};
-use crate::collect::{modbus, mqtt, opcua};
+use crate::collect::{modbus, opcua};
 use crate::notify::smtp;
 use crate::signal::Role;
 use std::collections::hash_map::Entry;
@@ -143,25 +143,37 @@ impl Config {
         by_number.chain(by_none).collect()
     }
 
+    /// All brokers: those that are read, and the one that results are published to.
+    fn brokers(&self) -> Vec<Broker<'_>> {
+        let read = self.mqtt.iter().map(|own| Broker {
+            name: &own.name,
+            address: &own.address,
+            tls: own.tls || own.ca_file.is_some(),
+            has_user: own.user.is_some(),
+        });
+        let told = self.notify.mqtt.iter().map(|own| Broker {
+            name: "[notify.mqtt]",
+            address: &own.address,
+            tls: own.tls || own.ca_file.is_some(),
+            has_user: own.user.is_some(),
+        });
+        read.chain(told).collect()
+    }
+
     /// Passwords that anybody on the way can read.
     fn in_the_clear(&self) -> Vec<String> {
-        let is_near =
-            |address: &str| ["127.", "localhost", "[::1]"].iter().any(|own| address.starts_with(own));
-        let clear = self
-            .mqtt
-            .iter()
-            .filter(|b| b.user.is_some() && !(b.tls || b.ca_file.is_some()) && !is_near(&b.address));
-        let told = |(name, address): (&String, &String)| {
+        let is_clear = |own: &Broker| own.has_user && !own.tls && !is_near(own.address);
+        let told = |own: Broker| {
+            let Broker { name, address, .. } = own;
             format!("{name}: the password goes to {address} in the clear: write tls = true")
         };
-        clear.map(|broker| told((&broker.name, &broker.address))).collect()
+        self.brokers().into_iter().filter(is_clear).map(told).collect()
     }
 
     /// Ports that go with TLS, or with none, and are used the other way.
     fn ports_of_tls(&self) -> Vec<String> {
-        let of_broker = |own: &mqtt::Config| {
-            let (port, tls) = (own.address.rsplit_once(':')?.1, own.tls || own.ca_file.is_some());
-            let said = match (port, tls) {
+        let of_broker = |own: Broker| {
+            let said = match (own.address.rsplit_once(':')?.1, own.tls) {
                 ("8883", false) => "8883 is the port of brokers that speak TLS: write tls = true",
                 ("1883", true) => "1883 is the port of brokers that speak no TLS: theirs for TLS is 8883",
                 _ => return None,
@@ -178,7 +190,7 @@ impl Config {
             };
             Some(format!("{}: {said}", own.name))
         };
-        let brokers = self.mqtt.iter().filter_map(of_broker);
+        let brokers = self.brokers().into_iter().filter_map(of_broker);
         brokers.chain(self.notify.smtp.iter().filter_map(of_mail)).collect()
     }
 
@@ -245,6 +257,19 @@ impl Config {
         }
         out
     }
+}
+
+/// A broker, as far as who listens on the way is concerned.
+struct Broker<'c> {
+    name: &'c str,
+    address: &'c str,
+    tls: bool,
+    has_user: bool,
+}
+
+/// Whether an address is of this machine.
+pub(super) fn is_near(address: &str) -> bool {
+    ["127.", "localhost", "[::1]"].iter().any(|own| address.starts_with(own))
 }
 
 /// A controller output or process variable that can only be 0 or 1.

@@ -1,5 +1,6 @@
 //! Settings that are allowed and hardly meant: alarms that always or never come, secrets in the clear, folders that hold too much.
 
+use super::remarks::is_near;
 use super::{Config, LoopConfig};
 use crate::alarm::Kind;
 use crate::collect::{modbus, opcua};
@@ -34,7 +35,6 @@ impl Config {
         out.extend(self.loops.iter().filter_map(set_point));
         out.extend(self.modbus.iter().flat_map(unlikely_device));
         out.extend(self.opcua.iter().filter_map(bare_password));
-        out.extend(self.publisher());
         out.extend(self.links());
         out.extend(self.folders());
         out
@@ -78,28 +78,6 @@ impl Config {
         let told =
             |kind: Kind| format!("[alarm] suppressed: nobody is told of any {}: \"*/{0}\"", kind.as_str());
         serious.map(told).collect()
-    }
-
-    /// The broker that results are published to.
-    fn publisher(&self) -> Vec<String> {
-        let Some(own) = &self.notify.mqtt else { return Vec::new() };
-        let (tls, port) = (own.tls || own.ca_file.is_some(), own.address.rsplit_once(':').map(|(_, p)| p));
-        let mut out = Vec::new();
-        if own.user.is_some() && !tls && !is_near(&own.address) {
-            let address = &own.address;
-            out.push(format!("[notify.mqtt]: the password goes to {address} in the clear: write tls = true"));
-        }
-        match (port, tls) {
-            (Some("8883"), false) => out.push(
-                "[notify.mqtt]: 8883 is the port of brokers that speak TLS: write tls = true".to_string(),
-            ),
-            (Some("1883"), true) => out.push(
-                "[notify.mqtt]: 1883 is the port of brokers that speak no TLS: theirs for TLS is 8883"
-                    .to_string(),
-            ),
-            _ => {}
-        }
-        out
     }
 
     /// Links in messages that lead nowhere.
@@ -160,10 +138,6 @@ impl Config {
         }));
         out
     }
-}
-
-fn is_near(address: &str) -> bool {
-    ["127.", "localhost", "[::1]"].iter().any(|own| address.starts_with(own))
 }
 
 /// A set point in another unit than PV's, or in another scale of the same register type.
