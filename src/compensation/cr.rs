@@ -54,9 +54,9 @@ pub enum CrError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use]
 pub enum Followed {
-    /// The amplitude is the new f.
+    /// The amplitude is the new f, held within the interval the term was set up with.
     Yes,
-    /// The new f is outside the interval the term was set up with: the amplitude stays.
+    /// The new interval is apart from the one the term was set up with: the amplitude stays.
     Outside,
 }
 
@@ -115,11 +115,15 @@ impl ConstantReinforcement {
         })
     }
 
-    /// Takes a later estimate of f [%] as the amplitude, if it is inside the interval the term was set up with: an
-    /// estimate that wanders out of it says that the valve is another one than was granted.
-    pub fn follow(&mut self, f: f64) -> Followed {
-        if (self.interval[0]..=self.interval[1]).contains(&f) {
-            self.amplitude = f;
+    /// Takes a later estimate of f [%] with its own interval [%] as the amplitude, held within the interval the term was set up
+    /// with. Two intervals that have no value in common say that the valve is another one than was granted. f alone does not
+    /// say so: of two estimates of one valve, each as uncertain as the other, the second leaves the interval of the first
+    /// more often than the interval says.
+    pub fn follow(&mut self, f: f64, ci95: [f64; 2]) -> Followed {
+        let ([low, high], [from, to]) = (self.interval, ci95);
+        // What is no number is no estimate of this valve.
+        if f.is_finite() && from <= high && low <= to {
+            self.amplitude = f.clamp(low, high);
             Followed::Yes
         } else {
             Followed::Outside
@@ -236,10 +240,19 @@ mod tests {
     #[test]
     fn the_amplitude_follows_inside_the_interval_only() {
         let mut cr = ConstantReinforcement::new(2.0, [1.5, 2.5], CrSettings::default()).expect("valid");
-        assert_eq!((cr.follow(2.4), cr.amplitude()), (Followed::Yes, 2.4));
-        for outside in [1.4, 2.6, f64::NAN, f64::INFINITY, -2.0] {
-            assert_eq!((cr.follow(outside), cr.amplitude()), (Followed::Outside, 2.4));
+        assert_eq!((cr.follow(2.4, [2.3, 2.5]), cr.amplitude()), (Followed::Yes, 2.4));
+        let (nan, inf) = (f64::NAN, f64::INFINITY);
+        for apart in [[1.4, 1.49], [2.51, 2.6], [-2.1, -1.9], [nan, 2.5], [1.5, nan], [inf, inf]] {
+            assert_eq!((cr.follow(apart[0], apart), cr.amplitude()), (Followed::Outside, 2.4), "{apart:?}");
         }
+        assert_eq!((cr.follow(nan, [1.5, 2.5]), cr.amplitude()), (Followed::Outside, 2.4));
+    }
+
+    #[test]
+    fn an_uncertain_estimate_beyond_the_interval_moves_the_amplitude_to_its_end() {
+        let mut cr = ConstantReinforcement::new(2.0, [1.5, 2.5], CrSettings::default()).expect("valid");
+        assert_eq!((cr.follow(2.9, [2.4, 3.4]), cr.amplitude()), (Followed::Yes, 2.5));
+        assert_eq!((cr.follow(1.2, [0.9, 1.5]), cr.amplitude()), (Followed::Yes, 1.5));
     }
 
     #[test]

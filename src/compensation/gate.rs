@@ -402,7 +402,7 @@ impl Gate {
         if evidence.at <= own.evidence.at || !evidence.sticky {
             return None;
         }
-        (own.cr.follow(evidence.f) == Followed::Outside).then_some(Denial::FOutsideInterval)
+        (own.cr.follow(evidence.f, evidence.f_ci95) == Followed::Outside).then_some(Denial::FOutsideInterval)
     }
 
     fn open(&mut self, inputs: &Inputs, now: Time) {

@@ -93,7 +93,7 @@ pub struct LoopConfig {
     pub sp_settle_s: f64,
     /// Oldest diagnosis that opens the gate (s).
     pub evidence_max_age_s: f64,
-    /// A later f outside the interval by more than this withdraws (%).
+    /// A later interval of f that is apart from the granted one by more than this withdraws (%).
     pub f_margin_percent: f64,
     /// Longest grant (s).
     pub grant_max_s: f64,

@@ -121,8 +121,8 @@ denials! {
     EvidenceOld = "evidence_old", "the latest diagnosis is older than evidence_max_age_s";
     /// f does not fit under the clamp.
     FAboveClamp = "f_above_clamp", "f is larger than clamp_percent: the valve needs more than the term may be";
-    /// A later f is outside the interval granted.
-    FOutsideInterval = "f_outside_interval", "a later estimate of f is outside the interval it was granted for";
+    /// A later interval of f is apart from the one granted.
+    FOutsideInterval = "f_outside_interval", "a later interval of f has no value in common with the one it was granted for";
     /// OP is not there, bad, stale or old.
     OpBad = "op_bad", "OP is bad, stale or too old";
     /// PV is not there, bad, stale or old.

@@ -370,7 +370,7 @@ fn every_fault_trips_and_only_an_operator_resets() {
         (Denial::ClockJump, |w| w.time.wall -= 5.0),
         (Denial::Late, |w| w.tick(2.5, 0.0)),
         (Denial::FOutsideInterval, |w| {
-            w.evidence = Evidence { f: 2.3, f_ci95: [2.2, 2.4], at: w.time.wall, ..w.evidence };
+            w.evidence = Evidence { f: 2.3, f_ci95: [2.25, 2.35], at: w.time.wall, ..w.evidence };
         }),
         (Denial::WriteFailed, |w| w.outcome = Err(WriteFault::Failed)),
         (Denial::ReadBack, |w| w.outcome = Err(WriteFault::ReadBack)),
