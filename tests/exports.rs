@@ -11,6 +11,8 @@ mod doubts;
 mod dress;
 #[path = "exports/forms.rs"]
 mod forms;
+#[path = "exports/halves.rs"]
+mod halves;
 #[path = "exports/joined.rs"]
 mod joined;
 #[path = "exports/plants.rs"]

@@ -17,6 +17,11 @@ fn serial(t: f64) -> f64 {
 
 /// A sheet of Excel: a title, the names, and numbers with dates in the first column.
 fn xlsx(record: &Record, sheets: &[&str]) -> Vec<u8> {
+    xlsx_of(record, sheets, "s=\"1\"", "")
+}
+
+/// The same, with the style of the cells of times and the properties of the workbook.
+fn xlsx_of(record: &Record, sheets: &[&str], style: &str, properties: &str) -> Vec<u8> {
     let mut rows = String::from(
         "<row r=\"1\"><c r=\"A1\" t=\"inlineStr\"><is><t>Trend of unit 10</t></is></c></row>\
          <row r=\"3\"><c r=\"A3\" t=\"inlineStr\"><is><t>Time</t></is></c><c r=\"B3\" t=\"inlineStr\"><is><t>OP %</t></is></c>\
@@ -27,7 +32,7 @@ fn xlsx(record: &Record, sheets: &[&str]) -> Vec<u8> {
         // Writing into a String cannot fail.
         let _ = write!(
             rows,
-            "<row r=\"{row}\"><c r=\"A{row}\" s=\"1\"><v>{}</v></c><c r=\"B{row}\"><v>{}</v></c><c r=\"C{row}\"><v>{}</v></c></row>",
+            "<row r=\"{row}\"><c r=\"A{row}\" {style}><v>{}</v></c><c r=\"B{row}\"><v>{}</v></c><c r=\"C{row}\"><v>{}</v></c></row>",
             serial(op.t),
             op.value,
             pv.value
@@ -63,7 +68,7 @@ fn xlsx(record: &Record, sheets: &[&str]) -> Vec<u8> {
         (
             "xl/workbook.xml",
             &format!(
-                "<workbook xmlns=\"{MAIN}\" xmlns:r=\"{RELATIONS}\"><sheets>{listed}</sheets></workbook>"
+                "<workbook xmlns=\"{MAIN}\" xmlns:r=\"{RELATIONS}\">{properties}<sheets>{listed}</sheets></workbook>"
             ),
         ),
         (
@@ -168,6 +173,22 @@ fn sheets_of_excel_97_are_read_with_their_dates() {
         let said = of_bytes(&book[..cut], &Options::default()).expect_err("cut");
         assert!(said.contains("workbook"), "{said}");
     }
+}
+
+/// Days from 1904: by the format of a date they are known, as bare numbers they are refused.
+#[test]
+fn days_since_1904_are_not_taken_for_days_since_1900() {
+    let example = example();
+    let book = |style: &str, date_1904: &str| {
+        xlsx_of(&example, &["Trend"], style, &format!("<workbookPr date1904=\"{date_1904}\"/>"))
+    };
+    for date_1904 in ["1", "true"] {
+        let said = of_bytes(&book("", date_1904), &Options::default()).expect_err("bare numbers");
+        assert!(said.contains("counts them from 1904"), "{said}");
+    }
+    let t = |book: Vec<u8>| of_bytes(&book, &Options::default()).expect("dates").record.op[0].t;
+    assert_eq!((t(book("s=\"1\"", "1")) - t(book("s=\"1\"", "0"))).round(), 1462.0 * 86_400.0);
+    assert!((t(book("", "0")) - t(book("s=\"1\"", "0"))).abs() < 1e-3);
 }
 
 #[test]

@@ -40,6 +40,8 @@ pub struct Evidence {
     either_at: [Option<Place>; 2],
     /// Cells without a sign, other than zero.
     whole: u64,
+    /// Cells with thousands beyond doubt.
+    thousands: u64,
 }
 
 fn at(decimal: Decimal) -> usize {
@@ -62,8 +64,15 @@ impl Evidence {
                 self.either_at[at(sign)].get_or_insert_with(place);
                 return;
             }
-            Form::Decimal(sign) | Form::Both(sign) => sign,
-            Form::Grouped(sign) => sign.other(),
+            Form::Decimal(sign) => sign,
+            Form::Both(sign) => {
+                self.thousands += 1;
+                sign
+            }
+            Form::Grouped(sign) => {
+                self.thousands += 1;
+                sign.other()
+            }
         };
         self.proves[at(proved)] += 1;
         self.proved_at[at(proved)].get_or_insert_with(place);
@@ -82,6 +91,23 @@ impl Evidence {
             }
         }
         self.whole += other.whole;
+        self.thousands += other.thousands;
+    }
+
+    /// Refuses a column in which some cells have a point before three digits and others a comma, `51.227` and `51,227`: by the
+    /// one sign the others are a thousand times too large. A column with thousands has cells with both, `1,051.227`.
+    ///
+    /// # Errors
+    /// One cell of each.
+    pub fn one_sign(&self) -> Result<(), TableError> {
+        let [Some(point), Some(comma)] = &self.either_at else { return Ok(()) };
+        if self.thousands > 0 {
+            return Ok(());
+        }
+        Err(TableError::refused(format!(
+            "{point} has a point before three digits, and {comma} a comma: two ways to write numbers in one column; say which \
+             sign is decimal with --decimal, or make them one"
+        )))
     }
 
     /// What it proves by itself.

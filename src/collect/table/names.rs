@@ -93,6 +93,9 @@ impl Name {
         if let Some(meaning) = whole(&self.plain).filter(|meaning| *meaning != Meaning::Time || time) {
             return Some(Said { meaning, owner: String::new() });
         }
+        if let Some((meaning, owner)) = with_number(&self.plain) {
+            return Some(Said { meaning, owner });
+        }
         let path = self.path();
         let parts: Vec<&str> = path.split(PATH).map(str::trim).filter(|part| !part.is_empty()).collect();
         let said = |meaning: Meaning, before: &[&str]| Said { meaning, owner: plain(&before.join(".")) };
@@ -121,12 +124,14 @@ impl Name {
                 return Some(said(meaning, before));
             }
         }
-        // `FIC101_OP`: only the shortest names, for words as `flow_out` are tags of their own.
-        let (before, last) = path.rsplit_once(['_', '-', ' '])?;
-        let short = ["op", "pv", "sp", "sv", "mv", "co", "mode"].contains(&plain(last).as_str());
-        role(&plain(last))
-            .filter(|_| short && !before.trim().is_empty())
-            .map(|meaning| said(meaning, &[before]))
+        // `FIC101_OP.F_CV`: the value of what stands before it.
+        let path = match parts.as_slice() {
+            [before @ .., last] if !before.is_empty() && VALUES.contains(&plain(last).as_str()) => {
+                before.join(".")
+            }
+            _ => path,
+        };
+        of_controller(&path).or_else(|| short(&path)).map(|(meaning, owner)| Said { meaning, owner })
     }
 
     /// The unit of times in this column: `Time [min]`, and `Minutes`.
@@ -191,7 +196,7 @@ impl Name {
 }
 
 /// What divides the parts of a path.
-const PATH: [char; 7] = ['.', '/', '\\', ':', '|', '!', '>'];
+const PATH: [char; 8] = ['.', '/', '\\', ':', '|', '!', '>', '#'];
 
 fn plain(name: &str) -> String {
     let mut out = String::with_capacity(name.len());
@@ -206,6 +211,32 @@ fn plain(name: &str) -> String {
     out
 }
 
+/// `FIC101_OP`: only the shortest names, for words as `flow_out` are tags of their own.
+fn short(path: &str) -> Option<(Meaning, String)> {
+    let (before, last) = path.rsplit_once(['_', '-', ' '])?;
+    let last = plain(last);
+    let is_short = ["op", "pv", "sp", "sv", "mv", "co", "mode"].contains(&last.as_str());
+    role(&last).filter(|_| is_short && !before.trim().is_empty()).map(|meaning| (meaning, plain(before)))
+}
+
+/// `FIC101 Out`, `FIC-101 Process Value`: any word behind the tag of a controller.
+fn of_controller(path: &str) -> Option<(Meaning, String)> {
+    let words = plain(path);
+    words.match_indices(' ').find_map(|(at, _)| {
+        let (before, behind) = (&words[..at], &words[at + 1..]);
+        let is_tag = controller(before).is_some_and(|tag| before.replace(' ', "") == tag);
+        role(behind).filter(|_| is_tag).map(|meaning| (meaning, before.to_string()))
+    })
+}
+
+/// `OP_1`, `PV_1`: the shortest names with the number of a loop behind them.
+fn with_number(name: &str) -> Option<(Meaning, String)> {
+    let (word, number) = name.split_once(' ')?;
+    let counts = (1..=3).contains(&number.len()) && number.bytes().all(|byte| byte.is_ascii_digit());
+    let is_short = ["op", "pv", "sp", "sv", "mv", "co", "mode"].contains(&word);
+    role(word).filter(|_| counts && is_short).map(|meaning| (meaning, number.to_string()))
+}
+
 fn role(name: &str) -> Option<Meaning> {
     let lists = [(Role::Op, OP), (Role::Pv, PV), (Role::Sp, SP), (Role::Mv, MV), (Role::Mode, MODE)];
     lists.iter().find(|(_, names)| names.contains(&name)).map(|(role, _)| Meaning::Role(*role))
@@ -216,6 +247,25 @@ fn is_input(block: &str) -> bool {
     let small = plain(block);
     let number = small.strip_prefix("ai").or_else(|| small.rsplit_once(' ')?.1.strip_prefix("ai"));
     number.is_some_and(|number| number.bytes().all(|byte| byte.is_ascii_digit()))
+}
+
+/// The tag of a controller (ISA-5.1: letters that end with C, and a number) that the path of a name ends with, but for its blocks:
+/// `fic101` of `unit1 fic 101 pida`. Transmitters and valves have other letters, and belong to a controller of another name.
+pub fn controller(path: &str) -> Option<String> {
+    let words: Vec<&str> = path.split(' ').collect();
+    let letters = |word: &str| word.bytes().take_while(u8::is_ascii_lowercase).count();
+    let is_tag = |tag: &str| {
+        let n = letters(tag);
+        (2..=4).contains(&n) && tag.bytes().skip(n).take_while(u8::is_ascii_digit).count() > 1
+    };
+    // `FIC-101` is two words.
+    let joined = |at: usize| {
+        let before = at.checked_sub(1).map(|at| words[at]).filter(|word| letters(word) == word.len());
+        let number = words[at].starts_with(|c: char| c.is_ascii_digit());
+        before.filter(|_| number).unwrap_or_default().to_string() + words[at]
+    };
+    let last = (0..words.len()).rev().map(joined).find(|tag| is_tag(tag))?;
+    (last.as_bytes()[letters(&last) - 1] == b'c').then_some(last)
 }
 
 fn whole(name: &str) -> Option<Meaning> {
@@ -237,13 +287,20 @@ fn is_unit(text: &str) -> bool {
     UNITS.contains(&small.as_str()) || small.starts_with('%') || small.starts_with('°')
 }
 
+/// `mA` of `4-20 mA` and of `4...20mA`; anything else as it is.
+fn without_range(unit: &str) -> &str {
+    let behind = unit.trim_start_matches(|c: char| c.is_ascii_digit() || "-–+., …".contains(c));
+    let is_range = unit.starts_with(|c: char| c.is_ascii_digit()) && is_unit(behind) && behind != "-";
+    if is_range { behind } else { unit }
+}
+
 /// `OP [%]`, `OP (%)`, `OP %`, `PV, m3/h`, `t_ms` as name and unit.
 fn split_unit(name: &str) -> (&str, Option<&str>) {
     for (open, close) in [('[', ']'), ('(', ')'), ('{', '}')] {
         if let Some((before, unit)) = name.strip_suffix(close).and_then(|n| n.rsplit_once(open))
             && !before.trim().is_empty()
         {
-            return (before.trim_end_matches(['_', ' ', ',']).trim(), Some(unit.trim()));
+            return (before.trim_end_matches(['_', ' ', ',']).trim(), Some(without_range(unit.trim())));
         }
     }
     if let Some((before, unit)) = name.rsplit_once([' ', ',', '_'])
@@ -304,6 +361,14 @@ mod tests {
             ("\\\\SERVER\\FIC101.PV", "pv", "server fic101"),
             ("FIC101 OP %", "op", "fic101"),
             ("CV", "op", ""),
+            ("FIC101 Out", "op", "fic101"),
+            ("FIC-101 Process Value", "pv", "fic 101"),
+            ("FIC101_OP.F_CV", "op", "fic101"),
+            ("FIC101/MV#Value", "mv", "fic101"),
+            ("FIC101.ScaledInput", "pv", "fic101"),
+            ("OP_1", "op", "1"),
+            ("PV 2 [%]", "pv", "2"),
+            ("OP [4-20 mA]", "op", ""),
         ] {
             assert_eq!(said(name), Some((meaning, owner.to_string())), "{name}");
         }
@@ -320,8 +385,16 @@ mod tests {
             "OP Min",
             "_measurement",
             "temp out",
+            "FIC101 High Output",
+            "FT101 Out",
+            "OP_2026",
         ] {
             assert_eq!(said(name), None, "{name}");
+        }
+        for (name, unit) in
+            [("OP [4-20 mA]", "mA"), ("OP (0...100 %)", "%"), ("PV [5]", "5"), ("T [2-1]", "2-1")]
+        {
+            assert_eq!(Name::new(name).unit.as_deref(), Some(unit), "{name}");
         }
     }
 

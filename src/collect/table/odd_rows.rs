@@ -1,8 +1,8 @@
 //! Rows that are no samples, and rows by which a table is another than it seems.
 
 use super::error::{TableError, shown};
-use super::layout::Layout;
-use super::names::Name;
+use super::layout::{Body, Layout};
+use super::names::{Name, as_unit, controller};
 use super::source::{Cell, Rows};
 use super::time;
 
@@ -27,6 +27,47 @@ pub fn same_header(rows: &dyn Rows, layout: &Layout, line: u64) -> Result<(), Ta
             shown(&layout.names[at].full)
         )))
     })
+}
+
+/// Whether a cell of times may be none: it is blank, or begins with a letter.
+pub fn begins_with_a_word(cell: &Cell<'_>) -> bool {
+    match cell {
+        Cell::Text(text) => !text.trim_start().starts_with(|c: char| c.is_ascii_digit()),
+        other => other.is_blank(),
+    }
+}
+
+/// The tag of a controller in a row that has nothing else: a title of what stands below it.
+pub fn title(rows: &dyn Rows) -> Option<String> {
+    let mut filled = (0..rows.len()).map(|at| rows.cell(at)).filter(|cell| !cell.is_blank());
+    let (Some(Cell::Text(text)), None) = (filled.next(), filled.next()) else { return None };
+    controller(Name::new(text).plain())
+}
+
+/// Refuses a title of another loop between samples, and a row of other units than the first: two tables in one file.
+pub fn another_table(
+    rows: &dyn Rows,
+    layout: &Layout,
+    line: u64,
+    first: Option<&str>,
+) -> Result<(), TableError> {
+    let Body::Wide(wide) = &layout.body else { return Ok(()) };
+    if let Some(own) = title(rows).filter(|own| first != Some(own.as_str())) {
+        return Err(TableError::refused(format!(
+            "line {line}: {} stands alone between samples, so that those below it are of another loop; save each loop as a file",
+            own.to_uppercase()
+        )));
+    }
+    for ((at, role), unit) in wide.columns.iter().zip(&wide.roles).zip(&wide.units) {
+        let (Some(_), Some(unit), Cell::Text(text)) = (role, unit, rows.cell(*at)) else { continue };
+        if let Some(other) = as_unit(text).filter(|other| !other.eq_ignore_ascii_case(unit)) {
+            return Err(TableError::refused(format!(
+                "line {line}, column {}: the unit is {other:?} from here on, and was {unit:?}: two tables in one file; save them apart",
+                at + 1
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// A row of dashes below the header, as tools for databases print it.

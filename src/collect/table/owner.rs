@@ -84,11 +84,23 @@ impl Owner {
         is_wanted
     }
 
-    /// Whether the words are those of several loops: they come again and again, or their times begin again, and most rows have
-    /// one. Numbers are those of loops where two of them share a time, and are few: a state or a counter has one at a time.
+    /// Whether the words differ in their numbers alone: `pump1` and `pump2` are two devices, `open` and `closed` a state.
+    /// A source of the same data may be replaced by another, `opc1` by `opc2`.
+    fn numbered(&self) -> bool {
+        if self.name.eq_ignore_ascii_case("source") {
+            return false;
+        }
+        let letters = |word: &str| word.chars().filter(|c| !c.is_ascii_digit()).collect::<String>();
+        let kinds: BTreeSet<String> = self.found.iter().map(|word| letters(word)).collect();
+        let lettered = |word: &String| word.chars().any(char::is_alphabetic);
+        kinds.len() == 1 && kinds.iter().all(lettered)
+    }
+
+    /// Whether the words are those of several loops: they come again and again, their times begin again, or they differ in their
+    /// numbers alone, and most rows have one. Numbers are those of loops where two of them share a time, and are few: a state or a counter has one at a time.
     fn several(&self) -> bool {
         let [rows, blank, numbers] = self.rows;
-        let recur = self.changes > self.found.len() || self.again;
+        let recur = self.changes > self.found.len() || self.again || self.numbered();
         let counted = numbers + blank == rows && self.found.len() < MOST && (self.again || self.shared);
         let one_kind = numbers == 0 || counted;
         self.found.len() > 1 && recur && one_kind && (blank * 2 < rows || self.again)

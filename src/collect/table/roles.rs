@@ -1,7 +1,7 @@
 //! Which of many names are OP, PV and the others of one loop.
 
 use super::error::{TableError, listed};
-use super::names::{Meaning, Name};
+use super::names::{Meaning, Name, controller};
 use super::options::Options;
 use crate::signal::Role;
 use std::collections::BTreeSet;
@@ -111,25 +111,6 @@ fn second_column(names: &[Name], (first, second): (usize, usize), role: Role) ->
         role.as_str(),
         first + 1
     )))
-}
-
-/// The tag of a controller (ISA-5.1: letters that end with C, and a number) that the path of a name ends with, but for its blocks:
-/// `fic101` of `unit1 fic 101 pida`. Transmitters and valves have other letters, and belong to a controller of another name.
-fn controller(path: &str) -> Option<String> {
-    let words: Vec<&str> = path.split(' ').collect();
-    let letters = |word: &str| word.bytes().take_while(u8::is_ascii_lowercase).count();
-    let is_tag = |tag: &str| {
-        let n = letters(tag);
-        (2..=4).contains(&n) && tag.bytes().skip(n).take_while(u8::is_ascii_digit).count() > 1
-    };
-    // `FIC-101` is two words.
-    let joined = |at: usize| {
-        let before = at.checked_sub(1).map(|at| words[at]).filter(|word| letters(word) == word.len());
-        let number = words[at].starts_with(|c: char| c.is_ascii_digit());
-        before.filter(|_| number).unwrap_or_default().to_string() + words[at]
-    };
-    let last = (0..words.len()).rev().map(joined).find(|tag| is_tag(tag))?;
-    (last.as_bytes()[letters(&last) - 1] == b'c').then_some(last)
 }
 
 /// The one candidate for a role, and the loop it belongs to.

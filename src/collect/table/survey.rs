@@ -7,7 +7,9 @@ use super::evidence;
 use super::layout::{Body, Layout, Long, Wide};
 use super::names::{Meaning, Name};
 use super::number::Decimal;
-use super::odd_rows::{not_even, passed_over, same_header, too_many};
+use super::odd_rows::{
+    another_table, begins_with_a_word, not_even, passed_over, same_header, title, too_many,
+};
 use super::options::{Options, Told};
 use super::owner::Owner;
 use super::qualities::{Others, Quality};
@@ -136,8 +138,10 @@ impl Counting {
         told: &Told,
         blanks: bool,
     ) -> Result<(), TableError> {
+        let mut titled = None;
         for _ in 0..layout.skip {
             rows.next()?;
+            titled = title(rows).or(titled);
         }
         let time_name = layout.names[layout.time].full.as_str();
         while let Some(line) = rows.next()? {
@@ -149,6 +153,9 @@ impl Counting {
                 continue;
             }
             let first = rows.cell(layout.time);
+            if begins_with_a_word(&first) {
+                another_table(rows, layout, line, titled.as_deref())?;
+            }
             let second = layout.clock.map(|at| rows.cell(at));
             let tag = match &layout.body {
                 Body::Wide(_) => 0,
@@ -267,6 +274,8 @@ impl Counting {
             Some(decimal) => decimal,
             None if own => Decimal::Point,
             None => {
+                let of_loop = self.channels.iter().filter(|c| c.role.is_some());
+                of_loop.map(|channel| channel.evidence.one_sign()).collect::<Result<(), _>>()?;
                 let sign = matches!(kind, Kind::Text(_)).then_some(separator);
                 evidence::decide(&columns, op.map(|c| &c.evidence), &self.times.evidence, sign)?
             }
@@ -277,6 +286,13 @@ impl Counting {
         let column = time::Column { row_name, number: layout.time + 1, name, unit };
         let groups = matches!(layout.body, Body::Wide(_)).then(|| std::mem::take(&mut self.groups));
         let reading = self.times.decide(&column, told, decimal, groups)?;
+        if matches!(&kind, Kind::Sheet(sheet) if sheet.since_1904) && reading.counts_days() {
+            return Err(TableError::refused(format!(
+                "column {} ({name}): numbers of days in a workbook that counts them from 1904, as Excel for the Macintosh did; give \
+                 the column the format of a date, and save it again",
+                layout.time + 1
+            )));
+        }
         let units = self.channels.iter().map(unit_of).collect::<Result<Vec<_>, _>>()?;
         self.one_column_of_times(&layout)?;
         for channel in self.channels.iter().filter(|c| c.role.is_some()) {

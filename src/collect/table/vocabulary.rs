@@ -82,6 +82,8 @@ pub const PV: &[&str] = &[
     "pv value",
     "pv in",
     "pv out",
+    "scaledinput",
+    "scaled input",
 ];
 /// The set point.
 pub const SP: &[&str] = &[

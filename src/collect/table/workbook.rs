@@ -32,6 +32,8 @@ pub struct Sheet {
     pub name: String,
     /// Whether the workbook has others.
     pub one_of_many: bool,
+    /// Whether the workbook counts days from 1904, as Excel for the Macintosh once did.
+    pub since_1904: bool,
     rows: Vec<(u64, Vec<Held>)>,
 }
 
@@ -52,8 +54,25 @@ pub fn read(source: Source<'_>, wanted: Option<&str>) -> Result<Sheet, TableErro
 }
 
 fn read_bytes(bytes: Vec<u8>, wanted: Option<&str>) -> Result<Sheet, TableError> {
-    let mut book: Book = open_workbook_auto_from_rs(Cursor::new(bytes.into()))
+    let bytes: Arc<[u8]> = bytes.into();
+    let since_1904 = is_since_1904(bytes.clone());
+    let book: Book = open_workbook_auto_from_rs(Cursor::new(bytes))
         .map_err(|error| TableError::refused(format!("a workbook that cannot be read: {error}")))?;
+    Ok(Sheet { since_1904, ..choose(book, wanted)? })
+}
+
+/// Whether an `.xlsx` says that it counts days from 1904. The library heeds it where a cell has the format of a date, and a bare number
+/// of days has none.
+fn is_since_1904(bytes: Arc<[u8]>) -> bool {
+    /// More than a list of sheets takes (bytes).
+    const MOST: u64 = 1 << 20;
+    let mut text = String::new();
+    let Ok(mut archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return false };
+    let read = archive.by_name("xl/workbook.xml").map(|file| file.take(MOST).read_to_string(&mut text));
+    read.is_ok() && ["date1904=\"1\"", "date1904=\"true\""].iter().any(|said| text.contains(said))
+}
+
+fn choose(mut book: Book, wanted: Option<&str>) -> Result<Sheet, TableError> {
     let names = book.sheet_names();
     if let Some(wanted) = wanted {
         let name = names.iter().find(|name| name.eq_ignore_ascii_case(wanted)).ok_or_else(|| {
@@ -137,7 +156,7 @@ impl Filling<'_> {
     }
 
     fn end(self, one_of_many: bool) -> Sheet {
-        Sheet { name: self.name.to_string(), one_of_many, rows: self.rows }
+        Sheet { name: self.name.to_string(), one_of_many, since_1904: false, rows: self.rows }
     }
 }
 

@@ -45,6 +45,13 @@ pub struct Spread {
     pub falls: bool,
 }
 
+impl Reading {
+    /// Whether times are numbers of days as spreadsheets count them.
+    pub fn counts_days(&self) -> bool {
+        matches!(self.how, How::Number(_, Unit::Days))
+    }
+}
+
 pub(super) enum How {
     Number(Decimal, Unit),
     Dated(Order),
