@@ -4,7 +4,7 @@ use super::{Config, LoopConfig, TagConfig, tags};
 use crate::alarm::{Kind, Priority};
 use crate::collect::{modbus, opcua};
 use crate::signal::Role;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 /// A step of OP that is so many times the threshold of f hides friction that would count.
 const COARSE: f64 = 10.0;
@@ -34,6 +34,7 @@ impl Config {
             out.extend(self.term(own));
         }
         out.extend(self.one_device());
+        out.extend(self.idle());
         out.extend(self.too_soon());
         out.extend(self.never_told());
         out
@@ -118,7 +119,35 @@ impl Config {
                 own.id
             ));
         }
+        let (grant, prove) = (writeback.grant_max_s, writeback.prove_s);
+        if grant < prove {
+            out.push(format!(
+                "{}.writeback: grant_max_s = {grant}, and the gain may take prove_s = {prove}: every grant ends before its term \
+                 is proven",
+                own.id
+            ));
+        }
+        let (age, period) = (writeback.evidence_max_age_s, self.period_s(own));
+        if age < period {
+            out.push(format!(
+                "{}.writeback: evidence_max_age_s = {age}, and a diagnosis comes every {period} s: most of the time the gate has \
+                 no evidence",
+                own.id
+            ));
+        }
         out
+    }
+
+    /// Devices, servers and brokers that no loop reads from.
+    fn idle(&self) -> Vec<String> {
+        let read: BTreeSet<&str> = self.loops.iter().flat_map(tags).map(|(_, tag)| tag.device()).collect();
+        let written =
+            self.loops.iter().filter_map(|own| own.writeback.as_ref()).map(|own| own.device.as_str());
+        let used: BTreeSet<&str> = read.into_iter().chain(written).collect();
+        let modbus = self.modbus.iter().map(|own| own.name.as_str());
+        let opcua = self.opcua.iter().map(|own| own.name.as_str());
+        let idle = modbus.chain(opcua).filter(|name| !used.contains(name));
+        idle.map(|name| format!("{name}: no loop reads from it")).collect()
     }
 
     /// One unit at one address that is read in two ways.
@@ -333,6 +362,39 @@ mod tests {
             ),
             "{found}"
         );
+    }
+
+    #[test]
+    fn a_device_that_no_loop_reads_from_is_told() {
+        let other = "[[modbus]]\nname = 'e'\naddress = 'plc2:502'\naddress_base = 0\n";
+        assert_eq!(remarks(&format!("{other}{DEVICE}{}", of_loop(PLAIN, ""))), "e: no loop reads from it");
+        let read =
+            "[[loop.tag]]\nname = 'level'\ndevice = 'e'\nregister = 'holding'\naddress = 0\ntype = 'f32'\n";
+        assert_eq!(remarks(&format!("{other}{DEVICE}{}", of_loop(PLAIN, read))), "");
+    }
+
+    #[cfg(feature = "writeback")]
+    #[test]
+    fn a_gate_that_could_not_stay_open_is_told() {
+        let tags = "[loop.sp]\ndevice = 'd'\nregister = 'holding'\naddress = 4\ntype = 'f32'\n[loop.mode]\ndevice = 'd'\n\
+                    register = 'coil'\naddress = 0\n";
+        let bounds = "[loop.writeback]\nenabled = true\ndevice = 'd'\nterm_address = 100\nterm_type = 'f32'\n\
+            term_byte_order = 'ABCD'\nterm_scale_percent = 1.0\nheartbeat_address = 102\nheartbeat_timeout_ms = 9000\n\
+            write_ms = 500\ntimeout_ms = 500\nclamp_percent = 3.0\nrate_percent_per_s = 2.0\nwithdraw_percent_per_s = 2.0\n\
+            withdraw_limit_s = 30.0\ndead_band_percent = 0.05\nrest_ms = 3000\nmax_step_ms = 5000\nclock_tolerance_ms = 500\n\
+            max_sample_age_ms = 5000\nmax_missed_polls_per_minute = 2\nop_margin_percent = 5.0\nsp_rate_per_s = 0.1\n\
+            sp_settle_s = 60.0\nf_margin_percent = 0.2\nmeasure_s = 600.0\nprove_s = 3600.0\nise_gain = 1.5\n\
+            ise_limit = 2.0\ntravel_limit = 30.0\nreversal_band_percent = 0.2\n";
+        let of = |grant_s: f64, age_s: f64| {
+            let more = format!("{tags}{bounds}grant_max_s = {grant_s:?}\nevidence_max_age_s = {age_s:?}\n");
+            remarks(&format!("[writeback]\naudit_file = '/var/lib/a.log'\n{DEVICE}{}", of_loop(PLAIN, &more)))
+        };
+        assert!(of(3000.0, 7200.0).contains("grant_max_s = 3000, and the gain may take prove_s = 3600"));
+        assert!(
+            of(86_400.0, 1800.0).contains("evidence_max_age_s = 1800, and a diagnosis comes every 3600 s")
+        );
+        let fine = of(86_400.0, 7200.0);
+        assert!(!fine.contains("grant_max_s") && !fine.contains("evidence_max_age_s"), "{fine}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::error::TableError;
 use super::source::Cell;
-use super::words::{Words, word};
+use super::words::{Words, as_words, word};
 use crate::signal::{BadReason, Quality};
 
 /// How a column says that a value is good.
@@ -210,9 +210,7 @@ impl Says {
     /// Numbers or words that two sources mean in two ways.
     pub fn decide(words: &Words, told: Option<&[String]>, name: &str) -> Result<Option<Self>, TableError> {
         if let Some(told) = told {
-            let same =
-                |one: &String| one.parse::<f64>().map_or_else(|_| one.clone(), |value| value.to_string());
-            return Ok(Some(Says::Told(told.iter().map(same).collect())));
+            return Ok(Some(Says::Told(as_words(told))));
         }
         if (is_bad_flag(name) || is_good_flag(name)) && words.are_flags() {
             return Ok(Some(Says::Flag(is_good_flag(name))));

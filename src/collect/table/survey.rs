@@ -274,8 +274,8 @@ impl Counting {
             Some(decimal) => decimal,
             None if own => Decimal::Point,
             None => {
-                let of_loop = self.channels.iter().filter(|c| c.role.is_some());
-                of_loop.map(|channel| channel.evidence.one_sign()).collect::<Result<(), _>>()?;
+                let mut of_loop = self.channels.iter().filter(|c| c.role.is_some());
+                of_loop.try_for_each(|channel| channel.evidence.one_sign())?;
                 let sign = matches!(kind, Kind::Text(_)).then_some(separator);
                 evidence::decide(&columns, op.map(|c| &c.evidence), &self.times.evidence, sign)?
             }

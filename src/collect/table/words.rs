@@ -34,6 +34,12 @@ pub(super) fn word(cell: &Cell<'_>) -> String {
     }
 }
 
+/// What an option lists, as [`word`] has it: `1.0` is `1`.
+pub(super) fn as_words(told: &[String]) -> Vec<String> {
+    let word = |one: &String| one.parse::<f64>().map_or_else(|_| one.clone(), |value| value.to_string());
+    told.iter().map(word).collect()
+}
+
 impl Words {
     /// One more cell.
     pub fn add(&mut self, cell: &Cell<'_>) {
@@ -148,9 +154,7 @@ impl Modes {
         name: &str,
     ) -> Result<Self, TableError> {
         if let Some(told) = told {
-            let same =
-                |one: &String| one.parse::<f64>().map_or_else(|_| one.clone(), |value| value.to_string());
-            let told: Vec<String> = told.iter().map(same).collect();
+            let told = as_words(told);
             let said = Some(format!("automatic is {} by --auto-values", told.join(", ")));
             return Ok(Self { automatic: Some(told), said });
         }
