@@ -114,8 +114,11 @@ pub enum NotIdentifiable {
         /// Largest reversal of OP, as sentences say it.
         reversal: String,
     },
-    /// OP moves but PV shows no response to it at any friction: stuck throughout, or not this loop's valve.
+    /// OP moves, and no response of PV shows beside what else moves it: a large load, a valve that is stuck throughout, or not
+    /// this loop's valve.
     NoResponse,
+    /// Friction predicts PV better than none, and beside OP PV moves against the stem that it would give: a load that jumps looks so.
+    StemNotFollowed,
     /// Values too large or too small to compute with.
     OutOfScale,
     /// The run's deadline passed or it was asked to stop.
@@ -124,7 +127,7 @@ pub enum NotIdentifiable {
 
 impl NotIdentifiable {
     /// Every [`NotIdentifiable::code`].
-    pub const CODES: [&str; 14] = [
+    pub const CODES: [&str; 15] = [
         "too_short",
         "no_time_base",
         "gaps",
@@ -137,6 +140,7 @@ impl NotIdentifiable {
         "compensated",
         "hidden_friction",
         "no_response",
+        "stem_not_followed",
         "out_of_scale",
         "deadline_exceeded",
     ];
@@ -156,6 +160,7 @@ impl NotIdentifiable {
             Self::Compensated => "compensated",
             Self::HiddenFriction { .. } => "hidden_friction",
             Self::NoResponse => "no_response",
+            Self::StemNotFollowed => "stem_not_followed",
             Self::OutOfScale => "out_of_scale",
             Self::DeadlineExceeded => "deadline_exceeded",
         }
@@ -199,7 +204,14 @@ impl fmt::Display for NotIdentifiable {
                 "hidden friction: OP never reverses by more than {reversal}, and friction would not show beside what \
                  else moves PV"
             ),
-            Self::NoResponse => write!(out, "no response: PV does not follow OP at any friction"),
+            Self::NoResponse => {
+                write!(out, "no response: whether PV follows OP does not show beside what else moves PV")
+            }
+            Self::StemNotFollowed => write!(
+                out,
+                "stem not followed: a stem with friction predicts PV better, but beside OP itself PV moves against it; a load that \
+                 jumps looks so"
+            ),
             Self::OutOfScale => write!(out, "out of scale: values too large or too small to compute with"),
             Self::DeadlineExceeded => write!(out, "deadline exceeded before the fit was done"),
         }

@@ -14,7 +14,8 @@ use super::{Settings, checks};
 use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Verdict};
 use crate::signal::told;
 use crate::sysid::armax::{Armax, ORDER};
-use crate::sysid::iddata::{IdData, Units};
+use crate::sysid::encompass::{Encompassing, LEAST_T};
+use crate::sysid::iddata::{IdData, LONGEST_LAG, Units};
 use crate::sysid::valve::{Rest, ValveModel};
 
 /// J is another than S where it is told to differ by more than this share of S: no model of a valve holds closer than a tenth,
@@ -306,7 +307,10 @@ fn friction_found(
     let unseen = diagnosis.preparation.acquisition.as_ref().is_some_and(|found| found.unseen_scans());
     let within = interval(data, &best.hypothesis, unseen).map(|f| f * unit);
     let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
+    let followed = !sticks || answer(data, &best.hypothesis) >= LEAST_T;
+    let sticks = sticks && followed;
     let verdict = match &diagnosis.verdict {
+        _ if !followed => Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed),
         _ if sticks => Verdict::Stiction,
         Verdict::NotIdentifiable(why) => Verdict::NotIdentifiable(why.clone()),
         _ => Verdict::NoStiction,
@@ -328,6 +332,20 @@ fn friction_found(
         Verdict::NotIdentifiable(why) => why.to_string(),
     };
     (friction, verdict, reason)
+}
+
+/// t of PV's response to the stem beside OP itself and the effects.
+fn answer(data: &IdData, best: &Hypothesis) -> f64 {
+    let valve = best.valve.map(|valve| ValveModel::one_parameter(valve.f()));
+    let stem = Hypothesis { valve, effects: Vec::new() }.stem(data).0;
+    let p = best.to_process(data, stem);
+    // OP goes the same way to the process.
+    let u = best.to_process(data, data.u.clone());
+    let mut extra = Vec::new();
+    best.effects.iter().for_each(|effect| effect.shapes(data, &mut extra));
+    let counts: Vec<bool> = data.weight.iter().map(|weight| *weight > 0.0).collect();
+    let (y, rows) = (best.pv(data), data.rows());
+    Encompassing { y: &y, u: &u, p: &p, extra: &extra, lags: LONGEST_LAG, rows, counts: &counts }.t_of_stem()
 }
 
 /// The linear part in the plant's units.

@@ -196,9 +196,11 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
         "not_excited" => ("the controller hardly ever reverses it, so sticking cannot show", ""),
         "hidden_friction" => ("this record would not show sticking, however strong it is", ""),
         "undersampled" => ("it swings too fast for the samples", " Poll faster, as the reason says."),
-        "no_response" => {
-            ("PV does not follow OP", " Check whether the valve moves, and whether it is this loop's.")
-        }
+        "no_response" => (
+            "whether PV follows OP does not show beside what else moves PV",
+            " Where this lasts, check whether the valve moves, and whether it is this loop's.",
+        ),
+        "stem_not_followed" => ("PV moves as with friction and as with a load that jumps", ""),
         "compensated" => ("a term of write-back acts and hides what sticking there is", ""),
         "out_of_scale" => ("the values are too large or too small to compute with", ""),
         "deadline_exceeded" => ("the analysis took too long", ""),

@@ -3,6 +3,7 @@
 pub mod armax;
 pub mod arx;
 pub mod criterion;
+pub mod encompass;
 pub mod gram;
 pub mod iddata;
 pub mod least_squares;

@@ -9,12 +9,13 @@ fn verdict(outcome: &'static str, f: Option<f64>, f_high: Option<f64>) -> Verdic
 }
 
 /// Why nothing can be said, all of it.
-fn reasons() -> [NotIdentifiable; 14] {
+fn reasons() -> [NotIdentifiable; 15] {
     [
         NotIdentifiable::NoTimeBase,
         NotIdentifiable::FlatOp,
         NotIdentifiable::FlatPv,
         NotIdentifiable::NoResponse,
+        NotIdentifiable::StemNotFollowed,
         NotIdentifiable::OutOfScale,
         NotIdentifiable::Compensated,
         NotIdentifiable::DeadlineExceeded,
