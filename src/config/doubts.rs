@@ -387,7 +387,10 @@ mod tests {
             ise_limit = 2.0\ntravel_limit = 30.0\nreversal_band_percent = 0.2\n";
         let of = |grant_s: f64, age_s: f64| {
             let more = format!("{tags}{bounds}grant_max_s = {grant_s:?}\nevidence_max_age_s = {age_s:?}\n");
-            remarks(&format!("[writeback]\naudit_file = '/var/lib/a.log'\n{DEVICE}{}", of_loop(PLAIN, &more)))
+            remarks(&format!(
+                "[writeback]\naudit_file = '/var/lib/a.log'\n{DEVICE}{}",
+                of_loop(PLAIN, &more).replace("op_span", "frozen_pv_s = 60.0\nop_span")
+            ))
         };
         assert!(of(3000.0, 7200.0).contains("grant_max_s = 3000, and the gain may take prove_s = 3600"));
         assert!(

@@ -35,7 +35,10 @@ pub fn agreement(opinions: &[Opinion], verdict_sticks: Option<bool>, regular: bo
     let counted = || opinions.iter().filter(|o| o.method != Method::StemLoop && o.says != Says::CannotTell);
     let could_tell = counted().count();
     let sticks = counted().filter(|o| o.says == Says::Sticks).count();
-    let mut why = format!("{sticks} of {could_tell} that could tell say that the valve sticks");
+    let mut why = match could_tell {
+        0 => "no method could tell".to_string(),
+        _ => format!("{sticks} of {could_tell} that could tell say that the valve sticks"),
+    };
     let Some(verdict) = verdict_sticks else {
         return Agreement { sticks, could_tell, why, ..Agreement::default() };
     };

@@ -189,7 +189,11 @@ impl fmt::Display for NotIdentifiable {
                 write!(out, "manual: in automatic for only {:.0} % of the window", share_auto * 100.0)
             }
             Self::NotExcited { reversals } => {
-                write!(out, "not excited: OP reverses {reversals} times by more than its noise")
+                let times = if *reversals == 1 { "time" } else { "times" };
+                write!(
+                    out,
+                    "not excited: OP reverses {reversals} {times} by more than its noise, but hardly ever by enough for friction to show"
+                )
             }
             Self::Undersampled { samples, poll_s } => write!(
                 out,

@@ -55,7 +55,15 @@ pub fn between(candidates: &[(&str, f64)]) -> Option<String> {
         "none" => "no other effect".to_string(),
         _ => effect(kind, None).map_or_else(|| kind.replace('_', " "), |own| own.name.to_string()),
     };
-    let told = candidates.iter().filter(|(_, posterior)| *posterior >= TOLD_FROM);
+    // Two places of one kind are one word.
+    let mut kinds: Vec<(&str, f64)> = Vec::new();
+    for (kind, posterior) in candidates {
+        match kinds.iter_mut().find(|(own, _)| own == kind) {
+            Some((_, sum)) => *sum += posterior,
+            None => kinds.push((kind, *posterior)),
+        }
+    }
+    let told = kinds.iter().filter(|(_, posterior)| *posterior >= TOLD_FROM);
     let told: Vec<String> =
         told.map(|(kind, posterior)| format!("{} ({})", name(kind), percent(*posterior))).collect();
     match &told[..] {

@@ -72,6 +72,31 @@ fn words_that_differ_in_their_numbers_are_devices() {
 }
 
 #[test]
+fn the_digits_of_a_clock_are_no_count_of_seconds() {
+    let of = |time: &dyn Fn(usize) -> String, options: &Options| {
+        let all = rows(&example(), ',', seconds);
+        let row = |(at, row): (usize, &String)| {
+            format!("{},{}", time(at), row.split_once(',').map_or("", |(_, rest)| rest))
+        };
+        read("Time,OP,PV", &all.iter().enumerate().map(row).collect::<Vec<_>>(), options)
+    };
+    let clock =
+        |at: usize| format!("{:02}{:02}{:02}", 9 + (at + 3000) / 3600, (at + 3000) / 60 % 60, at % 60);
+    refused(of(&clock, &plain()), "may be the digits of a clock");
+    refused(of(&|at| format!("2026166{}", clock(at)), &plain()), "may be the digits of a clock");
+    let told = Options { time_format: Some("%H%M%S".into()), ..plain() };
+    let table = of(&clock, &told).expect("told");
+    assert_eq!(table.record.op[1].t - table.record.op[0].t, 1.0);
+    for step in [1, 2, 5, 7, 10, 50, 60, 100] {
+        assert!(
+            of(&|at| (at * step).to_string(), &plain())
+                .is_ok_and(|table| bits(&table.record) == bits(&example())),
+            "{step}"
+        );
+    }
+}
+
+#[test]
 fn two_signs_before_three_digits_are_two_ways_to_write() {
     let all: Vec<String> = rows(&example(), ';', seconds);
     let mixed: Vec<String> = all

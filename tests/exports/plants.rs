@@ -43,11 +43,27 @@ fn a_flag_of_good_values_and_a_confidence_leave_the_others_out() {
         ("IsValid", "yes", "no"),
         ("PV_GOOD", "1", "0"),
         ("Confidence", "100", "0"),
+        ("Conf", "100", "-1"),
+        ("BADPV", "0", "1"),
+        ("FIC101.BADPV", "OFF", "ON"),
+        ("PV_OK", "1", "0"),
+        ("PV_FAULT", "FALSE", "TRUE"),
+        ("PV_ALRM", "NR", "IOP"),
+        ("Kalite", "İyi", "Kötü"),
+        ("Kvalita", "Dobrá", "Špatná"),
         ("PV Confidence", "100", "-1"),
     ] {
         let marked = marked(|at| if at % 9 == 0 { other } else { good });
         let table = read(&format!("Time,OP,PV,{name}"), &marked, &plain()).expect(name);
         assert_eq!(not_good(&table), bad, "{name}: {}", table.found.read_as);
+    }
+    let pump = marked(|at| if at % 9 == 0 { "1" } else { "0" });
+    let table = read("Time,OP,PV,Pump fault", &pump, &plain()).expect("of the pump");
+    assert_eq!(not_good(&table), 0, "{}", table.found.read_as);
+    for (name, on, off) in [("AutAct", "1", "0"), ("AutoMode", "TRUE", "FALSE"), ("A/M", "A", "M")] {
+        let rows = marked(|at| if at % 9 == 0 { off } else { on });
+        let table = read(&format!("Time,OP,PV,{name}"), &rows, &plain()).expect(name);
+        assert!(table.record.mode.is_some(), "{name}: {}", table.found.read_as);
     }
     let batch = marked(|at| if at % 9 == 0 { "0" } else { "1" });
     let table = read("Time,OP,PV,Batch valid", &batch, &plain()).expect("of the batch");

@@ -290,7 +290,10 @@ fn is_unit(text: &str) -> bool {
 /// `mA` of `4-20 mA` and of `4...20mA`; anything else as it is.
 fn without_range(unit: &str) -> &str {
     let behind = unit.trim_start_matches(|c: char| c.is_ascii_digit() || "-–+., …".contains(c));
-    let is_range = unit.starts_with(|c: char| c.is_ascii_digit()) && is_unit(behind) && behind != "-";
+    // `100 ms` is a multiple.
+    let from_to = &unit[..unit.len() - behind.len()];
+    let has_to = ["-", "–", "…", ".."].iter().any(|sign| from_to.contains(sign));
+    let is_range = has_to && unit.starts_with(|c: char| c.is_ascii_digit()) && is_unit(behind);
     if is_range { behind } else { unit }
 }
 
@@ -315,6 +318,13 @@ fn split_unit(name: &str) -> (&str, Option<&str>) {
             return (before, Some(unit));
         }
     }
+    // `t/min`, as DIN 1313 labels an axis.
+    if let Some((before, unit)) = name.rsplit_once('/')
+        && whole(&plain(before)) == Some(Meaning::Time)
+        && Unit::of(unit).is_some()
+    {
+        return (before.trim(), Some(unit.trim()));
+    }
     if let Some(before) = name.strip_suffix('%').filter(|before| !before.trim().is_empty()) {
         return (before.trim(), Some("%"));
     }
@@ -335,6 +345,7 @@ mod tests {
             ("t", "t", ""),
             ("Time Stamp", "t", ""),
             ("time [s]", "t", ""),
+            ("t/min", "t", ""),
             ("t_ms", "t", ""),
             ("Timestamp (UTC)", "t", ""),
             ("OP [%]", "op", ""),
@@ -391,9 +402,14 @@ mod tests {
         ] {
             assert_eq!(said(name), None, "{name}");
         }
-        for (name, unit) in
-            [("OP [4-20 mA]", "mA"), ("OP (0...100 %)", "%"), ("PV [5]", "5"), ("T [2-1]", "2-1")]
-        {
+        for (name, unit) in [
+            ("OP [4-20 mA]", "mA"),
+            ("OP (0...100 %)", "%"),
+            ("PV [5]", "5"),
+            ("T [2-1]", "2-1"),
+            ("Time (100 ms)", "100 ms"),
+            ("t/min", "min"),
+        ] {
             assert_eq!(Name::new(name).unit.as_deref(), Some(unit), "{name}");
         }
     }

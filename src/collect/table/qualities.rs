@@ -4,7 +4,7 @@ use super::channel::{Channel, Tag};
 use super::error::TableError;
 use super::layout::{Body, Layout};
 use super::names::Name;
-use super::says::{is_alarm, is_bad_flag, is_good_flag};
+use super::says::{is_alarm, is_bad_flag, is_good_flag, is_of_value};
 use super::source::{Cell, Rows};
 use super::words::Words;
 use crate::signal::Role;
@@ -111,13 +111,16 @@ impl Others {
         told: Option<&[String]>,
     ) -> Result<Vec<(Quality, Words)>, TableError> {
         // `Good` speaks of the row and `PV_GOOD` of a value; `Batch valid` of neither.
+        let owned = |of: &str| !of.is_empty() && layout.names.iter().any(|value| value.owns_quality(of));
         let of_a_value = |name: &Name| {
             let of = name.plain().rsplit_once(' ').map_or("", |(of, _)| of);
-            ["", "is"].contains(&of) || layout.names.iter().any(|value| value.owns_quality(of))
+            let alone = !is_of_value(&name.full, true) && !is_of_value(&name.full, false);
+            alone && ["", "is"].contains(&of) || owned(of)
         };
         let flag = |other: &Other| {
             let name = &layout.names[other.at];
-            let says = is_bad_flag(&name.full) || is_good_flag(&name.full) && of_a_value(name);
+            let bad = is_bad_flag(&name.full) && (!is_of_value(&name.full, false) || of_a_value(name));
+            let says = bad || is_good_flag(&name.full) && of_a_value(name);
             says && other.words.are_flags()
         };
         let control_loop: Option<String> = match &layout.body {
@@ -134,7 +137,7 @@ impl Others {
             let name = &layout.names[other.at];
             let of = name.plain().rsplit_once(' ').map_or("", |(of, _)| of);
             // The alarms of another loop say nothing of this one.
-            let own = of.is_empty() || control_loop.as_deref() == Some(of);
+            let own = of.is_empty() || control_loop.as_deref() == Some(of) || owned(of);
             is_alarm(&name.full) && own && other.words.tell_open()
         };
         let speaks = |other: &Other| other.words.speak_of_quality() || flag(other) || alarm(other);

@@ -55,7 +55,8 @@ const GOOD: [&str; 27] = [
 /// Words of one that is repeated, or of which the source is not sure.
 const UNSURE: [&str; 6] = ["stale", "uncertain", "questionable", "substituted", "u", "old"];
 /// Words of a bad one.
-const BAD: [&str; 26] = [
+const BAD: [&str; 27] = [
+    "špatná",
     "bad",
     "invalid",
     "iop",
@@ -85,11 +86,14 @@ const BAD: [&str; 26] = [
 ];
 
 /// Words of a flag that is not set, and of one that is.
-const FLAGS: [[&str; 4]; 2] = [["0", "false", "no", "n"], ["1", "true", "yes", "y"]];
+const FLAGS: [[&str; 5]; 2] = [["0", "false", "no", "n", "off"], ["1", "true", "yes", "y", "on"]];
 /// Names of flags that are set where a value is bad.
-const BAD_FLAGS: [&str; 5] = ["bad", "isbad", "questionable", "invalid", "substituted"];
+const BAD_FLAGS: [&str; 7] = ["bad", "isbad", "badpv", "badpvfl", "questionable", "invalid", "substituted"];
 /// Names of flags that are set where a value is good.
 const GOOD_FLAGS: [&str; 4] = ["good", "isgood", "valid", "isvalid"];
+/// Last words of flags that say nothing unless the name of a value stands before them, `PV_FAULT` and `PV_OK`: set where it is bad,
+/// and where it is good.
+const OF_VALUES: [[&str; 3]; 2] = [["fault", "err", "error"], ["ok", "vld", "healthy"]];
 
 /// The last word of a name.
 fn last_word(name: &str) -> String {
@@ -109,17 +113,22 @@ pub fn is_alarm(name: &str) -> bool {
 
 /// Whether a column of this name holds the confidence of Honeywell's PHD: 100 is good, 0 and -1 are not.
 fn is_confidence(name: &str) -> bool {
-    last_word(name) == "confidence"
+    ["confidence", "conf"].contains(&last_word(name).as_str())
 }
 
 /// Whether a column of this name holds a flag that is set where a value is bad: `PV_BAD`, `Questionable`.
 pub fn is_bad_flag(name: &str) -> bool {
-    BAD_FLAGS.contains(&last_word(name).as_str())
+    BAD_FLAGS.contains(&last_word(name).as_str()) || is_of_value(name, false)
+}
+
+/// Whether a name ends with a word that speaks of the value before it alone.
+pub fn is_of_value(name: &str, good: bool) -> bool {
+    OF_VALUES[usize::from(good)].contains(&last_word(name).as_str())
 }
 
 /// Whether a column of this name holds a flag that is set where a value is good: `PV_GOOD`, `IsValid`.
 pub fn is_good_flag(name: &str) -> bool {
-    GOOD_FLAGS.contains(&last_word(name).as_str())
+    GOOD_FLAGS.contains(&last_word(name).as_str()) || is_of_value(name, true)
 }
 
 /// How words begin that say nothing but how good a value is.

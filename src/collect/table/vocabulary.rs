@@ -122,6 +122,11 @@ pub const MODE: &[&str] = &[
     "man auto",
     "betriebsart",
     "mode act",
+    "automode",
+    "auto mode",
+    "autact",
+    "aut act",
+    "a m",
 ];
 
 /// Names that hold a date, whose time of day may stand in a column of its own.
@@ -165,6 +170,10 @@ pub const QUALITIES: &[&str] = &[
     "quality code",
     "качество",
     "quality detail",
+    "wwquality",
+    "kalite",
+    "kvalita",
+    "conf",
     "q",
     "st",
 ];

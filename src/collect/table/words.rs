@@ -28,7 +28,8 @@ pub(super) fn word(cell: &Cell<'_>) -> String {
             let bare = number::bare(&text);
             match bare.parse::<f64>() {
                 Ok(value) if value.is_finite() => value.to_string(),
-                _ => bare.to_lowercase(),
+                // The dot of a Turkish İ is a sign of its own in small letters.
+                _ => bare.to_lowercase().replace('\u{307}', ""),
             }
         }
     }

@@ -48,7 +48,11 @@ pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>, step: f64) 
 fn describe(data: &IdData, at: &[usize]) -> Described {
     let off = |k: usize| (data.y[k] - data.y[k - 1]).abs().min((data.y[k] - data.y[k + 1]).abs());
     let size = mean(&at.iter().map(|k| off(*k)).collect::<Vec<f64>>()) * data.units.y;
-    Described::new(format!("{} samples of PV are off by {} on average", at.len(), told(size)))
+    let said = match at.len() {
+        1 => format!("1 sample of PV is off by {}", told(size)),
+        several => format!("{several} samples of PV are off by {} on average", told(size)),
+    };
+    Described::new(said)
         .with("count", at.len() as f64, "-")
         .with("share", at.len() as f64 / data.len() as f64, "-")
         .with("size", size, "PV")

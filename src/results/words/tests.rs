@@ -175,6 +175,8 @@ fn a_record_lies_between_kinds_where_none_has_more_than_half() {
         said(&three),
         "the record lies between a gain change (40 %), no other effect (35 %) and a load step (20 %)"
     );
+    let twice = [("load_step", 0.3), ("none", 0.35), ("load_step", 0.2)];
+    assert_eq!(said(&twice), "the record lies between a load step (50 %) and no other effect (35 %)");
     assert_eq!(said(&[("new_kind", 0.5)]), "the record may show new kind (50 %)");
     for none in
         [&[][..], &[("none", 0.51), ("drift", 0.49)], &[("drift", 0.6), ("none", 0.4)], &[("drift", 0.01)]]

@@ -249,6 +249,13 @@ impl Times {
         if let Some(unit) = told.unit {
             return Ok(unit);
         }
+        if numbers.are_clock_digits() {
+            return Err(TableError::refused(format!(
+                "{row_name} {}, column {number} ({name}): the last two digits never reach 60, nor do those before them: {shown} may be the \
+                 digits of a clock; say so with --time-format, such as %H%M%S, or --time-unit s",
+                self.first_line()
+            )));
+        }
         match (by_range, named) {
             (Some(found), None) => return Ok(found),
             (Some(found), Some(named)) if found == named => return Ok(found),

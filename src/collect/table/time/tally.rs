@@ -170,6 +170,32 @@ pub struct Numbers {
     pub date_num: u64,
     /// How many are below every range: seconds since the record began.
     pub small: u64,
+    clock: ClockDigits,
+}
+
+/// Whether numbers are the digits of a clock, `095959` and then `100000`.
+#[derive(Clone, Debug, Default)]
+struct ClockDigits {
+    /// A bit for each value of the last two digits.
+    last: u128,
+    /// Whether a number is none: it has a fraction, or its last two digits or those before them reach 60.
+    beyond: bool,
+}
+
+impl ClockDigits {
+    /// Fewest different seconds by which digits are told from counts: in steps of 50 s counts have two.
+    const LEAST: u32 = 10;
+
+    fn add(&mut self, value: f64) {
+        let digits = value as u64;
+        self.beyond |= digits as f64 != value || digits % 100 > 59 || digits / 100 % 100 > 59;
+        self.last |= 1 << (digits % 100);
+    }
+
+    fn is_clock(&self, track: &Track) -> bool {
+        // A minute of seconds since the start has no more than 59 of them either.
+        !self.beyond && self.last.count_ones() >= Self::LEAST && track.most - track.least > 100.0
+    }
 }
 
 impl Numbers {
@@ -182,6 +208,12 @@ impl Numbers {
         }
         self.serial += u64::from((SERIAL.0..SERIAL.1).contains(&value));
         self.date_num += u64::from((DATE_NUM.0..DATE_NUM.1).contains(&value));
+        self.clock.add(value);
+    }
+
+    /// Whether they are the digits of a clock and no count: neither seconds nor minutes ever reach 60.
+    pub fn are_clock_digits(&self) -> bool {
+        self.clock.is_clock(&self.track)
     }
 }
 
