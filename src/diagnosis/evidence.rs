@@ -19,9 +19,7 @@
 use super::armax::LOSS_FLOOR;
 use super::friction::stick_slip;
 use super::rivals::{Rated, Rival, rate};
-use super::screen::Screen;
 use super::search::{CellPoint, Problem, Refined};
-use crate::sysid::encompass::Encompassing;
 use crate::sysid::stats::{mean, median, sd};
 
 /// 95 % point of the likelihood ratio of a threshold (Hansen, table 1).
@@ -44,8 +42,6 @@ pub struct Evidence {
     pub rival: Rival,
     /// Mean gain of a block in standard errors.
     pub steadiness: f64,
-    /// t of PV's response to the stem beside OP itself ([`Encompassing`]); NaN where it was not asked.
-    pub answer: f64,
 }
 
 /// Weighs the sticky model against the frictionless ones.
@@ -75,7 +71,6 @@ pub fn weigh(
         delta_aic_linear: by_armax,
         rival: Rival::Linear,
         steadiness: steadiness(errors[0], errors[1]),
-        answer: f64::NAN,
     };
     if linear < worth {
         return evidence;
@@ -86,7 +81,6 @@ pub fn weigh(
         stick_slip(u, sticky.f, sticky.resume, p.start, &mut x, &mut dir);
         x.iter().zip(&dir).map(|(x, d)| x - lag * d).collect()
     };
-    evidence.answer = answer(p, sticky);
     for Rated { rival, gain } in rate(p, &element, period) {
         if gain - paid < evidence.delta_aic {
             evidence.delta_aic = gain - paid;
@@ -94,17 +88,6 @@ pub fn weigh(
         }
     }
     evidence
-}
-
-/// t of PV's response to the one-parameter stem beside OP itself.
-fn answer(p: &Problem, sticky: &Refined) -> f64 {
-    let (mut stem, mut dir) = (vec![0.0; p.u.len()], vec![0.0; p.u.len()]);
-    stick_slip(&p.u, sticky.f, 0.0, p.start, &mut stem, &mut dir);
-    let mut counts = vec![true; p.y.len()];
-    p.counted().left_out.iter().for_each(|k| counts[*k] = false);
-    let lags = Screen::input_lags(p.max_delay);
-    let rows = p.first..p.y.len();
-    Encompassing { y: &p.y, u: &p.u, p: &stem, extra: &[], lags, rows, counts: &counts }.t_of_stem()
 }
 
 /// Mean over blocks of the log-likelihood gain, in its standard errors; bounded for noise-free records.

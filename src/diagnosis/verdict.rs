@@ -18,7 +18,6 @@ use super::{
 };
 use super::{armax, gate, validation};
 use crate::signal::{Record, Row, Window, span_at_least, told};
-use crate::sysid::encompass::LEAST_T;
 use crate::sysid::stats::{mean, normalised, range, sd};
 
 /// Fewest large extrema of OP in the window.
@@ -129,9 +128,6 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
             && interval(&problem, &cells, sticky)[0] > 0.0
     };
     let verdict = match &weighed {
-        Some(found) if believed(found) && found.1.answer < LEAST_T => {
-            Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed)
-        }
         Some(found) if believed(found) => Verdict::Stiction,
         _ => match unanswered(&problem, &region) {
             // A valve that a term moves at once leaves OP and PV nothing to show.

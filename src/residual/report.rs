@@ -307,7 +307,9 @@ fn friction_found(
     let unseen = diagnosis.preparation.acquisition.as_ref().is_some_and(|found| found.unseen_scans());
     let within = interval(data, &best.hypothesis, unseen).map(|f| f * unit);
     let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
-    let followed = !sticks || answer(data, &best.hypothesis) >= LEAST_T;
+    // The regression is linear: a gain that depends on OP or PV turns its sums round as well.
+    let bends = best.hypothesis.effects.iter().any(|effect| effect.bends());
+    let followed = !sticks || bends || answer(data, &best.hypothesis) >= LEAST_T;
     let sticks = sticks && followed;
     let verdict = match &diagnosis.verdict {
         _ if !followed => Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed),
