@@ -249,7 +249,7 @@ impl Times {
         if let Some(unit) = told.unit {
             return Ok(unit);
         }
-        if numbers.are_clock_digits() {
+        if numbers.are_clock_digits() && (by_range.is_some() || most(numbers.small)) {
             return Err(TableError::refused(format!(
                 "{row_name} {}, column {number} ({name}): the last two digits never reach 60, nor do those before them: {shown} may be the \
                  digits of a clock; say so with --time-format, such as %H%M%S, or --time-unit s",
