@@ -138,7 +138,7 @@ impl Config {
         out
     }
 
-    /// Devices, servers and brokers that no loop reads from.
+    /// Devices and servers that no loop reads from.
     fn idle(&self) -> Vec<String> {
         let read: BTreeSet<&str> = self.loops.iter().flat_map(tags).map(|(_, tag)| tag.device()).collect();
         let written =

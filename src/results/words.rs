@@ -208,7 +208,7 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
             "whether PV follows OP does not show beside what else moves PV",
             " Where this lasts, check whether the valve moves, and whether it is this loop's.",
         ),
-        "stem_not_followed" => ("PV moves as with friction and as with a load that jumps", ""),
+        "stem_not_followed" => ("a load that jumps would look the same", ""),
         "compensated" => ("a term of write-back acts and hides what sticking there is", ""),
         "out_of_scale" => ("the values are too large or too small to compute with", ""),
         "deadline_exceeded" => ("the analysis took too long", ""),

@@ -55,37 +55,33 @@ impl Encompassing<'_> {
         columns.extend(lagged(self.y, LAGS_Y));
         columns.extend(self.extra.iter().map(|extra| column(extra, 0)));
         columns.extend(lagged(self.p, self.lags));
-        let y = column(self.y, 0);
-        let (sum_alone, _) = sum_of(&columns, known..alone, &y);
         columns.extend(lagged(self.u, self.lags));
-        let (_, t) = sum_of(&columns, known..alone, &y);
-        sum_alone.signum() * t
-    }
-}
-
-/// The sum of the coefficients of some columns in a regression of `y`, and its t.
-fn sum_of(columns: &[Vec<f64>], of: Range<usize>, y: &[f64]) -> (f64, f64) {
-    let n = columns.len();
-    let mut gram = vec![0.0; n * n];
-    for (i, a) in columns.iter().enumerate() {
-        for (j, b) in columns[..=i].iter().enumerate() {
-            gram[i * n + j] = dot(a, b);
+        let y = column(self.y, 0);
+        let mut gram = vec![0.0; both * both];
+        for (i, a) in columns.iter().enumerate() {
+            for (j, b) in columns[..=i].iter().enumerate() {
+                gram[i * both + j] = dot(a, b);
+            }
         }
+        let right: Vec<f64> = columns.iter().map(|column| dot(column, &y)).collect();
+        let mut live = [true; MOST_COLUMNS];
+        factor(&mut gram, both, both, &mut live);
+        let solved = |mut right: Vec<f64>| {
+            substitute(&gram, both, &live, &mut right);
+            right
+        };
+        let of_stem = |v: &[f64]| v[known..alone].iter().sum::<f64>();
+        // The factor of the first columns is the first block of the whole factor.
+        let direction = of_stem(&solved(right[..alone].to_vec())).signum();
+        let solution = solved(right.clone());
+        // The variance of a sum v'θ is s² v' G^-1 v.
+        let sums = (0..both).map(|i| f64::from(u8::from((known..alone).contains(&i)))).collect();
+        let leverage = of_stem(&solved(sums));
+        let rest = (dot(&y, &y) - dot(&right, &solution)).max(0.0) / (y.len() - both) as f64;
+        let (sum, error) = (of_stem(&solution), (rest * leverage).sqrt());
+        // A record without noise is explained to the last digit.
+        direction * if error > 0.0 { sum / error } else { sum.signum() * f64::MAX }
     }
-    let right: Vec<f64> = columns.iter().map(|column| dot(column, y)).collect();
-    let mut live = [true; MOST_COLUMNS];
-    factor(&mut gram, n, n, &mut live);
-    let mut solution = right.clone();
-    substitute(&gram, n, &live, &mut solution);
-    let sum: f64 = solution[of.clone()].iter().sum();
-    // The variance of a sum v'θ is s² v' G^-1 v.
-    let mut spread: Vec<f64> = (0..n).map(|i| f64::from(u8::from(of.contains(&i)))).collect();
-    substitute(&gram, n, &live, &mut spread);
-    let leverage: f64 = spread[of].iter().sum();
-    let rest = (dot(y, y) - dot(&right, &solution)).max(0.0) / (y.len() - n) as f64;
-    let error = (rest * leverage).sqrt();
-    // A record without noise is explained to the last digit.
-    (sum, if error > 0.0 { sum / error } else { sum.signum() * f64::MAX })
 }
 
 #[cfg(test)]

@@ -211,12 +211,16 @@ fn plain(name: &str) -> String {
     out
 }
 
+/// The shortest names: longer words beside others are tags of their own.
+const SHORT: [&str; 7] = ["op", "pv", "sp", "sv", "mv", "co", "mode"];
+
 /// `FIC101_OP`: only the shortest names, for words as `flow_out` are tags of their own.
 fn short(path: &str) -> Option<(Meaning, String)> {
     let (before, last) = path.rsplit_once(['_', '-', ' '])?;
     let last = plain(last);
-    let is_short = ["op", "pv", "sp", "sv", "mv", "co", "mode"].contains(&last.as_str());
-    role(&last).filter(|_| is_short && !before.trim().is_empty()).map(|meaning| (meaning, plain(before)))
+    role(&last)
+        .filter(|_| SHORT.contains(&last.as_str()) && !before.trim().is_empty())
+        .map(|meaning| (meaning, plain(before)))
 }
 
 /// `FIC101 Out`, `FIC-101 Process Value`: any word behind the tag of a controller.
@@ -233,8 +237,7 @@ fn of_controller(path: &str) -> Option<(Meaning, String)> {
 fn with_number(name: &str) -> Option<(Meaning, String)> {
     let (word, number) = name.split_once(' ')?;
     let counts = (1..=3).contains(&number.len()) && number.bytes().all(|byte| byte.is_ascii_digit());
-    let is_short = ["op", "pv", "sp", "sv", "mv", "co", "mode"].contains(&word);
-    role(word).filter(|_| counts && is_short).map(|meaning| (meaning, number.to_string()))
+    role(word).filter(|_| counts && SHORT.contains(&word)).map(|meaning| (meaning, number.to_string()))
 }
 
 fn role(name: &str) -> Option<Meaning> {
