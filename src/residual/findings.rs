@@ -355,7 +355,9 @@ impl Findings {
     pub fn decide(&self) -> bool {
         match &self.verdict {
             Verdict::Stiction | Verdict::NoStiction => true,
-            Verdict::NotIdentifiable(why) => matches!(why, NotIdentifiable::HiddenFriction { .. }),
+            Verdict::NotIdentifiable(why) => {
+                matches!(why, NotIdentifiable::HiddenFriction { .. } | NotIdentifiable::StemNotFollowed)
+            }
         }
     }
 }

@@ -112,6 +112,10 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     let decides = asked && (agrees || traced.1 == diagnosis.verdict);
     let (mut friction_after, mut verdict, mut reason) =
         if decides { traced } else { standing(diagnosis, asked) };
+    if !decides && verdict == Verdict::Stiction && !follows(&recorded, &declared.hypothesis) {
+        let why = NotIdentifiable::StemNotFollowed;
+        (verdict, reason) = (Verdict::NotIdentifiable(why.clone()), why.to_string());
+    }
     let valve = if decides { best.hypothesis.valve } else { declared.hypothesis.valve };
     let valve = valve.filter(|_| verdict == Verdict::Stiction);
     // The published model has the friction that is believed, and no other.
@@ -307,9 +311,7 @@ fn friction_found(
     let unseen = diagnosis.preparation.acquisition.as_ref().is_some_and(|found| found.unseen_scans());
     let within = interval(data, &best.hypothesis, unseen).map(|f| f * unit);
     let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
-    // The regression is linear: a gain that depends on OP or PV turns its sums round as well.
-    let bends = best.hypothesis.effects.iter().any(|effect| effect.bends());
-    let followed = !sticks || bends || answer(data, &best.hypothesis) >= LEAST_T;
+    let followed = !sticks || follows(data, &best.hypothesis);
     let sticks = sticks && followed;
     let verdict = match &diagnosis.verdict {
         _ if !followed => Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed),
@@ -336,8 +338,12 @@ fn friction_found(
     (friction, verdict, reason)
 }
 
-/// t of PV's response to the stem beside OP itself and the effects.
-fn answer(data: &IdData, best: &Hypothesis) -> f64 {
+/// Whether PV does not move against the stem beside OP itself and the effects.
+fn follows(data: &IdData, best: &Hypothesis) -> bool {
+    // The regression is linear: a gain that depends on OP or PV turns its sums round as well.
+    if best.effects.iter().any(|effect| effect.bends()) {
+        return true;
+    }
     let valve = best.valve.map(|valve| ValveModel::one_parameter(valve.f()));
     let stem = Hypothesis { valve, effects: Vec::new() }.stem(data).0;
     let p = best.to_process(data, stem);
@@ -347,7 +353,8 @@ fn answer(data: &IdData, best: &Hypothesis) -> f64 {
     best.effects.iter().for_each(|effect| effect.shapes(data, &mut extra));
     let counts: Vec<bool> = data.weight.iter().map(|weight| *weight > 0.0).collect();
     let (y, rows) = (best.pv(data), data.rows());
-    Encompassing { y: &y, u: &u, p: &p, extra: &extra, lags: LONGEST_LAG, rows, counts: &counts }.t_of_stem()
+    let asked = Encompassing { y: &y, u: &u, p: &p, extra: &extra, lags: LONGEST_LAG, rows, counts: &counts };
+    asked.t_of_stem() >= LEAST_T
 }
 
 /// The linear part in the plant's units.
