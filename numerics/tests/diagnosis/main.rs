@@ -9,6 +9,7 @@ mod common {
     pub mod pose;
     pub mod records;
 }
+mod jumping;
 mod paper;
 mod rates;
 mod reference;
