@@ -35,6 +35,9 @@ const UNITS: &[&str] = &[
     "sekunden", "d", "days", "-", "utc", "gmt", "local", "counts", "raw", "m3/s", "mol/s",
 ];
 
+/// Longest name that is taken apart (bytes): a longer one is prose, and takes time with the square of its length.
+const LONGEST: usize = 512;
+
 /// What may stand as a unit behind a name of times.
 const ZONES: [&str; 5] = ["utc", "gmt", "local", "-", ""];
 
@@ -79,6 +82,9 @@ impl Name {
 
     /// What it says of itself.
     pub fn said(&self) -> Option<Said> {
+        if self.full.len() > LONGEST {
+            return None;
+        }
         // InfluxDB's name of a table, in which PV may stand beside it.
         if self.full == "_measurement" {
             return None;

@@ -32,6 +32,9 @@ pub fn encoding(head: &[u8], told: Option<&'static encoding_rs::Encoding>) -> Re
             "line 1: empty file; a header such as t,op,pv and one line per sample are needed",
         ));
     }
+    if let Some(what) = unread(head).filter(|_| told.is_none()) {
+        return Err(TableError::refused(format!("line 1: text in {what}; save it as UTF-8")));
+    }
     let own = match encoding_rs::Encoding::for_bom(head).map(|(own, _)| own).or(told) {
         Some(own) => own,
         None => match zeros(head) {
@@ -49,6 +52,21 @@ pub fn encoding(head: &[u8], told: Option<&'static encoding_rs::Encoding>) -> Re
     let (text, _) = own.decode_without_bom_handling(head);
     let old_mac = !text.contains('\n') && text.contains('\r');
     Ok(Encoding { own, old_mac })
+}
+
+/// Encodings that are not read, by how text looks in them.
+fn unread(head: &[u8]) -> Option<&'static str> {
+    let zeros = |place: usize| head.iter().skip(place).step_by(4).filter(|byte| **byte == 0).count();
+    let most = head.len() / 4;
+    let [a, b, c, d] = [0, 1, 2, 3].map(zeros).map(|count| count > 8 && count * 10 > most * 9);
+    if head.starts_with(&[0xff, 0xfe, 0, 0]) || head.starts_with(&[0, 0, 0xfe, 0xff]) || b && c && (a || d) {
+        return Some("UTF-32");
+    }
+    let share = |of: fn(u8) -> bool| head.iter().filter(|byte| of(**byte)).count();
+    // Digits of mainframes lie where Latin codes have small letters with accents, and theirs are nowhere.
+    let digits = share(|byte| (0xf0..=0xf9).contains(&byte));
+    let ascii = share(|byte| byte.is_ascii_digit());
+    (digits * 4 > head.len() && ascii * 20 < digits).then_some("EBCDIC")
 }
 
 /// Zero bytes at even and at odd places; one at the end of a cell is what some devices write.

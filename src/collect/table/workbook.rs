@@ -55,10 +55,24 @@ pub fn read(source: Source<'_>, wanted: Option<&str>) -> Result<Sheet, TableErro
 
 fn read_bytes(bytes: Vec<u8>, wanted: Option<&str>) -> Result<Sheet, TableError> {
     let bytes: Arc<[u8]> = bytes.into();
+    archive(bytes.clone())?;
     let since_1904 = is_since_1904(bytes.clone());
     let book: Book = open_workbook_auto_from_rs(Cursor::new(bytes))
         .map_err(|error| TableError::refused(format!("a workbook that cannot be read: {error}")))?;
     Ok(Sheet { since_1904, ..choose(book, wanted)? })
+}
+
+/// Refuses an archive of files that is no workbook, by what is in it.
+fn archive(bytes: Arc<[u8]>) -> Result<(), TableError> {
+    /// What is in every workbook of Excel, and in every one of OpenDocument.
+    const PARTS: [&str; 2] = ["[Content_Types].xml", "content.xml"];
+    let Ok(archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return Ok(()) };
+    let names: Vec<String> = archive.file_names().flatten().map(|name| name.into_owned()).collect();
+    if names.is_empty() || names.iter().any(|name| PARTS.contains(&name.as_str())) {
+        return Ok(());
+    }
+    let names = listed(names.iter().map(String::as_str));
+    Err(TableError::refused(format!("a ZIP archive, no table: it holds {names}; unpack it first")))
 }
 
 /// Whether an `.xlsx` says that it counts days from 1904. The library heeds it where a cell has the format of a date, and a bare number
