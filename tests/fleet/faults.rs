@@ -176,7 +176,9 @@ fn among_faults(mut parts: Parts, seed: u64, rounds: u64) -> (Fleet, Vec<Vec<Par
         centre.ask("POST", &format!("/api/v1/alarms/{raised}/shelve"), order).contains("another centre")
     };
     one.until("one centre acts and the other does not", patience, |one| refuses(one) != refuses(&other));
-    [edge, one, other].into_iter().for_each(Daemon::stop);
+    edge.stop();
+    one.until("people are told of all that a centre knows", patience, |_| fleet.all_is_told());
+    [one, other].into_iter().for_each(Daemon::stop);
     drop(worker);
     let store = |name: &str| fleet.store(name);
     let edge = store("edge-north");

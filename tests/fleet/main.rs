@@ -124,6 +124,7 @@ async fn what_an_edge_measures_and_finds_is_at_the_centre_once_whatever_is_cut_o
         });
         edge.stop();
         edges.into_iter().for_each(Daemon::stop);
+        second.until("people are told of all that a centre knows", patience, |_| fleet.all_is_told());
         second.stop();
         drop(other);
         let store = |site: &str| fleet.store(&format!("edge-{site}"));

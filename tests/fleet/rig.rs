@@ -119,6 +119,19 @@ impl Fleet {
     pub fn store(&self, name: &str) -> PathBuf {
         self.folder.join(format!("store-{name}"))
     }
+
+    /// Whether no change of an alarm waits at the hub for the centre that tells people: one that follows another takes it up
+    /// after the pause in which the other might still acknowledge.
+    pub fn all_is_told(&self) -> bool {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("runs");
+        let waiting = async {
+            let client = async_nats::connect(self.hub.url()).await.ok()?;
+            let stream = async_nats::jetstream::new(client).get_stream("stictiond_events").await.ok()?;
+            let own = stream.consumer_info("centres_tell").await.ok()?;
+            Some(own.num_pending + own.num_ack_pending as u64)
+        };
+        runtime.block_on(waiting) == Some(0)
+    }
 }
 
 /// A configuration with each of its loops so often, the copies with a number behind their names.

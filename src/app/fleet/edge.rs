@@ -145,6 +145,8 @@ impl Fleet {
             }
             Err(_) => return told,
         };
+        // Receivers are not replaced meanwhile.
+        let taking = self.taking.read().await;
         let (mut last, mut telling) = (told, Vec::new());
         for (number, row) in rows {
             last = u64::try_from(number).unwrap_or(last);
@@ -154,6 +156,7 @@ impl Fleet {
                 telling.push(self.outlet.tell(change));
             }
         }
+        drop(taking);
         // The centre is told that people know only once that is on disk; a receiver that is slow gets its letter all the same.
         let kept = futures::future::join_all(telling.iter_mut().map(|own| own.kept()));
         let _ = tokio::time::timeout(KEPT, kept).await;
