@@ -5,7 +5,7 @@ mod outages;
 mod span;
 
 pub use outages::{LARGEST_VALUE, outages, quantile};
-pub use span::{MILLIAMPERES, Scale, SpanSource, span_at_least, span_of_unit, told};
+pub use span::{MILLIAMPERES, Scale, SpanSource, figures, span_at_least, span_of_unit, told, trimmed};
 use std::borrow::Cow;
 use std::fmt;
 use std::sync::Arc;

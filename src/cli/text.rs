@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use stictiond::results::words::{between, percent};
 use stictiond::serve::dto::report::{Report, ReportCurve, ReportOpinion, ReportSays, ReportVerdict};
+use stictiond::signal::{figures, trimmed};
 
 /// Columns of the plot.
 const WIDTH: usize = 60;
@@ -165,16 +166,18 @@ pub fn page(report: &Report) -> String {
     }
     if !report.residual.effects.is_empty() {
         let r = &report.residual;
+        // Where neither model tells f there is nothing to compare.
+        let told = r.f_before.is_some() || r.f_after.is_some();
+        let f = told.then(|| format!(", f {} -> {} {unit}", number(r.f_before), number(r.f_after)));
         line(
             "",
             format!(
-                "one-step RMSE {} -> {}, free-run RMSE {} -> {}, f {} -> {} {unit}",
+                "one-step RMSE {} -> {}, free-run RMSE {} -> {}{}",
                 number(r.one_step_rmse_before),
                 number(r.one_step_rmse_after),
                 number(r.free_run_rmse_before),
                 number(r.free_run_rmse_after),
-                number(r.f_before),
-                number(r.f_after)
+                f.unwrap_or_default()
             ),
         );
         if r.simulates_worse {
@@ -233,15 +236,9 @@ fn silent(opinions: &[ReportOpinion]) -> Vec<(&str, Vec<&str>)> {
     by
 }
 
-/// Four significant digits, without trailing zeros; `-` when there is no number.
+/// Four significant digits; `-` when there is no number.
 fn number(value: Option<f64>) -> String {
-    let Some(value) = value else { return "-".into() };
-    if value != 0.0 && !(1e-4..1e9).contains(&value.abs()) {
-        return format!("{value:.3e}");
-    }
-    let digits = if value == 0.0 { 0 } else { 3 - value.abs().log10().floor() as i32 };
-    let decimals = digits.clamp(0, 8) as usize;
-    trimmed(format!("{value:.decimals$}"))
+    value.map_or_else(|| "-".into(), figures)
 }
 
 /// A time to the millisecond, however many seconds since the epoch it is.
@@ -249,13 +246,6 @@ fn stamp(value: Option<f64>) -> String {
     match value {
         Some(value) if value.abs() < 1e12 => trimmed(format!("{value:.3}")),
         other => number(other),
-    }
-}
-
-fn trimmed(text: String) -> String {
-    match text.contains('.') {
-        true => text.trim_end_matches('0').trim_end_matches('.').to_string(),
-        false => text,
     }
 }
 

@@ -230,6 +230,24 @@ pub fn told(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
+/// A time or a size as sentences say it: four significant digits, without trailing zeros.
+pub fn figures(value: f64) -> String {
+    if value != 0.0 && !(1e-4..1e9).contains(&value.abs()) {
+        return format!("{value:.3e}");
+    }
+    let digits = if value == 0.0 { 0 } else { 3 - value.abs().log10().floor() as i32 };
+    let decimals = digits.clamp(0, 8) as usize;
+    trimmed(format!("{value:.decimals$}"))
+}
+
+/// Without trailing zeros.
+pub fn trimmed(text: String) -> String {
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_string(),
+        false => text,
+    }
+}
+
 /// Least and most of the good values that are measurements; `None` where there is none.
 fn extent(op: &[Sample]) -> Option<(f64, f64)> {
     let is_good = |s: &&Sample| s.quality.is_good() && s.value.is_finite() && s.value.abs() < LARGEST_VALUE;

@@ -8,6 +8,7 @@ use crate::residual::hypotheses::{Proposal, Propose, best};
 use crate::residual::report::{Described, in_op, in_pv};
 use crate::residual::screening::Screen;
 use crate::residual::{Kind, Lasting};
+use crate::signal::figures;
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::REGULAR;
 use crate::sysid::iddata::IdData;
@@ -77,8 +78,9 @@ impl EffectModel for Tag {
         let (op, pv) = (total * in_op(data, model), total * in_pv(data, model));
         let delay = self.lag as f64 * data.units.ts;
         Described::new(format!(
-            "{} drives PV {delay:.4} s later: a standard deviation of it does what {} would",
+            "{} drives PV {} s later: a standard deviation of it does what {} would",
             self.name,
+            figures(delay),
             data.units.along_op(op)
         ))
         .with("delay_s", delay, "s")

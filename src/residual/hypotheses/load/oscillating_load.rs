@@ -8,7 +8,7 @@ use crate::residual::hypotheses::{Proposal, Propose, best};
 use crate::residual::report::{Described, of_wave};
 use crate::residual::screening::Screen;
 use crate::residual::{Kind, Lasting};
-use crate::signal::told;
+use crate::signal::{figures, told};
 use crate::sysid::armax::{Armax, Smooth};
 use crate::sysid::criterion::{FREQUENCY, REGULAR};
 use crate::sysid::iddata::IdData;
@@ -90,7 +90,8 @@ impl EffectModel for Load {
         let own = gamma.iter().take(2).map(|g| g * g).sum::<f64>().sqrt();
         let [pv, op] = of_wave(data, model, self.w).map(|worth| own * worth);
         Described::new(format!(
-            "a load with a period of {period:.4} s drives PV, by {} if nothing controlled it, whatever the valve does",
+            "a load with a period of {} s drives PV, by {} if nothing controlled it, whatever the valve does",
+            figures(period),
             told(pv)
         ))
         .with("period_s", period, "s")

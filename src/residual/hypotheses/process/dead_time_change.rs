@@ -9,6 +9,7 @@ use crate::residual::hypotheses::load::load_step::near;
 use crate::residual::hypotheses::{Proposal, Propose, best};
 use crate::residual::report::Described;
 use crate::residual::screening::{Screen, Since, best_times};
+use crate::signal::figures;
 use crate::sysid::armax::Armax;
 use crate::sysid::criterion::THRESHOLD;
 use crate::sysid::iddata::IdData;
@@ -68,7 +69,7 @@ impl EffectModel for Change {
         let (time, by) = (data.time(self.at as f64), self.by as f64 * data.units.ts);
         let change = if self.shorter { -by } else { by };
         let than = if self.shorter { "sooner" } else { "later" };
-        Described::new(format!("from {time:.1} s on PV answers {by:.4} s {than} than before"))
+        Described::new(format!("from {time:.1} s on PV answers {} s {than} than before", figures(by)))
             .with("time_s", time, "s")
             .with("change_s", change, "s")
     }
