@@ -45,6 +45,10 @@ pub trait EffectModel: Debug + Send + Sync {
     fn variants(&self) -> Vec<Box<dyn EffectModel>> {
         vec![self.boxed()]
     }
+    /// What it is at one value of a parameter: it competes wherever this effect leads, because a search can miss it.
+    fn special_case(&self) -> Option<Box<dyn EffectModel>> {
+        None
+    }
     /// Changes the valve.
     fn on_valve(&self, _valve: &mut ValveModel) {}
     /// Whether it changes the stem on its way to the process.

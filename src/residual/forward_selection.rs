@@ -152,6 +152,19 @@ impl Comparison<'_> {
         }
     }
 
+    /// Fits what the leading effects are at one value of a parameter.
+    fn offer_special_cases(&mut self) {
+        let mut offered = Vec::new();
+        for own in self.timed() {
+            let mut other = own.hypothesis.clone();
+            let special = other.effects.pop().and_then(|last| last.special_case());
+            offered.extend(special.map(|effect| {
+                retime(self.data, decide_near(self.data, other.with(effect), &own.model, NEAR))
+            }));
+        }
+        self.decided.extend(offered);
+    }
+
     /// Offers the effects that explain something beside friction to the hypothesis without friction, and back.
     fn offer_effects(&mut self) {
         for friction in [false, true] {
@@ -255,6 +268,7 @@ pub fn compare(
     comparison.offer_times();
     comparison.search_beside(pool);
     comparison.offer(pool);
+    comparison.offer_special_cases();
     comparison.settle();
     comparison.offer_times();
     comparison.decided

@@ -42,6 +42,11 @@ struct Step {
     size: f64,
 }
 
+/// A step at the process' input, of this size (standard deviations of OP).
+pub fn at_input(at: usize, size: f64) -> Box<dyn EffectModel> {
+    Step { at, place: Place::Input, size: size.clamp(-MOST, MOST) }.boxed()
+}
+
 /// 0 before `at`, 1 from there on.
 pub fn heaviside(n: usize, at: usize) -> Vec<f64> {
     (0..n).map(|k| f64::from(u8::from(k >= at))).collect()

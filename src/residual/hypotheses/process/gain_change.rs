@@ -9,7 +9,7 @@
 
 use crate::residual::Kind;
 use crate::residual::effect::EffectModel;
-use crate::residual::hypotheses::load::load_step::near;
+use crate::residual::hypotheses::load::load_step::{at_input, near};
 use crate::residual::hypotheses::{Proposal, Propose};
 use crate::residual::report::Described;
 use crate::residual::screening::{Screen, Since, best_times};
@@ -72,6 +72,10 @@ impl EffectModel for Change {
     }
     fn moved(&self, at: usize) -> Box<dyn EffectModel> {
         Change { at, ..self.clone() }.boxed()
+    }
+    /// With a ratio of 1 the level is all that changes.
+    fn special_case(&self) -> Option<Box<dyn EffectModel>> {
+        Some(at_input(self.at, self.level))
     }
     fn neighbours(&self, data: &IdData, step: f64) -> Vec<Box<dyn EffectModel>> {
         near(self.at, data, step).into_iter().map(|at| Change { at, ..self.clone() }.boxed()).collect()
