@@ -12,7 +12,7 @@ mod judge;
 mod parallel;
 
 use clap::Parser;
-use generators::{Case, GENERATORS, Generator, Size};
+use generators::{Case, GENERATORS, Generator, Size, c};
 use judge::{Judged, Naming, judge};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ use stictiond_numerics::residual::Kind;
 /// How often tracing names the true effect, and how often it invents one
 #[derive(Parser)]
 struct Options {
-    /// Letters of the generators
+    /// Letters of the generators; D is C under loads that swing
     #[arg(long, default_value = "ABC")]
     generators: String,
     /// Number of seeds
@@ -87,7 +87,7 @@ fn kinds(names: &str) -> Result<Box<[Kind]>, String> {
 fn main() -> ExitCode {
     let options = Options::parse();
     println!("seeds {:?}, {:?}; Wilson 95 % intervals in brackets\n", options.range(), options.size);
-    for generator in GENERATORS.iter().filter(|g| options.generators.contains(g.name)) {
+    for generator in GENERATORS.iter().chain([&c::D]).filter(|g| options.generators.contains(g.name)) {
         if let Some(folder) = &options.records {
             if let Err(why) = write_records(folder, generator, &options) {
                 eprintln!("{}: {why}", folder.display());

@@ -3,6 +3,7 @@
 use super::draw::{Draw, deviation, lagged};
 use super::plan::{Bend, Class, Plan, Wish, cone_range};
 use super::run::{Signals, Trace, add, run};
+use super::swings::draw_swings;
 
 /// Share of loops with a feed-forward from a measured load that is not recorded.
 const FORWARD_SHARE: f64 = 0.12;
@@ -11,11 +12,11 @@ const LOAD_ROOM: f64 = 3.0;
 /// Share of records whose set point rests.
 const AT_REST: f64 = 0.36;
 
-/// Draws the signals of normal operation.
-pub fn normal(plan: &Plan, wish: &Wish, draw: &mut Draw) -> Signals {
+/// Draws the signals of normal operation; `swings`: the load comes from elsewhere in the plant and swings.
+pub fn normal(plan: &Plan, wish: &Wish, swings: bool, draw: &mut Draw) -> Signals {
     let mut signals = Signals::still(plan);
     signals.add_noise(plan.noise, draw);
-    let load = draw_load(plan, draw);
+    let load = draw_load(plan, swings, draw);
     let ratio = if wish.lively { draw.log(4.0, 12.0) } else { draw.log(1.0, 6.0) };
     let room = wish.calm * LOAD_ROOM * if wish.lively { 1.5 } else { 1.0 };
     signals.add_loads(&load, scale(plan, &load, ratio * plan.noise, room));
@@ -37,16 +38,18 @@ pub fn normal(plan: &Plan, wish: &Wish, draw: &mut Draw) -> Signals {
 }
 
 /// A load of unit size, at the process' input or output.
-fn draw_load(plan: &Plan, draw: &mut Draw) -> Signals {
+fn draw_load(plan: &Plan, swings: bool, draw: &mut Draw) -> Signals {
     let mut load = Signals::still(plan);
     let n = load.sp.len();
-    let values = match draw.whole(0, 3) {
-        0 => draw.white(n),
-        1 => {
+    let colour = if swings { None } else { Some(draw.whole(0, 3)) };
+    let values = match colour {
+        None => draw_swings(n, draw),
+        Some(0) => draw.white(n),
+        Some(1) => {
             let tau = draw.log(3.0, 40.0);
             draw.coloured(n, tau)
         }
-        2 => {
+        Some(2) => {
             let (period, damping) = (draw.log(12.0, 80.0), draw.even(0.3, 0.7));
             draw.resonant(n, period, damping)
         }

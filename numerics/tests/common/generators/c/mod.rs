@@ -8,6 +8,7 @@ mod plan;
 mod process;
 mod run;
 mod sensor;
+mod swings;
 mod tags;
 pub mod valve;
 
@@ -20,7 +21,9 @@ use plan::{Class, Grip, Plan};
 use run::Trace;
 
 /// The generator.
-pub const C: Generator = Generator { name: "C", variants, record };
+pub const C: Generator = Generator { name: "C", variants, record: |case| record(case, false) };
+/// The same loops under loads that swing: what no hypothesis describes must not be taken for another effect.
+pub const D: Generator = Generator { name: "D", variants, record: |case| record(case, true) };
 
 /// Draws of a loop before the last one is taken as it is.
 const ATTEMPTS: u64 = 60;
@@ -67,10 +70,10 @@ fn split(case: &Case) -> (Class, Grip) {
     (Class::ALL[class], grips[case.variant % grips.len()])
 }
 
-fn record(case: &Case) -> (Record, Truth) {
+fn record(case: &Case, swings: bool) -> (Record, Truth) {
     let mut last = None;
     for attempt in 0..ATTEMPTS {
-        if let Some((inside, record, truth)) = draw_once(case, attempt) {
+        if let Some((inside, record, truth)) = draw_once(case, swings, attempt) {
             if inside {
                 return (record, truth);
             }
@@ -81,12 +84,12 @@ fn record(case: &Case) -> (Record, Truth) {
 }
 
 /// One draw of the case, and whether it stays inside the range; `None` where the loop cannot carry the effect.
-fn draw_once(case: &Case, attempt: u64) -> Option<(bool, Record, Truth)> {
+fn draw_once(case: &Case, swings: bool, attempt: u64) -> Option<(bool, Record, Truth)> {
     let mut draw = Draw::new(case, attempt);
     let (class, grip) = split(case);
     let wish = effect::wish(case, CALMER.powi(attempt as i32), &mut draw);
     let mut plan = Plan::draw(class, grip, &wish, &mut draw);
-    let mut signals = loads::normal(&plan, &wish, &mut draw);
+    let mut signals = loads::normal(&plan, &wish, swings, &mut draw);
     let usual = signals.clone();
     let mut tags = effect::put(case, &wish, &mut plan, &mut signals, &mut draw)?;
     let trace = run::run(&plan, &signals, false);
@@ -104,7 +107,7 @@ fn draw_once(case: &Case, attempt: u64) -> Option<(bool, Record, Truth)> {
     let mut all = tags::draw_tags(case.tags, &pv, &mut other);
     tags.drain(..).for_each(|tag| all.insert(other.whole(0, all.len()), tag));
     let record = sensor::record(&plan, &signals, &trace, all);
-    Some((inside, record, truth(case, &plan)))
+    Some((inside, record, truth(case, &plan, swings)))
 }
 
 /// Times that the stem turns and then travels by `least` (%) at the least.
@@ -122,10 +125,14 @@ fn turns(trace: &Trace, least: f64) -> usize {
     count
 }
 
-fn truth(case: &Case, plan: &Plan) -> Truth {
+fn truth(case: &Case, plan: &Plan, swings: bool) -> Truth {
     let sticks = plan.sticks();
     let (f, j) = if sticks { (0.5 * plan.band, plan.jump) } else { (0.0, 0.0) };
     let slips = sticks && plan.jump < SLIP_DIFFERS * plan.band && case.effect != Some(Kind::SlipJump);
-    let also = if slips { vec![Kind::SlipJump] } else { Vec::new() };
+    let mut also = if slips { vec![Kind::SlipJump] } else { Vec::new() };
+    if swings {
+        // As near as a name comes.
+        also.extend([Kind::OscillatingLoad, Kind::LoadStep]);
+    }
     Truth { name: plan.name(), f, j, also, load: None }
 }
