@@ -117,7 +117,8 @@ pub enum NotIdentifiable {
     /// OP moves, and no response of PV shows beside what else moves it: a large load, a valve that is stuck throughout, or not
     /// this loop's valve.
     NoResponse,
-    /// Friction predicts PV better than none, and beside OP PV moves against the stem that it would give: a load that jumps looks so.
+    /// Friction predicts PV better than none, but PV is not seen to follow the stem that it would give, or moves against it beside
+    /// OP: a load that jumps looks so.
     StemNotFollowed,
     /// Values too large or too small to compute with.
     OutOfScale,
@@ -213,8 +214,8 @@ impl fmt::Display for NotIdentifiable {
             }
             Self::StemNotFollowed => write!(
                 out,
-                "stem not followed: a stem with friction predicts PV better, but beside OP itself PV moves against it; a load that \
-                 jumps looks so"
+                "stem not followed: a stem with friction predicts PV better, but PV is not seen to follow it; a load that jumps \
+                 looks so"
             ),
             Self::OutOfScale => write!(out, "out of scale: values too large or too small to compute with"),
             Self::DeadlineExceeded => write!(out, "deadline exceeded before the fit was done"),

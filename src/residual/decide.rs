@@ -3,7 +3,7 @@
 use super::Kind;
 use super::hypothesis::{Hypothesis, OnData};
 use super::valve_search::cost;
-use crate::sysid::armax::{Armax, hannan_rissanen};
+use crate::sysid::armax::{Armax, ORDER, hannan_rissanen};
 use crate::sysid::arx::{Arx, ArxFit};
 use crate::sysid::criterion;
 use crate::sysid::iddata::{IdData, LONGEST_LAG};
@@ -42,6 +42,8 @@ impl Decided {
     fn new(data: &IdData, mut hypothesis: Hypothesis, model: Armax) -> Self {
         hypothesis.set_smooth(&model.theta);
         let score = scored(data, &hypothesis, model.log_likelihood);
+        let runs_away = hypothesis.is_of_the_valve() && has_positive_feedback(data, &model);
+        let score = if runs_away { f64::NEG_INFINITY } else { score };
         Self { hypothesis, model, score }
     }
 
@@ -49,6 +51,18 @@ impl Decided {
     pub fn kind(&self) -> Option<Kind> {
         self.hypothesis.effects.last().map(|effect| effect.kind())
     }
+}
+
+/// Whether PV of a model answers the stem in the direction in which the controller's feedback is positive, by the largest value of
+/// its step response within the longest lag. B(1) says less: of a slow process it lies within its error of 0.
+pub fn has_positive_feedback(data: &IdData, model: &Armax) -> bool {
+    let mut y = [0.0; ORDER + LONGEST_LAG];
+    for k in ORDER..y.len() {
+        let stepped: f64 = model.b.iter().take(k - ORDER + 1).sum();
+        y[k] = stepped - model.a.iter().enumerate().map(|(i, a)| a * y[k - 1 - i]).sum::<f64>();
+    }
+    let largest = y.into_iter().max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0);
+    data.gain_sign.is_some_and(|sign| sign * largest < 0.0)
 }
 
 /// The score of a hypothesis with this log-likelihood.

@@ -85,6 +85,21 @@ impl Kind {
         matches!(self, Kind::AsymmetricFriction | Kind::FrictionDrift)
     }
 
+    /// Whether it is of the valve, or of how the process answers to it.
+    pub fn is_of_the_valve(self) -> bool {
+        use Kind::*;
+        matches!(
+            self,
+            GainChange
+                | DeadTimeChange
+                | ValveSaturation
+                | StaticNonlinearity
+                | SlipJump
+                | AsymmetricFriction
+                | FrictionDrift
+        )
+    }
+
     /// Whether it sets in at a time and stays.
     pub fn is_change(self) -> bool {
         matches!(self, Kind::LoadStep | Kind::GainChange | Kind::DeadTimeChange)
@@ -356,7 +371,8 @@ impl Findings {
         match &self.verdict {
             Verdict::Stiction | Verdict::NoStiction => true,
             Verdict::NotIdentifiable(why) => {
-                matches!(why, NotIdentifiable::HiddenFriction { .. } | NotIdentifiable::StemNotFollowed)
+                use NotIdentifiable::*;
+                matches!(why, HiddenFriction { .. } | NoResponse | StemNotFollowed)
             }
         }
     }

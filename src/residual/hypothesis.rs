@@ -58,6 +58,12 @@ impl Hypothesis {
         self.effects.iter().any(|effect| effect.kind() == kind)
     }
 
+    /// Whether it says something of the valve or of how the process answers to it: a model in which the feedback is positive
+    /// cannot be right about that, because the loop would run away.
+    pub fn is_of_the_valve(&self) -> bool {
+        self.valve.is_some() || self.effects.iter().any(|effect| effect.kind().is_of_the_valve())
+    }
+
     /// The valve with what the effects change about it.
     pub fn full_valve(&self) -> Option<ValveModel> {
         let mut valve = self.valve?;

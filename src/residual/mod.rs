@@ -26,6 +26,7 @@ pub mod hypothesis;
 mod interval;
 pub mod posterior;
 pub mod report;
+mod response;
 pub mod screening;
 mod trace;
 pub mod valve_search;

@@ -1,7 +1,7 @@
 //! What was found, in the plant's units.
 
 use super::data_quality::Fact;
-use super::decide::{Decided, decide};
+use super::decide::{Decided, decide, has_positive_feedback};
 use super::detectable::detectable;
 use super::effect::EffectModel;
 use super::findings::{Curves, Effect, Evidence, Findings, Friction, Kind, Lasting, Parameter, Structure};
@@ -9,13 +9,13 @@ use super::held_out::{gained, judge};
 use super::hypothesis::{Hypothesis, direct_lags};
 use super::interval::interval;
 use super::posterior::probability;
+use super::response::follows;
 use super::trace::Outcome;
 use super::{Settings, checks};
 use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Verdict};
 use crate::signal::told;
 use crate::sysid::armax::{Armax, ORDER};
-use crate::sysid::encompass::{Encompassing, LEAST_T};
-use crate::sysid::iddata::{IdData, LONGEST_LAG, Units};
+use crate::sysid::iddata::{IdData, Units};
 use crate::sysid::valve::{Rest, ValveModel};
 
 /// J is another than S where it is told to differ by more than this share of S: no model of a valve holds closer than a tenth,
@@ -112,7 +112,7 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     let decides = asked && (agrees || traced.1 == diagnosis.verdict);
     let (mut friction_after, mut verdict, mut reason) =
         if decides { traced } else { standing(diagnosis, asked) };
-    if !decides && verdict == Verdict::Stiction && !follows(&recorded, &declared.hypothesis) {
+    if !decides && verdict == Verdict::Stiction && !follows(&recorded, &declared) {
         let why = NotIdentifiable::StemNotFollowed;
         (verdict, reason) = (Verdict::NotIdentifiable(why.clone()), why.to_string());
     }
@@ -258,7 +258,8 @@ fn with_friction(
 fn standing(diagnosis: &Diagnosis, asked: bool) -> (Friction, Verdict, String) {
     let mut reason = diagnosis.reason.clone();
     if asked {
-        reason += "; tracing would change the verdict, but predicts samples that were not fitted worse";
+        reason += "; with effects beside friction the verdict would be another, but that model predicts the last fifth of the \
+                   samples worse";
     }
     (friction_before(diagnosis), diagnosis.verdict.clone(), reason)
 }
@@ -311,12 +312,15 @@ fn friction_found(
     let unseen = diagnosis.preparation.acquisition.as_ref().is_some_and(|found| found.unseen_scans());
     let within = interval(data, &best.hypothesis, unseen).map(|f| f * unit);
     let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
-    let followed = !sticks || follows(data, &best.hypothesis);
+    let followed = !sticks || follows(data, best);
     let sticks = sticks && followed;
     let verdict = match &diagnosis.verdict {
         _ if !followed => Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed),
         _ if sticks => Verdict::Stiction,
         Verdict::NotIdentifiable(why) => Verdict::NotIdentifiable(why.clone()),
+        _ if has_positive_feedback(data, &best.model) => {
+            Verdict::NotIdentifiable(NotIdentifiable::NoResponse)
+        }
         _ => Verdict::NoStiction,
     };
     let friction = Friction {
@@ -332,29 +336,19 @@ fn friction_found(
             let [low, high] = within.map(|f| told(per * f));
             format!("f = {}{unit} [{low}, {high}], evidence {evidence:.0}", told(per * f))
         }
+        Verdict::NoStiction if evidence > settings.evidence_threshold => {
+            let per = settings.op_span.map_or(1.0, |span| 100.0 / span);
+            let unit = if settings.op_span.is_some() { " % OP" } else { "" };
+            let why = match within[0] > 0.0 {
+                true => format!("its f of {}{unit} is too small to matter", told(per * f)),
+                false => format!("f may be 0 as well as {}{unit}", told(per * within[1])),
+            };
+            format!("friction predicts PV better, evidence {evidence:.0}, but {why}")
+        }
         Verdict::NoStiction => format!("no friction needed, evidence {:.0}", friction.delta_aic),
         Verdict::NotIdentifiable(why) => why.to_string(),
     };
     (friction, verdict, reason)
-}
-
-/// Whether PV does not move against the stem beside OP itself and the effects.
-fn follows(data: &IdData, best: &Hypothesis) -> bool {
-    // The regression is linear: a gain that depends on OP or PV turns its sums round as well.
-    if best.effects.iter().any(|effect| effect.bends()) {
-        return true;
-    }
-    let valve = best.valve.map(|valve| ValveModel::one_parameter(valve.f()));
-    let stem = Hypothesis { valve, effects: Vec::new() }.stem(data).0;
-    let p = best.to_process(data, stem);
-    // OP goes the same way to the process.
-    let u = best.to_process(data, data.u.clone());
-    let mut extra = Vec::new();
-    best.effects.iter().for_each(|effect| effect.shapes(data, &mut extra));
-    let counts: Vec<bool> = data.weight.iter().map(|weight| *weight > 0.0).collect();
-    let (y, rows) = (best.pv(data), data.rows());
-    let asked = Encompassing { y: &y, u: &u, p: &p, extra: &extra, lags: LONGEST_LAG, rows, counts: &counts };
-    asked.t_of_stem() >= LEAST_T
 }
 
 /// The linear part in the plant's units.

@@ -9,6 +9,7 @@ use super::held_out::{judge, without};
 use super::hypothesis::Hypothesis;
 use super::posterior::{Table, class, log_prior};
 use super::report::report;
+use super::response::stops;
 use super::valve_search::{Effort, Found, LEAST_REVERSALS, search};
 use super::{Row, Settings};
 use crate::diagnosis::region::{self, Region};
@@ -45,7 +46,7 @@ pub struct Outcome {
 
 /// See [`super::trace`].
 pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
-    let mut findings = trace_one(window, diagnosis, settings)?;
+    let mut findings = trace_one(window, diagnosis, settings, true)?;
     findings.stem = window.mv.as_ref().and_then(|mv| stem(window, mv, settings));
     Some(findings)
 }
@@ -54,7 +55,7 @@ pub fn trace(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Opt
 fn stem(window: &Window, mv: &[f64], settings: &Settings) -> Option<Stem> {
     let window = Window { pv: mv.to_vec(), mv: None, sp: None, ..window.clone() };
     let unknown = Diagnosis::bare(Verdict::NoStiction, "the stem follows OP");
-    let findings = trace_one(&window, &unknown, settings)?;
+    let findings = trace_one(&window, &unknown, settings, false)?;
     Some(Stem { friction: findings.friction_after, findings: Some(Box::new(findings)) })
 }
 
@@ -88,10 +89,12 @@ pub fn iddata_beside(window: &Window, f: f64) -> Option<IdData> {
     rated.filter(|own| own.0 >= LEAST_REVERSALS).max_by(|a, b| a.0.total_cmp(&b.0)).map(|own| own.1)
 }
 
-fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings) -> Option<Findings> {
+/// `closed`: OP is what a controller makes of PV.
+fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings, closed: bool) -> Option<Findings> {
     let diagnosed = diagnosis.estimate.as_ref().filter(|_| diagnosis.verdict == Verdict::Stiction);
     let mut recorded = iddata_beside(window, diagnosed.map_or(0.0, |estimate| estimate.f))?;
     recorded.units.span = settings.op_span;
+    recorded.gain_sign = recorded.gain_sign.filter(|_| closed);
     let mut data = recorded.clone();
     let f = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f) / data.units.u;
     let valve = (f > 0.0).then(|| ValveModel::one_parameter(f));
@@ -205,6 +208,9 @@ fn select_confirmed(data: &IdData, settings: &Settings, found: Vec<Found>) -> Op
         for (at, (evidence, _)) in outcome.added.iter_mut().enumerate() {
             evidence.held_out = without(data, &outcome.best, &with, at).1;
             let kind = outcome.best.hypothesis.effects[at].kind();
+            if kind == Kind::ValveSaturation && !stops(data, &outcome.best.hypothesis, at) {
+                evidence.log_odds = f64::NEG_INFINITY;
+            }
             posteriors.push((evidence.posterior(kind), at, kind));
         }
         let least = posteriors.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));

@@ -1,5 +1,6 @@
 //! The record that a model is fitted on: one window, normalised, with a weight for each sample.
 
+use super::action::gain_sign;
 use super::stats::{mean, normalised, sd};
 use super::valve::{Start, largest_reversal};
 use crate::signal::{Row, Window, told};
@@ -31,6 +32,8 @@ pub struct IdData {
     /// Whether OP acts beside a stem that sticks, `D(q) u`: with a feed-forward or a slow controller, OP tells of loads before
     /// PV shows them. A stem that follows OP needs no such term: it is OP.
     pub direct: bool,
+    /// Sign of the process gain, where the controller tells it (see [`super::action`]).
+    pub gain_sign: Option<f64>,
     /// Where stems start.
     pub start: Start,
     /// First row of a fit.
@@ -98,11 +101,14 @@ impl IdData {
             (v.len() == n && usable(spread)).then(|| (name.clone(), normalised(v, mean(v), spread)))
         });
         let u = normalised(&window.op, units.u0, units.u);
+        let sp = window.sp.as_ref().filter(|sp| sp.len() == n).map(|sp| normalised(sp, units.y0, units.y));
+        let y = normalised(&window.pv, units.y0, units.y);
         Some(Self {
-            y: normalised(&window.pv, units.y0, units.y),
             weight: (0..n).map(|k| f64::from(u8::from(window.row(k) == Row::Counts))).collect(),
             known: (0..n).map(|k| window.row(k) == Row::Silent).collect(),
-            sp: window.sp.as_ref().filter(|sp| sp.len() == n).map(|sp| normalised(sp, units.y0, units.y)),
+            gain_sign: gain_sign(&u, &y, sp.as_deref(), |k| window.row(k) == Row::Counts),
+            y,
+            sp,
             tags: tags.collect(),
             direct: false,
             start,

@@ -1,5 +1,6 @@
 //! System identification, pure: what the diagnosis and the tracing of residuals share.
 
+pub mod action;
 pub mod armax;
 pub mod arx;
 pub mod criterion;
@@ -8,6 +9,7 @@ pub mod gram;
 pub mod iddata;
 pub mod least_squares;
 pub mod missing;
+pub mod ols;
 pub mod simulate;
 pub mod spectrum;
 pub mod stats;

@@ -27,7 +27,7 @@ pub fn posterior(files: &[PathBuf]) {
     let rows: Vec<Weighed> = text.lines().filter_map(weighed).collect();
     println!("| | log odds | z < -1 | -1 to 1 | from 1 |");
     println!("|---|---|---|---|---|");
-    for group in ["changes", "slip jumps", "others"] {
+    for group in ["changes", "slip jumps", "bends", "others"] {
         for odds in ODDS.windows(2) {
             let cell = |held_out: &[f64]| {
                 let own = rows.iter().filter(|row| {
@@ -84,6 +84,7 @@ fn score(rows: &[Weighed], likely: f64, speaks: f64) -> f64 {
 fn group_of(kind: Kind) -> &'static str {
     match kind {
         Kind::SlipJump => "slip jumps",
+        Kind::StaticNonlinearity => "bends",
         _ if kind.is_change() => "changes",
         _ => "others",
     }
