@@ -215,6 +215,9 @@ fn fitted_beside(
         (Some(_), stuck) => stuck?,
         (None, stuck) => Some(sound).filter(|_| stuck.is_none_or(|s| s.score <= sound.score))?,
     };
+    if !likeliest.score.is_finite() {
+        return None;
+    }
     let declared = match likeliest.hypothesis.effects.is_empty() {
         true => likeliest.clone(),
         false => decide(data, Hypothesis { effects: Vec::new(), ..likeliest.hypothesis.clone() }, None),

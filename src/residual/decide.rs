@@ -53,16 +53,19 @@ impl Decided {
     }
 }
 
-/// Whether PV of a model answers the stem in the direction in which the controller's feedback is positive, by the largest value of
-/// its step response within the longest lag. B(1) says less: of a slow process it lies within its error of 0.
+/// Whether PV of a model moves with the stem in the direction in which the controller's feedback is positive: in the end, by B(1),
+/// and by the largest value of its step response within the longest lag. Either alone can be wrong of a model that is right: B(1)
+/// of a slow process lies within its error of 0, and an inverse response begins the other way. Where OP acts beside the stem,
+/// both share the response, and nothing is said.
 pub fn has_positive_feedback(data: &IdData, model: &Armax) -> bool {
+    let Some(sign) = data.gain_sign.filter(|_| !data.direct) else { return false };
     let mut y = [0.0; ORDER + LONGEST_LAG];
     for k in ORDER..y.len() {
         let stepped: f64 = model.b.iter().take(k - ORDER + 1).sum();
         y[k] = stepped - model.a.iter().enumerate().map(|(i, a)| a * y[k - 1 - i]).sum::<f64>();
     }
     let largest = y.into_iter().max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0);
-    data.gain_sign.is_some_and(|sign| sign * largest < 0.0)
+    sign * largest < 0.0 && sign * model.b.iter().sum::<f64>() < 0.0
 }
 
 /// The score of a hypothesis with this log-likelihood.
@@ -103,6 +106,13 @@ pub fn decide(data: &IdData, hypothesis: Hypothesis, near: Option<&ArxFit>) -> D
     }
     let model = model.unwrap_or_default();
     Decided::new(data, hypothesis, model)
+}
+
+/// Fits the hypothesis that all others are compared with: it keeps its score whichever way its feedback is.
+pub fn decide_base(data: &IdData, hypothesis: Hypothesis) -> Decided {
+    let mut base = decide(data, hypothesis, None);
+    base.score = scored(data, &base.hypothesis, base.model.log_likelihood);
+    base
 }
 
 /// Fits a hypothesis from a model that is nearly right, in at most `most` iterations.
@@ -221,4 +231,39 @@ pub fn refine(data: &IdData, best: Decided) -> Decided {
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn positive(sign: Option<f64>, direct: bool, a: [f64; ORDER], b: [f64; ORDER]) -> bool {
+        let data = IdData { gain_sign: sign, direct, ..IdData::default() };
+        has_positive_feedback(&data, &Armax { a, b, ..Armax::default() })
+    }
+
+    #[test]
+    fn feedback_is_positive_where_pv_moves_against_what_the_controller_does() {
+        let lag = [-0.9, 0.0, 0.0];
+        for gain in [0.2f64, -0.2] {
+            let b = [gain, 0.0, 0.0];
+            assert!(!positive(Some(gain.signum()), false, lag, b));
+            assert!(positive(Some(-gain.signum()), false, lag, b));
+            assert!(!positive(None, false, lag, b), "the controller does not tell");
+            assert!(!positive(Some(-gain.signum()), true, lag, b), "OP acts beside the stem");
+        }
+    }
+
+    #[test]
+    fn neither_an_inverse_response_nor_an_error_of_b_is_positive_feedback() {
+        // A drum: its level swells for half a minute before it falls.
+        let (integral, swell) = (1.0 / 60.0, 0.5 / 6.0);
+        let pole = 1.0 - 1.0 / 6.0;
+        let a = [-1.0 - pole, pole, 0.0];
+        let b = [integral - swell, swell - pole * integral, 0.0];
+        assert!(!positive(Some(1.0), false, a, b));
+        assert!(positive(Some(-1.0), false, [-0.9, 0.0, 0.0], [0.2, 0.0, 0.0]));
+        // A level whose B(1) is estimated a little below 0.
+        assert!(!positive(Some(1.0), false, [-1.0, 0.0, 0.0], [0.041, -0.03, -0.012]));
+    }
 }

@@ -1,7 +1,9 @@
 //! Forward selection: the likeliest effect is added, then all is asked again beside it.
 
 use super::Kind;
-use super::decide::{Decided, NEAR, arx, decide, decide_near, decide_quick, refine, retime, scored};
+use super::decide::{
+    Decided, NEAR, arx, decide, decide_base, decide_near, decide_quick, refine, retime, scored,
+};
 use super::hypotheses::ALL;
 use super::hypothesis::Hypothesis;
 use super::posterior::{Table, class};
@@ -257,7 +259,7 @@ pub fn compare(
     told: Option<Kind>,
 ) -> Vec<Decided> {
     add(pool, valves.iter().map(|found| found.valve));
-    let mut decided = vec![decide(data, effects.with_valve(None), None)];
+    let mut decided = vec![decide_base(data, effects.with_valve(None))];
     decided.extend(
         valves.iter().map(|found| decide(data, effects.with_valve(Some(found.valve)), Some(&found.fit))),
     );

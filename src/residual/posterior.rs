@@ -46,6 +46,10 @@ const SLIP_JUMPS: [[u16; 2]; 2] = [[12, 22], [187, 217]];
 impl Evidence {
     /// The share of effects of this kind with as much evidence that were there; no more than the odds alone say.
     pub fn posterior(&self, kind: Kind) -> f64 {
+        // A ratio of two likelihoods that are 0 speaks for nothing.
+        if self.log_odds.is_nan() {
+            return 0.0;
+        }
         let likely = self.log_odds >= LIKELY;
         let said = match self.held_out {
             z if z < -SPEAKS => 0,

@@ -23,7 +23,7 @@ pub fn follows(data: &IdData, best: &Decided) -> bool {
 }
 
 /// Whether PV follows the stem up to the stop that is effect `at`, and is not seen to follow what the stop keeps back. Loads that
-/// were added beside the stop are left out: they may be what makes up for a stop that is not there.
+/// enter the equation are left out: they may be what makes up for a stop that is not there.
 pub fn stops(data: &IdData, best: &Hypothesis, at: usize) -> bool {
     let arrives = |of: &Hypothesis| of.to_process(data, of.stem(data).0);
     let (p, whole) = (arrives(best), arrives(&best.without(at)));

@@ -287,7 +287,11 @@ fn select(
                 added,
                 rejected: Vec::new(),
                 candidates: kinds.into_iter().filter(|own| !was_rejected(own.0)).collect(),
-                friction: table.log_odds(sticks),
+                friction: match decided.iter().any(sticks) {
+                    // Where the feedback of all is positive friction is asked, and is not there.
+                    true => table.log_odds(|d| sticks(d)).max(f64::MIN),
+                    false => f64::NEG_INFINITY,
+                },
                 slip_jump: slip_jump(&table),
             });
         };

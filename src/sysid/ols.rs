@@ -55,7 +55,12 @@ impl Ols {
         let sum_of = |v: &[f64]| v[of.clone()].iter().sum::<f64>();
         let sum = sum_of(&self.solved(self.right[..n].to_vec()));
         let ones = (0..n).map(|i| f64::from(u8::from(of.contains(&i)))).collect();
-        let variance = self.rest(n) / (self.rows - n) as f64 * sum_of(&self.solved(ones));
+        let leverage = sum_of(&self.solved(ones));
+        // Columns that depend on those before them have no coefficients.
+        if leverage <= 0.0 {
+            return 0.0;
+        }
+        let variance = self.rest(n) / (self.rows - n) as f64 * leverage;
         // A record without noise is explained to the last digit.
         if variance > 0.0 { sum / variance.sqrt() } else { sum.signum() * f64::MAX }
     }
@@ -78,6 +83,13 @@ mod tests {
         assert!((ols.rest(2) - 0.2).abs() < 1e-9);
         assert!((ols.t(2, 1..2) - 1.4 / (0.1f64 / 5.0).sqrt()).abs() < 1e-6);
         assert!((ols.rest(1) - 10.0).abs() < 1e-12, "the first column alone");
+    }
+
+    #[test]
+    fn a_column_that_depends_on_another_says_nothing() {
+        let y = [1.0, 2.0, 4.0, 5.0];
+        let ols = Ols::new(&[vec![1.0; 4], vec![2.0; 4]], &y).expect("solvable");
+        assert_eq!(ols.t(2, 1..2), 0.0);
     }
 
     #[test]
