@@ -322,7 +322,8 @@ pub struct Structure {
 pub struct Findings {
     /// In the order they were added; empty when the declared model suffices.
     pub effects: Vec<Effect>,
-    /// What was likeliest until samples spoke against it that nothing was fitted to.
+    /// What was likeliest until samples spoke against it that nothing was fitted to, or until PV was seen to follow OP beyond a
+    /// stop.
     pub rejected: Vec<(Kind, Evidence)>,
     /// The likeliest kinds at the last step, those rejected and none (`None`) among them, with their posteriors.
     pub candidates: Vec<(Option<Kind>, f64)>,

@@ -5,13 +5,14 @@
 //! ```
 //!
 //! A PI or PID controller in velocity form. `g_0` is its proportional action (with the derivative), `sum g_i` its integral action.
-//! The gain's sign is minus theirs. It is told only where both are plain and of one sign, and the equation explains OP's changes.
+//! The gain's sign is minus theirs. It is told only where both are significant and of one sign, and the equation explains OP's
+//! changes.
 
 use super::ols::Ols;
 
 /// Lags of PV and of the set point: those of a PID.
 const LAGS: usize = 3;
-/// One-sided 0.1 % point of the normal distribution.
+/// Two-sided 0.2 % point of the normal distribution: a smaller |t| may be chance.
 const PLAIN: f64 = 3.09;
 /// Share of the variance of OP's changes that the equation leaves at most: a rule beside the controller (a feed-forward, another
 /// loop) or a wrong clock leaves more.

@@ -1,4 +1,5 @@
-//! Sound loops whose load jumps, as a pump makes it: a stem with friction predicts PV better than OP does, and PV moves against it.
+//! Sound loops whose load jumps, as a pump makes it: a stem with friction predicts PV better than OP does, but PV does not
+//! follow it.
 
 use super::common::parallel;
 use super::common::records::simulated;
