@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use stictiond::access::{Role, file};
 use stictiond::collect::opcua;
 use stictiond::config::{self, Config, Plant, without_number};
-use stictiond::history::{BYTES_PER_SAMPLE, Ring};
+use stictiond::history::Ring;
 use stictiond::schedule::Clock;
 use stictiond::serve;
 
@@ -100,10 +100,11 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
         );
     }
     let samples = config.history.samples_per_tag;
-    let megabytes = (tags * Ring::bytes(samples)) as f64 / 1e6;
+    let [least, most] =
+        [Ring::bytes(samples), Ring::wide_bytes(samples)].map(|bytes| (tags * bytes) as f64 / 1e6);
     let _ = writeln!(
         out,
-        "memory   {megabytes:.1} MB for {tags} tags, {samples} samples each, {BYTES_PER_SAMPLE} bytes a sample"
+        "memory   {least:.1} MB for {tags} tags, {samples} samples each; {most:.1} MB if their values are not 32-bit floats"
     );
     let _ = writeln!(out, "listen   {}", config.server.listen);
     let mut faults = Vec::new();

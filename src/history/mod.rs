@@ -1,4 +1,5 @@
-//! The last samples of every tag of every loop, in memory that is taken once, at start-up.
+//! The last samples of every tag of every loop, in bounded memory.
+//! That of samples whose values are 32-bit floats is taken at start-up, the rest once, when other values first come.
 //!
 //! A `History` does not change its shape: a new configuration makes a [`History::successor`] that shares the rings of
 //! all tags that read the same thing as before.
@@ -18,7 +19,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Samples kept of each tag, at 17 bytes each. The diagnosis uses about `window_samples` of them.
+    /// Samples kept of each tag, at 10 bytes each where values are 32-bit floats, 18 where they are not. The diagnosis uses about `window_samples` of them.
     pub samples_per_tag: usize,
 }
 
@@ -161,7 +162,7 @@ impl History {
         self.rings.len()
     }
 
-    /// Bytes one sample takes.
+    /// Bytes that one sample takes where its value is an `f32`.
     pub fn bytes_per_sample(&self) -> usize {
         BYTES_PER_SAMPLE
     }
