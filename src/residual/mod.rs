@@ -30,6 +30,7 @@ mod response;
 pub mod screening;
 mod trace;
 pub mod valve_search;
+mod verdict;
 
 pub use confirm::{LASTS_S, confirm};
 pub use findings::{

@@ -1,19 +1,18 @@
 //! What was found, in the plant's units.
 
+use super::Settings;
+use super::checks;
 use super::data_quality::Fact;
-use super::decide::{Decided, decide, has_positive_feedback};
+use super::decide::{Decided, decide};
 use super::detectable::detectable;
 use super::effect::EffectModel;
-use super::findings::{Curves, Effect, Evidence, Findings, Friction, Kind, Lasting, Parameter, Structure};
-use super::held_out::{gained, judge};
+use super::findings::{Curves, Effect, Evidence, Findings, Kind, Lasting, Parameter, Structure};
+use super::held_out::{Judged, gained, judge};
 use super::hypothesis::{Hypothesis, direct_lags};
-use super::interval::interval;
-use super::posterior::probability;
 use super::response::follows;
 use super::trace::Outcome;
-use super::{Settings, checks};
-use crate::diagnosis::{Diagnosis, Model, NotIdentifiable, Verdict};
-use crate::signal::told;
+use super::verdict::{Asked, friction_before};
+use crate::diagnosis::{Diagnosis, Model};
 use crate::sysid::armax::{Armax, ORDER};
 use crate::sysid::iddata::{IdData, Units};
 use crate::sysid::valve::{Rest, ValveModel};
@@ -22,9 +21,6 @@ use crate::sysid::valve::{Rest, ValveModel};
 /// and J/S is told within another tenth on 48 of 67 valves whose stems have mass
 /// (`tracing_rates --generators C --effects slip_jump --seeds 2 --first-seed 311 --clean 172 --evidence`).
 const APART: f64 = 0.2;
-/// Share of the largest f from which a bound excludes nothing.
-const EXCLUDES_NOTHING: f64 = 0.98;
-
 /// An effect in numbers and in one sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Described {
@@ -106,103 +102,93 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     }
     let (before, mut after) = (judge(&recorded, &declared, &data), judge(&data, &best, &data));
     let agrees = gained(&before, &after) >= 0.0;
-    let traced = friction_found(&data, &best, friction, diagnosis, settings);
-    // Without a valve that reverses often enough in this window nothing was asked of friction.
-    let asked = friction > f64::NEG_INFINITY;
-    let decides = asked && (agrees || traced.1 == diagnosis.verdict);
-    let (mut friction_after, mut verdict, mut reason) =
-        if decides { traced } else { standing(diagnosis, asked) };
-    if !decides && verdict == Verdict::Stiction && !follows(&recorded, &declared) {
-        let why = NotIdentifiable::StemNotFollowed;
-        (verdict, reason) = (Verdict::NotIdentifiable(why.clone()), why.to_string());
-    }
-    let valve = if decides { best.hypothesis.valve } else { declared.hypothesis.valve };
-    let valve = valve.filter(|_| verdict == Verdict::Stiction);
+    let judged = Asked { data: &data, best: &best, log_odds: friction, diagnosis, settings };
+    let mut said = judged.said(agrees, || follows(&recorded, &declared));
+    let valve = if said.by_tracing { best.hypothesis.valve } else { declared.hypothesis.valve };
+    let valve = valve.filter(|_| said.sticks());
     // The published model has the friction that is believed, and no other.
     if valve != best.hypothesis.valve {
         data.direct &= valve.is_some();
         best = with_friction(&data, &best.hypothesis, valve, &mut added);
         after = judge(&data, &best, &data);
     }
-    let mut f_detectable = detectable(&data, &best, settings.evidence_threshold).map(|f| f * data.units.u);
-    if verdict == Verdict::NoStiction {
-        let most = data.f_max * data.units.u;
-        // What the record would not have shown it does not exclude.
-        let bound = friction_after.f_ci95[1].max(f_detectable.unwrap_or(0.0));
-        friction_after.f_ci95[1] = bound;
-        // Nor would it have shown what its likelihood leaves possible.
-        f_detectable = f_detectable.map(|_| bound);
-        if f_detectable.is_none() && bound >= EXCLUDES_NOTHING * most {
-            let why = NotIdentifiable::HiddenFriction { reversal: data.units.along_op(2.0 * most) };
-            (verdict, reason) = (Verdict::NotIdentifiable(why.clone()), why.to_string());
-        } else if decides {
-            reason += &format!("; f up to {} could be hidden", data.units.along_op(bound));
-        }
-    }
+    let f_detectable = said.bound(&data, detectable(&data, &best, settings.evidence_threshold));
     let (stem, dir) = best.hypothesis.stem(&data);
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
-    let sticks = |verdict: &Verdict| *verdict == Verdict::Stiction;
-    let undisputed = (decides || !asked)
-        && valve.is_some() == sticks(&verdict)
-        && sticks(&diagnosis.verdict) == sticks(&verdict)
-        && candidates.first().is_none_or(|(kind, posterior)| kind.is_none() && *posterior > 0.5)
-        && diagnosis.preparation.compensated == 0.0;
+    let undisputed = said.agrees_with(diagnosis)
+        && valve.is_some() == said.sticks()
+        && candidates.first().is_none_or(|(kind, posterior)| kind.is_none() && *posterior > 0.5);
     let structure = structure(&data, &best.hypothesis, &facts).filter(|_| undisputed);
-    let structure = structure.map(|found| Structure { asked, failed: failed.clone(), ..found });
-    let mut effects: Vec<Effect> = facts
-        .into_iter()
-        .map(|fact| Effect {
-            posterior: fact.posterior,
-            ..named(fact.kind, None, f64::NAN, None, fact.described)
-        })
-        .collect();
-    let (_, mut gamma) = best.model.gamma.split_at(direct_lags(&data).min(best.model.gamma.len()));
-    for (effect, (evidence, delta_aic)) in best.hypothesis.effects.iter().zip(added) {
-        let mut own = Vec::new();
-        effect.shapes(&data, &mut own);
-        let (own, rest) = gamma.split_at(own.len().min(gamma.len()));
-        gamma = rest;
-        let described = effect.describe(&data, &best.model, own);
-        let tag = effect.tag().map(str::to_string);
-        effects.push(named(effect.kind(), Some(evidence), delta_aic, tag, described));
-    }
-    let apart = |valve: &ValveModel| (valve.j / valve.s - 1.0).abs() > APART;
-    let slips = verdict == Verdict::Stiction && slip_jump.posterior(Kind::SlipJump) > 0.5;
-    if let Some(valve) = best.hypothesis.valve.filter(|valve| slips && apart(valve)) {
-        let [s, j] = [valve.s, valve.j].map(|band| band * data.units.u);
-        let described = slip(s, j, &data.units);
-        effects.push(named(Kind::SlipJump, Some(slip_jump), 2.0 * slip_jump.log_odds, None, described));
-    }
-    let unit = |v: &[f64], data: &IdData| v.iter().map(|y| y * data.units.y + data.units.y0).collect();
-    let scaled = |v: &[f64]| v.iter().map(|y| y * data.units.y).collect();
+    let structure = structure.map(|found| Structure { asked: said.asked, failed: failed.clone(), ..found });
+    let slip_jump = said.sticks().then_some(slip_jump);
     Findings {
-        effects,
+        effects: effects(&data, &best, facts, added, slip_jump),
         rejected,
         candidates,
         simulates_worse: after.residual.free_run_rmse > 1.0001 * before.residual.free_run_rmse,
         unexplained: !after.residual.white,
         failed,
         friction_before: friction_before(diagnosis),
-        friction_after,
+        friction_after: said.friction,
         f_detectable,
-        verdict,
-        reason,
+        verdict: said.verdict,
+        reason: said.reason,
         model: model(&data, &best.model),
-        curves: Curves {
-            t0: data.units.t0,
-            ts: data.units.ts,
-            split: data.split,
-            pv: unit(&recorded.y, &recorded),
-            free_before: unit(&before.free, &recorded),
-            free_after: unit(&after.free, &data),
-            residual_before: scaled(&before.e),
-            residual_after: scaled(&after.e),
-        },
+        curves: curves([&recorded, &data], [&before, &after]),
         before: before.residual,
         after: after.residual,
         stem: None,
         structure,
     }
+}
+
+/// Records and what a model predicts of them, before and after.
+fn curves([recorded, data]: [&IdData; 2], [before, after]: [&Judged; 2]) -> Curves {
+    let unit = |v: &[f64], of: &IdData| v.iter().map(|y| y * of.units.y + of.units.y0).collect();
+    let scaled = |v: &[f64]| v.iter().map(|y| y * data.units.y).collect();
+    Curves {
+        t0: data.units.t0,
+        ts: data.units.ts,
+        split: data.split,
+        pv: unit(&recorded.y, recorded),
+        free_before: unit(&before.free, recorded),
+        free_after: unit(&after.free, data),
+        residual_before: scaled(&before.e),
+        residual_after: scaled(&after.e),
+    }
+}
+
+/// What is named: facts of the samples, the effects of the model with what `added` them, and the slip jump where it is told.
+fn effects(
+    data: &IdData,
+    best: &Decided,
+    facts: Vec<Fact>,
+    added: Vec<(Evidence, f64)>,
+    slip_jump: Option<Evidence>,
+) -> Vec<Effect> {
+    let of_samples = |fact: Fact| Effect {
+        posterior: fact.posterior,
+        ..named(fact.kind, None, f64::NAN, None, fact.described)
+    };
+    let mut effects: Vec<Effect> = facts.into_iter().map(of_samples).collect();
+    let (_, mut gamma) = best.model.gamma.split_at(direct_lags(data).min(best.model.gamma.len()));
+    for (effect, (evidence, delta_aic)) in best.hypothesis.effects.iter().zip(added) {
+        let mut own = Vec::new();
+        effect.shapes(data, &mut own);
+        let (own, rest) = gamma.split_at(own.len().min(gamma.len()));
+        gamma = rest;
+        let described = effect.describe(data, &best.model, own);
+        let tag = effect.tag().map(str::to_string);
+        effects.push(named(effect.kind(), Some(evidence), delta_aic, tag, described));
+    }
+    let apart = |valve: &ValveModel| (valve.j / valve.s - 1.0).abs() > APART;
+    let told = slip_jump.filter(|evidence| evidence.posterior(Kind::SlipJump) > 0.5);
+    if let Some((valve, evidence)) = best.hypothesis.valve.filter(apart).zip(told) {
+        let [s, j] = [valve.s, valve.j].map(|band| band * data.units.u);
+        let described = slip(s, j, &data.units);
+        effects.push(named(Kind::SlipJump, Some(evidence), 2.0 * evidence.log_odds, None, described));
+    }
+    effects
 }
 
 /// A valve in another unit of OP.
@@ -254,27 +240,6 @@ fn with_friction(
     decide(data, other, None)
 }
 
-/// What the diagnosis says where tracing does not decide; `asked`: whether it asked at all.
-fn standing(diagnosis: &Diagnosis, asked: bool) -> (Friction, Verdict, String) {
-    let mut reason = diagnosis.reason.clone();
-    if asked {
-        reason += "; with effects beside friction the verdict would be another, but that model predicts the last fifth of the \
-                   samples worse";
-    }
-    (friction_before(diagnosis), diagnosis.verdict.clone(), reason)
-}
-
-/// Friction as the diagnosis has it.
-fn friction_before(diagnosis: &Diagnosis) -> Friction {
-    diagnosis.estimate.as_ref().map_or_else(Friction::default, |e| Friction {
-        f: e.f,
-        f_ci95: e.f_ci95,
-        lag: 0.0,
-        delta_aic: e.delta_aic,
-        posterior: f64::NAN,
-    })
-}
-
 fn named(
     kind: Kind,
     evidence: Option<Evidence>,
@@ -296,59 +261,6 @@ fn slip(s: f64, j: f64, units: &Units) -> Described {
     Described::new(format!("the stem {does} {lag}{while_moving}: S {told_s}, J {told_j}"))
         .with("s", s, "OP")
         .with("j", j, "OP")
-}
-
-/// Friction beside the effects, and what it means: stiction where f is above its threshold with enough evidence.
-fn friction_found(
-    data: &IdData,
-    best: &Decided,
-    log_odds: f64,
-    diagnosis: &Diagnosis,
-    settings: &Settings,
-) -> (Friction, Verdict, String) {
-    let unit = data.units.u;
-    let evidence = 2.0 * log_odds;
-    let f = best.hypothesis.valve.map_or(0.0, |valve| valve.f() * unit);
-    let unseen = diagnosis.preparation.acquisition.as_ref().is_some_and(|found| found.unseen_scans());
-    let within = interval(data, &best.hypothesis, unseen).map(|f| f * unit);
-    let sticks = f > settings.f_threshold && evidence > settings.evidence_threshold && within[0] > 0.0;
-    let followed = !sticks || follows(data, best);
-    let sticks = sticks && followed;
-    let verdict = match &diagnosis.verdict {
-        _ if !followed => Verdict::NotIdentifiable(NotIdentifiable::StemNotFollowed),
-        _ if sticks => Verdict::Stiction,
-        Verdict::NotIdentifiable(why) => Verdict::NotIdentifiable(why.clone()),
-        _ if has_positive_feedback(data, &best.model) => {
-            Verdict::NotIdentifiable(NotIdentifiable::NoResponse)
-        }
-        _ => Verdict::NoStiction,
-    };
-    let friction = Friction {
-        f: if sticks { f } else { 0.0 },
-        f_ci95: if sticks { within } else { [0.0, within[1]] },
-        lag: best.hypothesis.valve.filter(|_| sticks).map_or(0.0, |valve| valve.lag() * unit),
-        delta_aic: evidence.max(0.0),
-        posterior: probability(log_odds),
-    };
-    let reason = match &verdict {
-        Verdict::Stiction => {
-            let (per, unit) = settings.op_span.map_or((1.0, ""), |span| (100.0 / span, " % OP"));
-            let [low, high] = within.map(|f| told(per * f));
-            format!("f = {}{unit} [{low}, {high}], evidence {evidence:.0}", told(per * f))
-        }
-        Verdict::NoStiction if evidence > settings.evidence_threshold => {
-            let per = settings.op_span.map_or(1.0, |span| 100.0 / span);
-            let unit = if settings.op_span.is_some() { " % OP" } else { "" };
-            let why = match within[0] > 0.0 {
-                true => format!("its f of {}{unit} is too small to matter", told(per * f)),
-                false => format!("f may be 0 as well as {}{unit}", told(per * within[1])),
-            };
-            format!("friction predicts PV better, evidence {evidence:.0}, but {why}")
-        }
-        Verdict::NoStiction => format!("no friction needed, evidence {:.0}", friction.delta_aic),
-        Verdict::NotIdentifiable(why) => why.to_string(),
-    };
-    (friction, verdict, reason)
 }
 
 /// The linear part in the plant's units.
