@@ -26,6 +26,7 @@ use super::hypotheses::{ALL, Propose, again};
 use super::hypothesis::Hypothesis;
 use super::posterior::{class, log_prior};
 use super::report::{lasts, report, scaled};
+use super::response::evidence;
 use super::screening::Screen;
 use super::trace::{Outcome, iddata_beside, slip_jump};
 use super::valve_search::{Effort, Found, search};
@@ -248,8 +249,8 @@ fn needed(data: &IdData, best: &Decided) -> Result<Vec<(Evidence, f64)>, usize> 
     let each = best.hypothesis.effects.iter().enumerate().map(|(at, effect)| {
         let (without, held_out) = without(data, best, &with, at);
         let gain = best.score - without.score;
-        let evidence = Evidence { log_odds: gain + log_prior(1), held_out };
-        (evidence.posterior(effect.kind()), (evidence, 2.0 * gain))
+        let told = evidence(data, &best.hypothesis, at, [gain + log_prior(1), held_out]);
+        (told.posterior(effect.kind()), (told, 2.0 * gain))
     });
     let (posteriors, added): (Vec<f64>, Vec<_>) = each.unzip();
     let least = (0..added.len()).min_by(|a, b| posteriors[*a].total_cmp(&posteriors[*b]));

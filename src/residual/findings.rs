@@ -130,6 +130,8 @@ pub struct Evidence {
     pub log_odds: f64,
     /// Standard deviations by which the samples that nothing was fitted to speak for it (-).
     pub held_out: f64,
+    /// Whether the valve sticks beside it.
+    pub sticks: bool,
 }
 
 /// One effect that was added to the model.

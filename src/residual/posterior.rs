@@ -155,7 +155,8 @@ mod tests {
 
     #[test]
     fn a_posterior_follows_from_odds_and_held_out_samples() {
-        let posterior = |kind, log_odds, held_out| Evidence { log_odds, held_out }.posterior(kind);
+        let posterior =
+            |kind, log_odds, held_out| Evidence { log_odds, held_out, sticks: true }.posterior(kind);
         assert_eq!(posterior(Kind::Drift, 5.0, 1.0), 111.0 / 115.0);
         assert_eq!(posterior(Kind::Drift, 4.9, 1.0), 33.0 / 56.0);
         assert_eq!(posterior(Kind::LoadStep, 40.0, -1.1), 6.0 / 41.0);

@@ -1,6 +1,8 @@
 //! Whether PV answers as a hypothesis of the valve says, asked with OP beside it (see [`crate::sysid::encompass`]).
 
+use super::Kind;
 use super::decide::{Decided, has_positive_feedback};
+use super::findings::Evidence;
 use super::hypothesis::Hypothesis;
 use crate::sysid::encompass::{Encompassing, Response};
 use crate::sysid::iddata::{IdData, LONGEST_LAG};
@@ -22,9 +24,17 @@ pub fn follows(data: &IdData, best: &Decided) -> bool {
     asked(data, best, &loads, [&p, &u]).is_none_or(|found| found.is_seen() && (bends || !found.is_reversed()))
 }
 
+/// What speaks for effect `at`, from the logarithm of its odds and the standard deviations by which held-out samples speak for it:
+/// nothing for a stop beyond which PV follows OP.
+pub fn evidence(data: &IdData, best: &Hypothesis, at: usize, [log_odds, held_out]: [f64; 2]) -> Evidence {
+    let refuted = best.effects[at].kind() == Kind::ValveSaturation && !stops(data, best, at);
+    let log_odds = if refuted { f64::NEG_INFINITY } else { log_odds };
+    Evidence { log_odds, held_out, sticks: best.valve.is_some() }
+}
+
 /// Whether PV follows the stem up to the stop that is effect `at`, and is not seen to follow what the stop keeps back. Loads that
 /// enter the equation are left out: they may be what makes up for a stop that is not there.
-pub fn stops(data: &IdData, best: &Hypothesis, at: usize) -> bool {
+fn stops(data: &IdData, best: &Hypothesis, at: usize) -> bool {
     let arrives = |of: &Hypothesis| of.to_process(data, of.stem(data).0);
     let (p, whole) = (arrives(best), arrives(&best.without(at)));
     let lost: Vec<f64> = whole.iter().zip(&p).map(|(whole, p)| whole - p).collect();
@@ -36,4 +46,68 @@ fn asked(data: &IdData, best: &Hypothesis, extra: &[Vec<f64>], [p, u]: [&[f64]; 
     let (y, rows, lags) = (best.pv(data), data.rows(), LONGEST_LAG);
     let (counts, gain_sign) = (counts.as_slice(), data.gain_sign);
     Encompassing { y: &y, u, p, extra, lags, rows, counts, gain_sign }.response()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::Lasting;
+    use crate::residual::decide::decide;
+    use crate::residual::hypotheses::again;
+    use crate::signal::Window;
+    use crate::sysid::valve::Start;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// A lag behind a valve of this dead band and these stops whose OP swings by ±5; `gain` of the process.
+    fn record(s: f64, stop: f64, gain: f64) -> IdData {
+        let n = 1200;
+        let mut draw = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(3));
+        let mut next = || draw.next().unwrap_or(0.0);
+        let swing = |k: usize| 3.0 * (0.11 * k as f64).sin() + 2.0 * (0.043 * k as f64).cos();
+        let op: Vec<f64> = (0..n).map(|k| swing(k) + 0.02 * next()).collect();
+        let (mut y, mut stem, mut pv) = (0.0, 0.0f64, vec![0.0; n]);
+        for k in 1..n {
+            stem = stem.clamp(op[k - 1] - 0.5 * s, op[k - 1] + 0.5 * s).min(stop);
+            y = 0.8 * y + 0.2 * gain * stem;
+            pv[k] = y + 0.1 * next();
+        }
+        let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
+        IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough")
+    }
+
+    fn sticking(data: &IdData, s: f64) -> Decided {
+        let s = s / data.units.u;
+        let valve = ValveModel { s, j: s, ..ValveModel::default() };
+        decide(data, Hypothesis { valve: Some(valve), effects: Vec::new() }, None)
+    }
+
+    #[test]
+    fn pv_follows_the_stem_of_a_valve_that_sticks() {
+        let mut data = record(2.0, f64::INFINITY, 1.0);
+        assert!(follows(&data, &sticking(&data, 2.0)));
+        data.gain_sign = Some(-1.0);
+        assert!(
+            !follows(&data, &sticking(&data, 2.0)),
+            "the controller says that PV has to go the other way"
+        );
+    }
+
+    #[test]
+    fn a_pv_that_answers_to_nothing_follows_no_stem() {
+        let data = record(2.0, f64::INFINITY, 0.0);
+        assert!(!follows(&data, &sticking(&data, 2.0)));
+    }
+
+    #[test]
+    fn a_stop_is_refuted_where_pv_follows_op_beyond_it() {
+        for (stop, stands) in [(2.0, true), (f64::INFINITY, false)] {
+            let data = record(0.0, stop, 1.0);
+            let stop = Lasting::ValveSaturation { level: 2.0, above: true, held: false };
+            let best = Hypothesis { valve: None, effects: again(&data, &stop).into_iter().collect() };
+            let told = evidence(&data, &best, 0, [7.0, 2.0]);
+            assert_eq!(told.log_odds == 7.0, stands, "{told:?}");
+            assert!(told.held_out == 2.0 && !told.sticks);
+        }
+    }
 }

@@ -9,7 +9,7 @@ use super::held_out::{judge, without};
 use super::hypothesis::Hypothesis;
 use super::posterior::{Table, class, log_prior};
 use super::report::report;
-use super::response::stops;
+use super::response::evidence;
 use super::valve_search::{Effort, Found, LEAST_REVERSALS, search};
 use super::{Row, Settings};
 use crate::diagnosis::region::{self, Region};
@@ -205,13 +205,11 @@ fn select_confirmed(data: &IdData, settings: &Settings, found: Vec<Found>) -> Op
         let mut outcome = select(data, settings, &rejected, begun)?;
         let mut posteriors = Vec::new();
         let with = judge(data, &outcome.best, data);
-        for (at, (evidence, _)) in outcome.added.iter_mut().enumerate() {
-            evidence.held_out = without(data, &outcome.best, &with, at).1;
+        for (at, (told, _)) in outcome.added.iter_mut().enumerate() {
+            let held_out = without(data, &outcome.best, &with, at).1;
+            *told = evidence(data, &outcome.best.hypothesis, at, [told.log_odds, held_out]);
             let kind = outcome.best.hypothesis.effects[at].kind();
-            if kind == Kind::ValveSaturation && !stops(data, &outcome.best.hypothesis, at) {
-                evidence.log_odds = f64::NEG_INFINITY;
-            }
-            posteriors.push((evidence.posterior(kind), at, kind));
+            posteriors.push((told.posterior(kind), at, kind));
         }
         let least = posteriors.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((_, at, kind)) = least.filter(|least| least.0 <= 0.5) else {
@@ -251,7 +249,7 @@ fn with_rejected(
 pub fn slip_jump(table: &Table<'_>) -> Evidence {
     let sticks = |d: &Decided| d.hypothesis.valve.is_some();
     let log_odds = table.log_odds_within(sticks, |d| class(&d.hypothesis) == 2) + log_prior(1);
-    Evidence { log_odds, held_out: 0.0 }
+    Evidence { log_odds, held_out: 0.0, sticks: true }
 }
 
 /// Forward selection with backward elimination; where what was `rejected` is likeliest, nothing takes its place.
@@ -296,7 +294,8 @@ fn select(
             });
         };
         // Held-out samples are asked once everything is selected.
-        let evidence = Evidence { log_odds: table.log_odds_of(kind), held_out: 0.0 };
+        let sticks = next.hypothesis.valve.is_some();
+        let evidence = Evidence { log_odds: table.log_odds_of(kind), held_out: 0.0, sticks };
         added.push((evidence, 2.0 * (next.score - none.score)));
         let mut keep: Vec<usize> = (0..added.len()).collect();
         let best = eliminate(data, next.clone(), &pool, &mut keep);

@@ -13,7 +13,7 @@ use super::ols::Ols;
 /// Lags of PV and of the set point: those of a PID.
 const LAGS: usize = 3;
 /// Two-sided 0.2 % point of the normal distribution: a smaller |t| may be chance.
-const PLAIN: f64 = 3.09;
+const SIGNIFICANT: f64 = 3.09;
 /// Share of the variance of OP's changes that the equation leaves at most: a rule beside the controller (a feed-forward, another
 /// loop) or a wrong clock leaves more.
 const LEAVES: f64 = 0.1;
@@ -38,7 +38,8 @@ pub fn gain_sign(u: &[f64], y: &[f64], sp: Option<&[f64]>, counts: impl Fn(usize
     let ols = Ols::new(&columns, &changes)?;
     let all = columns.len();
     let [proportional, integral] = [1..2, 1..1 + LAGS].map(|of| ols.t(all, of));
-    let plain = proportional.abs().min(integral.abs()) > PLAIN && proportional.signum() == integral.signum();
+    let plain =
+        proportional.abs().min(integral.abs()) > SIGNIFICANT && proportional.signum() == integral.signum();
     (plain && ols.rest(all) <= LEAVES * ols.rest(1)).then(|| -proportional.signum())
 }
 

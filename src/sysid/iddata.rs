@@ -1,6 +1,6 @@
 //! The record that a model is fitted on: one window, normalised, with a weight for each sample.
 
-use super::action::gain_sign;
+use super::gain_sign::gain_sign;
 use super::stats::{mean, normalised, sd};
 use super::valve::{Start, largest_reversal};
 use crate::signal::{Row, Window, told};

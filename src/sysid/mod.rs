@@ -1,10 +1,10 @@
 //! System identification, pure: what the diagnosis and the tracing of residuals share.
 
-pub mod action;
 pub mod armax;
 pub mod arx;
 pub mod criterion;
 pub mod encompass;
+pub mod gain_sign;
 pub mod gram;
 pub mod iddata;
 pub mod least_squares;

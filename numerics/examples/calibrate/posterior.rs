@@ -19,6 +19,8 @@ struct Weighed {
     log_odds: f64,
     held_out: f64,
     there: bool,
+    /// Whether the valve is told to stick beside it.
+    sticks: bool,
 }
 
 /// Prints how many were there, of how many, by the odds and by what held-out samples say, and how good other limits are.
@@ -27,11 +29,11 @@ pub fn posterior(files: &[PathBuf]) {
     let rows: Vec<Weighed> = text.lines().filter_map(weighed).collect();
     println!("| | log odds | z < -1 | -1 to 1 | from 1 |");
     println!("|---|---|---|---|---|");
-    for group in ["changes", "slip jumps", "bends", "others"] {
+    for group in ["changes", "slip jumps", "bends", "stops", "stops beside friction", "others"] {
         for odds in ODDS.windows(2) {
             let cell = |held_out: &[f64]| {
                 let own = rows.iter().filter(|row| {
-                    group_of(row.kind) == group
+                    group_of(row) == group
                         && (odds[0]..odds[1]).contains(&row.log_odds)
                         && (held_out[0]..held_out[1]).contains(&row.held_out)
                 });
@@ -54,7 +56,7 @@ pub fn posterior(files: &[PathBuf]) {
 
 /// The cell of the program's table that an effect counts in.
 fn cell(row: &Weighed, likely: f64, speaks: f64) -> (&'static str, bool, usize) {
-    let (group, is_likely) = (group_of(row.kind), row.log_odds >= likely);
+    let (group, is_likely) = (group_of(row), row.log_odds >= likely);
     let said = usize::from(row.held_out >= -speaks) + usize::from(row.held_out >= speaks);
     match group {
         "changes" => (group, true, said),
@@ -80,21 +82,23 @@ fn score(rows: &[Weighed], likely: f64, speaks: f64) -> f64 {
     rows.iter().map(of).sum::<f64>() / rows.len().max(1) as f64
 }
 
-/// The row of the table that a kind counts in.
-fn group_of(kind: Kind) -> &'static str {
-    match kind {
+/// The row of the table that an effect counts in.
+fn group_of(row: &Weighed) -> &'static str {
+    match row.kind {
+        Kind::ValveSaturation if row.sticks => "stops beside friction",
+        Kind::ValveSaturation => "stops",
         Kind::SlipJump => "slip jumps",
         Kind::StaticNonlinearity => "bends",
-        _ if kind.is_change() => "changes",
+        kind if kind.is_change() => "changes",
         _ => "others",
     }
 }
 
-/// A line as `evidence C clean 301 slip_jump 6.205 -0.310 0 ...`.
+/// A line as `evidence C clean 301 slip_jump 6.205 -0.310 0 1 ...`.
 fn weighed(line: &str) -> Option<Weighed> {
     let cells: Vec<&str> = line.split_whitespace().collect();
-    let ["evidence", _, _, _, kind, log_odds, held_out, there, ..] = cells[..] else { return None };
+    let ["evidence", _, _, _, kind, log_odds, held_out, there, sticks, ..] = cells[..] else { return None };
     let kind = Kind::ALL.into_iter().find(|own| own.as_str() == kind)?;
     let [log_odds, held_out] = [log_odds.parse().ok()?, held_out.parse().ok()?];
-    Some(Weighed { kind, log_odds, held_out, there: there == "1" })
+    Some(Weighed { kind, log_odds, held_out, there: there == "1", sticks: sticks == "1" })
 }

@@ -85,14 +85,14 @@ impl Judged {
     }
 
     /// Each effect that was named or rejected: generator, true effect, seed, kind, log odds, what held-out samples say, whether it
-    /// is there, its numbers and the loop in words.
+    /// is there, whether the valve is told to stick beside it, its numbers and the loop in words.
     pub fn evidence_lines(&self) -> Vec<String> {
         let generator = self.name.chars().next().unwrap_or('?');
         let truth = self.case.effect.map_or("clean", Kind::as_str);
-        let line = |(kind, Evidence { log_odds, held_out }, numbers): &(Kind, Evidence, String)| {
-            let there = u8::from(self.is_there(*kind));
+        let line = |(kind, Evidence { log_odds, held_out, sticks }, numbers): &(Kind, Evidence, String)| {
+            let [there, sticks] = [self.is_there(*kind), *sticks].map(u8::from);
             format!(
-                "evidence {generator} {truth} {} {kind} {log_odds:.3} {held_out:.3} {there}{numbers} of {}",
+                "evidence {generator} {truth} {} {kind} {log_odds:.3} {held_out:.3} {there} {sticks}{numbers} of {}",
                 self.case.seed, self.name
             )
         };
