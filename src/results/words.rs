@@ -208,7 +208,10 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
             "whether PV follows OP does not show beside what else moves PV",
             " Where this lasts, check whether the valve moves, and whether it is this loop's.",
         ),
-        "stem_not_followed" => ("a load that jumps would look the same", ""),
+        "stem_not_followed" => (
+            "it may stick or a load may jump, for PV is not seen to follow it",
+            " Where this lasts, check whether OP and PV belong to one loop.",
+        ),
         "compensated" => ("a term of write-back acts and hides what sticking there is", ""),
         "out_of_scale" => ("the values are too large or too small to compute with", ""),
         "deadline_exceeded" => ("the analysis took too long", ""),
