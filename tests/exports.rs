@@ -3,6 +3,8 @@
 
 #[path = "exports/archive.rs"]
 mod archive;
+#[path = "exports/clocks.rs"]
+mod clocks;
 #[path = "exports/columns.rs"]
 mod columns;
 #[path = "exports/doubts.rs"]
@@ -15,6 +17,8 @@ mod forms;
 mod halves;
 #[path = "exports/joined.rs"]
 mod joined;
+#[path = "exports/pairs.rs"]
+mod pairs;
 #[path = "exports/plants.rs"]
 mod plants;
 #[path = "exports/quality.rs"]

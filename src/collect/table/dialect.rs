@@ -49,7 +49,7 @@ pub fn dialect(
         }
         let mut looked = look(&first, options, "line");
         if let (Ok(layout), true) = (&mut looked.layout, said.is_some()) {
-            layout.skip += 1;
+            layout.lower();
         }
         if best.as_ref().is_none_or(|(other, _)| looked.worth() > other.worth()) {
             best = Some((looked, separator));

@@ -21,7 +21,9 @@ pub struct Found {
 impl Found {
     pub(super) fn new(plan: &Plan, counted: &Counted) -> Self {
         let mut parts = vec![file(plan)];
-        if matches!(plan.layout.body, Body::Long(_)) {
+        if plan.layout.pairs.is_some() {
+            parts.push("each tag by its own times".into());
+        } else if matches!(plan.layout.body, Body::Long(_)) {
             parts.push("a row for each sample".into());
         }
         if plan.signs {

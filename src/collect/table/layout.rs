@@ -3,6 +3,7 @@
 use super::error::{TableError, listed};
 use super::names::{Name, as_unit};
 use super::options::Options;
+use super::pairs::{self, PairRows, Pairs};
 use super::qualities::owners;
 use super::roles::{Roles, Trouble, roles, told};
 use super::source::{Cell, Rows};
@@ -67,6 +68,26 @@ pub struct Layout {
     pub time_unit: Option<String>,
     /// Where the samples are.
     pub body: Body,
+    /// The columns of each tag, where each has its own times.
+    pub pairs: Option<Pairs>,
+}
+
+impl Layout {
+    /// The rows as this layout has them.
+    pub fn rows<'r>(&'r self, rows: Box<dyn Rows + 'r>) -> Result<Box<dyn Rows + 'r>, TableError> {
+        Ok(match &self.pairs {
+            Some(pairs) => Box::new(PairRows::new(rows, pairs)?),
+            None => rows,
+        })
+    }
+
+    /// One more row stands above the header.
+    pub fn lower(&mut self) {
+        match &mut self.pairs {
+            Some(pairs) => pairs.lower(),
+            None => self.skip += 1,
+        }
+    }
 }
 
 /// How samples stand in a table.
@@ -121,6 +142,13 @@ pub struct Looked {
 
 /// Looks for the header in the first rows.
 pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
+    if options.tag.is_none()
+        && options.value.is_none()
+        && let Some(layout) = pairs::look(rows, options.time.is_some())
+    {
+        let cells = rows.iter().map(|(_, row)| row.len()).max().unwrap_or(0);
+        return Looked { layout, known: cells, even: 1.0, cells, numbers_only: false };
+    }
     let comment = |row: &[Seen]| row.first().is_some_and(|cell| cell.text.trim_start().starts_with('#'));
     let mut best: Option<(usize, usize)> = None;
     let mut refused = None;
@@ -323,8 +351,17 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
         (None, Ok(roles)) => Body::Wide(columns(&masked, &roles)),
         (None, Err(trouble)) => return Err(trouble),
     };
-    let mut layout =
-        Layout { line: 0, skip: 0, time, clock, millis, time_unit: names[time].unit_of_time(), names, body };
+    let mut layout = Layout {
+        line: 0,
+        skip: 0,
+        time,
+        clock,
+        millis,
+        time_unit: names[time].unit_of_time(),
+        names,
+        body,
+        pairs: None,
+    };
     units(&mut layout, below);
     Ok(layout)
 }
@@ -360,7 +397,7 @@ const TAGS: [&str; 29] = [
     "path",
     "data item",
 ];
-const VALUES: [&str; 9] = [
+pub const VALUES: [&str; 9] = [
     "value",
     "val",
     "wert",

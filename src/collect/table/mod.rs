@@ -7,7 +7,7 @@
 //! | step | decides |
 //! |---|---|
 //! | `source`, `kinds`, `text` | what kind of file, which encoding |
-//! | `layout`, `time_columns`, `names`, `roles` | what divides cells, where the header is, which column is what |
+//! | `layout`, `time_columns`, `pairs`, `names`, `roles` | what divides cells, where the header is, which column is what |
 //! | `evidence`, `number` | the decimal sign, thousands, units behind numbers |
 //! | `time`, `stamp`, `calendar` | how times are written |
 //! | `words`, `qualities`, `says` | which modes are automatic, which qualities good |
@@ -29,6 +29,7 @@ pub(super) mod number;
 mod odd_rows;
 mod options;
 mod owner;
+mod pairs;
 mod parquet;
 mod qualities;
 mod roles;

@@ -23,7 +23,7 @@ pub enum Says {
 }
 
 /// Words of a good value.
-const GOOD: [&str; 27] = [
+const GOOD: [&str; 29] = [
     "good",
     "ok",
     "normal",
@@ -51,11 +51,13 @@ const GOOD: [&str; 27] = [
     "iyi",
     "хорошее",
     "良",
+    "buona",
+    "양호",
 ];
 /// Words of one that is repeated, or of which the source is not sure.
 const UNSURE: [&str; 6] = ["stale", "uncertain", "questionable", "substituted", "u", "old"];
 /// Words of a bad one.
-const BAD: [&str; 27] = [
+const BAD: [&str; 29] = [
     "špatná",
     "bad",
     "invalid",
@@ -83,6 +85,8 @@ const BAD: [&str; 27] = [
     "kötü",
     "плохое",
     "不良",
+    "cattiva",
+    "불량",
 ];
 
 /// Words of a flag that is not set, and of one that is.
@@ -114,6 +118,12 @@ pub fn is_alarm(name: &str) -> bool {
 /// Whether a column of this name holds the confidence of Honeywell's PHD: 100 is good, 0 and -1 are not.
 fn is_confidence(name: &str) -> bool {
     ["confidence", "conf"].contains(&last_word(name).as_str())
+}
+
+/// Whether a column of this name says how much of an average is good, as AVEVA's PI does: all of it, 100, or less.
+fn is_percent_good(name: &str) -> bool {
+    let small = name.trim().to_lowercase();
+    ["percentgood", "percent good", "pctgood", "pct good", "% good"].iter().any(|own| small.ends_with(own))
 }
 
 /// Whether a column of this name holds a flag that is set where a value is bad: `PV_BAD`, `Questionable`.
@@ -159,15 +169,22 @@ fn is_known(word: &str) -> bool {
     let first = first_word(word);
     Quality::named(word).is_some()
         || [&GOOD[..], &UNSURE, &BAD].iter().any(|names| names.contains(&first))
-        || first.starts_with("good")
-        || first.starts_with("bad")
-        || first.starts_with("uncertain")
+        || ["good", "bad", "uncertain"].iter().any(|own| first.starts_with(own))
+        || behind_comma(word).is_some()
+}
+
+/// What OPC HDA says behind where a value comes from: `Raw, Good`.
+fn behind_comma(word: &str) -> Option<Quality> {
+    let (source, said) = word.split_once(',')?;
+    let sources = ["raw", "calculated", "interpolated", "extra data"];
+    let is_source = sources.contains(&source.trim());
+    (is_source && is_known(said.trim())).then(|| quality_of(said.trim()))
 }
 
 /// What a word says; one that is not known is not good.
 fn quality_of(word: &str) -> Quality {
     let first = first_word(word);
-    if let Some(own) = Quality::named(word) {
+    if let Some(own) = Quality::named(word).or_else(|| behind_comma(word)) {
         own
     } else if GOOD.contains(&first) || first.starts_with("good") {
         Quality::Good
@@ -243,7 +260,9 @@ impl Says {
             // 0 is bad in one numbering and good in the other: another number has to say which it is.
             return if doubtful {
                 doubt()
-            } else if is_confidence(name) && numbers.iter().all(|n| [-1.0, 0.0, 100.0].contains(n)) {
+            } else if is_confidence(name) && numbers.iter().all(|n| [-1.0, 0.0, 100.0].contains(n))
+                || is_percent_good(name) && numbers.iter().all(|n| (0.0..=100.0).contains(n))
+            {
                 Ok(Some(Says::Told(vec!["100".into()])))
             } else if numbers.iter().any(|n| (192.0..256.0).contains(n)) && numbers.iter().all(da) {
                 Ok(Some(Says::OpcDa))

@@ -5,6 +5,7 @@ use super::calendar::{half, half_before, is_ambiguous, is_weekday, month, zone};
 
 /// Nanoseconds of a second, of a day.
 pub const SECOND: i64 = 1_000_000_000;
+pub const HOUR: i64 = 3600 * SECOND;
 pub const DAY: i64 = 86_400 * SECOND;
 
 /// In which order a date of three numbers is written.
@@ -190,6 +191,9 @@ pub fn scan(cell: &str) -> Option<Stamp> {
         _ => cell,
     };
     let pieces = pieces(cell)?;
+    if let Some(clock) = minutes(&pieces) {
+        return Some(Stamp { date: None, clock: Some(clock), offset: None, has_letters: false });
+    }
     let mut left = Left(&pieces);
     if let Some(elapsed) = left.elapsed() {
         return left.0.is_empty().then_some(Stamp {
@@ -221,6 +225,29 @@ pub fn scan(cell: &str) -> Option<Stamp> {
     }
     let whole = left.0.is_empty() && !matches!(date, Some(Date::Known(0, ..)));
     (whole && (date.is_some() || clock.is_some())).then_some(Stamp { date, clock, offset, has_letters })
+}
+
+/// Minutes and seconds with a fraction, `59:58.5` (ns): hours and minutes have none.
+fn minutes(pieces: &[Piece<'_>]) -> Option<i64> {
+    use Piece::{Number, Sign};
+    let [Number(minute, 1..=4), Sign(':'), Number(second @ ..60, 2), Sign('.' | ','), Number(part, digits)] =
+        pieces
+    else {
+        return None;
+    };
+    Some((minute * 60 + second) * SECOND + fraction(*part, *digits)?)
+}
+
+/// Whether a cell is minutes and seconds with a fraction.
+pub fn are_minutes(cell: &str) -> bool {
+    pieces(super::number::bare(cell)).is_some_and(|pieces| minutes(&pieces).is_some())
+}
+
+/// Digits behind a decimal sign as nanoseconds.
+fn fraction(value: i64, digits: usize) -> Option<i64> {
+    let scale = 9i32 - i32::try_from(digits).ok()?;
+    let factor = 10i64.checked_pow(scale.unsigned_abs())?;
+    if scale >= 0 { value.checked_mul(factor) } else { Some(value / factor) }
 }
 
 /// The pieces that are not understood yet.
@@ -400,14 +427,12 @@ impl Left<'_, '_> {
             [Number(h, 1..=2), rest @ ..] if noon(without_blank(rest)).is_some() => (*h, 0, 0, rest),
             _ => return None,
         };
-        let mut fraction = 0;
-        if let [Sign('.' | ',' | ':'), Number(value, n), after @ ..] = rest {
-            let scale = 9i32 - i32::try_from(*n).ok()?;
-            fraction = if scale >= 0 {
-                value.checked_mul(10i64.checked_pow(scale.unsigned_abs())?)?
-            } else {
-                value / 10i64.checked_pow(scale.unsigned_abs())?
-            };
+        let mut part = 0;
+        if let [Sign('.' | ',' | ':'), Number(value, n), after @ ..]
+        // Studio 5000 writes `06:00:02;030`.
+        | [Sign(';'), Number(value, n @ 3), after @ ..] = rest
+        {
+            part = fraction(*value, *n)?;
             rest = after;
         }
         let mut hour = hour;
@@ -423,14 +448,14 @@ impl Left<'_, '_> {
         }
         // A leap second is told as the last nanosecond of its minute.
         if second == 60 {
-            (second, fraction) = (59, SECOND - 1);
+            (second, part) = (59, SECOND - 1);
         }
-        let midnight = hour == 24 && minute == 0 && second == 0 && fraction == 0;
+        let midnight = hour == 24 && minute == 0 && second == 0 && part == 0;
         if !(midnight || hour < hours) || minute > 59 || second > 59 {
             return None;
         }
         self.0 = rest;
-        Some((hour * 3600 + minute * 60 + second) * SECOND + fraction)
+        Some((hour * 3600 + minute * 60 + second) * SECOND + part)
     }
 
     /// The offset from Greenwich where one is given, and whether letters stand there that do not say which; `None` where what

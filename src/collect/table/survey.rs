@@ -59,11 +59,11 @@ pub fn survey(source: Source<'_>, options: &Options, whole: bool) -> Result<Plan
     let mut counting = Counting::new(&layout, options);
     let row_name = {
         let blanks = Blanks::of(separator).is_some();
-        let mut rows = kind.rows(source, separator)?;
+        let mut rows = layout.rows(kind.rows(source, separator)?)?;
         counting.all(rows.as_mut(), &layout, &told, blanks)?;
         if counting.owner.as_ref().is_some_and(Owner::is_none) {
             counting = Counting { owner: None, ..Counting::new(&layout, options) };
-            rows = kind.rows(source, separator)?;
+            rows = layout.rows(kind.rows(source, separator)?)?;
             counting.all(rows.as_mut(), &layout, &told, blanks)?;
         }
         rows.row_name()
@@ -306,6 +306,16 @@ impl Counting {
         }
         if whole && told.good_values.is_some() && self.quality_columns.is_empty() {
             return Err(unused("good-values", "quality, such as \"pv_status\" or \"Quality\""));
+        }
+        if let Some(good) = told.good_values.as_deref().filter(|_| whole)
+            && let Some(words) = self.words.first()
+            && !self.words.iter().any(|words| words.any_of(good))
+        {
+            return Err(TableError::refused(format!(
+                "--good-values: none of {} is there; the column holds {}",
+                listed(good.iter().map(String::as_str)),
+                words.listed()
+            )));
         }
         let modes = self.modes(told)?;
         let qualities = self.qualities(&layout, told)?;

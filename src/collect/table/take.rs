@@ -139,7 +139,7 @@ fn all(source: Source<'_>, mut plan: Plan, take: Take<'_>) -> Result<(Plan, Foun
     let mut counted = Counted::default();
     plan.owner.iter_mut().for_each(Owner::begin);
     {
-        let mut rows = plan.kind.rows(source, plan.separator)?;
+        let mut rows = plan.layout.rows(plan.kind.rows(source, plan.separator)?)?;
         for _ in 0..plan.layout.skip {
             rows.next()?;
         }

@@ -3,6 +3,7 @@
 mod decide;
 mod reading;
 mod tally;
+mod turns;
 
 pub use decide::Column;
 pub use reading::Reading;

@@ -174,11 +174,20 @@ pub const QUALITIES: &[&str] = &[
     "kalite",
     "kvalita",
     "conf",
+    "qualità",
+    "품질",
+    "percent good",
+    "percentgood",
+    "pct good",
+    "pctgood",
+    "% good",
     "q",
     "st",
+    "qc",
+    "flag",
 ];
 /// Those of them that mean nothing without the name of a value before them.
-pub const SHORT_QUALITIES: &[&str] = &["q", "st"];
+pub const SHORT_QUALITIES: &[&str] = &["q", "st", "qc", "flag"];
 
 /// Those of them that hold the numbers of OPC.
 pub const DETAILS: [&str; 4] = ["opcquality", "opc quality", "qualitydetail", "quality detail"];

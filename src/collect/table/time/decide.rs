@@ -7,9 +7,10 @@ use super::super::options::{self, Format, Told, Unit, Zone};
 use super::super::stamp::Order;
 use super::reading::{How, Reading, Spread};
 use super::tally::{Groups, Numbers, SERIAL, SERIAL_OR_MJD, Times, Track};
+use super::turns::{not_of_twelve_hours, spring};
 
 /// Stamps that may be missing or wrong within a column: one in so many.
-const BAD: u64 = 50;
+pub(super) const BAD: u64 = 50;
 /// Rows behind the last sample that a report adds: averages, counts, a signature.
 const TRAILER: u64 = 20;
 /// Rows in which nothing begins again.
@@ -32,14 +33,9 @@ const LEAP: f64 = 25.0 * 86_400.0;
 /// Stamps are cut to one of these (s) where several rows share them.
 /// Days of a spreadsheet with three to five decimals are cut to multiples of the last three.
 const CUT: [f64; 6] = [1.0, 60.0, 3600.0, 0.864, 8.64, 86.4];
-/// A step back that is told (s): less is a late sample.
-const BACK_S: f64 = 600.0;
-/// A time of day is no more (s).
+/// A time of day is no more, and one of an hour (s).
 const A_DAY: f64 = 86_400.0;
-/// By how much a clock of twelve hours goes back at noon and at midnight (s).
-const HALF_A_DAY: f64 = 43_200.0;
-/// By how much clocks go back where daylight saving time ends (s).
-const HOUR: f64 = 3600.0;
+const AN_HOUR: f64 = 3600.0;
 
 /// Where the column stands, for messages.
 pub struct Column<'a> {
@@ -96,10 +92,14 @@ impl Times {
             (&self.dates[order as usize], new(How::Dated(order), said), 1.0)
         } else if !by_pattern && self.clocks.count == most {
             self.minutes(column)?;
-            match self.clocks.most > A_DAY {
-                true => (&self.clocks, new(How::Elapsed, "time since the start".into()), 1.0),
-                false => (&self.clocks, new(How::Clock, "time of day without a date".into()), 1.0),
-            }
+            let longest = if self.are_minutes() { AN_HOUR } else { A_DAY };
+            let (how, said) = match (self.clocks.most > longest, self.are_minutes()) {
+                (true, _) => (How::Elapsed, "time since the start"),
+                // `59:58.5`: nobody writes a fraction of minutes behind hours.
+                (_, true) => (How::Minutes, "time in minutes and seconds"),
+                _ => (How::Clock, "time of day without a date"),
+            };
+            (&self.clocks, new(how, said.into()), 1.0)
         } else if !by_pattern && self.moments.count == most {
             (&self.moments, new(How::Moment, format!("time as stamps{}", zone())), 1.0)
         } else {
@@ -125,6 +125,13 @@ impl Times {
             }
             reading.said += &self.back(track, per_s, told, column)?;
         }
+        match reading.how {
+            How::Clock => not_of_twelve_hours(track, column)?,
+            How::Dated(_) if told.zone.name.is_none() && of_header.is_none() => {
+                reading.said += &spring(&self.offsets, track)
+            }
+            _ => {}
+        }
         if let Some(spread) = &reading.spread {
             let step = (spread.step * 1e3).round() * 1e-3;
             reading.said += &format!(", {} rows a stamp spread over its {step} s", spread.usual);
@@ -141,6 +148,7 @@ impl Times {
         if track.count > 0 && trailer && within * BAD <= self.rows {
             return Ok(());
         }
+        self.dates_of_one_kind(column)?;
         let (line, cell) = track.first_miss.clone().unwrap_or_default();
         let Column { row_name, number, name, .. } = column;
         if let Some(Format::Pattern(pattern)) = &told.format {
@@ -152,49 +160,6 @@ impl Times {
             "{row_name} {line}, column {number} ({name}): {cell:?} is no time; dates with a time of day in the usual formats, \
              RFC 3339 and numbers are read, others with --time-format"
         )))
-    }
-
-    /// What is remarkable where times go back and go on from there, in words.
-    ///
-    /// # Errors
-    /// They go back by an hour on a clock whose zone nobody told.
-    fn back(
-        &self,
-        track: &Track,
-        per_s: f64,
-        told: &Told,
-        column: &Column<'_>,
-    ) -> Result<String, TableError> {
-        // Where the newest stands first, times that go on are those that go back in time.
-        let ([forward, back], turned) = match track.falls() {
-            true => ([track.ways[1], track.ways[0]], track.largest[0]),
-            false => (track.ways, track.largest[1]),
-        };
-        let Some((step, line)) = turned.map(|(step, line)| (step / per_s, line)) else {
-            return Ok(String::new());
-        };
-        // Where a zone is told, the hour that comes twice is known by it.
-        if back * BAD > forward || step < BACK_S || told.zone.name.is_some() && step <= HOUR {
-            return Ok(String::new());
-        }
-        let Column { row_name, number, name, .. } = column;
-        let local = told.zone.name.is_none() && matches!(self.offsets, [None, Some(_)]);
-        if local && back <= track.tags() && (HOUR * 0.9..=HOUR).contains(&step) {
-            return Err(TableError::refused(format!(
-                "{row_name} {line}, column {number} ({name}): times go back by an hour, as where daylight saving time ends; say \
-                 the zone with --tz, such as Europe/Berlin, or --tz UTC where they are right"
-            )));
-        }
-        // A clock of numbers has no noon.
-        let is_clock = self.offsets.iter().any(Option::is_some) || self.moments.count > 0;
-        if is_clock && (HALF_A_DAY - 60.0..=HALF_A_DAY).contains(&step) {
-            return Err(TableError::refused(format!(
-                "{row_name} {line}, column {number} ({name}): times go back by twelve hours, as on a clock of twelve hours that \
-                 says neither AM nor PM; save the times with it, or on a clock of 24 hours"
-            )));
-        }
-        let times = if back == 1 { "once".to_string() } else { format!("{back} times") };
-        Ok(format!(", times go back {times}, by up to {step:.0} s in {row_name} {line}: rows are sorted"))
     }
 
     /// Refuses times of which some say their offset and others do not, where nobody told the zone of these.
@@ -212,11 +177,13 @@ impl Times {
 
     /// Refuses times of two numbers, which may be hours and minutes, or minutes and seconds.
     fn minutes(&self, column: &Column<'_>) -> Result<(), TableError> {
-        let Some((line, cell)) = &self.short_clock else { return Ok(()) };
+        let Some((line, cell)) = self.short_clock.as_ref().filter(|_| !self.are_minutes()) else {
+            return Ok(());
+        };
         let Column { row_name, number, name, .. } = column;
         Err(TableError::refused(format!(
             "{row_name} {line}, column {number} ({name}): {cell:?} may be hours and minutes or minutes and seconds; say \
-             --time-format %H:%M or %M:%S, or save the times whole: a spreadsheet shows less than it has"
+             --time-format %H:%M or %M:%S%.f, or save the times whole: a spreadsheet shows less than it has"
         )))
     }
 

@@ -3,7 +3,7 @@
 use super::super::number::Decimal;
 use super::super::options::{Unit, Zone};
 use super::super::source::Cell;
-use super::super::stamp::{DAY, Order, SECOND};
+use super::super::stamp::{DAY, HOUR, Order, SECOND};
 use super::tally::{SINCE_1904, What};
 use jiff::tz::{AmbiguousOffset, TimeZone};
 
@@ -56,6 +56,8 @@ pub(super) enum How {
     Number(Decimal, Unit),
     Dated(Order),
     Clock,
+    /// Minutes and seconds of an hour.
+    Minutes,
     /// Since something began, also beyond a day.
     Elapsed,
     Moment,
@@ -132,6 +134,7 @@ impl Reading {
             // A spreadsheet keeps most stamps as such and some as text.
             (How::Moment, What::Moment { ns, civil }) => self.moment(ns, (!civil).then_some(0), last),
             (How::Clock, What::Clock(ns)) => Some(last.unwrapped(ns, DAY)),
+            (How::Minutes, What::Clock(ns)) => Some(last.unwrapped(ns, HOUR)),
             (How::Elapsed, What::Clock(ns)) => Some(seconds(ns)),
             _ => None,
         }
@@ -214,7 +217,7 @@ fn period(pattern: &str) -> Option<i64> {
         return None;
     }
     let hours = all.iter().any(|c| "HIklTRrX".contains(*c));
-    Some(if hours { DAY } else { 3600 * SECOND })
+    Some(if hours { DAY } else { HOUR })
 }
 
 /// Nanoseconds on the written clock, and the offset where the pattern has one.

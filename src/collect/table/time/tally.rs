@@ -242,6 +242,8 @@ pub struct Times {
     pub clocks: Track,
     /// The first of them with two numbers only, and its line.
     pub short_clock: Option<(u64, String)>,
+    /// How many of them are minutes and seconds with a fraction: `59:58.5`.
+    minutes: u64,
     /// Moments as such (s).
     pub moments: Track,
     /// By the pattern that was told.
@@ -249,6 +251,11 @@ pub struct Times {
 }
 
 impl Times {
+    /// Whether all times of day are minutes and seconds.
+    pub fn are_minutes(&self) -> bool {
+        self.minutes > 0 && self.minutes == self.clocks.count
+    }
+
     /// One more row; `tag` is the tag that it is a sample of, 0 in a table with a column for each.
     pub fn add(
         &mut self,
@@ -295,6 +302,7 @@ impl Times {
         if clock.is_some() && self.short_clock.is_none() && is_short(&text()) {
             self.short_clock = Some((line, shown(&text())));
         }
+        self.minutes += u64::from(clock.is_some() && stamp::are_minutes(&text()));
         self.clocks.add(row, &text, clock);
         let moment = if let What::Moment { ns, .. } = what { Some(ns as f64 * 1e-9) } else { None };
         self.moments.add(row, &text, moment);
