@@ -32,7 +32,7 @@ pub struct IdData {
     /// Whether OP acts beside a stem that sticks, `D(q) u`: with a feed-forward or a slow controller, OP tells of loads before
     /// PV shows them. A stem that follows OP needs no such term: it is OP.
     pub direct: bool,
-    /// Sign of the process gain, where the controller tells it (see [`super::action`]).
+    /// Sign of the process gain, where the controller tells it (see [`super::gain_sign`]).
     pub gain_sign: Option<f64>,
     /// Where stems start.
     pub start: Start,
