@@ -131,7 +131,7 @@ pub struct Evidence {
     /// Standard deviations by which the samples that nothing was fitted to speak for it (-).
     pub held_out: f64,
     /// Whether the valve sticks beside it.
-    pub sticks: bool,
+    pub beside_friction: bool,
 }
 
 /// One effect that was added to the model.

@@ -62,7 +62,7 @@ impl Evidence {
         let [there, of] = match kind {
             Kind::SlipJump => SLIP_JUMPS[usize::from(likely)],
             Kind::StaticNonlinearity => BENDS[usize::from(likely)][said],
-            Kind::ValveSaturation => STOPS[usize::from(self.sticks)][said],
+            Kind::ValveSaturation => STOPS[usize::from(self.beside_friction)][said],
             _ if kind.is_change() => CHANGES[said],
             _ if likely => OTHERS[said],
             _ => UNLIKELY[said],
@@ -159,7 +159,9 @@ mod tests {
 
     #[test]
     fn a_posterior_follows_from_odds_and_held_out_samples() {
-        let of = |kind, log_odds, held_out, sticks| Evidence { log_odds, held_out, sticks }.posterior(kind);
+        let of = |kind, log_odds, held_out, beside_friction| {
+            Evidence { log_odds, held_out, beside_friction }.posterior(kind)
+        };
         let posterior = |kind, log_odds, held_out| of(kind, log_odds, held_out, true);
         assert_eq!(posterior(Kind::Drift, 5.0, 1.0), 129.0 / 130.0);
         assert_eq!(posterior(Kind::Drift, 4.9, 1.0), 22.0 / 38.0);

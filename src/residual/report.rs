@@ -11,7 +11,7 @@ use super::held_out::{Judged, gained, judge};
 use super::hypothesis::{Hypothesis, direct_lags};
 use super::response::follows;
 use super::trace::Outcome;
-use super::verdict::{Asked, friction_before};
+use super::verdict::{Question, friction_before};
 use crate::diagnosis::{Diagnosis, Model};
 use crate::sysid::armax::{Armax, ORDER};
 use crate::sysid::iddata::{IdData, Units};
@@ -102,25 +102,25 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
     }
     let (before, mut after) = (judge(&recorded, &declared, &data), judge(&data, &best, &data));
     let agrees = gained(&before, &after) >= 0.0;
-    let judged = Asked { data: &data, best: &best, log_odds: friction, diagnosis, settings };
-    let mut said = judged.said(agrees, || follows(&recorded, &declared));
-    let valve = if said.by_tracing { best.hypothesis.valve } else { declared.hypothesis.valve };
-    let valve = valve.filter(|_| said.sticks());
+    let question = Question { data: &data, best: &best, log_odds: friction, diagnosis, settings };
+    let mut answer = question.answer(agrees, || follows(&recorded, &declared));
+    let valve = if answer.by_tracing { best.hypothesis.valve } else { declared.hypothesis.valve };
+    let valve = valve.filter(|_| answer.tells_stiction());
     // The published model has the friction that is believed, and no other.
     if valve != best.hypothesis.valve {
         data.direct &= valve.is_some();
         best = with_friction(&data, &best.hypothesis, valve, &mut added);
         after = judge(&data, &best, &data);
     }
-    let f_detectable = said.bound(&data, detectable(&data, &best, settings.evidence_threshold));
+    let f_detectable = answer.bound(&data, detectable(&data, &best, settings.evidence_threshold));
     let (stem, dir) = best.hypothesis.stem(&data);
     let failed = checks::failed(&data, (&stem, &dir), &after.e, 2 * ORDER);
-    let undisputed = said.agrees_with(diagnosis)
-        && valve.is_some() == said.sticks()
+    let undisputed = answer.agrees_with(diagnosis)
+        && valve.is_some() == answer.tells_stiction()
         && candidates.first().is_none_or(|(kind, posterior)| kind.is_none() && *posterior > 0.5);
     let structure = structure(&data, &best.hypothesis, &facts).filter(|_| undisputed);
-    let structure = structure.map(|found| Structure { asked: said.asked, failed: failed.clone(), ..found });
-    let slip_jump = said.sticks().then_some(slip_jump);
+    let structure = structure.map(|found| Structure { asked: answer.asked, failed: failed.clone(), ..found });
+    let slip_jump = answer.tells_stiction().then_some(slip_jump);
     Findings {
         effects: effects(&data, &best, facts, added, slip_jump),
         rejected,
@@ -129,10 +129,10 @@ pub fn report(outcome: Outcome, diagnosis: &Diagnosis, settings: &Settings) -> F
         unexplained: !after.residual.white,
         failed,
         friction_before: friction_before(diagnosis),
-        friction_after: said.friction,
+        friction_after: answer.friction,
         f_detectable,
-        verdict: said.verdict,
-        reason: said.reason,
+        verdict: answer.verdict,
+        reason: answer.reason,
         model: model(&data, &best.model),
         curves: curves([&recorded, &data], [&before, &after]),
         before: before.residual,
@@ -235,8 +235,14 @@ fn with_friction(
 ) -> Decided {
     let mut other = hypothesis.with_valve(valve);
     let told = std::mem::take(&mut other.effects).into_iter().zip(added.drain(..));
-    let means_something = |effect: &dyn EffectModel| valve.is_some() || !effect.kind().is_of_friction();
-    (other.effects, *added) = told.filter(|(effect, _)| means_something(effect.as_ref())).unzip();
+    let beside_friction = valve.is_some();
+    let anew =
+        told.map(|(effect, (evidence, gain))| (effect, (Evidence { beside_friction, ..evidence }, gain)));
+    // Beside another valve an effect may mean nothing, or be no longer likelier than not.
+    let stays = |effect: &dyn EffectModel, evidence: &Evidence| {
+        (beside_friction || !effect.kind().is_of_friction()) && evidence.posterior(effect.kind()) > 0.5
+    };
+    (other.effects, *added) = anew.filter(|(effect, (told, _))| stays(effect.as_ref(), told)).unzip();
     decide(data, other, None)
 }
 

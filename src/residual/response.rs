@@ -29,7 +29,7 @@ pub fn follows(data: &IdData, best: &Decided) -> bool {
 pub fn evidence(data: &IdData, best: &Hypothesis, at: usize, [log_odds, held_out]: [f64; 2]) -> Evidence {
     let refuted = best.effects[at].kind() == Kind::ValveSaturation && !stops(data, best, at);
     let log_odds = if refuted { f64::NEG_INFINITY } else { log_odds };
-    Evidence { log_odds, held_out, sticks: best.valve.is_some() }
+    Evidence { log_odds, held_out, beside_friction: best.valve.is_some() }
 }
 
 /// Whether PV follows the stem up to the stop that is effect `at`, and is not seen to follow what the stop keeps back. Loads that
@@ -107,7 +107,7 @@ mod tests {
             let best = Hypothesis { valve: None, effects: again(&data, &stop).into_iter().collect() };
             let told = evidence(&data, &best, 0, [7.0, 2.0]);
             assert_eq!(told.log_odds == 7.0, stands, "{told:?}");
-            assert!(told.held_out == 2.0 && !told.sticks);
+            assert!(told.held_out == 2.0 && !told.beside_friction);
         }
     }
 }

@@ -249,7 +249,7 @@ fn with_rejected(
 pub fn slip_jump(table: &Table<'_>) -> Evidence {
     let sticks = |d: &Decided| d.hypothesis.valve.is_some();
     let log_odds = table.log_odds_within(sticks, |d| class(&d.hypothesis) == 2) + log_prior(1);
-    Evidence { log_odds, held_out: 0.0, sticks: true }
+    Evidence { log_odds, held_out: 0.0, beside_friction: true }
 }
 
 /// Forward selection with backward elimination; where what was `rejected` is likeliest, nothing takes its place.
@@ -294,8 +294,8 @@ fn select(
             });
         };
         // Held-out samples are asked once everything is selected.
-        let sticks = next.hypothesis.valve.is_some();
-        let evidence = Evidence { log_odds: table.log_odds_of(kind), held_out: 0.0, sticks };
+        let beside_friction = next.hypothesis.valve.is_some();
+        let evidence = Evidence { log_odds: table.log_odds_of(kind), held_out: 0.0, beside_friction };
         added.push((evidence, 2.0 * (next.score - none.score)));
         let mut keep: Vec<usize> = (0..added.len()).collect();
         let best = eliminate(data, next.clone(), &pool, &mut keep);

@@ -17,7 +17,7 @@ use crate::sysid::iddata::IdData;
 const EXCLUDES_NOTHING: f64 = 0.98;
 
 /// What a verdict is made of.
-pub struct Asked<'a> {
+pub struct Question<'a> {
     /// The record with its samples put right.
     pub data: &'a IdData,
     /// The best hypothesis.
@@ -31,7 +31,7 @@ pub struct Asked<'a> {
 }
 
 /// The verdict, and why.
-pub struct Said {
+pub struct Answer {
     /// Friction (OP unit).
     pub friction: Friction,
     /// The verdict.
@@ -44,14 +44,14 @@ pub struct Said {
     pub asked: bool,
 }
 
-impl Asked<'_> {
+impl Question<'_> {
     /// The verdict; `agrees`: held-out samples are predicted no worse with the effects, `followed`: PV follows the declared stem.
-    pub fn said(&self, agrees: bool, followed: impl Fn() -> bool) -> Said {
+    pub fn answer(&self, agrees: bool, followed: impl Fn() -> bool) -> Answer {
         let asked = self.log_odds > f64::NEG_INFINITY;
         if asked {
             let (friction, verdict, reason) = self.traced();
             if agrees || verdict == self.diagnosis.verdict {
-                return Said { friction, verdict, reason, by_tracing: true, asked };
+                return Answer { friction, verdict, reason, by_tracing: true, asked };
             }
         }
         let mut reason = self.diagnosis.reason.clone();
@@ -60,12 +60,12 @@ impl Asked<'_> {
                        the samples worse";
         }
         let verdict = self.diagnosis.verdict.clone();
-        let mut said =
-            Said { friction: friction_before(self.diagnosis), verdict, reason, by_tracing: false, asked };
-        if said.sticks() && !followed() {
-            said.cannot_tell(NotIdentifiable::StemNotFollowed);
+        let mut answer =
+            Answer { friction: friction_before(self.diagnosis), verdict, reason, by_tracing: false, asked };
+        if answer.tells_stiction() && !followed() {
+            answer.cannot_tell(NotIdentifiable::StemNotFollowed);
         }
-        said
+        answer
     }
 
     /// Friction beside the effects, and what it means.
@@ -118,9 +118,9 @@ impl Asked<'_> {
     }
 }
 
-impl Said {
+impl Answer {
     /// Whether stiction is told.
-    pub fn sticks(&self) -> bool {
+    pub fn tells_stiction(&self) -> bool {
         self.verdict == Verdict::Stiction
     }
 
@@ -128,7 +128,7 @@ impl Said {
     pub fn agrees_with(&self, diagnosis: &Diagnosis) -> bool {
         let sticks = diagnosis.verdict == Verdict::Stiction;
         (self.by_tracing || !self.asked)
-            && sticks == self.sticks()
+            && sticks == self.tells_stiction()
             && diagnosis.preparation.compensated == 0.0
     }
 

@@ -89,8 +89,12 @@ impl Judged {
     pub fn evidence_lines(&self) -> Vec<String> {
         let generator = self.name.chars().next().unwrap_or('?');
         let truth = self.case.effect.map_or("clean", Kind::as_str);
-        let line = |(kind, Evidence { log_odds, held_out, sticks }, numbers): &(Kind, Evidence, String)| {
-            let [there, sticks] = [self.is_there(*kind), *sticks].map(u8::from);
+        let line = |(kind, Evidence { log_odds, held_out, beside_friction }, numbers): &(
+            Kind,
+            Evidence,
+            String,
+        )| {
+            let [there, sticks] = [self.is_there(*kind), *beside_friction].map(u8::from);
             format!(
                 "evidence {generator} {truth} {} {kind} {log_odds:.3} {held_out:.3} {there} {sticks}{numbers} of {}",
                 self.case.seed, self.name
