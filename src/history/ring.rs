@@ -55,8 +55,8 @@ const WIDE_VALUE: u8 = 1 << 7;
 /// 64 bits of each slot.
 type Wide = OnceLock<Box<[AtomicU64; SLOTS]>>;
 
-/// Slots in 640 bytes, which an allocator gives whole; one array for a ring, of whatever length it is configured, costs up to
-/// a quarter more than it holds.
+/// Slots in 640 bytes, which is a size class of the allocator: one array for a ring of any length would cost up to a quarter more
+/// than it holds.
 #[derive(Debug)]
 struct Block {
     /// Lines of the stamps, of even and odd laps.
@@ -81,7 +81,6 @@ impl Line {
         t0 + slot as f64 * step
     }
 
-    /// A line that is no number fits no stamp.
     fn begin(&self, t0: f64, step: f64) {
         self.t0.store(t0.to_bits(), Ordering::Relaxed);
         self.step.store(step.to_bits(), Ordering::Relaxed);
@@ -227,7 +226,7 @@ impl Ring {
         self.refused.load(Ordering::Relaxed)
     }
 
-    /// Appends a sample over the oldest one. Wait-free.
+    /// Appends a sample over the oldest one. Wait-free, but for the memory that a block takes when a sample first does not fit.
     pub fn push(&self, sample: Sample) {
         if self.writing.swap(true, Ordering::Acquire) {
             self.refused.fetch_add(1, Ordering::Relaxed);

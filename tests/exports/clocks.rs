@@ -46,6 +46,13 @@ fn a_clock_of_twelve_hours_without_a_date_is_refused() {
     let shown = |t: f64| civil("%I:%M:%S", t + past);
     let said = read("Time,OP,PV", &rows(&example, ',', shown), &Options::default()).expect_err("half a day");
     assert!(said.contains("twelve hours"), "{said}");
+    // A clock of 24 hours goes back by twelve from one day shift to the next.
+    let shifts = |t: f64| {
+        let since = t - BEGIN as f64;
+        let of_day = if since < 600.0 { 18.0 * 3600.0 - 600.0 + since } else { 6.0 * 3600.0 + since - 600.0 };
+        civil("%H:%M:%S", of_day)
+    };
+    assert!(read("Time,OP,PV", &rows(&example, ',', shifts), &Options::default()).is_ok());
     let whole = |t: f64| civil("%H:%M:%S", t + past);
     let table = read("Time,OP,PV", &rows(&example, ',', whole), &Options::default()).expect("read");
     assert!(off(&table) < 1.0, "{}", table.found.read_as);

@@ -114,10 +114,44 @@ fn other_columns_beside_values_are_no_times() {
         let rows: String = (0..example.op.len()).map(|at| row(at, beside(at))).collect();
         read(&format!("{header}\n{rows}"), &Options::default())
     };
-    // A dead time that an operator sets, and a counter of hours.
-    let dead = table("Time,OP,Dead time,PV", &|at| format!("{}", 3 + at / 500)).expect("read");
-    is_record(&dead, &example, "dead");
-    let hours =
-        table("Time,OP,Run time,PV", &|at| format!("{:.4}", 8000.0 + at as f64 / 1800.0)).expect("read");
-    is_record(&hours, &example, "hours");
+    // A dead time that an operator sets, counters of hours and of steps, a temperature that rises.
+    for (header, from, step) in [
+        ("Time,OP,Dead time,PV", 3.0, 0.0),
+        ("Time,OP,Run time,PV", 8000.0, 1.0 / 1800.0),
+        ("Time,OP,Run time,PV", 1.0, 1.0),
+        ("Time,OP,Step time,PV", 0.0, 2.0),
+        ("Time,OP,T1,PV", 20.0, 0.01),
+        ("Time,OP,x,PV", 0.0, 1.0),
+    ] {
+        let beside = |at: usize| format!("{:.4}", from + step * at as f64);
+        let read = table(header, &beside).unwrap_or_else(|said| panic!("{header}: {said}"));
+        is_record(&read, &example, header);
+    }
+    // One moment in two zones is no time of another tag.
+    let local = |at: usize| iso(BEGIN as f64 + example.op[at].t + 7200.0).replace('Z', "");
+    for header in ["Time (UTC),OP,Time (local),PV", "Server time,OP,Source time,PV", "Start,OP,End,PV"] {
+        let read = table(header, &local);
+        assert!(read.is_err_and(|said| said.contains("--time") || said.contains("times")), "{header}");
+    }
+}
+
+#[test]
+fn the_hour_that_comes_twice_is_told_by_each_tag_s_own_times() {
+    let example = Record { sp: None, ..example() };
+    // OP every 2 s, and PV every third time: it is far ahead in the file.
+    let mut own = example.clone();
+    own.pv = example.pv.iter().step_by(3).copied().collect();
+    let tz = jiff::tz::TimeZone::get("Europe/Berlin").expect("a zone");
+    // The record begins 10 minutes before clocks are set back, at 2026-10-25 01:00 UTC.
+    let shift = 1_792_889_400.0 - BEGIN as f64;
+    let berlin = |t: f64| {
+        let moment = jiff::Timestamp::from_millisecond(((t + shift) * 1e3).round() as i64).expect("a time");
+        tz.to_datetime(moment).strftime("%d.%m.%Y %H:%M:%S%.3f").to_string()
+    };
+    let told = Options { tz: Some("Europe/Berlin".into()), ..Options::default() };
+    let table = read(&side_by_side("Time,OP,Time,PV", &own, berlin, ""), &told).expect("read");
+    let moved = |series: &[Sample]| -> Vec<Sample> {
+        series.iter().map(|s| Sample { t: s.t + shift, ..*s }).collect()
+    };
+    is_record(&table, &Record { op: moved(&own.op), pv: moved(&own.pv), ..own.clone() }, "two hours");
 }

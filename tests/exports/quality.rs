@@ -101,22 +101,14 @@ fn qualities_stand_behind_their_values_or_before_them() {
 }
 
 #[test]
-fn a_second_column_of_times_without_a_name_is_that_of_the_value_behind_it() {
+fn a_second_column_of_times_without_a_name_is_refused() {
     let row = |t: f64, op: f64, pv: f64, _: &str| {
         let civil = |t: f64| jiff::Timestamp::from_millisecond((t * 1e3) as i64).expect("a time").to_string();
         format!("{},{pv},{},{op}\n", civil(t), civil(t + 4.0))
     };
-    let table = of_bytes(&spoilt("Time,FC101.PV,,FC101.OP\n", ["", ""], row), &Options::default());
-    let record = table.expect("read").record;
-    assert!(record.op.iter().zip(&record.pv).all(|(op, pv)| (op.t - pv.t - 4.0).abs() < 2e-3));
-    // Beside another column it is refused.
-    let beside = |t: f64, op: f64, pv: f64, _: &str| {
-        let civil = |t: f64| jiff::Timestamp::from_millisecond((t * 1e3) as i64).expect("a time").to_string();
-        format!("{},{pv},7,{},{op}\n", civil(t), civil(t + 4.0))
-    };
-    let said = of_bytes(&spoilt("Time,FC101.PV,Level,,FC101.OP\n", ["", ""], beside), &Options::default());
+    let said = of_bytes(&spoilt("Time,FC101.PV,,FC101.OP\n", ["", ""], row), &Options::default());
     let said = said.err().unwrap_or_default();
-    assert!(said.contains("column 4") && said.contains("holds other times"), "{said}");
+    assert!(said.contains("column 3") && said.contains("holds other times"), "{said}");
 }
 
 #[test]
@@ -139,7 +131,6 @@ fn other_names_and_words_of_quality_are_known_too() {
     for (header, words) in [
         ("Time,OP,PV,PV PercentGood\n", ["100", "0"]),
         ("Time,OP,PV,PV % Good\n", ["100", "37.5"]),
-        ("Time,OP,PV,PV Flag\n", ["", "B"]),
         ("Time,OP,PV,PV Qualità\n", ["Buona", "Cattiva"]),
         ("Time,OP,PV,PV 품질\n", ["양호", "불량"]),
     ] {
@@ -153,6 +144,11 @@ fn other_names_and_words_of_quality_are_known_too() {
     assert!(of_bytes(&codes, &plain).is_err_and(|said| said.contains("--good-values")));
     let told = |good: &str| Options { good_values: Some(good.into()), ..Options::default() };
     assert_left_out("128", of_bytes(&codes, &told("128")), false);
+    // One that never changes says nothing, and neither does an average of which no part is known to be whole.
+    let one = of_bytes(&spoilt("Time,OP,PV,PV.QC\n", ["0", "0"], own), &plain).expect("read").record;
+    assert!(one.pv.iter().all(|sample| sample.quality.is_good()));
+    let share = spoilt("Time,OP,PV,PV PercentGood\n", ["1", "0.4"], own);
+    assert!(of_bytes(&share, &plain).is_err_and(|said| said.contains("--good-values")));
     let nowhere = of_bytes(&codes, &told("129")).expect_err("no such value");
     assert!(nowhere.contains("none of \"129\" is there") && nowhere.contains("128"), "{nowhere}");
 }

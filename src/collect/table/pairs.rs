@@ -2,10 +2,13 @@
 //! They are read as rows of tag, time and value.
 //!
 //! ```text
-//! FIC101.PV  |        | FIC101.OP |            tag    time      value
-//! Timestamp  | Value  | Timestamp | Value  ->  PV     06:00:02  51.4
-//! 06:00:02   | 51.4   | 06:00:01  | 49.8       OP     06:00:01  49.8
+//! FIC101.PV       |        | FIC101.OP       |            tag    time            value
+//! Timestamp       | Value  | Timestamp       | Value  ->  PV     02.06. 06:00:02  51.4
+//! 02.06. 06:00:02 | 51.4   | 02.06. 06:00:01 | 49.8       OP     02.06. 06:00:01  49.8
 //! ```
+//!
+//! The columns of times have to be called alike, but for the name of their tag or a number: `Time1, OP, Time2, PV`, `OP time, OP,
+//! PV time, PV`. A run time or a temperature that rises beside the time is none.
 
 use super::error::TableError;
 use super::layout::{Body, Layout, Long, PREAMBLE, Seen, SeenRow, VALUES};
@@ -16,8 +19,11 @@ use super::stamp;
 use super::time::WhatKind;
 use super::vocabulary;
 
-/// Words of columns that tell where an interval begins or ends: these belong together.
-const INTERVALS: [&str; 8] = ["start", "end", "begin", "stop", "from", "to", "von", "bis"];
+/// Words of columns of times that belong together: where an interval begins and ends, one moment in two zones or on two machines.
+const TOGETHER: [&str; 15] = [
+    "start", "end", "begin", "stop", "from", "to", "von", "bis", "utc", "gmt", "local", "lokal", "server",
+    "source", "received",
+];
 /// Words by which a column of numbers is one of times.
 const TIMES: [&str; 9] = ["time", "timestamp", "zeit", "zeitstempel", "date", "t", "ts", "x", "stamp"];
 /// Rows from which it is told what a column holds.
@@ -28,6 +34,8 @@ const FEW: usize = 3;
 pub struct Pair {
     name: String,
     unit: String,
+    /// How its times are called, but for its name and a number.
+    stem: String,
     time: usize,
     value: usize,
     quality: Option<usize>,
@@ -91,7 +99,12 @@ fn find(rows: &[SeenRow]) -> Option<(Pairs, Option<String>)> {
         let numbers = |kind| row.iter().filter(|cell| cell.kind == kind).count();
         numbers(WhatKind::Number) > 1 && numbers(WhatKind::Number) + numbers(WhatKind::Dated) > 3
     };
-    let skip = rows.iter().take(PREAMBLE).position(is_sample).filter(|skip| *skip > 0)?;
+    let whole = rows.iter().take(PREAMBLE).position(is_sample)?;
+    // Above the first whole sample there may be some in which a value is missing.
+    let is_part =
+        |(_, row): &SeenRow| row.iter().any(|cell| matches!(cell.kind, WhatKind::Number | WhatKind::Dated));
+    let part = rows[..whole].iter().rev().take_while(|row| is_part(row)).count();
+    let skip = Some(whole - part).filter(|skip| *skip > 0)?;
     let (header, above) = (&rows[skip - 1].1, skip.checked_sub(2).map(|at| rows[at].1.as_slice()));
     let samples = &rows[skip..];
     let width = samples.iter().map(|(_, row)| row.len()).max().filter(|_| samples.len() >= FEW)?;
@@ -102,7 +115,15 @@ fn find(rows: &[SeenRow]) -> Option<(Pairs, Option<String>)> {
         match holds[at..] {
             [Holds::Nothing, ..] => at += 1,
             [Holds::Moments | Holds::Counts, Holds::Numbers | Holds::Words, ref behind @ ..] => {
-                let quality = (behind.first() == Some(&Holds::Words)).then_some(at + 2);
+                let says = |cell: &Seen| {
+                    let name = Name::new(&cell.text);
+                    name.is_none() || name.quality_of().is_some()
+                };
+                let is_words = behind.first() == Some(&Holds::Words);
+                let quality = is_words.then_some(at + 2);
+                if is_words && !header.get(at + 2).is_none_or(says) {
+                    return None;
+                }
                 all.push(pair(header, above, at, quality)?);
                 at += if quality.is_some() { 3 } else { 2 };
             }
@@ -113,9 +134,13 @@ fn find(rows: &[SeenRow]) -> Option<(Pairs, Option<String>)> {
     let once = |pair: &Pair| all.iter().filter(|other| other.name == pair.name).count() == 1;
     let unit = header.get(all.first()?.time).and_then(|cell| Name::new(&cell.text).unit_of_time());
     let alike = all.iter().all(|pair| {
-        holds[pair.time] == holds[all[0].time] && pair.quality.is_some() == all[0].quality.is_some()
+        let unit = |pair: &Pair| Name::new(header.get(pair.time).map_or("", |c| &c.text)).unit_of_time();
+        holds[pair.time] == holds[all[0].time]
+            && pair.quality.is_some() == all[0].quality.is_some()
+            && pair.stem == all[0].stem
+            && unit(pair) == unit(&all[0])
     });
-    let are_pairs = measured > 1 && alike && all.iter().all(once) && begin_together(samples, &all);
+    let are_pairs = measured > 1 && alike && all.iter().all(once) && overlap(samples, &all);
     are_pairs.then_some((Pairs { all, skip }, unit))
 }
 
@@ -160,12 +185,16 @@ fn goes_one_way(values: &[f64]) -> bool {
     10 * up.max(down) >= 9 * (values.len().max(2) - 1)
 }
 
-/// Whether columns of numbers begin at about the same time: a counter of hours does not.
-fn begin_together(samples: &[SeenRow], all: &[Pair]) -> bool {
-    let mut columns = all.iter().map(|pair| values(samples, pair.time));
-    let Some(first) = columns.next() else { return false };
-    let [Some(begins), Some(ends)] = [first.first(), first.last()] else { return true };
-    columns.all(|own| own.first().is_none_or(|own| (own - begins).abs() <= 2.0 * (ends - begins).abs()))
+/// Whether columns of numbers have times in common.
+fn overlap(samples: &[SeenRow], all: &[Pair]) -> bool {
+    let range = |pair: &Pair| {
+        let values = values(samples, pair.time);
+        let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+        (least, values.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+    };
+    let (least, most) = range(&all[0]);
+    // Dates have none.
+    all.iter().map(range).all(|own| own.0 <= most && own.1 >= least || least > most)
 }
 
 fn is_time(name: &Name) -> bool {
@@ -179,8 +208,8 @@ fn pair(header: &[Seen], above: Option<&[Seen]>, time: usize, quality: Option<us
         row.get(at).map_or("", |cell| cell.text.trim())
     }
     let value = time + 1;
-    let is_interval = Name::new(text(header, time)).plain().split(' ').any(|word| INTERVALS.contains(&word));
-    if is_interval {
+    let named = text(header, time).to_lowercase();
+    if named.split(|c: char| !c.is_alphanumeric()).any(|word| TOGETHER.contains(&word)) {
         return None;
     }
     let unit = as_unit(text(header, value)).unwrap_or_default();
@@ -191,7 +220,8 @@ fn pair(header: &[Seen], above: Option<&[Seen]>, time: usize, quality: Option<us
     };
     let places = [(Some(header), value), (Some(header), time), (above, time), (above, value)];
     let name = places.into_iter().filter_map(|(row, at)| Some(text(row?, at))).find(is_name)?;
-    Some(Pair { name: name.to_string(), unit: unit.to_string(), time, value, quality })
+    let stem = stem(text(header, time), name)?;
+    Some(Pair { name: name.to_string(), unit: unit.to_string(), stem, time, value, quality })
 }
 
 impl Pairs {
@@ -199,6 +229,16 @@ impl Pairs {
     pub fn lower(&mut self) {
         self.skip += 1;
     }
+}
+
+/// How times are called, `OP time (s)`, but for the words of their tag and a number behind; `None` for a letter alone, which may be a
+/// temperature.
+fn stem(times: &str, tag: &str) -> Option<String> {
+    let (times, tag) = (Name::new(times), Name::new(tag));
+    let of_tag: Vec<&str> = tag.plain().split(' ').collect();
+    let own = times.plain().split(' ').filter(|word| !of_tag.contains(word) && word.parse::<u32>().is_err());
+    let stem = own.collect::<Vec<_>>().join(" ").trim_end_matches(|c: char| c.is_ascii_digit()).to_string();
+    (stem.len() != 1 || stem != times.plain()).then_some(stem)
 }
 
 /// Rows of tag, time, value, unit and quality out of rows with several tags.

@@ -260,8 +260,13 @@ impl Says {
             // 0 is bad in one numbering and good in the other: another number has to say which it is.
             return if doubtful {
                 doubt()
+            } else if last_word(name) == "qc" && numbers.len() == 1 {
+                // A code that never changes tells nothing from anything.
+                Ok(None)
             } else if is_confidence(name) && numbers.iter().all(|n| [-1.0, 0.0, 100.0].contains(n))
-                || is_percent_good(name) && numbers.iter().all(|n| (0.0..=100.0).contains(n))
+                || is_percent_good(name)
+                    && numbers.contains(&100.0)
+                    && numbers.iter().all(|n| (0.0..=100.0).contains(n))
             {
                 Ok(Some(Says::Told(vec!["100".into()])))
             } else if numbers.iter().any(|n| (192.0..256.0).contains(n)) && numbers.iter().all(da) {

@@ -285,7 +285,8 @@ impl Counting {
         let unit = layout.time_unit.as_deref();
         let column = time::Column { row_name, number: layout.time + 1, name, unit };
         let groups = matches!(layout.body, Body::Wide(_)).then(|| std::mem::take(&mut self.groups));
-        let reading = self.times.decide(&column, told, decimal, groups)?;
+        let mut reading = self.times.decide(&column, told, decimal, groups)?;
+        reading.by_tag |= layout.pairs.is_some();
         if matches!(&kind, Kind::Sheet(sheet) if sheet.since_1904) && reading.counts_days() {
             return Err(TableError::refused(format!(
                 "column {} ({name}): numbers of days in a workbook that counts them from 1904, as Excel for the Macintosh did; give \
@@ -308,12 +309,14 @@ impl Counting {
             return Err(unused("good-values", "quality, such as \"pv_status\" or \"Quality\""));
         }
         if let Some(good) = told.good_values.as_deref().filter(|_| whole)
-            && let Some(words) = self.words.first()
-            && !self.words.iter().any(|words| words.any_of(good))
+            && let Some((words, (at, _))) = self.words.iter().zip(&self.quality_columns).next()
+            && !self.words.iter().any(|words| words.may_hold(good))
         {
             return Err(TableError::refused(format!(
-                "--good-values: none of {} is there; the column holds {}",
+                "--good-values: none of {} is there; column {} ({}) holds {}",
                 listed(good.iter().map(String::as_str)),
+                at + 1,
+                layout.names[*at].full,
                 words.listed()
             )));
         }

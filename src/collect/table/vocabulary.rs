@@ -184,10 +184,9 @@ pub const QUALITIES: &[&str] = &[
     "q",
     "st",
     "qc",
-    "flag",
 ];
 /// Those of them that mean nothing without the name of a value before them.
-pub const SHORT_QUALITIES: &[&str] = &["q", "st", "qc", "flag"];
+pub const SHORT_QUALITIES: &[&str] = &["q", "st", "qc"];
 
 /// Those of them that hold the numbers of OPC.
 pub const DETAILS: [&str; 4] = ["opcquality", "opc quality", "qualitydetail", "quality detail"];

@@ -71,6 +71,11 @@ impl Words {
             })
     }
 
+    /// Whether one of these may be among them: not all are remembered, or there are none.
+    pub fn may_hold(&self, told: &[String]) -> bool {
+        self.more || self.counts.is_empty() || self.any_of(told)
+    }
+
     /// The numbers among them; `None` where one is none.
     pub(super) fn numbers(&self) -> Option<Vec<f64>> {
         self.counts.iter().map(|(word, _)| word.parse().ok()).collect()

@@ -7,7 +7,7 @@ use super::super::options::{self, Format, Told, Unit, Zone};
 use super::super::stamp::Order;
 use super::reading::{How, Reading, Spread};
 use super::tally::{Groups, Numbers, SERIAL, SERIAL_OR_MJD, Times, Track};
-use super::turns::{not_of_twelve_hours, spring};
+use super::turns::{missing_hour, not_of_twelve_hours_a_day};
 
 /// Stamps that may be missing or wrong within a column: one in so many.
 pub(super) const BAD: u64 = 50;
@@ -114,7 +114,7 @@ impl Times {
         let is_wide = groups.is_some();
         let shared = groups.as_ref().is_some_and(Groups::is_cut);
         reading.falls = track.falls();
-        reading.stacked = track.is_stacked();
+        reading.by_tag = track.is_stacked();
         reading.spread = groups.and_then(|groups| spread(groups, track, per_s));
         let dated = is_wide && matches!(reading.how, How::Dated(_) | How::Moment);
         whole(column, dated.then_some(track), shared && reading.spread.is_none())?;
@@ -126,9 +126,9 @@ impl Times {
             reading.said += &self.back(track, per_s, told, column)?;
         }
         match reading.how {
-            How::Clock => not_of_twelve_hours(track, column)?,
+            How::Clock => not_of_twelve_hours_a_day(track, column)?,
             How::Dated(_) if told.zone.name.is_none() && of_header.is_none() => {
-                reading.said += &spring(&self.offsets, track)
+                reading.said += &missing_hour(&self.offsets, track, column)
             }
             _ => {}
         }
@@ -148,7 +148,7 @@ impl Times {
         if track.count > 0 && trailer && within * BAD <= self.rows {
             return Ok(());
         }
-        self.dates_of_one_kind(column)?;
+        self.not_of_two_kinds(column)?;
         let (line, cell) = track.first_miss.clone().unwrap_or_default();
         let Column { row_name, number, name, .. } = column;
         if let Some(Format::Pattern(pattern)) = &told.format {

@@ -15,10 +15,10 @@ pub struct Reading {
     pub said: String,
     /// Rows under one stamp, spread over it.
     pub spread: Option<Spread>,
-    /// Of all rows, or of each tag where `stacked`.
+    /// Of all rows, or of each tag where `by_tag`.
     last: Vec<Last>,
-    /// Tags stand one after the other, so that the clock of each begins anew.
-    pub(super) stacked: bool,
+    /// Each tag has a clock of its own: tags stand one after the other, or each has its own column of times.
+    pub by_tag: bool,
     /// The newest stands first.
     pub(super) falls: bool,
     place: (usize, u32),
@@ -78,12 +78,12 @@ impl Last {
 impl Reading {
     pub(super) fn new(how: How, zone: &Zone, said: String) -> Self {
         let zone = zone.rules.clone();
-        Self { how, zone, said, spread: None, last: Vec::new(), stacked: false, falls: false, place: (0, 0) }
+        Self { how, zone, said, spread: None, last: Vec::new(), by_tag: false, falls: false, place: (0, 0) }
     }
 
     /// The time of the next row (s), which is one of `tag` where each row is a sample of one tag; `None` where its cell is none.
     pub fn next(&mut self, first: &Cell<'_>, second: Option<&Cell<'_>>, tag: usize) -> Option<f64> {
-        let tag = if self.stacked { tag } else { 0 };
+        let tag = if self.by_tag { tag } else { 0 };
         if self.last.len() <= tag {
             self.last.resize(tag + 1, Last { t: f64::NEG_INFINITY, midnight: 0 });
         }

@@ -1,4 +1,4 @@
-//! Times that turn: where a clock is set back or forward, has twelve hours, or is of two kinds.
+//! Times that turn: where a clock is set back or forward, or has twelve hours; and dates of which some are text.
 
 use super::super::error::{TableError, shown};
 use super::super::options::Told;
@@ -12,8 +12,8 @@ const HALF_A_DAY: f64 = 43_200.0;
 /// By how much clocks go back where daylight saving time ends, and forward where it begins (s).
 const HOUR: f64 = 3600.0;
 
-/// A clock of twelve hours goes back by them less a step, which is no longer than this (s).
-const STEP: f64 = 60.0;
+/// A clock that is turned does so by whole hours and a step of the record, which is no longer than this (s).
+const LONGEST_STEP: f64 = 60.0;
 
 impl Times {
     /// What is remarkable where times go back and go on from there, in words.
@@ -50,7 +50,7 @@ impl Times {
         // A clock of numbers has no noon.
         let is_clock = self.offsets.iter().any(Option::is_some) || self.moments.count > 0;
         if is_clock {
-            not_of_twelve_hours(track, column)?;
+            not_of_twelve_hours(Some((step, line)), column)?;
         }
         let times = if back == 1 { "once".to_string() } else { format!("{back} times") };
         Ok(format!(", times go back {times}, by up to {step:.0} s in {row_name} {line}: rows are sorted"))
@@ -60,7 +60,7 @@ impl Times {
     ///
     /// # Errors
     /// A spreadsheet of another country has read days as months where it could, and left the others.
-    pub(super) fn dates_of_one_kind(&self, column: &Column<'_>) -> Result<(), TableError> {
+    pub(super) fn not_of_two_kinds(&self, column: &Column<'_>) -> Result<(), TableError> {
         let Column { row_name, number, name, .. } = column;
         match (&self.moments.first_miss, &self.example) {
             (Some(_), Some((line, cell))) if self.moments.count > 0 => Err(TableError::refused(format!(
@@ -73,13 +73,13 @@ impl Times {
     }
 }
 
-/// Refuses times that go back by twelve hours.
+/// Refuses times that go back by twelve hours, here by a step (s) in a line.
 ///
 /// # Errors
 /// They do, on a clock that says neither AM nor PM.
-pub(super) fn not_of_twelve_hours(track: &Track, column: &Column<'_>) -> Result<(), TableError> {
-    let turned = if track.falls() { track.largest[0] } else { track.largest[1] };
-    let Some((_, line)) = turned.filter(|(step, _)| (HALF_A_DAY - STEP..=HALF_A_DAY).contains(step)) else {
+pub(super) fn not_of_twelve_hours(back: Option<(f64, u64)>, column: &Column<'_>) -> Result<(), TableError> {
+    let Some((_, line)) = back.filter(|(step, _)| (HALF_A_DAY - LONGEST_STEP..=HALF_A_DAY).contains(step))
+    else {
         return Ok(());
     };
     let Column { row_name, number, name, .. } = column;
@@ -89,12 +89,26 @@ pub(super) fn not_of_twelve_hours(track: &Track, column: &Column<'_>) -> Result<
     )))
 }
 
-/// What is remarkable where times without a zone go forward by an hour once, in words.
-pub(super) fn spring(offsets: &[Option<(u64, String)>; 2], track: &Track) -> String {
+/// The same of times of day without a date. One at 13:00 or later shows a clock of 24 hours, which goes back from shift to shift.
+pub(super) fn not_of_twelve_hours_a_day(clocks: &Track, column: &Column<'_>) -> Result<(), TableError> {
+    let back = if clocks.falls() { clocks.largest[0] } else { clocks.largest[1] };
+    if clocks.most >= HALF_A_DAY + HOUR { Ok(()) } else { not_of_twelve_hours(back, column) }
+}
+
+/// That times without a zone go forward by an hour where they go on in short steps else, in words.
+pub(super) fn missing_hour(
+    offsets: &[Option<(u64, String)>; 2],
+    track: &Track,
+    column: &Column<'_>,
+) -> String {
     let of_zone = offsets[0].is_some();
     let largest = if track.falls() { track.largest[1] } else { track.largest[0] };
-    let leap = largest.filter(|(step, _)| (HOUR..=HOUR + STEP).contains(step) && !of_zone);
+    let usual = track.usual_step().filter(|usual| *usual <= LONGEST_STEP && !of_zone);
+    let leap = usual.and_then(|usual| largest.filter(|(step, _)| (HOUR..=HOUR + 2.0 * usual).contains(step)));
     leap.map_or_else(String::new, |(_, line)| {
-        format!(", an hour is missing in line {line}: where clocks were set forward, say the zone with --tz")
+        format!(
+            ", an hour is missing in {} {line}: where clocks were set forward, say the zone with --tz",
+            column.row_name
+        )
     })
 }
