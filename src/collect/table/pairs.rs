@@ -34,8 +34,9 @@ const FEW: usize = 3;
 pub struct Pair {
     name: String,
     unit: String,
-    /// How its times are called, but for its name and a number.
+    /// How its times are called, but for its name and a number, and their unit.
     stem: String,
+    time_unit: Option<String>,
     time: usize,
     value: usize,
     quality: Option<usize>,
@@ -62,7 +63,7 @@ enum Holds {
 
 /// The layout of such a table; `told`: somebody names the column of times, which stands as long as all have the same.
 pub fn look(rows: &[SeenRow], told: bool) -> Option<Result<Layout, TableError>> {
-    let (pairs, unit) = find(rows)?;
+    let pairs = find(rows)?;
     if told {
         let differ = |(_, row): &SeenRow| {
             let mut times = pairs.all.iter().filter_map(|pair| row.get(pair.time)).map(|cell| &cell.text);
@@ -87,14 +88,14 @@ pub fn look(rows: &[SeenRow], told: bool) -> Option<Result<Layout, TableError>> 
         time: 1,
         clock: None,
         millis: None,
-        time_unit: unit,
+        time_unit: pairs.all[0].time_unit.clone(),
         body: Body::Long(body),
         pairs: Some(pairs),
     }))
 }
 
-/// The tags with their columns, and the unit of times.
-fn find(rows: &[SeenRow]) -> Option<(Pairs, Option<String>)> {
+/// The tags with their columns.
+fn find(rows: &[SeenRow]) -> Option<Pairs> {
     let is_sample = |(_, row): &SeenRow| {
         let numbers = |kind| row.iter().filter(|cell| cell.kind == kind).count();
         numbers(WhatKind::Number) > 1 && numbers(WhatKind::Number) + numbers(WhatKind::Dated) > 3
@@ -115,15 +116,7 @@ fn find(rows: &[SeenRow]) -> Option<(Pairs, Option<String>)> {
         match holds[at..] {
             [Holds::Nothing, ..] => at += 1,
             [Holds::Moments | Holds::Counts, Holds::Numbers | Holds::Words, ref behind @ ..] => {
-                let says = |cell: &Seen| {
-                    let name = Name::new(&cell.text);
-                    name.is_none() || name.quality_of().is_some()
-                };
-                let is_words = behind.first() == Some(&Holds::Words);
-                let quality = is_words.then_some(at + 2);
-                if is_words && !header.get(at + 2).is_none_or(says) {
-                    return None;
-                }
+                let quality = (behind.first() == Some(&Holds::Words)).then_some(at + 2);
                 all.push(pair(header, above, at, quality)?);
                 at += if quality.is_some() { 3 } else { 2 };
             }
@@ -132,16 +125,11 @@ fn find(rows: &[SeenRow]) -> Option<(Pairs, Option<String>)> {
     }
     let measured = all.iter().filter(|pair| holds[pair.value] == Holds::Numbers).count();
     let once = |pair: &Pair| all.iter().filter(|other| other.name == pair.name).count() == 1;
-    let unit = header.get(all.first()?.time).and_then(|cell| Name::new(&cell.text).unit_of_time());
-    let alike = all.iter().all(|pair| {
-        let unit = |pair: &Pair| Name::new(header.get(pair.time).map_or("", |c| &c.text)).unit_of_time();
-        holds[pair.time] == holds[all[0].time]
-            && pair.quality.is_some() == all[0].quality.is_some()
-            && pair.stem == all[0].stem
-            && unit(pair) == unit(&all[0])
-    });
+    let same =
+        |pair: &Pair| (holds[pair.time], pair.quality.is_some(), pair.stem.clone(), pair.time_unit.clone());
+    let alike = all.windows(2).all(|two| same(&two[0]) == same(&two[1]));
     let are_pairs = measured > 1 && alike && all.iter().all(once) && overlap(samples, &all);
-    are_pairs.then_some((Pairs { all, skip }, unit))
+    are_pairs.then_some(Pairs { all, skip })
 }
 
 /// What a column holds; numbers are times where the header says so and they go one way.
@@ -212,6 +200,11 @@ fn pair(header: &[Seen], above: Option<&[Seen]>, time: usize, quality: Option<us
     if named.split(|c: char| !c.is_alphanumeric()).any(|word| TOGETHER.contains(&word)) {
         return None;
     }
+    // Words behind a value that are not called a quality may be a mode or a unit.
+    let behind = quality.map(|at| Name::new(text(header, at)));
+    if behind.is_some_and(|name| !name.is_none() && name.quality_of().is_none()) {
+        return None;
+    }
     let unit = as_unit(text(header, value)).unwrap_or_default();
     let is_name = |name: &&str| {
         let own = Name::new(name);
@@ -221,7 +214,8 @@ fn pair(header: &[Seen], above: Option<&[Seen]>, time: usize, quality: Option<us
     let places = [(Some(header), value), (Some(header), time), (above, time), (above, value)];
     let name = places.into_iter().filter_map(|(row, at)| Some(text(row?, at))).find(is_name)?;
     let stem = stem(text(header, time), name)?;
-    Some(Pair { name: name.to_string(), unit: unit.to_string(), stem, time, value, quality })
+    let time_unit = Name::new(text(header, time)).unit_of_time();
+    Some(Pair { name: name.to_string(), unit: unit.to_string(), stem, time_unit, time, value, quality })
 }
 
 impl Pairs {
