@@ -29,11 +29,11 @@ function changed({ before, after }) {
 }
 
 export function workView(main, _parts, query) {
-  let over = false, wanted = PAGE;
+  let over = false, wanted = PAGE, list = null;
   const all = query.get("show") === "all";
   const tabs = h("nav", { "aria-label": "Work" }, h("a", { href: "#/work", "aria-current": all ? null : "page" }, "To do"), h("a", { href: "#/work?show=all", "aria-current": all ? "page" : null }, "All, watched and over too"), h("a", { href: "#/groups" }, "Groups that swing together"));
   const summary = h("p", { class: "summary", role: "status" }, "loading …"), rows = h("tbody");
-  const more = h("button", { type: "button", hidden: true, on: { click: () => ((wanted += PAGE), show()) } }, "More");
+  const more = h("button", { type: "button", hidden: true, on: { click: extend } }, "More");
   const acts = h("div", { class: "acts" }, h("a", { class: "button", href: href("/work.csv"), download: "work.csv" }, "CSV"), h("a", { class: "button", href: href("/work.html"), target: "_blank", rel: "noopener" }, "Print"));
   const head = h("thead", null, h("tr", null, COLUMNS.map((text) => h("th", { scope: "col", class: text === "Cost" ? "number" : null }, text))));
   main.append(h("h1", null, "Work list"), tabs, h("div", { class: "head" }, summary, acts), h("section", { class: "card", "aria-label": "Work list" }, scroll("Work list", h("table", { class: "stack" }, head, rows)), more));
@@ -52,10 +52,18 @@ export function workView(main, _parts, query) {
       h("td", { class: "act" }, may("operator") ? (MAY[item.state] ?? []).map(button) : null));
   }
 
+  // The rows that are there stay: only those to come are made.
+  function extend() {
+    rows.append(...list.items.slice(wanted, wanted + PAGE).map(row));
+    wanted += PAGE;
+    more.hidden = list.items.length <= wanted;
+  }
+
   async function show() {
     try {
-      const list = await get(`/work?all=${all}`);
+      const fresh = await get(`/work?all=${all}`);
       if (over) return;
+      list = fresh;
       const focused = document.activeElement?.dataset?.act;
       rows.replaceChildren(...list.items.slice(0, wanted).map(row));
       if (focused) main.querySelector(`[data-act="${CSS.escape(focused)}"]`)?.focus();
