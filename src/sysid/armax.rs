@@ -151,17 +151,19 @@ impl Armax {
             return;
         }
         let ([a1, a2, a3], [c1, c2, c3]) = (self.a, self.c);
-        for k in begin..to {
-            let predicted = known[k] - a1 * y[k - 1] - a2 * y[k - 2] - a3 * y[k - 3]
-                + c1 * e[k - 1]
-                + c2 * e[k - 2]
-                + c3 * e[k - 3];
-            e[k] = y[k] - predicted;
+        for (k, e) in e.iter_mut().enumerate().take(to).skip(begin) {
+            *e = y[k] + a1 * y[k - 1] + a2 * y[k - 2] + a3 * y[k - 3] - known[k];
+        }
+        let (mut e1, mut e2, mut e3) = (0.0, 0.0, 0.0);
+        for e in &mut e[begin..to] {
+            // The newest error last: only it has to be waited for.
+            *e = *e - c3 * e3 - c2 * e2 - c1 * e1;
+            (e1, e2, e3) = (*e, e1, e2);
         }
     }
 
-    /// The log-likelihood of these errors, at their own scale.
-    fn rate(&mut self, data: &IdData, errors: &Errors) {
+    /// The log-likelihood of these errors, at their own scale; `anew`: with tails of their own, too.
+    fn rate(&mut self, data: &IdData, errors: &Errors, anew: bool) {
         let rows = data.rows();
         let (e, weight, lost) = (&errors.e[rows.clone()], &data.weight[rows], errors.gains.lost(data));
         if !e.iter().all(|e| e.is_finite() && e.abs() < 1e9) {
@@ -169,8 +171,9 @@ impl Armax {
             return;
         }
         let guess = if self.scale > 0.0 { self.scale } else { student::first_scale(e, weight) };
-        if self.nu <= 0.0 {
-            (self.scale, self.nu, self.log_likelihood) = student::tails(e, weight, guess, data.least_scale);
+        if anew {
+            (self.scale, self.nu, self.log_likelihood) =
+                student::tails(e, weight, (guess, self.nu), data.least_scale);
             self.log_likelihood -= lost;
             return;
         }
@@ -189,8 +192,7 @@ impl Armax {
         self.gamma.resize(signals.shapes.len(), 0.0);
         let mut at = self.errors(data, y, &signals, data.split);
         // The tails are estimated anew where a fit begins.
-        self.nu = 0.0;
-        self.rate(data, &at);
+        self.rate(data, &at, true);
         let mut trial = Errors::default();
         let mut damping = DAMPING.0;
         for _ in 0..most {
@@ -204,7 +206,7 @@ impl Armax {
                 let with = other.as_ref().unwrap_or(&signals);
                 trial.restart(y, with, data.split);
                 next.errors_into(data, with, &mut trial);
-                next.rate(data, &trial);
+                next.rate(data, &trial, false);
                 if next.log_likelihood > self.log_likelihood {
                     gained = next.log_likelihood - self.log_likelihood;
                     self = next;

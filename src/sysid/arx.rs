@@ -205,14 +205,15 @@ impl<'a> Arx<'a> {
         let target = &self.y[self.rows.clone()];
         let n = target.len();
         let mut omega = near.map_or_else(|| self.weight.to_vec(), |near| near.omega.clone());
-        let mut found = ArxFit { scale: near.map_or(0.0, |near| near.scale), ..ArxFit::default() };
+        let (scale, nu) = near.map_or((0.0, 0.0), |near| (near.scale, near.nu));
+        let mut found = ArxFit { scale, nu, ..ArxFit::default() };
         let mut scratch = vec![0.0; (columns.len() + 1) * n];
         for _ in 0..if near.is_some() { PASSES - 1 } else { PASSES } {
             self.weighted(&columns, target, &omega, &mut scratch, &mut found);
             let guess = student::first_scale(&found.e, self.weight);
             let guess = if found.scale > 0.0 { found.scale } else { guess };
             (found.scale, found.nu, found.log_likelihood) =
-                student::tails(&found.e, self.weight, guess, self.least);
+                student::tails(&found.e, self.weight, (guess, found.nu), self.least);
             student::reweigh(&found.e, self.weight, (found.scale, found.nu), &mut omega);
         }
         found.omega = omega;

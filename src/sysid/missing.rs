@@ -238,7 +238,7 @@ fn fitted(table: &[Vec<f64>], size: usize) -> (Vec<f64>, f64, f64) {
         theta = right;
         let error = |row: &Vec<f64>| row[size] - theta.iter().zip(row).map(|(t, v)| t * v).sum::<f64>();
         let e: Vec<f64> = table.iter().map(error).collect();
-        let (s, nu, log) = student::tails(&e, &ones, student::first_scale(&e, &ones), 0.0);
+        let (s, nu, log) = student::tails(&e, &ones, (student::first_scale(&e, &ones), 0.0), 0.0);
         student::reweigh(&e, &ones, (s, nu), &mut omega);
         (scale, log_likelihood) = (s, log);
     }

@@ -75,14 +75,32 @@ fn constant(nu: f64) -> f64 {
     FREEDOMS.iter().rev().find(|(known, _)| *known <= nu).unwrap_or(&FREEDOMS[0]).1
 }
 
-/// The scale and the degrees of freedom that are likeliest, and the log-likelihood.
-pub fn tails(e: &[f64], weight: &[f64], guess: f64, least: f64) -> (f64, f64, f64) {
-    let rate = |(nu, _): &(f64, f64)| {
-        let s = scale(e, weight, guess, *nu, least);
-        (s, *nu, log_likelihood(e, weight, s, *nu))
+/// The scale and the degrees of freedom that are likeliest, and the log-likelihood; `near`: a scale and degrees of freedom to
+/// begin with, 0 where none are known. The likelihood has one peak in nu: the next to each side are asked as long as they are better.
+pub fn tails(e: &[f64], weight: &[f64], near: (f64, f64), least: f64) -> (f64, f64, f64) {
+    let rate = |at: usize, guess: f64| {
+        let nu = FREEDOMS[at].0;
+        let s = scale(e, weight, guess, nu, least);
+        (s, nu, log_likelihood(e, weight, s, nu))
     };
-    let all = FREEDOMS.iter().map(rate);
-    all.max_by(|a, b| a.2.total_cmp(&b.2)).unwrap_or((guess, FREEDOM, f64::NEG_INFINITY))
+    let begun = if near.1 > 0.0 { near.1 } else { FREEDOM };
+    let from = FREEDOMS.iter().rposition(|(nu, _)| *nu <= begun).unwrap_or(0);
+    let mut best = rate(from, near.0);
+    let mut climb = |side: &mut dyn Iterator<Item = usize>| {
+        let mut better = false;
+        for at in side {
+            let next = rate(at, best.0);
+            if next.2.total_cmp(&best.2).is_le() {
+                break;
+            }
+            (best, better) = (next, true);
+        }
+        better
+    };
+    if !climb(&mut (from + 1..FREEDOMS.len())) {
+        climb(&mut (0..from).rev());
+    }
+    best
 }
 
 /// The log-likelihood of errors at scale `s` with `nu` degrees of freedom.
@@ -132,7 +150,7 @@ mod tests {
         for nu in [1.5, 5.0] {
             let t = StudentT::new(nu).expect("degrees of freedom above 0");
             let e: Vec<f64> = t.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(5)).take(20_000).collect();
-            let (s, found, _) = tails(&e, &vec![1.0; e.len()], 1.0, 0.0);
+            let (s, found, _) = tails(&e, &vec![1.0; e.len()], (1.0, 0.0), 0.0);
             assert!(found == nu && (s - 1.0).abs() < 0.05, "{found} {s} for {nu}");
         }
         // Densities integrate to one.

@@ -30,8 +30,33 @@ pub fn filtered(v: impl Fn(usize) -> f64, [c1, c2, c3]: [f64; ORDER], begin: usi
     let mut out = vec![0.0; to];
     let (mut p1, mut p2, mut p3) = (0.0, 0.0, 0.0);
     for (k, out) in out.iter_mut().enumerate().skip(begin) {
-        let value = v(k) - c1 * p1 - c2 * p2 - c3 * p3;
+        // The newest value last: only it has to be waited for.
+        let value = v(k) - c3 * p3 - c2 * p2 - c1 * p1;
         *out = value;
+        (p1, p2, p3) = (value, p1, p2);
+    }
+    out
+}
+
+/// The same of many signals, four side by side: the recursion of one alone waits for itself.
+fn filtered_all(signals: &[&[f64]], c: [f64; ORDER], begin: usize, to: usize) -> Vec<Vec<f64>> {
+    let (fours, rest) = signals.as_chunks::<4>();
+    let mut all: Vec<Vec<f64>> = fours.iter().flat_map(|four| by_four(*four, c, begin, to)).collect();
+    all.extend(rest.iter().map(|v| filtered(|k| v[k], c, begin, to)));
+    all
+}
+
+fn by_four(v: [&[f64]; 4], [c1, c2, c3]: [f64; ORDER], begin: usize, to: usize) -> [Vec<f64>; 4] {
+    let v = v.map(|v| &v[begin..to]);
+    let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0; to]);
+    let of = out.each_mut().map(|out| &mut out[begin..]);
+    let (mut p1, mut p2, mut p3) = ([0.0; 4], [0.0; 4], [0.0; 4]);
+    for k in 0..to - begin {
+        let mut value = [0.0; 4];
+        for i in 0..4 {
+            value[i] = v[i][k] - c3 * p3[i] - c2 * p2[i] - c1 * p1[i];
+            of[i][k] = value[i];
+        }
         (p1, p2, p3) = (value, p1, p2);
     }
     out
@@ -69,19 +94,18 @@ fn columns(
     if !at.gains.is_empty() {
         return with_holes(data, model, smooth, signals, input, at);
     }
-    let of = |v: &[f64]| filtered(|k| v[k], model.c, begin, to);
-    let (y, x, e) = (of(&at.y), of(&signals.x), of(&at.e));
-    let late = |v: &[f64], lag: usize| v[rows.start - lag..rows.end - lag].to_vec();
-    let mut columns: Vec<Vec<f64>> =
-        (1..=ORDER).map(|lag| late(&y, lag).into_iter().map(|y| -y).collect()).collect();
-    columns.extend((0..ORDER).map(|j| late(&x, model.nk + j)));
-    columns.extend((1..=ORDER).map(|lag| late(&e, lag)));
-    columns.push(late(&filtered(|_| 1.0, model.c, begin, to), 0));
-    columns.extend(signals.shapes.iter().map(|shape| late(&of(shape), 0)));
-    columns.extend((0..smooth.len()).map(|i| {
-        let slope = slope(model, smooth, signals, input, begin, i);
-        late(&filtered(slope, model.c, begin, to), 0)
-    }));
+    let ones = vec![1.0; to];
+    let slopes: Vec<Vec<f64>> =
+        (0..smooth.len()).map(|i| slope(model, smooth, signals, input, (begin, to), i)).collect();
+    let mut all: Vec<&[f64]> = vec![&at.y, &signals.x, &at.e, &ones];
+    all.extend(signals.shapes.iter().chain(&slopes).map(Vec::as_slice));
+    let all = filtered_all(&all, model.c, begin, to);
+    let late = |v: usize, lag: usize| all[v][rows.start - lag..rows.end - lag].to_vec();
+    let mut columns: Vec<Vec<f64>> = (1..=ORDER).map(|lag| late(0, lag)).collect();
+    columns.iter_mut().flatten().for_each(|y| *y = -*y);
+    columns.extend((0..ORDER).map(|j| late(1, model.nk + j)));
+    columns.extend((1..=ORDER).map(|lag| late(2, lag)));
+    columns.extend((3..all.len()).map(|v| late(v, 0)));
     columns
 }
 
@@ -105,8 +129,8 @@ fn with_holes(
     let of_shape = |shape: &Vec<f64>| cut(at.gains.through(begin, |k| shape[k], None));
     columns.extend(signals.shapes.iter().map(of_shape));
     columns.extend((0..smooth.len()).map(|i| {
-        let slope = slope(model, smooth, signals, input, begin, i);
-        cut(at.gains.through(begin, slope, None))
+        let slope = slope(model, smooth, signals, input, (begin, data.split), i);
+        cut(at.gains.through(begin, |k| slope[k], None))
     }));
     columns
 }
@@ -157,39 +181,43 @@ impl Normal {
     }
 }
 
-/// What smooth parameter `i` adds to each sample before the filter, by a difference of the signals.
-fn slope<'a>(
-    model: &'a Armax,
+/// What smooth parameter `i` adds to each sample of a stretch before the filter, by a difference of the signals; 0 before it.
+fn slope(
+    model: &Armax,
     smooth: &[Smooth],
-    signals: &'a Signals,
+    signals: &Signals,
     input: &dyn Input,
-    begin: usize,
+    (begin, to): (usize, usize),
     i: usize,
-) -> impl Fn(usize) -> f64 + 'a {
+) -> Vec<f64> {
     let mut theta = model.theta.clone();
     let up = theta[i] + smooth[i].step <= smooth[i].bounds.1;
     let step = if up { smooth[i].step } else { -smooth[i].step };
     theta[i] += step;
     let other = input.signals(&theta);
-    let differ = |(m, (new, old)): (usize, (&Vec<f64>, &Vec<f64>))| (new != old).then_some(m);
-    let pairs = other.shapes.iter().zip(&signals.shapes).enumerate();
-    let shapes: Vec<usize> = pairs.filter_map(differ).filter(|m| *m < model.gamma.len()).collect();
     let first = begin + 1 + model.nk + ORDER;
-    move |k: usize| -> f64 {
-        if k < first {
-            return 0.0;
+    let mut sum = vec![0.0; to];
+    // What differs, so many samples late, times a coefficient.
+    let mut add = |by: f64, (new, old): (&[f64], &[f64]), lag: usize| {
+        let pairs = new[first - lag..to - lag].iter().zip(&old[first - lag..to - lag]);
+        sum[first..].iter_mut().zip(pairs).for_each(|(sum, (new, old))| *sum += by * (new - old));
+    };
+    if other.x != signals.x {
+        for (j, b) in model.b.iter().enumerate() {
+            add(*b, (&other.x, &signals.x), model.nk + j);
         }
-        let late = |j: usize| k - model.nk - j;
-        let stem: f64 = (0..ORDER).map(|j| model.b[j] * (other.x[late(j)] - signals.x[late(j)])).sum();
-        let load = |m: &usize| model.gamma[*m] * (other.shapes[*m][k] - signals.shapes[*m][k]);
-        let load: f64 = shapes.iter().map(load).sum();
-        // What PV shows beside the output comes through A.
-        let shift = |k: usize| other.offset[k] - signals.offset[k];
-        let shown = if signals.offset.is_empty() {
-            0.0
-        } else {
-            shift(k) + model.a.iter().enumerate().map(|(i, a)| a * shift(k - 1 - i)).sum::<f64>()
-        };
-        (stem + load + shown) / step
     }
+    for (gamma, (new, old)) in model.gamma.iter().zip(other.shapes.iter().zip(&signals.shapes)) {
+        if new != old {
+            add(*gamma, (new, old), 0);
+        }
+    }
+    // What PV shows beside the output comes through A.
+    if !signals.offset.is_empty() {
+        for (lag, a) in std::iter::once(&1.0).chain(&model.a).enumerate() {
+            add(*a, (&other.offset, &signals.offset), lag);
+        }
+    }
+    sum.iter_mut().for_each(|sum| *sum /= step);
+    sum
 }

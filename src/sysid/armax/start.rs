@@ -42,7 +42,14 @@ pub fn hannan_rissanen(
     let all: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
     let size = all.len() - 1;
     let (mut g, mut right) = (vec![0.0; size * size], vec![0.0; size]);
-    lower(&all[..size], &mut g, size);
+    lower(&all[..fixed], &mut g, size);
+    // A model takes neighbouring lags of x only.
+    for (at, few) in all[fixed..size].chunks(4).enumerate() {
+        let at = fixed + 4 * at;
+        products(few, &all[..fixed], |i, j, sum| g[(at + i) * size + j] = sum);
+        let near = fixed.max(at - (ORDER - 1).min(at));
+        products(few, &all[near..at + few.len()], |i, j, sum| g[(at + i) * size + near + j] = sum);
+    }
     products(&all[size..], &all[..size], |_, i, sum| right[i] = sum);
     let power = dot(all[size], all[size]);
     let count: f64 = long.omega.iter().sum::<f64>().max(1.0);

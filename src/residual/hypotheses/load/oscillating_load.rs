@@ -42,18 +42,19 @@ impl Load {
     }
 }
 
-/// `sin(w k)` and `cos(w k)`, turned on sample by sample and anew every 64.
+/// Samples of which `sin` and `cos` are taken by turning those of the first.
+const TURNED: usize = 64;
+
+/// `sin(w k)` and `cos(w k)`: `sin(w (k + i)) = sin(w k) cos(w i) + cos(w k) sin(w i)`, and so for the cosine.
 fn wave(w: f64, n: usize) -> [Vec<f64>; 2] {
-    let (mut sines, mut cosines) = (Vec::with_capacity(n), Vec::with_capacity(n));
-    let (by_s, by_c) = w.sin_cos();
-    let (mut s, mut c) = (0.0, 1.0);
-    for k in 0..n {
-        if k.is_multiple_of(64) {
-            (s, c) = (w * k as f64).sin_cos();
+    let turns: [(f64, f64); TURNED] = std::array::from_fn(|i| (w * i as f64).sin_cos());
+    let (mut sines, mut cosines) = (vec![0.0; n], vec![0.0; n]);
+    let blocks = sines.chunks_mut(TURNED).zip(cosines.chunks_mut(TURNED));
+    for (block, (sines, cosines)) in blocks.enumerate() {
+        let (s, c) = (w * (block * TURNED) as f64).sin_cos();
+        for ((sine, cosine), (by_s, by_c)) in sines.iter_mut().zip(cosines).zip(&turns) {
+            (*sine, *cosine) = (s * by_c + c * by_s, c * by_c - s * by_s);
         }
-        sines.push(s);
-        cosines.push(c);
-        (s, c) = (s * by_c + c * by_s, c * by_c - s * by_s);
     }
     [sines, cosines]
 }
