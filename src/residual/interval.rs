@@ -10,9 +10,9 @@
 //!
 //! Source: Hansen, Econometrica 2000, 68, 575, table 1.
 
-use super::decide::arx;
 use super::hypothesis::Hypothesis;
 use super::valve_search::hidden;
+use crate::sysid::arx::Arx;
 use crate::sysid::iddata::IdData;
 use crate::sysid::stats::{median, quantile};
 use crate::sysid::valve::ValveModel;
@@ -33,14 +33,20 @@ const BEYOND: usize = 4;
 /// neighbours, by as much as OP moves from one to the next where it moves fast.
 pub fn interval(data: &IdData, hypothesis: &Hypothesis, unseen: bool) -> [f64; 2] {
     let Some(valve) = hypothesis.valve else { return [0.0, hidden(data, hypothesis, THRESHOLD_95)] };
-    let best = arx(data, hypothesis, None);
+    let (signals, y) = (hypothesis.signals(data), hypothesis.pv(data));
+    let arx = Arx::new(data, &y, &signals.shapes);
+    let best = arx.fit(&signals.x, None);
     let mut most = best.log_likelihood;
     // J keeps its size or its share of S, whichever is likelier.
     let profile = |s: f64| -> f64 {
         let share = ValveModel { s, j: valve.j * s / valve.s, ..valve };
         let size = ValveModel { s, ..valve };
         let both = if valve.j == valve.s { vec![share] } else { vec![share, size] };
-        let fits = both.into_iter().map(|valve| arx(data, &hypothesis.with_valve(Some(valve)), Some(&best)));
+        let stems = both.into_iter().map(|valve| {
+            let other = hypothesis.with_valve(Some(valve));
+            other.to_process(data, other.stem(data).0)
+        });
+        let fits = stems.map(|stem| arx.fit(&stem, Some(&best)));
         fits.map(|fit| fit.log_likelihood).fold(f64::NEG_INFINITY, f64::max)
     };
     let mut rated = vec![(valve.s, most)];

@@ -156,13 +156,13 @@ impl Armax {
         }
         let (mut e1, mut e2, mut e3) = (0.0, 0.0, 0.0);
         for e in &mut e[begin..to] {
-            // The newest error last: only it has to be waited for.
+            // The newest error comes last: the processor has the other terms by then.
             *e = *e - c3 * e3 - c2 * e2 - c1 * e1;
             (e1, e2, e3) = (*e, e1, e2);
         }
     }
 
-    /// The log-likelihood of these errors, at their own scale; `anew`: with tails of their own, too.
+    /// The log-likelihood of these errors at the scale that is likeliest; `anew`: nu is estimated, too.
     fn rate(&mut self, data: &IdData, errors: &Errors, anew: bool) {
         let rows = data.rows();
         let (e, weight, lost) = (&errors.e[rows.clone()], &data.weight[rows], errors.gains.lost(data));
@@ -206,7 +206,8 @@ impl Armax {
                 let with = other.as_ref().unwrap_or(&signals);
                 trial.restart(y, with, data.split);
                 next.errors_into(data, with, &mut trial);
-                next.rate(data, &trial, false);
+                // From a start that diverges nu is not known yet.
+                next.rate(data, &trial, !self.log_likelihood.is_finite());
                 if next.log_likelihood > self.log_likelihood {
                     gained = next.log_likelihood - self.log_likelihood;
                     self = next;

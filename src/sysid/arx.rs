@@ -13,6 +13,7 @@ use super::gram::{add_two, lower, products};
 use super::iddata::IdData;
 use super::least_squares::{MOST_COLUMNS, dot, factor, factor_rows, substitute};
 use super::student;
+use std::cell::OnceCell;
 use std::ops::Range;
 
 /// Lags of y.
@@ -31,16 +32,23 @@ pub struct Arx<'a> {
     weight: &'a [f64],
     shapes: &'a [Vec<f64>],
     ones: Vec<f64>,
-    /// Gram matrix of the columns without x, factored; of the rows that count.
-    gram: Vec<f64>,
-    live: [bool; MOST_COLUMNS],
-    right: Vec<f64>,
-    power: f64,
     plain: bool,
     /// Rows that do not count.
     left_out: Vec<usize>,
     /// Least scale of the errors.
     least: f64,
+    /// What all stems share, once it is asked for.
+    shared: OnceCell<Shared>,
+}
+
+/// The normal equations without x, of the rows that count.
+struct Shared {
+    /// Gram matrix, factored.
+    gram: Vec<f64>,
+    live: [bool; MOST_COLUMNS],
+    right: Vec<f64>,
+    /// Of PV.
+    power: f64,
 }
 
 /// A fit with Student-t errors.
@@ -80,39 +88,31 @@ impl<'a> Arx<'a> {
         let shapes = &shapes[..shapes.len().min(MOST_COLUMNS - LAGS_Y - LAGS_X - 1)];
         let plain = weight.iter().all(|w| *w == 1.0 || *w == 0.0);
         let left_out = (rows.clone()).filter(|k| data.weight[*k] == 0.0).collect();
-        let mut arx = Self {
-            y,
-            weight,
-            shapes,
-            ones,
-            gram: Vec::new(),
-            live: [true; MOST_COLUMNS],
-            right: Vec::new(),
-            power: 0.0,
-            plain,
-            left_out,
-            least: data.least_scale,
-            rows,
-        };
-        let columns = arx.fixed();
-        let (target, size) = (&y[arx.rows.clone()], columns.len());
-        let (mut gram, mut right) = (vec![0.0; size * size], vec![0.0; size]);
-        lower(&columns, &mut gram, size);
-        products(&[target], &columns, |_, i, sum| right[i] = sum);
-        let mut power = dot(target, target);
-        for row in arx.left_out.iter().map(|k| k - arx.rows.start) {
-            for (i, a) in columns.iter().enumerate() {
-                right[i] -= a[row] * target[row];
-                for (j, b) in columns[..=i].iter().enumerate() {
-                    gram[i * size + j] -= a[row] * b[row];
+        let shared = OnceCell::new();
+        Self { y, weight, shapes, ones, plain, left_out, least: data.least_scale, rows, shared }
+    }
+
+    fn shared(&self) -> &Shared {
+        self.shared.get_or_init(|| {
+            let columns = self.fixed();
+            let (target, size) = (&self.y[self.rows.clone()], columns.len());
+            let (mut gram, mut right) = (vec![0.0; size * size], vec![0.0; size]);
+            lower(&columns, &mut gram, size);
+            products(&[target], &columns, |_, i, sum| right[i] = sum);
+            let mut power = dot(target, target);
+            for row in self.left_out.iter().map(|k| k - self.rows.start) {
+                for (i, a) in columns.iter().enumerate() {
+                    right[i] -= a[row] * target[row];
+                    for (j, b) in columns[..=i].iter().enumerate() {
+                        gram[i * size + j] -= a[row] * b[row];
+                    }
                 }
+                power -= target[row] * target[row];
             }
-            power -= target[row] * target[row];
-        }
-        drop(columns);
-        factor(&mut gram, size, size, &mut arx.live);
-        (arx.gram, arx.right, arx.power) = (gram, right, power);
-        arx
+            let mut live = [true; MOST_COLUMNS];
+            factor(&mut gram, size, size, &mut live);
+            Shared { gram, live, right, power }
+        })
     }
 
     /// The columns without x.
@@ -138,19 +138,20 @@ impl<'a> Arx<'a> {
         if !self.plain {
             return -2.0 * self.fit(x, None).log_likelihood;
         }
-        n * ((self.power - self.explained(x)).max(0.0) / n + LOSS_FLOOR).ln()
+        n * ((self.shared().power - self.explained(x)).max(0.0) / n + LOSS_FLOOR).ln()
     }
 
     /// The part of PV's power that the regression with `x` explains; neighbouring lags share all but two of their terms.
     fn explained(&self, x: &[f64]) -> f64 {
         let Range { start: from, end: to } = self.rows;
-        let fixed = self.right.len();
+        let shared = self.shared();
+        let fixed = shared.right.len();
         let size = fixed + LAGS_X;
         let mut g = vec![0.0; size * size];
         for i in 0..fixed {
-            g[i * size..i * size + i + 1].copy_from_slice(&self.gram[i * fixed..][..i + 1]);
+            g[i * size..i * size + i + 1].copy_from_slice(&shared.gram[i * fixed..][..i + 1]);
         }
-        let mut right = self.right.clone();
+        let mut right = shared.right.clone();
         right.resize(size, 0.0);
         let (y, on) = (self.y, LAGS_Y + 1);
         let late: Vec<&[f64]> = (1..=LAGS_X).map(|lag| &x[from - lag..to - lag]).collect();
@@ -192,7 +193,7 @@ impl<'a> Arx<'a> {
                 }
             }
         }
-        let mut live = self.live;
+        let mut live = shared.live;
         factor_rows(&mut g, size, fixed..size, &mut live);
         let mut theta = right.clone();
         substitute(&g, size, &live, &mut theta);

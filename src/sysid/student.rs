@@ -75,8 +75,11 @@ fn constant(nu: f64) -> f64 {
     FREEDOMS.iter().rev().find(|(known, _)| *known <= nu).unwrap_or(&FREEDOMS[0]).1
 }
 
-/// The scale and the degrees of freedom that are likeliest, and the log-likelihood; `near`: a scale and degrees of freedom to
-/// begin with, 0 where none are known. The likelihood has one peak in nu: the next to each side are asked as long as they are better.
+/// The scale and the degrees of freedom that are likeliest, and the log-likelihood.
+///
+/// The likelihood has one peak in nu: it is climbed from a value that is nearly right.
+///
+/// * `near`: a scale and degrees of freedom to begin with; 0 where none are known.
 pub fn tails(e: &[f64], weight: &[f64], near: (f64, f64), least: f64) -> (f64, f64, f64) {
     let rate = |at: usize, guess: f64| {
         let nu = FREEDOMS[at].0;
@@ -85,20 +88,16 @@ pub fn tails(e: &[f64], weight: &[f64], near: (f64, f64), least: f64) -> (f64, f
     };
     let begun = if near.1 > 0.0 { near.1 } else { FREEDOM };
     let from = FREEDOMS.iter().rposition(|(nu, _)| *nu <= begun).unwrap_or(0);
-    let mut best = rate(from, near.0);
-    let mut climb = |side: &mut dyn Iterator<Item = usize>| {
-        let mut better = false;
+    // From a guess that is far off one estimate of the scale does not settle, and the next value of nu would seem better.
+    let mut best = rate(from, scale(e, weight, near.0, begun, least));
+    for side in [(from + 1..FREEDOMS.len()).collect::<Vec<_>>(), (0..from).rev().collect()] {
         for at in side {
             let next = rate(at, best.0);
             if next.2.total_cmp(&best.2).is_le() {
                 break;
             }
-            (best, better) = (next, true);
+            best = next;
         }
-        better
-    };
-    if !climb(&mut (from + 1..FREEDOMS.len())) {
-        climb(&mut (0..from).rev());
     }
     best
 }

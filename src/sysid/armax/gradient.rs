@@ -30,7 +30,7 @@ pub fn filtered(v: impl Fn(usize) -> f64, [c1, c2, c3]: [f64; ORDER], begin: usi
     let mut out = vec![0.0; to];
     let (mut p1, mut p2, mut p3) = (0.0, 0.0, 0.0);
     for (k, out) in out.iter_mut().enumerate().skip(begin) {
-        // The newest value last: only it has to be waited for.
+        // The newest value comes last: the processor has the other terms by then.
         let value = v(k) - c3 * p3 - c2 * p2 - c1 * p1;
         *out = value;
         (p1, p2, p3) = (value, p1, p2);
@@ -38,7 +38,7 @@ pub fn filtered(v: impl Fn(usize) -> f64, [c1, c2, c3]: [f64; ORDER], begin: usi
     out
 }
 
-/// The same of many signals, four side by side: the recursion of one alone waits for itself.
+/// The same of many signals, four at once: each value waits for the one before, and the processor is idle meanwhile.
 fn filtered_all(signals: &[&[f64]], c: [f64; ORDER], begin: usize, to: usize) -> Vec<Vec<f64>> {
     let (fours, rest) = signals.as_chunks::<4>();
     let mut all: Vec<Vec<f64>> = fours.iter().flat_map(|four| by_four(*four, c, begin, to)).collect();

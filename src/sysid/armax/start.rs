@@ -43,7 +43,7 @@ pub fn hannan_rissanen(
     let size = all.len() - 1;
     let (mut g, mut right) = (vec![0.0; size * size], vec![0.0; size]);
     lower(&all[..fixed], &mut g, size);
-    // A model takes neighbouring lags of x only.
+    // A model has three neighbouring lags of x, so products of lags farther apart are not needed.
     for (at, few) in all[fixed..size].chunks(4).enumerate() {
         let at = fixed + 4 * at;
         products(few, &all[..fixed], |i, j, sum| g[(at + i) * size + j] = sum);
