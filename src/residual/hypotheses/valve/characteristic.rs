@@ -14,6 +14,9 @@ use crate::sysid::iddata::IdData;
 
 /// Largest curvature over one standard deviation of OP (-).
 const MOST: f64 = 1.2;
+/// Largest relative change of a valve's gain over 1 % of OP's span (-): an equal-percentage valve of rangeability 100 has 0.046, one
+/// that opens quickly 0.1 where it is open by 5 %. Where OP has hardly moved, a curve is not told from chance, and would be steeper.
+const STEEPEST: f64 = 0.1;
 /// Farthest stem, in standard deviations of OP, over which the curve goes on.
 const FARTHEST: f64 = 8.0;
 
@@ -23,6 +26,17 @@ pub struct Characteristics;
 #[derive(Clone, Debug)]
 struct Curve {
     q: f64,
+    /// Largest curvature (1/standard deviation of OP).
+    most: f64,
+}
+
+impl Curve {
+    /// The curve of curvature `q`, or as much of it as a valve can have, times `share`.
+    fn new(data: &IdData, q: f64, share: f64) -> Self {
+        let steepest = data.units.span.map_or(f64::INFINITY, |span| STEEPEST * 100.0 * data.units.u / span);
+        let most = MOST.min(steepest);
+        Self { q: q.clamp(-share * most, share * most), most }
+    }
 }
 
 impl EffectModel for Curve {
@@ -39,7 +53,7 @@ impl EffectModel for Curve {
         2.0
     }
     fn smooth(&self) -> Vec<Smooth> {
-        vec![Smooth { value: self.q, step: 1e-3, bounds: (-MOST, MOST) }]
+        vec![Smooth { value: self.q, step: 1e-3, bounds: (-self.most, self.most) }]
     }
     fn set_smooth(&mut self, theta: &[f64]) {
         self.q = theta[0];
@@ -72,7 +86,7 @@ impl EffectModel for Curve {
 /// The curve with this curvature (1/OP).
 pub fn again(data: &IdData, curvature_per_op: f64) -> Option<Box<dyn EffectModel>> {
     let q = curvature_per_op * data.units.u;
-    q.is_finite().then(|| Curve { q: q.clamp(-MOST, MOST) }.boxed())
+    q.is_finite().then(|| Curve::new(data, q, 1.0).boxed())
 }
 
 impl Propose for Characteristics {
@@ -82,6 +96,25 @@ impl Propose for Characteristics {
     fn propose(&self, screen: &Screen<'_>) -> Vec<Proposal> {
         let square: Vec<f64> = screen.signals.x.iter().map(|x| 0.5 * x * x).collect();
         let (gain, q) = screen.model.alone(screen.stem(&square));
-        vec![Proposal::new(Curve { q: q.clamp(-0.5 * MOST, 0.5 * MOST) }, gain)]
+        // In the middle of what is allowed, so that the fit can go both ways.
+        vec![Proposal::new(Curve::new(screen.data, q, 0.5), gain)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_curve_is_steeper_than_a_valve_can_be() {
+        let mut data = IdData::default();
+        data.units.u = 0.2;
+        assert_eq!(Curve::new(&data, 3.0, 1.0).q, MOST, "the span is not known");
+        data.units.span = Some(100.0);
+        // 10 % per % of OP, of which a standard deviation is 0.2.
+        let curve = Curve::new(&data, -3.0, 1.0);
+        assert!((curve.q / data.units.u + 0.1).abs() < 1e-12 && curve.smooth()[0].bounds.0 == curve.q);
+        data.units.u = 20.0;
+        assert_eq!(Curve::new(&data, 3.0, 0.5).q, 0.5 * MOST, "OP moves widely");
     }
 }
