@@ -17,6 +17,8 @@ mod forms;
 mod halves;
 #[path = "exports/joined.rs"]
 mod joined;
+#[path = "exports/lost.rs"]
+mod lost;
 #[path = "exports/pairs.rs"]
 mod pairs;
 #[path = "exports/plants.rs"]

@@ -2,7 +2,7 @@
 
 use super::doubts::{read, rows};
 use super::dress::BEGIN;
-use super::{bits, example};
+use super::{bits, example, of_bytes};
 use stictiond::collect::table::{Options, Table};
 
 /// A moment in jiff's words.
@@ -131,6 +131,60 @@ fn rulers_of_databases_and_row_numbers_of_r_are_no_samples() {
         let table = read("Time\tOP\tPV", &rows, &Options::default()).expect("read");
         assert!(bits(&table.record) == bits(&example), "{}", table.found.read_as);
     }
+}
+
+/// As SQL Server's tools print a result: cells as wide as the ruler's dashes, so that a stamp leaves one blank behind it.
+fn ruled(widths: [usize; 3], rows: impl Iterator<Item = [String; 3]>) -> String {
+    let [a, b, c] = widths;
+    let line = |cells: [&str; 3]| format!("{:<a$} {:<b$} {:<c$}\r\n", cells[0], cells[1], cells[2]);
+    let dashes = widths.map(|width| "-".repeat(width));
+    let mut rows = rows.peekable();
+    let header = rows.next().unwrap_or_default();
+    let mut text = line(header.each_ref().map(String::as_str)) + &line(dashes.each_ref().map(String::as_str));
+    rows.for_each(|row| text += &line(row.each_ref().map(String::as_str)));
+    text + "\r\n(1 row affected)\r\n\r\nCompletion time: 2026-06-01T12:00:00.1234567+02:00\r\n"
+}
+
+#[test]
+fn a_ruler_of_dashes_says_where_cells_begin() {
+    let example = example();
+    let stamp = |t: f64| written("%Y-%m-%d %H:%M:%S%.3f", BEGIN as f64 + t);
+    let pairs = || example.op.iter().zip(&example.pv).enumerate();
+    let header = |names: [&str; 3]| std::iter::once(names.map(str::to_string));
+    let wide = |missing: Option<usize>| {
+        let rows = pairs().map(|(at, (op, pv))| {
+            let pv = if missing == Some(at) { "NULL".into() } else { pv.value.to_string() };
+            [stamp(op.t), op.value.to_string(), pv]
+        });
+        let text = ruled([23, 22, 22], header(["SampleTime", "OP", "PV"]).chain(rows));
+        of_bytes(text.as_bytes(), &Options::default()).expect("a ruler")
+    };
+    let table = wide(None);
+    assert!(bits(&table.record) == bits(&example), "{}", table.found.read_as);
+    assert!(table.found.read_as.contains("ruler"), "{}", table.found.read_as);
+    let table = wide(Some(5));
+    assert!(bits(&table.record)[0] == bits(&example)[0], "{}", table.found.read_as);
+    assert!(!table.record.pv.iter().any(|own| own.t == table.record.op[5].t && own.quality.is_good()));
+
+    // A name of a tag has a blank within.
+    let long = pairs().flat_map(|(_, (op, pv))| {
+        [("FIC 101.OP", op), ("FIC 101.PV", pv)]
+            .map(|(tag, own)| [tag.into(), stamp(own.t), own.value.to_string()])
+    });
+    let text = ruled([20, 27, 22], header(["TagName", "DateTime", "Value"]).chain(long));
+    let table = of_bytes(text.as_bytes(), &Options::default()).expect("a ruler");
+    assert!(bits(&table.record) == bits(&example), "{}", table.found.read_as);
+}
+
+#[test]
+fn other_columns_are_told_and_text_is_not_used() {
+    let rows = rows(&example(), ',', |t| format!("{t:.3}"));
+    let rows: Vec<String> =
+        rows.iter().enumerate().map(|(at, row)| format!("{row},{}.5,ok,", at % 7)).collect();
+    let table = read("t,op,pv,TI100,remark,", &rows, &Options::default()).expect("read");
+    let said = &table.found.read_as;
+    assert!(said.contains(", other tags \"TI100\", not used \"remark\""), "{said}");
+    assert_eq!(table.record.tags.len(), 1);
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! Rows of text whose cells a sign divides.
 
+use super::blanks::Blanks;
 use super::error::TableError;
 use super::source::{Cell, Rows};
-use super::text::{Blanks, Encoding, MAX_LINE, Text};
+use super::text::{Encoding, MAX_LINE, Text};
 use std::io::{self, Read};
 
 /// Bytes read at a time.
@@ -12,6 +13,7 @@ const BUFFER: usize = 1 << 18;
 pub struct Lines<R> {
     rows: csv::Reader<Text<R>>,
     row: csv::StringRecord,
+    separator: char,
 }
 
 impl<R: Read> Lines<R> {
@@ -22,8 +24,26 @@ impl<R: Read> Lines<R> {
             .flexible(true)
             .buffer_capacity(BUFFER)
             .from_reader(Text::new(inner, encoding, Blanks::of(separator)));
-        Self { rows, row: csv::StringRecord::new() }
+        Self { rows, row: csv::StringRecord::new(), separator: char::from(separator) }
     }
+}
+
+/// Refuses a cell that goes on over whole rows: its quote was never closed. A remark of several lines is none.
+fn swallowed(row: &csv::StringRecord, separator: char, begins: u64, ends: u64) -> Result<(), TableError> {
+    for cell in row {
+        let (mut whole, mut half) = (0, 0);
+        for line in cell.lines().skip(1) {
+            let signs = line.matches(separator).count();
+            whole += usize::from(signs >= 2 && signs + 1 >= row.len());
+            half += usize::from(signs >= 2 && 2 * signs + 1 >= row.len());
+        }
+        if whole > 0 || half > 1 {
+            return Err(TableError::refused(format!(
+                "line {begins}: a quote opens a cell that goes on over whole rows up to line {ends}; close it, or take it off"
+            )));
+        }
+    }
+    Ok(())
 }
 
 impl<R: Read> Rows for Lines<R> {
@@ -35,7 +55,13 @@ impl<R: Read> Rows for Lines<R> {
                 Ok(false) => return Ok(None),
                 Ok(true) if self.row.iter().all(|cell| super::number::bare(cell).is_empty()) => {}
                 // The text ends every line in one newline, so the reader now stands on the line after this one.
-                Ok(true) => return Ok(Some(self.rows.position().line().saturating_sub(1))),
+                Ok(true) => {
+                    let ends = self.rows.position().line().saturating_sub(1);
+                    if ends > begins {
+                        swallowed(&self.row, self.separator, begins, ends)?;
+                    }
+                    return Ok(Some(ends));
+                }
                 Err(_) if self.rows.get_ref().tripped => {
                     return Err(TableError::refused(format!(
                         "line {begins}: longer than {MAX_LINE} bytes; a quote left open, or no CSV"

@@ -1,11 +1,12 @@
 //! What divides the cells of a text, decided by the header that it gives.
 
+use super::blanks::Blanks;
 use super::delimited::Lines;
 use super::error::{TableError, shown};
 use super::layout::{Layout, Looked, PREAMBLE, first_rows, look};
 use super::options::{Options, Told};
 use super::source::{Kind, Rows, Source};
-use super::text::{Blanks, Encoding};
+use super::text::Encoding;
 
 /// What divides cells, the usual ones.
 const SEPARATORS: [u8; 4] = [b',', b';', b'\t', b'|'];
@@ -36,10 +37,16 @@ pub fn dialect(
     };
     let open = separators.len() > 1;
     // Blanks divide where no sign does.
-    separators.extend([Blanks::Two, Blanks::One].map(Blanks::separator).into_iter().filter(|_| open));
+    let blanks = [Blanks::Ruled, Blanks::Two, Blanks::One].into_iter().filter(|_| open);
+    let blanks = blanks.filter(|own| *own != Blanks::Ruled || encoding.is_ruled());
+    separators.extend(blanks.map(Blanks::separator));
     let mut best: Option<(Looked, u8)> = None;
     for separator in separators {
-        if Blanks::of(separator).is_some() && best.as_ref().is_some_and(|(other, _)| !other.single()) {
+        let by_sign = |(other, own): &(Looked, u8)| !other.single() && Blanks::of(*own).is_none();
+        let by_run = |(other, own): &(Looked, u8)| !other.single() && *own == Blanks::Two.separator();
+        let is_known =
+            |best: &(Looked, u8)| by_sign(best) || separator == Blanks::One.separator() && by_run(best);
+        if Blanks::of(separator).is_some() && best.as_ref().is_some_and(is_known) {
             continue;
         }
         let mut lines = Lines::new(head, encoding, separator);

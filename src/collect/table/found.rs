@@ -1,11 +1,12 @@
 //! What was found, in one line.
 
-use super::error::shown;
+use super::blanks::Blanks;
+use super::channel::Channel;
+use super::error::{listed, shown};
 use super::layout::Body;
 use super::source::Kind;
 use super::survey::Plan;
 use super::take::Counted;
-use super::text::Blanks;
 use crate::signal::Role;
 use std::fmt::Write;
 
@@ -55,6 +56,7 @@ impl Found {
                 op_unit = unit;
             }
         }
+        parts.extend(others(plan));
         parts.extend(plan.modes.iter().flatten().filter_map(|modes| modes.said.clone()));
         parts.extend(remarks(plan, counted));
         Self { read_as: parts.join(", "), op_unit }
@@ -67,6 +69,9 @@ fn file(plan: &Plan) -> String {
         let encoding = encoding.map(|name| format!("{name}, ")).unwrap_or_default();
         match plan.separator {
             b'\t' => format!("{encoding}tab separated"),
+            sign if Blanks::of(sign) == Some(Blanks::Ruled) => {
+                format!("{encoding}columns as the ruler has them")
+            }
             sign if Blanks::of(sign).is_some() => format!("{encoding}separated by blanks"),
             sign => format!("{encoding}{} separated", char::from(sign)),
         }
@@ -77,6 +82,20 @@ fn file(plan: &Plan) -> String {
         Kind::Sheet(_) => "workbook".into(),
         Kind::Parquet => "Parquet".into(),
     }
+}
+
+/// What the other columns of a table are: tags that may explain PV, and text, which nothing is made of.
+fn others(plan: &Plan) -> Vec<String> {
+    if !matches!(plan.layout.body, Body::Wide(_)) {
+        return Vec::new();
+    }
+    let others =
+        plan.channels.iter().filter(|own| own.role.is_none() && own.cells > 0 && !own.tag.name.is_empty());
+    let (tags, texts): (Vec<&Channel>, Vec<&Channel>) = others.partition(|own| own.numbers > 0);
+    let said = |what: &str, all: &[&Channel]| {
+        (!all.is_empty()).then(|| format!("{what} {}", listed(all.iter().map(|own| own.tag.name.as_str()))))
+    };
+    said("other tags", &tags).into_iter().chain(said("not used", &texts)).collect()
 }
 
 /// What was not used.

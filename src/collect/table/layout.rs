@@ -8,8 +8,8 @@ use super::qualities::owners;
 use super::roles::{Roles, Trouble, roles, told};
 use super::source::{Cell, Rows};
 use super::time::{What, WhatKind};
-use super::time_columns::{millis, times};
-use std::collections::BTreeSet;
+use super::time_columns::{millis, seconds, times};
+use super::two_rows::{goes_on, named, no_part, under_loops};
 
 /// Most columns of a table.
 const MAX_COLUMNS: usize = 1 << 12;
@@ -17,8 +17,6 @@ const MAX_COLUMNS: usize = 1 << 12;
 pub const PREAMBLE: usize = 200;
 /// Rows between the header and the first sample: units, descriptions, limits.
 const BELOW: usize = 4;
-/// Rows by which a table of R is known.
-const R_ROWS: usize = 3;
 /// Rows looked at.
 const LOOKED_AT: usize = 400;
 
@@ -166,17 +164,32 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
                 true => (1..=row.len()).map(|number| Name::new(&format!("column {number}"))).collect(),
                 false => named(row, &rows[at + 1..]),
             };
-            let known = known(&names, options);
+            let below = &rows[at + usize::from(!bare)..];
+            if !bare && goes_on(row, below) {
+                continue;
+            }
+            let above = at.checked_sub(1).filter(|_| !bare).map(|above| &rows[above].1);
+            let (found, known) = match above.filter(|above| goes_on(above, &rows[at..])) {
+                Some(above) => {
+                    let both = under_loops(above, row).unwrap_or_else(|| names.clone());
+                    let known = known(&both, options);
+                    let found = header(names, below, options);
+                    let again = |_| header(both.clone(), below, options).map_err(|own| no_part(own, &both));
+                    (found.or_else(again), known)
+                }
+                None => {
+                    let known = known(&names, options);
+                    // Two columns for OP: the row above may say of which loop each is.
+                    let again = |error| match above.and_then(|above| under_loops(above, row)) {
+                        Some(names) if matches!(error, Trouble::Refused(_)) => header(names, below, options),
+                        _ => Err(error),
+                    };
+                    (header(names, below, options).or_else(again), known)
+                }
+            };
             if best.is_none_or(|(most, _)| known > most) {
                 best = Some((known, at));
             }
-            let below = &rows[at + usize::from(!bare)..];
-            let found = match (header(names, below, options), at.checked_sub(1)) {
-                // Two columns for OP: the row above may say of which loop each is.
-                (Err(Trouble::Refused(error)), Some(above)) if !bare => under_loops(&rows[above].1, row)
-                    .map_or(Err(Trouble::Refused(error)), |names| header(names, below, options)),
-                (found, _) => found,
-            };
             match found {
                 // A sample is no header, though columns may be told by their numbers.
                 Ok(layout) if !bare && is_time(row, layout.time) => {}
@@ -214,36 +227,6 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
 /// Whether a date or a time of day stands in this column.
 fn is_time(row: &[Seen], at: usize) -> bool {
     row.get(at).is_some_and(|cell| matches!(cell.kind, WhatKind::Dated | WhatKind::Clock))
-}
-
-/// The names of a header; R numbers its rows and has no name for that column, which is the first.
-fn named(header: &[Seen], below: &[SeenRow]) -> Vec<Name> {
-    let numbered = |(row, (_, cells)): (usize, &SeenRow)| {
-        cells.len() == header.len() + 1 && cells[0].text.trim_matches('"') == (row + 1).to_string()
-    };
-    let first = &below[..below.len().min(R_ROWS)];
-    let is_r = first.len() == R_ROWS && first.iter().enumerate().all(numbered);
-    let names = header.iter().map(|cell| Name::new(&cell.text));
-    is_r.then(|| Name::new("")).into_iter().chain(names).collect()
-}
-
-/// The names of a header below a row of loops, `FIC101.OP`; a cell that is merged over several columns names the first of them.
-/// `None` where the row above does not name two.
-fn under_loops(above: &[Seen], header: &[Seen]) -> Option<Vec<Name>> {
-    fn text(cell: &Seen) -> Option<&str> {
-        (cell.kind == WhatKind::Nothing).then_some(cell.text.trim())
-    }
-    let (mut loops, mut owner) = (BTreeSet::new(), None);
-    let name = |(at, cell): (usize, &Seen)| {
-        owner = above.get(at).and_then(text).or(owner);
-        loops.extend(owner);
-        match owner {
-            Some(owner) if cell.kind != WhatKind::Blank => Name::new(&format!("{owner}.{}", cell.text)),
-            _ => Name::new(&cell.text),
-        }
-    };
-    let names = header.iter().enumerate().map(name).collect();
-    (loops.len() > 1).then_some(names)
 }
 
 /// Whether a row has a time where the option says, by number, that times stand.
@@ -341,6 +324,7 @@ fn header(names: Vec<Name>, below: &[SeenRow], options: &Options) -> Result<Layo
     }
     let (time, clock) = times(&names, below, options)?;
     let millis = millis(&names, time, below);
+    seconds(&names, time, below)?;
     let wide =
         |name: &Name, at: usize| at != time && Some(at) != clock && Some(at) != millis && !name.is_none();
     let masked: Vec<Name> =

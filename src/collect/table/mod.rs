@@ -7,13 +7,14 @@
 //! | step | decides |
 //! |---|---|
 //! | `source`, `kinds`, `text` | what kind of file, which encoding |
-//! | `layout`, `time_columns`, `pairs`, `names`, `roles` | what divides cells, where the header is, which column is what |
+//! | `dialect`, `blanks`, `layout`, `time_columns`, `pairs`, `names`, `roles` | what divides cells, where the header is, which column is what |
 //! | `evidence`, `number` | the decimal sign, thousands, units behind numbers |
 //! | `time`, `stamp`, `calendar` | how times are written |
 //! | `words`, `qualities`, `says` | which modes are automatic, which qualities good |
 //! | `owner` | which rows are the loop's |
 //! | `take` | samples, and which rows are left out |
 
+mod blanks;
 mod calendar;
 mod channel;
 mod delimited;
@@ -32,6 +33,7 @@ mod owner;
 mod pairs;
 mod parquet;
 mod qualities;
+mod repeats;
 mod roles;
 mod says;
 mod source;
@@ -41,6 +43,7 @@ mod take;
 mod text;
 mod time;
 mod time_columns;
+mod two_rows;
 mod vocabulary;
 mod words;
 mod workbook;

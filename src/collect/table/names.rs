@@ -38,6 +38,9 @@ const UNITS: &[&str] = &[
 /// Longest name that is taken apart (bytes): a longer one is prose, and takes time with the square of its length.
 const LONGEST: usize = 512;
 
+/// Units in which a gas is measured.
+const GASES: [&str; 7] = ["ppm", "ppmv", "ppb", "mg/m3", "mg/nm3", "vol%", "vol.-%"];
+
 /// What may stand as a unit behind a name of times.
 const ZONES: [&str; 5] = ["utc", "gmt", "local", "-", ""];
 
@@ -96,6 +99,11 @@ impl Name {
                 || HeaderZone::of(unit).is_some()
         };
         let time = self.unit.as_ref().is_none_or(of_time);
+        // `CO [ppm]` is carbon monoxide.
+        let of_gas = |unit: &String| GASES.contains(&unit.to_lowercase().as_str());
+        if self.plain == "co" && self.unit.as_ref().is_some_and(of_gas) {
+            return None;
+        }
         if let Some(meaning) = whole(&self.plain).filter(|meaning| *meaning != Meaning::Time || time) {
             return Some(Said { meaning, owner: String::new() });
         }

@@ -1,5 +1,6 @@
 //! Rows that are no samples, and rows by which a table is another than it seems.
 
+use super::blanks::TOO_WIDE;
 use super::error::{TableError, shown};
 use super::layout::{Body, Layout};
 use super::names::{Name, as_unit, controller};
@@ -75,10 +76,13 @@ fn is_ruler(rows: &dyn Rows) -> bool {
     let dashes = |at: usize| {
         let text = rows.cell(at).shown();
         let text = text.trim();
-        text.len() > 1 && text.bytes().all(|byte| matches!(byte, b'-' | b'+' | b' '))
+        text.bytes().all(|byte| matches!(byte, b'-' | b'+' | b' ')).then_some(text.len())
     };
     let begins = matches!(rows.cell(0), Cell::Text(text) if text.trim_start().starts_with("--"));
-    begins && (0..rows.len()).all(dashes)
+    let Some(widths) = (0..rows.len()).map(dashes).collect::<Option<Vec<usize>>>() else { return false };
+    // A single dash stands for no value, but for a column of one character, too.
+    let single = widths.iter().filter(|width| **width == 1).count();
+    begins && !widths.contains(&0) && 2 * single < widths.len()
 }
 
 /// More cells than the header has: a decimal comma in a table that commas divide.
@@ -93,6 +97,20 @@ pub fn too_many(rows: &dyn Rows, layout: &Layout, line: u64, first: &Cell<'_>) -
     }
     Err(TableError::refused(format!(
         "line {line}: {got} cells where the header has {want}; decimal commas need quotes, or semicolons between cells"
+    )))
+}
+
+/// A cell that is wider than its column, below a ruler: what comes behind it stands in other columns.
+pub fn too_wide(rows: &dyn Rows, line: u64, first: &Cell<'_>) -> Result<(), TableError> {
+    let wide =
+        (0..rows.len()).find(|at| matches!(rows.cell(*at), Cell::Text(text) if text.contains(TOO_WIDE)));
+    let Some(wide) = wide.filter(|_| time::What::of(first, None).kind() != time::WhatKind::Nothing) else {
+        return Ok(());
+    };
+    Err(TableError::refused(format!(
+        "line {line}, column {}: the cell is wider than its column by the ruler, so that the next cannot be told; save the \
+         table with a sign between cells",
+        wide + 1
     )))
 }
 

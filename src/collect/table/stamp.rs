@@ -99,6 +99,11 @@ impl Stamp {
         self.clock.is_none_or(|clock| clock % SECOND == 0)
     }
 
+    /// Whether its time of day is a whole minute.
+    pub fn is_whole_minute(&self) -> bool {
+        self.clock.is_some_and(|clock| clock % (60 * SECOND) == 0)
+    }
+
     /// Whether it is a date without a time of day.
     pub fn is_date_only(&self) -> bool {
         self.date.is_some() && self.clock.is_none()
@@ -376,9 +381,9 @@ impl Left<'_, '_> {
             match rest {
                 [Piece::Sign(c), after @ ..] if n > 0 && signs(c) => rest = after,
                 [piece @ (Piece::Number(..) | Piece::Word(_)), after @ ..] => {
-                    // A time of day begins where a colon follows.
-                    if matches!(after, [Piece::Sign(':'), Piece::Number(..), Piece::Sign(':'), ..]) && n == 2
-                    {
+                    // A time of day begins where a colon follows, but for a year: `01Jun2026:06:00:00`.
+                    let colon = matches!(after, [Piece::Sign(':'), Piece::Number(..), Piece::Sign(':'), ..]);
+                    if colon && n == 2 && !matches!(piece, Piece::Number(_, 4)) {
                         break;
                     }
                     seen[n] = Some(piece);

@@ -1,5 +1,6 @@
 //! The first reading of a table: everything is counted, then what the table means is decided.
 
+use super::blanks::Blanks;
 use super::channel::{Channel, Tag};
 use super::dialect::dialect;
 use super::error::{TableError, listed};
@@ -8,23 +9,20 @@ use super::layout::{Body, Layout, Long, Wide};
 use super::names::{Meaning, Name};
 use super::number::Decimal;
 use super::odd_rows::{
-    another_table, begins_with_a_word, not_even, passed_over, same_header, title, too_many,
+    another_table, begins_with_a_word, not_even, passed_over, same_header, title, too_many, too_wide,
 };
 use super::options::{Options, Told};
 use super::owner::Owner;
 use super::qualities::{Others, Quality};
+use super::repeats::Repeats;
 use super::roles::{Trouble, roles};
 use super::says::Says;
-use super::source::{Cell, Kind, Rows, Source};
-use super::text::Blanks;
+use super::source::{Kind, Rows, Source};
 use super::time::{self, Groups, Reading, Times};
 use super::words::{Modes, Words};
 use crate::signal::Role;
 use std::collections::{BTreeSet, HashMap};
-use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
 
-/// One row in so many may have the tag and the time of the row before.
-const REPEATED: u64 = 10;
 /// Most tags of a long table.
 const MAX_TAGS: usize = 1 << 16;
 
@@ -58,7 +56,7 @@ pub fn survey(source: Source<'_>, options: &Options, whole: bool) -> Result<Plan
     let (separator, layout) = dialect(source, &kind, &head, options, &told)?;
     let mut counting = Counting::new(&layout, options);
     let row_name = {
-        let blanks = Blanks::of(separator).is_some();
+        let blanks = Blanks::of(separator);
         let mut rows = layout.rows(kind.rows(source, separator)?)?;
         counting.all(rows.as_mut(), &layout, &told, blanks)?;
         if counting.owner.as_ref().is_some_and(Owner::is_none) {
@@ -86,10 +84,8 @@ struct Counting {
     moving: Vec<(usize, String)>,
     /// Which rows are the loop's.
     owner: Option<Owner>,
-    /// Of each tag of a long table the last time and value, as hashes; and the rows with the time of the one before and another
-    /// value.
-    last: Vec<(u64, u64)>,
-    repeated: u64,
+    /// Rows of a long table that cannot all be samples.
+    repeats: Repeats,
     mode_name: Option<String>,
 }
 
@@ -103,8 +99,7 @@ impl Counting {
             words: Vec::new(),
             quality_columns: Vec::new(),
             others: Others::default(),
-            last: Vec::new(),
-            repeated: 0,
+            repeats: Repeats::default(),
             moving: Vec::new(),
             mode_name: options.mode.clone(),
             owner: Owner::of(layout, options),
@@ -136,7 +131,7 @@ impl Counting {
         rows: &mut dyn Rows,
         layout: &Layout,
         told: &Told,
-        blanks: bool,
+        blanks: Option<Blanks>,
     ) -> Result<(), TableError> {
         let mut titled = None;
         for _ in 0..layout.skip {
@@ -162,8 +157,10 @@ impl Counting {
                 Body::Long(long) => self.tag(rows, long, line)?,
             };
             self.times.add((line, tag), &first, second.as_ref(), time_name, told);
-            if blanks {
-                not_even(rows, layout, line, &first)?;
+            match blanks {
+                Some(Blanks::Ruled) => too_wide(rows, line, &first)?,
+                Some(_) => not_even(rows, layout, line, &first)?,
+                None => {}
             }
             match &layout.body {
                 Body::Wide(wide) => {
@@ -192,7 +189,11 @@ impl Counting {
                 }
                 Body::Long(long) => {
                     let value = rows.cell(long.value);
-                    self.repeat(tag, &first, &value);
+                    let millis = layout.millis.map(|at| rows.cell(at));
+                    self.repeats.add(tag, &[Some(first.clone()), second, millis], &value);
+                    if rows.cell(long.tag).is_blank() && !value.is_blank() {
+                        self.repeats.nameless(line);
+                    }
                     self.channels[tag].add(&value, line);
                 }
             }
@@ -205,17 +206,6 @@ impl Counting {
             }
         }
         Ok(())
-    }
-
-    /// Counts a row of a long table whose tag had another value at the same time.
-    fn repeat(&mut self, tag: usize, time: &Cell<'_>, value: &Cell<'_>) {
-        let hash = |cell: &Cell<'_>| BuildHasherDefault::<DefaultHasher>::default().hash_one(cell.shown());
-        let own = (hash(time), hash(value));
-        if self.last.len() <= tag {
-            self.last.resize(tag + 1, (0, 0));
-        }
-        let before = std::mem::replace(&mut self.last[tag], own);
-        self.repeated += u64::from(before.0 == own.0 && before.1 != own.1);
     }
 
     /// The channel of a row of a long table.
@@ -255,12 +245,8 @@ impl Counting {
                 layout.line
             )));
         }
-        if self.repeated * REPEATED > self.times.rows {
-            return Err(TableError::refused(format!(
-                "{} of {} rows have the tag and the time of a row before and another value: another column tells them apart, or \
-                 times were cut; keep the rows of one kind, and the times whole",
-                self.repeated, self.times.rows
-            )));
+        if let Body::Long(long) = &layout.body {
+            self.repeats.refuse(self.times.rows, long.tag)?;
         }
         if matches!(layout.body, Body::Long(_)) && whole {
             self.roles_of_tags(options)?;

@@ -47,11 +47,42 @@ pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
             None => record.tags.push((channel.tag.name.clone(), series)),
         }
     }
+    for (role, series) in [(Role::Op, &record.op), (Role::Pv, &record.pv)] {
+        found.read_as.extend(twice(role, series)?);
+    }
     record.find_span(None, found.op_unit.as_deref());
     for (role, series) in [(Role::Op, &record.op), (Role::Pv, &record.pv)] {
         found.read_as.extend(none_of(role, series));
     }
     Ok(Table { record, found })
+}
+
+/// One sample in so many may have the time of another and another value, and so few in all: the diagnosis counts them.
+const TWICE: usize = 10;
+const FEW: usize = 20;
+
+/// Refuses a tag that has two values at the same times, in different places of the file. Those one after the other are told.
+fn twice(role: Role, series: &[Sample]) -> Result<Option<String>, TableError> {
+    // Samples in a row with one time are of one run.
+    let (mut run, mut last, mut good) = (0usize, f64::NAN, Vec::new());
+    for own in series.iter().filter(|own| own.quality.is_good()) {
+        run += usize::from(own.t != last);
+        last = own.t;
+        good.push((own.t, run, own.value));
+    }
+    let count = good.len();
+    good.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let other = good.windows(2).filter(|pair| pair[0].0 == pair[1].0 && pair[0].2 != pair[1].2);
+    let (near, far): (Vec<_>, Vec<_>) = other.partition(|pair| pair[0].1 == pair[1].1);
+    let (near, far, role) = (near.len(), far.len(), role.as_str());
+    if far > FEW && far * TWICE > count {
+        return Err(TableError::refused(format!(
+            "{far} of {count} samples of {role} have the time of another one and another value: two tables in one file; save them apart"
+        )));
+    }
+    Ok((near * TWICE > count).then(|| {
+        format!(", {near} of {count} samples of {role} have the time of the one before and do not count")
+    }))
 }
 
 /// What is said of good values that stand for no measurement: the diagnosis leaves them out.

@@ -1,5 +1,6 @@
 //! Bytes as text: which encoding, and a reader that hands out UTF-8 in lines of bounded length.
 
+use super::blanks::{Blanks, Runs, ruled};
 use super::error::TableError;
 use chardetng::{EncodingDetector, Iso2022JpDetection, Utf8Detection};
 use encoding_rs::{CoderResult, Decoder, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1252};
@@ -11,17 +12,24 @@ pub const MAX_LINE: usize = 1 << 20;
 const BUFFER: usize = 1 << 16;
 
 /// How text is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Encoding {
     own: &'static encoding_rs::Encoding,
     /// Lines end in `\r` alone.
     old_mac: bool,
+    /// Characters of a line that divide its cells, by a ruler of dashes below the header; none without one.
+    ruled: Vec<usize>,
 }
 
 impl Encoding {
     /// Its name, where it is not the usual one.
     pub fn unusual(&self) -> Option<&'static str> {
         (self.own != UTF_8).then(|| self.own.name())
+    }
+
+    /// Whether a ruler of dashes says where cells begin.
+    pub fn is_ruled(&self) -> bool {
+        !self.ruled.is_empty()
     }
 }
 
@@ -51,7 +59,7 @@ pub fn encoding(head: &[u8], told: Option<&'static encoding_rs::Encoding>) -> Re
     };
     let (text, _) = own.decode_without_bom_handling(head);
     let old_mac = !text.contains('\n') && text.contains('\r');
-    Ok(Encoding { own, old_mac })
+    Ok(Encoding { own, old_mac, ruled: ruled(&text) })
 }
 
 /// Encodings that are not read, by how text looks in them.
@@ -96,61 +104,6 @@ fn guessed(head: &[u8]) -> &'static encoding_rs::Encoding {
     if own == UTF_8 || LATIN.contains(&own.name()) { WINDOWS_1252 } else { own }
 }
 
-/// Which runs of blanks divide cells, where no sign does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Blanks {
-    /// Each: `0 50.1 51.2`.
-    One,
-    /// Of two or more: `2026-06-01 06:00:00   50.1   51.2`.
-    Two,
-}
-
-impl Blanks {
-    /// The sign that they become: a blank, or one that stands in no line.
-    pub fn separator(self) -> u8 {
-        match self {
-            Blanks::One => b' ',
-            Blanks::Two => 0x1e,
-        }
-    }
-
-    /// Which of them a separator stands for.
-    pub fn of(separator: u8) -> Option<Self> {
-        [Blanks::One, Blanks::Two].into_iter().find(|own| own.separator() == separator)
-    }
-}
-
-/// Makes one separator of each run of blanks that divides, and none at the ends of a line.
-struct Runs {
-    blanks: Blanks,
-    pending: usize,
-    line_begins: bool,
-}
-
-impl Runs {
-    /// Works on `bytes[from..to]`, and puts what it makes from 0 on; `from` is at least 1, for a run that began before.
-    fn apply(&mut self, bytes: &mut [u8], from: usize, to: usize) -> usize {
-        let mut out = 0;
-        for at in from..to {
-            let byte = bytes[at];
-            if byte == b' ' {
-                self.pending += 1;
-                continue;
-            }
-            if self.pending > 0 && !self.line_begins && byte != b'\n' {
-                let divides = self.blanks == Blanks::One || self.pending > 1;
-                bytes[out] = if divides { self.blanks.separator() } else { b' ' };
-                out += 1;
-            }
-            self.pending = 0;
-            self.line_begins = byte == b'\n';
-            bytes[out] = byte;
-            out += 1;
-        }
-        out
-    }
-}
-
 /// Hands out UTF-8 without a byte order mark, with every line ended in one `\n`: `csv` counts lines right only then.
 pub struct Text<R> {
     inner: R,
@@ -173,7 +126,7 @@ pub struct Text<R> {
 impl<R: Read> Text<R> {
     pub fn new(inner: R, encoding: &Encoding, blanks: Option<Blanks>) -> Self {
         Self {
-            runs: blanks.map(|blanks| Runs { blanks, pending: 0, line_begins: true }),
+            runs: blanks.map(|blanks| Runs::new(blanks, &encoding.ruled)),
             inner,
             decoder: encoding.own.new_decoder_with_bom_removal(),
             old_mac: encoding.old_mac,
@@ -284,27 +237,6 @@ mod tests {
             assert_eq!(read(&bytes), text);
         }
         assert_eq!(read(b"t,op\r\n0,1"), "t,op \n0,1\n");
-    }
-
-    #[test]
-    fn runs_of_blanks_are_one_sign() {
-        let text = "  t   op value  pv \r\n  0   50.1   51.2\n\n1  2    3";
-        let of = |blanks: Blanks, step: usize| {
-            let encoding = encoding(text.as_bytes(), None).expect("text");
-            let mut reader = Text::new(text.as_bytes(), &encoding, Some(blanks));
-            let (mut out, mut part) = (String::new(), vec![0; step]);
-            while let Ok(n @ 1..) = reader.read(&mut part) {
-                out += std::str::from_utf8(&part[..n]).expect("UTF-8");
-            }
-            out
-        };
-        for step in [5, 6, 7, 64] {
-            assert_eq!(of(Blanks::One, step), "t op value pv\n0 50.1 51.2\n\n1 2 3\n");
-            assert_eq!(
-                of(Blanks::Two, step),
-                "t\u{1e}op value\u{1e}pv\n0\u{1e}50.1\u{1e}51.2\n\n1\u{1e}2\u{1e}3\n"
-            );
-        }
     }
 
     #[test]

@@ -106,8 +106,8 @@ fn column(names: &[Name], below: &[SeenRow], options: &Options) -> Result<(usize
     }
     match found.as_slice() {
         [one] => Ok((*one, None)),
-        [a, b] if names[*a].is_date() && names[*b].is_clock() => Ok((*a, Some(*b))),
-        [a, b] if names[*b].is_date() && names[*a].is_clock() => Ok((*b, Some(*a))),
+        [a, b] if names[*a].is_date() && names[*b].is_clock() => Ok(pair(below, *a, *b)),
+        [a, b] if names[*b].is_date() && names[*a].is_clock() => Ok(pair(below, *b, *a)),
         [] => {
             // An index without a name, or a column of dates under any name.
             let holds = |at: usize| cells(below, at);
@@ -130,6 +130,15 @@ fn column(names: &[Name], below: &[SeenRow], options: &Options) -> Result<(usize
             )))
         }),
     }
+}
+
+/// A date and the time of day beside it; the second alone where it holds both.
+fn pair(below: &[SeenRow], date: usize, clock: usize) -> (usize, Option<usize>) {
+    // Access writes a time of day as one of its first day.
+    let first_day = |text: &str| text.contains("1899") || text.contains("1900");
+    let mut cells_of = below.iter().filter_map(|(_, row)| row.get(clock)).map(|cell| cell.text.as_str());
+    let whole = cells(below, clock) == Some(Holds::Moment) && !cells_of.any(first_day);
+    if whole { (clock, None) } else { (date, Some(clock)) }
 }
 
 /// Of several columns that are called times, the date of a date and a time of day, or the only one of dates among numbers:
@@ -173,6 +182,32 @@ pub fn millis(names: &[Name], time: usize, below: &[SeenRow]) -> Option<usize> {
     let padded = cells().all(|text| text.len() == 3) && cells().any(|text| text.starts_with('0'));
     let meant = name.plain() == MILLIS[0] || repeats || padded;
     (meant && !dated.is_empty() && dated.iter().all(|row| whole(row) && small(row))).then_some(at)
+}
+
+/// Names of a column of seconds beside times in whole minutes.
+const SECONDS: [&str; 5] = ["sec", "second", "seconds", "ss", "s"];
+
+/// Refuses a column of seconds beside times in whole minutes that come more than once.
+pub fn seconds(names: &[Name], time: usize, below: &[SeenRow]) -> Result<(), Trouble> {
+    let named = |at: &usize| *at != time && SECONDS.contains(&names[*at].plain());
+    let Some(at) = (0..names.len()).find(named) else { return Ok(()) };
+    let dated: Vec<&SeenRow> =
+        below.iter().filter(|row| row.1.get(time).is_some_and(|cell| cell.kind == WhatKind::Dated)).collect();
+    let minutes = |row: &&SeenRow| stamp::scan(&row.1[time].text).is_some_and(|own| own.is_whole_minute());
+    let below_sixty = |row: &&SeenRow| {
+        let cell = row.1.get(at).and_then(|cell| cell.text.trim().replace(',', ".").parse::<f64>().ok());
+        cell.is_some_and(|s| (0.0..60.0).contains(&s))
+    };
+    let repeats = dated.windows(2).any(|pair| pair[0].1[time].text == pair[1].1[time].text);
+    if !repeats || !dated.iter().all(|row| minutes(row) && below_sixty(row)) {
+        return Ok(());
+    }
+    Err(Trouble::Refused(TableError::refused(format!(
+        "column {}: {:?} holds the seconds of the times in column {}; write them into one column, such as 2026-06-01 06:00:02",
+        at + 1,
+        shown(&names[at].full),
+        time + 1
+    ))))
 }
 
 /// A cell of milliseconds of a second.

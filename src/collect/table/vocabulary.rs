@@ -48,6 +48,12 @@ pub const TIME: &[&str] = &[
     "時間",
     "时间",
     "시간",
+    "采集时间",
+    "采样时间",
+    "data hora",
+    "data e hora",
+    "fecha y hora",
+    "date et heure",
 ];
 /// The controller's output.
 pub const OP: &[&str] = &[
@@ -68,6 +74,12 @@ pub const OP: &[&str] = &[
     "op value",
     "valve demand",
     "cveu",
+    "sortie",
+    "salida",
+    "saída",
+    "uscita",
+    "输出",
+    "输出值",
 ];
 /// The measured value.
 pub const PV: &[&str] = &[
@@ -84,6 +96,13 @@ pub const PV: &[&str] = &[
     "pv out",
     "scaledinput",
     "scaled input",
+    "mesure",
+    "medida",
+    "medición",
+    "medição",
+    "misura",
+    "测量值",
+    "过程值",
 ];
 /// The set point.
 pub const SP: &[&str] = &[
@@ -98,6 +117,10 @@ pub const SP: &[&str] = &[
     "wsp",
     "working setpoint",
     "sp out",
+    "consigne",
+    "consigna",
+    "设定值",
+    "给定值",
 ];
 /// The valve's position.
 pub const MV: &[&str] = &[
