@@ -38,7 +38,7 @@ use crate::signal::LoopId;
 use backfill::BackfillJobs;
 use device::Device;
 use fleet::Fleet;
-use futures::future::BoxFuture;
+use futures::future::{BoxFuture, OptionFuture};
 use notifications::Notifications;
 use persistence::Persistence;
 use plantwide::Plantwide;
@@ -383,17 +383,18 @@ impl App {
     /// Takes another configuration, or the one in force anew where the fleet's loops have changed.
     async fn take(&self, config: Option<Config>) -> Result<(), AppError> {
         let mut state = self.state.lock().await;
+        let reloading = config.is_some();
         let config = config.unwrap_or_else(|| Config::clone(&state.config));
         let config = Arc::new(match &self.fleet {
-            Some(fleet) => fleet.composed(config),
+            Some(fleet) => fleet.composed(config)?,
             None => config,
         });
-        let _paused = match &self.fleet {
-            Some(fleet) => Some(fleet.pause().await),
-            None => None,
-        };
+        let _paused = OptionFuture::from(self.fleet.as_ref().map(|fleet| fleet.pause())).await;
         let wired = config.plant().map_err(AppError::Plan)?;
-        self.security.reload()?;
+        // A broken file of users keeps no loop of an edge out.
+        if reloading {
+            self.security.reload()?;
+        }
         // Granted was what the old configuration says: every term goes to zero first.
         self.writeback.end().await;
         restart::warn_of_what_needs_one(&state.config, &config);
@@ -413,12 +414,13 @@ impl App {
         self.notifications.reload(&config).await;
         self.backfill.reload(&config);
         self.plantwide.reload(&config, &history);
-        if let Some(fleet) = &self.fleet {
-            fleet.replace(&config, &history);
-        }
         self.results.reload(&ids(&config), &config.alarm);
         self.results.watch_devices(&devices_of(&config));
         self.persistence.clone().replace(history.clone(), self.results.clone()).await;
+        // Only now: an edge would forward new rings before the store has filled them, and all they hold once more after that.
+        if let Some(fleet) = &self.fleet {
+            fleet.replace(&config, &history);
+        }
         self.results.apply_design(self.clock.now());
         let mut plan = schedule_plan(&config, &history);
         if self.fleet.as_ref().is_some_and(|fleet| fleet.follows()) {

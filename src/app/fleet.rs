@@ -114,6 +114,9 @@ pub(super) struct Fleet {
     epoch: AtomicU64,
     /// Held for reading while what came is taken and stored, and for writing while rings are replaced.
     taking: RwLock<()>,
+    /// Held for reading while receivers are told, and for writing while they are replaced: who replaces them may wait long for
+    /// `taking`, and people are told meanwhile.
+    receivers: RwLock<()>,
     /// Machines that were heard of, by role, site and name.
     machines: Mutex<BTreeMap<(String, String, String), Machine>>,
 }
@@ -122,7 +125,7 @@ impl Fleet {
     /// The part of a role; nothing connects yet.
     ///
     /// # Errors
-    /// [`AppError::Fleet`]: a role without `[fleet]`, an edge without a site or a store.
+    /// [`AppError::Fleet`]: a role without `[fleet]`, an edge without a site or a store, a centre with too short rings.
     pub(super) fn new(
         role: Role,
         config: &Arc<Config>,
@@ -185,6 +188,7 @@ impl Fleet {
             link: OnceLock::new(),
             epoch: AtomicU64::new(0),
             taking: RwLock::default(),
+            receivers: RwLock::default(),
             machines: Mutex::default(),
             config: own,
         })))
@@ -205,9 +209,10 @@ impl Fleet {
         self.role == Role::Centre
     }
 
-    /// Nothing is taken while the guard lives: rings, results and store are replaced.
-    pub(super) async fn pause(&self) -> RwLockWriteGuard<'_, ()> {
-        self.taking.write().await
+    /// Nothing is taken and nobody is told while the guards live: rings, results, store and receivers are replaced.
+    pub(super) async fn pause(&self) -> [RwLockWriteGuard<'_, ()>; 2] {
+        let taking = self.taking.write().await;
+        [taking, self.receivers.write().await]
     }
 
     /// Has everything that was noted made durable.
@@ -284,10 +289,25 @@ fn check(role: Role, config: &Config, own: &fleet::Config) -> Result<(), String>
         Role::Centre if !config.loops.is_empty() => {
             Err("a centre has the loops of the edges: take out [[loop]]".into())
         }
-        Role::Centre if config.store.is_none() => {
-            Err("a centre needs a [store]: what edges forward is deleted from the streams once it is there"
-                .into())
-        }
+        Role::Centre => check_rings(config).and(match config.store {
+            Some(_) => Ok(()),
+            None => Err(
+                "a centre needs a [store]: what edges forward is deleted from the streams once it is there"
+                    .into(),
+            ),
+        }),
         _ => Ok(()),
     }
+}
+
+/// A centre's rings hold a message twice: the store reads one while the next comes.
+fn check_rings(config: &Config) -> Result<(), String> {
+    let (own, most) = (config.history.samples_per_tag, forward::MOST_SAMPLES);
+    if own >= 2 * most {
+        return Ok(());
+    }
+    Err(format!(
+        "[history] samples_per_tag = {own}: a centre needs at least {}, for it takes up to {most} samples of a tag at once",
+        2 * most
+    ))
 }

@@ -2,9 +2,9 @@
 //! that write files wait for the disk; they do not belong on an async thread.
 
 use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::fs;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -55,6 +55,8 @@ struct Inner {
     most: usize,
     waiting: VecDeque<Letter>,
     dead: VecDeque<Letter>,
+    /// Names of those that could not be written.
+    unwritten: BTreeSet<String>,
 }
 
 impl Letters {
@@ -100,7 +102,7 @@ impl Letters {
         inner.dead = rest;
         for letter in chosen {
             let letter = Letter { dead_since: None, ..letter };
-            self.write(&letter);
+            self.keep(&letter, &mut inner.unwritten);
             inner.waiting.push_back(letter);
         }
         drop(inner);
@@ -124,20 +126,45 @@ impl Letters {
         self.lock().waiting.front().cloned()
     }
 
-    /// Writes a letter that is not finished: it waits to be sent only where it is found at the next start.
-    pub(super) fn draft(&self, letter: &Letter) {
-        self.write(letter);
+    /// Writes a letter that is not finished: it waits to be sent only where it is found at the next start. Whether that could be
+    /// done.
+    pub(super) fn draft(&self, letter: &Letter) -> bool {
+        self.keep(letter, &mut BTreeSet::new())
     }
 
-    pub(super) fn put(&self, letter: Letter) {
+    /// A letter waits to be sent; whether it does so after a restart, too.
+    pub(super) fn put(&self, letter: Letter) -> bool {
         let mut inner = self.lock();
-        self.write(&letter);
+        let written = self.keep(&letter, &mut inner.unwritten);
         inner.waiting.push_back(letter);
+        written
+    }
+
+    /// Whether a letter could not be written.
+    pub(super) fn any_unwritten(&self) -> bool {
+        !self.lock().unwritten.is_empty()
+    }
+
+    /// Writes what could not be written, up to the first letter that still cannot; the names of the others.
+    pub(super) fn write_again(&self) -> Vec<String> {
+        let mut inner = self.lock();
+        let Inner { waiting, dead, unwritten, .. } = &mut *inner;
+        let mut written = Vec::new();
+        while let Some(id) = unwritten.first().cloned() {
+            let letter = waiting.iter().chain(&*dead).find(|letter| letter.id == id);
+            if letter.is_some_and(|letter| self.write(letter).is_err()) {
+                break;
+            }
+            unwritten.remove(&id);
+            written.push(id);
+        }
+        written
     }
 
     pub(super) fn done(&self, id: &str) {
         let mut inner = self.lock();
         inner.waiting.retain(|letter| letter.id != id);
+        inner.unwritten.remove(id);
         self.remove(id);
     }
 
@@ -153,7 +180,7 @@ impl Letters {
         let Some(at) = inner.waiting.iter().position(|letter| letter.id == id) else { return 0 };
         if let Some(letter) = inner.waiting.remove(at) {
             let letter = Letter { dead_since: Some(now), ..letter };
-            self.write(&letter);
+            self.keep(&letter, &mut inner.unwritten);
             inner.dead.push_back(letter);
         }
         self.trim(&mut inner)
@@ -172,21 +199,28 @@ impl Letters {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A letter that cannot be written is in memory all the same.
-    fn write(&self, letter: &Letter) {
-        let Some(folder) = &self.folder else { return };
-        let written = fs::create_dir_all(folder).and_then(|()| {
-            let text = serde_json::to_vec(letter)?;
-            let (new, path) = (folder.join(format!("{}.new", letter.id)), path(folder, &letter.id));
-            let mut file = fs::File::create(&new)?;
-            file.write_all(&text)?;
-            file.sync_all()?;
-            fs::rename(&new, path)?;
-            fs::File::open(folder)?.sync_all()
-        });
-        if let Err(error) = written {
-            tracing::warn!(folder = %folder.display(), %error, "a message is kept in memory only");
-        }
+    /// Writes a letter; whether that could be done. One that cannot be written stays in memory, and its name is noted.
+    fn keep(&self, letter: &Letter, unwritten: &mut BTreeSet<String>) -> bool {
+        let Err(error) = self.write(letter) else {
+            unwritten.remove(&letter.id);
+            return true;
+        };
+        tracing::warn!(letter = letter.id, %error, "a message is kept in memory only");
+        unwritten.insert(letter.id.clone());
+        false
+    }
+
+    /// Without a folder there is nothing to write.
+    fn write(&self, letter: &Letter) -> io::Result<()> {
+        let Some(folder) = &self.folder else { return Ok(()) };
+        fs::create_dir_all(folder)?;
+        let text = serde_json::to_vec(letter)?;
+        let (new, path) = (folder.join(format!("{}.new", letter.id)), path(folder, &letter.id));
+        let mut file = fs::File::create(&new)?;
+        file.write_all(&text)?;
+        file.sync_all()?;
+        fs::rename(&new, path)?;
+        fs::File::open(folder)?.sync_all()
     }
 
     fn remove(&self, id: &str) {

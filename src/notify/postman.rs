@@ -23,6 +23,7 @@ use crate::results::{AlarmChange, Event};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use serde::Deserialize;
+use std::collections::HashMap;
 use std::future::Future;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -35,6 +36,8 @@ use tracing::{error, info, warn};
 
 /// Least time between two drafts (s): what came within it before a power failure is not told.
 const DRAFT_S: f64 = 1.0;
+/// Time after which a letter is written again that could not be written (s): a full disk stays full for minutes.
+const UNWRITTEN_S: f64 = 10.0;
 
 /// `retry`: how long a message is tried that is not taken.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -109,8 +112,12 @@ pub struct Postman<C> {
     news: News,
     /// Number of the last change that was heard of.
     heard: u64,
-    /// What was picked for it and is not on disk yet.
+    /// What was picked for it and is in no letter, or in a draft that could not be written.
     held: Vec<Arc<Untold>>,
+    /// What was picked for it, by letter that could not be written: held until that is written or delivered.
+    unwritten: HashMap<String, Vec<Arc<Untold>>>,
+    /// When such letters are written again (s).
+    again: f64,
 }
 
 /// The letter that is tried.
@@ -159,6 +166,8 @@ impl<C: Carrier> Postman<C> {
             news,
             heard,
             held: Vec::new(),
+            unwritten: HashMap::new(),
+            again: 0.0,
         }
     }
 
@@ -207,8 +216,12 @@ impl<C: Carrier> Postman<C> {
                     self.settle(carried, &mut trial, &mut gone, pause, now()).await;
                 }
                 () = sleep_until(instant(drafted.unwrap_or(0.0))), if drafted.is_some() => {
-                    self.keep(&mut draft, &batch).await;
-                    draft.next = now() + DRAFT_S;
+                    let pause = if self.keep(&mut draft, &batch).await { DRAFT_S } else { UNWRITTEN_S };
+                    draft.next = now() + pause;
+                }
+                () = sleep_until(instant(self.again)), if self.letters.any_unwritten() => {
+                    self.write_again().await;
+                    self.again = now() + UNWRITTEN_S;
                 }
                 () = sleep_until(at), if due.is_some() => match letter {
                     Some(letter) => {
@@ -230,6 +243,7 @@ impl<C: Carrier> Postman<C> {
         if let Some(digest) = batch.take(now()) {
             self.post(&digest, draft.id.take()).await;
         }
+        self.write_again().await;
     }
 
     /// Takes what was picked, and holds it until it is on disk.
@@ -290,14 +304,19 @@ impl<C: Carrier> Postman<C> {
         log.iter().rev().for_each(|change| self.take(change, batch, now));
     }
 
-    /// Has on disk what waits.
-    async fn keep(&mut self, draft: &mut Draft, batch: &Batch) {
-        draft.came = batch.came();
-        if let Some(letter) = batch.digest().and_then(|digest| self.letter(&digest, draft.id.take())) {
-            draft.id = Some(letter.id.clone());
-            self.on_disk(move |letters| letters.draft(&letter)).await;
+    /// Has on disk what waits; whether that could be done.
+    async fn keep(&mut self, draft: &mut Draft, batch: &Batch) -> bool {
+        let Some(letter) = batch.digest().and_then(|digest| self.letter(&digest, draft.id.take())) else {
+            draft.came = batch.came();
+            return true;
+        };
+        draft.id = Some(letter.id.clone());
+        let written = self.on_disk(move |letters| letters.draft(&letter)).await == Some(true);
+        if written {
+            draft.came = batch.came();
             self.let_go();
         }
+        written
     }
 
     /// Makes a letter of a digest, in place of its draft; its name.
@@ -313,9 +332,23 @@ impl<C: Carrier> Postman<C> {
             return None;
         };
         let id = letter.id.clone();
-        self.on_disk(move |letters| letters.put(letter)).await;
-        self.let_go();
+        if self.on_disk(move |letters| letters.put(letter)).await == Some(true) {
+            self.let_go();
+        } else {
+            self.unwritten.insert(id.clone(), std::mem::take(&mut self.held));
+        }
         Some(id)
+    }
+
+    /// Writes what could not be written.
+    async fn write_again(&mut self) {
+        let written = self.on_disk(Letters::write_again).await.unwrap_or_default();
+        written.iter().for_each(|id| self.is_safe(id));
+    }
+
+    /// A letter is on disk or delivered: what was picked for it is let go.
+    fn is_safe(&mut self, id: &str) {
+        self.unwritten.remove(id).into_iter().flatten().for_each(|untold| untold.keep());
     }
 
     fn letter(&self, digest: &Digest, draft: Option<String>) -> Option<Letter> {
@@ -327,7 +360,7 @@ impl<C: Carrier> Postman<C> {
 
     /// What came of an attempt.
     async fn settle(
-        &self,
+        &mut self,
         carried: Result<(), Fault>,
         trial: &mut Trial,
         gone: &mut bool,
@@ -342,6 +375,7 @@ impl<C: Carrier> Postman<C> {
                     info!(receiver = self.name, "takes messages again");
                 }
                 trial.id.clear();
+                self.is_safe(&id);
                 self.on_disk(move |letters| letters.done(&id)).await;
                 return;
             }

@@ -5,9 +5,9 @@ use super::inventory::composed;
 use super::order::{Early, Order};
 use super::orders::action;
 use super::standing::reader;
-use super::{Fleet, PAUSE, window};
-use crate::app::App;
+use super::{Fleet, PAUSE, check_rings, window};
 use crate::app::persistence::rows::{remembered_alarms, remembered_change, remembered_model};
+use crate::app::{App, AppError};
 use crate::config::Config;
 use crate::fleet::convert;
 use crate::fleet::link::{Incoming, Link, LinkError, Outgoing};
@@ -95,16 +95,17 @@ impl Fleet {
     }
 
     /// The configuration with the loops of all edges, where this is a centre.
-    pub(in crate::app) fn composed(&self, base: Config) -> Config {
+    pub(in crate::app) fn composed(&self, base: Config) -> Result<Config, AppError> {
         if !self.follows() {
-            return base;
+            return Ok(base);
         }
+        check_rings(&base).map_err(AppError::Fleet)?;
         let edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
         let (config, left) = composed(&base, &edges);
         for left in left {
             tracing::warn!("{left}");
         }
-        config
+        Ok(config)
     }
 
     /// Waits until what edges have said of themselves before is in force.
@@ -185,7 +186,7 @@ impl Fleet {
                     match self.take_block(&message, &history, (&mut taken, &mut early)) {
                         Some(Block::Taken(count)) => {
                             pushed += count;
-                            order.end(message.subject(), message.sequence());
+                            order.taken(message.subject(), message.sequence());
                             done.push(message);
                         }
                         Some(Block::Early) => self.put_off(&message, &mut order).await,
@@ -193,11 +194,11 @@ impl Fleet {
                     }
                     // No ring may go round before the store has read it.
                     if pushed > self.scene.borrow().config.history.samples_per_tag / 2 {
-                        self.settle(app, &mut done).await;
+                        self.settle(app, &mut done, &mut order).await;
                         pushed = 0;
                     }
                 }
-                self.settle(app, &mut done).await;
+                self.settle(app, &mut done, &mut order).await;
             }
         }
     }
@@ -271,14 +272,14 @@ impl Fleet {
                     }
                     match self.take_event(&message, &mut taken) {
                         Some(()) => {
-                            order.end(message.subject(), message.sequence());
+                            order.taken(message.subject(), message.sequence());
                             done.push(message);
                         }
                         None => self.later(&message, &mut order).await,
                     }
                 }
                 self.looked_at.send_modify(|known| *known = last.max(*known));
-                self.settle(app, &mut done).await;
+                self.settle(app, &mut done, &mut order).await;
             }
         }
     }
@@ -330,7 +331,7 @@ impl Fleet {
 
     /// Leaves a message of a loop that is not known for later, or for good where it has waited for long.
     pub(super) async fn later(&self, message: &Incoming, order: &mut Order) {
-        if order.waits(message.subject(), message.sequence(), self.clock.elapsed()) < GIVEN_UP {
+        if order.unknown_for(message.subject(), self.clock.elapsed()) < GIVEN_UP {
             return self.put_off(message, order).await;
         }
         order.end(message.subject(), message.sequence());
@@ -339,10 +340,11 @@ impl Fleet {
     }
 
     /// Makes durable what was taken, however long that takes, and acknowledges it.
-    async fn settle(&self, app: &App, done: &mut Vec<Incoming>) {
+    async fn settle(&self, app: &App, done: &mut Vec<Incoming>, order: &mut Order) {
         if done.is_empty() {
             return;
         }
+        let begun = self.clock.elapsed();
         while !self.is_durable(app).await {
             tracing::warn!("the store fails: what edges forward stays in the streams");
             tokio::time::sleep(PAUSE).await;
@@ -353,6 +355,7 @@ impl Fleet {
             tracing::debug!(%error, "what is stored comes again");
         }
         done.clear();
+        order.stood_still(self.clock.elapsed().saturating_sub(begun));
     }
 
     /// Passes on what people want done about alarms.

@@ -12,8 +12,10 @@ use crate::fleet::link::{Link, LinkError, Outgoing};
 use crate::fleet::message::Action;
 use crate::fleet::streams::ACTIONS;
 use crate::fleet::subject::{Subject, What, all, escaped};
+use crate::notify::Telling;
+use crate::results::AlarmChange;
 use crate::signal::LoopId;
-use crate::store::{self, Reader};
+use crate::store::{self, Reader, TransitionRow};
 use prost::Message;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -22,10 +24,13 @@ use std::time::Duration;
 
 /// Changes of alarms that are read from the store in one go.
 const ROWS: usize = 1000;
-/// Longest wait until receivers have on disk what people are to be told.
+/// Longest wait in one round until receivers have on disk what people are to be told.
 const KEPT: Duration = Duration::from_secs(3);
 /// Orders that are taken at once.
 const ORDERS: usize = 64;
+
+/// Changes that receivers do not have on disk yet, oldest first, by number; with nothing to tell there is no change.
+type Handed = VecDeque<(u64, Option<(AlarmChange, Telling)>)>;
 
 impl Fleet {
     pub(super) async fn edge(self: &Arc<Self>, link: &Link, app: &App) {
@@ -52,6 +57,7 @@ impl Fleet {
         let mut seen: Option<(u64, Duration)> = None;
         // The scene that the centre knows; the last change that was told here; the last that a centre has heard of.
         let (mut greeted, mut told, mut heard) = (None, 0, 0);
+        let mut handed = Handed::new();
         let mut done = self.clock.elapsed();
         loop {
             let scene = self.scene.borrow().clone();
@@ -70,14 +76,17 @@ impl Fleet {
             let alone = self.is_alone(now.saturating_sub(seen.map_or(Duration::ZERO, |(_, since)| since)));
             if alone {
                 // Before it is forwarded, so that what is told here is marked as told.
-                told = self.tell(&store, heard.max(told)).await;
+                told = self.tell(&store, heard.max(told), &mut handed).await;
+            } else {
+                // The centre tells people of what is not known to be told.
+                handed.clear();
             }
             let round = async {
                 if !greeted.as_ref().is_some_and(|greeted| Arc::ptr_eq(greeted, &scene)) {
                     self.greet(link, &scene).await?;
                 }
                 let more = forward.samples(link, &scene.history, &store).await?;
-                let told = Told { after: heard, last: told, since: self.since };
+                let told = Told { after: heard, last: told, since: self.since, alone };
                 Ok::<_, LinkError>(forward.events(link, &store, told).await? || more)
             };
             let pause = match round.await {
@@ -131,8 +140,34 @@ impl Fleet {
         }
     }
 
-    /// Tells people of changes behind the one with the number `told`, of which no centre has heard; the number of the last.
-    async fn tell(&self, store: &store::Config, told: u64) -> u64 {
+    /// Tells people of changes behind the one with the number `told`, of which no centre has heard; the number up to which all
+    /// receivers have them on disk. Those behind it stay in `handed`, and the next call looks at them again.
+    async fn tell(&self, store: &store::Config, mut told: u64, handed: &mut Handed) -> u64 {
+        if handed.is_empty() {
+            *handed = self.hand(store, told).await;
+        }
+        let until = tokio::time::Instant::now() + KEPT;
+        for (_, telling) in handed.iter_mut() {
+            let Some((change, own)) = telling else { continue };
+            match tokio::time::timeout_at(until, own.kept()).await {
+                Ok(true) => *telling = None,
+                Ok(false) => {
+                    // A receiver ended without it. The others are not replaced meanwhile.
+                    let _receivers = self.receivers.read().await;
+                    *own = self.outlet.tell(change.clone());
+                }
+                Err(_) => {}
+            }
+        }
+        while let Some((number, None)) = handed.front() {
+            told = *number;
+            handed.pop_front();
+        }
+        told
+    }
+
+    /// Has receivers tell of the changes behind the one with the number `told`.
+    async fn hand(&self, store: &store::Config, told: u64) -> Handed {
         let own = store.clone();
         let read = tokio::task::spawn_blocking(move || {
             Reader::of(&own)?.transitions(i64::try_from(told).unwrap_or(i64::MAX), ROWS)
@@ -141,26 +176,19 @@ impl Fleet {
             Ok(Ok(rows)) => rows,
             Ok(Err(error)) => {
                 tracing::warn!(%error, "people are not told: the store cannot be read");
-                return told;
+                return Handed::new();
             }
-            Err(_) => return told,
+            Err(_) => return Handed::new(),
         };
         // Receivers are not replaced meanwhile.
-        let taking = self.taking.read().await;
-        let (mut last, mut telling) = (told, Vec::new());
-        for (number, row) in rows {
-            last = u64::try_from(number).unwrap_or(last);
-            if row.at >= self.since
-                && let Some(change) = remembered_change(row)
-            {
-                telling.push(self.outlet.tell(change));
-            }
-        }
-        drop(taking);
-        // The centre is told that people know only once that is on disk; a receiver that is slow gets its letter all the same.
-        let kept = futures::future::join_all(telling.iter_mut().map(|own| own.kept()));
-        let _ = tokio::time::timeout(KEPT, kept).await;
-        last
+        let _receivers = self.receivers.read().await;
+        let hand = |(number, row): (i64, _)| {
+            let news = Some(row).filter(|row: &TransitionRow| row.at >= self.since);
+            let change = news.and_then(remembered_change);
+            let telling = change.map(|change| (change.clone(), self.outlet.tell(change)));
+            (u64::try_from(number).unwrap_or(told), telling)
+        };
+        rows.into_iter().map(hand).collect()
     }
 
     /// Does what people at the centre want done about alarms. An order is done with once what came of it is in the store.

@@ -20,7 +20,7 @@ const SET_BACK_S: f64 = 1.0;
 /// Of a message beside its report (bytes).
 const HEAD_BYTES: usize = 64 * 1024;
 /// Samples of one tag in one message.
-const MOST_SAMPLES: usize = 2000;
+pub(super) const MOST_SAMPLES: usize = 2000;
 /// Loops that the server is asked about at the same time.
 const AT_ONCE: usize = 32;
 /// Rows that are read from the store in one go.
@@ -44,6 +44,13 @@ struct Place {
     sent: f64,
     /// What lies between that and the ring's first may be in the store.
     behind: bool,
+}
+
+impl Place {
+    /// Whether there is something behind it to be looked for: what lies before a ring that is empty is told by its first sample.
+    fn is_behind(&self) -> bool {
+        self.behind && self.ring.pushed() > self.next
+    }
 }
 
 /// A tag whose samples are to be looked for in the store, later than one stamp and earlier than another; `next` is the number
@@ -82,6 +89,8 @@ pub(super) struct Told {
     pub last: u64,
     /// None that happened before this was (s).
     pub since: f64,
+    /// Whether it still tells people: then those behind the last are not forwarded before it is known whether people know.
+    pub alone: bool,
 }
 
 /// Where a tag is after something: what is to be its `next`, its `last` and whether it is `behind`.
@@ -137,7 +146,7 @@ impl Forward {
             parts.iter_mut().map(|part| message(&self.site, part, &places)).collect();
         let sent = link.send(&messages).await;
         let kept = sent.as_ref().err().map_or(parts.len(), |(kept, _)| *kept);
-        let more = parts.iter().any(|part| part.more) || self.places.values().any(|place| place.behind);
+        let more = parts.iter().any(|part| part.more) || self.places.values().any(Place::is_behind);
         self.advance(parts.into_iter().take(kept).flat_map(|part| part.after).collect(), true);
         sent.map(|()| more).map_err(|(_, error)| error)
     }
@@ -294,7 +303,9 @@ async fn last_of(link: Link, site: String, id: LoopId) -> Result<(LoopId, Sample
 /// that something may lie between.
 fn first_after(ring: &Ring, stamp: f64) -> (u64, bool) {
     let (first, samples) = ring.since(0, ring.capacity());
-    let known = samples.iter().rposition(|sample| sample.t <= stamp).map_or(0, |at| at + 1);
+    // A clock that was set back puts later samples before that stamp: the sample itself is looked for first.
+    let same = samples.iter().rposition(|sample| sample.t == stamp);
+    let known = same.or_else(|| samples.iter().rposition(|sample| sample.t <= stamp)).map_or(0, |at| at + 1);
     (first + known as u64, known == 0 && stamp.is_finite())
 }
 
@@ -348,7 +359,10 @@ fn news(
     }
     let (before, mut messages) = (cursor, Vec::new());
     let runs = reader.diagnoses(after(before.diagnosis), ROWS)?;
-    let changes = reader.transitions(after(before.change), ROWS)?;
+    let mut changes = reader.transitions(after(before.change), ROWS)?;
+    if told.alone {
+        changes.retain(|(at, _)| number(*at) <= told.last);
+    }
     let more = runs.len() == ROWS || changes.len() == ROWS;
     for (at, row) in runs {
         cursor.diagnosis = number(at);

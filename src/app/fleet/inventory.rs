@@ -55,7 +55,7 @@ pub(super) fn composed(base: &Config, edges: &BTreeMap<(String, String), Hello>)
         collectors.extend(hello.collectors.iter().map(|name| of_site(site, name)));
         for own in &hello.loops {
             let id = of_site(site, &own.id);
-            let many = loops.len() == MAX_LOOPS || id.len() > MAX_NAME;
+            let many = loops.len() == MAX_LOOPS || id.chars().count() > MAX_NAME;
             match (loops.entry(id), many) {
                 (place, true) => {
                     left.push(format!("{} of {edge}: too many loops, or too long a name", place.key()));

@@ -8,44 +8,52 @@ use std::time::Duration;
 /// Nothing waits for it any more.
 const GONE: Duration = Duration::from_secs(60);
 
-/// When a message was put off for the first time, and the last time.
-struct PutOff {
-    first: Duration,
-    last: Duration,
-}
-
-/// The messages that were put off: by subject, their numbers in the stream, and when that was, on a steady clock.
+/// The messages that were put off: by subject, their numbers in the stream, and when that was last, on a steady clock.
 #[derive(Default)]
-pub(super) struct Order(HashMap<String, BTreeMap<u64, PutOff>>);
+pub(super) struct Order {
+    put_off: HashMap<String, BTreeMap<u64, Duration>>,
+    /// Subjects whose loop is not known, and since when.
+    unknown: HashMap<String, Duration>,
+}
 
 impl Order {
     /// Whether no earlier message of `subject` is still to come.
     pub(super) fn is_next(&mut self, subject: &str, sequence: u64, now: Duration) -> bool {
-        let Some(waiting) = self.0.get_mut(subject) else { return true };
-        waiting.retain(|_, put_off| now.saturating_sub(put_off.last) < GONE);
+        let Some(waiting) = self.put_off.get_mut(subject) else { return true };
+        waiting.retain(|_, last| now.saturating_sub(*last) < GONE);
         waiting.keys().next().is_none_or(|first| sequence <= *first)
     }
 
     /// The message comes again.
     pub(super) fn put_off(&mut self, subject: &str, sequence: u64, now: Duration) {
-        let waiting = self.0.entry(subject.to_string()).or_default();
-        waiting.entry(sequence).or_insert(PutOff { first: now, last: now }).last = now;
+        self.put_off.entry(subject.to_string()).or_default().insert(sequence, now);
     }
 
-    /// For how long the message has been put off.
-    pub(super) fn waits(&self, subject: &str, sequence: u64, now: Duration) -> Duration {
-        let waiting = self.0.get(subject).and_then(|waiting| waiting.get(&sequence));
-        waiting.map_or(Duration::ZERO, |put_off| now.saturating_sub(put_off.first))
+    /// For how long the loop of a subject has not been known. All its messages count as one: a server gives only so many that
+    /// nobody acknowledges.
+    pub(super) fn unknown_for(&mut self, subject: &str, now: Duration) -> Duration {
+        now.saturating_sub(*self.unknown.entry(subject.to_string()).or_insert(now))
+    }
+
+    /// The message was taken, and its loop is known.
+    pub(super) fn taken(&mut self, subject: &str, sequence: u64) {
+        self.unknown.remove(subject);
+        self.end(subject, sequence);
     }
 
     /// The message does not come again.
     pub(super) fn end(&mut self, subject: &str, sequence: u64) {
-        if let Some(waiting) = self.0.get_mut(subject) {
+        if let Some(waiting) = self.put_off.get_mut(subject) {
             waiting.remove(&sequence);
             if waiting.is_empty() {
-                self.0.remove(subject);
+                self.put_off.remove(subject);
             }
         }
+    }
+
+    /// Nothing was read for so long, so nothing that was put off could come again.
+    pub(super) fn stood_still(&mut self, blocked: Duration) {
+        self.put_off.values_mut().flat_map(BTreeMap::values_mut).for_each(|last| *last += blocked);
     }
 }
 
@@ -97,7 +105,7 @@ mod tests {
         assert!(!order.is_next("a", 4, 3 * SECOND));
         order.end("a", 2);
         assert!(order.is_next("a", 4, 3 * SECOND));
-        assert!(order.0.is_empty(), "nothing is remembered of what is done");
+        assert!(order.put_off.is_empty(), "nothing is remembered of what is done");
     }
 
     #[test]
@@ -106,10 +114,21 @@ mod tests {
         order.put_off("a", 1, SECOND);
         assert!(!order.is_next("a", 2, GONE));
         assert!(order.is_next("a", 2, SECOND + GONE));
-        assert_eq!(order.waits("b", 7, SECOND), Duration::ZERO);
         (1..9).for_each(|at| order.put_off("b", 7, at * GONE / 2));
-        assert_eq!(order.waits("b", 7, 5 * GONE), 9 * GONE / 2, "since the first time");
         assert!(!order.is_next("b", 8, 5 * GONE - SECOND), "it still comes");
+        order.stood_still(GONE);
+        assert!(!order.is_next("b", 8, 5 * GONE), "nothing was read meanwhile");
+    }
+
+    #[test]
+    fn all_messages_of_an_unknown_loop_wait_as_one() {
+        let mut order = Order::default();
+        assert_eq!(order.unknown_for("a", SECOND), Duration::ZERO);
+        order.end("a", 1);
+        assert_eq!(order.unknown_for("a", GONE), GONE - SECOND, "its next message has waited as long");
+        assert_eq!(order.unknown_for("b", GONE), Duration::ZERO);
+        order.taken("a", 2);
+        assert_eq!(order.unknown_for("a", GONE), Duration::ZERO, "it was known in between");
     }
 
     #[test]

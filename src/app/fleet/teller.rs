@@ -12,9 +12,10 @@ use crate::fleet::subject::{Subject, What, all, of_site};
 use crate::notify::Telling;
 use crate::results::AlarmChange;
 use crate::signal::LoopId;
-use std::collections::VecDeque;
-use std::sync::{Mutex, PoisonError};
+use std::collections::{HashSet, VecDeque};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
 /// The name under which all centres read; that of a centre's own begins otherwise.
@@ -31,6 +32,10 @@ const SHOWN: Duration = Duration::from_secs(5);
 const AGAIN: Duration = Duration::from_secs(2);
 /// Messages are kept from being given to another centre so often while receivers work on them.
 const UNDER_WAY: Duration = Duration::from_secs(3);
+/// Messages that receivers hold at once; beyond it no more are read. A server gives 4,096 without an acknowledgement.
+const MOST_HELD: usize = 500;
+/// Longest wait for receivers by a centre that does not lead any more, or stops; then another tells of what they hold.
+const LET_GO: Duration = Duration::from_secs(5);
 /// What happened longer ago (s) is history, which nobody is told of.
 const NEWS_S: f64 = 86_400.0;
 /// Changes and messages that are remembered.
@@ -73,29 +78,72 @@ impl Firsts {
 
 /// The last messages that were told, by number: one whose acknowledgement was lost comes again.
 #[derive(Default)]
-struct Told(VecDeque<u64>);
+struct Told {
+    last: VecDeque<u64>,
+    /// Those that are not acknowledged yet.
+    held: HashSet<u64>,
+    /// Those of them that every receiver has on disk.
+    kept: Arc<Mutex<HashSet<u64>>>,
+    /// Each ends with its number, and whether every receiver has it on disk.
+    ending: JoinSet<(u64, bool)>,
+}
 
 impl Told {
     /// Whether a message is told for the first time; from now on it was.
     fn is_new(&mut self, sequence: u64) -> bool {
-        if self.0.contains(&sequence) {
+        if self.last.contains(&sequence) {
             return false;
         }
-        if self.0.len() == REMEMBERED {
-            self.0.pop_front();
+        if self.last.len() == REMEMBERED {
+            self.last.pop_front();
         }
-        self.0.push_back(sequence);
+        self.last.push_back(sequence);
         true
     }
 
-    /// It was not told after all.
-    fn forget(&mut self, sequence: u64) {
-        self.0.retain(|own| *own != sequence);
+    /// Acknowledges a message once its receivers have it on disk.
+    fn hand(&mut self, message: Incoming, telling: Option<Telling>) {
+        let sequence = message.sequence();
+        self.held.insert(sequence);
+        let kept = self.kept.clone();
+        self.ending.spawn(async move { (sequence, end(message, telling, &kept).await) });
+    }
+
+    /// Receivers let go of a message. One that was lost is told again when it comes again.
+    fn end(&mut self, sequence: u64, kept: bool) {
+        self.held.remove(&sequence);
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner).remove(&sequence);
+        if !kept {
+            self.last.retain(|own| *own != sequence);
+        }
+    }
+
+    /// Takes note of the messages that ended.
+    fn note(&mut self) {
+        while let Some(ended) = self.ending.try_join_next() {
+            ended.into_iter().for_each(|(sequence, kept)| self.end(sequence, kept));
+        }
+    }
+
+    /// Waits until receivers hold no more than `most` messages.
+    async fn at_most(&mut self, most: usize) {
+        while self.ending.len() > most {
+            let Some(ended) = self.ending.join_next().await else { break };
+            ended.into_iter().for_each(|(sequence, kept)| self.end(sequence, kept));
+        }
+    }
+
+    /// Waits for the receivers, not for ever, and leaves what they still hold to another centre.
+    async fn let_go(&mut self) {
+        let _ = tokio::time::timeout(LET_GO, self.at_most(0)).await;
+        self.ending.abort_all();
+        self.ending = JoinSet::new();
+        let kept = std::mem::take(&mut *self.kept.lock().unwrap_or_else(PoisonError::into_inner));
+        for sequence in std::mem::take(&mut self.held) {
+            self.end(sequence, kept.contains(&sequence));
+        }
     }
 }
-
-/// A message whose change receivers have been handed; with nothing to tell it has none.
-type Handed = (Incoming, Option<Telling>);
 
 impl Fleet {
     /// Tells people while we lead, until `stop` is cancelled; receivers end later.
@@ -103,6 +151,7 @@ impl Fleet {
         let mut told = Told::default();
         while !stop.is_cancelled() {
             if !self.leads() {
+                told.let_go().await;
                 stop.run_until_cancelled(tokio::time::sleep(LOOK)).await;
                 continue;
             }
@@ -110,6 +159,7 @@ impl Fleet {
                 stop.run_until_cancelled(self.rest(&error, "people are not told")).await;
             }
         }
+        told.let_go().await;
     }
 
     /// Tells people until we do not lead any more.
@@ -127,6 +177,12 @@ impl Fleet {
         };
         let (mut reading, mut order) = (reading?, Order::default());
         while self.leads() {
+            told.note();
+            match stop.run_until_cancelled(tokio::time::timeout(WAIT, told.at_most(MOST_HELD))).await {
+                None => break,
+                Some(Err(_)) => continue,
+                Some(Ok(())) => {}
+            }
             let Some(messages) = stop.run_until_cancelled(reading.next(MOST, WAIT)).await else { break };
             self.tell_all(messages?, stop, &mut order, told).await;
         }
@@ -151,30 +207,31 @@ impl Fleet {
         let mut looked_at = self.looked_at.subscribe();
         // People are told all the same where that takes longer.
         let _ = tokio::time::timeout(SHOWN, looked_at.wait_for(|known| *known >= last)).await;
-        let mut handed: Vec<Handed> = Vec::new();
-        {
-            // Receivers are not replaced meanwhile.
-            let _taking = self.taking.read().await;
-            for message in messages.into_iter().take_while(|_| self.leads()) {
-                if !self.is_next(&message, order) {
-                    self.put_off(&message, order).await;
-                    continue;
-                }
-                let Some(change) = self.news(&message) else {
-                    self.later(&message, order).await;
-                    continue;
-                };
-                order.end(message.subject(), message.sequence());
-                let change = change.filter(|_| told.is_new(message.sequence()));
-                let telling = change.map(|change| self.outlet.tell(change));
-                if stop.is_cancelled() {
-                    // Receivers may have ended before they heard of it: it is told after the next start.
-                    break;
-                }
-                handed.push((message, telling));
+        // Receivers are not replaced meanwhile.
+        let _receivers = self.receivers.read().await;
+        for message in messages.into_iter().take_while(|_| self.leads()) {
+            if told.held.contains(&message.sequence()) {
+                // It came again while receivers hold it.
+                message.again(UNDER_WAY).await;
+                continue;
             }
+            if !self.is_next(&message, order) {
+                self.put_off(&message, order).await;
+                continue;
+            }
+            let Some(change) = self.news(&message) else {
+                self.later(&message, order).await;
+                continue;
+            };
+            order.taken(message.subject(), message.sequence());
+            let change = change.filter(|_| told.is_new(message.sequence()));
+            let telling = change.map(|change| self.outlet.tell(change));
+            if stop.is_cancelled() {
+                // Receivers may have ended before they heard of it: it is told after the next start.
+                break;
+            }
+            told.hand(message, telling);
         }
-        finish(handed, told).await;
     }
 
     /// What a message has to tell, if anything; `None` where its loop is not known.
@@ -190,28 +247,25 @@ impl Fleet {
     }
 }
 
-/// Acknowledges messages as their receivers have them on disk.
-async fn finish(handed: Vec<Handed>, told: &mut Told) {
-    let ends = handed.into_iter().map(|(message, telling)| async move {
-        if let Some(mut telling) = telling {
-            let kept = loop {
-                tokio::select! {
-                    kept = telling.kept() => break kept,
-                    () = tokio::time::sleep(UNDER_WAY) => message.under_way().await,
-                }
-            };
-            if !kept {
-                message.again(AGAIN).await;
-                return Some(message.sequence());
+/// Acknowledges a message once its receivers have it on disk, and notes that before; whether they have.
+async fn end(message: Incoming, telling: Option<Telling>, noted: &Mutex<HashSet<u64>>) -> bool {
+    if let Some(mut telling) = telling {
+        let kept = loop {
+            tokio::select! {
+                kept = telling.kept() => break kept,
+                () = tokio::time::sleep(UNDER_WAY) => message.under_way().await,
             }
+        };
+        if !kept {
+            message.again(AGAIN).await;
+            return false;
         }
-        if let Err(error) = message.done().await {
-            tracing::debug!(%error, "what is told comes again");
-        }
-        None
-    });
-    let lost = futures::future::join_all(ends).await.into_iter().flatten();
-    lost.for_each(|sequence| told.forget(sequence));
+    }
+    noted.lock().unwrap_or_else(PoisonError::into_inner).insert(message.sequence());
+    if let Err(error) = message.done().await {
+        tracing::debug!(%error, "what is told comes again");
+    }
+    true
 }
 
 #[cfg(test)]
@@ -241,7 +295,7 @@ mod tests {
     fn a_message_that_comes_again_is_told_once_unless_a_receiver_lost_it() {
         let mut told = Told::default();
         assert!(told.is_new(1) && told.is_new(2) && !told.is_new(1) && !told.is_new(2));
-        told.forget(1);
+        told.end(1, false);
         assert!(told.is_new(1));
     }
 
@@ -251,6 +305,6 @@ mod tests {
         let most = 2 * REMEMBERED as u64;
         assert!((0..most).all(|at| told.is_new(at)));
         (0..most).for_each(|at| firsts.note(&change(at as f64), at));
-        assert_eq!((told.0.len(), firsts.0.lock().unwrap().len()), (REMEMBERED, REMEMBERED));
+        assert_eq!((told.last.len(), firsts.0.lock().unwrap().len()), (REMEMBERED, REMEMBERED));
     }
 }

@@ -17,6 +17,7 @@ use base64::engine::general_purpose::STANDARD;
 use hyper::header::{AUTHORIZATION, HeaderName, HeaderValue};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
+use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
@@ -40,7 +41,21 @@ pub struct Informer {
     endpoint: Endpoint,
     source: Source,
     state: Arc<State>,
-    news: News,
+    /// Taken when it begins.
+    news: Option<News>,
+}
+
+/// Whether alerts are sent soon after this was heard; `None` where nothing more will be. What it says is looked up then.
+fn soon(heard: Result<Heard, RecvError>) -> Option<bool> {
+    Some(match heard {
+        Ok(Heard::Untold(untold)) => {
+            untold.keep();
+            true
+        }
+        Ok(Heard::Event(Event::Alarm(_) | Event::Reloaded { .. })) | Err(RecvError::Lagged(_)) => true,
+        Ok(Heard::Event(_)) => false,
+        Err(RecvError::Closed) => return None,
+    })
 }
 
 impl Informer {
@@ -49,7 +64,7 @@ impl Informer {
     /// # Errors
     /// Why its address cannot be used; `check` says so before.
     pub fn new(config: &Config, source: Source, state: Arc<State>) -> Result<Self, String> {
-        let (config, endpoint, news) = (config.clone(), config.endpoint()?, source.news());
+        let (config, endpoint, news) = (config.clone(), config.endpoint()?, Some(source.news()));
         Ok(Self { config, endpoint, source, state, news })
     }
 
@@ -58,32 +73,39 @@ impl Informer {
         let mut table = Table::default();
         let mut random = Pcg32::seed_from_u64(time::wall().to_bits());
         let (mut next, mut failures) = (Instant::now(), 0u32);
+        let Some(mut news) = self.news.take() else { return };
         loop {
             tokio::select! {
-                () = stop.cancelled() => return,
-                heard = self.news.recv() => {
-                    // What an event says is looked up when alerts are sent.
-                    let soon = match heard {
-                        Ok(Heard::Untold(untold)) => {
-                            untold.keep();
-                            true
-                        }
-                        Ok(Heard::Event(Event::Alarm(_) | Event::Reloaded { .. })) | Err(RecvError::Lagged(_)) => true,
-                        Ok(Heard::Event(_)) => false,
-                        Err(RecvError::Closed) => return,
-                    };
+                () = stop.cancelled() => break,
+                heard = news.recv() => {
+                    let Some(soon) = soon(heard) else { break };
                     // After a failure its own pause counts.
                     if soon && failures == 0 {
                         next = next.min(Instant::now() + GATHER);
                     }
                 }
                 () = sleep_until(next) => {
-                    let Some(informed) = stop.run_until_cancelled(self.inform(&mut table)).await else { return };
+                    let mut meanwhile = false;
+                    let informed = {
+                        let mut informing = pin!(self.inform(&mut table));
+                        loop {
+                            // Who hands news over waits for no Alertmanager.
+                            tokio::select! {
+                                () = stop.cancelled() => break None,
+                                informed = &mut informing => break Some(informed),
+                                heard = news.recv() => match soon(heard) {
+                                    Some(soon) => meanwhile |= soon,
+                                    None => break None,
+                                },
+                            }
+                        }
+                    };
+                    let Some(informed) = informed else { break };
                     let again = Duration::try_from_secs_f64(self.config.resend_s).unwrap_or_default();
                     let pause = match informed {
                         Ok(()) => {
                             failures = 0;
-                            again
+                            if meanwhile { GATHER } else { again }
                         }
                         Err(why) => {
                             if self.state.refused(&why, (self.source.now)()) {
@@ -97,6 +119,9 @@ impl Informer {
                     next = Instant::now() + pause;
                 }
             }
+        }
+        while let Ok(untold) = news.try_recv() {
+            untold.keep();
         }
     }
 

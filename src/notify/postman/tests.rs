@@ -210,6 +210,62 @@ async fn what_was_picked_is_held_until_it_is_on_disk() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn what_cannot_be_written_is_held_until_it_is_written_or_delivered() {
+    let later = || Fault::Later("not now".into(), Some(Duration::from_secs(200)));
+    let Rig { postman, script, .. } = rig(1, vec![later()], Retry::default());
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tmp/letters_full");
+    // A file in place of the folder: nothing can be written there.
+    let fill = || {
+        let _ = std::fs::remove_dir_all(&folder);
+        let _ = std::fs::remove_file(&folder);
+        std::fs::write(&folder, "").unwrap();
+    };
+    let free = || std::fs::remove_file(&folder).unwrap();
+    fill();
+    let letters = Arc::new(Letters::open(Some(folder.clone()), 5));
+    let outlet = Outlet::default();
+    let source = Source { outlet: Some(outlet.clone()), ..postman.source.clone() };
+    let pace = Pace { wait_s: 100.0, interval_s: 0.0, ..Pace::default() };
+    let stop = CancellationToken::new();
+    let own = Postman::new("it", Scripted(script.clone()), source, letters.clone(), Arc::default());
+    let task = tokio::spawn(
+        own.with(&[What::Raised], &Filter::default(), &pace, &Retry::default()).run(stop.clone()),
+    );
+    tokio::task::yield_now().await;
+    let pass = |s: u64| tokio::time::sleep(Duration::from_secs(s));
+
+    // In no draft; then in a letter that is not taken; then there is room again.
+    let mut telling = outlet.tell(change());
+    pass(50).await;
+    assert_eq!((telling.kept().now_or_never(), letters.counts()), (None, (0, 0)));
+    pass(60).await;
+    assert_eq!((telling.kept().now_or_never(), letters.counts()), (None, (1, 0)));
+    free();
+    pass(15).await;
+    assert_eq!((telling.kept().now_or_never(), letters.counts()), (Some(true), (1, 0)));
+    let again = Letters::open(Some(folder.clone()), 5);
+    assert_eq!(again.counts(), (1, 0), "it is found at the next start");
+    pass(300).await;
+    assert_eq!(letters.counts(), (0, 0));
+
+    // Delivered from memory.
+    fill();
+    let mut telling = outlet.tell(change());
+    pass(50).await;
+    assert_eq!(telling.kept().now_or_never(), None);
+    pass(60).await;
+    assert_eq!((telling.kept().now_or_never(), letters.counts()), (Some(true), (0, 0)));
+
+    // A postman that stops while the letter is in memory only does not count it as kept.
+    let mut telling = outlet.tell(change());
+    pass(50).await;
+    stop.cancel();
+    task.await.unwrap();
+    assert_eq!((telling.kept().now_or_never(), script.tried.lock().unwrap().len()), (Some(false), 3));
+    free();
+}
+
+#[tokio::test(start_paused = true)]
 async fn what_comes_to_light_of_before_the_start_is_not_told() {
     let before = rig(2, Vec::new(), Retry::default()).results;
     (0..2).for_each(|at| trip(&before, at));
