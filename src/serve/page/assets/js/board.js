@@ -5,6 +5,8 @@ import { tileOf } from "./tiles.js";
 
 // Least width, height and gap of a tile (rem), by how many there are: few fill a wall, very many fit on it.
 const SIZES = { large: [14, 7.2, 0.6], middle: [11.8, 6, 0.5], small: [8.2, 3.3, 0.3] };
+// Share of the screen above and below it in which rows are in the document, too: more costs each change of the list.
+const BESIDE = 1 / 8;
 const PHONE = 640;
 // From this width on it is a wall: few tiles grow until they fill it.
 const WALL = 1800, SCALES = [2, 1.6, 1.3];
@@ -92,7 +94,7 @@ export class Board {
 
   paint() {
     if (!this.columns) return;
-    const top = this.element.getBoundingClientRect().top, from = -top - innerHeight / 4, to = -top + 1.25 * innerHeight;
+    const top = this.element.getBoundingClientRect().top, from = -top - BESIDE * innerHeight, to = -top + (1 + BESIDE) * innerHeight;
     for (const section of this.sections) {
       const last = Math.ceil(section.items.length / this.columns) - 1;
       const first = Math.max(0, Math.floor((from - section.top) / this.step)), end = Math.min(last, Math.floor((to - section.top) / this.step));

@@ -60,7 +60,7 @@ export function groupsView(main, [number]) {
       const found = await orNull(get(number ? `/groups/${encodeURIComponent(number)}` : "/groups"));
       if (over) return true;
       if (!found?.time) {
-        summary.textContent = number ? `There is no group ${number}: another look at the plant counts anew.` : "The plant has not been looked at yet.";
+        summary.textContent = number ? `There is no group ${number}: each look at the plant numbers the groups anew.` : "The plant has not been looked at yet.";
         return false;
       }
       if (found.time === seen) return false;

@@ -39,7 +39,7 @@ export function loopView(main, [id]) {
     card("PV over OP, with the stick-band", "half", figure("pvop", "Inside the band OP moves and the valve does not.", [["pv", "measured"], ["stem", "PV if it followed the fitted stem"], ["band", "stick-band, 2f wide"]])),
     card("Stem over OP", "half", figure("stem", "On each reversal the stem stands still until OP has come back by 2f.", [["stem", "fitted stem"], ["mv", "measured, where there is one"], ["band", "stick-band"]])),
     card("Estimated valve position", "", figure("position", "The steps of a sticking valve beside the OP that asks for a smooth movement.", [["op", "OP"], ["stem", "fitted stem"], ["mv", "measured, where there is one"]])),
-    card("How sure: AIC over f", "half", figure("aic", "The lower, the better the model explains PV; the shaded interval holds the true f with 95 %.")),
+    card("How sure: AIC over f", "half", figure("aic", "The lower the AIC, the better the model explains PV. The shaded interval is the 95 % interval of f.")),
     card("f over time", "half", figure("months", "Each dot is a diagnosis with its 95 % interval; triangles are changes of the alarm.")),
     residual, opinions, indicators, writeback, card("Facts", "half", boxes.facts), card("Latest diagnoses", "half", boxes.runs));
   main.append(head, banner, cards);
@@ -92,7 +92,7 @@ export function loopView(main, [id]) {
     boxes.effects.replaceChildren(found.length ? h("ul", { class: "effects" }, found) : h("p", null, nothing), found.length && r.unexplained ? h("p", null, "Something more is left that no known effect explains.") : "",
       ...said.notes.map((note) => h("p", null, note)),
       origin ? h("p", null, "The swing comes along ", origin.path.toReversed().flatMap((id, i) => [i ? " → " : "", h("a", { href: `#/loop/${encodeURIComponent(id)}` }, id)]), origin.starts_in ? `: it starts in ${origin.starts_in}${origin.sticky ? ", whose valve sticks." : "."}` : ": these loops drive each other.") : "",
-      said.left.length ? h("p", { class: "note" }, `Still to be seen in it: ${said.left.join("; ")}.`) : "",
+      said.left.length ? h("p", { class: "note" }, `The residual is no noise yet: ${said.left.join("; ")}.`) : "",
       h("dl", { class: "facts" }, pairs([
         ["one-step error before, after", `${short(r.one_step_rmse_before, 3)}, ${short(r.one_step_rmse_after, 3)}${gain(r.one_step_rmse_before, r.one_step_rmse_after)}`],
         ["free-run error before, after", `${short(r.free_run_rmse_before, 3)}, ${short(r.free_run_rmse_after, 3)}${gain(r.free_run_rmse_before, r.free_run_rmse_after)}`],

@@ -151,7 +151,7 @@ listen(bar);
 try {
   await whoAmI();
 } catch (error) {
-  toast(`who you are cannot be asked: ${error.message}`, true);
+  toast(`your log-in cannot be checked: ${error.message}`, true);
 }
 identity();
 route();
