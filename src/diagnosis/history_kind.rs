@@ -71,17 +71,15 @@ impl HistoryKind {
     pub fn note(self) -> &'static str {
         match self {
             Self::SwingingDoor => {
-                "An archive kept only what a line does not replace: small movements are gone, and f is bent."
+                "An archive kept only the samples that a straight line does not replace: small movements are lost, and f is biased."
             }
             Self::Exception => {
-                "Only changes beyond a dead band were kept: that looks like sticking, and f is bent."
+                "Only changes beyond a dead band were kept: that looks like sticking, and f is biased."
             }
             Self::Interpolated => {
-                "An archive drew lines between the few samples it kept: small movements are gone, and f is bent."
+                "An archive drew lines between the few samples it kept: small movements are lost, and f is biased."
             }
-            Self::Held => {
-                "PV is newer only every few samples: take the period at which it is really measured."
-            }
+            Self::Held => "PV is measured only every few samples: use the period at which it is measured.",
             Self::Averaged => "PV is a running mean: it comes later and smoother than it was measured.",
         }
     }
@@ -121,7 +119,10 @@ impl fmt::Display for HistoryFound {
                 write!(out, "{tag}: {:.0} % of the changes at every {b:.0}th sample", a * 100.0)
             }
             HistoryKind::Averaged => {
-                write!(out, "{tag}: what enters leaves again {b:.0} samples later (correlation {a:.2})")
+                write!(
+                    out,
+                    "{tag}: each value leaves the mean {b:.0} samples after it entered (correlation {a:.2})"
+                )
             }
         }
     }

@@ -202,7 +202,7 @@ impl fmt::Display for NotIdentifiable {
                 rounded_down(*poll_s)
             ),
             Self::Compensated => {
-                write!(out, "compensated: a term of write-back acted, and hides what friction is left to see")
+                write!(out, "compensated: a term of write-back acted, and hides the friction that is left")
             }
             Self::HiddenFriction { reversal } => write!(
                 out,
@@ -210,11 +210,11 @@ impl fmt::Display for NotIdentifiable {
                  else moves PV"
             ),
             Self::NoResponse => {
-                write!(out, "no response: whether PV follows OP does not show beside what else moves PV")
+                write!(out, "no response: other influences on PV hide whether PV follows OP")
             }
             Self::StemNotFollowed => write!(
                 out,
-                "stem not followed: a stem with friction predicts PV better, but PV is not seen to follow it; a load that jumps \
+                "stem not followed: a stem with friction predicts PV better, but PV does not visibly follow that stem; a load that jumps \
                  looks so"
             ),
             Self::OutOfScale => write!(out, "out of scale: values too large or too small to compute with"),

@@ -181,17 +181,15 @@ fn why(cause: Cause, of: &LoopFound) -> String {
             None => format!("it swings{at} as the limit cycle of a valve that sticks does"),
         },
         Cause::Tuning if swing.is_some() => {
-            format!(
-                "it rings{at} with a height that comes and goes, as a loop does that its controller hardly damps"
-            )
+            format!("it rings{at} with an amplitude that comes and goes, like a loop with little damping")
         }
         Cause::Tuning => "its error comes and goes slowly, and the controller hardly acts on it".into(),
         Cause::Load if swing.is_some() => {
             format!(
-                "it swings{at} steadily, as under a load that swings, and neither the valve nor the tuning explains it"
+                "it swings{at} steadily, and neither the valve nor the tuning explains it: a load that swings would do so"
             )
         }
-        Cause::Load => "a load from outside moves it faster than it can follow".into(),
+        Cause::Load => "a load from outside moves PV faster than the loop can correct".into(),
         Cause::Sensor if signs[HELD] > 0.05 => {
             format!("PV does not change at all for {} of the time in one piece", percent(signs[HELD]))
         }

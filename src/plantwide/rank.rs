@@ -102,13 +102,16 @@ fn evidence(signs: &[f64; SIGNS], average: &[f64], says: &str) -> Vec<String> {
     for_it.sort_by(|a, b| b.0.total_cmp(&a.0));
     let harmonics = |sign: f64| 100.0 * (sign.exp() - PURE).max(0.0);
     let say = |k: usize| match k {
-        0 if signs[0] > -0.01 => "no other loop swings as much, for its size".to_string(),
+        0 if signs[0] > -0.01 => "no other loop has as large a share of its PV in this swing".to_string(),
         0 => format!(
-            "it swings {:.0} % as much as the loop that swings most, for its size",
+            "it swings {:.0} % as much as the loop with the largest share of its PV in this swing",
             100.0 * signs[0].exp()
         ),
-        1 => format!("PV's swing has corners, harmonics of {:.1} % of its power", harmonics(signs[1])),
-        2 => format!("OP's swing is nearly a sine, harmonics of {:.1} % of its power", harmonics(signs[2])),
+        1 => format!("PV's swing has corners: its harmonics have {:.1} % of its power", harmonics(signs[1])),
+        2 => format!(
+            "OP's swing is nearly a sine: its harmonics have {:.1} % of its power",
+            harmonics(signs[2])
+        ),
         3 => format!("PV stands still for {:.0} % of the time while OP moves", 100.0 * signs[3]),
         4 if signs[4] <= 0.0 => "hardly any other loop swings before it".to_string(),
         4 => format!("it swings {:.2} periods before the others", signs[4]),

@@ -56,8 +56,8 @@ impl Question<'_> {
         }
         let mut reason = self.diagnosis.reason.clone();
         if asked {
-            reason += "; with effects beside friction the verdict would be another, but that model predicts the last fifth of \
-                       the samples worse";
+            reason += "; the model with effects beside friction gives another verdict, but it predicts the last fifth of the \
+                       samples worse";
         }
         let verdict = self.diagnosis.verdict.clone();
         let mut answer =

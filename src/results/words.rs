@@ -106,7 +106,7 @@ pub fn doubtful(sticks: bool, by: Doubt) -> String {
             )
         }
         Doubt::Methods { against, of } => format!(
-            "{against} of {of} other methods that could tell say that {otherwise}. Look at the loop before you rely on this."
+            "{against} of the {of} other methods that gave a result say that {otherwise}. Look at the loop before you rely on the verdict."
         ),
     }
 }
@@ -144,10 +144,12 @@ impl Verdict<'_> {
                         format!("It sticks as before: it ignores the first {now} of each reversal.")
                     }
                     (Seen::Changed, Some(now), Some(before)) => {
-                        format!("It ignores the first {now} of each reversal, and {before} before.")
+                        format!(
+                            "It now ignores the first {now} of each reversal. Before compensation it ignored {before}."
+                        )
                     }
                     (Seen::Hidden, _, Some(before)) => format!(
-                        "Before it ignored the first {before} of each reversal; that is no longer visible."
+                        "Before compensation it ignored the first {before} of each reversal. That is no longer visible."
                     ),
                     (_, Some(now), _) => format!("It ignores the first {now} of each reversal."),
                     _ => "Whether it sticks is not visible.".to_string(),
@@ -197,22 +199,24 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
         "too_short" => ("there is not enough data yet", ""),
         "no_time_base" => ("the time stamps make no sense", ""),
         "gaps" => ("too much of the data is missing or bad", ""),
-        "flat_op" => ("the controller does not move it", ""),
+        "flat_op" => ("OP does not move", ""),
         "flat_pv" => ("PV stands still", " Check the transmitter."),
         "saturated" => ("OP is at its limit", " Check whether the valve is shut off or fully open."),
         "manual" => ("the loop is not in automatic", ""),
-        "not_excited" => ("the controller hardly ever reverses it, so sticking cannot show", ""),
+        "not_excited" => ("OP hardly ever reverses by enough for sticking to show", ""),
         "hidden_friction" => ("this record would not show sticking, however strong it is", ""),
-        "undersampled" => ("it swings too fast for the samples", " Poll faster, as the reason says."),
+        "undersampled" => {
+            ("the loop swings too fast for the samples", " Poll faster: the reason names the interval.")
+        }
         "no_response" => (
-            "whether PV follows OP does not show beside what else moves PV",
-            " Where this lasts, check whether the valve moves, and whether it is this loop's.",
+            "other influences on PV hide whether PV follows OP",
+            " If this lasts, check that the valve moves and that it belongs to this loop.",
         ),
         "stem_not_followed" => (
-            "it may stick or a load may jump, for PV is not seen to follow it",
-            " Where this lasts, check whether OP and PV belong to one loop.",
+            "it may stick, or a load may jump: PV does not visibly follow the valve",
+            " If this lasts, check that OP and PV belong to one loop.",
         ),
-        "compensated" => ("a term of write-back acts and hides what sticking there is", ""),
+        "compensated" => ("a term of write-back acts and hides any sticking", ""),
         "out_of_scale" => ("the values are too large or too small to compute with", ""),
         "deadline_exceeded" => ("the analysis took too long", ""),
         _ => return None,
@@ -223,7 +227,7 @@ fn not_identifiable(code: &str) -> Option<(&'static str, &'static str)> {
 pub fn rising(rise: f64, least: f64, days: f64, unit: &str) -> String {
     let (rise, least) = (shortest(2.0 * rise), shortest(2.0 * least.max(0.0)));
     format!(
-        "Friction rises: the valve ignores {rise} {unit} more of each reversal than {days:.0} days ago, at least {least} {unit} more."
+        "Friction rises: the valve ignores {rise} {unit} more of each reversal than {days:.0} days ago (lower bound {least} {unit})."
     )
 }
 

@@ -104,7 +104,7 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 17] = [
         "static_nonlinearity",
         Some("valve"),
         words(
-            "a valve that does more at one opening than at another",
+            "a valve gain that depends on the opening",
             "the same change of OP changes the flow more at one opening of the valve than at another",
             "Compare how the loop behaves at small and at large openings.",
             Some("Have the valve's characteristic and sizing checked."),
@@ -114,7 +114,7 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 17] = [
         "static_nonlinearity",
         Some("process"),
         words(
-            "a process that answers more at one level of PV than at another",
+            "a process gain that depends on PV",
             "the same movement of the valve moves PV more at one level of PV than at another",
             "Before any work on this valve, compare how the loop behaves at high and at low PV.",
             Some("Have another controller gain set for high PV than for low PV."),
@@ -124,7 +124,7 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 17] = [
         "static_nonlinearity",
         None,
         words(
-            "an answer that differs over the range",
+            "a gain that differs over the range",
             "the same change of OP moves PV more in one part of the range than in another",
             "Compare how the loop behaves at both ends of its range.",
             None,
@@ -134,7 +134,7 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 17] = [
         "slip_jump",
         None,
         words(
-            "a stem that moves off OP",
+            "a stem beside OP while it moves",
             "the stem stays behind OP, or ahead of it, while it moves",
             "Look for play between actuator and stem while OP turns round.",
             Some("Have linkage and actuator checked for play, as well as the packing for friction."),

@@ -216,7 +216,7 @@ fn curve(found: &LoopDiagnosis) -> Option<Plot> {
     marks.extend(found.report.f.map(|f| (f, "f")));
     marks.extend(found.report.f_ci95.into_iter().flatten().map(|limit| (limit, "")));
     Some(Plot {
-        title: "AIC over f: the lower, the better the model explains PV; the outer marks hold f with 95 %."
+        title: "AIC over f: the lower the AIC, the better the model explains PV. The outer marks are the 95 % interval of f."
             .into(),
         x: "f",
         panels: vec![Panel { y: "AIC above the best", log: false, series: vec![series("", "op", points)] }],

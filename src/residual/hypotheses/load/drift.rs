@@ -63,7 +63,7 @@ impl EffectModel for Ramp {
         let from = data.time(self.from.unwrap_or(0) as f64);
         let since = if self.from.is_some() { format!(" from {from:.1} s on") } else { String::new() };
         Described::new(format!(
-            "the load or the sensor drifts{since}, by what {} an hour would do",
+            "the load or the sensor drifts{since}, with the effect of {} an hour",
             data.units.along_op(in_op * 3600.0)
         ))
         .with("from_s", from, "s")

@@ -131,7 +131,7 @@ impl EffectModel for Step {
             }
             _ => {
                 let worth = data.units.along_op(size);
-                format!("the load changes at {time:.1} s, by what {worth} would do, and stays")
+                format!("the load changes at {time:.1} s and stays changed, with the effect of {worth}")
             }
         };
         Described::new(said).with("time_s", time, "s").with("size_op", size, "OP")

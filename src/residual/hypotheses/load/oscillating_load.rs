@@ -91,7 +91,7 @@ impl EffectModel for Load {
         let own = gamma.iter().take(2).map(|g| g * g).sum::<f64>().sqrt();
         let [pv, op] = of_wave(data, model, self.w).map(|worth| own * worth);
         Described::new(format!(
-            "a load with a period of {} s drives PV, by {} if nothing controlled it, whatever the valve does",
+            "a load with a period of {} s drives PV; its amplitude in PV would be {} without control",
             figures(period),
             told(pv)
         ))
