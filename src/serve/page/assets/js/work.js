@@ -12,7 +12,7 @@ const COLUMNS = ["Loop", "State", "Cause", "Why", "Expected to calm down with it
 const MARKS = { open: "unacknowledged", ordered: "acknowledged", repaired: "sticking", watched: "waiting", verified: "sound", calmed: "sound", dismissed: "silent" };
 const MAY = { watched: ["order", "dismiss"], open: ["order", "repaired", "dismiss"], ordered: ["repaired", "dismiss"], repaired: ["reopen"], verified: ["reopen"], calmed: ["reopen"], dismissed: ["reopen"] };
 const VERBS = { order: "Order", repaired: "Done", dismiss: "Dismiss", reopen: "Reopen" };
-const PAGE = 200, VICTIMS = 6;
+const PAGE = 100, VICTIMS = 6;
 
 const link = (id) => h("a", { href: `#/loop/${encodeURIComponent(id)}` }, id);
 
