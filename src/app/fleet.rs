@@ -311,3 +311,18 @@ fn check_rings(config: &Config) -> Result<(), String> {
         2 * most
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_centre_with_short_rings_is_refused() {
+        let mut config = Config::default();
+        config.history.samples_per_tag = 2 * forward::MOST_SAMPLES;
+        assert_eq!(check_rings(&config), Ok(()));
+        config.history.samples_per_tag -= 1;
+        let said = check_rings(&config).expect_err("too short");
+        assert!(said.contains("samples_per_tag = 3999") && said.contains("4000"), "{said}");
+    }
+}

@@ -129,7 +129,7 @@ impl Letters {
     /// Writes a letter that is not finished: it waits to be sent only where it is found at the next start. Whether that could be
     /// done.
     pub(super) fn draft(&self, letter: &Letter) -> bool {
-        self.keep(letter, &mut BTreeSet::new())
+        self.write(letter).inspect_err(|error| warn_of(letter, error)).is_ok()
     }
 
     /// A letter waits to be sent; whether it does so after a restart, too.
@@ -205,7 +205,7 @@ impl Letters {
             unwritten.remove(&letter.id);
             return true;
         };
-        tracing::warn!(letter = letter.id, %error, "a message is kept in memory only");
+        warn_of(letter, &error);
         unwritten.insert(letter.id.clone());
         false
     }
@@ -229,6 +229,10 @@ impl Letters {
             let _ = fs::remove_file(path(folder, id));
         }
     }
+}
+
+fn warn_of(letter: &Letter, error: &io::Error) {
+    tracing::warn!(letter = letter.id, %error, "a message is kept in memory only");
 }
 
 fn path(folder: &Path, id: &str) -> PathBuf {

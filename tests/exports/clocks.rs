@@ -5,7 +5,8 @@ use super::dress::BEGIN;
 use super::{bits, example};
 use stictiond::collect::table::{Options, Table};
 
-fn civil(format: &str, t: f64) -> String {
+/// A moment in jiff's words.
+pub fn civil(format: &str, t: f64) -> String {
     let moment = jiff::Timestamp::from_millisecond((t * 1e3).round() as i64).expect("a time of ours");
     jiff::tz::Offset::UTC.to_datetime(moment).strftime(format).to_string()
 }

@@ -1,19 +1,14 @@
 //! Exports of which rows or columns were once lost without a word, and headers in which a name is missing.
 
+use super::clocks::civil;
 use super::doubts::{read, rows};
 use super::dress::BEGIN;
 use super::{bits, example, of_bytes};
 use stictiond::collect::table::{Options, Table};
 use stictiond::signal::Sample;
 
-/// A moment in jiff's words.
-fn written(format: &str, t: f64) -> String {
-    let moment = jiff::Timestamp::from_millisecond((t * 1e3).round() as i64).expect("a time of ours");
-    jiff::tz::Offset::UTC.to_datetime(moment).strftime(format).to_string()
-}
-
 fn iso(t: f64) -> String {
-    written("%Y-%m-%d %H:%M:%S%.3f", t)
+    civil("%Y-%m-%d %H:%M:%S%.3f", t)
 }
 
 fn refused(table: Result<Table, String>, by: &[&str]) {
@@ -126,7 +121,7 @@ fn samples_that_share_a_cut_time_are_told() {
 
 #[test]
 fn seconds_in_a_column_of_their_own_are_asked_for() {
-    let apart = rows(&example(), ',', |t| written("%Y-%m-%d %H:%M,%S", t));
+    let apart = rows(&example(), ',', |t| civil("%Y-%m-%d %H:%M,%S", t));
     refused(read("Timestamp,Sec,OP,PV", &apart, &Options::default()), &["\"Sec\"", "seconds", "one column"]);
 }
 
@@ -136,7 +131,7 @@ fn rows_of_tags_may_have_date_and_time_apart_and_need_their_tag() {
         let of = |tag: &'static str, own: Vec<Sample>| -> Vec<String> {
             let row = |(at, own): (usize, &Sample)| {
                 let tag = if named(at) { tag } else { "" };
-                format!("{},{tag},{}", written("%Y-%m-%d,%H:%M:%S%.3f", BEGIN as f64 + own.t), own.value)
+                format!("{},{tag},{}", civil("%Y-%m-%d,%H:%M:%S%.3f", BEGIN as f64 + own.t), own.value)
             };
             own.iter().enumerate().map(row).collect()
         };
@@ -151,7 +146,7 @@ fn rows_of_tags_may_have_date_and_time_apart_and_need_their_tag() {
 #[test]
 fn a_colon_may_stand_between_a_year_and_the_time_of_day() {
     for format in ["%d%b%Y:%H:%M:%S%.2f", "%d/%b/%Y:%H:%M:%S"] {
-        let own = rows(&example(), ';', |t| written(format, t));
+        let own = rows(&example(), ';', |t| civil(format, t));
         is_whole(read("Time;OP;PV", &own, &Options::default()));
     }
 }
@@ -165,7 +160,7 @@ fn an_index_without_a_name_is_the_times() {
 
 #[test]
 fn a_time_that_has_its_date_needs_no_date_beside_it() {
-    let both = |t: f64| format!("{},{}", written("%Y-%m-%d", t), iso(t));
+    let both = |t: f64| format!("{},{}", civil("%Y-%m-%d", t), iso(t));
     is_whole(read("Date,Time,OP,PV", &rows(&example(), ',', both), &Options::default()));
 }
 

@@ -394,3 +394,33 @@ fn news(
     }
     Ok((messages, cursor, more))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ring(stamps: &[f64]) -> Ring {
+        let ring = Ring::new(8);
+        stamps.iter().for_each(|t| ring.push(Sample::good(*t, 0.0)));
+        ring
+    }
+
+    #[test]
+    fn what_was_sent_last_is_found_though_the_clock_was_set_back_after_it() {
+        // 12 was sent; 13 came, then the clock was set back by 10 s.
+        assert_eq!(first_after(&ring(&[10.0, 11.0, 12.0, 13.0, 4.0, 5.0]), 12.0), (3, false));
+        // It is no longer there: the last one before it tells.
+        assert_eq!(first_after(&ring(&[10.0, 11.0, 13.0]), 12.0), (2, false));
+        assert_eq!(first_after(&ring(&[13.0, 14.0]), 12.0), (0, true));
+    }
+
+    #[test]
+    fn nothing_is_looked_for_behind_a_ring_that_is_empty() {
+        let place = |stamps: &[f64]| {
+            let (next, behind) = first_after(&ring(stamps), 12.0);
+            Place { ring: Arc::new(ring(stamps)), next, last: 12.0, sent: 12.0, behind }
+        };
+        assert!(!place(&[]).is_behind(), "its first sample tells how far to look");
+        assert!(place(&[20.0]).is_behind());
+    }
+}

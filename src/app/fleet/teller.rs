@@ -13,7 +13,7 @@ use crate::notify::Telling;
 use crate::results::AlarmChange;
 use crate::signal::LoopId;
 use std::collections::{HashSet, VecDeque};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -112,7 +112,7 @@ impl Told {
     /// Receivers let go of a message. One that was lost is told again when it comes again.
     fn end(&mut self, sequence: u64, kept: bool) {
         self.held.remove(&sequence);
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner).remove(&sequence);
+        locked(&self.kept).remove(&sequence);
         if !kept {
             self.last.retain(|own| *own != sequence);
         }
@@ -138,7 +138,7 @@ impl Told {
         let _ = tokio::time::timeout(LET_GO, self.at_most(0)).await;
         self.ending.abort_all();
         self.ending = JoinSet::new();
-        let kept = std::mem::take(&mut *self.kept.lock().unwrap_or_else(PoisonError::into_inner));
+        let kept = std::mem::take(&mut *locked(&self.kept));
         for sequence in std::mem::take(&mut self.held) {
             self.end(sequence, kept.contains(&sequence));
         }
@@ -247,6 +247,11 @@ impl Fleet {
     }
 }
 
+/// A panic elsewhere leaves a set whole: each change to it is one call.
+fn locked(set: &Mutex<HashSet<u64>>) -> MutexGuard<'_, HashSet<u64>> {
+    set.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Acknowledges a message once its receivers have it on disk, and notes that before; whether they have.
 async fn end(message: Incoming, telling: Option<Telling>, noted: &Mutex<HashSet<u64>>) -> bool {
     if let Some(mut telling) = telling {
@@ -261,7 +266,7 @@ async fn end(message: Incoming, telling: Option<Telling>, noted: &Mutex<HashSet<
             return false;
         }
     }
-    noted.lock().unwrap_or_else(PoisonError::into_inner).insert(message.sequence());
+    locked(noted).insert(message.sequence());
     if let Err(error) = message.done().await {
         tracing::debug!(%error, "what is told comes again");
     }

@@ -57,8 +57,9 @@ pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
     Ok(Table { record, found })
 }
 
-/// One sample in so many may have the time of another and another value, and so few in all: the diagnosis counts them.
+/// One sample in so many may have the time of another and another value.
 const TWICE: usize = 10;
+/// So few of them are never refused: the diagnosis counts them.
 const FEW: usize = 20;
 
 /// Refuses a tag that has two values at the same times, in different places of the file. Those one after the other are told.

@@ -14,8 +14,8 @@ use crate::sysid::iddata::IdData;
 
 /// Largest curvature over one standard deviation of OP (-).
 const MOST: f64 = 1.2;
-/// Largest relative change of a valve's gain over 1 % of OP's span (-): an equal-percentage valve of rangeability 100 has 0.046, one
-/// that opens quickly 0.1 where it is open by 5 %. Where OP has hardly moved, a curve is not told from chance, and would be steeper.
+/// Largest relative change of a valve's gain over 1 % of OP's span (-). The flow `sqrt x` of a quick-opening valve has
+/// `d ln(gain)/dx = 1/(2 x)`, which is 0.1 per % at an opening x of 5 %; an equal-percentage valve of rangeability 100 has 0.046.
 const STEEPEST: f64 = 0.1;
 /// Farthest stem, in standard deviations of OP, over which the curve goes on.
 const FARTHEST: f64 = 8.0;
