@@ -58,6 +58,8 @@ fn rows(n: usize, mut row: impl FnMut(usize) -> String) -> String {
 
 #[test]
 fn what_is_no_record_is_refused_in_one_line() {
+    let one_time = rows(600, |k| format!("7,{},{}", k % 50, k % 40));
+    refused(&file("same_time.csv", one_time), "the times were cut or rounded");
     refused(&file("empty.csv", ""), "empty file");
     refused(&file("one_column.csv", "pv\n1\n2\n"), "only one column");
     refused(&file("wrong_delimiter.csv", "t^op^pv\n0^1^2\n"), "only one column");
@@ -82,7 +84,6 @@ fn what_cannot_be_judged_is_a_verdict() {
     not_identifiable(&file("constant.csv", rows(600, |k| format!("{k},50,20"))));
     not_identifiable(&file("flat_pv.csv", rows(600, |k| format!("{k},{},20", k % 50))));
     not_identifiable(&file("flat_op.csv", rows(600, |k| format!("{k},20,{}", k % 50))));
-    not_identifiable(&file("same_time.csv", rows(600, |k| format!("7,{},{}", k % 50, k % 40))));
     not_identifiable(&file(
         "mostly_text.csv",
         rows(600, |k| if k % 2 == 0 { format!("{k},{},x", k % 50) } else { format!("{k},NaN,inf") })

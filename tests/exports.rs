@@ -19,6 +19,8 @@ mod halves;
 mod joined;
 #[path = "exports/lost.rs"]
 mod lost;
+#[path = "exports/makers.rs"]
+mod makers;
 #[path = "exports/pairs.rs"]
 mod pairs;
 #[path = "exports/plants.rs"]

@@ -5,8 +5,9 @@ use super::Sample;
 /// Values of this and beyond are no measurement: 1E+30 stands for none in some exports, and more would overflow the sums.
 pub const LARGEST_VALUE: f64 = 1e30;
 /// Values that links, historians and loggers write where nothing was measured.
-const OUTAGES: [f64; 13] = [
+const OUTAGES: [f64; 14] = [
     0.0,
+    -1.0,
     -99.0,
     -999.0,
     -999.25,

@@ -182,3 +182,45 @@ fn names_of_more_languages_are_known() {
         ));
     }
 }
+
+#[test]
+fn a_mode_of_0_in_which_op_moves_by_itself_is_asked_for() {
+    let held = pairs()[300].0.value;
+    let table = |automatic: &str, manual: &str| -> Vec<String> {
+        let row = |(at, (op, pv)): (usize, &(Sample, Sample))| {
+            let (op, mode) = if at < 300 { (op.value, automatic) } else { (held, manual) };
+            format!("{},{op},{},{mode}", iso(pv.t), pv.value)
+        };
+        pairs().iter().enumerate().map(row).collect()
+    };
+    let read = |rows: &[String], auto: Option<&str>| {
+        let options = Options { auto_values: auto.map(Into::into), ..Options::default() };
+        read("Time,OP,PV,A/M", rows, &options)
+    };
+    for (zero, one) in [("0", "1"), ("FALSE", "TRUE"), ("Off", "On")] {
+        refused(
+            read(&table(zero, one), None),
+            &["column A/M", "OP moves by itself where the mode is 0", "--auto-values"],
+        );
+        let modes = |table: Result<Table, String>| -> Vec<f64> {
+            let table = table.unwrap_or_else(|said| panic!("{said}"));
+            table.record.mode.iter().flatten().map(|mode| mode.value).collect()
+        };
+        let told = modes(read(&table(zero, one), Some(&zero.to_lowercase())));
+        let usual = modes(read(&table(one, zero), None));
+        assert!(told == usual && told.iter().filter(|mode| **mode == 1.0).count() == 300);
+    }
+}
+
+#[test]
+fn minutes_under_a_header_that_does_not_say_so_are_asked_for() {
+    let minutes = |t: f64| format!("{:.4}", (t - BEGIN as f64) / 60.0);
+    let rows = rows(&example(), ',', minutes);
+    refused(read("Time,OP,PV", &rows, &Options::default()), &["0.033", "2 s in minutes", "--time-unit"]);
+    for (header, unit) in [("Time,OP,PV", Some("min")), ("Time (min),OP,PV", None)] {
+        let options = Options { time_unit: unit.map(Into::into), ..Options::default() };
+        let table = read(header, &rows, &options).unwrap_or_else(|said| panic!("{said}"));
+        let step = table.record.op[2].t - table.record.op[1].t;
+        assert!((step - 2.0).abs() < 0.02, "{step}: {}", table.found.read_as);
+    }
+}

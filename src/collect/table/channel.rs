@@ -13,6 +13,9 @@ const UNITS: usize = 8;
 /// Cells with another unit than the rest that are left out: one in so many.
 const ODD: u64 = 50;
 
+/// Fewer steps in a mode than these may be an operator's own.
+const FEW_STEPS: u64 = 20;
+
 /// A tag as the table names it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Tag {
@@ -24,6 +27,26 @@ pub struct Tag {
     pub source: Option<String>,
     /// The unit of its values.
     pub unit: Option<String>,
+}
+
+/// Steps of a value from one row to the next.
+#[derive(Clone, Copy, Debug, Default)]
+struct Steps {
+    all: u64,
+    /// Those that change it.
+    moved: u64,
+}
+
+impl Steps {
+    fn add(&mut self, moved: bool) {
+        self.all += 1;
+        self.moved += u64::from(moved);
+    }
+
+    /// Whether the value changes by itself: in a fifth of the steps.
+    fn moves(self) -> bool {
+        self.moved * 5 > self.all
+    }
 }
 
 /// What was counted of a tag.
@@ -39,8 +62,10 @@ pub struct Channel {
     pub cells: u64,
     /// Cells that are numbers under some decimal sign.
     pub numbers: u64,
-    /// Cells that hold another value than the one before.
-    moves: u64,
+    /// From each number to the next.
+    steps: Steps,
+    /// The same in rows whose mode is 0, and in those where it is 1.
+    steps_in: [Steps; 2],
     /// What its numbers prove of the decimal sign.
     pub evidence: Evidence,
     /// The first cell that is no number: its line and what stands there.
@@ -62,7 +87,8 @@ impl Channel {
             column,
             cells: 0,
             numbers: 0,
-            moves: 0,
+            steps: Steps::default(),
+            steps_in: [Steps::default(); 2],
             evidence: Evidence::default(),
             first_bad: None,
             units: Vec::new(),
@@ -72,8 +98,9 @@ impl Channel {
         }
     }
 
-    /// One more cell; whether it may be a stamp: it is there, and neither a number nor a mode.
-    pub fn add(&mut self, cell: &Cell<'_>, line: u64) -> bool {
+    /// One more cell of a row whose mode is 1, 0 or another; whether it may be a stamp: it is there, and neither a
+    /// number nor a mode.
+    pub fn add(&mut self, cell: &Cell<'_>, line: u64, mode: Option<bool>) -> bool {
         if cell.is_blank() {
             return false;
         }
@@ -95,8 +122,12 @@ impl Channel {
         match value {
             Some(value) => {
                 self.numbers += 1;
-                self.moves += u64::from(self.last.is_some_and(|last| last != value));
-                self.last = Some(value);
+                if let Some(last) = self.last.replace(value) {
+                    self.steps.add(last != value);
+                    if let Some(one) = mode {
+                        self.steps_in[usize::from(one)].add(last != value);
+                    }
+                }
             }
             None => {
                 self.first_bad.get_or_insert_with(|| (line, shown(&cell.shown())));
@@ -125,9 +156,15 @@ impl Channel {
         }
     }
 
-    /// Whether its value changes by itself: in a fifth of the rows.
+    /// Whether its value changes by itself.
     pub fn moves(&self) -> bool {
-        self.moves * 5 > self.numbers
+        self.steps.moves()
+    }
+
+    /// Whether its value changes by itself while the mode is 0, and not while it is 1.
+    pub fn moves_in_zero(&self) -> bool {
+        let [zero, one] = self.steps_in;
+        zero.all > FEW_STEPS && zero.moves() && !one.moves()
     }
 
     /// The unit behind its numbers, empty for none.

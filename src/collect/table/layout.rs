@@ -157,7 +157,7 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
     // number: then the first sample stands in its place.
     for (comments, bare) in [(false, false), (true, false), (false, true)] {
         for (at, (line, row)) in rows.iter().enumerate().take(PREAMBLE).skip(from) {
-            if comment(row) != comments || is_sample(row, options) != bare {
+            if comment(row) != comments || is_sample(row, options) != bare || comments && by_number(options) {
                 continue;
             }
             let names: Vec<Name> = match bare {
@@ -200,6 +200,8 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
                     let even = even(&rows[at + 1..], cells);
                     return Looked { layout: Ok(layout), known, even, cells, numbers_only: false };
                 }
+                // Nothing is called so among the samples.
+                Err(Trouble::Refused(_)) if !bare && known == 0 && holds_samples(row) => {}
                 Err(Trouble::Refused(error)) => {
                     refused.get_or_insert((error, *line, known, row.len()));
                 }
@@ -222,6 +224,17 @@ pub fn look(rows: &[SeenRow], options: &Options, row_name: &str) -> Looked {
         cells: row.len(),
         numbers_only,
     }
+}
+
+/// Whether all columns that a record needs are told by their numbers: then no comment is their header.
+fn by_number(options: &Options) -> bool {
+    let all = [&options.time, &options.op, &options.pv];
+    all.iter().all(|told| told.as_ref().is_some_and(|told| told.parse::<usize>().is_ok()))
+}
+
+/// Whether times or numbers stand in a row.
+fn holds_samples(row: &[Seen]) -> bool {
+    row.iter().any(|cell| matches!(cell.kind, WhatKind::Number | WhatKind::Dated | WhatKind::Clock))
 }
 
 /// Whether a date or a time of day stands in this column.
@@ -381,8 +394,9 @@ const TAGS: [&str; 29] = [
     "path",
     "data item",
 ];
-pub const VALUES: [&str; 9] = [
+pub const VALUES: [&str; 10] = [
     "value",
+    "valuey",
     "val",
     "wert",
     "messwert",
@@ -477,7 +491,10 @@ fn units(layout: &mut Layout, below: &[SeenRow]) {
         row.1.get(layout.time).is_some_and(|cell| !matches!(cell.kind, WhatKind::Blank | WhatKind::Nothing))
     };
     let extra = below.iter().take(BELOW + 1).position(is_sample).unwrap_or(0);
-    for (_, row) in &below[..extra] {
+    // Ignition has a row of types, `#TYPES`.
+    let is_comment =
+        |row: &&SeenRow| row.1.first().is_some_and(|cell| cell.text.trim_start().starts_with('#'));
+    for (_, row) in below[..extra].iter().filter(|row| !is_comment(row)) {
         let unit = |at: usize| row.get(at).and_then(|cell| as_unit(&cell.text)).map(str::to_string);
         if layout.time_unit.is_none() {
             layout.time_unit = unit(layout.time);

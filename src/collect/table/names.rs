@@ -134,7 +134,10 @@ impl Name {
                     return Some(said(meaning, earlier));
                 }
             }
-            if let Some(meaning) = role(&plain(last)) {
+            // Foxboro's bit of automatic is called as a unit is, so that the tag of a controller has to stand before it.
+            let is_bit = plain(last) == "ma" && controller(&plain(&before.join("."))).is_some();
+            let bit = is_bit.then_some(Meaning::Role(Role::Mode));
+            if let Some(meaning) = role(&plain(last)).or(bit) {
                 return Some(said(meaning, before));
             }
         }
@@ -237,13 +240,14 @@ fn short(path: &str) -> Option<(Meaning, String)> {
         .map(|meaning| (meaning, plain(before)))
 }
 
-/// `FIC101 Out`, `FIC-101 Process Value`: any word behind the tag of a controller.
+/// `FIC101 Out`, `FIC-101 Process Value`, `PLC01/FIC101_CV`: any word behind the tag of a controller.
 fn of_controller(path: &str) -> Option<(Meaning, String)> {
-    let words = plain(path);
+    let (area, last) = path.rsplit_once(PATH).unwrap_or(("", path));
+    let words = plain(last);
     words.match_indices(' ').find_map(|(at, _)| {
         let (before, behind) = (&words[..at], &words[at + 1..]);
         let is_tag = controller(before).is_some_and(|tag| before.replace(' ', "") == tag);
-        role(behind).filter(|_| is_tag).map(|meaning| (meaning, before.to_string()))
+        role(behind).filter(|_| is_tag).map(|meaning| (meaning, plain(&format!("{area} {before}"))))
     })
 }
 
@@ -320,6 +324,10 @@ fn split_unit(name: &str) -> (&str, Option<&str>) {
         if let Some((before, unit)) = name.strip_suffix(close).and_then(|n| n.rsplit_once(open))
             && !before.trim().is_empty()
         {
+            // HOBO's loggers write who measured behind the unit: `OP, % (LGR S/N: 20123, LBL: OP)`.
+            if unit.contains(": ") {
+                return split_unit(before.trim());
+            }
             return (before.trim_end_matches(['_', ' ', ',']).trim(), Some(without_range(unit.trim())));
         }
     }

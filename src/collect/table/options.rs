@@ -258,7 +258,7 @@ impl Options {
     }
 
     fn unit(&self) -> Result<Option<Unit>, Wrong> {
-        let right = "known are s, ms, us, ns, min, h, days, s1904, ticks and datenum";
+        let right = "known are s, ms, us, ns, min, h, days, s1904, ticks, datenum and mjd";
         understood("time_unit", &self.time_unit, right, Unit::of)
     }
 

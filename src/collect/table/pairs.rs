@@ -40,6 +40,8 @@ pub struct Pair {
     time: usize,
     value: usize,
     quality: Option<usize>,
+    /// How its column of quality is called.
+    said: String,
 }
 
 /// The tags, and the rows above the first sample.
@@ -77,7 +79,9 @@ pub fn look(rows: &[SeenRow], told: bool) -> Option<Result<Layout, TableError>> 
             )))
         });
     }
-    let names = ["tag", "time of each tag", "value", "unit", "quality"].map(Name::new).into();
+    let said = pairs.all[0].said.as_str();
+    let said = if said.is_empty() { "quality" } else { said };
+    let names = ["tag", "time of each tag", "value", "unit", said].map(Name::new).into();
     let qualities = if pairs.all[0].quality.is_some() { vec![4] } else { Vec::new() };
     let body = Long { tag: 0, value: 2, owner: None, qualities, source: None, unit: Some(3) };
     let line = pairs.skip.checked_sub(1).map_or(1, |above| rows[above].0);
@@ -125,8 +129,8 @@ fn find(rows: &[SeenRow]) -> Option<Pairs> {
     }
     let measured = all.iter().filter(|pair| holds[pair.value] == Holds::Numbers).count();
     let once = |pair: &Pair| all.iter().filter(|other| other.name == pair.name).count() == 1;
-    let same =
-        |pair: &Pair| (holds[pair.time], pair.quality.is_some(), pair.stem.clone(), pair.time_unit.clone());
+    let quality = |pair: &Pair| pair.quality.map(|_| pair.said.clone());
+    let same = |pair: &Pair| (holds[pair.time], quality(pair), pair.stem.clone(), pair.time_unit.clone());
     let alike = all.windows(2).all(|two| same(&two[0]) == same(&two[1]));
     let are_pairs = measured > 1 && alike && all.iter().all(once) && overlap(samples, &all);
     are_pairs.then_some(Pairs { all, skip })
@@ -144,11 +148,14 @@ fn holds(samples: &[SeenRow], at: usize, header: Option<&Seen>) -> Holds {
             _ => others += 1,
         }
     }
+    // PHD's confidence is a number that measures nothing.
+    let called_quality = header.is_some_and(|cell| Name::new(&cell.text).quality_of().is_some());
     let called_time = header.is_some_and(|cell| is_time(&Name::new(&cell.text)));
     let is_time = called_time && goes_one_way(&values(samples, at));
     match dated.max(numbers).max(others) {
         0 => Holds::Nothing,
         most if most == dated => Holds::Moments,
+        most if most == numbers && called_quality => Holds::Words,
         most if most == numbers && is_time => Holds::Counts,
         most if most == numbers => Holds::Numbers,
         _ => Holds::Words,
@@ -202,9 +209,10 @@ fn pair(header: &[Seen], above: Option<&[Seen]>, time: usize, quality: Option<us
     }
     // Words behind a value that are not called a quality may be a mode or a unit.
     let behind = quality.map(|at| Name::new(text(header, at)));
-    if behind.is_some_and(|name| !name.is_none() && name.quality_of().is_none()) {
+    if behind.as_ref().is_some_and(|name| !name.is_none() && name.quality_of().is_none()) {
         return None;
     }
+    let said = behind.map(|name| name.plain().to_string()).unwrap_or_default();
     let unit = as_unit(text(header, value)).unwrap_or_default();
     let is_name = |name: &&str| {
         let own = Name::new(name);
@@ -215,7 +223,11 @@ fn pair(header: &[Seen], above: Option<&[Seen]>, time: usize, quality: Option<us
     let name = places.into_iter().filter_map(|(row, at)| Some(text(row?, at))).find(is_name)?;
     let stem = stem(text(header, time), name)?;
     let time_unit = Name::new(text(header, time)).unit_of_time();
-    Some(Pair { name: name.to_string(), unit: unit.to_string(), stem, time_unit, time, value, quality })
+    // WinCC calls its columns `FIC101_OP Time` and `FIC101_OP ValueY`.
+    let of_value = |word: &str| vocabulary::VALUES.contains(&word.to_lowercase().as_str());
+    let name = name.rsplit_once(' ').filter(|(_, last)| of_value(last)).map_or(name, |(tag, _)| tag.trim());
+    let (name, unit) = (name.to_string(), unit.to_string());
+    Some(Pair { name, unit, stem, time_unit, time, value, quality, said })
 }
 
 impl Pairs {

@@ -86,7 +86,7 @@ impl Others {
             }
             other.words.add(&cell);
             if let Some(times) = &mut other.times
-                && times.add(&cell, line)
+                && times.add(&cell, line, None)
             {
                 times.compare(&cell, first);
             }
@@ -140,7 +140,11 @@ impl Others {
             let own = of.is_empty() || control_loop.as_deref() == Some(of) || owned(of);
             is_alarm(&name.full) && own && other.words.tell_open()
         };
-        let speaks = |other: &Other| other.words.speak_of_quality() || flag(other) || alarm(other);
+        // Ovation writes a letter behind each value, and no name above it.
+        let letters =
+            |other: &Other| layout.names[other.at].is_none() && other.words.are_letters_of_quality();
+        let speaks =
+            |other: &Other| other.words.speak_of_quality() || letters(other) || flag(other) || alarm(other);
         let (mut found, others): (Vec<Other>, Vec<Other>) = self.columns.into_iter().partition(speaks);
         // Words that somebody tells may stand in columns of measurements, too: one column alone may be meant.
         if let Some(told) = told.filter(|_| found.is_empty() && !self.any_known) {

@@ -172,10 +172,23 @@ fn choose(
         _ if !needed => Ok(None),
         several => {
             let of = listed(several.iter().map(|c| names[c.at].full.as_str()));
-            Err(Trouble::Refused(TableError::refused(format!(
-                "{of} may each be {0}; say which with --{0} NAME, or which loop with --loop",
-                role.as_str()
-            ))))
+            let role = role.as_str();
+            let same = |c: &&Candidate| names[c.at].full == names[several[0].at].full;
+            Err(Trouble::Refused(TableError::refused(match several.iter().all(same) {
+                true => {
+                    let columns: Vec<String> = several.iter().map(|c| (c.at + 1).to_string()).collect();
+                    format!(
+                        "columns {} are all called {:?}; say which is {role} with --{role} and its number",
+                        columns.join(", "),
+                        names[several[0].at].full
+                    )
+                }
+                false => {
+                    format!(
+                        "{of} may each be {role}; say which with --{role} NAME, or which loop with --loop"
+                    )
+                }
+            })))
         }
     }
 }

@@ -217,6 +217,14 @@ impl Words {
         plain * 2 > all || plain > 0 && self.counts.iter().all(|(word, _)| is_known(word))
     }
 
+    /// Whether they are letters, `G` for good in most rows and others for what is not.
+    pub fn are_letters_of_quality(&self) -> bool {
+        let good = self.counts.iter().find(|(word, _)| word == "g").map_or(0, |(_, count)| *count);
+        let all: u64 = self.counts.iter().map(|(_, count)| count).sum();
+        let letters = self.counts.iter().all(|(word, _)| word.len() == 1 && is_known(word));
+        !self.more && letters && good * 2 > all
+    }
+
     /// Whether they are all yes or no.
     pub fn are_flags(&self) -> bool {
         !self.counts.is_empty()

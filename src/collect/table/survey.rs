@@ -19,7 +19,7 @@ use super::roles::{Trouble, roles};
 use super::says::Says;
 use super::source::{Kind, Rows, Source};
 use super::time::{self, Groups, Reading, Times};
-use super::words::{Modes, Words};
+use super::words::{Modes, Moving, Words, two_state, word};
 use crate::signal::Role;
 use std::collections::{BTreeSet, HashMap};
 
@@ -87,6 +87,8 @@ struct Counting {
     /// Rows of a long table that cannot all be samples.
     repeats: Repeats,
     mode_name: Option<String>,
+    /// The column of the mode in a wide table.
+    mode_at: Option<usize>,
 }
 
 impl Counting {
@@ -102,6 +104,7 @@ impl Counting {
             repeats: Repeats::default(),
             moving: Vec::new(),
             mode_name: options.mode.clone(),
+            mode_at: None,
             owner: Owner::of(layout, options),
         };
         match &layout.body {
@@ -120,6 +123,9 @@ impl Counting {
             self.channels.push(Channel::new(tag, *role, at + 1));
             if matches!(role, Some(Role::Op | Role::Pv)) {
                 self.moving.push((*at, String::new()));
+            }
+            if *role == Some(Role::Mode) {
+                self.mode_at = Some(*at);
             }
         }
         self.quality_columns.clone_from(&wide.qualities);
@@ -180,9 +186,10 @@ impl Counting {
                     if layout.millis.is_none() {
                         self.groups.add(&first, second.as_ref(), moved);
                     }
+                    let mode = self.mode_at.and_then(|at| two_state(&word(&rows.cell(at))));
                     for (channel, at) in self.channels.iter_mut().zip(&wide.columns) {
                         let cell = rows.cell(*at);
-                        if channel.add(&cell, line) && channel.role.is_none() {
+                        if channel.add(&cell, line, mode) && channel.role.is_none() {
                             channel.compare(&cell, &first);
                         }
                     }
@@ -194,7 +201,7 @@ impl Counting {
                     if rows.cell(long.tag).is_blank() && !value.is_blank() {
                         self.repeats.nameless(line);
                     }
-                    self.channels[tag].add(&value, line);
+                    self.channels[tag].add(&value, line, None);
                 }
             }
             self.others.add(rows, &first, line);
@@ -385,6 +392,11 @@ impl Counting {
         };
         // One list of good values is meant for one of two numberings.
         let meant = |words: &Words| good.is_none_or(|good| words.any_of(good));
+        // A flag beside the column that the list is for says by itself what it means.
+        let of_column = |words: &Words, name: &str| {
+            let by_itself = || matches!(Says::decide(words, None, name), Ok(Some(_)));
+            good.filter(|_| meant(words) || !by_itself())
+        };
         let other_is_meant = |of: Option<usize>, at: usize| {
             columns().any(|(words, (other, own))| *own == of && *other != at && meant(words))
         };
@@ -394,7 +406,8 @@ impl Counting {
             if any_detail && !meant(words) && other_is_meant(*of, *at) {
                 continue;
             }
-            match Says::decide(words, good, &layout.names[*at].full) {
+            let name = &layout.names[*at].full;
+            match Says::decide(words, of_column(words, name), name) {
                 Ok(says) => out.extend(says.map(|says| (*at, *of, says))),
                 Err(_) if has_detail(*of) => {}
                 Err(error) => return Err(error),
@@ -405,10 +418,13 @@ impl Counting {
 
     fn modes(&self, told: &Told) -> Result<Vec<Option<Modes>>, TableError> {
         let op = self.channels.iter().find(|c| c.role == Some(Role::Op));
-        let moves = op.is_some_and(Channel::moves);
+        let moving = Moving {
+            at_all: op.is_some_and(Channel::moves),
+            in_zero: op.is_some_and(Channel::moves_in_zero),
+        };
         let of = |channel: &Channel| match (&channel.words, channel.role) {
             (Some(words), Some(Role::Mode)) => {
-                Modes::decide(words, told.auto_values.as_deref(), moves, &channel.tag.name).map(Some)
+                Modes::decide(words, told.auto_values.as_deref(), moving, &channel.tag.name).map(Some)
             }
             _ => Ok(None),
         };

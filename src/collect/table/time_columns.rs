@@ -112,7 +112,7 @@ fn column(names: &[Name], below: &[SeenRow], options: &Options) -> Result<(usize
             // An index without a name, or a column of dates under any name.
             let holds = |at: usize| cells(below, at);
             let nameless = names.first().is_some_and(Name::is_none)
-                && matches!(holds(0), Some(Holds::Number | Holds::Moment | Holds::Date));
+                && matches!(holds(0), Some(Holds::Number | Holds::Moment | Holds::Date | Holds::Clock));
             let is_dated = |at: &usize| matches!(holds(*at), Some(Holds::Moment | Holds::Date));
             let mut dated = (0..names.len()).filter(is_dated);
             match (dated.next(), dated.next(), nameless) {
@@ -159,8 +159,8 @@ const UNDER: usize = 4;
 /// Names of a column of milliseconds beside one of whole seconds. The first is a logger's and means nothing else.
 const MILLIS: [&str; 6] = ["millitm", "millis", "millisecond", "milliseconds", "msec", "ms"];
 
-/// The column of milliseconds: whole numbers below a thousand beside whole seconds. Where the name may mean something else, one
-/// of the seconds comes more than once, or all have three digits and one begins with 0. The name may stand in a row below the
+/// The column of milliseconds: whole numbers below a thousand beside whole seconds. Where the name may mean something else, it
+/// stands behind the times, one of the seconds comes more than once, or all have three digits and one begins with 0. The name may stand in a row below the
 /// header, where that has the tags.
 pub fn millis(names: &[Name], time: usize, below: &[SeenRow]) -> Option<usize> {
     let of_column = |at: usize| {
@@ -180,7 +180,7 @@ pub fn millis(names: &[Name], time: usize, below: &[SeenRow]) -> Option<usize> {
     let repeats = dated.windows(2).any(|pair| pair[0].1[time].text == pair[1].1[time].text);
     let cells = || dated.iter().filter_map(|row| row.1.get(at)).map(|cell| cell.text.trim());
     let padded = cells().all(|text| text.len() == 3) && cells().any(|text| text.starts_with('0'));
-    let meant = name.plain() == MILLIS[0] || repeats || padded;
+    let meant = name.plain() == MILLIS[0] || at == time + 1 || repeats || padded;
     (meant && !dated.is_empty() && dated.iter().all(|row| whole(row) && small(row))).then_some(at)
 }
 

@@ -73,6 +73,9 @@ pub fn under_loops(above: &[Seen], header: &[Seen]) -> Option<Vec<Name>> {
         (cell.kind == WhatKind::Nothing).then_some(cell.text.trim())
     }
     let is_known = |name: &Name| name.said().is_some();
+    if header.iter().any(|cell| matches!(cell.kind, WhatKind::Number | WhatKind::Dated | WhatKind::Clock)) {
+        return None;
+    }
     let (mut loops, mut owner) = (BTreeSet::new(), None);
     let name = |(at, cell): (usize, &Seen)| {
         owner = above.get(at).and_then(text).or(owner);

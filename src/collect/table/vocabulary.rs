@@ -52,6 +52,19 @@ pub const TIME: &[&str] = &[
     "采样时间",
     "data hora",
     "data e hora",
+    "tid",
+    "tidpunkt",
+    "dato",
+    "время",
+    "дата",
+    "дата время",
+    "дата и время",
+    "czas",
+    "aika",
+    "zaman",
+    "日付",
+    "日付時刻",
+    "時刻",
     "fecha y hora",
     "date et heure",
 ];
@@ -80,6 +93,15 @@ pub const OP: &[&str] = &[
     "uscita",
     "输出",
     "输出值",
+    "操作量",
+    "utsignal",
+    "styrsignal",
+    "выход",
+    "выход регулятора",
+    "uitgang",
+    "wyjście",
+    "výstup",
+    "çıkış",
 ];
 /// The measured value.
 pub const PV: &[&str] = &[
@@ -103,6 +125,16 @@ pub const PV: &[&str] = &[
     "misura",
     "测量值",
     "过程值",
+    "測定値",
+    "ärvärde",
+    "mätvärde",
+    "текущее значение",
+    "измеренное значение",
+    "meetwaarde",
+    "pomiar",
+    "měřená hodnota",
+    "mittausarvo",
+    "ölçüm",
 ];
 /// The set point.
 pub const SP: &[&str] = &[
@@ -121,6 +153,16 @@ pub const SP: &[&str] = &[
     "consigna",
     "设定值",
     "给定值",
+    "設定値",
+    "目標値",
+    "börvärde",
+    "задание",
+    "уставка",
+    "wartość zadana",
+    "žádaná hodnota",
+    "asetusarvo",
+    "currentsetpoint",
+    "current setpoint",
 ];
 /// The valve's position.
 pub const MV: &[&str] = &[
@@ -150,15 +192,16 @@ pub const MODE: &[&str] = &[
     "autact",
     "aut act",
     "a m",
+    "qman aut",
 ];
 
 /// Names that hold a date, whose time of day may stand in a column of its own.
-pub const DATES: &[&str] = &["date", "datum", "day"];
+pub const DATES: &[&str] = &["date", "datum", "day", "dato", "дата", "日付"];
 /// Names that hold the time of day beside a date.
-pub const CLOCKS: &[&str] = &["time", "zeit", "uhrzeit", "clock", "time of day"];
+pub const CLOCKS: &[&str] = &["time", "zeit", "uhrzeit", "clock", "time of day", "tid", "время", "時刻"];
 
 /// Last parts of a path that say "its value": what they are the value of stands before them.
-pub const VALUES: &[&str] = &["cv", "f cv", "val", "value", "present value", "presentvalue"];
+pub const VALUES: &[&str] = &["cv", "f cv", "val", "value", "valuey", "present value", "presentvalue"];
 /// Names of a column that says whether the value beside it is good.
 pub const QUALITIES: &[&str] = &[
     "quality",

@@ -35,6 +35,15 @@ pub(super) fn word(cell: &Cell<'_>) -> String {
     }
 }
 
+/// The state of a mode that has two, 1 and 0 under their names; `None` for a mode with a name of its own.
+pub(super) fn two_state(word: &str) -> Option<bool> {
+    match word {
+        "1" | "true" | "on" => Some(true),
+        "0" | "false" | "off" => Some(false),
+        _ => None,
+    }
+}
+
 /// What an option lists, as [`word`] has it: `1.0` is `1`.
 pub(super) fn as_words(told: &[String]) -> Vec<String> {
     let word = |one: &String| one.parse::<f64>().map_or_else(|_| one.clone(), |value| value.to_string());
@@ -132,6 +141,15 @@ pub struct Modes {
     pub said: Option<String>,
 }
 
+/// How OP moves.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Moving {
+    /// It changes by itself.
+    pub at_all: bool,
+    /// It does so while the mode is 0, and rests while it is 1.
+    pub in_zero: bool,
+}
+
 /// Whether a word is automatic; `None` where nobody knows.
 fn usual(word: &str) -> Option<bool> {
     match word {
@@ -149,14 +167,14 @@ fn usual(word: &str) -> Option<bool> {
 }
 
 impl Modes {
-    /// Decides; `op_moves` tells whether OP changed from row to row while the mode was what it was.
+    /// Decides.
     ///
     /// # Errors
-    /// Words of which none is known.
+    /// Words of which none is known, and a 0 in which OP moves as in automatic.
     pub fn decide(
         words: &Words,
         told: Option<&[String]>,
-        op_moves: bool,
+        op: Moving,
         name: &str,
     ) -> Result<Self, TableError> {
         if let Some(told) = told {
@@ -170,11 +188,19 @@ impl Modes {
                 words.listed()
             )))
         };
+        // On some controllers the bit says manual: then 0 is automatic.
+        if op.in_zero && words.counts.iter().all(|(word, _)| two_state(word).is_some()) {
+            return Err(TableError::refused(format!(
+                "column {name}: OP moves by itself where the mode is 0 alone, which is manual as a rule; the mode is {}; say which of \
+                 them are automatic with --auto-values",
+                words.listed()
+            )));
+        }
         let plain = Self { automatic: None, said: None };
         if let ([(only, _)], None) =
             (words.counts.as_slice(), words.counts.first().and_then(|(w, _)| usual(w)))
         {
-            if !op_moves {
+            if !op.at_all {
                 return doubt();
             }
             // A controller whose output moves by itself through the whole record is not in manual.
@@ -207,6 +233,8 @@ impl Modes {
 mod tests {
     use super::*;
 
+    const MOVES: Moving = Moving { at_all: true, in_zero: false };
+
     fn of(cells: &[&str]) -> Words {
         let mut words = Words::default();
         cells.iter().for_each(|cell| words.add(&Cell::Text(cell)));
@@ -227,22 +255,30 @@ mod tests {
             ("0", false),
             ("Remote Manual", false),
         ] {
-            let modes = Modes::decide(&of(&[word, "AUTO", "MAN"]), None, false, "mode").expect(word);
+            let modes =
+                Modes::decide(&of(&[word, "AUTO", "MAN"]), None, Moving::default(), "mode").expect(word);
             assert_eq!(modes.value(&Cell::Text(word)), Some(f64::from(u8::from(on))), "{word}");
         }
-        let always = Modes::decide(&of(&["16", "16"]), None, true, "mode").expect("OP moves");
+        let always = Modes::decide(&of(&["16", "16"]), None, MOVES, "mode").expect("OP moves");
         assert_eq!(always.value(&Cell::Text("16")), Some(1.0));
         assert!(always.said.is_some_and(|said| said.contains("always \"16\"")));
-        let said = |words: &[&str], moves| {
+        let said = |words: &[&str], moves: Moving| {
             Modes::decide(&of(words), None, moves, "mode").expect_err("refused").to_string()
         };
         assert_eq!(
-            said(&["16", "8", "16"], true),
+            said(&["16", "8", "16"], MOVES),
             "column mode: the mode is \"16\" (2 rows), \"8\" (1 rows); say which of them are automatic with --auto-values"
         );
-        assert!(said(&["16", "16"], false).contains("--auto-values"));
-        assert!(said(&["1", "2"], true).contains("--auto-values"), "1 is manual for some");
-        let told = Modes::decide(&of(&["16", "8"]), Some(&["16.0".into(), "32".into()]), true, "mode")
+        assert!(said(&["16", "16"], Moving::default()).contains("--auto-values"));
+        assert!(said(&["1", "2"], MOVES).contains("--auto-values"), "1 is manual for some");
+        let in_zero = Moving { at_all: true, in_zero: true };
+        assert!(said(&["0", "1", "0"], in_zero).contains("OP moves by itself where the mode is 0 alone"));
+        let reversed = Modes::decide(&of(&["0", "1"]), Some(&["0".into()]), in_zero, "mode").expect("told");
+        assert_eq!(
+            (reversed.value(&Cell::Text("0")), reversed.value(&Cell::Text("1"))),
+            (Some(1.0), Some(0.0))
+        );
+        let told = Modes::decide(&of(&["16", "8"]), Some(&["16.0".into(), "32".into()]), MOVES, "mode")
             .expect("told");
         assert_eq!((told.value(&Cell::Number(16.0)), told.value(&Cell::Text("8"))), (Some(1.0), Some(0.0)));
     }

@@ -52,6 +52,11 @@ fn dates_of_every_kind_are_the_same_moment() {
         ("Mon Jun 01 2026 06:00:00 GMT+0200 (Central European Summer Time)", six, Some(7200)),
         ("2026-06-01T06:00:00.000000000+02:00[America/Argentina/Buenos_Aires]", six, Some(7200)),
         ("mar. 02.06.2026 06:00:00", six + 86_400.0, None),
+        ("2026-06-01 06:00:00 +0000 UTC", six, Some(0)),
+        ("2026-06-01 06:00:00.03 +0200 CEST", six + 0.03, Some(7200)),
+        ("2026-06-01 06:00:00 -0500 EST", six, Some(-18_000)),
+        ("01.06.2026 06:00:00 Uhr", six, None),
+        ("01.06.2026 06:00 h", six, None),
     ] {
         for order in Order::ALL {
             assert_eq!(read(cell, order), Some((seconds, offset)), "{cell} {order:?}");

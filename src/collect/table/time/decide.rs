@@ -17,6 +17,8 @@ const TRAILER: u64 = 20;
 const FEW: u64 = 3;
 /// Rows from which a trailer can be told from a table that is none.
 const ROWS: u64 = 10;
+/// Rows from which one time for all of them is none.
+const FEW_ROWS: u64 = 20;
 /// Steps of seconds below which days of a spreadsheet are meant (s read as days: 86 s).
 const STEP_OF_DAYS: f64 = 1e-3;
 /// Steps of seconds above which a doubt between the two is gone.
@@ -117,7 +119,8 @@ impl Times {
         reading.by_tag = track.is_stacked();
         reading.spread = groups.and_then(|groups| spread(groups, track, per_s));
         let dated = is_wide && matches!(reading.how, How::Dated(_) | How::Moment);
-        whole(column, dated.then_some(track), shared && reading.spread.is_none())?;
+        let is_one = is_wide && track.count >= FEW_ROWS && track.least == track.most;
+        whole(column, dated.then_some(track), shared && reading.spread.is_none() || is_one)?;
         // Times of day come back every day by themselves.
         if matches!(reading.how, How::Dated(_) | How::Moment | How::Elapsed | How::Number(..)) {
             if let How::Number(..) = reading.how {
@@ -151,6 +154,12 @@ impl Times {
         self.not_of_two_kinds(column)?;
         let (line, cell) = track.first_miss.clone().unwrap_or_default();
         let Column { row_name, number, name, .. } = column;
+        if cell.is_empty() {
+            return Err(TableError::refused(format!(
+                "{row_name} {line}, column {number} ({name}): nothing stands there, and each row needs its time; save the table with \
+                 the time of each row"
+            )));
+        }
         if let Some(Format::Pattern(pattern)) = &told.format {
             return Err(TableError::refused(format!(
                 "{row_name} {line}, column {number} ({name}): {cell:?} is not written as --time-format {pattern}"
@@ -245,6 +254,7 @@ impl Times {
             )));
         }
         let step = numbers.track.usual_step().unwrap_or(0.0);
+        let minute = seconds_of_a_minute(&numbers.track).unwrap_or(0.0);
         let of_wincc = |value: f64| (SERIAL.0 * 1e6..SERIAL.1 * 1e6).contains(&value);
         match named {
             Some(Unit::Millis) if of_wincc(shown) => doubt(format!(
@@ -268,6 +278,9 @@ impl Times {
             }
             None if step > 0.0 && step < SHORT_STEP && MINUTES_SINCE_1970.contains(&shown) => {
                 doubt(format!("{shown} in steps of {step:.3} may be seconds or minutes since 1970"))
+            }
+            None if minute > 0.0 => {
+                doubt(format!("steps of {minute:.4} may be seconds, or {:.0} s in minutes", minute * 60.0))
             }
             None if step >= LONG_STEP => doubt(format!("steps of {step} may be seconds or milliseconds")),
             None => Ok(Unit::Seconds),
@@ -345,6 +358,17 @@ impl Times {
     }
 }
 
+/// The usual step, or the mean of all, where it is whole seconds as a part of a minute and no round number by itself: 0.0333 is
+/// 2 s.
+fn seconds_of_a_minute(track: &Track) -> Option<f64> {
+    let off = |value: f64| (value - value.round()).abs();
+    let mean = (track.most - track.least) / (track.count.max(2) - 1) as f64;
+    [track.usual_step()?, mean].into_iter().find(|step| {
+        let seconds = step * 60.0;
+        (1.0..60.0).contains(&seconds.round()) && off(seconds) < 0.005 * seconds && off(step * 100.0) > 0.1
+    })
+}
+
 /// Refuses numbers that begin again, such as seconds of the day: sorted, one part would lie within the other. A single number
 /// that is off leads back, too.
 fn again(track: &Track, per_s: f64, column: &Column<'_>) -> Result<(), TableError> {
@@ -373,8 +397,8 @@ fn whole(column: &Column<'_>, dated: Option<&Track>, shared: bool) -> Result<(),
     let what = if dated.is_some_and(one_date) {
         "every row has the same date and no time of day; save the times whole, or name their column with --time"
     } else if shared {
-        "nearly every row has the time of the row before, and other values: the times were cut, as a spreadsheet cuts what it \
-         shows; save them whole"
+        "nearly every row has the time of the row before, and other values: the times were cut or rounded, as a spreadsheet does \
+         with what it shows; save them whole"
     } else {
         return Ok(());
     };

@@ -1,0 +1,170 @@
+//! Exports as products write them that were once refused, or of which something was lost.
+
+use super::clocks::civil;
+use super::doubts::{read, rows};
+use super::dress::BEGIN;
+use super::{bits, example, of_bytes};
+use stictiond::collect::table::{Options, Table};
+use stictiond::signal::Sample;
+
+fn iso(t: f64) -> String {
+    civil("%Y-%m-%d %H:%M:%S%.3f", t)
+}
+
+fn said(table: Result<Table, String>) -> String {
+    table.map_or_else(|said| said, |table| table.found.read_as)
+}
+
+fn refused(table: Result<Table, String>, by: &[&str]) {
+    assert!(table.is_err(), "read: {}", said(table));
+    let said = said(table);
+    by.iter().for_each(|by| assert!(said.contains(by), "{said:?} has no {by:?}"));
+}
+
+/// Refuses a table that is not the whole example; what it says.
+fn is_whole(table: Result<Table, String>, what: &str) -> String {
+    let table = table.unwrap_or_else(|said| panic!("{what}: {said}"));
+    assert!(bits(&table.record) == bits(&example()), "{what}: {}", table.found.read_as);
+    table.found.read_as
+}
+
+/// Samples of OP and PV, side by side.
+fn pairs() -> Vec<(Sample, Sample)> {
+    let example = example();
+    example.op.iter().copied().zip(example.pv.iter().copied()).collect()
+}
+
+/// A row for each pair of samples, with its number from 0 and its time.
+fn made(row: impl Fn(usize, String, f64, f64) -> String) -> Vec<String> {
+    let one =
+        |(at, (op, pv)): (usize, &(Sample, Sample))| row(at, iso(BEGIN as f64 + op.t), op.value, pv.value);
+    pairs().iter().enumerate().map(one).collect()
+}
+
+fn bad(series: &[Sample]) -> usize {
+    series.iter().filter(|sample| !sample.quality.is_good()).count()
+}
+
+#[test]
+fn letters_behind_values_that_have_no_name_are_their_quality() {
+    let letter = |at: usize| if at % 100 == 7 { "B" } else { "G" };
+    let own = made(|at, t, op, pv| format!("{t},{op},G,{pv},{}", letter(at)));
+    let table = read("Time,FIC101.OP,,FIC101.PV,", &own, &Options::default()).expect("read");
+    assert_eq!(bad(&table.record.op), 0, "{}", table.found.read_as);
+    assert_eq!(bad(&table.record.pv), own.len().div_ceil(100), "{}", table.found.read_as);
+}
+
+#[test]
+fn confidence_behind_values_with_their_own_times_is_their_quality() {
+    let later = |op: &Sample| iso(BEGIN as f64 + op.t + 0.5);
+    let row = |(at, (op, pv)): (usize, &(Sample, Sample))| {
+        let confidence = if at % 100 == 7 { 0 } else { 100 };
+        format!("{},{},100,{},{},{confidence}", iso(BEGIN as f64 + op.t), op.value, later(op), pv.value)
+    };
+    let own: Vec<String> = pairs().iter().enumerate().map(row).collect();
+    for header in [
+        "FIC101.OP,,,FIC101.PV,,\nTimestamp,Value,Confidence,Timestamp,Value,Confidence",
+        "FIC101.OP,FIC101.OP,FIC101.OP,FIC101.PV,FIC101.PV,FIC101.PV\nTimestamp,Value,Confidence,Timestamp,Value,Confidence",
+    ] {
+        let table = read(header, &own, &Options::default()).expect(header);
+        assert!(bits(&table.record) == bits(&example()), "{}", table.found.read_as);
+        assert_eq!((bad(&table.record.op), bad(&table.record.pv)), (0, own.len().div_ceil(100)));
+        assert!((table.record.pv[0].t - table.record.op[0].t - 0.5).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn a_list_of_good_values_leaves_flags_of_other_columns_as_they_are() {
+    let row = |at: usize, t: &str, tag: &str, value: f64| {
+        let status = if at % 100 == 7 { "-254" } else { "0" };
+        format!("FIC101.{tag},{t},{value},{status},{},False", if at % 100 == 8 { "True" } else { "False" })
+    };
+    let own = made(|at, t, op, pv| format!("{}\n{}", row(at, &t, "OP", op), row(at, &t, "PV", pv)));
+    let header = "tag,time,value,status,questionable,substituted";
+    refused(read(header, &own, &Options::default()), &["column status", "--good-values"]);
+    let options = Options { good_values: Some("0".into()), ..Options::default() };
+    let table = read(header, &own, &options).expect("read");
+    let expected = own.len().div_ceil(100) * 2;
+    assert_eq!(bad(&table.record.pv), expected, "{}", table.found.read_as);
+}
+
+#[test]
+fn columns_told_by_number_need_no_header_and_comments_are_none() {
+    let numbers: Vec<String> =
+        pairs().iter().map(|(op, pv)| format!(" {:.2} {} {}", op.t, op.value, pv.value)).collect();
+    let octave = "# Created by Octave 8.4.0, Mon Jun 15 08:00:00 2026 UTC <user@pc>\n# name: data\n# type: matrix\n# rows: 1000\n\
+                  # columns: 3";
+    let number = |at: &str| Some(at.to_string());
+    let options = Options { time: number("1"), op: number("2"), pv: number("3"), ..Options::default() };
+    is_whole(read(octave, &numbers, &options), "Octave");
+}
+
+#[test]
+fn names_of_loggers_and_of_many_languages_are_known() {
+    let plain = rows(&example(), ',', iso);
+    for header in [
+        "\"Date Time, GMT+00:00\",\"OP, % (LGR S/N: 20123, SEN S/N: 20123, LBL: OP)\",\"PV, m3/h (LGR S/N: 20123, LBL: PV)\"",
+        "日時,操作量,測定値",
+        "Tid,Utsignal,Ärvärde",
+        "Время,Выход,Текущее значение",
+        "Time,PLC01\\FIC101_CV,PLC01\\FIC101_PV",
+    ] {
+        let said = is_whole(read(header, &plain, &Options::default()), header);
+        assert!(!header.contains("LGR") || said.contains("[%]") && said.contains("[m3/h]"), "{said}");
+    }
+    let long = made(|_, t, op, pv| format!("{t},PLC01\\FIC101_CV,{op}\n{t},PLC01\\FIC101_PV,{pv}"));
+    is_whole(read("Time,Tagname,Value", &long, &Options::default()), "FactoryTalk View");
+    let sided = made(|_, t, op, pv| format!("{t},{op},{t},{pv}"));
+    let header = "FIC101_OP Time,FIC101_OP ValueY,FIC101_PV Time,FIC101_PV ValueY";
+    is_whole(read(header, &sided, &Options::default()), header);
+}
+
+#[test]
+fn milliseconds_behind_whole_seconds_belong_to_them() {
+    let own = made(|at, t, op, pv| {
+        let (seconds, _) = t.split_once('.').expect("a fraction");
+        format!("{at},{seconds},{},{op},{pv}", at % 30 * 30)
+    });
+    let table =
+        read("Number,Date&Time,ms,OP,PV\nNO.,Time,ms,%,m3/h", &own, &Options::default()).expect("read");
+    assert!(table.found.read_as.contains("milliseconds from \"ms\""), "{}", table.found.read_as);
+    assert!((table.record.op[2].t.fract() - 0.06).abs() < 1e-6, "{}", table.record.op[2].t);
+}
+
+#[test]
+fn time_since_the_start_under_no_name_is_the_time() {
+    let start = BEGIN as f64;
+    let elapsed = |t: f64| format!("0 days {}", civil("%H:%M:%S%.3f", t - start));
+    is_whole(read(",OP,PV", &rows(&example(), ',', elapsed), &Options::default()), "pandas");
+}
+
+#[test]
+fn a_bit_of_automatic_beside_the_blocks_of_its_controller_is_a_mode() {
+    let own = made(|at, t, op, pv| format!("{t},{pv},{op},{}", u8::from(at >= 100)));
+    let header = "Time,CP01:FIC101.MEAS,CP01:FIC101.OUT,CP01:FIC101.MA";
+    let table = read(header, &own, &Options::default()).expect("read");
+    let manual = table.record.mode.iter().flatten().filter(|mode| mode.value == 0.0).count();
+    assert_eq!(manual, 100, "{}", table.found.read_as);
+}
+
+#[test]
+fn what_cannot_be_told_is_refused_by_what_helps() {
+    let plain = rows(&example(), ',', iso);
+    let told = Options { op: Some("FIC101.OUT".into()), ..Options::default() };
+    let cv: Vec<String> = plain.iter().map(|row| format!("{row},1")).collect();
+    refused(read("Time,FIC101.OUT,FIC101.CV,FIC101.SP", &cv, &told), &["no column pv", "FIC101.CV"]);
+
+    let twice = made(|_, t, op, pv| format!("{t},{pv},{pv},{op},{op}"));
+    let header = "Time,FIC101.PV,FIC101.PV,FIC101.OP,FIC101.OP";
+    refused(
+        read(header, &twice, &Options::default()),
+        &["columns 4, 5 are all called \"FIC101.OP\"", "--op and its number"],
+    );
+
+    let rounded = made(|_, _, op, pv| format!("1.7815E+12,{op},{pv}"));
+    refused(read("Time,OP,PV", &rounded, &Options::default()), &["rounded", "save them whole"]);
+
+    let none = made(|_, _, op, pv| format!("\t{op}\t{pv}\t")).join("\n");
+    let lvm = format!("X_Value\tOP\tPV\tComment\n{none}\n");
+    refused(of_bytes(lvm.as_bytes(), &Options::default()), &["each row needs its time"]);
+}
