@@ -92,6 +92,38 @@ async fn a_broker_that_goes_and_comes_leaves_a_mark_and_no_invented_value() {
 }
 
 #[tokio::test]
+async fn a_value_that_did_not_change_while_the_broker_was_away_is_good_again() {
+    let mut broker = Broker::start("unchanged").await;
+    let topic = ["topic = 'sp'\npath = 'v'\ntime_path = 't'"];
+    let mut watch = Watch::start(broker.port, "", &topic);
+    watch.until("connected", |health| health.connected).await;
+    let kept = r#"{"v":50,"t":1700000000000}"#;
+    broker.publish("sp", kept, &["-r"]).await;
+    assert_eq!(watch.next().await.1, Sample::good(1_700_000_000.0, 50.0));
+    broker.kill().await;
+    let mark = watch.next().await.1;
+    assert_eq!(mark.quality, DOWN);
+    let broker = Broker::with("unchanged", broker.port, "allow_anonymous true").await;
+    broker.publish("sp", kept, &["-r"]).await;
+    let back = watch.next().await.1;
+    assert!(back.quality.is_good() && back.value == 50.0 && back.t > mark.t, "{back:?} after {mark:?}");
+    watch.stop().await;
+}
+
+#[tokio::test]
+async fn more_topics_than_requests_wait_at_a_time_are_subscribed() {
+    let broker = Broker::start("many").await;
+    let topics: Vec<String> = (0..6600).map(|at| format!("topic = 'plant/tag{at}'")).collect();
+    let topics: Vec<&str> = topics.iter().map(String::as_str).collect();
+    let mut watch = Watch::start(broker.port, "", &topics);
+    for at in [0, 6599] {
+        broker.publish(&format!("plant/tag{at}"), "3", &["-r"]).await;
+        assert_eq!((watch.next().await.0, watch.health.snapshot().link_errors), (at, 0));
+    }
+    watch.stop().await;
+}
+
+#[tokio::test]
 async fn a_wrong_password_is_refused_and_the_right_one_is_read_anew() {
     let port = rig::free_port().await;
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tmp/mqtt/password");

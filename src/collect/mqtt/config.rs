@@ -271,6 +271,8 @@ impl Config {
             "a user name needs password_file or password_env, and they a user name",
         );
         unless(passwords < 2, "password_env", "there is password_file too: leave one out");
+        let named = self.password_env.as_ref().is_none_or(|name| !name.trim().is_empty());
+        unless(named, "password_env", "must name an environment variable");
         let pair = self.certificate_file.is_some() == self.key_file.is_some();
         unless(pair, "certificate_file", "certificate_file and key_file belong together");
         unless((1..=300).contains(&self.timeout_s), "timeout_s", "must be 1 to 300");

@@ -41,7 +41,7 @@ const FIRST_PAUSE: Duration = Duration::from_millis(500);
 const LOOK: Duration = Duration::from_millis(200);
 /// An edge node is asked for its births at most so often (s).
 const REBIRTH_EVERY_S: f64 = 10.0;
-/// Requests to the broker that wait to be sent.
+/// Requests to the broker that wait to be sent, beside those to subscribe.
 const REQUESTS: usize = 64;
 /// Filters in one request to subscribe.
 const FILTERS: usize = 100;
@@ -61,6 +61,8 @@ pub struct Collector {
     backoff: Backoff,
     /// When a message that could be read last came, by the steady clock (s).
     heard: f64,
+    /// When the broker last sent anything, by the steady clock (s).
+    alive: f64,
     down: bool,
     takeovers: Takeovers,
 }
@@ -94,6 +96,7 @@ impl Collector {
             topics,
             backoff: Backoff::new(FIRST_PAUSE.min(longest), longest, Pcg32::seed_from_u64(seed)),
             heard: 0.0,
+            alive: 0.0,
             down: false,
             takeovers: Takeovers::default(),
             plan,
@@ -124,7 +127,8 @@ impl Collector {
             self.edges.iter_mut().for_each(Edge::forget);
             self.asked.fill(None);
             let reason = if matches!(lost, Lost::Silent) { BadReason::Timeout } else { BadReason::LinkDown };
-            self.lose(0..self.tags.len(), reason, sink);
+            // A dead connection is noticed late: what the broker kept meanwhile is newer than its last sign of life.
+            self.lose(0..self.tags.len(), reason, self.alive, sink);
             let pause = self.backoff.failed(Instant::now());
             tokio::time::sleep(pause).await;
         }
@@ -153,6 +157,7 @@ impl Collector {
         }
         (0..self.edges.len()).for_each(|edge| self.ask_for_births(edge, &client));
         self.heard = self.steady();
+        self.alive = self.heard;
         let mut events = pin!(unfold(events, |mut events| async move {
             let event = events.poll().await;
             Some((event, events))
@@ -161,7 +166,7 @@ impl Collector {
         look.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             tokio::select! {
-                event = events.next() => match event {
+                event = events.next() => match self.noted(event) {
                     Some(Ok(Event::Incoming(Packet::Publish(publish)))) => {
                         let (topic, payload) = (&publish.topic, &publish.payload);
                         if let Some(edge) = self.message(topic, payload, publish.retain, sink) {
@@ -187,14 +192,24 @@ impl Collector {
         }
     }
 
+    /// Notes that the broker sent something.
+    fn noted<E>(&mut self, event: Option<Result<Event, E>>) -> Option<Result<Event, E>> {
+        if let Some(Ok(Event::Incoming(_))) = event {
+            self.alive = self.steady();
+        }
+        event
+    }
+
     async fn connect(&mut self) -> Result<(AsyncClient, EventLoop), Lost> {
         // Secrets and certificates are files; reading them is short, but may not be.
         let broker = self.plan.config.broker();
         let options = tokio::task::spawn_blocking(move || broker.options()).await;
         let options = options.map_err(|error| Lost::Broken(error.to_string()))?;
         let options = options.map_err(|error| Lost::Untrusted(error.to_string()))?;
+        // All requests to subscribe wait before the first is sent.
+        let room = REQUESTS + self.plan.filters().len().div_ceil(FILTERS) + self.edges.len();
         let (client, mut events) = AsyncClient::builder(options)
-            .capacity(REQUESTS)
+            .capacity(room)
             .try_build()
             .map_err(|error| Lost::Broken(error.to_string()))?;
         let limit = self.plan.config.timeout_s;
@@ -364,7 +379,7 @@ impl Collector {
             }
         }
         for (tag, reason) in lost {
-            bad += self.lose(tag..tag + 1, reason, sink);
+            bad += self.lose(tag..tag + 1, reason, came.steady, sink);
         }
         (good, bad)
     }
@@ -380,8 +395,13 @@ impl Collector {
         let tag = &self.plan.tags[at];
         let (sample, jumped) = match self.tags[at].take(tag, told, came, self.plan.config.time_fallback)? {
             Taken::Sample { sample, jumped } => (sample, jumped),
-            Taken::Again => return Ok(None),
+            // A source that says the same again is no silent one.
+            Taken::Again => {
+                self.heard = came.steady;
+                return Ok(None);
+            }
             Taken::Old => {
+                self.heard = came.steady;
                 self.health.discarded();
                 return Ok(None);
             }
@@ -399,11 +419,17 @@ impl Collector {
         Ok(Some(!bad))
     }
 
-    /// Declares tags bad; returns how many were not yet.
-    fn lose(&mut self, tags: std::ops::Range<usize>, reason: BadReason, sink: &dyn Sink) -> usize {
-        let (now, steady) = (self.clock.now(), self.steady());
+    /// Declares tags bad from `since` on (s by the steady clock); returns how many were not yet.
+    fn lose(
+        &mut self,
+        tags: std::ops::Range<usize>,
+        reason: BadReason,
+        since: f64,
+        sink: &dyn Sink,
+    ) -> usize {
+        let t = self.clock.now() - (self.steady() - since);
         let lost: Vec<(usize, Sample)> =
-            tags.filter_map(|at| Some((at, self.tags[at].lose(reason, now, steady)?))).collect();
+            tags.filter_map(|at| Some((at, self.tags[at].lose(reason, t, since)?))).collect();
         for (at, sample) in &lost {
             self.health.unusable();
             sink.sample(self.plan.tags[*at].index, *sample);
@@ -415,7 +441,7 @@ impl Collector {
         let Some(limit) = self.plan.config.stale_after_s else { return };
         for at in 0..self.tags.len() {
             if self.tags[at].is_overdue(steady, limit) {
-                self.lose(at..at + 1, BadReason::Timeout, sink);
+                self.lose(at..at + 1, BadReason::Timeout, steady, sink);
             }
         }
     }

@@ -141,6 +141,8 @@ pub(super) struct Told {
     pub(super) t: Option<f64>,
     /// What the source thinks of it.
     pub(super) quality: Quality,
+    /// Whether it comes from a buffer, after later ones.
+    pub(super) buffered: bool,
 }
 
 /// Where in the payload a tag's value stands.
@@ -187,7 +189,7 @@ fn plain_text(payload: &[u8]) -> String {
 pub(super) fn told(document: &Document, place: &Where) -> Result<Told, Refused> {
     let Some(path) = place.value else {
         let raw = plain(document, place.decimal)?;
-        return Ok(Told { raw: Some(raw), t: None, quality: Quality::Good });
+        return Ok(Told { raw: Some(raw), t: None, quality: Quality::Good, buffered: false });
     };
     let json = document.json.as_ref().ok_or(Refused::Payload)?;
     let quality = match place.quality {
@@ -205,9 +207,9 @@ pub(super) fn told(document: &Document, place: &Where) -> Result<Told, Refused> 
             Quality::Bad(reason) => reason,
             _ => BadReason::NotANumber,
         };
-        return Ok(Told { raw: None, t, quality: Quality::Bad(reason) });
+        return Ok(Told { raw: None, t, quality: Quality::Bad(reason), buffered: false });
     }
-    Ok(Told { raw: Some(number(value, place.decimal)?), t, quality })
+    Ok(Told { raw: Some(number(value, place.decimal)?), t, quality, buffered: false })
 }
 
 /// The value of a payload that is nothing but one. Its decimal sign is a text's: no JSON is meant.
@@ -311,7 +313,10 @@ mod tests {
     fn values_are_found_by_their_paths() {
         let text = r#"{"v":{"op":41.5,"a.b":[1,{"x":"2.5"}]},"t":1700000000250,"iso":"2023-11-14T23:13:20.5+01:00","q":"Good"}"#;
         let told = of(text, Some("v.op"), Some("t"), Some("q")).unwrap();
-        assert_eq!(told, Told { raw: Some(41.5), t: Some(1_700_000_000.25), quality: Quality::Good });
+        assert_eq!(
+            told,
+            Told { raw: Some(41.5), t: Some(1_700_000_000.25), quality: Quality::Good, buffered: false }
+        );
         let told = of(text, Some("$.v['a.b'][1].x"), Some("iso"), None).unwrap();
         assert_eq!((told.raw, told.t), (Some(2.5), Some(1_700_000_000.5)));
         assert_eq!(of(" 12.5\n", None, None, None).unwrap().raw, Some(12.5));

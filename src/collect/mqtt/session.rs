@@ -220,7 +220,8 @@ impl Want {
             }
             (_, quality) => quality,
         };
-        news.values.push((self.tag, Told { raw, t, quality }));
+        let buffered = metric.is_historical == Some(true);
+        news.values.push((self.tag, Told { raw, t, quality, buffered }));
     }
 }
 

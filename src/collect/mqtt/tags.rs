@@ -12,6 +12,9 @@ use crate::signal::{BadReason, Quality, Sample};
 /// little faster than the others, is still newer.
 const MARGIN_S: f64 = 0.05;
 
+/// The time from a mark to the value behind it (s), where that has no later stamp of its own.
+const STEP_S: f64 = 1e-3;
+
 /// What is known of one tag.
 #[derive(Debug)]
 pub(super) struct State {
@@ -20,6 +23,8 @@ pub(super) struct State {
     frozen: Option<Frozen>,
     /// When its last value came, by the steady clock (s).
     heard: Option<f64>,
+    /// Stamp of its last value (s).
+    last: Option<f64>,
     /// Whether it has been declared bad since.
     lost: bool,
 }
@@ -53,6 +58,7 @@ impl State {
             clock: SourceClock::default(),
             frozen: tag.frozen_after_s.map(Frozen::new),
             heard: None,
+            last: None,
             lost: false,
         }
     }
@@ -73,12 +79,25 @@ impl State {
             (None, TimeFallback::Arrival) => came.t,
             (None, TimeFallback::None) => return Err(Refused::Time),
         };
-        let order = self.series.live(t);
+        let usable = told.raw.is_some() && !matches!(told.quality, Quality::Bad(_));
+        let t = match self.series.last() {
+            // A value that did not change while it could not be had keeps its old stamp, but comes after the mark.
+            Some(mark) if self.lost && usable && t <= mark && self.last.is_some_and(|last| t <= last) => {
+                self.clock.now(came.steady).unwrap_or(came.t).max(mark + STEP_S)
+            }
+            _ => t,
+        };
+        // What was buffered is late, and no sign of a clock that was set back.
+        let order = if told.buffered { self.series.filled(t) } else { self.series.live(t) };
         match order {
             Order::New | Order::SetBack => {}
-            Order::Again => return Ok(Taken::Again),
+            Order::Again => {
+                self.heard = Some(came.steady);
+                return Ok(Taken::Again);
+            }
             Order::Old => return Ok(Taken::Old),
         }
+        self.last = Some(t);
         let set_back = order == Order::SetBack;
         let jumped = self.clock.heard(t, came.steady, came.t, set_back).is_some();
         (self.heard, self.lost) = (Some(came.steady), false);
@@ -101,14 +120,15 @@ impl State {
         Ok(Taken::Sample { sample: Sample { t, value, quality }, jumped })
     }
 
-    /// Declares the tag bad, once until its next value; the time is the source's, as far as it is known.
+    /// Declares the tag bad from `steady` on, when our clock showed `now` (s), once until its next value; the time is the
+    /// source's, as far as it is known.
     pub(super) fn lose(&mut self, reason: BadReason, now: f64, steady: f64) -> Option<Sample> {
         if std::mem::replace(&mut self.lost, true) {
             return None;
         }
         let t = self.clock.now(steady).unwrap_or(now) - MARGIN_S;
         let t = match self.series.last() {
-            Some(last) if t <= last => last + 1e-3,
+            Some(last) if t <= last => last + STEP_S,
             _ => t,
         };
         self.series.live(t).is_news().then_some(Sample { t, value: f64::NAN, quality: Quality::Bad(reason) })
@@ -139,7 +159,7 @@ mod tests {
     }
 
     fn told(raw: f64, t: Option<f64>) -> Told {
-        Told { raw: Some(raw), t, quality: Quality::Good }
+        Told { raw: Some(raw), t, quality: Quality::Good, buffered: false }
     }
 
     fn came(t: f64, retained: bool) -> Arrival {
@@ -185,6 +205,39 @@ mod tests {
         assert!(state.lose(BadReason::LinkDown, 1025.0, 1025.0).is_some_and(|mark| mark.t > 4625.0));
     }
 
+    #[test]
+    fn a_value_that_did_not_change_meanwhile_is_good_again_behind_the_mark() {
+        let (tag, fallback) = (tag(""), TimeFallback::Arrival);
+        let mut state = State::new(&tag);
+        // A set point of long ago, kept by the broker.
+        state.take(&tag, told(50.0, Some(100.0)), came(9000.0, true), fallback).unwrap();
+        let mark = state.lose(BadReason::LinkDown, 9100.0, 9100.0).unwrap();
+        let bad = Told { quality: Quality::Bad(BadReason::DeviceException), ..told(50.0, Some(100.0)) };
+        assert_eq!(state.take(&tag, bad, came(9104.0, true), fallback), Ok(Taken::Old), "no value");
+        let back = sample(state.take(&tag, told(50.0, Some(100.0)), came(9105.0, true), fallback));
+        assert!(back.quality.is_good() && back.value == 50.0 && back.t > mark.t, "{back:?}");
+        let again = state.take(&tag, told(50.0, Some(100.0)), came(9106.0, true), fallback);
+        assert_eq!(again, Ok(Taken::Old), "once");
+        assert!(
+            sample(state.take(&tag, told(51.0, Some(9110.0)), came(9110.0, false), fallback)).t == 9110.0
+        );
+    }
+
+    #[test]
+    fn what_an_edge_node_had_buffered_sets_no_clock_back() {
+        let (tag, fallback) = (tag(""), TimeFallback::Arrival);
+        let mut state = State::new(&tag);
+        state.take(&tag, told(1.0, Some(1000.0)), came(1000.0, false), fallback).unwrap();
+        for t in 900..950 {
+            let late = Told { buffered: true, ..told(2.0, Some(f64::from(t))) };
+            assert_eq!(state.take(&tag, late, came(1001.0, false), fallback), Ok(Taken::Old));
+        }
+        assert_eq!(
+            sample(state.take(&tag, told(3.0, Some(1002.0)), came(1002.0, false), fallback)).t,
+            1002.0
+        );
+    }
+
     proptest! {
         /// Samples go forward unless the clock is set back, and none has a value that was not told.
         #[test]
@@ -203,10 +256,12 @@ mod tests {
                     continue;
                 }
                 let quality = if what == 1 { Quality::Bad(BadReason::DeviceException) } else { Quality::Good };
-                let told = Told { raw: Some(raw), t, quality };
+                let told = Told { raw: Some(raw), t, quality, buffered: false };
                 let came = Arrival { t: now, steady: now, retained };
+                let lost = state.lost;
                 if let Ok(Taken::Sample { sample, .. }) = state.take(&tag, told, came, TimeFallback::Arrival) {
-                    prop_assert_eq!(sample.t, t.unwrap_or(now));
+                    // Behind a mark an old stamp is replaced.
+                    prop_assert!(sample.t == t.unwrap_or(now) || lost && sample.t >= t.unwrap_or(now));
                     let true_to_it = if what == 1 { sample.value.is_nan() } else { sample.value == raw };
                     prop_assert!(true_to_it, "{:?}", sample);
                 }

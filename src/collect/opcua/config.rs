@@ -316,6 +316,8 @@ impl Config {
             "a user name needs password_file or password_env, and they a user name",
         );
         unless(passwords < 2, "password_env", "there is password_file too: leave one out");
+        let named = self.password_env.as_ref().is_none_or(|name| !name.trim().is_empty());
+        unless(named, "password_env", "must name an environment variable");
         unless(
             self.user_certificate.is_some() == self.user_key.is_some(),
             "user_certificate",
