@@ -32,7 +32,7 @@ pub fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
     let Errors { e, gains, .. } = decided.model.errors(data, &data.y, &signals, data.len());
     let held = data.split..data.len();
     let stretch = held.len().div_ceil(STRETCHES).max(1);
-    let free = simulate(&decided.model, data, &signals, &e, data.split, stretch);
+    let free = free_run(data, decided, &e, data.split, stretch);
     let rms = |error: &dyn Fn(usize) -> f64| {
         let sum: f64 = held.clone().map(|k| counted.weight[k] * error(k).powi(2)).sum();
         let count: f64 = counted.weight[held.clone()].iter().sum();
@@ -54,8 +54,38 @@ pub fn judge(data: &IdData, decided: &Decided, counted: &IdData) -> Judged {
         residual,
         log_likelihoods,
         e,
-        free: simulate(&decided.model, data, &signals, &vec![0.0; data.len()], data.first, stretch),
+        free: free_run(data, decided, &vec![0.0; data.len()], data.first, stretch),
     }
+}
+
+/// Runs after which a gain that depends on PV is that of PV run free: each run is right for as many samples more as the dead time
+/// has, and mostly for many more.
+const RUNS: usize = 50;
+/// Change of PV at which a run repeats the one before (standard deviations of PV).
+const SAME: f64 = 1e-6;
+
+/// A model run free from sample `from` on, with errors `e` before it, anew every `stretch` samples.
+fn free_run(data: &IdData, decided: &Decided, e: &[f64], from: usize, stretch: usize) -> Vec<f64> {
+    let Decided { model, hypothesis, .. } = decided;
+    let run = |data: &IdData, of: &IdData| {
+        let signals = OnData { hypothesis, data: of }.signals(&model.theta);
+        simulate(model, data, &signals, e, from, stretch)
+    };
+    let mut free = run(data, data);
+    if !hypothesis.effects.iter().any(|effect| effect.bends()) {
+        return free;
+    }
+    // What bends with PV must not know what was measured.
+    let mut of = data.clone();
+    for _ in 0..RUNS {
+        let differs = |(own, other): (&f64, &f64)| (own - other).abs() > SAME;
+        if !of.y.iter().zip(&free).any(differs) {
+            break;
+        }
+        of.y.clone_from(&free);
+        free = run(data, &of);
+    }
+    free
 }
 
 /// What the held-out samples gain from the second model in log-likelihood, in standard deviations.
@@ -71,4 +101,34 @@ pub fn without(data: &IdData, best: &Decided, with: &Judged, at: usize) -> (Deci
     let without = decide(data, best.hypothesis.without(at), None);
     let held_out = gained(&judge(data, &without, data), with);
     (without, held_out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::residual::hypotheses::process::gain_of_pv::again;
+    use crate::residual::hypothesis::Hypothesis;
+    use crate::signal::Window;
+    use crate::sysid::valve::Start;
+
+    #[test]
+    fn a_free_run_does_not_know_what_is_measured_later() {
+        let op: Vec<f64> =
+            (0..900).map(|k| 3.0 * (0.11 * f64::from(k)).sin() + (0.43 * f64::from(k)).cos()).collect();
+        let mut pv = vec![0.0; op.len()];
+        for k in 1..pv.len() {
+            pv[k] =
+                0.8 * pv[k - 1] + 0.2 * (1.0 + 0.1 * pv[k - 1]) * op[k - 1] + 0.01 * (1.7 * k as f64).sin();
+        }
+        let window = Window { t0: 0.0, ts: 1.0, op, pv, ..Window::default() };
+        let mut data = IdData::new(&window, Start { index: 0, is_max: true }).expect("long enough");
+        let bent = Hypothesis::default().with(again(&data, 0.1).expect("a gain"));
+        let decided = decide(&data, bent, None);
+        let run = |data: &IdData| free_run(data, &decided, &vec![0.0; data.len()], data.split, data.len());
+        let before = run(&data);
+        let from = data.split + 1;
+        data.y[from..].iter_mut().for_each(|y| *y += 2.0);
+        let off = before.iter().zip(run(&data)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-4, "{off}");
+    }
 }

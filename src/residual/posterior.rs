@@ -104,6 +104,12 @@ impl<'a> Table<'a> {
         Self { rows }
     }
 
+    /// The table without these kinds.
+    pub fn without(&self, kinds: &[Kind]) -> Self {
+        let left = self.rows.iter().filter(|row| row.1.is_none_or(|kind| !kinds.contains(&kind)));
+        Self { rows: left.copied().collect() }
+    }
+
     fn log(&self, which: impl Fn(&Decided, Option<Kind>) -> bool) -> f64 {
         let logs: Vec<f64> =
             self.rows.iter().filter(|(d, kind, _)| which(d, *kind)).map(|row| row.2).collect();

@@ -99,6 +99,8 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings, closed
     let f = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f) / data.units.u;
     let valve = (f > 0.0).then(|| ValveModel::one_parameter(f));
     let (found, facts) = prepare(&mut data, settings);
+    // What competes with the declared model may call no row exact either.
+    recorded.least_scale = data.least_scale;
     // The window is too short for the friction that was found: hypotheses without it would compete with none.
     if found.is_empty() && diagnosis.verdict == Verdict::Stiction {
         return None;
@@ -229,12 +231,17 @@ fn select_confirmed(data: &IdData, settings: &Settings, found: Vec<Found>) -> Op
     }
 }
 
-/// The candidates with those that were rejected, which take their share from the others.
+/// The candidates with those that were rejected, which take their share from the others: what the likelihood gave them on the
+/// fitted samples, these share as before.
 fn with_rejected(
     candidates: Vec<(Option<Kind>, f64)>,
     rejected: &[(Kind, Evidence)],
 ) -> Vec<(Option<Kind>, f64)> {
     let mut all = candidates;
+    let sum: f64 = all.iter().map(|own| own.1).sum();
+    if sum > 0.0 {
+        all.iter_mut().for_each(|own| own.1 /= sum);
+    }
     for (kind, evidence) in rejected {
         let own = evidence.posterior(*kind);
         all.iter_mut().for_each(|other| other.1 *= 1.0 - own);
@@ -276,6 +283,8 @@ fn select(
         let none = table.best(None)?;
         let Some(next) = next else {
             let sticks = |d: &Decided| d.hypothesis.valve.is_some();
+            // What held-out samples have withdrawn says nothing of the valve either.
+            let left = table.without(&rejected.iter().map(|own| own.0).collect::<Vec<_>>());
             return Some(Outcome {
                 recorded: IdData::default(),
                 data: IdData::default(),
@@ -287,10 +296,10 @@ fn select(
                 candidates: kinds.into_iter().filter(|own| !was_rejected(own.0)).collect(),
                 friction: match decided.iter().any(sticks) {
                     // Where the feedback of all is positive friction is asked, and is not there.
-                    true => table.log_odds(|d| sticks(d)).max(f64::MIN),
+                    true => left.log_odds(sticks).max(f64::MIN),
                     false => f64::NEG_INFINITY,
                 },
-                slip_jump: slip_jump(&table),
+                slip_jump: slip_jump(&left),
             });
         };
         // Held-out samples are asked once everything is selected.
@@ -306,5 +315,18 @@ fn select(
             pool.insert(0, valve);
         }
         found = search(data, &effects, &pool, Effort::Near);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_of_the_candidates_shares_what_rejected_ones_leave() {
+        let evidence = Evidence { log_odds: 40.0, held_out: -1.1, beside_friction: false };
+        let told = with_rejected(vec![(None, 0.05)], &[(Kind::LoadStep, evidence)]);
+        let sum: f64 = told.iter().map(|own| own.1).sum();
+        assert!((sum - 1.0).abs() < 1e-12 && told[0] == (None, 1.0 - 7.0 / 84.0), "{told:?}");
     }
 }

@@ -222,6 +222,8 @@ impl Armax {
                 break;
             }
         }
+        // What explains outliers leaves lighter tails than the start had.
+        self.rate(data, &at, true);
         self
     }
 }

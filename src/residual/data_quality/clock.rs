@@ -34,6 +34,7 @@ pub fn assess(data: &mut IdData, step: f64) -> Option<Fact> {
         return None;
     }
     (data.y, data.weight) = shift.moved(&data.y, &data.weight);
+    data.known = shift.nearest(&data.known);
     Some(Fact { kind: Kind::ClockSkew, posterior, described: describe(data, shift) })
 }
 

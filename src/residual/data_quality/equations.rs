@@ -56,11 +56,23 @@ impl Shift {
         [self.first, self.last].iter().any(|by| *by <= least - LEAST || *by >= most + LEAST)
     }
 
+    /// Where PV of sample `k` of `n` stands in the record (samples).
+    fn from(&self, k: usize, n: usize) -> f64 {
+        k as f64 - self.first - (self.last - self.first) * k as f64 / n as f64
+    }
+
+    /// The same of what each sample is or is not: that of the nearest one.
+    pub fn nearest(&self, flags: &[bool]) -> Vec<bool> {
+        let n = flags.len();
+        let of = |k: usize| flags[self.from(k, n).round().clamp(0.0, n as f64 - 1.0) as usize];
+        (0..n).map(of).collect()
+    }
+
     /// PV and its weights at the right times.
     pub fn moved(&self, y: &[f64], weight: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let end = y.len() - 1;
         let each = (0..y.len()).map(|k| {
-            let at = k as f64 - self.first - (self.last - self.first) * k as f64 / y.len() as f64;
+            let at = self.from(k, y.len());
             let inside = at.clamp(0.0, end as f64);
             let (before, share) = (inside as usize, inside.fract());
             let after = (before + 1).min(end);

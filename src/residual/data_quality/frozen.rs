@@ -4,7 +4,7 @@
 //! a sensor with hysteresis have runs of all lengths. From [s], samples (-).
 
 use super::quantised::{OF_PV, quantum};
-use super::{Fact, bridge};
+use super::{Fact, bridge, is_measured};
 use crate::residual::Kind;
 use crate::residual::report::Described;
 use crate::sysid::iddata::IdData;
@@ -28,7 +28,11 @@ const ECHO: usize = 4;
 
 /// Tells a PV that stands still, bridges it and takes its samples out.
 pub fn assess(data: &mut IdData) -> Option<Fact> {
-    let runs = frozen(&data.u, &data.y)?;
+    // A missing sample neither ends a run nor makes one.
+    let at: Vec<usize> = (0..data.len()).filter(|k| is_measured(data, *k)).collect();
+    let of = |signal: &[f64]| at.iter().map(|k| signal[*k]).collect::<Vec<f64>>();
+    let runs = frozen(&of(&data.u), &of(&data.y))?;
+    let runs: Vec<(usize, usize)> = runs.into_iter().map(|(from, to)| (at[from], at[to - 1] + 1)).collect();
     let fact = Fact { kind: Kind::FrozenPv, posterior: 1.0, described: describe(data, &runs) };
     for (from, to) in runs {
         bridge(&mut data.y, from, to);
@@ -110,6 +114,21 @@ mod tests {
         freeze(&mut y, 500, 512);
         // The sample before is of the same value.
         assert_eq!(frozen(&u, &y), Some(vec![(199, 220), (499, 512)]));
+    }
+
+    #[test]
+    fn a_missing_sample_neither_ends_a_run_nor_makes_one() {
+        let (u, mut y) = signals(1e-9);
+        freeze(&mut y, 200, 290);
+        let missing = |k: usize| k == 240 || (500..540).contains(&k);
+        for k in (0..y.len()).filter(|k| missing(*k)) {
+            y[k] = y[499] + if k == 240 { 0.5 } else { 0.0 };
+        }
+        let weight = (0..y.len()).map(|k| f64::from(u8::from(!missing(k)))).collect();
+        let known = vec![false; y.len()];
+        let mut data = IdData { u, y, weight, known, ..IdData::default() };
+        let fact = assess(&mut data).expect("frozen");
+        assert!(fact.described.explanation.contains("for 91 samples"), "{}", fact.described.explanation);
     }
 
     #[test]

@@ -39,7 +39,7 @@ pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>, known: Opti
     let asked = |kind| known.is_none_or(|known| known == kind);
     let mut facts = Vec::new();
     // The step of PV belongs to PV as it was recorded: a repair puts other values in between.
-    let step = quantised::step_of(&data.y);
+    let step = quantised::step_of(&measured(data, &data.y));
     data.least_scale = quantised::error_of(step);
     // A coarse PV stands still by itself: where both are there, its steps are named first.
     if asked(Kind::QuantisedPv) {
@@ -56,6 +56,15 @@ pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>, known: Opti
         facts.extend(outliers::assess(data, stem, step));
     }
     facts
+}
+
+/// Those of a signal's samples at which PV was measured: what stands in for a missing one has no steps.
+fn measured(data: &IdData, signal: &[f64]) -> Vec<f64> {
+    (0..data.len()).filter(|k| is_measured(data, *k)).map(|k| signal[k]).collect()
+}
+
+fn is_measured(data: &IdData, k: usize) -> bool {
+    data.weight[k] > 0.0 || data.known[k]
 }
 
 /// The probability of what has these log-odds before its prior.

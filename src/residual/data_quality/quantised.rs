@@ -4,7 +4,7 @@
 //! mostly of no more than two: what the process does hardly enters them, and noise as large as a quantum makes them larger.
 //! Nothing is repaired: what lies between two steps is not in the data; its `q^2 / 12` is the error that no model removes.
 
-use super::Fact;
+use super::{Fact, is_measured, measured};
 use crate::residual::Kind;
 use crate::residual::report::Described;
 use crate::signal::told;
@@ -38,8 +38,10 @@ pub struct Quantum {
 
 /// Tells a coarse PV. That all values lie on one grid is no chance: the fact is certain.
 pub fn assess(data: &IdData) -> Option<Fact> {
-    let quantum = quantum(&data.y).filter(|quantum| quantum.size >= OF_PV)?;
-    let bends: Vec<f64> = data.y.windows(3).map(|few| (few[0] - 2.0 * few[1] + few[2]).abs()).collect();
+    let quantum = quantum(&measured(data, &data.y)).filter(|quantum| quantum.size >= OF_PV)?;
+    let whole = |k: &usize| (k - 1..=k + 1).all(|k| is_measured(data, k));
+    let bend = |k: usize| (data.y[k - 1] - 2.0 * data.y[k] + data.y[k + 1]).abs();
+    let bends: Vec<f64> = (1..data.len() - 1).filter(whole).map(bend).collect();
     (median(&bends) < (BEND + OFF) * quantum.size).then(|| Fact {
         kind: Kind::QuantisedPv,
         posterior: 1.0,
@@ -90,5 +92,20 @@ mod tests {
         let found = quantum(&coarse).expect("steps of 0.25");
         assert!((found.size - 0.25).abs() < 1e-12 && found.distinct == 9);
         assert_eq!(quantum(&fine), None);
+    }
+
+    #[test]
+    fn what_stands_in_for_missing_samples_hides_no_quantum() {
+        let coarse = |k: usize| ((0.37 * k as f64).sin() / 0.25).round() * 0.25;
+        let missing = |k: usize| k % 100 == 7;
+        let data = IdData {
+            y: (0..600).map(|k| coarse(k) + if missing(k) { 0.075 } else { 0.0 }).collect(),
+            weight: (0..600).map(|k| f64::from(u8::from(!missing(k)))).collect(),
+            known: vec![false; 600],
+            ..IdData::default()
+        };
+        assert_eq!(step_of(&data.y), 0.0, "with them there is none");
+        assert!((step_of(&measured(&data, &data.y)) - 0.25).abs() < 1e-12);
+        assert!(assess(&data).is_some());
     }
 }

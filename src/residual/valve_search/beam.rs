@@ -37,8 +37,6 @@ const PLACES: [(bool, f64); 5] = [(false, 0.0), (false, 0.5), (true, 0.0), (true
 /// The same where nothing but a slip at the same sample makes two stems one: the start is never forgotten.
 const CLOSE_PLACES: usize = 12;
 const FARTHEST_PLACE: f64 = 0.98;
-/// Longest past kept (samples).
-const KEPT: usize = LAGS_X + 9;
 
 /// What is held while thresholds are searched.
 pub struct Held<'a> {
@@ -70,7 +68,11 @@ impl<'a> Held<'a> {
     ) -> Vec<(f64, ValveModel)> {
         let data = self.data;
         let ValveModel { asymmetry, drift, .. } = *full;
-        let mut cells = Cells::new(family, at_start(data, family, range, drift, &PLACES, CLOSE_PLACES), KEPT);
+        // The process sees the stem as late as all changes of dead time together make it.
+        let effects = self.effects.effects.iter();
+        let latest: usize = effects.map(|effect| effect.delay(0).max(effect.delay(usize::MAX))).sum();
+        let starts = at_start(data, family, range, drift, &PLACES, CLOSE_PLACES);
+        let mut cells = Cells::new(family, starts, LAGS_X + 1 + latest);
         let bends = self.effects.effects.iter().any(|effect| effect.bends());
         let bend = |k: usize, x: &mut [f64]| {
             if bends {

@@ -23,8 +23,8 @@ const HIDDEN_PLACES: usize = 12;
 /// The likelihood is tempered as in the verdict: a model of a valve is nearly right only. Values of S lie `1 / 0.85` apart:
 /// the bound is the next above the last that is not excluded.
 pub fn hidden(data: &IdData, effects: &Hypothesis, bound: f64) -> f64 {
-    let shapes = effects.shapes(data);
-    let search = Search::new(data, effects, &shapes);
+    let (y, shapes) = (effects.pv(data), effects.shapes(data));
+    let search = Search::new(data, effects, (&y, &shapes));
     let none = effects.with_valve(None);
     let free = search.arx.fit(&none.to_process(data, none.stem(data).0), None);
     let (least, most) = whole(data);

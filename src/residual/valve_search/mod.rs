@@ -106,8 +106,8 @@ pub enum Effort {
 
 /// The valves that explain PV best beside the effects of `effects`, the best first and of different kinds.
 pub fn search(data: &IdData, effects: &Hypothesis, starts: &[ValveModel], effort: Effort) -> Vec<Found> {
-    let shapes = effects.shapes(data);
-    let mut search = Search::new(data, effects, &shapes);
+    let (y, shapes) = (effects.pv(data), effects.shapes(data));
+    let mut search = Search::new(data, effects, (&y, &shapes));
     starts.iter().for_each(|valve| search.rate(*valve, None));
     if matches!(effort, Effort::Whole | Effort::Grid) {
         search.grid().into_iter().take(STARTS).for_each(|valve| search.rate(valve, None));
@@ -159,10 +159,11 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(data: &'a IdData, effects: &'a Hypothesis, shapes: &'a [Vec<f64>]) -> Self {
+    /// `y`: PV less the offset of the effects.
+    fn new(data: &'a IdData, effects: &'a Hypothesis, (y, shapes): (&'a [f64], &'a [Vec<f64>])) -> Self {
         let mut full = ValveModel::default();
         effects.effects.iter().for_each(|effect| effect.on_valve(&mut full));
-        let arx = Arx::new(data, &data.y, shapes);
+        let arx = Arx::new(data, y, shapes);
         Self { data, effects, full, shapes, arx, found: Vec::new(), every: 0 }
     }
 
@@ -190,7 +191,7 @@ impl<'a> Search<'a> {
         for (rule, ratio) in STAGED {
             let family = Family { rule, ratio, resolution: 0.0 };
             let rate = |short: &IdData, valves: &[ValveModel]| {
-                self.deviances(short, &Arx::new(short, &short.y, self.shapes), valves)
+                self.deviances(short, &Arx::new(short, &self.effects.pv(short), self.shapes), valves)
             };
             let found = staged(self.data, &self.full, family, whole(self.data), rate);
             let mut taken: Vec<f64> = Vec::new();
@@ -442,7 +443,8 @@ pub fn banded(
 ) -> Vec<Proposal> {
     let (data, base) = (screen.data, screen.hypothesis());
     let Some(own) = base.valve else { return Vec::new() };
-    let arx = Arx::new(data, &data.y, &screen.signals.shapes);
+    let y = base.pv(data);
+    let arx = Arx::new(data, &y, &screen.signals.shapes);
     let fit = arx.fit(&screen.signals.x, None);
     let held = Held::new(data, base, &fit, &screen.signals.x);
     let mut family = Family { rule: own.rule, ratio: Some(own.j / own.s), resolution: own.resolution };

@@ -1,5 +1,6 @@
 use super::beam::Held;
 use super::*;
+use crate::residual::hypotheses::load::load_step::at_input;
 use crate::signal::Window;
 use crate::sysid::arx::{LAGS_X, LAGS_Y};
 use crate::sysid::valve::{Rest, Start};
@@ -125,7 +126,7 @@ fn valves_side_by_side_are_ranked_as_one_by_one() {
     for k in [300, 301, 302, 700] {
         (data.y[k], data.weight[k]) = (50.0, 0.0);
     }
-    let search = Search::new(&data, &none, &[]);
+    let search = Search::new(&data, &none, (&data.y, &[]));
     let plain = Arx::new(&data, &data.y, &[]);
     for (valve, deviance) in tried.iter().zip(search.deviances(&data, &search.arx, &tried)) {
         let (x, dir) = none.with_valve(Some(*valve)).stem(&data);
@@ -136,6 +137,21 @@ fn valves_side_by_side_are_ranked_as_one_by_one() {
             "{valve:?} {deviance} {expected}"
         );
     }
+}
+
+#[test]
+fn what_is_hidden_beside_a_shift_of_pv_is_what_was_hidden_without_it() {
+    let data = record(ValveModel::default(), 5, 0.2, first_order);
+    let mut shifted = data.clone();
+    shifted.y.iter_mut().skip(700).for_each(|y| *y += 3.0);
+    let of_pv = at_input(700, 0.0).variants().into_iter().find(|step| step.shifts_pv());
+    let mut of_pv = of_pv.expect("a step of PV");
+    of_pv.set_smooth(&[3.0]);
+    let none = Hypothesis::default();
+    let [own, beside] = [hidden(&data, &none, 7.35), hidden(&shifted, &none.with(of_pv), 7.35)];
+    assert!((own - beside).abs() < 1e-9, "{own} {beside}");
+    let unknown = hidden(&shifted, &none, 7.35);
+    assert!((unknown - own).abs() > 0.1 * own, "without the step it is another record: {unknown}");
 }
 
 #[test]

@@ -29,7 +29,7 @@ const fn words(
 }
 
 /// All of them, by kind and place.
-pub const EFFECTS: [(&str, Option<&str>, Effect); 17] = [
+pub const EFFECTS: [(&str, Option<&str>, Effect); 18] = [
     (
         "oscillating_load",
         None,
@@ -58,6 +58,16 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 17] = [
             "the load on this loop changed at one moment and stayed there",
             "Check what was opened, closed or switched at that time.",
             None,
+        ),
+    ),
+    (
+        "load_step",
+        Some("pv"),
+        words(
+            "a shift of PV",
+            "the reading of PV shifted at one moment and stayed there, without the valve having moved",
+            "Compare the transmitter with a second reading, and check what was opened or closed behind the process at that time.",
+            Some("Have the transmitter calibrated."),
         ),
     ),
     (

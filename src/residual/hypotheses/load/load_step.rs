@@ -134,7 +134,9 @@ impl EffectModel for Step {
                 format!("the load changes at {time:.1} s and stays changed, with the effect of {worth}")
             }
         };
-        Described::new(said).with("time_s", time, "s").with("size_op", size, "OP")
+        let described = Described::new(said).with("time_s", time, "s").with("size_op", size, "OP");
+        // Nothing of the load has to change for that.
+        if self.place == Place::Pv { described.at("pv") } else { described }
     }
 }
 

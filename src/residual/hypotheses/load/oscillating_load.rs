@@ -32,6 +32,8 @@ pub struct Oscillating;
 #[derive(Clone, Debug)]
 struct Load {
     w: f64,
+    /// Least w: with fewer periods a wave is no other than a drift.
+    lowest: f64,
     harmonics: &'static [usize],
 }
 
@@ -74,7 +76,7 @@ impl EffectModel for Load {
     }
     fn smooth(&self) -> Vec<Smooth> {
         let highest = HIGHEST / self.harmonics.iter().copied().max().unwrap_or(1) as f64;
-        vec![Smooth { value: self.w, step: 1e-6, bounds: (1e-4, highest) }]
+        vec![Smooth { value: self.w, step: 1e-6, bounds: (self.lowest, highest) }]
     }
     fn set_smooth(&mut self, theta: &[f64]) {
         self.w = theta[0];
@@ -102,12 +104,18 @@ impl EffectModel for Load {
     }
 }
 
+/// The angular frequency of a load with the fewest periods (rad/sample).
+fn lowest(data: &IdData) -> f64 {
+    PERIODS * TAU / data.rows().len() as f64
+}
+
 /// The load with this period and so many harmonics.
 pub fn again(data: &IdData, period_s: f64, harmonics: usize) -> Option<Box<dyn EffectModel>> {
     let harmonics = HARMONICS.into_iter().find(|known| known.len() == harmonics)?;
     let w = TAU * data.units.ts / period_s;
-    let inside = w * *harmonics.last()? as f64 <= HIGHEST && w * data.rows().len() as f64 >= PERIODS * TAU;
-    inside.then(|| Load { w, harmonics }.boxed())
+    let lowest = lowest(data);
+    let inside = w * *harmonics.last()? as f64 <= HIGHEST && w >= lowest;
+    inside.then(|| Load { w, lowest, harmonics }.boxed())
 }
 
 impl Propose for Oscillating {
@@ -127,7 +135,7 @@ impl Propose for Oscillating {
         let cost = |load: &Load| load.rate() * (n as f64).ln();
         let mut out = Vec::new();
         for w in lines {
-            let mut load = Load { w, harmonics: HARMONICS[0] };
+            let mut load = Load { w, lowest: lowest(data), harmonics: HARMONICS[0] };
             let (mut gain, mut step) = (rate(&load), 0.25 * TAU / n as f64);
             for _ in 0..5 {
                 for w in [load.w - step, load.w + step] {
