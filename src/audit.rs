@@ -44,7 +44,9 @@ pub enum AuditError {
     #[error("audit log {}: another process is writing it; a log has one writer, and a plant one stictiond", .0.display())]
     InUse(PathBuf),
     /// What is there is no unbroken log.
-    #[error("{0}; move the file away and keep it, then start again")]
+    #[error(
+        "{0}; move the file away together with its .head and its rotated files, keep them, and start again"
+    )]
     Broken(Broken),
 }
 

@@ -90,6 +90,14 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         &["url", "the address is not opc.tcp://host:port/path", "a log-in stands in user and password_env"],
     ),
     ("id = \"A\"", "id = \"A\"\nupstream = [\"B\"]", 10, &["upstream: no [[loop]] has the id \"B\""]),
+    (
+        "auto_values = [1]",
+        "auto_values = [1]\n[loop.cost]\nper_sd = 1.0\nunit = \"EUR/day\"\n[[loop]]\nid = \"B\"\nop_span = 100.0\n[loop.op]\n\
+         device = \"d\"\nregister = \"holding\"\naddress = 201\ntype = \"f32\"\n[loop.pv]\ndevice = \"d\"\n\
+         register = \"holding\"\naddress = 203\ntype = \"f32\"\n[loop.cost]\nper_sd = 1.0\nunit = \"EUR/h\"",
+        50,
+        &["unit: \"EUR/h\" here and \"EUR/day\" at \"A\"", "give all of them in one unit"],
+    ),
     ("10.0.0.5:502", "10.0.0.5:70000", 4, &["address", "is not host:port"]),
     (
         "address = \"10",
@@ -370,6 +378,30 @@ const WRONG: &[(&str, &str, usize, &[&str])] = &[
         "[[notify.smtp]]\nname = \"m\"\naddress = \"mail:25\"\nfrom = \"nobody\"\nto = [\"a@b.c\"]\n[[loop]]",
         11,
         &["from: \"nobody\" is not a mail address such as"],
+    ),
+    (
+        "[[loop]]",
+        "[tables.defaults]\ntime_unit = \"fortnight\"\n[[loop]]",
+        9,
+        &["time_unit: \"fortnight\" cannot be read", "ticks, datenum and mjd"],
+    ),
+    (
+        "[[loop]]",
+        "[[notify.webhook]]\nname = \"w\"\nurl = \"https://h/x\"\nsecret_env = \"\"\n[[loop]]",
+        11,
+        &["secret_env: must name an environment variable"],
+    ),
+    (
+        "[[loop]]",
+        "[[notify.alertmanager]]\nname = \"a\"\nurl = \"https://h\"\nuser = \"u\"\npassword_env = \"\"\n[[loop]]",
+        12,
+        &["password_env: must name an environment variable"],
+    ),
+    (
+        "[[loop]]",
+        "[notify]\npublic_url = \"https://op:geheim@stictiond.plant\"\n[[loop]]",
+        9,
+        &["public_url: must not hold a user or a password"],
     ),
     (
         "[[loop]]",

@@ -26,7 +26,7 @@ fn config(enabled: bool) -> String {
     };
     format!(
         "[writeback]\naudit_file = 'audit.log'\n[[modbus]]\nname = 'd'\naddress = '127.0.0.1:9'\naddress_base = 0\n\
-         [[loop]]\nid = 'A'\nop_span = 100.0\nop_limits = [0.0, 100.0]\nfrozen_pv_s = 60.0\n{}{}{}{}[loop.writeback]\n\
+         [[loop]]\nid = 'A'\nop_span = 100.0\nop_limits = [0.0, 100.0]\nfrozen_pv_s = 60.0\n{}{}{}{}{AUTO}[loop.writeback]\n\
          enabled = {enabled}\n{BOUNDS}",
         tag("op", 0, "f32"),
         tag("pv", 2, "f32"),
@@ -34,6 +34,9 @@ fn config(enabled: bool) -> String {
         tag("mode", 6, "u16"),
     )
 }
+
+/// Of the mode.
+const AUTO: &str = "auto_values = [1]\n";
 
 const BOUNDS: &str = "device = 'd'
 term_address = 100
@@ -84,9 +87,42 @@ fn a_configuration_that_needs_the_writer_is_refused_where_there_is_none() {
         assert_eq!((code, errors.as_str()), (Some(0), ""));
     } else {
         assert_eq!((code, errors.lines().count()), (Some(2), 1), "{errors}");
-        assert!(errors.contains(":33:11: enabled: this stictiond cannot write"), "{errors}");
+        assert!(errors.contains(":34:11: enabled: this stictiond cannot write"), "{errors}");
     }
     assert_eq!(check("off.toml", &config(false)).0, Some(0), "off it means the same to every binary");
+}
+
+/// A term in manual, and a second connection where there is one only.
+#[test]
+fn a_mode_that_does_not_say_what_automatic_is_and_a_line_of_another_are_refused() {
+    let errors = |from: &str, to: &str| {
+        let text = config(true).replacen(from, to, 1);
+        assert_ne!(text, config(true), "{from}");
+        check("manual.toml", &text).1
+    };
+    let said = errors(AUTO, "");
+    assert!(said.contains(":33:11: enabled: write-back needs auto_values in [loop.mode]"), "{said}");
+    let word = format!("register = 'holding'\naddress = 6\ntype = 'u16'\n{AUTO}");
+    for bit in [
+        "register = 'coil'\naddress = 6\n",
+        "register = 'discrete'\naddress = 6\n",
+        "register = 'holding'\naddress = 6\ntype = 'bit'\nbit = 3\n",
+    ] {
+        let said = errors(&word, bit);
+        assert!(!said.contains("auto_values"), "{bit}: {said}");
+    }
+    for line in ["framing = 'rtu'", "share_connection = true"] {
+        let said = errors("address_base = 0\n", &format!("address_base = 0\n{line}\n"));
+        let key = line.replace('\'', "\"");
+        assert!(said.contains(&format!("device: \"d\" has {key}, and write-back")), "{line}: {said}");
+    }
+    // What writes nothing may stand on any device.
+    let off = config(false).replacen(AUTO, "", 1).replacen(
+        "address_base = 0",
+        "address_base = 0\nframing = 'rtu'",
+        1,
+    );
+    assert_eq!(check("manual.toml", &off).0, Some(0));
 }
 
 #[test]
@@ -99,7 +135,7 @@ fn registers_that_another_uses_are_refused() {
     };
     // OP's second register, PV's first, the last of SP with the first of the mode; the heartbeat on the term, on OP.
     for (from, to, what) in [
-        ("term_address = 100", "term_address = 1", ":35:16: term_address: overlaps op of loop A (line "),
+        ("term_address = 100", "term_address = 1", ":36:16: term_address: overlaps op of loop A (line "),
         ("term_address = 100", "term_address = 2", "overlaps pv of loop A"),
         ("term_address = 100", "term_address = 5", "overlaps sp of loop A"),
         (

@@ -49,6 +49,10 @@ impl Security {
     /// # Errors
     /// Then what was in force stays.
     pub(super) fn reload(&self) -> Result<(), AppError> {
+        // A book that is refused must not leave new certificates in force.
+        if let Some(access) = &self.access {
+            book(access.file())?;
+        }
         if let Some(tls) = &self.tls {
             tls.reload()?;
             tracing::info!("certificates read again");
@@ -94,7 +98,7 @@ impl Security {
 }
 
 /// The book; an empty one, that lets nobody in, where there is none yet.
-fn book(path: &Path) -> Result<Book, FileError> {
+pub(super) fn book(path: &Path) -> Result<Book, FileError> {
     if path.exists() {
         return file::load(path);
     }

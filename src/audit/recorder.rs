@@ -1,6 +1,6 @@
 //! Puts everything on record: one thread that owns the audit log, so that waiting for the disk delays no timer.
 
-use super::{AuditError, Bounds, Log};
+use super::{self as audit, AuditError, Bounds, Log};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -98,21 +98,19 @@ fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool) {
     while let Ok(first) = entries.recv() {
         let mut batch = vec![first];
         batch.extend(entries.try_iter().take(BATCH));
-        let written = batch
-            .iter()
-            .try_for_each(|entry| log.append(&entry.at, entry.event, &entry.fields))
-            .and_then(|()| log.sync());
-        if let Err(error) = written {
-            // What stands in the file now may end in half a line: nothing more is written behind it.
-            failed.store(true, Relaxed);
-            tracing::error!(%error, "the audit log cannot be written: nothing is changed any more, write-back withdraws");
-            return;
-        }
-        for entry in batch {
+        let lines = match write(&mut log, &batch) {
+            Ok(lines) => lines,
+            Err(error) => {
+                // What stands in the file now may end in half a line: nothing more is written behind it.
+                failed.store(true, Relaxed);
+                tracing::error!(%error, "the audit log cannot be written: nothing is changed any more, write-back withdraws");
+                return;
+            }
+        };
+        for (entry, line) in batch.into_iter().zip(lines) {
             if let Some(done) = entry.done {
-                let last = log.last();
                 // The hash in a log elsewhere is what a forger of the file cannot reach.
-                tracing::info!(event = entry.event, n = last.n, hash = last.hash, "on record");
+                tracing::info!(event = entry.event, n = line.n, hash = line.hash, "on record");
                 // Whoever waited may have gone.
                 let _ = done.send(());
             }
@@ -120,9 +118,44 @@ fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool) {
     }
 }
 
+/// Puts entries on disk; number and hash of each one's line.
+fn write(log: &mut Log, batch: &[Entry]) -> Result<Vec<audit::Entry>, AuditError> {
+    let mut lines = Vec::with_capacity(batch.len());
+    for entry in batch {
+        log.append(&entry.at, entry.event, &entry.fields)?;
+        lines.push(log.last().clone());
+    }
+    log.sync()?;
+    Ok(lines)
+}
+
 /// RFC 3339 in UTC; a time that is none is recorded as the number it is.
 fn stamp(t: f64) -> String {
     let nanos = (t * 1e9).round();
     let stamp = jiff::Timestamp::from_nanosecond(nanos as i128).ok().filter(|_| t.is_finite());
     stamp.map_or_else(|| t.to_string(), |stamp| stamp.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_entry_of_a_batch_has_the_number_and_the_hash_of_its_own_line() {
+        let folder = std::env::temp_dir().join(format!("stictiond-recorder-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("the temporary folder is writable");
+        let path = folder.join("audit.log");
+        let bounds = Bounds { max_bytes: 1 << 20, keep_files: 1 };
+        let mut log = Log::open(&path, bounds, &stamp(0.0)).expect("opens");
+        let entry = |event| Entry { at: stamp(0.0), event, fields: Vec::new(), done: None };
+        let lines =
+            write(&mut log, &[entry("grant"), entry("approval"), entry("transition")]).expect("written");
+        let text = std::fs::read_to_string(&path).expect("text");
+        std::fs::remove_dir_all(&folder).expect("the folder is there");
+        // The first line of a file names the one before.
+        assert_eq!(lines.iter().map(|line| line.n).collect::<Vec<_>>(), [2, 3, 4]);
+        for (line, told) in text.lines().skip(1).zip(&lines) {
+            assert!(line.ends_with(&format!("#{}", told.hash)), "{line}");
+        }
+    }
 }

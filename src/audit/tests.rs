@@ -191,4 +191,6 @@ fn nothing_is_written_behind_a_broken_chain() {
     fs::write(folder.log(), text).expect("written");
     let error = Log::open(&folder.log(), WIDE, NOW).expect_err("broken").to_string();
     assert!(error.contains("line 2: changed"), "{error}");
+    // Any of them left behind would be taken for the log that a new one goes on with.
+    assert!(error.contains(".head") && error.contains("rotated files"), "{error}");
 }

@@ -16,6 +16,8 @@ const MARGIN: f64 = 0.1;
 const APART: u64 = 20;
 /// An alarm waits for so many polls at least.
 const POLLS: f64 = 3.0;
+/// What is in deploy/ ends a daemon that has not ended by itself after so long (s).
+const STOP_S: f64 = 90.0;
 
 impl Config {
     /// Each with its loop, device or receiver.
@@ -32,6 +34,7 @@ impl Config {
             out.extend(self.finer(own));
             out.extend(always_automatic(own));
             out.extend(self.term(own));
+            out.extend(slow_end(own));
         }
         out.extend(self.one_device());
         out.extend(self.idle());
@@ -258,8 +261,22 @@ fn always_automatic(own: &LoopConfig) -> Option<String> {
     })
 }
 
+/// A term that is still on its way to zero when the daemon is killed.
+fn slow_end(own: &LoopConfig) -> Option<String> {
+    let writeback = own.writeback.as_ref().filter(|own| own.enabled)?;
+    let end = writeback.longest_end_s();
+    (end > STOP_S).then(|| {
+        format!(
+            "{}.writeback: after a stop its term may take {end} s to zero (withdraw_limit_s, max_step_ms and 2 s), and what is in \
+             deploy/ kills the daemon after {STOP_S} s: allow more there, or less in withdraw_limit_s",
+            own.id
+        )
+    })
+}
+
 #[cfg(test)]
 mod tests {
+    use super::STOP_S;
     use crate::config::parse;
 
     const DEVICE: &str = "[[modbus]]\nname = 'd'\naddress = 'plc1:502'\naddress_base = 0\n";
@@ -385,19 +402,42 @@ mod tests {
             max_sample_age_ms = 5000\nmax_missed_polls_per_minute = 2\nop_margin_percent = 5.0\nsp_rate_per_s = 0.1\n\
             sp_settle_s = 60.0\nf_margin_percent = 0.2\nmeasure_s = 600.0\nprove_s = 3600.0\nise_gain = 1.5\n\
             ise_limit = 2.0\ntravel_limit = 30.0\nreversal_band_percent = 0.2\n";
-        let of = |grant_s: f64, age_s: f64| {
+        let of = |grant_s: f64, age_s: f64, limit_s: f64| {
+            let bounds =
+                bounds.replace("withdraw_limit_s = 30.0", &format!("withdraw_limit_s = {limit_s:?}"));
             let more = format!("{tags}{bounds}grant_max_s = {grant_s:?}\nevidence_max_age_s = {age_s:?}\n");
             remarks(&format!(
                 "[writeback]\naudit_file = '/var/lib/a.log'\n{DEVICE}{}",
                 of_loop(PLAIN, &more).replace("op_span", "frozen_pv_s = 60.0\nop_span")
             ))
         };
-        assert!(of(3000.0, 7200.0).contains("grant_max_s = 3000, and the gain may take prove_s = 3600"));
         assert!(
-            of(86_400.0, 1800.0).contains("evidence_max_age_s = 1800, and a diagnosis comes every 3600 s")
+            of(3000.0, 7200.0, 30.0).contains("grant_max_s = 3000, and the gain may take prove_s = 3600")
         );
-        let fine = of(86_400.0, 7200.0);
-        assert!(!fine.contains("grant_max_s") && !fine.contains("evidence_max_age_s"), "{fine}");
+        assert!(
+            of(86_400.0, 1800.0, 30.0)
+                .contains("evidence_max_age_s = 1800, and a diagnosis comes every 3600 s")
+        );
+        // With max_step_ms = 5000 and 2 s the limit is what deploy/ allows, and a second more.
+        assert!(
+            of(86_400.0, 7200.0, STOP_S - 6.0).contains("A.writeback: after a stop its term may take 91 s")
+        );
+        let fine = of(86_400.0, 7200.0, STOP_S - 7.0);
+        let told = ["grant_max_s", "evidence_max_age_s", "after a stop"];
+        assert!(!told.iter().any(|own| fine.contains(own)), "{fine}");
+    }
+
+    #[test]
+    fn what_is_in_deploy_waits_for_a_term_as_long_as_is_said_here() {
+        for (file, key) in [
+            ("systemd/stictiond.service", "TimeoutStopSec="),
+            ("compose.yml", "stop_grace_period: "),
+            ("kubernetes/stictiond.yaml", "terminationGracePeriodSeconds: "),
+        ] {
+            let path = format!("{}/deploy/{file}", env!("CARGO_MANIFEST_DIR"));
+            let text = std::fs::read_to_string(&path).expect(&path);
+            assert!(text.contains(&format!("{key}{STOP_S}")), "{file}");
+        }
     }
 
     #[test]

@@ -231,7 +231,7 @@ impl Rules<'_, '_, '_> {
                 self.tags(at, control_loop, parts);
                 self.candidates(at, control_loop, parts);
                 self.upstream(at, control_loop, parts);
-                self.cost(at, control_loop);
+                self.cost(at, control_loop, parts);
             }
         }
     }

@@ -105,7 +105,7 @@ pub async fn guard(State(context): State<Arc<Context>>, mut request: Request, ne
         return problem.into_response();
     }
     request.extensions_mut().insert(actor.clone());
-    if is_change { change(&context, actor, request, next).await } else { next.run(request).await }
+    if is_change { change(context, actor, request, next).await } else { next.run(request).await }
 }
 
 fn not_allowed(rules: &[(&str, Need)]) -> Response {
@@ -187,30 +187,50 @@ fn decide(need: Need, actor: &Actor, is_change: bool, headers: &HeaderMap) -> Re
     Ok(())
 }
 
-/// Runs a change and puts it on record with its result; without a record that works nothing is changed.
-async fn change(context: &Context, actor: Actor, request: Request, next: Next) -> Response {
-    if context.audit.as_ref().is_some_and(|audit| !audit.works()) {
+/// Runs a change and puts it on record with its result; without a record that works nothing is changed, but that a term of
+/// write-back is taken back: on the way to zero the plant comes before the record, and write-back has a log of its own.
+async fn change(context: Arc<Context>, actor: Actor, request: Request, next: Next) -> Response {
+    let works = context.audit.as_ref().is_none_or(|audit| audit.works());
+    if !works && !withdraws(&request) {
         let detail = "the audit log cannot be written, so nothing is changed; the daemon's log says why";
         return Problem::busy("audit_failed", detail).into_response();
     }
     let mut fields = asked(&actor, &request, StatusCode::OK);
     let (parts, body) = request.into_parts();
-    let bytes = match whole(body, context).await {
+    let bytes = match whole(body, &context).await {
         Ok(bytes) => bytes,
         Err(problem) => return problem.into_response(),
     };
     // A log-in puts itself on record, without the password.
     let is_session = parts.uri.path().ends_with("/session");
     let said: String = String::from_utf8_lossy(&bytes).chars().take(MOST_RECORDED).collect();
-    let response = next.run(Request::from_parts(parts, Body::from(bytes))).await;
-    if !is_session {
-        if let Some(result) = fields.iter_mut().find(|(key, _)| *key == "result") {
-            result.1 = response.status().as_u16().to_string();
+    let request = Request::from_parts(parts, Body::from(bytes));
+    to_its_end(async move {
+        let response = next.run(request).await;
+        if !is_session {
+            if let Some(result) = fields.iter_mut().find(|(key, _)| *key == "result") {
+                result.1 = response.status().as_u16().to_string();
+            }
+            fields.push(("said", said));
+            record(&context, "change", fields).await;
         }
-        fields.push(("said", said));
-        record(context, "change", fields).await;
-    }
-    response
+        response
+    })
+    .await
+}
+
+/// Whether a request takes a term of write-back back.
+fn withdraws(request: &Request) -> bool {
+    let route = request.extensions().get::<MatchedPath>();
+    route.is_some_and(|route| route.as_str().ends_with("/writeback/withdraw"))
+}
+
+/// Works to the end, whoever waits for it: a client that resets its connection leaves no change without its record.
+async fn to_its_end(work: impl Future<Output = Response> + Send + 'static) -> Response {
+    tokio::spawn(work).await.unwrap_or_else(|error| {
+        tracing::error!(%error, "a change failed");
+        Problem::internal().into_response()
+    })
 }
 
 fn asked(actor: &Actor, request: &Request, status: StatusCode) -> Vec<(&'static str, String)> {
@@ -273,5 +293,29 @@ pub async fn record(context: &Context, event: &'static str, fields: Vec<(&'stati
             }
         }
         None => tracing::info!(event, ?fields, "asked for"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+
+    #[tokio::test]
+    async fn a_change_that_was_begun_is_put_on_record_though_nobody_waits_for_it() {
+        let recorded = Arc::new(AtomicBool::new(false));
+        let own = recorded.clone();
+        let (go_on, told) = tokio::sync::oneshot::channel::<()>();
+        let change = to_its_end(async move {
+            told.await.expect("told to go on");
+            own.store(true, SeqCst);
+            Response::default()
+        });
+        // The connection is reset: whoever waited is gone.
+        assert!(timeout(Duration::from_millis(20), change).await.is_err());
+        go_on.send(()).expect("the change goes on");
+        while !recorded.load(SeqCst) {
+            tokio::task::yield_now().await;
+        }
     }
 }

@@ -7,6 +7,9 @@ use serde::Deserialize;
 use std::path::PathBuf;
 use std::time::Duration;
 
+/// What the ramp to zero may take longer than its limit, for the last answers to come.
+pub(super) const GRACE: Duration = Duration::from_secs(2);
+
 /// `[writeback]`: the audit log.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -299,6 +302,11 @@ impl LoopConfig {
             ("ise_limit", self.ise_limit, 1.0, 1e6),
             ("travel_limit", self.travel_limit, 1.0, 1e6),
         ]
+    }
+
+    /// Longest time from a stop until the daemon waits for this loop's term no more (s).
+    pub fn longest_end_s(&self) -> f64 {
+        self.withdraw_limit_s + self.max_step_ms as f64 / 1000.0 + GRACE.as_secs_f64()
     }
 
     /// The bounds as the gate keeps them, for a loop with this span and these limits of OP (OP unit).

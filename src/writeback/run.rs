@@ -1,10 +1,10 @@
 //! One task per loop: it shows the loop to the gate, puts on record what the gate says, and writes what it orders.
 
-use super::config::Target;
+use super::config::{GRACE, Target};
 use super::link::Writer;
 use crate::audit::Recorder;
 use crate::compensation::gate::{
-    Action, Event, Gate, Inputs, Limits, News, Order, Refusal, State, Status, Time, WriteFault,
+    Action, Event, Gate, Grant, Inputs, Limits, News, Order, Refusal, State, Status, Time, WriteFault,
 };
 use crate::signal::{LoopId, Sample};
 use std::collections::HashMap;
@@ -15,8 +15,6 @@ use tokio::task::JoinHandle;
 
 /// Time after which a term that has not changed is said again (s).
 const SAID_AGAIN_S: f64 = 60.0;
-/// What the ramp to zero may take longer than its limit, for the last answers to come.
-const GRACE: Duration = Duration::from_secs(2);
 
 /// Looks at a loop: the newest samples, the latest diagnosis, missed polls.
 pub type Look = Arc<dyn Fn() -> Inputs + Send + Sync>;
@@ -100,6 +98,12 @@ impl Writeback {
     /// A loop's write-back; `None` where it is not enabled.
     pub fn status(&self, id: &LoopId) -> Option<Status> {
         self.slots.get(id).map(|slot| slot.gate().status())
+    }
+
+    /// Every grant that is good or waits for its approval.
+    pub fn grants(&self) -> Vec<(LoopId, Grant)> {
+        let granted = |slot: &Arc<Slot>| Some((slot.id.clone(), slot.gate().status().grant?));
+        self.slots.values().filter_map(granted).collect()
     }
 
     /// An operator acts; `None` where write-back is not enabled. It is on record when this returns.
@@ -288,7 +292,7 @@ impl Task {
         match outcome {
             Ok(()) => self.slot.remember(now.wall, order.term()),
             Err(fault) => {
-                let why = self.writer.why().to_string();
+                let why = self.why(fault).to_string();
                 tracing::warn!(id = %self.slot.id, ?fault, why, "a term was not written");
                 let id = self.slot.id.to_string();
                 self.slot.recorder.put(now.wall, "write_failed", vec![("loop", id), ("why", why)]);
@@ -297,6 +301,14 @@ impl Task {
         let mut gate = self.slot.gate();
         gate.report(order, outcome, now);
         self.slot.record(&mut gate);
+    }
+
+    /// Why a term was not written. What cannot be put on record is not sent, so the writer knows nothing of it.
+    fn why(&self, fault: WriteFault) -> &str {
+        match fault {
+            WriteFault::Audit => "it cannot be put on record",
+            WriteFault::Failed | WriteFault::ReadBack => self.writer.why(),
+        }
     }
 }
 

@@ -1,7 +1,9 @@
-//! A binary that only reads: in the place of write-back there is nothing to start, to end or to show.
+//! A binary that only reads: in the place of write-back there is nothing to start or to show, and to end only what one that
+//! writes left behind.
 
 use super::super::AppError;
 use super::super::device::Device;
+use super::end_terms;
 use crate::audit::Recorder;
 use crate::compensation::gate::Status;
 use crate::config::Config;
@@ -12,18 +14,22 @@ use crate::serve::WritebackPort;
 use crate::signal::LoopId;
 use std::sync::Arc;
 
-pub(in crate::app) struct WritebackControl;
+pub(in crate::app) struct WritebackControl {
+    clock: Clock,
+}
 
 impl WritebackControl {
-    pub(in crate::app) fn new(_: &Config, _: Clock, _: &Arc<Results>) -> Result<Arc<Self>, AppError> {
-        Ok(Arc::new(Self))
+    pub(in crate::app) fn new(_: &Config, clock: Clock, _: &Arc<Results>) -> Result<Arc<Self>, AppError> {
+        Ok(Arc::new(Self { clock }))
     }
 
     pub(in crate::app) fn recorder(&self) -> Option<Arc<Recorder>> {
         None
     }
 
-    pub(in crate::app) fn begin(&self, _: &Config, _: &Arc<History>, _: &[Device]) {}
+    pub(in crate::app) fn begin(&self, _: &Config, history: &Arc<History>, _: &[Device]) {
+        end_terms(history, self.clock.now(), |_| false);
+    }
 
     pub(in crate::app) async fn end(&self) {}
 }

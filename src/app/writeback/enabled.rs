@@ -1,19 +1,23 @@
 //! Wires write-back: what a loop's gate sees, where its term goes, and who hears of it.
 
+mod rights;
+
 use super::super::AppError;
 use super::super::device::Device;
+use super::end_terms;
 use crate::audit::Recorder;
 use crate::compensation::gate::{Action, Evidence, Inputs, Status, Time};
 use crate::config::{self, Config};
-use crate::diagnosis::Verdict;
-use crate::history::{History, TagKind};
+use crate::diagnosis::{self, Verdict};
+use crate::history::{History, LoopTags, TagKind};
 use crate::results::Results;
 use crate::schedule::Clock;
 use crate::serve::{Acted, WritebackPort};
 use crate::signal::{LoopId, Role};
 use crate::writeback::{Clocks, Look, LoopSetup, Tell, Writeback};
-use std::collections::BTreeSet;
-use std::sync::{Arc, PoisonError, RwLock};
+use std::collections::{BTreeSet, HashMap};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 use tokio::sync::watch;
 
@@ -21,8 +25,18 @@ use tokio::sync::watch;
 pub(in crate::app) struct WritebackControl {
     clock: Clock,
     results: Arc<Results>,
+    /// The book of users and tokens, where there is a log-in; as it was at the start, because `[access]` is not reloaded.
+    book: Option<PathBuf>,
     recorder: RwLock<Option<Arc<Recorder>>>,
     current: RwLock<Option<Arc<Writeback>>>,
+    read: Mutex<HashMap<LoopId, Read>>,
+}
+
+/// How a loop is read and diagnosed, and since when (s).
+struct Read {
+    tags: LoopTags,
+    settings: diagnosis::Config,
+    since: f64,
 }
 
 impl WritebackControl {
@@ -32,8 +46,14 @@ impl WritebackControl {
         clock: Clock,
         results: &Arc<Results>,
     ) -> Result<Arc<Self>, AppError> {
-        let writeback =
-            Self { clock, results: results.clone(), recorder: RwLock::default(), current: RwLock::default() };
+        let writeback = Self {
+            clock,
+            results: results.clone(),
+            book: config.access.as_ref().map(|own| own.file.clone()),
+            recorder: RwLock::default(),
+            current: RwLock::default(),
+            read: Mutex::default(),
+        };
         writeback.open(config)?;
         Ok(Arc::new(writeback))
     }
@@ -61,9 +81,18 @@ impl WritebackControl {
         if let Err(error) = self.open(config) {
             tracing::error!(%error, "write-back stays off");
         }
-        let Some(recorder) = self.recorder() else { return };
+        self.note_how_read(config, history);
+        let recorder = self.recorder();
+        let enabled = config.loops.iter().filter(|_| recorder.is_some());
         let setups: Vec<LoopSetup> =
-            config.loops.iter().filter_map(|own| self.setup(config, own, history, devices)).collect();
+            enabled.filter_map(|own| self.setup(config, own, history, devices)).collect();
+        end_terms(history, self.clock.now(), |id| setups.iter().any(|own| own.id == *id));
+        if let Some(recorder) = recorder {
+            self.start(setups, recorder);
+        }
+    }
+
+    fn start(&self, setups: Vec<LoopSetup>, recorder: Arc<Recorder>) {
         let clock = self.clock;
         let clocks: Clocks =
             Arc::new(move || Time { mono: clock.elapsed().as_secs_f64(), wall: clock.now() });
@@ -72,16 +101,43 @@ impl WritebackControl {
             tracing::info!(%id, ?news, "write-back");
             results.tell_writeback(id, news);
         });
-        let started = Writeback::start(setups, clocks, recorder, tell);
-        *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(started));
+        let started = Arc::new(Writeback::start(setups, clocks, recorder, tell));
+        if let Some(book) = &self.book {
+            tokio::spawn(rights::follow(Arc::downgrade(&started), book.clone()));
+        }
+        *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(started);
     }
 
-    /// Ramps every term to zero and ends.
+    /// Ramps every term to zero and ends. Until then it is shown: a term that is still in force must not look like none.
     pub(in crate::app) async fn end(&self) {
-        let current = self.current.write().unwrap_or_else(PoisonError::into_inner).take();
-        if let Some(current) = current {
-            current.end().await;
+        let Some(ending) = self.current() else { return };
+        ending.end().await;
+        let mut current = self.current.write().unwrap_or_else(PoisonError::into_inner);
+        // Meanwhile a reload may have begun another.
+        current.take_if(|current| Arc::ptr_eq(current, &ending));
+    }
+
+    /// Remembers since when each loop is read and diagnosed as it is now. Results are kept by name, and what was said of it
+    /// before was said of other registers, another span or by other rules.
+    fn note_how_read(&self, config: &Config, history: &History) {
+        let now = self.clock.now();
+        let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = std::mem::take(&mut *read);
+        // At the start there are no results; whatever the clock is set to later, they are of this configuration.
+        let anew = if before.is_empty() { f64::NEG_INFINITY } else { now };
+        let settings = &config.diagnosis;
+        for tags in history.loops() {
+            let same = before.get(&tags.id).filter(|own| own.tags == *tags && own.settings == *settings);
+            let since = same.map_or(anew, |own| own.since);
+            let own = Read { tags: tags.clone(), settings: settings.clone(), since };
+            read.insert(tags.id.clone(), own);
         }
+    }
+
+    /// Since when a loop is read as it is now (s); a loop that nobody knows has not been yet.
+    fn read_since(&self, id: &LoopId) -> f64 {
+        let read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
+        read.get(id).map_or(f64::INFINITY, |own| own.since)
     }
 
     fn current(&self) -> Option<Arc<Writeback>> {
@@ -116,16 +172,22 @@ impl WritebackControl {
             target: own.target(&device.address, device.unit_id, device.address_base)?,
             pause: Duration::from_millis(own.write_ms),
             polled,
-            look: look(id.clone(), history.clone(), self.results.clone(), self.clock, missed),
+            look: look(
+                (id.clone(), self.read_since(&id)),
+                history.clone(),
+                self.results.clone(),
+                self.clock,
+                missed,
+            ),
             keep: Arc::new(move |sample| term.push(sample)),
             id,
         })
     }
 }
 
-/// A loop as its gate sees it.
+/// A loop as its gate sees it. A diagnosis that began before `since` (s) is none: it may be of what the loop was then.
 fn look(
-    id: LoopId,
+    (id, since): (LoopId, f64),
     history: Arc<History>,
     results: Arc<Results>,
     clock: Clock,
@@ -144,6 +206,7 @@ fn look(
             }
         }
         let run = results.get(&id, clock.now()).and_then(|known| known.diagnosed);
+        let run = run.filter(|run| run.started >= since);
         inputs.evidence = run.and_then(|run| {
             // By the declared model and with the effects alike: what opens a gate must not hang on an effect.
             let sticky = [&run.judged()?.diagnosis.verdict, run.judged()?.verdict()];
@@ -168,3 +231,6 @@ impl WritebackPort for WritebackControl {
         Box::pin(async move { self.current()?.act(id, action, by).await })
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -434,6 +434,26 @@ fn a_grant_ends_by_either_clock() {
 }
 
 #[test]
+fn polls_missed_within_any_minute_are_counted_together() {
+    let limits = Limits { max_missed_polls: 5, ..LIMITS };
+    let mut polls = Polls::default();
+    let mut at = |mono: f64, missed_polls: u64| {
+        let inputs = Inputs { missed_polls, ..Inputs::default() };
+        polls.missed(&inputs, Time { mono, wall: mono }, &limits)
+    };
+    // What was missed before the first look is nobody's; ten within 2 s, on both sides of the first minute's end.
+    assert_eq!([at(0.0, 3), at(59.0, 8), at(60.0, 8)], [None; 3]);
+    assert_eq!(at(61.0, 13), Some(Denial::PollOverrun));
+    assert_eq!(
+        [at(118.9, 13), at(119.1, 13)],
+        [Some(Denial::PollOverrun), None],
+        "a minute after the first five"
+    );
+    // One every 12 s is as many as are allowed.
+    assert!((0..20u32).all(|k| at(200.0 + 12.0 * f64::from(k), 14 + u64::from(k)).is_none()));
+}
+
+#[test]
 fn every_denial_has_a_code_of_its_own() {
     let codes: std::collections::BTreeSet<_> = Denial::ALL.iter().map(|denial| denial.code()).collect();
     assert_eq!(codes.len(), Denial::ALL.len());

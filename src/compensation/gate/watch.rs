@@ -1,6 +1,7 @@
 //! What takes more than one step to see: a set point that moves, polls that are missed.
 
 use super::conditions::{Denial, Inputs, Limits, Time};
+use std::collections::VecDeque;
 
 /// Missed polls are counted over this long (s).
 const POLLS_OVER_S: f64 = 60.0;
@@ -34,18 +35,28 @@ impl SetPoint {
 /// Counts missed polls.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Polls {
-    /// Since when (mono, s), and what the counter was then.
-    since: Option<(f64, u64)>,
+    /// The counter at the last step.
+    last: Option<u64>,
+    /// When polls were missed within the last minute (mono, s), and how many.
+    missed: VecDeque<(f64, u64)>,
 }
 
 impl Polls {
-    /// Whether too many were missed within the minute.
+    /// Whether too many were missed within any minute up to now.
     pub(super) fn missed(&mut self, inputs: &Inputs, now: Time, limits: &Limits) -> Option<Denial> {
-        let (since, base) = *self.since.get_or_insert((now.mono, inputs.missed_polls));
-        let too_many = inputs.missed_polls.saturating_sub(base) > limits.max_missed_polls;
-        if now.mono - since >= POLLS_OVER_S {
-            self.since = Some((now.mono, inputs.missed_polls));
+        let last = self.last.replace(inputs.missed_polls).unwrap_or(inputs.missed_polls);
+        let more = inputs.missed_polls.saturating_sub(last);
+        if more > 0 {
+            self.missed.push_back((now.mono, more));
         }
-        too_many.then_some(Denial::PollOverrun)
+        let over = |&(at, _): &(f64, u64)| now.mono - at >= POLLS_OVER_S;
+        // Each entry is one poll at least: the newest of them are too many already where there are more than allowed.
+        while self.missed.front().is_some_and(over)
+            || self.missed.len() as u64 > limits.max_missed_polls.saturating_add(1)
+        {
+            self.missed.pop_front();
+        }
+        let sum: u64 = self.missed.iter().map(|(_, more)| more).sum();
+        (sum > limits.max_missed_polls).then_some(Denial::PollOverrun)
     }
 }

@@ -36,9 +36,20 @@ impl Rules<'_, '_, '_> {
         }
     }
 
-    pub(super) fn cost(&mut self, at: usize, control_loop: &LoopConfig) {
-        for (field, message) in control_loop.cost.as_ref().map(|cost| cost.validate()).into_iter().flatten() {
+    /// Prices are added up over a source and its victims, so that all have one unit.
+    pub(super) fn cost(&mut self, at: usize, control_loop: &LoopConfig, parts: &Parts) {
+        let Some(own) = &control_loop.cost else { return };
+        for (field, message) in own.validate() {
             self.wrong(&path!["loop", at, "cost", field], format!("{field}: {message}"));
+        }
+        let priced = |other: &LoopConfig| Some((other.id.clone(), other.cost.as_ref()?.unit.clone()));
+        let first = parts.loops.iter().flatten().find_map(priced).filter(|(_, unit)| *unit != own.unit);
+        if let Some((id, unit)) = first {
+            let message = format!(
+                "unit: {:?} here and {unit:?} at {id:?}: prices are added up, so give all of them in one unit",
+                own.unit
+            );
+            self.wrong(&path!["loop", at, "cost", "unit"], message);
         }
     }
 }

@@ -177,7 +177,7 @@ kinds = ['stiktion']
         let found: Vec<String> = parse("f", &text).unwrap_err().iter().map(ToString::to_string).collect();
         let from = text.lines().position(|line| line == "[notify]").unwrap() + 1;
         for (after, expected) in [
-            (1, "public_url: \"stictiond.plant\" is not an address"),
+            (1, "public_url: is not an address"),
             (4, "url: is not encrypted"),
             (6, "events: unknown value \"razed\", did you mean \"raised\"?"),
             (8, "name: \"b/c\" must be"),

@@ -1,11 +1,11 @@
 //! Rules of write-back: registers of its own that nothing else uses, everything there that the gate has to see.
 
-use super::super::LoopConfig;
 use super::super::plant;
 use super::super::section::Parts;
 use super::super::source::Step;
+use super::super::{LoopConfig, TagConfig};
 use super::{Device, Rules, tag_path};
-use crate::collect::modbus::{self, Register};
+use crate::collect::modbus::{self, Framing, Register, ValueType};
 use crate::host::host_and_port;
 use crate::writeback;
 
@@ -77,6 +77,12 @@ impl Rules<'_, '_, '_> {
             let message = format!("enabled: write-back needs {what}, which the loop does not have");
             self.unless(!own.enabled, &here("enabled"), || message.clone());
         }
+        let told = control_loop.mode.as_ref().is_none_or(tells_automatic);
+        self.unless(!own.enabled || told, &here("enabled"), || {
+            "enabled: write-back needs auto_values in [loop.mode]: without them every mode but 0 counts as automatic, and many \
+             controllers count manual from 1"
+                .into()
+        });
         self.unless(!own.enabled || writeback::BUILT_IN, &here("enabled"), || {
             "enabled: this stictiond cannot write: it was built without the cargo feature \"writeback\"; use a build \
              that has it, or set enabled = false"
@@ -142,6 +148,14 @@ impl Rules<'_, '_, '_> {
                 device.name
             )
         });
+        if let Some(key) = not_for_two(device).filter(|_| own.enabled) {
+            let message = format!(
+                "device: {:?} has {key}, and write-back speaks Modbus/TCP over a second connection of its own: write to a \
+                 [[modbus]] that takes that, the controller itself or another gateway, or set enabled = false",
+                device.name
+            );
+            self.wrong(&here("device"), message);
+        }
         let Some(unit) = Endpoint::of(device) else { return };
         for (field, start, width) in own.registers(device.address_base) {
             let Some(start) = start.map(u32::from) else {
@@ -176,5 +190,24 @@ impl Rules<'_, '_, '_> {
             Device::Modbus(at) => parts.modbus[*at].as_ref(),
             Device::Opcua | Device::Mqtt(_) => None,
         }
+    }
+}
+
+/// Whether a mode says by itself what automatic is: a bit, or a number whose meaning is written down.
+fn tells_automatic(mode: &TagConfig) -> bool {
+    match mode {
+        TagConfig::Modbus(tag) => tag.auto_values.is_some() || tag.effective_type() == Some(ValueType::Bit),
+        TagConfig::Opcua(tag) => tag.auto_values.is_some(),
+        TagConfig::Mqtt(tag) => tag.auto_values.is_some(),
+        TagConfig::Forwarded(_) => false,
+    }
+}
+
+/// What of a device leaves no room for a connection of write-back's own.
+fn not_for_two(device: &modbus::Config) -> Option<&'static str> {
+    match (device.framing, device.share_connection) {
+        (Framing::Rtu, _) => Some("framing = \"rtu\""),
+        (Framing::Tcp, true) => Some("share_connection = true"),
+        (Framing::Tcp, false) => None,
     }
 }

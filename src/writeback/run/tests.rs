@@ -2,6 +2,7 @@ use super::*;
 use crate::audit::Bounds;
 use crate::compensation::measure::Criteria;
 use crate::writeback::config::{TermType, WordOrder};
+use std::path::Path;
 
 const LIMITS: Limits = Limits {
     clamp: 3.0,
@@ -32,15 +33,12 @@ const LIMITS: Limits = Limits {
     },
 };
 
-/// A stop that comes before the tasks had their first turn must not leave them running until the withdrawal's limit.
-#[tokio::test]
-async fn what_is_stopped_as_soon_as_it_starts_ends_at_once() {
-    let folder = std::env::temp_dir().join(format!("stictiond-run-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).expect("the temporary folder is writable");
-    let bounds = Bounds { max_bytes: 1 << 20, keep_files: 1 };
-    let recorder = Arc::new(Recorder::start(&folder.join("audit.log"), bounds, 0.0).expect("opens"));
-    let (_polls, polled) = watch::channel(0);
-    let target = Target {
+fn id() -> LoopId {
+    LoopId::new("FIC101")
+}
+
+fn target() -> Target {
+    Target {
         address: "127.0.0.1:0".into(),
         unit_id: 1,
         term: 0,
@@ -49,21 +47,49 @@ async fn what_is_stopped_as_soon_as_it_starts_ends_at_once() {
         order: WordOrder::Abcd,
         scale: 1.0,
         timeout: Duration::from_millis(100),
-    };
-    let id = LoopId::new("FIC101");
+    }
+}
+
+/// One loop in shadow, with its log in a folder.
+fn started(folder: &Path, polled: watch::Receiver<u64>) -> Writeback {
+    std::fs::create_dir_all(folder).expect("the temporary folder is writable");
+    let bounds = Bounds { max_bytes: 1 << 20, keep_files: 1 };
+    let recorder = Arc::new(Recorder::start(&folder.join("audit.log"), bounds, 0.0).expect("opens"));
     let setup = LoopSetup {
-        id: id.clone(),
+        id: id(),
         limits: LIMITS,
-        target,
+        target: target(),
         pause: Duration::from_millis(10),
         polled,
         look: Arc::new(Inputs::default),
         keep: Arc::new(|_| {}),
     };
     let clocks: Clocks = Arc::new(|| Time { mono: 0.0, wall: 0.0 });
-    let running = Writeback::start(vec![setup], clocks, recorder, Arc::new(|_, _| {}));
+    Writeback::start(vec![setup], clocks, recorder, Arc::new(|_, _| {}))
+}
+
+/// A stop that comes before the tasks had their first turn must not leave them running until the withdrawal's limit.
+#[tokio::test]
+async fn what_is_stopped_as_soon_as_it_starts_ends_at_once() {
+    let folder = std::env::temp_dir().join(format!("stictiond-run-{}", std::process::id()));
+    let (_polls, polled) = watch::channel(0);
+    let running = started(&folder, polled);
     let ended = tokio::time::timeout(Duration::from_secs(10), running.end()).await;
-    let state = running.status(&id).map(|status| status.state);
+    let state = running.status(&id()).map(|status| status.state);
     std::fs::remove_dir_all(&folder).expect("the folder is there");
     assert_eq!((ended.is_ok(), state), (true, Some(State::Disabled)));
+}
+
+/// What the writer says was about another write.
+#[tokio::test]
+async fn a_term_that_cannot_be_put_on_record_was_not_refused_by_the_device() {
+    let folder = std::env::temp_dir().join(format!("stictiond-why-{}", std::process::id()));
+    let (_polls, polled) = watch::channel(0);
+    let running = started(&folder, polled.clone());
+    let (writer, look, pause) = (Writer::new(target()), Arc::new(Inputs::default), Duration::ZERO);
+    let task = Task { slot: running.slots[&id()].clone(), writer, look, polled, pause };
+    assert_eq!(task.why(WriteFault::Audit), "it cannot be put on record");
+    assert_eq!(task.why(WriteFault::Failed), task.writer.why());
+    running.end().await;
+    std::fs::remove_dir_all(&folder).expect("the folder is there");
 }

@@ -54,7 +54,7 @@ pub fn config(plant: SocketAddr, link: SocketAddr, audit: &Path) -> String {
         tag("op", 0, "f32"),
         tag("pv", 2, "f32"),
         tag("sp", 4, "f32"),
-        tag("mode", 6, "u16"),
+        tag("mode", 6, "u16") + "auto_values = [1]\n",
         (1000.0 * HEARTBEAT_S) as u64,
         (1000.0 * STEP_S) as u64,
     )

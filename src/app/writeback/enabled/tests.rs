@@ -1,0 +1,159 @@
+use super::super::tests::{config, parts};
+use super::*;
+use crate::access::{Cost, PasswordHash, Role as Right, Roles, file};
+use crate::audit::Bounds;
+use crate::compensation::gate::State;
+use crate::diagnosis::Diagnosis;
+use crate::results::{Outcome, Run, Trigger};
+
+fn id() -> LoopId {
+    LoopId::new("A")
+}
+
+fn control(results: &Arc<Results>) -> WritebackControl {
+    WritebackControl {
+        clock: Clock::wall(),
+        results: results.clone(),
+        book: None,
+        recorder: RwLock::default(),
+        current: RwLock::default(),
+        read: Mutex::default(),
+    }
+}
+
+/// A folder of its own for each test.
+fn folder(name: &str) -> PathBuf {
+    let path = std::env::temp_dir().join(format!("stictiond-{name}-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&path);
+    std::fs::create_dir_all(&path).expect("the temporary folder is writable");
+    path
+}
+
+fn recorder(folder: &std::path::Path) -> Arc<Recorder> {
+    let bounds = Bounds { max_bytes: 1 << 20, keep_files: 1 };
+    Arc::new(Recorder::start(&folder.join("audit.log"), bounds, 0.0).expect("opens"))
+}
+
+/// The loop in shadow. Its device is gone, so that its task looks up once a second.
+fn setups() -> Vec<LoopSetup> {
+    let config = config();
+    let own = config.loops[0].writeback.as_ref().expect("configured");
+    vec![LoopSetup {
+        id: id(),
+        limits: own.limits(100.0, [0.0, 100.0]),
+        target: own.target("127.0.0.1:9", 1, 0).expect("registers"),
+        pause: Duration::from_secs(1),
+        polled: watch::Sender::new(0).subscribe(),
+        look: Arc::new(Inputs::default),
+        keep: Arc::new(|_| ()),
+    }]
+}
+
+fn stiction(started: f64) -> Run {
+    Run {
+        id: id(),
+        started,
+        finished: started + 1.0,
+        took_s: 1.0,
+        trigger: Trigger::Periodic,
+        op_span: Some(100.0),
+        basis: None,
+        outcome: Outcome::Diagnosed(Box::new(Diagnosis::bare(Verdict::Stiction, "made for a test").into())),
+    }
+}
+
+#[test]
+fn a_diagnosis_of_what_the_loop_was_before_a_reload_is_no_evidence() {
+    let config = config();
+    let (history, results) = parts(&config);
+    let see = || {
+        let look = look((id(), 1000.0), history.clone(), results.clone(), Clock::wall(), || 0);
+        look().evidence.is_some()
+    };
+    assert!(!see());
+    // It ended after the reload, and worked on samples of before.
+    results.record(stiction(999.5));
+    assert!(!see());
+    results.record(stiction(1000.5));
+    assert!(see());
+}
+
+#[test]
+fn only_a_loop_that_is_read_or_diagnosed_in_another_way_needs_another_diagnosis() {
+    let config = config();
+    let (history, results) = parts(&config);
+    let control = control(&results);
+    assert_eq!(control.read_since(&id()), f64::INFINITY);
+    let since = |config: &Config| {
+        let history = history.successor(&config.plant().expect("it was checked").loops, &config.history);
+        // Between two looks the clock has to have gone on.
+        std::thread::sleep(Duration::from_millis(2));
+        control.note_how_read(config, &history);
+        control.read_since(&id())
+    };
+    let first = since(&config);
+    assert_eq!(since(&config), first, "the same file again");
+    let mut span = config.clone();
+    span.loops[0].op_span = Some(50.0);
+    let second = since(&span);
+    assert!(second > first);
+    let mut settings = span.clone();
+    settings.diagnosis.f_threshold_percent *= 2.0;
+    let third = since(&settings);
+    assert!(third > second);
+    // What it once was, it has not been since.
+    assert!(since(&config) > third);
+}
+
+#[tokio::test]
+async fn while_it_ends_it_is_shown_and_grants_nothing() {
+    let folder = folder("ending");
+    let config = config();
+    let (_, results) = parts(&config);
+    let control = control(&results);
+    control.start(setups(), recorder(&folder));
+    // The task has looked up, and does so again after a second.
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    let asked = async {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        let granted = control.act(&id(), Action::Grant(60.0), "ann").await;
+        (control.status(&id()).map(|status| status.state), granted.map(|granted| granted.is_ok()))
+    };
+    let ((), asked) = tokio::join!(control.end(), asked);
+    assert_eq!(asked, (Some(State::Disabled), Some(false)));
+    assert_eq!(control.status(&id()), None);
+    std::fs::remove_dir_all(&folder).expect("the folder is there");
+}
+
+#[tokio::test]
+async fn a_grant_ends_with_the_right_to_give_it() {
+    let folder = folder("rights");
+    let book = folder.join("access.json");
+    let change = |what: &dyn Fn(&mut crate::access::Book)| {
+        let changed = file::change(&book, |book| {
+            what(book);
+            Ok::<_, crate::access::FileError>(())
+        });
+        changed.expect("changed");
+    };
+    change(&|book| {
+        let hash = PasswordHash::of("word", [1; 16], Cost { memory_kib: 8, passes: 1 }).expect("a cost");
+        book.add_user("ann", Roles::of(&[Right::Approver]), hash).expect("added");
+    });
+    let (_, results) = parts(&config());
+    let control = WritebackControl { book: Some(book.clone()), ..control(&results) };
+    control.start(setups(), recorder(&folder));
+    control.act(&id(), Action::Grant(60.0), "ann").await.expect("enabled").expect("granted");
+    let granted = || control.status(&id()).is_some_and(|status| status.grant.is_some());
+    // Looked at once a second.
+    tokio::time::sleep(Duration::from_millis(2500)).await;
+    assert!(granted(), "she may");
+    change(&|book| book.change_user("ann", Some(Roles::of(&[Right::Operator])), None).expect("there"));
+    let began = std::time::Instant::now();
+    while granted() {
+        assert!(began.elapsed() < Duration::from_secs(20), "she may no longer, and it stays granted");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    control.end().await;
+    std::fs::remove_dir_all(&folder).expect("the folder is there");
+}
