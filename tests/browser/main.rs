@@ -39,6 +39,13 @@ async fn an_operator_finds_believes_and_handles_a_sticking_valve() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn what_failed_is_asked_for_again_and_what_is_bad_or_of_another_time_is_shown_as_such() {
+    let rig = plant().await;
+    browse(&rig, "trouble").await;
+    rig.stop.cancel();
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn who_logs_in_may_do_what_their_role_says() {
     let rig = guarded().await;
     browse(&rig, "access").await;

@@ -11,8 +11,8 @@ use super::super::guard::{Actor, lost};
 use super::super::problem::Problem;
 use super::{event_place, off_thread};
 use crate::access::Role;
-use crate::history::Trend;
-use crate::signal::LoopId;
+use crate::history::{History, TagSpec, Trend};
+use crate::signal::{LoopId, Sample};
 use axum::extract::State;
 use axum::response::Response;
 use axum::response::sse::{Event as Frame, KeepAlive, Sse};
@@ -30,8 +30,8 @@ type Shared = State<Arc<Context>>;
 const EVERY: Duration = Duration::from_secs(1);
 /// Most samples of a tag in one event; more are thinned.
 const MOST: usize = 5000;
-/// How far behind the others a tag may be and still be heard (s).
-const LOOK_BACK_S: f64 = 3600.0;
+/// A newest sample that lies further behind what was sent (s) was stamped by a clock that was set back.
+const SET_BACK_S: f64 = 1.0;
 
 /// What the latest diagnosis saw: the window, the stem that the friction implies, and what the models leave over.
 #[utoipa::path(get, path = "/loops/{id}/evidence", tag = "loops",
@@ -70,7 +70,7 @@ pub async fn live(
     let ended = Box::pin(lost(context.clone(), actor, Role::Viewer));
     let mut ticks = tokio::time::interval(EVERY);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let seen = Seen::of(&context, &id);
+    let seen = Seen::of(&context.plant().history.latest(&id));
     let hello =
         serde_json::to_string(&EventData::Hello { time: rfc3339(context.clock.now()), resumed: false }).ok();
     let client = Client { hello, seen, context, id, ticks, _permit: permit };
@@ -91,34 +91,46 @@ struct Seen(HashMap<String, f64>);
 
 impl Seen {
     /// What is there already, which `/samples` gives.
-    fn of(context: &Context, id: &LoopId) -> Self {
-        let plant = context.plant();
-        let latest = plant.history.latest(id).into_iter();
-        let stamped = latest.filter_map(|(tag, sample)| Some((tag.kind.name().to_string(), sample?.t)));
+    fn of(latest: &[(&TagSpec, Option<Sample>)]) -> Self {
+        let stamped =
+            latest.iter().filter_map(|(tag, sample)| Some((tag.kind.name().to_string(), sample.as_ref()?.t)));
         Self(stamped.collect())
     }
 
-    /// From when on to look: a tag that has long been silent does not make the others be read in full.
-    fn from(&self) -> f64 {
-        let (least, most) = self
-            .0
-            .values()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), t| (least.min(*t), most.max(*t)));
-        if self.0.is_empty() { f64::NEG_INFINITY } else { least.max(most - LOOK_BACK_S) }
+    fn at(&mut self, tag: &TagSpec) -> &mut f64 {
+        self.0.entry(tag.kind.name().to_string()).or_insert(f64::NEG_INFINITY)
     }
 
-    /// Takes out what was sent before, and remembers the rest; false when nothing is left.
-    fn only_news(&mut self, trends: &mut [Trend]) -> bool {
-        let mut news = false;
-        for trend in trends {
-            let seen = self.0.entry(trend.tag.kind.name().to_string()).or_insert(f64::NEG_INFINITY);
+    /// From when on to look, by the newest samples; infinity where none is new. A tag that is silent does not make the
+    /// others be read in full.
+    fn from(&mut self, latest: &[(&TagSpec, Option<Sample>)]) -> f64 {
+        let mut from = f64::INFINITY;
+        for (tag, sample) in latest {
+            let Some(sample) = sample else { continue };
+            let seen = self.at(tag);
+            if sample.t < *seen - SET_BACK_S {
+                // All that the history then gives is of after that.
+                *seen = f64::NEG_INFINITY;
+            }
+            if sample.t > *seen {
+                from = from.min(*seen);
+            }
+        }
+        from
+    }
+
+    /// What came since, tag by tag; `None` when the loop is gone.
+    fn news(&mut self, history: &History, id: &LoopId) -> Option<Vec<Trend>> {
+        let from = self.from(&history.latest(id));
+        let mut trends = history.samples(id, from, f64::INFINITY, MOST)?;
+        for trend in &mut trends {
+            let seen = self.at(&trend.tag);
             trend.samples.retain(|sample| sample.t > *seen);
             if let Some(last) = trend.samples.last() {
                 *seen = last.t;
-                news = true;
             }
         }
-        news
+        Some(trends)
     }
 }
 
@@ -140,8 +152,8 @@ impl Client {
             stop.run_until_cancelled(self.ticks.tick()).await?;
             let (context, id, mut seen) = (self.context.clone(), self.id.clone(), self.seen.clone());
             let read = move || {
-                let mut trends = context.plant().history.samples(&id, seen.from(), f64::INFINITY, MOST)?;
-                let news = seen.only_news(&mut trends);
+                let trends = seen.news(&context.plant().history, &id)?;
+                let news = trends.iter().any(|trend| !trend.samples.is_empty());
                 let tags: Vec<TagSamples> = trends.iter().map(TagSamples::from).collect();
                 Some((seen, news.then(|| serde_json::to_string(&tags).ok()).flatten()))
             };
@@ -151,5 +163,52 @@ impl Client {
                 return text;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::history::{self, LoopTags, TagKind};
+    use crate::signal::{Role, SpanSource};
+
+    const NONE: Vec<f64> = Vec::new();
+
+    #[test]
+    fn a_tag_whose_clock_was_set_back_goes_on_at_once_and_from_there_only() {
+        let id = LoopId::new("FIC101");
+        let tag = |role| TagSpec { kind: TagKind::Role(role), unit: String::new(), source: String::new() };
+        let tags = LoopTags {
+            id: id.clone(),
+            tags: vec![tag(Role::Op), tag(Role::Pv)],
+            op_limits: None,
+            op_span: None,
+            op_span_source: SpanSource::default(),
+        };
+        let history = History::new(&[tags], &history::Config { samples_per_tag: 200 });
+        let push =
+            |tag, times: &[f64]| times.iter().for_each(|t| assert!(history.push(tag, Sample::good(*t, 1.0))));
+        push(0, &[9_998.0, 9_999.0]);
+        push(1, &[9_998.0, 9_999.0]);
+        let mut seen = Seen::of(&history.latest(&id));
+        let mut news = || {
+            let trends = seen.news(&history, &id).expect("the loop is there");
+            trends.iter().map(|own| own.samples.iter().map(|s| s.t).collect()).collect::<Vec<Vec<f64>>>()
+        };
+        assert_eq!(news(), [NONE, NONE], "what is there already is not news");
+        push(0, &[10_000.0]);
+        push(1, &[10_000.0]);
+        assert_eq!(news(), [vec![10_000.0], vec![10_000.0]]);
+        // Two hours back; PV comes later, and OP is heard beside a PV that lies in the future.
+        push(0, &[2800.0, 2801.0]);
+        assert_eq!(news(), [vec![2800.0, 2801.0], NONE]);
+        push(0, &[2802.0]);
+        assert_eq!(news(), [vec![2802.0], NONE]);
+        push(0, &[2803.0]);
+        push(1, &[2803.0]);
+        assert_eq!(news(), [vec![2803.0], vec![2803.0]]);
+        // A stamp that falls back by less is late, and nothing to begin anew for.
+        push(1, &[2802.5]);
+        assert_eq!(news(), [NONE, NONE]);
     }
 }

@@ -173,12 +173,14 @@ pub async fn detail(
     let known = known(&context, &id, now)?;
     let info = plant.info(&id).ok_or_else(|| Problem::unknown_loop(id.as_str()))?;
     let tags = plant.history.loops().iter().find(|tags| tags.id == id);
+    let op_span = tags.and_then(|tags| tags.op_span).and_then(finite);
+    let configured = plant.facts.f_threshold_percent.filter(|_| op_span.is_some());
     Ok(Json(LoopDetail {
         item: LoopItem::new(info, &known, now),
         period_s: info.period_s,
-        op_span: tags.and_then(|tags| tags.op_span).and_then(finite),
+        op_span,
         op_limits: tags.and_then(|tags| tags.op_limits).and_then(|(a, b)| Some([finite(a)?, finite(b)?])),
-        f_threshold: plant.facts.f_threshold_percent.and_then(finite),
+        f_threshold: LoopDetail::f_threshold(&known, configured),
         values: values(&plant, &id),
         writeback: context
             .writeback

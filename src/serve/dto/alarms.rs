@@ -173,11 +173,23 @@ impl From<FloodView> for FloodItem {
     }
 }
 
+/// A name, as the API writes it, in words.
+fn words(name: impl Serialize) -> String {
+    let name = serde_json::to_value(name).ok();
+    name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().replace(['-', '_'], " ")
+}
+
 impl AlarmState {
-    /// Its name, as the API writes it, in words.
+    /// Its name in words.
     pub fn words(self) -> String {
-        let name = serde_json::to_value(self).ok();
-        name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().replace('-', " ")
+        words(self)
+    }
+}
+
+impl AlarmKind {
+    /// Its name in words.
+    pub fn words(self) -> String {
+        words(self)
     }
 }
 

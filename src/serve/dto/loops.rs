@@ -230,7 +230,8 @@ pub struct LoopDetail {
     pub op_span: Option<f64>,
     /// Limits of OP (OP unit), where known.
     pub op_limits: Option<[f64; 2]>,
-    /// Least f that counts as stiction (`f_unit`), where it is known.
+    /// Least f that counts as stiction (`f_unit`): what the latest diagnosis went by, else what is configured, where OP's span
+    /// is known; null otherwise.
     pub f_threshold: Option<f64>,
     /// The newest sample of each tag.
     pub values: Vec<Quantity>,
@@ -238,6 +239,22 @@ pub struct LoopDetail {
     pub writeback: Option<WritebackView>,
     /// The latest run of any kind.
     pub last_run: Option<RunItem>,
+}
+
+impl LoopDetail {
+    /// See `f_threshold`; `configured`: in per cent, where OP's span is known.
+    pub fn f_threshold(known: &Known, configured: Option<f64>) -> Option<f64> {
+        let used = latest_report(known).and_then(|report| report.f_threshold);
+        used.or(configured).and_then(finite)
+    }
+}
+
+/// The report of the latest diagnosis, be it of before the start.
+fn latest_report(known: &Known) -> Option<Report> {
+    match &known.diagnosed {
+        Some(run) => Report::of(run),
+        None => Report::read(&known.restored.as_ref()?.report),
+    }
 }
 
 /// The latest diagnosis of a loop in full.
@@ -349,11 +366,7 @@ pub struct LoopModel {
 impl LoopModel {
     /// The model of the latest diagnosis and its version; `None` where nothing was ever diagnosed.
     pub fn latest(known: &Known, origin: Option<Origin>) -> Option<Self> {
-        let (run, restored, version) = (&known.diagnosed, &known.restored, &known.model);
-        let report = match run {
-            Some(run) => Report::of(run)?,
-            None => Report::read(&restored.as_ref()?.report)?,
-        };
+        let (report, version) = (latest_report(known)?, &known.model);
         let summary = known.summary.as_ref()?;
         Some(Self {
             r#loop: report.r#loop,
@@ -379,4 +392,35 @@ pub struct Begun {
     pub r#loop: String,
     /// `running`: fetch the diagnosis later, or listen to the events.
     pub state: &'static str,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::alarm;
+    use crate::diagnosis::{Diagnosis, NotIdentifiable, Verdict};
+    use crate::results::{Restored, Results};
+    use crate::signal::LoopId;
+    use std::sync::Arc;
+
+    #[test]
+    fn the_least_f_that_counts_is_in_the_unit_of_f_or_not_told() {
+        let id = LoopId::new("FIC101");
+        let results = Results::new(std::slice::from_ref(&id), 1, &alarm::Config::default());
+        let mut known = results.get(&id, 0.0).expect("it is there");
+        assert_eq!(LoopDetail::f_threshold(&known, None), None, "before the first diagnosis, without a span");
+        assert_eq!(LoopDetail::f_threshold(&known, Some(0.05)), Some(0.05));
+        // 0.05 % of the 16 mA that OP covered.
+        let nothing = Diagnosis::bare(Verdict::NotIdentifiable(NotIdentifiable::FlatPv), "made for a test");
+        let report = Report { f_threshold: Some(0.008), ..Report::from(("FIC101", &nothing)) };
+        known.restored = Some(Arc::new(Restored {
+            finished: 0.0,
+            took_s: 0.1,
+            quality: "good".into(),
+            doubtful: false,
+            structure: None,
+            report: serde_json::to_string(&report).expect("JSON").into(),
+        }));
+        assert_eq!(LoopDetail::f_threshold(&known, None), Some(0.008));
+    }
 }

@@ -23,9 +23,11 @@ pub struct GroupPictures([(String, &'static str); 4]);
 impl GroupPictures {
     /// Draws a group; `number` tells the marks of several on one page apart.
     pub fn of(number: usize, group: &Group, plant: &dyn Plant, found: &Analysis) -> Self {
-        let members = &group.members[..group.members.len().min(DRAWN)];
+        let source = group.suspects.first().map(|s| s.at);
+        let places = places(group, source);
+        let members: Vec<usize> = places.iter().map(|place| group.members[*place]).collect();
         let few: Vec<PlantLoop> = members.iter().map(|i| plant.get(*i).into_owned()).collect();
-        let drawn = Drawn { members, source: group.suspects.first().map(|s| s.at), group, found };
+        let drawn = Drawn { members: &members, places: &places, source, group, found };
         let picture = |draw: &dyn Fn(&mut String)| {
             let mut out = String::new();
             draw(&mut out);
@@ -54,17 +56,36 @@ impl GroupPictures {
     }
 }
 
+/// Which of a group's members are drawn: the strongest, and the source in the last one's stead where it is not among them.
+fn places(group: &Group, source: Option<usize>) -> Vec<usize> {
+    let mut places: Vec<usize> = (0..group.members.len().min(DRAWN)).collect();
+    let of_source = group.members.iter().position(|i| Some(*i) == source);
+    if let (Some(beyond), Some(last)) = (of_source.filter(|place| *place >= DRAWN), places.last_mut()) {
+        *last = beyond;
+    }
+    places
+}
+
 /// A group and those of its members that are drawn.
 struct Drawn<'a> {
     members: &'a [usize],
+    /// Where each of them stands in the group.
+    places: &'a [usize],
     source: Option<usize>,
     group: &'a Group,
     found: &'a Analysis,
 }
 
 impl Drawn<'_> {
+    /// gamma² of two that are drawn; 0 where it was not kept.
+    fn gamma(&self, a: usize, b: usize) -> f64 {
+        let size = (self.group.coherence.len() as f64).sqrt() as usize;
+        let (a, b) = (self.places[a], self.places[b]);
+        if a.max(b) < size { self.group.coherence[a * size + b] } else { 0.0 }
+    }
+
     fn trends(&self, out: &mut String, few: &[PlantLoop]) {
-        let Self { members, source, group, found } = *self;
+        let Self { members, source, group, found, .. } = *self;
         let height = ROW * members.len() as f64 + 8.0;
         let _ = write!(out, "<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"trends\">");
         let end = few
@@ -86,7 +107,7 @@ impl Drawn<'_> {
     }
 
     fn spectra(&self, out: &mut String, few: &[PlantLoop]) {
-        let Self { members, source, group, found } = *self;
+        let Self { members, source, group, found, .. } = *self;
         let of = Spectra::of(few);
         let height = ROW * members.len() as f64 + 22.0;
         let _ = write!(out, "<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"spectra\">");
@@ -117,16 +138,15 @@ impl Drawn<'_> {
 
     /// A tree of strongest coherence from the source: each member hangs on the one already there that it swings with most.
     fn graph(&self, out: &mut String, number: usize) {
-        let Self { members, source, group, found } = *self;
+        let Self { members, source, found, .. } = *self;
         let n = members.len();
-        let size = (group.coherence.len() as f64).sqrt() as usize;
-        let gamma = |a: usize, b: usize| group.coherence.get(a * size + b).copied().unwrap_or(0.0);
         let root = members.iter().position(|i| Some(*i) == source).unwrap_or(0);
         let (mut there, mut edges) = (vec![root], Vec::new());
         while there.len() < n {
             let left = (0..n).filter(|i| !there.contains(i));
             let pairs = left.flat_map(|i| there.iter().map(move |j| (*j, i)));
-            let Some((from, to)) = pairs.max_by(|a, b| gamma(a.0, a.1).total_cmp(&gamma(b.0, b.1))) else {
+            let Some((from, to)) = pairs.max_by(|a, b| self.gamma(a.0, a.1).total_cmp(&self.gamma(b.0, b.1)))
+            else {
                 break;
             };
             edges.push((from, to));
@@ -153,7 +173,7 @@ impl Drawn<'_> {
             let _ = write!(
                 out,
                 "<path class=\"edge\" opacity=\"{:.2}\" marker-end=\"url(#from{number})\" d=\"M{x:.1} {y:.1}L{:.1} {:.1}\"/>",
-                0.3 + 0.7 * gamma(from, to),
+                0.3 + 0.7 * self.gamma(from, to),
                 p - short * (p - x),
                 q - short * (q - y)
             );
@@ -174,8 +194,7 @@ impl Drawn<'_> {
     }
 
     fn matrix(&self, out: &mut String) {
-        let Self { members, group, found, .. } = *self;
-        let size = (group.coherence.len() as f64).sqrt() as usize;
+        let Self { members, found, .. } = *self;
         let side = (0.5 * (WIDTH - LEFT)).min(26.0 * members.len() as f64) / members.len().max(1) as f64;
         let height = side * members.len() as f64 + 8.0;
         let _ =
@@ -189,7 +208,7 @@ impl Drawn<'_> {
                 escape(&found.loops[*a].name)
             );
             for (j, b) in members.iter().enumerate() {
-                let gamma = group.coherence.get(i * size + j).copied().unwrap_or(0.0);
+                let gamma = self.gamma(i, j);
                 let _ = write!(
                     out,
                     "<rect class=\"cell\" opacity=\"{gamma:.2}\" x=\"{:.1}\" y=\"{top:.1}\" width=\"{side:.1}\" height=\"{side:.1}\"><title>{} and {}: {gamma:.2}</title></rect>",
@@ -224,4 +243,41 @@ fn line(out: &mut String, row: usize, name: &str, points: &[(f64, f64)], (from, 
         let _ = write!(out, "{px:.1},{py:.1} ");
     }
     *out += "\"/>";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plantwide::{LoopFound, Suspect};
+
+    #[test]
+    fn the_source_is_drawn_and_marked_though_many_swing_more() {
+        // L23 is the last of 24.
+        let n = 24;
+        let name = |i: usize| format!("L{i}");
+        let plant: Vec<PlantLoop> =
+            (0..n).map(|i| PlantLoop { name: name(i), ..PlantLoop::default() }).collect();
+        let loops = (0..n).map(|i| LoopFound { name: name(i), ..LoopFound::default() }).collect();
+        let mut coherence = vec![0.0; n * n];
+        coherence[23 * n + 2] = 0.75;
+        let group = Group {
+            period_s: 600.0,
+            members: (0..n).collect(),
+            coherence,
+            suspects: vec![Suspect { at: 23, probability: 0.9, ..Suspect::default() }],
+            ..Group::default()
+        };
+        let found = Analysis { loops, groups: Vec::new() };
+        let pictures = GroupPictures::of(0, &group, &plant, &found);
+        let drawn: Vec<&str> = pictures.each().map(|picture| picture.0).collect();
+        assert!(
+            drawn.iter().all(|picture| picture.contains(">L23</text>") && !picture.contains(">L15</text>"))
+        );
+        let (_, marked) = drawn[2].split_once("class=\"look\"").expect("a source");
+        assert!(marked.contains(">L23</text>") && !marked.contains(">L14</text>"), "{marked}");
+        assert!(drawn[3].contains("<title>L23 and L2: 0.75</title>"));
+        // It is where it was among the few.
+        let few = Group { members: (0..5).collect(), ..group };
+        assert_eq!(places(&few, Some(3)), [0, 1, 2, 3, 4]);
+    }
 }

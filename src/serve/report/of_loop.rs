@@ -3,6 +3,7 @@
 use super::super::dto::alarms::AlarmChangeItem;
 use super::super::dto::evidence::{EvidenceWindow, LoopEvidence};
 use super::super::dto::loops::{LoopDiagnosis, LoopItem, RunItem};
+use super::super::dto::params::AlarmKind;
 use super::super::dto::parse_time;
 use super::super::dto::plantwide::LoopHealth;
 use super::super::words::{percent, short};
@@ -27,7 +28,7 @@ pub struct Subject<'a> {
     pub evidence: Option<&'a LoopEvidence>,
     /// Its diagnoses, oldest first.
     pub runs: &'a [RunItem],
-    /// Changes of its alarm, newest first.
+    /// Changes of its alarms of every kind, newest first.
     pub alarms: &'a [AlarmChangeItem],
     /// Its indicators; without a look there are none.
     pub health: &'a LoopHealth,
@@ -151,7 +152,7 @@ fn plots(out: &mut String, subject: &Subject<'_>, evidence: &LoopEvidence) {
         }
         out.push_str("</div>");
     }
-    if let Some(plot) = over_time(subject) {
+    if let Some(plot) = over_time(subject.now, subject.runs, subject.alarms) {
         figure(out, &plot);
     }
 }
@@ -224,18 +225,19 @@ fn curve(found: &LoopDiagnosis) -> Option<Plot> {
     })
 }
 
-/// f over the diagnoses that are remembered (h before now).
-fn over_time(subject: &Subject<'_>) -> Option<Plot> {
-    let now = subject.now.and_then(parse_time)?;
+/// f over the diagnoses that are remembered (h before now), with the alarms that it raised.
+fn over_time(now: Option<&str>, runs: &[RunItem], alarms: &[AlarmChangeItem]) -> Option<Plot> {
+    let now = now.and_then(parse_time)?;
     let before = |time: &Option<String>| Some((time.as_deref().and_then(parse_time)? - now) / 3600.0);
     let of = |value: &dyn Fn(&RunItem) -> Option<f64>| -> Vec<(f64, f64)> {
-        subject.runs.iter().filter_map(|run| Some((before(&run.time)?, value(run)?))).collect()
+        runs.iter().filter_map(|run| Some((before(&run.time)?, value(run)?))).collect()
     };
     let f = of(&|run| run.f);
     if f.len() < 2 {
         return None;
     }
-    let raised = subject.alarms.iter().filter(|change| change.cause == "raised");
+    let raised =
+        alarms.iter().filter(|change| change.kind == AlarmKind::Stiction && change.cause == "raised");
     let limits = |side: usize| of(&move |run| run.f_ci95.map(|limits| limits[side]));
     let bounds = [series("95 % interval", "sp", limits(0)), series("", "sp", limits(1))];
     Some(Plot {
@@ -254,12 +256,13 @@ fn history(out: &mut String, alarms: &[AlarmChangeItem]) {
     if alarms.is_empty() {
         return;
     }
-    out.push_str("<h2>Alarm</h2><table><thead><tr><th>Time</th><th>What</th><th>Who</th><th>Remark</th></tr></thead><tbody>");
+    out.push_str("<h2>Alarms</h2><table><thead><tr><th>Time</th><th>Kind</th><th>What</th><th>Who</th><th>Remark</th></tr></thead><tbody>");
     for change in alarms.iter().take(20) {
         let _ = write!(
             out,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             when(change.time.as_deref()),
+            change.kind.words(),
             change.cause.replace('_', " "),
             escape(change.by.as_deref().unwrap_or_default()),
             escape(change.comment.as_deref().unwrap_or_default())
@@ -282,4 +285,56 @@ fn work_order(out: &mut String) {
         let _ = write!(out, "<tr><th scope=\"row\">{line}</th><td></td></tr>");
     }
     out.push_str("</tbody></table>");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::dto::params::{AlarmPriority, AlarmState};
+    use super::*;
+    use crate::results::{Summary, Trigger};
+
+    fn raised(kind: AlarmKind) -> AlarmChangeItem {
+        AlarmChangeItem {
+            id: "FIC101".into(),
+            r#loop: Some("FIC101".into()),
+            kind,
+            priority: AlarmPriority::High,
+            time: Some("2026-01-01T01:00:00Z".into()),
+            from: AlarmState::Normal,
+            to: AlarmState::Unacknowledged,
+            cause: "raised".into(),
+            detail: String::new(),
+            grouped: false,
+            by: None,
+            comment: None,
+        }
+    }
+
+    fn run(time: f64) -> RunItem {
+        RunItem::from(&Summary {
+            time,
+            took_s: 0.1,
+            trigger: Trigger::Periodic,
+            outcome: "stiction".into(),
+            reason_code: None,
+            reason: String::new(),
+            f_in_percent: true,
+            f: Some(2.0),
+            f_ci95: Some([1.9, 2.1]),
+            delta_aic: Some(100.0),
+            compensated: None,
+        })
+    }
+
+    #[test]
+    fn an_alarm_of_another_kind_is_told_as_such_and_is_no_mark_over_f() {
+        let alarms = [raised(AlarmKind::TagBad), raised(AlarmKind::Stiction)];
+        // 2026-01-01T00:00:00Z and a minute later.
+        let runs = [1_767_225_600.0, 1_767_225_660.0].map(run);
+        let plot = over_time(Some("2026-01-01T02:00:00Z"), &runs, &alarms).expect("two diagnoses");
+        assert_eq!(plot.marks, [(-1.0, "alarm")]);
+        let mut table = String::new();
+        history(&mut table, &alarms);
+        assert!(table.contains("<td>tag bad</td>") && table.contains("<td>stiction</td>"), "{table}");
+    }
 }

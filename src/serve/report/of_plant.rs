@@ -5,9 +5,10 @@ use super::super::dto::params::AlarmState;
 use super::super::words::short;
 use super::{document, when};
 use crate::plot::escape;
+use crate::results::f_unit;
 use std::fmt::Write;
 
-/// A bar is full at this f.
+/// A bar is full at this f (% OP); in other units nobody knows what is bad, and there is none.
 const FULL: f64 = 5.0;
 
 /// All loops, worst first.
@@ -65,7 +66,8 @@ pub fn friction_words(item: &LoopItem) -> String {
 
 fn row(out: &mut String, item: &LoopItem) {
     let sticks = item.verdict.as_deref() == Some("stiction");
-    let bar = item.f.filter(|_| sticks).map_or_else(String::new, |f| {
+    let drawn = sticks && item.f_unit.as_deref() == Some(f_unit(true));
+    let bar = item.f.filter(|_| drawn).map_or_else(String::new, |f| {
         let width = 100.0 * (f / FULL).clamp(0.0, 1.0);
         format!(
             "<svg class=\"bar\" viewBox=\"0 0 100 10\" preserveAspectRatio=\"none\" aria-hidden=\"true\">\
@@ -86,4 +88,39 @@ fn row(out: &mut String, item: &LoopItem) {
         if item.alarm == AlarmState::Normal { String::new() } else { item.alarm.words() },
         when(item.time.as_deref()),
     );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::alarm;
+    use crate::results::{Results, Summary, Trigger};
+    use crate::serve::LoopInfo;
+    use crate::signal::LoopId;
+
+    #[test]
+    fn a_bar_stands_for_per_cent_and_nothing_else() {
+        let id = LoopId::new("FIC101");
+        let results = Results::new(std::slice::from_ref(&id), 1, &alarm::Config::default());
+        let info =
+            LoopInfo { id: id.clone(), description: String::new(), group: String::new(), period_s: 60.0 };
+        let bars = |f_in_percent| {
+            let mut known = results.get(&id, 0.0).expect("it is there");
+            known.summary = Some(Summary {
+                time: 0.0,
+                took_s: 0.1,
+                trigger: Trigger::Periodic,
+                outcome: "stiction".into(),
+                reason_code: None,
+                reason: String::new(),
+                f_in_percent,
+                f: Some(2.0),
+                f_ci95: Some([1.9, 2.1]),
+                delta_aic: Some(100.0),
+                compensated: None,
+            });
+            of_plant(&[LoopItem::new(&info, &known, 0.0)], None).matches("<svg").count()
+        };
+        assert_eq!([bars(true), bars(false)], [1, 0]);
+    }
 }

@@ -32,7 +32,9 @@ function machine(own) {
 
 export function fleetView(main, _parts, query) {
   let over = false, typing = null, asked = 0;
-  const wanted = { q: query.get("q") ?? "", group: query.get("group") ?? "" };
+  // Null asks for nothing; the unit of loops without one is "".
+  const wanted = { q: query.get("q") || null, group: query.get("group") };
+  const filters = () => Object.entries(wanted).filter(([, v]) => v !== null);
   const summary = h("p", { class: "summary", role: "status" }, "loading …"), machines = h("tbody"), units = h("tbody"), found = h("tbody");
   const choose = (group) => {
     set("group", group);
@@ -40,27 +42,27 @@ export function fleetView(main, _parts, query) {
   };
   const map = plantMap(choose), further = h("p", { class: "summary" });
   const search = h("input", { type: "search", name: "q", maxlength: "100", placeholder: "loop or description" });
-  const only = h("button", { type: "button", hidden: true, on: { click: () => set("group", "") } });
+  const only = h("button", { type: "button", hidden: true, on: { click: () => set("group", null) } });
   const shown = h("p", { class: "summary", role: "status" }), more = h("button", { type: "button", hidden: true }, "More");
   const list = h("section", { class: "card wide", "aria-label": "Loops" }, h("h2", null, "Loops"), h("form", { class: "tools", role: "search", on: { submit: (event) => event.preventDefault() } }, h("label", null, "Find", search), only), shown,
     scroll("Loops that were found", table(["Loop", "Description", "Unit", "State", "Friction", "Diagnosed"], found)), more);
   main.append(h("div", { class: "head" }, h("h1", null, "Fleet")), summary,
     h("section", { class: "card wide", "aria-label": "Map" }, h("h2", null, "Sites and units"), map.element, legend(), scroll("Units", table(["Site", "Unit", "Loops", "Alarms", "Acknowledged", "Sticks, no alarm yet", "Cannot be told", "Sound"], units)), further),
     list, h("section", { class: "card wide", "aria-label": "Machines" }, h("h2", null, "Machines"), scroll("Machines", table(["Site", "Machine", "Role", "Version", "State", "Loops", "Behind", "Clock", "Diagnoses", "Runs since", "Certificate until"], machines))));
-  search.value = wanted.q;
+  search.value = wanted.q ?? "";
 
   function set(name, value) {
     wanted[name] = value;
-    const kept = Object.entries(wanted).filter(([, v]) => v);
+    const kept = filters();
     history.replaceState(null, "", kept.length ? `#/fleet?${new URLSearchParams(kept)}` : "#/fleet");
     find(null);
   }
 
   async function find(after) {
     const mine = ++asked;
-    only.hidden = !wanted.group;
-    only.textContent = `only ${wanted.group} ✕`;
-    const asking = new URLSearchParams({ limit: String(PAGE), ...Object.fromEntries(Object.entries(wanted).filter(([, v]) => v)) });
+    only.hidden = wanted.group === null;
+    only.textContent = `only ${wanted.group || "no unit"} ✕`;
+    const asking = new URLSearchParams({ limit: String(PAGE), ...Object.fromEntries(filters()) });
     if (after) asking.set("after", after);
     try {
       const page = await get(`/loops?${asking}`);
@@ -108,7 +110,7 @@ export function fleetView(main, _parts, query) {
 
   search.addEventListener("input", () => {
     clearTimeout(typing);
-    typing = setTimeout(() => set("q", search.value.trim()), TYPING_MS);
+    typing = setTimeout(() => set("q", search.value.trim() || null), TYPING_MS);
   });
   show();
   find(null);

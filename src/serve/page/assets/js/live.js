@@ -1,6 +1,6 @@
 // The loops as the daemon knows them, kept fresh by server-sent events. Many events ask for one refresh.
 
-import { events, get, loopPath } from "./api.js";
+import { events, get, loopPath, orNull } from "./api.js";
 
 /** By name. */
 export const loops = new Map();
@@ -26,9 +26,14 @@ function noted(list) {
   state.timeAt = performance.now();
 }
 
+/** How long ago a time is (s), by the plant's clock; null while nobody has told what that says. */
+export const since = (time) => (time && state.time !== null ? Math.max(0, (state.time + performance.now() - state.timeAt - Date.parse(time)) / 1000) : null);
+
 // Few changes are fetched one by one, many as pages; the first page is small, so that the worst loops show at once.
 // Of very many only the worst are held: the page of the fleet lists all of them.
 const FEW = 12, FIRST = 300, PAGE = 1000, MOST = 5000;
+// From this severity on a loop is to be looked at.
+const LOOK = 2;
 
 async function refresh() {
   pending = null;
@@ -40,8 +45,9 @@ async function refresh() {
   try {
     if (whole) await pages();
     else {
-      const items = await Promise.all(names.map((id) => get(loopPath(id)).catch(() => null)));
-      for (const item of items) if (item && loops.has(item.id)) loops.set(item.id, item);
+      // Any error but that a loop is gone is one of all: what changed is asked for again.
+      const items = await Promise.all(names.map((id) => orNull(get(loopPath(id)))));
+      names.forEach((id, i) => keep(id, items[i]));
       tell("loops", new Set(names));
     }
   } catch (error) {
@@ -52,6 +58,12 @@ async function refresh() {
   } finally {
     working = false;
   }
+}
+
+// What gets to be one of the worst is held from then on; the next whole list lets go of what no longer is.
+function keep(id, item) {
+  if (!item) loops.delete(id);
+  else if (loops.has(id) || item.severity >= LOOK) loops.set(id, item);
 }
 
 async function pages() {

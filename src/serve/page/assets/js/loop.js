@@ -4,13 +4,16 @@ import { get, href, loopPath, orNull, post } from "./api.js";
 import { acknowledge, shelve, unshelve } from "./actions.js";
 import { h, scroll, toast } from "./dom.js";
 import { ago, friction, lasting, percent, short, when } from "./format.js";
-import { listen, touch } from "./live.js";
+import { listen, since, touch } from "./live.js";
 import { drawEvidence } from "./evidence.js";
 import { health } from "./health.js";
 import { opinionsPanel } from "./opinions.js";
 import { may } from "./session.js";
 import { isShelved, kindOf, mayAck, mayShelve, VERDICTS, words } from "./states.js";
 import { trend } from "./trend.js";
+
+const RETRY_MS = 5000;
+const AGE_MS = 30_000; // How often it is said anew how long ago the diagnosis is.
 
 const card = (title, size, ...children) => h("section", { class: `card ${size}`, "aria-label": title }, h("header", null, h("h2", null, title)), ...children);
 const pairs = (list) => list.map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value)));
@@ -19,9 +22,10 @@ const pairs = (list) => list.map(([name, value]) => h("div", null, h("dt", null,
 const reading = (tag, value) => (tag === "mode" && value !== null ? (value === 1 ? "automatic" : "manual") : short(value));
 
 export function loopView(main, [id]) {
-  let over = false, endTrend = null, showing = null, alarms = [];
+  let over = false, endTrend = null, showing = null, retry = null, diagnosed = null, alarms = [];
   const head = h("div", { class: "head" }, h("a", { class: "back", href: "#/" }, "← Plant"), h("h1", null, id), h("p"));
   const banner = h("section", { class: "verdict", "aria-label": "Verdict" });
+  const age = h("span");
   const values = h("dl", { class: "values", "aria-label": "Latest values" });
   const boxes = Object.fromEntries(["trend", "pvop", "stem", "position", "aic", "months", "effects", "series", "spectrum", "acf", "ccf", "facts", "runs", "writeback", "opinions", "health"].map((name) => [name, h("div")]));
   const figure = (name, caption, keys) => h("figure", { id: name }, boxes[name], keys ? h("div", { class: "keys" }, keys.map(([look, text]) => h("span", { class: look }, text))) : null, h("figcaption", null, caption));
@@ -69,18 +73,33 @@ export function loopView(main, [id]) {
     const f = report && report.verdict !== "not_identifiable" ? ` · f = ${friction(report)} · ${report.posterior === null ? `evidence ${short(report.delta_aic, 3)}` : `probability of friction ${percent(report.posterior)}`}` : "";
     const acts = [mayAck(state) && button("Acknowledge", () => acted(acknowledge), true), isShelved(state) ? button("Unshelve", () => acted(unshelve)) : mayShelve(state) && button("Shelve …", () => acted(shelve)),
       button("Diagnose now", run), h("a", { class: "button", href: href(`${loopPath(id)}/report.html`), target: "_blank", rel: "noopener" }, "Report")];
+    diagnosed = report?.time ?? null;
+    age.textContent = ago(report?.age_s);
+    age.title = when(diagnosed);
     const focused = banner.contains(document.activeElement) ? document.activeElement.textContent : null;
-    banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, said ? said.words : "Not diagnosed yet."), h("p", null, `${kind.label}${f}${report ? ` · diagnosed ${ago(report.age_s)}` : ""}${detail.failure ? ` · latest run: ${words(detail.failure)}` : ""}`),
+    banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, said ? said.words : "Not diagnosed yet."), h("p", null, `${kind.label}${f}`, report ? [" · diagnosed ", age] : null, detail.failure ? ` · latest run: ${words(detail.failure)}` : null),
       detail.swings_with ? h("p", null, "It swings with ", h("a", { href: `#/loop/${encodeURIComponent(detail.swings_with)}` }, detail.swings_with), ` and is expected to calm down when ${detail.swings_with} does: see the `, h("a", { href: "#/work" }, "work list"), ".") : null,
       detail.other_alarms?.length ? h("p", { class: "others" }, h("a", { href: "#/alarms" }, "Other alarms"), `: ${detail.other_alarms.map((one) => `${words(one.kind)}, ${words(one.state)}`).join("; ")}`) : null), h("div", { class: "acts" }, acts));
     if (focused) [...banner.querySelectorAll("button, a")].find((one) => one.textContent === focused)?.focus();
   }
 
+  // What was said when it was fetched grows old.
+  function grow() {
+    const seconds = since(diagnosed);
+    if (seconds !== null) age.textContent = ago(seconds);
+  }
+
+  // A value that is not good says why.
+  function drawValue(box, { tag, value, unit, quality }) {
+    const good = quality === "good";
+    box.classList.toggle("bad", !good);
+    box.lastChild.replaceChildren(reading(tag, value), " ", h("small", null, good ? unit : `${unit} ${quality}`));
+    return box;
+  }
+
   function drawValues(list) {
-    values.replaceChildren(...list.map((v) => {
-      const good = v.quality === "good";
-      return h("div", { class: good ? null : "bad", "data-tag": v.tag }, h("dt", null, ["op", "pv", "sp", "mv"].includes(v.tag) ? v.tag.toUpperCase() : v.tag), h("dd", null, reading(v.tag, v.value), " ", h("small", null, `${v.unit}${good ? "" : ` ${v.quality}`}`)));
-    }));
+    const name = (tag) => (["op", "pv", "sp", "mv"].includes(tag) ? tag.toUpperCase() : tag);
+    values.replaceChildren(...list.map((v) => drawValue(h("div", { "data-tag": v.tag }, h("dt", null, name(v.tag)), h("dd")), v)));
   }
 
   function drawEffects(report, said, origin) {
@@ -133,9 +152,10 @@ export function loopView(main, [id]) {
 
   async function show() {
     const mine = (showing = {});
+    clearTimeout(retry);
     try {
       const detail = await get(loopPath(id)), told = (part) => (detail.verdict ? orNull(get(`${loopPath(id)}/${part}`)) : null);
-      const [report, evidence, model, runs, log] = await Promise.all([told("diagnosis"), told("evidence"), told("model"), get(`${loopPath(id)}/diagnoses?limit=2000`), get(`/alarms/history?limit=500&loop=${encodeURIComponent(id)}`)]);
+      const [report, evidence, model, runs, log] = await Promise.all([told("diagnosis"), told("evidence"), told("model"), get(`${loopPath(id)}/diagnoses?limit=2000`), get(`/alarms/history?limit=500&kind=stiction&loop=${encodeURIComponent(id)}`)]);
       if (over || mine !== showing) return;
       alarms = log.items;
       head.lastChild.textContent = [detail.description, detail.group].filter(Boolean).join(" · ");
@@ -154,22 +174,32 @@ export function loopView(main, [id]) {
       const draw = () => drawEvidence(boxes, { detail, report, evidence, runs: runs.items, alarms });
       await draw();
       redraw = () => (second.redraw(), draw());
-      endTrend ??= await begin(report);
+      if (!endTrend) await begin(report);
     } catch (error) {
-      if (!over) banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, error.status === 404 ? `There is no loop ${id}.` : "The loop cannot be fetched."), h("p", null, error.message)));
+      if (over) return;
+      if (error.status !== 404) retry = setTimeout(show, RETRY_MS);
+      if (mine === showing) banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, error.status === 404 ? `There is no loop ${id}.` : "The loop cannot be fetched."), h("p", null, error.message)));
     }
   }
 
+  function drawNewest(tags) {
+    for (const { tag, unit, value, quality } of tags) {
+      const box = values.querySelector(`[data-tag="${CSS.escape(tag)}"]`);
+      if (box && value.length) drawValue(box, { tag, unit, value: value.at(-1), quality: quality.at(-1) });
+    }
+  }
+
+  // Once a visit; where it fails, with the next fetch.
   async function begin(report) {
     endTrend = () => {};
-    const end = await trend(boxes.trend, id, report?.oscillation?.period_s, (tags) => {
-      for (const tag of tags) {
-        const box = values.querySelector(`[data-tag="${CSS.escape(tag.tag)}"] dd`);
-        if (box && tag.value.length) box.firstChild.data = reading(tag.tag, tag.value.at(-1));
-      }
-    });
-    if (over) end();
-    return end;
+    try {
+      const end = await trend(boxes.trend, id, report?.oscillation?.period_s, drawNewest);
+      if (over) end();
+      else endTrend = end;
+    } catch (error) {
+      endTrend = null;
+      throw error;
+    }
   }
 
   let redraw = () => {};
@@ -179,9 +209,12 @@ export function loopView(main, [id]) {
   addEventListener("resize", resized);
   addEventListener("recolour", recoloured);
   const end = listen((name, data) => ["diagnosis", "alarm", "writeback"].includes(name) && data.loop === id && show());
+  const timer = setInterval(grow, AGE_MS);
   show();
   return () => {
     over = true;
+    clearInterval(timer);
+    clearTimeout(retry);
     end();
     endTrend?.();
     removeEventListener("resize", resized);

@@ -3,8 +3,7 @@
 import { all, get } from "./api.js";
 import { byId, memory, toast } from "./dom.js";
 import { ago, when } from "./format.js";
-import { begin, listen, loops, state } from "./live.js";
-import { kindOf } from "./states.js";
+import { begin, listen, state } from "./live.js";
 import { plantView } from "./plant.js";
 import { logOut, may, session, whoAmI } from "./session.js";
 
@@ -78,7 +77,23 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => disp
   theme(stored in THEMES ? stored : "auto");
 }
 
-function bar(name) {
+// Of every kind, those of collectors too, which are of no loop. Many changes ask for one count.
+let counting = null;
+const recount = (milliseconds) => (counting ??= setTimeout(count, milliseconds));
+
+async function count() {
+  counting = null;
+  try {
+    const { total } = await get("/alarms?state=unacknowledged&limit=1"), badge = byId("alarm-count");
+    badge.hidden = total === 0;
+    badge.textContent = String(total);
+    badge.title = `${total} unacknowledged`;
+  } catch {
+    recount(5000);
+  }
+}
+
+function bar(name, data) {
   if (name === "link") {
     const link = byId("link");
     link.textContent = state.link === "live" ? "live" : "no connection: what is shown is old";
@@ -86,13 +101,8 @@ function bar(name) {
     link.classList.toggle("good", state.link === "live");
   }
   if (name === "failed") toast("the loops cannot be fetched; trying again", true);
-  if (name !== "loops") return;
-  const others = (item) => (item.other_alarms ?? []).filter((one) => one.state === "unacknowledged").length;
-  const alarms = [...loops.values()].reduce((sum, item) => sum + (kindOf(item).key === "unacknowledged" ? 1 : 0) + others(item), 0);
-  const count = byId("alarm-count");
-  count.hidden = alarms === 0;
-  count.textContent = String(alarms);
-  count.title = `${alarms} unacknowledged`;
+  // A whole list comes at the beginning, and after changes of which nothing was heard.
+  if (name === "alarm" || (name === "loops" && data === null)) recount(400);
 }
 
 async function collectors() {

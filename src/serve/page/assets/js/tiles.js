@@ -1,11 +1,11 @@
 // One loop as a tile. Tiles live as long as their loops; a refresh changes what changed.
 
 import { h } from "./dom.js";
-import { ago, friction, short } from "./format.js";
+import { friction, short, when } from "./format.js";
 import { kindOf, words } from "./states.js";
 
-// The bar in a tile is full at this f (% OP): more is as bad.
-const FULL = 5;
+// The bar in a tile is full at this f (% OP): more is as bad. In other units nobody knows what is bad, and there is none.
+const FULL = 5, PERCENT = "% OP";
 
 const made = new Map();
 
@@ -36,8 +36,8 @@ export function tileOf(item) {
   tile.tag.textContent = item.failure ? `${kind.short} run failed` : kind.short;
   tile.text.textContent = item.description || item.group;
   tile.value.textContent = valueOf(item);
-  tile.bar.style.width = sticks ? `${Math.min(100, (100 * item.f) / FULL)}%` : "0";
-  const lines = [`${item.id}: ${kind.label}`, item.description, item.group, item.words, item.verdict && item.verdict !== "not_identifiable" && `f ${friction(item)}`, item.doubtful && "other methods contradict this", item.failure && `latest run: ${words(item.failure)}`, item.age_s !== null && `diagnosed ${ago(item.age_s)}`];
+  tile.bar.style.width = sticks && item.f_unit === PERCENT ? `${Math.min(100, (100 * item.f) / FULL)}%` : "0";
+  const lines = [`${item.id}: ${kind.label}`, item.description, item.group, item.words, item.verdict && item.verdict !== "not_identifiable" && `f ${friction(item)}`, item.doubtful && "other methods contradict this", item.failure && `latest run: ${words(item.failure)}`, item.time && `diagnosed ${when(item.time)}`];
   tile.link.title = lines.filter(Boolean).join("\n");
   tile.link.setAttribute("aria-label", [item.id, kind.label, sticks && `f ${friction(item)}`, item.description, item.group].filter(Boolean).join(", "));
   return tile.link;

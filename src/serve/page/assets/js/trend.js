@@ -11,7 +11,10 @@ export function charts() {
   library ??= new Promise((done, fail) => {
     const script = h("script", { src: "vendor/uplot.min.js" });
     script.addEventListener("load", () => done(window.uPlot));
-    script.addEventListener("error", () => fail(new Error("the chart library cannot be loaded")));
+    script.addEventListener("error", () => {
+      library = null;
+      fail(new Error("the chart library cannot be loaded"));
+    });
     document.head.append(h("link", { rel: "stylesheet", href: "vendor/uplot.min.css" }), script);
   });
   return library;
@@ -40,6 +43,9 @@ export function chart(uPlot, box, series, options) {
 
 const SPANS = [["10 min", 600], ["1 h", 3600], ["8 h", 28800]];
 const SYNC = "trend";
+const SET_BACK_S = 1; // Stamps that fall back by more are those of a clock that was set back.
+
+const last = (time) => Date.parse(time.at(-1)) / 1000;
 
 /** The trends of a loop in `box`; `period` (s) of its oscillation chooses the first span. Returns what ends it. */
 export async function trend(box, id, period, onValues) {
@@ -47,6 +53,8 @@ export async function trend(box, id, period, onValues) {
   const columns = new Map();
   let span = period ? Math.max(60, 12 * period) : 1800, fixed = null, newest = 0, plots = [], shown = [], asked = 0, over = false, reach = null, waiting = [];
   const units = new Map();
+  // Time of each tag's newest sample (s).
+  const latest = new Map();
   const above = h("div"), below = h("div"), readout = h("p", { class: "note", "aria-live": "off" }, " ");
   const follow = h("button", { type: "button", on: { click: () => live() } }, "Live");
   const button = (text, label, act) => h("button", { type: "button", "aria-label": label, title: label, on: { click: act } }, text);
@@ -71,18 +79,18 @@ export async function trend(box, id, period, onValues) {
   const zoom = (factor, at = 0.5) => (([from, to]) => fix(from + (1 - factor) * at * (to - from), to - (1 - factor) * (1 - at) * (to - from)))(window_());
 
   async function load() {
-    const mine = ++asked, [from, to] = window_();
+    const mine = ++asked, first = !newest, [from, to] = window_();
     const query = new URLSearchParams({ points: String(Math.max(600, 2 * Math.round(frame.clientWidth || 600))) });
-    if (newest) query.set("from", new Date(1000 * from).toISOString());
-    if (newest && fixed) query.set("to", new Date(1000 * to).toISOString());
+    if (!first) query.set("from", new Date(1000 * from).toISOString());
+    if (!first && fixed) query.set("to", new Date(1000 * to).toISOString());
     // What arrives while this is fetched comes after it.
     waiting = [];
     const found = await get(`${loopPath(id)}/samples?${query}`);
     if (mine !== asked || over) return;
-    const first = !newest;
     if (!fixed) for (const tag of found.tags) columns.delete(tag.tag);
     else columns.clear();
     take(found.tags);
+    reached(found.tags);
     if (!fixed) waiting.forEach(take);
     if (first) {
       const starts = found.tags.map((tag) => Date.parse(tag.time[0]) / 1000).filter(Number.isFinite);
@@ -103,8 +111,25 @@ export async function trend(box, id, period, onValues) {
         column[0].push(t);
         column[1].push(tag.value[i]);
       });
-      newest = Math.max(newest, column[0].at(-1) ?? 0);
     }
+  }
+
+  // The right edge goes with what is new. What is known of a silent tag is not: it may be of before a clock was set back.
+  function reached(tags) {
+    for (const { tag, time } of tags) {
+      const t = last(time);
+      if (!(t > (latest.get(tag) ?? 0))) continue;
+      latest.set(tag, t);
+      newest = Math.max(newest, t);
+    }
+  }
+
+  // Whether the clock of a tag was set back: then the right edge goes back, too.
+  function setBack(tags) {
+    if (!tags.some(({ tag, time }) => last(time) < latest.get(tag) - SET_BACK_S)) return false;
+    newest = 0;
+    for (const { tag, time } of tags) if (time.length) latest.delete(tag);
+    return true;
   }
 
   function build() {
@@ -160,12 +185,17 @@ export async function trend(box, id, period, onValues) {
   function heard(event) {
     const tags = JSON.parse(event.data);
     onValues?.(tags);
-    waiting.push(tags);
-    waiting.splice(0, waiting.length - 30);
-    if (fixed) {
-      tags.forEach((tag) => tag.time.length && (newest = Math.max(newest, Date.parse(tag.time.at(-1)) / 1000)));
+    const back = setBack(tags);
+    reached(tags);
+    if (back && !fixed) {
+      // What is drawn is of another time.
+      columns.clear();
+      load();
       return;
     }
+    waiting.push(tags);
+    waiting.splice(0, waiting.length - 30);
+    if (fixed) return;
     take(tags);
     // What has left the screen goes, now and then.
     for (const column of columns.values()) {
@@ -187,17 +217,26 @@ export async function trend(box, id, period, onValues) {
   const resize = new ResizeObserver(() => plots.forEach((plot, i) => plot.setSize({ width: Math.max(200, frame.clientWidth), height: i ? 190 : 230 })));
   resize.observe(frame);
   const recolour = () => {
+    // Before the first samples there is nothing to paint anew.
+    if (!plots.length) return;
     build();
     paint();
   };
   addEventListener("recolour", recolour);
-  await load();
-  return () => {
+  function end() {
     over = true;
     stream?.close();
     document.removeEventListener("visibilitychange", open);
     resize.disconnect();
     removeEventListener("recolour", recolour);
     plots.forEach((plot) => plot.destroy());
-  };
+  }
+  try {
+    await load();
+  } catch (error) {
+    end();
+    box.replaceChildren();
+    throw error;
+  }
+  return end;
 }
