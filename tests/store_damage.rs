@@ -6,9 +6,14 @@ mod damage;
 
 use damage::{Content, copy, damage as hurt, made, samples, sweep};
 use rand::SeedableRng;
+use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
-use stictiond::store::{self, Config, Reader, Store};
+use stictiond::alarm::AlarmId;
+use stictiond::app::App;
+use stictiond::schedule::Clock;
+use stictiond::signal::LoopId;
+use stictiond::store::{self, AlarmRow, Batch, Config, DiagnosisRow, Reader, Row, Store};
 
 fn folder(name: &str) -> PathBuf {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("damage-{name}-{}", std::process::id()));
@@ -82,5 +87,52 @@ fn a_damaged_store_fails_until_it_is_repaired() {
     let mut reader = Reader::open(&own).expect("there");
     assert_eq!(damage::content(&reader), truth);
     assert!(samples(&mut reader) > 0);
+    fs::remove_dir_all(place).expect("removed");
+}
+
+/// A run that cannot be read, as a version that wrote it wrongly would leave it: every other loop comes back, and every state.
+#[tokio::test]
+async fn what_cannot_be_read_of_one_loop_keeps_nothing_else_back() {
+    let place = folder("one-loop");
+    let own = place.join("store");
+    let mut text = format!(
+        "[store]\nfolder = {own:?}\n[[modbus]]\nname = 'd'\naddress = '127.0.0.1:9'\naddress_base = 0\n"
+    );
+    let mut rows = Vec::new();
+    for (at, id) in ["A", "B"].into_iter().enumerate() {
+        let tag = |role: &str, address: usize| {
+            format!("[loop.{role}]\ndevice = 'd'\nregister = 'input'\naddress = {address}\ntype = 'u16'\n")
+        };
+        let (op, pv) = (tag("op", 2 * at), tag("pv", 2 * at + 1));
+        write!(text, "[[loop]]\nid = '{id}'\n{op}{pv}").expect("a string takes everything");
+        let (control_loop, kind, outcome) = (id.to_string(), "stiction".to_string(), "stiction".to_string());
+        let run = DiagnosisRow {
+            control_loop: control_loop.clone(),
+            finished: 1e9,
+            outcome,
+            ..DiagnosisRow::default()
+        };
+        let alarm = AlarmRow { control_loop, kind, active: true, acknowledged: true, ..AlarmRow::default() };
+        rows.extend([Row::Diagnosis(run), Row::Alarm(alarm)]);
+    }
+    let mut store = Store::open(&Config::new(&own)).expect("opens");
+    store.write(&Batch { series: Vec::new(), rows }).expect("writes");
+    drop(store);
+    let db = rusqlite::Connection::open(own.join("store.db")).expect("opens");
+    db.execute("UPDATE diagnoses SET finished = 'then' WHERE control_loop = 'A'", []).expect("writes");
+    drop(db);
+    // It is what was written: nobody is to take it for damage.
+    for name in ["store.sum", "store.ack"] {
+        fs::remove_file(own.join(name)).expect("there");
+    }
+    let config = stictiond::config::parse("plant.toml", &text).expect("sound");
+    let app = App::build(config, Clock::wall(), App::diagnosis()).expect("sound");
+    let runs = ["A", "B"].map(|id| app.results().summaries(&LoopId::new(id)).map(|runs| runs.len()));
+    assert_eq!(runs, [Some(0), Some(1)]);
+    for id in ["A/stiction", "B/stiction"] {
+        let alarm = app.results().alarm(&AlarmId::named(id), 2e9).expect("there");
+        assert_eq!((alarm.active, alarm.state.as_str()), (true, "acknowledged"), "{id}");
+    }
+    drop(app);
     fs::remove_dir_all(place).expect("removed");
 }

@@ -78,11 +78,13 @@ impl BackfillPort for BackfillJobs {
     fn begin(&self, request: BackfillRequest) -> Result<BackfillRun, BackfillRefusal> {
         let config = lock(&self.shared.config).clone();
         // Where it is kept does not change by a reload.
+        let store = self.shared.persistence.configured();
+        if let Some(why) = store.as_ref().and_then(|own| too_old(&request, own, self.shared.clock.now())) {
+            return Err(BackfillRefusal::TooOld(why));
+        }
         let past = match &request.file {
             Some(file) => Past::File(Box::new(file::named(file, &request.id, &config.tables)?)),
-            None => {
-                Past::Store(Box::new(self.shared.persistence.configured().ok_or(BackfillRefusal::NoStore)?))
-            }
+            None => Past::Store(Box::new(store.ok_or(BackfillRefusal::NoStore)?)),
         };
         let mut job = lock(&self.shared.job);
         if job.as_ref().is_some_and(|(job, _)| job.phase.runs()) {
@@ -268,6 +270,18 @@ impl Shared {
     }
 }
 
+/// Why nothing is read from devices: what is older than samples are kept in full is thinned as soon as it is stored, which is
+/// before it is diagnosed.
+fn too_old(request: &BackfillRequest, store: &store::Config, now: f64) -> Option<String> {
+    let (days, kept) = ((now - request.from) / DAY_S, store.samples_days);
+    (request.read_devices && days > kept).then(|| {
+        format!(
+            "from is {days:.1} days ago and [store] samples_days = {kept}: what devices send of before that would be thinned \
+             before it is diagnosed; raise samples_days and start anew, or ask for less"
+        )
+    })
+}
+
 /// Where the past is read.
 enum Past {
     Store(Box<store::Config>),
@@ -323,5 +337,25 @@ impl Keep for Kept {
         kept.unwrap_or_else(|error| Err(error.to_string()))?;
         self.shared.change(|job| job.done += 1);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::LoopId;
+
+    #[test]
+    fn devices_are_not_asked_for_what_the_store_would_thin_at_once() {
+        let (store, now) = (store::Config { samples_days: 30.0, ..store::Config::new("s") }, 1e9);
+        let told = |days: f64, read_devices| {
+            let (id, from) = (LoopId::new("A"), now - days * DAY_S);
+            let (window_s, step_s, file) = (None, None, None);
+            too_old(&BackfillRequest { id, from, to: now, window_s, step_s, read_devices, file }, &store, now)
+        };
+        assert_eq!(told(29.9, true), None);
+        assert_eq!(told(90.0, false), None, "what the store has of then is all there is");
+        let why = told(90.0, true).expect("a reason");
+        assert!(why.contains("90.0 days ago and [store] samples_days = 30:"), "{why}");
     }
 }

@@ -6,27 +6,27 @@
 mod feed;
 mod room;
 pub(super) mod rows;
+mod waiting;
 
 use super::plantwide;
 use crate::config::Config;
 use crate::history::{History, Ring};
 use crate::indicators::series::Values;
-use crate::results::{Change, Results};
+use crate::results::{Remembered, Results};
 use crate::schedule::Clock;
 use crate::serve::{AskDurable, AskStore, StoreState};
 use crate::signal::LoopId;
-use crate::store::{self, Flusher, Found, Reader, Store, StoreError, TagName, Writer};
+use crate::store::{self, AlarmRow, Flusher, Found, ModelRow, Reader, Store, StoreError, TagName, Writer};
 use crate::work::Order;
 use feed::StoreFeed;
 use rows::{remembered, remembered_alarms, remembered_changes, remembered_model};
 use std::collections::VecDeque;
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
+use waiting::{Waiting, drop_oldest};
 
-/// Changes that wait for the writer's next round; rows are made of them there.
-const MAX_CHANGES: usize = 4096;
 /// Rows of parts that make their own, which wait for it: one of each of 10,000 loops, twice.
 const MAX_ROWS: usize = 20_000;
 /// Longest wait for what is new to be durable, before rings are replaced.
@@ -44,17 +44,23 @@ pub(super) struct Persistence {
 }
 
 /// A loop's indicators, day by day.
-type Days = (LoopId, Vec<(f64, Values)>);
+pub(super) type Days = (LoopId, Vec<(f64, Values)>);
+
+/// Takes orders and indicators as they were kept.
+pub(super) type TakeBack = Box<dyn Fn(Vec<Order>, Vec<Days>) + Send + Sync>;
 
 /// What the collectors' and the scheduler's side shares with the writer's thread.
 #[derive(Default)]
 struct Shared {
     taps: Mutex<Vec<Arc<Tap>>>,
-    changes: Mutex<VecDeque<Change>>,
+    changes: Mutex<Waiting>,
     /// Rows of parts that make their own.
     rows: Mutex<VecDeque<store::Row>>,
-    /// Orders and indicators as they were kept, until somebody takes them.
+    /// Orders and indicators as they were kept, until there is somebody who takes them.
     plantwide: Mutex<(Vec<Order>, Vec<Days>)>,
+    take_back: OnceLock<TakeBack>,
+    /// What is there was read, though it could not be opened.
+    has_read: AtomicBool,
     /// The clock was set back, and what is of before is not written yet.
     leaving: AtomicBool,
     lost_samples: AtomicU64,
@@ -87,7 +93,7 @@ fn flusher(writer: &Mutex<Option<Writer>>) -> Option<Flusher> {
 
 impl Persistence {
     /// Opens the store and gives back what was kept: samples to the rings, diagnoses, models and alarms to the results. A
-    /// store that cannot be opened is an entry in the log and in health; the daemon starts without.
+    /// store that cannot be opened is an entry in the log and in health; the daemon starts with what can be read of it.
     pub(super) fn new(
         config: &Config,
         clock: Clock,
@@ -115,14 +121,20 @@ impl Persistence {
                 let mut opened = (persistence.driven.open)(own, true);
                 match &mut opened {
                     Ok(store) => store.disconnect(),
-                    Err(error) if error.is_damage() => {}
-                    Err(_) => return opened,
+                    // Who has it open may change it, and of a database elsewhere who opens the spool says what is known.
+                    Err(StoreError::InUse(_)) => return opened,
+                    Err(error) if own.url.is_some() && !error.is_damage() => return opened,
+                    Err(_) => {}
                 }
-                // Of one that is damaged, what is left.
-                match persistence.give_back(history, results) {
-                    Err(damage) => Err(damage),
-                    Ok(()) => opened,
+                // Of one that is damaged, what is left; of one without room for its files, all.
+                let given = persistence.give_back(history, results);
+                match (given, &opened) {
+                    // Opened once more it is read first, and until then nothing is written over.
+                    (Err(error), Ok(_)) => return Err(error),
+                    (Ok(()), Err(error)) => persistence.shared.has_read.store(!error.is_damage(), Relaxed),
+                    _ => {}
                 }
+                opened
             });
             let failed = || StoreError::Io { path: own.folder.clone(), source: io::Error::other("panicked") };
             opening.join().unwrap_or_else(|_| Err(failed()))
@@ -130,18 +142,24 @@ impl Persistence {
         *lock(&persistence.opened) = Some(opened);
         persistence.follow(history, f64::INFINITY);
         let shared = persistence.shared.clone();
-        results.keep_with(Arc::new(move |change| shared.note(change)));
+        results.keep_with(Arc::new(move |change| {
+            let dropped = lock(&shared.changes).put(change);
+            shared.dropped_rows.fetch_add(dropped, Relaxed);
+        }));
         Arc::new(persistence)
     }
 
     /// Begins to write.
     pub(super) fn begin(&self, results: Arc<Results>) {
         let (Some(config), Some(opened)) = (&self.config, lock(&self.opened).take()) else { return };
-        let (clock, own) = (self.clock, config.clone());
+        let (clock, own, shared) = (self.clock, config.clone(), self.shared.clone());
         let feed = StoreFeed::new(
             self.shared.clone(),
             Box::new(move || clock.now()),
-            Box::new(move |found| merge(&own, &results, found, clock.now())),
+            Box::new(move |found| {
+                shared.give_back(&found.alarms);
+                merge(&own, &results, found, clock.now());
+            }),
             config.queue_mb as usize * 1_000_000,
         );
         match Writer::driven(&self.driven, config, opened, feed, move || clock.now()) {
@@ -189,14 +207,24 @@ impl Persistence {
         }
         let mut waiting = lock(&self.shared.rows);
         waiting.extend(rows);
-        let surplus = waiting.len().saturating_sub(MAX_ROWS);
-        waiting.drain(..surplus);
-        self.shared.dropped_rows.fetch_add(surplus as u64, Relaxed);
+        let mut surplus = waiting.len().saturating_sub(MAX_ROWS);
+        if surplus > 0 {
+            drop_oldest(&mut waiting, |_| {
+                let is_over = surplus > 0;
+                surplus = surplus.saturating_sub(1);
+                self.shared.dropped_rows.fetch_add(u64::from(is_over), Relaxed);
+                is_over
+            });
+        }
     }
 
-    /// Orders and indicators as they were kept, once.
-    pub(super) fn give_back_plantwide(&self) -> (Vec<Order>, Vec<Days>) {
-        std::mem::take(&mut *lock(&self.shared.plantwide))
+    /// Gives orders and indicators back to `take_back`: as they were kept, and whatever is found later that was not known, as
+    /// of a loop that is configured again, or once a store works that could not be read at the start.
+    pub(super) fn give_back_plantwide(&self, take_back: TakeBack) {
+        let (orders, days) = std::mem::take(&mut *lock(&self.shared.plantwide));
+        take_back(orders, days);
+        // There is one who takes them.
+        let _ = self.shared.take_back.set(take_back);
     }
 
     /// How the store is; `None` where there is none.
@@ -229,41 +257,43 @@ impl Persistence {
         asked.and_then(|answer| answer.recv().ok()).unwrap_or_else(|| Err("the store has ended".to_string()))
     }
 
-    /// What was kept, as far as it can be read; an error where that is not all, and nobody had said so.
+    /// What was kept, as far as it can be read; an error where that is not all and nobody had said so, or where no state could
+    /// be read, which then is not to be written over.
     fn give_back(&self, history: &History, results: &Results) -> Result<(), StoreError> {
         let Some(config) = &self.config else { return Ok(()) };
         let began = Instant::now();
         // Samples last: a database that goes away meanwhile is more likely to do so while they are read.
         let given = Reader::at_hand(config).and_then(|mut reader| {
-            let loops = self.restore(&reader, history, results)?;
-            let samples = refill(&mut reader, history, Reader::together(config))?;
-            Ok((samples, loops, reader.damaged(), reader.lost()))
+            let mut back = self.restore(&reader, history, results)?;
+            match refill(&mut reader, history, Reader::together(config)) {
+                Ok(samples) => back.samples = samples,
+                Err(error) => back.lacks(error),
+            }
+            Ok((back, reader.damaged(), reader.lost()))
         });
         // Somebody has to hear of it now, and what is left to be read another way.
+        let is_told = store::is_damaged(config) || config.url.is_some();
         let found = match &given {
-            _ if store::is_damaged(config) => None,
-            Ok((_, _, damaged, None)) if *damaged > 0 && config.url.is_none() => {
-                Some(format!("{damaged} blobs of samples are damaged"))
+            _ if is_told => None,
+            Ok((Back { lacking: Some(error), .. }, ..)) | Err(error) if error.is_damage() => {
+                Some(error.to_string())
             }
-            Err(error) if error.is_damage() && config.url.is_none() => Some(error.to_string()),
+            Ok((_, damaged, None)) if *damaged > 0 => Some(format!("{damaged} blobs of samples are damaged")),
             _ => None,
         };
         if let Some(why) = found {
             let damage = store::mark_damaged(config, &why);
-            self.give_back(history, results)?;
+            // What cannot be read of what is left is in the log.
+            let _ = self.give_back(history, results);
             return Err(damage);
-        }
-        if given.is_err() && config.url.is_some() {
-            // Who opened the store is taken to know what the database has, which is remembered in the folder.
-            let known = Reader::open(&config.folder).and_then(|spool| self.restore(&spool, history, results));
-            if let Err(error) = known {
-                tracing::error!(%error, "nothing is known of alarms and models of before");
-            }
         }
         let took_s = began.elapsed().as_secs_f64();
         match given {
-            Ok((samples, loops, damaged, lost)) => {
-                tracing::info!(samples, loops, damaged, took_s, "store: history is back");
+            Ok((Back { samples, loops, lacking }, damaged, lost)) => {
+                match lacking {
+                    None => tracing::info!(samples, loops, damaged, took_s, "store: history is back"),
+                    Some(error) => tracing::error!(%error, samples, loops, "store: history is not complete"),
+                }
                 if let Some((left, states)) = &lost {
                     tracing::error!(
                         left,
@@ -272,26 +302,45 @@ impl Persistence {
                     self.shared.lost_states.store(*states, Relaxed);
                 }
                 *lock(&self.shared.left) = lost.map(|(left, _)| left);
+                Ok(())
             }
-            Err(error) => tracing::error!(%error, "the store cannot be read: history is not complete"),
+            Err(error) => {
+                tracing::error!(%error, "the store cannot be read");
+                // Who opened the store is taken to know what the database has, which is remembered in the folder.
+                let known = config.url.as_ref().map(|_| Reader::open(&config.folder));
+                match known.map(|spool| self.restore(&spool?, history, results)) {
+                    Some(known) => known.map(drop),
+                    None => Err(error),
+                }
+            }
         }
-        Ok(())
     }
 
-    /// Gives back what was kept of alarms and loops; of how many loops there was anything.
-    fn restore(&self, reader: &Reader, history: &History, results: &Results) -> Result<usize, StoreError> {
-        let states = reader.alarms()?;
-        let orders = states.iter().filter_map(plantwide::rows::order_of).collect();
-        let days = states.iter().filter_map(plantwide::rows::health_of).collect();
-        *lock(&self.shared.plantwide) = (orders, days);
-        results.restore_alarms(remembered_alarms(states), remembered_changes(reader)?);
-        let mut loops = 0;
-        for own in history.loops() {
-            let kept = remembered(reader, &own.id, results.room())?;
-            loops += usize::from(!kept.summaries.is_empty());
-            results.restore(&own.id, kept);
+    /// Gives back what was kept of alarms and loops. All states are read before anything is given back: those that nobody has
+    /// read are merged later, and none is merged into itself.
+    fn restore(&self, reader: &Reader, history: &History, results: &Results) -> Result<Back, StoreError> {
+        let alarms = reader.alarms()?;
+        let model = |id: &LoopId| reader.model(id.as_str());
+        let models: Vec<Option<ModelRow>> =
+            history.loops().iter().map(|own| model(&own.id)).collect::<Result<_, _>>()?;
+        self.shared.give_back(&alarms);
+        // What happened and what was said is only told: where it cannot be read everything else is back all the same.
+        let mut back = Back::default();
+        let changes = remembered_changes(reader).unwrap_or_else(|error| {
+            back.lacks(error);
+            Vec::new()
+        });
+        results.restore_alarms(remembered_alarms(alarms), changes);
+        for (own, model) in history.loops().iter().zip(models) {
+            let said = remembered(reader, &own.id, results.room()).unwrap_or_else(|error| {
+                back.lacks(error);
+                Remembered::default()
+            });
+            back.loops += usize::from(!said.summaries.is_empty());
+            let model = model.as_ref().map(remembered_model).unwrap_or_default();
+            results.restore(&own.id, Remembered { model, ..said });
         }
-        Ok(loops)
+        Ok(back)
     }
 
     /// Follows the rings of `history`, from where they are now unless they were followed before. What is stamped later than
@@ -322,7 +371,26 @@ impl Persistence {
     }
 }
 
-/// Takes what a database has that was away at the start, and was not known here, into what there is.
+/// What came back.
+#[derive(Default)]
+struct Back {
+    samples: usize,
+    /// Of which anything was said.
+    loops: usize,
+    /// Why not everything did.
+    lacking: Option<StoreError>,
+}
+
+impl Back {
+    /// Something could not be read; that it is damaged goes before all else.
+    fn lacks(&mut self, error: StoreError) {
+        if error.is_damage() || self.lacking.is_none() {
+            self.lacking = Some(error);
+        }
+    }
+}
+
+/// Takes what a store has that could not be read at the start, and was not known here, into what there is.
 fn merge(config: &store::Config, results: &Results, found: Found, now: f64) {
     for model in &found.models {
         results.merge_model(&LoopId::new(model.control_loop.as_str()), remembered_model(model));
@@ -406,14 +474,14 @@ fn state(status: store::Status, shared: &Shared) -> StoreState {
 }
 
 impl Shared {
-    /// Takes a change; waits for nobody.
-    fn note(&self, change: Change) {
-        let mut changes = lock(&self.changes);
-        if changes.len() == MAX_CHANGES {
-            changes.pop_front();
-            self.dropped_rows.fetch_add(1, Relaxed);
+    /// Gives the orders and indicators among some states to who takes them.
+    fn give_back(&self, states: &[AlarmRow]) {
+        let orders = states.iter().filter_map(plantwide::rows::order_of).collect();
+        let days = states.iter().filter_map(plantwide::rows::health_of).collect();
+        match self.take_back.get() {
+            Some(take_back) => take_back(orders, days),
+            None => *lock(&self.plantwide) = (orders, days),
         }
-        changes.push_back(change);
     }
 }
 

@@ -1,22 +1,25 @@
 //! The plant as a whole: from time to time all rings are looked at together, on one thread that nobody waits for. What is
 //! found is shown, feeds the work list, and is kept as indicators of each loop.
 
+mod back;
 mod health;
 pub(super) mod rows;
+mod said;
 
 use super::persistence::Persistence;
 use crate::config::Config;
 use crate::history::History;
 use crate::indicators::series::Values;
 use crate::plantwide::window::of_record;
-use crate::plantwide::{self, Analysis, Friction, Plant, PlantLoop, Task, analyse, tasks};
+use crate::plantwide::{Analysis, Friction, Plant, PlantLoop, analyse};
 use crate::results::{Results, Summary};
 use crate::schedule::Clock;
 use crate::serve::report::GroupPictures;
 use crate::serve::{GroupSeen, Health, Overview, PlantwidePort, WorkLine};
-use crate::signal::LoopId;
-use crate::work::{self, Act, CostConfig, Measure, Order, Refusal, Said, Seen, WorkList};
+use crate::signal::{LoopId, Window};
+use crate::work::{self, Act, CostConfig, Measure, Order, Refusal, WorkList};
 use health::HealthLog;
+use said::{cost, said};
 use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -30,8 +33,8 @@ use tokio_util::sync::CancellationToken;
 const MOST_SAMPLES: usize = 3000;
 /// Groups that are drawn.
 const DRAWN: usize = 64;
-/// What of a record the indicators of a look are taken from, where the record is longer (s).
-const HOUR_S: f64 = 3600.0;
+/// How far back a look goes, where the rings go further (s): a repair is judged once a window has nothing of before it.
+const WEEK_S: f64 = 604_800.0;
 
 /// Looks at the plant as a whole.
 pub(super) struct Plantwide {
@@ -41,6 +44,8 @@ pub(super) struct Plantwide {
     watched: Mutex<Watched>,
     list: Mutex<WorkList>,
     health: Mutex<HealthLog>,
+    /// How every loop was when it was last looked at.
+    measures: Mutex<HashMap<LoopId, Measure>>,
     overview: Mutex<Option<Arc<Overview>>>,
     looking: AtomicBool,
     wanted: Notify,
@@ -68,9 +73,25 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 struct Live<'a> {
     history: &'a History,
     /// Those with samples enough when the look began.
-    loops: Vec<&'a WatchedLoop>,
+    loops: Vec<LiveLoop<'a>>,
     results: &'a Results,
     now: f64,
+}
+
+/// A loop and what its window was like when the look began.
+struct LiveLoop<'a> {
+    of: &'a WatchedLoop,
+    /// The first of its samples (s).
+    from: f64,
+    op_moves: bool,
+    pv_moves: bool,
+}
+
+impl<'a> LiveLoop<'a> {
+    fn new(of: &'a WatchedLoop, window: &Window) -> Self {
+        let moves = |x: &[f64]| x.windows(2).any(|w| w[0] != w[1]);
+        Self { of, from: window.t0, op_moves: moves(&window.op), pv_moves: moves(&window.pv) }
+    }
 }
 
 impl Plant for Live<'_> {
@@ -79,7 +100,7 @@ impl Plant for Live<'_> {
     }
 
     fn get(&self, at: usize) -> Cow<'_, PlantLoop> {
-        let own = self.loops[at];
+        let own = self.loops[at].of;
         // One whose samples have all turned bad since is empty, and in no group.
         let mut of = window(self.history, &own.id).and_then(Result::ok).unwrap_or_default();
         of.name = own.id.to_string();
@@ -91,7 +112,11 @@ impl Plant for Live<'_> {
 
 /// The window of a loop; `None` where it has no ring.
 fn window(history: &History, id: &LoopId) -> Option<Result<PlantLoop, String>> {
-    Some(of_record(id.as_str(), &history.snapshot(id)?, MOST_SAMPLES))
+    let mut record = history.snapshot(id)?;
+    // The window is where PV is: what is older of the others is held into it.
+    let end = record.pv.last().map_or(f64::NEG_INFINITY, |last| last.t);
+    record.pv.retain(|sample| sample.t >= end - WEEK_S);
+    Some(of_record(id.as_str(), &record, MOST_SAMPLES))
 }
 
 fn watched(config: &Config, history: &Arc<History>) -> Watched {
@@ -117,22 +142,26 @@ impl Plantwide {
         results: &Arc<Results>,
         persistence: &Arc<Persistence>,
     ) -> Arc<Self> {
-        let (mut list, mut health) = (WorkList::default(), HealthLog::default());
-        let (orders, days) = persistence.give_back_plantwide();
-        list.restore(orders);
-        results.swing(list.sources());
-        days.into_iter().for_each(|(id, days)| health.restore(id, &days));
-        Arc::new(Self {
+        let own = Arc::new(Self {
             clock,
             results: results.clone(),
             persistence: persistence.clone(),
             watched: Mutex::new(watched(config, history)),
-            list: Mutex::new(list),
-            health: Mutex::new(health),
+            list: Mutex::default(),
+            health: Mutex::default(),
+            measures: Mutex::default(),
             overview: Mutex::default(),
             looking: AtomicBool::new(false),
             wanted: Notify::new(),
-        })
+        });
+        // Weakly: this part holds the other.
+        let taker = Arc::downgrade(&own);
+        persistence.give_back_plantwide(Box::new(move |orders, days| {
+            if let Some(own) = taker.upgrade() {
+                own.take_back(orders, days);
+            }
+        }));
+        own
     }
 
     /// Another configuration; a look that is under way ends with the old one.
@@ -141,6 +170,7 @@ impl Plantwide {
         let ids: BTreeSet<LoopId> = config.loops.iter().map(|own| LoopId::new(own.id.as_str())).collect();
         lock(&self.list).keep_only(&ids);
         lock(&self.health).keep_only(&ids);
+        lock(&self.measures).retain(|id, _| ids.contains(id));
         self.results.swing(lock(&self.list).sources());
         self.wanted.notify_one();
     }
@@ -189,21 +219,27 @@ impl Plantwide {
         let (mut loops, mut skipped) = (Vec::new(), Vec::new());
         for own in watched.loops.iter() {
             match window(&watched.history, &own.id) {
-                Some(Ok(_)) => loops.push(own),
+                Some(Ok(of)) => loops.push(LiveLoop::new(own, &of.window)),
                 Some(Err(why)) => skipped.push((own.id.clone(), why)),
                 None => {}
             }
         }
         let plant = Live { history: &watched.history, loops, results: &self.results, now };
         let found = analyse(&plant);
-        let said = self.said(&plant, &found, now);
-        let days = lock(&self.health).take(&said.values, now);
+        let said = said(&plant, &found);
+        lock(&self.measures).extend(said.measures);
+        let mut health = lock(&self.health);
+        let days = health.take(&said.values, now);
         self.persistence.note_rows(days.iter().map(|(id, days)| rows::health_row(id, days)).collect());
-        let changed = lock(&self.list).take(&said.of_loops, now, &watched.config);
-        self.results.swing(lock(&self.list).sources());
+        drop(health);
+        let mut list = lock(&self.list);
+        let changed = list.take(&said.of_loops, now, &watched.config);
+        self.results.swing(list.sources());
         let moved = changed.iter().filter(|(_, moved)| moved.is_some()).count();
         let kept = changed.iter().flat_map(|(order, moved)| rows::order_rows(order, moved.as_ref()));
+        // Noted while nobody else changes them, so that the last row of an order is how it is.
         self.persistence.note_rows(kept.collect());
+        drop(list);
         let groups = groups(&plant, &found);
         let (looked_at, took_s) = (plant.count(), began.elapsed().as_secs_f64());
         tracing::info!(
@@ -217,42 +253,10 @@ impl Plantwide {
         *lock(&self.overview) = Some(Arc::new(Overview { at: now, took_s, looked_at, skipped, groups }));
     }
 
-    /// What the look says of each loop.
-    fn said(&self, plant: &dyn Plant, found: &Analysis, now: f64) -> LookSaid {
-        let todo = tasks(found);
-        let by_loop: HashMap<usize, &Task> = todo.iter().map(|task| (task.at, task)).collect();
-        let id = |at: usize| LoopId::new(found.loops[at].name.as_str());
-        let (mut of_loops, mut values) = (Vec::new(), Vec::new());
-        for (at, own) in plantwide::values(plant, found, HOUR_S).into_iter().enumerate() {
-            values.push((id(at), own));
-            let f = self.results.get(&id(at), now).and_then(|known| known.summary?.f);
-            let whole = &found.loops[at].indicators;
-            let measure = Measure { error_sd: whole.error.map(|e| e.sd), swing: own[SWING], f };
-            let seen = by_loop.get(&at).map(|task| Seen {
-                cause: task.cause,
-                probability: task.probability,
-                why: task.why.clone(),
-                victims: task.victims.iter().map(|at| id(*at)).collect(),
-            });
-            of_loops.push(Said { id: id(at), measure, seen });
-        }
-        LookSaid { of_loops, values }
-    }
-
-    /// What an order's loop and its victims cost by their swing: price times the part of the error's standard deviation that
-    /// would be gone with it, `sd (1 - sqrt(1 - share))`.
     fn line(&self, order: Order) -> WorkLine {
         let costs = lock(&self.watched).costs.clone();
-        let health = lock(&self.health);
-        let victims = order.seen.iter().flat_map(|seen| &seen.victims);
-        let mut sum: Option<(f64, String)> = None;
-        for id in std::iter::once(&order.id).chain(victims) {
-            let (Some(price), Some(values)) = (costs.get(id), health.latest(id)) else { continue };
-            let (Some(sd), Some(swing)) = (values[ERROR_SD], values[SWING]) else { continue };
-            let cost = price.per_sd * sd * (1.0 - (1.0 - swing.clamp(0.0, 1.0)).sqrt());
-            sum.get_or_insert_with(|| (0.0, price.unit.clone())).0 += cost;
-        }
-        WorkLine { order, cost: sum }
+        let cost = cost(&order, &costs, &lock(&self.measures));
+        WorkLine { order, cost }
     }
 }
 
@@ -268,15 +272,6 @@ pub fn friction_of(summary: &Summary) -> Option<Friction> {
     let words = summary.words();
     let says = words.trim_end_matches('.').to_string();
     Some(Friction { sticks, probability: odds / (1.0 + odds), says })
-}
-
-/// Where two of the indicators stand.
-const ERROR_SD: usize = 3;
-const SWING: usize = 6;
-
-struct LookSaid {
-    of_loops: Vec<Said>,
-    values: Vec<(LoopId, Values)>,
 }
 
 fn groups(plant: &dyn Plant, found: &Analysis) -> Vec<GroupSeen> {
@@ -315,12 +310,15 @@ impl PlantwidePort for Plantwide {
         by: Option<String>,
         note: Option<String>,
     ) -> Option<Result<WorkLine, Refusal>> {
-        let acted = lock(&self.list).act(id, act, by, note, self.clock.now())?;
-        self.results.swing(lock(&self.list).sources());
-        Some(acted.map(|(order, moved)| {
+        let mut list = lock(&self.list);
+        let acted = list.act(id, act, by, note, self.clock.now())?;
+        self.results.swing(list.sources());
+        let acted = acted.map(|(order, moved)| {
             self.persistence.note_rows(rows::order_rows(&order, Some(&moved)));
-            self.line(order)
-        }))
+            order
+        });
+        drop(list);
+        Some(acted.map(|order| self.line(order)))
     }
 
     fn latest(&self, id: &LoopId) -> Option<Values> {

@@ -1,7 +1,8 @@
 //! What a loop's signals say of its health, one indicator a file. Pure: no clock, no files, no randomness.
 //!
 //! [`indicators`] takes them all from one window. What is not known is none: without a mode there is no service factor,
-//! without limits nothing is at one, without a dead time the Harris index is that of one sample.
+//! without limits nothing is at one. Without a dead time the Harris index is that of one sample, which a loop with a longer one
+//! cannot reach: then it does not count in the score.
 
 pub mod distribution;
 pub mod error;
@@ -34,6 +35,8 @@ pub struct Known<'a> {
     pub op_limits: Option<(f64, f64)>,
     /// Dead time of the process (s).
     pub dead_time_s: Option<f64>,
+    /// Step of PV as it was measured (PV unit; 0 for none), where the window does not have its samples.
+    pub step: Option<f64>,
 }
 
 /// The indicators of one loop over one window.
@@ -45,7 +48,7 @@ pub struct Indicators {
     pub at_limits: Option<f64>,
     /// The error.
     pub error: Option<LoopError>,
-    /// The Harris index.
+    /// The Harris index; that of one sample's dead time where none is known.
     pub harris: Option<Harris>,
     /// Oscillations of the error, the largest first.
     pub oscillations: Vec<Oscillation>,
@@ -107,7 +110,7 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
         travel: travel::travel(window.mv.as_deref().unwrap_or(&window.op), window.ts),
         stuck: travel::stuck(&window.op, &window.pv),
         distribution: known.op_limits.and_then(|limits| distribution::distribution(&window.op, limits)),
-        kept: noise::kept(&window.pv),
+        kept: noise::kept(&window.pv, known.step),
         score: None,
     };
     let swinging: f64 = found.oscillations.iter().map(|oscillation| oscillation.share).sum();
@@ -115,7 +118,7 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
         found.service_factor.map(|share| 1.0 - share),
         found.at_limits,
         Some(swinging.min(1.0)),
-        found.harris.map(|harris| 1.0 - harris.index),
+        found.harris.filter(|_| known.dead_time_s.is_some()).map(|harris| 1.0 - harris.index),
         Some(found.stuck),
     ]);
     found
@@ -142,5 +145,22 @@ mod tests {
             let found = of(&rubbish);
             assert!(found.score.is_none_or(f64::is_finite));
         }
+    }
+
+    #[test]
+    fn the_harris_index_counts_where_the_dead_time_is_known() {
+        // A pseudorandom sum over twenty samples: minimum variance behind twenty samples of dead time.
+        let noise = |k: usize| ((k * k) as f64 * 0.7).sin();
+        let pv: Vec<f64> = (0..4000).map(|k| (k..k + 20).map(noise).sum()).collect();
+        let window = Window { ts: 1.0, op: pv.clone(), pv, ..Window::default() };
+        let mut transforms = Transforms::new();
+        let mut score = |dead_time_s| {
+            let found = indicators(&window, &Known { dead_time_s, ..Known::default() }, &mut transforms);
+            assert!(found.harris.is_some());
+            found.score.expect("it is known how much it swings")
+        };
+        // Of a sample's dead time nearly all of the variance could be gone.
+        let (unknown, short) = (score(None), score(Some(0.0)));
+        assert!(unknown > short, "{unknown} {short}");
     }
 }

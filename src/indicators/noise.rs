@@ -27,15 +27,25 @@ pub struct Kept {
     pub compression: f64,
 }
 
-/// Looks at a signal; a signal that does not move has neither noise nor steps.
-pub fn kept(v: &[f64]) -> Kept {
+/// The step of a signal (its unit); 0 where none is found.
+pub fn step(v: &[f64]) -> f64 {
+    let spread = sd(v);
+    if !(spread.is_finite() && spread > 0.0) {
+        return 0.0;
+    }
+    let normal: Vec<f64> = v.iter().map(|x| x / spread).collect();
+    quantum(&normal).map_or(0.0, |quantum| spread * quantum.size)
+}
+
+/// Looks at a signal; a signal that does not move has neither noise nor steps. `known` is its step where `v` is not as it was
+/// measured.
+pub fn kept(v: &[f64], known: Option<f64>) -> Kept {
     let spread = sd(v);
     if v.len() < 3 || !(spread.is_finite() && spread > 0.0) {
         return Kept { compression: 1.0, ..Kept::default() };
     }
     let share = (noise_sd(v) / spread).powi(2).min(1.0);
-    let normal: Vec<f64> = v.iter().map(|x| x / spread).collect();
-    let quantisation = quantum(&normal).map_or(0.0, |quantum| quantum.size);
+    let quantisation = known.unwrap_or_else(|| step(v)) / spread;
     // A value that is held is on the line, too, but so it is behind a coarse sensor: that is no compression.
     let on_line = v.windows(3).filter(|w| {
         let (a, b) = (w[1] - w[0], w[2] - w[1]);
@@ -58,9 +68,12 @@ mod tests {
         let wave = |k: usize| (0.05 * k as f64).sin();
         let noisy: Vec<f64> = noise.iter().enumerate().map(|(k, e)| wave(k) + 0.5 * e).collect();
         // 0.25 of 0.75; the estimate's standard error is 5 % at 1,000 details.
-        assert!((kept(&noisy).noise_share - 1.0 / 3.0).abs() < 0.05, "{:?}", kept(&noisy));
+        assert!((kept(&noisy, None).noise_share - 1.0 / 3.0).abs() < 0.05, "{:?}", kept(&noisy, None));
         let coarse: Vec<f64> = (0..2000).map(|k| (wave(k) / 0.25).round() * 0.25).collect();
-        assert!((kept(&coarse).quantisation - 0.25 / sd(&coarse)).abs() < 1e-9);
+        assert!((kept(&coarse, None).quantisation - 0.25 / sd(&coarse)).abs() < 1e-9);
+        assert!((step(&coarse) - 0.25).abs() < 1e-9 && step(&noisy) == 0.0 && step(&[]) == 0.0);
+        let smooth: Vec<f64> = (0..2000).map(wave).collect();
+        assert!((kept(&smooth, Some(0.25)).quantisation - 0.25 / sd(&smooth)).abs() < 1e-9);
         // Every fourth sample kept: of four, three lie on a line but the kept one and its line's start.
         let lines: Vec<f64> = (0..2000)
             .map(|k| {
@@ -68,7 +81,7 @@ mod tests {
                 noise[from] + part * (noise[from + 1] - noise[from])
             })
             .collect();
-        assert!((kept(&lines).compression - 4.0).abs() < 0.1, "{:?}", kept(&lines));
-        assert_eq!(kept(&[]).compression, 1.0);
+        assert!((kept(&lines, None).compression - 4.0).abs() < 0.1, "{:?}", kept(&lines, None));
+        assert_eq!(kept(&[], None).compression, 1.0);
     }
 }

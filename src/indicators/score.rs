@@ -9,7 +9,7 @@
 //! | service | 1 - service factor | 0.25 |
 //! | limits | share of the time at a limit | 0.15 |
 //! | oscillation | share of the error's variance in regular oscillations | 0.30 |
-//! | variance | 1 - Harris index | 0.20 |
+//! | variance | 1 - Harris index, where the dead time is known | 0.20 |
 //! | stuck | share of the time in which PV stands still while OP moves | 0.10 |
 //!
 //! The weights are a convention: what a loop in manual costs is worth as much as what an oscillation of a quarter of the

@@ -16,7 +16,11 @@ pub const NAMED: [(&str, &str, &str); COUNT] = [
     ("at_limits", "-", "share of the time with OP at a limit"),
     ("error_sd", "PV", "standard deviation of the error"),
     ("iae_per_s", "PV", "mean of the error's size: IAE over time"),
-    ("harris", "-", "least possible variance of the error over its variance"),
+    (
+        "harris",
+        "-",
+        "least possible variance of the error over its variance; that of one sample where the dead time is not known",
+    ),
     ("swing", "-", "share of the error's variance in oscillations"),
     ("period_s", "s", "period of the largest oscillation"),
     ("travel_a_day", "OP", "way of the valve in a day"),

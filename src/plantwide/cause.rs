@@ -7,11 +7,14 @@
 //! x are the loop's own [`super::signs`]; the weights are a multinomial logit fitted on simulated loops (`causes fit`), so that
 //! the probability is what such loops say. A loop that is likelier at rest than anything else has no cause. Below 1/2 the cause is
 //! `unknown`. A member of a group is its `neighbour`'s victim by the probability that another member is the source, and what is
-//! said of the source is weighted by the probability that it is. What a diagnosis said of the valve is one of the signs.
+//! said of the source is weighted by the probability that it is.
+//!
+//! What a diagnosis said of the valve goes before the signs: one that sticks is the cause, unless another member is likelier the
+//! source of the group, and one that is sound is not.
 
+use super::LoopFound;
 use super::groups::Group;
 use super::signs::{SIGNS, Signs};
-use super::{Friction, LoopFound};
 
 /// A cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -80,6 +83,8 @@ pub const CLASSES: [Option<Cause>; 6] = [
     Some(Cause::Saturation),
     None,
 ];
+/// Where the valve stands among them.
+const VALVE: usize = 0;
 /// Weights of the signs and of 1, for each of [`CLASSES`].
 #[rustfmt::skip]
 const WEIGHTS: [[f64; SIGNS + 1]; CLASSES.len()] = [
@@ -106,26 +111,50 @@ pub fn reason(at: usize, found: &[LoopFound], groups: &[Group]) -> Option<Reason
         return None;
     }
     let group = of.group.map(|g| &groups[g]);
-    let is_source = group.and_then(|g| Some(g.suspects.iter().find(|s| s.at == at)?.probability));
-    if let (Some(group), Some(own)) = (group, is_source.filter(|own| *own < 0.5)) {
-        return Some(shared(at, found, group, own));
+    // Who is not among the suspects of its group is not its source.
+    let suspect = |group: &Group| group.suspects.iter().find(|s| s.at == at).map_or(0.0, |s| s.probability);
+    let is_source = group.map_or(1.0, suspect);
+    let shared = group.filter(|_| is_source < 0.5).map(|group| shared(at, found, group, is_source));
+    match (shared, of.friction.as_ref().filter(|own| own.sticks)) {
+        (Some(shared), None) => Some(shared),
+        (Some(shared), Some(_)) if shared.cause == Cause::Neighbour => Some(shared),
+        (_, Some(friction)) => Some(Reason {
+            cause: Cause::Valve,
+            probability: friction.probability * is_source,
+            why: friction.says.clone(),
+            neighbour: None,
+        }),
+        (None, None) => by_signs(of, group.is_some(), is_source),
     }
-    let own = probabilities(&of.signs);
-    let (which, p) = own.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let probability = p * is_source.unwrap_or(1.0);
+}
+
+/// What a loop's own signs say; none where it is in no group and at rest.
+fn by_signs(of: &LoopFound, is_member: bool, is_source: f64) -> Option<Reason> {
+    let (which, p) = classes(of).into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let probability = p * is_source;
     match CLASSES[which] {
-        None if group.is_none() => None,
+        None if !is_member => None,
         Some(cause) if p >= 0.5 => Some(Reason { cause, probability, why: why(cause, of), neighbour: None }),
         _ => {
-            let why = match group {
-                Some(_) => {
-                    "it is the likeliest source of its group, but its own signals do not say why it swings"
-                }
-                None => "its own signals do not say why it is not at rest",
+            let why = if is_member {
+                "it is the likeliest source of its group, but its own signals do not say why it swings"
+            } else {
+                "its own signals do not say why it is not at rest"
             };
             Some(Reason { cause: Cause::Unknown, probability, why: why.into(), neighbour: None })
         }
     }
+}
+
+/// Probability of each of [`CLASSES`]; a valve that a diagnosis calls sound is not the cause.
+fn classes(of: &LoopFound) -> [f64; CLASSES.len()] {
+    let mut all = probabilities(&of.signs);
+    if of.friction.as_ref().is_some_and(|own| !own.sticks) {
+        all[VALVE] = 0.0;
+        let sum: f64 = all.iter().sum();
+        all = all.map(|p| p / sum.max(f64::MIN_POSITIVE));
+    }
+    all
 }
 
 /// What is said of a member of a group that is likelier not its source.
@@ -173,13 +202,10 @@ fn why(cause: Cause, of: &LoopFound) -> String {
     let at = swing.map_or_else(String::new, |own| format!(" at {}", period(own.period_s)));
     let percent = |x: f64| format!("{:.0} %", 100.0 * x);
     match cause {
-        Cause::Valve => match of.friction.as_ref().filter(|own: &&Friction| own.sticks) {
-            Some(friction) => friction.says.clone(),
-            None if i.stuck > 0.05 => {
-                format!("PV stands still for {} of the time while OP moves", percent(i.stuck))
-            }
-            None => format!("it swings{at} as the limit cycle of a valve that sticks does"),
-        },
+        Cause::Valve if i.stuck > 0.05 => {
+            format!("PV stands still for {} of the time while OP moves", percent(i.stuck))
+        }
+        Cause::Valve => format!("it swings{at} as the limit cycle of a valve that sticks does"),
         Cause::Tuning if swing.is_some() => {
             format!("it rings{at} with an amplitude that comes and goes, like a loop with little damping")
         }
@@ -199,7 +225,13 @@ fn why(cause: Cause, of: &LoopFound) -> String {
         Cause::Sensor => {
             format!("{} of PV's variance is noise, and OP follows it", percent(i.kept.noise_share))
         }
-        Cause::Saturation => format!("OP is at a limit for {} of the time", percent(signs[LIMITS])),
+        Cause::Saturation if i.at_limits.is_some_and(|share| share >= signs[LIMITS]) => {
+            format!("OP is at a limit for {} of the time", percent(signs[LIMITS]))
+        }
+        // That it is a limit is a conclusion, which the reader may draw too.
+        Cause::Saturation => {
+            format!("OP is at its largest or least value for {} of the time", percent(signs[LIMITS]))
+        }
         Cause::Neighbour | Cause::Unknown => String::new(),
     }
 }
@@ -209,3 +241,85 @@ const IN_MANUAL: f64 = 0.5;
 /// Where two of the signs stand.
 const LIMITS: usize = 0;
 const HELD: usize = 3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plantwide::{Friction, Suspect};
+
+    fn said(sticks: bool) -> Option<Friction> {
+        Some(Friction { sticks, probability: 0.9, says: "The valve sticks by 3 %".into() })
+    }
+
+    /// Signs of which one alone is not zero.
+    fn only(sign: usize, x: f64) -> Signs {
+        let mut signs = [0.0; SIGNS];
+        signs[sign] = x;
+        signs
+    }
+
+    fn suspect(at: usize, probability: f64) -> Suspect {
+        Suspect { at, probability, ..Suspect::default() }
+    }
+
+    #[test]
+    fn a_diagnosis_goes_before_the_shape_of_pv() {
+        // PV that stands still: without a diagnosis it is the sensor.
+        let mut of = LoopFound { signs: only(HELD, 0.5), ..LoopFound::default() };
+        assert_eq!(reason(0, &[of.clone()], &[]).map(|own| own.cause), Some(Cause::Sensor));
+        of.friction = said(true);
+        let valve = reason(0, &[of], &[]).expect("a cause");
+        assert_eq!((valve.cause, valve.probability), (Cause::Valve, 0.9));
+        assert_eq!(valve.why, "The valve sticks by 3 %");
+    }
+
+    #[test]
+    fn a_sound_valve_is_not_the_cause() {
+        // Where largest oscillation and its steadiness stand.
+        const SWING: usize = 4;
+        const STEADY: usize = 5;
+        let mut of = LoopFound { signs: only(SWING, 1.0), ..LoopFound::default() };
+        of.signs[STEADY] = 1.0;
+        of.friction = said(false);
+        let all = classes(&of);
+        assert!(all[VALVE] == 0.0 && (all.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{all:?}");
+        assert!(probabilities(&of.signs)[VALVE] > 0.0);
+        assert_ne!(reason(0, &[of], &[]).map(|own| own.cause), Some(Cause::Valve));
+    }
+
+    #[test]
+    fn a_valve_that_sticks_may_swing_with_a_neighbour() {
+        let mut of = LoopFound { group: Some(0), friction: said(true), ..LoopFound::default() };
+        let group = |first, second| Group {
+            members: vec![0, 1],
+            suspects: vec![suspect(first, 0.6), suspect(second, 0.4)],
+            ..Group::default()
+        };
+        let of_two = |of: &LoopFound, group: Group| reason(0, &[of.clone(), of.clone()], &[group]);
+        let source = of_two(&of, group(0, 1)).expect("a cause");
+        assert_eq!(source.cause, Cause::Valve);
+        assert!((source.probability - 0.54).abs() < 1e-12);
+        assert_eq!(of_two(&of, group(1, 0)).and_then(|own| own.neighbour), Some(1));
+        // Who is the likeliest of many, but not likely, has a valve that sticks all the same.
+        let unsure = Group { suspects: vec![suspect(0, 0.4), suspect(1, 0.3)], ..group(0, 1) };
+        assert_eq!(of_two(&of, unsure.clone()).map(|own| own.cause), Some(Cause::Valve));
+        of.friction = None;
+        assert_eq!(of_two(&of, unsure).map(|own| own.cause), Some(Cause::Unknown));
+    }
+
+    #[test]
+    fn who_is_not_ranked_is_a_neighbour() {
+        let of = LoopFound { group: Some(0), signs: only(HELD, 0.5), ..LoopFound::default() };
+        let group = Group { members: vec![1, 0], suspects: vec![suspect(1, 1.0)], ..Group::default() };
+        let told = reason(0, &[of.clone(), of], &[group]).expect("a cause");
+        assert_eq!((told.cause, told.neighbour, told.probability), (Cause::Neighbour, Some(1), 1.0));
+    }
+
+    #[test]
+    fn a_limit_is_called_one_where_it_is_known() {
+        let mut of = LoopFound { signs: only(LIMITS, 0.4), ..LoopFound::default() };
+        assert_eq!(why(Cause::Saturation, &of), "OP is at its largest or least value for 40 % of the time");
+        of.indicators.at_limits = Some(0.4);
+        assert_eq!(why(Cause::Saturation, &of), "OP is at a limit for 40 % of the time");
+    }
+}

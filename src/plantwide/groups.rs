@@ -11,6 +11,9 @@
 //! after one step of the power method; it is compared with every loop, so that who swings too little to be noticed alone is found
 //! with the others. Two and more make a group.
 //!
+//! On a grid of shorter records only those count that have a member without a place on a longer one. Such a group takes in one
+//! that was found on a longer grid with the same period and mostly the same loops.
+//!
 //! Source: Thornhill, Shah, Huang & Vishnubhotla, Control Eng. Practice 2002, 10, 833 (spectral principal components); Jiang,
 //! Choudhury & Shah, J. Process Control 2007, 17, 159 (spectral envelope: loops that share a frequency).
 
@@ -33,6 +36,8 @@ const SHARE: f64 = 0.1;
 pub struct Group {
     /// Period (s).
     pub period_s: f64,
+    /// On which of the grids it was found.
+    pub grid: usize,
     /// Loops, the strongest first.
     pub members: Vec<usize>,
     /// gamma² of each member with the common wave.
@@ -45,8 +50,49 @@ pub struct Group {
     pub suspects: Vec<Suspect>,
 }
 
-/// Groups of loops with these oscillations.
-pub fn groups(swings: &[&[Oscillation]], spectra: &Spectra) -> Vec<Group> {
+/// Groups of loops with these oscillations, on all grids; those with the most members first.
+pub fn groups(swings: &[&[Oscillation]], grids: &[Spectra]) -> Vec<Group> {
+    let mut found: Vec<Group> = Vec::new();
+    for (number, spectra) in grids.iter().enumerate() {
+        let is_new = |member: &usize| grids[..number].iter().all(|longer| longer.spectrum(*member).is_none());
+        for group in on_grid(swings, spectra) {
+            if group.members.iter().any(is_new) {
+                let group = with_longer(Group { grid: number, ..group }, &mut found, spectra);
+                found.push(group);
+            }
+        }
+    }
+    merge(&mut found);
+    found.sort_by_key(|group| std::cmp::Reverse(group.members.len()));
+    found
+}
+
+/// The group and all members of those that are the same on a longer grid, which are taken from `found`.
+fn with_longer(group: Group, found: &mut Vec<Group>, spectra: &Spectra) -> Group {
+    let common = |longer: &Group| longer.members.iter().filter(|m| group.members.contains(m)).count();
+    let is_same = |longer: &Group| {
+        longer.grid < group.grid
+            && (1.0 / NEAR..=NEAR).contains(&(longer.period_s / group.period_s))
+            && 2 * common(longer) > longer.members.len().min(group.members.len())
+    };
+    let same: Vec<Group> = found.extract_if(.., |longer| is_same(longer)).collect();
+    if same.is_empty() {
+        return group;
+    }
+    let band = spectra.band(group.period_s);
+    let mut members: Vec<(usize, f64, f64)> = Vec::new();
+    for (at, gamma) in [&group].into_iter().chain(&same).flat_map(|of| of.members.iter().zip(&of.with_common))
+    {
+        if !members.iter().any(|m| m.0 == *at) && spectra.inside(*at, &band).is_some() {
+            members.push((*at, *gamma, spectra.share(*at, &band)));
+        }
+    }
+    members.sort_by(|a, b| b.2.total_cmp(&a.2));
+    Group { grid: group.grid, ..self::group(group.period_s, &members, spectra) }
+}
+
+/// Groups of loops with these oscillations on one grid.
+fn on_grid(swings: &[&[Oscillation]], spectra: &Spectra) -> Vec<Group> {
     let mut nodes: Vec<(usize, f64, f64)> = swings
         .iter()
         .enumerate()
@@ -106,8 +152,6 @@ pub fn groups(swings: &[&[Oscillation]], spectra: &Spectra) -> Vec<Group> {
         members.sort_by(|a, b| b.2.total_cmp(&a.2));
         found.push(group(period_s, &members, spectra));
     }
-    merge(&mut found);
-    found.sort_by_key(|group| std::cmp::Reverse(group.members.len()));
     found
 }
 
@@ -132,7 +176,7 @@ fn group(period_s: f64, members: &[(usize, f64, f64)], spectra: &Spectra) -> Gro
         with_common: members.iter().map(|m| m.1).collect(),
         shares: members.iter().map(|m| m.2).collect(),
         coherence: matrix,
-        suspects: Vec::new(),
+        ..Group::default()
     }
 }
 

@@ -1,11 +1,12 @@
 //! The plant, not only the loop: which loops swing together, which of them started it, and why each loop is not at rest.
 //! Pure: no clock, no files, no randomness.
 //!
-//! [`analyse`] takes the windows of all loops, of any sampling, over about the same time, one after the other. `spectra` brings them to one grid,
-//! `groups` finds those that swing together, `rank` says which is likeliest the source, `cause` gives every loop a cause, `tasks`
-//! says what to do first.
+//! [`analyse`] takes the windows of all loops, of any sampling, up to about the same time, one after the other. `spectra` brings
+//! them to common grids, `cascade` finds who sets whose set point, `groups` those that swing together, `rank` says which is
+//! likeliest the source, `cause` gives every loop a cause, `tasks` says what to do first.
 //! How often each is right is measured in `docs/plantwide.md`.
 
+pub mod cascade;
 pub mod cause;
 pub mod groups;
 pub mod rank;
@@ -18,14 +19,16 @@ pub use cause::{Cause, Reason};
 pub use groups::Group;
 pub use rank::Suspect;
 pub use tasks::{Task, tasks};
+pub use window::Raw;
 
 use crate::indicators::oscillation::{Oscillation, oscillations};
 use crate::indicators::series::{self, Values};
 use crate::indicators::{Indicators, Known, indicators};
 use crate::signal::Window;
 use crate::sysid::spectrum::Transforms;
+use cascade::{Track, is_moved};
 use signs::Signs;
-use spectra::{Span, Spectra, Track};
+use spectra::{Span, Spectra};
 use std::borrow::Cow;
 
 /// A loop, as the plant-wide analysis takes it.
@@ -39,6 +42,10 @@ pub struct PlantLoop {
     pub mode: Option<Vec<f64>>,
     /// The controller's output limits (OP unit), where known.
     pub op_limits: Option<(f64, f64)>,
+    /// Dead time of its process (s), where known: the Harris index rests on it.
+    pub dead_time_s: Option<f64>,
+    /// What thinning took from PV, where the window is thinned.
+    pub raw: Option<Raw>,
     /// Tags of loops whose stream enters it, where somebody knows them.
     pub upstream: Vec<String>,
     /// What a diagnosis of its valve said, where there was one.
@@ -76,7 +83,7 @@ pub struct Friction {
 }
 
 /// What was found of one loop.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoopFound {
     /// Its tag.
     pub name: String,
@@ -92,7 +99,7 @@ pub struct LoopFound {
     pub signs: Signs,
     /// The loop whose output is its set point.
     pub master: Option<usize>,
-    /// The group of its largest oscillation.
+    /// The group of its largest oscillation: that in whose band the largest share of its variance is.
     pub group: Option<usize>,
     /// Why it is not at rest; none where nothing is wrong with it.
     pub reason: Option<Reason>,
@@ -119,32 +126,45 @@ pub fn analyse(plant: &dyn Plant) -> Analysis {
             slaves.push(at);
         }
     }
-    let mut spectra = Spectra::new(&spans);
+    let mut grids = spectra::grids(&spans);
     let mut outputs = Vec::new();
-    for (at, span) in spans.iter().enumerate() {
-        let of = plant.get(at);
-        spectra.add(span, &of.window, &mut transforms);
-        // Only a cascade asks for all outputs.
-        if !slaves.is_empty() {
-            outputs.push(Track::of(&of.window, &of.window.op));
+    for (number, spectra) in grids.iter_mut().enumerate() {
+        for (at, span) in spans.iter().enumerate() {
+            let of = plant.get(at);
+            spectra.add(span, &of.window, &mut transforms);
+            // Only a cascade asks for all outputs.
+            if number == 0 && !slaves.is_empty() {
+                outputs.push(Track::of(&of.window, &of.window.op));
+            }
         }
     }
-    masters(plant, &slaves, &outputs, &mut found);
+    cascade::masters(plant, &slaves, &outputs, Spectra::new(&spans).covered(), &mut found);
     drop(outputs);
     let swings: Vec<&[Oscillation]> = found.iter().map(|of| of.oscillations.as_slice()).collect();
-    let mut groups = groups::groups(&swings, &spectra);
-    for group in &mut groups {
-        group.suspects = rank::rank(group, plant, &found, &spectra, &mut transforms);
-    }
-    for (at, group) in groups.iter().enumerate() {
-        for member in &group.members {
-            found[*member].group.get_or_insert(at);
-        }
-    }
+    let mut groups = groups::groups(&swings, &grids);
+    join(&groups, &mut found);
+    let mut rank = |(number, group): (usize, &Group)| {
+        rank::rank(number, group, plant, &found, &grids[group.grid], &mut transforms)
+    };
+    let suspects: Vec<Vec<Suspect>> = groups.iter().enumerate().map(&mut rank).collect();
+    groups.iter_mut().zip(suspects).for_each(|(group, suspects)| group.suspects = suspects);
     for at in 0..found.len() {
         found[at].reason = cause::reason(at, &found, &groups);
     }
     Analysis { loops: found, groups }
+}
+
+/// Says of each loop which group is that of its largest oscillation.
+fn join(groups: &[Group], found: &mut [LoopFound]) {
+    let mut largest = vec![0.0; found.len()];
+    for (at, group) in groups.iter().enumerate() {
+        for (member, share) in group.members.iter().zip(&group.shares) {
+            if *share > largest[*member] {
+                largest[*member] = *share;
+                found[*member].group = Some(at);
+            }
+        }
+    }
 }
 
 /// Of every loop the indicators of its last `hour_s` as numbers, those that need longer over all of its window.
@@ -158,7 +178,12 @@ pub fn values(plant: &dyn Plant, found: &Analysis, hour_s: f64) -> Vec<Values> {
 }
 
 fn health(of: &PlantLoop, transforms: &mut Transforms) -> Indicators {
-    let known = Known { mode: of.mode.as_deref(), op_limits: of.op_limits, ..Known::default() };
+    let known = Known {
+        mode: of.mode.as_deref(),
+        op_limits: of.op_limits,
+        dead_time_s: of.dead_time_s,
+        step: of.raw.map(|raw| raw.step),
+    };
     indicators(&of.window, &known, transforms)
 }
 
@@ -175,36 +200,93 @@ fn one(of: &PlantLoop, transforms: &mut Transforms) -> LoopFound {
         friction: of.friction.clone(),
         indicators,
         oscillations: swings,
-        signs: [0.0; signs::SIGNS],
-        master: None,
-        group: None,
-        reason: None,
+        ..LoopFound::default()
     };
     found.signs = signs::signs(of, &found, transforms);
     found
 }
 
-/// Whether a set point moves as another's output does: one set by hand moves seldom.
-fn is_moved(sp: &[f64]) -> bool {
-    /// Changes, as a share of the samples.
-    const MOVES: f64 = 0.2;
-    sp.windows(2).filter(|w| w[0] != w[1]).count() as f64 > MOVES * sp.len() as f64
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    use std::f64::consts::TAU;
 
-/// Finds cascades: a set point that moves as another loop's output does, but for scale.
-fn masters(plant: &dyn Plant, slaves: &[usize], outputs: &[Track], found: &mut [LoopFound]) {
-    /// Squared correlation of a set point with its master's output: the same numbers, but for rounding and sampling.
-    const SAME: f64 = 0.95;
-    for &slave in slaves {
-        let of = plant.get(slave);
-        let Some(sp) = &of.window.sp else { continue };
-        let sp = Track::of(&of.window, sp);
-        let best = outputs
-            .iter()
-            .enumerate()
-            .filter(|(i, _)| *i != slave)
-            .map(|(i, output)| (i, spectra::correlation(&sp, output)))
-            .max_by(|a, b| a.1.total_cmp(&b.1));
-        found[slave].master = best.filter(|best| best.1 > SAME).map(|best| best.0);
+    /// A loop whose PV is `wave` of the time in minutes, and noise.
+    fn swinging(seed: u64, wave: impl Fn(f64) -> f64) -> PlantLoop {
+        let noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(seed));
+        let noisy = |(k, e): (u32, f64)| wave(f64::from(k)) + 0.2 * e;
+        let pv: Vec<f64> = (0..1440_u32).zip(noise).map(noisy).collect();
+        let window = Window { ts: 60.0, op: pv.clone(), pv, ..Window::default() };
+        PlantLoop { name: format!("FIC{seed}"), window, ..PlantLoop::default() }
+    }
+
+    #[test]
+    fn of_a_large_group_only_the_source_is_a_task() {
+        let plant: Vec<PlantLoop> = (0..80).map(|seed| swinging(seed, |t| (0.2 * t).sin())).collect();
+        let found = analyse(&plant);
+        assert_eq!(found.groups.iter().map(|group| group.members.len()).collect::<Vec<usize>>(), [80]);
+        let first = found.groups[0].suspects[0].at;
+        for (at, of) in found.loops.iter().enumerate().filter(|(at, _)| *at != first) {
+            let told = of.reason.as_ref().map(|own| (own.cause, own.neighbour));
+            assert_eq!(told, Some((Cause::Neighbour, Some(first))), "{at}");
+        }
+        assert_eq!(tasks(&found).iter().map(|task| task.at).collect::<Vec<usize>>(), [first]);
+    }
+
+    #[test]
+    fn a_loop_is_judged_by_the_group_of_its_largest_oscillation() {
+        // Four swing at 31 min, two at 79 min, and one of them does both, the slow one more.
+        let (fast, slow) = (|t: f64| (0.2 * t).sin(), |t: f64| (0.08 * t).sin());
+        let mut plant: Vec<PlantLoop> = (0..3).map(|seed| swinging(seed, fast)).collect();
+        plant.push(swinging(3, |t| 0.6 * fast(t) + slow(t)));
+        plant.push(swinging(4, slow));
+        plant[3].friction =
+            Some(Friction { sticks: true, probability: 0.99, says: "The valve sticks".into() });
+        let found = analyse(&plant);
+        let sizes: Vec<usize> = found.groups.iter().map(|group| group.members.len()).collect();
+        assert_eq!((sizes, found.loops[3].group), (vec![4, 2], Some(1)));
+        let sticks = |group: &Group| {
+            let own = group.suspects.iter().find(|suspect| suspect.at == 3);
+            own.map(|suspect| suspect.signs[rank::SIGNS - 1] > 0.0)
+        };
+        // Its valve starts one of the two swings.
+        assert_eq!((sticks(&found.groups[0]), sticks(&found.groups[1])), (Some(false), Some(true)));
+    }
+
+    #[test]
+    fn the_dead_time_that_is_known_is_counted_in_the_score() {
+        let mut plant = vec![swinging(1, |t| (0.2 * t).sin())];
+        let score = |plant: &Vec<PlantLoop>| analyse(plant).loops[0].indicators.score;
+        let unknown = score(&plant);
+        plant[0].dead_time_s = Some(0.0);
+        assert!(unknown.is_some() && score(&plant) != unknown);
+    }
+
+    #[test]
+    fn short_records_are_compared_with_the_end_of_long_ones() {
+        // At 10 s for 12 h, and at 1 s for the last 70 min of them; all swing at 3 min.
+        let one = |name: usize, ts: f64, hours: f64| {
+            let t0 = 3600.0 * (12.0 - hours);
+            let noise = StandardNormal.sample_iter(rand_pcg::Pcg64Mcg::seed_from_u64(name as u64));
+            let wave = |(k, e): (usize, f64)| (TAU * (t0 + k as f64 * ts) / 180.0).sin() + 0.2 * e;
+            let pv: Vec<f64> = (0..(3600.0 * hours / ts) as usize).zip(noise).map(wave).collect();
+            let window = Window { t0, ts, op: pv.clone(), pv, ..Window::default() };
+            PlantLoop { name: format!("FIC{name}"), window, ..PlantLoop::default() }
+        };
+        let mut plant: Vec<PlantLoop> = (0..5).map(|name| one(name, 10.0, 12.0)).collect();
+        plant.extend((5..8).map(|name| one(name, 1.0, 70.0 / 60.0)));
+        let found = analyse(&plant);
+        // One group, not one on each grid.
+        assert_eq!(found.groups.iter().map(|group| group.members.len()).collect::<Vec<usize>>(), [8]);
+        assert!(found.loops.iter().all(|of| of.group == Some(0)));
+        // Without the short ones it is what the long ones alone make of it.
+        plant.truncate(5);
+        let found = analyse(&plant);
+        assert_eq!(
+            found.groups.iter().map(|group| (group.grid, group.members.len())).collect::<Vec<_>>(),
+            [(0, 5)]
+        );
     }
 }

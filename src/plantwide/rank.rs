@@ -12,7 +12,7 @@
 //! | stuck | share of the time in which PV stands still while OP moves | friction |
 //! | lead | mean of how much earlier than each other member, in periods, weighted by certainty | a cause comes first |
 //! | master | 1 where it sets another member's set point | it has no valve of its own |
-//! | sticks | ln of the odds of friction by a diagnosis that says so, over its most | what limits the cycle is the valve |
+//! | sticks | ln of the odds of friction by a diagnosis that says so, over its most; in the loop's own group alone | what limits the cycle is the valve |
 //! | upstream | share of the members that lie downstream by what the user said, less that upstream | streams carry it |
 //!
 //! The weights are a conditional logit (McFadden 1974) fitted on simulated plants (`calibrate rank`, seeds of its own); the
@@ -54,7 +54,7 @@ const MOST: usize = 64;
 const LONGEST: f64 = 1.0;
 
 /// A member of a group, as a suspect.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Suspect {
     /// Which loop.
     pub at: usize,
@@ -66,8 +66,9 @@ pub struct Suspect {
     pub evidence: Vec<String>,
 }
 
-/// Ranks the members of a group.
+/// Ranks the members of a group, by the group that `found` has each loop in: `number` is its place among them.
 pub fn rank(
+    number: usize,
     group: &Group,
     plant: &dyn Plant,
     found: &[LoopFound],
@@ -75,7 +76,7 @@ pub fn rank(
     transforms: &mut Transforms,
 ) -> Vec<Suspect> {
     let members = &group.members[..group.members.len().min(MOST)];
-    let signs = signs(members, group, plant, found, spectra, transforms);
+    let signs = signs(members, (number, group), plant, found, spectra, transforms);
     let scores: Vec<f64> =
         signs.iter().map(|x| x.iter().zip(&WEIGHTS).map(|(x, w)| x * w).sum::<f64>()).collect();
     let most = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -124,7 +125,7 @@ fn evidence(signs: &[f64; SIGNS], average: &[f64], says: &str) -> Vec<String> {
 
 fn signs(
     members: &[usize],
-    group: &Group,
+    (number, group): (usize, &Group),
     plant: &dyn Plant,
     found: &[LoopFound],
     spectra: &Spectra,
@@ -155,6 +156,9 @@ fn signs(
             let op = whole(&of.op, transforms);
             let pv = spectra.spectrum(i);
             let is_master = members.iter().any(|j| found[*j].master == Some(i));
+            // One valve has one limit cycle: it starts the loop's largest oscillation and no other.
+            let sticks =
+                if found[i].group == Some(number) { found[i].signs[super::signs::STICKS] } else { 0.0 };
             [
                 (share(i) / most).ln(),
                 (pv.map_or(0.0, |bins| harmonics(bins, spectra.m(), group.period_s / spectra.ts)) + PURE)
@@ -164,7 +168,7 @@ fn signs(
                 lead(i),
                 f64::from(u8::from(is_master)),
                 downstream,
-                found[i].signs[super::signs::STICKS] / super::signs::SURE,
+                sticks / super::signs::SURE,
             ]
         })
         .collect()

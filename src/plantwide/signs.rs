@@ -2,7 +2,7 @@
 //!
 //! | sign | what |
 //! |---|---|
-//! | limits | share of the time with OP at a limit, or at the largest or least value that it has |
+//! | limits | share of the time with OP at a limit, or at the largest or least value that it has where it stops there again and again |
 //! | steps | ln of (PV's step over its standard deviation + 0.01) |
 //! | noise | share of PV's variance that is noise, times that of OP: noise of a loop at rest moves nothing |
 //! | held | longest stretch in which PV does not change at all, as a share of the record |
@@ -37,6 +37,15 @@ const FINE: f64 = 0.01;
 pub const SURE: f64 = 3.0;
 /// Part of the record that is slow.
 const SLOW: f64 = 20.0;
+/// Fewest values of an OP that moves freely: of fewer each is often the largest or the least.
+const VALUES: usize = 40;
+/// Distance from a value that is at it, as a part of OP's range.
+const AT: f64 = 1e-3;
+/// How many times as often as at the value beside it OP is at a stop: in simulated loops 11 times and more.
+const OFTEN: usize = 4;
+/// Samples of a stay at a stop, and fewest stays.
+const STAY: usize = 3;
+const AGAIN: usize = 3;
 
 /// The signs of a loop.
 pub fn signs(of: &PlantLoop, found: &LoopFound, transforms: &mut Transforms) -> Signs {
@@ -50,10 +59,11 @@ pub fn signs(of: &PlantLoop, found: &LoopFound, transforms: &mut Transforms) -> 
     let friction = of.friction.as_ref();
     let odds = |p: f64| (p / (1.0 - p).max(1e-9)).max(1.0).ln().min(SURE);
     [
+        // A controller may be stopped long before the limits that somebody knows of.
         i.at_limits.unwrap_or(0.0).max(at_extremes(&w.op)),
         (i.kept.quantisation + FINE).ln(),
         i.kept.noise_share * noise_share(&w.op),
-        held(&w.pv),
+        of.raw.map_or_else(|| held(&w.pv), |raw| raw.held),
         swing.map_or(0.0, |own| own.share),
         swing.map_or(0.67, |own| own.steadiness),
         corners(&w.pv, transforms),
@@ -79,12 +89,32 @@ fn noise_share(x: &[f64]) -> f64 {
     if spread > 0.0 { (noise_sd(x) / spread).powi(2).min(1.0) } else { 0.0 }
 }
 
-/// Share of the samples at the largest and at the least value, within a thousandth of the range between them.
+/// Share of the samples at the largest or the least value, whichever is a stop; 0 where neither is.
 fn at_extremes(op: &[f64]) -> f64 {
     let (low, high) = range(op);
-    let near = 1e-3 * (high - low);
-    let at = op.iter().filter(|u| **u <= low + near || **u >= high - near).count();
-    if near > 0.0 { at as f64 / op.len() as f64 } else { 0.0 }
+    let mut values = op.to_vec();
+    values.sort_unstable_by(f64::total_cmp);
+    values.dedup();
+    if high <= low || values.len() < VALUES {
+        return 0.0;
+    }
+    let over: Vec<f64> = op.iter().map(|u| (u - low) / (high - low)).collect();
+    let under: Vec<f64> = over.iter().map(|x| 1.0 - x).collect();
+    at_stop(&over).max(at_stop(&under))
+}
+
+/// Share of the samples at a value, by how far OP is from it, in ranges.
+///
+/// A stop holds OP again and again, and far more often than OP is at the value beside it. A swing in steps turns at its largest
+/// value, too, but is at most two and a half times as often there as a step below.
+fn at_stop(far: &[f64]) -> f64 {
+    let is_at = |x: &f64| *x <= AT;
+    let at = far.iter().filter(|x| is_at(x)).count();
+    let next = far.iter().copied().filter(|x| !is_at(x)).fold(f64::INFINITY, f64::min);
+    let beside = far.iter().filter(|x| !is_at(x) && **x <= next + AT).count();
+    let runs = far.chunk_by(|a, b| is_at(a) == is_at(b));
+    let stays = runs.filter(|run| is_at(&run[0]) && run.len() >= STAY).count();
+    if stays >= AGAIN && at > OFTEN * beside { at as f64 / far.len() as f64 } else { 0.0 }
 }
 
 /// Longest stretch of equal values, as a share.
@@ -108,4 +138,36 @@ fn slow(e: &[f64], transforms: &mut Transforms) -> f64 {
 fn effort(op: &[f64], pv: &[f64]) -> f64 {
     let over = |x: &[f64]| sd(x) / noise_sd(x).max(1e-3 * sd(x)).max(f64::MIN_POSITIVE);
     (over(op).max(1e-3) / over(pv).max(1e-3)).ln()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    /// A swing of 97 samples a period that never meets the same value twice.
+    fn swing(k: usize) -> f64 {
+        50.0 + 10.0 * (TAU * k as f64 / 97.3).sin()
+    }
+
+    #[test]
+    fn a_coarse_op_and_steps_by_hand_are_no_stop() {
+        let coarse: Vec<f64> = (0..1200).map(|k| [46.0, 46.1, 46.2][k / 7 % 3]).collect();
+        let by_hand: Vec<f64> = (0..1200).map(|k| if k < 600 { 40.0 } else { 60.0 }).collect();
+        let in_steps: Vec<f64> = (0..1200).map(|k| (swing(k) / 0.25).round() * 0.25).collect();
+        let free: Vec<f64> = (0..1200).map(swing).collect();
+        for op in [coarse, by_hand, in_steps, free, vec![], vec![3.0; 100], vec![f64::NAN; 100]] {
+            assert_eq!(at_extremes(&op), 0.0);
+        }
+    }
+
+    #[test]
+    fn a_stop_that_nobody_knows_of_is_found_on_either_side() {
+        // Half a swing is above 50.
+        let below: Vec<f64> = (0..1200).map(|k| swing(k).min(50.0)).collect();
+        let above: Vec<f64> = (0..1200).map(|k| swing(k).max(50.0)).collect();
+        for op in [below, above] {
+            assert!((at_extremes(&op) - 0.5).abs() < 0.03, "{}", at_extremes(&op));
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! All loops on one grid of time, and what two of them have in common in a band.
+//! All loops on common grids of time, and what two of them have in common in a band.
 //!
 //! ```text
 //! S_ij = sum over the band of X_i[f] conj(X_j[f])      gamma² = |S_ij|² / (S_ii S_jj)
@@ -26,8 +26,10 @@ const MOST: f64 = 8192.0;
 const NARROW: f64 = 1.15;
 /// Part of either end that is tapered.
 const TAPER: f64 = 0.05;
-/// Samples that two set points are compared at.
-const COMPARED: usize = 200;
+/// Part of the time at either end that a record may lack.
+const LACKS: f64 = 0.1;
+/// Most grids: each costs another pass over all loops.
+const MOST_GRIDS: usize = 4;
 
 /// Over which time a window goes, and in what steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,28 +49,12 @@ impl Span {
         Self { t0: w.t0, ts: w.ts, samples: w.pv.len(), usable }
     }
 
+    fn length(&self) -> f64 {
+        self.ts * (self.samples as f64 - 1.0)
+    }
+
     fn end(&self) -> f64 {
-        self.t0 + self.ts * (self.samples as f64 - 1.0)
-    }
-}
-
-/// A signal with its times, in single precision: of all loops it is kept at once.
-#[derive(Clone, Debug)]
-pub struct Track {
-    t0: f64,
-    ts: f64,
-    x: Vec<f32>,
-}
-
-impl Track {
-    /// One of a window's signals.
-    pub fn of(w: &Window, x: &[f64]) -> Self {
-        Self { t0: w.t0, ts: w.ts, x: x.iter().map(|x| *x as f32).collect() }
-    }
-
-    /// The value at a time, or the last before it.
-    fn at(&self, t: f64) -> f64 {
-        f64::from(self.x[(((t - self.t0) / self.ts + 1e-6).max(0.0) as usize).min(self.x.len() - 1)])
+        self.t0 + self.length()
     }
 }
 
@@ -104,15 +90,22 @@ impl Spectra {
         Self { ts, n, from, to, m: 0, of: Vec::with_capacity(spans.len()) }
     }
 
+    /// The time that every loop on the grid covers.
+    pub fn covered(&self) -> (f64, f64) {
+        let lacks = LACKS * (self.to - self.from);
+        (self.from + lacks, self.to - lacks)
+    }
+
+    /// Whether a record of this span has its place on the grid: one that covers less says nothing of the rest.
+    fn is_covered_by(&self, span: &Span) -> bool {
+        let (from, to) = self.covered();
+        span.usable && span.t0 <= from && span.end() + span.ts >= to
+    }
+
     /// Brings the next loop to the grid. Its window may have moved on since `span` was taken.
     pub fn add(&mut self, span: &Span, w: &Window, transforms: &mut Transforms) {
-        // A record that covers less than nine tenths says nothing of the rest.
-        let (from, to) = (self.from, self.to);
-        let covers = span.usable
-            && span.t0 <= from + 0.1 * (to - from)
-            && span.end() + span.ts >= to - 0.1 * (to - from);
-        let still = covers && self.n > LEAST && Span::of(w).usable;
-        let x = if still { prepared(w, from, self.ts, self.n) } else { Vec::new() };
+        let still = self.is_covered_by(span) && self.n > LEAST && Span::of(w).usable;
+        let x = if still { prepared(w, self.from, self.ts, self.n) } else { Vec::new() };
         let bins = (!x.is_empty()).then(|| {
             let spectrum = transforms.spectrum(&x);
             self.m = spectrum.m;
@@ -123,10 +116,11 @@ impl Spectra {
         self.of.push(bins);
     }
 
-    /// The spectra of a few loops at once.
+    /// The spectra of a few loops at once, over the shortest time that two of them have in common.
     pub fn of(plant: &[PlantLoop]) -> Self {
         let spans: Vec<Span> = plant.iter().map(|of| Span::of(&of.window)).collect();
-        let (mut own, mut transforms) = (Self::new(&spans), Transforms::new());
+        let shortest = grids(&spans).pop();
+        let (mut own, mut transforms) = (shortest.unwrap_or_else(|| Self::new(&spans)), Transforms::new());
         spans.iter().zip(plant).for_each(|(span, of)| own.add(span, &of.window, &mut transforms));
         own
     }
@@ -169,6 +163,30 @@ impl Spectra {
     }
 }
 
+/// Grids, without loops yet, on which every loop that can be compared with another has its place, that of the longest records
+/// first.
+///
+/// On one grid for all, loops with shorter records than most would have no place, and those with longer ones only a part of what
+/// is known of them. Each is of the records at least half as long as the longest without a place; longer ones have theirs too.
+pub fn grids(spans: &[Span]) -> Vec<Spectra> {
+    let mut left: Vec<Span> = spans.iter().filter(|span| span.usable).copied().collect();
+    let mut grids = Vec::new();
+    while !left.is_empty() && grids.len() < MOST_GRIDS {
+        let half = 0.5 * left.iter().map(Span::length).fold(0.0, f64::max);
+        let class: Vec<Span> = left.iter().filter(|span| span.length() >= half).copied().collect();
+        let grid = Spectra::new(&class);
+        let before = left.len();
+        left.retain(|span| !grid.is_covered_by(span));
+        if left.len() == before {
+            // Records of times that have nothing in common.
+            left.retain(|span| span.length() < half);
+        } else if spans.iter().filter(|span| grid.is_covered_by(span)).count() > 1 {
+            grids.push(grid);
+        }
+    }
+    grids
+}
+
 /// In double precision, in which all sums are taken.
 fn wide<T: Copy + Into<f64>>(x: Complex<T>) -> Complex<f64> {
     Complex::new(x.re.into(), x.im.into())
@@ -209,25 +227,6 @@ pub fn delay(a: &[Complex<f32>], b: &[Complex<f32>], step_hz: f64) -> (f64, f64)
     let error =
         ((1.0 - gamma).max(1e-6) / (2.0 * gamma.max(1e-6) * free)).sqrt() / (2.0 * PI * (spread / w0).sqrt());
     (slope, error)
-}
-
-/// The squared correlation of two signals at the same times; 0 where they share too little time.
-pub fn correlation(a: &Track, b: &Track) -> f64 {
-    let end = |of: &Track| of.t0 + of.ts * of.x.len() as f64;
-    let (from, to) = (a.t0.max(b.t0), end(a).min(end(b)));
-    if to <= from || a.x.is_empty() || b.x.is_empty() {
-        return 0.0;
-    }
-    // At the stamps of the coarser one: between them the other has moved on.
-    let coarse = if a.ts >= b.ts { a } else { b };
-    let first = coarse.t0 + ((from - coarse.t0) / coarse.ts).ceil() * coarse.ts;
-    let step = ((to - from) / (COMPARED as f64 * coarse.ts)).ceil().max(1.0) * coarse.ts;
-    let times = (0..).map(|k| first + f64::from(k) * step).take_while(|t| *t < to);
-    let (a, b): (Vec<f64>, Vec<f64>) = times.map(|t| (a.at(t), b.at(t))).unzip();
-    let (ma, mb) = (mean(&a), mean(&b));
-    let sum = |f: &dyn Fn(f64, f64) -> f64| a.iter().zip(&b).map(|(a, b)| f(a - ma, b - mb)).sum::<f64>();
-    let (aa, bb, ab) = (sum(&|a, _| a * a), sum(&|_, b| b * b), sum(&|a, b| a * b));
-    if a.len() > 20 && aa > 0.0 && bb > 0.0 { ab * ab / (aa * bb) } else { 0.0 }
 }
 
 /// PV on the grid, without its trend, in standard deviations, its ends tapered; empty where it does not move.
@@ -290,16 +289,25 @@ mod tests {
     }
 
     #[test]
-    fn a_set_point_is_its_masters_output_in_any_sampling() {
-        let jagged = |k: usize| ((k * k) as f64 * 0.37).sin();
-        let fine: Vec<f64> = (0..2000).map(jagged).collect();
-        let coarse: Vec<f64> = (0..500).map(|k| 3.0 + 0.5 * jagged(4 * k)).collect();
-        let plant = loops(&[fine.clone(), coarse.clone()], &[30.0, 120.0]);
-        let (w, v) = (&plant[0].window, &plant[1].window);
-        let (fine, coarse) = (Track::of(w, &fine), Track::of(v, &coarse));
-        assert!(correlation(&fine, &coarse) > 0.999 && correlation(&coarse, &fine) > 0.999);
-        let other: Vec<f64> = (0..500).map(|k| jagged(3 * k + 7)).collect();
-        assert!(correlation(&fine, &Track::of(v, &other)) < 0.2);
+    fn every_span_has_a_grid_and_equal_ones_share_it() {
+        let span = |end: f64, hours: f64, ts: f64| Span {
+            t0: end - 3600.0 * hours,
+            ts,
+            samples: (3600.0 * hours / ts) as usize + 1,
+            usable: true,
+        };
+        let day = vec![span(1e6, 24.0, 60.0); 30];
+        assert_eq!(grids(&day).iter().map(|grid| grid.n).collect::<Vec<usize>>(), [1441]);
+        // Rings of as many samples at 10 s and at 1 s, most of them slow.
+        let mut mixed = vec![span(1e6, 11.4, 10.0); 100];
+        mixed.extend(vec![span(1e6, 1.14, 1.0); 80]);
+        let found = grids(&mixed);
+        assert_eq!(found.iter().map(|grid| grid.ts).collect::<Vec<f64>>(), [10.0, 1.0]);
+        let places = |grid: &Spectra| mixed.iter().filter(|span| grid.is_covered_by(span)).count();
+        assert_eq!(found.iter().map(places).collect::<Vec<usize>>(), [100, 180]);
+        // Who is alone is compared with nobody, and rubbish has no span.
+        assert!(grids(&[span(1e6, 24.0, 60.0), span(1e5, 24.0, 60.0)]).is_empty());
+        assert!(grids(&[Span { usable: false, ..span(1e6, 24.0, 60.0) }]).is_empty());
     }
 
     #[test]
@@ -307,7 +315,5 @@ mod tests {
         let plant = loops(&[vec![], vec![1.0; 500], vec![f64::NAN; 500]], &[1.0, 1.0, 1.0]);
         let spectra = Spectra::of(&plant);
         assert!((0..3).all(|i| spectra.inside(i, &spectra.band(10.0)).is_none()));
-        let track = |x: &[f64]| Track::of(&plant[1].window, x);
-        assert_eq!(correlation(&track(&[]), &track(&[1.0])), 0.0);
     }
 }

@@ -32,8 +32,7 @@ impl Task {
 /// The tasks of a plant, those of the greatest [`Task::worth`] first.
 pub fn tasks(found: &Analysis) -> Vec<Task> {
     let mut tasks: Vec<Task> = Vec::new();
-    for (at, of) in found.loops.iter().enumerate() {
-        let victims = victims(found, at);
+    for ((at, of), victims) in found.loops.iter().enumerate().zip(victims(found)) {
         match &of.reason {
             Some(reason) if reason.cause != Cause::Neighbour => {
                 let (cause, probability, why) = (reason.cause, reason.probability, reason.why.clone());
@@ -51,8 +50,36 @@ pub fn tasks(found: &Analysis) -> Vec<Task> {
     tasks
 }
 
-fn victims(found: &Analysis, of: usize) -> Vec<usize> {
-    let is_victim =
-        |at: &usize| found.loops[*at].reason.as_ref().is_some_and(|reason| reason.neighbour == Some(of));
-    (0..found.loops.len()).filter(is_victim).collect()
+/// Of each loop those that are expected to calm down with it.
+fn victims(found: &Analysis) -> Vec<Vec<usize>> {
+    let mut victims = vec![Vec::new(); found.loops.len()];
+    for (at, of) in found.loops.iter().enumerate() {
+        if let Some(neighbour) = of.reason.as_ref().and_then(|reason| reason.neighbour) {
+            victims[neighbour].push(at);
+        }
+    }
+    victims
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plantwide::{LoopFound, Reason};
+
+    #[test]
+    fn a_source_has_its_victims_and_they_have_no_task() {
+        let of = |cause, neighbour| LoopFound {
+            reason: Some(Reason { cause, probability: 0.8, why: String::new(), neighbour }),
+            ..LoopFound::default()
+        };
+        let loops = vec![
+            of(Cause::Neighbour, Some(2)),
+            LoopFound::default(),
+            of(Cause::Valve, None),
+            of(Cause::Neighbour, Some(2)),
+        ];
+        let found = tasks(&Analysis { loops, groups: Vec::new() });
+        assert_eq!(found.len(), 1);
+        assert_eq!((found[0].at, found[0].victims.as_slice()), (2, &[0, 3][..]));
+    }
 }

@@ -49,7 +49,7 @@ pub struct Spool {
     pub away: Option<String>,
     /// Whether anything waits.
     pub waits: bool,
-    /// Bytes that the spool takes.
+    /// Bytes that the spool takes, its log with it.
     pub bytes: u64,
     /// Samples that were dropped because the spool was full.
     pub dropped: u64,

@@ -28,6 +28,11 @@ pub trait Feed: Send + 'static {
     fn set_back(&mut self) -> bool;
     /// The database has what was not known here: what is taken from now on has it in it.
     fn merge(&mut self, found: Found);
+    /// Whether what is there was read at the start, though the store could not be opened then: merged once more it would undo
+    /// what has happened since.
+    fn has_read(&self) -> bool {
+        false
+    }
 }
 
 /// How the store is.
@@ -150,9 +155,10 @@ impl Writer {
             pause: PAUSES.0,
             looked: None,
             counted: (0, 0),
-            unread: opened.is_err(),
+            unread: false,
             era: 0,
         };
+        round.unread = opened.is_err() && !round.feed.has_read();
         match opened {
             Ok(store) => round.take_on(store),
             Err(error) => round.failed(&error),

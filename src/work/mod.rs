@@ -22,6 +22,8 @@ const MOST: usize = 10_000;
 pub struct Said {
     /// The loop.
     pub id: LoopId,
+    /// The first of the samples that it was made of (s).
+    pub from: f64,
     /// How it is.
     pub measure: Measure,
     /// What should be done; `None` where nothing should.
@@ -48,7 +50,7 @@ impl WorkList {
                 }
                 (None, None) => continue,
             };
-            let moved = order.take(own.seen.as_ref(), own.measure, now, config);
+            let moved = order.take(own.seen.as_ref(), own.measure, own.from, now, config);
             changed.push((order.clone(), moved));
         }
         self.orders.retain(|_, order| !order.is_forgotten(now));

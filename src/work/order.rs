@@ -13,6 +13,9 @@
 //!
 //! Somebody may say that a watched or open order is not wanted (`dismissed`), and open one again that is over.
 //! "Seen for `persist_s`" means in at least [`MOSTLY`] of the looks of the last `persist_s`; "not seen" in at most [`HARDLY`].
+//!
+//! A window reaches back for hours or days. So a repair is judged only by looks whose windows begin after it: where they are long,
+//! that takes as long as they are, and half of `persist_s` more. An earlier look would see the swing that the repair has ended.
 
 use super::config::Config;
 use crate::plantwide::Cause;
@@ -137,6 +140,8 @@ pub struct Measure {
 pub struct Look {
     /// When (s).
     pub at: f64,
+    /// Since when there were samples in it (s); minus infinity where that was not kept.
+    pub from: f64,
     /// The cause that was suspected and its probability; none where nothing was.
     pub cause: Option<(Cause, f64)>,
     /// How the loop was.
@@ -173,7 +178,8 @@ pub struct Order {
     pub seen: Option<Seen>,
     /// The latest looks, oldest first.
     pub looks: VecDeque<Look>,
-    /// How the loop was before it was repaired, in the mean, and when somebody said that it was (s).
+    /// How the loop was before it was repaired, in the mean of the looks that suspected it, and when somebody said that it was
+    /// repaired (s).
     pub before: Option<(Measure, f64)>,
     /// How it is since then, in the mean, once that is decided.
     pub after: Option<Measure>,
@@ -222,14 +228,21 @@ impl Order {
         }
     }
 
-    /// Takes a look at the loop.
-    pub fn take(&mut self, seen: Option<&Seen>, measure: Measure, now: f64, config: &Config) -> Option<Move> {
+    /// Takes a look at the loop, by samples since `from`.
+    pub fn take(
+        &mut self,
+        seen: Option<&Seen>,
+        measure: Measure,
+        from: f64,
+        now: f64,
+        config: &Config,
+    ) -> Option<Move> {
         if self.looks.back().is_some_and(|last| last.at >= now) {
             // A clock that was set back: what was seen "later" says nothing of now.
             self.looks.clear();
         }
         let cause = seen.map(|seen| (seen.cause, seen.probability));
-        self.looks.push_back(Look { at: now, cause, measure });
+        self.looks.push_back(Look { at: now, from, cause, measure });
         if self.looks.len() > LOOKS {
             self.looks.pop_front();
         }
@@ -255,7 +268,7 @@ impl Order {
             _ => return None,
         };
         if self.state == State::Repaired {
-            self.after = Some(self.mean(self.since));
+            self.after = Some(self.mean(|look| look.from >= self.since));
             self.reopened += u32::from(to == State::Open);
         }
         Some(self.go(to, None, None, now))
@@ -273,6 +286,7 @@ impl Order {
             .looks
             .iter()
             .filter(|look| look.at >= from && look.at >= begun)
+            .filter(|look| self.state != State::Repaired || look.from >= begun)
             .map(|look| look.cause.is_some())
             .collect();
         let enough = THERE * config.persist_s / config.period_s;
@@ -280,15 +294,11 @@ impl Order {
         (own.len() as f64 >= enough).then(|| seen as f64 / own.len() as f64)
     }
 
-    /// The mean of what was measured since a time; standard deviations as the root of the mean square.
-    fn mean(&self, from: f64) -> Measure {
+    /// The mean of what was measured in some of the looks; standard deviations as the root of the mean square.
+    fn mean(&self, counts: impl Fn(&Look) -> bool) -> Measure {
         let over = |of: &dyn Fn(&Measure) -> Option<f64>| {
-            let all: Vec<f64> = self
-                .looks
-                .iter()
-                .filter(|look| look.at >= from)
-                .filter_map(|look| of(&look.measure))
-                .collect();
+            let own = self.looks.iter().filter(|look| counts(look));
+            let all: Vec<f64> = own.filter_map(|look| of(&look.measure)).collect();
             (!all.is_empty()).then(|| all.iter().sum::<f64>() / all.len() as f64)
         };
         Measure {
@@ -322,7 +332,7 @@ impl Order {
             (Act::Reopen, _) => State::Open,
         };
         if to == State::Repaired {
-            self.before = Some((self.mean(f64::NEG_INFINITY), now));
+            self.before = Some((self.mean(|look| look.cause.is_some()), now));
             self.after = None;
         }
         (self.by, self.note) = (by.clone(), note.clone());

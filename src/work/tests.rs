@@ -17,16 +17,18 @@ fn seen() -> Seen {
     }
 }
 
-fn said(is_seen: bool, sd: f64) -> Vec<Said> {
+/// What a look of the last hour says.
+fn said(now: f64, is_seen: bool, sd: f64) -> Vec<Said> {
     let measure = Measure { error_sd: Some(sd), swing: Some(0.5), f: Some(1.0) };
-    vec![Said { id: LoopId::new("FIC1"), measure, seen: is_seen.then(seen) }]
+    vec![Said { id: LoopId::new("FIC1"), from: now - HOUR, measure, seen: is_seen.then(seen) }]
 }
 
 /// Looks once an hour and returns the moves.
 fn look(list: &mut WorkList, hours: std::ops::Range<u32>, is_seen: bool, sd: f64) -> Vec<(State, State)> {
     let mut moves = Vec::new();
     for hour in hours {
-        let changed = list.take(&said(is_seen, sd), f64::from(hour) * HOUR, &config());
+        let now = f64::from(hour) * HOUR;
+        let changed = list.take(&said(now, is_seen, sd), now, &config());
         moves.extend(changed.into_iter().filter_map(|(_, moved)| moved).map(|m| (m.from, m.to)));
     }
     moves
@@ -50,7 +52,7 @@ fn a_suspicion_that_lasts_is_ordered_repaired_and_verified() {
     assert_eq!(order.after.and_then(|after| after.error_sd), Some(0.5));
     assert_eq!(order.note.as_deref(), Some("packing"));
     // It is forgotten after a quarter of a year.
-    list.take(&said(false, 0.5), 2300.0 * HOUR, &config());
+    list.take(&said(2300.0 * HOUR, false, 0.5), 2300.0 * HOUR, &config());
     assert_eq!(list.orders().count(), 0);
 }
 
@@ -61,6 +63,40 @@ fn a_repair_that_does_not_help_opens_the_order_again() {
     list.act(&id, Act::Repaired, None, None, 20.0 * HOUR).expect("there is one").expect("open");
     assert_eq!(look(&mut list, 21..40, true, 2.0), [(State::Repaired, State::Open)]);
     assert_eq!(list.get(&id).map(|order| order.reopened), Some(1));
+}
+
+/// Rings that go back 5.7 days: the swing that the repair has ended fills most of them for 68 hours.
+#[test]
+fn a_repair_is_judged_by_nothing_that_was_before_it() {
+    const LENGTH: f64 = 136.8 * HOUR;
+    let (mut list, id, config) = (WorkList::default(), LoopId::new("FIC1"), Config::default());
+    let repaired = 60.0 * HOUR;
+    let mut moves = Vec::new();
+    for hour in 0..400 {
+        let now = f64::from(hour) * HOUR;
+        let from = now - LENGTH;
+        let (is_seen, sd) = if from + 0.5 * LENGTH < repaired { (true, 2.0) } else { (false, 0.5) };
+        let own = Said { from, ..said(now, is_seen, sd).remove(0) };
+        let changed = list.take(&[own], now, &config);
+        moves.extend(changed.into_iter().filter_map(|(_, moved)| moved).map(|own| (own.to, own.at / HOUR)));
+        if hour == 60 {
+            list.act(&id, Act::Repaired, None, None, now).expect("there is one").expect("open");
+        }
+    }
+    // From hour 197 on windows begin after it, and 24 of them are half of two days.
+    assert_eq!(moves, [(State::Open, 48.0), (State::Verified, 220.0)]);
+    let order = list.get(&id).expect("kept");
+    assert_eq!((order.reopened, order.after.and_then(|after| after.error_sd)), (0, Some(0.5)));
+}
+
+#[test]
+fn how_it_was_before_is_how_it_was_when_it_was_suspected() {
+    let (mut list, id) = (WorkList::default(), LoopId::new("FIC1"));
+    look(&mut list, 0..20, true, 2.0);
+    look(&mut list, 20..40, false, 0.5);
+    look(&mut list, 40..60, true, 2.0);
+    let acted = list.act(&id, Act::Repaired, None, None, 60.0 * HOUR).expect("there is one").expect("open");
+    assert_eq!(acted.0.before.and_then(|(before, _)| before.error_sd), Some(2.0));
 }
 
 #[test]
@@ -86,9 +122,10 @@ fn an_open_order_whose_loop_calms_down_is_over_and_opens_again_with_it() {
 #[test]
 fn looks_that_are_missing_decide_nothing() {
     let mut list = WorkList::default();
-    list.take(&said(true, 1.0), 0.0, &config());
+    list.take(&said(0.0, true, 1.0), 0.0, &config());
     // The daemon stood still for a day: one look is not ten hours of them.
-    assert!(list.take(&said(true, 1.0), 24.0 * HOUR, &config()).iter().all(|(_, moved)| moved.is_none()));
+    let day = 24.0 * HOUR;
+    assert!(list.take(&said(day, true, 1.0), day, &config()).iter().all(|(_, moved)| moved.is_none()));
 }
 
 #[test]
@@ -98,12 +135,12 @@ fn the_cause_is_the_most_frequent_one() {
         [(1.0, Cause::Valve, 0.8), (2.0, Cause::Load, 0.9), (3.0, Cause::Valve, 0.6)]
     {
         let seen = Seen { cause, probability, ..seen() };
-        order.take(Some(&seen), Measure::default(), at * HOUR, &config());
+        order.take(Some(&seen), Measure::default(), 0.0, at * HOUR, &config());
     }
     let (cause, probability) = order.cause().expect("seen");
     assert!(cause == Cause::Valve && (probability - 0.7).abs() < 1e-12);
     let load = Seen { cause: Cause::Load, why: "a load".into(), ..seen() };
-    order.take(Some(&load), Measure::default(), 4.0 * HOUR, &config());
+    order.take(Some(&load), Measure::default(), 0.0, 4.0 * HOUR, &config());
     assert_eq!(order.seen.as_ref().map(|own| own.cause), order.cause().map(|own| own.0));
 }
 
@@ -118,7 +155,7 @@ proptest! {
             let act = [Act::Order, Act::Repaired, Act::Dismiss, Act::Reopen].get(usize::from(what)).copied();
             let moved = match act {
                 Some(act) => list.act(&id, act, None, None, now).and_then(Result::ok).map(|(_, moved)| moved),
-                None => list.take(&said(is_seen, 1.0), now, &config()).pop().and_then(|(_, moved)| moved),
+                None => list.take(&said(now, is_seen, 1.0), now, &config()).pop().and_then(|(_, moved)| moved),
             };
             let after = list.get(&id).map(|order| order.state);
             if let (Some(before), Some(after)) = (before, after) && before != after {

@@ -1,6 +1,7 @@
 //! What the writer asks for what is new: the rings, each from where it was left, and the changes as rows.
 
 use super::rows::rows;
+use super::waiting::drop_oldest;
 use super::{Shared, Tap, lock};
 use crate::signal::Sample;
 use crate::store::{Batch, Feed, Found, Row, Series};
@@ -86,23 +87,29 @@ impl StoreFeed {
         self.shared.leaving.store(self.back != Back::No, Relaxed);
     }
 
-    /// Keeps what waits within its bound: the oldest reports go first, then the oldest rows.
+    /// Keeps what waits within its bound: the oldest reports go first, then the oldest rows. The latest states stay.
     fn bound(&mut self) {
         let mut at = 0;
         while self.bytes > self.max_bytes && at < self.rows.len() {
-            if let Row::Diagnosis(row) = &mut self.rows[at]
-                && let Some(report) = row.report.take()
-            {
-                self.bytes -= report.len();
-                self.shared.dropped_rows.fetch_add(1, Relaxed);
+            if let Row::Diagnosis(row) = &mut self.rows[at] {
+                // What it worked on says nothing without what it said.
+                let whole = [row.report.take(), row.basis.take()];
+                let bytes: usize = whole.iter().flatten().map(Vec::len).sum();
+                self.bytes -= bytes;
+                self.shared.dropped_rows.fetch_add(u64::from(bytes > 0), Relaxed);
             }
             at += 1;
         }
-        while self.bytes > self.max_bytes
-            && let Some(row) = self.rows.pop_front()
-        {
-            self.bytes -= row.bytes();
-            self.shared.dropped_rows.fetch_add(1, Relaxed);
+        if self.bytes > self.max_bytes {
+            let (shared, bytes, most) = (&self.shared, &mut self.bytes, self.max_bytes);
+            drop_oldest(&mut self.rows, |row| {
+                let is_over = *bytes > most;
+                if is_over {
+                    *bytes -= row.bytes();
+                    shared.dropped_rows.fetch_add(1, Relaxed);
+                }
+                is_over
+            });
         }
     }
 }
@@ -111,7 +118,7 @@ impl Feed for StoreFeed {
     fn gather(&mut self) {
         let changes = std::mem::take(&mut *lock(&self.shared.changes));
         let own = std::mem::take(&mut *lock(&self.shared.rows));
-        for row in changes.into_iter().flat_map(rows).chain(own) {
+        for row in changes.into_changes().flat_map(rows).chain(own) {
             self.bytes += row.bytes();
             self.rows.push_back(row);
         }
@@ -143,6 +150,10 @@ impl Feed for StoreFeed {
 
     fn merge(&mut self, found: Found) {
         (self.merge)(found);
+    }
+
+    fn has_read(&self) -> bool {
+        self.shared.has_read.load(Relaxed)
     }
 
     fn take(&mut self) -> &Batch {

@@ -39,6 +39,13 @@ pub(super) fn too_little(config: &Config, own: &store::Config) -> Option<String>
     })
 }
 
+impl Config {
+    /// What `run` logs where `max_mb` of `[store]` cuts `samples_days` short; `None` where it does not.
+    pub fn too_little_room(&self) -> Option<String> {
+        too_little(self, self.store.as_ref()?)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -57,7 +64,7 @@ mod tests {
             }
             parse("plant.toml", &text).expect("sound")
         };
-        let told = |config: Config| too_little(&config, config.store.as_ref().expect("there"));
+        let told = |config: Config| config.too_little_room();
         // Two tags once a second and two twice.
         assert_eq!(samples_per_s(&plant("", 100)), 6.0);
         // 6 of 3.6 bytes are 1.87 MB a day, 56 MB in 30 days.

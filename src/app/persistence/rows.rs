@@ -154,7 +154,7 @@ pub(in crate::app) fn remembered_change(row: TransitionRow) -> Option<AlarmChang
     })
 }
 
-/// What was kept of a loop.
+/// What was said of a loop; its model is a state, and read for itself.
 pub(super) fn remembered(reader: &Reader, id: &LoopId, room: usize) -> Result<Remembered, StoreError> {
     let rows = reader.last_diagnoses(id.as_str(), room)?;
     let diagnosed = rows.iter().rev().find_map(|row| {
@@ -170,12 +170,7 @@ pub(super) fn remembered(reader: &Reader, id: &LoopId, room: usize) -> Result<Re
         };
         Some((restored, summary(row)))
     });
-    let model = reader.model(id.as_str())?.as_ref().map(remembered_model);
-    Ok(Remembered {
-        summaries: rows.iter().map(summary).collect(),
-        diagnosed,
-        model: model.unwrap_or_default(),
-    })
+    Ok(Remembered { summaries: rows.iter().map(summary).collect(), diagnosed, ..Remembered::default() })
 }
 
 /// A run in a few numbers.

@@ -1,6 +1,14 @@
+use super::super::plantwide::{Plantwide, rows as kept};
 use super::*;
+use crate::alarm::{self, Action, AlarmId};
 use crate::config::parse;
+use crate::indicators::series::COUNT;
+use crate::results::Said;
+use crate::serve::PlantwidePort;
 use crate::signal::Sample;
+use crate::store::Batch;
+use crate::work::State;
+use std::path::PathBuf;
 use std::sync::mpsc::channel;
 
 const PLANT: &str = "[[modbus]]\nname = 'd'\naddress = '10.0.0.5:502'\naddress_base = 0\n[[loop]]\nid = 'A'\n\
@@ -65,4 +73,147 @@ fn a_new_ring_that_holds_what_is_of_before_a_set_back_measures_nothing() {
         persistence.follow(&own, now);
         assert_eq!(last().map(f64::to_bits), Some(f64::to_bits(measure)), "{now}");
     }
+}
+
+/// A folder of its own, gone with the test.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("stictiond-persistence-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).expect("writable");
+        Self(path)
+    }
+
+    fn config(&self) -> Config {
+        let store = format!("[store]\nfolder = {:?}\n", self.0.join("store"));
+        parse("plant.toml", &format!("{PLANT}{store}")).expect("sound")
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn a_store_that_opens_and_cannot_be_read_fails_until_it_can() {
+    let folder = Folder::new("unread");
+    let config = folder.config();
+    let wired = config.plant().expect("sound");
+    let history = History::new(&wired.loops, &config.history);
+    let results = Arc::new(Results::new(&[LoopId::new("A")], 1, &config.alarm));
+    // It opens, elsewhere: where it is configured nothing can be read.
+    let elsewhere = store::Config::new(folder.0.join("elsewhere"));
+    let open: store::Opener = Arc::new(move |_, _| Store::open(&elsewhere));
+    let driven = store::Driven { open, by_hand: true };
+    let persistence = Persistence::new(&config, Clock::by_hand(0.0), driven, (&history, &results));
+    persistence.begin(results.clone());
+    let ask = persistence.ask().expect("there is one");
+    assert!(ask().failing.is_some_and(|(why, _)| why.contains("there is no store")));
+    assert!(!persistence.make_durable(), "nothing is written before what is there has been read");
+}
+
+/// The work list and the indicators: of a start that could not open the store, and of a loop that is taken out and put back.
+#[test]
+fn orders_and_indicators_are_back_as_soon_as_they_can_be_read() {
+    let folder = Folder::new("orders");
+    let config = folder.config();
+    let own = config.store.clone().expect("there");
+    let order = |control_loop: &str| Order {
+        id: LoopId::new(control_loop),
+        state: State::Ordered,
+        since: 2000.0,
+        first: 1000.0,
+        seen: None,
+        looks: VecDeque::new(),
+        before: None,
+        after: None,
+        by: Some("ann".into()),
+        note: Some("fitter called".into()),
+        reopened: 0,
+    };
+    let days = vec![(86_400.0, [Some(81.5); COUNT]), (172_800.0, [None; COUNT])];
+    let of = |id: &str| {
+        let mut rows = kept::order_rows(&order(id), None);
+        rows.push(kept::health_row(&LoopId::new(id), &days));
+        rows
+    };
+    // X was configured once.
+    let rows = ["A", "X"].into_iter().flat_map(of).collect();
+    let mut store = Store::open(&own).expect("opens");
+    store.write(&Batch { series: Vec::new(), rows }).expect("writes");
+    drop(store);
+
+    let first = AtomicBool::new(true);
+    let open: store::Opener = Arc::new(move |config, _| match first.swap(false, Relaxed) {
+        true => Err(StoreError::InUse(config.folder.clone())),
+        false => Store::open(config),
+    });
+    let driven = store::Driven { open, by_hand: true };
+    let wired = config.plant().expect("sound");
+    let history = Arc::new(History::new(&wired.loops, &config.history));
+    let (results, clock) =
+        (Arc::new(Results::new(&[LoopId::new("A")], 1, &config.alarm)), Clock::by_hand(3e5));
+    let persistence = Persistence::new(&config, clock, driven, (&history, &results));
+    let plantwide = Plantwide::new(&config, clock, &history, &results, &persistence);
+    let there = || {
+        let orders: Vec<Order> = plantwide.work().into_iter().map(|line| line.order).collect();
+        (orders, plantwide.health(&LoopId::new("A")).map(|own| own.days))
+    };
+    assert_eq!(there(), (vec![], None), "the store failed");
+    persistence.begin(results.clone());
+    assert!(persistence.make_durable());
+    let all = (vec![order("A")], Some(days.clone()));
+    assert_eq!(there(), all, "now it works");
+
+    let without = parse("plant.toml", &PLANT.replace("id = 'A'", "id = 'B'")).expect("sound");
+    plantwide.reload(&without, &history);
+    assert_eq!(there(), (vec![], None));
+    plantwide.reload(&config, &history);
+    persistence.give_back(&history, &results).expect("can be read");
+    assert_eq!(there(), all, "it is configured again");
+}
+
+/// A disk that is full keeps nobody from reading it.
+#[test]
+fn a_store_that_cannot_be_opened_is_read_and_not_merged_into_itself() {
+    let folder = Folder::new("full");
+    let config = folder.config();
+    let own = config.store.clone().expect("there");
+    let alarm = AlarmRow {
+        control_loop: "A".into(),
+        kind: "stiction".into(),
+        active: true,
+        out_of_service: true,
+        ..AlarmRow::default()
+    };
+    let mut store = Store::open(&own).expect("opens");
+    store.write(&Batch { series: Vec::new(), rows: vec![store::Row::Alarm(alarm)] }).expect("writes");
+    drop(store);
+
+    let first = AtomicBool::new(true);
+    let open: store::Opener = Arc::new(move |config, _| match first.swap(false, Relaxed) {
+        true => Err(StoreError::Io { path: config.folder.clone(), source: io::Error::other("no room") }),
+        false => Store::open(config),
+    });
+    let driven = store::Driven { open, by_hand: true };
+    let wired = config.plant().expect("sound");
+    let history = History::new(&wired.loops, &config.history);
+    let results = Arc::new(Results::new(&[LoopId::new("A")], 1, &config.alarm));
+    let persistence = Persistence::new(&config, Clock::by_hand(3e5), driven, (&history, &results));
+    let id = AlarmId::named("A/stiction");
+    let state = || results.alarm(&id, 3e5).expect("there").state;
+    assert_eq!(state(), alarm::State::OutOfService, "it is back at once");
+    persistence.begin(results.clone());
+    assert!(persistence.ask().is_some_and(|ask| ask().failing.is_some()));
+    let back = results.act(&id, Action::GiveBack, Said::default(), 3e5).expect("there");
+    assert_eq!(back.expect("it may be").state, alarm::State::Unacknowledged);
+    assert!(persistence.make_durable(), "there is room again");
+    assert_eq!(state(), alarm::State::Unacknowledged, "what was done meanwhile stays");
+    let kept =
+        Reader::open(&own.folder).and_then(|reader| reader.alarm("A", "stiction")).expect("can be read");
+    assert!(kept.is_some_and(|row| row.active && !row.out_of_service));
 }

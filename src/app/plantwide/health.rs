@@ -63,11 +63,16 @@ impl HealthLog {
         ended
     }
 
-    /// Takes back the days that were kept of a loop.
-    pub(super) fn restore(&mut self, id: LoopId, days: &[(f64, Values)]) {
-        let of = self.loops.entry(id).or_default();
-        of.days = days.iter().map(|(t, own)| (*t, kept(own))).collect();
+    /// Takes back the days that were kept of a loop, before those that there are; all of them, where there were any.
+    pub(super) fn restore(&mut self, id: &LoopId, days: &[(f64, Values)]) -> Option<Vec<(f64, Values)>> {
+        let of = self.loops.entry(id.clone()).or_default();
+        let begun = of.days.front().map_or(f64::INFINITY, |(t, _)| *t);
+        let older = days.iter().filter(|(t, _)| *t < begun);
+        let all: VecDeque<_> = older.map(|(t, own)| (*t, kept(own))).chain(of.days.iter().copied()).collect();
+        let grown = all.len() > of.days.len();
+        of.days = all;
         of.days.drain(..of.days.len().saturating_sub(DAYS));
+        (grown && begun.is_finite()).then(|| of.days())
     }
 
     pub(super) fn keep_only(&mut self, ids: &BTreeSet<LoopId>) {
@@ -109,8 +114,14 @@ mod tests {
         assert_eq!((found.days[0].0, found.days[0].1[0], found.days[0].1[1]), (DAY_S, Some(11.5), None));
         assert_eq!(log.latest(&id).and_then(|own| own[0]), Some(23.0));
         let mut again = HealthLog::default();
-        again.restore(id.clone(), &found.days);
-        assert_eq!(again.of(&id).map(|own| own.days), Some(found.days));
+        assert_eq!(again.restore(&id, &found.days), None, "as it is kept");
+        assert_eq!(again.of(&id).map(|own| own.days), Some(found.days.clone()));
+        // A day that ended before the others were found again.
+        let mut late = HealthLog::default();
+        late.restore(&id, &found.days[7..]);
+        assert_eq!(late.restore(&id, &found.days), Some(found.days.clone()), "to be kept");
+        assert_eq!(late.restore(&id, &found.days), None);
+        assert_eq!(late.of(&id).map(|own| own.days), Some(found.days));
         again.keep_only(&BTreeSet::new());
         assert_eq!(again.of(&id), None);
     }

@@ -25,7 +25,7 @@ pub(in crate::app) fn order_rows(order: &Order, moved: Option<&Move>) -> Vec<Row
     }
     for look in &order.looks {
         let cause = look.cause.map_or("-\t-".to_string(), |(cause, p)| format!("{}\t{p}", cause.as_str()));
-        let _ = writeln!(trend, "{}\t{cause}\t{}", look.at, measure(&look.measure));
+        let _ = writeln!(trend, "{}\t{cause}\t{}\t{}", look.at, measure(&look.measure), look.from);
     }
     let before = order.before.map(|(own, at)| format!("{at}\t{}\n", measure(&own))).unwrap_or_default();
     let after = order.after.map(|own| format!("-\t{}\n", measure(&own))).unwrap_or_default();
@@ -96,7 +96,7 @@ pub(in crate::app) fn order_of(row: &AlarmRow) -> Option<Order> {
     let (mut before, mut after) = (None, None);
     for line in row.raises.lines() {
         let mut fields = line.split('\t');
-        match (fields.next().and_then(number), read_measure(fields)) {
+        match (fields.next().and_then(number), read_measure(&mut fields)) {
             (Some(at), own) => before = Some((own, at)),
             (None, own) => after = Some(own),
         }
@@ -139,7 +139,7 @@ fn measure(own: &Measure) -> String {
     format!("{}\t{}\t{}", field(own.error_sd), field(own.swing), field(own.f))
 }
 
-fn read_measure<'a>(mut fields: impl Iterator<Item = &'a str>) -> Measure {
+fn read_measure<'a>(fields: &mut impl Iterator<Item = &'a str>) -> Measure {
     let mut next = || fields.next().and_then(number);
     Measure { error_sd: next(), swing: next(), f: next() }
 }
@@ -160,7 +160,10 @@ fn look(line: &str) -> Option<Look> {
     let mut fields = line.split('\t');
     let at = number(fields.next()?)?;
     let (cause, probability) = (cause(fields.next()?), number(fields.next()?));
-    Some(Look { at, cause: cause.zip(probability), measure: read_measure(fields) })
+    let measure = read_measure(&mut fields);
+    // An earlier version did not keep it: such a look may reach back before everything.
+    let from = fields.next().and_then(number).unwrap_or(f64::NEG_INFINITY);
+    Some(Look { at, from, cause: cause.zip(probability), measure })
 }
 
 #[cfg(test)]
@@ -180,7 +183,8 @@ mod tests {
         for hour in 0..60 {
             let seen = (hour % 10 != 3).then(|| seen.clone());
             let measure = Measure { error_sd: Some(1.5), swing: None, f: Some(0.1 * f64::from(hour)) };
-            list.take(&[Said { id: id.clone(), measure, seen }], 3600.0 * f64::from(hour), &config);
+            let now = 3600.0 * f64::from(hour);
+            list.take(&[Said { id: id.clone(), from: now - 8640.5, measure, seen }], now, &config);
         }
         let (by, note) = (Some("Ann".to_string()), Some("new packing".to_string()));
         let acted = list.act(&id, Act::Repaired, by, note, 3.0e5).expect("there").expect("open");
@@ -192,6 +196,15 @@ mod tests {
         );
         assert_eq!(order_of(row).as_ref(), Some(&acted.0));
         assert_eq!(health_of(row), None);
+    }
+
+    #[test]
+    fn a_look_of_an_earlier_version_may_reach_back_before_everything() {
+        let measure = Measure { error_sd: Some(1.5), swing: None, f: Some(0.25) };
+        let of = |from| Look { at: 3600.0, from, cause: Some((Cause::Valve, 0.875)), measure };
+        assert_eq!(look("3600\tvalve\t0.875\t1.5\t-\t0.25"), Some(of(f64::NEG_INFINITY)));
+        assert_eq!(look("3600\tvalve\t0.875\t1.5\t-\t0.25\t-inf"), Some(of(f64::NEG_INFINITY)));
+        assert_eq!(look("3600\tvalve\t0.875\t1.5\t-\t0.25\t-60.5"), Some(of(-60.5)));
     }
 
     #[test]

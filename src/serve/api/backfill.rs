@@ -35,7 +35,7 @@ fn none_yet() -> Problem {
 #[utoipa::path(post, path = "/backfill", tag = "backfill", request_body = BackfillBody,
     responses((status = 202, body = BackfillJob), (status = 400, description = "problem: the field is named"),
         (status = 404, description = "problem: no such loop"),
-        (status = 409, description = "problem: one runs already, or nothing is stored")))]
+        (status = 409, description = "problem: one runs already, nothing is stored, or devices are asked for more than the store keeps")))]
 pub async fn begin(
     State(context): Shared,
     Required(body): Required<BackfillBody>,

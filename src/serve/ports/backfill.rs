@@ -95,6 +95,9 @@ pub enum BackfillRefusal {
     /// There is no past without one.
     #[error("no [store] is configured, so there is no past to diagnose")]
     NoStore,
+    /// What devices send of that time would not be there any more when it is diagnosed.
+    #[error("{0}")]
+    TooOld(String),
     /// The file, or what is told of it, cannot be meant.
     #[error("{0}")]
     File(String),

@@ -162,7 +162,8 @@ pub(super) struct Ledger {
     next: u32,
 }
 
-fn log_of(folder: &Path) -> PathBuf {
+/// The database's log.
+pub(super) fn log_of(folder: &Path) -> PathBuf {
     folder.join(format!("{DATABASE}-wal"))
 }
 

@@ -11,6 +11,7 @@
 
 mod check;
 mod ledger;
+mod log;
 mod read;
 mod repair;
 mod retain;

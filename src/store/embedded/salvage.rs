@@ -5,7 +5,7 @@
 use super::ledger::{self, Page};
 use super::second::{self, Kept};
 use super::write::{self, PAGE_BYTES};
-use super::{DATABASE, schema, start_and_tag};
+use super::{DATABASE, schema, spool, start_and_tag};
 use crate::signal::Sample;
 use crate::store::rows::{Row, TagName};
 use crate::store::{StoreError, StoredTag, codec};
@@ -87,21 +87,30 @@ pub(super) fn salvage(folder: &Path, to: Option<&Path>) -> Result<(Connection, L
     let is_whole = found.pages.is_empty()
         && found.faults.iter().all(|fault| !fault.contains(DATABASE) && !fault.contains("the log"));
     loss.states = lost;
+    restore(&taking, &kept)?;
     if is_whole {
         loss.states = 0;
+        // Put over it: the second copy may be an old one.
         whole_tables(folder, &taking)?;
     }
-    restore(&taking, &kept)?;
     taking.execute_batch(IN_ORDER)?;
     taking.commit()?;
     loss.rows = TABLES.iter().zip(counts).map(|((name, _), count)| (*name, count)).collect();
     Ok((db, loss))
 }
 
+/// What is known elsewhere does not wait to be delivered, though the second copy does not tell the two apart.
+const KNOWN_DO_NOT_WAIT: &str = "DELETE FROM alarms WHERE EXISTS (SELECT 1 FROM known_alarms AS own
+        WHERE own.control_loop = alarms.control_loop AND own.kind = alarms.kind);
+    DELETE FROM models WHERE EXISTS (SELECT 1 FROM known_models AS own
+        WHERE own.control_loop = models.control_loop AND own.version >= models.version);";
+
 /// States from the database itself, which SQLite can still read.
 fn whole_tables(folder: &Path, into: &Transaction<'_>) -> Result<(), StoreError> {
     let from = super::read::Reader::as_it_is(folder)?;
-    let (models, alarms) = from.written()?;
+    let ((models, alarms), (known_models, known_alarms)) = (from.written()?, from.known()?);
+    spool::put_known(into, &known_models, &known_alarms)?;
+    into.execute_batch(KNOWN_DO_NOT_WAIT)?;
     let rows = models.into_iter().map(Row::Model).chain(alarms.into_iter().map(Row::Alarm));
     for row in rows {
         write::put_row(into, &row)?;

@@ -22,7 +22,7 @@ const HEAD: usize = 16;
 const END: char = '\u{1f}';
 /// Longest record (bytes): a history of f over time is the longest field.
 const LONGEST: usize = 1 << 20;
-/// Bytes after which it is written anew with what still counts.
+/// Bytes after which it is written anew with what still counts, unless that alone takes more than half of them.
 const LARGE: u64 = 16_000_000;
 /// Changes of alarms that are kept when it is written anew.
 pub(super) const CHANGES: usize = 20_000;
@@ -33,6 +33,8 @@ pub(super) struct Second {
     folder: PathBuf,
     file: File,
     length: u64,
+    /// What it took when it was begun: that still counted then (bytes).
+    begun: u64,
     /// Records in it, and the checksum of the last.
     records: u64,
     sum: u32,
@@ -76,7 +78,7 @@ impl Second {
             Ok((file, length, records, sum))
         };
         let (file, length, records, sum) = made().map_err(StoreError::io(&path))?;
-        Ok(Self { folder: folder.to_path_buf(), file, length, records, sum })
+        Ok(Self { folder: folder.to_path_buf(), file, length, begun: length, records, sum })
     }
 
     /// Adds what is a state, or happened to one; durable when this returns. How many records there are then.
@@ -104,9 +106,10 @@ impl Second {
         self.records
     }
 
-    /// Whether it is time to write it anew.
+    /// Whether it is time to write it anew: as much was added as has to be written for it, so that a plant with more states
+    /// than that does not write all of them for each.
     pub fn is_large(&self) -> bool {
-        self.length > LARGE
+        self.length > LARGE.max(2 * self.begun)
     }
 }
 
@@ -288,6 +291,7 @@ fn change(fields: Fields<'_, '_>) -> Option<TransitionRow> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::embedded::tests::Folder;
     use proptest::prelude::*;
 
     fn rows(n: usize) -> Vec<Row> {
@@ -343,6 +347,24 @@ mod tests {
                 Row::Transition(row) => kept.changes.contains(row),
                 Row::Diagnosis(_) => false,
             });
+        }
+    }
+
+    #[test]
+    fn it_is_written_anew_when_as_much_was_added_as_it_began_with() {
+        let folder = Folder::new();
+        fs::create_dir_all(&folder.0).expect("writable");
+        let mut second = Second::begin(&folder.0, &[], rows(30).iter()).expect("written");
+        assert_eq!((second.begun, second.is_large()), (second.length, false));
+        for (begun, length, large) in [
+            (1000, LARGE, false),
+            (1000, LARGE + 1, true),
+            (LARGE + 1, LARGE + 2, false),
+            (LARGE + 1, 2 * LARGE + 2, false),
+            (LARGE + 1, 2 * LARGE + 3, true),
+        ] {
+            (second.begun, second.length) = (begun, length);
+            assert_eq!(second.is_large(), large, "{length} bytes, {begun} at its begin");
         }
     }
 

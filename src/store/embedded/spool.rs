@@ -163,14 +163,7 @@ impl Store {
         if models.is_empty() && alarms.is_empty() {
             return Ok(());
         }
-        self.beyond(|own| {
-            for ModelRow { control_loop, version, since, effects } in models {
-                let version = i64::try_from(*version).unwrap_or(i64::MAX);
-                own.prepare_cached("INSERT OR REPLACE INTO known_models VALUES (?1, ?2, ?3, ?4)")?
-                    .execute(params![control_loop, version, since, effects])?;
-            }
-            alarms.iter().try_for_each(|row| put_alarm(own, "known_alarms", row))
-        })?;
+        self.beyond(|own| put_known(own, models, alarms))?;
         let models = models.iter().cloned().map(Row::Model);
         let rows: Vec<Row> = models.chain(alarms.iter().cloned().map(Row::Alarm)).collect();
         self.keep_twice(&[], &rows)
@@ -222,4 +215,18 @@ impl Store {
     pub fn dropped(&self) -> u64 {
         self.dropped
     }
+}
+
+/// Puts states beside those that wait, as known.
+pub(super) fn put_known(
+    into: &Transaction<'_>,
+    models: &[ModelRow],
+    alarms: &[AlarmRow],
+) -> Result<(), StoreError> {
+    for ModelRow { control_loop, version, since, effects } in models {
+        let version = i64::try_from(*version).unwrap_or(i64::MAX);
+        into.prepare_cached("INSERT OR REPLACE INTO known_models VALUES (?1, ?2, ?3, ?4)")?
+            .execute(params![control_loop, version, since, effects])?;
+    }
+    alarms.iter().try_for_each(|row| put_alarm(into, "known_alarms", row))
 }

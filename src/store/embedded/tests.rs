@@ -1,7 +1,7 @@
 use super::*;
 use crate::signal::Sample;
 use crate::store::backend::Writes;
-use crate::store::{AlarmRow, Batch, Checked, Config, Reader, Series, StoreError, TagName, check};
+use crate::store::{AlarmRow, Batch, Checked, Config, Reader, Row, Series, StoreError, TagName, check};
 use rusqlite::Connection;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -219,4 +219,30 @@ fn alarms_of_an_older_version_are_about_stiction() {
         [(7, "stiction"), (8, "stiction")]
     );
     assert!(whole(&folder).faults.is_empty());
+}
+
+/// The second copy of yesterday beside the database of today, as somebody may have put it back.
+#[test]
+fn an_old_second_copy_takes_the_place_of_nothing_in_a_database_that_is_whole() {
+    let alarm = |control_loop: &str, acknowledged| AlarmRow {
+        control_loop: control_loop.into(),
+        kind: "stiction".into(),
+        acknowledged,
+        ..AlarmRow::default()
+    };
+    let rows = |row: AlarmRow| Batch { series: Vec::new(), rows: vec![Row::Alarm(row)] };
+    let folder = Folder::new();
+    let copy = folder.0.join(second::STATES);
+    let mut store = Store::open(&folder.config()).expect("opens");
+    store.write(&rows(alarm("A", false))).expect("writes");
+    store.know(&[], &[alarm("B", false)]).expect("writes");
+    let old = std::fs::read(&copy).expect("there");
+    store.write(&rows(alarm("A", true))).expect("writes");
+    store.know(&[], &[alarm("B", true)]).expect("writes");
+    drop(store);
+    std::fs::write(&copy, old).expect("writable");
+    mark(&folder.0, "somebody is to decide");
+    let left = super::Reader::open(&folder.0).expect("can be read");
+    assert_eq!(left.written().expect("reads").1, [alarm("A", true)]);
+    assert_eq!(left.known().expect("reads").1, [alarm("B", true)]);
 }

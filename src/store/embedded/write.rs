@@ -1,6 +1,7 @@
 //! The writing side: batches in, chunks rolled.
 
 use super::ledger::Ledger;
+use super::log::LOG_PAGES;
 use super::read::Reader;
 use super::second::{self, Second};
 use super::{APPLICATION, DATABASE, LOCK, MAX_TAG, key, retain, schema};
@@ -19,13 +20,6 @@ use std::time::{Duration, Instant};
 
 /// Bytes of a page: large enough that a chunk of a minute leaves little of it empty.
 pub(super) const PAGE_BYTES: u64 = 8192;
-/// Pages of the write-ahead log after which it is carried over: 8 MB, so that little hangs on one file.
-const LOG_PAGES: u32 = 1000;
-/// Time after which it is carried over however short it is: the journal's pages are used anew each minute, and what was
-/// overwritten meanwhile is carried over once.
-const LOG_TIME: Duration = Duration::from_secs(60);
-/// Pages that are compared with their checksums each time (32 MB): 20 GB take ten hours.
-const LOOK_AT: u32 = 4096;
 /// A chunk is rolled this long after its end (s), so that what comes a little late need not be merged.
 const GRACE_S: f64 = 3.0;
 /// Samples that are held open at most; more are rolled before their chunk is over.
@@ -38,10 +32,10 @@ pub(super) type Open = BTreeMap<i64, BTreeMap<u32, Vec<Sample>>>;
 #[derive(Debug)]
 pub struct Store {
     pub(super) db: Connection,
-    ledger: Arc<Mutex<Ledger>>,
+    pub(super) ledger: Arc<Mutex<Ledger>>,
     second: Second,
     /// When the log was carried over last.
-    carried: Instant,
+    pub(super) carried: Instant,
     pub(super) config: Config,
     _lock: File,
     /// Tags of the present era.
@@ -111,36 +105,6 @@ impl Store {
         Ok(store)
     }
 
-    /// Carries the log over into the database when it is time.
-    fn carry_over_when_due(&mut self) -> Result<(), StoreError> {
-        let frames = lock_of(&self.ledger).frames();
-        if frames >= LOG_PAGES || frames > 0 && self.carried.elapsed() >= LOG_TIME {
-            self.carry_over()?;
-        }
-        Ok(())
-    }
-
-    /// Carries the log over, notes what every page is now, and compares some that were noted before.
-    fn carry_over(&mut self) -> Result<(), StoreError> {
-        self.carried = Instant::now();
-        let mut ledger = lock_of(&self.ledger);
-        let changed = ledger.in_log()?;
-        let carry = |how: &str| {
-            self.db.query_row(&format!("PRAGMA wal_checkpoint({how})"), [], |row| {
-                Ok((row.get::<_, i64>(0)?, row.get::<_, i64>(1)?, row.get::<_, i64>(2)?))
-            })
-        };
-        // Who reads may hold some of it back: then it is carried over the next time.
-        let (busy, frames, done) = carry("PASSIVE")?;
-        if busy != 0 || frames != done {
-            return Ok(());
-        }
-        ledger.carried_over(changed)?;
-        // One that is not cut is written over from its begin; it is only longer than it need be.
-        let _ = carry("TRUNCATE");
-        ledger.look(LOOK_AT)
-    }
-
     /// Puts states into their second copy too.
     pub(super) fn keep_twice(
         &mut self,
@@ -194,16 +158,7 @@ impl Store {
     }
 }
 
-impl Drop for Store {
-    fn drop(&mut self) {
-        // What is not carried over now is in the log at the next start.
-        if let Err(error) = self.carry_over() {
-            tracing::warn!(%error, "the store's log is carried over at the next start");
-        }
-    }
-}
-
-fn lock_of(ledger: &Mutex<Ledger>) -> MutexGuard<'_, Ledger> {
+pub(super) fn lock_of(ledger: &Mutex<Ledger>) -> MutexGuard<'_, Ledger> {
     ledger.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

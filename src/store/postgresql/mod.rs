@@ -241,6 +241,9 @@ impl Writes for Store {
     fn tidy(&mut self, now: f64) -> Result<bool, StoreError> {
         if self.waits {
             self.spool.tidy(now)?;
+        } else {
+            // States go through the spool also while nothing waits, and nobody else carries its log over.
+            self.spool.carry_over_when_due()?;
         }
         if !self.reach() {
             return Ok(false);
@@ -297,7 +300,7 @@ impl Writes for Store {
         Some(Spool {
             away: self.away.clone(),
             waits: self.waits,
-            bytes: self.spool.usage().map_or(0, |usage| usage.used_bytes),
+            bytes: self.spool.usage().map_or(0, |usage| usage.used_bytes) + self.spool.log_bytes(),
             dropped: self.spool.dropped(),
             delivered: self.delivered,
         })

@@ -1,7 +1,7 @@
 use super::*;
 use crate::history::Ring;
 use crate::signal::Sample;
-use crate::store::{DiagnosisRow, TagName, TransitionRow};
+use crate::store::{AlarmRow, DiagnosisRow, ModelRow, TagName, TransitionRow};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
@@ -148,10 +148,11 @@ fn a_ring_that_falls_back_tells_of_a_clock_that_was_set_back() {
 #[test]
 fn what_waits_is_bounded_and_the_oldest_reports_go_first() {
     let mut world = world(&[], 4000);
-    let row = |i: u32, report: Option<Vec<u8>>| {
-        Row::Diagnosis(DiagnosisRow { finished: f64::from(i), report, ..DiagnosisRow::default() })
+    let row = |i: u32| {
+        let (report, basis) = (Some(vec![0; 600]), Some(vec![0; 400]));
+        Row::Diagnosis(DiagnosisRow { finished: f64::from(i), report, basis, ..DiagnosisRow::default() })
     };
-    let rows = (0..4).map(|i| row(i, Some(vec![0; 1000])));
+    let rows = (0..4).map(row);
     for row in rows.chain([Row::Transition(TransitionRow::default())]) {
         world.feed.bytes += row.bytes();
         world.feed.rows.push_back(row);
@@ -162,7 +163,7 @@ fn what_waits_is_bounded_and_the_oldest_reports_go_first() {
         .rows
         .iter()
         .filter_map(|row| match row {
-            Row::Diagnosis(row) => Some(row.report.is_some()),
+            Row::Diagnosis(row) => Some(row.report.is_some() && row.basis.is_some()),
             _ => None,
         })
         .collect();
@@ -176,4 +177,27 @@ fn what_waits_is_bounded_and_the_oldest_reports_go_first() {
     world.feed.take();
     world.feed.settled();
     assert_eq!((world.feed.rows.len(), world.feed.bytes), (0, 0));
+}
+
+/// What nobody says again: an alarm that was acknowledged stays as it was left.
+#[test]
+fn the_latest_states_stay_when_what_waits_is_too_much() {
+    let mut world = world(&[], 4000);
+    let alarm = |acknowledged| {
+        let (control_loop, kind) = ("A".to_string(), "stiction".to_string());
+        Row::Alarm(AlarmRow { control_loop, kind, acknowledged, ..AlarmRow::default() })
+    };
+    let model = Row::Model(ModelRow { control_loop: "A".into(), version: 3, ..ModelRow::default() });
+    let later = (0..50).map(|_| Row::Transition(TransitionRow::default()));
+    for row in [alarm(false), model.clone(), alarm(true)].into_iter().chain(later) {
+        world.feed.bytes += row.bytes();
+        world.feed.rows.push_back(row);
+    }
+    world.feed.bound();
+    let (rows, dropped) = (&world.feed.rows, world.shared.dropped_rows.load(Relaxed));
+    assert_eq!((&rows[0], &rows[1]), (&model, &alarm(true)));
+    assert!(rows.len() > 2 && rows.iter().filter(|row| row.is_state()).count() == 2, "{rows:?}");
+    assert_eq!(dropped as usize, 53 - rows.len());
+    assert_eq!(rows.iter().map(Row::bytes).sum::<usize>(), world.feed.bytes);
+    assert!(world.feed.bytes <= 4000);
 }
