@@ -148,10 +148,10 @@ impl App {
     ///
     /// The order matters. What can refuse the start comes first, so that a refused start has not touched the store.
     /// Write-back comes before security, which puts changes on write-back's audit log where there is no other.
-    /// Loops and devices are known before persistence gives their alarms back, because alarms of unknown ones are dropped;
-    /// the alarms' design of the configuration is applied after that, because it overrules what was kept.
-    /// Notifications follow, and so hear of nothing that is only remembered. Backfill, scheduler and devices need no more
-    /// than what is above them, and the API's context is last because it shows all of them.
+    /// Loops and devices are known before persistence gives their alarms back, because alarms of unknown ones are dropped.
+    /// Notifications follow, and so hear of nothing that is only remembered. The alarms' design of the configuration is
+    /// applied after that, because it overrules what was kept, and people hear of what it changes. Backfill, scheduler and
+    /// devices need no more than what is above them, and the API's context is last because it shows all of them.
     ///
     /// # Errors
     /// [`AppError::Plan`], [`AppError::Audit`], [`AppError::Access`], [`AppError::Tls`].
@@ -185,12 +185,12 @@ impl App {
         let results = Arc::new(Results::new(&ids(&config), config.schedule.keep_results, &config.alarm));
         let fleet = Fleet::new(role, &config, clock, &history, &results)?;
         let writeback = WritebackControl::new(&config, clock, &results)?;
-        results.watch_devices(&devices_of(&config));
+        results.watch_devices(&devices_of(&config), clock.now());
         let security = Arc::new(Security::new(&config, clock, writeback.recorder())?);
         let persistence = Persistence::new(&config, clock, store, (&history, &results));
-        results.apply_design(clock.now());
         let outlet = fleet.as_ref().map(|fleet| fleet.outlet());
         let notifications = Arc::new(Notifications::new(&config, clock, &results, outlet));
+        results.apply_design(clock.now());
         let plan = schedule_plan(&config, &history);
         let backfill =
             BackfillJobs::new(&config, clock, (&persistence, &results), diagnose.clone(), stop.clone());
@@ -414,8 +414,8 @@ impl App {
         self.notifications.reload(&config).await;
         self.backfill.reload(&config);
         self.plantwide.reload(&config, &history);
-        self.results.reload(&ids(&config), &config.alarm);
-        self.results.watch_devices(&devices_of(&config));
+        self.results.reload(&ids(&config), &config.alarm, self.clock.now());
+        self.results.watch_devices(&devices_of(&config), self.clock.now());
         self.persistence.clone().replace(history.clone(), self.results.clone()).await;
         // Only now: an edge would forward new rings before the store has filled them, and all they hold once more after that.
         if let Some(fleet) = &self.fleet {

@@ -283,19 +283,21 @@ impl Results {
             log: EventLog::default(),
             keeper: kept::Keeping::default(),
         };
-        results.place(loops, alarm_config);
+        // There is nothing to forget yet, whenever that is.
+        results.place(loops, alarm_config, 0.0);
         results
     }
 
-    /// Takes another set of loops: known ones keep their results and alarms, the others are forgotten.
-    pub fn reload(&self, loops: &[LoopId], alarm_config: &alarm::Config) {
-        self.place(loops, alarm_config);
+    /// Takes another set of loops at `now`: known ones keep their results and alarms, the others are forgotten, and everybody
+    /// hears that alarms of theirs are over.
+    pub fn reload(&self, loops: &[LoopId], alarm_config: &alarm::Config, now: f64) {
+        self.place(loops, alarm_config, now);
         self.tell(Event::Reloaded { loops: loops.len() });
     }
 
-    fn place(&self, loops: &[LoopId], alarm_config: &alarm::Config) {
+    fn place(&self, loops: &[LoopId], alarm_config: &alarm::Config, now: f64) {
         let mut entries = self.entries.write().unwrap_or_else(PoisonError::into_inner);
-        self.place_alarms(loops, alarm_config);
+        self.place_alarms(loops, alarm_config, now);
         let mut old = std::mem::take(&mut *entries);
         for id in loops {
             let entry = old.remove(id).unwrap_or_else(|| {

@@ -203,6 +203,11 @@ fn a_recorded_day_gives_identical_diagnoses() {
     let (code, out, err) = replay(&[&path("store"), "--config", &plant, "--from", "2026-01-01T21:00:00Z"]);
     assert!(code == Some(1) && err.contains("1 differ: 2 of 3"), "{err}");
     assert!(out.contains("DIFFERENT: delta_aic: "), "{out}");
+
+    // A time in which no run ended is another reason than a store that does not say what its runs worked on.
+    let (code, _, err) = replay(&[&path("store"), "--config", &plant, "--from", "2026-02-01T00:00:00Z"]);
+    let why = "no run in it ended in the time that --from and --to-time name";
+    assert!(code == Some(2) && err.contains(why), "{err}");
     fs::remove_dir_all(&folder).expect("writable");
 }
 
@@ -277,5 +282,10 @@ fn a_bundle_gives_the_same_report_and_what_is_none_is_refused() {
     assert!(code == Some(1) && out.contains("DIFFERENT: delta_aic: ") && err.contains("1 differ"), "{err}");
     let (code, _, err) = replay(&[folder.to_str().expect("text")]);
     assert!(code == Some(2) && err.contains("--config FILE is needed"), "{err}");
+    // Whatever is no bundle by its name is a table.
+    for name in ["day.tsv", "day.xlsx", "day"] {
+        let (code, _, err) = replay(&[&file(name, "t\tA.op\tA.pv\n")]);
+        assert!(code == Some(2) && err.contains("--config FILE is needed"), "{name}: {err}");
+    }
     fs::remove_dir_all(&folder).expect("writable");
 }

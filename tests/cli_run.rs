@@ -116,6 +116,12 @@ fn health_says_whether_a_daemon_answers() {
     assert_eq!((gone.status.code(), stderr.lines().count()), (Some(1), 1), "{stderr}");
     assert!(stderr.starts_with(&format!("stictiond: {address}: ")), "{stderr}");
     assert_eq!(health("here").status.code(), Some(2));
+
+    let mut asking = Command::new(env!("CARGO_BIN_EXE_stictiond"));
+    let output = asking.args(["health", "--ca-file", "nope", "127.0.0.1:1"]).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert_eq!(stderr, "stictiond: nope: no PEM file with a certificate\n");
 }
 
 /// Certificate and key for localhost and 127.0.0.1, in files named so.

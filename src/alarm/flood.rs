@@ -31,12 +31,7 @@ impl Flood {
     /// An alarm was raised at `now`; whether it is grouped. One of high priority is counted and never grouped.
     pub fn raised(&mut self, priority: Priority, now: f64, config: &Config) -> bool {
         self.tick(now, config);
-        let part = part(now, config);
-        match self.counts.back_mut() {
-            // A clock that was set back goes on counting where it was.
-            Some((last, count)) if *last >= part => *count += 1,
-            _ => self.counts.push_back((part, 1)),
-        }
+        self.count(part(now, config), 1);
         if self.since.is_none() && self.recent() > config.flood_raises {
             (self.since, self.grouped) = (Some(now), 0);
         }
@@ -47,6 +42,7 @@ impl Flood {
 
     /// Lets time pass; true when a flood has ended, which is when half the rate that began it is undercut.
     pub fn tick(&mut self, now: f64, config: &Config) -> bool {
+        self.set_back(now, config);
         let oldest = part(now - config.flood_s, config);
         while self.counts.front().is_some_and(|(at, _)| *at <= oldest) {
             self.counts.pop_front();
@@ -61,6 +57,30 @@ impl Flood {
     /// What is going on.
     pub fn view(&self) -> FloodView {
         FloodView { since: self.since, grouped: self.grouped, recent: self.recent() }
+    }
+
+    /// Of a clock that was set back: what was raised "later" was raised just now, or the flood would last as long as the clock
+    /// takes to come there again.
+    fn set_back(&mut self, now: f64, config: &Config) {
+        let (present, mut later) = (part(now, config), 0);
+        while let Some((at, count)) = self.counts.back()
+            && *at > present
+        {
+            later += count;
+            self.counts.pop_back();
+        }
+        if later > 0 {
+            self.count(present, later);
+        }
+        self.since = self.since.map(|since| since.min(now));
+    }
+
+    /// Counts so many raises in a part that is the latest or a new one.
+    fn count(&mut self, part: i64, raises: usize) {
+        match self.counts.back_mut() {
+            Some((last, count)) if *last == part => *count += raises,
+            _ => self.counts.push_back((part, raises)),
+        }
     }
 
     fn recent(&self) -> usize {

@@ -166,6 +166,16 @@ impl Flags {
         Ok(self.change(now, Cause::Returned, |flags| flags.out_of_service = false))
     }
 
+    /// What it is about is there no more, so that nobody has to do anything. What is silent stays so, for when it is there again.
+    pub fn forget(&mut self, now: f64) -> Option<Transition> {
+        let from = self.state();
+        if from == State::Normal || from.is_silent() {
+            return None;
+        }
+        (self.active, self.latched, self.acknowledged) = (false, false, true);
+        Some(self.moved(from, now, Cause::Forgotten))
+    }
+
     /// Takes how it was left before a start that did not know it: what people did then still holds, and so does a condition
     /// until it is observed to go. The design is that of now.
     pub fn merge(&mut self, left: Flags, now: f64) -> Option<Transition> {

@@ -25,6 +25,8 @@
 //! A latched alarm that is raised again is unacknowledged. Of the three silent states out-of-service hides shelved, and
 //! shelved hides suppressed-by-design. In all of them the condition is followed, silently.
 //!
+//! A priority that rises while the condition holds is told as a transition from the state to itself: seen stays seen.
+//!
 //! *raise* and *clear* come from observations: `k` of the last `n` raise, `clear_k` of the last `clear_n` clear. Between the
 //! two thresholds an observation takes a place in both counts and a side in neither; what cannot be told is no vote at all:
 //! a loop in manual is not a repaired valve. Conditions that are there or not have a delay instead.
@@ -149,7 +151,8 @@ impl Alarm {
 
     /// Whether it was raised so often lately that it says nothing any more.
     pub fn chatters(&self, now: f64, config: &Config) -> bool {
-        let recent = self.raises.iter().filter(|&&at| now - at <= config.chatter_s).count();
+        // What is of later than now was stamped by a clock that was set back, and is not known to be recent.
+        let recent = self.raises.iter().filter(|&&at| (0.0..=config.chatter_s).contains(&(now - at))).count();
         recent >= config.chatter_raises
     }
 
@@ -180,8 +183,14 @@ impl Alarm {
         if self.votes.take(seen, config.rule(self.kind), self.flags.active) {
             taken.extend(self.flip(now, config));
         }
+        let (before, state) = (self.priority, self.state());
         if seen == Observation::Present && self.flags.active {
             self.priority = self.priority.max(Some(priority));
+        }
+        let rose = before.is_some() && self.priority > before;
+        // What is told already is told with the new priority, and so is the end of a silence.
+        if rose && taken.is_empty() && !state.is_silent() {
+            taken.push(Transition { from: state, to: state, at: now, cause: Cause::MoreUrgent });
         }
         taken
     }
@@ -257,6 +266,17 @@ impl Alarm {
         let suppressed = suppressed || config.suppresses(subject, self.kind);
         let mut taken = self.tick(now);
         taken.extend(self.flags.suppress(suppressed, now));
+        taken
+    }
+
+    /// Its subject or kind is there no more: what stands does so no longer.
+    pub fn forget(&mut self, now: f64) -> Vec<Transition> {
+        let mut taken = self.tick(now);
+        if let Some(over) = self.flags.forget(now) {
+            // They spoke for the condition that was there.
+            (self.votes, self.pending) = (Votes::default(), None);
+            taken.push(over);
+        }
         taken
     }
 

@@ -73,6 +73,8 @@ impl State {
 pub enum Cause {
     /// The condition came.
     Raised,
+    /// The condition holds, and its priority rose: the state stays.
+    MoreUrgent,
     /// The condition went.
     Cleared,
     /// An operator acknowledged.
@@ -95,7 +97,7 @@ pub enum Cause {
     TakenOut,
     /// Given back to service.
     Returned,
-    /// A start did not know how it was left.
+    /// A start did not know how it was left, or the configuration has it no more.
     Forgotten,
     /// How it was left before the start became known.
     Restored,
@@ -103,8 +105,9 @@ pub enum Cause {
 
 impl Cause {
     /// Every cause.
-    pub const ALL: [Cause; 14] = [
+    pub const ALL: [Cause; 15] = [
         Cause::Raised,
+        Cause::MoreUrgent,
         Cause::Cleared,
         Cause::Acknowledged,
         Cause::Reset,
@@ -124,6 +127,7 @@ impl Cause {
     pub fn as_str(self) -> &'static str {
         match self {
             Cause::Raised => "raised",
+            Cause::MoreUrgent => "more_urgent",
             Cause::Cleared => "cleared",
             Cause::Acknowledged => "acknowledged",
             Cause::Reset => "reset",
@@ -146,7 +150,7 @@ impl Cause {
     }
 }
 
-/// One arrow of the diagram, taken.
+/// One arrow of the diagram, taken; or what is to be told of a state that stays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transition {
     /// State before.

@@ -84,6 +84,41 @@ fn priority_follows_f_and_never_falls_while_the_condition_holds() {
 }
 
 #[test]
+fn a_priority_that_rises_while_the_condition_holds_is_told_once_and_leaves_the_state() {
+    let config = Config::default();
+    let mut alarm = fed(&[Present, Present]);
+    act(&mut alarm, Action::Acknowledge, 2.0).expect("it waits for that");
+    let mut seen = |priority, at| alarm.observe(Present, priority, at, &config);
+    let (state, cause) = (State::Acknowledged, Cause::MoreUrgent);
+    assert_eq!(seen(Priority::High, 3.0), [Transition { from: state, to: state, at: 3.0, cause }]);
+    assert_eq!(seen(Priority::High, 4.0), []);
+    assert_eq!(seen(Priority::Low, 5.0), []);
+    assert_eq!(alarm.flags().since, Some(2.0));
+    // In silence nobody is told of it, and at its end of all at once.
+    let mut other = fed(&[Present, Present]);
+    act(&mut other, shelve_for(10.0), 2.0).expect("a sound duration");
+    assert_eq!(other.observe(Present, Priority::Medium, 3.0, &config), []);
+    let ended = other.observe(Present, Priority::High, 12.0, &config);
+    assert_eq!(ended.iter().map(|own| own.cause).collect::<Vec<_>>(), [Cause::Expired]);
+    assert_eq!(other.priority(), Some(Priority::High));
+}
+
+#[test]
+fn what_is_there_no_more_stands_no_longer_and_what_is_silent_stays_so() {
+    let mut alarm = fed(&[Present, Present]);
+    let over = alarm.forget(3.0);
+    assert_eq!((over[0].from, over[0].to), (State::Unacknowledged, State::Normal));
+    assert_eq!((over.len(), over[0].cause), (1, Cause::Forgotten));
+    assert_eq!(alarm.forget(4.0), []);
+    // It begins anew: no vote is left.
+    assert_eq!(alarm.observe(Present, Priority::Low, 5.0, &Config::default()), []);
+    let mut shelved = fed(&[Present, Present]);
+    act(&mut shelved, shelve_for(10.0), 2.0).expect("a sound duration");
+    assert_eq!(shelved.forget(3.0), []);
+    assert_eq!((shelved.state(), shelved.flags().active), (State::Shelved, true));
+}
+
+#[test]
 fn shelving_ends_by_itself_and_tells_what_held_meanwhile() {
     let config = Config::default();
     let mut alarm = Alarm::new(Kind::Stiction);
@@ -262,6 +297,28 @@ fn a_flood_is_grouped_counted_and_over_at_half_its_rate() {
     assert!(flood.tick(650.0, &config));
     assert_eq!(flood.view(), FloodView { since: None, grouped: 30, recent: 0 });
     assert!(!flood.raised(Priority::Low, 700.0, &config));
+}
+
+#[test]
+fn a_clock_that_is_set_back_makes_no_flood_longer_and_no_alarm_chatter() {
+    let config = Config { flood_raises: 10, flood_s: 600.0, ..Config::default() };
+    let mut flood = Flood::default();
+    for _ in 0..11 {
+        flood.raised(Priority::Low, 90_000.0, &config);
+    }
+    assert_eq!(flood.view(), FloodView { since: Some(90_000.0), grouped: 1, recent: 11 });
+    // An hour back: what was raised a moment ago still counts, for ten minutes.
+    assert!(!flood.tick(86_400.0, &config));
+    assert_eq!(flood.view(), FloodView { since: Some(86_400.0), grouped: 1, recent: 11 });
+    assert!(!flood.tick(86_990.0, &config));
+    assert!(flood.raised(Priority::Low, 86_990.0, &config));
+    assert!(flood.tick(87_010.0, &config));
+    assert_eq!(flood.view(), FloodView { since: None, grouped: 2, recent: 1 });
+
+    let raises = vec![90_000.0; config.chatter_raises];
+    let alarm = Alarm::restored(Kind::TagBad, &config, Saved { raises, ..Saved::default() });
+    assert!(alarm.chatters(90_001.0, &config));
+    assert!(!alarm.chatters(1000.0, &config), "that was not within the last day, whatever it was");
 }
 
 #[test]

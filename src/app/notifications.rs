@@ -2,7 +2,7 @@
 //! begins those that are new; the letters of one that keeps its name go on with it.
 
 use super::Clock;
-use crate::config::Config;
+use crate::config::{Config, tags};
 use crate::notify::mqtt::{self, LoopName, Publisher};
 use crate::notify::{Letters, Outlet, Places, Source, State, alertmanager, smtp, webhook};
 use crate::results::Results;
@@ -140,11 +140,15 @@ impl Notifications {
     /// Another configuration is in force: who is told, and of which loops.
     pub async fn reload(&self, config: &Config) {
         *lock(&self.loops) = names(config);
-        *self.places.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(places(config));
+        {
+            let mut own = self.places.write().unwrap_or_else(PoisonError::into_inner);
+            *own = Arc::new(places(config).after(&own));
+        }
         let specs = specs(config);
         let (stay, go): (Vec<_>, Vec<_>) = std::mem::take(&mut lock(&self.receivers).all)
             .into_iter()
-            .partition(|own| specs.contains(&own.spec));
+            // Who has said that it is gone is asked anew.
+            .partition(|own| specs.contains(&own.spec) && !own.state.is_gone());
         let mut letters = HashMap::new();
         for receiver in go {
             letters.extend(receiver.letters.clone().map(|own| (receiver.spec.name().to_string(), own)));
@@ -310,13 +314,38 @@ fn names(config: &Config) -> Vec<LoopName> {
 fn places(config: &Config) -> Places {
     let mut devices: HashMap<LoopId, BTreeSet<String>> = HashMap::new();
     for own in config.loops.iter().filter(|own| !own.group.is_empty()) {
-        let roles = [Some(&own.op), Some(&own.pv), own.sp.as_ref(), own.mode.as_ref(), own.mv.as_ref()];
-        for tag in roles.into_iter().flatten() {
+        for (_, tag) in tags(own) {
             devices.entry(LoopId::new(tag.device())).or_default().insert(own.group.clone());
         }
     }
     Places {
         loops: names(config).into_iter().map(|name| (name.id, name.group)).collect(),
         devices: devices.into_iter().map(|(name, groups)| (name, groups.into_iter().collect())).collect(),
+        before: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_collector_belongs_to_the_groups_of_all_tags_that_it_serves() {
+        let mut text = String::new();
+        for (name, port) in [("dcs", 502), ("analyser", 503)] {
+            text += &format!("[[modbus]]\nname = '{name}'\naddress = '10.0.0.5:{port}'\naddress_base = 0\n");
+        }
+        text += "[[loop]]\nid = 'A'\ngroup = 'unit 10'\n";
+        let tag = |section: &str, device: &str, more: &str| {
+            format!("{section}\n{more}device = '{device}'\nregister = 'input'\naddress = 0\ntype = 'f32'\n")
+        };
+        text += &tag("[loop.op]", "dcs", "");
+        text += &tag("[loop.pv]", "dcs", "").replace("address = 0", "address = 2");
+        text += &tag("[[loop.tag]]", "analyser", "name = 'load'\n");
+        let config = crate::config::parse("plant.toml", &text).expect("sound");
+        let devices = places(&config).devices;
+        for name in ["dcs", "analyser"] {
+            assert_eq!(devices.get(&LoopId::new(name)), Some(&vec!["unit 10".to_string()]), "{name}");
+        }
     }
 }

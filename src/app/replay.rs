@@ -106,21 +106,27 @@ async fn store(
     let within = |row: &DiagnosisRow| {
         options.from.is_none_or(|t| row.finished >= t) && options.to.is_none_or(|t| row.finished <= t)
     };
-    let (mut first, mut room, mut after) = (f64::INFINITY, 0, 0);
+    let (mut first, mut room, mut after, mut chosen) = (f64::INFINITY, 0, 0, false);
     while let Some(rows) = Some(reader.diagnoses(after, ROWS)?).filter(|rows| !rows.is_empty()) {
         for (number, row) in rows {
             after = number;
-            for extent in basis(&row).filter(|_| within(&row)).into_iter().flat_map(|basis| basis.extents) {
+            if !within(&row) {
+                continue;
+            }
+            chosen = true;
+            for extent in basis(&row).into_iter().flat_map(|basis| basis.extents) {
                 room = room.max(extent.n);
                 first = first.min(extent.span.map_or(first, |(first, _)| first));
             }
         }
     }
     if room == 0 {
-        return Err(ReplayError::Input(format!(
-            "{}: no diagnosis in it says what it worked on",
-            folder.display()
-        )));
+        let why = match chosen {
+            true => "no diagnosis in it says what it worked on",
+            false if after == 0 => "there is no diagnosis in it",
+            false => "no run in it ended in the time that --from and --to-time name",
+        };
+        return Err(ReplayError::Input(format!("{}: {why}", folder.display())));
     }
     let mut machine = Machine::of(config, room, Clock::by_hand(first), options)?;
     machine.begin(options, say).await?;

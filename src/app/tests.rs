@@ -1,11 +1,12 @@
 use super::*;
 use crate::results::{Outcome, Run, Trigger};
+use crate::serve::NotificationPort;
 use crate::signal::Sample;
 use crate::sim::scenarios;
 use std::fmt::Write;
 
 /// Three loops of one unit: a flow whose valve sticks, a level that the flow feeds, a pressure of its own.
-fn config() -> Config {
+fn text() -> String {
     let mut text = "[[modbus]]\nname = \"dcs\"\naddress = \"127.0.0.1:1502\"\naddress_base = 0\n".to_string();
     for (at, (id, candidates)) in
         [("FIC203", "\"auto\""), ("LIC7", "[\"FIC203.pv\", \"PIC1.pv\"]"), ("PIC1", "\"auto\"")]
@@ -23,7 +24,11 @@ fn config() -> Config {
         write!(text, "{head}{}{}", tag("op", 2 * at), tag("pv", 2 * at + 1))
             .expect("a string takes everything");
     }
-    config::parse("f", &text).expect("it is right")
+    text
+}
+
+fn config() -> Config {
+    config::parse("f", &text()).expect("it is right")
 }
 
 /// A loop under PI control with a sound valve and a load: `y' = 0.9 y + 0.3 u + 0.25 load`.
@@ -101,4 +106,24 @@ fn an_oscillation_is_traced_through_a_neighbour_to_the_valve_that_sticks() {
     assert_eq!(results.origin(&pressure), None);
     let sticks = |id| results.get(id, 2.0).and_then(|known| known.diagnosed).is_some_and(|run| run.sticks());
     assert_eq!([&flow, &level, &pressure].map(sticks), [true, false, false]);
+}
+
+/// Whoever waits for messages begins to hear before the design does anything.
+#[tokio::test]
+async fn what_the_configuration_suppresses_since_the_start_is_told() {
+    let mut text = text();
+    text += "[alarm]\nsuppressed = ['FIC203/stiction']\n[[notify.webhook]]\nname = 'cmms'\n";
+    text += "url = 'http://127.0.0.1:1/'\nsecret_env = 'NO_SUCH_SECRET'\nevents = ['silenced']\n";
+    text += "[notify.webhook.pace]\nwait_s = 3600.0\n";
+    let config = config::parse("f", &text).expect("it is right");
+    let app = App::build(config, Clock::wall(), App::diagnosis()).expect("it is sound");
+    let stop = CancellationToken::new();
+    let heard = async {
+        while app.notifications.receivers().iter().all(|own| own.queue == 0) {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        stop.cancel();
+    };
+    let both = async { tokio::join!(app.notifications.run(stop.clone()), heard) };
+    tokio::time::timeout(Duration::from_secs(60), both).await.expect("it waits to be told");
 }

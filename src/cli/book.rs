@@ -64,18 +64,28 @@ impl Place {
         Ok(access.file)
     }
 
-    /// Reads the book; an empty one where there is none yet.
-    pub fn read(&self) -> Result<Book, Failure> {
+    /// Where the book is, which somebody began before.
+    fn existing(&self) -> Result<PathBuf, Failure> {
         let path = self.path()?;
-        if !path.exists() {
-            return Ok(Book::default());
+        if path.exists() {
+            return Ok(path);
         }
-        file::load(&path).map_err(|error| Wrong::File(error).into())
+        Err(Failure::in_file(&path, "is not there: `stictiond user add` or `token create` makes it"))
     }
 
-    /// Changes the book.
+    /// Reads the book.
+    pub fn read(&self) -> Result<Book, Failure> {
+        file::load(&self.existing()?).map_err(|error| Wrong::File(error).into())
+    }
+
+    /// Changes what stands in the book.
     pub fn change<T>(&self, change: impl FnOnce(&mut Book) -> Result<T, Wrong>) -> Result<T, Failure> {
-        Ok(file::change(&self.path()?, change)?)
+        Ok(file::change(&self.existing()?, change)?)
+    }
+
+    /// Adds to the book, or begins one.
+    pub fn add<T>(&self, add: impl FnOnce(&mut Book) -> Result<T, Wrong>) -> Result<T, Failure> {
+        Ok(file::change(&self.path()?, add)?)
     }
 }
 

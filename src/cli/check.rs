@@ -1,5 +1,7 @@
 //! `stictiond check --config FILE`: what `run` would do with it, without doing it.
 
+mod surroundings;
+
 use super::{Failure, print};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -9,6 +11,13 @@ use stictiond::config::{self, Config, Plant, without_number};
 use stictiond::history::Ring;
 use stictiond::schedule::Clock;
 use stictiond::serve;
+
+/// Samples of a tag that a centre of a fleet keeps at least.
+const CENTRE_SAMPLES: usize = 4000;
+
+/// Why a section `[fleet]` is of no use.
+const NO_PART: &str =
+    "[fleet]: an edge needs a site and a [store], and a worker or a centre has no [[loop]] of its own";
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -26,7 +35,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Failure::in_file(&args.config, issues.join("; "))
     })?;
     let (summary, faults) = summary(&config, &plant);
-    let good = if faults.is_empty() { "good" } else { "run will not start with it" };
+    let good = match faults.is_empty() {
+        false => "run will not start with it".to_string(),
+        true if config.fleet.is_some() => format!("good for {}", parts(&config).join(" and ")),
+        true => "good".to_string(),
+    };
     print(&format!("{}: {good}\n{summary}", args.config.display()))?;
     if faults.is_empty() {
         return Ok(());
@@ -40,14 +53,15 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
     let (shortest, longest) = (periods().fold(f64::INFINITY, f64::min), periods().fold(0.0, f64::max));
     let mut out = String::new();
     // Writing into a String cannot fail.
-    let _ = writeln!(
-        out,
-        "loops    {}, diagnosed every {shortest} s{}",
-        plant.loops.len(),
-        if longest > shortest { format!(" to {longest} s") } else { String::new() }
-    );
+    let every = match plant.loops.is_empty() {
+        true => String::new(),
+        false if longest > shortest => format!(", diagnosed every {shortest} s to {longest} s"),
+        false => format!(", diagnosed every {shortest} s"),
+    };
+    let _ = writeln!(out, "loops    {}{every}", plant.loops.len());
+    let mut faults = Vec::new();
     if config.fleet.is_some() {
-        out += "fleet    for `stictiond edge`, `worker` and `centre`; `stictiond run` refuses [fleet]\n";
+        let _ = writeln!(out, "fleet    {}; `stictiond run` refuses [fleet]", fleet(config, &mut faults));
     }
     let requests: usize = plant.plans.iter().map(|plan| plan.requests.len()).sum();
     let tags: usize = plant.loops.iter().map(|own| own.tags.len()).sum();
@@ -107,13 +121,34 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
         "memory   {least:.1} MB for {tags} tags, {samples} samples each; {most:.1} MB if their values are not 32-bit floats"
     );
     let _ = writeln!(out, "listen   {}", config.server.listen);
-    let mut faults = Vec::new();
     let _ = writeln!(out, "access   {}", access(config, &mut faults));
     faults.extend(config.unwritable());
-    for remark in config.remarks().into_iter().chain(config.missing_files()).chain(config.no_store()) {
+    faults.extend(surroundings::broken_logs(config));
+    let of_store = config.no_store().into_iter().chain(config.too_little_room());
+    let remarks = config.remarks().into_iter().chain(config.missing_files()).chain(of_store);
+    for remark in remarks.chain(surroundings::remarks(config)) {
         let _ = writeln!(out, "remark   {remark}");
     }
     (out, faults)
+}
+
+/// For whom of a fleet it is.
+fn fleet(config: &Config, faults: &mut Vec<String>) -> String {
+    let parts: Vec<String> = parts(config).iter().map(|part| format!("`stictiond {part}`")).collect();
+    if parts.is_empty() {
+        faults.push(NO_PART.to_string());
+        return "for nobody".to_string();
+    }
+    format!("for {}", parts.join(" and "))
+}
+
+/// The parts of a fleet that would start with it: each asks for something else.
+fn parts(config: &Config) -> Vec<&'static str> {
+    let site = config.fleet.as_ref().is_some_and(|own| own.site.is_some());
+    let (has_store, no_loops) = (config.store.is_some(), config.loops.is_empty());
+    let is_centre = no_loops && has_store && config.history.samples_per_tag >= CENTRE_SAMPLES;
+    let all = [("edge", site && has_store), ("worker", no_loops), ("centre", is_centre)];
+    all.into_iter().filter_map(|(part, starts)| starts.then_some(part)).collect()
 }
 
 /// Who gets in, in a sentence: nobody is to be locked out, or let in, by surprise.

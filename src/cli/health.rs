@@ -57,7 +57,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let address = args.address.clone().unwrap_or_else(|| reachable(server.listen).to_string());
     let failed = |error: &dyn std::fmt::Display| Failure::Failed(format!("{address}: {error}"));
     let tls = match args.ca_file.is_some() || server.tls.is_some() {
-        true => Some(tls(args).map_err(|why| Failure::BadInput(format!("stictiond: {why}")))?),
+        true => Some(tls(args).map_err(Failure::BadInput)?),
         false => None,
     };
     let status =

@@ -14,7 +14,7 @@ const MOST_BYTES: u64 = 256_000_000;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A store's folder, an export of samples (.csv, .parquet), or a diagnosis bundle (.json)
+    /// A store's folder, a diagnosis bundle (.json), or else a table of samples, such as an export of a store
     record: PathBuf,
     /// The configuration of the plant; a bundle needs none
     #[arg(long, value_name = "FILE")]
@@ -90,11 +90,10 @@ fn conclude(record: &Record, tally: &Tally) -> Result<(), Failure> {
 
 fn record(args: &Args) -> Result<Record, Failure> {
     let path = &args.record;
-    let ends = |ending: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending));
     if path.is_dir() {
         return Ok(Record::Store(path.clone(), Box::new(configured(args)?)));
     }
-    if ends("csv") || ends("parquet") {
+    if path.extension().is_none_or(|own| !own.eq_ignore_ascii_case("json")) {
         return Ok(Record::Export(path.clone(), Box::new(configured(args)?)));
     }
     let bundle = Bundle::read(&text(path)?).map_err(|error| Failure::in_file(path, error))?;

@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let shown = |made: NewToken| print(&format!("{}\n", made.text));
     match &args.command {
         Command::Create { name, roles: named, days } => {
-            shown(place.change(|book| Ok(book.create_token(name, roles(named), ends(*days), secret()?)?))?)
+            shown(place.add(|book| Ok(book.create_token(name, roles(named), ends(*days), secret()?)?))?)
         }
         Command::Rotate { name, days, overlap_minutes } => {
             let until = now + 60.0 * f64::from(*overlap_minutes);

@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.command {
         Command::Add { name, roles: named } => {
             let password = password(name)?;
-            place.change(|book| Ok(book.add_user(name, roles(named), hashed(&password)?)?))?;
+            place.add(|book| Ok(book.add_user(name, roles(named), hashed(&password)?)?))?;
             print(&format!("{name}: added as {}\n", roles(named)))
         }
         Command::Passwd { name } => {

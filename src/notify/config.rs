@@ -36,16 +36,52 @@ impl Config {
         if self.site.as_ref().is_some_and(|site| !plain(site)) {
             wrong.push(("site", "must be 1 to 100 characters".to_string()));
         }
-        let is_url = |url: &String| {
-            let rest = url.strip_prefix("http://").or_else(|| url.strip_prefix("https://"));
-            rest.is_some_and(|rest| !rest.is_empty()) && url.parse::<hyper::Uri>().is_ok()
-        };
-        if let Some(url) = self.public_url.as_ref().filter(|url| !is_url(url)) {
-            wrong.push((
-                "public_url",
-                format!("{url:?} is not an address that begins with http:// or https://"),
-            ));
+        if let Some(why) = self.public_url.as_deref().and_then(wrong_url) {
+            wrong.push(("public_url", why.to_string()));
         }
         wrong
+    }
+}
+
+/// What is wrong with an address that links begin with. It may hold a password, so it is never quoted.
+fn wrong_url(url: &str) -> Option<&'static str> {
+    let rest = url.strip_prefix("http://").or_else(|| url.strip_prefix("https://"));
+    let Some(rest) = rest.filter(|rest| !rest.is_empty() && url.parse::<hyper::Uri>().is_ok()) else {
+        return Some("is not an address that begins with http:// or https://");
+    };
+    let authority = rest.split(['/', '?', '#']).next().unwrap_or_default();
+    if authority.contains('@') {
+        return Some("must not hold a user or a password: it stands in every message");
+    }
+    rest.contains(['?', '#']).then_some("must end before ? or #: links go on from it with /#/")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_begin_with_an_address_that_holds_no_password() {
+        let wrong = |url: &str| {
+            let own = Config { public_url: Some(url.to_string()), ..Config::default() };
+            own.validate().pop().map(|(field, why)| format!("{field}: {why}"))
+        };
+        for good in ["https://plant", "http://plant:8080/valves/", "https://plant/@home"] {
+            assert_eq!(wrong(good), None, "{good}");
+        }
+        for (bad, why) in [
+            ("plant", "begins with http:// or https://"),
+            ("https://", "begins with http:// or https://"),
+            ("https://op:secret@plant/", "must not hold a user or a password"),
+            ("https://op@plant", "must not hold a user or a password"),
+            ("https://plant/?key=secret", "must end before ? or #"),
+            ("https://plant/#/alarms", "must end before ? or #"),
+        ] {
+            let told = wrong(bad).unwrap();
+            assert!(
+                told.starts_with("public_url: ") && told.contains(why) && !told.contains("secret"),
+                "{told}"
+            );
+        }
     }
 }

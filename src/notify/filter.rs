@@ -7,7 +7,7 @@ use serde::Deserialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum What {
-    /// It stands now and did not before.
+    /// It stands now and did not before, or its priority rose.
     Raised,
     /// It stands no longer.
     Cleared,

@@ -28,6 +28,9 @@ pub struct Letter {
     pub dead_since: Option<f64>,
     /// What is sent.
     pub body: String,
+    /// Those of its readers who do not have it, once others do; empty while nobody has it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lacking: Vec<String>,
 }
 
 impl Letter {
@@ -36,7 +39,15 @@ impl Letter {
         let mut bytes = [0; 16];
         getrandom::fill(&mut bytes).ok()?;
         let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-        Some(Self { id: format!("msg_{hex}"), made, attempts: 0, why: String::new(), dead_since: None, body })
+        Some(Self {
+            id: format!("msg_{hex}"),
+            made,
+            attempts: 0,
+            why: String::new(),
+            dead_since: None,
+            body,
+            lacking: Vec::new(),
+        })
     }
 }
 
@@ -122,8 +133,31 @@ impl Letters {
         self.changed.notified().await;
     }
 
-    pub(super) fn front(&self) -> Option<Letter> {
-        self.lock().waiting.front().cloned()
+    /// The letter of a name, if it waits.
+    pub(super) fn waiting(&self, id: &str) -> Option<Letter> {
+        self.lock().waiting.iter().find(|letter| letter.id == id).cloned()
+    }
+
+    /// The oldest letter that nobody has.
+    pub(super) fn whole(&self) -> Option<String> {
+        self.lock().waiting.iter().find(|letter| letter.lacking.is_empty()).map(|letter| letter.id.clone())
+    }
+
+    /// Letters that some have and others lack, oldest first.
+    pub(super) fn partly(&self) -> Vec<String> {
+        let inner = self.lock();
+        let partly = inner.waiting.iter().filter(|letter| !letter.lacking.is_empty());
+        partly.map(|letter| letter.id.clone()).collect()
+    }
+
+    /// All have a letter but these: they alone get it from now on, after a restart too.
+    pub(super) fn lack(&self, id: &str, lacking: Vec<String>) {
+        let mut inner = self.lock();
+        let Inner { waiting, unwritten, .. } = &mut *inner;
+        if let Some(letter) = waiting.iter_mut().find(|letter| letter.id == id) {
+            letter.lacking = lacking;
+            self.keep(letter, unwritten);
+        }
     }
 
     /// Writes a letter that is not finished: it waits to be sent only where it is found at the next start. Whether that could be
@@ -267,6 +301,10 @@ mod tests {
         Letter::new(body.into(), made).unwrap()
     }
 
+    fn next(letters: &Letters) -> Letter {
+        letters.waiting(&letters.whole().unwrap()).unwrap()
+    }
+
     fn bodies(letters: &[Letter]) -> Vec<&str> {
         letters.iter().map(|letter| letter.body.as_str()).collect()
     }
@@ -280,7 +318,7 @@ mod tests {
             letters.put(letter(body, made));
         }
         for _ in 0..3 {
-            let id = letters.front().unwrap().id;
+            let id = letters.whole().unwrap();
             letters.failed(&id, "refused");
             letters.bury(&id, 10.0);
         }
@@ -293,11 +331,27 @@ mod tests {
         assert_eq!((letters.dead()[0].attempts, letters.dead()[0].why.as_str()), (1, "refused"));
         let id = letters.dead()[1].id.clone();
         assert_eq!((letters.replay(Some("msg_none")), letters.replay(Some(&id))), (0, 1));
-        assert_eq!((letters.counts(), letters.front().unwrap().body.as_str()), ((2, 1), "d"));
-        letters.done(&letters.front().unwrap().id);
+        assert_eq!((letters.counts(), next(&letters).body.as_str()), ((2, 1), "d"));
+        letters.done(&next(&letters).id);
 
         let letters = Letters::open(Some(folder), 1);
-        assert_eq!((letters.counts(), letters.front().unwrap().body.as_str()), ((1, 1), "c"));
+        assert_eq!((letters.counts(), next(&letters).body.as_str()), ((1, 1), "c"));
         assert_eq!((letters.replay(None), letters.counts()), (1, (2, 0)));
+    }
+
+    #[test]
+    fn who_lacks_a_letter_is_known_after_a_restart_and_when_it_is_replayed() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/tmp/letters_partly");
+        let _ = fs::remove_dir_all(&folder);
+        let letters = Letters::open(Some(folder.clone()), 2);
+        let own = letter("a", 1.0);
+        let id = own.id.clone();
+        letters.put(own);
+        letters.lack(&id, vec!["b@plant".into()]);
+        assert_eq!((letters.whole(), letters.partly()), (None, vec![id.clone()]));
+        letters.bury(&id, 2.0);
+        let letters = Letters::open(Some(folder), 2);
+        assert_eq!((letters.partly(), letters.replay(None)), (vec![], 1));
+        assert_eq!(letters.waiting(&id).unwrap().lacking, ["b@plant"]);
     }
 }

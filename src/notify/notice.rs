@@ -15,6 +15,25 @@ pub struct Places {
     pub loops: HashMap<LoopId, String>,
     /// Of the loops that each collector serves.
     pub devices: HashMap<LoopId, Vec<String>>,
+    /// Those of before the configuration in force: that an alarm of what is gone is over is told where the alarm was.
+    pub before: Option<Arc<Places>>,
+}
+
+impl Places {
+    /// These from now on, after those that were in force.
+    pub fn after(self, before: &Places) -> Self {
+        Self { before: Some(Arc::new(Places { before: None, ..before.clone() })), ..self }
+    }
+
+    /// The groups that an alarm belongs to; `None` where it is not known here.
+    fn of(&self, alarm: &AlarmId) -> Option<Vec<String>> {
+        match alarm.of_loop() {
+            Some(id) => {
+                self.loops.get(id).map(|own| if own.is_empty() { Vec::new() } else { vec![own.clone()] })
+            }
+            None => self.devices.get(&alarm.subject).cloned(),
+        }
+    }
 }
 
 /// What receivers look things up in.
@@ -93,14 +112,15 @@ pub(super) fn what(transition: &Transition) -> Option<What> {
         (true, false) if transition.to.is_silent() => Some(What::Silenced),
         (true, false) => Some(What::Cleared),
         (true, true) => match transition.cause {
-            Cause::Raised => Some(What::Raised),
+            Cause::Raised | Cause::MoreUrgent => Some(What::Raised),
             Cause::Cleared => Some(What::Latched),
             Cause::Acknowledged => Some(What::Acknowledged),
             _ => None,
         },
         (false, false) => match transition.cause {
             Cause::Acknowledged => Some(What::Acknowledged),
-            Cause::Shelved | Cause::Suppressed | Cause::TakenOut => Some(What::Silenced),
+            // What the configuration suppresses while nothing stands is no event: it says so at every start.
+            Cause::Shelved | Cause::TakenOut => Some(What::Silenced),
             _ => None,
         },
     }
@@ -128,10 +148,7 @@ impl Source {
     /// The groups that an alarm belongs to.
     pub(super) fn groups(&self, alarm: &AlarmId) -> Vec<String> {
         let places = self.places.read().unwrap_or_else(PoisonError::into_inner).clone();
-        match alarm.of_loop() {
-            Some(id) => places.loops.get(id).filter(|group| !group.is_empty()).cloned().into_iter().collect(),
-            None => places.devices.get(&alarm.subject).cloned().unwrap_or_default(),
-        }
+        places.of(alarm).or_else(|| places.before.as_ref()?.of(alarm)).unwrap_or_default()
     }
 
     /// Friction of the loop that an alarm is about.
@@ -276,6 +293,11 @@ pub(super) mod tests {
             (ReturnedUnacknowledged, Normal, Cause::Acknowledged, Some(What::Acknowledged)),
             (Unacknowledged, ReturnedUnacknowledged, Cause::Cleared, Some(What::Cleared)),
             (Acknowledged, Normal, Cause::Cleared, Some(What::Cleared)),
+            (Acknowledged, Acknowledged, Cause::MoreUrgent, Some(What::Raised)),
+            (LatchedUnacknowledged, Normal, Cause::Forgotten, Some(What::Cleared)),
+            (Normal, SuppressedByDesign, Cause::Suppressed, None),
+            (Acknowledged, SuppressedByDesign, Cause::Suppressed, Some(What::Silenced)),
+            (ReturnedUnacknowledged, Normal, Cause::Forgotten, None),
             (Acknowledged, LatchedAcknowledged, Cause::Cleared, Some(What::Latched)),
             (LatchedAcknowledged, Normal, Cause::Reset, Some(What::Cleared)),
             (Acknowledged, Shelved, Cause::Shelved, Some(What::Silenced)),
@@ -285,6 +307,37 @@ pub(super) mod tests {
         ] {
             assert_eq!(told(from, to, cause), expected, "{from:?} {to:?}");
         }
+    }
+
+    #[test]
+    fn what_a_reload_has_taken_out_is_told_in_the_group_where_it_was() {
+        let places = |loops: &[(&str, &str)], devices: &[&str]| Places {
+            loops: loops.iter().map(|(id, group)| (LoopId::new(*id), group.to_string())).collect(),
+            devices: devices.iter().map(|name| (LoopId::new(*name), vec!["unit 10".to_string()])).collect(),
+            before: None,
+        };
+        let groups = |places: &Places, id| places.of(&AlarmId::named(id)).unwrap_or_default();
+        let first = places(&[("A", "unit 10"), ("B", "unit 20")], &["dcs"]);
+        let second = places(&[("B", ""), ("C", "unit 30")], &[]).after(&first);
+        let source = Source {
+            results: Arc::new(Results::new(&[], 5, &crate::alarm::Config::default())),
+            places: Arc::new(RwLock::new(Arc::new(second.clone()))),
+            now: Arc::new(|| 0.0),
+            site: None,
+            public_url: None,
+            outlet: None,
+        };
+        for (id, expected) in [
+            ("A/stiction", vec!["unit 10"]),
+            ("dcs/collector_down", vec!["unit 10"]),
+            ("B/stiction", vec![]),
+            ("C/stiction", vec!["unit 30"]),
+        ] {
+            assert_eq!(source.groups(&AlarmId::named(id)), expected, "{id}");
+        }
+        let third = places(&[("B", "")], &[]).after(&second);
+        let before = third.before.as_deref().expect("it is known");
+        assert_eq!(groups(before, "A/stiction"), Vec::<String>::new(), "no more than one is remembered");
     }
 
     #[test]

@@ -8,8 +8,11 @@
 //!                     |      v
 //!                    dead letter: refused for good, not taken for `for_s`, or the receiver is gone (410)
 //! ```
-//! Letters go one at a time, oldest first; while one is tried everything new stays in the batch, which is bounded. What
-//! waits in the batch is on disk as a draft of its letter: after a power failure it is sent at the next start.
+//! Letters go one at a time, oldest first; while one is tried everything new stays in the batch, which is bounded. Only one
+//! that some of its readers have keeps nothing back. What waits in the batch is on disk as a draft of its letter: after a
+//! power failure it is sent at the next start.
+
+mod trials;
 
 use super::batch::{Batch, Digest, Pace};
 use super::filter::{self, Filter, What};
@@ -33,11 +36,14 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tokio::time::{Instant, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::{error, info, warn};
+use trials::{Trial, Trials};
 
 /// Least time between two drafts (s): what came within it before a power failure is not told.
 const DRAFT_S: f64 = 1.0;
 /// Time after which a letter is written again that could not be written (s): a full disk stays full for minutes.
 const UNWRITTEN_S: f64 = 10.0;
+/// Most letters that wait for some of their readers only.
+const MOST_PARTLY: usize = 20;
 
 /// `retry`: how long a message is tried that is not taken.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -120,15 +126,6 @@ pub struct Postman<C> {
     again: f64,
 }
 
-/// The letter that is tried.
-#[derive(Default)]
-struct Trial {
-    id: String,
-    first: f64,
-    next: f64,
-    failures: u32,
-}
-
 /// The letter that the batch will be, as it is on disk.
 #[derive(Default)]
 struct Draft {
@@ -181,19 +178,15 @@ impl<C: Carrier> Postman<C> {
     pub async fn run(mut self, stop: CancellationToken) {
         let began = Instant::now();
         let now = || began.elapsed().as_secs_f64();
-        let (mut batch, mut trial, mut gone) = (Batch::new(self.pace.clone()), Trial::default(), false);
-        let mut draft = Draft::default();
+        let (mut batch, mut draft) = (Batch::new(self.pace.clone()), Draft::default());
+        let mut trials = Trials::default();
         let mut random = Pcg32::seed_from_u64(time::wall().to_bits());
-        let mut under_way = JoinSet::new();
+        let (mut under_way, mut tried) = (JoinSet::new(), String::new());
         self.catch_up(&mut batch, now());
         loop {
             let idle = under_way.is_empty();
-            let letter = self.letters.front();
-            if let Some(letter) = letter.as_ref().filter(|letter| letter.id != trial.id) {
-                trial = Trial { id: letter.id.clone(), first: now(), next: now(), failures: 0 };
-            }
-            let due = if letter.is_some() { Some(trial.next) } else { batch.due() };
-            let due = due.filter(|_| idle);
+            let next = trials.next(&self.letters, batch.due(), now()).filter(|_| idle);
+            let due = next.as_ref().map(|(due, _)| *due);
             let instant = |t: f64| began + Duration::try_from_secs_f64(t).unwrap_or_default();
             let at = instant(due.unwrap_or(0.0));
             // What becomes a letter now needs no draft.
@@ -212,8 +205,8 @@ impl<C: Carrier> Postman<C> {
                 () = self.letters.changed() => {}
                 Some(carried) = under_way.join_next(), if !idle => {
                     let carried = carried.unwrap_or_else(|error| Err(Fault::Later(error.to_string(), None)));
-                    let pause = self.pause(trial.failures).mul_f64(random.random_range(0.5..1.0));
-                    self.settle(carried, &mut trial, &mut gone, pause, now()).await;
+                    let by_chance = random.random_range(0.5..1.0);
+                    self.settle(&tried, carried, &mut trials, by_chance, now()).await;
                 }
                 () = sleep_until(instant(drafted.unwrap_or(0.0))), if drafted.is_some() => {
                     let pause = if self.keep(&mut draft, &batch).await { DRAFT_S } else { UNWRITTEN_S };
@@ -223,15 +216,16 @@ impl<C: Carrier> Postman<C> {
                     self.write_again().await;
                     self.again = now() + UNWRITTEN_S;
                 }
-                () = sleep_until(at), if due.is_some() => match letter {
-                    Some(letter) => {
+                () = sleep_until(at), if due.is_some() => match next.and_then(|(_, id)| id) {
+                    Some(id) => if let Some(letter) = self.letters.waiting(&id) {
                         let carrier = self.carrier.clone();
                         under_way.spawn(async move { carrier.carry(&letter).await });
-                    }
+                        tried = id;
+                    },
                     None => if let Some(digest) = batch.take(now()) {
                         let id = self.post(&digest, draft.id.take()).await;
-                        if let Some(id) = id.filter(|_| gone) {
-                            self.bury(id, "the receiver has said that it is gone").await;
+                        if let Some(id) = id.filter(|_| self.state.is_gone()) {
+                            self.bury(&id, "the receiver has said that it is gone").await;
                         }
                     },
                 },
@@ -358,55 +352,71 @@ impl<C: Carrier> Postman<C> {
         Some(Letter { id, ..letter })
     }
 
-    /// What came of an attempt.
+    /// What came of an attempt; `by_chance` is the part of the usual pause that is waited.
     async fn settle(
         &mut self,
+        id: &str,
         carried: Result<(), Fault>,
-        trial: &mut Trial,
-        gone: &mut bool,
-        pause: Duration,
+        trials: &mut Trials,
+        by_chance: f64,
         now: f64,
     ) {
-        let id = trial.id.clone();
+        let trial = trials.of(id, now);
         let (why, wait) = match carried {
             Ok(()) => {
-                *gone = false;
-                if self.state.took((self.source.now)()) {
-                    info!(receiver = self.name, "takes messages again");
-                }
-                trial.id.clear();
-                self.is_safe(&id);
-                self.on_disk(move |letters| letters.done(&id)).await;
+                trials.forget(id);
+                self.delivered(id.to_string()).await;
                 return;
             }
-            Err(Fault::Later(why, after)) => (why, Some(pause.max(after.unwrap_or_default()).as_secs_f64())),
+            Err(Fault::Later(why, after)) => (why, self.wait(trial, after, by_chance, now)),
             Err(Fault::Never(why)) => (why, None),
             Err(Fault::Gone(why)) => {
-                *gone = true;
+                self.state.gone.store(true, Relaxed);
                 (why, None)
             }
         };
         if self.state.refused(&why, (self.source.now)()) {
             warn!(receiver = self.name, "a message was not taken: {why}");
         }
-        let tried = now - trial.first;
-        match wait.filter(|wait| tried + wait <= self.retry.for_s) {
+        match wait {
             Some(wait) => {
-                self.letters.failed(&id, &why);
+                self.letters.failed(id, &why);
                 (trial.next, trial.failures) = (now + wait, trial.failures.saturating_add(1));
             }
             None => {
-                // Replayed, it is tried as if for the first time.
-                trial.id.clear();
+                trials.forget(id);
                 self.bury(id, &why).await;
             }
         }
+        let partly = self.letters.partly();
+        for id in partly.iter().take(partly.len().saturating_sub(MOST_PARTLY)) {
+            trials.forget(id);
+            self.bury(id, "too many messages wait for some of their readers").await;
+        }
     }
 
-    async fn bury(&self, id: String, why: &str) {
+    /// A letter was taken.
+    async fn delivered(&mut self, id: String) {
+        if self.state.took((self.source.now)()) {
+            info!(receiver = self.name, "takes messages again");
+        }
+        self.is_safe(&id);
+        self.on_disk(move |letters| letters.done(&id)).await;
+    }
+
+    /// How long until a letter is tried again (s); `None` where it was tried for long enough.
+    fn wait(&self, trial: &Trial, asked: Option<Duration>, by_chance: f64, now: f64) -> Option<f64> {
+        let pause = self.pause(trial.failures).mul_f64(by_chance).as_secs_f64();
+        let left = self.retry.for_s - (now - trial.first);
+        // Who asks for more than is left is asked once more at the end.
+        let asked = asked.unwrap_or_default().as_secs_f64().min(left);
+        (pause <= left).then_some(pause.max(asked))
+    }
+
+    async fn bury(&self, id: &str, why: &str) {
         error!(receiver = self.name, letter = id, "a message is a dead letter: {why}");
-        self.letters.failed(&id, why);
-        let now = (self.source.now)();
+        self.letters.failed(id, why);
+        let (id, now) = (id.to_string(), (self.source.now)());
         let lost = self.on_disk(move |letters| letters.bury(&id, now)).await;
         if lost.is_some_and(|lost| lost > 0) {
             warn!(receiver = self.name, lost, "older dead letters are gone for it");

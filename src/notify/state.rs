@@ -1,6 +1,6 @@
 //! How a receiver is: counters, and whether it takes what it is sent.
 
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
 /// How one receiver is, live.
@@ -10,6 +10,8 @@ pub struct State {
     pub(super) failed: AtomicU64,
     pub(super) dropped: AtomicU64,
     pub(super) queue: AtomicU64,
+    /// It has said that it is gone, and has taken nothing since.
+    pub(super) gone: AtomicBool,
     health: Mutex<Health>,
 }
 
@@ -40,6 +42,7 @@ impl State {
     /// Something was taken; true where nothing was before.
     pub(super) fn took(&self, now: f64) -> bool {
         self.sent.fetch_add(1, Relaxed);
+        self.gone.store(false, Relaxed);
         let mut health = self.health.lock().unwrap_or_else(PoisonError::into_inner);
         health.sent_at = Some(now);
         health.failing.take().is_some()
@@ -52,6 +55,16 @@ impl State {
         let since = health.failing.as_ref().map(|(_, since)| *since);
         health.failing = Some((why.to_string(), since.unwrap_or(now)));
         since.is_none()
+    }
+
+    /// Whether nothing more is sent to it.
+    pub fn is_gone(&self) -> bool {
+        self.gone.load(Relaxed)
+    }
+
+    /// Whether the last attempt failed.
+    pub(super) fn is_failing(&self) -> bool {
+        self.health.lock().unwrap_or_else(PoisonError::into_inner).failing.is_some()
     }
 
     /// How it is.

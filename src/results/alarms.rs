@@ -83,11 +83,9 @@ pub struct TagsSeen {
 }
 
 impl Results {
-    /// The collectors whose alarms there are.
-    pub fn watch_devices(&self, names: &[LoopId]) {
-        let mut board = self.alarms.lock();
-        board.devices = names.iter().cloned().collect();
-        board.forget();
+    /// The collectors whose alarms there are from `now` on.
+    pub fn watch_devices(&self, names: &[LoopId], now: f64) {
+        self.with_board(|board, news| board.watch_devices(names, now, news));
     }
 
     /// Takes what collectors and tags are like at `now`. Of a loop whose collector is down nothing is said of tags: that
@@ -229,7 +227,7 @@ impl Results {
 
     /// The clock was set by so much (s): no condition has held for longer by that.
     pub fn clock_was_set(&self, by: f64) {
-        self.alarms.lock().alarms.values_mut().for_each(|own| own.alarm.clock_was_set(by));
+        self.with_board(|board, news| board.clock_was_set(by, news));
     }
 
     /// Lets time pass for all alarms: shelvings that have run out end, a flood too, and everybody hears of it.
@@ -286,8 +284,8 @@ impl Results {
         self.with_board(|board, news| board.design(now, news));
     }
 
-    pub(super) fn place_alarms(&self, loops: &[LoopId], config: &Config) {
-        self.alarms.lock().place(loops, config);
+    pub(super) fn place_alarms(&self, loops: &[LoopId], config: &Config, now: f64) {
+        self.with_board(|board, news| board.place(loops, config, now, news));
     }
 
     /// What a run says to its loop's alarms, kept together with the run and told after it.

@@ -4,7 +4,9 @@ use super::alarm_log::{AlarmChange, AlarmLog};
 use super::alarms::{AlarmView, Said};
 use super::kept::{KeptAlarm, RestoredAlarm};
 use super::{Summary, words};
-use crate::alarm::{Action, Alarm, AlarmId, Cause, Config, Flood, Kind, Line, Observation, Transition};
+use crate::alarm::{
+    Action, Alarm, AlarmId, Cause, Config, Flood, Kind, Line, Observation, Priority, Transition,
+};
 use crate::signal::LoopId;
 use std::collections::{BTreeMap, HashSet};
 use std::fmt;
@@ -25,9 +27,20 @@ impl Standing {
     pub fn new(alarm: Alarm) -> Self {
         Self { alarm, said: Said::default(), detail: String::new(), grouped: false, follows: false }
     }
-}
 
-impl Standing {
+    /// As it is kept, with what happened to it and whether somebody did that.
+    fn kept(&self, id: &AlarmId, transitions: Vec<Transition>, acted: bool) -> KeptAlarm {
+        KeptAlarm {
+            id: id.clone(),
+            saved: self.alarm.saved(),
+            transitions,
+            acted,
+            by: self.said.by.clone(),
+            comment: self.said.comment.clone(),
+            detail: self.detail.clone(),
+        }
+    }
+
     /// Whether its shelving has run out.
     pub fn is_over(&self, now: f64) -> bool {
         self.alarm.flags().shelved_until.is_some_and(|until| now >= until)
@@ -75,6 +88,11 @@ impl fmt::Debug for Orders {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         out.debug_tuple("Orders").field(&self.0.is_some()).finish()
     }
+}
+
+/// Whether since when its condition is pending is kept: one of minutes is not worth a row each time it comes and goes.
+fn keeps_pending(kind: Kind) -> bool {
+    kind == Kind::NotIdentifiable
 }
 
 /// What came of something: what is to be kept, and what is to be told.
@@ -126,8 +144,7 @@ impl Board {
             own.detail = detail;
         }
         let mut after = own.alarm.saved();
-        if id.kind != Kind::NotIdentifiable {
-            // How long a condition of minutes has been pending is not worth a row each time it comes and goes.
+        if !keeps_pending(id.kind) {
             after.pending = before.pending;
         }
         let priority = own.alarm.priority().unwrap_or(self.config.priority(id.kind, None));
@@ -135,6 +152,8 @@ impl Board {
             match transition.cause {
                 Cause::Raised => own.grouped = self.flood.raised(priority, transition.at, &self.config),
                 Cause::Cleared | Cause::Acknowledged => own.grouped = false,
+                // It is counted in the flood already, and what is urgent is never grouped.
+                Cause::MoreUrgent => own.grouped &= priority < Priority::High,
                 _ => {}
             }
             let Said { by, comment } = said.cloned().unwrap_or_default();
@@ -151,15 +170,21 @@ impl Board {
             }));
         }
         if said.is_some() || !transitions.is_empty() || before != after {
-            news.kept.push(KeptAlarm {
-                id: id.clone(),
-                saved: own.alarm.saved(),
-                transitions,
-                acted: said.is_some(),
-                by: own.said.by.clone(),
-                comment: own.said.comment.clone(),
-                detail: own.detail.clone(),
-            });
+            news.kept.push(own.kept(id, transitions, said.is_some()));
+        }
+    }
+
+    /// The clock was set by so much (s): no condition has held for longer by that, also after a restart. Of another machine's
+    /// alarms its own clock counts.
+    pub fn clock_was_set(&mut self, by: f64, news: &mut News) {
+        if self.orders.0.is_some() {
+            return;
+        }
+        for (id, own) in &mut self.alarms {
+            own.alarm.clock_was_set(by);
+            if keeps_pending(id.kind) && own.alarm.saved().pending.is_some() {
+                news.kept.push(own.kept(id, Vec::new(), false));
+            }
         }
     }
 
@@ -192,15 +217,7 @@ impl Board {
             let id = kept.id.clone();
             self.restore(kept);
             // One that is blank may wait to be written too, and must not take the place of this.
-            news.kept.extend(self.alarms.get(&id).map(|own| KeptAlarm {
-                id,
-                saved: own.alarm.saved(),
-                transitions: Vec::new(),
-                acted: false,
-                by: own.said.by.clone(),
-                comment: own.said.comment.clone(),
-                detail: own.detail.clone(),
-            }));
+            news.kept.extend(self.alarms.get(&id).map(|own| own.kept(&id, Vec::new(), false)));
             return;
         };
         if own.said == Said::default() {
@@ -243,20 +260,32 @@ impl Board {
         }
     }
 
-    pub fn place(&mut self, loops: &[LoopId], config: &Config) {
+    pub fn place(&mut self, loops: &[LoopId], config: &Config, now: f64, news: &mut News) {
+        let known: HashSet<LoopId> = loops.iter().cloned().collect();
+        let is_there = |id: &AlarmId| id.kind.of_device() || known.contains(&id.subject);
+        self.forget(|id| config.is_enabled(id.kind) && is_there(id), now, news);
         self.config = config.clone();
-        self.loops = loops.iter().cloned().collect();
+        self.loops = known;
         for id in loops {
             let id = AlarmId::new(id.clone(), Kind::Stiction);
             self.alarms.entry(id).or_insert_with(|| Standing::new(Alarm::new(Kind::Stiction)));
         }
-        self.forget();
     }
 
-    pub fn forget(&mut self) {
-        let mut alarms = std::mem::take(&mut self.alarms);
-        alarms.retain(|id, _| self.has(id));
-        self.alarms = alarms;
+    pub fn watch_devices(&mut self, names: &[LoopId], now: f64, news: &mut News) {
+        let known: HashSet<LoopId> = names.iter().cloned().collect();
+        self.forget(|id| !id.kind.of_device() || known.contains(&id.subject), now, news);
+        self.devices = known;
+    }
+
+    /// Drops all alarms but those that stay, while the configuration that has them is still in force. Nothing would ever clear
+    /// one that stands where it was told, so it is told that it is over.
+    fn forget(&mut self, stays: impl Fn(&AlarmId) -> bool, now: f64, news: &mut News) {
+        let gone: Vec<AlarmId> = self.alarms.keys().filter(|id| !stays(id)).cloned().collect();
+        for id in gone {
+            self.change(&id, None, None, news, |alarm, _| alarm.forget(now));
+            self.alarms.remove(&id);
+        }
     }
 
     /// Lets the design of the configuration suppress what it says, and no longer what it does not.

@@ -4,6 +4,8 @@ use crate::diagnosis::{Estimate, Model, NotIdentifiable, Settings};
 use crate::signal::Record;
 use std::sync::Mutex;
 
+mod changes;
+mod clock;
 mod compensated;
 mod told;
 
@@ -259,7 +261,7 @@ fn a_reload_keeps_known_loops_and_forgets_the_others() {
     let results = results(3);
     results.record(sticky(1.0));
     results.record(sticky(2.0));
-    results.reload(&[id(), LoopId::new("C")], &alarm::Config::default());
+    results.reload(&[id(), LoopId::new("C")], &alarm::Config::default(), 3.0);
     let names: Vec<String> = results.alarms(3.0).iter().map(|view| view.id.to_string()).collect();
     assert_eq!(names, ["A/stiction", "A/f_rising", "C/stiction"]);
     assert_eq!(results.get(&id(), 3.0).expect("kept").alarm.state, State::Unacknowledged);
@@ -377,7 +379,7 @@ fn state(results: &Results, name: &str, now: f64) -> State {
 #[test]
 fn a_collector_that_is_down_is_one_alarm_and_its_tags_say_nothing() {
     let results = results(3);
-    results.watch_devices(&[LoopId::new("dcs")]);
+    results.watch_devices(&[LoopId::new("dcs")], 0.0);
     let watch = |down, bad, now| {
         let (devices, loops) = seen(down, bad);
         results.watch(devices, loops, now);

@@ -349,7 +349,7 @@ async fn at_most_parallelism_diagnoses_run_at_once() {
 #[tokio::test(start_paused = true)]
 async fn a_new_plan_takes_effect_at_once_and_running_loops_keep_their_seats() {
     let mut rig = rig(Config::default(), jobs(&["a"], 1e6), |_| {});
-    rig.results.reload(&[LoopId::new("a"), LoopId::new("b")], &alarm::Config::default());
+    rig.results.reload(&[LoopId::new("a"), LoopId::new("b")], &alarm::Config::default(), 0.0);
     let before = rig.scheduler.table.borrow().seats[0].clone();
     rig.scheduler.replace(plan(jobs(&["b", "a"], 10.0)));
     assert!(Arc::ptr_eq(&before, &rig.scheduler.table.borrow().seats[1]));

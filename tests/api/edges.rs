@@ -202,7 +202,7 @@ async fn a_client_that_lags_is_told_how_much_it_lost() {
     assert_eq!(events.next().await.expect("open").0, "hello");
     // No await in between: the only thread of this runtime cannot serve the stream meanwhile.
     let ids: Vec<LoopId> = FOUR.iter().map(|(id, _)| LoopId::new(*id)).collect();
-    (0..3000).for_each(|_| rig.results.reload(&ids, &alarm::Config::default()));
+    (0..3000).for_each(|_| rig.results.reload(&ids, &alarm::Config::default(), 0.0));
     let (name, data) = events.next().await.expect("news");
     assert_eq!(name, "lagged");
     assert!(data["lost"].as_u64().is_some_and(|lost| (1000..3000).contains(&lost)), "{data}");

@@ -141,7 +141,7 @@ async fn who_was_away_too_long_is_told_to_begin_anew() {
     let heard = first.id().to_string();
     drop(first);
     let ids: Vec<LoopId> = FOUR.iter().map(|(id, _)| LoopId::new(*id)).collect();
-    let reload = || rig.results.reload(&ids, &alarm::Config::default());
+    let reload = || rig.results.reload(&ids, &alarm::Config::default(), 0.0);
     (0..MOST_EVENTS).for_each(|_| reload());
     let mut just = Events::resume(rig.address, &heard).await;
     assert_eq!(just.next().await.expect("open").1["resumed"], true, "as many as are remembered");

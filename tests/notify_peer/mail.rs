@@ -47,10 +47,14 @@ async fn mails_go_by_starttls_with_a_password_and_say_what_matters() {
     }
     assert!(!text.contains("evidence"), "{text}");
 
-    // Not now is tried again, never is a dead letter.
-    peer.tell("refuse 1 451 later").await;
+    // Not now is tried for each by itself and then again, never is a dead letter.
+    peer.tell("refuse 2 451 later").await;
     daemon.diagnosed("FIC1", None);
-    assert_eq!(peer.next().await["subject"], "[stictiond] cleared FIC1: the valve sticks");
+    for to in ["b@plant.example", "a@plant.example"] {
+        let mail = peer.next().await;
+        assert_eq!(mail["to"], serde_json::json!([to]), "{mail}");
+        assert_eq!(mail["subject"], "[stictiond] cleared FIC1: the valve sticks");
+    }
     // Of all, then of each by itself.
     peer.tell("refuse 3 554 never").await;
     daemon.diagnosed("FIC2", None);
@@ -65,6 +69,47 @@ async fn mails_go_by_starttls_with_a_password_and_say_what_matters() {
     let mail = peer.next().await;
     assert_eq!(mail["to"], serde_json::json!(["b@plant.example"]));
     assert_eq!(mail["subject"], "[stictiond] HIGH FIC1: the valve sticks");
+    daemon.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn who_does_not_take_mails_for_now_keeps_them_from_nobody() {
+    let mut peer = Peer::start("smtp_server.py", &["helo"]).await;
+    let text = format!(
+        "[[notify.smtp]]\nname = 'fitters'\naddress = '127.0.0.1:{}'\nsecurity = 'none'\nhello_name = 'pc.plant.example'\n\
+         from = 'stictiond@plant.example'\nto = ['a@plant.example', 'b@plant.example', 'c@plant.example']\n\
+         [notify.smtp.pace]\nwait_s = 0.2\ninterval_s = 0.0\n\
+         [notify.smtp.retry]\nfirst_s = 0.05\nlongest_s = 0.2\n",
+        peer.port
+    );
+    let daemon = Daemon::start(&plant(None, &text)).await;
+    let [first, second] = ["FIC1", "FIC2"].map(|id| format!("[stictiond] HIGH {id}: the valve sticks"));
+    let to = |name: &str| serde_json::json!([format!("{name}@plant.example")]);
+
+    // The others have each mail at once, the second too, while the first waits for one of them.
+    peer.tell("busy 1 a@plant.example").await;
+    for (id, subject) in [("FIC1", &first), ("FIC2", &second)] {
+        daemon.diagnosed(id, Some(2.5));
+        for name in ["b", "c"] {
+            let mail = peer.next().await;
+            assert_eq!((&mail["to"], &mail["subject"]), (&to(name), &subject.as_str().into()), "{mail}");
+        }
+    }
+    let own = daemon.receiver("fitters", "one lacks both", |own| own["queue"] == 2).await;
+    assert!(own["reason"].as_str().unwrap().starts_with("not taken for 1 of 3 addresses: "), "{own}");
+
+    // Who lacked them has them in the end, and nobody has one twice.
+    peer.tell("busy 0 a@plant.example").await;
+    let late = [peer.next().await, peer.next().await];
+    let mut subjects = late.each_ref().map(|mail| mail["subject"].as_str().unwrap().to_string());
+    subjects.sort();
+    assert_eq!(subjects, [first, second]);
+    assert!(late.iter().all(|mail| mail["to"] == to("a")), "{late:?}");
+    daemon.receiver("fitters", "working", |own| own["state"] == "working" && own["queue"] == 0).await;
+    daemon.diagnosed("FIC1", None);
+    let mail = peer.next().await;
+    assert_eq!(mail["to"].as_array().unwrap().len(), 3, "{mail}");
+    assert_eq!(mail["subject"], "[stictiond] cleared FIC1: the valve sticks");
     daemon.stop().await;
 }
 

@@ -100,6 +100,15 @@ async fn messages_are_signed_grouped_tried_again_and_dead_letters_are_replayed()
     daemon.ask("POST", "/api/v1/notifications/cmms/replay", "").await;
     let replayed = [peer.next().await, peer.next().await];
     assert_eq!(replayed.each_ref().map(|m| ids(m)[0].1.clone()), ["cleared", "raised"]);
+
+    // Or until the configuration is read again, though it is the same.
+    peer.tell("answer 410 1").await;
+    daemon.diagnosed("FIC1", None);
+    assert_eq!(peer.next().await["status"], 410);
+    daemon.receiver("cmms", "gone again", |own| own["dead_letters"] == 1).await;
+    daemon.reload(&text).await;
+    daemon.diagnosed("FIC1", Some(2.5));
+    assert_eq!(ids(&peer.next().await), [("FIC1/stiction".into(), "raised".into())]);
     daemon.stop().await;
 }
 

@@ -6,6 +6,7 @@ Reads commands from stdin, one a line, and answers each with "ok":
 
   refuse N TEXT   the next N mails are refused with TEXT, which begins with a code
   moved N TO      the next N times that TO is to get a mail nobody is known by that name
+  busy N TO       TO takes no mail for now, and with N = 0 does again
 """
 
 import asyncio
@@ -21,6 +22,7 @@ old = sys.argv[1:] == ["helo"]
 certificate, key, user, password = ["", "", "", ""] if old else sys.argv[1:5]
 plan = []
 moved = []
+busy = set()
 
 
 def say(text):
@@ -32,6 +34,8 @@ class Handler:
         if address in moved:
             moved.remove(address)
             return "550 nobody by that name"
+        if address in busy:
+            return "450 not now"
         envelope.rcpt_tos.append(address)
         return "250 known"
 
@@ -74,7 +78,10 @@ async def main():
     say(f"port {server.sockets[0].getsockname()[1]}")
     while line := await loop.run_in_executor(None, sys.stdin.readline):
         what, count, text = line.rstrip("\n").split(" ", 2)
-        (plan if what == "refuse" else moved).extend([text] * int(count))
+        if what == "busy":
+            (busy.add if int(count) else busy.discard)(text)
+        else:
+            (plan if what == "refuse" else moved).extend([text] * int(count))
         say("ok")
 
 

@@ -6,6 +6,7 @@ use super::order::{Early, Order};
 use super::orders::action;
 use super::standing::reader;
 use super::{Fleet, PAUSE, check_rings, window};
+use crate::alarm::Cause;
 use crate::app::persistence::rows::{remembered_alarms, remembered_change, remembered_model};
 use crate::app::{App, AppError};
 use crate::config::Config;
@@ -307,7 +308,9 @@ impl Fleet {
                 if let Some(change) = &change {
                     self.firsts.note(change, message.sequence());
                 }
-                self.results.alarm(&kept.id, self.clock.now())?;
+                if self.results.alarm(&kept.id, self.clock.now()).is_none() {
+                    return change.as_ref().is_some_and(is_forgotten).then_some(());
+                }
                 // Else it is known how it stands since then.
                 if !taken.is_past(&kept.id.to_string(), message.sequence()) {
                     self.results.follow_alarm(kept, change);
@@ -385,6 +388,11 @@ impl Fleet {
     pub(in crate::app) fn with_orders(self: Arc<Self>, durable: AskDurable) -> AskDurable {
         Arc::new(move || self.orders_waiting.are_kept(PATIENCE) && durable())
     }
+}
+
+/// Whether a change ends the alarm of a loop or collector that its edge has no more.
+pub(super) fn is_forgotten(change: &AlarmChange) -> bool {
+    change.transition.cause == Cause::Forgotten
 }
 
 /// An alarm as its edge has it, and what happened to it, by a message of the loop or collector `id`.

@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 /// A stamp that falls by less (s) is only late.
 const SET_BACK_S: f64 = 1.0;
-/// Of a message beside its report (bytes).
+/// Of a message beside its report or its samples (bytes).
 const HEAD_BYTES: usize = 64 * 1024;
 /// Samples of one tag in one message.
 pub(super) const MOST_SAMPLES: usize = 2000;
@@ -118,14 +118,15 @@ impl Forward {
         config: &store::Config,
     ) -> Result<bool, LinkError> {
         self.place(link, history).await?;
+        let most = link.max_bytes().saturating_sub(HEAD_BYTES);
         let (mut parts, mut missing) = (Vec::new(), Vec::new());
         for own in history.loops() {
-            parts.extend(self.part(own, &mut missing));
+            parts.extend(self.part(own, &mut missing, most));
         }
         if !missing.is_empty() {
             // The store first: a centre's rings go forward only.
             let config = config.clone();
-            let read = tokio::task::spawn_blocking(move || from_store(&config, missing)).await;
+            let read = tokio::task::spawn_blocking(move || from_store(&config, missing, most)).await;
             match read {
                 Ok(Ok((found, nothing))) => {
                     parts = found;
@@ -193,10 +194,10 @@ impl Forward {
         Ok(())
     }
 
-    /// What is new of a loop; what the rings no longer hold of it, instead, in `missing`.
-    fn part(&self, own: &LoopTags, missing: &mut Vec<Missing>) -> Option<Part> {
+    /// What is new of a loop, of at most so many bytes; what the rings no longer hold of it, instead, in `missing`.
+    fn part(&self, own: &LoopTags, missing: &mut Vec<Missing>, most: usize) -> Option<Part> {
         let id = &own.id;
-        let (mut tags, mut after, mut more) = (Vec::new(), Vec::new(), false);
+        let (mut tags, mut after, mut more) = (Vec::<TagSamples>::new(), Vec::new(), false);
         for tag in &own.tags {
             let key = (id.clone(), tag.kind.name().to_string(), tag.source.clone());
             let Some(place) = self.places.get(&key) else { continue };
@@ -223,9 +224,14 @@ impl Forward {
             };
             let some = &samples[..end];
             let Some(last) = some.last() else { continue };
+            let own = TagSamples { set_back, ..block(tag.kind.name(), &tag.source, some) };
+            if !has_room(&tags, &own, most) {
+                more = true;
+                continue;
+            }
             more |= samples.len() == MOST_SAMPLES || end < samples.len();
             after.push((key, first + some.len() as u64, last.t, false));
-            tags.push(TagSamples { set_back, ..block(tag.kind.name(), &tag.source, some) });
+            tags.push(own);
         }
         (!after.is_empty()).then(|| Part { id: id.clone(), tags, after, more })
     }
@@ -309,8 +315,19 @@ fn first_after(ring: &Ring, stamp: f64) -> (u64, bool) {
     (first + known as u64, known == 0 && stamp.is_finite())
 }
 
-/// The next slice of what rings no longer hold, and the tags of which there is nothing in it.
-fn from_store(config: &store::Config, missing: Vec<Missing>) -> Result<(Vec<Part>, Vec<After>), StoreError> {
+/// Whether a message of at most so many bytes takes one tag more; the first always goes.
+fn has_room(tags: &[TagSamples], own: &TagSamples, most: usize) -> bool {
+    let bytes: usize = tags.iter().map(Message::encoded_len).sum();
+    tags.is_empty() || bytes + own.encoded_len() <= most
+}
+
+/// The next slice of what rings no longer hold, each message of at most so many bytes, and the tags of which there is nothing
+/// in it.
+fn from_store(
+    config: &store::Config,
+    missing: Vec<Missing>,
+    most: usize,
+) -> Result<(Vec<Part>, Vec<After>), StoreError> {
     let mut reader = Reader::of(config)?;
     let (mut parts, mut nothing) = (Vec::new(), Vec::new());
     for Missing { key, last, until, next } in missing {
@@ -329,6 +346,8 @@ fn from_store(config: &store::Config, missing: Vec<Missing>) -> Result<(Vec<Part
         let after = (key.clone(), next, stamp, behind || some.len() < samples.len());
         let tag = block(tag, source, some);
         match parts.iter_mut().find(|part: &&mut Part| part.id == *id) {
+            // It comes with the next message of its loop.
+            Some(part) if !has_room(&part.tags, &tag, most) => {}
             Some(part) => {
                 part.tags.push(tag);
                 part.after.push(after);
@@ -412,6 +431,15 @@ mod tests {
         // It is no longer there: the last one before it tells.
         assert_eq!(first_after(&ring(&[10.0, 11.0, 13.0]), 12.0), (2, false));
         assert_eq!(first_after(&ring(&[13.0, 14.0]), 12.0), (0, true));
+    }
+
+    #[test]
+    fn a_message_takes_no_more_tags_than_the_servers_take_bytes() {
+        let own = block("op", "d1", &[Sample::good(1.0, 2.0), Sample::good(2.0, 2.5)]);
+        let bytes = own.encoded_len();
+        assert!(has_room(&[], &own, bytes / 2), "the first always goes");
+        assert!(has_room(std::slice::from_ref(&own), &own, 2 * bytes));
+        assert!(!has_room(std::slice::from_ref(&own), &own, 2 * bytes - 1));
     }
 
     #[test]

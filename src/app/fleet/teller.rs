@@ -3,7 +3,7 @@
 //! came while none led comes to it too.
 
 use super::Fleet;
-use super::centre::alarm;
+use super::centre::{alarm, is_forgotten};
 use super::order::Order;
 use crate::alarm::{AlarmId, State};
 use crate::fleet::link::{Incoming, Link, LinkError};
@@ -239,7 +239,10 @@ impl Fleet {
         let own = Subject::read(message.subject())?;
         let id = LoopId::new(of_site(&own.site, &own.name));
         let Some((kept, change)) = alarm(&id, message) else { return Some(None) };
-        self.results.alarm(&kept.id, self.clock.now())?;
+        // Of a loop that its edge has no more nothing is known any longer, and its alarm is over.
+        if !change.as_ref().is_some_and(is_forgotten) {
+            self.results.alarm(&kept.id, self.clock.now())?;
+        }
         let is_told =
             |change: &AlarmChange| change.told || self.firsts.is_repeated(change, message.sequence());
         let is_past = |change: &AlarmChange| change.transition.at < self.clock.now() - NEWS_S;

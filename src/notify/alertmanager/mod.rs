@@ -147,9 +147,12 @@ impl Informer {
         })?;
         *table = own;
         self.state.queue.store(standing as u64, Relaxed);
-        if bodies.is_empty() {
-            return Ok(());
-        }
+        let bodies = match bodies.is_empty() {
+            true if !self.state.is_failing() => return Ok(()),
+            // Nothing is left to tell, and whether it takes alerts again is known by asking only.
+            true => vec![payload::alerts(&[])],
+            false => bodies,
+        };
         let limit = Duration::try_from_secs_f64(self.config.timeout_s).unwrap_or_default();
         let headers = self.headers().await?;
         // One that is refused does not keep the others back.
@@ -179,5 +182,65 @@ impl Informer {
         let mut value = HeaderValue::from_str(&basic).map_err(|error| error.to_string())?;
         value.set_sensitive(true);
         Ok(vec![(AUTHORIZATION, value)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::alarm;
+    use crate::notify::notice::Places;
+    use crate::results::Results;
+    use std::sync::RwLock;
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+    use tokio::net::TcpListener;
+
+    fn informer(port: u16, state: Arc<State>) -> Informer {
+        let source = Source {
+            results: Arc::new(Results::new(&[], 5, &alarm::Config::default())),
+            places: Arc::new(RwLock::new(Arc::new(Places::default()))),
+            now: Arc::new(|| 0.0),
+            site: None,
+            public_url: None,
+            outlet: None,
+        };
+        let config = Config {
+            name: "it".into(),
+            url: format!("http://127.0.0.1:{port}"),
+            allow_plain_http: false,
+            ca_file: None,
+            user: None,
+            password_file: None,
+            password_env: None,
+            timeout_s: 5.0,
+            resend_s: 60.0,
+            expires_s: 300.0,
+            filter: crate::notify::Filter::default(),
+        };
+        Informer::new(&config, source, state).unwrap()
+    }
+
+    #[tokio::test]
+    async fn one_that_fails_is_asked_though_nothing_is_left_to_tell() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let answering = tokio::spawn(async move {
+            let (mut stream, _) = listener.accept().await.unwrap();
+            let (mut request, mut chunk) = (Vec::new(), [0; 1024]);
+            while !request.ends_with(b"\r\n\r\n[]") {
+                let n = stream.read(&mut chunk).await.unwrap();
+                assert!(n > 0, "{}", String::from_utf8_lossy(&request));
+                request.extend(&chunk[..n]);
+            }
+            stream.write_all(b"HTTP/1.1 200 OK\r\ncontent-length: 0\r\n\r\n").await.unwrap();
+        });
+        let state = Arc::new(State::default());
+        let informer = informer(port, state.clone());
+        informer.inform(&mut Table::default()).await.unwrap();
+        assert_eq!(state.snapshot().sent, 0, "there is nothing to tell and nothing to find out");
+        state.refused("away", 0.0);
+        informer.inform(&mut Table::default()).await.unwrap();
+        assert_eq!((state.snapshot().failing, state.snapshot().sent), (None, 1));
+        answering.await.unwrap();
     }
 }

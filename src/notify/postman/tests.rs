@@ -105,6 +105,37 @@ async fn the_pause_that_a_receiver_asks_for_is_kept() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn who_asks_for_more_than_is_left_is_asked_once_more_at_the_end() {
+    for (refusals, dead) in [(1, 0), (2, 1)] {
+        let busy = Fault::Later("busy".into(), Some(Duration::from_secs(7200)));
+        let retry = Retry { for_s: 60.0, ..Retry::default() };
+        let Rig { results, script, letters, postman, .. } = rig(1, vec![busy; refusals], retry);
+        trip(&results, 0);
+        work(postman, 100.0).await;
+        let tried = script.tried.lock().unwrap().clone();
+        assert!(tried.len() == 2 && (59.99..60.01).contains(&(tried[1].0 - tried[0].0)), "{tried:?}");
+        assert_eq!(letters.counts(), (0, dead));
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_is_gone_is_so_until_something_is_taken() {
+    let Rig { results, letters, state, postman, .. } =
+        rig(2, vec![Fault::Gone("410".into())], Retry::default());
+    let replayed = letters.clone();
+    let asked = state.clone();
+    trip(&results, 0);
+    let later = tokio::spawn(async move {
+        tokio::time::sleep(Duration::from_secs(5)).await;
+        assert!(asked.is_gone());
+        replayed.replay(None);
+    });
+    work(postman, 10.0).await;
+    later.await.unwrap();
+    assert_eq!((letters.counts(), state.is_gone()), ((0, 0), false));
+}
+
+#[tokio::test(start_paused = true)]
 async fn more_changes_than_the_channel_holds_are_told_all_the_same() {
     let Rig { results, script, postman, .. } = rig(2100, Vec::new(), Retry::default());
     // 1024 events wait at most, and the log knows the last 2000 changes.

@@ -14,7 +14,7 @@ use super::state::State;
 use super::{http, secret};
 use hello::{Server, Unsent};
 use lettre::Message;
-use lettre::address::Envelope;
+use lettre::address::{Address, Envelope};
 use lettre::message::{Mailbox, header::ContentType};
 use lettre::transport::smtp::authentication::Credentials;
 use lettre::transport::smtp::client::{Certificate, CertificateStore, TlsParameters};
@@ -30,11 +30,13 @@ const STEPS: u32 = 4;
 /// Brings mails to one server.
 pub struct Mail {
     config: Config,
+    /// Where it is noted who lacks a mail that others have.
+    letters: Arc<Letters>,
 }
 
 /// The postman of a list of people.
 pub fn postman(config: &Config, source: Source, letters: Arc<Letters>, state: Arc<State>) -> Postman<Mail> {
-    let carrier = Mail { config: config.clone() };
+    let carrier = Mail { config: config.clone(), letters: letters.clone() };
     let postman = Postman::new(&config.name, carrier, source, letters, state);
     postman.with(&config.events, &config.filter, &config.pace, &config.retry)
 }
@@ -51,13 +53,13 @@ impl Carrier for Mail {
         let later = |why: String| Fault::Later(why, None);
         let made = spawn_blocking(move || server(&config)).await.map_err(|error| later(error.to_string()))?;
         let server = made.map_err(later)?;
-        match self.send(&server, mail.envelope(), &mail, true).await? {
-            Err(error) if hello::is_unknown(&error) => self.carry_by_helo(&server, &mail, &error).await,
-            Err(error) if is_for_good(&error) && self.config.to.len() > 1 => {
-                self.carry_to_each(&server, &mail).await
+        if letter.lacking.is_empty() {
+            match self.send(&server, mail.envelope(), &mail).await? {
+                Err(error) if is_answer(&error) && self.config.to.len() > 1 => {}
+                sent => return sent.map_err(fault),
             }
-            sent => sent.map_err(fault),
         }
+        self.carry_to_each(&server, &mail, letter).await
     }
 }
 
@@ -71,9 +73,30 @@ fn is_for_good(error: &Unsent) -> bool {
     matches!(error, Unsent::Smtp(error) if error.is_permanent() && !is_login(error))
 }
 
+/// Whether the server said no to something other than the log-in: that may be one address, for which the library gives up all.
+fn is_answer(error: &Unsent) -> bool {
+    matches!(error, Unsent::Smtp(error) if error.status().is_some() && !is_login(error))
+}
+
 impl Mail {
-    /// One conversation, within its time; the outer error is that it took longer.
+    /// One conversation, by HELO where the server knows no EHLO; the outer error is that there was none.
     async fn send(
+        &self,
+        server: &Server,
+        to: &Envelope,
+        mail: &Message,
+    ) -> Result<Result<(), Unsent>, Fault> {
+        match self.talk(server, to, mail, true).await? {
+            Err(error) if hello::is_unknown(&error) => {
+                self.is_helo_enough(&error)?;
+                self.talk(server, to, mail, false).await
+            }
+            sent => Ok(sent),
+        }
+    }
+
+    /// One conversation, within its time; the outer error is that it took longer.
+    async fn talk(
         &self,
         server: &Server,
         to: &Envelope,
@@ -91,35 +114,57 @@ impl Mail {
         timeout(limit, talking).await.map_err(late)
     }
 
-    /// One address that is refused must not keep the mail from the others.
-    async fn carry_to_each(&self, server: &Server, mail: &Message) -> Result<(), Fault> {
-        let (mut taken, mut refused) = (false, None);
-        for to in mail.envelope().to() {
-            let own = Envelope::new(mail.envelope().from().cloned(), vec![to.clone()]);
-            let own = own.map_err(|error| Fault::Never(error.to_string()))?;
-            match self.send(server, &own, mail, true).await {
-                Ok(Ok(())) => taken = true,
-                Ok(Err(error)) => {
-                    warn!(receiver = self.config.name, to = %to, %error, "an address was refused");
-                    refused = Some(fault(error));
-                }
-                Err(late) => refused = Some(late),
+    /// One address that is refused must not keep the mail from the others. Once somebody has it, who refused it for good is left
+    /// out, and who may take it another time is noted as lacking it: sent to all again it would come twice.
+    async fn carry_to_each(&self, server: &Server, mail: &Message, letter: &Letter) -> Result<(), Fault> {
+        let (mut taken, mut refused, mut lacking) = (!letter.lacking.is_empty(), None, Vec::new());
+        let to = mail.envelope().to();
+        for to in to.iter().filter(|to| letter.lacking.is_empty() || letter.lacking.contains(&to.to_string()))
+        {
+            let Err(fault) = self.carry_to(server, mail, to).await else {
+                taken = true;
+                continue;
+            };
+            let later = matches!(fault, Fault::Later(..));
+            if letter.attempts == 0 || !later {
+                warn!(receiver = self.config.name, to = %to, ?fault, "an address was refused");
             }
+            // It is tried again as long as one address may take it.
+            if later || refused.is_none() {
+                refused = Some(fault);
+            }
+            lacking.extend(later.then(|| to.to_string()));
         }
-        // Sent again it would come twice to those who have it.
-        refused.filter(|_| !taken).map_or(Ok(()), Err)
+        match refused {
+            Some(fault) if !taken => Err(fault),
+            Some(Fault::Later(why, pause)) => {
+                let why = format!("not taken for {} of {} addresses: {why}", lacking.len(), to.len());
+                let (letters, id) = (self.letters.clone(), letter.id.clone());
+                let noted = spawn_blocking(move || letters.lack(&id, lacking)).await;
+                noted.map_err(|error| Fault::Later(error.to_string(), None))?;
+                Err(Fault::Later(why, pause))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The mail for one address alone.
+    async fn carry_to(&self, server: &Server, mail: &Message, to: &Address) -> Result<(), Fault> {
+        let own = Envelope::new(mail.envelope().from().cloned(), vec![to.clone()]);
+        let own = own.map_err(|error| Fault::Never(error.to_string()))?;
+        self.send(server, &own, mail).await?.map_err(fault)
     }
 
     /// A server that knows no EHLO has neither encryption nor a log-in to offer.
-    async fn carry_by_helo(&self, server: &Server, mail: &Message, refused: &Unsent) -> Result<(), Fault> {
-        if self.config.security != Security::None || self.config.login().is_some() {
-            let why = format!(
-                "{refused}: a server that knows no EHLO can neither encrypt nor take a log-in; name another, or one on this \
-                 machine with security = \"none\" and without user"
-            );
-            return Err(Fault::Later(why, None));
+    fn is_helo_enough(&self, refused: &Unsent) -> Result<(), Fault> {
+        if self.config.security == Security::None && self.config.login().is_none() {
+            return Ok(());
         }
-        self.send(server, mail.envelope(), mail, false).await?.map_err(fault)
+        let why = format!(
+            "{refused}: a server that knows no EHLO can neither encrypt nor take a log-in; name another, or one on this \
+             machine with security = \"none\" and without user"
+        );
+        Err(Fault::Later(why, None))
     }
 
     fn limit(&self) -> Duration {
@@ -127,9 +172,11 @@ impl Mail {
     }
 }
 
-/// Whether it was the log-in that was refused.
+/// Whether it was the log-in that was refused, for now or for good.
 fn is_login(error: &lettre::transport::smtp::Error) -> bool {
-    error.status().is_some_and(|code| ["530", "534", "535", "538"].contains(&code.to_string().as_str()))
+    error
+        .status()
+        .is_some_and(|code| ["454", "530", "534", "535", "538"].contains(&code.to_string().as_str()))
 }
 
 fn message(config: &Config, letter: &Letter) -> Result<Message, String> {
