@@ -226,7 +226,12 @@ impl Plantwide {
         }
         let plant = Live { history: &watched.history, loops, results: &self.results, now };
         let found = analyse(&plant);
-        let said = said(&plant, &found);
+        let mut said = said(&plant, &found);
+        // What was taken out of the configuration meanwhile must not begin anew.
+        let history = lock(&self.watched).history.clone();
+        let there: BTreeSet<LoopId> = history.loops().iter().map(|own| own.id.clone()).collect();
+        said.of_loops.retain(|own| there.contains(&own.id));
+        said.measures.retain(|own| there.contains(&own.0));
         lock(&self.measures).extend(said.measures);
         let mut health = lock(&self.health);
         let days = health.take(&said.values, now);

@@ -83,8 +83,9 @@ impl Security {
         if *seen == now && !anyway {
             return Ok(());
         }
-        *seen = now;
         let book = book(access.file())?;
+        // Only now: one that could not be read is read again.
+        *seen = now;
         tracing::info!(users = book.users.len(), tokens = book.tokens.len(), "users and tokens read again");
         for what in access.book().differences(&book) {
             tracing::info!(what, "who may come in has changed");

@@ -388,7 +388,9 @@ impl<C: Carrier> Postman<C> {
                 self.bury(id, &why).await;
             }
         }
-        let partly = self.letters.partly();
+        // Those that were replayed are tried first.
+        let partly: Vec<String> =
+            self.letters.partly().into_iter().filter(|id| trials.has_failed(id)).collect();
         for id in partly.iter().take(partly.len().saturating_sub(MOST_PARTLY)) {
             trials.forget(id);
             self.bury(id, "too many messages wait for some of their readers").await;

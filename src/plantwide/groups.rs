@@ -75,14 +75,12 @@ fn with_longer(group: Group, found: &mut Vec<Group>, spectra: &Spectra) -> Group
             && (1.0 / NEAR..=NEAR).contains(&(longer.period_s / group.period_s))
             && 2 * common(longer) > longer.members.len().min(group.members.len())
     };
-    let same: Vec<Group> = found.extract_if(.., |longer| is_same(longer)).collect();
-    if same.is_empty() {
-        return group;
-    }
+    // Of several, which the long records tell apart, only the nearest is the same.
+    let near = (0..found.len()).filter(|at| is_same(&found[*at])).max_by_key(|at| common(&found[*at]));
+    let Some(same) = near.map(|at| found.remove(at)) else { return group };
     let band = spectra.band(group.period_s);
     let mut members: Vec<(usize, f64, f64)> = Vec::new();
-    for (at, gamma) in [&group].into_iter().chain(&same).flat_map(|of| of.members.iter().zip(&of.with_common))
-    {
+    for (at, gamma) in [&group, &same].into_iter().flat_map(|of| of.members.iter().zip(&of.with_common)) {
         if !members.iter().any(|m| m.0 == *at) && spectra.inside(*at, &band).is_some() {
             members.push((*at, *gamma, spectra.share(*at, &band)));
         }

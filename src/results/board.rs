@@ -229,10 +229,15 @@ impl Board {
 
     /// Takes an alarm as another machine has it, which is the only one to change it, and what happened to it there.
     pub fn follow(&mut self, kept: RestoredAlarm, change: Option<AlarmChange>, news: &mut News) {
-        if !self.has(&kept.id) {
+        let RestoredAlarm { id, saved, by, comment, detail } = kept;
+        if !self.has(&id) {
+            // Of a loop that is gone how it ended is kept: else it would stand again when the loop is back.
+            if let Some(change) = change.filter(|change| change.transition.cause == Cause::Forgotten) {
+                let transitions = vec![change.transition];
+                news.kept.push(KeptAlarm { id, saved, transitions, acted: false, by, comment, detail });
+            }
             return;
         }
-        let RestoredAlarm { id, saved, by, comment, detail } = kept;
         let change = change.filter(|change| !self.log.has(&id, &change.transition));
         let alarm = Alarm::restored(id.kind, &self.config, saved.clone());
         let said = Said { by: by.clone(), comment: comment.clone() };

@@ -187,11 +187,14 @@ fn decide(need: Need, actor: &Actor, is_change: bool, headers: &HeaderMap) -> Re
     Ok(())
 }
 
-/// Runs a change and puts it on record with its result; without a record that works nothing is changed, but that a term of
-/// write-back is taken back: on the way to zero the plant comes before the record, and write-back has a log of its own.
+/// Runs a change and puts it on record with its result; without a record that works nothing is changed, but that people log in
+/// and take a term of write-back back: on the way to zero the plant comes before the record, and write-back has a log of its
+/// own.
 async fn change(context: Arc<Context>, actor: Actor, request: Request, next: Next) -> Response {
     let works = context.audit.as_ref().is_none_or(|audit| audit.works());
-    if !works && !withdraws(&request) {
+    // A log-in puts itself on record, without the password.
+    let is_session = request.uri().path().ends_with("/session");
+    if !works && !is_session && !withdraws(&request) {
         let detail = "the audit log cannot be written, so nothing is changed; the daemon's log says why";
         return Problem::busy("audit_failed", detail).into_response();
     }
@@ -201,8 +204,6 @@ async fn change(context: Arc<Context>, actor: Actor, request: Request, next: Nex
         Ok(bytes) => bytes,
         Err(problem) => return problem.into_response(),
     };
-    // A log-in puts itself on record, without the password.
-    let is_session = parts.uri.path().ends_with("/session");
     let said: String = String::from_utf8_lossy(&bytes).chars().take(MOST_RECORDED).collect();
     let request = Request::from_parts(parts, Body::from(bytes));
     to_its_end(async move {

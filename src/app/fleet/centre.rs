@@ -308,8 +308,8 @@ impl Fleet {
                 if let Some(change) = &change {
                     self.firsts.note(change, message.sequence());
                 }
-                if self.results.alarm(&kept.id, self.clock.now()).is_none() {
-                    return change.as_ref().is_some_and(is_forgotten).then_some(());
+                if !change.as_ref().is_some_and(is_forgotten) {
+                    self.results.alarm(&kept.id, self.clock.now())?;
                 }
                 // Else it is known how it stands since then.
                 if !taken.is_past(&kept.id.to_string(), message.sequence()) {

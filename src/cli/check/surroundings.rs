@@ -57,7 +57,7 @@ fn try_to_write(path: &Path) -> io::Result<()> {
 
 /// Makes a file in a folder and removes it: rights alone do not tell of a disk that can only be read.
 fn try_to_make(folder: &Path) -> io::Result<()> {
-    let path = folder.join(format!(".stictiond-check-{}", std::process::id()));
+    let path = folder.join(format!(".stictiond-check-{:016x}", getrandom::u64().unwrap_or_default()));
     OpenOptions::new().write(true).create_new(true).open(&path)?;
     fs::remove_file(path)
 }

@@ -23,8 +23,8 @@ pub(super) struct State {
     frozen: Option<Frozen>,
     /// When its last value came, by the steady clock (s).
     heard: Option<f64>,
-    /// Stamp of its last value (s).
-    last: Option<f64>,
+    /// Stamp of its last value, as its source told it (s).
+    told: Option<f64>,
     /// Whether it has been declared bad since.
     lost: bool,
 }
@@ -58,7 +58,7 @@ impl State {
             clock: SourceClock::default(),
             frozen: tag.frozen_after_s.map(Frozen::new),
             heard: None,
-            last: None,
+            told: None,
             lost: false,
         }
     }
@@ -80,11 +80,12 @@ impl State {
             (None, TimeFallback::None) => return Err(Refused::Time),
         };
         let usable = told.raw.is_some() && !matches!(told.quality, Quality::Bad(_));
+        let unchanged = self.lost && usable && !told.buffered && self.told == Some(t);
+        self.told = Some(t);
+        // A value that did not change while it could not be had keeps its old stamp, but comes after the mark; right after it,
+        // for what changed since then may still be on its way.
         let t = match self.series.last() {
-            // A value that did not change while it could not be had keeps its old stamp, but comes after the mark.
-            Some(mark) if self.lost && usable && t <= mark && self.last.is_some_and(|last| t <= last) => {
-                self.clock.now(came.steady).unwrap_or(came.t).max(mark + STEP_S)
-            }
+            Some(mark) if unchanged && t <= mark => mark + STEP_S,
             _ => t,
         };
         // What was buffered is late, and no sign of a clock that was set back.
@@ -97,7 +98,6 @@ impl State {
             }
             Order::Old => return Ok(Taken::Old),
         }
-        self.last = Some(t);
         let set_back = order == Order::SetBack;
         let jumped = self.clock.heard(t, came.steady, came.t, set_back).is_some();
         (self.heard, self.lost) = (Some(came.steady), false);

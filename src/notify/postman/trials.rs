@@ -24,6 +24,11 @@ impl Trials {
         self.0.entry(id.to_string()).or_insert(Trial { first: now, next: now, failures: 0 })
     }
 
+    /// Whether a letter was tried and not taken.
+    pub(super) fn has_failed(&self, id: &str) -> bool {
+        self.0.get(id).is_some_and(|trial| trial.failures > 0)
+    }
+
     /// A letter waits no longer: replayed, it is tried as if for the first time.
     pub(super) fn forget(&mut self, id: &str) {
         self.0.remove(id);
@@ -41,7 +46,10 @@ impl Trials {
             None => batch.map(|due| (due, None)),
         };
         let partly = letters.partly().into_iter().map(|id| (self.of(&id, now).next, Some(id)));
-        first.into_iter().chain(partly).min_by(|a, b| a.0.total_cmp(&b.0))
+        // What nobody has goes first where both are due.
+        let due = first.as_ref().is_some_and(|(due, _)| *due <= now);
+        let all = first.into_iter().chain(partly.filter(|_| !due));
+        all.min_by(|a, b| a.0.total_cmp(&b.0))
     }
 }
 

@@ -119,40 +119,62 @@ impl Mail {
     async fn carry_to_each(&self, server: &Server, mail: &Message, letter: &Letter) -> Result<(), Fault> {
         let (mut taken, mut refused, mut lacking) = (!letter.lacking.is_empty(), None, Vec::new());
         let to = mail.envelope().to();
-        for to in to.iter().filter(|to| letter.lacking.is_empty() || letter.lacking.contains(&to.to_string()))
-        {
-            let Err(fault) = self.carry_to(server, mail, to).await else {
+        let wanted = |to: &&Address| letter.lacking.is_empty() || letter.lacking.contains(&to.to_string());
+        let wanted: Vec<&Address> = to.iter().filter(wanted).collect();
+        let names = |some: &[&Address]| some.iter().map(ToString::to_string).collect::<Vec<_>>();
+        for (at, to) in wanted.iter().enumerate() {
+            let Err((fault, answered)) = self.carry_to(server, mail, to).await else {
                 taken = true;
+                // Noted at once: an end of the daemon between two addresses sends it to nobody twice.
+                let still = [lacking.clone(), names(&wanted[at + 1..])].concat();
+                self.lack(letter, still).await?;
                 continue;
             };
             let later = matches!(fault, Fault::Later(..));
             if letter.attempts == 0 || !later {
                 warn!(receiver = self.config.name, to = %to, ?fault, "an address was refused");
             }
+            lacking.extend(later.then(|| to.to_string()));
             // It is tried again as long as one address may take it.
             if later || refused.is_none() {
                 refused = Some(fault);
             }
-            lacking.extend(later.then(|| to.to_string()));
+            if !answered {
+                // Without an answer the others would wait as long, and everything behind this mail.
+                lacking.extend(names(&wanted[at + 1..]));
+                break;
+            }
         }
         match refused {
             Some(fault) if !taken => Err(fault),
             Some(Fault::Later(why, pause)) => {
                 let why = format!("not taken for {} of {} addresses: {why}", lacking.len(), to.len());
-                let (letters, id) = (self.letters.clone(), letter.id.clone());
-                let noted = spawn_blocking(move || letters.lack(&id, lacking)).await;
-                noted.map_err(|error| Fault::Later(error.to_string(), None))?;
+                self.lack(letter, lacking).await?;
                 Err(Fault::Later(why, pause))
             }
             _ => Ok(()),
         }
     }
 
-    /// The mail for one address alone.
-    async fn carry_to(&self, server: &Server, mail: &Message, to: &Address) -> Result<(), Fault> {
+    /// Notes who does not have a letter yet, if anybody.
+    async fn lack(&self, letter: &Letter, lacking: Vec<String>) -> Result<(), Fault> {
+        if lacking.is_empty() {
+            return Ok(());
+        }
+        let (letters, id) = (self.letters.clone(), letter.id.clone());
+        let noted = spawn_blocking(move || letters.lack(&id, lacking)).await;
+        noted.map_err(|error| Fault::Later(error.to_string(), None))
+    }
+
+    /// The mail for one address alone; an error comes with whether the server answered.
+    async fn carry_to(&self, server: &Server, mail: &Message, to: &Address) -> Result<(), (Fault, bool)> {
         let own = Envelope::new(mail.envelope().from().cloned(), vec![to.clone()]);
-        let own = own.map_err(|error| Fault::Never(error.to_string()))?;
-        self.send(server, &own, mail).await?.map_err(fault)
+        let own = own.map_err(|error| (Fault::Never(error.to_string()), true))?;
+        let sent = self.send(server, &own, mail).await.map_err(|late| (late, false))?;
+        sent.map_err(|error| {
+            let answered = is_answer(&error);
+            (fault(error), answered)
+        })
     }
 
     /// A server that knows no EHLO has neither encryption nor a log-in to offer.

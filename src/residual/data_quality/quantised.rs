@@ -42,7 +42,7 @@ pub fn assess(data: &IdData) -> Option<Fact> {
     let whole = |k: &usize| (k - 1..=k + 1).all(|k| is_measured(data, k));
     let bend = |k: usize| (data.y[k - 1] - 2.0 * data.y[k] + data.y[k + 1]).abs();
     let bends: Vec<f64> = (1..data.len() - 1).filter(whole).map(bend).collect();
-    (median(&bends) < (BEND + OFF) * quantum.size).then(|| Fact {
+    (!bends.is_empty() && median(&bends) < (BEND + OFF) * quantum.size).then(|| Fact {
         kind: Kind::QuantisedPv,
         posterior: 1.0,
         described: describe(data, quantum),

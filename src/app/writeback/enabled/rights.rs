@@ -1,6 +1,5 @@
 //! A grant is good for as long as both who gave it may give it: who loses the role takes it along.
 
-use super::super::super::security::book;
 use crate::access::file::{self, Version};
 use crate::access::{Book, Role};
 use crate::compensation::gate::{Action, Grant};
@@ -18,11 +17,13 @@ struct Rights {
     /// Of the version that was looked at; `None` before the first look.
     seen: Option<Option<Version>>,
     book: Option<Book>,
+    /// That it cannot be read was said.
+    failed: bool,
 }
 
 /// Takes grants back for as long as `running` is there: an active term by its ramp, and who has lost the right is on record.
 pub(super) async fn follow(running: Weak<Writeback>, file: PathBuf) {
-    let mut rights = Rights { file, seen: None, book: None };
+    let mut rights = Rights { file, seen: None, book: None, failed: false };
     loop {
         tokio::time::sleep(LOOK).await;
         let Some(running) = running.upgrade() else { return };
@@ -47,10 +48,13 @@ impl Rights {
     fn look_again(mut self) -> Self {
         let now = Some(file::version(&self.file));
         if self.seen != now {
-            self.seen = now;
-            match book(&self.file) {
-                Ok(book) => self.book = Some(book),
-                Err(error) => tracing::error!(%error, "rights to grant stay as they were"),
+            // One that is not there for a moment, as while it is restored, is none that says that nobody may.
+            match file::load(&self.file) {
+                Ok(book) => (self.book, self.seen, self.failed) = (Some(book), now, false),
+                Err(error) if !std::mem::replace(&mut self.failed, true) => {
+                    tracing::error!(%error, "rights to grant stay as they were");
+                }
+                Err(_) => {}
             }
         }
         self

@@ -3,7 +3,7 @@
 const API = "/api/v1";
 
 export async function get(path, signal) {
-  return answered(await fetch(API + path, { signal }));
+  return answered(await reached(fetch(API + path, { signal })));
 }
 
 /** A list in one piece: its pages, one after the other. */
@@ -23,11 +23,14 @@ export const credentials = { csrf: null };
 async function change(method, path, body) {
   const options = { method, headers: credentials.csrf ? { "x-csrf-token": credentials.csrf } : {} };
   if (body) Object.assign(options, { body: JSON.stringify(body), headers: { ...options.headers, "content-type": "application/json" } });
-  return answered(await fetch(API + path, options));
+  return answered(await reached(fetch(API + path, options)));
 }
 
 export const post = (path, body) => change("POST", path, body);
 export const remove = (path) => change("DELETE", path);
+
+/** An error without an answer has the status 0. */
+const reached = (promise) => promise.catch((error) => Promise.reject(Object.assign(error, { status: 0 })));
 
 async function answered(answer) {
   if (answer.status === 204) return null;

@@ -39,16 +39,20 @@ async function refresh() {
   pending = null;
   if (working) return soon();
   working = true;
-  const [whole, names] = [all || changed.size > FEW, [...changed]];
+  const whole = all || changed.size > FEW;
+  let names = [...changed];
   all = false;
   changed.clear();
   try {
     if (whole) await pages();
     else {
-      // Any error but that a loop is gone is one of all: what changed is asked for again.
-      const items = await Promise.all(names.map((id) => orNull(get(loopPath(id)))));
-      names.forEach((id, i) => keep(id, items[i]));
-      tell("loops", new Set(names));
+      const items = await Promise.allSettled(names.map((id) => orNull(get(loopPath(id)))));
+      const came = (id, i) => items[i].status === "fulfilled";
+      names.forEach((id, i) => came(id, i) && keep(id, items[i].value));
+      tell("loops", new Set(names.filter(came)));
+      // What did not come is asked for again.
+      names = names.filter((id, i) => !came(id, i));
+      if (names.length) throw items.find((item) => item.status === "rejected").reason;
     }
   } catch (error) {
     all ||= whole;

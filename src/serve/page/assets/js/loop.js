@@ -15,6 +15,9 @@ import { trend } from "./trend.js";
 const RETRY_MS = 5000;
 const AGE_MS = 30_000; // How often it is said anew how long ago the diagnosis is.
 
+// Whether it may go well the next time: no answer, too many requests, a server in trouble.
+const again = ({ status }) => status === 0 || status === 429 || status >= 500;
+
 const card = (title, size, ...children) => h("section", { class: `card ${size}`, "aria-label": title }, h("header", null, h("h2", null, title)), ...children);
 const pairs = (list) => list.map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value)));
 
@@ -151,6 +154,7 @@ export function loopView(main, [id]) {
   }
 
   async function show() {
+    if (over) return;
     const mine = (showing = {});
     clearTimeout(retry);
     try {
@@ -174,11 +178,12 @@ export function loopView(main, [id]) {
       const draw = () => drawEvidence(boxes, { detail, report, evidence, runs: runs.items, alarms });
       await draw();
       redraw = () => (second.redraw(), draw());
-      if (!endTrend) await begin(report);
+      if (!endTrend) begin(report);
     } catch (error) {
-      if (over) return;
-      if (error.status !== 404) retry = setTimeout(show, RETRY_MS);
-      if (mine === showing) banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, error.status === 404 ? `There is no loop ${id}.` : "The loop cannot be fetched."), h("p", null, error.message)));
+      // A later fetch says how it is by now.
+      if (over || mine !== showing) return;
+      if (again(error)) retry = setTimeout(show, RETRY_MS);
+      banner.replaceChildren(h("span", { class: "mark" }), h("div", null, h("strong", null, error.status === 404 ? `There is no loop ${id}.` : "The loop cannot be fetched."), h("p", null, error.message)));
     }
   }
 
@@ -189,7 +194,7 @@ export function loopView(main, [id]) {
     }
   }
 
-  // Once a visit; where it fails, with the next fetch.
+  // Once a visit; where it fails, again after a while. What is said of the valve does not wait for it.
   async function begin(report) {
     endTrend = () => {};
     try {
@@ -198,7 +203,8 @@ export function loopView(main, [id]) {
       else endTrend = end;
     } catch (error) {
       endTrend = null;
-      throw error;
+      boxes.trend.replaceChildren(h("p", { class: "note" }, `The trends cannot be fetched: ${error.message}`));
+      setTimeout(() => over || endTrend || begin(report), RETRY_MS);
     }
   }
 
