@@ -122,7 +122,7 @@ async fn store(
     }
     if room == 0 {
         let why = match chosen {
-            true => "no diagnosis in it says what it worked on",
+            true => "no diagnosis in it names the samples it was made of, so none can be made again",
             false if after == 0 => "there is no diagnosis in it",
             false => "no run in it ended in the time that --from and --to-time name",
         };

@@ -26,7 +26,7 @@ pub(super) fn warn_of_what_needs_one(old: &Config, new: &Config) {
     for id in without_term(old, new) {
         tracing::warn!(
             id,
-            "[loop.writeback] was taken out: terms that were in force are unknown to its next diagnoses; keep it with enabled = false"
+            "[loop.writeback] was taken out: the next diagnoses treat past samples as if no term had acted; put the section back with enabled = false"
         );
     }
     if old.fleet != new.fleet {

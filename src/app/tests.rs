@@ -3,6 +3,7 @@ use crate::results::{Outcome, Run, Trigger};
 use crate::serve::NotificationPort;
 use crate::signal::Sample;
 use crate::sim::scenarios;
+use crate::store::{AlarmRow, Batch, Row, Store};
 use std::fmt::Write;
 
 /// Three loops of one unit: a flow whose valve sticks, a level that the flow feeds, a pressure of its own.
@@ -108,14 +109,29 @@ fn an_oscillation_is_traced_through_a_neighbour_to_the_valve_that_sticks() {
     assert_eq!([&flow, &level, &pressure].map(sticks), [true, false, false]);
 }
 
-/// Whoever waits for messages begins to hear before the design does anything.
+/// Whoever waits for messages begins to hear before the design does anything: the store has an alarm that stands and was
+/// suppressed, and the configuration suppresses it no more.
 #[tokio::test]
-async fn what_the_configuration_suppresses_since_the_start_is_told() {
-    let mut text = text();
-    text += "[alarm]\nsuppressed = ['FIC203/stiction']\n[[notify.webhook]]\nname = 'cmms'\n";
-    text += "url = 'http://127.0.0.1:1/'\nsecret_env = 'NO_SUCH_SECRET'\nevents = ['silenced']\n";
+async fn what_the_configuration_no_longer_suppresses_is_told_at_the_start() {
+    let folder = std::env::temp_dir().join(format!("stictiond-unsuppressed-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder);
+    let mut text = text() + &format!("[store]\nfolder = {:?}\n", folder.join("store"));
+    text += "[[notify.webhook]]\nname = 'cmms'\nurl = 'http://127.0.0.1:1/'\nsecret_env = 'NO_SUCH_SECRET'\n";
     text += "[notify.webhook.pace]\nwait_s = 3600.0\n";
     let config = config::parse("f", &text).expect("it is right");
+    std::fs::create_dir_all(&folder).expect("writable");
+    let stands = AlarmRow {
+        control_loop: "FIC203".into(),
+        kind: "stiction".into(),
+        active: true,
+        suppressed: true,
+        since: Some(1.0),
+        raised_at: Some(1.0),
+        ..AlarmRow::default()
+    };
+    let mut store = Store::open(config.store.as_ref().expect("there")).expect("opens");
+    store.write(&Batch { series: Vec::new(), rows: vec![Row::Alarm(stands)] }).expect("writes");
+    drop(store);
     let app = App::build(config, Clock::wall(), App::diagnosis()).expect("it is sound");
     let stop = CancellationToken::new();
     let heard = async {
@@ -126,4 +142,6 @@ async fn what_the_configuration_suppresses_since_the_start_is_told() {
     };
     let both = async { tokio::join!(app.notifications.run(stop.clone()), heard) };
     tokio::time::timeout(Duration::from_secs(60), both).await.expect("it waits to be told");
+    drop(app);
+    let _ = std::fs::remove_dir_all(&folder);
 }

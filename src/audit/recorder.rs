@@ -103,7 +103,7 @@ fn keep(mut log: Log, entries: &Receiver<Entry>, failed: &AtomicBool) {
             Err(error) => {
                 // What stands in the file now may end in half a line: nothing more is written behind it.
                 failed.store(true, Relaxed);
-                tracing::error!(%error, "the audit log cannot be written: nothing is changed any more, write-back withdraws");
+                tracing::error!(%error, "this audit log cannot be written: what needs a record in it is refused; mend the cause and start stictiond again");
                 return;
             }
         };

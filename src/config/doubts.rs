@@ -267,8 +267,8 @@ fn slow_end(own: &LoopConfig) -> Option<String> {
     let end = writeback.longest_end_s();
     (end > STOP_S).then(|| {
         format!(
-            "{}.writeback: after a stop its term may take {end} s to zero (withdraw_limit_s, max_step_ms and 2 s), and what is in \
-             deploy/ kills the daemon after {STOP_S} s: allow more there, or less in withdraw_limit_s",
+            "{}.writeback: its term may take {end} s to reach zero (withdraw_limit_s + max_step_ms + 2 s), and the service files in \
+             deploy/ kill the daemon {STOP_S} s after a stop: raise that time, or lower withdraw_limit_s",
             own.id
         )
     })
@@ -419,11 +419,9 @@ mod tests {
                 .contains("evidence_max_age_s = 1800, and a diagnosis comes every 3600 s")
         );
         // With max_step_ms = 5000 and 2 s the limit is what deploy/ allows, and a second more.
-        assert!(
-            of(86_400.0, 7200.0, STOP_S - 6.0).contains("A.writeback: after a stop its term may take 91 s")
-        );
+        assert!(of(86_400.0, 7200.0, STOP_S - 6.0).contains("A.writeback: its term may take 91 s"));
         let fine = of(86_400.0, 7200.0, STOP_S - 7.0);
-        let told = ["grant_max_s", "evidence_max_age_s", "after a stop"];
+        let told = ["grant_max_s", "evidence_max_age_s", "its term may take"];
         assert!(!told.iter().any(|own| fine.contains(own)), "{fine}");
     }
 

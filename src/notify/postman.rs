@@ -393,7 +393,11 @@ impl<C: Carrier> Postman<C> {
             self.letters.partly().into_iter().filter(|id| trials.has_failed(id)).collect();
         for id in partly.iter().take(partly.len().saturating_sub(MOST_PARTLY)) {
             trials.forget(id);
-            self.bury(id, "too many messages wait for some of their readers").await;
+            self.bury(
+                id,
+                "more mails than allowed wait for addresses that refused them, and this is the oldest",
+            )
+            .await;
         }
     }
 

@@ -228,10 +228,11 @@ fn why(cause: Cause, of: &LoopFound) -> String {
         Cause::Saturation if i.at_limits.is_some_and(|share| share >= signs[LIMITS]) => {
             format!("OP is at a limit for {} of the time", percent(signs[LIMITS]))
         }
-        // That it is a limit is a conclusion, which the reader may draw too.
-        Cause::Saturation => {
-            format!("OP is at its largest or least value for {} of the time", percent(signs[LIMITS]))
-        }
+        // That it is a limit is a conclusion from how it comes back there.
+        Cause::Saturation => format!(
+            "OP stops again and again at its largest or least value, {} of the time, as at a limit",
+            percent(signs[LIMITS])
+        ),
         Cause::Neighbour | Cause::Unknown => String::new(),
     }
 }
@@ -318,7 +319,8 @@ mod tests {
     #[test]
     fn a_limit_is_called_one_where_it_is_known() {
         let mut of = LoopFound { signs: only(LIMITS, 0.4), ..LoopFound::default() };
-        assert_eq!(why(Cause::Saturation, &of), "OP is at its largest or least value for 40 % of the time");
+        let stops = "OP stops again and again at its largest or least value, 40 % of the time, as at a limit";
+        assert_eq!(why(Cause::Saturation, &of), stops);
         of.indicators.at_limits = Some(0.4);
         assert_eq!(why(Cause::Saturation, &of), "OP is at a limit for 40 % of the time");
     }

@@ -231,8 +231,8 @@ fn select_confirmed(data: &IdData, settings: &Settings, found: Vec<Found>) -> Op
     }
 }
 
-/// The candidates with those that were rejected, which take their share from the others: what the likelihood gave them on the
-/// fitted samples, these share as before.
+/// The candidates with those that were rejected. The rejected take their share from the others, which split the rest in the
+/// same proportions.
 fn with_rejected(
     candidates: Vec<(Option<Kind>, f64)>,
     rejected: &[(Kind, Evidence)],

@@ -304,7 +304,7 @@ impl LoopConfig {
         ]
     }
 
-    /// Longest time from a stop until the daemon waits for this loop's term no more (s).
+    /// Longest time that the daemon waits for this loop's term after a stop (s).
     pub fn longest_end_s(&self) -> f64 {
         self.withdraw_limit_s + self.max_step_ms as f64 / 1000.0 + GRACE.as_secs_f64()
     }

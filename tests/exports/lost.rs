@@ -200,7 +200,7 @@ fn a_mode_of_0_in_which_op_moves_by_itself_is_asked_for() {
     for (zero, one) in [("0", "1"), ("FALSE", "TRUE"), ("Off", "On")] {
         refused(
             read(&table(zero, one), None),
-            &["column A/M", "OP moves by itself where the mode is 0", "--auto-values"],
+            &["column A/M", "OP moves by itself only while the mode is 0", "--auto-values"],
         );
         let modes = |table: Result<Table, String>| -> Vec<f64> {
             let table = table.unwrap_or_else(|said| panic!("{said}"));
@@ -216,7 +216,7 @@ fn a_mode_of_0_in_which_op_moves_by_itself_is_asked_for() {
 fn minutes_under_a_header_that_does_not_say_so_are_asked_for() {
     let minutes = |t: f64| format!("{:.4}", (t - BEGIN as f64) / 60.0);
     let rows = rows(&example(), ',', minutes);
-    refused(read("Time,OP,PV", &rows, &Options::default()), &["0.033", "2 s in minutes", "--time-unit"]);
+    refused(read("Time,OP,PV", &rows, &Options::default()), &["0.033", "minutes (then 2 s)", "--time-unit"]);
     for (header, unit) in [("Time,OP,PV", Some("min")), ("Time (min),OP,PV", None)] {
         let options = Options { time_unit: unit.map(Into::into), ..Options::default() };
         let table = read(header, &rows, &options).unwrap_or_else(|said| panic!("{said}"));

@@ -166,5 +166,58 @@ fn what_cannot_be_told_is_refused_by_what_helps() {
 
     let none = made(|_, _, op, pv| format!("\t{op}\t{pv}\t")).join("\n");
     let lvm = format!("X_Value\tOP\tPV\tComment\n{none}\n");
-    refused(of_bytes(lvm.as_bytes(), &Options::default()), &["each row needs its time"]);
+    refused(of_bytes(lvm.as_bytes(), &Options::default()), &["each row needs a time"]);
+}
+
+#[test]
+fn modes_are_known_under_the_names_that_people_give_them() {
+    for (name, automatic, manual) in [
+        ("Control Mode", "Auto", "Manual"),
+        ("A/M Status", "AUTO", "MAN"),
+        ("Modo", "Automático", "Manual"),
+        ("FIC101.AUTO", "1.000", "0.000"),
+        ("FIC101.MAN", "0", "1"),
+        ("Manual", "No", "Yes"),
+    ] {
+        let own =
+            made(|at, t, op, pv| format!("{t},{op},{pv},{}", if at < 300 { automatic } else { manual }));
+        let table = read(&format!("Time,FIC101.OP,FIC101.PV,{name}"), &own, &Options::default()).expect(name);
+        let on = table.record.mode.iter().flatten().filter(|mode| mode.value == 1.0).count();
+        assert_eq!(on, 300, "{name}: {}", table.found.read_as);
+    }
+}
+
+#[test]
+fn quality_is_known_by_a_header_q_and_by_bad_pv_and_midnight_proves_the_order_of_points() {
+    let bad_ones = |table: &Table| bad(&table.record.pv);
+    let expected = example().pv.len().div_ceil(100);
+    let letter = |at: usize| if at % 100 == 7 { "B" } else { "G" };
+    let own = made(|at, t, op, pv| format!("{t},{op},G,{pv},{}", letter(at)));
+    let table = read("Time,FIC101.OP,Q,FIC101.PV,Q", &own, &Options::default()).expect("Q");
+    assert_eq!(bad_ones(&table), expected, "{}", table.found.read_as);
+    let own = made(|at, t, op, pv| format!("{t},{op},{pv},{}", if at % 100 == 7 { "Yes" } else { "No" }));
+    let table = read("Time,OP,PV,Bad PV", &own, &Options::default()).expect("Bad PV");
+    assert_eq!(bad_ones(&table), expected, "{}", table.found.read_as);
+
+    // The fifteenth and the sixteenth of June 2026.
+    let points = |t: f64| civil("%y.%m.%d %H:%M:%S", t - BEGIN as f64 + 1_781_566_800.0);
+    let table = read("Time,OP,PV", &rows(&example(), ',', points), &Options::default()).expect("points");
+    let [first, last] = [&table.record.op[0], &table.record.op[1199]].map(|sample| sample.t);
+    assert!(last - first < 3000.0, "{}", table.found.read_as);
+}
+
+#[test]
+fn milliseconds_without_leading_zeros_are_refused_and_fractions_without_trailing_ones_are_read() {
+    let bare = |t: f64| {
+        let ms = (t * 1e3).round() as i64 % 1000;
+        format!("{}.{ms}", civil("%Y-%m-%d %H:%M:%S", t))
+    };
+    let uneven = |t: f64| t + ((t - BEGIN as f64) * 0.237).fract();
+    let rows_of = rows(&example(), ',', |t| bare(uneven(t)));
+    refused(read("Time,OP,PV", &rows_of, &Options::default()), &["without leading zeros", "three digits"]);
+    let trimmed = |t: f64| {
+        let text = civil("%Y-%m-%d %H:%M:%S%.3f", (uneven(t) * 8.0).round() / 8.0);
+        text.trim_end_matches('0').trim_end_matches('.').to_string()
+    };
+    is_whole(read("Time,OP,PV", &rows(&example(), ',', trimmed), &Options::default()), "eighths");
 }

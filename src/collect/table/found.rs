@@ -86,9 +86,6 @@ fn file(plan: &Plan) -> String {
 
 /// What the other columns of a table are: tags that may explain PV, and text, which nothing is made of.
 fn others(plan: &Plan) -> Vec<String> {
-    if !matches!(plan.layout.body, Body::Wide(_)) {
-        return Vec::new();
-    }
     let others =
         plan.channels.iter().filter(|own| own.role.is_none() && own.cells > 0 && !own.tag.name.is_empty());
     let (tags, texts): (Vec<&Channel>, Vec<&Channel>) = others.partition(|own| own.numbers > 0);

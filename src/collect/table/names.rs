@@ -178,6 +178,10 @@ impl Name {
 
     /// Whether it says if a value is good: `Some` with the name of that value, empty where it stands alone.
     pub fn quality_of(&self) -> Option<String> {
+        // `A/M Status` is a mode.
+        if MODE.contains(&self.plain.as_str()) {
+            return None;
+        }
         if QUALITIES.contains(&self.plain.as_str()) {
             let short = SHORT_QUALITIES.contains(&self.plain.as_str());
             return (!short).then(String::new);

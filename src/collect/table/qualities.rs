@@ -6,6 +6,7 @@ use super::layout::{Body, Layout};
 use super::names::Name;
 use super::says::{is_alarm, is_bad_flag, is_good_flag, is_of_value};
 use super::source::{Cell, Rows};
+use super::vocabulary::SHORT_QUALITIES;
 use super::words::Words;
 use crate::signal::Role;
 
@@ -140,9 +141,9 @@ impl Others {
             let own = of.is_empty() || control_loop.as_deref() == Some(of) || owned(of);
             is_alarm(&name.full) && own && other.words.tell_open()
         };
-        // Ovation writes a letter behind each value, and no name above it.
-        let letters =
-            |other: &Other| layout.names[other.at].is_none() && other.words.are_letters_of_quality();
+        // Ovation writes a letter behind each value, and no name above it; others write `Q`.
+        let short = |name: &Name| name.is_none() || SHORT_QUALITIES.contains(&name.plain());
+        let letters = |other: &Other| short(&layout.names[other.at]) && other.words.are_letters_of_quality();
         let speaks =
             |other: &Other| other.words.speak_of_quality() || letters(other) || flag(other) || alarm(other);
         let (mut found, others): (Vec<Other>, Vec<Other>) = self.columns.into_iter().partition(speaks);

@@ -128,7 +128,8 @@ fn is_percent_good(name: &str) -> bool {
 
 /// Whether a column of this name holds a flag that is set where a value is bad: `PV_BAD`, `Questionable`.
 pub fn is_bad_flag(name: &str) -> bool {
-    BAD_FLAGS.contains(&last_word(name).as_str()) || is_of_value(name, false)
+    let bad_pv = name.trim().to_lowercase().starts_with("bad ");
+    bad_pv || BAD_FLAGS.contains(&last_word(name).as_str()) || is_of_value(name, false)
 }
 
 /// Whether a name ends with a word that speaks of the value before it alone.

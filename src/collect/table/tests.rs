@@ -280,7 +280,7 @@ fn refusals_say_where_and_what_to_do() {
             "line 1: column 2: \"time\" is the second column for t (after column 1); say which with --time",
         ),
         ("t,op,pv\r\n0,1,2\r\n\r\nsoon,1,2\r\n", "line 4, column 1 (t): \"soon\" is no time"),
-        ("op,pv,t\n0,1,2\n1,2,\n", "line 3, column 3 (t): nothing stands there, and each row needs its time"),
+        ("op,pv,t\n0,1,2\n1,2,\n", "line 3, column 3 (t): the cell is empty, and each row needs a time"),
         ("t,op,pv\nNaN,1,2\n", "line 2, column 1 (t): \"NaN\" is no time"),
         ("t,op,pv\n2024-02-30,1,2\n", "line 2, column 1 (t): \"2024-02-30\" is no time"),
         (

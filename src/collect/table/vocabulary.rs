@@ -193,6 +193,23 @@ pub const MODE: &[&str] = &[
     "aut act",
     "a m",
     "qman aut",
+    "control mode",
+    "controlmode",
+    "operating mode",
+    "mode status",
+    "a m status",
+    "a m mode",
+    "auto",
+    "auto status",
+    "manual",
+    "man",
+    "modo",
+    "modo de control",
+    "modus",
+    "режим",
+    "モード",
+    "模式",
+    "运行模式",
 ];
 
 /// Names that hold a date, whose time of day may stand in a column of its own.

@@ -38,8 +38,8 @@ pub(super) fn word(cell: &Cell<'_>) -> String {
 /// The state of a mode that has two, 1 and 0 under their names; `None` for a mode with a name of its own.
 pub(super) fn two_state(word: &str) -> Option<bool> {
     match word {
-        "1" | "true" | "on" => Some(true),
-        "0" | "false" | "off" => Some(false),
+        "1" | "true" | "on" | "yes" => Some(true),
+        "0" | "false" | "off" | "no" => Some(false),
         _ => None,
     }
 }
@@ -153,8 +153,8 @@ pub struct Moving {
 /// Whether a word is automatic; `None` where nobody knows.
 fn usual(word: &str) -> Option<bool> {
     match word {
-        "1" => return Some(true),
-        "0" => return Some(false),
+        "1" | "yes" => return Some(true),
+        "0" | "no" => return Some(false),
         _ => {}
     }
     let is = |names: &[&str], part: &str| names.contains(&part);
@@ -188,11 +188,21 @@ impl Modes {
                 words.listed()
             )))
         };
-        // On some controllers the bit says manual: then 0 is automatic.
+        // A bit that is called so says manual, and 0 is automatic.
+        let says_manual = name.rsplit(|c: char| !c.is_alphanumeric()).find(|part| !part.is_empty());
+        let says_manual =
+            says_manual.is_some_and(|own| ["man", "manual"].contains(&own.to_lowercase().as_str()));
+        let states: Option<Vec<bool>> = words.counts.iter().map(|(word, _)| two_state(word)).collect();
+        if let Some(states) = states.filter(|own| says_manual && !own.is_empty()) {
+            let zeros = words.counts.iter().zip(states).filter(|(_, state)| !state);
+            let automatic = zeros.map(|((word, _), _)| word.clone()).collect();
+            return Ok(Self { automatic: Some(automatic), said: None });
+        }
+        // On others the bit says manual without a name that tells.
         if op.in_zero && words.counts.iter().all(|(word, _)| two_state(word).is_some()) {
             return Err(TableError::refused(format!(
-                "column {name}: OP moves by itself where the mode is 0 alone, which is manual as a rule; the mode is {}; say which of \
-                 them are automatic with --auto-values",
+                "column {name}: OP moves by itself only while the mode is 0, and 0 usually means manual; the mode is {}; say which of \
+                 these values are automatic with --auto-values",
                 words.listed()
             )));
         }
@@ -271,8 +281,12 @@ mod tests {
         );
         assert!(said(&["16", "16"], Moving::default()).contains("--auto-values"));
         assert!(said(&["1", "2"], MOVES).contains("--auto-values"), "1 is manual for some");
+        let manual = Modes::decide(&of(&["1", "0", "0"]), None, MOVES, "FIC101.Manual").expect("a bit");
+        assert_eq!((manual.value(&Cell::Text("0")), manual.value(&Cell::Text("1"))), (Some(1.0), Some(0.0)));
+        let words = Modes::decide(&of(&["MAN", "AUTO"]), None, MOVES, "Auto/Manual").expect("words");
+        assert_eq!(words.value(&Cell::Text("AUTO")), Some(1.0));
         let in_zero = Moving { at_all: true, in_zero: true };
-        assert!(said(&["0", "1", "0"], in_zero).contains("OP moves by itself where the mode is 0 alone"));
+        assert!(said(&["0", "1", "0"], in_zero).contains("OP moves by itself only while the mode is 0"));
         let reversed = Modes::decide(&of(&["0", "1"]), Some(&["0".into()]), in_zero, "mode").expect("told");
         assert_eq!(
             (reversed.value(&Cell::Text("0")), reversed.value(&Cell::Text("1"))),

@@ -150,8 +150,8 @@ impl Rules<'_, '_, '_> {
         });
         if let Some(key) = not_for_two(device).filter(|_| own.enabled) {
             let message = format!(
-                "device: {:?} has {key}, and write-back speaks Modbus/TCP over a second connection of its own: write to a \
-                 [[modbus]] that takes that, the controller itself or another gateway, or set enabled = false",
+                "device: {:?} has {key}, and write-back needs a second Modbus/TCP connection: name a [[modbus]] device that \
+                 accepts two, such as the controller itself or another gateway, or set enabled = false",
                 device.name
             );
             self.wrong(&here("device"), message);

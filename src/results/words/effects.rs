@@ -66,7 +66,7 @@ pub const EFFECTS: [(&str, Option<&str>, Effect); 18] = [
         words(
             "a shift of PV",
             "the reading of PV shifted at one moment and stayed there, without the valve having moved",
-            "Compare the transmitter with a second reading, and check what was opened or closed behind the process at that time.",
+            "Compare the transmitter with a second reading, and check which valves or lines downstream were opened or closed at that time.",
             Some("Have the transmitter calibrated."),
         ),
     ),

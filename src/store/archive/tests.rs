@@ -170,7 +170,7 @@ fn a_file_that_is_none_is_refused() {
     for (text, said) in [
         (String::new(), "empty file"),
         (format!("{rows}A,op,x,2,good\n"), "line 3, column 3 (t): \"x\" is no time"),
-        (format!("{rows}A,op,,2,good\n"), "line 3, column 3 (t): nothing stands there"),
+        (format!("{rows}A,op,,2,good\n"), "line 3, column 3 (t): the cell is empty"),
         (format!("{rows}A,op,-3,2,good\n"), "times must be seconds since 1970"),
         (format!("{rows},op,3,2,good\n"), "say which with --loop"),
         (format!("loop,tag,t,value\n\"{}", "x".repeat(3 << 20)), "a quote left open"),

@@ -30,7 +30,9 @@ pub(super) async fn follow(running: Weak<Writeback>, file: PathBuf) {
         let looked = tokio::task::spawn_blocking(move || rights.look_again()).await;
         rights = match looked {
             Ok(rights) => rights,
-            Err(error) => return tracing::error!(%error, "rights to grant are looked at no more"),
+            Err(error) => {
+                return tracing::error!(%error, "write-back: grants are no longer checked against the users file; restart stictiond");
+            }
         };
         // Grants of now, not of when the book changed: a session of before may have given one since.
         for (id, grant) in running.grants() {
@@ -48,11 +50,11 @@ impl Rights {
     fn look_again(mut self) -> Self {
         let now = Some(file::version(&self.file));
         if self.seen != now {
-            // One that is not there for a moment, as while it is restored, is none that says that nobody may.
+            // A missing file, as during a restore, does not mean that nobody has the role.
             match file::load(&self.file) {
                 Ok(book) => (self.book, self.seen, self.failed) = (Some(book), now, false),
                 Err(error) if !std::mem::replace(&mut self.failed, true) => {
-                    tracing::error!(%error, "rights to grant stay as they were");
+                    tracing::error!(%error, "write-back: the users file cannot be read, so grants keep the rights read last; mend the file");
                 }
                 Err(_) => {}
             }
@@ -66,7 +68,7 @@ fn lost(book: &Book, grant: &Grant) -> Option<String> {
     let may = |name: &str| book.user(name).is_some_and(|user| user.roles.may(Role::Approver));
     let mut both = [Some(&grant.by), grant.approved_by.as_ref()].into_iter().flatten();
     let who = both.find(|name| !may(name))?;
-    Some(format!("the book of users: {who} is no longer {}", Role::Approver))
+    Some(format!("{who} no longer has the role {} in the users file", Role::Approver))
 }
 
 #[cfg(test)]
@@ -87,7 +89,7 @@ mod tests {
         let approved = Grant { approved_by: Some("bob".into()), ..waits.clone() };
         assert_eq!([&waits, &approved].map(|grant| lost(&book, grant)), [None, None]);
         book.change_user("bob", Some(Roles::of(&[Role::Operator])), None).expect("there");
-        let why = "the book of users: bob is no longer approver".to_string();
+        let why = "bob no longer has the role approver in the users file".to_string();
         assert_eq!([&waits, &approved].map(|grant| lost(&book, grant)), [None, Some(why)]);
         book.remove_user("ann").expect("there");
         assert!(lost(&book, &waits).is_some_and(|why| why.contains("ann")));

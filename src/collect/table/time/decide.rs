@@ -87,6 +87,7 @@ impl Times {
             (&numbers.track, new(How::Number(decimal, unit), said), per_second(unit))
         } else if !by_pattern && dated == most {
             let order = self.order(column, told)?;
+            self.bare_millis(column)?;
             let has_zone = told.zone.name.is_some() || of_header.is_some();
             self.one_way_of_offsets(column, has_zone)?;
             let said =
@@ -156,8 +157,8 @@ impl Times {
         let Column { row_name, number, name, .. } = column;
         if cell.is_empty() {
             return Err(TableError::refused(format!(
-                "{row_name} {line}, column {number} ({name}): nothing stands there, and each row needs its time; save the table with \
-                 the time of each row"
+                "{row_name} {line}, column {number} ({name}): the cell is empty, and each row needs a time; save the table with \
+                 a time in each row"
             )));
         }
         if let Some(Format::Pattern(pattern)) = &told.format {
@@ -181,6 +182,17 @@ impl Times {
         Err(TableError::refused(format!(
             "{row_name} {line}, column {number} ({name}): {without:?} has no offset, and {with:?} has one; say the zone of those \
              without with --tz, such as Europe/Berlin or UTC"
+        )))
+    }
+
+    /// Refuses milliseconds without their leading zeros, of which `.8` is .008.
+    fn bare_millis(&self, column: &Column<'_>) -> Result<(), TableError> {
+        let example = self.fractions.example.as_ref().filter(|_| self.fractions.are_bare_millis());
+        let Some((line, cell)) = example else { return Ok(()) };
+        let Column { row_name, number, name, .. } = column;
+        Err(TableError::refused(format!(
+            "{row_name} {line}, column {number} ({name}): {cell:?}: fractions of seconds have one to three digits, and none begins with \
+             0, so that they are milliseconds without leading zeros; write them with three digits"
         )))
     }
 
@@ -279,9 +291,10 @@ impl Times {
             None if step > 0.0 && step < SHORT_STEP && MINUTES_SINCE_1970.contains(&shown) => {
                 doubt(format!("{shown} in steps of {step:.3} may be seconds or minutes since 1970"))
             }
-            None if minute > 0.0 => {
-                doubt(format!("steps of {minute:.4} may be seconds, or {:.0} s in minutes", minute * 60.0))
-            }
+            None if minute > 0.0 => doubt(format!(
+                "steps of {minute:.4} may be seconds, or minutes (then {:.0} s)",
+                minute * 60.0
+            )),
             None if step >= LONG_STEP => doubt(format!("steps of {step} may be seconds or milliseconds")),
             None => Ok(Unit::Seconds),
         }
@@ -299,9 +312,6 @@ impl Times {
         let most = self.dates.iter().map(|track| track.count).max().unwrap_or(0);
         let mut left: Vec<Order> =
             Order::ALL.into_iter().filter(|o| self.dates[*o as usize].count == most).collect();
-        if self.dotted && left.contains(&Order::Dmy) {
-            return Ok(Order::Dmy);
-        }
         let track = |order: &Order| &self.dates[*order as usize];
         let same = |a: &Order, b: &Order| {
             let (a, b) = (track(a), track(b));
@@ -316,6 +326,10 @@ impl Times {
             && left.iter().filter(|order| !steady.contains(order)).all(|o| track(o).jump > LEAP)
         {
             return Ok(steady[0]);
+        }
+        // With points and two digits of the year it is the order of most of Europe.
+        if self.dotted && left.contains(&Order::Dmy) {
+            return Ok(Order::Dmy);
         }
         left.dedup_by(|a, b| same(a, b));
         let (line, cell) = self.example.clone().unwrap_or_default();

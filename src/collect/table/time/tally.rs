@@ -248,6 +248,51 @@ pub struct Times {
     pub moments: Track,
     /// By the pattern that was told.
     pub formatted: Track,
+    /// How fractions of seconds are written.
+    pub fractions: Fractions,
+}
+
+/// How fractions of seconds are written.
+#[derive(Clone, Debug, Default)]
+pub struct Fractions {
+    /// Those of three digits, and of fewer.
+    whole: u64,
+    short: u64,
+    /// Of two digits and more: those that begin with 0, and those that end so.
+    begin: u64,
+    end: u64,
+    /// The first of fewer than three digits: its line and what stands there.
+    pub example: Option<(u64, String)>,
+}
+
+/// Fractions from which a tenth would begin with 0.
+const FRACTIONS: u64 = 50;
+
+impl Fractions {
+    fn add(&mut self, text: &str, line: u64) {
+        let digits = text.rsplit(['.', ',']).next().unwrap_or_default();
+        let behind = text.len() - digits.len();
+        let is_fraction = behind > 3 && text[..behind - 1].ends_with(|c: char| c.is_ascii_digit());
+        if !is_fraction || !(1..=3).contains(&digits.len()) || !digits.bytes().all(|b| b.is_ascii_digit()) {
+            return;
+        }
+        self.whole += u64::from(digits.len() == 3);
+        self.begin += u64::from(digits.len() > 1 && digits.starts_with('0'));
+        self.end += u64::from(digits.len() > 1 && digits.ends_with('0'));
+        if digits.len() < 3 {
+            self.short += 1;
+            self.example.get_or_insert_with(|| (line, shown(text)));
+        }
+    }
+
+    /// Whether they are milliseconds without their leading zeros: who leaves zeros out at the end writes none there.
+    pub fn are_bare_millis(&self) -> bool {
+        self.whole > 0
+            && self.short > 0
+            && self.whole + self.short >= FRACTIONS
+            && self.begin == 0
+            && self.end > 0
+    }
 }
 
 impl Times {
@@ -290,6 +335,9 @@ impl Times {
             track.add(row, &text, stamp.and_then(|s| s.civil(order)).map(|ns| ns as f64 * 1e-9));
         }
         if let Some(stamp) = stamp {
+            if !stamp.is_whole_second() {
+                self.fractions.add(&text(), line);
+            }
             self.offsets[usize::from(stamp.offset.is_none())].get_or_insert_with(|| (line, shown(&text())));
             self.open |= stamp.is_open();
             self.dotted |= stamp.is_dotted();
