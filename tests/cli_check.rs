@@ -81,8 +81,12 @@ fn a_part_of_a_fleet_is_good_for_those_that_would_start_with_it() {
         assert!(out.contains(&format!("plant.toml: good for {parts}\n")) && !out.contains("inf"), "{out}");
     }
     let (code, out, err) = check(&folder, &format!("{}{LOOP}", fleet("")));
-    assert!(code == Some(2) && out.contains("fleet    for nobody"), "{out}");
-    assert!(err.contains("an edge needs a site and a [store]"), "{err}");
+    assert!(code == Some(2) && out.contains("fleet    for no part of a fleet"), "{out}");
+    for why in
+        ["[fleet] site: an edge needs one", "a worker has no loops", "a centre has the loops of the edges"]
+    {
+        assert!(err.contains(why), "{err}");
+    }
     fs::remove_dir_all(&folder).expect("ours");
 }
 

@@ -300,6 +300,14 @@ fn check(role: Role, config: &Config, own: &fleet::Config) -> Result<(), String>
     }
 }
 
+impl Config {
+    /// The parts of a fleet, and why one would not start with this configuration; none without a `[fleet]`.
+    pub fn fleet_parts(&self) -> Vec<(&'static str, Result<(), String>)> {
+        let Some(own) = &self.fleet else { return Vec::new() };
+        [Role::Edge, Role::Worker, Role::Centre].map(|role| (role.as_str(), check(role, self, own))).into()
+    }
+}
+
 /// A centre's rings hold a message twice: the store reads one while the next comes.
 fn check_rings(config: &Config) -> Result<(), String> {
     let (own, most) = (config.history.samples_per_tag, forward::MOST_SAMPLES);

@@ -99,7 +99,7 @@ impl Security {
 }
 
 /// The book; an empty one, that lets nobody in, where there is none yet.
-pub(super) fn book(path: &Path) -> Result<Book, FileError> {
+fn book(path: &Path) -> Result<Book, FileError> {
     if path.exists() {
         return file::load(path);
     }

@@ -12,13 +12,6 @@ use stictiond::history::Ring;
 use stictiond::schedule::Clock;
 use stictiond::serve;
 
-/// Samples of a tag that a centre of a fleet keeps at least.
-const CENTRE_SAMPLES: usize = 4000;
-
-/// Why a section `[fleet]` is of no use.
-const NO_PART: &str =
-    "[fleet]: an edge needs a site and a [store], and a worker or a centre has no [[loop]] of its own";
-
 #[derive(clap::Args)]
 pub struct Args {
     /// The configuration
@@ -134,21 +127,18 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
 
 /// For whom of a fleet it is.
 fn fleet(config: &Config, faults: &mut Vec<String>) -> String {
-    let parts: Vec<String> = parts(config).iter().map(|part| format!("`stictiond {part}`")).collect();
-    if parts.is_empty() {
-        faults.push(NO_PART.to_string());
-        return "for nobody".to_string();
+    let good: Vec<String> = parts(config).iter().map(|part| format!("`stictiond {part}`")).collect();
+    if good.is_empty() {
+        let whys = config.fleet_parts().into_iter().filter_map(|(_, starts)| starts.err());
+        faults.push(whys.collect::<Vec<_>>().join("; "));
+        return "for no part of a fleet".to_string();
     }
-    format!("for {}", parts.join(" and "))
+    format!("for {}", good.join(" and "))
 }
 
-/// The parts of a fleet that would start with it: each asks for something else.
+/// The parts of a fleet that would start with it.
 fn parts(config: &Config) -> Vec<&'static str> {
-    let site = config.fleet.as_ref().is_some_and(|own| own.site.is_some());
-    let (has_store, no_loops) = (config.store.is_some(), config.loops.is_empty());
-    let is_centre = no_loops && has_store && config.history.samples_per_tag >= CENTRE_SAMPLES;
-    let all = [("edge", site && has_store), ("worker", no_loops), ("centre", is_centre)];
-    all.into_iter().filter_map(|(part, starts)| starts.then_some(part)).collect()
+    config.fleet_parts().into_iter().filter_map(|(part, starts)| starts.is_ok().then_some(part)).collect()
 }
 
 /// Who gets in, in a sentence: nobody is to be locked out, or let in, by surprise.
