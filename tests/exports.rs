@@ -33,6 +33,8 @@ mod random;
 mod shared;
 #[path = "exports/told.rs"]
 mod told;
+#[path = "exports/unlisted.rs"]
+mod unlisted;
 #[path = "exports/workbooks.rs"]
 mod workbooks;
 

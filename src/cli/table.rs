@@ -24,7 +24,7 @@ pub struct TableArgs {
     /// Column or tag of the valve's measured position
     #[arg(long, value_name = "NAME")]
     mv: Option<String>,
-    /// Column or tag of the controller's mode
+    /// Column or tag of the controller's mode; none where there is none
     #[arg(long, value_name = "NAME")]
     mode: Option<String>,
     /// Column of tags, where each row is one sample of one tag
@@ -54,7 +54,7 @@ pub struct TableArgs {
     /// Values of the mode that are automatic, divided by commas; every other one is not
     #[arg(long, value_name = "VALUES")]
     auto_values: Option<String>,
-    /// Values of quality columns that are good, divided by commas; every other one is not
+    /// Values of quality columns that are good, divided by commas, blank for an empty cell; every other one is not
     #[arg(long, value_name = "VALUES")]
     good_values: Option<String>,
     /// Sheet of a workbook

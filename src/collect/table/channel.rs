@@ -2,8 +2,9 @@
 
 use super::error::{TableError, shown};
 use super::evidence::Evidence;
+use super::layout::Long;
 use super::number::{self, Decimal};
-use super::source::Cell;
+use super::source::{Cell, Rows};
 use super::stamp;
 use super::words::Words;
 use crate::signal::Role;
@@ -27,6 +28,32 @@ pub struct Tag {
     pub source: Option<String>,
     /// The unit of its values.
     pub unit: Option<String>,
+}
+
+impl Tag {
+    /// The tag of a row of a long table.
+    pub(super) fn of_row(rows: &dyn Rows, long: &Long) -> Self {
+        let text = |at: Option<usize>| {
+            let text = at.map(|at| rows.cell(at).shown()).unwrap_or_default();
+            meant(&text).to_string()
+        };
+        let some = |at: Option<usize>| Some(text(at)).filter(|text| !text.is_empty());
+        Self {
+            owner: text(long.owner),
+            name: text(Some(long.tag)),
+            source: some(long.source),
+            unit: some(long.unit),
+        }
+    }
+}
+
+/// What a spreadsheet would take for a formula has a quote before it in our own exports, which is none of the name.
+fn meant(text: &str) -> &str {
+    const FORMULA: [char; 16] =
+        ['=', '+', '-', '@', '\t', '\r', '\n', '＝', '＋', '－', '＠', '﹦', '﹢', '﹣', '﹫', '−'];
+    const HIDDEN: [char; 6] = ['\'', ' ', '\u{a0}', '\u{3000}', '\u{200b}', '\u{feff}'];
+    let formula = |rest: &&str| rest.trim_start_matches(HIDDEN).starts_with(FORMULA);
+    text.strip_prefix('\'').filter(formula).unwrap_or(text)
 }
 
 /// Steps of a value from one row to the next.
@@ -74,6 +101,14 @@ pub struct Channel {
     units: Vec<(String, u64, u64)>,
     /// Its words, where it is a mode.
     pub words: Option<Words>,
+    /// Its cells that are no numbers, where it is none.
+    pub texts: Words,
+    /// All its cells, where it is a tag that says whether the value of another is good.
+    pub quality: Option<Words>,
+    /// Whether it says of another tag if that is good, and nothing else.
+    pub says_of_another: bool,
+    /// Those that say it of this one, by their place in the plan.
+    pub said_by: Vec<usize>,
     /// Cells that are stamps, and others than that of their row.
     pub other_times: u64,
     last: Option<f64>,
@@ -93,6 +128,10 @@ impl Channel {
             first_bad: None,
             units: Vec::new(),
             words: (role == Some(Role::Mode)).then(Words::default),
+            texts: Words::default(),
+            quality: None,
+            says_of_another: false,
+            said_by: Vec::new(),
             other_times: 0,
             last: None,
         }
@@ -105,6 +144,9 @@ impl Channel {
             return false;
         }
         self.cells += 1;
+        if let Some(words) = &mut self.quality {
+            words.add(cell);
+        }
         if let Some(words) = &mut self.words {
             words.add(cell);
             return false;
@@ -131,6 +173,7 @@ impl Channel {
             }
             None => {
                 self.first_bad.get_or_insert_with(|| (line, shown(&cell.shown())));
+                self.texts.add(cell);
             }
         }
         value.is_none()

@@ -10,6 +10,9 @@ use super::take::Counted;
 use crate::signal::Role;
 use std::fmt::Write;
 
+/// Columns and tags of quality that are named.
+const NAMED: usize = 8;
+
 /// How a table was read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Found {
@@ -86,8 +89,8 @@ fn file(plan: &Plan) -> String {
 
 /// What the other columns of a table are: tags that may explain PV, and text, which nothing is made of.
 fn others(plan: &Plan) -> Vec<String> {
-    let others =
-        plan.channels.iter().filter(|own| own.role.is_none() && own.cells > 0 && !own.tag.name.is_empty());
+    let values = plan.channels.iter().filter(|own| !own.says_of_another);
+    let others = values.filter(|own| own.role.is_none() && own.cells > 0 && !own.tag.name.is_empty());
     let (tags, texts): (Vec<&Channel>, Vec<&Channel>) = others.partition(|own| own.numbers > 0);
     let said = |what: &str, all: &[&Channel]| {
         (!all.is_empty()).then(|| format!("{what} {}", listed(all.iter().map(|own| own.tag.name.as_str()))))
@@ -110,7 +113,9 @@ fn remarks(plan: &Plan, counted: &Counted) -> Vec<String> {
             name if name.is_none() => format!("column {}", at + 1),
             name => name.full.clone(),
         };
-        let names: Vec<String> = plan.qualities.iter().map(|(at, ..)| name(*at)).collect();
+        let columns = plan.qualities.iter().map(|(at, ..)| name(*at));
+        let tags = plan.joined.iter().map(|own| plan.channels[own.by].tag.name.clone());
+        let names: Vec<String> = columns.chain(tags).take(NAMED).collect();
         out.push(format!("{} samples not good by {}", counted.not_good, names.join(", ")));
     }
     if counted.no_number > 0 {

@@ -10,11 +10,12 @@
 //! | `dialect`, `blanks`, `layout`, `time_columns`, `pairs`, `names`, `roles` | what divides cells, where the header is, which column is what |
 //! | `evidence`, `number` | the decimal sign, thousands, units behind numbers |
 //! | `time`, `stamp`, `calendar` | how times are written |
-//! | `words`, `qualities`, `says` | which modes are automatic, which qualities good |
+//! | `words`, `by_words`, `qualities`, `joined`, `says` | which modes are automatic, which qualities good |
 //! | `owner` | which rows are the loop's |
 //! | `take` | samples, and which rows are left out |
 
 mod blanks;
+mod by_words;
 mod calendar;
 mod channel;
 mod delimited;
@@ -23,6 +24,7 @@ mod error;
 mod evidence;
 mod found;
 mod header_zone;
+mod joined;
 mod kinds;
 mod layout;
 pub(super) mod names;

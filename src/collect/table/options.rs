@@ -23,7 +23,7 @@ pub struct Options {
     pub sp: Option<String>,
     /// The same of the valve's measured position.
     pub mv: Option<String>,
-    /// The same of the controller's mode.
+    /// The same of the controller's mode; `none` where no column is.
     pub mode: Option<String>,
     /// The column of tags of a long table, by name or by number from 1.
     pub tag: Option<String>,
@@ -43,7 +43,7 @@ pub struct Options {
     pub separator: Option<String>,
     /// Values of the mode column that are automatic, divided by commas; every other one is not.
     pub auto_values: Option<String>,
-    /// Values of quality columns that are good, divided by commas; every other one is not.
+    /// Values of quality columns that are good, divided by commas, `blank` for a cell with nothing in it; every other one is not.
     pub good_values: Option<String>,
     /// The sheet of a workbook.
     pub sheet: Option<String>,

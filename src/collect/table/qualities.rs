@@ -1,13 +1,14 @@
 //! Columns that say whether a value is good: which value each belongs to, and columns that say it under a name that nobody knows.
 
 use super::channel::{Channel, Tag};
-use super::error::TableError;
+use super::error::{TableError, shown};
 use super::layout::{Body, Layout};
 use super::names::Name;
+use super::odd_rows::begins_with_a_word;
 use super::says::{is_alarm, is_bad_flag, is_good_flag, is_of_value};
 use super::source::{Cell, Rows};
 use super::vocabulary::SHORT_QUALITIES;
-use super::words::Words;
+use super::words::{Words, means_blank};
 use crate::signal::Role;
 
 /// A column of quality, and the place of the value it speaks of among the values; `None` where it speaks of the row.
@@ -47,10 +48,46 @@ struct Other {
     times: Option<Channel>,
 }
 
+/// Whether a column may say if values are good, and nobody can know it: most rows have a word such as `OK` and some one such as
+/// `FAIL`, or it has the short name of a quality and words that are no names of anything. Of another device it says nothing here.
+fn may_speak(other: &Other, name: &Name, rows: u64, loop_name: &str) -> bool {
+    let numbers = |text: &str| -> Vec<String> {
+        text.split(|c: char| !c.is_ascii_digit())
+            .filter(|part| !part.is_empty())
+            .map(str::to_string)
+            .collect()
+    };
+    let own = numbers(loop_name);
+    let of_another = numbers(name.plain()).iter().any(|number| !own.contains(number));
+    // `Q [m3/h]` is a flow.
+    let short = SHORT_QUALITIES.contains(&name.plain()) && name.unit.is_none();
+    let marks = short || name.is_none() && other.words.are_marks();
+    // `Pump status` says whose it is.
+    let of_something = name.quality_of().is_some_and(|of| !of.is_empty());
+    !of_another
+        && !of_something
+        && (other.words.may_speak_of_quality() && other.words.rows() * 2 > rows
+            || marks && other.words.tell_rows_apart(rows))
+}
+
+/// What is asked of such a column.
+fn doubt(other: &Other, layout: &Layout) -> TableError {
+    let name = &layout.names[other.at];
+    let name = if name.is_none() { String::new() } else { format!(" ({:?})", shown(&name.full)) };
+    TableError::refused(format!(
+        "column {}{name} may say which values are good: it holds {}; list the good ones with --good-values, with blank for an empty \
+         cell, or all of them where it says nothing of the kind",
+        other.at + 1,
+        other.words.listed()
+    ))
+}
+
 /// The columns that are neither times nor roles nor known to speak of quality.
 #[derive(Default)]
 pub struct Others {
     columns: Vec<Other>,
+    /// Rows counted.
+    rows: u64,
     /// Whether another column is known by its name to speak of quality.
     any_known: bool,
 }
@@ -75,11 +112,13 @@ impl Others {
             times: layout.names[at].is_none().then(|| Channel::new(Tag::default(), None, at + 1)),
         };
         let columns = (0..layout.names.len()).filter(|at| !used.contains(at)).map(other).collect();
-        Self { columns, any_known: !known.is_empty() }
+        Self { columns, rows: 0, any_known: !known.is_empty() }
     }
 
     /// Counts a row whose time is `first`.
     pub fn add(&mut self, rows: &dyn Rows, first: &Cell<'_>, line: u64) {
+        // Averages below the samples are no rows of it.
+        self.rows += u64::from(!begins_with_a_word(first));
         for other in &mut self.columns {
             let cell = rows.cell(other.at);
             if cell.is_blank() {
@@ -105,7 +144,7 @@ impl Others {
     /// Those that speak of quality by what stands in them, or by words that `--good-values` tells.
     ///
     /// # Errors
-    /// A column of which nobody knows which value it speaks of.
+    /// A column of which nobody knows which value it speaks of, or one that may speak of quality and nobody told.
     pub fn qualities(
         self,
         layout: &Layout,
@@ -147,10 +186,26 @@ impl Others {
         let speaks =
             |other: &Other| other.words.speak_of_quality() || letters(other) || flag(other) || alarm(other);
         let (mut found, others): (Vec<Other>, Vec<Other>) = self.columns.into_iter().partition(speaks);
-        // Words that somebody tells may stand in columns of measurements, too: one column alone may be meant.
-        if let Some(told) = told.filter(|_| found.is_empty() && !self.any_known) {
-            found = others.into_iter().filter(|other| other.words.any_of(told)).collect();
-            found.truncate(if found.len() == 1 { 1 } else { 0 });
+        let loop_name = control_loop.as_deref().unwrap_or_default();
+        let may_speak = |other: &Other| may_speak(other, &layout.names[other.at], self.rows, loop_name);
+        let (asked, others): (Vec<Other>, Vec<Other>) = others.into_iter().partition(may_speak);
+        // Where another column says how good values are, nobody is asked.
+        let sure = !found.is_empty() || self.any_known;
+        match told {
+            Some(told) => {
+                let meant = |other: &Other| other.words.any_of(told) || means_blank(told);
+                found.extend(asked.into_iter().filter(meant));
+                // Words that somebody tells may stand in columns of measurements, too: one column alone may be meant.
+                if found.is_empty() && !sure {
+                    found = others.into_iter().filter(|other| other.words.any_of(told)).collect();
+                    found.truncate(if found.len() == 1 { 1 } else { 0 });
+                }
+            }
+            None => {
+                if let Some(other) = asked.first().filter(|_| !sure) {
+                    return Err(doubt(other, layout));
+                }
+            }
         }
         let Body::Wide(wide) = &layout.body else {
             return Ok(found.into_iter().map(|other| ((other.at, None), other.words)).collect());

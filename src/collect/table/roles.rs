@@ -32,6 +32,13 @@ pub fn roles(names: &[Name], options: &Options, numbered: bool) -> Result<Roles,
     let mut found: Roles = vec![None; names.len()];
     for role in ROLES {
         if let Some(wanted) = options.column(role.as_str()) {
+            // `--mode none`: what looks like the mode is something else.
+            if role == Role::Mode
+                && wanted.eq_ignore_ascii_case("none")
+                && !names.iter().any(|name| name.is(wanted))
+            {
+                continue;
+            }
             let at = told(names, wanted, role.as_str(), numbered).map_err(Trouble::Refused)?;
             found[at] = Some(role);
         }

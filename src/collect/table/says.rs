@@ -57,7 +57,12 @@ const GOOD: [&str; 29] = [
 /// Words of one that is repeated, or of which the source is not sure.
 const UNSURE: [&str; 6] = ["stale", "uncertain", "questionable", "substituted", "u", "old"];
 /// Words of a bad one.
-const BAD: [&str; 29] = [
+const BAD: [&str; 34] = [
+    "fault",
+    "faulty",
+    "defekt",
+    "störung",
+    "gestört",
     "špatná",
     "bad",
     "invalid",
@@ -216,6 +221,32 @@ impl Words {
         }
         let plain = rows(&|word| UNMISTAKABLE.iter().any(|own| first_word(word).starts_with(own)));
         plain * 2 > all || plain > 0 && self.counts.iter().all(|(word, _)| is_known(word))
+    }
+
+    /// Whether they may tell good values from others, by words that mean other things as well: all are known, most rows are good and
+    /// some are not. Numbers, yes and no, and letters mean anything, and a longer text is a remark.
+    pub fn may_speak_of_quality(&self) -> bool {
+        let rows = |of: &dyn Fn(&str) -> bool| -> u64 {
+            self.counts.iter().filter(|(word, _)| of(word)).map(|(_, count)| *count).sum()
+        };
+        let is_short = |word: &str| !word.contains(',') && word.split_whitespace().count() <= 3;
+        let all_known = self.counts.iter().all(|(word, _)| is_known(word) && is_short(word));
+        let means_more = self.are_flags() || self.numbers().is_some() || self.are_marks();
+        let good = rows(&|word| quality_of(word).is_good());
+        !self.more && all_known && !means_more && good * 2 > self.rows() && good < self.rows()
+    }
+
+    /// Whether they are single letters or signs.
+    pub fn are_marks(&self) -> bool {
+        !self.more
+            && self.counts.iter().all(|(word, _)| word.chars().count() == 1)
+            && self.numbers().is_none()
+    }
+
+    /// Whether there are several in a column of so many rows, or blank cells beside one; numbers are measurements.
+    pub fn tell_rows_apart(&self, rows: u64) -> bool {
+        let words = self.counts.len();
+        !self.more && !self.any_number() && (words > 1 || words == 1 && self.rows() < rows)
     }
 
     /// Whether they are letters, `G` for good in most rows and others for what is not.

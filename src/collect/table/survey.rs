@@ -1,10 +1,12 @@
 //! The first reading of a table: everything is counted, then what the table means is decided.
 
 use super::blanks::Blanks;
+use super::by_words;
 use super::channel::{Channel, Tag};
 use super::dialect::dialect;
 use super::error::{TableError, listed};
 use super::evidence;
+use super::joined::{self, Joined};
 use super::layout::{Body, Layout, Long, Wide};
 use super::names::{Meaning, Name};
 use super::number::Decimal;
@@ -44,6 +46,8 @@ pub struct Plan {
     pub modes: Vec<Option<Modes>>,
     /// Columns of quality: where, of which channel, and how they say it.
     pub qualities: Vec<(usize, Option<usize>, Says)>,
+    /// Tags that say whether others are good.
+    pub joined: Vec<Joined>,
     /// Which rows are the loop's, where a column names loops.
     pub owner: Option<Owner>,
 }
@@ -217,7 +221,7 @@ impl Counting {
 
     /// The channel of a row of a long table.
     fn tag(&mut self, rows: &dyn Rows, long: &Long, line: u64) -> Result<usize, TableError> {
-        let tag = tag_of(rows, long);
+        let tag = Tag::of_row(rows, long);
         Ok(match self.tags.get(&tag) {
             Some(at) => *at,
             None if self.tags.len() == MAX_TAGS => {
@@ -227,7 +231,9 @@ impl Counting {
                 let name = Name::new(&tag.name);
                 let mode = name.said().is_some_and(|said| said.meaning == Meaning::Role(Role::Mode))
                     || self.mode_name.as_ref().is_some_and(|own| name.is(own));
-                self.channels.push(Channel::new(tag.clone(), mode.then_some(Role::Mode), 0));
+                let mut channel = Channel::new(tag.clone(), mode.then_some(Role::Mode), 0);
+                channel.quality = (!mode && joined::is_quality(&tag.name)).then(Words::default);
+                self.channels.push(channel);
                 self.tags.insert(tag, self.channels.len() - 1);
                 self.channels.len() - 1
             }
@@ -255,14 +261,22 @@ impl Counting {
         if let Body::Long(long) = &layout.body {
             self.repeats.refuse(self.times.rows, long.tag)?;
         }
-        if matches!(layout.body, Body::Long(_)) && whole {
+        let rows = matches!(layout.body, Body::Wide(_)).then_some(self.times.rows);
+        if rows.is_none() && whole {
             self.roles_of_tags(options)?;
         }
+        if options.mode.is_none() {
+            by_words::find_mode(&mut self.channels, rows)?;
+        }
+        // Our own exports say which they are by a column that nobody else has, and how good each value is beside it.
+        let own = layout.names.iter().any(|name| name.plain() == "era");
+        let joined = match own {
+            true => Vec::new(),
+            false => joined::find(&mut self.channels, told.good_values.as_deref(), !whole)?,
+        };
         let columns: Vec<&evidence::Evidence> =
             self.channels.iter().filter(|c| c.numbers * 2 > c.cells).map(|c| &c.evidence).collect();
         let op = self.channels.iter().find(|c| c.role == Some(Role::Op));
-        // Our own exports say which they are by a column that nobody else has.
-        let own = layout.names.iter().any(|name| name.plain() == "era");
         let decimal = match told.decimal {
             Some(decimal) => decimal,
             None if own => Decimal::Point,
@@ -298,7 +312,12 @@ impl Counting {
             self.quality_columns.push(column);
             self.words.push(words);
         }
-        if whole && told.good_values.is_some() && self.quality_columns.is_empty() {
+        let heard = |good: &[String]| {
+            let mut words = joined.iter().filter_map(|own| self.channels[own.by].quality.as_ref());
+            words.any(|words| words.may_hold(good))
+        };
+        let unheard = told.good_values.as_deref().is_some_and(|good| !heard(good));
+        if whole && unheard && self.quality_columns.is_empty() {
             return Err(unused("good-values", "quality, such as \"pv_status\" or \"Quality\""));
         }
         if let Some(good) = told.good_values.as_deref().filter(|_| whole)
@@ -328,6 +347,7 @@ impl Counting {
             units,
             modes,
             qualities,
+            joined,
             owner,
         })
     }
@@ -467,6 +487,11 @@ impl Counting {
         })?;
         for ((channel, role), name) in self.channels.iter_mut().zip(found).zip(&names) {
             channel.role = role;
+            // Words that are not the mode are nothing that is measured.
+            let is_word = |words: &Words| words.numbers().is_none();
+            if role.is_none() && options.mode.is_some() && channel.words.as_ref().is_some_and(is_word) {
+                channel.words = None;
+            }
             if name.is_none() {
                 channel.tag.name.clear();
             }
@@ -486,28 +511,4 @@ fn unit_of(channel: &Channel) -> Result<String, TableError> {
         Err(error) if channel.role.is_some() => Err(error),
         unit => Ok(unit.unwrap_or("").to_string()),
     }
-}
-
-/// The tag of a row of a long table.
-pub fn tag_of(rows: &dyn Rows, long: &Long) -> Tag {
-    let text = |at: Option<usize>| {
-        let text = at.map(|at| rows.cell(at).shown()).unwrap_or_default();
-        meant(&text).to_string()
-    };
-    let some = |at: Option<usize>| Some(text(at)).filter(|text| !text.is_empty());
-    Tag {
-        owner: text(long.owner),
-        name: text(Some(long.tag)),
-        source: some(long.source),
-        unit: some(long.unit),
-    }
-}
-
-/// What a spreadsheet would take for a formula has a quote before it in our own exports, which is none of the name.
-fn meant(text: &str) -> &str {
-    const FORMULA: [char; 16] =
-        ['=', '+', '-', '@', '\t', '\r', '\n', '＝', '＋', '－', '＠', '﹦', '﹢', '﹣', '﹫', '−'];
-    const HIDDEN: [char; 6] = ['\'', ' ', '\u{a0}', '\u{3000}', '\u{200b}', '\u{feff}'];
-    let formula = |rest: &&str| rest.trim_start_matches(HIDDEN).starts_with(FORMULA);
-    text.strip_prefix('\'').filter(formula).unwrap_or(text)
 }

@@ -3,6 +3,7 @@
 use super::channel::{Channel, Tag};
 use super::error::TableError;
 use super::found::Found;
+use super::joined::Joined;
 use super::layout::Body;
 use super::names::Name;
 use super::number;
@@ -10,10 +11,11 @@ use super::odd_rows::passed_over;
 use super::options::Options;
 use super::owner::Owner;
 use super::source::{Cell, Rows, Source};
-use super::survey::{Plan, tag_of};
+use super::survey::Plan;
 use super::time_columns::whole_millis;
 use super::{MAX_VALUES, Table};
 use crate::signal::{BadReason, LARGEST_VALUE, Quality, Record, Role, Sample, Series, outages};
+use std::collections::HashMap;
 
 /// Samples of one loop.
 pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
@@ -34,7 +36,7 @@ pub fn record(source: Source<'_>, plan: Plan) -> Result<Table, TableError> {
     for (channel, series) in plan.channels.iter().zip(series) {
         // A tag of text only (an operator's remark) or a column that is blank throughout was not recorded.
         let recorded = channel.numbers > 0 || channel.words.is_some() && !series.is_empty();
-        if !recorded || channel.tag.name.is_empty() && channel.role.is_none() {
+        if !recorded || channel.says_of_another || channel.tag.name.is_empty() && channel.role.is_none() {
             continue;
         }
         match channel.role {
@@ -112,7 +114,7 @@ pub fn stream<E: From<TableError>>(
         plan.channels.iter().filter_map(|channel| channel.role.map(Role::as_str)).collect();
     let tags = plan.channels.iter().map(|channel| {
         let mut tag = channel.tag.clone();
-        if tag.owner.is_empty() {
+        if tag.owner.is_empty() && !channel.says_of_another {
             (tag.owner, tag.name) = owned(channel, options, &taken)?;
         }
         Ok(tag)
@@ -168,38 +170,77 @@ const LINES: usize = 3;
 type Take<'t> = &'t mut dyn FnMut(usize, Sample) -> Result<(), TableError>;
 
 fn all(source: Source<'_>, mut plan: Plan, take: Take<'_>) -> Result<(Plan, Found), TableError> {
-    let mut counted = Counted::default();
-    plan.owner.iter_mut().for_each(Owner::begin);
-    {
-        let mut rows = plan.layout.rows(plan.kind.rows(source, plan.separator)?)?;
-        for _ in 0..plan.layout.skip {
-            rows.next()?;
-        }
-        while let Some(line) = rows.next()? {
-            let other = |owner: &mut Owner| !owner.takes(rows.as_ref());
-            if passed_over(rows.as_ref(), &plan.layout) || plan.owner.as_mut().is_some_and(other) {
-                continue;
-            }
-            let first = rows.cell(plan.layout.time);
-            let second = plan.layout.clock.map(|at| rows.cell(at));
-            let part = plan.layout.millis.map_or(Some(0.0), |at| millis(&rows.cell(at)));
-            let tag = match &plan.layout.body {
-                Body::Wide(_) => None,
-                Body::Long(long) => plan.tags.get(&tag_of(rows.as_ref(), long)).copied(),
-            };
-            let read = plan.reading.next(&first, second.as_ref(), tag.unwrap_or(0));
-            let Some(t) = read.zip(part).map(|(t, part)| t + part) else {
-                counted.left_out.1 += 1;
-                if counted.left_out.0.len() < LINES {
-                    counted.left_out.0.push(line);
-                }
-                continue;
-            };
-            row(rows.as_ref(), &plan, (t, tag), &mut counted, take)?;
-        }
+    if !plan.joined.is_empty() {
+        join(source, &mut plan)?;
     }
+    let mut counted = Counted::default();
+    walk(source, &mut plan, &mut |rows, plan, line, at| match at {
+        Some(at) => row(rows, plan, at, &mut counted, take),
+        None => {
+            counted.left_out.1 += 1;
+            if counted.left_out.0.len() < LINES {
+                counted.left_out.0.push(line);
+            }
+            Ok(())
+        }
+    })?;
     let found = Found::new(&plan, &counted);
     Ok((plan, found))
+}
+
+/// The time of a row (s), and the tag that it is a sample of, where each row is one of one tag.
+type At = (f64, Option<usize>);
+
+/// What is done with a row, its line in the file and [`At`], which is `None` where the row has no time.
+type Each<'e> = &'e mut dyn FnMut(&dyn Rows, &Plan, u64, Option<At>) -> Result<(), TableError>;
+
+/// Every row of the loop, one after the other.
+fn walk(source: Source<'_>, plan: &mut Plan, each: Each<'_>) -> Result<(), TableError> {
+    plan.owner.iter_mut().for_each(Owner::begin);
+    let mut rows = plan.layout.rows(plan.kind.rows(source, plan.separator)?)?;
+    for _ in 0..plan.layout.skip {
+        rows.next()?;
+    }
+    while let Some(line) = rows.next()? {
+        let other = |owner: &mut Owner| !owner.takes(rows.as_ref());
+        if passed_over(rows.as_ref(), &plan.layout) || plan.owner.as_mut().is_some_and(other) {
+            continue;
+        }
+        let first = rows.cell(plan.layout.time);
+        let second = plan.layout.clock.map(|at| rows.cell(at));
+        let part = plan.layout.millis.map_or(Some(0.0), |at| millis(&rows.cell(at)));
+        let tag = match &plan.layout.body {
+            Body::Wide(_) => None,
+            Body::Long(long) => plan.tags.get(&Tag::of_row(rows.as_ref(), long)).copied(),
+        };
+        let read = plan.reading.next(&first, second.as_ref(), tag.unwrap_or(0));
+        let at = read.zip(part).map(|(t, part)| (t + part, tag));
+        each(rows.as_ref(), plan, line, at)?;
+    }
+    Ok(())
+}
+
+/// Reads the tags that say whether others are good.
+fn join(source: Source<'_>, plan: &mut Plan) -> Result<(), TableError> {
+    let mut joined = std::mem::take(&mut plan.joined);
+    let reading = plan.reading.clone();
+    let place: HashMap<usize, usize> = joined.iter().enumerate().map(|(at, own)| (own.by, at)).collect();
+    let mut values = 0;
+    walk(source, plan, &mut |rows, plan, _, at| {
+        let (Body::Long(long), Some((t, Some(tag)))) = (&plan.layout.body, at) else { return Ok(()) };
+        let Some(own) = place.get(&tag).map(|at| &mut joined[*at]) else { return Ok(()) };
+        values += 1;
+        if values > MAX_VALUES {
+            return Err(TableError::refused(format!(
+                "more than {MAX_VALUES} qualities: cut the table into shorter files"
+            )));
+        }
+        own.since.push((t, own.says.quality(&rows.cell(long.value))));
+        Ok(())
+    })?;
+    joined.iter_mut().for_each(Joined::sort);
+    (plan.joined, plan.reading) = (joined, reading);
+    Ok(())
 }
 
 /// A cell of milliseconds (s).
@@ -211,9 +252,9 @@ fn millis(cell: &Cell<'_>) -> Option<f64> {
 fn row(
     rows: &dyn Rows,
     plan: &Plan,
-    (t, tag): (f64, Option<usize>),
+    (t, tag): At,
     counted: &mut Counted,
-    take: Take<'_>,
+    take: &mut dyn FnMut(usize, Sample) -> Result<(), TableError>,
 ) -> Result<(), TableError> {
     match &plan.layout.body {
         Body::Wide(wide) => {
@@ -227,7 +268,8 @@ fn row(
         }
         Body::Long(long) => {
             let Some(at) = tag else { return Ok(()) };
-            if !plan.channels[at].tag.name.is_empty() {
+            let channel = &plan.channels[at];
+            if !channel.tag.name.is_empty() && !channel.says_of_another {
                 let sample = sample(rows, plan, at, &rows.cell(long.value), t, counted);
                 take(at, sample)?;
             }
@@ -254,8 +296,9 @@ fn sample(rows: &dyn Rows, plan: &Plan, at: usize, cell: &Cell<'_>, t: f64, coun
     };
     // A mode is what it is, whatever the quality of the value beside it.
     let says = plan.qualities.iter().filter(|(_, of, _)| of.is_none_or(|of| of == at));
-    let said =
-        says.map(|(column, _, says)| says.quality(&rows.cell(*column))).find(|quality| !quality.is_good());
+    let said = says.map(|(column, _, says)| says.quality(&rows.cell(*column)));
+    let of_tags = channel.said_by.iter().filter_map(|own| plan.joined[*own].quality(t));
+    let said = said.chain(of_tags).find(|quality| !quality.is_good());
     let quality = match (said, value) {
         (Some(quality), _) => {
             counted.not_good += 1;

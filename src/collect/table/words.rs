@@ -44,9 +44,20 @@ pub(super) fn two_state(word: &str) -> Option<bool> {
     }
 }
 
-/// What an option lists, as [`word`] has it: `1.0` is `1`.
+/// A blank cell, in an option.
+const BLANK: &str = "blank";
+
+/// Whether an option lists blank cells.
+pub(super) fn means_blank(told: &[String]) -> bool {
+    told.iter().any(|own| own == BLANK)
+}
+
+/// What an option lists, as [`word`] has it: `1.0` is `1`, and `blank` is nothing.
 pub(super) fn as_words(told: &[String]) -> Vec<String> {
-    let word = |one: &String| one.parse::<f64>().map_or_else(|_| one.clone(), |value| value.to_string());
+    let word = |one: &String| match one.as_str() {
+        BLANK => String::new(),
+        one => one.parse::<f64>().map_or_else(|_| one.to_string(), |value| value.to_string()),
+    };
     told.iter().map(word).collect()
 }
 
@@ -68,6 +79,16 @@ impl Words {
         }
     }
 
+    /// Whether one of them is not automatic.
+    pub(super) fn say_manual(&self) -> bool {
+        self.counts.iter().any(|(word, _)| usual(word) == Some(false))
+    }
+
+    /// Rows that have any.
+    pub(super) fn rows(&self) -> u64 {
+        self.counts.iter().map(|(_, count)| count).sum()
+    }
+
     /// Whether any of them is one of these; measurements, of which there are many, are none.
     pub fn any_of(&self, told: &[String]) -> bool {
         !self.more
@@ -80,9 +101,26 @@ impl Words {
             })
     }
 
-    /// Whether one of these may be among them: not all are remembered, or there are none.
+    /// Whether one of these may be among them: not all are remembered, there are none, or a blank cell is meant.
     pub fn may_hold(&self, told: &[String]) -> bool {
-        self.more || self.counts.is_empty() || self.any_of(told)
+        self.more || self.counts.is_empty() || means_blank(told) || self.any_of(told)
+    }
+
+    /// Whether they are those of a controller's mode, whatever their column is called: each is known, one is automatic, and one is
+    /// what nothing else is called. A remark such as `back to manual at six` is longer.
+    pub fn speak_of_mode(&self) -> bool {
+        let parts =
+            |word: &str| word.split(|c: char| !c.is_alphanumeric()).filter(|part| !part.is_empty()).count();
+        let any = |of: &dyn Fn(&str) -> bool| self.counts.iter().any(|(word, _)| of(word));
+        let of_a_mode =
+            |word: &str| word.split(|c: char| !c.is_alphanumeric()).any(|part| OF_A_MODE.contains(&part));
+        let all_known = self.counts.iter().all(|(word, _)| usual(word).is_some() && parts(word) <= 2);
+        !self.more && all_known && any(&|word| usual(word) == Some(true)) && any(&of_a_mode)
+    }
+
+    /// Whether any of them is a number, whatever its decimal sign and its unit.
+    pub(super) fn any_number(&self) -> bool {
+        self.counts.iter().any(|(word, _)| number::scan(word).is_some())
     }
 
     /// The numbers among them; `None` where one is none.
@@ -104,7 +142,7 @@ impl Words {
 }
 
 /// Words of automatic: the controller moves the valve by itself.
-const AUTOMATIC: [&str; 20] = [
+const AUTOMATIC: [&str; 21] = [
     "auto",
     "automatic",
     "aut",
@@ -113,6 +151,8 @@ const AUTOMATIC: [&str; 20] = [
     "cascade",
     "rcas",
     "a",
+    // Beside `A` and `M` it is cascade.
+    "c",
     "on",
     "true",
     "automatik",
@@ -130,6 +170,25 @@ const AUTOMATIC: [&str; 20] = [
 const NOT_AUTOMATIC: [&str; 20] = [
     "man", "manual", "hand", "m", "rout", "oos", "iman", "lo", "off", "false", "track", "trk", "manuell",
     "init", "local", "override", "none", "out", "hold", "open",
+];
+/// Those of both kinds that nothing but a mode is called.
+const OF_A_MODE: [&str; 16] = [
+    "auto",
+    "automatic",
+    "aut",
+    "cas",
+    "casc",
+    "cascade",
+    "rcas",
+    "rout",
+    "iman",
+    "man",
+    "manual",
+    "automatik",
+    "automatisch",
+    "manuell",
+    "automático",
+    "automatique",
 ];
 
 /// What the words of a mode column mean.

@@ -31,7 +31,7 @@ const MINUTES_SINCE_1970: std::ops::Range<f64> = 21_000_000.0..39_500_000.0;
 const SHORT_STEP: f64 = 0.5;
 /// A record may rest for so long (s), and a wrong order of day and month leaps by at least four weeks.
 const REST: f64 = 10.0 * 86_400.0;
-const LEAP: f64 = 25.0 * 86_400.0;
+pub(super) const LEAP: f64 = 25.0 * 86_400.0;
 /// Stamps are cut to one of these (s) where several rows share them.
 /// Days of a spreadsheet with three to five decimals are cut to multiples of the last three.
 const CUT: [f64; 6] = [1.0, 60.0, 3600.0, 0.864, 8.64, 86.4];

@@ -8,6 +8,7 @@ use super::tally::{SINCE_1904, What};
 use jiff::tz::{AmbiguousOffset, TimeZone};
 
 /// How the column is read.
+#[derive(Clone)]
 pub struct Reading {
     pub(super) how: How,
     pub(super) zone: Option<TimeZone>,
@@ -34,6 +35,7 @@ struct Last {
 }
 
 /// Stamps that several rows share.
+#[derive(Clone)]
 pub struct Spread {
     /// Rows of each stamp.
     pub sizes: Vec<u32>,
@@ -52,6 +54,7 @@ impl Reading {
     }
 }
 
+#[derive(Clone)]
 pub(super) enum How {
     Number(Decimal, Unit),
     Dated(Order),

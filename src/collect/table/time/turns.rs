@@ -2,7 +2,7 @@
 
 use super::super::error::{TableError, shown};
 use super::super::options::Told;
-use super::decide::{BAD, Column};
+use super::decide::{BAD, Column, LEAP};
 use super::tally::{Times, Track};
 
 /// A step back that is told (s): less is a late sample.
@@ -11,6 +11,9 @@ const BACK_S: f64 = 600.0;
 const HALF_A_DAY: f64 = 43_200.0;
 /// By how much clocks go back where daylight saving time ends, and forward where it begins (s).
 const HOUR: f64 = 3600.0;
+const A_DAY: f64 = 86_400.0;
+/// The longest leap back where a day and a month change places (s): from 12 December to 1 January, less a month, and a step.
+const SWAPPED: f64 = 330.0 * A_DAY;
 
 /// A clock that is turned does so by whole hours and a step of the record, which is no longer than this (s).
 const LONGEST_STEP: f64 = 60.0;
@@ -19,7 +22,7 @@ impl Times {
     /// What is remarkable where times go back and go on from there, in words.
     ///
     /// # Errors
-    /// They go back by an hour on a clock whose zone nobody told.
+    /// They go back by an hour on a clock whose zone nobody told, or by weeks where day and month may be mixed up.
     pub(super) fn back(
         &self,
         track: &Track,
@@ -40,6 +43,13 @@ impl Times {
             return Ok(String::new());
         }
         let Column { row_name, number, name, .. } = column;
+        if (LEAP..SWAPPED).contains(&step) && self.open && told.format.is_none() {
+            return Err(TableError::refused(format!(
+                "{row_name} {line}, column {number} ({name}): times go back by {:.0} days, as where some rows have the day first and \
+                 others the month; write all in one order, or say --time-format dmy or mdy where they are in one",
+                step / A_DAY
+            )));
+        }
         let local = told.zone.name.is_none() && matches!(self.offsets, [None, Some(_)]);
         if local && back <= track.tags() && (HOUR * 0.9..=HOUR).contains(&step) {
             return Err(TableError::refused(format!(
