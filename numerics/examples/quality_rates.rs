@@ -82,10 +82,10 @@ fn judge(generator: &Generator, case: Case) -> Option<Told> {
     let (record, truth) = (generator.record)(&case);
     let (window, _) = gate::gate(&record, &diagnosis::Settings::default()).ok()?;
     let found = region::analyse(&window.op);
-    let start = region::start_of(&found, &window.op, 0, window.len() / 3)
-        .map_or(Start { index: 0, is_max: true }, |s| Start { index: s.index, is_max: s.is_max });
+    let start =
+        region::start_of(&found, &window.op, 0, window.len() / 3).unwrap_or(Start { index: 0, is_max: true });
     let mut data = IdData::new(&window, start)?;
-    let facts = assess(&mut data, &stem, None);
+    let facts = assess(&mut data, &stem);
     Some(Told { case, name: truth.name, facts })
 }
 

@@ -151,8 +151,8 @@ fn judge(generator: &Generator, case: &Case, args: &Args, known: &BTreeMap<Strin
     }
     let (window, _) = gate::gate(&record, &diagnosis::Settings::default()).ok()?;
     let found = region::analyse(&window.op);
-    let start = region::start_of(&found, &window.op, 0, window.len() / 3)
-        .map_or(Start { index: 0, is_max: true }, |s| Start { index: s.index, is_max: s.is_max });
+    let start =
+        region::start_of(&found, &window.op, 0, window.len() / 3).unwrap_or(Start { index: 0, is_max: true });
     let data = IdData::new(&window, start)?;
     let none = Hypothesis::default();
     let key = format!(

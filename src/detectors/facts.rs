@@ -54,8 +54,7 @@ impl<'a> Facts<'a> {
         let n = u.len();
         let stem = window.mv.as_ref().filter(|mv| mv.len() == n).and_then(|mv| Some(normal(mv)?.0));
         let region = region::analyse(&u);
-        let start = region::start_of(&region, &u, 0, n / 2)
-            .map_or_else(Start::default, |s| Start { index: s.index, is_max: s.is_max });
+        let start = region::start_of(&region, &u, 0, n / 2).unwrap_or_default();
         // Noise spoils the crossings of OP, few periods those of its autocovariance: the more regular are believed.
         let by_op = region.oscillation(0, n, 1.0);
         let by_op = by_op.map(|found| Cycle { period: found.period, regularity: found.regularity_r });

@@ -36,8 +36,6 @@ pub const STEADY: f64 = 0.5;
 pub struct Evidence {
     /// `AIC(best explanation) - AIC(sticky)`.
     pub delta_aic: f64,
-    /// Against the linear loop alone, as the paper would have it.
-    pub delta_aic_linear: f64,
     /// The best explanation without friction.
     pub rival: Rival,
     /// Mean gain of a block in standard errors.
@@ -66,12 +64,8 @@ pub fn weigh(
     let by_armax = gain(sound.fit.loss, sticky.fit.loss) - paid;
     let by_long = gain(sound.long_loss, sticky.long_loss) - paid;
     let linear = by_armax.min(by_long);
-    let mut evidence = Evidence {
-        delta_aic: linear,
-        delta_aic_linear: by_armax,
-        rival: Rival::Linear,
-        steadiness: steadiness(errors[0], errors[1]),
-    };
+    let mut evidence =
+        Evidence { delta_aic: linear, rival: Rival::Linear, steadiness: steadiness(errors[0], errors[1]) };
     if linear < worth {
         return evidence;
     }

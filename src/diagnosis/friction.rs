@@ -4,14 +4,7 @@
 //! Source: Ivan & Lakshminarayanan, Ind. Eng. Chem. Res. 2009, 48, 3474, section 3.2 and figure 3;
 //! Srinivasan et al., Ind. Eng. Chem. Res. 2005, 44, 6719, equation 1.
 
-/// The extremum of OP that a one-parameter element starts from: there the residual force is known.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Start {
-    /// Index of the first large extremum of OP.
-    pub index: usize,
-    /// True for a maximum (residual force `+f`), false for a minimum (`-f`).
-    pub is_max: bool,
-}
+pub use crate::sysid::valve::{Start, largest_reversal, reversals};
 
 /// The half-open range of f, `[lo, hi)`, over which the element gives the very same stem position.
 ///
@@ -82,26 +75,6 @@ pub fn stick_slip(u: &[f64], f: f64, resume: f64, start: Start, x: &mut [f64], d
         dir[k] = direction;
     }
     cell
-}
-
-/// Half the largest fall of OP from a maximum, or rise from a minimum, after `start` (OP unit): with more
-/// friction than this the stem never reverses.
-pub fn largest_reversal(u: &[f64], start: Start) -> f64 {
-    let Some(after) = u.get(start.index..) else {
-        return 0.0;
-    };
-    let sign = if start.is_max { 1.0 } else { -1.0 };
-    let (mut top, mut fall) = (f64::NEG_INFINITY, 0.0_f64);
-    for u in after {
-        top = top.max(sign * u);
-        fall = fall.max(top - sign * u);
-    }
-    0.5 * fall
-}
-
-/// How often the stem reverses.
-pub fn reversals(dir: &[f64]) -> usize {
-    dir.windows(2).filter(|w| w[0] != w[1]).count()
 }
 
 /// Runs OP through Srinivasan's element: the stem jumps to OP whenever OP is more than `d` away.

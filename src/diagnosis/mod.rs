@@ -237,9 +237,11 @@ fn rounded_down(seconds: f64) -> f64 {
 /// What the data says about the valve.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// f above the threshold, with enough evidence.
+    /// f above its threshold, evidence above its own, and 0 outside the interval of f. The diagnosis also asks for a steady gain,
+    /// tracing also that PV follows the stem.
     Stiction,
-    /// The model without friction explains the data as well.
+    /// OP moved enough for friction to show, and stiction is not told: no friction is needed, or f is too small to matter, or its
+    /// interval reaches 0. Evidence for friction may still be large.
     NoStiction,
     /// The data cannot tell, and why: never the same as healthy.
     NotIdentifiable(NotIdentifiable),
@@ -368,10 +370,11 @@ pub struct Estimate {
     pub mv: Vec<f64>,
 }
 
-/// The residual of the declared model, judged on the last 30 % of the window (PV unit).
+/// How well a model predicts PV (PV unit). Both errors are of samples that nothing was fitted to: the last 30 % of the window in a
+/// diagnosis, the last 20 % of the fitted record in tracing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
-    /// Ljung–Box does not reject whiteness.
+    /// Ljung–Box does not reject whiteness, of the residual of all samples that count, fitted ones too.
     pub white: bool,
     /// Root mean square one-step-ahead error on held-out data.
     pub one_step_rmse: f64,

@@ -389,7 +389,7 @@ fn advance(work: &mut Workspace, s: &Signals<'_>, fits: &mut [Fit], lag: Lag, to
     fits.sort_by(|a, b| a.loss.total_cmp(&b.loss));
 }
 
-/// The `most` best cells that are local minima of the profile, and their neighbours.
+/// The `most` best cells that are local minima of the profile.
 fn best_cells(cells: &[CellPoint], most: usize) -> Vec<usize> {
     let beats = |i: usize, other: Option<usize>| {
         other

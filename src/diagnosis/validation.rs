@@ -1,5 +1,5 @@
-//! The declared model judged on data it has not seen: fitted on the first 70 % of the window, its one-step and
-//! free-run errors taken on the last 30 %, its residual tested for whiteness.
+//! The declared model judged: fitted again on the first 70 % of the window, its one-step and free-run errors taken on the last
+//! 30 %, which that fit has not seen. Whiteness is tested on the whole window, of the model fitted to all of it.
 //!
 //! See [`crate::sysid::whiteness`].
 

@@ -1,7 +1,8 @@
 //! The verdict, and the whole way to it.
 //!
-//! *stiction*: f above the threshold **and** `delta_aic` above its own **and** a gain shared by the record.
-//! *no stiction*: the loop was excited, PV answers OP, and no friction explains it better.
+//! *stiction*: f above the threshold **and** `delta_aic` above its own **and** a gain shared by the record **and** 0 outside the
+//! interval of f.
+//! *no stiction*: the loop was excited, PV answers OP, and one of these four does not hold.
 //! *not identifiable*: anything else.
 
 use super::evidence::{Evidence, STEADY, interval, weigh};
@@ -11,7 +12,7 @@ use super::prepare::prepare;
 use super::region::{self, Region};
 use super::rivals::Rival;
 use super::screen::{LONGEST_DELAY, Screen};
-use super::search::{GridPoint, Holes, LEAST_REVERSALS, Problem, Refined, Searcher};
+use super::search::{CellPoint, GridPoint, Holes, LEAST_REVERSALS, Problem, Refined, Searcher};
 use super::undersampling::too_few;
 use super::{
     CurvePoint, Diagnosis, Estimate, Model, NotIdentifiable, Oscillation, Preparation, Settings, Verdict,
@@ -107,49 +108,29 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         Ok(prepared) => prepared,
         Err(refused) => return *refused,
     };
-    let Prepared { window, preparation, region, oscillation, problem, scale, span } = prepared;
-    let n = window.len();
-    let mut searcher = Searcher::new(&problem);
+    let n = prepared.window.len();
+    let mut searcher = Searcher::new(&prepared.problem);
     let grid = searcher.grid(GRID);
     let cells = searcher.full_profile();
     let (sound, sticky) = searcher.refine(&grid, &cells);
-    let period = region.typical_period();
+    let period = prepared.region.typical_period();
     let (sound_errors, _) = searcher.errors(&sound);
     let weighed = sticky.map(|sticky| {
         let (errors, _) = searcher.errors(&sticky);
         let worth = 0.5 * settings.evidence_threshold;
-        let evidence = weigh(&problem, &sound, &sticky, [&sound_errors, &errors], period, worth);
+        let evidence = weigh(&prepared.problem, &sound, &sticky, [&sound_errors, &errors], period, worth);
         (sticky, evidence)
     });
-    let believed = |(sticky, evidence): &(Refined, Evidence)| {
-        sticky.f * scale.u > preparation.f_threshold
-            && evidence.delta_aic > settings.evidence_threshold
-            && evidence.steadiness > STEADY
-            && interval(&problem, &cells, sticky)[0] > 0.0
-    };
-    let verdict = match &weighed {
-        Some(found) if believed(found) => Verdict::Stiction,
-        _ => match unanswered(&problem, &region) {
-            // A valve that a term moves at once leaves OP and PV nothing to show.
-            _ if preparation.compensated > 0.0 => Verdict::NotIdentifiable(NotIdentifiable::Compensated),
-            Some(reason) => Verdict::NotIdentifiable(reason),
-            None => Verdict::NoStiction,
-        },
-    };
+    let verdict = verdict_of(&prepared, settings, &cells, weighed.as_ref());
+    let Prepared { window, preparation, region, oscillation, ref problem, scale, span } = prepared;
     if let Verdict::NotIdentifiable(reason) = verdict {
         return refused(reason, preparation, oscillation, Some(window));
     }
-    // A healthy verdict publishes f = 0 with what the data could have hidden as the upper end.
-    let chosen = match (&verdict, weighed) {
-        (Verdict::Stiction, Some((sticky, _))) => sticky,
-        _ => sound,
-    };
-    let bounds = match weighed {
-        Some((sticky, _)) if verdict == Verdict::Stiction => interval(&problem, &cells, &sticky),
-        Some((sticky, _)) => {
-            [0.0, interval(&problem, &cells, &sound)[1].min(sticky.f.max(0.0) + problem.f_top)]
-        }
-        None => [0.0, problem.f_top],
+    let sticking = weighed.filter(|_| verdict == Verdict::Stiction).map(|found| found.0);
+    let chosen = sticking.unwrap_or(sound);
+    let bounds = match (sticking, weighed) {
+        (Some(sticky), _) => interval(problem, &cells, &sticky),
+        (None, weighed) => hidden(problem, &cells, &sound, weighed.map(|found| found.0)),
     };
     let (low, high) = range(&window.op);
     let (_, stem) = searcher.errors(&chosen);
@@ -161,14 +142,14 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         rival: weighed.map_or(Rival::Linear, |(_, e)| e.rival),
         steadiness: weighed.map_or(0.0, |(_, e)| e.steadiness),
         f_max: region.f_max(0, n),
-        d: best_d(&problem) * scale.u,
-        curve: curve(&grid, &problem, scale.u),
+        d: best_d(problem) * scale.u,
+        curve: curve(&grid, problem, scale.u),
         model: model(&chosen, &scale),
         mv: stem.iter().map(|x| x * scale.u + scale.u0).collect(),
     };
     let reason =
         explain(&verdict, &estimate, weighed.as_ref().map(|(_, e)| e), span.map(|span| 100.0 / span));
-    let residual = Some(validation::validate(&problem, &chosen, scale.y));
+    let residual = Some(validation::validate(problem, &chosen, scale.y));
     Diagnosis {
         verdict,
         reason,
@@ -179,6 +160,36 @@ fn judge(record: &Record, settings: &Settings) -> Diagnosis {
         window: Some(window),
         packed: None,
     }
+}
+
+/// Stiction where f, its evidence, its steadiness and its interval all say so; else whether the record can say no.
+fn verdict_of(
+    found: &Prepared,
+    settings: &Settings,
+    cells: &[CellPoint],
+    weighed: Option<&(Refined, Evidence)>,
+) -> Verdict {
+    let believed = |(sticky, evidence): &(Refined, Evidence)| {
+        sticky.f * found.scale.u > found.preparation.f_threshold
+            && evidence.delta_aic > settings.evidence_threshold
+            && evidence.steadiness > STEADY
+            && interval(&found.problem, cells, sticky)[0] > 0.0
+    };
+    if weighed.is_some_and(believed) {
+        return Verdict::Stiction;
+    }
+    match unanswered(&found.problem, &found.region) {
+        // A valve that a term moves at once leaves OP and PV nothing to show.
+        _ if found.preparation.compensated > 0.0 => Verdict::NotIdentifiable(NotIdentifiable::Compensated),
+        Some(reason) => Verdict::NotIdentifiable(reason),
+        None => Verdict::NoStiction,
+    }
+}
+
+/// The interval that goes with f = 0: up to what the record could have hidden.
+fn hidden(p: &Problem, cells: &[CellPoint], sound: &Refined, sticky: Option<Refined>) -> [f64; 2] {
+    let high = sticky.map_or(p.f_top, |sticky| interval(p, cells, sound)[1].min(sticky.f.max(0.0) + p.f_top));
+    [0.0, high]
 }
 
 /// How the window was normalised: subtract the mean, divide by the sd.
@@ -230,6 +241,7 @@ pub fn pose(
 pub fn unanswered(p: &Problem, region: &Region) -> Option<NotIdentifiable> {
     let (mut x, mut dir) = (p.u.clone(), vec![0.0; p.u.len()]);
     stick_slip(&p.u, 0.5 * p.f_top, 0.0, p.start, &mut x, &mut dir);
+    // One reversal fewer than a fit needs: it is asked at the middle of the range of f, and only whether to refuse.
     if reversals(&dir) < LEAST_REVERSALS - 1 {
         return Some(NotIdentifiable::NotExcited { reversals: region.reversals(0, p.u.len()) });
     }

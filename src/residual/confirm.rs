@@ -4,7 +4,7 @@
 //! window all coefficients, S and J are fitted anew. The structure holds where
 //!
 //! 1. friction is told as before: a valve has the evidence that a verdict asks for, and its f is nearly the last one's or does
-//!    not differ from it significantly, or, where there was none, no valve of a coarse grid is likelier,
+//!    not differ from it significantly, or, where there was none, no valve of the grid is likelier,
 //! 2. the residual fails no test that it passed when the structure was found (each is failed by chance once in a hundred), all
 //!    its effects are still needed, and friction is not asked for the first time; or no effect beside it is likelier than none,
 //!    and a whole search finds no valve where there was none,
@@ -158,7 +158,7 @@ fn assessed(whole: &Window, settings: &Settings, last: &Structure) -> Option<(Id
     let mut data = iddata_beside(whole, last.valve.map_or(0.0, |valve| valve.f()))?;
     data.units.span = settings.op_span;
     let stem = |data: &IdData| Hypothesis { valve: valve_of(data, last), effects: Vec::new() }.stem(data).0;
-    let facts = assess(&mut data, &stem, None);
+    let facts = assess(&mut data, &stem);
     data.direct = last.direct;
     facts.iter().all(lasts).then_some((data, facts))
 }

@@ -3,7 +3,7 @@
 use super::Kind;
 use super::hypothesis::{Hypothesis, OnData};
 use super::valve_search::cost;
-use crate::sysid::armax::{Armax, ORDER, hannan_rissanen};
+use crate::sysid::armax::{Armax, ORDER, Start, hannan_rissanen};
 use crate::sysid::arx::{Arx, ArxFit};
 use crate::sysid::criterion;
 use crate::sysid::iddata::{IdData, LONGEST_LAG};
@@ -12,8 +12,8 @@ use crate::sysid::iddata::{IdData, LONGEST_LAG};
 const DELAYS: usize = 3;
 /// Iterations of each before the delays far behind are left.
 const FIRST: usize = 4;
-/// Log-likelihood behind the best up to which a delay goes on: after the first iterations the best optimum may be so far
-/// behind another.
+/// Log-likelihood behind the best fit so far up to which a delay goes on: in a flat valley of C the delay that wins in the end may
+/// be so far behind after the first iterations.
 const VALLEY: f64 = 25.0;
 /// Iterations of those that go on.
 const MOST: usize = 16;
@@ -85,14 +85,22 @@ pub fn arx(data: &IdData, hypothesis: &Hypothesis, near: Option<&ArxFit>) -> Arx
     Arx::new(data, &y, &signals.shapes).fit(&signals.x, near)
 }
 
+/// Values of a hypothesis' smooth parameters.
+fn smooth_values(hypothesis: &Hypothesis) -> Vec<f64> {
+    hypothesis.smooth().iter().map(|smooth| smooth.value).collect()
+}
+
+/// Where a fit starts from nothing, the best delay first; `near`: an ARX whose weights are nearly right.
+fn starts(data: &IdData, hypothesis: &Hypothesis, near: Option<&ArxFit>) -> Vec<Start> {
+    let (signals, y) = (hypothesis.signals(data), hypothesis.pv(data));
+    let long = Arx::new(data, &y, &signals.shapes).fit(&signals.x, near);
+    hannan_rissanen(data, &y, &signals, &long, &smooth_values(hypothesis))
+}
+
 /// Fits a hypothesis from nothing.
 pub fn decide(data: &IdData, hypothesis: Hypothesis, near: Option<&ArxFit>) -> Decided {
-    let signals = hypothesis.signals(data);
-    let y = hypothesis.pv(data);
-    let long = Arx::new(data, &y, &signals.shapes).fit(&signals.x, near);
-    let theta: Vec<f64> = hypothesis.smooth().iter().map(|smooth| smooth.value).collect();
     let input = OnData { hypothesis: &hypothesis, data };
-    let starts = hannan_rissanen(data, &y, &signals, &long, &theta);
+    let starts = starts(data, &hypothesis, near);
     let begun = starts.into_iter().take(DELAYS).map(|start| start.model.fit(data, &data.y, &input, FIRST));
     let mut begun: Vec<Armax> = begun.collect();
     begun.sort_by(|a, b| b.log_likelihood.total_cmp(&a.log_likelihood));
@@ -119,7 +127,7 @@ pub fn decide_base(data: &IdData, hypothesis: Hypothesis) -> Decided {
 pub fn decide_near(data: &IdData, hypothesis: Hypothesis, near: &Armax, most: usize) -> Decided {
     let input = OnData { hypothesis: &hypothesis, data };
     let mut start = near.clone();
-    start.theta = hypothesis.smooth().iter().map(|smooth| smooth.value).collect();
+    start.theta = smooth_values(&hypothesis);
     let model = start.fit(data, &data.y, &input, most);
     Decided::new(data, hypothesis, model)
 }
@@ -127,12 +135,8 @@ pub fn decide_near(data: &IdData, hypothesis: Hypothesis, near: &Armax, most: us
 /// Fits a hypothesis a few iterations from nothing and from a model that may be right; the better of both.
 pub fn decide_quick(data: &IdData, hypothesis: Hypothesis, near: &Armax) -> Decided {
     let warm = decide_near(data, hypothesis.clone(), near, NEAR);
-    let signals = hypothesis.signals(data);
-    let y = hypothesis.pv(data);
-    let long = Arx::new(data, &y, &signals.shapes).fit(&signals.x, None);
-    let theta: Vec<f64> = hypothesis.smooth().iter().map(|smooth| smooth.value).collect();
     let input = OnData { hypothesis: &hypothesis, data };
-    let start = hannan_rissanen(data, &y, &signals, &long, &theta).into_iter().next();
+    let start = starts(data, &hypothesis, None).into_iter().next();
     let Some(start) = start else { return warm };
     let model = start.model.fit(data, &data.y, &input, NEAR);
     if model.log_likelihood > warm.model.log_likelihood {

@@ -82,11 +82,13 @@ pub fn detectable(data: &IdData, fitted: &Decided, evidence: f64) -> Option<f64>
     VALVES.into_iter().filter_map(least).reduce(f64::max).map(|f| MARGIN * f)
 }
 
-/// Share of the fitted samples at which a PV that moves in steps moves; 1 for any other.
+/// Share of the fitted samples at which a PV that moves in steps moves; 1 for any other. What stands in for a missing sample lies
+/// between two steps, and does not count.
 fn moving(data: &IdData) -> f64 {
-    let rows = data.rows();
-    let moves = rows.clone().filter(|k| data.y[*k] != data.y[k - 1]).count();
-    if data.least_scale > 0.0 { moves as f64 / rows.len() as f64 } else { 1.0 }
+    let measured: Vec<usize> =
+        data.rows().filter(|k| data.weight[*k] > 0.0 && data.weight[k - 1] > 0.0).collect();
+    let moves = measured.iter().filter(|k| data.y[**k] != data.y[**k - 1]).count();
+    if data.least_scale > 0.0 { moves as f64 / measured.len().max(1) as f64 } else { 1.0 }
 }
 
 /// The values of f that are tried.

@@ -175,7 +175,7 @@ pub struct Friction {
 pub enum Test {
     /// Ljung–Box: the residual is correlated with its past.
     Whiteness,
-    /// It is correlated with past OP.
+    /// It is correlated with the past of the stem (OP, where there is no friction).
     Input,
     /// It is correlated with the past of a tag.
     Tags,
@@ -187,7 +187,7 @@ pub enum Test {
     Drift,
     /// It depends on the stem's direction.
     Direction,
-    /// It depends on the stem's position.
+    /// It depends on the square of the stem's position.
     Travel,
     /// Its variance changes.
     Variance,

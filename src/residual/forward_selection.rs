@@ -25,9 +25,9 @@ const SCREENED: usize = 2;
 pub const FITTED: usize = 5;
 /// Times of other changes that are fitted to the end for each change.
 const OFFERED: usize = 2;
-/// Iterations after which they are compared.
+/// Iterations after which proposals of a kind (or times of a change) are compared.
 const BEGUN: usize = 2;
-/// How many of them go on.
+/// Proposals of a kind that go on after that.
 const GO_ON: usize = 1;
 
 /// The hypotheses with at most one effect more than the `count` that all share.

@@ -8,7 +8,7 @@ use crate::sysid::iddata::IdData;
 use crate::sysid::valve::{StopRule, ValveModel};
 use std::borrow::Cow;
 
-/// Lags of OP beside the stem: a difference and its change, for a load that is known before PV shows it.
+/// Lags of OP beside the stem: a level, a change, and two more for a delay of either, for a load that is known before PV shows it.
 const DIRECT_LAGS: usize = 4;
 /// Step of a difference quotient for J, as a share of S.
 const STEP_OF_J: f64 = 1e-3;

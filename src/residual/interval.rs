@@ -1,8 +1,7 @@
 //! The interval of f: a profile likelihood, of a threshold.
 //!
 //! ```text
-//! LR(f) = 2 tau (ln L(f_hat) - ln L(f)),   from the last f tried with LR > 7.35 below f_hat to the first above, widened by OP's
-//! median step
+//! LR(f) = 2 tau (ln L_max - ln L(f)),   the hull of {LR <= 7.35}, to the next f tried on each side, widened by OP's median step
 //! ```
 //!
 //! f decides at which samples the stem turns, so its likelihood is that of a threshold: 7.35 is the 95 % point of its

@@ -1,8 +1,8 @@
 //! The posterior of friction and of each kind of effect, from one table of scores.
 //!
 //! ```text
-//! P(kind) ~ prior(kind) sum over h of that kind of exp(score(h)),   prior: none 1/2, the kinds that were asked share 1/2
-//! P(friction) ~ 1/2 sum over all h with friction, whatever the effect
+//! P(kind) ~ prior(kind) sum over h of that kind of exp(score(h)),   prior: none 1/2, any other kind 1/(2 n), n = hypotheses asked
+//! P(friction) : P(no friction) = sum over all h of prior(kind of h) exp(score(h)), with friction : without
 //! ```
 //!
 //! Such a posterior says which hypothesis is likeliest, not that one of them is true.
@@ -15,7 +15,7 @@ use super::hypotheses::ALL;
 use super::hypothesis::Hypothesis;
 use crate::sysid::criterion::log_sum;
 
-/// Logarithm of the prior of so many effects of the kinds that are asked: each costs what one kind of all is worth.
+/// Logarithm of the prior odds of so many effects against none: 1/n for each, n = hypotheses asked.
 pub fn log_prior(effects: usize) -> f64 {
     -(effects as f64) * (ALL.len() as f64).ln()
 }
@@ -83,7 +83,8 @@ pub struct Table<'a> {
 }
 
 impl<'a> Table<'a> {
-    /// Of hypotheses that end in at most one effect more than the `count` that all share; `asked`: how many kinds were.
+    /// Of hypotheses that end in at most one effect more than the `count` that all share; `asked`: n, how many hypotheses were asked (two of them
+    /// may be of one kind).
     pub fn new(decided: &'a [Decided], count: usize, asked: usize) -> Self {
         let prior = -(2.0 * asked.max(1) as f64).ln();
         let mut rows: Vec<(&Decided, Option<Kind>, f64)> = Vec::new();

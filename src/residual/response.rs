@@ -8,7 +8,8 @@ use crate::sysid::encompass::{Encompassing, Response};
 use crate::sysid::iddata::{IdData, LONGEST_LAG};
 use crate::sysid::valve::ValveModel;
 
-/// Whether PV is seen to follow the stem beside the effects, and does not move against it beside OP.
+/// Whether PV is seen to follow the stem beside the effects, and does not move against it beside OP. The stem is that of the
+/// one-parameter valve with the same f, whatever its J. Where nothing can be asked, it counts as followed.
 pub fn follows(data: &IdData, best: &Decided) -> bool {
     if has_positive_feedback(data, &best.model) {
         return false;
@@ -21,7 +22,8 @@ pub fn follows(data: &IdData, best: &Decided) -> bool {
     let bends = best.effects.iter().any(|effect| effect.bends());
     let mut loads = Vec::new();
     best.effects.iter().for_each(|effect| effect.shapes(data, &mut loads));
-    asked(data, best, &loads, [&p, &u]).is_none_or(|found| found.is_seen() && (bends || !found.is_reversed()))
+    encompassing(data, best, &loads, [&p, &u])
+        .is_none_or(|found| found.is_seen() && (bends || !found.is_reversed()))
 }
 
 /// What speaks for effect `at`, from the logarithm of its odds and the standard deviations by which held-out samples speak for it:
@@ -38,10 +40,17 @@ fn stops(data: &IdData, best: &Hypothesis, at: usize) -> bool {
     let arrives = |of: &Hypothesis| of.to_process(data, of.stem(data).0);
     let (p, whole) = (arrives(best), arrives(&best.without(at)));
     let lost: Vec<f64> = whole.iter().zip(&p).map(|(whole, p)| whole - p).collect();
-    asked(data, best, &[], [&p, &lost]).is_none_or(|found| found.is_seen() && !found.is_seen_of_other())
+    encompassing(data, best, &[], [&p, &lost])
+        .is_none_or(|found| found.is_seen() && !found.is_seen_of_other())
 }
 
-fn asked(data: &IdData, best: &Hypothesis, extra: &[Vec<f64>], [p, u]: [&[f64]; 2]) -> Option<Response> {
+/// The encompassing regression of the stem `p` with `u` beside it, and loads `extra`; `None` where samples are too few.
+fn encompassing(
+    data: &IdData,
+    best: &Hypothesis,
+    extra: &[Vec<f64>],
+    [p, u]: [&[f64]; 2],
+) -> Option<Response> {
     let counts: Vec<bool> = data.weight.iter().map(|weight| *weight > 0.0).collect();
     let (y, rows, lags) = (best.pv(data), data.rows(), LONGEST_LAG);
     let (counts, gain_sign) = (counts.as_slice(), data.gain_sign);

@@ -12,15 +12,15 @@ use super::report::report;
 use super::response::evidence;
 use super::valve_search::{Effort, Found, LEAST_REVERSALS, search};
 use super::{Row, Settings};
-use crate::diagnosis::region::{self, Region};
+use crate::diagnosis::region;
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::signal::Window;
 use crate::sysid::criterion::TEMPERING;
 use crate::sysid::iddata::IdData;
-use crate::sysid::valve::{Rest, Start, StopRule, ValveModel};
+use crate::sysid::valve::{Rest, Start, StopRule, ValveModel, reversals};
 use std::cell::RefCell;
 
-/// What the selection ends with.
+/// All that a report is made of.
 pub struct Outcome {
     /// The window as it was recorded.
     pub recorded: IdData,
@@ -62,14 +62,8 @@ fn stem(window: &Window, mv: &[f64], settings: &Settings) -> Option<Stem> {
 /// The record that is fitted; stems start at the first large extremum of OP.
 pub fn iddata(window: &Window) -> Option<IdData> {
     let found = region::analyse(&window.op);
-    let start = start_of(&found, window, 0, window.len() / 3);
+    let start = region::start_of(&found, &window.op, 0, window.len() / 3);
     IdData::new(window, start.unwrap_or(Start { index: 0, is_max: true }))
-}
-
-/// The first large extremum of OP between two samples.
-fn start_of(found: &Region, window: &Window, from: usize, to: usize) -> Option<Start> {
-    let start = region::start_of(found, &window.op, from, to)?;
-    Some(Start { index: start.index, is_max: start.is_max })
 }
 
 /// The record that is fitted where friction `f` (OP unit) is known. Usually it starts at the first large extremum of OP. If the
@@ -84,7 +78,8 @@ pub fn iddata_beside(window: &Window, f: f64) -> Option<IdData> {
     let found = region::analyse(&window.op);
     // The earliest of equals has most samples.
     let later = found.extrema.iter().rev().map(|extremum| extremum.index).filter(|at| *at > data.start.index);
-    let begun = later.filter_map(|from| IdData::new(window, start_of(&found, window, from, window.len())?));
+    let start = |from| region::start_of(&found, &window.op, from, window.len());
+    let begun = later.filter_map(|from| IdData::new(window, start(from)?));
     let rated = begun.map(|data| (turns(&data, &valve), data));
     rated.filter(|own| own.0 >= LEAST_REVERSALS).max_by(|a, b| a.0.total_cmp(&b.0)).map(|own| own.1)
 }
@@ -99,26 +94,25 @@ fn trace_one(window: &Window, diagnosis: &Diagnosis, settings: &Settings, closed
     let f = diagnosis.estimate.as_ref().map_or(0.0, |e| e.f) / data.units.u;
     let valve = (f > 0.0).then(|| ValveModel::one_parameter(f));
     let (found, facts) = prepare(&mut data, settings);
-    // What competes with the declared model may call no row exact either.
+    // The declared model is rated with the same least scale (PV's quantum), or the two could not be compared.
     recorded.least_scale = data.least_scale;
     // The window is too short for the friction that was found: hypotheses without it would compete with none.
     if found.is_empty() && diagnosis.verdict == Verdict::Stiction {
         return None;
     }
     let declared = decide(&recorded, Hypothesis { valve, effects: Vec::new() }, None);
-    let mut outcome = select_confirmed(&data, settings, found)?;
-    outcome.recorded = recorded;
-    outcome.facts = facts;
-    outcome.declared = declared;
-    outcome.data = data;
+    let (selected, rejected) = select_confirmed(&data, settings, found)?;
+    let Selected { best, added, candidates, friction, slip_jump } = selected;
+    let outcome =
+        Outcome { recorded, data, declared, best, facts, added, rejected, candidates, friction, slip_jump };
     Some(report(outcome, diagnosis, settings))
 }
 
-/// How often a stem turns within the fitted samples.
+/// How often a stem turns from its start to the last fitted sample.
 fn turns(data: &IdData, valve: &ValveModel) -> f64 {
     let (mut stem, mut direction) = (Vec::new(), Vec::new());
     valve.run(&data.u, data.start, data.split, &mut stem, &mut direction);
-    direction[data.start.index..data.split].windows(2).filter(|pair| pair[0] != pair[1]).count() as f64
+    reversals(&direction[data.start.index..data.split]) as f64
 }
 
 /// Repairs what the signals alone show to be wrong, and finds the valves of the repaired record.
@@ -135,7 +129,7 @@ fn prepare(data: &mut IdData, settings: &Settings) -> (Vec<Found>, Vec<Fact>) {
         valves.replace(Some((data.y.clone(), found)));
         stem
     };
-    let facts = assess(data, &likeliest_stem, None);
+    let facts = assess(data, &likeliest_stem);
     // What was found on the record as it is now need not be found again.
     let found = valves.into_inner().filter(|(y, _)| *y == data.y && recorded == data.y).map(|found| found.1);
     let found = found.unwrap_or_else(|| search(data, &Hypothesis::default(), &known, Effort::Whole));
@@ -189,6 +183,15 @@ fn informed(settings: &Settings, unit: f64) -> Vec<ValveModel> {
     valves.flat_map(|valve| shares.iter().map(move |share| ValveModel { j: share * s, ..valve })).collect()
 }
 
+/// What a selection ends with.
+struct Selected {
+    best: Decided,
+    added: Vec<(Evidence, f64)>,
+    candidates: Vec<(Option<Kind>, f64)>,
+    friction: f64,
+    slip_jump: Evidence,
+}
+
 /// What a selection goes on from: effects, what was found to speak for them, and the valves beside them.
 struct Begun {
     effects: Hypothesis,
@@ -198,36 +201,39 @@ struct Begun {
 }
 
 /// Selects effects, then asks the held-out samples about each: one that is less likely than not with them goes, is not added
-/// again, and the selection goes on. `found`: the valves without an effect.
-fn select_confirmed(data: &IdData, settings: &Settings, found: Vec<Found>) -> Option<Outcome> {
+/// again, and the selection goes on. `found`: the valves without an effect. The second value is what was rejected.
+fn select_confirmed(
+    data: &IdData,
+    settings: &Settings,
+    found: Vec<Found>,
+) -> Option<(Selected, Vec<(Kind, Evidence)>)> {
     let mut rejected: Vec<(Kind, Evidence)> = Vec::new();
     let effects = Hypothesis::default();
     let mut begun = Begun { effects, added: Vec::new(), found: found.clone(), pool: Vec::new() };
     loop {
-        let mut outcome = select(data, settings, &rejected, begun)?;
+        let mut selected = select(data, settings, &rejected, begun)?;
         let mut posteriors = Vec::new();
-        let with = judge(data, &outcome.best, data);
-        for (at, (told, _)) in outcome.added.iter_mut().enumerate() {
-            let held_out = without(data, &outcome.best, &with, at).1;
-            *told = evidence(data, &outcome.best.hypothesis, at, [told.log_odds, held_out]);
-            let kind = outcome.best.hypothesis.effects[at].kind();
+        let with = judge(data, &selected.best, data);
+        for (at, (told, _)) in selected.added.iter_mut().enumerate() {
+            let held_out = without(data, &selected.best, &with, at).1;
+            *told = evidence(data, &selected.best.hypothesis, at, [told.log_odds, held_out]);
+            let kind = selected.best.hypothesis.effects[at].kind();
             posteriors.push((told.posterior(kind), at, kind));
         }
         let least = posteriors.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((_, at, kind)) = least.filter(|least| least.0 <= 0.5) else {
-            outcome.candidates = with_rejected(outcome.candidates, &rejected);
-            outcome.rejected = rejected;
-            return Some(outcome);
+            selected.candidates = with_rejected(selected.candidates, &rejected);
+            return Some((selected, rejected));
         };
-        rejected.push((kind, outcome.added.remove(at).0));
-        let effects = outcome.best.hypothesis.without(at);
-        let mut pool: Vec<ValveModel> = outcome.best.hypothesis.valve.into_iter().collect();
+        rejected.push((kind, selected.added.remove(at).0));
+        let effects = selected.best.hypothesis.without(at);
+        let mut pool: Vec<ValveModel> = selected.best.hypothesis.valve.into_iter().collect();
         pool.extend(found.iter().map(|found| found.valve));
         let found = match effects.effects.is_empty() {
             true => found.clone(),
             false => search(data, &effects, &pool, Effort::Near),
         };
-        begun = Begun { effects, added: outcome.added, found, pool };
+        begun = Begun { effects, added: selected.added, found, pool };
     }
 }
 
@@ -265,7 +271,7 @@ fn select(
     settings: &Settings,
     rejected: &[(Kind, Evidence)],
     begun: Begun,
-) -> Option<Outcome> {
+) -> Option<Selected> {
     let most = settings.most_effects;
     let Begun { mut effects, mut added, mut found, mut pool } = begun;
     let mut steps = 0;
@@ -285,14 +291,9 @@ fn select(
             let sticks = |d: &Decided| d.hypothesis.valve.is_some();
             // What held-out samples have withdrawn says nothing of the valve either.
             let left = table.without(&rejected.iter().map(|own| own.0).collect::<Vec<_>>());
-            return Some(Outcome {
-                recorded: IdData::default(),
-                data: IdData::default(),
-                declared: none.clone(),
+            return Some(Selected {
                 best: none.clone(),
-                facts: Vec::new(),
                 added,
-                rejected: Vec::new(),
                 candidates: kinds.into_iter().filter(|own| !was_rejected(own.0)).collect(),
                 friction: match decided.iter().any(sticks) {
                     // Where the feedback of all is positive friction is asked, and is not there.

@@ -124,7 +124,8 @@ impl Answer {
         self.verdict == Verdict::Stiction
     }
 
-    /// Whether the diagnosis says the same, of OP alone.
+    /// Whether the diagnosis says the same: both tell stiction or neither does, held-out samples did not overrule tracing, and no
+    /// term of write-back acted in the window.
     pub fn agrees_with(&self, diagnosis: &Diagnosis) -> bool {
         let sticks = diagnosis.verdict == Verdict::Stiction;
         (self.by_tracing || !self.asked)

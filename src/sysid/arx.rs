@@ -66,10 +66,6 @@ pub struct ArxFit {
     pub nu: f64,
     /// Log-likelihood.
     pub log_likelihood: f64,
-    /// The factored weighted Gram matrix, its order the length of theta.
-    pub factor: Vec<f64>,
-    /// Columns that are no combination of those before them.
-    pub live: Vec<bool>,
 }
 
 impl ArxFit {
@@ -251,7 +247,7 @@ impl<'a> Arx<'a> {
                 _ => found.e.iter_mut().zip(column[0]).for_each(|(e, c)| *e -= theta[0] * c),
             }
         }
-        (found.theta, found.factor, found.live) = (theta, g, live[..size].to_vec());
+        found.theta = theta;
     }
 }
 

@@ -28,7 +28,7 @@ pub struct Response {
     pub alone: f64,
     /// Beside OP.
     pub beside: f64,
-    /// t of OP's summed coefficients beside the stem.
+    /// t of the summed coefficients of `u` beside the stem.
     pub other: f64,
 }
 
@@ -38,7 +38,7 @@ impl Response {
         self.alone.max(self.beside) >= ONE_SIDED
     }
 
-    /// Whether PV is seen to follow OP beside the stem.
+    /// Whether PV is seen to follow `u` beside the stem.
     pub fn is_seen_of_other(&self) -> bool {
         self.other >= ONE_SIDED
     }
@@ -54,13 +54,13 @@ impl Response {
 pub struct Encompassing<'a> {
     /// PV.
     pub y: &'a [f64],
-    /// OP.
+    /// What competes with the stem: OP, or the part of the stem that a stop keeps back (unit of OP).
     pub u: &'a [f64],
-    /// The stem of the one-parameter element (unit of OP).
+    /// The stem as it arrives at the process (unit of OP).
     pub p: &'a [f64],
     /// What else acts on PV, as it enters the equation of its sample.
     pub extra: &'a [Vec<f64>],
-    /// Lags of OP and of the stem.
+    /// Lags of `u` and of the stem.
     pub lags: usize,
     /// Samples that are fitted, from the longest lag on.
     pub rows: Range<usize>,

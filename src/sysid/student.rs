@@ -8,8 +8,8 @@
 //!
 //! Source: Lange, Little & Taylor, J. Am. Stat. Assoc. 1989, 84, 881.
 
-/// Degrees of freedom nu that a fit begins with (-): heavy enough for slips that come a sample early, efficient to 90 % where
-/// errors are normal.
+/// Degrees of freedom nu that a fit begins with, and that of data quality, where it is not estimated (-): heavy enough for slips
+/// that come a sample early, efficient to 90 % where errors are normal.
 pub const FREEDOM: f64 = 5.0;
 /// Degrees of freedom that are told apart (-), with their c(nu): a stem that is nearly right leaves the heaviest tails.
 const FREEDOMS: [(f64, f64); 5] = [
@@ -114,7 +114,8 @@ pub fn log_likelihood(e: &[f64], weight: &[f64], s: f64, nu: f64) -> f64 {
     count * (constant(nu) - s.ln()) - 0.5 * (nu + 1.0) * sum
 }
 
-/// Weights of the least squares that has the same optimum.
+/// Weights of the least squares that has the same optimum, but for the factor (nu + 1)/(FREEDOM + 1), which no user of them
+/// depends on.
 pub fn reweigh(e: &[f64], weight: &[f64], (s, nu): (f64, f64), omega: &mut [f64]) {
     let per = 1.0 / (s * s);
     for ((omega, e), w) in omega.iter_mut().zip(e).zip(weight) {

@@ -33,28 +33,18 @@ pub struct Fact {
 
 /// Decides what the signals alone show, repairs PV and its weights, and tells.
 ///
-/// * `stem`: the best stem so far, of the data as they are by then: of clocks that were put right, it is another.
-/// * `known`: only this kind is looked for; `None` for all.
-pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>, known: Option<Kind>) -> Vec<Fact> {
-    let asked = |kind| known.is_none_or(|known| known == kind);
+/// `stem`: the best stem so far, of the data as they are by then: of clocks that were put right, it is another.
+pub fn assess(data: &mut IdData, stem: &dyn Fn(&IdData) -> Vec<f64>) -> Vec<Fact> {
     let mut facts = Vec::new();
     // The step of PV belongs to PV as it was recorded: a repair puts other values in between.
     let step = quantised::step_of(&measured(data, &data.y));
     data.least_scale = quantised::error_of(step);
     // A coarse PV stands still by itself: where both are there, its steps are named first.
-    if asked(Kind::QuantisedPv) {
-        facts.extend(quantised::assess(data));
-    }
-    if asked(Kind::FrozenPv) {
-        facts.extend(frozen::assess(data));
-    }
+    facts.extend(quantised::assess(data));
+    facts.extend(frozen::assess(data));
     // What PV's own past says of a sample means nothing where OP's is of another time.
-    if asked(Kind::ClockSkew) {
-        facts.extend(clock::assess(data, step));
-    }
-    if asked(Kind::Outliers) {
-        facts.extend(outliers::assess(data, stem, step));
-    }
+    facts.extend(clock::assess(data, step));
+    facts.extend(outliers::assess(data, stem, step));
     facts
 }
 

@@ -249,23 +249,25 @@ impl<'a> Search<'a> {
         ranked
     }
 
+    /// Valve `i` of a family's coarse grid, 1 to [`VALUES`].
+    fn of_grid(&self, i: usize, (rule, ratio): (StopRule, f64)) -> ValveModel {
+        let s = 2.0 * self.data.f_max * (i as f64 / VALUES as f64).powf(CROWDED);
+        ValveModel { s, j: ratio * s, rule, ..ValveModel::default() }
+    }
+
     /// The valves of the coarse grid, the best first.
     fn coarse(&self) -> Vec<ValveModel> {
-        let with = |i: usize, (rule, ratio): (StopRule, f64)| {
-            let s = 2.0 * self.data.f_max * (i as f64 / VALUES as f64).powf(CROWDED);
-            ValveModel { s, j: ratio * s, rule, ..ValveModel::default() }
-        };
-        let all: Vec<ValveModel> = (1..=VALUES).flat_map(|i| GRID.map(|family| with(i, family))).collect();
+        let all: Vec<ValveModel> =
+            (1..=VALUES).flat_map(|i| GRID.map(|family| self.of_grid(i, family))).collect();
         self.ranked(&all).into_iter().map(|ranked| ranked.1).collect()
     }
 
     /// The grid over families and S: the best valves of different families.
     fn grid(&self) -> Vec<ValveModel> {
-        let s = |i: usize| 2.0 * self.data.f_max * (i as f64 / VALUES as f64).powf(CROWDED);
         let mut best: Vec<(f64, ValveModel)> = Vec::new();
         for (rule, ratio) in GRID {
             let with = |s: f64| ValveModel { s, j: ratio * s, rule, ..ValveModel::default() };
-            let coarse: Vec<ValveModel> = (1..=VALUES).map(|i| with(s(i))).collect();
+            let coarse: Vec<ValveModel> = (1..=VALUES).map(|i| self.of_grid(i, (rule, ratio))).collect();
             let mut found = self.ranked(&coarse);
             for (step, few) in FINER {
                 found.truncate(few);
