@@ -47,6 +47,22 @@ impl Frozen {
             }
         }
     }
+
+    /// The watched value has not changed up to time `t` (s), as a source that tells of changes alone would have said. Returns
+    /// the value when that has been so for longer than the limit.
+    ///
+    /// ```
+    /// use stictiond::collect::Frozen;
+    /// let mut frozen = Frozen::new(10.0);
+    /// frozen.update(0.0, 1.5);
+    /// assert_eq!(frozen.unchanged(10.0), None);
+    /// assert_eq!(frozen.unchanged(10.5), Some(1.5));
+    /// ```
+    pub fn unchanged(&mut self, t: f64) -> Option<f64> {
+        let held = self.held.as_mut().filter(|held| t >= held.seen)?;
+        held.seen = t;
+        (t - held.since > self.limit_s).then_some(held.value)
+    }
 }
 
 fn same(a: f64, b: f64) -> bool {
@@ -84,6 +100,20 @@ mod tests {
         assert!(!frozen.update(5.0, 1.0));
         assert!(!frozen.update(15.0, 1.0));
         assert!(frozen.update(15.1, 1.0));
+    }
+
+    #[test]
+    fn a_value_that_is_not_told_again_is_watched_all_the_same() {
+        let mut frozen = Frozen::new(10.0);
+        assert_eq!(frozen.unchanged(5.0), None, "there is none");
+        frozen.update(100.0, 1.0);
+        assert_eq!(frozen.unchanged(105.0), None);
+        assert_eq!(frozen.unchanged(90.0), None, "before it was told");
+        assert_eq!(frozen.unchanged(111.0), Some(1.0));
+        // Told again with a new stamp it is what it was, and a change is one.
+        assert!(frozen.update(120.0, 1.0));
+        assert!(!frozen.update(121.0, 2.0));
+        assert_eq!(frozen.unchanged(130.0), None);
     }
 
     proptest! {

@@ -12,6 +12,8 @@ pub(super) struct Series {
     older: Option<(f64, u32)>,
     /// After what, and up to what, samples last came from history (s).
     history: Option<(f64, f64)>,
+    /// The newest sample was handed on once more, at this time (s).
+    repeated: Option<f64>,
 }
 
 /// What a sample is to those before it.
@@ -40,6 +42,11 @@ impl Series {
         self.last
     }
 
+    /// Time of the newest that was handed on, a sample that was repeated too (s).
+    pub(super) fn end(&self) -> Option<f64> {
+        self.repeated.or(self.last)
+    }
+
     /// Goes on after a sample of time `last` (s) that was handed on before the start.
     pub(super) fn after(last: f64) -> Self {
         Self { last: Some(last), ..Self::default() }
@@ -47,7 +54,27 @@ impl Series {
 
     /// Whether a sample of time `t` (s) would be the newest.
     pub(super) fn is_newer(&self, t: f64) -> bool {
-        t.is_finite() && self.last.is_none_or(|last| t > last)
+        t.is_finite() && self.end().is_none_or(|end| t > end)
+    }
+
+    /// Takes a mark of time `t` (s), which says that there is no value; true when it is the newest and to be handed on.
+    /// It is no sample of the history: what comes behind it has not come already.
+    pub(super) fn mark(&mut self, t: f64) -> bool {
+        let newer = self.is_newer(t);
+        if newer {
+            (self.last, self.history, self.repeated) = (Some(t), None, None);
+        }
+        newer
+    }
+
+    /// The newest sample is handed on once more, at `t` (s): true when that is its turn, and for the first time.
+    /// What comes next comes behind it, and the sample itself is no more news than it was.
+    pub(super) fn repeat(&mut self, t: f64) -> bool {
+        let first = self.last.is_some() && self.repeated.is_none() && self.is_newer(t);
+        if first {
+            self.repeated = Some(t);
+        }
+        first
     }
 
     /// Takes a sample just received.
@@ -60,7 +87,10 @@ impl Series {
             return Order::Again;
         }
         if t > last {
-            (self.last, self.older) = (Some(t), None);
+            if !self.is_newer(t) {
+                return Order::Old;
+            }
+            (self.last, self.older, self.repeated) = (Some(t), None, None);
             self.history = self.history.filter(|(_, until)| t <= until + LATE_S);
             return Order::New;
         }
@@ -73,7 +103,7 @@ impl Series {
         if run < SET_BACK {
             return Order::Old;
         }
-        (self.last, self.older, self.history) = (Some(t), None, None);
+        (self.last, self.older, self.history, self.repeated) = (Some(t), None, None, None);
         Order::SetBack
     }
 
@@ -86,7 +116,7 @@ impl Series {
             (Some((after, until)), Some(last)) if until == last => after,
             (_, last) => last.unwrap_or(t),
         };
-        (self.last, self.older, self.history) = (Some(t), None, Some((after, t)));
+        (self.last, self.older, self.history, self.repeated) = (Some(t), None, Some((after, t)), None);
         Order::New
     }
 }
@@ -96,33 +126,57 @@ const JUMP_S: f64 = 60.0;
 /// An estimate older than this is taken anew (s), since two clocks never run alike.
 const ANEW_S: f64 = 600.0;
 
-/// What the clocks of the sources show, carried on by a steady clock that nobody sets. Pure.
+/// What a source's clock shows, carried on by a steady clock that nobody sets. Pure.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SourceClock {
     /// A source time, and when it came by the steady clock (s).
     known: Option<(f64, f64)>,
+    /// What is known is of now, and not only the stamp of a value that may not have changed for days.
+    runs: bool,
+    /// The newest stamp too far ahead to be believed, and how many have come in a row, each later than the one before.
+    ahead: Option<(f64, u32)>,
 }
 
 impl SourceClock {
-    /// The sources' time at `steady` (s); `None` before the first sample.
+    /// The source's time at `steady` (s); `None` before the first sample.
     pub(super) fn now(&self, steady: f64) -> Option<f64> {
         self.known.map(|(t, at)| t + (steady - at))
+    }
+
+    /// The same; `None` too while all that came is one value, stamped long before our own clock's time.
+    pub(super) fn running(&self, steady: f64) -> Option<f64> {
+        self.now(steady).filter(|_| self.runs)
     }
 
     /// Takes the time `t` of a sample that came at `steady`, when our own clock showed `ours` (s). Returns by how much
     /// the source's clock was set, if it was.
     pub(super) fn heard(&mut self, t: f64, steady: f64, ours: f64, set_back: bool) -> Option<f64> {
         let Some(expected) = self.now(steady) else {
-            self.known = Some((t, steady));
+            (self.known, self.runs) = (Some((t, steady)), t >= ours - JUMP_S);
             return None;
         };
-        // Of several tags the one that came without delay tells the time; an old value tells nothing.
+        let ahead = !set_back && t > expected.max(ours) + JUMP_S;
+        if ahead && !self.is_confirmed(t) {
+            return None;
+        }
+        (self.runs, self.ahead) = (true, None);
+        // The sample that came without delay tells the time; an old one tells nothing.
         let stale = self.known.is_some_and(|(_, at)| steady - at > ANEW_S);
         if t >= expected || set_back || (stale && t > expected - JUMP_S) {
             self.known = Some((t, steady));
         }
-        let jumped = if set_back { t < expected - 1.0 } else { t > expected.max(ours) + JUMP_S };
+        let jumped = if set_back { t < expected - 1.0 } else { ahead };
         jumped.then_some(t - expected)
+    }
+
+    /// Whether so many stamps far ahead have come in a row that a clock was set, and not one of them wrong.
+    fn is_confirmed(&mut self, t: f64) -> bool {
+        let run = match self.ahead {
+            Some((before, run)) if t > before => run + 1,
+            _ => 1,
+        };
+        self.ahead = Some((t, run));
+        run >= SET_BACK
     }
 }
 
@@ -187,14 +241,83 @@ mod tests {
         // A value that came late, and our own clock an hour off, change nothing.
         assert_eq!(clock.heard(87_000.0, 11.0, 91_000.0, false), None);
         assert_eq!(clock.now(11.0), Some(87_410.0));
-        // An hour forward, told by two tags, and back again, told by two.
-        assert_eq!(clock.heard(91_010.0, 11.0, 87_411.0, false), Some(3600.0));
-        assert_eq!(clock.heard(91_010.0, 11.0, 87_411.0, false), None);
-        assert_eq!(clock.heard(87_415.0, 16.0, 87_416.0, true), Some(-3600.0));
-        assert_eq!(clock.heard(87_415.0, 16.0, 87_416.0, true), None);
+        // An hour forward is believed at the fifth sample, and said once; so is the way back.
+        for k in [0.0, 1.0, 2.0, 3.0] {
+            assert_eq!(clock.heard(91_010.0 + k, 11.0 + k, 87_411.0 + k, false), None);
+            assert_eq!(clock.now(11.0 + k), Some(87_410.0 + k));
+        }
+        assert_eq!(clock.heard(91_014.0, 15.0, 87_415.0, false), Some(3600.0));
+        assert_eq!(clock.heard(91_015.0, 16.0, 87_416.0, false), None);
+        assert_eq!(clock.heard(87_420.0, 21.0, 87_421.0, true), Some(-3600.0));
+        assert_eq!(clock.heard(87_420.0, 21.0, 87_421.0, true), None);
         // A source that runs slow is followed, if not at once.
         assert_eq!(clock.heard(88_414.0, 1017.0, 88_417.0, false), None);
         assert_eq!(clock.now(1017.0), Some(88_414.0));
+    }
+
+    #[test]
+    fn one_stamp_of_another_century_sets_no_clock() {
+        let mut clock = SourceClock::default();
+        clock.heard(1000.0, 0.0, 1000.0, false);
+        assert_eq!(clock.heard(4e9, 1.0, 1001.0, false), None);
+        assert_eq!(clock.now(2.0), Some(1002.0));
+        // What comes in between begins the count anew.
+        for k in 0..4 {
+            assert_eq!(clock.heard(4e9 + f64::from(k), 2.0, 1002.0, false), None);
+            assert_eq!(clock.heard(1002.0, 2.0, 1002.0, false), None);
+        }
+        assert_eq!(clock.heard(4e9 + 9.0, 2.0, 1002.0, false), None);
+        assert_eq!(clock.now(2.0), Some(1002.0));
+    }
+
+    #[test]
+    fn a_clock_runs_once_its_time_is_known_to_be_of_now() {
+        let mut clock = SourceClock::default();
+        // A set point of yesterday tells nothing of the time; its next change does.
+        clock.heard(13_600.0, 0.0, 100_000.0, false);
+        assert_eq!((clock.now(5.0), clock.running(5.0)), (Some(13_605.0), None));
+        clock.heard(99_990.0, 20.0, 100_020.0, false);
+        assert_eq!(clock.running(25.0), Some(99_995.0));
+        // A controller's clock half a minute late is of now.
+        let mut late = SourceClock::default();
+        late.heard(99_970.0, 0.0, 100_000.0, false);
+        assert_eq!(late.running(1.0), Some(99_971.0));
+    }
+
+    #[test]
+    fn what_comes_behind_a_mark_has_not_come_already() {
+        let mut series = Series::default();
+        series.live(10.0);
+        // A mark far ahead, and the first values after the connection is back.
+        assert!(series.mark(500.0) && !series.mark(500.0) && !series.mark(20.0));
+        assert_eq!(series.live(500.5), Order::New);
+        for t in 501..520 {
+            assert_eq!(series.live(f64::from(t)), Order::New, "{t}");
+        }
+        // Nor what came from history before the mark.
+        let mut series = Series::default();
+        series.live(10.0);
+        assert_eq!(series.filled(30.0), Order::New);
+        assert!(series.mark(40.0));
+        assert_eq!(series.live(20.0), Order::Old);
+    }
+
+    #[test]
+    fn a_sample_is_repeated_once_and_is_no_news_after_that() {
+        let mut series = Series::default();
+        assert!(!series.repeat(5.0), "there is none");
+        series.live(10.0);
+        assert!(!series.repeat(10.0) && series.repeat(70.0) && !series.repeat(80.0));
+        assert_eq!((series.last(), series.end()), (Some(10.0), Some(70.0)));
+        // The server shows it with its own stamp again and again.
+        assert_eq!(series.live(10.0), Order::Again);
+        // What is older than the repetition would set the time back.
+        for t in 60..70 {
+            assert_eq!(series.live(f64::from(t)), Order::Old);
+        }
+        assert_eq!(series.filled(65.0), Order::Old);
+        assert_eq!(series.live(71.0), Order::New);
+        assert!(series.repeat(200.0));
     }
 
     proptest! {

@@ -37,6 +37,7 @@ impl Config {
         out.extend(self.numbered());
         out.extend(self.copied());
         out.extend(self.subscriptions());
+        out.extend(self.polled());
         out.extend(self.in_the_clear());
         out.extend(self.ports_of_tls());
         out.extend(self.doubts());
@@ -237,6 +238,43 @@ impl Config {
         out
     }
 
+    /// Servers that are read, and what is said of a subscription that there is none of.
+    fn polled(&self) -> Vec<String> {
+        let told = |server: &opcua::Config| {
+            let of_server = server.of_a_subscription();
+            let written: Vec<(String, &'static str)> = self
+                .loops
+                .iter()
+                .flat_map(|own| tags(own).map(move |(role, tag)| (own, role, tag)))
+                .filter_map(|(control_loop, role, tag)| {
+                    let TagConfig::Opcua(own) = tag else { return None };
+                    let key = *own.of_a_subscription().first().filter(|_| own.device == server.name)?;
+                    let name = role.map(Role::as_str).or(tag.name()).unwrap_or_default();
+                    Some((format!("{}.{name}", control_loop.id), key))
+                })
+                .collect();
+            let of_tag = written.first().map(|(name, key)| {
+                let others = match written.len() - 1 {
+                    0 => String::new(),
+                    1 => " and 1 other".to_string(),
+                    more => format!(" and {more} others"),
+                };
+                format!("{key} of {name}{others}")
+            });
+            let keys: Vec<String> =
+                of_tag.into_iter().chain(of_server.into_iter().map(str::to_string)).collect();
+            (!keys.is_empty()).then(|| {
+                format!(
+                    "{}: in mode = \"poll\" every tag is read every sampling_ms = {} of the server, without use of {}",
+                    server.name,
+                    server.sampling_ms,
+                    keys.join(", ")
+                )
+            })
+        };
+        self.opcua.iter().filter(|server| server.mode == opcua::Mode::Poll).filter_map(told).collect()
+    }
+
     /// Loops that read OP where another does.
     fn copied(&self) -> Vec<String> {
         let mut first: HashMap<String, &LoopConfig> = HashMap::new();
@@ -311,4 +349,39 @@ fn beyond_range(control_loop: &LoopConfig) -> Option<String> {
 /// `1 tag names`, `5 tags name`.
 fn tags_name(count: usize) -> String {
     if count == 1 { "1 tag names".into() } else { format!("{count} tags name") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::parse;
+
+    #[test]
+    fn what_only_a_subscription_follows_is_told_of_a_server_that_is_read() {
+        let remarks = |server: &str, op: &str, pv: &str| {
+            let text = format!(
+                "[[opcua]]\nname = 's'\nurl = 'opc.tcp://localhost:4840/'\nsecurity_policy = 'None'\n{server}\n\
+                 [[loop]]\nid = 'A'\nop_span = 100.0\n[loop.op]\ndevice = 's'\nnode = 'nsu=urn:p;s=OP'\n{op}\n\
+                 [loop.pv]\ndevice = 's'\nnode = 'nsu=urn:p;s=PV'\n{pv}\n"
+            );
+            let config = parse("f", &text).unwrap_or_else(|errors| panic!("{text}\n{errors:?}"));
+            let found = config.remarks();
+            found.into_iter().filter(|remark| remark.contains("without use of")).collect::<Vec<_>>()
+        };
+        let polled = "mode = 'poll'\nsampling_ms = 500";
+        assert_eq!(remarks(polled, "", ""), [""; 0]);
+        assert_eq!(remarks("publishing_ms = 500", "", "sampling_ms = 500"), [""; 0], "it has a subscription");
+        let tags = remarks(polled, "sampling_ms = 200\nqueue_size = 3", "deadband = 0.0");
+        assert_eq!(tags.len(), 1, "{tags:?}");
+        assert!(
+            tags[0].starts_with("s: in mode = \"poll\" every tag is read every sampling_ms = 500"),
+            "{tags:?}"
+        );
+        assert!(tags[0].ends_with("without use of sampling_ms of A.op and 1 other"), "{tags:?}");
+        let both = remarks(&format!("{polled}\npublishing_ms = 200\nqueue_size = 3"), "", "queue_size = 3");
+        assert_eq!(both.len(), 1, "{both:?}");
+        assert!(
+            both[0].ends_with("without use of queue_size of A.pv, publishing_ms, queue_size"),
+            "{both:?}"
+        );
+    }
 }

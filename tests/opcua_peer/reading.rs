@@ -99,7 +99,7 @@ async fn a_session_that_is_connected_but_silent_is_dead() {
 #[tokio::test]
 async fn values_that_do_not_change_are_no_reason_to_reconnect() {
     let server = Server::start(&[]).await;
-    let config = config(server.port, "publishing_ms = 50\nsilent_s = 0.3");
+    let config = config(server.port, "sampling_ms = 20\npublishing_ms = 50\nsilent_s = 0.3");
     let mut watch = Watch::start(plan(&config, &[steady(1)]));
     watch.until("a value", 0, |all| !all.is_empty()).await;
     // Forty publishings are several times the silence allowed.
@@ -107,6 +107,38 @@ async fn values_that_do_not_change_are_no_reason_to_reconnect() {
     assert_eq!((health.reconnects, health.link_errors, health.timeouts), (0, 0, 0));
     assert_eq!(watch.samples(0).len(), 1);
     watch.stop().await;
+}
+
+#[tokio::test]
+async fn a_subscription_slower_than_the_silence_allowed_is_no_reason_to_reconnect() {
+    let server = Server::start(&[]).await;
+    let config = config(server.port, "sampling_ms = 500\npublishing_ms = 500\nsilent_s = 0.3");
+    let mut watch = Watch::start(plan(&config, &[COUNTER.into()]));
+    watch.until("values", 0, |all| all.len() > 10).await;
+    let health = watch.health.snapshot();
+    assert_eq!((health.reconnects, health.link_errors, health.timeouts), (0, 0, 0), "{health:?}");
+    watch.stop().await;
+}
+
+#[tokio::test]
+async fn a_value_that_has_to_move_and_does_not_is_stale_once() {
+    let mut server = Server::start(&[]).await;
+    for (mode, value) in [("subscribe", 5.0), ("poll", 6.0)] {
+        let lines = format!("mode = '{mode}'\nsampling_ms = 20\npublishing_ms = 50");
+        let mut planned = plan(&config(server.port, &lines), &[steady(1)]);
+        planned.tags[0].frozen_after_s = Some(0.5);
+        let mut watch = Watch::start(planned);
+        let first = watch.until("stale", 0, |all| all.iter().any(|s| s.quality == Quality::Stale)).await;
+        let polls = watch.health.snapshot().polls;
+        watch.until_health("periods", |health| health.polls > polls + 20).await;
+        assert_eq!(watch.samples(0).len(), first.len(), "{mode}");
+        server.tell(&format!("set Steady1 {value}")).await;
+        let samples = watch.until("it moves", 0, |all| all.iter().any(|s| s.value == value)).await;
+        let moved = samples.iter().find(|s| s.value == value).expect("it is there");
+        assert_eq!(moved.quality, Quality::Good, "{mode}");
+        assert!(samples.windows(2).all(|pair| pair[1].t > pair[0].t), "{samples:?}");
+        watch.stop().await;
+    }
 }
 
 #[tokio::test]

@@ -81,6 +81,9 @@ async fn a_connection_cut_mid_run_loses_and_repeats_nothing() {
         watch.until("values", 0, |all| all.len() > before + 20).await;
         server.tell("drop").await;
         watch.until_health("a new session", |health| health.reconnects == cut && health.connected).await;
+        // A session counts polls once its history is read: two that are lost before leave history out.
+        let polls = watch.health.snapshot().polls;
+        watch.until_health("live values", |health| health.connected && health.polls > polls).await;
     }
     let before = watch.samples(0).len();
     let samples = watch.until("values after all", 0, |all| all.len() > before + 40).await;

@@ -169,10 +169,11 @@ impl Collector {
 
     /// Opens or closes the breaker after a poll in which something was asked.
     fn judge(&mut self, round: &Round) {
-        let silent = if round.unreachable {
-            Some(BadReason::LinkDown)
-        } else if round.any_answer {
+        let silent = if round.any_answer {
+            // Also when no second connection could be made: a device that answered is there.
             (round.gateway_refused && round.good == 0).then_some(BadReason::DeviceException)
+        } else if round.unreachable {
+            Some(BadReason::LinkDown)
         } else {
             round.unanswered.last().map(|(_, reason)| *reason)
         };
@@ -394,6 +395,8 @@ fn tick_number(since_anchor: Duration, period: Duration) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::config::Config;
+    use super::super::plan::TagSpec;
     use super::*;
 
     #[test]
@@ -402,5 +405,36 @@ mod tests {
         let number = |since| tick_number(ms(since), ms(100));
         assert_eq!([0, 1, 49, 99, 100, 101, 249, 251].map(number), [0, 0, 0, 1, 1, 1, 2, 3]);
         assert_eq!(tick_number(ms(5), Duration::ZERO), 5_000_000);
+    }
+
+    #[tokio::test]
+    async fn a_device_that_answered_is_asked_in_the_next_poll_though_no_second_connection_was_made() {
+        let config: Config = toml::from_str("name = 'd'\naddress = 'h:1'\naddress_base = 0").unwrap();
+        let spec = TagSpec {
+            index: 0,
+            name: "a".into(),
+            role: None,
+            config: toml::from_str("device = 'd'\nregister = 'holding'\naddress = 0\ntype = 'u16'").unwrap(),
+            frozen_after_s: None,
+        };
+        let plan = Plan::new(0, &config, vec![spec]).unwrap();
+        let mut collector = Collector::new(plan, Arc::new(|| 0.0), 1);
+        let mut round = Round {
+            deadline: Instant::now(),
+            good: 1,
+            bad: 1,
+            any_answer: true,
+            unanswered: Vec::new(),
+            losses: 1,
+            unreachable: true,
+            gateway_refused: false,
+            busy: Vec::new(),
+        };
+        collector.judge(&round);
+        assert!(collector.open_for.is_none() && collector.backoff.due(Instant::now()));
+        round.any_answer = false;
+        collector.judge(&round);
+        assert_eq!(collector.open_for, Some(BadReason::LinkDown));
+        assert!(!collector.backoff.due(Instant::now()));
     }
 }

@@ -253,6 +253,16 @@ impl Config {
         })
     }
 
+    /// The keys that are not as they would be if left out, and that a subscription alone follows.
+    pub fn of_a_subscription(&self) -> Vec<&'static str> {
+        let keys = [
+            ("publishing_ms", self.publishing_ms != default_publishing_ms()),
+            ("queue_size", self.queue_size != default_queue_size()),
+            ("deadband_percent", self.deadband_percent != 0.0),
+        ];
+        keys.into_iter().filter(|(_, written)| *written).map(|(key, _)| key).collect()
+    }
+
     /// Everything wrong with the server's own fields; empty when it can be asked.
     pub fn validate(&self) -> Vec<Issue> {
         let mut issues = Vec::new();
@@ -356,6 +366,17 @@ impl TagConfig {
                 issue("path", &format!("'{path}' is not a browse path such as {example}"))
             }),
         }
+    }
+
+    /// The keys that are there, and that a subscription alone follows.
+    pub fn of_a_subscription(&self) -> Vec<&'static str> {
+        let keys = [
+            ("sampling_ms", self.sampling_ms.is_some()),
+            ("queue_size", self.queue_size.is_some()),
+            ("deadband", self.deadband.is_some()),
+            ("deadband_percent", self.deadband_percent.is_some()),
+        ];
+        keys.into_iter().filter(|(_, written)| *written).map(|(key, _)| key).collect()
     }
 
     /// What its raw numbers mean.

@@ -1,10 +1,9 @@
 //! The task that keeps one server: connects, subscribes or polls, fills the gap, and does so again when it is lost.
 
-use super::config::{Mode, Place};
+use super::config::{Mode, Place, TimeFallback};
 use super::link::{Link, Lost};
-use super::listener::Event;
 use super::names::Pins;
-use super::plan::{Plan, Sampling, Tag};
+use super::plan::{Plan, Tag};
 use super::value::{self, NoNumber};
 use crate::collect::backoff::Backoff;
 use crate::collect::series::{Order, Series, SourceClock};
@@ -22,6 +21,8 @@ use tokio_util::sync::CancellationToken;
 use tracing::{debug, info, warn};
 
 mod fill;
+mod listen;
+mod marks;
 
 /// First pause before a lost session is opened again.
 const FIRST_PAUSE: Duration = Duration::from_millis(500);
@@ -39,9 +40,11 @@ pub struct Collector {
     backoff: Backoff,
     /// Since when the server is not there, as the last warning said.
     down: Option<Instant>,
-    /// The sources' clock, against one that nobody sets.
-    source: SourceClock,
     born: Instant,
+    /// When a value last came, by a clock that nobody sets (s).
+    heard_at: f64,
+    /// Sessions in a row that were lost while history was read.
+    lost_filling: u32,
     round: Round,
     /// The namespaces that plain numbers mean.
     pins: Pins,
@@ -52,14 +55,20 @@ pub struct Collector {
 /// What is known of one tag.
 struct State {
     series: Series,
+    /// The clock of its source: tags of one server may come from controllers whose clocks differ.
+    source: SourceClock,
     frozen: Option<Frozen>,
     node: Option<NodeId>,
     /// The last value as it was sent, to know a change.
     raw: Option<f64>,
     /// A session was lost since the newest sample.
     gap: bool,
+    /// Up to when all of it came (s by its source), since a session was lost and until live values go on.
+    gap_from: Option<f64>,
     /// The newest sample is without a value, and its time is not the source's.
     marked: bool,
+    /// The newest sample is good.
+    good: bool,
     /// It was said that the node is refused.
     refused: bool,
     /// Why the newest value without a number had none, as it was said.
@@ -80,11 +89,14 @@ impl Collector {
         let longest = Duration::from_millis(plan.config.reconnect_max_ms);
         let state = |tag: &Tag| State {
             series: Series::default(),
+            source: SourceClock::default(),
             frozen: tag.frozen_after_s.map(Frozen::new),
             node: None,
             raw: None,
             gap: false,
+            gap_from: None,
             marked: false,
+            good: false,
             refused: false,
             no_number: None,
         };
@@ -94,8 +106,9 @@ impl Collector {
             tags: plan.tags.iter().map(state).collect(),
             backoff: Backoff::new(FIRST_PAUSE.min(longest), longest, Pcg32::seed_from_u64(random.random())),
             down: None,
-            source: SourceClock::default(),
             born: Instant::now(),
+            heard_at: 0.0,
+            lost_filling: 0,
             round: Round::default(),
             pins: Pins::default(),
             starting: false,
@@ -109,8 +122,9 @@ impl Collector {
         self.starting = self.plan.config.backfill_s > 0.0;
         if self.starting {
             for (tag, state) in self.plan.tags.iter().zip(&mut self.tags) {
-                state.series = newest(tag.index).map_or_else(Series::default, Series::after);
-                state.gap = true;
+                let newest = newest(tag.index);
+                state.series = newest.map_or_else(Series::default, Series::after);
+                (state.gap, state.gap_from) = (true, newest);
             }
         }
     }
@@ -148,7 +162,7 @@ impl Collector {
                     self.health.connected();
                     debug!(device = %self.name(), url = %config.url, "session opened");
                     let lost = self.stay(link, sink).await;
-                    self.tags.iter_mut().for_each(|tag| tag.gap = true);
+                    self.left();
                     ticks.reset();
                     lost
                 }
@@ -162,11 +176,6 @@ impl Collector {
 
     fn name(&self) -> &str {
         &self.plan.config.name
-    }
-
-    /// The time that the sources' clocks show now (s), whatever is done to ours; ours before the first sample.
-    fn source_now(&self) -> f64 {
-        self.source.now(self.born.elapsed().as_secs_f64()).unwrap_or_else(|| self.clock.now())
     }
 
     fn period(&self) -> Duration {
@@ -214,22 +223,6 @@ impl Collector {
         }
     }
 
-    /// Nobody is there. While the gap may still be filled nothing is handed on, since a ring only goes forward.
-    fn down_tick(&mut self, sink: &dyn Sink) {
-        let now = self.source_now();
-        let (fills, longest) = (self.plan.config.fill_gaps, self.longest_gap());
-        for at in 0..self.tags.len() {
-            // Before the first value there is no time line to mark.
-            let waits = self.tags[at].series.last().is_none_or(|last| fills && now - last <= longest);
-            if !waits && self.tags[at].series.filled(now).is_news() {
-                self.hand_over(at, now, Reading::bad(BadReason::LinkDown), sink);
-            } else {
-                self.round.bad += 1;
-            }
-        }
-        self.end_round(sink, Duration::ZERO);
-    }
-
     fn end_round(&mut self, sink: &dyn Sink, took: Duration) {
         let Round { good, bad } = std::mem::take(&mut self.round);
         self.health.poll_done(took > self.period());
@@ -248,64 +241,6 @@ impl Collector {
             Err(lost) => lost,
             Ok(never) => match never {},
         }
-    }
-
-    async fn listen(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<Never, Lost> {
-        let (subscription, mut events) = link.subscribe().await?;
-        self.monitor(link, subscription, sink).await?;
-        // What the subscription brings meanwhile waits in its queue: history comes first.
-        self.fill(link, sink).await?;
-        let silence = Duration::from_secs_f64(self.plan.config.silent_s);
-        let (mut heard, mut retried) = (Instant::now(), Instant::now());
-        let mut ticks = self.ticks();
-        loop {
-            tokio::select! {
-                biased;
-                event = events.recv() => match event {
-                    Some(Event::Value(at, value)) => {
-                        heard = Instant::now();
-                        self.live(at, &value, sink);
-                    }
-                    Some(Event::Ended(status)) => {
-                        return Err(Lost::Broken(format!("the server ended the subscription: {status}")));
-                    }
-                    None => return Err(Lost::Broken("the subscription is gone".into())),
-                },
-                () = link.ended() => return Err(Lost::Broken("the server ended the session".into())),
-                _ = ticks.tick() => {
-                    if heard.elapsed() > silence {
-                        self.listen_closer(link, sink).await?;
-                        heard = Instant::now();
-                    }
-                    if retried.elapsed() > RETRY {
-                        self.monitor(link, subscription, sink).await?;
-                        retried = Instant::now();
-                    }
-                    let dropped = link.take_dropped();
-                    if dropped > 0 {
-                        return Err(Lost::Broken(format!("{dropped} values came faster than they could be taken")));
-                    }
-                    self.end_round(sink, Duration::ZERO);
-                }
-            }
-        }
-    }
-
-    /// Finds the nodes that have none yet and has them monitored. A refused one leaves the others alone.
-    async fn monitor(&mut self, link: &mut Link, subscription: u32, sink: &dyn Sink) -> Result<(), Lost> {
-        let fresh = self.resolve(link, sink).await?;
-        let asked = |at: usize| Some((at, self.tags[at].node.clone()?, self.plan.tags[at].sampling));
-        let nodes: Vec<(usize, NodeId, Sampling)> = fresh.into_iter().filter_map(asked).collect();
-        let taken = link.monitor(subscription, &nodes).await?;
-        for ((at, ..), status) in nodes.into_iter().zip(taken) {
-            if status.is_bad() {
-                self.tags[at].node = None;
-                self.refused(at, &format!("not monitored: {status}"), sink);
-            } else {
-                self.tags[at].refused = false;
-            }
-        }
-        Ok(())
     }
 
     /// Finds the nodes of tags that have none; returns which were found.
@@ -331,18 +266,6 @@ impl Collector {
         Ok(found)
     }
 
-    /// The server is alive and refuses this node.
-    fn refused(&mut self, at: usize, why: &str, sink: &dyn Sink) {
-        self.health.refused();
-        if !std::mem::replace(&mut self.tags[at].refused, true) {
-            warn!(device = %self.name(), tag = %self.plan.tags[at].name, "{why}");
-        }
-        let now = self.source_now();
-        if self.tags[at].series.filled(now).is_news() {
-            self.hand_over(at, now, Reading::bad(BadReason::DeviceException), sink);
-        }
-    }
-
     /// A value is no number. It is said once, and again when the reason is another.
     fn say_why(&mut self, at: usize, why: &NoNumber) {
         let kind = std::mem::discriminant(why);
@@ -351,29 +274,6 @@ impl Collector {
             warn!(device = %self.name(), tag = %self.plan.tags[at].name, "bad:not_a_number: {why}");
             self.tags[at].no_number = Some(why.clone());
         }
-    }
-
-    /// Nothing came for long. Either nothing has changed, or the subscription is dead: reading tells.
-    async fn listen_closer(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<(), Lost> {
-        let (places, values) = self.read(link).await?;
-        let mut hidden = 0;
-        for (at, value) in places.into_iter().zip(values) {
-            let tag = &self.tags[at];
-            let t = value::time(&value, self.plan.config.source_time_fallback, self.clock.now());
-            let raw = value::number(&value, &self.plan.tags[at].meaning).ok();
-            let source = value.source_timestamp.is_some();
-            let newer = source && t.is_some_and(|t| tag.series.is_newer(t));
-            let sent = self.plan.tags[at].sampling.deadband.lets_through(tag.raw, raw);
-            hidden += usize::from(newer && sent);
-            self.live(at, &value, sink);
-        }
-        if hidden > 0 {
-            let silent_s = self.plan.config.silent_s;
-            return Err(Lost::Broken(format!(
-                "the subscription was silent for {silent_s} s while {hidden} values changed"
-            )));
-        }
-        Ok(())
     }
 
     async fn poll(&mut self, link: &mut Link, sink: &dyn Sink) -> Result<Never, Lost> {
@@ -392,6 +292,9 @@ impl Collector {
             for (at, value) in places.into_iter().zip(values) {
                 self.live(at, &value, sink);
             }
+            // Live values go on: this session has lived through its history.
+            self.lost_filling = 0;
+            self.repeat_frozen(sink);
             self.end_round(sink, began.elapsed());
         }
     }
@@ -416,6 +319,7 @@ impl Collector {
     fn live(&mut self, at: usize, value: &DataValue, sink: &dyn Sink) {
         let Some(tag) = self.plan.tags.get(at) else { return };
         self.backoff.reset();
+        self.heard_at = self.steady();
         let now = self.clock.now();
         let reading = value::reading(value, &tag.meaning);
         let raw = value::number(value, &tag.meaning);
@@ -424,57 +328,53 @@ impl Collector {
         }
         let unusable = matches!(reading.quality, Quality::Bad(_)) && reading.value.is_nan();
         let own = value::time(value, self.plan.config.source_time_fallback, now);
+        let before = self.tags[at].series.end();
+        let behind = |t: f64| before.map_or(t, |end| t.max(end + STEP_S));
         // What is bad has no value that a fresh stamp could make look fresh; its source often keeps the old stamp.
-        let t = match own {
-            Some(t) if !unusable || self.tags[at].series.is_newer(t) => t,
-            _ if unusable => {
-                let t = value::server_time(value).unwrap_or_else(|| self.source_now());
-                self.tags[at].series.last().map_or(t, |last| t.max(last + STEP_S))
+        let source = value::time(value, TimeFallback::None, now);
+        let (t, stamped) = match (source.filter(|t| self.tags[at].series.is_newer(*t)), own) {
+            (Some(t), _) if unusable => (t, true),
+            _ if unusable => (behind(self.came(at, value)), false),
+            // A value that did not change while it could not be had keeps its old source time, but comes after the mark.
+            (_, Some(t)) if self.tags[at].marked && before.is_some_and(|mark| t <= mark) => {
+                (behind(self.came(at, value)), false)
             }
-            _ => {
+            // What changed before its repetition, and came after it, is put behind that.
+            (_, Some(t))
+                if before.is_some_and(|end| t <= end)
+                    && self.tags[at].series.last().is_some_and(|last| t > last) =>
+            {
+                (behind(t), false)
+            }
+            (_, Some(t)) => (t, true),
+            (_, None) => {
                 return self.refused(at, "a value without a time: see source_time_fallback", sink);
             }
         };
         self.tags[at].raw = raw.ok();
-        let before = self.tags[at].series.last();
-        // A value that did not change while it could not be had keeps its old source time, but comes after the mark.
-        let t = match before {
-            Some(mark) if self.tags[at].marked && !unusable && t <= mark => {
-                value::server_time(value).unwrap_or_else(|| self.source_now()).max(mark + STEP_S)
-            }
-            _ => t,
-        };
         let order = self.tags[at].series.live(t);
         let gap = std::mem::take(&mut self.tags[at].gap);
-        if let Order::Old | Order::Again = order {
-            if order == Order::Old {
-                self.health.discarded();
-            }
-            // An old stray says nothing about the gap; the same value again says that nothing happened.
-            self.tags[at].gap = gap && order == Order::Old;
+        if order == Order::Old {
+            self.health.discarded();
+            // An old stray says nothing about the gap.
+            self.tags[at].gap = gap;
+            return;
+        }
+        let gap_from = self.tags[at].gap_from.take();
+        // The same value again says that nothing happened.
+        if order == Order::Again {
             return;
         }
         if let Some(before) = before.filter(|before| gap && t > *before) {
-            // Between the two nobody was listening: say so, rather than have them joined by a straight line.
-            self.hand_over(at, before + (t - before) / 2.0, Reading::bad(BadReason::LinkDown), sink);
+            self.mark_gap(at, (before, gap_from), t, sink);
         }
-        if !unusable {
+        if !unusable && stamped {
             self.heard(at, t, order == Order::SetBack);
         }
         if let Some(since) = self.down.take() {
             info!(device = %self.name(), after_s = since.elapsed().as_secs_f64(), "data again");
         }
         self.hand_over(at, t, reading, sink);
-    }
-
-    /// Sets the sources' clock by a sample that just came, and says so when it has jumped.
-    fn heard(&mut self, at: usize, t: f64, set_back: bool) {
-        let steady = self.born.elapsed().as_secs_f64();
-        if let Some(by_s) = self.source.heard(t, steady, self.clock.now(), set_back) {
-            self.health.clock_jumped();
-            let tag = &self.plan.tags[at].name;
-            warn!(device = %self.name(), %tag, t, by_s, "the source's clock was set");
-        }
     }
 
     fn hand_over(&mut self, at: usize, t: f64, mut reading: Reading, sink: &dyn Sink) {
@@ -485,7 +385,7 @@ impl Collector {
             reading.quality = Quality::Stale;
         }
         let Reading { value, quality } = reading;
-        state.marked = value.is_nan();
+        (state.marked, state.good) = (value.is_nan(), quality.is_good());
         if let Quality::Bad(_) = quality {
             self.round.bad += 1;
             self.health.unusable();
@@ -500,5 +400,7 @@ impl Collector {
 /// Nothing: a session ends only by being lost.
 enum Never {}
 
+#[cfg(test)]
+mod outage_tests;
 #[cfg(test)]
 mod tests;

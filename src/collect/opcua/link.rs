@@ -68,6 +68,20 @@ pub(super) struct Page {
     pub(super) next: ByteString,
 }
 
+/// The task of a session that is not linked yet: whoever stops waiting for the link ends it too.
+struct Started {
+    task: AbortHandle,
+    linked: bool,
+}
+
+impl Drop for Started {
+    fn drop(&mut self) {
+        if !self.linked {
+            self.task.abort();
+        }
+    }
+}
+
 /// An open session. Dropped, it says goodbye on a task of its own.
 pub(super) struct Link {
     config: Arc<Config>,
@@ -111,10 +125,10 @@ impl Link {
         )
             .into();
         let connecting = async {
-            let endpoints = client.get_server_endpoints_from_url(wire::to(&config.url)?).await?;
+            let endpoints = client.get_server_endpoints_from_url(wire::to(&config.url, limit)?).await?;
             let asked = client.session_builder().with_endpoints(endpoints);
             let asked = asked.connect_to_matching_endpoint(endpoint)?.user_identity_token(token);
-            asked.with_connector(wire::Wire).build(client.certificate_store().clone())
+            asked.with_connector(wire::Wire(limit)).build(client.certificate_store().clone())
         };
         let (session, events) = match timeout(limit, connecting).await {
             Err(_) => return Err(Lost::Timeout(format!("{} does not list its endpoints", config.url))),
@@ -129,7 +143,7 @@ impl Link {
             guard.cancel();
             status
         });
-        let abort = task.abort_handle();
+        let mut started = Started { task: task.abort_handle(), linked: false };
         // Waiting alone would hang for ever once the loop has given up.
         let connected = tokio::select! {
             status = task => Err(status.unwrap_or(StatusCode::BadUnexpectedError)),
@@ -137,16 +151,15 @@ impl Link {
         };
         match connected {
             Ok(true) => {}
-            Ok(false) => {
-                abort.abort();
-                return Err(Lost::Timeout(format!("{} opens no session", config.url)));
-            }
+            Ok(false) => return Err(Lost::Timeout(format!("{} opens no session", config.url))),
             Err(status) => return Err(unopened(status, &config)),
         }
         session.disable_reconnects();
         let most = config.max_nodes_per_request;
         let limits = Limits { read: most, monitor: most, translate: most, history: most };
-        let mut link = Link { config, session, limits, ended: over, task: abort, dropped: Arc::default() };
+        started.linked = true;
+        let task = started.task.clone();
+        let mut link = Link { config, session, limits, ended: over, task, dropped: Arc::default() };
         link.read_limits().await?;
         Ok(link)
     }
@@ -376,6 +389,8 @@ fn unfiltered(mut item: MonitoredItemCreateRequest) -> MonitoredItemCreateReques
 /// A client that never reconnects by itself and trusts nobody unasked.
 fn client(config: &Config) -> Result<Client, String> {
     let timeout = Duration::from_millis(config.timeout_ms);
+    // A subscription that is slow has nothing to say for long.
+    let silence_s = config.silent_s.max(3.0 * (config.sampling_ms + config.publishing_ms) as f64 / 1e3);
     // Without security no folder is needed, and none is made: nothing can be below a device.
     let none = PathBuf::from("/dev/null/pki");
     let secure = config.security_policy != SecurityPolicy::None;
@@ -393,7 +408,7 @@ fn client(config: &Config) -> Result<Client, String> {
         .verify_server_certs(true)
         .session_retry_limit(0)
         .request_timeout(timeout)
-        .publish_timeout(timeout.saturating_mul(2).max(Duration::from_secs_f64(config.silent_s)))
+        .publish_timeout(timeout.saturating_mul(2).max(Duration::from_secs_f64(silence_s)))
         .keep_alive_interval(Duration::from_secs_f64(config.silent_s / 3.0))
         .max_failed_keep_alive_count(2)
         .recreate_subscriptions(false)
@@ -401,4 +416,19 @@ fn client(config: &Config) -> Result<Client, String> {
     // The library complains of a missing folder, also where none is needed; what is needed was looked for before.
     let quiet = tracing::subscriber::NoSubscriber::default();
     tracing::subscriber::with_default(quiet, || built.client()).map_err(|errors| errors.join("; "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_session_that_nobody_waits_for_any_more_is_ended() {
+        let unlinked = tokio::spawn(std::future::pending::<()>());
+        drop(Started { task: unlinked.abort_handle(), linked: false });
+        assert!(unlinked.await.is_err_and(|error| error.is_cancelled()));
+        let linked = tokio::spawn(std::future::ready(()));
+        drop(Started { task: linked.abort_handle(), linked: true });
+        assert!(linked.await.is_ok());
+    }
 }

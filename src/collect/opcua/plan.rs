@@ -105,6 +105,18 @@ impl Plan {
         if issues.is_empty() { Ok(Self { device, config: config.clone(), tags }) } else { Err(issues) }
     }
 
+    /// Time from a change to its publishing at most (s), by the slowest of the tags.
+    pub(super) fn pace_s(&self) -> f64 {
+        let slowest =
+            self.tags.iter().map(|tag| tag.sampling.every_ms).max().unwrap_or(self.config.sampling_ms);
+        (slowest + self.config.publishing_ms) as f64 / 1e3
+    }
+
+    /// A session without data for longer is looked into (s): a slow subscription has nothing to say for so long.
+    pub(super) fn silence_s(&self) -> f64 {
+        self.config.silent_s.max(3.0 * self.pace_s())
+    }
+
     /// Whether a server would be asked the same under both plans, apart from the numbers of its tags and its own.
     pub fn asks_the_same(&self, other: &Plan) -> bool {
         self.config == other.config
@@ -124,5 +136,30 @@ fn ready(server: &Config, spec: TagSpec, place: Place) -> Tag {
         frozen_after_s: spec.frozen_after_s,
         sampling: Sampling::new(server, &spec.config),
         meaning: spec.config.meaning(spec.role),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_subscription_that_is_slow_is_not_taken_for_a_silent_one() {
+        let plan = |server: &str, tag: &str| {
+            let text = format!("name = 'd'\nurl = 'opc.tcp://d:4840/'\nsecurity_policy = 'None'\n{server}");
+            let spec = TagSpec {
+                index: 0,
+                name: "a".into(),
+                role: None,
+                config: toml::from_str(&format!("device = 'd'\nnode = 'ns=2;s=A'\n{tag}")).unwrap(),
+                frozen_after_s: None,
+            };
+            let config: Config = toml::from_str(&text).unwrap();
+            Plan::new(0, &config, vec![spec]).unwrap()
+        };
+        assert_eq!(plan("", "").silence_s(), 30.0);
+        assert_eq!(plan("sampling_ms = 60000\npublishing_ms = 60000", "").silence_s(), 360.0);
+        assert_eq!(plan("", "sampling_ms = 60000").silence_s(), 183.0);
+        assert_eq!(plan("sampling_ms = 60000\nsilent_s = 900.0", "").silence_s(), 900.0);
     }
 }

@@ -7,9 +7,14 @@ use opcua::types::{
     AggregateConfiguration, ByteString, HistoryData, HistoryReadValueId, NodeId, ObjectId,
     ReadProcessedDetails, ReadRawModifiedDetails, TimestampsToReturn,
 };
+use std::time::Duration;
+use tokio::time::timeout;
+use tracing::debug;
 
 /// Values of one node asked of the history at once.
 const VALUES_PER_PAGE: u32 = 1000;
+/// A session that has ended says so within this time of a request that failed for it.
+const AFTERMATH: Duration = Duration::from_secs(1);
 
 impl Link {
     /// One page of raw history of each node, from `from` to `to` (s), oldest first; `None` when the server refuses
@@ -30,7 +35,26 @@ impl Link {
         self.pages(nodes, &HistoryReadAction::ReadRawModifiedDetails(details)).await
     }
 
-    /// The same of the server's means over every `every_s`, where it makes any.
+    /// The same for a session that has more to do: whatever a historian says, or leaves unsaid, is no reason to end it.
+    /// `None` too when a request failed, while the session lives.
+    pub(in crate::collect::opcua) async fn history_if_any(
+        &mut self,
+        nodes: &[(NodeId, ByteString)],
+        from: f64,
+        to: f64,
+    ) -> Result<Option<Vec<Page>>, Lost> {
+        let lost = match self.history(nodes, from, to).await {
+            Err(lost) => lost,
+            answered => return answered,
+        };
+        if timeout(AFTERMATH, self.ended()).await.is_ok() {
+            return Err(lost);
+        }
+        debug!(device = %self.config.name, "history: {lost}");
+        Ok(None)
+    }
+
+    /// A page of the server's means over every `every_s` for each node, where it makes any.
     pub(in crate::collect::opcua) async fn means(
         &mut self,
         nodes: &[(NodeId, ByteString)],
@@ -90,7 +114,10 @@ impl Link {
                     }));
                 }
                 Ok(answer) => return Err(wrong_count("history", batch.len(), answer.len())),
-                Err(Refused::TooMany) if batch.len() > 1 => self.limits.history = batch.len() / 2,
+                // What takes too long for many may be in time for few.
+                Err(Refused::TooMany | Refused::Lost(Lost::Timeout(_))) if batch.len() > 1 => {
+                    self.limits.history = batch.len() / 2;
+                }
                 Err(Refused::Service(_) | Refused::TooMany) => return Ok(None),
                 Err(Refused::Lost(lost)) => return Err(lost),
             }
