@@ -350,7 +350,7 @@ impl Scheduler {
             None => drop(seat.enter(Phase::Idle)),
             Some(asked) => match self.told(&asked).await {
                 Some(told) => {
-                    self.count(told.structure.as_ref());
+                    self.count_told(&told);
                     // It ended when it says so: the same on every machine that keeps it.
                     let finished = told.summary.time;
                     self.finish(
@@ -424,6 +424,19 @@ impl Scheduler {
                 let _ = work.await;
                 seat.enter(Phase::Idle);
             }
+        }
+    }
+
+    /// Counts a run of another machine as one that ended so here.
+    fn count_told(&self, told: &Told) {
+        match &*told.summary.outcome {
+            "panicked" => {
+                self.counts.panicked.fetch_add(1, Relaxed);
+            }
+            "deadline_exceeded" => {
+                self.counts.deadline_exceeded.fetch_add(1, Relaxed);
+            }
+            _ => self.count(told.structure.as_ref()),
         }
     }
 

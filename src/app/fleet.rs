@@ -1,6 +1,7 @@
 //! This machine among others: what each role adds to the daemon. Every role is the whole daemon; a worker has no loops, and a
 //! centre has those of the edges.
 
+mod alone;
 mod asking;
 mod centre;
 mod certificates;
@@ -31,7 +32,7 @@ use crate::serve::Machine;
 use asking::Asking;
 use prost::Message;
 use standing::Standing;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
@@ -100,6 +101,8 @@ pub(super) struct Fleet {
     diagnosed: AtomicU64,
     /// What edges say of themselves, by site and name.
     edges: Mutex<BTreeMap<(String, String), Hello>>,
+    /// Since when all that the edges of a site say is in force, on a steady clock.
+    in_force: Mutex<HashMap<String, Duration>>,
     standing: Arc<Standing>,
     /// Since when the loops of the edges are in force, on a steady clock.
     known: watch::Sender<Option<Duration>>,
@@ -179,6 +182,7 @@ impl Fleet {
             since: clock.now(),
             diagnosed: AtomicU64::new(0),
             edges: Mutex::default(),
+            in_force: Mutex::default(),
             standing,
             known: watch::Sender::new(None),
             looked_at: watch::Sender::new(0),
@@ -306,6 +310,18 @@ impl Config {
         let Some(own) = &self.fleet else { return Vec::new() };
         [Role::Edge, Role::Worker, Role::Centre].map(|role| (role.as_str(), check(role, self, own))).into()
     }
+
+    /// What is to be thought of where a part of a fleet would start with this configuration.
+    pub fn fleet_remarks(&self) -> Vec<String> {
+        let is_edge = self.fleet.as_ref().is_some_and(|own| check(Role::Edge, self, own).is_ok());
+        let notify = &self.notify;
+        let receivers = notify.webhook.len() + notify.smtp.len() + notify.alertmanager.len();
+        if !is_edge || receivers > 0 {
+            return Vec::new();
+        }
+        let remark = "[notify] has no receiver: while an edge with this file reaches no centre nobody is told of its alarms";
+        vec![remark.to_string()]
+    }
 }
 
 /// A centre's rings hold a message twice: the store reads one while the next comes.
@@ -323,6 +339,48 @@ fn check_rings(config: &Config) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::signal::LoopId;
+
+    fn config(fleet: &str) -> Config {
+        let fleet = toml::from_str(&format!("servers = ['nats://127.0.0.1:1']\n{fleet}")).unwrap();
+        let store = toml::from_str("folder = 'unused'").unwrap();
+        Config { fleet: Some(fleet), store: Some(store), ..Config::default() }
+    }
+
+    fn part(role: Role, config: Config, own: &str) -> (Arc<Fleet>, Arc<Results>) {
+        let results = Arc::new(Results::new(&[LoopId::new(own)], 5, &config.alarm));
+        let history = Arc::new(History::new(&[], &config.history));
+        let fleet = Fleet::new(role, &Arc::new(config), Clock::wall(), &history, &results);
+        (fleet.unwrap().unwrap(), results)
+    }
+
+    /// A centre that knows one loop, and the collector `north:dcs`, with two kinds of alarms switched off.
+    pub(super) fn centre(own: &str) -> (Arc<Fleet>, Arc<Results>) {
+        let mut config = config("");
+        config.alarm.f_rising.enabled = false;
+        config.alarm.collector_down.enabled = false;
+        config.forwarded = vec!["north:dcs".to_string()];
+        config.history.samples_per_tag = 2 * forward::MOST_SAMPLES;
+        part(Role::Centre, config, own)
+    }
+
+    /// An edge that has one loop.
+    pub(super) fn edge(own: &str) -> (Arc<Fleet>, Arc<Results>) {
+        part(Role::Edge, config("site = 'north'"), own)
+    }
+
+    #[test]
+    fn an_edge_without_receivers_is_remarked() {
+        let mut edge = config("site = 'north'");
+        assert!(edge.fleet_remarks().concat().contains("nobody is told of its alarms"));
+        assert_eq!(config("").fleet_remarks(), [""; 0], "a worker or a centre");
+        edge.notify.smtp = toml::from_str::<crate::notify::Config>(
+            "[[smtp]]\nname = 'a'\naddress = 'mail:587'\nfrom = 'a@b.c'\nto = ['d@b.c']",
+        )
+        .unwrap()
+        .smtp;
+        assert_eq!(edge.fleet_remarks(), [""; 0]);
+    }
 
     #[test]
     fn a_centre_with_short_rings_is_refused() {

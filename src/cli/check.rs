@@ -119,7 +119,7 @@ fn summary(config: &Config, plant: &Plant) -> (String, Vec<String>) {
     faults.extend(surroundings::broken_logs(config));
     let of_store = config.no_store().into_iter().chain(config.too_little_room());
     let remarks = config.remarks().into_iter().chain(config.missing_files()).chain(of_store);
-    for remark in remarks.chain(surroundings::remarks(config)) {
+    for remark in remarks.chain(config.fleet_remarks()).chain(surroundings::remarks(config)) {
         let _ = writeln!(out, "remark   {remark}");
     }
     (out, faults)

@@ -102,7 +102,9 @@ impl Config {
         unless((1..=16).contains(&self.servers.len()), "servers", "1 to 16 addresses are needed".into());
         for server in &self.servers {
             let good = server.starts_with("nats://") || server.starts_with("tls://");
-            unless(good, "servers", format!("{server:?} must begin with nats:// or tls://"));
+            // One with a log-in in it is not shown.
+            let named = server.contains('@');
+            unless(good || named, "servers", format!("{server:?} must begin with nats:// or tls://"));
             unless(!server.contains('@'), "servers", "names no user: see `user` and `password_file`".into());
         }
         let token = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';

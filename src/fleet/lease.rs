@@ -34,6 +34,12 @@ impl Seen {
     pub fn epoch(&self) -> u64 {
         if self.epoch == 0 { self.sequence } else { self.epoch }
     }
+
+    /// Whether this, which was seen after `before`, is in another stream than that: in one stream no number ever falls. The
+    /// server made it anew, after it had lost its disk.
+    pub fn is_of_another_stream(&self, before: &Self) -> bool {
+        self.sequence < before.sequence || self.epoch() < before.epoch()
+    }
 }
 
 /// What is to be done now.
@@ -146,6 +152,18 @@ mod tests {
             Seen::read(5, &Seen::text("a b", 3)),
             Some(Seen { sequence: 5, holder: "a b".into(), epoch: 3 })
         );
+    }
+
+    #[test]
+    fn a_lease_whose_numbers_fell_is_of_a_stream_that_was_made_anew() {
+        let seen = |sequence, epoch| Seen { sequence, holder: "a".into(), epoch };
+        let before = seen(90, 40);
+        for same in [seen(90, 40), seen(91, 40), seen(95, 0)] {
+            assert!(!same.is_of_another_stream(&before), "{same:?}");
+        }
+        for other in [seen(3, 0), seen(4, 3), seen(500, 3)] {
+            assert!(other.is_of_another_stream(&before), "{other:?}");
+        }
     }
 
     proptest! {

@@ -2,6 +2,7 @@
 
 use super::config::Config;
 use super::lease::Seen;
+use super::login;
 use super::streams::{self, LATEST, LEASE};
 use async_nats::connection::State;
 use async_nats::jetstream::consumer::{AckPolicy, Consumer, DeliverPolicy, pull};
@@ -9,16 +10,17 @@ use async_nats::jetstream::context::{ContextBuilder, PublishErrorKind};
 use async_nats::jetstream::message::{AckKind, PublishMessage};
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
 use async_nats::jetstream::{self, Context};
-use async_nats::{Client, ConnectOptions, Subscriber};
+use async_nats::{Client, Subscriber};
 use futures::StreamExt;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
-use std::fs;
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Longest wait for one answer of a server (s).
 const ANSWER: Duration = Duration::from_secs(5);
+/// A server that has nothing says so after the time that it was given; one that is silent for so much longer is gone, or has no
+/// such reader any more. The client's own timer, of 5 s, would take that for nothing new.
+const SILENT: Duration = Duration::from_secs(4);
 /// Messages that are on their way at once.
 const UNDER_WAY: usize = 128;
 /// Messages that the client holds for the socket; what does not fit waits.
@@ -168,6 +170,11 @@ impl Reading {
         self.consumer.cached_info().ack_floor.stream_sequence
     }
 
+    /// When the server made this reader (ns since the Unix epoch): it goes with its stream.
+    pub fn made(&self) -> i128 {
+        self.consumer.cached_info().created.unix_timestamp_nanos()
+    }
+
     /// Up to `most` messages; those that are there after `patience`. Where the answer breaks off, or a message was lost on its
     /// way, what came before is the last of this reading: the rest comes to the next.
     ///
@@ -201,7 +208,7 @@ impl Reading {
             Ok::<_, LinkError>(())
         };
         // A server that has gone says nothing more; what came before is taken all the same.
-        let ended = tokio::time::timeout(patience + ANSWER, reading).await;
+        let ended = tokio::time::timeout(patience + SILENT, reading).await;
         match ended.unwrap_or_else(|_| Err(away("no answer"))) {
             Err(error) if all.is_empty() => Err(error),
             ended => {
@@ -225,7 +232,8 @@ impl Link {
     /// # Errors
     /// [`LinkError::Settings`].
     pub async fn connect(config: &Config, name: &str) -> Result<Self, LinkError> {
-        let options = options(config)?
+        let options = login::options(config)
+            .map_err(LinkError::Settings)?
             .name(format!("stictiond {name}"))
             .retry_on_initial_connect()
             .client_capacity(BUFFERED)
@@ -265,6 +273,15 @@ impl Link {
             self.js.get_or_create_stream(stream).await.map_err(away)?;
         }
         Ok(())
+    }
+
+    /// When a stream was made (ns since the Unix epoch): one that is made anew counts from 1 again.
+    ///
+    /// # Errors
+    /// [`LinkError::Away`].
+    pub async fn made(&self, stream: &str) -> Result<i128, LinkError> {
+        let stream = self.js.get_stream(stream).await.map_err(away)?;
+        Ok(stream.cached_info().created.unix_timestamp_nanos())
     }
 
     /// Sends messages in order.
@@ -477,34 +494,4 @@ pub fn digest(subject: &str, body: &[u8]) -> [u8; 32] {
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
-fn options(config: &Config) -> Result<ConnectOptions, LinkError> {
-    let mut options = ConnectOptions::new();
-    if let Some(file) = &config.credentials_file {
-        options = options
-            .credentials(&secret("credentials_file", file)?)
-            .map_err(|error| LinkError::Settings(format!("credentials_file {}: {error}", file.display())))?;
-    }
-    if let Some(file) = &config.nkey_file {
-        options = options.nkey(secret("nkey_file", file)?.trim().to_string());
-    }
-    if let Some((user, file)) = config.user.as_ref().zip(config.password_file.as_ref()) {
-        let password = secret("password_file", file)?;
-        options =
-            options.user_and_password(user.clone(), password.trim_end_matches(['\r', '\n']).to_string());
-    }
-    if let Some(file) = &config.ca_file {
-        options = options.add_root_certificates(file.clone());
-    }
-    if let Some((certificate, key)) = config.certificate_file.as_ref().zip(config.key_file.as_ref()) {
-        options = options.add_client_certificate(certificate.clone(), key.clone());
-    }
-    let tls = config.servers.iter().all(|server| server.starts_with("tls://"));
-    Ok(options.require_tls(tls))
-}
-
-fn secret(field: &str, file: &Path) -> Result<String, LinkError> {
-    fs::read_to_string(file)
-        .map_err(|error| LinkError::Settings(format!("{field} {}: {error}", file.display())))
 }

@@ -19,6 +19,7 @@ pub mod config;
 pub mod convert;
 pub mod lease;
 pub mod link;
+mod login;
 pub mod message;
 pub mod streams;
 pub mod subject;

@@ -60,8 +60,24 @@ impl Outlet {
         Telling { receivers, kept, let_go }
     }
 
+    /// Whether anybody would hear what is told.
+    pub fn is_heard(&self) -> bool {
+        self.sender.receiver_count() > 0
+    }
+
     pub(super) fn hear(&self) -> broadcast::Receiver<Arc<Untold>> {
         self.sender.subscribe()
+    }
+
+    /// A receiver that has on disk whatever it hears, until its task is aborted.
+    #[cfg(test)]
+    pub(crate) fn kept_by_a_task(&self) -> tokio::task::JoinHandle<()> {
+        let mut news = self.hear();
+        tokio::spawn(async move {
+            while let Ok(untold) = news.recv().await {
+                untold.keep();
+            }
+        })
     }
 }
 
@@ -74,6 +90,11 @@ pub struct Telling {
 }
 
 impl Telling {
+    /// Whether there was no receiver, so that nobody hears of it.
+    pub fn nobody(&self) -> bool {
+        self.receivers == 0
+    }
+
     /// Waits until no receiver holds it any more; whether every one has it on disk. It is asked once.
     pub async fn kept(&mut self) -> bool {
         // An error is what comes: nothing is ever sent.
@@ -124,9 +145,12 @@ mod tests {
     #[test]
     fn a_change_is_kept_once_every_receiver_has_it() {
         let outlet = Outlet::default();
-        assert_eq!(outlet.tell(change()).kept().now_or_never(), Some(true), "nobody is to be told");
+        let mut telling = outlet.tell(change());
+        assert!(telling.nobody() && !outlet.is_heard(), "nobody is to be told");
+        assert_eq!(telling.kept().now_or_never(), Some(true));
         let (mut one, mut two) = (outlet.hear(), outlet.hear());
         let mut telling = outlet.tell(change());
+        assert!(!telling.nobody() && outlet.is_heard());
         assert_eq!(telling.kept().now_or_never(), None);
         one.try_recv().expect("heard").keep();
         assert_eq!(telling.kept().now_or_never(), None, "the other has not");

@@ -227,6 +227,35 @@ async fn others_are_asked_first_and_what_they_do_not_answer_is_diagnosed_here() 
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_run_that_failed_elsewhere_is_no_diagnosis() {
+    let ids = ["panicked", "deadline_exceeded", "stiction"].map(LoopId::new);
+    let results = Arc::new(Results::new(&ids, 10, &alarm::Config::default()));
+    let judge: Diagnose = Arc::new(|_, _, _| nothing_to_say());
+    let elsewhere: Elsewhere = Arc::new(|asked| {
+        let mut answer = told(asked.started + 0.25);
+        answer.summary.outcome = asked.id.to_string().into();
+        if asked.id.as_str() != "stiction" {
+            answer.report = None;
+        }
+        Box::pin(async move { Some(answer) })
+    });
+    let jobs = ids.iter().map(|id| Job { id: id.clone(), period_s: 1e6 }).collect();
+    let (clock, plan) = (Clock::plant(0.0, 1.0), plan(jobs));
+    let scheduler = Scheduler::new(Config::default(), clock, judge, results, plan).asking(elsewhere);
+    let (scheduler, token) = (Arc::new(scheduler), CancellationToken::new());
+    let running = (scheduler.clone(), token.clone());
+    let task = tokio::spawn(async move { running.0.run(running.1).await });
+    for id in &ids {
+        let run = scheduler.request(id).expect("idle").await.expect("runs");
+        assert_eq!(run.outcome.as_str(), id.as_str());
+    }
+    let Counters { diagnosed, panicked, deadline_exceeded, .. } = scheduler.counters();
+    assert_eq!((diagnosed, panicked, deadline_exceeded), (1, 1, 1));
+    token.cancel();
+    task.await.expect("the scheduler ends by itself");
+}
+
+#[tokio::test(start_paused = true)]
 async fn what_a_run_found_is_given_to_the_next_that_is_due_and_to_none_that_is_asked_for() {
     let ids = ["a", "written"].map(LoopId::new);
     let results = Arc::new(Results::new(&ids, 10, &alarm::Config::default()));

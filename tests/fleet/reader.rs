@@ -100,3 +100,31 @@ async fn what_was_given_comes_before_what_is_new_also_from_a_server_that_was_kil
     let (mut second, ()) = tokio::join!(read, again);
     assert_eq!(take(&mut second, 30, |_| true).await, (10..40).collect::<Vec<_>>());
 }
+
+/// As where the hub has lost its disk: the stream counts from 1 again, and who reads it learns of that.
+#[tokio::test]
+async fn a_stream_that_is_made_anew_is_another_to_who_reads_it() {
+    let hub = Nats::hub();
+    let link = connected(&hub).await;
+    send(&link, 0..3).await;
+    let mut first = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    assert_eq!(take(&mut first, 3, |_| true).await, [0, 1, 2]);
+    let made = (link.made(EVENTS).await.expect("it is there"), first.made());
+    let again = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    assert_eq!((link.made(EVENTS).await.expect("it is there"), again.made()), made);
+
+    let client = async_nats::connect(hub.url()).await.expect("the server is there");
+    async_nats::jetstream::new(client).delete_stream(EVENTS).await.expect("it is there");
+    let link = connected(&hub).await;
+    send(&link, 3..5).await;
+    // What was read before ends, and does not wait for ever.
+    let begun = Instant::now();
+    while first.next(1, Duration::from_secs(1)).await.is_ok() {
+        assert!(begun.elapsed() < PATIENCE, "it is not noticed");
+    }
+    let mut second = link.read(EVENTS, "centre_c1", "").await.expect("the server is there");
+    assert_ne!(link.made(EVENTS).await.expect("it is there"), made.0);
+    assert_ne!(second.made(), made.1);
+    let messages = second.next(2, Duration::from_secs(1)).await.expect("the server is there");
+    assert_eq!(messages.first().map(|message| message.sequence()), Some(1));
+}

@@ -2,16 +2,16 @@
 //! people do about alarms. A message is acknowledged once what it brought is in the store.
 
 use super::inventory::composed;
-use super::order::{Early, Order};
+use super::order::{Early, Making, Order, Origin, Strange, patience};
 use super::orders::action;
 use super::standing::reader;
 use super::{Fleet, PAUSE, check_rings, window};
-use crate::alarm::Cause;
+use crate::alarm::{AlarmId, Cause};
 use crate::app::persistence::rows::{remembered_alarms, remembered_change, remembered_model};
 use crate::app::{App, AppError};
 use crate::config::Config;
 use crate::fleet::convert;
-use crate::fleet::link::{Incoming, Link, LinkError, Outgoing};
+use crate::fleet::link::{Incoming, Link, LinkError, Outgoing, Reading};
 use crate::fleet::message::{Alarm, Diagnosis, Hello, Samples};
 use crate::fleet::streams::{EVENTS, LATEST, SAMPLES};
 use crate::fleet::subject::{self, Subject, What, all, of_site};
@@ -34,8 +34,6 @@ const MOST: usize = 256;
 const WAIT: Duration = Duration::from_secs(1);
 /// A message of a loop that is not known yet is looked at again after this time.
 const UNKNOWN: Duration = Duration::from_secs(2);
-/// A message of a loop that is still not known after this time is dropped: its edge has it no more.
-const GIVEN_UP: Duration = Duration::from_secs(600);
 /// How long what edges say of themselves is gathered before loops are added.
 const GATHER: Duration = Duration::from_millis(500);
 
@@ -46,7 +44,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 enum Block {
     /// Taken: the most of one tag.
     Taken(usize),
-    /// It waits for an earlier one.
+    /// It waits, for an earlier one or for what its edge says.
     Early,
 }
 
@@ -137,12 +135,16 @@ impl Fleet {
                     let hello = Hello::decode(message.body()).ok();
                     let Some((own, hello)) = Subject::read(message.subject()).zip(hello) else { continue };
                     let mut edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
-                    let key = (own.site, own.name);
+                    let (site, key) = (own.site.clone(), (own.site, own.name));
                     // One that has no loops any more is forgotten.
-                    new |= match hello.loops.is_empty() {
+                    let is_new = match hello.loops.is_empty() {
                         true => edges.remove(&key).is_some(),
                         false => edges.insert(key, hello.clone()).as_ref() != Some(&hello),
                     };
+                    if is_new {
+                        self.in_force.lock().unwrap_or_else(PoisonError::into_inner).remove(&site);
+                    }
+                    new |= is_new;
                 }
                 if new {
                     match app.take(None).await {
@@ -151,6 +153,13 @@ impl Fleet {
                     }
                 }
                 let now = self.clock.elapsed();
+                if !new {
+                    let edges = self.edges.lock().unwrap_or_else(PoisonError::into_inner);
+                    let mut in_force = self.in_force.lock().unwrap_or_else(PoisonError::into_inner);
+                    for (site, _) in edges.keys() {
+                        in_force.entry(site.clone()).or_insert(now);
+                    }
+                }
                 self.known.send_if_modified(|known| {
                     let first = known.is_none() && !new;
                     first.then(|| *known = Some(now)).is_some()
@@ -162,14 +171,18 @@ impl Fleet {
     async fn take_samples(&self, link: &Link, app: &App) {
         let (name, filter) = (reader(&self.name), all(None, What::Samples));
         let (mut taken, mut order, mut early) = (Taken::default(), Order::default(), Early::default());
+        let (mut strange, mut making) = (Strange::default(), Making::default());
         loop {
-            let mut reading = match link.read(SAMPLES, &name, &filter).await {
-                Ok(reading) => reading,
+            let (mut reading, made) = match begin(link, SAMPLES, (name.as_str(), filter.as_str())).await {
+                Ok(begun) => begun,
                 Err(error) => {
                     self.rest(&error, "no samples are taken").await;
                     continue;
                 }
             };
+            if making.is_another(made) {
+                (taken, order, early) = (Taken::default(), Order::default(), Early::default());
+            }
             loop {
                 let messages = match reading.next(MOST, WAIT).await {
                     Ok(messages) => messages,
@@ -184,7 +197,7 @@ impl Fleet {
                         self.put_off(&message, &mut order).await;
                         continue;
                     }
-                    match self.take_block(&message, &history, (&mut taken, &mut early)) {
+                    match self.take_block(&message, &history, (&mut taken, &mut early, &mut strange)) {
                         Some(Block::Taken(count)) => {
                             pushed += count;
                             order.taken(message.subject(), message.sequence());
@@ -209,15 +222,36 @@ impl Fleet {
         &self,
         message: &Incoming,
         history: &History,
-        (taken, early): (&mut Taken, &mut Early),
+        (taken, early, strange): (&mut Taken, &mut Early, &mut Strange),
     ) -> Option<Block> {
         let own = Subject::read(message.subject())?;
         let id = LoopId::new(of_site(&own.site, &own.name));
         history.tag_index(&id, &TagKind::Role(Role::Op))?;
-        let Ok(samples) = Samples::decode(message.body()) else {
+        let Ok(mut samples) = Samples::decode(message.body()) else {
             tracing::warn!(control_loop = %id, "samples cannot be read");
             return Some(Block::Taken(0));
         };
+        // A ring has the samples of one source: what the edge says of its tags may come after them, or before what is older.
+        let (specs, now, mut waits) = (history.latest(&id), self.clock.elapsed(), false);
+        samples.tags.retain(|tag| {
+            let spec = specs.iter().find(|(spec, _)| spec.kind.name() == tag.tag);
+            let Some((spec, _)) = spec else { return true };
+            let sources = (tag.source.as_str(), spec.source.as_str());
+            let origin = strange.origin((message.subject(), tag.tag.as_str()), sources, now);
+            if origin == Origin::GivenUp {
+                tracing::warn!(
+                    control_loop = %id,
+                    tag = tag.tag,
+                    source = tag.source,
+                    "samples are left out: their edge says that it reads this tag elsewhere"
+                );
+            }
+            waits |= origin == Origin::Waits;
+            matches!(origin, Origin::Own | Origin::Waits)
+        });
+        if waits {
+            return Some(Block::Early);
+        }
         let ring =
             |tag: &str| history.tag_index(&id, &TagKind::named(tag)).and_then(|index| history.ring(index));
         // What comes before it can still come: rings go forward only, so it would be lost then.
@@ -225,7 +259,7 @@ impl Fleet {
             let last = ring(&tag.tag).and_then(|ring| ring.latest());
             last.zip(tag.after).is_some_and(|(last, after)| last.t < after)
         });
-        if is_early && early.waits(message.subject(), message.sequence(), self.clock.elapsed()) {
+        if is_early && early.waits(message.subject(), message.sequence(), now) {
             return Some(Block::Early);
         }
         if is_early {
@@ -248,15 +282,20 @@ impl Fleet {
     }
 
     async fn take_events(&self, link: &Link, app: &App) {
-        let (name, mut taken, mut order) = (reader(&self.name), Taken::default(), Order::default());
+        let (name, mut making) = (reader(&self.name), Making::default());
+        let (mut taken, mut order) = (Taken::default(), Order::default());
         loop {
-            let mut reading = match link.read(EVENTS, &name, "").await {
-                Ok(reading) => reading,
+            let (mut reading, made) = match begin(link, EVENTS, (name.as_str(), "")).await {
+                Ok(begun) => begun,
                 Err(error) => {
                     self.rest(&error, "no diagnoses and alarms are taken").await;
                     continue;
                 }
             };
+            if making.is_another(made) {
+                (taken, order) = (Taken::default(), Order::default());
+                self.looked_at.send_replace(0);
+            }
             self.looked_at.send_modify(|known| *known = reading.done_before().max(*known));
             loop {
                 let messages = match reading.next(MOST, WAIT).await {
@@ -271,7 +310,7 @@ impl Fleet {
                         self.put_off(&message, &mut order).await;
                         continue;
                     }
-                    match self.take_event(&message, &mut taken) {
+                    match self.take_event(&message, &mut taken, made) {
                         Some(()) => {
                             order.taken(message.subject(), message.sequence());
                             done.push(message);
@@ -285,8 +324,8 @@ impl Fleet {
         }
     }
 
-    /// Takes a diagnosis or a change of an alarm; `None` where its loop is not known.
-    fn take_event(&self, message: &Incoming, taken: &mut Taken) -> Option<()> {
+    /// Takes a diagnosis or a change of an alarm, from the stream that was made then; `None` where its loop is not known.
+    fn take_event(&self, message: &Incoming, taken: &mut Taken, made: i128) -> Option<()> {
         let own = Subject::read(message.subject())?;
         let id = LoopId::new(of_site(&own.site, &own.name));
         match own.what {
@@ -306,10 +345,10 @@ impl Fleet {
             What::Alarm => {
                 let Some((kept, change)) = alarm(&id, message) else { return Some(()) };
                 if let Some(change) = &change {
-                    self.firsts.note(change, message.sequence());
+                    self.firsts.note(change, (made, message.sequence()));
                 }
-                if !change.as_ref().is_some_and(is_forgotten) {
-                    self.results.alarm(&kept.id, self.clock.now())?;
+                if !change.as_ref().is_some_and(is_forgotten) && !self.is_known(&kept.id) {
+                    return None;
                 }
                 // Else it is known how it stands since then.
                 if !taken.is_past(&kept.id.to_string(), message.sequence()) {
@@ -319,6 +358,15 @@ impl Fleet {
             _ => {}
         }
         Some(())
+    }
+
+    /// Whether an edge has the loop or collector of an alarm, whatever its kind: one that is switched off here is not shown, and
+    /// nothing waits for it.
+    pub(super) fn is_known(&self, id: &AlarmId) -> bool {
+        match id.of_loop() {
+            Some(id) => self.results.summaries(id).is_some(),
+            None => self.scene.borrow().config.forwarded.iter().any(|name| name == id.subject.as_str()),
+        }
     }
 
     /// Whether a message need not wait for an earlier one of its subject.
@@ -334,7 +382,14 @@ impl Fleet {
 
     /// Leaves a message of a loop that is not known for later, or for good where it has waited for long.
     pub(super) async fn later(&self, message: &Incoming, order: &mut Order) {
-        if order.unknown_for(message.subject(), self.clock.elapsed()) < GIVEN_UP {
+        let now = self.clock.elapsed();
+        let site = Subject::read(message.subject()).map(|own| own.site);
+        let in_force = site.as_ref().and_then(|site| {
+            let all = self.in_force.lock().unwrap_or_else(PoisonError::into_inner);
+            all.get(site).map(|since| now.saturating_sub(*since))
+        });
+        let unknown_site = site.as_deref().filter(|_| in_force.is_none());
+        if order.unknown_for(message.subject(), unknown_site, now) < patience(order.waiting(), in_force) {
             return self.put_off(message, order).await;
         }
         order.end(message.subject(), message.sequence());
@@ -388,6 +443,21 @@ impl Fleet {
     pub(in crate::app) fn with_orders(self: Arc<Self>, durable: AskDurable) -> AskDurable {
         Arc::new(move || self.orders_waiting.are_kept(PATIENCE) && durable())
     }
+}
+
+/// What a stream has for us, and when that was made. Asked in this order: what is read is of that stream, or of none that is there
+/// any more.
+pub(super) async fn begin(
+    link: &Link,
+    stream: &str,
+    (name, filter): (&str, &str),
+) -> Result<(Reading, i128), LinkError> {
+    let reading = link.read(stream, name, filter).await?;
+    let made = link.made(stream).await?;
+    if reading.made() < made {
+        return Err(LinkError::Away("the stream was made anew".to_string()));
+    }
+    Ok((reading, made))
 }
 
 /// Whether a change ends the alarm of a loop or collector that its edge has no more.

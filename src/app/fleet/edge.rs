@@ -1,13 +1,16 @@
 //! An edge: forwards what it measured and found, hears what the centre wants, and tells people by itself while it reaches no
 //! centre.
 
-use super::forward::{Forward, Told};
+use super::alone::Alone;
+use super::forward::Forward;
 use super::inventory::hello;
+use super::order::Making;
 use super::orders::read_action;
+use super::teller::NEWS_S;
 use super::{Fleet, PAUSE, Scene};
 use crate::alarm::{AlarmId, Cause};
 use crate::app::App;
-use crate::app::persistence::rows::remembered_change;
+use crate::fleet::lease::Seen;
 use crate::fleet::link::{Link, LinkError, Outgoing};
 use crate::fleet::message::Action;
 use crate::fleet::streams::ACTIONS;
@@ -15,22 +18,21 @@ use crate::fleet::subject::{Subject, What, all, escaped};
 use crate::notify::Telling;
 use crate::results::AlarmChange;
 use crate::signal::LoopId;
-use crate::store::{self, Reader, TransitionRow};
 use prost::Message;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
-/// Changes of alarms that are read from the store in one go.
-const ROWS: usize = 1000;
+/// Changes of alarms that are handed to receivers in one go.
+const MOST: usize = 1000;
 /// Longest wait in one round until receivers have on disk what people are to be told.
 const KEPT: Duration = Duration::from_secs(3);
 /// Orders that are taken at once.
 const ORDERS: usize = 64;
 
-/// Changes that receivers do not have on disk yet, oldest first, by number; with nothing to tell there is no change.
-type Handed = VecDeque<(u64, Option<(AlarmChange, Telling)>)>;
+/// Changes that receivers do not have on disk yet, oldest first.
+type Handed = Vec<(Arc<AlarmChange>, Telling)>;
 
 impl Fleet {
     pub(super) async fn edge(self: &Arc<Self>, link: &Link, app: &App) {
@@ -54,42 +56,73 @@ impl Fleet {
         let Some(store) = self.scene.borrow().config.store.clone() else { return };
         let mut forward = Forward::new(&self.site, &self.name);
         // The lease as it was seen last, and when that was new.
-        let mut seen: Option<(u64, Duration)> = None;
-        // The scene that the centre knows; the last change that was told here; the last that a centre has heard of.
-        let (mut greeted, mut told, mut heard) = (None, 0, 0);
-        let mut handed = Handed::new();
+        let mut seen: Option<(Seen, Duration)> = None;
+        // The scene that the centre knows; since when nothing is forwarded, or the store cannot be read.
+        let (mut greeted, mut unheard_since) = (None::<Arc<Scene>>, None::<Duration>);
+        let (mut known, mut handed) = (Alone::default(), Handed::new());
+        // There was no lease at the last look.
+        let mut gone = false;
         let mut done = self.clock.elapsed();
         loop {
             let scene = self.scene.borrow().clone();
             self.asking.keep(writing(&scene.config));
             let now = self.clock.elapsed();
             match link.lease().await {
-                Ok(Some(lease)) => {
-                    self.epoch.fetch_max(lease.epoch(), Relaxed);
-                    if seen.is_none_or(|(sequence, _)| sequence != lease.sequence) {
-                        seen = Some((lease.sequence, now));
+                Ok(lease) => {
+                    let before = seen.as_ref().map(|(before, _)| before);
+                    let is_new = lease.is_some() && before != lease.as_ref();
+                    let is_anew = before.is_some_and(|before| {
+                        lease.as_ref().map_or(!gone, |lease| lease.is_of_another_stream(before))
+                    });
+                    gone = lease.is_none();
+                    // The first that is seen may be from long ago.
+                    known.looked(is_new && before.is_some() && !is_anew);
+                    if is_anew {
+                        // What the streams had is lost, and their numbers say nothing any more.
+                        known.lost();
+                        greeted = None;
+                        forward.forget();
+                    }
+                    if let Some(lease) = lease {
+                        if is_anew {
+                            self.epoch.store(lease.epoch(), Relaxed);
+                        }
+                        self.epoch.fetch_max(lease.epoch(), Relaxed);
+                        if is_new {
+                            seen = Some((lease, now));
+                        }
                     }
                 }
-                Ok(None) => {}
                 Err(error) => tracing::debug!(%error, "the lease cannot be looked at"),
             }
-            let alone = self.is_alone(now.saturating_sub(seen.map_or(Duration::ZERO, |(_, since)| since)));
+            let silent = now.saturating_sub(seen.as_ref().map_or(Duration::ZERO, |(_, since)| *since));
+            // While nothing is forwarded no centre hears of an alarm either, whatever lease there is.
+            let unheard = unheard_since.map_or(Duration::ZERO, |since| now.saturating_sub(since));
+            let alone = self.is_alone(silent.max(unheard));
             if alone {
                 // Before it is forwarded, so that what is told here is marked as told.
-                told = self.tell(&store, heard.max(told), &mut handed).await;
-            } else {
-                // The centre tells people of what is not known to be told.
+                self.tell(&mut known, &mut handed).await;
+            } else if !handed.is_empty() {
+                // Also what receivers have by now; of what they still have not the centre tells people.
+                self.note_kept(&mut known, &mut handed).await;
                 handed.clear();
             }
+            let holds = alone && {
+                // Receivers are not replaced meanwhile.
+                let _receivers = self.receivers.read().await;
+                self.outlet.is_heard()
+            };
+            let told = known.so_far(self.since.max(self.clock.now() - NEWS_S), holds);
             let round = async {
                 if !greeted.as_ref().is_some_and(|greeted| Arc::ptr_eq(greeted, &scene)) {
                     self.greet(link, &scene).await?;
                 }
                 let more = forward.samples(link, &scene.history, &store).await?;
-                let told = Told { after: heard, last: told, since: self.since, alone };
                 Ok::<_, LinkError>(forward.events(link, &store, told).await? || more)
             };
-            let pause = match round.await {
+            let round = round.await;
+            let failed = round.is_err();
+            let pause = match round {
                 Ok(more) => {
                     greeted = Some(scene);
                     done = if more { done } else { self.clock.elapsed() };
@@ -97,13 +130,14 @@ impl Fleet {
                 }
                 Err(error) => {
                     tracing::warn!(%error, "nothing is forwarded: it waits in the store");
+                    // The streams may be others when they are there again.
+                    greeted = None;
                     forward.forget();
                     PAUSE
                 }
             };
-            if !alone {
-                heard = forward.forwarded().unwrap_or(heard);
-            }
+            known.forwarded(forward.forwarded());
+            unheard_since = (failed || forward.is_unread()).then(|| unheard_since.unwrap_or(now));
             self.lag(self.clock.elapsed().saturating_sub(done).as_secs_f64());
             tokio::time::sleep(pause).await;
         }
@@ -113,10 +147,12 @@ impl Fleet {
     fn is_alone(&self, silent: Duration) -> bool {
         let alone = silent.as_secs_f64() > self.config.cut_off_after_s;
         if self.outlet.speak(alone) {
-            let who = if alone {
-                "this edge tells people: it reaches no centre"
-            } else {
-                "the centre tells people"
+            let who = match (alone, self.outlet.is_heard()) {
+                (true, true) => "this edge tells people: no centre hears of its alarms",
+                (true, false) => {
+                    "nobody is told: no centre hears of this edge's alarms, and it has no receiver"
+                }
+                (false, _) => "the centre tells people",
             };
             tracing::warn!(silent_s = silent.as_secs_f64(), "{who}");
         }
@@ -140,55 +176,48 @@ impl Fleet {
         }
     }
 
-    /// Tells people of changes behind the one with the number `told`, of which no centre has heard; the number up to which all
-    /// receivers have them on disk. Those behind it stay in `handed`, and the next call looks at them again.
-    async fn tell(&self, store: &store::Config, mut told: u64, handed: &mut Handed) -> u64 {
-        if handed.is_empty() {
-            *handed = self.hand(store, told).await;
-        }
+    /// Tells people of changes of which nobody has heard. Those that receivers do not have on disk yet stay in `handed`, and the
+    /// next call looks at them again.
+    async fn tell(&self, known: &mut Alone, handed: &mut Handed) {
+        // One receiver that cannot keep a change does not keep the others from those that come after it.
+        let new = self.hand(known, handed).await;
+        handed.extend(new);
+        self.note_kept(known, handed).await;
+    }
+
+    /// Waits for receivers, not for long, and takes note of what they have on disk.
+    async fn note_kept(&self, known: &mut Alone, handed: &mut Handed) {
         let until = tokio::time::Instant::now() + KEPT;
-        for (_, telling) in handed.iter_mut() {
-            let Some((change, own)) = telling else { continue };
+        for (change, mut own) in std::mem::take(handed) {
             match tokio::time::timeout_at(until, own.kept()).await {
-                Ok(true) => *telling = None,
+                Ok(true) => known.told(&change),
                 Ok(false) => {
                     // A receiver ended without it. The others are not replaced meanwhile.
                     let _receivers = self.receivers.read().await;
-                    *own = self.outlet.tell(change.clone());
+                    let again = self.outlet.tell(AlarmChange::clone(&change));
+                    if !again.nobody() {
+                        handed.push((change, again));
+                    }
                 }
-                Err(_) => {}
+                Err(_) => handed.push((change, own)),
             }
         }
-        while let Some((number, None)) = handed.front() {
-            told = *number;
-            handed.pop_front();
-        }
-        told
     }
 
-    /// Has receivers tell of the changes behind the one with the number `told`.
-    async fn hand(&self, store: &store::Config, told: u64) -> Handed {
-        let own = store.clone();
-        let read = tokio::task::spawn_blocking(move || {
-            Reader::of(&own)?.transitions(i64::try_from(told).unwrap_or(i64::MAX), ROWS)
-        });
-        let rows = match read.await {
-            Ok(Ok(rows)) => rows,
-            Ok(Err(error)) => {
-                tracing::warn!(%error, "people are not told: the store cannot be read");
-                return Handed::new();
-            }
-            Err(_) => return Handed::new(),
-        };
+    /// Has receivers tell of the changes of the last day of which nobody has heard and that are not `handed` yet, by memory: the
+    /// store may be away. Nothing is handed where there is no receiver, so that it is still to be told.
+    async fn hand(&self, known: &Alone, handed: &Handed) -> Handed {
+        let since = self.clock.now() - NEWS_S;
+        let is_handed = |change: &Arc<AlarmChange>| handed.iter().any(|(own, _)| Arc::ptr_eq(own, change));
+        let mut untold = known.untold(&self.results.alarm_log());
+        untold.retain(|change| change.transition.at >= since && !is_handed(change));
         // Receivers are not replaced meanwhile.
         let _receivers = self.receivers.read().await;
-        let hand = |(number, row): (i64, _)| {
-            let news = Some(row).filter(|row: &TransitionRow| row.at >= self.since);
-            let change = news.and_then(remembered_change);
-            let telling = change.map(|change| (change.clone(), self.outlet.tell(change)));
-            (u64::try_from(number).unwrap_or(told), telling)
+        let hand = |change: Arc<AlarmChange>| {
+            let telling = self.outlet.tell(AlarmChange::clone(&change));
+            (!telling.nobody()).then_some((change, telling))
         };
-        rows.into_iter().map(hand).collect()
+        untold.into_iter().take(MOST.saturating_sub(handed.len())).map_while(hand).collect()
     }
 
     /// Does what people at the centre want done about alarms. An order is done with once what came of it is in the store.
@@ -196,7 +225,7 @@ impl Fleet {
         let reader = format!("edge_{}_{}", self.site, escaped(&self.name));
         let filter = all(Some(&self.site), What::Action);
         // Of one that comes again although it was done nothing is done.
-        let mut last = 0;
+        let (mut last, mut making) = (0, Making::default());
         let mut obeyed = Obeyed::default();
         loop {
             let mut reading = match link.read(ACTIONS, &reader, &filter).await {
@@ -207,6 +236,10 @@ impl Fleet {
                     continue;
                 }
             };
+            if making.is_another(reading.made()) {
+                // The stream may be another, and count from 1 again.
+                last = 0;
+            }
             while let Ok(orders) = reading.next(ORDERS, Duration::from_secs(2)).await {
                 let new: Vec<_> = orders.iter().filter(|order| order.sequence() > last).collect();
                 for order in &new {
@@ -222,8 +255,9 @@ impl Fleet {
                         Err(error) => tracing::warn!(%error, "an order cannot be read"),
                     }
                 }
-                if !new.is_empty() && !self.is_durable(app).await {
-                    tracing::warn!("the store fails: orders of the centre come again after a restart");
+                // Also for those that were done before: they come again because that was not durable.
+                if !orders.is_empty() && !self.is_durable(app).await {
+                    tracing::warn!("the store fails: orders of the centre come again");
                     continue;
                 }
                 for order in orders {
@@ -303,4 +337,38 @@ impl Obeyed {
 fn writing(config: &crate::config::Config) -> std::collections::HashSet<LoopId> {
     let loops = config.loops.iter().filter(|own| own.writeback.is_some());
     loops.map(|own| LoopId::new(own.id.as_str())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::fleet::tests::edge;
+
+    #[tokio::test]
+    async fn what_nobody_has_heard_of_is_still_to_be_told() {
+        let (fleet, results) = edge("FIC1");
+        let (mut known, mut handed) = (Alone::default(), Handed::new());
+        results.watch_trip(&LoopId::new("FIC1"), Some("a fault".into()), fleet.clock.now());
+        fleet.tell(&mut known, &mut handed).await;
+        assert!(handed.is_empty() && !fleet.outlet.is_heard());
+        assert_eq!(known.untold(&results.alarm_log()).len(), 1, "there is no receiver");
+        // The store of this edge is nowhere.
+        let receiver = fleet.outlet.kept_by_a_task();
+        fleet.tell(&mut known, &mut handed).await;
+        assert!(handed.is_empty() && known.untold(&results.alarm_log()).is_empty());
+        receiver.abort();
+    }
+
+    #[tokio::test]
+    async fn what_receivers_have_when_a_centre_is_back_is_told() {
+        let (fleet, results) = edge("FIC1");
+        let mut known = Alone::default();
+        results.watch_trip(&LoopId::new("FIC1"), Some("a fault".into()), fleet.clock.now());
+        let receiver = fleet.outlet.kept_by_a_task();
+        let mut handed = fleet.hand(&known, &Vec::new()).await;
+        assert_eq!((handed.len(), known.untold(&results.alarm_log()).len()), (1, 1));
+        fleet.note_kept(&mut known, &mut handed).await;
+        assert!(handed.is_empty() && known.untold(&results.alarm_log()).is_empty());
+        receiver.abort();
+    }
 }

@@ -2,6 +2,8 @@
 //! alarms from its store, by their numbers there. How far it has come is known from the streams, so nothing has to be
 //! remembered here.
 
+use super::alone::{Told, known_by};
+use super::teller::Key;
 use crate::fleet::convert::{self, block};
 use crate::fleet::link::{Link, LinkError, Outgoing};
 use crate::fleet::message::{self, Alarm, Cursor, Diagnosis, Samples, TagSamples};
@@ -69,6 +71,10 @@ pub(super) struct Forward {
     name: String,
     places: HashMap<TagKey, Place>,
     cursor: Option<Cursor>,
+    /// Changes of alarms that were forwarded since they were asked for.
+    changes: Vec<Key>,
+    /// The store could not be read for diagnoses and alarms.
+    unread: bool,
 }
 
 /// What is to be sent of one loop, and where its tags are after it.
@@ -78,19 +84,6 @@ struct Part {
     after: Vec<After>,
     /// There is more of it.
     more: bool,
-}
-
-/// Changes of alarms of which this edge has told people by itself.
-#[derive(Clone, Copy)]
-pub(super) struct Told {
-    /// Those up to this number a centre has heard of before.
-    pub after: u64,
-    /// Number of the last.
-    pub last: u64,
-    /// None that happened before this was (s).
-    pub since: f64,
-    /// Whether it still tells people: then those behind the last are not forwarded before it is known whether people know.
-    pub alone: bool,
 }
 
 /// Where a tag is after something: what is to be its `next`, its `last` and whether it is `behind`.
@@ -256,16 +249,19 @@ impl Forward {
         };
         let (site, own) = (self.site.clone(), config.clone());
         let most = link.max_bytes().saturating_sub(HEAD_BYTES);
-        let read = tokio::task::spawn_blocking(move || news(&site, &own, cursor, (told, most))).await;
-        let (messages, after, more) = match read {
+        let read = tokio::task::spawn_blocking(move || news(&site, &own, cursor, (&told, most))).await;
+        let News { messages, changes, after, more } = match read {
             Ok(Ok(read)) => read,
             Ok(Err(error)) => {
                 tracing::warn!(%error, "diagnoses and alarms are not forwarded: the store cannot be read");
+                self.unread = true;
                 return Ok(false);
             }
             Err(error) => return Err(LinkError::Away(error.to_string())),
         };
+        self.unread = false;
         link.send(&messages).await.map_err(|(_, error)| error)?;
+        self.changes.extend(changes);
         if self.cursor != Some(after) {
             let body = after.encode_to_vec();
             link.send(&[Outgoing::latest(subject, body)]).await.map_err(|(_, error)| error)?;
@@ -274,10 +270,26 @@ impl Forward {
         Ok(more)
     }
 
-    /// Number of the last change that was forwarded; `None` before that is known.
-    pub(super) fn forwarded(&self) -> Option<u64> {
-        self.cursor.map(|cursor| cursor.change)
+    /// The changes of alarms that were forwarded since this was asked last.
+    pub(super) fn forwarded(&mut self) -> Vec<Key> {
+        std::mem::take(&mut self.changes)
     }
+
+    /// Whether the store could not be read when alarms were to be forwarded last.
+    pub(super) fn is_unread(&self) -> bool {
+        self.unread
+    }
+}
+
+/// What the store has that is new.
+struct News {
+    messages: Vec<Outgoing>,
+    /// The changes of alarms among them.
+    changes: Vec<Key>,
+    /// The cursor behind them.
+    after: Cursor,
+    /// There may be more.
+    more: bool,
 }
 
 /// The message of a part, with where every tag of its loop is after it.
@@ -358,13 +370,13 @@ fn from_store(
     Ok((parts, nothing))
 }
 
-/// What the store has behind the cursor, the cursor after it, and whether there may be more.
+/// What the store has behind the cursor, each message of at most so many bytes.
 fn news(
     site: &str,
     config: &store::Config,
     before: Cursor,
-    (told, most): (Told, usize),
-) -> Result<(Vec<Outgoing>, Cursor, bool), StoreError> {
+    (told, most): (&Told, usize),
+) -> Result<News, StoreError> {
     let reader = Reader::of(config)?;
     let number = |number: i64| u64::try_from(number).unwrap_or(0);
     let after = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
@@ -379,9 +391,11 @@ fn news(
     let (before, mut messages) = (cursor, Vec::new());
     let runs = reader.diagnoses(after(before.diagnosis), ROWS)?;
     let mut changes = reader.transitions(after(before.change), ROWS)?;
-    if told.alone {
-        changes.retain(|(at, _)| number(*at) <= told.last);
-    }
+    let free = changes.iter().take_while(|(_, row)| !told.is_held(row)).count();
+    changes.truncate(free);
+    // Older ones are not told here, and a store that is sent from the first on would push out those that are.
+    let of_now = changes.iter().filter(|(_, row)| told.is_of_now(row));
+    let known = of_now.filter_map(|(_, row)| known_by(row)).collect();
     let more = runs.len() == ROWS || changes.len() == ROWS;
     for (at, row) in runs {
         cursor.diagnosis = number(at);
@@ -406,12 +420,12 @@ fn news(
         cursor.change = number(at);
         let subject = Subject::new(site, &row.control_loop, What::Alarm).to_string();
         let state = reader.alarm(&row.control_loop, &row.kind)?.map(convert::alarm);
-        let known = (told.after + 1..=told.last).contains(&cursor.change) && row.at >= told.since;
+        let told = told.is_told(&row);
         let change = Some(convert::change(row));
-        let message = Alarm { number: cursor.change, state, change, told: known };
+        let message = Alarm { number: cursor.change, state, change, told };
         messages.push(Outgoing::once(subject, message.encode_to_vec()));
     }
-    Ok((messages, cursor, more))
+    Ok(News { messages, changes: known, after: cursor, more })
 }
 
 #[cfg(test)]

@@ -7,6 +7,20 @@ use std::time::Duration;
 /// A message that was put off and has not come again for this long was deleted from its stream: it comes every few seconds.
 /// Nothing waits for it any more.
 const GONE: Duration = Duration::from_secs(60);
+/// A message of a loop that is still not known after this time is dropped: its edge has it no more.
+const GIVEN_UP: Duration = Duration::from_secs(600);
+/// While more messages than this are put off none waits long for its loop: a server gives 4,096 to a reader that does not
+/// acknowledge them, and then nothing more of any site.
+const MANY: usize = 1000;
+/// What an edge says of itself has been in force for so long: a loop that it has would be known.
+const IN_FORCE: Duration = Duration::from_secs(10);
+
+/// How long a message waits for its loop to be known while so many are put off; `in_force`: for how long what the edges of its
+/// site say has been in force.
+pub(super) fn patience(put_off: usize, in_force: Option<Duration>) -> Duration {
+    let would_be_known = in_force.is_some_and(|since| since >= IN_FORCE);
+    if put_off > MANY && would_be_known { IN_FORCE } else { GIVEN_UP }
+}
 
 /// The messages that were put off: by subject, their numbers in the stream, and when that was last, on a steady clock.
 #[derive(Default)]
@@ -14,6 +28,8 @@ pub(super) struct Order {
     put_off: HashMap<String, BTreeMap<u64, Duration>>,
     /// Subjects whose loop is not known, and since when.
     unknown: HashMap<String, Duration>,
+    /// Sites of which nothing is known, since when, and when that was seen last.
+    unknown_sites: HashMap<String, (Duration, Duration)>,
 }
 
 impl Order {
@@ -29,10 +45,25 @@ impl Order {
         self.put_off.entry(subject.to_string()).or_default().insert(sequence, now);
     }
 
-    /// For how long the loop of a subject has not been known. All its messages count as one: a server gives only so many that
-    /// nobody acknowledges.
-    pub(super) fn unknown_for(&mut self, subject: &str, now: Duration) -> Duration {
-        now.saturating_sub(*self.unknown.entry(subject.to_string()).or_insert(now))
+    /// How many messages are put off.
+    pub(super) fn waiting(&self) -> usize {
+        self.put_off.values().map(BTreeMap::len).sum()
+    }
+
+    /// For how long the loop of a subject has not been known. All its messages count as one, and so do all loops of the `site`
+    /// where nothing is known of that: a server gives only so many that nobody acknowledges.
+    pub(super) fn unknown_for(&mut self, subject: &str, site: Option<&str>, now: Duration) -> Duration {
+        let mut since = *self.unknown.entry(subject.to_string()).or_insert(now);
+        if let Some(site) = site {
+            let (first, last) = self.unknown_sites.entry(site.to_string()).or_insert((now, now));
+            if now.saturating_sub(*last) >= GONE {
+                // It was known in between.
+                *first = now;
+            }
+            *last = now;
+            since = since.min(*first);
+        }
+        now.saturating_sub(since)
     }
 
     /// The message was taken, and its loop is known.
@@ -84,6 +115,91 @@ impl Early {
     }
 }
 
+/// Samples wait for so long for their edge to say that it reads their tag where they are from.
+const SAID: Duration = Duration::from_secs(10);
+
+/// Whether samples are from where their edge says that it reads their tag.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Origin {
+    /// They are.
+    Own,
+    /// They are not, and what the edge says may be on its way.
+    Waits,
+    /// They are not, and from now on that is not waited for.
+    GivenUp,
+    /// They are not, as others before them.
+    Foreign,
+}
+
+/// Samples from elsewhere that have not come for so long are waited for again.
+const QUIET: Duration = Duration::from_secs(60);
+
+/// Samples of a tag that are from elsewhere than its edge says.
+struct Elsewhere {
+    source: String,
+    /// Since when they wait, on a steady clock; none where they wait no more.
+    since: Option<Duration>,
+    /// When they came last.
+    last: Duration,
+}
+
+/// Tags whose samples are from elsewhere, by subject and tag.
+#[derive(Default)]
+pub(super) struct Strange(HashMap<(String, String), Elsewhere>);
+
+impl Strange {
+    /// What samples are of a tag that were read at `source`, by an edge that says it reads the tag at `own`.
+    pub(super) fn origin(
+        &mut self,
+        (subject, tag): (&str, &str),
+        (source, own): (&str, &str),
+        now: Duration,
+    ) -> Origin {
+        if source == own && self.0.is_empty() {
+            return Origin::Own;
+        }
+        let place = (subject.to_string(), tag.to_string());
+        if source == own {
+            // Only what was waited for ends the waiting: another edge may send under the same name.
+            if self.0.get(&place).is_some_and(|known| known.source == source) {
+                self.0.remove(&place);
+            }
+            return Origin::Own;
+        }
+        let new = || Elsewhere { source: source.to_string(), since: Some(now), last: now };
+        let known = self.0.entry(place).or_insert_with(new);
+        if known.source != source || now.saturating_sub(known.last) >= QUIET {
+            *known = new();
+        }
+        known.last = now;
+        match known.since {
+            None => Origin::Foreign,
+            Some(since) if now.saturating_sub(since) < SAID => Origin::Waits,
+            Some(_) => {
+                known.since = None;
+                Origin::GivenUp
+            }
+        }
+    }
+}
+
+/// Of which making of a stream something is remembered by the numbers of its messages: one that is made anew, after its server
+/// lost its disk, counts from 1 again.
+#[derive(Default)]
+pub(super) struct Making(Option<i128>);
+
+impl Making {
+    /// The stream was made then (ns since the Unix epoch); whether it is another than before.
+    pub(super) fn is_another(&mut self, made: i128) -> bool {
+        self.0.replace(made).is_some_and(|before| before != made)
+    }
+
+    /// When it was made.
+    pub(super) fn made(&self) -> i128 {
+        self.0.unwrap_or_default()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -123,12 +239,64 @@ mod tests {
     #[test]
     fn all_messages_of_an_unknown_loop_wait_as_one() {
         let mut order = Order::default();
-        assert_eq!(order.unknown_for("a", SECOND), Duration::ZERO);
+        assert_eq!(order.unknown_for("a", None, SECOND), Duration::ZERO);
         order.end("a", 1);
-        assert_eq!(order.unknown_for("a", GONE), GONE - SECOND, "its next message has waited as long");
-        assert_eq!(order.unknown_for("b", GONE), Duration::ZERO);
+        assert_eq!(order.unknown_for("a", None, GONE), GONE - SECOND, "its next message has waited as long");
+        assert_eq!(order.unknown_for("b", None, GONE), Duration::ZERO);
         order.taken("a", 2);
-        assert_eq!(order.unknown_for("a", GONE), Duration::ZERO, "it was known in between");
+        assert_eq!(order.unknown_for("a", None, GONE), Duration::ZERO, "it was known in between");
+    }
+
+    #[test]
+    fn all_loops_of_an_unknown_site_wait_as_one_until_it_is_known() {
+        let (mut order, north) = (Order::default(), Some("north"));
+        assert_eq!(order.unknown_for("a", north, SECOND), Duration::ZERO);
+        assert_eq!(order.unknown_for("b", north, GONE), GONE - SECOND, "as long as the first");
+        assert_eq!(order.unknown_for("c", Some("east"), GONE), Duration::ZERO);
+        assert_eq!(order.unknown_for("d", None, GONE), Duration::ZERO, "its site is known");
+        assert_eq!(order.unknown_for("e", north, 2 * GONE), Duration::ZERO, "it was not unknown for a while");
+    }
+
+    #[test]
+    fn where_many_wait_a_loop_that_would_be_known_is_not_waited_for() {
+        let mut order = Order::default();
+        (0..=MANY as u64).for_each(|at| order.put_off(&format!("a{}", at % 7), at, SECOND));
+        assert_eq!(order.waiting(), MANY + 1);
+        assert_eq!(patience(order.waiting(), Some(IN_FORCE)), IN_FORCE);
+        assert_eq!(patience(order.waiting(), Some(IN_FORCE - SECOND)), GIVEN_UP, "it may be taken just now");
+        assert_eq!(patience(order.waiting(), None), GIVEN_UP, "its edge has not said what it has");
+        order.end("a0", 0);
+        assert_eq!(patience(order.waiting(), Some(IN_FORCE)), GIVEN_UP, "there is room");
+    }
+
+    #[test]
+    fn samples_from_elsewhere_wait_for_what_their_edge_says_and_then_are_left_out() {
+        let mut strange = Strange::default();
+        let mut look = |source, own, now| strange.origin(("a", "pv"), (source, own), now);
+        assert_eq!(look("one", "one", SECOND), Origin::Own);
+        assert_eq!(look("two", "one", 2 * SECOND), Origin::Waits);
+        assert_eq!(look("two", "two", 3 * SECOND), Origin::Own, "the edge has said so");
+        assert_eq!(look("one", "two", 4 * SECOND), Origin::Waits);
+        assert_eq!(look("one", "two", 4 * SECOND + SAID), Origin::GivenUp, "told once");
+        assert_eq!(look("one", "two", 4 * SECOND + SAID), Origin::Foreign, "the next does not wait again");
+        // Two edges may send under one name: the one that is known stays so, and the other does not wait again.
+        assert_eq!(look("two", "two", 5 * SECOND + SAID), Origin::Own);
+        assert_eq!(look("one", "two", 5 * SECOND + SAID), Origin::Foreign);
+        assert_eq!(look("three", "two", 5 * SECOND + SAID), Origin::Waits);
+        assert_eq!(look("three", "two", 6 * SECOND + 2 * SAID), Origin::GivenUp);
+        assert_eq!(
+            look("three", "two", 6 * SECOND + 2 * SAID + QUIET),
+            Origin::Waits,
+            "after a long silence"
+        );
+    }
+
+    #[test]
+    fn a_stream_that_is_made_anew_is_another() {
+        let mut making = Making::default();
+        assert!(!making.is_another(7) && !making.is_another(7));
+        assert!(making.is_another(8) && !making.is_another(8));
+        assert_eq!(making.made(), 8);
     }
 
     #[test]

@@ -3,8 +3,8 @@
 //! came while none led comes to it too.
 
 use super::Fleet;
-use super::centre::{alarm, is_forgotten};
-use super::order::Order;
+use super::centre::{alarm, begin, is_forgotten};
+use super::order::{Making, Order};
 use crate::alarm::{AlarmId, State};
 use crate::fleet::link::{Incoming, Link, LinkError};
 use crate::fleet::streams::EVENTS;
@@ -37,27 +37,34 @@ const MOST_HELD: usize = 500;
 /// Longest wait for receivers by a centre that does not lead any more, or stops; then another tells of what they hold.
 const LET_GO: Duration = Duration::from_secs(5);
 /// What happened longer ago (s) is history, which nobody is told of.
-const NEWS_S: f64 = 86_400.0;
+pub(super) const NEWS_S: f64 = 86_400.0;
 /// Changes and messages that are remembered.
 const REMEMBERED: usize = 4096;
 
 /// What a change is known by: which alarm, when (as bits), and its state since.
-type Key = (AlarmId, u64, State);
+pub(super) type Key = (AlarmId, u64, State);
 
-fn key(change: &AlarmChange) -> Key {
+pub(super) fn key(change: &AlarmChange) -> Key {
     (change.id.clone(), change.transition.at.to_bits(), change.transition.to)
 }
 
 /// In which message of the stream each of the last changes came first: an edge that does not know whether a message arrived
-/// sends its change again.
+/// sends its change again. With it, when that stream was made: the numbers of another say nothing.
 #[derive(Default)]
-pub(super) struct Firsts(Mutex<VecDeque<(Key, u64)>>);
+pub(super) struct Firsts(Mutex<(i128, Numbered)>);
+
+/// Changes, and the number of a message.
+type Numbered = VecDeque<(Key, u64)>;
 
 impl Firsts {
-    /// A change came in this message.
-    pub(super) fn note(&self, change: &AlarmChange, sequence: u64) {
+    /// A change came in this message of the stream that was made then.
+    pub(super) fn note(&self, change: &AlarmChange, (made, sequence): (i128, u64)) {
         let key = key(change);
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut own = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if own.0 != made {
+            *own = (made, VecDeque::new());
+        }
+        let all = &mut own.1;
         if let Some((_, first)) = all.iter_mut().find(|(own, _)| *own == key) {
             *first = sequence.min(*first);
             return;
@@ -68,17 +75,19 @@ impl Firsts {
         all.push_back((key, sequence));
     }
 
-    /// Whether a change came in an earlier message than this.
-    fn is_repeated(&self, change: &AlarmChange, sequence: u64) -> bool {
+    /// Whether a change came in an earlier message than this of the same stream.
+    fn is_repeated(&self, change: &AlarmChange, (made, sequence): (i128, u64)) -> bool {
         let key = key(change);
-        let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        all.iter().any(|(own, first)| *own == key && *first < sequence)
+        let own = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        own.0 == made && own.1.iter().any(|(own, first)| *own == key && *first < sequence)
     }
 }
 
 /// The last messages that were told, by number: one whose acknowledgement was lost comes again.
 #[derive(Default)]
 struct Told {
+    /// Of which making of the stream the numbers are.
+    making: Making,
     last: VecDeque<u64>,
     /// Those that are not acknowledged yet.
     held: HashSet<u64>,
@@ -89,6 +98,14 @@ struct Told {
 }
 
 impl Told {
+    /// The messages are of the stream that was made then; the numbers of another say nothing of them.
+    async fn are_of(&mut self, made: i128) {
+        if self.making.is_another(made) {
+            self.let_go().await;
+            self.last.clear();
+        }
+    }
+
     /// Whether a message is told for the first time; from now on it was.
     fn is_new(&mut self, sequence: u64) -> bool {
         if self.last.contains(&sequence) {
@@ -172,10 +189,11 @@ impl Fleet {
         let filter = all(None, What::Alarm);
         // Who has stopped to lead takes nothing that another is to tell.
         let reading = tokio::select! {
-            reading = link.read(EVENTS, TELLER, &filter) => reading,
+            reading = begin(link, EVENTS, (TELLER, filter.as_str())) => reading,
             () = self.is_over(stop) => return Ok(()),
         };
-        let (mut reading, mut order) = (reading?, Order::default());
+        let ((mut reading, made), mut order) = (reading?, Order::default());
+        told.are_of(made).await;
         while self.leads() {
             told.note();
             match stop.run_until_cancelled(tokio::time::timeout(WAIT, told.at_most(MOST_HELD))).await {
@@ -219,7 +237,7 @@ impl Fleet {
                 self.put_off(&message, order).await;
                 continue;
             }
-            let Some(change) = self.news(&message) else {
+            let Some(change) = self.news(&message, told.making.made()) else {
                 self.later(&message, order).await;
                 continue;
             };
@@ -234,19 +252,29 @@ impl Fleet {
         }
     }
 
-    /// What a message has to tell, if anything; `None` where its loop is not known.
-    fn news(&self, message: &Incoming) -> Option<Option<AlarmChange>> {
+    /// What a message of the stream that was made then has to tell, if anything; `None` where its loop is not known.
+    fn news(&self, message: &Incoming, made: i128) -> Option<Option<AlarmChange>> {
         let own = Subject::read(message.subject())?;
         let id = LoopId::new(of_site(&own.site, &own.name));
         let Some((kept, change)) = alarm(&id, message) else { return Some(None) };
+        self.to_tell(&kept.id, change, (made, message.sequence()))
+    }
+
+    /// What of a change of an alarm is to be told, as `news` says it.
+    fn to_tell(
+        &self,
+        id: &AlarmId,
+        change: Option<AlarmChange>,
+        at: (i128, u64),
+    ) -> Option<Option<AlarmChange>> {
         // Of a loop that its edge has no more nothing is known any longer, and its alarm is over.
-        if !change.as_ref().is_some_and(is_forgotten) {
-            self.results.alarm(&kept.id, self.clock.now())?;
-        }
-        let is_told =
-            |change: &AlarmChange| change.told || self.firsts.is_repeated(change, message.sequence());
+        let is_known = change.as_ref().is_some_and(is_forgotten) || self.is_known(id);
+        is_known.then_some(())?;
+        // A kind that is switched off here is not shown, and nobody is told of it.
+        let is_enabled = self.scene.borrow().config.alarm.is_enabled(id.kind);
+        let is_told = |change: &AlarmChange| change.told || self.firsts.is_repeated(change, at);
         let is_past = |change: &AlarmChange| change.transition.at < self.clock.now() - NEWS_S;
-        Some(change.filter(|change| !is_told(change) && !is_past(change)))
+        Some(change.filter(|change| is_enabled && !is_told(change) && !is_past(change)))
     }
 }
 
@@ -289,14 +317,47 @@ mod tests {
     #[test]
     fn a_change_that_an_edge_sends_again_is_repeated_and_the_first_is_not() {
         let firsts = Firsts::default();
-        (1..4u64).for_each(|at| firsts.note(&change(at as f64), at));
+        (1..4u64).for_each(|at| firsts.note(&change(at as f64), (7, at)));
         // In whatever order they come.
-        firsts.note(&change(1.0), 8);
-        firsts.note(&change(2.0), 1);
-        let repeated = |at: f64, sequence| firsts.is_repeated(&change(at), sequence);
+        firsts.note(&change(1.0), (7, 8));
+        firsts.note(&change(2.0), (7, 1));
+        let repeated = |at: f64, sequence| firsts.is_repeated(&change(at), (7, sequence));
         assert!(repeated(1.0, 8) && !repeated(1.0, 1));
         assert!(repeated(2.0, 2) && !repeated(2.0, 1));
         assert!(!repeated(4.0, 9), "it was not heard of before");
+        // A stream that is made anew numbers from 1 again.
+        assert!(!firsts.is_repeated(&change(1.0), (9, 8)));
+        firsts.note(&change(1.0), (9, 4));
+        assert!(firsts.is_repeated(&change(1.0), (9, 5)) && !firsts.is_repeated(&change(1.0), (9, 4)));
+        assert!(!firsts.is_repeated(&change(2.0), (9, 8)));
+    }
+
+    #[tokio::test]
+    async fn a_message_of_a_stream_that_was_made_anew_is_told_though_its_number_was() {
+        let mut told = Told::default();
+        told.are_of(7).await;
+        assert!(told.is_new(5));
+        told.are_of(7).await;
+        assert!(!told.is_new(5));
+        told.are_of(8).await;
+        assert!(told.is_new(5));
+    }
+
+    #[test]
+    fn a_kind_that_is_switched_off_is_passed_and_an_unknown_loop_waits() {
+        let (fleet, results) = crate::app::fleet::tests::centre("north:L0");
+        let at = |id: &str| {
+            let own = change(fleet.clock.now());
+            let id = AlarmId::named(id);
+            fleet.to_tell(&id, Some(AlarmChange { id: id.clone(), ..own }), (7, 1))
+        };
+        let told = |id: &str| at(id).map(|change| change.is_some());
+        assert_eq!(told("north:L0/stiction"), Some(true));
+        assert_eq!(told("north:L0/f_rising"), Some(false), "it is switched off");
+        assert_eq!(told("north:L1/stiction"), None, "it may be on its way");
+        assert_eq!(told("north:dcs/collector_down"), Some(false), "it is switched off");
+        assert_eq!(told("north:other/collector_down"), None);
+        assert!(results.alarm(&AlarmId::named("north:L0/f_rising"), 0.0).is_none());
     }
 
     #[test]
@@ -312,7 +373,7 @@ mod tests {
         let (mut told, firsts) = (Told::default(), Firsts::default());
         let most = 2 * REMEMBERED as u64;
         assert!((0..most).all(|at| told.is_new(at)));
-        (0..most).for_each(|at| firsts.note(&change(at as f64), at));
-        assert_eq!((told.last.len(), firsts.0.lock().unwrap().len()), (REMEMBERED, REMEMBERED));
+        (0..most).for_each(|at| firsts.note(&change(at as f64), (7, at)));
+        assert_eq!((told.last.len(), firsts.0.lock().unwrap().1.len()), (REMEMBERED, REMEMBERED));
     }
 }

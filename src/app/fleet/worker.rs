@@ -99,6 +99,8 @@ impl Fleet {
             Ok(run) => (Some(window::message(&run)), None),
             Err(why) => (None, Some(why)),
         };
+        // A run that failed is no diagnosis.
+        let diagnosed = run.as_ref().is_some_and(|run| run.report.is_some());
         let answer = Answer {
             window: digest(&subject, incoming.body()).to_vec(),
             worker: self.name.clone(),
@@ -110,7 +112,7 @@ impl Fleet {
             tracing::warn!(%error, control_loop = own.name, "an answer is lost; another worker is asked");
             return incoming.again(PAUSE).await;
         }
-        self.diagnosed.fetch_add(1, Relaxed);
+        self.diagnosed.fetch_add(u64::from(diagnosed), Relaxed);
         tracing::debug!(
             site = own.site,
             control_loop = own.name,

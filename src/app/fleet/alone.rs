@@ -1,0 +1,206 @@
+//! What an edge tells people by itself: which changes of alarms it told, and of which a centre has heard. Pure. A change is known
+//! by what it is and not by its number in the store: that may be away while people have to be told.
+
+use super::teller::{Key, key};
+use crate::alarm::{AlarmId, Kind, State};
+use crate::results::AlarmChange;
+use crate::signal::LoopId;
+use crate::store::TransitionRow;
+use std::collections::{HashSet, VecDeque};
+use std::sync::Arc;
+
+/// Changes that are remembered: more than the log of changes has.
+const REMEMBERED: usize = 4096;
+
+/// The last of some changes.
+#[derive(Clone, Debug, Default)]
+struct Keys {
+    all: HashSet<Key>,
+    order: VecDeque<Key>,
+}
+
+impl Keys {
+    fn has(&self, key: &Key) -> bool {
+        self.all.contains(key)
+    }
+
+    fn put(&mut self, key: Key) {
+        if self.all.insert(key.clone()) {
+            self.order.push_back(key);
+        }
+        if self.order.len() > REMEMBERED
+            && let Some(oldest) = self.order.pop_front()
+        {
+            self.all.remove(&oldest);
+        }
+    }
+
+    fn append(&mut self, others: Self) {
+        others.order.into_iter().for_each(|key| self.put(key));
+    }
+}
+
+/// What an edge knows of the changes since its start.
+#[derive(Debug, Default)]
+pub(super) struct Alone {
+    /// A centre was there after they had been forwarded.
+    heard: Arc<Keys>,
+    /// People were told here.
+    told: Arc<Keys>,
+    /// Forwarded before the last look at the lease.
+    before: Keys,
+    /// Forwarded since.
+    since: Keys,
+}
+
+impl Alone {
+    /// The lease was looked at, and is another message than at the look before, or not. Its holder wrote it between the two, so
+    /// what was forwarded before the first of them was there to be heard; what was forwarded between them may have come later.
+    pub(super) fn looked(&mut self, is_new: bool) {
+        if is_new {
+            let before = std::mem::take(&mut self.before);
+            Arc::make_mut(&mut self.heard).append(before);
+        }
+        let since = std::mem::take(&mut self.since);
+        self.before.append(since);
+    }
+
+    /// What was forwarded is lost with its stream, and is forwarded anew.
+    pub(super) fn lost(&mut self) {
+        (self.before, self.since) = (Keys::default(), Keys::default());
+    }
+
+    /// These were forwarded.
+    pub(super) fn forwarded(&mut self, changes: Vec<Key>) {
+        changes.into_iter().for_each(|key| self.since.put(key));
+    }
+
+    /// People were told of it here.
+    pub(super) fn told(&mut self, change: &AlarmChange) {
+        Arc::make_mut(&mut self.told).put(key(change));
+    }
+
+    /// Of the changes in `log`, newest first, those that nobody has heard of, oldest first. What was given back by the store at
+    /// the start is marked as told.
+    pub(super) fn untold(&self, log: &[Arc<AlarmChange>]) -> Vec<Arc<AlarmChange>> {
+        let is_untold = |change: &AlarmChange| {
+            let key = key(change);
+            !change.told && !self.heard.has(&key) && !self.told.has(&key)
+        };
+        log.iter().rev().filter(|change| is_untold(change)).cloned().collect()
+    }
+
+    /// For who forwards; `holds` where people are told here, by an edge that runs since `since` (s).
+    pub(super) fn so_far(&self, since: f64, holds: bool) -> Told {
+        Told { heard: self.heard.clone(), told: self.told.clone(), since, holds }
+    }
+}
+
+/// What is known of changes while they are forwarded.
+#[derive(Clone, Debug)]
+pub(super) struct Told {
+    heard: Arc<Keys>,
+    told: Arc<Keys>,
+    /// What happened before this is not told here (s).
+    since: f64,
+    /// This edge tells people: what it still has to tell is forwarded after that, so that it says whether people know.
+    holds: bool,
+}
+
+impl Told {
+    /// Whether people were told of the change here.
+    pub(super) fn is_told(&self, row: &TransitionRow) -> bool {
+        known_by(row).is_some_and(|key| self.told.has(&key))
+    }
+
+    /// Whether it may still be told here.
+    pub(super) fn is_of_now(&self, row: &TransitionRow) -> bool {
+        row.at >= self.since
+    }
+
+    /// Whether a change is not to be forwarded yet.
+    pub(super) fn is_held(&self, row: &TransitionRow) -> bool {
+        let is_new = |key: Key| !self.told.has(&key) && !self.heard.has(&key);
+        self.holds && self.is_of_now(row) && known_by(row).is_some_and(is_new)
+    }
+}
+
+/// What the change of a row is known by; `None` for one that this version does not know.
+pub(super) fn known_by(row: &TransitionRow) -> Option<Key> {
+    let id = AlarmId::new(LoopId::new(row.control_loop.as_str()), Kind::named(&row.kind)?);
+    Some((id, row.at.to_bits(), State::named(&row.after)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::alarm::Transition;
+
+    fn change(at: f64) -> Arc<AlarmChange> {
+        let change = crate::notify::change();
+        Arc::new(AlarmChange { transition: Transition { at, ..change.transition }, ..change })
+    }
+
+    fn row(change: &AlarmChange) -> TransitionRow {
+        TransitionRow {
+            control_loop: change.id.subject.to_string(),
+            kind: change.id.kind.as_str().to_string(),
+            at: change.transition.at,
+            before: change.transition.from.as_str().to_string(),
+            after: change.transition.to.as_str().to_string(),
+            cause: change.transition.cause.as_str().to_string(),
+            priority: None,
+            detail: String::new(),
+            by: None,
+            comment: None,
+        }
+    }
+
+    fn times(changes: &[Arc<AlarmChange>]) -> Vec<f64> {
+        changes.iter().map(|change| change.transition.at).collect()
+    }
+
+    #[test]
+    fn a_centre_has_heard_of_what_was_forwarded_before_it_wrote_the_lease_last() {
+        let (one, two) = (change(1.0), change(2.0));
+        let log = [two.clone(), one.clone()];
+        let mut alone = Alone::default();
+        alone.looked(false);
+        alone.forwarded(vec![key(&one)]);
+        // The lease may be from before that: its holder may be dead since.
+        alone.looked(true);
+        assert_eq!(times(&alone.untold(&log)), [1.0, 2.0]);
+        alone.forwarded(vec![key(&two)]);
+        alone.looked(true);
+        assert_eq!(times(&alone.untold(&log)), [2.0], "it lived after the first");
+        // It is silent from now on, however often that is looked at.
+        (0..9).for_each(|_| alone.looked(false));
+        assert_eq!(times(&alone.untold(&log)), [2.0]);
+    }
+
+    #[test]
+    fn what_is_told_here_is_marked_and_what_is_still_to_be_told_waits_for_that() {
+        let (one, two) = (change(11.0), change(12.0));
+        let before = AlarmChange { told: true, ..AlarmChange::clone(&change(3.0)) };
+        let log = [two.clone(), one.clone(), Arc::new(before.clone())];
+        let mut alone = Alone::default();
+        assert_eq!(times(&alone.untold(&log)), [11.0, 12.0], "what was before the start is known");
+        alone.told(&one);
+        assert_eq!(times(&alone.untold(&log)), [12.0]);
+        let told = alone.so_far(10.0, true);
+        let rows = [row(&before), row(&one), row(&two)];
+        assert_eq!(rows.each_ref().map(|row| told.is_held(row)), [false, false, true]);
+        assert_eq!(rows.each_ref().map(|row| told.is_told(row)), [false, true, false]);
+        // Where nobody can be told, nothing waits for it.
+        assert!(!alone.so_far(10.0, false).is_held(&row(&two)));
+    }
+
+    #[test]
+    fn what_is_remembered_is_bounded_and_the_latest_stay() {
+        let mut alone = Alone::default();
+        (0..2 * REMEMBERED).for_each(|at| alone.told(&change(at as f64)));
+        assert_eq!((alone.told.all.len(), alone.told.order.len()), (REMEMBERED, REMEMBERED));
+        let last = change((2 * REMEMBERED - 1) as f64);
+        assert!(alone.untold(&[last]).is_empty());
+    }
+}
