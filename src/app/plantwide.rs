@@ -10,7 +10,7 @@ use super::persistence::Persistence;
 use crate::config::Config;
 use crate::history::History;
 use crate::indicators::series::Values;
-use crate::plantwide::window::of_record;
+use crate::plantwide::window::{of_record, silent_since};
 use crate::plantwide::{Analysis, Friction, Plant, PlantLoop, analyse};
 use crate::results::{Results, Summary};
 use crate::schedule::Clock;
@@ -69,13 +69,15 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The watched loops as their rings have them, one window in memory at a time.
+/// The watched loops that are not silent, as their rings have them, one window in memory at a time.
 struct Live<'a> {
     history: &'a History,
     /// Those with samples enough when the look began.
     loops: Vec<LiveLoop<'a>>,
     results: &'a Results,
     now: f64,
+    /// Time between two looks (s).
+    period_s: f64,
 }
 
 /// A loop and what its window was like when the look began.
@@ -102,7 +104,8 @@ impl Plant for Live<'_> {
     fn get(&self, at: usize) -> Cow<'_, PlantLoop> {
         let own = self.loops[at].of;
         // One whose samples have all turned bad since is empty, and in no group.
-        let mut of = window(self.history, &own.id).and_then(Result::ok).unwrap_or_default();
+        let of = window(self.history, &own.id, (self.now, self.period_s));
+        let mut of = of.and_then(Result::ok).unwrap_or_default();
         of.name = own.id.to_string();
         of.upstream.clone_from(&own.upstream);
         of.friction = self.results.get(&own.id, self.now).and_then(|known| friction_of(&known.summary?));
@@ -110,13 +113,27 @@ impl Plant for Live<'_> {
     }
 }
 
-/// The window of a loop; `None` where it has no ring.
-fn window(history: &History, id: &LoopId) -> Option<Result<PlantLoop, String>> {
+/// The window of a loop at a time, by looks so far apart (s); `None` where it has no ring. A loop that is silent has none: what
+/// its rings still hold says nothing of it as it is now.
+fn window(history: &History, id: &LoopId, (now, period_s): (f64, f64)) -> Option<Result<PlantLoop, String>> {
     let mut record = history.snapshot(id)?;
+    if let Some((tag, since)) = silent_since(&record, now, period_s) {
+        return Some(Err(format!("no good sample of {tag} since {}", told(since))));
+    }
     // The window is where PV is: what is older of the others is held into it.
     let end = record.pv.last().map_or(f64::NEG_INFINITY, |last| last.t);
     record.pv.retain(|sample| sample.t >= end - WEEK_S);
-    Some(of_record(id.as_str(), &record, MOST_SAMPLES))
+    let of = of_record(id.as_str(), &record, MOST_SAMPLES);
+    Some(of.map(|of| {
+        let end = of.window.t0 + of.window.ts * (of.window.len() as f64 - 1.0);
+        PlantLoop { silent_s: (now - end).max(0.0), ..of }
+    }))
+}
+
+/// A time for people, to the second; in seconds where no calendar holds it.
+fn told(t: f64) -> String {
+    let stamp = jiff::Timestamp::from_second(t.round() as i64);
+    stamp.map_or_else(|_| format!("{t} s"), |stamp| stamp.to_string())
 }
 
 fn watched(config: &Config, history: &Arc<History>) -> Watched {
@@ -216,15 +233,16 @@ impl Plantwide {
         let began = Instant::now();
         let now = self.clock.now();
         let watched = lock(&self.watched).clone();
+        let period_s = watched.config.period_s;
         let (mut loops, mut skipped) = (Vec::new(), Vec::new());
         for own in watched.loops.iter() {
-            match window(&watched.history, &own.id) {
+            match window(&watched.history, &own.id, (now, period_s)) {
                 Some(Ok(of)) => loops.push(LiveLoop::new(own, &of.window)),
                 Some(Err(why)) => skipped.push((own.id.clone(), why)),
                 None => {}
             }
         }
-        let plant = Live { history: &watched.history, loops, results: &self.results, now };
+        let plant = Live { history: &watched.history, loops, results: &self.results, now, period_s };
         let found = analyse(&plant);
         let mut said = said(&plant, &found);
         // What was taken out of the configuration meanwhile must not begin anew.
@@ -256,6 +274,11 @@ impl Plantwide {
             "plant looked at"
         );
         *lock(&self.overview) = Some(Arc::new(Overview { at: now, took_s, looked_at, skipped, groups }));
+    }
+
+    /// Time between two looks (s).
+    fn period_s(&self) -> f64 {
+        lock(&self.watched).config.period_s
     }
 
     fn line(&self, order: Order) -> WorkLine {
@@ -327,10 +350,12 @@ impl PlantwidePort for Plantwide {
     }
 
     fn latest(&self, id: &LoopId) -> Option<Values> {
-        lock(&self.health).latest(id)
+        let period_s = self.period_s();
+        lock(&self.health).latest(id, self.clock.now(), period_s)
     }
 
     fn health(&self, id: &LoopId) -> Option<Health> {
-        lock(&self.health).of(id)
+        let period_s = self.period_s();
+        lock(&self.health).of(id, self.clock.now(), period_s)
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! [`indicators`] takes them all from one window. What is not known is none: without a mode there is no service factor,
 //! without limits nothing is at one. Without a dead time the Harris index is that of one sample, which a loop with a longer one
-//! cannot reach: then it does not count in the score.
+//! cannot reach: then it does not count in the score. Where good samples cover less than half of a window it has no values: what
+//! is drawn through the rest was not measured.
 
 pub mod distribution;
 pub mod error;
@@ -37,11 +38,17 @@ pub struct Known<'a> {
     pub dead_time_s: Option<f64>,
     /// Step of PV as it was measured (PV unit; 0 for none), where the window does not have its samples.
     pub step: Option<f64>,
+    /// At how many samples, from the first on, the set point is known; none where it is at all of them.
+    pub sp_known: Option<usize>,
+    /// For how long there has been nothing since the window's end (s): it is a part of the time that is asked of.
+    pub silent_s: f64,
 }
 
 /// The indicators of one loop over one window.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Indicators {
+    /// Whether there was enough to measure: finite, and good samples over half of the time.
+    pub measured: bool,
     /// Share of the time in automatic (0..1).
     pub service_factor: Option<f64>,
     /// Share of the time with OP at a limit (0..1).
@@ -52,12 +59,14 @@ pub struct Indicators {
     pub harris: Option<Harris>,
     /// Oscillations of the error, the largest first.
     pub oscillations: Vec<Oscillation>,
+    /// Share of the error's variance in them (0..1); none where the error is too short or does not move.
+    pub swing: Option<f64>,
     /// How steps of the set point are followed.
     pub settling: Option<Settling>,
     /// The valve's work.
     pub travel: Travel,
-    /// Share of the time in which PV stands still while OP moves (0..1).
-    pub stuck: f64,
+    /// Share of the time in which PV stands still while OP moves (0..1); none where OP does not move.
+    pub stuck: Option<f64>,
     /// Where OP stays.
     pub distribution: Option<Distribution>,
     /// Noise, steps and compression of PV.
@@ -69,7 +78,7 @@ pub struct Indicators {
 impl Indicators {
     /// As numbers.
     pub fn values(&self) -> Values {
-        let swing: f64 = self.oscillations.iter().map(|own| own.share).sum();
+        let measured = |value: f64| self.measured.then_some(value);
         [
             self.score,
             self.service_factor,
@@ -77,49 +86,56 @@ impl Indicators {
             self.error.map(|error| error.sd),
             self.error.map(|error| error.mean_absolute),
             self.harris.map(|harris| harris.index),
-            Some(swing.clamp(0.0, 1.0)),
+            self.swing,
             self.oscillations.first().map(|own| own.period_s),
-            Some(self.travel.a_day),
-            Some(self.travel.reversals_a_day),
-            Some(self.stuck),
-            Some(self.kept.noise_share),
-            Some(self.kept.quantisation),
+            measured(self.travel.a_day),
+            measured(self.travel.reversals_a_day),
+            self.stuck,
+            measured(self.kept.noise_share),
+            measured(self.kept.quantisation),
         ]
         .map(|value: Option<f64>| value.filter(|x| x.is_finite()))
     }
 }
 
-/// Takes all indicators; a window with values that are not finite gives those that need none.
+/// Takes all indicators; a window with values that are not finite, or with good samples over less than half of its time, gives
+/// those that need none.
 pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transforms) -> Indicators {
     let finite = window.op.iter().chain(&window.pv).all(|x| x.is_finite());
-    if !finite || window.op.len() != window.pv.len() || window.ts <= 0.0 || window.ts.is_nan() {
-        return Indicators {
-            service_factor: known.mode.and_then(service::service_factor),
-            ..Indicators::default()
-        };
+    let length = window.pv.len() as f64 * window.ts;
+    let sparse = 2.0 * length * (1.0 - window.missing()) < length + known.silent_s;
+    // The mode is known no further than the window goes.
+    let service_factor = known.mode.filter(|_| length >= known.silent_s).and_then(service::service_factor);
+    if !finite || sparse || window.op.len() != window.pv.len() || window.ts <= 0.0 || window.ts.is_nan() {
+        return Indicators { service_factor, ..Indicators::default() };
     }
-    let e = error::errors(&window.pv, window.sp.as_deref());
+    let sp = window.sp.as_deref().filter(|sp| sp.len() == window.pv.len());
+    let there = error::known_samples(&window.pv, sp, known.sp_known);
+    let e = error::known_errors(&window.pv, sp, known.sp_known);
     let dead = known.dead_time_s.map_or(1, |dead| 1 + (dead / window.ts).round().clamp(0.0, 1e6) as usize);
+    let oscillations = oscillation::oscillations(&e, window.ts, transforms);
+    let swinging: f64 = oscillations.iter().map(|oscillation| oscillation.share).sum();
     let mut found = Indicators {
-        service_factor: known.mode.and_then(service::service_factor),
+        measured: true,
+        service_factor,
         at_limits: known.op_limits.and_then(|limits| service::at_limits(&window.op, limits)),
         error: error::measure(&e, window.ts),
         harris: harris::harris(&e, dead),
-        oscillations: oscillation::oscillations(&e, window.ts, transforms),
-        settling: window.sp.as_ref().and_then(|sp| settling::settling(&window.pv, sp, window.ts)),
+        oscillations,
+        swing: oscillation::can_tell(&e).then_some(swinging.clamp(0.0, 1.0)),
+        settling: sp.and_then(|sp| settling::settling(&window.pv[..there], &sp[..there], window.ts)),
         travel: travel::travel(window.mv.as_deref().unwrap_or(&window.op), window.ts),
         stuck: travel::stuck(&window.op, &window.pv),
         distribution: known.op_limits.and_then(|limits| distribution::distribution(&window.op, limits)),
         kept: noise::kept(&window.pv, known.step),
         score: None,
     };
-    let swinging: f64 = found.oscillations.iter().map(|oscillation| oscillation.share).sum();
     found.score = score::score(&[
         found.service_factor.map(|share| 1.0 - share),
         found.at_limits,
-        Some(swinging.min(1.0)),
+        found.swing,
         found.harris.filter(|_| known.dead_time_s.is_some()).map(|harris| 1.0 - harris.index),
-        Some(found.stuck),
+        found.stuck,
     ]);
     found
 }
@@ -127,6 +143,7 @@ pub fn indicators(window: &Window, known: &Known<'_>, transforms: &mut Transform
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::signal::Row;
 
     #[test]
     fn a_swinging_loop_scores_worse_and_rubbish_is_no_panic() {
@@ -145,6 +162,53 @@ mod tests {
             let found = of(&rubbish);
             assert!(found.score.is_none_or(f64::is_finite));
         }
+    }
+
+    #[test]
+    fn a_loop_of_which_nothing_is_known_has_no_score() {
+        let level = |n| Window { ts: 60.0, op: vec![40.0; n], pv: vec![5.0; n], ..Window::default() };
+        let mut transforms = Transforms::new();
+        let mut of = |window: &Window| indicators(window, &Known::default(), &mut transforms);
+        for n in [3, 1440] {
+            let found = of(&level(n));
+            assert_eq!((found.score, found.swing, found.stuck), (None, None, None), "{n}");
+            let values = found.values();
+            assert_eq!((values[0], values[6], values[10]), (None, None, None), "{n}");
+        }
+        // Without the set point of less than half of the time it is not known how it swings.
+        let pv: Vec<f64> = (0..1440).map(|k| ((k * k) as f64 * 0.7).sin()).collect();
+        let window = Window { ts: 60.0, op: pv.clone(), sp: Some(vec![0.0; 1440]), pv, ..Window::default() };
+        for (sp_known, is_told) in [(None, true), (Some(1000), true), (Some(700), false)] {
+            let known = Known { sp_known, ..Known::default() };
+            let found = indicators(&window, &known, &mut transforms);
+            assert_eq!((found.error.is_some(), found.swing.is_some()), (is_told, is_told), "{sp_known:?}");
+            assert!(found.stuck.is_some());
+        }
+    }
+
+    #[test]
+    fn what_good_samples_hardly_cover_has_no_values() {
+        let pv: Vec<f64> = (0..100).map(|k| ((k * k) as f64 * 0.7).sin()).collect();
+        let rows = |missing| (0..100).map(move |k| if k < missing { Row::Missing } else { Row::Counts });
+        let window = |missing| Window {
+            ts: 60.0,
+            op: pv.clone(),
+            pv: pv.clone(),
+            rows: rows(missing).collect(),
+            ..Window::default()
+        };
+        let mode = [1.0; 100];
+        let mut transforms = Transforms::new();
+        let mut of = |missing, silent_s| {
+            let known = Known { mode: Some(&mode), silent_s, ..Known::default() };
+            indicators(&window(missing), &known, &mut transforms)
+        };
+        assert!([of(0, 0.0), of(50, 0.0), of(0, 6000.0)].iter().all(|found| found.measured));
+        for found in [of(51, 0.0), of(0, 6060.0), of(25, 3060.0)] {
+            let values = found.values();
+            assert!(!found.measured && values[0].is_none() && values[2..].iter().all(Option::is_none));
+        }
+        assert_eq!((of(51, 0.0).service_factor, of(0, 6060.0).service_factor), (Some(1.0), None));
     }
 
     #[test]

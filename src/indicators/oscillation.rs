@@ -99,6 +99,11 @@ impl Oscillation {
     }
 }
 
+/// Whether a signal can be asked: it is long enough, all of it is finite, and it moves.
+pub fn can_tell(x: &[f64]) -> bool {
+    prepared(x).is_some()
+}
+
 /// The oscillations of `x`, the largest first; none where values are not finite, too few, or do not move.
 pub fn oscillations(x: &[f64], ts: f64, transforms: &mut Transforms) -> Vec<Oscillation> {
     let mut found: Vec<Oscillation> = Vec::new();
@@ -342,6 +347,8 @@ mod tests {
         let mut transforms = Transforms::new();
         for x in [vec![], vec![1.0; 500], vec![f64::NAN; 500], vec![f64::INFINITY; 70], noise(20, 1)] {
             assert_eq!(oscillations(&x, 1.0, &mut transforms), []);
+            assert!(!can_tell(&x));
         }
+        assert!(can_tell(&noise(60, 1)));
     }
 }

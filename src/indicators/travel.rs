@@ -54,14 +54,13 @@ pub fn travel(u: &[f64], ts: f64) -> Travel {
     Travel { a_day: way * DAY_S / length, reversals_a_day: extrema.len() as f64 * DAY_S / length }
 }
 
-/// Share of the time in which PV stands still while OP moves (0..1).
-pub fn stuck(op: &[f64], pv: &[f64]) -> f64 {
+/// Share of the time in which PV stands still while OP moves (0..1); none of a record shorter than a stretch, or of an OP that
+/// does not move: then nothing was asked of the valve.
+pub fn stuck(op: &[f64], pv: &[f64]) -> Option<f64> {
     let n = op.len().min(pv.len());
     let (spread, noise) = (sd(&op[..n]), noise_sd(&pv[..n]));
     let still = (STILL.0 * noise).min(STILL.1 * sd(&pv[..n]));
-    if n < STRETCH || spread <= 0.0 {
-        return 0.0;
-    }
+    (n >= STRETCH && spread > 0.0).then_some(())?;
     let (mut stuck, mut all) = (0_usize, 0_usize);
     for k in (0..=n - STRETCH).step_by(STRETCH / 2) {
         let of = |v: &[f64]| {
@@ -71,7 +70,7 @@ pub fn stuck(op: &[f64], pv: &[f64]) -> f64 {
         all += 1;
         stuck += usize::from(of(op) > MOVES * spread && of(pv) <= still);
     }
-    stuck as f64 / all as f64
+    Some(stuck as f64 / all as f64)
 }
 
 #[cfg(test)]
@@ -93,8 +92,11 @@ mod tests {
     fn a_square_wave_behind_a_ramp_is_stuck_and_a_follower_is_not() {
         let op: Vec<f64> = (0..600).map(|k| (f64::from(k % 60) - 30.0).abs()).collect();
         let square: Vec<f64> = (0..600).map(|k| if (k / 30) % 2 == 0 { 1.0 } else { -1.0 }).collect();
-        assert!(stuck(&op, &square) > 0.6, "{}", stuck(&op, &square));
-        assert!(stuck(&op, &op) < 0.05);
-        assert_eq!(stuck(&[], &[]), 0.0);
+        let share = |pv: &[f64]| stuck(&op, pv).expect("OP moves");
+        assert!(share(&square) > 0.6, "{}", share(&square));
+        assert!(share(&op) < 0.05);
+        // Nothing was asked of the valve, or not for long enough.
+        assert_eq!((stuck(&[], &[]), stuck(&[3.0; 600], &square)), (None, None));
+        assert_eq!(stuck(&op[..STRETCH - 1], &square[..STRETCH - 1]), None);
     }
 }

@@ -202,10 +202,10 @@ fn why(cause: Cause, of: &LoopFound) -> String {
     let at = swing.map_or_else(String::new, |own| format!(" at {}", period(own.period_s)));
     let percent = |x: f64| format!("{:.0} %", 100.0 * x);
     match cause {
-        Cause::Valve if i.stuck > 0.05 => {
-            format!("PV stands still for {} of the time while OP moves", percent(i.stuck))
-        }
-        Cause::Valve => format!("it swings{at} as the limit cycle of a valve that sticks does"),
+        Cause::Valve => match i.stuck.filter(|share| *share > 0.05) {
+            Some(share) => format!("PV stands still for {} of the time while OP moves", percent(share)),
+            None => format!("it swings{at} as the limit cycle of a valve that sticks does"),
+        },
         Cause::Tuning if swing.is_some() => {
             format!("it rings{at} with an amplitude that comes and goes, like a loop with little damping")
         }
@@ -314,6 +314,14 @@ mod tests {
         let group = Group { members: vec![1, 0], suspects: vec![suspect(1, 1.0)], ..Group::default() };
         let told = reason(0, &[of.clone(), of], &[group]).expect("a cause");
         assert_eq!((told.cause, told.neighbour, told.probability), (Cause::Neighbour, Some(1), 1.0));
+    }
+
+    #[test]
+    fn a_valve_is_said_to_stand_still_where_that_is_known() {
+        let mut of = LoopFound::default();
+        assert_eq!(why(Cause::Valve, &of), "it swings as the limit cycle of a valve that sticks does");
+        of.indicators.stuck = Some(0.2);
+        assert_eq!(why(Cause::Valve, &of), "PV stands still for 20 % of the time while OP moves");
     }
 
     #[test]

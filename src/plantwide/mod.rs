@@ -38,8 +38,12 @@ pub struct PlantLoop {
     pub name: String,
     /// Its window.
     pub window: Window,
-    /// 1 in automatic, 0 otherwise, at every sample of the window, where recorded.
+    /// 1 in automatic, 0 otherwise, NaN where it is not known, at every sample of the window, where recorded.
     pub mode: Option<Vec<f64>>,
+    /// At how many samples, from the first on, the set point is known; none where it is at all of them.
+    pub sp_known: Option<usize>,
+    /// For how long there has been nothing since the window's end (s).
+    pub silent_s: f64,
     /// The controller's output limits (OP unit), where known.
     pub op_limits: Option<(f64, f64)>,
     /// Dead time of its process (s), where known: the Harris index rests on it.
@@ -167,7 +171,7 @@ fn join(groups: &[Group], found: &mut [LoopFound]) {
     }
 }
 
-/// Of every loop the indicators of its last `hour_s` as numbers, those that need longer over all of its window.
+/// Of every loop the indicators of the last `hour_s` as numbers, those that need longer over all of its window.
 pub fn values(plant: &dyn Plant, found: &Analysis, hour_s: f64) -> Vec<Values> {
     let mut transforms = Transforms::new();
     let mut latest = |(at, found): (usize, &LoopFound)| {
@@ -183,16 +187,22 @@ fn health(of: &PlantLoop, transforms: &mut Transforms) -> Indicators {
         op_limits: of.op_limits,
         dead_time_s: of.dead_time_s,
         step: of.raw.map(|raw| raw.step),
+        sp_known: of.sp_known,
+        silent_s: of.silent_s,
     };
     indicators(&of.window, &known, transforms)
 }
 
 fn one(of: &PlantLoop, transforms: &mut Transforms) -> LoopFound {
     let indicators = health(of, transforms);
-    let mut swings = oscillations(&of.window.pv, of.window.ts, transforms);
-    // A controller may keep PV still at the cost of its output.
-    if swings.is_empty() {
-        swings = oscillations(&of.window.op, of.window.ts, transforms);
+    let mut swings = Vec::new();
+    // What is drawn through gaps swings by itself.
+    if indicators.measured {
+        swings = oscillations(&of.window.pv, of.window.ts, transforms);
+        // A controller may keep PV still at the cost of its output.
+        if swings.is_empty() {
+            swings = oscillations(&of.window.op, of.window.ts, transforms);
+        }
     }
     let mut found = LoopFound {
         name: of.name.clone(),

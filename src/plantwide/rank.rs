@@ -164,7 +164,7 @@ fn signs(
                 (pv.map_or(0.0, |bins| harmonics(bins, spectra.m(), group.period_s / spectra.ts)) + PURE)
                     .ln(),
                 (op.map_or(0.0, |s| harmonics(&s.bins, s.m, group.period_s / of.ts)) + PURE).ln(),
-                found[i].indicators.stuck,
+                found[i].indicators.stuck.unwrap_or(0.0),
                 lead(i),
                 f64::from(u8::from(is_master)),
                 downstream,

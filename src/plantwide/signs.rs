@@ -9,7 +9,7 @@
 //! | swing | share of the variance in the largest oscillation; 0 without one |
 //! | steady | its steadiness: 1 for a sine, 0.67 for noise in a band |
 //! | corners of PV, of OP | ln of (power of its harmonics over its own + 0.003) |
-//! | stuck | share of the time in which PV stands still while OP moves |
+//! | stuck | share of the time in which PV stands still while OP moves; 0 where OP does not move |
 //! | sticks | ln of the odds of friction by a diagnosis that says so, at most 3; else 0 |
 //! | sound | 1 where a diagnosis says that the valve is sound |
 //! | Harris | the index, 0.5 where it is not known |
@@ -19,7 +19,7 @@
 use super::rank::harmonics;
 use super::{LoopFound, PlantLoop};
 use crate::diagnosis::denoise::noise_sd;
-use crate::indicators::error::errors;
+use crate::indicators::error::known_errors;
 use crate::sysid::spectrum::{Spectrum, Transforms};
 use crate::sysid::stats::{mean, range, sd};
 
@@ -68,11 +68,11 @@ pub fn signs(of: &PlantLoop, found: &LoopFound, transforms: &mut Transforms) -> 
         swing.map_or(0.67, |own| own.steadiness),
         corners(&w.pv, transforms),
         corners(&w.op, transforms),
-        i.stuck,
+        i.stuck.unwrap_or(0.0),
         friction.filter(|own| own.sticks).map_or(0.0, |own| odds(own.probability)),
         f64::from(u8::from(friction.is_some_and(|own| !own.sticks))),
         i.harris.map_or(0.5, |own| own.index),
-        slow(&errors(&w.pv, w.sp.as_deref()), transforms),
+        slow(&known_errors(&w.pv, w.sp.as_deref(), of.sp_known), transforms),
         effort(&w.op, &w.pv),
     ]
 }

@@ -7,18 +7,23 @@
 //! A value picked now and then would show a fast cycle as a slow one. The mean of a cell has no steps of its own any more, so
 //! those of PV are taken before.
 //!
-//! Unlike the diagnosis's gate it keeps the whole record, gaps and all: an oscillation is asked of all the time there is.
+//! Unlike the diagnosis's gate it keeps the whole record, gaps and all: an oscillation is asked of all the time there is. What
+//! good samples of PV and OP do not cover is marked as missing, so that what hardly anything was measured of has no values.
+//! Mode and set point are known as long as they were sampled. A source that sends changes only repeats no value: its silence
+//! says that nothing has changed, until it says that something is wrong.
 
 use super::signs::held;
 use super::{PlantLoop, is_moved};
 use crate::indicators::noise;
-use crate::signal::{Record, Sample, Window};
+use crate::signal::{Record, Row, Sample, Window};
 use crate::sysid::stats::median;
 
 /// Fewest good samples.
 const LEAST: usize = 60;
 /// Samples a cell from which on it has their mean: fewer are drawn through.
 const THINNED: f64 = 1.2;
+/// Sampling intervals without a good sample from which on a tag is silent.
+const SILENT: f64 = 10.0;
 
 /// What thinning takes from PV, taken before.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,48 +39,156 @@ pub struct Raw {
 /// # Errors
 /// Why the record cannot be used.
 pub fn of_record(name: &str, record: &Record, most: usize) -> Result<PlantLoop, String> {
-    let good = |series: &[Sample]| -> Vec<(f64, f64)> {
-        let good = series.iter().filter(|s| s.quality.is_good() && s.value.is_finite() && s.t.is_finite());
-        let mut good: Vec<(f64, f64)> = good.map(|s| (s.t, s.value)).collect();
-        good.sort_by(|a, b| a.0.total_cmp(&b.0));
-        good.dedup_by(|a, b| a.0 == b.0);
-        good
-    };
-    let (op, pv) = (good(&record.op), good(&record.pv));
+    let (op_tag, pv_tag) = (Tag::of(&record.op), Tag::of(&record.pv));
+    let (op, pv) = (&op_tag.points, &pv_tag.points);
     if pv.len() < LEAST || op.is_empty() {
         return Err(format!("{} good samples of PV and {} of OP, {LEAST} are needed", pv.len(), op.len()));
     }
     let (from, to) = (pv[0].0, pv[pv.len() - 1].0);
-    let ts = interval(&pv).max((to - from) / most.max(2) as f64);
+    let ts = interval(pv).max((to - from) / most.max(2) as f64);
     let n = ((to - from) / ts) as usize + 1;
     let times = || (0..n).map(|k| from + k as f64 * ts);
     let is_thinned = |points: &Points| ts > THINNED * interval(points);
     let drawn = |points: &Points| -> Vec<f64> {
         if is_thinned(points) { averaged(points, times(), ts) } else { picked(points, times(), false) }
     };
-    let kept = |series: &Option<Vec<Sample>>| series.as_deref().map(good).filter(|points| !points.is_empty());
-    let set_point = |points: Vec<(f64, f64)>| {
+    let kept =
+        |series: &Option<Vec<Sample>>| series.as_deref().map(Tag::of).filter(|tag| !tag.points.is_empty());
+    let set_point = |points: &Points| {
         // That of a cascade has to stay the same as its master's OP; a step by hand stays a step.
-        let is_output = points.len() > n && is_moved(&values(&points));
-        if is_output { drawn(&points) } else { picked(&points, times(), true) }
+        let is_output = points.len() > n && is_moved(&values(points));
+        if is_output { drawn(points) } else { picked(points, times(), true) }
     };
+    let sp = kept(&record.sp);
+    let sp_ends = sp.as_ref().and_then(|sp| sp.ends_before(to));
+    let sp_known = sp_ends.map(|end| times().take_while(|t| *t <= end).count());
+    // An OP that is sent by changes stands still in manual and at a limit; a PV hardly ever does.
+    let op_covered = if op_tag.by_changes { op_tag.known(times(), to) } else { op_tag.near(times(), to) };
+    let covered = pv_tag.near(times(), to).into_iter().zip(op_covered);
+    let rows: Vec<Row> = covered.map(|(pv, op)| if pv && op { Row::Counts } else { Row::Missing }).collect();
     let window = Window {
         t0: from,
         ts,
-        op: drawn(&op),
-        pv: drawn(&pv),
-        sp: kept(&record.sp).map(set_point),
+        op: drawn(op),
+        pv: drawn(pv),
+        sp: sp.map(|sp| set_point(&sp.points)),
         // Of a stem that is hardly ever measured the travel is not known.
-        mv: kept(&record.mv).filter(|mv| mv.len() >= LEAST).map(|mv| drawn(&mv)),
+        mv: kept(&record.mv).filter(|mv| mv.points.len() >= LEAST).map(|mv| drawn(&mv.points)),
+        // Empty where all count.
+        rows: if rows.contains(&Row::Missing) { rows } else { Vec::new() },
         ..Window::default()
     };
-    let raw = is_thinned(&pv).then(|| {
-        let pv = values(&pv);
+    let raw = is_thinned(pv).then(|| {
+        let pv = values(pv);
         Raw { step: noise::step(&pv), held: held(&pv) }
     });
-    let mode = kept(&record.mode).map(|mode| picked(&mode, times(), true));
+    let mode = kept(&record.mode).map(|mode| {
+        let held = picked(&mode.points, times(), true).into_iter().zip(mode.known(times(), to));
+        held.map(|(mode, is_known)| if is_known { mode } else { f64::NAN }).collect()
+    });
     let (name, op_limits) = (name.into(), record.op_limits);
-    Ok(PlantLoop { name, window, mode, op_limits, raw, ..PlantLoop::default() })
+    Ok(PlantLoop { name, window, mode, sp_known, op_limits, raw, ..PlantLoop::default() })
+}
+
+/// Which of PV and OP has been silent for too long at `now` (s), and since when (s): for more than a period of the looks and
+/// more than ten of its sampling intervals. Nothing can be said of such a loop as it is now. An OP that is sent by changes is silent
+/// once it is said to be bad.
+pub fn silent_since(record: &Record, now: f64, period_s: f64) -> Option<(&'static str, f64)> {
+    [("PV", &record.pv), ("OP", &record.op)].into_iter().find_map(|(name, series)| {
+        let tag = Tag::of(series);
+        let last = tag.points.last()?.0;
+        let stands = name == "OP" && tag.by_changes && tag.until(last, now) >= now;
+        (!stands && now - last > period_s.max(tag.longest)).then_some((name, last))
+    })
+}
+
+/// The good samples of a tag, and what tells for how long each of them stands.
+struct Tag {
+    points: Vec<(f64, f64)>,
+    /// Times of the samples that are not good, in order (s).
+    marks: Vec<f64>,
+    /// Whether its source sends changes only.
+    by_changes: bool,
+    /// The longest time between two good samples that is no silence (s). By the mean interval: of an archive, which leaves out
+    /// what is on a line, the median is far shorter than most of the time.
+    longest: f64,
+}
+
+impl Tag {
+    fn of(series: &[Sample]) -> Self {
+        let is_good = |s: &Sample| s.quality.is_good() && s.value.is_finite() && s.t.is_finite();
+        let good = series.iter().filter(|s| is_good(s));
+        let mut points: Vec<(f64, f64)> = good.map(|s| (s.t, s.value)).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        points.dedup_by(|a, b| a.0 == b.0);
+        let bad = series.iter().filter(|s| !is_good(s) && s.t.is_finite());
+        let mut marks: Vec<f64> = bad.map(|s| s.t).collect();
+        marks.sort_by(f64::total_cmp);
+        // After a mark the same value counts again, also where changes only are sent.
+        let repeats = |w: &[Sample]| is_good(&w[0]) && is_good(&w[1]) && w[0].value == w[1].value;
+        let by_changes = !series.windows(2).any(|w| repeats(w) && w[0].t < w[1].t);
+        let length = points.first().zip(points.last()).map_or(0.0, |(first, last)| last.0 - first.0);
+        let longest = SILENT * length / points.len().saturating_sub(1).max(1) as f64;
+        Self { points, marks, by_changes, longest }
+    }
+
+    /// Of each time whether `holds` does, for it and the times of the good samples before and after it, the last of which is
+    /// `end`; of a time before all of them for it and the first.
+    fn around(
+        &self,
+        times: impl Iterator<Item = f64>,
+        end: f64,
+        holds: impl Fn(f64, f64, f64) -> bool,
+    ) -> Vec<bool> {
+        let mut at = 0;
+        times
+            .map(|t| {
+                while at + 1 < self.points.len() && self.points[at + 1].0 <= t {
+                    at += 1;
+                }
+                let after = self.points.get(at + 1).map_or(end, |next| next.0);
+                holds(t, self.points[at].0, after)
+            })
+            .collect()
+    }
+
+    /// Which of the times lie between good samples that are near each other.
+    fn near(&self, times: impl Iterator<Item = f64>, end: f64) -> Vec<bool> {
+        self.around(times, end, |t, before, after| {
+            let silence = if t < before { before - t } else { after - before };
+            t == before || silence <= self.longest
+        })
+    }
+
+    /// At which of the times a value that is held is known.
+    fn known(&self, times: impl Iterator<Item = f64>, end: f64) -> Vec<bool> {
+        self.around(times, end, |t, before, after| {
+            // What changed first may have been anything before.
+            if t < before {
+                !self.by_changes && before - t <= self.longest
+            } else {
+                t <= self.until(before, after)
+            }
+        })
+    }
+
+    /// Until when a value of the time `before` stands, of which the next comes at `after` (s).
+    fn until(&self, before: f64, after: f64) -> f64 {
+        if self.by_changes {
+            let mark = self.marks.get(self.marks.partition_point(|t| *t <= before));
+            mark.copied().unwrap_or(f64::INFINITY)
+        } else if after - before <= self.longest {
+            f64::INFINITY
+        } else {
+            before
+        }
+    }
+
+    /// Until when the last good sample stands (s), where that is not until `end`.
+    fn ends_before(&self, end: f64) -> Option<f64> {
+        let until = self.until(self.points.last()?.0, end);
+        (until < end).then_some(until)
+    }
 }
 
 /// Times and values, in order.
@@ -133,10 +246,10 @@ fn averaged(points: &Points, times: impl Iterator<Item = f64>, ts: f64) -> Vec<f
         .collect()
 }
 
-/// The last `length_s` of a loop.
+/// The last `length_s` of a loop, up to now: less of its window where that ended before.
 pub fn tail(of: &PlantLoop, length_s: f64) -> PlantLoop {
     let n = of.window.pv.len();
-    let from = n.saturating_sub((length_s / of.window.ts).ceil().max(1.0) as usize);
+    let from = n.saturating_sub(((length_s - of.silent_s) / of.window.ts).ceil().max(1.0) as usize);
     let last = |x: &Vec<f64>| x.get(from..).unwrap_or_default().to_vec();
     let w = &of.window;
     let window = Window {
@@ -146,16 +259,19 @@ pub fn tail(of: &PlantLoop, length_s: f64) -> PlantLoop {
         pv: last(&w.pv),
         sp: w.sp.as_ref().map(last),
         mv: w.mv.as_ref().map(last),
+        rows: w.rows.get(from..).unwrap_or_default().to_vec(),
         ..Window::default()
     };
     let (name, mode) = (of.name.clone(), of.mode.as_ref().map(last));
-    let (op_limits, dead_time_s, raw) = (of.op_limits, of.dead_time_s, of.raw);
-    PlantLoop { name, window, mode, op_limits, dead_time_s, raw, ..PlantLoop::default() }
+    let (op_limits, dead_time_s, raw, silent_s) = (of.op_limits, of.dead_time_s, of.raw, of.silent_s);
+    let sp_known = of.sp_known.map(|known| known.saturating_sub(from));
+    PlantLoop { name, window, mode, sp_known, silent_s, op_limits, dead_time_s, raw, ..PlantLoop::default() }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::signal::{BadReason, Quality};
     use crate::sysid::stats::sd;
     use std::f64::consts::TAU;
 
@@ -189,6 +305,91 @@ mod tests {
     /// A day of samples every 10 s.
     fn day(f: impl Fn(f64) -> f64) -> Vec<Sample> {
         (0..8640).map(|k| 10.0 * f64::from(k)).map(|t| Sample::good(t, f(t))).collect()
+    }
+
+    /// A sample that is not good.
+    fn bad(t: f64) -> Sample {
+        Sample { quality: Quality::Bad(BadReason::Timeout), ..Sample::good(t, f64::NAN) }
+    }
+
+    #[test]
+    fn mode_and_set_point_are_known_no_longer_than_they_were_sampled() {
+        let pv = day(|t| (0.001 * t).sin());
+        let of = |sp: Vec<Sample>, mode: Vec<Sample>| {
+            let (op, pv) = (pv.clone(), pv.clone());
+            let record = Record { op, pv, sp: Some(sp), mode: Some(mode), ..Record::default() };
+            of_record("FIC1", &record, 10_000).expect("a day")
+        };
+        let known = |of: &PlantLoop| {
+            let mode = of.mode.as_ref().expect("recorded").iter().filter(|mode| mode.is_finite());
+            (of.sp_known, mode.count())
+        };
+        let all = of(day(|_| 5.0), day(|_| 1.0));
+        assert_eq!(known(&all), (None, 8640));
+        // Both died after 6,000 samples, without a word.
+        let first = |x: f64| day(|_| x).into_iter().take(6000).collect::<Vec<Sample>>();
+        let dead = of(first(5.0), first(1.0));
+        assert_eq!(known(&dead), (Some(6000), 6000));
+        let hour = tail(&dead, 3600.0);
+        assert_eq!(known(&hour), (Some(0), 0));
+        // A source that sends changes only has said nothing since, until it says that something is wrong.
+        let once = vec![Sample::good(0.0, 1.0)];
+        assert_eq!(known(&of(once.clone(), once.clone())), (None, 8640));
+        let lost = vec![Sample::good(0.0, 1.0), bad(40_000.0)];
+        assert_eq!(known(&of(lost.clone(), lost)), (Some(4001), 4001));
+        let back = vec![Sample::good(0.0, 1.0), bad(40_000.0), Sample::good(80_000.0, 1.0)];
+        assert_eq!(known(&of(once, back)), (None, 4001 + 640), "from 80,000 s on it is known again");
+    }
+
+    #[test]
+    fn what_is_drawn_through_a_gap_is_missing() {
+        let mut gap = day(|t| (0.001 * t).sin());
+        gap.drain(1000..7000);
+        let record =
+            |op: &[Sample], pv: &[Sample]| Record { op: op.to_vec(), pv: pv.to_vec(), ..Record::default() };
+        let whole = day(|t| (0.001 * t).sin());
+        let missing = |record: &Record| of_record("FIC1", record, 10_000).expect("a day").window.missing();
+        assert_eq!(missing(&record(&whole, &whole)), 0.0);
+        // OP repeats its values, so that its source does not send changes only.
+        let polled = day(|t| (10.0 * (0.001 * t).sin()).round());
+        let mut hole = polled.clone();
+        hole.drain(1000..7000);
+        for of in [record(&hole, &gap), record(&polled, &gap), record(&hole, &whole)] {
+            assert!((missing(&of) - 6000.0 / 8640.0).abs() < 1e-3, "{}", missing(&of));
+        }
+        // One that is sent by changes stands where it was, until it is bad.
+        assert_eq!(missing(&record(&gap, &whole)), 0.0);
+        gap.insert(1000, bad(10_000.0));
+        assert!((missing(&record(&gap, &whole)) - 6000.0 / 8640.0).abs() < 1e-3);
+        gap.remove(1000);
+        // The last hour is there, and of an hour in which OP has died two thirds are not.
+        let of = of_record("FIC1", &record(&whole, &gap), 10_000).expect("a day");
+        assert_eq!(tail(&of, 3600.0).window.missing(), 0.0);
+        let of = of_record("FIC1", &record(&polled[..8400], &whole), 10_000).expect("a day");
+        assert!((tail(&of, 3600.0).window.missing() - 240.0 / 360.0).abs() < 0.01);
+        // A window that ended half an hour ago has the other half of the latest hour.
+        let late = PlantLoop { silent_s: 1800.0, ..of };
+        assert_eq!(tail(&late, 3600.0).window.pv.len(), 180);
+    }
+
+    #[test]
+    fn a_tag_is_silent_after_a_period_of_looks_and_ten_intervals() {
+        let record = |op: Vec<Sample>| Record { op, pv: day(|t| t), ..Record::default() };
+        let last = 86_390.0;
+        let whole = record(day(|t| t));
+        assert_eq!(silent_since(&whole, last + 3600.0, 3600.0), None);
+        assert_eq!(silent_since(&whole, last + 3601.0, 3600.0), Some(("PV", last)));
+        assert_eq!(silent_since(&whole, last + 99.0, 60.0), None, "ten intervals of 10 s");
+        assert_eq!(silent_since(&whole, last + 101.0, 60.0), Some(("PV", last)));
+        // Bad samples are no life.
+        let mut dying: Vec<Sample> = day(|t| t).into_iter().take(100).collect();
+        dying.extend((100..8640).map(|k| bad(10.0 * f64::from(k))));
+        assert_eq!(silent_since(&record(dying), last, 3600.0), Some(("OP", 990.0)));
+        // One that is sent by changes may stand still, and one that repeats its values may not.
+        let first = |f: fn(f64) -> f64| day(f).into_iter().take(100).collect::<Vec<Sample>>();
+        assert_eq!(silent_since(&record(first(|t| t)), last, 3600.0), None);
+        assert_eq!(silent_since(&record(first(|_| 5.0)), last, 3600.0), Some(("OP", 990.0)));
+        assert_eq!(silent_since(&Record::default(), 0.0, 60.0), None, "there never was one");
     }
 
     #[test]

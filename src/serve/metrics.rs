@@ -2,6 +2,7 @@
 
 use super::{Context, DeviceState, Plant};
 use crate::alarm::State;
+use crate::history::History;
 use crate::indicators::series::NAMED;
 use crate::quiet;
 use crate::results::{Known, f_unit};
@@ -28,18 +29,7 @@ pub fn text(context: &Context) -> String {
     plantwide(&mut registry, context, &plant);
     runs(&mut registry, context);
     devices(&mut registry, &(plant.devices)(), now);
-    gauge(
-        &mut registry,
-        "history_memory_bytes",
-        "Bytes held by the sample rings",
-        plant.history.memory_bytes() as f64,
-    );
-    gauge(
-        &mut registry,
-        "history_refused_samples",
-        "Samples refused for want of a single writer",
-        plant.history.refused() as f64,
-    );
+    history(&mut registry, &plant.history);
     writeback(&mut registry, context, &plant);
     store(&mut registry, context, now);
     receivers(&mut registry, context);
@@ -95,6 +85,12 @@ fn counter(registry: &mut Registry, name: &str, help: &str, value: f64) {
     registry.register(name, help, counter);
 }
 
+fn history(registry: &mut Registry, rings: &History) {
+    let (bytes, refused) = (rings.memory_bytes() as f64, rings.refused() as f64);
+    gauge(registry, "history_memory_bytes", "Bytes held by the sample rings", bytes);
+    counter(registry, "history_refused_samples", "Samples refused for want of a single writer", refused);
+}
+
 fn labels(pairs: &[(&'static str, &str)]) -> Labels {
     pairs.iter().map(|(name, value)| (*name, (*value).to_string())).collect()
 }
@@ -112,8 +108,11 @@ const INDICATORS: [&str; 5] = ["score", "service_factor", "error_sd", "harris", 
 
 fn plantwide(registry: &mut Registry, context: &Context, plant: &Plant) {
     let Some(port) = &context.plantwide else { return };
-    let indicator =
-        gauges(registry, "loop_indicator", "Indicators of the loop by the latest look at the plant");
+    let indicator = gauges(
+        registry,
+        "loop_indicator",
+        "Indicators of the loop by the latest look at the plant; absent when that is older than two periods of looks",
+    );
     let wanted: Vec<(usize, &str)> = NAMED
         .iter()
         .enumerate()
@@ -341,4 +340,22 @@ fn cpu_seconds() -> Option<f64> {
     let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
     let ticks = fields.next()?.parse::<f64>().ok()? + fields.next()?.parse::<f64>().ok()?;
     Some(ticks / 100.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::history;
+
+    #[test]
+    fn what_only_grows_is_a_counter() {
+        let mut registry = Registry::with_prefix("stictiond");
+        super::history(&mut registry, &History::new(&[], &history::Config::default()));
+        let mut open = String::new();
+        encode(&mut open, &registry).expect("a String takes it");
+        assert!(open.contains("# TYPE stictiond_history_refused_samples counter\n"), "{open}");
+        let plain = plain(&open);
+        assert!(plain.contains("\nstictiond_history_refused_samples_total 0.0\n"), "{plain}");
+        assert!(plain.contains("# TYPE stictiond_history_memory_bytes gauge\n"), "{plain}");
+    }
 }

@@ -63,7 +63,7 @@ async fn two_thousand_loops_are_there_within_a_second_and_answer_at_once() {
 async fn loops_that_swing_together_are_found_and_the_work_on_their_source_is_ordered() {
     let site = swinging::site("browser");
     assert_eq!(site.config.loops.len(), site.of.loops.len());
-    let app = App::build(site.config.clone(), Clock::plant(swinging::START, 300.0), App::diagnosis());
+    let app = App::build(site.config.clone(), Clock::plant(swinging::START, 10.0), App::diagnosis());
     let app = app.expect("a sound configuration");
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let rig = Rig { address: listener.local_addr().expect("bound"), stop: app.stop() };

@@ -29,7 +29,7 @@ impl Drop for Site {
 /// The loops as a configuration, their past in a store. Nobody answers at the device's address.
 pub fn site(name: &str) -> Site {
     let of = plant(12, 2, &[(Source::Load, Some(3))]);
-    let mut text = "[plantwide]\nperiod_s = 60\npersist_s = 300\n[history]\nsamples_per_tag = 2000\n[schedule]\nperiod_s = 100000\n\
+    let mut text = "[plantwide]\nperiod_s = 60\npersist_s = 60\n[history]\nsamples_per_tag = 2000\n[schedule]\nperiod_s = 100000\n\
         [[modbus]]\nname = \"d\"\naddress = \"127.0.0.1:1\"\npoll_ms = 60000\ntimeout_ms = 100\naddress_base = 0\n"
         .to_string();
     for (at, own) in of.loops.iter().enumerate() {

@@ -12,6 +12,8 @@ const LOOKS: usize = 400;
 pub(super) const DAYS: usize = 180;
 /// Length of a day (s).
 const DAY_S: f64 = 86_400.0;
+/// Periods of the looks for which the latest one says how a loop is now.
+const FRESH: f64 = 2.0;
 
 /// In single precision: they are drawn and compared, not computed with. NaN where a value is not known.
 type Kept = [f32; COUNT];
@@ -79,18 +81,35 @@ impl HealthLog {
         self.loops.retain(|id, _| ids.contains(id));
     }
 
-    pub(super) fn latest(&self, id: &LoopId) -> Option<Values> {
-        self.loops.get(id)?.looks.back().map(|(_, own)| values(own))
+    /// What the latest look found of a loop at `now` (s); `None` where that is older than two periods of the looks.
+    pub(super) fn latest(&self, id: &LoopId, now: f64, period_s: f64) -> Option<Values> {
+        let of = self.loops.get(id)?;
+        if of.missed(now, period_s).is_some() {
+            return None;
+        }
+        of.looks.back().map(|(_, own)| values(own))
     }
 
-    pub(super) fn of(&self, id: &LoopId) -> Option<Health> {
+    /// The looks of the week before `now` (s) and the days before. Where the latest look is older than two periods, the one that
+    /// was due last stands behind it without values: all who read it see that nothing is known of now.
+    pub(super) fn of(&self, id: &LoopId, now: f64, period_s: f64) -> Option<Health> {
         let of = self.loops.get(id)?;
-        let looks = of.looks.iter().map(|(t, own)| (*t, values(own))).collect();
+        let week = of.looks.iter().filter(|(t, _)| now - t <= WEEK_S);
+        let missed = of.missed(now, period_s).map(|due| (due, [None; COUNT]));
+        let looks = week.map(|(t, own)| (*t, values(own))).chain(missed).collect();
         Some(Health { looks, days: of.days() })
     }
 }
 
 impl OfLoop {
+    /// When a look was due last (s), where the latest one is older than two periods at `now` (s). A time of the looks' own
+    /// rhythm: it changes once a period, and not whenever somebody asks.
+    fn missed(&self, now: f64, period_s: f64) -> Option<f64> {
+        let (last, _) = *self.looks.back()?;
+        let periods = (now - last) / period_s;
+        (periods > FRESH).then(|| last + periods.floor() * period_s)
+    }
+
     fn days(&self) -> Vec<(f64, Values)> {
         self.days.iter().map(|(t, own)| (*t, values(own))).collect()
     }
@@ -109,20 +128,41 @@ mod tests {
             own[0] = Some(f64::from(hour % 24));
             ended += log.take(&[(id.clone(), own)], f64::from(hour) * 3600.0).len();
         }
-        let found = log.of(&id).expect("known");
+        let now = 239.0 * 3600.0;
+        let found = log.of(&id, now, 3600.0).expect("known");
         assert_eq!((ended, found.days.len(), found.looks.len()), (9, 9, 169));
         assert_eq!((found.days[0].0, found.days[0].1[0], found.days[0].1[1]), (DAY_S, Some(11.5), None));
-        assert_eq!(log.latest(&id).and_then(|own| own[0]), Some(23.0));
+        assert_eq!(log.latest(&id, now, 3600.0).and_then(|own| own[0]), Some(23.0));
         let mut again = HealthLog::default();
         assert_eq!(again.restore(&id, &found.days), None, "as it is kept");
-        assert_eq!(again.of(&id).map(|own| own.days), Some(found.days.clone()));
+        let days = |log: &HealthLog| log.of(&id, now, 3600.0).map(|own| own.days);
+        assert_eq!(days(&again), Some(found.days.clone()));
         // A day that ended before the others were found again.
         let mut late = HealthLog::default();
         late.restore(&id, &found.days[7..]);
         assert_eq!(late.restore(&id, &found.days), Some(found.days.clone()), "to be kept");
         assert_eq!(late.restore(&id, &found.days), None);
-        assert_eq!(late.of(&id).map(|own| own.days), Some(found.days));
+        assert_eq!(days(&late), Some(found.days));
         again.keep_only(&BTreeSet::new());
-        assert_eq!(again.of(&id), None);
+        assert_eq!(again.of(&id, now, 3600.0), None);
+    }
+
+    #[test]
+    fn a_look_of_long_ago_does_not_say_how_a_loop_is_now() {
+        let (mut log, id, hour) = (HealthLog::default(), LoopId::new("FIC1"), 3600.0);
+        for at in 0..10 {
+            log.take(&[(id.clone(), [Some(50.0); COUNT])], f64::from(at) * hour);
+        }
+        let latest = |now: f64| log.latest(&id, now, hour).and_then(|own| own[0]);
+        assert_eq!((latest(9.0 * hour), latest(11.0 * hour)), (Some(50.0), Some(50.0)));
+        assert_eq!((latest(11.1 * hour), latest(500.0 * hour)), (None, None));
+        let looks = |now: f64| log.of(&id, now, hour).expect("known").looks;
+        assert_eq!(looks(11.0 * hour).len(), 10);
+        let late = looks(12.9 * hour);
+        assert_eq!((late.len(), late[9].1[0], late[10]), (11, Some(50.0), (12.0 * hour, [None; COUNT])));
+        // What is older than a week is no look of the latest week.
+        assert_eq!(looks(500.0 * hour), [(500.0 * hour, [None; COUNT])]);
+        // A clock that was set back makes nothing old.
+        assert_eq!(latest(0.0), Some(50.0));
     }
 }

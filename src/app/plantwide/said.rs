@@ -3,6 +3,7 @@
 use super::{Live, LiveLoop};
 use crate::indicators::series::Values;
 use crate::plantwide::{self, Analysis, Task, tasks};
+use crate::results::Summary;
 use crate::signal::LoopId;
 use crate::work::{CostConfig, Measure, Order, Said, Seen};
 use std::collections::HashMap;
@@ -35,7 +36,8 @@ pub(super) fn said(plant: &Live<'_>, found: &Analysis) -> LookSaid {
     let mut said = LookSaid::default();
     for (at, own) in plantwide::values(plant, found, HOUR_S).into_iter().enumerate() {
         said.values.push((id(at), own));
-        let f = plant.results.get(&id(at), plant.now).and_then(|known| known.summary?.f);
+        let live = &plant.loops[at];
+        let f = plant.results.get(&id(at), plant.now).and_then(|known| f_since(&known.summary?, live.from));
         let whole = found.loops[at].indicators.values();
         let measure = Measure { error_sd: whole[ERROR_SD], swing: whole[SWING], f };
         said.measures.push((id(at), measure));
@@ -45,12 +47,18 @@ pub(super) fn said(plant: &Live<'_>, found: &Analysis) -> LookSaid {
             why: task.why.clone(),
             victims: task.victims.iter().map(|at| id(*at)).collect(),
         });
-        let live = &plant.loops[at];
-        if live.can_be_judged(whole[SERVICE_FACTOR], seen.is_some()) {
+        // What is drawn through gaps proves nothing.
+        let measured = found.loops[at].indicators.measured;
+        if measured && live.can_be_judged(whole[SERVICE_FACTOR], seen.is_some()) {
             said.of_loops.push(Said { id: id(at), from: live.from, measure, seen });
         }
     }
     said
+}
+
+/// Friction as a diagnosis tells it that was made since a time (s): of an earlier one it is that of before a repair, maybe.
+fn f_since(summary: &Summary, from: f64) -> Option<f64> {
+    summary.f.filter(|_| summary.time >= from)
 }
 
 impl LiveLoop<'_> {
@@ -89,15 +97,15 @@ mod tests {
     use crate::alarm;
     use crate::history::{self, History, LoopTags, TagKind, TagSpec};
     use crate::plantwide::{Cause, analyse};
-    use crate::results::Results;
-    use crate::signal::{Role, Sample, SpanSource};
+    use crate::results::{Results, Trigger};
+    use crate::signal::{BadReason, Quality, Role, Sample, SpanSource};
     use crate::work::{Act, Config, State, WorkList};
 
     const NAME: &str = "FIC1";
     /// Time between samples (s).
     const STEP_S: f64 = 240.0;
 
-    /// The rings of a loop: OP, PV and, where it is there, the mode of each sample.
+    /// The rings of a loop: OP, PV and, where it is there, the mode of each sample; NaN for one that is not good.
     fn rings(samples: u32, of: impl Fn(f64) -> Vec<f64>) -> History {
         let tag = |role| TagSpec { kind: TagKind::Role(role), unit: String::new(), source: String::new() };
         let own = LoopTags {
@@ -110,7 +118,8 @@ mod tests {
         let history = History::new(&[own], &history::Config::default());
         for k in (0..samples).map(f64::from) {
             for (tag, value) in of(k).into_iter().enumerate() {
-                assert!(history.push(tag, Sample::good(STEP_S * k, value)));
+                let quality = if value.is_nan() { Quality::Bad(BadReason::Timeout) } else { Quality::Good };
+                assert!(history.push(tag, Sample { t: STEP_S * k, value, quality }));
             }
         }
         history
@@ -121,12 +130,14 @@ mod tests {
         5.0 * (0.1 * k + phase).sin() + (0.7 * k * k).sin()
     }
 
+    /// A look when the last of 1,440 samples has come.
     fn look(history: &History) -> LookSaid {
         let results = Results::new(&[LoopId::new(NAME)], 1, &alarm::Config::default());
         let of = WatchedLoop { id: LoopId::new(NAME), upstream: Vec::new() };
-        let found = window(history, &of.id).expect("rings").expect("samples");
+        let (now, period_s) = (STEP_S * 1439.0, 3600.0);
+        let found = window(history, &of.id, (now, period_s)).expect("rings").expect("samples");
         let loops = vec![LiveLoop::new(&of, &found.window)];
-        let plant = Live { history, loops, results: &results, now: found.window.t0 };
+        let plant = Live { history, loops, results: &results, now, period_s };
         said(&plant, &analyse(&plant))
     }
 
@@ -170,6 +181,13 @@ mod tests {
     }
 
     #[test]
+    fn a_window_that_is_mostly_a_gap_proves_nothing() {
+        let there = |k: f64| if (200.0..1000.0).contains(&k) { f64::NAN } else { swing(k, 0.0) };
+        let found = look(&rings(1440, |k| vec![there(k), there(k)]));
+        assert_eq!((found.of_loops.len(), found.measures[0].1), (0, Measure::default()));
+    }
+
+    #[test]
     fn without_a_mode_an_op_that_stands_still_is_all_that_tells_manual() {
         let of = WatchedLoop { id: LoopId::new(NAME), upstream: Vec::new() };
         let live = |op_moves, pv_moves| LiveLoop { of: &of, from: 0.0, op_moves, pv_moves };
@@ -199,9 +217,72 @@ mod tests {
     }
 
     #[test]
+    fn a_loop_without_data_is_passed_over_and_says_since_when() {
+        let id = LoopId::new(NAME);
+        let seen = |history: &History, now: f64| {
+            window(history, &id, (now, 3600.0)).expect("rings").map(|of| (of.silent_s, of.window.len()))
+        };
+        let (last, whole) = (STEP_S * 1439.0, rings(1440, |k| vec![swing(k, 0.0), swing(k, 0.0)]));
+        assert_eq!(seen(&whole, last), Ok((0.0, 1440)));
+        assert_eq!(seen(&whole, last + 3600.0), Ok((3600.0, 1440)));
+        let since = |tag: &str, at: &str| -> Result<(f64, usize), String> {
+            Err(format!("no good sample of {tag} since {at}"))
+        };
+        // Nothing comes any more.
+        assert_eq!(seen(&whole, last + 3601.0), since("PV", "1970-01-04T23:56:00Z"));
+        // A dead collector goes on saying that there is nothing.
+        let died = |k: f64, x: f64| if k < 1400.0 { x } else { f64::NAN };
+        let dead = rings(1440, |k| vec![died(k, swing(k, 0.0)), died(k, swing(k, 0.0))]);
+        assert_eq!(seen(&dead, last), since("PV", "1970-01-04T21:16:00Z"));
+        // OP alone is enough.
+        let half = rings(1440, |k| vec![died(k, swing(k, 0.0)), swing(k, 0.0)]);
+        assert_eq!(seen(&half, last), since("OP", "1970-01-04T21:16:00Z"));
+        // Of few good samples it is their silence that is told.
+        let few = rings(1440, |k| vec![swing(k, 0.0), if k < 20.0 { 1.0 } else { f64::NAN }]);
+        assert_eq!(seen(&few, last), since("PV", "1970-01-01T01:16:00Z"));
+    }
+
+    #[test]
+    fn the_latest_hour_is_that_before_now() {
+        // Half of the latest hour and less has no sample, and its figures are not those of an hour before.
+        let history = rings(1440, |k| vec![swing(k, 0.0), swing(k, 0.0), 1.0]);
+        let hour = |late: f64| {
+            let results = Results::new(&[LoopId::new(NAME)], 1, &alarm::Config::default());
+            let of = WatchedLoop { id: LoopId::new(NAME), upstream: Vec::new() };
+            let (now, period_s) = (STEP_S * 1439.0 + late, 3600.0);
+            let found = window(&history, &of.id, (now, period_s)).expect("rings").expect("samples");
+            let loops = vec![LiveLoop::new(&of, &found.window)];
+            let plant = Live { history: &history, loops, results: &results, now, period_s };
+            said(&plant, &analyse(&plant)).values[0].1
+        };
+        assert!(hour(0.0)[ERROR_SD].is_some() && hour(1200.0)[ERROR_SD].is_some());
+        assert_eq!((hour(2400.0)[ERROR_SD], hour(2400.0)[SERVICE_FACTOR]), (None, None));
+    }
+
+    #[test]
+    fn friction_of_before_the_window_is_not_how_a_loop_is() {
+        let of = |time| Summary {
+            time,
+            took_s: 0.1,
+            trigger: Trigger::Periodic,
+            outcome: "stiction".into(),
+            reason_code: None,
+            reason: String::new(),
+            f: Some(2.0),
+            f_ci95: Some([1.9, 2.1]),
+            f_in_percent: true,
+            delta_aic: Some(100.0),
+            compensated: None,
+        };
+        let since = |time| f_since(&of(time), 1000.0);
+        assert_eq!((since(999.0), since(1000.0), since(2000.0)), (None, Some(2.0), Some(2.0)));
+    }
+
+    #[test]
     fn a_look_goes_back_a_week_at_most() {
         let history = rings(4000, |k| vec![k, k]);
-        let found = window(&history, &LoopId::new(NAME)).expect("rings").expect("samples").window;
+        let at = (STEP_S * 3999.0, 3600.0);
+        let found = window(&history, &LoopId::new(NAME), at).expect("rings").expect("samples").window;
         assert_eq!((found.t0, found.op[0]), (STEP_S * 3999.0 - 604_800.0, 1479.0));
     }
 }

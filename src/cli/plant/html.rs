@@ -111,13 +111,13 @@ fn loops(out: &mut String, found: &Analysis) {
         let cell = |text: Option<String>| text.unwrap_or_else(|| "–".into());
         let _ = write!(
             out,
-            "<tr><td>{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td class=\"number less\">{}</td><td class=\"number less\">{}</td><td class=\"number less\">{:.0}</td><td>{}</td><td class=\"less\">{}</td></tr>",
+            "<tr><td>{}</td><td class=\"number\">{}</td><td class=\"number\">{}</td><td class=\"number less\">{}</td><td class=\"number less\">{}</td><td class=\"number less\">{}</td><td>{}</td><td class=\"less\">{}</td></tr>",
             escape(&of.name),
             cell(of.indicators.score.map(|s| format!("{s:.0}"))),
             cell(swing.map(|s| period(s.period_s))),
             cell(swing.map(|s| format!("{:.0} %", 100.0 * s.share))),
             cell(of.indicators.harris.map(|h| format!("{:.2}", h.index))),
-            of.indicators.travel.reversals_a_day,
+            cell(of.indicators.measured.then(|| format!("{:.0}", of.indicators.travel.reversals_a_day))),
             of.reason.as_ref().map_or("–", |r| r.cause.as_str()),
             of.reason.as_ref().map_or(String::new(), |r| escape(&r.why))
         );

@@ -24,12 +24,12 @@ struct Loop<'a> {
     error_sd: Option<f64>,
     harris: Option<f64>,
     harris_ci95: Option<[f64; 2]>,
-    travel_a_day: f64,
-    reversals_a_day: f64,
-    stuck: f64,
-    noise_share: f64,
-    quantisation: f64,
-    compression: f64,
+    travel_a_day: Option<f64>,
+    reversals_a_day: Option<f64>,
+    stuck: Option<f64>,
+    noise_share: Option<f64>,
+    quantisation: Option<f64>,
+    compression: Option<f64>,
     oscillations: Vec<Oscillation>,
     master: Option<&'a str>,
     group: Option<usize>,
@@ -78,6 +78,7 @@ pub fn text(found: &Analysis, work: &[Task], skipped: &[String]) -> Result<Strin
     let name = |i: usize| found.loops[i].name.as_str();
     let loops = found.loops.iter().map(|of| {
         let (i, reason) = (&of.indicators, of.reason.as_ref());
+        let measured = |value: f64| i.measured.then_some(value);
         Loop {
             name: &of.name,
             score: i.score,
@@ -88,12 +89,12 @@ pub fn text(found: &Analysis, work: &[Task], skipped: &[String]) -> Result<Strin
             error_sd: i.error.map(|e| e.sd),
             harris: i.harris.map(|h| h.index),
             harris_ci95: i.harris.and_then(|h| h.interval).map(|(low, high)| [low, high]),
-            travel_a_day: i.travel.a_day,
-            reversals_a_day: i.travel.reversals_a_day,
+            travel_a_day: measured(i.travel.a_day),
+            reversals_a_day: measured(i.travel.reversals_a_day),
             stuck: i.stuck,
-            noise_share: i.kept.noise_share,
-            quantisation: i.kept.quantisation,
-            compression: i.kept.compression,
+            noise_share: measured(i.kept.noise_share),
+            quantisation: measured(i.kept.quantisation),
+            compression: measured(i.kept.compression),
             oscillations: of
                 .oscillations
                 .iter()

@@ -46,7 +46,7 @@ pub struct Args {
 
 fn upstream(text: &str) -> Result<(String, Vec<String>), String> {
     let (into, from) = text.split_once('=').ok_or("write it as LOOP=FROM,FROM")?;
-    Ok((into.to_string(), from.split(',').map(str::to_string).collect()))
+    Ok((into.trim().to_string(), from.split(',').map(|one| one.trim().to_string()).collect()))
 }
 
 /// Reads, analyses, prints.
@@ -57,6 +57,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             &args.folder,
             format!("no record could be used, {} skipped", skipped.len()),
         ));
+    }
+    let known = |id: &String| {
+        let of_skipped = format!("{id}: ");
+        plant.iter().any(|of| of.name == *id) || skipped.iter().any(|why| why.starts_with(&of_skipped))
+    };
+    let mut named = args.upstream.iter().flat_map(|(into, from)| std::iter::once(into).chain(from));
+    if let Some(strange) = named.find(|id| !known(id)) {
+        return Err(Failure::in_file(&args.folder, format!("--upstream: no record is called {strange:?}")));
     }
     for of in &mut plant {
         of.op_limits = args.op_limits.or(of.op_limits);
@@ -72,18 +80,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         found = analyse(&plant);
     }
     let work = tasks(&found);
+    match args.format.unwrap_or_else(Format::usual) {
+        Format::Text => print(&text(&found, &work, &skipped))?,
+        Format::Json => print(&json::text(&found, &work, &skipped)?)?,
+    }
     if let Some(to) = &args.html {
         let title = args
             .folder
             .file_name()
             .map_or_else(|| "plant".into(), |name| name.to_string_lossy().into_owned());
         fs::write(to, html::page(&title, &plant, &found, &work, &skipped))
-            .map_err(|error| Failure::in_file(to, &error))?;
+            .map_err(|error| Failure::Failed(format!("{}: {error}", to.display())))?;
     }
-    match args.format.unwrap_or_else(Format::usual) {
-        Format::Text => print(&text(&found, &work, &skipped)),
-        Format::Json => print(&json::text(&found, &work, &skipped)?),
-    }
+    Ok(())
 }
 
 /// Loops that swing in a group or by themselves, those that swing most first.
@@ -98,9 +107,12 @@ fn swinging(found: &Analysis, most: usize) -> Vec<usize> {
 
 /// What a diagnosis says of a loop's valve. The record is read again: all of them at once would not fit.
 fn friction(args: &Args, file: &Path, name: &str) -> Option<Friction> {
-    let mut record = table::read(file, &args.table.options(None)).ok()?.record;
+    let read = table::read(file, &args.table.options(None)).ok()?;
+    let (mut record, unit) = (read.record, read.found.op_unit);
     record.op_limits = args.op_limits.or(record.op_limits);
-    record.find_span(None, None);
+    // What was found without the limits may be another span.
+    record.op_span = None;
+    record.find_span(None, unit.as_deref());
     let judged = App::diagnosis()(&record, &Settings::default(), None);
     let run = Run {
         id: LoopId::new(name),

@@ -1,15 +1,15 @@
 //! The plant as a whole: groups of loops that swing together, the work list, indicators.
 
-use super::super::Context;
 use super::super::dto::params::NoQuery;
 use super::super::dto::plantwide::{
-    GroupDetail, GroupList, LoopHealth, WorkBody, WorkItem, WorkListing, WorkQuery,
+    GroupDetail, GroupList, LoopHealth, WorkActed, WorkBody, WorkItem, WorkListing, WorkQuery,
 };
 use super::super::extract::{Body, Named, OfLoop, Params, short};
 use super::super::guard::Actor;
-use super::super::ports::PlantwidePort;
+use super::super::ports::{PlantwidePort, WorkLine};
 use super::super::problem::Problem;
 use super::super::report;
+use super::super::{AskDurable, Context};
 use super::off_thread;
 use super::report::page;
 use crate::signal::LoopId;
@@ -112,7 +112,7 @@ macro_rules! act {
         $(#[$doc])*
         #[utoipa::path(post, path = $path, tag = "plant", request_body = Option<WorkBody>,
             params(("id" = String, Path, description = "the loop's name")),
-            responses((status = 200, body = WorkItem), (status = 404, description = "problem: no such order"),
+            responses((status = 200, body = WorkActed), (status = 404, description = "problem: no such order"),
                 (status = 409, description = $refused)))]
         pub async fn $name(
             State(context): Shared,
@@ -142,6 +142,7 @@ act!(
     reopen, "/work/{id}/reopen", Act::Reopen, "problem: it is not ordered yet"
 );
 
+/// Acts; what was done is durable before it is answered, where there is a store that works.
 async fn act(
     context: Arc<Context>,
     id: LoopId,
@@ -157,12 +158,15 @@ async fn act(
         let refused =
             |why: crate::work::Refusal| Problem::new(StatusCode::CONFLICT, "work_state", why.to_string());
         let line = port.act(&id, act, by, note).ok_or_else(none)?.map_err(refused)?;
-        if let Some(durable) = &context.durable {
-            durable();
-        }
-        Ok(WorkItem::of(&line))
+        Ok(acted(&line, context.durable.as_ref()))
     })
     .await
+}
+
+/// The order as it is now, once that is durable or cannot be.
+fn acted(line: &WorkLine, durable: Option<&AskDurable>) -> WorkActed {
+    let survives_restart = durable.is_some_and(|durable| durable());
+    WorkActed { order: WorkItem::of(line), survives_restart }
 }
 
 /// The indicators of a loop: the latest hour, and its shift, day and week; every look of a week, and the days before. Without
@@ -180,4 +184,19 @@ pub async fn indicators(
         Ok(LoopHealth::from(&found))
     })
     .await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::work::Order;
+
+    #[test]
+    fn an_act_is_not_said_to_outlive_a_restart_that_it_would_not() {
+        let line = WorkLine { order: Order::new(LoopId::new("FIC101"), 0.0), cost: None };
+        let store = |works: bool| -> AskDurable { Arc::new(move || works) };
+        assert!(acted(&line, Some(&store(true))).survives_restart);
+        assert!(!acted(&line, Some(&store(false))).survives_restart);
+        assert!(!acted(&line, None).survives_restart, "there is no store");
+    }
 }

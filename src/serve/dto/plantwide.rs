@@ -3,6 +3,7 @@
 use super::rfc3339;
 use crate::indicators::series::{COUNT, NAMED, Values, over};
 use crate::plantwide::cause::period;
+use crate::results::words::percent;
 use crate::serve::ports::{GroupSeen, Health, Overview, WorkLine};
 use crate::signal::LoopId;
 use crate::work::{Measure, State};
@@ -19,7 +20,8 @@ pub struct GroupList {
     pub took_s: f64,
     /// Loops that were looked at.
     pub looked_at: usize,
-    /// Loops whose record could not be used.
+    /// Loops of which nothing could be said: their record could not be used, or OP or PV was silent for longer than a period of
+    /// the looks and ten of its sampling intervals.
     pub skipped: Vec<SkippedLoop>,
     /// Groups, the largest first.
     pub items: Vec<GroupItem>,
@@ -111,13 +113,13 @@ impl GroupItem {
         let swing = format!("{} loops swing together, {} a period", own.members.len(), period(own.period_s));
         let words = match suspects.first() {
             Some(first) if first.probability >= 0.5 => {
-                format!("{swing}. {} is the suspected source ({:.0} %).", first.id, 100.0 * first.probability)
+                format!("{swing}. {} is the suspected source ({}).", first.id, percent(first.probability))
             }
             Some(first) => {
                 format!(
-                    "{swing}. No source stands out; {} is the likeliest ({:.0} %).",
+                    "{swing}. No source stands out; {} is the likeliest ({}).",
                     first.id,
-                    100.0 * first.probability
+                    percent(first.probability)
                 )
             }
             None => format!("{swing}."),
@@ -199,6 +201,16 @@ pub struct WorkItem {
     pub after: Option<MeasureItem>,
 }
 
+/// An order after somebody has acted.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct WorkActed {
+    /// The order.
+    #[serde(flatten)]
+    pub order: WorkItem,
+    /// Whether that is durable: false without a store, or while it fails.
+    pub survives_restart: bool,
+}
+
 /// How a loop was, in the mean over some looks.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct MeasureItem {
@@ -206,7 +218,7 @@ pub struct MeasureItem {
     pub error_sd: Option<f64>,
     /// Share of the error's variance in oscillations (0..1).
     pub swing: Option<f64>,
-    /// Friction, as the loop's diagnosis tells it.
+    /// Friction, as the loop's diagnosis tells it; null where none was made of what the looks are of.
     pub f: Option<f64>,
 }
 
@@ -279,9 +291,12 @@ pub struct WorkBody {
 pub struct LoopHealth {
     /// What each is, in the order of every list of values.
     pub names: Vec<IndicatorName>,
-    /// The latest look, and the means of the latest shift (8 h), day and week, by name.
+    /// The latest look (`hour`), and the means of the latest `shift` (8 h), `day` and `week`; of `period_s`, which has no mean,
+    /// that of the look with the largest swing. A value is null where good samples cover less than half of its time, and all of
+    /// `hour` where the latest look is older than two periods of the looks.
     pub over: BTreeMap<&'static str, Vec<Option<f64>>>,
-    /// Every look of the latest week, oldest first.
+    /// Every look of the latest week, oldest first. Where the latest one is older than two periods of the looks, the last is the
+    /// one that was due, without values.
     pub looks: Vec<IndicatorPoint>,
     /// The mean of each day before, oldest first.
     pub days: Vec<IndicatorPoint>,
@@ -312,6 +327,7 @@ const OVER: [(&str, f64); 3] = [("shift", 28_800.0), ("day", 86_400.0), ("week",
 
 impl From<&Health> for LoopHealth {
     fn from(own: &Health) -> Self {
+        // The last look, or that which was due last where there was none.
         let now = own.looks.last().map_or(0.0, |(t, _)| *t);
         let means = OVER.map(|(name, length_s)| {
             let looks = own.looks.iter().filter(|(t, _)| now - t < length_s).map(|(_, values)| values);
@@ -325,6 +341,58 @@ impl From<&Health> for LoopHealth {
             over: means.into_iter().chain([("hour", latest.to_vec())]).collect(),
             looks: own.looks.iter().map(point).collect(),
             days: own.days.iter().map(point).collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::work::Order;
+
+    fn words(probability: f64) -> String {
+        let (a, b) = (LoopId::new("FIC101"), LoopId::new("LIC102"));
+        let suspects = vec![(a.clone(), probability, Vec::new())];
+        let own = GroupSeen { period_s: 60.0, members: vec![a, b], suspects, pictures: None };
+        GroupItem::of(1, &own).words
+    }
+
+    #[test]
+    fn no_source_is_certain() {
+        let swing = "2 loops swing together, 60 s a period. ";
+        for (probability, said) in [
+            (0.997, "FIC101 is the suspected source (> 99 %)."),
+            (0.7, "FIC101 is the suspected source (70 %)."),
+            (0.3, "No source stands out; FIC101 is the likeliest (30 %)."),
+            (0.004, "No source stands out; FIC101 is the likeliest (< 1 %)."),
+        ] {
+            assert_eq!(words(probability), format!("{swing}{said}"));
+        }
+    }
+
+    #[test]
+    fn an_act_says_beside_the_order_whether_it_is_kept() {
+        let order = WorkItem::of(&WorkLine { order: Order::new(LoopId::new("FIC101"), 0.0), cost: None });
+        let told = serde_json::to_value(WorkActed { order, survives_restart: false }).expect("JSON");
+        assert_eq!(told["id"], "FIC101");
+        assert_eq!(told["state"], "watched");
+        assert_eq!(told["survives_restart"], false);
+    }
+
+    #[test]
+    fn what_was_due_and_did_not_come_is_no_hour() {
+        let hour = 3600.0;
+        let look = |at: f64| (at * hour, [Some(50.0); COUNT]);
+        let there = Health { looks: vec![look(1.0), look(2.0)], days: Vec::new() };
+        let found = LoopHealth::from(&there);
+        assert_eq!((found.over["hour"][0], found.over["shift"][0]), (Some(50.0), Some(50.0)));
+        // Since then none came: a shift of eight hours up to now has the second alone, and later none.
+        for (due, shift) in [(9.5, Some(50.0)), (12.0, None)] {
+            let mut late = there.clone();
+            late.looks.push((due * hour, [None; COUNT]));
+            let found = LoopHealth::from(&late);
+            assert_eq!((found.over["hour"][0], found.over["shift"][0]), (None, shift));
+            assert_eq!(found.over["day"][0], Some(50.0));
         }
     }
 }

@@ -77,7 +77,7 @@ const WORK = { order: ["Order the work on", "Order", "ordered"], repaired: ["Say
 export function workAct(id, action) {
   const [title, verb, done] = WORK[action];
   return ask(`${title} ${id}`, [comment("Note (optional): number of the order, what was done")], verb, async ({ by, comment: note }) => {
-    await post(`/work/${encodeURIComponent(id)}/${action}`, { by, note: note || null });
-    toast(`${id}: ${done}`);
+    const answer = await post(`/work/${encodeURIComponent(id)}/${action}`, { by, note: note || null });
+    toast(`${id}: ${done}${answer.survives_restart === false ? " (not kept over a restart)" : ""}`);
   });
 }

@@ -54,6 +54,8 @@ export function groupsView(main, [number]) {
 
   const card = (item) => h("section", { class: "card", "data-group": item.number }, h("header", null, h("h2", null, h("a", { href: `#/groups/${item.number}` }, `Group ${item.number}`))), h("p", null, item.words), suspects(item.suspects), h("p", { class: "note" }, names(item.members)));
 
+  const passed = (list) => h("section", { class: "card" }, h("details", null, h("summary", null, "Loops that could not be looked at"), h("ul", null, list.slice(0, 100).map(({ id, why }) => h("li", null, link(id), `: ${why}`)))));
+
   /** True when another look is shown than before. */
   async function show() {
     try {
@@ -72,7 +74,7 @@ export function groupsView(main, [number]) {
       } else {
         const skipped = found.skipped.length ? `; ${found.skipped.length} could not be looked at` : "";
         summary.textContent = `${found.items.length ? `${found.items.length} ${found.items.length === 1 ? "group" : "groups"}` : "No loops swing together"}, by a look at ${found.looked_at} loops at ${when(found.time)}${skipped}.`;
-        cards.replaceChildren(...found.items.slice(0, 100).map(card));
+        cards.replaceChildren(...found.items.slice(0, 100).map(card), ...(found.skipped.length ? [passed(found.skipped)] : []));
       }
       return !first;
     } catch (error) {

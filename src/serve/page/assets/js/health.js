@@ -29,11 +29,15 @@ export async function health(id, box) {
   const week = found.looks.length ? Date.parse(found.looks[0].time) : Infinity;
   const points = [...found.days.filter((day) => Date.parse(day.time) < week), ...found.looks];
   const rows = found.names.map(({ name, unit, meaning }, at) => {
-    if (OVER.every((over) => found.over[over][at] === null)) return null;
+    if (OVER.every((over) => found.over[over][at] === null) && points.every((point) => point.values[at] === null)) return null;
     const shown = unit === "-" || SHARES.has(name) ? "" : ` (${unit})`;
     return h("tr", null, h("th", { scope: "row", title: meaning }, `${WORDS[name] ?? name}${shown}`), OVER.map((over) => h("td", { class: "number" }, value(name, found.over[over][at]))), h("td", null, line(points, at)));
   });
   const head = h("thead", null, h("tr", null, h("th", { scope: "col" }, "Indicator"), OVER.map((text) => h("th", { scope: "col", class: "number" }, text)), h("th", { scope: "col" }, "Over time")));
-  box.replaceChildren(scroll("Indicators", h("table", null, head, h("tbody", null, rows))));
+  // The latest look may be long ago, or have had too few samples.
+  const last = points.findLast((point) => point.values.some((x) => x !== null));
+  const stale = found.looks.length && last && found.over.hour.every((x) => x === null);
+  const note = stale ? [h("p", { class: "note" }, `Nothing was measured in the latest hour. The last values are of ${when(last.time)}.`)] : [];
+  box.replaceChildren(...note, scroll("Indicators", h("table", null, head, h("tbody", null, rows))));
   return true;
 }
