@@ -3,10 +3,14 @@
 //! The effects found in one window are known to the next, and the alarm follows its k-of-n rule, so that the timeline says
 //! what the daemon would have said, and when a valve began to stick. Pure: no clock, no file.
 
+mod past;
+
+pub use past::{Part, Past};
+
 use crate::alarm;
 use crate::diagnosis::{HistoryFound, Settings, gate::outages};
 use crate::results::{Judged, KnownEffect, Outcome, Results, Run, Structure, Summary, Trigger};
-use crate::signal::{BadReason, LoopId, Quality, Record, Sample, Series};
+use crate::signal::{BadReason, LoopId, Quality, Record, Sample};
 
 /// Most windows of one timeline.
 pub const MOST_WINDOWS: usize = 100_000;
@@ -85,43 +89,56 @@ pub enum BackfillError {
 pub type Judge<'f> = &'f dyn Fn(&Record, &Settings, Option<&Structure>) -> Judged;
 
 /// A cut where none, or only a part of one, is given: windows of 1,500 sample periods, each a quarter of that further on.
-pub fn usual_cut(record: &Record, window_s: Option<f64>, step_s: Option<f64>) -> Option<Cut> {
-    let window_s = window_s.or_else(|| Some(period(&record.pv)? * USUAL_SAMPLES))?;
+pub fn usual_cut(past: &Past, window_s: Option<f64>, step_s: Option<f64>) -> Option<Cut> {
+    let window_s = window_s.or_else(|| Some(period(past)? * USUAL_SAMPLES))?;
     Some(Cut { window_s, step_s: step_s.unwrap_or(window_s / USUAL_OVERLAP) })
 }
 
-/// A record in the order of time, its drop-outs to zero marked bad.
+/// A past in the order of time, its drop-outs to zero marked bad.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Marked {
-    /// The record.
-    pub record: Record,
+    /// The past.
+    pub past: Past,
     /// How many samples of OP and of PV were marked.
     pub drop_outs: [usize; 2],
 }
 
-impl From<Record> for Marked {
-    fn from(mut record: Record) -> Self {
-        let drop_outs = mark_drop_outs(&mut record);
-        Self { record, drop_outs }
+impl From<Past> for Marked {
+    fn from(mut past: Past) -> Self {
+        let drop_outs = mark_drop_outs(&mut past);
+        Self { past, drop_outs }
     }
 }
 
-/// Sorts a record by time and marks drop-outs as bad; returns how many there are of OP and of PV.
-fn mark_drop_outs(record: &mut Record) -> [usize; 2] {
-    let mark = |series: &mut Series| {
-        series.sort_by(|a, b| a.t.total_cmp(&b.t));
-        let good: Vec<Sample> = series.iter().filter(|s| s.quality.is_good()).copied().collect();
-        let outages = outages(&good);
-        let marked = series.iter_mut().filter(|s| s.quality.is_good() && outages.contains(&s.value));
-        marked.map(|s| s.quality = Quality::Bad(BadReason::LinkDown)).count()
-    };
-    let others = [&mut record.sp, &mut record.mode, &mut record.mv, &mut record.term];
-    let others = others.into_iter().flatten().chain(record.tags.iter_mut().map(|(_, series)| series));
-    others.for_each(|series| series.sort_by(|a, b| a.t.total_cmp(&b.t)));
-    [mark(&mut record.op), mark(&mut record.pv)]
+impl From<Record> for Marked {
+    fn from(record: Record) -> Self {
+        Past::from(record).into()
+    }
 }
 
-/// Diagnoses the windows of a record, oldest first; `progress` hears of every one that is done, with how many there are,
+/// Sorts every part by time and marks drop-outs as bad; returns how many there are of OP and of PV.
+fn mark_drop_outs(past: &mut Past) -> [usize; 2] {
+    let mut marked = [0, 0];
+    for part in &mut past.parts {
+        part.samples.sort_by(|a, b| a.t.total_cmp(&b.t));
+        let at = match part.tag.as_str() {
+            "op" => 0,
+            "pv" => 1,
+            _ => continue,
+        };
+        let good: Vec<Sample> = part.samples.iter().filter(|s| s.quality.is_good()).copied().collect();
+        let outages = outages(&good);
+        for sample in &mut part.samples {
+            if sample.quality.is_good() && outages.contains(&sample.value) {
+                sample.quality = Quality::Bad(BadReason::LinkDown);
+                marked[at] += 1;
+            }
+        }
+    }
+    marked
+}
+
+/// Diagnoses the windows of a past, oldest first; `progress` hears of every one that is done, with how many there are,
 /// and ends the work by saying false.
 ///
 /// # Errors
@@ -135,9 +152,10 @@ pub fn timeline(
     judge: Judge<'_>,
     mut progress: impl FnMut(usize, usize) -> bool,
 ) -> Result<Timeline, BackfillError> {
-    let Marked { record, drop_outs } = marked;
-    let (first, last) = record.pv.first().zip(record.pv.last()).ok_or(BackfillError::Empty)?;
-    let ts = period(&record.pv).ok_or(BackfillError::Empty)?;
+    let Marked { past, drop_outs } = marked;
+    let pv = past.all("pv");
+    let (first, last) = pv.first().zip(pv.last()).ok_or(BackfillError::Empty)?;
+    let ts = period(&past).ok_or(BackfillError::Empty)?;
     let (begin, end) = (first.t, last.t);
     let count = (((end - begin - cut.window_s) / cut.step_s).max(0.0)).floor() + 1.0;
     if count > MOST_WINDOWS as f64 {
@@ -151,13 +169,13 @@ pub fn timeline(
         items: Vec::new(),
         raised: Vec::new(),
         drop_outs,
-        gaps_s: gaps(&record.pv, 5.0 * ts),
+        gaps_s: gaps(&pv, 5.0 * ts),
     };
     for at in 0..count {
         // The last window ends with the record, whatever the step leaves over.
         let to = end - (count - 1 - at) as f64 * cut.step_s;
         let from = to - cut.window_s;
-        let window = between(&record, from, to);
+        let window = past.window(from, to);
         let good = window.pv.iter().filter(|s| s.quality.is_good()).count() as f64;
         let judged = judge(&window, settings, results.structure(id).as_ref());
         let effects = judged.effects();
@@ -168,7 +186,7 @@ pub fn timeline(
             finished: to,
             took_s: 0.0,
             trigger: Trigger::Periodic,
-            op_span: record.op_span,
+            op_span: past.known.op_span,
             basis: None,
             outcome: Outcome::Diagnosed(Box::new(judged)),
         };
@@ -188,9 +206,10 @@ pub fn timeline(
     Ok(out)
 }
 
-/// Median time between samples (s).
-fn period(series: &[Sample]) -> Option<f64> {
-    let mut steps: Vec<f64> = series.windows(2).map(|w| w[1].t - w[0].t).filter(|step| *step > 0.0).collect();
+/// Median time between samples of PV (s).
+fn period(past: &Past) -> Option<f64> {
+    let steps = past.of("pv").flat_map(|part| part.samples.windows(2)).map(|w| w[1].t - w[0].t);
+    let mut steps: Vec<f64> = steps.filter(|step| *step > 0.0).collect();
     let middle = steps.len() / 2;
     (!steps.is_empty()).then(|| *steps.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
@@ -199,34 +218,6 @@ fn period(series: &[Sample]) -> Option<f64> {
 fn gaps(series: &[Sample], longest: f64) -> f64 {
     let steps = series.windows(2).map(|w| w[1].t - w[0].t);
     steps.filter(|step| *step > longest).sum()
-}
-
-/// What was recorded in `from..=to`.
-fn between(record: &Record, from: f64, to: f64) -> Record {
-    let cut = |series: &Series| -> Series {
-        let begin = series.partition_point(|s| s.t < from);
-        let end = series.partition_point(|s| s.t <= to);
-        series[begin..end.max(begin)].to_vec()
-    };
-    // A term is in force until the next.
-    let in_force = |series: &Series| -> Series {
-        let begin = series.partition_point(|s| s.t <= from).saturating_sub(1);
-        let end = series.partition_point(|s| s.t <= to);
-        series[begin..end.max(begin)].to_vec()
-    };
-    Record {
-        op: cut(&record.op),
-        pv: cut(&record.pv),
-        sp: record.sp.as_ref().map(cut),
-        mode: record.mode.as_ref().map(cut),
-        mv: record.mv.as_ref().map(cut),
-        term: record.term.as_ref().map(in_force),
-        tags: record.tags.iter().map(|(name, series)| (name.clone(), cut(series))).collect(),
-        op_limits: record.op_limits,
-        op_span: record.op_span,
-        op_span_source: record.op_span_source,
-        integrates: record.integrates,
-    }
 }
 
 #[cfg(test)]

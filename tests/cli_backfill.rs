@@ -1,12 +1,15 @@
-//! `stictiond backfill` over seven days of a plant, with gaps and drop-outs; and records whose clock was set for the summer.
+//! `stictiond backfill` over seven days of a plant, with gaps and drop-outs; records whose clock was set for the summer; and
+//! what a store has of tags that are told only when they change.
 
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
 use stictiond::collect::table::{self, Options, Source};
 use stictiond::diagnosis::{Settings, diagnose};
-use stictiond::signal::Record;
+use stictiond::signal::{Record, Sample};
+use stictiond::store::{self, Batch, Series, Store, TagName};
 
 /// Four times PV is exactly zero, and for an hour and a half nothing was written.
 const RECORD: &str = "FIC211";
@@ -127,4 +130,39 @@ fn the_hour_that_comes_twice_is_told_apart_by_its_offset_and_else_counted() {
     let found = diagnose(&local, &Settings::default());
     // Of OP and of PV.
     assert_eq!((found.preparation.out_of_order, found.preparation.duplicates), (2, 4));
+}
+
+/// What is said of the one window of a loop that swings, whose mode was told days before and not since.
+fn with_a_mode_of_before(mode: f64) -> Value {
+    let name = format!("cli-backfill-mode-{mode}-{}", std::process::id());
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_dir_all(&folder);
+    let series = |tag: &str, samples: Vec<Sample>| {
+        let (control_loop, tag, source) = ("A".into(), tag.into(), "a node".into());
+        Series { tag: Arc::new(TagName { control_loop, tag, source, unit: String::new() }), samples }
+    };
+    let wave = |phase: f64| -> Vec<Sample> {
+        let noise = |k: u32| 0.2 * (f64::from(k * k % 997) / 997.0 - 0.5);
+        let value = |k: u32| 50.0 + (0.2 * f64::from(k) + phase).sin() + noise(k);
+        (0..1200).map(|k| Sample::good(500_000.0 + f64::from(k), value(k))).collect()
+    };
+    let told = vec![Sample::good(1000.0, 1.0 - mode), Sample::good(2000.0, mode)];
+    let series = vec![series("op", wave(0.0)), series("pv", wave(1.0)), series("mode", told)];
+    let mut store = Store::open(&store::Config::new(&folder)).expect("opens");
+    store.write(&Batch { series, rows: Vec::new() }).expect("writes");
+    drop(store);
+    let timeline = backfill(&folder, &["--loop", "A", "--from", "500000"]);
+    fs::remove_dir_all(&folder).expect("it was made");
+    let items = timeline["items"].as_array().expect("a list");
+    assert_eq!(items.len(), 1, "{timeline}");
+    items[0].clone()
+}
+
+#[test]
+fn a_mode_that_was_told_before_the_first_window_is_in_force_in_it() {
+    let manual = |item: &Value| item["reason"].as_str().expect("text").contains("manual");
+    let item = with_a_mode_of_before(1.0);
+    assert!(!manual(&item), "{item}");
+    let item = with_a_mode_of_before(0.0);
+    assert!(manual(&item) && item["verdict"] == "not_identifiable", "{item}");
 }

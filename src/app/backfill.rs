@@ -4,7 +4,7 @@
 mod file;
 
 use super::persistence::Persistence;
-use crate::backfill::{BackfillError, Marked, Timeline, timeline, usual_cut};
+use crate::backfill::{BackfillError, Marked, Part, Past, Timeline, timeline, usual_cut};
 use crate::collect::opcua::{self, Keep, Slice, Wish};
 use crate::config::Config;
 use crate::diagnosis::Settings;
@@ -12,7 +12,7 @@ use crate::results::{Event, Results};
 use crate::schedule::{Clock, Diagnose};
 use crate::serve::{BackfillPhase, BackfillPort, BackfillRefusal, BackfillRequest, BackfillRun};
 use crate::signal::{Record, Sample, SpanSource};
-use crate::store::{self, Batch, Reader, Series, StoreError, TagName};
+use crate::store::{self, Batch, Reader, Series, StoreError, StoredTag, TagName};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -22,7 +22,7 @@ use tokio_util::sync::CancellationToken;
 const SLICE_S: f64 = 3600.0;
 /// Rest between two requests to a device, which has others to answer.
 const PAUSE: Duration = Duration::from_millis(100);
-/// Time read from the store at once (s).
+/// A day (s).
 const DAY_S: f64 = 86_400.0;
 /// Samples of a loop's tags together that are diagnosed at most: 24 bytes each in memory.
 const MOST_SAMPLES: usize = 10_000_000;
@@ -82,9 +82,9 @@ impl BackfillPort for BackfillJobs {
         if let Some(why) = store.as_ref().and_then(|own| too_old(&request, own, self.shared.clock.now())) {
             return Err(BackfillRefusal::TooOld(why));
         }
-        let past = match &request.file {
-            Some(file) => Past::File(Box::new(file::named(file, &request.id, &config.tables)?)),
-            None => Past::Store(Box::new(store.ok_or(BackfillRefusal::NoStore)?)),
+        let source = match &request.file {
+            Some(file) => Source::File(Box::new(file::named(file, &request.id, &config.tables)?)),
+            None => Source::Store(Box::new(store.ok_or(BackfillRefusal::NoStore)?)),
         };
         let mut job = lock(&self.shared.job);
         if job.as_ref().is_some_and(|(job, _)| job.phase.runs()) {
@@ -105,7 +105,7 @@ impl BackfillPort for BackfillJobs {
         *job = Some((begun.clone(), cancel.clone()));
         drop(job);
         tracing::info!(control_loop = %request.id, from = request.from, to = request.to, "backfill: begun");
-        tokio::spawn(self.shared.clone().work(request, config, past, cancel));
+        tokio::spawn(self.shared.clone().work(request, config, source, cancel));
         Ok(begun)
     }
 
@@ -122,7 +122,7 @@ impl Shared {
         self: Arc<Self>,
         request: BackfillRequest,
         config: Arc<Config>,
-        past: Past,
+        source: Source,
         cancel: CancellationToken,
     ) {
         let mut ended = Ok(());
@@ -135,7 +135,7 @@ impl Shared {
             Ok(()) if cancel.is_cancelled() => BackfillPhase::Cancelled,
             Ok(()) => {
                 let own = self.clone();
-                let judging = move || own.judge(&request, &config, &past, &cancel);
+                let judging = move || own.judge(&request, &config, &source, &cancel);
                 match tokio::task::spawn_blocking(judging).await {
                     Ok(phase) => phase,
                     Err(error) => BackfillPhase::Failed(format!("the diagnosis failed: {error}")),
@@ -206,18 +206,18 @@ impl Shared {
         &self,
         request: &BackfillRequest,
         config: &Config,
-        past: &Past,
+        source: &Source,
         cancel: &CancellationToken,
     ) -> BackfillPhase {
-        let record = match past {
-            Past::Store(store) => stored(request, store, cancel),
-            Past::File(file) => file.read(request).map(|(record, read_as)| {
+        let past = match source {
+            Source::Store(store) => stored(request, store, config, cancel),
+            Source::File(file) => file.read(request).map(|(record, read_as)| {
                 self.change(|job| job.read_as = Some(read_as));
-                Some(record)
+                Some(Past::from(record))
             }),
         };
-        let judged = record.and_then(|found| match found {
-            Some(record) => self.timeline(request, config, record, cancel),
+        let judged = past.and_then(|found| match found {
+            Some(past) => self.timeline(request, config, past, cancel),
             None => Ok(None),
         });
         match judged {
@@ -235,9 +235,11 @@ impl Shared {
         &self,
         request: &BackfillRequest,
         config: &Config,
-        mut record: Record,
+        mut past: Past,
         cancel: &CancellationToken,
     ) -> Result<Option<Timeline>, String> {
+        // The span may have to be found from all values of OP, whatever window they are of.
+        let mut record = Record { op: past.all("op").into_owned(), ..std::mem::take(&mut past.known) };
         if let Some(own) = config.loops.iter().find(|l| l.id == request.id.as_str()) {
             record.op_limits = own.op_limits.map(|[low, high]| (low, high)).or(record.op_limits);
             // What the configuration says of OP goes before what its values look like, not before a file's own unit.
@@ -247,12 +249,17 @@ impl Shared {
             record.find_span(own.op_span, own.op.unit());
         }
         record.find_span(None, None);
-        let marked = Marked::from(record);
+        past.known = Record { op: Vec::new(), ..record };
+        let marked = Marked::from(past);
         let empty = || BackfillError::Empty.to_string();
-        let cut = usual_cut(&marked.record, request.window_s, request.step_s).ok_or_else(empty)?;
+        let cut = usual_cut(&marked.past, request.window_s, request.step_s).ok_or_else(empty)?;
         // The record of a file may be far shorter than the time that is asked for.
-        let ends = [marked.record.pv.first(), marked.record.pv.last()].map(|s| s.map_or(0.0, |s| s.t));
-        let asked = if request.file.is_some() { ends[1] - ends[0] } else { request.to - request.from };
+        let asked = if request.file.is_some() {
+            let pv = marked.past.all("pv");
+            pv.first().zip(pv.last()).map_or(0.0, |(first, last)| last.t - first.t)
+        } else {
+            request.to - request.from
+        };
         if asked / cut.step_s > MOST_WINDOWS {
             return Err(format!("more than {MOST_WINDOWS} windows; take a longer step"));
         }
@@ -283,42 +290,54 @@ fn too_old(request: &BackfillRequest, store: &store::Config, now: f64) -> Option
 }
 
 /// Where the past is read.
-enum Past {
+enum Source {
     Store(Box<store::Config>),
     File(Box<file::Table>),
 }
 
-/// A loop's own tags as the store has them, read a day at a time; `None` where nobody wants them any more.
+/// A loop's own tags as the store has them; `None` where nobody wants them any more.
 fn stored(
     request: &BackfillRequest,
-    config: &store::Config,
+    store: &store::Config,
+    config: &Config,
     cancel: &CancellationToken,
-) -> Result<Option<Record>, String> {
+) -> Result<Option<Past>, String> {
     let said = |error: StoreError| error.to_string();
-    let mut reader = Reader::at_hand(config).map_err(said)?;
+    let mut reader = Reader::at_hand(store).map_err(said)?;
     let names = ["op", "pv", "sp", "mode", "mv", "term"];
-    let mut series: [Vec<Sample>; 6] = std::array::from_fn(|_| Vec::new());
-    let mut from = request.from;
-    while from < request.to {
-        // The next slice begins behind the last sample that this one may hold.
-        let to = (from + DAY_S).min(request.to);
-        for (name, series) in names.iter().zip(&mut series) {
-            let slice = reader.between(request.id.as_str(), name, from, to).map_err(said)?;
-            let last = series.last().map_or(f64::NEG_INFINITY, |sample| sample.t);
-            series.extend(slice.into_iter().filter(|sample| sample.t > last));
-        }
-        if cancel.is_cancelled() {
-            return Ok(None);
-        }
-        if series.iter().map(Vec::len).sum::<usize>() > MOST_SAMPLES {
-            return Err(format!("more than {MOST_SAMPLES} samples; ask for less time"));
-        }
-        from = to;
+    let id = request.id.as_str();
+    let mut tags = reader.tags().map_err(said)?;
+    tags.retain(|tag| tag.name.control_loop == id && names.contains(&tag.name.tag.as_str()));
+    let mut count = 0;
+    let mut go_on = |samples: usize| {
+        count = samples;
+        samples <= MOST_SAMPLES && !cancel.is_cancelled()
+    };
+    let found =
+        reader.in_force(&tags, &["op", "pv"], [request.from, request.to], &mut go_on).map_err(said)?;
+    if cancel.is_cancelled() {
+        return Ok(None);
     }
-    let [op, pv, sp, mode, mv, term] = series;
-    let some = |series: Vec<Sample>| Some(series).filter(|series| !series.is_empty());
-    let (sp, mode, mv, term) = (some(sp), some(mode), some(mv), some(term));
-    Ok(Some(Record { op, pv, sp, mode, mv, term, ..Record::default() }))
+    if count > MOST_SAMPLES {
+        return Err(format!("more than {MOST_SAMPLES} samples; ask for less time"));
+    }
+    let plant = config.plant().ok();
+    let own = plant.iter().flat_map(|plant| &plant.loops).find(|l| l.id == request.id);
+    let is_configured = |stored: &StoredTag| {
+        let tags = own.map_or(&[][..], |l| &l.tags[..]);
+        tags.iter().any(|tag| tag.kind.name() == stored.name.tag && tag.source == stored.name.source)
+    };
+    let found = found.unwrap_or_default().into_iter();
+    // A mode of which nothing is known is not to be taken for automatic.
+    let is_told = |(tag, samples): &(StoredTag, Vec<Sample>)| tag.name.tag == "mode" || !samples.is_empty();
+    let part = |(tag, samples): (StoredTag, Vec<Sample>)| Part {
+        configured: is_configured(&tag),
+        era: tag.era,
+        tag: tag.name.tag,
+        samples,
+    };
+    let parts = found.filter(is_told).map(part).collect();
+    Ok(Some(Past { known: Record::default(), parts }))
 }
 
 /// Puts slices into the daemon's store.
@@ -357,5 +376,67 @@ mod tests {
         assert_eq!(told(90.0, false), None, "what the store has of then is all there is");
         let why = told(90.0, true).expect("a reason");
         assert!(why.contains("90.0 days ago and [store] samples_days = 30:"), "{why}");
+    }
+
+    const PLANT: &str = r#"
+        [[modbus]]
+        name = "dcs1"
+        address = "10.0.0.5:502"
+        address_base = 0
+        [[loop]]
+        id = "A"
+        [loop.op]
+        device = "dcs1"
+        register = "holding"
+        address = 100
+        type = "f32"
+        [loop.pv]
+        device = "dcs1"
+        register = "holding"
+        address = 102
+        type = "f32"
+    "#;
+
+    #[test]
+    fn the_past_has_what_was_in_force_when_it_begins_and_knows_where_its_tags_are_read() {
+        let folder = std::env::temp_dir().join(format!("stictiond-past-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        let config = crate::config::parse("plant.toml", PLANT).expect("sound");
+        let plant = config.plant().expect("sound");
+        let read_at = plant.loops[0].tags[0].source.as_str();
+        let series = |tag: &str, source: &str, samples: Vec<Sample>| {
+            let (control_loop, tag, source) = ("A".into(), tag.into(), source.into());
+            Series { tag: Arc::new(TagName { control_loop, tag, source, unit: String::new() }), samples }
+        };
+        let polled = || (5000..6000u32).map(|t| Sample::good(f64::from(t), 1.0)).collect::<Vec<Sample>>();
+        let series = vec![
+            series("op", read_at, polled()),
+            series("op", "another register", polled()),
+            series("pv", "another register", polled()),
+            series("mode", "a node", vec![Sample::good(1000.0, 0.0), Sample::good(2000.0, 1.0)]),
+            series("sp", "a node", vec![Sample::good(7000.0, 50.0)]),
+        ];
+        let own = store::Config::new(&folder);
+        let mut kept = store::Store::open(&own).expect("opens");
+        kept.write(&Batch { series, rows: Vec::new() }).expect("writes");
+        drop(kept);
+        let (id, window_s, step_s) = (LoopId::new("A"), None, None);
+        let (from, to, read_devices, file) = (5500.0, 6000.0, false, None);
+        let request = BackfillRequest { id, from, to, window_s, step_s, read_devices, file };
+        let cancel = CancellationToken::new();
+        let past = stored(&request, &own, &config, &cancel).expect("read").expect("wanted");
+        let read: Vec<bool> = past.of("op").map(|part| part.configured).collect();
+        assert_eq!(read, [true, false]);
+        assert_eq!(past.all("pv").len(), 500);
+        let window = past.window(5500.0, 5999.0);
+        assert_eq!(window.mode, Some(vec![Sample::good(2000.0, 1.0)]));
+        assert_eq!(window.sp, None, "nothing is known of it yet");
+        let earlier = BackfillRequest { from: 500.0, to: 900.0, ..request.clone() };
+        let before = stored(&earlier, &own, &config, &cancel);
+        let before = before.expect("read").expect("wanted");
+        assert_eq!(before.window(500.0, 900.0).mode, Some(vec![]), "the loop has one, and it is not known");
+        cancel.cancel();
+        assert_eq!(stored(&request, &own, &config, &cancel), Ok(None));
+        std::fs::remove_dir_all(&folder).expect("it was made");
     }
 }

@@ -6,7 +6,7 @@ fn judge(record: &Record, settings: &Settings, _: Option<&Structure>) -> Judged 
     diagnose(record, settings).into()
 }
 
-fn series(values: &[f64], ts: f64) -> Series {
+fn series(values: &[f64], ts: f64) -> Vec<Sample> {
     values.iter().enumerate().map(|(k, &value)| Sample::good(k as f64 * ts, value)).collect()
 }
 
@@ -22,15 +22,17 @@ fn with_a_drop_out(zeros: usize) -> Record {
 fn drop_outs_are_marked_bad_and_kept_in_place() {
     let mut record = with_a_drop_out(7);
     record.pv.reverse();
-    assert_eq!(mark_drop_outs(&mut record), [0, 7]);
-    assert_eq!(record.pv.len(), 600);
-    let bad: Vec<f64> = record.pv.iter().filter(|s| !s.quality.is_good()).map(|s| s.t / 60.0).collect();
+    let marked = Marked::from(record);
+    assert_eq!(marked.drop_outs, [0, 7]);
+    let pv = marked.past.all("pv");
+    assert_eq!(pv.len(), 600);
+    let bad: Vec<f64> = pv.iter().filter(|s| !s.quality.is_good()).map(|s| s.t / 60.0).collect();
     assert_eq!(bad, (300..307).map(f64::from).collect::<Vec<_>>());
     // A signal that lives around zero keeps its zeros.
     let mut around: Vec<f64> = (0..600).map(|k| (f64::from(k) * 0.1).sin()).collect();
     around[0] = 0.0;
-    let mut record = Record { op: series(&around, 1.0), pv: series(&around, 1.0), ..Record::default() };
-    assert_eq!(mark_drop_outs(&mut record), [0, 0]);
+    let record = Record { op: series(&around, 1.0), pv: series(&around, 1.0), ..Record::default() };
+    assert_eq!(Marked::from(record).drop_outs, [0, 0]);
 }
 
 #[test]

@@ -15,7 +15,7 @@ use stictiond::backfill::{self, Marked, Timeline, timeline, usual_cut};
 use stictiond::diagnosis::Settings;
 use stictiond::plot::{Panel, Plot, Series, sheet, thin};
 use stictiond::serve::dto::backfill::{BackfillItem, BackfillReport};
-use stictiond::signal::{self, LoopId};
+use stictiond::signal::{self, LoopId, Record};
 
 /// Points of a trend in the picture.
 const POINTS: usize = 2000;
@@ -75,13 +75,16 @@ pub struct Args {
 /// Reads, cuts, diagnoses, prints.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let bad = |error: &dyn std::fmt::Display| Failure::in_file(&args.source, error);
-    let sources::Read { mut record, name, read_as, op_unit } = sources::record(args)?;
+    let sources::Read { mut past, name, read_as, op_unit } = sources::past(args)?;
+    // The span may have to be found from all values of OP, whatever window they are of.
+    let mut record = Record { op: past.all("op").into_owned(), ..std::mem::take(&mut past.known) };
     record.op_limits = args.op_limits.or(record.op_limits);
     let given = args.op_span.or(record.op_span);
     super::table::scale(&args.source, &mut record, given, op_unit.as_deref())?;
-    let marked = Marked::from(record);
-    let drawn = args.plot.as_ref().map(|_| [trend(&marked.record.op), trend(&marked.record.pv)]);
-    let cut = usual_cut(&marked.record, args.window, args.step)
+    past.known = Record { op: Vec::new(), ..record };
+    let marked = Marked::from(past);
+    let drawn = args.plot.as_ref().map(|_| ["op", "pv"].map(|tag| trend(&marked.past.all(tag))));
+    let cut = usual_cut(&marked.past, args.window, args.step)
         .ok_or_else(|| bad(&backfill::BackfillError::Empty))?;
     let judge = App::diagnosis();
     let id = LoopId::new(name.as_str());

@@ -6,12 +6,14 @@
 
 mod decimate;
 mod ring;
+mod set_back;
 
 pub use decimate::decimate;
 pub use ring::{BYTES_PER_SAMPLE, Ring};
 
 use crate::signal::{LoopId, Record, Role, Sample, Series, SpanSource};
 use serde::Deserialize;
+use set_back::{SetBack, Since, since_set_back};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -199,8 +201,14 @@ impl History {
             op_span_source: control_loop.op_span_source,
             ..Record::default()
         };
-        for (tag, ring) in self.tags(id) {
-            let series = since_set_back(ring.snapshot());
+        let tags: Vec<_> = self.tags(id).map(|(tag, ring)| (tag, Since::of(ring.snapshot()))).collect();
+        let measured = tags.iter().filter(|(tag, _)| is_measured(&tag.kind)).map(|(_, since)| since);
+        let set_back = SetBack::of(measured);
+        for (tag, since) in tags {
+            let series = match &set_back {
+                Some(set_back) => set_back.across(since, is_measured(&tag.kind)),
+                None => since.samples,
+            };
             match &tag.kind {
                 TagKind::Role(Role::Op) => record.op = series,
                 TagKind::Role(Role::Pv) => record.pv = series,
@@ -258,12 +266,9 @@ impl History {
     }
 }
 
-/// The samples, in order of arrival, since the clock was last set back: nobody knows how the stamps before and after
-/// belong together, and sorted into each other they would be a record of something that never happened.
-fn since_set_back(mut samples: Vec<Sample>) -> Vec<Sample> {
-    let last = samples.windows(2).rposition(|pair| pair[1].t < pair[0].t);
-    samples.drain(..last.map_or(0, |at| at + 1));
-    samples
+/// Whether a tag is OP or PV, whose samples a window is made of.
+fn is_measured(kind: &TagKind) -> bool {
+    matches!(kind, TagKind::Role(Role::Op | Role::Pv))
 }
 
 #[cfg(test)]

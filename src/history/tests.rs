@@ -79,6 +79,59 @@ fn a_clock_that_is_set_back_begins_a_new_record() {
     assert_eq!(stamps(&trends[0].samples), [50.0, 51.0, 51.0]);
 }
 
+/// OP and PV are polled; the clock is set back from 11:50 to 10:50.
+#[test]
+fn what_did_not_change_since_the_clock_was_set_back_is_in_force_from_then_on() {
+    let tags = [Role::Op, Role::Pv, Role::Sp, Role::Mode].map(|role| tag(role, role.as_str())).to_vec();
+    let history = History::new(&[control_loop("A", tags)], &Config { samples_per_tag: 1000 });
+    let id = LoopId::new("A");
+    let pairs = |samples: &[Sample]| samples.iter().map(|s| (s.t, s.value)).collect::<Vec<_>>();
+    let hour = |hour: u32, minute: u32| f64::from(hour * 3600 + minute * 60);
+    let poll = |from: f64, to: f64| {
+        for i in 0..=((to - from) / 60.0) as u32 {
+            let sample = Sample::good(from + f64::from(60 * i), 1.0);
+            assert!(history.push(0, sample) && history.push(1, sample));
+        }
+    };
+    history.push(3, Sample::good(hour(9, 0), 0.0));
+    history.push(2, Sample::good(hour(9, 10), 40.0));
+    poll(hour(9, 0), hour(11, 50));
+    history.push(3, Sample::good(hour(11, 30), 1.0));
+    history.push(2, Sample::good(hour(11, 40), 50.0));
+    let before = history.snapshot(&id).expect("there");
+    assert_eq!(before.mode.as_deref().map(pairs), Some(vec![(hour(9, 0), 0.0), (hour(11, 30), 1.0)]));
+
+    poll(hour(10, 50), hour(11, 0));
+    let record = history.snapshot(&id).expect("there");
+    assert_eq!((record.op.len(), record.op[0].t), (11, hour(10, 50)));
+    assert_eq!(record.mode.as_deref().map(pairs), Some(vec![(hour(10, 50), 1.0)]));
+    assert_eq!(record.sp.as_deref().map(pairs), Some(vec![(hour(10, 50), 50.0)]));
+
+    // A tag that changes after that is what it was until then.
+    history.push(3, Sample::good(hour(11, 10), 0.0));
+    // What comes after the last stamp of before is new, whatever of the tag was old.
+    poll(hour(11, 1), hour(12, 0));
+    history.push(2, Sample::good(hour(11, 55), 60.0));
+    let record = history.snapshot(&id).expect("there");
+    assert_eq!(record.mode.as_deref().map(pairs), Some(vec![(hour(10, 50), 1.0), (hour(11, 10), 0.0)]));
+    assert_eq!(record.sp.as_deref().map(pairs), Some(vec![(hour(10, 50), 50.0), (hour(11, 55), 60.0)]));
+}
+
+#[test]
+fn a_slow_tag_that_did_not_fall_keeps_what_it_measured_since() {
+    let tags = vec![tag(Role::Op, "a"), tag(Role::Pv, "b")];
+    let history = History::new(&[control_loop("A", tags)], &Config { samples_per_tag: 1000 });
+    // OP falls by two seconds, PV is polled every ten.
+    let op = (0..100).chain(98..200).map(f64::from);
+    op.for_each(|t| assert!(history.push(0, Sample::good(t, t))));
+    (0..20).for_each(|i| assert!(history.push(1, Sample::good(f64::from(10 * i), 1.0))));
+    let record = history.snapshot(&LoopId::new("A")).expect("there");
+    let stamps = |samples: &[Sample]| samples.iter().map(|s| s.t).collect::<Vec<_>>();
+    assert_eq!((record.op.len(), record.op[0].t), (102, 98.0));
+    let since: Vec<f64> = (10..20).map(|i| f64::from(10 * i)).collect();
+    assert_eq!(stamps(&record.pv), [vec![98.0], since].concat());
+}
+
 #[test]
 fn trends_are_cut_by_time_and_thinned() {
     let history = History::new(&two_loops(), &Config { samples_per_tag: 100 });
@@ -109,4 +162,16 @@ fn the_memory_is_what_the_configuration_asks_for() {
 fn impossible_settings_are_named() {
     assert_eq!(Config::default().validate(), vec![]);
     assert_eq!(Config { samples_per_tag: 0 }.validate()[0].0, "samples_per_tag");
+}
+
+/// OP has the daemon's clock, which is set back; PV has the stamps of a server, whose clock is not.
+#[test]
+fn a_tag_of_another_clock_keeps_what_it_measured() {
+    let tags = vec![tag(Role::Op, "a"), tag(Role::Pv, "b")];
+    let history = History::new(&[control_loop("A", tags)], &Config { samples_per_tag: 1000 });
+    let op = (600..710).chain(650..690).map(|minute| f64::from(60 * minute));
+    op.for_each(|t| assert!(history.push(0, Sample::good(t, t))));
+    (655..690).for_each(|minute| assert!(history.push(1, Sample::good(f64::from(60 * minute), 1.0))));
+    let record = history.snapshot(&LoopId::new("A")).expect("there");
+    assert_eq!((record.op.len(), record.pv.len(), record.pv[0].t), (40, 35, 60.0 * 655.0));
 }

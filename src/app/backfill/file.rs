@@ -47,12 +47,9 @@ impl Table {
         let read = table::read(source, &self.options).map_err(|error| error.to_string())?;
         let mut record = read.record;
         let within = |sample: &Sample| (request.from..=request.to).contains(&sample.t);
-        for series in [Some(&mut record.op), Some(&mut record.pv), record.sp.as_mut(), record.mode.as_mut()]
-            .into_iter()
-            .flatten()
-        {
-            series.retain(within);
-        }
+        // What is told only when it changes is in force from before the first window on.
+        record.op.retain(within);
+        record.pv.retain(within);
         // As from the store: the loop's own tags, for the past is asked of them.
         record.tags.clear();
         if record.op.len() + record.pv.len() > MOST_SAMPLES {

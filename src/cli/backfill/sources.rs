@@ -7,86 +7,76 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+use stictiond::backfill::{Part, Past};
 use stictiond::collect::opcua::{self, HistoryError, Keep, Slice, Wish};
 use stictiond::config;
 use stictiond::signal::{Record, Sample};
-use stictiond::store::{self, Batch, Reader, Series, Store, StoreError, TagName};
+use stictiond::store::{self, Batch, Reader, Series, Store, StoreError, StoredTag, TagName};
 
 /// Beside the store in the folder: how far each reading of history has come.
 const PROGRESS: &str = "history.progress";
 
-/// A record, the loop's name, and how a file was read.
+/// The past of a loop, its name, and how a file was read.
 pub struct Read {
-    pub record: Record,
+    pub past: Past,
     pub name: String,
     pub read_as: Option<String>,
     pub op_unit: Option<String>,
 }
 
-/// The record of a source.
-pub fn record(args: &Args) -> Result<Read, Failure> {
+/// The past as a source has it.
+pub fn past(args: &Args) -> Result<Read, Failure> {
     let path = &args.source;
     let named = || path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let name = args.of_loop.clone().unwrap_or_else(named);
     let (mut read_as, mut op_unit) = (None, None);
-    let mut record = if path.is_dir() {
-        stored(path, args)?
+    let past = if path.is_dir() {
+        stored(path, args, &|_| false)?
     } else if path.extension().is_some_and(|own| own.eq_ignore_ascii_case("toml")) {
         history(path, args)?
     } else {
         let table = args.table.read(path, args.of_loop.as_deref())?;
         (read_as, op_unit) = (Some(table.found.read_as), table.found.op_unit);
         // Its unit says more than the span alone.
-        Record { op_span: None, ..table.record }
+        let mut record = Record { op_span: None, ..table.record };
+        let within = |sample: &Sample| {
+            args.from.is_none_or(|from| sample.t >= from) && args.to_time.is_none_or(|to| sample.t <= to)
+        };
+        record.op.retain(within);
+        record.pv.retain(within);
+        Past::from(record)
     };
-    let within = |sample: &Sample| {
-        args.from.is_none_or(|from| sample.t >= from) && args.to_time.is_none_or(|to| sample.t <= to)
-    };
-    record.op.retain(within);
-    record.pv.retain(within);
-    Ok(Read { record, name, read_as, op_unit })
+    Ok(Read { past, name, read_as, op_unit })
 }
 
 fn wanted(args: &Args) -> Result<&str, Failure> {
     args.of_loop.as_deref().ok_or_else(|| Failure::BadInput("say which loop with --loop".to_string()))
 }
 
-/// A loop as the store has it.
-fn stored(folder: &Path, args: &Args) -> Result<Record, Failure> {
+/// A loop as the store has it; told of a tag whether the configuration has it read there.
+fn stored(folder: &Path, args: &Args, is_configured: &dyn Fn(&TagName) -> bool) -> Result<Past, Failure> {
     let of_store = |error: StoreError| Failure::in_file(folder, error);
     let own = wanted(args)?;
     let mut reader = Reader::open(folder).map_err(of_store)?;
-    let tags: Vec<String> = reader
-        .tags()
-        .map_err(of_store)?
-        .into_iter()
-        .filter(|tag| tag.name.control_loop == own)
-        .map(|tag| tag.name.tag)
-        .collect();
+    let mut tags: Vec<StoredTag> = reader.tags().map_err(of_store)?;
+    tags.retain(|tag| tag.name.control_loop == own);
     if tags.is_empty() {
         return Err(Failure::in_file(folder, format!("no loop '{own}' in this store")));
     }
-    let mut record = Record::default();
-    for tag in tags {
-        let samples = reader
-            .between(own, &tag, args.from.unwrap_or(0.0), args.to_time.unwrap_or(f64::MAX))
-            .map_err(of_store)?;
-        match tag.as_str() {
-            "op" => record.op = samples,
-            "pv" => record.pv = samples,
-            "sp" => record.sp = Some(samples),
-            "mode" => record.mode = Some(samples),
-            "mv" => record.mv = Some(samples),
-            "term" => record.term = Some(samples),
-            _ if record.tags.iter().any(|(other, _)| *other == tag) => {}
-            _ => record.tags.push((tag, samples)),
-        }
-    }
-    Ok(record)
+    let span = [args.from.unwrap_or(0.0), args.to_time.unwrap_or(f64::MAX)];
+    let found = reader.in_force(&tags, &["op", "pv"], span, &mut |_| true).map_err(of_store)?;
+    let part = |(tag, samples): (StoredTag, Vec<Sample>)| Part {
+        configured: is_configured(&tag.name),
+        era: tag.era,
+        tag: tag.name.tag,
+        samples,
+    };
+    let parts = found.unwrap_or_default().into_iter().map(part).collect();
+    Ok(Past { known: Record::default(), parts })
 }
 
 /// Reads what the loop's OPC UA servers kept into the store of `--into`, from where it was left, and then from there.
-fn history(path: &Path, args: &Args) -> Result<Record, Failure> {
+fn history(path: &Path, args: &Args) -> Result<Past, Failure> {
     let own = wanted(args)?;
     let need = |what| Failure::BadInput(format!("to read history from devices, say {what}"));
     let folder = args.into.clone().ok_or_else(|| need("with --into FOLDER where it is to be kept"))?;
@@ -163,11 +153,13 @@ fn history(path: &Path, args: &Args) -> Result<Record, Failure> {
         })?;
     }
     drop(store);
-    let mut record = stored(&folder, args)?;
+    let is_configured =
+        |stored: &TagName| names.values().any(|name| name.tag == stored.tag && name.source == stored.source);
+    let mut past = stored(&folder, args, &is_configured)?;
     let limits = config.loops.iter().find(|l| l.id == own);
-    record.op_span = limits.and_then(|l| l.op_span);
-    record.op_limits = limits.and_then(|l| l.op_limits).map(|[low, high]| (low, high));
-    Ok(record)
+    past.known.op_span = limits.and_then(|l| l.op_span);
+    past.known.op_limits = limits.and_then(|l| l.op_limits).map(|[low, high]| (low, high));
+    Ok(past)
 }
 
 /// How far one reading has come: a line of a small file, replaced whole.

@@ -146,8 +146,8 @@ fn rows_late(
         value.map(|value| value - record.term_at(placed.rows.time((from + k as i64) as f64)))
     };
     let op: Vec<Option<f64>> = placed.op(op, from, n).into_iter().enumerate().map(own).collect();
-    let sp = record.sp.as_deref().map(|sp| clean(sp, &mut Preparation::default()).kept);
-    let sp = sp.filter(|kept| !kept.is_empty()).map(|kept| placed.other(&kept, from, n));
+    let sp = record.sp.as_deref().and_then(|sp| set_point(sp, placed, from, n));
+    let sp: Option<Vec<Option<f64>>> = sp.map(|values| values.into_iter().map(Some).collect());
     acquisition::rows_late(&op, &placed.pv(pv, from, n), sp.as_deref())
 }
 
@@ -169,7 +169,7 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
         let overlaps = kept.first()?.t <= end && kept.last()?.t >= placed.rows.time(from as f64);
         overlaps.then(|| held(&placed.other(&kept, from, n)))
     };
-    let sp = record.sp.as_deref().and_then(&other);
+    let sp = record.sp.as_deref().and_then(|sp| set_point(sp, placed, from, n));
     let (op, pv) = (&op[first..=last], &pv[first..=last]);
     let [op, pv] = likeliest(op, pv, [carried_on(op), drawn_through(pv)], sp.as_deref());
     Window {
@@ -184,9 +184,28 @@ fn fill(record: &Record, placed: &Placed, (op, pv): (&[Sample], &[Sample]), from
     }
 }
 
+/// The set point on `n` rows from row `from` on. It holds until something else is known of it, also where it was reported
+/// before the window and did not change since; one that could not be read since is not known.
+fn set_point(series: &[Sample], placed: &Placed, from: i64, n: usize) -> Option<Vec<f64>> {
+    let kept = clean(series, &mut Preparation::default()).kept;
+    let (begin, end) = (placed.rows.time(from as f64), placed.rows.time((from + n as i64 - 1) as f64));
+    let (first, last) = (kept.first()?, kept.last()?);
+    let lost = |s: &Sample| !(s.quality.is_good() && s.value.is_finite()) && s.t > last.t && s.t <= end;
+    if first.t > end || (last.t < begin && series.iter().any(lost)) {
+        return None;
+    }
+    let before = kept[..kept.partition_point(|s| s.t <= begin)].last().map(|s| s.value);
+    Some(held_from(before, &placed.other(&kept, from, n)))
+}
+
 /// The last known value where one is missing, and the first where none is known yet.
 fn held(values: &[Option<f64>]) -> Vec<f64> {
-    let mut last = values.iter().copied().flatten().next().unwrap_or(0.0);
+    held_from(None, values)
+}
+
+/// The last known value where one is missing, beginning with that of before where there is one.
+fn held_from(before: Option<f64>, values: &[Option<f64>]) -> Vec<f64> {
+    let mut last = before.or_else(|| values.iter().copied().flatten().next()).unwrap_or(0.0);
     let mut next = |value: &Option<f64>| {
         last = value.unwrap_or(last);
         last

@@ -227,3 +227,25 @@ fn through_a_hole_op_goes_on_and_all_other_rows_count() {
     let off = (0..400).map(|k| (w.op[k] - 50.0 - (0.2 * k as f64).sin()).abs()).fold(0.0, f64::max);
     assert!(off < 1e-3, "{off}");
 }
+
+#[test]
+fn a_set_point_that_did_not_change_in_the_window_is_known_all_the_same() {
+    let mut record = wave(300, 1.0);
+    let sp = |record: &Record| gate(record, &Settings::default()).expect("passes").0.sp;
+    for before in [vec![(-9000.0, 47.0)], vec![(-9000.0, 20.0), (-8000.0, 30.0), (-7999.0, 47.0)]] {
+        record.sp = Some(before.into_iter().map(|(t, value)| Sample::good(t, value)).collect());
+        assert_eq!(sp(&record), Some(vec![47.0; 300]));
+    }
+    // A change in the window comes after what was in force until then, however long ago that was reported.
+    let changes = [(-9000.0, 47.0), (150.0, 50.0), (155.0, 51.0), (160.0, 52.0)];
+    record.sp = Some(changes.into_iter().map(|(t, value)| Sample::good(t, value)).collect());
+    let values = sp(&record).expect("known");
+    assert_eq!((values[0], values[100], values[152], values[299]), (47.0, 47.0, 50.0, 52.0));
+    // One that could not be read since is not known to be what it was.
+    let lost = Sample { t: -5.0, value: f64::NAN, quality: Quality::Bad(BadReason::LinkDown) };
+    record.sp = Some(vec![Sample::good(-9000.0, 47.0), lost]);
+    assert_eq!(sp(&record), None);
+    // Another tag may be a measurement that has ended: it is not carried on.
+    record.mv = Some(vec![Sample::good(-9000.0, 47.0)]);
+    assert_eq!(gate(&record, &Settings::default()).expect("passes").0.mv, None);
+}
